@@ -1,0 +1,29 @@
+//! Radar points: what the signal chain makes and the tokenizer reads.
+
+/// One detected point, radar frame.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct RadarPoint {
+    /// Right of the radar, m.
+    pub x_m: f32,
+    /// Away from the radar, m.
+    pub y_m: f32,
+    /// Above the radar, m.
+    pub z_m: f32,
+    /// Distance to the radar, m.
+    pub range_m: f32,
+    /// Radial velocity, m/s, positive when receding.
+    pub velocity_mps: f32,
+    /// 10 log10 of the detection map at the point's cell, dB.
+    pub intensity_db: f32,
+}
+
+/// All points of one radar frame; may be empty.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct PointFrame {
+    /// Frame number, from 0.
+    pub frame: u32,
+    /// Time of the frame's first chirp, s.
+    pub time_s: f64,
+    /// Points, strongest first.
+    pub points: Vec<RadarPoint>,
+}

@@ -1,0 +1,245 @@
+//! What a radar is: chirp timing, geometry, link budget.
+
+use crate::SPEED_OF_LIGHT_MPS;
+
+/// One antenna's phase centre in the radar frame, m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Antenna {
+    /// Right of the array origin, m.
+    pub x_m: f64,
+    /// Above the array origin, m.
+    pub z_m: f64,
+}
+
+/// An FMCW radar with TDM-MIMO. Build with [`RadarConfig::awr1843boost`] or a loader, then call
+/// [`RadarConfig::validate`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct RadarConfig {
+    /// Name shown in reports.
+    pub name: String,
+    /// Frequency at the ramp start, Hz.
+    pub start_hz: f64,
+    /// Chirp slope, Hz/s.
+    pub slope_hz_per_s: f64,
+    /// Idle time before each ramp, s.
+    pub idle_s: f64,
+    /// ADC start after the ramp start, s.
+    pub adc_start_s: f64,
+    /// Ramp length, s.
+    pub ramp_end_s: f64,
+    /// Complex samples per chirp.
+    pub n_samples: usize,
+    /// ADC rate, samples/s.
+    pub sample_rate_hz: f64,
+    /// Loops of the TDM sequence per frame.
+    pub n_loops: usize,
+    /// Frame period, s.
+    pub frame_period_s: f64,
+    /// Transmitters in firing order: entry i fires in slot i of every loop.
+    pub tx: Vec<Antenna>,
+    /// Receivers.
+    pub rx: Vec<Antenna>,
+    /// Transmit power per antenna, dBm.
+    pub tx_power_dbm: f64,
+    /// Gain of each transmit and each receive antenna at boresight, dBi.
+    pub antenna_gain_dbi: f64,
+    /// Half-power half-width of the element pattern in azimuth, rad.
+    pub azimuth_half_width_rad: f64,
+    /// Half-power half-width of the element pattern in elevation, rad.
+    pub elevation_half_width_rad: f64,
+    /// Receiver noise figure, dB.
+    pub noise_figure_db: f64,
+}
+
+/// Why a radar cannot exist.
+#[derive(Debug, thiserror::Error, PartialEq)]
+#[error("radar `{radar}`: {field}: {problem}")]
+pub struct RadarConfigError {
+    /// Name of the radar.
+    pub radar: String,
+    /// Offending field or group.
+    pub field: &'static str,
+    /// What is wrong, with numbers.
+    pub problem: String,
+}
+
+impl RadarConfig {
+    /// TI AWR1843BOOST with the chirp of the RadarLLM paper: 3 TX (TDM, order TX1, TX3, TX2),
+    /// 4 RX, 77 GHz, 60.012 MHz/us, 256 samples at 4.4 Msps, 128 loops, 10 frames/s.
+    ///
+    /// Geometry in half wavelengths at 77 GHz (board user guide): azimuth elements 0..7 from TX1
+    /// and TX3, TX2's elements 2..5 raised by one. Power 12 dBm and noise figure 15 dB are the
+    /// AWR1843 data sheet's typical values.
+    pub fn awr1843boost() -> Self {
+        let half = 0.5 * SPEED_OF_LIGHT_MPS / 77e9;
+        let antenna = |x: f64, z: f64| Antenna { x_m: x * half, z_m: z * half };
+        Self {
+            name: "awr1843boost".into(),
+            start_hz: 77e9,
+            slope_hz_per_s: 60.012e12,
+            idle_s: 7e-6,
+            adc_start_s: 6e-6,
+            ramp_end_s: 65e-6,
+            n_samples: 256,
+            sample_rate_hz: 4.4e6,
+            n_loops: 128,
+            frame_period_s: 0.1,
+            tx: vec![antenna(0.0, 0.0), antenna(4.0, 0.0), antenna(2.0, 1.0)],
+            rx: (0..4).map(|i| antenna(f64::from(i), 0.0)).collect(),
+            tx_power_dbm: 12.0,
+            antenna_gain_dbi: 10.5,
+            azimuth_half_width_rad: 28_f64.to_radians(),
+            elevation_half_width_rad: 14_f64.to_radians(),
+            noise_figure_db: 15.0,
+        }
+    }
+
+    /// Time from one chirp to the next, s.
+    pub fn chirp_period_s(&self) -> f64 {
+        self.idle_s + self.ramp_end_s
+    }
+
+    /// Time from one loop to the next, s.
+    pub fn loop_period_s(&self) -> f64 {
+        self.chirp_period_s() * self.tx.len() as f64
+    }
+
+    /// Start of the ramp of (loop, tx slot) after the frame start, s.
+    pub fn ramp_start_s(&self, loop_idx: usize, tx_idx: usize) -> f64 {
+        self.chirp_period_s() * (loop_idx * self.tx.len() + tx_idx) as f64 + self.idle_s
+    }
+
+    /// Bandwidth swept while the ADC samples, Hz.
+    pub fn sampled_bandwidth_hz(&self) -> f64 {
+        self.slope_hz_per_s * self.n_samples as f64 / self.sample_rate_hz
+    }
+
+    /// Frequency at the middle of the ADC window, Hz. Velocities and angles refer to it.
+    pub fn carrier_hz(&self) -> f64 {
+        let middle_s = self.adc_start_s + 0.5 * self.n_samples as f64 / self.sample_rate_hz;
+        self.start_hz + self.slope_hz_per_s * middle_s
+    }
+
+    /// Wavelength at [`Self::carrier_hz`], m.
+    pub fn wavelength_m(&self) -> f64 {
+        SPEED_OF_LIGHT_MPS / self.carrier_hz()
+    }
+
+    /// Range bin width, m.
+    pub fn range_resolution_m(&self) -> f64 {
+        SPEED_OF_LIGHT_MPS / (2.0 * self.sampled_bandwidth_hz())
+    }
+
+    /// Range of the last bin's end, m.
+    pub fn max_range_m(&self) -> f64 {
+        self.range_resolution_m() * self.n_samples as f64
+    }
+
+    /// Unambiguous radial speed, m/s.
+    pub fn max_velocity_mps(&self) -> f64 {
+        self.wavelength_m() / (4.0 * self.loop_period_s())
+    }
+
+    /// Doppler bin width, m/s.
+    pub fn velocity_resolution_mps(&self) -> f64 {
+        2.0 * self.max_velocity_mps() / self.n_loops as f64
+    }
+
+    /// Frames per second.
+    pub fn frame_rate_hz(&self) -> f64 {
+        1.0 / self.frame_period_s
+    }
+
+    /// Checks that the radar can exist.
+    ///
+    /// # Errors
+    /// Names the first field that is not finite, not positive, too large, or does not fit the rest.
+    pub fn validate(&self) -> Result<(), RadarConfigError> {
+        let fail = |field, problem: String| {
+            Err(RadarConfigError { radar: self.name.clone(), field, problem })
+        };
+        for (field, value) in [
+            ("start_hz", self.start_hz),
+            ("slope_hz_per_s", self.slope_hz_per_s),
+            ("ramp_end_s", self.ramp_end_s),
+            ("sample_rate_hz", self.sample_rate_hz),
+            ("frame_period_s", self.frame_period_s),
+            ("azimuth_half_width_rad", self.azimuth_half_width_rad),
+            ("elevation_half_width_rad", self.elevation_half_width_rad),
+        ] {
+            if !(value.is_finite() && value > 0.0) {
+                return fail(field, format!("must be finite and positive, found {value}"));
+            }
+        }
+        for (field, value) in [
+            ("idle_s", self.idle_s),
+            ("adc_start_s", self.adc_start_s),
+            ("tx_power_dbm", self.tx_power_dbm + 1e3),
+            ("antenna_gain_dbi", self.antenna_gain_dbi + 1e3),
+            ("noise_figure_db", self.noise_figure_db + 1e3),
+        ] {
+            if !(value.is_finite() && value >= 0.0) {
+                return fail(field, "must be finite and not negative".into());
+            }
+        }
+        // Far above any part on the market; keeps a hostile file from asking for terabytes.
+        for (field, value, most) in [
+            ("n_samples", self.n_samples, 8192),
+            ("n_loops", self.n_loops, 4096),
+            ("tx", self.tx.len(), 64),
+            ("rx", self.rx.len(), 64),
+        ] {
+            if value == 0 || value > most {
+                return fail(field, format!("must be in 1..={most}, found {value}"));
+            }
+        }
+        let window_end_s = self.adc_start_s + self.n_samples as f64 / self.sample_rate_hz;
+        if window_end_s > self.ramp_end_s {
+            return fail(
+                "adc_start_s",
+                format!(
+                    "the ADC window ends at {:.2} us, after the ramp's end at {:.2} us",
+                    window_end_s * 1e6,
+                    self.ramp_end_s * 1e6
+                ),
+            );
+        }
+        let active_s = self.loop_period_s() * self.n_loops as f64;
+        if active_s > self.frame_period_s {
+            return fail(
+                "frame_period_s",
+                format!(
+                    "chirps take {:.2} ms but the frame lasts {:.2} ms",
+                    active_s * 1e3,
+                    self.frame_period_s * 1e3
+                ),
+            );
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Expected figures: computed by hand from the chirp, see CONVENTIONS.md.
+    #[test]
+    fn reference_radar_has_the_derived_figures() {
+        let radar = RadarConfig::awr1843boost();
+        radar.validate().unwrap();
+        assert!((radar.sampled_bandwidth_hz() / 3.4916e9 - 1.0).abs() < 1e-4);
+        assert!((radar.range_resolution_m() - 0.042_93).abs() < 1e-5);
+        assert!((radar.max_range_m() - 10.99).abs() < 0.01);
+        assert!((radar.loop_period_s() - 216e-6).abs() < 1e-12);
+        // Referred to the centre of the ADC window, 79.11 GHz: 4.386 m/s (4.506 at 77 GHz).
+        assert!((radar.carrier_hz() / 79.106e9 - 1.0).abs() < 1e-4);
+        assert!((radar.max_velocity_mps() - 4.386).abs() < 2e-3);
+    }
+
+    #[test]
+    fn window_beyond_the_ramp_is_refused() {
+        let radar = RadarConfig { adc_start_s: 10e-6, ..RadarConfig::awr1843boost() };
+        assert_eq!(radar.validate().unwrap_err().field, "adc_start_s");
+    }
+}

@@ -1,0 +1,31 @@
+//! What the simulator sees of the world: triangles that move.
+
+use glam::Vec3;
+
+/// How a surface scatters at millimetre waves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Material {
+    /// Power reflection coefficient at normal incidence, |Gamma|^2, in 0..=1.
+    pub power_reflection: f32,
+    /// Rms height of the surface's small-scale roughness, m; reduces the coherent part.
+    pub roughness_m: f32,
+    /// Strength rho of the rough (incoherent, body-locked) term sigma = 4 rho A cos^2(theta).
+    pub rough_albedo: f32,
+}
+
+impl Material {
+    /// Perfect smooth conductor: the closed forms of physical optics hold.
+    pub const PEC: Material = Material { power_reflection: 1.0, roughness_m: 0.0, rough_albedo: 0.0 };
+}
+
+/// A triangle surface that moves; the simulator never learns what it depicts.
+pub trait MovingSurface: Sync {
+    /// Vertex indices, counter-clockwise seen from outside. Constant over time.
+    fn triangles(&self) -> &[[u32; 3]];
+    /// Number of vertices.
+    fn n_vertices(&self) -> usize;
+    /// Writes vertex positions in the radar frame, m, at `time_s`; `out.len() == n_vertices()`.
+    fn positions_at(&self, time_s: f64, out: &mut [Vec3]);
+    /// One material for the whole surface.
+    fn material(&self) -> Material;
+}

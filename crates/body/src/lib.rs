@@ -1,0 +1,1 @@
+//! Human motion and the body that performs it: loaders, procedural motions, skinned meshes.

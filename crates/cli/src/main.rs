@@ -1,0 +1,2 @@
+//! The `radarllm` command.
+fn main() {}

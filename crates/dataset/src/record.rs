@@ -1,0 +1,50 @@
+//! One clip of a radar-text data set.
+
+use radarllm_base::PointFrame;
+
+/// Which part of the data set a clip belongs to. Splits are made by group, never by clip.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Split {
+    /// Used for fitting.
+    Train,
+    /// Used for choosing.
+    Val,
+    /// Used once, for reporting.
+    Test,
+}
+
+/// Width of a HumanML3D motion feature vector.
+pub const MOTION_FEATURE_DIM: usize = 263;
+
+/// One simulation (or recording) of one captioned motion.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ClipRecord {
+    /// Unique: `<motion id>#<variant>`.
+    pub id: String,
+    /// The motion this clip shows; all variants share it.
+    pub motion_id: String,
+    /// Motions that must stay in one split (same take, same actor block, mirrored copies).
+    pub group: String,
+    /// Split, constant over a group.
+    pub split: Split,
+    /// Action label, for example `walk`.
+    pub action: String,
+    /// Reference captions; at least one.
+    pub captions: Vec<String>,
+    /// Where the motion came from: `procedural`, `bandai-namco`, ...
+    pub source: String,
+    /// Radar name.
+    pub radar: String,
+    /// Height of the radar above the floor, m.
+    pub radar_height_m: f32,
+    /// Seed of this clip's simulation.
+    pub seed: u64,
+    /// Radar frames at the radar's rate (10 per second for the reference radar), radar frame axes.
+    pub frames: Vec<PointFrame>,
+    /// Rate of `joints` and `motion_features`, 1/s (20).
+    pub motion_fps: f32,
+    /// 22 joints in the radar frame, m: `[motion frame][joint][xyz]`; empty when unknown.
+    pub joints: Vec<[[f32; 3]; 22]>,
+    /// HumanML3D features, `[motion frame][263]` flattened; empty when unknown.
+    pub motion_features: Vec<f32>,
+}

@@ -1,0 +1,1 @@
+//! Caption metrics with confidence intervals, over plain slices.

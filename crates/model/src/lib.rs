@@ -1,0 +1,1 @@
+//! The radar tokenizer (Aggregate VQ-VAE) and the radar-language model (T5).

@@ -1,0 +1,1 @@
+//! Radar cubes in, points out: range, Doppler, clutter, angle, point selection.

@@ -1,0 +1,1 @@
+//! The virtual radar: moving triangles in, FMCW radar cubes out.

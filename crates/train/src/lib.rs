@@ -1,0 +1,1 @@
+//! Training: losses, schedules, batches, loops, checkpoints that resume.

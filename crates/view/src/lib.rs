@@ -1,0 +1,1 @@
+//! Pictures and the self-contained page: points over time, mesh, range-Doppler, PNG.
