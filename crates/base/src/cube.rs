@@ -27,7 +27,14 @@ impl RadarCube {
     /// A cube of zeros.
     pub fn zeros(n_loops: usize, n_tx: usize, n_rx: usize, n_samples: usize) -> Self {
         let data = vec![Complex32::ZERO; n_loops * n_tx * n_rx * n_samples];
-        Self { n_loops, n_tx, n_rx, n_samples, time_s: 0.0, data }
+        Self {
+            n_loops,
+            n_tx,
+            n_rx,
+            n_samples,
+            time_s: 0.0,
+            data,
+        }
     }
 
     /// The samples of one chirp at one receiver.

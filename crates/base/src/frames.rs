@@ -30,7 +30,11 @@ pub struct Placement {
 
 impl Default for Placement {
     fn default() -> Self {
-        Self { position_m: [0.0, 3.0], heading_rad: 0.0, radar_height_m: 1.0 }
+        Self {
+            position_m: [0.0, 3.0],
+            heading_rad: 0.0,
+            radar_height_m: 1.0,
+        }
     }
 }
 
@@ -57,7 +61,10 @@ mod tests {
     #[test]
     fn quarter_turn_faces_positive_x() {
         // Facing -y turned by +90 degrees (counter-clockwise from above) faces +x.
-        let p = Placement { heading_rad: std::f32::consts::FRAC_PI_2, ..Default::default() };
+        let p = Placement {
+            heading_rad: std::f32::consts::FRAC_PI_2,
+            ..Default::default()
+        };
         let forward = p.radar_from_world(-Vec3::Y) - p.radar_from_world(Vec3::ZERO);
         assert!((forward - Vec3::X).length() < 1e-6);
     }

@@ -72,7 +72,10 @@ impl RadarConfig {
     /// AWR1843 data sheet's typical values.
     pub fn awr1843boost() -> Self {
         let half = 0.5 * SPEED_OF_LIGHT_MPS / 77e9;
-        let antenna = |x: f64, z: f64| Antenna { x_m: x * half, z_m: z * half };
+        let antenna = |x: f64, z: f64| Antenna {
+            x_m: x * half,
+            z_m: z * half,
+        };
         Self {
             name: "awr1843boost".into(),
             start_hz: 77e9,
@@ -156,7 +159,11 @@ impl RadarConfig {
     /// Names the first field that is not finite, not positive, too large, or does not fit the rest.
     pub fn validate(&self) -> Result<(), RadarConfigError> {
         let fail = |field, problem: String| {
-            Err(RadarConfigError { radar: self.name.clone(), field, problem })
+            Err(RadarConfigError {
+                radar: self.name.clone(),
+                field,
+                problem,
+            })
         };
         for (field, value) in [
             ("start_hz", self.start_hz),
@@ -239,7 +246,10 @@ mod tests {
 
     #[test]
     fn window_beyond_the_ramp_is_refused() {
-        let radar = RadarConfig { adc_start_s: 10e-6, ..RadarConfig::awr1843boost() };
+        let radar = RadarConfig {
+            adc_start_s: 10e-6,
+            ..RadarConfig::awr1843boost()
+        };
         assert_eq!(radar.validate().unwrap_err().field, "adc_start_s");
     }
 }

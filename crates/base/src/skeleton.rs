@@ -89,7 +89,8 @@ impl Skeleton {
                 }
                 Some(parent) => {
                     let p = parent as usize;
-                    position_in_world[j] = position_in_world[p] + world_from_joint[p] * self.offsets[j];
+                    position_in_world[j] =
+                        position_in_world[p] + world_from_joint[p] * self.offsets[j];
                     world_from_joint[j] = world_from_joint[p] * pose.rotations[j];
                 }
             }
@@ -116,6 +117,9 @@ impl Motion {
 
     /// World joint positions of every pose, m: `[frame][joint]`.
     pub fn joints_in_world(&self) -> Vec<[Vec3; N_JOINTS]> {
-        self.poses.iter().map(|p| self.skeleton.forward(p).0).collect()
+        self.poses
+            .iter()
+            .map(|p| self.skeleton.forward(p).0)
+            .collect()
     }
 }

@@ -15,7 +15,11 @@ pub struct Material {
 
 impl Material {
     /// Perfect smooth conductor: the closed forms of physical optics hold.
-    pub const PEC: Material = Material { power_reflection: 1.0, roughness_m: 0.0, rough_albedo: 0.0 };
+    pub const PEC: Material = Material {
+        power_reflection: 1.0,
+        roughness_m: 0.0,
+        rough_albedo: 0.0,
+    };
 }
 
 /// A triangle surface that moves; the simulator never learns what it depicts.
