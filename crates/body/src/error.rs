@@ -1,0 +1,91 @@
+//! Why a motion file could not be used.
+
+/// A motion file that could not be read.
+///
+/// Every variant carries the file's name as given by the caller.
+#[derive(Debug, thiserror::Error)]
+pub enum MotionError {
+    /// The file could not be opened or read.
+    #[error("{file}: {source}")]
+    Io {
+        /// File.
+        file: String,
+        /// Cause.
+        source: std::io::Error,
+    },
+    /// The file is larger than the loaders accept.
+    #[error("{file}: {size_bytes} bytes is more than the limit of {limit_bytes} bytes")]
+    TooLarge {
+        /// File.
+        file: String,
+        /// Size found.
+        size_bytes: u64,
+        /// Largest size accepted.
+        limit_bytes: u64,
+    },
+    /// No loader recognises the contents.
+    #[error(
+        "{file}: not a motion file this version reads (BVH, ASF with AMC, AMASS npz, HumanML3D joints npy): {reason}"
+    )]
+    UnknownFormat {
+        /// File.
+        file: String,
+        /// What was seen.
+        reason: String,
+    },
+    /// A line of a text format is wrong.
+    #[error("{file}:{line}: expected {expected}, found {found}")]
+    Text {
+        /// File.
+        file: String,
+        /// Line, from 1.
+        line: usize,
+        /// What the format asks for.
+        expected: String,
+        /// What is there.
+        found: String,
+    },
+    /// A binary member is wrong.
+    #[error("{file}: {member}: expected {expected}, found {found}")]
+    Member {
+        /// File.
+        file: String,
+        /// Array or archive member.
+        member: String,
+        /// What the format asks for.
+        expected: String,
+        /// What is there.
+        found: String,
+    },
+    /// A number is NaN, infinite or beyond any human motion.
+    #[error("{file}: {place}: {value} is not a usable number")]
+    NotFinite {
+        /// File.
+        file: String,
+        /// Line, frame or member.
+        place: String,
+        /// The number.
+        value: f64,
+    },
+    /// The AMC file came without its skeleton.
+    #[error("{file}: an AMC file needs its ASF skeleton beside it (looked for {looked_for})")]
+    MissingSkeleton {
+        /// File.
+        file: String,
+        /// Names tried.
+        looked_for: String,
+    },
+}
+
+/// Shortens foreign text for a message: at most 40 characters, control characters escaped.
+pub(crate) fn excerpt(text: &str) -> String {
+    let mut out: String = text.chars().take(40).flat_map(char::escape_debug).collect();
+    if text.chars().nth(40).is_some() {
+        out.push_str("...");
+    }
+    if out.is_empty() {
+        "nothing".into()
+    } else {
+        format!("`{out}`")
+    }
+}

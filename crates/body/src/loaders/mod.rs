@@ -1,0 +1,242 @@
+//! Motion files: BVH, ASF with AMC, AMASS npz, HumanML3D npy.
+//!
+//! Every loader returns the motion on the 22 joints of SMPL-X in the world frame (z up, floor at
+//! z = 0), tells unit and height, and lists what it did not use.
+
+mod amass;
+mod asf;
+mod bvh;
+mod humanml3d;
+pub(crate) mod names;
+mod npy;
+pub(crate) mod source;
+mod text;
+
+use crate::error::{MotionError, excerpt};
+use crate::proportions::standing_height_m;
+use crate::retarget::retarget;
+use radarllm_base::Motion;
+use std::path::{Path, PathBuf};
+
+/// Largest file read, bytes. The longest clip of the CMU database takes 60 MB as BVH.
+pub const MAX_FILE_BYTES: u64 = 512 << 20;
+
+/// A motion and what is known about its file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoadedMotion {
+    /// The motion: 22 joints, world z up, floor at z = 0. Place and heading are the file's; see
+    /// [`crate::sample::canonicalize`].
+    pub motion: Motion,
+    /// `bvh`, `asf-amc`, `amass-npz` or `humanml3d-npy`.
+    pub format: &'static str,
+    /// Poses in the motion.
+    pub frames: usize,
+    /// Poses per second.
+    pub fps: f64,
+    /// Joints of the file's own skeleton.
+    pub n_source_joints: usize,
+    /// Length unit of the file.
+    pub unit: String,
+    /// Metres per file unit.
+    pub metres_per_unit: f64,
+    /// Standing height of the person, soles and crown included, told from the bones, m.
+    pub height_m: f32,
+    /// Channels, joints, end sites and members that were not used.
+    pub skipped: Vec<String>,
+    /// What was assumed or filled in.
+    pub warnings: Vec<String>,
+}
+
+impl LoadedMotion {
+    fn new(
+        motion: Motion,
+        format: &'static str,
+        n_source_joints: usize,
+        (unit, metres_per_unit): (String, f64),
+        skipped: Vec<String>,
+        warnings: Vec<String>,
+    ) -> Self {
+        let height_m = standing_height_m(&motion.skeleton);
+        let (frames, fps) = (motion.len(), motion.fps);
+        Self {
+            motion,
+            format,
+            frames,
+            fps,
+            n_source_joints,
+            unit,
+            metres_per_unit,
+            height_m,
+            skipped,
+            warnings,
+        }
+    }
+}
+
+/// Reads a motion file from disk. An AMC file finds its ASF skeleton beside it.
+///
+/// # Errors
+/// [`MotionError`], never a panic, on any content.
+pub fn load_motion_file(path: &Path) -> Result<LoadedMotion, MotionError> {
+    load_motion(path, &read_capped(path)?)
+}
+
+/// Reads a motion from `bytes`; `path` names it in messages and, by its extension, tells AMC from
+/// ASF. Only for AMC is a second file opened: the ASF of the same subject (`01_02.amc`: `01_02.asf`
+/// or `01.asf`).
+///
+/// # Errors
+/// [`MotionError`], never a panic, on any content.
+pub fn load_motion(path: &Path, bytes: &[u8]) -> Result<LoadedMotion, MotionError> {
+    let file = path.display().to_string();
+    check_size(&file, bytes.len() as u64, MAX_FILE_BYTES)?;
+    let extension = path
+        .extension()
+        .map(|e| e.to_string_lossy().to_ascii_lowercase())
+        .unwrap_or_default();
+    let text = bytes
+        .strip_prefix(b"\xef\xbb\xbf")
+        .unwrap_or(bytes)
+        .trim_ascii_start();
+    let starts = |word: &[u8]| {
+        text.get(..word.len())
+            .is_some_and(|head| head.eq_ignore_ascii_case(word))
+    };
+    let unknown = |reason: String| {
+        Err(MotionError::UnknownFormat {
+            file: file.clone(),
+            reason,
+        })
+    };
+    if bytes.starts_with(b"\x93NUMPY") {
+        return humanml3d::load_humanml3d(&file, bytes.to_vec());
+    }
+    if bytes.starts_with(b"PK\x03\x04") {
+        return amass::load_amass(&file, bytes);
+    }
+    if starts(b"HIERARCHY") || extension == "bvh" {
+        let (source, mut skipped, mut warnings) = bvh::parse_bvh(&file, bytes)?;
+        let result = retarget(&file, &source, None)?;
+        skipped.extend(result.skipped);
+        warnings.extend(result.warnings);
+        let unit = (result.unit, result.metres_per_unit);
+        return Ok(LoadedMotion::new(
+            result.motion,
+            "bvh",
+            source.joints.len(),
+            unit,
+            skipped,
+            warnings,
+        ));
+    }
+    if extension == "amc" {
+        let (asf_path, asf_bytes) = find_asf(path)?;
+        return load_named_asf_amc(&asf_path.display().to_string(), &asf_bytes, &file, bytes);
+    }
+    if extension == "asf" || starts(b":version") {
+        return unknown("an ASF file holds a skeleton without motion: give the AMC file".into());
+    }
+    if bytes.len() >= 2 && bytes[0] == 0x80 && bytes[1] <= 5 {
+        return unknown("a Python pickle, which is never executed: save the arrays as npz".into());
+    }
+    unknown(format!(
+        "it starts with {}",
+        excerpt(&String::from_utf8_lossy(&bytes[..bytes.len().min(60)]))
+    ))
+}
+
+/// Reads an ASF skeleton and an AMC motion of it.
+///
+/// # Errors
+/// [`MotionError`], never a panic, on any content.
+pub fn load_asf_amc(asf: &[u8], amc: &[u8]) -> Result<LoadedMotion, MotionError> {
+    load_named_asf_amc("skeleton.asf", asf, "motion.amc", amc)
+}
+
+fn load_named_asf_amc(
+    asf_file: &str,
+    asf: &[u8],
+    amc_file: &str,
+    amc: &[u8],
+) -> Result<LoadedMotion, MotionError> {
+    // A skeleton takes 10 kB; its text is held as words, which cost more than their bytes.
+    check_size(asf_file, asf.len() as u64, MAX_FILE_BYTES / 32)?;
+    check_size(amc_file, amc.len() as u64, MAX_FILE_BYTES)?;
+    let skeleton = asf::parse_asf(asf_file, asf)?;
+    let unit = (
+        skeleton.metres_per_unit,
+        format!(
+            "1/{} inch ({:.4} cm)",
+            skeleton.length_factor,
+            skeleton.metres_per_unit * 100.0
+        ),
+    );
+    let (source, mut skipped, mut warnings) = asf::parse_amc(amc_file, amc, skeleton)?;
+    let result = retarget(amc_file, &source, Some(unit))?;
+    skipped.extend(result.skipped);
+    warnings.extend(result.warnings);
+    let unit = (result.unit, result.metres_per_unit);
+    Ok(LoadedMotion::new(
+        result.motion,
+        "asf-amc",
+        source.joints.len(),
+        unit,
+        skipped,
+        warnings,
+    ))
+}
+
+/// The skeleton beside an AMC file: the same name, else the part before the first `_`.
+fn find_asf(amc: &Path) -> Result<(PathBuf, Vec<u8>), MotionError> {
+    let stem = amc
+        .file_stem()
+        .map(|s| s.to_string_lossy().into_owned())
+        .unwrap_or_default();
+    let subject = stem.split('_').next().unwrap_or(&stem);
+    let mut tried = Vec::new();
+    for name in [&stem, subject] {
+        for extension in ["asf", "ASF"] {
+            let candidate = amc.with_file_name(format!("{name}.{extension}"));
+            if candidate.is_file() {
+                let bytes = read_capped(&candidate)?;
+                return Ok((candidate, bytes));
+            }
+            tried.push(format!("{name}.{extension}"));
+        }
+    }
+    tried.dedup();
+    Err(MotionError::MissingSkeleton {
+        file: amc.display().to_string(),
+        looked_for: tried.join(", "),
+    })
+}
+
+fn read_capped(path: &Path) -> Result<Vec<u8>, MotionError> {
+    let file = path.display().to_string();
+    let io = |source| MotionError::Io {
+        file: file.clone(),
+        source,
+    };
+    let size_bytes = std::fs::metadata(path).map_err(io)?.len();
+    check_size(&file, size_bytes, MAX_FILE_BYTES)?;
+    std::fs::read(path).map_err(io)
+}
+
+fn check_size(file: &str, size_bytes: u64, limit_bytes: u64) -> Result<(), MotionError> {
+    if size_bytes > limit_bytes {
+        return Err(MotionError::TooLarge {
+            file: file.into(),
+            size_bytes,
+            limit_bytes,
+        });
+    }
+    Ok(())
+}
+
+/// A frame rate that a recording can have.
+pub(crate) fn fps_in_range(fps: f64) -> Option<f64> {
+    (0.1..=10_000.0).contains(&fps).then_some(fps)
+}
+
+#[cfg(test)]
+mod tests;

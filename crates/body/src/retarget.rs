@@ -1,0 +1,610 @@
+//! Foreign skeletons and bare joint positions onto the 22 joints of SMPL-X.
+//!
+//! A rig's local axes are arbitrary, so every mapped joint gets one constant rotation
+//! `source_from_rest` between its own axes and those of the SMPL-X joint:
+//! `world_from_joint(t) = world_from_source(t) * source_from_rest`. It is found where the posture
+//! is known: in the rig's rest pose if that is a standing person, else as the average over frames
+//! of the rotations that the joint positions alone demand, moved to the rig's own axes where these
+//! are near. Then each bone is turned the last few degrees so that it points exactly as the
+//! source's joints do, whatever joints lie between. The skeleton keeps the person's bone lengths.
+
+mod calibrate;
+mod units;
+
+use crate::error::MotionError;
+use crate::ik::{bone_child, rest_of, rotations_from_positions, shortest};
+use crate::loaders::names::{JointMap, map_joints};
+use crate::loaders::source::{SourceMotion, SourcePose};
+use crate::proportions::{DEFAULT_HEIGHT_M, canonical_skeleton, rest_positions, standing_height_m};
+use crate::sample::ground;
+use glam::{Quat, Vec3};
+use radarllm_base::frames::world_from_rest_facing_radar;
+use radarllm_base::skeleton::N_JOINTS;
+use radarllm_base::{Joint, Motion, Pose, Skeleton};
+
+/// Frames looked at for axes, lengths and unit; spread evenly over the motion.
+const N_PROBES: usize = 128;
+
+/// Joint evaluations accepted per file: ten minutes of a full rig at 120 fps take 7e6.
+const MAX_EVALUATIONS: usize = 400_000_000;
+
+/// Result of [`retarget`].
+pub(crate) struct Retargeted {
+    pub motion: Motion,
+    pub unit: String,
+    pub metres_per_unit: f64,
+    pub skipped: Vec<String>,
+    pub warnings: Vec<String>,
+}
+
+/// Positions and rotations of the mapped joints in one frame, world axes, m.
+#[derive(Clone)]
+pub(crate) struct Seen {
+    positions: [Option<Vec3>; N_JOINTS],
+    rotations: [Option<Quat>; N_JOINTS],
+}
+
+/// Reads one frame of the source at a time in world axes and metres.
+pub(crate) struct Probe<'a> {
+    source: &'a SourceMotion,
+    map: JointMap,
+    needed: Vec<bool>,
+    world_from_file: Quat,
+    metres_per_unit: f32,
+    /// Joints that coincide with their parent, moved along their own bone: (joint, next, share).
+    shifts: Vec<(Joint, Joint, f32)>,
+}
+
+/// Moves a foreign motion onto SMPL-X. `known_unit` is given by formats that state their unit.
+///
+/// # Errors
+/// [`MotionError::Member`] when the file asks for absurd amounts of work;
+/// [`MotionError::NotFinite`] when numbers within limits still multiply out of range.
+pub(crate) fn retarget(
+    file: &str,
+    source: &SourceMotion,
+    known_unit: Option<(f64, String)>,
+) -> Result<Retargeted, MotionError> {
+    let mut warnings = Vec::new();
+    let mut first = source.blank();
+    source.forward(0, &vec![true; source.joints.len()], &mut first);
+    let lengths: Vec<f32> = source
+        .joints
+        .iter()
+        .zip(&first.positions)
+        .map(|(j, p)| {
+            j.parent
+                .map_or(0.0, |parent| (*p - first.positions[parent]).length())
+        })
+        .collect();
+    let map = map_joints(source, &lengths);
+    let mut needed = vec![false; source.joints.len()];
+    for joint in map.iter().flatten() {
+        for above in source.path_to_root(*joint) {
+            needed[above] = true;
+        }
+    }
+    let evaluations = source.n_frames.saturating_mul(source.joints.len());
+    if evaluations > MAX_EVALUATIONS {
+        return Err(MotionError::Member {
+            file: file.into(),
+            member: "motion".into(),
+            expected: format!("at most {MAX_EVALUATIONS} joints times frames"),
+            found: evaluations.to_string(),
+        });
+    }
+
+    let mut probe = Probe {
+        source,
+        map,
+        needed,
+        world_from_file: Quat::IDENTITY,
+        metres_per_unit: 1.0,
+        shifts: Vec::new(),
+    };
+    let skipped = unused_joints(source, &map);
+    if !probe.is_person() {
+        warnings.push(format!(
+            "no human skeleton recognised among {} joints ({}): only the root's travel is used, on an average body in the T-pose",
+            source.joints.len(),
+            source.joints.iter().take(4).map(|j| j.name.as_str()).collect::<Vec<_>>().join(", "),
+        ));
+        return root_only(file, probe, known_unit, skipped, warnings);
+    }
+
+    let frames = spread(source.n_frames, N_PROBES);
+    let (metres_per_unit, unit) = probe.decide_unit(known_unit, &mut warnings);
+    probe.metres_per_unit = metres_per_unit as f32;
+    let rest = probe.person_at_rest();
+    probe.world_from_file = probe.decide_up(rest.as_ref(), &frames, &mut warnings);
+    let rest = rest.map(|pose| probe.seen(&pose));
+    probe.shifts = coincident(rest.as_ref().unwrap_or(&probe.frame(frames[0])));
+    let rest = rest.map(|_| probe.seen(&source.rest()));
+    let start = usize::from(probe.has_lead_in());
+    if start == 1 {
+        warnings.push("frame 0 left out: a lead-in pose far from frame 1".into());
+    }
+    for joint in Joint::ALL {
+        if map[joint as usize].is_none() {
+            warnings.push(format!(
+                "no joint for {}: it follows its parent",
+                joint.name()
+            ));
+        }
+    }
+
+    let seen_frames: Vec<Seen> = frames.iter().map(|f| probe.frame(*f)).collect();
+    let height_m = probe
+        .leg_height_m()
+        .unwrap_or(DEFAULT_HEIGHT_M)
+        .clamp(0.3, 3.0);
+    let canonical = canonical_skeleton(height_m);
+    let source_from_rest = match &rest {
+        Some(seen) => calibrate::from_rest_pose(seen, &canonical),
+        None => calibrate::from_frames(&seen_frames, &canonical),
+    };
+    let skeleton = measure_skeleton(&seen_frames, &source_from_rest, &canonical);
+    let rest_joints = rest_positions(&skeleton);
+
+    let mut poses = Vec::with_capacity(source.n_frames - start);
+    for frame in start..source.n_frames {
+        let seen = probe.frame(frame);
+        let world = world_rotations(&seen, &source_from_rest, &rest_joints);
+        let root_in_world = seen.positions[0].unwrap_or(Vec3::ZERO);
+        poses.push(pose_from_world(root_in_world, &world));
+    }
+    let mut motion = Motion {
+        fps: source.fps,
+        skeleton,
+        poses,
+    };
+    check_finite(file, &motion)?;
+    ground(&mut motion);
+    Ok(Retargeted {
+        motion,
+        unit,
+        metres_per_unit,
+        skipped,
+        warnings,
+    })
+}
+
+/// Motion of a person whose joint positions are known, world axes (z up), m: `[frame][joint]`.
+///
+/// Bone directions are kept exactly where a joint has one bone; lengths are the medians over the
+/// frames; roll comes from hips, shoulders, knees and elbows. The floor is put at z = 0.
+///
+/// # Errors
+/// [`MotionError::NotFinite`] on NaN, infinite or absurd coordinates, [`MotionError::Member`]
+/// without frames or with an unusable rate.
+pub fn motion_from_positions(
+    file: &str,
+    frames: &[[Vec3; N_JOINTS]],
+    fps: f64,
+) -> Result<Motion, MotionError> {
+    if frames.is_empty() || !(fps.is_finite() && fps > 0.0) {
+        return Err(MotionError::Member {
+            file: file.into(),
+            member: "joints".into(),
+            expected: "at least one frame and a positive rate".into(),
+            found: format!("{} frames at {fps} fps", frames.len()),
+        });
+    }
+    for (t, frame) in frames.iter().enumerate() {
+        if let Some(bad) = frame
+            .iter()
+            .flat_map(|p| p.to_array())
+            .find(|v| !v.is_finite() || v.abs() > 1e4)
+        {
+            return Err(MotionError::NotFinite {
+                file: file.into(),
+                place: format!("frame {t}"),
+                value: f64::from(bad),
+            });
+        }
+    }
+    let probes: Vec<&[Vec3; N_JOINTS]> = spread(frames.len(), N_PROBES)
+        .into_iter()
+        .map(|f| &frames[f])
+        .collect();
+    let legs_m = [
+        (Joint::LeftHip, Joint::LeftKnee),
+        (Joint::LeftKnee, Joint::LeftAnkle),
+        (Joint::RightHip, Joint::RightKnee),
+        (Joint::RightKnee, Joint::RightAnkle),
+    ]
+    .map(|(a, b)| {
+        median(
+            probes
+                .iter()
+                .map(|p| p[a as usize].distance(p[b as usize]))
+                .collect(),
+        )
+    });
+    let height_m = (legs_m.iter().sum::<f32>() * 0.5 / units::LEG_SHARE).clamp(0.3, 3.0);
+    let canonical = canonical_skeleton(height_m);
+    let canonical_rest = rest_of(&canonical);
+
+    let solve = |frame: &[Vec3; N_JOINTS]| {
+        rotations_from_positions(
+            &frame.map(Some),
+            &canonical_rest,
+            world_from_rest_facing_radar(),
+        )
+    };
+    let mut skeleton = canonical.clone();
+    let solved: Vec<[Quat; N_JOINTS]> = probes.iter().map(|p| solve(p)).collect();
+    for joint in Joint::ALL {
+        let Some(parent) = joint.parent() else {
+            continue;
+        };
+        let (j, p) = (joint as usize, parent as usize);
+        skeleton.offsets[j] = bone_vector(
+            probes
+                .iter()
+                .zip(&solved)
+                .map(|(frame, world)| world[p].conjugate() * (frame[j] - frame[p])),
+            canonical.offsets[j],
+        );
+    }
+    let poses = frames
+        .iter()
+        .map(|frame| pose_from_world(frame[0], &solve(frame)))
+        .collect();
+    let mut motion = Motion {
+        fps,
+        skeleton,
+        poses,
+    };
+    check_finite(file, &motion)?;
+    ground(&mut motion);
+    Ok(motion)
+}
+
+impl Probe<'_> {
+    /// Mapped joints of `frame`.
+    fn frame(&self, frame: usize) -> Seen {
+        let mut pose = self.source.blank();
+        self.source.forward(frame, &self.needed, &mut pose);
+        self.seen(&pose)
+    }
+
+    fn seen(&self, pose: &SourcePose) -> Seen {
+        let mut seen = Seen {
+            positions: [None; N_JOINTS],
+            rotations: [None; N_JOINTS],
+        };
+        for (j, source) in self.map.iter().enumerate() {
+            if let Some(s) = *source {
+                seen.positions[j] =
+                    Some(self.world_from_file * pose.positions[s] * self.metres_per_unit);
+                seen.rotations[j] = Some((self.world_from_file * pose.rotations[s]).normalize());
+            }
+        }
+        for (joint, next, share) in &self.shifts {
+            if let (Some(here), Some(there)) = (
+                seen.positions[*joint as usize],
+                seen.positions[*next as usize],
+            ) {
+                seen.positions[*joint as usize] = Some(here.lerp(there, *share));
+            }
+        }
+        seen
+    }
+
+    /// Enough of a person to retarget: a pelvis, one pair of limbs and something above.
+    fn is_person(&self) -> bool {
+        let all = |joints: &[Joint]| joints.iter().all(|j| self.map[*j as usize].is_some());
+        let legs = all(&[
+            Joint::LeftHip,
+            Joint::RightHip,
+            Joint::LeftKnee,
+            Joint::RightKnee,
+        ]);
+        let arms = all(&[
+            Joint::LeftShoulder,
+            Joint::RightShoulder,
+            Joint::LeftElbow,
+            Joint::RightElbow,
+        ]);
+        legs && (arms || all(&[Joint::Head])) || arms && all(&[Joint::Spine3])
+    }
+
+    /// True when frame 0 stands apart from all that follows, as the T-pose that some converters
+    /// put in front: mean joint step over 5 cm, and eight times the next step.
+    fn has_lead_in(&self) -> bool {
+        if self.source.n_frames < 3 {
+            return false;
+        }
+        let [a, b, c] = [0, 1, 2].map(|f| self.frame(f));
+        let step = |a: &Seen, b: &Seen| {
+            let moves: Vec<f32> = (1..N_JOINTS)
+                .filter_map(|j| {
+                    let from = a.positions[j]? - a.positions[0]?;
+                    let to = b.positions[j]? - b.positions[0]?;
+                    Some(from.distance(to))
+                })
+                .collect();
+            moves.iter().sum::<f32>() / moves.len().max(1) as f32
+        };
+        let (first, second) = (step(&a, &b), step(&b, &c));
+        first > 0.05 && first > 8.0 * (second + 1e-3)
+    }
+}
+
+/// World rotations of all joints in one frame.
+fn world_rotations(
+    seen: &Seen,
+    source_from_rest: &[Option<Quat>; N_JOINTS],
+    rest: &[Vec3; N_JOINTS],
+) -> [Quat; N_JOINTS] {
+    let mut world = [world_from_rest_facing_radar(); N_JOINTS];
+    for joint in Joint::ALL {
+        let j = joint as usize;
+        let mut rotation = match (seen.rotations[j], source_from_rest[j]) {
+            (Some(source), Some(constant)) => source * constant,
+            _ => joint.parent().map_or(world[0], |p| world[p as usize]),
+        };
+        if let (Some(here), Some(child)) = (seen.positions[j], next_seen(joint, &seen.positions)) {
+            let bone = rest[child as usize] - rest[j];
+            let actual = seen.positions[child as usize].unwrap_or(here) - here;
+            // Below a centimetre a direction is rounding.
+            if bone.length() > 0.01 && actual.length() > 0.01 {
+                rotation = shortest(rotation * bone, actual) * rotation;
+            }
+        }
+        world[j] = rotation.normalize();
+    }
+    world
+}
+
+/// The next joint along a joint's single bone that the source has.
+pub(crate) fn next_seen(joint: Joint, positions: &[Option<Vec3>; N_JOINTS]) -> Option<Joint> {
+    let mut child = bone_child(joint)?;
+    while positions[child as usize].is_none() {
+        child = bone_child(child).or((child == Joint::Spine3).then_some(Joint::Neck))?;
+    }
+    Some(child)
+}
+
+fn pose_from_world(root_in_world: Vec3, world: &[Quat; N_JOINTS]) -> Pose {
+    let mut rotations = *world;
+    for joint in Joint::ALL {
+        if let Some(parent) = joint.parent() {
+            rotations[joint as usize] =
+                (world[parent as usize].conjugate() * world[joint as usize]).normalize();
+        }
+    }
+    Pose {
+        root_in_world,
+        rotations,
+    }
+}
+
+/// Bone vectors in the T-pose: means over frames in the parent's axes, kept at the mean length.
+fn measure_skeleton(
+    frames: &[Seen],
+    source_from_rest: &[Option<Quat>; N_JOINTS],
+    canonical: &Skeleton,
+) -> Skeleton {
+    let Some(first) = frames.first() else {
+        return canonical.clone();
+    };
+    let present = |j: Joint| first.positions[j as usize].is_some();
+    // Rotations before the final turn of each bone; missing joints follow their parents.
+    let world: Vec<[Quat; N_JOINTS]> = frames
+        .iter()
+        .map(|seen| world_rotations(seen, source_from_rest, &[Vec3::ZERO; N_JOINTS]))
+        .collect();
+    let mut skeleton = canonical.clone();
+    let mut decided = [false; N_JOINTS];
+    for joint in Joint::ALL
+        .into_iter()
+        .filter(|j| present(*j) && *j != Joint::Pelvis)
+    {
+        // The chain of joints the source lacks, from the nearest ancestor that it has.
+        let mut chain = vec![joint];
+        let mut ancestor = joint.parent();
+        while let Some(a) = ancestor.filter(|a| !present(*a)) {
+            chain.push(a);
+            ancestor = a.parent();
+        }
+        let Some(ancestor) = ancestor else { continue };
+        chain.reverse();
+        let (j, a) = (joint as usize, ancestor as usize);
+        let whole: Vec3 = chain.iter().map(|c| canonical.offsets[*c as usize]).sum();
+        let vector = bone_vector(
+            frames.iter().zip(&world).filter_map(|(seen, world)| {
+                Some(world[a].conjugate() * (seen.positions[j]? - seen.positions[a]?))
+            }),
+            whole,
+        );
+        // Lengths are shared out as in the average body; a joint decided by an earlier child stays.
+        let total: f32 = chain
+            .iter()
+            .map(|c| canonical.offsets[*c as usize].length())
+            .sum();
+        let mut left = vector;
+        for (i, link) in chain.iter().enumerate() {
+            let l = *link as usize;
+            if i + 1 == chain.len() {
+                skeleton.offsets[l] = left;
+            } else if !decided[l] {
+                skeleton.offsets[l] = vector * (canonical.offsets[l].length() / total);
+            }
+            decided[l] = true;
+            left -= skeleton.offsets[l];
+        }
+    }
+    skeleton
+}
+
+/// Mean of vectors, stretched to their median length; `fallback` when there is none.
+fn bone_vector(vectors: impl Iterator<Item = Vec3>, fallback: Vec3) -> Vec3 {
+    let vectors: Vec<Vec3> = vectors.collect();
+    let sum: Vec3 = vectors.iter().copied().sum();
+    match (sum / vectors.len().max(1) as f32).try_normalize() {
+        Some(direction) if !vectors.is_empty() => {
+            direction * median(vectors.iter().map(|v| v.length()).collect())
+        }
+        // A bone of no length would leave consumers without a direction.
+        _ => fallback * 0.01,
+    }
+}
+
+fn median(mut values: Vec<f32>) -> f32 {
+    values.sort_by(f32::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Up to `count` frame numbers spread evenly over `n_frames`.
+fn spread(n_frames: usize, count: usize) -> Vec<usize> {
+    let n = n_frames.min(count).max(1);
+    (0..n)
+        .map(|i| i * (n_frames.max(1) - 1) / (n - 1).max(1))
+        .collect()
+}
+
+/// Trunk joints on top of their parent, to be moved along their own bone. Bones of no length have
+/// no direction for a mesh; the share leaves the outgoing direction as it is.
+fn coincident(seen: &Seen) -> Vec<(Joint, Joint, f32)> {
+    let mut shifts = Vec::new();
+    for (joint, share) in [
+        (Joint::Spine1, 0.5),
+        (Joint::Spine2, 0.5),
+        (Joint::Spine3, 0.5),
+        (Joint::Neck, 0.3),
+        (Joint::LeftCollar, 0.25),
+        (Joint::RightCollar, 0.25),
+    ] {
+        let mut ancestor = joint.parent();
+        while let Some(a) = ancestor.filter(|a| seen.positions[*a as usize].is_none()) {
+            ancestor = a.parent();
+        }
+        let next = match joint {
+            Joint::Spine3 => Some(Joint::Neck).filter(|n| seen.positions[*n as usize].is_some()),
+            _ => next_seen(joint, &seen.positions),
+        };
+        let (Some(here), Some(a), Some(next)) = (seen.positions[joint as usize], ancestor, next)
+        else {
+            continue;
+        };
+        let above = seen.positions[a as usize].unwrap_or(here);
+        if here.distance(above) < 0.01 {
+            shifts.push((joint, next, share));
+        }
+    }
+    shifts
+}
+
+fn unused_joints(source: &SourceMotion, map: &JointMap) -> Vec<String> {
+    let mut ancestors = vec![false; source.joints.len()];
+    for joint in map.iter().flatten() {
+        for above in source.path_to_root(*joint) {
+            ancestors[above] = true;
+        }
+    }
+    let used = |j: usize| map.contains(&Some(j));
+    (0..source.joints.len())
+        .filter(|j| !used(*j))
+        .map(|j| {
+            let name = &source.joints[j].name;
+            // Joints between mapped ones still move those below.
+            if ancestors[j] {
+                format!("joint {name} (merged into the joints below it)")
+            } else {
+                format!("joint {name}")
+            }
+        })
+        .collect()
+}
+
+/// The travel of a skeleton that is no person.
+fn root_only(
+    file: &str,
+    probe: Probe,
+    known_unit: Option<(f64, String)>,
+    skipped: Vec<String>,
+    mut warnings: Vec<String>,
+) -> Result<Retargeted, MotionError> {
+    let (metres_per_unit, unit) = known_unit.unwrap_or((1.0, "unknown".into()));
+    if unit == "unknown" {
+        warnings.push("the unit cannot be told without a body: metres are assumed".into());
+    }
+    let upright = world_from_rest_facing_radar();
+    let root = probe.map[0].unwrap_or(0);
+    let mut needed = vec![false; probe.source.joints.len()];
+    for joint in probe.source.path_to_root(root) {
+        needed[joint] = true;
+    }
+    let mut pose = probe.source.blank();
+    let poses = (0..probe.source.n_frames)
+        .map(|frame| {
+            probe.source.forward(frame, &needed, &mut pose);
+            let mut rotations = [Quat::IDENTITY; N_JOINTS];
+            rotations[0] = (upright * pose.rotations[root]).normalize();
+            Pose {
+                root_in_world: upright * pose.positions[root] * metres_per_unit as f32,
+                rotations,
+            }
+        })
+        .collect();
+    let mut motion = Motion {
+        fps: probe.source.fps,
+        skeleton: canonical_skeleton(DEFAULT_HEIGHT_M),
+        poses,
+    };
+    check_finite(file, &motion)?;
+    ground(&mut motion);
+    Ok(Retargeted {
+        motion,
+        unit,
+        metres_per_unit,
+        skipped,
+        warnings,
+    })
+}
+
+/// Refuses motions with numbers that are not finite or leave any recording space.
+pub(crate) fn check_finite(file: &str, motion: &Motion) -> Result<(), MotionError> {
+    let bad = |place: String, value: f32| {
+        Err(MotionError::NotFinite {
+            file: file.into(),
+            place,
+            value: f64::from(value),
+        })
+    };
+    for offset in &motion.skeleton.offsets {
+        // A bone longer than ten metres is a wrong number, not a person.
+        if let Some(v) = offset
+            .to_array()
+            .into_iter()
+            .find(|v| v.is_nan() || v.abs() >= 10.0)
+        {
+            return bad("bone length".into(), v);
+        }
+    }
+    for (t, pose) in motion.poses.iter().enumerate() {
+        if let Some(v) = pose
+            .root_in_world
+            .to_array()
+            .into_iter()
+            .find(|v| v.is_nan() || v.abs() >= 1e4)
+        {
+            return bad(format!("root position of frame {t}"), v);
+        }
+        if let Some(q) = pose
+            .rotations
+            .iter()
+            .find(|q| !q.is_finite() || (q.length() - 1.0).abs() > 1e-2)
+        {
+            return bad(format!("rotation of frame {t}"), q.length());
+        }
+    }
+    let height_m = standing_height_m(&motion.skeleton);
+    if height_m.is_finite() {
+        Ok(())
+    } else {
+        bad("height".into(), height_m)
+    }
+}
