@@ -1,1 +1,39 @@
 //! The virtual radar: moving triangles in, FMCW radar cubes out.
+//!
+//! Enters: a [`Scene`] of [`radarllm_base::MovingSurface`]s and point targets in the radar frame.
+//! Leaves: a [`radarllm_base::RadarCube`] in square-root watts, one frame at a time.
+//!
+//! The signal of a path with delay tau is `a exp j[2 pi f0 tau + 2 pi S t tau - pi S tau^2]`, `t`
+//! from the ramp start. tau follows the exact TX-facet-RX distances at the centre of each chirp's
+//! ADC window (stop-and-hop: nothing moves within the 58 us of one window), so TDM timing, range
+//! walk and near-field wave fronts are exact.
+//!
+//! Two implementations of the same model: [`Simulator`] (fast) and [`mod@reference`] (direct sum in
+//! f64, slow), tested against each other. Reading order: [`scene`], [`link`] (radar equation),
+//! [`scatter`] (one triangle), [`visibility`], [`simulator`] (the pipeline and how it is fast),
+//! then its stages: `motion` and `facets` (polynomials over a segment), `slow_time` (Doppler groups),
+//! `gridding` and `spread` (range grid), `transform` (range FFT), [`noise`].
+//!
+//! Deliberately absent: multiple bounces, polarisation, the notion of a human.
+
+pub mod error;
+mod facets;
+mod gridding;
+pub mod link;
+mod motion;
+pub mod noise;
+pub mod reference;
+pub mod scatter;
+pub mod scene;
+pub mod shapes;
+mod simd;
+pub mod simulator;
+mod slow_time;
+mod spread;
+mod transform;
+pub mod visibility;
+
+pub use error::SimError;
+pub use scene::{Noise, PointTarget, Scene};
+pub use simd::SimdLevel;
+pub use simulator::{FrameStats, SimOptions, Simulator, StageSeconds};

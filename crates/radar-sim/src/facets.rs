@@ -1,0 +1,224 @@
+//! Visible facets into [`Source`]s, sixteen at a time so that the arithmetic vectorises.
+
+use glam::{DVec3, Vec3};
+use radarllm_base::SPEED_OF_LIGHT_MPS;
+
+use crate::link::Link;
+use crate::motion::{N_KEYS, RangeScale, Source, parabola, quartic};
+use crate::scatter::{FacetPhases, Reflection};
+use crate::simd::{Lanes, dispatch, sin_cos_turns};
+
+/// Facets per batch.
+const BATCH: usize = 16;
+/// Keys at which gains are evaluated.
+const GAIN_KEYS: [usize; 3] = [0, 2, 4];
+
+/// Visible facets of one surface.
+pub(crate) struct FacetJob<'a> {
+    pub link: &'a Link,
+    pub scale: &'a RangeScale,
+    pub reflection: &'a Reflection,
+    pub phases: &'a FacetPhases,
+    /// Positions at the key times, radar frame, m.
+    pub keys: &'a [Vec<Vec3>; N_KEYS],
+    /// The surface's triangles, with indices into `keys`.
+    pub triangles: &'a [[u32; 3]],
+    /// Their visible shares.
+    pub coverage: &'a [f32],
+    /// Facets with a share above 0.
+    pub visible: &'a [u32],
+    /// Receives one source per visible facet, in order.
+    pub out: &'a mut Vec<Source>,
+    /// Facets deeper in range than this are counted, m.
+    pub coarse_m: f64,
+    pub n_coarse: &'a mut usize,
+}
+
+dispatch!(
+    /// Appends the sources of a surface's visible facets.
+    pub(crate) fn facet_sources => facet_sources_body(job: FacetJob<'_>)
+);
+
+type Row = [f32; BATCH];
+type DoubleRow = [f64; BATCH];
+
+#[inline(always)]
+fn facet_sources_body<L: Lanes>(job: FacetJob<'_>) {
+    let centre = job.link.array_centre_m;
+    // [key][corner, the middle last][axis][facet], relative to the array centre.
+    let mut points = [[[[0.0_f32; BATCH]; 3]; 4]; N_KEYS];
+    let mut ranges = [[[0.0_f64; BATCH]; 4]; N_KEYS];
+    for batch in job.visible.chunks(BATCH) {
+        let (mut share, mut turns): (Row, Row) = ([0.0; BATCH], [0.0; BATCH]);
+        for i in 0..BATCH {
+            // A last, short batch repeats its last facet.
+            let facet = batch[i.min(batch.len() - 1)] as usize;
+            share[i] = job.coverage[facet];
+            turns[i] = job.phases.phase_turns(facet);
+            let corners = job.triangles[facet];
+            for (at_key, key) in points.iter_mut().zip(job.keys) {
+                for (corner, &vertex) in corners.iter().enumerate() {
+                    let p = key[vertex as usize];
+                    at_key[corner][0][i] = p.x;
+                    at_key[corner][1][i] = p.y;
+                    at_key[corner][2][i] = p.z;
+                }
+            }
+        }
+        for (at_key, range) in points.iter_mut().zip(&mut ranges) {
+            measure(at_key, range, centre);
+        }
+        let (sin, cos) = sin_cos_turns(L::load(&turns));
+        let (mut rough_sin, mut rough_cos) = ([0.0; BATCH], [0.0; BATCH]);
+        sin.store(&mut rough_sin);
+        cos.store(&mut rough_cos);
+
+        let (mut coherent, mut rough) = ([[0.0; BATCH]; 3], [[0.0; BATCH]; 3]);
+        for (slot, key) in GAIN_KEYS.into_iter().enumerate() {
+            let p = &points[key];
+            for i in 0..BATCH {
+                let corner = |c: usize| Vec3::new(p[c][0][i], p[c][1][i], p[c][2][i]);
+                let gains = facet_gains(
+                    job.link,
+                    job.reflection,
+                    [corner(0), corner(1), corner(2)],
+                    share[i],
+                );
+                (coherent[slot][i], rough[slot][i]) = gains;
+            }
+        }
+        let fit = fit(&ranges, job.link, job.scale);
+        for i in 0..batch.len() {
+            let nearest = ranges[2][0][i].min(ranges[2][1][i]).min(ranges[2][2][i]);
+            let farthest = ranges[2][0][i].max(ranges[2][1][i]).max(ranges[2][2][i]);
+            *job.n_coarse += usize::from(farthest - nearest > job.coarse_m);
+            let of = |rows: &[Row; 3]| [rows[0][i], rows[1][i], rows[2][i]];
+            job.out.push(Source {
+                turns: std::array::from_fn(|p| fit.turns[p][i]),
+                cells: std::array::from_fn(|p| fit.cells[p][i]),
+                corners: std::array::from_fn(|c| std::array::from_fn(|p| fit.corners[c][p][i])),
+                coherent: parabola(of(&coherent)),
+                rough: parabola(of(&rough)),
+                rough_phasor: [rough_cos[i], rough_sin[i]],
+                from_centre: std::array::from_fn(|k| {
+                    let p = &points[k][3];
+                    Vec3::new(p[0][i], p[1][i], p[2][i])
+                }),
+                turns_per_m: fit.turns_per_m[i],
+            });
+        }
+    }
+}
+
+/// Coherent and rough gains of a facet with corners relative to the array centre, sqrt(W). Free of
+/// branches, so that loops over it vectorise.
+#[inline(always)]
+pub(crate) fn facet_gains(
+    link: &Link,
+    reflection: &Reflection,
+    [a, b, c]: [Vec3; 3],
+    coverage: f32,
+) -> (f32, f32) {
+    let normal = 0.5 * (b - a).cross(c - a);
+    let middle = (a + b + c) * (1.0 / 3.0);
+    // The floor keeps 0/0 out: a facet without area has gains of 0.
+    let area = normal.length_squared().sqrt().max(1e-20);
+    let area_cos = -normal.dot(middle) / middle.length_squared().sqrt();
+    let (coherent, rough) = reflection.gains(area_cos, area, coverage);
+    let amplitude = link.amplitude(middle);
+    (coherent * amplitude, rough * amplitude)
+}
+
+/// Makes positions relative to `centre`, adds the middles, and writes all ranges, m.
+#[inline(always)]
+fn measure(points: &mut [[Row; 3]; 4], ranges: &mut [DoubleRow; 4], centre: DVec3) {
+    for i in 0..BATCH {
+        let mut sum = [0.0; 3];
+        for corner in 0..3 {
+            let mut square = 0.0;
+            for (axis, offset) in [centre.x, centre.y, centre.z].into_iter().enumerate() {
+                let x = f64::from(points[corner][axis][i]) - offset;
+                points[corner][axis][i] = x as f32;
+                sum[axis] += x;
+                square += x * x;
+            }
+            ranges[corner][i] = square.sqrt();
+        }
+        let mut square = 0.0;
+        for axis in 0..3 {
+            let x = sum[axis] * (1.0 / 3.0);
+            points[3][axis][i] = x as f32;
+            square += x * x;
+        }
+        ranges[3][i] = square.sqrt();
+    }
+}
+
+/// Polynomials of a batch.
+struct Fit {
+    turns: [DoubleRow; N_KEYS],
+    cells: [Row; N_KEYS],
+    corners: [[Row; N_KEYS]; 3],
+    turns_per_m: Row,
+}
+
+/// The arithmetic of [`RangeScale::source`], sixteen facets side by side.
+#[inline(always)]
+#[expect(
+    clippy::needless_range_loop,
+    reason = "the facet is the last of several indices"
+)]
+fn fit(ranges: &[[DoubleRow; 4]; N_KEYS], link: &Link, scale: &RangeScale) -> Fit {
+    let mut fit = Fit {
+        turns: [[0.0; BATCH]; N_KEYS],
+        cells: [[0.0; BATCH]; N_KEYS],
+        corners: [[[0.0; BATCH]; N_KEYS]; 3],
+        turns_per_m: [0.0; BATCH],
+    };
+    let delay = 2.0 / SPEED_OF_LIGHT_MPS;
+    let n_cells = scale.n_cells as f64;
+    for i in 0..BATCH {
+        let tau = [
+            delay * ranges[0][3][i],
+            delay * ranges[1][3][i],
+            delay * ranges[2][3][i],
+            delay * ranges[3][3][i],
+            delay * ranges[4][3][i],
+        ];
+        let turns = quartic([
+            scale.turns(tau[0]),
+            scale.turns(tau[1]),
+            scale.turns(tau[2]),
+            scale.turns(tau[3]),
+            scale.turns(tau[4]),
+        ]);
+        let mut cells = quartic(tau);
+        for c in &mut cells {
+            *c *= scale.cells_per_s;
+        }
+        cells[0] -= (cells[0] / n_cells).floor() * n_cells;
+        for p in 0..N_KEYS {
+            fit.turns[p][i] = turns[p];
+            fit.cells[p][i] = cells[p] as f32;
+        }
+        fit.turns_per_m[i] =
+            ((scale.centre_hz - scale.slope_hz_per_s * tau[2]) * (0.5 * delay)) as f32;
+    }
+    // Two-way wave number in turns.
+    let turns_per_m = 2.0 / link.wavelength_m;
+    for corner in 0..3 {
+        for i in 0..BATCH {
+            let relative = quartic([
+                turns_per_m * (ranges[0][corner][i] - ranges[0][3][i]),
+                turns_per_m * (ranges[1][corner][i] - ranges[1][3][i]),
+                turns_per_m * (ranges[2][corner][i] - ranges[2][3][i]),
+                turns_per_m * (ranges[3][corner][i] - ranges[3][3][i]),
+                turns_per_m * (ranges[4][corner][i] - ranges[4][3][i]),
+            ]);
+            for p in 0..N_KEYS {
+                fit.corners[corner][p][i] = relative[p] as f32;
+            }
+        }
+    }
+    fit
+}

@@ -1,0 +1,210 @@
+//! Sources as polynomials of time over a segment of the frame.
+//!
+//! Vertices are read at five equidistant key times; distances and phases follow quartics through
+//! them, gains parabolas through three. For a limb at 50 m/s^2 with a jerk of 1000 m/s^3 and a
+//! fifth derivative of 1e5 m/s^5, 30 ms leave 2e-4 rad.
+
+use glam::{DVec3, Vec3};
+use radarllm_base::{RadarConfig, SPEED_OF_LIGHT_MPS};
+
+/// Longest segment of a frame that one set of polynomials serves, s.
+const LONGEST_SEGMENT_S: f64 = 0.03;
+/// Most loops in a segment (bounds the workspace).
+const MOST_SEGMENT_LOOPS: usize = 128;
+/// Key times per segment.
+pub(crate) const N_KEYS: usize = 5;
+
+/// A run of consecutive loops with its own visibility and polynomials. Its unit of time `u` runs
+/// from -1 at the first chirp to 1 at the last; polynomials are in `u`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Segment {
+    pub first_loop: usize,
+    pub n_loops: usize,
+    /// Centre of the segment after the frame start, s.
+    pub centre_s: f64,
+    /// Half of its length, s.
+    pub half_s: f64,
+    loop_period_s: f64,
+}
+
+impl Segment {
+    /// Loops per segment for `config`.
+    pub fn loops_of(config: &RadarConfig) -> usize {
+        // 1 ppm of tolerance: 30 ms of loops that fit exactly must not round down.
+        let fit = (LONGEST_SEGMENT_S / config.loop_period_s() * 1.000_001) as usize;
+        fit.clamp(8, MOST_SEGMENT_LOOPS).min(config.n_loops)
+    }
+
+    /// All segments of a frame.
+    pub fn all(config: &RadarConfig) -> Vec<Self> {
+        let step = Self::loops_of(config);
+        (0..config.n_loops)
+            .step_by(step)
+            .map(|first_loop| Self::new(config, first_loop, step.min(config.n_loops - first_loop)))
+            .collect()
+    }
+
+    fn new(config: &RadarConfig, first_loop: usize, n_loops: usize) -> Self {
+        let first_s = chirp_time_s(config, first_loop, 0);
+        let last_s = chirp_time_s(config, first_loop + n_loops - 1, config.tx.len() - 1);
+        Self {
+            first_loop,
+            n_loops,
+            centre_s: 0.5 * (first_s + last_s),
+            // A single chirp has no length, but polynomials need a unit.
+            half_s: (0.5 * (last_s - first_s)).max(0.5 * config.chirp_period_s()),
+            loop_period_s: config.loop_period_s(),
+        }
+    }
+
+    /// Key times after the frame start, s.
+    pub fn key_times_s(&self) -> [f64; N_KEYS] {
+        std::array::from_fn(|k| self.centre_s + self.half_s * (0.5 * k as f64 - 1.0))
+    }
+
+    /// `u` of TX slot 0 of a (fractional) loop counted from the segment's first.
+    pub fn unit_time(&self, first_chirp_s: f64, loop_coordinate: f64) -> f64 {
+        (first_chirp_s + loop_coordinate * self.loop_period_s - self.centre_s) / self.half_s
+    }
+}
+
+/// Instant at which targets stand for (loop, TX slot): the centre of its ADC window, after the frame
+/// start, s.
+pub(crate) fn chirp_time_s(config: &RadarConfig, loop_idx: usize, tx_idx: usize) -> f64 {
+    config.ramp_start_s(loop_idx, tx_idx)
+        + config.adc_start_s
+        + (config.n_samples / 2) as f64 / config.sample_rate_hz
+}
+
+/// Coefficients of the quartic through values at u = -1, -1/2, 0, 1/2, 1.
+#[inline(always)]
+pub(crate) fn quartic(v: [f64; N_KEYS]) -> [f64; N_KEYS] {
+    let (s1, s2) = (v[3] - v[1], 0.5 * (v[4] - v[0]));
+    let (e1, e2) = (0.5 * (v[1] + v[3]) - v[2], 0.5 * (v[0] + v[4]) - v[2]);
+    let c3 = 4.0 / 3.0 * (s2 - s1);
+    let c4 = 4.0 / 3.0 * (e2 - 4.0 * e1);
+    [v[2], s2 - c3, e2 - c4, c3, c4]
+}
+
+/// Coefficients of the parabola through values at u = -1, 0, 1.
+#[inline(always)]
+pub(crate) fn parabola(v: [f32; 3]) -> [f32; 3] {
+    [v[1], 0.5 * (v[2] - v[0]), 0.5 * (v[0] + v[2]) - v[1]]
+}
+
+/// One facet or point over a segment.
+#[derive(Clone, Debug)]
+pub(crate) struct Source {
+    /// Phase of the reference channel (both antennas at the array centre) at the ADC centre, turns.
+    pub turns: [f64; N_KEYS],
+    /// Position on the range grid, cells, folded into 0..M at u = 0.
+    pub cells: [f32; N_KEYS],
+    /// Phases of the three corners relative to `turns`, turns.
+    pub corners: [[f32; N_KEYS]; 3],
+    /// Gain of the physical-optics term, sqrt(W).
+    pub coherent: [f32; 3],
+    /// Gain of the constant-phase term, sqrt(W).
+    pub rough: [f32; 3],
+    /// cos and sin of the constant phase.
+    pub rough_phasor: [f32; 2],
+    /// Centroid relative to the array centre at the key times, m.
+    pub from_centre: [Vec3; N_KEYS],
+    /// d(phase) / d(path length) in turns per metre, the residual video phase included.
+    pub turns_per_m: f32,
+}
+
+/// What turns distances into phases and cells.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RangeScale {
+    pub centre_hz: f64,
+    pub slope_hz_per_s: f64,
+    /// Grid cells per second of delay.
+    pub cells_per_s: f64,
+    /// Grid cells.
+    pub n_cells: usize,
+}
+
+impl RangeScale {
+    /// Phase of a path of `tau_s` at the ADC centre, turns: f_c tau - S tau^2 / 2.
+    #[inline(always)]
+    pub fn turns(&self, tau_s: f64) -> f64 {
+        (self.centre_hz - 0.5 * self.slope_hz_per_s * tau_s) * tau_s
+    }
+
+    /// A source from the distances of its phase centre at the key times.
+    pub fn source(&self, from_centre: [DVec3; N_KEYS]) -> Source {
+        let tau_s = from_centre.map(|p| 2.0 * p.length() / SPEED_OF_LIGHT_MPS);
+        let mut cells = quartic(tau_s).map(|c| c * self.cells_per_s);
+        let n = self.n_cells as f64;
+        cells[0] -= (cells[0] / n).floor() * n;
+        Source {
+            turns: quartic(tau_s.map(|t| self.turns(t))),
+            cells: cells.map(|c| c as f32),
+            corners: [[0.0; N_KEYS]; 3],
+            coherent: [0.0; 3],
+            rough: [0.0; 3],
+            rough_phasor: [1.0, 0.0],
+            from_centre: from_centre.map(|p| p.as_vec3()),
+            turns_per_m: ((self.centre_hz - self.slope_hz_per_s * tau_s[2]) / SPEED_OF_LIGHT_MPS)
+                as f32,
+        }
+    }
+}
+
+impl Source {
+    /// Interval of instantaneous frequencies of the source's corners for |u| <= `reach`, in turns
+    /// per unit of u.
+    #[inline]
+    pub fn band(&self, reach: f64) -> (f64, f64) {
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for corner in &self.corners {
+            let c: [f64; N_KEYS] = std::array::from_fn(|i| self.turns[i] + f64::from(corner[i]));
+            let width =
+                reach * (2.0 * c[2].abs() + reach * (3.0 * c[3].abs() + reach * 4.0 * c[4].abs()));
+            low = low.min(c[1] - width);
+            high = high.max(c[1] + width);
+        }
+        (low, high)
+    }
+
+    /// Interval of grid positions for |u| <= `reach`, cells.
+    #[inline]
+    pub fn cell_range(&self, reach: f32) -> (f32, f32) {
+        let c = &self.cells;
+        let width =
+            reach * (c[1].abs() + reach * (c[2].abs() + reach * (c[3].abs() + reach * c[4].abs())));
+        (c[0] - width, c[0] + width)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn polynomials_pass_through_their_values() {
+        let p = |c: &[f64], u: f64| c.iter().rev().fold(0.0, |s, &c| s * u + c);
+        let values = [0.3, -1.0, 2.0, 0.7, 5.0];
+        let c = quartic(values);
+        for (k, v) in values.into_iter().enumerate() {
+            assert!((p(&c, 0.5 * k as f64 - 1.0) - v).abs() < 1e-14);
+        }
+        let c = parabola([1.0, 4.0, -2.0]);
+        assert_eq!(
+            [c[0] - c[1] + c[2], c[0], c[0] + c[1] + c[2]],
+            [1.0, 4.0, -2.0]
+        );
+    }
+
+    #[test]
+    fn the_reference_frame_is_one_segment_and_long_frames_are_cut() {
+        assert_eq!(Segment::all(&RadarConfig::awr1843boost()).len(), 1);
+        let long = RadarConfig {
+            n_loops: 400,
+            ..RadarConfig::awr1843boost()
+        };
+        let segments = Segment::all(&long);
+        assert_eq!(segments.iter().map(|s| s.n_loops).sum::<usize>(), 400);
+        assert!(segments.iter().all(|s| 2.0 * s.half_s <= LONGEST_SEGMENT_S));
+    }
+}

@@ -1,0 +1,158 @@
+//! The slow reference: the model's expression summed over facets, channels and samples in f64.
+//!
+//! Nothing is interpolated: surfaces are asked for their vertices at every chirp, distances are
+//! exact for every channel, and the triangle integral is evaluated anew. Only visibility is shared
+//! with the fast path, for it is part of the model (one raster per segment of a frame).
+
+use std::f64::consts::TAU;
+use std::ops::Range;
+
+use glam::{DVec3, Vec3};
+use num_complex::Complex64;
+use radarllm_base::{RadarConfig, RadarCube, SPEED_OF_LIGHT_MPS};
+
+use crate::error::SimError;
+use crate::facets::facet_gains;
+use crate::link::Link;
+use crate::motion::{N_KEYS, Segment, chirp_time_s};
+use crate::scatter::{FacetPhases, Reflection, divided_difference};
+use crate::scene::Scene;
+use crate::simulator::{SimOptions, check_frame};
+use crate::visibility::DepthRaster;
+
+/// Simulates `loops` of the frame that starts at `time_s` into `cube`, without noise; other loops
+/// are left as they are.
+///
+/// # Errors
+/// As [`crate::Simulator::simulate_frame`], and an empty or too long range of loops as a bad shape.
+pub fn simulate_loops(
+    config: &RadarConfig,
+    options: &SimOptions,
+    scene: &Scene<'_>,
+    time_s: f64,
+    seed: u64,
+    loops: Range<usize>,
+    cube: &mut RadarCube,
+) -> Result<(), SimError> {
+    config.validate()?;
+    check_frame(config, scene, time_s, cube)?;
+    if loops.end > config.n_loops {
+        return Err(SimError::Option {
+            option: "loops",
+            problem: format!("{loops:?} of a frame of {} loops", config.n_loops),
+        });
+    }
+    cube.time_s = time_s;
+    let link = Link::new(config);
+    let centre = link.array_centre_m.as_vec3();
+    let mut raster = DepthRaster::new(options.raster_size);
+    let (mut positions, mut triangles, mut coverage) = (Vec::new(), Vec::new(), Vec::new());
+    scene.concatenate_triangles(&mut triangles);
+    for segment in Segment::all(config) {
+        let mine = segment.first_loop..segment.first_loop + segment.n_loops;
+        let (from, to) = (loops.start.max(mine.start), loops.end.min(mine.end));
+        if from >= to {
+            continue;
+        }
+        let middle_s = time_s + segment.key_times_s()[N_KEYS / 2];
+        scene.positions_at(middle_s, centre, options.min_range_m, &mut positions)?;
+        raster.coverage(&positions, &triangles, centre, &mut coverage);
+        for loop_idx in from..to {
+            for tx_idx in 0..config.tx.len() {
+                let now_s = time_s + chirp_time_s(config, loop_idx, tx_idx);
+                scene.positions_at(now_s, centre, options.min_range_m, &mut positions)?;
+                let scatterers =
+                    scatterers(&link, scene, now_s, seed, &positions, &triangles, &coverage);
+                for rx_idx in 0..config.rx.len() {
+                    let channel = loop_idx * config.tx.len() + tx_idx;
+                    let start = (channel * config.rx.len() + rx_idx) * config.n_samples;
+                    let samples = &mut cube.data[start..start + config.n_samples];
+                    let sum = chirp(config, &scatterers, tx_idx, rx_idx);
+                    for (sample, value) in samples.iter_mut().zip(sum) {
+                        *sample = num_complex::Complex32::new(value.re as f32, value.im as f32);
+                    }
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A phase centre in the radar frame, m, and its complex amplitude, sqrt(W).
+struct Scatterer {
+    position: DVec3,
+    amplitude: Complex64,
+}
+
+fn scatterers(
+    link: &Link,
+    scene: &Scene<'_>,
+    now_s: f64,
+    seed: u64,
+    positions: &[Vec3],
+    triangles: &[[u32; 3]],
+    coverage: &[f32],
+) -> Vec<Scatterer> {
+    let mut out = Vec::new();
+    let mut first = 0;
+    for (surface_idx, surface) in scene.surfaces.iter().enumerate() {
+        let reflection = Reflection::new(surface.material(), link.wavelength_m);
+        let phases = FacetPhases::new(seed, surface_idx);
+        for facet in 0..surface.triangles().len() {
+            let share = coverage[first + facet];
+            if share == 0.0 {
+                continue;
+            }
+            let corners = triangles[first + facet]
+                .map(|i| positions[i as usize].as_dvec3() - link.array_centre_m);
+            let middle = (corners[0] + corners[1] + corners[2]) / 3.0;
+            // The IF phase grows with range (convention of the radar page): the field's
+            // exp(-2jkr), conjugated.
+            let phases_rad =
+                corners.map(|p| 2.0 * TAU / link.wavelength_m * (p.length() - middle.length()));
+            let (coherent, rough) =
+                facet_gains(link, &reflection, corners.map(|p| p.as_vec3()), share);
+            let phasor = phases.phasor(facet);
+            let phasor = Complex64::new(f64::from(phasor.re), f64::from(phasor.im));
+            let amplitude =
+                f64::from(coherent) * divided_difference(phases_rad) + f64::from(rough) * phasor;
+            out.push(Scatterer {
+                position: middle + link.array_centre_m,
+                amplitude,
+            });
+        }
+        first += surface.triangles().len();
+    }
+    for point in &scene.points {
+        let position = point.position_at(now_s);
+        let amplitude = point.rcs_m2.sqrt()
+            * f64::from(link.amplitude((position - link.array_centre_m).as_vec3()));
+        out.push(Scatterer {
+            position,
+            amplitude: amplitude.into(),
+        });
+    }
+    out
+}
+
+fn chirp(
+    config: &RadarConfig,
+    scatterers: &[Scatterer],
+    tx_idx: usize,
+    rx_idx: usize,
+) -> Vec<Complex64> {
+    let antenna = |a: radarllm_base::radar_config::Antenna| DVec3::new(a.x_m, 0.0, a.z_m);
+    let (tx, rx) = (antenna(config.tx[tx_idx]), antenna(config.rx[rx_idx]));
+    let mut out = vec![Complex64::ZERO; config.n_samples];
+    for scatterer in scatterers {
+        let path_m = scatterer.position.distance(tx) + scatterer.position.distance(rx);
+        let tau_s = path_m / SPEED_OF_LIGHT_MPS;
+        let slope = config.slope_hz_per_s;
+        for (n, sample) in out.iter_mut().enumerate() {
+            let t = config.adc_start_s + n as f64 / config.sample_rate_hz;
+            let turns = (config.start_hz + slope * t - 0.5 * slope * tau_s) * tau_s;
+            *sample += scatterer.amplitude * Complex64::from_polar(1.0, TAU * turns.fract());
+        }
+    }
+    out
+}

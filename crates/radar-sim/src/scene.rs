@@ -1,0 +1,204 @@
+//! What the radar looks at.
+
+use glam::{DVec3, Vec3};
+use radarllm_base::MovingSurface;
+
+use crate::error::SimError;
+
+/// Everything in front of the radar during a frame. Radar frame: x right, y boresight, z up.
+#[derive(Default)]
+pub struct Scene<'a> {
+    /// Triangle surfaces; they shadow one another.
+    pub surfaces: Vec<&'a dyn MovingSurface>,
+    /// Isotropic point targets; they neither shadow nor are shadowed.
+    pub points: Vec<PointTarget>,
+    /// Receiver noise.
+    pub noise: Noise,
+}
+
+/// An isotropic point of fixed cross section and constant velocity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PointTarget {
+    /// Position at time 0 (the scene's clock, not the frame's start), m.
+    pub position_m: DVec3,
+    /// Velocity, m/s.
+    pub velocity_mps: DVec3,
+    /// Radar cross section, m^2.
+    pub rcs_m2: f64,
+}
+
+impl PointTarget {
+    /// A target that stands still.
+    pub fn at(position_m: DVec3, rcs_m2: f64) -> Self {
+        Self {
+            position_m,
+            velocity_mps: DVec3::ZERO,
+            rcs_m2,
+        }
+    }
+
+    /// Position at `time_s`, m.
+    pub fn position_at(&self, time_s: f64) -> DVec3 {
+        self.position_m + self.velocity_mps * time_s
+    }
+}
+
+/// Receiver noise: white, circular complex Gaussian.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Noise {
+    /// Power k T0 B F with B the sample rate and F the radar's noise figure.
+    #[default]
+    Thermal,
+    /// Power this many dB below the cube's mean signal power (the RadarLLM paper's relative mode).
+    /// An empty scene gets none.
+    SnrDb(f64),
+    /// None.
+    Off,
+}
+
+/// Positions beyond this are refused: the range phase would lose its precision.
+const FARTHEST_M: f32 = 1000.0;
+
+impl Scene<'_> {
+    /// Checks all that does not move: indices, materials, point targets, noise.
+    ///
+    /// # Errors
+    /// The first thing that cannot be simulated.
+    pub fn validate(&self) -> Result<(), SimError> {
+        for (surface, shape) in self.surfaces.iter().enumerate() {
+            let m = shape.material();
+            for (field, value, most) in [
+                ("power_reflection", m.power_reflection, 1.0),
+                ("roughness_m", m.roughness_m, 1.0),
+                ("rough_albedo", m.rough_albedo, 100.0),
+            ] {
+                if !(0.0..=most).contains(&value) {
+                    return Err(SimError::Material {
+                        surface,
+                        field,
+                        value,
+                    });
+                }
+            }
+            let n_vertices = shape.n_vertices();
+            for (triangle, indices) in shape.triangles().iter().enumerate() {
+                if let Some(&vertex) = indices.iter().find(|&&i| i as usize >= n_vertices) {
+                    return Err(SimError::TriangleIndex {
+                        surface,
+                        triangle,
+                        vertex,
+                        n_vertices,
+                    });
+                }
+            }
+        }
+        for (point, target) in self.points.iter().enumerate() {
+            let near = |v: DVec3, most: f64| v.is_finite() && v.length() <= most;
+            if !near(target.position_m, 1e6) {
+                return Err(SimError::Point {
+                    point,
+                    field: "position_m",
+                });
+            }
+            if !near(target.velocity_mps, 1e4) {
+                return Err(SimError::Point {
+                    point,
+                    field: "velocity_mps",
+                });
+            }
+            if !(0.0..=1e12).contains(&target.rcs_m2) {
+                return Err(SimError::Point {
+                    point,
+                    field: "rcs_m2",
+                });
+            }
+        }
+        if let Noise::SnrDb(snr_db) = self.noise
+            && !(-200.0..=200.0).contains(&snr_db)
+        {
+            return Err(SimError::Snr { snr_db });
+        }
+        let count = self
+            .surfaces
+            .iter()
+            .map(|s| s.n_vertices().max(s.triangles().len()))
+            .sum();
+        let limit = 1 << 26;
+        if count > limit {
+            return Err(SimError::TooMany { count, limit });
+        }
+        Ok(())
+    }
+
+    /// Number of triangles of all surfaces.
+    pub fn n_facets(&self) -> usize {
+        self.surfaces.iter().map(|s| s.triangles().len()).sum()
+    }
+
+    /// Writes the triangles of all surfaces with indices into [`Self::positions_at`].
+    pub(crate) fn concatenate_triangles(&self, out: &mut Vec<[u32; 3]>) {
+        out.clear();
+        let mut first = 0;
+        for shape in &self.surfaces {
+            out.extend(shape.triangles().iter().map(|t| t.map(|i| i + first)));
+            first += shape.n_vertices() as u32;
+        }
+    }
+
+    /// Writes the vertices of all surfaces, one surface after another, at `time_s`.
+    ///
+    /// # Errors
+    /// A vertex that is NaN, infinite, beyond a kilometre, or nearer than `min_range_m` to
+    /// `array_centre`.
+    pub(crate) fn positions_at(
+        &self,
+        time_s: f64,
+        array_centre: Vec3,
+        min_range_m: f64,
+        out: &mut Vec<Vec3>,
+    ) -> Result<(), SimError> {
+        let n_vertices = self.surfaces.iter().map(|s| s.n_vertices()).sum();
+        out.clear();
+        out.resize(n_vertices, Vec3::ZERO);
+        let mut first = 0;
+        for (surface, shape) in self.surfaces.iter().enumerate() {
+            let part = &mut out[first..first + shape.n_vertices()];
+            first += part.len();
+            shape.positions_at(time_s, part);
+            // One pass without branches over the good case; the culprit is looked for afterwards.
+            let (mut nearest, mut farthest) = (f32::INFINITY, 0.0_f32);
+            let mut not_finite = false;
+            for p in part.iter() {
+                let d2 = p.distance_squared(array_centre);
+                nearest = nearest.min(d2);
+                farthest = farthest.max(d2);
+                not_finite |= d2.is_nan();
+            }
+            if not_finite || farthest > FARTHEST_M * FARTHEST_M {
+                let bad = |p: &Vec3| {
+                    let d2 = p.distance_squared(array_centre);
+                    d2.is_nan() || d2 > FARTHEST_M * FARTHEST_M
+                };
+                let vertex = part.iter().position(bad).unwrap_or(0);
+                let position = part[vertex].to_array();
+                return Err(SimError::Position {
+                    surface,
+                    vertex,
+                    time_s,
+                    position,
+                });
+            }
+            let range_m = f64::from(nearest.sqrt());
+            if range_m < min_range_m {
+                return Err(SimError::TooClose {
+                    what: "surface",
+                    index: surface,
+                    range_m,
+                    min_range_m,
+                    time_s,
+                });
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,244 @@
+//! Triangulated solids that move as rigid bodies, for scenes and tests.
+
+use glam::{DQuat, DVec3, Vec3};
+use radarllm_base::{Material, MovingSurface};
+
+/// A rigid mesh: at time t, `position_m + velocity_mps t + 1/2 acceleration t^2 + R(t) p`, R a
+/// rotation of `angular_velocity` t about the mesh's origin after `orientation`.
+#[derive(Clone, Debug)]
+pub struct RigidSurface {
+    vertices: Vec<DVec3>,
+    triangles: Vec<[u32; 3]>,
+    /// How it scatters.
+    pub material: Material,
+    /// Place of the mesh's origin at time 0, m.
+    pub position_m: DVec3,
+    /// Velocity at time 0, m/s.
+    pub velocity_mps: DVec3,
+    /// Constant acceleration, m/s^2.
+    pub acceleration_mps2: DVec3,
+    /// Orientation at time 0.
+    pub orientation: DQuat,
+    /// Rotation, rad/s about the vector's axis.
+    pub angular_velocity: DVec3,
+}
+
+impl RigidSurface {
+    /// A mesh at the origin at rest, a perfect conductor. Triangles counter-clockwise seen from
+    /// outside.
+    pub fn new(vertices: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Self {
+        Self {
+            vertices,
+            triangles,
+            material: Material::PEC,
+            position_m: DVec3::ZERO,
+            velocity_mps: DVec3::ZERO,
+            acceleration_mps2: DVec3::ZERO,
+            orientation: DQuat::IDENTITY,
+            angular_velocity: DVec3::ZERO,
+        }
+    }
+
+    /// The same, elsewhere.
+    pub fn at(self, position_m: DVec3) -> Self {
+        Self { position_m, ..self }
+    }
+
+    /// The same, of another material.
+    pub fn of(self, material: Material) -> Self {
+        Self { material, ..self }
+    }
+
+    /// The same, moving.
+    pub fn moving(self, velocity_mps: DVec3) -> Self {
+        Self {
+            velocity_mps,
+            ..self
+        }
+    }
+
+    /// The same, turned at time 0.
+    pub fn turned(self, orientation: DQuat) -> Self {
+        Self {
+            orientation,
+            ..self
+        }
+    }
+
+    /// A sphere about the origin: latitude rings with edges of about `edge_m` or less.
+    pub fn sphere(radius_m: f64, edge_m: f64) -> Self {
+        Self::ellipsoid(DVec3::splat(radius_m), edge_m)
+    }
+
+    /// An ellipsoid with half axes `radii_m` about the origin; `edge_m` as for a sphere of the
+    /// largest.
+    pub fn ellipsoid(radii_m: DVec3, edge_m: f64) -> Self {
+        let rings = segments(std::f64::consts::PI * radii_m.max_element(), edge_m).max(4);
+        let around = segments(std::f64::consts::TAU * radii_m.x.max(radii_m.y), edge_m).max(6);
+        grid(rings, around, |s, t| {
+            let (sin_polar, cos_polar) = (std::f64::consts::PI * s).sin_cos();
+            let (sin, cos) = (std::f64::consts::TAU * t).sin_cos();
+            radii_m * DVec3::new(sin_polar * cos, sin_polar * sin, cos_polar)
+        })
+    }
+
+    /// An open cylinder (no caps) about the z axis, centred on the origin.
+    pub fn cylinder(radius_m: f64, length_m: f64, edge_m: f64) -> Self {
+        let around = segments(std::f64::consts::TAU * radius_m, edge_m).max(6);
+        grid(segments(length_m, edge_m), around, |s, t| {
+            let (sin, cos) = (std::f64::consts::TAU * t).sin_cos();
+            DVec3::new(radius_m * cos, radius_m * sin, length_m * (0.5 - s))
+        })
+    }
+
+    /// A plate in the xz plane, centred on the origin, its outside facing -y (towards the radar).
+    pub fn plate(width_m: f64, height_m: f64, edge_m: f64) -> Self {
+        let (columns, rows) = (segments(width_m, edge_m), segments(height_m, edge_m));
+        grid(rows, columns, |s, t| {
+            DVec3::new(width_m * (t - 0.5), 0.0, height_m * (0.5 - s))
+        })
+    }
+
+    /// A box centred on the origin, its faces plates of the given edge.
+    pub fn cuboid(size_m: DVec3, edge_m: f64) -> Self {
+        use std::f64::consts::{FRAC_PI_2, PI};
+        let mut all = Self::new(Vec::new(), Vec::new());
+        for (turn, width, height, depth) in [
+            (DQuat::IDENTITY, size_m.x, size_m.z, size_m.y),
+            (DQuat::from_rotation_z(PI), size_m.x, size_m.z, size_m.y),
+            (
+                DQuat::from_rotation_z(FRAC_PI_2),
+                size_m.y,
+                size_m.z,
+                size_m.x,
+            ),
+            (
+                DQuat::from_rotation_z(-FRAC_PI_2),
+                size_m.y,
+                size_m.z,
+                size_m.x,
+            ),
+            (
+                DQuat::from_rotation_x(FRAC_PI_2),
+                size_m.x,
+                size_m.y,
+                size_m.z,
+            ),
+            (
+                DQuat::from_rotation_x(-FRAC_PI_2),
+                size_m.x,
+                size_m.y,
+                size_m.z,
+            ),
+        ] {
+            let mut face = Self::plate(width, height, edge_m);
+            for vertex in &mut face.vertices {
+                *vertex = turn * (*vertex - DVec3::Y * 0.5 * depth);
+            }
+            all = all.merged(face);
+        }
+        all
+    }
+
+    /// Two meshes as one; motion and material are the first's.
+    pub fn merged(mut self, other: Self) -> Self {
+        let first = self.vertices.len() as u32;
+        self.vertices.extend(other.vertices);
+        self.triangles
+            .extend(other.triangles.into_iter().map(|t| t.map(|i| i + first)));
+        self
+    }
+
+    /// Moves the mesh's own vertices, before any motion.
+    pub fn shifted(mut self, by: DVec3) -> Self {
+        for vertex in &mut self.vertices {
+            *vertex += by;
+        }
+        self
+    }
+}
+
+impl MovingSurface for RigidSurface {
+    fn triangles(&self) -> &[[u32; 3]] {
+        &self.triangles
+    }
+
+    fn n_vertices(&self) -> usize {
+        self.vertices.len()
+    }
+
+    fn positions_at(&self, time_s: f64, out: &mut [Vec3]) {
+        let turn = DQuat::from_scaled_axis(self.angular_velocity * time_s) * self.orientation;
+        let shift = self.position_m
+            + self.velocity_mps * time_s
+            + self.acceleration_mps2 * (0.5 * time_s * time_s);
+        for (to, &p) in out.iter_mut().zip(&self.vertices) {
+            *to = (turn * p + shift).as_vec3();
+        }
+    }
+
+    fn material(&self) -> Material {
+        self.material
+    }
+}
+
+fn segments(length_m: f64, edge_m: f64) -> usize {
+    // Clamped: a careless edge must not ask for terabytes.
+    ((length_m / edge_m).ceil().clamp(1.0, 4096.0)) as usize
+}
+
+/// Triangles of a surface over s in 0..=1 (rows, down) and t in 0..=1 (columns, to the right seen
+/// from outside); triangles without area (poles) are left out.
+fn grid(rows: usize, columns: usize, at: impl Fn(f64, f64) -> DVec3) -> RigidSurface {
+    let mut vertices = Vec::new();
+    for row in 0..=rows {
+        for column in 0..=columns {
+            vertices.push(at(row as f64 / rows as f64, column as f64 / columns as f64));
+        }
+    }
+    let mut triangles = Vec::new();
+    let index = |row: usize, column: usize| (row * (columns + 1) + column) as u32;
+    for row in 0..rows {
+        for column in 0..columns {
+            let (a, b) = (index(row, column), index(row, column + 1));
+            let (c, d) = (index(row + 1, column), index(row + 1, column + 1));
+            for triangle in [[a, c, d], [a, d, b]] {
+                let [p, q, r] = triangle.map(|i| vertices[i as usize]);
+                if (q - p).cross(r - p).length() > 1e-12 {
+                    triangles.push(triangle);
+                }
+            }
+        }
+    }
+    RigidSurface::new(vertices, triangles)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sum of p . N over the triangles / 3: the enclosed volume if all face outwards.
+    fn volume(mesh: &RigidSurface) -> f64 {
+        let v = |i: u32| mesh.vertices[i as usize];
+        mesh.triangles
+            .iter()
+            .map(|&[a, b, c]| v(a).dot((v(b) - v(a)).cross(v(c) - v(a))) / 6.0)
+            .sum()
+    }
+
+    #[test]
+    fn solids_face_outwards() {
+        let sphere = RigidSurface::sphere(0.5, 0.01);
+        // Inscribed polyhedron: short of the sphere by about (edge / radius)^2 / 4.
+        assert!((volume(&sphere) / (4.0 / 3.0 * std::f64::consts::PI * 0.125) - 1.0).abs() < 2e-4);
+        let cuboid = RigidSurface::cuboid(DVec3::new(1.0, 2.0, 3.0), 0.3);
+        assert!((volume(&cuboid) - 6.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_plate_faces_the_radar() {
+        let plate = RigidSurface::plate(1.0, 1.0, 1.0);
+        let [a, b, c] = plate.triangles[0].map(|i| plate.vertices[i as usize]);
+        assert!((b - a).cross(c - a).y < 0.0);
+    }
+}

@@ -1,0 +1,671 @@
+//! Sources onto the range grid: the inner loops of the fast path.
+//!
+//! Lanes are channels (sixteen at a time). A source is evaluated at the nodes of its Doppler
+//! group's level; per node, the phase of every channel is the reference phase plus a quartic for
+//! the channel's path difference and TDM delay, and six taps of twelve-plus lanes are added to the
+//! grid. Then whole groups are interpolated to the loops.
+
+use glam::Vec3;
+
+use crate::gridding::{Kernel, SLACK_CELLS, WIDTH};
+use crate::motion::{N_KEYS, Source};
+use crate::simd::{Lanes, dispatch, sin_cos_turns};
+use crate::slow_time::{LEAD, Level, TAPS};
+
+/// Channels that travel together.
+pub(crate) const LANES: usize = 16;
+/// Node buffers are padded to whole lanes.
+const NODE_ROOM: usize = 48;
+
+/// One range cell of up to sixteen channels.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+pub(crate) struct Cell {
+    pub re: [f32; LANES],
+    pub im: [f32; LANES],
+}
+
+impl Cell {
+    pub const ZERO: Self = Self {
+        re: [0.0; LANES],
+        im: [0.0; LANES],
+    };
+}
+
+/// The channels of one pass.
+#[derive(Clone, Debug)]
+pub(crate) struct ChannelBlock {
+    /// First channel, `tx * n_rx + rx`.
+    pub first: usize,
+    /// How many lanes are channels; the rest repeat the last.
+    pub len: usize,
+    /// TX offsets from the array centre, m.
+    tx_x: [f32; LANES],
+    tx_z: [f32; LANES],
+    /// RX offsets from the array centre, m.
+    rx_x: [f32; LANES],
+    rx_z: [f32; LANES],
+    /// Squares of the offsets' lengths, m^2.
+    tx_square: [f32; LANES],
+    rx_square: [f32; LANES],
+    /// Delay of the lane's TDM slot, s.
+    slot_s: [f32; LANES],
+    /// The same over the last slot's delay, 0..=1.
+    slot_share: [f32; LANES],
+    /// Most path difference of any lane, m.
+    reach_m: f32,
+    /// Most sum of a lane's TX and RX offsets along x and along z, m.
+    reach_x_m: f32,
+    reach_z_m: f32,
+    /// Most slot delay, s.
+    most_slot_s: f32,
+}
+
+impl ChannelBlock {
+    /// All channels of a radar, sixteen at a time.
+    pub fn all(config: &radarllm_base::RadarConfig, centre: glam::DVec3) -> Vec<Self> {
+        let n = config.tx.len() * config.rx.len();
+        (0..n)
+            .step_by(LANES)
+            .map(|first| {
+                let len = LANES.min(n - first);
+                let lane = |i: usize| {
+                    let channel = first + i.min(len - 1);
+                    let (tx, rx) = (channel / config.rx.len(), channel % config.rx.len());
+                    (tx, config.tx[tx], config.rx[rx])
+                };
+                let tx_x = std::array::from_fn(|i| (lane(i).1.x_m - centre.x) as f32);
+                let tx_z = std::array::from_fn(|i| (lane(i).1.z_m - centre.z) as f32);
+                let rx_x = std::array::from_fn(|i| (lane(i).2.x_m - centre.x) as f32);
+                let rx_z = std::array::from_fn(|i| (lane(i).2.z_m - centre.z) as f32);
+                let square = |x: &[f32; LANES], z: &[f32; LANES]| {
+                    std::array::from_fn(|i| x[i] * x[i] + z[i] * z[i])
+                };
+                let (tx_square, rx_square) = (square(&tx_x, &tx_z), square(&rx_x, &rx_z));
+                let slot_s =
+                    std::array::from_fn(|i| (lane(i).0 as f64 * config.chirp_period_s()) as f32);
+                let reach_m = (0..LANES)
+                    .map(|i: usize| tx_square[i].sqrt() + rx_square[i].sqrt())
+                    .fold(0.0, f32::max);
+                let most_sum = |tx: &[f32; LANES], rx: &[f32; LANES]| {
+                    tx.iter()
+                        .zip(rx)
+                        .map(|(a, b)| (a + b).abs())
+                        .fold(0.0, f32::max)
+                };
+                let (reach_x_m, reach_z_m) = (most_sum(&tx_x, &rx_x), most_sum(&tx_z, &rx_z));
+                let most_slot_s = slot_s.iter().copied().fold(0.0, f32::max);
+                let slot_share = slot_s.map(|s: f32| s / most_slot_s.max(f32::MIN_POSITIVE));
+                Self {
+                    first,
+                    len,
+                    tx_x,
+                    tx_z,
+                    rx_x,
+                    rx_z,
+                    tx_square,
+                    rx_square,
+                    slot_s,
+                    slot_share,
+                    reach_m,
+                    reach_x_m,
+                    reach_z_m,
+                    most_slot_s,
+                }
+            })
+            .collect()
+    }
+
+    /// Bound of what the channels' path differences add to a source's frequency, turns per unit of
+    /// u; `speed_m` is the source's path per unit of u.
+    pub fn extra_band(&self, source: &Source, speed_m: f32) -> f32 {
+        source.turns_per_m * self.reach_m * speed_m / source.from_centre[2].length()
+    }
+
+    /// Bound of a channel's distance from the reference position, cells.
+    pub fn cell_reach(&self, source: &Source, cells_per_turn: f32, half_s: f32) -> f32 {
+        let c = &source.cells;
+        let walk = c[1].abs() + 2.0 * c[2].abs() + 3.0 * c[3].abs() + 4.0 * c[4].abs();
+        // |p - a| - |p| lies within |p.a| / r + 2 a^2 / r; directions at the keys and their change.
+        let p = source.from_centre[2];
+        let inverse = 1.0 / p.length();
+        let turn = (p - source.from_centre[0]).length() + (p - source.from_centre[4]).length();
+        let path_m = inverse
+            * (self.reach_x_m * p.x.abs()
+                + self.reach_z_m * p.z.abs()
+                + self.reach_m * (turn + 2.0 * self.reach_m));
+        source.turns_per_m * path_m * cells_per_turn + walk * self.most_slot_s / half_s
+    }
+}
+
+/// Sources of one Doppler group, as indices into the segment's sources.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Group {
+    pub level: usize,
+    /// Centre frequency, turns per unit of u.
+    pub turns_per_u: f64,
+    /// Range of `SpreadJob::order`.
+    pub first: usize,
+    pub end: usize,
+    /// Cells the group may touch.
+    pub first_cell: i32,
+    pub n_cells: usize,
+}
+
+/// What one pass needs.
+pub(crate) struct SpreadJob<'a> {
+    pub sources: &'a [Source],
+    pub order: &'a [u32],
+    pub groups: &'a [Group],
+    pub levels: &'a [Level],
+    pub channels: &'a ChannelBlock,
+    pub kernel: &'a Kernel,
+    /// Cells per turn of phase.
+    pub cells_per_turn: f32,
+    /// Half of the segment's length, s.
+    pub half_s: f64,
+    /// u of loop 0 and per loop.
+    pub u_first: f64,
+    pub u_per_loop: f64,
+    pub n_loops: usize,
+    /// One group's grid, `[node][cell]`.
+    pub grid: &'a mut Vec<Cell>,
+    /// The segment's grid, `[loop][cell]`, cells from `first_cell`; overwritten.
+    pub out: &'a mut Vec<Cell>,
+    pub first_cell: i32,
+    pub n_cells: usize,
+}
+
+dispatch!(
+    /// Spreads all groups and interpolates them into `out`.
+    pub(crate) fn spread => spread_body(job: SpreadJob<'_>)
+);
+
+/// A source at the nodes of one block.
+struct Nodes {
+    u: Rooms,
+    /// Reference phase less the group's, turns in -1/2..1/2.
+    turns: Rooms,
+    /// Amplitude at TDM slot 0.
+    re: Rooms,
+    im: Rooms,
+    /// What it gains by the last slot.
+    more_re: Rooms,
+    more_im: Rooms,
+    cells: Rooms,
+}
+
+/// One value per node.
+type Rooms = [[f32; LANES]; NODE_ROOM / LANES];
+
+#[inline(always)]
+fn spread_body<L: Lanes>(job: SpreadJob<'_>) {
+    let SpreadJob {
+        sources,
+        order,
+        groups,
+        levels,
+        channels,
+        kernel,
+        ..
+    } = job;
+    job.out.clear();
+    job.out.resize(job.n_loops * job.n_cells, Cell::ZERO);
+    let zero: Rooms = [[0.0; LANES]; NODE_ROOM / LANES];
+    let mut nodes = Nodes {
+        u: zero,
+        turns: zero,
+        re: zero,
+        im: zero,
+        more_re: zero,
+        more_im: zero,
+        cells: zero,
+    };
+    let last_slot_u = channels.most_slot_s / job.half_s as f32;
+    let slot = L::load(&channels.slot_share);
+    for group in groups {
+        let level = &levels[group.level];
+        let offset = (group.first_cell - job.first_cell) as usize;
+        let mut first_loop = 0;
+        while first_loop < job.n_loops {
+            let n_loops = level.block_loops.min(job.n_loops - first_loop);
+            let n_nodes = level.n_nodes(n_loops);
+            let mut u = [[0.0_f64; LANES]; NODE_ROOM / LANES];
+            for (node, u) in u.as_flattened_mut().iter_mut().enumerate() {
+                let at = first_loop as f64 + level.loop_of(node.min(n_nodes - 1));
+                *u = job.u_first + at * job.u_per_loop;
+            }
+            for (to, from) in nodes.u.as_flattened_mut().iter_mut().zip(u.as_flattened()) {
+                *to = *from as f32;
+            }
+            // Loops that are nodes need no grid between: they go straight to the output.
+            let (grid, width, shift) = if level.is_direct() {
+                let start = first_loop * job.n_cells;
+                (
+                    &mut job.out[start..start + n_loops * job.n_cells],
+                    job.n_cells,
+                    job.first_cell,
+                )
+            } else {
+                job.grid.clear();
+                job.grid.resize(n_nodes * group.n_cells, Cell::ZERO);
+                (&mut job.grid[..], group.n_cells, group.first_cell)
+            };
+            for &index in &order[group.first..group.end] {
+                let source = &sources[index as usize];
+                evaluate::<L>(
+                    source,
+                    &u,
+                    group.turns_per_u,
+                    last_slot_u,
+                    n_nodes,
+                    &mut nodes,
+                );
+                let lanes = channel_turns::<L>(source, channels, job.half_s as f32);
+                let reach = channels.cell_reach(source, job.cells_per_turn, job.half_s as f32);
+                if reach <= SLACK_CELLS as f32 {
+                    add_compact(
+                        &nodes,
+                        n_nodes,
+                        &lanes,
+                        slot,
+                        kernel,
+                        job.cells_per_turn,
+                        shift,
+                        width,
+                        grid,
+                    );
+                } else {
+                    add_wide(
+                        &nodes,
+                        n_nodes,
+                        &lanes,
+                        slot,
+                        kernel,
+                        job.cells_per_turn,
+                        shift,
+                        width,
+                        grid,
+                    );
+                }
+            }
+            if !level.is_direct() {
+                for l in 0..n_loops {
+                    let u = job.u_first + (first_loop + l) as f64 * job.u_per_loop;
+                    let turns = group.turns_per_u * u;
+                    let (sin, cos) = ((turns - turns.round()) * std::f64::consts::TAU).sin_cos();
+                    let start = (first_loop + l) * job.n_cells + offset;
+                    interpolate::<L>(
+                        &job.grid[l / level.step * group.n_cells..],
+                        group.n_cells,
+                        &level.weights[l % level.step],
+                        [cos as f32, sin as f32],
+                        &mut job.out[start..start + group.n_cells],
+                    );
+                }
+            }
+            first_loop += n_loops;
+        }
+    }
+}
+
+/// Phase, amplitude and position of a source at all nodes of a block; lanes are nodes.
+#[inline(always)]
+fn evaluate<L: Lanes>(
+    source: &Source,
+    u: &[[f64; LANES]; NODE_ROOM / LANES],
+    group_turns_per_u: f64,
+    last_slot_u: f32,
+    n_nodes: usize,
+    nodes: &mut Nodes,
+) {
+    let c = &source.turns;
+    let c1 = c[1] - group_turns_per_u;
+    let rooms = n_nodes.div_ceil(LANES);
+    for (room, u) in u[..rooms].iter().enumerate() {
+        let t = L::load(&nodes.u[room]);
+        for (to, &t) in nodes.turns[room].iter_mut().zip(u) {
+            let phase = (((c[4] * t + c[3]) * t + c[2]) * t + c1) * t + c[0];
+            // Adding 1.5 * 2^52 rounds to the nearest integer in any vector width.
+            const MAGIC: f64 = 6_755_399_441_055_744.0;
+            *to = (phase - ((phase + MAGIC) - MAGIC)) as f32;
+        }
+        t.polynomial(&source.cells).store(&mut nodes.cells[room]);
+        let (re, im) = amplitude(source, t);
+        re.store(&mut nodes.re[room]);
+        im.store(&mut nodes.im[room]);
+        if last_slot_u != 0.0 {
+            // A turning facet changes between the slots of one loop (a kicking limb by 0.1 rad):
+            // linear in between, which leaves the square of that over eight.
+            let (late_re, late_im) = amplitude(source, t.add(L::splat(last_slot_u)));
+            late_re.sub(re).store(&mut nodes.more_re[room]);
+            late_im.sub(im).store(&mut nodes.more_im[room]);
+        }
+    }
+}
+
+/// Amplitude relative to the reference phase, sqrt(W).
+#[inline(always)]
+fn amplitude<L: Lanes>(source: &Source, t: L) -> (L, L) {
+    let rough = t.polynomial(&source.rough);
+    let re = rough.mul(L::splat(source.rough_phasor[0]));
+    let im = rough.mul(L::splat(source.rough_phasor[1]));
+    if source.coherent == [0.0; 3] {
+        return (re, im);
+    }
+    let [p, q, r] = &source.corners;
+    let (dd_re, dd_im) = divided_difference([t.polynomial(p), t.polynomial(q), t.polynomial(r)]);
+    let gain = t.polynomial(&source.coherent);
+    (gain.fma(dd_re, re), gain.fma(dd_im, im))
+}
+
+/// [`crate::scatter::divided_difference`] for sixteen phase triples in turns.
+#[inline(always)]
+fn divided_difference<L: Lanes>([p, q, r]: [L; 3]) -> (L, L) {
+    let tau = L::splat(std::f32::consts::TAU);
+    let half = L::splat(0.5);
+    let low = p.min(q);
+    let high = p.max(q);
+    let a = low.min(r);
+    let c = high.max(r);
+    let b = low.max(high.min(r));
+    let (ab_re, ab_im, cos, sin) = first_difference(a, b);
+    let (bc_re, bc_im, _, _) = first_difference(b, c);
+    let span = c.sub(a).mul(tau);
+    let inverse = L::splat(1.0).div(span.max(L::splat(1e-3)));
+    let re = bc_im.sub(ab_im).mul(inverse);
+    let im = ab_re.sub(bc_re).mul(inverse);
+    // Nearly equal phases: e^{j mean} (1/2 - sum (phi - mean)^2 / 48). The phasor of (a + b)/2 is
+    // at most 0.03 rad away and turned to the mean by its series.
+    let mean = a.add(b).add(c).mul(L::splat(1.0 / 3.0));
+    let turn = mean.sub(a.add(b).mul(half)).mul(tau);
+    let size = deviation(a, mean)
+        .add(deviation(b, mean))
+        .add(deviation(c, mean));
+    let size = size.fnma(L::splat(1.0 / 48.0), half);
+    let near_one = turn.mul(turn).fnma(half, L::splat(1.0));
+    let near_re = cos.mul(near_one).sub(sin.mul(turn)).mul(size);
+    let near_im = sin.mul(near_one).add(cos.mul(turn)).mul(size);
+    let limit = L::splat(0.06);
+    (
+        span.select_lt(limit, near_re, re),
+        span.select_lt(limit, near_im, im),
+    )
+}
+
+/// First divided difference of `exp` at two phases, and the phasor of their mean.
+#[inline(always)]
+fn first_difference<L: Lanes>(a: L, b: L) -> (L, L, L, L) {
+    let half = L::splat(0.5);
+    let (sin, cos) = sin_cos_turns(a.add(b).mul(half));
+    // sin(x)/x of half the difference; the floor keeps 0/0 out and is exact in f32.
+    let x = b.sub(a).mul(half).max(L::splat(1e-6));
+    let sinc = sin_cos_turns(x)
+        .0
+        .div(x.mul(L::splat(std::f32::consts::TAU)));
+    (cos.mul(sinc), sin.mul(sinc), cos, sin)
+}
+
+/// Squared distance of two phases in turns, rad^2.
+#[inline(always)]
+fn deviation<L: Lanes>(x: L, mean: L) -> L {
+    let d = x.sub(mean).mul(L::splat(std::f32::consts::TAU));
+    d.mul(d)
+}
+
+/// `|p - a| - |p|` for antennas at (x, 0, z) with `square = x^2 + z^2`, without cancellation:
+/// `(a^2 - 2 p.a) / (|p - a| + |p|)`.
+#[inline(always)]
+fn path_difference<L: Lanes>(p: Vec3, r2: f32, r: f32, x: L, z: L, square: L) -> L {
+    let excess = x.fma(L::splat(-2.0 * p.x), z.fma(L::splat(-2.0 * p.z), square));
+    excess.div(excess.add(L::splat(r2)).sqrt().add(L::splat(r)))
+}
+
+/// [`path_difference`] as a series of e = (a^2 - 2 p.a) / r^2, a sixth of the time. For r > 40 |a|,
+/// |e| < 0.051 and the next term is 7/256 r e^5 < 1e-8 r.
+#[inline(always)]
+fn path_difference_far<L: Lanes>(p: Vec3, r: f32, x: L, z: L, square: L) -> L {
+    let inverse = 1.0 / r;
+    let c = -2.0 * inverse * inverse;
+    let e = square.mul(L::splat(inverse * inverse));
+    let e = x.fma(L::splat(c * p.x), z.fma(L::splat(c * p.z), e));
+    let series = e.polynomial(&[0.5 * r, -0.125 * r, 0.0625 * r, -0.039_062_5 * r]);
+    series.mul(e)
+}
+
+#[inline(always)]
+fn scaled<L: Lanes>(x: L, by: f32) -> L {
+    x.mul(L::splat(by))
+}
+
+/// Quartics of every channel's phase relative to the reference channel's, turns: the path
+/// difference, and what the reference phase gains by the channel's TDM delay.
+#[inline(always)]
+fn channel_turns<L: Lanes>(source: &Source, channels: &ChannelBlock, half_s: f32) -> [L; N_KEYS] {
+    let (tx_x, tx_z) = (L::load(&channels.tx_x), L::load(&channels.tx_z));
+    let (rx_x, rx_z) = (L::load(&channels.rx_x), L::load(&channels.rx_z));
+    let (tx_square, rx_square) = (L::load(&channels.tx_square), L::load(&channels.rx_square));
+    let scale = L::splat(source.turns_per_m);
+    let mut v = [L::splat(0.0); N_KEYS];
+    for (v, &p) in v.iter_mut().zip(&source.from_centre) {
+        let r2 = p.length_squared();
+        let r = r2.sqrt();
+        *v = if r > 40.0 * channels.reach_m {
+            path_difference_far(p, r, tx_x, tx_z, tx_square)
+                .add(path_difference_far(p, r, rx_x, rx_z, rx_square))
+        } else {
+            path_difference(p, r2, r, tx_x, tx_z, tx_square)
+                .add(path_difference(p, r2, r, rx_x, rx_z, rx_square))
+        }
+        .mul(scale);
+    }
+    let half = L::splat(0.5);
+    let (s1, s2) = (v[3].sub(v[1]), v[4].sub(v[0]).mul(half));
+    let (e1, e2) = (
+        v[1].add(v[3]).mul(half).sub(v[2]),
+        v[0].add(v[4]).mul(half).sub(v[2]),
+    );
+    let third = L::splat(4.0 / 3.0);
+    let c3 = s2.sub(s1).mul(third);
+    let c4 = e1.fnma(L::splat(4.0), e2).mul(third);
+    let path = [v[2], s2.sub(c3), e2.sub(c4), c3, c4];
+    // The delay h of the lane's slot in u: P(u + h) - P(u), by its derivatives; h is at most a few
+    // per cent where it matters, and this is the exact expansion for a quartic.
+    let h = L::load(&channels.slot_s).mul(L::splat(1.0 / half_s));
+    let mut p = path;
+    for (p, &turns) in p.iter_mut().zip(&source.turns) {
+        *p = p.add(L::splat(turns as f32));
+    }
+    let d0 = h.mul(p[1].add(h.mul(p[2].add(h.mul(p[3].add(h.mul(p[4])))))));
+    let d1 = h.mul(scaled(p[2], 2.0).add(h.mul(scaled(p[3], 3.0).add(scaled(h.mul(p[4]), 4.0)))));
+    let d2 = h.mul(scaled(p[3], 3.0).add(scaled(h.mul(p[4]), 6.0)));
+    let d3 = scaled(h.mul(p[4]), 4.0);
+    [
+        path[0].add(d0),
+        path[1].add(d1),
+        path[2].add(d2),
+        path[3].add(d3),
+        path[4],
+    ]
+}
+
+/// Phasors of all channels at one node, and their distance from the reference in turns.
+#[inline(always)]
+fn phasors<L: Lanes>(nodes: &Nodes, node: usize, lanes: &[L; N_KEYS], slot: L) -> (L, L, L) {
+    let t = at::<L>(&nodes.u, node);
+    let d = lanes[4]
+        .fma(t, lanes[3])
+        .fma(t, lanes[2])
+        .fma(t, lanes[1])
+        .fma(t, lanes[0]);
+    let (sin, cos) = sin_cos_turns(d.add(at(&nodes.turns, node)));
+    let re = slot.fma(at(&nodes.more_re, node), at(&nodes.re, node));
+    let im = slot.fma(at(&nodes.more_im, node), at(&nodes.im, node));
+    (im.fnma(sin, re.mul(cos)), im.fma(cos, re.mul(sin)), d)
+}
+
+#[inline(always)]
+fn at<L: Lanes>(rooms: &Rooms, node: usize) -> L {
+    L::splat(rooms.as_flattened()[node])
+}
+
+/// Adds a source whose channels all lie within [`SLACK_CELLS`] of one another.
+#[inline(always)]
+#[expect(clippy::too_many_arguments)]
+fn add_compact<L: Lanes>(
+    nodes: &Nodes,
+    n_nodes: usize,
+    lanes: &[L; N_KEYS],
+    slot: L,
+    kernel: &Kernel,
+    cells_per_turn: f32,
+    first_cell: i32,
+    width: usize,
+    grid: &mut [Cell],
+) {
+    let cells_per_turn = L::splat(cells_per_turn);
+    for node in 0..n_nodes {
+        let (re, im, d) = phasors(nodes, node, lanes, slot);
+        let position = nodes.cells.as_flattened()[node];
+        let cell = position.floor();
+        let v = d.fma(cells_per_turn, L::splat(position - cell - 0.5));
+        let y = v.mul(v);
+        // SAFETY: cells are finite and within a few grid widths (checked when sources are made).
+        let cell: i32 = unsafe { cell.to_int_unchecked() };
+        let start = node * width + (cell - first_cell - 2) as usize;
+        let Some(taps) = grid[start..].first_chunk_mut::<WIDTH>() else {
+            continue;
+        };
+        for tap in 0..3 {
+            let even = y.polynomial(&kernel.even[tap]);
+            let odd = y.polynomial(&kernel.odd[tap]).mul(v);
+            let (left, right) = (even.add(odd), even.sub(odd));
+            for (tap, weight) in [(tap, left), (WIDTH - 1 - tap, right)] {
+                let target = &mut taps[tap];
+                weight.fma(re, L::load(&target.re)).store(&mut target.re);
+                weight.fma(im, L::load(&target.im)).store(&mut target.im);
+            }
+        }
+    }
+}
+
+/// Adds a source whose channels lie in different cells (wide apertures, high speeds): lane by lane.
+#[inline(always)]
+#[expect(clippy::too_many_arguments)]
+fn add_wide<L: Lanes>(
+    nodes: &Nodes,
+    n_nodes: usize,
+    lanes: &[L; N_KEYS],
+    slot: L,
+    kernel: &Kernel,
+    cells_per_turn: f32,
+    first_cell: i32,
+    width: usize,
+    grid: &mut [Cell],
+) {
+    let (mut re, mut im, mut d) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    for node in 0..n_nodes {
+        let phasor = phasors(nodes, node, lanes, slot);
+        phasor.0.store(&mut re);
+        phasor.1.store(&mut im);
+        phasor.2.store(&mut d);
+        for lane in 0..LANES {
+            let position = nodes.cells.as_flattened()[node] + d[lane] * cells_per_turn;
+            let cell = position.floor();
+            let start = node * width + (cell as i32 - first_cell) as usize - 2;
+            let taps = kernel.taps(position - cell - 0.5);
+            for (target, weight) in grid[start..start + WIDTH].iter_mut().zip(taps) {
+                target.re[lane] += weight * re[lane];
+                target.im[lane] += weight * im[lane];
+            }
+        }
+    }
+}
+
+/// Adds one loop of a group: the weighted sum of eight nodes' rows, turned by `phasor`.
+#[inline(always)]
+fn interpolate<L: Lanes>(
+    rows: &[Cell],
+    width: usize,
+    weights: &[f32; TAPS],
+    phasor: [f32; 2],
+    out: &mut [Cell],
+) {
+    let (cos, sin) = (L::splat(phasor[0]), L::splat(phasor[1]));
+    // Loops that are nodes take one row as it is.
+    if weights[LEAD] == 1.0 {
+        for (target, cell) in out.iter_mut().zip(&rows[LEAD * width..]) {
+            turn_into(target, L::load(&cell.re), L::load(&cell.im), cos, sin);
+        }
+        return;
+    }
+    let mut taps = [&rows[..width]; TAPS];
+    for (k, tap) in taps.iter_mut().enumerate() {
+        *tap = &rows[k * width..][..width];
+    }
+    for (i, target) in out[..width].iter_mut().enumerate() {
+        let weight = L::splat(weights[0]);
+        let mut re = weight.mul(L::load(&taps[0][i].re));
+        let mut im = weight.mul(L::load(&taps[0][i].im));
+        for k in 1..TAPS {
+            let weight = L::splat(weights[k]);
+            re = weight.fma(L::load(&taps[k][i].re), re);
+            im = weight.fma(L::load(&taps[k][i].im), im);
+        }
+        turn_into(target, re, im, cos, sin);
+    }
+}
+
+/// `target += (re + j im) (cos + j sin)`.
+#[inline(always)]
+fn turn_into<L: Lanes>(target: &mut Cell, re: L, im: L, cos: L, sin: L) {
+    let (to_re, to_im) = (L::load(&target.re), L::load(&target.im));
+    im.fnma(sin, re.fma(cos, to_re)).store(&mut target.re);
+    im.fma(cos, re.fma(sin, to_im)).store(&mut target.im);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd::SimdLevel;
+
+    #[inline(always)]
+    fn dd_body<L: Lanes>(phi: &[[f32; 16]; 3], out: &mut [[f32; 16]; 2]) {
+        let (re, im) = divided_difference([L::load(&phi[0]), L::load(&phi[1]), L::load(&phi[2])]);
+        re.store(&mut out[0]);
+        im.store(&mut out[1]);
+    }
+    dispatch!(fn dd => dd_body(phi: &[[f32; 16]; 3], out: &mut [[f32; 16]; 2]));
+
+    #[test]
+    fn lanes_of_the_divided_difference_equal_the_scalar_one() {
+        let turn = std::f64::consts::TAU;
+        for level in [SimdLevel::Avx512, SimdLevel::Avx2, SimdLevel::Portable] {
+            if !level.is_available() {
+                continue;
+            }
+            for step in 0..400 {
+                // Spans from 1e-5 to 5 turns, corners in every order, and equal corners.
+                let size = 1e-5 * 10_f32.powf(step as f32 * 5.7 / 400.0);
+                let phi: [[f32; 16]; 3] = std::array::from_fn(|corner| {
+                    std::array::from_fn(|lane| {
+                        let x = ((lane * 7 + corner * 11 + step * 3) as f32 * 0.618_034).fract();
+                        if lane == 3 { 0.125 } else { 0.125 + size * x }
+                    })
+                });
+                let mut out = [[0.0; 16]; 2];
+                dd(level, &phi, &mut out);
+                for lane in 0..16 {
+                    let exact = crate::scatter::divided_difference(std::array::from_fn(|corner| {
+                        turn * f64::from(phi[corner][lane])
+                    }));
+                    let error = (f64::from(out[0][lane]) - exact.re)
+                        .hypot(f64::from(out[1][lane]) - exact.im);
+                    // Worst where the quotient is 0.06 rad wide: errors of 3e-7 over 0.06, and the
+                    // series' next term 0.06^3 / 500.
+                    assert!(error < 1e-5, "{level:?} {size} lane {lane}: {error}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,304 @@
+//! What the radar sees: a depth raster and the visible share of every facet.
+
+use glam::Vec3;
+
+use crate::simd::{Lanes, SimdLevel, dispatch};
+
+/// Depth raster over the angular bounding box of the surfaces, reused from frame to frame.
+///
+/// Perspective from the array centre on the plane y = 1, so that straight edges stay straight and
+/// 1/y is affine over a facet. Facets behind the array or beyond 87 degrees off boresight are not
+/// seen.
+pub struct DepthRaster {
+    size: usize,
+    level: SimdLevel,
+    /// 1/y of the nearest facet, 0 where there is none.
+    nearness: Vec<f32>,
+    /// The nearest facet.
+    winner: Vec<u32>,
+    projected: Vec<[f32; 3]>,
+    covered: Vec<u32>,
+    won: Vec<u32>,
+    /// Facets too small to cover a sample.
+    small: Vec<u32>,
+}
+
+dispatch!(fn coverage => coverage_body(
+    raster: &mut DepthRaster, positions: &[Vec3], triangles: &[[u32; 3]], centre: Vec3,
+    out: &mut Vec<f32>
+));
+
+/// Compiled per instruction set for its rounding instructions.
+#[inline(always)]
+fn coverage_body<L: Lanes>(
+    raster: &mut DepthRaster,
+    positions: &[Vec3],
+    triangles: &[[u32; 3]],
+    centre: Vec3,
+    out: &mut Vec<f32>,
+) {
+    raster.coverage_here(positions, triangles, centre, out);
+}
+
+const NOBODY: u32 = u32::MAX;
+/// A sub-pixel facet counts as visible if no surface is nearer than it by more than this plus its
+/// longest edge, m.
+const SMALL_FACET_TOLERANCE_M: f32 = 0.02;
+
+impl DepthRaster {
+    /// A raster of `size` by `size` samples.
+    pub fn new(size: usize) -> Self {
+        Self {
+            size,
+            level: SimdLevel::detect(),
+            nearness: vec![0.0; size * size],
+            winner: vec![NOBODY; size * size],
+            projected: Vec::new(),
+            covered: Vec::new(),
+            won: Vec::new(),
+            small: Vec::new(),
+        }
+    }
+
+    /// Visible share of every triangle, 0..=1: the samples it wins over the samples it covers.
+    /// Facets turned away, and degenerate ones, get 0. A facet that covers no sample is seen or not
+    /// by its centroid.
+    ///
+    /// `positions` in the radar frame, m, finite; `triangles` index them; `centre` is the eye.
+    pub fn coverage(
+        &mut self,
+        positions: &[Vec3],
+        triangles: &[[u32; 3]],
+        centre: Vec3,
+        out: &mut Vec<f32>,
+    ) {
+        coverage(self.level, self, positions, triangles, centre, out);
+    }
+
+    #[inline(always)]
+    fn coverage_here(
+        &mut self,
+        positions: &[Vec3],
+        triangles: &[[u32; 3]],
+        centre: Vec3,
+        out: &mut Vec<f32>,
+    ) {
+        out.clear();
+        out.resize(triangles.len(), 0.0);
+        self.projected.clear();
+        self.projected.extend(positions.iter().map(|&p| {
+            let p = p - centre;
+            // Beyond 87 degrees, or behind.
+            if p.y > 0.05 * p.length() {
+                let nearness = 1.0 / p.y;
+                [p.x * nearness, p.z * nearness, nearness]
+            } else {
+                [0.0; 3]
+            }
+        }));
+        let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
+        for p in self.projected.iter().filter(|p| p[2] > 0.0) {
+            for axis in 0..2 {
+                low[axis] = low[axis].min(p[axis]);
+                high[axis] = high[axis].max(p[axis]);
+            }
+        }
+        if low[0] > high[0] {
+            return;
+        }
+        // Samples lie at integer coordinates 0..size; the box ends half a sample outside.
+        let scale: [f32; 2] =
+            std::array::from_fn(|i| self.size as f32 / (high[i] - low[i]).max(1e-6));
+        for p in &mut self.projected {
+            for axis in 0..2 {
+                p[axis] = (p[axis] - low[axis]) * scale[axis] - 0.5;
+            }
+        }
+        self.nearness.fill(0.0);
+        self.winner.fill(NOBODY);
+        self.covered.clear();
+        self.covered.resize(triangles.len(), 0);
+        self.won.clear();
+        self.won.resize(triangles.len(), 0);
+        self.small.clear();
+        for (facet, triangle) in triangles.iter().enumerate() {
+            let [a, b, c] = triangle.map(|i| self.projected[i as usize]);
+            if a[2] > 0.0 && b[2] > 0.0 && c[2] > 0.0 {
+                self.draw(facet as u32, a, b, c);
+            }
+        }
+        for &facet in &self.winner {
+            if facet != NOBODY {
+                self.won[facet as usize] += 1;
+            }
+        }
+        for ((share, &won), &covered) in out.iter_mut().zip(&self.won).zip(&self.covered) {
+            if covered > 0 {
+                *share = won as f32 / covered as f32;
+            }
+        }
+        for &facet in &self.small {
+            let triangle = triangles[facet as usize];
+            out[facet as usize] = self.see_centroid(triangle, positions);
+        }
+    }
+
+    #[inline(always)]
+    fn draw(&mut self, facet: u32, a: [f32; 3], b: [f32; 3], c: [f32; 3]) {
+        // Counter-clockwise seen from outside is counter-clockwise with x right and z up.
+        let (bx, by) = (b[0] - a[0], b[1] - a[1]);
+        let (cx, cy) = (c[0] - a[0], c[1] - a[1]);
+        let twice_area = bx * cy - by * cx;
+        // Also refuses zero area; never NaN, as positions are finite.
+        if twice_area <= 1e-12 {
+            return;
+        }
+        // A sample on an edge belongs to one side only: rows and columns are half-open intervals,
+        // and an edge crosses a row at the same place for both of its facets.
+        let size = self.size as f32;
+        let y_first = a[1].min(b[1]).min(c[1]).ceil().max(0.0);
+        let y_end = a[1].max(b[1]).max(c[1]).min(size);
+        let inverse = 1.0 / twice_area;
+        let (db, dc) = (b[2] - a[2], c[2] - a[2]);
+        let step_x = (db * cy - dc * by) * inverse;
+        let step_y = (dc * bx - db * cx) * inverse;
+        let edges = [(a, b), (b, c), (c, a)].map(|(p, q)| {
+            let down = q[1] < p[1];
+            let (low, high) = if down { (q, p) } else { (p, q) };
+            let dy = high[1] - low[1];
+            let slope = if dy == 0.0 {
+                0.0
+            } else {
+                (high[0] - low[0]) / dy
+            };
+            (low, slope, down, dy == 0.0)
+        });
+        let mut covered = 0;
+        let mut y = y_first;
+        while y < y_end {
+            // The inside lies right of edges that go down and left of those that go up.
+            let (mut from, mut to) = (0.0_f32, size);
+            for (low, slope, down, level) in edges {
+                let x = low[0] + (y - low[1]) * slope;
+                if level {
+                    continue;
+                }
+                if down {
+                    from = from.max(x);
+                } else {
+                    to = to.min(x);
+                }
+            }
+            let (first, end) = (from.ceil(), to.ceil());
+            if first < end {
+                let row = y as usize * self.size;
+                let mut near = a[2] + step_x * (first - a[0]) + step_y * (y - a[1]);
+                let span = row + first as usize..row + end as usize;
+                let depths = &mut self.nearness[span.clone()];
+                let winners = &mut self.winner[span];
+                for (depth, winner) in depths.iter_mut().zip(winners) {
+                    if near > *depth {
+                        *depth = near;
+                        *winner = facet;
+                    }
+                    near += step_x;
+                }
+                covered += (end - first) as u32;
+            }
+            y += 1.0;
+        }
+        self.covered[facet as usize] = covered;
+        if covered == 0 {
+            self.small.push(facet);
+        }
+    }
+
+    fn see_centroid(&self, triangle: [u32; 3], positions: &[Vec3]) -> f32 {
+        let [a, b, c] = triangle.map(|i| self.projected[i as usize]);
+        let mean = |axis: usize| (a[axis] + b[axis] + c[axis]) / 3.0;
+        let last = (self.size - 1) as f32;
+        let column = mean(0).round().clamp(0.0, last) as usize;
+        let row = mean(1).round().clamp(0.0, last) as usize;
+        let nearest = self.nearness[row * self.size + column];
+        let [p, q, r] = triangle.map(|i| positions[i as usize]);
+        let edge = p.distance(q).max(q.distance(r)).max(r.distance(p));
+        let depth = 1.0 / mean(2);
+        if nearest == 0.0 || depth <= 1.0 / nearest + SMALL_FACET_TOLERANCE_M + edge {
+            1.0
+        } else {
+            0.0
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn square(y: f32, half: f32, first: u32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
+        let corner = |x: f32, z: f32| Vec3::new(x * half, y, z * half);
+        (
+            vec![
+                corner(-1.0, -1.0),
+                corner(1.0, -1.0),
+                corner(1.0, 1.0),
+                corner(-1.0, 1.0),
+            ],
+            vec![[first, first + 1, first + 2], [first, first + 2, first + 3]],
+        )
+    }
+
+    fn shares(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<f32> {
+        let mut out = Vec::new();
+        DepthRaster::new(256).coverage(positions, triangles, Vec3::ZERO, &mut out);
+        out
+    }
+
+    #[test]
+    fn what_stands_behind_is_hidden_in_proportion() {
+        let (mut positions, mut triangles) = square(2.0, 0.5, 0);
+        let (behind, more) = square(4.0, 2.0, 4);
+        positions.extend(behind);
+        triangles.extend(more);
+        let out = shares(&positions, &triangles);
+        assert_eq!(out[..2], [1.0, 1.0]);
+        // The front square covers half of the rear one's angles in each axis: a quarter of its
+        // area; two rows of 256 of sampling error.
+        assert!(
+            (out[2] - 0.75).abs() < 2.0 / 256.0 && (out[3] - 0.75).abs() < 2.0 / 256.0,
+            "{out:?}"
+        );
+        // Fully hidden: the same rear square, shrunk into the shadow.
+        for p in &mut positions[4..] {
+            p.x *= 0.4;
+            p.z *= 0.4;
+        }
+        assert_eq!(shares(&positions, &triangles)[2..], [0.0, 0.0]);
+    }
+
+    #[test]
+    fn turned_away_and_degenerate_facets_are_not_seen() {
+        let (positions, mut triangles) = square(2.0, 0.5, 0);
+        triangles[0].swap(0, 1);
+        triangles[1] = [1, 1, 2];
+        assert_eq!(shares(&positions, &triangles), [0.0, 0.0]);
+        let behind: Vec<Vec3> = positions
+            .iter()
+            .map(|p| Vec3::new(p.x, -p.y, p.z))
+            .collect();
+        assert_eq!(shares(&behind, &[[0, 2, 1], [0, 1, 2]]), [0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_facet_smaller_than_a_sample_is_tested_at_its_centroid() {
+        let (mut positions, mut triangles) = square(4.0, 2.0, 0);
+        for y in [3.0, 5.0] {
+            let first = positions.len() as u32;
+            let p = Vec3::new(0.0061, y, 0.0037);
+            positions.extend([p, p + Vec3::X * 1e-4, p + Vec3::Z * 1e-4]);
+            triangles.push([first, first + 1, first + 2]);
+        }
+        let out = shares(&positions, &triangles);
+        assert_eq!(out[2..], [1.0, 0.0]);
+    }
+}

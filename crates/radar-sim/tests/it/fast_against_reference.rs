@@ -1,0 +1,179 @@
+//! The fast path against the direct sum: error at least 60 dB below the peak.
+
+use glam::{DQuat, DVec3};
+use radarllm_base::{Material, MovingSurface, RadarConfig, RadarCube};
+use radarllm_radar_sim::shapes::RigidSurface;
+use radarllm_radar_sim::{Noise, PointTarget, Scene, SimOptions, Simulator, reference};
+
+/// Largest difference over largest reference sample, dB, over `loops`.
+fn error_db(
+    config: &RadarConfig,
+    scene: &Scene<'_>,
+    loops: std::ops::Range<usize>,
+    step: usize,
+) -> f64 {
+    let options = SimOptions::default();
+    let mut simulator = Simulator::new(config, options.clone()).unwrap();
+    let mut fast = simulator.new_cube();
+    simulator
+        .simulate_frame(scene, 3, 0.3, 5, &mut fast)
+        .unwrap();
+    let mut slow = simulator.new_cube();
+    let (mut error, mut peak) = (0.0_f32, 0.0_f32);
+    for l in loops.step_by(step) {
+        reference::simulate_loops(config, &options, scene, 0.3, 5, l..l + 1, &mut slow).unwrap();
+        let (f, s) = (of_loop(&fast, l), of_loop(&slow, l));
+        for (f, s) in f.iter().zip(s) {
+            assert!(f.re.is_finite() && f.im.is_finite());
+            error = error.max((f - s).norm());
+            peak = peak.max(s.norm());
+        }
+    }
+    assert!(peak > 0.0);
+    20.0 * f64::from(error / peak).log10()
+}
+
+fn of_loop(cube: &RadarCube, l: usize) -> &[num_complex::Complex32] {
+    let len = cube.n_tx * cube.n_rx * cube.n_samples;
+    &cube.data[l * len..(l + 1) * len]
+}
+
+fn off(points: Vec<PointTarget>) -> Scene<'static> {
+    Scene {
+        surfaces: vec![],
+        points,
+        noise: Noise::Off,
+    }
+}
+
+const CLOTH: Material = Material {
+    power_reflection: 0.34,
+    roughness_m: 0.4e-3,
+    rough_albedo: 0.1,
+};
+
+#[test]
+fn still_and_moving_points_over_the_whole_frame() {
+    let config = RadarConfig::awr1843boost();
+    let point = |p: [f64; 3], v: [f64; 3]| PointTarget {
+        position_m: DVec3::from(p),
+        velocity_mps: DVec3::from(v),
+        rcs_m2: 1.0,
+    };
+    // Speeds within and beyond the ambiguity; ranges near, middle, last bin and folded.
+    for (p, v) in [
+        ([0.3, 3.0, 0.2], [0.0, 0.0, 0.0]),
+        ([0.3, 3.0, 0.2], [0.4, -1.7, 0.3]),
+        ([-0.6, 1.2, -0.2], [-2.0, 4.4, 0.5]),
+        ([1.0, 5.0, 0.2], [0.0, 19.0, 0.0]),
+        ([0.1, 10.9, 0.2], [0.0, 2.0, 0.0]),
+        ([0.0, 30.0, 1.0], [0.0, -3.0, 0.0]),
+        ([0.05, 0.3, 0.0], [1.0, 0.3, 0.0]),
+    ] {
+        let error = error_db(&config, &off(vec![point(p, v)]), 0..128, 9);
+        println!("{p:?} {v:?}: {error:.1} dB");
+        assert!(error < -60.0, "{p:?} {v:?}: {error} dB");
+    }
+}
+
+#[test]
+fn rotating_accelerating_bodies() {
+    let config = RadarConfig::awr1843boost();
+    let body = |at: [f64; 3], v: [f64; 3], a: [f64; 3], w: [f64; 3]| {
+        let mut surface = RigidSurface::ellipsoid(DVec3::new(0.08, 0.05, 0.15), 0.03)
+            .at(DVec3::from(at))
+            .moving(DVec3::from(v))
+            .turned(DQuat::from_rotation_y(0.4))
+            .of(CLOTH);
+        surface.acceleration_mps2 = DVec3::from(a);
+        surface.angular_velocity = DVec3::from(w);
+        surface
+    };
+    let smooth = body([0.2, 3.0, 0.1], [0.0, 0.5, 0.0], [0.0; 3], [0.0; 3]).of(Material::PEC);
+    let walk = body(
+        [-0.3, 2.0, 0.1],
+        [0.2, -1.5, 0.0],
+        [0.0, 5.0, 0.0],
+        [2.0, 0.0, 0.0],
+    );
+    let kick = body(
+        [0.4, 2.5, -0.3],
+        [0.0, -4.0, 1.0],
+        [0.0, 50.0, 20.0],
+        [8.0, 2.0, 0.0],
+    );
+    for (name, surfaces) in [
+        ("smooth", vec![&smooth as &dyn MovingSurface]),
+        ("walk", vec![&walk]),
+        ("kick", vec![&kick]),
+        ("all", vec![&smooth, &walk, &kick]),
+    ] {
+        let scene = Scene {
+            surfaces,
+            points: vec![],
+            noise: Noise::Off,
+        };
+        let error = error_db(&config, &scene, 0..128, 25);
+        println!("{name}: {error:.1} dB");
+        assert!(error < -60.0, "{name}: {error} dB");
+    }
+}
+
+#[test]
+fn other_radars() {
+    let base = RadarConfig::awr1843boost();
+    let half = base.rx[1].x_m;
+    let antenna = |x: usize, z: usize| radarllm_base::radar_config::Antenna {
+        x_m: x as f64 * half,
+        z_m: z as f64 * half,
+    };
+    let single = RadarConfig {
+        tx: vec![base.tx[0]],
+        rx: vec![base.rx[0]],
+        n_loops: 1,
+        ..base.clone()
+    };
+    let odd = RadarConfig {
+        n_samples: 101,
+        n_loops: 37,
+        ..base.clone()
+    };
+    // 6 x 5 = 30 channels in two passes, 24 half wavelengths wide: channels in different cells.
+    let wide = RadarConfig {
+        tx: (0..6).map(|i| antenna(5 * i, i)).collect(),
+        rx: (0..5).map(|i| antenna(i, 0)).collect(),
+        n_loops: 20,
+        ..base.clone()
+    };
+    // 300 loops of 216 us: three segments.
+    let long = RadarConfig {
+        n_loops: 300,
+        ..base
+    };
+    let mut body = RigidSurface::ellipsoid(DVec3::new(0.08, 0.05, 0.15), 0.04)
+        .at(DVec3::new(0.4, 2.0, 0.1))
+        .moving(DVec3::new(0.3, -1.0, 0.2))
+        .of(CLOTH);
+    body.angular_velocity = DVec3::new(1.0, 0.0, 0.5);
+    for (name, config) in [
+        ("single", single),
+        ("odd", odd),
+        ("wide", wide),
+        ("long", long),
+    ] {
+        let target = PointTarget::at(DVec3::new(-0.8, 2.5, 0.3), 1e-3);
+        let scene = Scene {
+            surfaces: vec![&body],
+            points: vec![target],
+            noise: Noise::Off,
+        };
+        let error = error_db(
+            &config,
+            &scene,
+            0..config.n_loops,
+            config.n_loops.div_ceil(4),
+        );
+        println!("{name}: {error:.1} dB");
+        assert!(error < -60.0, "{name}: {error} dB");
+    }
+}

@@ -1,0 +1,6 @@
+//! Whole-simulator tests.
+
+mod closed_forms;
+mod fast_against_reference;
+mod input;
+mod reproducibility;
