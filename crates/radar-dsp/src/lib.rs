@@ -1,1 +1,30 @@
 //! Radar cubes in, points out: range, Doppler, clutter, angle, point selection.
+//!
+//! What enters is a [`radarllm_base::RadarCube`], simulated or captured: nothing here can tell.
+//! What leaves is a [`radarllm_base::PointFrame`], or a picture's data as a [`Map`].
+//!
+//! Plan once, run many: [`PointExtractor::new`] builds windows, FFT plans, the virtual array and the
+//! detection threshold; [`PointExtractor::extract`] then runs without allocating anything but its
+//! result. Signs, axes and references are fixed in CONVENTIONS.md at the repository root.
+//!
+//! Reading order: [`extractor`] (the chain), [`options`], [`spectrum`] (range and Doppler),
+//! [`detect`] (which cells), [`mod@array`] and [`direction`] (where they are), [`pictures`].
+//!
+//! Deliberately absent: anything about people, files, or how a cube came to be.
+
+pub mod array;
+pub mod detect;
+pub mod direction;
+pub mod error;
+pub mod extractor;
+pub mod options;
+pub mod pictures;
+pub mod spectrum;
+pub mod stats;
+pub mod window;
+
+pub use array::VirtualArray;
+pub use error::DspError;
+pub use extractor::PointExtractor;
+pub use options::{ClutterFilter, Detector, DspOptions, ImpossibleDirection, MapKind};
+pub use pictures::{Axis, Map, MicroDoppler};

@@ -1,0 +1,171 @@
+//! Evaluation boards: where their antennas are, and what they radiate.
+
+use radarllm_base::SPEED_OF_LIGHT_MPS;
+use radarllm_base::radar_config::Antenna;
+
+/// Sign of x for rising element numbers: left to right, as [`radarllm_base::RadarConfig`] has it for
+/// the AWR1843BOOST. TI's demos compute x = +R wx / pi, which numbers elements right to left under
+/// the phase +2 pi f0 tau; the `antGeometry0` lines of its people-counting files agree. Which one is
+/// true of a board in hand, and so whether a recording comes out mirrored, was not checked against
+/// hardware: this constant is the one place to change.
+const X_PER_ELEMENT: f64 = 1.0;
+
+/// A TI board with known antenna places.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Board {
+    /// xWR1443BOOST: three transmitters, the second raised.
+    Xwr1443Boost,
+    /// xWR1642BOOST: two transmitters, azimuth only.
+    Xwr1642Boost,
+    /// xWR1843BOOST: three transmitters, the second raised.
+    Xwr1843Boost,
+    /// xWR6843ISK: the layout of the 1843 board at 60 GHz.
+    Xwr6843Isk,
+    /// xWR6843ISK-ODS: a square of antennas.
+    Xwr6843IskOds,
+    /// xWR6843AOP: antennas on the package.
+    Xwr6843Aop,
+}
+
+/// Column (azimuth) and row (downwards) of an antenna, in half wavelengths.
+type Place = (i8, i8);
+
+/// Antennas and link budget of a board.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoardFigures {
+    /// TX1, TX2, ... of the device, m.
+    pub tx: Vec<Antenna>,
+    /// RX1, RX2, ..., m.
+    pub rx: Vec<Antenna>,
+    /// Transmit power without back-off, dBm.
+    pub tx_power_dbm: f64,
+    /// Gain of each antenna at boresight, dBi.
+    pub antenna_gain_dbi: f64,
+    /// Half-power half-width in azimuth, rad.
+    pub azimuth_half_width_rad: f64,
+    /// Half-power half-width in elevation, rad.
+    pub elevation_half_width_rad: f64,
+    /// Receiver noise figure, dB.
+    pub noise_figure_db: f64,
+}
+
+impl Board {
+    /// Name used in reports and by [`crate::builtin_radar`].
+    pub fn name(self) -> &'static str {
+        match self {
+            Board::Xwr1443Boost => "iwr1443boost",
+            Board::Xwr1642Boost => "awr1642boost",
+            Board::Xwr1843Boost => "awr1843boost",
+            Board::Xwr6843Isk => "iwr6843isk",
+            Board::Xwr6843IskOds => "iwr6843isk-ods",
+            Board::Xwr6843Aop => "iwr6843aop",
+        }
+    }
+
+    /// Whether the board works at 60 to 64 GHz (else 76 to 81 GHz).
+    pub fn is_60_ghz(self) -> bool {
+        matches!(
+            self,
+            Board::Xwr6843Isk | Board::Xwr6843IskOds | Board::Xwr6843Aop
+        )
+    }
+
+    /// The board's figures.
+    ///
+    /// Antenna places: TI mmWave SDK 3.5 `ti/board/antenna_geometry.c` (columns and rows in half
+    /// wavelengths), which the `antGeometry` lines of the 3D people-counting files repeat; the 1443
+    /// board shares the 1843's layout (the demos use one formula for both). Half a wavelength is
+    /// taken at 77 GHz and at 62 GHz (TI SWRU585 for its 60 GHz boards).
+    ///
+    /// Power: 12 dBm for the 77 GHz parts and the 6843 (data sheets). Noise figure: 15 dB and 12 dB.
+    /// Gain and widths: as the reference radar for the BOOST boards; for the 60 GHz boards nominal
+    /// values (ISK about 7 dBi; AOP 5.2 dBi in TI's sensing estimator; wide elements), to be replaced
+    /// by measurements where intensity matters.
+    pub fn figures(self) -> BoardFigures {
+        const ROW: [Place; 4] = [(0, 0), (1, 0), (2, 0), (3, 0)];
+        const THREE: [Place; 3] = [(0, 1), (2, 0), (4, 1)];
+        let (tx, rx): (&[Place], [Place; 4]) = match self {
+            Board::Xwr1642Boost => (&[(0, 0), (4, 0)], ROW),
+            Board::Xwr1443Boost | Board::Xwr1843Boost | Board::Xwr6843Isk => (&THREE, ROW),
+            Board::Xwr6843IskOds => (&[(0, 0), (2, 0), (2, 2)], [(0, 0), (0, 1), (1, 1), (1, 0)]),
+            Board::Xwr6843Aop => (&[(0, 0), (2, 2), (0, 2)], [(1, 1), (1, 0), (0, 1), (0, 0)]),
+        };
+        let half_m = 0.5 * SPEED_OF_LIGHT_MPS / if self.is_60_ghz() { 62e9 } else { 77e9 };
+        // The lowest transmitter row is height 0, as in the reference radar.
+        let lowest = tx.iter().map(|p| p.1).max().unwrap_or(0);
+        let place = |p: &Place, bottom: i8| Antenna {
+            x_m: X_PER_ELEMENT * f64::from(p.0) * half_m,
+            z_m: f64::from(bottom - p.1) * half_m,
+        };
+        let (gain, azimuth_deg, elevation_deg): (f64, f64, f64) = match self {
+            Board::Xwr6843Isk => (7.0, 45.0, 15.0),
+            Board::Xwr6843IskOds | Board::Xwr6843Aop => (5.2, 55.0, 55.0),
+            _ => (10.5, 28.0, 14.0),
+        };
+        BoardFigures {
+            tx: tx.iter().map(|p| place(p, lowest)).collect(),
+            rx: rx.iter().map(|p| place(p, 0)).collect(),
+            tx_power_dbm: 12.0,
+            antenna_gain_dbi: gain,
+            azimuth_half_width_rad: azimuth_deg.to_radians(),
+            elevation_half_width_rad: elevation_deg.to_radians(),
+            noise_figure_db: if self.is_60_ghz() { 12.0 } else { 15.0 },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Columns and rows of the people-counting files' `antGeometry0/1` lines, TX1..TX3 x RX1..RX4.
+    #[test]
+    fn virtual_arrays_are_those_of_the_people_counting_files() {
+        let files: [(Board, [i8; 12], [i8; 12]); 3] = [
+            (
+                Board::Xwr6843Isk,
+                [0, -1, -2, -3, -2, -3, -4, -5, -4, -5, -6, -7],
+                [-1, -1, -1, -1, 0, 0, 0, 0, -1, -1, -1, -1],
+            ),
+            (
+                Board::Xwr6843IskOds,
+                [0, 0, -1, -1, -2, -2, -3, -3, -2, -2, -3, -3],
+                [0, -1, -1, 0, 0, -1, -1, 0, -2, -3, -3, -2],
+            ),
+            (
+                Board::Xwr6843Aop,
+                [-1, -1, 0, 0, -3, -3, -2, -2, -1, -1, 0, 0],
+                [-1, 0, -1, 0, -3, -2, -3, -2, -3, -2, -3, -2],
+            ),
+        ];
+        let half_m = 0.5 * SPEED_OF_LIGHT_MPS / 62e9;
+        for (board, columns, rows) in files {
+            let f = board.figures();
+            let z0 = f.tx[0].z_m + f.rx[0].z_m - f64::from(rows[0]) * half_m;
+            for i in 0..12 {
+                let (t, r) = (f.tx[i / 4], f.rx[i % 4]);
+                // Column numbers in those files are negative; only relative heights matter.
+                let x = -f64::from(columns[i]) * half_m * X_PER_ELEMENT;
+                assert!((t.x_m + r.x_m - x).abs() < 1e-12, "{board:?} x of {i}");
+                let z = f64::from(rows[i]) * half_m + z0;
+                assert!((t.z_m + r.z_m - z).abs() < 1e-12, "{board:?} z of {i}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_1843_board_is_the_reference_radar() {
+        let (board, radar) = (
+            Board::Xwr1843Boost.figures(),
+            radarllm_base::RadarConfig::awr1843boost(),
+        );
+        let by_slot = [board.tx[0], board.tx[2], board.tx[1]];
+        for (a, b) in by_slot
+            .iter()
+            .chain(&board.rx)
+            .zip(radar.tx.iter().chain(&radar.rx))
+        {
+            assert!((a.x_m - b.x_m).abs() < 1e-12 && (a.z_m - b.z_m).abs() < 1e-12);
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! Radars known by name.
+
+use radarllm_base::RadarConfig;
+
+use crate::boards::Board;
+
+/// Names [`builtin_radar`] knows.
+pub const BUILTIN_NAMES: [&str; 6] = [
+    "awr1843boost",
+    "awr1642boost",
+    "iwr1443boost",
+    "iwr6843isk",
+    "iwr6843isk-ods",
+    "iwr6843aop",
+];
+
+/// A radar by name; `None` if there is no such name.
+///
+/// The 77 GHz boards carry the reference chirp of [`RadarConfig::awr1843boost`]; the 60 GHz boards
+/// the chirp of TI's 6 m people-counting files (96 samples, 96 loops, 55 ms frames, TX1, TX2, TX3).
+pub fn builtin_radar(name: &str) -> Option<RadarConfig> {
+    match name {
+        "awr1843boost" => Some(RadarConfig::awr1843boost()),
+        "awr1642boost" => Some(with_board(RadarConfig::awr1843boost(), Board::Xwr1642Boost)),
+        "iwr1443boost" => {
+            let mut radar = with_board(RadarConfig::awr1843boost(), Board::Xwr1443Boost);
+            // Fire the raised transmitter last, as the reference does.
+            radar.tx.swap(1, 2);
+            Some(radar)
+        }
+        "iwr6843isk" => Some(people_counting(Board::Xwr6843Isk)),
+        "iwr6843isk-ods" => Some(people_counting(Board::Xwr6843IskOds)),
+        "iwr6843aop" => Some(people_counting(Board::Xwr6843Aop)),
+        _ => None,
+    }
+}
+
+/// All built-in radars, in the order of [`BUILTIN_NAMES`].
+pub fn builtin_radars() -> Vec<RadarConfig> {
+    BUILTIN_NAMES
+        .iter()
+        .filter_map(|name| builtin_radar(name))
+        .collect()
+}
+
+/// The chirp of one radar on another board, transmitters in device order.
+fn with_board(radar: RadarConfig, board: Board) -> RadarConfig {
+    let figures = board.figures();
+    RadarConfig {
+        name: board.name().into(),
+        tx: figures.tx,
+        rx: figures.rx,
+        tx_power_dbm: figures.tx_power_dbm,
+        antenna_gain_dbi: figures.antenna_gain_dbi,
+        azimuth_half_width_rad: figures.azimuth_half_width_rad,
+        elevation_half_width_rad: figures.elevation_half_width_rad,
+        noise_figure_db: figures.noise_figure_db,
+        ..radar
+    }
+}
+
+fn people_counting(board: Board) -> RadarConfig {
+    let chirp = RadarConfig {
+        start_hz: 60.75e9,
+        slope_hz_per_s: 54.71e12,
+        idle_s: 30e-6,
+        adc_start_s: 25e-6,
+        ramp_end_s: 59.1e-6,
+        n_samples: 96,
+        sample_rate_hz: 2.95e6,
+        n_loops: 96,
+        frame_period_s: 0.055,
+        ..RadarConfig::awr1843boost()
+    };
+    with_board(chirp, board)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_name_gives_a_radar_that_can_exist_and_bears_it() {
+        for name in BUILTIN_NAMES {
+            let radar = builtin_radar(name).unwrap();
+            assert_eq!(radar.name, name);
+            radar.validate().unwrap();
+        }
+        assert_eq!(builtin_radars().len(), BUILTIN_NAMES.len());
+        assert!(builtin_radar("awr9999").is_none());
+    }
+}

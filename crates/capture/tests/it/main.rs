@@ -1,0 +1,4 @@
+//! Radar descriptions from outside.
+
+mod ti_files;
+mod ti_lines;

@@ -1,0 +1,342 @@
+//! Which cells of the detection map become points.
+
+use crate::error::DspError;
+use crate::options::{ClutterFilter, Detector, DspOptions, MapKind};
+use crate::stats::{ca_cfar_factor, gamma_level, os_cfar_factor};
+
+/// Most training cells a side: bounds the work of a hostile option.
+const MAX_TRAIN: usize = 256;
+
+/// Plan and workspace of cell selection.
+pub struct Selector {
+    n_range: usize,
+    n_doppler: usize,
+    plan: Plan,
+    dynamic_range: Option<f32>,
+    only_local_maxima: bool,
+    /// Column 0 and its neighbours carry less noise when the slow-time mean is gone.
+    skip_notch: bool,
+    candidates: Vec<u32>,
+    values: Vec<f32>,
+    noise_floor: Option<f32>,
+}
+
+enum Plan {
+    TopK,
+    /// Median of unit noise, threshold for unit noise.
+    NoiseFloor {
+        median: f64,
+        level: f64,
+    },
+    Ca {
+        guard: usize,
+        train: usize,
+        factors: Vec<f32>,
+    },
+    /// (rank, factor) by number of training cells.
+    Os {
+        guard: usize,
+        train: usize,
+        factors: Vec<(usize, f32)>,
+    },
+}
+
+impl Selector {
+    /// Plans for maps `[n_range, n_doppler]` summed over `n_channels`.
+    ///
+    /// # Errors
+    /// [`DspError::Option`] for a probability or window that makes no sense.
+    pub fn new(
+        n_range: usize,
+        n_doppler: usize,
+        n_channels: usize,
+        options: &DspOptions,
+    ) -> Result<Self, DspError> {
+        // |sum|^2 of the coherent map is one exponential, the sum of |.|^2 one per channel.
+        let m = if options.map == MapKind::Coherent {
+            1
+        } else {
+            n_channels
+        };
+        let n_cells = n_range * n_doppler;
+        let plan = match options.detector {
+            Detector::AlwaysTopK => Plan::TopK,
+            Detector::NoiseFloor {
+                false_alarms_per_frame,
+            } => {
+                let tail = false_alarms_per_frame / n_cells as f64;
+                if !(tail > 1e-200 && tail < 0.5) {
+                    return Err(DspError::Option {
+                        field: "false_alarms_per_frame",
+                        problem: format!(
+                            "must be positive and under half of the {n_cells} cells, \
+                             found {false_alarms_per_frame}"
+                        ),
+                    });
+                }
+                Plan::NoiseFloor {
+                    median: gamma_level(m, 0.5),
+                    level: gamma_level(m, tail),
+                }
+            }
+            Detector::CaCfar {
+                guard,
+                train,
+                false_alarm_probability,
+            } => {
+                check_cfar(n_range, guard, train, false_alarm_probability)?;
+                let factors = (0..=2 * train)
+                    .map(|n| {
+                        if n == 0 {
+                            f32::MAX
+                        } else {
+                            ca_cfar_factor(m, n, false_alarm_probability) as f32
+                        }
+                    })
+                    .collect();
+                Plan::Ca {
+                    guard,
+                    train,
+                    factors,
+                }
+            }
+            Detector::OsCfar {
+                guard,
+                train,
+                rank,
+                false_alarm_probability,
+            } => {
+                check_cfar(n_range, guard, train, false_alarm_probability)?;
+                if !(rank > 0.0 && rank <= 1.0) {
+                    let problem = format!("must be in (0, 1], found {rank}");
+                    return Err(DspError::Option {
+                        field: "rank",
+                        problem,
+                    });
+                }
+                let factors = (0..=2 * train)
+                    .map(|n| {
+                        let k = ((rank * n as f64).ceil() as usize).max(1);
+                        // check_cfar made sure that fewer than one full side never occurs.
+                        if n < train {
+                            (k, f32::MAX)
+                        } else {
+                            (k, os_cfar_factor(m, n, k, false_alarm_probability) as f32)
+                        }
+                    })
+                    .collect();
+                Plan::Os {
+                    guard,
+                    train,
+                    factors,
+                }
+            }
+        };
+        let dynamic_range = match options.dynamic_range_db {
+            None => None,
+            Some(db) if db.is_finite() && db > 0.0 => Some(10_f64.powf(-db / 10.0) as f32),
+            Some(db) => {
+                let problem = format!("must be finite and positive, found {db}");
+                return Err(DspError::Option {
+                    field: "dynamic_range_db",
+                    problem,
+                });
+            }
+        };
+        Ok(Self {
+            n_range,
+            n_doppler,
+            plan,
+            dynamic_range,
+            only_local_maxima: options.only_local_maxima,
+            skip_notch: options.clutter != ClutterFilter::Off && n_doppler > 8,
+            candidates: Vec::with_capacity(n_cells),
+            values: Vec::with_capacity(n_cells.max(2 * MAX_TRAIN)),
+            noise_floor: None,
+        })
+    }
+
+    /// Mean noise power per channel that the last frame's median implies; `None` unless the detector
+    /// is [`Detector::NoiseFloor`].
+    pub fn noise_floor(&self) -> Option<f32> {
+        self.noise_floor
+    }
+
+    /// Indices of the selected cells, in no order. `map` is `[n_range, n_doppler]` power, finite.
+    pub fn select(&mut self, map: &[f32]) -> &mut [u32] {
+        self.candidates.clear();
+        let peak = map.iter().copied().fold(0.0_f32, f32::max);
+        let floor = match (&self.plan, self.dynamic_range) {
+            (Plan::TopK, _) | (_, None) => 0.0,
+            (_, Some(ratio)) => peak * ratio,
+        };
+        match &self.plan {
+            Plan::TopK => push_above(&mut self.candidates, map, 0.0),
+            &Plan::NoiseFloor { median, level } => {
+                let found = median_of(map, self.n_doppler, self.skip_notch, &mut self.values);
+                let per_channel = f64::from(found) / median;
+                self.noise_floor = Some(per_channel as f32);
+                push_above(
+                    &mut self.candidates,
+                    map,
+                    floor.max((per_channel * level) as f32),
+                );
+            }
+            Plan::Ca {
+                guard,
+                train,
+                factors,
+            } => {
+                for d in 0..self.n_doppler {
+                    cfar_column(
+                        &mut self.candidates,
+                        Column {
+                            map,
+                            d,
+                            n_doppler: self.n_doppler,
+                            n_range: self.n_range,
+                        },
+                        (*guard, *train),
+                        floor,
+                        |sides, column| {
+                            let n = sides.iter().map(|s| s.len()).sum::<usize>();
+                            let sum: f32 = sides
+                                .iter()
+                                .flat_map(|s| s.clone())
+                                .map(|r| column.at(r))
+                                .sum();
+                            sum * factors[n]
+                        },
+                    );
+                }
+            }
+            Plan::Os {
+                guard,
+                train,
+                factors,
+            } => {
+                let values = &mut self.values;
+                for d in 0..self.n_doppler {
+                    cfar_column(
+                        &mut self.candidates,
+                        Column {
+                            map,
+                            d,
+                            n_doppler: self.n_doppler,
+                            n_range: self.n_range,
+                        },
+                        (*guard, *train),
+                        floor,
+                        |sides, column| {
+                            values.clear();
+                            values
+                                .extend(sides.iter().flat_map(|s| s.clone()).map(|r| column.at(r)));
+                            let (rank, factor) = factors[values.len()];
+                            if values.is_empty() {
+                                return f32::MAX;
+                            }
+                            let idx = rank.min(values.len()) - 1;
+                            *values.select_nth_unstable_by(idx, f32::total_cmp).1 * factor
+                        },
+                    );
+                }
+            }
+        }
+        if self.only_local_maxima {
+            let (n_range, n_doppler) = (self.n_range, self.n_doppler);
+            self.candidates
+                .retain(|&c| is_local_maximum(map, n_range, n_doppler, c as usize));
+        }
+        &mut self.candidates
+    }
+}
+
+/// One Doppler column of a map.
+struct Column<'a> {
+    map: &'a [f32],
+    d: usize,
+    n_doppler: usize,
+    n_range: usize,
+}
+
+impl Column<'_> {
+    fn at(&self, range_idx: usize) -> f32 {
+        self.map[range_idx * self.n_doppler + self.d]
+    }
+}
+
+fn check_cfar(n_range: usize, guard: usize, train: usize, pfa: f64) -> Result<(), DspError> {
+    if train == 0 || train > MAX_TRAIN || guard.saturating_mul(2).saturating_add(train) >= n_range {
+        return Err(DspError::Option {
+            field: "train",
+            problem: format!(
+                "needs 1..={MAX_TRAIN} training cells a side that fit with twice {guard} guard cells \
+                 into {n_range} range bins, found {train}"
+            ),
+        });
+    }
+    if !(pfa > 1e-100 && pfa < 0.5) {
+        let problem = format!("must be in (0, 0.5), found {pfa}");
+        return Err(DspError::Option {
+            field: "false_alarm_probability",
+            problem,
+        });
+    }
+    Ok(())
+}
+
+fn push_above(candidates: &mut Vec<u32>, map: &[f32], threshold: f32) {
+    // Strictly above: a map of zeros has no cells.
+    candidates.extend(
+        map.iter()
+            .enumerate()
+            .filter(|(_, p)| **p > threshold)
+            .map(|(i, _)| i as u32),
+    );
+}
+
+fn cfar_column(
+    candidates: &mut Vec<u32>,
+    column: Column,
+    (guard, train): (usize, usize),
+    floor: f32,
+    mut threshold: impl FnMut(&[std::ops::Range<usize>; 2], &Column) -> f32,
+) {
+    for r in 0..column.n_range {
+        let power = column.at(r);
+        if power <= floor {
+            continue;
+        }
+        let before = r.saturating_sub(guard + train)..r.saturating_sub(guard);
+        let after =
+            (r + guard + 1).min(column.n_range)..(r + guard + train + 1).min(column.n_range);
+        if power > threshold(&[before, after], &column) {
+            candidates.push((r * column.n_doppler + column.d) as u32);
+        }
+    }
+}
+
+/// Median of the map's cells, without the three columns around zero Doppler if `skip_notch`.
+fn median_of(map: &[f32], n_doppler: usize, skip_notch: bool, values: &mut Vec<f32>) -> f32 {
+    values.clear();
+    if skip_notch {
+        for row in map.chunks_exact(n_doppler) {
+            values.extend_from_slice(&row[2..n_doppler - 1]);
+        }
+    } else {
+        values.extend_from_slice(map);
+    }
+    let middle = values.len() / 2;
+    *values.select_nth_unstable_by(middle, f32::total_cmp).1
+}
+
+fn is_local_maximum(map: &[f32], n_range: usize, n_doppler: usize, cell: usize) -> bool {
+    let (r, d) = (cell / n_doppler, cell % n_doppler);
+    let power = map[cell];
+    (r.saturating_sub(1)..(r + 2).min(n_range)).all(|row| {
+        // Doppler is cyclic, range is not.
+        [n_doppler - 1, 0, 1]
+            .iter()
+            .all(|shift| map[row * n_doppler + (d + shift) % n_doppler] <= power)
+    })
+}

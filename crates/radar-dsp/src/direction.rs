@@ -1,0 +1,187 @@
+//! Direction of one range-Doppler cell from the phases across the virtual array.
+
+use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
+
+use num_complex::{Complex32, Complex64};
+use radarllm_base::RadarConfig;
+use rustfft::{Fft, FftPlanner};
+
+use crate::array::{Element, VirtualArray};
+
+/// Smallest azimuth FFT; longer rows get at least four bins per element.
+const MIN_AZIMUTH_FFT: usize = 64;
+
+/// Direction cosines of a cell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Direction {
+    /// Component to the right.
+    pub u_x: f64,
+    /// Component upwards.
+    pub u_z: f64,
+}
+
+/// Plan and workspace of direction finding.
+pub struct DirectionFinder {
+    array: VirtualArray,
+    wavelength_m: f64,
+    refine: bool,
+    fft: Arc<dyn Fft<f32>>,
+    scratch: Vec<Complex32>,
+    row: Vec<Complex32>,
+    n_slots: usize,
+    n_rx: usize,
+    n_loops: usize,
+    compensate_tdm: bool,
+}
+
+impl DirectionFinder {
+    /// Plans for a valid radar.
+    pub fn new(radar: &RadarConfig, refine: bool, compensate_tdm: bool) -> Self {
+        let array = VirtualArray::new(radar);
+        let n_fft = MIN_AZIMUTH_FFT.max((4 * array.azimuth_row.len()).next_power_of_two());
+        let fft = FftPlanner::new().plan_fft_forward(n_fft);
+        Self {
+            wavelength_m: radar.wavelength_m(),
+            refine,
+            scratch: vec![Complex32::ZERO; fft.get_inplace_scratch_len()],
+            row: vec![Complex32::ZERO; n_fft],
+            fft,
+            n_slots: radar.tx.len(),
+            n_rx: radar.rx.len(),
+            n_loops: radar.n_loops,
+            compensate_tdm,
+            array,
+        }
+    }
+
+    /// The derived array.
+    pub fn array(&self) -> &VirtualArray {
+        &self.array
+    }
+
+    /// Number of azimuth bins of [`Self::azimuth_spectrum`].
+    pub fn n_azimuth(&self) -> usize {
+        self.row.len()
+    }
+
+    /// Phase advance per row element that a target at direction cosine `u_x` causes is
+    /// `-2 pi spacing / lambda * u_x`; this is its inverse.
+    pub fn u_x_of_phase_step(&self, step_rad: f64) -> f64 {
+        -step_rad * self.wavelength_m / (TAU * self.array.spacing_m)
+    }
+
+    /// Direction of the strongest target in one cell.
+    ///
+    /// `value(channel)` is the cell's spectrum in channel `slot * n_rx + rx`; `doppler` its signed
+    /// bin. The cosines may lie outside the unit disc: the caller decides what that means.
+    pub fn direction(&mut self, doppler: i64, value: impl Fn(usize) -> Complex32) -> Direction {
+        if !self.array.has_azimuth() {
+            return Direction {
+                u_x: 0.0,
+                u_z: self.elevation(0.0, doppler, &value),
+            };
+        }
+        let spectrum = self.azimuth_spectrum(doppler, &value);
+        let n = spectrum.len();
+        let mut peak = 0;
+        for (i, v) in spectrum.iter().enumerate() {
+            if v.norm_sqr() > spectrum[peak].norm_sqr() {
+                peak = i;
+            }
+        }
+        let mut bin = peak as f64;
+        if self.refine {
+            let power = |i: usize| self.row[i % n].norm_sqr();
+            bin += parabola_offset(power(peak + n - 1), power(peak), power(peak + 1));
+        }
+        let step_rad = wrap_pi(TAU * bin / n as f64);
+        let u_x = self.u_x_of_phase_step(step_rad);
+        let u_z = self.elevation(step_rad, doppler, &value);
+        Direction { u_x, u_z }
+    }
+
+    /// Zero-padded FFT over the azimuth row of one cell, TDM-compensated; bin k is the phase step
+    /// 2 pi k / n per element, FFT order.
+    pub fn azimuth_spectrum(
+        &mut self,
+        doppler: i64,
+        value: impl Fn(usize) -> Complex32,
+    ) -> &[Complex32] {
+        self.row.fill(Complex32::ZERO);
+        for (i, element) in self.array.azimuth_row.iter().enumerate() {
+            self.row[i] = value(element.channel) * self.tdm_phase(element.channel, doppler);
+        }
+        self.fft
+            .process_with_scratch(&mut self.row, &mut self.scratch);
+        &self.row
+    }
+
+    /// Phase from the azimuth row to the elevation row, both steered to the azimuth found.
+    fn elevation(&self, step_rad: f64, doppler: i64, value: &impl Fn(usize) -> Complex32) -> f64 {
+        if !self.array.has_elevation() {
+            return 0.0;
+        }
+        let low = self.steered(&self.array.azimuth_row, step_rad, doppler, value);
+        let high = self.steered(&self.array.elevation_row, step_rad, doppler, value);
+        let phase_rad = (high * low.conj()).arg();
+        -phase_rad * self.wavelength_m / (TAU * self.array.height_m)
+    }
+
+    fn steered(
+        &self,
+        row: &[Element],
+        step_rad: f64,
+        doppler: i64,
+        value: &impl Fn(usize) -> Complex32,
+    ) -> Complex64 {
+        let first_m = self.array.azimuth_row[0].x_m;
+        let per_metre = if self.array.spacing_m > 0.0 {
+            step_rad / self.array.spacing_m
+        } else {
+            0.0
+        };
+        row.iter()
+            .map(|e| {
+                let v = value(e.channel) * self.tdm_phase(e.channel, doppler);
+                let v = Complex64::new(f64::from(v.re), f64::from(v.im));
+                v * Complex64::cis(-per_metre * (e.x_m - first_m))
+            })
+            .sum()
+    }
+
+    /// Slot i fires i chirps later, and a target in Doppler bin k gains 2 pi k i / (slots * loops)
+    /// until then; this undoes it.
+    fn tdm_phase(&self, channel: usize, doppler: i64) -> Complex32 {
+        if !self.compensate_tdm {
+            return Complex32::ONE;
+        }
+        let slot = (channel / self.n_rx) as f64;
+        let phase_rad = TAU * doppler as f64 * slot / (self.n_slots * self.n_loops) as f64;
+        let (sin, cos) = phase_rad.sin_cos();
+        Complex32::new(cos as f32, -sin as f32)
+    }
+}
+
+/// Vertex of the parabola through three log powers at -1, 0, 1; in -0.5..=0.5 when the middle is
+/// the largest. The log of a zero-padded main lobe is nearly a parabola.
+fn parabola_offset(before: f32, peak: f32, after: f32) -> f64 {
+    let [a, b, c] = [before, peak, after].map(|p| f64::from(p.max(f32::MIN_POSITIVE)).ln());
+    let bend = a - 2.0 * b + c;
+    if bend < 0.0 {
+        (0.5 * (a - c) / bend).clamp(-0.5, 0.5)
+    } else {
+        0.0
+    }
+}
+
+/// Wraps an angle in -2 pi..2 pi into -pi..=pi.
+fn wrap_pi(angle_rad: f64) -> f64 {
+    if angle_rad > PI {
+        angle_rad - TAU
+    } else if angle_rad < -PI {
+        angle_rad + TAU
+    } else {
+        angle_rad
+    }
+}

@@ -1,0 +1,139 @@
+//! Choices of the signal chain, with their defaults.
+
+/// How the twelve (or however many) channels become one detection map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MapKind {
+    /// D = sum over channels of |.|^2: every direction counts alike.
+    NonCoherent,
+    /// D = |sum over channels of the complex values|, as mmMesh and the RadarLLM paper have it. That
+    /// is a beam at boresight: for the reference radar -5.6 dB at 10 degrees and a null near 30.
+    Coherent,
+}
+
+/// Which cells of the detection map become points; never more than [`DspOptions::max_points`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Detector {
+    /// The strongest cells, whatever they are: an empty room yields a full frame of noise.
+    AlwaysTopK,
+    /// Cells above a threshold over the frame's own noise floor. The floor is the median of the map,
+    /// turned into the mean by the exact law of a sum of exponentials; the threshold is the level
+    /// that noise alone exceeds in `false_alarms_per_frame` cells of the gated map, on average.
+    NoiseFloor {
+        /// Expected number of noise cells per frame, > 0.
+        false_alarms_per_frame: f64,
+    },
+    /// Cell-averaging CFAR along range.
+    CaCfar {
+        /// Guard cells on each side.
+        guard: usize,
+        /// Training cells on each side.
+        train: usize,
+        /// Probability that a noise cell passes, in (0, 0.5).
+        false_alarm_probability: f64,
+    },
+    /// Ordered-statistic CFAR along range: robust when a neighbour is also a target.
+    OsCfar {
+        /// Guard cells on each side.
+        guard: usize,
+        /// Training cells on each side.
+        train: usize,
+        /// Which ordered value estimates the noise, as a fraction of the training cells, in (0, 1].
+        /// 0.75 is Rohling's choice.
+        rank: f64,
+        /// Probability that a noise cell passes, in (0, 0.5).
+        false_alarm_probability: f64,
+    },
+}
+
+/// How static echoes are removed from each (tx, rx, range) before the Doppler window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ClutterFilter {
+    /// Keep them: the zero-Doppler column holds the room.
+    Off,
+    /// Subtract the slow-time mean, as mmMesh does. Exact for statics; a mover n Doppler bins from
+    /// zero leaves a ghost of itself near zero velocity, up to 1 / (pi n) of its amplitude (-32 dB at
+    /// 1 m/s with the reference radar).
+    Mean,
+    /// Subtract the mean weighted by the Doppler window. Exact for statics too, and the ghost is only
+    /// the window's sidelobe (under -42 dB), but targets one bin from zero lose 1.8 dB.
+    WeightedMean,
+}
+
+/// What to do with a cell whose estimated direction cosines cannot belong to a unit vector with
+/// y >= 0 (x^2 + z^2 > R^2). Noise does that, and two targets in one cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ImpossibleDirection {
+    /// Leave the cell out and go on with the next strongest one.
+    Drop,
+    /// Scale (x, z) back onto the edge of the half space: y = 0.
+    Clamp,
+}
+
+/// Options of [`crate::PointExtractor`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct DspOptions {
+    /// Detection map.
+    pub map: MapKind,
+    /// Cell selection.
+    pub detector: Detector,
+    /// Most points per frame; the paper's 128.
+    pub max_points: usize,
+    /// Cells weaker than the frame's strongest by more than this are left out, dB. The default is
+    /// just inside the -42.7 dB sidelobes of a Hamming window: without it, one strong reflector
+    /// fills the frame with its own sidelobes. `None` keeps them. Ignored by
+    /// [`Detector::AlwaysTopK`].
+    pub dynamic_range_db: Option<f64>,
+    /// Nearest range kept, m.
+    pub min_range_m: f64,
+    /// Farthest range kept, m; the radar's own maximum if that is less.
+    pub max_range_m: f64,
+    /// Removal of what does not move.
+    pub clutter: ClutterFilter,
+    /// Undo the phase a mover gathers between TDM slots. `false` exists to show the error.
+    pub compensate_tdm: bool,
+    /// Refine the azimuth peak between FFT bins with a parabola through the log power.
+    pub refine_azimuth: bool,
+    /// Subtract the beat frequency's Doppler part from the range: v * carrier / slope, 1.3 mm per m/s
+    /// for the reference radar. Exact for constant velocity; off gives plain bin centres.
+    pub correct_range_doppler_coupling: bool,
+    /// Keep only cells that are not weaker than their eight neighbours.
+    pub only_local_maxima: bool,
+    /// Cells with impossible directions.
+    pub impossible_direction: ImpossibleDirection,
+}
+
+impl Default for DspOptions {
+    fn default() -> Self {
+        Self {
+            map: MapKind::NonCoherent,
+            detector: Detector::NoiseFloor {
+                false_alarms_per_frame: 1.0,
+            },
+            max_points: 128,
+            dynamic_range_db: Some(40.0),
+            min_range_m: 0.3,
+            max_range_m: 10.5,
+            clutter: ClutterFilter::Mean,
+            compensate_tdm: true,
+            refine_azimuth: true,
+            correct_range_doppler_coupling: true,
+            only_local_maxima: false,
+            impossible_direction: ImpossibleDirection::Drop,
+        }
+    }
+}
+
+impl DspOptions {
+    /// mmMesh's chain, which the RadarLLM paper follows: coherent map, always the 128 strongest
+    /// cells, angles and ranges at bin centres.
+    pub fn mmmesh() -> Self {
+        Self {
+            map: MapKind::Coherent,
+            detector: Detector::AlwaysTopK,
+            dynamic_range_db: None,
+            refine_azimuth: false,
+            correct_range_doppler_coupling: false,
+            ..Self::default()
+        }
+    }
+}

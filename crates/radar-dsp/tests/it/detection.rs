@@ -1,0 +1,243 @@
+//! How many points, and which.
+
+use radarllm_base::{RadarConfig, RadarCube};
+use radarllm_radar_dsp::detect::Selector;
+use radarllm_radar_dsp::{
+    ClutterFilter, Detector, DspOptions, ImpossibleDirection, MapKind, PointExtractor,
+};
+
+use crate::synthetic::{Random, Target, add_noise, cube};
+
+fn noise_cube(radar: &RadarConfig, random: &mut Random) -> RadarCube {
+    let mut cube = RadarCube::zeros(
+        radar.n_loops,
+        radar.tx.len(),
+        radar.rx.len(),
+        radar.n_samples,
+    );
+    add_noise(&mut cube, 1.0, random);
+    cube
+}
+
+#[test]
+fn empty_frames_yield_the_designed_number_of_points() {
+    let radar = RadarConfig::awr1843boost();
+    let mut random = Random(7);
+    let cubes: Vec<_> = (0..12).map(|_| noise_cube(&radar, &mut random)).collect();
+    // Clamp so that cells with impossible directions are counted too.
+    let options = |map, false_alarms_per_frame| DspOptions {
+        map,
+        detector: Detector::NoiseFloor {
+            false_alarms_per_frame,
+        },
+        max_points: 10_000,
+        impossible_direction: ImpossibleDirection::Clamp,
+        ..DspOptions::default()
+    };
+    for (map, design) in [
+        (MapKind::NonCoherent, 20.0),
+        (MapKind::Coherent, 20.0),
+        (MapKind::NonCoherent, 1.0),
+    ] {
+        let mut extractor = PointExtractor::new(&radar, options(map, design)).unwrap();
+        let n: usize = cubes
+            .iter()
+            .map(|c| extractor.extract(c).unwrap().points.len())
+            .sum();
+        let expected = 12.0 * design;
+        // Neighbouring cells share noise (Hamming), so false alarms come in clusters of up to about
+        // two: four standard deviations of a doubled Poisson variance.
+        let tolerance = 4.0 * (2.0 * expected).sqrt();
+        assert!(
+            (n as f64 - expected).abs() < tolerance,
+            "{map:?}: {n} for {expected}"
+        );
+    }
+    // The floor per cell and channel: sum of the squared windows times unit noise power.
+    let mut extractor = PointExtractor::new(&radar, DspOptions::default()).unwrap();
+    extractor.extract(&cubes[0]).unwrap();
+    let energy = |n| {
+        radarllm_radar_dsp::window::hamming(n)
+            .iter()
+            .map(|w| f64::from(w * w))
+            .sum::<f64>()
+    };
+    let floor = f64::from(extractor.noise_floor().unwrap()) / (energy(256) * energy(128));
+    // The median of 30,000 cells of Gamma(12) is known to about 0.3 %.
+    assert!((floor - 1.0).abs() < 0.02, "{floor}");
+}
+
+/// On independent cells the counts follow Poisson's law exactly.
+#[test]
+fn every_detector_keeps_its_false_alarm_rate() {
+    let (n_range, n_doppler, n_channels) = (200, 100, 12);
+    let mut random = Random(11);
+    let pfa = 2e-3;
+    for detector in [
+        Detector::NoiseFloor {
+            false_alarms_per_frame: pfa * 20_000.0,
+        },
+        Detector::CaCfar {
+            guard: 2,
+            train: 8,
+            false_alarm_probability: pfa,
+        },
+        Detector::OsCfar {
+            guard: 2,
+            train: 8,
+            rank: 0.75,
+            false_alarm_probability: pfa,
+        },
+    ] {
+        let options = DspOptions {
+            detector,
+            clutter: ClutterFilter::Off,
+            ..DspOptions::default()
+        };
+        let mut selector = Selector::new(n_range, n_doppler, n_channels, &options).unwrap();
+        let mut n = 0;
+        for _ in 0..10 {
+            let map: Vec<f32> = (0..n_range * n_doppler)
+                .map(|_| -(0..n_channels).map(|_| random.uniform().ln()).sum::<f64>() as f32)
+                .collect();
+            n += selector.select(&map).len();
+        }
+        // 400 expected, standard deviation 20; CFAR thresholds shared by neighbours add a little.
+        assert!((n as f64 - 400.0).abs() < 100.0, "{detector:?}: {n}");
+    }
+}
+
+#[test]
+fn two_targets_are_resolved_in_range_and_in_velocity() {
+    let radar = RadarConfig::awr1843boost();
+    let options = DspOptions {
+        only_local_maxima: true,
+        dynamic_range_db: Some(20.0),
+        ..DspOptions::default()
+    };
+    let mut extractor = PointExtractor::new(&radar, options).unwrap();
+    // Four bins apart: main lobes of a Hamming window are four bins wide from null to null.
+    let pairs = [
+        [
+            Target::radial(3.0, 0.0, 0.0, 1.0),
+            Target::radial(3.0 + 4.0 * 0.0429, 15.0, 0.0, 1.0),
+        ],
+        [
+            Target::radial(3.0, 0.0, 0.0, 1.0),
+            Target::radial(3.0, 15.0, 0.0, 1.0 + 4.0 * 0.0685),
+        ],
+    ];
+    for pair in pairs {
+        let mut cube = cube(&radar, &pair);
+        add_noise(&mut cube, 0.01, &mut Random(3));
+        let points = extractor.extract(&cube).unwrap().points;
+        assert_eq!(points.len(), 2, "{points:?}");
+        let mut azimuths: Vec<_> = points
+            .iter()
+            .map(|p| p.x_m.atan2(p.y_m).to_degrees())
+            .collect();
+        azimuths.sort_by(f32::total_cmp);
+        // Leakage of the other target four bins away is under -40 dB: 0.01 rad of phase, 0.3 degrees.
+        assert!(
+            azimuths[0].abs() < 0.5 && (azimuths[1] - 15.0).abs() < 0.5,
+            "{azimuths:?}"
+        );
+    }
+}
+
+#[test]
+fn sidelobes_do_not_fill_the_frame() {
+    let radar = RadarConfig::awr1843boost();
+    let mut cube = cube(&radar, &[Target::radial(3.0, 0.0, 0.0, 1.0)]);
+    add_noise(&mut cube, 1e-4, &mut Random(5));
+    let points = |options| {
+        PointExtractor::new(&radar, options)
+            .unwrap()
+            .extract(&cube)
+            .unwrap()
+            .points
+    };
+    let near = |p: &radarllm_base::RadarPoint| {
+        (p.range_m - 3.014).abs() < 0.13 && (p.velocity_mps - 1.0).abs() < 0.21
+    };
+    let weighted = DspOptions {
+        clutter: ClutterFilter::WeightedMean,
+        ..DspOptions::default()
+    };
+    let limited = points(weighted);
+    // A Hamming main lobe is within two bins of the peak each way: at most 5 x 5 cells.
+    assert!(
+        limited.len() <= 25 && limited.iter().all(near),
+        "{}",
+        limited.len()
+    );
+    // The plain mean adds the documented ghost at zero velocity, and nothing else.
+    let ghost = |p: &radarllm_base::RadarPoint| p.velocity_mps.abs() < 0.1;
+    let limited = points(DspOptions::default());
+    assert!(limited.iter().all(|p| near(p) || ghost(p)));
+    let ghost_db =
+        limited.iter().find(|p| ghost(p)).unwrap().intensity_db - limited[0].intensity_db;
+    // 1 / (14.6 pi) is -33.2 dB, times |sin(14.6 pi)| = 0.95: -33.7; half a bin of scalloping.
+    assert!((ghost_db + 33.7).abs() < 2.0, "{ghost_db}");
+    assert_eq!(
+        points(DspOptions {
+            dynamic_range_db: None,
+            ..DspOptions::default()
+        })
+        .len(),
+        128
+    );
+}
+
+#[test]
+fn mmmesh_mode_always_returns_128_points() {
+    let radar = RadarConfig::awr1843boost();
+    let options = DspOptions {
+        impossible_direction: ImpossibleDirection::Clamp,
+        ..DspOptions::mmmesh()
+    };
+    let mut extractor = PointExtractor::new(&radar, options).unwrap();
+    let frame = extractor
+        .extract(&noise_cube(&radar, &mut Random(1)))
+        .unwrap();
+    assert_eq!(frame.points.len(), 128);
+    assert!(
+        frame
+            .points
+            .windows(2)
+            .all(|w| w[0].intensity_db >= w[1].intensity_db)
+    );
+}
+
+/// The coherent map is a beam at boresight: radar.md's figures, the closed form of the 12 virtual
+/// elements (8 in the row, 4 raised at 2..5).
+#[test]
+fn coherent_map_is_a_boresight_beam() {
+    let radar = RadarConfig::awr1843boost();
+    let ratio = radar.carrier_hz() / 77e9;
+    let power_at = |azimuth_deg: f64| {
+        let mut extractor = PointExtractor::new(&radar, DspOptions::mmmesh()).unwrap();
+        // A whole number of Doppler bins is far enough; speed small so that slots stay in phase.
+        let target = Target::radial(3.0, azimuth_deg, 0.0, 0.15);
+        let values = extractor
+            .range_doppler_map(&cube(&radar, &[target]))
+            .unwrap()
+            .values;
+        f64::from(values.into_iter().fold(0.0, f32::max))
+    };
+    let boresight = power_at(0.0);
+    for azimuth_deg in [10.0_f64, 14.5] {
+        let step = std::f64::consts::PI * ratio * azimuth_deg.to_radians().sin();
+        let sum: num_complex::Complex64 = (0..8)
+            .chain(2..6)
+            .map(|i| num_complex::Complex64::cis(-step * f64::from(i)))
+            .sum();
+        let expected_db = 20.0 * (sum.norm() / 12.0).log10();
+        let found_db = 10.0 * (power_at(azimuth_deg) / boresight).log10();
+        // Range and Doppler scalloping differ slightly by angle; slots dephase by 0.1 rad.
+        assert!(
+            (found_db - expected_db).abs() < 0.6,
+            "{azimuth_deg}: {found_db} for {expected_db}"
+        );
+    }
+}

@@ -1,0 +1,9 @@
+//! Checks of the whole chain on cubes evaluated from the signal model.
+
+mod clutter;
+mod detection;
+mod geometry;
+mod hostile;
+mod recorded;
+mod reference;
+mod synthetic;
