@@ -1,2 +1,59 @@
 //! Radar-text data sets on disk: Parquet schema, shards, manifest, validation.
+//!
+//! Enters: [`ClipRecord`]s (from simulation or recordings) and point clouds. Leaves: the same,
+//! from files whose hashes, shapes and values were checked. This crate is the only one that knows
+//! the columns; it does not know how a clip is made or what is trained on it.
+//!
+//! Reading order: [`record`] (one clip), [`points_file`] (one recording's points), [`shard`] (the
+//! columns of the archive), [`builder`] (resumable building), [`dataset`] (reading), [`info`],
+//! [`validate`], [`descriptor`] (a fixed vector per clip for the 1-NN floor).
+//!
+//! Layout of a data set directory:
+//!
+//! ```text
+//! manifest.json                      what is in it: written last, so its presence means complete
+//! README.md                          data set card, generated from the manifest
+//! data/train-00000-of-00002.parquet  shards, one row a clip
+//! .shards/                           what a build needs to resume: plan, one sidecar a shard
+//! ```
+#![forbid(unsafe_code)]
+
 pub mod record;
+
+pub mod points_file;
+pub mod shard;
+
+pub mod builder;
+pub mod dataset;
+pub mod descriptor;
+pub mod info;
+pub mod manifest;
+pub mod validate;
+
+mod atomic;
+mod card;
+mod check;
+mod error;
+mod guard;
+mod split;
+
+pub use builder::{BuildOptions, BuildPlan, BuildReport, ItemId, Progress, build};
+pub use check::check_record;
+pub use dataset::{ClipIter, Dataset};
+pub use descriptor::{DESCRIPTOR_DIM, descriptor};
+pub use error::DatasetError;
+pub use info::Info;
+pub use manifest::{FailedItem, Manifest, SourceLicence};
+pub use points_file::{PointsFile, PointsMeta, read_points, write_points};
+pub use record::{ClipRecord, MOTION_FEATURE_DIM, Split};
+pub use shard::Columns;
+pub use validate::{Problem, validate};
+
+/// What to do when the output is already there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Overwrite {
+    /// Fail with [`DatasetError::Exists`].
+    Refuse,
+    /// Replace it, atomically.
+    Replace,
+}

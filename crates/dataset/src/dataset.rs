@@ -1,0 +1,129 @@
+//! Reading a data set directory.
+
+use std::path::{Path, PathBuf};
+
+use crate::manifest::ShardEntry;
+use crate::shard::ShardReader;
+use crate::{ClipRecord, Columns, DatasetError, Manifest, Split, check_record};
+
+/// An opened data set: its manifest is read and checked, its shards are not touched yet.
+#[derive(Clone, Debug)]
+pub struct Dataset {
+    dir: PathBuf,
+    manifest: Manifest,
+}
+
+impl Dataset {
+    /// Opens a finished data set.
+    ///
+    /// # Errors
+    /// No manifest (not a data set, or a build that has not finished) or one that does not fit.
+    pub fn open(dir: &Path) -> Result<Self, DatasetError> {
+        let manifest = Manifest::read(dir)?;
+        Ok(Self {
+            dir: dir.into(),
+            manifest,
+        })
+    }
+
+    /// Directory.
+    pub fn dir(&self) -> &Path {
+        &self.dir
+    }
+
+    /// What the directory says it holds.
+    pub fn manifest(&self) -> &Manifest {
+        &self.manifest
+    }
+
+    /// Number of clips of a split, from the manifest.
+    pub fn n_clips(&self, split: Split) -> u64 {
+        self.shards(split).map(|s| s.rows).sum()
+    }
+
+    /// Shards of a split, in order.
+    pub fn shards(&self, split: Split) -> impl Iterator<Item = &ShardEntry> {
+        self.manifest
+            .shards
+            .iter()
+            .filter(move |s| s.split == split.name())
+    }
+
+    /// All clips of a split in memory.
+    ///
+    /// # Errors
+    /// As [`ClipIter`]'s items.
+    pub fn read_split(&self, split: Split) -> Result<Vec<ClipRecord>, DatasetError> {
+        self.iter_split(split, Columns::All).collect()
+    }
+
+    /// Clips of a split one after the other, holding one row group at a time.
+    pub fn iter_split(&self, split: Split, columns: Columns) -> ClipIter {
+        let mut shards: Vec<(PathBuf, u64)> = self
+            .shards(split)
+            .map(|s| (s.path(&self.dir), s.rows))
+            .collect();
+        shards.reverse();
+        ClipIter {
+            split,
+            columns,
+            shards,
+            open: None,
+            failed: false,
+        }
+    }
+}
+
+/// Streams the clips of a split. Every clip satisfies [`check_record`]; after an error it ends.
+pub struct ClipIter {
+    split: Split,
+    columns: Columns,
+    /// Shards to come with their rows, last first.
+    shards: Vec<(PathBuf, u64)>,
+    open: Option<ShardReader>,
+    failed: bool,
+}
+
+impl ClipIter {
+    fn advance(&mut self) -> Result<Option<ClipRecord>, DatasetError> {
+        loop {
+            if let Some(reader) = &mut self.open {
+                if let Some(record) = reader.next().transpose()? {
+                    check_record(&record)?;
+                    if record.split != self.split {
+                        let problem =
+                            format!("is in {}, but its shard is {}", record.split, self.split);
+                        return Err(DatasetError::Record {
+                            id: record.id,
+                            problem,
+                        });
+                    }
+                    return Ok(Some(record));
+                }
+                self.open = None;
+            }
+            let Some((path, rows)) = self.shards.pop() else {
+                return Ok(None);
+            };
+            let reader = ShardReader::open(&path, self.columns)?;
+            if reader.n_rows() != rows {
+                let problem = format!("{} rows, but the manifest says {rows}", reader.n_rows());
+                return Err(DatasetError::corrupt(&path, problem));
+            }
+            self.open = Some(reader);
+        }
+    }
+}
+
+impl Iterator for ClipIter {
+    type Item = Result<ClipRecord, DatasetError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.failed {
+            return None;
+        }
+        let item = self.advance().transpose();
+        self.failed = matches!(item, Some(Err(_)));
+        item
+    }
+}

@@ -1,0 +1,156 @@
+//! Checks a data set directory from the first byte to the last.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use serde::Serialize;
+
+use crate::manifest::{ShardEntry, hash_file};
+use crate::shard::ShardReader;
+use crate::{Columns, Dataset, DatasetError, Split, check_record};
+
+/// Something wrong with a data set.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Problem {
+    /// File below the data set directory, or `manifest.json`.
+    pub file: String,
+    /// Clip, where it concerns one.
+    pub id: Option<String>,
+    /// What is wrong.
+    pub problem: String,
+}
+
+/// Reads everything and reports every problem found: hashes, sizes and rows against the manifest;
+/// per clip what [`check_record`] checks; ids that occur twice; groups or motions in two splits;
+/// sources without a licence line. An empty list means a sound data set.
+///
+/// # Errors
+/// Only if the manifest cannot be read at all.
+pub fn validate(dir: &Path) -> Result<Vec<Problem>, DatasetError> {
+    let dataset = Dataset::open(dir)?;
+    let mut seen = Seen::default();
+    let mut problems = Vec::new();
+    let mut n_clips = 0;
+    for shard in &dataset.manifest().shards {
+        let mut report = |id: Option<&str>, problem: String| {
+            problems.push(Problem {
+                file: shard.file.clone(),
+                id: id.map(str::to_string),
+                problem,
+            });
+        };
+        n_clips += shard.rows;
+        if let Err(e) = check_shard(dir, shard, &mut seen, &mut report) {
+            report(None, e.to_string());
+        }
+    }
+    let manifest = dataset.manifest();
+    let mut report = |problem: String| {
+        problems.push(Problem {
+            file: crate::manifest::MANIFEST_NAME.into(),
+            id: None,
+            problem,
+        });
+    };
+    if n_clips != manifest.n_clips {
+        report(format!(
+            "n_clips is {}, the shards have {n_clips} rows",
+            manifest.n_clips
+        ));
+    }
+    let n_failed: u64 = manifest.shards.iter().map(|s| s.failed.len() as u64).sum();
+    if n_failed != manifest.n_failed {
+        report(format!(
+            "n_failed is {}, the shards list {n_failed}",
+            manifest.n_failed
+        ));
+    }
+    for source in seen.sources.keys() {
+        if !manifest.licences.iter().any(|l| l.source == *source) {
+            report(format!("source `{source}` has no licence line"));
+        }
+    }
+    Ok(problems)
+}
+
+#[derive(Default)]
+struct Seen {
+    ids: HashMap<String, String>,
+    split_of_group: HashMap<String, Split>,
+    split_of_motion: HashMap<String, Split>,
+    sources: std::collections::BTreeMap<String, ()>,
+}
+
+fn check_shard(
+    dir: &Path,
+    shard: &ShardEntry,
+    seen: &mut Seen,
+    report: &mut impl FnMut(Option<&str>, String),
+) -> Result<(), DatasetError> {
+    let path = shard.path(dir);
+    let (blake3, bytes) = hash_file(&path)?;
+    if bytes != shard.bytes {
+        report(
+            None,
+            format!("{bytes} bytes, the manifest says {}", shard.bytes),
+        );
+    }
+    if blake3 != shard.blake3 {
+        report(
+            None,
+            format!("BLAKE3 is {blake3}, the manifest says {}", shard.blake3),
+        );
+    }
+    let reader = ShardReader::open(&path, Columns::All)?;
+    let n_rows = reader.n_rows();
+    if n_rows != shard.rows || n_rows != shard.ids.len() as u64 {
+        report(
+            None,
+            format!(
+                "{n_rows} rows, the manifest says {} and lists {} ids",
+                shard.rows,
+                shard.ids.len()
+            ),
+        );
+    }
+    for (row, record) in reader.enumerate() {
+        let record = record?;
+        let id = Some(record.id.as_str());
+        if let Err(DatasetError::Record { problem, .. }) = check_record(&record) {
+            report(id, problem);
+        }
+        if shard
+            .ids
+            .get(row)
+            .is_some_and(|listed| *listed != record.id)
+        {
+            report(
+                id,
+                format!("row {row} is `{}` in the manifest", shard.ids[row]),
+            );
+        }
+        if record.split.name() != shard.split {
+            report(
+                id,
+                format!("is in {}, its shard in {}", record.split, shard.split),
+            );
+        }
+        if let Some(other) = seen.ids.insert(record.id.clone(), shard.file.clone()) {
+            report(id, format!("the id also occurs in {other}"));
+        }
+        for (what, name, map) in [
+            ("group", &record.group, &mut seen.split_of_group),
+            ("motion", &record.motion_id, &mut seen.split_of_motion),
+        ] {
+            let split = *map.entry(name.clone()).or_insert(record.split);
+            if split != record.split {
+                report(
+                    id,
+                    format!("{what} `{name}` is in both {split} and {}", record.split),
+                );
+            }
+        }
+        seen.sources.entry(record.source).or_default();
+    }
+    Ok(())
+}

@@ -1,0 +1,204 @@
+use std::sync::Arc;
+
+use arrow_array::{ArrayRef, Float32Array, Float64Array, Int64Array, RecordBatch};
+use parquet::arrow::ArrowWriter;
+use radarllm_base::{PointFrame, RadarPoint};
+use radarllm_dataset::{DatasetError, Overwrite, PointsMeta, read_points, write_points};
+
+use crate::support::{Draw, frames};
+
+fn meta() -> PointsMeta {
+    PointsMeta {
+        radar: "awr1843boost".into(),
+        source: "simulated:builtin:walk".into(),
+        seed: Some(u64::MAX),
+        version: "0.1.0".into(),
+        radar_height_m: Some(1.05),
+        frame_rate_hz: 10.0,
+    }
+}
+
+#[test]
+fn round_trip_keeps_everything_even_empty_and_lost_frames() {
+    let dir = tempfile::tempdir().unwrap();
+    for seed in 0..30 {
+        let path = dir.path().join(format!("{seed}.parquet"));
+        let mut draw = Draw::new(seed);
+        let n = draw.below(12);
+        let mut frames = frames(&mut draw, n);
+        for frame in &mut frames {
+            // Only what has points carries its time exactly; empties lie on the nominal grid.
+            frame.time_s = 2.5 + f64::from(frame.frame) / 10.0;
+        }
+        frames.retain(|_| draw.below(5) > 0);
+        if let Some(last) = frames.last_mut() {
+            last.points.clear();
+        }
+        write_points(&path, &meta(), &frames, Overwrite::Refuse).unwrap();
+        let found = read_points(&path).unwrap();
+        assert_eq!(found.meta, meta());
+        assert_eq!(found.frames.len(), frames.len());
+        for (a, b) in found.frames.iter().zip(&frames) {
+            assert_eq!((a.frame, &a.points), (b.frame, &b.points));
+            // The grid's origin is computed by a subtraction: a few ulps of 4 s.
+            assert!(
+                (a.time_s - b.time_s).abs() < 1e-14,
+                "{} {}",
+                a.time_s,
+                b.time_s
+            );
+        }
+    }
+}
+
+#[test]
+fn writing_refuses_nan_disorder_and_overwriting() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("p.parquet");
+    let point = RadarPoint {
+        y_m: 3.0,
+        range_m: 3.0,
+        ..Default::default()
+    };
+    let frame = |frame, v| PointFrame {
+        frame,
+        time_s: f64::from(frame),
+        points: vec![
+            point,
+            RadarPoint {
+                velocity_mps: v,
+                ..point
+            },
+        ],
+    };
+    let error = write_points(
+        &path,
+        &meta(),
+        &[frame(0, 0.0), frame(1, f32::NAN)],
+        Overwrite::Refuse,
+    )
+    .unwrap_err();
+    assert!(
+        error.to_string().contains("`velocity_mps`, row 3"),
+        "{error}"
+    );
+    assert!(
+        write_points(
+            &path,
+            &meta(),
+            &[frame(1, 0.0), frame(1, 0.0)],
+            Overwrite::Refuse
+        )
+        .is_err()
+    );
+    assert!(
+        !path.exists() && std::fs::read_dir(dir.path()).unwrap().count() == 0,
+        "nothing may be left behind"
+    );
+
+    write_points(&path, &meta(), &[frame(0, 1.0)], Overwrite::Refuse).unwrap();
+    let error = write_points(&path, &meta(), &[], Overwrite::Refuse).unwrap_err();
+    assert!(matches!(error, DatasetError::Exists { .. }));
+    write_points(&path, &meta(), &[], Overwrite::Replace).unwrap();
+    assert_eq!(read_points(&path).unwrap().frames, []);
+}
+
+/// A file as pandas writes it: 64-bit columns, nullable, no metadata of ours.
+fn foreign(path: &std::path::Path, frame: Vec<i64>, t_s: Vec<f64>, x_m: Vec<Option<f64>>) {
+    let n = frame.len();
+    let mut columns: Vec<(&str, ArrayRef, bool)> = vec![
+        ("t_s", Arc::new(Float64Array::from(t_s)), true),
+        ("frame", Arc::new(Int64Array::from(frame)), true),
+        ("x_m", Arc::new(Float64Array::from(x_m)), true),
+    ];
+    for name in ["y_m", "z_m", "range_m", "velocity_mps", "intensity_db"] {
+        columns.push((name, Arc::new(Float32Array::from(vec![1.0; n])), true));
+    }
+    let batch = RecordBatch::try_from_iter_with_nullable(columns).unwrap();
+    let file = std::fs::File::create(path).unwrap();
+    let mut writer = ArrowWriter::try_new(file, batch.schema(), None).unwrap();
+    writer.write(&batch).unwrap();
+    writer.close().unwrap();
+}
+
+#[test]
+fn files_from_elsewhere_are_read_or_refused_with_column_and_row() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("p.parquet");
+    foreign(
+        &path,
+        vec![0, 0, 2],
+        vec![0.0, 0.0, 0.2],
+        vec![Some(0.5); 3],
+    );
+    let found = read_points(&path).unwrap();
+    let sizes: Vec<_> = found
+        .frames
+        .iter()
+        .map(|f| (f.frame, f.points.len()))
+        .collect();
+    assert_eq!(sizes, [(0, 2), (1, 0), (2, 1)]);
+    assert!((found.frames[1].time_s - 0.1).abs() < 1e-12);
+    assert!(
+        (found.meta.frame_rate_hz - 10.0).abs() < 1e-9,
+        "rate from the times"
+    );
+    assert_eq!(
+        (found.meta.radar.as_str(), found.meta.seed),
+        ("unknown", None)
+    );
+
+    type Case = (Vec<i64>, Vec<f64>, Vec<Option<f64>>, &'static str);
+    let ok = || vec![Some(1.0); 3];
+    let cases: [Case; 7] = [
+        (vec![0, 2, 1], vec![0.0, 0.2, 0.3], ok(), "`frame`, row 2"),
+        (vec![0, -1, 1], vec![0.0, 0.1, 0.2], ok(), "`frame`, row 1"),
+        (
+            vec![0, 1, i64::MAX],
+            vec![0.0, 0.1, 0.2],
+            ok(),
+            "`frame`, row 2",
+        ),
+        (vec![0, 1, 1], vec![0.0, 0.1, 0.2], ok(), "`t_s`, row 2"),
+        (
+            vec![0, 1, 2],
+            vec![0.0, 0.1, 0.2],
+            vec![Some(1.0), None, Some(1.0)],
+            "`x_m`, row 1: is null",
+        ),
+        (
+            vec![0, 1, 2],
+            vec![0.0, 0.1, 0.2],
+            vec![Some(1.0), Some(f64::INFINITY), None],
+            "`x_m`, row 2: is null",
+        ),
+        (
+            vec![0, 1, 2],
+            vec![0.0, 0.1, 0.2],
+            vec![Some(1.0), Some(1e300), Some(1.0)],
+            "`x_m`, row 1",
+        ),
+    ];
+    for (frame, t_s, x_m, expected) in cases {
+        foreign(&path, frame, t_s, x_m);
+        let error = read_points(&path).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error} should name {expected}");
+    }
+}
+
+#[test]
+fn missing_columns_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("p.parquet");
+    let x: ArrayRef = Arc::new(Float32Array::from(vec![1.0]));
+    let batch = RecordBatch::try_from_iter([("x_m", x)]).unwrap();
+    let mut writer =
+        ArrowWriter::try_new(std::fs::File::create(&path).unwrap(), batch.schema(), None).unwrap();
+    writer.write(&batch).unwrap();
+    writer.close().unwrap();
+    let error = read_points(&path).unwrap_err();
+    assert!(
+        matches!(&error, DatasetError::Column { column, .. } if column == "frame"),
+        "{error}"
+    );
+}
