@@ -1,1 +1,35 @@
 //! Caption metrics with confidence intervals, over plain slices.
+//!
+//! Enter: candidate and reference sentences with ids. Leave: corpus values in the 0..1 scale
+//! (CIDEr in its own, x10 included), each with a 95 % bootstrap interval over motions. Nothing
+//! here opens a file.
+//!
+//! A value is only comparable under the same tokenisation and reference rule, so both travel with
+//! it as a [`Protocol`]. What was not computed is null with a reason, never approximated.
+//!
+//! Reading order: [`score`] (all metrics of a corpus), [`tokens`], [`bleu`], [`rouge`], [`cider`],
+//! [`self_bleu`], [`bootstrap`], then [`floors`] (what a caption system must beat) and [`action`]
+//! (do the captions name the right action?).
+#![forbid(unsafe_code)]
+
+pub mod score;
+
+pub mod tokens;
+
+pub mod bleu;
+pub mod cider;
+pub mod rouge;
+pub mod self_bleu;
+
+pub mod bootstrap;
+
+pub mod action;
+pub mod floors;
+
+mod grams;
+mod rng;
+
+pub use action::ActionNamer;
+pub use floors::{NearestNeighbour, majority_caption, shuffled_assignment};
+pub use score::{Candidate, Reference, ScoreError, ScoreOptions, Scores, score};
+pub use tokens::Protocol;

@@ -1,0 +1,87 @@
+//! Counted n-grams, n = 1..4, in a fixed order so that sums of floats never depend on hashing.
+
+use std::collections::HashMap;
+
+/// Up to four word numbers, filled up with [`NONE`].
+pub(crate) type Gram = [u32; 4];
+const NONE: u32 = u32::MAX;
+
+/// Numbers words by first appearance.
+#[derive(Default)]
+pub(crate) struct Vocabulary {
+    numbers: HashMap<String, u32>,
+}
+
+impl Vocabulary {
+    pub fn number(&mut self, word: &str) -> u32 {
+        if let Some(&n) = self.numbers.get(word) {
+            return n;
+        }
+        // Fewer than 2^32 - 1 distinct words fit into memory long before this could wrap.
+        let n = self.numbers.len() as u32;
+        self.numbers.insert(word.to_string(), n);
+        n
+    }
+
+    pub fn numbers<'a>(&mut self, words: impl Iterator<Item = &'a str>) -> Vec<u32> {
+        words.map(|w| self.number(w)).collect()
+    }
+}
+
+/// N-grams of one sentence with their counts.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Grams {
+    /// Words.
+    pub len: usize,
+    /// Per n - 1: (n-gram, count), sorted by n-gram.
+    pub counts: [Vec<(Gram, u32)>; 4],
+}
+
+impl Grams {
+    pub fn of(words: &[u32]) -> Self {
+        let counts = std::array::from_fn(|i| {
+            let mut grams: Vec<Gram> = words
+                .windows(i + 1)
+                .map(|w| std::array::from_fn(|j| w.get(j).copied().unwrap_or(NONE)))
+                .collect();
+            grams.sort_unstable();
+            let mut counted: Vec<(Gram, u32)> = Vec::new();
+            for gram in grams {
+                match counted.last_mut() {
+                    Some((last, count)) if *last == gram => *count += 1,
+                    _ => counted.push((gram, 1)),
+                }
+            }
+            counted
+        });
+        Self {
+            len: words.len(),
+            counts,
+        }
+    }
+
+    /// Number of n-grams for n = i + 1.
+    pub fn total(&self, i: usize) -> u32 {
+        (self.len.saturating_sub(i)) as u32
+    }
+}
+
+/// Calls `both` for every n-gram that is in two sorted lists.
+pub(crate) fn intersect<A: Copy, B: Copy>(
+    a: &[(Gram, A)],
+    b: &[(Gram, B)],
+    mut both: impl FnMut(Gram, A, B),
+) {
+    let (mut i, mut j) = (0, 0);
+    while let (Some(&(ga, va)), Some(&(gb, vb))) = (a.get(i), b.get(j)) {
+        match ga.cmp(&gb) {
+            std::cmp::Ordering::Less => i += 1,
+            std::cmp::Ordering::Greater => j += 1,
+            std::cmp::Ordering::Equal => {
+                both(ga, va, vb);
+                i += 1;
+                j += 1;
+            }
+        }
+    }
+}
