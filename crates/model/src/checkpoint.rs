@@ -1,0 +1,782 @@
+//! Checkpoints: directories of JSON and safetensors files that are written whole or not at all.
+//!
+//! | file | holds | needed for |
+//! |---|---|---|
+//! | `config.json` | architecture and configuration | inference |
+//! | `model.safetensors` | weights, `module.path.weight` names, f32 | inference |
+//! | `train_state.json`, `optimizer.safetensors`, ... | step, moments, code statistics | resuming |
+//! | `checksums.json` | size and BLAKE3 of every other file | opening |
+//!
+//! Writing goes to a sibling directory, every file is synced, then one rename gives it its name; a
+//! process killed at any moment leaves the old checkpoint or the new one. Opening verifies every
+//! checksum; loading checks names, shapes, types and that every value is finite.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::tensor::{Tensor, TensorData};
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+/// Name of the configuration file.
+pub const CONFIG_FILE: &str = "config.json";
+/// Name of the weights file.
+pub const MODEL_FILE: &str = "model.safetensors";
+/// Name of the checksum file.
+pub const CHECKSUM_FILE: &str = "checksums.json";
+
+/// Largest JSON or other small file read, bytes: far above any tokenizer vocabulary.
+const MAX_SMALL_FILE_BYTES: u64 = 64 << 20;
+/// Largest weights file read, bytes.
+const MAX_TENSOR_FILE_BYTES: u64 = 16 << 30;
+
+/// A dense f32 array in host memory, row-major.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HostTensor {
+    /// Extent of each axis; empty for a scalar.
+    pub shape: Vec<usize>,
+    /// `shape` product values.
+    pub values: Vec<f32>,
+}
+
+impl HostTensor {
+    /// A vector.
+    pub fn vector(values: Vec<f32>) -> Self {
+        Self {
+            shape: vec![values.len()],
+            values,
+        }
+    }
+}
+
+/// Arrays by name.
+pub type NamedTensors = BTreeMap<String, HostTensor>;
+
+/// Why a checkpoint could not be written or read.
+#[derive(Debug, thiserror::Error)]
+pub enum CheckpointError {
+    /// The file system refused.
+    #[error("{path}: {source}")]
+    Io {
+        /// File or directory.
+        path: PathBuf,
+        /// Cause.
+        source: std::io::Error,
+    },
+    /// The directory holds no checkpoint.
+    #[error("{path}: not a checkpoint: no {CHECKSUM_FILE}")]
+    NotACheckpoint {
+        /// Directory.
+        path: PathBuf,
+    },
+    /// A file is larger than any genuine one.
+    #[error("{path}: {found} bytes, at most {limit} are read")]
+    TooLarge {
+        /// File.
+        path: PathBuf,
+        /// Size found.
+        found: u64,
+        /// Limit.
+        limit: u64,
+    },
+    /// The content differs from what was written.
+    #[error("{path}: damaged: checksum or size differs from {CHECKSUM_FILE}")]
+    Checksum {
+        /// File.
+        path: PathBuf,
+    },
+    /// A file that should be there is not listed.
+    #[error("{path}: missing from the checkpoint")]
+    MissingFile {
+        /// File.
+        path: PathBuf,
+    },
+    /// Not valid JSON, or not what the reader expects.
+    #[error("{path}: {message}")]
+    Json {
+        /// File.
+        path: PathBuf,
+        /// Line, column and cause.
+        message: String,
+    },
+    /// Not a valid safetensors file.
+    #[error("{path}: {message}")]
+    Safetensors {
+        /// File.
+        path: PathBuf,
+        /// Cause.
+        message: String,
+    },
+    /// The element type is not one we read.
+    #[error("{path}: tensor `{tensor}`: type {found}, expected F32, F16 or BF16")]
+    Dtype {
+        /// File.
+        path: PathBuf,
+        /// Tensor.
+        tensor: String,
+        /// Type found.
+        found: String,
+    },
+    /// The shape is not the model's.
+    #[error("{path}: tensor `{tensor}`: shape {found:?}, expected {expected:?}")]
+    Shape {
+        /// File.
+        path: PathBuf,
+        /// Tensor.
+        tensor: String,
+        /// Expected shape.
+        expected: Vec<usize>,
+        /// Shape found.
+        found: Vec<usize>,
+    },
+    /// A value is NaN or infinite.
+    #[error("{path}: tensor `{tensor}`: value {index} is not finite")]
+    NotFinite {
+        /// File.
+        path: PathBuf,
+        /// Tensor.
+        tensor: String,
+        /// Index of the first such value.
+        index: usize,
+    },
+    /// The model needs a tensor that the file lacks.
+    #[error("{path}: tensor `{tensor}` of shape {expected:?} is missing")]
+    MissingTensor {
+        /// File.
+        path: PathBuf,
+        /// Tensor.
+        tensor: String,
+        /// Expected shape.
+        expected: Vec<usize>,
+    },
+    /// The file has tensors that the model lacks.
+    #[error("{path}: tensor `{tensor}` is not part of this model")]
+    UnknownTensor {
+        /// File.
+        path: PathBuf,
+        /// Tensor.
+        tensor: String,
+    },
+    /// A value of the configuration cannot be used.
+    #[error("{path}: {message}")]
+    Config {
+        /// File.
+        path: PathBuf,
+        /// Field and cause.
+        message: String,
+    },
+}
+
+fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> CheckpointError {
+    let path = path.to_path_buf();
+    move |source| CheckpointError::Io { path, source }
+}
+
+#[derive(Serialize, Deserialize)]
+struct FileSum {
+    bytes: u64,
+    blake3: String,
+}
+
+/// Files of a checkpoint before it is written.
+#[derive(Default)]
+pub struct CheckpointFiles {
+    files: BTreeMap<String, Vec<u8>>,
+}
+
+impl CheckpointFiles {
+    /// Adds a JSON document.
+    ///
+    /// # Errors
+    /// If the value cannot be expressed in JSON.
+    pub fn json<T: Serialize>(&mut self, file: &str, value: &T) -> Result<(), CheckpointError> {
+        let bytes = serde_json::to_vec_pretty(value).map_err(|e| CheckpointError::Json {
+            path: file.into(),
+            message: e.to_string(),
+        })?;
+        self.bytes(file, bytes);
+        Ok(())
+    }
+
+    /// Adds named arrays as a safetensors file (f32).
+    ///
+    /// # Errors
+    /// If an array's shape does not fit its values.
+    pub fn tensors(&mut self, file: &str, tensors: &NamedTensors) -> Result<(), CheckpointError> {
+        let bytes = encode_safetensors(Path::new(file), tensors)?;
+        self.bytes(file, bytes);
+        Ok(())
+    }
+
+    /// Adds a file as it is. `file` must be a plain name.
+    pub fn bytes(&mut self, file: &str, bytes: Vec<u8>) {
+        self.files.insert(file.to_string(), bytes);
+    }
+
+    /// Writes the checkpoint under `dir`, replacing what was there, in one step.
+    ///
+    /// # Errors
+    /// If the file system refuses; `dir` is then what it was.
+    pub fn write(&self, dir: &Path) -> Result<(), CheckpointError> {
+        let parent = match dir.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
+            _ => PathBuf::from("."),
+        };
+        fs::create_dir_all(&parent).map_err(io_error(&parent))?;
+        let staging = sibling(dir, ".tmp");
+        remove_dir(&staging)?;
+        fs::create_dir(&staging).map_err(io_error(&staging))?;
+        let mut sums = BTreeMap::new();
+        for (name, bytes) in &self.files {
+            let sum = FileSum {
+                bytes: bytes.len() as u64,
+                blake3: blake3::hash(bytes).to_hex().to_string(),
+            };
+            sums.insert(name.clone(), sum);
+            write_synced(&staging.join(name), bytes)?;
+        }
+        let listing = serde_json::to_vec_pretty(&sums).map_err(|e| CheckpointError::Json {
+            path: CHECKSUM_FILE.into(),
+            message: e.to_string(),
+        })?;
+        write_synced(&staging.join(CHECKSUM_FILE), &listing)?;
+        sync_dir(&staging)?;
+        // A directory cannot be renamed over a full one, so the old checkpoint steps aside first;
+        // `Checkpoint::open` finds it there if the process dies between the two renames.
+        let aside = sibling(dir, ".old");
+        if dir.exists() {
+            remove_dir(&aside)?;
+            fs::rename(dir, &aside).map_err(io_error(dir))?;
+        }
+        fs::rename(&staging, dir).map_err(io_error(dir))?;
+        sync_dir(&parent)?;
+        remove_dir(&aside)
+    }
+}
+
+fn sibling(dir: &Path, suffix: &str) -> PathBuf {
+    let mut name = dir.file_name().unwrap_or_default().to_os_string();
+    name.push(suffix);
+    dir.with_file_name(name)
+}
+
+fn remove_dir(dir: &Path) -> Result<(), CheckpointError> {
+    match fs::remove_dir_all(dir) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(io_error(dir)(e)),
+        _ => Ok(()),
+    }
+}
+
+fn write_synced(path: &Path, bytes: &[u8]) -> Result<(), CheckpointError> {
+    let mut file = fs::File::create(path).map_err(io_error(path))?;
+    file.write_all(bytes).map_err(io_error(path))?;
+    file.sync_all().map_err(io_error(path))
+}
+
+fn sync_dir(dir: &Path) -> Result<(), CheckpointError> {
+    // Windows cannot open a directory as a file; its renames are journalled.
+    if cfg!(unix) {
+        fs::File::open(dir)
+            .and_then(|f| f.sync_all())
+            .map_err(io_error(dir))?;
+    }
+    Ok(())
+}
+
+/// An opened checkpoint whose checksums all agree.
+#[derive(Debug)]
+pub struct Checkpoint {
+    dir: PathBuf,
+    files: Vec<String>,
+}
+
+impl Checkpoint {
+    /// Opens a checkpoint and verifies the checksum of every file.
+    ///
+    /// # Errors
+    /// If `dir` holds no checkpoint or a damaged one.
+    pub fn open(dir: &Path) -> Result<Self, CheckpointError> {
+        let mut dir = dir.to_path_buf();
+        let aside = sibling(&dir, ".old");
+        if !dir.exists() && aside.exists() {
+            dir = aside;
+        }
+        let listing_path = dir.join(CHECKSUM_FILE);
+        if !listing_path.is_file() {
+            return Err(CheckpointError::NotACheckpoint { path: dir });
+        }
+        let sums: BTreeMap<String, FileSum> = parse_json(
+            &listing_path,
+            &read_limited(&listing_path, MAX_SMALL_FILE_BYTES)?,
+        )?;
+        for (name, sum) in &sums {
+            let path = dir.join(name);
+            let plain = Path::new(name)
+                .file_name()
+                .is_some_and(|f| f == name.as_str());
+            if !plain {
+                return Err(CheckpointError::Json {
+                    path: listing_path,
+                    message: format!("`{name}` is not a plain file name"),
+                });
+            }
+            if !path.is_file() {
+                return Err(CheckpointError::MissingFile { path });
+            }
+            let found = fs::metadata(&path).map_err(io_error(&path))?.len();
+            if found != sum.bytes {
+                return Err(CheckpointError::Checksum { path });
+            }
+            let bytes = read_limited(&path, MAX_TENSOR_FILE_BYTES)?;
+            if blake3::hash(&bytes).to_hex().as_str() != sum.blake3 {
+                return Err(CheckpointError::Checksum { path });
+            }
+        }
+        Ok(Self {
+            dir,
+            files: sums.into_keys().collect(),
+        })
+    }
+
+    /// Directory the files lie in.
+    pub fn dir(&self) -> &Path {
+        &self.dir
+    }
+
+    /// True when the checkpoint has this file.
+    pub fn has(&self, file: &str) -> bool {
+        self.files.iter().any(|f| f == file)
+    }
+
+    fn path(&self, file: &str) -> Result<PathBuf, CheckpointError> {
+        let path = self.dir.join(file);
+        if self.has(file) {
+            Ok(path)
+        } else {
+            Err(CheckpointError::MissingFile { path })
+        }
+    }
+
+    /// Reads a JSON document.
+    ///
+    /// # Errors
+    /// If the file is missing or is not a `T`.
+    pub fn json<T: DeserializeOwned>(&self, file: &str) -> Result<T, CheckpointError> {
+        let path = self.path(file)?;
+        parse_json(&path, &read_limited(&path, MAX_SMALL_FILE_BYTES)?)
+    }
+
+    /// Reads a small file as it is.
+    ///
+    /// # Errors
+    /// If the file is missing or too large.
+    pub fn bytes(&self, file: &str) -> Result<Vec<u8>, CheckpointError> {
+        read_limited(&self.path(file)?, MAX_SMALL_FILE_BYTES)
+    }
+
+    /// Reads named arrays.
+    ///
+    /// # Errors
+    /// See [`read_safetensors`].
+    pub fn tensors(&self, file: &str) -> Result<NamedTensors, CheckpointError> {
+        read_safetensors(&self.path(file)?)
+    }
+
+    /// Loads `model.safetensors` into `model`; names and shapes must agree exactly.
+    ///
+    /// # Errors
+    /// See [`load_params`].
+    pub fn load_model<M: Module>(&self, model: M) -> Result<M, CheckpointError> {
+        let path = self.path(MODEL_FILE)?;
+        load_params(model, read_safetensors(&path)?, &path)
+    }
+}
+
+fn read_limited(path: &Path, limit: u64) -> Result<Vec<u8>, CheckpointError> {
+    let found = fs::metadata(path).map_err(io_error(path))?.len();
+    if found > limit {
+        return Err(CheckpointError::TooLarge {
+            path: path.into(),
+            found,
+            limit,
+        });
+    }
+    fs::read(path).map_err(io_error(path))
+}
+
+fn parse_json<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T, CheckpointError> {
+    serde_json::from_slice(bytes).map_err(|e| CheckpointError::Json {
+        path: path.into(),
+        message: e.to_string(),
+    })
+}
+
+fn encode_safetensors(path: &Path, tensors: &NamedTensors) -> Result<Vec<u8>, CheckpointError> {
+    let fail = |message: String| CheckpointError::Safetensors {
+        path: path.into(),
+        message,
+    };
+    let mut data = BTreeMap::new();
+    for (name, tensor) in tensors {
+        let bytes: Vec<u8> = tensor.values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        data.insert(name, (tensor.shape.clone(), bytes));
+    }
+    let mut views = BTreeMap::new();
+    for (name, (shape, bytes)) in &data {
+        let view = TensorView::new(Dtype::F32, shape.clone(), bytes)
+            .map_err(|e| fail(format!("tensor `{name}`: {e}")))?;
+        views.insert(name.as_str(), view);
+    }
+    safetensors::serialize(views, None).map_err(|e| fail(e.to_string()))
+}
+
+/// Reads a safetensors file of F32, F16 or BF16 arrays, widened to f32.
+///
+/// # Errors
+/// If the file is malformed, holds another element type, or a value is NaN or infinite.
+pub fn read_safetensors(path: &Path) -> Result<NamedTensors, CheckpointError> {
+    let bytes = read_limited(path, MAX_TENSOR_FILE_BYTES)?;
+    let parsed = SafeTensors::deserialize(&bytes).map_err(|e| CheckpointError::Safetensors {
+        path: path.into(),
+        message: e.to_string(),
+    })?;
+    let mut tensors = NamedTensors::new();
+    for (name, view) in parsed.iter() {
+        let data = view.data();
+        let values: Vec<f32> = match view.dtype() {
+            Dtype::F32 => data
+                .chunks_exact(4)
+                .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+                .collect(),
+            Dtype::BF16 => data
+                .chunks_exact(2)
+                .map(|b| f32::from_bits(u32::from(u16::from_le_bytes([b[0], b[1]])) << 16))
+                .collect(),
+            Dtype::F16 => data
+                .chunks_exact(2)
+                .map(|b| f32_from_f16_bits(u16::from_le_bytes([b[0], b[1]])))
+                .collect(),
+            other => {
+                return Err(CheckpointError::Dtype {
+                    path: path.into(),
+                    tensor: name.to_string(),
+                    found: format!("{other:?}"),
+                });
+            }
+        };
+        if let Some(index) = values.iter().position(|v| !v.is_finite()) {
+            return Err(CheckpointError::NotFinite {
+                path: path.into(),
+                tensor: name.to_string(),
+                index,
+            });
+        }
+        tensors.insert(
+            name.to_string(),
+            HostTensor {
+                shape: view.shape().to_vec(),
+                values,
+            },
+        );
+    }
+    Ok(tensors)
+}
+
+/// IEEE 754 binary16 to binary32, exact.
+fn f32_from_f16_bits(bits: u16) -> f32 {
+    let sign = if bits & 0x8000 == 0 { 1.0 } else { -1.0 };
+    let exponent = i32::from((bits >> 10) & 0x1f);
+    let mantissa = f32::from(bits & 0x3ff);
+    match exponent {
+        0 => sign * mantissa * 2f32.powi(-24),
+        31 if mantissa == 0.0 => sign * f32::INFINITY,
+        31 => f32::NAN,
+        _ => sign * (1.0 + mantissa / 1024.0) * 2f32.powi(exponent - 15),
+    }
+}
+
+/// All float parameters of a module by path (`encoder.layers.0.weight`).
+pub fn collect_params<M: Module>(model: &M) -> NamedTensors {
+    struct Collect {
+        path: Vec<String>,
+        out: NamedTensors,
+    }
+    impl ModuleVisitor for Collect {
+        fn enter_module(&mut self, name: &str, _container: &str) {
+            self.path.push(name.to_string());
+        }
+        fn exit_module(&mut self, _name: &str, _container: &str) {
+            self.path.pop();
+        }
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            let tensor = param.base().without_autodiff();
+            let shape = tensor.dims().to_vec();
+            // Parameters are f32 by construction; a read failure would be a defect of the backend.
+            let values = tensor
+                .into_data_as::<f32>()
+                .try_into_vec::<f32>()
+                .unwrap_or_default();
+            self.out
+                .insert(self.path.join("."), HostTensor { shape, values });
+        }
+    }
+    let mut visitor = Collect {
+        path: Vec::new(),
+        out: NamedTensors::new(),
+    };
+    model.visit(&mut visitor);
+    visitor.out
+}
+
+/// Paths and shapes of all float parameters of a module.
+pub fn param_shapes<M: Module>(model: &M) -> BTreeMap<String, Vec<usize>> {
+    struct Shapes {
+        path: Vec<String>,
+        out: BTreeMap<String, Vec<usize>>,
+    }
+    impl ModuleVisitor for Shapes {
+        fn enter_module(&mut self, name: &str, _container: &str) {
+            self.path.push(name.to_string());
+        }
+        fn exit_module(&mut self, _name: &str, _container: &str) {
+            self.path.pop();
+        }
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            self.out
+                .insert(self.path.join("."), param.lazy_shape().to_vec());
+        }
+    }
+    let mut visitor = Shapes {
+        path: Vec::new(),
+        out: BTreeMap::new(),
+    };
+    model.visit(&mut visitor);
+    visitor.out
+}
+
+/// Gives a module the parameters in `tensors`; `file` is named in errors.
+///
+/// # Errors
+/// If a name is missing or unknown, or a shape differs; nothing is loaded then.
+pub fn load_params<M: Module>(
+    model: M,
+    tensors: NamedTensors,
+    file: &Path,
+) -> Result<M, CheckpointError> {
+    let expected = param_shapes(&model);
+    for (name, shape) in &expected {
+        match tensors.get(name) {
+            None => {
+                return Err(CheckpointError::MissingTensor {
+                    path: file.into(),
+                    tensor: name.clone(),
+                    expected: shape.clone(),
+                });
+            }
+            Some(found) if found.shape != *shape => {
+                return Err(CheckpointError::Shape {
+                    path: file.into(),
+                    tensor: name.clone(),
+                    expected: shape.clone(),
+                    found: found.shape.clone(),
+                });
+            }
+            Some(_) => {}
+        }
+    }
+    if let Some(name) = tensors.keys().find(|name| !expected.contains_key(*name)) {
+        return Err(CheckpointError::UnknownTensor {
+            path: file.into(),
+            tensor: name.clone(),
+        });
+    }
+    Ok(replace_params(model, tensors))
+}
+
+/// Replaces the parameters named in `tensors`; the others keep their values.
+///
+/// Shapes must fit: see [`load_params`] for the checked form.
+pub fn replace_params<M: Module>(model: M, tensors: NamedTensors) -> M {
+    struct Replace {
+        path: Vec<String>,
+        tensors: NamedTensors,
+    }
+    impl ModuleMapper for Replace {
+        fn enter_module(&mut self, name: &str, _container: &str) {
+            self.path.push(name.to_string());
+        }
+        fn exit_module(&mut self, _name: &str, _container: &str) {
+            self.path.pop();
+        }
+        fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+            let Some(host) = self.tensors.remove(&self.path.join(".")) else {
+                return param;
+            };
+            let device = param.lazy_device();
+            let tensor = Tensor::from_data(TensorData::new(host.values, host.shape), &device);
+            let id = param.id;
+            param.transform_for_load(tensor, id)
+        }
+    }
+    model.map(&mut Replace {
+        path: Vec::new(),
+        tensors,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use burn::nn::{Linear, LinearConfig};
+    use burn::tensor::Device;
+
+    fn scratch(name: &str) -> PathBuf {
+        let dir = std::env::temp_dir().join(format!("radarllm-ckpt-{}-{name}", std::process::id()));
+        let _ = fs::remove_dir_all(&dir);
+        fs::create_dir_all(&dir).unwrap();
+        dir
+    }
+
+    fn linear() -> Linear {
+        LinearConfig::new(3, 2).init(&Device::flex())
+    }
+
+    fn files(model: &Linear) -> CheckpointFiles {
+        let mut files = CheckpointFiles::default();
+        files
+            .json(CONFIG_FILE, &serde_json::json!({"width": 3}))
+            .unwrap();
+        files.tensors(MODEL_FILE, &collect_params(model)).unwrap();
+        files
+    }
+
+    #[test]
+    fn weights_survive_a_round_trip_bit_for_bit() {
+        let root = scratch("round");
+        let model = linear();
+        files(&model).write(&root.join("c")).unwrap();
+        let loaded = Checkpoint::open(&root.join("c"))
+            .unwrap()
+            .load_model(linear())
+            .unwrap();
+        assert_eq!(collect_params(&model), collect_params(&loaded));
+        fs::remove_dir_all(root).unwrap();
+    }
+
+    #[test]
+    fn interrupted_writes_leave_a_checkpoint_that_opens() {
+        let root = scratch("kill");
+        let dir = root.join("c");
+        files(&linear()).write(&dir).unwrap();
+        // Killed while staging: half a file in the sibling.
+        fs::create_dir(root.join("c.tmp")).unwrap();
+        fs::write(root.join("c.tmp").join(MODEL_FILE), b"half").unwrap();
+        Checkpoint::open(&dir).unwrap();
+        // Killed between the two renames: only the old one is left, under its other name.
+        fs::rename(&dir, root.join("c.old")).unwrap();
+        Checkpoint::open(&dir).unwrap();
+        // The next write heals everything.
+        files(&linear()).write(&dir).unwrap();
+        Checkpoint::open(&dir).unwrap();
+        assert!(!root.join("c.tmp").exists() && !root.join("c.old").exists());
+        fs::remove_dir_all(root).unwrap();
+    }
+
+    #[test]
+    fn damage_is_found_wherever_it_is() {
+        let root = scratch("damage");
+        let dir = root.join("c");
+        files(&linear()).write(&dir).unwrap();
+        let path = dir.join(MODEL_FILE);
+        let good = fs::read(&path).unwrap();
+        for at in [0, 9, good.len() / 2, good.len() - 1] {
+            let mut bad = good.clone();
+            bad[at] ^= 0x10;
+            fs::write(&path, &bad).unwrap();
+            let err = Checkpoint::open(&dir).unwrap_err();
+            assert!(matches!(err, CheckpointError::Checksum { .. }), "{err}");
+        }
+        fs::write(&path, &good[..good.len() - 4]).unwrap();
+        assert!(Checkpoint::open(&dir).is_err());
+        fs::remove_dir_all(root).unwrap();
+    }
+
+    #[test]
+    fn hostile_safetensors_are_errors() {
+        let root = scratch("hostile");
+        let path = root.join("x.safetensors");
+        let mut cases: Vec<Vec<u8>> = vec![
+            vec![],
+            vec![0xff; 8],
+            u64::MAX.to_le_bytes().to_vec(),
+            b"\x02\0\0\0\0\0\0\0{}".to_vec()[..9].to_vec(),
+        ];
+        // A header that claims 4 GiB of floats backed by four bytes.
+        let header = br#"{"a":{"dtype":"F32","shape":[1073741824],"data_offsets":[0,4294967296]}}"#;
+        let mut claim = (header.len() as u64).to_le_bytes().to_vec();
+        claim.extend_from_slice(header);
+        claim.extend_from_slice(&[0; 4]);
+        cases.push(claim);
+        for bytes in cases {
+            fs::write(&path, &bytes).unwrap();
+            assert!(read_safetensors(&path).is_err(), "{bytes:?}");
+        }
+        let mut tensors = NamedTensors::new();
+        tensors.insert("a".into(), HostTensor::vector(vec![1.0, f32::NAN]));
+        fs::write(&path, encode_safetensors(&path, &tensors).unwrap()).unwrap();
+        let err = read_safetensors(&path).unwrap_err();
+        assert!(
+            matches!(err, CheckpointError::NotFinite { index: 1, .. }),
+            "{err}"
+        );
+        fs::remove_dir_all(root).unwrap();
+    }
+
+    #[test]
+    fn wrong_names_and_shapes_are_named() {
+        let mut tensors = collect_params(&linear());
+        let weight = tensors.remove("weight").unwrap();
+        let file = Path::new("f");
+        let err = load_params(linear(), tensors.clone(), file).unwrap_err();
+        assert_eq!(
+            err.to_string(),
+            "f: tensor `weight` of shape [3, 2] is missing"
+        );
+        let bad = HostTensor {
+            shape: vec![2, 3],
+            values: weight.values.clone(),
+        };
+        tensors.insert("weight".into(), bad);
+        let err = load_params(linear(), tensors.clone(), file).unwrap_err();
+        assert_eq!(
+            err.to_string(),
+            "f: tensor `weight`: shape [2, 3], expected [3, 2]"
+        );
+        tensors.insert("weight".into(), weight);
+        tensors.insert("other".into(), HostTensor::vector(vec![0.0]));
+        let err = load_params(linear(), tensors, file).unwrap_err();
+        assert_eq!(
+            err.to_string(),
+            "f: tensor `other` is not part of this model"
+        );
+    }
+
+    #[test]
+    fn half_precision_widens_exactly() {
+        // IEEE 754 examples: 1, -2, 65504 (largest), 2^-24 (smallest subnormal), 1/3 rounded.
+        let cases = [
+            (0x3c00, 1.0),
+            (0xc000, -2.0),
+            (0x7bff, 65504.0),
+            (0x0001, 2f32.powi(-24)),
+            (0x3555, 0.333_251_95),
+        ];
+        for (bits, value) in cases {
+            assert_eq!(f32_from_f16_bits(bits), value);
+        }
+    }
+}

@@ -1,0 +1,551 @@
+//! Decoding: greedy for batches, beam search for quality, both with cached keys and values.
+//!
+//! Scores are log-probabilities among the allowed tokens only: a sentence is never blamed for
+//! probability that went to radar codes.
+
+use super::t5::{DecoderCache, Source, SourceBatch};
+use super::vocab::{EOS, Layout, PAD, UNKNOWN};
+use super::{LmError, RadarLm, hf};
+
+/// Which tokens may be produced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Allowed {
+    /// Words.
+    Text,
+    /// Radar codes.
+    Radar,
+}
+
+impl Allowed {
+    /// Output rows that have to be computed.
+    fn n_rows(self, layout: &Layout) -> usize {
+        match self {
+            Allowed::Text => layout.n_text as usize,
+            Allowed::Radar => layout.som() as usize,
+        }
+    }
+
+    fn permits(self, id: u32, layout: &Layout) -> bool {
+        id == EOS
+            || match self {
+                Allowed::Text => id != PAD && id != UNKNOWN && id < layout.n_text,
+                Allowed::Radar => layout.code_of(id).is_some(),
+            }
+    }
+}
+
+/// How to decode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GenerateOptions {
+    /// Most tokens produced, end token included.
+    pub max_new_tokens: usize,
+    /// Beams; 1 is greedy.
+    pub beam: usize,
+    /// Finished beams compare by log-probability over length to this power.
+    pub length_penalty: f32,
+    /// Which tokens may be produced.
+    pub allowed: Allowed,
+    /// Sequences decoded together.
+    pub batch: usize,
+}
+
+impl Default for GenerateOptions {
+    fn default() -> Self {
+        Self {
+            max_new_tokens: 40,
+            beam: 1,
+            length_penalty: 1.0,
+            allowed: Allowed::Text,
+            batch: 64,
+        }
+    }
+}
+
+/// One decoded sequence.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct Generated {
+    /// Tokens, without start and end.
+    pub ids: Vec<u32>,
+    /// Sum of the tokens' log-probabilities, end token included.
+    pub log_prob: f32,
+    /// exp(mean log-probability), in 0..=1.
+    pub confidence: f32,
+}
+
+impl Generated {
+    fn new(ids: Vec<u32>, log_prob: f32, n_scored: usize) -> Self {
+        let confidence = (log_prob / n_scored.max(1) as f32).exp();
+        Self {
+            ids,
+            log_prob,
+            confidence,
+        }
+    }
+}
+
+impl RadarLm {
+    /// Decodes every source.
+    ///
+    /// # Errors
+    /// If a source does not fit the model.
+    pub fn generate(
+        &self,
+        sources: &[Source],
+        options: &GenerateOptions,
+    ) -> Result<Vec<Generated>, LmError> {
+        for source in sources {
+            self.check(source)?;
+        }
+        let steps = options.max_new_tokens.clamp(1, 512);
+        let beam = options.beam.clamp(1, 64);
+        let batch = (options.batch / beam).clamp(1, 1024);
+        // Neighbours in length share a batch, so that little is padded.
+        let mut order: Vec<usize> = (0..sources.len()).collect();
+        order.sort_by_key(|i| sources[*i].ids.len());
+        let mut out = vec![Generated::default(); sources.len()];
+        for chunk in order.chunks(batch) {
+            let picked: Vec<&Source> = chunk.iter().map(|i| &sources[*i]).collect();
+            let batch = SourceBatch::new(&picked, self.config.code_dim, &self.device().clone());
+            let encoded = self.net.encode(&batch, None);
+            let cache = self.net.t5.start_cache(&encoded, steps);
+            let results = if beam == 1 {
+                self.greedy(cache, chunk.len(), steps, options.allowed)
+            } else {
+                self.beam(cache, chunk.len(), steps, beam, options)
+            };
+            for (i, result) in chunk.iter().zip(results) {
+                out[*i] = result;
+            }
+        }
+        Ok(out)
+    }
+
+    /// Log-probabilities among allowed tokens, `[rows][n_rows]`, of the next token.
+    fn next_log_probs(
+        &self,
+        cache: &mut DecoderCache,
+        last: &[u32],
+        allowed: Allowed,
+    ) -> (Vec<f32>, usize) {
+        let layout = self.vocab.layout();
+        let n_rows = allowed.n_rows(layout);
+        let states = self.net.t5.step(cache, last);
+        let mut logits = hf::read(self.net.t5.logits(states, n_rows));
+        let permitted: Vec<bool> = (0..n_rows as u32)
+            .map(|id| allowed.permits(id, layout))
+            .collect();
+        for row in logits.chunks_exact_mut(n_rows) {
+            for (logit, permitted) in row.iter_mut().zip(&permitted) {
+                if !permitted {
+                    *logit = f32::NEG_INFINITY;
+                }
+            }
+            let most = row.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+            let total = row.iter().map(|l| (l - most).exp()).sum::<f32>().ln() + most;
+            row.iter_mut().for_each(|l| *l -= total);
+        }
+        (logits, n_rows)
+    }
+
+    fn greedy(
+        &self,
+        mut cache: DecoderCache,
+        n: usize,
+        steps: usize,
+        allowed: Allowed,
+    ) -> Vec<Generated> {
+        let mut out = vec![(Vec::new(), 0.0_f32, 0_usize); n];
+        let mut alive: Vec<usize> = (0..n).collect();
+        let mut last = vec![PAD; n];
+        for step in 0..steps {
+            let (scores, n_rows) = self.next_log_probs(&mut cache, &last, allowed);
+            let mut kept = Vec::with_capacity(alive.len());
+            let mut next = Vec::with_capacity(alive.len());
+            for (row, scores) in scores.chunks_exact(n_rows).enumerate() {
+                let (id, score) = argmax(scores);
+                let (ids, sum, scored) = &mut out[alive[row]];
+                *sum += score;
+                *scored += 1;
+                if id != EOS {
+                    ids.push(id);
+                    kept.push(row);
+                    next.push(id);
+                }
+            }
+            if kept.is_empty() || step + 1 == steps {
+                break;
+            }
+            // Finished sequences leave the batch; the rest pay only for themselves.
+            if kept.len() < alive.len() {
+                cache = cache.select(&kept);
+                alive = kept.iter().map(|row| alive[*row]).collect();
+            }
+            last = next;
+        }
+        out.into_iter()
+            .map(|(ids, sum, scored)| Generated::new(ids, sum, scored))
+            .collect()
+    }
+
+    fn beam(
+        &self,
+        cache: DecoderCache,
+        n: usize,
+        steps: usize,
+        width: usize,
+        options: &GenerateOptions,
+    ) -> Vec<Generated> {
+        struct Search {
+            /// (tokens, log-probability), best first; `width` of them while running.
+            open: Vec<(Vec<u32>, f32)>,
+            /// (normalised score, result), best first.
+            done: Vec<(f32, Generated)>,
+            finished: bool,
+        }
+        let normal = |sum: f32, len: usize| sum / (len as f32).powf(options.length_penalty);
+        let rows: Vec<usize> = (0..n).flat_map(|i| std::iter::repeat_n(i, width)).collect();
+        let mut cache = cache.select(&rows);
+        // All beams start equal, so only the first may be extended at the first step.
+        let start = || {
+            (0..width)
+                .map(|b| (Vec::new(), if b == 0 { 0.0 } else { f32::NEG_INFINITY }))
+                .collect()
+        };
+        let mut searches: Vec<Search> = (0..n)
+            .map(|_| Search {
+                open: start(),
+                done: Vec::new(),
+                finished: false,
+            })
+            .collect();
+        let mut last = vec![PAD; n * width];
+        for step in 0..steps {
+            let (scores, n_rows) = self.next_log_probs(&mut cache, &last, options.allowed);
+            let mut parents = Vec::with_capacity(n * width);
+            let mut next = Vec::with_capacity(n * width);
+            for (i, search) in searches.iter_mut().enumerate() {
+                let first = i * width;
+                if search.finished {
+                    parents.extend(first..first + width);
+                    next.extend(std::iter::repeat_n(EOS, width));
+                    continue;
+                }
+                let mut candidates = Vec::new();
+                for b in 0..width {
+                    let sum = search.open[b].1;
+                    if sum == f32::NEG_INFINITY {
+                        continue;
+                    }
+                    let row = &scores[(first + b) * n_rows..(first + b + 1) * n_rows];
+                    // Twice the width: even if every beam ends, enough of them go on.
+                    candidates.extend(
+                        top(row, 2 * width)
+                            .into_iter()
+                            .map(|(id, s)| (sum + s, b, id)),
+                    );
+                }
+                candidates
+                    .sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
+                let mut open = Vec::with_capacity(width);
+                for (rank, (sum, b, id)) in candidates.into_iter().enumerate() {
+                    let tokens = &search.open[b].0;
+                    if id == EOS {
+                        // An end outside the best `width` would not have been a beam.
+                        if rank < width {
+                            let score = normal(sum, tokens.len() + 1);
+                            let result = Generated::new(tokens.clone(), sum, tokens.len() + 1);
+                            search.done.push((score, result));
+                        }
+                        continue;
+                    }
+                    if open.len() < width && sum > f32::NEG_INFINITY {
+                        let mut tokens = tokens.clone();
+                        tokens.push(id);
+                        parents.push(first + b);
+                        next.push(id);
+                        open.push((tokens, sum));
+                    }
+                }
+                while open.len() < width {
+                    parents.push(first);
+                    next.push(EOS);
+                    open.push((Vec::new(), f32::NEG_INFINITY));
+                }
+                search.open = open;
+                search.done.sort_by(|a, b| b.0.total_cmp(&a.0));
+                search.done.truncate(width);
+                // The best open beam, were it to end now at its present score, bounds what it can
+                // reach under a penalty of at most 1 closely enough; the reference stops here too.
+                let best_open = normal(search.open[0].1, step + 1);
+                let worst_done = search.done.last().map_or(f32::NEG_INFINITY, |d| d.0);
+                search.finished = search.done.len() >= width && worst_done >= best_open;
+            }
+            if searches.iter().all(|s| s.finished) || step + 1 == steps {
+                break;
+            }
+            cache = cache.reorder(&parents);
+            last = next;
+        }
+        searches
+            .into_iter()
+            .map(|search| {
+                let open = search
+                    .open
+                    .into_iter()
+                    .filter(|(_, sum)| *sum > f32::NEG_INFINITY);
+                let cut = open.map(|(ids, sum)| {
+                    let len = ids.len();
+                    (normal(sum, len), Generated::new(ids, sum, len))
+                });
+                // Unfinished beams count only when nothing ended within the limit.
+                let mut all = search.done;
+                if all.is_empty() {
+                    all.extend(cut);
+                }
+                let best = all.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
+                best.map(|(_, result)| result).unwrap_or_default()
+            })
+            .collect()
+    }
+}
+
+/// Id and value of the largest entry; the first of equals.
+fn argmax(scores: &[f32]) -> (u32, f32) {
+    let mut best = (EOS, f32::NEG_INFINITY);
+    for (id, score) in scores.iter().enumerate() {
+        if *score > best.1 {
+            best = (id as u32, *score);
+        }
+    }
+    best
+}
+
+/// The `k` largest entries, largest first.
+fn top(scores: &[f32], k: usize) -> Vec<(u32, f32)> {
+    let mut ids: Vec<u32> = (0..scores.len() as u32).collect();
+    let by_score = |a: &u32, b: &u32| {
+        scores[*b as usize]
+            .total_cmp(&scores[*a as usize])
+            .then(a.cmp(b))
+    };
+    if ids.len() > k {
+        ids.select_nth_unstable_by(k, by_score);
+        ids.truncate(k);
+    }
+    ids.sort_by(by_score);
+    ids.into_iter()
+        .map(|id| (id, scores[id as usize]))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lm::t5::{DropoutRng, Source};
+    use crate::lm::{FeedForward, LmPreset, Vocab, templates};
+    use crate::tokenizer::Encoded;
+    use burn::tensor::Device;
+
+    /// A random model: its sentences are nonsense, but the same nonsense whatever the route.
+    fn model(preset: LmPreset) -> RadarLm {
+        let texts = ["a person walks to the left", "someone jumps"];
+        let vocab = Vocab::learn(texts.into_iter(), templates::all_text(), 600, 4, 16).unwrap();
+        let mut config = preset.config(16, 8);
+        config.t5.d_model = 32;
+        config.t5.d_kv = 8;
+        config.t5.n_heads = 4;
+        config.t5.d_ff = 48;
+        config.t5.n_encoder_layers = 2;
+        config.t5.n_decoder_layers = 2;
+        RadarLm::new(config, vocab, 3, &Device::flex()).unwrap()
+    }
+
+    fn sources(lm: &RadarLm) -> Vec<Source> {
+        (1..6)
+            .map(|n| {
+                let codes: Vec<u32> = (0..n * 3).map(|i| (i * n) % 16).collect();
+                let features = (0..codes.len() * 8)
+                    .map(|i| (i as f32 * 0.7).sin())
+                    .collect();
+                let encoded = Encoded {
+                    codes,
+                    features,
+                    n_points_used: 0,
+                };
+                lm.describe_prompt(&encoded).unwrap()
+            })
+            .collect()
+    }
+
+    /// Greedy decoding without any cache: the whole prefix again for every token.
+    fn slow_greedy(lm: &RadarLm, source: &Source, steps: usize) -> Vec<u32> {
+        let layout = lm.vocab.layout();
+        let batch = SourceBatch::new(&[source], lm.config.code_dim, lm.device());
+        let mut prefix = vec![PAD];
+        for _ in 0..steps {
+            let states = lm.net.forward(&batch, &prefix, prefix.len(), None);
+            let last = states.narrow(0, prefix.len() - 1, 1);
+            let logits = hf::read(lm.net.t5.logits(last, lm.config.t5.vocab_size));
+            let best = (0..logits.len() as u32)
+                .filter(|id| Allowed::Text.permits(*id, layout))
+                .max_by(|a, b| logits[*a as usize].total_cmp(&logits[*b as usize]))
+                .unwrap();
+            if best == EOS {
+                break;
+            }
+            prefix.push(best);
+        }
+        prefix.split_off(1)
+    }
+
+    #[test]
+    fn cached_batched_decoding_equals_the_slow_way() {
+        for preset in [LmPreset::Small, LmPreset::FlanT5Small] {
+            let lm = model(preset);
+            assert_eq!(
+                lm.config.t5.feed_forward == FeedForward::GatedGelu,
+                preset == LmPreset::FlanT5Small
+            );
+            let sources = sources(&lm);
+            let options = GenerateOptions {
+                max_new_tokens: 30,
+                batch: 3,
+                ..Default::default()
+            };
+            let fast = lm.generate(&sources, &options).unwrap();
+            for (source, fast) in sources.iter().zip(&fast) {
+                assert_eq!(slow_greedy(&lm, source, 30), fast.ids);
+            }
+        }
+    }
+
+    #[test]
+    fn cached_states_equal_teacher_forcing_at_every_step() {
+        let lm = model(LmPreset::Small);
+        let source = sources(&lm).remove(2);
+        let batch = SourceBatch::new(&[&source, &source], 8, lm.device());
+        let steps = 24; // beyond the exact position buckets
+        let ids: Vec<u32> = (0..steps as u32).map(|i| i * 7 % 50).collect();
+        let all =
+            hf::read(
+                lm.net
+                    .forward(&batch, &[ids.clone(), ids.clone()].concat(), steps, None),
+            );
+        let encoded = lm.net.encode(&batch, None);
+        let mut cache = lm.net.t5.start_cache(&encoded, steps);
+        for (t, id) in ids.iter().enumerate() {
+            let step = hf::read(lm.net.t5.step(&mut cache, &[*id, *id]));
+            // Same sums in another order; states are of order 1.
+            let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4);
+            assert!(close(&step[..32], &all[t * 32..(t + 1) * 32]), "step {t}");
+            assert!(
+                close(&step[32..], &all[(steps + t) * 32..(steps + t + 1) * 32]),
+                "step {t}"
+            );
+        }
+    }
+
+    /// With one beam the search is greedy; with more it never ends on a worse sentence when the
+    /// score is the plain sum and every sentence has the same length.
+    #[test]
+    fn beams_find_at_least_what_greedy_finds() {
+        let lm = model(LmPreset::Small);
+        let sources = sources(&lm);
+        let options = |beam| GenerateOptions {
+            beam,
+            max_new_tokens: 6,
+            length_penalty: 0.0,
+            ..Default::default()
+        };
+        let greedy = lm.generate(&sources, &options(1)).unwrap();
+        let beams = lm.generate(&sources, &options(5)).unwrap();
+        for (greedy, beam) in greedy.iter().zip(&beams) {
+            if greedy.ids.len() == beam.ids.len() {
+                assert!(beam.log_prob >= greedy.log_prob - 1e-4);
+            }
+            assert!(beam.confidence > 0.0 && beam.confidence <= 1.0);
+        }
+        assert!(
+            greedy.iter().zip(&beams).any(|(g, b)| g.ids != b.ids),
+            "beams never mattered"
+        );
+    }
+
+    #[test]
+    fn only_allowed_tokens_come_out() {
+        let lm = model(LmPreset::Small);
+        let layout = lm.vocab.layout().clone();
+        let sources = sources(&lm);
+        for beam in [1, 3] {
+            for allowed in [Allowed::Text, Allowed::Radar] {
+                let options = GenerateOptions {
+                    allowed,
+                    beam,
+                    max_new_tokens: 8,
+                    ..Default::default()
+                };
+                for result in lm.generate(&sources, &options).unwrap() {
+                    assert!(result.ids.iter().all(|id| allowed.permits(*id, &layout)));
+                    assert!(result.ids.len() <= 8 && !result.ids.contains(&EOS));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn inputs_that_do_not_fit_are_refused() {
+        let lm = model(LmPreset::Small);
+        let good = sources(&lm).remove(0);
+        let refuse = |change: &dyn Fn(&mut Source)| {
+            let mut bad = good.clone();
+            change(&mut bad);
+            assert!(lm.generate(&[bad], &GenerateOptions::default()).is_err());
+        };
+        refuse(&|s| s.ids.clear());
+        refuse(&|s| s.ids[0] = u32::MAX);
+        refuse(&|s| s.features.truncate(1));
+        refuse(&|s| s.features[0] = f32::NAN);
+        refuse(&|s| s.feature_positions[0] = 1 << 20);
+        refuse(&|s| s.ids = vec![3; 100_000]);
+        assert!(
+            lm.generate(&[], &GenerateOptions::default())
+                .unwrap()
+                .is_empty()
+        );
+    }
+
+    #[test]
+    fn a_saved_model_says_the_same() {
+        let lm = model(LmPreset::Small);
+        let dir = std::env::temp_dir().join(format!("radarllm-lm-save-{}", std::process::id()));
+        lm.save(&dir).unwrap();
+        let back = RadarLm::load(&dir, &Device::flex()).unwrap();
+        let options = GenerateOptions::default();
+        let sources = sources(&lm);
+        assert_eq!(
+            lm.generate(&sources, &options).unwrap(),
+            back.generate(&sources, &options).unwrap()
+        );
+        std::fs::remove_dir_all(dir).unwrap();
+    }
+
+    #[test]
+    fn dropout_keeps_the_mean_and_its_seed() {
+        let mask = |seed| {
+            let lm = model(LmPreset::Small);
+            let source = sources(&lm).remove(0);
+            let batch = SourceBatch::new(&[&source], 8, lm.device());
+            hf::read(
+                lm.net
+                    .encode(&batch, Some(&mut DropoutRng::new(seed)))
+                    .states,
+            )
+        };
+        assert_eq!(mask(1), mask(1));
+        assert_ne!(mask(1), mask(2));
+        let zeros = mask(1).iter().filter(|v| **v == 0.0).count() as f64;
+        let share = zeros / mask(1).len() as f64;
+        // 0.1 of about 250 values: standard deviation 0.02; four of them.
+        assert!((share - 0.1).abs() < 0.08, "{share}");
+    }
+}

@@ -1,0 +1,554 @@
+//! Hugging Face's T5: parameter names, file layout, configuration.
+//!
+//! A checkpoint there is a folder with `config.json`, `tokenizer.json` and `model.safetensors`, or
+//! shards listed in `model.safetensors.index.json`. Linear weights lie as `[out, in]`, ours as
+//! `[in, out]`.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::Path;
+
+use burn::tensor::{Device, Tensor};
+use serde::Deserialize;
+
+use super::LmError;
+use super::config::{FeedForward, T5Config};
+use super::t5::{RadarT5, Source, SourceBatch, T5};
+use crate::checkpoint::{CheckpointError, HostTensor, NamedTensors, load_params, read_safetensors};
+
+/// One parameter under both names.
+struct Name {
+    ours: String,
+    theirs: String,
+    transposed: bool,
+}
+
+/// Every parameter of a network of this shape.
+fn names(config: &T5Config) -> Vec<Name> {
+    let mut out = Vec::new();
+    let mut add = |ours: String, theirs: String, transposed: bool| {
+        out.push(Name {
+            ours,
+            theirs: format!("{theirs}.weight"),
+            transposed,
+        });
+    };
+    add("shared".into(), "shared".into(), false);
+    if !config.tie_embeddings {
+        add("head".into(), "lm_head".into(), false);
+    }
+    for (stack, n_layers, is_decoder) in [
+        ("encoder", config.n_encoder_layers, false),
+        ("decoder", config.n_decoder_layers, true),
+    ] {
+        add(
+            format!("{stack}.position_bias"),
+            format!("{stack}.block.0.layer.0.SelfAttention.relative_attention_bias"),
+            false,
+        );
+        add(
+            format!("{stack}.norm"),
+            format!("{stack}.final_layer_norm"),
+            false,
+        );
+        for i in 0..n_layers {
+            let mut attentions = vec![("attention", 0, "SelfAttention")];
+            if is_decoder {
+                attentions.push(("cross", 1, "EncDecAttention"));
+            }
+            let ours = format!("{stack}.blocks.{i}");
+            let theirs = format!("{stack}.block.{i}.layer");
+            let feed = attentions.len();
+            for (name, layer, module) in attentions {
+                add(
+                    format!("{ours}.{name}_norm"),
+                    format!("{theirs}.{layer}.layer_norm"),
+                    false,
+                );
+                for part in ["q", "k", "v", "o"] {
+                    let theirs = format!("{theirs}.{layer}.{module}.{part}");
+                    add(format!("{ours}.{name}.{part}"), theirs, true);
+                }
+            }
+            add(
+                format!("{ours}.feed_norm"),
+                format!("{theirs}.{feed}.layer_norm"),
+                false,
+            );
+            let dense = format!("{theirs}.{feed}.DenseReluDense");
+            match config.feed_forward {
+                FeedForward::Relu => add(format!("{ours}.feed.wi"), format!("{dense}.wi"), true),
+                FeedForward::GatedGelu => {
+                    add(format!("{ours}.feed.wi"), format!("{dense}.wi_0"), true);
+                    add(format!("{ours}.feed.gate"), format!("{dense}.wi_1"), true);
+                }
+            }
+            add(format!("{ours}.feed.wo"), format!("{dense}.wo"), true);
+        }
+    }
+    out
+}
+
+fn transposed(tensor: HostTensor) -> HostTensor {
+    let [rows, columns] = tensor.shape[..] else {
+        return tensor;
+    };
+    let mut values = Vec::with_capacity(tensor.values.len());
+    for column in 0..columns {
+        values.extend((0..rows).map(|row| tensor.values[row * columns + column]));
+    }
+    HostTensor {
+        shape: vec![columns, rows],
+        values,
+    }
+}
+
+/// Hugging Face names and layout to ours. `file` is named in errors.
+///
+/// # Errors
+/// If a parameter is missing or one is unknown; shapes are checked when they are loaded.
+pub fn from_hf(
+    mut theirs: NamedTensors,
+    config: &T5Config,
+    file: &Path,
+) -> Result<NamedTensors, LmError> {
+    // Copies of the embedding that some checkpoints carry under further names.
+    for copy in ["encoder.embed_tokens.weight", "decoder.embed_tokens.weight"] {
+        if let Some(tensor) = theirs.remove(copy) {
+            theirs.entry("shared.weight".into()).or_insert(tensor);
+        }
+    }
+    if config.tie_embeddings {
+        theirs.remove("lm_head.weight");
+    }
+    let mut ours = NamedTensors::new();
+    for name in names(config) {
+        let tensor = theirs
+            .remove(&name.theirs)
+            .ok_or_else(|| CheckpointError::MissingTensor {
+                path: file.into(),
+                tensor: name.theirs.clone(),
+                expected: Vec::new(),
+            })?;
+        ours.insert(
+            name.ours,
+            if name.transposed {
+                transposed(tensor)
+            } else {
+                tensor
+            },
+        );
+    }
+    match theirs.into_keys().next() {
+        Some(tensor) => Err(CheckpointError::UnknownTensor {
+            path: file.into(),
+            tensor,
+        }
+        .into()),
+        None => Ok(ours),
+    }
+}
+
+/// Our names and layout to Hugging Face's; parameters that T5 lacks are left out.
+pub fn to_hf(mut ours: NamedTensors, config: &T5Config) -> NamedTensors {
+    names(config)
+        .into_iter()
+        .filter_map(|name| {
+            let tensor = ours.remove(&name.ours)?;
+            Some((
+                name.theirs,
+                if name.transposed {
+                    transposed(tensor)
+                } else {
+                    tensor
+                },
+            ))
+        })
+        .collect()
+}
+
+/// The fields of a T5 `config.json` that matter here, with the reference defaults.
+#[derive(Deserialize)]
+struct HfConfig {
+    vocab_size: usize,
+    d_model: usize,
+    d_kv: usize,
+    d_ff: usize,
+    num_layers: usize,
+    num_decoder_layers: Option<usize>,
+    num_heads: usize,
+    #[serde(default = "relu")]
+    feed_forward_proj: String,
+    #[serde(default = "yes")]
+    tie_word_embeddings: bool,
+    #[serde(default = "buckets")]
+    relative_attention_num_buckets: usize,
+    #[serde(default = "distance")]
+    relative_attention_max_distance: usize,
+    #[serde(default = "dropout")]
+    dropout_rate: f64,
+    #[serde(default = "epsilon")]
+    layer_norm_epsilon: f64,
+}
+
+fn relu() -> String {
+    "relu".into()
+}
+fn yes() -> bool {
+    true
+}
+fn buckets() -> usize {
+    32
+}
+fn distance() -> usize {
+    128
+}
+fn dropout() -> f64 {
+    0.1
+}
+fn epsilon() -> f64 {
+    1e-6
+}
+
+/// Reads a T5 `config.json`.
+///
+/// # Errors
+/// If it is not JSON of that kind or describes an impossible network.
+pub fn parse_config(json: &[u8], file: &Path) -> Result<T5Config, LmError> {
+    let hf: HfConfig = serde_json::from_slice(json).map_err(|e| json_error(file, &e))?;
+    let feed_forward = match hf.feed_forward_proj.as_str() {
+        "relu" => FeedForward::Relu,
+        "gated-gelu" => FeedForward::GatedGelu,
+        other => {
+            let problem = format!("expected `relu` or `gated-gelu`, found `{other}`");
+            return Err(LmError::Config {
+                field: "feed_forward_proj",
+                problem,
+            });
+        }
+    };
+    let config = T5Config {
+        vocab_size: hf.vocab_size,
+        d_model: hf.d_model,
+        d_kv: hf.d_kv,
+        n_heads: hf.num_heads,
+        d_ff: hf.d_ff,
+        n_encoder_layers: hf.num_layers,
+        n_decoder_layers: hf.num_decoder_layers.unwrap_or(hf.num_layers),
+        feed_forward,
+        tie_embeddings: hf.tie_word_embeddings,
+        relative_buckets: hf.relative_attention_num_buckets,
+        relative_max_distance: hf.relative_attention_max_distance,
+        dropout: hf.dropout_rate,
+        norm_eps: hf.layer_norm_epsilon,
+    };
+    config.validate()?;
+    Ok(config)
+}
+
+fn json_error(file: &Path, error: &serde_json::Error) -> LmError {
+    CheckpointError::Json {
+        path: file.into(),
+        message: error.to_string(),
+    }
+    .into()
+}
+
+/// Small files of a checkpoint: no genuine one comes near 64 MB.
+pub(super) fn read_small(path: &Path) -> Result<Vec<u8>, LmError> {
+    let io = |source| CheckpointError::Io {
+        path: path.into(),
+        source,
+    };
+    let found = fs::metadata(path).map_err(io)?.len();
+    let limit = 64 << 20;
+    if found > limit {
+        return Err(CheckpointError::TooLarge {
+            path: path.into(),
+            found,
+            limit,
+        }
+        .into());
+    }
+    Ok(fs::read(path).map_err(io)?)
+}
+
+#[derive(Deserialize)]
+struct ShardIndex {
+    weight_map: BTreeMap<String, String>,
+}
+
+/// Reads a Hugging Face T5 folder: shape and parameters under our names.
+///
+/// # Errors
+/// If a file is missing, damaged or does not describe a T5.
+pub fn read_folder(dir: &Path) -> Result<(T5Config, NamedTensors), LmError> {
+    let config_path = dir.join("config.json");
+    let config = parse_config(&read_small(&config_path)?, &config_path)?;
+    let single = dir.join("model.safetensors");
+    let index = dir.join("model.safetensors.index.json");
+    let mut tensors = NamedTensors::new();
+    if single.is_file() || !index.is_file() {
+        tensors = read_safetensors(&single)?;
+    } else {
+        let map: ShardIndex =
+            serde_json::from_slice(&read_small(&index)?).map_err(|e| json_error(&index, &e))?;
+        let shards: BTreeSet<&String> = map.weight_map.values().collect();
+        for shard in shards {
+            // A shard name from a file must not lead out of the folder.
+            if Path::new(shard)
+                .file_name()
+                .is_none_or(|name| name != shard.as_str())
+            {
+                let message = format!("`{shard}` is not a plain file name");
+                return Err(CheckpointError::Json {
+                    path: index,
+                    message,
+                }
+                .into());
+            }
+            tensors.extend(read_safetensors(&dir.join(shard))?);
+        }
+    }
+    let tensors = from_hf(tensors, &config, &single)?;
+    Ok((config, tensors))
+}
+
+/// Loads a Hugging Face T5 folder as it is, without radar rows.
+///
+/// # Errors
+/// See [`read_folder`]; shapes are checked against `config.json`.
+pub fn load_t5(dir: &Path, device: &Device) -> Result<T5, LmError> {
+    let (config, tensors) = read_folder(dir)?;
+    build_t5(&config, tensors, device, &dir.join("model.safetensors"))
+}
+
+/// Makes a network from parameters under our names, once their shapes have been checked.
+pub(super) fn build_t5(
+    config: &T5Config,
+    tensors: NamedTensors,
+    device: &Device,
+    file: &Path,
+) -> Result<T5, LmError> {
+    check_shapes(config, &tensors, file)?;
+    Ok(load_params(T5::new(config, 0, device), tensors, file)?)
+}
+
+/// The large parameters must have the size the configuration claims before a network of that size
+/// is allocated.
+fn check_shapes(config: &T5Config, ours: &NamedTensors, file: &Path) -> Result<(), LmError> {
+    let (d, inner) = (config.d_model, config.inner());
+    for name in names(config) {
+        let last = name.ours.rsplit('.').next().unwrap_or_default();
+        let expected = match last {
+            "shared" | "head" => vec![config.vocab_size, d],
+            "position_bias" => vec![config.relative_buckets, config.n_heads],
+            "q" | "k" | "v" => vec![d, inner],
+            "o" => vec![inner, d],
+            "wi" | "gate" => vec![d, config.d_ff],
+            "wo" => vec![config.d_ff, d],
+            _ => vec![d],
+        };
+        let path = file.into();
+        match ours.get(&name.ours) {
+            Some(tensor) if tensor.shape == expected => {}
+            Some(tensor) => {
+                let found = tensor.shape.clone();
+                let tensor = name.ours;
+                return Err(CheckpointError::Shape {
+                    path,
+                    tensor,
+                    expected,
+                    found,
+                }
+                .into());
+            }
+            None => {
+                let tensor = name.ours;
+                return Err(CheckpointError::MissingTensor {
+                    path,
+                    tensor,
+                    expected,
+                }
+                .into());
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Logits of a plain T5 under teacher forcing, `[batch, step, vocab]` flattened, and that shape.
+///
+/// `mask` (1 token, 0 padding) defaults to all tokens. Rows must be equally long.
+///
+/// # Errors
+/// [`LmError::Input`] on ragged rows, empty input, too long rows or ids beyond the vocabulary.
+pub fn logits(
+    t5: T5,
+    input_ids: &[Vec<u32>],
+    mask: Option<&[Vec<u32>]>,
+    decoder_input_ids: &[Vec<u32>],
+) -> Result<(Vec<f32>, [usize; 3]), LmError> {
+    let fail = |problem: String| Err(LmError::Input(problem));
+    let vocab = t5.config().vocab_size;
+    let (Some(first), Some(first_decoder)) = (input_ids.first(), decoder_input_ids.first()) else {
+        return fail("no sequences".into());
+    };
+    if input_ids.len() != decoder_input_ids.len() {
+        let (n, m) = (input_ids.len(), decoder_input_ids.len());
+        return fail(format!("{n} encoder rows but {m} decoder rows"));
+    }
+    let (length, steps) = (first.len(), first_decoder.len());
+    for (rows, len) in [(input_ids, length), (decoder_input_ids, steps)] {
+        for (i, row) in rows.iter().enumerate() {
+            if row.len() != len || len == 0 || len > 4096 {
+                let found = row.len();
+                return fail(format!(
+                    "row {i} has {found} ids, row 0 has {len} (1..=4096, all equal)"
+                ));
+            }
+            if let Some(id) = row.iter().find(|id| **id as usize >= vocab) {
+                return fail(format!(
+                    "row {i}: id {id} is beyond the vocabulary of {vocab}"
+                ));
+            }
+        }
+    }
+    let mut sources = Vec::new();
+    for (i, row) in input_ids.iter().enumerate() {
+        let mut ids = row.clone();
+        if let Some(mask) = mask.and_then(|m| m.get(i)) {
+            let kept = mask.iter().take_while(|m| **m != 0).count();
+            if mask.len() != length || mask[kept..].iter().any(|m| *m != 0) {
+                return fail(format!("mask row {i}: padding must follow the tokens"));
+            }
+            ids.truncate(kept);
+        }
+        sources.push(Source {
+            ids,
+            ..Source::default()
+        });
+    }
+    let device = t5.shared.val().device();
+    let batch = SourceBatch::new(&sources.iter().collect::<Vec<_>>(), 1, &device);
+    let decoder: Vec<u32> = decoder_input_ids.concat();
+    let net = RadarT5 { t5, bypass: None };
+    let states = net.forward(&batch, &decoder, steps, None);
+    let values = read(net.t5.logits(states, vocab));
+    Ok((values, [input_ids.len(), steps, vocab]))
+}
+
+/// Values of an f32 tensor; reading memory of the CPU backend cannot fail.
+pub(super) fn read<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
+    tensor
+        .into_data_as::<f32>()
+        .try_into_vec::<f32>()
+        .unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::checkpoint::{CheckpointFiles, collect_params};
+
+    fn golden(name: &str) -> (T5Config, NamedTensors, std::path::PathBuf) {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("tests/goldens")
+            .join(name);
+        let bytes = fs::read(&path).unwrap();
+        let (_, metadata) = safetensors::SafeTensors::read_metadata(&bytes).unwrap();
+        let json = metadata.metadata().as_ref().unwrap()["config"].clone();
+        (
+            parse_config(json.as_bytes(), &path).unwrap(),
+            read_safetensors(&path).unwrap(),
+            path,
+        )
+    }
+
+    fn rows(tensor: &HostTensor) -> Vec<Vec<u32>> {
+        tensor
+            .values
+            .chunks(tensor.shape[1])
+            .map(|r| r.iter().map(|v| *v as u32).collect())
+            .collect()
+    }
+
+    /// Largest difference from the reference logits.
+    fn deviation(name: &str) -> f32 {
+        let (config, mut tensors, path) = golden(name);
+        let mut take = |n: &str| tensors.remove(n).unwrap();
+        let input = rows(&take("input_ids"));
+        let mask = rows(&take("attention_mask"));
+        let decoder = rows(&take("decoder_input_ids"));
+        let expected = take("logits");
+        let ours = from_hf(tensors, &config, &path).unwrap();
+        let t5 = build_t5(&config, ours, &Device::flex(), &path).unwrap();
+        let (found, shape) = logits(t5, &input, Some(&mask), &decoder).unwrap();
+        assert_eq!(shape.to_vec(), expected.shape);
+        found
+            .iter()
+            .zip(&expected.values)
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, f32::max)
+    }
+
+    /// Tolerance: f32 rounding of sums in another order; logits are of order 1 to 10.
+    #[test]
+    fn logits_equal_the_reference() {
+        for name in ["t5_v10.safetensors", "t5_v11.safetensors"] {
+            let d = deviation(name);
+            assert!(d < 1e-4, "{name}: {d}");
+        }
+    }
+
+    #[test]
+    fn names_survive_the_round_trip() {
+        let (config, mut tensors, path) = golden("t5_v11.safetensors");
+        for extra in ["input_ids", "attention_mask", "decoder_input_ids", "logits"] {
+            tensors.remove(extra);
+        }
+        let ours = from_hf(tensors.clone(), &config, &path).unwrap();
+        assert_eq!(to_hf(ours.clone(), &config), tensors);
+        let t5 = build_t5(&config, ours.clone(), &Device::flex(), &path).unwrap();
+        assert_eq!(collect_params(&t5), ours);
+        // A folder in their layout, sharded in two.
+        let dir = std::env::temp_dir().join(format!("radarllm-hf-{}", std::process::id()));
+        let mut files = CheckpointFiles::default();
+        let (_, metadata) =
+            safetensors::SafeTensors::read_metadata(&fs::read(&path).unwrap()).unwrap();
+        let json = metadata.metadata().as_ref().unwrap()["config"].clone();
+        files.bytes("config.json", json.into_bytes());
+        let mut first = tensors.clone();
+        let second = first.split_off("encoder");
+        let map: BTreeMap<&String, &str> = (first.keys().map(|k| (k, "a.safetensors")))
+            .chain(second.keys().map(|k| (k, "b.safetensors")))
+            .collect();
+        files
+            .json(
+                "model.safetensors.index.json",
+                &serde_json::json!({"weight_map": map}),
+            )
+            .unwrap();
+        files.tensors("a.safetensors", &first).unwrap();
+        files.tensors("b.safetensors", &second).unwrap();
+        files.write(&dir).unwrap();
+        assert_eq!(read_folder(&dir).unwrap(), (config, ours));
+        fs::remove_dir_all(dir).unwrap();
+    }
+
+    #[test]
+    fn impossible_configurations_are_errors() {
+        let bad = [
+            r#"{"vocab_size":1,"d_model":99999999999,"d_kv":1,"d_ff":1,"num_layers":1,"num_heads":1}"#,
+            r#"{"vocab_size":1,"d_model":8,"d_kv":1,"d_ff":1,"num_layers":0,"num_heads":1}"#,
+            r#"{"d_model":8}"#,
+            "[",
+        ];
+        for json in bad {
+            assert!(
+                parse_config(json.as_bytes(), Path::new("config.json")).is_err(),
+                "{json}"
+            );
+        }
+    }
+}

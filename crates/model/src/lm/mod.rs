@@ -1,0 +1,27 @@
+//! The radar-language model: radar codes and words in one vocabulary, read and written by a T5.
+//!
+//! Reading order: [`config`] (shapes and presets), [`position`] (relative position buckets),
+//! [`t5`] (the network), [`hf`] (Hugging Face names and files), [`vocab`] (ids), [`templates`]
+//! (prompts), [`radar_lm`] (network + vocabulary on disk), [`generate`] (greedy and beam
+//! decoding), [`captioner`] (points in, sentence out).
+//!
+//! Deliberately absent: losses, batching and schedules live in `radarllm-train`.
+
+pub mod captioner;
+pub mod config;
+mod error;
+pub mod generate;
+pub mod hf;
+pub mod position;
+pub mod radar_lm;
+pub mod t5;
+pub mod templates;
+pub mod vocab;
+
+pub use captioner::{Abstained, Captioner, Description, FRAME_RATE_HZ};
+pub use config::{FeedForward, LmConfig, LmPreset, T5Config};
+pub use error::LmError;
+pub use generate::{Allowed, GenerateOptions, Generated};
+pub use radar_lm::RadarLm;
+pub use t5::{DropoutRng, RadarT5, Source, SourceBatch};
+pub use vocab::Vocab;

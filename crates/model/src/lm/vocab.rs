@@ -1,0 +1,529 @@
+//! One vocabulary for words, masks and radar codes.
+//!
+//! Learned from captions: padding 0, end 1, unknown 2, then characters and words; after the text
+//! ids come the sentinels, the radar codes `<radar_0..K-1>`, `/som` and `/eom`. With a pretrained
+//! T5 the text and sentinel ids are its own and the radar rows follow its last embedding row.
+//! Text can never produce a sentinel or radar id: those rows have no spelling.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::{Deserialize, Serialize};
+use tokenizers::Tokenizer;
+use tokenizers::normalizers::bert::BertNormalizer;
+use tokenizers::pre_tokenizers::bert::BertPreTokenizer;
+use tokenizers::tokenizer::{
+    NormalizedString, Normalizer, OffsetReferential, OffsetType, PreTokenizedString, PreTokenizer,
+};
+
+use super::LmError;
+use super::t5::Source;
+use super::templates::{Piece, pieces};
+use crate::tokenizer::Encoded;
+
+/// Padding, and the decoder's start token.
+pub const PAD: u32 = 0;
+/// End of a target.
+pub const EOS: u32 = 1;
+/// A character the vocabulary lacks.
+pub const UNKNOWN: u32 = 2;
+
+/// Longest text that is read, bytes: far above any caption.
+const MAX_TEXT_BYTES: usize = 16 << 10;
+
+/// How text ids came about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TextKind {
+    /// Learned from captions by [`Vocab::learn`].
+    Learned,
+    /// The tokenizer of a pretrained T5.
+    Pretrained,
+}
+
+/// Which ids mean what.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Layout {
+    /// How text ids came about.
+    pub kind: TextKind,
+    /// Ids below are text.
+    pub n_text: u32,
+    /// Id of the first sentinel.
+    pub first_sentinel: u32,
+    /// Sentinels; of a pretrained T5 they count down from the first.
+    pub n_sentinels: u32,
+    /// Id of radar code 0.
+    pub first_code: u32,
+    /// Radar codes.
+    pub n_codes: u32,
+}
+
+impl Layout {
+    /// Marks the start of radar codes in a prompt.
+    pub fn som(&self) -> u32 {
+        self.first_code + self.n_codes
+    }
+
+    /// Marks the end of radar codes in a prompt.
+    pub fn eom(&self) -> u32 {
+        self.som() + 1
+    }
+
+    /// Embedding rows.
+    pub fn size(&self) -> usize {
+        self.eom() as usize + 1
+    }
+
+    /// Id of a sentinel, counted from 0.
+    pub fn sentinel(&self, index: u32) -> u32 {
+        match self.kind {
+            TextKind::Learned => self.first_sentinel + index,
+            TextKind::Pretrained => self.first_sentinel - index,
+        }
+    }
+
+    /// Id of a radar code.
+    pub fn code(&self, code: u32) -> u32 {
+        self.first_code + code
+    }
+
+    /// The radar code of an id, if it is one.
+    pub fn code_of(&self, id: u32) -> Option<u32> {
+        id.checked_sub(self.first_code)
+            .filter(|code| *code < self.n_codes)
+    }
+
+    fn validate(&self) -> Result<(), LmError> {
+        let problem = |field, problem: &str| {
+            Err(LmError::Config {
+                field,
+                problem: problem.into(),
+            })
+        };
+        let sentinels_fit = match self.kind {
+            TextKind::Learned => {
+                self.first_sentinel == self.n_text
+                    && u64::from(self.n_text) + u64::from(self.n_sentinels)
+                        == u64::from(self.first_code)
+            }
+            TextKind::Pretrained => {
+                u64::from(self.first_sentinel) + 1
+                    == u64::from(self.n_text) + u64::from(self.n_sentinels)
+                    && self.first_sentinel < self.first_code
+            }
+        };
+        if self.n_text <= UNKNOWN || self.n_text > 1 << 20 {
+            return problem("n_text", "out of range");
+        }
+        if self.n_sentinels == 0 || !sentinels_fit {
+            return problem("first_sentinel", "sentinels must follow the text ids");
+        }
+        if self.n_codes == 0 || self.n_codes > 1 << 20 || self.first_code > 1 << 21 {
+            return problem("n_codes", "out of range");
+        }
+        Ok(())
+    }
+}
+
+/// Text, sentinels, codes and markers.
+pub struct Vocab {
+    text: Tokenizer,
+    layout: Layout,
+}
+
+fn text_error(error: tokenizers::Error) -> LmError {
+    LmError::Tokenizer(error.to_string())
+}
+
+fn normalizer() -> BertNormalizer {
+    // Lower case, no accents, no control characters.
+    BertNormalizer::new(true, false, Some(true), true)
+}
+
+/// Words and punctuation marks of a text, as the learned tokenizer sees them.
+fn words(text: &str) -> Result<Vec<String>, LmError> {
+    let mut normal = NormalizedString::from(text);
+    normalizer().normalize(&mut normal).map_err(text_error)?;
+    let mut split = PreTokenizedString::from(normal);
+    BertPreTokenizer
+        .pre_tokenize(&mut split)
+        .map_err(text_error)?;
+    let splits = split.get_splits(OffsetReferential::Normalized, OffsetType::Byte);
+    Ok(splits
+        .into_iter()
+        .map(|(word, _, _)| word.to_string())
+        .collect())
+}
+
+impl Vocab {
+    /// Learns a word vocabulary.
+    ///
+    /// Holds `always` words and every character first, then the words of `captions` by falling
+    /// count (ties by spelling) until `max_text` ids are used. Words it lacks are spelled by their
+    /// longest known parts, down to characters.
+    ///
+    /// # Errors
+    /// If a text cannot be normalised or `max_text` cannot hold the `always` words and characters.
+    pub fn learn<'a, 'b>(
+        captions: impl Iterator<Item = &'a str>,
+        always: impl Iterator<Item = &'b str>,
+        max_text: usize,
+        n_sentinels: usize,
+        n_codes: usize,
+    ) -> Result<Self, LmError> {
+        let mut counts = BTreeMap::<String, usize>::new();
+        let mut fixed = BTreeSet::new();
+        for caption in captions {
+            for word in words(caption)? {
+                *counts.entry(word).or_default() += 1;
+            }
+        }
+        for text in always {
+            for piece in pieces(text) {
+                if let Piece::Words(text) = piece {
+                    fixed.extend(words(text)?);
+                }
+            }
+        }
+        let plain = (b'a'..=b'z').chain(b'0'..=b'9').map(char::from);
+        let mut characters: BTreeSet<char> = plain.chain(".,:;?!'-/()\"&%+".chars()).collect();
+        characters.extend(counts.keys().flat_map(|w| w.chars()));
+        let mut list: Vec<String> = ["<pad>", "</s>", "<unk>"].map(String::from).to_vec();
+        let mut seen: BTreeSet<String> = list.iter().cloned().collect();
+        let mut push = |word: String| {
+            if seen.insert(word.clone()) {
+                list.push(word);
+            }
+            list.len()
+        };
+        let mut len = 0;
+        for c in &characters {
+            len = push(c.to_string());
+            if c.is_alphanumeric() {
+                len = push(format!("##{c}"));
+            }
+        }
+        for word in fixed {
+            len = push(word);
+        }
+        if len > max_text {
+            let problem = format!("characters and prompts alone need {len} ids, found {max_text}");
+            return Err(LmError::Config {
+                field: "max_text_vocab",
+                problem,
+            });
+        }
+        let mut by_count: Vec<(String, usize)> = counts.into_iter().collect();
+        by_count.sort_by(|a, b| b.1.cmp(&a.1).then_with(|| a.0.cmp(&b.0)));
+        for (word, _) in by_count {
+            if len >= max_text {
+                break;
+            }
+            len = push(word);
+        }
+        let n_text = list.len() as u32;
+        let ids: BTreeMap<String, u32> = list.into_iter().zip(0..).collect();
+        let json = serde_json::json!({
+            "version": "1.0", "truncation": null, "padding": null, "added_tokens": [],
+            "normalizer": normalizer(), "pre_tokenizer": {"type": "BertPreTokenizer"},
+            "post_processor": null, "decoder": null,
+            "model": {
+                "type": "WordPiece", "unk_token": "<unk>", "continuing_subword_prefix": "##",
+                "max_input_chars_per_word": 100, "vocab": ids,
+            },
+        });
+        let text = Tokenizer::from_bytes(json.to_string()).map_err(text_error)?;
+        let layout = Layout {
+            kind: TextKind::Learned,
+            n_text,
+            first_sentinel: n_text,
+            n_sentinels: n_sentinels as u32,
+            first_code: n_text + n_sentinels as u32,
+            n_codes: n_codes as u32,
+        };
+        Self::new(text, layout)
+    }
+
+    /// The vocabulary of a pretrained T5 with `n_rows` embedding rows, plus radar rows after them.
+    ///
+    /// # Errors
+    /// If the tokenizer is not T5's: `<pad>` 0, `</s>` 1 and `<extra_id_0>` are looked for.
+    pub fn extend_pretrained(
+        tokenizer_json: &[u8],
+        n_rows: usize,
+        n_codes: usize,
+    ) -> Result<Self, LmError> {
+        let text = Tokenizer::from_bytes(tokenizer_json).map_err(text_error)?;
+        let id = |token: &str| text.token_to_id(token);
+        let mut n_sentinels = 0;
+        while id(&format!("<extra_id_{n_sentinels}>")).is_some() && n_sentinels < 1000 {
+            n_sentinels += 1;
+        }
+        let first = id("<extra_id_0>");
+        let (Some(first_sentinel), Some(PAD), Some(EOS)) = (first, id("<pad>"), id("</s>")) else {
+            return Err(LmError::Tokenizer(
+                "not a T5 tokenizer: <pad> must be 0, </s> 1, and <extra_id_0> must exist".into(),
+            ));
+        };
+        let layout = Layout {
+            kind: TextKind::Pretrained,
+            n_text: (first_sentinel + 1).saturating_sub(n_sentinels),
+            first_sentinel,
+            n_sentinels,
+            first_code: n_rows as u32,
+            n_codes: n_codes as u32,
+        };
+        Self::new(text, layout)
+    }
+
+    /// A vocabulary from its two files.
+    ///
+    /// # Errors
+    /// If the tokenizer does not parse or the layout cannot be.
+    pub fn from_parts(tokenizer_json: &[u8], layout: Layout) -> Result<Self, LmError> {
+        Self::new(
+            Tokenizer::from_bytes(tokenizer_json).map_err(text_error)?,
+            layout,
+        )
+    }
+
+    fn new(text: Tokenizer, layout: Layout) -> Result<Self, LmError> {
+        layout.validate()?;
+        Ok(Self { text, layout })
+    }
+
+    /// Which ids mean what.
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// `tokenizer.json`.
+    ///
+    /// # Errors
+    /// If it cannot be expressed in JSON.
+    pub fn tokenizer_json(&self) -> Result<String, LmError> {
+        self.text.to_string(true).map_err(text_error)
+    }
+
+    /// Ids of a text, without an end token. Ids beyond the text rows become [`UNKNOWN`], so that no
+    /// text can smuggle in a sentinel or a radar code.
+    ///
+    /// # Errors
+    /// If the text is longer than any caption could be, or the tokenizer refuses it.
+    pub fn text_ids(&self, text: &str) -> Result<Vec<u32>, LmError> {
+        if text.len() > MAX_TEXT_BYTES {
+            let problem = format!("text of {} bytes, at most {MAX_TEXT_BYTES}", text.len());
+            return Err(LmError::Input(problem));
+        }
+        let encoding = self.text.encode_fast(text, false).map_err(text_error)?;
+        let n_text = self.layout.n_text;
+        Ok(encoding
+            .get_ids()
+            .iter()
+            .map(|id| if *id < n_text { *id } else { UNKNOWN })
+            .collect())
+    }
+
+    /// The text of ids; other ids and markers are left out.
+    pub fn text(&self, ids: &[u32]) -> String {
+        let kept: Vec<u32> = ids
+            .iter()
+            .copied()
+            .filter(|id| *id > UNKNOWN && *id < self.layout.n_text)
+            .collect();
+        match self.layout.kind {
+            TextKind::Pretrained => self.text.decode(&kept, true).unwrap_or_default(),
+            TextKind::Learned => {
+                join_words(kept.iter().filter_map(|id| self.text.id_to_token(*id)))
+            }
+        }
+    }
+
+    /// A prompt with its placeholders filled; ends with the end token.
+    ///
+    /// Codes stand between `/som` and `/eom` and carry their continuous features.
+    ///
+    /// # Errors
+    /// If a placeholder has no value, a code is beyond the codebook, or features do not fit codes.
+    pub fn prompt(
+        &self,
+        template: &str,
+        radar: Option<&Encoded>,
+        caption: Option<&str>,
+    ) -> Result<Source, LmError> {
+        let mut source = Source::default();
+        for piece in pieces(template) {
+            match (piece, radar, caption) {
+                (Piece::Words(words), ..) => source.ids.extend(self.text_ids(words)?),
+                (Piece::Placeholder("{radar}"), Some(radar), _) => {
+                    self.push_radar(&mut source, radar)?;
+                }
+                (Piece::Placeholder("{caption}"), _, Some(caption)) => {
+                    source.ids.extend(self.text_ids(caption)?);
+                }
+                (Piece::Placeholder(name), ..) => {
+                    return Err(LmError::Input(format!("the prompt needs {name}")));
+                }
+            }
+        }
+        source.ids.push(EOS);
+        Ok(source)
+    }
+
+    /// Appends codes between markers, with their features.
+    ///
+    /// # Errors
+    /// If a code is beyond the codebook or features do not fit codes.
+    pub fn push_radar(&self, source: &mut Source, radar: &Encoded) -> Result<(), LmError> {
+        source.ids.push(self.layout.som());
+        for code in self.radar_ids(&radar.codes)? {
+            source.feature_positions.push(source.ids.len() as u32);
+            source.ids.push(code);
+        }
+        source.features.extend_from_slice(&radar.features);
+        source.ids.push(self.layout.eom());
+        Ok(())
+    }
+
+    /// Ids of radar codes.
+    ///
+    /// # Errors
+    /// If a code is beyond the codebook.
+    pub fn radar_ids(&self, codes: &[u32]) -> Result<Vec<u32>, LmError> {
+        let n_codes = self.layout.n_codes;
+        match codes.iter().find(|code| **code >= n_codes) {
+            Some(code) => {
+                let problem = format!("radar code {code} is beyond the codebook of {n_codes}");
+                Err(LmError::Input(problem))
+            }
+            None => Ok(codes.iter().map(|code| self.layout.code(*code)).collect()),
+        }
+    }
+}
+
+/// Joins word pieces: `##` continues a word, punctuation attaches where English writes it.
+fn join_words(tokens: impl Iterator<Item = String>) -> String {
+    let mut out = String::new();
+    let mut glue = true;
+    for token in tokens {
+        if let Some(rest) = token.strip_prefix("##") {
+            out.push_str(rest);
+            glue = false;
+            continue;
+        }
+        let attaches = matches!(
+            token.as_str(),
+            "." | "," | ";" | ":" | "!" | "?" | ")" | "%"
+        );
+        let links = matches!(token.as_str(), "-" | "'" | "/");
+        if !(glue || attaches || links) {
+            out.push(' ');
+        }
+        out.push_str(&token);
+        glue = links || token == "(";
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lm::templates;
+
+    const CAPTIONS: [&str; 3] = [
+        "A person walks forward, then turns left.",
+        "the man's right-handed throw",
+        "A person jumps twice",
+    ];
+
+    fn vocab() -> Vocab {
+        Vocab::learn(CAPTIONS.into_iter(), templates::all_text(), 500, 4, 8).unwrap()
+    }
+
+    #[test]
+    fn captions_come_back_in_lower_case() {
+        let vocab = vocab();
+        for caption in CAPTIONS {
+            let ids = vocab.text_ids(caption).unwrap();
+            assert!(!ids.contains(&UNKNOWN), "{caption}");
+            assert_eq!(vocab.text(&ids), caption.to_lowercase());
+        }
+    }
+
+    #[test]
+    fn unknown_words_are_spelled_and_come_back() {
+        let vocab = vocab();
+        let ids = vocab.text_ids("somersaults 12.8 seconds").unwrap();
+        assert!(!ids.contains(&UNKNOWN));
+        assert_eq!(
+            vocab.text(&ids).replace(". ", "."),
+            "somersaults 12.8 seconds"
+        );
+    }
+
+    #[test]
+    fn ids_are_laid_out_text_sentinels_codes_markers() {
+        let vocab = vocab();
+        let l = vocab.layout();
+        assert_eq!(l.sentinel(0), l.n_text);
+        assert_eq!(l.code(0), l.n_text + 4);
+        assert_eq!(l.som(), l.code(7) + 1);
+        assert_eq!(l.size(), l.eom() as usize + 1);
+        assert_eq!(l.code_of(l.code(3)), Some(3));
+        assert_eq!(l.code_of(l.som()), None);
+        assert_eq!(l.code_of(0), None);
+    }
+
+    #[test]
+    fn text_cannot_smuggle_in_codes() {
+        let vocab = vocab();
+        for text in ["<radar_3>", "/som", "<extra_id_0>", "</s>", "<pad>"] {
+            let ids = vocab.text_ids(text).unwrap();
+            let text_only = |id: &u32| *id >= UNKNOWN && *id < vocab.layout().n_text;
+            assert!(ids.iter().all(text_only), "{text}");
+        }
+    }
+
+    #[test]
+    fn files_bring_back_the_same_vocabulary() {
+        let vocab = vocab();
+        let json = vocab.tokenizer_json().unwrap();
+        let back = Vocab::from_parts(json.as_bytes(), vocab.layout().clone()).unwrap();
+        for caption in CAPTIONS {
+            assert_eq!(
+                vocab.text_ids(caption).unwrap(),
+                back.text_ids(caption).unwrap()
+            );
+        }
+        assert!(Vocab::from_parts(b"{}", vocab.layout().clone()).is_err());
+        let bad = Layout {
+            first_code: 0,
+            ..vocab.layout().clone()
+        };
+        assert!(Vocab::from_parts(json.as_bytes(), bad).is_err());
+    }
+
+    #[test]
+    fn prompts_carry_features_at_their_codes() {
+        let vocab = vocab();
+        let radar = Encoded {
+            codes: vec![5, 0],
+            features: vec![1.0, 2.0, 3.0, 4.0],
+            n_points_used: 0,
+        };
+        let source = vocab
+            .prompt("what does {radar} show?", Some(&radar), None)
+            .unwrap();
+        let l = vocab.layout();
+        assert_eq!(source.ids[2..6], [l.som(), l.code(5), l.code(0), l.eom()]);
+        assert_eq!(source.feature_positions, [3, 4]);
+        assert_eq!(source.features, radar.features);
+        assert_eq!(source.ids.last(), Some(&EOS));
+        let bad = Encoded {
+            codes: vec![8],
+            features: vec![0.0, 0.0],
+            n_points_used: 0,
+        };
+        assert!(vocab.prompt("describe {radar}", Some(&bad), None).is_err());
+        assert!(vocab.prompt("describe {radar}", None, None).is_err());
+    }
+}

@@ -1,0 +1,235 @@
+//! Architecture of the radar tokenizer.
+
+use serde::{Deserialize, Serialize};
+
+/// Where the anchors come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AnchorMode {
+    /// A rigid body-sized grid that follows the person.
+    Template,
+    /// Farthest-point sampling of each frame's points (ablation).
+    FarthestPoint,
+}
+
+/// How the centre is smoothed over time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CentreSmoothing {
+    /// Exponential moving average; trails a walking person by speed x period x (1 - a) / a.
+    Causal,
+    /// Mean of the averages run forwards and backwards, whose lags cancel.
+    Symmetric,
+}
+
+/// Grouping of points around anchors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GroupingConfig {
+    /// Where the anchors come from.
+    pub anchors: AnchorMode,
+    /// Anchors along x, y, z.
+    pub counts: [usize; 3],
+    /// Distance between anchors along x, y, z, m.
+    pub step_m: [f32; 3],
+    /// Height of the lowest anchors above the floor, m. In x and y the grid is centred.
+    pub z_min_m: f32,
+    /// Neighbours lie within this distance of the anchor, m.
+    pub radius_m: f32,
+    /// Nearest neighbours kept per anchor and frame.
+    pub k_per_frame: usize,
+    /// Strongest points kept per frame.
+    pub max_points: usize,
+    /// Points farther than this from the tracked centre do not move it, m.
+    pub gate_m: f32,
+    /// Weight of a new centre in the moving average.
+    pub centre_rate: f32,
+    /// Kind of moving average.
+    pub centre_smoothing: CentreSmoothing,
+}
+
+/// What the tokenizer network is. Radar frames come at 10 per second; a step is 2 frames, a code 4.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TokenizerConfig {
+    /// Grouping of points around anchors.
+    pub grouping: GroupingConfig,
+    /// Channels C.
+    pub width: usize,
+    /// Factorised transformer layers.
+    pub layers: usize,
+    /// Attention heads.
+    pub heads: usize,
+    /// Hidden width of the feed-forward part, in units of C.
+    pub ffn_ratio: usize,
+    /// Queries of the attention pooling over anchors.
+    pub pool_queries: usize,
+    /// Add to each tube its number of points and mean velocity, which a maximum cannot see.
+    pub tube_statistics: bool,
+    /// Width of a code.
+    pub code_dim: usize,
+    /// Number of codes K.
+    pub codebook_size: usize,
+    /// False passes features on unquantized (ablation); codes are still assigned.
+    pub quantize: bool,
+    /// Points predicted per masked tube.
+    pub reconstruction_points: usize,
+    /// Predict radial velocity beside position.
+    pub reconstruct_velocity: bool,
+    /// Width of the motion teacher's features; 0 trains without a teacher.
+    pub guidance_dim: usize,
+}
+
+/// Longest clip, radar frames.
+pub const MAX_FRAMES: usize = 96;
+/// Radar frames per code.
+pub const FRAMES_PER_CODE: usize = 4;
+/// Radar frames per step.
+pub const FRAMES_PER_STEP: usize = 2;
+/// Steps of the longest clip.
+pub const MAX_STEPS: usize = MAX_FRAMES / FRAMES_PER_STEP;
+
+impl Default for GroupingConfig {
+    fn default() -> Self {
+        Self {
+            anchors: AnchorMode::Template,
+            counts: [3, 3, 6],
+            step_m: [0.3, 0.3, 0.36],
+            z_min_m: 0.05,
+            radius_m: 0.45,
+            k_per_frame: 8,
+            max_points: 128,
+            gate_m: 1.0,
+            centre_rate: 0.3,
+            centre_smoothing: CentreSmoothing::Symmetric,
+        }
+    }
+}
+
+impl Default for TokenizerConfig {
+    fn default() -> Self {
+        Self::small()
+    }
+}
+
+impl TokenizerConfig {
+    /// Trains on one CPU core: 54 anchors, 64 channels, 2 layers.
+    pub fn small() -> Self {
+        Self {
+            grouping: GroupingConfig::default(),
+            width: 64,
+            layers: 2,
+            heads: 4,
+            ffn_ratio: 2,
+            pool_queries: 4,
+            tube_statistics: true,
+            code_dim: 128,
+            codebook_size: 512,
+            quantize: true,
+            reconstruction_points: 8,
+            reconstruct_velocity: true,
+            guidance_dim: 128,
+        }
+    }
+
+    /// The paper's sizes with the published grid of mmMesh: 81 anchors, 256 channels, 4 layers,
+    /// 512 codes of 512.
+    pub fn paper() -> Self {
+        Self {
+            grouping: GroupingConfig {
+                counts: [3, 3, 9],
+                step_m: [0.3; 3],
+                z_min_m: -0.3,
+                k_per_frame: 16,
+                centre_smoothing: CentreSmoothing::Causal,
+                ..GroupingConfig::default()
+            },
+            width: 256,
+            layers: 4,
+            heads: 8,
+            ffn_ratio: 4,
+            pool_queries: 1,
+            tube_statistics: false,
+            code_dim: 512,
+            codebook_size: 512,
+            quantize: true,
+            reconstruction_points: 16,
+            reconstruct_velocity: false,
+            guidance_dim: 512,
+        }
+    }
+
+    /// Number of anchors.
+    pub fn n_anchors(&self) -> usize {
+        self.grouping.counts.iter().product()
+    }
+
+    /// Values per predicted point: anchor-relative position, and velocity if asked for.
+    pub fn reconstruction_dim(&self) -> usize {
+        if self.reconstruct_velocity { 4 } else { 3 }
+    }
+
+    /// Checks every field; bounds are far above any use and keep a hostile file from asking for
+    /// terabytes.
+    ///
+    /// # Errors
+    /// Names the first field that cannot be used.
+    pub fn validate(&self) -> Result<(), String> {
+        let g = &self.grouping;
+        for (field, value, most) in [
+            ("grouping.counts[0]", g.counts[0], 16),
+            ("grouping.counts[1]", g.counts[1], 16),
+            ("grouping.counts[2]", g.counts[2], 32),
+            ("grouping.k_per_frame", g.k_per_frame, 128),
+            ("grouping.max_points", g.max_points, 4096),
+            ("width", self.width, 2048),
+            ("layers", self.layers, 32),
+            ("heads", self.heads, 64),
+            ("ffn_ratio", self.ffn_ratio, 16),
+            ("pool_queries", self.pool_queries, 16),
+            ("code_dim", self.code_dim, 4096),
+            ("codebook_size", self.codebook_size, 65_536),
+            ("reconstruction_points", self.reconstruction_points, 128),
+        ] {
+            if value == 0 || value > most {
+                return Err(format!("{field}: must be in 1..={most}, found {value}"));
+            }
+        }
+        if self.n_anchors() > 512 {
+            return Err(format!(
+                "grouping.counts: at most 512 anchors, found {}",
+                self.n_anchors()
+            ));
+        }
+        if self.guidance_dim > 4096 {
+            return Err(format!(
+                "guidance_dim: at most 4096, found {}",
+                self.guidance_dim
+            ));
+        }
+        if !self.width.is_multiple_of(self.heads) {
+            return Err(format!(
+                "width: {} is not a multiple of {} heads",
+                self.width, self.heads
+            ));
+        }
+        for (field, value) in [
+            ("grouping.step_m[0]", g.step_m[0]),
+            ("grouping.step_m[1]", g.step_m[1]),
+            ("grouping.step_m[2]", g.step_m[2]),
+            ("grouping.radius_m", g.radius_m),
+            ("grouping.gate_m", g.gate_m),
+            ("grouping.centre_rate", g.centre_rate),
+        ] {
+            if !(value > 0.0 && value <= 100.0) {
+                return Err(format!(
+                    "{field}: must be in 0..=100 and positive, found {value}"
+                ));
+            }
+        }
+        if g.centre_rate > 1.0 || !g.z_min_m.is_finite() || g.z_min_m.abs() > 10.0 {
+            return Err("grouping.centre_rate must be at most 1, z_min_m within 10 m".into());
+        }
+        Ok(())
+    }
+}

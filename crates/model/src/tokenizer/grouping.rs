@@ -1,0 +1,472 @@
+//! Points to tubes: which points lie around which anchor, when.
+//!
+//! A tube is one anchor at one step: the points of the step's three frames (2s - 1, 2s, 2s + 1:
+//! temporal stride 2, padding [1, 0]) that lie within the radius. Only tubes with points are listed.
+
+use radarllm_base::PointFrame;
+
+use super::centre::track_centre;
+use super::config::{AnchorMode, FRAMES_PER_CODE, FRAMES_PER_STEP, GroupingConfig, MAX_FRAMES};
+
+/// Values per neighbour: displacement from the anchor in units of the radius (3), frame offset,
+/// range, radial velocity, intensity relative to the clip's median.
+pub const NEIGHBOUR_DIM: usize = 7;
+/// Values per step: centre x, y, its velocity x, y, logarithm of the point count, mean velocity.
+pub const STEP_DIM: usize = 6;
+/// Values per tube: logarithm of the number of points in the radius, mean radial velocity.
+pub const TUBE_DIM: usize = 2;
+
+/// Divides range, m.
+const RANGE_SCALE_M: f32 = 3.0;
+/// Divides velocities, m/s.
+const VELOCITY_SCALE_MPS: f32 = 2.0;
+/// Divides relative intensity, dB.
+const INTENSITY_SCALE_DB: f32 = 10.0;
+/// Radar frame period that speeds are derived with, s.
+const FRAME_PERIOD_S: f32 = 0.1;
+
+/// One anchor at one step.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tube {
+    /// Step.
+    pub step: u32,
+    /// Anchor.
+    pub anchor: u32,
+    /// First neighbour in [`Grouped::neighbours`].
+    pub start: u32,
+    /// One past the last neighbour.
+    pub end: u32,
+    /// See [`TUBE_DIM`].
+    pub statistics: [f32; TUBE_DIM],
+}
+
+/// A clip as tubes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grouped {
+    /// Steps that begin inside the clip.
+    pub n_steps: usize,
+    /// Codes: one per four frames, the last one perhaps of fewer.
+    pub n_codes: usize,
+    /// Tubes that have points, by step, then anchor.
+    pub tubes: Vec<Tube>,
+    /// Neighbours of all tubes, nearest frame order; see [`NEIGHBOUR_DIM`].
+    pub neighbours: Vec<[f32; NEIGHBOUR_DIM]>,
+    /// Per step; see [`STEP_DIM`].
+    pub steps: Vec<[f32; STEP_DIM]>,
+    /// Anchors relative to the centre and the floor, m: `[anchor]` for a template,
+    /// `[step][anchor]` for farthest-point sampling.
+    pub anchors: Vec<[f32; 3]>,
+    /// Points that belong to at least one tube.
+    pub n_points_used: usize,
+}
+
+/// Why points cannot be grouped.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum GroupingError {
+    /// No frame.
+    #[error("no radar frame")]
+    Empty,
+    /// More frames than the network sees at once.
+    #[error("{found} radar frames, at most {MAX_FRAMES} at once")]
+    TooLong {
+        /// Number of frames.
+        found: usize,
+    },
+    /// A coordinate, velocity, intensity or the radar's height is NaN or infinite.
+    #[error("frame {frame}, point {point}: value is not finite")]
+    NotFinite {
+        /// Position of the frame.
+        frame: usize,
+        /// Position of the point.
+        point: usize,
+    },
+    /// The radar's height is not finite.
+    #[error("radar height {0} m is not finite")]
+    Height(f32),
+}
+
+/// Grid anchors relative to the centre (x, y) and the floor (z), m; x slowest, z fastest.
+pub fn template_anchors(config: &GroupingConfig) -> Vec<[f32; 3]> {
+    let [nx, ny, nz] = config.counts;
+    let centred = |i: usize, n: usize, step: f32| (i as f32 - 0.5 * (n as f32 - 1.0)) * step;
+    let mut anchors = Vec::with_capacity(nx * ny * nz);
+    for ix in 0..nx {
+        for iy in 0..ny {
+            for iz in 0..nz {
+                anchors.push([
+                    centred(ix, nx, config.step_m[0]),
+                    centred(iy, ny, config.step_m[1]),
+                    config.z_min_m + iz as f32 * config.step_m[2],
+                ]);
+            }
+        }
+    }
+    anchors
+}
+
+/// Groups a clip's points around its anchors.
+///
+/// # Errors
+/// If there is no frame, too many, or a value is not finite.
+pub fn group(
+    frames: &[PointFrame],
+    radar_height_m: f32,
+    config: &GroupingConfig,
+) -> Result<Grouped, GroupingError> {
+    check(frames, radar_height_m)?;
+    let points: Vec<Vec<Point>> = clip_points(frames, radar_height_m, config.max_points);
+    let centres = track_centre(frames, config);
+    let n_steps = frames.len().div_ceil(FRAMES_PER_STEP);
+    let n_anchors: usize = config.counts.iter().product();
+    let template = template_anchors(config);
+    let mut grouped = Grouped {
+        n_steps,
+        n_codes: frames.len().div_ceil(FRAMES_PER_CODE),
+        tubes: Vec::new(),
+        neighbours: Vec::new(),
+        steps: Vec::with_capacity(n_steps),
+        anchors: Vec::new(),
+        n_points_used: 0,
+    };
+    let mut used: Vec<Vec<bool>> = points.iter().map(|p| vec![false; p.len()]).collect();
+    let mut near: Vec<(f32, usize)> = Vec::new();
+    for step in 0..n_steps {
+        let middle = step * FRAMES_PER_STEP;
+        let centre = centres[middle];
+        let anchors = match config.anchors {
+            AnchorMode::Template => None,
+            AnchorMode::FarthestPoint => Some(farthest_points(&points[middle], centre, n_anchors)),
+        };
+        let window = middle.saturating_sub(1)..(middle + 2).min(frames.len());
+        let places = anchors.as_deref().unwrap_or(&template);
+        for (anchor, place) in places.iter().enumerate() {
+            let at = [centre[0] + place[0], centre[1] + place[1], place[2]];
+            let start = grouped.neighbours.len();
+            let (mut n_in_radius, mut velocity_sum) = (0usize, 0.0f32);
+            for frame_idx in window.clone() {
+                near.clear();
+                for (i, p) in points[frame_idx].iter().enumerate() {
+                    let d = [p.at[0] - at[0], p.at[1] - at[1], p.at[2] - at[2]];
+                    let square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+                    if square <= config.radius_m * config.radius_m {
+                        near.push((square, i));
+                    }
+                }
+                n_in_radius += near.len();
+                // Ties fall to the stronger point, which comes first.
+                near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+                near.truncate(config.k_per_frame);
+                for &(_, i) in &near {
+                    let p = &points[frame_idx][i];
+                    used[frame_idx][i] = true;
+                    velocity_sum += p.velocity;
+                    let relative = |axis: usize| (p.at[axis] - at[axis]) / config.radius_m;
+                    grouped.neighbours.push([
+                        relative(0),
+                        relative(1),
+                        relative(2),
+                        frame_idx as f32 - middle as f32,
+                        p.range,
+                        p.velocity,
+                        p.intensity,
+                    ]);
+                }
+            }
+            let end = grouped.neighbours.len();
+            if end > start {
+                grouped.tubes.push(Tube {
+                    step: step as u32,
+                    anchor: anchor as u32,
+                    start: start as u32,
+                    end: end as u32,
+                    statistics: [
+                        (n_in_radius as f32).ln_1p() / 3.0,
+                        velocity_sum / (end - start) as f32,
+                    ],
+                });
+            }
+        }
+        if let Some(mut sampled) = anchors {
+            sampled.resize(n_anchors, [0.0; 3]);
+            grouped.anchors.extend(sampled);
+        }
+        grouped
+            .steps
+            .push(step_features(&points, &centres, window, middle));
+    }
+    if config.anchors == AnchorMode::Template {
+        grouped.anchors = template;
+    }
+    grouped.n_points_used = used.iter().flatten().filter(|u| **u).count();
+    Ok(grouped)
+}
+
+/// A point above the floor with scaled features.
+struct Point {
+    at: [f32; 3],
+    range: f32,
+    velocity: f32,
+    intensity: f32,
+}
+
+fn check(frames: &[PointFrame], radar_height_m: f32) -> Result<(), GroupingError> {
+    if frames.is_empty() {
+        return Err(GroupingError::Empty);
+    }
+    if frames.len() > MAX_FRAMES {
+        return Err(GroupingError::TooLong {
+            found: frames.len(),
+        });
+    }
+    if !radar_height_m.is_finite() {
+        return Err(GroupingError::Height(radar_height_m));
+    }
+    for (frame, f) in frames.iter().enumerate() {
+        for (point, p) in f.points.iter().enumerate() {
+            // 1e6 in any unit is no radar point, and keeps squares finite.
+            let values = [
+                p.x_m,
+                p.y_m,
+                p.z_m,
+                p.range_m,
+                p.velocity_mps,
+                p.intensity_db,
+            ];
+            if !values.iter().all(|v| v.abs() < 1e6) {
+                return Err(GroupingError::NotFinite { frame, point });
+            }
+        }
+    }
+    Ok(())
+}
+
+fn clip_points(frames: &[PointFrame], radar_height_m: f32, max_points: usize) -> Vec<Vec<Point>> {
+    let kept = |f: &PointFrame| f.points.len().min(max_points);
+    // Intensities of different radars and gains differ by a constant: only differences are used.
+    let mut db: Vec<f32> = frames
+        .iter()
+        .flat_map(|f| f.points[..kept(f)].iter().map(|p| p.intensity_db))
+        .collect();
+    db.sort_by(f32::total_cmp);
+    let median_db = db.get(db.len() / 2).copied().unwrap_or(0.0);
+    let point = |p: &radarllm_base::RadarPoint| Point {
+        at: [p.x_m, p.y_m, p.z_m + radar_height_m],
+        range: (p.range_m / RANGE_SCALE_M - 1.0).clamp(-4.0, 4.0),
+        velocity: (p.velocity_mps / VELOCITY_SCALE_MPS).clamp(-4.0, 4.0),
+        intensity: ((p.intensity_db - median_db) / INTENSITY_SCALE_DB).clamp(-4.0, 4.0),
+    };
+    frames
+        .iter()
+        .map(|f| f.points[..kept(f)].iter().map(point).collect())
+        .collect()
+}
+
+fn step_features(
+    points: &[Vec<Point>],
+    centres: &[[f32; 2]],
+    window: std::ops::Range<usize>,
+    middle: usize,
+) -> [f32; STEP_DIM] {
+    let before = middle.saturating_sub(FRAMES_PER_STEP);
+    let after = (middle + FRAMES_PER_STEP).min(centres.len() - 1);
+    let elapsed_s = ((after - before) as f32 * FRAME_PERIOD_S).max(FRAME_PERIOD_S);
+    let speed = |axis: usize| (centres[after][axis] - centres[before][axis]) / elapsed_s;
+    let n: usize = window.clone().map(|f| points[f].len()).sum();
+    let velocity: f32 = window
+        .flat_map(|f| points[f].iter().map(|p| p.velocity))
+        .sum();
+    [
+        (centres[middle][0] / RANGE_SCALE_M).clamp(-4.0, 4.0),
+        (centres[middle][1] / RANGE_SCALE_M - 1.0).clamp(-4.0, 4.0),
+        speed(0).clamp(-4.0, 4.0),
+        speed(1).clamp(-4.0, 4.0),
+        (n as f32).ln_1p() / 3.0 - 1.0,
+        velocity / n.max(1) as f32,
+    ]
+}
+
+/// At most `n` points, each the farthest from those before; starts with the strongest.
+fn farthest_points(points: &[Point], centre: [f32; 2], n: usize) -> Vec<[f32; 3]> {
+    let mut chosen = Vec::new();
+    let mut distance = vec![f32::INFINITY; points.len()];
+    let mut next = (!points.is_empty()).then_some(0);
+    while let Some(i) = next {
+        let p = points[i].at;
+        chosen.push([p[0] - centre[0], p[1] - centre[1], p[2]]);
+        for (d, q) in distance.iter_mut().zip(points) {
+            let square: f32 = (0..3).map(|axis| (q.at[axis] - p[axis]).powi(2)).sum();
+            *d = d.min(square);
+        }
+        next = (0..points.len()).max_by(|a, b| distance[*a].total_cmp(&distance[*b]));
+        if chosen.len() == n || next.is_none_or(|i| distance[i] == 0.0) {
+            break;
+        }
+    }
+    chosen
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use radarllm_base::RadarPoint;
+
+    fn point(x: f32, y: f32, z: f32) -> RadarPoint {
+        RadarPoint {
+            x_m: x,
+            y_m: y,
+            z_m: z,
+            range_m: y,
+            ..Default::default()
+        }
+    }
+
+    #[test]
+    fn grids_are_the_published_ones() {
+        let paper = super::super::config::TokenizerConfig::paper();
+        let anchors = template_anchors(&paper.grouping);
+        assert_eq!(anchors.len(), 81);
+        for (found, expected) in anchors[0].iter().zip([-0.3, -0.3, -0.3]) {
+            assert!((found - expected).abs() < 1e-6);
+        }
+        // mmMesh: the top layer lies 2.1 m above the floor.
+        assert!((anchors[80][2] - 2.1).abs() < 1e-5);
+        assert_eq!(template_anchors(&GroupingConfig::default()).len(), 54);
+    }
+
+    /// Every neighbour against a search without any shortcut.
+    #[test]
+    fn tubes_hold_exactly_the_nearest_points_of_their_window() {
+        let mut frames = Vec::new();
+        for f in 0..5 {
+            let points = (0..40).map(|i| {
+                let t = (f * 40 + i) as f32;
+                point(
+                    (t * 0.37).sin() * 0.8,
+                    3.0 + (t * 0.61).cos() * 0.8,
+                    (t * 0.23).sin(),
+                )
+            });
+            frames.push(PointFrame {
+                points: points.collect(),
+                ..Default::default()
+            });
+        }
+        let config = GroupingConfig {
+            k_per_frame: 3,
+            ..Default::default()
+        };
+        let grouped = group(&frames, 1.0, &config).unwrap();
+        let centres = track_centre(&frames, &config);
+        assert_eq!((grouped.n_steps, grouped.n_codes), (3, 2));
+        let mut n_tubes = 0;
+        for step in 0..3usize {
+            for (anchor, place) in template_anchors(&config).iter().enumerate() {
+                let c = centres[2 * step];
+                let at = [c[0] + place[0], c[1] + place[1], place[2]];
+                let mut expected = 0;
+                for offset in -1i32..=1 {
+                    let Some(frame) = usize::try_from(2 * step as i32 + offset)
+                        .ok()
+                        .and_then(|f| frames.get(f))
+                    else {
+                        continue;
+                    };
+                    let within = frame.points.iter().filter(|p| {
+                        let d = [p.x_m - at[0], p.y_m - at[1], p.z_m + 1.0 - at[2]];
+                        d.iter().map(|v| v * v).sum::<f32>() <= 0.45 * 0.45
+                    });
+                    expected += within.count().min(3);
+                }
+                let tube = grouped
+                    .tubes
+                    .iter()
+                    .find(|t| t.step == step as u32 && t.anchor == anchor as u32);
+                assert_eq!(tube.map_or(0, |t| t.end - t.start) as usize, expected);
+                n_tubes += usize::from(expected > 0);
+            }
+        }
+        assert_eq!(grouped.tubes.len(), n_tubes);
+        let in_ball =
+            |n: &[f32; NEIGHBOUR_DIM]| n[..3].iter().map(|v| v * v).sum::<f32>() <= 1.0 + 1e-5;
+        assert!(grouped.neighbours.iter().all(in_ball));
+    }
+
+    #[test]
+    fn tubes_do_not_depend_on_where_the_person_stands() {
+        let clip = |x: f32, y: f32| -> Vec<PointFrame> {
+            let points = |f: usize| {
+                (0..30).map(move |i| {
+                    let t = (f * 30 + i) as f32;
+                    // Multiples of 1/64 add to the shifts without rounding.
+                    let q = |v: f32| (v * 64.0).round() / 64.0;
+                    let mut p = point(
+                        x + q((t * 0.7).sin() * 0.5),
+                        y + q((t * 0.3).cos() * 0.5),
+                        q((t * 0.9).sin()),
+                    );
+                    p.range_m = 3.0;
+                    p
+                })
+            };
+            (0..8)
+                .map(|f| PointFrame {
+                    points: points(f).collect(),
+                    ..Default::default()
+                })
+                .collect()
+        };
+        let config = GroupingConfig::default();
+        let a = group(&clip(0.0, 2.0), 1.0, &config).unwrap();
+        let b = group(&clip(1.0, 4.0), 1.0, &config).unwrap();
+        assert_eq!(a.tubes.len(), b.tubes.len());
+        for (p, q) in a.neighbours.iter().zip(&b.neighbours) {
+            // Centres differ by rounding of sums near 4 m, divided by the radius.
+            assert!(p.iter().zip(q).all(|(u, v)| (u - v).abs() < 1e-5));
+        }
+    }
+
+    #[test]
+    fn hostile_clips_are_errors_and_empty_ones_are_not() {
+        let config = GroupingConfig::default();
+        assert_eq!(group(&[], 1.0, &config), Err(GroupingError::Empty));
+        let long = vec![PointFrame::default(); 97];
+        assert_eq!(
+            group(&long, 1.0, &config),
+            Err(GroupingError::TooLong { found: 97 })
+        );
+        let nan = PointFrame {
+            points: vec![point(0.0, f32::NAN, 0.0)],
+            ..Default::default()
+        };
+        assert_eq!(
+            group(&[nan], 1.0, &config),
+            Err(GroupingError::NotFinite { frame: 0, point: 0 })
+        );
+        assert!(group(&[PointFrame::default()], f32::INFINITY, &config).is_err());
+        let empty = group(&long[..96], 1.0, &config).unwrap();
+        assert_eq!(
+            (empty.tubes.len(), empty.n_codes, empty.n_steps),
+            (0, 24, 48)
+        );
+        assert!(empty.steps.iter().flatten().all(|v| v.is_finite()));
+    }
+
+    #[test]
+    fn farthest_points_spread_out_and_never_repeat() {
+        let frame = PointFrame {
+            points: vec![
+                point(0.0, 3.0, 0.0),
+                point(0.01, 3.0, 0.0),
+                point(1.0, 3.0, 0.0),
+                point(0.0, 3.0, 0.0),
+            ],
+            ..Default::default()
+        };
+        let points = clip_points(&[frame], 0.0, 128);
+        let chosen = farthest_points(&points[0], [0.0, 3.0], 10);
+        assert_eq!(
+            chosen,
+            vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.01, 0.0, 0.0]]
+        );
+    }
+}

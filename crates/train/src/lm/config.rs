@@ -1,0 +1,237 @@
+//! Settings of the language-model stages.
+
+use std::path::PathBuf;
+
+use radarllm_model::lm::templates::Task;
+use radarllm_model::lm::{LmConfig, LmPreset};
+use serde::{Deserialize, Serialize};
+
+use crate::adamw::AdamWConfig;
+use crate::harness::{LoopConfig, TrainError};
+
+/// One number for each task.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TaskWeights {
+    /// Span masking on radar codes; pretraining only.
+    pub radar_prediction: f64,
+    /// The main task.
+    pub radar_to_text: f64,
+    /// Codes from a caption.
+    pub text_to_radar: f64,
+    /// Length from a caption; instruction tuning only.
+    pub text_to_length: f64,
+    /// Length from codes; instruction tuning only.
+    pub radar_to_length: f64,
+    /// The end of a motion from its start; instruction tuning only.
+    pub continuation: f64,
+}
+
+impl Default for TaskWeights {
+    fn default() -> Self {
+        Self {
+            radar_prediction: 1.0,
+            radar_to_text: 1.0,
+            text_to_radar: 1.0,
+            text_to_length: 1.0,
+            radar_to_length: 1.0,
+            continuation: 1.0,
+        }
+    }
+}
+
+impl TaskWeights {
+    /// The number of one task.
+    pub fn of(&self, task: Task) -> f64 {
+        match task {
+            Task::RadarPrediction => self.radar_prediction,
+            Task::RadarToText => self.radar_to_text,
+            Task::TextToRadar => self.text_to_radar,
+            Task::TextToLength => self.text_to_length,
+            Task::RadarToLength => self.radar_to_length,
+            Task::Continuation => self.continuation,
+        }
+    }
+}
+
+/// Settings of pretraining or instruction tuning.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LmTrainConfig {
+    /// Shape of a new network; ignored when one is given or read.
+    pub preset: LmPreset,
+    /// Overrides the preset's continuous bypass.
+    pub bypass: Option<bool>,
+    /// Overrides the preset's dropout.
+    pub dropout: Option<f64>,
+    /// Folder of a pretrained T5 in Hugging Face layout to start from.
+    pub hf_folder: Option<PathBuf>,
+    /// Sequences in a batch.
+    pub batch: usize,
+    /// Examples drawn from a motion in an epoch; 0 takes one for each of its captions.
+    pub samples_per_clip: usize,
+    /// How often a task is drawn, relative to the others.
+    pub sampling: TaskWeights,
+    /// Factor on a task's loss (the paper's lambdas).
+    pub lambda: TaskWeights,
+    /// Share of the target probability spread over the whole vocabulary.
+    pub label_smoothing: f64,
+    /// Trains half of the examples on the mirrored clip with sides swapped in the caption.
+    pub flip: bool,
+    /// Share of codes masked in radar prediction.
+    pub mask_share: f64,
+    /// Mean length of a masked span, codes.
+    pub mask_span: f64,
+    /// Probability that an input code is replaced by a random one, its feature dropped.
+    pub replace_code: f64,
+    /// Probability that an input code is left out.
+    pub drop_code: f64,
+    /// Standard deviation of noise added to features, relative to their rms.
+    pub feature_noise: f64,
+    /// Decay of the moving average of weights used for validation and inference; 0 is off.
+    pub average_decay: f64,
+    /// Validation motions decoded for the quick ROUGE-L; 0 is off.
+    pub quick_score_clips: usize,
+    /// The loop.
+    #[serde(rename = "loop")]
+    pub run: LoopConfig,
+}
+
+impl Default for LmTrainConfig {
+    fn default() -> Self {
+        Self::small()
+    }
+}
+
+impl LmTrainConfig {
+    /// Pretraining of the small preset on one core.
+    pub fn small() -> Self {
+        Self {
+            preset: LmPreset::Small,
+            bypass: None,
+            dropout: None,
+            hf_folder: None,
+            batch: 32,
+            samples_per_clip: 0,
+            sampling: TaskWeights::default(),
+            lambda: TaskWeights::default(),
+            label_smoothing: 0.1,
+            flip: true,
+            mask_share: 0.15,
+            mask_span: 3.0,
+            replace_code: 0.05,
+            drop_code: 0.05,
+            feature_noise: 0.1,
+            average_decay: 0.999,
+            quick_score_clips: 64,
+            run: LoopConfig {
+                learning_rate: 1e-3,
+                epochs: 60,
+                warmup_steps: 200,
+                log_every: 50,
+                adamw: AdamWConfig {
+                    weight_decay: 0.01,
+                    ..AdamWConfig::default()
+                },
+                ..LoopConfig::default()
+            },
+        }
+    }
+
+    /// Pretraining as the paper states it.
+    pub fn paper() -> Self {
+        Self {
+            preset: LmPreset::T5Small,
+            batch: 16,
+            label_smoothing: 0.0,
+            flip: false,
+            replace_code: 0.0,
+            drop_code: 0.0,
+            feature_noise: 0.0,
+            average_decay: 0.0,
+            run: LoopConfig {
+                learning_rate: 2e-4,
+                epochs: 300,
+                adamw: AdamWConfig {
+                    beta_2: 0.999,
+                    ..AdamWConfig::default()
+                },
+                ..LoopConfig::default()
+            },
+            ..Self::small()
+        }
+    }
+
+    /// The same settings for instruction tuning: half the examples are the main task, the learning
+    /// rate is halved (1e-4 after 2e-4 in the paper) and the epochs are a third.
+    pub fn for_instruction(mut self) -> Self {
+        self.sampling = TaskWeights {
+            radar_to_text: 4.0,
+            ..TaskWeights::default()
+        };
+        self.run.learning_rate *= 0.5;
+        self.run.epochs = self.run.epochs.div_ceil(3);
+        self
+    }
+
+    /// The network's shape.
+    pub fn lm_config(&self, n_codes: usize, code_dim: usize) -> LmConfig {
+        let mut config = self.preset.config(n_codes, code_dim);
+        config.bypass = self.bypass.unwrap_or(config.bypass);
+        config.t5.dropout = self.dropout.unwrap_or(config.t5.dropout);
+        config
+    }
+
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// Names the first field that cannot be used.
+    pub fn validate(&self) -> Result<(), TrainError> {
+        self.run.validate()?;
+        let fail = |field: &str, problem: &str| {
+            Err(TrainError::Config {
+                field: field.into(),
+                problem: problem.into(),
+            })
+        };
+        if self.batch == 0 || self.batch > 65_536 {
+            return fail("batch", "must be in 1..=65536");
+        }
+        if self.samples_per_clip > 10_000 {
+            return fail("samples_per_clip", "must be at most 10000");
+        }
+        for (field, share) in [
+            ("label_smoothing", self.label_smoothing),
+            ("replace_code", self.replace_code),
+            ("drop_code", self.drop_code),
+            ("average_decay", self.average_decay),
+            ("dropout", self.dropout.unwrap_or(0.0)),
+        ] {
+            if !(0.0..1.0).contains(&share) {
+                return fail(field, "must be in 0..1");
+            }
+        }
+        if !(self.mask_share > 0.0 && self.mask_share < 1.0) {
+            return fail("mask_share", "must be above 0 and below 1");
+        }
+        if !(self.mask_span >= 1.0 && self.mask_span.is_finite()) {
+            return fail("mask_span", "must be at least 1");
+        }
+        if !(self.feature_noise >= 0.0 && self.feature_noise.is_finite()) {
+            return fail("feature_noise", "must be finite and not negative");
+        }
+        for (field, weights) in [("sampling", &self.sampling), ("lambda", &self.lambda)] {
+            let all = Task::INSTRUCTION.into_iter().chain([Task::RadarPrediction]);
+            if !all
+                .map(|t| weights.of(t))
+                .all(|w| w.is_finite() && w >= 0.0)
+            {
+                return fail(field, "weights must be finite and not negative");
+            }
+            if weights.radar_to_text <= 0.0 {
+                return fail(field, "radar_to_text must be positive: it is the main task");
+            }
+        }
+        Ok(())
+    }
+}

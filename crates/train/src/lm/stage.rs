@@ -1,0 +1,425 @@
+//! The two stages on the shared loop.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use burn::module::Module;
+use burn::tensor::{Int, Tensor, TensorData};
+use radarllm_metrics::rouge::rouge_l;
+use radarllm_metrics::tokens::rouge_score;
+use radarllm_model::checkpoint::{
+    CheckpointFiles, HostTensor, MODEL_FILE, NamedTensors, collect_params, replace_params,
+};
+use radarllm_model::lm::radar_lm::{AVERAGE_FILE, LmCard, TEXT_TOKENIZER_FILE};
+use radarllm_model::lm::templates::{Task, all_text};
+use radarllm_model::lm::vocab::PAD;
+use radarllm_model::lm::{
+    DropoutRng, GenerateOptions, LmError, RadarLm, RadarT5, Source, SourceBatch, Vocab,
+};
+use rand::SeedableRng;
+use rand::rngs::ChaCha8Rng;
+
+use super::clip::{LmClip, swap_sides};
+use super::config::LmTrainConfig;
+use super::examples::{Example, ExampleMaker, Item, LmStageKind};
+use super::loss::cross_entropy;
+use crate::harness::{
+    Ending, Outcome, Stage, StepInfo, StepLoss, TrainError, Validation, cpu_device, run,
+};
+
+/// Result of a language-model stage.
+#[derive(Debug)]
+pub struct LmOutcome {
+    /// Directory that [`RadarLm::load`] opens: the best by validation, or the last.
+    pub checkpoint: PathBuf,
+    /// Why the run ended.
+    pub ending: Ending,
+    /// Updates in all sessions.
+    pub steps: u64,
+    /// Training time in all sessions, s.
+    pub seconds: f64,
+    /// Lowest validation loss of radar-to-text, nats a token.
+    pub best_score: Option<f64>,
+}
+
+impl From<LmError> for TrainError {
+    fn from(error: LmError) -> Self {
+        TrainError::Stage(error.to_string())
+    }
+}
+
+/// Pretrains a language model: radar prediction, radar to text, text to radar.
+///
+/// Starts from `config.hf_folder` when given, else from a fresh network of the preset whose
+/// vocabulary is learned from `clips` (and their mirrored captions). `n_codes` is the size of the
+/// radar codebook. Without `val`, the last weights are the result.
+///
+/// # Errors
+/// See [`TrainError`]; clips are checked before anything is written.
+pub fn pretrain(
+    config: &LmTrainConfig,
+    n_codes: usize,
+    clips: &[LmClip],
+    val: &[LmClip],
+    out: &Path,
+    resume: bool,
+) -> Result<LmOutcome, TrainError> {
+    config.validate()?;
+    let first = clips.first().and_then(|c| c.variants.first());
+    let code_dim = first.map_or(0, |e| e.features.len() / e.codes.len().max(1));
+    if code_dim == 0 {
+        return Err(TrainError::Data(
+            "the first clip has no codes with features".into(),
+        ));
+    }
+    let device = cpu_device();
+    let lm = match &config.hf_folder {
+        Some(dir) => {
+            let bypass = config.bypass.unwrap_or(false);
+            let mut lm =
+                RadarLm::from_hf_folder(dir, n_codes, code_dim, bypass, config.run.seed, &device)?;
+            lm.config.t5.dropout = config.dropout.unwrap_or(lm.config.t5.dropout);
+            lm
+        }
+        None => {
+            let shape = config.lm_config(n_codes, code_dim);
+            let mirrored: Vec<String> = clips
+                .iter()
+                .flat_map(|c| &c.captions)
+                .map(|c| swap_sides(c))
+                .collect();
+            let captions = clips.iter().flat_map(|c| &c.captions).chain(&mirrored);
+            let vocab = Vocab::learn(
+                captions.map(String::as_str),
+                all_text(),
+                shape.max_text_vocab,
+                shape.n_sentinels,
+                n_codes,
+            )?;
+            RadarLm::new(shape, vocab, config.run.seed, &device)?
+        }
+    };
+    train(config, lm, LmStageKind::Pretrain, clips, val, out, resume)
+}
+
+/// Tunes a pretrained model on templates and sub-tasks.
+///
+/// # Errors
+/// See [`TrainError`]; clips are checked before anything is written.
+pub fn instruct(
+    config: &LmTrainConfig,
+    start: RadarLm,
+    clips: &[LmClip],
+    val: &[LmClip],
+    out: &Path,
+    resume: bool,
+) -> Result<LmOutcome, TrainError> {
+    config.validate()?;
+    train(
+        config,
+        start,
+        LmStageKind::Instruct,
+        clips,
+        val,
+        out,
+        resume,
+    )
+}
+
+fn train(
+    config: &LmTrainConfig,
+    lm: RadarLm,
+    kind: LmStageKind,
+    clips: &[LmClip],
+    val: &[LmClip],
+    out: &Path,
+    resume: bool,
+) -> Result<LmOutcome, TrainError> {
+    if clips.is_empty() {
+        return Err(TrainError::Data("no clips".into()));
+    }
+    let mut run_config = config.run.clone();
+    if val.is_empty() {
+        run_config.validate_every = u64::MAX;
+    }
+    let (mut stage, net) = LmStage::new(config, lm, kind, clips, val)?;
+    let outcome: Outcome<RadarT5> = run(&mut stage, net, &run_config, out, resume)?;
+    Ok(LmOutcome {
+        checkpoint: outcome.checkpoint,
+        ending: outcome.ending,
+        steps: outcome.steps,
+        seconds: outcome.seconds,
+        best_score: outcome.best_score,
+    })
+}
+
+/// One language-model stage.
+pub(super) struct LmStage {
+    config: LmTrainConfig,
+    kind: LmStageKind,
+    /// Vocabulary and shape; its network is replaced for validation.
+    lm: RadarLm,
+    train: ExampleMaker,
+    val: ExampleMaker,
+    /// Moving average of the weights, on the host.
+    average: Option<NamedTensors>,
+}
+
+impl LmStage {
+    /// The stage, and the network to train on an autodiff device.
+    pub(super) fn new(
+        config: &LmTrainConfig,
+        lm: RadarLm,
+        kind: LmStageKind,
+        clips: &[LmClip],
+        val: &[LmClip],
+    ) -> Result<(Self, RadarT5), TrainError> {
+        let maker =
+            |clips: &[LmClip]| ExampleMaker::new(&lm.vocab, lm.config.code_dim, clips, kind);
+        let (train, val) = (maker(clips)?, maker(val)?);
+        let average = (config.average_decay > 0.0).then(|| collect_params(&lm.net));
+        let net = lm.net.clone().to_device(&cpu_device().autodiff()).train();
+        Ok((
+            Self {
+                config: config.clone(),
+                kind,
+                lm,
+                train,
+                val,
+                average,
+            },
+            net,
+        ))
+    }
+
+    /// Loss of examples, and its value by task.
+    fn loss_of(
+        &self,
+        net: &RadarT5,
+        examples: &[Example],
+        smoothing: f64,
+        dropout: Option<&mut DropoutRng>,
+    ) -> Tensor<1> {
+        let device = net.t5.shared.val().device();
+        let sources: Vec<&Source> = examples.iter().map(|e| &e.source).collect();
+        let batch = SourceBatch::new(&sources, self.lm.config.code_dim, &device);
+        let length = examples.iter().map(|e| e.target.len()).max().unwrap_or(1);
+        let mut decoder = vec![PAD; examples.len() * length];
+        let (mut rows, mut targets, mut weights) = (Vec::new(), Vec::new(), Vec::new());
+        for (i, example) in examples.iter().enumerate() {
+            let n = example.target.len();
+            // The decoder sees the target shifted by one, after the start token.
+            decoder[i * length + 1..i * length + n].copy_from_slice(&example.target[..n - 1]);
+            rows.extend((i * length..i * length + n).map(|r| r as i32));
+            targets.extend(&example.target);
+            let lambda = self.config.lambda.of(example.task) as f32;
+            weights.extend(std::iter::repeat_n(lambda, n));
+        }
+        let mut states = net.forward(&batch, &decoder, length, dropout);
+        if rows.len() < decoder.len() {
+            // Only target tokens reach the output rows: padding costs neither time nor loss.
+            let n = rows.len();
+            let rows = Tensor::<1, Int>::from_data(TensorData::new(rows, [n]), &device);
+            states = states.select(0, rows);
+        }
+        let logits = net.t5.logits(states, self.lm.config.t5.vocab_size);
+        cross_entropy(logits, &targets, &weights, smoothing)
+    }
+}
+
+impl Stage for LmStage {
+    type Model = RadarT5;
+
+    fn name(&self) -> &'static str {
+        match self.kind {
+            LmStageKind::Pretrain => "pretrain",
+            LmStageKind::Instruct => "instruct",
+        }
+    }
+
+    fn plan_epoch(&self, epoch_seed: u64) -> Vec<Vec<usize>> {
+        let items = self.train.draw_epoch(&self.config, epoch_seed);
+        let batches = self.train.batches(items, self.config.batch, epoch_seed ^ 1);
+        batches
+            .into_iter()
+            .map(|b| b.into_iter().map(Item::pack).collect())
+            .collect()
+    }
+
+    fn ids(&self, batch: &[usize]) -> Vec<String> {
+        let clips = self.train.clips();
+        batch
+            .iter()
+            .filter_map(|n| Some(clips.get(Item::unpack(*n).clip)?.id.clone()))
+            .collect()
+    }
+
+    fn loss(
+        &mut self,
+        model: &RadarT5,
+        batch: &[usize],
+        info: StepInfo,
+    ) -> Result<StepLoss, TrainError> {
+        let rng = &mut ChaCha8Rng::seed_from_u64(info.seed);
+        let mut examples = Vec::with_capacity(batch.len());
+        for n in batch {
+            let item = Item::unpack(*n);
+            examples.push(
+                self.train
+                    .example(&self.lm.vocab, &self.config, &item, rng)?,
+            );
+        }
+        let mut dropout = DropoutRng::new(info.seed ^ 0x6472_6f70);
+        let total = self.loss_of(
+            model,
+            &examples,
+            self.config.label_smoothing,
+            Some(&mut dropout),
+        );
+        Ok(StepLoss {
+            total,
+            parts: Vec::new(),
+        })
+    }
+
+    fn after_step(&mut self, model: RadarT5, info: StepInfo) -> Result<RadarT5, TrainError> {
+        if let Some(average) = &mut self.average {
+            // A short memory at first, or the random start would weigh for a thousand updates.
+            let n = info.step as f64;
+            let decay = self.config.average_decay.min((1.0 + n) / (10.0 + n)) as f32;
+            for (name, now) in collect_params(&model) {
+                let Some(mean) = average.get_mut(&name) else {
+                    continue;
+                };
+                for (mean, now) in mean.values.iter_mut().zip(&now.values) {
+                    *mean += (1.0 - decay) * (now - *mean);
+                }
+            }
+        }
+        Ok(model)
+    }
+
+    fn validate(&mut self, model: &RadarT5) -> Result<Validation, TrainError> {
+        let net = match &self.average {
+            Some(average) => replace_params(model.clone(), average.clone()),
+            None => model.clone(),
+        };
+        // Undisturbed codes, the evaluation prompt, every caption, the first simulation.
+        let plain_config = LmTrainConfig {
+            drop_code: 0.0,
+            replace_code: 0.0,
+            feature_noise: 0.0,
+            ..self.config.clone()
+        };
+        let mut items = Vec::new();
+        for (clip, record) in self.val.clips().iter().enumerate() {
+            for caption in 0..record.captions.len().min(4) {
+                items.push(Item {
+                    clip,
+                    task: Task::RadarToText,
+                    variant: 0,
+                    flipped: false,
+                    caption,
+                    prompt: 0,
+                });
+            }
+        }
+        let rng = &mut ChaCha8Rng::seed_from_u64(0);
+        let (mut sum, mut n_tokens) = (0.0, 0);
+        for batch in self.val.batches(items, self.config.batch.max(32), 0) {
+            let examples = batch
+                .iter()
+                .map(|item| self.val.example(&self.lm.vocab, &plain_config, item, rng))
+                .collect::<Result<Vec<_>, _>>()?;
+            let n: usize = examples.iter().map(|e| e.target.len()).sum();
+            let loss = self
+                .loss_of(&net, &examples, 0.0, None)
+                .into_scalar::<f32>();
+            sum += f64::from(loss) * n as f64;
+            n_tokens += n;
+        }
+        // Without validation data the score is NaN, which is never the best.
+        let score = sum / n_tokens as f64;
+        let mut values = vec![("radar_to_text_nats", score)];
+        self.lm.net = net;
+        values.extend(self.quick_score()?);
+        Ok(Validation { score, values })
+    }
+
+    fn config(&self) -> serde_json::Value {
+        let weights = if self.average.is_some() {
+            AVERAGE_FILE
+        } else {
+            MODEL_FILE
+        };
+        let card = LmCard {
+            lm: self.lm.config.clone(),
+            vocab: self.lm.vocab.layout().clone(),
+            weights: weights.into(),
+        };
+        serde_json::to_value(card).unwrap_or_default()
+    }
+
+    fn add_files(&self, files: &mut CheckpointFiles) -> Result<(), TrainError> {
+        files.bytes(
+            TEXT_TOKENIZER_FILE,
+            self.lm.vocab.tokenizer_json()?.into_bytes(),
+        );
+        if let Some(average) = &self.average {
+            files.tensors(AVERAGE_FILE, average)?;
+        }
+        Ok(())
+    }
+
+    fn state(&self) -> NamedTensors {
+        self.average.clone().unwrap_or_default()
+    }
+
+    fn load_state(&mut self, state: NamedTensors) -> Result<(), TrainError> {
+        if let Some(average) = &mut self.average {
+            let shape = |t: &NamedTensors| -> BTreeMap<String, Vec<usize>> {
+                t.iter()
+                    .map(|(n, t): (_, &HostTensor)| (n.clone(), t.shape.clone()))
+                    .collect()
+            };
+            if shape(&state) != shape(average) {
+                return Err(TrainError::Stage(
+                    "the averaged weights of the checkpoint do not fit this network".into(),
+                ));
+            }
+            *average = state;
+        }
+        Ok(())
+    }
+}
+
+impl LmStage {
+    /// Greedy captions of the first validation motions: mean ROUGE-L, and how many differ.
+    fn quick_score(&self) -> Result<Vec<(&'static str, f64)>, TrainError> {
+        let n = self.config.quick_score_clips.min(self.val.clips().len());
+        if n == 0 {
+            return Ok(Vec::new());
+        }
+        // Spread over the set: neighbours are often takes of one action.
+        let all = self.val.clips();
+        let clips: Vec<&LmClip> = (0..n).map(|i| &all[i * all.len() / n]).collect();
+        let sources = clips
+            .iter()
+            .map(|c| self.lm.describe_prompt(&c.variants[0]))
+            .collect::<Result<Vec<_>, _>>()?;
+        let generated = self.lm.generate(&sources, &GenerateOptions::default())?;
+        let mut sum = 0.0;
+        let mut different = std::collections::BTreeSet::new();
+        for (clip, result) in clips.iter().zip(&generated) {
+            let text = self.lm.vocab.text(&result.ids);
+            let references: Vec<Vec<String>> =
+                clip.captions.iter().map(|c| rouge_score(c)).collect();
+            sum += rouge_l(&rouge_score(&text), &references);
+            different.insert(text);
+        }
+        Ok(vec![
+            ("rouge_l", sum / n as f64),
+            ("different_captions", different.len() as f64 / n as f64),
+        ])
+    }
+}

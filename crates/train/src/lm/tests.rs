@@ -1,0 +1,504 @@
+//! The stages as a whole, on toy clips.
+
+use std::path::PathBuf;
+
+use burn::module::Module;
+use radarllm_model::checkpoint::{Checkpoint, MODEL_FILE};
+use radarllm_model::lm::templates::{Task, all_text};
+use radarllm_model::lm::vocab::EOS;
+use radarllm_model::lm::{GenerateOptions, RadarLm, Vocab};
+use radarllm_model::tokenizer::Encoded;
+use rand::rngs::ChaCha8Rng;
+use rand::{RngExt, SeedableRng};
+
+use super::clip::LmClip;
+use super::config::LmTrainConfig;
+use super::examples::{ExampleMaker, Item, LmStageKind};
+use super::stage::LmStage;
+use super::{instruct, pretrain};
+use crate::harness::{LoopConfig, Stage, StepInfo, cpu_device};
+
+const N_CODES: usize = 16;
+const CODE_DIM: usize = 8;
+
+/// Clips whose codes are drawn at random: each caption can only be learned, not guessed.
+fn toy_clips(n: usize, n_codes: usize, code_dim: usize) -> Vec<LmClip> {
+    const WHO: [&str; 2] = ["a person", "someone"];
+    const WHAT: [&str; 8] = [
+        "walks forward slowly",
+        "turns to the left and stops",
+        "turns to the right",
+        "jumps twice",
+        "sits down, then stands up",
+        "waves with the left hand",
+        "waves with the right hand above the head",
+        "runs in a circle clockwise",
+    ];
+    let rng = &mut ChaCha8Rng::seed_from_u64(7);
+    let mut codes = |len: usize| {
+        let codes: Vec<u32> = (0..len)
+            .map(|_| rng.random_range(0..n_codes as u32))
+            .collect();
+        let features = (0..len * code_dim)
+            .map(|_| rng.random::<f32>() - 0.5)
+            .collect();
+        Encoded {
+            codes,
+            features,
+            n_points_used: 0,
+        }
+    };
+    (0..n)
+        .map(|i| LmClip {
+            id: format!("toy-{i}"),
+            action: "toy".into(),
+            captions: vec![
+                format!("{} {} {}", WHO[i / 8 % 2], WHAT[i % 8], "")
+                    .trim()
+                    .to_string(),
+            ],
+            variants: vec![codes(6 + i % 5)],
+            flipped: Vec::new(),
+            seconds: 2.4 + 0.4 * (i % 5) as f32,
+        })
+        .collect()
+}
+
+fn scratch(name: &str) -> PathBuf {
+    let dir = std::env::temp_dir().join(format!("radarllm-lm-{}-{name}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&dir);
+    dir
+}
+
+/// Settings whose run does nothing but what is asked.
+fn bare_loop(steps: u64) -> LoopConfig {
+    LoopConfig {
+        epochs: 0,
+        max_steps: steps,
+        warmup_steps: 10,
+        log_every: 1000,
+        validate_every: u64::MAX,
+        checkpoint_every_s: 0.0,
+        ..LoopConfig::default()
+    }
+}
+
+/// The end token stands last in every target.
+fn ends(target: &[u32]) -> bool {
+    target.last() == Some(&EOS)
+}
+
+/// No disturbance, so that the loss can reach its floor.
+fn exact_config(run: LoopConfig) -> LmTrainConfig {
+    LmTrainConfig {
+        dropout: Some(0.0),
+        batch: 8,
+        samples_per_clip: 1,
+        label_smoothing: 0.0,
+        replace_code: 0.0,
+        drop_code: 0.0,
+        feature_noise: 0.0,
+        average_decay: 0.0,
+        run,
+        ..LmTrainConfig::small()
+    }
+}
+
+fn captions(lm: &RadarLm, clips: &[LmClip], beam: usize) -> Vec<String> {
+    let sources: Vec<_> = clips
+        .iter()
+        .map(|c| lm.describe_prompt(&c.variants[0]).unwrap())
+        .collect();
+    let options = GenerateOptions {
+        beam,
+        ..Default::default()
+    };
+    let generated = lm.generate(&sources, &options).unwrap();
+    generated.iter().map(|g| lm.vocab.text(&g.ids)).collect()
+}
+
+#[test]
+fn eight_clips_are_learned_word_for_word_and_tuning_keeps_them() {
+    let clips = toy_clips(8, N_CODES, CODE_DIM);
+    let expected: Vec<&str> = clips.iter().map(|c| c.captions[0].as_str()).collect();
+    let mut config = exact_config(LoopConfig {
+        learning_rate: 3e-3,
+        ..bare_loop(150)
+    });
+    config.sampling.radar_prediction = 0.2;
+    config.sampling.text_to_radar = 0.2;
+    let dir = scratch("overfit");
+    let outcome = pretrain(&config, N_CODES, &clips, &[], &dir.join("a"), false).unwrap();
+    assert_eq!(outcome.steps, 150);
+    let lm = RadarLm::load(&outcome.checkpoint, &cpu_device()).unwrap();
+    for beam in [1, 4] {
+        assert_eq!(captions(&lm, &clips, beam), expected, "beam {beam}");
+    }
+    // Confidence is a probability, and high where every caption is known by heart.
+    let source = lm.describe_prompt(&clips[0].variants[0]).unwrap();
+    let sure = lm
+        .generate(&[source], &GenerateOptions::default())
+        .unwrap()
+        .remove(0);
+    assert!(
+        sure.confidence > 0.8 && sure.confidence <= 1.0,
+        "{}",
+        sure.confidence
+    );
+    let mut config = config.for_instruction();
+    config.run.max_steps = 60;
+    let outcome = instruct(&config, lm, &clips, &[], &dir.join("b"), false).unwrap();
+    let lm = RadarLm::load(&outcome.checkpoint, &cpu_device()).unwrap();
+    assert_eq!(captions(&lm, &clips, 1), expected, "after tuning");
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
+#[test]
+fn a_resumed_run_continues_bit_for_bit() {
+    let clips = toy_clips(8, N_CODES, CODE_DIM);
+    let dir = scratch("resume");
+    let config = |steps, save| LmTrainConfig {
+        batch: 4,
+        average_decay: 0.9,
+        quick_score_clips: 2,
+        run: LoopConfig {
+            // The cosine must not depend on where the run is cut.
+            final_lr_factor: 1.0,
+            checkpoint_every_steps: save,
+            ..bare_loop(steps)
+        },
+        ..LmTrainConfig::small()
+    };
+    pretrain(
+        &config(6, 0),
+        N_CODES,
+        &clips,
+        &clips[..2],
+        &dir.join("whole"),
+        false,
+    )
+    .unwrap();
+    pretrain(
+        &config(3, 3),
+        N_CODES,
+        &clips,
+        &clips[..2],
+        &dir.join("cut"),
+        false,
+    )
+    .unwrap();
+    pretrain(
+        &config(6, 3),
+        N_CODES,
+        &clips,
+        &clips[..2],
+        &dir.join("cut"),
+        true,
+    )
+    .unwrap();
+    let weights = |name: &str, file: &str| {
+        Checkpoint::open(&dir.join(name).join("final"))
+            .unwrap()
+            .tensors(file)
+            .unwrap()
+    };
+    for file in [MODEL_FILE, "average.safetensors"] {
+        assert!(
+            weights("whole", file) == weights("cut", file),
+            "{file} differs"
+        );
+    }
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
+fn vocab(clips: &[LmClip]) -> Vocab {
+    let captions = clips.iter().flat_map(|c| &c.captions).map(String::as_str);
+    Vocab::learn(captions, all_text(), 2000, 32, N_CODES).unwrap()
+}
+
+#[test]
+fn items_pack_into_numbers_and_back() {
+    for task in Task::INSTRUCTION.into_iter().chain([Task::RadarPrediction]) {
+        for (clip, variant, flipped, caption, prompt) in [
+            (0, 0, false, 0, 0),
+            (1_000_000, 255, true, 255, 511),
+            (7, 3, true, 2, 160),
+        ] {
+            let item = Item {
+                clip,
+                task,
+                variant,
+                flipped,
+                caption,
+                prompt,
+            };
+            assert_eq!(Item::unpack(item.pack()), item);
+        }
+    }
+}
+
+#[test]
+fn every_example_ends_and_radar_prediction_restores_the_codes() {
+    let clips = toy_clips(16, N_CODES, CODE_DIM);
+    let vocab = vocab(&clips);
+    let layout = vocab.layout();
+    let config = exact_config(bare_loop(1));
+    let rng = &mut ChaCha8Rng::seed_from_u64(3);
+    for kind in [LmStageKind::Pretrain, LmStageKind::Instruct] {
+        let maker = ExampleMaker::new(&vocab, CODE_DIM, &clips, kind).unwrap();
+        let mut tasks = std::collections::BTreeSet::new();
+        for seed in 0..20 {
+            let items = maker.draw_epoch(&config, seed);
+            assert_eq!(items.len(), clips.len(), "same number every epoch");
+            for item in &items {
+                tasks.insert(item.task);
+                let example = maker.example(&vocab, &config, item, rng).unwrap();
+                assert!(ends(&example.target) && ends(&example.source.ids));
+                let n = example.source.feature_positions.len();
+                assert_eq!(example.source.features.len(), n * CODE_DIM);
+                let is_code = |p: &u32| layout.code_of(example.source.ids[*p as usize]).is_some();
+                assert!(example.source.feature_positions.iter().all(is_code));
+                if item.task == Task::RadarPrediction {
+                    // Put every span back at its sentinel: the clip's codes must come out.
+                    let mut restored = Vec::new();
+                    for id in &example.source.ids {
+                        if let Some(code) = layout.code_of(*id) {
+                            restored.push(code);
+                        } else if let Some(at) = example.target.iter().position(|t| t == id) {
+                            let span = example.target[at + 1..].iter();
+                            restored.extend(span.map_while(|t| layout.code_of(*t)));
+                        }
+                    }
+                    assert_eq!(restored, clips[item.clip].variants[0].codes);
+                }
+            }
+            let batches = maker.batches(items.clone(), 5, seed);
+            let mut all: Vec<usize> = batches.iter().flatten().map(|i| i.pack()).collect();
+            let mut drawn: Vec<usize> = items.iter().map(|i| i.pack()).collect();
+            all.sort_unstable();
+            drawn.sort_unstable();
+            assert_eq!(all, drawn, "batches hold every item once");
+        }
+        let expected = if kind == LmStageKind::Pretrain { 3 } else { 5 };
+        assert_eq!(tasks.len(), expected);
+    }
+}
+
+/// Padding to the longest of the batch must not change what a sequence costs.
+#[test]
+fn loss_of_a_batch_is_the_mean_over_its_tokens() {
+    let clips = toy_clips(8, N_CODES, CODE_DIM);
+    let mut config = exact_config(bare_loop(1));
+    config.sampling.radar_prediction = 0.0;
+    config.sampling.text_to_radar = 0.0;
+    let shape = config.lm_config(N_CODES, CODE_DIM);
+    let lm = RadarLm::new(shape, vocab(&clips), 5, &cpu_device()).unwrap();
+    let (mut stage, net) = LmStage::new(&config, lm, LmStageKind::Pretrain, &clips, &[]).unwrap();
+    let items: Vec<usize> = stage.plan_epoch(1).into_iter().flatten().collect();
+    let info = StepInfo {
+        step: 0,
+        epoch: 0,
+        progress: 0.0,
+        seed: 1,
+    };
+    let mut cost = |batch: &[usize]| {
+        let loss = stage.loss(&net, batch, info).unwrap().total;
+        f64::from(loss.into_scalar::<f32>())
+    };
+    let together = cost(&items);
+    let vocab = vocab(&clips);
+    let (mut sum, mut n) = (0.0, 0.0);
+    for item in &items {
+        let clip = &clips[Item::unpack(*item).clip];
+        let tokens = vocab.text_ids(&clip.captions[0]).unwrap().len() as f64 + 1.0;
+        sum += cost(&[*item]) * tokens;
+        n += tokens;
+    }
+    // f32 rounding of losses near 7.
+    assert!((together - sum / n).abs() < 1e-4, "{together} {}", sum / n);
+}
+
+#[test]
+fn bad_clips_are_named() {
+    let clips = toy_clips(2, N_CODES, CODE_DIM);
+    let vocab = vocab(&clips);
+    let refuse = |change: &dyn Fn(&mut LmClip)| {
+        let mut bad = clips.clone();
+        change(&mut bad[1]);
+        ExampleMaker::new(&vocab, CODE_DIM, &bad, LmStageKind::Pretrain)
+            .err()
+            .unwrap()
+            .to_string()
+    };
+    assert!(refuse(&|c| c.captions.clear()).contains("toy-1"));
+    assert!(refuse(&|c| c.variants[0].features[0] = f32::NAN).contains("toy-1"));
+    assert!(refuse(&|c| c.variants[0].features.truncate(3)).contains("toy-1"));
+    assert!(refuse(&|c| c.variants[0].codes[0] = 16).contains("codebook"));
+}
+
+/// Processor time of this process, s: wall time would measure the neighbours on a shared machine.
+/// NaN where there is no `/proc`.
+fn cpu_seconds() -> f64 {
+    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let fields: Vec<&str> = text
+        .rsplit(')')
+        .next()
+        .unwrap_or_default()
+        .split_whitespace()
+        .collect();
+    let ticks = |i: usize| {
+        fields
+            .get(i)
+            .and_then(|f| f.parse().ok())
+            .unwrap_or(f64::NAN)
+    };
+    // utime and stime, in the kernel's fixed 1/100 s.
+    (ticks(11) + ticks(12)) / 100.0
+}
+
+/// Prints training and decoding speed of the small preset, by processor time; run with `--ignored --nocapture`.
+#[test]
+#[ignore = "a measurement, not a check"]
+fn speed_of_the_small_preset() {
+    let clips = toy_clips(256, 512, 128);
+    let mut config = LmTrainConfig::small();
+    config.sampling.radar_prediction = 0.0;
+    config.sampling.text_to_radar = 0.0;
+    let shape = config.lm_config(512, 128);
+    let fill: Vec<String> = (0..1500).map(|i| format!("w{i}")).collect();
+    let texts = clips
+        .iter()
+        .flat_map(|c| &c.captions)
+        .chain(&fill)
+        .map(String::as_str);
+    let vocab = Vocab::learn(texts, all_text(), 2000, 32, 512).unwrap();
+    println!("{} embedding rows", vocab.layout().size());
+    let lm = RadarLm::new(shape, vocab, 5, &cpu_device()).unwrap();
+    println!("{} parameters", lm.net.num_params());
+    let dir = scratch("speed");
+    for average in [0.0, 0.999] {
+        config.average_decay = average;
+        config.run = LoopConfig {
+            log_every: 20,
+            ..bare_loop(60)
+        };
+        let lm = RadarLm::new(lm.config.clone(), vocab_of(&lm), 5, &cpu_device()).unwrap();
+        let (mut stage, net) =
+            LmStage::new(&config, lm, LmStageKind::Pretrain, &clips, &[]).unwrap();
+        let started = cpu_seconds();
+        let out = dir.join(format!("{average}"));
+        crate::harness::run(&mut stage, net, &config.run, &out, false).unwrap();
+        let rate = 60.0 * config.batch as f64 / (cpu_seconds() - started);
+        println!("average {average}: {rate:.0} examples/s with checkpoints");
+    }
+    let sources: Vec<_> = clips
+        .iter()
+        .map(|c| lm.describe_prompt(&c.variants[0]).unwrap())
+        .collect();
+    for beam in [1, 4] {
+        let started = cpu_seconds();
+        let options = GenerateOptions {
+            beam,
+            max_new_tokens: 16,
+            ..Default::default()
+        };
+        let n: usize = lm
+            .generate(&sources, &options)
+            .unwrap()
+            .iter()
+            .map(|g| g.ids.len() + 1)
+            .sum();
+        let s = cpu_seconds() - started;
+        println!(
+            "beam {beam}: {:.0} captions/s of {:.1} tokens",
+            256.0 / s,
+            n as f64 / 256.0
+        );
+    }
+    let _ = std::fs::remove_dir_all(dir);
+}
+
+fn vocab_of(lm: &RadarLm) -> Vocab {
+    let json = lm.vocab.tokenizer_json().unwrap();
+    Vocab::from_parts(json.as_bytes(), lm.vocab.layout().clone()).unwrap()
+}
+
+/// Clips of `n_actions` kinds: noisy features around a mean of the kind, codes that follow the
+/// feature, two captions each. What a trained tokenizer gives, in miniature.
+fn noisy_clips(n: usize, seed: u64) -> Vec<LmClip> {
+    const ACTIONS: [&str; 12] = [
+        "walks forward",
+        "walks backward",
+        "runs in place",
+        "jumps twice",
+        "sits down",
+        "stands up from a chair",
+        "waves with the left hand",
+        "waves with the right hand",
+        "kicks with the left leg",
+        "kicks with the right leg",
+        "punches forward several times",
+        "picks something up from the floor",
+    ];
+    let dim = 16;
+    let rng = &mut ChaCha8Rng::seed_from_u64(seed);
+    let means = {
+        let rng = &mut ChaCha8Rng::seed_from_u64(99);
+        (0..12 * dim)
+            .map(|_| rng.random::<f32>() - 0.5)
+            .collect::<Vec<_>>()
+    };
+    (0..n)
+        .map(|i| {
+            let kind = rng.random_range(0..12);
+            let len = rng.random_range(6..20);
+            let features: Vec<f32> = (0..len * dim)
+                .map(|k| means[kind * dim + k % dim] + 0.6 * (rng.random::<f32>() - 0.5))
+                .collect();
+            // Four codes a kind, a tenth of them wrong.
+            let codes = (0..len)
+                .map(|_| match rng.random_range(0..10) {
+                    0 => rng.random_range(0..48),
+                    _ => kind as u32 * 4 + rng.random_range(0..4),
+                })
+                .collect();
+            LmClip {
+                id: format!("noisy-{i}"),
+                action: ACTIONS[kind].into(),
+                captions: vec![
+                    format!("a person {}", ACTIONS[kind]),
+                    format!("someone {}", ACTIONS[kind]),
+                ],
+                variants: vec![Encoded {
+                    codes,
+                    features,
+                    n_points_used: 0,
+                }],
+                flipped: Vec::new(),
+                seconds: len as f32 * 0.4,
+            }
+        })
+        .collect()
+}
+
+/// The default settings, unchanged, learn kinds that they were not shown; `--ignored`, a minute.
+#[test]
+#[ignore = "takes about a minute of one core"]
+fn default_settings_generalise_on_noisy_codes() {
+    let (clips, val) = (noisy_clips(300, 1), noisy_clips(60, 2));
+    let mut config = LmTrainConfig::small();
+    config.run.epochs = 40;
+    let dir = scratch("noisy");
+    let outcome = pretrain(&config, 48, &clips, &val, &dir, false).unwrap();
+    let lm = RadarLm::load(&outcome.checkpoint, &cpu_device()).unwrap();
+    let said = captions(&lm, &val, 1);
+    let right = said
+        .iter()
+        .zip(&val)
+        .filter(|(s, c)| c.captions.contains(s))
+        .count();
+    println!("{right} of {} unseen clips described exactly", val.len());
+    // Two captions are equally likely, so only the kind can be learned; a few may be too noisy.
+    assert!(right * 10 >= val.len() * 9, "{right} of {}", val.len());
+    std::fs::remove_dir_all(dir).unwrap();
+}

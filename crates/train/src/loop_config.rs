@@ -1,0 +1,229 @@
+//! Settings of the training loop, and settings files.
+
+use std::fs;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::adamw::AdamWConfig;
+use crate::error::TrainError;
+
+/// What the cosine runs over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Schedule {
+    /// Updates: reproducible.
+    Steps,
+    /// Share of `max_minutes` used: reaches the end of the cosine whatever the machine's speed.
+    Time,
+}
+
+/// Settings of the loop, the same for every stage.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LoopConfig {
+    /// Seed of everything random in the run.
+    pub seed: u64,
+    /// Passes over the training data; 0 means no limit.
+    pub epochs: u64,
+    /// Updates; 0 means no limit.
+    pub max_steps: u64,
+    /// Training time, minutes, over all sessions of the run; 0 means no limit.
+    pub max_minutes: f64,
+    /// Peak learning rate.
+    pub learning_rate: f64,
+    /// Learning rate at the end, as a share of the peak.
+    pub final_lr_factor: f64,
+    /// Updates of linear warm-up.
+    pub warmup_steps: u64,
+    /// What the cosine runs over.
+    pub schedule: Schedule,
+    /// Batches whose gradients are averaged for one update.
+    pub accumulate: u64,
+    /// Optimiser.
+    pub adamw: AdamWConfig,
+    /// Updates between log lines.
+    pub log_every: u64,
+    /// Updates between validations; 0 validates after every epoch.
+    pub validate_every: u64,
+    /// Seconds between checkpoints; 0 leaves only the step rule.
+    pub checkpoint_every_s: f64,
+    /// Updates between checkpoints; 0 leaves only the time rule.
+    pub checkpoint_every_steps: u64,
+    /// Resume checkpoints kept.
+    pub keep_last: usize,
+}
+
+impl Default for LoopConfig {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            epochs: 100,
+            max_steps: 0,
+            max_minutes: 0.0,
+            learning_rate: 3.5e-4,
+            final_lr_factor: 0.05,
+            warmup_steps: 100,
+            schedule: Schedule::Steps,
+            accumulate: 1,
+            adamw: AdamWConfig::default(),
+            log_every: 10,
+            validate_every: 0,
+            checkpoint_every_s: 300.0,
+            checkpoint_every_steps: 0,
+            keep_last: 2,
+        }
+    }
+}
+
+impl LoopConfig {
+    /// Checks that the loop can run and will end.
+    ///
+    /// # Errors
+    /// Names the first field that cannot be used.
+    pub fn validate(&self) -> Result<(), TrainError> {
+        let fail = |field: &str, problem: &str| {
+            Err(TrainError::Config {
+                field: format!("loop.{field}"),
+                problem: problem.into(),
+            })
+        };
+        let unit = 0.0..1.0;
+        if self.epochs == 0 && self.max_steps == 0 && self.max_minutes <= 0.0 {
+            return fail(
+                "epochs",
+                "no limit at all: set epochs, max_steps or max_minutes",
+            );
+        }
+        if !(self.learning_rate.is_finite() && self.learning_rate > 0.0) {
+            return fail("learning_rate", "must be finite and positive");
+        }
+        if !(0.0..=1.0).contains(&self.final_lr_factor) {
+            return fail("final_lr_factor", "must be in 0..=1");
+        }
+        if !unit.contains(&self.adamw.beta_1) || !unit.contains(&self.adamw.beta_2) {
+            return fail("adamw.beta_1", "betas must be in 0..1");
+        }
+        if !(self.adamw.epsilon > 0.0
+            && self.adamw.weight_decay >= 0.0
+            && self.adamw.clip_norm >= 0.0)
+        {
+            return fail(
+                "adamw.epsilon",
+                "epsilon must be positive, decay and clip_norm not negative",
+            );
+        }
+        if self.schedule == Schedule::Time && self.max_minutes <= 0.0 {
+            return fail("schedule", "`time` needs max_minutes");
+        }
+        if self.schedule == Schedule::Steps && self.epochs == 0 && self.max_steps == 0 {
+            return fail("schedule", "`steps` needs epochs or max_steps");
+        }
+        if !self.max_minutes.is_finite() || !self.checkpoint_every_s.is_finite() {
+            return fail("max_minutes", "times must be finite");
+        }
+        Ok(())
+    }
+
+    /// Updates of the whole run, if epochs or steps limit it.
+    pub(crate) fn total_steps(&self, batches_per_epoch: u64) -> Option<u64> {
+        let per_epoch = batches_per_epoch.div_ceil(self.accumulate.max(1));
+        let by_epochs = (self.epochs > 0).then(|| self.epochs.saturating_mul(per_epoch));
+        let by_steps = (self.max_steps > 0).then_some(self.max_steps);
+        match (by_epochs, by_steps) {
+            (Some(a), Some(b)) => Some(a.min(b)),
+            (a, b) => a.or(b),
+        }
+    }
+
+    /// Learning rate of an update; `progress` in 0..=1 is the share of the run behind it.
+    pub(crate) fn learning_rate_at(&self, step: u64, progress: f64) -> f64 {
+        let warm = if self.warmup_steps == 0 {
+            1.0
+        } else {
+            ((step + 1) as f64 / self.warmup_steps as f64).min(1.0)
+        };
+        let cosine = 0.5 * (1.0 + (std::f64::consts::PI * progress.clamp(0.0, 1.0)).cos());
+        let floor = self.final_lr_factor;
+        self.learning_rate * warm * (floor + (1.0 - floor) * cosine)
+    }
+}
+
+/// Every setting of `T` with its default, as TOML.
+///
+/// # Errors
+/// If a default cannot be expressed in TOML, which would be our mistake.
+pub fn print_config<T: Serialize + Default>() -> Result<String, TrainError> {
+    toml::to_string_pretty(&T::default()).map_err(|e| TrainError::Config {
+        field: "defaults".into(),
+        problem: e.to_string(),
+    })
+}
+
+/// Reads settings from a TOML file; unknown fields are errors, missing ones take their default.
+///
+/// # Errors
+/// If the file cannot be read or does not fit.
+pub fn read_config<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<T, TrainError> {
+    let text = fs::read_to_string(path).map_err(|source| TrainError::Io {
+        path: path.into(),
+        source,
+    })?;
+    toml::from_str(&text).map_err(|e| TrainError::ConfigFile {
+        path: path.into(),
+        message: e.to_string(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn schedule_warms_up_and_ends_at_the_floor() {
+        let c = LoopConfig {
+            learning_rate: 1.0,
+            warmup_steps: 10,
+            final_lr_factor: 0.1,
+            ..Default::default()
+        };
+        assert!((c.learning_rate_at(0, 0.0) - 0.1).abs() < 1e-12);
+        assert!((c.learning_rate_at(9, 0.0) - 1.0).abs() < 1e-12);
+        // Half-way down the cosine lies half-way between the peak and the floor.
+        assert!((c.learning_rate_at(100, 0.5) - 0.55).abs() < 1e-12);
+        assert!((c.learning_rate_at(100, 1.0) - 0.1).abs() < 1e-12);
+    }
+
+    #[test]
+    fn defaults_print_and_read_back() {
+        let text = print_config::<LoopConfig>().unwrap();
+        let back: LoopConfig = toml::from_str(&text).unwrap();
+        assert_eq!(back, LoopConfig::default());
+        assert!(toml::from_str::<LoopConfig>("learning_rat = 1.0").is_err());
+        let partial: LoopConfig = toml::from_str("epochs = 3").unwrap();
+        assert_eq!(
+            partial,
+            LoopConfig {
+                epochs: 3,
+                ..Default::default()
+            }
+        );
+    }
+
+    #[test]
+    fn runs_without_an_end_are_refused() {
+        let endless = LoopConfig {
+            epochs: 0,
+            ..Default::default()
+        };
+        assert!(endless.validate().is_err());
+        assert!(
+            LoopConfig {
+                learning_rate: f64::NAN,
+                ..Default::default()
+            }
+            .validate()
+            .is_err()
+        );
+    }
+}

@@ -1,0 +1,312 @@
+//! All stages of one model, in order, from one TOML.
+//!
+//! `motion -> tokenizer -> pretrain -> instruct`; each stage finds the earlier ones' results below
+//! the recipe's output folder. The last stage leaves `model/` (`tokenizer/` and `lm/`), the folder
+//! that [`radarllm_model::lm::Captioner::load`] opens.
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use radarllm_base::PointFrame;
+use radarllm_dataset::{ClipRecord, Columns, Dataset, Split};
+use radarllm_model::{
+    lm::RadarLm,
+    tokenizer::{FRAMES_PER_CODE, RadarTokenizer},
+};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    data::flip_points,
+    harness::{Ending, TrainError},
+    lm::{LmClip, LmTrainConfig, instruct, pretrain},
+    motion::{self, MotionTrainConfig},
+    tokenizer::{self, TokenizerTrainConfig},
+};
+
+/// Stages, in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RecipeStage {
+    /// The motion VQ-VAE that guides the tokenizer.
+    Motion,
+    /// The radar tokenizer.
+    Tokenizer,
+    /// The language model on the three pretraining tasks.
+    Pretrain,
+    /// Instruction tuning.
+    Instruct,
+}
+
+impl RecipeStage {
+    /// All stages, in order.
+    pub const ALL: [Self; 4] = [
+        Self::Motion,
+        Self::Tokenizer,
+        Self::Pretrain,
+        Self::Instruct,
+    ];
+
+    /// Name of the stage and of its folder.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Motion => "motion",
+            Self::Tokenizer => "tokenizer",
+            Self::Pretrain => "pretrain",
+            Self::Instruct => "instruct",
+        }
+    }
+}
+
+/// A training configuration file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Recipe {
+    /// Data set folder, relative to the configuration file.
+    pub data: PathBuf,
+    /// Folder for checkpoints, logs and the finished model, relative to the configuration file.
+    pub out: PathBuf,
+    /// The motion VQ-VAE.
+    pub motion: MotionTrainConfig,
+    /// The radar tokenizer.
+    pub tokenizer: TokenizerTrainConfig,
+    /// Pretraining of the language model.
+    pub pretrain: LmTrainConfig,
+    /// Instruction tuning.
+    pub instruct: LmTrainConfig,
+}
+
+impl Default for Recipe {
+    fn default() -> Self {
+        Self {
+            data: "data".into(),
+            out: "model".into(),
+            motion: MotionTrainConfig::default(),
+            tokenizer: TokenizerTrainConfig::default(),
+            pretrain: LmTrainConfig::small(),
+            instruct: LmTrainConfig::small().for_instruction(),
+        }
+    }
+}
+
+impl Recipe {
+    /// Reads a recipe; paths become relative to `base`.
+    ///
+    /// # Errors
+    /// TOML errors with their place; values out of range with their name.
+    pub fn from_toml(text: &str, base: &Path) -> Result<Self, TrainError> {
+        let problem = |e: toml::de::Error| TrainError::Config {
+            field: "file".into(),
+            problem: e.to_string(),
+        };
+        let mut recipe: Self = toml::from_str(text).map_err(problem)?;
+        recipe.motion.validate()?;
+        recipe.tokenizer.validate()?;
+        recipe.pretrain.validate()?;
+        recipe.instruct.validate()?;
+        recipe.data = base.join(&recipe.data);
+        recipe.out = base.join(&recipe.out);
+        Ok(recipe)
+    }
+
+    /// The recipe with every default, as TOML.
+    ///
+    /// # Errors
+    /// If a value has no TOML form.
+    pub fn to_toml(&self) -> Result<String, TrainError> {
+        toml::to_string_pretty(self).map_err(|e| TrainError::Data(e.to_string()))
+    }
+
+    /// The finished model.
+    pub fn model_dir(&self) -> PathBuf {
+        self.out.join("model")
+    }
+
+    /// Runs one stage. `false` when it was asked to stop before its end.
+    ///
+    /// # Errors
+    /// A missing earlier stage, unusable data, or whatever the stage reports.
+    pub fn run(&self, stage: RecipeStage, resume: bool) -> Result<bool, TrainError> {
+        let out = self.out.join(stage.name());
+        // A stage that was never begun, or was stopped before its first checkpoint, starts afresh.
+        let resume = resume && has_checkpoint(&out);
+        let ending = match stage {
+            RecipeStage::Motion => {
+                let train = self.clips(Split::Train, Columns::All)?;
+                let val = self.clips(Split::Val, Columns::All)?;
+                motion::train(&self.motion, &train, &val, &out, resume)?.ending
+            }
+            RecipeStage::Tokenizer => {
+                let train = self.clips(Split::Train, Columns::All)?;
+                let val = self.clips(Split::Val, Columns::All)?;
+                let teacher = match self.tokenizer.loss.guidance_weight > 0.0 {
+                    true => Some(motion::load_teacher(&self.result(RecipeStage::Motion)?)?),
+                    false => None,
+                };
+                tokenizer::train(
+                    &self.tokenizer,
+                    &train,
+                    &val,
+                    teacher.as_ref(),
+                    &out,
+                    resume,
+                )?
+                .ending
+            }
+            RecipeStage::Pretrain => {
+                let (tokenizer, train, val) = self.lm_data()?;
+                let n_codes = tokenizer.config().codebook_size;
+                pretrain(&self.pretrain, n_codes, &train, &val, &out, resume)?.ending
+            }
+            RecipeStage::Instruct => {
+                let start = self.result(RecipeStage::Pretrain)?;
+                let lm = RadarLm::load(&start, &crate::harness::cpu_device())
+                    .map_err(|e| TrainError::Stage(e.to_string()))?;
+                let (_, train, val) = self.lm_data()?;
+                let ending = instruct(&self.instruct, lm, &train, &val, &out, resume)?.ending;
+                self.assemble()?;
+                ending
+            }
+        };
+        Ok(ending != Ending::Stopped)
+    }
+
+    /// Copies tokenizer and language model into the folder that inference opens.
+    fn assemble(&self) -> Result<(), TrainError> {
+        for (stage, name) in [
+            (RecipeStage::Tokenizer, "tokenizer"),
+            (RecipeStage::Instruct, "lm"),
+        ] {
+            copy_files(&self.result(stage)?, &self.model_dir().join(name))?;
+        }
+        Ok(())
+    }
+
+    /// A finished stage's checkpoint: the best by validation, or the last.
+    fn result(&self, stage: RecipeStage) -> Result<PathBuf, TrainError> {
+        let out = self.out.join(stage.name());
+        ["best", "final"]
+            .iter()
+            .map(|name| out.join(name))
+            .find(|dir| dir.is_dir())
+            .ok_or_else(|| {
+                TrainError::Data(format!(
+                    "{}: no checkpoint; run stage `{}` first",
+                    out.display(),
+                    stage.name()
+                ))
+            })
+    }
+
+    fn clips(&self, split: Split, columns: Columns) -> Result<Vec<ClipRecord>, TrainError> {
+        let problem = |e: radarllm_dataset::DatasetError| TrainError::Data(e.to_string());
+        let data = Dataset::open(&self.data).map_err(problem)?;
+        data.iter_split(split, columns)
+            .collect::<Result<_, _>>()
+            .map_err(problem)
+    }
+
+    fn lm_data(&self) -> Result<(RadarTokenizer, Vec<LmClip>, Vec<LmClip>), TrainError> {
+        let dir = self.result(RecipeStage::Tokenizer)?;
+        let tokenizer = RadarTokenizer::load(&dir).map_err(|e| TrainError::Stage(e.to_string()))?;
+        let train = lm_clips(
+            &tokenizer,
+            &self.clips(Split::Train, Columns::Points)?,
+            true,
+        )?;
+        let val = lm_clips(&tokenizer, &self.clips(Split::Val, Columns::Points)?, false)?;
+        Ok((tokenizer, train, val))
+    }
+}
+
+/// Encodes clips and joins the variants of a motion; `flip` encodes their mirror images too.
+///
+/// # Errors
+/// If a clip cannot be encoded.
+pub fn lm_clips(
+    tokenizer: &RadarTokenizer,
+    clips: &[ClipRecord],
+    flip: bool,
+) -> Result<Vec<LmClip>, TrainError> {
+    let encode = |mirrored: bool| {
+        let points: Vec<Vec<PointFrame>> = clips
+            .iter()
+            .map(|c| {
+                let mut frames = c.frames.clone();
+                if mirrored {
+                    flip_points(&mut frames);
+                }
+                frames
+            })
+            .collect();
+        let inputs: Vec<_> = points
+            .iter()
+            .zip(clips)
+            .map(|(f, c)| (f.as_slice(), c.radar_height_m))
+            .collect();
+        tokenizer
+            .encode_batch(&inputs)
+            .map_err(|e| TrainError::Data(e.to_string()))
+    };
+    let encoded = encode(false)?;
+    let mirrored = if flip { encode(true)? } else { Vec::new() };
+    let mut by_motion: BTreeMap<&str, LmClip> = BTreeMap::new();
+    for (index, (clip, codes)) in clips.iter().zip(encoded).enumerate() {
+        let entry = by_motion.entry(&clip.motion_id).or_insert_with(|| LmClip {
+            id: clip.motion_id.clone(),
+            action: clip.action.clone(),
+            captions: clip.captions.clone(),
+            variants: Vec::new(),
+            flipped: Vec::new(),
+            seconds: (codes.codes.len() * FRAMES_PER_CODE) as f32 / 10.0,
+        });
+        entry.variants.push(codes);
+        entry.flipped.extend(mirrored.get(index).cloned());
+    }
+    Ok(by_motion.into_values().collect())
+}
+
+/// True when a stage's folder holds something to continue from.
+fn has_checkpoint(dir: &Path) -> bool {
+    fs::read_dir(dir).is_ok_and(|mut entries| {
+        entries.any(|e| e.is_ok_and(|e| e.file_name().to_string_lossy().starts_with("step-")))
+    })
+}
+
+fn copy_files(from: &Path, to: &Path) -> Result<(), TrainError> {
+    let io = |path: &Path| {
+        let path = path.to_path_buf();
+        move |source| TrainError::Io { path, source }
+    };
+    // A half-copied model must not lie under the final name.
+    let temporary = to.with_extension("tmp");
+    let _ = fs::remove_dir_all(&temporary);
+    fs::create_dir_all(&temporary).map_err(io(&temporary))?;
+    for entry in fs::read_dir(from).map_err(io(from))? {
+        let path = entry.map_err(io(from))?.path();
+        if let (true, Some(name)) = (path.is_file(), path.file_name()) {
+            fs::copy(&path, temporary.join(name)).map_err(io(&path))?;
+        }
+    }
+    let _ = fs::remove_dir_all(to);
+    fs::rename(&temporary, to).map_err(io(to))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_printed_recipe_reads_back() {
+        let recipe = Recipe::default();
+        let text = recipe.to_toml().unwrap();
+        assert_eq!(Recipe::from_toml(&text, Path::new("")).unwrap(), recipe);
+    }
+
+    #[test]
+    fn a_slip_in_a_recipe_is_named() {
+        let error = Recipe::from_toml("[tokenizer]\nbatch_sise = 3", Path::new("")).unwrap_err();
+        assert!(error.to_string().contains("batch_sise"), "{error}");
+    }
+}

@@ -1,0 +1,620 @@
+//! Stage `tokenizer`: trains the radar tokenizer (Aggregate VQ-VAE).
+//!
+//! Loss = reconstruction of masked anchors' points + motion guidance + commitment. The paper's exact
+//! form is reached by [`TokenizerTrainConfig::paper`]; every departure is a field of its own.
+
+use std::path::Path;
+
+use burn::tensor::{Device, Int, Tensor, TensorData};
+use radarllm_base::PointFrame;
+use radarllm_dataset::record::ClipRecord;
+use radarllm_model::checkpoint::NamedTensors;
+use radarllm_model::motion_vqvae::{MOTION_DIM, MotionTeacher, mirror_motion_features};
+use radarllm_model::tokenizer::batch::ClipBatch;
+use radarllm_model::tokenizer::codebook::{EmaCodebook, code_usage, nearest_codes};
+use radarllm_model::tokenizer::encode::{TOKENIZER_KIND, TokenizerFile};
+use radarllm_model::tokenizer::grouping::{Grouped, group};
+use radarllm_model::tokenizer::network::TokenizerNet;
+use radarllm_model::tokenizer::{FRAMES_PER_CODE, MAX_FRAMES};
+use rand::rngs::ChaCha8Rng;
+use rand::{RngExt, SeedableRng};
+
+use crate::chamfer::chamfer;
+use crate::data::{augment_points, flip_points, plan_batches, shuffle};
+use crate::harness::{
+    self, Outcome, Stage, StepInfo, StepLoss, TrainError, Validation, cpu_device,
+};
+pub use crate::tokenizer_config::{
+    CodebookUpdate, GuidanceOn, Reconstruct, TokenizerLossConfig, TokenizerTrainConfig,
+};
+
+/// Trains the tokenizer and writes checkpoints to `out_dir`.
+///
+/// `teacher` is the frozen motion VQ-VAE; `None` trains without guidance. Its width overrides
+/// `model.guidance_dim`. Clips without motion features take part in reconstruction alone.
+///
+/// # Errors
+/// See [`TrainError`].
+pub fn train(
+    config: &TokenizerTrainConfig,
+    train: &[ClipRecord],
+    val: &[ClipRecord],
+    teacher: Option<&MotionTeacher>,
+    out_dir: &Path,
+    resume: bool,
+) -> Result<Outcome<TokenizerNet>, TrainError> {
+    let mut config = config.clone();
+    config.model.guidance_dim = match teacher {
+        Some(teacher) if config.loss.guidance_weight > 0.0 => teacher.width(),
+        _ => 0,
+    };
+    config.validate()?;
+    let mut stage = TokenizerStage::new(config.clone(), train, val, teacher)?;
+    eprintln!(
+        "tokenizer: {} training clips ({} with motion guidance), {} for validation",
+        stage.train.len(),
+        stage.train.iter().filter(|c| !c.guide.is_empty()).count(),
+        stage.val.len(),
+    );
+    let device = cpu_device().autodiff();
+    device.seed(radarllm_base::seed::derive_seed(
+        config.run.seed,
+        "tokenizer/init",
+    ));
+    let model = TokenizerNet::new(&config.model, &device);
+    let outcome = harness::run(&mut stage, model, &config.run, out_dir, resume)?;
+    if !stage.codebook.is_initialised() {
+        return Err(TrainError::Stage(
+            "tokenizer: too few steps to initialise the codebook: train longer or lower \
+             codebook.init_after and codebook.init_inputs_per_code"
+                .into(),
+        ));
+    }
+    Ok(outcome)
+}
+
+struct Clip<'a> {
+    id: &'a str,
+    frames: &'a [PointFrame],
+    radar_height_m: f32,
+    /// Teacher features `[code][width]`, standardised; empty when the motion is unknown.
+    guide: Vec<f32>,
+    /// The same of the mirrored motion.
+    mirrored_guide: Vec<f32>,
+}
+
+/// A clip as it enters a batch.
+struct Sample {
+    grouped: Grouped,
+    /// Teacher features of the first codes; may cover fewer codes than the clip has.
+    guide: Vec<f32>,
+    masked: Vec<bool>,
+}
+
+struct TokenizerStage<'a> {
+    config: TokenizerTrainConfig,
+    train: Vec<Clip<'a>>,
+    val: Vec<Clip<'a>>,
+    codebook: EmaCodebook,
+    /// Codebook inputs and codes since the last update.
+    seen: (Vec<f32>, Vec<u32>),
+}
+
+struct Losses {
+    total: Tensor<1>,
+    parts: Vec<(&'static str, f64)>,
+    inputs: Vec<f32>,
+    codes: Vec<u32>,
+}
+
+impl<'a> TokenizerStage<'a> {
+    fn new(
+        config: TokenizerTrainConfig,
+        train: &'a [ClipRecord],
+        val: &'a [ClipRecord],
+        teacher: Option<&MotionTeacher>,
+    ) -> Result<Self, TrainError> {
+        let teacher = teacher.filter(|_| config.model.guidance_dim > 0);
+        let flips = config.augment.flip > 0.0;
+        let mut train = clips(train, teacher, flips)?;
+        let mut val = clips(val, teacher, false)?;
+        if train.is_empty() {
+            return Err(TrainError::Data("no training clip".into()));
+        }
+        standardise_guides(&mut train, &mut val, config.model.guidance_dim);
+        val.truncate(config.validate_clips);
+        let codebook = EmaCodebook::new(config.model.codebook_size, config.model.code_dim);
+        Ok(Self {
+            config,
+            train,
+            val,
+            codebook,
+            seen: Default::default(),
+        })
+    }
+
+    fn training_sample(&self, clip: &Clip, rng: &mut ChaCha8Rng) -> Result<Sample, TrainError> {
+        // Long clips are cropped at whole codes, so that radar and motion stay aligned.
+        let spare = clip.frames.len().saturating_sub(MAX_FRAMES) / FRAMES_PER_CODE;
+        let first_code = rng.random_range(0..=spare);
+        let start = first_code * FRAMES_PER_CODE;
+        let end = (start + MAX_FRAMES).min(clip.frames.len());
+        let mut frames = clip.frames[start..end].to_vec();
+        let flip = rng.random::<f64>() < self.config.augment.flip;
+        if flip {
+            flip_points(&mut frames);
+        }
+        augment_points(&mut frames, &self.config.augment, rng);
+        let guide = if flip {
+            &clip.mirrored_guide
+        } else {
+            &clip.guide
+        };
+        let skip = (first_code * self.config.model.guidance_dim).min(guide.len());
+        self.sample(clip, &frames, &guide[skip..], rng)
+    }
+
+    fn sample(
+        &self,
+        clip: &Clip,
+        frames: &[PointFrame],
+        guide: &[f32],
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Sample, TrainError> {
+        let grouped = group(frames, clip.radar_height_m, &self.config.model.grouping)
+            .map_err(|e| TrainError::Data(format!("clip {}: {e}", clip.id)))?;
+        let n_anchors = self.config.model.n_anchors();
+        let mut masked = vec![false; n_anchors];
+        let n_masked = (self.config.loss.mask_ratio * n_anchors as f64).floor() as usize;
+        if rng.random::<f64>() < self.config.loss.masked_clips {
+            masked[..n_masked].fill(true);
+            shuffle(&mut masked, rng);
+        }
+        Ok(Sample {
+            grouped,
+            guide: guide.to_vec(),
+            masked,
+        })
+    }
+
+    fn losses(&self, model: &TokenizerNet, samples: &[Sample], rng: &mut ChaCha8Rng) -> Losses {
+        let grouped: Vec<&Grouped> = samples.iter().map(|s| &s.grouped).collect();
+        let masked: Vec<Vec<bool>> = samples.iter().map(|s| s.masked.clone()).collect();
+        let batch = ClipBatch::new(&self.config.model, &grouped, &masked);
+        let device = model.codebook.val().device();
+        let output = model.forward(&batch);
+        let number = |t: &Tensor<1>| f64::from(t.clone().into_scalar::<f32>());
+        let loss = &self.config.loss;
+        let mut parts = Vec::new();
+
+        let rows = batch.code_rows();
+        let z = output
+            .features
+            .select(0, indices(rows.iter().map(|r| *r as i64), &device));
+        let inputs: Vec<f32> = z
+            .clone()
+            .without_autodiff()
+            .into_data()
+            .try_into_vec()
+            .unwrap_or_default();
+        let mut codes = Vec::new();
+        let mut quantized = None;
+        // Zero keeps `total` on the graph whatever terms are switched off.
+        let mut total = z.clone().mean() * 0.0;
+        if self.codebook.is_initialised() {
+            let nearest = self.nearest(model, &inputs, &z, &device, &mut codes);
+            let commit = (z.clone() - nearest.clone().detach()).square().mean();
+            parts.push(("commit", number(&commit)));
+            total = total + commit * loss.commit_weight;
+            if loss.codebook_update == CodebookUpdate::Gradient {
+                let book = (nearest.clone() - z.clone().detach()).square().mean();
+                parts.push(("codebook", number(&book)));
+                total = total + book * loss.commit_weight;
+            }
+            if self.config.model.quantize {
+                // Straight-through: the value of the code, the gradient of the feature.
+                quantized = Some(z.clone() + (nearest - z.clone()).detach());
+            }
+        }
+        if let Some((guidance, on_codes)) = self.guidance(model, z, quantized, samples, &device) {
+            parts.push(("guidance", number(&guidance)));
+            if let Some(value) = on_codes {
+                parts.push(("guidance_codes", value));
+            }
+            total = total + guidance * loss.guidance_weight;
+        }
+        if let Some(rec) = self.reconstruction(model, output.cells, &batch, samples, rng, &device) {
+            parts.push(("reconstruction", number(&rec)));
+            total = total + rec * loss.reconstruction_weight;
+        }
+        Losses {
+            total,
+            parts,
+            inputs,
+            codes,
+        }
+    }
+
+    /// Codes of the inputs as vectors; on the graph when the codebook learns by gradient.
+    fn nearest(
+        &self,
+        model: &TokenizerNet,
+        inputs: &[f32],
+        z: &Tensor<2>,
+        device: &Device,
+        codes: &mut Vec<u32>,
+    ) -> Tensor<2> {
+        let dim = self.config.model.code_dim;
+        match self.config.loss.codebook_update {
+            CodebookUpdate::MovingAverage => {
+                *codes = nearest_codes(inputs, self.codebook.codes(), dim);
+                let rows: Vec<f32> = codes
+                    .iter()
+                    .flat_map(|&k| &self.codebook.codes()[k as usize * dim..][..dim])
+                    .copied()
+                    .collect();
+                Tensor::from_data(TensorData::new(rows, z.dims()), device)
+            }
+            CodebookUpdate::Gradient => {
+                let book = model.codebook.val();
+                let values: Vec<f32> = book
+                    .clone()
+                    .without_autodiff()
+                    .into_data()
+                    .try_into_vec()
+                    .unwrap_or_default();
+                *codes = nearest_codes(inputs, &values, dim);
+                book.select(0, indices(codes.iter().map(|k| i64::from(*k)), device))
+            }
+        }
+    }
+
+    /// Mean square error to the teacher, and its part on the codes.
+    fn guidance(
+        &self,
+        model: &TokenizerNet,
+        z: Tensor<2>,
+        quantized: Option<Tensor<2>>,
+        samples: &[Sample],
+        device: &Device,
+    ) -> Option<(Tensor<1>, Option<f64>)> {
+        let width = self.config.model.guidance_dim;
+        if width == 0 {
+            return None;
+        }
+        let (mut rows, mut targets) = (Vec::new(), Vec::new());
+        let mut first_row = 0;
+        for sample in samples {
+            let n = sample.grouped.n_codes.min(sample.guide.len() / width);
+            rows.extend((first_row..first_row + n).map(|r| r as i64));
+            targets.extend_from_slice(&sample.guide[..n * width]);
+            first_row += sample.grouped.n_codes;
+        }
+        if rows.is_empty() {
+            return None;
+        }
+        let target = Tensor::<2>::from_data(TensorData::new(targets, [rows.len(), width]), device);
+        let rows = indices(rows.into_iter(), device);
+        let error = |features: Tensor<2>| {
+            let predicted = model.guide(features.select(0, rows.clone()))?;
+            Some((predicted - target.clone()).square().mean())
+        };
+        let before = error(z)?;
+        let both = self.config.loss.guidance_on == GuidanceOn::FeaturesAndCodes;
+        match quantized.filter(|_| both) {
+            None => Some((before, None)),
+            Some(q) => {
+                let after = error(q)?;
+                let value = f64::from(after.clone().into_scalar::<f32>());
+                Some(((before + after) * 0.5, Some(value)))
+            }
+        }
+    }
+
+    fn reconstruction(
+        &self,
+        model: &TokenizerNet,
+        cells: Tensor<2>,
+        batch: &ClipBatch,
+        samples: &[Sample],
+        rng: &mut ChaCha8Rng,
+        device: &Device,
+    ) -> Option<Tensor<1>> {
+        let loss = &self.config.loss;
+        let mut chosen: Vec<(usize, usize, usize)> = match loss.reconstruct {
+            Reconstruct::Nothing => Vec::new(),
+            Reconstruct::Masked => batch
+                .hidden
+                .iter()
+                .map(|h| (h.cell, h.clip, h.tube))
+                .collect(),
+            Reconstruct::All => samples
+                .iter()
+                .enumerate()
+                .flat_map(|(clip, sample)| {
+                    sample
+                        .grouped
+                        .tubes
+                        .iter()
+                        .enumerate()
+                        .map(move |(i, tube)| {
+                            let step = clip * batch.n_steps + tube.step as usize;
+                            (step * batch.n_anchors + tube.anchor as usize, clip, i)
+                        })
+                })
+                .collect(),
+        };
+        if chosen.is_empty() || loss.reconstruction_weight == 0.0 {
+            return None;
+        }
+        shuffle(&mut chosen, rng);
+        chosen.truncate(loss.tubes_per_clip * samples.len());
+        let dim = self.config.model.reconstruction_dim();
+        let most = loss.targets_per_tube;
+        let mut targets = vec![0.0f32; chosen.len() * most * dim];
+        let mut valid = vec![0.0f32; chosen.len() * most];
+        for (row, (_, clip, tube)) in chosen.iter().enumerate() {
+            let grouped = &samples[*clip].grouped;
+            let tube = &grouped.tubes[*tube];
+            let mut points: Vec<usize> = (tube.start as usize..tube.end as usize).collect();
+            if points.len() > most {
+                shuffle(&mut points, rng);
+            }
+            for (slot, point) in points.iter().take(most).enumerate() {
+                let n = &grouped.neighbours[*point];
+                // Position in units of the radius; velocity in the network's scale.
+                let values = [n[0], n[1], n[2], n[5]];
+                let at = (row * most + slot) * dim;
+                targets[at..at + dim].copy_from_slice(&values[..dim]);
+                valid[row * most + slot] = 1.0;
+            }
+        }
+        let n = chosen.len();
+        let rows = indices(chosen.iter().map(|c| c.0 as i64), device);
+        let points = self.config.model.reconstruction_points;
+        let predicted = model.reconstruct(cells.select(0, rows), points);
+        let targets = Tensor::<3>::from_data(TensorData::new(targets, [n, most, dim]), device);
+        let valid = Tensor::<2>::from_data(TensorData::new(valid, [n, most]), device);
+        Some(chamfer(predicted, targets, valid, loss.chamfer))
+    }
+}
+
+impl Stage for TokenizerStage<'_> {
+    type Model = TokenizerNet;
+
+    fn name(&self) -> &'static str {
+        "tokenizer"
+    }
+
+    fn plan_epoch(&self, epoch_seed: u64) -> Vec<Vec<usize>> {
+        let lengths: Vec<usize> = self
+            .train
+            .iter()
+            .map(|c| c.frames.len().min(MAX_FRAMES))
+            .collect();
+        plan_batches(&lengths, self.config.batch_size, epoch_seed)
+    }
+
+    fn ids(&self, batch: &[usize]) -> Vec<String> {
+        batch
+            .iter()
+            .map(|i| self.train[*i].id.to_string())
+            .collect()
+    }
+
+    fn loss(
+        &mut self,
+        model: &TokenizerNet,
+        batch: &[usize],
+        info: StepInfo,
+    ) -> Result<StepLoss, TrainError> {
+        let mut rng = ChaCha8Rng::seed_from_u64(info.seed);
+        let mut samples = Vec::with_capacity(batch.len());
+        for &i in batch {
+            samples.push(self.training_sample(&self.train[i], &mut rng)?);
+        }
+        let mut losses = self.losses(model, &samples, &mut rng);
+        let usage = code_usage(&losses.codes, self.config.model.codebook_size);
+        losses.parts.push(("batch_perplexity", usage.perplexity));
+        self.seen.0.extend(losses.inputs);
+        self.seen.1.extend(losses.codes);
+        Ok(StepLoss {
+            total: losses.total,
+            parts: losses.parts,
+        })
+    }
+
+    fn after_step(
+        &mut self,
+        mut model: TokenizerNet,
+        info: StepInfo,
+    ) -> Result<TokenizerNet, TrainError> {
+        let (inputs, codes) = std::mem::take(&mut self.seen);
+        let gradient = self.config.loss.codebook_update == CodebookUpdate::Gradient;
+        let was_initialised = self.codebook.is_initialised();
+        if gradient && was_initialised {
+            return Ok(model);
+        }
+        self.codebook
+            .update(&inputs, &codes, &self.config.codebook, info.seed);
+        let (k, dim) = (self.config.model.codebook_size, self.config.model.code_dim);
+        let data = TensorData::new(self.codebook.codes().to_vec(), [k, dim]);
+        model.codebook = model.codebook.map(|old| {
+            let tensor = Tensor::from_data(data, &old.device());
+            if gradient {
+                tensor.require_grad()
+            } else {
+                tensor
+            }
+        });
+        Ok(model)
+    }
+
+    fn validate(&mut self, model: &TokenizerNet) -> Result<Validation, TrainError> {
+        // The same masks and targets every time, so that scores can be compared.
+        let mut rng = ChaCha8Rng::seed_from_u64(self.config.run.seed);
+        let mut codes = Vec::new();
+        let mut sums: Vec<(&'static str, f64, f64)> = Vec::new();
+        let mut order: Vec<&Clip> = self.val.iter().collect();
+        order.sort_by_key(|c| c.frames.len());
+        for chunk in order.chunks(self.config.batch_size) {
+            let mut samples = Vec::with_capacity(chunk.len());
+            for clip in chunk {
+                let frames = &clip.frames[..clip.frames.len().min(MAX_FRAMES)];
+                samples.push(self.sample(clip, frames, &clip.guide, &mut rng)?);
+            }
+            let n = samples.len() as f64;
+            let masked = self.losses(model, &samples, &mut rng);
+            let mut parts = masked.parts;
+            // Codes and guidance as inference will see them: nothing masked.
+            samples.iter_mut().for_each(|s| s.masked.fill(false));
+            let plain = self.losses(model, &samples, &mut rng);
+            parts.retain(|(name, _)| *name == "reconstruction");
+            parts.extend(
+                plain
+                    .parts
+                    .into_iter()
+                    .filter(|(name, _)| *name != "reconstruction"),
+            );
+            codes.extend(plain.codes);
+            for (name, value) in parts {
+                match sums.iter_mut().find(|s| s.0 == name) {
+                    Some(sum) => {
+                        sum.1 += value * n;
+                        sum.2 += n;
+                    }
+                    None => sums.push((name, value * n, n)),
+                }
+            }
+        }
+        let mut values: Vec<(&'static str, f64)> = sums.iter().map(|s| (s.0, s.1 / s.2)).collect();
+        let value = |name: &str| values.iter().find(|v| v.0 == name).map_or(0.0, |v| v.1);
+        let loss = &self.config.loss;
+        let guidance = values
+            .iter()
+            .find(|v| v.0 == "guidance_codes")
+            .map_or_else(|| value("guidance"), |v| v.1);
+        // What the codes tell of the motion decides; reconstruction breaks ties and rules alone
+        // without a teacher. Before the codebook exists there is nothing to keep.
+        let score = if self.codebook.is_initialised() && !self.val.is_empty() {
+            loss.guidance_weight * guidance
+                + 0.1 * loss.reconstruction_weight * value("reconstruction")
+                + loss.commit_weight * value("commit")
+        } else {
+            f64::INFINITY
+        };
+        let usage = code_usage(&codes, self.config.model.codebook_size);
+        values.push(("code_usage", usage.used));
+        values.push(("perplexity", usage.perplexity));
+        Ok(Validation { score, values })
+    }
+
+    fn config(&self) -> serde_json::Value {
+        let c = &self.config;
+        let file = TokenizerFile {
+            kind: TOKENIZER_KIND.into(),
+            model: c.model.clone(),
+            training: serde_json::json!({
+                "batch_size": c.batch_size,
+                "loss": c.loss,
+                "codebook": c.codebook,
+                "augment": c.augment,
+                "train_clips": self.train.len(),
+            }),
+        };
+        serde_json::to_value(file).unwrap_or_default()
+    }
+
+    fn state(&self) -> NamedTensors {
+        self.codebook.state()
+    }
+
+    fn load_state(&mut self, state: NamedTensors) -> Result<(), TrainError> {
+        self.codebook
+            .load_state(state)
+            .map_err(|name| TrainError::Stage(format!("stage state: `{name}` does not fit")))
+    }
+}
+
+fn indices(rows: impl Iterator<Item = i64>, device: &Device) -> Tensor<1, Int> {
+    let rows: Vec<i64> = rows.collect();
+    let n = rows.len();
+    Tensor::from_data(TensorData::new(rows, [n]), device)
+}
+
+fn clips<'a>(
+    records: &'a [ClipRecord],
+    teacher: Option<&MotionTeacher>,
+    mirror: bool,
+) -> Result<Vec<Clip<'a>>, TrainError> {
+    let mut out = Vec::new();
+    // Variants of a motion share their features.
+    let mut known: std::collections::HashMap<&str, (Vec<f32>, Vec<f32>)> = Default::default();
+    for record in records.iter().filter(|r| !r.frames.is_empty()) {
+        let (mut guide, mut mirrored_guide) = (Vec::new(), Vec::new());
+        let features = &record.motion_features;
+        if let Some(teacher) = teacher
+            && features.len() >= MOTION_DIM
+        {
+            let entry = match known.get(record.motion_id.as_str()) {
+                Some(entry) => entry.clone(),
+                None => {
+                    let fail = |e| TrainError::Data(format!("clip {}: {e}", record.id));
+                    let plain = teacher.features(features).map_err(fail)?;
+                    let mut mirrored = Vec::new();
+                    if mirror {
+                        let mut flipped = features.clone();
+                        mirror_motion_features(&mut flipped);
+                        mirrored = teacher.features(&flipped).map_err(fail)?;
+                    }
+                    known.insert(&record.motion_id, (plain.clone(), mirrored.clone()));
+                    (plain, mirrored)
+                }
+            };
+            (guide, mirrored_guide) = entry;
+        }
+        out.push(Clip {
+            id: &record.id,
+            frames: &record.frames,
+            radar_height_m: record.radar_height_m,
+            guide,
+            mirrored_guide,
+        });
+    }
+    Ok(out)
+}
+
+/// Gives the teacher's channels mean 0 and deviation 1 over the training clips.
+fn standardise_guides<'a>(train: &mut [Clip<'a>], val: &mut [Clip<'a>], width: usize) {
+    if width == 0 {
+        return;
+    }
+    let (mut n, mut sum, mut squares) = (0.0f64, vec![0.0f64; width], vec![0.0f64; width]);
+    for row in train.iter().flat_map(|c| c.guide.chunks_exact(width)) {
+        n += 1.0;
+        for ((s, q), v) in sum.iter_mut().zip(&mut squares).zip(row) {
+            *s += f64::from(*v);
+            *q += f64::from(*v) * f64::from(*v);
+        }
+    }
+    let n = n.max(1.0);
+    let scale: Vec<(f32, f32)> = sum
+        .iter()
+        .zip(&squares)
+        .map(|(s, q)| {
+            let mean = s / n;
+            // A dead channel stays at zero instead of turning into noise.
+            let deviation = (q / n - mean * mean).max(0.0).sqrt().max(1e-4);
+            (mean as f32, (1.0 / deviation) as f32)
+        })
+        .collect();
+    for clip in train.iter_mut().chain(val) {
+        for row in [&mut clip.guide, &mut clip.mirrored_guide] {
+            for values in row.chunks_exact_mut(width) {
+                for (v, (mean, inverse)) in values.iter_mut().zip(&scale) {
+                    *v = ((*v - mean) * inverse).clamp(-8.0, 8.0);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,198 @@
+//! Settings of stage `tokenizer`.
+
+use radarllm_model::tokenizer::TokenizerConfig;
+use radarllm_model::tokenizer::codebook::CodebookConfig;
+use serde::{Deserialize, Serialize};
+
+use crate::chamfer::ChamferSide;
+use crate::data::AugmentConfig;
+use crate::harness::{LoopConfig, TrainError};
+
+/// Which tubes are reconstructed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reconstruct {
+    /// The masked ones.
+    Masked,
+    /// Masked and visible ones (ablation).
+    All,
+    /// None (ablation).
+    Nothing,
+}
+
+/// How the codebook learns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CodebookUpdate {
+    /// Moving averages of the features assigned to a code.
+    MovingAverage,
+    /// The codebook term of the paper's commitment loss.
+    Gradient,
+}
+
+/// Which features are compared with the motion teacher's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GuidanceOn {
+    /// Before quantization (paper).
+    Features,
+    /// Before and after quantization, half each: makes the codes themselves tell the motion.
+    FeaturesAndCodes,
+}
+
+/// Masking and loss terms.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TokenizerLossConfig {
+    /// Share of anchor trajectories that is masked; 0 switches masking off (ablation).
+    pub mask_ratio: f64,
+    /// Share of the clips that is masked at all. Inference sees no mask, so some clips go without.
+    pub masked_clips: f64,
+    /// Which tubes are reconstructed.
+    pub reconstruct: Reconstruct,
+    /// One-sided or symmetric Chamfer distance.
+    pub chamfer: ChamferSide,
+    /// Tubes reconstructed per clip at most, drawn at random.
+    pub tubes_per_clip: usize,
+    /// Target points per tube at most, drawn at random.
+    pub targets_per_tube: usize,
+    /// Weight of the reconstruction.
+    pub reconstruction_weight: f64,
+    /// Weight of the motion guidance; 0 leaves it out (ablation).
+    pub guidance_weight: f64,
+    /// What is compared with the teacher.
+    pub guidance_on: GuidanceOn,
+    /// Weight of the commitment.
+    pub commit_weight: f64,
+    /// How the codebook learns.
+    pub codebook_update: CodebookUpdate,
+}
+
+impl Default for TokenizerLossConfig {
+    fn default() -> Self {
+        Self {
+            mask_ratio: 0.5,
+            masked_clips: 0.5,
+            reconstruct: Reconstruct::Masked,
+            chamfer: ChamferSide::Symmetric,
+            tubes_per_clip: 48,
+            targets_per_tube: 12,
+            reconstruction_weight: 1.0,
+            guidance_weight: 1.0,
+            guidance_on: GuidanceOn::FeaturesAndCodes,
+            commit_weight: 0.02,
+            codebook_update: CodebookUpdate::MovingAverage,
+        }
+    }
+}
+
+/// Settings of the stage.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TokenizerTrainConfig {
+    /// Clips per batch.
+    pub batch_size: usize,
+    /// Clips used for validation at most.
+    pub validate_clips: usize,
+    /// Network.
+    pub model: TokenizerConfig,
+    /// Masking and loss terms.
+    pub loss: TokenizerLossConfig,
+    /// Codebook.
+    pub codebook: CodebookConfig,
+    /// Augmentation of the points.
+    pub augment: AugmentConfig,
+    /// Loop.
+    #[serde(rename = "loop")]
+    pub run: LoopConfig,
+}
+
+impl Default for TokenizerTrainConfig {
+    fn default() -> Self {
+        Self {
+            batch_size: 16,
+            validate_clips: 200,
+            model: TokenizerConfig::default(),
+            loss: TokenizerLossConfig::default(),
+            codebook: CodebookConfig::default(),
+            augment: AugmentConfig::default(),
+            run: LoopConfig::default(),
+        }
+    }
+}
+
+impl TokenizerTrainConfig {
+    /// The paper's sizes and loss as printed: all clips half masked, one-sided Chamfer, guidance
+    /// before quantization, two-term commitment of weight 1, no augmentation.
+    pub fn paper() -> Self {
+        Self {
+            model: TokenizerConfig::paper(),
+            loss: TokenizerLossConfig {
+                masked_clips: 1.0,
+                chamfer: ChamferSide::TargetToPrediction,
+                guidance_on: GuidanceOn::Features,
+                commit_weight: 1.0,
+                codebook_update: CodebookUpdate::Gradient,
+                ..TokenizerLossConfig::default()
+            },
+            augment: AugmentConfig::none(),
+            ..Self::default()
+        }
+    }
+
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// Names the first field that cannot be used.
+    pub fn validate(&self) -> Result<(), TrainError> {
+        let fail = |field: &str, problem: String| {
+            Err(TrainError::Config {
+                field: field.into(),
+                problem,
+            })
+        };
+        if self.batch_size == 0 || self.batch_size > 4096 {
+            return fail(
+                "batch_size",
+                format!("must be in 1..=4096, found {}", self.batch_size),
+            );
+        }
+        let loss = &self.loss;
+        for (field, value) in [
+            ("loss.mask_ratio", loss.mask_ratio),
+            ("loss.masked_clips", loss.masked_clips),
+        ] {
+            if !(0.0..=1.0).contains(&value) {
+                return fail(field, format!("must be in 0..=1, found {value}"));
+            }
+        }
+        for (field, value) in [
+            ("loss.reconstruction_weight", loss.reconstruction_weight),
+            ("loss.guidance_weight", loss.guidance_weight),
+            ("loss.commit_weight", loss.commit_weight),
+        ] {
+            if !(value.is_finite() && value >= 0.0) {
+                return fail(
+                    field,
+                    format!("must be finite and not negative, found {value}"),
+                );
+            }
+        }
+        if loss.tubes_per_clip == 0 || loss.targets_per_tube == 0 {
+            return fail(
+                "loss.tubes_per_clip",
+                "tubes and targets must be at least 1".into(),
+            );
+        }
+        if loss.reconstruct == Reconstruct::Masked && loss.mask_ratio * loss.masked_clips == 0.0 {
+            let problem = "`masked` reconstructs nothing without masking; use `all` or `nothing`";
+            return fail("loss.reconstruct", problem.into());
+        }
+        let config = |field: &str, problem| TrainError::Config {
+            field: field.into(),
+            problem,
+        };
+        self.model.validate().map_err(|p| config("model", p))?;
+        self.augment.validate().map_err(|p| config("augment", p))
+    }
+}

@@ -1,0 +1,341 @@
+//! Stages `motion` and `tokenizer` end to end on synthetic clips.
+
+mod synthetic;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use radarllm_base::PointFrame;
+use radarllm_model::checkpoint::{Checkpoint, MODEL_FILE, NamedTensors};
+use radarllm_model::motion_vqvae::{MotionTeacher, MotionVqVaeConfig};
+use radarllm_model::tokenizer::codebook::CodebookConfig;
+use radarllm_model::tokenizer::config::{AnchorMode, GroupingConfig};
+use radarllm_model::tokenizer::{RadarTokenizer, TokenizerConfig};
+use radarllm_train::adamw::AdamWConfig;
+use radarllm_train::chamfer::ChamferSide;
+use radarllm_train::data::AugmentConfig;
+use radarllm_train::harness::{LoopConfig, TrainError};
+use radarllm_train::motion::{self, MotionTrainConfig};
+use radarllm_train::tokenizer::{
+    self, CodebookUpdate, GuidanceOn, Reconstruct, TokenizerLossConfig, TokenizerTrainConfig,
+};
+
+fn scratch(name: &str) -> PathBuf {
+    let dir = std::env::temp_dir().join(format!("radarllm-stage-{}-{name}", std::process::id()));
+    let _ = fs::remove_dir_all(&dir);
+    dir
+}
+
+fn steps(n: u64) -> LoopConfig {
+    LoopConfig {
+        max_steps: n,
+        epochs: 0,
+        learning_rate: 3e-3,
+        warmup_steps: 5,
+        log_every: 1,
+        validate_every: 1_000_000,
+        checkpoint_every_s: 0.0,
+        keep_last: 9,
+        adamw: AdamWConfig {
+            weight_decay: 0.0,
+            ..AdamWConfig::default()
+        },
+        ..LoopConfig::default()
+    }
+}
+
+fn tiny_codebook() -> CodebookConfig {
+    CodebookConfig {
+        init_after: 2,
+        init_inputs_per_code: 1,
+        ..CodebookConfig::default()
+    }
+}
+
+fn tiny_motion(n_steps: u64) -> MotionTrainConfig {
+    MotionTrainConfig {
+        batch_size: 2,
+        crop_frames: 16,
+        mirror: false,
+        model: MotionVqVaeConfig {
+            width: 32,
+            depth: 1,
+            codebook_size: 16,
+            ..MotionVqVaeConfig::small()
+        },
+        codebook: tiny_codebook(),
+        run: steps(n_steps),
+        ..MotionTrainConfig::default()
+    }
+}
+
+fn tiny_tokenizer(n_steps: u64) -> TokenizerTrainConfig {
+    TokenizerTrainConfig {
+        batch_size: 2,
+        model: TokenizerConfig {
+            grouping: GroupingConfig {
+                counts: [2, 2, 4],
+                step_m: [0.4, 0.4, 0.5],
+                ..Default::default()
+            },
+            width: 32,
+            layers: 1,
+            heads: 2,
+            code_dim: 24,
+            codebook_size: 16,
+            ..TokenizerConfig::small()
+        },
+        codebook: tiny_codebook(),
+        run: steps(n_steps),
+        ..TokenizerTrainConfig::default()
+    }
+}
+
+/// Values of one field of the log's training lines.
+fn logged(dir: &Path, field: &str) -> Vec<f64> {
+    let text = fs::read_to_string(dir.join("log.jsonl")).unwrap();
+    let lines = text
+        .lines()
+        .map(|l| serde_json::from_str::<serde_json::Value>(l).unwrap());
+    lines
+        .filter(|v| v.get("validation").is_none())
+        .filter_map(|v| v[field].as_f64())
+        .collect()
+}
+
+fn trained_teacher(dir: &Path) -> MotionTeacher {
+    let clips = synthetic::clips(2, 8, 4);
+    let outcome = motion::train(&tiny_motion(30), &clips, &clips, dir, false).unwrap();
+    motion::load_teacher(&outcome.checkpoint).unwrap()
+}
+
+#[test]
+fn motion_overfits_a_tiny_batch() {
+    let dir = scratch("motion-overfit");
+    let clips = synthetic::clips(2, 8, 1);
+    let outcome = motion::train(&tiny_motion(250), &clips, &clips, &dir, false).unwrap();
+    let loss = logged(&dir, "reconstruction");
+    let (first, last) = (loss[0], loss[loss.len() - 1]);
+    assert!(last < first / 10.0, "{first} -> {last}");
+    let teacher = MotionTeacher::load(&outcome.checkpoint).unwrap();
+    assert_eq!(
+        teacher.features(&clips[0].motion_features).unwrap().len(),
+        2 * 32
+    );
+    fs::remove_dir_all(dir).unwrap();
+}
+
+#[test]
+fn tokenizer_overfits_a_tiny_batch_and_encodes() {
+    let dir = scratch("tokenizer-overfit");
+    let teacher = trained_teacher(&dir.join("motion"));
+    let clips = synthetic::clips(2, 8, 12);
+    let mut config = tiny_tokenizer(300);
+    config.augment = AugmentConfig::none();
+    // Everything visible is the task that can be overfitted to any depth.
+    config.loss = TokenizerLossConfig {
+        mask_ratio: 0.0,
+        reconstruct: Reconstruct::All,
+        chamfer: ChamferSide::Symmetric,
+        targets_per_tube: 24,
+        tubes_per_clip: 1000,
+        ..Default::default()
+    };
+    config.model.reconstruction_points = 12;
+    let out = dir.join("tokenizer");
+    let outcome = tokenizer::train(&config, &clips, &clips, Some(&teacher), &out, false).unwrap();
+    for (part, factor) in [("reconstruction", 10.0), ("guidance", 10.0)] {
+        let loss = logged(&out, part);
+        let (first, last) = (loss[0], loss[loss.len() - 1]);
+        assert!(last < first / factor, "{part}: {first} -> {last}");
+    }
+    let trained = RadarTokenizer::load(&outcome.checkpoint).unwrap();
+    let encoded = trained.encode(&clips[0].frames, 1.0).unwrap();
+    assert_eq!(encoded.codes.len(), 2);
+    assert!(encoded.codes.iter().all(|c| *c < 16));
+    assert!(encoded.n_points_used > 0);
+    fs::remove_dir_all(dir).unwrap();
+}
+
+fn all_tensors(dir: &Path) -> Vec<NamedTensors> {
+    let checkpoint = Checkpoint::open(dir).unwrap();
+    let files = [
+        MODEL_FILE,
+        "optimizer.safetensors",
+        "stage_state.safetensors",
+    ];
+    files
+        .iter()
+        .map(|f| checkpoint.tensors(f).unwrap())
+        .collect()
+}
+
+/// Copies a resume checkpoint into a new run, as if the first had been killed right after it.
+fn killed_after(run: &Path, step: &str, to: &Path) {
+    fs::create_dir_all(to.join(step)).unwrap();
+    for entry in fs::read_dir(run.join(step)).unwrap() {
+        let entry = entry.unwrap();
+        fs::copy(entry.path(), to.join(step).join(entry.file_name())).unwrap();
+    }
+    // Killed while the next checkpoint was being staged.
+    fs::create_dir_all(to.join("step-00000099.tmp")).unwrap();
+    fs::write(
+        to.join("step-00000099.tmp").join(MODEL_FILE),
+        b"half a file",
+    )
+    .unwrap();
+}
+
+#[test]
+fn resumed_runs_equal_uninterrupted_ones_bit_for_bit() {
+    let dir = scratch("resume");
+    let teacher = trained_teacher(&dir.join("teacher"));
+    let clips = synthetic::clips(5, 12, 10);
+    let mut config = tiny_tokenizer(10);
+    // Step 4 lies inside an epoch of three batches; accumulation straddles it too.
+    config.run.checkpoint_every_steps = 4;
+    config.run.epochs = 0;
+    let whole = dir.join("whole");
+    tokenizer::train(&config, &clips, &clips, Some(&teacher), &whole, false).unwrap();
+    let again = dir.join("again");
+    killed_after(&whole, "step-00000004", &again);
+    tokenizer::train(&config, &clips, &clips, Some(&teacher), &again, true).unwrap();
+    assert_eq!(
+        all_tensors(&whole.join("step-00000010")),
+        all_tensors(&again.join("step-00000010"))
+    );
+
+    let mut config = tiny_motion(9);
+    config.run.checkpoint_every_steps = 5;
+    config.run.accumulate = 2;
+    let (whole, again) = (dir.join("motion-whole"), dir.join("motion-again"));
+    motion::train(&config, &clips, &clips, &whole, false).unwrap();
+    killed_after(&whole, "step-00000005", &again);
+    motion::train(&config, &clips, &clips, &again, true).unwrap();
+    assert_eq!(
+        all_tensors(&whole.join("step-00000009")),
+        all_tensors(&again.join("step-00000009"))
+    );
+
+    // A run is neither overwritten nor resumed with other settings, nor resumed from nothing.
+    let err = motion::train(&config, &clips, &clips, &whole, false).unwrap_err();
+    assert!(matches!(err, TrainError::OutputExists { .. }), "{err}");
+    let other = MotionTrainConfig {
+        commit_weight: 0.5,
+        ..config.clone()
+    };
+    let err = motion::train(&other, &clips, &clips, &whole, true).unwrap_err();
+    assert!(matches!(err, TrainError::ResumeMismatch { .. }), "{err}");
+    let err = motion::train(&config, &clips, &clips, &dir.join("none"), true).unwrap_err();
+    assert!(matches!(err, TrainError::NothingToResume { .. }), "{err}");
+    fs::remove_dir_all(dir).unwrap();
+}
+
+#[test]
+fn sparse_clips_and_every_ablation_train_without_nan() {
+    let dir = scratch("ablations");
+    let mut clips = synthetic::clips(4, 9, 20);
+    clips[0].frames.iter_mut().for_each(|f| f.points.clear());
+    clips[1]
+        .frames
+        .iter_mut()
+        .for_each(|f| f.points.truncate(1));
+    clips[2].frames = vec![PointFrame::default()];
+    clips[3].motion_features.clear();
+    let base = tiny_tokenizer(6);
+    let loss = |edit: &dyn Fn(&mut TokenizerLossConfig)| {
+        let mut c = base.clone();
+        edit(&mut c.loss);
+        c
+    };
+    let model = |edit: &dyn Fn(&mut TokenizerConfig)| {
+        let mut c = base.clone();
+        edit(&mut c.model);
+        c
+    };
+    let cases = [
+        ("default", base.clone()),
+        (
+            "reconstruct everything",
+            loss(&|l| l.reconstruct = Reconstruct::All),
+        ),
+        (
+            "no masking",
+            loss(&|l| (l.mask_ratio, l.reconstruct) = (0.0, Reconstruct::All)),
+        ),
+        (
+            "no reconstruction",
+            loss(&|l| l.reconstruct = Reconstruct::Nothing),
+        ),
+        ("no guidance", loss(&|l| l.guidance_weight = 0.0)),
+        (
+            "loss as printed",
+            loss(&|l| {
+                l.masked_clips = 1.0;
+                l.chamfer = ChamferSide::TargetToPrediction;
+                l.guidance_on = GuidanceOn::Features;
+                l.codebook_update = CodebookUpdate::Gradient;
+                l.commit_weight = 1.0;
+            }),
+        ),
+        ("no quantization", model(&|m| m.quantize = false)),
+        (
+            "farthest-point anchors",
+            model(&|m| m.grouping.anchors = AnchorMode::FarthestPoint),
+        ),
+        ("another codebook", model(&|m| m.codebook_size = 8)),
+    ];
+    let teacher = trained_teacher(&dir.join("teacher"));
+    for (i, (name, config)) in cases.iter().enumerate() {
+        let out = dir.join(format!("case-{i}"));
+        let outcome = tokenizer::train(config, &clips, &clips, Some(&teacher), &out, false)
+            .unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert_eq!(outcome.steps, 6, "{name}");
+        let trained = RadarTokenizer::load(&outcome.checkpoint).unwrap();
+        for clip in &clips {
+            let encoded = trained.encode(&clip.frames, clip.radar_height_m).unwrap();
+            assert_eq!(encoded.codes.len(), clip.frames.len().div_ceil(4), "{name}");
+        }
+    }
+    fs::remove_dir_all(dir).unwrap();
+}
+
+#[test]
+fn broken_batches_stop_with_their_ids() {
+    let dir = scratch("nan");
+    let clips = synthetic::clips(2, 8, 1);
+    let mut config = tiny_motion(50);
+    // A rate that throws any network out of range within a few steps.
+    config.run.learning_rate = 1e30;
+    config.run.warmup_steps = 0;
+    config.run.adamw.clip_norm = 0.0;
+    let err = motion::train(&config, &clips, &clips, &dir, false).unwrap_err();
+    let TrainError::NotFinite { ids, .. } = &err else {
+        panic!("{err}")
+    };
+    assert_eq!(ids.len(), 2);
+    assert!(!dir.join("final").exists());
+    fs::remove_dir_all(dir).unwrap();
+}
+
+#[test]
+fn unusable_data_and_settings_are_refused() {
+    let dir = scratch("refused");
+    let mut clips = synthetic::clips(1, 8, 1);
+    assert!(matches!(
+        tokenizer::train(&tiny_tokenizer(1), &[], &[], None, &dir, false),
+        Err(TrainError::Data(_))
+    ));
+    clips[0].motion_features[5] = f32::NAN;
+    assert!(matches!(
+        motion::train(&tiny_motion(1), &clips, &[], &dir, false),
+        Err(TrainError::Data(_))
+    ));
+    let mut config = tiny_tokenizer(1);
+    config.loss.mask_ratio = 2.0;
+    assert!(matches!(
+        tokenizer::train(&config, &clips, &[], None, &dir, false),
+        Err(TrainError::Config { .. })
+    ));
+    TokenizerTrainConfig::paper().validate().unwrap();
+}
