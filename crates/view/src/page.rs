@@ -1,0 +1,157 @@
+//! The self-contained page: points over time in 3D, the mesh beside them, the caption, a play bar.
+//!
+//! One HTML file with everything inside; it loads nothing and can be mailed or archived.
+
+use base64::prelude::{BASE64_STANDARD as STANDARD, Engine};
+use glam::Vec3;
+use radarllm_base::PointFrame;
+use serde::Serialize;
+
+const TEMPLATE: &str = include_str!("page/template.html");
+
+/// What a page shows.
+pub struct Page<'a> {
+    /// The sentence.
+    pub caption: &'a str,
+    /// Where points and sentence come from: source, model, radar, synthetic or recorded.
+    pub provenance: &'a str,
+    /// Radar frames in the radar frame of reference.
+    pub frames: &'a [PointFrame],
+    /// Radar frames per second.
+    pub frame_rate_hz: f64,
+    /// Height of the radar above the floor, m.
+    pub radar_height_m: f32,
+    /// The body, if there is one.
+    pub mesh: Option<PageMesh<'a>>,
+}
+
+/// A body over time.
+pub struct PageMesh<'a> {
+    /// Shown below the mesh.
+    pub label: &'a str,
+    /// Vertex indices.
+    pub triangles: &'a [[u32; 3]],
+    /// Radar-frame vertices, m: one vector per radar frame, all of one length.
+    pub vertices: &'a [Vec<Vec3>],
+}
+
+#[derive(Serialize)]
+struct PageData<'a> {
+    caption: &'a str,
+    provenance: &'a str,
+    frame_rate_hz: f64,
+    radar_height_m: f32,
+    centre_m: [f32; 3],
+    velocity_scale_mps: f32,
+    intensity_db: [f32; 2],
+    /// x, y, z, velocity, intensity.
+    frames: Vec<Vec<[f32; 5]>>,
+    mesh: Option<MeshData<'a>>,
+}
+
+#[derive(Serialize)]
+struct MeshData<'a> {
+    label: &'a str,
+    n_vertices: usize,
+    triangles: &'a [[u32; 3]],
+    vertices_mm: String,
+}
+
+impl Page<'_> {
+    /// The page as HTML text.
+    pub fn to_html(&self) -> String {
+        let json = serde_json::to_string(&self.data()).unwrap_or_else(|_| "{}".into());
+        // `</script>` inside a caption must not end the data block.
+        TEMPLATE.replacen("/*DATA*/", &json.replace('<', "\\u003c"), 1)
+    }
+
+    fn data(&self) -> PageData<'_> {
+        let points = || self.frames.iter().flat_map(|f| f.points.iter());
+        let mut centre_m = match &self.mesh {
+            Some(mesh) => median_position(mesh.vertices.iter().flatten().copied()),
+            None => median_position(points().map(|p| Vec3::new(p.x_m, p.y_m, p.z_m))),
+        };
+        centre_m[2] = 0.9 - self.radar_height_m;
+        let mut speeds: Vec<f32> = points().map(|p| p.velocity_mps.abs()).collect();
+        let mut intensities: Vec<f32> = points().map(|p| p.intensity_db).collect();
+        PageData {
+            caption: self.caption,
+            provenance: self.provenance,
+            frame_rate_hz: self.frame_rate_hz,
+            radar_height_m: self.radar_height_m,
+            centre_m,
+            velocity_scale_mps: quantile(&mut speeds, 0.95).max(0.5),
+            intensity_db: [
+                quantile(&mut intensities, 0.02),
+                quantile(&mut intensities, 0.98),
+            ],
+            frames: self
+                .frames
+                .iter()
+                .map(|f| {
+                    f.points
+                        .iter()
+                        .map(|p| {
+                            [p.x_m, p.y_m, p.z_m, p.velocity_mps, p.intensity_db].map(round_mm)
+                        })
+                        .collect()
+                })
+                .collect(),
+            mesh: self.mesh.as_ref().map(|mesh| MeshData {
+                label: mesh.label,
+                n_vertices: mesh.vertices.first().map_or(0, Vec::len),
+                triangles: mesh.triangles,
+                vertices_mm: STANDARD.encode(int16_mm(mesh.vertices)),
+            }),
+        }
+    }
+}
+
+fn round_mm(value: f32) -> f32 {
+    (value * 1000.0).round() / 1000.0
+}
+
+fn quantile(values: &mut [f32], q: f32) -> f32 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    values.sort_by(f32::total_cmp);
+    values[((values.len() - 1) as f32 * q) as usize]
+}
+
+fn median_position(positions: impl Iterator<Item = Vec3>) -> [f32; 3] {
+    let positions: Vec<Vec3> = positions.collect();
+    [0, 1, 2].map(|axis| {
+        let mut values: Vec<f32> = positions.iter().map(|p| p[axis]).collect();
+        quantile(&mut values, 0.5)
+    })
+}
+
+/// Millimetres, clamped to +-32.767 m, little endian.
+fn int16_mm(frames: &[Vec<Vec3>]) -> Vec<u8> {
+    let millimetres = |v: f32| (v * 1000.0).round().clamp(-32767.0, 32767.0) as i16;
+    frames
+        .iter()
+        .flatten()
+        .flat_map(|v| v.to_array())
+        .flat_map(|v| millimetres(v).to_le_bytes())
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_caption_cannot_leave_the_data_block() {
+        let page = Page {
+            caption: "</script><script>alert(1)</script>",
+            provenance: "test",
+            frames: &[],
+            frame_rate_hz: 10.0,
+            radar_height_m: 1.0,
+            mesh: None,
+        };
+        assert!(!page.to_html().contains("<script>alert"));
+    }
+}

@@ -1,0 +1,609 @@
+//! A small software rasterizer: shaded meshes, a floor grid and stick figures to PNG.
+//!
+//! World axes are z up, in metres. [`Scene`] collects what is drawn; [`render_mesh`] is the short
+//! way for one mesh. Pictures are 8-bit sRGB.
+
+use glam::{Mat4, Vec3, Vec4};
+use std::io::Write;
+use std::path::Path;
+
+/// Samples per pixel and axis.
+const SUPERSAMPLING: usize = 2;
+const BACKGROUND: Vec3 = Vec3::new(0.93, 0.94, 0.96);
+const FLOOR_LINE: Vec3 = Vec3::new(0.55, 0.58, 0.62);
+const SKIN: Vec3 = Vec3::new(0.80, 0.62, 0.50);
+const STICK: Vec3 = Vec3::new(0.10, 0.35, 0.75);
+
+/// Draws one mesh on a floor grid.
+///
+/// `vertices` are in the world, m; `triangles` index them counter-clockwise from outside.
+/// Triangles with an index out of range are left out.
+pub fn render_mesh(
+    vertices: &[Vec3],
+    triangles: &[[u32; 3]],
+    camera: &Camera,
+    size: [usize; 2],
+) -> Image {
+    let mut scene = Scene::new(camera, size);
+    scene.floor_grid(5.0, 0.5);
+    scene.mesh(vertices, triangles, SKIN, Shading::Smooth);
+    scene.finish()
+}
+
+/// Draws frames of a moving mesh side by side and returns a PNG file: at most four a row, each
+/// followed sideways by the camera, all at one scale, with a stationary floor grid.
+///
+/// `frames` hold world vertices, m; the viewer stands in front of a person who faces -y, half a
+/// right angle to the left of them.
+pub fn contact_sheet(frames: &[Vec<Vec3>], triangles: &[[u32; 3]]) -> Result<Vec<u8>, ImageError> {
+    const CELL: [usize; 2] = [360, 400];
+    let bounds = |vertices: &[Vec3]| {
+        let finite = vertices.iter().filter(|v| v.is_finite());
+        finite.fold(None, |b: Option<(Vec3, Vec3)>, v| match b {
+            None => Some((*v, *v)),
+            Some((low, high)) => Some((low.min(*v), high.max(*v))),
+        })
+    };
+    let boxes: Vec<(Vec3, Vec3)> = frames
+        .iter()
+        .map(|f| bounds(f).unwrap_or_default())
+        .collect();
+    let top_m = boxes.iter().map(|b| b.1.z).fold(1.0, f32::max).min(20.0);
+    let width_m = boxes
+        .iter()
+        .map(|b| (b.1 - b.0).truncate().length())
+        .fold(1.0, f32::max)
+        .min(20.0);
+    // Half a field of 0.6 rad sees tan(0.3) of the distance; some air around the larger extent.
+    let distance_m = 0.65 * top_m.max(width_m) / 0.3f32.tan() + 0.5 * width_m.min(1.0);
+    let images: Vec<Image> = frames
+        .iter()
+        .zip(&boxes)
+        .map(|(vertices, (low, high))| {
+            let middle = (0.5 * (*low + *high)).truncate().extend(0.5 * top_m);
+            let camera = Camera::orbit(middle, distance_m, 0.6, 0.12);
+            render_mesh(vertices, triangles, &camera, CELL)
+        })
+        .collect();
+    let mut png = Vec::new();
+    Image::contact_sheet(&images, 4).write_png(&mut png)?;
+    Ok(png)
+}
+
+/// A perspective camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    /// Position of the eye, m.
+    pub eye_m: Vec3,
+    /// Point in the middle of the picture, m.
+    pub target_m: Vec3,
+    /// Vertical opening angle, rad.
+    pub field_of_view_rad: f32,
+}
+
+impl Camera {
+    /// Looks at `target_m` from a distance, an azimuth counter-clockwise from -y seen from above
+    /// (0 looks at the face of a person who faces -y, pi/2 comes from +x) and an elevation.
+    pub fn orbit(target_m: Vec3, distance_m: f32, azimuth_rad: f32, elevation_rad: f32) -> Self {
+        let (sin_a, cos_a) = azimuth_rad.sin_cos();
+        let (sin_e, cos_e) = elevation_rad.sin_cos();
+        let eye_m = target_m + distance_m * Vec3::new(sin_a * cos_e, -cos_a * cos_e, sin_e);
+        Self {
+            eye_m,
+            target_m,
+            field_of_view_rad: 0.6,
+        }
+    }
+
+    /// Clip-space matrix for a width/height ratio.
+    fn clip_from_world(&self, aspect: f32) -> Mat4 {
+        let forward = (self.target_m - self.eye_m).normalize_or(Vec3::Y);
+        let up = if forward.z.abs() > 0.99 {
+            Vec3::Y
+        } else {
+            Vec3::Z
+        };
+        let right = forward.cross(up).normalize();
+        let up = right.cross(forward);
+        let focal = 1.0 / (0.5 * self.field_of_view_rad).tan();
+        let (x, y) = (right * (focal / aspect), up * focal);
+        // Depth z / w = far (d - near) / (d (far - near)) at distance d along the view.
+        let z = forward * (FAR_M / (FAR_M - NEAR_M));
+        let row = |axis: Vec3, shift: f32| axis.extend(shift - axis.dot(self.eye_m));
+        let rows = [
+            row(x, 0.0),
+            row(y, 0.0),
+            row(z, -NEAR_M * FAR_M / (FAR_M - NEAR_M)),
+            row(forward, 0.0),
+        ];
+        Mat4::from_cols(rows[0], rows[1], rows[2], rows[3]).transpose()
+    }
+}
+
+/// Nearest distance that is drawn, m.
+const NEAR_M: f32 = 0.05;
+/// Farthest, m.
+const FAR_M: f32 = 100.0;
+
+/// How a mesh is lit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shading {
+    /// One brightness per facet: shows the triangles.
+    Flat,
+    /// Normals interpolated between vertices.
+    Smooth,
+}
+
+/// An 8-bit RGB picture.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Image {
+    width: usize,
+    height: usize,
+    /// Rows from the top, three bytes a pixel.
+    rgb: Vec<u8>,
+}
+
+/// A picture could not be written.
+#[derive(Debug, thiserror::Error)]
+pub enum ImageError {
+    #[error("{path}: {source}")]
+    Io {
+        path: std::path::PathBuf,
+        source: std::io::Error,
+    },
+    #[error("png of {width} x {height} pixels: {source}")]
+    Encode {
+        width: usize,
+        height: usize,
+        source: png::EncodingError,
+    },
+}
+
+impl Image {
+    /// A picture of one colour.
+    pub fn filled(width: usize, height: usize, rgb: [u8; 3]) -> Self {
+        Self {
+            width,
+            height,
+            rgb: rgb.repeat(width * height),
+        }
+    }
+
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Rows from the top, three bytes a pixel.
+    pub fn rgb(&self) -> &[u8] {
+        &self.rgb
+    }
+
+    /// Colour of a pixel; `None` outside.
+    pub fn pixel(&self, x: usize, y: usize) -> Option<[u8; 3]> {
+        if x >= self.width || y >= self.height {
+            return None;
+        }
+        let at = (y * self.width + x) * 3;
+        Some([self.rgb[at], self.rgb[at + 1], self.rgb[at + 2]])
+    }
+
+    /// Encodes as PNG.
+    pub fn write_png(&self, to: impl Write) -> Result<(), ImageError> {
+        let fail = |source| ImageError::Encode {
+            width: self.width,
+            height: self.height,
+            source,
+        };
+        let mut encoder = png::Encoder::new(to, self.width as u32, self.height as u32);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        let mut writer = encoder.write_header().map_err(fail)?;
+        writer.write_image_data(&self.rgb).map_err(fail)?;
+        writer.finish().map_err(fail)
+    }
+
+    /// Writes a PNG file.
+    pub fn save_png(&self, path: &Path) -> Result<(), ImageError> {
+        let file = std::fs::File::create(path).map_err(|source| ImageError::Io {
+            path: path.into(),
+            source,
+        })?;
+        self.write_png(std::io::BufWriter::new(file))
+    }
+
+    /// Lays pictures out in rows of `n_columns`, two pixels apart, on the size of the largest.
+    pub fn contact_sheet(images: &[Image], n_columns: usize) -> Image {
+        const GAP: usize = 2;
+        let n_columns = n_columns.clamp(1, images.len().max(1));
+        let n_rows = images.len().div_ceil(n_columns);
+        let cell_width = images.iter().map(|i| i.width).max().unwrap_or(0);
+        let cell_height = images.iter().map(|i| i.height).max().unwrap_or(0);
+        let width = n_columns * cell_width + (n_columns - 1) * GAP;
+        let height = n_rows * cell_height + n_rows.saturating_sub(1) * GAP;
+        let mut sheet = Image::filled(width, height, [255; 3]);
+        for (i, image) in images.iter().enumerate() {
+            let (left, top) = (
+                i % n_columns * (cell_width + GAP),
+                i / n_columns * (cell_height + GAP),
+            );
+            for y in 0..image.height {
+                let to = ((top + y) * width + left) * 3;
+                let from = y * image.width * 3;
+                sheet.rgb[to..to + image.width * 3]
+                    .copy_from_slice(&image.rgb[from..from + image.width * 3]);
+            }
+        }
+        sheet
+    }
+}
+
+/// A picture in the making: colour and depth.
+pub struct Scene {
+    /// Supersampled size.
+    width: usize,
+    height: usize,
+    clip_from_world: Mat4,
+    eye_m: Vec3,
+    color: Vec<Vec3>,
+    /// Clip depth, 0 near to 1 far.
+    depth: Vec<f32>,
+}
+
+/// A vertex on its way to the screen.
+#[derive(Clone, Copy)]
+struct Corner {
+    clip: Vec4,
+    shade: f32,
+}
+
+impl Scene {
+    /// An empty picture of `[width, height]` pixels.
+    pub fn new(camera: &Camera, size: [usize; 2]) -> Self {
+        let (width, height) = (
+            size[0].max(1) * SUPERSAMPLING,
+            size[1].max(1) * SUPERSAMPLING,
+        );
+        Self {
+            width,
+            height,
+            clip_from_world: camera.clip_from_world(width as f32 / height as f32),
+            eye_m: camera.eye_m,
+            color: vec![BACKGROUND; width * height],
+            depth: vec![1.0; width * height],
+        }
+    }
+
+    /// Square grid of lines on z = 0 from -`half_size_m` to +`half_size_m`.
+    pub fn floor_grid(&mut self, half_size_m: f32, spacing_m: f32) {
+        if !(spacing_m > 0.0 && half_size_m / spacing_m < 1000.0) {
+            return;
+        }
+        let n = (half_size_m / spacing_m).floor() as i32;
+        let reach = n as f32 * spacing_m;
+        for i in -n..=n {
+            let at = i as f32 * spacing_m;
+            self.line(
+                Vec3::new(at, -reach, 0.0),
+                Vec3::new(at, reach, 0.0),
+                FLOOR_LINE,
+                0.0,
+            );
+            self.line(
+                Vec3::new(-reach, at, 0.0),
+                Vec3::new(reach, at, 0.0),
+                FLOOR_LINE,
+                0.0,
+            );
+        }
+    }
+
+    /// A triangle mesh, colour 0..=1 per channel. Back faces are drawn darkened and blue, so that
+    /// wrongly oriented triangles show.
+    pub fn mesh(
+        &mut self,
+        vertices: &[Vec3],
+        triangles: &[[u32; 3]],
+        color: Vec3,
+        shading: Shading,
+    ) {
+        let is_valid = |t: &[u32; 3]| t.iter().all(|&v| (v as usize) < vertices.len());
+        let at = |v: u32| vertices[v as usize];
+        let face_normal = |t: &[u32; 3]| (at(t[1]) - at(t[0])).cross(at(t[2]) - at(t[0]));
+        let mut normals = vec![
+            Vec3::ZERO;
+            if shading == Shading::Smooth {
+                vertices.len()
+            } else {
+                0
+            }
+        ];
+        if shading == Shading::Smooth {
+            for t in triangles.iter().filter(|t| is_valid(t)) {
+                let normal = face_normal(t);
+                t.iter().for_each(|&v| normals[v as usize] += normal);
+            }
+        }
+        for t in triangles.iter().filter(|t| is_valid(t)) {
+            let face = face_normal(t);
+            let is_back = face.dot(self.eye_m - at(t[0])) < 0.0;
+            let corners = t.map(|v| Corner {
+                clip: self.clip_from_world * at(v).extend(1.0),
+                shade: match shading {
+                    Shading::Flat => self.lambert(face, at(v)),
+                    Shading::Smooth => self.lambert(normals[v as usize], at(v)),
+                },
+            });
+            let tint = if is_back {
+                Vec3::new(0.2, 0.2, 0.6)
+            } else {
+                color
+            };
+            self.triangle(corners, tint);
+        }
+    }
+
+    /// A stick figure: lines from `parents[i]` to joint i, in front of everything.
+    pub fn skeleton(&mut self, joints: &[Vec3], parents: &[Option<usize>]) {
+        for (joint, parent) in joints.iter().zip(parents) {
+            if let Some(from) = parent.and_then(|p| joints.get(p)) {
+                self.line(*from, *joint, STICK, 1.0);
+            }
+        }
+    }
+
+    /// Averages the samples of each pixel.
+    pub fn finish(self) -> Image {
+        let (width, height) = (self.width / SUPERSAMPLING, self.height / SUPERSAMPLING);
+        let mut rgb = Vec::with_capacity(width * height * 3);
+        for y in 0..height {
+            for x in 0..width {
+                let mut sum = Vec3::ZERO;
+                for sy in 0..SUPERSAMPLING {
+                    for sx in 0..SUPERSAMPLING {
+                        sum += self.color
+                            [(y * SUPERSAMPLING + sy) * self.width + x * SUPERSAMPLING + sx];
+                    }
+                }
+                let mean = sum / (SUPERSAMPLING * SUPERSAMPLING) as f32;
+                rgb.extend(
+                    mean.to_array()
+                        .map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8),
+                );
+            }
+        }
+        Image { width, height, rgb }
+    }
+
+    /// Ambient light, a key light over the viewer's left shoulder and a weak one from above.
+    fn lambert(&self, normal: Vec3, at: Vec3) -> f32 {
+        let normal = normal.normalize_or_zero();
+        let to_eye = (self.eye_m - at).normalize_or(Vec3::Z);
+        let left = Vec3::Z.cross(-to_eye).normalize_or(Vec3::X);
+        let key = (to_eye + 0.7 * left + 0.6 * Vec3::Z).normalize();
+        0.22 + 0.68 * normal.dot(key).max(0.0) + 0.15 * normal.z.max(0.0)
+    }
+
+    /// Pixel coordinates and depth of a point in front of the camera.
+    fn to_screen(&self, clip: Vec4) -> Vec3 {
+        let ndc = clip.truncate() / clip.w;
+        Vec3::new(
+            (0.5 + 0.5 * ndc.x) * self.width as f32,
+            (0.5 - 0.5 * ndc.y) * self.height as f32,
+            ndc.z,
+        )
+    }
+
+    fn triangle(&mut self, corners: [Corner; 3], color: Vec3) {
+        // Pictures keep their distance: a triangle that reaches behind the eye is left out.
+        if corners
+            .iter()
+            .any(|c| c.clip.w.is_nan() || c.clip.w <= NEAR_M)
+        {
+            return;
+        }
+        let [a, b, c] = corners.map(|k| self.to_screen(k.clip));
+        let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
+        if area == 0.0 || !area.is_finite() {
+            return;
+        }
+        let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+        let x_range = pixel_range(low.x, high.x, self.width);
+        for y in pixel_range(low.y, high.y, self.height) {
+            for x in x_range.clone() {
+                let (px, py) = (x as f32 + 0.5, y as f32 + 0.5);
+                let u = ((b.x - px) * (c.y - py) - (b.y - py) * (c.x - px)) / area;
+                let v = ((c.x - px) * (a.y - py) - (c.y - py) * (a.x - px)) / area;
+                let w = 1.0 - u - v;
+                if u < 0.0 || v < 0.0 || w < 0.0 {
+                    continue;
+                }
+                let depth = u * a.z + v * b.z + w * c.z;
+                let shade = u * corners[0].shade + v * corners[1].shade + w * corners[2].shade;
+                self.put(x, y, depth, color * shade);
+            }
+        }
+    }
+
+    fn put(&mut self, x: usize, y: usize, depth: f32, color: Vec3) {
+        let at = y * self.width + x;
+        if depth >= 0.0 && depth < self.depth[at] {
+            self.depth[at] = depth;
+            self.color[at] = color;
+        }
+    }
+
+    /// A line `SUPERSAMPLING` samples wide. `lift` in 0..=1 moves it towards the viewer: 1 draws it
+    /// over everything.
+    fn line(&mut self, from: Vec3, to: Vec3, color: Vec3, lift: f32) {
+        let (mut a, mut b) = (
+            self.clip_from_world * from.extend(1.0),
+            self.clip_from_world * to.extend(1.0),
+        );
+        if a.w < NEAR_M && b.w < NEAR_M {
+            return;
+        }
+        if a.w < NEAR_M {
+            a = a.lerp(b, (NEAR_M - a.w) / (b.w - a.w));
+        } else if b.w < NEAR_M {
+            b = b.lerp(a, (NEAR_M - b.w) / (a.w - b.w));
+        }
+        let (a, b) = (self.to_screen(a), self.to_screen(b));
+        let n_steps = (b - a).truncate().abs().max_element().ceil();
+        // A line far longer than the picture comes from a point next to the eye plane.
+        if n_steps.is_nan() || n_steps > 64.0 * (self.width + self.height) as f32 {
+            return;
+        }
+        for i in 0..=n_steps as usize {
+            let p = a.lerp(b, i as f32 / n_steps.max(1.0));
+            for y in pixel_range(p.y - 1.0, p.y, self.height) {
+                for x in pixel_range(p.x - 1.0, p.x, self.width) {
+                    self.put(x, y, p.z * (1.0 - lift), color);
+                }
+            }
+        }
+    }
+}
+
+/// Samples whose centres may lie between two coordinates.
+fn pixel_range(low: f32, high: f32, size: usize) -> std::ops::Range<usize> {
+    // Float-to-int casts saturate: negative and NaN become zero.
+    let first = low.floor().max(0.0) as usize;
+    let last = (high.ceil().max(0.0) as usize).min(size);
+    first.min(last)..last
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn camera() -> Camera {
+        Camera::orbit(Vec3::new(0.0, 0.0, 1.0), 4.0, 0.0, 0.0)
+    }
+
+    const SIZE: [usize; 2] = [81, 81];
+
+    fn square(y: f32, half: f32) -> [Vec3; 4] {
+        [
+            Vec3::new(-half, y, 1.0 - half),
+            Vec3::new(half, y, 1.0 - half),
+            Vec3::new(half, y, 1.0 + half),
+            Vec3::new(-half, y, 1.0 + half),
+        ]
+    }
+
+    const FACES: [[u32; 3]; 2] = [[0, 1, 2], [0, 2, 3]];
+
+    #[test]
+    fn a_square_covers_the_pixels_its_angle_says() {
+        let mut scene = Scene::new(&camera(), SIZE);
+        scene.mesh(&square(0.0, 0.5), &FACES, Vec3::ONE, Shading::Flat);
+        let image = scene.finish();
+        let background = Image::filled(
+            1,
+            1,
+            BACKGROUND.to_array().map(|c| (c * 255.0).round() as u8),
+        )
+        .pixel(0, 0);
+        let n_covered = (0..81)
+            .filter(|&x| image.pixel(x, 40) != background)
+            .count();
+        // 1 m at 4 m under a field of 0.6 rad: 81 * 0.5 / (4 tan 0.3) = 32.7 pixels, +-1 for edges.
+        assert!((32..=34).contains(&n_covered), "{n_covered}");
+    }
+
+    #[test]
+    fn the_nearer_surface_hides_the_farther_whatever_the_order() {
+        let draw = |order: [usize; 2]| {
+            let mut scene = Scene::new(&camera(), SIZE);
+            for i in order {
+                let (y, color) = [(0.0, Vec3::X), (-0.5, Vec3::Z)][i];
+                scene.mesh(&square(y, 0.5), &FACES, color, Shading::Flat);
+            }
+            scene.finish().pixel(40, 40)
+        };
+        // The square at y = -0.5 is nearer to a viewer at y = -4.
+        let [r, _, b] = draw([0, 1]).expect("inside the picture");
+        assert!(b > r);
+        assert_eq!(draw([0, 1]), draw([1, 0]));
+    }
+
+    #[test]
+    fn left_of_a_person_facing_the_viewer_is_right_in_the_picture() {
+        let mut scene = Scene::new(&camera(), SIZE);
+        let moved = square(0.0, 0.1).map(|p| p + 0.5 * Vec3::X);
+        scene.mesh(&moved, &FACES, Vec3::X, Shading::Flat);
+        let image = scene.finish();
+        // Seen from -y with z up, +x is to the right.
+        assert_ne!(image.pixel(40 + 16, 40), image.pixel(40 - 16, 40));
+        assert!(image.pixel(40 + 16, 40).is_some_and(|[r, g, _]| r > g));
+    }
+
+    #[test]
+    fn wild_input_draws_nothing_and_does_not_panic() {
+        let mut scene = Scene::new(&camera(), SIZE);
+        let before = scene.color.clone();
+        let wild = [
+            Vec3::NAN,
+            Vec3::INFINITY,
+            Vec3::new(0.0, -4.0, 1.0),
+            Vec3::new(1e30, 5.0, -1e30),
+        ];
+        scene.mesh(
+            &wild,
+            &[[0, 1, 2], [1, 2, 3], [0, 9, 1]],
+            Vec3::X,
+            Shading::Smooth,
+        );
+        scene.skeleton(&wild, &[None, Some(0), Some(1), Some(77)]);
+        assert_eq!(scene.color, before);
+    }
+
+    #[test]
+    fn a_png_reads_back_as_written() {
+        let mut image = Image::filled(5, 3, [10, 20, 30]);
+        image.rgb[3..6].copy_from_slice(&[200, 100, 50]);
+        let mut bytes = Vec::new();
+        image.write_png(&mut bytes).expect("memory does not fail");
+        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes))
+            .read_info()
+            .expect("our own header");
+        let mut rgb = vec![0; reader.output_buffer_size().expect("small")];
+        reader.next_frame(&mut rgb).expect("our own data");
+        assert_eq!(rgb, image.rgb);
+    }
+
+    #[test]
+    fn a_sheet_shows_every_frame_and_survives_empty_ones() {
+        let frames = vec![
+            square(0.0, 0.4).to_vec(),
+            Vec::new(),
+            square(3.0, 0.4).to_vec(),
+        ];
+        let png = contact_sheet(&frames, &FACES).expect("memory does not fail");
+        let mut reader = png::Decoder::new(std::io::Cursor::new(png))
+            .read_info()
+            .expect("our own header");
+        let mut rgb = vec![0; reader.output_buffer_size().expect("small")];
+        let info = reader.next_frame(&mut rgb).expect("our own data");
+        assert_eq!((info.width, info.height), (3 * 360 + 4, 400));
+        let pixel = |x: usize, y: usize| &rgb[(y * info.width as usize + x) * 3..][..3];
+        // The square reaches from 0.6 to 1.4 m; the picture's middle shows 0.7 m, a little above it 0.9 m.
+        let is_skin = |p: &[u8]| p[0] > p[2].saturating_add(5);
+        assert!(is_skin(pixel(180, 150)) && is_skin(pixel(2 * 362 + 180, 150)));
+        assert!(!is_skin(pixel(362 + 180, 150)));
+    }
+
+    #[test]
+    fn a_contact_sheet_keeps_the_order() {
+        let images: Vec<Image> = (0..3).map(|i| Image::filled(4, 4, [i * 50; 3])).collect();
+        let sheet = Image::contact_sheet(&images, 2);
+        assert_eq!((sheet.width(), sheet.height()), (10, 10));
+        assert_eq!(sheet.pixel(8, 0), Some([50; 3]));
+        assert_eq!(sheet.pixel(0, 8), Some([100; 3]));
+        assert_eq!(sheet.pixel(8, 8), Some([255; 3]));
+    }
+}
