@@ -1,0 +1,447 @@
+//! The command line: verbs and flags.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+/// Turns millimetre-wave radar into language.
+///
+/// Example: radarllm describe "builtin:walk?direction=backward"
+#[derive(Parser)]
+#[command(
+    name = "radarllm",
+    version,
+    about,
+    long_about,
+    arg_required_else_help = true
+)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub verb: Verb,
+}
+
+/// All verbs.
+#[derive(Subcommand)]
+pub enum Verb {
+    /// Built-in motions -> virtual radar -> points -> sentence, with the default model.
+    ///
+    /// Example: radarllm demo
+    Demo(DemoArgs),
+    /// Look at a motion file or a built-in motion.
+    #[command(subcommand)]
+    Motion(MotionVerb),
+    /// List, show and check radars.
+    #[command(subcommand)]
+    Radar(RadarVerb),
+    /// Motion or scene -> radar points (or raw ADC samples).
+    ///
+    /// Example: radarllm simulate "builtin:walk" --out walk.parquet
+    Simulate(SimulateArgs),
+    /// Raw ADC samples -> radar points.
+    ///
+    /// Example: radarllm process capture.npy --radar awr1843boost --out points.parquet
+    Process(ProcessArgs),
+    /// Build, inspect and check radar-text data sets.
+    #[command(subcommand)]
+    Dataset(DatasetVerb),
+    /// Train a stage of the model.
+    ///
+    /// Example: radarllm train tokenizer model.toml
+    Train(TrainArgs),
+    /// Points or motion -> sentence.
+    ///
+    /// Example: radarllm describe points.parquet "builtin:wave?side=left"
+    Describe(DescribeArgs),
+    /// Captions for a split of a data set, with all metrics, intervals and floors.
+    Eval(EvalArgs),
+    /// Change one parameter of a built-in motion and count how often the sentence follows.
+    Edits(EditsArgs),
+    /// Caption metrics alone.
+    Score(ScoreArgs),
+    /// One self-contained page: points in 3D over time, mesh, caption.
+    ///
+    /// Example: radarllm view "builtin:walk" --out walk.html
+    View(ViewArgs),
+    /// What this machine has and what is missing.
+    Doctor(JsonFlag),
+}
+
+/// `--json` alone.
+#[derive(Args)]
+pub struct JsonFlag {
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `demo`.
+#[derive(Args)]
+pub struct DemoArgs {
+    /// Also write points and pages into this folder.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Motions to show instead of the three defaults.
+    #[arg(value_name = "BUILTIN")]
+    pub motions: Vec<String>,
+    /// Model folder; the embedded default without it.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Seed of placement, small variations and noise.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Replace files in --out.
+    #[arg(long)]
+    pub force: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `motion ...`.
+#[derive(Subcommand)]
+pub enum MotionVerb {
+    /// Format, length, unit and what was skipped.
+    Info {
+        /// BVH, AMC (with its ASF), AMASS npz, HumanML3D npy, or builtin:NAME?key=value.
+        input: String,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+        /// Seed of a built-in motion's small variations.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+    },
+    /// The moving body: npz (vertices, faces, joints), obj (first pose) or png (contact sheet).
+    Mesh {
+        /// Motion file or builtin:NAME?key=value.
+        input: String,
+        /// F.npz, F.obj or F.png.
+        #[arg(long)]
+        out: PathBuf,
+        /// A user's own SMPL-X .npz; the built-in body without it.
+        #[arg(long)]
+        body: Option<PathBuf>,
+        /// Replace an existing file.
+        #[arg(long)]
+        force: bool,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+        /// Seed of a built-in motion's small variations.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+    },
+    /// All built-in motions with their keys.
+    List {
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+/// `radar ...`.
+#[derive(Subcommand)]
+pub enum RadarVerb {
+    /// Built-in radars.
+    List(JsonFlag),
+    /// Derived figures of a radar.
+    Show {
+        /// Built-in name, TI .cfg or our .toml.
+        radar: String,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Check a radar description.
+    Lint {
+        /// Built-in name, TI .cfg or our .toml.
+        radar: String,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+/// What `simulate` writes.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Emit {
+    /// Parquet, one row a point.
+    Points,
+    /// npy complex64 `[frame, loop, tx, rx, sample]`.
+    Adc,
+}
+
+/// `simulate`.
+#[derive(Args)]
+pub struct SimulateArgs {
+    /// Motion files, folders of them, builtin:NAME?key=value, or one scene .toml.
+    #[arg(required = true)]
+    pub inputs: Vec<String>,
+    /// Built-in name, TI .cfg or our .toml.
+    #[arg(long, default_value = "awr1843boost")]
+    pub radar: String,
+    /// File; a folder when there are several inputs.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// What to write.
+    #[arg(long, value_enum, default_value = "points")]
+    pub emit: Emit,
+    /// Use the slow exact path.
+    #[arg(long)]
+    pub reference: bool,
+    /// Also write a range-Doppler picture (PNG) of the frame with the most movement.
+    #[arg(long, value_name = "F.png")]
+    pub range_doppler: Option<PathBuf>,
+    /// A user's own SMPL-X .npz; the built-in body without it.
+    #[arg(long)]
+    pub body: Option<PathBuf>,
+    /// Where motions stand: distance to the radar, m.
+    #[arg(long, default_value_t = 3.0)]
+    pub distance_m: f32,
+    /// Height of the radar above the floor, m.
+    #[arg(long, default_value_t = 1.0)]
+    pub radar_height_m: f32,
+    /// Seed of noise and small variations.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Threads; all cores without it.
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Replace existing files.
+    #[arg(long)]
+    pub force: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `process`.
+#[derive(Args)]
+pub struct ProcessArgs {
+    /// npy complex64 `[frame, loop, tx, rx, sample]`.
+    pub capture: PathBuf,
+    /// Built-in name, TI .cfg or our .toml.
+    #[arg(long)]
+    pub radar: String,
+    /// Points, Parquet.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Capture format: `adc` or `npy`, the only ones yet.
+    #[arg(long)]
+    pub format: Option<String>,
+    /// Height of the radar above the floor, m.
+    #[arg(long, default_value_t = 1.0)]
+    pub radar_height_m: f32,
+    /// Replace an existing file.
+    #[arg(long)]
+    pub force: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `dataset ...`.
+#[derive(Subcommand)]
+pub enum DatasetVerb {
+    /// Motions and captions -> Parquet shards. Run again to resume.
+    Build {
+        /// Configuration; see docs/dataset.md.
+        config: PathBuf,
+        /// Folder of the data set.
+        #[arg(long)]
+        out: PathBuf,
+        /// Threads; all cores without it.
+        #[arg(long)]
+        threads: Option<usize>,
+        /// Start over in a folder that holds another data set.
+        #[arg(long)]
+        force: bool,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Clips, hours, actions, points per frame.
+    Info {
+        /// Folder of the data set.
+        dir: PathBuf,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Hashes, rows, values, leakage between splits. Exit code 1 when there is a problem.
+    Validate {
+        /// Folder of the data set.
+        dir: PathBuf,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+/// Stages of `train`.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum, Debug)]
+pub enum Stage {
+    /// The motion VQ-VAE that guides the tokenizer.
+    Motion,
+    /// The radar tokenizer.
+    Tokenizer,
+    /// The language model on the three pretraining tasks.
+    Pretrain,
+    /// Instruction tuning.
+    Instruct,
+    /// Every stage in order.
+    All,
+}
+
+/// `train`.
+#[derive(Args)]
+pub struct TrainArgs {
+    /// Stage.
+    #[arg(value_enum)]
+    pub stage: Stage,
+    /// Training configuration (TOML).
+    #[arg(required_unless_present = "print_config")]
+    pub config: Option<PathBuf>,
+    /// Continue from the last checkpoint; finished stages are kept.
+    #[arg(long)]
+    pub resume: bool,
+    /// Print the configuration with every default and stop.
+    #[arg(long)]
+    pub print_config: bool,
+    /// Start over where a finished or begun training lies.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// `describe`.
+#[derive(Args)]
+pub struct DescribeArgs {
+    /// Points (.parquet), raw ADC (.npy complex64 cube, with --radar), motion files, or builtin:NAME?key=value.
+    #[arg(required = true)]
+    pub inputs: Vec<String>,
+    /// Model folder; the embedded default without it.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Beam width; 1 is greedy.
+    #[arg(long, default_value_t = 1)]
+    pub beam: usize,
+    /// Built-in name, TI .cfg or our .toml, for motions and raw ADC.
+    #[arg(long, default_value = "awr1843boost")]
+    pub radar: String,
+    /// Height of the radar above the floor, m, where the input does not say.
+    #[arg(long, default_value_t = 1.0)]
+    pub radar_height_m: f32,
+    /// Seed of simulated inputs.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `eval`.
+#[derive(Args)]
+pub struct EvalArgs {
+    /// Model folder; the embedded default without it.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Data set folder.
+    #[arg(long)]
+    pub data: PathBuf,
+    /// Split to describe.
+    #[arg(long, default_value = "test")]
+    pub split: String,
+    /// Folder for report.json, report.md and captions.jsonl.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Beam width; 1 is greedy.
+    #[arg(long, default_value_t = 1)]
+    pub beam: usize,
+    /// Seed of bootstrap and shuffling.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Replace an earlier report.
+    #[arg(long)]
+    pub force: bool,
+    /// Print the report as JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `edits`.
+#[derive(Args)]
+pub struct EditsArgs {
+    /// Model folder; the embedded default without it.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Number of edits: sides, directions and actions in turn.
+    #[arg(long, default_value_t = 60)]
+    pub count: usize,
+    /// Seed of motions, placement and noise.
+    #[arg(long, default_value_t = 1000)]
+    pub seed: u64,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `score`.
+#[derive(Args)]
+pub struct ScoreArgs {
+    /// Lines {"id", "text"}.
+    #[arg(long)]
+    pub candidates: PathBuf,
+    /// Lines {"id", "texts": [...]}.
+    #[arg(long)]
+    pub references: PathBuf,
+    /// plain, nlg-eval, coco or motiongpt.
+    #[arg(long, default_value = "plain")]
+    pub protocol: String,
+    /// References used per item; 0 means all.
+    #[arg(long, default_value_t = 3)]
+    pub max_references: usize,
+    /// BERT or RoBERTa folder for BERTScore (not supported yet).
+    #[arg(long, value_name = "DIR")]
+    pub bert_score: Option<PathBuf>,
+    /// Layer for BERTScore.
+    #[arg(long)]
+    pub layer: Option<usize>,
+    /// SimCSE folder (not supported yet).
+    #[arg(long, value_name = "DIR")]
+    pub sim_cse: Option<PathBuf>,
+    /// Pooling for SimCSE.
+    #[arg(long)]
+    pub pooling: Option<String>,
+    /// Seed of the bootstrap.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Print one JSON document (also the default: scores have no other form).
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `view`.
+#[derive(Args)]
+pub struct ViewArgs {
+    /// Points (.parquet), motion file, or builtin:NAME?key=value.
+    pub input: String,
+    /// The page.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Model folder; the embedded default without it.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Built-in name, TI .cfg or our .toml, for motions.
+    #[arg(long, default_value = "awr1843boost")]
+    pub radar: String,
+    /// Height of the radar above the floor, m, where the input does not say.
+    #[arg(long, default_value_t = 1.0)]
+    pub radar_height_m: f32,
+    /// Seed of simulated inputs.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Replace an existing file.
+    #[arg(long)]
+    pub force: bool,
+}

@@ -1,0 +1,95 @@
+//! `demo`: built-in motions through the whole chain with the default model.
+
+use serde::Serialize;
+
+use crate::{
+    args::DemoArgs,
+    commands::{
+        describe::{self, Row},
+        process::points_per_frame,
+        view,
+    },
+    error::CliResult,
+    input::{self, ClipOptions},
+    output,
+};
+
+/// Shown without arguments: three different motions, two of them with a side.
+const MOTIONS: [&str; 3] = [
+    "builtin:walk?direction=forward&distance_m=3",
+    "builtin:wave?side=left",
+    "builtin:squat?repetitions=3",
+];
+
+#[derive(Serialize)]
+struct DemoRow {
+    #[serde(flatten)]
+    described: Row,
+    /// A caption that the motion's own parameters imply.
+    reference: String,
+    points_per_frame: f64,
+    /// The page, with --out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    page: Option<String>,
+}
+
+/// Runs the verb.
+pub fn run(args: &DemoArgs) -> CliResult {
+    let motions: Vec<&str> = if args.motions.is_empty() {
+        MOTIONS.to_vec()
+    } else {
+        args.motions.iter().map(String::as_str).collect()
+    };
+    let captioner = describe::load_captioner(args.model.as_deref())?;
+    let options = ClipOptions {
+        radar: "awr1843boost",
+        radar_height_m: 1.0,
+        distance_m: 3.0,
+        seed: args.seed,
+    };
+    let mut rows = Vec::new();
+    for (index, motion) in motions.iter().enumerate() {
+        let clip = input::clip(motion, &options)?;
+        let described = describe::describe(
+            &captioner,
+            &clip,
+            describe::model_name(args.model.as_deref()),
+            1,
+        )?;
+        let reference = clip
+            .performed
+            .as_ref()
+            .and_then(|(motion, _)| motion.info.captions.first().cloned())
+            .unwrap_or_default();
+        let page = match &args.out {
+            Some(folder) => {
+                let path = folder.join(format!("demo-{}.html", index + 1));
+                output::check_free(&path, args.force)?;
+                view::write_page(&path, &clip, &described)?;
+                Some(path.display().to_string())
+            }
+            None => None,
+        };
+        let row = DemoRow {
+            points_per_frame: points_per_frame(&clip.frames),
+            described,
+            reference,
+            page,
+        };
+        if !args.json {
+            describe::print_row(&row.described);
+            output::print_line(&format!(
+                "    what was performed: {} ({:.0} points a frame)",
+                row.reference, row.points_per_frame
+            ));
+            if let Some(page) = &row.page {
+                output::print_line(&format!("    page: {page}"));
+            }
+        }
+        rows.push(row);
+    }
+    if args.json {
+        return output::print_json(&rows);
+    }
+    Ok(())
+}

@@ -1,0 +1,136 @@
+//! `describe`: points, capture or motion to a sentence.
+
+use std::{path::Path, time::Instant};
+
+use radarllm_model::lm::{Captioner, Description};
+use serde::Serialize;
+
+use crate::{
+    args::DescribeArgs,
+    error::{CliError, CliResult},
+    input::{self, Clip, ClipOptions, Provenance},
+    output,
+};
+
+/// One described input, as scripts read it.
+#[derive(Serialize)]
+pub struct Row {
+    /// The sentence, or `no person seen`.
+    pub caption: String,
+    /// Why there is no sentence, when there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+    /// exp(mean log-probability of the words), 0..1; 0 when nothing was described.
+    pub confidence: f32,
+    /// The input and how it came to be.
+    #[serde(flatten)]
+    pub provenance: Provenance,
+    /// Model name.
+    pub model: String,
+    /// Radar tokens read.
+    pub tokens: Vec<u32>,
+    /// Radar frames read.
+    pub frames: usize,
+    /// Length of the clip, s.
+    pub clip_seconds: f64,
+    /// Time from points to sentence, s.
+    pub seconds: f64,
+}
+
+/// Name of a model in reports.
+pub fn model_name(model: Option<&Path>) -> String {
+    model.map_or_else(
+        || "default (embedded)".into(),
+        |path| path.display().to_string(),
+    )
+}
+
+/// Loads a model folder, or the default that the binary carries.
+pub fn load_captioner(model: Option<&Path>) -> CliResult<Captioner> {
+    match model {
+        Some(path) => Captioner::load(path).map_err(|e| {
+            CliError::new(format!("{}: {e}", path.display()))
+                .hint("--model wants a folder made by `radarllm train all`")
+        }),
+        None => crate::default_model::load(),
+    }
+}
+
+/// Describes a clip.
+pub fn describe(captioner: &Captioner, clip: &Clip, model: String, beam: usize) -> CliResult<Row> {
+    let started = Instant::now();
+    // A model hears time in frames: a clip at another rate would be a lie about speed.
+    let rate_hz = f64::from(radarllm_model::lm::FRAME_RATE_HZ);
+    if (clip.frame_rate_hz / rate_hz - 1.0).abs() > 0.05 {
+        return Err(CliError::new(format!(
+            "{}: {:.2} frames/s, but the model reads {rate_hz:.2} frames/s",
+            clip.provenance.source, clip.frame_rate_hz
+        )));
+    }
+    let described: Description = captioner.describe(&clip.frames, clip.radar_height_m, beam)?;
+    Ok(Row {
+        caption: described.caption,
+        reason: described.abstained.map(|why| why.to_string()),
+        confidence: described.confidence,
+        provenance: clip.provenance.clone(),
+        model,
+        tokens: described.tokens,
+        frames: clip.frames.len(),
+        clip_seconds: clip.frames.len() as f64 / clip.frame_rate_hz,
+        seconds: started.elapsed().as_secs_f64(),
+    })
+}
+
+/// One line for people.
+pub fn print_row(row: &Row) {
+    let kind = if row.provenance.synthetic {
+        "simulated"
+    } else {
+        "recorded"
+    };
+    output::print_line(&format!("{}\n    {}", row.provenance.source, row.caption));
+    let why = row
+        .reason
+        .as_ref()
+        .map(|r| format!("; {r}"))
+        .unwrap_or_default();
+    output::print_line(&format!(
+        "    [{kind}, radar {}, {:.1} s, confidence {:.2}, model {}{why}]",
+        row.provenance.radar, row.clip_seconds, row.confidence, row.model
+    ));
+}
+
+/// Runs the verb.
+pub fn run(args: &DescribeArgs) -> CliResult {
+    if !(1..=64).contains(&args.beam) {
+        return Err(CliError::new(format!(
+            "--beam {}: must be in 1..=64",
+            args.beam
+        )));
+    }
+    let captioner = load_captioner(args.model.as_deref())?;
+    let options = ClipOptions {
+        radar: &args.radar,
+        radar_height_m: args.radar_height_m,
+        distance_m: 3.0,
+        seed: args.seed,
+    };
+    let mut rows = Vec::new();
+    for input in &args.inputs {
+        let clip = input::clip(input, &options)?;
+        let row = describe(
+            &captioner,
+            &clip,
+            model_name(args.model.as_deref()),
+            args.beam,
+        )?;
+        if !args.json {
+            print_row(&row);
+        }
+        rows.push(row);
+    }
+    if args.json {
+        return output::print_json(&rows);
+    }
+    Ok(())
+}

@@ -1,0 +1,106 @@
+//! `doctor`: what this machine has and what is missing, per feature.
+
+use serde::Serialize;
+
+use crate::{args::JsonFlag, commands::describe, error::CliResult, output};
+
+#[derive(Serialize)]
+struct Report {
+    version: &'static str,
+    architecture: &'static str,
+    os: &'static str,
+    threads: usize,
+    cpu_features: Vec<&'static str>,
+    checks: Vec<Check>,
+}
+
+#[derive(Serialize)]
+struct Check {
+    feature: &'static str,
+    ok: bool,
+    detail: String,
+}
+
+/// Runs the verb.
+pub fn run(args: &JsonFlag) -> CliResult {
+    let report = Report {
+        version: env!("CARGO_PKG_VERSION"),
+        architecture: std::env::consts::ARCH,
+        os: std::env::consts::OS,
+        threads: std::thread::available_parallelism().map_or(1, usize::from),
+        cpu_features: cpu_features(),
+        checks: vec![default_model(), temporary_folder(), gpu()],
+    };
+    if args.json {
+        return output::print_json(&report);
+    }
+    output::print_line(&format!(
+        "radarllm {} on {} {}",
+        report.version, report.os, report.architecture
+    ));
+    output::print_line(&format!(
+        "threads: {}; vector units: {}",
+        report.threads,
+        report.cpu_features.join(" ")
+    ));
+    for check in &report.checks {
+        let mark = if check.ok { "ok     " } else { "missing" };
+        output::print_line(&format!("{mark}  {}: {}", check.feature, check.detail));
+    }
+    Ok(())
+}
+
+fn cpu_features() -> Vec<&'static str> {
+    #[cfg(target_arch = "x86_64")]
+    {
+        let mut found = vec!["sse2"];
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            found.push("avx2+fma");
+        }
+        if is_x86_feature_detected!("avx512f") {
+            found.push("avx512f");
+        }
+        found
+    }
+    #[cfg(target_arch = "aarch64")]
+    {
+        vec!["neon"]
+    }
+    #[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
+    {
+        vec!["portable"]
+    }
+}
+
+fn default_model() -> Check {
+    let loaded = describe::load_captioner(None);
+    Check {
+        feature: "default model (demo, describe, view)",
+        ok: loaded.is_ok(),
+        detail: match loaded {
+            Ok(_) => "embedded, loads and is ready".into(),
+            Err(error) => error.cause,
+        },
+    }
+}
+
+fn temporary_folder() -> Check {
+    let folder = std::env::temp_dir();
+    let outcome = tempfile::tempfile_in(&folder);
+    Check {
+        feature: "temporary folder",
+        ok: outcome.is_ok(),
+        detail: match outcome {
+            Ok(_) => format!("{} is writable", folder.display()),
+            Err(error) => format!("{}: {error}", folder.display()),
+        },
+    }
+}
+
+fn gpu() -> Check {
+    Check {
+        feature: "GPU training",
+        ok: false,
+        detail: "this build runs on the CPU; nothing above needs a GPU".into(),
+    }
+}

@@ -1,0 +1,61 @@
+//! `train`: one stage, or all of them.
+
+use std::{fs, path::Path};
+
+use radarllm_train::recipe::{Recipe, RecipeStage};
+
+use crate::{
+    args::{Stage, TrainArgs},
+    commands::eval::peak_memory_mb,
+    error::{CliError, CliResult},
+    output,
+};
+
+/// Runs the verb.
+pub fn run(args: &TrainArgs) -> CliResult {
+    let Some(path) = &args.config else {
+        output::print_line(&Recipe::default().to_toml()?);
+        return Ok(());
+    };
+    let text = fs::read_to_string(path).map_err(|e| CliError::io(path, e))?;
+    let base = path.parent().unwrap_or(Path::new(""));
+    let recipe = Recipe::from_toml(&text, base).map_err(|e| {
+        CliError::new(format!("{}: {e}", path.display()))
+            .hint("`radarllm train all --print-config` prints every key")
+    })?;
+    if args.print_config {
+        output::print_line(&recipe.to_toml()?);
+        return Ok(());
+    }
+    let stages = match args.stage {
+        Stage::Motion => vec![RecipeStage::Motion],
+        Stage::Tokenizer => vec![RecipeStage::Tokenizer],
+        Stage::Pretrain => vec![RecipeStage::Pretrain],
+        Stage::Instruct => vec![RecipeStage::Instruct],
+        Stage::All => RecipeStage::ALL.to_vec(),
+    };
+    for stage in stages {
+        let folder = recipe.out.join(stage.name());
+        if folder.exists() && !args.resume {
+            if !args.force {
+                return Err(
+                    CliError::new(format!("{} exists already", folder.display()))
+                        .hint("--resume continues it, --force starts over"),
+                );
+            }
+            fs::remove_dir_all(&folder).map_err(|e| CliError::io(&folder, e))?;
+        }
+        if !recipe.run(stage, args.resume)? {
+            output::print_line(&format!(
+                "stage {} stopped early; --resume continues it",
+                stage.name()
+            ));
+            return Ok(());
+        }
+    }
+    if let Some(mb) = peak_memory_mb() {
+        eprintln!("peak memory {mb:.0} MB");
+    }
+    output::print_line(&recipe.out.display().to_string());
+    Ok(())
+}

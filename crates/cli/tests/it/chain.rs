@@ -1,0 +1,186 @@
+//! The chain end to end, small: data set, training of every stage, captions, report.
+
+use std::fs;
+
+use crate::command::{json, radarllm};
+
+#[test]
+fn radar_show_prints_the_reference_radar() {
+    let radar = json(&["radar", "show", "awr1843boost", "--json"]);
+    let close = |field: &str, value: f64| {
+        let found = radar[field].as_f64().unwrap();
+        assert!(
+            (found / value - 1.0).abs() < 1e-3,
+            "{field}: {found}, expected {value}"
+        );
+    };
+    // By hand from the chirp: see CONVENTIONS.md.
+    close("range_resolution_m", 0.042_93);
+    close("max_range_m", 10.99);
+    close("max_velocity_mps", 4.386);
+    close("frame_rate_hz", 10.0);
+    close("sampled_bandwidth_hz", 3.4916e9);
+    assert_eq!(radar["n_tx"], 3);
+    assert_eq!(radar["n_loops"], 128);
+}
+
+#[test]
+fn a_data_set_is_the_same_whatever_the_thread_count() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("data.toml");
+    fs::write(
+        &config,
+        "name = \"tiny\"\nseed = 5\nshard_clips = 2\nmax_frames = 12\n[[source]]\nkind = \"procedural\"\ntrain = 4\nval = 1\ntest = 1\n",
+    )
+    .unwrap();
+    let mut listings = Vec::new();
+    for threads in ["1", "2"] {
+        let out = folder.path().join(format!("data{threads}"));
+        let done = radarllm(&[
+            "dataset",
+            "build",
+            config.to_str().unwrap(),
+            "--out",
+            out.to_str().unwrap(),
+            "--threads",
+            threads,
+        ]);
+        assert!(
+            done.status.success(),
+            "{}",
+            String::from_utf8_lossy(&done.stderr)
+        );
+        json(&["dataset", "validate", out.to_str().unwrap(), "--json"]);
+        let info = json(&["dataset", "info", out.to_str().unwrap(), "--json"]);
+        assert_eq!(info["total"]["clips"], 6);
+        let mut files: Vec<_> = [out.clone(), out.join("data")]
+            .iter()
+            .flat_map(|folder| fs::read_dir(folder).unwrap())
+            .map(|e| e.unwrap().path())
+            .filter(|p| p.is_file())
+            .map(|p| (p.file_name().unwrap().to_owned(), fs::read(&p).unwrap()))
+            .collect();
+        files.sort();
+        listings.push(files);
+    }
+    assert!(
+        listings[0] == listings[1],
+        "one and two threads give the same bytes"
+    );
+}
+
+#[test]
+fn demo_prints_three_different_sentences_with_provenance() {
+    let demo = json(&["demo", "--json"]);
+    let rows = demo.as_array().unwrap();
+    assert_eq!(rows.len(), 3);
+    let captions: std::collections::BTreeSet<_> = rows
+        .iter()
+        .map(|r| r["caption"].as_str().unwrap())
+        .collect();
+    assert_eq!(captions.len(), 3, "{captions:?}");
+    for row in rows {
+        assert_eq!(row["synthetic"], true);
+        assert!(row["confidence"].as_f64().unwrap() > 0.0);
+        assert!(row["source"].as_str().unwrap().starts_with("builtin:"));
+        assert!(row["model"].as_str().is_some());
+    }
+}
+
+/// A few updates of every stage on a few clips: not a good model, but the whole path from a data
+/// set to a report, twice, with an interruption in between.
+#[test]
+fn every_stage_trains_resumes_and_is_evaluated() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    fs::write(
+        path("data.toml"),
+        "seed = 2\nmax_frames = 24\nfacet_edge_m = 0.05\n[[source]]\nkind = \"procedural\"\ntrain = 8\nval = 2\ntest = 4\n",
+    )
+    .unwrap();
+    fs::write(
+        path("model.toml"),
+        r#"
+        data = "data"
+        out = "trained"
+        [motion]
+        batch_size = 4
+        codebook = { init_after = 1, init_inputs_per_code = 1 }
+        model = { width = 16, codebook_size = 8 }
+        [motion.loop]
+        epochs = 0
+        max_steps = 8
+        [tokenizer]
+        batch_size = 4
+        codebook = { init_after = 1, init_inputs_per_code = 1 }
+        model = { width = 16, heads = 2, layers = 1, code_dim = 16, codebook_size = 8 }
+        [tokenizer.loop]
+        epochs = 0
+        max_steps = 8
+        [pretrain]
+        batch = 8
+        [pretrain.loop]
+        epochs = 0
+        max_steps = 10
+        [instruct]
+        batch = 8
+        [instruct.loop]
+        epochs = 0
+        max_steps = 5
+        "#,
+    )
+    .unwrap();
+    let done = |args: &[&str]| {
+        let output = radarllm(args);
+        assert!(
+            output.status.success(),
+            "{args:?}: {}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+    };
+    done(&[
+        "dataset",
+        "build",
+        &path("data.toml"),
+        "--out",
+        &path("data"),
+    ]);
+    done(&["train", "motion", &path("model.toml")]);
+    // Begun without --resume or --force, a finished stage is not touched.
+    crate::command::refused(&["train", "motion", &path("model.toml")]);
+    done(&["train", "all", &path("model.toml"), "--resume"]);
+    let model = path("trained/model");
+    done(&[
+        "eval",
+        "--model",
+        &model,
+        "--data",
+        &path("data"),
+        "--out",
+        &path("report"),
+    ]);
+    let report: serde_json::Value =
+        serde_json::from_slice(&fs::read(path("report/report.json")).unwrap()).unwrap();
+    assert_eq!(report["clips"], 4);
+    let names: Vec<_> = report["systems"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|s| s["name"].as_str().unwrap())
+        .collect();
+    assert_eq!(names, ["model", "shuffled", "majority", "nearest"]);
+    assert_eq!(
+        fs::read_to_string(path("report/captions.jsonl"))
+            .unwrap()
+            .lines()
+            .count(),
+        4
+    );
+
+    // A damaged weight file is refused by name.
+    let weights = folder.path().join("trained/model/lm/model.safetensors");
+    let bytes = fs::read(&weights).unwrap();
+    fs::write(&weights, &bytes[..bytes.len() / 2]).unwrap();
+    let stderr = crate::command::refused(&["describe", "builtin:clap", "--model", &model]);
+    assert!(stderr.contains("model.safetensors"), "{stderr}");
+}

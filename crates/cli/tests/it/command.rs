@@ -1,0 +1,33 @@
+//! Runs the built command and looks at what a user would see.
+
+use std::process::{Command, Output};
+
+/// Runs `radarllm` with the arguments.
+pub fn radarllm(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_radarllm"))
+        .args(args)
+        .output()
+        .expect("the binary runs")
+}
+
+/// Runs it, insists on exit code 0 and parses stdout as one JSON document.
+pub fn json(args: &[&str]) -> serde_json::Value {
+    let output = radarllm(args);
+    assert!(
+        output.status.success(),
+        "{args:?} ended with {:?}: {}",
+        output.status.code(),
+        String::from_utf8_lossy(&output.stderr)
+    );
+    serde_json::from_slice(&output.stdout).expect("one JSON document on stdout")
+}
+
+/// Runs it, insists on exit code 1 and an `error:` line, and returns stderr.
+pub fn refused(args: &[&str]) -> String {
+    let output = radarllm(args);
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{args:?}: {stderr}");
+    assert!(stderr.contains("error:"), "{args:?}: {stderr}");
+    assert!(!stderr.contains("panicked"), "{args:?}: {stderr}");
+    stderr
+}

@@ -1,0 +1,151 @@
+//! What geometry says: a point target, a walking body and a still body through the whole chain.
+
+use std::fs;
+
+use crate::command::{json, radarllm};
+
+/// Columns of a points file: x, y, z, range, velocity, intensity.
+fn points(path: &std::path::Path) -> Vec<radarllm_base::PointFrame> {
+    radarllm_dataset::read_points(path)
+        .expect("a valid points file")
+        .frames
+}
+
+fn simulate(input: &str, extra: &[&str]) -> Vec<radarllm_base::PointFrame> {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("points.parquet");
+    let mut args = vec!["simulate", input, "--out", out.to_str().unwrap(), "--json"];
+    args.extend(extra);
+    json(&args);
+    points(&out)
+}
+
+#[test]
+fn a_moving_point_is_where_geometry_says() {
+    // 2.5 m away at 20 degrees right and 0.3 m up, receding at 1 m/s along its line of sight.
+    let position = [0.8_f32, 2.3, 0.3];
+    let range = position.iter().map(|v| v * v).sum::<f32>().sqrt();
+    let velocity = position.map(|v| v / range);
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("scene.toml");
+    fs::write(
+        &scene,
+        format!(
+            "duration_s = 0.3\n[[target]]\nkind = \"point\"\nposition_m = {position:?}\nvelocity_mps = {velocity:?}\nrcs_m2 = 1.0\n"
+        ),
+    )
+    .unwrap();
+    let frames = simulate(scene.to_str().unwrap(), &[]);
+    assert_eq!(frames.len(), 3);
+    for frame in &frames {
+        let strongest = frame.points.first().expect("a point target is seen");
+        // The frame's middle is 13.8 ms after its start.
+        let range_now = range + frame.time_s as f32 + 0.0138;
+        assert!(
+            (strongest.range_m - range_now).abs() < 0.043,
+            "range within one bin: {strongest:?}"
+        );
+        assert!(
+            (strongest.velocity_mps - 1.0).abs() < 0.069,
+            "velocity within one bin: {strongest:?}"
+        );
+        let scale = range_now / range;
+        // 64-point angle grid: half a step of sin(azimuth) = 1/64 is 4 cm at 2.5 m.
+        assert!(
+            (strongest.x_m - position[0] * scale).abs() < 0.08,
+            "x: {strongest:?}"
+        );
+        assert!(
+            (strongest.z_m - position[2] * scale).abs() < 0.10,
+            "z: {strongest:?}"
+        );
+    }
+}
+
+#[test]
+fn a_walker_approaches_and_a_still_body_is_nearly_invisible() {
+    let walking = simulate(
+        "builtin:walk?direction=forward&distance_m=2",
+        &["--distance-m", "4"],
+    );
+    let middle = &walking[walking.len() / 2];
+    let mean_velocity =
+        middle.points.iter().map(|p| p.velocity_mps).sum::<f32>() / middle.points.len() as f32;
+    // Facing the radar and walking forward means approaching: negative velocities.
+    assert!(
+        (-2.0..-0.4).contains(&mean_velocity),
+        "mean radial velocity {mean_velocity} m/s"
+    );
+    let first = median_range(&walking[2..6]);
+    let last = median_range(&walking[walking.len() - 6..walking.len() - 2]);
+    assert!(
+        first - last > 0.8,
+        "the walker comes nearer: {first} m to {last} m"
+    );
+
+    let standing = simulate("builtin:stand_still", &["--distance-m", "3"]);
+    let fast = standing
+        .iter()
+        .flat_map(|f| &f.points)
+        .filter(|p| p.velocity_mps.abs() > 0.4)
+        .count();
+    let all = standing
+        .iter()
+        .map(|f| f.points.len())
+        .sum::<usize>()
+        .max(1);
+    assert!(
+        (fast as f32) < 0.1 * all as f32,
+        "a still body has few fast points: {fast} of {all}"
+    );
+}
+
+fn median_range(frames: &[radarllm_base::PointFrame]) -> f32 {
+    let mut ranges: Vec<f32> = frames
+        .iter()
+        .flat_map(|f| &f.points)
+        .map(|p| p.range_m)
+        .collect();
+    ranges.sort_by(f32::total_cmp);
+    ranges[ranges.len() / 2]
+}
+
+#[test]
+fn a_still_body_stands_where_it_was_put() {
+    // Without clutter removal's help there is only breathing and sway: points, if any, lie on the body.
+    let standing = simulate("builtin:stand_still", &["--distance-m", "3"]);
+    let ranges: Vec<f32> = standing
+        .iter()
+        .flat_map(|f| &f.points)
+        .map(|p| p.range_m)
+        .collect();
+    if !ranges.is_empty() {
+        let near = ranges.iter().filter(|r| (2.4..3.4).contains(*r)).count();
+        assert!(
+            near * 10 >= ranges.len() * 8,
+            "{near} of {} points lie at the body",
+            ranges.len()
+        );
+    }
+}
+
+#[test]
+fn an_empty_room_is_said_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("empty.toml");
+    fs::write(&scene, "duration_s = 3.0\n").unwrap();
+    let out = folder.path().join("empty.parquet");
+    let done = radarllm(&[
+        "simulate",
+        scene.to_str().unwrap(),
+        "--out",
+        out.to_str().unwrap(),
+    ]);
+    assert!(
+        done.status.success(),
+        "{}",
+        String::from_utf8_lossy(&done.stderr)
+    );
+    let described = json(&["describe", out.to_str().unwrap(), "--json"]);
+    assert_eq!(described[0]["caption"], "no person seen");
+}

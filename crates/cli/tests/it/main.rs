@@ -1,0 +1,7 @@
+//! Tests of the whole command and of the repository's shape.
+
+mod architecture;
+mod bad_input;
+mod chain;
+mod command;
+mod geometry;

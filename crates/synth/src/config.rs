@@ -1,0 +1,229 @@
+//! The TOML file of `dataset build`.
+
+use std::path::{Path, PathBuf};
+
+use radarllm_base::RadarConfig;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    SynthError,
+    corpus::{Corpus, bandai_namco::BandaiNamco, procedural::ProceduralCorpus},
+    placement::PlacementRange,
+};
+
+/// Everything that decides the bytes of a data set.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DatasetConfig {
+    /// Name recorded in the manifest.
+    pub name: String,
+    /// Seed of every random choice.
+    pub seed: u64,
+    /// Built-in radar name, or a `.toml` or `.cfg` file.
+    pub radar: String,
+    /// Simulations of every training motion; validation and test motions get one each.
+    pub train_variants: usize,
+    /// Clips per Parquet shard.
+    pub shard_clips: usize,
+    /// Longest clip, radar frames; longer motions are cut to a window (drawn for training,
+    /// the beginning otherwise).
+    pub max_frames: usize,
+    /// Longest facet edge of the simulated body, m. 0.02 is radar grade; 0.03 halves the facets
+    /// and is good enough where the rough-surface term dominates, as on clothed bodies.
+    pub facet_edge_m: f32,
+    /// Placement: distance of the path's middle, m.
+    pub distance_m: [f32; 2],
+    /// Placement: sideways offset, m, drawn from +- this.
+    pub lateral_m: f32,
+    /// Placement: heading of the first pose, degrees, drawn from +- this; 0 faces the radar.
+    pub heading_deg: f32,
+    /// Height of the radar above the floor, m.
+    pub radar_height_m: f32,
+    /// Where the motions come from.
+    pub source: Vec<SourceConfig>,
+}
+
+/// One source of captioned motions.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum SourceConfig {
+    /// The Bandai-Namco Research motion data sets with captions and splits.
+    BandaiNamco {
+        /// Folder with the archives, `captions.jsonl` and `splits.csv`; relative to the
+        /// configuration file.
+        path: PathBuf,
+    },
+    /// The project's own motions.
+    Procedural {
+        /// Number of training motions.
+        train: usize,
+        /// Number of validation motions.
+        val: usize,
+        /// Number of test motions.
+        test: usize,
+    },
+}
+
+impl Default for DatasetConfig {
+    fn default() -> Self {
+        let placement = PlacementRange::default();
+        Self {
+            name: "dataset".into(),
+            seed: 1,
+            radar: "awr1843boost".into(),
+            train_variants: 1,
+            shard_clips: 64,
+            max_frames: 96,
+            facet_edge_m: 0.02,
+            distance_m: placement.distance_m,
+            lateral_m: placement.lateral_m,
+            heading_deg: placement.heading_rad.to_degrees(),
+            radar_height_m: placement.radar_height_m,
+            source: Vec::new(),
+        }
+    }
+}
+
+/// Upper bound of every count in a configuration: a typing slip must not fill a disk.
+const MAX_COUNT: usize = 10_000_000;
+
+impl DatasetConfig {
+    /// Reads a configuration.
+    ///
+    /// # Errors
+    /// TOML errors with their place; values out of range with their name.
+    pub fn from_toml(text: &str) -> Result<Self, SynthError> {
+        let config: Self = toml::from_str(text).map_err(|e| SynthError::Config(e.to_string()))?;
+        config.check()?;
+        Ok(config)
+    }
+
+    fn check(&self) -> Result<(), SynthError> {
+        let fail = |problem: String| Err(SynthError::Config(problem));
+        for (name, value) in [
+            ("train_variants", self.train_variants),
+            ("shard_clips", self.shard_clips),
+            ("max_frames", self.max_frames),
+        ] {
+            if value == 0 || value > MAX_COUNT {
+                return fail(format!("{name}: must be in 1..={MAX_COUNT}, found {value}"));
+            }
+        }
+        for (name, value) in [
+            ("distance_m[0]", self.distance_m[0]),
+            ("distance_m[1]", self.distance_m[1]),
+            ("lateral_m", self.lateral_m),
+            ("heading_deg", self.heading_deg),
+            ("radar_height_m", self.radar_height_m),
+        ] {
+            if !(value.is_finite() && (0.0..=360.0).contains(&value)) {
+                return fail(format!("{name}: must be in 0..=360, found {value}"));
+            }
+        }
+        if !(0.008..=0.05).contains(&self.facet_edge_m) {
+            return fail(format!(
+                "facet_edge_m: must be in 0.008..=0.05, found {}",
+                self.facet_edge_m
+            ));
+        }
+        if self.distance_m[0] > self.distance_m[1] {
+            return fail(format!(
+                "distance_m: {:?} is not [near, far]",
+                self.distance_m
+            ));
+        }
+        for source in &self.source {
+            if let SourceConfig::Procedural { train, val, test } = source
+                && [train, val, test].into_iter().any(|n| *n > MAX_COUNT)
+            {
+                return fail(format!(
+                    "procedural: more than {MAX_COUNT} motions asked for"
+                ));
+            }
+        }
+        if self.source.is_empty() {
+            return fail(
+                "no [[source]]: name at least one, kind = \"procedural\" or \"bandai-namco\""
+                    .into(),
+            );
+        }
+        Ok(())
+    }
+
+    /// The placement part.
+    pub fn placement(&self) -> PlacementRange {
+        PlacementRange {
+            distance_m: self.distance_m,
+            lateral_m: self.lateral_m,
+            heading_rad: self.heading_deg.to_radians(),
+            radar_height_m: self.radar_height_m,
+        }
+    }
+
+    /// Opens every source; relative paths start at `base`.
+    ///
+    /// # Errors
+    /// Whatever keeps a source from being read.
+    pub fn open_sources(&self, base: &Path) -> Result<Vec<Box<dyn Corpus>>, SynthError> {
+        self.source
+            .iter()
+            .map(|source| -> Result<Box<dyn Corpus>, SynthError> {
+                Ok(match source {
+                    SourceConfig::BandaiNamco { path } => {
+                        Box::new(BandaiNamco::open(&base.join(path))?)
+                    }
+                    SourceConfig::Procedural { train, val, test } => {
+                        Box::new(ProceduralCorpus::new([*train, *val, *test], self.seed))
+                    }
+                })
+            })
+            .collect()
+    }
+
+    /// The radar.
+    ///
+    /// # Errors
+    /// Unknown name, unreadable file, or a radar that cannot exist.
+    pub fn open_radar(&self, base: &Path) -> Result<RadarConfig, SynthError> {
+        crate::synthesizer::open_radar(&self.radar, base)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_configuration_survives_a_round_trip() {
+        let config = DatasetConfig {
+            source: vec![SourceConfig::Procedural {
+                train: 3,
+                val: 2,
+                test: 1,
+            }],
+            ..Default::default()
+        };
+        let text = toml::to_string(&config).unwrap();
+        assert_eq!(DatasetConfig::from_toml(&text).unwrap(), config);
+    }
+
+    #[test]
+    fn slips_are_named() {
+        for (text, word) in [
+            ("seeed = 1", "seeed"),
+            (
+                "max_frames = 0\n[[source]]\nkind = \"procedural\"\ntrain = 1\nval = 1\ntest = 1",
+                "max_frames",
+            ),
+            (
+                "distance_m = [4.0, 2.0]\n[[source]]\nkind = \"procedural\"\ntrain = 1\nval = 1\ntest = 1",
+                "distance_m",
+            ),
+            ("seed = 1", "source"),
+            ("lateral_m = nan", "lateral_m"),
+        ] {
+            let error = DatasetConfig::from_toml(text).unwrap_err().to_string();
+            assert!(error.contains(word), "`{error}` should name `{word}`");
+        }
+    }
+}

@@ -1,0 +1,70 @@
+//! Captioned motions: which ones there are, and how to get one.
+
+pub mod bandai_namco;
+pub mod procedural;
+
+use radarllm_base::Motion;
+use radarllm_dataset::record::Split;
+
+/// A captioned motion, without the motion itself.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CorpusItem {
+    /// Unique within the data set.
+    pub motion_id: String,
+    /// Items of one group stay in one split.
+    pub group: String,
+    /// Split.
+    pub split: Split,
+    /// Action label.
+    pub action: String,
+    /// At least one caption.
+    pub captions: Vec<String>,
+}
+
+/// A source of captioned motions.
+pub trait Corpus: Send + Sync {
+    /// Name recorded with every clip.
+    fn name(&self) -> &'static str;
+    /// Licence line for the manifest.
+    fn licence(&self) -> &'static str;
+    /// Whom to name or cite; empty when nobody.
+    fn attribution(&self) -> &'static str;
+    /// All items, in a fixed order.
+    fn items(&self) -> &[CorpusItem];
+    /// The canonical motion (first pose at the origin facing the radar) of an item.
+    ///
+    /// # Errors
+    /// Says which item and what is wrong with it.
+    fn motion(&self, item_idx: usize) -> Result<Motion, CorpusError>;
+}
+
+/// Why a corpus or one of its motions cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum CorpusError {
+    /// A file cannot be read.
+    #[error("{path}: {source}")]
+    Io {
+        /// File.
+        path: String,
+        /// Cause.
+        source: std::io::Error,
+    },
+    /// A file does not hold what it should.
+    #[error("{path}:{line}: {problem}")]
+    Format {
+        /// File.
+        path: String,
+        /// Line, from 1; 0 when the whole file is meant.
+        line: usize,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A motion cannot be used.
+    #[error("motion `{id}`: {problem}")]
+    Motion {
+        /// Motion id.
+        id: String,
+        /// What is wrong.
+        problem: String,
+    },
+}

@@ -1,0 +1,71 @@
+//! The project's own procedural motions, drawn at random from a seed.
+
+use radarllm_base::{Motion, seed::derive_seed};
+use radarllm_body::{
+    procedural::{BuiltinRequest, random_request},
+    sample::canonicalize,
+};
+use radarllm_dataset::record::Split;
+
+use super::{Corpus, CorpusError, CorpusItem};
+
+/// Randomly drawn built-in motions. Every item is a group of its own: parameters are drawn
+/// independently, so a test item's parameters are unseen in training.
+pub struct ProceduralCorpus {
+    items: Vec<CorpusItem>,
+    requests: Vec<(BuiltinRequest, u64)>,
+}
+
+impl ProceduralCorpus {
+    /// Draws `[train, val, test]` items.
+    pub fn new(counts: [usize; 3], seed: u64) -> Self {
+        let mut items = Vec::new();
+        let mut requests = Vec::new();
+        for (split, count, prefix) in [
+            (Split::Train, counts[0], "train"),
+            (Split::Val, counts[1], "val"),
+            (Split::Test, counts[2], "test"),
+        ] {
+            for i in 0..count {
+                let motion_id = format!("{prefix}-{i:06}");
+                let item_seed = derive_seed(seed, &motion_id);
+                let request = random_request(item_seed);
+                let rendered = request.render(item_seed);
+                items.push(CorpusItem {
+                    group: motion_id.clone(),
+                    motion_id,
+                    split,
+                    action: rendered.action,
+                    captions: rendered.captions,
+                });
+                requests.push((request, item_seed));
+            }
+        }
+        Self { items, requests }
+    }
+}
+
+impl Corpus for ProceduralCorpus {
+    fn name(&self) -> &'static str {
+        "procedural"
+    }
+
+    fn licence(&self) -> &'static str {
+        "MIT OR Apache-2.0"
+    }
+
+    fn attribution(&self) -> &'static str {
+        "procedural motions of the RadarLLM project"
+    }
+
+    fn items(&self) -> &[CorpusItem] {
+        &self.items
+    }
+
+    fn motion(&self, item_idx: usize) -> Result<Motion, CorpusError> {
+        let (request, seed) = &self.requests[item_idx];
+        let mut motion = request.render(*seed).motion;
+        canonicalize(&mut motion);
+        Ok(motion)
+    }
+}

@@ -1,0 +1,116 @@
+//! One pure function: (corpus item, variant, seed) to a [`ClipRecord`].
+
+use radarllm_base::{Motion, seed::derive_seed};
+use radarllm_body::{
+    features::humanml3d_features,
+    mesh::{BodyModel, BodyShape, Build, pose_on_body},
+    sample::{crop, resample},
+};
+use radarllm_dataset::record::{ClipRecord, Split};
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+
+use crate::{
+    SynthError, Synthesizer,
+    config::DatasetConfig,
+    corpus::{Corpus, CorpusItem},
+    placement::draw_placement,
+    synthesizer::builtin_body,
+};
+
+/// Rate of stored joints and motion features, 1/s: HumanML3D's.
+pub const MOTION_FPS: f64 = 20.0;
+
+/// Heights of the bodies that perform a data set's motions, m. A small set, because every body is
+/// polygonised once and kept.
+const BODY_HEIGHTS_M: [f32; 4] = [1.58, 1.68, 1.78, 1.88];
+
+/// Simulates one variant of one motion.
+///
+/// Depends on nothing but its arguments: the same call gives the same record in any process.
+///
+/// # Errors
+/// A motion or a radar frame that cannot be made, with the motion's id.
+pub fn make_record(
+    synthesizer: &mut Synthesizer,
+    corpus: &dyn Corpus,
+    item_idx: usize,
+    variant: usize,
+    config: &DatasetConfig,
+) -> Result<ClipRecord, SynthError> {
+    let item = &corpus.items()[item_idx];
+    let id = format!("{}#{variant}", item.motion_id);
+    let seed = derive_seed(config.seed, &id);
+    let mut rng = ChaCha8Rng::seed_from_u64(derive_seed(seed, "choices"));
+
+    let motion = corpus.motion(item_idx)?;
+    let motion = cut_window(
+        &motion,
+        item,
+        config.max_frames as f64 * synthesizer.radar().frame_period_s,
+        &mut rng,
+    );
+    let shape = BodyShape {
+        height_m: BODY_HEIGHTS_M[rng.random_range(0..BODY_HEIGHTS_M.len())],
+        build: [Build::Slim, Build::Average, Build::Heavy][rng.random_range(0..3)],
+        facet_edge_m: config.facet_edge_m,
+    };
+    // From here on the motion is the body's own: a taller body walks a longer path, and the place,
+    // the joints and the features must know.
+    let motion = motion_on_body(&motion, builtin_body(shape)?.as_ref());
+    let placement = draw_placement(&motion, &config.placement(), derive_seed(seed, "placement"));
+    let frames =
+        synthesizer.motion_to_points(&motion, shape, placement, config.max_frames, seed)?;
+
+    let at_20_fps = resample(&motion, MOTION_FPS);
+    let joints = at_20_fps
+        .joints_in_world()
+        .iter()
+        .map(|pose| pose.map(|joint| placement.radar_from_world(joint).to_array()))
+        .collect();
+    Ok(ClipRecord {
+        id,
+        motion_id: item.motion_id.clone(),
+        group: item.group.clone(),
+        split: item.split,
+        action: item.action.clone(),
+        captions: item.captions.clone(),
+        source: corpus.name().into(),
+        radar: synthesizer.radar().name.clone(),
+        radar_height_m: placement.radar_height_m,
+        seed,
+        frames,
+        motion_fps: MOTION_FPS as f32,
+        joints,
+        motion_features: humanml3d_features(&motion),
+    })
+}
+
+/// A motion as a body performs it: the same rotations on the body's bones.
+fn motion_on_body(motion: &Motion, body: &dyn BodyModel) -> Motion {
+    Motion {
+        fps: motion.fps,
+        skeleton: body.skeleton().clone(),
+        poses: motion
+            .poses
+            .iter()
+            .map(|pose| pose_on_body(pose, &motion.skeleton, body))
+            .collect(),
+    }
+}
+
+/// At most `max_s` of a motion: a drawn window for training, the beginning otherwise.
+fn cut_window(motion: &Motion, item: &CorpusItem, max_s: f64, rng: &mut ChaCha8Rng) -> Motion {
+    let spare_s = motion.duration_s() - max_s;
+    let share = rng.random::<f64>();
+    if spare_s <= 0.0 {
+        return motion.clone();
+    }
+    let start_s = if item.split == Split::Train {
+        share * spare_s
+    } else {
+        0.0
+    };
+    let mut window = crop(motion, start_s, start_s + max_s);
+    radarllm_body::sample::canonicalize(&mut window);
+    window
+}

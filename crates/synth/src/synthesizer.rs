@@ -1,0 +1,302 @@
+//! One motion or scene to points: body, virtual radar and signal chain in a row.
+
+use std::{
+    collections::HashMap,
+    fs,
+    path::Path,
+    sync::{Arc, Mutex, OnceLock},
+};
+
+use radarllm_base::{Motion, PointFrame, RadarConfig, RadarCube, frames::Placement};
+use radarllm_body::{
+    MotionSampler,
+    mesh::{BodyModel, BodyShape, BuiltinBody, PosedBody, clothed_skin},
+    procedural::Procedural,
+};
+use radarllm_radar_dsp::{DspError, DspOptions, PointExtractor};
+use radarllm_radar_sim::{Noise, Scene, SimError, SimOptions, Simulator, reference};
+
+use crate::corpus::CorpusError;
+
+/// Why a record cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum SynthError {
+    /// The data set configuration is wrong.
+    #[error("configuration: {0}")]
+    Config(String),
+    /// The radar description is wrong.
+    #[error("radar: {0}")]
+    Radar(String),
+    /// A source of motions is wrong.
+    #[error(transparent)]
+    Corpus(#[from] CorpusError),
+    /// The body cannot be made.
+    #[error("body: {0}")]
+    Body(String),
+    /// The simulator refused.
+    #[error("simulator: {0}")]
+    Sim(#[from] SimError),
+    /// The signal chain refused.
+    #[error("signal chain: {0}")]
+    Dsp(#[from] DspError),
+    /// The data set refused.
+    #[error(transparent)]
+    Dataset(#[from] radarllm_dataset::DatasetError),
+}
+
+/// Largest radar description accepted, bytes.
+const MAX_RADAR_FILE_BYTES: u64 = 1 << 20;
+
+/// Opens a radar: a built-in name, or a `.cfg` (TI) or `.toml` file relative to `base`.
+///
+/// # Errors
+/// Unknown name, unreadable or malformed file, or a radar that cannot exist.
+pub fn open_radar(name: &str, base: &Path) -> Result<RadarConfig, SynthError> {
+    if let Some(radar) = radarllm_capture::builtin_radar(name) {
+        return Ok(radar);
+    }
+    let path = base.join(name);
+    let fail = |problem: String| SynthError::Radar(format!("{}: {problem}", path.display()));
+    let extension = path
+        .extension()
+        .and_then(|e| e.to_str())
+        .unwrap_or_default()
+        .to_ascii_lowercase();
+    if extension != "cfg" && extension != "toml" {
+        return Err(SynthError::Radar(format!(
+            "`{name}` is neither a built-in radar nor a .cfg or .toml file"
+        )));
+    }
+    let size = fs::metadata(&path).map_err(|e| fail(e.to_string()))?.len();
+    if size > MAX_RADAR_FILE_BYTES {
+        return Err(fail(format!(
+            "{size} bytes, more than the {MAX_RADAR_FILE_BYTES} accepted"
+        )));
+    }
+    let text = fs::read_to_string(&path).map_err(|e| fail(e.to_string()))?;
+    let radar = if extension == "cfg" {
+        radarllm_capture::radar_from_ti_cfg(&text).map_err(|e| fail(e.to_string()))?
+    } else {
+        radarllm_capture::radar_from_toml(&text).map_err(|e| fail(e.to_string()))?
+    };
+    radar.validate().map_err(|e| fail(e.to_string()))?;
+    Ok(radar)
+}
+
+/// The built-in body of a shape; made once and kept, because polygonising takes a good part of a
+/// second.
+///
+/// # Errors
+/// A shape out of range.
+pub fn builtin_body(shape: BodyShape) -> Result<Arc<BuiltinBody>, SynthError> {
+    static BODIES: OnceLock<Mutex<HashMap<String, Arc<BuiltinBody>>>> = OnceLock::new();
+    let key = format!("{shape:?}");
+    let bodies = BODIES.get_or_init(Mutex::default);
+    let mut bodies = bodies
+        .lock()
+        .unwrap_or_else(std::sync::PoisonError::into_inner);
+    if let Some(body) = bodies.get(&key) {
+        return Ok(Arc::clone(body));
+    }
+    let body = Arc::new(BuiltinBody::new(&shape).map_err(|e| SynthError::Body(e.to_string()))?);
+    bodies.insert(key, Arc::clone(&body));
+    Ok(body)
+}
+
+/// Which of the simulator's two implementations runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Method {
+    /// Range gridding.
+    #[default]
+    Fast,
+    /// The direct sum in double precision: hundreds of times slower.
+    Reference,
+}
+
+/// A planned chain for one radar; one per thread.
+pub struct Synthesizer {
+    radar: RadarConfig,
+    sim: SimOptions,
+    method: Method,
+    simulator: Simulator,
+    extractor: PointExtractor,
+    cube: RadarCube,
+}
+
+impl Synthesizer {
+    /// Plans simulator and signal chain.
+    ///
+    /// # Errors
+    /// A radar that either of them cannot serve.
+    pub fn new(radar: &RadarConfig, method: Method, dsp: DspOptions) -> Result<Self, SynthError> {
+        let sim = SimOptions::default();
+        let simulator = Simulator::new(radar, sim.clone())?;
+        let extractor = PointExtractor::new(radar, dsp)?;
+        let cube = simulator.new_cube();
+        Ok(Self {
+            radar: radar.clone(),
+            sim,
+            method,
+            simulator,
+            extractor,
+            cube,
+        })
+    }
+
+    /// The radar.
+    pub fn radar(&self) -> &RadarConfig {
+        &self.radar
+    }
+
+    /// A motion performed by the built-in body, as points.
+    ///
+    /// # Errors
+    /// A frame that cannot be simulated or processed.
+    pub fn motion_to_points(
+        &mut self,
+        motion: &Motion,
+        shape: BodyShape,
+        placement: Placement,
+        max_frames: usize,
+        seed: u64,
+    ) -> Result<Vec<PointFrame>, SynthError> {
+        let body = posed_builtin(motion, shape, placement)?;
+        let scene = Scene {
+            surfaces: vec![&body],
+            points: Vec::new(),
+            noise: Noise::Thermal,
+        };
+        let n_frames = self.frames_in(motion.duration_s()).clamp(1, max_frames);
+        self.scene_to_points(&scene, n_frames, seed)
+    }
+
+    /// Radar frames that fit into a duration.
+    pub fn frames_in(&self, duration_s: f64) -> usize {
+        // The small term keeps 1.0 s at 0.1 s a frame from losing a frame to rounding.
+        (duration_s / self.radar.frame_period_s + 1e-6)
+            .floor()
+            .max(0.0) as usize
+    }
+
+    /// A scene as points.
+    ///
+    /// # Errors
+    /// A frame that cannot be simulated or processed.
+    pub fn scene_to_points(
+        &mut self,
+        scene: &Scene,
+        n_frames: usize,
+        seed: u64,
+    ) -> Result<Vec<PointFrame>, SynthError> {
+        let mut frames = Vec::with_capacity(n_frames);
+        for frame_idx in 0..n_frames {
+            self.simulate(scene, frame_idx, seed)?;
+            frames.push(self.extract(frame_idx)?);
+        }
+        Ok(frames)
+    }
+
+    /// Raw samples of one frame of a scene; the cube is overwritten by the next call.
+    ///
+    /// # Errors
+    /// A frame that cannot be simulated.
+    pub fn simulate(
+        &mut self,
+        scene: &Scene,
+        frame_idx: usize,
+        seed: u64,
+    ) -> Result<&RadarCube, SynthError> {
+        let time_s = frame_idx as f64 * self.radar.frame_period_s;
+        match self.method {
+            Method::Fast => {
+                self.simulator.simulate_frame(
+                    scene,
+                    frame_idx as u64,
+                    time_s,
+                    seed,
+                    &mut self.cube,
+                )?;
+            }
+            Method::Reference => self.simulate_reference(scene, frame_idx, time_s, seed)?,
+        }
+        Ok(&self.cube)
+    }
+
+    /// The direct sum has no noise of its own: it is laid over the noise of an empty scene.
+    fn simulate_reference(
+        &mut self,
+        scene: &Scene,
+        frame_idx: usize,
+        time_s: f64,
+        seed: u64,
+    ) -> Result<(), SynthError> {
+        if let Noise::SnrDb(_) = scene.noise {
+            return Err(SynthError::Config(
+                "the reference path has thermal noise or none, not snr_db".into(),
+            ));
+        }
+        let empty = Scene {
+            noise: scene.noise,
+            ..Scene::default()
+        };
+        self.simulator
+            .simulate_frame(&empty, frame_idx as u64, time_s, seed, &mut self.cube)?;
+        let noise = self.cube.data.clone();
+        let loops = 0..self.radar.n_loops;
+        reference::simulate_loops(
+            &self.radar,
+            &self.sim,
+            scene,
+            time_s,
+            seed,
+            loops,
+            &mut self.cube,
+        )?;
+        for (sample, noise) in self.cube.data.iter_mut().zip(noise) {
+            *sample += noise;
+        }
+        Ok(())
+    }
+
+    /// Points of the cube that [`Self::simulate`] made last.
+    ///
+    /// # Errors
+    /// A cube that cannot be processed.
+    pub fn extract(&mut self, frame_idx: usize) -> Result<PointFrame, SynthError> {
+        let mut frame = self.extractor.extract(&self.cube)?;
+        frame.frame = frame_idx as u32;
+        Ok(frame)
+    }
+
+    /// The extractor, for pictures of the same cube.
+    pub fn extractor(&mut self) -> (&mut PointExtractor, &RadarCube) {
+        (&mut self.extractor, &self.cube)
+    }
+}
+
+/// The built-in body performing a motion at a place.
+///
+/// # Errors
+/// A body shape out of range.
+pub fn posed_builtin(
+    motion: &Motion,
+    shape: BodyShape,
+    placement: Placement,
+) -> Result<PosedBody, SynthError> {
+    let body: Arc<dyn BodyModel> = builtin_body(shape)?;
+    Ok(PosedBody::new(
+        body,
+        MotionSampler::new(motion),
+        placement,
+        clothed_skin(),
+    ))
+}
+
+/// The body that a built-in motion asked for.
+pub fn builtin_shape(rendered: &Procedural) -> BodyShape {
+    BodyShape {
+        height_m: rendered.height_m,
+        build: rendered.build.into(),
+        ..BodyShape::default()
+    }
+}
