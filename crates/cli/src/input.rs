@@ -183,7 +183,7 @@ pub fn clip(input: &str, options: &ClipOptions) -> CliResult<Clip> {
     let mut synthesizer = synthesizer(&radar, Method::Fast)?;
     let frames = synthesizer.motion_to_points(
         &performed.motion,
-        performed.shape.clone(),
+        performed.shape,
         placement,
         MAX_FRAMES,
         options.seed,

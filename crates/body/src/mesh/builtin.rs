@@ -210,11 +210,16 @@ fn bones(skeleton: &Skeleton, bind: &Pose, pose: &Pose) -> [Affine3A; N_BONES] {
     bones
 }
 
-/// The rotation about the same axis by half the (shorter) angle.
+/// The rotation about the same axis by half the (shorter) angle, fading to none as that angle
+/// nears half a turn: there the shorter way round flips sides, and without the fade the skin of a
+/// circling arm would jump across the joint between two radar chirps.
 fn half_turn(q: Quat) -> Quat {
-    let q = if q.w < 0.0 { -q } else { q };
-    // q + 1 has the half angle's direction; w >= 0 keeps it away from zero.
-    Quat::from_xyzw(q.x, q.y, q.z, q.w + 1.0).normalize()
+    /// Where the fade begins, rad; no everyday joint but the shoulder goes beyond.
+    const FADE_FROM_RAD: f32 = 2.0;
+    let (axis, angle) = if q.w < 0.0 { -q } else { q }.to_axis_angle();
+    let share = ((angle - FADE_FROM_RAD) / (std::f32::consts::PI - FADE_FROM_RAD)).clamp(0.0, 1.0);
+    let fade = 1.0 - share * share * (3.0 - 2.0 * share);
+    Quat::from_axis_angle(axis, 0.5 * angle * fade)
 }
 
 fn inverse_bind(skeleton: &Skeleton, bind: &Pose) -> ([Affine3A; N_JOINTS], [Affine3A; N_JOINTS]) {
@@ -318,6 +323,23 @@ mod tests {
         euler_characteristic, is_closed_and_oriented, longest_edge_m, volume_m3,
     };
     use super::*;
+
+    #[test]
+    fn the_half_turn_is_continuous_through_a_full_circle() {
+        // 1 degree steps of a whole circle: the half joint never turns faster than five times the
+        // joint (half the angle, times the slope of the fade), where a jump would be 180 degrees.
+        let step_rad = 1_f32.to_radians();
+        let mut before = half_turn(Quat::IDENTITY);
+        for i in 1..=720 {
+            let now = half_turn(Quat::from_rotation_x(i as f32 * step_rad));
+            assert!(now.angle_between(before) < 5.0 * step_rad, "degree {i}");
+            before = now;
+        }
+        // Below the fade it is the plain half.
+        let half = half_turn(Quat::from_rotation_z(1.4));
+        assert!(half.angle_between(Quat::from_rotation_z(0.7)) < 5e-3);
+    }
+
     use radarllm_base::frames::world_from_rest_facing_radar;
     use std::sync::LazyLock;
 

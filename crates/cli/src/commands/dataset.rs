@@ -112,7 +112,16 @@ fn info(dir: &Path, json: bool) -> CliResult {
 
 fn validate(dir: &Path, json: bool) -> CliResult {
     let problems = radarllm_dataset::validate(dir)?;
-    let lines: Vec<String> = problems.iter().map(ToString::to_string).collect();
+    let lines: Vec<String> = problems
+        .iter()
+        .map(|p| {
+            let id =
+                p.id.as_ref()
+                    .map(|id| format!(": {id}"))
+                    .unwrap_or_default();
+            format!("{}{id}: {}", p.file, p.problem)
+        })
+        .collect();
     if json {
         output::print_json(&serde_json::json!({ "problems": lines }))?;
     } else if lines.is_empty() {

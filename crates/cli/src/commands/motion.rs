@@ -1,8 +1,13 @@
 //! `motion info|mesh|list`.
 
-use std::{io::Write, path::Path, sync::Arc};
+use std::{
+    io::{Cursor, Write},
+    path::Path,
+    sync::Arc,
+};
 
 use glam::Vec3;
+use npyz::WriterBuilder;
 use radarllm_body::{
     mesh::{BodyModel, BuiltinBody, SmplxBody, pose_on_body},
     procedural,
@@ -173,7 +178,7 @@ fn posed(motion: &MotionInput, body: &dyn BodyModel, frame_idx: usize) -> Vec<Ve
 /// `vertices` f32 (T, V, 3), `faces` i32 (F, 3), `joints` f32 (T, J, 3), metres, world axes.
 fn npz(motion: &MotionInput, body: &dyn BodyModel) -> CliResult<Vec<u8>> {
     let n_frames = motion.motion.len();
-    let mut zip = npyz::npz::NpzWriter::new(std::io::Cursor::new(Vec::new()));
+    let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
     let vertices = (0..n_frames)
         .flat_map(|i| posed(motion, body, i))
         .flat_map(|v| v.to_array());
@@ -199,24 +204,28 @@ fn npz(motion: &MotionInput, body: &dyn BodyModel) -> CliResult<Vec<u8>> {
         &[n_frames, radarllm_base::skeleton::N_JOINTS, 3],
         joints,
     )?;
-    Ok(zip.zip_writer().finish()?.into_inner())
+    Ok(zip.finish()?.into_inner())
 }
 
+/// Adds `name.npy` to an npz archive.
 fn array<T: npyz::AutoSerialize>(
-    zip: &mut npyz::npz::NpzWriter<std::io::Cursor<Vec<u8>>>,
+    zip: &mut zip::ZipWriter<Cursor<Vec<u8>>>,
     name: &str,
     shape: &[usize],
     values: impl Iterator<Item = T>,
 ) -> CliResult {
-    use npyz::WriterBuilder;
+    let options = zip::write::SimpleFileOptions::default().large_file(true);
+    zip.start_file(format!("{name}.npy"), options)?;
     let shape: Vec<u64> = shape.iter().map(|n| *n as u64).collect();
-    let mut writer = zip
-        .array(name, Default::default())?
+    let mut npy = Vec::new();
+    let mut writer = npyz::WriteOptions::new()
         .default_dtype()
         .shape(&shape)
+        .writer(&mut npy)
         .begin_nd()?;
     writer.extend(values)?;
     writer.finish()?;
+    zip.write_all(&npy)?;
     Ok(())
 }
 

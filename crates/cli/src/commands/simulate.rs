@@ -191,7 +191,7 @@ fn simulate_one(
                 clothed_skin(),
             )
         }
-        None => posed_builtin(&motion.motion, motion.shape.clone(), placement)?,
+        None => posed_builtin(&motion.motion, motion.shape, placement)?,
     };
     let scene = Scene {
         surfaces: vec![&body],
@@ -328,13 +328,28 @@ fn range_doppler_picture(
     )
 }
 
+/// Range shown on either side of the strongest cell, m.
+const SHOWN_RANGE_M: f64 = 1.5;
+
+/// The rows around the strongest cell, dB relative to it.
 fn map_view(map: &Map, depth_db: f32) -> plot::Heatmap {
     let values = map.to_db(-depth_db);
-    plot::Heatmap::new(map.n_rows, map.n_cols, values)
+    let strongest = (0..values.len())
+        .max_by(|a, b| values[*a].total_cmp(&values[*b]))
+        .unwrap_or(0);
+    let margin = (SHOWN_RANGE_M / map.rows.step.abs().max(1e-6)) as usize;
+    let row = strongest / map.n_cols.max(1);
+    let first = row.saturating_sub(margin);
+    let last = (row + margin).min(map.n_rows - 1);
+    let shown = values[first * map.n_cols..(last + 1) * map.n_cols]
+        .iter()
+        .map(|v| v - values[strongest])
+        .collect();
+    plot::Heatmap::new(last + 1 - first, map.n_cols, shown)
         .rows(
             &format!("{} ({})", map.rows.label, map.rows.unit),
-            map.rows.start,
-            map.rows.at(map.n_rows - 1),
+            map.rows.at(first),
+            map.rows.at(last),
         )
         .cols(
             &format!("{} ({})", map.cols.label, map.cols.unit),

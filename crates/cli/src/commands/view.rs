@@ -58,7 +58,7 @@ pub fn write_page(path: &Path, clip: &Clip, row: &Row) -> CliResult {
         .map(|(performed, placement)| {
             let shape = BodyShape {
                 facet_edge_m: DRAWN_FACET_EDGE_M,
-                ..performed.shape.clone()
+                ..performed.shape
             };
             posed_builtin(&performed.motion, shape, *placement)
         })
