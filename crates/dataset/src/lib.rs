@@ -6,7 +6,7 @@
 //!
 //! Reading order: [`record`] (one clip), [`points_file`] (one recording's points), [`shard`] (the
 //! columns of the archive), [`builder`] (resumable building), [`dataset`] (reading), [`info`],
-//! [`validate`], [`descriptor`] (a fixed vector per clip for the 1-NN floor).
+//! [`mod@validate`], [`mod@descriptor`] (a fixed vector per clip for the 1-NN floor).
 //!
 //! Layout of a data set directory:
 //!

@@ -7,7 +7,7 @@
 //! A value is only comparable under the same tokenisation and reference rule, so both travel with
 //! it as a [`Protocol`]. What was not computed is null with a reason, never approximated.
 //!
-//! Reading order: [`score`] (all metrics of a corpus), [`tokens`], [`bleu`], [`rouge`], [`cider`],
+//! Reading order: [`mod@score`] (all metrics of a corpus), [`tokens`], [`bleu`], [`rouge`], [`cider`],
 //! [`self_bleu`], [`bootstrap`], then [`floors`] (what a caption system must beat) and [`action`]
 //! (do the captions name the right action?).
 #![forbid(unsafe_code)]

@@ -16,8 +16,8 @@ use crate::{
     output,
 };
 
-/// Facet size of the drawn body, m: a twentieth of the simulator's facets, a page of under 2 MB.
-const DRAWN_FACET_EDGE_M: f32 = 0.06;
+/// Facet size of the drawn body, m: the coarsest there is, for a page of a few MB.
+const DRAWN_FACET_EDGE_M: f32 = 0.05;
 
 /// Runs the verb.
 pub fn run(args: &ViewArgs) -> CliResult {

@@ -630,7 +630,7 @@ impl T5 {
 
     /// One decoding step: the last token of every row in, `[batch, d_model]` out.
     ///
-    /// Gives what [`Self::decode_all`] gives at this position. Must not be called more often than
+    /// Gives what `decode_all` gives at this position. Must not be called more often than
     /// the `max_steps` of [`Self::start_cache`].
     pub fn step(&self, cache: &mut DecoderCache, ids: &[u32]) -> Tensor<2> {
         let (eps, batch, t) = (self.config.norm_eps, ids.len(), cache.step);

@@ -22,7 +22,7 @@ pub enum Task {
     RadarPrediction,
 }
 
-/// The prompt of evaluation and `describe`: the first of [`prompts`] for [`Task::RadarToText`], and
+/// The prompt of evaluation and `describe`: the first of the prompts for [`Task::RadarToText`], and
 /// the one that pretraining uses, so it is seen in every stage.
 pub const EVALUATION_PROMPT: &str = "describe {radar}";
 
