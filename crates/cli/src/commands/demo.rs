@@ -14,11 +14,11 @@ use crate::{
     output,
 };
 
-/// Shown without arguments: three different motions, two of them with a side.
+/// Shown without arguments: three different motions.
 const MOTIONS: [&str; 3] = [
-    "builtin:walk?direction=forward&distance_m=3",
-    "builtin:wave?side=left",
-    "builtin:squat?repetitions=3",
+    "builtin:walk?direction=backward",
+    "builtin:sit_down",
+    "builtin:jump?repetitions=3",
 ];
 
 #[derive(Serialize)]
