@@ -7,6 +7,7 @@
 //! augmentation), [`motion`] and [`tokenizer`] (stages), [`lm`] (language-model stages).
 
 pub mod adamw;
+pub mod caption_words;
 pub mod chamfer;
 pub mod data;
 mod error;

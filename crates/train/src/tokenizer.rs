@@ -1,7 +1,7 @@
 //! Stage `tokenizer`: trains the radar tokenizer (Aggregate VQ-VAE).
 //!
-//! Loss = reconstruction of masked anchors' points + motion guidance + commitment. The paper's exact
-//! form is reached by [`TokenizerTrainConfig::paper`]; every departure is a field of its own.
+//! Loss = reconstruction of masked anchors' points + motion guidance + caption words + commitment. The
+//! paper's exact form, which has no caption words, is reached by [`TokenizerTrainConfig::paper`]; every departure is a field of its own.
 
 use std::path::Path;
 
@@ -19,6 +19,7 @@ use radarllm_model::tokenizer::{FRAMES_PER_CODE, MAX_FRAMES};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 
+use crate::caption_words::CaptionWords;
 use crate::chamfer::chamfer;
 use crate::data::{augment_points, flip_points, plan_batches, shuffle};
 use crate::harness::{
@@ -48,13 +49,22 @@ pub fn train(
         Some(teacher) if config.loss.guidance_weight > 0.0 => teacher.width(),
         _ => 0,
     };
+    config.model.caption_words = 0;
+    let mut words = None;
+    if config.loss.words_weight > 0.0 {
+        let captions = train.iter().map(|clip| clip.captions.as_slice());
+        let counted = CaptionWords::count(captions, config.augment.flip > 0.0);
+        config.model.caption_words = counted.len();
+        words = Some(counted).filter(|w| !w.is_empty());
+    }
     config.validate()?;
-    let mut stage = TokenizerStage::new(config.clone(), train, val, teacher)?;
+    let mut stage = TokenizerStage::new(config.clone(), train, val, teacher, words)?;
     eprintln!(
-        "tokenizer: {} training clips ({} with motion guidance), {} for validation",
+        "tokenizer: {} training clips ({} with motion guidance), {} for validation, {} caption words",
         stage.train.len(),
         stage.train.iter().filter(|c| !c.guide.is_empty()).count(),
         stage.val.len(),
+        config.model.caption_words,
     );
     let device = cpu_device().autodiff();
     device.seed(radarllm_base::seed::derive_seed(
@@ -81,6 +91,10 @@ struct Clip<'a> {
     guide: Vec<f32>,
     /// The same of the mirrored motion.
     mirrored_guide: Vec<f32>,
+    /// Target of every caption word; empty when no words are predicted.
+    words: Vec<f32>,
+    /// The same of the mirrored motion.
+    mirrored_words: Vec<f32>,
 }
 
 /// A clip as it enters a batch.
@@ -88,6 +102,8 @@ struct Sample {
     grouped: Grouped,
     /// Teacher features of the first codes; may cover fewer codes than the clip has.
     guide: Vec<f32>,
+    /// Target of every caption word.
+    words: Vec<f32>,
     masked: Vec<bool>,
 }
 
@@ -95,6 +111,7 @@ struct TokenizerStage<'a> {
     config: TokenizerTrainConfig,
     train: Vec<Clip<'a>>,
     val: Vec<Clip<'a>>,
+    words: Option<CaptionWords>,
     codebook: EmaCodebook,
     /// Codebook inputs and codes since the last update.
     seen: (Vec<f32>, Vec<u32>),
@@ -113,11 +130,12 @@ impl<'a> TokenizerStage<'a> {
         train: &'a [ClipRecord],
         val: &'a [ClipRecord],
         teacher: Option<&MotionTeacher>,
+        words: Option<CaptionWords>,
     ) -> Result<Self, TrainError> {
         let teacher = teacher.filter(|_| config.model.guidance_dim > 0);
         let flips = config.augment.flip > 0.0;
-        let mut train = clips(train, teacher, flips)?;
-        let mut val = clips(val, teacher, false)?;
+        let mut train = clips(train, teacher, words.as_ref(), flips)?;
+        let mut val = clips(val, teacher, words.as_ref(), false)?;
         if train.is_empty() {
             return Err(TrainError::Data("no training clip".into()));
         }
@@ -128,6 +146,7 @@ impl<'a> TokenizerStage<'a> {
             config,
             train,
             val,
+            words,
             codebook,
             seen: Default::default(),
         })
@@ -145,13 +164,12 @@ impl<'a> TokenizerStage<'a> {
             flip_points(&mut frames);
         }
         augment_points(&mut frames, &self.config.augment, rng);
-        let guide = if flip {
-            &clip.mirrored_guide
-        } else {
-            &clip.guide
+        let (guide, words) = match flip {
+            true => (&clip.mirrored_guide, &clip.mirrored_words),
+            false => (&clip.guide, &clip.words),
         };
         let skip = (first_code * self.config.model.guidance_dim).min(guide.len());
-        self.sample(clip, &frames, &guide[skip..], rng)
+        self.sample(clip, &frames, &guide[skip..], words, rng)
     }
 
     fn sample(
@@ -159,6 +177,7 @@ impl<'a> TokenizerStage<'a> {
         clip: &Clip,
         frames: &[PointFrame],
         guide: &[f32],
+        words: &[f32],
         rng: &mut ChaCha8Rng,
     ) -> Result<Sample, TrainError> {
         let grouped = group(frames, clip.radar_height_m, &self.config.model.grouping)
@@ -173,6 +192,7 @@ impl<'a> TokenizerStage<'a> {
         Ok(Sample {
             grouped,
             guide: guide.to_vec(),
+            words: words.to_vec(),
             masked,
         })
     }
@@ -216,12 +236,29 @@ impl<'a> TokenizerStage<'a> {
                 quantized = Some(z.clone() + (nearest - z.clone()).detach());
             }
         }
-        if let Some((guidance, on_codes)) = self.guidance(model, z, quantized, samples, &device) {
-            parts.push(("guidance", number(&guidance)));
-            if let Some(value) = on_codes {
-                parts.push(("guidance_codes", value));
+        // What is told is told by features before quantization and, half each, by the codes.
+        let told = match quantized.filter(|_| loss.guidance_on == GuidanceOn::FeaturesAndCodes) {
+            Some(quantized) => vec![z, quantized],
+            None => vec![z],
+        };
+        let terms = [
+            (
+                ["guidance", "guidance_codes"],
+                loss.guidance_weight,
+                self.guidance(model, &told, samples, &device),
+            ),
+            (
+                ["words", "words_codes"],
+                loss.words_weight,
+                self.word_loss(model, &told, samples, &device),
+            ),
+        ];
+        for (names, weight, values) in terms {
+            let share = 1.0 / values.len().max(1) as f64;
+            for (name, value) in names.into_iter().zip(values) {
+                parts.push((name, number(&value)));
+                total = total + value * (weight * share);
             }
-            total = total + guidance * loss.guidance_weight;
         }
         if let Some(rec) = self.reconstruction(model, output.cells, &batch, samples, rng, &device) {
             parts.push(("reconstruction", number(&rec)));
@@ -269,18 +306,17 @@ impl<'a> TokenizerStage<'a> {
         }
     }
 
-    /// Mean square error to the teacher, and its part on the codes.
+    /// Mean square error to the teacher for each of the features in `told`; empty without a teacher.
     fn guidance(
         &self,
         model: &TokenizerNet,
-        z: Tensor<2>,
-        quantized: Option<Tensor<2>>,
+        told: &[Tensor<2>],
         samples: &[Sample],
         device: &Device,
-    ) -> Option<(Tensor<1>, Option<f64>)> {
+    ) -> Vec<Tensor<1>> {
         let width = self.config.model.guidance_dim;
         if width == 0 {
-            return None;
+            return Vec::new();
         }
         let (mut rows, mut targets) = (Vec::new(), Vec::new());
         let mut first_row = 0;
@@ -291,24 +327,33 @@ impl<'a> TokenizerStage<'a> {
             first_row += sample.grouped.n_codes;
         }
         if rows.is_empty() {
-            return None;
+            return Vec::new();
         }
         let target = Tensor::<2>::from_data(TensorData::new(targets, [rows.len(), width]), device);
         let rows = indices(rows.into_iter(), device);
-        let error = |features: Tensor<2>| {
-            let predicted = model.guide(features.select(0, rows.clone()))?;
-            Some((predicted - target.clone()).square().mean())
+        told.iter()
+            .filter_map(|features| model.guide(features.clone().select(0, rows.clone())))
+            .map(|predicted| (predicted - target.clone()).square().mean())
+            .collect()
+    }
+
+    /// Cross-entropy of the caption words for each of the features in `told`; empty without words.
+    fn word_loss(
+        &self,
+        model: &TokenizerNet,
+        told: &[Tensor<2>],
+        samples: &[Sample],
+        device: &Device,
+    ) -> Vec<Tensor<1>> {
+        let Some(words) = &self.words else {
+            return Vec::new();
         };
-        let before = error(z)?;
-        let both = self.config.loss.guidance_on == GuidanceOn::FeaturesAndCodes;
-        match quantized.filter(|_| both) {
-            None => Some((before, None)),
-            Some(q) => {
-                let after = error(q)?;
-                let value = f64::from(after.clone().into_scalar::<f32>());
-                Some(((before + after) * 0.5, Some(value)))
-            }
-        }
+        let n_codes: Vec<usize> = samples.iter().map(|s| s.grouped.n_codes).collect();
+        let targets: Vec<f32> = samples.iter().flat_map(|s| s.words.clone()).collect();
+        told.iter()
+            .filter_map(|features| model.word_logits(features.clone()))
+            .map(|logits| words.loss(logits, &n_codes, targets.clone(), device))
+            .collect()
     }
 
     fn reconstruction(
@@ -461,7 +506,7 @@ impl Stage for TokenizerStage<'_> {
             let mut samples = Vec::with_capacity(chunk.len());
             for clip in chunk {
                 let frames = &clip.frames[..clip.frames.len().min(MAX_FRAMES)];
-                samples.push(self.sample(clip, frames, &clip.guide, &mut rng)?);
+                samples.push(self.sample(clip, frames, &clip.guide, &clip.words, &mut rng)?);
             }
             let n = samples.len() as f64;
             let masked = self.losses(model, &samples, &mut rng);
@@ -490,14 +535,15 @@ impl Stage for TokenizerStage<'_> {
         let mut values: Vec<(&'static str, f64)> = sums.iter().map(|s| (s.0, s.1 / s.2)).collect();
         let value = |name: &str| values.iter().find(|v| v.0 == name).map_or(0.0, |v| v.1);
         let loss = &self.config.loss;
-        let guidance = values
-            .iter()
-            .find(|v| v.0 == "guidance_codes")
-            .map_or_else(|| value("guidance"), |v| v.1);
+        let told = |codes: &str, features: &str| {
+            let of_codes = values.iter().find(|v| v.0 == codes);
+            of_codes.map_or_else(|| value(features), |v| v.1)
+        };
         // What the codes tell of the motion decides; reconstruction breaks ties and rules alone
         // without a teacher. Before the codebook exists there is nothing to keep.
         let score = if self.codebook.is_initialised() && !self.val.is_empty() {
-            loss.guidance_weight * guidance
+            loss.guidance_weight * told("guidance_codes", "guidance")
+                + loss.words_weight * told("words_codes", "words")
                 + 0.1 * loss.reconstruction_weight * value("reconstruction")
                 + loss.commit_weight * value("commit")
         } else {
@@ -545,6 +591,7 @@ fn indices(rows: impl Iterator<Item = i64>, device: &Device) -> Tensor<1, Int> {
 fn clips<'a>(
     records: &'a [ClipRecord],
     teacher: Option<&MotionTeacher>,
+    words: Option<&CaptionWords>,
     mirror: bool,
 ) -> Result<Vec<Clip<'a>>, TrainError> {
     let mut out = Vec::new();
@@ -573,7 +620,15 @@ fn clips<'a>(
             };
             (guide, mirrored_guide) = entry;
         }
+        let word_targets =
+            |mirrored: bool| words.map_or_else(Vec::new, |w| w.targets(&record.captions, mirrored));
         out.push(Clip {
+            words: word_targets(false),
+            mirrored_words: if mirror {
+                word_targets(true)
+            } else {
+                Vec::new()
+            },
             id: &record.id,
             frames: &record.frames,
             radar_height_m: record.radar_height_m,

@@ -30,7 +30,7 @@ pub enum CodebookUpdate {
     Gradient,
 }
 
-/// Which features are compared with the motion teacher's.
+/// Which features are compared with the motion teacher's, and which tell the caption's words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GuidanceOn {
@@ -62,6 +62,8 @@ pub struct TokenizerLossConfig {
     pub guidance_weight: f64,
     /// What is compared with the teacher.
     pub guidance_on: GuidanceOn,
+    /// Weight of the caption words (see [`crate::caption_words`]); 0 leaves them out (paper).
+    pub words_weight: f64,
     /// Weight of the commitment.
     pub commit_weight: f64,
     /// How the codebook learns.
@@ -80,6 +82,7 @@ impl Default for TokenizerLossConfig {
             reconstruction_weight: 1.0,
             guidance_weight: 1.0,
             guidance_on: GuidanceOn::FeaturesAndCodes,
+            words_weight: 0.05,
             commit_weight: 0.02,
             codebook_update: CodebookUpdate::MovingAverage,
         }
@@ -131,6 +134,7 @@ impl TokenizerTrainConfig {
                 masked_clips: 1.0,
                 chamfer: ChamferSide::TargetToPrediction,
                 guidance_on: GuidanceOn::Features,
+                words_weight: 0.0,
                 commit_weight: 1.0,
                 codebook_update: CodebookUpdate::Gradient,
                 ..TokenizerLossConfig::default()
@@ -169,6 +173,7 @@ impl TokenizerTrainConfig {
         for (field, value) in [
             ("loss.reconstruction_weight", loss.reconstruction_weight),
             ("loss.guidance_weight", loss.guidance_weight),
+            ("loss.words_weight", loss.words_weight),
             ("loss.commit_weight", loss.commit_weight),
         ] {
             if !(value.is_finite() && value >= 0.0) {

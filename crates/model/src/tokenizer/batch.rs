@@ -1,6 +1,7 @@
 //! Clips side by side: padded steps, tubes of all clips in one list.
 
 use super::config::TokenizerConfig;
+use super::doppler_profile::PROFILE_DIM;
 use super::grouping::{Grouped, NEIGHBOUR_DIM, STEP_DIM, TUBE_DIM};
 
 /// Steps per code.
@@ -29,6 +30,8 @@ pub struct ClipBatch {
     pub cell_filled: Vec<f32>,
     /// `[B, S]` times [`STEP_DIM`].
     pub steps: Vec<f32>,
+    /// `[B, S]` times [`PROFILE_DIM`].
+    pub profiles: Vec<f32>,
     /// `[B, S]`: 1 for steps of the clip, 0 for padding.
     pub step_valid: Vec<f32>,
     /// Anchor positions, m: `[A]` for a template, `[B, S, A]` otherwise.
@@ -70,6 +73,7 @@ impl ClipBatch {
             cell_source: vec![EMPTY; n_cells],
             cell_filled: vec![0.0; n_cells],
             steps: vec![0.0; clips.len() * n_steps * STEP_DIM],
+            profiles: vec![0.0; clips.len() * n_steps * PROFILE_DIM],
             step_valid: vec![0.0; clips.len() * n_steps],
             anchors: Vec::new(),
             hidden: Vec::new(),
@@ -83,6 +87,8 @@ impl ClipBatch {
                 batch.step_valid[first_step + step] = 1.0;
                 let at = (first_step + step) * STEP_DIM;
                 batch.steps[at..at + STEP_DIM].copy_from_slice(&clip.steps[step]);
+                let at = (first_step + step) * PROFILE_DIM;
+                batch.profiles[at..at + PROFILE_DIM].copy_from_slice(&clip.profiles[step]);
             }
             for anchor in (0..n_anchors).filter(|a| is_masked(*a)) {
                 for step in 0..n_steps {

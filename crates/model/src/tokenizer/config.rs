@@ -64,6 +64,13 @@ pub struct TokenizerConfig {
     pub ffn_ratio: usize,
     /// Queries of the attention pooling over anchors.
     pub pool_queries: usize,
+    /// Channels of every anchor that reach the code side by side, each with weights of its own, beside
+    /// the attention pooling; 0 pools by attention alone (paper). Left out with farthest-point anchors,
+    /// which have no fixed places.
+    pub pool_per_anchor: usize,
+    /// Join each step's table of velocities, heights and sides ([`super::doppler_profile`]) after the
+    /// anchors; not in the paper.
+    pub doppler_profile: bool,
     /// Add to each tube its number of points and mean velocity, which a maximum cannot see.
     pub tube_statistics: bool,
     /// Width of a code.
@@ -78,6 +85,8 @@ pub struct TokenizerConfig {
     pub reconstruct_velocity: bool,
     /// Width of the motion teacher's features; 0 trains without a teacher.
     pub guidance_dim: usize,
+    /// Caption words predicted in training (not in the paper); 0 predicts none.
+    pub caption_words: usize,
 }
 
 /// Longest clip, radar frames.
@@ -122,6 +131,8 @@ impl TokenizerConfig {
             heads: 4,
             ffn_ratio: 2,
             pool_queries: 4,
+            pool_per_anchor: 8,
+            doppler_profile: true,
             tube_statistics: true,
             code_dim: 128,
             codebook_size: 512,
@@ -129,6 +140,7 @@ impl TokenizerConfig {
             reconstruction_points: 8,
             reconstruct_velocity: true,
             guidance_dim: 128,
+            caption_words: 0,
         }
     }
 
@@ -149,6 +161,8 @@ impl TokenizerConfig {
             heads: 8,
             ffn_ratio: 4,
             pool_queries: 1,
+            pool_per_anchor: 0,
+            doppler_profile: false,
             tube_statistics: false,
             code_dim: 512,
             codebook_size: 512,
@@ -156,12 +170,21 @@ impl TokenizerConfig {
             reconstruction_points: 16,
             reconstruct_velocity: false,
             guidance_dim: 512,
+            caption_words: 0,
         }
     }
 
     /// Number of anchors.
     pub fn n_anchors(&self) -> usize {
         self.grouping.counts.iter().product()
+    }
+
+    /// [`Self::pool_per_anchor`] where anchors keep their places, else 0.
+    pub fn per_anchor_channels(&self) -> usize {
+        match self.grouping.anchors {
+            AnchorMode::Template => self.pool_per_anchor,
+            AnchorMode::FarthestPoint => 0,
+        }
     }
 
     /// Values per predicted point: anchor-relative position, and velocity if asked for.
@@ -201,11 +224,14 @@ impl TokenizerConfig {
                 self.n_anchors()
             ));
         }
-        if self.guidance_dim > 4096 {
-            return Err(format!(
-                "guidance_dim: at most 4096, found {}",
-                self.guidance_dim
-            ));
+        for (field, value) in [
+            ("guidance_dim", self.guidance_dim),
+            ("caption_words", self.caption_words),
+            ("pool_per_anchor", self.pool_per_anchor),
+        ] {
+            if value > 4096 {
+                return Err(format!("{field}: at most 4096, found {value}"));
+            }
         }
         if !self.width.is_multiple_of(self.heads) {
             return Err(format!(

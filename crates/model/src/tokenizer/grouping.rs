@@ -7,6 +7,7 @@ use radarllm_base::PointFrame;
 
 use super::centre::track_centre;
 use super::config::{AnchorMode, FRAMES_PER_CODE, FRAMES_PER_STEP, GroupingConfig, MAX_FRAMES};
+use super::doppler_profile::{PROFILE_DIM, doppler_profile};
 
 /// Values per neighbour: displacement from the anchor in units of the radius (3), frame offset,
 /// range, radial velocity, intensity relative to the clip's median.
@@ -53,6 +54,8 @@ pub struct Grouped {
     pub neighbours: Vec<[f32; NEIGHBOUR_DIM]>,
     /// Per step; see [`STEP_DIM`].
     pub steps: Vec<[f32; STEP_DIM]>,
+    /// Per step; see [`super::doppler_profile`].
+    pub profiles: Vec<[f32; PROFILE_DIM]>,
     /// Anchors relative to the centre and the floor, m: `[anchor]` for a template,
     /// `[step][anchor]` for farthest-point sampling.
     pub anchors: Vec<[f32; 3]>,
@@ -125,6 +128,7 @@ pub fn group(
         tubes: Vec::new(),
         neighbours: Vec::new(),
         steps: Vec::with_capacity(n_steps),
+        profiles: Vec::with_capacity(n_steps),
         anchors: Vec::new(),
         n_points_used: 0,
     };
@@ -190,6 +194,8 @@ pub fn group(
             sampled.resize(n_anchors, [0.0; 3]);
             grouped.anchors.extend(sampled);
         }
+        let seen = points[window.clone()].iter().flatten();
+        grouped.profiles.push(doppler_profile(seen, centre));
         grouped
             .steps
             .push(step_features(&points, &centres, window, middle));
@@ -202,11 +208,24 @@ pub fn group(
 }
 
 /// A point above the floor with scaled features.
-struct Point {
-    at: [f32; 3],
+pub(super) struct Point {
+    /// Position; z above the floor, m.
+    pub(super) at: [f32; 3],
     range: f32,
     velocity: f32,
     intensity: f32,
+}
+
+impl Point {
+    /// Radial velocity, m/s, within what the network's scale can hold.
+    pub(super) fn velocity_mps(&self) -> f32 {
+        self.velocity * VELOCITY_SCALE_MPS
+    }
+
+    /// Linear amplitude relative to the clip's median, within 40 dB of it.
+    pub(super) fn amplitude(&self) -> f32 {
+        10f32.powf(self.intensity * INTENSITY_SCALE_DB / 20.0)
+    }
 }
 
 fn check(frames: &[PointFrame], radar_height_m: f32) -> Result<(), GroupingError> {

@@ -5,8 +5,9 @@
 //!           (centre)  (grouping)  (point_conv)       (attention)  (network)   (codebook)
 //! ```
 //!
-//! Reading order: [`config`] (sizes), [`centre`] and [`grouping`] (plain arithmetic on points),
-//! [`batch`] (clips side by side), [`point_conv`], [`attention`], [`network`], [`codebook`].
+//! Reading order: [`config`] (sizes), [`centre`], [`grouping`] and [`doppler_profile`] (plain
+//! arithmetic on points), [`batch`] (clips side by side), [`point_conv`], [`attention`], [`network`],
+//! [`codebook`].
 //! Reconstruction and guidance losses live in `radarllm-train`.
 
 pub mod attention;
@@ -14,6 +15,7 @@ pub mod batch;
 pub mod centre;
 pub mod codebook;
 pub mod config;
+pub mod doppler_profile;
 pub mod encode;
 pub mod grouping;
 pub mod network;

@@ -8,6 +8,7 @@ use burn::tensor::{Device, Int, Tensor, TensorData};
 use super::attention::{Cells, FactorisedLayer};
 use super::batch::ClipBatch;
 use super::config::{MAX_STEPS, TokenizerConfig};
+use super::doppler_profile::PROFILE_DIM;
 use super::grouping::{STEP_DIM, TUBE_DIM};
 use super::point_conv::PointConv;
 
@@ -33,12 +34,18 @@ pub struct TokenizerNet {
     norm: LayerNorm,
     pool_scores: Linear,
     pool_out: Linear,
+    /// Narrows a cell, and joins the narrow cells of a step.
+    per_anchor: Option<[Linear; 2]>,
     pool_step: Linear,
+    /// Two layers over the step's velocity table. It joins after the anchors' context, so that
+    /// nothing of a masked anchor reaches its reconstruction.
+    pool_profile: Option<[Linear; 2]>,
     merge: Linear,
     code_out: Linear,
     head_in: Linear,
     head_out: Linear,
     guidance: Option<Linear>,
+    words: Option<Linear>,
     /// Codes, `[K, D]`; kept by moving averages unless it is trained by gradient.
     pub codebook: Param<Tensor<2>>,
 }
@@ -61,6 +68,7 @@ impl TokenizerNet {
         };
         let linear = |from: usize, to: usize| LinearConfig::new(from, to).init(device);
         let pooled = config.pool_queries * c;
+        let narrow = config.per_anchor_channels();
         Self {
             point_conv: PointConv::new(c, device),
             tube_mlp: linear(c, c),
@@ -77,7 +85,16 @@ impl TokenizerNet {
             norm: LayerNormConfig::new(c).init(device),
             pool_scores: linear(c, config.pool_queries),
             pool_out: linear(pooled, 2 * c),
+            per_anchor: (narrow > 0).then(|| {
+                [
+                    linear(c, narrow),
+                    linear(narrow * config.n_anchors(), 2 * c),
+                ]
+            }),
             pool_step: linear(STEP_DIM, 2 * c),
+            pool_profile: config
+                .doppler_profile
+                .then(|| [linear(PROFILE_DIM, 2 * c), linear(2 * c, 2 * c)]),
             merge: linear(4 * c, 4 * c),
             code_out: linear(4 * c, config.code_dim),
             head_in: linear(c, c),
@@ -87,6 +104,8 @@ impl TokenizerNet {
             ),
             guidance: (config.guidance_dim > 0)
                 .then(|| linear(config.code_dim, config.guidance_dim)),
+            words: (config.caption_words > 0)
+                .then(|| linear(config.code_dim, config.caption_words)),
             codebook: Initializer::Zeros.init([config.codebook_size, config.code_dim], device),
         }
     }
@@ -182,8 +201,18 @@ impl TokenizerNet {
             .collect();
         let bias = Tensor::<3>::from_data(TensorData::new(bias, [n, 1, a]), device);
         let scores = scores.reshape([n, a, queries]).swap_dims(1, 2) + bias;
-        let pooled = softmax(scores, 2).matmul(context.reshape([n, a, width]));
-        let step = self.pool_out.forward(pooled.reshape([n, queries * width]));
+        let pooled = softmax(scores, 2).matmul(context.clone().reshape([n, a, width]));
+        let mut step = self.pool_out.forward(pooled.reshape([n, queries * width]));
+        if let Some([narrow, join]) = &self.per_anchor {
+            let cells = relu(narrow.forward(context));
+            let channels = cells.dims()[1];
+            step = step + join.forward(cells.reshape([n, a * channels]));
+        }
+        if let Some([widen, join]) = &self.pool_profile {
+            let data = TensorData::new(batch.profiles.clone(), [n, PROFILE_DIM]);
+            let profile = Tensor::<2>::from_data(data, device);
+            step = step + join.forward(relu(widen.forward(profile)));
+        }
         // Where the person is and goes, again: re-centring took it from the cells.
         let step = relu(step + self.pool_step.forward(steps));
         let valid =
@@ -205,5 +234,10 @@ impl TokenizerNet {
         self.guidance
             .as_ref()
             .map(|linear| linear.forward(features))
+    }
+
+    /// Logit of every caption word, `[n, caption_words]`; `None` when none is predicted.
+    pub fn word_logits(&self, features: Tensor<2>) -> Option<Tensor<2>> {
+        self.words.as_ref().map(|linear| linear.forward(features))
     }
 }

@@ -97,6 +97,7 @@ fn winners(batch: &ClipBatch, weight: &[f32], width: usize) -> (Vec<f32>, Vec<u3
 mod tests {
     use super::*;
     use crate::tokenizer::config::TokenizerConfig;
+    use crate::tokenizer::doppler_profile::PROFILE_DIM;
     use crate::tokenizer::grouping::{Grouped, Tube};
 
     /// Against a padded tensor and the framework's own maximum, values and gradients.
@@ -119,6 +120,7 @@ mod tests {
             tubes: vec![tube(0, 0, 3), tube(1, 3, 4), tube(5, 4, 9)],
             neighbours: neighbours.clone(),
             steps: vec![[0.0; 6]],
+            profiles: vec![[0.0; PROFILE_DIM]],
             anchors: vec![[0.0; 3]; 54],
             n_points_used: 9,
         };

@@ -95,7 +95,7 @@ pub fn swap_sides(caption: &str) -> String {
 }
 
 /// Byte ranges of runs of letters.
-fn word_spans(text: &str) -> Vec<(usize, usize)> {
+pub(crate) fn word_spans(text: &str) -> Vec<(usize, usize)> {
     let mut spans = Vec::new();
     let mut start = None;
     for (at, c) in text.char_indices().chain([(text.len(), ' ')]) {

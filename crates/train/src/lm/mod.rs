@@ -16,6 +16,7 @@ pub mod stage;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use clip::word_spans;
 pub use clip::{LmClip, swap_sides};
 pub use config::{LmTrainConfig, TaskWeights};
 pub use stage::{LmOutcome, instruct, pretrain};
