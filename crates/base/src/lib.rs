@@ -4,11 +4,12 @@
 //! configuration files have structs of their own, so that each can change alone.
 //!
 //! Reading order: [`frames`] (axes), [`skeleton`] (the 22 joints, [`Motion`]), [`surface`] (what
-//! the simulator sees), [`radar_config`] (what a radar is), [`cube`] (raw samples), [`points`]
+//! the simulator sees), [`materials`] (what that reflects), [`radar_config`] (what a radar is), [`cube`] (raw samples), [`points`]
 //! (what the tokenizer reads), [`seed`] (reproducible randomness).
 
 pub mod cube;
 pub mod frames;
+pub mod materials;
 pub mod points;
 pub mod radar_config;
 pub mod seed;

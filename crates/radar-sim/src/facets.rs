@@ -104,6 +104,7 @@ fn facet_sources_body<L: Lanes>(job: FacetJob<'_>) {
                     let p = &points[k][3];
                     Vec3::new(p[0][i], p[1][i], p[2][i])
                 }),
+                tx_row: None,
                 turns_per_m: fit.turns_per_m[i],
             });
         }

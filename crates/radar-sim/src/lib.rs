@@ -11,11 +11,13 @@
 //! Two implementations of the same model: [`Simulator`] (fast) and [`mod@reference`] (direct sum in
 //! f64, slow), tested against each other. Reading order: [`scene`], [`link`] (radar equation),
 //! [`scatter`] (one triangle), [`visibility`], [`simulator`] (the pipeline and how it is fast),
-//! then its stages: `motion` and `facets` (polynomials over a segment), `slow_time` (Doppler groups),
+//! then its stages: `motion` and `facets` (polynomials over a segment), `bounce` (paths over several
+//! surfaces), `slow_time` (Doppler groups),
 //! `gridding` and `spread` (range grid), `transform` (range FFT), [`noise`].
 //!
-//! Deliberately absent: multiple bounces, polarisation, the notion of a human.
+//! Deliberately absent: polarisation, diffraction, the notion of a human.
 
+mod bounce;
 pub mod error;
 mod facets;
 mod gridding;

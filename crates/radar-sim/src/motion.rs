@@ -107,8 +107,10 @@ pub(crate) struct Source {
     pub rough: [f32; 3],
     /// cos and sin of the constant phase.
     pub rough_phasor: [f32; 2],
-    /// Centroid relative to the array centre at the key times, m.
+    /// Centroid relative to the array centre at the key times, m: where the receivers see it.
     pub from_centre: [Vec3; N_KEYS],
+    /// Row of where the transmitters see it, if that is elsewhere (a path over mirrors).
+    pub tx_row: Option<u32>,
     /// d(phase) / d(path length) in turns per metre, the residual video phase included.
     pub turns_per_m: f32,
 }
@@ -131,9 +133,16 @@ impl RangeScale {
         (self.centre_hz - 0.5 * self.slope_hz_per_s * tau_s) * tau_s
     }
 
-    /// A source from the distances of its phase centre at the key times.
+    /// A source from its phase centre, relative to the array centre, at the key times.
     pub fn source(&self, from_centre: [DVec3; N_KEYS]) -> Source {
-        let tau_s = from_centre.map(|p| 2.0 * p.length() / SPEED_OF_LIGHT_MPS);
+        self.source_between(&from_centre, &from_centre)
+    }
+
+    /// A source that transmitters and receivers see in different places; [`Source::tx_row`] is left
+    /// to the caller.
+    pub fn source_between(&self, tx: &[DVec3; N_KEYS], rx: &[DVec3; N_KEYS]) -> Source {
+        let tau_s: [f64; N_KEYS] =
+            std::array::from_fn(|k| (tx[k].length() + rx[k].length()) / SPEED_OF_LIGHT_MPS);
         let mut cells = quartic(tau_s).map(|c| c * self.cells_per_s);
         let n = self.n_cells as f64;
         cells[0] -= (cells[0] / n).floor() * n;
@@ -144,7 +153,8 @@ impl RangeScale {
             coherent: [0.0; 3],
             rough: [0.0; 3],
             rough_phasor: [1.0, 0.0],
-            from_centre: from_centre.map(|p| p.as_vec3()),
+            from_centre: rx.map(|p| p.as_vec3()),
+            tx_row: None,
             turns_per_m: ((self.centre_hz - self.slope_hz_per_s * tau_s[2]) / SPEED_OF_LIGHT_MPS)
                 as f32,
         }
@@ -152,6 +162,14 @@ impl RangeScale {
 }
 
 impl Source {
+    /// Where the transmitters see it; `rows` are the frame's differing places.
+    #[inline(always)]
+    pub fn seen_by_tx<'a>(&'a self, rows: &'a [[Vec3; N_KEYS]]) -> &'a [Vec3; N_KEYS] {
+        self.tx_row
+            .and_then(|row| rows.get(row as usize))
+            .unwrap_or(&self.from_centre)
+    }
+
     /// Interval of instantaneous frequencies of the source's corners for |u| <= `reach`, in turns
     /// per unit of u.
     #[inline]

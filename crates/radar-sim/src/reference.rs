@@ -11,6 +11,7 @@ use glam::{DVec3, Vec3};
 use num_complex::Complex64;
 use radarllm_base::{RadarConfig, RadarCube, SPEED_OF_LIGHT_MPS};
 
+use crate::bounce::BouncingSurfaces;
 use crate::error::SimError;
 use crate::facets::facet_gains;
 use crate::link::Link;
@@ -57,12 +58,29 @@ pub fn simulate_loops(
         let middle_s = time_s + segment.key_times_s()[N_KEYS / 2];
         scene.positions_at(middle_s, centre, options.min_range_m, &mut positions)?;
         raster.coverage(&positions, &triangles, centre, &mut coverage);
+        let surfaces = BouncingSurfaces::new(scene, &link, seed);
+        let bounces = match options.max_bounces {
+            0 | 1 => Vec::new(),
+            _ => surfaces.trace(options, &link, &positions, &triangles, &coverage),
+        };
         for loop_idx in from..to {
             for tx_idx in 0..config.tx.len() {
                 let now_s = time_s + chirp_time_s(config, loop_idx, tx_idx);
                 scene.positions_at(now_s, centre, options.min_range_m, &mut positions)?;
-                let scatterers =
+                let mut scatterers =
                     scatterers(&link, scene, now_s, seed, &positions, &triangles, &coverage);
+                scatterers.extend(bounces.iter().map(|bounce| {
+                    let state = surfaces.state(bounce, &link, &positions, &triangles);
+                    let phases_rad = state.corner_path_m.map(|p| TAU / link.wavelength_m * p);
+                    let phasor = surfaces.phasor(bounce.facet);
+                    let phasor = Complex64::new(f64::from(phasor.re), f64::from(phasor.im));
+                    Scatterer {
+                        seen_by_tx: state.seen_by_tx + link.array_centre_m,
+                        seen_by_rx: state.seen_by_rx + link.array_centre_m,
+                        amplitude: f64::from(state.coherent) * divided_difference(phases_rad)
+                            + f64::from(state.rough) * phasor,
+                    }
+                }));
                 for rx_idx in 0..config.rx.len() {
                     let channel = loop_idx * config.tx.len() + tx_idx;
                     let start = (channel * config.rx.len() + rx_idx) * config.n_samples;
@@ -78,9 +96,12 @@ pub fn simulate_loops(
     Ok(())
 }
 
-/// A phase centre in the radar frame, m, and its complex amplitude, sqrt(W).
+/// A phase centre and its complex amplitude.
 struct Scatterer {
-    position: DVec3,
+    /// Where transmitters and receivers see it, radar frame, m: one place unless there are mirrors.
+    seen_by_tx: DVec3,
+    seen_by_rx: DVec3,
+    /// sqrt(W).
     amplitude: Complex64,
 }
 
@@ -117,7 +138,8 @@ fn scatterers(
             let amplitude =
                 f64::from(coherent) * divided_difference(phases_rad) + f64::from(rough) * phasor;
             out.push(Scatterer {
-                position: middle + link.array_centre_m,
+                seen_by_tx: middle + link.array_centre_m,
+                seen_by_rx: middle + link.array_centre_m,
                 amplitude,
             });
         }
@@ -128,7 +150,8 @@ fn scatterers(
         let amplitude = point.rcs_m2.sqrt()
             * f64::from(link.amplitude((position - link.array_centre_m).as_vec3()));
         out.push(Scatterer {
-            position,
+            seen_by_tx: position,
+            seen_by_rx: position,
             amplitude: amplitude.into(),
         });
     }
@@ -145,7 +168,7 @@ fn chirp(
     let (tx, rx) = (antenna(config.tx[tx_idx]), antenna(config.rx[rx_idx]));
     let mut out = vec![Complex64::ZERO; config.n_samples];
     for scatterer in scatterers {
-        let path_m = scatterer.position.distance(tx) + scatterer.position.distance(rx);
+        let path_m = scatterer.seen_by_tx.distance(tx) + scatterer.seen_by_rx.distance(rx);
         let tau_s = path_m / SPEED_OF_LIGHT_MPS;
         let slope = config.slope_hz_per_s;
         for (n, sample) in out.iter_mut().enumerate() {

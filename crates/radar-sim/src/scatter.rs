@@ -40,6 +40,8 @@ pub(crate) struct Reflection {
     pub roughness: f32,
     /// 2 sqrt(rho): rough field is this times `sqrt(A) cos(theta)`.
     pub rough: f32,
+    /// |Gamma|, the amplitude that a smooth mirror of this material reflects.
+    gamma: f32,
 }
 
 impl Reflection {
@@ -50,7 +52,27 @@ impl Reflection {
             coherent_per_m: (4.0 * PI.sqrt() / wavelength_m * gamma) as f32,
             roughness: (2.0 * (k * f64::from(material.roughness_m)).powi(2)) as f32,
             rough: 2.0 * material.rough_albedo.sqrt(),
+            gamma: gamma as f32,
         }
+    }
+
+    /// Amplitude that a mirror reflects at an angle of incidence, 0..=1.
+    #[inline(always)]
+    pub fn mirror(&self, cos: f32) -> f32 {
+        self.gamma * exp2_of_negative(-self.roughness * std::f32::consts::LOG2_E * cos * cos)
+    }
+
+    /// [`Self::gains`] between two directions, given the cosines of incidence and exit: the mean of
+    /// both in the coherent term and in its roughness, their product in the rough one. Equal cosines
+    /// give [`Self::gains`].
+    #[inline(always)]
+    pub fn gains_between(&self, cos: [f32; 2], area: f32, coverage: f32) -> (f32, f32) {
+        let mean = 0.5 * (cos[0] + cos[1]);
+        let (coherent, _) = self.gains(mean * area, area, coverage);
+        (
+            coherent,
+            self.rough * (area * coverage * cos[0] * cos[1]).sqrt(),
+        )
     }
 
     /// Gains at one instant: `(coherent, rough)` in m, so that sqrt(sigma) =

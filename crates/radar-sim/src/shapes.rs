@@ -140,6 +140,51 @@ impl RigidSurface {
         all
     }
 
+    /// Two square-edged plates that meet at a right angle along the z axis, centred on the origin and
+    /// open towards -y (the radar); each is `width_m` deep and `height_m` high.
+    pub fn dihedral(width_m: f64, height_m: f64, edge_m: f64) -> Self {
+        let wing = |side: f64| {
+            let mut plate = Self::plate(width_m, height_m, edge_m);
+            let turn = DQuat::from_rotation_z(-side * std::f64::consts::FRAC_PI_4);
+            for vertex in &mut plate.vertices {
+                *vertex = turn * (*vertex + DVec3::X * (side * 0.5 * width_m));
+            }
+            plate
+        };
+        wing(1.0).merged(wing(-1.0))
+    }
+
+    /// Three right triangles with legs `leg_m` that meet at right angles in the origin, open towards
+    /// -y (the radar).
+    pub fn trihedral(leg_m: f64, edge_m: f64) -> Self {
+        let turn = DQuat::from_rotation_arc(DVec3::ONE.normalize(), -DVec3::Y);
+        let legs = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| turn * axis * leg_m);
+        let n = segments(leg_m, edge_m);
+        let mut all = Self::new(Vec::new(), Vec::new());
+        for face in 0..3 {
+            // Counter-clockwise seen along the third leg, from inside the corner.
+            let (p, q) = (legs[face] / n as f64, legs[(face + 1) % 3] / n as f64);
+            let mut vertices = Vec::new();
+            let mut rows = Vec::new();
+            for i in 0..=n {
+                rows.push(vertices.len() as u32);
+                vertices.extend((0..=n - i).map(|j| p * i as f64 + q * j as f64));
+            }
+            let mut triangles = Vec::new();
+            for i in 0..n {
+                for j in 0..(n - i) as u32 {
+                    let (here, next) = (rows[i] + j, rows[i + 1] + j);
+                    triangles.push([here, next, here + 1]);
+                    if (j as usize) < n - i - 1 {
+                        triangles.push([next, next + 1, here + 1]);
+                    }
+                }
+            }
+            all = all.merged(Self::new(vertices, triangles));
+        }
+        all
+    }
+
     /// Two meshes as one; motion and material are the first's.
     pub fn merged(mut self, other: Self) -> Self {
         let first = self.vertices.len() as u32;
@@ -233,6 +278,25 @@ mod tests {
         assert!((volume(&sphere) / (4.0 / 3.0 * std::f64::consts::PI * 0.125) - 1.0).abs() < 2e-4);
         let cuboid = RigidSurface::cuboid(DVec3::new(1.0, 2.0, 3.0), 0.3);
         assert!((volume(&cuboid) - 6.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn corners_open_towards_the_radar() {
+        for (mesh, area) in [
+            (RigidSurface::dihedral(0.2, 0.3, 0.04), 2.0 * 0.2 * 0.3),
+            (RigidSurface::trihedral(0.2, 0.03), 3.0 * 0.5 * 0.2 * 0.2),
+        ] {
+            let mut sum = 0.0;
+            for &[a, b, c] in &mesh.triangles {
+                let [a, b, c] = [a, b, c].map(|i| mesh.vertices[i as usize]);
+                let cross = 0.5 * (b - a).cross(c - a);
+                sum += cross.length();
+                assert!(cross.y < 0.0);
+                // Every point lies on the radar's side of the apex.
+                assert!(a.y <= 1e-12);
+            }
+            assert!((sum - area).abs() < 1e-12, "{sum} {area}");
+        }
     }
 
     #[test]

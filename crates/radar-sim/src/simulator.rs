@@ -14,11 +14,12 @@ use std::time::Instant;
 use glam::Vec3;
 use radarllm_base::{RadarConfig, RadarCube, seed::derive_seed};
 
+use crate::bounce::{BouncingSurfaces, MAX_MIRRORS};
 use crate::error::SimError;
 use crate::facets::{FacetJob, facet_sources};
 use crate::gridding::{Kernel, OVERSAMPLING, WIDTH};
 use crate::link::Link;
-use crate::motion::{N_KEYS, RangeScale, Segment, Source, chirp_time_s, parabola};
+use crate::motion::{N_KEYS, RangeScale, Segment, Source, chirp_time_s, parabola, quartic};
 use crate::noise::NoiseGenerator;
 use crate::scatter::{FacetPhases, Reflection};
 use crate::scene::{Noise, Scene};
@@ -33,6 +34,11 @@ use crate::visibility::DepthRaster;
 pub struct SimOptions {
     /// Side of the depth raster, samples, 16..=4096.
     pub raster_size: usize,
+    /// Most surfaces on a path, 1..=4: 1 leaves out reflections between surfaces.
+    pub max_bounces: usize,
+    /// Rays along each side of the field that holds mirrors, 16..=4096, where `max_bounces` is 2 or
+    /// more.
+    pub bounce_rays: usize,
     /// Nearest target allowed, m, at least 0.03 (inside, the radar equation has no meaning).
     pub min_range_m: f64,
     /// Instruction set; `None` takes the machine's best. Cubes are equal to the byte on one level
@@ -44,6 +50,8 @@ impl Default for SimOptions {
     fn default() -> Self {
         Self {
             raster_size: 320,
+            max_bounces: 1,
+            bounce_rays: 256,
             min_range_m: 0.05,
             simd: None,
         }
@@ -61,6 +69,8 @@ pub struct FrameStats {
     pub n_visible: usize,
     /// Visible triangles deeper in range than half a range bin: too coarse for one delay each.
     pub n_coarse: usize,
+    /// Paths over two and more surfaces, over all segments.
+    pub n_bounces: usize,
     /// Doppler groups over all segments.
     pub n_groups: usize,
     /// Facet evaluations in slow time over all segments: 384 per facet would be the direct method.
@@ -112,6 +122,7 @@ struct Workspace {
     coverage: Vec<f32>,
     visible: Vec<u32>,
     sources: Vec<Source>,
+    tx_rows: Vec<[Vec3; N_KEYS]>,
     /// (level, bin, cell) and source.
     sorting: Vec<(u64, u32)>,
     order: Vec<u32>,
@@ -138,6 +149,18 @@ impl Simulator {
             return range_error(
                 "min_range_m",
                 format!("{} m is not in 0.03..=100", options.min_range_m),
+            );
+        }
+        if !(1..=MAX_MIRRORS + 1).contains(&options.max_bounces) {
+            return range_error(
+                "max_bounces",
+                format!("{} is not in 1..={}", options.max_bounces, MAX_MIRRORS + 1),
+            );
+        }
+        if !(16..=4096).contains(&options.bounce_rays) {
+            return range_error(
+                "bounce_rays",
+                format!("{} is not in 16..=4096", options.bounce_rays),
             );
         }
         let simd = options.simd.unwrap_or_else(SimdLevel::detect);
@@ -250,6 +273,7 @@ impl Simulator {
                     self.simd,
                     SpreadJob {
                         sources: &self.work.sources,
+                        tx_rows: &self.work.tx_rows,
                         order: &self.work.order,
                         groups: &self.work.groups,
                         levels: &self.levels,
@@ -315,6 +339,7 @@ impl Simulator {
         let centre = self.link.array_centre_m;
         let half_bin_m = 0.5 * self.config.range_resolution_m();
         work.sources.clear();
+        work.tx_rows.clear();
         let mut first = 0;
         for (surface_idx, surface) in scene.surfaces.iter().enumerate() {
             let reflection = Reflection::new(surface.material(), self.link.wavelength_m);
@@ -360,6 +385,8 @@ impl Simulator {
             }
             first += surface.triangles().len();
         }
+        stats.n_bounces += self.add_bounces(scene, seed);
+        let work = &mut self.work;
         for (index, point) in scene.points.iter().enumerate() {
             let key_times_s = segment.key_times_s().map(|t| time_s + t);
             let from_centre = key_times_s.map(|t| point.position_at(t) - centre);
@@ -398,6 +425,41 @@ impl Simulator {
         Ok(())
     }
 
+    /// Adds the paths over several surfaces; returns their number.
+    fn add_bounces(&mut self, scene: &Scene<'_>, seed: u64) -> usize {
+        if self.options.max_bounces < 2 || scene.surfaces.is_empty() {
+            return 0;
+        }
+        let work = &mut self.work;
+        let surfaces = BouncingSurfaces::new(scene, &self.link, seed);
+        let bounces = surfaces.trace(
+            &self.options,
+            &self.link,
+            &work.keys[N_KEYS / 2],
+            &work.triangles,
+            &work.coverage,
+        );
+        for bounce in &bounces {
+            let states = std::array::from_fn::<_, N_KEYS, _>(|key| {
+                surfaces.state(bounce, &self.link, &work.keys[key], &work.triangles)
+            });
+            let (tx, rx) = (states.map(|s| s.seen_by_tx), states.map(|s| s.seen_by_rx));
+            let mut source = self.scale.source_between(&tx, &rx);
+            source.tx_row = Some(work.tx_rows.len() as u32);
+            work.tx_rows.push(tx.map(|p| p.as_vec3()));
+            source.corners = std::array::from_fn(|corner| {
+                let turns = states.map(|s| s.corner_path_m[corner] / self.link.wavelength_m);
+                quartic(turns).map(|c| c as f32)
+            });
+            source.coherent = parabola([0, 2, 4].map(|key| states[key].coherent));
+            source.rough = parabola([0, 2, 4].map(|key| states[key].rough));
+            let phasor = surfaces.phasor(bounce.facet);
+            source.rough_phasor = [phasor.re, phasor.im];
+            work.sources.push(source);
+        }
+        bounces.len()
+    }
+
     /// Sorts the sources into Doppler groups; returns the first cell and the number of cells that
     /// they touch.
     fn sort_sources(&mut self, segment: &Segment, stats: &mut FrameStats) -> (i32, usize) {
@@ -418,17 +480,19 @@ impl Simulator {
         let sweep = 0.5 * self.config.sampled_bandwidth_hz() / self.link.centre_hz;
         work.sorting.clear();
         for (index, source) in work.sources.iter().enumerate() {
-            let span = source
-                .from_centre
-                .windows(2)
-                .map(|p| p[0].distance(p[1]))
-                .fold(0.0, f32::max);
             // Four intervals between keys, two units of u.
-            let speed_m = 2.0 * span;
+            let turn = |p: &[Vec3; N_KEYS]| {
+                let steps = p.windows(2).map(|p| p[0].distance(p[1]));
+                2.0 * steps.fold(0.0, f32::max) / p[2].length()
+            };
+            let mut turn_rad = turn(&source.from_centre);
+            if source.tx_row.is_some() {
+                turn_rad = turn_rad.max(turn(source.seen_by_tx(&work.tx_rows)));
+            }
             let extra = self
                 .channels
                 .iter()
-                .map(|c| c.extra_band(source, speed_m))
+                .map(|c| c.extra_band(source, turn_rad))
                 .fold(0.0, f32::max);
             let mut placed = (self.levels.len() - 1, 0);
             for (l, level) in self.levels.iter().enumerate() {

@@ -117,15 +117,20 @@ impl ChannelBlock {
     }
 
     /// Bound of what the channels' path differences add to a source's frequency, turns per unit of
-    /// u; `speed_m` is the source's path per unit of u.
-    pub fn extra_band(&self, source: &Source, speed_m: f32) -> f32 {
-        source.turns_per_m * self.reach_m * speed_m / source.from_centre[2].length()
+    /// u; `turn` is the angle by which its direction changes per unit of u, rad.
+    pub fn extra_band(&self, source: &Source, turn: f32) -> f32 {
+        source.turns_per_m * self.reach_m * turn
     }
 
     /// Bound of a channel's distance from the reference position, cells.
     pub fn cell_reach(&self, source: &Source, cells_per_turn: f32, half_s: f32) -> f32 {
         let c = &source.cells;
         let walk = c[1].abs() + 2.0 * c[2].abs() + 3.0 * c[3].abs() + 4.0 * c[4].abs();
+        let walk_cells = walk * self.most_slot_s / half_s;
+        if source.tx_row.is_some() {
+            // Two directions: |p - a| - |p| <= |a| for each.
+            return source.turns_per_m * self.reach_m * cells_per_turn + walk_cells;
+        }
         // |p - a| - |p| lies within |p.a| / r + 2 a^2 / r; directions at the keys and their change.
         let p = source.from_centre[2];
         let inverse = 1.0 / p.length();
@@ -134,7 +139,7 @@ impl ChannelBlock {
             * (self.reach_x_m * p.x.abs()
                 + self.reach_z_m * p.z.abs()
                 + self.reach_m * (turn + 2.0 * self.reach_m));
-        source.turns_per_m * path_m * cells_per_turn + walk * self.most_slot_s / half_s
+        source.turns_per_m * path_m * cells_per_turn + walk_cells
     }
 }
 
@@ -155,6 +160,8 @@ pub(crate) struct Group {
 /// What one pass needs.
 pub(crate) struct SpreadJob<'a> {
     pub sources: &'a [Source],
+    /// See [`Source::seen_by_tx`].
+    pub tx_rows: &'a [[Vec3; N_KEYS]],
     pub order: &'a [u32],
     pub groups: &'a [Group],
     pub levels: &'a [Level],
@@ -261,7 +268,7 @@ fn spread_body<L: Lanes>(job: SpreadJob<'_>) {
                     n_nodes,
                     &mut nodes,
                 );
-                let lanes = channel_turns::<L>(source, channels, job.half_s as f32);
+                let lanes = channel_turns::<L>(source, job.tx_rows, channels, job.half_s as f32);
                 let reach = channels.cell_reach(source, job.cells_per_turn, job.half_s as f32);
                 if reach <= SLACK_CELLS as f32 {
                     add_compact(
@@ -441,7 +448,12 @@ fn scaled<L: Lanes>(x: L, by: f32) -> L {
 /// Quartics of every channel's phase relative to the reference channel's, turns: the path
 /// difference, and what the reference phase gains by the channel's TDM delay.
 #[inline(always)]
-fn channel_turns<L: Lanes>(source: &Source, channels: &ChannelBlock, half_s: f32) -> [L; N_KEYS] {
+fn channel_turns<L: Lanes>(
+    source: &Source,
+    tx_rows: &[[Vec3; N_KEYS]],
+    channels: &ChannelBlock,
+    half_s: f32,
+) -> [L; N_KEYS] {
     let (tx_x, tx_z) = (L::load(&channels.tx_x), L::load(&channels.tx_z));
     let (rx_x, rx_z) = (L::load(&channels.rx_x), L::load(&channels.rx_z));
     let (tx_square, rx_square) = (L::load(&channels.tx_square), L::load(&channels.rx_square));
@@ -458,6 +470,15 @@ fn channel_turns<L: Lanes>(source: &Source, channels: &ChannelBlock, half_s: f32
                 .add(path_difference(p, r2, r, rx_x, rx_z, rx_square))
         }
         .mul(scale);
+    }
+    if source.tx_row.is_some() {
+        let places = source.seen_by_tx(tx_rows).iter().zip(&source.from_centre);
+        for (v, (&p, &q)) in v.iter_mut().zip(places) {
+            let (p2, q2) = (p.length_squared(), q.length_squared());
+            *v = path_difference(p, p2, p2.sqrt(), tx_x, tx_z, tx_square)
+                .add(path_difference(q, q2, q2.sqrt(), rx_x, rx_z, rx_square))
+                .mul(scale);
+        }
     }
     let half = L::splat(0.5);
     let (s1, s2) = (v[3].sub(v[1]), v[4].sub(v[0]).mul(half));

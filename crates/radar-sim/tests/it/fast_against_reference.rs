@@ -12,7 +12,16 @@ fn error_db(
     loops: std::ops::Range<usize>,
     step: usize,
 ) -> f64 {
-    let options = SimOptions::default();
+    error_with(config, &SimOptions::default(), scene, loops, step)
+}
+
+fn error_with(
+    config: &RadarConfig,
+    options: &SimOptions,
+    scene: &Scene<'_>,
+    loops: std::ops::Range<usize>,
+    step: usize,
+) -> f64 {
     let mut simulator = Simulator::new(config, options.clone()).unwrap();
     let mut fast = simulator.new_cube();
     simulator
@@ -21,7 +30,7 @@ fn error_db(
     let mut slow = simulator.new_cube();
     let (mut error, mut peak) = (0.0_f32, 0.0_f32);
     for l in loops.step_by(step) {
-        reference::simulate_loops(config, &options, scene, 0.3, 5, l..l + 1, &mut slow).unwrap();
+        reference::simulate_loops(config, options, scene, 0.3, 5, l..l + 1, &mut slow).unwrap();
         let (f, s) = (of_loop(&fast, l), of_loop(&slow, l));
         for (f, s) in f.iter().zip(s) {
             assert!(f.re.is_finite() && f.im.is_finite());
@@ -117,6 +126,37 @@ fn rotating_accelerating_bodies() {
         println!("{name}: {error:.1} dB");
         assert!(error < -60.0, "{name}: {error} dB");
     }
+}
+
+#[test]
+fn ghosts_of_a_moving_body_over_a_wall_and_a_floor() {
+    let config = RadarConfig::awr1843boost();
+    let mut body = RigidSurface::ellipsoid(DVec3::new(0.08, 0.05, 0.15), 0.04)
+        .at(DVec3::new(-0.2, 2.0, -0.2))
+        .moving(DVec3::new(0.3, -1.5, 0.2))
+        .of(CLOTH);
+    body.angular_velocity = DVec3::new(2.0, 0.0, 1.0);
+    let mut wall = RigidSurface::plate(3.0, 2.0, 0.25)
+        .at(DVec3::new(0.6, 2.0, 0.0))
+        .turned(DQuat::from_rotation_z(-1.5));
+    // A door that swings: the mirror itself moves.
+    wall.angular_velocity = DVec3::new(0.0, 0.0, 0.4);
+    let floor = RigidSurface::plate(3.0, 3.0, 0.25)
+        .at(DVec3::new(0.0, 2.0, -1.0))
+        .turned(DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2));
+    let scene = Scene {
+        surfaces: vec![&body, &wall, &floor],
+        points: vec![],
+        noise: Noise::Off,
+    };
+    let options = SimOptions {
+        max_bounces: 3,
+        bounce_rays: 64,
+        ..SimOptions::default()
+    };
+    let error = error_with(&config, &options, &scene, 0..128, 42);
+    println!("ghosts: {error:.1} dB");
+    assert!(error < -60.0, "{error} dB");
 }
 
 #[test]

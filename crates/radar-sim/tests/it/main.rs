@@ -1,5 +1,6 @@
 //! Whole-simulator tests.
 
+mod bounces;
 mod closed_forms;
 mod fast_against_reference;
 mod input;
