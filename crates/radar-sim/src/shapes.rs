@@ -99,6 +99,24 @@ impl RigidSurface {
         })
     }
 
+    /// A plate in the xz plane facing -y, over `x_m` and `z_m` (low, high), whose facets are finest
+    /// around `foot` (x, z) and grow with the distance from it: a wall, whose flash comes from the
+    /// foot of the radar's perpendicular and whose far parts scatter little.
+    ///
+    /// Edges are at most `finest_m`, or an eighth of the distance from the foot along their axis.
+    pub fn graded_plate(x_m: [f64; 2], z_m: [f64; 2], foot: [f64; 2], finest_m: f64) -> Self {
+        let (columns, rows) = (
+            graded_lines(x_m, foot[0], finest_m),
+            graded_lines(z_m, foot[1], finest_m),
+        );
+        let last = |lines: &[f64]| (lines.len() - 1) as f64;
+        grid(rows.len() - 1, columns.len() - 1, |s, t| {
+            let row = rows.len() - 1 - (s * last(&rows)).round() as usize;
+            let column = (t * last(&columns)).round() as usize;
+            DVec3::new(columns[column], 0.0, rows[row])
+        })
+    }
+
     /// A box centred on the origin, its faces plates of the given edge.
     pub fn cuboid(size_m: DVec3, edge_m: f64) -> Self {
         use std::f64::consts::{FRAC_PI_2, PI};
@@ -227,6 +245,36 @@ impl MovingSurface for RigidSurface {
     }
 }
 
+/// Increasing places from low to high, a step apart that grows with the distance from `foot`.
+fn graded_lines([low, high]: [f64; 2], foot: f64, finest_m: f64) -> Vec<f64> {
+    const GROWTH: f64 = 0.125;
+    const MOST: usize = 4096;
+    let start = foot.clamp(low, high);
+    let side = |end: f64| {
+        let mut places = Vec::new();
+        let mut at = start;
+        while places.len() < MOST {
+            let step = finest_m.max(GROWTH * (at - foot).abs());
+            let left = (end - at).abs();
+            if left <= 0.0 {
+                break;
+            }
+            // The last two steps share what is left, so that none is a sliver.
+            at = if left <= step {
+                end
+            } else {
+                at + (end - at).signum() * step.min(0.5 * left.max(step))
+            };
+            places.push(at);
+        }
+        places
+    };
+    let mut lines: Vec<f64> = side(low).into_iter().rev().collect();
+    lines.push(start);
+    lines.extend(side(high));
+    lines
+}
+
 fn segments(length_m: f64, edge_m: f64) -> usize {
     // Clamped: a careless edge must not ask for terabytes.
     ((length_m / edge_m).ceil().clamp(1.0, 4096.0)) as usize
@@ -296,6 +344,37 @@ mod tests {
                 assert!(a.y <= 1e-12);
             }
             assert!((sum - area).abs() < 1e-12, "{sum} {area}");
+        }
+    }
+
+    #[test]
+    fn graded_plates_cover_their_area_and_are_finest_at_the_foot() {
+        for (x, z, foot) in [
+            ([-2.0, 3.0], [-1.0, 1.5], [0.0, 0.0]),
+            ([0.0, 6.0], [-1.0, 1.5], [-0.5, 0.2]),
+        ] {
+            let mesh = RigidSurface::graded_plate(x, z, foot, 0.02);
+            let (mut area, mut nearest) = (0.0, (f64::INFINITY, 0.0));
+            for &[a, b, c] in &mesh.triangles {
+                let [a, b, c] = [a, b, c].map(|i| mesh.vertices[i as usize]);
+                let cross = 0.5 * (b - a).cross(c - a);
+                assert!(cross.y < 0.0);
+                area += cross.length();
+                let distance = (a.x - foot[0]).hypot(a.z - foot[1]);
+                let edge = a.distance(b).max(a.distance(c));
+                if distance < nearest.0 {
+                    nearest = (distance, edge);
+                }
+                let (dx, dz) = (b.x.max(c.x) - foot[0], b.z.max(c.z) - foot[1]);
+                let reach = dx.abs().max(dz.abs()).max(distance) + 0.5;
+                assert!(edge <= 0.2 * reach, "{edge} m at {distance} m");
+            }
+            let expected = (x[1] - x[0]) * (z[1] - z[0]);
+            assert!((area / expected - 1.0).abs() < 1e-9);
+            if foot[0] >= x[0] {
+                assert!(nearest.1 < 0.03, "{nearest:?}");
+            }
+            assert!(mesh.triangles.len() < 20_000, "{}", mesh.triangles.len());
         }
     }
 

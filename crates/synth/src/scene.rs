@@ -1,11 +1,13 @@
 //! Scene files: targets with known answers, for checks against closed forms.
 
-use std::path::Path;
+use std::{fs, path::Path};
 
 use glam::{DQuat, DVec3, Vec3};
-use radarllm_base::{Material, MovingSurface, frames::Placement};
+use radarllm_base::{
+    Material, MovingSurface, RadarConfig, frames::Placement, materials::Substance,
+};
 use radarllm_body::{loaders::load_motion_file, mesh::BodyShape, procedural, sample::canonicalize};
-use radarllm_radar_sim::{Noise, PointTarget, Scene, shapes::RigidSurface};
+use radarllm_radar_sim::{Noise, PointTarget, Scene, SimOptions, shapes::RigidSurface};
 use serde::Deserialize;
 
 use crate::{
@@ -25,35 +27,83 @@ pub struct SceneFile {
     /// Receiver noise; the radar's own thermal noise without it.
     #[serde(default)]
     pub noise: NoiseFile,
-    /// Room; not supported yet and refused.
-    #[serde(default)]
-    pub room: Option<toml::Table>,
+    /// Walls, floor and ceiling; free space without it.
+    pub room: Option<RoomFile>,
+    /// Most surfaces on a path, 1 to 4; 1 leaves out reflections between surfaces.
+    #[serde(default = "default_bounces")]
+    pub max_bounces: usize,
+}
+
+fn default_bounces() -> usize {
+    3
+}
+
+/// The `[room]` table: a box around the radar, open behind it.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RoomFile {
+    /// Distance of the left wall from the radar, m.
+    pub left_m: f64,
+    /// Distance of the right wall, m.
+    pub right_m: f64,
+    /// Distance of the wall opposite, m.
+    pub depth_m: f64,
+    /// Height of the radar above the floor, m.
+    pub radar_height_m: f64,
+    /// Height of the ceiling above the floor, m.
+    pub height_m: f64,
+    /// Material of the walls and the ceiling.
+    pub walls: String,
+    /// Material of the floor.
+    pub floor: String,
+    /// Finest facet edge, around the foot of each perpendicular from the radar, m.
+    pub facet_edge_m: f64,
+}
+
+impl Default for RoomFile {
+    fn default() -> Self {
+        Self {
+            left_m: 2.5,
+            right_m: 2.5,
+            depth_m: 6.0,
+            radar_height_m: 1.0,
+            height_m: 2.5,
+            walls: "plaster".into(),
+            floor: "wood".into(),
+            facet_edge_m: 0.02,
+        }
+    }
 }
 
 /// One target.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Target {
-    /// `point`, `sphere`, `plate`, `cylinder` or `motion`.
+    /// `point`, `sphere`, `plate`, `cylinder`, `box`, `dihedral`, `trihedral`, `mesh` or `motion`.
     pub kind: String,
-    /// Centre in the radar frame, m; for motions the place on the floor where the path's first pose stands.
+    /// Centre in the radar frame, m; for corners the apex, for meshes their own origin, for motions
+    /// the place on the floor where the path's first pose stands.
     pub position_m: [f64; 3],
     /// Velocity, m/s.
     #[serde(default)]
     pub velocity_mps: [f64; 3],
-    /// Direction a plate faces; towards the radar without it.
+    /// Direction that a plate or a corner's opening faces; towards the radar without it.
     pub normal: Option<[f64; 3]>,
     /// Cross section of a point, m^2.
     pub rcs_m2: Option<f64>,
     /// Radius of a sphere or cylinder, m.
     pub radius_m: Option<f64>,
-    /// Width and height of a plate; the second one is a cylinder's height, m.
+    /// Width and height of a plate or of a dihedral's wings; the second one is a cylinder's height;
+    /// the first one a trihedral's leg, m.
     pub size_m: Option<[f64; 2]>,
+    /// Extent of a box along x, y, z, m.
+    pub extent_m: Option<[f64; 3]>,
     /// Longest facet edge, m.
     pub facet_edge_m: Option<f64>,
-    /// `metal` (the default) or `skin`.
+    /// `metal` (the default), `clothed` (a dressed person) or another name of
+    /// [`radarllm_base::materials::Substance`].
     pub material: Option<String>,
-    /// Motion file or builtin:NAME.
+    /// Motion file or builtin:NAME; OBJ file of a mesh.
     pub file: Option<String>,
 }
 
@@ -66,6 +116,8 @@ pub struct NoiseFile {
     pub none: bool,
     /// Noise this far below the signal, dB.
     pub snr_db: Option<f64>,
+    /// Noise figure in place of the radar's own, dB.
+    pub noise_figure_db: Option<f64>,
 }
 
 /// Longest scene, s.
@@ -86,12 +138,34 @@ impl SceneFile {
                 file.duration_s
             )));
         }
-        if file.room.is_some() {
+        let noise = &file.noise;
+        let kinds = [
+            noise.none,
+            noise.snr_db.is_some(),
+            noise.noise_figure_db.is_some(),
+        ];
+        if kinds.into_iter().filter(|set| *set).count() > 1 {
             return Err(SynthError::Config(
-                "[room]: not supported yet; a scene without it is free space".into(),
+                "[noise]: none, snr_db and noise_figure_db exclude one another".into(),
             ));
         }
         Ok(file)
+    }
+
+    /// The radar as the scene wants it: with the noise figure of `[noise]`, if it names one.
+    pub fn radar(&self, radar: &RadarConfig) -> RadarConfig {
+        RadarConfig {
+            noise_figure_db: self.noise.noise_figure_db.unwrap_or(radar.noise_figure_db),
+            ..radar.clone()
+        }
+    }
+
+    /// The simulator's options for this scene.
+    pub fn sim_options(&self) -> SimOptions {
+        SimOptions {
+            max_bounces: self.max_bounces,
+            ..SimOptions::default()
+        }
     }
 }
 
@@ -103,11 +177,11 @@ pub struct OwnedScene {
 }
 
 impl OwnedScene {
-    /// Makes the targets of a scene file.
+    /// Makes the targets of a scene file as a radar of `frequency_hz` sees them; paths start at `base`.
     ///
     /// # Errors
     /// Unknown kinds, missing or impossible values, with the target's number.
-    pub fn open(file: &SceneFile) -> Result<Self, SynthError> {
+    pub fn open(file: &SceneFile, base: &Path, frequency_hz: f64) -> Result<Self, SynthError> {
         let noise = match (file.noise.none, file.noise.snr_db) {
             (true, _) => Noise::Off,
             (false, Some(snr_db)) => Noise::SnrDb(snr_db),
@@ -119,13 +193,20 @@ impl OwnedScene {
             noise,
         };
         for (index, target) in file.target.iter().enumerate() {
-            scene.add(target).map_err(|problem| {
+            scene.add(target, base, frequency_hz).map_err(|problem| {
                 SynthError::Config(format!(
                     "[[target]] number {} ({}): {problem}",
                     index + 1,
                     target.kind
                 ))
             })?;
+        }
+        if let Some(room) = &file.room {
+            let walls = walls(room, frequency_hz)
+                .map_err(|problem| SynthError::Config(format!("[room]: {problem}")))?;
+            for wall in walls {
+                scene.surfaces.push(Box::new(wall));
+            }
         }
         Ok(scene)
     }
@@ -139,7 +220,7 @@ impl OwnedScene {
         }
     }
 
-    fn add(&mut self, target: &Target) -> Result<(), String> {
+    fn add(&mut self, target: &Target, base: &Path, frequency_hz: f64) -> Result<(), String> {
         let position = DVec3::from_array(target.position_m);
         let velocity = DVec3::from_array(target.velocity_mps);
         if !(position.is_finite() && velocity.is_finite()) {
@@ -155,7 +236,7 @@ impl OwnedScene {
             return Ok(());
         }
         if target.kind == "motion" {
-            self.surfaces.push(Box::new(motion(target)?));
+            self.surfaces.push(Box::new(motion(target, base)?));
             return Ok(());
         }
         let edge_m = target
@@ -176,12 +257,28 @@ impl OwnedScene {
             "plate" => {
                 let [width_m, height_m] = size(target)?;
                 check(width_m * height_m)?;
-                let normal = target.normal.map_or(-position, DVec3::from_array);
-                let normal = normal.try_normalize().ok_or("normal must not be zero")?;
-                // The mesh faces -y; turn that onto the asked direction.
-                RigidSurface::plate(width_m, height_m, edge_m)
-                    .turned(DQuat::from_rotation_arc(-DVec3::Y, normal))
+                RigidSurface::plate(width_m, height_m, edge_m).turned(facing(target)?)
             }
+            "dihedral" => {
+                let [width_m, height_m] = size(target)?;
+                check(2.0 * width_m * height_m)?;
+                RigidSurface::dihedral(width_m, height_m, edge_m).turned(facing(target)?)
+            }
+            "trihedral" => {
+                let leg_m = size(target)?[0];
+                check(1.5 * leg_m * leg_m)?;
+                RigidSurface::trihedral(leg_m, edge_m).turned(facing(target)?)
+            }
+            "box" => {
+                let extent = target.extent_m.ok_or("extent_m is missing")?;
+                for value in extent {
+                    positive("extent_m", Some(value))?;
+                }
+                let [x, y, z] = extent;
+                check(2.0 * (x * y + y * z + z * x))?;
+                RigidSurface::cuboid(DVec3::from_array(extent), edge_m)
+            }
+            "mesh" => obj_mesh(&base.join(target.file.as_deref().ok_or("file is missing")?))?,
             "cylinder" => {
                 let radius_m = positive("radius_m", target.radius_m)?;
                 let height_m = size(target)?[1];
@@ -190,11 +287,12 @@ impl OwnedScene {
             }
             other => {
                 return Err(format!(
-                    "kind `{other}` is not supported yet; point, sphere, plate, cylinder and motion are"
+                    "kind `{other}` is unknown; point, sphere, plate, cylinder, box, dihedral, \
+                     trihedral, mesh and motion are known"
                 ));
             }
         };
-        let material = material(target.material.as_deref())?;
+        let material = material(target.material.as_deref().unwrap_or("metal"), frequency_hz)?;
         self.surfaces
             .push(Box::new(mesh.at(position).moving(velocity).of(material)));
         Ok(())
@@ -217,15 +315,157 @@ fn size(target: &Target) -> Result<[f64; 2], String> {
     ])
 }
 
-fn material(name: Option<&str>) -> Result<Material, String> {
-    match name {
-        None | Some("metal") => Ok(Material::PEC),
-        Some("skin") => Ok(radarllm_body::mesh::clothed_skin()),
-        Some(other) => Err(format!("material `{other}` is unknown; metal and skin are")),
+fn material(name: &str, frequency_hz: f64) -> Result<Material, String> {
+    if name == "clothed" {
+        return Ok(radarllm_body::mesh::clothed_skin());
     }
+    let substance = Substance::named(name).ok_or_else(|| {
+        let known: Vec<&str> = Substance::ALL.iter().map(|s| s.name()).collect();
+        format!(
+            "material `{name}` is unknown; clothed, {} are known",
+            known.join(", ")
+        )
+    })?;
+    Ok(substance.material(frequency_hz))
 }
 
-fn motion(target: &Target) -> Result<radarllm_body::mesh::PosedBody, String> {
+/// Turns what opens towards -y to the asked direction, or to the radar.
+fn facing(target: &Target) -> Result<DQuat, String> {
+    let position = DVec3::from_array(target.position_m);
+    let normal = target.normal.map_or(-position, DVec3::from_array);
+    let normal = normal.try_normalize().ok_or("normal must not be zero")?;
+    // Yaw, then pitch: a corner's edge stays upright, as on a tripod.
+    let yaw = normal.x.atan2(-normal.y);
+    let pitch = -normal.z.clamp(-1.0, 1.0).asin();
+    Ok(DQuat::from_rotation_z(yaw) * DQuat::from_rotation_x(pitch))
+}
+
+/// Largest OBJ file, bytes.
+const MAX_OBJ_BYTES: u64 = 1 << 30;
+
+/// All triangles of an OBJ file; polygons are cut into triangles.
+fn obj_mesh(path: &Path) -> Result<RigidSurface, String> {
+    let fail = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
+    let bytes = fs::metadata(path).map_err(|e| fail(&e))?.len();
+    if bytes > MAX_OBJ_BYTES {
+        return Err(fail(&format!("{bytes} bytes, at most {MAX_OBJ_BYTES}")));
+    }
+    let options = tobj::LoadOptions {
+        triangulate: true,
+        ignore_points: true,
+        ignore_lines: true,
+        ..tobj::LoadOptions::default()
+    };
+    let text = fs::read(path).map_err(|e| fail(&e))?;
+    // Material files do not matter to a radar.
+    let no_materials = |_: &Path| Err(tobj::LoadError::OpenFileFailed);
+    let (models, _) =
+        tobj::load_obj_buf(&mut text.as_slice(), &options, no_materials).map_err(|e| fail(&e))?;
+    let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+    for model in models {
+        let first = vertices.len() as u32;
+        let points = model.mesh.positions.chunks_exact(3);
+        vertices.extend(points.map(|p| DVec3::new(p[0].into(), p[1].into(), p[2].into())));
+        let count = vertices.len() as u32 - first;
+        for t in model.mesh.indices.chunks_exact(3) {
+            if t.iter().any(|i| *i >= count) {
+                return Err(fail(&"a face names a vertex that does not exist"));
+            }
+            triangles.push([first + t[0], first + t[1], first + t[2]]);
+        }
+    }
+    if triangles.is_empty() {
+        return Err(fail(&"no triangle"));
+    }
+    if triangles.len() as f64 > MAX_FACETS {
+        return Err(fail(&format!(
+            "{} triangles, at most {MAX_FACETS}",
+            triangles.len()
+        )));
+    }
+    if let Some(i) = vertices.iter().position(|v| !v.is_finite()) {
+        return Err(fail(&format!("vertex {} is not finite", i + 1)));
+    }
+    Ok(RigidSurface::new(vertices, triangles))
+}
+
+/// Left, right and far wall, floor and ceiling, facing inwards.
+fn walls(room: &RoomFile, frequency_hz: f64) -> Result<[RigidSurface; 5], String> {
+    for (name, value) in [
+        ("left_m", room.left_m),
+        ("right_m", room.right_m),
+        ("depth_m", room.depth_m),
+        ("radar_height_m", room.radar_height_m),
+        ("height_m", room.height_m),
+    ] {
+        if !(0.1..=100.0).contains(&value) {
+            return Err(format!("{name}: must be in 0.1..=100, found {value}"));
+        }
+    }
+    if room.height_m <= room.radar_height_m + 0.1 {
+        return Err("height_m: the ceiling must be above the radar".into());
+    }
+    if !(0.005..=1.0).contains(&room.facet_edge_m) {
+        return Err(format!(
+            "facet_edge_m: must be in 0.005..=1, found {}",
+            room.facet_edge_m
+        ));
+    }
+    let (wall, floor) = (
+        material(&room.walls, frequency_hz)?,
+        material(&room.floor, frequency_hz)?,
+    );
+    let (down, up) = (-room.radar_height_m, room.height_m - room.radar_height_m);
+    let (across, along) = ([-room.left_m, room.right_m], [0.0, room.depth_m]);
+    let back = [-room.depth_m, 0.0];
+    // Each is a plate facing -y around the foot of the radar's perpendicular, turned and shifted.
+    let plate = |x, z, turn: DQuat, at: DVec3, material| {
+        RigidSurface::graded_plate(x, z, [0.0, 0.0], room.facet_edge_m)
+            .turned(turn)
+            .at(at)
+            .of(material)
+    };
+    let quarter = std::f64::consts::FRAC_PI_2;
+    Ok([
+        plate(
+            along,
+            [down, up],
+            DQuat::from_rotation_z(quarter),
+            DVec3::X * -room.left_m,
+            wall,
+        ),
+        plate(
+            back,
+            [down, up],
+            DQuat::from_rotation_z(-quarter),
+            DVec3::X * room.right_m,
+            wall,
+        ),
+        plate(
+            across,
+            [down, up],
+            DQuat::IDENTITY,
+            DVec3::Y * room.depth_m,
+            wall,
+        ),
+        plate(
+            across,
+            along,
+            DQuat::from_rotation_x(-quarter),
+            DVec3::Z * down,
+            floor,
+        ),
+        plate(
+            across,
+            back,
+            DQuat::from_rotation_x(quarter),
+            DVec3::Z * up,
+            wall,
+        ),
+    ])
+}
+
+fn motion(target: &Target, base: &Path) -> Result<radarllm_body::mesh::PosedBody, String> {
     let file = target.file.as_deref().ok_or("file is missing")?;
     let (motion, shape) = if file.starts_with("builtin:") {
         let rendered = procedural::parse(file)
@@ -234,7 +474,7 @@ fn motion(target: &Target) -> Result<radarllm_body::mesh::PosedBody, String> {
         let shape = builtin_shape(&rendered);
         (rendered.motion, shape)
     } else {
-        let mut loaded = load_motion_file(Path::new(file)).map_err(|e| e.to_string())?;
+        let mut loaded = load_motion_file(&base.join(file)).map_err(|e| e.to_string())?;
         canonicalize(&mut loaded.motion);
         (loaded.motion, BodyShape::default())
     };
@@ -268,9 +508,20 @@ mod tests {
                 "duration_s = 1.0\n[[target]]\nkind = \"sphere\"\nposition_m = [0.0, 3.0, 0.0]\nradius_m = 1.0\nfacet_edge_m = 1e-6",
                 "facet_edge_m",
             ),
-            ("duration_s = 1.0\n[room]\nwalls = 1", "room"),
+            ("duration_s = 1.0\n[room]\nwalls = 1", "walls"),
+            ("duration_s = 1.0\n[room]\nwalls = \"cheese\"", "cheese"),
+            ("duration_s = 1.0\n[room]\nheight_m = 0.5", "height_m"),
+            (
+                "duration_s = 1.0\n[noise]\nnone = true\nsnr_db = 3.0",
+                "exclude",
+            ),
+            (
+                "duration_s = 1.0\n[[target]]\nkind = \"mesh\"\nposition_m = [0.0, 3.0, 0.0]\nfile = \"nowhere.obj\"",
+                "nowhere.obj",
+            ),
         ] {
-            let outcome = SceneFile::from_toml(text).and_then(|f| OwnedScene::open(&f).map(|_| ()));
+            let outcome = SceneFile::from_toml(text)
+                .and_then(|f| OwnedScene::open(&f, Path::new(""), 79e9).map(|_| ()));
             let error = outcome.unwrap_err().to_string();
             assert!(error.contains(word), "`{error}` should name `{word}`");
         }
@@ -280,9 +531,45 @@ mod tests {
     fn targets_become_surfaces_and_points() {
         let text = "duration_s = 1.0\n[[target]]\nkind = \"point\"\nposition_m = [0.0, 3.0, 0.0]\nrcs_m2 = 1.0\n\
                     [[target]]\nkind = \"plate\"\nposition_m = [0.0, 3.0, 0.0]\nsize_m = [0.1, 0.1]\n";
-        let owned = OwnedScene::open(&SceneFile::from_toml(text).unwrap()).unwrap();
+        let owned =
+            OwnedScene::open(&SceneFile::from_toml(text).unwrap(), Path::new(""), 79e9).unwrap();
         let scene = owned.scene();
         assert_eq!((scene.surfaces.len(), scene.points.len()), (1, 1));
         assert_eq!(scene.noise, Noise::Thermal);
+    }
+
+    #[test]
+    fn a_room_faces_inwards_and_a_mesh_keeps_its_triangles() {
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::write(
+            dir.path().join("quad.obj"),
+            "v -0.1 0 -0.1\nv 0.1 0 -0.1\nv 0.1 0 0.1\nv -0.1 0 0.1\nf 1 2 3 4\n",
+        )
+        .unwrap();
+        let text = "duration_s = 1.0\n[room]\n[[target]]\nkind = \"mesh\"\nfile = \"quad.obj\"\n\
+                    position_m = [0.0, 3.0, 0.0]\nmaterial = \"wood\"\n";
+        let file = SceneFile::from_toml(text).unwrap();
+        assert_eq!(file.sim_options().max_bounces, 3);
+        let owned = OwnedScene::open(&file, dir.path(), 79e9).unwrap();
+        let scene = owned.scene();
+        assert_eq!(scene.surfaces.len(), 6);
+        assert_eq!(scene.surfaces[0].triangles().len(), 2);
+        for wall in &scene.surfaces[1..] {
+            let mut at = vec![Vec3::ZERO; wall.n_vertices()];
+            wall.positions_at(0.0, &mut at);
+            for &[a, b, c] in wall.triangles() {
+                let [a, b, c] = [a, b, c].map(|i| at[i as usize]);
+                // The radar's place and the middle of the room lie in front of every facet.
+                let normal = (b - a).cross(c - a);
+                assert!(normal.dot(Vec3::new(0.0, 3.0, 0.2) - a) > 0.0);
+            }
+        }
+        for bad in ["v 0 0 nan\nf 1 1 1\n", "v 0 0 0\nf 1 2 3\n", "", "f 1 2"] {
+            std::fs::write(dir.path().join("quad.obj"), bad).unwrap();
+            let error = OwnedScene::open(&file, dir.path(), 79e9)
+                .map(|_| ())
+                .unwrap_err();
+            assert!(error.to_string().contains("quad.obj"), "{error}");
+        }
     }
 }

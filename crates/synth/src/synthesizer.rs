@@ -129,7 +129,19 @@ impl Synthesizer {
     /// # Errors
     /// A radar that either of them cannot serve.
     pub fn new(radar: &RadarConfig, method: Method, dsp: DspOptions) -> Result<Self, SynthError> {
-        let sim = SimOptions::default();
+        Self::with_simulation(radar, method, dsp, SimOptions::default())
+    }
+
+    /// As [`Self::new`], with options of the simulator.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_simulation(
+        radar: &RadarConfig,
+        method: Method,
+        dsp: DspOptions,
+        sim: SimOptions,
+    ) -> Result<Self, SynthError> {
         let simulator = Simulator::new(radar, sim.clone())?;
         let extractor = PointExtractor::new(radar, dsp)?;
         let cube = simulator.new_cube();

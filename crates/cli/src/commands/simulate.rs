@@ -9,13 +9,13 @@ use std::{
 
 use npyz::WriterBuilder;
 use num_complex::Complex32;
-use radarllm_base::RadarConfig;
+use radarllm_base::{RadarConfig, SPEED_OF_LIGHT_MPS};
 use radarllm_body::{
     MotionSampler,
     mesh::{BodyModel, PosedBody, SmplxBody, clothed_skin},
 };
 use radarllm_dataset::{Overwrite, PointsMeta, write_points};
-use radarllm_radar_dsp::Map;
+use radarllm_radar_dsp::{DspOptions, Map};
 use radarllm_radar_sim::{Noise, Scene};
 use radarllm_synth::{
     Method, Synthesizer,
@@ -168,16 +168,23 @@ fn simulate_one(
     } else {
         Method::Fast
     };
-    let mut synthesizer = input::synthesizer(radar, method)?;
     if input.ends_with(".toml") {
         let text = fs::read_to_string(input).map_err(|e| CliError::io(Path::new(input), e))?;
         let file =
             SceneFile::from_toml(&text).map_err(|e| CliError::new(format!("{input}: {e}")))?;
-        let duration_s = file.duration_s;
-        let owned = OwnedScene::open(&file).map_err(|e| CliError::new(format!("{input}: {e}")))?;
-        let frames = synthesizer.frames_in(duration_s).max(1);
+        let base = Path::new(input).parent().unwrap_or(Path::new(""));
+        let owned = OwnedScene::open(&file, base, SPEED_OF_LIGHT_MPS / radar.wavelength_m())
+            .map_err(|e| CliError::new(format!("{input}: {e}")))?;
+        let mut synthesizer = Synthesizer::with_simulation(
+            &file.radar(radar),
+            method,
+            DspOptions::default(),
+            file.sim_options(),
+        )?;
+        let frames = synthesizer.frames_in(file.duration_s).max(1);
         return run_scene(&mut synthesizer, &owned.scene(), frames, input, out, args);
     }
+    let mut synthesizer = input::synthesizer(radar, method)?;
     let motion = input::motion(input, args.seed)?;
     let placement = input::place(&motion.motion, args.distance_m, args.radar_height_m);
     let body = match &args.body {
