@@ -13,7 +13,8 @@
 //! [`scatter`] (one triangle), [`visibility`], [`simulator`] (the pipeline and how it is fast),
 //! then its stages: `motion` and `facets` (polynomials over a segment), `bounce` (paths over several
 //! surfaces), `slow_time` (Doppler groups),
-//! `gridding` and `spread` (range grid), `transform` (range FFT), [`noise`].
+//! `gridding` and `spread` (range grid), `transform` (range FFT), [`noise`], [`impairments`] (of real
+//! receivers, laid over a finished cube).
 //!
 //! Deliberately absent: polarisation, diffraction, the notion of a human.
 
@@ -21,6 +22,7 @@ mod bounce;
 pub mod error;
 mod facets;
 mod gridding;
+pub mod impairments;
 pub mod link;
 mod motion;
 pub mod noise;
@@ -36,6 +38,7 @@ mod transform;
 pub mod visibility;
 
 pub use error::SimError;
+pub use impairments::Impairments;
 pub use scene::{Noise, PointTarget, Scene};
 pub use simd::SimdLevel;
 pub use simulator::{FrameStats, SimOptions, Simulator, StageSeconds};

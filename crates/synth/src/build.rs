@@ -32,6 +32,7 @@ pub fn build(
     progress: impl Fn(Progress) + Sync,
 ) -> Result<BuildReport, SynthError> {
     let radar = config.open_radar(base)?;
+    let impairments = config.impairments.resolve().map_err(SynthError::Config)?;
     let corpora = config.open_sources(base)?;
     let mut places: HashMap<String, (usize, usize, usize)> = HashMap::new();
     let mut items = Vec::new();
@@ -86,7 +87,8 @@ pub fn build(
         // Planning FFTs takes milliseconds; a pool of planned chains serves every thread.
         let mut synthesizer = match take() {
             Some(ready) => ready,
-            None => Synthesizer::new(&radar, Method::Fast, DspOptions::default())?,
+            None => Synthesizer::new(&radar, Method::Fast, DspOptions::default())?
+                .with_impairments(impairments),
         };
         let corpus: &dyn Corpus = corpora[corpus_idx].as_ref();
         let record = make_record(&mut synthesizer, corpus, item_idx, variant, config);

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     SynthError,
     corpus::{Corpus, bandai_namco::BandaiNamco, procedural::ProceduralCorpus},
+    impairments::ImpairmentsFile,
     placement::PlacementRange,
 };
 
@@ -39,8 +40,15 @@ pub struct DatasetConfig {
     pub heading_deg: f32,
     /// Height of the radar above the floor, m.
     pub radar_height_m: f32,
+    /// Faults of the receiver; none without it.
+    #[serde(skip_serializing_if = "is_default")]
+    pub impairments: ImpairmentsFile,
     /// Where the motions come from.
     pub source: Vec<SourceConfig>,
+}
+
+fn is_default(table: &ImpairmentsFile) -> bool {
+    *table == ImpairmentsFile::default()
 }
 
 /// One source of captioned motions.
@@ -79,6 +87,7 @@ impl Default for DatasetConfig {
             lateral_m: placement.lateral_m,
             heading_deg: placement.heading_rad.to_degrees(),
             radar_height_m: placement.radar_height_m,
+            impairments: ImpairmentsFile::default(),
             source: Vec::new(),
         }
     }
@@ -132,6 +141,7 @@ impl DatasetConfig {
                 self.distance_m
             ));
         }
+        self.impairments.resolve().map_err(SynthError::Config)?;
         for source in &self.source {
             if let SourceConfig::Procedural { train, val, test } = source
                 && [train, val, test].into_iter().any(|n| *n > MAX_COUNT)

@@ -12,6 +12,7 @@ use serde::Deserialize;
 
 use crate::{
     SynthError,
+    impairments::ImpairmentsFile,
     synthesizer::{builtin_shape, posed_builtin},
 };
 
@@ -29,6 +30,9 @@ pub struct SceneFile {
     pub noise: NoiseFile,
     /// Walls, floor and ceiling; free space without it.
     pub room: Option<RoomFile>,
+    /// Faults of the receiver; none without it.
+    #[serde(default)]
+    pub impairments: ImpairmentsFile,
     /// Most surfaces on a path, 1 to 4; 1 leaves out reflections between surfaces.
     #[serde(default = "default_bounces")]
     pub max_bounces: usize,
@@ -138,6 +142,7 @@ impl SceneFile {
                 file.duration_s
             )));
         }
+        file.impairments.resolve().map_err(SynthError::Config)?;
         let noise = &file.noise;
         let kinds = [
             noise.none,

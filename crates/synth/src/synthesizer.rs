@@ -14,7 +14,7 @@ use radarllm_body::{
     procedural::Procedural,
 };
 use radarllm_radar_dsp::{DspError, DspOptions, PointExtractor};
-use radarllm_radar_sim::{Noise, Scene, SimError, SimOptions, Simulator, reference};
+use radarllm_radar_sim::{Impairments, Noise, Scene, SimError, SimOptions, Simulator, reference};
 
 use crate::corpus::CorpusError;
 
@@ -117,6 +117,7 @@ pub enum Method {
 pub struct Synthesizer {
     radar: RadarConfig,
     sim: SimOptions,
+    impairments: Impairments,
     method: Method,
     simulator: Simulator,
     extractor: PointExtractor,
@@ -148,11 +149,21 @@ impl Synthesizer {
         Ok(Self {
             radar: radar.clone(),
             sim,
+            impairments: Impairments::default(),
             method,
             simulator,
             extractor,
             cube,
         })
+    }
+
+    /// The same chain behind a receiver with faults.
+    #[must_use]
+    pub fn with_impairments(self, impairments: Impairments) -> Self {
+        Self {
+            impairments,
+            ..self
+        }
     }
 
     /// The radar.
@@ -218,19 +229,20 @@ impl Synthesizer {
         frame_idx: usize,
         seed: u64,
     ) -> Result<&RadarCube, SynthError> {
-        let time_s = frame_idx as f64 * self.radar.frame_period_s;
+        let planned_s = frame_idx as f64 * self.radar.frame_period_s;
+        let frame = frame_idx as u64;
+        let time_s = planned_s + self.impairments.start_delay_s(seed, frame);
         match self.method {
             Method::Fast => {
-                self.simulator.simulate_frame(
-                    scene,
-                    frame_idx as u64,
-                    time_s,
-                    seed,
-                    &mut self.cube,
-                )?;
+                self.simulator
+                    .simulate_frame(scene, frame, time_s, seed, &mut self.cube)?;
             }
             Method::Reference => self.simulate_reference(scene, frame_idx, time_s, seed)?,
         }
+        self.impairments
+            .apply(&self.radar, &mut self.cube, seed, frame)?;
+        // The stamp is the radar's own idea of the time.
+        self.cube.time_s = planned_s;
         Ok(&self.cube)
     }
 

@@ -180,7 +180,12 @@ fn simulate_one(
             method,
             DspOptions::default(),
             file.sim_options(),
-        )?;
+        )?
+        .with_impairments(
+            file.impairments
+                .resolve()
+                .map_err(|e| CliError::new(format!("{input}: {e}")))?,
+        );
         let frames = synthesizer.frames_in(file.duration_s).max(1);
         return run_scene(&mut synthesizer, &owned.scene(), frames, input, out, args);
     }

@@ -1,0 +1,440 @@
+//! What real receivers add: leakage, mismatch, phase noise, the ADC, lost packets.
+//!
+//! Each is a field with an off value; [`Impairments::default`] is an ideal receiver and
+//! [`Impairments::typical`] a single-chip 77 GHz radar. They act on a finished cube in the order in
+//! which the hardware does: leakage joins the echoes, phase noise smears them, channels differ, the
+//! ADC rounds and clips, packets get lost.
+
+use std::f64::consts::{PI, TAU};
+
+use num_complex::{Complex32, Complex64};
+use radarllm_base::{RadarConfig, RadarCube, SPEED_OF_LIGHT_MPS, seed::derive_seed};
+
+use crate::error::SimError;
+use crate::noise::NoiseGenerator;
+use crate::simd::SimdLevel;
+
+/// Rounding and clipping of each of I and Q.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Adc {
+    /// Bits of one component, sign included, 2..=16.
+    pub bits: u32,
+    /// Power of a tone whose peaks reach the largest code, dBm at the antenna.
+    pub full_scale_dbm: f64,
+}
+
+/// Transmitter leaking into the receivers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Leakage {
+    /// Transmit power over leaked power, dB.
+    pub isolation_db: f64,
+    /// Length of the leaking path, m.
+    pub path_m: f64,
+}
+
+/// Departures from an ideal receiver.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Impairments {
+    /// Leakage; `None` is off.
+    pub leakage: Option<Leakage>,
+    /// Single-sideband phase noise of the oscillator at 1 MHz offset, dBc/Hz, falling with the square
+    /// of the offset (free-running oscillator); `None` is off.
+    pub phase_noise_dbc_per_hz_at_1_mhz: Option<f64>,
+    /// Standard deviation of each channel's phase error, rad; 0 is off.
+    pub channel_phase_rad: f64,
+    /// Standard deviation of each channel's gain error, dB; 0 is off.
+    pub channel_gain_db: f64,
+    /// The ADC; `None` keeps floating point.
+    pub adc: Option<Adc>,
+    /// Probability that a packet is lost and its samples read zero; 0 is off.
+    pub packet_loss: f64,
+    /// Standard deviation of the frame's start, s; 0 is off. The frame's time stamp keeps the plan.
+    pub start_jitter_s: f64,
+}
+
+/// Bytes of samples in a packet of TI's DCA1000 (raw mode, without its 10 header bytes).
+const PACKET_BYTES: usize = 1456;
+/// Bytes of one complex sample on the wire.
+const SAMPLE_BYTES: usize = 4;
+
+impl Impairments {
+    /// A single-chip 77 GHz radar. Phase noise -93 dBc/Hz and channel spread follow TI's AWR1843 data
+    /// sheet and calibration notes; isolation and full scale are this project's guesses.
+    pub fn typical() -> Self {
+        Self {
+            leakage: Some(Leakage {
+                isolation_db: 40.0,
+                path_m: 0.05,
+            }),
+            phase_noise_dbc_per_hz_at_1_mhz: Some(-93.0),
+            channel_phase_rad: 2.5_f64.to_radians(),
+            channel_gain_db: 0.3,
+            adc: Some(Adc {
+                bits: 16,
+                full_scale_dbm: -20.0,
+            }),
+            packet_loss: 0.0,
+            start_jitter_s: 50e-6,
+        }
+    }
+
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// The first that is out of range.
+    pub fn validate(&self) -> Result<(), SimError> {
+        let mut checks = vec![
+            ("channel_phase_rad", self.channel_phase_rad, 0.0, 4.0),
+            ("channel_gain_db", self.channel_gain_db, 0.0, 30.0),
+            ("packet_loss", self.packet_loss, 0.0, 1.0),
+            ("start_jitter_s", self.start_jitter_s, 0.0, 1.0),
+        ];
+        if let Some(leakage) = self.leakage {
+            checks.push(("leakage.isolation_db", leakage.isolation_db, 0.0, 200.0));
+            checks.push(("leakage.path_m", leakage.path_m, 0.0, 10.0));
+        }
+        if let Some(level) = self.phase_noise_dbc_per_hz_at_1_mhz {
+            checks.push(("phase_noise_dbc_per_hz_at_1_mhz", level, -200.0, -40.0));
+        }
+        if let Some(adc) = self.adc {
+            checks.push(("adc.bits", f64::from(adc.bits), 2.0, 16.0));
+            checks.push(("adc.full_scale_dbm", adc.full_scale_dbm, -200.0, 60.0));
+        }
+        for (option, value, low, high) in checks {
+            if !(low..=high).contains(&value) {
+                return Err(SimError::Option {
+                    option,
+                    problem: format!("{value} is not in {low}..={high}"),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// How much later than planned a frame starts, s.
+    pub fn start_delay_s(&self, seed: u64, frame_idx: u64) -> f64 {
+        self.start_jitter_s * gaussian(derive_seed(seed, "start jitter"), frame_idx)
+    }
+
+    /// Changes a cube. `seed` fixes the channels' errors for a whole clip; with `frame_idx` it fixes
+    /// noise and losses.
+    ///
+    /// # Errors
+    /// A field out of range.
+    pub fn apply(
+        &self,
+        config: &RadarConfig,
+        cube: &mut RadarCube,
+        seed: u64,
+        frame_idx: u64,
+    ) -> Result<(), SimError> {
+        self.validate()?;
+        if let Some(leakage) = self.leakage {
+            leakage.add(config, cube, seed);
+        }
+        if let Some(level) = self.phase_noise_dbc_per_hz_at_1_mhz {
+            add_phase_noise(
+                config,
+                cube,
+                level,
+                derive_seed(seed, "phase noise") ^ frame_idx,
+            );
+        }
+        if self.channel_phase_rad > 0.0 || self.channel_gain_db > 0.0 {
+            let gains = self.channel_gains(cube.n_tx * cube.n_rx, seed);
+            let chirps = cube.data.chunks_exact_mut(cube.n_samples);
+            for (chirp, gain) in chirps.zip(gains.iter().cycle()) {
+                chirp.iter_mut().for_each(|z| *z *= gain);
+            }
+        }
+        if let Some(adc) = self.adc {
+            adc.convert(&mut cube.data);
+        }
+        if self.packet_loss > 0.0 {
+            let stream = derive_seed(seed, "packet loss");
+            let packets = cube.data.chunks_mut(PACKET_BYTES / SAMPLE_BYTES);
+            let first = frame_idx.wrapping_mul(1 << 32);
+            for (index, packet) in packets.enumerate() {
+                if uniform(stream, first.wrapping_add(index as u64)) < self.packet_loss {
+                    packet.fill(Complex32::ZERO);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn channel_gains(&self, n: usize, seed: u64) -> Vec<Complex32> {
+        let (phase, gain) = (
+            derive_seed(seed, "channel phase"),
+            derive_seed(seed, "channel gain"),
+        );
+        (0..n as u64)
+            .map(|channel| {
+                let db = self.channel_gain_db * gaussian(gain, channel);
+                let rad = self.channel_phase_rad * gaussian(phase, channel);
+                Complex32::from_polar(10_f64.powf(db / 20.0) as f32, rad as f32)
+            })
+            .collect()
+    }
+}
+
+impl Leakage {
+    /// A path that never moves, in every channel, with a phase of the channel's own.
+    fn add(&self, config: &RadarConfig, cube: &mut RadarCube, seed: u64) {
+        let power_w = 10_f64.powf((config.tx_power_dbm - 30.0 - self.isolation_db) / 10.0);
+        let amplitude = power_w.sqrt();
+        let tau_s = self.path_m / SPEED_OF_LIGHT_MPS;
+        let stream = derive_seed(seed, "leakage phase");
+        let n_channels = cube.n_tx * cube.n_rx;
+        let tones: Vec<Vec<Complex32>> = (0..n_channels as u64)
+            .map(|channel| {
+                let offset = uniform(stream, channel);
+                (0..cube.n_samples)
+                    .map(|n| {
+                        let t = config.adc_start_s + n as f64 / config.sample_rate_hz;
+                        let turns = (config.start_hz + config.slope_hz_per_s * t) * tau_s + offset;
+                        let z = Complex64::from_polar(amplitude, TAU * turns.fract());
+                        Complex32::new(z.re as f32, z.im as f32)
+                    })
+                    .collect()
+            })
+            .collect();
+        let chirps = cube.data.chunks_exact_mut(cube.n_samples);
+        for (chirp, tone) in chirps.zip(tones.iter().cycle()) {
+            chirp.iter_mut().zip(tone).for_each(|(z, t)| *z += t);
+        }
+    }
+}
+
+impl Adc {
+    /// Rounds to the nearest code and clips.
+    fn convert(&self, samples: &mut [Complex32]) {
+        let largest = f64::from((1u32 << (self.bits - 1)) - 1);
+        let full_scale = 10_f64.powf((self.full_scale_dbm - 30.0) / 20.0);
+        let (up, down) = ((largest / full_scale) as f32, (full_scale / largest) as f32);
+        let top = largest as f32;
+        let convert = |x: f32| (x * up).round().clamp(-top - 1.0, top) * down;
+        for z in samples {
+            *z = Complex32::new(convert(z.re), convert(z.im));
+        }
+    }
+}
+
+/// White noise in place of phase noise.
+///
+/// A free-running oscillator's phase is a random walk, and mixing an echo with the transmitted signal
+/// leaves the walk over the delay tau alone (range correlation; Budge and Burt, 1993). These steps are
+/// independent from sample to sample as tau is below the sample period, so what comes is white, with
+/// the variance `integral over f > 0 of 2 L(f) 4 sin^2(pi f tau) df = 4 pi^2 k tau`, `L(f) = k / f^2`,
+/// times each echo's power. The sum over echoes of power times tau is the cube's power times its mean
+/// beat frequency over the slope. The noise is drawn circular; of a single echo it would be in
+/// quadrature.
+fn add_phase_noise(config: &RadarConfig, cube: &mut RadarCube, dbc_per_hz: f64, seed: u64) {
+    let k_hz = 10_f64.powf(dbc_per_hz / 10.0) * 1e12;
+    let (mut lag_0, mut lag_1) = (0.0f64, Complex64::ZERO);
+    for chirp in cube.data.chunks_exact(cube.n_samples) {
+        for pair in chirp.windows(2) {
+            let product = pair[1] * pair[0].conj();
+            lag_1 += Complex64::new(f64::from(product.re), f64::from(product.im));
+            lag_0 += f64::from(pair[0].norm_sqr());
+        }
+    }
+    let n = (cube.data.len() - cube.data.len() / cube.n_samples).max(1) as f64;
+    let cycles = (lag_1.arg() / TAU).rem_euclid(1.0);
+    let tau_s = cycles * config.sample_rate_hz / config.slope_hz_per_s;
+    let power_w = 4.0 * PI * PI * k_hz * tau_s * lag_0 / n;
+    NoiseGenerator::new(seed, SimdLevel::detect()).add(&mut cube.data, power_w.sqrt() as f32);
+}
+
+/// The `index`-th number of a stream, in 0..1.
+fn uniform(stream: u64, index: u64) -> f64 {
+    // SplitMix64 of a counter.
+    let mut z = stream.wrapping_add(index.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^= z >> 31;
+    (z >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// The `index`-th standard normal number of a stream (Box-Muller).
+fn gaussian(stream: u64, index: u64) -> f64 {
+    let u = 1.0 - uniform(stream, 2 * index);
+    let v = uniform(stream, 2 * index + 1);
+    (-2.0 * u.ln()).sqrt() * (TAU * v).cos()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Noise, PointTarget, Scene, SimOptions, Simulator};
+    use glam::DVec3;
+
+    fn echo(range_m: f64) -> (RadarConfig, RadarCube) {
+        let config = RadarConfig::awr1843boost();
+        let scene = Scene {
+            surfaces: vec![],
+            points: vec![PointTarget::at(DVec3::Y * range_m, 1.0)],
+            noise: Noise::Off,
+        };
+        let mut simulator = Simulator::new(&config, SimOptions::default()).unwrap();
+        let mut cube = simulator.new_cube();
+        simulator
+            .simulate_frame(&scene, 0, 0.0, 1, &mut cube)
+            .unwrap();
+        (config, cube)
+    }
+
+    fn power(samples: &[Complex32]) -> f64 {
+        let sum: f64 = samples.iter().map(|z| f64::from(z.norm_sqr())).sum();
+        sum / samples.len() as f64
+    }
+
+    fn difference(a: &RadarCube, b: &RadarCube) -> Vec<Complex32> {
+        a.data.iter().zip(&b.data).map(|(a, b)| a - b).collect()
+    }
+
+    #[test]
+    fn an_ideal_receiver_changes_nothing() {
+        let (config, clean) = echo(3.0);
+        let mut cube = clean.clone();
+        Impairments::default()
+            .apply(&config, &mut cube, 1, 0)
+            .unwrap();
+        assert_eq!(cube.data, clean.data);
+        assert_eq!(Impairments::default().start_delay_s(1, 5), 0.0);
+        Impairments::typical().validate().unwrap();
+    }
+
+    #[test]
+    fn phase_noise_grows_with_range_as_the_walk_does() {
+        for range_m in [2.0, 8.0] {
+            let (config, clean) = echo(range_m);
+            let mut cube = clean.clone();
+            let impairments = Impairments {
+                phase_noise_dbc_per_hz_at_1_mhz: Some(-80.0),
+                ..Impairments::default()
+            };
+            impairments.apply(&config, &mut cube, 1, 0).unwrap();
+            let found = power(&difference(&cube, &clean)) / power(&clean.data);
+            // 4 pi^2 k tau, k = 1e-8 * 1e12 Hz. The estimate is a mean of 393,216 exponentials
+            // (0.16 %) and the beat frequency of one tone is exact but for the array's size.
+            let expected = 4.0 * PI * PI * 1e4 * 2.0 * range_m / SPEED_OF_LIGHT_MPS;
+            assert!((found / expected - 1.0).abs() < 0.02, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn leakage_stands_at_its_range_with_its_power() {
+        let (config, mut cube) = echo(3.0);
+        cube.data.fill(Complex32::ZERO);
+        let impairments = Impairments {
+            leakage: Some(Leakage {
+                isolation_db: 40.0,
+                path_m: 0.05,
+            }),
+            ..Impairments::default()
+        };
+        impairments.apply(&config, &mut cube, 1, 0).unwrap();
+        // 12 dBm less 40 dB.
+        assert!((10.0 * (power(&cube.data) * 1e3).log10() + 28.0).abs() < 1e-3);
+        // S tau / fs = 60.012e12 * 1.668e-10 / 4.4e6 cycles per sample.
+        let z = cube.chirp(5, 1, 2)[1] * cube.chirp(5, 1, 2)[0].conj();
+        let cycles = f64::from(z.arg()) / TAU;
+        assert!((cycles / 2.2748e-3 - 1.0).abs() < 1e-2, "{cycles}");
+        assert_eq!(cube.chirp(0, 0, 0), cube.chirp(90, 0, 0));
+        assert_ne!(cube.chirp(0, 0, 0), cube.chirp(0, 0, 1));
+    }
+
+    #[test]
+    fn quantisation_noise_is_a_twelfth_of_a_step_squared_and_peaks_are_clipped() {
+        let (config, clean) = echo(3.0);
+        let peak_dbm = 10.0 * (power(&clean.data) * 1e3).log10();
+        let convert = |bits, full_scale_dbm| {
+            let mut cube = clean.clone();
+            let impairments = Impairments {
+                adc: Some(Adc {
+                    bits,
+                    full_scale_dbm,
+                }),
+                ..Impairments::default()
+            };
+            impairments.apply(&config, &mut cube, 1, 0).unwrap();
+            cube
+        };
+        let cube = convert(10, peak_dbm + 1.0);
+        let step = 10_f64.powf((peak_dbm + 1.0 - 30.0) / 20.0) / 511.0;
+        let found = power(&difference(&cube, &clean));
+        // Two components of step^2 / 12 each; a tone's rounding errors are nearly uniform.
+        assert!((found / (step * step / 6.0) - 1.0).abs() < 0.05, "{found}");
+        let clipped = convert(10, peak_dbm - 6.0);
+        let top = 10_f64.powf((peak_dbm - 6.0 - 30.0) / 20.0) as f32;
+        assert!(
+            clipped
+                .data
+                .iter()
+                .all(|z| z.re <= top * 1.0001 && z.re >= -top * 1.003)
+        );
+        assert!(clipped.data.iter().any(|z| z.re >= top * 0.9999));
+    }
+
+    #[test]
+    fn channels_differ_alike_in_every_frame_and_packets_vanish_at_their_rate() {
+        let (config, clean) = echo(3.0);
+        let mismatch = Impairments {
+            channel_phase_rad: 0.05,
+            channel_gain_db: 0.5,
+            ..Impairments::default()
+        };
+        let (mut first, mut second) = (clean.clone(), clean.clone());
+        mismatch.apply(&config, &mut first, 7, 0).unwrap();
+        mismatch.apply(&config, &mut second, 7, 9).unwrap();
+        assert_eq!(first.data, second.data);
+        let ratio =
+            |cube: &RadarCube, rx: usize| cube.chirp(3, 0, rx)[9] / clean.chirp(3, 0, rx)[9];
+        assert_ne!(ratio(&first, 0), ratio(&first, 1));
+        assert!((ratio(&first, 0).arg()).abs() < 0.25);
+
+        let lossy = Impairments {
+            packet_loss: 0.1,
+            ..Impairments::default()
+        };
+        lossy.apply(&config, &mut second, 7, 2).unwrap();
+        let zeros = second.data.iter().filter(|z| z.norm_sqr() == 0.0).count();
+        let share = zeros as f64 / second.data.len() as f64;
+        // 1,081 packets: five standard deviations of sqrt(0.09 / 1081).
+        assert!((share - 0.1).abs() < 0.046, "{share}");
+    }
+
+    #[test]
+    fn fields_out_of_range_are_named() {
+        for (bad, word) in [
+            (
+                Impairments {
+                    packet_loss: 1.5,
+                    ..Impairments::default()
+                },
+                "packet_loss",
+            ),
+            (
+                Impairments {
+                    adc: Some(Adc {
+                        bits: 99,
+                        full_scale_dbm: 0.0,
+                    }),
+                    ..Impairments::default()
+                },
+                "adc.bits",
+            ),
+            (
+                Impairments {
+                    channel_gain_db: f64::NAN,
+                    ..Impairments::default()
+                },
+                "channel_gain_db",
+            ),
+        ] {
+            let error = bad.validate().unwrap_err().to_string();
+            assert!(error.contains(word), "{error}");
+        }
+    }
+}
