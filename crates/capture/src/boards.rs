@@ -10,7 +10,7 @@ use radarllm_base::radar_config::Antenna;
 /// hardware: this constant is the one place to change.
 const X_PER_ELEMENT: f64 = 1.0;
 
-/// A TI board with known antenna places.
+/// A board with known antenna places.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Board {
     /// xWR1443BOOST: three transmitters, the second raised.
@@ -25,6 +25,10 @@ pub enum Board {
     Xwr6843IskOds,
     /// xWR6843AOP: antennas on the package.
     Xwr6843Aop,
+    /// MMWCAS-RF-EVM: four AWR2243 in cascade, 86 azimuth elements.
+    Awr2243Cascade,
+    /// IWRL6432's small reference design: two transmitters, three receivers.
+    Iwrl6432,
 }
 
 /// Column (azimuth) and row (downwards) of an antenna, in half wavelengths.
@@ -59,6 +63,8 @@ impl Board {
             Board::Xwr6843Isk => "iwr6843isk",
             Board::Xwr6843IskOds => "iwr6843isk-ods",
             Board::Xwr6843Aop => "iwr6843aop",
+            Board::Awr2243Cascade => "awr2243-cascade",
+            Board::Iwrl6432 => "iwrl6432",
         }
     }
 
@@ -66,7 +72,7 @@ impl Board {
     pub fn is_60_ghz(self) -> bool {
         matches!(
             self,
-            Board::Xwr6843Isk | Board::Xwr6843IskOds | Board::Xwr6843Aop
+            Board::Xwr6843Isk | Board::Xwr6843IskOds | Board::Xwr6843Aop | Board::Iwrl6432
         )
     }
 
@@ -77,34 +83,84 @@ impl Board {
     /// board shares the 1843's layout (the demos use one formula for both). Half a wavelength is
     /// taken at 77 GHz and at 62 GHz (TI SWRU585 for its 60 GHz boards).
     ///
+    /// The cascade's places: the parameter modules of TI's cascade post-processing scripts (mmWave
+    /// Studio 3, `TI_Cascade_TX_position_azi` and its siblings; 76.8 GHz), whose elevations are taken
+    /// to count upwards. The IWRL6432's: TI TIDUFB9, section 3.1 (one transmitter half a wavelength
+    /// below the other and one wavelength beside it; receivers in a row).
+    ///
     /// Power: 12 dBm for the 77 GHz parts and the 6843 (data sheets). Noise figure: 15 dB and 12 dB.
     /// Gain and widths: as the reference radar for the BOOST boards; for the 60 GHz boards nominal
     /// values (ISK about 7 dBi; AOP 5.2 dBi in TI's sensing estimator; wide elements), to be replaced
-    /// by measurements where intensity matters.
+    /// by measurements where intensity matters; so are all figures of the cascade and the IWRL6432
+    /// but their antenna places.
     pub fn figures(self) -> BoardFigures {
         const ROW: [Place; 4] = [(0, 0), (1, 0), (2, 0), (3, 0)];
         const THREE: [Place; 3] = [(0, 1), (2, 0), (4, 1)];
-        let (tx, rx): (&[Place], [Place; 4]) = match self {
-            Board::Xwr1642Boost => (&[(0, 0), (4, 0)], ROW),
-            Board::Xwr1443Boost | Board::Xwr1843Boost | Board::Xwr6843Isk => (&THREE, ROW),
-            Board::Xwr6843IskOds => (&[(0, 0), (2, 0), (2, 2)], [(0, 0), (0, 1), (1, 1), (1, 0)]),
-            Board::Xwr6843Aop => (&[(0, 0), (2, 2), (0, 2)], [(1, 1), (1, 0), (0, 1), (0, 0)]),
+        const CASCADE_TX: [Place; 12] = [
+            (11, -6),
+            (10, -4),
+            (9, -1),
+            (32, 0),
+            (28, 0),
+            (24, 0),
+            (20, 0),
+            (16, 0),
+            (12, 0),
+            (8, 0),
+            (4, 0),
+            (0, 0),
+        ];
+        const CASCADE_RX: [Place; 16] = [
+            (11, 0),
+            (12, 0),
+            (13, 0),
+            (14, 0),
+            (50, 0),
+            (51, 0),
+            (52, 0),
+            (53, 0),
+            (46, 0),
+            (47, 0),
+            (48, 0),
+            (49, 0),
+            (0, 0),
+            (1, 0),
+            (2, 0),
+            (3, 0),
+        ];
+        let (tx, rx): (&[Place], &[Place]) = match self {
+            Board::Xwr1642Boost => (&[(0, 0), (4, 0)], &ROW),
+            Board::Xwr1443Boost | Board::Xwr1843Boost | Board::Xwr6843Isk => (&THREE, &ROW),
+            Board::Xwr6843IskOds => (&[(0, 0), (2, 0), (2, 2)], &[(0, 0), (0, 1), (1, 1), (1, 0)]),
+            Board::Xwr6843Aop => (&[(0, 0), (2, 2), (0, 2)], &[(1, 1), (1, 0), (0, 1), (0, 0)]),
+            Board::Awr2243Cascade => (&CASCADE_TX, &CASCADE_RX),
+            Board::Iwrl6432 => (&[(0, 0), (2, 1)], &ROW[..3]),
         };
-        let half_m = 0.5 * SPEED_OF_LIGHT_MPS / if self.is_60_ghz() { 62e9 } else { 77e9 };
+        let design_hz = match self {
+            Board::Awr2243Cascade => 76.8e9,
+            _ if self.is_60_ghz() => 62e9,
+            _ => 77e9,
+        };
+        let half_m = 0.5 * SPEED_OF_LIGHT_MPS / design_hz;
         // The lowest transmitter row is height 0, as in the reference radar.
         let lowest = tx.iter().map(|p| p.1).max().unwrap_or(0);
-        let place = |p: &Place, bottom: i8| Antenna {
-            x_m: X_PER_ELEMENT * f64::from(p.0) * half_m,
+        // Long arrays are centred: directions are seen from the middle of the row.
+        let [middle_tx, middle_rx] = match self {
+            Board::Awr2243Cascade => [16.0, 26.5],
+            _ => [0.0; 2],
+        };
+        let place = |p: &Place, bottom: i8, middle: f64| Antenna {
+            x_m: X_PER_ELEMENT * (f64::from(p.0) - middle) * half_m,
             z_m: f64::from(bottom - p.1) * half_m,
         };
         let (gain, azimuth_deg, elevation_deg): (f64, f64, f64) = match self {
             Board::Xwr6843Isk => (7.0, 45.0, 15.0),
-            Board::Xwr6843IskOds | Board::Xwr6843Aop => (5.2, 55.0, 55.0),
+            Board::Xwr6843IskOds | Board::Xwr6843Aop | Board::Iwrl6432 => (5.2, 55.0, 55.0),
             _ => (10.5, 28.0, 14.0),
         };
         BoardFigures {
-            tx: tx.iter().map(|p| place(p, lowest)).collect(),
-            rx: rx.iter().map(|p| place(p, 0)).collect(),
+            tx: tx.iter().map(|p| place(p, lowest, middle_tx)).collect(),
+            rx: rx.iter().map(|p| place(p, 0, middle_rx)).collect(),
             tx_power_dbm: 12.0,
             antenna_gain_dbi: gain,
             azimuth_half_width_rad: azimuth_deg.to_radians(),
@@ -151,6 +207,30 @@ mod tests {
                 assert!((t.z_m + r.z_m - z).abs() < 1e-12, "{board:?} z of {i}");
             }
         }
+    }
+
+    #[test]
+    fn the_cascade_has_86_azimuth_elements_in_a_row() {
+        let f = Board::Awr2243Cascade.figures();
+        let half_m = 0.5 * SPEED_OF_LIGHT_MPS / 76.8e9;
+        let mut columns: Vec<i64> =
+            f.tx.iter()
+                .filter(|t| t.z_m == 0.0)
+                .flat_map(|t| {
+                    f.rx.iter()
+                        .map(move |r| ((t.x_m + r.x_m) / half_m + 42.5).round() as i64)
+                })
+                .collect();
+        columns.sort_unstable();
+        columns.dedup();
+        assert_eq!(columns, (0..86).collect::<Vec<_>>());
+        // Raised transmitters stand 1, 4 and 6 half wavelengths above the row.
+        let mut heights: Vec<i64> =
+            f.tx.iter()
+                .map(|t| (t.z_m / half_m).round() as i64)
+                .collect();
+        heights.sort_unstable();
+        assert_eq!(heights[9..], [1, 4, 6]);
     }
 
     #[test]

@@ -5,19 +5,23 @@ use radarllm_base::RadarConfig;
 use crate::boards::Board;
 
 /// Names [`builtin_radar`] knows.
-pub const BUILTIN_NAMES: [&str; 6] = [
+pub const BUILTIN_NAMES: [&str; 8] = [
     "awr1843boost",
     "awr1642boost",
     "iwr1443boost",
     "iwr6843isk",
     "iwr6843isk-ods",
     "iwr6843aop",
+    "awr2243-cascade",
+    "iwrl6432",
 ];
 
 /// A radar by name; `None` if there is no such name.
 ///
 /// The 77 GHz boards carry the reference chirp of [`RadarConfig::awr1843boost`]; the 60 GHz boards
 /// the chirp of TI's 6 m people-counting files (96 samples, 96 loops, 55 ms frames, TX1, TX2, TX3).
+/// The cascade has the chirp of TI's MIMO configuration script (64 loops of 12 transmitters, fired
+/// from TX12 to TX1); the IWRL6432 a short-range chirp of our own, its real samples as complex ones.
 pub fn builtin_radar(name: &str) -> Option<RadarConfig> {
     match name {
         "awr1843boost" => Some(RadarConfig::awr1843boost()),
@@ -31,6 +35,38 @@ pub fn builtin_radar(name: &str) -> Option<RadarConfig> {
         "iwr6843isk" => Some(people_counting(Board::Xwr6843Isk)),
         "iwr6843isk-ods" => Some(people_counting(Board::Xwr6843IskOds)),
         "iwr6843aop" => Some(people_counting(Board::Xwr6843Aop)),
+        "awr2243-cascade" => {
+            let chirp = RadarConfig {
+                start_hz: 77e9,
+                slope_hz_per_s: 79.0327e12,
+                idle_s: 5e-6,
+                adc_start_s: 6e-6,
+                ramp_end_s: 40e-6,
+                n_samples: 256,
+                sample_rate_hz: 8e6,
+                n_loops: 64,
+                frame_period_s: 0.1,
+                ..RadarConfig::awr1843boost()
+            };
+            let mut radar = with_board(chirp, Board::Awr2243Cascade);
+            radar.tx.reverse();
+            Some(radar)
+        }
+        "iwrl6432" => {
+            let chirp = RadarConfig {
+                start_hz: 60e9,
+                slope_hz_per_s: 90e12,
+                idle_s: 10e-6,
+                adc_start_s: 5e-6,
+                ramp_end_s: 40e-6,
+                n_samples: 128,
+                sample_rate_hz: 4e6,
+                n_loops: 128,
+                frame_period_s: 0.1,
+                ..RadarConfig::awr1843boost()
+            };
+            Some(with_board(chirp, Board::Iwrl6432))
+        }
         _ => None,
     }
 }

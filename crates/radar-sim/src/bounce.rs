@@ -30,8 +30,9 @@ use crate::simulator::SimOptions;
 pub(crate) const MAX_MIRRORS: usize = 3;
 /// Marks an unused place in a chain.
 const NO_FACET: u32 = u32::MAX;
-/// Rays whose mirrors together leave less than this amplitude (-26 dB) end.
-const LEAST_GAIN: f32 = 0.05;
+/// Rays whose mirrors together leave less than this amplitude (-16 dB) end: one plaster wall (-12 dB)
+/// goes on, two of them, or a clothed body that is not met at grazing incidence, do not.
+const LEAST_GAIN: f32 = 0.15;
 /// A reflected ray starts this far from the facet it left, m.
 const CLEARANCE_M: f32 = 1e-4;
 /// Facets of one surface mirror alike when normals and offsets agree to this, 1 and m.

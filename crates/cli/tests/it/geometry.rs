@@ -63,6 +63,39 @@ fn a_moving_point_is_where_geometry_says() {
 }
 
 #[test]
+fn a_corner_reflector_has_its_textbook_strength_and_only_over_three_bounces() {
+    // Relative to a point of the textbook's 4 pi a^4 / (3 lambda^2): 6 cm legs, 3.79 mm.
+    let expected_m2 = 4.0 * std::f64::consts::PI * 0.06_f64.powi(4) / (3.0 * 0.003_789_f64.powi(2));
+    let folder = tempfile::tempdir().unwrap();
+    let power = |target: &str, max_bounces: usize| {
+        let scene = folder.path().join("scene.toml");
+        let out = folder.path().join("raw.npy");
+        let text = format!(
+            "duration_s = 0.1\nmax_bounces = {max_bounces}\n[noise]\nnone = true\n[[target]]\n\
+             position_m = [0.0, 9.0, 0.0]\n{target}"
+        );
+        fs::write(&scene, text).unwrap();
+        let (scene, out) = (scene.to_str().unwrap(), out.to_str().unwrap());
+        json(&[
+            "simulate", scene, "--emit", "adc", "--out", out, "--json", "--force",
+        ]);
+        let bytes = fs::read(out).unwrap();
+        // Little-endian complex64 behind the header, whose length stands in bytes 8 and 9.
+        let start = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+        let parts = bytes[start..].chunks_exact(4);
+        let square = |b: &[u8]| f64::from(f32::from_le_bytes([b[0], b[1], b[2], b[3]])).powi(2);
+        parts.map(square).sum::<f64>()
+    };
+    let point = power(&format!("kind = \"point\"\nrcs_m2 = {expected_m2}\n"), 1);
+    let corner = "kind = \"trihedral\"\nsize_m = [0.06, 0.06]\n";
+    let db = |bounces: usize| 10.0 * (power(corner, bounces) / point).log10();
+    let (single, triple) = (db(1), db(3));
+    assert!(single < -10.0, "single bounce: {single} dB");
+    // 9 m is near the far field's beginning (2 D^2 / lambda = 3.8 m for the 8.5 cm across).
+    assert!(triple.abs() < 1.0, "triple bounce: {triple} dB");
+}
+
+#[test]
 fn a_walker_approaches_and_a_still_body_is_nearly_invisible() {
     let walking = simulate(
         "builtin:walk?direction=forward&distance_m=2",
