@@ -205,15 +205,31 @@ pub struct SimulateArgs {
     /// Seed of noise and small variations.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Only every n-th input from the i-th on, to share a folder among machines.
+    #[arg(long, value_name = "I/N", value_parser = shard)]
+    pub shard: Option<(usize, usize)>,
     /// Threads; all cores without it.
     #[arg(long)]
     pub threads: Option<usize>,
+    /// Go on: inputs whose output exists are done.
+    #[arg(long, conflicts_with = "force")]
+    pub resume: bool,
     /// Replace existing files.
     #[arg(long)]
     pub force: bool,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
+}
+
+/// `2/5`: the second of five parts.
+fn shard(text: &str) -> Result<(usize, usize), String> {
+    let parts = text.split_once('/');
+    let number = |t: &str| t.parse::<usize>().ok();
+    match parts.and_then(|(i, n)| number(i).zip(number(n))) {
+        Some((i, n)) if (1..=n).contains(&i) => Ok((i, n)),
+        _ => Err("must be I/N with 1 <= I <= N, as in 2/5".into()),
+    }
 }
 
 /// `process`.

@@ -1,15 +1,17 @@
 //! `simulate`: motion or scene to points or raw samples.
 
 use std::{
+    collections::HashSet,
     fs,
     io::{BufWriter, Write},
     path::{Path, PathBuf},
+    sync::{Mutex, PoisonError},
     time::Instant,
 };
 
 use npyz::WriterBuilder;
 use num_complex::Complex32;
-use radarllm_base::{RadarConfig, SPEED_OF_LIGHT_MPS};
+use radarllm_base::{RadarConfig, SPEED_OF_LIGHT_MPS, seed::derive_seed};
 use radarllm_body::{
     MotionSampler,
     mesh::{BodyModel, PosedBody, SmplxBody, clothed_skin},
@@ -34,14 +36,27 @@ use crate::{
     output,
 };
 
+/// Seconds between lines of progress.
+const PROGRESS_EVERY_S: u64 = 5;
+
 #[derive(Serialize)]
 struct Report {
     inputs: usize,
+    /// Inputs whose output existed (`--resume`).
+    skipped: usize,
+    failed: Vec<Failure>,
     frames: usize,
     seconds: f64,
     frames_per_s: f64,
     points_per_frame: f64,
     outputs: Vec<String>,
+}
+
+/// An input that could not be simulated.
+#[derive(Serialize)]
+struct Failure {
+    input: String,
+    error: String,
 }
 
 /// What one input became.
@@ -56,24 +71,53 @@ pub fn run(args: &SimulateArgs) -> CliResult {
     let radar = radar::open(&args.radar)?;
     let inputs = expand(&args.inputs)?;
     let outs = outputs(&inputs, args)?;
-    for path in outs.iter().chain(&args.range_doppler) {
+    let (shard, shards) = args.shard.unwrap_or((1, 1));
+    let mut jobs: Vec<(String, PathBuf)> = inputs
+        .into_iter()
+        .zip(outs)
+        .skip(shard - 1)
+        .step_by(shards)
+        .collect();
+    let n_inputs = jobs.len();
+    if args.resume {
+        // Outputs appear whole or not at all: what is there is done.
+        jobs.retain(|(_, out)| !out.exists());
+    }
+    for path in jobs.iter().map(|job| &job.1).chain(&args.range_doppler) {
         output::check_free(path, args.force)?;
     }
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(args.threads.unwrap_or(0))
         .build()?;
     let started = Instant::now();
-    let done: Vec<Done> = pool.install(|| {
-        inputs
-            .par_iter()
-            .zip(&outs)
-            .map(|(input, out)| simulate_one(input, out, &radar, args))
-            .collect::<CliResult<_>>()
-    })?;
+    let progress = Progress::new(jobs.len());
+    let results: Vec<CliResult<Done>> = pool.install(|| {
+        jobs.par_iter()
+            .map(|(input, out)| {
+                let result = simulate_one(input, out, &radar, args);
+                progress.one_more();
+                result
+            })
+            .collect()
+    });
+    let (mut done, mut failed) = (Vec::new(), Vec::new());
+    for (result, (input, _)) in results.into_iter().zip(&jobs) {
+        match result {
+            Ok(one) => done.push(one),
+            // One input: its error is the answer, hint and all.
+            Err(error) if n_inputs == 1 => return Err(error),
+            Err(error) => failed.push(Failure {
+                input: input.clone(),
+                error: error.cause,
+            }),
+        }
+    }
     let frames: usize = done.iter().map(|d| d.frames).sum();
     let seconds = started.elapsed().as_secs_f64();
     let report = Report {
-        inputs: inputs.len(),
+        inputs: n_inputs,
+        skipped: n_inputs - jobs.len(),
+        failed,
         frames,
         seconds,
         frames_per_s: frames as f64 / seconds,
@@ -82,13 +126,58 @@ pub fn run(args: &SimulateArgs) -> CliResult {
         outputs: done.iter().map(|d| d.out.display().to_string()).collect(),
     };
     if args.json {
-        return output::print_json(&report);
+        output::print_json(&report)?;
+    } else {
+        output::print_line(&format!(
+            "{} frames in {:.2} s ({:.1} frames/s), {:.1} points a frame",
+            report.frames, report.seconds, report.frames_per_s, report.points_per_frame
+        ));
+        if report.skipped > 0 {
+            output::print_line(&format!("{} done before", report.skipped));
+        }
     }
-    output::print_line(&format!(
-        "{} frames in {:.2} s ({:.1} frames/s), {:.1} points a frame",
-        report.frames, report.seconds, report.frames_per_s, report.points_per_frame
-    ));
-    Ok(())
+    for failure in &report.failed {
+        eprintln!("failed: {}: {}", failure.input, failure.error);
+    }
+    match report.failed.len() {
+        0 => Ok(()),
+        n => Err(CliError::new(format!(
+            "{n} of {n_inputs} inputs failed; the others are written"
+        ))),
+    }
+}
+
+/// Counts finished inputs and says now and then how it goes.
+struct Progress {
+    n_jobs: usize,
+    started: Instant,
+    /// Finished jobs, and when the last line was written.
+    state: Mutex<(usize, Instant)>,
+}
+
+impl Progress {
+    fn new(n_jobs: usize) -> Self {
+        let started = Instant::now();
+        Self {
+            n_jobs,
+            started,
+            state: Mutex::new((0, started)),
+        }
+    }
+
+    fn one_more(&self) {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        state.0 += 1;
+        if self.n_jobs > 1 && state.1.elapsed().as_secs() >= PROGRESS_EVERY_S {
+            state.1 = Instant::now();
+            let rate = state.0 as f64 / self.started.elapsed().as_secs_f64();
+            let left_min = (self.n_jobs - state.0) as f64 / rate / 60.0;
+            eprintln!(
+                "{} of {} inputs, {rate:.1} inputs/s, about {left_min:.0} min left",
+                state.0, self.n_jobs
+            );
+        }
+    }
 }
 
 /// Folders become their motion files, sorted.
@@ -132,6 +221,7 @@ fn outputs(inputs: &[String], args: &SimulateArgs) -> CliResult<Vec<PathBuf>> {
     };
     fs::create_dir_all(&args.out).map_err(|e| CliError::io(&args.out, e))?;
     let mut names: Vec<PathBuf> = Vec::new();
+    let mut taken: HashSet<PathBuf> = HashSet::new();
     for input in inputs {
         let stem = if input::is_builtin(input) {
             input.replace(
@@ -146,7 +236,7 @@ fn outputs(inputs: &[String], args: &SimulateArgs) -> CliResult<Vec<PathBuf>> {
                 .into_owned()
         };
         let name = args.out.join(format!("{stem}.{extension}"));
-        if names.contains(&name) {
+        if !taken.insert(name.clone()) {
             return Err(CliError::new(format!(
                 "two inputs would both become {}",
                 name.display()
@@ -187,7 +277,16 @@ fn simulate_one(
                 .map_err(|e| CliError::new(format!("{input}: {e}")))?,
         );
         let frames = synthesizer.frames_in(file.duration_s).max(1);
-        return run_scene(&mut synthesizer, &owned.scene(), frames, input, out, args);
+        let scene = owned.scene();
+        return run_scene(
+            &mut synthesizer,
+            &scene,
+            frames,
+            args.seed,
+            input,
+            out,
+            args,
+        );
     }
     let mut synthesizer = input::synthesizer(radar, method)?;
     let motion = input::motion(input, args.seed)?;
@@ -211,13 +310,17 @@ fn simulate_one(
         noise: Noise::Thermal,
     };
     let frames = synthesizer.frames_in(motion.motion.duration_s()).max(1);
-    run_scene(&mut synthesizer, &scene, frames, input, out, args)
+    // A motion's noise is its own, and the same alone and in a folder.
+    let name = Path::new(input).file_stem().map(|s| s.to_string_lossy());
+    let seed = derive_seed(args.seed, name.as_deref().unwrap_or(input));
+    run_scene(&mut synthesizer, &scene, frames, seed, input, out, args)
 }
 
 fn run_scene(
     synthesizer: &mut Synthesizer,
     scene: &Scene,
     n_frames: usize,
+    seed: u64,
     input: &str,
     out: &Path,
     args: &SimulateArgs,
@@ -228,15 +331,15 @@ fn run_scene(
         )));
     }
     if let Some(path) = &args.range_doppler {
-        range_doppler_picture(synthesizer, scene, n_frames, path, args.seed)?;
+        range_doppler_picture(synthesizer, scene, n_frames, path, seed)?;
     }
     match args.emit {
         Emit::Points => {
-            let frames = synthesizer.scene_to_points(scene, n_frames, args.seed)?;
+            let frames = synthesizer.scene_to_points(scene, n_frames, seed)?;
             let meta = PointsMeta {
                 radar: synthesizer.radar().name.clone(),
                 source: format!("simulated:{input}"),
-                seed: Some(args.seed),
+                seed: Some(seed),
                 version: env!("CARGO_PKG_VERSION").into(),
                 radar_height_m: Some(args.radar_height_m),
                 frame_rate_hz: synthesizer.radar().frame_rate_hz(),
@@ -250,7 +353,7 @@ fn run_scene(
             })
         }
         Emit::Adc => {
-            write_adc(synthesizer, scene, n_frames, out, args.seed)?;
+            write_adc(synthesizer, scene, n_frames, out, seed)?;
             Ok(Done {
                 frames: n_frames,
                 points: 0,
