@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use crate::commands::pictures::PictureArgs;
+
 /// Turns millimetre-wave radar into language.
 ///
 /// Example: radarllm describe "builtin:walk?direction=backward"
@@ -190,9 +192,9 @@ pub struct SimulateArgs {
     /// Use the slow exact path.
     #[arg(long)]
     pub reference: bool,
-    /// Also write a range-Doppler picture (PNG) of the frame with the most movement.
-    #[arg(long, value_name = "F.png")]
-    pub range_doppler: Option<PathBuf>,
+    /// Pictures.
+    #[command(flatten)]
+    pub pictures: PictureArgs,
     /// A user's own SMPL-X .npz; the built-in body without it.
     #[arg(long)]
     pub body: Option<PathBuf>,
@@ -246,6 +248,9 @@ pub struct ProcessArgs {
     /// Capture format: `adc` or `npy`, the only ones yet.
     #[arg(long)]
     pub format: Option<String>,
+    /// Pictures.
+    #[command(flatten)]
+    pub pictures: PictureArgs,
     /// Height of the radar above the floor, m.
     #[arg(long, default_value_t = 1.0)]
     pub radar_height_m: f32,

@@ -235,7 +235,8 @@ fn points_clip(input: &str, options: &ClipOptions) -> CliResult<Clip> {
 fn adc_clip(input: &str, options: &ClipOptions) -> CliResult<Clip> {
     let radar = radar::open(options.radar)?;
     let mut extractor = PointExtractor::new(&radar, DspOptions::default())?;
-    let frames = process::points_of_adc(Path::new(input), &radar, &mut extractor)?;
+    let frames =
+        process::points_of_adc(Path::new(input), &radar, &mut extractor, |_, _, _| Ok(()))?;
     Ok(Clip {
         frames,
         frame_rate_hz: radar.frame_rate_hz(),

@@ -7,6 +7,7 @@ pub mod doctor;
 pub mod edits;
 pub mod eval;
 pub mod motion;
+pub mod pictures;
 pub mod process;
 pub mod radar;
 pub mod score;

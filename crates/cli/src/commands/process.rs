@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use crate::{
     args::ProcessArgs,
-    commands::radar,
+    commands::{pictures::Pictures, radar},
     error::{CliError, CliResult},
     input::MAX_FRAMES,
     output,
@@ -36,10 +36,19 @@ pub fn run(args: &ProcessArgs) -> CliResult {
                 .hint("adc (npy complex64) is"),
         );
     }
-    output::check_free(&args.out, args.force)?;
+    for path in std::iter::once(&args.out).chain(args.pictures.paths()) {
+        output::check_free(path, args.force)?;
+    }
     let radar = radar::open(&args.radar)?;
     let mut extractor = PointExtractor::new(&radar, DspOptions::default())?;
-    let frames = points_of_adc(&args.capture, &radar, &mut extractor)?;
+    let mut pictures = Pictures::new(&args.pictures);
+    let frames = points_of_adc(
+        &args.capture,
+        &radar,
+        &mut extractor,
+        |extractor, cube, frame| pictures.push(extractor, cube, frame),
+    )?;
+    pictures.finish()?;
     let meta = PointsMeta {
         radar: radar.name.clone(),
         source: format!("recorded:{}", args.capture.display()),
@@ -85,11 +94,12 @@ fn open_npy(path: &Path) -> CliResult<Npy> {
 /// Reads `[frame, loop, tx, rx, sample]` complex64 frame by frame and extracts points.
 ///
 /// Memory holds one frame, whatever the file claims; a file shorter than its header says is an
-/// error at the frame where it ends.
+/// error at the frame where it ends. `each` sees every cube with its points.
 pub fn points_of_adc(
     path: &Path,
     radar: &RadarConfig,
     extractor: &mut PointExtractor,
+    mut each: impl FnMut(&mut PointExtractor, &RadarCube, &PointFrame) -> CliResult,
 ) -> CliResult<Vec<PointFrame>> {
     let npy = open_npy(path)?;
     let shape = npy.shape().to_vec();
@@ -157,6 +167,7 @@ pub fn points_of_adc(
             .extract(&cube)
             .map_err(|e| CliError::new(format!("{}: frame {frame_idx}: {e}", path.display())))?;
         frame.frame = frame_idx as u32;
+        each(extractor, &cube, &frame)?;
         frames.push(frame);
     }
     Ok(frames)

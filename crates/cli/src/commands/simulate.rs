@@ -17,20 +17,19 @@ use radarllm_body::{
     mesh::{BodyModel, PosedBody, SmplxBody, clothed_skin},
 };
 use radarllm_dataset::{Overwrite, PointsMeta, write_points};
-use radarllm_radar_dsp::{DspOptions, Map};
+use radarllm_radar_dsp::DspOptions;
 use radarllm_radar_sim::{Noise, Scene};
 use radarllm_synth::{
     Method, Synthesizer,
     scene::{OwnedScene, SceneFile},
     synthesizer::posed_builtin,
 };
-use radarllm_view::plot;
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::{
     args::{Emit, SimulateArgs},
-    commands::radar,
+    commands::{pictures::Pictures, radar},
     error::{CliError, CliResult},
     input::{self, MAX_FRAMES},
     output,
@@ -83,7 +82,10 @@ pub fn run(args: &SimulateArgs) -> CliResult {
         // Outputs appear whole or not at all: what is there is done.
         jobs.retain(|(_, out)| !out.exists());
     }
-    for path in jobs.iter().map(|job| &job.1).chain(&args.range_doppler) {
+    if n_inputs > 1 && args.pictures.paths().next().is_some() {
+        return Err(CliError::new("pictures are drawn of one input at a time"));
+    }
+    for path in jobs.iter().map(|job| &job.1).chain(args.pictures.paths()) {
         output::check_free(path, args.force)?;
     }
     let pool = rayon::ThreadPoolBuilder::new()
@@ -330,8 +332,15 @@ fn run_scene(
             "{input}: {n_frames} radar frames, at most {MAX_FRAMES} are handled"
         )));
     }
-    if let Some(path) = &args.range_doppler {
-        range_doppler_picture(synthesizer, scene, n_frames, path, seed)?;
+    if args.pictures.paths().next().is_some() {
+        let mut pictures = Pictures::new(&args.pictures);
+        for frame_idx in 0..n_frames {
+            synthesizer.simulate(scene, frame_idx, seed)?;
+            let frame = synthesizer.extract(frame_idx)?;
+            let (extractor, cube) = synthesizer.extractor();
+            pictures.push(extractor, cube, &frame)?;
+        }
+        pictures.finish()?;
     }
     match args.emit {
         Emit::Points => {
@@ -409,66 +418,4 @@ fn write_adc(
     write().inspect_err(|_| {
         let _ = fs::remove_file(&temporary);
     })
-}
-
-/// The range-Doppler map of the frame whose points move most.
-fn range_doppler_picture(
-    synthesizer: &mut Synthesizer,
-    scene: &Scene,
-    n_frames: usize,
-    path: &Path,
-    seed: u64,
-) -> CliResult {
-    let mut best: Option<(f32, Map)> = None;
-    for frame_idx in 0..n_frames {
-        synthesizer.simulate(scene, frame_idx, seed)?;
-        let movement: f32 = synthesizer
-            .extract(frame_idx)?
-            .points
-            .iter()
-            .map(|p| p.velocity_mps.abs())
-            .sum();
-        if best.as_ref().is_none_or(|(most, _)| movement > *most) {
-            let (extractor, cube) = synthesizer.extractor();
-            best = Some((movement, extractor.range_doppler_map(cube)?));
-        }
-    }
-    let (_, map) = best.ok_or_else(|| CliError::new("no frame to draw"))?;
-    output::write_atomic(
-        path,
-        &plot::map_png(
-            &map_view(&map, 45.0),
-            "Range-Doppler, dB below the strongest cell",
-        )?,
-    )
-}
-
-/// Range shown on either side of the strongest cell, m.
-const SHOWN_RANGE_M: f64 = 1.5;
-
-/// The rows around the strongest cell, dB relative to it.
-fn map_view(map: &Map, depth_db: f32) -> plot::Heatmap {
-    let values = map.to_db(-depth_db);
-    let strongest = (0..values.len())
-        .max_by(|a, b| values[*a].total_cmp(&values[*b]))
-        .unwrap_or(0);
-    let margin = (SHOWN_RANGE_M / map.rows.step.abs().max(1e-6)) as usize;
-    let row = strongest / map.n_cols.max(1);
-    let first = row.saturating_sub(margin);
-    let last = (row + margin).min(map.n_rows - 1);
-    let shown = values[first * map.n_cols..(last + 1) * map.n_cols]
-        .iter()
-        .map(|v| v - values[strongest])
-        .collect();
-    plot::Heatmap::new(last + 1 - first, map.n_cols, shown)
-        .rows(
-            &format!("{} ({})", map.rows.label, map.rows.unit),
-            map.rows.at(first),
-            map.rows.at(last),
-        )
-        .cols(
-            &format!("{} ({})", map.cols.label, map.cols.unit),
-            map.cols.start,
-            map.cols.at(map.n_cols - 1),
-        )
 }
