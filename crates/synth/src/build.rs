@@ -11,7 +11,6 @@ use radarllm_dataset::{
     builder::{self, BuildOptions, BuildPlan, BuildReport, ItemId, Progress},
     record::Split,
 };
-use radarllm_radar_dsp::DspOptions;
 
 use crate::{
     Method, SynthError, Synthesizer, config::DatasetConfig, corpus::Corpus, record::make_record,
@@ -87,7 +86,7 @@ pub fn build(
         // Planning FFTs takes milliseconds; a pool of planned chains serves every thread.
         let mut synthesizer = match take() {
             Some(ready) => ready,
-            None => Synthesizer::new(&radar, Method::Fast, DspOptions::default())?
+            None => Synthesizer::new(&radar, Method::Fast, config.processing.resolve())?
                 .with_impairments(impairments),
         };
         let corpus: &dyn Corpus = corpora[corpus_idx].as_ref();

@@ -10,6 +10,7 @@ use crate::{
     corpus::{Corpus, bandai_namco::BandaiNamco, procedural::ProceduralCorpus},
     impairments::ImpairmentsFile,
     placement::PlacementRange,
+    processing::ProcessingFile,
 };
 
 /// Everything that decides the bytes of a data set.
@@ -43,12 +44,15 @@ pub struct DatasetConfig {
     /// Faults of the receiver; none without it.
     #[serde(skip_serializing_if = "is_default")]
     pub impairments: ImpairmentsFile,
+    /// The signal chain.
+    #[serde(skip_serializing_if = "is_default")]
+    pub processing: ProcessingFile,
     /// Where the motions come from.
     pub source: Vec<SourceConfig>,
 }
 
-fn is_default(table: &ImpairmentsFile) -> bool {
-    *table == ImpairmentsFile::default()
+fn is_default<T: Default + PartialEq>(table: &T) -> bool {
+    *table == T::default()
 }
 
 /// One source of captioned motions.
@@ -88,6 +92,7 @@ impl Default for DatasetConfig {
             heading_deg: placement.heading_rad.to_degrees(),
             radar_height_m: placement.radar_height_m,
             impairments: ImpairmentsFile::default(),
+            processing: ProcessingFile::default(),
             source: Vec::new(),
         }
     }

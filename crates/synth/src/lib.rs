@@ -1,8 +1,8 @@
 //! Motion in, radar-text records out: the place where body, virtual radar and signal chain meet.
 //!
 //! Reading order: [`placement`] (where a person stands), [`synthesizer`] (one motion to points),
-//! [`corpus`] (captioned motions), [`config`] (the data set's TOML), [`impairments`] (its table
-//! of receiver faults), [`record`] (one pure function
+//! [`corpus`] (captioned motions), [`config`] (the data set's TOML), [`impairments`] and
+//! [`processing`] (its tables of receiver faults and of the signal chain), [`record`] (one pure function
 //! `(motion, seed) -> ClipRecord`), [`build`] (a whole data set).
 //!
 //! Deliberately absent: anything of the models, and any silent substitute for missing input.
@@ -12,6 +12,7 @@ pub mod config;
 pub mod corpus;
 pub mod impairments;
 pub mod placement;
+pub mod processing;
 pub mod record;
 pub mod scene;
 pub mod synthesizer;

@@ -13,6 +13,7 @@ use serde::Deserialize;
 use crate::{
     SynthError,
     impairments::ImpairmentsFile,
+    processing::ProcessingFile,
     synthesizer::{builtin_shape, posed_builtin},
 };
 
@@ -33,6 +34,9 @@ pub struct SceneFile {
     /// Faults of the receiver; none without it.
     #[serde(default)]
     pub impairments: ImpairmentsFile,
+    /// The signal chain.
+    #[serde(default)]
+    pub processing: ProcessingFile,
     /// Most surfaces on a path, 1 to 4; 1 leaves out reflections between surfaces.
     #[serde(default = "default_bounces")]
     pub max_bounces: usize,

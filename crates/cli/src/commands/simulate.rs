@@ -17,7 +17,6 @@ use radarllm_body::{
     mesh::{BodyModel, PosedBody, SmplxBody, clothed_skin},
 };
 use radarllm_dataset::{Overwrite, PointsMeta, write_points};
-use radarllm_radar_dsp::DspOptions;
 use radarllm_radar_sim::{Noise, Scene};
 use radarllm_synth::{
     Method, Synthesizer,
@@ -270,7 +269,7 @@ fn simulate_one(
         let mut synthesizer = Synthesizer::with_simulation(
             &file.radar(radar),
             method,
-            DspOptions::default(),
+            file.processing.resolve(),
             file.sim_options(),
         )?
         .with_impairments(

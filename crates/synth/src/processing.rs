@@ -1,0 +1,181 @@
+//! The `[processing]` table of scenes and data sets: the signal chain from cube to points.
+
+use radarllm_radar_dsp::{ClutterFilter, Detector, DspOptions, MapKind};
+use serde::{Deserialize, Serialize};
+
+/// Where the values start that the table does not name.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ChainPreset {
+    /// [`DspOptions::default`].
+    #[default]
+    Default,
+    /// [`DspOptions::mmmesh`]: coherent sum, always the strongest cells, bin centres.
+    Mmmesh,
+}
+
+/// Channels to one map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MapName {
+    /// Sum of powers.
+    NonCoherent,
+    /// Power of the sum: a beam at boresight.
+    Coherent,
+}
+
+/// Removal of what stands still.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ClutterName {
+    /// None.
+    Off,
+    /// Slow-time mean.
+    Mean,
+    /// Mean weighted by the Doppler window.
+    WeightedMean,
+}
+
+/// Which cells become points.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum DetectorFile {
+    /// The strongest, whatever they are.
+    TopK,
+    /// Above the frame's own noise floor.
+    NoiseFloor {
+        /// Noise cells per frame on average.
+        false_alarms_per_frame: f64,
+    },
+    /// Cell-averaging CFAR along range.
+    CaCfar {
+        /// Guard cells on each side.
+        guard: usize,
+        /// Training cells on each side.
+        train: usize,
+        /// Probability that a noise cell passes.
+        false_alarm_probability: f64,
+    },
+    /// Ordered-statistic CFAR along range.
+    OsCfar {
+        /// Guard cells on each side.
+        guard: usize,
+        /// Training cells on each side.
+        train: usize,
+        /// Ordered value, as a fraction of the training cells.
+        rank: f64,
+        /// Probability that a noise cell passes.
+        false_alarm_probability: f64,
+    },
+}
+
+/// The table; see [`DspOptions`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ProcessingFile {
+    /// Where unnamed values start.
+    pub preset: ChainPreset,
+    /// Channels to one map.
+    pub map: Option<MapName>,
+    /// Cell selection.
+    pub detector: Option<DetectorFile>,
+    /// Most points per frame.
+    pub max_points: Option<usize>,
+    /// Nearest range kept, m.
+    pub min_range_m: Option<f64>,
+    /// Farthest range kept, m.
+    pub max_range_m: Option<f64>,
+    /// Removal of what stands still.
+    pub clutter: Option<ClutterName>,
+    /// Undo the phase that a mover gathers between transmitters; false for firmware that does not.
+    pub compensate_tdm: Option<bool>,
+}
+
+impl ProcessingFile {
+    /// What the signal chain takes; it checks the values when it is planned.
+    pub fn resolve(&self) -> DspOptions {
+        let mut out = match self.preset {
+            ChainPreset::Default => DspOptions::default(),
+            ChainPreset::Mmmesh => DspOptions::mmmesh(),
+        };
+        if let Some(map) = self.map {
+            out.map = match map {
+                MapName::NonCoherent => MapKind::NonCoherent,
+                MapName::Coherent => MapKind::Coherent,
+            };
+        }
+        if let Some(detector) = self.detector {
+            out.detector = match detector {
+                DetectorFile::TopK => Detector::AlwaysTopK,
+                DetectorFile::NoiseFloor {
+                    false_alarms_per_frame,
+                } => Detector::NoiseFloor {
+                    false_alarms_per_frame,
+                },
+                DetectorFile::CaCfar {
+                    guard,
+                    train,
+                    false_alarm_probability,
+                } => Detector::CaCfar {
+                    guard,
+                    train,
+                    false_alarm_probability,
+                },
+                DetectorFile::OsCfar {
+                    guard,
+                    train,
+                    rank,
+                    false_alarm_probability,
+                } => Detector::OsCfar {
+                    guard,
+                    train,
+                    rank,
+                    false_alarm_probability,
+                },
+            };
+        }
+        if let Some(clutter) = self.clutter {
+            out.clutter = match clutter {
+                ClutterName::Off => ClutterFilter::Off,
+                ClutterName::Mean => ClutterFilter::Mean,
+                ClutterName::WeightedMean => ClutterFilter::WeightedMean,
+            };
+        }
+        out.max_points = self.max_points.unwrap_or(out.max_points);
+        out.min_range_m = self.min_range_m.unwrap_or(out.min_range_m);
+        out.max_range_m = self.max_range_m.unwrap_or(out.max_range_m);
+        out.compensate_tdm = self.compensate_tdm.unwrap_or(out.compensate_tdm);
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_and_fields_reach_the_chain() {
+        let resolve = |text: &str| toml::from_str::<ProcessingFile>(text).map(|f| f.resolve());
+        assert_eq!(resolve("").unwrap(), DspOptions::default());
+        assert_eq!(
+            resolve("preset = \"mmmesh\"").unwrap(),
+            DspOptions::mmmesh()
+        );
+        let options = resolve(
+            "compensate_tdm = false\nmax_points = 64\nclutter = \"off\"\n\
+             detector = { kind = \"os_cfar\", guard = 2, train = 8, rank = 0.75, false_alarm_probability = 1e-4 }",
+        )
+        .unwrap();
+        assert!(!options.compensate_tdm);
+        assert_eq!(
+            (options.max_points, options.clutter),
+            (64, ClutterFilter::Off)
+        );
+        assert!(matches!(
+            options.detector,
+            Detector::OsCfar { train: 8, .. }
+        ));
+        assert!(resolve("detector = { kind = \"magic\" }").is_err());
+        assert!(resolve("max_point = 3").is_err());
+    }
+}
