@@ -18,7 +18,7 @@ use crate::{
 const MOTIONS: [&str; 3] = [
     "builtin:walk?direction=backward",
     "builtin:sit_down",
-    "builtin:jump?repetitions=3",
+    "builtin:wave?side=left",
 ];
 
 #[derive(Serialize)]
