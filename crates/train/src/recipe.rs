@@ -220,6 +220,9 @@ impl Recipe {
     }
 }
 
+/// Clips that are grouped and encoded at once.
+const ENCODE_CLIPS: usize = 128;
+
 /// Encodes clips and joins the variants of a motion; `flip` encodes their mirror images too.
 ///
 /// # Errors
@@ -230,24 +233,30 @@ pub fn lm_clips(
     flip: bool,
 ) -> Result<Vec<LmClip>, TrainError> {
     let encode = |mirrored: bool| {
-        let points: Vec<Vec<PointFrame>> = clips
-            .iter()
-            .map(|c| {
-                let mut frames = c.frames.clone();
-                if mirrored {
-                    flip_points(&mut frames);
-                }
-                frames
-            })
-            .collect();
-        let inputs: Vec<_> = points
-            .iter()
-            .zip(clips)
-            .map(|(f, c)| (f.as_slice(), c.radar_height_m))
-            .collect();
-        tokenizer
-            .encode_batch(&inputs)
-            .map_err(|e| TrainError::Data(e.to_string()))
+        let mut encoded = Vec::with_capacity(clips.len());
+        // Grouped clips are a hundred times larger than their codes: a few at a time.
+        for chunk in clips.chunks(ENCODE_CLIPS) {
+            let points: Vec<Vec<PointFrame>> = chunk
+                .iter()
+                .map(|c| {
+                    let mut frames = c.frames.clone();
+                    if mirrored {
+                        flip_points(&mut frames);
+                    }
+                    frames
+                })
+                .collect();
+            let inputs: Vec<_> = points
+                .iter()
+                .zip(chunk)
+                .map(|(f, c)| (f.as_slice(), c.radar_height_m))
+                .collect();
+            let codes = tokenizer
+                .encode_batch(&inputs)
+                .map_err(|e| TrainError::Data(e.to_string()))?;
+            encoded.extend(codes);
+        }
+        Ok::<_, TrainError>(encoded)
     };
     let encoded = encode(false)?;
     let mirrored = if flip { encode(true)? } else { Vec::new() };
