@@ -11,7 +11,7 @@ use std::{
 
 use npyz::WriterBuilder;
 use num_complex::Complex32;
-use radarllm_base::{RadarConfig, SPEED_OF_LIGHT_MPS, seed::derive_seed};
+use radarllm_base::{PointFrame, RadarConfig, SPEED_OF_LIGHT_MPS, seed::derive_seed};
 use radarllm_body::{
     MotionSampler,
     mesh::{BodyModel, PosedBody, SmplxBody, clothed_skin},
@@ -331,19 +331,21 @@ fn run_scene(
             "{input}: {n_frames} radar frames, at most {MAX_FRAMES} are handled"
         )));
     }
-    if args.pictures.paths().next().is_some() {
-        let mut pictures = Pictures::new(&args.pictures);
-        for frame_idx in 0..n_frames {
-            synthesizer.simulate(scene, frame_idx, seed)?;
-            let frame = synthesizer.extract(frame_idx)?;
-            let (extractor, cube) = synthesizer.extractor();
-            pictures.push(extractor, cube, &frame)?;
-        }
-        pictures.finish()?;
-    }
+    let mut pictures = Pictures::new(&args.pictures);
+    let mut draw = |synthesizer: &mut Synthesizer, frame: &PointFrame| {
+        let (extractor, cube) = synthesizer.extractor();
+        pictures.push(extractor, cube, frame)
+    };
     match args.emit {
         Emit::Points => {
-            let frames = synthesizer.scene_to_points(scene, n_frames, seed)?;
+            let mut frames = Vec::with_capacity(n_frames);
+            for frame_idx in 0..n_frames {
+                synthesizer.simulate(scene, frame_idx, seed)?;
+                let frame = synthesizer.extract(frame_idx)?;
+                draw(synthesizer, &frame)?;
+                frames.push(frame);
+            }
+            pictures.finish()?;
             let meta = PointsMeta {
                 radar: synthesizer.radar().name.clone(),
                 source: format!("simulated:{input}"),
@@ -361,7 +363,22 @@ fn run_scene(
             })
         }
         Emit::Adc => {
-            write_adc(synthesizer, scene, n_frames, out, seed)?;
+            let wanted = args.pictures.paths().next().is_some();
+            write_adc(
+                synthesizer,
+                scene,
+                n_frames,
+                out,
+                seed,
+                |synthesizer, idx| {
+                    if !wanted {
+                        return Ok(());
+                    }
+                    let frame = synthesizer.extract(idx)?;
+                    draw(synthesizer, &frame)
+                },
+            )?;
+            pictures.finish()?;
             Ok(Done {
                 frames: n_frames,
                 points: 0,
@@ -378,6 +395,7 @@ fn write_adc(
     n_frames: usize,
     out: &Path,
     seed: u64,
+    mut after_frame: impl FnMut(&mut Synthesizer, usize) -> CliResult,
 ) -> CliResult {
     let radar = synthesizer.radar();
     let shape = [
@@ -405,6 +423,7 @@ fn write_adc(
                     .iter()
                     .copied(),
             )?;
+            after_frame(synthesizer, frame_idx)?;
         }
         npy.finish()?;
         buffered.flush()?;
