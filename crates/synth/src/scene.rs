@@ -40,6 +40,14 @@ pub struct SceneFile {
     /// Most surfaces on a path, 1 to 4; 1 leaves out reflections between surfaces.
     #[serde(default = "default_bounces")]
     pub max_bounces: usize,
+    /// Rays along each side of the field that holds mirrors: fewer are faster, and leave the
+    /// strengths of single ghost points noisier.
+    #[serde(default = "default_rays")]
+    pub bounce_rays: usize,
+}
+
+fn default_rays() -> usize {
+    SimOptions::default().bounce_rays
 }
 
 fn default_bounces() -> usize {
@@ -173,6 +181,7 @@ impl SceneFile {
     pub fn sim_options(&self) -> SimOptions {
         SimOptions {
             max_bounces: self.max_bounces,
+            bounce_rays: self.bounce_rays,
             ..SimOptions::default()
         }
     }
