@@ -386,6 +386,32 @@ impl Checkpoint {
         read_safetensors(&self.path(file)?)
     }
 
+    /// A model's `config.json`: parsed, of the expected kind, and valid.
+    ///
+    /// # Errors
+    /// If it cannot be read, names another kind, or `validate` refuses it.
+    pub fn config<T: DeserializeOwned>(
+        &self,
+        expected_kind: &str,
+        kind: impl Fn(&T) -> &str,
+        validate: impl Fn(&T) -> Result<(), String>,
+    ) -> Result<T, CheckpointError> {
+        let config: T = self.json(CONFIG_FILE)?;
+        let checked = match kind(&config) {
+            found if found != expected_kind => {
+                Err(format!("kind is `{found}`, expected `{expected_kind}`"))
+            }
+            _ => validate(&config),
+        };
+        match checked {
+            Ok(()) => Ok(config),
+            Err(message) => Err(CheckpointError::Config {
+                path: self.dir().join(CONFIG_FILE),
+                message,
+            }),
+        }
+    }
+
     /// Loads `model.safetensors` into `model`; names and shapes must agree exactly.
     ///
     /// # Errors

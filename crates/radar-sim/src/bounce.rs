@@ -411,7 +411,6 @@ impl Bounce {
         let cos_mirrored = (-normal.dot(direction)).max(0.0) as f32;
         let cos_direct = (-normal.dot(middle.normalize_or_zero())).max(0.0) as f32;
 
-        let direct = |p: DVec3| p;
         let (seen_by_tx, seen_by_rx, cos, mirrors_gain) = match self.legs {
             Legs::Out => (mirrored, middle, [cos_mirrored, cos_direct], over_mirrors),
             Legs::Back => (middle, mirrored, [cos_direct, cos_mirrored], over_mirrors),
@@ -423,7 +422,7 @@ impl Bounce {
             ),
         };
         let path_m = |p: DVec3| match self.legs {
-            Legs::Out | Legs::Back => image(p).length() + direct(p).length(),
+            Legs::Out | Legs::Back => image(p).length() + p.length(),
             Legs::Both => 2.0 * image(p).length(),
         };
         let path_middle_m = path_m(middle);

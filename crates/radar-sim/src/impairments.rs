@@ -11,7 +11,7 @@ use num_complex::{Complex32, Complex64};
 use radarllm_base::{RadarConfig, RadarCube, SPEED_OF_LIGHT_MPS, seed::derive_seed};
 
 use crate::error::SimError;
-use crate::noise::NoiseGenerator;
+use crate::noise::{NoiseGenerator, stream_bits};
 use crate::simd::SimdLevel;
 
 /// Rounding and clipping of each of I and Q.
@@ -248,12 +248,7 @@ fn add_phase_noise(config: &RadarConfig, cube: &mut RadarCube, dbc_per_hz: f64, 
 
 /// The `index`-th number of a stream, in 0..1.
 fn uniform(stream: u64, index: u64) -> f64 {
-    // SplitMix64 of a counter.
-    let mut z = stream.wrapping_add(index.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^= z >> 31;
-    (z >> 11) as f64 / (1u64 << 53) as f64
+    (stream_bits(stream, index) >> 11) as f64 / (1u64 << 53) as f64
 }
 
 /// The `index`-th standard normal number of a stream (Box-Muller).

@@ -7,6 +7,21 @@ use num_complex::Complex32;
 
 use crate::simd::{Lanes, SimdLevel, dispatch, sin_cos_turns};
 
+/// SplitMix64's increment.
+const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+
+/// SplitMix64's output function.
+fn mix(mut z: u64) -> u64 {
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// The `index`-th number of SplitMix64's stream from `stream`.
+pub(crate) fn stream_bits(stream: u64, index: u64) -> u64 {
+    mix(stream.wrapping_add(index.wrapping_add(1).wrapping_mul(GOLDEN)))
+}
+
 /// A stream of complex Gaussians. The same seed gives the same stream on the same [`SimdLevel`].
 #[derive(Clone, Debug)]
 pub struct NoiseGenerator {
@@ -28,11 +43,8 @@ impl NoiseGenerator {
         for lane in 0..16 {
             for pair in 0..2 {
                 // SplitMix64, as the authors recommend for seeding.
-                counter = counter.wrapping_add(0x9e37_79b9_7f4a_7c15);
-                let mut z = counter;
-                z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-                z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-                z ^= z >> 31;
+                counter = counter.wrapping_add(GOLDEN);
+                let z = mix(counter);
                 state[2 * pair][lane] = z as u32;
                 // Never the all-zero state.
                 state[2 * pair + 1][lane] = (z >> 32) as u32 | 1;

@@ -3,6 +3,7 @@
 use std::f64::consts::PI;
 
 use crate::link::exp2_of_negative;
+use crate::noise::stream_bits;
 use num_complex::{Complex32, Complex64};
 use radarllm_base::{Material, seed::derive_seed};
 
@@ -104,14 +105,8 @@ impl FacetPhases {
 
     #[inline]
     pub fn phase_turns(&self, facet_idx: usize) -> f32 {
-        // SplitMix64 of the facet's counter.
-        let mut z = self
-            .surface_seed
-            .wrapping_add((facet_idx as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^= z >> 31;
-        (z >> 40) as f32 * (1.0 / (1u64 << 24) as f32)
+        (stream_bits(self.surface_seed, facet_idx as u64) >> 40) as f32
+            * (1.0 / (1u64 << 24) as f32)
     }
 
     pub fn phasor(&self, facet_idx: usize) -> Complex32 {

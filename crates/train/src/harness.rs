@@ -27,6 +27,7 @@ use radarllm_model::checkpoint::{
     CONFIG_FILE, Checkpoint, CheckpointFiles, MODEL_FILE, NamedTensors, collect_params,
     load_params, param_shapes,
 };
+use radarllm_model::tokenizer::codebook::EmaCodebook;
 use serde::{Deserialize, Serialize};
 
 use crate::adamw::{AdamW, GradientSum, ParamRule};
@@ -177,6 +178,27 @@ pub fn request_stop() {
 /// default would prefer whatever accelerator was compiled in.
 pub fn cpu_device() -> Device {
     Device::flex()
+}
+
+/// The device with gradients, whose generator starts from `purpose`'s own seed.
+pub fn seeded_device(seed: u64, purpose: &str) -> Device {
+    let device = cpu_device().autodiff();
+    device.seed(derive_seed(seed, purpose));
+    device
+}
+
+/// Refuses the result of a run that was too short to have a codebook.
+///
+/// # Errors
+/// Says what to change.
+pub fn require_codebook(stage: &str, codebook: &EmaCodebook) -> Result<(), TrainError> {
+    if codebook.is_initialised() {
+        return Ok(());
+    }
+    Err(TrainError::Stage(format!(
+        "{stage}: too few steps to initialise the codebook: train longer or lower \
+         codebook.init_after and codebook.init_inputs_per_code"
+    )))
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize)]

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::data::plan_batches;
 use crate::harness::{
-    self, LoopConfig, Outcome, Stage, StepInfo, StepLoss, TrainError, Validation, cpu_device,
+    self, LoopConfig, Outcome, Stage, StepInfo, StepLoss, TrainError, Validation,
 };
 
 /// Smallest standard deviation a feature is divided by: smaller ones are constants with noise.
@@ -131,20 +131,10 @@ pub fn train(
             .filter(|c| c.motion_features.is_empty())
             .count(),
     );
-    let device = cpu_device().autodiff();
-    device.seed(radarllm_base::seed::derive_seed(
-        config.run.seed,
-        "motion/init",
-    ));
+    let device = harness::seeded_device(config.run.seed, "motion/init");
     let model = MotionNet::new(&config.model, &device);
     let outcome = harness::run(&mut stage, model, &config.run, out_dir, resume)?;
-    if !stage.codebook.is_initialised() {
-        return Err(TrainError::Stage(
-            "motion: too few steps to initialise the codebook: train longer or lower \
-             codebook.init_after and codebook.init_inputs_per_code"
-                .into(),
-        ));
-    }
+    harness::require_codebook("motion", &stage.codebook)?;
     Ok(outcome)
 }
 

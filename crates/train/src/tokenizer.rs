@@ -22,9 +22,7 @@ use rand::{RngExt, SeedableRng};
 use crate::caption_words::CaptionWords;
 use crate::chamfer::chamfer;
 use crate::data::{augment_points, flip_points, plan_batches, shuffle};
-use crate::harness::{
-    self, Outcome, Stage, StepInfo, StepLoss, TrainError, Validation, cpu_device,
-};
+use crate::harness::{self, Outcome, Stage, StepInfo, StepLoss, TrainError, Validation};
 pub use crate::tokenizer_config::{
     CodebookUpdate, GuidanceOn, Reconstruct, TokenizerLossConfig, TokenizerTrainConfig,
 };
@@ -66,20 +64,10 @@ pub fn train(
         stage.val.len(),
         config.model.caption_words,
     );
-    let device = cpu_device().autodiff();
-    device.seed(radarllm_base::seed::derive_seed(
-        config.run.seed,
-        "tokenizer/init",
-    ));
+    let device = harness::seeded_device(config.run.seed, "tokenizer/init");
     let model = TokenizerNet::new(&config.model, &device);
     let outcome = harness::run(&mut stage, model, &config.run, out_dir, resume)?;
-    if !stage.codebook.is_initialised() {
-        return Err(TrainError::Stage(
-            "tokenizer: too few steps to initialise the codebook: train longer or lower \
-             codebook.init_after and codebook.init_inputs_per_code"
-                .into(),
-        ));
-    }
+    harness::require_codebook("tokenizer", &stage.codebook)?;
     Ok(outcome)
 }
 

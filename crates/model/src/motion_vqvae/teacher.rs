@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::network::{MotionNet, MotionVqVaeConfig};
 use super::{FRAMES_PER_FEATURE, MOTION_DIM};
-use crate::checkpoint::{CONFIG_FILE, Checkpoint, CheckpointError};
+use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::tokenizer::codebook::nearest_codes;
 
 /// `kind` in a motion VQ-VAE's `config.json`.
@@ -73,18 +73,11 @@ impl MotionTeacher {
     /// If it is missing, damaged, not a motion VQ-VAE, or does not fit its own configuration.
     pub fn load(dir: &Path) -> Result<Self, CheckpointError> {
         let checkpoint = Checkpoint::open(dir)?;
-        let file: MotionFile = checkpoint.json(CONFIG_FILE)?;
-        let fail = |message| CheckpointError::Config {
-            path: dir.join(CONFIG_FILE),
-            message,
-        };
-        if file.kind != MOTION_KIND {
-            return Err(fail(format!(
-                "kind is `{}`, expected `{MOTION_KIND}`",
-                file.kind
-            )));
-        }
-        file.model.validate().map_err(fail)?;
+        let file: MotionFile = checkpoint.config(
+            MOTION_KIND,
+            |f: &MotionFile| &f.kind,
+            |f| f.model.validate(),
+        )?;
         let net = checkpoint.load_model(MotionNet::new(&file.model, &Device::flex()))?;
         let mut statistics = checkpoint.tensors(STATISTICS_FILE)?;
         let mut take = |name: &str| {

@@ -12,7 +12,7 @@ use super::codebook::nearest_codes;
 use super::config::TokenizerConfig;
 use super::grouping::{Grouped, GroupingError, group};
 use super::network::TokenizerNet;
-use crate::checkpoint::{CONFIG_FILE, Checkpoint, CheckpointError, collect_params};
+use crate::checkpoint::{Checkpoint, CheckpointError, collect_params};
 
 /// `kind` in a tokenizer's `config.json`.
 pub const TOKENIZER_KIND: &str = "radar_tokenizer";
@@ -76,18 +76,11 @@ impl RadarTokenizer {
     /// If it is missing, damaged, not a tokenizer, or does not fit its own configuration.
     pub fn load(dir: &Path) -> Result<Self, CheckpointError> {
         let checkpoint = Checkpoint::open(dir)?;
-        let file: TokenizerFile = checkpoint.json(CONFIG_FILE)?;
-        let fail = |message| CheckpointError::Config {
-            path: dir.join(CONFIG_FILE),
-            message,
-        };
-        if file.kind != TOKENIZER_KIND {
-            return Err(fail(format!(
-                "kind is `{}`, expected `{TOKENIZER_KIND}`",
-                file.kind
-            )));
-        }
-        file.model.validate().map_err(fail)?;
+        let file: TokenizerFile = checkpoint.config(
+            TOKENIZER_KIND,
+            |f: &TokenizerFile| &f.kind,
+            |f| f.model.validate(),
+        )?;
         let net = checkpoint.load_model(TokenizerNet::new(&file.model, &Device::flex()))?;
         Ok(Self::from_net(file.model, net))
     }
