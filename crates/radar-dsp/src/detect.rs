@@ -1,7 +1,7 @@
 //! Which cells of the detection map become points.
 
 use crate::error::DspError;
-use crate::options::{ClutterFilter, Detector, DspOptions, MapKind};
+use crate::options::{CfarSides, ClutterFilter, Detector, DspOptions, MapKind};
 use crate::stats::{ca_cfar_factor, gamma_level, os_cfar_factor};
 
 /// Most training cells a side: bounds the work of a hostile option.
@@ -39,6 +39,13 @@ enum Plan {
         train: usize,
         factors: Vec<(usize, f32)>,
     },
+    /// Threshold on the natural logarithm.
+    Log {
+        guard: usize,
+        train: usize,
+        sides: CfarSides,
+        threshold_ln: f32,
+    },
 }
 
 impl Selector {
@@ -52,6 +59,20 @@ impl Selector {
         n_channels: usize,
         options: &DspOptions,
     ) -> Result<Self, DspError> {
+        if options.map == MapKind::MeanLog
+            && !matches!(
+                options.detector,
+                Detector::LogCfar { .. } | Detector::AlwaysTopK
+            )
+        {
+            return Err(DspError::Option {
+                field: "detector",
+                problem:
+                    "a map of mean logarithms wants log_cfar or top_k: the others' thresholds \
+                          hold for sums of powers"
+                        .into(),
+            });
+        }
         // |sum|^2 of the coherent map is one exponential, the sum of |.|^2 one per channel.
         let m = if options.map == MapKind::Coherent {
             1
@@ -84,7 +105,8 @@ impl Selector {
                 train,
                 false_alarm_probability,
             } => {
-                check_cfar(n_range, guard, train, false_alarm_probability)?;
+                check_cfar(n_range, guard, train)?;
+                check_probability(false_alarm_probability)?;
                 let factors = (0..=2 * train)
                     .map(|n| {
                         if n == 0 {
@@ -106,7 +128,8 @@ impl Selector {
                 rank,
                 false_alarm_probability,
             } => {
-                check_cfar(n_range, guard, train, false_alarm_probability)?;
+                check_cfar(n_range, guard, train)?;
+                check_probability(false_alarm_probability)?;
                 if !(rank > 0.0 && rank <= 1.0) {
                     let problem = format!("must be in (0, 1], found {rank}");
                     return Err(DspError::Option {
@@ -129,6 +152,27 @@ impl Selector {
                     guard,
                     train,
                     factors,
+                }
+            }
+            Detector::LogCfar {
+                guard,
+                train,
+                sides,
+                threshold_db,
+            } => {
+                check_cfar(n_range, guard, train)?;
+                if !(threshold_db.is_finite() && threshold_db > 0.0) {
+                    let problem = format!("must be finite and positive, found {threshold_db}");
+                    return Err(DspError::Option {
+                        field: "threshold_db",
+                        problem,
+                    });
+                }
+                Plan::Log {
+                    guard,
+                    train,
+                    sides,
+                    threshold_ln: (threshold_db / 10.0 * std::f64::consts::LN_10) as f32,
                 }
             }
         };
@@ -241,6 +285,27 @@ impl Selector {
                     );
                 }
             }
+            &Plan::Log {
+                guard,
+                train,
+                sides,
+                threshold_ln,
+            } => {
+                let values = &mut self.values;
+                for d in 0..self.n_doppler {
+                    values.clear();
+                    values.extend(
+                        (0..self.n_range)
+                            .map(|r| map[r * self.n_doppler + d].max(f32::MIN_POSITIVE).ln()),
+                    );
+                    log_cfar_column(values, (guard, train), sides, threshold_ln, |r| {
+                        let cell = r * self.n_doppler + d;
+                        if map[cell] > floor {
+                            self.candidates.push(cell as u32);
+                        }
+                    });
+                }
+            }
         }
         if self.only_local_maxima {
             let (n_range, n_doppler) = (self.n_range, self.n_doppler);
@@ -265,7 +330,7 @@ impl Column<'_> {
     }
 }
 
-fn check_cfar(n_range: usize, guard: usize, train: usize, pfa: f64) -> Result<(), DspError> {
+fn check_cfar(n_range: usize, guard: usize, train: usize) -> Result<(), DspError> {
     if train == 0 || train > MAX_TRAIN || guard.saturating_mul(2).saturating_add(train) >= n_range {
         return Err(DspError::Option {
             field: "train",
@@ -275,6 +340,10 @@ fn check_cfar(n_range: usize, guard: usize, train: usize, pfa: f64) -> Result<()
             ),
         });
     }
+    Ok(())
+}
+
+fn check_probability(pfa: f64) -> Result<(), DspError> {
     if !(pfa > 1e-100 && pfa < 0.5) {
         let problem = format!("must be in (0, 0.5), found {pfa}");
         return Err(DspError::Option {
@@ -312,6 +381,39 @@ fn cfar_column(
             (r + guard + 1).min(column.n_range)..(r + guard + train + 1).min(column.n_range);
         if power > threshold(&[before, after], &column) {
             candidates.push((r * column.n_doppler + column.d) as u32);
+        }
+    }
+}
+
+/// Calls `pass` for the cells of one column of logarithms that exceed the mean of their training
+/// cells by more than `threshold`. At the ends of the column a side has fewer cells, or none: then
+/// the other side decides.
+fn log_cfar_column(
+    values: &[f32],
+    (guard, train): (usize, usize),
+    sides: CfarSides,
+    threshold: f32,
+    mut pass: impl FnMut(usize),
+) {
+    let n = values.len();
+    let mean = |range: std::ops::Range<usize>| -> Option<f32> {
+        (!range.is_empty()).then(|| values[range.clone()].iter().sum::<f32>() / range.len() as f32)
+    };
+    for (r, &value) in values.iter().enumerate() {
+        let before = mean(r.saturating_sub(guard + train)..r.saturating_sub(guard));
+        let after = mean((r + guard + 1).min(n)..(r + guard + train + 1).min(n));
+        let level = match (before, after) {
+            (Some(a), Some(b)) => match sides {
+                CfarSides::Both => 0.5 * (a + b),
+                CfarSides::Greater => a.max(b),
+                CfarSides::Smaller => a.min(b),
+            },
+            (Some(a), None) | (None, Some(a)) => a,
+            // check_cfar made sure that the column is longer than guard and training cells.
+            (None, None) => continue,
+        };
+        if value > level + threshold {
+            pass(r);
         }
     }
 }

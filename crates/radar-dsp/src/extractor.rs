@@ -156,7 +156,7 @@ fn locate(
     let direction = directions.direction(doppler, value);
 
     let velocity_mps = doppler as f64 * radar.velocity_resolution_mps();
-    let mut range_m = range_bin as f64 * radar.range_resolution_m();
+    let mut range_m = range_bin as f64 * spectrum.range_step_m;
     if options.correct_range_doppler_coupling {
         // Beat frequency = 2 S R / c + 2 v f_c / c: receding looks farther.
         range_m -= velocity_mps * radar.carrier_hz() / radar.slope_hz_per_s;
@@ -176,7 +176,7 @@ fn locate(
     let u_y = (1.0 - u_x * u_x - u_z * u_z).max(0.0).sqrt();
     let power = f64::from(spectrum.map[cell].max(f32::MIN_POSITIVE));
     let intensity_db = match options.map {
-        MapKind::NonCoherent => 10.0 * power.log10(),
+        MapKind::NonCoherent | MapKind::MeanLog => 10.0 * power.log10(),
         // D is the modulus of the complex sum: half of its power in dB.
         MapKind::Coherent => 5.0 * power.log10(),
     };

@@ -26,5 +26,6 @@ pub mod window;
 pub use array::VirtualArray;
 pub use error::DspError;
 pub use extractor::PointExtractor;
-pub use options::{ClutterFilter, Detector, DspOptions, ImpossibleDirection, MapKind};
+pub use options::{CfarSides, ClutterFilter, Detector, DspOptions, ImpossibleDirection, MapKind};
 pub use pictures::{Axis, Map, MicroDoppler};
+pub use window::Window;

@@ -1,5 +1,7 @@
 //! Choices of the signal chain, with their defaults.
 
+use crate::window::Window;
+
 /// How the twelve (or however many) channels become one detection map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MapKind {
@@ -8,6 +10,21 @@ pub enum MapKind {
     /// D = |sum over channels of the complex values|, as mmMesh and the RadarLLM paper have it. That
     /// is a beam at boresight: for the reference radar -5.6 dB at 10 degrees and a null near 30.
     Coherent,
+    /// ln D = mean over channels of ln |.|^2, the geometric mean of the powers, as the detection
+    /// matrices of TI's demos (which add log2 magnitudes). Only with [`Detector::LogCfar`] or
+    /// [`Detector::AlwaysTopK`], whose thresholds do not presume a sum of powers.
+    MeanLog,
+}
+
+/// The training cells of [`Detector::LogCfar`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CfarSides {
+    /// Mean of both sides.
+    Both,
+    /// The larger of the two sides' means: fewer false alarms at the edge of clutter.
+    Greater,
+    /// The smaller: a second target on one side does not hide the first.
+    Smaller,
 }
 
 /// Which cells of the detection map become points; never more than [`DspOptions::max_points`].
@@ -42,6 +59,19 @@ pub enum Detector {
         rank: f64,
         /// Probability that a noise cell passes, in (0, 0.5).
         false_alarm_probability: f64,
+    },
+    /// CFAR along range over the *logarithms* of the map with a fixed threshold, as the accelerators
+    /// of TI's parts do it: a cell passes if its decibels exceed the mean decibels of the training
+    /// cells by more than `threshold_db`.
+    LogCfar {
+        /// Guard cells on each side.
+        guard: usize,
+        /// Training cells on each side.
+        train: usize,
+        /// How the two sides combine.
+        sides: CfarSides,
+        /// Over the mean of the training cells, dB, positive.
+        threshold_db: f64,
     },
 }
 
@@ -83,6 +113,13 @@ pub struct DspOptions {
     /// fills the frame with its own sidelobes. `None` keeps them. Ignored by
     /// [`Detector::AlwaysTopK`].
     pub dynamic_range_db: Option<f64>,
+    /// Weights of a chirp's samples.
+    pub range_window: Window,
+    /// Weights of a frame's loops.
+    pub doppler_window: Window,
+    /// Length of the range FFT; samples are padded with zeros up to it, so that bins are closer than
+    /// the resolution. `None`: the number of samples. Firmware with power-of-two FFTs does this.
+    pub range_fft_len: Option<usize>,
     /// Nearest range kept, m.
     pub min_range_m: f64,
     /// Farthest range kept, m; the radar's own maximum if that is less.
@@ -111,6 +148,9 @@ impl Default for DspOptions {
             },
             max_points: 128,
             dynamic_range_db: Some(40.0),
+            range_window: Window::Hamming,
+            doppler_window: Window::Hamming,
+            range_fft_len: None,
             min_range_m: 0.3,
             max_range_m: 10.5,
             clutter: ClutterFilter::Mean,
@@ -131,6 +171,29 @@ impl DspOptions {
             map: MapKind::Coherent,
             detector: Detector::AlwaysTopK,
             dynamic_range_db: None,
+            refine_azimuth: false,
+            correct_range_doppler_coupling: false,
+            ..Self::default()
+        }
+    }
+
+    /// The chain of TI's out-of-box demos on xWR14xx parts: Blackman in range, Hann in Doppler, mean
+    /// of logarithms over the channels, CFAR along range in the log domain (8 training cells after 4
+    /// guard cells, the smaller side, 15 dB), angles and ranges at the bins' centres, range FFT
+    /// padded to a power of two. Peak grouping off, static clutter removed; both are commands there.
+    pub fn ti_demo(n_samples: usize) -> Self {
+        Self {
+            map: MapKind::MeanLog,
+            detector: Detector::LogCfar {
+                guard: 4,
+                train: 8,
+                sides: CfarSides::Smaller,
+                threshold_db: 15.0,
+            },
+            dynamic_range_db: None,
+            range_window: Window::Blackman,
+            doppler_window: Window::Hann,
+            range_fft_len: Some(n_samples.next_power_of_two()),
             refine_azimuth: false,
             correct_range_doppler_coupling: false,
             ..Self::default()

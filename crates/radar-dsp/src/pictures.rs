@@ -75,7 +75,7 @@ impl PointExtractor {
             n_rows: self.spectrum.gate.len(),
             n_cols: n,
             values,
-            rows: range_axis(&self.radar, self.spectrum.gate.start),
+            rows: range_axis(self.spectrum.range_step_m, self.spectrum.gate.start),
             cols: velocity_axis(&self.radar),
         })
     }
@@ -115,7 +115,7 @@ impl PointExtractor {
             n_rows,
             n_cols: n_azimuth,
             values,
-            rows: range_axis(&self.radar, self.spectrum.gate.start),
+            rows: range_axis(self.spectrum.range_step_m, self.spectrum.gate.start),
             cols: Axis {
                 label: "x / range",
                 unit: "",
@@ -131,13 +131,13 @@ impl PointExtractor {
     /// As [`PointExtractor::extract`].
     pub fn range_profile(&mut self, cube: &RadarCube) -> Result<Map, DspError> {
         self.spectrum.check_shape(cube)?;
-        let n_samples = self.radar.n_samples;
-        let mut sums = vec![0.0_f64; n_samples];
+        let n_range = self.spectrum.n_range;
+        let mut sums = vec![0.0_f64; n_range];
         for channel in 0..self.spectrum.n_channels() {
             for chirp in self
                 .spectrum
                 .range_spectra(cube, channel)?
-                .chunks_exact(n_samples)
+                .chunks_exact(n_range)
             {
                 for (sum, value) in sums.iter_mut().zip(chirp) {
                     *sum += f64::from(value.norm_sqr());
@@ -147,7 +147,7 @@ impl PointExtractor {
         let n = (self.spectrum.n_channels() * self.spectrum.n_doppler()) as f64;
         Ok(Map {
             n_rows: 1,
-            n_cols: n_samples,
+            n_cols: n_range,
             values: sums.iter().map(|s| (s / n) as f32).collect(),
             rows: Axis {
                 label: "",
@@ -155,7 +155,7 @@ impl PointExtractor {
                 start: 0.0,
                 step: 1.0,
             },
-            cols: range_axis(&self.radar, 0),
+            cols: range_axis(self.spectrum.range_step_m, 0),
         })
     }
 }
@@ -223,8 +223,7 @@ impl MicroDoppler {
     }
 }
 
-fn range_axis(radar: &RadarConfig, first_bin: usize) -> Axis {
-    let step = radar.range_resolution_m();
+fn range_axis(step: f64, first_bin: usize) -> Axis {
     Axis {
         label: "range",
         unit: "m",

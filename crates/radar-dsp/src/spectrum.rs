@@ -9,10 +9,12 @@ use rustfft::{Fft, FftPlanner};
 
 use crate::error::DspError;
 use crate::options::{ClutterFilter, DspOptions, MapKind};
-use crate::window::hamming;
 
 /// Rows transposed together: 8 complex values are one cache line.
 const BLOCK: usize = 8;
+
+/// Longest range FFT: eight times the most samples a chirp of the supported parts has.
+const MAX_RANGE_FFT: usize = 1 << 16;
 
 /// Plan and workspace of the range-Doppler stage.
 ///
@@ -24,6 +26,10 @@ const BLOCK: usize = 8;
 /// All FFTs are forward, e^{-j...}, unnormalised.
 pub struct Spectrum {
     shape: [usize; 4],
+    /// Range bins of the FFT: at least the number of samples.
+    pub n_range: usize,
+    /// Range from one bin to the next, m.
+    pub range_step_m: f64,
     /// Range bins kept.
     pub gate: Range<usize>,
     map_kind: MapKind,
@@ -34,7 +40,7 @@ pub struct Spectrum {
     range_fft: Arc<dyn Fft<f32>>,
     doppler_fft: Arc<dyn Fft<f32>>,
     scratch: Vec<Complex32>,
-    /// One channel's chirps, `[loop, sample]`.
+    /// One channel's chirps, `[loop, range bin]`.
     chirps: Vec<Complex32>,
     mean: Vec<Complex32>,
     coherent: Vec<Complex32>,
@@ -67,11 +73,21 @@ impl Spectrum {
                     .into(),
             });
         }
-        let gate = range_gate(radar, options)?;
+        let n_range = options.range_fft_len.unwrap_or(n_samples);
+        if !(n_samples..=MAX_RANGE_FFT.max(n_samples)).contains(&n_range) {
+            return Err(DspError::Option {
+                field: "range_fft_len",
+                problem: format!(
+                    "must be from the {n_samples} samples of a chirp to {MAX_RANGE_FFT}, found {n_range}"
+                ),
+            });
+        }
+        let range_step_m = radar.range_resolution_m() * n_samples as f64 / n_range as f64;
+        let gate = range_gate(options, range_step_m, n_range)?;
         let n_channels = radar.tx.len() * radar.rx.len();
-        let doppler_window = hamming(n_loops);
+        let doppler_window = options.doppler_window.weights(n_loops);
         let mut planner = FftPlanner::new();
-        let range_fft = planner.plan_fft_forward(n_samples);
+        let range_fft = planner.plan_fft_forward(n_range);
         let doppler_fft = planner.plan_fft_forward(n_loops);
         let n_scratch = range_fft
             .get_inplace_scratch_len()
@@ -84,14 +100,16 @@ impl Spectrum {
         };
         Ok(Self {
             shape: [n_loops, radar.tx.len(), radar.rx.len(), n_samples],
+            n_range,
+            range_step_m,
             map_kind: options.map,
             mean_weights: mean_weights(options.clutter, &doppler_window),
-            range_window: hamming(n_samples),
+            range_window: options.range_window.weights(n_samples),
             doppler_window,
             range_fft,
             doppler_fft,
             scratch: vec![Complex32::ZERO; n_scratch],
-            chirps: vec![Complex32::ZERO; n_loops * n_samples],
+            chirps: vec![Complex32::ZERO; n_loops * n_range],
             mean: vec![Complex32::ZERO; gate.len()],
             coherent: vec![Complex32::ZERO; n_coherent],
             spectra: vec![Complex32::ZERO; n_channels * n_cells],
@@ -124,7 +142,7 @@ impl Spectrum {
             let spectra = &mut self.spectra[channel * n_cells..][..n_cells];
             gated_slow_time(
                 &self.chirps,
-                self.shape[3],
+                self.n_range,
                 self.gate.clone(),
                 &self.mean_weights,
                 &mut self.mean,
@@ -135,6 +153,7 @@ impl Spectrum {
                 .process_with_scratch(spectra, &mut self.scratch);
             match self.map_kind {
                 MapKind::NonCoherent => add_power(&mut self.map, spectra),
+                MapKind::MeanLog => add_log_power(&mut self.map, spectra),
                 MapKind::Coherent => {
                     for (sum, value) in self.coherent.iter_mut().zip(spectra.iter()) {
                         *sum += value;
@@ -143,6 +162,12 @@ impl Spectrum {
             }
         }
         add_power(&mut self.map[..self.coherent.len()], &self.coherent);
+        if self.map_kind == MapKind::MeanLog {
+            let per_channel = 1.0 / self.n_channels() as f32;
+            for value in &mut self.map {
+                *value = (*value * per_channel).exp();
+            }
+        }
         // Non-negative or NaN, so the largest value shows any that is not finite.
         match self.map.iter().position(|p| !p.is_finite()) {
             None => Ok(()),
@@ -163,10 +188,13 @@ impl Spectrum {
         channel: usize,
     ) -> Result<&[Complex32], DspError> {
         let [n_loops, _, n_rx, n_samples] = self.shape;
+        let n_range = self.n_range;
         let (slot, rx) = (channel / n_rx, channel % n_rx);
         for loop_idx in 0..n_loops {
             let samples = cube.chirp(loop_idx, slot, rx);
-            let out = &mut self.chirps[loop_idx * n_samples..][..n_samples];
+            let out = &mut self.chirps[loop_idx * n_range..][..n_range];
+            let (out, padding) = out.split_at_mut(n_samples);
+            padding.fill(Complex32::ZERO);
             if !window_into(out, samples, &self.range_window) {
                 let bad = samples
                     .iter()
@@ -207,7 +235,7 @@ impl Spectrum {
     }
 }
 
-fn range_gate(radar: &RadarConfig, options: &DspOptions) -> Result<Range<usize>, DspError> {
+fn range_gate(options: &DspOptions, bin_m: f64, n_range: usize) -> Result<Range<usize>, DspError> {
     for (field, value) in [
         ("min_range_m", options.min_range_m),
         ("max_range_m", options.max_range_m),
@@ -217,12 +245,11 @@ fn range_gate(radar: &RadarConfig, options: &DspOptions) -> Result<Range<usize>,
             return Err(DspError::Option { field, problem });
         }
     }
-    let bin_m = radar.range_resolution_m();
     // Saturating casts: a gate beyond the last bin ends there.
     let first = (options.min_range_m / bin_m).ceil() as usize;
     let end = ((options.max_range_m / bin_m).floor() as usize)
         .saturating_add(1)
-        .min(radar.n_samples);
+        .min(n_range);
     if first >= end {
         return Err(DspError::Option {
             field: "min_range_m",
@@ -230,7 +257,7 @@ fn range_gate(radar: &RadarConfig, options: &DspOptions) -> Result<Range<usize>,
                 "no range bin between {} m and {} m: bins are {bin_m:.4} m wide and end at {:.2} m",
                 options.min_range_m,
                 options.max_range_m,
-                radar.max_range_m()
+                bin_m * n_range as f64
             ),
         });
     }
@@ -268,7 +295,7 @@ fn mean_weights(clutter: ClutterFilter, window: &[f32]) -> Vec<f32> {
 /// around bin 0.
 fn gated_slow_time(
     chirps: &[Complex32],
-    n_samples: usize,
+    n_range: usize,
     gate: Range<usize>,
     mean_weights: &[f32],
     mean: &mut [Complex32],
@@ -276,7 +303,7 @@ fn gated_slow_time(
     out: &mut [Complex32],
 ) {
     let n_loops = window.len();
-    let rows = || chirps.chunks_exact(n_samples).map(|row| &row[gate.clone()]);
+    let rows = || chirps.chunks_exact(n_range).map(|row| &row[gate.clone()]);
     mean.fill(Complex32::ZERO);
     for (row, &weight) in rows().zip(mean_weights) {
         for (sum, value) in mean.iter_mut().zip(row) {
@@ -309,5 +336,14 @@ fn gated_slow_time(
 fn add_power(map: &mut [f32], spectra: &[Complex32]) {
     for (power, value) in map.iter_mut().zip(spectra) {
         *power += value.re * value.re + value.im * value.im;
+    }
+}
+
+/// Adds ln |.|^2; an exact zero counts as the smallest positive number.
+fn add_log_power(sum: &mut [f32], spectra: &[Complex32]) {
+    for (sum, value) in sum.iter_mut().zip(spectra) {
+        *sum += (value.re * value.re + value.im * value.im)
+            .max(f32::MIN_POSITIVE)
+            .ln();
     }
 }

@@ -86,7 +86,7 @@ pub fn build(
         // Planning FFTs takes milliseconds; a pool of planned chains serves every thread.
         let mut synthesizer = match take() {
             Some(ready) => ready,
-            None => Synthesizer::new(&radar, Method::Fast, config.processing.resolve())?
+            None => Synthesizer::new(&radar, Method::Fast, config.processing.resolve(&radar))?
                 .with_impairments(impairments),
         };
         let corpus: &dyn Corpus = corpora[corpus_idx].as_ref();

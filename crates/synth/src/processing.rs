@@ -1,6 +1,7 @@
 //! The `[processing]` table of scenes and data sets: the signal chain from cube to points.
 
-use radarllm_radar_dsp::{ClutterFilter, Detector, DspOptions, MapKind};
+use radarllm_base::RadarConfig;
+use radarllm_radar_dsp::{CfarSides, ClutterFilter, Detector, DspOptions, MapKind};
 use serde::{Deserialize, Serialize};
 
 /// Where the values start that the table does not name.
@@ -12,6 +13,8 @@ pub enum ChainPreset {
     Default,
     /// [`DspOptions::mmmesh`]: coherent sum, always the strongest cells, bin centres.
     Mmmesh,
+    /// [`DspOptions::ti_demo`]: the out-of-box demo of TI's xWR14xx parts.
+    TiDemo,
 }
 
 /// Channels to one map.
@@ -22,6 +25,20 @@ pub enum MapName {
     NonCoherent,
     /// Power of the sum: a beam at boresight.
     Coherent,
+    /// Mean of logarithms: with `log_cfar` or `top_k` only.
+    MeanLog,
+}
+
+/// Training cells of `log_cfar`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SidesName {
+    /// Mean of both sides.
+    Both,
+    /// The larger mean.
+    Greater,
+    /// The smaller mean.
+    Smaller,
 }
 
 /// Removal of what stands still.
@@ -67,6 +84,17 @@ pub enum DetectorFile {
         /// Probability that a noise cell passes.
         false_alarm_probability: f64,
     },
+    /// CFAR along range over logarithms with a fixed threshold, as TI's accelerators do it.
+    LogCfar {
+        /// Guard cells on each side.
+        guard: usize,
+        /// Training cells on each side.
+        train: usize,
+        /// How the two sides combine.
+        sides: SidesName,
+        /// Over the training cells' mean, dB.
+        threshold_db: f64,
+    },
 }
 
 /// The table; see [`DspOptions`].
@@ -92,16 +120,18 @@ pub struct ProcessingFile {
 }
 
 impl ProcessingFile {
-    /// What the signal chain takes; it checks the values when it is planned.
-    pub fn resolve(&self) -> DspOptions {
+    /// What the signal chain of a radar takes; it checks the values when it is planned.
+    pub fn resolve(&self, radar: &RadarConfig) -> DspOptions {
         let mut out = match self.preset {
             ChainPreset::Default => DspOptions::default(),
             ChainPreset::Mmmesh => DspOptions::mmmesh(),
+            ChainPreset::TiDemo => DspOptions::ti_demo(radar.n_samples),
         };
         if let Some(map) = self.map {
             out.map = match map {
                 MapName::NonCoherent => MapKind::NonCoherent,
                 MapName::Coherent => MapKind::Coherent,
+                MapName::MeanLog => MapKind::MeanLog,
             };
         }
         if let Some(detector) = self.detector {
@@ -132,6 +162,21 @@ impl ProcessingFile {
                     rank,
                     false_alarm_probability,
                 },
+                DetectorFile::LogCfar {
+                    guard,
+                    train,
+                    sides,
+                    threshold_db,
+                } => Detector::LogCfar {
+                    guard,
+                    train,
+                    sides: match sides {
+                        SidesName::Both => CfarSides::Both,
+                        SidesName::Greater => CfarSides::Greater,
+                        SidesName::Smaller => CfarSides::Smaller,
+                    },
+                    threshold_db,
+                },
             };
         }
         if let Some(clutter) = self.clutter {
@@ -155,7 +200,10 @@ mod tests {
 
     #[test]
     fn presets_and_fields_reach_the_chain() {
-        let resolve = |text: &str| toml::from_str::<ProcessingFile>(text).map(|f| f.resolve());
+        let resolve = |text: &str| {
+            let radar = RadarConfig::awr1843boost();
+            toml::from_str::<ProcessingFile>(text).map(|f| f.resolve(&radar))
+        };
         assert_eq!(resolve("").unwrap(), DspOptions::default());
         assert_eq!(
             resolve("preset = \"mmmesh\"").unwrap(),
@@ -175,6 +223,14 @@ mod tests {
             options.detector,
             Detector::OsCfar { train: 8, .. }
         ));
+        let demo = resolve("preset = \"ti_demo\"\nmax_points = 64").unwrap();
+        assert_eq!(
+            demo,
+            DspOptions {
+                max_points: 64,
+                ..DspOptions::ti_demo(256)
+            }
+        );
         assert!(resolve("detector = { kind = \"magic\" }").is_err());
         assert!(resolve("max_point = 3").is_err());
     }

@@ -269,7 +269,7 @@ fn simulate_one(
         let mut synthesizer = Synthesizer::with_simulation(
             &file.radar(radar),
             method,
-            file.processing.resolve(),
+            file.processing.resolve(radar),
             file.sim_options(),
         )?
         .with_impairments(

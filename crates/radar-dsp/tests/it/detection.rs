@@ -3,7 +3,7 @@
 use radarllm_base::{RadarConfig, RadarCube};
 use radarllm_radar_dsp::detect::Selector;
 use radarllm_radar_dsp::{
-    ClutterFilter, Detector, DspOptions, ImpossibleDirection, MapKind, PointExtractor,
+    CfarSides, ClutterFilter, Detector, DspOptions, ImpossibleDirection, MapKind, PointExtractor,
 };
 
 use crate::synthetic::{Random, Target, add_noise, cube};
@@ -57,7 +57,8 @@ fn empty_frames_yield_the_designed_number_of_points() {
     let mut extractor = PointExtractor::new(&radar, DspOptions::default()).unwrap();
     extractor.extract(&cubes[0]).unwrap();
     let energy = |n| {
-        radarllm_radar_dsp::window::hamming(n)
+        radarllm_radar_dsp::Window::Hamming
+            .weights(n)
             .iter()
             .map(|w| f64::from(w * w))
             .sum::<f64>()
@@ -239,5 +240,101 @@ fn coherent_map_is_a_boresight_beam() {
             (found_db - expected_db).abs() < 0.6,
             "{azimuth_deg}: {found_db} for {expected_db}"
         );
+    }
+}
+
+fn ti_like(map: MapKind) -> DspOptions {
+    DspOptions {
+        map,
+        detector: Detector::AlwaysTopK,
+        dynamic_range_db: None,
+        max_points: 1,
+        ..DspOptions::default()
+    }
+}
+
+/// Equal power in all 12 channels: the mean of logarithms is one channel's power, the sum twelve.
+#[test]
+fn the_mean_of_logarithms_is_the_sum_less_the_number_of_channels() {
+    let radar = RadarConfig::awr1843boost();
+    let target = Target::radial(3.0, 8.0, 2.0, 1.0);
+    let cube = cube(&radar, &[target]);
+    let strongest = |map| {
+        let mut extractor = PointExtractor::new(&radar, ti_like(map)).unwrap();
+        extractor.extract(&cube).unwrap().points[0]
+    };
+    let (sum, mean) = (strongest(MapKind::NonCoherent), strongest(MapKind::MeanLog));
+    // f32 logarithms; channels differ by what the target moves between slots, under 0.01 dB.
+    let difference = sum.intensity_db - mean.intensity_db - 10.0 * 12_f32.log10();
+    assert!(difference.abs() < 0.02, "{difference}");
+    assert_eq!(sum.range_m, mean.range_m);
+    // Thresholds of the other detectors hold for sums of powers.
+    let wrong = DspOptions {
+        map: MapKind::MeanLog,
+        ..DspOptions::default()
+    };
+    assert!(PointExtractor::new(&radar, wrong).is_err());
+}
+
+/// 256 samples padded to 1,024: a target between two bins of the plain transform stands within half
+/// a bin of the fine one, and every range is a multiple of a quarter of the resolution.
+#[test]
+fn a_padded_range_transform_has_closer_bins() {
+    let radar = RadarConfig::awr1843boost();
+    let step_m = radar.range_resolution_m() / 4.0;
+    // The plain transform would put it 0.3 bins off, more than a fine bin.
+    let y_m = 70.3 * radar.range_resolution_m();
+    let options = DspOptions {
+        range_fft_len: Some(1024),
+        clutter: ClutterFilter::Off,
+        ..ti_like(MapKind::NonCoherent)
+    };
+    let mut extractor = PointExtractor::new(&radar, options).unwrap();
+    let target = Target::radial(y_m, 0.0, 0.0, 0.0);
+    let range_m = f64::from(extractor.extract(&cube(&radar, &[target])).unwrap().points[0].range_m);
+    assert!((range_m - y_m).abs() < 0.51 * step_m, "{range_m} for {y_m}");
+    let bins = range_m / step_m;
+    assert!((bins - bins.round()).abs() < 1e-3, "{bins}");
+    for range_fft_len in [Some(255), Some(usize::MAX)] {
+        let options = DspOptions {
+            range_fft_len,
+            ..DspOptions::default()
+        };
+        assert!(PointExtractor::new(&radar, options).is_err());
+    }
+}
+
+/// A column of ones with two cells of e^5, four apart: each lies among the other's training cells.
+#[test]
+fn the_smaller_side_of_a_log_cfar_is_not_masked_by_a_neighbour() {
+    let mut map = vec![1.0_f32; 64];
+    map[30] = 5_f32.exp();
+    map[34] = 5_f32.exp();
+    let found = |sides, threshold_db: f64| {
+        let options = DspOptions {
+            detector: Detector::LogCfar {
+                guard: 1,
+                train: 4,
+                sides,
+                threshold_db,
+            },
+            dynamic_range_db: None,
+            ..DspOptions::default()
+        };
+        let mut selector = Selector::new(64, 1, 12, &options).unwrap();
+        let mut cells = selector.select(&map).to_vec();
+        cells.sort_unstable();
+        cells
+    };
+    // A neighbour among four training cells lifts that side's mean to 5/4, both sides' to 5/8; the
+    // margin is 5, 3.75 and 4.375 nepers of power for smaller, greater and both.
+    let db = |nepers: f64| nepers * 10.0 / std::f64::consts::LN_10;
+    for (sides, margin) in [
+        (CfarSides::Smaller, 5.0),
+        (CfarSides::Greater, 3.75),
+        (CfarSides::Both, 4.375),
+    ] {
+        assert_eq!(found(sides, db(margin - 0.01)), [30, 34], "{sides:?}");
+        assert!(found(sides, db(margin + 0.01)).is_empty(), "{sides:?}");
     }
 }

@@ -4,8 +4,8 @@ use std::f64::consts::TAU;
 
 use num_complex::Complex64;
 use radarllm_base::RadarCube;
+use radarllm_radar_dsp::Window;
 use radarllm_radar_dsp::spectrum::{Spectrum, signed_doppler};
-use radarllm_radar_dsp::window::hamming;
 use radarllm_radar_dsp::{ClutterFilter, DspOptions, PointExtractor};
 
 use crate::synthetic::{Random, Target, add_noise, cube, small_radar};
@@ -40,7 +40,10 @@ fn spectra_equal_the_naive_transform_for_odd_and_even_sizes() {
             };
             let mut spectrum = Spectrum::new(&radar, &options).unwrap();
             spectrum.run(&cube).unwrap();
-            let (wr, wd) = (hamming(n_samples), hamming(n_loops));
+            let (wr, wd) = (
+                Window::Hamming.weights(n_samples),
+                Window::Hamming.weights(n_loops),
+            );
             for channel in [0, 5, 11] {
                 for r in 0..n_samples {
                     let slow: Vec<Complex64> = (0..n_loops)
@@ -95,7 +98,7 @@ fn parseval_holds_for_the_map() {
     };
     let mut spectrum = Spectrum::new(&radar, &options).unwrap();
     spectrum.run(&cube).unwrap();
-    let (wr, wd) = (hamming(64), hamming(32));
+    let (wr, wd) = (Window::Hamming.weights(64), Window::Hamming.weights(32));
     let mut energy = 0.0;
     for (i, v) in cube.data.iter().enumerate() {
         let w = f64::from(wr[i % 64]) * f64::from(wd[i / (64 * 12)]);
