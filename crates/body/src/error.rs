@@ -25,7 +25,7 @@ pub enum MotionError {
     },
     /// No loader recognises the contents.
     #[error(
-        "{file}: not a motion file this version reads (BVH, ASF with AMC, AMASS npz, HumanML3D joints npy): {reason}"
+        "{file}: not a motion file this version reads (BVH, ASF with AMC, AMASS npz, HumanML3D joints npy, Kinect joints csv): {reason}"
     )]
     UnknownFormat {
         /// File.

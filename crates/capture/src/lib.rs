@@ -1,20 +1,22 @@
 //! Recorded bytes and radar descriptions from outside: bytes in, no sockets, no files.
 //!
 //! What enters is text or bytes that anybody may have written; what leaves is a
-//! [`radarllm_base::RadarConfig`] that can exist, or an error that names the line. Nothing here
+//! [`radarllm_base::RadarConfig`] that can exist, or recorded points, or an error that names the line. Nothing here
 //! panics on its input or allocates by a number found in it.
 //!
 //! Reading order: [`ti_cfg`] (chirp files of TI's SDK), [`boards`] (where antennas are),
-//! [`radar_toml`] (our own format), [`builtin`], [`mod@lint`].
+//! [`radar_toml`] (our own format), [`builtin`], [`mod@lint`]; [`recordings`] (others' points).
 
 pub mod boards;
 pub mod builtin;
 pub mod lint;
 pub mod radar_toml;
+pub mod recordings;
 pub mod ti_cfg;
 
 pub use boards::Board;
 pub use builtin::{BUILTIN_NAMES, builtin_radar, builtin_radars};
 pub use lint::{Finding, lint};
 pub use radar_toml::{RadarTomlError, radar_from_toml, radar_to_toml};
+pub use recordings::{RecordedFrame, RecordingError, read_mars_points, read_radhar_points};
 pub use ti_cfg::{TiCfg, TiCfgError, radar_from_ti_cfg};

@@ -1,4 +1,4 @@
-//! Motion files: BVH, ASF with AMC, AMASS npz, HumanML3D npy.
+//! Motion files: BVH, ASF with AMC, AMASS npz, HumanML3D npy, tables of Kinect joints.
 //!
 //! Every loader returns the motion on the 22 joints of SMPL-X in the world frame (z up, floor at
 //! z = 0), tells unit and height, and lists what it did not use.
@@ -7,6 +7,7 @@ mod amass;
 mod asf;
 mod bvh;
 mod humanml3d;
+pub mod kinect;
 pub(crate) mod names;
 mod npy;
 pub(crate) mod source;
@@ -27,7 +28,7 @@ pub struct LoadedMotion {
     /// The motion: 22 joints, world z up, floor at z = 0. Place and heading are the file's; see
     /// [`crate::sample::canonicalize`].
     pub motion: Motion,
-    /// `bvh`, `asf-amc`, `amass-npz` or `humanml3d-npy`.
+    /// `bvh`, `asf-amc`, `amass-npz`, `humanml3d-npy` or `kinect-csv`.
     pub format: &'static str,
     /// Poses in the motion.
     pub frames: usize,
@@ -113,6 +114,9 @@ pub fn load_motion(path: &Path, bytes: &[u8]) -> Result<LoadedMotion, MotionErro
     }
     if bytes.starts_with(b"PK\x03\x04") {
         return amass::load_amass(&file, bytes);
+    }
+    if starts(kinect::FIRST_COLUMN) {
+        return kinect::load_kinect(&file, text);
     }
     if starts(b"HIERARCHY") || extension == "bvh" {
         let (source, mut skipped, mut warnings) = bvh::parse_bvh(&file, bytes)?;

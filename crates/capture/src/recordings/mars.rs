@@ -1,0 +1,113 @@
+//! Radar tables of the MARS data set (An and Ogras, ACM TECS 2021): an IWR1443 at 10 frames/s.
+//!
+//! Comma-separated, one point a row: `Frame #, # Obj, X, Y, Z, Doppler, Intensity, Abs Time`; equal
+//! frame numbers in a row are one frame. X lateral (to the right of one who looks along Y: it follows
+//! the Kinect's), Y away from the radar, Z up, m, the radar at the origin; Doppler in m/s. Intensity
+//! is the firmware's linear peak value, taken as an amplitude: dB = 20 log10. `Abs Time` is rounded
+//! to minutes and not used.
+
+use super::{MAX_COORDINATE_M, MAX_VELOCITY_MPS, RecordedFrame, RecordingError, number, point};
+
+/// Columns used, by the names of the header.
+const COLUMNS: [&str; 6] = ["Frame #", "X", "Y", "Z", "Doppler", "Intensity"];
+
+/// Reads a table.
+///
+/// # Errors
+/// [`RecordingError`] for a header without a needed column, a row of another length, or a value
+/// that is no number.
+pub fn read_mars_points(text: &str) -> Result<Vec<RecordedFrame>, RecordingError> {
+    let mut lines = text.lines().enumerate();
+    let (_, header) = lines.next().unwrap_or_default();
+    let header = header.trim_start_matches('\u{feff}');
+    let names: Vec<&str> = header.split(',').map(str::trim).collect();
+    let mut columns = [0; COLUMNS.len()];
+    for (column, name) in columns.iter_mut().zip(COLUMNS) {
+        *column = names
+            .iter()
+            .position(|n| *n == name)
+            .ok_or_else(|| RecordingError::new(1, format!("a column `{name}`"), header))?;
+    }
+    let mut frames: Vec<RecordedFrame> = Vec::new();
+    for (i, row) in lines {
+        let line = i + 1;
+        if row.trim().is_empty() {
+            continue;
+        }
+        let cells: Vec<&str> = row.split(',').collect();
+        if cells.len() != names.len() {
+            return Err(RecordingError::new(
+                line,
+                format!("{} cells", names.len()),
+                row,
+            ));
+        }
+        let value =
+            |column: usize, limit| number(line, COLUMNS[column], cells[columns[column]], limit);
+        let frame = value(0, 1e15)?;
+        if frame < 0.0 || frame.fract() != 0.0 {
+            return Err(RecordingError::new(
+                line,
+                "a frame number",
+                cells[columns[0]],
+            ));
+        }
+        let position_m = [
+            value(1, MAX_COORDINATE_M)?,
+            value(2, MAX_COORDINATE_M)?,
+            value(3, MAX_COORDINATE_M)?,
+        ];
+        // A peak of zero has no decibels; the firmware's smallest step is one.
+        let intensity_db = 20.0 * value(5, 1e12)?.max(1.0).log10();
+        let point = point(position_m, value(4, MAX_VELOCITY_MPS)?, intensity_db);
+        let number = frame as u64;
+        match frames.last_mut() {
+            Some(last) if last.number == number => last.points.push(point),
+            _ => frames.push(RecordedFrame {
+                number,
+                stamp_s: None,
+                points: vec![point],
+            }),
+        }
+    }
+    Ok(frames)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = "Frame #,# Obj,X,Y,Z,Doppler,Intensity,Abs Time\n\
+                        7,2,0.5,2,-1,0.356,10,1.6e+09\n\
+                        7,2,-0.25,1.5,0,-0.712,1,1.6e+09\n\
+                        9,1,0,1,0,0,0,1.6e+09\n";
+
+    #[test]
+    fn rows_become_frames_in_si_units_and_decibels() {
+        let frames = read_mars_points(GOOD).unwrap();
+        let numbers: Vec<u64> = frames.iter().map(|f| f.number).collect();
+        assert_eq!(numbers, [7, 9]);
+        let p = frames[0].points[0];
+        assert_eq!(
+            [p.x_m, p.y_m, p.z_m, p.velocity_mps],
+            [0.5, 2.0, -1.0, 0.356]
+        );
+        assert!((p.range_m - 5.25_f32.sqrt()).abs() < 1e-6);
+        assert_eq!(p.intensity_db, 20.0);
+        assert_eq!(frames[0].points.len(), 2);
+        assert_eq!(frames[1].points[0].intensity_db, 0.0);
+    }
+
+    #[test]
+    fn damage_is_named_with_its_line() {
+        let line = |text: &str| read_mars_points(text).unwrap_err().line;
+        assert_eq!(line(""), 1);
+        assert_eq!(line(&GOOD.replace("Doppler", "Speed")), 1);
+        assert_eq!(line(&GOOD.replace("0.712", "fast")), 3);
+        assert_eq!(line(&GOOD.replace("-0.25", "nan")), 3);
+        assert_eq!(line(&GOOD.replace("9,1,0", "9.5,1,0")), 4);
+        assert_eq!(line(&GOOD.replace(",1.6e+09\n9", "\n9")), 3);
+        let long = format!("{GOOD}{}", "\u{7}".repeat(1 << 16));
+        assert!(read_mars_points(&long).unwrap_err().found.len() < 60);
+    }
+}
