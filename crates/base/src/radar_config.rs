@@ -156,14 +156,22 @@ impl RadarConfig {
     /// Checks that the radar can exist.
     ///
     /// # Errors
-    /// Names the first field that is not finite, not positive, too large, or does not fit the rest.
+    /// The first of [`Self::problems`].
     pub fn validate(&self) -> Result<(), RadarConfigError> {
-        let fail = |field, problem: String| {
-            Err(RadarConfigError {
-                radar: self.name.clone(),
-                field,
-                problem,
-            })
+        match self.problems().into_iter().next() {
+            Some(problem) => Err(problem),
+            None => Ok(()),
+        }
+    }
+
+    /// Every field that is not finite, not positive or too large; if there is none, every timing that
+    /// does not fit. Empty if the radar can exist.
+    pub fn problems(&self) -> Vec<RadarConfigError> {
+        let mut problems = Vec::new();
+        let error = |field, problem: String| RadarConfigError {
+            radar: self.name.clone(),
+            field,
+            problem,
         };
         for (field, value) in [
             ("start_hz", self.start_hz),
@@ -175,7 +183,10 @@ impl RadarConfig {
             ("elevation_half_width_rad", self.elevation_half_width_rad),
         ] {
             if !(value.is_finite() && value > 0.0) {
-                return fail(field, format!("must be finite and positive, found {value}"));
+                problems.push(error(
+                    field,
+                    format!("must be finite and positive, found {value}"),
+                ));
             }
         }
         for (field, value) in [
@@ -186,7 +197,7 @@ impl RadarConfig {
             ("noise_figure_db", self.noise_figure_db + 1e3),
         ] {
             if !(value.is_finite() && value >= 0.0) {
-                return fail(field, "must be finite and not negative".into());
+                problems.push(error(field, "must be finite and not negative".into()));
             }
         }
         // Far above any part on the market; keeps a hostile file from asking for terabytes.
@@ -197,32 +208,38 @@ impl RadarConfig {
             ("rx", self.rx.len(), 64),
         ] {
             if value == 0 || value > most {
-                return fail(field, format!("must be in 1..={most}, found {value}"));
+                problems.push(error(
+                    field,
+                    format!("must be in 1..={most}, found {value}"),
+                ));
             }
+        }
+        if !problems.is_empty() {
+            return problems;
         }
         let window_end_s = self.adc_start_s + self.n_samples as f64 / self.sample_rate_hz;
         if window_end_s > self.ramp_end_s {
-            return fail(
+            problems.push(error(
                 "adc_start_s",
                 format!(
                     "the ADC window ends at {:.2} us, after the ramp's end at {:.2} us",
                     window_end_s * 1e6,
                     self.ramp_end_s * 1e6
                 ),
-            );
+            ));
         }
         let active_s = self.loop_period_s() * self.n_loops as f64;
         if active_s > self.frame_period_s {
-            return fail(
+            problems.push(error(
                 "frame_period_s",
                 format!(
                     "chirps take {:.2} ms but the frame lasts {:.2} ms",
                     active_s * 1e3,
                     self.frame_period_s * 1e3
                 ),
-            );
+            ));
         }
-        Ok(())
+        problems
     }
 }
 
@@ -251,5 +268,11 @@ mod tests {
             ..RadarConfig::awr1843boost()
         };
         assert_eq!(radar.validate().unwrap_err().field, "adc_start_s");
+        let worse = RadarConfig {
+            frame_period_s: 0.01,
+            ..radar
+        };
+        let fields: Vec<_> = worse.problems().iter().map(|p| p.field).collect();
+        assert_eq!(fields, ["adc_start_s", "frame_period_s"]);
     }
 }

@@ -65,6 +65,10 @@ pub enum Verb {
     ///
     /// Example: radarllm view "builtin:walk" --out walk.html
     View(ViewArgs),
+    /// Simulated beside recorded points of the same movements: how real is the virtual radar?
+    ///
+    /// Example: radarllm realism configs/realism-mars.toml --recordings mars
+    Realism(RealismArgs),
     /// What this machine has and what is missing.
     Doctor(JsonFlag),
 }
@@ -465,4 +469,34 @@ pub struct ViewArgs {
     /// Replace an existing file.
     #[arg(long)]
     pub force: bool,
+}
+
+/// `realism`.
+#[derive(Args)]
+pub struct RealismArgs {
+    /// Radar, signal chain and impairments; see docs/realism.md.
+    pub config: PathBuf,
+    /// Own recordings, NAME.parquet beside the scene file NAME.toml that says what happened; or the
+    /// MARS data set, subjectN/timesplit/{radar,kinect}_data_PART.csv.
+    #[arg(long)]
+    pub recordings: PathBuf,
+    /// Only takes of this part (MARS: train, validate, test; own: NAME). May be given several times.
+    #[arg(long)]
+    pub part: Vec<String>,
+    /// Find threshold, elevation bias, origin and azimuth step from the recordings, and write the
+    /// configuration with them to this file, beside the radar file it names.
+    #[arg(long, value_name = "OUT.toml", conflicts_with_all = ["out", "json"])]
+    pub calibrate: Option<PathBuf>,
+    /// Also write the report into this Markdown file.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Replace an existing report.
+    #[arg(long)]
+    pub force: bool,
+    /// Worker threads; all cores without it.
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
 }

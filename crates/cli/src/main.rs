@@ -41,6 +41,7 @@ fn main() -> ExitCode {
         Verb::Edits(args) => commands::edits::run(&args),
         Verb::Score(args) => commands::score::run(&args),
         Verb::View(args) => commands::view::run(&args),
+        Verb::Realism(args) => commands::realism::run(&args),
         Verb::Doctor(args) => commands::doctor::run(&args),
     });
     match outcome {

@@ -9,7 +9,8 @@
 //!
 //! Reading order: [`mod@score`] (all metrics of a corpus), [`tokens`], [`bleu`], [`rouge`], [`cider`],
 //! [`self_bleu`], [`bootstrap`], then [`floors`] (what a caption system must beat) and [`action`]
-//! (do the captions name the right action?).
+//! (do the captions name the right action?). Apart from captions: [`points`] and [`classifier`], how
+//! like a recording a simulation is.
 #![forbid(unsafe_code)]
 
 pub mod score;
@@ -26,10 +27,14 @@ pub mod bootstrap;
 pub mod action;
 pub mod floors;
 
+pub mod classifier;
+pub mod points;
+
 mod grams;
 mod rng;
 
 pub use action::ActionNamer;
+pub use classifier::LogisticRegression;
 pub use floors::{NearestNeighbour, majority_caption, shuffled_assignment};
 pub use score::{Candidate, Reference, ScoreError, ScoreOptions, Scores, score};
 pub use tokens::Protocol;

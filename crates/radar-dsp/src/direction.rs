@@ -8,6 +8,7 @@ use radarllm_base::RadarConfig;
 use rustfft::{Fft, FftPlanner};
 
 use crate::array::{Element, VirtualArray};
+use crate::options::DspOptions;
 
 /// Smallest azimuth FFT; longer rows get at least four bins per element.
 const MIN_AZIMUTH_FFT: usize = 64;
@@ -26,6 +27,8 @@ pub struct DirectionFinder {
     array: VirtualArray,
     wavelength_m: f64,
     refine: bool,
+    /// Amplitude step of the whole spectrum; zero for none.
+    step: f32,
     fft: Arc<dyn Fft<f32>>,
     scratch: Vec<Complex32>,
     row: Vec<Complex32>,
@@ -37,20 +40,23 @@ pub struct DirectionFinder {
 
 impl DirectionFinder {
     /// Plans for a valid radar.
-    pub fn new(radar: &RadarConfig, refine: bool, compensate_tdm: bool) -> Self {
+    pub fn new(radar: &RadarConfig, options: &DspOptions) -> Self {
         let array = VirtualArray::new(radar);
         let n_fft = MIN_AZIMUTH_FFT.max((4 * array.azimuth_row.len()).next_power_of_two());
         let fft = FftPlanner::new().plan_fft_forward(n_fft);
         Self {
             wavelength_m: radar.wavelength_m(),
-            refine,
+            refine: options.refine_azimuth,
+            step: options.azimuth_step_db.map_or(0.0, |db| {
+                array.azimuth_row.len() as f32 * 10_f64.powf(db / 20.0) as f32
+            }),
             scratch: vec![Complex32::ZERO; fft.get_inplace_scratch_len()],
             row: vec![Complex32::ZERO; n_fft],
             fft,
             n_slots: radar.tx.len(),
             n_rx: radar.rx.len(),
             n_loops: radar.n_loops,
-            compensate_tdm,
+            compensate_tdm: options.compensate_tdm,
             array,
         }
     }
@@ -82,12 +88,23 @@ impl DirectionFinder {
                 u_z: self.elevation(0.0, doppler, &value),
             };
         }
+        let step = self.step;
         let spectrum = self.azimuth_spectrum(doppler, &value);
         let n = spectrum.len();
         let mut peak = 0;
-        for (i, v) in spectrum.iter().enumerate() {
-            if v.norm_sqr() > spectrum[peak].norm_sqr() {
-                peak = i;
+        if step > 0.0 {
+            let level = |bin: usize| (spectrum[bin].norm() / step).floor();
+            // A phase that falls from element to element is a target on the right.
+            for bin in (1..n).rev() {
+                if level(bin) > level(peak) {
+                    peak = bin;
+                }
+            }
+        } else {
+            for (i, v) in spectrum.iter().enumerate() {
+                if v.norm_sqr() > spectrum[peak].norm_sqr() {
+                    peak = i;
+                }
             }
         }
         let mut bin = peak as f64;

@@ -53,8 +53,13 @@ impl PointExtractor {
             n_channels,
             &options,
         )?;
-        let directions =
-            DirectionFinder::new(radar, options.refine_azimuth, options.compensate_tdm);
+        if let Some(db) = options.azimuth_step_db.filter(|db| !(db.abs() <= 1000.0)) {
+            return Err(DspError::Option {
+                field: "azimuth_step_db",
+                problem: format!("must be within +-1000, found {db}"),
+            });
+        }
+        let directions = DirectionFinder::new(radar, &options);
         Ok(Self {
             radar: radar.clone(),
             options,

@@ -130,6 +130,12 @@ pub struct DspOptions {
     pub compensate_tdm: bool,
     /// Refine the azimuth peak between FFT bins with a parabola through the log power.
     pub refine_azimuth: bool,
+    /// Step of the azimuth spectrum's amplitudes in fixed-point firmware, per row element, as
+    /// intensity: dB relative to one squared sample unit after unnormalised FFTs. Amplitudes are cut
+    /// to whole steps before the peak is sought; of equal ones the first of the transform counts,
+    /// from boresight to the right, then from the left edge inwards. Weak cells thus pile up on
+    /// boresight. `None` keeps floating point.
+    pub azimuth_step_db: Option<f64>,
     /// Subtract the beat frequency's Doppler part from the range: v * carrier / slope, 1.3 mm per m/s
     /// for the reference radar. Exact for constant velocity; off gives plain bin centres.
     pub correct_range_doppler_coupling: bool,
@@ -156,6 +162,7 @@ impl Default for DspOptions {
             clutter: ClutterFilter::Mean,
             compensate_tdm: true,
             refine_azimuth: true,
+            azimuth_step_db: None,
             correct_range_doppler_coupling: true,
             only_local_maxima: false,
             impossible_direction: ImpossibleDirection::Drop,

@@ -3,7 +3,8 @@
 //! Reading order: [`placement`] (where a person stands), [`synthesizer`] (one motion to points),
 //! [`corpus`] (captioned motions), [`config`] (the data set's TOML), [`impairments`] and
 //! [`processing`] (its tables of receiver faults and of the signal chain), [`record`] (one pure function
-//! `(motion, seed) -> ClipRecord`), [`build`] (a whole data set).
+//! `(motion, seed) -> ClipRecord`), [`build`] (a whole data set); [`realism`] (the same chain beside
+//! recordings).
 //!
 //! Deliberately absent: anything of the models, and any silent substitute for missing input.
 
@@ -13,6 +14,7 @@ pub mod corpus;
 pub mod impairments;
 pub mod placement;
 pub mod processing;
+pub mod realism;
 pub mod record;
 pub mod scene;
 pub mod synthesizer;

@@ -53,6 +53,16 @@ pub enum ClutterName {
     WeightedMean,
 }
 
+impl From<CfarSides> for SidesName {
+    fn from(sides: CfarSides) -> Self {
+        match sides {
+            CfarSides::Both => Self::Both,
+            CfarSides::Greater => Self::Greater,
+            CfarSides::Smaller => Self::Smaller,
+        }
+    }
+}
+
 /// Which cells become points.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
@@ -117,6 +127,8 @@ pub struct ProcessingFile {
     pub clutter: Option<ClutterName>,
     /// Undo the phase that a mover gathers between transmitters; false for firmware that does not.
     pub compensate_tdm: Option<bool>,
+    /// Step of the azimuth spectrum in fixed-point firmware; see [`DspOptions::azimuth_step_db`].
+    pub azimuth_step_db: Option<f64>,
 }
 
 impl ProcessingFile {
@@ -189,6 +201,7 @@ impl ProcessingFile {
         out.max_points = self.max_points.unwrap_or(out.max_points);
         out.min_range_m = self.min_range_m.unwrap_or(out.min_range_m);
         out.max_range_m = self.max_range_m.unwrap_or(out.max_range_m);
+        out.azimuth_step_db = self.azimuth_step_db.or(out.azimuth_step_db);
         out.compensate_tdm = self.compensate_tdm.unwrap_or(out.compensate_tdm);
         out
     }

@@ -10,6 +10,7 @@ pub mod motion;
 pub mod pictures;
 pub mod process;
 pub mod radar;
+pub mod realism;
 pub mod score;
 pub mod simulate;
 pub mod train;

@@ -1,0 +1,200 @@
+//! Recorded joints through body, virtual radar and signal chain.
+
+use std::f32::consts::TAU;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+
+use radarllm_base::{
+    Motion, PointFrame, RadarPoint, frames::Placement, seed::derive_seed, skeleton::N_JOINTS,
+};
+use radarllm_body::{
+    MotionSampler,
+    mesh::{BodyModel, BodyShape, PosedBody, clothed_skin},
+    retarget::motion_from_positions,
+};
+use radarllm_radar_sim::{Noise, Scene, SimOptions};
+
+use super::{Driver, RealismConfig, RealismError, Take};
+use crate::synthesizer::{Method, Synthesizer, builtin_body, open_radar};
+
+/// Simulated frames of every take, one for each recorded frame, on `n_threads`; radar files are
+/// looked for in `base`.
+///
+/// The same bytes for any number of threads: a take's seed depends on its place alone.
+///
+/// # Errors
+/// A configuration or a motion that the chain refuses.
+pub fn replay(
+    config: &RealismConfig,
+    base: &Path,
+    takes: &[Take],
+    n_threads: usize,
+) -> Result<Vec<Vec<PointFrame>>, RealismError> {
+    let next = AtomicUsize::new(0);
+    let work = || -> Result<Vec<(usize, Vec<PointFrame>)>, RealismError> {
+        let radar = open_radar(&config.radar, base)?;
+        let options = SimOptions {
+            max_bounces: config.max_bounces,
+            ..SimOptions::default()
+        };
+        let impairments = config
+            .impairments
+            .resolve()
+            .map_err(crate::SynthError::Config)?;
+        let plan = |options: SimOptions| {
+            let dsp = config.processing.resolve(&radar);
+            Synthesizer::with_simulation(&radar, Method::Fast, dsp, options)
+                .map(|s| s.with_impairments(impairments.clone()))
+        };
+        let mut synthesizer = plan(options)?;
+        let mut done = Vec::new();
+        loop {
+            let i = next.fetch_add(1, Ordering::Relaxed);
+            let Some(take) = takes.get(i) else {
+                return Ok(done);
+            };
+            let seed = derive_seed(config.seed, &format!("take-{i:06}"));
+            // Scenes bring their own options, and with them a simulator of their own.
+            let mut own = match &take.driver {
+                Driver::Scene(_, options) => Some(plan(options.clone())?),
+                Driver::Joints(_) => None,
+            };
+            let chain = own.as_mut().unwrap_or(&mut synthesizer);
+            let mut frames = simulate_take(config, chain, take, seed)?;
+            for p in frames.iter_mut().flat_map(|f| &mut f.points) {
+                lift(p, config.elevation_bias);
+            }
+            done.push((i, frames));
+        }
+    };
+    let parts: Vec<_> = thread::scope(|scope| {
+        let workers: Vec<_> = (0..n_threads.max(1)).map(|_| scope.spawn(work)).collect();
+        workers
+            .into_iter()
+            .map(|w| {
+                w.join()
+                    .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+            })
+            .collect()
+    });
+    let mut frames = vec![Vec::new(); takes.len()];
+    for part in parts {
+        for (i, simulated) in part? {
+            frames[i] = simulated;
+        }
+    }
+    Ok(frames)
+}
+
+fn simulate_take(
+    config: &RealismConfig,
+    synthesizer: &mut Synthesizer,
+    take: &Take,
+    seed: u64,
+) -> Result<Vec<PointFrame>, RealismError> {
+    let joints = match &take.driver {
+        Driver::Scene(owned, _) => return simulate_frames(synthesizer, &owned.scene(), take, seed),
+        Driver::Joints(joints) => joints,
+    };
+    let name = format!("{} {} {}", take.subject, take.part, take.class + 1);
+    let origin = glam::Vec3::from_array(config.joints_origin_m);
+    let fps = synthesizer.radar().frame_rate_hz();
+    let (mut motion, placement) = placed_motion(&name, joints, origin, fps)?;
+    sway(&mut motion, config.sway_mps, derive_seed(seed, "sway"));
+    let shape = BodyShape {
+        height_m: radarllm_body::proportions::standing_height_m(&motion.skeleton).clamp(1.0, 2.0),
+        facet_edge_m: config.facet_edge_m,
+        ..BodyShape::default()
+    };
+    let body: Arc<dyn BodyModel> = builtin_body(shape)?;
+    let surface = PosedBody::new(body, MotionSampler::new(&motion), placement, clothed_skin());
+    let scene = Scene {
+        surfaces: vec![&surface],
+        points: Vec::new(),
+        noise: Noise::Thermal,
+    };
+    simulate_frames(synthesizer, &scene, take, seed)
+}
+
+fn simulate_frames(
+    synthesizer: &mut Synthesizer,
+    scene: &Scene,
+    take: &Take,
+    seed: u64,
+) -> Result<Vec<PointFrame>, RealismError> {
+    let mut simulated = Vec::with_capacity(take.frames.len());
+    for recorded in &take.frames {
+        synthesizer.simulate(scene, recorded.frame as usize, seed)?;
+        simulated.push(synthesizer.extract(recorded.frame as usize)?);
+    }
+    Ok(simulated)
+}
+
+/// Adds `bias` to z / range; the direction ends at the edge of the half space.
+fn lift(p: &mut RadarPoint, bias: f64) {
+    let range_m = f64::from(p.range_m).max(1e-3);
+    let u_x = f64::from(p.x_m) / range_m;
+    let most = (1.0 - u_x * u_x).max(0.0).sqrt();
+    let u_z = (f64::from(p.z_m) / range_m + bias).clamp(-most, most);
+    p.z_m = (range_m * u_z) as f32;
+    p.y_m = (range_m * (1.0 - u_x * u_x - u_z * u_z).max(0.0).sqrt()) as f32;
+}
+
+/// Frequencies of the sway, Hz: quiet standing has most of its power below 1 Hz. No two beat within a
+/// take.
+const SWAY_HZ: [f32; 4] = [0.23, 0.41, 0.67, 1.03];
+
+/// Moves the root to and fro along x and y with an rms speed of `rms_mps` each.
+fn sway(motion: &mut Motion, rms_mps: f32, seed: u64) {
+    let phase = |name: &str| {
+        // The upper bits of a well-mixed seed are uniform.
+        (derive_seed(seed, name) >> 40) as f32 / (1_u64 << 24) as f32 * TAU
+    };
+    let waves: Vec<[f32; 3]> = SWAY_HZ
+        .iter()
+        .map(|hz| [*hz, phase(&format!("x{hz}")), phase(&format!("y{hz}"))])
+        .collect();
+    // Four sines of equal speed: each has a mean square speed of half its amplitude's square.
+    let speed_mps = rms_mps * (2.0 / SWAY_HZ.len() as f32).sqrt();
+    for (i, pose) in motion.poses.iter_mut().enumerate() {
+        let time_s = i as f32 / motion.fps as f32;
+        for &[hz, x, y] in &waves {
+            let length_m = speed_mps / (TAU * hz);
+            pose.root_in_world.x += length_m * (TAU * hz * time_s + x).sin();
+            pose.root_in_world.y += length_m * (TAU * hz * time_s + y).sin();
+        }
+    }
+}
+
+/// The motion around its own middle, and the placement that puts it where it was recorded.
+///
+/// Bodies scale a motion's path with their legs; a path around zero keeps its place in the room. The
+/// floor is found under the recorded feet.
+fn placed_motion(
+    name: &str,
+    joints: &[[glam::Vec3; N_JOINTS]],
+    origin: glam::Vec3,
+    fps: f64,
+) -> Result<(Motion, Placement), RealismError> {
+    let mut motion = motion_from_positions(name, joints, fps)?;
+    let n = joints.len() as f32;
+    let middle = origin + joints.iter().map(|j| j[0]).sum::<glam::Vec3>() / n;
+    let grounded = motion
+        .poses
+        .iter()
+        .map(|p| p.root_in_world)
+        .sum::<glam::Vec3>()
+        / n;
+    for pose in &mut motion.poses {
+        pose.root_in_world.x -= middle.x - origin.x;
+        pose.root_in_world.y -= middle.y - origin.y;
+    }
+    let placement = Placement {
+        position_m: [middle.x, middle.y],
+        heading_rad: 0.0,
+        radar_height_m: grounded.z - middle.z,
+    };
+    Ok((motion, placement))
+}
