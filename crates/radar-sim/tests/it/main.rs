@@ -2,6 +2,8 @@
 
 mod bounces;
 mod closed_forms;
+mod common;
+mod cross_sections;
 mod fast_against_reference;
 mod input;
 mod reproducibility;
