@@ -268,13 +268,109 @@ fn shapes_times_and_options_are_checked() {
             Err(SimError::Option { .. })
         ));
     }
-    let broken = RadarConfig {
-        n_samples: 0,
-        ..config()
+    for (broken, field) in [
+        (
+            RadarConfig {
+                n_samples: 0,
+                ..config()
+            },
+            "n_samples",
+        ),
+        (
+            RadarConfig {
+                tx: vec![],
+                ..config()
+            },
+            "tx",
+        ),
+        // 256 samples at 4.4 Msps end 58.2 us later, after the ramp's 65 us.
+        (
+            RadarConfig {
+                adc_start_s: 8e-6,
+                ..config()
+            },
+            "adc_start_s",
+        ),
+        (
+            RadarConfig {
+                slope_hz_per_s: f64::NAN,
+                ..config()
+            },
+            "slope_hz_per_s",
+        ),
+    ] {
+        let error = Simulator::new(&broken, SimOptions::default()).map(|_| ());
+        assert!(
+            matches!(&error, Err(SimError::Config(e)) if e.field == field),
+            "{field}: {error:?}"
+        );
+    }
+}
+
+/// Negative ranges do not exist: what lies behind the array's plane is simply not seen.
+#[test]
+fn what_lies_behind_the_radar_adds_nothing() {
+    let behind = good().map(|p| Vec3::new(p.x, -p.y, p.z));
+    let mut mesh = Mesh::triangle(behind);
+    mesh.triangles.push([0, 2, 1]);
+    mesh.material.rough_albedo = 0.1;
+    let mut scene = of(&mesh);
+    scene
+        .points
+        .push(PointTarget::at(DVec3::new(0.3, -2.0, 0.0), 1.0));
+    let silent = |cube: RadarCube| cube.data.iter().all(|z| z.norm() == 0.0);
+    assert!(silent(run(&scene).unwrap()));
+    scene.points[0].position_m.y = 2.0;
+    assert!(!silent(run(&scene).unwrap()));
+}
+
+/// Edges of three facets, doubled facets, a bow tie on one vertex: facets know nothing of each other.
+#[test]
+fn meshes_need_not_be_manifold() {
+    let mut mesh = Mesh::triangle(good());
+    mesh.vertices.push(Vec3::new(0.05, 1.9, 0.05));
+    mesh.vertices.push(Vec3::new(-0.1, 2.0, -0.1));
+    mesh.vertices.push(Vec3::new(-0.1, 2.0, 0.0));
+    mesh.triangles = vec![
+        [0, 1, 2],
+        [0, 1, 2],
+        [0, 1, 3],
+        [1, 0, 3],
+        [0, 1, 5],
+        [0, 5, 4],
+    ];
+    mesh.material.rough_albedo = 0.1;
+    run(&of(&mesh)).unwrap();
+}
+
+/// A claim of more vertices than 32-bit indices serve is refused before anything is made for them.
+#[test]
+fn too_many_vertices_are_refused_before_any_memory() {
+    struct Huge;
+    impl MovingSurface for Huge {
+        fn triangles(&self) -> &[[u32; 3]] {
+            &[]
+        }
+        fn n_vertices(&self) -> usize {
+            usize::MAX / 4
+        }
+        fn positions_at(&self, _: f64, _: &mut [Vec3]) {
+            unreachable!("refused before")
+        }
+        fn material(&self) -> Material {
+            Material::PEC
+        }
+    }
+    let scene = Scene {
+        surfaces: vec![&Huge, &Huge],
+        ..Scene::default()
     };
     assert!(matches!(
-        Simulator::new(&broken, SimOptions::default()),
-        Err(SimError::Config(_))
+        run(&scene).unwrap_err(),
+        SimError::TooMany {
+            limit: 67_108_864,
+            ..
+        }
     ));
 }
 
