@@ -1,0 +1,4 @@
+//! Tests that need the virtual radar and the signal chain together.
+
+mod field_of_view;
+mod noise;

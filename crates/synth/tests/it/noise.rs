@@ -1,0 +1,48 @@
+//! Thermal noise of the virtual radar as the signal chain sees it.
+
+use radarllm_base::{BOLTZMANN_J_PER_K, RadarConfig};
+use radarllm_radar_dsp::{Detector, DspOptions, ImpossibleDirection, window::hamming};
+use radarllm_radar_sim::Scene;
+use radarllm_synth::{Method, Synthesizer};
+
+/// k T0 B F through both windows, and the number of false alarms that was asked for.
+#[test]
+fn noise_floor_and_false_alarms_are_those_of_k_t_b_f() {
+    for noise_figure_db in [15.0, 6.0] {
+        let radar = RadarConfig {
+            noise_figure_db,
+            ..RadarConfig::awr1843boost()
+        };
+        let design = 20.0;
+        let options = DspOptions {
+            detector: Detector::NoiseFloor {
+                false_alarms_per_frame: design,
+            },
+            max_points: 10_000,
+            // So that cells with impossible directions are counted too.
+            impossible_direction: ImpossibleDirection::Clamp,
+            ..DspOptions::default()
+        };
+        let mut chain = Synthesizer::new(&radar, Method::Fast, options).unwrap();
+        let n_frames = 12;
+        let frames = chain
+            .scene_to_points(&Scene::default(), n_frames, 5)
+            .unwrap();
+        let alarms: usize = frames.iter().map(|f| f.points.len()).sum();
+        let expected = design * n_frames as f64;
+        // Neighbouring cells share noise through the windows, so that false alarms come in clusters of
+        // up to about two: four deviations of a doubled Poisson variance.
+        assert!(
+            (alarms as f64 - expected).abs() < 4.0 * (2.0 * expected).sqrt(),
+            "{alarms} for {expected}"
+        );
+        let energy = |n| hamming(n).iter().map(|w| f64::from(w * w)).sum::<f64>();
+        let noise_w =
+            BOLTZMANN_J_PER_K * 290.0 * radar.sample_rate_hz * 10_f64.powf(0.1 * noise_figure_db);
+        let floor = f64::from(chain.extractor().0.noise_floor().unwrap());
+        let ratio = floor / (noise_w * energy(radar.n_samples) * energy(radar.n_loops));
+        // The median of 30,000 correlated cells of Gamma(12) is known to 0.3 %; the slow-time mean
+        // takes 1/128 of the noise away around zero velocity.
+        assert!((ratio - 1.0).abs() < 0.015, "{noise_figure_db} dB: {ratio}");
+    }
+}
