@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use radarllm_base::RadarConfig;
+use radarllm_radar_sim::SimOptions;
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -11,6 +12,7 @@ use crate::{
     impairments::ImpairmentsFile,
     placement::PlacementRange,
     processing::ProcessingFile,
+    room::RoomFile,
 };
 
 /// Everything that decides the bytes of a data set.
@@ -47,6 +49,10 @@ pub struct DatasetConfig {
     /// The signal chain.
     #[serde(skip_serializing_if = "is_default")]
     pub processing: ProcessingFile,
+    /// Walls, floor and ceiling around radar and person; free space without it. Its
+    /// `radar_height_m` must be the data set's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub room: Option<RoomFile>,
     /// Where the motions come from.
     pub source: Vec<SourceConfig>,
 }
@@ -93,6 +99,7 @@ impl Default for DatasetConfig {
             radar_height_m: placement.radar_height_m,
             impairments: ImpairmentsFile::default(),
             processing: ProcessingFile::default(),
+            room: None,
             source: Vec::new(),
         }
     }
@@ -147,6 +154,23 @@ impl DatasetConfig {
             ));
         }
         self.impairments.resolve().map_err(SynthError::Config)?;
+        if let Some(room) = &self.room {
+            let own_m = f64::from(self.radar_height_m);
+            if (room.radar_height_m - own_m).abs() > 1e-6 {
+                return fail(format!(
+                    "[room] radar_height_m: {} m, but the data set's radar_height_m is {} m",
+                    room.radar_height_m, self.radar_height_m
+                ));
+            }
+            if f64::from(self.distance_m[1]) >= room.depth_m {
+                return fail(format!(
+                    "distance_m: {:?} reaches the wall opposite, [room] depth_m = {}",
+                    self.distance_m, room.depth_m
+                ));
+            }
+            // Ranges and names of materials do not depend on the radar.
+            room.walls(77e9)?;
+        }
         for source in &self.source {
             if let SourceConfig::Procedural { train, val, test } = source
                 && [train, val, test].into_iter().any(|n| *n > MAX_COUNT)
@@ -172,6 +196,19 @@ impl DatasetConfig {
             lateral_m: self.lateral_m,
             heading_rad: self.heading_deg.to_radians(),
             radar_height_m: self.radar_height_m,
+        }
+    }
+
+    /// Options of the simulator: reflections between surfaces where there is a room, at half the rays
+    /// of a scene, which halves the time and leaves the strengths of single ghost points noisier.
+    pub fn sim_options(&self) -> SimOptions {
+        match self.room {
+            Some(_) => SimOptions {
+                max_bounces: 3,
+                bounce_rays: 128,
+                ..SimOptions::default()
+            },
+            None => SimOptions::default(),
         }
     }
 
@@ -236,6 +273,13 @@ mod tests {
             ),
             ("seed = 1", "source"),
             ("lateral_m = nan", "lateral_m"),
+            (
+                "radar_height_m = 1.5\n[room]\n",
+                "[room] radar_height_m: 1 m",
+            ),
+            ("distance_m = [2.0, 7.0]\n[room]\n", "wall opposite"),
+            ("[room]\nwalls = \"cheese\"", "cheese"),
+            ("[room]\ndepth = 3.0", "depth"),
         ] {
             let error = DatasetConfig::from_toml(text).unwrap_err().to_string();
             assert!(error.contains(word), "`{error}` should name `{word}`");

@@ -14,7 +14,9 @@ use radarllm_body::{
     procedural::Procedural,
 };
 use radarllm_radar_dsp::{DspError, DspOptions, PointExtractor};
-use radarllm_radar_sim::{Impairments, Noise, Scene, SimError, SimOptions, Simulator, reference};
+use radarllm_radar_sim::{
+    Impairments, Noise, Scene, SimError, SimOptions, Simulator, reference, shapes::RigidSurface,
+};
 
 use crate::corpus::CorpusError;
 
@@ -118,6 +120,7 @@ pub struct Synthesizer {
     radar: RadarConfig,
     sim: SimOptions,
     impairments: Impairments,
+    walls: Vec<RigidSurface>,
     method: Method,
     simulator: Simulator,
     extractor: PointExtractor,
@@ -150,6 +153,7 @@ impl Synthesizer {
             radar: radar.clone(),
             sim,
             impairments: Impairments::default(),
+            walls: Vec::new(),
             method,
             simulator,
             extractor,
@@ -164,6 +168,12 @@ impl Synthesizer {
             impairments,
             ..self
         }
+    }
+
+    /// The same chain in a room: [`Self::motion_to_points`] sees these walls besides the body.
+    #[must_use]
+    pub fn with_walls(self, walls: Vec<RigidSurface>) -> Self {
+        Self { walls, ..self }
     }
 
     /// The radar.
@@ -184,13 +194,20 @@ impl Synthesizer {
         seed: u64,
     ) -> Result<Vec<PointFrame>, SynthError> {
         let body = posed_builtin(motion, shape, placement)?;
-        let scene = Scene {
+        // The walls step out for the while, so that the scene does not borrow the chain.
+        let walls = std::mem::take(&mut self.walls);
+        let mut scene = Scene {
             surfaces: vec![&body],
             points: Vec::new(),
             noise: Noise::Thermal,
         };
+        for wall in &walls {
+            scene.surfaces.push(wall);
+        }
         let n_frames = self.frames_in(motion.duration_s()).clamp(1, max_frames);
-        self.scene_to_points(&scene, n_frames, seed)
+        let frames = self.scene_to_points(&scene, n_frames, seed);
+        self.walls = walls;
+        frames
     }
 
     /// Radar frames that fit into a duration.

@@ -2,3 +2,4 @@
 
 mod field_of_view;
 mod noise;
+mod rooms;
