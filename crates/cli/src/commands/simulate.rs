@@ -67,6 +67,10 @@ struct Done {
 /// Runs the verb.
 pub fn run(args: &SimulateArgs) -> CliResult {
     let radar = radar::open(&args.radar)?;
+    // Odd radars are simulated all the same, and said to be odd.
+    for finding in radarllm_capture::lint(&radar) {
+        eprintln!("note: radar {}: {}", radar.name, finding.message);
+    }
     let inputs = expand(&args.inputs)?;
     let outs = outputs(&inputs, args)?;
     let (shard, shards) = args.shard.unwrap_or((1, 1));
@@ -106,7 +110,7 @@ pub fn run(args: &SimulateArgs) -> CliResult {
         match result {
             Ok(one) => done.push(one),
             // One input: its error is the answer, hint and all.
-            Err(error) if n_inputs == 1 => return Err(error),
+            Err(error) if n_inputs == 1 => return Err(naming(input, error)),
             Err(error) => failed.push(Failure {
                 input: input.clone(),
                 error: error.cause,
@@ -145,6 +149,17 @@ pub fn run(args: &SimulateArgs) -> CliResult {
         n => Err(CliError::new(format!(
             "{n} of {n_inputs} inputs failed; the others are written"
         ))),
+    }
+}
+
+/// The error with the input's name, unless it has it.
+fn naming(input: &str, error: CliError) -> CliError {
+    if error.cause.contains(input) {
+        return error;
+    }
+    CliError {
+        cause: format!("{input}: {}", error.cause),
+        ..error
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use crate::command::refused;
+use crate::command::{radarllm, refused};
 
 const TINY_BVH: &str = "HIERARCHY\nROOT Hips\n{\n  OFFSET 0 0 0\n  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation\n  JOINT Spine\n  {\n    OFFSET 0 20 0\n    CHANNELS 3 Zrotation Xrotation Yrotation\n    End Site\n    {\n      OFFSET 0 40 0\n    }\n  }\n}\nMOTION\nFrames: 2\nFrame Time: 0.0333\n";
 
@@ -145,4 +145,216 @@ fn nothing_is_overwritten_without_force() {
     ]);
     assert!(stderr.contains("--force"), "{stderr}");
     assert_eq!(fs::read(&path).unwrap(), b"precious");
+}
+
+#[test]
+fn scenes_that_cannot_be_are_refused_with_file_and_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    fs::write(path("nan.obj"), "v 0 0 0\nv 0 0 nan\nv 1 0 0\nf 1 2 3\n").unwrap();
+    fs::write(path("index.obj"), "v 0 0 0\nv 0 0 1\n\nf 1 2 3\n").unwrap();
+    fs::write(path("huge.obj"), "v 0 0 0\nf 1 1 18446744073709551615\n").unwrap();
+    fs::write(path("empty.obj"), "# nothing\n").unwrap();
+    // A scan in millimetres.
+    fs::write(path("mm.obj"), "v 0 0 0\nv 0 0 1700\nv 300 0 0\nf 1 2 3\n").unwrap();
+    let mesh =
+        |file: &str| format!("kind = \"mesh\"\nposition_m = [0.0, 3.0, 0.0]\nfile = \"{file}\"");
+    let cases = [
+        (mesh("nan.obj"), "nan.obj: line 2"),
+        (mesh("index.obj"), "index.obj: line 4"),
+        (mesh("huge.obj"), "huge.obj: line 2"),
+        (mesh("empty.obj"), "empty.obj: no face"),
+        (mesh("mm.obj"), "mm.obj: line 2"),
+        (mesh("absent.obj"), "absent.obj"),
+        (mesh("."), "directory"),
+        // Inside the antenna.
+        (
+            "kind = \"sphere\"\nposition_m = [0.0, 0.1, 0.0]\nradius_m = 0.09".into(),
+            "less than 0.05 m",
+        ),
+        (
+            "kind = \"point\"\nposition_m = [0.0, 0.01, 0.0]\nrcs_m2 = 1.0".into(),
+            "less than 0.05 m",
+        ),
+        (
+            "kind = \"point\"\nposition_m = [0.0, 3.0, 0.0]\nrcs_m2 = -1.0".into(),
+            "rcs_m2",
+        ),
+        (
+            "kind = \"point\"\nposition_m = [0.0, nan, 0.0]\nrcs_m2 = 1.0".into(),
+            "position_m",
+        ),
+        (
+            "kind = \"point\"\nposition_m = [0.0, 3.0, 0.0]\nvelocity_mps = [1e9, 0.0, 0.0]\nrcs_m2 = 1.0"
+                .into(),
+            "velocity_mps",
+        ),
+        (
+            "kind = \"sphere\"\nposition_m = [0.0, 3.0, 0.0]\nradius_m = nan".into(),
+            "radius_m",
+        ),
+        (
+            "kind = \"sphere\"\nposition_m = [0.0, 3.0, 0.0]\nradiusm = 1.0".into(),
+            "line 6",
+        ),
+    ];
+    for (target, word) in &cases {
+        fs::write(
+            path("scene.toml"),
+            format!("duration_s = 0.1\nmax_bounces = 1\n[[target]]\n{target}\n"),
+        )
+        .unwrap();
+        for emit in ["points", "adc"] {
+            let stderr = refused(&[
+                "simulate",
+                &path("scene.toml"),
+                "--emit",
+                emit,
+                "--out",
+                &path("out"),
+            ]);
+            assert!(
+                stderr.contains("scene.toml") && stderr.contains(word),
+                "{target}: {stderr}"
+            );
+        }
+    }
+    for (text, word) in [
+        ("duration_s = 0.1\nmax_bounces = 9\n", "max_bounces"),
+        ("duration_s = 1e9\n", "duration_s"),
+    ] {
+        fs::write(path("scene.toml"), text).unwrap();
+        let stderr = refused(&["simulate", &path("scene.toml"), "--out", &path("out")]);
+        assert!(
+            stderr.contains("scene.toml") && stderr.contains(word),
+            "{stderr}"
+        );
+    }
+    // Five meshes and the scene.
+    no_leftovers(folder.path(), 6);
+}
+
+#[test]
+fn radars_that_cannot_be_are_refused_and_odd_ones_are_said_to_be() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    fs::write(path("scene.toml"), "duration_s = 0.1\n").unwrap();
+    for (fields, word) in [
+        ("tx = []", "tx"),
+        ("adc_start_s = 20e-6", "ADC window"),
+        ("n_samples = 0", "n_samples"),
+        ("n_loops = 99999999", "n_loops"),
+        ("frame_period_s = 0.001", "frame_period_s"),
+        ("start_hz = nan", "start_hz"),
+    ] {
+        fs::write(
+            path("radar.toml"),
+            format!("base = \"awr1843boost\"\n{fields}\n"),
+        )
+        .unwrap();
+        let stderr = refused(&[
+            "simulate",
+            &path("scene.toml"),
+            "--radar",
+            &path("radar.toml"),
+            "--out",
+            &path("out"),
+        ]);
+        assert!(stderr.contains(word), "{fields}: {stderr}");
+    }
+    // A ramp beyond the part's band, and people faster than the ambiguity: simulated, and said.
+    for (fields, word) in [
+        ("start_hz = 78e9", "outside 57 to 64 and 76 to 81 GHz"),
+        ("idle_s = 60e-6", "fold to the other sign"),
+    ] {
+        fs::write(
+            path("radar.toml"),
+            format!("base = \"awr1843boost\"\n{fields}\n"),
+        )
+        .unwrap();
+        let done = radarllm(&[
+            "simulate",
+            &path("scene.toml"),
+            "--radar",
+            &path("radar.toml"),
+            "--out",
+            &path("out"),
+            "--force",
+        ]);
+        let stderr = String::from_utf8_lossy(&done.stderr);
+        assert!(
+            done.status.success() && stderr.contains(word),
+            "{fields}: {stderr}"
+        );
+    }
+}
+
+/// Behind the radar, at its side, faster than the ambiguity, grazing, without area: frames without NaN.
+#[test]
+fn odd_targets_make_frames_without_nan() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    // A sliver, a triangle without area, a doubled one, an edge of three facets.
+    fs::write(
+        path("odd.obj"),
+        "v 0 0 0\nv 0.1 0 0\nv 0 0 0.1\nv 0 -0.1 0.05\nv 0.05 0 1e-9\n\
+         f 1 2 3\nf 1 2 3\nf 1 1 2\nf 1 2 5\nf 1 2 4\nf 2 1 4\n",
+    )
+    .unwrap();
+    let target = |kind: &str, place: &str, velocity: &str| {
+        format!("[[target]]\n{kind}\nposition_m = {place}\nvelocity_mps = {velocity}\n")
+    };
+    let point = "kind = \"point\"\nrcs_m2 = 1.0";
+    let plate = "kind = \"plate\"\nsize_m = [0.4, 0.4]\nnormal = [1.0, 0.0, 0.0]";
+    let text = [
+        "duration_s = 0.2\n".to_string(),
+        target(point, "[0.0, -2.0, 0.0]", "[0.0, 1.0, 0.0]"),
+        target(point, "[2.0, 0.0, 0.0]", "[1.0, 0.0, 0.0]"),
+        target(point, "[0.0, 4.0, 0.0]", "[0.0, 30.0, 0.0]"),
+        target(point, "[0.0, 900.0, 0.0]", "[0.0, -4.0, 0.0]"),
+        target(plate, "[0.0, 2.0, 0.0]", "[0.0, 1.0, 0.0]"),
+        target(plate, "[0.3, 0.0, 0.0]", "[0.0, 0.0, 1.0]"),
+        target(
+            "kind = \"mesh\"\nfile = \"odd.obj\"",
+            "[0.0, 2.5, 0.0]",
+            "[0.0, 1.0, 0.0]",
+        ),
+    ]
+    .concat();
+    fs::write(path("scene.toml"), text).unwrap();
+    let run = |emit: &str, out: &str| {
+        let done = radarllm(&[
+            "simulate",
+            &path("scene.toml"),
+            "--emit",
+            emit,
+            "--out",
+            &path(out),
+        ]);
+        let stderr = String::from_utf8_lossy(&done.stderr).into_owned();
+        assert!(done.status.success(), "{stderr}");
+    };
+    run("points", "points.parquet");
+    run("adc", "raw.npy");
+    let points = radarllm_dataset::read_points(&folder.path().join("points.parquet")).unwrap();
+    for p in points.frames.iter().flat_map(|f| &f.points) {
+        let values = [
+            p.x_m,
+            p.y_m,
+            p.z_m,
+            p.range_m,
+            p.velocity_mps,
+            p.intensity_db,
+        ];
+        assert!(values.iter().all(|v| v.is_finite()), "{p:?}");
+        // v_max = 4.386 m/s: faster ones are folded.
+        assert!(p.velocity_mps.abs() < 4.4, "{p:?}");
+    }
+    let bytes = fs::read(path("raw.npy")).unwrap();
+    let start = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    assert!(
+        bytes[start..]
+            .chunks_exact(4)
+            .all(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]).is_finite())
+    );
 }
