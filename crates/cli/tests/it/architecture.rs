@@ -80,3 +80,42 @@ fn every_entry_point_of_the_map_exists() {
     }
     assert!(seen > 5, "the map names its files");
 }
+
+/// docs/validation.md: every test it names is one, every scene it names is there, and none is left out.
+#[test]
+fn the_table_of_closed_forms_names_tests_and_scenes_that_exist() {
+    let text = fs::read_to_string(root().join("docs/validation.md")).unwrap();
+    let mut tests = String::new();
+    for folder in ["radar-sim", "radar-dsp", "synth"] {
+        for entry in fs::read_dir(root().join("crates").join(folder).join("tests/it")).unwrap() {
+            tests += &fs::read_to_string(entry.unwrap().path()).unwrap();
+        }
+    }
+    let mut scenes = BTreeSet::new();
+    for row in text
+        .lines()
+        .filter(|l| l.starts_with("| ") && l.ends_with(" |"))
+    {
+        let cells: Vec<&str> = row.trim_matches('|').split(" | ").map(str::trim).collect();
+        let [.., test, scene] = cells[..] else {
+            panic!("{row}")
+        };
+        if scene == "scene" {
+            continue;
+        }
+        let test = test.trim_matches('`');
+        assert!(tests.contains(&format!("fn {test}()")), "no test {test}");
+        if scene != "-" {
+            scenes.insert(scene.trim_matches('`').to_string());
+        }
+    }
+    let files: BTreeSet<String> = fs::read_dir(root().join("docs/validation"))
+        .unwrap()
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .filter(|name| name.ends_with(".toml"))
+        .collect();
+    assert!(scenes.is_subset(&files), "{scenes:?}");
+    // `screen` is what `hidden` is compared with; `point_1m` stands in two rows.
+    let unnamed: Vec<_> = files.difference(&scenes).collect();
+    assert_eq!(unnamed, ["screen.toml"]);
+}
