@@ -41,22 +41,25 @@ fn a_moving_point_is_where_geometry_says() {
         let strongest = frame.points.first().expect("a point target is seen");
         // The frame's middle is 13.8 ms after its start.
         let range_now = range + frame.time_s as f32 + 0.0138;
+        // Half of a bin of 4.293 cm and 1.3 mm of coupling, which the chain takes off a target that
+        // the simulator keeps still during a chirp; half of a bin of 6.854 cm/s.
         assert!(
-            (strongest.range_m - range_now).abs() < 0.043,
-            "range within one bin: {strongest:?}"
+            (strongest.range_m - range_now).abs() < 0.0235,
+            "range: {strongest:?}"
         );
         assert!(
-            (strongest.velocity_mps - 1.0).abs() < 0.069,
-            "velocity within one bin: {strongest:?}"
+            (strongest.velocity_mps - 1.0).abs() < 0.035,
+            "velocity: {strongest:?}"
         );
         let scale = range_now / range;
-        // 64-point angle grid: half a step of sin(azimuth) = 1/64 is 4 cm at 2.5 m.
+        // Direction cosines within 0.0025 and 0.007 (radar-dsp, tests/it/geometry.rs) times 2.8 m, and
+        // the range's error times the cosines 0.33 and 0.12.
         assert!(
-            (strongest.x_m - position[0] * scale).abs() < 0.08,
+            (strongest.x_m - position[0] * scale).abs() < 0.007 + 0.008,
             "x: {strongest:?}"
         );
         assert!(
-            (strongest.z_m - position[2] * scale).abs() < 0.10,
+            (strongest.z_m - position[2] * scale).abs() < 0.020 + 0.003,
             "z: {strongest:?}"
         );
     }
@@ -90,9 +93,12 @@ fn a_corner_reflector_has_its_textbook_strength_and_only_over_three_bounces() {
     let corner = "kind = \"trihedral\"\nsize_m = [0.06, 0.06]\n";
     let db = |bounces: usize| 10.0 * (power(corner, bounces) / point).log10();
     let (single, triple) = (db(1), db(3));
-    assert!(single < -10.0, "single bounce: {single} dB");
-    // 9 m is near the far field's beginning (2 D^2 / lambda = 3.8 m for the 8.5 cm across).
-    assert!(triple.abs() < 1.0, "triple bounce: {triple} dB");
+    // The flash of the faces' outer edges: 5 % of the field (radar-sim, tests/it/bounces.rs).
+    assert!(single < -26.0, "single bounce: {single} dB");
+    // Half a dB as there. At 9 m (far field from 2 D^2 / lambda = 3.8 m, D = 8.5 cm) the wave front
+    // bends by k D^2 / 8 R = 0.17 rad to the rim, 0.01 dB; over the band 1 / lambda^2 averages to its
+    // middle within 0.02 %.
+    assert!(triple.abs() < 0.5, "triple bounce: {triple} dB");
 }
 
 #[test]
