@@ -58,7 +58,30 @@ pub struct BoardFigures {
     pub noise_figure_db: f64,
 }
 
+/// What a board's radar chip can do at most.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DeviceLimits {
+    /// Highest rate of complex samples, samples/s.
+    pub max_sample_rate_hz: f64,
+    /// Memory of TI's demos for radar cube and detection matrix, bytes.
+    pub l3_bytes: u64,
+    /// LVDS lanes that carry samples.
+    pub lvds_lanes: u32,
+}
+
 impl Board {
+    /// All boards.
+    pub const ALL: [Board; 8] = [
+        Board::Xwr1443Boost,
+        Board::Xwr1642Boost,
+        Board::Xwr1843Boost,
+        Board::Xwr6843Isk,
+        Board::Xwr6843IskOds,
+        Board::Xwr6843Aop,
+        Board::Awr2243Cascade,
+        Board::Iwrl6432,
+    ];
+
     /// Name used in reports and by [`crate::builtin_radar`].
     pub fn name(self) -> &'static str {
         match self {
@@ -79,6 +102,38 @@ impl Board {
             self,
             Board::Xwr6843Isk | Board::Xwr6843IskOds | Board::Xwr6843Aop | Board::Iwrl6432
         )
+    }
+
+    /// Band the chip may transmit in, Hz (features page of the data sheets: SWRS211, SWRS212, SWRS228,
+    /// SWRS219, SWRS223, SWRS297).
+    pub fn band_hz(self) -> (f64, f64) {
+        match self {
+            Board::Iwrl6432 => (57e9, 64e9),
+            _ if self.is_60_ghz() => (60e9, 64e9),
+            _ => (76e9, 81e9),
+        }
+    }
+
+    /// The chip's limits; `None` for the two boards whose samples leave another way than over the
+    /// DCA1000, and whose figures are not at hand.
+    ///
+    /// Sample rates: 1/0.8 of the IF bandwidth in "Receive Subsystem" of the data sheets, 5 MHz
+    /// (IWR1642, SWRS212B), 10 MHz (IWR1843, SWRS228B; IWR6843, SWRS219F); for the IWR1443 TI's
+    /// answer in its forum (thread 613071), 18.75 Msps. Memory: the makefiles of TI's SDK 2.0
+    /// (`MMWAVE_L3RAM_SIZE` 0x40000 and 0xC0000) and 3 (8 and 6 banks of 128 KiB). Lanes: TI SWRA581B.
+    pub fn limits(self) -> Option<DeviceLimits> {
+        let (max_sample_rate_hz, l3_kib, lvds_lanes) = match self {
+            Board::Xwr1443Boost => (18.75e6, 256, 4),
+            Board::Xwr1642Boost => (6.25e6, 768, 2),
+            Board::Xwr1843Boost => (12.5e6, 1024, 2),
+            Board::Xwr6843Isk | Board::Xwr6843IskOds | Board::Xwr6843Aop => (12.5e6, 768, 2),
+            Board::Awr2243Cascade | Board::Iwrl6432 => return None,
+        };
+        Some(DeviceLimits {
+            max_sample_rate_hz,
+            l3_bytes: l3_kib * 1024,
+            lvds_lanes,
+        })
     }
 
     /// The board's figures.

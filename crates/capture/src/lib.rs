@@ -5,18 +5,21 @@
 //! panics on its input or allocates by a number found in it.
 //!
 //! Reading order: [`ti_cfg`] (chirp files of TI's SDK), [`boards`] (where antennas are),
-//! [`radar_toml`] (our own format), [`builtin`], [`mod@lint`]; [`recordings`] (others' points).
+//! [`radar_toml`] (our own format), [`span`] (places in both), [`builtin`], [`mod@lint`];
+//! [`recordings`] (others' points).
 
 pub mod boards;
 pub mod builtin;
 pub mod lint;
 pub mod radar_toml;
 pub mod recordings;
+pub mod span;
 pub mod ti_cfg;
 
 pub use boards::Board;
 pub use builtin::{BUILTIN_NAMES, builtin_radar, builtin_radars};
-pub use lint::{Finding, lint};
+pub use lint::{Finding, ModelExpectations, Severity, lint, lint_radar_toml, lint_ti_cfg};
 pub use radar_toml::{RadarTomlError, radar_from_toml, radar_to_toml};
 pub use recordings::{RecordedFrame, RecordingError, read_mars_points, read_radhar_points};
+pub use span::Span;
 pub use ti_cfg::{TiCfg, TiCfgError, radar_from_ti_cfg};

@@ -12,6 +12,7 @@ use radarllm_base::radar_config::{Antenna, RadarConfigError};
 use serde::{Deserialize, Serialize};
 
 use crate::builtin::{BUILTIN_NAMES, builtin_radar};
+use crate::span::{Places, Span};
 
 /// Why a TOML radar is refused.
 #[derive(Debug, thiserror::Error)]
@@ -65,6 +66,15 @@ struct Fields {
 /// # Errors
 /// See [`RadarTomlError`]; a radar that is returned has passed [`RadarConfig::validate`].
 pub fn radar_from_toml(text: &str) -> Result<RadarConfig, RadarTomlError> {
+    let radar = draft(text)?;
+    match problems(&radar).into_iter().next() {
+        Some(problem) => Err(problem.into()),
+        None => Ok(radar),
+    }
+}
+
+/// A radar as written, possible or not.
+pub(crate) fn draft(text: &str) -> Result<RadarConfig, RadarTomlError> {
     let file: Fields = toml::from_str(text).map_err(|e| RadarTomlError::Syntax(e.to_string()))?;
     let base = match &file.base {
         None => None,
@@ -98,7 +108,7 @@ pub fn radar_from_toml(text: &str) -> Result<RadarConfig, RadarTomlError> {
         (None, _, None) => return Err(RadarTomlError::Missing("tx")),
         (_, None, None) => return Err(RadarTomlError::Missing("rx")),
     };
-    let radar = RadarConfig {
+    Ok(RadarConfig {
         name: field!(name),
         start_hz: field!(start_hz),
         slope_hz_per_s: field!(slope_hz_per_s),
@@ -116,8 +126,12 @@ pub fn radar_from_toml(text: &str) -> Result<RadarConfig, RadarTomlError> {
         noise_figure_db: field!(noise_figure_db),
         tx,
         rx,
-    };
-    radar.validate()?;
+    })
+}
+
+/// Why the radar cannot be used; empty if it can.
+pub(crate) fn problems(radar: &RadarConfig) -> Vec<RadarConfigError> {
+    let mut problems = radar.problems();
     let places = radar
         .tx
         .iter()
@@ -126,16 +140,57 @@ pub fn radar_from_toml(text: &str) -> Result<RadarConfig, RadarTomlError> {
     for (field, antenna) in places {
         // Ten metres is far beyond any board, and keeps products of positions finite.
         if !(antenna.x_m.abs() <= 10.0 && antenna.z_m.abs() <= 10.0) {
-            let problem = format!("antenna at x {} m, z {} m", antenna.x_m, antenna.z_m);
-            return Err(RadarConfigError {
+            problems.push(RadarConfigError {
                 radar: radar.name.clone(),
                 field,
-                problem,
-            }
-            .into());
+                problem: format!("antenna at x {} m, z {} m", antenna.x_m, antenna.z_m),
+            });
         }
     }
-    Ok(radar)
+    problems
+}
+
+/// Where the values of a radar file stand, by key; empty if the text is no TOML.
+pub(crate) fn places(text: &str) -> Places {
+    const KEYS: [&str; 18] = [
+        "base",
+        "name",
+        "start_hz",
+        "slope_hz_per_s",
+        "idle_s",
+        "adc_start_s",
+        "ramp_end_s",
+        "n_samples",
+        "sample_rate_hz",
+        "n_loops",
+        "frame_period_s",
+        "tx_power_dbm",
+        "antenna_gain_dbi",
+        "azimuth_half_width_rad",
+        "elevation_half_width_rad",
+        "noise_figure_db",
+        "tx",
+        "rx",
+    ];
+    let Ok(table) = toml::de::DeTable::parse(text) else {
+        return Places::new();
+    };
+    let mut places = Places::new();
+    for (key, value) in table.get_ref() {
+        if let Some(known) = KEYS.into_iter().find(|k| *k == key.get_ref().as_ref()) {
+            places.insert(known, Span::of_bytes(text, value.span(), known.into()));
+        }
+    }
+    places
+}
+
+/// Message and place of what makes the text no radar file.
+pub(crate) fn syntax_error(text: &str) -> Option<(String, Option<Span>)> {
+    let error = toml::from_str::<Fields>(text).err()?;
+    let span = error
+        .span()
+        .map(|bytes| Span::of_bytes(text, bytes, String::new()));
+    Some((error.message().to_owned(), span))
 }
 
 /// Writes every field of a radar; [`radar_from_toml`] reads it back unchanged.

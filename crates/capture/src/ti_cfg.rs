@@ -3,16 +3,18 @@
 //! Read are the commands that say what the samples are: `channelCfg`, `adcCfg`, `adcbufCfg`,
 //! `profileCfg`, `chirpCfg`, `frameCfg`, `dfeDataOutputMode`, `bpmCfg`, `clutterRemoval`,
 //! `lvdsStreamCfg`, `compRangeBiasAndRxChanPhase`, `antGeometry0/1`, `antPhaseRot`. Everything else
-//! tunes on-chip detection and is listed in [`TiCfg::unused`]. Argument order: SDK 3 user guide,
-//! "Configuration (.cfg) File Format".
+//! tunes on-chip detection and is listed in [`TiCfg::unused`]; `guiMonitor` among it is read too, for
+//! what it asks of the serial port. Argument order: SDK 3 user guide, "Configuration (.cfg) File
+//! Format".
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use radarllm_base::RadarConfig;
 use radarllm_base::radar_config::RadarConfigError;
 
 use crate::boards::Board;
+use crate::span::{Places, Span};
 
 /// Longest piece of the file quoted in an error, characters.
 const MAX_QUOTE: usize = 40;
@@ -44,8 +46,49 @@ pub struct TiCfg {
     pub calibration: Option<(f64, Vec<(f64, f64)>)>,
     /// Sign of each virtual channel's feed (`antPhaseRot`), TX1's receivers first; empty if not given.
     pub phase_rotation: Vec<f64>,
+    /// What TI's demo sends over its serial port, if `guiMonitor` says so in a known form.
+    pub gui_monitor: Option<GuiMonitor>,
     /// Commands that do not shape the samples: line (from 1) and name.
     pub unused: Vec<(usize, String)>,
+}
+
+/// `guiMonitor`: what TI's out-of-box demo sends for every frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GuiMonitor {
+    /// Points.
+    pub points: bool,
+    /// Signal and noise of each point beside it.
+    pub side_info: bool,
+    /// Range profile at zero Doppler.
+    pub range_profile: bool,
+    /// Noise floor profile.
+    pub noise_profile: bool,
+    /// Range-azimuth map of static clutter.
+    pub azimuth_map: bool,
+    /// Range-Doppler map.
+    pub doppler_map: bool,
+    /// Timing statistics.
+    pub stats: bool,
+}
+
+/// A chirp file as far as it could be read.
+#[derive(Debug)]
+pub struct TiCfgReading {
+    /// The file, if there is nothing wrong with it.
+    pub cfg: Option<TiCfg>,
+    /// Everything that is wrong; empty exactly if `cfg` is there.
+    pub errors: Vec<TiCfgError>,
+    /// The radar as written, possible or not, if profile and frame could be read; `tx` may be empty.
+    pub draft: Option<RadarConfig>,
+    /// As in [`TiCfg`]; false where no board was looked for.
+    pub board_guessed: bool,
+    /// As in [`TiCfg`].
+    pub lvds_samples: Option<bool>,
+    /// As in [`TiCfg`].
+    pub gui_monitor: Option<GuiMonitor>,
+    /// Where the values stand: by field of [`RadarConfig`], and `lvds_samples`, `azimuth_map`,
+    /// `doppler_map`, `points` for the commands beside it.
+    pub places: Places,
 }
 
 /// Why a chirp file is refused.
@@ -54,6 +97,9 @@ pub enum TiCfgError {
     /// One argument or command is wrong.
     #[error("line {line}, columns {start} to {end}: `{text}`: {problem}", start = columns.start, end = columns.end)]
     Line {
+        /// Kind of mistake in kebab case: `syntax`, `unsupported`, `tx-mask`, `undefined-chirp`,
+        /// `undefined-profile` or `antenna-geometry`.
+        rule: &'static str,
         /// Line, from 1.
         line: usize,
         /// Columns, from 1, end exclusive, in characters.
@@ -91,11 +137,25 @@ impl TiCfg {
     /// frames, continuous wave, real samples, two transmitters at once, chirps that differ),
     /// [`TiCfgError::Missing`], and [`TiCfgError::Radar`] for timing that cannot be.
     pub fn parse(text: &str, board: Option<Board>) -> Result<Self, TiCfgError> {
-        let mut file = File::default();
-        for (i, raw) in text.lines().enumerate() {
-            file.read_line(i + 1, raw)?;
+        let reading = Self::read(text, board);
+        match (reading.errors.into_iter().next(), reading.cfg) {
+            (None, Some(cfg)) => Ok(cfg),
+            (first, _) => Err(first.unwrap_or(TiCfgError::Missing("frameCfg"))),
         }
-        file.finish(board)
+    }
+
+    /// Reads a chirp file and goes on after mistakes, for reports of all of them; otherwise as
+    /// [`Self::parse`].
+    pub fn read(text: &str, board: Option<Board>) -> TiCfgReading {
+        let mut file = File::default();
+        let mut errors = Vec::new();
+        for (i, raw) in text.lines().enumerate() {
+            if let Err((name, error)) = file.read_line(i + 1, raw) {
+                file.broken.insert(name);
+                errors.push(error);
+            }
+        }
+        file.finish(board, errors)
     }
 }
 
@@ -109,11 +169,16 @@ struct Word {
 
 impl Word {
     fn error(&self, problem: impl Into<String>) -> TiCfgError {
+        self.refuse("syntax", problem)
+    }
+
+    fn refuse(&self, rule: &'static str, problem: impl Into<String>) -> TiCfgError {
         let mut text: String = self.text.chars().take(MAX_QUOTE).collect();
         if text.len() < self.text.len() {
             text.push('…');
         }
         TiCfgError::Line {
+            rule,
             line: self.line,
             columns: self.columns.clone(),
             text,
@@ -158,6 +223,16 @@ impl Command {
         })
     }
 
+    /// Where argument `index` stands; the command's name if it is not there.
+    fn span(&self, index: usize, what: &str) -> Span {
+        let word = self.args.get(index).unwrap_or(&self.name);
+        Span {
+            line: word.line,
+            columns: word.columns.clone(),
+            what: format!("{} {what}", self.name.text),
+        }
+    }
+
     fn number(&self, index: usize, what: &str) -> Result<f64, TiCfgError> {
         self.arg(index, what)?.number(what)
     }
@@ -177,10 +252,24 @@ struct Profile {
     slope_hz_per_s: f64,
     n_samples: usize,
     sample_rate_hz: f64,
+    command: Command,
 }
 
+/// Arguments of `profileCfg` that become fields of the radar: index, field, meaning.
+const PROFILE_FIELDS: [(usize, &str, &str); 7] = [
+    (1, "start_hz", "start frequency, GHz"),
+    (2, "idle_s", "idle time, us"),
+    (3, "adc_start_s", "ADC start, us"),
+    (4, "ramp_end_s", "ramp end, us"),
+    (7, "slope_hz_per_s", "slope, MHz/us"),
+    (9, "n_samples", "samples"),
+    (10, "sample_rate_hz", "sample rate, ksps"),
+];
+
+#[derive(Clone)]
 struct Chirp {
     profile: u32,
+    profile_word: Word,
     /// Added to start (Hz), slope (Hz/s), idle (s) and ADC start (s) of the profile.
     variation: [f64; 4],
     tx_mask: u32,
@@ -193,7 +282,7 @@ struct Frame {
     n_loops: u32,
     n_frames: u32,
     period_s: f64,
-    name: Word,
+    command: Command,
 }
 
 #[derive(Default)]
@@ -210,11 +299,16 @@ struct File {
     lvds: Option<bool>,
     calibration: Option<(f64, Vec<(f64, f64)>)>,
     phase_rotation: Vec<f64>,
+    gui_monitor: Option<GuiMonitor>,
+    places: Places,
+    /// Commands of which a line could not be read: their absence is no second mistake.
+    broken: BTreeSet<String>,
     unused: Vec<(usize, String)>,
 }
 
 impl File {
-    fn read_line(&mut self, line: usize, raw: &str) -> Result<(), TiCfgError> {
+    /// Reads a line; a mistake comes with the name of the command that is now missing.
+    fn read_line(&mut self, line: usize, raw: &str) -> Result<(), (String, TiCfgError)> {
         let (code, comment) = raw.split_once('%').unwrap_or((raw, ""));
         if let Some(board) = platform_board(comment) {
             self.platform = Some(board);
@@ -227,7 +321,17 @@ impl File {
         let Some(name) = words.pop() else {
             return Ok(());
         };
-        let command = Command { name, args };
+        let name_text = name.text.clone();
+        self.read_command(Command { name, args }).map_err(|error| {
+            let lost = match name_text.as_str() {
+                "dfeDataOutputMode" | "advFrameCfg" | "subFrameCfg" => "frameCfg".into(),
+                _ => name_text,
+            };
+            (lost, error)
+        })
+    }
+
+    fn read_command(&mut self, command: Command) -> Result<(), TiCfgError> {
         match command.name.text.as_str() {
             "flushCfg" => {
                 let unused = std::mem::take(&mut self.unused);
@@ -239,7 +343,8 @@ impl File {
             }
             "dfeDataOutputMode" => {
                 if command.whole(0, "mode", 0..5)? != 1 {
-                    return Err(command.args[0].error(
+                    return Err(command.args[0].refuse(
+                        "unsupported",
                         "only mode 1 (frames of chirps) has a cube; 2 is continuous, 3 are advanced frames",
                     ));
                 }
@@ -247,28 +352,29 @@ impl File {
             "advFrameCfg" | "subFrameCfg" => {
                 return Err(command
                     .name
-                    .error("advanced frames have no single cube shape"));
+                    .refuse("unsupported", "advanced frames have no single cube shape"));
             }
             "channelCfg" => {
                 self.rx_mask = Some(command.whole(0, "receiver mask", 1..16)?);
                 self.tx_mask = Some(command.whole(1, "transmitter mask", 1..8)?);
+                self.place(&command, "rx", 0, "receiver mask");
+                self.place(&command, "tx", 1, "transmitter mask");
                 if let Some(word) = command.args.get(2)
                     && word.whole("cascading", 0..3)? != 0
                 {
-                    return Err(word.error("cascaded devices are not supported"));
+                    return Err(word.refuse("unsupported", "cascaded devices are not supported"));
                 }
             }
             "adcCfg" => {
                 command.whole(0, "ADC bits", 0..3)?;
                 let format = command.whole(1, "output format", 0..4)?;
                 if format != 1 && format != 2 {
-                    return Err(
-                        command.args[1].error("samples must be complex (1 or 2), these are real")
-                    );
+                    let problem = "samples must be complex (1 or 2), these are real";
+                    return Err(command.args[1].refuse("unsupported", problem));
                 }
             }
             "adcbufCfg" => self.read_adc_buffer(&command)?,
-            "profileCfg" => self.read_profile(&command)?,
+            "profileCfg" => self.read_profile(command)?,
             "chirpCfg" => self.read_chirps(&command)?,
             "frameCfg" => {
                 self.frame = Some(Frame {
@@ -277,12 +383,14 @@ impl File {
                     n_loops: command.whole(2, "loops", 1..256)?,
                     n_frames: command.whole(3, "frames", 0..65_536)?,
                     period_s: command.number(4, "frame period, ms")? * 1e-3,
-                    name: command.name,
+                    command,
                 });
             }
             "bpmCfg" => {
                 if command.whole(1, "enabled", 0..2)? == 1 {
-                    return Err(command.name.error("binary phase modulation is not TDM"));
+                    return Err(command
+                        .name
+                        .refuse("unsupported", "binary phase modulation is not TDM"));
                 }
             }
             "clutterRemoval" => {
@@ -290,7 +398,10 @@ impl File {
                 let index = command.args.len().saturating_sub(1).min(1);
                 self.clutter = Some(command.whole(index, "enabled", 0..2)? == 1);
             }
-            "lvdsStreamCfg" => self.lvds = Some(command.whole(2, "data format", 0..8)? == 1),
+            "lvdsStreamCfg" => {
+                self.lvds = Some(command.whole(2, "data format", 0..8)? == 1);
+                self.place(&command, "lvds_samples", 2, "data format");
+            }
             "compRangeBiasAndRxChanPhase" => {
                 let bias_m = command.number(0, "range bias, m")?;
                 let mut values = Vec::with_capacity(command.args.len());
@@ -305,22 +416,64 @@ impl File {
             "antGeometry0" => self.geometry[0] = Some(number_list(&command)?),
             "antGeometry1" => self.geometry[1] = Some(number_list(&command)?),
             "antPhaseRot" => self.phase_rotation = number_list(&command)?.1,
-            _ => self.unused.push((line, command.name.text)),
+            name => {
+                if name == "guiMonitor" {
+                    self.read_gui_monitor(&command);
+                }
+                self.unused.push((command.name.line, command.name.text));
+            }
         }
         Ok(())
+    }
+
+    fn place(&mut self, command: &Command, key: &'static str, index: usize, what: &str) {
+        self.places.insert(key, command.span(index, what));
+    }
+
+    /// SDK 2 and later put the sub-frame first and have seven arguments, SDK 1 has six. Other demos
+    /// have commands of this name with other arguments; those say nothing here.
+    fn read_gui_monitor(&mut self, command: &Command) {
+        let first = match command.args.len() {
+            6 => 0,
+            7 => 1,
+            _ => return,
+        };
+        let mut values = [0; 6];
+        for (i, value) in values.iter_mut().enumerate() {
+            match command.whole(first + i, "output", 0..3) {
+                Ok(v) => *value = v,
+                Err(_) => return,
+            }
+        }
+        let [points, range, noise, azimuth, doppler, stats] = values;
+        self.gui_monitor = Some(GuiMonitor {
+            points: points > 0,
+            // 2 leaves the side information out.
+            side_info: points == 1,
+            range_profile: range > 0,
+            noise_profile: noise > 0,
+            azimuth_map: azimuth > 0,
+            doppler_map: doppler > 0,
+            stats: stats > 0,
+        });
+        self.place(command, "points", first, "detected objects");
+        self.place(command, "azimuth_map", first + 3, "range-azimuth heat map");
+        self.place(command, "doppler_map", first + 4, "range-Doppler heat map");
     }
 
     fn read_adc_buffer(&mut self, command: &Command) -> Result<(), TiCfgError> {
         // SDK 2 and later put the sub-frame first and have five arguments, SDK 1 has four.
         let first = usize::from(command.args.len() >= 5);
         if command.whole(first, "output format", 0..2)? != 0 {
-            return Err(command.args[first].error("samples must be complex (0), these are real"));
+            let problem = "samples must be complex (0), these are real";
+            return Err(command.args[first].refuse("unsupported", problem));
         }
         self.q_first = Some(command.whole(first + 1, "sample swap", 0..2)? == 1);
         Ok(())
     }
 
-    fn read_profile(&mut self, c: &Command) -> Result<(), TiCfgError> {
+    fn read_profile(&mut self, c: Command) -> Result<(), TiCfgError> {
+        let id = c.whole(0, "profile", 0..4)?;
         let profile = Profile {
             start_hz: c.number(1, "start frequency, GHz")? * 1e9,
             idle_s: c.number(2, "idle time, us")? * 1e-6,
@@ -330,8 +483,9 @@ impl File {
             slope_hz_per_s: c.number(7, "slope, MHz/us")? * 1e12,
             n_samples: c.whole(9, "samples", 1..8193)? as usize,
             sample_rate_hz: c.number(10, "sample rate, ksps")? * 1e3,
+            command: c,
         };
-        self.profiles.insert(c.whole(0, "profile", 0..4)?, profile);
+        self.profiles.insert(id, profile);
         Ok(())
     }
 
@@ -341,92 +495,113 @@ impl File {
         if last < first {
             return Err(c.args[1].error(format!("the last chirp comes before the first, {first}")));
         }
+        let chirp = Chirp {
+            profile: c.whole(2, "profile", 0..4)?,
+            profile_word: c.arg(2, "profile")?.clone(),
+            variation: [
+                c.number(3, "start frequency variation, Hz")?,
+                c.number(4, "slope variation, kHz/us")? * 1e9,
+                c.number(5, "idle variation, us")? * 1e-6,
+                c.number(6, "ADC start variation, us")? * 1e-6,
+            ],
+            tx_mask: c.whole(7, "transmitter mask", 0..8)?,
+            mask_word: c.arg(7, "transmitter mask")?.clone(),
+        };
         for index in first..=last {
-            let chirp = Chirp {
-                profile: c.whole(2, "profile", 0..4)?,
-                variation: [
-                    c.number(3, "start frequency variation, Hz")?,
-                    c.number(4, "slope variation, kHz/us")? * 1e9,
-                    c.number(5, "idle variation, us")? * 1e-6,
-                    c.number(6, "ADC start variation, us")? * 1e-6,
-                ],
-                tx_mask: c.whole(7, "transmitter mask", 0..8)?,
-                mask_word: c.arg(7, "transmitter mask")?.clone(),
-            };
-            self.chirps.insert(index, chirp);
+            self.chirps.insert(index, chirp.clone());
         }
         Ok(())
     }
 
-    fn finish(self, board: Option<Board>) -> Result<TiCfg, TiCfgError> {
-        let rx_mask = self.rx_mask.ok_or(TiCfgError::Missing("channelCfg"))?;
-        let tx_mask = self.tx_mask.ok_or(TiCfgError::Missing("channelCfg"))?;
-        if self.profiles.is_empty() {
-            return Err(TiCfgError::Missing("profileCfg"));
+    fn finish(mut self, board: Option<Board>, errors: Vec<TiCfgError>) -> TiCfgReading {
+        let mut reading = TiCfgReading {
+            cfg: None,
+            errors,
+            draft: None,
+            board_guessed: false,
+            lvds_samples: self.lvds,
+            gui_monitor: self.gui_monitor,
+            places: std::mem::take(&mut self.places),
+        };
+        let missing = [
+            ("channelCfg", self.rx_mask.is_none()),
+            ("profileCfg", self.profiles.is_empty()),
+            ("frameCfg", self.frame.is_none()),
+        ];
+        for (name, is_missing) in missing {
+            if is_missing && !self.broken.contains(name) {
+                reading.errors.push(TiCfgError::Missing(name));
+            }
         }
-        let frame = self.frame.as_ref().ok_or(TiCfgError::Missing("frameCfg"))?;
-        if frame.last < frame.first {
-            return Err(frame.name.error("the last chirp comes before the first"));
+        let (Some(rx_mask), Some(tx_mask), Some(frame)) =
+            (self.rx_mask, self.tx_mask, self.frame.as_ref())
+        else {
+            return reading;
+        };
+        let n_errors = reading.errors.len();
+        let (slots, common) = self.slots(frame, tx_mask, &mut reading.errors);
+        // Without a usable chirp, the only profile still says what the chirps would be.
+        let profile = match &common {
+            Some(chirp) => self.profiles.get(&chirp.profile),
+            None => self.profiles.values().next(),
+        };
+        let Some(profile) = profile else {
+            return reading;
+        };
+        for (index, field, what) in PROFILE_FIELDS {
+            let span = profile.command.span(index, what);
+            reading.places.insert(field, span);
+        }
+        for (index, field, what) in [
+            (2, "n_loops", "loops"),
+            (4, "frame_period_s", "frame period, ms"),
+        ] {
+            reading
+                .places
+                .insert(field, frame.command.span(index, what));
         }
 
-        // The chirps the frame really uses, not all that are defined, are the TDM slots.
-        let mut slots = Vec::new();
-        let mut common: Option<&Chirp> = None;
-        for index in frame.first..=frame.last {
-            let chirp = self.chirps.get(&index).ok_or_else(|| {
-                frame
-                    .name
-                    .error(format!("chirp {index} is used, but no chirpCfg defines it"))
-            })?;
-            if chirp.tx_mask.count_ones() != 1 {
-                let problem = "one transmitter at a time (mask 1, 2 or 4) is supported";
-                return Err(chirp.mask_word.error(problem));
+        let (board, board_guessed) = match self.board(board, profile.start_hz, tx_mask) {
+            Ok(found) => found,
+            Err(error) => {
+                reading.errors.push(error);
+                return reading;
             }
-            if chirp.tx_mask & tx_mask == 0 {
-                let problem = format!("channelCfg enables only transmitter mask {tx_mask}");
-                return Err(chirp.mask_word.error(problem));
-            }
-            if let Some(other) = common
-                && (other.profile != chirp.profile || other.variation != chirp.variation)
-            {
-                let problem =
-                    format!("chirp {index} differs from the others in more than its transmitter");
-                return Err(chirp.mask_word.error(problem));
-            }
-            common = Some(chirp);
-            slots.push(chirp.tx_mask.trailing_zeros() as u8 + 1);
-        }
-        let chirp = common.ok_or(TiCfgError::Missing("chirpCfg"))?;
-        let profile = self.profiles.get(&chirp.profile).ok_or_else(|| {
-            chirp
-                .mask_word
-                .error(format!("profile {} is not defined", chirp.profile))
-        })?;
-
-        let (board, board_guessed) = self.board(board, profile.start_hz, tx_mask)?;
+        };
+        reading.board_guessed = board_guessed;
         let figures = board.figures();
         let mut tx = Vec::with_capacity(slots.len());
-        for slot in &slots {
-            let place = figures.tx.get(usize::from(*slot) - 1).ok_or_else(|| {
-                chirp
-                    .mask_word
-                    .error(format!("the {} has no TX{slot}", board.name()))
-            })?;
-            tx.push(*place);
+        for (slot, word) in &slots {
+            match figures.tx.get(usize::from(*slot) - 1) {
+                Some(place) => tx.push(*place),
+                None => {
+                    let problem = format!("the {} has no TX{slot}", board.name());
+                    push_once(&mut reading.errors, word.refuse("tx-mask", problem));
+                }
+            }
+        }
+        let used = slots
+            .iter()
+            .fold(0, |mask, (slot, _)| mask | 1 << (slot - 1));
+        if used != tx_mask {
+            // Fewer transmitters than are enabled: the frame leaves out their chirps.
+            let span = frame.command.span(1, "last chirp");
+            reading.places.insert("tx", span);
         }
         let receivers: Vec<u8> = (1..=4).filter(|r| rx_mask >> (r - 1) & 1 == 1).collect();
         let rx = receivers
             .iter()
-            .map(|r| figures.rx[usize::from(*r) - 1])
+            .filter_map(|r| figures.rx.get(usize::from(*r) - 1).copied())
             .collect();
-        let first_tx = u32::from(slots[0]) - 1;
+        let first_tx = slots.first().map_or(0, |s| u32::from(s.0) - 1);
         let backoff_db = f64::from(profile.backoff_code >> (8 * first_tx) & 0xff);
+        let variation = common.map_or([0.0; 4], |chirp| chirp.variation);
         let radar = RadarConfig {
             name: board.name().into(),
-            start_hz: profile.start_hz + chirp.variation[0],
-            slope_hz_per_s: profile.slope_hz_per_s + chirp.variation[1],
-            idle_s: profile.idle_s + chirp.variation[2],
-            adc_start_s: profile.adc_start_s + chirp.variation[3],
+            start_hz: profile.start_hz + variation[0],
+            slope_hz_per_s: profile.slope_hz_per_s + variation[1],
+            idle_s: profile.idle_s + variation[2],
+            adc_start_s: profile.adc_start_s + variation[3],
             ramp_end_s: profile.ramp_end_s,
             n_samples: profile.n_samples,
             sample_rate_hz: profile.sample_rate_hz,
@@ -440,21 +615,87 @@ impl File {
             elevation_half_width_rad: figures.elevation_half_width_rad,
             noise_figure_db: figures.noise_figure_db,
         };
-        radar.validate()?;
-        Ok(TiCfg {
-            radar,
-            board,
-            board_guessed,
-            slots,
-            receivers,
-            n_frames: frame.n_frames,
-            q_first: self.q_first,
-            firmware_clutter_removal: self.clutter,
-            lvds_samples: self.lvds,
-            calibration: self.calibration,
-            phase_rotation: self.phase_rotation,
-            unused: self.unused,
-        })
+        // Chirps that cannot be used have been named; that too few are left is no news.
+        let chirps_are_wrong = reading.errors.len() > n_errors;
+        reading.errors.extend(
+            radar
+                .problems()
+                .into_iter()
+                .filter(|p| !(chirps_are_wrong && p.field == "tx"))
+                .map(TiCfgError::Radar),
+        );
+        reading.draft = Some(radar.clone());
+        if reading.errors.is_empty() {
+            reading.cfg = Some(TiCfg {
+                radar,
+                board,
+                board_guessed,
+                slots: slots.iter().map(|s| s.0).collect(),
+                receivers,
+                n_frames: frame.n_frames,
+                q_first: self.q_first,
+                firmware_clutter_removal: self.clutter,
+                lvds_samples: self.lvds,
+                calibration: self.calibration,
+                phase_rotation: self.phase_rotation,
+                gui_monitor: self.gui_monitor,
+                unused: self.unused,
+            });
+        }
+        reading
+    }
+
+    /// Transmitter of every chirp that the frame really uses, not of all that are defined, with the
+    /// mask that names it; and the first such chirp.
+    fn slots(
+        &self,
+        frame: &Frame,
+        tx_mask: u32,
+        errors: &mut Vec<TiCfgError>,
+    ) -> (Vec<(u8, Word)>, Option<&Chirp>) {
+        let mut slots = Vec::new();
+        let mut common: Option<&Chirp> = None;
+        let end = frame.command.args.get(1).unwrap_or(&frame.command.name);
+        if frame.last < frame.first {
+            errors.push(end.error("the last chirp comes before the first"));
+        }
+        let undefined = (frame.first..=frame.last).find(|i| !self.chirps.contains_key(i));
+        if let Some(index) = undefined
+            && !self.broken.contains("chirpCfg")
+        {
+            let problem = format!("chirp {index} is used, but no chirpCfg defines it");
+            errors.push(end.refuse("undefined-chirp", problem));
+        }
+        for (index, chirp) in self.chirps.range(frame.first..=frame.last.max(frame.first)) {
+            if !self.profiles.contains_key(&chirp.profile) && !self.broken.contains("profileCfg") {
+                let problem = format!("profile {} is not defined", chirp.profile);
+                let error = chirp.profile_word.refuse("undefined-profile", problem);
+                push_once(errors, error);
+            }
+            if let Some(other) = common
+                && (other.profile != chirp.profile || other.variation != chirp.variation)
+            {
+                let problem =
+                    format!("chirp {index} differs from the others in more than its transmitter");
+                push_once(errors, chirp.mask_word.refuse("unsupported", problem));
+            }
+            if chirp.tx_mask.count_ones() != 1 {
+                let problem = "one transmitter at a time (mask 1, 2 or 4) is supported";
+                push_once(errors, chirp.mask_word.refuse("tx-mask", problem));
+                continue;
+            }
+            if chirp.tx_mask & tx_mask == 0 {
+                let problem = format!("channelCfg enables only transmitter mask {tx_mask}");
+                push_once(errors, chirp.mask_word.refuse("tx-mask", problem));
+                continue;
+            }
+            common = common.or(Some(chirp));
+            slots.push((
+                chirp.tx_mask.trailing_zeros() as u8 + 1,
+                chirp.mask_word.clone(),
+            ));
+        }
+        (slots, common)
     }
 
     fn board(
@@ -470,7 +711,10 @@ impl File {
             let boards = [Board::Xwr6843Isk, Board::Xwr6843IskOds, Board::Xwr6843Aop];
             return match boards.into_iter().find(|b| has_geometry(*b, columns, rows)) {
                 Some(board) => Ok((board, false)),
-                None => Err(word.error("this antenna geometry is of no known board")),
+                None => Err(word.refuse(
+                    "antenna-geometry",
+                    "this antenna geometry is of no known board",
+                )),
             };
         }
         let is_60_ghz = start_hz < 70e9;
@@ -486,6 +730,13 @@ impl File {
             (false, _) => Board::Xwr1843Boost,
         };
         Ok((guess, true))
+    }
+}
+
+/// One line can define several chirps; its mistake is one.
+fn push_once(errors: &mut Vec<TiCfgError>, error: TiCfgError) {
+    if errors.last() != Some(&error) {
+        errors.push(error);
     }
 }
 

@@ -159,10 +159,17 @@ pub enum RadarVerb {
         #[arg(long)]
         json: bool,
     },
-    /// Check a radar description.
+    /// Check a radar: timing, budgets, what people ask of it, what a model was trained on.
+    ///
+    /// Example: radarllm radar lint profile.cfg
+    ///
+    /// Exit code 1 if anything is an error, 0 if there are only warnings and notes.
     Lint {
         /// Built-in name, TI .cfg or our .toml.
         radar: String,
+        /// Model folder to compare with; the embedded default without it.
+        #[arg(long)]
+        model: Option<PathBuf>,
         /// Print one JSON document.
         #[arg(long)]
         json: bool,

@@ -49,13 +49,43 @@ pub enum SynthError {
 /// Largest radar description accepted, bytes.
 const MAX_RADAR_FILE_BYTES: u64 = 1 << 20;
 
+/// A radar that somebody named, not yet read.
+pub enum RadarSource {
+    /// A built-in radar.
+    BuiltIn(RadarConfig),
+    /// Text of a TI chirp file.
+    TiCfg(String),
+    /// Text of a radar in our own format.
+    Toml(String),
+}
+
 /// Opens a radar: a built-in name, or a `.cfg` (TI) or `.toml` file relative to `base`.
 ///
 /// # Errors
 /// Unknown name, unreadable or malformed file, or a radar that cannot exist.
 pub fn open_radar(name: &str, base: &Path) -> Result<RadarConfig, SynthError> {
+    let fail =
+        |problem: String| SynthError::Radar(format!("{}: {problem}", base.join(name).display()));
+    let radar = match read_radar(name, base)? {
+        RadarSource::BuiltIn(radar) => return Ok(radar),
+        RadarSource::TiCfg(text) => {
+            radarllm_capture::radar_from_ti_cfg(&text).map_err(|e| fail(e.to_string()))?
+        }
+        RadarSource::Toml(text) => {
+            radarllm_capture::radar_from_toml(&text).map_err(|e| fail(e.to_string()))?
+        }
+    };
+    radar.validate().map_err(|e| fail(e.to_string()))?;
+    Ok(radar)
+}
+
+/// Finds a radar as [`open_radar`] does, and leaves its text as it is.
+///
+/// # Errors
+/// Unknown name, or a file that is unreadable, too large or no text.
+pub fn read_radar(name: &str, base: &Path) -> Result<RadarSource, SynthError> {
     if let Some(radar) = radarllm_capture::builtin_radar(name) {
-        return Ok(radar);
+        return Ok(RadarSource::BuiltIn(radar));
     }
     let path = base.join(name);
     let fail = |problem: String| SynthError::Radar(format!("{}: {problem}", path.display()));
@@ -76,13 +106,11 @@ pub fn open_radar(name: &str, base: &Path) -> Result<RadarConfig, SynthError> {
         )));
     }
     let text = fs::read_to_string(&path).map_err(|e| fail(e.to_string()))?;
-    let radar = if extension == "cfg" {
-        radarllm_capture::radar_from_ti_cfg(&text).map_err(|e| fail(e.to_string()))?
+    Ok(if extension == "cfg" {
+        RadarSource::TiCfg(text)
     } else {
-        radarllm_capture::radar_from_toml(&text).map_err(|e| fail(e.to_string()))?
-    };
-    radar.validate().map_err(|e| fail(e.to_string()))?;
-    Ok(radar)
+        RadarSource::Toml(text)
+    })
 }
 
 /// The built-in body of a shape; made once and kept, because polygonising takes a good part of a

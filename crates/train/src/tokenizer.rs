@@ -3,7 +3,7 @@
 //! Loss = reconstruction of masked anchors' points + motion guidance + caption words + commitment. The
 //! paper's exact form, which has no caption words, is reached by [`TokenizerTrainConfig::paper`]; every departure is a field of its own.
 
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use radarllm_base::PointFrame;
@@ -99,6 +99,8 @@ struct TokenizerStage<'a> {
     config: TokenizerTrainConfig,
     train: Vec<Clip<'a>>,
     val: Vec<Clip<'a>>,
+    /// Names of the radars of the training clips.
+    radars: BTreeSet<&'a str>,
     words: Option<CaptionWords>,
     codebook: EmaCodebook,
     /// Codebook inputs and codes since the last update.
@@ -122,6 +124,7 @@ impl<'a> TokenizerStage<'a> {
     ) -> Result<Self, TrainError> {
         let teacher = teacher.filter(|_| config.model.guidance_dim > 0);
         let flips = config.augment.flip > 0.0;
+        let radars = train.iter().map(|c| c.radar.as_str()).collect();
         let mut train = clips(train, teacher, words.as_ref(), flips)?;
         let mut val = clips(val, teacher, words.as_ref(), false)?;
         if train.is_empty() {
@@ -134,6 +137,7 @@ impl<'a> TokenizerStage<'a> {
             config,
             train,
             val,
+            radars,
             words,
             codebook,
             seen: Default::default(),
@@ -554,6 +558,7 @@ impl Stage for TokenizerStage<'_> {
                 "codebook": c.codebook,
                 "augment": c.augment,
                 "train_clips": self.train.len(),
+                "radars": self.radars,
             }),
         };
         serde_json::to_value(file).unwrap_or_default()

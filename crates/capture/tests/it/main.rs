@@ -1,4 +1,5 @@
 //! Radar descriptions from outside.
 
+mod lint;
 mod ti_files;
 mod ti_lines;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use radarllm_capture::{Board, TiCfg};
 
-fn shared() -> Option<PathBuf> {
+pub fn shared() -> Option<PathBuf> {
     let path = std::env::var_os("RADARLLM_SHARED").map_or_else(
         || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared"),
         PathBuf::from,

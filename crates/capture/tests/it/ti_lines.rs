@@ -32,6 +32,7 @@ fn refused_at(from: &str, to: &str, line: usize, column: usize, word: &str) {
             columns,
             problem,
             text,
+            ..
         } => {
             assert_eq!((l, columns.start), (line, column), "{text}: {problem}");
             assert!(problem.contains(word), "{problem}");
@@ -150,7 +151,7 @@ fn what_cannot_be_a_cube_is_refused_with_its_place() {
     refused_at("1 1 0 0 0 0 0 4", "1 0 0 0 0 0 0 4", 8, 12, "before");
     refused_at("1 1 0 0 0 0 0 4", "1 999999 0 0 0 0 0 4", 8, 12, "511");
     refused_at("15 7 0", "15 3 0", 8, 24, "enables only");
-    refused_at("frameCfg 0 2", "frameCfg 0 3", 10, 1, "chirp 3");
+    refused_at("frameCfg 0 2", "frameCfg 0 3", 10, 12, "chirp 3");
     refused_at(
         "frameCfg 0 2 128 0 100 1 0",
         "frameCfg 0 2",

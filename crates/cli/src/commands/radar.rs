@@ -1,15 +1,22 @@
 //! `radar list|show|lint`.
 
-use std::path::Path;
+use std::{fs, path::Path};
 
 use radarllm_base::RadarConfig;
+use radarllm_capture::{Finding, ModelExpectations, Severity, Span};
+use radarllm_model::{lm::FRAME_RATE_HZ, tokenizer::encode::TokenizerFile};
+use radarllm_synth::synthesizer::{RadarSource, open_radar, read_radar};
 use serde::Serialize;
 
 use crate::{
     args::RadarVerb,
+    default_model,
     error::{CliError, CliResult},
     output,
 };
+
+/// Longest piece of a source line shown, characters.
+const MAX_EXCERPT: usize = 100;
 
 /// Derived figures, as scripts read them.
 #[derive(Serialize)]
@@ -49,10 +56,12 @@ impl From<&RadarConfig> for Figures {
 
 /// Opens a radar by built-in name or file, with a hint on failure.
 pub fn open(name: &str) -> CliResult<RadarConfig> {
-    radarllm_synth::synthesizer::open_radar(name, Path::new("")).map_err(|e| {
-        CliError::new(e)
-            .hint("`radarllm radar list` names the built-in radars; files end in .toml or .cfg")
-    })
+    open_radar(name, Path::new("")).map_err(unknown)
+}
+
+fn unknown(error: impl std::fmt::Display) -> CliError {
+    CliError::new(error)
+        .hint("`radarllm radar list` names the built-in radars; files end in .toml or .cfg")
 }
 
 /// Runs the verb.
@@ -60,7 +69,7 @@ pub fn run(verb: &RadarVerb) -> CliResult {
     match verb {
         RadarVerb::List(args) => list(args.json),
         RadarVerb::Show { radar, json } => show(&open(radar)?, *json),
-        RadarVerb::Lint { radar, json } => lint(&open(radar)?, *json),
+        RadarVerb::Lint { radar, model, json } => lint(radar, model.as_deref(), *json),
     }
 }
 
@@ -115,20 +124,172 @@ fn show(radar: &RadarConfig, json: bool) -> CliResult {
     Ok(())
 }
 
-fn lint(radar: &RadarConfig, json: bool) -> CliResult {
-    let findings = radarllm_capture::lint(radar);
+fn lint(name: &str, model: Option<&Path>, json: bool) -> CliResult {
+    let expected = expectations(model)?;
+    let (text, findings) = match read_radar(name, Path::new("")).map_err(unknown)? {
+        RadarSource::BuiltIn(radar) => (
+            String::new(),
+            radarllm_capture::lint(&radar, expected.as_ref()),
+        ),
+        RadarSource::TiCfg(text) => {
+            let findings = radarllm_capture::lint_ti_cfg(&text, expected.as_ref());
+            (text, findings)
+        }
+        RadarSource::Toml(text) => {
+            let findings = radarllm_capture::lint_radar_toml(&text, expected.as_ref());
+            (text, findings)
+        }
+    };
+    let count = |severity| findings.iter().filter(|f| f.severity == severity).count();
+    let summary = [Severity::Error, Severity::Warning, Severity::Note]
+        .map(|severity| match count(severity) {
+            1 => format!("1 {severity}"),
+            n => format!("{n} {severity}s"),
+        })
+        .join(", ");
     if json {
-        let rows: Vec<_> = findings
-            .iter()
-            .map(|f| serde_json::json!({"field": f.field, "message": f.message}))
-            .collect();
-        return output::print_json(&rows);
+        let rows: Vec<Remark> = findings.iter().map(Remark::from).collect();
+        output::print_json(&rows)?;
+    } else {
+        for finding in &findings {
+            print_finding(name, &text, finding);
+        }
+        output::print_line(match findings.is_empty() {
+            true => "nothing to complain about",
+            false => &summary,
+        });
     }
-    if findings.is_empty() {
-        output::print_line("nothing to complain about");
+    match count(Severity::Error) {
+        0 => Ok(()),
+        _ => Err(CliError::new(format!("{name} does not pass: {summary}"))),
     }
-    for finding in findings {
-        output::print_line(&format!("{}: {}", finding.field, finding.message));
+}
+
+/// What a model folder, or the embedded model, was trained on. Only its configuration is read.
+fn expectations(model: Option<&Path>) -> CliResult<Option<ModelExpectations>> {
+    const CONFIG: &str = "tokenizer/config.json";
+    let (bytes, place) = match model {
+        Some(folder) => {
+            let path = folder.join(CONFIG);
+            let bytes = fs::read(&path).map_err(|e| {
+                CliError::io(&path, e).hint("--model wants a folder made by `radarllm train all`")
+            })?;
+            (bytes, path.display().to_string())
+        }
+        None => match default_model::file(CONFIG) {
+            Some(bytes) => (bytes.to_vec(), CONFIG.to_owned()),
+            None => return Ok(None),
+        },
+    };
+    let file: TokenizerFile =
+        serde_json::from_slice(&bytes).map_err(|e| CliError::new(format!("{place}: {e}")))?;
+    let radars = file.training["radars"].as_array();
+    let radar = match radars.map(Vec::as_slice) {
+        // With several radars there is no one to compare with.
+        Some([name]) => name.as_str(),
+        Some(_) => None,
+        None => model.is_none().then_some(default_model::TRAINED_ON),
+    };
+    Ok(Some(ModelExpectations {
+        model: match model {
+            Some(folder) => format!("the model in {}", folder.display()),
+            None => "the default model".into(),
+        },
+        frame_rate_hz: f64::from(FRAME_RATE_HZ),
+        max_points: file.model.grouping.max_points,
+        radar: radar.and_then(radarllm_capture::builtin_radar),
+    }))
+}
+
+/// A finding, as scripts read it.
+#[derive(Serialize)]
+struct Remark<'a> {
+    field: &'a str,
+    rule: &'a str,
+    severity: String,
+    message: &'a str,
+    line: Option<usize>,
+    column: Option<usize>,
+    length: Option<usize>,
+    /// Which value of which command or key.
+    value: Option<&'a str>,
+}
+
+impl<'a> From<&'a Finding> for Remark<'a> {
+    fn from(finding: &'a Finding) -> Self {
+        let span = finding.span.as_ref();
+        Self {
+            field: &finding.field,
+            rule: finding.rule,
+            severity: finding.severity.to_string(),
+            message: &finding.message,
+            line: span.map(|s| s.line),
+            column: span.map(|s| s.columns.start),
+            length: span.map(|s| s.columns.len()),
+            value: span.map(|s| s.what.as_str()),
+        }
     }
-    Ok(())
+}
+
+fn print_finding(name: &str, text: &str, finding: &Finding) {
+    let place = finding.span.as_ref().map_or(String::new(), |s| {
+        format!(":{}:{}", s.line, s.columns.start)
+    });
+    // Messages may quote the file.
+    let message: String = finding.message.chars().map(printable).collect();
+    output::print_line(&format!(
+        "{name}{place}: {}[{}]: {message}",
+        finding.severity, finding.rule
+    ));
+    if let Some(span) = &finding.span {
+        let (excerpt, marks) = excerpt(text.lines().nth(span.line - 1).unwrap_or(""), span);
+        output::print_line(&format!("{:>5} | {excerpt}", span.line));
+        output::print_line(&format!("{:>5} | {marks}", ""));
+    }
+}
+
+/// A character that takes one column and no terminal obeys.
+fn printable(c: char) -> char {
+    match c {
+        '\t' => ' ',
+        c if c.is_control() => '\u{fffd}',
+        c => c,
+    }
+}
+
+/// The part of a line around a span, and the line of carets and name below it.
+fn excerpt(line: &str, span: &Span) -> (String, String) {
+    let skipped = (span.columns.start - 1).saturating_sub(MAX_EXCERPT / 2);
+    let shown: String = line
+        .chars()
+        .skip(skipped)
+        .take(MAX_EXCERPT)
+        .map(printable)
+        .collect();
+    let indent = span.columns.start - 1 - skipped;
+    let length = span.columns.len().min(MAX_EXCERPT - indent).max(1);
+    let what: String = span.what.chars().map(printable).collect();
+    let marks = format!("{}{} {what}", " ".repeat(indent), "^".repeat(length));
+    (shown, marks.trim_end().to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn carets_stand_below_their_value() {
+        let span = |columns| Span {
+            line: 1,
+            columns,
+            what: "cfg value".into(),
+        };
+        let (line, marks) = excerpt("cfg\t12 \u{1b}34", &span(5..7));
+        assert_eq!(line, "cfg 12 \u{fffd}34");
+        assert_eq!(marks, "    ^^ cfg value");
+        let long = "x".repeat(300);
+        let (line, marks) = excerpt(&long, &span(201..300));
+        assert_eq!(line.len(), 100);
+        assert_eq!(marks.matches('^').count(), 50);
+    }
 }

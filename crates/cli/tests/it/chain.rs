@@ -5,6 +5,46 @@ use std::fs;
 use crate::command::{json, radarllm};
 
 #[test]
+fn radar_lint_points_into_the_file_and_fails_on_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("profile.cfg");
+    let path = path.to_str().unwrap();
+    let good = "% Platform:xWR18xx\nchannelCfg 15 7 0\nadcCfg 2 1\n\
+        profileCfg 0 77 7 7 58 0 0 67 1 256 5500 0 0 30\nchirpCfg 0 0 0 0 0 0 0 1\n\
+        chirpCfg 1 1 0 0 0 0 0 4\nchirpCfg 2 2 0 0 0 0 0 2\nframeCfg 0 2 40 0 55 1 0\n";
+    std::fs::write(path, good).unwrap();
+    let output = radarllm(&["radar", "lint", path]);
+    assert_eq!(output.status.code(), Some(0), "warnings are no errors");
+    let text = String::from_utf8(output.stdout).unwrap();
+    let expected = format!(
+        "{path}:8:19: warning[model-frame-rate]: 18.18 frames/s, but the default model reads 10: \
+         `describe` refuses such recordings; a period of 100 ms fits\n    \
+         8 | frameCfg 0 2 40 0 55 1 0\n      |                   ^^ frameCfg frame period, ms\n"
+    );
+    assert!(text.contains(&expected), "{text}");
+    let rows = json(&["radar", "lint", path, "--json"]);
+    let row = &rows[rows.as_array().unwrap().len() - 1];
+    assert_eq!(
+        (&row["field"], &row["rule"], &row["severity"]),
+        (
+            &"frame_period_s".into(),
+            &"model-frame-rate".into(),
+            &"warning".into()
+        )
+    );
+    assert_eq!(
+        (&row["line"], &row["column"], &row["length"]),
+        (&8.into(), &19.into(), &2.into())
+    );
+
+    std::fs::write(path, good.replace("7 7 58", "7 7 50")).unwrap();
+    let output = radarllm(&["radar", "lint", path, "--json"]);
+    assert_eq!(output.status.code(), Some(1));
+    let rows: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(rows[0]["rule"], "adc-window");
+}
+
+#[test]
 fn radar_show_prints_the_reference_radar() {
     let radar = json(&["radar", "show", "awr1843boost", "--json"]);
     let close = |field: &str, value: f64| {

@@ -26,7 +26,8 @@ pub struct TokenizerFile {
     pub kind: String,
     /// Architecture.
     pub model: TokenizerConfig,
-    /// How it was trained, for the record; not read.
+    /// How it was trained, for the record. Encoding does not read it; `radar lint` compares with
+    /// `radars`, the names of the radars of the training clips.
     #[serde(default)]
     pub training: serde_json::Value,
 }

@@ -1,0 +1,275 @@
+//! What is wrong with a radar description, and what may surprise its owner.
+//!
+//! [`lint_ti_cfg`] and [`lint_radar_toml`] read a file and point into it; [`lint`] looks at a radar that
+//! exists already. Rules, by module: here what makes a file no radar, [`rules`] the chirp and the
+//! scene, [`budgets`] what the hardware must carry, [`model`] what a trained model has seen.
+//!
+//! | rule | severity | says |
+//! |---|---|---|
+//! | `syntax`, `missing-command`, `missing-field`, `unknown-base` | error | the file cannot be read |
+//! | `unsupported` | error | readable, but no [`RadarConfig`] can express it |
+//! | `tx-mask`, `undefined-chirp`, `undefined-profile`, `antenna-geometry` | error | chirps or antennas that are not there |
+//! | `adc-window`, `frame-period`, `radar-value` | error | a radar that cannot be |
+//! | `band` | error for a known board, else warning | the ramp leaves the part's band |
+//! | `adc-rate` | error for a known board, else warning | more samples a second than the part has |
+//! | `lvds-budget` | error if the file turns the stream on, else warning or note | raw samples do not fit LVDS or Ethernet |
+//! | `l3-memory` | warning if the firmware must process, else note | the cube does not fit on the chip |
+//! | `uart-budget`, `no-points` | warning, or note where raw samples go out | points do not fit the serial port |
+//! | `duty-cycle`, `idle-time`, `adc-start` | warning | chirp timing that parts dislike |
+//! | `range-resolution`, `range-ambiguity`, `velocity-resolution`, `velocity-ambiguity`, `single-loop`, `frame-rate`, `no-azimuth`, `no-elevation` | warning | too little for describing people |
+//! | `model-frame-rate`, `model-velocity`, `model-velocity-resolution`, `model-range-resolution`, `model-array` | warning | unlike the radar the model was trained on |
+//! | `board-guessed`, `model-radar` | note | what was assumed or could not be compared |
+
+pub mod budgets;
+pub mod model;
+pub mod rules;
+
+use std::fmt;
+
+use radarllm_base::RadarConfig;
+use radarllm_base::radar_config::RadarConfigError;
+
+use crate::boards::Board;
+use crate::radar_toml::{self, RadarTomlError};
+use crate::span::{Places, Span};
+use crate::ti_cfg::{GuiMonitor, TiCfg, TiCfgError};
+pub use model::ModelExpectations;
+
+/// How bad it is, worst first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Severity {
+    /// The radar cannot be, or cannot do what its file asks.
+    Error,
+    /// It works, and will disappoint.
+    Warning,
+    /// Worth knowing.
+    Note,
+}
+
+impl fmt::Display for Severity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Severity::Error => "error",
+            Severity::Warning => "warning",
+            Severity::Note => "note",
+        })
+    }
+}
+
+/// One remark.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Finding {
+    /// Field or group of [`RadarConfig`]; the command or key where a file has a mistake beside it.
+    pub field: String,
+    /// Stable name of the rule, kebab case.
+    pub rule: &'static str,
+    /// How bad it is.
+    pub severity: Severity,
+    /// What is wrong or weak, with numbers.
+    pub message: String,
+    /// Where, for files; `None` for what no single value is to blame for.
+    pub span: Option<Span>,
+}
+
+/// What the rules look at.
+struct Subject<'a> {
+    radar: &'a RadarConfig,
+    /// The board, if known or guessed.
+    board: Option<Board>,
+    board_guessed: bool,
+    /// Whether raw samples go out over LVDS; `None` if the description does not say.
+    lvds_samples: Option<bool>,
+    gui_monitor: Option<GuiMonitor>,
+}
+
+impl<'a> Subject<'a> {
+    fn of(radar: &'a RadarConfig) -> Self {
+        Self {
+            radar,
+            board: Board::ALL.into_iter().find(|b| b.name() == radar.name),
+            board_guessed: false,
+            lvds_samples: None,
+            gui_monitor: None,
+        }
+    }
+
+    /// Exceeding a guessed part's limit may be the guess's fault.
+    fn part_severity(&self) -> Severity {
+        if self.board_guessed || self.board.is_none() {
+            Severity::Warning
+        } else {
+            Severity::Error
+        }
+    }
+}
+
+/// Findings so far, and where in the file the fields stand.
+#[derive(Default)]
+struct Report {
+    places: Places,
+    findings: Vec<Finding>,
+}
+
+impl Report {
+    /// Adds a remark on the value at `place`, which is a field of the radar or one of the reader's
+    /// other places.
+    fn say(
+        &mut self,
+        severity: Severity,
+        rule: &'static str,
+        place: &'static str,
+        message: impl Into<String>,
+    ) {
+        self.findings.push(Finding {
+            field: place.into(),
+            rule,
+            severity,
+            message: message.into(),
+            span: self.places.get(place).cloned(),
+        });
+    }
+
+    /// Whether one of the rules has spoken.
+    fn has(&self, rules: &[&str]) -> bool {
+        self.findings.iter().any(|f| rules.contains(&f.rule))
+    }
+
+    fn impossible(&mut self, problem: RadarConfigError) {
+        let rule = match problem.field {
+            "adc_start_s" if problem.problem.contains("window") => "adc-window",
+            "frame_period_s" if problem.problem.contains("chirps") => "frame-period",
+            _ => "radar-value",
+        };
+        self.say(Severity::Error, rule, problem.field, problem.problem);
+    }
+
+    /// Rules on the chirp for any radar with numbers; the rest only if nothing was wrong before.
+    fn inspect(&mut self, subject: &Subject, model: Option<&ModelExpectations>) {
+        let possible = self.findings.is_empty();
+        if subject.board_guessed {
+            let message = format!(
+                "no `% Platform:` line for a single board and no antGeometry lines: {} is assumed",
+                subject.radar.name
+            );
+            self.say(Severity::Note, "board-guessed", "name", message);
+        }
+        rules::chirp(self, subject);
+        if possible {
+            rules::scene(self, subject.radar);
+            budgets::memory(self, subject);
+            budgets::lvds(self, subject);
+            budgets::uart(self, subject, model);
+            if let Some(model) = model {
+                model::compare(self, subject.radar, model);
+            }
+        }
+    }
+
+    /// In the order of the file, what has no place last and the worst of that first.
+    fn sorted(mut self) -> Vec<Finding> {
+        self.findings.sort_by_key(|f| {
+            let place = f.span.as_ref().map(|s| (s.line, s.columns.start));
+            (place.is_none(), place, f.severity)
+        });
+        self.findings
+    }
+}
+
+/// Remarks on a radar meant for describing people; empty if there is nothing to say.
+///
+/// Limits of a part are known for radars that bear a board's name ([`Board::name`]).
+pub fn lint(radar: &RadarConfig, model: Option<&ModelExpectations>) -> Vec<Finding> {
+    let mut report = Report::default();
+    for problem in radar.problems() {
+        report.impossible(problem);
+    }
+    report.inspect(&Subject::of(radar), model);
+    report.sorted()
+}
+
+/// Remarks on a chirp file of TI's SDK, with their places and in the order of the file.
+pub fn lint_ti_cfg(text: &str, model: Option<&ModelExpectations>) -> Vec<Finding> {
+    let reading = TiCfg::read(text, None);
+    let mut report = Report {
+        places: reading.places,
+        findings: Vec::new(),
+    };
+    for error in reading.errors {
+        match error {
+            TiCfgError::Radar(problem) => report.impossible(problem),
+            TiCfgError::Missing(command) => {
+                let message = TiCfgError::Missing(command).to_string();
+                report.say(Severity::Error, "missing-command", command, message);
+            }
+            TiCfgError::Line {
+                rule,
+                line,
+                columns,
+                text: quoted,
+                problem,
+            } => {
+                let command = text.lines().nth(line - 1).unwrap_or("");
+                let command = command.split_whitespace().next().unwrap_or("").to_owned();
+                report.findings.push(Finding {
+                    field: command.clone(),
+                    rule,
+                    severity: Severity::Error,
+                    message: format!("`{quoted}`: {problem}"),
+                    span: Some(Span {
+                        line,
+                        columns,
+                        what: command,
+                    }),
+                });
+            }
+        }
+    }
+    if let Some(radar) = &reading.draft {
+        let subject = Subject {
+            board_guessed: reading.board_guessed,
+            lvds_samples: reading.lvds_samples,
+            gui_monitor: reading.gui_monitor,
+            ..Subject::of(radar)
+        };
+        report.inspect(&subject, model);
+    }
+    report.sorted()
+}
+
+/// Remarks on a radar in our own format, with their places and in the order of the file.
+pub fn lint_radar_toml(text: &str, model: Option<&ModelExpectations>) -> Vec<Finding> {
+    let mut report = Report {
+        places: radar_toml::places(text),
+        findings: Vec::new(),
+    };
+    match radar_toml::draft(text) {
+        Ok(radar) => {
+            for problem in radar_toml::problems(&radar) {
+                report.impossible(problem);
+            }
+            report.inspect(&Subject::of(&radar), model);
+        }
+        Err(error) => {
+            let whole = error.to_string();
+            match error {
+                RadarTomlError::Missing(field) => {
+                    report.say(Severity::Error, "missing-field", field, whole);
+                }
+                RadarTomlError::Base(_) => {
+                    report.say(Severity::Error, "unknown-base", "base", whole);
+                }
+                RadarTomlError::Syntax(_) | RadarTomlError::Radar(_) => {
+                    let (message, span) = radar_toml::syntax_error(text).unwrap_or((whole, None));
+                    report.findings.push(Finding {
+                        field: String::new(),
+                        rule: "syntax",
+                        severity: Severity::Error,
+                        message,
+                        span,
+                    });
+                }
+            }
+        }
+    }
+    report.sorted()
+}

@@ -1,0 +1,110 @@
+//! What a trained model has seen, and what a radar would show it instead.
+
+use radarllm_base::RadarConfig;
+
+use super::{Report, Severity, rules};
+
+/// What a model was trained on, as far as it is known.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ModelExpectations {
+    /// Name for reports.
+    pub model: String,
+    /// Frames per second it reads.
+    pub frame_rate_hz: f64,
+    /// Strongest points of a frame that it reads.
+    pub max_points: usize,
+    /// The radar of its training data, if recorded.
+    pub radar: Option<RadarConfig>,
+}
+
+/// Recordings at another rate are refused beyond this share: a model hears time in frames.
+const RATE_TOLERANCE: f64 = 0.05;
+/// Bins this many times coarser than in training change what a body looks like.
+const COARSER: f64 = 2.0;
+/// A maximum speed or an array this much smaller is another radar.
+const SMALLER: f64 = 0.75;
+
+/// Compares a radar that can exist with the one of the training data. Where a rule for all models has
+/// already spoken, nothing is added.
+pub(super) fn compare(report: &mut Report, radar: &RadarConfig, model: &ModelExpectations) {
+    let name = &model.model;
+    let rate_hz = radar.frame_rate_hz();
+    if (rate_hz / model.frame_rate_hz - 1.0).abs() > RATE_TOLERANCE {
+        let message = format!(
+            "{rate_hz:.2} frames/s, but {name} reads {:.0}: `describe` refuses such recordings; a period \
+             of {:.0} ms fits",
+            model.frame_rate_hz,
+            1e3 / model.frame_rate_hz
+        );
+        report.say(
+            Severity::Warning,
+            "model-frame-rate",
+            "frame_period_s",
+            message,
+        );
+    }
+    let Some(trained) = &model.radar else {
+        let message = format!(
+            "{name} does not say which radar it was trained on: velocity, range and array are not compared"
+        );
+        report.say(Severity::Note, "model-radar", "name", message);
+        return;
+    };
+    let moves = !report.has(&["single-loop"]);
+    let coarse_velocity = report.has(&["velocity-resolution"]);
+    let coarse_range = report.has(&["range-resolution"]);
+    let folds = report.has(&["velocity-ambiguity"]);
+    let flat = report.has(&["no-azimuth"]);
+    let mut warn = |rule, place, message: String| {
+        report.say(Severity::Warning, rule, place, message);
+    };
+    let (v, trained_v) = (radar.max_velocity_mps(), trained.max_velocity_mps());
+    if moves && !folds && v < SMALLER * trained_v {
+        let message = format!(
+            "speeds fold at {v:.2} m/s, in the training of {name} at {trained_v:.2} m/s: quick limbs \
+             come with the wrong sign"
+        );
+        warn("model-velocity", rules::slow_part(radar), message);
+    }
+    let (bin, trained_bin) = (
+        radar.velocity_resolution_mps(),
+        trained.velocity_resolution_mps(),
+    );
+    if moves && !coarse_velocity && bin > COARSER * trained_bin {
+        let message = format!(
+            "velocity bins of {bin:.3} m/s, in the training of {name} {trained_bin:.3} m/s: slow \
+             movements vanish with the clutter"
+        );
+        warn("model-velocity-resolution", "n_loops", message);
+    }
+    let (bin, trained_bin) = (radar.range_resolution_m(), trained.range_resolution_m());
+    if !coarse_range && bin > COARSER * trained_bin {
+        let message = format!(
+            "range bins of {bin:.3} m, in the training of {name} {trained_bin:.3} m: a body gives fewer \
+             points"
+        );
+        warn("model-range-resolution", "slope_hz_per_s", message);
+    }
+    // In wavelengths, for that is what angles are made of.
+    let aperture = |r: &RadarConfig| rules::aperture_m(r).map(|m| m / r.wavelength_m());
+    let ([width, height], [trained_width, trained_height]) = (aperture(radar), aperture(trained));
+    if height < 0.01 && trained_height > 0.01 {
+        let message = format!(
+            "the array sees no elevation, in the training of {name} it did: with every point at radar \
+             height, sentences cannot be trusted"
+        );
+        warn("model-array", "tx", message);
+    }
+    if !flat && width < SMALLER * trained_width {
+        let message = format!(
+            "the array is {width:.1} wavelengths wide, in the training of {name} {trained_width:.1}: points \
+             scatter more to the sides"
+        );
+        let place = if radar.rx.len() < trained.rx.len() {
+            "rx"
+        } else {
+            "tx"
+        };
+        warn("model-array", place, message);
+    }
+}
