@@ -11,7 +11,18 @@ pub struct Antenna {
     pub z_m: f64,
 }
 
-/// An FMCW radar with TDM-MIMO. Build with [`RadarConfig::awr1843boost`] or a loader, then call
+/// How transmitters share the slots of a loop.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Firing {
+    /// Time division: transmitter i alone in slot i.
+    #[default]
+    Tdm,
+    /// Binary phase modulation of two transmitters: both in every slot, the second inverted in slot
+    /// 1 (2 x 2 Hadamard code). Every echo is heard twice a loop: 3 dB for each virtual channel.
+    Bpm,
+}
+
+/// An FMCW MIMO radar. Build with [`RadarConfig::awr1843boost`] or a loader, then call
 /// [`RadarConfig::validate`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct RadarConfig {
@@ -31,12 +42,14 @@ pub struct RadarConfig {
     pub n_samples: usize,
     /// ADC rate, samples/s.
     pub sample_rate_hz: f64,
-    /// Loops of the TDM sequence per frame.
+    /// Loops of the firing sequence per frame.
     pub n_loops: usize,
     /// Frame period, s.
     pub frame_period_s: f64,
-    /// Transmitters in firing order: entry i fires in slot i of every loop.
+    /// Transmitters, as many as slots in a loop; with [`Firing::Tdm`] entry i fires in slot i.
     pub tx: Vec<Antenna>,
+    /// Which of them fire in which slot.
+    pub firing: Firing,
     /// Receivers.
     pub rx: Vec<Antenna>,
     /// Transmit power per antenna, dBm.
@@ -88,6 +101,7 @@ impl RadarConfig {
             n_loops: 128,
             frame_period_s: 0.1,
             tx: vec![antenna(0.0, 0.0), antenna(4.0, 0.0), antenna(2.0, 1.0)],
+            firing: Firing::Tdm,
             rx: (0..4).map(|i| antenna(f64::from(i), 0.0)).collect(),
             tx_power_dbm: 12.0,
             antenna_gain_dbi: 10.5,
@@ -107,9 +121,18 @@ impl RadarConfig {
         self.chirp_period_s() * self.tx.len() as f64
     }
 
-    /// Start of the ramp of (loop, tx slot) after the frame start, s.
-    pub fn ramp_start_s(&self, loop_idx: usize, tx_idx: usize) -> f64 {
-        self.chirp_period_s() * (loop_idx * self.tx.len() + tx_idx) as f64 + self.idle_s
+    /// Start of the ramp of (loop, slot) after the frame start, s.
+    pub fn ramp_start_s(&self, loop_idx: usize, slot: usize) -> f64 {
+        self.chirp_period_s() * (loop_idx * self.tx.len() + slot) as f64 + self.idle_s
+    }
+
+    /// Factor of transmitter `tx_idx` in `slot`: 1, 0 or -1.
+    pub fn tx_weight(&self, slot: usize, tx_idx: usize) -> f64 {
+        match self.firing {
+            Firing::Tdm => f64::from(u8::from(slot == tx_idx)),
+            Firing::Bpm if slot == 1 && tx_idx == 1 => -1.0,
+            Firing::Bpm => 1.0,
+        }
     }
 
     /// Bandwidth swept while the ADC samples, Hz.
@@ -214,6 +237,13 @@ impl RadarConfig {
                 ));
             }
         }
+        if self.firing == Firing::Bpm && self.tx.len() != 2 {
+            let problem = format!(
+                "binary phase modulation takes two transmitters, found {}",
+                self.tx.len()
+            );
+            problems.push(error("firing", problem));
+        }
         if !problems.is_empty() {
             return problems;
         }
@@ -272,7 +302,26 @@ mod tests {
             frame_period_s: 0.01,
             ..radar
         };
-        let fields: Vec<_> = worse.problems().iter().map(|p| p.field).collect();
-        assert_eq!(fields, ["adc_start_s", "frame_period_s"]);
+        assert_eq!(fields(&worse), ["adc_start_s", "frame_period_s"]);
+    }
+
+    #[test]
+    fn phase_modulation_is_a_hadamard_code_of_two() {
+        let mut radar = RadarConfig {
+            firing: Firing::Bpm,
+            ..RadarConfig::awr1843boost()
+        };
+        assert_eq!(fields(&radar), ["firing"]);
+        radar.tx.truncate(2);
+        assert_eq!(fields(&radar), [] as [&str; 0]);
+        let code = [0, 1].map(|slot| [0, 1].map(|tx| radar.tx_weight(slot, tx)));
+        assert_eq!(code, [[1.0, 1.0], [1.0, -1.0]]);
+        let tdm = RadarConfig::awr1843boost();
+        let slots = [0, 1, 2].map(|slot| [0, 1, 2].map(|tx| tdm.tx_weight(slot, tx)));
+        assert_eq!(slots, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+    }
+
+    fn fields(radar: &RadarConfig) -> Vec<&'static str> {
+        radar.problems().iter().map(|p| p.field).collect()
     }
 }

@@ -5,10 +5,11 @@
 //! name = "mine"
 //! n_loops = 64
 //! tx = [{ x_m = 0.0, z_m = 0.0 }, { x_m = 0.00779, z_m = 0.0 }]   # firing order
+//! firing = "bpm"          # or "tdm", the default: see [`Firing`]
 //! ```
 
 use radarllm_base::RadarConfig;
-use radarllm_base::radar_config::{Antenna, RadarConfigError};
+use radarllm_base::radar_config::{Antenna, Firing, RadarConfigError};
 use serde::{Deserialize, Serialize};
 
 use crate::builtin::{BUILTIN_NAMES, builtin_radar};
@@ -38,6 +39,13 @@ struct Place {
     z_m: f64,
 }
 
+#[derive(Clone, Copy, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum FiringName {
+    Tdm,
+    Bpm,
+}
+
 #[derive(Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Fields {
@@ -57,6 +65,7 @@ struct Fields {
     azimuth_half_width_rad: Option<f64>,
     elevation_half_width_rad: Option<f64>,
     noise_figure_db: Option<f64>,
+    firing: Option<FiringName>,
     tx: Option<Vec<Place>>,
     rx: Option<Vec<Place>>,
 }
@@ -108,7 +117,13 @@ pub(crate) fn draft(text: &str) -> Result<RadarConfig, RadarTomlError> {
         (None, _, None) => return Err(RadarTomlError::Missing("tx")),
         (_, None, None) => return Err(RadarTomlError::Missing("rx")),
     };
+    let firing = match (file.firing, &base) {
+        (Some(FiringName::Tdm), _) => Firing::Tdm,
+        (Some(FiringName::Bpm), _) => Firing::Bpm,
+        (None, base) => base.as_ref().map_or(Firing::Tdm, |b| b.firing),
+    };
     Ok(RadarConfig {
+        firing,
         name: field!(name),
         start_hz: field!(start_hz),
         slope_hz_per_s: field!(slope_hz_per_s),
@@ -152,7 +167,8 @@ pub(crate) fn problems(radar: &RadarConfig) -> Vec<RadarConfigError> {
 
 /// Where the values of a radar file stand, by key; empty if the text is no TOML.
 pub(crate) fn places(text: &str) -> Places {
-    const KEYS: [&str; 18] = [
+    const KEYS: [&str; 19] = [
+        "firing",
         "base",
         "name",
         "start_hz",
@@ -226,6 +242,10 @@ pub fn radar_to_toml(radar: &RadarConfig) -> Result<String, RadarTomlError> {
         azimuth_half_width_rad: Some(radar.azimuth_half_width_rad),
         elevation_half_width_rad: Some(radar.elevation_half_width_rad),
         noise_figure_db: Some(radar.noise_figure_db),
+        firing: Some(match radar.firing {
+            Firing::Tdm => FiringName::Tdm,
+            Firing::Bpm => FiringName::Bpm,
+        }),
         tx: places(&radar.tx),
         rx: places(&radar.rx),
     };
@@ -238,7 +258,11 @@ mod tests {
 
     #[test]
     fn written_radars_read_back_bit_for_bit() {
-        for radar in crate::builtin_radars() {
+        let phase_modulated = RadarConfig {
+            firing: Firing::Bpm,
+            ..crate::builtin_radar("awr1642boost").unwrap()
+        };
+        for radar in crate::builtin_radars().into_iter().chain([phase_modulated]) {
             let text = radar_to_toml(&radar).unwrap();
             assert_eq!(radar_from_toml(&text).unwrap(), radar, "{text}");
         }
@@ -267,6 +291,8 @@ mod tests {
         );
         assert!(error("base = \"awr1843boost\"\nloops = 3").contains("line 2"));
         assert!(error("base = \"awr1843boost\"\nn_loops = 0").contains("n_loops"));
+        assert!(error("base = \"awr1843boost\"\nfiring = \"bpm\"").contains("two transmitters"));
+        assert!(error("base = \"awr1843boost\"\nfiring = \"cdm\"").contains("line 2"));
         assert!(error("base = \"awr1843boost\"\nn_loops = -1").contains("line 2"));
         assert!(error("base = \"awr1843boost\"\nidle_s = nan").contains("idle_s"));
         assert!(error("base = \"awr1843boost\"\nrx = [{x_m = inf, z_m = 0}]").contains("rx"));

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use radarllm_base::RadarConfig;
-use radarllm_base::radar_config::RadarConfigError;
+use radarllm_base::radar_config::{Firing, RadarConfigError};
 
 use crate::boards::Board;
 use crate::span::{Places, Span};
@@ -30,7 +30,7 @@ pub struct TiCfg {
     pub board: Board,
     /// Whether the board is a guess: no `% Platform:` line and no `antGeometry` lines name it.
     pub board_guessed: bool,
-    /// Transmitter (from 1) of every TDM slot.
+    /// Transmitter (from 1) of every slot; with binary phase modulation both, the inverted one last.
     pub slots: Vec<u8>,
     /// Receivers (from 1) in use.
     pub receivers: Vec<u8>,
@@ -134,7 +134,8 @@ impl TiCfg {
     ///
     /// # Errors
     /// [`TiCfgError::Line`] for anything unreadable or that a [`RadarConfig`] cannot express (advanced
-    /// frames, continuous wave, real samples, two transmitters at once, chirps that differ),
+    /// frames, continuous wave, real samples, two transmitters at once but for `bpmCfg`, chirps that
+    /// differ),
     /// [`TiCfgError::Missing`], and [`TiCfgError::Radar`] for timing that cannot be.
     pub fn parse(text: &str, board: Option<Board>) -> Result<Self, TiCfgError> {
         let reading = Self::read(text, board);
@@ -285,6 +286,13 @@ struct Frame {
     command: Command,
 }
 
+/// `bpmCfg` that is on: the chirp with both transmitters in phase, and the one with the second inverted.
+struct PhaseModulation {
+    in_phase: u32,
+    inverted: u32,
+    command: Command,
+}
+
 #[derive(Default)]
 struct File {
     platform: Option<Board>,
@@ -293,6 +301,7 @@ struct File {
     profiles: BTreeMap<u32, Profile>,
     chirps: BTreeMap<u32, Chirp>,
     frame: Option<Frame>,
+    phase_modulation: Option<PhaseModulation>,
     geometry: [Option<(Word, Vec<f64>)>; 2],
     q_first: Option<bool>,
     clutter: Option<bool>,
@@ -387,11 +396,14 @@ impl File {
                 });
             }
             "bpmCfg" => {
-                if command.whole(1, "enabled", 0..2)? == 1 {
-                    return Err(command
-                        .name
-                        .refuse("unsupported", "binary phase modulation is not TDM"));
-                }
+                self.phase_modulation = match command.whole(1, "enabled", 0..2)? {
+                    1 => Some(PhaseModulation {
+                        in_phase: command.whole(2, "chirp in phase", 0..MAX_CHIRPS)?,
+                        inverted: command.whole(3, "inverted chirp", 0..MAX_CHIRPS)?,
+                        command,
+                    }),
+                    _ => None,
+                };
             }
             "clutterRemoval" => {
                 // Older files have no sub-frame number in front.
@@ -608,6 +620,10 @@ impl File {
             n_loops: frame.n_loops as usize,
             frame_period_s: frame.period_s,
             tx,
+            firing: match self.phase_modulation {
+                Some(_) => Firing::Bpm,
+                None => Firing::Tdm,
+            },
             rx,
             tx_power_dbm: figures.tx_power_dbm - backoff_db,
             antenna_gain_dbi: figures.antenna_gain_dbi,
@@ -621,7 +637,7 @@ impl File {
             radar
                 .problems()
                 .into_iter()
-                .filter(|p| !(chirps_are_wrong && p.field == "tx"))
+                .filter(|p| !(chirps_are_wrong && ["tx", "firing"].contains(&p.field)))
                 .map(TiCfgError::Radar),
         );
         reading.draft = Some(radar.clone());
@@ -645,8 +661,8 @@ impl File {
         reading
     }
 
-    /// Transmitter of every chirp that the frame really uses, not of all that are defined, with the
-    /// mask that names it; and the first such chirp.
+    /// Transmitter of every slot, which are the chirps that the frame really uses and not all that are
+    /// defined, with the mask that names it; and the first such chirp.
     fn slots(
         &self,
         frame: &Frame,
@@ -679,21 +695,49 @@ impl File {
                     format!("chirp {index} differs from the others in more than its transmitter");
                 push_once(errors, chirp.mask_word.refuse("unsupported", problem));
             }
-            if chirp.tx_mask.count_ones() != 1 {
-                let problem = "one transmitter at a time (mask 1, 2 or 4) is supported";
+            let (n_wanted, problem) = match self.phase_modulation {
+                None => (
+                    1,
+                    "one transmitter at a time (mask 1, 2 or 4) is supported without bpmCfg",
+                ),
+                Some(_) => (
+                    2,
+                    "binary phase modulation takes two transmitters (mask 3, 5 or 6)",
+                ),
+            };
+            if chirp.tx_mask.count_ones() != n_wanted {
                 push_once(errors, chirp.mask_word.refuse("tx-mask", problem));
                 continue;
             }
-            if chirp.tx_mask & tx_mask == 0 {
+            if chirp.tx_mask & !tx_mask != 0 {
                 let problem = format!("channelCfg enables only transmitter mask {tx_mask}");
                 push_once(errors, chirp.mask_word.refuse("tx-mask", problem));
                 continue;
             }
+            if self.phase_modulation.is_some()
+                && let Some(other) = common
+                && other.tx_mask != chirp.tx_mask
+            {
+                let problem =
+                    "binary phase modulation takes the same two transmitters in both chirps";
+                push_once(errors, chirp.mask_word.refuse("tx-mask", problem));
+            }
             common = common.or(Some(chirp));
-            slots.push((
-                chirp.tx_mask.trailing_zeros() as u8 + 1,
-                chirp.mask_word.clone(),
-            ));
+            let transmitter = match self.phase_modulation {
+                // The first slot stands for the lower transmitter of the two, the second for the upper.
+                Some(_) if !slots.is_empty() => chirp.tx_mask.ilog2(),
+                _ => chirp.tx_mask.trailing_zeros(),
+            };
+            slots.push((transmitter as u8 + 1, chirp.mask_word.clone()));
+        }
+        if let Some(bpm) = &self.phase_modulation
+            && (frame.first, frame.last) != (bpm.in_phase, bpm.inverted)
+        {
+            let problem = format!(
+                "binary phase modulation takes a frame of its two chirps, {} and {}, and no others",
+                bpm.in_phase, bpm.inverted
+            );
+            errors.push(bpm.command.name.refuse("unsupported", problem));
         }
         (slots, common)
     }

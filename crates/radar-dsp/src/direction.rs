@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use num_complex::{Complex32, Complex64};
 use radarllm_base::RadarConfig;
+use radarllm_base::radar_config::Firing;
 use rustfft::{Fft, FftPlanner};
 
 use crate::array::{Element, VirtualArray};
@@ -56,7 +57,8 @@ impl DirectionFinder {
             n_slots: radar.tx.len(),
             n_rx: radar.rx.len(),
             n_loops: radar.n_loops,
-            compensate_tdm: options.compensate_tdm,
+            // Decoding phase modulation brings both transmitters to one time.
+            compensate_tdm: options.compensate_tdm && radar.firing == Firing::Tdm,
             array,
         }
     }

@@ -126,7 +126,7 @@ pub struct DspOptions {
     pub max_range_m: f64,
     /// Removal of what does not move.
     pub clutter: ClutterFilter,
-    /// Undo the phase a mover gathers between TDM slots. `false` exists to show the error.
+    /// Undo the phase a mover gathers between slots. `false` exists to show the error.
     pub compensate_tdm: bool,
     /// Refine the azimuth peak between FFT bins with a parabola through the log power.
     pub refine_azimuth: bool,

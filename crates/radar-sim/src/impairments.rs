@@ -8,7 +8,9 @@
 use std::f64::consts::{PI, TAU};
 
 use num_complex::{Complex32, Complex64};
-use radarllm_base::{RadarConfig, RadarCube, SPEED_OF_LIGHT_MPS, seed::derive_seed};
+use radarllm_base::{
+    RadarConfig, RadarCube, SPEED_OF_LIGHT_MPS, radar_config::Firing, seed::derive_seed,
+};
 
 use crate::error::SimError;
 use crate::noise::{NoiseGenerator, stream_bits};
@@ -120,7 +122,7 @@ impl Impairments {
     /// noise and losses.
     ///
     /// # Errors
-    /// A field out of range.
+    /// A field out of range, or errors of channels with [`Firing::Bpm`].
     pub fn apply(
         &self,
         config: &RadarConfig,
@@ -141,6 +143,14 @@ impl Impairments {
             );
         }
         if self.channel_phase_rad > 0.0 || self.channel_gain_db > 0.0 {
+            if config.firing == Firing::Bpm {
+                return Err(SimError::Option {
+                    option: "channel_phase_rad",
+                    problem: "errors of single channels cannot be added to a cube in which binary \
+                        phase modulation has already mixed the transmitters"
+                        .into(),
+                });
+            }
             let gains = self.channel_gains(cube.n_tx * cube.n_rx, seed);
             let chirps = cube.data.chunks_exact_mut(cube.n_samples);
             for (chirp, gain) in chirps.zip(gains.iter().cycle()) {

@@ -64,8 +64,8 @@ pub fn simulate_loops(
             _ => surfaces.trace(options, &link, &positions, &triangles, &coverage),
         };
         for loop_idx in from..to {
-            for tx_idx in 0..config.tx.len() {
-                let now_s = time_s + chirp_time_s(config, loop_idx, tx_idx);
+            for slot in 0..config.tx.len() {
+                let now_s = time_s + chirp_time_s(config, loop_idx, slot);
                 scene.positions_at(now_s, centre, options.min_range_m, &mut positions)?;
                 let mut scatterers =
                     scatterers(&link, scene, now_s, seed, &positions, &triangles, &coverage);
@@ -82,10 +82,16 @@ pub fn simulate_loops(
                     }
                 }));
                 for rx_idx in 0..config.rx.len() {
-                    let channel = loop_idx * config.tx.len() + tx_idx;
-                    let start = (channel * config.rx.len() + rx_idx) * config.n_samples;
+                    let chirp = loop_idx * config.tx.len() + slot;
+                    let start = (chirp * config.rx.len() + rx_idx) * config.n_samples;
                     let samples = &mut cube.data[start..start + config.n_samples];
-                    let sum = chirp(config, &scatterers, tx_idx, rx_idx);
+                    let mut sum = vec![Complex64::ZERO; config.n_samples];
+                    for tx_idx in 0..config.tx.len() {
+                        let weight = config.tx_weight(slot, tx_idx);
+                        if weight != 0.0 {
+                            add_echoes(config, &scatterers, tx_idx, rx_idx, weight, &mut sum);
+                        }
+                    }
                     for (sample, value) in samples.iter_mut().zip(sum) {
                         *sample = num_complex::Complex32::new(value.re as f32, value.im as f32);
                     }
@@ -158,24 +164,26 @@ fn scatterers(
     out
 }
 
-fn chirp(
+/// Adds what one receiver hears of one transmitter in a chirp.
+fn add_echoes(
     config: &RadarConfig,
     scatterers: &[Scatterer],
     tx_idx: usize,
     rx_idx: usize,
-) -> Vec<Complex64> {
+    weight: f64,
+    out: &mut [Complex64],
+) {
     let antenna = |a: radarllm_base::radar_config::Antenna| DVec3::new(a.x_m, 0.0, a.z_m);
     let (tx, rx) = (antenna(config.tx[tx_idx]), antenna(config.rx[rx_idx]));
-    let mut out = vec![Complex64::ZERO; config.n_samples];
     for scatterer in scatterers {
+        let amplitude = weight * scatterer.amplitude;
         let path_m = scatterer.seen_by_tx.distance(tx) + scatterer.seen_by_rx.distance(rx);
         let tau_s = path_m / SPEED_OF_LIGHT_MPS;
         let slope = config.slope_hz_per_s;
         for (n, sample) in out.iter_mut().enumerate() {
             let t = config.adc_start_s + n as f64 / config.sample_rate_hz;
             let turns = (config.start_hz + slope * t - 0.5 * slope * tau_s) * tau_s;
-            *sample += scatterer.amplitude * Complex64::from_polar(1.0, TAU * turns.fract());
+            *sample += amplitude * Complex64::from_polar(1.0, TAU * turns.fract());
         }
     }
-    out
 }

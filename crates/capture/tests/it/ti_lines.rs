@@ -112,6 +112,36 @@ fn masked_receivers_are_left_out() {
     );
 }
 
+/// SDK 3 user guide: both azimuth transmitters in both chirps, the second inverted in `chirp1Idx`.
+#[test]
+fn phase_modulation_takes_two_transmitters_in_two_chirps() {
+    let text = GOOD
+        .replace("0 0 0 0 0 0 0 1", "0 0 0 0 0 0 0 5")
+        .replace("1 1 0 0 0 0 0 4", "1 1 0 0 0 0 0 5")
+        .replace("frameCfg 0 2", "frameCfg 0 1")
+        .replace("guiMonitor -1 1 1 0 0 0 1", "bpmCfg -1 1 0 1");
+    let cfg = TiCfg::parse(&text, None).unwrap();
+    assert_eq!(cfg.slots, [1, 3]);
+    let reference = radarllm_base::RadarConfig::awr1843boost();
+    assert_eq!(cfg.radar.firing, radarllm_base::radar_config::Firing::Bpm);
+    for (a, b) in cfg.radar.tx.iter().zip(&reference.tx[..2]) {
+        // Half a wavelength times 4, or 4 times half a wavelength.
+        assert!((a.x_m - b.x_m).abs() < 1e-12 && (a.z_m - b.z_m).abs() < 1e-12);
+    }
+    let refused = |from: &str, to: &str| {
+        assert!(text.contains(from), "{from}");
+        TiCfg::parse(&text.replace(from, to), None)
+            .unwrap_err()
+            .to_string()
+    };
+    assert!(refused("1 1 0 0 0 0 0 5", "1 1 0 0 0 0 0 4").contains("two transmitters"));
+    assert!(refused("1 1 0 0 0 0 0 5", "1 1 0 0 0 0 0 6").contains("same two"));
+    assert!(refused("channelCfg 15 7", "channelCfg 15 3").contains("enables only"));
+    assert!(refused("bpmCfg -1 1 0 1", "bpmCfg -1 1 0 2").contains("0 and 2"));
+    assert!(refused("bpmCfg -1 1 0 1", "bpmCfg -1 1 0").contains("missing"));
+    assert!(refused("bpmCfg -1 1 0 1", "bpmCfg -1 0 0 1").contains("one transmitter"));
+}
+
 #[test]
 fn boards_can_be_stated() {
     let text = GOOD.replace("frameCfg 0 2", "frameCfg 0 0");
@@ -162,9 +192,9 @@ fn what_cannot_be_a_cube_is_refused_with_its_place() {
     refused_at(
         "guiMonitor -1 1 1 0 0 0 1",
         "bpmCfg -1 1 0 1",
-        11,
-        1,
-        "phase modulation",
+        7,
+        24,
+        "two transmitters",
     );
     refused_at(
         "guiMonitor -1 1 1 0 0 0 1",

@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use radarllm_base::RadarConfig;
+use radarllm_base::{RadarConfig, radar_config::Firing};
 use radarllm_capture::{Finding, ModelExpectations, Severity, Span};
 use radarllm_model::{lm::FRAME_RATE_HZ, tokenizer::encode::TokenizerFile};
 use radarllm_synth::synthesizer::{RadarSource, open_radar, read_radar};
@@ -31,6 +31,7 @@ struct Figures {
     n_rx: usize,
     n_loops: usize,
     n_samples: usize,
+    firing: &'static str,
     carrier_hz: f64,
     sampled_bandwidth_hz: f64,
 }
@@ -48,6 +49,10 @@ impl From<&RadarConfig> for Figures {
             n_rx: radar.rx.len(),
             n_loops: radar.n_loops,
             n_samples: radar.n_samples,
+            firing: match radar.firing {
+                Firing::Tdm => "tdm",
+                Firing::Bpm => "bpm",
+            },
             carrier_hz: radar.carrier_hz(),
             sampled_bandwidth_hz: radar.sampled_bandwidth_hz(),
         }
@@ -118,8 +123,8 @@ fn show(radar: &RadarConfig, json: bool) -> CliResult {
         output::print_line(&format!("{name:<36} {value:.4} {unit}"));
     }
     output::print_line(&format!(
-        "{:<36} {} TX x {} RX, {} loops, {} samples",
-        "cube", f.n_tx, f.n_rx, f.n_loops, f.n_samples
+        "{:<36} {} TX ({}) x {} RX, {} loops, {} samples",
+        "cube", f.n_tx, f.firing, f.n_rx, f.n_loops, f.n_samples
     ));
     Ok(())
 }

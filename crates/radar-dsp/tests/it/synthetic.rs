@@ -55,7 +55,7 @@ pub fn norm(v: [f64; 3]) -> f64 {
 }
 
 /// Sum over targets of a * exp j[2 pi f0 tau + 2 pi S t tau - pi S tau^2], tau the two-way delay from
-/// each transmitter over the target's place at the very moment to each receiver.
+/// each firing transmitter over the target's place at the very moment to each receiver.
 pub fn cube(radar: &RadarConfig, targets: &[Target]) -> RadarCube {
     let mut cube = RadarCube::zeros(
         radar.n_loops,
@@ -65,7 +65,7 @@ pub fn cube(radar: &RadarConfig, targets: &[Target]) -> RadarCube {
     );
     let mut i = 0;
     for loop_idx in 0..radar.n_loops {
-        for (slot, tx) in radar.tx.iter().enumerate() {
+        for slot in 0..radar.tx.len() {
             for rx in &radar.rx {
                 for n in 0..radar.n_samples {
                     let t = radar.adc_start_s + n as f64 / radar.sample_rate_hz;
@@ -73,12 +73,19 @@ pub fn cube(radar: &RadarConfig, targets: &[Target]) -> RadarCube {
                     let mut sum = Complex64::ZERO;
                     for target in targets {
                         let [x, y, z] = target.at(now_s);
-                        let out_m = norm([x - tx.x_m, y, z - tx.z_m]);
-                        let back_m = norm([x - rx.x_m, y, z - rx.z_m]);
-                        let tau = (out_m + back_m) / SPEED_OF_LIGHT_MPS;
-                        let turns = (radar.start_hz + radar.slope_hz_per_s * t) * tau
-                            - 0.5 * radar.slope_hz_per_s * tau * tau;
-                        sum += Complex64::from_polar(target.amplitude, TAU * turns.fract());
+                        for (tx_idx, tx) in radar.tx.iter().enumerate() {
+                            let weight = radar.tx_weight(slot, tx_idx);
+                            if weight == 0.0 {
+                                continue;
+                            }
+                            let out_m = norm([x - tx.x_m, y, z - tx.z_m]);
+                            let back_m = norm([x - rx.x_m, y, z - rx.z_m]);
+                            let tau = (out_m + back_m) / SPEED_OF_LIGHT_MPS;
+                            let turns = (radar.start_hz + radar.slope_hz_per_s * t) * tau
+                                - 0.5 * radar.slope_hz_per_s * tau * tau;
+                            let phasor = Complex64::from_polar(1.0, TAU * turns.fract());
+                            sum += weight * target.amplitude * phasor;
+                        }
                     }
                     cube.data[i] = Complex32::new(sum.re as f32, sum.im as f32);
                     i += 1;

@@ -1,7 +1,7 @@
 //! Thermal noise of the virtual radar as the signal chain sees it.
 
 use radarllm_base::{BOLTZMANN_J_PER_K, RadarConfig};
-use radarllm_radar_dsp::{Detector, DspOptions, ImpossibleDirection, window::hamming};
+use radarllm_radar_dsp::{Detector, DspOptions, ImpossibleDirection, Window};
 use radarllm_radar_sim::Scene;
 use radarllm_synth::{Method, Synthesizer};
 
@@ -36,7 +36,13 @@ fn noise_floor_and_false_alarms_are_those_of_k_t_b_f() {
             (alarms as f64 - expected).abs() < 4.0 * (2.0 * expected).sqrt(),
             "{alarms} for {expected}"
         );
-        let energy = |n| hamming(n).iter().map(|w| f64::from(w * w)).sum::<f64>();
+        let energy = |n| {
+            Window::Hamming
+                .weights(n)
+                .iter()
+                .map(|w| f64::from(w * w))
+                .sum::<f64>()
+        };
         let noise_w =
             BOLTZMANN_J_PER_K * 290.0 * radar.sample_rate_hz * 10_f64.powf(0.1 * noise_figure_db);
         let floor = f64::from(chain.extractor().0.noise_floor().unwrap());
