@@ -11,6 +11,9 @@ pub struct Material {
     pub roughness_m: f32,
     /// Strength rho of the rough (incoherent, body-locked) term sigma = 4 rho A cos^2(theta).
     pub rough_albedo: f32,
+    /// Power that passes through the surface into what lies behind it, one way, in 0..=1; 0 is opaque.
+    /// Together with [`Self::power_reflection`] at most 1.
+    pub power_transmission: f32,
 }
 
 impl Material {
@@ -19,6 +22,7 @@ impl Material {
         power_reflection: 1.0,
         roughness_m: 0.0,
         rough_albedo: 0.0,
+        power_transmission: 0.0,
     };
 }
 

@@ -16,6 +16,7 @@ const CLOTH: Material = Material {
     power_reflection: 0.34,
     roughness_m: 0.5e-3,
     rough_albedo: 0.1,
+    power_transmission: 0.0,
 };
 
 /// Limbs that swing like pendulums, as one surface (a skinned mesh would come as one too).

@@ -25,6 +25,7 @@ use crate::link::Link;
 use crate::scatter::{FacetPhases, Reflection};
 use crate::scene::Scene;
 use crate::simulator::SimOptions;
+use crate::visibility::Through;
 
 /// Most mirrors of a path.
 pub(crate) const MAX_MIRRORS: usize = 3;
@@ -58,6 +59,8 @@ pub(crate) struct Bounce {
     pub facet: u32,
     /// Lit area over the facet's area.
     pub share: f32,
+    /// What screens on the way leave of the amplitude.
+    passed: f32,
     /// Which legs go over the mirrors.
     pub legs: Legs,
 }
@@ -86,6 +89,8 @@ struct TraceJob<'a> {
     surfaces: &'a [(usize, Reflection)],
     /// Directly visible share of every facet.
     coverage: &'a [f32],
+    /// What screens leave of the direct two-way amplitude.
+    through: &'a Through,
     centre: Vec3,
     /// Most surfaces on a path, the scattering one included; 2 or more.
     max_bounces: usize,
@@ -147,7 +152,7 @@ impl TraceJob<'_> {
         let tracer = Tracer::new(self);
         let n = self.rays;
         let cell: [f32; 2] = std::array::from_fn(|i| (high[i] - low[i]).max(1e-6) / n as f32);
-        let mut lit: BTreeMap<([u32; MAX_MIRRORS], u32), f32> = BTreeMap::new();
+        let mut lit: BTreeMap<([u32; MAX_MIRRORS], u32), Lit> = BTreeMap::new();
         let mut planes = HashMap::new();
         for row in 0..n {
             for column in 0..n {
@@ -160,17 +165,30 @@ impl TraceJob<'_> {
                 }
                 let direction = Vec3::new(u, y2.sqrt(), w);
                 let solid_angle = cell[0] * cell[1] / direction.y;
-                tracer.follow(direction, solid_angle, &mut planes, &mut lit);
+                tracer.follow(
+                    Shot::new(self.centre, direction),
+                    solid_angle,
+                    &mut planes,
+                    &mut lit,
+                );
             }
         }
         let mut out = Vec::new();
-        for ((mirrors, facet), share) in lit {
+        for ((mirrors, facet), Lit { share, passed }) in lit {
             let seen = self.coverage[facet as usize];
+            // One way over the mirrors, one way directly.
+            let over_mirrors = passed / share;
+            let direct = self.through.of(facet as usize).sqrt();
             let mut push = |legs, share| {
+                let passed = match legs {
+                    Legs::Out | Legs::Back => over_mirrors * direct,
+                    Legs::Both => over_mirrors * over_mirrors,
+                };
                 out.push(Bounce {
                     mirrors,
                     facet,
                     share,
+                    passed,
                     legs,
                 });
             };
@@ -185,6 +203,43 @@ impl TraceJob<'_> {
             }
         }
         out
+    }
+}
+
+/// What rays over one chain of mirrors bring to a facet.
+#[derive(Clone, Copy, Default)]
+struct Lit {
+    /// Lit area over the facet's area.
+    share: f32,
+    /// The same, weighted with the amplitude that screens let through.
+    passed: f32,
+}
+
+/// A ray on its way.
+#[derive(Clone, Copy)]
+struct Shot {
+    origin: Vec3,
+    direction: Vec3,
+    length_m: f32,
+    /// Amplitude that the mirrors left.
+    mirrored: f32,
+    /// Amplitude that the screens left.
+    passed: f32,
+    mirrors: [u32; MAX_MIRRORS],
+    n_mirrors: usize,
+}
+
+impl Shot {
+    fn new(origin: Vec3, direction: Vec3) -> Self {
+        Self {
+            origin,
+            direction,
+            length_m: 0.0,
+            mirrored: 1.0,
+            passed: 1.0,
+            mirrors: [NO_FACET; MAX_MIRRORS],
+            n_mirrors: 0,
+        }
     }
 }
 
@@ -234,42 +289,48 @@ impl<'a> Tracer<'a> {
             .then(|| (facet_of(hit.primitive_id as usize), hit.t))
     }
 
-    /// Follows one ray and adds what it lights behind its first mirror.
+    /// Follows one ray and adds what it lights behind its first mirror. At a screen the ray parts:
+    /// one goes on, one is reflected.
     fn follow(
         &self,
-        mut direction: Vec3,
+        mut shot: Shot,
         solid_angle: f32,
         planes: &mut HashMap<PlaneKey, u32>,
-        lit: &mut BTreeMap<([u32; MAX_MIRRORS], u32), f32>,
+        lit: &mut BTreeMap<([u32; MAX_MIRRORS], u32), Lit>,
     ) {
         let job = self.job;
-        let mut origin = job.centre;
-        let (mut length_m, mut gain) = (0.0, 1.0);
-        let mut mirrors = [NO_FACET; MAX_MIRRORS];
-        for bounce in 0..job.max_bounces.min(MAX_MIRRORS + 1) {
-            let Some((facet, t)) = self.nearest(origin, direction) else {
+        while shot.n_mirrors < job.max_bounces.min(MAX_MIRRORS + 1) {
+            let Some((facet, t)) = self.nearest(shot.origin, shot.direction) else {
                 return;
             };
-            length_m += t;
+            shot.length_m += t;
             let (normal, twice_area) = job.normal(facet);
-            let cos = -normal.dot(direction);
+            let cos = -normal.dot(shot.direction);
             if cos <= 1e-4 {
                 return;
             }
-            if bounce > 0 {
-                let footprint_m2 = solid_angle * length_m * length_m / cos;
-                *lit.entry((mirrors, facet)).or_insert(0.0) += footprint_m2 / (0.5 * twice_area);
+            if shot.n_mirrors > 0 {
+                let footprint_m2 = solid_angle * shot.length_m * shot.length_m / cos;
+                let share = footprint_m2 / (0.5 * twice_area);
+                let sum = lit.entry((shot.mirrors, facet)).or_default();
+                sum.share += share;
+                sum.passed += share * shot.passed;
             }
-            if bounce == MAX_MIRRORS {
+            shot.origin += shot.direction * t;
+            let reflection = job.reflection(facet);
+            let mirrored = shot.mirrored * reflection.mirror(cos);
+            if mirrored >= LEAST_GAIN && shot.n_mirrors < MAX_MIRRORS {
+                let mut reflected = shot;
+                reflected.mirrored = mirrored;
+                reflected.mirrors[shot.n_mirrors] = self.plane_of(facet, normal, planes);
+                reflected.n_mirrors += 1;
+                reflected.direction = (shot.direction + 2.0 * cos * normal).normalize();
+                self.follow(reflected, solid_angle, planes, lit);
+            }
+            shot.passed *= reflection.passes;
+            if shot.passed < LEAST_GAIN {
                 return;
             }
-            gain *= job.reflection(facet).mirror(cos);
-            if gain < LEAST_GAIN {
-                return;
-            }
-            mirrors[bounce] = self.plane_of(facet, normal, planes);
-            origin += direction * t;
-            direction = (direction + 2.0 * cos * normal).normalize();
         }
     }
 
@@ -315,12 +376,14 @@ impl BouncingSurfaces {
         positions: &[Vec3],
         triangles: &[[u32; 3]],
         coverage: &[f32],
+        through: &Through,
     ) -> Vec<Bounce> {
         TraceJob {
             positions,
             triangles,
             surfaces: &self.surfaces,
             coverage,
+            through,
             centre: link.array_centre_m.as_vec3(),
             max_bounces: options.max_bounces,
             rays: options.bounce_rays,
@@ -429,7 +492,8 @@ impl Bounce {
         // Each way has the square root of the two-way amplitude at its own apparent place.
         let amplitude =
             (link.amplitude(seen_by_tx.as_vec3()) * link.amplitude(seen_by_rx.as_vec3())).sqrt()
-                * mirrors_gain;
+                * mirrors_gain
+                * self.passed;
         let (coherent, rough) = reflection(self.facet).gains_between(cos, area as f32, self.share);
         BounceState {
             seen_by_tx,

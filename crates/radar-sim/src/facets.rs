@@ -7,6 +7,7 @@ use crate::link::Link;
 use crate::motion::{N_KEYS, RangeScale, Source, parabola, quartic};
 use crate::scatter::{FacetPhases, Reflection};
 use crate::simd::{Lanes, dispatch, sin_cos_turns};
+use crate::visibility::Through;
 
 /// Facets per batch.
 const BATCH: usize = 16;
@@ -25,6 +26,10 @@ pub(crate) struct FacetJob<'a> {
     pub triangles: &'a [[u32; 3]],
     /// Their visible shares.
     pub coverage: &'a [f32],
+    /// What screens let through, by facet of the whole scene.
+    pub through: &'a Through,
+    /// The surface's first facet in the scene.
+    pub first_facet: usize,
     /// Facets with a share above 0.
     pub visible: &'a [u32],
     /// Receives one source per visible facet, in order.
@@ -49,11 +54,13 @@ fn facet_sources_body<L: Lanes>(job: FacetJob<'_>) {
     let mut points = [[[[0.0_f32; BATCH]; 3]; 4]; N_KEYS];
     let mut ranges = [[[0.0_f64; BATCH]; 4]; N_KEYS];
     for batch in job.visible.chunks(BATCH) {
-        let (mut share, mut turns): (Row, Row) = ([0.0; BATCH], [0.0; BATCH]);
+        let (mut share, mut through, mut turns): (Row, Row, Row) =
+            ([0.0; BATCH], [0.0; BATCH], [0.0; BATCH]);
         for i in 0..BATCH {
             // A last, short batch repeats its last facet.
             let facet = batch[i.min(batch.len() - 1)] as usize;
             share[i] = job.coverage[facet];
+            through[i] = job.through.of(job.first_facet + facet);
             turns[i] = job.phases.phase_turns(facet);
             let corners = job.triangles[facet];
             for (at_key, key) in points.iter_mut().zip(job.keys) {
@@ -84,7 +91,8 @@ fn facet_sources_body<L: Lanes>(job: FacetJob<'_>) {
                     [corner(0), corner(1), corner(2)],
                     share[i],
                 );
-                (coherent[slot][i], rough[slot][i]) = gains;
+                coherent[slot][i] = gains.0 * through[i];
+                rough[slot][i] = gains.1 * through[i];
             }
         }
         let fit = fit(&ranges, job.link, job.scale);

@@ -10,7 +10,7 @@
 //!
 //! Two implementations of the same model: [`Simulator`] (fast) and [`mod@reference`] (direct sum in
 //! f64, slow), tested against each other. Reading order: [`scene`], [`link`] (radar equation),
-//! [`scatter`] (one triangle), [`visibility`], [`simulator`] (the pipeline and how it is fast),
+//! [`scatter`] (one triangle), [`visibility`] (tested by [`rays`]), [`simulator`] (the pipeline and how it is fast),
 //! then its stages: `motion` and `facets` (polynomials over a segment), `bounce` (paths over several
 //! surfaces), `slow_time` (Doppler groups),
 //! `gridding` and `spread` (range grid), `transform` (range FFT), [`noise`], [`impairments`] (of real
@@ -26,6 +26,7 @@ pub mod impairments;
 pub mod link;
 mod motion;
 pub mod noise;
+pub mod rays;
 pub mod reference;
 pub mod scatter;
 pub mod scene;

@@ -19,7 +19,7 @@ use crate::motion::{N_KEYS, Segment, chirp_time_s};
 use crate::scatter::{FacetPhases, Reflection, divided_difference};
 use crate::scene::Scene;
 use crate::simulator::{SimOptions, check_frame};
-use crate::visibility::DepthRaster;
+use crate::visibility::{DepthRaster, Through, View};
 
 /// Simulates `loops` of the frame that starts at `time_s` into `cube`, without noise; other loops
 /// are left as they are.
@@ -48,7 +48,9 @@ pub fn simulate_loops(
     let centre = link.array_centre_m.as_vec3();
     let mut raster = DepthRaster::new(options.raster_size);
     let (mut positions, mut triangles, mut coverage) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut screens, mut through) = (Vec::new(), Through::default());
     scene.concatenate_triangles(&mut triangles);
+    scene.screens(&mut screens);
     for segment in Segment::all(config) {
         let mine = segment.first_loop..segment.first_loop + segment.n_loops;
         let (from, to) = (loops.start.max(mine.start), loops.end.min(mine.end));
@@ -57,18 +59,25 @@ pub fn simulate_loops(
         }
         let middle_s = time_s + segment.key_times_s()[N_KEYS / 2];
         scene.positions_at(middle_s, centre, options.min_range_m, &mut positions)?;
-        raster.coverage(&positions, &triangles, centre, &mut coverage);
+        let view = View {
+            positions: &positions,
+            triangles: &triangles,
+            screens: &screens,
+            centre,
+        };
+        raster.coverage(view, &mut coverage, &mut through);
         let surfaces = BouncingSurfaces::new(scene, &link, seed);
         let bounces = match options.max_bounces {
             0 | 1 => Vec::new(),
-            _ => surfaces.trace(options, &link, &positions, &triangles, &coverage),
+            _ => surfaces.trace(options, &link, &positions, &triangles, &coverage, &through),
         };
         for loop_idx in from..to {
             for slot in 0..config.tx.len() {
                 let now_s = time_s + chirp_time_s(config, loop_idx, slot);
                 scene.positions_at(now_s, centre, options.min_range_m, &mut positions)?;
+                let seen = (&coverage[..], &through);
                 let mut scatterers =
-                    scatterers(&link, scene, now_s, seed, &positions, &triangles, &coverage);
+                    scatterers(&link, scene, now_s, seed, &positions, &triangles, seen);
                 scatterers.extend(bounces.iter().map(|bounce| {
                     let state = surfaces.state(bounce, &link, &positions, &triangles);
                     let phases_rad = state.corner_path_m.map(|p| TAU / link.wavelength_m * p);
@@ -118,7 +127,7 @@ fn scatterers(
     seed: u64,
     positions: &[Vec3],
     triangles: &[[u32; 3]],
-    coverage: &[f32],
+    (coverage, through): (&[f32], &Through),
 ) -> Vec<Scatterer> {
     let mut out = Vec::new();
     let mut first = 0;
@@ -143,6 +152,7 @@ fn scatterers(
             let phasor = Complex64::new(f64::from(phasor.re), f64::from(phasor.im));
             let amplitude =
                 f64::from(coherent) * divided_difference(phases_rad) + f64::from(rough) * phasor;
+            let amplitude = amplitude * f64::from(through.of(first + facet));
             out.push(Scatterer {
                 seen_by_tx: middle + link.array_centre_m,
                 seen_by_rx: middle + link.array_centre_m,

@@ -43,6 +43,8 @@ pub(crate) struct Reflection {
     pub rough: f32,
     /// |Gamma|, the amplitude that a smooth mirror of this material reflects.
     gamma: f32,
+    /// Amplitude that passes through it one way, 0..=1.
+    pub passes: f32,
 }
 
 impl Reflection {
@@ -54,6 +56,7 @@ impl Reflection {
             roughness: (2.0 * (k * f64::from(material.roughness_m)).powi(2)) as f32,
             rough: 2.0 * material.rough_albedo.sqrt(),
             gamma: gamma as f32,
+            passes: material.power_transmission.sqrt(),
         }
     }
 

@@ -4,11 +4,12 @@ use glam::{DVec3, Vec3};
 use radarllm_base::MovingSurface;
 
 use crate::error::SimError;
+use crate::visibility::Screen;
 
 /// Everything in front of the radar during a frame. Radar frame: x right, y boresight, z up.
 #[derive(Default)]
 pub struct Scene<'a> {
-    /// Triangle surfaces; they shadow one another.
+    /// Triangle surfaces; they shadow one another, or attenuate where their material lets waves through.
     pub surfaces: Vec<&'a dyn MovingSurface>,
     /// Isotropic point targets; they neither shadow nor are shadowed.
     pub points: Vec<PointTarget>,
@@ -71,6 +72,13 @@ impl Scene<'_> {
                 ("power_reflection", m.power_reflection, 1.0),
                 ("roughness_m", m.roughness_m, 1.0),
                 ("rough_albedo", m.rough_albedo, 100.0),
+                ("power_transmission", m.power_transmission, 1.0),
+                // Rounding of a lossless slab.
+                (
+                    "power_reflection + power_transmission",
+                    m.power_reflection + m.power_transmission,
+                    1.0 + 1e-6,
+                ),
             ] {
                 if !(0.0..=most).contains(&value) {
                     return Err(SimError::Material {
@@ -142,6 +150,23 @@ impl Scene<'_> {
         for shape in &self.surfaces {
             out.extend(shape.triangles().iter().map(|t| t.map(|i| i + first)));
             first += shape.n_vertices() as u32;
+        }
+    }
+
+    /// Writes the surfaces that waves pass through.
+    pub(crate) fn screens(&self, out: &mut Vec<Screen>) {
+        out.clear();
+        let mut first = 0;
+        for shape in &self.surfaces {
+            let end = first + shape.triangles().len() as u32;
+            let power_transmission = shape.material().power_transmission;
+            if power_transmission > 0.0 {
+                out.push(Screen {
+                    facets: first..end,
+                    power_transmission,
+                });
+            }
+            first = end;
         }
     }
 

@@ -27,7 +27,7 @@ use crate::simd::SimdLevel;
 use crate::slow_time::Level;
 use crate::spread::{Cell, ChannelBlock, Group, SpreadJob, spread};
 use crate::transform::{RangeTransform, TransformJob, transform};
-use crate::visibility::DepthRaster;
+use crate::visibility::{DepthRaster, Screen, Through, View};
 
 /// Choices that are not the radar's.
 #[derive(Clone, Debug, PartialEq)]
@@ -119,7 +119,9 @@ pub struct Simulator {
 struct Workspace {
     triangles: Vec<[u32; 3]>,
     keys: [Vec<Vec3>; N_KEYS],
+    screens: Vec<Screen>,
     coverage: Vec<f32>,
+    through: Through,
     visible: Vec<u32>,
     sources: Vec<Source>,
     tx_rows: Vec<[Vec3; N_KEYS]>,
@@ -232,6 +234,7 @@ impl Simulator {
             Noise::SnrDb(_) | Noise::Off => None,
         };
         scene.concatenate_triangles(&mut self.work.triangles);
+        scene.screens(&mut self.work.screens);
         let mut energy = 0.0;
         for i in 0..self.segments.len() {
             let segment = self.segments[i];
@@ -248,10 +251,14 @@ impl Simulator {
 
             let clock = Instant::now();
             self.raster.coverage(
-                &self.work.keys[N_KEYS / 2],
-                &self.work.triangles,
-                self.link.array_centre_m.as_vec3(),
+                View {
+                    positions: &self.work.keys[N_KEYS / 2],
+                    triangles: &self.work.triangles,
+                    screens: &self.work.screens,
+                    centre: self.link.array_centre_m.as_vec3(),
+                },
                 &mut self.work.coverage,
+                &mut self.work.through,
             );
             stats.seconds.visibility += clock.elapsed().as_secs_f64();
 
@@ -364,6 +371,8 @@ impl Simulator {
                     keys: &work.keys,
                     triangles,
                     coverage,
+                    through: &work.through,
+                    first_facet: first,
                     visible: &work.visible,
                     out: &mut work.sources,
                     coarse_m: half_bin_m,
@@ -438,6 +447,7 @@ impl Simulator {
             &work.keys[N_KEYS / 2],
             &work.triangles,
             &work.coverage,
+            &work.through,
         );
         for bounce in &bounces {
             let states = std::array::from_fn::<_, N_KEYS, _>(|key| {

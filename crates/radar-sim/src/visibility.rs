@@ -1,8 +1,64 @@
-//! What the radar sees: a depth raster and the visible share of every facet.
+//! What the radar sees: a depth raster, the visible share of every facet, and what the slabs in front
+//! of it let through.
+
+use std::ops::Range;
 
 use glam::Vec3;
 
 use crate::simd::{Lanes, SimdLevel, dispatch};
+
+/// Facets that waves also pass through.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Screen {
+    /// Their indices.
+    pub facets: Range<u32>,
+    /// Power that passes, one way.
+    pub power_transmission: f32,
+}
+
+/// What is looked at, and from where.
+#[derive(Clone, Copy, Debug)]
+pub struct View<'a> {
+    /// Vertices in the radar frame, m, finite.
+    pub positions: &'a [Vec3],
+    /// Indices into the vertices.
+    pub triangles: &'a [[u32; 3]],
+    /// Facets that hide nothing, in ascending order. A screen has an outside like any facet: seen from
+    /// behind it is not there.
+    pub screens: &'a [Screen],
+    /// The eye.
+    pub centre: Vec3,
+}
+
+/// What every facet's visible part keeps of the two-way amplitude behind screens: empty in a scene
+/// without screens.
+#[derive(Clone, Debug, Default)]
+pub struct Through(Vec<f32>);
+
+impl Through {
+    /// Two-way amplitude factor of a facet: the product of the screens' one-way power transmissions,
+    /// averaged over the facet's visible samples.
+    #[inline(always)]
+    pub fn of(&self, facet: usize) -> f32 {
+        self.0.get(facet).copied().unwrap_or(1.0)
+    }
+
+    /// A factor of 1 for each of `n_facets` facets; 0 of them in a scene without screens.
+    pub(crate) fn reset(&mut self, n_facets: usize) -> &mut [f32] {
+        self.0.clear();
+        self.0.resize(n_facets, 1.0);
+        &mut self.0
+    }
+}
+
+/// A sample of a screen that no opaque facet hides.
+#[derive(Clone, Copy, Debug)]
+struct Fragment {
+    sample: u32,
+    nearness: f32,
+    facet: u32,
+    power_transmission: f32,
+}
 
 /// Depth raster over the angular bounding box of the surfaces, reused from frame to frame.
 ///
@@ -21,23 +77,23 @@ pub struct DepthRaster {
     won: Vec<u32>,
     /// Facets too small to cover a sample.
     small: Vec<u32>,
+    /// Screens' samples, by sample and from near to far.
+    fragments: Vec<Fragment>,
 }
 
 dispatch!(fn coverage => coverage_body(
-    raster: &mut DepthRaster, positions: &[Vec3], triangles: &[[u32; 3]], centre: Vec3,
-    out: &mut Vec<f32>
+    raster: &mut DepthRaster, view: View<'_>, out: &mut Vec<f32>, through: &mut Through
 ));
 
 /// Compiled per instruction set for its rounding instructions.
 #[inline(always)]
 fn coverage_body<L: Lanes>(
     raster: &mut DepthRaster,
-    positions: &[Vec3],
-    triangles: &[[u32; 3]],
-    centre: Vec3,
+    view: View<'_>,
     out: &mut Vec<f32>,
+    through: &mut Through,
 ) {
-    raster.coverage_here(positions, triangles, centre, out);
+    raster.coverage_here(view, out, through);
 }
 
 const NOBODY: u32 = u32::MAX;
@@ -57,6 +113,7 @@ impl DepthRaster {
             covered: Vec::new(),
             won: Vec::new(),
             small: Vec::new(),
+            fragments: Vec::new(),
         }
     }
 
@@ -64,25 +121,24 @@ impl DepthRaster {
     /// Facets turned away, and degenerate ones, get 0. A facet that covers no sample is seen or not
     /// by its centroid.
     ///
-    /// `positions` in the radar frame, m, finite; `triangles` index them; `centre` is the eye.
-    pub fn coverage(
-        &mut self,
-        positions: &[Vec3],
-        triangles: &[[u32; 3]],
-        centre: Vec3,
-        out: &mut Vec<f32>,
-    ) {
-        coverage(self.level, self, positions, triangles, centre, out);
+    /// `through` receives what screens leave of what lies behind them.
+    pub fn coverage(&mut self, view: View<'_>, out: &mut Vec<f32>, through: &mut Through) {
+        coverage(self.level, self, view, out, through);
     }
 
     #[inline(always)]
-    fn coverage_here(
-        &mut self,
-        positions: &[Vec3],
-        triangles: &[[u32; 3]],
-        centre: Vec3,
-        out: &mut Vec<f32>,
-    ) {
+    fn coverage_here(&mut self, view: View<'_>, out: &mut Vec<f32>, through: &mut Through) {
+        let View {
+            positions,
+            triangles,
+            screens,
+            centre,
+        } = view;
+        let passed = through.reset(if screens.is_empty() {
+            0
+        } else {
+            triangles.len()
+        });
         out.clear();
         out.resize(triangles.len(), 0.0);
         self.projected.clear();
@@ -121,17 +177,22 @@ impl DepthRaster {
         self.won.clear();
         self.won.resize(triangles.len(), 0);
         self.small.clear();
-        for (facet, triangle) in triangles.iter().enumerate() {
-            let [a, b, c] = triangle.map(|i| self.projected[i as usize]);
-            if a[2] > 0.0 && b[2] > 0.0 && c[2] > 0.0 {
-                self.draw(facet as u32, a, b, c);
-            }
+        self.fragments.clear();
+        let mut first = 0;
+        for screen in screens {
+            self.draw_facets::<false>(first..screen.facets.start, triangles, 1.0);
+            first = screen.facets.end;
+        }
+        self.draw_facets::<false>(first..triangles.len() as u32, triangles, 1.0);
+        for screen in screens {
+            self.draw_facets::<true>(screen.facets.clone(), triangles, screen.power_transmission);
         }
         for &facet in &self.winner {
             if facet != NOBODY {
                 self.won[facet as usize] += 1;
             }
         }
+        self.look_through_screens(passed);
         for ((share, &won), &covered) in out.iter_mut().zip(&self.won).zip(&self.covered) {
             if covered > 0 {
                 *share = won as f32 / covered as f32;
@@ -139,12 +200,64 @@ impl DepthRaster {
         }
         for &facet in &self.small {
             let triangle = triangles[facet as usize];
-            out[facet as usize] = self.see_centroid(triangle, positions);
+            let (share, through) = self.see_centroid(triangle, positions);
+            out[facet as usize] = share;
+            if let Some(passed) = passed.get_mut(facet as usize) {
+                *passed = through;
+            }
+        }
+    }
+
+    /// Counts the screens' samples as won and takes from every facet's factor of 1 what its samples
+    /// lose on the average.
+    fn look_through_screens(&mut self, factors: &mut [f32]) {
+        // Facets of one plane never share a sample, so that the order is complete.
+        self.fragments.sort_unstable_by(|a, b| {
+            (a.sample.cmp(&b.sample))
+                .then(b.nearness.total_cmp(&a.nearness))
+                .then(a.facet.cmp(&b.facet))
+        });
+        for stack in self.fragments.chunk_by(|a, b| a.sample == b.sample) {
+            let mut passed = 1.0;
+            for fragment in stack {
+                self.won[fragment.facet as usize] += 1;
+                factors[fragment.facet as usize] -= 1.0 - passed;
+                passed *= fragment.power_transmission;
+            }
+            let behind = self.winner[stack[0].sample as usize];
+            if behind != NOBODY {
+                factors[behind as usize] -= 1.0 - passed;
+            }
+        }
+        for (factor, &won) in factors.iter_mut().zip(&self.won) {
+            *factor = 1.0 - (1.0 - *factor) / won.max(1) as f32;
         }
     }
 
     #[inline(always)]
-    fn draw(&mut self, facet: u32, a: [f32; 3], b: [f32; 3], c: [f32; 3]) {
+    fn draw_facets<const SCREEN: bool>(
+        &mut self,
+        facets: Range<u32>,
+        triangles: &[[u32; 3]],
+        power_transmission: f32,
+    ) {
+        for facet in facets {
+            let [a, b, c] = triangles[facet as usize].map(|i| self.projected[i as usize]);
+            if a[2] > 0.0 && b[2] > 0.0 && c[2] > 0.0 {
+                self.draw::<SCREEN>(facet, a, b, c, power_transmission);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn draw<const SCREEN: bool>(
+        &mut self,
+        facet: u32,
+        a: [f32; 3],
+        b: [f32; 3],
+        c: [f32; 3],
+        power_transmission: f32,
+    ) {
         // Counter-clockwise seen from outside is counter-clockwise with x right and z up.
         let (bx, by) = (b[0] - a[0], b[1] - a[1]);
         let (cx, cy) = (c[0] - a[0], c[1] - a[1]);
@@ -194,6 +307,22 @@ impl DepthRaster {
                 let row = y as usize * self.size;
                 let mut near = a[2] + step_x * (first - a[0]) + step_y * (y - a[1]);
                 let span = row + first as usize..row + end as usize;
+                if SCREEN {
+                    for sample in span {
+                        if near > self.nearness[sample] {
+                            self.fragments.push(Fragment {
+                                sample: sample as u32,
+                                nearness: near,
+                                facet,
+                                power_transmission,
+                            });
+                        }
+                        near += step_x;
+                    }
+                    covered += (end - first) as u32;
+                    y += 1.0;
+                    continue;
+                }
                 let depths = &mut self.nearness[span.clone()];
                 let winners = &mut self.winner[span];
                 for (depth, winner) in depths.iter_mut().zip(winners) {
@@ -213,21 +342,31 @@ impl DepthRaster {
         }
     }
 
-    fn see_centroid(&self, triangle: [u32; 3], positions: &[Vec3]) -> f32 {
+    /// Visible share and transmission of a small facet.
+    fn see_centroid(&self, triangle: [u32; 3], positions: &[Vec3]) -> (f32, f32) {
         let [a, b, c] = triangle.map(|i| self.projected[i as usize]);
         let mean = |axis: usize| (a[axis] + b[axis] + c[axis]) / 3.0;
         let last = (self.size - 1) as f32;
         let column = mean(0).round().clamp(0.0, last) as usize;
         let row = mean(1).round().clamp(0.0, last) as usize;
-        let nearest = self.nearness[row * self.size + column];
+        let sample = row * self.size + column;
+        let nearest = self.nearness[sample];
         let [p, q, r] = triangle.map(|i| positions[i as usize]);
         let edge = p.distance(q).max(q.distance(r)).max(r.distance(p));
         let depth = 1.0 / mean(2);
-        if nearest == 0.0 || depth <= 1.0 / nearest + SMALL_FACET_TOLERANCE_M + edge {
-            1.0
-        } else {
-            0.0
+        let is_behind = |nearness: f32| depth > 1.0 / nearness + SMALL_FACET_TOLERANCE_M + edge;
+        if nearest != 0.0 && is_behind(nearest) {
+            return (0.0, 1.0);
         }
+        let first = self
+            .fragments
+            .partition_point(|f| (f.sample as usize) < sample);
+        let stack = self.fragments[first..].iter();
+        let passed = stack
+            .take_while(|f| f.sample as usize == sample && is_behind(f.nearness))
+            .map(|f| f.power_transmission)
+            .product();
+        (1.0, passed)
     }
 }
 
@@ -250,7 +389,13 @@ mod tests {
 
     fn shares(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<f32> {
         let mut out = Vec::new();
-        DepthRaster::new(256).coverage(positions, triangles, Vec3::ZERO, &mut out);
+        let view = View {
+            positions,
+            triangles,
+            screens: &[],
+            centre: Vec3::ZERO,
+        };
+        DepthRaster::new(256).coverage(view, &mut out, &mut Through::default());
         out
     }
 

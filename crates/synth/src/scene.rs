@@ -3,7 +3,9 @@
 use std::path::Path;
 
 use glam::{DQuat, DVec3, Vec3};
-use radarllm_base::{MovingSurface, RadarConfig, frames::Placement};
+use radarllm_base::{
+    Material, MovingSurface, RadarConfig, frames::Placement, materials::Substance,
+};
 use radarllm_body::{loaders::load_motion_file, mesh::BodyShape, procedural, sample::canonicalize};
 use radarllm_radar_sim::{Noise, PointTarget, Scene, SimOptions, shapes::RigidSurface};
 use serde::Deserialize;
@@ -82,6 +84,11 @@ pub struct Target {
     /// `metal` (the default), `clothed` (a dressed person) or another name of
     /// [`radarllm_base::materials::Substance`].
     pub material: Option<String>,
+    /// Thickness of a thin wall that waves also pass through, m; opaque without it and `loss_db`. Every
+    /// facet that faces the radar is such a slab of `material`, met at normal incidence.
+    pub thickness_m: Option<f64>,
+    /// One-way loss of what passes through, dB, in place of the one that material and thickness give.
+    pub loss_db: Option<f64>,
     /// Motion file or builtin:NAME; OBJ file of a mesh.
     pub file: Option<String>,
 }
@@ -216,6 +223,10 @@ impl OwnedScene {
         if !(position.is_finite() && velocity.is_finite()) {
             return Err("position_m and velocity_mps must be finite".into());
         }
+        let is_surface = target.kind != "point" && target.kind != "motion";
+        if !is_surface && (target.thickness_m.is_some() || target.loss_db.is_some()) {
+            return Err("thickness_m and loss_db belong to surfaces".into());
+        }
         if target.kind == "point" {
             let rcs_m2 = positive("rcs_m2", target.rcs_m2)?;
             self.points.push(PointTarget {
@@ -286,7 +297,7 @@ impl OwnedScene {
                 ));
             }
         };
-        let material = material(target.material.as_deref().unwrap_or("metal"), frequency_hz)?;
+        let material = target_material(target, frequency_hz)?;
         self.surfaces
             .push(Box::new(mesh.at(position).moving(velocity).of(material)));
         Ok(())
@@ -307,6 +318,38 @@ fn size(target: &Target) -> Result<[f64; 2], String> {
         positive("size_m[0]", Some(a))?,
         positive("size_m[1]", Some(b))?,
     ])
+}
+
+/// A target's material: opaque, or a slab that waves also pass through.
+fn target_material(target: &Target, frequency_hz: f64) -> Result<Material, String> {
+    let name = target.material.as_deref().unwrap_or("metal");
+    let mut found = material(name, frequency_hz)?;
+    if let Some(thickness_m) = target.thickness_m {
+        if !(1e-6..=10.0).contains(&thickness_m) {
+            return Err(format!(
+                "thickness_m must be in 1e-6..=10, found {thickness_m}"
+            ));
+        }
+        let substance = Substance::named(name)
+            .ok_or_else(|| format!("thickness_m: material `{name}` has no permittivity"))?;
+        found = substance.slab(frequency_hz, thickness_m);
+    }
+    if let Some(loss_db) = target.loss_db {
+        if !(0.0..=300.0).contains(&loss_db) {
+            return Err(format!("loss_db must be in 0..=300, found {loss_db}"));
+        }
+        found.power_transmission = 10_f64.powf(-0.1 * loss_db) as f32;
+        let most = 1.0 - found.power_reflection;
+        if found.power_transmission > most {
+            return Err(format!(
+                "loss_db: {name} reflects {:.3} of the power, so that {loss_db} dB cannot be all that \
+                 is lost; at least {:.2} dB",
+                found.power_reflection,
+                -10.0 * most.log10()
+            ));
+        }
+    }
+    Ok(found)
 }
 
 /// Turns what opens towards -y to the asked direction, or to the radar.
@@ -379,6 +422,22 @@ mod tests {
                 "duration_s = 1.0\n[[target]]\nkind = \"mesh\"\nposition_m = [0.0, 3.0, 0.0]\nfile = \"nowhere.obj\"",
                 "nowhere.obj",
             ),
+            (
+                "duration_s = 1.0\n[[target]]\nkind = \"plate\"\nposition_m = [0.0, 3.0, 0.0]\nsize_m = [1.0, 1.0]\nloss_db = 3.0",
+                "metal",
+            ),
+            (
+                "duration_s = 1.0\n[[target]]\nkind = \"plate\"\nposition_m = [0.0, 3.0, 0.0]\nsize_m = [1.0, 1.0]\nmaterial = \"cloth\"\nloss_db = nan",
+                "loss_db",
+            ),
+            (
+                "duration_s = 1.0\n[[target]]\nkind = \"plate\"\nposition_m = [0.0, 3.0, 0.0]\nsize_m = [1.0, 1.0]\nmaterial = \"clothed\"\nthickness_m = 0.001",
+                "clothed",
+            ),
+            (
+                "duration_s = 1.0\n[[target]]\nkind = \"point\"\nposition_m = [0.0, 3.0, 0.0]\nrcs_m2 = 1.0\nthickness_m = 0.001",
+                "surfaces",
+            ),
         ] {
             let outcome = SceneFile::from_toml(text)
                 .and_then(|f| OwnedScene::open(&f, Path::new(""), 79e9).map(|_| ()));
@@ -396,6 +455,26 @@ mod tests {
         let scene = owned.scene();
         assert_eq!((scene.surfaces.len(), scene.points.len()), (1, 1));
         assert_eq!(scene.noise, Noise::Thermal);
+    }
+
+    #[test]
+    fn a_thin_wall_and_a_curtain_let_waves_through() {
+        let of = |rest: &str| {
+            let text = format!(
+                "duration_s = 1.0\n[[target]]\nkind = \"plate\"\nposition_m = [0.0, 3.0, 0.0]\n\
+                 size_m = [1.0, 1.0]\nfacet_edge_m = 0.1\n{rest}"
+            );
+            let file = SceneFile::from_toml(&text).unwrap();
+            let owned = OwnedScene::open(&file, Path::new(""), 77e9).unwrap();
+            owned.scene().surfaces[0].material()
+        };
+        assert_eq!(of("material = \"plaster\"").power_transmission, 0.0);
+        let wall = of("material = \"plaster\"\nthickness_m = 0.0125");
+        // 6.9 dB by the slab formula; materials.rs has the numbers by hand.
+        let loss_db = -10.0 * wall.power_transmission.log10();
+        assert!((loss_db - 6.86).abs() < 0.02, "{loss_db}");
+        let curtain = of("material = \"cloth\"\nloss_db = 1.0");
+        assert!((curtain.power_transmission - 0.794).abs() < 1e-3);
     }
 
     #[test]

@@ -110,6 +110,7 @@ pub fn clothed_skin() -> Material {
         power_reflection: SKIN_POWER_REFLECTION_77_GHZ,
         roughness_m: CLOTHED_ROUGHNESS_M,
         rough_albedo: CLOTHED_ROUGH_ALBEDO,
+        power_transmission: 0.0,
     }
 }
 

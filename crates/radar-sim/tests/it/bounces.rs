@@ -14,6 +14,7 @@ const ROUGH: Material = Material {
     power_reflection: 0.0,
     roughness_m: 0.0,
     rough_albedo: 0.2,
+    power_transmission: 0.0,
 };
 
 fn frame(config: &RadarConfig, scene: &Scene<'_>, max_bounces: usize) -> (RadarCube, FrameStats) {

@@ -215,6 +215,7 @@ fn rough_plate_has_four_rho_area_cos_squared() {
         power_reflection: 0.0,
         roughness_m: 0.0,
         rough_albedo: 0.2,
+        power_transmission: 0.0,
     };
     let angle = 0.6_f64;
     let plate = RigidSurface::plate(0.06, 0.06, 0.015)

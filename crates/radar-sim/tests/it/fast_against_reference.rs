@@ -59,6 +59,7 @@ const CLOTH: Material = Material {
     power_reflection: 0.34,
     roughness_m: 0.4e-3,
     rough_albedo: 0.1,
+    power_transmission: 0.0,
 };
 
 #[test]
@@ -157,6 +158,43 @@ fn ghosts_of_a_moving_body_over_a_wall_and_a_floor() {
     let error = error_with(&config, &options, &scene, 0..128, 42);
     println!("ghosts: {error:.1} dB");
     assert!(error < -60.0, "{error} dB");
+}
+
+#[test]
+fn a_moving_body_and_its_ghosts_behind_a_curtain_that_sways() {
+    let config = RadarConfig::awr1843boost();
+    let mut body = RigidSurface::ellipsoid(DVec3::new(0.08, 0.05, 0.15), 0.04)
+        .at(DVec3::new(-0.1, 2.0, -0.1))
+        .moving(DVec3::new(0.3, -1.5, 0.2))
+        .of(CLOTH);
+    body.angular_velocity = DVec3::new(2.0, 0.0, 1.0);
+    // Covers part of the body and of the wall.
+    let mut curtain = RigidSurface::plate(0.5, 1.0, 0.05)
+        .at(DVec3::new(0.1, 1.2, 0.0))
+        .of(Material {
+            power_reflection: 0.04,
+            power_transmission: 0.8,
+            ..CLOTH
+        });
+    curtain.angular_velocity = DVec3::new(0.3, 0.0, 0.4);
+    let wall = RigidSurface::plate(3.0, 2.0, 0.25)
+        .at(DVec3::new(0.6, 2.0, 0.0))
+        .turned(DQuat::from_rotation_z(-1.5));
+    let scene = Scene {
+        surfaces: vec![&body, &curtain, &wall],
+        points: vec![],
+        noise: Noise::Off,
+    };
+    for max_bounces in [1, 3] {
+        let options = SimOptions {
+            max_bounces,
+            bounce_rays: 64,
+            ..SimOptions::default()
+        };
+        let error = error_with(&config, &options, &scene, 0..128, 42);
+        println!("curtain, {max_bounces}: {error:.1} dB");
+        assert!(error < -60.0, "{error} dB");
+    }
 }
 
 #[test]

@@ -130,14 +130,17 @@ fn indices_materials_points_and_ratios_are_checked() {
             n_vertices: 3
         }
     );
-    for (power_reflection, roughness_m, rough_albedo) in [
-        (f32::NAN, 0.0, 0.0),
-        (1.1, 0.0, 0.0),
-        (1.0, -1e-3, 0.0),
-        (1.0, 0.0, f32::INFINITY),
+    for (power_reflection, roughness_m, rough_albedo, power_transmission) in [
+        (f32::NAN, 0.0, 0.0, 0.0),
+        (1.1, 0.0, 0.0, 0.0),
+        (1.0, -1e-3, 0.0, 0.0),
+        (1.0, 0.0, f32::INFINITY, 0.0),
+        (0.5, 0.0, 0.0, f32::NAN),
+        (0.5, 0.0, 0.0, 0.6),
     ] {
         let mut mesh = Mesh::triangle(good());
         mesh.material = Material {
+            power_transmission,
             power_reflection,
             roughness_m,
             rough_albedo,

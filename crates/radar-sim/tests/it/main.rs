@@ -7,3 +7,4 @@ mod cross_sections;
 mod fast_against_reference;
 mod input;
 mod reproducibility;
+mod screens;

@@ -13,6 +13,7 @@ fn body() -> RigidSurface {
             power_reflection: 0.3,
             roughness_m: 5e-4,
             rough_albedo: 0.1,
+            power_transmission: 0.0,
         });
     body.angular_velocity = DVec3::new(1.0, 0.0, 2.0);
     body
