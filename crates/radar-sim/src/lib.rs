@@ -13,7 +13,7 @@
 //! [`scatter`] (one triangle), [`visibility`] (tested by [`rays`]), [`simulator`] (the pipeline and how it is fast),
 //! then its stages: `motion` and `facets` (polynomials over a segment), `bounce` (paths over several
 //! surfaces), `slow_time` (Doppler groups),
-//! `gridding` and `spread` (range grid), `transform` (range FFT), [`noise`], [`impairments`] (of real
+//! `gridding` and `spread` (range grid), `transform` (range FFT), [`weather`], [`noise`], [`impairments`] (of real
 //! receivers, laid over a finished cube).
 //!
 //! Deliberately absent: polarisation, diffraction, the notion of a human.
@@ -37,9 +37,11 @@ mod slow_time;
 mod spread;
 mod transform;
 pub mod visibility;
+pub mod weather;
 
 pub use error::SimError;
 pub use impairments::Impairments;
 pub use scene::{Noise, PointTarget, Scene};
 pub use simd::SimdLevel;
 pub use simulator::{FrameStats, SimOptions, Simulator, StageSeconds};
+pub use weather::Weather;

@@ -2,6 +2,7 @@
 
 use std::f64::consts::PI;
 
+use crate::weather::Weather;
 use glam::{DVec3, Vec3};
 use radarllm_base::{BOLTZMANN_J_PER_K, RadarConfig, SPEED_OF_LIGHT_MPS, STANDARD_TEMPERATURE_K};
 
@@ -18,6 +19,8 @@ pub struct Link {
     pub half_widths_rad: [f64; 2],
     /// Mean of the mean TX and the mean RX position: ranges and angles of amplitudes refer to it.
     pub array_centre_m: DVec3,
+    /// Two-way amplitude that the air takes per metre of range, as a power of 2.
+    pub air_octaves_per_m: f32,
     /// Noise power k T0 B F, B the sample rate, W.
     pub noise_w: f64,
 }
@@ -48,10 +51,22 @@ impl Link {
                 config.elevation_half_width_rad,
             ],
             array_centre_m: 0.5 * (mean(&config.tx) + mean(&config.rx)),
+            air_octaves_per_m: 0.0,
             noise_w: BOLTZMANN_J_PER_K
                 * STANDARD_TEMPERATURE_K
                 * config.sample_rate_hz
                 * 10_f64.powf(config.noise_figure_db / 10.0),
+        }
+    }
+
+    /// The same radar in rain or smoke.
+    #[must_use]
+    pub fn in_weather(self, weather: &Weather) -> Self {
+        // One-way decibels of power are two-way decibels of amplitude.
+        let db_per_m = weather.db_per_m(self.centre_hz);
+        Self {
+            air_octaves_per_m: (db_per_m / (10.0 * 2_f64.log10())) as f32,
+            ..self
         }
     }
 
@@ -67,8 +82,10 @@ impl Link {
         let horizontal = horizontal_square.sqrt().max(f32::MIN_POSITIVE);
         let azimuth = arc_tangent(x / front) * (1.0 / self.half_widths_rad[0] as f32);
         let elevation = arc_tangent(z / horizontal) * (1.0 / self.half_widths_rad[1] as f32);
-        let loss = exp2_of_negative(-(azimuth * azimuth + elevation * elevation));
-        let amplitude = self.amplitude_at_1m as f32 * loss / (horizontal_square + z * z);
+        let square = horizontal_square + z * z;
+        let air = self.air_octaves_per_m * square.sqrt();
+        let loss = exp2_of_negative(-(azimuth * azimuth + elevation * elevation + air));
+        let amplitude = self.amplitude_at_1m as f32 * loss / square;
         if y > 0.0 { amplitude } else { 0.0 }
     }
 }

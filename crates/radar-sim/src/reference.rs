@@ -17,9 +17,10 @@ use crate::facets::facet_gains;
 use crate::link::Link;
 use crate::motion::{N_KEYS, Segment, chirp_time_s};
 use crate::scatter::{FacetPhases, Reflection, divided_difference};
-use crate::scene::Scene;
+use crate::scene::{PointTarget, Scene};
 use crate::simulator::{SimOptions, check_frame};
 use crate::visibility::{DepthRaster, Through, View};
+use crate::weather::Rain;
 
 /// Simulates `loops` of the frame that starts at `time_s` into `cube`, without noise; other loops
 /// are left as they are.
@@ -44,7 +45,12 @@ pub fn simulate_loops(
         });
     }
     cube.time_s = time_s;
-    let link = Link::new(config);
+    options.weather.validate()?;
+    let link = Link::new(config).in_weather(&options.weather);
+    let mut drops = Vec::new();
+    if let Some(rain) = Rain::new(options, config, &link) {
+        rain.draw(seed, time_s, &mut drops);
+    }
     let centre = link.array_centre_m.as_vec3();
     let mut raster = DepthRaster::new(options.raster_size);
     let (mut positions, mut triangles, mut coverage) = (Vec::new(), Vec::new(), Vec::new());
@@ -76,8 +82,9 @@ pub fn simulate_loops(
                 let now_s = time_s + chirp_time_s(config, loop_idx, slot);
                 scene.positions_at(now_s, centre, options.min_range_m, &mut positions)?;
                 let seen = (&coverage[..], &through);
-                let mut scatterers =
-                    scatterers(&link, scene, now_s, seed, &positions, &triangles, seen);
+                let mut scatterers = scatterers(&link, scene, seed, &positions, &triangles, seen);
+                let points = scene.points.iter().chain(&drops);
+                scatterers.extend(points.map(|point| point_scatterer(&link, point, now_s)));
                 scatterers.extend(bounces.iter().map(|bounce| {
                     let state = surfaces.state(bounce, &link, &positions, &triangles);
                     let phases_rad = state.corner_path_m.map(|p| TAU / link.wavelength_m * p);
@@ -123,7 +130,6 @@ struct Scatterer {
 fn scatterers(
     link: &Link,
     scene: &Scene<'_>,
-    now_s: f64,
     seed: u64,
     positions: &[Vec3],
     triangles: &[[u32; 3]],
@@ -161,17 +167,18 @@ fn scatterers(
         }
         first += surface.triangles().len();
     }
-    for point in &scene.points {
-        let position = point.position_at(now_s);
-        let amplitude = point.rcs_m2.sqrt()
-            * f64::from(link.amplitude((position - link.array_centre_m).as_vec3()));
-        out.push(Scatterer {
-            seen_by_tx: position,
-            seen_by_rx: position,
-            amplitude: amplitude.into(),
-        });
-    }
     out
+}
+
+fn point_scatterer(link: &Link, point: &PointTarget, now_s: f64) -> Scatterer {
+    let position = point.position_at(now_s);
+    let amplitude =
+        point.rcs_m2.sqrt() * f64::from(link.amplitude((position - link.array_centre_m).as_vec3()));
+    Scatterer {
+        seen_by_tx: position,
+        seen_by_rx: position,
+        amplitude: amplitude.into(),
+    }
 }
 
 /// Adds what one receiver hears of one transmitter in a chirp.

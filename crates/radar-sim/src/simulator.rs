@@ -22,12 +22,13 @@ use crate::link::Link;
 use crate::motion::{N_KEYS, RangeScale, Segment, Source, chirp_time_s, parabola, quartic};
 use crate::noise::NoiseGenerator;
 use crate::scatter::{FacetPhases, Reflection};
-use crate::scene::{Noise, Scene};
+use crate::scene::{Noise, PointTarget, Scene};
 use crate::simd::SimdLevel;
 use crate::slow_time::Level;
 use crate::spread::{Cell, ChannelBlock, Group, SpreadJob, spread};
 use crate::transform::{RangeTransform, TransformJob, transform};
 use crate::visibility::{DepthRaster, Screen, Through, View};
+use crate::weather::{Rain, Weather};
 
 /// Choices that are not the radar's.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,6 +42,8 @@ pub struct SimOptions {
     pub bounce_rays: usize,
     /// Nearest target allowed, m, at least 0.03 (inside, the radar equation has no meaning).
     pub min_range_m: f64,
+    /// Rain and smoke.
+    pub weather: Weather,
     /// Instruction set; `None` takes the machine's best. Cubes are equal to the byte on one level
     /// and within rounding between levels.
     pub simd: Option<SimdLevel>,
@@ -53,6 +56,7 @@ impl Default for SimOptions {
             max_bounces: 1,
             bounce_rays: 256,
             min_range_m: 0.05,
+            weather: Weather::default(),
             simd: None,
         }
     }
@@ -110,6 +114,7 @@ pub struct Simulator {
     kernel: Kernel,
     channels: Vec<ChannelBlock>,
     raster: DepthRaster,
+    rain: Option<Rain>,
     range_transform: RangeTransform,
     work: Workspace,
 }
@@ -122,6 +127,7 @@ struct Workspace {
     screens: Vec<Screen>,
     coverage: Vec<f32>,
     through: Through,
+    drops: Vec<PointTarget>,
     visible: Vec<u32>,
     sources: Vec<Source>,
     tx_rows: Vec<[Vec3; N_KEYS]>,
@@ -169,7 +175,8 @@ impl Simulator {
         if !simd.is_available() {
             return range_error("simd", format!("this machine cannot run {simd:?}"));
         }
-        let link = Link::new(config);
+        options.weather.validate()?;
+        let link = Link::new(config).in_weather(&options.weather);
         let n_cells = OVERSAMPLING * config.n_samples;
         let kernel = Kernel::new();
         Ok(Self {
@@ -182,6 +189,7 @@ impl Simulator {
             segments: Segment::all(config),
             levels: Level::all(Segment::loops_of(config), config.loop_period_s()),
             channels: ChannelBlock::all(config, link.array_centre_m),
+            rain: Rain::new(&options, config, &link),
             raster: DepthRaster::new(options.raster_size),
             range_transform: RangeTransform::new(config.n_samples, &kernel),
             kernel,
@@ -235,6 +243,9 @@ impl Simulator {
         };
         scene.concatenate_triangles(&mut self.work.triangles);
         scene.screens(&mut self.work.screens);
+        if let Some(rain) = &self.rain {
+            rain.draw(seed, time_s, &mut self.work.drops);
+        }
         let mut energy = 0.0;
         for i in 0..self.segments.len() {
             let segment = self.segments[i];
@@ -396,7 +407,7 @@ impl Simulator {
         }
         stats.n_bounces += self.add_bounces(scene, seed);
         let work = &mut self.work;
-        for (index, point) in scene.points.iter().enumerate() {
+        for (index, point) in scene.points.iter().chain(&work.drops).enumerate() {
             let key_times_s = segment.key_times_s().map(|t| time_s + t);
             let from_centre = key_times_s.map(|t| point.position_at(t) - centre);
             for (p, time_s) in from_centre.iter().zip(key_times_s) {

@@ -13,6 +13,7 @@ use crate::{
     placement::PlacementRange,
     processing::ProcessingFile,
     room::RoomFile,
+    weather::WeatherFile,
 };
 
 /// Everything that decides the bytes of a data set.
@@ -46,6 +47,9 @@ pub struct DatasetConfig {
     /// Faults of the receiver; none without it.
     #[serde(skip_serializing_if = "is_default")]
     pub impairments: ImpairmentsFile,
+    /// Rain and smoke; clear air without it.
+    #[serde(skip_serializing_if = "is_default")]
+    pub weather: WeatherFile,
     /// The signal chain.
     #[serde(skip_serializing_if = "is_default")]
     pub processing: ProcessingFile,
@@ -98,6 +102,7 @@ impl Default for DatasetConfig {
             heading_deg: placement.heading_rad.to_degrees(),
             radar_height_m: placement.radar_height_m,
             impairments: ImpairmentsFile::default(),
+            weather: WeatherFile::default(),
             processing: ProcessingFile::default(),
             room: None,
             source: Vec::new(),
@@ -168,9 +173,13 @@ impl DatasetConfig {
                     self.distance_m, room.depth_m
                 ));
             }
+            if self.weather.rain_mm_per_h > 0.0 {
+                return fail("[weather] rain_mm_per_h and [room]: it does not rain indoors".into());
+            }
             // Ranges and names of materials do not depend on the radar.
             room.walls(77e9)?;
         }
+        self.weather.check().map_err(SynthError::Config)?;
         for source in &self.source {
             if let SourceConfig::Procedural { train, val, test } = source
                 && [train, val, test].into_iter().any(|n| *n > MAX_COUNT)
@@ -202,13 +211,17 @@ impl DatasetConfig {
     /// Options of the simulator: reflections between surfaces where there is a room, at half the rays
     /// of a scene, which halves the time and leaves the strengths of single ghost points noisier.
     pub fn sim_options(&self) -> SimOptions {
+        let free = SimOptions {
+            weather: self.weather.resolve(),
+            ..SimOptions::default()
+        };
         match self.room {
             Some(_) => SimOptions {
                 max_bounces: 3,
                 bounce_rays: 128,
-                ..SimOptions::default()
+                ..free
             },
-            None => SimOptions::default(),
+            None => free,
         }
     }
 
@@ -271,6 +284,7 @@ mod tests {
                 "distance_m = [4.0, 2.0]\n[[source]]\nkind = \"procedural\"\ntrain = 1\nval = 1\ntest = 1",
                 "distance_m",
             ),
+            ("[weather]\nrain_mm_per_h = nan", "rain_mm_per_h"),
             ("seed = 1", "source"),
             ("lateral_m = nan", "lateral_m"),
             (

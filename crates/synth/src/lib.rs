@@ -2,9 +2,9 @@
 //!
 //! Reading order: [`placement`] (where a person stands), [`synthesizer`] (one motion to points),
 //! [`corpus`] (captioned motions), [`config`] (the data set's TOML), [`impairments`],
-//! [`processing`] and [`room`] (its tables of receiver faults, of the signal chain and of walls), [`record`]
-//! (one pure function `(motion, seed) -> ClipRecord`), [`build`] (a whole data set); [`mod@scene`] (scene
-//! files) with `obj` (meshes); [`realism`] (the same chain beside recordings).
+//! [`weather`], [`processing`] and [`room`] (its tables of receiver faults, of the air, of the signal chain
+//! and of walls), [`record`] (one pure function `(motion, seed) -> ClipRecord`), [`build`] (a whole data
+//! set); [`mod@scene`] (scene files) with `obj` (meshes); [`realism`] (the same chain beside recordings).
 //!
 //! Deliberately absent: anything of the models, and any silent substitute for missing input.
 
@@ -20,5 +20,6 @@ pub mod record;
 pub mod room;
 pub mod scene;
 pub mod synthesizer;
+pub mod weather;
 
 pub use synthesizer::{Method, SynthError, Synthesizer};

@@ -17,6 +17,7 @@ use crate::{
     processing::ProcessingFile,
     room::{RoomFile, material},
     synthesizer::{builtin_shape, posed_builtin},
+    weather::WeatherFile,
 };
 
 /// A scene as its TOML says it.
@@ -39,6 +40,9 @@ pub struct SceneFile {
     /// The signal chain.
     #[serde(default)]
     pub processing: ProcessingFile,
+    /// Rain and smoke; clear air without it.
+    #[serde(default)]
+    pub weather: WeatherFile,
     /// Most surfaces on a path, 1 to 4; 1 leaves out reflections between surfaces.
     #[serde(default = "default_bounces")]
     pub max_bounces: usize,
@@ -129,6 +133,12 @@ impl SceneFile {
             )));
         }
         file.impairments.resolve().map_err(SynthError::Config)?;
+        file.weather.check().map_err(SynthError::Config)?;
+        if file.room.is_some() && file.weather.rain_mm_per_h > 0.0 {
+            return Err(SynthError::Config(
+                "[weather] rain_mm_per_h and [room]: it does not rain indoors".into(),
+            ));
+        }
         let noise = &file.noise;
         let kinds = [
             noise.none,
@@ -156,6 +166,7 @@ impl SceneFile {
         SimOptions {
             max_bounces: self.max_bounces,
             bounce_rays: self.bounce_rays,
+            weather: self.weather.resolve(),
             ..SimOptions::default()
         }
     }
@@ -408,6 +419,15 @@ mod tests {
             (
                 "duration_s = 1.0\n[[target]]\nkind = \"sphere\"\nposition_m = [0.0, 3.0, 0.0]\nradius_m = 1.0\nfacet_edge_m = 1e-6",
                 "facet_edge_m",
+            ),
+            (
+                "duration_s = 1.0\n[weather]\nrain_mm_per_h = -3.0",
+                "rain_mm_per_h",
+            ),
+            ("duration_s = 1.0\n[weather]\nhail = 1.0", "hail"),
+            (
+                "duration_s = 1.0\n[room]\n[weather]\nrain_mm_per_h = 3.0",
+                "indoors",
             ),
             ("duration_s = 1.0\n[room]\nwalls = 1", "walls"),
             ("duration_s = 1.0\n[room]\nwalls = \"cheese\"", "cheese"),

@@ -8,3 +8,4 @@ mod fast_against_reference;
 mod input;
 mod reproducibility;
 mod screens;
+mod weather;
