@@ -44,4 +44,5 @@ pub use impairments::Impairments;
 pub use scene::{Noise, PointTarget, Scene};
 pub use simd::SimdLevel;
 pub use simulator::{FrameStats, SimOptions, Simulator, StageSeconds};
+pub use visibility::Sampling;
 pub use weather::Weather;

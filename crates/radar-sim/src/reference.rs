@@ -52,11 +52,11 @@ pub fn simulate_loops(
         rain.draw(seed, time_s, &mut drops);
     }
     let centre = link.array_centre_m.as_vec3();
-    let mut raster = DepthRaster::new(options.raster_size);
+    let mut raster = DepthRaster::new(options.raster_size, options.sampling);
     let (mut positions, mut triangles, mut coverage) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut screens, mut through) = (Vec::new(), Through::default());
+    let (mut parts, mut through) = (Vec::new(), Through::default());
     scene.concatenate_triangles(&mut triangles);
-    scene.screens(&mut screens);
+    scene.parts(&mut parts);
     for segment in Segment::all(config) {
         let mine = segment.first_loop..segment.first_loop + segment.n_loops;
         let (from, to) = (loops.start.max(mine.start), loops.end.min(mine.end));
@@ -68,7 +68,7 @@ pub fn simulate_loops(
         let view = View {
             positions: &positions,
             triangles: &triangles,
-            screens: &screens,
+            parts: &parts,
             centre,
         };
         raster.coverage(view, &mut coverage, &mut through);

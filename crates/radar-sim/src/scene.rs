@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 use radarllm_base::MovingSurface;
 
 use crate::error::SimError;
-use crate::visibility::Screen;
+use crate::visibility::Part;
 
 /// Everything in front of the radar during a frame. Radar frame: x right, y boresight, z up.
 #[derive(Default)]
@@ -153,20 +153,19 @@ impl Scene<'_> {
         }
     }
 
-    /// Writes the surfaces that waves pass through.
-    pub(crate) fn screens(&self, out: &mut Vec<Screen>) {
+    /// Writes the surfaces as the raster wants them.
+    pub(crate) fn parts(&self, out: &mut Vec<Part>) {
         out.clear();
-        let mut first = 0;
+        let (mut facet, mut vertex) = (0, 0);
         for shape in &self.surfaces {
-            let end = first + shape.triangles().len() as u32;
-            let power_transmission = shape.material().power_transmission;
-            if power_transmission > 0.0 {
-                out.push(Screen {
-                    facets: first..end,
-                    power_transmission,
-                });
-            }
-            first = end;
+            let facets = facet..facet + shape.triangles().len() as u32;
+            let vertices = vertex..vertex + shape.n_vertices() as u32;
+            (facet, vertex) = (facets.end, vertices.end);
+            out.push(Part {
+                facets,
+                vertices,
+                power_transmission: shape.material().power_transmission,
+            });
         }
     }
 

@@ -27,14 +27,16 @@ use crate::simd::SimdLevel;
 use crate::slow_time::Level;
 use crate::spread::{Cell, ChannelBlock, Group, SpreadJob, spread};
 use crate::transform::{RangeTransform, TransformJob, transform};
-use crate::visibility::{DepthRaster, Screen, Through, View};
+use crate::visibility::{DepthRaster, Part, Sampling, Through, View};
 use crate::weather::{Rain, Weather};
 
 /// Choices that are not the radar's.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SimOptions {
-    /// Side of the depth raster, samples, 16..=4096.
+    /// Square root of the depth raster's samples, 16..=4096.
     pub raster_size: usize,
+    /// Where those samples go.
+    pub sampling: Sampling,
     /// Most surfaces on a path, 1..=4: 1 leaves out reflections between surfaces.
     pub max_bounces: usize,
     /// Rays along each side of the field that holds mirrors, 16..=4096, where `max_bounces` is 2 or
@@ -53,6 +55,7 @@ impl Default for SimOptions {
     fn default() -> Self {
         Self {
             raster_size: 320,
+            sampling: Sampling::default(),
             max_bounces: 1,
             bounce_rays: 256,
             min_range_m: 0.05,
@@ -124,7 +127,7 @@ pub struct Simulator {
 struct Workspace {
     triangles: Vec<[u32; 3]>,
     keys: [Vec<Vec3>; N_KEYS],
-    screens: Vec<Screen>,
+    parts: Vec<Part>,
     coverage: Vec<f32>,
     through: Through,
     drops: Vec<PointTarget>,
@@ -190,7 +193,7 @@ impl Simulator {
             levels: Level::all(Segment::loops_of(config), config.loop_period_s()),
             channels: ChannelBlock::all(config, link.array_centre_m),
             rain: Rain::new(&options, config, &link),
-            raster: DepthRaster::new(options.raster_size),
+            raster: DepthRaster::new(options.raster_size, options.sampling),
             range_transform: RangeTransform::new(config.n_samples, &kernel),
             kernel,
             simd,
@@ -242,7 +245,7 @@ impl Simulator {
             Noise::SnrDb(_) | Noise::Off => None,
         };
         scene.concatenate_triangles(&mut self.work.triangles);
-        scene.screens(&mut self.work.screens);
+        scene.parts(&mut self.work.parts);
         if let Some(rain) = &self.rain {
             rain.draw(seed, time_s, &mut self.work.drops);
         }
@@ -265,7 +268,7 @@ impl Simulator {
                 View {
                     positions: &self.work.keys[N_KEYS / 2],
                     triangles: &self.work.triangles,
-                    screens: &self.work.screens,
+                    parts: &self.work.parts,
                     centre: self.link.array_centre_m.as_vec3(),
                 },
                 &mut self.work.coverage,

@@ -8,4 +8,5 @@ mod fast_against_reference;
 mod input;
 mod reproducibility;
 mod screens;
+mod visibility;
 mod weather;
