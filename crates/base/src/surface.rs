@@ -34,6 +34,13 @@ pub trait MovingSurface: Sync {
     fn n_vertices(&self) -> usize;
     /// Writes vertex positions in the radar frame, m, at `time_s`; `out.len() == n_vertices()`.
     fn positions_at(&self, time_s: f64, out: &mut [Vec3]);
+    /// [`Self::positions_at`] for several times at once, `out[i]` at `times_s[i]`; surfaces that read
+    /// large tables for every pose override it to read them once. Results are the same.
+    fn positions_at_times(&self, times_s: &[f64], out: &mut [&mut [Vec3]]) {
+        for (&time_s, out) in times_s.iter().zip(out) {
+            self.positions_at(time_s, out);
+        }
+    }
     /// One material for the whole surface.
     fn material(&self) -> Material;
 }

@@ -169,11 +169,7 @@ impl Scene<'_> {
         }
     }
 
-    /// Writes the vertices of all surfaces, one surface after another, at `time_s`.
-    ///
-    /// # Errors
-    /// A vertex that is NaN, infinite, beyond a kilometre, or nearer than `min_range_m` to
-    /// `array_centre`.
+    /// [`Self::positions_at_times`] for one time.
     pub(crate) fn positions_at(
         &self,
         time_s: f64,
@@ -181,48 +177,80 @@ impl Scene<'_> {
         min_range_m: f64,
         out: &mut Vec<Vec3>,
     ) -> Result<(), SimError> {
+        let out = std::array::from_mut(out);
+        self.positions_at_times([time_s], array_centre, min_range_m, out)
+    }
+
+    /// Writes the vertices of all surfaces, one surface after another, at each of `times_s`.
+    ///
+    /// # Errors
+    /// A vertex that is NaN, infinite, beyond a kilometre, or nearer than `min_range_m` to
+    /// `array_centre`.
+    pub(crate) fn positions_at_times<const N: usize>(
+        &self,
+        times_s: [f64; N],
+        array_centre: Vec3,
+        min_range_m: f64,
+        out: &mut [Vec<Vec3>; N],
+    ) -> Result<(), SimError> {
         let n_vertices = self.surfaces.iter().map(|s| s.n_vertices()).sum();
-        out.clear();
-        out.resize(n_vertices, Vec3::ZERO);
+        for out in out.iter_mut() {
+            out.resize(n_vertices, Vec3::ZERO);
+        }
         let mut first = 0;
         for (surface, shape) in self.surfaces.iter().enumerate() {
-            let part = &mut out[first..first + shape.n_vertices()];
-            first += part.len();
-            shape.positions_at(time_s, part);
-            // One pass without branches over the good case; the culprit is looked for afterwards.
-            let (mut nearest, mut farthest) = (f32::INFINITY, 0.0_f32);
-            let mut not_finite = false;
-            for p in part.iter() {
-                let d2 = p.distance_squared(array_centre);
-                nearest = nearest.min(d2);
-                farthest = farthest.max(d2);
-                not_finite |= d2.is_nan();
-            }
-            if not_finite || farthest > FARTHEST_M * FARTHEST_M {
-                let bad = |p: &Vec3| {
-                    let d2 = p.distance_squared(array_centre);
-                    d2.is_nan() || d2 > FARTHEST_M * FARTHEST_M
-                };
-                let vertex = part.iter().position(bad).unwrap_or(0);
-                let position = part[vertex].to_array();
-                return Err(SimError::Position {
-                    surface,
-                    vertex,
-                    time_s,
-                    position,
-                });
-            }
-            let range_m = f64::from(nearest.sqrt());
-            if range_m < min_range_m {
-                return Err(SimError::TooClose {
-                    what: "surface",
-                    index: surface,
-                    range_m,
-                    min_range_m,
-                    time_s,
-                });
+            let mine = first..first + shape.n_vertices();
+            first = mine.end;
+            let mut parts = out.each_mut().map(|out| &mut out[mine.clone()]);
+            shape.positions_at_times(&times_s, &mut parts);
+            for (part, time_s) in parts.iter().zip(times_s) {
+                check_positions(surface, part, time_s, array_centre, min_range_m)?;
             }
         }
         Ok(())
     }
+}
+
+/// What [`Scene::positions_at_times`] refuses, for one surface at one time.
+fn check_positions(
+    surface: usize,
+    part: &[Vec3],
+    time_s: f64,
+    array_centre: Vec3,
+    min_range_m: f64,
+) -> Result<(), SimError> {
+    // One pass without branches over the good case; the culprit is looked for afterwards.
+    let (mut nearest, mut farthest) = (f32::INFINITY, 0.0_f32);
+    let mut not_finite = false;
+    for p in part.iter() {
+        let d2 = p.distance_squared(array_centre);
+        nearest = nearest.min(d2);
+        farthest = farthest.max(d2);
+        not_finite |= d2.is_nan();
+    }
+    if not_finite || farthest > FARTHEST_M * FARTHEST_M {
+        let bad = |p: &Vec3| {
+            let d2 = p.distance_squared(array_centre);
+            d2.is_nan() || d2 > FARTHEST_M * FARTHEST_M
+        };
+        let vertex = part.iter().position(bad).unwrap_or(0);
+        let position = part[vertex].to_array();
+        return Err(SimError::Position {
+            surface,
+            vertex,
+            time_s,
+            position,
+        });
+    }
+    let range_m = f64::from(nearest.sqrt());
+    if range_m < min_range_m {
+        return Err(SimError::TooClose {
+            what: "surface",
+            index: surface,
+            range_m,
+            min_range_m,
+            time_s,
+        });
+    }
+    Ok(())
 }

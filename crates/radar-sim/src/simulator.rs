@@ -253,14 +253,12 @@ impl Simulator {
         for i in 0..self.segments.len() {
             let segment = self.segments[i];
             let clock = Instant::now();
-            for (key, key_s) in segment.key_times_s().into_iter().enumerate() {
-                scene.positions_at(
-                    time_s + key_s,
-                    self.link.array_centre_m.as_vec3(),
-                    self.options.min_range_m,
-                    &mut self.work.keys[key],
-                )?;
-            }
+            scene.positions_at_times(
+                segment.key_times_s().map(|key_s| time_s + key_s),
+                self.link.array_centre_m.as_vec3(),
+                self.options.min_range_m,
+                &mut self.work.keys,
+            )?;
             stats.seconds.positions += clock.elapsed().as_secs_f64();
 
             let clock = Instant::now();

@@ -46,19 +46,15 @@ pub trait BodyModel: Send + Sync {
     /// # Panics
     /// If `out.len() != n_vertices()`.
     fn pose_into(&self, pose: &Pose, out: &mut [Vec3]);
-    /// Poses many frames into consecutive blocks of `n_vertices()`; bodies whose vertices depend
-    /// on large tables override this to read them once for all frames.
+    /// Poses several frames, `out[i]` from `poses[i]`; bodies whose vertices depend on large tables
+    /// override this to read them once for all. Allocates nothing.
     ///
     /// # Panics
-    /// If `out.len() != poses.len() * n_vertices()`.
-    fn pose_many_into(&self, poses: &[Pose], out: &mut [Vec3]) {
-        assert_eq!(
-            out.len(),
-            poses.len() * self.n_vertices(),
-            "one block of vertices per pose"
-        );
-        for (pose, block) in poses.iter().zip(out.chunks_exact_mut(self.n_vertices())) {
-            self.pose_into(pose, block);
+    /// If `out` is not one slice of `n_vertices()` per pose.
+    fn pose_many_into(&self, poses: &[Pose], out: &mut [&mut [Vec3]]) {
+        assert_eq!(out.len(), poses.len(), "one slice of vertices per pose");
+        for (pose, out) in poses.iter().zip(out) {
+            self.pose_into(pose, out);
         }
     }
 }

@@ -44,6 +44,15 @@ impl PosedBody {
         self.body.as_ref()
     }
 
+    /// The body's pose at `time_s` in the radar frame.
+    fn pose_in_radar_frame(&self, time_s: f64) -> Pose {
+        let mut pose = self.pose_in_world(time_s);
+        // Placing the root places every vertex: skinning is linear in the root's transform.
+        pose.root_in_world = self.placement.radar_from_world(pose.root_in_world);
+        pose.rotations[0] = Quat::from_rotation_z(self.placement.heading_rad) * pose.rotations[0];
+        pose
+    }
+
     /// The body's pose at `time_s` in the motion's world frame, root path scaled.
     pub fn pose_in_world(&self, time_s: f64) -> Pose {
         let mut pose = self.sampler.sample(time_s);
@@ -82,11 +91,18 @@ impl MovingSurface for PosedBody {
     }
 
     fn positions_at(&self, time_s: f64, out: &mut [Vec3]) {
-        let mut pose = self.pose_in_world(time_s);
-        // Placing the root places every vertex: skinning is linear in the root's transform.
-        pose.root_in_world = self.placement.radar_from_world(pose.root_in_world);
-        pose.rotations[0] = Quat::from_rotation_z(self.placement.heading_rad) * pose.rotations[0];
-        self.body.pose_into(&pose, out);
+        self.body.pose_into(&self.pose_in_radar_frame(time_s), out);
+    }
+
+    fn positions_at_times(&self, times_s: &[f64], out: &mut [&mut [Vec3]]) {
+        // As many at once as a frame of the simulator needs, without an allocation.
+        const AT_ONCE: usize = 5;
+        for (times_s, out) in times_s.chunks(AT_ONCE).zip(out.chunks_mut(AT_ONCE)) {
+            let last = times_s.len() - 1;
+            let poses: [Pose; AT_ONCE] =
+                std::array::from_fn(|i| self.pose_in_radar_frame(times_s[i.min(last)]));
+            self.body.pose_many_into(&poses[..=last], out);
+        }
     }
 
     fn material(&self) -> Material {

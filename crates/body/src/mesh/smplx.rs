@@ -19,9 +19,10 @@ const N_POSE_FEATURES: usize = 9 * (N_JOINTS - 1);
 /// Most vertices and joints a model may have (SMPL-X: 10,475 and 55).
 const MAX_VERTICES: usize = 200_000;
 const MAX_JOINTS: usize = 256;
-/// Vertices blended together: their pose blend shapes (3 x 189 x 4 bytes each) fit the cache
-/// while a batch of poses passes over them.
-const BLOCK_VERTICES: usize = 64;
+/// Vertices blended together: as many numbers as the registers hold of a few poses.
+const BLOCK_VERTICES: usize = 8;
+/// Poses blended together: the pose blend shapes (24 MB for SMPL-X) are read once for all of them.
+const BATCH_POSES: usize = 5;
 /// Weights below this are noise of the model's optimisation.
 const LEAST_WEIGHT: f32 = 1e-6;
 
@@ -33,8 +34,8 @@ pub struct SmplxBody {
     triangles: Vec<[u32; 3]>,
     /// Shaped template, pelvis joint at the origin, m.
     template: Vec<Vec3>,
-    /// `[block][feature][vertex of the block]`, m.
-    pose_shapes: Vec<Vec3>,
+    /// `[block][feature]`, coordinates of the block's vertices, m; zeros beyond the last vertex.
+    pose_shapes: Vec<Block>,
     skin: Skin,
     joint_from_rest: [Affine3A; N_JOINTS],
     skipped: Vec<String>,
@@ -137,58 +138,110 @@ impl BodyModel for SmplxBody {
     }
 
     fn pose_into(&self, pose: &Pose, out: &mut [Vec3]) {
-        assert_eq!(out.len(), self.template.len(), "one position per vertex");
-        let (world_from_rest, features) = self.prepare(pose);
-        for (block, to) in out.chunks_mut(BLOCK_VERTICES).enumerate() {
-            self.pose_block(block, &world_from_rest, &features, to);
-        }
+        self.pose_many_into(std::slice::from_ref(pose), &mut [out]);
     }
 
-    fn pose_many_into(&self, poses: &[Pose], out: &mut [Vec3]) {
-        let n = self.template.len();
-        assert_eq!(out.len(), poses.len() * n, "one block of vertices per pose");
-        let prepared: Vec<_> = poses.iter().map(|p| self.prepare(p)).collect();
-        for block in 0..n.div_ceil(BLOCK_VERTICES) {
-            let (first, last) = (
-                block * BLOCK_VERTICES,
-                ((block + 1) * BLOCK_VERTICES).min(n),
-            );
-            for (i, (world_from_rest, features)) in prepared.iter().enumerate() {
-                self.pose_block(
-                    block,
-                    world_from_rest,
-                    features,
-                    &mut out[i * n + first..i * n + last],
-                );
-            }
+    fn pose_many_into(&self, poses: &[Pose], out: &mut [&mut [Vec3]]) {
+        assert_eq!(out.len(), poses.len(), "one slice of vertices per pose");
+        assert!(
+            out.iter().all(|out| out.len() == self.template.len()),
+            "one position per vertex"
+        );
+        for (poses, out) in poses.chunks(BATCH_POSES).zip(out.chunks_mut(BATCH_POSES)) {
+            self.pose_batch(poses, out);
         }
     }
 }
 
 impl SmplxBody {
-    fn pose_block(
-        &self,
-        block: usize,
-        world_from_rest: &[Affine3A; N_JOINTS],
-        features: &[f32; N_POSE_FEATURES],
-        out: &mut [Vec3],
-    ) {
-        let first = block * BLOCK_VERTICES;
-        let mut bent = [Vec3::ZERO; BLOCK_VERTICES];
-        let bent = &mut bent[..out.len()];
-        bent.copy_from_slice(&self.template[first..first + out.len()]);
-        let shapes =
-            &self.pose_shapes[first * N_POSE_FEATURES..(first + out.len()) * N_POSE_FEATURES];
-        for (feature, shape) in features.iter().zip(shapes.chunks_exact(out.len())) {
-            // Joints at rest, half of them in most motions, contribute nothing.
-            if *feature != 0.0 {
-                for (v, s) in bent.iter_mut().zip(shape) {
-                    *v += *s * *feature;
+    /// Up to [`BATCH_POSES`] poses.
+    fn pose_batch(&self, poses: &[Pose], out: &mut [&mut [Vec3]]) {
+        let mut features = [[0.0; BATCH_POSES]; N_POSE_FEATURES];
+        let mut world_from_rest = [[Affine3A::IDENTITY; N_JOINTS]; BATCH_POSES];
+        for (i, pose) in poses.iter().enumerate() {
+            let (bones, of_pose) = self.prepare(pose);
+            world_from_rest[i] = bones;
+            for (row, feature) in features.iter_mut().zip(of_pose) {
+                row[i] = feature;
+            }
+        }
+        // Joints at rest, half of them in most motions, contribute nothing.
+        let mut moving = [0; N_POSE_FEATURES];
+        let mut n_moving = 0;
+        for (i, row) in features.iter().enumerate() {
+            if *row != [0.0; BATCH_POSES] {
+                moving[n_moving] = i;
+                n_moving += 1;
+            }
+        }
+        for (block, rest) in self.template.chunks(BLOCK_VERTICES).enumerate() {
+            let first = block * BLOCK_VERTICES;
+            let shapes = &self.pose_shapes[block * N_POSE_FEATURES..][..N_POSE_FEATURES];
+            let bent = bend(shapes, &features, &moving[..n_moving]);
+            for ((bent, bones), out) in bent.iter().zip(&world_from_rest).zip(out.iter_mut()) {
+                let mut at = [Vec3::ZERO; BLOCK_VERTICES];
+                for ((at, rest), bend) in at.iter_mut().zip(rest).zip(bent.chunks_exact(3)) {
+                    *at = *rest + Vec3::from_slice(bend);
+                }
+                let last = first + rest.len();
+                self.skin
+                    .apply(first, bones, &at[..rest.len()], &mut out[first..last]);
+            }
+        }
+    }
+}
+
+/// Coordinates of a block's vertices.
+type Block = [f32; 3 * BLOCK_VERTICES];
+
+/// Displacements of a block in every pose, a matrix product: features by pose, transposed, times
+/// shapes by feature.
+fn bend(
+    shapes: &[Block],
+    features: &[[f32; BATCH_POSES]],
+    moving: &[usize],
+) -> [Block; BATCH_POSES] {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx2")]
+        fn compiled_for_avx2(
+            shapes: &[Block],
+            features: &[[f32; BATCH_POSES]],
+            moving: &[usize],
+        ) -> [Block; BATCH_POSES] {
+            bend_body(shapes, features, moving)
+        }
+        if is_x86_feature_detected!("avx2") {
+            // SAFETY: just detected. Nothing is fused, so the results are those of the other path.
+            return unsafe { compiled_for_avx2(shapes, features, moving) };
+        }
+    }
+    bend_body(shapes, features, moving)
+}
+
+#[inline(always)]
+fn bend_body(
+    shapes: &[Block],
+    features: &[[f32; BATCH_POSES]],
+    moving: &[usize],
+) -> [Block; BATCH_POSES] {
+    const TILE: usize = 8;
+    let mut out = [[0.0; 3 * BLOCK_VERTICES]; BATCH_POSES];
+    for first in (0..3 * BLOCK_VERTICES).step_by(TILE) {
+        let mut sums = [[0.0_f32; TILE]; BATCH_POSES];
+        for &i in moving {
+            let shape = &shapes[i][first..first + TILE];
+            for (sum, feature) in sums.iter_mut().zip(features[i]) {
+                for (sum, s) in sum.iter_mut().zip(shape) {
+                    *sum += s * feature;
                 }
             }
         }
-        self.skin.apply(first, world_from_rest, bent, out);
+        for (out, sum) in out.iter_mut().zip(&sums) {
+            out[first..first + TILE].copy_from_slice(sum);
+        }
     }
+    out
 }
 
 /// Members as read, not yet checked against each other.
@@ -409,27 +462,25 @@ impl RawModel {
             .collect())
     }
 
-    /// The pose blend shapes of the 22 joints, in the blocks [`SmplxBody::pose_block`] reads.
-    fn pose_shapes(&self, sizes: Sizes) -> Vec<Vec3> {
+    /// The pose blend shapes of the 22 joints, in the blocks [`bend`] reads.
+    fn pose_shapes(&self, sizes: Sizes) -> Vec<Block> {
         let is_vertex_major = self.posedirs.shape.len() == 3;
+        let n = 3 * sizes.n_vertices;
         let at = |feature: usize, coordinate: usize| {
+            if coordinate >= n {
+                return 0.0;
+            }
             self.posedirs.values[if is_vertex_major {
                 coordinate * sizes.n_pose_features + feature
             } else {
-                feature * 3 * sizes.n_vertices + coordinate
+                feature * n + coordinate
             }]
         };
-        let mut shapes = Vec::with_capacity(sizes.n_vertices * N_POSE_FEATURES);
-        for first in (0..sizes.n_vertices).step_by(BLOCK_VERTICES) {
-            let last = (first + BLOCK_VERTICES).min(sizes.n_vertices);
-            for feature in 0..N_POSE_FEATURES {
-                shapes.extend(
-                    (first..last)
-                        .map(|v| Vec3::from_array([0, 1, 2].map(|k| at(feature, 3 * v + k)))),
-                );
-            }
-        }
-        shapes
+        (0..n)
+            .step_by(3 * BLOCK_VERTICES)
+            .flat_map(|first| (0..N_POSE_FEATURES).map(move |feature| (first, feature)))
+            .map(|(first, feature)| std::array::from_fn(|i| at(feature, first + i)))
+            .collect()
     }
 
     fn sparse_weights(
@@ -710,9 +761,11 @@ mod tests {
                 .expect("a valid model");
             assert_eq!(body.skipped_members(), ["part2num"]);
             let mut noise = Noise(n_joints as u64);
-            let poses: Vec<Pose> = (0..3).map(|_| random_pose(&mut noise)).collect();
-            let mut many = vec![Vec3::ZERO; 3 * N_VERTICES];
-            body.pose_many_into(&poses, &mut many);
+            // More than one batch.
+            let poses: Vec<Pose> = (0..7).map(|_| random_pose(&mut noise)).collect();
+            let mut many = vec![Vec3::ZERO; poses.len() * N_VERTICES];
+            let mut slices: Vec<&mut [Vec3]> = many.chunks_exact_mut(N_VERTICES).collect();
+            body.pose_many_into(&poses, &mut slices);
             for (pose, batched) in poses.iter().zip(many.chunks_exact(N_VERTICES)) {
                 let mut out = vec![Vec3::ZERO; N_VERTICES];
                 body.pose_into(pose, &mut out);
