@@ -170,15 +170,14 @@ impl Source {
             .unwrap_or(&self.from_centre)
     }
 
-    /// Interval of instantaneous frequencies of the source's corners for |u| <= `reach`, in turns
-    /// per unit of u.
+    /// Interval of instantaneous frequencies of the source's corners for |u| <= 1, in turns per unit
+    /// of u.
     #[inline]
-    pub fn band(&self, reach: f64) -> (f64, f64) {
+    pub fn band(&self) -> (f64, f64) {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         for corner in &self.corners {
             let c: [f64; N_KEYS] = std::array::from_fn(|i| self.turns[i] + f64::from(corner[i]));
-            let width =
-                reach * (2.0 * c[2].abs() + reach * (3.0 * c[3].abs() + reach * 4.0 * c[4].abs()));
+            let width = 2.0 * c[2].abs() + 3.0 * c[3].abs() + 4.0 * c[4].abs();
             low = low.min(c[1] - width);
             high = high.max(c[1] + width);
         }

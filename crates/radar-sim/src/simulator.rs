@@ -3,7 +3,7 @@
 //! Per segment of at most 30 ms (the whole active time of the reference radar):
 //! 1. vertices at five key times; depth raster at the middle one ([`crate::visibility`]);
 //! 2. every visible facet becomes polynomials in time: phase, range cell, gains (`motion`);
-//! 3. sources are sorted into groups of like Doppler and coarse time steps (`slow_time`);
+//! 3. sources are sorted into groups of like Doppler with a few nodes in time (`slow_time`);
 //! 4. groups are spread on range grids and interpolated to the loops (`spread`);
 //! 5. one inverse FFT per chirp and receiver, plus noise (`transform`).
 //!
@@ -17,7 +17,7 @@ use radarllm_base::{RadarConfig, RadarCube, seed::derive_seed};
 use crate::bounce::{BouncingSurfaces, MAX_MIRRORS};
 use crate::error::SimError;
 use crate::facets::{FacetJob, facet_sources};
-use crate::gridding::{Kernel, OVERSAMPLING, WIDTH};
+use crate::gridding::{Kernel, WIDTH, grid_cells};
 use crate::link::Link;
 use crate::motion::{N_KEYS, RangeScale, Segment, Source, chirp_time_s, parabola, quartic};
 use crate::noise::NoiseGenerator;
@@ -113,7 +113,8 @@ pub struct Simulator {
     simd: SimdLevel,
     scale: RangeScale,
     segments: Vec<Segment>,
-    levels: Vec<Level>,
+    /// For all segments but the last, and for the last, which may be shorter.
+    levels: [Vec<Level>; 2],
     kernel: Kernel,
     channels: Vec<ChannelBlock>,
     raster: DepthRaster,
@@ -180,8 +181,10 @@ impl Simulator {
         }
         options.weather.validate()?;
         let link = Link::new(config).in_weather(&options.weather);
-        let n_cells = OVERSAMPLING * config.n_samples;
-        let kernel = Kernel::new();
+        let n_cells = grid_cells(config.n_samples);
+        let kernel = Kernel::new(n_cells as f64 / config.n_samples as f64);
+        let segments = Segment::all(config);
+        let loop_counts = [segments.first(), segments.last()].map(|s| s.map_or(1, |s| s.n_loops));
         Ok(Self {
             scale: RangeScale {
                 centre_hz: link.centre_hz,
@@ -189,12 +192,12 @@ impl Simulator {
                 cells_per_s: n_cells as f64 * config.slope_hz_per_s / config.sample_rate_hz,
                 n_cells,
             },
-            segments: Segment::all(config),
-            levels: Level::all(Segment::loops_of(config), config.loop_period_s()),
+            segments,
+            levels: loop_counts.map(|n| Level::all(n, config.loop_period_s())),
             channels: ChannelBlock::all(config, link.array_centre_m),
             rain: Rain::new(&options, config, &link),
             raster: DepthRaster::new(options.raster_size, options.sampling),
-            range_transform: RangeTransform::new(config.n_samples, &kernel),
+            range_transform: RangeTransform::new(config.n_samples, n_cells, &kernel),
             kernel,
             simd,
             link,
@@ -276,7 +279,8 @@ impl Simulator {
 
             let clock = Instant::now();
             self.prepare_sources(scene, &segment, time_s, seed, i == 0, &mut stats)?;
-            let (first_cell, n_cells) = self.sort_sources(&segment, &mut stats);
+            let is_last = usize::from(i + 1 == self.segments.len());
+            let (first_cell, n_cells) = self.sort_sources(&segment, is_last, &mut stats);
             stats.seconds.sources += clock.elapsed().as_secs_f64();
 
             let first_chirp_s = chirp_time_s(&self.config, segment.first_loop, 0);
@@ -295,7 +299,7 @@ impl Simulator {
                         tx_rows: &self.work.tx_rows,
                         order: &self.work.order,
                         groups: &self.work.groups,
-                        levels: &self.levels,
+                        levels: &self.levels[is_last],
                         channels,
                         kernel: &self.kernel,
                         cells_per_turn: (self.scale.cells_per_s / self.scale.centre_hz) as f32,
@@ -484,20 +488,14 @@ impl Simulator {
 
     /// Sorts the sources into Doppler groups; returns the first cell and the number of cells that
     /// they touch.
-    fn sort_sources(&mut self, segment: &Segment, stats: &mut FrameStats) -> (i32, usize) {
+    fn sort_sources(
+        &mut self,
+        segment: &Segment,
+        is_last: usize,
+        stats: &mut FrameStats,
+    ) -> (i32, usize) {
         let work = &mut self.work;
-        let first_chirp_s = chirp_time_s(&self.config, segment.first_loop, 0);
-        // Nodes reach beyond the segment; so must the bounds. The same for every block.
-        let reaches: Vec<f64> = self
-            .levels
-            .iter()
-            .map(|level| {
-                let ends = [level.loop_of(0), level.last_node_loop(segment.n_loops)];
-                ends.map(|l| segment.unit_time(first_chirp_s, l).abs())
-                    .into_iter()
-                    .fold(1.0, f64::max)
-            })
-            .collect();
+        let levels = &self.levels[is_last];
         // Range walk spreads a source's frequency over the sweep by half the relative bandwidth.
         let sweep = 0.5 * self.config.sampled_bandwidth_hz() / self.link.centre_hz;
         work.sorting.clear();
@@ -516,13 +514,13 @@ impl Simulator {
                 .iter()
                 .map(|c| c.extra_band(source, turn_rad))
                 .fold(0.0, f32::max);
-            let mut placed = (self.levels.len() - 1, 0);
-            for (l, level) in self.levels.iter().enumerate() {
+            let (low, high) = source.band();
+            let margin = f64::from(extra) + sweep * low.abs().max(high.abs());
+            let mut placed = (levels.len() - 1, 0);
+            for (l, level) in levels.iter().enumerate() {
                 if level.is_direct() {
                     break;
                 }
-                let (low, high) = source.band(reaches[l]);
-                let margin = f64::from(extra) + sweep * low.abs().max(high.abs());
                 let half_width = level.half_width_hz * segment.half_s;
                 // Rounds to the nearest integer without a library call.
                 const MAGIC: f64 = 6_755_399_441_055_744.0;
@@ -553,11 +551,11 @@ impl Simulator {
                 .take_while(|s| s.0 >> 16 == key)
                 .count();
             let level_idx = (key >> 32) as usize;
-            let level = &self.levels[level_idx];
+            let level = &levels[level_idx];
             let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
             for &index in &work.order[first..first + run] {
                 let source = &work.sources[index as usize];
-                let (l, h) = source.cell_range(reaches[level_idx] as f32);
+                let (l, h) = source.cell_range(1.0);
                 let reach = self
                     .channels
                     .iter()

@@ -1,93 +1,99 @@
-//! Slow time on a coarse grid: sources of like radial velocity share Doppler groups.
+//! Slow time at a few nodes: sources of like radial velocity share Doppler groups.
 //!
 //! Within a group of centre frequency F, every source's slow-time signal times `exp(-j 2 pi F t)`
-//! is narrow-band, so it need be spread only every `step` loops; the group's whole range grid is
-//! then interpolated to every loop and turned back by `exp(j 2 pi F t)`. Acceleration and rotation
-//! widen a source's band, which puts it on a finer level; the finest, `step` 1, takes anything.
-//! TDM slots are interleaved grids of the same spacing, each sampled at its own times.
+//! is narrow-band, so it need be spread only at a few nodes of the segment; the group's whole range
+//! grid is then interpolated to every loop and turned back by `exp(j 2 pi F t)`. Acceleration and
+//! rotation widen a source's band, which puts it on a finer level; the finest takes anything.
+//! TDM slots share the nodes, each slot shifted by its own delay.
+//!
+//! A signal of time-bandwidth product B over an interval has about B degrees of freedom there, and a
+//! few more for every 20 dB of accuracy. Nodes spaced as Chebyshev's, denser towards the ends, come
+//! near that count and stay inside the segment, where the sources' polynomials hold. Equidistant
+//! nodes would need margins beyond both ends instead: 23 for a B of 7 rather than 15.
 
 use std::f64::consts::PI;
 
-use crate::gridding::solve;
+/// Most nodes of a block.
+pub(crate) const MOST_NODES: usize = 32;
+/// Loops that are interpolated together.
+pub(crate) const QUAD: usize = 4;
+/// Nodes, and the time-bandwidth product that they carry with an error below -68 dB (4e-4).
+const LEVELS: [(usize, f64); 3] = [(10, 3.8), (16, 8.2), (32, 18.5)];
+/// The outermost nodes lie at this share of the way to the ends.
+const STRETCH: f64 = 0.98;
 
-/// Nodes used to interpolate one loop.
-pub(crate) const TAPS: usize = 8;
-/// Nodes before the first loop.
-pub(crate) const LEAD: usize = TAPS / 2 - 1;
-/// Half of the band in cycles per node for which the interpolation is designed. At 0.22 (2.3-fold
-/// oversampling) eight least-squares taps leave -69 dB.
-const HALF_BAND: f64 = 0.22;
-/// Node spacings in loops, coarsest first.
-const STEPS: [usize; 5] = [16, 8, 4, 2, 1];
-/// Nodes of one block at most, besides the interpolation's margins.
-const MOST_STEPS: usize = 32;
-
-/// One spacing.
+/// One density of nodes.
 pub(crate) struct Level {
-    /// Loops from node to node.
-    pub step: usize,
     /// Loops of one block: a source is spread, and a group interpolated, block by block.
     pub block_loops: usize,
     /// Half of the usable band around a group's centre, Hz.
     pub half_width_hz: f64,
-    /// Weights of the eight nodes around a loop, by loop index modulo `step`.
-    pub weights: Vec<[f32; TAPS]>,
+    /// Loop coordinates of the nodes, counted from the block's first loop.
+    pub nodes: Vec<f64>,
+    /// Weights of every node in four consecutive loops, `[loop / 4][node]`; empty where loops are
+    /// nodes.
+    weights: Vec<[f32; QUAD]>,
 }
 
 impl Level {
-    /// Levels for segments of `segment_loops` loops, coarsest first; the last takes anything.
-    pub fn all(segment_loops: usize, loop_period_s: f64) -> Vec<Self> {
-        STEPS
+    /// Levels for a segment of `n_loops` loops, coarsest first; the last takes anything.
+    pub fn all(n_loops: usize, loop_period_s: f64) -> Vec<Self> {
+        let coarse = LEVELS
             .into_iter()
-            .filter(|&step| step == 1 || segment_loops > 2 * step)
-            .map(|step| Self {
-                step,
-                block_loops: (step * MOST_STEPS).min(segment_loops),
-                half_width_hz: HALF_BAND / (step as f64 * loop_period_s),
-                weights: (0..step).map(|i| weights(i as f64 / step as f64)).collect(),
-            })
+            .filter(|&(n_nodes, _)| n_loops >= 2 * n_nodes)
+            .map(|(n_nodes, cycles)| {
+                let half_band = 0.5 * cycles / (n_loops - 1) as f64;
+                let nodes = nodes(n_nodes, n_loops);
+                Self {
+                    block_loops: n_loops,
+                    half_width_hz: half_band / loop_period_s,
+                    weights: weights(&nodes, n_loops, half_band),
+                    nodes,
+                }
+            });
+        let block_loops = n_loops.min(MOST_NODES);
+        coarse
+            .chain([Self {
+                block_loops,
+                half_width_hz: 0.5 / loop_period_s,
+                nodes: (0..block_loops).map(|l| l as f64).collect(),
+                weights: Vec::new(),
+            }])
             .collect()
     }
 
     /// Whether loops are nodes, without interpolation.
     pub fn is_direct(&self) -> bool {
-        self.step == 1
+        self.weights.is_empty()
     }
 
-    /// Number of nodes for a block of `n_loops`.
+    /// Number of nodes for a block of `n_loops`; only blocks of loops that are nodes may be short.
     pub fn n_nodes(&self, n_loops: usize) -> usize {
         if self.is_direct() {
             n_loops
         } else {
-            (n_loops - 1) / self.step + TAPS
+            self.nodes.len()
         }
     }
 
-    /// Loop coordinate of node `node` of a block that starts at loop 0.
-    pub fn loop_of(&self, node: usize) -> f64 {
-        if self.is_direct() {
-            node as f64
-        } else {
-            (node as f64 - LEAD as f64) * self.step as f64
-        }
-    }
-
-    /// Loop coordinate of the last node of the last block of `n_loops` loops.
-    pub fn last_node_loop(&self, n_loops: usize) -> f64 {
-        let last_block = n_loops - (n_loops - 1) % self.block_loops - 1;
-        let nodes = self.n_nodes(n_loops - last_block);
-        last_block as f64 + self.loop_of(nodes - 1)
+    /// Weights by node of the loops `QUAD * quad..`.
+    pub fn weights(&self, quad: usize) -> &[[f32; QUAD]] {
+        &self.weights[quad * self.nodes.len()..][..self.nodes.len()]
     }
 }
 
-/// Least-squares weights that interpolate at `fraction` between nodes 3 and 4 of 0..8, over the band
-/// |f| <= [`HALF_BAND`]. At 0 they are a unit vector.
-fn weights(fraction: f64) -> [f32; TAPS] {
-    let mut weights = [0.0; TAPS];
-    if fraction == 0.0 {
-        weights[LEAD] = 1.0;
-        return weights;
-    }
+/// Loop coordinates of `n` Chebyshev nodes over the loops `0..n_loops`.
+fn nodes(n: usize, n_loops: usize) -> Vec<f64> {
+    let half = 0.5 * (n_loops - 1) as f64;
+    let angle = |i: f64| (PI * (i + 0.5) / n as f64).cos();
+    (0..n)
+        .map(|i| half * (1.0 - STRETCH * angle(i as f64) / angle(0.0)))
+        .collect()
+}
+
+/// Least-squares weights that interpolate from `nodes` to every loop over the band
+/// |f| <= `half_band`, cycles per loop.
+fn weights(nodes: &[f64], n_loops: usize, half_band: f64) -> Vec<[f32; QUAD]> {
     let sinc = |x: f64| {
         if x == 0.0 {
             1.0
@@ -95,20 +101,57 @@ fn weights(fraction: f64) -> [f32; TAPS] {
             (PI * x).sin() / (PI * x)
         }
     };
-    let x = LEAD as f64 + fraction;
-    let mut rows = [[0.0; 9]; 8];
-    for (i, row) in rows.iter_mut().enumerate() {
-        for (j, value) in row[..8].iter_mut().enumerate() {
-            *value = sinc(2.0 * HALF_BAND * (i as f64 - j as f64));
+    let n = nodes.len();
+    let mut rows: Vec<Vec<f64>> = nodes
+        .iter()
+        .enumerate()
+        .map(|(i, &x)| {
+            let mut row: Vec<f64> = nodes
+                .iter()
+                .map(|y| sinc(2.0 * half_band * (x - y)))
+                .collect();
+            // Keeps the nearly singular system from buying 1e-6 of accuracy with weights of 10.
+            row[i] += 1e-10;
+            row.extend((0..n_loops).map(|l| sinc(2.0 * half_band * (x - l as f64))));
+            row
+        })
+        .collect();
+    solve(&mut rows);
+    (0..n_loops.div_ceil(QUAD))
+        .flat_map(|quad| {
+            let rows = &rows;
+            (0..n).map(move |node| {
+                std::array::from_fn(|i| {
+                    // Loops beyond the last are computed and thrown away.
+                    let l = (QUAD * quad + i).min(n_loops - 1);
+                    rows[node][n + l] as f32
+                })
+            })
+        })
+        .collect()
+}
+
+/// Gauss-Jordan elimination with partial pivoting: leaves the solutions in the columns beyond the
+/// square part.
+pub(crate) fn solve(rows: &mut [Vec<f64>]) {
+    let n = rows.len();
+    for col in 0..n {
+        let pivot = (col..n)
+            .max_by(|&a, &b| rows[a][col].abs().total_cmp(&rows[b][col].abs()))
+            .unwrap_or(col);
+        rows.swap(col, pivot);
+        let lead = rows[col][col];
+        rows[col].iter_mut().for_each(|x| *x /= lead);
+        let lead = rows[col].clone();
+        for (r, row) in rows.iter_mut().enumerate() {
+            if r != col {
+                let factor = row[col];
+                for (x, l) in row.iter_mut().zip(&lead) {
+                    *x -= factor * l;
+                }
+            }
         }
-        // Keeps the nearly singular system from buying 1e-6 of accuracy with weights of 10.
-        row[i] += 1e-10;
-        row[8] = sinc(2.0 * HALF_BAND * (x - i as f64));
     }
-    for (weight, solution) in weights.iter_mut().zip(solve(&mut rows)) {
-        *weight = solution as f32;
-    }
-    weights
 }
 
 #[cfg(test)]
@@ -118,20 +161,29 @@ mod tests {
 
     #[test]
     fn interpolation_is_better_than_68_db_over_the_band() {
-        for sixteenth in 0..16 {
-            let fraction = f64::from(sixteenth) / 16.0;
-            let w = weights(fraction);
-            for i in -100..=100 {
-                let turn = 2.0 * PI * HALF_BAND * f64::from(i) / 100.0;
-                let sum: Complex64 = (0..TAPS)
-                    .map(|k| Complex64::from_polar(f64::from(w[k]), turn * k as f64))
-                    .sum();
-                let exact = Complex64::from_polar(1.0, turn * (LEAD as f64 + fraction));
-                assert!(
-                    (sum - exact).norm() < 4e-4,
-                    "{fraction} {i} {}",
-                    (sum - exact).norm()
-                );
+        for n_loops in [20, 37, 44, 128] {
+            for level in Level::all(n_loops, 1.0) {
+                if level.is_direct() {
+                    continue;
+                }
+                let inside = 0.0..=(n_loops - 1) as f64;
+                assert!(level.nodes.iter().all(|x| inside.contains(x)));
+                for l in 0..n_loops {
+                    let w = level.weights(l / QUAD);
+                    for i in -100..=100 {
+                        let turn = 2.0 * PI * level.half_width_hz * f64::from(i) / 100.0;
+                        let sum: Complex64 = (level.nodes.iter().zip(w))
+                            .map(|(x, w)| Complex64::from_polar(f64::from(w[l % QUAD]), turn * x))
+                            .sum();
+                        let exact = Complex64::from_polar(1.0, turn * l as f64);
+                        let error = (sum - exact).norm();
+                        assert!(
+                            error < 4e-4,
+                            "{n_loops} loops, {} nodes, loop {l}, {i} %: {error}",
+                            level.nodes.len()
+                        );
+                    }
+                }
             }
         }
     }

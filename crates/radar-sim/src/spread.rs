@@ -10,12 +10,10 @@ use glam::Vec3;
 use crate::gridding::{Kernel, SLACK_CELLS, WIDTH};
 use crate::motion::{N_KEYS, Source};
 use crate::simd::{Lanes, dispatch, sin_cos_turns};
-use crate::slow_time::{LEAD, Level, TAPS};
+use crate::slow_time::{Level, MOST_NODES, QUAD};
 
 /// Channels that travel together.
 pub(crate) const LANES: usize = 16;
-/// Node buffers are padded to whole lanes.
-const NODE_ROOM: usize = 48;
 
 /// One range cell of up to sixteen channels.
 #[derive(Clone, Copy)]
@@ -203,7 +201,7 @@ struct Nodes {
 }
 
 /// One value per node.
-type Rooms = [[f32; LANES]; NODE_ROOM / LANES];
+type Rooms = [[f32; LANES]; MOST_NODES / LANES];
 
 #[inline(always)]
 fn spread_body<L: Lanes>(job: SpreadJob<'_>) {
@@ -218,7 +216,7 @@ fn spread_body<L: Lanes>(job: SpreadJob<'_>) {
     } = job;
     job.out.clear();
     job.out.resize(job.n_loops * job.n_cells, Cell::ZERO);
-    let zero: Rooms = [[0.0; LANES]; NODE_ROOM / LANES];
+    let zero: Rooms = [[0.0; LANES]; MOST_NODES / LANES];
     let mut nodes = Nodes {
         u: zero,
         turns: zero,
@@ -228,6 +226,11 @@ fn spread_body<L: Lanes>(job: SpreadJob<'_>) {
         more_im: zero,
         cells: zero,
     };
+    let mut phasors = [Phasor {
+        re: [0.0; LANES],
+        im: [0.0; LANES],
+        d: [0.0; LANES],
+    }; MOST_NODES];
     let last_slot_u = channels.most_slot_s / job.half_s as f32;
     let slot = L::load(&channels.slot_share);
     for group in groups {
@@ -237,9 +240,9 @@ fn spread_body<L: Lanes>(job: SpreadJob<'_>) {
         while first_loop < job.n_loops {
             let n_loops = level.block_loops.min(job.n_loops - first_loop);
             let n_nodes = level.n_nodes(n_loops);
-            let mut u = [[0.0_f64; LANES]; NODE_ROOM / LANES];
+            let mut u = [[0.0_f64; LANES]; MOST_NODES / LANES];
             for (node, u) in u.as_flattened_mut().iter_mut().enumerate() {
-                let at = first_loop as f64 + level.loop_of(node.min(n_nodes - 1));
+                let at = first_loop as f64 + level.nodes[node.min(n_nodes - 1)];
                 *u = job.u_first + at * job.u_per_loop;
             }
             for (to, from) in nodes.u.as_flattened_mut().iter_mut().zip(u.as_flattened()) {
@@ -270,44 +273,32 @@ fn spread_body<L: Lanes>(job: SpreadJob<'_>) {
                 );
                 let lanes = channel_turns::<L>(source, job.tx_rows, channels, job.half_s as f32);
                 let reach = channels.cell_reach(source, job.cells_per_turn, job.half_s as f32);
+                let phasors = &mut phasors[..n_nodes];
+                fill_phasors::<L>(&nodes, &lanes, slot, phasors);
+                let cells = &nodes.cells.as_flattened()[..n_nodes];
+                let scale = job.cells_per_turn;
                 if reach <= SLACK_CELLS as f32 {
-                    add_compact(
-                        &nodes,
-                        n_nodes,
-                        &lanes,
-                        slot,
-                        kernel,
-                        job.cells_per_turn,
-                        shift,
-                        width,
-                        grid,
-                    );
+                    add_compact::<L>(phasors, cells, kernel, scale, shift, width, grid);
                 } else {
-                    add_wide(
-                        &nodes,
-                        n_nodes,
-                        &lanes,
-                        slot,
-                        kernel,
-                        job.cells_per_turn,
-                        shift,
-                        width,
-                        grid,
-                    );
+                    add_wide(phasors, cells, kernel, scale, shift, width, grid);
                 }
             }
             if !level.is_direct() {
-                for l in 0..n_loops {
-                    let u = job.u_first + (first_loop + l) as f64 * job.u_per_loop;
-                    let turns = group.turns_per_u * u;
-                    let (sin, cos) = ((turns - turns.round()) * std::f64::consts::TAU).sin_cos();
-                    let start = (first_loop + l) * job.n_cells + offset;
+                for first in (0..n_loops).step_by(QUAD) {
+                    let phasors: [[f32; 2]; QUAD] = std::array::from_fn(|i| {
+                        let l = (first_loop + first + i) as f64;
+                        let turns = group.turns_per_u * (job.u_first + l * job.u_per_loop);
+                        let angle = (turns - turns.round()) * std::f64::consts::TAU;
+                        let (sin, cos) = angle.sin_cos();
+                        [cos as f32, sin as f32]
+                    });
                     interpolate::<L>(
-                        &job.grid[l / level.step * group.n_cells..],
+                        job.grid,
                         group.n_cells,
-                        &level.weights[l % level.step],
-                        [cos as f32, sin as f32],
-                        &mut job.out[start..start + group.n_cells],
+                        level.weights(first / QUAD),
+                        &phasors[..QUAD.min(n_loops - first)],
+                        &mut job.out[(first_loop + first) * job.n_cells + offset..],
+                        job.n_cells,
                     );
                 }
             }
@@ -320,7 +311,7 @@ fn spread_body<L: Lanes>(job: SpreadJob<'_>) {
 #[inline(always)]
 fn evaluate<L: Lanes>(
     source: &Source,
-    u: &[[f64; LANES]; NODE_ROOM / LANES],
+    u: &[[f64; LANES]; MOST_NODES / LANES],
     group_turns_per_u: f64,
     last_slot_u: f32,
     n_nodes: usize,
@@ -510,19 +501,33 @@ fn channel_turns<L: Lanes>(
     ]
 }
 
-/// Phasors of all channels at one node, and their distance from the reference in turns.
+/// A source at one node; lanes are channels.
+#[derive(Clone, Copy)]
+struct Phasor {
+    re: [f32; LANES],
+    im: [f32; LANES],
+    /// Distance from the reference channel, turns.
+    d: [f32; LANES],
+}
+
+/// Phasors of all channels at all nodes. A loop of its own: its long chains of dependent
+/// instructions overlap better than with the grid's updates in between.
 #[inline(always)]
-fn phasors<L: Lanes>(nodes: &Nodes, node: usize, lanes: &[L; N_KEYS], slot: L) -> (L, L, L) {
-    let t = at::<L>(&nodes.u, node);
-    let d = lanes[4]
-        .fma(t, lanes[3])
-        .fma(t, lanes[2])
-        .fma(t, lanes[1])
-        .fma(t, lanes[0]);
-    let (sin, cos) = sin_cos_turns(d.add(at(&nodes.turns, node)));
-    let re = slot.fma(at(&nodes.more_re, node), at(&nodes.re, node));
-    let im = slot.fma(at(&nodes.more_im, node), at(&nodes.im, node));
-    (im.fnma(sin, re.mul(cos)), im.fma(cos, re.mul(sin)), d)
+fn fill_phasors<L: Lanes>(nodes: &Nodes, lanes: &[L; N_KEYS], slot: L, out: &mut [Phasor]) {
+    for (node, out) in out.iter_mut().enumerate() {
+        let t = at::<L>(&nodes.u, node);
+        let d = lanes[4]
+            .fma(t, lanes[3])
+            .fma(t, lanes[2])
+            .fma(t, lanes[1])
+            .fma(t, lanes[0]);
+        let (sin, cos) = sin_cos_turns(d.add(at(&nodes.turns, node)));
+        let re = slot.fma(at(&nodes.more_re, node), at(&nodes.re, node));
+        let im = slot.fma(at(&nodes.more_im, node), at(&nodes.im, node));
+        im.fnma(sin, re.mul(cos)).store(&mut out.re);
+        im.fma(cos, re.mul(sin)).store(&mut out.im);
+        d.store(&mut out.d);
+    }
 }
 
 #[inline(always)]
@@ -532,12 +537,9 @@ fn at<L: Lanes>(rooms: &Rooms, node: usize) -> L {
 
 /// Adds a source whose channels all lie within [`SLACK_CELLS`] of one another.
 #[inline(always)]
-#[expect(clippy::too_many_arguments)]
 fn add_compact<L: Lanes>(
-    nodes: &Nodes,
-    n_nodes: usize,
-    lanes: &[L; N_KEYS],
-    slot: L,
+    phasors: &[Phasor],
+    cells: &[f32],
     kernel: &Kernel,
     cells_per_turn: f32,
     first_cell: i32,
@@ -545,11 +547,10 @@ fn add_compact<L: Lanes>(
     grid: &mut [Cell],
 ) {
     let cells_per_turn = L::splat(cells_per_turn);
-    for node in 0..n_nodes {
-        let (re, im, d) = phasors(nodes, node, lanes, slot);
-        let position = nodes.cells.as_flattened()[node];
+    for (node, (&position, phasor)) in cells.iter().zip(phasors).enumerate() {
+        let (re, im) = (L::load(&phasor.re), L::load(&phasor.im));
         let cell = position.floor();
-        let v = d.fma(cells_per_turn, L::splat(position - cell - 0.5));
+        let v = L::load(&phasor.d).fma(cells_per_turn, L::splat(position - cell - 0.5));
         let y = v.mul(v);
         // SAFETY: cells are finite and within a few grid widths (checked when sources are made).
         let cell: i32 = unsafe { cell.to_int_unchecked() };
@@ -572,26 +573,18 @@ fn add_compact<L: Lanes>(
 
 /// Adds a source whose channels lie in different cells (wide apertures, high speeds): lane by lane.
 #[inline(always)]
-#[expect(clippy::too_many_arguments)]
-fn add_wide<L: Lanes>(
-    nodes: &Nodes,
-    n_nodes: usize,
-    lanes: &[L; N_KEYS],
-    slot: L,
+fn add_wide(
+    phasors: &[Phasor],
+    cells: &[f32],
     kernel: &Kernel,
     cells_per_turn: f32,
     first_cell: i32,
     width: usize,
     grid: &mut [Cell],
 ) {
-    let (mut re, mut im, mut d) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-    for node in 0..n_nodes {
-        let phasor = phasors(nodes, node, lanes, slot);
-        phasor.0.store(&mut re);
-        phasor.1.store(&mut im);
-        phasor.2.store(&mut d);
+    for (node, (&position, Phasor { re, im, d })) in cells.iter().zip(phasors).enumerate() {
         for lane in 0..LANES {
-            let position = nodes.cells.as_flattened()[node] + d[lane] * cells_per_turn;
+            let position = position + d[lane] * cells_per_turn;
             let cell = position.floor();
             let start = node * width + (cell as i32 - first_cell) as usize - 2;
             let taps = kernel.taps(position - cell - 0.5);
@@ -603,37 +596,31 @@ fn add_wide<L: Lanes>(
     }
 }
 
-/// Adds one loop of a group: the weighted sum of eight nodes' rows, turned by `phasor`.
+/// Adds up to four loops of a group: the weighted sums of all nodes' rows, turned by `phasors`.
+/// Loops of `out` are `stride` cells apart.
 #[inline(always)]
 fn interpolate<L: Lanes>(
     rows: &[Cell],
     width: usize,
-    weights: &[f32; TAPS],
-    phasor: [f32; 2],
+    weights: &[[f32; QUAD]],
+    phasors: &[[f32; 2]],
     out: &mut [Cell],
+    stride: usize,
 ) {
-    let (cos, sin) = (L::splat(phasor[0]), L::splat(phasor[1]));
-    // Loops that are nodes take one row as it is.
-    if weights[LEAD] == 1.0 {
-        for (target, cell) in out.iter_mut().zip(&rows[LEAD * width..]) {
-            turn_into(target, L::load(&cell.re), L::load(&cell.im), cos, sin);
+    for i in 0..width {
+        let (mut re, mut im) = ([L::splat(0.0); QUAD], [L::splat(0.0); QUAD]);
+        for (row, weights) in rows.chunks_exact(width).zip(weights) {
+            let (cell_re, cell_im) = (L::load(&row[i].re), L::load(&row[i].im));
+            for k in 0..QUAD {
+                let weight = L::splat(weights[k]);
+                re[k] = weight.fma(cell_re, re[k]);
+                im[k] = weight.fma(cell_im, im[k]);
+            }
         }
-        return;
-    }
-    let mut taps = [&rows[..width]; TAPS];
-    for (k, tap) in taps.iter_mut().enumerate() {
-        *tap = &rows[k * width..][..width];
-    }
-    for (i, target) in out[..width].iter_mut().enumerate() {
-        let weight = L::splat(weights[0]);
-        let mut re = weight.mul(L::load(&taps[0][i].re));
-        let mut im = weight.mul(L::load(&taps[0][i].im));
-        for k in 1..TAPS {
-            let weight = L::splat(weights[k]);
-            re = weight.fma(L::load(&taps[k][i].re), re);
-            im = weight.fma(L::load(&taps[k][i].im), im);
+        for (k, &[cos, sin]) in phasors.iter().enumerate() {
+            let target = &mut out[k * stride + i];
+            turn_into(target, re[k], im[k], L::splat(cos), L::splat(sin));
         }
-        turn_into(target, re, im, cos, sin);
     }
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use num_complex::Complex32;
 use rustfft::{Fft, FftPlanner};
 
-use crate::gridding::{Kernel, OVERSAMPLING};
+use crate::gridding::Kernel;
 use crate::noise::add_noise_body;
 use crate::simd::{Lanes, dispatch};
 use crate::spread::{Cell, ChannelBlock};
@@ -20,8 +20,7 @@ pub(crate) struct RangeTransform {
 }
 
 impl RangeTransform {
-    pub fn new(n_samples: usize, kernel: &Kernel) -> Self {
-        let n_cells = OVERSAMPLING * n_samples;
+    pub fn new(n_samples: usize, n_cells: usize, kernel: &Kernel) -> Self {
         let fft = FftPlanner::new().plan_fft_inverse(n_cells);
         let scratch = vec![Complex32::ZERO; fft.get_inplace_scratch_len()];
         Self {
