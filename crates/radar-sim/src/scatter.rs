@@ -101,8 +101,21 @@ pub(crate) struct FacetPhases {
 
 impl FacetPhases {
     pub fn new(seed: u64, surface_idx: usize) -> Self {
+        // The index in decimal, without an allocation: this runs in every frame.
+        let mut digits = [0; 20];
+        let mut first = digits.len();
+        let mut rest = surface_idx;
+        loop {
+            first -= 1;
+            digits[first] = b'0' + (rest % 10) as u8;
+            rest /= 10;
+            if rest == 0 {
+                break;
+            }
+        }
+        let name = std::str::from_utf8(&digits[first..]).unwrap_or_default();
         Self {
-            surface_seed: derive_seed(derive_seed(seed, "facet phase"), &surface_idx.to_string()),
+            surface_seed: derive_seed(derive_seed(seed, "facet phase"), name),
         }
     }
 
@@ -170,5 +183,12 @@ mod tests {
         assert!(mean.norm() < 0.04, "{mean}");
         assert_eq!(phases.phasor(3), FacetPhases::new(7, 0).phasor(3));
         assert_ne!(phases.phasor(3), FacetPhases::new(7, 1).phasor(3));
+        for surface_idx in [0, 9, 10, 305] {
+            let name = surface_idx.to_string();
+            assert_eq!(
+                FacetPhases::new(7, surface_idx).surface_seed,
+                derive_seed(derive_seed(7, "facet phase"), &name)
+            );
+        }
     }
 }
