@@ -215,6 +215,25 @@ mod tests {
     }
 
     #[test]
+    fn several_times_at_once_are_the_same_positions() {
+        let mut motion = standing(1.7);
+        motion.poses[1].root_in_world.x += 0.05;
+        let surface = posed(1.7, &motion, Placement::default());
+        // More than one batch.
+        let times_s = [0.0, 0.005, 0.01, 0.015, 0.02, 0.025, 0.03];
+        let n = surface.n_vertices();
+        let mut many = vec![Vec3::ZERO; times_s.len() * n];
+        let mut parts: Vec<&mut [Vec3]> = many.chunks_exact_mut(n).collect();
+        surface.positions_at_times(&times_s, &mut parts);
+        for (&time_s, part) in times_s.iter().zip(many.chunks_exact(n)) {
+            let mut one = vec![Vec3::ZERO; n];
+            surface.positions_at(time_s, &mut one);
+            assert_eq!(one, part, "{time_s}");
+        }
+        assert_ne!(many[..n], many[6 * n..]);
+    }
+
+    #[test]
     fn the_diffuse_term_gives_the_intended_mean_cross_section() {
         // Sum of 4 rho A cos^2 over facets that face a distant radar, averaged over azimuth;
         // hidden facets are counted too, which adds about half a decibel.
