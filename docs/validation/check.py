@@ -96,10 +96,11 @@ def main(program, folder):
         bin_ = i + 0.5 * (a - c) / (a - 2 * b + c)
         return bin_ / (64 * N) * RATE / SLOPE * C / 2
 
-    # Stop and hop: a chirp sees the place at the middle of its samples.
+    # The place at the middle of the samples, and the Doppler part of the beat frequency.
     first_s = RAMP_S + ADC_S + MIDDLE / RATE
+    coupling_m = speed * C / WAVELENGTH / SLOPE
     found_m = beat_range(moving[0, 0, 0])
-    row("range of a point", "beat f = 2 S R / c", start_m + speed * first_s, found_m, 2e-4, "m",
+    row("range of a point", "beat f = 2 S R / c + 2 v / λ", start_m + speed * first_s + coupling_m, found_m, 2e-4, "m",
         "point_target_range_and_range_walk", "moving_point")
     walk_bins = (beat_range(moving[127, 0, 0]) - found_m) * 2 * SLOPE * N / RATE / C
     row("range walk", "127 v T / (c / 2B)", speed * 127 * LOOP_S * 2 * SLOPE * N / RATE / C, walk_bins, 0.01,

@@ -185,7 +185,6 @@ fn fit(ranges: &[[DoubleRow; 4]; N_KEYS], link: &Link, scale: &RangeScale) -> Fi
         turns_per_m: [0.0; BATCH],
     };
     let delay = 2.0 / SPEED_OF_LIGHT_MPS;
-    let n_cells = scale.n_cells as f64;
     for i in 0..BATCH {
         let tau = [
             delay * ranges[0][3][i],
@@ -201,11 +200,7 @@ fn fit(ranges: &[[DoubleRow; 4]; N_KEYS], link: &Link, scale: &RangeScale) -> Fi
             scale.turns(tau[3]),
             scale.turns(tau[4]),
         ]);
-        let mut cells = quartic(tau);
-        for c in &mut cells {
-            *c *= scale.cells_per_s;
-        }
-        cells[0] -= (cells[0] / n_cells).floor() * n_cells;
+        let cells = scale.cells(quartic(tau));
         for p in 0..N_KEYS {
             fit.turns[p][i] = turns[p];
             fit.cells[p][i] = cells[p] as f32;

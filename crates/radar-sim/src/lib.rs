@@ -5,8 +5,9 @@
 //!
 //! The signal of a path with delay tau is `a exp j[2 pi f0 tau + 2 pi S t tau - pi S tau^2]`, `t`
 //! from the ramp start. tau follows the exact TX-facet-RX distances at the centre of each chirp's
-//! ADC window (stop-and-hop: nothing moves within the 58 us of one window), so TDM timing, range
-//! walk and near-field wave fronts are exact.
+//! ADC window and its rate there (within the 58 us of one window the carrier turns with the moving
+//! target, f_c v / S of beat frequency; the sweep's own part, 0.01 rad at 4.5 m/s, is left out), so TDM
+//! timing, range walk and near-field wave fronts are exact.
 //!
 //! Two implementations of the same model: [`Simulator`] (fast) and [`mod@reference`] (direct sum in
 //! f64, slow), tested against each other. Reading order: [`scene`], [`link`] (radar equation),

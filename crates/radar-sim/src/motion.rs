@@ -124,6 +124,9 @@ pub(crate) struct RangeScale {
     pub cells_per_s: f64,
     /// Grid cells.
     pub n_cells: usize,
+    /// f_c / S in units of `u`. A delay that changes by tau' shifts the beat frequency by f_c tau': to
+    /// first order the cell is that of f_c / S later.
+    pub advance_u: f64,
 }
 
 impl RangeScale {
@@ -131,6 +134,23 @@ impl RangeScale {
     #[inline(always)]
     pub fn turns(&self, tau_s: f64) -> f64 {
         (self.centre_hz - 0.5 * self.slope_hz_per_s * tau_s) * tau_s
+    }
+
+    /// Position on the range grid, folded at u = 0, of a delay's polynomial in s.
+    #[inline(always)]
+    pub fn cells(&self, tau_s: [f64; N_KEYS]) -> [f64; N_KEYS] {
+        let [a, b, c, d, e] = tau_s.map(|c| c * self.cells_per_s);
+        let later = self.advance_u;
+        let mut cells = [
+            a + later * b,
+            b + later * 2.0 * c,
+            c + later * 3.0 * d,
+            d + later * 4.0 * e,
+            e,
+        ];
+        let n = self.n_cells as f64;
+        cells[0] -= (cells[0] / n).floor() * n;
+        cells
     }
 
     /// A source from its phase centre, relative to the array centre, at the key times.
@@ -143,9 +163,7 @@ impl RangeScale {
     pub fn source_between(&self, tx: &[DVec3; N_KEYS], rx: &[DVec3; N_KEYS]) -> Source {
         let tau_s: [f64; N_KEYS] =
             std::array::from_fn(|k| (tx[k].length() + rx[k].length()) / SPEED_OF_LIGHT_MPS);
-        let mut cells = quartic(tau_s).map(|c| c * self.cells_per_s);
-        let n = self.n_cells as f64;
-        cells[0] -= (cells[0] / n).floor() * n;
+        let cells = self.cells(quartic(tau_s));
         Source {
             turns: quartic(tau_s.map(|t| self.turns(t))),
             cells: cells.map(|c| c as f32),

@@ -79,24 +79,40 @@ pub fn simulate_loops(
         };
         for loop_idx in from..to {
             for slot in 0..config.tx.len() {
+                let mut at = |now_s: f64| -> Result<Vec<Scatterer>, SimError> {
+                    scene.positions_at(now_s, centre, options.min_range_m, &mut positions)?;
+                    let seen = (&coverage[..], &through);
+                    let mut found = scatterers(&link, scene, seed, &positions, &triangles, seen);
+                    let points = scene.points.iter().chain(&drops);
+                    found.extend(points.map(|point| point_scatterer(&link, point, now_s)));
+                    found.extend(bounces.iter().map(|bounce| {
+                        let state = surfaces.state(bounce, &link, &positions, &triangles);
+                        let phases_rad = state.corner_path_m.map(|p| TAU / link.wavelength_m * p);
+                        let phasor = surfaces.phasor(bounce.facet);
+                        let phasor = Complex64::new(f64::from(phasor.re), f64::from(phasor.im));
+                        Scatterer {
+                            seen_by_tx: state.seen_by_tx + link.array_centre_m,
+                            seen_by_rx: state.seen_by_rx + link.array_centre_m,
+                            amplitude: f64::from(state.coherent) * divided_difference(phases_rad)
+                                + f64::from(state.rough) * phasor,
+                        }
+                    }));
+                    Ok(found)
+                };
                 let now_s = time_s + chirp_time_s(config, loop_idx, slot);
-                scene.positions_at(now_s, centre, options.min_range_m, &mut positions)?;
-                let seen = (&coverage[..], &through);
-                let mut scatterers = scatterers(&link, scene, seed, &positions, &triangles, seen);
-                let points = scene.points.iter().chain(&drops);
-                scatterers.extend(points.map(|point| point_scatterer(&link, point, now_s)));
-                scatterers.extend(bounces.iter().map(|bounce| {
-                    let state = surfaces.state(bounce, &link, &positions, &triangles);
-                    let phases_rad = state.corner_path_m.map(|p| TAU / link.wavelength_m * p);
-                    let phasor = surfaces.phasor(bounce.facet);
-                    let phasor = Complex64::new(f64::from(phasor.re), f64::from(phasor.im));
-                    Scatterer {
-                        seen_by_tx: state.seen_by_tx + link.array_centre_m,
-                        seen_by_rx: state.seen_by_rx + link.array_centre_m,
-                        amplitude: f64::from(state.coherent) * divided_difference(phases_rad)
-                            + f64::from(state.rough) * phasor,
-                    }
-                }));
+                let scatterers = at(now_s)?;
+                let (before, after) = (at(now_s - RATE_STEP_S)?, at(now_s + RATE_STEP_S)?);
+                let middle_m = |s: &Scatterer| {
+                    s.seen_by_tx.distance(link.array_centre_m)
+                        + s.seen_by_rx.distance(link.array_centre_m)
+                };
+                let rates: Vec<f64> = before
+                    .iter()
+                    .zip(&after)
+                    .map(|(b, a)| {
+                        (middle_m(a) - middle_m(b)) / (2.0 * RATE_STEP_S * SPEED_OF_LIGHT_MPS)
+                    })
+                    .collect();
                 for rx_idx in 0..config.rx.len() {
                     let chirp = loop_idx * config.tx.len() + slot;
                     let start = (chirp * config.rx.len() + rx_idx) * config.n_samples;
@@ -105,7 +121,8 @@ pub fn simulate_loops(
                     for tx_idx in 0..config.tx.len() {
                         let weight = config.tx_weight(slot, tx_idx);
                         if weight != 0.0 {
-                            add_echoes(config, &scatterers, tx_idx, rx_idx, weight, &mut sum);
+                            let echoes = (&scatterers[..], &rates[..]);
+                            add_echoes(config, echoes, tx_idx, rx_idx, weight, &mut sum);
                         }
                     }
                     for (sample, value) in samples.iter_mut().zip(sum) {
@@ -117,6 +134,10 @@ pub fn simulate_loops(
     }
     Ok(())
 }
+
+/// Half of the time over which the reference takes the rate of a delay, s: half a millimetre of way at
+/// 5 m/s, far above the resolution of f32 positions.
+const RATE_STEP_S: f64 = 1e-4;
 
 /// A phase centre and its complex amplitude.
 struct Scatterer {
@@ -181,10 +202,14 @@ fn point_scatterer(link: &Link, point: &PointTarget, now_s: f64) -> Scatterer {
     }
 }
 
-/// Adds what one receiver hears of one transmitter in a chirp.
+/// Adds what one receiver hears of one transmitter in a chirp: scatterers, and how fast their delays
+/// change (s/s).
+///
+/// Within the chirp a changing delay turns the carrier, f_c tau' (t - t_c); what it does to the sweep,
+/// S tau' (t - t_c)^2, is left out: 0.01 rad at the ends for 4.5 m/s and the reference radar.
 fn add_echoes(
     config: &RadarConfig,
-    scatterers: &[Scatterer],
+    (scatterers, rates): (&[Scatterer], &[f64]),
     tx_idx: usize,
     rx_idx: usize,
     weight: f64,
@@ -192,14 +217,17 @@ fn add_echoes(
 ) {
     let antenna = |a: radarllm_base::radar_config::Antenna| DVec3::new(a.x_m, 0.0, a.z_m);
     let (tx, rx) = (antenna(config.tx[tx_idx]), antenna(config.rx[rx_idx]));
-    for scatterer in scatterers {
+    let centre_s = config.adc_start_s + (config.n_samples / 2) as f64 / config.sample_rate_hz;
+    let centre_hz = config.start_hz + config.slope_hz_per_s * centre_s;
+    for (scatterer, rate) in scatterers.iter().zip(rates) {
         let amplitude = weight * scatterer.amplitude;
         let path_m = scatterer.seen_by_tx.distance(tx) + scatterer.seen_by_rx.distance(rx);
         let tau_s = path_m / SPEED_OF_LIGHT_MPS;
         let slope = config.slope_hz_per_s;
         for (n, sample) in out.iter_mut().enumerate() {
             let t = config.adc_start_s + n as f64 / config.sample_rate_hz;
-            let turns = (config.start_hz + slope * t - 0.5 * slope * tau_s) * tau_s;
+            let turns = (config.start_hz + slope * t - 0.5 * slope * tau_s) * tau_s
+                + centre_hz * rate * (t - centre_s);
             *sample += amplitude * Complex64::from_polar(1.0, TAU * turns.fract());
         }
     }

@@ -12,7 +12,7 @@
 use std::time::Instant;
 
 use glam::Vec3;
-use radarllm_base::{RadarConfig, RadarCube, seed::derive_seed};
+use radarllm_base::{RadarConfig, RadarCube, radar_config::Firing, seed::derive_seed};
 
 use crate::bounce::{BouncingSurfaces, MAX_MIRRORS};
 use crate::error::SimError;
@@ -121,6 +121,8 @@ pub struct Simulator {
     rain: Option<Rain>,
     range_transform: RangeTransform,
     work: Workspace,
+    /// For binary phase modulation: a plan whose transmitters have changed places, and its cube.
+    exchanged: Option<Box<(Simulator, RadarCube)>>,
 }
 
 /// Buffers that keep their capacity from frame to frame.
@@ -141,6 +143,11 @@ struct Workspace {
     groups: Vec<Group>,
     group_grid: Vec<Cell>,
     grid: Vec<Cell>,
+}
+
+/// Seed of a frame's receiver noise.
+fn noise_seed(seed: u64, frame_idx: u64) -> u64 {
+    derive_seed(seed, "receiver noise").wrapping_add(frame_idx.wrapping_mul(0xd6e8_feb8_6659_fd93))
 }
 
 impl Simulator {
@@ -180,6 +187,19 @@ impl Simulator {
             return range_error("simd", format!("this machine cannot run {simd:?}"));
         }
         options.weather.validate()?;
+        let exchanged = match config.firing {
+            Firing::Tdm => None,
+            Firing::Bpm => {
+                let mut other = RadarConfig {
+                    firing: Firing::Tdm,
+                    ..config.clone()
+                };
+                other.tx.reverse();
+                let other = Self::new(&other, options.clone())?;
+                let cube = other.new_cube();
+                Some(Box::new((other, cube)))
+            }
+        };
         let link = Link::new(config).in_weather(&options.weather);
         let n_cells = grid_cells(config.n_samples);
         let kernel = Kernel::new(n_cells as f64 / config.n_samples as f64);
@@ -191,6 +211,8 @@ impl Simulator {
                 slope_hz_per_s: config.slope_hz_per_s,
                 cells_per_s: n_cells as f64 * config.slope_hz_per_s / config.sample_rate_hz,
                 n_cells,
+                // Every segment has its own unit of time.
+                advance_u: 0.0,
             },
             segments,
             levels: loop_counts.map(|n| Level::all(n, config.loop_period_s())),
@@ -204,6 +226,7 @@ impl Simulator {
             options,
             config: config.clone(),
             work: Workspace::default(),
+            exchanged,
         })
     }
 
@@ -234,15 +257,79 @@ impl Simulator {
         seed: u64,
         cube: &mut RadarCube,
     ) -> Result<FrameStats, SimError> {
+        match self.exchanged.take() {
+            None => self.simulate_slots(scene, frame_idx, time_s, seed, cube),
+            Some(mut other) => {
+                let stats = self.simulate_bpm(&mut other, scene, frame_idx, time_s, seed, cube);
+                self.exchanged = Some(other);
+                stats
+            }
+        }
+    }
+
+    /// Both transmitters in both slots: every slot is the sum of a cube in which the transmitters
+    /// fire in turn and of one in which they have changed places, each with its weight.
+    fn simulate_bpm(
+        &mut self,
+        (exchanged, other): &mut (Simulator, RadarCube),
+        scene: &Scene<'_>,
+        frame_idx: u64,
+        time_s: f64,
+        seed: u64,
+        cube: &mut RadarCube,
+    ) -> Result<FrameStats, SimError> {
+        let quiet = Scene {
+            surfaces: scene.surfaces.clone(),
+            points: scene.points.clone(),
+            noise: Noise::Off,
+        };
+        let mut stats = self.simulate_slots(&quiet, frame_idx, time_s, seed, cube)?;
+        exchanged.simulate_slots(&quiet, frame_idx, time_s, seed, other)?;
+        let slot_len = cube.n_rx * cube.n_samples;
+        let mut energy = 0.0;
+        for (chirp, (mine, theirs)) in cube
+            .data
+            .chunks_exact_mut(slot_len)
+            .zip(other.data.chunks_exact(slot_len))
+            .enumerate()
+        {
+            let slot = chirp % 2;
+            let weight = |tx_idx| self.config.tx_weight(slot, tx_idx) as f32;
+            // In time division slot i is transmitter i; changed over, the other one.
+            let (own, changed) = (weight(slot), weight(1 - slot));
+            for (a, b) in mine.iter_mut().zip(theirs) {
+                *a = *a * own + b * changed;
+                energy += f64::from(a.norm_sqr());
+            }
+        }
+        stats.signal_power_w = energy / cube.data.len() as f64;
+        stats.noise_power_w = match scene.noise {
+            Noise::Thermal => self.link.noise_w,
+            Noise::Off => 0.0,
+            Noise::SnrDb(snr_db) => stats.signal_power_w * 10_f64.powf(-snr_db / 10.0),
+        };
+        if stats.noise_power_w > 0.0 {
+            NoiseGenerator::new(noise_seed(seed, frame_idx), self.simd)
+                .add(&mut cube.data, stats.noise_power_w.sqrt() as f32);
+        }
+        Ok(stats)
+    }
+
+    fn simulate_slots(
+        &mut self,
+        scene: &Scene<'_>,
+        frame_idx: u64,
+        time_s: f64,
+        seed: u64,
+        cube: &mut RadarCube,
+    ) -> Result<FrameStats, SimError> {
         check_frame(&self.config, scene, time_s, cube)?;
         cube.time_s = time_s;
         let mut stats = FrameStats {
             n_facets: scene.n_facets(),
             ..Default::default()
         };
-        let noise_seed = derive_seed(seed, "receiver noise")
-            .wrapping_add(frame_idx.wrapping_mul(0xd6e8_feb8_6659_fd93));
-        let mut noise = NoiseGenerator::new(noise_seed, self.simd);
+        let mut noise = NoiseGenerator::new(noise_seed(seed, frame_idx), self.simd);
         let thermal_rms = match scene.noise {
             Noise::Thermal => Some(self.link.noise_w.sqrt() as f32),
             Noise::SnrDb(_) | Noise::Off => None,
@@ -278,6 +365,8 @@ impl Simulator {
             stats.seconds.visibility += clock.elapsed().as_secs_f64();
 
             let clock = Instant::now();
+            self.scale.advance_u =
+                self.scale.centre_hz / (self.scale.slope_hz_per_s * segment.half_s);
             self.prepare_sources(scene, &segment, time_s, seed, i == 0, &mut stats)?;
             let is_last = usize::from(i + 1 == self.segments.len());
             let (first_cell, n_cells) = self.sort_sources(&segment, is_last, &mut stats);

@@ -7,9 +7,7 @@ use std::{
     sync::{Arc, Mutex, OnceLock},
 };
 
-use radarllm_base::{
-    Motion, PointFrame, RadarConfig, RadarCube, frames::Placement, radar_config::Firing,
-};
+use radarllm_base::{Motion, PointFrame, RadarConfig, RadarCube, frames::Placement};
 use radarllm_body::{
     MotionSampler,
     mesh::{BodyModel, BodyShape, BuiltinBody, PosedBody, clothed_skin},
@@ -169,19 +167,13 @@ impl Synthesizer {
     /// As [`Self::new`], with options of the simulator.
     ///
     /// # Errors
-    /// As [`Self::new`]; binary phase modulation with [`Method::Fast`].
+    /// As [`Self::new`].
     pub fn with_simulation(
         radar: &RadarConfig,
         method: Method,
         dsp: DspOptions,
         sim: SimOptions,
     ) -> Result<Self, SynthError> {
-        if radar.firing == Firing::Bpm && method == Method::Fast {
-            return Err(SynthError::Radar(format!(
-                "{}: binary phase modulation is simulated by the reference method only",
-                radar.name
-            )));
-        }
         // For the reference method it makes the noise, which knows no transmitters.
         let simulator = Simulator::new(radar, sim.clone())?;
         let extractor = PointExtractor::new(radar, dsp)?;

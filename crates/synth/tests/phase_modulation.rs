@@ -1,11 +1,11 @@
-//! Binary phase modulation from the reference simulator through the signal chain.
+//! Binary phase modulation from the simulator through the signal chain.
 
 use glam::DVec3;
 use radarllm_base::radar_config::Firing;
 use radarllm_base::{RadarConfig, RadarCube};
 use radarllm_radar_dsp::{ClutterFilter, DspOptions, spectrum::Spectrum};
 use radarllm_radar_sim::{Noise, PointTarget, Scene};
-use radarllm_synth::{Method, SynthError, Synthesizer};
+use radarllm_synth::{Method, Synthesizer};
 
 /// TX1 and the raised TX2 of the reference board: elevation is the phase between the two.
 fn radar(firing: Firing) -> RadarConfig {
@@ -42,12 +42,7 @@ fn cube(radar: &RadarConfig, scene: &Scene) -> RadarCube {
 #[test]
 fn a_mover_is_found_where_it_is() {
     let radar = radar(Firing::Bpm);
-    let options = DspOptions {
-        // Nothing moves within a chirp of the simulator, so there is no coupling to take off.
-        correct_range_doppler_coupling: false,
-        ..DspOptions::default()
-    };
-    let mut synthesizer = Synthesizer::new(&radar, Method::Reference, options).unwrap();
+    let mut synthesizer = Synthesizer::new(&radar, Method::Fast, DspOptions::default()).unwrap();
     let mover = mover();
     let frames = synthesizer
         .scene_to_points(&scene(vec![mover], Noise::Thermal), 1, 11)
@@ -119,14 +114,5 @@ fn every_virtual_channel_gains_three_decibels_over_time_division() {
         // 30,000 noise cells, a third of them independent under the windows: 0.04 dB each way; the
         // echo loses under 0.06 dB to the other transmitter (-44 dB, in phase at worst).
         assert!((gain_db - 3.01).abs() < 0.2, "{gains:?}");
-    }
-}
-
-#[test]
-fn the_fast_method_says_that_it_cannot() {
-    let error = Synthesizer::new(&radar(Firing::Bpm), Method::Fast, DspOptions::default());
-    match error.err() {
-        Some(SynthError::Radar(problem)) => assert!(problem.contains("reference"), "{problem}"),
-        other => panic!("{other:?}"),
     }
 }

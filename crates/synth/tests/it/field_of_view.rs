@@ -137,14 +137,11 @@ fn every_radar_finds_points_over_its_field_of_view() {
                     "{}: {azimuth_deg} {elevation_deg} deg, {range_m:.2} m, {radial_mps:.2} m/s",
                     radar.name
                 );
-                // Bin centres: half a bin, and a hundredth where two bins are equally strong: then the
-                // target's walk and the removed mean decide. The chain takes off the Doppler part of the
-                // beat frequency, f_c v / S, which the simulator, whose targets stand still during a
-                // chirp, does not make.
-                let coupling_m = radial_mps.abs() * radar.carrier_hz() / radar.slope_hz_per_s;
+                // Bin centres: half a bin, and two hundredths where two bins are equally strong: then the
+                // target's walk and the removed mean decide.
                 let range_error_m = f64::from(point.range_m) - to.length();
                 assert!(
-                    range_error_m.abs() < 0.51 * radar.range_resolution_m() + coupling_m,
+                    range_error_m.abs() < 0.52 * radar.range_resolution_m(),
                     "{label}: range off by {range_error_m}"
                 );
                 let speed_error = f64::from(point.velocity_mps) - radial_mps;
