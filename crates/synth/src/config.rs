@@ -12,7 +12,7 @@ use crate::{
     impairments::ImpairmentsFile,
     placement::PlacementRange,
     processing::ProcessingFile,
-    room::RoomFile,
+    room::{ROOM_RASTER, RoomFile},
     weather::WeatherFile,
 };
 
@@ -219,6 +219,7 @@ impl DatasetConfig {
             Some(_) => SimOptions {
                 max_bounces: 3,
                 bounce_rays: 128,
+                raster_size: ROOM_RASTER,
                 ..free
             },
             None => free,

@@ -15,7 +15,7 @@ use crate::{
     impairments::ImpairmentsFile,
     obj::read_obj,
     processing::ProcessingFile,
-    room::{RoomFile, material},
+    room::{ROOM_RASTER, RoomFile, material},
     synthesizer::{builtin_shape, posed_builtin},
     weather::WeatherFile,
 };
@@ -167,6 +167,10 @@ impl SceneFile {
             max_bounces: self.max_bounces,
             bounce_rays: self.bounce_rays,
             weather: self.weather.resolve(),
+            raster_size: match self.room {
+                Some(_) => ROOM_RASTER,
+                None => SimOptions::default().raster_size,
+            },
             ..SimOptions::default()
         }
     }
