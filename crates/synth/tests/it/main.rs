@@ -2,4 +2,5 @@
 
 mod field_of_view;
 mod noise;
+mod realism;
 mod rooms;
