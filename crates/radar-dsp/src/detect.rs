@@ -1,7 +1,7 @@
 //! Which cells of the detection map become points.
 
 use crate::error::DspError;
-use crate::options::{CfarSides, ClutterFilter, Detector, DspOptions, MapKind};
+use crate::options::{CfarSides, ClutterFilter, Detector, DspOptions, MapKind, PeakGrouping};
 use crate::stats::{ca_cfar_factor, gamma_level, os_cfar_factor};
 
 /// Most training cells a side: bounds the work of a hostile option.
@@ -13,7 +13,7 @@ pub struct Selector {
     n_doppler: usize,
     plan: Plan,
     dynamic_range: Option<f32>,
-    only_local_maxima: bool,
+    peak_grouping: PeakGrouping,
     /// Column 0 and its neighbours carry less noise when the slow-time mean is gone.
     skip_notch: bool,
     candidates: Vec<u32>,
@@ -192,7 +192,7 @@ impl Selector {
             n_doppler,
             plan,
             dynamic_range,
-            only_local_maxima: options.only_local_maxima,
+            peak_grouping: options.peak_grouping,
             skip_notch: options.clutter != ClutterFilter::Off && n_doppler > 8,
             candidates: Vec::with_capacity(n_cells),
             values: Vec::with_capacity(n_cells.max(2 * MAX_TRAIN)),
@@ -307,10 +307,18 @@ impl Selector {
                 }
             }
         }
-        if self.only_local_maxima {
+        // Steps in range and Doppler to the neighbours that count.
+        let [range, doppler] = match self.peak_grouping {
+            PeakGrouping::Off => [0, 0],
+            PeakGrouping::Range => [1, 0],
+            PeakGrouping::Doppler => [0, 1],
+            PeakGrouping::Both => [1, 1],
+        };
+        if range + doppler > 0 {
             let (n_range, n_doppler) = (self.n_range, self.n_doppler);
-            self.candidates
-                .retain(|&c| is_local_maximum(map, n_range, n_doppler, c as usize));
+            self.candidates.retain(|&c| {
+                is_local_maximum(map, [n_range, n_doppler], [range, doppler], c as usize)
+            });
         }
         &mut self.candidates
     }
@@ -432,13 +440,18 @@ fn median_of(map: &[f32], n_doppler: usize, skip_notch: bool, values: &mut Vec<f
     *values.select_nth_unstable_by(middle, f32::total_cmp).1
 }
 
-fn is_local_maximum(map: &[f32], n_range: usize, n_doppler: usize, cell: usize) -> bool {
+fn is_local_maximum(
+    map: &[f32],
+    [n_range, n_doppler]: [usize; 2],
+    [range, doppler]: [usize; 2],
+    cell: usize,
+) -> bool {
     let (r, d) = (cell / n_doppler, cell % n_doppler);
     let power = map[cell];
-    (r.saturating_sub(1)..(r + 2).min(n_range)).all(|row| {
+    (r.saturating_sub(range)..(r + range + 1).min(n_range)).all(|row| {
         // Doppler is cyclic, range is not.
-        [n_doppler - 1, 0, 1]
-            .iter()
-            .all(|shift| map[row * n_doppler + (d + shift) % n_doppler] <= power)
+        (0..=2 * doppler).all(|shift| {
+            map[row * n_doppler + (d + n_doppler + shift - doppler) % n_doppler] <= power
+        })
     })
 }

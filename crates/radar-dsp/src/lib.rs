@@ -26,6 +26,8 @@ pub mod window;
 pub use array::VirtualArray;
 pub use error::DspError;
 pub use extractor::PointExtractor;
-pub use options::{CfarSides, ClutterFilter, Detector, DspOptions, ImpossibleDirection, MapKind};
+pub use options::{
+    CfarSides, ClutterFilter, Detector, DspOptions, ImpossibleDirection, MapKind, PeakGrouping,
+};
 pub use pictures::{Axis, Map, MicroDoppler};
 pub use window::Window;

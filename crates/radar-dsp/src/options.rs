@@ -75,6 +75,20 @@ pub enum Detector {
     },
 }
 
+/// Which neighbours a detected cell must not be weaker than: firmware keeps one point of each hill of the
+/// map that way.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PeakGrouping {
+    /// None: every cell over the threshold is a point.
+    Off,
+    /// The two in range.
+    Range,
+    /// The two in Doppler, which is cyclic.
+    Doppler,
+    /// All eight.
+    Both,
+}
+
 /// How static echoes are removed from each (tx, rx, range) before the Doppler window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClutterFilter {
@@ -139,8 +153,8 @@ pub struct DspOptions {
     /// Subtract the beat frequency's Doppler part from the range: v * carrier / slope, 1.3 mm per m/s
     /// for the reference radar. Exact for constant velocity; off gives plain bin centres.
     pub correct_range_doppler_coupling: bool,
-    /// Keep only cells that are not weaker than their eight neighbours.
-    pub only_local_maxima: bool,
+    /// Keep only cells that are not weaker than their neighbours.
+    pub peak_grouping: PeakGrouping,
     /// Cells with impossible directions.
     pub impossible_direction: ImpossibleDirection,
 }
@@ -164,7 +178,7 @@ impl Default for DspOptions {
             refine_azimuth: true,
             azimuth_step_db: None,
             correct_range_doppler_coupling: true,
-            only_local_maxima: false,
+            peak_grouping: PeakGrouping::Off,
             impossible_direction: ImpossibleDirection::Drop,
         }
     }

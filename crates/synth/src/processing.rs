@@ -1,7 +1,7 @@
 //! The `[processing]` table of scenes and data sets: the signal chain from cube to points.
 
 use radarllm_base::RadarConfig;
-use radarllm_radar_dsp::{CfarSides, ClutterFilter, Detector, DspOptions, MapKind};
+use radarllm_radar_dsp::{CfarSides, ClutterFilter, Detector, DspOptions, MapKind, PeakGrouping};
 use serde::{Deserialize, Serialize};
 
 /// Where the values start that the table does not name.
@@ -51,6 +51,20 @@ pub enum ClutterName {
     Mean,
     /// Mean weighted by the Doppler window.
     WeightedMean,
+}
+
+/// Which neighbours a point must not be weaker than.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum GroupingName {
+    /// None.
+    Off,
+    /// Those in range.
+    Range,
+    /// Those in Doppler.
+    Doppler,
+    /// All eight.
+    Both,
 }
 
 impl From<CfarSides> for SidesName {
@@ -127,6 +141,8 @@ pub struct ProcessingFile {
     pub clutter: Option<ClutterName>,
     /// Undo the phase that a mover gathers between transmitters; false for firmware that does not.
     pub compensate_tdm: Option<bool>,
+    /// Which neighbours a point must not be weaker than.
+    pub peak_grouping: Option<GroupingName>,
     /// Step of the azimuth spectrum in fixed-point firmware; see [`DspOptions::azimuth_step_db`].
     pub azimuth_step_db: Option<f64>,
 }
@@ -201,6 +217,14 @@ impl ProcessingFile {
         out.max_points = self.max_points.unwrap_or(out.max_points);
         out.min_range_m = self.min_range_m.unwrap_or(out.min_range_m);
         out.max_range_m = self.max_range_m.unwrap_or(out.max_range_m);
+        if let Some(grouping) = self.peak_grouping {
+            out.peak_grouping = match grouping {
+                GroupingName::Off => PeakGrouping::Off,
+                GroupingName::Range => PeakGrouping::Range,
+                GroupingName::Doppler => PeakGrouping::Doppler,
+                GroupingName::Both => PeakGrouping::Both,
+            };
+        }
         out.azimuth_step_db = self.azimuth_step_db.or(out.azimuth_step_db);
         out.compensate_tdm = self.compensate_tdm.unwrap_or(out.compensate_tdm);
         out

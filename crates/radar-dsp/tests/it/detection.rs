@@ -3,7 +3,8 @@
 use radarllm_base::{RadarConfig, RadarCube};
 use radarllm_radar_dsp::detect::Selector;
 use radarllm_radar_dsp::{
-    CfarSides, ClutterFilter, Detector, DspOptions, ImpossibleDirection, MapKind, PointExtractor,
+    CfarSides, ClutterFilter, Detector, DspOptions, ImpossibleDirection, MapKind, PeakGrouping,
+    PointExtractor,
 };
 
 use crate::synthetic::{Random, Target, add_noise, cube};
@@ -112,7 +113,7 @@ fn every_detector_keeps_its_false_alarm_rate() {
 fn two_targets_are_resolved_in_range_and_in_velocity() {
     let radar = RadarConfig::awr1843boost();
     let options = DspOptions {
-        only_local_maxima: true,
+        peak_grouping: PeakGrouping::Both,
         dynamic_range_db: Some(20.0),
         ..DspOptions::default()
     };
@@ -337,4 +338,40 @@ fn the_smaller_side_of_a_log_cfar_is_not_masked_by_a_neighbour() {
         assert_eq!(found(sides, db(margin - 0.01)), [30, 34], "{sides:?}");
         assert!(found(sides, db(margin + 0.01)).is_empty(), "{sides:?}");
     }
+}
+
+/// A 5 x 4 map, range by Doppler, of which every cell passes the threshold.
+#[test]
+fn peak_grouping_keeps_the_tops_in_the_direction_asked_for() {
+    #[rustfmt::skip]
+    let map = [
+        5.0, 1.0, 1.0, 4.0,
+        1.0, 1.0, 1.0, 1.5,
+        1.0, 2.0, 3.0, 1.0,
+        1.0, 1.0, 1.2, 1.0,
+        1.1, 1.0, 1.0, 1.0_f32,
+    ];
+    let kept = |peak_grouping| {
+        let options = DspOptions {
+            detector: Detector::AlwaysTopK,
+            peak_grouping,
+            ..DspOptions::default()
+        };
+        let mut cells = Selector::new(5, 4, 12, &options)
+            .unwrap()
+            .select(&map)
+            .to_vec();
+        cells.sort_unstable();
+        cells
+    };
+    assert_eq!(kept(PeakGrouping::Off).len(), 20);
+    // Row by row, the last column next to the first; equal neighbours both stay.
+    assert_eq!(kept(PeakGrouping::Doppler), [0, 5, 7, 10, 12, 14, 16, 18]);
+    // Column by column.
+    assert_eq!(
+        kept(PeakGrouping::Range),
+        [0, 1, 2, 3, 8, 9, 10, 15, 16, 17, 19]
+    );
+    // All eight: 7 lies beside 0 across the edge of the columns, 14 below 10.
+    assert_eq!(kept(PeakGrouping::Both), [0, 10, 16]);
 }

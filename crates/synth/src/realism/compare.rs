@@ -119,7 +119,32 @@ pub fn compare(
     let first = select(&recorded, &of_first);
     let others = select(&recorded, &|i| !of_first(i));
 
-    let mut distributions: Vec<DistributionRow> = QUANTITIES
+    let n_points = |frames: &[PointFrame]| frames.iter().map(|f| f.points.len()).sum();
+    RealismReport {
+        frames: all_recorded.len(),
+        points: [n_points(&all_recorded), n_points(&all_simulated)],
+        empty_simulated: all_simulated.iter().filter(|f| f.points.is_empty()).count(),
+        distributions: distributions([&all_recorded, &all_simulated, &first, &others]),
+        chamfer_m: mean_chamfer(all_recorded.iter().zip(&all_simulated)),
+        chamfer_next_m: mean_chamfer(recorded.iter().flat_map(|f| f.iter().zip(f.iter().skip(1)))),
+        chamfer_other_m: mean_chamfer(recorded.iter().enumerate().flat_map(|(i, frames)| {
+            // Half of the movements on: another movement, the same subject and part where possible.
+            let other = &recorded[(i + recorded.len() / 8 + 1) % recorded.len()];
+            frames.iter().zip(other)
+        })),
+        classifier: transfer(
+            config,
+            &labelled(takes, &recorded),
+            &labelled(takes, &simulated),
+        ),
+    }
+}
+
+/// Rows of all quantities: recorded, simulated, and two parts of the recording.
+pub(super) fn distributions(
+    [recorded, simulated, first, others]: [&[PointFrame]; 4],
+) -> Vec<DistributionRow> {
+    let mut rows: Vec<DistributionRow> = QUANTITIES
         .iter()
         .filter_map(|&(quantity, unit, step, value)| {
             let sample = |frames: &[PointFrame]| -> Vec<f64> {
@@ -135,33 +160,18 @@ pub fn compare(
             };
             row(
                 (quantity, unit),
-                [&all_recorded, &all_simulated, &first, &others].map(|f| sample(f)),
+                [recorded, simulated, first, others].map(|f| sample(f)),
             )
         })
         .collect();
     let counts = |frames: &[PointFrame]| -> Vec<f64> {
         frames.iter().map(|f| f.points.len() as f64).collect()
     };
-    distributions.extend(row(
+    rows.extend(row(
         ("points a frame", ""),
-        [&all_recorded, &all_simulated, &first, &others].map(|f| counts(f)),
+        [recorded, simulated, first, others].map(|f| counts(f)),
     ));
-
-    let n_points = |frames: &[PointFrame]| frames.iter().map(|f| f.points.len()).sum();
-    RealismReport {
-        frames: all_recorded.len(),
-        points: [n_points(&all_recorded), n_points(&all_simulated)],
-        empty_simulated: all_simulated.iter().filter(|f| f.points.is_empty()).count(),
-        distributions,
-        chamfer_m: mean_chamfer(all_recorded.iter().zip(&all_simulated)),
-        chamfer_next_m: mean_chamfer(recorded.iter().flat_map(|f| f.iter().zip(f.iter().skip(1)))),
-        chamfer_other_m: mean_chamfer(recorded.iter().enumerate().flat_map(|(i, frames)| {
-            // Half of the movements on: another movement, the same subject and part where possible.
-            let other = &recorded[(i + recorded.len() / 8 + 1) % recorded.len()];
-            frames.iter().zip(other)
-        })),
-        classifier: classify(config, takes, &recorded, &simulated),
-    }
+    rows
 }
 
 fn row(
@@ -204,8 +214,12 @@ const GRID: usize = 6;
 /// Half width of the grid around the person, m.
 const GRID_HALF_M: f32 = 1.0;
 
+/// Borders of the speed classes, m/s.
+const SPEEDS_MPS: [f32; 4] = [0.2, 0.9, 1.5, 2.5];
+
 /// Where the approaching, the slow and the receding points of a window lie, seen from the front,
-/// relative to the median x: square roots of shares; then mean and deviation of the counts.
+/// relative to the median x: square roots of shares; then mean and deviation of the counts; then
+/// shares by speed.
 fn features(window: &[PointFrame]) -> Vec<f64> {
     let mut xs: Vec<f32> = window
         .iter()
@@ -235,62 +249,99 @@ fn features(window: &[PointFrame]) -> Vec<f64> {
     let mean = per_frame.iter().sum::<f64>() / n;
     let variance = per_frame.iter().map(|c| (c - mean).powi(2)).sum::<f64>() / n;
     out.extend([mean.ln_1p(), variance.sqrt() / mean.max(1.0)]);
+    let mut speeds = [0.0; SPEEDS_MPS.len() + 1];
+    for p in window.iter().flat_map(|f| &f.points) {
+        let bin = SPEEDS_MPS
+            .iter()
+            .filter(|s| p.velocity_mps.abs() > **s)
+            .count();
+        speeds[bin] += 1.0;
+    }
+    out.extend(speeds.map(|n| f64::sqrt(n / total)));
     out
 }
 
-/// Every subject in turn is tested by classifiers that never saw it.
-fn classify(
-    config: &RealismConfig,
-    takes: &[Take],
-    recorded: &[Vec<PointFrame>],
-    simulated: &[Vec<PointFrame>],
-) -> Option<ClassifierResult> {
-    let n_classes = takes.iter().map(|t| t.class).max()? + 1;
+/// A labelled piece of recording or simulation; pieces of one group are never trained and tested
+/// together.
+pub(super) struct Clip {
+    pub group: usize,
+    pub class: usize,
+    pub frames: Vec<PointFrame>,
+}
+
+/// Takes with their subject as group.
+fn labelled(takes: &[Take], frames: &[Vec<PointFrame>]) -> Vec<Clip> {
     let mut subjects: Vec<&str> = takes.iter().map(|t| t.subject.as_str()).collect();
     subjects.sort_unstable();
     subjects.dedup();
-    if subjects.len() < 2 || n_classes < 2 {
+    takes
+        .iter()
+        .zip(frames)
+        .map(|(take, frames)| Clip {
+            group: subjects
+                .iter()
+                .position(|s| *s == take.subject)
+                .unwrap_or_default(),
+            class: take.class,
+            frames: frames.clone(),
+        })
+        .collect()
+}
+
+/// Every group in turn is tested by classifiers that never saw it; `None` with one group or class.
+pub(super) fn transfer(
+    config: &RealismConfig,
+    recorded: &[Clip],
+    simulated: &[Clip],
+) -> Option<ClassifierResult> {
+    let n_classes = recorded.iter().map(|c| c.class).max()? + 1;
+    let n_groups = recorded.iter().map(|c| c.group).max()? + 1;
+    if n_groups < 2 || n_classes < 2 {
         return None;
     }
-    let windows = |frames: &[Vec<PointFrame>], keep: &dyn Fn(&str) -> bool| {
+    let windows = |clips: &[Clip], keep: &dyn Fn(usize) -> bool| {
         let mut rows = Vec::new();
         let mut labels = Vec::new();
-        for (take, frames) in takes.iter().zip(frames).filter(|(t, _)| keep(&t.subject)) {
-            for window in frames
+        for clip in clips.iter().filter(|c| keep(c.group)) {
+            for window in clip
+                .frames
                 .windows(config.window_frames)
                 .step_by(config.window_stride)
             {
                 rows.push(features(window));
-                labels.push(take.class);
+                labels.push(clip.class);
             }
         }
         (rows, labels)
     };
     let mut confusion = vec![vec![0; n_classes]; n_classes];
-    let (mut n_test, mut right) = (0, [0; 3]);
-    for subject in subjects {
-        let (test, truth) = windows(recorded, &|s| s == subject);
-        let (test_sim, _) = windows(simulated, &|s| s == subject);
-        let (sim_rows, sim_labels) = windows(simulated, &|s| s != subject);
-        let (rec_rows, rec_labels) = windows(recorded, &|s| s != subject);
+    let (mut n_test, mut n_test_simulated, mut right) = (0, 0, [0; 3]);
+    for group in 0..n_groups {
+        let (test, truth) = windows(recorded, &|g| g == group);
+        let (test_sim, truth_sim) = windows(simulated, &|g| g == group);
+        let (sim_rows, sim_labels) = windows(simulated, &|g| g != group);
+        let (rec_rows, rec_labels) = windows(recorded, &|g| g != group);
         let from_sim = LogisticRegression::train(&sim_rows, &sim_labels, n_classes)?;
         let from_rec = LogisticRegression::train(&rec_rows, &rec_labels, n_classes)?;
-        for ((row, row_sim), &label) in test.iter().zip(&test_sim).zip(&truth) {
+        for (row, &label) in test.iter().zip(&truth) {
             let guess = from_sim.predict(row);
             confusion[label][guess] += 1;
             right[0] += usize::from(guess == label);
             right[1] += usize::from(from_rec.predict(row) == label);
-            right[2] += usize::from(from_sim.predict(row_sim) == label);
+        }
+        for (row, &label) in test_sim.iter().zip(&truth_sim) {
+            right[2] += usize::from(from_sim.predict(row) == label);
         }
         n_test += truth.len();
+        n_test_simulated += truth_sim.len();
     }
-    let share = |n: usize| n as f64 / n_test.max(1) as f64;
+    let share = |n: usize, of: usize| n as f64 / of.max(1) as f64;
     Some(ClassifierResult {
         n_test,
         n_classes,
-        simulated_to_recorded: share(right[0]),
-        recorded_to_recorded: share(right[1]),
-        simulated_to_simulated: share(right[2]),
+        simulated_to_recorded: share(right[0], n_test),
+        recorded_to_recorded: share(right[1], n_test),
+        simulated_to_simulated: share(right[2], n_test_simulated),
         confusion,
     })
 }

@@ -151,7 +151,7 @@ fn push(take: &mut Run, steps: u64, points: Vec<RadarPoint>, joints: [Vec3; N_JO
     });
 }
 
-fn read_capped(path: &Path) -> Result<Vec<u8>, RealismError> {
+pub(super) fn read_capped(path: &Path) -> Result<Vec<u8>, RealismError> {
     let size = fs::metadata(path)
         .map_err(|e| RealismError::io(path, &e))?
         .len();

@@ -2,9 +2,10 @@
 //! settings drive the simulator, and the simulated points stand beside the recorded ones.
 //!
 //! [`mars`] reads recordings with joints, [`pairs`] a user's own with scenes, [`mod@replay`] simulates
-//! them, [`mod@compare`] puts both into a table, [`mod@calibrate`] finds the values of the configuration
+//! them, [`mod@compare`] puts both into a table, [`activities`] does so where only the activity is known, [`mod@calibrate`] finds the values of the configuration
 //! ([`RealismConfig`]) that the recordings tell: see docs/realism.md.
 
+pub mod activities;
 pub mod calibrate;
 pub mod compare;
 pub mod mars;
@@ -19,10 +20,13 @@ use radarllm_body::MotionError;
 use radarllm_radar_sim::SimOptions;
 use serde::{Deserialize, Serialize};
 
+use activities::Activities;
+
 use crate::{
     SynthError, impairments::ImpairmentsFile, processing::ProcessingFile, scene::OwnedScene,
 };
 
+pub use activities::{ActivityReport, compare_activities};
 pub use calibrate::calibrate;
 pub use compare::{RealismReport, compare};
 pub use replay::replay;
@@ -99,6 +103,9 @@ pub struct RealismConfig {
     pub impairments: ImpairmentsFile,
     /// The recording radar's signal chain.
     pub processing: ProcessingFile,
+    /// For recordings without joints: what was done.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub activities: Option<Activities>,
     /// Where the joints' origin lies in the radar's axes, m: the two sensors never sit in one place.
     pub joints_origin_m: [f32; 3],
     /// Rms speed of the standing body's sway, m/s, which joints of a camera do not show: without it a
@@ -124,6 +131,7 @@ impl Default for RealismConfig {
             max_bounces: 1,
             impairments: ImpairmentsFile::default(),
             processing: ProcessingFile::default(),
+            activities: None,
             joints_origin_m: [0.0; 3],
             sway_mps: 0.0,
             elevation_bias: 0.0,
@@ -166,6 +174,33 @@ impl RealismConfig {
             if !(value.abs() <= 10.0) {
                 return fail(format!(
                     "joints_origin_m, elevation_bias and sway_mps: must be within +-10, found {value}"
+                ));
+            }
+        }
+        if let Some(table) = &config.activities {
+            let n = table.activity.len();
+            if n < 2 || table.activity.iter().any(|a| a.motions.is_empty()) {
+                return fail(format!(
+                    "[activities]: needs two and more [[activities.activity]] with motions, found {n}"
+                ));
+            }
+            if !(2..=10_000).contains(&table.clips) {
+                return fail(format!(
+                    "[activities] clips: must be in 2..=10000, found {}",
+                    table.clips
+                ));
+            }
+            let values = [
+                table.distance_m[0],
+                table.distance_m[1],
+                table.lateral_m,
+                table.heading_deg,
+                table.radar_height_m,
+                table.slowest_mps,
+            ];
+            if values.iter().any(|v| !(0.0..=360.0).contains(v)) {
+                return fail(format!(
+                    "[activities]: distances, heading and speed must be in 0..=360, found {values:?}"
                 ));
             }
         }

@@ -6,9 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-use radarllm_base::{
-    Motion, PointFrame, RadarPoint, frames::Placement, seed::derive_seed, skeleton::N_JOINTS,
-};
+use radarllm_base::{Motion, PointFrame, frames::Placement, seed::derive_seed, skeleton::N_JOINTS};
 use radarllm_body::{
     MotionSampler,
     mesh::{BodyModel, BodyShape, PosedBody, clothed_skin},
@@ -32,41 +30,55 @@ pub fn replay(
     takes: &[Take],
     n_threads: usize,
 ) -> Result<Vec<Vec<PointFrame>>, RealismError> {
+    parallel(config, base, takes.len(), n_threads, |chain, plan, i| {
+        let take = &takes[i];
+        let seed = derive_seed(config.seed, &format!("take-{i:06}"));
+        let mut frames = match &take.driver {
+            // Scenes bring their own options, and with them a simulator of their own.
+            Driver::Scene(owned, options) => {
+                simulate_frames(&mut plan(options.clone())?, &owned.scene(), take, seed)?
+            }
+            Driver::Joints(joints) => simulate_take(config, chain, take, joints, seed)?,
+        };
+        lift(&mut frames, config.elevation_bias);
+        Ok(frames)
+    })
+}
+
+/// Plans a chain with other options of the simulator.
+type Plan<'a> = &'a dyn Fn(SimOptions) -> Result<Synthesizer, RealismError>;
+
+/// `job(chain, plan, i)` for i in 0..`n_jobs`, in order, on threads that have a chain each.
+pub(super) fn parallel<T: Send>(
+    config: &RealismConfig,
+    base: &Path,
+    n_jobs: usize,
+    n_threads: usize,
+    job: impl Fn(&mut Synthesizer, Plan<'_>, usize) -> Result<T, RealismError> + Sync,
+) -> Result<Vec<T>, RealismError> {
+    let radar = open_radar(&config.radar, base)?;
+    let impairments = config
+        .impairments
+        .resolve()
+        .map_err(crate::SynthError::Config)?;
+    let plan = |options: SimOptions| -> Result<Synthesizer, RealismError> {
+        let dsp = config.processing.resolve(&radar);
+        let chain = Synthesizer::with_simulation(&radar, Method::Fast, dsp, options)?;
+        Ok(chain.with_impairments(impairments.clone()))
+    };
     let next = AtomicUsize::new(0);
-    let work = || -> Result<Vec<(usize, Vec<PointFrame>)>, RealismError> {
-        let radar = open_radar(&config.radar, base)?;
-        let options = SimOptions {
+    let work = || -> Result<Vec<(usize, T)>, RealismError> {
+        let mut chain = plan(SimOptions {
             max_bounces: config.max_bounces,
             ..SimOptions::default()
-        };
-        let impairments = config
-            .impairments
-            .resolve()
-            .map_err(crate::SynthError::Config)?;
-        let plan = |options: SimOptions| {
-            let dsp = config.processing.resolve(&radar);
-            Synthesizer::with_simulation(&radar, Method::Fast, dsp, options)
-                .map(|s| s.with_impairments(impairments.clone()))
-        };
-        let mut synthesizer = plan(options)?;
+        })?;
         let mut done = Vec::new();
         loop {
             let i = next.fetch_add(1, Ordering::Relaxed);
-            let Some(take) = takes.get(i) else {
+            if i >= n_jobs {
                 return Ok(done);
-            };
-            let seed = derive_seed(config.seed, &format!("take-{i:06}"));
-            // Scenes bring their own options, and with them a simulator of their own.
-            let mut own = match &take.driver {
-                Driver::Scene(_, options) => Some(plan(options.clone())?),
-                Driver::Joints(_) => None,
-            };
-            let chain = own.as_mut().unwrap_or(&mut synthesizer);
-            let mut frames = simulate_take(config, chain, take, seed)?;
-            for p in frames.iter_mut().flat_map(|f| &mut f.points) {
-                lift(p, config.elevation_bias);
             }
-            done.push((i, frames));
+            done.push((i, job(&mut chain, &plan, i)?));
         }
     };
     let parts: Vec<_> = thread::scope(|scope| {
@@ -79,25 +91,21 @@ pub fn replay(
             })
             .collect()
     });
-    let mut frames = vec![Vec::new(); takes.len()];
+    let mut all = Vec::with_capacity(n_jobs);
     for part in parts {
-        for (i, simulated) in part? {
-            frames[i] = simulated;
-        }
+        all.extend(part?);
     }
-    Ok(frames)
+    all.sort_by_key(|(i, _)| *i);
+    Ok(all.into_iter().map(|(_, result)| result).collect())
 }
 
 fn simulate_take(
     config: &RealismConfig,
     synthesizer: &mut Synthesizer,
     take: &Take,
+    joints: &[[glam::Vec3; N_JOINTS]],
     seed: u64,
 ) -> Result<Vec<PointFrame>, RealismError> {
-    let joints = match &take.driver {
-        Driver::Scene(owned, _) => return simulate_frames(synthesizer, &owned.scene(), take, seed),
-        Driver::Joints(joints) => joints,
-    };
     let name = format!("{} {} {}", take.subject, take.part, take.class + 1);
     let origin = glam::Vec3::from_array(config.joints_origin_m);
     let fps = synthesizer.radar().frame_rate_hz();
@@ -132,14 +140,16 @@ fn simulate_frames(
     Ok(simulated)
 }
 
-/// Adds `bias` to z / range; the direction ends at the edge of the half space.
-fn lift(p: &mut RadarPoint, bias: f64) {
-    let range_m = f64::from(p.range_m).max(1e-3);
-    let u_x = f64::from(p.x_m) / range_m;
-    let most = (1.0 - u_x * u_x).max(0.0).sqrt();
-    let u_z = (f64::from(p.z_m) / range_m + bias).clamp(-most, most);
-    p.z_m = (range_m * u_z) as f32;
-    p.y_m = (range_m * (1.0 - u_x * u_x - u_z * u_z).max(0.0).sqrt()) as f32;
+/// Adds `bias` to z / range of every point; directions end at the edge of the half space.
+pub(super) fn lift(frames: &mut [PointFrame], bias: f64) {
+    for p in frames.iter_mut().flat_map(|f| &mut f.points) {
+        let range_m = f64::from(p.range_m).max(1e-3);
+        let u_x = f64::from(p.x_m) / range_m;
+        let most = (1.0 - u_x * u_x).max(0.0).sqrt();
+        let u_z = (f64::from(p.z_m) / range_m + bias).clamp(-most, most);
+        p.z_m = (range_m * u_z) as f32;
+        p.y_m = (range_m * (1.0 - u_x * u_x - u_z * u_z).max(0.0).sqrt()) as f32;
+    }
 }
 
 /// Frequencies of the sway, Hz: quiet standing has most of its power below 1 Hz. No two beat within a
