@@ -53,7 +53,10 @@ impl PointExtractor {
             n_channels,
             &options,
         )?;
-        if let Some(db) = options.azimuth_step_db.filter(|db| !(db.abs() <= 1000.0)) {
+        if let Some(db) = options
+            .azimuth_step_db
+            .filter(|db| !(-1000.0..=1000.0).contains(db))
+        {
             return Err(DspError::Option {
                 field: "azimuth_step_db",
                 problem: format!("must be within +-1000, found {db}"),

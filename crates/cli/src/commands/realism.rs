@@ -124,13 +124,15 @@ fn markdown(report: &RealismReport, config: &Path) -> String {
     page += &format!(
         "\nPoints: {} recorded, {} simulated; {} simulated frames have none.\n\
          Chamfer distance, m: {:.3} simulated to recorded; {:.3} recorded to the next recorded frame; \
-         {:.3} to another movement.\n",
+         {} to another movement.\n",
         report.points[0],
         report.points[1],
         report.empty_simulated,
         report.chamfer_m,
         report.chamfer_next_m,
-        report.chamfer_other_m
+        report
+            .chamfer_other_m
+            .map_or_else(|| "-".into(), |v| format!("{v:.3}"))
     );
     let names = mars::MOVEMENTS.map(String::from);
     page += &classifier_lines(

@@ -62,8 +62,8 @@ pub struct RealismReport {
     /// The same between a recorded frame and the next recorded frame.
     pub chamfer_next_m: f64,
     /// The same between a recorded frame and a recorded frame of another movement of the same
-    /// subject: what knowing nothing about the moment gives.
-    pub chamfer_other_m: f64,
+    /// subject: what knowing nothing about the moment gives. `None` with a single take.
+    pub chamfer_other_m: Option<f64>,
     /// The classifier; `None` with fewer than two subjects or classes.
     pub classifier: Option<ClassifierResult>,
 }
@@ -127,11 +127,14 @@ pub fn compare(
         distributions: distributions([&all_recorded, &all_simulated, &first, &others]),
         chamfer_m: mean_chamfer(all_recorded.iter().zip(&all_simulated)),
         chamfer_next_m: mean_chamfer(recorded.iter().flat_map(|f| f.iter().zip(f.iter().skip(1)))),
-        chamfer_other_m: mean_chamfer(recorded.iter().enumerate().flat_map(|(i, frames)| {
-            // Half of the movements on: another movement, the same subject and part where possible.
-            let other = &recorded[(i + recorded.len() / 8 + 1) % recorded.len()];
-            frames.iter().zip(other)
-        })),
+        chamfer_other_m: (recorded.len() > 1).then(|| {
+            mean_chamfer(recorded.iter().enumerate().flat_map(|(i, frames)| {
+                // A few movements on: mostly of the same subject and part.
+                let step = (recorded.len() / 8 + 1).min(recorded.len() - 1);
+                let other = &recorded[(i + step) % recorded.len()];
+                frames.iter().zip(other)
+            }))
+        }),
         classifier: transfer(
             config,
             &labelled(takes, &recorded),
@@ -160,7 +163,7 @@ pub(super) fn distributions(
             };
             row(
                 (quantity, unit),
-                [recorded, simulated, first, others].map(|f| sample(f)),
+                [recorded, simulated, first, others].map(sample),
             )
         })
         .collect();
@@ -169,7 +172,7 @@ pub(super) fn distributions(
     };
     rows.extend(row(
         ("points a frame", ""),
-        [recorded, simulated, first, others].map(|f| counts(f)),
+        [recorded, simulated, first, others].map(counts),
     ));
     rows
 }

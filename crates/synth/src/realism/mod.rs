@@ -171,7 +171,7 @@ impl RealismConfig {
         let lengths = config.joints_origin_m.map(f64::from);
         let others = [config.elevation_bias, f64::from(config.sway_mps)];
         for value in lengths.into_iter().chain(others) {
-            if !(value.abs() <= 10.0) {
+            if !(-10.0..=10.0).contains(&value) {
                 return fail(format!(
                     "joints_origin_m, elevation_bias and sway_mps: must be within +-10, found {value}"
                 ));

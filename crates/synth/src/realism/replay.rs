@@ -64,7 +64,7 @@ pub(super) fn parallel<T: Send>(
     let plan = |options: SimOptions| -> Result<Synthesizer, RealismError> {
         let dsp = config.processing.resolve(&radar);
         let chain = Synthesizer::with_simulation(&radar, Method::Fast, dsp, options)?;
-        Ok(chain.with_impairments(impairments.clone()))
+        Ok(chain.with_impairments(impairments))
     };
     let next = AtomicUsize::new(0);
     let work = || -> Result<Vec<(usize, T)>, RealismError> {
