@@ -4,8 +4,8 @@
 //! `c f^d` S/m with f in GHz, valid to 100 GHz. Skin: the four-term Cole-Cole model of Gabriel, Lau
 //! and Gabriel, *The dielectric properties of biological tissues: III*, Phys. Med. Biol. 41 (1996),
 //! dry skin, whose slow terms no longer count at millimetre waves. Cloth: 1.5 (1 - 0.02 j), as woven
-//! cotton and polyester measure at 2.45 GHz (Sankaralingam and Gupta, IEEE Trans. Instrum. Meas. 59
-//! (2010)); at millimetre waves we know only that eight garment fabrics lose less than 3 dB up to
+//! cotton and polyester measure at 2.45 GHz (after Sankaralingam and Gupta, IEEE Trans. Instrum. Meas. 59
+//! (2010), not checked against the paper); at millimetre waves we know only that eight garment fabrics lose less than 3 dB up to
 //! 300 GHz (Bjarnason et al., Appl. Phys. Lett. 85 (2004)), which a millimetre of this keeps. Thick
 //! slabs are assumed, where what comes back from the rear face is left out, unless a thickness is given.
 

@@ -287,6 +287,7 @@ struct Frame {
 }
 
 /// `bpmCfg` that is on: the chirp with both transmitters in phase, and the one with the second inverted.
+/// Which of the two TX2 is inverted in was not checked against a device.
 struct PhaseModulation {
     in_phase: u32,
     inverted: u32,

@@ -9,7 +9,8 @@ const SAMPLE_BYTES: u64 = 4;
 /// Lane rate of TI's firmware and of mmWave Studio's default, bit/s.
 const LVDS_LANE_BPS: f64 = 600e6;
 /// What the DCA1000 sends over its Ethernet port with its default packet delay of 25 us and with the
-/// shortest of 5 us, bit/s. TI SPRUIJ4, "DCA1000EVM data capture card", table of packet delays.
+/// shortest of 5 us, bit/s. TI SPRUIJ4, "DCA1000EVM data capture card", table of packet delays; the
+/// figures were not checked against the document.
 const ETHERNET_DEFAULT_BPS: f64 = 325e6;
 const ETHERNET_MOST_BPS: f64 = 706e6;
 /// The demos' data port: 921,600 baud of ten bits a byte, bytes/s.

@@ -14,7 +14,8 @@ const MAX_DUTY: f64 = 0.5;
 /// TI's chirp timing advice for steep ramps: synthesiser and filters settle in 3 us or more, s.
 const MIN_ADC_START_S: f64 = 3e-6;
 /// Time the synthesiser takes back from a ramp of less than this bandwidth: (Hz, s). TI SWRA553A,
-/// "Programming chirp parameters in TI radar devices", table of idle times.
+/// "Programming chirp parameters in TI radar devices", table of idle times; the figures
+/// were not checked against the document.
 const RAMP_DOWN: [(f64, f64); 4] = [
     (1e9, 2e-6),
     (2e9, 3.5e-6),
