@@ -224,3 +224,41 @@ fn every_stage_trains_resumes_and_is_evaluated() {
     let stderr = crate::command::refused(&["describe", "builtin:clap", "--model", &model]);
     assert!(stderr.contains("model.safetensors"), "{stderr}");
 }
+
+/// A recording that the same radar and scene made, with another seed: the table finds them alike.
+#[test]
+fn realism_compares_own_recordings_with_their_scenes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    std::fs::create_dir(path("own")).unwrap();
+    std::fs::write(
+        path("own/walk.toml"),
+        "duration_s = 1.5\nmax_bounces = 1\n[[target]]\nkind = \"motion\"\nfile = \"builtin:walk?distance_m=1.5\"\n\
+         position_m = [0.2, 3.0, -1.0]\n",
+    )
+    .unwrap();
+    let (scene, recording) = (path("own/walk.toml"), path("own/walk.parquet"));
+    let done = radarllm(&["simulate", &scene, "--out", &recording, "--seed", "9"]);
+    assert!(done.status.success());
+    std::fs::write(
+        path("config.toml"),
+        "radar = \"awr1843boost\"\ncrop_m = [[-3.0, 3.0], [0.0, 8.0], [-3.0, 3.0]]\n",
+    )
+    .unwrap();
+    let config = path("config.toml");
+    let report = json(&["realism", &config, "--recordings", &path("own"), "--json"]);
+    assert_eq!(report["frames"], 15);
+    let rows = report["distributions"].as_array().unwrap();
+    let speed = rows.iter().find(|r| r["quantity"] == "speed").unwrap();
+    // About 1,500 points each, in clusters of ten: 0.11 is the 95 % point of equal distributions.
+    assert!(
+        speed["kolmogorov_smirnov"].as_f64().unwrap() < 0.11,
+        "{speed}"
+    );
+    assert!(report["chamfer_other_m"].is_null());
+
+    let refused = radarllm(&["realism", &config, "--recordings", &path("nowhere")]);
+    assert_eq!(refused.status.code(), Some(1));
+    let stderr = String::from_utf8_lossy(&refused.stderr);
+    assert!(stderr.contains("nowhere"), "{stderr}");
+}
