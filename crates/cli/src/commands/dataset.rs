@@ -12,6 +12,7 @@ use radarllm_synth::{build, config::DatasetConfig};
 
 use crate::{
     args::DatasetVerb,
+    commands,
     error::{CliError, CliResult},
     output,
 };
@@ -46,8 +47,7 @@ fn build(
         .map_err(|e| CliError::new(format!("{}: {e}", config_path.display())))?;
     let base = config_path.parent().unwrap_or(Path::new(""));
     let options = BuildOptions {
-        threads: threads
-            .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
+        threads: commands::threads(threads),
         overwrite: if force {
             Overwrite::Replace
         } else {

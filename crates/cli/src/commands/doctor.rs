@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::{args::JsonFlag, commands::describe, error::CliResult, output};
+use crate::{args::JsonFlag, commands, commands::describe, error::CliResult, output};
 
 #[derive(Serialize)]
 struct Report {
@@ -27,7 +27,7 @@ pub fn run(args: &JsonFlag) -> CliResult {
         version: env!("CARGO_PKG_VERSION"),
         architecture: std::env::consts::ARCH,
         os: std::env::consts::OS,
-        threads: std::thread::available_parallelism().map_or(1, usize::from),
+        threads: commands::threads(None),
         cpu_features: cpu_features(),
         checks: vec![default_model(), temporary_folder(), gpu()],
     };

@@ -15,3 +15,8 @@ pub mod score;
 pub mod simulate;
 pub mod train;
 pub mod view;
+
+/// `--threads`, or one for every core.
+pub fn threads(asked: Option<usize>) -> usize {
+    asked.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
+}

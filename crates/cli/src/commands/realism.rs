@@ -14,6 +14,7 @@ use serde::Serialize;
 
 use crate::{
     args::RealismArgs,
+    commands,
     error::{CliError, CliResult},
     output,
 };
@@ -27,16 +28,14 @@ pub fn run(args: &RealismArgs) -> CliResult {
     let config = RealismConfig::from_toml(&text)
         .map_err(|e: SynthError| CliError::new(format!("{}: {e}", args.config.display())))?;
     let base = args.config.parent().unwrap_or(Path::new(""));
-    let threads = args
-        .threads
-        .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
-    if config.activities.is_some() {
+    let threads = commands::threads(args.threads);
+    if let Some(table) = &config.activities {
         if args.calibrate.is_some() || !args.part.is_empty() {
             return Err(CliError::new(
                 "--calibrate and --part want recordings with joints or scenes, not [activities]",
             ));
         }
-        let report = compare_activities(&config, base, &args.recordings, threads)?;
+        let report = compare_activities(&config, table, base, &args.recordings, threads)?;
         let page = activities_page(&report, &args.config);
         return print(args, &report, &page);
     }

@@ -9,7 +9,7 @@ use radarllm_capture::read_radhar_points;
 use serde::{Deserialize, Serialize};
 
 use super::compare::{ClassifierResult, Clip, DistributionRow, distributions, transfer};
-use super::{RealismConfig, RealismError, mars::read_capped, replay::parallel};
+use super::{RealismConfig, RealismError, read_text, replay::parallel};
 use crate::placement::{PlacementRange, draw_placement};
 use crate::synthesizer::builtin_shape;
 
@@ -73,17 +73,17 @@ pub struct ActivityReport {
     pub classifier: Option<ClassifierResult>,
 }
 
-/// Simulates the activities and compares them with the recordings in `folder/NAME/*.txt`.
+/// Simulates the activities of `table` and compares them with the recordings in `folder/NAME/*.txt`.
 ///
 /// # Errors
 /// Unreadable recordings, motions that do not exist, or whatever the chain refuses.
 pub fn compare_activities(
     config: &RealismConfig,
+    table: &Activities,
     base: &Path,
     folder: &Path,
     n_threads: usize,
 ) -> Result<ActivityReport, RealismError> {
-    let table = config.activities.as_ref().ok_or(RealismError::NoPoints)?;
     let mut recorded = Vec::new();
     let mut recordings = Vec::new();
     for (class, activity) in table.activity.iter().enumerate() {
@@ -135,9 +135,7 @@ fn read_recordings(folder: &Path, class: usize) -> Result<Vec<Clip>, RealismErro
             file: file.display().to_string(),
             problem,
         };
-        let bytes = read_capped(&file)?;
-        let text = std::str::from_utf8(&bytes).map_err(|e| wrong(e.to_string()))?;
-        let frames = read_radhar_points(text)
+        let frames = read_radhar_points(&read_text(&file)?)
             .map_err(|e| wrong(e.to_string()))?
             .into_iter()
             .enumerate()

@@ -4,10 +4,10 @@ use std::{fs, path::Path};
 
 use glam::Vec3;
 use radarllm_base::{PointFrame, RadarPoint, skeleton::N_JOINTS};
-use radarllm_body::loaders::{MAX_FILE_BYTES, kinect::kinect_joints};
+use radarllm_body::loaders::kinect::kinect_joints;
 use radarllm_capture::read_mars_points;
 
-use super::{Driver, RealismError, Take};
+use super::{Driver, RealismError, Take, read_text};
 
 /// Radar frames per second; the tables have no usable clock.
 const FRAMES_PER_S: f64 = 10.0;
@@ -84,10 +84,9 @@ fn part_takes(
         file: name.clone(),
         problem,
     };
-    let bytes = read_capped(radar)?;
-    let text = std::str::from_utf8(&bytes).map_err(|e| wrong(e.to_string()))?;
-    let frames = read_mars_points(text).map_err(|e| wrong(e.to_string()))?;
-    let joints = kinect_joints(&kinect.display().to_string(), &read_capped(kinect)?)?;
+    let frames = read_mars_points(&read_text(radar)?).map_err(|e| wrong(e.to_string()))?;
+    let table = read_text(kinect)?;
+    let joints = kinect_joints(&kinect.display().to_string(), table.as_bytes())?;
     if frames.len() != joints.len() {
         return Err(wrong(format!(
             "{} radar frames, but {} rows of joints in {}",
@@ -149,17 +148,4 @@ fn push(take: &mut Run, steps: u64, points: Vec<RadarPoint>, joints: [Vec3; N_JO
         time_s: f64::from(frame) / FRAMES_PER_S,
         points,
     });
-}
-
-pub(super) fn read_capped(path: &Path) -> Result<Vec<u8>, RealismError> {
-    let size = fs::metadata(path)
-        .map_err(|e| RealismError::io(path, &e))?
-        .len();
-    if size > MAX_FILE_BYTES {
-        return Err(RealismError::File {
-            file: path.display().to_string(),
-            problem: format!("{size} bytes, more than the {MAX_FILE_BYTES} accepted"),
-        });
-    }
-    fs::read(path).map_err(|e| RealismError::io(path, &e))
 }

@@ -12,11 +12,11 @@ pub mod mars;
 pub mod pairs;
 pub mod replay;
 
-use std::path::Path;
+use std::{fs, path::Path};
 
 use glam::Vec3;
 use radarllm_base::{PointFrame, skeleton::N_JOINTS};
-use radarllm_body::MotionError;
+use radarllm_body::{MotionError, loaders::MAX_FILE_BYTES};
 use radarllm_radar_sim::SimOptions;
 use serde::{Deserialize, Serialize};
 
@@ -60,6 +60,20 @@ impl RealismError {
             problem: error.to_string(),
         }
     }
+}
+
+/// A text file of a recording, capped like motion files.
+fn read_text(path: &Path) -> Result<String, RealismError> {
+    let size = fs::metadata(path)
+        .map_err(|e| RealismError::io(path, &e))?
+        .len();
+    if size > MAX_FILE_BYTES {
+        return Err(RealismError::File {
+            file: path.display().to_string(),
+            problem: format!("{size} bytes, more than the {MAX_FILE_BYTES} accepted"),
+        });
+    }
+    fs::read_to_string(path).map_err(|e| RealismError::io(path, &e))
 }
 
 /// A piece of recording without interruption.

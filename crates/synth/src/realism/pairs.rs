@@ -6,7 +6,7 @@ use std::{fs, path::Path};
 use radarllm_base::SPEED_OF_LIGHT_MPS;
 use radarllm_dataset::read_points;
 
-use super::{Driver, RealismConfig, RealismError, Take};
+use super::{Driver, RealismConfig, RealismError, Take, read_text};
 use crate::scene::{OwnedScene, SceneFile};
 use crate::synthesizer::open_radar;
 
@@ -36,7 +36,7 @@ pub fn read_takes(
             file: scene.display().to_string(),
             problem,
         };
-        let text = fs::read_to_string(&scene).map_err(|e| RealismError::io(&scene, &e))?;
+        let text = read_text(&scene)?;
         let file = SceneFile::from_toml(&text).map_err(|e| wrong(e.to_string()))?;
         let owned = OwnedScene::open(&file, folder, SPEED_OF_LIGHT_MPS / wavelength_m)
             .map_err(|e| wrong(e.to_string()))?;

@@ -2,20 +2,15 @@
 
 use std::f32::consts::TAU;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
 use radarllm_base::{Motion, PointFrame, frames::Placement, seed::derive_seed, skeleton::N_JOINTS};
-use radarllm_body::{
-    MotionSampler,
-    mesh::{BodyModel, BodyShape, PosedBody, clothed_skin},
-    retarget::motion_from_positions,
-};
+use radarllm_body::{mesh::BodyShape, retarget::motion_from_positions};
 use radarllm_radar_sim::{Noise, Scene, SimOptions};
 
 use super::{Driver, RealismConfig, RealismError, Take};
-use crate::synthesizer::{Method, Synthesizer, builtin_body, open_radar};
+use crate::synthesizer::{Method, Synthesizer, open_radar, posed_builtin};
 
 /// Simulated frames of every take, one for each recorded frame, on `n_threads`; radar files are
 /// looked for in `base`.
@@ -116,8 +111,7 @@ fn simulate_take(
         facet_edge_m: config.facet_edge_m,
         ..BodyShape::default()
     };
-    let body: Arc<dyn BodyModel> = builtin_body(shape)?;
-    let surface = PosedBody::new(body, MotionSampler::new(&motion), placement, clothed_skin());
+    let surface = posed_builtin(&motion, shape, placement)?;
     let scene = Scene {
         surfaces: vec![&surface],
         points: Vec::new(),
