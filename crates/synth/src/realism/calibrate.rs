@@ -64,8 +64,18 @@ pub fn calibrate(
 ) -> Result<RealismConfig, RealismError> {
     let mut config = config.clone();
     let options = config.processing.resolve(&open_radar(&config.radar, base)?);
-    let mut threshold_db = match options.detector {
-        Detector::LogCfar { threshold_db, .. } => Some(threshold_db),
+    let mut detector = match options.detector {
+        Detector::LogCfar {
+            guard,
+            train,
+            sides,
+            threshold_db,
+        } => Some(DetectorFile::LogCfar {
+            guard,
+            train,
+            sides: SidesName::from(sides),
+            threshold_db,
+        }),
         _ => None,
     };
     let recorded: Vec<PointFrame> = takes
@@ -93,13 +103,17 @@ pub fn calibrate(
         config.joints_origin_m[0] += ((real.u_x - ours.u_x) * real.range_m) as f32;
         config.joints_origin_m[1] += (real.range_m - ours.range_m) as f32;
 
-        if let Some(threshold) = &mut threshold_db {
+        if let Some(DetectorFile::LogCfar {
+            threshold_db: threshold,
+            ..
+        }) = &mut detector
+        {
             let missing = (real.per_frame / ours.per_frame).log2();
             let halvings = ours.per_frame.log2();
             let db_per_halving = slope(last_threshold, (*threshold, -halvings), HALVING_DB);
             last_threshold = Some((*threshold, -halvings));
             *threshold = (*threshold - missing * db_per_halving).clamp(3.0, 60.0);
-            config.processing.detector = Some(with_threshold(&options.detector, *threshold));
+            config.processing.detector = detector;
         }
         let excess = real.on_boresight - ours.on_boresight;
         match config.processing.azimuth_step_db {
@@ -125,24 +139,6 @@ fn slope(last: Option<(f64, f64)>, now: (f64, f64), usual: f64) -> f64 {
     last.map(|l| (now.0 - l.0) / (now.1 - l.1))
         .filter(|s| (usual / 4.0..=usual * 4.0).contains(s))
         .unwrap_or(usual)
-}
-
-fn with_threshold(detector: &Detector, threshold_db: f64) -> DetectorFile {
-    let Detector::LogCfar {
-        guard,
-        train,
-        sides,
-        ..
-    } = *detector
-    else {
-        unreachable!("only log_cfar has a threshold in dB");
-    };
-    DetectorFile::LogCfar {
-        guard,
-        train,
-        sides: SidesName::from(sides),
-        threshold_db,
-    }
 }
 
 fn means(config: &RealismConfig, frames: &[PointFrame]) -> Result<Means, RealismError> {
