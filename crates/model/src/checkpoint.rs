@@ -18,6 +18,7 @@ use std::path::{Path, PathBuf};
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Tensor, TensorData};
+pub use radarllm_engine::{HostTensor, NamedTensors};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -33,28 +34,6 @@ pub const CHECKSUM_FILE: &str = "checksums.json";
 const MAX_SMALL_FILE_BYTES: u64 = 64 << 20;
 /// Largest weights file read, bytes.
 const MAX_TENSOR_FILE_BYTES: u64 = 16 << 30;
-
-/// A dense f32 array in host memory, row-major.
-#[derive(Clone, Debug, PartialEq)]
-pub struct HostTensor {
-    /// Extent of each axis; empty for a scalar.
-    pub shape: Vec<usize>,
-    /// `shape` product values.
-    pub values: Vec<f32>,
-}
-
-impl HostTensor {
-    /// A vector.
-    pub fn vector(values: Vec<f32>) -> Self {
-        Self {
-            shape: vec![values.len()],
-            values,
-        }
-    }
-}
-
-/// Arrays by name.
-pub type NamedTensors = BTreeMap<String, HostTensor>;
 
 /// Why a checkpoint could not be written or read.
 #[derive(Debug, thiserror::Error)]

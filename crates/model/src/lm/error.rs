@@ -22,6 +22,9 @@ pub enum LmError {
     /// An input that does not fit the model.
     #[error("language model input: {0}")]
     Input(String),
+    /// The inference engine refused weights, an input or an option.
+    #[error(transparent)]
+    Engine(#[from] radarllm_engine::EngineError),
     /// The radar tokenizer failed.
     #[error("radar tokenizer: {0}")]
     RadarTokenizer(String),

@@ -3,6 +3,8 @@
 //! Scores are log-probabilities among the allowed tokens only: a sentence is never blamed for
 //! probability that went to radar codes.
 
+pub use radarllm_engine::Generated;
+
 use super::t5::{DecoderCache, Source, SourceBatch};
 use super::vocab::{EOS, Layout, PAD, UNKNOWN};
 use super::{LmError, RadarLm, hf};
@@ -18,14 +20,14 @@ pub enum Allowed {
 
 impl Allowed {
     /// Output rows that have to be computed.
-    fn n_rows(self, layout: &Layout) -> usize {
+    pub(super) fn n_rows(self, layout: &Layout) -> usize {
         match self {
             Allowed::Text => layout.n_text as usize,
             Allowed::Radar => layout.som() as usize,
         }
     }
 
-    fn permits(self, id: u32, layout: &Layout) -> bool {
+    pub(super) fn permits(self, id: u32, layout: &Layout) -> bool {
         id == EOS
             || match self {
                 Allowed::Text => id != PAD && id != UNKNOWN && id < layout.n_text,
@@ -57,28 +59,6 @@ impl Default for GenerateOptions {
             length_penalty: 1.0,
             allowed: Allowed::Text,
             batch: 64,
-        }
-    }
-}
-
-/// One decoded sequence.
-#[derive(Clone, Debug, PartialEq, Default)]
-pub struct Generated {
-    /// Tokens, without start and end.
-    pub ids: Vec<u32>,
-    /// Sum of the tokens' log-probabilities, end token included.
-    pub log_prob: f32,
-    /// exp(mean log-probability), in 0..=1.
-    pub confidence: f32,
-}
-
-impl Generated {
-    fn new(ids: Vec<u32>, log_prob: f32, n_scored: usize) -> Self {
-        let confidence = (log_prob / n_scored.max(1) as f32).exp();
-        Self {
-            ids,
-            log_prob,
-            confidence,
         }
     }
 }

@@ -449,7 +449,10 @@ pub(super) fn read<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use radarllm_engine::{Engine, Precision, SimdLevel};
+
     use crate::checkpoint::{CheckpointFiles, collect_params};
+    use crate::lm::{LmConfig, LmPreset};
 
     fn golden(name: &str) -> (T5Config, NamedTensors, std::path::PathBuf) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -498,6 +501,57 @@ mod tests {
         for name in ["t5_v10.safetensors", "t5_v11.safetensors"] {
             let d = deviation(name);
             assert!(d < 1e-4, "{name}: {d}");
+        }
+    }
+
+    /// The same tolerance for the inference engine, step by step, with the instructions of every level
+    /// this machine has.
+    #[test]
+    fn logits_of_the_engine_equal_the_reference() {
+        for name in ["t5_v10.safetensors", "t5_v11.safetensors"] {
+            let (t5, mut tensors, path) = golden(name);
+            let mut take = |n: &str| tensors.remove(n).unwrap();
+            let (input, mask) = (rows(&take("input_ids")), rows(&take("attention_mask")));
+            let decoder = rows(&take("decoder_input_ids"));
+            let expected = take("logits").values;
+            let weights: NamedTensors = from_hf(tensors, &t5, &path)
+                .unwrap()
+                .into_iter()
+                .map(|(name, tensor)| (format!("t5.{name}"), tensor))
+                .collect();
+            let sources: Vec<Source> = (input.into_iter().zip(&mask))
+                .map(|(ids, mask)| Source {
+                    ids: ids[..mask.iter().sum::<u32>() as usize].to_vec(),
+                    ..Source::default()
+                })
+                .collect();
+            let (vocab, steps, n) = (t5.vocab_size, decoder[0].len(), sources.len());
+            let lm = LmPreset::Small.config(1, 1);
+            let shape = LmConfig {
+                t5,
+                bypass: false,
+                ..lm
+            }
+            .engine_shape();
+            for level in SimdLevel::ALL.into_iter().filter(|l| l.is_available()) {
+                let (shape, weights) = (shape.clone(), weights.clone());
+                let engine = Engine::with_level(shape, Precision::F32, weights, level).unwrap();
+                let mut session = engine.session(1);
+                session
+                    .start(&sources.iter().collect::<Vec<_>>(), 1, steps)
+                    .unwrap();
+                for step in 0..steps {
+                    let last: Vec<u32> = decoder.iter().map(|ids| ids[step]).collect();
+                    let logits = session.logits(&last, vocab);
+                    for (row, found) in logits.chunks(logits.len() / n).enumerate() {
+                        let expected = &expected[(row * steps + step) * vocab..][..vocab];
+                        for (e, f) in expected.iter().zip(found) {
+                            let close = (e - f).abs() < 1e-4;
+                            assert!(close, "{name} {level:?} row {row} step {step}: {f}, {e}");
+                        }
+                    }
+                }
+            }
         }
     }
 

@@ -3,7 +3,7 @@
 //! Reading order: [`config`] (shapes and presets), [`position`] (relative position buckets),
 //! [`t5`] (the network), [`hf`] (Hugging Face names and files), [`vocab`] (ids), [`templates`]
 //! (prompts), [`radar_lm`] (network + vocabulary on disk), [`generate`] (greedy and beam
-//! decoding), [`captioner`] (points in, sentence out).
+//! decoding), `on_engine` (the same on packed weights), [`captioner`] (points in, sentence out).
 //!
 //! Deliberately absent: losses, batching and schedules live in `radarllm-train`.
 
@@ -12,7 +12,7 @@ pub mod config;
 mod error;
 pub mod generate;
 pub mod hf;
-pub mod position;
+mod on_engine;
 pub mod radar_lm;
 pub mod t5;
 pub mod templates;
@@ -23,5 +23,6 @@ pub use config::{FeedForward, LmConfig, LmPreset, T5Config};
 pub use error::LmError;
 pub use generate::{Allowed, GenerateOptions, Generated};
 pub use radar_lm::RadarLm;
+pub use radarllm_engine::position;
 pub use t5::{DropoutRng, RadarT5, Source, SourceBatch};
 pub use vocab::Vocab;

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use burn::tensor::Device;
+use radarllm_engine::MAX_SOURCE;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
@@ -23,9 +24,6 @@ use crate::tokenizer::Encoded;
 pub const TEXT_TOKENIZER_FILE: &str = "tokenizer.json";
 /// Name of the file with averaged weights.
 pub const AVERAGE_FILE: &str = "average.safetensors";
-
-/// Longest encoder input, tokens.
-const MAX_SOURCE: usize = 2048;
 
 /// The radar-language model.
 pub struct RadarLm {

@@ -8,6 +8,7 @@
 use burn::module::{Module, Param};
 use burn::tensor::activation::{gelu_approximate, relu, softmax};
 use burn::tensor::{Device, IndexingUpdateOp, Int, Tensor, TensorData};
+pub use radarllm_engine::Source;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 
@@ -116,17 +117,6 @@ pub struct Feed {
     pub gate: Option<Param<Tensor<2>>>,
     /// `[d_ff, d_model]`.
     pub wo: Param<Tensor<2>>,
-}
-
-/// One encoder input on the host.
-#[derive(Clone, Debug, PartialEq, Default)]
-pub struct Source {
-    /// Token ids.
-    pub ids: Vec<u32>,
-    /// Positions in `ids` that carry a radar feature, increasing.
-    pub feature_positions: Vec<u32>,
-    /// `[feature_positions.len(), code_dim]`.
-    pub features: Vec<f32>,
 }
 
 /// Encoder inputs of one batch on the device, padded at the end.

@@ -1,0 +1,461 @@
+//! Decoding: greedy and beam search over a [`Session`].
+//!
+//! Scores are log-probabilities among the allowed tokens only. Equal scores go to the smaller id; the
+//! order of beams, ends and ties is that of `radarllm-model`'s own decoding, which the tests compare
+//! with token by token.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::EngineError;
+use crate::matrix::padded;
+use crate::rows::argmax;
+use crate::session::{MAX_STEPS, Session, Source};
+use crate::simd::SimdLevel;
+
+/// How to decode.
+#[derive(Clone, Debug)]
+pub struct SearchOptions<'a> {
+    /// Most tokens produced, end token included, 1..=512.
+    pub max_new_tokens: usize,
+    /// Beams, 1..=64; 1 is greedy.
+    pub beam: usize,
+    /// Finished beams compare by log-probability over length to this power.
+    pub length_penalty: f32,
+    /// Rows decoded together, beams included.
+    pub batch: usize,
+    /// Fed to the decoder first.
+    pub start: u32,
+    /// Ends a sentence.
+    pub end: u32,
+    /// Whether each id may be produced, from id 0; ids beyond may not. Without the end among them every
+    /// sentence has the greatest length.
+    pub allowed: &'a [bool],
+}
+
+/// One decoded sequence.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct Generated {
+    /// Tokens, without start and end.
+    pub ids: Vec<u32>,
+    /// Sum of the tokens' log-probabilities, end token included.
+    pub log_prob: f32,
+    /// exp(mean log-probability), in 0..=1.
+    pub confidence: f32,
+}
+
+impl Generated {
+    /// A result whose log-probability is the sum over `n_scored` tokens.
+    pub fn new(ids: Vec<u32>, log_prob: f32, n_scored: usize) -> Self {
+        let confidence = (log_prob / n_scored.max(1) as f32).exp();
+        Self {
+            ids,
+            log_prob,
+            confidence,
+        }
+    }
+}
+
+/// What decoding reports to while it runs, and who may stop it.
+pub struct Watch<'a> {
+    /// Called with the number of a source and its next token: at once in greedy decoding, when the best
+    /// beam is known in beam search.
+    pub on_token: &'a mut dyn FnMut(usize, u32),
+    /// Decoding stops with [`EngineError::Cancelled`] before the next step once this is true.
+    pub cancel: &'a AtomicBool,
+}
+
+impl Session<'_> {
+    /// Decodes every source.
+    ///
+    /// # Errors
+    /// If a source or an option does not fit the network.
+    pub fn generate(
+        &mut self,
+        sources: &[Source],
+        options: &SearchOptions,
+    ) -> Result<Vec<Generated>, EngineError> {
+        let never = AtomicBool::new(false);
+        let mut watch = Watch {
+            on_token: &mut |_, _| {},
+            cancel: &never,
+        };
+        self.generate_watched(sources, options, &mut watch)
+    }
+
+    /// As [`Self::generate`], reporting every token.
+    ///
+    /// # Errors
+    /// As [`Self::generate`], and [`EngineError::Cancelled`].
+    pub fn generate_watched(
+        &mut self,
+        sources: &[Source],
+        options: &SearchOptions,
+        watch: &mut Watch,
+    ) -> Result<Vec<Generated>, EngineError> {
+        let mask = self.check_options(options)?;
+        for (index, source) in sources.iter().enumerate() {
+            self.engine().check(index, source)?;
+        }
+        let batch = (options.batch / options.beam).clamp(1, 1024);
+        // Neighbours in length end and leave together.
+        let mut order: Vec<usize> = (0..sources.len()).collect();
+        order.sort_by_key(|i| sources[*i].ids.len());
+        let mut out = vec![Generated::default(); sources.len()];
+        for chunk in order.chunks(batch) {
+            let picked: Vec<&Source> = chunk.iter().map(|i| &sources[*i]).collect();
+            if watch.cancel.load(Ordering::Relaxed) {
+                return Err(EngineError::Cancelled);
+            }
+            self.start(&picked, options.beam, options.max_new_tokens)?;
+            let results = if options.beam == 1 {
+                greedy(self, chunk, options, &mask, watch)?
+            } else {
+                beam(self, chunk.len(), options, &mask, watch)?
+            };
+            for (i, result) in chunk.iter().zip(results) {
+                if options.beam > 1 {
+                    result.ids.iter().for_each(|id| (watch.on_token)(*i, *id));
+                }
+                out[*i] = result;
+            }
+        }
+        Ok(out)
+    }
+
+    /// Checks options; 0 for allowed ids and negative infinity for others, padded.
+    fn check_options(&self, options: &SearchOptions) -> Result<Vec<f32>, EngineError> {
+        let vocab = self.engine().shape().vocab_size;
+        let n = options.allowed.len();
+        for (field, value, least, most) in [
+            ("max_new_tokens", options.max_new_tokens, 1, MAX_STEPS),
+            ("beam", options.beam, 1, 64),
+            ("start", options.start as usize, 0, vocab - 1),
+            ("end", options.end as usize, 0, vocab - 1),
+            ("allowed", n, 1, vocab),
+        ] {
+            if value < least || value > most {
+                let problem = format!("must be in {least}..={most}, found {value}");
+                return Err(EngineError::Option { field, problem });
+            }
+        }
+        let mut mask = vec![f32::NEG_INFINITY; padded(n)];
+        for (mask, allowed) in mask.iter_mut().zip(options.allowed) {
+            if *allowed {
+                *mask = 0.0;
+            }
+        }
+        Ok(mask)
+    }
+}
+
+fn greedy(
+    session: &mut Session,
+    chunk: &[usize],
+    options: &SearchOptions,
+    mask: &[f32],
+    watch: &mut Watch,
+) -> Result<Vec<Generated>, EngineError> {
+    let (n, steps) = (chunk.len(), options.max_new_tokens);
+    let level = session.engine().level();
+    // Per sentence: tokens, sum of log-probabilities, tokens scored.
+    let mut out: Vec<(Vec<u32>, f32, usize)> = (0..n)
+        .map(|_| (Vec::with_capacity(steps), 0.0, 0))
+        .collect();
+    let mut alive: Vec<usize> = (0..n).collect();
+    let mut last = vec![options.start; n];
+    let mut kept = Vec::with_capacity(n);
+    // From here on nothing is allocated.
+    for step in 0..steps {
+        if watch.cancel.load(Ordering::Relaxed) {
+            return Err(EngineError::Cancelled);
+        }
+        kept.clear();
+        let scores = session.log_probs(&last, mask);
+        for (row, scores) in scores.chunks_exact(mask.len()).enumerate() {
+            // Without any finite score (weights whose sums overflow) the sentence ends.
+            let (id, score) = argmax(level, scores)
+                .map_or((options.end, f32::NEG_INFINITY), |(id, score)| {
+                    (id as u32, score)
+                });
+            let (ids, sum, scored) = &mut out[alive[row]];
+            *sum += score;
+            *scored += 1;
+            if id != options.end {
+                ids.push(id);
+                (watch.on_token)(chunk[alive[row]], id);
+                last[kept.len()] = id;
+                kept.push(row);
+            }
+        }
+        if kept.is_empty() || step + 1 == steps {
+            break;
+        }
+        // Finished sentences leave the batch; the rest pay only for themselves.
+        if kept.len() < alive.len() {
+            session.keep(&kept);
+            for (to, from) in kept.iter().enumerate() {
+                alive[to] = alive[*from];
+            }
+            alive.truncate(kept.len());
+            last.truncate(kept.len());
+        }
+    }
+    Ok(out
+        .into_iter()
+        .map(|(ids, sum, scored)| Generated::new(ids, sum, scored))
+        .collect())
+}
+
+/// A beam search over one source.
+struct Search {
+    /// Beams that run, best first; `width` of them, the unused with a sum of negative infinity.
+    open: Vec<Sentence>,
+    /// Takes the next generation of `open`.
+    next: Vec<Sentence>,
+    /// Ended sentences, best first.
+    done: Vec<Done>,
+    /// Sentences that fell out of `done`, to be used again.
+    spare: Vec<Done>,
+    finished: bool,
+}
+
+#[derive(Default)]
+struct Sentence {
+    ids: Vec<u32>,
+    sum: f32,
+}
+
+#[derive(Default)]
+struct Done {
+    score: f32,
+    sentence: Sentence,
+}
+
+/// An extension of an open beam.
+#[derive(Clone, Copy)]
+struct Candidate {
+    sum: f32,
+    beam: usize,
+    id: u32,
+}
+
+impl Search {
+    fn new(width: usize, steps: usize) -> Self {
+        // All beams start equal, so only the first may be extended at the first step.
+        let sentences = || -> Vec<Sentence> {
+            (0..width)
+                .map(|b| Sentence {
+                    ids: Vec::with_capacity(steps),
+                    sum: if b == 0 { 0.0 } else { f32::NEG_INFINITY },
+                })
+                .collect()
+        };
+        let spare = || Done {
+            score: 0.0,
+            sentence: Sentence {
+                ids: Vec::with_capacity(steps),
+                sum: 0.0,
+            },
+        };
+        Self {
+            open: sentences(),
+            next: sentences(),
+            // In one step at most `width` sentences end before the worst are dropped.
+            done: Vec::with_capacity(2 * width),
+            spare: (0..2 * width).map(|_| spare()).collect(),
+            finished: false,
+        }
+    }
+
+    /// Puts an ended sentence behind those of equal score.
+    fn end(&mut self, beam: usize, sum: f32, score: f32) {
+        let mut done = self.spare.pop().unwrap_or_default();
+        done.sentence.ids.clear();
+        done.sentence.ids.extend_from_slice(&self.open[beam].ids);
+        done.sentence.sum = sum;
+        done.score = score;
+        let at = self
+            .done
+            .partition_point(|d| d.score.total_cmp(&score).is_ge());
+        self.done.insert(at, done);
+    }
+}
+
+fn beam(
+    session: &mut Session,
+    n: usize,
+    options: &SearchOptions,
+    mask: &[f32],
+    watch: &mut Watch,
+) -> Result<Vec<Generated>, EngineError> {
+    let (width, steps) = (options.beam, options.max_new_tokens);
+    let level = session.engine().level();
+    let normal = |sum: f32, len: usize| sum / (len as f32).powf(options.length_penalty);
+    let mut searches: Vec<Search> = (0..n).map(|_| Search::new(width, steps)).collect();
+    let mut last = vec![options.start; n * width];
+    let mut parents = Vec::with_capacity(n * width);
+    let mut candidates = Vec::with_capacity(2 * width * width);
+    let mut best = Vec::with_capacity(2 * width);
+    // From here on nothing is allocated.
+    for step in 0..steps {
+        if watch.cancel.load(Ordering::Relaxed) {
+            return Err(EngineError::Cancelled);
+        }
+        let scores = session.log_probs(&last, mask);
+        parents.clear();
+        last.clear();
+        let mut first = 0;
+        // Rows belong to the unfinished searches, in order.
+        for search in searches.iter_mut().filter(|s| !s.finished) {
+            candidates.clear();
+            for (beam, sentence) in search.open.iter().enumerate() {
+                if sentence.sum == f32::NEG_INFINITY {
+                    continue;
+                }
+                let row = &scores[(first + beam) * mask.len()..(first + beam + 1) * mask.len()];
+                // Twice the width: even if every beam ends, enough of them go on.
+                top(level, row, 2 * width, &mut best);
+                candidates.extend(best.iter().map(|(id, score)| Candidate {
+                    sum: sentence.sum + score,
+                    beam,
+                    id: *id,
+                }));
+            }
+            candidates.sort_unstable_by(|a, b| {
+                (b.sum.total_cmp(&a.sum))
+                    .then(a.beam.cmp(&b.beam))
+                    .then(a.id.cmp(&b.id))
+            });
+            let mut n_open = 0;
+            for (rank, candidate) in candidates.iter().enumerate() {
+                let Candidate { sum, beam, id } = *candidate;
+                if id == options.end {
+                    // An end outside the best `width` would not have been a beam.
+                    if rank < width {
+                        let score = normal(sum, search.open[beam].ids.len() + 1);
+                        search.end(beam, sum, score);
+                    }
+                } else if n_open < width && sum > f32::NEG_INFINITY {
+                    let next = &mut search.next[n_open];
+                    next.ids.clear();
+                    next.ids.extend_from_slice(&search.open[beam].ids);
+                    next.ids.push(id);
+                    next.sum = sum;
+                    parents.push(first + beam);
+                    last.push(id);
+                    n_open += 1;
+                }
+            }
+            for unused in &mut search.next[n_open..] {
+                unused.ids.clear();
+                unused.sum = f32::NEG_INFINITY;
+                parents.push(first);
+                last.push(options.end);
+            }
+            std::mem::swap(&mut search.open, &mut search.next);
+            while search.done.len() > width {
+                search.spare.extend(search.done.pop());
+            }
+            // The best open beam, were it to end now at its present score, bounds what it can
+            // reach under a penalty of at most 1 closely enough; the reference stops here too.
+            let best_open = normal(search.open[0].sum, step + 1);
+            let worst_done = search.done.last().map_or(f32::NEG_INFINITY, |d| d.score);
+            search.finished = search.done.len() >= width && worst_done >= best_open;
+            if search.finished {
+                // Its rows leave the batch.
+                parents.truncate(parents.len() - width);
+                last.truncate(last.len() - width);
+            }
+            first += width;
+        }
+        if parents.is_empty() || step + 1 == steps {
+            break;
+        }
+        session.keep(&parents);
+    }
+    Ok(searches
+        .into_iter()
+        .map(|search| choose(search, &normal))
+        .collect())
+}
+
+/// The best ended sentence, or the best open one when none ended within the limit.
+fn choose(search: Search, normal: &dyn Fn(f32, usize) -> f32) -> Generated {
+    let done = search.done.into_iter().map(|d| {
+        let n_scored = d.sentence.ids.len() + 1;
+        (d.score, d.sentence, n_scored)
+    });
+    let mut all: Vec<_> = done.collect();
+    if all.is_empty() {
+        let open = search
+            .open
+            .into_iter()
+            .filter(|s| s.sum > f32::NEG_INFINITY);
+        all.extend(
+            open.map(|s| (normal(s.sum, s.ids.len()), s.ids.len(), s))
+                .map(|(score, n, s)| (score, s, n)),
+        );
+    }
+    all.into_iter()
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, sentence, n)| Generated::new(sentence.ids, sentence.sum, n))
+        .unwrap_or_default()
+}
+
+/// Ids and values of the `k` largest finite entries, largest first, the smaller id first of equals.
+///
+/// `best` has room for `k` entries.
+fn top(level: SimdLevel, scores: &[f32], k: usize, best: &mut Vec<(u32, f32)>) {
+    best.clear();
+    let mut least = f32::NEG_INFINITY;
+    for (block, values) in scores.chunks(BLOCK).enumerate() {
+        // Most blocks hold nothing better than what was found already.
+        match argmax(level, values) {
+            Some((_, most)) if most > least => {}
+            _ => continue,
+        }
+        for (i, value) in values.iter().enumerate() {
+            if *value > least {
+                if best.len() == k {
+                    best.pop();
+                }
+                let at = best.partition_point(|(_, v)| v >= value);
+                best.insert(at, ((block * BLOCK + i) as u32, *value));
+                if best.len() == k {
+                    least = best[k - 1].1;
+                }
+            }
+        }
+    }
+}
+
+/// Entries looked at together; a multiple of 16.
+const BLOCK: usize = 256;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::Random;
+
+    #[test]
+    fn the_largest_are_those_of_sorting() {
+        let mut random = Random(6);
+        for n in [16, 256, 272, 2000_usize.next_multiple_of(16)] {
+            for k in [1, 2, 8, 128] {
+                // Coarse values, so that many are equal; some are forbidden. No negative zero.
+                let mut scores: Vec<f32> =
+                    (0..n).map(|_| (random.normal() * 4.0).round() + 0.0).collect();
+                scores[3] = f32::NEG_INFINITY;
+                scores[n - 1] = f32::NEG_INFINITY;
+                let mut expected: Vec<(u32, f32)> =
+                    (0..n as u32).zip(scores.iter().copied()).collect();
+                expected.retain(|(_, v)| *v > f32::NEG_INFINITY);
+                expected.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+                expected.truncate(k);
+                let mut found = Vec::with_capacity(k);
+                top(SimdLevel::detect(), &scores, k, &mut found);
+                assert_eq!(found, expected, "{k} of {n}");
+            }
+        }
+    }
+}

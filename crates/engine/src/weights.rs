@@ -1,0 +1,150 @@
+//! Named weights of a network of a given shape, each checked before it is packed.
+
+use std::collections::BTreeMap;
+
+use crate::EngineError;
+
+/// A dense f32 array in host memory, row-major.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HostTensor {
+    /// Extent of each axis; empty for a scalar.
+    pub shape: Vec<usize>,
+    /// `shape` product values.
+    pub values: Vec<f32>,
+}
+
+impl HostTensor {
+    /// A vector.
+    pub fn vector(values: Vec<f32>) -> Self {
+        Self {
+            shape: vec![values.len()],
+            values,
+        }
+    }
+}
+
+/// Arrays by name.
+pub type NamedTensors = BTreeMap<String, HostTensor>;
+
+/// Shape of a T5 encoder-decoder (Raffel et al. 2020) and of radar's way into it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shape {
+    /// Embedding rows.
+    pub vocab_size: usize,
+    /// Width of the residual stream.
+    pub d_model: usize,
+    /// Width of one head.
+    pub d_kv: usize,
+    /// Heads.
+    pub n_heads: usize,
+    /// Inner width of the feed-forward.
+    pub d_ff: usize,
+    /// Encoder blocks.
+    pub n_encoder_layers: usize,
+    /// Decoder blocks.
+    pub n_decoder_layers: usize,
+    /// `wo(gelu(wi x) * gate x)` (v1.1) instead of `wo(relu(wi x))` (the original).
+    pub gated: bool,
+    /// Output rows are the embedding, scaled by `d_model^-0.5`.
+    pub tied: bool,
+    /// Buckets of the relative position bias.
+    pub relative_buckets: usize,
+    /// Distance at which the buckets saturate.
+    pub relative_max_distance: usize,
+    /// Added to the mean square in RMS norm.
+    pub norm_eps: f32,
+    /// Width of the radar feature that is projected and added to a code's embedding; none without
+    /// this bypass.
+    pub bypass: Option<usize>,
+}
+
+/// Largest width: sums of that many products of bytes still fit 32 bits.
+pub(crate) const MAX_WIDTH: usize = 1 << 16;
+
+impl Shape {
+    /// Width of all heads together.
+    pub fn inner(&self) -> usize {
+        self.n_heads * self.d_kv
+    }
+
+    /// Checks that the network can exist and its sums cannot overflow.
+    ///
+    /// # Errors
+    /// [`EngineError::Shape`] names the first field out of range.
+    pub fn validate(&self) -> Result<(), EngineError> {
+        for (field, value, least, most) in [
+            ("vocab_size", self.vocab_size, 2, 1 << 22),
+            ("d_model", self.d_model, 1, MAX_WIDTH),
+            ("d_kv", self.d_kv, 1, MAX_WIDTH),
+            ("n_heads", self.n_heads, 1, 1024),
+            ("d_ff", self.d_ff, 1, MAX_WIDTH),
+            ("n_encoder_layers", self.n_encoder_layers, 1, 128),
+            ("n_decoder_layers", self.n_decoder_layers, 1, 128),
+            ("relative_buckets", self.relative_buckets, 4, 4096),
+            (
+                "relative_max_distance",
+                self.relative_max_distance,
+                self.relative_buckets,
+                1 << 20,
+            ),
+            ("bypass", self.bypass.unwrap_or(1), 1, MAX_WIDTH),
+            // Heads are padded to vectors of 16.
+            (
+                "n_heads * d_kv",
+                self.n_heads * self.d_kv.next_multiple_of(16),
+                1,
+                MAX_WIDTH,
+            ),
+        ] {
+            if value < least || value > most {
+                let problem = format!("must be in {least}..={most}, found {value}");
+                return Err(EngineError::Shape { field, problem });
+            }
+        }
+        if !(self.norm_eps.is_finite() && self.norm_eps > 0.0) {
+            return Err(EngineError::Shape {
+                field: "norm_eps",
+                problem: format!("must be finite and positive, found {}", self.norm_eps),
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Hands out weights and checks that each is what the network needs.
+pub(crate) struct Taker(pub NamedTensors);
+
+impl Taker {
+    pub fn take(&mut self, name: &str, expected: &[usize]) -> Result<Vec<f32>, EngineError> {
+        let Some(tensor) = self.0.remove(name) else {
+            return Err(EngineError::MissingWeight {
+                name: name.into(),
+                expected: expected.into(),
+            });
+        };
+        let n_values = expected.iter().product::<usize>();
+        if tensor.shape != expected || tensor.values.len() != n_values {
+            return Err(EngineError::WeightShape {
+                name: name.into(),
+                expected: expected.into(),
+                found: tensor.shape,
+                values: tensor.values.len(),
+            });
+        }
+        match tensor.values.iter().position(|v| !v.is_finite()) {
+            Some(index) => Err(EngineError::NotFinite {
+                name: name.into(),
+                index,
+            }),
+            None => Ok(tensor.values),
+        }
+    }
+
+    /// Refuses weights that nobody took.
+    pub fn finish(self) -> Result<(), EngineError> {
+        match self.0.into_keys().next() {
+            Some(name) => Err(EngineError::UnknownWeight { name }),
+            None => Ok(()),
+        }
+    }
+}
