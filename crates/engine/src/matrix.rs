@@ -22,6 +22,9 @@ pub(crate) fn padded(n: usize) -> usize {
     n.next_multiple_of(16)
 }
 
+/// How far ahead weights are asked for, in steps of a panel (256 bytes each): measured.
+const AHEAD: usize = 24;
+
 /// 64 bytes that start at a cache line.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
@@ -313,6 +316,9 @@ fn f32_tile<L: Lanes, const M: usize, const N: usize>(
     let x: [&[f32]; M] = std::array::from_fn(|m| &job.x[(row + m) * k..(row + m + 1) * k]);
     let mut sums = [[L::splat(0.0); N]; M];
     for (t, weights) in lines.as_chunks::<VECTORS>().0.iter().enumerate().take(k) {
+        if M == 1 {
+            ahead(weights);
+        }
         let weights: [L; N] = std::array::from_fn(|i| L::load(&weights[vector + i].0));
         for m in 0..M {
             // SAFETY: t < k, the length of every row.
@@ -335,6 +341,21 @@ fn f32_tile<L: Lanes, const M: usize, const N: usize>(
             }
         }
     }
+}
+
+/// Asks for the weights that come a little later. One row alone waits for memory, and the hardware
+/// looks no further than the end of a page.
+#[inline(always)]
+fn ahead<T>(weights: &[Line<T>; VECTORS]) {
+    #[cfg(target_arch = "x86_64")]
+    for i in 0..VECTORS {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        let later = weights.as_ptr().wrapping_add(AHEAD * VECTORS + i);
+        // SAFETY: a hint: any address will do.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(later.cast()) };
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = weights;
 }
 
 #[inline(always)]
@@ -379,6 +400,9 @@ fn i8_tile<L: Lanes, D: ByteDot, const M: usize, const N: usize>(
         .enumerate()
         .take(k / 4)
     {
+        if M == 1 {
+            ahead(weights);
+        }
         for m in 0..M {
             // SAFETY: t < k / 4, the length of every row.
             let a = unsafe { *x[m].get_unchecked(t) };

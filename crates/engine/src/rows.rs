@@ -40,7 +40,7 @@ fn gated_gelu_body<L: Lanes, D: ByteDot>(x: &[f32], half: usize, out: &mut [f32]
             let x = L::load(x);
             // 0.5 (1 + tanh u) = 1 / (1 + exp(-2 u)), u = sqrt(2 / pi) (x + 0.044715 x^3).
             let cubic = x.mul(x).fma(L::splat(0.044_715), L::splat(1.0)).mul(x);
-            let share = cubic.mul(L::splat(-1.595_769_1)).exp().add(L::splat(1.0));
+            let share = cubic.mul(L::splat(-1.595_769)).exp().add(L::splat(1.0));
             x.div(share).mul(L::load(gate)).store(out);
         }
     }

@@ -379,27 +379,29 @@ fn beam(
         .collect())
 }
 
-/// The best ended sentence, or the best open one when none ended within the limit.
+/// The best ended sentence, or the best open one when none ended within the limit; the last of equals.
 fn choose(search: Search, normal: &dyn Fn(f32, usize) -> f32) -> Generated {
-    let done = search.done.into_iter().map(|d| {
-        let n_scored = d.sentence.ids.len() + 1;
-        (d.score, d.sentence, n_scored)
-    });
-    let mut all: Vec<_> = done.collect();
-    if all.is_empty() {
-        let open = search
-            .open
-            .into_iter()
-            .filter(|s| s.sum > f32::NEG_INFINITY);
-        all.extend(
-            open.map(|s| (normal(s.sum, s.ids.len()), s.ids.len(), s))
-                .map(|(score, n, s)| (score, s, n)),
-        );
+    let by_score = |a: &Done, b: &Done| a.score.total_cmp(&b.score);
+    if let Some(best) = search.done.into_iter().max_by(by_score) {
+        let Sentence { ids, sum } = best.sentence;
+        let n_scored = ids.len() + 1;
+        return Generated::new(ids, sum, n_scored);
     }
-    all.into_iter()
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-        .map(|(_, sentence, n)| Generated::new(sentence.ids, sentence.sum, n))
-        .unwrap_or_default()
+    let open = search
+        .open
+        .into_iter()
+        .filter(|s| s.sum > f32::NEG_INFINITY);
+    let scored = open.map(|sentence| Done {
+        score: normal(sentence.sum, sentence.ids.len()),
+        sentence,
+    });
+    scored
+        .max_by(by_score)
+        .map_or_else(Generated::default, |best| {
+            let Sentence { ids, sum } = best.sentence;
+            let n_scored = ids.len();
+            Generated::new(ids, sum, n_scored)
+        })
 }
 
 /// Ids and values of the `k` largest finite entries, largest first, the smaller id first of equals.
@@ -443,8 +445,9 @@ mod tests {
         for n in [16, 256, 272, 2000_usize.next_multiple_of(16)] {
             for k in [1, 2, 8, 128] {
                 // Coarse values, so that many are equal; some are forbidden. No negative zero.
-                let mut scores: Vec<f32> =
-                    (0..n).map(|_| (random.normal() * 4.0).round() + 0.0).collect();
+                let mut scores: Vec<f32> = (0..n)
+                    .map(|_| (random.normal() * 4.0).round() + 0.0)
+                    .collect();
                 scores[3] = f32::NEG_INFINITY;
                 scores[n - 1] = f32::NEG_INFINITY;
                 let mut expected: Vec<(u32, f32)> =

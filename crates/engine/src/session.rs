@@ -213,7 +213,6 @@ impl<'e> Session<'e> {
         self.embed_sources(sources);
         self.encode(start);
         self.cross_caches(start);
-        self.sources.clear();
         self.sources.extend((0..rows).map(|row| row / beams));
         self.step = 0;
         Ok(())
@@ -250,8 +249,10 @@ impl<'e> Session<'e> {
         }
         grow(&mut self.table, rows * MAX_STEPS, 0);
         grow(&mut self.old_table, rows * MAX_STEPS, 0);
-        self.sources.reserve(rows);
-        self.old_sources.reserve(rows);
+        for sources in [&mut self.sources, &mut self.old_sources] {
+            sources.clear();
+            sources.reserve(rows);
+        }
         self.room = (rows, steps);
         for cache in &mut self.caches {
             grow(&mut cache.keys, steps * rows * w.inner, 0.0);
