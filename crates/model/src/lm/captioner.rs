@@ -4,6 +4,7 @@ use std::path::Path;
 
 use burn::tensor::Device;
 use radarllm_base::PointFrame;
+use radarllm_engine::{Engine, Precision};
 
 use super::{Allowed, GenerateOptions, LmError, RadarLm};
 use crate::tokenizer::{FRAMES_PER_CODE, MAX_FRAMES, RadarTokenizer};
@@ -24,6 +25,18 @@ pub struct Captioner {
     pub min_median_points: usize,
     /// Fewer frames than this say nothing.
     pub min_frames: usize,
+    /// The language model's weights packed for decoding; none when the training network decodes.
+    engine: Option<Engine>,
+}
+
+/// What turns codes into words.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Decoder {
+    /// The inference engine on these numbers. In f32 it says what the training network says; bytes are
+    /// faster on large models and now and then choose another word.
+    Engine(Precision),
+    /// The network as it is trained.
+    Training,
 }
 
 /// Why there is no caption.
@@ -108,12 +121,28 @@ impl Captioner {
                 problem,
             });
         }
-        Ok(Self {
+        let mut captioner = Self {
             tokenizer,
             lm,
             min_median_points: 8,
             min_frames: 8,
-        })
+            engine: None,
+        };
+        captioner.set_decoder(Decoder::Engine(Precision::F32))?;
+        Ok(captioner)
+    }
+
+    /// Chooses what decodes; [`Precision::F32`] on the engine at first. Packs the present weights of
+    /// [`Self::lm`]: to be called again if they change.
+    ///
+    /// # Errors
+    /// If the engine cannot hold the language model.
+    pub fn set_decoder(&mut self, decoder: Decoder) -> Result<(), LmError> {
+        self.engine = match decoder {
+            Decoder::Engine(precision) => Some(self.lm.engine(precision)?),
+            Decoder::Training => None,
+        };
+        Ok(())
     }
 
     /// Describes one recording at 10 frames a second, of any length.
@@ -176,7 +205,13 @@ impl Captioner {
             allowed: Allowed::Text,
             ..Default::default()
         };
-        let generated = self.lm.generate(&sources, &options)?;
+        let generated = match &self.engine {
+            Some(engine) => {
+                let mut session = engine.session(threads(engine));
+                self.lm.generate_on(&mut session, &sources, &options)?
+            }
+            None => self.lm.generate(&sources, &options)?,
+        };
         // Per recording: last caption said, summed log-probability, scored tokens.
         let mut sums = vec![(String::new(), 0.0_f32, 0_usize); clips.len()];
         for ((owner, codes), result) in owners.iter().zip(&encoded).zip(&generated) {
@@ -228,6 +263,16 @@ impl Captioner {
         });
         (kept, abstained)
     }
+}
+
+/// Small models fit one core's caches and are fastest there; large ones wait for memory, which several
+/// cores bring in faster.
+fn threads(engine: &Engine) -> usize {
+    const LARGE_BYTES: usize = 32 << 20;
+    if engine.bytes() < LARGE_BYTES {
+        return 1;
+    }
+    std::thread::available_parallelism().map_or(1, usize::from)
 }
 
 /// Cuts frames into the fewest windows of at most [`MAX_FRAMES`], all about equally long and, but
@@ -342,6 +387,25 @@ mod tests {
                 (&together.caption, &together.tokens)
             );
         }
+    }
+
+    #[test]
+    fn every_decoder_describes_and_f32_says_what_training_says() {
+        let mut captioner = captioner();
+        let clip = frames(60, 20);
+        let by_default = captioner.describe(&clip, 1.0, 2).unwrap();
+        let mut with = |decoder| {
+            captioner.set_decoder(decoder).unwrap();
+            captioner.describe(&clip, 1.0, 2).unwrap()
+        };
+        let training = with(Decoder::Training);
+        assert_eq!(with(Decoder::Engine(Precision::F32)), by_default);
+        assert_eq!(training.caption, by_default.caption);
+        assert!((training.confidence - by_default.confidence).abs() < 1e-5);
+        assert_eq!(
+            with(Decoder::Engine(Precision::Int8)).tokens,
+            by_default.tokens
+        );
     }
 
     #[test]

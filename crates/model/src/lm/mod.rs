@@ -18,11 +18,11 @@ pub mod t5;
 pub mod templates;
 pub mod vocab;
 
-pub use captioner::{Abstained, Captioner, Description, FRAME_RATE_HZ};
+pub use captioner::{Abstained, Captioner, Decoder, Description, FRAME_RATE_HZ};
 pub use config::{FeedForward, LmConfig, LmPreset, T5Config};
 pub use error::LmError;
 pub use generate::{Allowed, GenerateOptions, Generated};
 pub use radar_lm::RadarLm;
-pub use radarllm_engine::position;
+pub use radarllm_engine::{Precision, position};
 pub use t5::{DropoutRng, RadarT5, Source, SourceBatch};
 pub use vocab::Vocab;
