@@ -346,6 +346,17 @@ pub struct TrainArgs {
     pub force: bool,
 }
 
+/// What decodes sentences.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum DecoderName {
+    /// The inference engine as trained, the default.
+    F32,
+    /// The inference engine with weights as bytes: faster on large models, sometimes another word.
+    Int8,
+    /// The network that training uses: slow, says what `f32` says.
+    Training,
+}
+
 /// `describe`.
 #[derive(Args)]
 pub struct DescribeArgs {
@@ -355,6 +366,9 @@ pub struct DescribeArgs {
     /// Model folder; the embedded default without it.
     #[arg(long)]
     pub model: Option<PathBuf>,
+    /// What decodes sentences.
+    #[arg(long, value_enum, default_value = "f32")]
+    pub decoder: DecoderName,
     /// Beam width; 1 is greedy.
     #[arg(long, default_value_t = 1)]
     pub beam: usize,
@@ -387,6 +401,9 @@ pub struct EvalArgs {
     /// Folder for report.json, report.md and captions.jsonl.
     #[arg(long)]
     pub out: PathBuf,
+    /// What decodes sentences.
+    #[arg(long, value_enum, default_value = "f32")]
+    pub decoder: DecoderName,
     /// Beam width; 1 is greedy.
     #[arg(long, default_value_t = 1)]
     pub beam: usize,

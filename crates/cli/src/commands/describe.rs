@@ -2,11 +2,11 @@
 
 use std::{path::Path, time::Instant};
 
-use radarllm_model::lm::{Captioner, Description};
+use radarllm_model::lm::{Captioner, Decoder, Description, Precision};
 use serde::Serialize;
 
 use crate::{
-    args::DescribeArgs,
+    args::{DecoderName, DescribeArgs},
     error::{CliError, CliResult},
     input::{self, Clip, ClipOptions, Provenance},
     output,
@@ -54,6 +54,26 @@ pub fn load_captioner(model: Option<&Path>) -> CliResult<Captioner> {
         }),
         None => crate::default_model::load(),
     }
+}
+
+/// Chooses what decodes and returns the model's name, which tells when it is an approximation.
+pub fn choose_decoder(
+    captioner: &mut Captioner,
+    decoder: DecoderName,
+    model: Option<&Path>,
+) -> CliResult<String> {
+    let name = model_name(model);
+    Ok(match decoder {
+        DecoderName::F32 => name, // What a captioner starts with.
+        DecoderName::Int8 => {
+            captioner.set_decoder(Decoder::Engine(Precision::Int8))?;
+            format!("{name}, int8")
+        }
+        DecoderName::Training => {
+            captioner.set_decoder(Decoder::Training)?;
+            name
+        }
+    })
 }
 
 /// Describes a clip.
@@ -108,7 +128,8 @@ pub fn run(args: &DescribeArgs) -> CliResult {
             args.beam
         )));
     }
-    let captioner = load_captioner(args.model.as_deref())?;
+    let mut captioner = load_captioner(args.model.as_deref())?;
+    let model = choose_decoder(&mut captioner, args.decoder, args.model.as_deref())?;
     let options = ClipOptions {
         radar: &args.radar,
         radar_height_m: args.radar_height_m,
@@ -118,12 +139,7 @@ pub fn run(args: &DescribeArgs) -> CliResult {
     let mut rows = Vec::new();
     for input in &args.inputs {
         let clip = input::clip(input, &options)?;
-        let row = describe(
-            &captioner,
-            &clip,
-            model_name(args.model.as_deref()),
-            args.beam,
-        )?;
+        let row = describe(&captioner, &clip, model.clone(), args.beam)?;
         if !args.json {
             print_row(&row);
         }

@@ -77,7 +77,8 @@ pub fn run(args: &EvalArgs) -> CliResult {
     let split = Split::from_name(&args.split).ok_or_else(|| {
         CliError::new(format!("--split {}: unknown", args.split)).hint("train, val or test")
     })?;
-    let captioner = describe::load_captioner(args.model.as_deref())?;
+    let mut captioner = describe::load_captioner(args.model.as_deref())?;
+    let model = describe::choose_decoder(&mut captioner, args.decoder, args.model.as_deref())?;
     let data = Dataset::open(&args.data)?;
     let clips = read(&data, split)?;
     let train = read(&data, Split::Train)?;
@@ -188,7 +189,7 @@ pub fn run(args: &EvalArgs) -> CliResult {
     let report = Report {
         data: data.manifest().name.clone(),
         split: args.split.clone(),
-        model: describe::model_name(args.model.as_deref()),
+        model,
         protocol: "plain",
         max_references: 3,
         clips: clips.len(),
