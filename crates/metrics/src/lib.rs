@@ -19,6 +19,7 @@ pub mod tokens;
 
 pub mod bleu;
 pub mod cider;
+pub mod meteor;
 pub mod rouge;
 pub mod self_bleu;
 
@@ -32,6 +33,8 @@ pub mod points;
 
 mod grams;
 mod rng;
+pub mod stem;
+mod wordnet;
 
 pub use action::ActionNamer;
 pub use classifier::LogisticRegression;

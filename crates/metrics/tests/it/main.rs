@@ -2,6 +2,8 @@
 
 mod action;
 mod bootstrap;
+mod captions;
 mod floors;
 mod goldens;
+mod meteor;
 mod score;
