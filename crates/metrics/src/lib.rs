@@ -15,6 +15,7 @@
 
 pub mod score;
 
+pub mod ptb;
 pub mod tokens;
 
 pub mod bleu;
@@ -39,5 +40,5 @@ mod wordnet;
 pub use action::ActionNamer;
 pub use classifier::LogisticRegression;
 pub use floors::{NearestNeighbour, majority_caption, shuffled_assignment};
-pub use score::{Candidate, Reference, ScoreError, ScoreOptions, Scores, score};
+pub use score::{Candidate, Reference, ScoreError, ScoreOptions, Scores, score, score_with};
 pub use tokens::Protocol;

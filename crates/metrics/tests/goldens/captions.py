@@ -30,7 +30,7 @@ from rouge_score.rouge_scorer import RougeScorer
 from sacrebleu.metrics import BLEU
 from sacrebleu.tokenizers.tokenizer_13a import Tokenizer13a
 
-from corpus import TEXTS, items
+from corpus import TEXTS, items, noise
 
 DATA = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "data")
 JAR_FOLDER = os.path.dirname(os.path.abspath(pycocoevalcap.meteor.__path__[0] + "/meteor.py"))
@@ -73,9 +73,10 @@ def wordnet_reader(dictionary, folder):
 
 
 def ptb(texts):
-    # pycocoevalcap strips the last line end only; every text must be one line and the last not empty.
-    out = PTBTokenizer().tokenize({i: [{"caption": t}] for i, t in enumerate([*texts, "end"])})
-    return [out[i][0] for i in range(len(texts))]
+    # The tokenizer looks across line ends; a neutral line between two texts keeps them apart.
+    lines = [line for t in texts for line in (t, "x")]
+    out = PTBTokenizer().tokenize({i: [{"caption": line}] for i, line in enumerate(lines)})
+    return [out[i][0] for i in range(0, len(lines), 2)]
 
 
 def plain(text):
@@ -126,7 +127,7 @@ def main(dictionary):
     java = subprocess.run(["java", "-version"], capture_output=True, text=True).stderr.splitlines()[0]
     result["versions"].update(meteor="1.5 (jar of pycocoevalcap)", ptb="Stanford CoreNLP 3.4.1 (jar of pycocoevalcap)", java=java, wordnet="3.0 (Debian 1:3.0-37)")
     thirteen_a = Tokenizer13a()
-    texts = TEXTS + sorted({t for c, r in corpus for t in [c, *r]})
+    texts = TEXTS + sorted({t for c, r in corpus for t in [c, *r]}) + noise()
     result["tokens"] = [{"text": t, "ptb": p, "13a": thirteen_a(t)} for t, p in zip(texts, ptb([t.replace("\t", " ") for t in texts])) if "\t" not in t]
     stemmed = RougeScorer(["rouge1", "rougeL"], use_stemmer=True)
     raw = [(plain(c), [plain(r) for r in refs]) for c, refs in corpus]
@@ -158,7 +159,6 @@ def main(dictionary):
         ours = ["-s", words]
         result["paraphrases"] = pairs
         result["meteor"] = {
-            "exact": meteor(corpus, folder, [*ours, "-m", "exact", "-w", "1.0"], True),
             "exact stem": meteor(corpus, folder, [*ours, "-m", "exact stem", "-w", "1.0 0.6"], True),
             "exact stem synonym": meteor(corpus, folder, [*ours, "-m", "exact stem synonym", "-w", "1.0 0.6 0.8"], True),
             "exact stem synonym paraphrase": meteor(corpus, folder, [*ours, "-a", table], True),

@@ -96,3 +96,15 @@ def items(seed=7, n=230):
             candidate = sentence(rng, verbs)
         out.append((candidate, references))
     return out
+
+
+NOISE_WORDS = "a person walks forward the man's doesn't can't left half-turn slowly U.S. p.m. e.g. 2.5 1,000 10kg 5:30 m/s it's they'll I'm Mr. Dr. no. 5 100% 3 O'Neil cannot gonna etc. walks, stops. (left) \"up\" 'down' turns; runs: stop! now? ... then -- and/or - A.B. x-y 'em rock'n'roll students' \u2019s \u201cquoted\u201d caf\u00e9 \u2014 3D 1st 90's '90s 1/2 5ft $5 #1 a+b A&B [x] {y} <z> * / \\ & = + _ @x x@y.z www.a.b :) etc".split()
+NOISE_CHARACTERS = "aabbeentTNsSdDmrvlo''\u2019.,;:-!?()\"/ 0 1 2 5 &_$#@*`"
+
+
+def noise(seed=5, n=200):
+    """Texts that nobody would write, for the tokenizer: words run together, and characters at random."""
+    rng = random.Random(seed)
+    words = ["".join(rng.choice(NOISE_WORDS) + rng.choice([" ", " ", "", ",", ". "]) for _ in range(rng.randint(1, 8))) for _ in range(n)]
+    characters = ["".join(rng.choice(NOISE_CHARACTERS) for _ in range(rng.randint(2, 14))) for _ in range(n)]
+    return words + characters
