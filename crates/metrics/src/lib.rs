@@ -20,6 +20,7 @@ pub mod tokens;
 
 pub mod bleu;
 pub mod cider;
+pub mod embedding;
 pub mod meteor;
 pub mod rouge;
 pub mod self_bleu;

@@ -3,7 +3,7 @@
 //! The captions are read twice, first for CIDEr's document frequencies, then for everything else, so that no
 //! item's n-grams stay in memory.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use serde::{Deserialize, Serialize};
 
@@ -76,10 +76,12 @@ pub enum ScoreError {
     #[error("no candidates and no references")]
     Empty,
     /// An id occurs twice in one list.
-    #[error("{list}: id `{id}` occurs more than once")]
+    #[error("{list}: {n} ids occur more than once, first `{id}`")]
     Duplicate {
         /// `candidates` or `references`.
         list: &'static str,
+        /// How many.
+        n: usize,
         /// First such id.
         id: String,
     },
@@ -94,8 +96,10 @@ pub enum ScoreError {
         ids: Vec<String>,
     },
     /// An item without reference captions.
-    #[error("references: `{id}` has no text")]
+    #[error("references: {n} items have no text, first `{id}`")]
     NoReference {
+        /// How many.
+        n: usize,
         /// Item.
         id: String,
     },
@@ -132,6 +136,9 @@ pub struct Scores {
     pub empty_candidates: usize,
     /// The first of their ids.
     pub empty_candidate_ids: Vec<String>,
+    /// References without a word, of those that count. They are scored like others.
+    #[serde(default)]
+    pub empty_references: usize,
     /// BLEU-1. COCO's rules; nmt's (shortest reference) under protocol `motiongpt`.
     pub bleu_1: f64,
     /// BLEU-2.
@@ -249,6 +256,7 @@ pub fn score_with(
     let mut meteor = Meteor::new(resources);
     let mut empty = Vec::new();
     let mut n_empty = 0;
+    let mut n_empty_references = 0;
     // Self-BLEU's items are a sample of the others: own counter and sum.
     let sample = sample(items.len(), SELF_BLEU_SAMPLE, seed);
     let mut chosen: Vec<Grams> = Vec::with_capacity(sample.len());
@@ -268,6 +276,7 @@ pub fn score_with(
                 empty.push(item.id.to_string());
             }
         }
+        n_empty_references += reference_grams.iter().filter(|g| g.len == 0).count();
         let (cider_d, cider) = if is_motiongpt {
             let raw = |t: &str| protocol.normalise_for_cider(t);
             let texts: Vec<String> = item.references(protocol).map(raw).collect();
@@ -375,6 +384,7 @@ pub fn score_with(
         items: items.len(),
         empty_candidates: n_empty,
         empty_candidate_ids: empty,
+        empty_references: n_empty_references,
         bleu_1: values[0],
         bleu_2: values[1],
         bleu_3: values[2],
@@ -490,26 +500,19 @@ fn align<'a>(
     if candidates.is_empty() && references.is_empty() {
         return Err(ScoreError::Empty);
     }
-    let mut text_of: HashMap<&str, &str> = HashMap::new();
-    for c in candidates {
-        if text_of.insert(&c.id, &c.text).is_some() {
-            return Err(ScoreError::Duplicate {
-                list: "candidates",
-                id: c.id.clone(),
-            });
-        }
-    }
-    let mut known: HashMap<&str, ()> = HashMap::new();
-    for r in references {
-        if known.insert(&r.id, ()).is_some() {
-            return Err(ScoreError::Duplicate {
-                list: "references",
-                id: r.id.clone(),
-            });
-        }
-        if r.texts.is_empty() {
-            return Err(ScoreError::NoReference { id: r.id.clone() });
-        }
+    unique("candidates", candidates.iter().map(|c| &c.id))?;
+    unique("references", references.iter().map(|r| &r.id))?;
+    let text_of: HashMap<&str, &str> = candidates
+        .iter()
+        .map(|c| (c.id.as_str(), c.text.as_str()))
+        .collect();
+    let known: HashSet<&str> = references.iter().map(|r| r.id.as_str()).collect();
+    let mut without = references.iter().filter(|r| r.texts.is_empty());
+    if let Some(first) = without.next() {
+        return Err(ScoreError::NoReference {
+            n: 1 + without.count(),
+            id: first.id.clone(),
+        });
     }
     let lacking = |list, ids: Vec<&String>| match ids.len() {
         0 => Ok(()),
@@ -524,7 +527,7 @@ fn align<'a>(
         candidates
             .iter()
             .map(|c| &c.id)
-            .filter(|id| !known.contains_key(id.as_str()))
+            .filter(|id| !known.contains(id.as_str()))
             .collect(),
     )?;
     lacking(
@@ -546,6 +549,19 @@ fn align<'a>(
         references: &r.texts[..r.texts.len().min(most)],
     };
     Ok(references.iter().map(item).collect())
+}
+
+fn unique<'a>(list: &'static str, ids: impl Iterator<Item = &'a String>) -> Result<(), ScoreError> {
+    let mut seen = HashSet::new();
+    let again: Vec<&String> = ids.filter(|id| !seen.insert(id.as_str())).collect();
+    let Some(first) = again.first() else {
+        return Ok(());
+    };
+    Err(ScoreError::Duplicate {
+        list,
+        n: again.iter().collect::<HashSet<_>>().len(),
+        id: (*first).clone(),
+    })
 }
 
 /// `k` of `0..n` in increasing order, all if there are no more (Fisher-Yates, cut short).

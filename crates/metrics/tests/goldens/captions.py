@@ -25,6 +25,8 @@ from nltk.corpus.reader.wordnet import WordNetCorpusReader
 from nltk.stem.porter import PorterStemmer
 from nltk.translate.bleu_score import SmoothingFunction, corpus_bleu, sentence_bleu
 from pycocoevalcap.bleu.bleu import Bleu
+from pycocoevalcap.cider.cider import Cider
+from pycocoevalcap.rouge.rouge import Rouge
 from pycocoevalcap.tokenizer.ptbtokenizer import PTBTokenizer
 from rouge_score.rouge_scorer import RougeScorer
 from sacrebleu.metrics import BLEU
@@ -169,6 +171,10 @@ def main(dictionary):
         dictionary_copy = os.path.join(folder, "wordnet")
         os.mkdir(dictionary_copy)
         reader = wordnet_reader(dictionary, dictionary_copy)
+        result["protocols"] = {
+            "coco": coco_protocol(corpus, folder, ours),
+            "motiongpt": motiongpt_protocol(corpus, reader),
+        }
         result["meteor_nltk"] = [nltk_meteor.meteor_score(r, c, wordnet=reader) for c, r in raw]
     porter = PorterStemmer()
     vocabulary = sorted({w for c, r in raw for w in [*c, *(w for t in r for w in t)]})
@@ -181,6 +187,43 @@ def sacre(corpus):
     """Per order, over items padded to five references by repetition of the first (which changes nothing)."""
     references = [[(r + [r[0]] * 5)[k] for _, r in corpus] for k in range(5)]
     return [BLEU(max_ngram_order=n).corpus_score([c for c, _ in corpus], references).score / 100 for n in range(1, 5)]
+
+
+def rouge_means(items):
+    scorer = RougeScorer(["rouge1", "rougeL"], use_stemmer=False)
+    scores = [scorer.score_multi(r, c) for c, r in items]
+    return {f"rouge_{k}": sum(s[name].fmeasure for s in scores) / len(scores) for k, name in [("1", "rouge1"), ("l", "rougeL")]}
+
+
+def coco_protocol(corpus, folder, ours):
+    """pycocoevalcap's own order: PTB tokens, then its scorers; METEOR with our lists. At most 3 references."""
+    corpus = [(c, r[:3]) for c, r in corpus]
+    tokens = dict(zip(texts := sorted({t for c, r in corpus for t in [c, *r]}), ptb(texts)))
+    gts = {i: [tokens[t] for t in r] for i, (_, r) in enumerate(corpus)}
+    res = {i: [tokens[c]] for i, (c, _) in enumerate(corpus)}
+    bleu, _ = Bleu(4).compute_score(gts, res, verbose=0)
+    tokenised = [(res[i][0], gts[i]) for i in gts]
+    return {
+        **{f"bleu_{k + 1}": float(v) for k, v in enumerate(bleu)},
+        **rouge_means(corpus),
+        "rouge_l_coco": float(Rouge().compute_score(gts, res)[0]),
+        "cider_d": float(Cider().compute_score(gts, res)[0]),
+        "meteor": meteor(tokenised, folder, [*ours, "-m", "exact stem synonym", "-w", "1.0 0.6 0.8"], True)["corpus"],
+    }
+
+
+def motiongpt_protocol(corpus, reader):
+    """Three references by repetition; nmt's BLEU and nltk's METEOR of bare words, CIDEr of the raw text."""
+    corpus = [(c, [r[k % len(r)] for k in range(3)]) for c, r in corpus]
+    bare = [(plain(c), [plain(t) for t in r]) for c, r in corpus]
+    gts = {i: [t.strip() for t in r] for i, (_, r) in enumerate(corpus)}
+    res = {i: [c.strip()] for i, (c, _) in enumerate(corpus)}
+    return {
+        **{f"bleu_{k + 1}": v for k, v in enumerate(nmt_bleu(bare, False))},
+        **rouge_means(corpus),
+        "cider_d": float(Cider().compute_score(gts, res)[0]),
+        "meteor": sum(nltk_meteor.meteor_score(r, c, wordnet=reader) for c, r in bare) / len(bare),
+    }
 
 
 def coco_sentences(raw):

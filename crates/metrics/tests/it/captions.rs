@@ -16,6 +16,8 @@ pub struct Captions {
     /// By matchers.
     pub meteor: BTreeMap<String, MeteorValues>,
     pub meteor_texts: MeteorTexts,
+    /// Corpus values by protocol and field.
+    pub protocols: BTreeMap<String, BTreeMap<String, f64>>,
     pub meteor_nltk: Vec<f64>,
     pub porter: BTreeMap<String, String>,
 }

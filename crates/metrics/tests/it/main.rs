@@ -4,6 +4,7 @@ mod action;
 mod bleu;
 mod bootstrap;
 mod captions;
+mod embedding;
 mod floors;
 mod goldens;
 mod meteor;

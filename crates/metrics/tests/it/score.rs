@@ -81,6 +81,7 @@ fn mismatched_ids_are_errors_that_name_them() {
     let duplicate = |list| {
         Err(ScoreError::Duplicate {
             list,
+            n: 1,
             id: "a".into(),
         })
     };
@@ -95,7 +96,10 @@ fn mismatched_ids_are_errors_that_name_them() {
     let none = references(&[("a", &[]), ("b", &["y"])]);
     assert_eq!(
         score(&c, &none, &o),
-        Err(ScoreError::NoReference { id: "a".into() })
+        Err(ScoreError::NoReference {
+            n: 1,
+            id: "a".into()
+        })
     );
     let two = ScoreOptions {
         protocol: Protocol::MotionGpt,
