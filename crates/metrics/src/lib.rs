@@ -7,8 +7,8 @@
 //! A value is only comparable under the same tokenisation and reference rule, so both travel with
 //! it as a [`Protocol`]. What was not computed is null with a reason, never approximated.
 //!
-//! Reading order: [`mod@score`] (all metrics of a corpus), [`tokens`], [`bleu`], [`rouge`], [`cider`],
-//! [`self_bleu`], [`bootstrap`], then [`floors`] (what a caption system must beat) and [`action`]
+//! Reading order: [`mod@score`] (all metrics of a corpus), [`tokens`] and [`mod@ptb`], [`bleu`], [`rouge`], [`cider`],
+//! [`meteor`], [`self_bleu`], [`bootstrap`], [`embedding`], then [`floors`] (what a caption system must beat) and [`action`]
 //! (do the captions name the right action?). Apart from captions: [`points`] and [`classifier`], how
 //! like a recording a simulation is.
 #![forbid(unsafe_code)]

@@ -141,10 +141,10 @@ fn words(t: &Text, best: &mut Best) {
     }
     // does|n't: the last letter before n't is not an n.
     let run = t.count(0, |c| c.is_ascii_alphabetic() || c == SOFT_HYPHEN);
-    for n in (1..=run).rev() {
+    for n in (1..=run).rev().filter(|&n| t.is_not(n)) {
         let letters = own(n);
         let last = letters.trim_end_matches(SOFT_HYPHEN).chars().last();
-        if last.is_some_and(|c| !matches!(c, 'n' | 'N')) && t.is_not(n) {
+        if last.is_some_and(|c| !matches!(c, 'n' | 'N')) {
             best.offer(n + 3, n, || soft(&letters));
         }
     }
@@ -721,10 +721,9 @@ impl Text<'_> {
         let run = self.count(i, |c| {
             !is_space(c) && !"\n\r\u{c}\"<>|()".contains(c) || c == '\u{a0}'
         });
-        let end = (i + 2..=i + run)
+        (i + 2..=i + run)
             .rev()
-            .find(|end| !".!?{},-".contains(self.char(end - 1)));
-        end
+            .find(|end| !".!?{},-".contains(self.char(end - 1)))
     }
 
     fn likely_url(&self) -> Option<usize> {

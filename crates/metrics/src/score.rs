@@ -19,8 +19,9 @@ use crate::{Protocol, rouge, self_bleu, tokens};
 const SELF_BLEU_SAMPLE: usize = 1000;
 /// Motions that the bootstrap draws from, at most; more are dealt into so many groups in turn.
 const MAX_GROUPS: usize = 20_000;
-/// Longest caption. Matching takes time that grows with the square of it and more.
+/// Longest caption. Tokenising and matching take time that grows with the square of it and more.
 const MAX_WORDS: usize = 1000;
+const MAX_BYTES: usize = 20_000;
 /// References that the protocol `motiongpt` has for every item.
 const MOTIONGPT_REFERENCES: usize = 3;
 /// Ids that an error or a list of empty candidates names, at most.
@@ -104,7 +105,9 @@ pub enum ScoreError {
         id: String,
     },
     /// A caption that is too long to be one.
-    #[error("{list}: `{id}` has a caption of {words} words; at most 1000 are scored")]
+    #[error(
+        "{list}: `{id}` has a caption of {words} words and {bytes} bytes; at most 1000 words and 20000 bytes are scored"
+    )]
     TooLong {
         /// `candidates` or `references`.
         list: &'static str,
@@ -112,6 +115,8 @@ pub enum ScoreError {
         id: String,
         /// Its words.
         words: usize,
+        /// Its length.
+        bytes: usize,
     },
     /// Protocol `motiongpt` fixes the number of references.
     #[error("protocol `motiongpt` takes 3 references of every item, not {max_references}")]
@@ -234,11 +239,14 @@ pub fn score_with(
     let mut vocabulary = Vocabulary::default();
     let mut frequencies = Frequencies::default();
     for item in &items {
+        check_length("candidates", item.id, item.candidate)?;
+        for text in item.references {
+            check_length("references", item.id, text)?;
+        }
         let texts: Vec<String> = item
             .references(protocol)
             .map(|t| protocol.normalise_for_cider(t))
             .collect();
-        check_lengths("references", item.id, &texts)?;
         frequencies.add(&vocabulary.grams(&texts));
     }
     let ln_items = if is_motiongpt && items.len() == 1 {
@@ -266,8 +274,6 @@ pub fn score_with(
             .references(protocol)
             .map(|t| protocol.normalise(t))
             .collect();
-        check_lengths("candidates", item.id, std::slice::from_ref(&candidate))?;
-        check_lengths("references", item.id, &texts)?;
         let candidate_grams = vocabulary.one(&candidate);
         let reference_grams = vocabulary.grams(&texts);
         if candidate_grams.len == 0 {
@@ -458,17 +464,14 @@ fn corpus_values(sums: &[f64], rules: Rules) -> Vec<f64> {
         .collect()
 }
 
-fn check_lengths(list: &'static str, id: &str, texts: &[String]) -> Result<(), ScoreError> {
-    let longest = texts
-        .iter()
-        .map(|t| tokens::words(t).count())
-        .max()
-        .unwrap_or(0);
-    if longest > MAX_WORDS {
+fn check_length(list: &'static str, id: &str, text: &str) -> Result<(), ScoreError> {
+    let words = tokens::words(text).count();
+    if words > MAX_WORDS || text.len() > MAX_BYTES {
         return Err(ScoreError::TooLong {
             list,
             id: id.to_string(),
-            words: longest,
+            words,
+            bytes: text.len(),
         });
     }
     Ok(())

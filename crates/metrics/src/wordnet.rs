@@ -46,8 +46,8 @@ pub(crate) struct WordNet {
     synsets: Vec<&'static str>,
     /// Word in lower case to (section, synset).
     entries: HashMap<Cow<'static, str>, Vec<(u8, u32)>>,
-    /// Irregular form to its bases, by part of speech.
-    exceptions: [HashMap<&'static str, Vec<&'static str>>; 4],
+    /// Irregular form to its bases, by part of speech: one list for each of its lines.
+    exceptions: [HashMap<&'static str, Vec<Vec<&'static str>>>; 4],
 }
 
 impl WordNet {
@@ -73,7 +73,7 @@ impl WordNet {
                 if let (Some(form), Some(exceptions)) =
                     (words.next(), this.exceptions.get_mut(section))
                 {
-                    exceptions.insert(form, words.collect());
+                    exceptions.entry(form).or_default().push(words.collect());
                 }
             } else {
                 let number = this.synsets.len() as u32;
@@ -108,6 +108,7 @@ impl WordNet {
             .iter()
             .filter_map(|e| e.get(word))
             .flatten()
+            .flatten()
             .copied()
             .collect();
         if !irregular.is_empty() {
@@ -141,7 +142,9 @@ impl WordNet {
         let word = word.to_lowercase();
         let mut found = Vec::new();
         for part in 0..PARTS.len() {
-            let bases: Vec<String> = match self.exceptions[part].get(word.as_str()) {
+            // Of several lines nltk keeps the last.
+            let irregular = self.exceptions[part].get(word.as_str());
+            let bases: Vec<String> = match irregular.and_then(|lines| lines.last()) {
                 Some(bases) => bases.iter().map(|b| (*b).to_string()).collect(),
                 None => DETACHMENTS[part]
                     .iter()

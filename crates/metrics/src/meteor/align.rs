@@ -120,11 +120,14 @@ pub(super) fn align(
         if let [m] = list[..]
             && stage.is_alone(m)
         {
-            start.choose(m);
+            start.choose(m, 0);
         }
     }
     let best = search(&stage, start);
-    finish(&best.matches)
+    let chosen: Vec<Option<Match>> = (0..reference.len())
+        .map(|at| best.choice(&stage, at))
+        .collect();
+    finish(&chosen)
 }
 
 /// Do two sorted lists have an element in common?
@@ -140,13 +143,9 @@ fn share(a: &[u32], b: &[u32]) -> bool {
     false
 }
 
-/// A partial alignment.
-#[derive(Clone)]
-struct Path {
-    /// Chosen match by its first word in the reference.
-    matches: Vec<Option<Match>>,
-    candidate_used: Vec<bool>,
-    reference_used: Vec<bool>,
+/// What ranks a partial alignment.
+#[derive(Clone, Copy, Default)]
+struct State {
     /// Weighted matched words, in candidate and reference: cut to an integer after each addition,
     /// so that a single stem or synonym adds nothing.
     weighted: [i64; 2],
@@ -158,32 +157,7 @@ struct Path {
     distance: i64,
 }
 
-impl Path {
-    fn new(n_candidate: usize, n_reference: usize) -> Self {
-        Self {
-            matches: vec![None; n_reference],
-            candidate_used: vec![false; n_candidate],
-            reference_used: vec![false; n_reference],
-            weighted: [0; 2],
-            chunks: 0,
-            next: 0,
-            last_end: None,
-            distance: 0,
-        }
-    }
-
-    /// Reserves a match without counting it yet.
-    fn choose(&mut self, m: Match) {
-        self.matches[m.reference.0] = Some(m);
-        range(m.candidate).for_each(|i| self.candidate_used[i] = true);
-        range(m.reference).for_each(|i| self.reference_used[i] = true);
-    }
-
-    fn is_free(&self, m: Match) -> bool {
-        range(m.candidate).all(|i| !self.candidate_used[i])
-            && range(m.reference).all(|i| !self.reference_used[i])
-    }
-
+impl State {
     fn count(&mut self, m: Match) {
         let weight = SEARCH_WEIGHTS[m.module];
         let lengths = [m.candidate.1, m.reference.1];
@@ -199,11 +173,62 @@ impl Path {
 
     /// Smaller is better.
     fn rank(&self) -> (i64, i64, i64) {
-        (
-            -(self.weighted[0] + self.weighted[1]),
-            self.chunks,
-            self.distance,
-        )
+        let weighted = self.weighted[0] + self.weighted[1];
+        (-weighted, self.chunks, self.distance)
+    }
+}
+
+/// A partial alignment.
+#[derive(Clone)]
+struct Path {
+    state: State,
+    /// By first word in the reference: position of the chosen match in the stage's list there.
+    chosen: Vec<u32>,
+    /// Words that chosen matches cover, a bit each: those of the candidate, then those of the reference.
+    used: Vec<u64>,
+    /// First bit of the reference.
+    reference_bit: usize,
+}
+
+/// No match chosen.
+const NONE: u32 = u32::MAX;
+
+impl Path {
+    fn new(n_candidate: usize, n_reference: usize) -> Self {
+        Self {
+            state: State::default(),
+            chosen: vec![NONE; n_reference],
+            used: vec![0; (n_candidate + n_reference).div_ceil(64)],
+            reference_bit: n_candidate,
+        }
+    }
+
+    fn is_used(&self, bit: usize) -> bool {
+        (self.used[bit / 64] >> (bit % 64)) & 1 == 1
+    }
+
+    /// Bits of the words of a match.
+    fn bits(&self, m: Match) -> impl Iterator<Item = usize> + use<> {
+        let reference_bit = self.reference_bit;
+        range(m.candidate).chain(range(m.reference).map(move |i| reference_bit + i))
+    }
+
+    /// Reserves match number `i` of its place without counting it yet.
+    fn choose(&mut self, m: Match, i: usize) {
+        self.chosen[m.reference.0] = i as u32;
+        for bit in self.bits(m) {
+            self.used[bit / 64] |= 1 << (bit % 64);
+        }
+    }
+
+    fn is_free(&self, m: Match) -> bool {
+        self.bits(m).all(|bit| !self.is_used(bit))
+    }
+
+    /// The match that was chosen at a word of the reference.
+    fn choice(&self, stage: &Stage, at: usize) -> Option<Match> {
+        let i = *self.chosen.get(at)?;
+        stage.matches[at].get(i as usize).copied()
     }
 }
 
@@ -214,51 +239,56 @@ fn distance(m: Match) -> i64 {
 fn search(stage: &Stage, start: Path) -> Path {
     let mut paths = vec![start];
     for (current, list) in stage.matches.iter().enumerate() {
-        // Stable: equals stay in the order in which they were found.
-        paths.sort_by_key(Path::rank);
-        paths.truncate(BEAM);
-        let fallback = paths.first().cloned();
-        let mut next: Vec<Path> = Vec::new();
-        for mut path in paths {
-            if path.reference_used[current] {
-                if current < path.next {
-                    next.push(path);
-                } else if let Some(m) = path.matches.get(path.next).copied().flatten() {
-                    path.count(m);
-                    path.distance += distance(m);
-                    next.push(path);
+        // How paths go on: state, path, and the match that it takes here. Only the best are then copied.
+        let mut steps: Vec<(State, usize, Option<usize>)> = Vec::new();
+        for (origin, path) in paths.iter().enumerate() {
+            let mut state = path.state;
+            if path.is_used(path.reference_bit + current) {
+                if current < state.next {
+                    steps.push((state, origin, None));
+                } else if let Some(m) = path.choice(stage, state.next) {
+                    state.count(m);
+                    state.distance += distance(m);
+                    steps.push((state, origin, None));
                 }
                 continue;
             }
-            for &m in list {
-                if path.is_free(m) {
-                    let mut with = path.clone();
-                    with.choose(m);
-                    with.count(m);
-                    // The original adds this distance to the path that goes on without the match.
-                    path.distance += distance(m);
-                    next.push(with);
-                }
+            for (i, &m) in list.iter().enumerate().filter(|(_, m)| path.is_free(**m)) {
+                let mut with = state;
+                with.count(m);
+                steps.push((with, origin, Some(i)));
+                // The original adds this distance to the path that goes on without the match.
+                state.distance += distance(m);
             }
-            if path.last_end.take().is_some() {
-                path.chunks += 1;
+            if state.last_end.take().is_some() {
+                state.chunks += 1;
             }
-            path.next += 1;
-            next.push(path);
+            state.next += 1;
+            steps.push((state, origin, None));
         }
-        if next.is_empty() {
-            next.extend(fallback);
+        if steps.is_empty() {
+            // The best path goes on although nothing fits.
+            steps.extend(paths.first().map(|p| (p.state, 0, None)));
         }
-        paths = next;
+        // Stable: equals stay in the order in which they were found.
+        steps.sort_by_key(|(state, ..)| state.rank());
+        steps.truncate(BEAM);
+        let go_on = |(state, origin, choice): (State, usize, Option<usize>)| {
+            let mut path = paths[origin].clone();
+            path.state = state;
+            if let Some(i) = choice {
+                path.choose(list[i], i);
+            }
+            path
+        };
+        paths = steps.into_iter().map(go_on).collect();
     }
-    paths.sort_by_key(Path::rank);
-    paths.truncate(BEAM);
     for path in &mut paths {
-        if path.last_end.is_some() {
-            path.chunks += 1;
+        if path.state.last_end.is_some() {
+            path.state.chunks += 1;
         }
     }
-    paths.sort_by_key(Path::rank);
+    paths.sort_by_key(|path| path.state.rank());
     // The list never runs empty: it starts with one path and each step leaves at least one.
     paths.into_iter().next().unwrap_or_else(|| Path::new(0, 0))
 }

@@ -34,33 +34,27 @@ pub(super) fn tokens(text: &str, resources: &Resources) -> Vec<String> {
     let s = split_dot_runs(&s);
     let not_digit = |c: char| !c.is_ascii_digit();
     let digit = |c: char| c.is_ascii_digit();
-    let s = between(&s, not_digit, ',', not_digit, " , ");
-    let s = between(&s, digit, ',', not_digit, " , ");
-    let mut s = between(&s, not_digit, ',', digit, " , ");
+    let s = between(s, not_digit, ',', not_digit, " , ");
+    let s = between(s, digit, ',', not_digit, " , ");
+    let mut s = between(s, not_digit, ',', digit, " , ");
     for c in &mut s {
         if "`\u{2018}\u{2019}".contains(*c) {
             *c = '\'';
         }
     }
-    let s = replace(&s, "\u{201c}", " \" ");
-    let s = replace(&s, "\u{201d}", " \" ");
-    let s = replace(&s, "''", " \" ");
-    let s = replace(&s, "\u{2013}", "-");
-    let s = replace(&s, "--", "-");
+    let s = replace(s, &['\u{201c}'], " \" ");
+    let s = replace(s, &['\u{201d}'], " \" ");
+    let s = replace(s, &['\'', '\''], " \" ");
+    let s = replace(s, &['\u{2013}'], "-");
+    let s = replace(s, &['-', '-'], "-");
     let part = |c: char| is_letter(c) || digit(c);
-    let s = between(&s, |c| part(c) || c == '.', '-', part, " ");
+    let s = between(s, |c| part(c) || c == '.', '-', part, " ");
     let not_letter = |c: char| !is_letter(c);
-    let s = between(&s, not_letter, '\'', not_letter, " ' ");
-    let s = between(
-        &s,
-        |c| not_letter(c) && not_digit(c),
-        '\'',
-        is_letter,
-        " ' ",
-    );
-    let s = between(&s, is_letter, '\'', not_letter, " ' ");
-    let s = between(&s, is_letter, '\'', is_letter, " '");
-    let s = between(&s, digit, '\'', |c| c == 's', " '");
+    let s = between(s, not_letter, '\'', not_letter, " ' ");
+    let s = between(s, |c| not_letter(c) && not_digit(c), '\'', is_letter, " ' ");
+    let s = between(s, is_letter, '\'', not_letter, " ' ");
+    let s = between(s, is_letter, '\'', is_letter, " '");
+    let s = between(s, digit, '\'', |c| c == 's', " '");
 
     let joined: String = s.into_iter().collect();
     let words: Vec<&str> = java_tokens(&joined).collect();
@@ -117,12 +111,15 @@ fn split_dot_runs(s: &[char]) -> Vec<char> {
 
 /// Replaces `middle` where its neighbours fit. The right neighbour of a match is not the left one of another.
 fn between(
-    s: &[char],
+    s: Vec<char>,
     left: impl Fn(char) -> bool,
     middle: char,
     right: impl Fn(char) -> bool,
     replacement: &str,
 ) -> Vec<char> {
+    if !s.contains(&middle) {
+        return s;
+    }
     let mut out = Vec::with_capacity(s.len() + 8);
     let mut i = 0;
     while i < s.len() {
@@ -142,9 +139,22 @@ fn between(
     out
 }
 
-fn replace(s: &[char], from: &str, to: &str) -> Vec<char> {
-    let text: String = s.iter().collect();
-    text.replace(from, to).chars().collect()
+fn replace(s: Vec<char>, from: &[char], to: &str) -> Vec<char> {
+    if !s.windows(from.len()).any(|w| w == from) {
+        return s;
+    }
+    let mut out = Vec::with_capacity(s.len() + 8);
+    let mut rest = &s[..];
+    while let Some(&c) = rest.first() {
+        if rest.starts_with(from) {
+            out.extend(to.chars());
+            rest = &rest[from.len()..];
+        } else {
+            out.push(c);
+            rest = &rest[1..];
+        }
+    }
+    out
 }
 
 /// METEOR's letters: Latin, Cyrillic and phonetic extensions.

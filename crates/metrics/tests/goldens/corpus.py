@@ -52,6 +52,7 @@ WRITTEN = [
     ("children feet men geese", ["child foot man goose", "kids"]),
     ("he begins to stride", ["he starts to walk", "he commences a stride", "start"]),
     ("aid habit bear", ["marketing now record", "help use wear"]),
+    ("an offer is awayed", ["an off is away", "away"]),
     ("hopeful useful handfuls", ["hope use handful"]),
     ("she picks up the box . she puts it down .", ["she lifts the box and sets it down", "she picks the box up, then she puts it down"]),
     ("(slowly) walks \"left\"", ["slowly walks left", "walks -lrb- slowly -rrb- left"]),

@@ -116,6 +116,7 @@ fn mismatched_ids_are_errors_that_name_them() {
             list,
             id: "b".into(),
             words: 1001,
+            bytes: 2002,
         })
     };
     assert_eq!(
