@@ -141,12 +141,12 @@ impl WordNet {
     pub fn nltk_synonyms(&self, word: &str) -> Vec<&'static str> {
         let word = word.to_lowercase();
         let mut found = Vec::new();
-        for part in 0..PARTS.len() {
+        for (part, detachments) in DETACHMENTS.into_iter().enumerate() {
             // Of several lines nltk keeps the last.
             let irregular = self.exceptions[part].get(word.as_str());
             let bases: Vec<String> = match irregular.and_then(|lines| lines.last()) {
                 Some(bases) => bases.iter().map(|b| (*b).to_string()).collect(),
-                None => DETACHMENTS[part]
+                None => detachments
                     .iter()
                     .filter_map(|(suffix, replacement)| {
                         Some(format!("{}{replacement}", word.strip_suffix(suffix)?))
