@@ -430,9 +430,14 @@ pub struct ScoreArgs {
     /// plain, nlg-eval, coco or motiongpt.
     #[arg(long, default_value = "plain")]
     pub protocol: String,
-    /// References used per item; 0 means all.
+    /// References used per item; 0 means all. Protocol motiongpt always takes 3.
     #[arg(long, default_value_t = 3)]
     pub max_references: usize,
+    /// METEOR's own data: function/english.words, nonbreaking/english.prefixes, data/paraphrase-en.gz.
+    ///
+    /// The first two from its jar, the third beside it; what is absent stays as built in (docs/metrics.md).
+    #[arg(long, value_name = "DIR")]
+    pub meteor_data: Option<PathBuf>,
     /// BERT or RoBERTa folder for BERTScore (not supported yet).
     #[arg(long, value_name = "DIR")]
     pub bert_score: Option<PathBuf>,

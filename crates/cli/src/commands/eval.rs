@@ -310,9 +310,9 @@ fn markdown(report: &Report) -> CliResult<String> {
     )?;
     writeln!(
         text,
-        "| system | BLEU-1 | BLEU-4 | ROUGE-1 | ROUGE-L | CIDEr-D | right action |"
+        "| system | BLEU-1 | BLEU-4 | ROUGE-1 | ROUGE-L | METEOR | CIDEr-D | right action |"
     )?;
-    writeln!(text, "|---|---|---|---|---|---|---|")?;
+    writeln!(text, "|---|---|---|---|---|---|---|---|")?;
     for system in &report.systems {
         let s = &system.scores;
         write!(text, "| {}", system.what)?;
@@ -321,9 +321,10 @@ fn markdown(report: &Report) -> CliResult<String> {
             ("bleu_4", s.bleu_4, 100.0),
             ("rouge_1", s.rouge_1, 100.0),
             ("rouge_l", s.rouge_l, 100.0),
+            ("meteor", s.meteor.unwrap_or(f64::NAN), 100.0),
             ("cider_d", s.cider_d, 1.0),
         ] {
-            let [low, high] = s.ci95[name];
+            let [low, high] = s.ci95.get(name).copied().unwrap_or([f64::NAN; 2]);
             let digits = if scale == 1.0 { 3 } else { 1 };
             write!(
                 text,
@@ -359,6 +360,9 @@ fn markdown(report: &Report) -> CliResult<String> {
     if let Some(mb) = report.peak_memory_mb {
         writeln!(text, "Peak memory {mb:.0} MB.")?;
     }
-    writeln!(text, "\nMETEOR, BERTScore and SimCSE: not run.")?;
+    writeln!(
+        text,
+        "\nMETEOR 1.5 with exact, stem and WordNet matches (docs/metrics.md). BERTScore and SimCSE: not run."
+    )?;
     Ok(text)
 }
