@@ -1,21 +1,27 @@
 //! Recorded bytes and radar descriptions from outside: bytes in, no sockets, no files.
 //!
 //! What enters is text or bytes that anybody may have written; what leaves is a
-//! [`radarllm_base::RadarConfig`] that can exist, or recorded points, or an error that names the line. Nothing here
+//! [`radarllm_base::RadarConfig`] that can exist, recorded points, or cubes, or an error that names the place. Nothing here
 //! panics on its input or allocates by a number found in it.
 //!
 //! Reading order: [`ti_cfg`] (chirp files of TI's SDK), [`boards`] (where antennas are),
 //! [`radar_toml`] (our own format), [`span`] (places in both), [`builtin`], [`mod@lint`];
-//! [`recordings`] (others' points).
+//! [`recordings`] (others' points); [`adc`] (raw samples), [`dca1000`] and [`pcap`] (packets of them).
 
+pub mod adc;
 pub mod boards;
 pub mod builtin;
+pub mod dca1000;
 pub mod lint;
+pub mod pcap;
 pub mod radar_toml;
 pub mod recordings;
 pub mod span;
 pub mod ti_cfg;
 
+pub use adc::{
+    AdcError, AdcReader, CubeShape, FrameDecoder, FrameSource, SampleLayout, check_capture,
+};
 pub use boards::Board;
 pub use builtin::{BUILTIN_NAMES, builtin_radar, builtin_radars};
 pub use lint::{Finding, ModelExpectations, Severity, lint, lint_radar_toml, lint_ti_cfg};
