@@ -1,5 +1,6 @@
 //! Health of raw samples: offset, level, balance of I and Q, saturation, silence; per receiver.
 
+use num_complex::Complex32;
 use radarllm_base::RadarCube;
 
 /// Share of samples at full scale from which a channel is called saturated.
@@ -19,7 +20,8 @@ pub struct ChannelStats {
     pub mean: [f64; 2],
     /// Root of the mean square of I and Q together, without their means, counts.
     pub rms: f64,
-    /// Level of I over that of Q, dB; 0 where either is silent.
+    /// Level of I over that of Q, dB; 0 where either is silent. As the angle below, of what changes from
+    /// loop to loop: leakage of a fraction of a cycle lies anywhere between I and Q.
     pub gain_imbalance_db: f64,
     /// Angle by which I and Q miss a right angle, rad; 0 where either is silent.
     pub phase_imbalance_rad: f64,
@@ -33,8 +35,10 @@ pub struct ChannelStats {
 struct Sums {
     n: u64,
     sum: [f64; 2],
-    /// Squares of I and Q, and their product.
-    squares: [f64; 3],
+    /// Of I and Q together.
+    squares: f64,
+    /// Squares of I and Q and their product, without what stays from loop to loop.
+    moving: [f64; 3],
     saturated: u64,
 }
 
@@ -55,19 +59,34 @@ impl AdcStats {
 
     /// Adds a frame in counts; receivers beyond the planned number are left out.
     pub fn push(&mut self, cube: &RadarCube) {
-        let n_rx = cube.n_rx.max(1);
-        for (i, chirp) in cube.data.chunks_exact(cube.n_samples.max(1)).enumerate() {
+        let (n_rx, n_samples) = (cube.n_rx.max(1), cube.n_samples.max(1));
+        let loop_len = cube.n_tx * n_rx * n_samples;
+        if loop_len == 0 {
+            return;
+        }
+        let mut still = vec![Complex32::ZERO; loop_len];
+        if cube.n_loops > 1 {
+            for one in cube.data.chunks_exact(loop_len) {
+                for (sum, value) in still.iter_mut().zip(one) {
+                    *sum += value / cube.n_loops as f32;
+                }
+            }
+        }
+        let stills = still.chunks_exact(n_samples).cycle();
+        for ((i, chirp), still) in cube.data.chunks_exact(n_samples).enumerate().zip(stills) {
             let Some(sums) = self.channels.get_mut(i % n_rx) else {
                 continue;
             };
-            for value in chirp {
-                let (re, im) = (f64::from(value.re), f64::from(value.im));
+            for (value, still) in chirp.iter().zip(still) {
                 sums.n += 1;
-                sums.sum[0] += re;
-                sums.sum[1] += im;
-                sums.squares[0] += re * re;
-                sums.squares[1] += im * im;
-                sums.squares[2] += re * im;
+                sums.sum[0] += f64::from(value.re);
+                sums.sum[1] += f64::from(value.im);
+                sums.squares += f64::from(value.norm_sqr());
+                let moving = value - still;
+                let (re, im) = (f64::from(moving.re), f64::from(moving.im));
+                sums.moving[0] += re * re;
+                sums.moving[1] += im * im;
+                sums.moving[2] += re * im;
                 let peak = value.re.abs().max(value.im.abs());
                 sums.saturated += u64::from(peak >= self.full_scale);
             }
@@ -130,19 +149,16 @@ impl Sums {
         let n = self.n.max(1) as f64;
         let mean = self.sum.map(|s| s / n);
         // Rounding can make the difference of equal numbers negative.
-        let variance = |i: usize| (self.squares[i] / n - mean[i] * mean[i]).max(0.0);
-        let (var_i, var_q) = (variance(0), variance(1));
-        let covariance = self.squares[2] / n - mean[0] * mean[1];
+        let variance = self.squares / n - mean[0] * mean[0] - mean[1] * mean[1];
+        let [i, q, product] = self.moving;
         let (mut gain_imbalance_db, mut phase_imbalance_rad) = (0.0, 0.0);
-        if var_i > 0.0 && var_q > 0.0 {
-            gain_imbalance_db = 10.0 * (var_i / var_q).log10();
-            phase_imbalance_rad = (covariance / (var_i * var_q).sqrt())
-                .clamp(-1.0, 1.0)
-                .asin();
+        if i > 0.0 && q > 0.0 {
+            gain_imbalance_db = 10.0 * (i / q).log10();
+            phase_imbalance_rad = (product / (i * q).sqrt()).clamp(-1.0, 1.0).asin();
         }
         ChannelStats {
             mean,
-            rms: (var_i + var_q).sqrt(),
+            rms: variance.max(0.0).sqrt(),
             gain_imbalance_db,
             phase_imbalance_rad,
             saturated: self.saturated as f64 / n,

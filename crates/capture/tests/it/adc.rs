@@ -219,7 +219,10 @@ fn statistics_are_those_the_signal_was_made_with() {
     let mut cube = shape.zeros().unwrap();
     let (gain, error_rad) = (1.5_f32, 0.2_f32);
     for (i, value) in cube.data.iter_mut().enumerate() {
-        let phase = std::f32::consts::TAU * 8.0 * (i % 256) as f32 / 256.0;
+        // Eight cycles a chirp, three cycles from the first loop to the last.
+        let (sample, loop_idx) = (i % 256, i / 1024);
+        let cycles = sample as f32 * 8.0 / 256.0 + loop_idx as f32 * 3.0 / 8.0;
+        let phase = std::f32::consts::TAU * cycles;
         *value = match i / 256 % 4 {
             0 => Complex32::from_polar(100.0, phase),
             1 => Complex32::new(gain * phase.cos() + 5.0, (phase + error_rad).sin() - 9.0) * 100.0,
