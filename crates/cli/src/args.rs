@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use crate::commands::pictures::PictureArgs;
+use crate::{capture::LayoutArgs, commands::pictures::PictureArgs};
 
 /// Turns millimetre-wave radar into language.
 ///
@@ -42,7 +42,7 @@ pub enum Verb {
     Simulate(SimulateArgs),
     /// Raw ADC samples -> radar points.
     ///
-    /// Example: radarllm process capture.npy --radar awr1843boost --out points.parquet
+    /// Example: radarllm process adc_data.bin --radar awr1843boost --iq i-first --out points.parquet
     Process(ProcessArgs),
     /// Build, inspect and check radar-text data sets.
     #[command(subcommand)]
@@ -248,17 +248,25 @@ fn shard(text: &str) -> Result<(usize, usize), String> {
 /// `process`.
 #[derive(Args)]
 pub struct ProcessArgs {
-    /// npy complex64 `[frame, loop, tx, rx, sample]`.
-    pub capture: PathBuf,
-    /// Built-in name, TI .cfg or our .toml.
+    /// Raw words (adc_data.bin), records or pcap of a DCA1000, npy; several files are parts of one
+    /// recording. `udp:4098` or `udp:ADDRESS:PORT` listens to the card.
+    #[arg(required = true)]
+    pub capture: Vec<PathBuf>,
+    /// Built-in name, TI .cfg, .json of mmWave Studio or our .toml.
     #[arg(long)]
     pub radar: String,
     /// Points, Parquet.
     #[arg(long)]
     pub out: PathBuf,
-    /// Capture format: `adc` or `npy`, the only ones yet.
+    /// Capture format: adc, dca1000 or npy; found out without it.
     #[arg(long)]
     pub format: Option<String>,
+    /// How the samples lie.
+    #[command(flatten)]
+    pub layout: LayoutArgs,
+    /// Read only so many frames.
+    #[arg(long)]
+    pub frames: Option<usize>,
     /// Pictures.
     #[command(flatten)]
     pub pictures: PictureArgs,

@@ -14,6 +14,7 @@ use radarllm_synth::{
 use serde::Serialize;
 
 use crate::{
+    capture,
     commands::{process, radar},
     error::{CliError, CliResult},
 };
@@ -170,7 +171,7 @@ pub fn clip(input: &str, options: &ClipOptions) -> CliResult<Clip> {
     if input.ends_with(".parquet") {
         return points_clip(input, options);
     }
-    if input.ends_with(".npy") && process::is_adc(Path::new(input)) {
+    if input.ends_with(".npy") && capture::is_adc(Path::new(input)) {
         return adc_clip(input, options);
     }
     let radar = radar::open(options.radar)?;
@@ -235,8 +236,7 @@ fn points_clip(input: &str, options: &ClipOptions) -> CliResult<Clip> {
 fn adc_clip(input: &str, options: &ClipOptions) -> CliResult<Clip> {
     let radar = radar::open(options.radar)?;
     let mut extractor = PointExtractor::new(&radar, DspOptions::default())?;
-    let frames =
-        process::points_of_adc(Path::new(input), &radar, &mut extractor, |_, _, _| Ok(()))?;
+    let frames = process::points_of_npy(Path::new(input), &radar, &mut extractor)?;
     Ok(Clip {
         frames,
         frame_rate_hz: radar.frame_rate_hz(),

@@ -3,11 +3,13 @@
 //! Exit codes: 0 done, 1 the user can fix it (cause and `hint:` on stderr), 2 unexpected.
 
 mod args;
+mod capture;
 mod commands;
 mod default_model;
 mod error;
 mod input;
 mod output;
+mod udp;
 
 use std::{panic, process::ExitCode};
 

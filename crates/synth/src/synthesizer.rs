@@ -57,9 +57,11 @@ pub enum RadarSource {
     TiCfg(String),
     /// Text of a radar in our own format.
     Toml(String),
+    /// Text of an export of mmWave Studio (`*.mmwave.json`).
+    Studio(String),
 }
 
-/// Opens a radar: a built-in name, or a `.cfg` (TI) or `.toml` file relative to `base`.
+/// Opens a radar: a built-in name, or a `.cfg` (TI), `.toml` or `.json` (mmWave Studio) file relative to `base`.
 ///
 /// # Errors
 /// Unknown name, unreadable or malformed file, or a radar that cannot exist.
@@ -73,6 +75,11 @@ pub fn open_radar(name: &str, base: &Path) -> Result<RadarConfig, SynthError> {
         }
         RadarSource::Toml(text) => {
             radarllm_capture::radar_from_toml(&text).map_err(|e| fail(e.to_string()))?
+        }
+        RadarSource::Studio(text) => {
+            radarllm_capture::adc::StudioCapture::parse(&text, None)
+                .map_err(|e| fail(e.to_string()))?
+                .radar
         }
     };
     radar.validate().map_err(|e| fail(e.to_string()))?;
@@ -94,9 +101,9 @@ pub fn read_radar(name: &str, base: &Path) -> Result<RadarSource, SynthError> {
         .and_then(|e| e.to_str())
         .unwrap_or_default()
         .to_ascii_lowercase();
-    if extension != "cfg" && extension != "toml" {
+    if !["cfg", "toml", "json"].contains(&extension.as_str()) {
         return Err(SynthError::Radar(format!(
-            "`{name}` is neither a built-in radar nor a .cfg or .toml file"
+            "`{name}` is neither a built-in radar nor a .cfg, .toml or .json file"
         )));
     }
     let size = fs::metadata(&path).map_err(|e| fail(e.to_string()))?.len();
@@ -106,10 +113,10 @@ pub fn read_radar(name: &str, base: &Path) -> Result<RadarSource, SynthError> {
         )));
     }
     let text = fs::read_to_string(&path).map_err(|e| fail(e.to_string()))?;
-    Ok(if extension == "cfg" {
-        RadarSource::TiCfg(text)
-    } else {
-        RadarSource::Toml(text)
+    Ok(match extension.as_str() {
+        "cfg" => RadarSource::TiCfg(text),
+        "json" => RadarSource::Studio(text),
+        _ => RadarSource::Toml(text),
     })
 }
 

@@ -6,35 +6,7 @@ use radarllm_capture::{
 };
 
 /// The reference radar's chirps as mmWave Studio exports them: TX1, TX3, TX2.
-pub const EXPORT: &str = r#"{
-  "configGenerator": {"createdBy": "mmWaveStudio", "isConfigIntermediate": 1},
-  "mmWaveDevices": [{
-    "mmWaveDeviceId": 0,
-    "rfConfig": {
-      "waveformType": "legacyFrameChirp",
-      "MIMOScheme": "TDM",
-      "rlChanCfg_t": {"rxChannelEn": "0xF", "txChannelEn": "0x7", "cascading": 0},
-      "rlAdcOutCfg_t": {"fmt": {"b2AdcBits": 2, "b8FullScaleReducFctr": 0, "b2AdcOutFmt": 1}},
-      "rlProfiles": [{"rlProfileCfg_t": {"profileId": 0, "startFreqConst_GHz": 77.0,
-        "idleTimeConst_usec": 7.0, "adcStartTimeConst_usec": 6.0, "rampEndTime_usec": 65.0,
-        "txOutPowerBackoffCode": "0x0", "txPhaseShifter": "0x0", "freqSlopeConst_MHz_usec": 60.012,
-        "txStartTime_usec": 1.0, "numAdcSamples": 256, "digOutSampleRate": 4400.0, "rxGain_dB": "0x1E"}}],
-      "rlChirps": [
-        {"rlChirpCfg_t": {"chirpStartIdx": 0, "chirpEndIdx": 0, "profileId": 0, "startFreqVar_MHz": 0.0,
-          "freqSlopeVar_KHz_usec": 0.0, "idleTimeVar_usec": 0.0, "adcStartTimeVar_usec": 0.0, "txEnable": "0x1"}},
-        {"rlChirpCfg_t": {"chirpStartIdx": 1, "chirpEndIdx": 1, "profileId": 0, "txEnable": "0x4"}},
-        {"rlChirpCfg_t": {"chirpStartIdx": 2, "chirpEndIdx": 2, "profileId": 0, "txEnable": "0x2"}}],
-      "rlFrameCfg_t": {"chirpEndIdx": 2, "chirpStartIdx": 0, "numLoops": 128, "numFrames": 8,
-        "framePeriodicity_msec": 100.0, "triggerSelect": 1, "frameTriggerDelay": 0.0},
-      "rlBpmChirps": []
-    },
-    "rawDataCaptureConfig": {
-      "rlDevDataFmtCfg_t": {"iqSwapSel": 0, "chInterleave": 1},
-      "rlDevDataPathCfg_t": {"intfSel": 1, "transferFmtPkt0": "0x1", "transferFmtPkt1": "0x0"},
-      "rlDevLaneEnable_t": {"laneEn": "0x3"}
-    }
-  }]
-}"#;
+pub const EXPORT: &str = include_str!("../data/awr1843.mmwave.json");
 
 #[test]
 fn an_export_is_the_radar_of_the_same_chirp_file() {
