@@ -203,11 +203,19 @@ impl Frames {
                     .map_err(CliError::new)?;
                 let packets = UdpPackets::bind(address)
                     .map_err(|e| CliError::new(format!("{input}: {e}")))?;
-                eprintln!("listening at {}", packets.local_address()?);
+                eprintln!("listening at {}", packets.local_address());
                 Self::Udp(PacketFrames::new(packets, decoder)?)
             }
             Format::Npy => return Err(CliError::new("an npy array has no raw words")),
         })
+    }
+
+    /// Live packets that came faster than they were processed.
+    pub fn overruns(&self) -> u64 {
+        match self {
+            Frames::Udp(f) => f.source().overruns(),
+            _ => 0,
+        }
     }
 
     /// What happened to the packets, if there were any, and how many datagrams or records were none.
@@ -448,8 +456,8 @@ fn said_by_radar(name: &str) -> CliResult<Said> {
                 q_first: cfg.q_first,
             }
         }
-        RadarSource::Studio(text) => Said {
-            layout: StudioCapture::parse(&text, None)?.layout,
+        RadarSource::Studio { text, board } => Said {
+            layout: StudioCapture::parse(&text, board)?.layout,
             ..Said::default()
         },
         RadarSource::BuiltIn(_) | RadarSource::Toml(_) => Said::default(),

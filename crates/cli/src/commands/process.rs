@@ -73,6 +73,12 @@ pub fn run(args: &ProcessArgs) -> CliResult {
         },
     )?;
     health.finish(&frames, &mut notes);
+    if frames.overruns() > 0 {
+        notes.push(format!(
+            "{} packets came faster than they were processed",
+            frames.overruns()
+        ));
+    }
     if taken.points.is_empty() {
         return Err(CliError::new(format!(
             "{}: not one whole frame of radar `{}` ({} bytes of one)",

@@ -145,7 +145,7 @@ fn lint(name: &str, model: Option<&Path>, json: bool) -> CliResult {
             (text, findings)
         }
         // Without places: the export is no text that people edit.
-        RadarSource::Studio(_) => (
+        RadarSource::Studio { .. } => (
             String::new(),
             radarllm_capture::lint(&open(name)?, expected.as_ref()),
         ),

@@ -477,6 +477,13 @@ fn exports_of_mmwave_studio_are_radars_and_say_how_samples_lie() {
     );
     assert!((radar["range_resolution_m"].as_f64().unwrap() - 0.042_93).abs() < 1e-5);
     assert_eq!(radarllm(&["radar", "lint", &file]).status.code(), Some(0));
+    // The setup beside it says which board.
+    let setup = r#"{"mmWaveDevice": "iwr1443", "configUsed": "C:\\x\\profile.mmwave.json"}"#;
+    let setup = r.write("profile.setup.json", setup.as_bytes());
+    assert_eq!(
+        json(&["radar", "show", &setup, "--json"])["name"],
+        "iwr1443boost"
+    );
     // One frame of noise-free silence but for a corner: the order is the export's, nobody asks for --iq.
     let shape = CubeShape {
         n_loops: 128,
