@@ -7,7 +7,10 @@ use radarllm_capture::adc::{StudioCapture, StudioSetup};
 fuzz_target!(|input: &[u8]| {
     let text = String::from_utf8_lossy(input);
     if let Ok(capture) = StudioCapture::parse(&text, None) {
-        capture.radar.validate().expect("only radars that can exist");
+        capture
+            .radar
+            .validate()
+            .expect("only radars that can exist");
     }
     let _ = StudioSetup::parse(&text);
 });

@@ -1,8 +1,8 @@
 //! Recorded bytes and radar descriptions from outside: bytes in, no sockets, no files.
 //!
 //! What enters is text or bytes that anybody may have written; what leaves is a
-//! [`radarllm_base::RadarConfig`] that can exist, recorded points, or cubes, or an error that names the place. Nothing here
-//! panics on its input or allocates by a number found in it.
+//! [`radarllm_base::RadarConfig`] that can exist, recorded points, or cubes, or an error that names the
+//! place. Nothing here panics on its input or allocates by a number found in it.
 //!
 //! Reading order: [`ti_cfg`] (chirp files of TI's SDK), [`boards`] (where antennas are),
 //! [`radar_toml`] (our own format), [`span`] (places in both), [`builtin`], [`mod@lint`];
