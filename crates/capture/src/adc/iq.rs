@@ -7,7 +7,8 @@
 //! 1/k^2. What has no direction (offset, drift, noise) is the same on both sides.
 //!
 //! What this cannot tell: without leakage, a scene whose only strong target stands in the far half of the
-//! range looks swapped. The verdict says how large the difference is, and in how many chirps.
+//! range looks swapped. The weighting was chosen with two recorded frames in hand whose order nobody
+//! documented (docs/captures.md); it awaits captures of known order. The verdict says how large the difference is, and in how many chirps.
 
 use std::sync::Arc;
 
