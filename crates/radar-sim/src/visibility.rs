@@ -9,7 +9,7 @@ use std::ops::Range;
 use glam::Vec3;
 
 use crate::rays::coverage_by_rays;
-use crate::simd::{Lanes, SimdLevel, dispatch};
+use radarllm_simd::{Lanes, SimdLevel, dispatch};
 
 /// How the visible shares of facets are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
