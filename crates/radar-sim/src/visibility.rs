@@ -167,6 +167,10 @@ dispatch!(fn coverage => coverage_body(
 
 /// Compiled per instruction set for its rounding instructions.
 #[inline(always)]
+#[expect(
+    clippy::extra_unused_type_parameters,
+    reason = "dispatched like bodies that compute with lanes"
+)]
 fn coverage_body<L: Lanes>(
     raster: &mut DepthRaster,
     view: View<'_>,
