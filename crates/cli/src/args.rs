@@ -69,6 +69,9 @@ pub enum Verb {
     ///
     /// Example: radarllm realism configs/realism-mars.toml --recordings mars
     Realism(RealismArgs),
+    /// Networks of other architectures: T5, GPT-2, Qwen2, BERT, RoBERTa.
+    #[command(subcommand)]
+    Lm(LmVerb),
     /// What this machine has and what is missing.
     Doctor(JsonFlag),
 }
@@ -476,6 +479,32 @@ pub struct ViewArgs {
     /// Replace an existing file.
     #[arg(long)]
     pub force: bool,
+}
+
+/// `lm ...`.
+#[derive(Subcommand)]
+pub enum LmVerb {
+    /// Forward pass: logits, or the last hidden states of BERT and RoBERTa.
+    ///
+    /// Example: radarllm lm logits --weights gpt2 --ids ids.json --out logits.npy
+    Logits {
+        /// Folder with config.json and model.safetensors (single or sharded).
+        #[arg(long)]
+        weights: PathBuf,
+        /// JSON `{"input_ids": [[..]], "decoder_input_ids": [[..]]}`, rows of equal length;
+        /// `attention_mask` (1 token, 0 padding) may stand beside them.
+        #[arg(long)]
+        ids: PathBuf,
+        /// npy f32 `[batch, step, vocab]`, or `[batch, step, width]` of hidden states.
+        #[arg(long)]
+        out: PathBuf,
+        /// Replace an existing file.
+        #[arg(long)]
+        force: bool,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
 }
 
 /// `realism`.

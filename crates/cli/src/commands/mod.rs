@@ -6,6 +6,7 @@ pub mod describe;
 pub mod doctor;
 pub mod edits;
 pub mod eval;
+pub mod lm;
 pub mod motion;
 pub mod pictures;
 pub mod process;
