@@ -69,6 +69,10 @@ pub enum Verb {
     ///
     /// Example: radarllm realism configs/realism-mars.toml --recordings mars
     Realism(RealismArgs),
+    /// Train and evaluate a grid of changed configurations, and print its tables.
+    ///
+    /// Example: radarllm ablate configs/mocap-ablation.toml
+    Ablate(AblateArgs),
     /// Networks of other architectures: T5, GPT-2, Qwen2, BERT, RoBERTa.
     #[command(subcommand)]
     Lm(LmVerb),
@@ -479,6 +483,22 @@ pub struct ViewArgs {
     /// Replace an existing file.
     #[arg(long)]
     pub force: bool,
+}
+
+/// `ablate`.
+#[derive(Args)]
+pub struct AblateArgs {
+    /// The grid: base recipe, seeds, tables and rows; see docs/ablations.md.
+    pub config: PathBuf,
+    /// Trainings that run side by side; each takes one thread.
+    #[arg(long, default_value_t = 1)]
+    pub jobs: usize,
+    /// Print what would run, and what has run already, and stop.
+    #[arg(long)]
+    pub plan: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `lm ...`.

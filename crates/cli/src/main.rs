@@ -42,6 +42,7 @@ fn main() -> ExitCode {
         Verb::Score(args) => commands::score::run(&args),
         Verb::View(args) => commands::view::run(&args),
         Verb::Realism(args) => commands::realism::run(&args),
+        Verb::Ablate(args) => commands::ablate::run(&args),
         Verb::Lm(verb) => commands::lm::run(&verb),
         Verb::Doctor(args) => commands::doctor::run(&args),
     });

@@ -1,5 +1,6 @@
 //! One file a verb.
 
+pub mod ablate;
 pub mod dataset;
 pub mod demo;
 pub mod describe;
