@@ -15,6 +15,7 @@ pub mod radar_toml;
 pub mod recordings;
 pub mod span;
 pub mod ti_cfg;
+pub mod uart;
 
 pub use boards::Board;
 pub use builtin::{BUILTIN_NAMES, builtin_radar, builtin_radars};
@@ -23,3 +24,4 @@ pub use radar_toml::{RadarTomlError, radar_from_toml, radar_to_toml};
 pub use recordings::{RecordedFrame, RecordingError, read_mars_points, read_radhar_points};
 pub use span::Span;
 pub use ti_cfg::{TiCfg, TiCfgError, radar_from_ti_cfg};
+pub use uart::{UartError, UartParser, UartReport};

@@ -1,5 +1,7 @@
-//! Radar descriptions from outside.
+//! Radar descriptions and recordings from outside.
 
 mod lint;
+mod shared_data;
 mod ti_files;
 mod ti_lines;
+mod uart;
