@@ -1,5 +1,7 @@
 //! Radar descriptions and recordings from outside.
 
+mod bag;
+mod hostile;
 mod lint;
 mod shared_data;
 mod ti_files;
