@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use crate::commands::pictures::PictureArgs;
+use crate::{commands::pictures::PictureArgs, recording::RecordingArgs};
 
 /// Turns millimetre-wave radar into language.
 ///
@@ -40,9 +40,11 @@ pub enum Verb {
     ///
     /// Example: radarllm simulate "builtin:walk" --out walk.parquet
     Simulate(SimulateArgs),
-    /// Raw ADC samples -> radar points.
+    /// Recorded radar -> radar points.
     ///
     /// Example: radarllm process capture.npy --radar awr1843boost --out points.parquet
+    ///
+    /// Example: radarllm process uart.dat --radar profile.cfg --out points.parquet
     Process(ProcessArgs),
     /// Build, inspect and check radar-text data sets.
     #[command(subcommand)]
@@ -255,17 +257,23 @@ fn shard(text: &str) -> Result<(usize, usize), String> {
 /// `process`.
 #[derive(Args)]
 pub struct ProcessArgs {
-    /// npy complex64 `[frame, loop, tx, rx, sample]`.
+    /// Raw samples, UART stream or port, data set file or folder, ROS bag, points table: docs/recordings.md.
     pub capture: PathBuf,
-    /// Built-in name, TI .cfg or our .toml.
+    /// Built-in name, TI .cfg or our .toml; raw samples need it.
     #[arg(long)]
-    pub radar: String,
+    pub radar: Option<String>,
     /// Points, Parquet.
     #[arg(long)]
     pub out: PathBuf,
-    /// Capture format: `adc` or `npy`, the only ones yet.
+    /// adc, dca1000, uart, radhar, mars, mmbody, mmfi, csv, npy-points or bag; detected without it.
     #[arg(long)]
     pub format: Option<String>,
+    /// Frames per second of the points file, for recorded points; the recording's own without it.
+    #[arg(long, value_name = "HZ")]
+    pub resample: Option<f64>,
+    /// Recorded points.
+    #[command(flatten)]
+    pub recording: RecordingArgs,
     /// Pictures.
     #[command(flatten)]
     pub pictures: PictureArgs,
@@ -366,8 +374,14 @@ pub struct DescribeArgs {
     #[arg(long, default_value_t = 1)]
     pub beam: usize,
     /// Built-in name, TI .cfg or our .toml, for motions and raw ADC.
-    #[arg(long, default_value = "awr1843boost")]
-    pub radar: String,
+    #[arg(long)]
+    pub radar: Option<String>,
+    /// uart, radhar, mars, mmbody, mmfi, csv, npy-points or bag; detected without it.
+    #[arg(long)]
+    pub format: Option<String>,
+    /// Recorded points.
+    #[command(flatten)]
+    pub recording: RecordingArgs,
     /// Height of the radar above the floor, m, where the input does not say.
     #[arg(long, default_value_t = 1.0)]
     pub radar_height_m: f32,
@@ -472,8 +486,14 @@ pub struct ViewArgs {
     #[arg(long)]
     pub model: Option<PathBuf>,
     /// Built-in name, TI .cfg or our .toml, for motions.
-    #[arg(long, default_value = "awr1843boost")]
-    pub radar: String,
+    #[arg(long)]
+    pub radar: Option<String>,
+    /// uart, radhar, mars, mmbody, mmfi, csv, npy-points or bag; detected without it.
+    #[arg(long)]
+    pub format: Option<String>,
+    /// Recorded points.
+    #[command(flatten)]
+    pub recording: RecordingArgs,
     /// Height of the radar above the floor, m, where the input does not say.
     #[arg(long, default_value_t = 1.0)]
     pub radar_height_m: f32,

@@ -8,6 +8,8 @@ mod default_model;
 mod error;
 mod input;
 mod output;
+mod recording;
+mod serial;
 
 use std::{panic, process::ExitCode};
 

@@ -110,7 +110,9 @@ pub fn run(args: &DescribeArgs) -> CliResult {
     }
     let captioner = load_captioner(args.model.as_deref())?;
     let options = ClipOptions {
-        radar: &args.radar,
+        radar: args.radar.as_deref(),
+        format: args.format.as_deref(),
+        recording: &args.recording,
         radar_height_m: args.radar_height_m,
         distance_m: 3.0,
         seed: args.seed,

@@ -1,9 +1,10 @@
-//! `process`: raw ADC samples to points.
+//! `process`: recorded radar to points.
 
 use std::{fs::File, io::BufReader, path::Path};
 
 use num_complex::Complex32;
 use radarllm_base::{PointFrame, RadarConfig, RadarCube};
+use radarllm_capture::{Detected, Format};
 use radarllm_dataset::{Overwrite, PointsMeta, write_points};
 use radarllm_radar_dsp::{DspOptions, PointExtractor};
 use serde::Serialize;
@@ -13,7 +14,7 @@ use crate::{
     commands::{pictures::Pictures, radar},
     error::{CliError, CliResult},
     input::MAX_FRAMES,
-    output,
+    output, recording,
 };
 
 #[derive(Serialize)]
@@ -26,20 +27,30 @@ struct Report {
 
 /// Runs the verb.
 pub fn run(args: &ProcessArgs) -> CliResult {
-    if let Some(format) = args
-        .format
-        .as_deref()
-        .filter(|f| !["adc", "npy"].contains(f))
-    {
-        return Err(
-            CliError::new(format!("--format {format}: not supported yet"))
-                .hint("adc (npy complex64) is"),
-        );
-    }
+    let detected = recording::format_of(&args.capture, args.format.as_deref())?
+        .map_err(|e| recording::detect_error(&args.capture, &e))?;
     for path in std::iter::once(&args.out).chain(args.pictures.paths()) {
         output::check_free(path, args.force)?;
     }
-    let radar = radar::open(&args.radar)?;
+    match detected.format {
+        Format::Adc => {}
+        Format::Dca1000 => {
+            return Err(
+                CliError::new("--format dca1000: not supported yet").hint("adc (npy complex64) is")
+            );
+        }
+        Format::Points => {
+            return Err(CliError::new(format!(
+                "{}: a points file already",
+                args.capture.display()
+            )));
+        }
+        _ => return recorded_points(args, &detected),
+    }
+    let radar = args.radar.as_deref().ok_or_else(|| {
+        CliError::new("raw samples need --radar").hint("the radar that recorded them")
+    })?;
+    let radar = radar::open(radar)?;
     let mut extractor = PointExtractor::new(&radar, DspOptions::default())?;
     let mut pictures = Pictures::new(&args.pictures);
     let frames = points_of_adc(
@@ -74,14 +85,68 @@ pub fn run(args: &ProcessArgs) -> CliResult {
     Ok(())
 }
 
+#[derive(Serialize)]
+struct RecordedReport {
+    frames: usize,
+    points_per_frame: f64,
+    frame_rate_hz: f64,
+    radar: String,
+    source: String,
+    notes: Vec<String>,
+    out: String,
+}
+
+/// Points that another radar's firmware found.
+fn recorded_points(args: &ProcessArgs, detected: &Detected) -> CliResult {
+    if args.pictures.paths().next().is_some() {
+        return Err(CliError::new(
+            "pictures are made from raw samples; this capture holds points",
+        ));
+    }
+    let opened = recording::open(
+        &args.capture,
+        detected,
+        args.radar.as_deref(),
+        &args.recording,
+    )?;
+    let line = match args.resample {
+        Some(rate_hz) => recording::resample(&opened.timeline, rate_hz, args.recording.follow)?,
+        None => opened.timeline,
+    };
+    let meta = PointsMeta {
+        radar: opened.radar,
+        source: opened.source,
+        seed: None,
+        version: env!("CARGO_PKG_VERSION").into(),
+        radar_height_m: Some(args.radar_height_m),
+        frame_rate_hz: line.rate_hz,
+    };
+    write_points(&args.out, &meta, &line.frames, Overwrite::Replace)?;
+    let report = RecordedReport {
+        frames: line.frames.len(),
+        points_per_frame: points_per_frame(&line.frames),
+        frame_rate_hz: line.rate_hz,
+        radar: meta.radar,
+        source: meta.source,
+        notes: opened.notes,
+        out: args.out.display().to_string(),
+    };
+    if args.json {
+        return output::print_json(&report);
+    }
+    for note in &report.notes {
+        output::print_line(note);
+    }
+    output::print_line(&format!(
+        "{}: {} frames at {:.2} Hz, {:.1} points a frame",
+        report.out, report.frames, report.frame_rate_hz, report.points_per_frame
+    ));
+    Ok(())
+}
+
 /// Mean number of points.
 pub fn points_per_frame(frames: &[PointFrame]) -> f64 {
     frames.iter().map(|f| f.points.len()).sum::<usize>() as f64 / frames.len().max(1) as f64
-}
-
-/// True when a file is an npy array of complex64.
-pub fn is_adc(path: &Path) -> bool {
-    open_npy(path).is_ok_and(|npy| npy.dtype().descr().contains("c8"))
 }
 
 type Npy = npyz::NpyFile<BufReader<File>>;
