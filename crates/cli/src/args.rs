@@ -59,6 +59,10 @@ pub enum Verb {
     Describe(DescribeArgs),
     /// Captions for a split of a data set, with all metrics, intervals and floors.
     Eval(EvalArgs),
+    /// Sentences about recordings in folders by activity: how many name what was done?
+    ///
+    /// Example: radarllm eval-recordings configs/recorded-radhar.toml --recordings radhar
+    EvalRecordings(EvalRecordingsArgs),
     /// Change one parameter of a built-in motion and count how often the sentence follows.
     Edits(EditsArgs),
     /// Caption metrics alone.
@@ -434,6 +438,40 @@ pub struct EditsArgs {
     /// Seed of motions, placement and noise.
     #[arg(long, default_value_t = 1000)]
     pub seed: u64,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `eval-recordings`.
+#[derive(Args)]
+pub struct EvalRecordingsArgs {
+    /// TOML with the activities and the words that name them.
+    pub config: PathBuf,
+    /// Folder with one folder of recordings for each activity.
+    #[arg(long)]
+    pub recordings: PathBuf,
+    /// Model folder; the embedded default without it.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Built-in name, TI .cfg or our .toml of the recording radar.
+    #[arg(long)]
+    pub radar: Option<String>,
+    /// uart, radhar, mars, mmbody, mmfi, csv, npy-points or bag; detected without it.
+    #[arg(long)]
+    pub format: Option<String>,
+    /// Recorded points.
+    #[command(flatten)]
+    pub recording: RecordingArgs,
+    /// Beams of the language model.
+    #[arg(long, default_value_t = 1)]
+    pub beam: usize,
+    /// Also write the page, Markdown.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Replace an existing page.
+    #[arg(long)]
+    pub force: bool,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,

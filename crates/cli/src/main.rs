@@ -40,6 +40,7 @@ fn main() -> ExitCode {
         Verb::Train(args) => commands::train::run(&args),
         Verb::Describe(args) => commands::describe::run(&args),
         Verb::Eval(args) => commands::eval::run(&args),
+        Verb::EvalRecordings(args) => commands::eval_recordings::run(&args),
         Verb::Edits(args) => commands::edits::run(&args),
         Verb::Score(args) => commands::score::run(&args),
         Verb::View(args) => commands::view::run(&args),

@@ -61,6 +61,9 @@ pub struct RecordingArgs {
     /// Radar's right side down, degrees.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     pub roll_deg: f64,
+    /// Leave out points slower than this, m/s: the static surroundings that some firmware reports.
+    #[arg(long, value_name = "MPS", default_value_t = 0.0)]
+    pub slowest: f32,
     /// Join so many frames into each, for radars that report few points.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub merge: usize,
@@ -81,6 +84,7 @@ impl Default for RecordingArgs {
             tilt_deg: 0.0,
             yaw_deg: 0.0,
             roll_deg: 0.0,
+            slowest: 0.0,
             merge: 1,
             follow: false,
         }
@@ -189,6 +193,12 @@ pub fn open(
             return Err(wrong(format!("{} holds no recorded points", format.name())));
         }
     };
+    if frames.is_empty() {
+        return Err(wrong(format!(
+            "no frame that can be used; {}",
+            notes.join("; ")
+        )));
+    }
     let timeline = timeline(path, format, frames, radar, args)?;
     let subset = (format == Format::MmBody)
         .then(|| mmbody::subset(&path.to_string_lossy()))
@@ -260,6 +270,14 @@ fn timeline(
             _ => error,
         }
     })?;
+    if !(0.0..=100.0).contains(&args.slowest) {
+        return Err(CliError::new("--slowest: expected 0 to 100 m/s"));
+    }
+    for frame in &mut line.frames {
+        frame
+            .points
+            .retain(|p| p.velocity_mps.abs() >= args.slowest);
+    }
     if args.merge > 1 {
         line = line.merge(args.merge, args.follow);
     }

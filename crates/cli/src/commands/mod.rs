@@ -8,6 +8,7 @@ pub mod doctor;
 pub mod edits;
 pub mod eval;
 pub mod lm;
+pub mod eval_recordings;
 pub mod motion;
 pub mod pictures;
 pub mod process;
