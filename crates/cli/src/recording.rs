@@ -162,6 +162,7 @@ pub fn open(
 ) -> CliResult<Recording> {
     let format = detected.format;
     let mut notes = vec![format!("format {} ({})", format.name(), detected.reason)];
+    refuse_idle_options(format, args)?;
     let axes = axes(format, args)?;
     let wrong = |e: String| CliError::new(format!("{}: {e}", path.display()));
     let frames = match format {
@@ -215,6 +216,33 @@ pub fn open(
         ),
         notes,
     })
+}
+
+/// An option that the format does not use would be ignored silently.
+fn refuse_idle_options(format: Format, args: &RecordingArgs) -> CliResult {
+    let with_axes = [Format::Csv, Format::NpyPoints, Format::Bag, Format::MmFi];
+    let idle = [
+        (
+            "--axes",
+            args.axes.is_some() && !with_axes.contains(&format),
+        ),
+        (
+            "--dialect",
+            args.dialect.is_some() && format != Format::Uart,
+        ),
+        (
+            "--seconds",
+            args.seconds.is_some() && format != Format::Uart,
+        ),
+        ("--topic", args.topic.is_some() && format != Format::Bag),
+    ];
+    match idle.iter().find(|(_, idle)| *idle) {
+        Some((option, _)) => Err(CliError::new(format!(
+            "{option} has no meaning for format {}",
+            format.name()
+        ))),
+        None => Ok(()),
+    }
 }
 
 fn axes(format: Format, args: &RecordingArgs) -> CliResult<Axes> {

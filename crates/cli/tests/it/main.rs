@@ -6,3 +6,4 @@ mod chain;
 mod command;
 mod geometry;
 mod lm;
+mod recordings;
