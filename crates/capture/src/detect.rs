@@ -168,12 +168,12 @@ pub fn detect(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
             reason: format!("it starts with 80 {protocol:02x}, pickle protocol {protocol}"),
         });
     }
-    if let Ok(text) = std::str::from_utf8(trim_cut_character(head)) {
-        if let Some(detected) = text_format(text) {
-            return Ok(detected);
-        }
+    if let Ok(text) = std::str::from_utf8(trim_cut_character(head))
+        && let Some(detected) = text_format(text)
+    {
+        return Ok(detected);
     }
-    if numbered(&lower, "frame").is_some() && extension == "bin" && head.len() % 40 == 0 {
+    if numbered(&lower, "frame").is_some() && extension == "bin" && head.len().is_multiple_of(40) {
         return sure(Format::MmFi, "named frame*.bin, rows of 40 bytes");
     }
     if ["bin", "raw", "dat"].contains(&extension) {
@@ -199,11 +199,10 @@ pub fn detect_folder<'a>(
     let (mut mmfi, mut npy) = (0, 0);
     for name in names {
         let name = name.to_lowercase();
-        if numbered(&name, "frame_").is_some() && name.ends_with(".npy") {
+        let is_npy = name.ends_with(".npy");
+        if is_npy && numbered(&name, "frame_").is_some() {
             npy += 1;
-        } else if numbered(&name, "frame").is_some() && name.ends_with(".bin") {
-            mmfi += 1;
-        } else if numbered(&name, "frame").is_some() && name.ends_with(".npy") {
+        } else if (is_npy || name.ends_with(".bin")) && numbered(&name, "frame").is_some() {
             mmfi += 1;
         }
     }

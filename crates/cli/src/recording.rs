@@ -28,6 +28,8 @@ use crate::{
 
 /// Largest file read whole, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 30;
+/// Most frames joined into one.
+const MAX_MERGE: usize = 100;
 /// Bytes read from a stream at a time.
 const PIECE_BYTES: usize = 64 << 10;
 
@@ -201,6 +203,12 @@ pub fn open(
         )));
     }
     let timeline = timeline(path, format, frames, radar, args)?;
+    if timeline.restarts > 0 {
+        notes.push(format!(
+            "frame numbers went back {} times: the frames follow on",
+            timeline.restarts
+        ));
+    }
     let subset = (format == Format::MmBody)
         .then(|| mmbody::subset(&path.to_string_lossy()))
         .flatten()
@@ -305,6 +313,11 @@ fn timeline(
         frame
             .points
             .retain(|p| p.velocity_mps.abs() >= args.slowest);
+    }
+    if !(1..=MAX_MERGE).contains(&args.merge) {
+        return Err(CliError::new(format!(
+            "--merge: expected 1 to {MAX_MERGE} frames"
+        )));
     }
     if args.merge > 1 {
         line = line.merge(args.merge, args.follow);

@@ -37,7 +37,7 @@ pub fn read_mmfi_frame(bytes: &[u8], axes: Axes) -> Result<Vec<RadarPoint>, Reco
             })
             .collect();
     }
-    if bytes.len() % ROW_BYTES != 0 {
+    if !bytes.len().is_multiple_of(ROW_BYTES) {
         return Err(RecordingError::new(
             Place::Byte((bytes.len() - bytes.len() % ROW_BYTES) as u64),
             "rows of 40 bytes (5 x f64)",

@@ -10,51 +10,7 @@ use radarllm_capture::{
     tables::{read_points_csv, read_points_npy},
 };
 
-use crate::bag::bag;
-
-const CSV: &str =
-    "frame,t_s,x,y,z,velocity,intensity\n0,0,0.5,2,0,0.25,20\n1,0.1,0.5,2,0,0.25,20\n";
-const MARS: &str = "Frame #,# Obj,X,Y,Z,Doppler,Intensity,Abs Time\n7,1,0.5,2,-1,0.356,10,1\n";
-const RADHAR: &str = "point_id: 0\nx: 1\ny: -0.5\nz: 0.25\nvelocity: 0.6\nintensity: 30.5\n---\n";
-const CALIBRATION: &str = "{'a': [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}";
-
-/// An npy file of f4.
-pub fn npy(descr: &str, shape: &str, values: &[f32]) -> Vec<u8> {
-    let text = format!("{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}\n");
-    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
-    bytes.extend((text.len() as u16).to_le_bytes());
-    bytes.extend(text.as_bytes());
-    bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
-    bytes
-}
-
-fn seeds() -> Vec<Vec<u8>> {
-    let named = "[('frame', '<f4'), ('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('v', '<f4'), ('snr', '<f4')]";
-    vec![
-        CSV.into(),
-        MARS.into(),
-        RADHAR.into(),
-        CALIBRATION.into(),
-        npy(
-            "'<f4'",
-            "(2, 7)",
-            &[
-                0.0, 0.0, 0.5, 2.0, 0.0, 0.25, 20.0, 1.0, 0.1, 0.5, 2.0, 0.0, 0.25, 20.0,
-            ],
-        ),
-        npy(
-            named,
-            "(2,)",
-            &[
-                0.0, 0.5, 2.0, 0.0, 0.25, 20.0, 1.0, 0.5, 2.0, 0.0, 0.25, 20.0,
-            ],
-        ),
-        npy("'<f4'", "(1, 8, 8, 5)", &[0.5; 320]),
-        npy("'<f4'", "(2, 6)", &[0.5; 12]),
-        npy("'<f4'", "(2, 5)", &[0.5; 10]),
-        bag(),
-    ]
-}
+use crate::make::{CALIBRATION, CSV, MARS, RADHAR, npy, seeds};
 
 /// Everything that reads bytes, on the same bytes. Points can only come from bytes that are there.
 fn read_all(bytes: &[u8]) {

@@ -3,6 +3,7 @@
 mod bag;
 mod hostile;
 mod lint;
+mod make;
 mod shared_data;
 mod ti_files;
 mod ti_lines;

@@ -65,7 +65,8 @@ pub fn describe(captioner: &Captioner, clip: &Clip, model: String, beam: usize) 
         return Err(CliError::new(format!(
             "{}: {:.2} frames/s, but the model reads {rate_hz:.2} frames/s",
             clip.provenance.source, clip.frame_rate_hz
-        )));
+        ))
+        .hint("for recorded points: `radarllm process CAPTURE --resample 10`"));
     }
     let described: Description = captioner.describe(&clip.frames, clip.radar_height_m, beam)?;
     Ok(Row {

@@ -36,6 +36,16 @@ fn packet(number: u32) -> Vec<u8> {
     bytes
 }
 
+/// Input, options, format, frames, rate in Hz, points of the first frame.
+type Case = (
+    &'static str,
+    &'static [&'static str],
+    &'static str,
+    u64,
+    f64,
+    usize,
+);
+
 fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
@@ -77,8 +87,7 @@ fn every_format_becomes_a_points_file_that_says_recorded() {
         .collect();
     fs::write(at("mmwave/frame001.bin"), &row).unwrap();
     fs::write(at("mmwave/frame002.bin"), []).unwrap();
-    // (input, options, format, frames, rate, points of the first frame)
-    let cases: [(&str, &[&str], &str, u64, f64, usize); 8] = [
+    let cases: [Case; 8] = [
         ("points.csv", &["--frame-rate", "20"], "csv", 2, 20.0, 2),
         ("radhar.txt", &[], "radhar", 2, 10.0, 1),
         ("mars.csv", &[], "mars", 2, 10.0, 1),
