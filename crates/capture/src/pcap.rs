@@ -21,6 +21,15 @@ const MAX_INTERFACES: usize = 1024;
 const SECTION_HEADER: u32 = 0x0a0d_0d0a;
 const BYTE_ORDER_MAGIC: u32 = 0x1a2b_3c4d;
 
+/// Whether a file starts as pcap or pcapng files do.
+pub fn is_magic(head: &[u8]) -> bool {
+    let magic = head.first_chunk::<4>().map(|m| u32::from_le_bytes(*m));
+    matches!(
+        magic,
+        Some(0xa1b2_c3d4 | 0xd4c3_b2a1 | 0xa1b2_3c4d | 0x4d3c_b2a1 | SECTION_HEADER)
+    )
+}
+
 /// A datagram; its bytes are in the caller's buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CapturedUdp {

@@ -19,6 +19,7 @@ use radarllm_capture::{
     dca1000::{
         PacketFrames, PacketSource, PcapPackets, RecordReader, TransferSummary, starts_with_record,
     },
+    pcap,
 };
 use radarllm_synth::synthesizer::{RadarSource, read_radar};
 
@@ -107,14 +108,10 @@ pub fn format_of(captures: &[PathBuf], named: Option<&str>) -> CliResult<Format>
         Some(Format::Npy)
     } else if starts_with_record(&start) {
         Some(Format::Records)
+    } else if pcap::is_magic(&start) {
+        Some(Format::Pcap)
     } else {
-        let magic = start.first_chunk::<4>().map(|m| u32::from_le_bytes(*m));
-        match magic {
-            Some(0xa1b2_c3d4 | 0xd4c3_b2a1 | 0xa1b2_3c4d | 0x4d3c_b2a1 | 0x0a0d_0d0a) => {
-                Some(Format::Pcap)
-            }
-            _ => None,
-        }
+        None
     };
     let unlike = |format: &str| {
         Err(CliError::new(format!(
@@ -539,11 +536,6 @@ type Npy = npyz::NpyFile<BufReader<File>>;
 pub fn open_npy(path: &Path) -> CliResult<Npy> {
     let file = File::open(path).map_err(|e| CliError::io(path, e))?;
     npyz::NpyFile::new(BufReader::new(file)).map_err(|e| CliError::io(path, e))
-}
-
-/// True when a file is an npy array of complex64, as `simulate --emit adc` writes.
-pub fn is_adc(path: &Path) -> bool {
-    open_npy(path).is_ok_and(|npy| npy.dtype().descr().contains("c8"))
 }
 
 /// Frames of an npy array; memory holds one frame, whatever the file claims.

@@ -1,9 +1,12 @@
-//! `process`: raw ADC samples to points.
+//! `process`: recorded radar to points.
 
 use std::path::Path;
 
 use radarllm_base::{PointFrame, RadarConfig, RadarCube};
-use radarllm_capture::adc::{AdcStats, CubeShape, FrameSource, IqAnswer, IqCheck, SampleKind};
+use radarllm_capture::{
+    Detected,
+    adc::{AdcStats, CubeShape, FrameSource, IqAnswer, IqCheck, SampleKind},
+};
 use radarllm_dataset::{Overwrite, PointsMeta, write_points};
 use radarllm_radar_dsp::{DspOptions, PointExtractor};
 use serde::Serialize;
@@ -14,7 +17,7 @@ use crate::{
     commands::{pictures::Pictures, radar},
     error::{CliError, CliResult},
     input::MAX_FRAMES,
-    output,
+    output, recording, udp,
 };
 
 #[derive(Serialize)]
@@ -50,11 +53,15 @@ struct Transfer {
 
 /// Runs the verb.
 pub fn run(args: &ProcessArgs) -> CliResult {
-    let format = capture::format_of(&args.capture, args.format.as_deref())?;
+    let kind = kind_of(args)?;
     for path in std::iter::once(&args.out).chain(args.pictures.paths()) {
         output::check_free(path, args.force)?;
     }
-    let radar = radar::open(&args.radar)?;
+    let format = match kind {
+        Kind::Samples(format) => format,
+        Kind::Points(detected) => return recorded_points(args, &detected),
+    };
+    let radar = radar::open(samples_radar(args)?)?;
     let mut extractor = PointExtractor::new(&radar, DspOptions::default())?;
     let mut pictures = Pictures::new(&args.pictures);
     let mut notes = Vec::new();
@@ -133,6 +140,47 @@ pub fn run(args: &ProcessArgs) -> CliResult {
     Ok(())
 }
 
+/// What a capture holds.
+enum Kind {
+    /// Raw samples.
+    Samples(Format),
+    /// Points that another radar's firmware found.
+    Points(Detected),
+}
+
+/// What the capture is: as named, or as it begins.
+fn kind_of(args: &ProcessArgs) -> CliResult<Kind> {
+    let first = args
+        .capture
+        .first()
+        .ok_or_else(|| CliError::new("no capture is named"))?;
+    let named = args.format.as_deref();
+    let is_samples = udp::address(&first.to_string_lossy()).is_some()
+        || matches!(named, Some("adc" | "dca1000" | "npy"))
+        || (named.is_none() && args.layout.axes.is_some());
+    if is_samples {
+        return capture::format_of(&args.capture, named).map(Kind::Samples);
+    }
+    let detected =
+        recording::format_of(first, named)?.map_err(|e| recording::detect_error(first, &e))?;
+    match detected.format {
+        radarllm_capture::Format::Adc | radarllm_capture::Format::Dca1000 => {
+            capture::format_of(&args.capture, named).map(Kind::Samples)
+        }
+        radarllm_capture::Format::Points => Err(CliError::new(format!(
+            "{}: a points file already",
+            first.display()
+        ))),
+        _ => Ok(Kind::Points(detected)),
+    }
+}
+
+fn samples_radar(args: &ProcessArgs) -> CliResult<&str> {
+    args.radar.as_deref().ok_or_else(|| {
+        CliError::new("raw samples need --radar").hint("the radar that recorded them")
+    })
+}
+
 /// Everything that a user should know about a capture, on stderr.
 fn say(report: &Report) {
     for note in &report.notes {
@@ -174,7 +222,13 @@ fn open(
             args.layout.axes.as_deref(),
         )?)));
     }
-    let chosen = capture::choose_layout(format, &args.capture, radar, &args.radar, &args.layout)?;
+    let chosen = capture::choose_layout(
+        format,
+        &args.capture,
+        radar,
+        samples_radar(args)?,
+        &args.layout,
+    )?;
     notes.extend(chosen.notes);
     if let (SampleKind::Complex { order }, Some(verdict)) = (chosen.layout.data, chosen.verdict) {
         notes.push(format!(
@@ -228,6 +282,65 @@ impl Health {
             notes.extend(self.stats.problems());
         }
     }
+}
+
+#[derive(Serialize)]
+struct RecordedReport {
+    frames: usize,
+    points_per_frame: f64,
+    frame_rate_hz: f64,
+    radar: String,
+    source: String,
+    notes: Vec<String>,
+    out: String,
+}
+
+/// Points that another radar's firmware found.
+fn recorded_points(args: &ProcessArgs, detected: &Detected) -> CliResult {
+    if args.pictures.paths().next().is_some() {
+        return Err(CliError::new(
+            "pictures are made from raw samples; this capture holds points",
+        ));
+    }
+    let [path] = &args.capture[..] else {
+        return Err(CliError::new(
+            "recorded points are read one capture at a time",
+        ));
+    };
+    let opened = recording::open(path, detected, args.radar.as_deref(), &args.recording)?;
+    let line = match args.resample {
+        Some(rate_hz) => recording::resample(&opened.timeline, rate_hz, args.recording.follow)?,
+        None => opened.timeline,
+    };
+    let meta = PointsMeta {
+        radar: opened.radar,
+        source: opened.source,
+        seed: None,
+        version: env!("CARGO_PKG_VERSION").into(),
+        radar_height_m: Some(args.radar_height_m),
+        frame_rate_hz: line.rate_hz,
+    };
+    write_points(&args.out, &meta, &line.frames, Overwrite::Replace)?;
+    let report = RecordedReport {
+        frames: line.frames.len(),
+        points_per_frame: points_per_frame(&line.frames),
+        frame_rate_hz: line.rate_hz,
+        radar: meta.radar,
+        source: meta.source,
+        notes: opened.notes,
+        out: args.out.display().to_string(),
+    };
+    if args.json {
+        return output::print_json(&report);
+    }
+    for note in &report.notes {
+        output::print_line(note);
+    }
+    output::print_line(&format!(
+        "{}: {} frames at {:.2} Hz, {:.1} points a frame",
+        report.out, report.frames, report.frame_rate_hz, report.points_per_frame
+    ));
+    Ok(())
 }
 
 /// Mean number of points.

@@ -8,6 +8,8 @@ mod command;
 mod geometry;
 
 // Captures are made as the capture crate's own tests make them.
+mod lm;
 #[allow(dead_code)]
 #[path = "../../../capture/tests/it/made.rs"]
 mod made;
+mod recordings;
