@@ -381,6 +381,8 @@ mod tests {
             detect_folder(["frame001.bin"]).unwrap().format,
             Format::MmFi
         );
+        assert_eq!(format("adc_data_Raw_0.bin", &[7; 64]), Format::Adc);
+        assert_eq!(format("x.pcap", &[0xd4, 0xc3, 0xb2, 0xa1]), Format::Dca1000);
         for format in Format::ALL {
             assert_eq!(Format::from_name(format.name()), Some(format));
         }
@@ -388,7 +390,7 @@ mod tests {
 
     #[test]
     fn doubt_is_an_error_with_the_choices() {
-        let error = detect("adc_data.bin", &[7; 64]).unwrap_err();
+        let error = detect("capture.bin", &[7; 64]).unwrap_err();
         assert!(error.to_string().contains("adc, dca1000, mmfi"), "{error}");
         let error = detect("points.npy", &npy_head("'<f8'", "(9, 6)")).unwrap_err();
         assert!(

@@ -51,6 +51,13 @@ pub struct LayoutArgs {
     pub axes: Option<String>,
 }
 
+impl LayoutArgs {
+    /// Whether anything is said about how samples lie: then the capture holds samples.
+    pub fn is_given(&self) -> bool {
+        self.iq.is_some() || self.lanes.is_some() || self.real || self.axes.is_some()
+    }
+}
+
 /// `--iq`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum IqChoice {

@@ -157,7 +157,7 @@ fn kind_of(args: &ProcessArgs) -> CliResult<Kind> {
     let named = args.format.as_deref();
     let is_samples = udp::address(&first.to_string_lossy()).is_some()
         || matches!(named, Some("adc" | "dca1000" | "npy"))
-        || (named.is_none() && args.layout.axes.is_some());
+        || (named.is_none() && args.layout.is_given());
     if is_samples {
         return capture::format_of(&args.capture, named).map(Kind::Samples);
     }

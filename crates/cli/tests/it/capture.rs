@@ -225,10 +225,10 @@ fn what_is_not_said_about_raw_words_is_asked_for() {
     );
     let text_file = r.write("notes.dat", b"hello");
     for (extra, cause) in [
-        (&[][..], "neither npy nor pcap"),
+        (&[][..], "not clear"),
         (&["--format", "npy"], "does not begin like an npy file"),
         (&["--format", "dca1000"], "does not begin like packets"),
-        (&["--format", "mmbody"], "not supported yet"),
+        (&["--format", "mmbody"], "notes.dat"),
     ] {
         let args = ["process", &text_file, "--radar", &r.radar, "--out", &out];
         let error = refused(&[&args[..], extra].concat());
@@ -493,7 +493,7 @@ fn exports_of_mmwave_studio_are_radars_and_say_how_samples_lie() {
     };
     let cube = made::echo(shape, 30.0, 10.0, 1);
     let bin = r.write(
-        "studio.bin",
+        "studio_Raw_0.bin",
         &made::bytes(&made::words(&cube, two(I_FIRST))),
     );
     let out = text(&r.folder.path().join("studio.parquet"));

@@ -228,6 +228,7 @@ fn what_cannot_be_told_or_read_is_refused() {
     let out = at("out.parquet");
     fs::write(at("points.csv"), CSV).unwrap();
     fs::write(at("mri.cpl"), [0x80, 4, 0x95]).unwrap();
+    fs::write(at("capture.bin"), [7; 64]).unwrap();
     fs::write(at("adc_data.bin"), [7; 64]).unwrap();
     fs::write(at("short.csv"), "frame,x,y\n").unwrap();
     fs::write(at("old.bag"), "#ROSBAG V1.2\n").unwrap();
@@ -252,7 +253,8 @@ fn what_cannot_be_told_or_read_is_refused() {
         ("points.csv", &["--format", "xyz"], "npy-points"),
         ("points.csv", &["--format", "bag"], "#ROSBAG"),
         ("mri.cpl", &[], "pickle"),
-        ("adc_data.bin", &[], "dca1000"),
+        ("capture.bin", &[], "dca1000"),
+        ("adc_data.bin", &[], "--radar"),
         ("short.csv", &["--frame-rate", "10"], "velocity"),
         ("old.bag", &[], "rosbag fix"),
         ("cut.bag", &[], "byte 13"),
