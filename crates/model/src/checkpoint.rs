@@ -51,6 +51,21 @@ impl HostTensor {
             values,
         }
     }
+
+    /// A matrix with rows and columns exchanged; anything else as it is.
+    pub fn transposed(self) -> Self {
+        let [rows, columns] = self.shape[..] else {
+            return self;
+        };
+        let mut values = Vec::with_capacity(self.values.len());
+        for column in 0..columns {
+            values.extend((0..rows).map(|row| self.values[row * columns + column]));
+        }
+        Self {
+            shape: vec![columns, rows],
+            values,
+        }
+    }
 }
 
 /// Arrays by name.
@@ -465,6 +480,19 @@ fn encode_safetensors(path: &Path, tensors: &NamedTensors) -> Result<Vec<u8>, Ch
 /// # Errors
 /// If the file is malformed, holds another element type, or a value is NaN or infinite.
 pub fn read_safetensors(path: &Path) -> Result<NamedTensors, CheckpointError> {
+    read_arrays(path, false)
+}
+
+/// [`read_safetensors`] of files that others wrote: integer and boolean arrays, which are tables and masks
+/// there and no weights, are left out.
+///
+/// # Errors
+/// See [`read_safetensors`]; F64 is refused, not left out.
+pub fn read_floats(path: &Path) -> Result<NamedTensors, CheckpointError> {
+    read_arrays(path, true)
+}
+
+fn read_arrays(path: &Path, skip_integers: bool) -> Result<NamedTensors, CheckpointError> {
     let bytes = read_limited(path, MAX_TENSOR_FILE_BYTES)?;
     let parsed = SafeTensors::deserialize(&bytes).map_err(|e| CheckpointError::Safetensors {
         path: path.into(),
@@ -486,6 +514,7 @@ pub fn read_safetensors(path: &Path) -> Result<NamedTensors, CheckpointError> {
                 .chunks_exact(2)
                 .map(|b| f32_from_f16_bits(u16::from_le_bytes([b[0], b[1]])))
                 .collect(),
+            Dtype::BOOL | Dtype::U8 | Dtype::I32 | Dtype::I64 if skip_integers => continue,
             other => {
                 return Err(CheckpointError::Dtype {
                     path: path.into(),

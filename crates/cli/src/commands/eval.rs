@@ -36,8 +36,9 @@ struct Share {
     high: f64,
 }
 
+/// What report.json says.
 #[derive(Serialize)]
-struct Report {
+pub struct Report {
     data: String,
     split: String,
     model: String,
@@ -73,6 +74,16 @@ struct CaptionLine<'a> {
 
 /// Runs the verb.
 pub fn run(args: &EvalArgs) -> CliResult {
+    let report = evaluate(args)?;
+    if args.json {
+        return output::print_json(&report);
+    }
+    output::print_line(markdown(&report)?.trim_end());
+    Ok(())
+}
+
+/// Describes, scores and writes report.json, report.md and captions.jsonl.
+pub fn evaluate(args: &EvalArgs) -> CliResult<Report> {
     output::check_free(&args.out.join("report.json"), args.force)?;
     let split = Split::from_name(&args.split).ok_or_else(|| {
         CliError::new(format!("--split {}: unknown", args.split)).hint("train, val or test")
@@ -230,11 +241,7 @@ pub fn run(args: &EvalArgs) -> CliResult {
         &args.out.join("report.json"),
         serde_json::to_string_pretty(&report)?.as_bytes(),
     )?;
-    if args.json {
-        return output::print_json(&report);
-    }
-    output::print_line(markdown.trim_end());
-    Ok(())
+    Ok(report)
 }
 
 fn write(path: &Path, bytes: &[u8]) -> CliResult {
