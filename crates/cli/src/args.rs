@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use crate::commands::pictures::PictureArgs;
+use crate::{capture::LayoutArgs, commands::pictures::PictureArgs, recording::RecordingArgs};
 
 /// Turns millimetre-wave radar into language.
 ///
@@ -40,9 +40,11 @@ pub enum Verb {
     ///
     /// Example: radarllm simulate "builtin:walk" --out walk.parquet
     Simulate(SimulateArgs),
-    /// Raw ADC samples -> radar points.
+    /// Recorded radar -> radar points.
     ///
-    /// Example: radarllm process capture.npy --radar awr1843boost --out points.parquet
+    /// Example: radarllm process adc_data.bin --radar awr1843boost --iq i-first --out points.parquet
+    ///
+    /// Example: radarllm process uart.dat --radar profile.cfg --out points.parquet
     Process(ProcessArgs),
     /// Build, inspect and check radar-text data sets.
     #[command(subcommand)]
@@ -57,6 +59,10 @@ pub enum Verb {
     Describe(DescribeArgs),
     /// Captions for a split of a data set, with all metrics, intervals and floors.
     Eval(EvalArgs),
+    /// Sentences about recordings in folders by activity: how many name what was done?
+    ///
+    /// Example: radarllm eval-recordings configs/recorded-radhar.toml --recordings radhar
+    EvalRecordings(EvalRecordingsArgs),
     /// Change one parameter of a built-in motion and count how often the sentence follows.
     Edits(EditsArgs),
     /// Caption metrics alone.
@@ -69,6 +75,13 @@ pub enum Verb {
     ///
     /// Example: radarllm realism configs/realism-mars.toml --recordings mars
     Realism(RealismArgs),
+    /// Train and evaluate a grid of changed configurations, and print its tables.
+    ///
+    /// Example: radarllm ablate configs/mocap-ablation.toml
+    Ablate(AblateArgs),
+    /// Networks of other architectures: T5, GPT-2, Qwen2, BERT, RoBERTa.
+    #[command(subcommand)]
+    Lm(LmVerb),
     /// What this machine has and what is missing.
     Doctor(JsonFlag),
 }
@@ -248,17 +261,33 @@ fn shard(text: &str) -> Result<(usize, usize), String> {
 /// `process`.
 #[derive(Args)]
 pub struct ProcessArgs {
-    /// npy complex64 `[frame, loop, tx, rx, sample]`.
-    pub capture: PathBuf,
-    /// Built-in name, TI .cfg or our .toml.
+    /// Raw words (adc_data.bin), records or pcap of a DCA1000, npy, where several files are parts of one
+    /// recording; UART stream or port, data set file or folder, ROS bag, points table. `udp:4098` or
+    /// `udp:ADDRESS:PORT` listens to a capture card.
+    #[arg(required = true)]
+    pub capture: Vec<PathBuf>,
+    /// Built-in name, TI .cfg, .json of mmWave Studio or our .toml; raw samples need it.
     #[arg(long)]
-    pub radar: String,
+    pub radar: Option<String>,
     /// Points, Parquet.
     #[arg(long)]
     pub out: PathBuf,
-    /// Capture format: `adc` or `npy`, the only ones yet.
+    /// Raw samples: adc, dca1000 or npy; points: uart, radhar, mars, mmbody, mmfi, csv, npy-points or
+    /// bag; found out without it.
     #[arg(long)]
     pub format: Option<String>,
+    /// How raw samples lie.
+    #[command(flatten)]
+    pub layout: LayoutArgs,
+    /// Read only so many frames of raw samples.
+    #[arg(long)]
+    pub frames: Option<usize>,
+    /// Frames per second of the points file, for recorded points; the recording's own without it.
+    #[arg(long, value_name = "HZ")]
+    pub resample: Option<f64>,
+    /// Recorded points.
+    #[command(flatten)]
+    pub recording: RecordingArgs,
     /// Pictures.
     #[command(flatten)]
     pub pictures: PictureArgs,
@@ -373,8 +402,14 @@ pub struct DescribeArgs {
     #[arg(long, default_value_t = 1)]
     pub beam: usize,
     /// Built-in name, TI .cfg or our .toml, for motions and raw ADC.
-    #[arg(long, default_value = "awr1843boost")]
-    pub radar: String,
+    #[arg(long)]
+    pub radar: Option<String>,
+    /// uart, radhar, mars, mmbody, mmfi, csv, npy-points or bag; detected without it.
+    #[arg(long)]
+    pub format: Option<String>,
+    /// Recorded points.
+    #[command(flatten)]
+    pub recording: RecordingArgs,
     /// Height of the radar above the floor, m, where the input does not say.
     #[arg(long, default_value_t = 1.0)]
     pub radar_height_m: f32,
@@ -435,6 +470,40 @@ pub struct EditsArgs {
     pub json: bool,
 }
 
+/// `eval-recordings`.
+#[derive(Args)]
+pub struct EvalRecordingsArgs {
+    /// TOML with the activities and the words that name them.
+    pub config: PathBuf,
+    /// Folder with one folder of recordings for each activity.
+    #[arg(long)]
+    pub recordings: PathBuf,
+    /// Model folder; the embedded default without it.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Built-in name, TI .cfg or our .toml of the recording radar.
+    #[arg(long)]
+    pub radar: Option<String>,
+    /// uart, radhar, mars, mmbody, mmfi, csv, npy-points or bag; detected without it.
+    #[arg(long)]
+    pub format: Option<String>,
+    /// Recorded points.
+    #[command(flatten)]
+    pub recording: RecordingArgs,
+    /// Beams of the language model.
+    #[arg(long, default_value_t = 1)]
+    pub beam: usize,
+    /// Also write the page, Markdown.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Replace an existing page.
+    #[arg(long)]
+    pub force: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// `score`.
 #[derive(Args)]
 pub struct ScoreArgs {
@@ -447,9 +516,14 @@ pub struct ScoreArgs {
     /// plain, nlg-eval, coco or motiongpt.
     #[arg(long, default_value = "plain")]
     pub protocol: String,
-    /// References used per item; 0 means all.
+    /// References used per item; 0 means all. Protocol motiongpt always takes 3.
     #[arg(long, default_value_t = 3)]
     pub max_references: usize,
+    /// METEOR's own data: function/english.words, nonbreaking/english.prefixes, data/paraphrase-en.gz.
+    ///
+    /// The first two from its jar, the third beside it; what is absent stays as built in (docs/metrics.md).
+    #[arg(long, value_name = "DIR")]
+    pub meteor_data: Option<PathBuf>,
     /// BERT or RoBERTa folder for BERTScore (not supported yet).
     #[arg(long, value_name = "DIR")]
     pub bert_score: Option<PathBuf>,
@@ -482,8 +556,14 @@ pub struct ViewArgs {
     #[arg(long)]
     pub model: Option<PathBuf>,
     /// Built-in name, TI .cfg or our .toml, for motions.
-    #[arg(long, default_value = "awr1843boost")]
-    pub radar: String,
+    #[arg(long)]
+    pub radar: Option<String>,
+    /// uart, radhar, mars, mmbody, mmfi, csv, npy-points or bag; detected without it.
+    #[arg(long)]
+    pub format: Option<String>,
+    /// Recorded points.
+    #[command(flatten)]
+    pub recording: RecordingArgs,
     /// Height of the radar above the floor, m, where the input does not say.
     #[arg(long, default_value_t = 1.0)]
     pub radar_height_m: f32,
@@ -493,6 +573,48 @@ pub struct ViewArgs {
     /// Replace an existing file.
     #[arg(long)]
     pub force: bool,
+}
+
+/// `ablate`.
+#[derive(Args)]
+pub struct AblateArgs {
+    /// The grid: base recipe, seeds, tables and rows; see docs/ablations.md.
+    pub config: PathBuf,
+    /// Trainings that run side by side; each takes one thread.
+    #[arg(long, default_value_t = 1)]
+    pub jobs: usize,
+    /// Print what would run, and what has run already, and stop.
+    #[arg(long)]
+    pub plan: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `lm ...`.
+#[derive(Subcommand)]
+pub enum LmVerb {
+    /// Forward pass: logits, or the last hidden states of BERT and RoBERTa.
+    ///
+    /// Example: radarllm lm logits --weights gpt2 --ids ids.json --out logits.npy
+    Logits {
+        /// Folder with config.json and model.safetensors (single or sharded).
+        #[arg(long)]
+        weights: PathBuf,
+        /// JSON `{"input_ids": [[..]], "decoder_input_ids": [[..]]}`, rows of equal length;
+        /// `attention_mask` (1 token, 0 padding) may stand beside them.
+        #[arg(long)]
+        ids: PathBuf,
+        /// npy f32 `[batch, step, vocab]`, or `[batch, step, width]` of hidden states.
+        #[arg(long)]
+        out: PathBuf,
+        /// Replace an existing file.
+        #[arg(long)]
+        force: bool,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
 }
 
 /// `realism`.

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use radarllm_base::{Motion, PointFrame, RadarConfig, frames::Placement};
 use radarllm_body::{loaders::load_motion_file, mesh::BodyShape, procedural, sample::canonicalize};
+use radarllm_capture::{DetectError, Format};
 use radarllm_dataset::read_points;
 use radarllm_radar_dsp::{DspOptions, PointExtractor};
 use radarllm_synth::{
@@ -16,8 +17,11 @@ use serde::Serialize;
 use crate::{
     commands::{process, radar},
     error::{CliError, CliResult},
+    recording::{self, RecordingArgs},
 };
 
+/// Radar of simulated inputs.
+const DEFAULT_RADAR: &str = "awr1843boost";
 /// Longest motion or recording handled at once, radar frames (about 17 minutes at 10 per second).
 pub const MAX_FRAMES: usize = 10_000;
 
@@ -130,8 +134,12 @@ fn builtin(input: &str, seed: u64) -> CliResult<MotionInput> {
 
 /// How to turn an input into points.
 pub struct ClipOptions<'a> {
-    /// Built-in name or file.
-    pub radar: &'a str,
+    /// Built-in name or file; [`DEFAULT_RADAR`] where a motion has to be simulated without one.
+    pub radar: Option<&'a str>,
+    /// Format of a capture; detected without it.
+    pub format: Option<&'a str>,
+    /// How a recording is to be understood.
+    pub recording: &'a RecordingArgs,
     /// Used where the input does not say, m.
     pub radar_height_m: f32,
     /// Where motions stand, m.
@@ -170,10 +178,10 @@ pub fn clip(input: &str, options: &ClipOptions) -> CliResult<Clip> {
     if input.ends_with(".parquet") {
         return points_clip(input, options);
     }
-    if input.ends_with(".npy") && process::is_adc(Path::new(input)) {
-        return adc_clip(input, options);
+    if let Some(clip) = capture_clip(input, options)? {
+        return Ok(clip);
     }
-    let radar = radar::open(options.radar)?;
+    let radar = radar::open(options.radar.unwrap_or(DEFAULT_RADAR))?;
     let performed = motion(input, options.seed)?;
     let placement = place(
         &performed.motion,
@@ -199,6 +207,55 @@ pub fn clip(input: &str, options: &ClipOptions) -> CliResult<Clip> {
         },
         performed: Some((performed, placement)),
     })
+}
+
+/// Extensions that only motions have.
+const MOTION_EXTENSIONS: [&str; 5] = ["bvh", "amc", "asf", "npz", "toml"];
+
+/// Points of a capture; `None` when the input is a motion.
+fn capture_clip(input: &str, options: &ClipOptions) -> CliResult<Option<Clip>> {
+    let path = Path::new(input);
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+    let is_motion =
+        is_builtin(input) || MOTION_EXTENSIONS.contains(&extension.to_lowercase().as_str());
+    if (is_motion || !path.exists()) && options.format.is_none() {
+        return Ok(None);
+    }
+    let detected = match recording::format_of(path, options.format)? {
+        Ok(detected) => detected,
+        // What no capture looks like may be a motion; the loader says what it wants.
+        Err(DetectError::Unknown(_)) => return Ok(None),
+        Err(e) => return Err(recording::detect_error(path, &e)),
+    };
+    match detected.format {
+        Format::Points => return points_clip(input, options).map(Some),
+        Format::Adc if extension == "npy" => return adc_clip(input, options).map(Some),
+        Format::Adc | Format::Dca1000 => {
+            return Err(
+                CliError::new(format!("{input}: raw samples of a capture card"))
+                    .hint("`radarllm process` makes points of them"),
+            );
+        }
+        _ => {}
+    }
+    let opened = recording::open(path, &detected, options.radar, options.recording)?;
+    for note in &opened.notes {
+        eprintln!("{input}: {note}");
+    }
+    // The model hears time in frames of its own rate; gaps of the recording become empty frames.
+    let rate_hz = f64::from(radarllm_model::lm::FRAME_RATE_HZ);
+    let line = recording::resample(&opened.timeline, rate_hz, options.recording.follow)?;
+    Ok(Some(Clip {
+        frames: line.frames,
+        frame_rate_hz: line.rate_hz,
+        radar_height_m: options.radar_height_m,
+        provenance: Provenance {
+            source: input.into(),
+            radar: opened.radar,
+            synthetic: false,
+        },
+        performed: None,
+    }))
 }
 
 /// A chain with the default signal processing.
@@ -233,10 +290,9 @@ fn points_clip(input: &str, options: &ClipOptions) -> CliResult<Clip> {
 }
 
 fn adc_clip(input: &str, options: &ClipOptions) -> CliResult<Clip> {
-    let radar = radar::open(options.radar)?;
+    let radar = radar::open(options.radar.unwrap_or(DEFAULT_RADAR))?;
     let mut extractor = PointExtractor::new(&radar, DspOptions::default())?;
-    let frames =
-        process::points_of_adc(Path::new(input), &radar, &mut extractor, |_, _, _| Ok(()))?;
+    let frames = process::points_of_npy(Path::new(input), &radar, &mut extractor)?;
     Ok(Clip {
         frames,
         frame_rate_hz: radar.frame_rate_hz(),

@@ -3,11 +3,15 @@
 //! Exit codes: 0 done, 1 the user can fix it (cause and `hint:` on stderr), 2 unexpected.
 
 mod args;
+mod capture;
 mod commands;
 mod default_model;
 mod error;
 mod input;
 mod output;
+mod recording;
+mod serial;
+mod udp;
 
 use std::{panic, process::ExitCode};
 
@@ -38,10 +42,13 @@ fn main() -> ExitCode {
         Verb::Train(args) => commands::train::run(&args),
         Verb::Describe(args) => commands::describe::run(&args),
         Verb::Eval(args) => commands::eval::run(&args),
+        Verb::EvalRecordings(args) => commands::eval_recordings::run(&args),
         Verb::Edits(args) => commands::edits::run(&args),
         Verb::Score(args) => commands::score::run(&args),
         Verb::View(args) => commands::view::run(&args),
         Verb::Realism(args) => commands::realism::run(&args),
+        Verb::Ablate(args) => commands::ablate::run(&args),
+        Verb::Lm(verb) => commands::lm::run(&verb),
         Verb::Doctor(args) => commands::doctor::run(&args),
     });
     match outcome {

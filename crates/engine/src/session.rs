@@ -452,7 +452,7 @@ impl<'e> Session<'e> {
         let rows = self.n_rows();
         assert!(n.is_multiple_of(16) && n <= padded(engine.shape.vocab_size));
         let x = &mut self.normed[..rows * w.d_model];
-        if engine.shape.tied {
+        if engine.shape.scaled {
             // Tied rows have unit variance; without the factor the logits would be far too large.
             let factor = (engine.shape.d_model as f64).powf(-0.5) as f32;
             x.iter_mut().for_each(|x| *x *= factor);

@@ -21,6 +21,21 @@ impl HostTensor {
             values,
         }
     }
+
+    /// A matrix with rows and columns exchanged; anything else as it is.
+    pub fn transposed(self) -> Self {
+        let [rows, columns] = self.shape[..] else {
+            return self;
+        };
+        let mut values = Vec::with_capacity(self.values.len());
+        for column in 0..columns {
+            values.extend((0..rows).map(|row| self.values[row * columns + column]));
+        }
+        Self {
+            shape: vec![columns, rows],
+            values,
+        }
+    }
 }
 
 /// Arrays by name.
@@ -45,8 +60,10 @@ pub struct Shape {
     pub n_decoder_layers: usize,
     /// `wo(gelu(wi x) * gate x)` (v1.1) instead of `wo(relu(wi x))` (the original).
     pub gated: bool,
-    /// Output rows are the embedding, scaled by `d_model^-0.5`.
+    /// Output rows are the embedding.
     pub tied: bool,
+    /// States are scaled by `d_model^-0.5` before the output rows.
+    pub scaled: bool,
     /// Buckets of the relative position bias.
     pub relative_buckets: usize,
     /// Distance at which the buckets saturate.

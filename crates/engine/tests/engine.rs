@@ -22,6 +22,7 @@ fn small() -> Shape {
         n_decoder_layers: 2,
         gated: true,
         tied: false,
+        scaled: false,
         relative_buckets: 16,
         relative_max_distance: 32,
         norm_eps: 1e-6,

@@ -1,10 +1,27 @@
-//! BLEU-1..4 by the COCO caption evaluation's rules (pycocoevalcap's `bleu_scorer`, option
-//! `closest`), from statistics that add up over items.
+//! BLEU-1..4 from statistics that add up over items, by the rules of several packages, which agree on
+//! the n-gram matches and differ in everything else.
 
-use crate::grams::{Grams, intersect};
+use crate::grams::{Grams, Vocabulary, intersect};
 
 /// Values of BLEU-1, BLEU-2, BLEU-3, BLEU-4.
 pub type Bleu = [f64; 4];
+
+/// How matches become a value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rules {
+    /// COCO caption evaluation and nlg-eval (pycocoevalcap's `bleu_scorer`, option `closest`).
+    Coco,
+    /// Tensorflow's nmt script, in HF evaluate and nlg-metricverse: shortest reference, 0 where an n has no match.
+    Nmt,
+    /// The same with Lin and Och's smoothing, +1 for n > 1.
+    NmtSmoothed,
+    /// nltk without smoothing: a missing n counts as the smallest positive number.
+    Nltk,
+    /// nltk with smoothing `method1`: a missing n counts as 0.1 matches.
+    NltkMethod1,
+    /// sacrebleu with its `exp` smoothing (of 13a tokens, to agree with it), in 0..1.
+    Sacrebleu,
+}
 
 /// What one item, or a sum of items, contributes.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
@@ -17,6 +34,19 @@ pub struct BleuStats {
     pub candidate_len: f64,
     /// Words of the reference closest in length, the shorter one on a tie.
     pub reference_len: f64,
+    /// Words of the shortest reference.
+    pub shortest_len: f64,
+    /// As `guess`, but at least one per item and n, which is how nltk counts.
+    pub guess_or_one: [f64; 4],
+}
+
+/// Statistics of tokenised sentences: one candidate and its references (at least one).
+pub fn stats<S: AsRef<str>>(candidate: &[S], references: &[Vec<S>]) -> BleuStats {
+    let mut vocabulary = Vocabulary::default();
+    let mut grams = |words: &[S]| Grams::of(&vocabulary.numbers(words.iter().map(AsRef::as_ref)));
+    let candidate = grams(candidate);
+    let references: Vec<Grams> = references.iter().map(|r| grams(r)).collect();
+    BleuStats::of(&candidate, &references)
 }
 
 impl BleuStats {
@@ -31,8 +61,11 @@ impl BleuStats {
             .map(|r| (r.len.abs_diff(candidate.len), r.len))
             .min();
         stats.reference_len = closest.map_or(0.0, |(_, len)| len as f64);
+        let shortest = references.iter().map(|r| r.len).min();
+        stats.shortest_len = shortest.unwrap_or(0) as f64;
         for i in 0..4 {
             stats.guess[i] = f64::from(candidate.total(i));
+            stats.guess_or_one[i] = stats.guess[i].max(1.0);
             let mut most: Vec<u32> = vec![0; candidate.counts[i].len()];
             for reference in references {
                 // Position in the candidate's list rides along as its value.
@@ -59,12 +92,74 @@ impl BleuStats {
         for i in 0..4 {
             self.correct[i] += other.correct[i];
             self.guess[i] += other.guess[i];
+            self.guess_or_one[i] += other.guess_or_one[i];
         }
         self.candidate_len += other.candidate_len;
         self.reference_len += other.reference_len;
+        self.shortest_len += other.shortest_len;
     }
 
-    /// BLEU-1..4. No smoothing beyond COCO's 1e-15 and 1e-9, which keep 0/0 at about 0.
+    /// BLEU-1..4 by rules.
+    pub fn by(&self, rules: Rules) -> Bleu {
+        match rules {
+            Rules::Coco => self.bleu(),
+            Rules::Nmt => self.nmt(false),
+            Rules::NmtSmoothed => self.nmt(true),
+            Rules::Nltk => self.nltk(f64::MIN_POSITIVE),
+            Rules::NltkMethod1 => self.nltk(f64::NAN),
+            Rules::Sacrebleu => self.sacrebleu(),
+        }
+    }
+
+    fn nmt(&self, smoothed: bool) -> Bleu {
+        let ratio = self.candidate_len / self.shortest_len;
+        let penalty = if ratio > 1.0 {
+            1.0
+        } else {
+            (1.0 - 1.0 / ratio).exp()
+        };
+        let precision = |i: usize| match (smoothed && i > 0, self.guess[i]) {
+            (true, guess) => (self.correct[i] + 1.0) / (guess + 1.0),
+            (false, 0.0) => 0.0,
+            (false, guess) => self.correct[i] / guess,
+        };
+        // The logarithm of 0 makes the whole 0.
+        geometric_means(precision).map(|mean| if mean > 0.0 { mean * penalty } else { 0.0 })
+    }
+
+    /// `of_none`: precision where nothing matches; not a number: 0.1 matches instead.
+    fn nltk(&self, of_none: f64) -> Bleu {
+        if self.correct[0] == 0.0 {
+            return [0.0; 4];
+        }
+        let penalty = brevity(self.candidate_len, self.reference_len);
+        let precision = |i: usize| match (self.correct[i], of_none.is_nan()) {
+            (0.0, true) => 0.1 / self.guess_or_one[i],
+            (0.0, false) => of_none,
+            (correct, _) => correct / self.guess_or_one[i],
+        };
+        geometric_means(precision).map(|mean| mean * penalty)
+    }
+
+    fn sacrebleu(&self) -> Bleu {
+        if self.correct.iter().all(|c| *c == 0.0) {
+            return [0.0; 4];
+        }
+        let penalty = brevity(self.candidate_len, self.reference_len);
+        let mut halvings = 1.0;
+        let precisions: [f64; 4] =
+            std::array::from_fn(|i| match (self.correct[i], self.guess[i]) {
+                (_, 0.0) => 0.0,
+                (0.0, guess) => {
+                    halvings *= 2.0;
+                    1.0 / (halvings * guess)
+                }
+                (correct, guess) => correct / guess,
+            });
+        geometric_means(|i| precisions[i]).map(|mean| mean * penalty)
+    }
+
+    /// BLEU-1..4 by COCO's rules. No smoothing beyond COCO's 1e-15 and 1e-9, which keep 0/0 at about 0.
     pub fn bleu(&self) -> Bleu {
         const SMALL: f64 = 1e-9;
         const TINY: f64 = 1e-15;
@@ -80,4 +175,23 @@ impl BleuStats {
             product.powf(1.0 / (i + 1) as f64) * penalty
         })
     }
+}
+
+fn brevity(candidate_len: f64, reference_len: f64) -> f64 {
+    if candidate_len > reference_len {
+        1.0
+    } else if candidate_len == 0.0 {
+        0.0
+    } else {
+        (1.0 - reference_len / candidate_len).exp()
+    }
+}
+
+/// Of the first 1, 2, 3 and 4 precisions.
+fn geometric_means(precision: impl Fn(usize) -> f64) -> Bleu {
+    let mut ln = 0.0;
+    std::array::from_fn(|i| {
+        ln += precision(i).ln();
+        (ln / (i + 1) as f64).exp()
+    })
 }

@@ -32,6 +32,18 @@ pub fn intervals(
             *sum += v;
         }
     }
+    intervals_of_sums(&sums, width, n_resamples, seed, statistic)
+}
+
+/// The same from sums per unit, `[unit][column]`.
+pub(crate) fn intervals_of_sums(
+    sums: &[f64],
+    width: usize,
+    n_resamples: usize,
+    seed: u64,
+    statistic: impl Fn(&[f64]) -> Vec<f64>,
+) -> Vec<Interval> {
+    let n_units = sums.len() / width.max(1);
     let mut rng = Rng::new(seed);
     let mut samples: Vec<Vec<f64>> = Vec::new();
     let mut total = vec![0.0; width];

@@ -10,20 +10,17 @@ use crate::grams::{Gram, Grams, intersect};
 /// Width of CIDEr-D's length penalty, in bigrams.
 const SIGMA: f64 = 6.0;
 
-/// Per-item values of both variants, each x10.
-#[derive(Clone, Debug, PartialEq, Default)]
-pub struct CiderScores {
-    /// CIDEr-D: clipped, with the Gaussian length penalty.
-    pub cider_d: Vec<f64>,
-    /// CIDEr: neither.
-    pub cider: Vec<f64>,
+/// In how many items' references each n-gram is.
+#[derive(Default)]
+pub(crate) struct Frequencies {
+    items: HashMap<Gram, u32>,
+    n_items: usize,
 }
 
-/// Scores items (candidate, references). Document frequencies count the items whose references
-/// hold an n-gram; with a single item every weight is ln 1 = 0 and so is the score.
-pub(crate) fn cider(items: &[(Grams, Vec<Grams>)]) -> CiderScores {
-    let mut frequency: HashMap<Gram, u32> = HashMap::new();
-    for (_, references) in items {
+impl Frequencies {
+    /// Counts the references of an item.
+    pub fn add(&mut self, references: &[Grams]) {
+        self.n_items += 1;
         let mut seen: Vec<Gram> = references
             .iter()
             .flat_map(|r| r.counts.iter().flatten().map(|&(gram, _)| gram))
@@ -31,28 +28,29 @@ pub(crate) fn cider(items: &[(Grams, Vec<Grams>)]) -> CiderScores {
         seen.sort_unstable();
         seen.dedup();
         for gram in seen {
-            *frequency.entry(gram).or_default() += 1;
+            *self.items.entry(gram).or_default() += 1;
         }
     }
-    let ln_items = (items.len().max(1) as f64).ln();
-    let weigh = |grams: &Grams| Weighted::of(grams, &frequency, ln_items);
 
-    let mut scores = CiderScores::default();
-    for (candidate, references) in items {
+    /// Logarithm of the number of items: with one item every weight is ln 1 = 0 and so is the score.
+    pub fn ln_items(&self) -> f64 {
+        (self.n_items.max(1) as f64).ln()
+    }
+
+    /// (CIDEr-D, plain CIDEr) of an item, both x10.
+    pub fn cider(&self, candidate: &Grams, references: &[Grams], ln_items: f64) -> (f64, f64) {
+        let weigh = |grams: &Grams| Weighted::of(grams, &self.items, ln_items);
         let c = weigh(candidate);
         let (mut clipped, mut full) = (0.0, 0.0);
         for reference in references {
-            let r = weigh(reference);
-            let (similarity_d, similarity) = c.similarity(&r);
+            let (similarity_d, similarity) = c.similarity(&weigh(reference));
             clipped += similarity_d;
             full += similarity;
         }
         // Mean over n = 1..4, mean over references, times 10.
         let scale = 10.0 / 4.0 / references.len().max(1) as f64;
-        scores.cider_d.push(clipped * scale);
-        scores.cider.push(full * scale);
+        (clipped * scale, full * scale)
     }
-    scores
 }
 
 /// TF-IDF vector of a sentence per n.

@@ -23,6 +23,16 @@ impl Vocabulary {
         n
     }
 
+    /// N-grams of a text that is split at white space.
+    pub fn one(&mut self, text: &str) -> Grams {
+        Grams::of(&self.numbers(crate::tokens::words(text)))
+    }
+
+    /// The same of several.
+    pub fn grams(&mut self, texts: &[String]) -> Vec<Grams> {
+        texts.iter().map(|t| self.one(t)).collect()
+    }
+
     pub fn numbers<'a>(&mut self, words: impl Iterator<Item = &'a str>) -> Vec<u32> {
         words.map(|w| self.number(w)).collect()
     }

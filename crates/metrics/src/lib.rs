@@ -7,18 +7,21 @@
 //! A value is only comparable under the same tokenisation and reference rule, so both travel with
 //! it as a [`Protocol`]. What was not computed is null with a reason, never approximated.
 //!
-//! Reading order: [`mod@score`] (all metrics of a corpus), [`tokens`], [`bleu`], [`rouge`], [`cider`],
-//! [`self_bleu`], [`bootstrap`], then [`floors`] (what a caption system must beat) and [`action`]
+//! Reading order: [`mod@score`] (all metrics of a corpus), [`tokens`] and [`mod@ptb`], [`bleu`], [`rouge`], [`cider`],
+//! [`meteor`], [`self_bleu`], [`bootstrap`], [`embedding`], then [`floors`] (what a caption system must beat) and [`action`]
 //! (do the captions name the right action?). Apart from captions: [`points`] and [`classifier`], how
 //! like a recording a simulation is.
 #![forbid(unsafe_code)]
 
 pub mod score;
 
+pub mod ptb;
 pub mod tokens;
 
 pub mod bleu;
 pub mod cider;
+pub mod embedding;
+pub mod meteor;
 pub mod rouge;
 pub mod self_bleu;
 
@@ -32,9 +35,11 @@ pub mod points;
 
 mod grams;
 mod rng;
+pub mod stem;
+mod wordnet;
 
 pub use action::ActionNamer;
 pub use classifier::LogisticRegression;
 pub use floors::{NearestNeighbour, majority_caption, shuffled_assignment};
-pub use score::{Candidate, Reference, ScoreError, ScoreOptions, Scores, score};
+pub use score::{Candidate, Reference, ScoreError, ScoreOptions, Scores, score, score_with};
 pub use tokens::Protocol;

@@ -1,17 +1,29 @@
 //! All metrics of a corpus at once.
+//!
+//! The captions are read twice, first for CIDEr's document frequencies, then for everything else, so that no
+//! item's n-grams stay in memory.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use serde::{Deserialize, Serialize};
 
-use crate::bleu::BleuStats;
+use crate::bleu::{BleuStats, Rules};
 use crate::bootstrap::{self, Interval};
+use crate::cider::Frequencies;
 use crate::grams::{Grams, Vocabulary};
+use crate::meteor::{Meteor, MeteorStats, Resources, nltk::meteor_nltk};
 use crate::rng::Rng;
-use crate::{Protocol, cider, rouge, self_bleu, tokens};
+use crate::{Protocol, rouge, self_bleu, tokens};
 
 /// Captions that Self-BLEU looks at, at most.
 const SELF_BLEU_SAMPLE: usize = 1000;
+/// Motions that the bootstrap draws from, at most; more are dealt into so many groups in turn.
+const MAX_GROUPS: usize = 20_000;
+/// Longest caption. Tokenising and matching take time that grows with the square of it and more.
+const MAX_WORDS: usize = 1000;
+const MAX_BYTES: usize = 20_000;
+/// References that the protocol `motiongpt` has for every item.
+const MOTIONGPT_REFERENCES: usize = 3;
 /// Ids that an error or a list of empty candidates names, at most.
 const NAMED_IDS: usize = 20;
 
@@ -65,10 +77,12 @@ pub enum ScoreError {
     #[error("no candidates and no references")]
     Empty,
     /// An id occurs twice in one list.
-    #[error("{list}: id `{id}` occurs more than once")]
+    #[error("{list}: {n} ids occur more than once, first `{id}`")]
     Duplicate {
         /// `candidates` or `references`.
         list: &'static str,
+        /// How many.
+        n: usize,
         /// First such id.
         id: String,
     },
@@ -83,16 +97,32 @@ pub enum ScoreError {
         ids: Vec<String>,
     },
     /// An item without reference captions.
-    #[error("references: `{id}` has no text")]
+    #[error("references: {n} items have no text, first `{id}`")]
     NoReference {
+        /// How many.
+        n: usize,
         /// Item.
         id: String,
     },
-    /// The protocol's tokenisation is not implemented; another's values would be wrong.
-    #[error("protocol `{protocol}` is not supported yet; use plain or nlg-eval")]
-    Unsupported {
-        /// Name.
-        protocol: &'static str,
+    /// A caption that is too long to be one.
+    #[error(
+        "{list}: `{id}` has a caption of {words} words and {bytes} bytes; at most 1000 words and 20000 bytes are scored"
+    )]
+    TooLong {
+        /// `candidates` or `references`.
+        list: &'static str,
+        /// Item.
+        id: String,
+        /// Its words.
+        words: usize,
+        /// Its length.
+        bytes: usize,
+    },
+    /// Protocol `motiongpt` fixes the number of references.
+    #[error("protocol `motiongpt` takes 3 references of every item, not {max_references}")]
+    FixedReferences {
+        /// What was asked for.
+        max_references: usize,
     },
 }
 
@@ -111,7 +141,10 @@ pub struct Scores {
     pub empty_candidates: usize,
     /// The first of their ids.
     pub empty_candidate_ids: Vec<String>,
-    /// BLEU-1, COCO rules.
+    /// References without a word, of those that count. They are scored like others.
+    #[serde(default)]
+    pub empty_references: usize,
+    /// BLEU-1. COCO's rules; nmt's (shortest reference) under protocol `motiongpt`.
     pub bleu_1: f64,
     /// BLEU-2.
     pub bleu_2: f64,
@@ -125,10 +158,13 @@ pub struct Scores {
     pub rouge_l: f64,
     /// ROUGE-L, COCO.
     pub rouge_l_coco: f64,
-    /// METEOR.
+    /// METEOR 1.5; nltk's under protocol `motiongpt`.
     pub meteor: Option<f64>,
     /// Matchers that METEOR used.
     pub meteor_matchers: Option<Vec<String>>,
+    /// Which METEOR, and whose function words.
+    #[serde(default)]
+    pub meteor_rules: Option<String>,
     /// CIDEr-D, COCO, x10 included.
     pub cider_d: f64,
     /// Plain CIDEr, x10 included.
@@ -154,6 +190,9 @@ pub struct BootstrapInfo {
     pub unit: String,
     /// Motions.
     pub units: usize,
+    /// Groups of motions that are drawn: the motions themselves, up to 20,000.
+    #[serde(default)]
+    pub groups: usize,
     /// Resamples.
     pub resamples: usize,
     /// Seed.
@@ -161,7 +200,7 @@ pub struct BootstrapInfo {
 }
 
 /// Scores candidates against references; ids must agree. Values and intervals depend on the
-/// arguments only, items count in the order of `references`.
+/// arguments only, items count in the order of `references`. METEOR has the built-in tables.
 ///
 /// Intervals hold CIDEr's document frequencies and Self-BLEU's pool fixed.
 ///
@@ -172,88 +211,156 @@ pub fn score(
     references: &[Reference],
     options: &ScoreOptions,
 ) -> Result<Scores, ScoreError> {
+    score_with(candidates, references, options, &Resources::default())
+}
+
+/// The same with other tables for METEOR. Protocol `motiongpt` does not use them.
+///
+/// # Errors
+/// See [`ScoreError`].
+pub fn score_with(
+    candidates: &[Candidate],
+    references: &[Reference],
+    options: &ScoreOptions,
+    resources: &Resources,
+) -> Result<Scores, ScoreError> {
     let ScoreOptions {
         protocol,
         max_references,
         n_resamples,
         seed,
     } = *options;
+    let is_motiongpt = protocol == Protocol::MotionGpt;
+    if is_motiongpt && max_references != MOTIONGPT_REFERENCES {
+        return Err(ScoreError::FixedReferences { max_references });
+    }
     let items = align(candidates, references, max_references)?;
-    let normalise = |text: &str| {
-        protocol.normalise(text).ok_or(ScoreError::Unsupported {
-            protocol: protocol.name(),
-        })
-    };
 
     let mut vocabulary = Vocabulary::default();
-    let mut grams = Vec::with_capacity(items.len());
-    let mut rows: Vec<Vec<f64>> = Vec::with_capacity(items.len());
-    let mut empty = Vec::new();
+    let mut frequencies = Frequencies::default();
     for item in &items {
-        let candidate = normalise(item.candidate)?;
-        let texts = item
-            .references
-            .iter()
-            .map(|t| normalise(t))
-            .collect::<Result<Vec<_>, _>>()?;
-        let mut count = |text: &str| Grams::of(&vocabulary.numbers(tokens::words(text)));
-        let candidate_grams = count(&candidate);
-        let reference_grams: Vec<Grams> = texts.iter().map(|t| count(t)).collect();
-        if candidate_grams.len == 0 {
-            empty.push(item.id.to_string());
+        check_length("candidates", item.id, item.candidate)?;
+        for text in item.references {
+            check_length("references", item.id, text)?;
         }
-        let rouge_candidate = tokens::rouge_score(item.candidate);
-        let rouge_references: Vec<_> = item
-            .references
-            .iter()
-            .map(|t| tokens::rouge_score(t))
+        let texts: Vec<String> = item
+            .references(protocol)
+            .map(|t| protocol.normalise_for_cider(t))
             .collect();
-        let mut row = bleu_row(&BleuStats::of(&candidate_grams, &reference_grams));
-        row.extend([
+        frequencies.add(&vocabulary.grams(&texts));
+    }
+    let ln_items = if is_motiongpt && items.len() == 1 {
+        // nlg-metricverse's exception for a single item.
+        1.0
+    } else {
+        frequencies.ln_items()
+    };
+
+    let units = bootstrap::units_of_ids(items.iter().map(|i| i.id));
+    let n_units = units.iter().max().map_or(0, |m| m + 1);
+    let n_groups = n_units.min(MAX_GROUPS);
+    let mut sums = vec![0.0; n_groups * WIDTH];
+    let mut total = vec![0.0; WIDTH];
+    let mut meteor = Meteor::new(resources);
+    let mut empty = Vec::new();
+    let mut n_empty = 0;
+    let mut n_empty_references = 0;
+    // Self-BLEU's items are a sample of the others: own counter and sum.
+    let sample = sample(items.len(), SELF_BLEU_SAMPLE, seed);
+    let mut chosen: Vec<Grams> = Vec::with_capacity(sample.len());
+    for (index, (item, unit)) in items.iter().zip(&units).enumerate() {
+        let candidate = protocol.normalise(item.candidate);
+        let texts: Vec<String> = item
+            .references(protocol)
+            .map(|t| protocol.normalise(t))
+            .collect();
+        let candidate_grams = vocabulary.one(&candidate);
+        let reference_grams = vocabulary.grams(&texts);
+        if candidate_grams.len == 0 {
+            n_empty += 1;
+            if empty.len() < NAMED_IDS {
+                empty.push(item.id.to_string());
+            }
+        }
+        n_empty_references += reference_grams.iter().filter(|g| g.len == 0).count();
+        let (cider_d, cider) = if is_motiongpt {
+            let raw = |t: &str| protocol.normalise_for_cider(t);
+            let texts: Vec<String> = item.references(protocol).map(raw).collect();
+            let candidate = vocabulary.one(&raw(item.candidate));
+            frequencies.cider(&candidate, &vocabulary.grams(&texts), ln_items)
+        } else {
+            frequencies.cider(&candidate_grams, &reference_grams, ln_items)
+        };
+        let rouge_candidate = tokens::rouge_score(item.candidate);
+        let rouge_references: Vec<_> = item.references(protocol).map(tokens::rouge_score).collect();
+        let (mean_meteor, meteor_stats) = if is_motiongpt {
+            let references: Vec<Vec<&str>> =
+                texts.iter().map(|t| tokens::words(t).collect()).collect();
+            let candidate: Vec<&str> = tokens::words(&candidate).collect();
+            (meteor_nltk(&candidate, &references), MeteorStats::default())
+        } else {
+            (0.0, meteor.stats(&candidate, &texts))
+        };
+        let bleu = BleuStats::of(&candidate_grams, &reference_grams);
+        let reference_len = if is_motiongpt {
+            bleu.shortest_len
+        } else {
+            bleu.reference_len
+        };
+        let means = [
             1.0,
             rouge::rouge_1(&rouge_candidate, &rouge_references),
             rouge::rouge_l(&rouge_candidate, &rouge_references),
             rouge::rouge_l_coco(&candidate, &texts),
-        ]);
-        rows.push(row);
-        grams.push((candidate_grams, reference_grams));
+            cider_d,
+            cider,
+            mean_meteor,
+            0.0,
+            0.0,
+        ];
+        let row = (bleu.correct.into_iter())
+            .chain(bleu.guess)
+            .chain([bleu.candidate_len, reference_len])
+            .chain(means)
+            .chain(meteor_stats.corpus_columns());
+        let group = &mut sums[unit % n_groups * WIDTH..][..WIDTH];
+        for ((sum, total), v) in group.iter_mut().zip(&mut total).zip(row) {
+            *sum += v;
+            *total += v;
+        }
+        if sample.binary_search(&index).is_ok() {
+            chosen.push(candidate_grams);
+        }
     }
-    let cider = cider::cider(&grams);
-    for ((row, d), plain) in rows.iter_mut().zip(cider.cider_d).zip(cider.cider) {
-        row.extend([d, plain]);
-    }
-    // Self-BLEU's items are a sample of the others: own counter and sum.
-    let sample = sample(grams.len(), SELF_BLEU_SAMPLE, seed);
-    let chosen: Vec<Grams> = sample.iter().map(|&i| grams[i].0.clone()).collect();
-    rows.iter_mut().for_each(|row| row.extend([0.0, 0.0]));
+    let mut self_bleu_total = [0.0; 2];
     for (&i, value) in sample.iter().zip(self_bleu::self_bleu(&chosen)) {
-        rows[i][SELF_COUNT] = 1.0;
-        rows[i][SELF_COUNT + 1] = value;
+        let group = &mut sums[units[i] % n_groups * WIDTH..][..WIDTH];
+        for ((sum, total), v) in group[SELF_COUNT..]
+            .iter_mut()
+            .zip(&mut self_bleu_total)
+            .zip([1.0, value])
+        {
+            *sum += v;
+            *total += v;
+        }
     }
+    total[SELF_COUNT..][..2].copy_from_slice(&self_bleu_total);
 
-    let units = bootstrap::units_of_ids(items.iter().map(|i| i.id));
-    let mut total = vec![0.0; WIDTH];
-    for row in &rows {
-        total.iter_mut().zip(row).for_each(|(sum, v)| *sum += v);
-    }
-    let values = corpus_values(&total);
+    let rules = if is_motiongpt {
+        Rules::Nmt
+    } else {
+        Rules::Coco
+    };
+    let statistic = |sums: &[f64]| corpus_values(sums, rules);
+    let values = statistic(&total);
     let self_bleu = (chosen.len() > 1).then_some(values[9]);
-    let mut ci95: BTreeMap<String, Interval> = FIELDS
-        .into_iter()
-        .map(str::to_string)
-        .zip(bootstrap::intervals(
-            &rows,
-            &units,
-            n_resamples,
-            seed,
-            corpus_values,
-        ))
-        .collect();
+    let found = bootstrap::intervals_of_sums(&sums, WIDTH, n_resamples, seed, statistic);
+    let mut ci95: BTreeMap<String, Interval> =
+        FIELDS.into_iter().map(str::to_string).zip(found).collect();
     // A resample may miss Self-BLEU's sample altogether: then there is no interval.
     ci95.retain(|_, interval| interval.iter().all(|v| v.is_finite()));
 
     let mut reason: BTreeMap<String, String> = [
-        ("meteor", "METEOR is not implemented yet"),
         ("bert_score", "not run: no weights given (--bert-score DIR)"),
         ("sim_cse", "not run: no weights given (--sim-cse DIR)"),
     ]
@@ -264,13 +371,26 @@ pub fn score(
         ci95.remove("self_bleu");
         reason.insert("self_bleu".into(), "needs at least two candidates".into());
     }
+    let (matchers, meteor_rules) = if is_motiongpt {
+        (
+            vec!["exact", "stem", "synonym"],
+            "nltk 3.10, mean over items".to_string(),
+        )
+    } else {
+        let words = resources.function_word_list();
+        (
+            resources.matchers(),
+            format!("METEOR 1.5, corpus statistics, function words: {words}"),
+        )
+    };
     Ok(Scores {
         protocol,
         tokenisation: protocol.tokenisation().into(),
         max_references,
         items: items.len(),
-        empty_candidates: empty.len(),
-        empty_candidate_ids: empty.into_iter().take(NAMED_IDS).collect(),
+        empty_candidates: n_empty,
+        empty_candidate_ids: empty,
+        empty_references: n_empty_references,
         bleu_1: values[0],
         bleu_2: values[1],
         bleu_3: values[2],
@@ -278,8 +398,9 @@ pub fn score(
         rouge_1: values[4],
         rouge_l: values[5],
         rouge_l_coco: values[6],
-        meteor: None,
-        meteor_matchers: None,
+        meteor: Some(values[10]),
+        meteor_matchers: Some(matchers.into_iter().map(str::to_string).collect()),
+        meteor_rules: Some(meteor_rules),
         cider_d: values[7],
         cider: values[8],
         self_bleu,
@@ -289,7 +410,8 @@ pub fn score(
         ci95,
         bootstrap: BootstrapInfo {
             unit: "motion".into(),
-            units: units.iter().max().map_or(0, |m| m + 1),
+            units: n_units,
+            groups: n_groups,
             resamples: n_resamples,
             seed,
         },
@@ -297,7 +419,7 @@ pub fn score(
 }
 
 /// Fields in the order of [`corpus_values`].
-const FIELDS: [&str; 10] = [
+const FIELDS: [&str; 11] = [
     "bleu_1",
     "bleu_2",
     "bleu_3",
@@ -308,40 +430,51 @@ const FIELDS: [&str; 10] = [
     "cider_d",
     "cider",
     "self_bleu",
+    "meteor",
 ];
-/// Columns of the additive statistics: 10 of BLEU, item count, 3 ROUGE, 2 CIDEr, Self-BLEU count
-/// and sum.
-const WIDTH: usize = 18;
+/// Columns of the additive statistics: 10 of BLEU, item count, 3 ROUGE, 2 CIDEr, nltk's METEOR, Self-BLEU
+/// count and sum, those of METEOR 1.5.
+const WIDTH: usize = METEOR + MeteorStats::WIDTH;
 const COUNT: usize = 10;
-const SELF_COUNT: usize = 16;
+const MEAN_METEOR: usize = 16;
+const SELF_COUNT: usize = 17;
+const METEOR: usize = 19;
 
-fn bleu_row(stats: &BleuStats) -> Vec<f64> {
-    let lengths = [stats.candidate_len, stats.reference_len];
-    stats
-        .correct
-        .into_iter()
-        .chain(stats.guess)
-        .chain(lengths)
-        .collect()
-}
-
-fn corpus_values(sums: &[f64]) -> Vec<f64> {
+fn corpus_values(sums: &[f64], rules: Rules) -> Vec<f64> {
     let stats = BleuStats {
         correct: std::array::from_fn(|i| sums[i]),
         guess: std::array::from_fn(|i| sums[4 + i]),
         candidate_len: sums[8],
         reference_len: sums[9],
+        shortest_len: sums[9],
+        ..BleuStats::default()
     };
-    let means = sums[COUNT + 1..SELF_COUNT]
-        .iter()
-        .map(|sum| sum / sums[COUNT]);
+    let mean = |column: usize| sums[column] / sums[COUNT];
+    let meteor = if rules == Rules::Nmt {
+        mean(MEAN_METEOR)
+    } else {
+        MeteorStats::from_columns(&std::array::from_fn(|i| sums[METEOR + i])).score()
+    };
     let self_bleu = sums[SELF_COUNT + 1] / sums[SELF_COUNT];
     stats
-        .bleu()
+        .by(rules)
         .into_iter()
-        .chain(means)
-        .chain([self_bleu])
+        .chain((COUNT + 1..MEAN_METEOR).map(mean))
+        .chain([self_bleu, meteor])
         .collect()
+}
+
+fn check_length(list: &'static str, id: &str, text: &str) -> Result<(), ScoreError> {
+    let words = tokens::words(text).count();
+    if words > MAX_WORDS || text.len() > MAX_BYTES {
+        return Err(ScoreError::TooLong {
+            list,
+            id: id.to_string(),
+            words,
+            bytes: text.len(),
+        });
+    }
+    Ok(())
 }
 
 /// One item to score.
@@ -349,6 +482,17 @@ struct Item<'a> {
     id: &'a str,
     candidate: &'a str,
     references: &'a [String],
+}
+
+impl Item<'_> {
+    /// Under `motiongpt` three by repetition: one becomes a, a, a, two become a, b, a.
+    fn references(&self, protocol: Protocol) -> impl Iterator<Item = &str> {
+        let n = match protocol {
+            Protocol::MotionGpt => MOTIONGPT_REFERENCES,
+            _ => self.references.len(),
+        };
+        self.references.iter().cycle().take(n).map(String::as_str)
+    }
 }
 
 fn align<'a>(
@@ -359,26 +503,19 @@ fn align<'a>(
     if candidates.is_empty() && references.is_empty() {
         return Err(ScoreError::Empty);
     }
-    let mut text_of: HashMap<&str, &str> = HashMap::new();
-    for c in candidates {
-        if text_of.insert(&c.id, &c.text).is_some() {
-            return Err(ScoreError::Duplicate {
-                list: "candidates",
-                id: c.id.clone(),
-            });
-        }
-    }
-    let mut known: HashMap<&str, ()> = HashMap::new();
-    for r in references {
-        if known.insert(&r.id, ()).is_some() {
-            return Err(ScoreError::Duplicate {
-                list: "references",
-                id: r.id.clone(),
-            });
-        }
-        if r.texts.is_empty() {
-            return Err(ScoreError::NoReference { id: r.id.clone() });
-        }
+    unique("candidates", candidates.iter().map(|c| &c.id))?;
+    unique("references", references.iter().map(|r| &r.id))?;
+    let text_of: HashMap<&str, &str> = candidates
+        .iter()
+        .map(|c| (c.id.as_str(), c.text.as_str()))
+        .collect();
+    let known: HashSet<&str> = references.iter().map(|r| r.id.as_str()).collect();
+    let mut without = references.iter().filter(|r| r.texts.is_empty());
+    if let Some(first) = without.next() {
+        return Err(ScoreError::NoReference {
+            n: 1 + without.count(),
+            id: first.id.clone(),
+        });
     }
     let lacking = |list, ids: Vec<&String>| match ids.len() {
         0 => Ok(()),
@@ -393,7 +530,7 @@ fn align<'a>(
         candidates
             .iter()
             .map(|c| &c.id)
-            .filter(|id| !known.contains_key(id.as_str()))
+            .filter(|id| !known.contains(id.as_str()))
             .collect(),
     )?;
     lacking(
@@ -415,6 +552,19 @@ fn align<'a>(
         references: &r.texts[..r.texts.len().min(most)],
     };
     Ok(references.iter().map(item).collect())
+}
+
+fn unique<'a>(list: &'static str, ids: impl Iterator<Item = &'a String>) -> Result<(), ScoreError> {
+    let mut seen = HashSet::new();
+    let again: Vec<&String> = ids.filter(|id| !seen.insert(id.as_str())).collect();
+    let Some(first) = again.first() else {
+        return Ok(());
+    };
+    Err(ScoreError::Duplicate {
+        list,
+        n: again.iter().collect::<HashSet<_>>().len(),
+        id: (*first).clone(),
+    })
 }
 
 /// `k` of `0..n` in increasing order, all if there are no more (Fisher-Yates, cut short).

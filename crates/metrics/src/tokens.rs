@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::{ptb::ptb, stem::porter};
+
 /// A named set of rules: tokenisation, scoring code, reference rule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, Default)]
 pub enum Protocol {
@@ -12,10 +14,11 @@ pub enum Protocol {
     /// Nothing but strip and split, as nlg-eval does: case and punctuation count.
     #[serde(rename = "nlg-eval")]
     NlgEval,
-    /// Stanford PTB tokens, as the COCO caption evaluation does. Not supported yet.
+    /// Stanford PTB tokens, as the COCO caption evaluation does.
     #[serde(rename = "coco")]
     Coco,
-    /// Parity with MotionGPT's released metric code. Not supported yet.
+    /// Parity with MotionGPT's released metric code, which uses nlg-metricverse: BLEU with the shortest
+    /// reference, nltk's METEOR, three references by repetition.
     #[serde(rename = "motiongpt")]
     MotionGpt,
 }
@@ -50,19 +53,111 @@ impl Protocol {
             Protocol::Plain => "lower case, ASCII punctuation to spaces, split",
             Protocol::NlgEval => "strip and split only",
             Protocol::Coco => "Stanford PTBTokenizer 3.4.1, lower case, punctuation dropped",
-            Protocol::MotionGpt => "nlg-metricverse default",
+            Protocol::MotionGpt => {
+                "ASCII punctuation to spaces, split, lower case; CIDEr: strip and split only"
+            }
         }
     }
 
-    /// The text that BLEU, CIDEr and COCO's ROUGE-L see; they split it themselves. `None` for
-    /// protocols that are not supported yet.
-    pub fn normalise(self, text: &str) -> Option<String> {
+    /// The text that BLEU, METEOR and COCO's ROUGE-L see; they split it themselves.
+    pub fn normalise(self, text: &str) -> String {
         match self {
-            Protocol::Plain => Some(plain(text).join(" ")),
-            Protocol::NlgEval => Some(text.trim_matches(is_space).to_string()),
-            Protocol::Coco | Protocol::MotionGpt => None,
+            Protocol::Plain => plain(text).join(" "),
+            Protocol::NlgEval => raw(text).to_string(),
+            Protocol::Coco => ptb(text).join(" "),
+            Protocol::MotionGpt => nm_default(text).join(" "),
         }
     }
+
+    /// The text that CIDEr sees.
+    pub(crate) fn normalise_for_cider(self, text: &str) -> String {
+        match self {
+            Protocol::MotionGpt => raw(text).to_string(),
+            other => other.normalise(text),
+        }
+    }
+}
+
+/// Nothing but strip.
+pub fn raw(text: &str) -> &str {
+    text.trim_matches(is_space)
+}
+
+/// nlg-metricverse's default: every one of the 32 ASCII punctuation characters to a space, split, lower case.
+pub fn nm_default(text: &str) -> Vec<String> {
+    let spaced = text.replace(|c: char| c.is_ascii_punctuation(), " ");
+    words(&spaced).map(str::to_lowercase).collect()
+}
+
+/// mteval-v13a as in sacrebleu, case kept.
+pub fn thirteen_a(text: &str) -> Vec<String> {
+    let mut text = text
+        .replace("<skipped>", "")
+        .replace("-\n", "")
+        .replace('\n', " ");
+    if text.contains('&') {
+        for (entity, sign) in [
+            ("&quot;", "\""),
+            ("&amp;", "&"),
+            ("&lt;", "<"),
+            ("&gt;", ">"),
+        ] {
+            text = text.replace(entity, sign);
+        }
+    }
+    let mut spaced = vec![' '];
+    for c in text.chars() {
+        if matches!(c, '{'..='~' | '['..='`' | ' '..='&' | '('..='+' | ':'..='@' | '/') {
+            spaced.extend([' ', c, ' ']);
+        } else {
+            spaced.push(c);
+        }
+    }
+    spaced.push(' ');
+    let is_mark = |c: char| c == '.' || c == ',';
+    let not_digit = |c: char| !c.is_ascii_digit();
+    let spaced = pairs(
+        &spaced,
+        |a, b| not_digit(a) && is_mark(b),
+        [false, true, true],
+    );
+    let spaced = pairs(
+        &spaced,
+        |a, b| is_mark(a) && not_digit(b),
+        [true, true, false],
+    );
+    let spaced = pairs(
+        &spaced,
+        |a, b| a.is_ascii_digit() && b == '-',
+        [false, true, true],
+    );
+    let spaced: String = spaced.into_iter().collect();
+    words(&spaced).map(str::to_string).collect()
+}
+
+/// Puts spaces before, between and after pairs of characters that fit; no character is in two pairs.
+fn pairs(text: &[char], fits: impl Fn(char, char) -> bool, spaces: [bool; 3]) -> Vec<char> {
+    let mut out = Vec::with_capacity(text.len() + 8);
+    let mut rest = text;
+    while let [a, ..] = rest {
+        let pair = rest.get(1).filter(|b| fits(*a, **b));
+        let put = |out: &mut Vec<char>, i: usize| out.extend(spaces[i].then_some(' '));
+        match pair {
+            Some(b) => {
+                put(&mut out, 0);
+                out.push(*a);
+                put(&mut out, 1);
+                out.push(*b);
+                put(&mut out, 2);
+                rest = &rest[2..];
+            }
+            None => {
+                out.push(*a);
+                rest = &rest[1..];
+            }
+        }
+    }
+    out
 }
 
 /// Lower case, every one of the 32 ASCII punctuation characters to a space, split.
@@ -81,6 +176,12 @@ pub fn rouge_score(text: &str) -> Vec<String> {
         .filter(|t| !t.is_empty())
         .map(str::to_string)
         .collect()
+}
+
+/// Tokens of rouge-score with stemming: words of more than three characters by nltk's Porter stemmer.
+pub fn rouge_score_stemmed(text: &str) -> Vec<String> {
+    let stem = |word: String| if word.len() > 3 { porter(&word) } else { word };
+    rouge_score(text).into_iter().map(stem).collect()
 }
 
 /// Python's `str.split()`.
@@ -108,11 +209,11 @@ mod tests {
             rouge_score(text).join("|"),
             "a|man|s|half|turn|at|1|000|m|s|d|j|vu"
         );
+        assert_eq!(Protocol::NlgEval.normalise(" A  b.\n"), "A  b.");
         assert_eq!(
-            Protocol::NlgEval.normalise(" A  b.\n").as_deref(),
-            Some("A  b.")
+            Protocol::Coco.normalise("(A) man's."),
+            "-lrb- a -rrb- man 's"
         );
-        assert_eq!(Protocol::Coco.normalise("a"), None);
         assert_eq!(
             words("a\u{1f}b\u{a0}c").collect::<Vec<_>>(),
             ["a", "b", "c"]

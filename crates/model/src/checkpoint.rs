@@ -444,6 +444,19 @@ fn encode_safetensors(path: &Path, tensors: &NamedTensors) -> Result<Vec<u8>, Ch
 /// # Errors
 /// If the file is malformed, holds another element type, or a value is NaN or infinite.
 pub fn read_safetensors(path: &Path) -> Result<NamedTensors, CheckpointError> {
+    read_arrays(path, false)
+}
+
+/// [`read_safetensors`] of files that others wrote: integer and boolean arrays, which are tables and masks
+/// there and no weights, are left out.
+///
+/// # Errors
+/// See [`read_safetensors`]; F64 is refused, not left out.
+pub fn read_floats(path: &Path) -> Result<NamedTensors, CheckpointError> {
+    read_arrays(path, true)
+}
+
+fn read_arrays(path: &Path, skip_integers: bool) -> Result<NamedTensors, CheckpointError> {
     let bytes = read_limited(path, MAX_TENSOR_FILE_BYTES)?;
     let parsed = SafeTensors::deserialize(&bytes).map_err(|e| CheckpointError::Safetensors {
         path: path.into(),
@@ -465,6 +478,7 @@ pub fn read_safetensors(path: &Path) -> Result<NamedTensors, CheckpointError> {
                 .chunks_exact(2)
                 .map(|b| f32_from_f16_bits(u16::from_le_bytes([b[0], b[1]])))
                 .collect(),
+            Dtype::BOOL | Dtype::U8 | Dtype::I32 | Dtype::I64 if skip_integers => continue,
             other => {
                 return Err(CheckpointError::Dtype {
                     path: path.into(),

@@ -10,6 +10,7 @@ use rustfft::{Fft, FftPlanner};
 
 use crate::array::{Element, VirtualArray};
 use crate::options::DspOptions;
+use crate::spectrum::signed_doppler;
 
 /// Smallest azimuth FFT; longer rows get at least four bins per element.
 const MIN_AZIMUTH_FFT: usize = 64;
@@ -33,10 +34,10 @@ pub struct DirectionFinder {
     fft: Arc<dyn Fft<f32>>,
     scratch: Vec<Complex32>,
     row: Vec<Complex32>,
-    n_slots: usize,
     n_rx: usize,
     n_loops: usize,
-    compensate_tdm: bool,
+    /// See [`tdm_phases`].
+    tdm_phases: Vec<Complex32>,
 }
 
 impl DirectionFinder {
@@ -54,11 +55,14 @@ impl DirectionFinder {
             scratch: vec![Complex32::ZERO; fft.get_inplace_scratch_len()],
             row: vec![Complex32::ZERO; n_fft],
             fft,
-            n_slots: radar.tx.len(),
             n_rx: radar.rx.len(),
             n_loops: radar.n_loops,
-            // Decoding phase modulation brings both transmitters to one time.
-            compensate_tdm: options.compensate_tdm && radar.firing == Firing::Tdm,
+            tdm_phases: tdm_phases(
+                radar.tx.len(),
+                radar.n_loops,
+                // Decoding phase modulation brings both transmitters to one time.
+                options.compensate_tdm && radar.firing == Firing::Tdm,
+            ),
             array,
         }
     }
@@ -172,14 +176,25 @@ impl DirectionFinder {
     /// Slot i fires i chirps later, and a target in Doppler bin k gains 2 pi k i / (slots * loops)
     /// until then; this undoes it.
     fn tdm_phase(&self, channel: usize, doppler: i64) -> Complex32 {
-        if !self.compensate_tdm {
+        let slot = channel / self.n_rx;
+        let index = doppler.rem_euclid(self.n_loops as i64) as usize;
+        self.tdm_phases[slot * self.n_loops + index]
+    }
+}
+
+/// Factors that undo what a target gains until its slot, `[slot][doppler in FFT order]`.
+fn tdm_phases(n_slots: usize, n_loops: usize, compensate: bool) -> Vec<Complex32> {
+    let factor = |slot: usize, index: usize| {
+        if !compensate {
             return Complex32::ONE;
         }
-        let slot = (channel / self.n_rx) as f64;
-        let phase_rad = TAU * doppler as f64 * slot / (self.n_slots * self.n_loops) as f64;
-        let (sin, cos) = phase_rad.sin_cos();
+        let cycles = signed_doppler(index, n_loops) as f64 * slot as f64;
+        let (sin, cos) = (TAU * cycles / (n_slots * n_loops) as f64).sin_cos();
         Complex32::new(cos as f32, -sin as f32)
-    }
+    };
+    (0..n_slots)
+        .flat_map(|slot| (0..n_loops).map(move |index| factor(slot, index)))
+        .collect()
 }
 
 /// Vertex of the parabola through three log powers at -1, 0, 1; in -0.5..=0.5 when the middle is

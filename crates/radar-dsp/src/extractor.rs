@@ -1,6 +1,5 @@
 //! The whole chain from cube to points.
 
-use num_complex::Complex32;
 use radarllm_base::{PointFrame, RadarConfig, RadarCube, RadarPoint};
 
 use crate::array::VirtualArray;
@@ -159,9 +158,7 @@ fn locate(
 ) -> Option<RadarPoint> {
     let doppler = signed_doppler(cell % n_loops, n_loops);
     let range_bin = spectrum.gate.start + cell / n_loops;
-    let n_cells = spectrum.map.len();
-    let value = |channel: usize| -> Complex32 { spectrum.spectra[channel * n_cells + cell] };
-    let direction = directions.direction(doppler, value);
+    let direction = directions.direction(doppler, |channel| spectrum.value(channel, cell));
 
     let velocity_mps = doppler as f64 * radar.velocity_resolution_mps();
     let mut range_m = range_bin as f64 * spectrum.range_step_m;

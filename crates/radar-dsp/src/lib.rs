@@ -23,6 +23,9 @@ pub mod spectrum;
 pub mod stats;
 pub mod window;
 
+mod kernels;
+mod lane_fft;
+
 pub use array::VirtualArray;
 pub use error::DspError;
 pub use extractor::PointExtractor;

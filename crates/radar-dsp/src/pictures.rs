@@ -94,10 +94,10 @@ impl PointExtractor {
         let mut values = vec![0.0_f32; n_rows * n_azimuth];
         for cell in 0..n_cells {
             let doppler = signed_doppler(cell % n_doppler, n_doppler);
-            let spectra = &self.spectrum.spectra;
+            let spectrum = &self.spectrum;
             let bins = self
                 .directions
-                .azimuth_spectrum(doppler, |ch| spectra[ch * n_cells + cell]);
+                .azimuth_spectrum(doppler, |channel| spectrum.value(channel, cell));
             let row = &mut values[cell / n_doppler * n_azimuth..][..n_azimuth];
             for (k, value) in bins.iter().enumerate() {
                 // Phase steps from +pi down to -pi are x/R from left to right: the FFT is even-sized.
@@ -134,11 +134,7 @@ impl PointExtractor {
         let n_range = self.spectrum.n_range;
         let mut sums = vec![0.0_f64; n_range];
         for channel in 0..self.spectrum.n_channels() {
-            for chirp in self
-                .spectrum
-                .range_spectra(cube, channel)?
-                .chunks_exact(n_range)
-            {
+            for chirp in self.spectrum.range_spectra(cube, channel)? {
                 for (sum, value) in sums.iter_mut().zip(chirp) {
                     *sum += f64::from(value.norm_sqr());
                 }

@@ -6,22 +6,21 @@ use std::sync::Arc;
 use num_complex::Complex32;
 use radarllm_base::radar_config::Firing;
 use radarllm_base::{RadarConfig, RadarCube};
+use radarllm_simd::{LANES, SimdLevel};
 use rustfft::{Fft, FftPlanner};
 
 use crate::error::DspError;
+use crate::kernels::{SlowTime, add, add_power, rows_of_bins, slow_time, window};
+use crate::lane_fft::{Cell, LaneFft};
 use crate::options::{ClutterFilter, DspOptions, MapKind};
-
-/// Rows transposed together: 8 complex values are one cache line.
-const BLOCK: usize = 8;
 
 /// Longest range FFT: eight times the most samples a chirp of the supported parts has.
 const MAX_RANGE_FFT: usize = 1 << 16;
 
 /// Plan and workspace of the range-Doppler stage.
 ///
-/// # Shapes
-/// - spectra: `[channel, gated range bin, doppler]`, channel = `tx * n_rx + rx`
-/// - map: `[gated range bin, doppler]`
+/// The map is `[gated range bin, doppler]`, and a cell's place in it is its index everywhere. A chirp's
+/// FFT goes row by row; Doppler FFTs take sixteen range bins at once, which needs no transposition.
 ///
 /// Doppler is kept in FFT order (bin 0 first); [`signed_doppler`] turns an index into the signed bin.
 /// All FFTs are forward, e^{-j...}, unnormalised.
@@ -42,14 +41,21 @@ pub struct Spectrum {
     /// phase modulation.
     bpm_factors: Vec<Complex32>,
     range_fft: Arc<dyn Fft<f32>>,
-    doppler_fft: Arc<dyn Fft<f32>>,
+    doppler_fft: LaneFft,
+    simd: SimdLevel,
     scratch: Vec<Complex32>,
-    /// One channel's chirps, `[loop, range bin]`.
+    /// One channel's chirps, `[loop, range bin]`, with room for whole blocks of gated bins.
     chirps: Vec<Complex32>,
-    mean: Vec<Complex32>,
-    coherent: Vec<Complex32>,
-    /// Complex spectra of the last cube.
-    pub spectra: Vec<Complex32>,
+    /// Range bins from one loop to the next in `chirps`.
+    stride: usize,
+    /// Room for one block, a cell a loop.
+    spare: Vec<Cell>,
+    /// Spectra of the last cube, `[channel, block of sixteen gated bins, doppler]`.
+    spectra: Vec<Cell>,
+    /// Sum of all channels' spectra for [`MapKind::Coherent`], else empty.
+    coherent: Vec<Cell>,
+    /// Detection power, `[block, doppler][bin of the block]`.
+    powers: Vec<[f32; LANES]>,
     /// Detection power of the last cube: sum of |.|^2, or |sum|^2 for the coherent kind.
     pub map: Vec<f32>,
 }
@@ -92,13 +98,10 @@ impl Spectrum {
         let doppler_window = options.doppler_window.weights(n_loops);
         let mut planner = FftPlanner::new();
         let range_fft = planner.plan_fft_forward(n_range);
-        let doppler_fft = planner.plan_fft_forward(n_loops);
-        let n_scratch = range_fft
-            .get_inplace_scratch_len()
-            .max(doppler_fft.get_inplace_scratch_len());
-        let n_cells = gate.len() * n_loops;
+        let n_blocks = gate.len().div_ceil(LANES);
+        let stride = n_range.max(gate.start + n_blocks * LANES);
         let n_coherent = if options.map == MapKind::Coherent {
-            n_cells
+            n_blocks * n_loops
         } else {
             0
         };
@@ -111,14 +114,17 @@ impl Spectrum {
             range_window: options.range_window.weights(n_samples),
             doppler_window,
             bpm_factors: bpm_factors(radar, options),
+            scratch: vec![Complex32::ZERO; range_fft.get_inplace_scratch_len()],
             range_fft,
-            doppler_fft,
-            scratch: vec![Complex32::ZERO; n_scratch],
-            chirps: vec![Complex32::ZERO; n_loops * n_range],
-            mean: vec![Complex32::ZERO; gate.len()],
-            coherent: vec![Complex32::ZERO; n_coherent],
-            spectra: vec![Complex32::ZERO; n_channels * n_cells],
-            map: vec![0.0; n_cells],
+            doppler_fft: LaneFft::new(n_loops),
+            simd: SimdLevel::detect(),
+            chirps: vec![Complex32::ZERO; n_loops * stride],
+            stride,
+            spare: vec![Cell::ZERO; n_loops],
+            coherent: vec![Cell::ZERO; n_coherent],
+            spectra: vec![Cell::ZERO; n_channels * n_blocks * n_loops],
+            powers: vec![[0.0; LANES]; n_blocks * n_loops],
+            map: vec![0.0; gate.len() * n_loops],
             gate,
         })
     }
@@ -133,67 +139,97 @@ impl Spectrum {
         self.shape[1] * self.shape[2]
     }
 
-    /// Fills [`Self::spectra`] and [`Self::map`] from a cube.
+    /// The last cube's spectrum in one channel, `tx * n_rx + rx`, and cell of the map.
+    pub fn value(&self, channel: usize, cell: usize) -> Complex32 {
+        let n_loops = self.shape[0];
+        let (bin, doppler) = (cell / n_loops, cell % n_loops);
+        let n_channel = self.powers.len();
+        let cell = &self.spectra[channel * n_channel + bin / LANES * n_loops + doppler];
+        Complex32::new(cell.re[bin % LANES], cell.im[bin % LANES])
+    }
+
+    /// Works out the spectra and [`Self::map`] of a cube.
     ///
     /// # Errors
     /// Wrong shape, a sample that is not finite, or power beyond `f32`.
     pub fn run(&mut self, cube: &RadarCube) -> Result<(), DspError> {
         self.check_shape(cube)?;
-        let n_cells = self.map.len();
-        self.map.fill(0.0);
-        self.coherent.fill(Complex32::ZERO);
+        self.powers.fill([0.0; LANES]);
+        self.coherent.fill(Cell::ZERO);
+        let is_bpm = !self.bpm_factors.is_empty();
         for channel in 0..self.n_channels() {
-            self.range_spectra(cube, channel)?;
-            let spectra = &mut self.spectra[channel * n_cells..][..n_cells];
-            gated_slow_time(
-                &self.chirps,
-                self.n_range,
-                self.gate.clone(),
-                &self.mean_weights,
-                &mut self.mean,
-                &self.doppler_window,
-                spectra,
-            );
-            self.doppler_fft
-                .process_with_scratch(spectra, &mut self.scratch);
-            if self.bpm_factors.is_empty() {
-                self.add_to_map(channel);
+            self.transform_chirps(cube, channel)?;
+            self.doppler_spectra(channel);
+            if !is_bpm {
+                self.add_to_powers(channel);
             }
         }
-        if !self.bpm_factors.is_empty() {
+        if is_bpm {
             self.decode_bpm();
             for channel in 0..self.n_channels() {
-                self.add_to_map(channel);
+                self.add_to_powers(channel);
             }
         }
-        add_power(&mut self.map[..self.coherent.len()], &self.coherent);
-        if self.map_kind == MapKind::MeanLog {
-            let per_channel = 1.0 / self.n_channels() as f32;
-            for value in &mut self.map {
-                *value = (*value * per_channel).exp();
-            }
+        self.fill_map();
+        // Non-negative or NaN: exponent bits all ones mean not finite. Integers let this vectorise.
+        const EXPONENT: u32 = 0x7f80_0000;
+        let is_bad = |p: &f32| p.to_bits() & EXPONENT == EXPONENT;
+        if !self.map.iter().fold(false, |any, p| any | is_bad(p)) {
+            return Ok(());
         }
-        // Non-negative or NaN, so the largest value shows any that is not finite.
-        match self.map.iter().position(|p| !p.is_finite()) {
-            None => Ok(()),
-            Some(cell) => Err(DspError::Overflow {
-                range_bin: self.gate.start + cell / self.shape[0],
-                doppler_bin: signed_doppler(cell % self.shape[0], self.shape[0]),
-            }),
+        let cell = self.map.iter().position(is_bad).unwrap_or_default();
+        Err(DspError::Overflow {
+            range_bin: self.gate.start + cell / self.shape[0],
+            doppler_bin: signed_doppler(cell % self.shape[0], self.shape[0]),
+        })
+    }
+
+    /// From `chirps` to one channel of `spectra`.
+    fn doppler_spectra(&mut self, channel: usize) {
+        let n_loops = self.shape[0];
+        let n_channel = self.powers.len();
+        let spectra = &mut self.spectra[channel * n_channel..][..n_channel];
+        let in_spare = self.doppler_fft.starts_in_spare();
+        for (i, spectra) in spectra.chunks_exact_mut(n_loops).enumerate() {
+            let job = SlowTime {
+                chirps: &self.chirps[self.gate.start + i * LANES..],
+                stride: self.stride,
+                mean_weights: &self.mean_weights,
+                window: &self.doppler_window,
+                out: if in_spare { &mut self.spare } else { spectra },
+            };
+            slow_time(self.simd, job);
+            self.doppler_fft
+                .process(self.simd, spectra, &mut self.spare);
         }
     }
 
-    fn add_to_map(&mut self, channel: usize) {
-        let n_cells = self.map.len();
-        let spectra = &self.spectra[channel * n_cells..][..n_cells];
+    fn add_to_powers(&mut self, channel: usize) {
+        let n_channel = self.powers.len();
+        let spectra = &self.spectra[channel * n_channel..][..n_channel];
         match self.map_kind {
-            MapKind::NonCoherent => add_power(&mut self.map, spectra),
-            MapKind::MeanLog => add_log_power(&mut self.map, spectra),
-            MapKind::Coherent => {
-                for (sum, value) in self.coherent.iter_mut().zip(spectra) {
-                    *sum += value;
+            MapKind::NonCoherent => add_power(self.simd, &mut self.powers, spectra),
+            MapKind::MeanLog => add_log_power(&mut self.powers, spectra),
+            MapKind::Coherent => add(self.simd, &mut self.coherent, spectra),
+        }
+    }
+
+    /// From the sums over all channels to the map.
+    fn fill_map(&mut self) {
+        match self.map_kind {
+            MapKind::NonCoherent => (),
+            MapKind::MeanLog => {
+                let per_channel = 1.0 / self.n_channels() as f32;
+                for value in self.powers.as_flattened_mut() {
+                    *value = (*value * per_channel).exp();
                 }
             }
+            MapKind::Coherent => add_power(self.simd, &mut self.powers, &self.coherent),
+        }
+        let n_loops = self.shape[0];
+        let blocks = self.powers.chunks_exact(n_loops);
+        for (powers, rows) in blocks.zip(self.map.chunks_mut(LANES * n_loops)) {
+            rows_of_bins(self.simd, powers, rows);
         }
     }
 
@@ -201,20 +237,21 @@ impl Spectrum {
     /// B = (S1 - S2) e^{j phi}, S1 = (A + B e^{-j phi}) / 2 and S2 = (A - B e^{-j phi}) / 2. The echo of
     /// either is as strong as in time division, the noise of two slots is averaged.
     fn decode_bpm(&mut self) {
-        let (first, second) = self.spectra.split_at_mut(self.shape[2] * self.map.len());
-        let n_loops = self.shape[0];
-        let rows = first.chunks_exact_mut(n_loops);
-        for (a_row, b_row) in rows.zip(second.chunks_exact_mut(n_loops)) {
-            for ((a, b), factor) in a_row.iter_mut().zip(b_row).zip(&self.bpm_factors) {
-                let (sum, difference) = (*a, *b * factor);
-                *a = (sum + difference) * 0.5;
-                *b = (sum - difference) * 0.5;
+        let (first, second) = self.spectra.split_at_mut(self.shape[2] * self.powers.len());
+        let factors = self.bpm_factors.iter().cycle();
+        for ((a, b), factor) in first.iter_mut().zip(second).zip(factors) {
+            for i in 0..LANES {
+                let sum = Complex32::new(a.re[i], a.im[i]);
+                let difference = Complex32::new(b.re[i], b.im[i]) * factor;
+                let (one, other) = ((sum + difference) * 0.5, (sum - difference) * 0.5);
+                (a.re[i], a.im[i]) = (one.re, one.im);
+                (b.re[i], b.im[i]) = (other.re, other.im);
             }
         }
     }
 
-    /// Windowed range FFTs of all chirps of one channel, `[loop, range bin]`, all bins. With binary
-    /// phase modulation these are the slots', not the transmitters'.
+    /// Windowed range FFTs of all chirps of one channel, all [`Self::n_range`] bins, loop by loop. With
+    /// binary phase modulation these are the slots', not the transmitters'.
     ///
     /// # Errors
     /// [`DspError::NotFinite`].
@@ -222,26 +259,34 @@ impl Spectrum {
         &mut self,
         cube: &RadarCube,
         channel: usize,
-    ) -> Result<&[Complex32], DspError> {
+    ) -> Result<impl Iterator<Item = &[Complex32]>, DspError> {
+        self.transform_chirps(cube, channel)?;
+        let rows = self.chirps.chunks_exact(self.stride);
+        Ok(rows.map(|row| &row[..self.n_range]))
+    }
+
+    /// Fills `chirps` with one channel.
+    fn transform_chirps(&mut self, cube: &RadarCube, channel: usize) -> Result<(), DspError> {
         let [n_loops, _, n_rx, n_samples] = self.shape;
         let n_range = self.n_range;
         let (slot, rx) = (channel / n_rx, channel % n_rx);
         for loop_idx in 0..n_loops {
             let samples = cube.chirp(loop_idx, slot, rx);
-            let out = &mut self.chirps[loop_idx * n_range..][..n_range];
-            let (out, padding) = out.split_at_mut(n_samples);
+            let row = &mut self.chirps[loop_idx * self.stride..][..n_range];
+            let (out, padding) = row.split_at_mut(n_samples);
             padding.fill(Complex32::ZERO);
-            if !window_into(out, samples, &self.range_window) {
+            let mut finite = true;
+            window(self.simd, out, samples, &self.range_window, &mut finite);
+            if !finite {
                 let bad = samples
                     .iter()
                     .position(|s| !(s.re.is_finite() && s.im.is_finite()));
                 let index = [loop_idx, slot, rx, bad.unwrap_or(0)];
                 return Err(DspError::NotFinite { index });
             }
+            self.range_fft.process_with_scratch(row, &mut self.scratch);
         }
-        self.range_fft
-            .process_with_scratch(&mut self.chirps, &mut self.scratch);
-        Ok(&self.chirps)
+        Ok(())
     }
 
     /// Refuses a cube of another shape, or one whose data does not fill its shape.
@@ -319,20 +364,6 @@ fn range_gate(options: &DspOptions, bin_m: f64, n_range: usize) -> Result<Range<
     Ok(first..end)
 }
 
-/// Writes samples times weights; false if a sample is NaN or infinite.
-///
-/// Exponent bits all ones mean not finite; integer operations let the loop vectorise.
-fn window_into(out: &mut [Complex32], samples: &[Complex32], weights: &[f32]) -> bool {
-    const EXPONENT: u32 = 0x7f80_0000;
-    let mut bad = 0_u32;
-    for ((out, s), weight) in out.iter_mut().zip(samples).zip(weights) {
-        bad |= u32::from(s.re.to_bits() & EXPONENT == EXPONENT);
-        bad |= u32::from(s.im.to_bits() & EXPONENT == EXPONENT);
-        *out = s * weight;
-    }
-    bad == 0
-}
-
 /// Weights that sum to one, or none.
 fn mean_weights(clutter: ClutterFilter, window: &[f32]) -> Vec<f32> {
     let weights: Vec<f64> = match clutter {
@@ -344,61 +375,11 @@ fn mean_weights(clutter: ClutterFilter, window: &[f32]) -> Vec<f32> {
     weights.iter().map(|w| (w / sum) as f32).collect()
 }
 
-/// Transposes the gated bins to `[range bin, loop]`, less their slow-time mean, times the window.
-///
-/// The mean goes before the window: after it, a static target would leave the window's own spectrum
-/// around bin 0.
-fn gated_slow_time(
-    chirps: &[Complex32],
-    n_range: usize,
-    gate: Range<usize>,
-    mean_weights: &[f32],
-    mean: &mut [Complex32],
-    window: &[f32],
-    out: &mut [Complex32],
-) {
-    let n_loops = window.len();
-    let rows = || chirps.chunks_exact(n_range).map(|row| &row[gate.clone()]);
-    mean.fill(Complex32::ZERO);
-    for (row, &weight) in rows().zip(mean_weights) {
-        for (sum, value) in mean.iter_mut().zip(row) {
-            *sum += value * weight;
-        }
-    }
-    for (block_idx, out) in out.chunks_mut(BLOCK * n_loops).enumerate() {
-        let first = block_idx * BLOCK;
-        let n = out.len() / n_loops;
-        let mut offset = [Complex32::ZERO; BLOCK];
-        offset[..n].copy_from_slice(&mean[first..first + n]);
-        if n == BLOCK {
-            // Fixed size: the compiler unrolls this, the common case.
-            for (l, (row, &weight)) in rows().zip(window).enumerate() {
-                let row = &row[first..first + BLOCK];
-                for i in 0..BLOCK {
-                    out[i * n_loops + l] = (row[i] - offset[i]) * weight;
-                }
-            }
-        } else {
-            for (l, (row, &weight)) in rows().zip(window).enumerate() {
-                for (i, &value) in row[first..first + n].iter().enumerate() {
-                    out[i * n_loops + l] = (value - offset[i]) * weight;
-                }
-            }
-        }
-    }
-}
-
-fn add_power(map: &mut [f32], spectra: &[Complex32]) {
-    for (power, value) in map.iter_mut().zip(spectra) {
-        *power += value.re * value.re + value.im * value.im;
-    }
-}
-
 /// Adds ln |.|^2; an exact zero counts as the smallest positive number.
-fn add_log_power(sum: &mut [f32], spectra: &[Complex32]) {
-    for (sum, value) in sum.iter_mut().zip(spectra) {
-        *sum += (value.re * value.re + value.im * value.im)
-            .max(f32::MIN_POSITIVE)
-            .ln();
+fn add_log_power(sums: &mut [[f32; LANES]], spectra: &[Cell]) {
+    for (sums, cell) in sums.iter_mut().zip(spectra) {
+        for ((sum, re), im) in sums.iter_mut().zip(cell.re).zip(cell.im) {
+            *sum += (re * re + im * im).max(f32::MIN_POSITIVE).ln();
+        }
     }
 }

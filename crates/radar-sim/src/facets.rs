@@ -6,8 +6,8 @@ use radarllm_base::SPEED_OF_LIGHT_MPS;
 use crate::link::Link;
 use crate::motion::{N_KEYS, RangeScale, Source, parabola, quartic};
 use crate::scatter::{FacetPhases, Reflection};
-use crate::simd::{Lanes, dispatch, sin_cos_turns};
 use crate::visibility::Through;
+use radarllm_simd::{Lanes, dispatch, sin_cos_turns};
 
 /// Facets per batch.
 const BATCH: usize = 16;

@@ -14,7 +14,7 @@ use radarllm_base::{
 
 use crate::error::SimError;
 use crate::noise::{NoiseGenerator, stream_bits};
-use crate::simd::SimdLevel;
+use radarllm_simd::SimdLevel;
 
 /// Rounding and clipping of each of I and Q.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -32,7 +32,6 @@ pub mod reference;
 pub mod scatter;
 pub mod scene;
 pub mod shapes;
-mod simd;
 pub mod simulator;
 mod slow_time;
 mod spread;
@@ -42,8 +41,8 @@ pub mod weather;
 
 pub use error::SimError;
 pub use impairments::Impairments;
+pub use radarllm_simd::SimdLevel;
 pub use scene::{Noise, PointTarget, Scene};
-pub use simd::SimdLevel;
 pub use simulator::{FrameStats, SimOptions, Simulator, StageSeconds};
 pub use visibility::Sampling;
 pub use weather::Weather;

@@ -5,7 +5,7 @@
 
 use num_complex::Complex32;
 
-use crate::simd::{Lanes, SimdLevel, dispatch, sin_cos_turns};
+use radarllm_simd::{Lanes, SimdLevel, dispatch, sin_cos_turns};
 
 /// SplitMix64's increment.
 const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;

@@ -23,12 +23,12 @@ use crate::motion::{N_KEYS, RangeScale, Segment, Source, chirp_time_s, parabola,
 use crate::noise::NoiseGenerator;
 use crate::scatter::{FacetPhases, Reflection};
 use crate::scene::{Noise, PointTarget, Scene};
-use crate::simd::SimdLevel;
 use crate::slow_time::Level;
 use crate::spread::{Cell, ChannelBlock, Group, SpreadJob, spread};
 use crate::transform::{RangeTransform, TransformJob, transform};
 use crate::visibility::{DepthRaster, Part, Sampling, Through, View};
 use crate::weather::{Rain, Weather};
+use radarllm_simd::SimdLevel;
 
 /// Choices that are not the radar's.
 #[derive(Clone, Debug, PartialEq)]

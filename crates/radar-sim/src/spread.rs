@@ -9,8 +9,8 @@ use glam::Vec3;
 
 use crate::gridding::{Kernel, SLACK_CELLS, WIDTH};
 use crate::motion::{N_KEYS, Source};
-use crate::simd::{Lanes, dispatch, sin_cos_turns};
 use crate::slow_time::{Level, MOST_NODES, QUAD};
+use radarllm_simd::{Lanes, dispatch, sin_cos_turns};
 
 /// Channels that travel together.
 pub(crate) const LANES: usize = 16;
@@ -635,7 +635,7 @@ fn turn_into<L: Lanes>(target: &mut Cell, re: L, im: L, cos: L, sin: L) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simd::SimdLevel;
+    use radarllm_simd::SimdLevel;
 
     #[inline(always)]
     fn dd_body<L: Lanes>(phi: &[[f32; 16]; 3], out: &mut [[f32; 16]; 2]) {

@@ -9,7 +9,7 @@ use std::ops::Range;
 use glam::Vec3;
 
 use crate::rays::coverage_by_rays;
-use crate::simd::{Lanes, SimdLevel, dispatch};
+use radarllm_simd::{Lanes, SimdLevel, dispatch};
 
 /// How the visible shares of facets are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -167,6 +167,10 @@ dispatch!(fn coverage => coverage_body(
 
 /// Compiled per instruction set for its rounding instructions.
 #[inline(always)]
+#[expect(
+    clippy::extra_unused_type_parameters,
+    reason = "dispatched like bodies that compute with lanes"
+)]
 fn coverage_body<L: Lanes>(
     raster: &mut DepthRaster,
     view: View<'_>,

@@ -13,6 +13,10 @@ use radarllm_body::{
     mesh::{BodyModel, BodyShape, BuiltinBody, PosedBody, clothed_skin},
     procedural::Procedural,
 };
+use radarllm_capture::{
+    Board,
+    adc::{StudioCapture, StudioSetup},
+};
 use radarllm_radar_dsp::{DspError, DspOptions, PointExtractor};
 use radarllm_radar_sim::{
     Impairments, Noise, Scene, SimError, SimOptions, Simulator, reference, shapes::RigidSurface,
@@ -57,9 +61,16 @@ pub enum RadarSource {
     TiCfg(String),
     /// Text of a radar in our own format.
     Toml(String),
+    /// An export of mmWave Studio.
+    Studio {
+        /// Text of the `*.mmwave.json`.
+        text: String,
+        /// The board, if a `*.setup.json` was named and says it.
+        board: Option<Board>,
+    },
 }
 
-/// Opens a radar: a built-in name, or a `.cfg` (TI) or `.toml` file relative to `base`.
+/// Opens a radar: a built-in name, or a `.cfg` (TI), `.toml` or `.json` (mmWave Studio) file relative to `base`.
 ///
 /// # Errors
 /// Unknown name, unreadable or malformed file, or a radar that cannot exist.
@@ -73,6 +84,11 @@ pub fn open_radar(name: &str, base: &Path) -> Result<RadarConfig, SynthError> {
         }
         RadarSource::Toml(text) => {
             radarllm_capture::radar_from_toml(&text).map_err(|e| fail(e.to_string()))?
+        }
+        RadarSource::Studio { text, board } => {
+            StudioCapture::parse(&text, board)
+                .map_err(|e| fail(e.to_string()))?
+                .radar
         }
     };
     radar.validate().map_err(|e| fail(e.to_string()))?;
@@ -94,23 +110,41 @@ pub fn read_radar(name: &str, base: &Path) -> Result<RadarSource, SynthError> {
         .and_then(|e| e.to_str())
         .unwrap_or_default()
         .to_ascii_lowercase();
-    if extension != "cfg" && extension != "toml" {
+    if !["cfg", "toml", "json"].contains(&extension.as_str()) {
         return Err(SynthError::Radar(format!(
-            "`{name}` is neither a built-in radar nor a .cfg or .toml file"
+            "`{name}` is neither a built-in radar nor a .cfg, .toml or .json file"
         )));
     }
-    let size = fs::metadata(&path).map_err(|e| fail(e.to_string()))?.len();
+    let text = read_text(&path)?;
+    Ok(match extension.as_str() {
+        "cfg" => RadarSource::TiCfg(text),
+        "json" => match StudioSetup::parse(&text) {
+            // A setup names the device, and the file with the chirps beside it.
+            Ok(setup) => {
+                let config = setup
+                    .config
+                    .ok_or_else(|| fail("configUsed, the *.mmwave.json, is missing".into()))?;
+                RadarSource::Studio {
+                    text: read_text(&path.with_file_name(config))?,
+                    board: setup.board,
+                }
+            }
+            Err(_) => RadarSource::Studio { text, board: None },
+        },
+        _ => RadarSource::Toml(text),
+    })
+}
+
+/// Text of a radar file of acceptable size.
+fn read_text(path: &Path) -> Result<String, SynthError> {
+    let fail = |problem: String| SynthError::Radar(format!("{}: {problem}", path.display()));
+    let size = fs::metadata(path).map_err(|e| fail(e.to_string()))?.len();
     if size > MAX_RADAR_FILE_BYTES {
         return Err(fail(format!(
             "{size} bytes, more than the {MAX_RADAR_FILE_BYTES} accepted"
         )));
     }
-    let text = fs::read_to_string(&path).map_err(|e| fail(e.to_string()))?;
-    Ok(if extension == "cfg" {
-        RadarSource::TiCfg(text)
-    } else {
-        RadarSource::Toml(text)
-    })
+    fs::read_to_string(path).map_err(|e| fail(e.to_string()))
 }
 
 /// The built-in body of a shape; made once and kept, because polygonising takes a good part of a

@@ -83,12 +83,11 @@ fn every_virtual_channel_gains_three_decibels_over_time_division() {
         let mut spectrum = Spectrum::new(radar, &options).unwrap();
         spectrum.run(cube).unwrap();
         let n_cells = spectrum.map.len();
-        let power: Vec<Vec<f64>> = spectrum
-            .spectra
-            .chunks_exact(n_cells)
-            .map(|channel| channel.iter().map(|z| f64::from(z.norm_sqr())).collect())
-            .collect();
-        power
+        let power =
+            |channel: usize, cell: usize| f64::from(spectrum.value(channel, cell).norm_sqr());
+        (0..spectrum.n_channels())
+            .map(|channel| (0..n_cells).map(|cell| power(channel, cell)).collect())
+            .collect::<Vec<Vec<f64>>>()
     };
     // Echo: the strongest cell without noise. Noise: the mean over all cells of an empty scene.
     let snr_db = |firing: Firing| -> Vec<f64> {

@@ -75,6 +75,10 @@ pub struct Recipe {
     pub pretrain: LmTrainConfig,
     /// Instruction tuning.
     pub instruct: LmTrainConfig,
+    /// Folders of stages that do not lie in `out`, by the stage's name: runs that differ in later stages
+    /// can share the earlier ones.
+    #[serde(skip)]
+    pub stage_folders: BTreeMap<&'static str, PathBuf>,
 }
 
 impl Default for Recipe {
@@ -86,6 +90,7 @@ impl Default for Recipe {
             tokenizer: TokenizerTrainConfig::default(),
             pretrain: LmTrainConfig::small(),
             instruct: LmTrainConfig::small().for_instruction(),
+            stage_folders: BTreeMap::new(),
         }
     }
 }
@@ -118,6 +123,17 @@ impl Recipe {
         toml::to_string_pretty(self).map_err(|e| TrainError::Data(e.to_string()))
     }
 
+    /// Where a stage keeps its log and checkpoints.
+    pub fn stage_dir(&self, stage: RecipeStage) -> PathBuf {
+        let elsewhere = self.stage_folders.get(stage.name());
+        elsewhere.map_or_else(|| self.out.join(stage.name()), PathBuf::clone)
+    }
+
+    /// Whether a stage has left a checkpoint to go on from: its best, or its last.
+    pub fn is_finished(&self, stage: RecipeStage) -> bool {
+        self.stage_dir(stage).join("final").is_dir()
+    }
+
     /// The finished model.
     pub fn model_dir(&self) -> PathBuf {
         self.out.join("model")
@@ -128,7 +144,7 @@ impl Recipe {
     /// # Errors
     /// A missing earlier stage, unusable data, or whatever the stage reports.
     pub fn run(&self, stage: RecipeStage, resume: bool) -> Result<bool, TrainError> {
-        let out = self.out.join(stage.name());
+        let out = self.stage_dir(stage);
         // A stage that was never begun, or was stopped before its first checkpoint, starts afresh.
         let resume = resume && has_checkpoint(&out);
         let ending = match stage {
@@ -165,19 +181,20 @@ impl Recipe {
                     .map_err(|e| TrainError::Stage(e.to_string()))?;
                 let (_, train, val) = self.lm_data()?;
                 let ending = instruct(&self.instruct, lm, &train, &val, &out, resume)?.ending;
-                self.assemble()?;
+                self.assemble(RecipeStage::Instruct)?;
                 ending
             }
         };
         Ok(ending != Ending::Stopped)
     }
 
-    /// Copies tokenizer and language model into the folder that inference opens.
-    fn assemble(&self) -> Result<(), TrainError> {
-        for (stage, name) in [
-            (RecipeStage::Tokenizer, "tokenizer"),
-            (RecipeStage::Instruct, "lm"),
-        ] {
+    /// Copies the tokenizer and the language model of the stage `lm` into the folder that inference
+    /// opens.
+    ///
+    /// # Errors
+    /// A missing stage; files that cannot be copied.
+    pub fn assemble(&self, lm: RecipeStage) -> Result<(), TrainError> {
+        for (stage, name) in [(RecipeStage::Tokenizer, "tokenizer"), (lm, "lm")] {
             copy_files(&self.result(stage)?, &self.model_dir().join(name))?;
         }
         Ok(())
@@ -185,7 +202,7 @@ impl Recipe {
 
     /// A finished stage's checkpoint: the best by validation, or the last.
     fn result(&self, stage: RecipeStage) -> Result<PathBuf, TrainError> {
-        let out = self.out.join(stage.name());
+        let out = self.stage_dir(stage);
         ["best", "final"]
             .iter()
             .map(|name| out.join(name))

@@ -1,4 +1,4 @@
-//! Radar tables of the MARS data set (An and Ogras, ACM TECS 2021): an IWR1443 at 10 frames/s.
+//! Radar tables and feature maps of the MARS data set (An and Ogras, ACM TECS 2021): an IWR1443 at 10 frames/s.
 //!
 //! Comma-separated, one point a row: `Frame #, # Obj, X, Y, Z, Doppler, Intensity, Abs Time`; equal
 //! frame numbers in a row are one frame. X lateral (to the right of one who looks along Y: it follows
@@ -6,7 +6,11 @@
 //! is the firmware's linear peak value, taken as an amplitude: dB = 20 log10. `Abs Time` is rounded
 //! to minutes and not used.
 
-use super::{MAX_COORDINATE_M, MAX_VELOCITY_MPS, RecordedFrame, RecordingError, number, point};
+use super::{
+    Axes, MAX_COORDINATE_M, MAX_VELOCITY_MPS, Place, RecordedFrame, RecordingError, checked_point,
+    number, point,
+};
+use crate::tables::NpyArray;
 
 /// Columns used, by the names of the header.
 const COLUMNS: [&str; 6] = ["Frame #", "X", "Y", "Z", "Doppler", "Intensity"];
@@ -23,10 +27,9 @@ pub fn read_mars_points(text: &str) -> Result<Vec<RecordedFrame>, RecordingError
     let names: Vec<&str> = header.split(',').map(str::trim).collect();
     let mut columns = [0; COLUMNS.len()];
     for (column, name) in columns.iter_mut().zip(COLUMNS) {
-        *column = names
-            .iter()
-            .position(|n| *n == name)
-            .ok_or_else(|| RecordingError::new(1, format!("a column `{name}`"), header))?;
+        *column = names.iter().position(|n| *n == name).ok_or_else(|| {
+            RecordingError::new(Place::Line(1), format!("a column `{name}`"), header)
+        })?;
     }
     let mut frames: Vec<RecordedFrame> = Vec::new();
     for (i, row) in lines {
@@ -37,7 +40,7 @@ pub fn read_mars_points(text: &str) -> Result<Vec<RecordedFrame>, RecordingError
         let cells: Vec<&str> = row.split(',').collect();
         if cells.len() != names.len() {
             return Err(RecordingError::new(
-                line,
+                Place::Line(line),
                 format!("{} cells", names.len()),
                 row,
             ));
@@ -47,7 +50,7 @@ pub fn read_mars_points(text: &str) -> Result<Vec<RecordedFrame>, RecordingError
         let frame = value(0, 1e15)?;
         if frame < 0.0 || frame.fract() != 0.0 {
             return Err(RecordingError::new(
-                line,
+                Place::Line(line),
                 "a frame number",
                 cells[columns[0]],
             ));
@@ -57,8 +60,7 @@ pub fn read_mars_points(text: &str) -> Result<Vec<RecordedFrame>, RecordingError
             value(2, MAX_COORDINATE_M)?,
             value(3, MAX_COORDINATE_M)?,
         ];
-        // A peak of zero has no decibels; the firmware's smallest step is one.
-        let intensity_db = 20.0 * value(5, 1e12)?.max(1.0).log10();
+        let intensity_db = peak_db(value(5, 1e12)?);
         let point = point(position_m, value(4, MAX_VELOCITY_MPS)?, intensity_db);
         let number = frame as u64;
         match frames.last_mut() {
@@ -69,6 +71,51 @@ pub fn read_mars_points(text: &str) -> Result<Vec<RecordedFrame>, RecordingError
                 points: vec![point],
             }),
         }
+    }
+    Ok(frames)
+}
+
+/// A peak of zero has no decibels; the firmware's smallest step is one.
+fn peak_db(peak: f64) -> f64 {
+    20.0 * peak.max(1.0).log10()
+}
+
+/// Reads the feature maps of the data set: npy of shape (frames, 8, 8, 5) or (frames, 64, 5), the last axis x, y, z,
+/// velocity, intensity as in the tables. Places of five zeros are padding and left out. Frames have no numbers and no
+/// clock: they count from 0, at 10 frames/s.
+///
+/// # Errors
+/// [`RecordingError`] for another shape, pickled arrays, or a value beyond belief, with the frame as row.
+pub fn read_mars_features(bytes: &[u8]) -> Result<Vec<RecordedFrame>, RecordingError> {
+    let array = NpyArray::new(bytes)?;
+    let fits = array.header.fields[0].name.is_empty()
+        && matches!(array.header.shape.as_slice(), [_, 8, 8, 5] | [_, 64, 5]);
+    if !fits {
+        let found = format!("{:?}", array.header.shape);
+        let expected = "shape (frames, 8, 8, 5) or (frames, 64, 5)";
+        return Err(RecordingError::new(Place::Byte(0), expected, &found));
+    }
+    let mut frames = Vec::new();
+    for frame in 0..array.len() / 320 {
+        let mut points = Vec::new();
+        for place in 0..64 {
+            let mut values: [f64; 5] =
+                std::array::from_fn(|k| array.value((frame * 64 + place) * 5 + k, 0));
+            if values == [0.0; 5] {
+                continue;
+            }
+            values[4] = peak_db(values[4]);
+            points.push(checked_point(
+                Place::Row(frame),
+                Axes::RightForwardUp,
+                values,
+            )?);
+        }
+        frames.push(RecordedFrame {
+            number: frame as u64,
+            stamp_s: None,
+            points,
+        });
     }
     Ok(frames)
 }
@@ -100,7 +147,10 @@ mod tests {
 
     #[test]
     fn damage_is_named_with_its_line() {
-        let line = |text: &str| read_mars_points(text).unwrap_err().line;
+        let line = |text: &str| match read_mars_points(text).unwrap_err().at {
+            Place::Line(line) => line,
+            other => panic!("{other}"),
+        };
         assert_eq!(line(""), 1);
         assert_eq!(line(&GOOD.replace("Doppler", "Speed")), 1);
         assert_eq!(line(&GOOD.replace("0.712", "fast")), 3);

@@ -6,7 +6,9 @@
 //! set's own page says that y points right. Here x = -y and y = x; nothing in the recordings was
 //! found that decides it.
 
-use super::{MAX_COORDINATE_M, MAX_VELOCITY_MPS, RecordedFrame, RecordingError, number, point};
+use super::{
+    MAX_COORDINATE_M, MAX_VELOCITY_MPS, Place, RecordedFrame, RecordingError, number, point,
+};
 
 /// Keys used, in the order of [`Record::values`].
 const KEYS: [&str; 5] = ["x", "y", "z", "velocity", "intensity"];
@@ -41,7 +43,11 @@ pub fn read_radhar_points(text: &str) -> Result<Vec<RecordedFrame>, RecordingErr
             continue;
         }
         let Some((key, value)) = row.split_once(':') else {
-            return Err(RecordingError::new(line, "`key: value` or `---`", row));
+            return Err(RecordingError::new(
+                Place::Line(line),
+                "`key: value` or `---`",
+                row,
+            ));
         };
         record.any = true;
         let whole = |limit| number(line, key, value, limit);
@@ -49,7 +55,11 @@ pub fn read_radhar_points(text: &str) -> Result<Vec<RecordedFrame>, RecordingErr
             "point_id" => {
                 let id = whole(1e9)?;
                 if id < 0.0 || id.fract() != 0.0 {
-                    return Err(RecordingError::new(line, "point_id, from 0", value));
+                    return Err(RecordingError::new(
+                        Place::Line(line),
+                        "point_id, from 0",
+                        value,
+                    ));
                 }
                 record.point_id = Some(id as u64);
             }
@@ -72,7 +82,7 @@ pub fn read_radhar_points(text: &str) -> Result<Vec<RecordedFrame>, RecordingErr
     }
     if frames.is_empty() {
         return Err(RecordingError::new(
-            last_line.max(1),
+            Place::Line(last_line.max(1)),
             "records of `point_id`, x, y, z, velocity, intensity",
             "none",
         ));
@@ -90,7 +100,7 @@ fn finish(
     }
     let missing = |key: &str| {
         RecordingError::new(
-            line,
+            Place::Line(line),
             format!("`{key}` in the record that ends here"),
             "none",
         )
@@ -144,7 +154,10 @@ mod tests {
     #[test]
     fn damage_is_named_with_its_line() {
         let good = record(0, "1.0");
-        let line = |text: String| read_radhar_points(&text).unwrap_err().line;
+        let line = |text: String| match read_radhar_points(&text).unwrap_err().at {
+            Place::Line(line) => line,
+            other => panic!("{other}"),
+        };
         assert_eq!(line(good.replace("x: 1.0", "x: one")), 8);
         assert_eq!(line(good.replace("x: 1.0\n", "")), 15);
         assert_eq!(line(good.replace("point_id: 0", "point_id: -1")), 7);

@@ -12,6 +12,7 @@ use crate::{
     error::CliResult,
     input::{self, ClipOptions},
     output,
+    recording::RecordingArgs,
 };
 
 /// Shown without arguments: three different motions.
@@ -42,7 +43,9 @@ pub fn run(args: &DemoArgs) -> CliResult {
     };
     let captioner = describe::load_captioner(args.model.as_deref())?;
     let options = ClipOptions {
-        radar: "awr1843boost",
+        radar: None,
+        format: None,
+        recording: &RecordingArgs::default(),
         radar_height_m: 1.0,
         distance_m: 3.0,
         seed: args.seed,

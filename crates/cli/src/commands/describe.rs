@@ -85,7 +85,8 @@ pub fn describe(captioner: &Captioner, clip: &Clip, model: String, beam: usize) 
         return Err(CliError::new(format!(
             "{}: {:.2} frames/s, but the model reads {rate_hz:.2} frames/s",
             clip.provenance.source, clip.frame_rate_hz
-        )));
+        ))
+        .hint("for recorded points: `radarllm process CAPTURE --resample 10`"));
     }
     let described: Description = captioner.describe(&clip.frames, clip.radar_height_m, beam)?;
     Ok(Row {
@@ -131,7 +132,9 @@ pub fn run(args: &DescribeArgs) -> CliResult {
     let mut captioner = load_captioner(args.model.as_deref())?;
     let model = choose_decoder(&mut captioner, args.decoder, args.model.as_deref())?;
     let options = ClipOptions {
-        radar: &args.radar,
+        radar: args.radar.as_deref(),
+        format: args.format.as_deref(),
+        recording: &args.recording,
         radar_height_m: args.radar_height_m,
         distance_m: 3.0,
         seed: args.seed,

@@ -13,6 +13,7 @@ use crate::{
     error::{CliError, CliResult},
     input::{self, ClipOptions},
     output,
+    recording::RecordingArgs,
 };
 
 /// Motions that take a side.
@@ -57,7 +58,9 @@ pub fn run(args: &EditsArgs) -> CliResult {
         let mut captions = Vec::new();
         for motion in [&from, &to] {
             let options = ClipOptions {
-                radar: "awr1843boost",
+                radar: None,
+                format: None,
+                recording: &RecordingArgs::default(),
                 radar_height_m: 1.0,
                 distance_m: 2.6 + (seed % 100) as f32 * 0.012,
                 seed,

@@ -36,8 +36,9 @@ struct Share {
     high: f64,
 }
 
+/// What report.json says.
 #[derive(Serialize)]
-struct Report {
+pub struct Report {
     data: String,
     split: String,
     model: String,
@@ -73,6 +74,16 @@ struct CaptionLine<'a> {
 
 /// Runs the verb.
 pub fn run(args: &EvalArgs) -> CliResult {
+    let report = evaluate(args)?;
+    if args.json {
+        return output::print_json(&report);
+    }
+    output::print_line(markdown(&report)?.trim_end());
+    Ok(())
+}
+
+/// Describes, scores and writes report.json, report.md and captions.jsonl.
+pub fn evaluate(args: &EvalArgs) -> CliResult<Report> {
     output::check_free(&args.out.join("report.json"), args.force)?;
     let split = Split::from_name(&args.split).ok_or_else(|| {
         CliError::new(format!("--split {}: unknown", args.split)).hint("train, val or test")
@@ -231,11 +242,7 @@ pub fn run(args: &EvalArgs) -> CliResult {
         &args.out.join("report.json"),
         serde_json::to_string_pretty(&report)?.as_bytes(),
     )?;
-    if args.json {
-        return output::print_json(&report);
-    }
-    output::print_line(markdown.trim_end());
-    Ok(())
+    Ok(report)
 }
 
 fn write(path: &Path, bytes: &[u8]) -> CliResult {
@@ -311,9 +318,9 @@ fn markdown(report: &Report) -> CliResult<String> {
     )?;
     writeln!(
         text,
-        "| system | BLEU-1 | BLEU-4 | ROUGE-1 | ROUGE-L | CIDEr-D | right action |"
+        "| system | BLEU-1 | BLEU-4 | ROUGE-1 | ROUGE-L | METEOR | CIDEr-D | right action |"
     )?;
-    writeln!(text, "|---|---|---|---|---|---|---|")?;
+    writeln!(text, "|---|---|---|---|---|---|---|---|")?;
     for system in &report.systems {
         let s = &system.scores;
         write!(text, "| {}", system.what)?;
@@ -322,9 +329,10 @@ fn markdown(report: &Report) -> CliResult<String> {
             ("bleu_4", s.bleu_4, 100.0),
             ("rouge_1", s.rouge_1, 100.0),
             ("rouge_l", s.rouge_l, 100.0),
+            ("meteor", s.meteor.unwrap_or(f64::NAN), 100.0),
             ("cider_d", s.cider_d, 1.0),
         ] {
-            let [low, high] = s.ci95[name];
+            let [low, high] = s.ci95.get(name).copied().unwrap_or([f64::NAN; 2]);
             let digits = if scale == 1.0 { 3 } else { 1 };
             write!(
                 text,
@@ -360,6 +368,9 @@ fn markdown(report: &Report) -> CliResult<String> {
     if let Some(mb) = report.peak_memory_mb {
         writeln!(text, "Peak memory {mb:.0} MB.")?;
     }
-    writeln!(text, "\nMETEOR, BERTScore and SimCSE: not run.")?;
+    writeln!(
+        text,
+        "\nMETEOR 1.5 with exact, stem and WordNet matches (docs/metrics.md). BERTScore and SimCSE: not run."
+    )?;
     Ok(text)
 }

@@ -1,11 +1,14 @@
 //! One file a verb.
 
+pub mod ablate;
 pub mod dataset;
 pub mod demo;
 pub mod describe;
 pub mod doctor;
 pub mod edits;
 pub mod eval;
+pub mod eval_recordings;
+pub mod lm;
 pub mod motion;
 pub mod pictures;
 pub mod process;

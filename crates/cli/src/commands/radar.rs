@@ -66,7 +66,7 @@ pub fn open(name: &str) -> CliResult<RadarConfig> {
 
 fn unknown(error: impl std::fmt::Display) -> CliError {
     CliError::new(error)
-        .hint("`radarllm radar list` names the built-in radars; files end in .toml or .cfg")
+        .hint("`radarllm radar list` names the built-in radars; files end in .toml, .cfg or .json")
 }
 
 /// Runs the verb.
@@ -144,6 +144,11 @@ fn lint(name: &str, model: Option<&Path>, json: bool) -> CliResult {
             let findings = radarllm_capture::lint_radar_toml(&text, expected.as_ref());
             (text, findings)
         }
+        // Without places: the export is no text that people edit.
+        RadarSource::Studio { .. } => (
+            String::new(),
+            radarllm_capture::lint(&open(name)?, expected.as_ref()),
+        ),
     };
     let count = |severity| findings.iter().filter(|f| f.severity == severity).count();
     let summary = [Severity::Error, Severity::Warning, Severity::Note]

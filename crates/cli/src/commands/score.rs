@@ -1,8 +1,17 @@
 //! `score`: caption metrics alone.
 
-use std::{fs, path::Path};
+use std::{
+    fs::File,
+    io::{BufRead, BufReader, Read},
+    path::Path,
+};
 
-use radarllm_metrics::{Candidate, Protocol, Reference, ScoreOptions, score};
+use flate2::read::GzDecoder;
+use radarllm_metrics::{
+    Candidate, Protocol, Reference, ScoreOptions,
+    meteor::{Paraphrases, Resources},
+    score_with,
+};
 use serde::Deserialize;
 
 use crate::{
@@ -11,16 +20,38 @@ use crate::{
     output,
 };
 
+/// Longest line of a captions file.
+const MAX_LINE_BYTES: u64 = 16 << 20;
+/// Largest list of words or abbreviations.
+const MAX_LIST_BYTES: u64 = 1 << 20;
+
 #[derive(Deserialize)]
 struct CandidateLine {
-    id: serde_json::Value,
+    id: Id,
     text: String,
 }
 
 #[derive(Deserialize)]
 struct ReferenceLine {
-    id: serde_json::Value,
+    id: Id,
     texts: Vec<String>,
+}
+
+/// Text or a whole number, which mean the same.
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "`id` must be text or a whole number")]
+enum Id {
+    Text(String),
+    Number(i64),
+}
+
+impl Id {
+    fn into_text(self) -> String {
+        match self {
+            Id::Text(text) => text,
+            Id::Number(number) => number.to_string(),
+        }
+    }
 }
 
 /// Runs the verb.
@@ -39,42 +70,120 @@ pub fn run(args: &ScoreArgs) -> CliResult {
         CliError::new(format!("--protocol {}: unknown", args.protocol))
             .hint("plain, nlg-eval, coco or motiongpt")
     })?;
-    let candidates: Vec<Candidate> = read_lines::<CandidateLine>(&args.candidates)?
-        .into_iter()
-        .map(|c| Candidate {
-            id: id_text(&c.id),
-            text: c.text,
-        })
-        .collect();
-    let references: Vec<Reference> = read_lines::<ReferenceLine>(&args.references)?
-        .into_iter()
-        .map(|r| Reference {
-            id: id_text(&r.id),
-            texts: r.texts,
-        })
-        .collect();
+    if args.meteor_data.is_some() && protocol == Protocol::MotionGpt {
+        return Err(CliError::new(
+            "--meteor-data: protocol motiongpt has nltk's METEOR, which does not use it",
+        )
+        .hint("leave the flag out, or take another protocol"));
+    }
+    let resources = args
+        .meteor_data
+        .as_deref()
+        .map_or_else(|| Ok(Resources::default()), read_meteor_data)?;
+    let candidates: Vec<Candidate> = read_lines(&args.candidates, |c: CandidateLine| Candidate {
+        id: c.id.into_text(),
+        text: c.text,
+    })?;
+    let references: Vec<Reference> = read_lines(&args.references, |r: ReferenceLine| Reference {
+        id: r.id.into_text(),
+        texts: r.texts,
+    })?;
     let options = ScoreOptions {
         protocol,
         max_references: args.max_references,
         seed: args.seed,
         ..ScoreOptions::default()
     };
-    output::print_json(&score(&candidates, &references, &options)?)
+    output::print_json(&score_with(&candidates, &references, &options, &resources)?)
 }
 
-fn id_text(id: &serde_json::Value) -> String {
-    id.as_str().map_or_else(|| id.to_string(), String::from)
+/// Reads JSON lines; blank lines are skipped. The error names the first wrong line and counts the others.
+fn read_lines<L: for<'a> Deserialize<'a>, T>(
+    path: &Path,
+    item: impl Fn(L) -> T,
+) -> CliResult<Vec<T>> {
+    let io = |e| CliError::io(path, e);
+    let mut file = BufReader::new(File::open(path).map_err(io)?);
+    let (mut items, mut line) = (Vec::new(), Vec::new());
+    let (mut first_error, mut n_errors) = (None, 0_usize);
+    for number in 1_usize.. {
+        line.clear();
+        let n = (&mut file)
+            .take(MAX_LINE_BYTES + 1)
+            .read_until(b'\n', &mut line)
+            .map_err(io)?;
+        if n == 0 {
+            break;
+        }
+        if n as u64 > MAX_LINE_BYTES {
+            return Err(CliError::new(format!(
+                "{}:{number}: longer than 16 MiB",
+                path.display()
+            )));
+        }
+        let parsed = match std::str::from_utf8(&line) {
+            Ok(text) if text.trim().is_empty() => continue,
+            Ok(text) => serde_json::from_str(text).map_err(|e| e.to_string()),
+            Err(e) => Err(format!("not UTF-8 after {} bytes", e.valid_up_to())),
+        };
+        match parsed {
+            Ok(parsed) => items.push(item(parsed)),
+            Err(e) => {
+                n_errors += 1;
+                first_error.get_or_insert_with(|| format!("{}:{number}: {e}", path.display()));
+            }
+        }
+    }
+    match first_error {
+        None => Ok(items),
+        Some(cause) if n_errors == 1 => Err(CliError::new(cause)),
+        Some(cause) => Err(CliError::new(format!(
+            "{cause} ({n_errors} lines are wrong)"
+        ))),
+    }
 }
 
-/// Reads JSON lines; blank lines are skipped, anything else malformed is an error with its line.
-fn read_lines<T: for<'a> Deserialize<'a>>(path: &Path) -> CliResult<Vec<T>> {
-    let text = fs::read_to_string(path).map_err(|e| CliError::io(path, e))?;
-    text.lines()
-        .enumerate()
-        .filter(|(_, line)| !line.trim().is_empty())
-        .map(|(index, line)| {
-            serde_json::from_str(line)
-                .map_err(|e| CliError::new(format!("{}:{}: {e}", path.display(), index + 1)))
-        })
-        .collect()
+/// METEOR's own lists from a folder; at least one must be there.
+fn read_meteor_data(folder: &Path) -> CliResult<Resources> {
+    let mut resources = Resources::default();
+    let mut found = false;
+    if let Some(text) = read_list(&folder.join("function/english.words"))? {
+        (resources, found) = (resources.with_function_words(&text), true);
+    }
+    if let Some(text) = read_list(&folder.join("nonbreaking/english.prefixes"))? {
+        (resources, found) = (resources.with_abbreviations(&text), true);
+    }
+    let path = folder.join("data/paraphrase-en.gz");
+    if path.exists() {
+        let file = File::open(&path).map_err(|e| CliError::io(&path, e))?;
+        let table = Paraphrases::read(BufReader::new(GzDecoder::new(file)))
+            .map_err(|e| CliError::new(format!("{}: {e}", path.display())))?;
+        (resources, found) = (resources.with_paraphrases(table), true);
+    }
+    if found {
+        return Ok(resources);
+    }
+    Err(CliError::new(format!("--meteor-data {}: holds none of METEOR's files", folder.display())).hint(
+        "expected function/english.words, nonbreaking/english.prefixes or data/paraphrase-en.gz in it",
+    ))
+}
+
+fn read_list(path: &Path) -> CliResult<Option<String>> {
+    if !path.exists() {
+        return Ok(None);
+    }
+    let io = |e| CliError::io(path, e);
+    let mut text = String::new();
+    let n = File::open(path)
+        .map_err(io)?
+        .take(MAX_LIST_BYTES + 1)
+        .read_to_string(&mut text)
+        .map_err(io)?;
+    if n as u64 > MAX_LIST_BYTES {
+        return Err(CliError::new(format!(
+            "{}: larger than 1 MiB",
+            path.display()
+        )));
+    }
+    Ok(Some(text))
 }

@@ -23,7 +23,9 @@ const DRAWN_FACET_EDGE_M: f32 = 0.05;
 pub fn run(args: &ViewArgs) -> CliResult {
     output::check_free(&args.out, args.force)?;
     let options = ClipOptions {
-        radar: &args.radar,
+        radar: args.radar.as_deref(),
+        format: args.format.as_deref(),
+        recording: &args.recording,
         radar_height_m: args.radar_height_m,
         distance_m: 3.0,
         seed: args.seed,

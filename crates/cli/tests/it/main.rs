@@ -2,6 +2,15 @@
 
 mod architecture;
 mod bad_input;
+mod capture;
 mod chain;
 mod command;
 mod geometry;
+mod lm;
+mod recordings;
+mod score;
+
+/// Captures are made as the capture crate's own tests make them.
+#[allow(dead_code)]
+#[path = "../../../capture/tests/it/made.rs"]
+mod made;

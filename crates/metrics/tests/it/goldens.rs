@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use radarllm_metrics::{Candidate, Protocol, Reference, ScoreOptions, score};
 use serde::Deserialize;
 
+use super::captions::Captions;
+
 #[derive(Deserialize)]
 struct Goldens {
     items: Vec<Item>,
@@ -81,4 +83,47 @@ fn values_agree_with_the_python_packages() {
     println!("{n_compared} values, largest difference {largest:.1e}");
     // 220 corpora of 10 values, less Self-BLEU of the 108 single items.
     assert_eq!(n_compared, 4 * 55 * 10 - 4 * 27);
+}
+
+/// The whole of `score` under the protocols whose tokens and METEOR goldens.json does not have.
+#[test]
+fn protocols_agree_with_the_packages_they_stand_for() {
+    let goldens = Captions::load();
+    let id = |i: usize| format!("item {i}");
+    let candidates: Vec<_> = (goldens.items.iter().enumerate())
+        .map(|(i, item)| Candidate {
+            id: id(i),
+            text: item.candidate.clone(),
+        })
+        .collect();
+    let references: Vec<_> = (goldens.items.iter().enumerate())
+        .map(|(i, item)| Reference {
+            id: id(i),
+            texts: item.references.clone(),
+        })
+        .collect();
+    for (name, n_fields) in [("coco", 9), ("motiongpt", 8)] {
+        let options = ScoreOptions {
+            protocol: Protocol::from_name(name).unwrap(),
+            n_resamples: 0,
+            ..ScoreOptions::default()
+        };
+        let json =
+            serde_json::to_value(score(&candidates, &references, &options).unwrap()).unwrap();
+        let mut largest = 0.0_f64;
+        assert_eq!(goldens.protocols[name].len(), n_fields);
+        for (field, expected) in &goldens.protocols[name] {
+            let difference = (json[field].as_f64().unwrap() - expected).abs();
+            assert!(
+                difference < 1e-9,
+                "{name} {field}: {} but {expected}",
+                json[field]
+            );
+            largest = largest.max(difference);
+        }
+        println!(
+            "{name}: {} items, largest difference {largest:.1e}",
+            candidates.len()
+        );
+    }
 }

@@ -81,6 +81,7 @@ fn mismatched_ids_are_errors_that_name_them() {
     let duplicate = |list| {
         Err(ScoreError::Duplicate {
             list,
+            n: 1,
             id: "a".into(),
         })
     };
@@ -95,17 +96,37 @@ fn mismatched_ids_are_errors_that_name_them() {
     let none = references(&[("a", &[]), ("b", &["y"])]);
     assert_eq!(
         score(&c, &none, &o),
-        Err(ScoreError::NoReference { id: "a".into() })
+        Err(ScoreError::NoReference {
+            n: 1,
+            id: "a".into()
+        })
     );
-    for protocol in [Protocol::Coco, Protocol::MotionGpt] {
-        let error = score(&c, &r, &ScoreOptions { protocol, ..o }).unwrap_err();
-        assert_eq!(
-            error,
-            ScoreError::Unsupported {
-                protocol: protocol.name()
-            }
-        );
-    }
+    let two = ScoreOptions {
+        protocol: Protocol::MotionGpt,
+        max_references: 2,
+        ..o
+    };
+    assert_eq!(
+        score(&c, &r, &two),
+        Err(ScoreError::FixedReferences { max_references: 2 })
+    );
+    let long = "x ".repeat(1001);
+    let too_long = |list| {
+        Err(ScoreError::TooLong {
+            list,
+            id: "b".into(),
+            words: 1001,
+            bytes: 2002,
+        })
+    };
+    assert_eq!(
+        score(&candidates(&[("a", "x"), ("b", &long)]), &r, &o),
+        too_long("candidates")
+    );
+    assert_eq!(
+        score(&c, &references(&[("a", &["x"]), ("b", &[&long])]), &o),
+        too_long("references")
+    );
 }
 
 #[test]
@@ -159,11 +180,12 @@ fn json_has_the_contracted_fields_and_reasons() {
         "rouge_l_coco",
         "cider_d",
         "cider",
+        "meteor",
     ] {
         assert!(json[field].is_number(), "{field}");
         assert_eq!(json["ci95"][field].as_array().unwrap().len(), 2, "{field}");
     }
-    for field in ["meteor", "bert_score", "sim_cse", "self_bleu"] {
+    for field in ["bert_score", "sim_cse", "self_bleu"] {
         assert!(
             json[field].is_null() && json["reason"][field].is_string(),
             "{field}"

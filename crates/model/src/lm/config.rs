@@ -38,6 +38,10 @@ pub struct T5Config {
     pub feed_forward: FeedForward,
     /// Output rows are the embedding, scaled by `d_model^-0.5`.
     pub tie_embeddings: bool,
+    /// Whether states are scaled by `d_model^-0.5` before the output rows; as `tie_embeddings` says
+    /// without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scale_outputs: Option<bool>,
     /// Buckets of the relative position bias.
     pub relative_buckets: usize,
     /// Distance at which the buckets saturate.
@@ -95,6 +99,7 @@ impl LmPreset {
             n_decoder_layers: n_layers,
             feed_forward,
             tie_embeddings,
+            scale_outputs: None,
             relative_buckets: 32,
             relative_max_distance: 128,
             dropout: 0.1,
@@ -132,6 +137,11 @@ impl LmPreset {
 }
 
 impl T5Config {
+    /// Whether states are scaled by `d_model^-0.5` before the output rows.
+    pub fn scales_outputs(&self) -> bool {
+        self.scale_outputs.unwrap_or(self.tie_embeddings)
+    }
+
     /// Width of all heads together.
     pub fn inner(&self) -> usize {
         self.n_heads * self.d_kv

@@ -23,6 +23,7 @@ impl LmConfig {
             n_decoder_layers: c.n_decoder_layers,
             gated: c.feed_forward == FeedForward::GatedGelu,
             tied: c.tie_embeddings,
+            scaled: c.scales_outputs(),
             relative_buckets: c.relative_buckets,
             relative_max_distance: c.relative_max_distance,
             norm_eps: c.norm_eps as f32,

@@ -13,6 +13,7 @@ use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 
 use super::config::{FeedForward, LmConfig, T5Config};
+use super::layers::{Rows, ids_1d};
 use super::position::bucket_table;
 
 /// Added to the scores of keys that must not be seen. Finite, so that a row of nothing but such
@@ -187,11 +188,6 @@ impl Drop<'_> {
     }
 }
 
-fn ids_1d(ids: Vec<i32>, device: &Device) -> Tensor<1, Int> {
-    let len = ids.len();
-    Tensor::from_data(TensorData::new(ids, [len]), device)
-}
-
 impl SourceBatch {
     /// Pads `sources` to the longest and moves them to the device.
     ///
@@ -243,6 +239,20 @@ impl SourceBatch {
             ids: ids_1d(ids, device),
             hidden,
             features,
+        }
+    }
+}
+
+impl SourceBatch {
+    /// Rows of plain ids, padded anywhere.
+    fn from_rows(rows: &Rows, device: &Device) -> Self {
+        let [batch, length] = rows.shape;
+        Self {
+            batch,
+            length,
+            ids: rows.tensor(device),
+            hidden: rows.bias(false, device),
+            features: None,
         }
     }
 }
@@ -583,13 +593,12 @@ impl T5 {
 
     /// Logits of the first `n_rows` vocabulary entries, `[rows, n_rows]`.
     pub fn logits(&self, states: Tensor<2>, n_rows: usize) -> Tensor<2> {
-        let (head, states) = match &self.head {
-            Some(head) => (head.val(), states),
+        let head = self.head.as_ref().unwrap_or(&self.shared).val();
+        let states = if self.config.scales_outputs() {
             // Tied rows have unit variance; without the factor the logits would be far too large.
-            None => (
-                self.shared.val(),
-                states.mul_scalar((self.config.d_model as f64).powf(-0.5)),
-            ),
+            states.mul_scalar((self.config.d_model as f64).powf(-0.5))
+        } else {
+            states
         };
         let head = if n_rows < self.config.vocab_size {
             head.narrow(0, 0, n_rows)
@@ -597,6 +606,17 @@ impl T5 {
             head
         };
         states.matmul(head.swap_dims(0, 1))
+    }
+
+    /// Logits `[batch * target length, vocab_size]` under teacher forcing, of rows without radar.
+    /// Target rows start with the start token.
+    pub fn teacher_forced(&self, source: &Rows, target: &Rows, device: &Device) -> Tensor<2> {
+        let drop = &mut Drop { p: 0.0, rng: None };
+        let batch = SourceBatch::from_rows(source, device);
+        let x = self.embed(batch.ids);
+        let encoded = self.encode_embedded(x, batch.batch, batch.length, batch.hidden, drop);
+        let states = self.decode_all(&encoded, target.tensor(device), target.shape[1], drop);
+        self.logits(states, self.config.vocab_size)
     }
 
     /// Prepares step-by-step decoding of at most `max_steps` tokens.

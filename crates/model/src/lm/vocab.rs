@@ -130,7 +130,7 @@ pub struct Vocab {
     layout: Layout,
 }
 
-fn text_error(error: tokenizers::Error) -> LmError {
+pub(super) fn text_error(error: tokenizers::Error) -> LmError {
     LmError::Tokenizer(error.to_string())
 }
 

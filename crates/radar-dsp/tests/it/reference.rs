@@ -73,7 +73,7 @@ fn spectra_equal_the_naive_transform_for_odd_and_even_sizes() {
                                 (slow[l] - mean) * f64::from(wd[l]) * Complex64::cis(turn)
                             })
                             .sum();
-                        let found = spectrum.spectra[(channel * n_samples + r) * n_loops + d];
+                        let found = spectrum.value(channel, r * n_loops + d);
                         let error =
                             (Complex64::new(found.re.into(), found.im.into()) - expected).norm();
                         // Values of about 10; f32 has seven digits and the sums a few hundred terms.

@@ -1,10 +1,8 @@
-//! Sixteen `f32` lanes: one per channel in [`crate::spread`].
-//!
-//! Three implementations of one trait, chosen once per [`crate::Simulator`] at run time. Results
-//! are equal within rounding between them and equal to the byte on one of them (the AVX-512 and
-//! AVX2 ones fuse multiply and add, the portable one does not).
+//! Levels, the trait and its implementations, and the macro that makes entry points.
 
-/// Instruction set used by a simulator.
+use num_complex::Complex32;
+
+/// Instruction set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SimdLevel {
     /// 512-bit vectors with fused multiply-add.
@@ -45,22 +43,43 @@ impl SimdLevel {
 }
 
 /// Sixteen floats.
-pub(crate) trait Lanes: Copy {
+///
+/// Name the implementing types only through [`dispatch!`](crate::dispatch): their methods are the
+/// instructions of their level.
+pub trait Lanes: Copy {
+    /// Whose instructions these are.
+    const LEVEL: SimdLevel;
+    /// `x` in every lane.
     fn splat(x: f32) -> Self;
+    /// From memory.
     fn load(from: &[f32; 16]) -> Self;
+    /// To memory.
     fn store(self, to: &mut [f32; 16]);
+    /// Real and imaginary parts of sixteen complex numbers.
+    fn load_complex(from: &[Complex32; 16]) -> (Self, Self);
+    /// The inverse of [`Self::load_complex`].
+    fn store_complex(re: Self, im: Self, to: &mut [Complex32; 16]);
+    /// Lane `j` of vector `i` becomes lane `i` of vector `j`.
+    fn transpose(rows: &mut [Self; 16]);
+    /// `self + other`.
     fn add(self, other: Self) -> Self;
+    /// `self - other`.
     fn sub(self, other: Self) -> Self;
+    /// `self * other`.
     fn mul(self, other: Self) -> Self;
+    /// `self / other`.
     fn div(self, other: Self) -> Self;
     /// `self * factor + term`.
     fn fma(self, factor: Self, term: Self) -> Self;
     /// `term - self * factor`.
     fn fnma(self, factor: Self, term: Self) -> Self;
+    /// Square root.
     fn sqrt(self) -> Self;
     /// To the nearest integer, ties to even.
     fn round(self) -> Self;
+    /// The smaller; `other` where either is NaN.
     fn min(self, other: Self) -> Self;
+    /// The larger; `other` where either is NaN.
     fn max(self, other: Self) -> Self;
     /// `if self < limit { yes } else { no }`, lane by lane.
     fn select_lt(self, limit: Self, yes: Self, no: Self) -> Self;
@@ -79,7 +98,7 @@ pub(crate) trait Lanes: Copy {
 /// Sine and cosine of `2 pi x`, absolute error below 1e-6 for |x| < 1e4 (beyond the input's own
 /// rounding).
 #[inline(always)]
-pub(crate) fn sin_cos_turns<L: Lanes>(x: L) -> (L, L) {
+pub fn sin_cos_turns<L: Lanes>(x: L) -> (L, L) {
     // q in [-1/2, 1/2] turns; polynomials give the half angle (pi q in [-pi/2, pi/2]), the
     // double-angle formulas the rest: no quadrant logic.
     let q = x.sub(x.round());
@@ -100,8 +119,9 @@ pub(crate) fn sin_cos_turns<L: Lanes>(x: L) -> (L, L) {
 }
 
 /// Portable lanes.
+#[doc(hidden)]
 #[derive(Clone, Copy)]
-pub(crate) struct Array16([f32; 16]);
+pub struct Array16([f32; 16]);
 
 impl Array16 {
     #[inline(always)]
@@ -111,6 +131,7 @@ impl Array16 {
 }
 
 impl Lanes for Array16 {
+    const LEVEL: SimdLevel = SimdLevel::Portable;
     #[inline(always)]
     fn splat(x: f32) -> Self {
         Self([x; 16])
@@ -122,6 +143,25 @@ impl Lanes for Array16 {
     #[inline(always)]
     fn store(self, to: &mut [f32; 16]) {
         *to = self.0;
+    }
+    #[inline(always)]
+    fn load_complex(from: &[Complex32; 16]) -> (Self, Self) {
+        (Self(from.map(|z| z.re)), Self(from.map(|z| z.im)))
+    }
+    #[inline(always)]
+    fn store_complex(re: Self, im: Self, to: &mut [Complex32; 16]) {
+        for ((to, re), im) in to.iter_mut().zip(re.0).zip(im.0) {
+            *to = Complex32::new(re, im);
+        }
+    }
+    #[inline(always)]
+    fn transpose(rows: &mut [Self; 16]) {
+        let from = *rows;
+        for (i, row) in rows.iter_mut().enumerate() {
+            for (to, from) in row.0.iter_mut().zip(&from) {
+                *to = from.0[i];
+            }
+        }
     }
     #[inline(always)]
     fn add(self, other: Self) -> Self {
@@ -178,31 +218,46 @@ impl Lanes for Array16 {
 }
 
 #[cfg(target_arch = "x86_64")]
-pub(crate) use x86::{Avx2x2, Avx512};
+#[doc(hidden)]
+pub use x86::{Avx2x2, Avx512};
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use std::arch::x86_64::*;
 
-    use super::Lanes;
+    use num_complex::Complex32;
+
+    use super::{Lanes, SimdLevel};
 
     /// Calls one intrinsic.
     ///
-    /// The types of this module are named only by the `dispatch!`ed entry points of this crate,
-    /// which are compiled for, and called only after detecting, the features concerned.
+    /// The types of this module are named only by entry points that `dispatch!` makes, which are
+    /// compiled for, and called only after detecting, the features concerned.
     macro_rules! intrinsic {
         ($call:expr) => {{
             // SAFETY: the module's types are used only on machines where `SimdLevel::is_available`
-            // said yes, and pointers come from references to 16 floats.
+            // said yes, and pointers come from references to 16 floats or complex numbers.
             unsafe { $call }
         }};
     }
 
     /// One 512-bit register.
     #[derive(Clone, Copy)]
-    pub(crate) struct Avx512(__m512);
+    pub struct Avx512(__m512);
+
+    impl Avx512 {
+        /// Exchanges 128-bit quarters: `a`'s and `b`'s even ones, and their odd ones.
+        #[inline(always)]
+        fn quarters(a: Self, b: Self) -> (Self, Self) {
+            (
+                Self(intrinsic!(_mm512_shuffle_f32x4::<0b10_00_10_00>(a.0, b.0))),
+                Self(intrinsic!(_mm512_shuffle_f32x4::<0b11_01_11_01>(a.0, b.0))),
+            )
+        }
+    }
 
     impl Lanes for Avx512 {
+        const LEVEL: SimdLevel = SimdLevel::Avx512;
         #[inline(always)]
         fn splat(x: f32) -> Self {
             Self(intrinsic!(_mm512_set1_ps(x)))
@@ -214,6 +269,66 @@ mod x86 {
         #[inline(always)]
         fn store(self, to: &mut [f32; 16]) {
             intrinsic!(_mm512_storeu_ps(to.as_mut_ptr(), self.0));
+        }
+        #[inline(always)]
+        fn load_complex(from: &[Complex32; 16]) -> (Self, Self) {
+            let from: *const f32 = from.as_ptr().cast();
+            let a = intrinsic!(_mm512_loadu_ps(from));
+            let b = intrinsic!(_mm512_loadu_ps(from.add(16)));
+            let even = intrinsic!(_mm512_setr_epi32(
+                0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30
+            ));
+            let odd = intrinsic!(_mm512_setr_epi32(
+                1, 3, 5, 7, 9, 11, 13, 15, 17, 19, 21, 23, 25, 27, 29, 31
+            ));
+            (
+                Self(intrinsic!(_mm512_permutex2var_ps(a, even, b))),
+                Self(intrinsic!(_mm512_permutex2var_ps(a, odd, b))),
+            )
+        }
+        #[inline(always)]
+        fn store_complex(re: Self, im: Self, to: &mut [Complex32; 16]) {
+            let to: *mut f32 = to.as_mut_ptr().cast();
+            let low = intrinsic!(_mm512_setr_epi32(
+                0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23
+            ));
+            let high = intrinsic!(_mm512_setr_epi32(
+                8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31
+            ));
+            let (a, b) = (
+                intrinsic!(_mm512_permutex2var_ps(re.0, low, im.0)),
+                intrinsic!(_mm512_permutex2var_ps(re.0, high, im.0)),
+            );
+            intrinsic!(_mm512_storeu_ps(to, a));
+            intrinsic!(_mm512_storeu_ps(to.add(16), b));
+        }
+        #[inline(always)]
+        fn transpose(rows: &mut [Self; 16]) {
+            // 4 x 4 blocks within the 128-bit quarters: afterwards vector 4 g + c holds, in quarter q,
+            // column 4 q + c of rows 4 g ..
+            let mut t = *rows;
+            for g in (0..16).step_by(4) {
+                let [a, b, c, d] = [rows[g].0, rows[g + 1].0, rows[g + 2].0, rows[g + 3].0];
+                let (ab0, ab1) = (
+                    intrinsic!(_mm512_castps_pd(_mm512_unpacklo_ps(a, b))),
+                    intrinsic!(_mm512_castps_pd(_mm512_unpackhi_ps(a, b))),
+                );
+                let (cd0, cd1) = (
+                    intrinsic!(_mm512_castps_pd(_mm512_unpacklo_ps(c, d))),
+                    intrinsic!(_mm512_castps_pd(_mm512_unpackhi_ps(c, d))),
+                );
+                t[g] = Self(intrinsic!(_mm512_castpd_ps(_mm512_unpacklo_pd(ab0, cd0))));
+                t[g + 1] = Self(intrinsic!(_mm512_castpd_ps(_mm512_unpackhi_pd(ab0, cd0))));
+                t[g + 2] = Self(intrinsic!(_mm512_castpd_ps(_mm512_unpacklo_pd(ab1, cd1))));
+                t[g + 3] = Self(intrinsic!(_mm512_castpd_ps(_mm512_unpackhi_pd(ab1, cd1))));
+            }
+            // Then the quarters.
+            for c in 0..4 {
+                let (even_a, odd_a) = Self::quarters(t[c], t[4 + c]);
+                let (even_b, odd_b) = Self::quarters(t[8 + c], t[12 + c]);
+                (rows[c], rows[8 + c]) = Self::quarters(even_a, even_b);
+                (rows[4 + c], rows[12 + c]) = Self::quarters(odd_a, odd_b);
+            }
         }
         #[inline(always)]
         fn add(self, other: Self) -> Self {
@@ -267,7 +382,7 @@ mod x86 {
 
     /// Two 256-bit registers.
     #[derive(Clone, Copy)]
-    pub(crate) struct Avx2x2(__m256, __m256);
+    pub struct Avx2x2(__m256, __m256);
 
     macro_rules! both {
         ($f:ident, $($x:expr),+) => {
@@ -275,7 +390,62 @@ mod x86 {
         };
     }
 
+    impl Avx2x2 {
+        /// Transposes 8 x 8 floats.
+        #[inline(always)]
+        fn transpose_block(r: &mut [__m256; 8]) {
+            let mut t = *r;
+            for g in [0, 4] {
+                let (ab0, ab1) = (
+                    intrinsic!(_mm256_castps_pd(_mm256_unpacklo_ps(r[g], r[g + 1]))),
+                    intrinsic!(_mm256_castps_pd(_mm256_unpackhi_ps(r[g], r[g + 1]))),
+                );
+                let (cd0, cd1) = (
+                    intrinsic!(_mm256_castps_pd(_mm256_unpacklo_ps(r[g + 2], r[g + 3]))),
+                    intrinsic!(_mm256_castps_pd(_mm256_unpackhi_ps(r[g + 2], r[g + 3]))),
+                );
+                t[g] = intrinsic!(_mm256_castpd_ps(_mm256_unpacklo_pd(ab0, cd0)));
+                t[g + 1] = intrinsic!(_mm256_castpd_ps(_mm256_unpackhi_pd(ab0, cd0)));
+                t[g + 2] = intrinsic!(_mm256_castpd_ps(_mm256_unpacklo_pd(ab1, cd1)));
+                t[g + 3] = intrinsic!(_mm256_castpd_ps(_mm256_unpackhi_pd(ab1, cd1)));
+            }
+            for c in 0..4 {
+                r[c] = intrinsic!(_mm256_permute2f128_ps::<0x20>(t[c], t[4 + c]));
+                r[4 + c] = intrinsic!(_mm256_permute2f128_ps::<0x31>(t[c], t[4 + c]));
+            }
+        }
+
+        /// Real and imaginary parts of eight complex numbers.
+        #[inline(always)]
+        fn split(a: __m256, b: __m256) -> (__m256, __m256) {
+            // Within 128-bit halves, then the quarters a0 b0 a1 b1 into order.
+            let order = |v| {
+                intrinsic!(_mm256_castpd_ps(_mm256_permute4x64_pd::<0b11_01_10_00>(
+                    _mm256_castps_pd(v)
+                )))
+            };
+            (
+                order(intrinsic!(_mm256_shuffle_ps::<0b10_00_10_00>(a, b))),
+                order(intrinsic!(_mm256_shuffle_ps::<0b11_01_11_01>(a, b))),
+            )
+        }
+
+        /// The inverse of [`Self::split`].
+        #[inline(always)]
+        fn join(re: __m256, im: __m256) -> (__m256, __m256) {
+            let (low, high) = (
+                intrinsic!(_mm256_unpacklo_ps(re, im)),
+                intrinsic!(_mm256_unpackhi_ps(re, im)),
+            );
+            (
+                intrinsic!(_mm256_permute2f128_ps::<0x20>(low, high)),
+                intrinsic!(_mm256_permute2f128_ps::<0x31>(low, high)),
+            )
+        }
+    }
+
     impl Lanes for Avx2x2 {
+        const LEVEL: SimdLevel = SimdLevel::Avx2;
         #[inline(always)]
         fn splat(x: f32) -> Self {
             let v = intrinsic!(_mm256_set1_ps(x));
@@ -292,6 +462,36 @@ mod x86 {
         fn store(self, to: &mut [f32; 16]) {
             intrinsic!(_mm256_storeu_ps(to.as_mut_ptr(), self.0));
             intrinsic!(_mm256_storeu_ps(to.as_mut_ptr().add(8), self.1));
+        }
+        #[inline(always)]
+        fn load_complex(from: &[Complex32; 16]) -> (Self, Self) {
+            let from: *const f32 = from.as_ptr().cast();
+            let quarter = |i: usize| intrinsic!(_mm256_loadu_ps(from.add(8 * i)));
+            let (re0, im0) = Self::split(quarter(0), quarter(1));
+            let (re1, im1) = Self::split(quarter(2), quarter(3));
+            (Self(re0, re1), Self(im0, im1))
+        }
+        #[inline(always)]
+        fn store_complex(re: Self, im: Self, to: &mut [Complex32; 16]) {
+            let to: *mut f32 = to.as_mut_ptr().cast();
+            let (a, b) = Self::join(re.0, im.0);
+            let (c, d) = Self::join(re.1, im.1);
+            for (i, quarter) in [a, b, c, d].into_iter().enumerate() {
+                intrinsic!(_mm256_storeu_ps(to.add(8 * i), quarter));
+            }
+        }
+        #[inline(always)]
+        fn transpose(rows: &mut [Self; 16]) {
+            let mut blocks = [[rows[0].0; 8]; 4];
+            for i in 0..8 {
+                (blocks[0][i], blocks[1][i]) = (rows[i].0, rows[i].1);
+                (blocks[2][i], blocks[3][i]) = (rows[8 + i].0, rows[8 + i].1);
+            }
+            blocks.iter_mut().for_each(Self::transpose_block);
+            for i in 0..8 {
+                rows[i] = Self(blocks[0][i], blocks[2][i]);
+                rows[8 + i] = Self(blocks[1][i], blocks[3][i]);
+            }
         }
         #[inline(always)]
         fn add(self, other: Self) -> Self {
@@ -347,34 +547,41 @@ mod x86 {
     }
 }
 
-/// Defines `$name(level, args)`, which runs the generic `$body::<L>(args)` compiled for `level`.
+/// Defines `$name(level, args)`, which runs the generic `$body::<L>(args)` compiled for `level`, or
+/// for [`SimdLevel::Portable`] where this machine cannot run `level`.
+///
+/// The body, and whatever it calls with lanes, must be `#[inline(always)]`.
+#[macro_export]
 macro_rules! dispatch {
     ($(#[$meta:meta])* $vis:vis fn $name:ident => $body:ident ( $($arg:ident : $ty:ty),* $(,)? )) => {
         $(#[$meta])*
-        $vis fn $name(level: $crate::simd::SimdLevel, $($arg: $ty),*) {
+        $vis fn $name(level: $crate::SimdLevel, $($arg: $ty),*) {
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx512f,avx512dq,avx512bw,avx512vl,avx2,fma")]
             fn avx512($($arg: $ty),*) {
-                $body::<$crate::simd::Avx512>($($arg),*);
+                $body::<$crate::lanes::Avx512>($($arg),*);
             }
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx2,fma")]
             fn avx2($($arg: $ty),*) {
-                $body::<$crate::simd::Avx2x2>($($arg),*);
+                $body::<$crate::lanes::Avx2x2>($($arg),*);
             }
             match level {
-                // SAFETY: a simulator takes a level only after `is_available`.
                 #[cfg(target_arch = "x86_64")]
-                $crate::simd::SimdLevel::Avx512 => unsafe { avx512($($arg),*) },
-                // SAFETY: as above.
+                $crate::SimdLevel::Avx512 if level.is_available() => {
+                    // SAFETY: this machine has the features, it was just asked.
+                    unsafe { avx512($($arg),*) }
+                }
                 #[cfg(target_arch = "x86_64")]
-                $crate::simd::SimdLevel::Avx2 => unsafe { avx2($($arg),*) },
-                _ => $body::<$crate::simd::Array16>($($arg),*),
+                $crate::SimdLevel::Avx2 if level.is_available() => {
+                    // SAFETY: as above.
+                    unsafe { avx2($($arg),*) }
+                }
+                _ => $body::<$crate::lanes::Array16>($($arg),*),
             }
         }
     };
 }
-pub(crate) use dispatch;
 
 #[cfg(test)]
 mod tests {
@@ -411,6 +618,47 @@ mod tests {
                         "{level:?} cos {}",
                         x[j]
                     );
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn shuffle_body<L: Lanes>(
+        from: &[[Complex32; 16]; 16],
+        turned: &mut [[Complex32; 16]; 16],
+        back: &mut [[Complex32; 16]; 16],
+    ) {
+        let (mut re, mut im) = ([L::splat(0.0); 16], [L::splat(0.0); 16]);
+        for (i, row) in from.iter().enumerate() {
+            (re[i], im[i]) = L::load_complex(row);
+            L::store_complex(re[i], im[i], &mut back[i]);
+        }
+        L::transpose(&mut re);
+        L::transpose(&mut im);
+        for (i, row) in turned.iter_mut().enumerate() {
+            L::store_complex(re[i], im[i], row);
+        }
+    }
+    dispatch!(fn shuffle => shuffle_body(
+        from: &[[Complex32; 16]; 16],
+        turned: &mut [[Complex32; 16]; 16],
+        back: &mut [[Complex32; 16]; 16],
+    ));
+
+    #[test]
+    fn transposition_and_interleaving_move_every_number_to_its_place() {
+        let from: [[Complex32; 16]; 16] = std::array::from_fn(|i| {
+            std::array::from_fn(|j| Complex32::new((16 * i + j) as f32, -((16 * i + j) as f32)))
+        });
+        for level in [SimdLevel::Avx512, SimdLevel::Avx2, SimdLevel::Portable] {
+            let mut turned = [[Complex32::ZERO; 16]; 16];
+            let mut back = turned;
+            shuffle(level, &from, &mut turned, &mut back);
+            assert_eq!(back, from, "{level:?}");
+            for (i, row) in turned.iter().enumerate() {
+                for (j, &z) in row.iter().enumerate() {
+                    assert_eq!(z, from[j][i], "{level:?} {i} {j}");
                 }
             }
         }

@@ -1,0 +1,311 @@
+//! Packets into frames. Bytes go where the byte count says, never where they happen to arrive.
+//!
+//! Memory holds one frame and the reordering window, whatever the counters say: a packet beyond the
+//! window is only believed when a second one fits it, and frames of which nothing arrived are counted,
+//! not made.
+
+use std::collections::BTreeMap;
+
+use super::{DataPacket, MAX_PAYLOAD};
+use crate::adc::{AdcError, FrameIntegrity, layout::MAX_FRAME_BYTES};
+
+/// How far packets may overtake each other, packets.
+const WINDOW_PACKETS: usize = 64;
+
+/// A frame as far as it arrived.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AssembledFrame {
+    /// What is missing.
+    pub integrity: FrameIntegrity,
+    /// The frame; missing bytes are zero.
+    pub bytes: Vec<u8>,
+}
+
+/// What happened to a whole transfer.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct TransferSummary {
+    /// Packets handed in.
+    pub packets: u64,
+    /// Lowest packet number used; above 1 the recording began in mid-stream.
+    pub first_sequence: Option<u32>,
+    /// Highest packet number used.
+    pub last_sequence: Option<u32>,
+    /// Numbers between the two that never came.
+    pub lost: u64,
+    /// Packets that came after one with a higher number.
+    pub out_of_order: u64,
+    /// Packets that held nothing new.
+    pub duplicates: u64,
+    /// Packets whose frame had been given out: too late, or of another recording.
+    pub late: u64,
+    /// Packets far ahead of all others that no second packet confirmed.
+    pub refused: u64,
+    /// Frames given out.
+    pub frames: u64,
+    /// Of these, frames with missing bytes.
+    pub damaged_frames: u64,
+    /// Frames between the first and the last of which nothing arrived.
+    pub lost_frames: u64,
+    /// Bytes after the last whole frame.
+    pub trailing_bytes: usize,
+}
+
+/// A packet that waits for another one to confirm it.
+struct Waiting {
+    sequence: u32,
+    byte_count: u64,
+    payload: Vec<u8>,
+}
+
+impl Waiting {
+    fn packet(&self) -> DataPacket<'_> {
+        DataPacket {
+            sequence: self.sequence,
+            byte_count: self.byte_count,
+            payload: &self.payload,
+        }
+    }
+
+    /// Whether the counters of both can come from one transfer: only the last packet of a transfer is
+    /// shorter than the others.
+    fn fits(&self, other: &DataPacket) -> bool {
+        let steps = i64::from(other.sequence) - i64::from(self.sequence);
+        let bytes = other.byte_count as i64 - self.byte_count as i64;
+        let step_bytes = self.payload.len().max(other.payload.len()) as i64;
+        steps != 0 && steps.unsigned_abs() <= WINDOW_PACKETS as u64 && bytes == steps * step_bytes
+    }
+}
+
+/// Packet counts of a frame that is still open.
+#[derive(Default)]
+struct Counts {
+    packets: u32,
+    out_of_order: u32,
+    duplicates: u32,
+}
+
+/// Places packets into frames.
+pub struct Assembler {
+    frame_bytes: usize,
+    window_bytes: usize,
+    /// Byte count of the first byte of the oldest open frame; `None` before the first confirmed packet.
+    base: Option<u64>,
+    /// Bytes from `base` on, and whether they arrived.
+    data: Vec<u8>,
+    arrived: Vec<bool>,
+    counts: BTreeMap<u64, Counts>,
+    waiting: Option<Waiting>,
+    /// Packets that held something new.
+    used: u64,
+    summary: TransferSummary,
+}
+
+impl Assembler {
+    /// For frames of `frame_bytes`.
+    ///
+    /// # Errors
+    /// [`AdcError::Layout`] for an empty or an immense frame.
+    pub fn new(frame_bytes: usize) -> Result<Self, AdcError> {
+        if !(1..=MAX_FRAME_BYTES).contains(&frame_bytes) {
+            return Err(AdcError::Layout(format!(
+                "a frame must have 1 to {MAX_FRAME_BYTES} bytes, not {frame_bytes}"
+            )));
+        }
+        Ok(Self {
+            frame_bytes,
+            window_bytes: WINDOW_PACKETS * MAX_PAYLOAD,
+            base: None,
+            data: Vec::new(),
+            arrived: Vec::new(),
+            counts: BTreeMap::new(),
+            waiting: None,
+            used: 0,
+            summary: TransferSummary::default(),
+        })
+    }
+
+    /// What happened so far; complete after [`Self::finish`].
+    pub fn summary(&self) -> &TransferSummary {
+        &self.summary
+    }
+
+    /// Takes a packet and returns the frames that nothing can be added to any more.
+    pub fn push(&mut self, packet: &DataPacket) -> Vec<AssembledFrame> {
+        self.summary.packets += 1;
+        let mut frames = Vec::new();
+        if packet.byte_count >= 1 << 48 || packet.payload.len() > MAX_PAYLOAD {
+            self.summary.refused += 1;
+            return frames;
+        }
+        let is_jump = match self.base {
+            None => true,
+            Some(base) => packet.byte_count > base + (self.data.len() + self.window_bytes) as u64,
+        };
+        if !is_jump {
+            self.place(packet);
+            self.close_passed(&mut frames);
+            return frames;
+        }
+        match self.waiting.take() {
+            Some(first) if first.fits(packet) => {
+                let start = first.byte_count.min(packet.byte_count);
+                self.move_to(start, &mut frames);
+                for packet in [&first.packet(), packet] {
+                    self.place(packet);
+                }
+                self.close_passed(&mut frames);
+            }
+            other => {
+                self.summary.refused += u64::from(other.is_some());
+                self.waiting = Some(Waiting {
+                    sequence: packet.sequence,
+                    byte_count: packet.byte_count,
+                    payload: packet.payload.to_vec(),
+                });
+            }
+        }
+        frames
+    }
+
+    /// Ends the transfer: gives out what is whole or has been overtaken; the rest of a last frame is
+    /// counted in [`TransferSummary::trailing_bytes`].
+    pub fn finish(&mut self) -> Vec<AssembledFrame> {
+        let mut frames = Vec::new();
+        if let Some(last) = self.waiting.take() {
+            if self.base.is_none() {
+                self.move_to(last.byte_count, &mut frames);
+                self.place(&last.packet());
+            } else {
+                self.summary.refused += 1;
+            }
+        }
+        while self.data.len() >= self.frame_bytes {
+            self.close_oldest(&mut frames);
+        }
+        self.summary.trailing_bytes = self.arrived.iter().filter(|a| **a).count();
+        self.data.clear();
+        self.arrived.clear();
+        frames
+    }
+
+    /// Makes the frame that holds byte `count` the oldest open one.
+    fn move_to(&mut self, count: u64, frames: &mut Vec<AssembledFrame>) {
+        let frame_bytes = self.frame_bytes as u64;
+        let start = count - count % frame_bytes;
+        if let Some(base) = self.base {
+            let mut skipped = start.saturating_sub(base) / frame_bytes;
+            while !self.data.is_empty() && skipped > 0 {
+                self.close_oldest(frames);
+                skipped -= 1;
+            }
+            self.summary.lost_frames += skipped;
+        }
+        self.base = Some(start);
+    }
+
+    fn place(&mut self, packet: &DataPacket) {
+        let Some(base) = self.base else { return };
+        let end = packet.byte_count + packet.payload.len() as u64;
+        if end <= base {
+            self.summary.late += 1;
+            return;
+        }
+        // The first bytes may belong to a frame that has gone.
+        let gone = base.saturating_sub(packet.byte_count) as usize;
+        let payload = &packet.payload[gone..];
+        let start = (packet.byte_count + gone as u64 - base) as usize;
+        let stop = start + payload.len();
+        if self.data.len() < stop {
+            self.data.resize(stop, 0);
+            self.arrived.resize(stop, false);
+        }
+        let mut is_new = false;
+        for ((byte, arrived), new) in self.data[start..stop]
+            .iter_mut()
+            .zip(&mut self.arrived[start..stop])
+            .zip(payload)
+        {
+            // What came first stays: a second copy can only be equal or forged.
+            if !*arrived {
+                (*byte, *arrived) = (*new, true);
+                is_new = true;
+            }
+        }
+        let frame = (base + start as u64) / self.frame_bytes as u64;
+        let counts = self.counts.entry(frame).or_default();
+        counts.packets += 1;
+        if !is_new {
+            counts.duplicates += 1;
+            self.summary.duplicates += 1;
+            return;
+        }
+        self.used += 1;
+        let sequence = packet.sequence;
+        if self.summary.last_sequence.is_some_and(|s| sequence < s) {
+            counts.out_of_order += 1;
+            self.summary.out_of_order += 1;
+        }
+        let first = self
+            .summary
+            .first_sequence
+            .map_or(sequence, |s| s.min(sequence));
+        let last = self
+            .summary
+            .last_sequence
+            .map_or(sequence, |s| s.max(sequence));
+        self.summary.first_sequence = Some(first);
+        self.summary.last_sequence = Some(last);
+        self.summary.lost = (u64::from(last - first) + 1).saturating_sub(self.used);
+    }
+
+    fn close_passed(&mut self, frames: &mut Vec<AssembledFrame>) {
+        while self.data.len() >= self.frame_bytes + self.window_bytes {
+            self.close_oldest(frames);
+        }
+    }
+
+    fn close_oldest(&mut self, frames: &mut Vec<AssembledFrame>) {
+        let Some(base) = self.base else { return };
+        let n = self.frame_bytes.min(self.data.len());
+        let mut bytes: Vec<u8> = self.data.drain(..n).collect();
+        bytes.resize(self.frame_bytes, 0);
+        let mut missing: Vec<std::ops::Range<usize>> = Vec::new();
+        let mut gap_start = None;
+        for (i, arrived) in self.arrived.drain(..n).enumerate() {
+            match (arrived, gap_start) {
+                (false, None) => gap_start = Some(i),
+                (true, Some(start)) => {
+                    missing.push(start..i);
+                    gap_start = None;
+                }
+                _ => {}
+            }
+        }
+        if gap_start.is_some() || n < self.frame_bytes {
+            missing.push(gap_start.unwrap_or(n)..self.frame_bytes);
+        }
+        let frame = base / self.frame_bytes as u64;
+        let counts = self.counts.remove(&frame).unwrap_or_default();
+        self.base = Some(base + self.frame_bytes as u64);
+        if missing
+            .first()
+            .is_some_and(|gap| gap.len() == self.frame_bytes)
+        {
+            self.summary.lost_frames += 1;
+            return;
+        }
+        self.summary.frames += 1;
+        self.summary.damaged_frames += u64::from(!missing.is_empty());
+        frames.push(AssembledFrame {
+            integrity: FrameIntegrity {
+                frame,
+                frame_bytes: self.frame_bytes,
+                missing,
+                packets: counts.packets,
+                out_of_order: counts.out_of_order,
+                duplicates: counts.duplicates,
+            },
+            bytes,
+        });
+    }
+}

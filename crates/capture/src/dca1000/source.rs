@@ -1,0 +1,145 @@
+//! Where packets come from, and frames made of them.
+
+use std::{collections::VecDeque, io::Read};
+
+use radarllm_base::RadarCube;
+
+use super::{AssembledFrame, Assembler, DATA_PORT, DataPacket, TransferSummary};
+use crate::{
+    adc::{AdcError, FrameDecoder, FrameIntegrity, FrameSource},
+    pcap::{CapturedUdp, PcapReader},
+};
+
+/// Anything that gives one packet after the other: a file of records, a pcap file, a socket.
+pub trait PacketSource {
+    /// The next packet; `None` at the end.
+    ///
+    /// # Errors
+    /// [`AdcError`] with the place in the input.
+    fn next_packet(&mut self) -> Result<Option<DataPacket<'_>>, AdcError>;
+
+    /// What came along and was no packet of samples: cut, of another length.
+    fn skipped(&self) -> u64;
+}
+
+/// Packets of a pcap or pcapng file: every datagram to the card's data port.
+pub struct PcapPackets<R> {
+    pcap: PcapReader<R>,
+    port: u16,
+    datagram: Vec<u8>,
+    skipped: u64,
+}
+
+impl<R: Read> PcapPackets<R> {
+    /// Opens the file.
+    ///
+    /// # Errors
+    /// [`AdcError`] if it is no pcap file.
+    pub fn new(input: R) -> Result<Self, AdcError> {
+        Ok(Self {
+            pcap: PcapReader::new(input)?,
+            port: DATA_PORT,
+            datagram: Vec::new(),
+            skipped: 0,
+        })
+    }
+
+    /// Datagrams to another port, for cards that were told so.
+    pub fn with_port(mut self, port: u16) -> Self {
+        self.port = port;
+        self
+    }
+
+    /// The reader below, for its counts.
+    pub fn pcap(&self) -> &PcapReader<R> {
+        &self.pcap
+    }
+}
+
+impl<R: Read> PacketSource for PcapPackets<R> {
+    fn next_packet(&mut self) -> Result<Option<DataPacket<'_>>, AdcError> {
+        loop {
+            match self.pcap.next_udp(&mut self.datagram)? {
+                None => return Ok(None),
+                Some(CapturedUdp {
+                    destination_port,
+                    is_whole,
+                }) => {
+                    if destination_port != self.port {
+                        continue;
+                    }
+                    if is_whole && DataPacket::parse(&self.datagram).is_ok() {
+                        break;
+                    }
+                    self.skipped += 1;
+                }
+            }
+        }
+        // Parsed twice, because a loop cannot return what it borrows.
+        Ok(DataPacket::parse(&self.datagram).ok())
+    }
+
+    fn skipped(&self) -> u64 {
+        self.skipped
+    }
+}
+
+/// Frames of packets.
+pub struct PacketFrames<S> {
+    source: S,
+    assembler: Assembler,
+    decoder: FrameDecoder,
+    ready: VecDeque<AssembledFrame>,
+    is_finished: bool,
+}
+
+impl<S: PacketSource> PacketFrames<S> {
+    /// Frames as `decoder` expects them.
+    ///
+    /// # Errors
+    /// As [`Assembler::new`].
+    pub fn new(source: S, decoder: FrameDecoder) -> Result<Self, AdcError> {
+        Ok(Self {
+            source,
+            assembler: Assembler::new(decoder.frame_bytes())?,
+            decoder,
+            ready: VecDeque::new(),
+            is_finished: false,
+        })
+    }
+
+    /// What happened on the way.
+    pub fn summary(&self) -> &TransferSummary {
+        self.assembler.summary()
+    }
+
+    /// Where the packets come from.
+    pub fn source(&self) -> &S {
+        &self.source
+    }
+}
+
+impl<S: PacketSource> FrameSource for PacketFrames<S> {
+    fn next_frame(&mut self, cube: &mut RadarCube) -> Result<Option<FrameIntegrity>, AdcError> {
+        loop {
+            if let Some(frame) = self.ready.pop_front() {
+                self.decoder.decode(&frame.bytes, cube)?;
+                return Ok(Some(frame.integrity));
+            }
+            if self.is_finished {
+                return Ok(None);
+            }
+            match self.source.next_packet()? {
+                Some(packet) => self.ready.extend(self.assembler.push(&packet)),
+                None => {
+                    self.is_finished = true;
+                    self.ready.extend(self.assembler.finish());
+                }
+            }
+        }
+    }
+
+    fn trailing_bytes(&self) -> usize {
+        self.summary().trailing_bytes
+    }
+}

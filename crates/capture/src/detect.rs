@@ -1,0 +1,427 @@
+//! Which format a capture has, from its first bytes and its name, with the reason.
+
+use crate::{
+    dca1000::starts_with_record,
+    pcap,
+    recordings::{bag::BAG_MAGIC, mmfi},
+    tables::{NpyHeader, is_point_column, npy::NPY_MAGIC, read_npy_header},
+    uart,
+};
+
+/// Bytes at the start of a file that decide; more are not looked at.
+pub const HEAD_BYTES: usize = 64 << 10;
+
+/// What a capture can be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Format {
+    /// Raw samples: `adc_data.bin` of a capture card, or npy cubes of complex numbers.
+    Adc,
+    /// UDP packets of a DCA1000.
+    Dca1000,
+    /// UART output of a TI demo.
+    Uart,
+    /// RadHAR text.
+    RadHar,
+    /// MARS tables and feature maps.
+    Mars,
+    /// mmBody frames.
+    MmBody,
+    /// MM-Fi frames.
+    MmFi,
+    /// Points table, CSV.
+    Csv,
+    /// Points table, npy.
+    NpyPoints,
+    /// ROS 1 bag.
+    Bag,
+    /// This project's points file.
+    Points,
+}
+
+impl Format {
+    /// All formats.
+    pub const ALL: [Self; 11] = [
+        Self::Adc,
+        Self::Dca1000,
+        Self::Uart,
+        Self::RadHar,
+        Self::Mars,
+        Self::MmBody,
+        Self::MmFi,
+        Self::Csv,
+        Self::NpyPoints,
+        Self::Bag,
+        Self::Points,
+    ];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Adc => "adc",
+            Self::Dca1000 => "dca1000",
+            Self::Uart => "uart",
+            Self::RadHar => "radhar",
+            Self::Mars => "mars",
+            Self::MmBody => "mmbody",
+            Self::MmFi => "mmfi",
+            Self::Csv => "csv",
+            Self::NpyPoints => "npy-points",
+            Self::Bag => "bag",
+            Self::Points => "points",
+        }
+    }
+
+    /// The format of that [`Self::name`].
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|f| f.name() == name)
+    }
+}
+
+/// A format with the reason.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Detected {
+    /// The format.
+    pub format: Format,
+    /// What it was told by.
+    pub reason: String,
+}
+
+/// Why a format cannot be told.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DetectError {
+    /// Several are possible.
+    #[error("the format is not clear ({reason}); it can be {}", list(.choices))]
+    Ambiguous {
+        /// What was seen.
+        reason: String,
+        /// What it can be.
+        choices: Vec<Format>,
+    },
+    /// A Python pickle: it can run any code when it is opened.
+    #[error(
+        "a Python pickle ({reason}), which is never read, because opening one can run any code. Open it in a sandbox \
+         that you trust with it, and save the numbers alone: numpy.save(\"frame_0001.npy\", numpy.asarray(points, \
+         dtype=\"f4\")) for each frame, or one CSV with frame,t_s,x,y,z,velocity,intensity"
+    )]
+    Pickle {
+        /// What was seen.
+        reason: String,
+    },
+    /// A format that is known and not read.
+    #[error("{0}")]
+    Refused(String),
+    /// Nothing known.
+    #[error("no known capture format ({0})")]
+    Unknown(String),
+}
+
+fn list(formats: &[Format]) -> String {
+    let names: Vec<&str> = formats.iter().map(|f| f.name()).collect();
+    names.join(", ")
+}
+
+fn sure(format: Format, reason: impl Into<String>) -> Result<Detected, DetectError> {
+    Ok(Detected {
+        format,
+        reason: reason.into(),
+    })
+}
+
+/// Tells the format of a file from its name (the last part of its path) and its first [`HEAD_BYTES`] bytes.
+///
+/// # Errors
+/// [`DetectError`]: several formats fit, a pickle, or nothing known.
+pub fn detect(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
+    let head = &head[..head.len().min(HEAD_BYTES)];
+    let lower = name.to_lowercase();
+    let extension = lower.rsplit_once('.').map_or("", |(_, e)| e);
+    if head.starts_with(b"#ROSBAG") {
+        return if head.starts_with(BAG_MAGIC) {
+            sure(Format::Bag, "#ROSBAG V2.0")
+        } else {
+            Err(DetectError::Refused(
+                "a ROS bag of another version than 2.0: `rosbag fix` converts it".into(),
+            ))
+        };
+    }
+    if head.starts_with(b"PAR1") {
+        return sure(Format::Points, "PAR1, a Parquet file");
+    }
+    if head.starts_with(NPY_MAGIC) {
+        return npy(&lower, head);
+    }
+    if starts_with_record(head) {
+        return sure(
+            Format::Dca1000,
+            "the numbers before a capture card's first packet",
+        );
+    }
+    if pcap::is_magic(head) {
+        return sure(Format::Dca1000, "a pcap file");
+    }
+    if head.starts_with(b"PK\x03\x04") {
+        return Err(DetectError::Unknown("a zip archive".into()));
+    }
+    let packets = head
+        .windows(uart::MAGIC.len())
+        .filter(|w| *w == uart::MAGIC);
+    let n_packets = packets.count();
+    if n_packets > 0 {
+        return sure(Format::Uart, format!("{n_packets} UART magics in its head"));
+    }
+    if ["cpl", "pkl", "pickle"].contains(&extension) {
+        return Err(DetectError::Pickle {
+            reason: format!("the name ends in .{extension}"),
+        });
+    }
+    if let [0x80, protocol @ 2..=5, ..] = head {
+        return Err(DetectError::Pickle {
+            reason: format!("it starts with 80 {protocol:02x}, pickle protocol {protocol}"),
+        });
+    }
+    if let Ok(text) = std::str::from_utf8(trim_cut_character(head))
+        && let Some(detected) = text_format(text)
+    {
+        return Ok(detected);
+    }
+    if numbered(&lower, "frame").is_some() && extension == "bin" && head.len().is_multiple_of(40) {
+        return sure(Format::MmFi, "named frame*.bin, rows of 40 bytes");
+    }
+    if extension == "bin" && (lower.starts_with("adc_data") || lower.contains("_raw_")) {
+        return sure(Format::Adc, "named as mmWave Studio names raw words");
+    }
+    if ["bin", "raw", "dat"].contains(&extension) {
+        return Err(DetectError::Ambiguous {
+            reason: format!("a .{extension} without UART magics"),
+            choices: vec![Format::Adc, Format::Dca1000, Format::MmFi],
+        });
+    }
+    Err(DetectError::Unknown(if head.is_empty() {
+        "an empty file".into()
+    } else {
+        "neither its first bytes nor its name tell one".into()
+    }))
+}
+
+/// Tells the format of a folder from the names of its files.
+///
+/// # Errors
+/// [`DetectError`] when no or several data sets name their files so.
+pub fn detect_folder<'a>(
+    names: impl IntoIterator<Item = &'a str>,
+) -> Result<Detected, DetectError> {
+    let (mut mmfi, mut npy) = (0, 0);
+    for name in names {
+        let name = name.to_lowercase();
+        let is_npy = name.ends_with(".npy");
+        if is_npy && numbered(&name, "frame_").is_some() {
+            npy += 1;
+        } else if (is_npy || name.ends_with(".bin")) && numbered(&name, "frame").is_some() {
+            mmfi += 1;
+        }
+    }
+    match (mmfi, npy) {
+        (0, 0) => Err(DetectError::Unknown(
+            "a folder without frame*.bin or frame_N.npy".into(),
+        )),
+        (n, 0) => sure(Format::MmFi, format!("{n} files frame*.bin or frame*.npy")),
+        (0, n) => sure(Format::MmBody, format!("{n} files frame_N.npy")),
+        _ => Err(DetectError::Ambiguous {
+            reason: "files of two data sets".into(),
+            choices: vec![Format::MmFi, Format::MmBody],
+        }),
+    }
+}
+
+/// The number in `prefixNUMBER.extension`.
+pub fn numbered(name: &str, prefix: &str) -> Option<u64> {
+    let stem = name.rsplit_once('.')?.0;
+    let digits = stem.strip_prefix(prefix)?;
+    if digits.is_empty() || !digits.bytes().all(|b| b.is_ascii_digit()) {
+        return None;
+    }
+    digits.parse().ok()
+}
+
+/// A head that ends inside a character is still text.
+fn trim_cut_character(head: &[u8]) -> &[u8] {
+    match std::str::from_utf8(head) {
+        Err(e) if e.error_len().is_none() => &head[..e.valid_up_to()],
+        _ => head,
+    }
+}
+
+fn text_format(text: &str) -> Option<Detected> {
+    let first = text.lines().find(|l| !l.trim().is_empty())?;
+    let found = |format, reason: &str| {
+        Some(Detected {
+            format,
+            reason: reason.into(),
+        })
+    };
+    if first.trim_end() == "header:" && text.contains("point_id:") {
+        return found(Format::RadHar, "records of `header:` and `point_id:`");
+    }
+    let cells: Vec<&str> = first
+        .trim_start_matches('\u{feff}')
+        .split([',', ';', '\t'])
+        .map(str::trim)
+        .collect();
+    if cells.contains(&"Frame #") && cells.contains(&"Doppler") {
+        return found(Format::Mars, "a header with `Frame #` and `Doppler`");
+    }
+    if cells.iter().filter(|c| is_point_column(c)).count() >= 3 {
+        return found(Format::Csv, "a header with columns of points");
+    }
+    None
+}
+
+fn npy(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
+    let NpyHeader { shape, fields, .. } = read_npy_header(head).map_err(|e| {
+        if e.expected.contains("pickle") {
+            DetectError::Pickle {
+                reason: "an npy array of Python objects".into(),
+            }
+        } else {
+            DetectError::Refused(e.to_string())
+        }
+    })?;
+    if fields.first().is_some_and(|f| !f.name.is_empty()) {
+        return sure(Format::NpyPoints, "an npy array with named columns");
+    }
+    if fields.first().is_some_and(|f| f.code.starts_with('c')) {
+        return sure(Format::Adc, format!("complex npy of shape {shape:?}"));
+    }
+    match shape.as_slice() {
+        [_, 8, 8, 5] | [_, 64, 5] => sure(Format::Mars, format!("npy feature maps {shape:?}")),
+        [_, 7] => sure(Format::NpyPoints, "npy of seven columns"),
+        [_, 6] if numbered(name, "frame_").is_some() => {
+            sure(Format::MmBody, "frame_N.npy of six columns")
+        }
+        [_, 5] if numbered(name, "frame").is_some() => {
+            sure(Format::MmFi, "frame*.npy of five columns")
+        }
+        [_, 5 | 6] => Err(DetectError::Ambiguous {
+            reason: format!("npy of shape {shape:?}, named {}", short(name)),
+            choices: vec![Format::MmBody, Format::MmFi, Format::NpyPoints],
+        }),
+        _ => Err(DetectError::Unknown(format!("npy of shape {shape:?}"))),
+    }
+}
+
+fn short(name: &str) -> String {
+    name.chars().filter(|c| !c.is_control()).take(40).collect()
+}
+
+/// Frames per second that a data set states, where its files have no clock.
+pub fn stated_rate_hz(format: Format) -> Option<f64> {
+    match format {
+        // An and Ogras, ACM TECS 2021.
+        Format::Mars => Some(10.0),
+        Format::MmFi => Some(mmfi::FRAME_RATE_HZ),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn format(name: &str, head: &[u8]) -> Format {
+        detect(name, head).unwrap().format
+    }
+
+    fn npy_head(descr: &str, shape: &str) -> Vec<u8> {
+        let text = format!("{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}\n");
+        let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+        bytes.extend((text.len() as u16).to_le_bytes());
+        bytes.extend(text.as_bytes());
+        bytes
+    }
+
+    #[test]
+    fn first_bytes_and_names_tell_the_format() {
+        let uart = [b"junk".to_vec(), uart::MAGIC.to_vec(), vec![0; 40]].concat();
+        assert_eq!(format("x.dat", &uart), Format::Uart);
+        assert_eq!(format("x.bag", b"#ROSBAG V2.0\nmore"), Format::Bag);
+        assert_eq!(format("x", b"PAR1"), Format::Points);
+        assert_eq!(
+            format("a.txt", b"header: \n  seq: 1\npoint_id: 0\n"),
+            Format::RadHar
+        );
+        assert_eq!(
+            format("a.csv", b"Frame #,# Obj,X,Y,Z,Doppler,Intensity\n"),
+            Format::Mars
+        );
+        assert_eq!(format("a.csv", b"frame;x_m;y_m;z_m;v;snr\n"), Format::Csv);
+        assert_eq!(format("frame001.bin", &[0; 80]), Format::MmFi);
+        assert_eq!(
+            format("a.npy", &npy_head("'<f8'", "(3, 8, 8, 5)")),
+            Format::Mars
+        );
+        assert_eq!(
+            format("a.npy", &npy_head("[('x', '<f4')]", "(3,)")),
+            Format::NpyPoints
+        );
+        assert_eq!(
+            format("a.npy", &npy_head("'<c8'", "(1, 2, 3, 4, 5)")),
+            Format::Adc
+        );
+        assert_eq!(
+            format("frame_7.npy", &npy_head("'<f8'", "(900, 6)")),
+            Format::MmBody
+        );
+        assert_eq!(
+            format("frame007.npy", &npy_head("'<f8'", "(9, 5)")),
+            Format::MmFi
+        );
+        let folder = detect_folder(["frame_1.npy", "frame_2.npy"]).unwrap();
+        assert_eq!(folder.format, Format::MmBody);
+        assert_eq!(
+            detect_folder(["frame001.bin"]).unwrap().format,
+            Format::MmFi
+        );
+        assert_eq!(format("adc_data_Raw_0.bin", &[7; 64]), Format::Adc);
+        assert_eq!(format("x.pcap", &[0xd4, 0xc3, 0xb2, 0xa1]), Format::Dca1000);
+        for format in Format::ALL {
+            assert_eq!(Format::from_name(format.name()), Some(format));
+        }
+    }
+
+    #[test]
+    fn doubt_is_an_error_with_the_choices() {
+        let error = detect("capture.bin", &[7; 64]).unwrap_err();
+        assert!(error.to_string().contains("adc, dca1000, mmfi"), "{error}");
+        let error = detect("points.npy", &npy_head("'<f8'", "(9, 6)")).unwrap_err();
+        assert!(
+            error.to_string().contains("mmbody, mmfi, npy-points"),
+            "{error}"
+        );
+        assert!(detect_folder(["frame_1.npy", "frame001.bin"]).is_err());
+        assert!(matches!(
+            detect("a.txt", b"hello"),
+            Err(DetectError::Unknown(_))
+        ));
+        assert!(matches!(detect("x", b""), Err(DetectError::Unknown(_))));
+        assert!(matches!(
+            detect("x.bag", b"#ROSBAG V1.2\n"),
+            Err(DetectError::Refused(_))
+        ));
+    }
+
+    #[test]
+    fn pickles_are_refused_with_the_way_out() {
+        for (name, head) in [
+            ("mri.cpl", b"anything".to_vec()),
+            ("x.bin", vec![0x80, 3, b'}']),
+            ("a.npy", npy_head("'|O'", "(3,)")),
+        ] {
+            let error = detect(name, &head).unwrap_err();
+            assert!(
+                matches!(error, DetectError::Pickle { .. }),
+                "{name}: {error}"
+            );
+            assert!(error.to_string().contains("numpy.save"), "{error}");
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! How a sensor is mounted: from its own axes into the project's, which are level.
+
+use radarllm_base::PointFrame;
+
+/// Angles of a mounted sensor. All zero: level, looking along y.
+///
+/// Applied in this order: roll about the boresight, tilt about the x axis, yaw about the vertical. The height
+/// above the floor is no rotation: points stay relative to the radar, and the height goes with the points file.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct Mounting {
+    /// Boresight below the horizon, rad: positive looks down.
+    pub tilt_rad: f64,
+    /// Boresight turned to the right, rad, seen from above.
+    pub yaw_rad: f64,
+    /// Right side down, rad, seen along the boresight (clockwise).
+    pub roll_rad: f64,
+}
+
+impl Mounting {
+    /// A position in the sensor's axes (x right, y along the boresight, z up), in the level ones, m.
+    pub fn level(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+        let (sin, cos) = self.roll_rad.sin_cos();
+        let (x, z) = (x * cos + z * sin, z * cos - x * sin);
+        let (sin, cos) = self.tilt_rad.sin_cos();
+        let (y, z) = (y * cos + z * sin, z * cos - y * sin);
+        let (sin, cos) = self.yaw_rad.sin_cos();
+        [x * cos + y * sin, y * cos - x * sin, z]
+    }
+
+    /// Turns all points. Ranges and velocities are along the line of sight and stay.
+    pub fn apply(&self, frames: &mut [PointFrame]) {
+        if *self == Self::default() {
+            return;
+        }
+        for point in frames.iter_mut().flat_map(|f| &mut f.points) {
+            let [x, y, z] = self.level([point.x_m, point.y_m, point.z_m].map(f64::from));
+            (point.x_m, point.y_m, point.z_m) = (x as f32, y as f32, z as f32);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn close(found: [f64; 3], expected: [f64; 3]) {
+        for (f, e) in found.iter().zip(expected) {
+            assert!((f - e).abs() < 5e-4, "{found:?} for {expected:?}");
+        }
+    }
+
+    /// The numbers of CONVENTIONS.md.
+    #[test]
+    fn tilted_turned_and_rolled_sensors_see_level_points() {
+        let degrees = f64::to_radians;
+        let tilted = Mounting {
+            tilt_rad: degrees(15.0),
+            ..Mounting::default()
+        };
+        close(tilted.level([0.0, 3.0, 0.0]), [0.0, 2.898, -0.776]);
+        let turned = Mounting {
+            yaw_rad: degrees(30.0),
+            ..Mounting::default()
+        };
+        close(turned.level([0.0, 3.0, 0.0]), [1.5, 2.598, 0.0]);
+        let rolled = Mounting {
+            roll_rad: degrees(90.0),
+            ..Mounting::default()
+        };
+        // The sensor's right side hangs down.
+        close(rolled.level([1.0, 3.0, 0.0]), [0.0, 3.0, -1.0]);
+    }
+}

@@ -1,0 +1,344 @@
+//! Frames of a recording on a clock: times from stamps or numbers, another frame rate, several frames in one.
+
+use radarllm_base::{PointFrame, RadarPoint};
+
+use crate::recordings::RecordedFrame;
+
+/// Most frames of a timeline: five hours and a half at 10 frames/s.
+pub const MAX_FRAMES: u64 = 200_000;
+
+/// Why frames cannot be put on a clock.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum TimelineError {
+    /// Neither stamps nor a rate.
+    #[error("the recording has no clock: its frame rate must be named")]
+    NoRate,
+    /// A rate that cannot be.
+    #[error("a frame rate of {0} Hz: expected more than 0, at most 1000")]
+    Rate(f64),
+    /// Time runs backwards.
+    #[error("frame {frame}: time {time_s} s follows {before_s} s")]
+    Backwards {
+        /// Index of the frame.
+        frame: usize,
+        /// Its stamp, s.
+        time_s: f64,
+        /// The stamp before, s.
+        before_s: f64,
+    },
+    /// More frames than any recording has.
+    #[error(
+        "{0} frames from first to last, at most {MAX_FRAMES} are handled: is the recording cut together?"
+    )]
+    TooLong(u64),
+}
+
+/// Frames with times.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Timeline {
+    /// Frames in order; numbers that the recording lost are absent.
+    pub frames: Vec<PointFrame>,
+    /// Frames per second.
+    pub rate_hz: f64,
+    /// Frame numbers that went back (a restarted device); the frames follow on.
+    pub restarts: u64,
+}
+
+fn check_rate(rate_hz: f64) -> Result<(), TimelineError> {
+    if rate_hz > 0.0 && rate_hz <= 1000.0 {
+        Ok(())
+    } else {
+        Err(TimelineError::Rate(rate_hz))
+    }
+}
+
+impl Timeline {
+    /// Puts recorded frames on a clock that starts at 0.
+    ///
+    /// With `rate_hz`, frame n is at n periods, by the recorder's numbers. Without it the stamps are the
+    /// times, and the rate is the inverse of their median step.
+    ///
+    /// # Errors
+    /// [`TimelineError`]: no clock, or one that runs backwards or too long.
+    pub fn new(frames: Vec<RecordedFrame>, rate_hz: Option<f64>) -> Result<Self, TimelineError> {
+        match rate_hz {
+            Some(rate_hz) => Self::by_number(frames, rate_hz),
+            None => Self::by_stamp(frames),
+        }
+    }
+
+    fn by_number(frames: Vec<RecordedFrame>, rate_hz: f64) -> Result<Self, TimelineError> {
+        check_rate(rate_hz)?;
+        let mut out: Vec<PointFrame> = Vec::with_capacity(frames.len());
+        let mut restarts = 0;
+        let mut last: Option<(u64, u64)> = None;
+        for frame in frames {
+            let at = match last {
+                None => 0,
+                Some((number, at)) => match frame.number.checked_sub(number) {
+                    Some(step) if step > 0 => at.saturating_add(step),
+                    _ => {
+                        restarts += 1;
+                        at + 1
+                    }
+                },
+            };
+            if at >= MAX_FRAMES {
+                return Err(TimelineError::TooLong(at));
+            }
+            last = Some((frame.number, at));
+            out.push(PointFrame {
+                frame: at as u32,
+                time_s: at as f64 / rate_hz,
+                points: frame.points,
+            });
+        }
+        Ok(Self {
+            frames: out,
+            rate_hz,
+            restarts,
+        })
+    }
+
+    fn by_stamp(frames: Vec<RecordedFrame>) -> Result<Self, TimelineError> {
+        let stamps: Option<Vec<f64>> = frames.iter().map(|f| f.stamp_s).collect();
+        let stamps = stamps
+            .filter(|s| s.len() > 1)
+            .ok_or(TimelineError::NoRate)?;
+        let mut steps = Vec::with_capacity(stamps.len());
+        for (i, pair) in stamps.windows(2).enumerate() {
+            let step_s = pair[1] - pair[0];
+            if step_s.is_nan() || step_s < 0.0 {
+                return Err(TimelineError::Backwards {
+                    frame: i + 1,
+                    time_s: pair[1],
+                    before_s: pair[0],
+                });
+            }
+            steps.push(step_s);
+        }
+        steps.sort_by(f64::total_cmp);
+        let rate_hz = 1.0 / steps[steps.len() / 2];
+        check_rate(rate_hz)?;
+        if frames.len() as u64 > MAX_FRAMES {
+            return Err(TimelineError::TooLong(frames.len() as u64));
+        }
+        let start_s = stamps[0];
+        let frames = frames
+            .into_iter()
+            .zip(&stamps)
+            .enumerate()
+            .map(|(i, (frame, stamp_s))| PointFrame {
+                frame: i as u32,
+                time_s: stamp_s - start_s,
+                points: frame.points,
+            })
+            .collect();
+        Ok(Self {
+            frames,
+            rate_hz,
+            restarts: 0,
+        })
+    }
+
+    /// The same points in frames of another rate: every frame goes to the nearest of the new ones, new frames without
+    /// any stay empty, and nothing is repeated. With `follow`, points move along their radial velocity to the time of
+    /// their new frame.
+    ///
+    /// # Errors
+    /// [`TimelineError`] for an impossible rate or too many frames.
+    pub fn resample(&self, rate_hz: f64, follow: bool) -> Result<Self, TimelineError> {
+        check_rate(rate_hz)?;
+        let start_s = self.frames.first().map_or(0.0, |f| f.time_s);
+        let mut out: Vec<PointFrame> = Vec::new();
+        for frame in &self.frames {
+            let nearest = ((frame.time_s - start_s) * rate_hz).round().max(0.0);
+            if nearest >= MAX_FRAMES as f64 {
+                return Err(TimelineError::TooLong(nearest as u64));
+            }
+            while out.len() <= nearest as usize {
+                out.push(PointFrame {
+                    frame: out.len() as u32,
+                    time_s: out.len() as f64 / rate_hz,
+                    points: Vec::new(),
+                });
+            }
+            if let Some(target) = out.last_mut() {
+                let ahead_s = target.time_s - (frame.time_s - start_s);
+                extend(&mut target.points, &frame.points, ahead_s, follow);
+            }
+        }
+        Ok(Self {
+            frames: out,
+            rate_hz,
+            restarts: self.restarts,
+        })
+    }
+
+    /// Every frame with the points of the `n - 1` frame periods before it: for devices that report few points. With
+    /// `follow`, points move along their radial velocity to the time of the frame they join.
+    pub fn merge(&self, n: usize, follow: bool) -> Self {
+        // Half a period of slack, so that stamps that jitter do not fall out of the window.
+        let window_s = (n.max(1) as f64 - 0.5) / self.rate_hz;
+        let mut frames = Vec::with_capacity(self.frames.len());
+        let mut first = 0;
+        for (i, frame) in self.frames.iter().enumerate() {
+            while frame.time_s - self.frames[first].time_s >= window_s && first < i {
+                first += 1;
+            }
+            let mut points = frame.points.clone();
+            for before in &self.frames[first..i] {
+                extend(
+                    &mut points,
+                    &before.points,
+                    frame.time_s - before.time_s,
+                    follow,
+                );
+            }
+            frames.push(PointFrame {
+                frame: frame.frame,
+                time_s: frame.time_s,
+                points,
+            });
+        }
+        Self {
+            frames,
+            rate_hz: self.rate_hz,
+            restarts: self.restarts,
+        }
+    }
+}
+
+fn extend(points: &mut Vec<RadarPoint>, more: &[RadarPoint], ahead_s: f64, follow: bool) {
+    if follow {
+        points.extend(more.iter().map(|p| moved(p, ahead_s)));
+    } else {
+        points.extend_from_slice(more);
+    }
+}
+
+/// Where a point is `ahead_s` later if it keeps its radial velocity and moves along the line of sight. A point never
+/// passes through the radar.
+pub fn moved(point: &RadarPoint, ahead_s: f64) -> RadarPoint {
+    let range_m = f64::from(point.range_m);
+    let scale = if range_m > 0.0 {
+        (1.0 + f64::from(point.velocity_mps) * ahead_s / range_m).max(0.0) as f32
+    } else {
+        1.0
+    };
+    RadarPoint {
+        x_m: point.x_m * scale,
+        y_m: point.y_m * scale,
+        z_m: point.z_m * scale,
+        range_m: point.range_m * scale,
+        ..*point
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frame(number: u64, stamp_s: Option<f64>, y_m: f32) -> RecordedFrame {
+        RecordedFrame {
+            number,
+            stamp_s,
+            points: vec![RadarPoint {
+                y_m,
+                range_m: y_m,
+                velocity_mps: 1.0,
+                ..RadarPoint::default()
+            }],
+        }
+    }
+
+    #[test]
+    fn numbers_leave_gaps_and_survive_a_restart() {
+        let frames = [5, 6, 9, 2, 3].map(|n| frame(n, None, 1.0)).to_vec();
+        let line = Timeline::new(frames.clone(), Some(20.0)).unwrap();
+        let numbers: Vec<u32> = line.frames.iter().map(|f| f.frame).collect();
+        assert_eq!((numbers, line.restarts), (vec![0, 1, 4, 5, 6], 1));
+        assert_eq!(line.frames[2].time_s, 0.2);
+        assert_eq!(
+            Timeline::new(frames, None).unwrap_err(),
+            TimelineError::NoRate
+        );
+        let far = vec![frame(0, None, 1.0), frame(u64::MAX, None, 1.0)];
+        assert!(matches!(
+            Timeline::new(far, Some(10.0)),
+            Err(TimelineError::TooLong(_))
+        ));
+    }
+
+    #[test]
+    fn stamps_give_times_and_the_median_rate() {
+        let stamps = [100.0, 100.1, 100.2, 100.7];
+        let frames = stamps.map(|t| frame(0, Some(t), 1.0)).to_vec();
+        let line = Timeline::new(frames, None).unwrap();
+        assert!((line.rate_hz - 10.0).abs() < 1e-6);
+        assert!((line.frames[3].time_s - 0.7).abs() < 1e-9);
+        let back = vec![frame(0, Some(1.0), 1.0), frame(1, Some(0.5), 1.0)];
+        assert!(matches!(
+            Timeline::new(back, None),
+            Err(TimelineError::Backwards { frame: 1, .. })
+        ));
+        let nan = vec![frame(0, Some(1.0), 1.0), frame(1, Some(f64::NAN), 1.0)];
+        assert!(Timeline::new(nan, None).is_err());
+    }
+
+    /// 30 to 10 frames/s and back: every point once, gaps empty, nothing repeated.
+    #[test]
+    fn resampling_keeps_every_point_once() {
+        let mut frames: Vec<_> = (0..30)
+            .map(|n| frame(n, None, 2.0 + n as f32 / 30.0))
+            .collect();
+        frames.drain(12..18);
+        let line = Timeline::new(frames, Some(30.0)).unwrap();
+        for rate_hz in [10.0, 30.0, 47.0, 100.0] {
+            let other = line.resample(rate_hz, true).unwrap();
+            let sum: usize = other.frames.iter().map(|f| f.points.len()).sum();
+            assert_eq!(sum, 24, "{rate_hz}");
+            for (k, f) in other.frames.iter().enumerate() {
+                assert_eq!(f.frame as usize, k);
+                // All recede at 1 m/s from 2 m: moved points lie where the target is at the frame's time.
+                for p in &f.points {
+                    let target_m = 2.0 + f.time_s as f32;
+                    assert!((p.y_m - target_m).abs() < 1e-5, "{} at {}", p.y_m, f.time_s);
+                }
+            }
+        }
+        let ten = line.resample(10.0, false).unwrap();
+        let sizes: Vec<usize> = ten.frames.iter().map(|f| f.points.len()).collect();
+        assert_eq!(sizes, [2, 3, 3, 3, 1, 0, 2, 3, 3, 3, 1]);
+        assert!(line.resample(f64::NAN, false).is_err());
+        assert!(matches!(
+            line.resample(0.0, false),
+            Err(TimelineError::Rate(_))
+        ));
+    }
+
+    #[test]
+    fn merged_frames_follow_their_points() {
+        let frames: Vec<_> = (0..5)
+            .map(|n| frame(n, None, 2.0 + n as f32 / 10.0))
+            .collect();
+        let line = Timeline::new(frames, Some(10.0)).unwrap();
+        let merged = line.merge(3, true);
+        let sizes: Vec<usize> = merged.frames.iter().map(|f| f.points.len()).collect();
+        assert_eq!(sizes, [1, 2, 3, 3, 3]);
+        assert!(
+            merged.frames[4]
+                .points
+                .iter()
+                .all(|p| (p.y_m - 2.4).abs() < 1e-5)
+        );
+        let still = line.merge(3, false);
+        let nearest = still.frames[4]
+            .points
+            .iter()
+            .map(|p| p.y_m)
+            .fold(9.0, f32::min);
+        assert!((nearest - 2.2).abs() < 1e-6);
+        assert_eq!(line.merge(1, true), line);
+    }
+}

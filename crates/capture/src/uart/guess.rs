@@ -1,0 +1,181 @@
+//! Which dialect a stream speaks, from several packets.
+
+use super::{
+    Dialect, MAX_PACKET_BYTES, find_magic,
+    packet::{Header, Step, Walk, header},
+    tlv::Kind,
+};
+
+/// Packets looked at.
+pub const GUESS_PACKETS: usize = 8;
+/// Padding at the end of a packet is shorter than this, bytes.
+const PADDING: usize = 32;
+/// Least lead over the next dialect, as a share of the best score.
+const LEAST_LEAD: f32 = 0.05;
+/// Least mean score of a packet: a plausible header and at least a known TLV number.
+const LEAST_SCORE: f32 = 1.25;
+
+/// What one dialect explains of the packets.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Evidence {
+    /// The dialect.
+    pub dialect: Dialect,
+    /// Packets whose header can be.
+    pub headers: usize,
+    /// Packets whose checksum is right, of dialects that have one.
+    pub checksums: usize,
+    /// Packets as long as they say.
+    pub lengths: usize,
+    /// Packets whose TLVs end where the packet does, but for padding.
+    pub walks: usize,
+    /// Mean share of the TLVs that the dialect knows: half for the number, half for a length that fits and holds
+    /// something.
+    pub known: f32,
+    /// Sum over packets: 1 for the header, 2 each for checksum, length and walk, 2 times the share known.
+    pub score: f32,
+}
+
+/// The dialect of a stream with the reasons.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Guess {
+    /// The best.
+    pub dialect: Dialect,
+    /// Lead of the best over the next, 0..=1 of its score.
+    pub certainty: f32,
+    /// Packets looked at.
+    pub packets: usize,
+    /// All dialects, best first.
+    pub evidence: Vec<Evidence>,
+}
+
+impl std::fmt::Display for Guess {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "{}, certainty {:.2}: of {} packets",
+            self.dialect.name(),
+            self.certainty,
+            self.packets
+        )?;
+        for e in self.evidence.iter().take(2) {
+            write!(
+                f,
+                " [{}: {} headers, {} checksums, {} lengths, {} walks, {:.0} % of TLVs known]",
+                e.dialect.name(),
+                e.headers,
+                e.checksums,
+                e.lengths,
+                e.walks,
+                100.0 * e.known
+            )?;
+        }
+        Ok(())
+    }
+}
+
+/// Guesses from the first [`GUESS_PACKETS`] packets in `bytes`.
+///
+/// # Errors
+/// The evidence, when no dialect explains the packets or two explain them equally well; empty when there is no packet.
+pub fn guess(bytes: &[u8]) -> Result<Guess, Vec<Evidence>> {
+    let mut spans = Vec::new();
+    let mut start = find_magic(bytes);
+    while let Some(at) = start {
+        let next = find_magic(&bytes[at + 8..]).map(|n| at + 8 + n);
+        let end = next.unwrap_or(bytes.len()).min(at + MAX_PACKET_BYTES);
+        spans.push((&bytes[at..end], next.is_some()));
+        if spans.len() > GUESS_PACKETS {
+            break;
+        }
+        start = next;
+    }
+    // The last one may be cut by the end of the data; it counts only if there is no other.
+    if spans.len() > 1 {
+        spans.pop();
+    }
+    if spans.is_empty() {
+        return Err(Vec::new());
+    }
+    let mut evidence: Vec<Evidence> = Dialect::ALL.iter().map(|d| weigh(*d, &spans)).collect();
+    // Stable: of equals the order of `ALL`.
+    evidence.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let (best, next) = (&evidence[0], &evidence[1]);
+    let certainty = if best.score > 0.0 {
+        (best.score - next.score) / best.score
+    } else {
+        0.0
+    };
+    if best.score < LEAST_SCORE * spans.len() as f32 || certainty < LEAST_LEAD {
+        return Err(evidence);
+    }
+    Ok(Guess {
+        dialect: best.dialect,
+        certainty,
+        packets: spans.len(),
+        evidence,
+    })
+}
+
+fn weigh(dialect: Dialect, spans: &[(&[u8], bool)]) -> Evidence {
+    let mut e = Evidence {
+        dialect,
+        headers: 0,
+        checksums: 0,
+        lengths: 0,
+        walks: 0,
+        known: 0.0,
+        score: 0.0,
+    };
+    for (span, followed) in spans {
+        let Some(Ok(head)) = header(dialect, span) else {
+            continue;
+        };
+        e.headers += 1;
+        let mut score = 1.0;
+        if dialect.has_checksum() {
+            e.checksums += 1;
+            score += 2.0;
+        }
+        if head.total_len == span.len() || !followed && head.total_len < span.len() {
+            e.lengths += 1;
+            score += 2.0;
+        }
+        let (known, ends) = walk(dialect, &head, span);
+        if ends {
+            e.walks += 1;
+            score += 2.0;
+        }
+        e.known += known / spans.len() as f32;
+        e.score += score + 2.0 * known;
+    }
+    e
+}
+
+/// Share of the TLVs that are known, and whether they end where the packet does.
+fn walk(dialect: Dialect, head: &Header, span: &[u8]) -> (f32, bool) {
+    let body = &span[dialect.header_len()..head.total_len.min(span.len())];
+    let mut steps = Walk::new(dialect, body, head.n_tlvs);
+    let mut known = 0.0;
+    let mut whole = true;
+    for step in steps.by_ref() {
+        match step {
+            Step::Tlv(number, payload) => {
+                if let Some(kind) = Kind::of(dialect, number) {
+                    let says_something = kind
+                        .split(payload)
+                        .is_some_and(|(_, items)| kind.is_single() || items.len() > 0);
+                    known += if says_something { 1.0 } else { 0.5 };
+                }
+            }
+            Step::WrongLength(number) => {
+                whole = false;
+                if number.is_some_and(|n| Kind::of(dialect, n).is_some()) {
+                    known += 0.5;
+                }
+            }
+        }
+    }
+    let share = known / head.n_tlvs.max(1) as f32;
+    let ends = whole && head.n_tlvs > 0 && steps.rest().len() < PADDING;
+    (share, ends)
+}

@@ -1,0 +1,85 @@
+//! `lm logits`: forward pass of a checkpoint in Hugging Face's layout.
+
+use std::{fs, path::Path};
+
+use npyz::WriterBuilder;
+use radarllm_model::lm::{Device, ModelInput, Pretrained};
+use serde::Serialize;
+
+use crate::{
+    args::LmVerb,
+    error::{CliError, CliResult},
+    output,
+};
+
+/// Largest file of ids, bytes.
+const MAX_IDS_BYTES: u64 = 256 << 20;
+
+#[derive(Serialize)]
+struct Report {
+    architecture: &'static str,
+    output: &'static str,
+    shape: [usize; 3],
+}
+
+/// Runs the verb.
+pub fn run(verb: &LmVerb) -> CliResult {
+    let LmVerb::Logits {
+        weights,
+        ids,
+        out,
+        force,
+        json,
+    } = verb;
+    output::check_free(out, *force)?;
+    let input = read_ids(ids)?;
+    let device = Device::flex();
+    let network = Pretrained::open(weights, &device)
+        .map_err(|e| CliError::new(e).hint("a folder with config.json and model.safetensors"))?;
+    let (values, shape) = network
+        .logits(&input, &device)
+        .map_err(|e| CliError::new(format!("{}: {e}", ids.display())))?;
+    let mut npy = Vec::new();
+    let mut writer = npyz::WriteOptions::new()
+        .default_dtype()
+        .shape(&shape.map(|n| n as u64))
+        .writer(&mut npy)
+        .begin_nd()?;
+    writer.extend(values)?;
+    writer.finish()?;
+    output::write_atomic(out, &npy)?;
+    let report = Report {
+        architecture: network.architecture(),
+        output: match network {
+            Pretrained::Bert(_) => "hidden states",
+            _ => "logits",
+        },
+        shape,
+    };
+    if *json {
+        return output::print_json(&report);
+    }
+    output::print_line(&format!(
+        "{}: {} {:?} -> {}",
+        report.architecture,
+        report.output,
+        report.shape,
+        out.display()
+    ));
+    Ok(())
+}
+
+fn read_ids(path: &Path) -> CliResult<ModelInput> {
+    let len = fs::metadata(path).map_err(|e| CliError::io(path, e))?.len();
+    if len > MAX_IDS_BYTES {
+        return Err(CliError::new(format!(
+            "{}: {len} bytes, at most {MAX_IDS_BYTES} are read",
+            path.display()
+        )));
+    }
+    let bytes = fs::read(path).map_err(|e| CliError::io(path, e))?;
+    serde_json::from_slice(&bytes).map_err(|e| {
+        CliError::new(format!("{}: {e}", path.display()))
+            .hint(r#"{"input_ids": [[..]], "decoder_input_ids": [[..]], "attention_mask": [[..]]}, the last two where needed"#)
+    })
+}

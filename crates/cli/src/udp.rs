@@ -1,0 +1,165 @@
+//! Packets of a capture card from the network, live. The only socket of the project.
+//!
+//! A thread of its own empties the socket, because frames are processed for longer than the system's
+//! buffer lasts; packets wait in a queue of bounded length.
+
+use std::{
+    io::{self, ErrorKind},
+    net::{IpAddr, SocketAddr, UdpSocket},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+        mpsc::{Receiver, SyncSender, TrySendError, sync_channel},
+    },
+    thread,
+    time::Duration,
+};
+
+use radarllm_capture::{
+    adc::AdcError,
+    dca1000::{DATA_PORT, DataPacket, PacketSource},
+};
+
+/// How long to wait for the first packet, and for the next one after it.
+const FIRST_WAIT: Duration = Duration::from_secs(60);
+const NEXT_WAIT: Duration = Duration::from_secs(2);
+/// How often the thread looks whether it is still wanted.
+const LOOK_EVERY: Duration = Duration::from_millis(200);
+/// Packets that may wait: 48 MB, half a second at the card's fastest.
+const MAX_WAITING: usize = 32_768;
+/// One byte more than the longest packet, to tell longer datagrams from whole ones.
+const BUFFER_BYTES: usize = 1467;
+
+/// What the thread counts.
+#[derive(Default)]
+struct Shared {
+    skipped: AtomicU64,
+    overruns: AtomicU64,
+    is_over: AtomicBool,
+}
+
+/// A bound socket; ends when the card has been silent for two seconds.
+pub struct UdpPackets {
+    address: SocketAddr,
+    waiting: Receiver<io::Result<Vec<u8>>>,
+    shared: Arc<Shared>,
+    has_begun: bool,
+    datagram: Vec<u8>,
+}
+
+/// The address in `udp:PORT`, `udp:ADDRESS:PORT` or `udp:`; `None` for other texts.
+pub fn address(input: &str) -> Option<Result<SocketAddr, String>> {
+    let text = input.strip_prefix("udp:")?;
+    let everywhere = IpAddr::from([0, 0, 0, 0]);
+    if text.is_empty() {
+        return Some(Ok(SocketAddr::new(everywhere, DATA_PORT)));
+    }
+    Some(match text.parse::<u16>() {
+        Ok(port) => Ok(SocketAddr::new(everywhere, port)),
+        Err(_) => text
+            .parse()
+            .map_err(|_| format!("`{text}` is neither a port nor ADDRESS:PORT")),
+    })
+}
+
+impl UdpPackets {
+    /// Listens at an address of this machine.
+    ///
+    /// # Errors
+    /// What the system says when the address is taken or not ours.
+    pub fn bind(address: SocketAddr) -> io::Result<Self> {
+        let socket = UdpSocket::bind(address)?;
+        socket.set_read_timeout(Some(LOOK_EVERY))?;
+        let address = socket.local_addr()?;
+        let shared = Arc::new(Shared::default());
+        let (sender, waiting) = sync_channel(MAX_WAITING);
+        let for_thread = Arc::clone(&shared);
+        thread::Builder::new()
+            .name("udp".into())
+            .spawn(move || receive(&socket, &sender, &for_thread))?;
+        Ok(Self {
+            address,
+            waiting,
+            shared,
+            has_begun: false,
+            datagram: Vec::new(),
+        })
+    }
+
+    /// Where it listens.
+    pub fn local_address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Packets that came faster than they were taken, and are lost.
+    pub fn overruns(&self) -> u64 {
+        self.shared.overruns.load(Ordering::Relaxed)
+    }
+}
+
+impl Drop for UdpPackets {
+    fn drop(&mut self) {
+        self.shared.is_over.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Moves packets of the first sender from the socket to the queue.
+fn receive(socket: &UdpSocket, sender: &SyncSender<io::Result<Vec<u8>>>, shared: &Shared) {
+    let mut buffer = [0; BUFFER_BYTES];
+    let mut card: Option<IpAddr> = None;
+    while !shared.is_over.load(Ordering::Relaxed) {
+        let received = match socket.recv_from(&mut buffer) {
+            Ok((length, from)) => {
+                let is_ours = card.is_none_or(|card| card == from.ip());
+                if !is_ours || DataPacket::parse(&buffer[..length]).is_err() {
+                    shared.skipped.fetch_add(1, Ordering::Relaxed);
+                    continue;
+                }
+                card = Some(from.ip());
+                Ok(buffer[..length].to_vec())
+            }
+            Err(e)
+                if matches!(
+                    e.kind(),
+                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
+                ) =>
+            {
+                continue;
+            }
+            Err(e) => Err(e),
+        };
+        let is_error = received.is_err();
+        match sender.try_send(received) {
+            Ok(()) => {}
+            Err(TrySendError::Full(_)) => {
+                shared.overruns.fetch_add(1, Ordering::Relaxed);
+            }
+            Err(TrySendError::Disconnected(_)) => return,
+        }
+        if is_error {
+            return;
+        }
+    }
+}
+
+impl PacketSource for UdpPackets {
+    fn next_packet(&mut self) -> Result<Option<DataPacket<'_>>, AdcError> {
+        let wait = if self.has_begun {
+            NEXT_WAIT
+        } else {
+            FIRST_WAIT
+        };
+        match self.waiting.recv_timeout(wait) {
+            // Silence, or a thread that ended after an error.
+            Err(_) => return Ok(None),
+            Ok(Err(source)) => return Err(AdcError::Read { offset: 0, source }),
+            Ok(Ok(datagram)) => self.datagram = datagram,
+        }
+        self.has_begun = true;
+        Ok(DataPacket::parse(&self.datagram).ok())
+    }
+
+    fn skipped(&self) -> u64 {
+        self.shared.skipped.load(Ordering::Relaxed)
+    }
+}

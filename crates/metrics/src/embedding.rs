@@ -1,0 +1,177 @@
+//! BERTScore and SimCSE arithmetic over embeddings that an encoder has made (bert_score 0.3.13's rules).
+//!
+//! The encoder, the choice of its layer and its tokenizer are not here. bert_score pads a batch with zeros,
+//! so that a word whose best similarity is negative counts 0 when its batch holds a longer sentence; here
+//! nothing is padded, which is bert_score with a batch of one.
+
+use std::collections::{HashMap, HashSet};
+
+/// Tokens of an empty sentence: the two special ones at its ends.
+const SPECIAL_TOKENS: usize = 2;
+
+/// Why embeddings cannot be compared.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("embeddings: {problem}")]
+pub struct EmbeddingError {
+    /// What is wrong.
+    pub problem: String,
+}
+
+fn wrong(problem: String) -> EmbeddingError {
+    EmbeddingError { problem }
+}
+
+/// A sentence as the encoder sees it, special tokens at its ends included.
+#[derive(Clone, Copy, Debug)]
+pub struct Sentence<'a> {
+    /// `[token][dimension]`, one layer's hidden states, not normalised.
+    pub embeddings: &'a [f32],
+    /// `[token]`, 0 for the special tokens, which still serve as match targets.
+    pub weights: &'a [f64],
+}
+
+/// Precision, recall, F1.
+#[derive(Clone, Copy, Debug, PartialEq, Default)]
+pub struct BertScore {
+    /// Of the candidate's tokens.
+    pub precision: f64,
+    /// Of the reference's tokens.
+    pub recall: f64,
+    /// Harmonic mean, 0 where it is not defined.
+    pub f1: f64,
+}
+
+impl BertScore {
+    fn map2(self, other: Self, f: impl Fn(f64, f64) -> f64) -> Self {
+        Self {
+            precision: f(self.precision, other.precision),
+            recall: f(self.recall, other.recall),
+            f1: f(self.f1, other.f1),
+        }
+    }
+
+    /// Best of several references: precision, recall and F1 each by itself. `None` without references.
+    pub fn best(of: impl IntoIterator<Item = Self>) -> Option<Self> {
+        of.into_iter().reduce(|a, b| a.map2(b, f64::max))
+    }
+
+    /// Against a baseline, `(x - b) / (1 - b)`.
+    pub fn rescaled(self, baseline: Self) -> Self {
+        self.map2(baseline, |x, b| (x - b) / (1.0 - b))
+    }
+}
+
+/// BERTScore of one candidate and one reference. A sentence of special tokens only gives 0; so do
+/// weights that are all 0, where bert_score has not-a-number for precision and recall.
+///
+/// # Errors
+/// No dimension, weights and embeddings of different lengths, values that are not finite.
+pub fn bert_score(
+    candidate: Sentence,
+    reference: Sentence,
+    dimension: usize,
+) -> Result<BertScore, EmbeddingError> {
+    let c = normalised(candidate, dimension)?;
+    let r = normalised(reference, dimension)?;
+    if candidate.weights.len() <= SPECIAL_TOKENS || reference.weights.len() <= SPECIAL_TOKENS {
+        return Ok(BertScore::default());
+    }
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+    let best = |a: &[f64], others: &[f64]| {
+        let similarities = others.chunks_exact(dimension).map(|b| dot(a, b));
+        similarities.fold(f64::NEG_INFINITY, f64::max)
+    };
+    let weighted = |side: &[f64], others: &[f64], weights: &[f64]| {
+        let total: f64 = weights.iter().sum();
+        let tokens = side.chunks_exact(dimension).zip(weights);
+        let sum: f64 = tokens.map(|(token, w)| w * best(token, others)).sum();
+        if total == 0.0 { 0.0 } else { sum / total }
+    };
+    let precision = weighted(&c, &r, candidate.weights);
+    let recall = weighted(&r, &c, reference.weights);
+    let f1 = 2.0 * precision * recall / (precision + recall);
+    Ok(BertScore {
+        precision,
+        recall,
+        f1: if f1.is_nan() { 0.0 } else { f1 },
+    })
+}
+
+/// Every token's embedding at length 1.
+fn normalised(sentence: Sentence, dimension: usize) -> Result<Vec<f64>, EmbeddingError> {
+    let Sentence {
+        embeddings,
+        weights,
+    } = sentence;
+    let expected = weights.len().checked_mul(dimension);
+    if dimension == 0 || expected != Some(embeddings.len()) {
+        return Err(wrong(format!(
+            "{} values for {} tokens of dimension {dimension}",
+            embeddings.len(),
+            weights.len()
+        )));
+    }
+    if embeddings.iter().any(|x| !x.is_finite())
+        || weights.iter().any(|w| !w.is_finite() || *w < 0.0)
+    {
+        return Err(wrong(
+            "a value or weight is not finite, or a weight is negative".into(),
+        ));
+    }
+    let mut out: Vec<f64> = embeddings.iter().map(|&x| f64::from(x)).collect();
+    for token in out.chunks_exact_mut(dimension) {
+        let norm = token.iter().map(|x| x * x).sum::<f64>().sqrt();
+        if norm == 0.0 {
+            return Err(wrong("a token's embedding is all zero".into()));
+        }
+        token.iter_mut().for_each(|x| *x /= norm);
+    }
+    Ok(out)
+}
+
+/// Inverse document frequencies of token ids over all references, duplicates included.
+#[derive(Clone, Debug, Default)]
+pub struct Idf {
+    n_documents: usize,
+    frequency: HashMap<u32, usize>,
+}
+
+impl Idf {
+    /// Counts references, each the ids of its tokens.
+    pub fn of<'a>(documents: impl IntoIterator<Item = &'a [u32]>) -> Self {
+        let mut this = Self::default();
+        for document in documents {
+            this.n_documents += 1;
+            for id in document.iter().collect::<HashSet<_>>() {
+                *this.frequency.entry(*id).or_default() += 1;
+            }
+        }
+        this
+    }
+
+    /// ln((N + 1) / (df + 1)). The caller gives special tokens weight 0.
+    pub fn weight(&self, id: u32) -> f64 {
+        let df = self.frequency.get(&id).copied().unwrap_or(0);
+        ((self.n_documents + 1) as f64 / (df + 1) as f64).ln()
+    }
+}
+
+/// Cosine of two sentence embeddings (SimCSE).
+///
+/// # Errors
+/// Different lengths, all zero, values that are not finite.
+pub fn cosine(a: &[f32], b: &[f32]) -> Result<f64, EmbeddingError> {
+    if a.len() != b.len() {
+        return Err(wrong(format!("{} values against {}", a.len(), b.len())));
+    }
+    let one = |x: &[f32]| {
+        normalised(
+            Sentence {
+                embeddings: x,
+                weights: &[1.0],
+            },
+            x.len(),
+        )
+    };
+    Ok(one(a)?.iter().zip(one(b)?).map(|(x, y)| x * y).sum())
+}

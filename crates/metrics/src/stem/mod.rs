@@ -1,0 +1,19 @@
+//! Two stemmers of English: METEOR 1.5 and ROUGE compare stems, and each names its own stemmer.
+
+mod porter;
+mod porter2;
+
+pub use porter::porter;
+pub use porter2::porter2;
+
+/// Does `word` end in `suffix`?
+fn ends_with(word: &[char], suffix: &str) -> bool {
+    let n = suffix.chars().count();
+    word.len() >= n && word[word.len() - n..].iter().copied().eq(suffix.chars())
+}
+
+/// Puts `replacement` in place of the last `n` characters.
+fn replace_end(word: &mut Vec<char>, n: usize, replacement: &str) {
+    word.truncate(word.len().saturating_sub(n));
+    word.extend(replacement.chars());
+}

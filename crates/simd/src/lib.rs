@@ -1,0 +1,13 @@
+//! Sixteen `f32` lanes with run-time dispatch: three implementations of one trait, chosen at run time.
+//!
+//! Hot code is written once, as a function generic over [`Lanes`], and entered through a function
+//! that [`dispatch!`] makes: it compiles the body for every level and calls the one asked for. Results
+//! are equal to the byte on one [`SimdLevel`] and equal within rounding between levels: AVX-512 and
+//! AVX2 fuse multiply and add, the portable level does not.
+
+pub mod lanes;
+
+pub use lanes::{Lanes, SimdLevel, sin_cos_turns};
+
+/// Number of lanes.
+pub const LANES: usize = 16;

@@ -1,0 +1,35 @@
+//! Writes the seeds of the fuzz targets: `cargo run --bin seeds` in this folder fills `corpus/TARGET`.
+//!
+//! They are the made-up recordings that the tests read.
+
+#[allow(dead_code)]
+#[path = "../../crates/capture/tests/it/make.rs"]
+mod make;
+
+use std::{fs, io, path::Path};
+
+use radarllm_capture::uart::Dialect;
+
+fn main() -> io::Result<()> {
+    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus");
+    let write = |target: &str, name: &str, bytes: &[u8]| -> io::Result<()> {
+        let folder = corpus.join(target);
+        fs::create_dir_all(&folder)?;
+        fs::write(folder.join(name), bytes)
+    };
+    for dialect in Dialect::ALL {
+        write("uart", dialect.name(), &make::stream(dialect, 10))?;
+    }
+    write("bag", "clouds", &make::bag())?;
+    write("points_csv", "table", make::CSV.as_bytes())?;
+    write("radhar", "record", make::RADHAR.as_bytes())?;
+    write("mars", "table", make::MARS.as_bytes())?;
+    write("calib", "matrix", make::CALIBRATION.as_bytes())?;
+    for (i, seed) in make::seeds().iter().enumerate() {
+        if seed.starts_with(b"\x93NUMPY") {
+            write("points_npy", &format!("array-{i}"), seed)?;
+            write("mars", &format!("array-{i}"), seed)?;
+        }
+    }
+    Ok(())
+}
