@@ -524,16 +524,20 @@ pub struct ScoreArgs {
     /// The first two from its jar, the third beside it; what is absent stays as built in (docs/metrics.md).
     #[arg(long, value_name = "DIR")]
     pub meteor_data: Option<PathBuf>,
-    /// BERT or RoBERTa folder for BERTScore (not supported yet).
+    /// BERT or RoBERTa folder (config.json, model.safetensors, tokenizer.json) for BERTScore. Protocol
+    /// motiongpt weights words by idf, the others do not.
     #[arg(long, value_name = "DIR")]
     pub bert_score: Option<PathBuf>,
-    /// Layer for BERTScore.
+    /// Layer for BERTScore, 17 for roberta-large.
     #[arg(long)]
     pub layer: Option<usize>,
-    /// SimCSE folder (not supported yet).
+    /// F1 baseline that rescales BERTScore, 0.83122575 for layer 17 of roberta-large.
+    #[arg(long, value_name = "F1", requires = "bert_score")]
+    pub bert_baseline: Option<f64>,
+    /// BERT or RoBERTa folder for SimCSE.
     #[arg(long, value_name = "DIR")]
     pub sim_cse: Option<PathBuf>,
-    /// Pooling for SimCSE.
+    /// Pooling for SimCSE: pooler (supervised), cls (unsupervised) or mean.
     #[arg(long)]
     pub pooling: Option<String>,
     /// Seed of the bootstrap.

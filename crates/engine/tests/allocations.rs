@@ -46,6 +46,7 @@ fn tokens_allocate_nothing() {
         n_decoder_layers: 2,
         gated: true,
         tied: true,
+        scaled: true,
         relative_buckets: 16,
         relative_max_distance: 32,
         norm_eps: 1e-6,

@@ -173,8 +173,14 @@ pub struct Scores {
     pub self_bleu: Option<f64>,
     /// BERTScore F1.
     pub bert_score: Option<f64>,
+    /// Whose weights made it, and how.
+    #[serde(default)]
+    pub bert_score_rules: Option<String>,
     /// SimCSE cosine.
     pub sim_cse: Option<f64>,
+    /// Whose weights made it, and how.
+    #[serde(default)]
+    pub sim_cse_rules: Option<String>,
     /// Why a value is null, by field name.
     pub reason: BTreeMap<String, String>,
     /// 95 % intervals, by field name.
@@ -405,7 +411,9 @@ pub fn score_with(
         cider: values[8],
         self_bleu,
         bert_score: None,
+        bert_score_rules: None,
         sim_cse: None,
+        sim_cse_rules: None,
         reason,
         ci95,
         bootstrap: BootstrapInfo {

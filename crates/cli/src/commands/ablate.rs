@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use crate::{
-    args::{AblateArgs, EvalArgs},
+    args::{AblateArgs, DecoderName, EvalArgs},
     commands::eval,
     error::{CliError, CliResult},
     output,
@@ -177,6 +177,7 @@ pub fn run(args: &AblateArgs) -> CliResult {
             split: grid.split.clone(),
             out: run.report(),
             beam: 1,
+            decoder: DecoderName::F32,
             seed: 1,
             force: true,
             json: false,

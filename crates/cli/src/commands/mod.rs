@@ -9,6 +9,7 @@ pub mod edits;
 pub mod eval;
 pub mod eval_recordings;
 pub mod lm;
+pub mod model_scores;
 pub mod motion;
 pub mod pictures;
 pub mod process;

@@ -16,6 +16,7 @@ use serde::Deserialize;
 
 use crate::{
     args::ScoreArgs,
+    commands::model_scores,
     error::{CliError, CliResult},
     output,
 };
@@ -57,15 +58,6 @@ impl Id {
 /// Runs the verb.
 pub fn run(args: &ScoreArgs) -> CliResult {
     let _ = args.json;
-    for (flag, given) in [
-        ("--bert-score", args.bert_score.is_some()),
-        ("--sim-cse", args.sim_cse.is_some()),
-    ] {
-        if given {
-            return Err(CliError::new(format!("{flag}: not supported yet"))
-                .hint("leave the flag out; the field is then null"));
-        }
-    }
     let protocol = Protocol::from_name(&args.protocol).ok_or_else(|| {
         CliError::new(format!("--protocol {}: unknown", args.protocol))
             .hint("plain, nlg-eval, coco or motiongpt")
@@ -94,7 +86,9 @@ pub fn run(args: &ScoreArgs) -> CliResult {
         seed: args.seed,
         ..ScoreOptions::default()
     };
-    output::print_json(&score_with(&candidates, &references, &options, &resources)?)
+    let mut scores = score_with(&candidates, &references, &options, &resources)?;
+    model_scores::add(&mut scores, args, &candidates, &references)?;
+    output::print_json(&scores)
 }
 
 /// Reads JSON lines; blank lines are skipped. The error names the first wrong line and counts the others.

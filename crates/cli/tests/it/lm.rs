@@ -5,7 +5,7 @@ use std::{fs, path::Path};
 use crate::command::{json, refused};
 
 /// `config.json` and `model.safetensors` of a tiny network; its golden file carries both.
-fn folder(golden: &str, dir: &Path) {
+pub fn folder(golden: &str, dir: &Path) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../model/tests/goldens");
     let bytes = fs::read(path.join(golden)).unwrap();
     let len = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;

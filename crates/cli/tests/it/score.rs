@@ -191,3 +191,68 @@ fn meteor_with_its_own_data_is_that_of_the_jar() {
     assert!((found - expected).abs() < 1e-9);
     assert_eq!(scores["meteor_matchers"].as_array().unwrap().len(), 4);
 }
+
+/// The tiny BERT of the goldens with a tokenizer of words w3 to w39: sentences equal to a reference score 1,
+/// others less, and what made the figures is said.
+#[test]
+fn a_named_checkpoint_gives_bert_score_and_similarity() {
+    let dir = tempfile::tempdir().unwrap();
+    let weights = dir.path().join("bert");
+    fs::create_dir(&weights).unwrap();
+    crate::lm::folder("bert.safetensors", &weights);
+    let words: Vec<String> = (3..40).map(|i| format!("\"w{i}\":{i}")).collect();
+    let tokenizer = format!(
+        r#"{{"version":"1.0","truncation":null,"padding":null,"added_tokens":[],"normalizer":null,
+        "pre_tokenizer":{{"type":"Whitespace"}},"post_processor":{{"type":"BertProcessing","sep":["[SEP]",2],
+        "cls":["[CLS]",1]}},"decoder":null,"model":{{"type":"WordLevel","unk_token":"[UNK]",
+        "vocab":{{"[UNK]":0,"[CLS]":1,"[SEP]":2,{}}}}}}}"#,
+        words.join(",")
+    );
+    fs::write(weights.join("tokenizer.json"), tokenizer).unwrap();
+    let (c, r) = (dir.path().join("c.jsonl"), dir.path().join("r.jsonl"));
+    let score = |said: &str, extra: &[&str]| {
+        fs::write(&c, format!("{{\"id\":\"a\",\"text\":\"{said}\"}}\n")).unwrap();
+        fs::write(&r, "{\"id\":\"a\",\"texts\":[\"w9 w8\",\"w3 w4 w5\"]}\n").unwrap();
+        let (c, r, w) = (
+            c.to_str().unwrap(),
+            r.to_str().unwrap(),
+            weights.to_str().unwrap(),
+        );
+        let mut args = vec![
+            "score",
+            "--candidates",
+            c,
+            "--references",
+            r,
+            "--bert-score",
+            w,
+        ];
+        args.extend(["--layer", "2", "--sim-cse", w, "--pooling", "pooler"]);
+        args.extend(extra);
+        json(&args)
+    };
+    for extra in [&[][..], &["--protocol", "motiongpt"]] {
+        let same = score("w3 w4 w5", extra);
+        for field in ["bert_score", "sim_cse"] {
+            assert!(
+                (same[field].as_f64().unwrap() - 1.0).abs() < 1e-5,
+                "{field} {extra:?}"
+            );
+            assert!(same["reason"].get(field).is_none());
+            assert!(same["ci95"][field].is_array());
+        }
+        let other = score("w30 w31 w32 w33", extra);
+        assert!(other["bert_score"].as_f64().unwrap() < 0.999);
+        assert!(other["sim_cse"].as_f64().unwrap() < 0.9999);
+    }
+    let plain = score("w30 w31", &[]);
+    let rescaled = score("w30 w31", &["--bert-baseline", "0.5"]);
+    let expected = (plain["bert_score"].as_f64().unwrap() - 0.5) / 0.5;
+    assert!((rescaled["bert_score"].as_f64().unwrap() - expected).abs() < 1e-12);
+    assert!(
+        rescaled["bert_score_rules"]
+            .as_str()
+            .unwrap()
+            .contains("layer 2")
+    );
+}

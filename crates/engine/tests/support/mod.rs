@@ -34,6 +34,7 @@ pub fn t5_small() -> Shape {
         n_decoder_layers: 6,
         gated: false,
         tied: true,
+        scaled: true,
         relative_buckets: 32,
         relative_max_distance: 128,
         norm_eps: 1e-6,
