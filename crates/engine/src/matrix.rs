@@ -8,7 +8,9 @@ use std::ops::Range;
 
 use crate::Precision;
 use crate::pool::Pool;
-use crate::simd::{ByteDot, Lanes, SimdLevel, dispatch};
+use radarllm_simd::Lanes;
+
+use crate::simd::{ByteDot, SimdLevel, dispatch};
 
 /// Columns of a panel.
 const PANEL: usize = 64;

@@ -1,6 +1,8 @@
 //! Operations on single rows: norms, activations, attention of one query, probabilities.
 
-use crate::simd::{ByteDot, Lanes, dispatch};
+use radarllm_simd::Lanes;
+
+use crate::simd::{ByteDot, dispatch};
 
 /// `x * gain / rms(x)` of every row; `width` values of a row are real, the rest padding.
 #[inline(always)]

@@ -1,4 +1,4 @@
-//! Vectors of sixteen lanes: floats ([`Lanes`]) and products of bytes ([`ByteDot`]).
+//! Products of bytes ([`ByteDot`]) beside vectors of sixteen floats ([`radarllm_simd::Lanes`]).
 //!
 //! An instruction set is chosen once per [`crate::Engine`] at run time; [`dispatch!`] compiles a
 //! generic body for each. Results are equal within rounding between float implementations and to
@@ -36,109 +36,12 @@ impl SimdLevel {
             Self::Avx512Vnni => {
                 is_x86_feature_detected!("avx512vnni") && Self::Avx512.is_available()
             }
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx512 => {
-                is_x86_feature_detected!("avx512f")
-                    && is_x86_feature_detected!("avx512dq")
-                    && is_x86_feature_detected!("avx512bw")
-                    && is_x86_feature_detected!("avx512vl")
-                    && Self::Avx2.is_available()
-            }
-            #[cfg(target_arch = "x86_64")]
-            Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
+            Self::Avx512 => radarllm_simd::SimdLevel::Avx512.is_available(),
+            Self::Avx2 => radarllm_simd::SimdLevel::Avx2.is_available(),
             #[cfg(not(target_arch = "x86_64"))]
-            Self::Avx512Vnni | Self::Avx512 | Self::Avx2 => false,
+            Self::Avx512Vnni => false,
             Self::Portable => true,
         }
-    }
-}
-
-/// Sixteen floats.
-pub(crate) trait Lanes: Copy {
-    /// Rows and vectors of a matrix tile: as many sums as registers hold.
-    const TILE: (usize, usize);
-
-    fn splat(x: f32) -> Self;
-    fn load(from: &[f32; 16]) -> Self;
-    fn store(self, to: &mut [f32; 16]);
-    fn add(self, other: Self) -> Self;
-    fn sub(self, other: Self) -> Self;
-    fn mul(self, other: Self) -> Self;
-    fn div(self, other: Self) -> Self;
-    /// `self * factor + term`.
-    fn fma(self, factor: Self, term: Self) -> Self;
-    fn max(self, other: Self) -> Self;
-    fn min(self, other: Self) -> Self;
-    /// To the nearest integer, ties to even; |x| < 2^22.
-    fn round(self) -> Self;
-    /// 2 to the power of an integer in -126..=127.
-    fn pow2(self) -> Self;
-    /// Truncates integers in -128..=127 to bytes.
-    fn store_bytes(self, to: &mut [i8; 16]);
-
-    #[inline(always)]
-    fn abs(self) -> Self {
-        self.max(Self::splat(0.0).sub(self))
-    }
-
-    /// The sixteen floats.
-    #[inline(always)]
-    fn array(self) -> [f32; 16] {
-        let mut out = [0.0; 16];
-        self.store(&mut out);
-        out
-    }
-
-    /// Sum of the lanes, in pairs.
-    #[inline(always)]
-    fn sum(self) -> f32 {
-        let mut a = self.array();
-        for half in [8, 4, 2, 1] {
-            for i in 0..half {
-                a[i] += a[i + half];
-            }
-        }
-        a[0]
-    }
-
-    /// Largest lane.
-    #[inline(always)]
-    fn most(self) -> f32 {
-        let mut a = self.array();
-        for half in [8, 4, 2, 1] {
-            for i in 0..half {
-                a[i] = if a[i + half] > a[i] {
-                    a[i + half]
-                } else {
-                    a[i]
-                };
-            }
-        }
-        a[0]
-    }
-
-    /// e to the power of x, relative error below 3e-7 for -87 <= x <= 88; 0 below -87.
-    #[inline(always)]
-    fn exp(self) -> Self {
-        // x = n ln 2 + r with |r| <= ln 2 / 2; ln 2 in two parts so that n ln 2 is exact enough.
-        let x = self.min(Self::splat(88.0)).max(Self::splat(-87.3));
-        let n = x.mul(Self::splat(std::f32::consts::LOG2_E)).round();
-        let r = n.fma(Self::splat(-0.693_359_4), x);
-        let r = n.fma(Self::splat(2.121_944_4e-4), r);
-        // exp(r) to the term r^7 / 7!: the rest is below 1e-8.
-        let mut sum = Self::splat(1.0 / 5040.0);
-        for c in [
-            1.0 / 720.0,
-            1.0 / 120.0,
-            1.0 / 24.0,
-            1.0 / 6.0,
-            0.5,
-            1.0,
-            1.0,
-        ] {
-            sum = sum.fma(r, Self::splat(c));
-        }
-        sum.mul(n.pow2())
     }
 }
 
@@ -150,79 +53,6 @@ pub(crate) trait ByteDot: Copy {
     fn add_dot(self, weights: &[u8; 64], activation: [i8; 4]) -> Self;
     /// The sums less `offset`, as floats.
     fn less(self, offset: i32, to: &mut [f32; 16]);
-}
-
-/// Portable lanes.
-#[derive(Clone, Copy)]
-pub(crate) struct Array16([f32; 16]);
-
-impl Array16 {
-    #[inline(always)]
-    fn map2(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
-        Self(std::array::from_fn(|i| f(self.0[i], other.0[i])))
-    }
-}
-
-impl Lanes for Array16 {
-    const TILE: (usize, usize) = (2, 1);
-
-    #[inline(always)]
-    fn splat(x: f32) -> Self {
-        Self([x; 16])
-    }
-    #[inline(always)]
-    fn load(from: &[f32; 16]) -> Self {
-        Self(*from)
-    }
-    #[inline(always)]
-    fn store(self, to: &mut [f32; 16]) {
-        *to = self.0;
-    }
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        self.map2(other, |a, b| a + b)
-    }
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        self.map2(other, |a, b| a - b)
-    }
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        self.map2(other, |a, b| a * b)
-    }
-    #[inline(always)]
-    fn div(self, other: Self) -> Self {
-        self.map2(other, |a, b| a / b)
-    }
-    #[inline(always)]
-    fn fma(self, factor: Self, term: Self) -> Self {
-        self.mul(factor).add(term)
-    }
-    #[inline(always)]
-    fn max(self, other: Self) -> Self {
-        self.map2(other, |a, b| if a > b { a } else { b })
-    }
-    #[inline(always)]
-    fn min(self, other: Self) -> Self {
-        self.map2(other, |a, b| if a < b { a } else { b })
-    }
-    #[inline(always)]
-    fn round(self) -> Self {
-        // Adding 1.5 * 2^23 rounds to the nearest integer without a library call; |x| < 2^22.
-        const MAGIC: f32 = 12_582_912.0;
-        Self(self.0.map(|x| (x + MAGIC) - MAGIC))
-    }
-    #[inline(always)]
-    fn pow2(self) -> Self {
-        Self(
-            self.0
-                .map(|n| f32::from_bits(((n as i32 + 127) as u32) << 23)),
-        )
-    }
-    #[inline(always)]
-    fn store_bytes(self, to: &mut [i8; 16]) {
-        *to = self.0.map(|x| x as i8);
-    }
 }
 
 /// Portable products of bytes.
@@ -250,13 +80,13 @@ impl ByteDot for ArrayDot {
 }
 
 #[cfg(target_arch = "x86_64")]
-pub(crate) use x86::{Avx2Dot, Avx2x2, Avx512, Avx512Dot, VnniDot};
+pub(crate) use x86::{Avx2Dot, Avx512Dot, VnniDot};
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use std::arch::x86_64::*;
 
-    use super::{ByteDot, Lanes};
+    use super::ByteDot;
 
     /// Calls one intrinsic.
     ///
@@ -268,82 +98,6 @@ mod x86 {
             // said yes, and pointers come from references to as many elements as are read or written.
             unsafe { $call }
         }};
-    }
-
-    /// One 512-bit register.
-    #[derive(Clone, Copy)]
-    pub(crate) struct Avx512(__m512);
-
-    impl Lanes for Avx512 {
-        // 24 sums, 4 weights, 1 activation of 32 registers.
-        const TILE: (usize, usize) = (6, 4);
-
-        #[inline(always)]
-        fn splat(x: f32) -> Self {
-            Self(intrinsic!(_mm512_set1_ps(x)))
-        }
-        #[inline(always)]
-        fn load(from: &[f32; 16]) -> Self {
-            Self(intrinsic!(_mm512_loadu_ps(from.as_ptr())))
-        }
-        #[inline(always)]
-        fn store(self, to: &mut [f32; 16]) {
-            intrinsic!(_mm512_storeu_ps(to.as_mut_ptr(), self.0));
-        }
-        #[inline(always)]
-        fn add(self, other: Self) -> Self {
-            Self(intrinsic!(_mm512_add_ps(self.0, other.0)))
-        }
-        #[inline(always)]
-        fn sub(self, other: Self) -> Self {
-            Self(intrinsic!(_mm512_sub_ps(self.0, other.0)))
-        }
-        #[inline(always)]
-        fn mul(self, other: Self) -> Self {
-            Self(intrinsic!(_mm512_mul_ps(self.0, other.0)))
-        }
-        #[inline(always)]
-        fn div(self, other: Self) -> Self {
-            Self(intrinsic!(_mm512_div_ps(self.0, other.0)))
-        }
-        #[inline(always)]
-        fn fma(self, factor: Self, term: Self) -> Self {
-            Self(intrinsic!(_mm512_fmadd_ps(self.0, factor.0, term.0)))
-        }
-        #[inline(always)]
-        fn max(self, other: Self) -> Self {
-            Self(intrinsic!(_mm512_max_ps(self.0, other.0)))
-        }
-        #[inline(always)]
-        fn min(self, other: Self) -> Self {
-            Self(intrinsic!(_mm512_min_ps(self.0, other.0)))
-        }
-        #[inline(always)]
-        fn round(self) -> Self {
-            Self(intrinsic!(_mm512_roundscale_ps::<0>(self.0)))
-        }
-        #[inline(always)]
-        fn pow2(self) -> Self {
-            Self(intrinsic!({
-                let exponent = _mm512_add_epi32(_mm512_cvtps_epi32(self.0), _mm512_set1_epi32(127));
-                _mm512_castsi512_ps(_mm512_slli_epi32::<23>(exponent))
-            }))
-        }
-        #[inline(always)]
-        fn store_bytes(self, to: &mut [i8; 16]) {
-            intrinsic!(_mm_storeu_si128(
-                to.as_mut_ptr().cast(),
-                _mm512_cvtsepi32_epi8(_mm512_cvtps_epi32(self.0))
-            ));
-        }
-        #[inline(always)]
-        fn sum(self) -> f32 {
-            intrinsic!(_mm512_reduce_add_ps(self.0))
-        }
-        #[inline(always)]
-        fn most(self) -> f32 {
-            intrinsic!(_mm512_reduce_max_ps(self.0))
-        }
     }
 
     /// Four bytes as one number, to be copied into every lane.
@@ -408,88 +162,6 @@ mod x86 {
         }
     }
 
-    /// Two 256-bit registers.
-    #[derive(Clone, Copy)]
-    pub(crate) struct Avx2x2(__m256, __m256);
-
-    macro_rules! both {
-        ($f:ident, $($x:expr),+) => {
-            Self(intrinsic!($f($($x.0),+)), intrinsic!($f($($x.1),+)))
-        };
-    }
-
-    impl Lanes for Avx2x2 {
-        // 8 registers of sums, 2 of weights, 1 activation of 16.
-        const TILE: (usize, usize) = (4, 1);
-
-        #[inline(always)]
-        fn splat(x: f32) -> Self {
-            let v = intrinsic!(_mm256_set1_ps(x));
-            Self(v, v)
-        }
-        #[inline(always)]
-        fn load(from: &[f32; 16]) -> Self {
-            Self(
-                intrinsic!(_mm256_loadu_ps(from.as_ptr())),
-                intrinsic!(_mm256_loadu_ps(from.as_ptr().add(8))),
-            )
-        }
-        #[inline(always)]
-        fn store(self, to: &mut [f32; 16]) {
-            intrinsic!(_mm256_storeu_ps(to.as_mut_ptr(), self.0));
-            intrinsic!(_mm256_storeu_ps(to.as_mut_ptr().add(8), self.1));
-        }
-        #[inline(always)]
-        fn add(self, other: Self) -> Self {
-            both!(_mm256_add_ps, self, other)
-        }
-        #[inline(always)]
-        fn sub(self, other: Self) -> Self {
-            both!(_mm256_sub_ps, self, other)
-        }
-        #[inline(always)]
-        fn mul(self, other: Self) -> Self {
-            both!(_mm256_mul_ps, self, other)
-        }
-        #[inline(always)]
-        fn div(self, other: Self) -> Self {
-            both!(_mm256_div_ps, self, other)
-        }
-        #[inline(always)]
-        fn fma(self, factor: Self, term: Self) -> Self {
-            both!(_mm256_fmadd_ps, self, factor, term)
-        }
-        #[inline(always)]
-        fn max(self, other: Self) -> Self {
-            both!(_mm256_max_ps, self, other)
-        }
-        #[inline(always)]
-        fn min(self, other: Self) -> Self {
-            both!(_mm256_min_ps, self, other)
-        }
-        #[inline(always)]
-        fn round(self) -> Self {
-            Self(
-                intrinsic!(_mm256_round_ps::<0>(self.0)),
-                intrinsic!(_mm256_round_ps::<0>(self.1)),
-            )
-        }
-        #[inline(always)]
-        fn pow2(self) -> Self {
-            let half = |x| {
-                intrinsic!({
-                    let exponent = _mm256_add_epi32(_mm256_cvtps_epi32(x), _mm256_set1_epi32(127));
-                    _mm256_castsi256_ps(_mm256_slli_epi32::<23>(exponent))
-                })
-            };
-            Self(half(self.0), half(self.1))
-        }
-        #[inline(always)]
-        fn store_bytes(self, to: &mut [i8; 16]) {
-            *to = self.array().map(|x| x as i8);
-        }
-    }
-
     /// Sixteen sums in two registers; bytes are widened as in [`Avx512Dot`].
     #[derive(Clone, Copy)]
     pub(crate) struct Avx2Dot(__m256i, __m256i);
@@ -542,17 +214,17 @@ macro_rules! dispatch {
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx512f,avx512dq,avx512bw,avx512vl,avx512vnni,avx2,fma")]
             fn vnni($($arg: $ty),*) $(-> $out)? {
-                $body::<$crate::simd::Avx512, $crate::simd::VnniDot>($($arg),*)
+                $body::<radarllm_simd::lanes::Avx512, $crate::simd::VnniDot>($($arg),*)
             }
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx512f,avx512dq,avx512bw,avx512vl,avx2,fma")]
             fn avx512($($arg: $ty),*) $(-> $out)? {
-                $body::<$crate::simd::Avx512, $crate::simd::Avx512Dot>($($arg),*)
+                $body::<radarllm_simd::lanes::Avx512, $crate::simd::Avx512Dot>($($arg),*)
             }
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx2,fma")]
             fn avx2($($arg: $ty),*) $(-> $out)? {
-                $body::<$crate::simd::Avx2x2, $crate::simd::Avx2Dot>($($arg),*)
+                $body::<radarllm_simd::lanes::Avx2x2, $crate::simd::Avx2Dot>($($arg),*)
             }
             match level {
                 // SAFETY: an engine takes a level only after `is_available`.
@@ -564,7 +236,7 @@ macro_rules! dispatch {
                 // SAFETY: as above.
                 #[cfg(target_arch = "x86_64")]
                 $crate::simd::SimdLevel::Avx2 => unsafe { avx2($($arg),*) },
-                _ => $body::<$crate::simd::Array16, $crate::simd::ArrayDot>($($arg),*),
+                _ => $body::<radarllm_simd::lanes::Array16, $crate::simd::ArrayDot>($($arg),*),
             }
         }
     };
@@ -573,6 +245,8 @@ pub(crate) use dispatch;
 
 #[cfg(test)]
 mod tests {
+    use radarllm_simd::Lanes;
+
     use super::*;
 
     #[inline(always)]

@@ -3,9 +3,7 @@
 //! Whole blocks of sixteen go through lanes; what is left over goes one number at a time.
 
 use num_complex::Complex32;
-use radarllm_simd::{LANES, Lanes, dispatch};
-
-use crate::lane_fft::Cell;
+use radarllm_simd::{Cell, LANES, Lanes, dispatch};
 
 dispatch!(
     /// Writes samples times weights. `finite` becomes false if a sample is NaN or infinite, and else

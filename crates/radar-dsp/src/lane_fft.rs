@@ -9,26 +9,8 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use num_complex::Complex32;
-use radarllm_simd::{LANES, Lanes, SimdLevel, dispatch};
+use radarllm_simd::{Cell, LANES, Lanes, SimdLevel, dispatch};
 use rustfft::{Fft, FftPlanner};
-
-/// One complex number of sixteen rows.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[repr(C, align(64))]
-pub(crate) struct Cell {
-    /// Real parts.
-    pub re: [f32; LANES],
-    /// Imaginary parts.
-    pub im: [f32; LANES],
-}
-
-impl Cell {
-    /// All zero.
-    pub const ZERO: Self = Self {
-        re: [0.0; LANES],
-        im: [0.0; LANES],
-    };
-}
 
 /// The plan of a length.
 pub(crate) struct LaneFft {

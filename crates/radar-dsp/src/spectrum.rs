@@ -6,12 +6,12 @@ use std::sync::Arc;
 use num_complex::Complex32;
 use radarllm_base::radar_config::Firing;
 use radarllm_base::{RadarConfig, RadarCube};
-use radarllm_simd::{LANES, SimdLevel};
+use radarllm_simd::{Cell, LANES, SimdLevel};
 use rustfft::{Fft, FftPlanner};
 
 use crate::error::DspError;
 use crate::kernels::{SlowTime, add, add_power, rows_of_bins, slow_time, window};
-use crate::lane_fft::{Cell, LaneFft};
+use crate::lane_fft::LaneFft;
 use crate::options::{ClutterFilter, DspOptions, MapKind};
 
 /// Longest range FFT: eight times the most samples a chirp of the supported parts has.

@@ -24,11 +24,11 @@ use crate::noise::NoiseGenerator;
 use crate::scatter::{FacetPhases, Reflection};
 use crate::scene::{Noise, PointTarget, Scene};
 use crate::slow_time::Level;
-use crate::spread::{Cell, ChannelBlock, Group, SpreadJob, spread};
+use crate::spread::{ChannelBlock, Group, SpreadJob, spread};
 use crate::transform::{RangeTransform, TransformJob, transform};
 use crate::visibility::{DepthRaster, Part, Sampling, Through, View};
 use crate::weather::{Rain, Weather};
-use radarllm_simd::SimdLevel;
+use radarllm_simd::{Cell, SimdLevel};
 
 /// Choices that are not the radar's.
 #[derive(Clone, Debug, PartialEq)]

@@ -10,25 +10,7 @@ use glam::Vec3;
 use crate::gridding::{Kernel, SLACK_CELLS, WIDTH};
 use crate::motion::{N_KEYS, Source};
 use crate::slow_time::{Level, MOST_NODES, QUAD};
-use radarllm_simd::{Lanes, dispatch, sin_cos_turns};
-
-/// Channels that travel together.
-pub(crate) const LANES: usize = 16;
-
-/// One range cell of up to sixteen channels.
-#[derive(Clone, Copy)]
-#[repr(C, align(64))]
-pub(crate) struct Cell {
-    pub re: [f32; LANES],
-    pub im: [f32; LANES],
-}
-
-impl Cell {
-    pub const ZERO: Self = Self {
-        re: [0.0; LANES],
-        im: [0.0; LANES],
-    };
-}
+use radarllm_simd::{Cell, LANES, Lanes, dispatch, sin_cos_turns};
 
 /// The channels of one pass.
 #[derive(Clone, Debug)]

@@ -7,8 +7,8 @@ use rustfft::{Fft, FftPlanner};
 
 use crate::gridding::Kernel;
 use crate::noise::add_noise_body;
-use crate::spread::{Cell, ChannelBlock};
-use radarllm_simd::{Lanes, dispatch};
+use crate::spread::ChannelBlock;
+use radarllm_simd::{Cell, Lanes, dispatch};
 
 /// Plan and buffers.
 pub(crate) struct RangeTransform {

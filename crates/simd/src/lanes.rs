@@ -49,6 +49,8 @@ impl SimdLevel {
 pub trait Lanes: Copy {
     /// Whose instructions these are.
     const LEVEL: SimdLevel;
+    /// Rows and vectors of a matrix tile: as many sums as registers hold.
+    const TILE: (usize, usize);
     /// `x` in every lane.
     fn splat(x: f32) -> Self;
     /// From memory.
@@ -83,6 +85,77 @@ pub trait Lanes: Copy {
     fn max(self, other: Self) -> Self;
     /// `if self < limit { yes } else { no }`, lane by lane.
     fn select_lt(self, limit: Self, yes: Self, no: Self) -> Self;
+
+    /// 2 to the power of an integer in -126..=127.
+    fn pow2(self) -> Self;
+    /// Truncates integers in -128..=127 to bytes.
+    fn store_bytes(self, to: &mut [i8; 16]);
+
+    /// Absolute values.
+    #[inline(always)]
+    fn abs(self) -> Self {
+        self.max(Self::splat(0.0).sub(self))
+    }
+
+    /// The sixteen floats.
+    #[inline(always)]
+    fn array(self) -> [f32; 16] {
+        let mut out = [0.0; 16];
+        self.store(&mut out);
+        out
+    }
+
+    /// Sum of the lanes, in pairs.
+    #[inline(always)]
+    fn sum(self) -> f32 {
+        let mut a = self.array();
+        for half in [8, 4, 2, 1] {
+            for i in 0..half {
+                a[i] += a[i + half];
+            }
+        }
+        a[0]
+    }
+
+    /// Largest lane.
+    #[inline(always)]
+    fn most(self) -> f32 {
+        let mut a = self.array();
+        for half in [8, 4, 2, 1] {
+            for i in 0..half {
+                a[i] = if a[i + half] > a[i] {
+                    a[i + half]
+                } else {
+                    a[i]
+                };
+            }
+        }
+        a[0]
+    }
+
+    /// e to the power of x, relative error below 3e-7 for -87 <= x <= 88; 0 below -87.
+    #[inline(always)]
+    fn exp(self) -> Self {
+        // x = n ln 2 + r with |r| <= ln 2 / 2; ln 2 in two parts so that n ln 2 is exact enough.
+        let x = self.min(Self::splat(88.0)).max(Self::splat(-87.3));
+        let n = x.mul(Self::splat(std::f32::consts::LOG2_E)).round();
+        let r = n.fma(Self::splat(-0.693_359_4), x);
+        let r = n.fma(Self::splat(2.121_944_4e-4), r);
+        // exp(r) to the term r^7 / 7!: the rest is below 1e-8.
+        let mut sum = Self::splat(1.0 / 5040.0);
+        for c in [
+            1.0 / 720.0,
+            1.0 / 120.0,
+            1.0 / 24.0,
+            1.0 / 6.0,
+            0.5,
+            1.0,
+            1.0,
+        ] {
+            sum = sum.fma(r, Self::splat(c));
+        }
+        sum.mul(n.pow2())
+    }
 
     /// `c[0] + c[1] x + ...`.
     #[inline(always)]
@@ -132,6 +205,7 @@ impl Array16 {
 
 impl Lanes for Array16 {
     const LEVEL: SimdLevel = SimdLevel::Portable;
+    const TILE: (usize, usize) = (2, 1);
     #[inline(always)]
     fn splat(x: f32) -> Self {
         Self([x; 16])
@@ -206,6 +280,17 @@ impl Lanes for Array16 {
         self.map2(other, |a, b| if a > b { a } else { b })
     }
     #[inline(always)]
+    fn pow2(self) -> Self {
+        Self(
+            self.0
+                .map(|n| f32::from_bits(((n as i32 + 127) as u32) << 23)),
+        )
+    }
+    #[inline(always)]
+    fn store_bytes(self, to: &mut [i8; 16]) {
+        *to = self.0.map(|x| x as i8);
+    }
+    #[inline(always)]
     fn select_lt(self, limit: Self, yes: Self, no: Self) -> Self {
         Self(std::array::from_fn(|i| {
             if self.0[i] < limit.0[i] {
@@ -258,6 +343,8 @@ mod x86 {
 
     impl Lanes for Avx512 {
         const LEVEL: SimdLevel = SimdLevel::Avx512;
+        // 24 sums, 4 weights, 1 activation of 32 registers.
+        const TILE: (usize, usize) = (6, 4);
         #[inline(always)]
         fn splat(x: f32) -> Self {
             Self(intrinsic!(_mm512_set1_ps(x)))
@@ -371,6 +458,28 @@ mod x86 {
             Self(intrinsic!(_mm512_max_ps(self.0, other.0)))
         }
         #[inline(always)]
+        fn pow2(self) -> Self {
+            Self(intrinsic!({
+                let exponent = _mm512_add_epi32(_mm512_cvtps_epi32(self.0), _mm512_set1_epi32(127));
+                _mm512_castsi512_ps(_mm512_slli_epi32::<23>(exponent))
+            }))
+        }
+        #[inline(always)]
+        fn store_bytes(self, to: &mut [i8; 16]) {
+            intrinsic!(_mm_storeu_si128(
+                to.as_mut_ptr().cast(),
+                _mm512_cvtsepi32_epi8(_mm512_cvtps_epi32(self.0))
+            ));
+        }
+        #[inline(always)]
+        fn sum(self) -> f32 {
+            intrinsic!(_mm512_reduce_add_ps(self.0))
+        }
+        #[inline(always)]
+        fn most(self) -> f32 {
+            intrinsic!(_mm512_reduce_max_ps(self.0))
+        }
+        #[inline(always)]
         fn select_lt(self, limit: Self, yes: Self, no: Self) -> Self {
             Self(intrinsic!(_mm512_mask_blend_ps(
                 _mm512_cmp_ps_mask::<_CMP_LT_OQ>(self.0, limit.0),
@@ -446,6 +555,8 @@ mod x86 {
 
     impl Lanes for Avx2x2 {
         const LEVEL: SimdLevel = SimdLevel::Avx2;
+        // 8 registers of sums, 2 of weights, 1 activation of 16.
+        const TILE: (usize, usize) = (4, 1);
         #[inline(always)]
         fn splat(x: f32) -> Self {
             let v = intrinsic!(_mm256_set1_ps(x));
@@ -535,6 +646,20 @@ mod x86 {
         #[inline(always)]
         fn max(self, other: Self) -> Self {
             both!(_mm256_max_ps, self, other)
+        }
+        #[inline(always)]
+        fn pow2(self) -> Self {
+            let half = |x| {
+                intrinsic!({
+                    let exponent = _mm256_add_epi32(_mm256_cvtps_epi32(x), _mm256_set1_epi32(127));
+                    _mm256_castsi256_ps(_mm256_slli_epi32::<23>(exponent))
+                })
+            };
+            Self(half(self.0), half(self.1))
+        }
+        #[inline(always)]
+        fn store_bytes(self, to: &mut [i8; 16]) {
+            *to = self.array().map(|x| x as i8);
         }
         #[inline(always)]
         fn select_lt(self, limit: Self, yes: Self, no: Self) -> Self {

@@ -11,3 +11,21 @@ pub use lanes::{Lanes, SimdLevel, sin_cos_turns};
 
 /// Number of lanes.
 pub const LANES: usize = 16;
+
+/// One complex number of sixteen rows, or channels, or bins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C, align(64))]
+pub struct Cell {
+    /// Real parts.
+    pub re: [f32; LANES],
+    /// Imaginary parts.
+    pub im: [f32; LANES],
+}
+
+impl Cell {
+    /// All zero.
+    pub const ZERO: Self = Self {
+        re: [0.0; LANES],
+        im: [0.0; LANES],
+    };
+}
