@@ -262,6 +262,10 @@ mod tests {
     dispatch!(fn sum_and_most => sum_body(x: &[f32; 16]) -> (f32, f32));
 
     #[inline(always)]
+    #[expect(
+        clippy::extra_unused_type_parameters,
+        reason = "dispatched like bodies that compute with lanes"
+    )]
     fn dot_body<L: Lanes, D: ByteDot>(w: &[u8; 64], a: [i8; 4], offset: i32) -> [f32; 16] {
         let mut out = [0.0; 16];
         D::zero().add_dot(w, a).add_dot(w, a).less(offset, &mut out);
