@@ -169,7 +169,7 @@ pub struct MeteorStats {
 }
 
 impl MeteorStats {
-    /// Columns of [`MeteorStats::columns`].
+    /// Columns of one segment in corpus sums.
     pub const WIDTH: usize = 21;
 
     /// METEOR, 0..1.
