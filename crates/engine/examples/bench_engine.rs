@@ -1,6 +1,6 @@
 //! Speed of a T5-small: 64 tokens in, exactly 40 out, greedy.
 //!
-//! `cargo run --release -p radarllm-engine --example bench [-- FOLDER [THREADS]]`
+//! `cargo run --release -p radarllm-engine --example bench_engine [-- FOLDER [THREADS]]`
 //!
 //! Times are those on the CPU where the system tells them and there is one thread.
 //!
