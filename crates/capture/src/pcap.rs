@@ -8,7 +8,7 @@
 
 use std::io::Read;
 
-use crate::adc::AdcError;
+use crate::adc::{AdcError, reader::fill};
 
 /// Longest packet accepted, bytes: tcpdump's largest.
 const MAX_PACKET: u32 = 262_144;
@@ -318,16 +318,7 @@ impl<R: Read> PcapReader<R> {
 
     /// Reads `n` bytes into the buffer; false if the input ends before.
     fn fill(&mut self, n: usize) -> Result<bool, AdcError> {
-        self.buffer.clear();
-        let read = (&mut self.input)
-            .take(n as u64)
-            .read_to_end(&mut self.buffer)
-            .map_err(|source| AdcError::Read {
-                offset: self.offset,
-                source,
-            })?;
-        self.offset += read as u64;
-        Ok(read == n)
+        fill(&mut self.input, n, &mut self.buffer, &mut self.offset)
     }
 
     /// Passes over `n` bytes; how many there were.

@@ -47,8 +47,6 @@ impl SimdLevel {
 /// Name the implementing types only through [`dispatch!`](crate::dispatch): their methods are the
 /// instructions of their level.
 pub trait Lanes: Copy {
-    /// Whose instructions these are.
-    const LEVEL: SimdLevel;
     /// Rows and vectors of a matrix tile: as many sums as registers hold.
     const TILE: (usize, usize);
     /// `x` in every lane.
@@ -204,7 +202,6 @@ impl Array16 {
 }
 
 impl Lanes for Array16 {
-    const LEVEL: SimdLevel = SimdLevel::Portable;
     const TILE: (usize, usize) = (2, 1);
     #[inline(always)]
     fn splat(x: f32) -> Self {
@@ -312,7 +309,7 @@ mod x86 {
 
     use num_complex::Complex32;
 
-    use super::{Lanes, SimdLevel};
+    use super::Lanes;
 
     /// Calls one intrinsic.
     ///
@@ -342,7 +339,6 @@ mod x86 {
     }
 
     impl Lanes for Avx512 {
-        const LEVEL: SimdLevel = SimdLevel::Avx512;
         // 24 sums, 4 weights, 1 activation of 32 registers.
         const TILE: (usize, usize) = (6, 4);
         #[inline(always)]
@@ -554,7 +550,6 @@ mod x86 {
     }
 
     impl Lanes for Avx2x2 {
-        const LEVEL: SimdLevel = SimdLevel::Avx2;
         // 8 registers of sums, 2 of weights, 1 activation of 16.
         const TILE: (usize, usize) = (4, 1);
         #[inline(always)]

@@ -9,6 +9,26 @@ use radarllm_base::RadarCube;
 
 use super::{AdcError, FrameDecoder};
 
+/// Reads `n` bytes into `buffer` and moves `offset` on; false if the input ends before. The buffer grows
+/// with what is there, not with `n`.
+pub(crate) fn fill(
+    input: &mut impl Read,
+    n: usize,
+    buffer: &mut Vec<u8>,
+    offset: &mut u64,
+) -> Result<bool, AdcError> {
+    buffer.clear();
+    let read = input
+        .take(n as u64)
+        .read_to_end(buffer)
+        .map_err(|source| AdcError::Read {
+            offset: *offset,
+            source,
+        })?;
+    *offset += read as u64;
+    Ok(read == n)
+}
+
 /// How much of a frame arrived.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FrameIntegrity {

@@ -6,7 +6,7 @@
 use std::io::Read;
 
 use super::{DataPacket, MAX_PAYLOAD, source::PacketSource, u48};
-use crate::adc::AdcError;
+use crate::adc::{AdcError, reader::fill};
 
 /// Bytes before the samples of a record.
 const HEADER_BYTES: usize = 14;
@@ -57,16 +57,7 @@ impl<R: Read> RecordReader<R> {
 
     /// Reads `n` bytes into the buffer; false if the input ends before.
     fn fill(&mut self, n: usize) -> Result<bool, AdcError> {
-        self.buffer.clear();
-        let read = (&mut self.input)
-            .take(n as u64)
-            .read_to_end(&mut self.buffer)
-            .map_err(|source| AdcError::Read {
-                offset: self.offset,
-                source,
-            })?;
-        self.offset += read as u64;
-        Ok(read == n)
+        fill(&mut self.input, n, &mut self.buffer, &mut self.offset)
     }
 }
 

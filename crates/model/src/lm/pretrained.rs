@@ -72,16 +72,6 @@ impl Pretrained {
             model_type: String,
         }
         let kind: Kind = parse(config, file)?;
-        let stripped = |prefixes: &[&str]| -> NamedTensors {
-            let strip = |name: &String| {
-                let short = prefixes.iter().find_map(|p| name.strip_prefix(p));
-                short.unwrap_or(name).to_string()
-            };
-            tensors
-                .iter()
-                .map(|(name, tensor)| (strip(name), tensor.clone()))
-                .collect()
-        };
         match kind.model_type.as_str() {
             "t5" => {
                 let config = hf::untied(hf::parse_config(config, file)?, &tensors);
@@ -89,15 +79,20 @@ impl Pretrained {
                 Ok(Self::T5(hf::build_t5(&config, ours, device, file)?.into()))
             }
             "gpt2" => {
-                let from = Loader::new(stripped(&["transformer."]), file, false, device);
+                let from = Loader::new(stripped(tensors, &["transformer."]), file, false, device);
                 Ok(Self::Gpt2(Gpt2::load(parse(config, file)?, from)?.into()))
             }
             "qwen2" => {
-                let from = Loader::new(stripped(&["model."]), file, true, device);
+                let from = Loader::new(stripped(tensors, &["model."]), file, true, device);
                 Ok(Self::Qwen2(Qwen2::load(parse(config, file)?, from)?.into()))
             }
             "bert" | "roberta" | "xlm-roberta" => {
-                let from = Loader::new(stripped(&["bert.", "roberta."]), file, true, device);
+                let from = Loader::new(
+                    stripped(tensors, &["bert.", "roberta."]),
+                    file,
+                    true,
+                    device,
+                );
                 Ok(Self::Bert(Bert::load(parse(config, file)?, from)?.into()))
             }
             other => Err(LmError::Config {
@@ -130,9 +125,6 @@ impl Pretrained {
         input: &ModelInput,
         device: &Device,
     ) -> Result<(Vec<f32>, [usize; 3]), LmError> {
-        let rows = |ids: &[Vec<u32>], mask: Option<&[Vec<u32>]>, vocab: usize, longest: usize| {
-            Rows::new(ids, mask, vocab, longest)
-        };
         let mask = input.attention_mask.as_deref();
         let alone = |name: &str| match &input.decoder_input_ids {
             None => Ok(()),
@@ -141,11 +133,11 @@ impl Pretrained {
         let (out, shape): (Tensor<2>, [usize; 2]) = match self {
             Self::T5(t5) => {
                 let T5Config { vocab_size, .. } = *t5.config();
-                let source = rows(&input.input_ids, mask, vocab_size, LONGEST_T5)?;
+                let source = Rows::new(&input.input_ids, mask, vocab_size, LONGEST_T5)?;
                 let target = input.decoder_input_ids.as_deref().ok_or_else(|| {
                     LmError::Input("t5 wants decoder_input_ids, which start with id 0".into())
                 })?;
-                let target = rows(target, None, vocab_size, LONGEST_T5)?;
+                let target = Rows::new(target, None, vocab_size, LONGEST_T5)?;
                 if target.shape[0] != source.shape[0] {
                     let (n, m) = (source.shape[0], target.shape[0]);
                     let problem = format!("{n} encoder rows but {m} decoder rows");
@@ -156,20 +148,20 @@ impl Pretrained {
             Self::Gpt2(gpt2) => {
                 alone("gpt2")?;
                 let c = gpt2.config();
-                let rows = rows(&input.input_ids, mask, c.vocab_size, c.n_positions)?;
+                let rows = Rows::new(&input.input_ids, mask, c.vocab_size, c.n_positions)?;
                 (gpt2.logits(&rows, device), rows.shape)
             }
             Self::Qwen2(qwen2) => {
                 alone("qwen2")?;
                 let c = qwen2.config();
                 let longest = c.max_position_embeddings;
-                let rows = rows(&input.input_ids, mask, c.vocab_size, longest)?;
+                let rows = Rows::new(&input.input_ids, mask, c.vocab_size, longest)?;
                 (qwen2.logits(&rows, device), rows.shape)
             }
             Self::Bert(bert) => {
                 alone("an encoder")?;
                 let c = bert.config();
-                let rows = rows(&input.input_ids, mask, c.vocab_size, c.longest())?;
+                let rows = Rows::new(&input.input_ids, mask, c.vocab_size, c.longest())?;
                 let states = bert.states(&rows, c.num_hidden_layers, device);
                 (states, rows.shape)
             }
@@ -177,6 +169,18 @@ impl Pretrained {
         let width = out.dims()[1];
         Ok((read(out), [shape[0], shape[1], width]))
     }
+}
+
+/// Names without the first of the prefixes that they have.
+fn stripped(tensors: NamedTensors, prefixes: &[&str]) -> NamedTensors {
+    let strip = |name: String| match prefixes.iter().find_map(|p| name.strip_prefix(p)) {
+        Some(short) => short.to_string(),
+        None => name,
+    };
+    tensors
+        .into_iter()
+        .map(|(name, tensor)| (strip(name), tensor))
+        .collect()
 }
 
 fn parse<T: DeserializeOwned>(json: &[u8], file: &Path) -> Result<T, LmError> {
