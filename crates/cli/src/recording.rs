@@ -28,6 +28,8 @@ use crate::{
 
 /// Largest file read whole, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 30;
+/// Radial speeds below this are called standing, m/s: less than one velocity bin of any radar that is built in.
+const STANDING_MPS: f32 = 0.05;
 /// Most frames joined into one.
 const MAX_MERGE: usize = 100;
 /// Bytes read from a stream at a time.
@@ -63,9 +65,10 @@ pub struct RecordingArgs {
     /// Radar's right side down, degrees.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     pub roll_deg: f64,
-    /// Leave out points slower than this, m/s: the static surroundings that some firmware reports.
-    #[arg(long, value_name = "MPS", default_value_t = 0.0)]
-    pub slowest: f32,
+    /// Leave out points slower than this, m/s: the static surroundings that some firmware reports. `describe` leaves out
+    /// what stands still without it, where that is most of a recording; 0 keeps everything.
+    #[arg(long, value_name = "MPS")]
+    pub slowest: Option<f32>,
     /// Join so many frames into each, for radars that report few points.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub merge: usize,
@@ -86,7 +89,7 @@ impl Default for RecordingArgs {
             tilt_deg: 0.0,
             yaw_deg: 0.0,
             roll_deg: 0.0,
-            slowest: 0.0,
+            slowest: None,
             merge: 1,
             follow: false,
         }
@@ -304,14 +307,11 @@ fn timeline(
             _ => error,
         }
     })?;
-    if !(0.0..=100.0).contains(&args.slowest) {
+    let slowest_mps = args.slowest.unwrap_or(0.0);
+    if !(0.0..=100.0).contains(&slowest_mps) {
         return Err(CliError::new("--slowest: expected 0 to 100 m/s"));
     }
-    for frame in &mut line.frames {
-        frame
-            .points
-            .retain(|p| p.velocity_mps.abs() >= args.slowest);
-    }
+    retain_faster(&mut line.frames, slowest_mps);
     if !(1..=MAX_MERGE).contains(&args.merge) {
         return Err(CliError::new(format!(
             "--merge: expected 1 to {MAX_MERGE} frames"
@@ -336,6 +336,32 @@ fn timeline(
     mounting.apply(&mut line.frames);
     sort(&mut line.frames);
     Ok(line)
+}
+
+fn retain_faster(frames: &mut [PointFrame], slowest_mps: f32) {
+    for frame in frames {
+        frame.points.retain(|p| p.velocity_mps.abs() >= slowest_mps);
+    }
+}
+
+/// Leaves out what stands still where that is most of the points: models learn from radars that take the surroundings
+/// out of their samples, and firmware that does not reports little else. Says what it did.
+pub fn leave_out_surroundings(frames: &mut [PointFrame]) -> Option<String> {
+    let count = |frames: &[PointFrame]| frames.iter().map(|f| f.points.len()).sum::<usize>();
+    let all = count(frames);
+    let still = |f: &PointFrame| {
+        let velocities = f.points.iter().map(|p| p.velocity_mps.abs());
+        velocities.filter(|v| *v < STANDING_MPS).count()
+    };
+    if 2 * frames.iter().map(still).sum::<usize>() <= all {
+        return None;
+    }
+    retain_faster(frames, STANDING_MPS);
+    let left = count(frames);
+    Some(format!(
+        "{} of {all} points stand still and are left out as surroundings (--slowest 0 keeps them)",
+        all - left
+    ))
 }
 
 /// Frames at another rate; see [`Timeline::resample`].
@@ -534,4 +560,36 @@ fn counts(r: &UartReport) -> String {
         r.points_out_of_range,
         r.frames_without_points
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use radarllm_base::{PointFrame, RadarPoint};
+
+    use super::leave_out_surroundings;
+
+    fn frames(velocities: &[f32]) -> Vec<PointFrame> {
+        let points = velocities.iter().map(|v| RadarPoint {
+            velocity_mps: *v,
+            ..RadarPoint::default()
+        });
+        vec![PointFrame {
+            frame: 0,
+            time_s: 0.0,
+            points: points.collect(),
+        }]
+    }
+
+    #[test]
+    fn surroundings_go_only_where_they_are_most_of_a_recording() {
+        let mut room = frames(&[0.0, 0.0, -0.6, 0.0, 0.6]);
+        let note = leave_out_surroundings(&mut room).unwrap();
+        assert!(note.contains("3 of 5 points"), "{note}");
+        assert_eq!(room, frames(&[-0.6, 0.6]));
+        // A person who pauses is no surroundings: half of the points may stand still.
+        let mut person = frames(&[0.0, 0.0, -0.6, 0.6]);
+        assert_eq!(leave_out_surroundings(&mut person), None);
+        assert_eq!(person, frames(&[0.0, 0.0, -0.6, 0.6]));
+        assert_eq!(leave_out_surroundings(&mut []), None);
+    }
 }

@@ -71,7 +71,7 @@ pub fn build(
         name: config.name.clone(),
         tool_version: env!("CARGO_PKG_VERSION").into(),
         radar: radar.name.clone(),
-        frame_rate_hz: radar.frame_rate_hz(),
+        frame_rate_hz: config.stored_rate_hz(&radar)?,
         seed: config.seed,
         config_toml: toml::to_string(config).map_err(|e| SynthError::Config(e.to_string()))?,
         items,

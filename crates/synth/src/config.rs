@@ -1,6 +1,9 @@
 //! The TOML file of `dataset build`.
 
-use std::path::{Path, PathBuf};
+use std::{
+    ops::RangeInclusive,
+    path::{Path, PathBuf},
+};
 
 use radarllm_base::RadarConfig;
 use radarllm_radar_sim::SimOptions;
@@ -30,9 +33,17 @@ pub struct DatasetConfig {
     pub train_variants: usize,
     /// Clips per Parquet shard.
     pub shard_clips: usize,
-    /// Longest clip, radar frames; longer motions are cut to a window (drawn for training,
+    /// Longest clip, stored frames; longer motions are cut to a window (drawn for training,
     /// the beginning otherwise).
     pub max_frames: usize,
+    /// Stored frames per second; the radar's own without it. Frames of a faster radar are joined, as they
+    /// are when its recordings are described.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frame_rate_hz: Option<f64>,
+    /// Points slower than this are left out, m/s: for radars whose firmware reports the static
+    /// surroundings, which are left out of their recordings too.
+    #[serde(skip_serializing_if = "is_default")]
+    pub slowest_mps: f32,
     /// Longest facet edge of the simulated body, m. 0.02 is radar grade; 0.03 halves the facets
     /// and is good enough where the rough-surface term dominates, as on clothed bodies.
     pub facet_edge_m: f32,
@@ -96,6 +107,8 @@ impl Default for DatasetConfig {
             train_variants: 1,
             shard_clips: 64,
             max_frames: 96,
+            frame_rate_hz: None,
+            slowest_mps: 0.0,
             facet_edge_m: 0.02,
             distance_m: placement.distance_m,
             lateral_m: placement.lateral_m,
@@ -109,6 +122,10 @@ impl Default for DatasetConfig {
         }
     }
 }
+
+/// Longest facet edges that a simulated body may have, m: from a hundred thousand facets to a body without
+/// hands.
+pub const BODY_FACET_EDGE_M: RangeInclusive<f32> = 0.008..=0.05;
 
 /// Upper bound of every count in a configuration: a typing slip must not fill a disk.
 const MAX_COUNT: usize = 10_000_000;
@@ -141,15 +158,23 @@ impl DatasetConfig {
             ("lateral_m", self.lateral_m),
             ("heading_deg", self.heading_deg),
             ("radar_height_m", self.radar_height_m),
+            ("slowest_mps", self.slowest_mps),
         ] {
             if !(value.is_finite() && (0.0..=360.0).contains(&value)) {
                 return fail(format!("{name}: must be in 0..=360, found {value}"));
             }
         }
-        if !(0.008..=0.05).contains(&self.facet_edge_m) {
+        if !BODY_FACET_EDGE_M.contains(&self.facet_edge_m) {
             return fail(format!(
-                "facet_edge_m: must be in 0.008..=0.05, found {}",
+                "facet_edge_m: must be in {BODY_FACET_EDGE_M:?}, found {}",
                 self.facet_edge_m
+            ));
+        }
+        if let Some(rate_hz) = self.frame_rate_hz
+            && !(0.5..=1000.0).contains(&rate_hz)
+        {
+            return fail(format!(
+                "frame_rate_hz: must be in 0.5..=1000, found {rate_hz}"
             ));
         }
         if self.distance_m[0] > self.distance_m[1] {
@@ -226,6 +251,23 @@ impl DatasetConfig {
         }
     }
 
+    /// Frames per second that are stored.
+    ///
+    /// # Errors
+    /// More than the radar makes.
+    pub fn stored_rate_hz(&self, radar: &RadarConfig) -> Result<f64, SynthError> {
+        let own_hz = radar.frame_rate_hz();
+        let rate_hz = self.frame_rate_hz.unwrap_or(own_hz);
+        // A rate that was rounded when written is still the radar's own.
+        if rate_hz > own_hz * 1.001 {
+            return Err(SynthError::Config(format!(
+                "frame_rate_hz: {rate_hz}, but the radar `{}` makes {own_hz:.3} frames/s",
+                radar.name
+            )));
+        }
+        Ok(rate_hz)
+    }
+
     /// Opens every source; relative paths start at `base`.
     ///
     /// # Errors
@@ -288,6 +330,8 @@ mod tests {
             ("[weather]\nrain_mm_per_h = nan", "rain_mm_per_h"),
             ("seed = 1", "source"),
             ("lateral_m = nan", "lateral_m"),
+            ("frame_rate_hz = 0.0", "frame_rate_hz"),
+            ("slowest_mps = -1.0", "slowest_mps"),
             (
                 "radar_height_m = 1.5\n[room]\n",
                 "[room] radar_height_m: 1 m",

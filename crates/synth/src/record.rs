@@ -1,11 +1,12 @@
 //! One pure function: (corpus item, variant, seed) to a [`ClipRecord`].
 
-use radarllm_base::{Motion, seed::derive_seed};
+use radarllm_base::{Motion, PointFrame, seed::derive_seed};
 use radarllm_body::{
     features::humanml3d_features,
     mesh::{BodyModel, BodyShape, Build, pose_on_body},
     sample::{crop, resample},
 };
+use radarllm_capture::Timeline;
 use radarllm_dataset::record::{ClipRecord, Split};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
@@ -43,12 +44,9 @@ pub fn make_record(
     let mut rng = ChaCha8Rng::seed_from_u64(derive_seed(seed, "choices"));
 
     let motion = corpus.motion(item_idx)?;
-    let motion = cut_window(
-        &motion,
-        item,
-        config.max_frames as f64 * synthesizer.radar().frame_period_s,
-        &mut rng,
-    );
+    let rate_hz = config.stored_rate_hz(synthesizer.radar())?;
+    let longest_s = config.max_frames as f64 / rate_hz;
+    let motion = cut_window(&motion, item, longest_s, &mut rng);
     let shape = BodyShape {
         height_m: BODY_HEIGHTS_M[rng.random_range(0..BODY_HEIGHTS_M.len())],
         build: [Build::Slim, Build::Average, Build::Heavy][rng.random_range(0..3)],
@@ -58,8 +56,9 @@ pub fn make_record(
     // the joints and the features must know.
     let motion = motion_on_body(&motion, builtin_body(shape)?.as_ref());
     let placement = draw_placement(&motion, &config.placement(), derive_seed(seed, "placement"));
-    let frames =
-        synthesizer.motion_to_points(&motion, shape, placement, config.max_frames, seed)?;
+    let most_frames = synthesizer.frames_in(longest_s);
+    let frames = synthesizer.motion_to_points(&motion, shape, placement, most_frames, seed)?;
+    let frames = stored_frames(frames, synthesizer.radar().frame_rate_hz(), config, rate_hz)?;
 
     let at_20_fps = resample(&motion, MOTION_FPS);
     let joints = at_20_fps
@@ -83,6 +82,42 @@ pub fn make_record(
         joints,
         motion_features: humanml3d_features(&motion),
     })
+}
+
+/// What is kept of the radar's frames: moving points, at the stored rate, the strongest first.
+fn stored_frames(
+    mut frames: Vec<PointFrame>,
+    radar_hz: f64,
+    config: &DatasetConfig,
+    rate_hz: f64,
+) -> Result<Vec<PointFrame>, SynthError> {
+    if config.slowest_mps > 0.0 {
+        for frame in &mut frames {
+            frame
+                .points
+                .retain(|p| p.velocity_mps.abs() >= config.slowest_mps);
+        }
+    }
+    if config.frame_rate_hz.is_none() {
+        return Ok(frames);
+    }
+    let radar = Timeline {
+        frames,
+        rate_hz: radar_hz,
+        restarts: 0,
+    };
+    let mut frames = radar
+        .resample(rate_hz, false)
+        .map_err(|e| SynthError::Config(format!("frame_rate_hz: {e}")))?
+        .frames;
+    // The last frame's end may lie nearer to one frame more.
+    frames.truncate(config.max_frames);
+    for frame in &mut frames {
+        frame
+            .points
+            .sort_by(|a, b| b.intensity_db.total_cmp(&a.intensity_db));
+    }
+    Ok(frames)
 }
 
 /// A motion as a body performs it: the same rotations on the body's bones.

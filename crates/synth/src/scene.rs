@@ -12,6 +12,7 @@ use serde::Deserialize;
 
 use crate::{
     SynthError,
+    config::BODY_FACET_EDGE_M,
     impairments::ImpairmentsFile,
     obj::read_obj,
     processing::ProcessingFile,
@@ -380,7 +381,7 @@ fn facing(target: &Target) -> Result<DQuat, String> {
 
 fn motion(target: &Target, base: &Path) -> Result<radarllm_body::mesh::PosedBody, String> {
     let file = target.file.as_deref().ok_or("file is missing")?;
-    let (motion, shape) = if file.starts_with("builtin:") {
+    let (motion, mut shape) = if file.starts_with("builtin:") {
         let rendered = procedural::parse(file)
             .map_err(|e| e.to_string())?
             .render(0);
@@ -391,6 +392,14 @@ fn motion(target: &Target, base: &Path) -> Result<radarllm_body::mesh::PosedBody
         canonicalize(&mut loaded.motion);
         (loaded.motion, BodyShape::default())
     };
+    if let Some(edge_m) = target.facet_edge_m {
+        shape.facet_edge_m = edge_m as f32;
+        if !BODY_FACET_EDGE_M.contains(&shape.facet_edge_m) {
+            return Err(format!(
+                "facet_edge_m of a body must be in {BODY_FACET_EDGE_M:?}, found {edge_m}"
+            ));
+        }
+    }
     let position = Vec3::from_array(target.position_m.map(|v| v as f32));
     // A scene's floor lies at the target's own height; the radar is at the origin.
     let placement = Placement {
@@ -439,6 +448,10 @@ mod tests {
             (
                 "duration_s = 1.0\n[noise]\nnone = true\nsnr_db = 3.0",
                 "exclude",
+            ),
+            (
+                "duration_s = 1.0\n[[target]]\nkind = \"motion\"\nposition_m = [0.0, 3.0, -1.0]\nfile = \"builtin:walk\"\nfacet_edge_m = 0.5",
+                "of a body",
             ),
             // Each of the seven is small enough, all of them are not.
             (&many, "number 7"),

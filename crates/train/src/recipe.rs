@@ -63,8 +63,10 @@ impl RecipeStage {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Recipe {
-    /// Data set folder, relative to the configuration file.
-    pub data: PathBuf,
+    /// Data set folder or folders, relative to the configuration file. Clips of one motion in several of them are
+    /// variants of each other: the same motion before several radars.
+    #[serde(with = "one_or_many")]
+    pub data: Vec<PathBuf>,
     /// Folder for checkpoints, logs and the finished model, relative to the configuration file.
     pub out: PathBuf,
     /// The motion VQ-VAE.
@@ -84,7 +86,7 @@ pub struct Recipe {
 impl Default for Recipe {
     fn default() -> Self {
         Self {
-            data: "data".into(),
+            data: vec!["data".into()],
             out: "model".into(),
             motion: MotionTrainConfig::default(),
             tokenizer: TokenizerTrainConfig::default(),
@@ -110,7 +112,15 @@ impl Recipe {
         recipe.tokenizer.validate()?;
         recipe.pretrain.validate()?;
         recipe.instruct.validate()?;
-        recipe.data = base.join(&recipe.data);
+        if recipe.data.is_empty() {
+            return Err(TrainError::Config {
+                field: "data".into(),
+                problem: "an empty list: name at least one data set".into(),
+            });
+        }
+        for data in &mut recipe.data {
+            *data = base.join(&data);
+        }
         recipe.out = base.join(&recipe.out);
         Ok(recipe)
     }
@@ -218,10 +228,14 @@ impl Recipe {
 
     fn clips(&self, split: Split, columns: Columns) -> Result<Vec<ClipRecord>, TrainError> {
         let problem = |e: radarllm_dataset::DatasetError| TrainError::Data(e.to_string());
-        let data = Dataset::open(&self.data).map_err(problem)?;
-        data.iter_split(split, columns)
-            .collect::<Result<_, _>>()
-            .map_err(problem)
+        let mut clips = Vec::new();
+        for dir in &self.data {
+            let data = Dataset::open(dir).map_err(problem)?;
+            for clip in data.iter_split(split, columns) {
+                clips.push(clip.map_err(problem)?);
+            }
+        }
+        Ok(clips)
     }
 
     fn lm_data(&self) -> Result<(RadarTokenizer, Vec<LmClip>, Vec<LmClip>), TrainError> {
@@ -234,6 +248,34 @@ impl Recipe {
         )?;
         let val = lm_clips(&tokenizer, &self.clips(Split::Val, Columns::Points)?, false)?;
         Ok((tokenizer, train, val))
+    }
+}
+
+/// A path, or a list of paths.
+mod one_or_many {
+    use std::path::PathBuf;
+
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    #[derive(Deserialize)]
+    #[serde(untagged, expecting = "a path or a list of paths")]
+    enum Paths {
+        One(PathBuf),
+        Many(Vec<PathBuf>),
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<PathBuf>, D::Error> {
+        Ok(match Paths::deserialize(from)? {
+            Paths::One(path) => vec![path],
+            Paths::Many(paths) => paths,
+        })
+    }
+
+    pub fn serialize<S: Serializer>(paths: &[PathBuf], to: S) -> Result<S::Ok, S::Error> {
+        match paths {
+            [one] => one.serialize(to),
+            many => many.serialize(to),
+        }
     }
 }
 
@@ -328,6 +370,24 @@ mod tests {
         let recipe = Recipe::default();
         let text = recipe.to_toml().unwrap();
         assert_eq!(Recipe::from_toml(&text, Path::new("")).unwrap(), recipe);
+    }
+
+    #[test]
+    fn a_recipe_names_one_data_set_or_several() {
+        let data = |text: &str| Recipe::from_toml(text, Path::new("b")).map(|r| r.data);
+        let path = |p: &str| Path::new("b").join(p);
+        assert_eq!(data("data = \"x\"").unwrap(), [path("x")]);
+        let two = Recipe::from_toml("data = [\"x\", \"y\"]", Path::new("b")).unwrap();
+        assert_eq!(two.data, [path("x"), path("y")]);
+        let again = Recipe::from_toml(&two.to_toml().unwrap(), Path::new("")).unwrap();
+        assert_eq!(again.data, two.data);
+        assert!(data("data = []").unwrap_err().to_string().contains("data"));
+        assert!(
+            data("data = 3")
+                .unwrap_err()
+                .to_string()
+                .contains("list of paths")
+        );
     }
 
     #[test]

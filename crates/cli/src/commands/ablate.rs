@@ -91,6 +91,8 @@ fn yes() -> bool {
 /// One training of one row.
 struct Run {
     recipe: Recipe,
+    /// The data set that it learns from and is evaluated on.
+    data: PathBuf,
     /// Stages in order.
     stages: Vec<RecipeStage>,
     /// Everything that the result depends on.
@@ -173,7 +175,7 @@ pub fn run(args: &AblateArgs) -> CliResult {
         run.recipe.assemble(last)?;
         eval::evaluate(&EvalArgs {
             model: Some(run.recipe.model_dir()),
-            data: run.recipe.data.clone(),
+            data: run.data.clone(),
             split: grid.split.clone(),
             out: run.report(),
             beam: 1,
@@ -276,7 +278,13 @@ fn plan_run(
     }
     // The printed recipe has every default, so that a changed default changes the name too.
     let printed: Table = recipe.to_toml()?.parse()?;
-    let mut depends_on = format!("{}", recipe.data.display());
+    let [data] = recipe.data.as_slice() else {
+        return Err(CliError::new(format!(
+            "data: {} data sets, but rows are evaluated on one",
+            recipe.data.len()
+        )));
+    };
+    let mut depends_on = format!("{}", data.display());
     let mut id = String::new();
     for &stage in &stages {
         let part = printed.get(stage.name()).map(ToString::to_string);
@@ -290,7 +298,13 @@ fn plan_run(
         recipe.stage_folders.insert(stage.name(), out.join(&id));
     }
     recipe.out = out.join(format!("model-{id}"));
-    Ok(Run { recipe, stages, id })
+    let data = data.clone();
+    Ok(Run {
+        recipe,
+        data,
+        stages,
+        id,
+    })
 }
 
 /// FNV-1a, 64 bit: names folders, protects nothing.

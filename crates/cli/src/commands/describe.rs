@@ -2,6 +2,7 @@
 
 use std::{path::Path, time::Instant};
 
+use radarllm_capture::Timeline;
 use radarllm_model::lm::{Captioner, Decoder, Description, Precision};
 use serde::Serialize;
 
@@ -10,7 +11,11 @@ use crate::{
     error::{CliError, CliResult},
     input::{self, Clip, ClipOptions, Provenance},
     output,
+    recording::{self, RecordingArgs},
 };
+
+/// Frame rates that differ by less than this share are heard as they are.
+const RATE_TOLERANCE: f64 = 0.05;
 
 /// One described input, as scripts read it.
 #[derive(Serialize)]
@@ -76,12 +81,39 @@ pub fn choose_decoder(
     })
 }
 
+/// Brings a clip to what models hear: their frame rate, and what moves.
+///
+/// # Errors
+/// A rate that cannot be.
+pub fn prepare(clip: Clip, recording: &RecordingArgs) -> CliResult<Clip> {
+    let mut clip = clip;
+    // Points that somebody kept by saying so stay.
+    if !clip.provenance.synthetic
+        && recording.slowest.is_none()
+        && let Some(note) = recording::leave_out_surroundings(&mut clip.frames)
+    {
+        eprintln!("{}: {note}", clip.provenance.source);
+    }
+    let rate_hz = f64::from(radarllm_model::lm::FRAME_RATE_HZ);
+    if (clip.frame_rate_hz / rate_hz - 1.0).abs() > RATE_TOLERANCE {
+        let line = Timeline {
+            frames: clip.frames,
+            rate_hz: clip.frame_rate_hz,
+            restarts: 0,
+        };
+        let line = recording::resample(&line, rate_hz, recording.follow)?;
+        clip.frames = line.frames;
+        clip.frame_rate_hz = line.rate_hz;
+    }
+    Ok(clip)
+}
+
 /// Describes a clip.
 pub fn describe(captioner: &Captioner, clip: &Clip, model: String, beam: usize) -> CliResult<Row> {
     let started = Instant::now();
     // A model hears time in frames: a clip at another rate would be a lie about speed.
     let rate_hz = f64::from(radarllm_model::lm::FRAME_RATE_HZ);
-    if (clip.frame_rate_hz / rate_hz - 1.0).abs() > 0.05 {
+    if (clip.frame_rate_hz / rate_hz - 1.0).abs() > RATE_TOLERANCE {
         return Err(CliError::new(format!(
             "{}: {:.2} frames/s, but the model reads {rate_hz:.2} frames/s",
             clip.provenance.source, clip.frame_rate_hz
@@ -141,7 +173,7 @@ pub fn run(args: &DescribeArgs) -> CliResult {
     };
     let mut rows = Vec::new();
     for input in &args.inputs {
-        let clip = input::clip(input, &options)?;
+        let clip = prepare(input::clip(input, &options)?, &args.recording)?;
         let row = describe(&captioner, &clip, model.clone(), args.beam)?;
         if !args.json {
             print_row(&row);

@@ -99,6 +99,7 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
             if clip.provenance.synthetic {
                 return Err(CliError::new(format!("{name}: simulated, not recorded")));
             }
+            let clip = describe::prepare(clip, &args.recording)?;
             let row = describe::describe(&captioner, &clip, model.clone(), args.beam)?;
             rows.push(Row {
                 named: named(&row.caption, &config.activity),

@@ -189,6 +189,18 @@ fn an_empty_room_is_said_so() {
     assert_eq!(described[0]["caption"], "no person seen");
 }
 
+/// A radar that is faster than the model: its frames are joined, and the clip keeps its length.
+#[test]
+fn a_faster_radar_is_described_too() {
+    let motion = "builtin:clap?repetitions=2";
+    let row = |radar: &str| json(&["describe", motion, "--radar", radar, "--json"])[0].clone();
+    let (slow, fast) = (row("awr1843boost"), row("iwr6843isk"));
+    assert_eq!(fast["radar"], "iwr6843isk");
+    let seconds = |row: &serde_json::Value| row["clip_seconds"].as_f64().unwrap();
+    assert!((seconds(&slow) - seconds(&fast)).abs() <= 0.1 + 1e-9);
+    assert!((fast["frames"].as_f64().unwrap() / seconds(&fast) - 10.0).abs() < 0.1);
+}
+
 /// A folder: shards share the work, a bad file does not stop the others, `--resume` does only what
 /// is missing, and a motion's bytes are the same alone and in company.
 #[test]

@@ -2,5 +2,25 @@
 
 mod field_of_view;
 mod noise;
+mod rates;
 mod realism;
 mod rooms;
+
+use std::path::Path;
+
+use radarllm_dataset::{BuildOptions, ClipRecord, Dataset, Overwrite, Split};
+use radarllm_synth::{build::build, config::DatasetConfig};
+
+/// Training clips of the data set that a configuration describes.
+fn train_clips(config: &str, threads: usize) -> Vec<ClipRecord> {
+    let folder = tempfile::tempdir().unwrap();
+    let config = DatasetConfig::from_toml(config).unwrap();
+    let options = BuildOptions {
+        threads,
+        overwrite: Overwrite::Refuse,
+        retry_failed: false,
+    };
+    build(&config, Path::new(""), folder.path(), options, |_| ()).unwrap();
+    let dataset = Dataset::open(folder.path()).unwrap();
+    dataset.read_split(Split::Train).unwrap()
+}

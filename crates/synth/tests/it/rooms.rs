@@ -1,22 +1,8 @@
 //! Data sets built in a room.
 
-use std::path::Path;
+use radarllm_dataset::ClipRecord;
 
-use radarllm_dataset::{BuildOptions, ClipRecord, Dataset, Overwrite, Split};
-use radarllm_synth::{build::build, config::DatasetConfig};
-
-fn clips(config: &str, threads: usize) -> Vec<ClipRecord> {
-    let folder = tempfile::tempdir().unwrap();
-    let config = DatasetConfig::from_toml(config).unwrap();
-    let options = BuildOptions {
-        threads,
-        overwrite: Overwrite::Refuse,
-        retry_failed: false,
-    };
-    build(&config, Path::new(""), folder.path(), options, |_| ()).unwrap();
-    let dataset = Dataset::open(folder.path()).unwrap();
-    dataset.read_split(Split::Train).unwrap()
-}
+use crate::train_clips as clips;
 
 /// Distance of the farthest joint, m.
 fn reach_m(clip: &ClipRecord) -> f32 {
