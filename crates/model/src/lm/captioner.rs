@@ -6,6 +6,7 @@ use burn::tensor::Device;
 use radarllm_base::PointFrame;
 use radarllm_engine::{Engine, Precision};
 
+use super::presence::{median_points, points_stay_together};
 use super::{Allowed, GenerateOptions, LmError, RadarLm};
 use crate::tokenizer::{FRAMES_PER_CODE, MAX_FRAMES, RadarTokenizer};
 
@@ -21,7 +22,7 @@ pub struct Captioner {
     pub tokenizer: RadarTokenizer,
     /// Codes to words.
     pub lm: RadarLm,
-    /// A window whose median frame has fewer points than this holds no person.
+    /// A window whose median frame has fewer points than this holds no person, unless the few stay together.
     pub min_median_points: usize,
     /// Fewer frames than this say nothing.
     pub min_frames: usize,
@@ -67,7 +68,7 @@ impl std::fmt::Display for Abstained {
             Self::TooFewPoints { median, least } => {
                 write!(
                     f,
-                    "{median} points in the median frame, at least {least} are needed"
+                    "{median} points in the median frame, at least {least} are needed, or fewer that stay together"
                 )
             }
         }
@@ -249,11 +250,9 @@ impl Captioner {
         let mut best = 0;
         let mut kept = Vec::new();
         for window in equal_windows(frames) {
-            let mut counts: Vec<usize> = window.iter().map(|f| f.points.len()).collect();
-            counts.sort_unstable();
-            let median = counts[counts.len() / 2];
+            let median = median_points(window);
             best = best.max(median);
-            if median >= self.min_median_points {
+            if median >= self.min_median_points || points_stay_together(window) {
                 kept.push(window);
             }
         }
@@ -340,12 +339,19 @@ mod tests {
             said.abstained,
             Some(Abstained::TooFewFrames { found: 5, least: 8 })
         );
-        let clips = [frames(0, 0), frames(40, 0), frames(40, 7)];
+        // Few points far apart; the same few around one place may be somebody.
+        let mut scattered = frames(40, 7);
+        for point in scattered.iter_mut().flat_map(|f| &mut f.points) {
+            point.x_m *= 12.0;
+        }
+        let clips = [frames(0, 0), frames(40, 0), scattered];
         for clip in &clips {
             let said = captioner.describe(clip, 1.0, 1).unwrap();
             assert_eq!((said.caption.as_str(), said.windows), (NO_PERSON, 0));
             assert!(said.abstained.is_some() && said.confidence == 0.0 && said.tokens.is_empty());
         }
+        let together = captioner.describe(&frames(40, 7), 1.0, 1).unwrap();
+        assert_eq!((together.abstained, together.windows), (None, 1));
         let few = captioner
             .describe(&clips[2], 1.0, 1)
             .unwrap()
@@ -360,7 +366,7 @@ mod tests {
         );
         assert_eq!(
             few.to_string(),
-            "7 points in the median frame, at least 8 are needed"
+            "7 points in the median frame, at least 8 are needed, or fewer that stay together"
         );
     }
 

@@ -18,6 +18,7 @@ pub mod gpt2;
 pub mod hf;
 pub mod layers;
 mod on_engine;
+mod presence;
 pub mod pretrained;
 pub mod qwen2;
 pub mod radar_lm;

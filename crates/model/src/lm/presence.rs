@@ -1,0 +1,96 @@
+//! Whether anybody is there: many points a frame, or few that stay together.
+
+use radarllm_base::PointFrame;
+
+/// Frames looked at together: a second.
+const BLOCK_FRAMES: usize = 10;
+/// How far a person's points lie from their middle on the floor plan, m.
+const GATE_M: f32 = 0.75;
+/// Points near their middle that a second needs. False alarms do not get there: one or two a frame, spread over
+/// 6 m by 6 m, put less than one point in the gate.
+const LEAST_TOGETHER: usize = 5;
+
+/// Median number of points a frame.
+pub fn median_points(window: &[PointFrame]) -> usize {
+    let mut counts: Vec<usize> = window.iter().map(|f| f.points.len()).collect();
+    counts.sort_unstable();
+    counts.get(counts.len() / 2).copied().unwrap_or(0)
+}
+
+/// True when in a third of the seconds most points lie around one place: radars whose firmware reports few
+/// points see people so.
+pub fn points_stay_together(window: &[PointFrame]) -> bool {
+    let blocks = window.chunks(BLOCK_FRAMES);
+    let n_blocks = blocks.len();
+    let together = blocks.filter(|block| block_is_together(block)).count();
+    together > 0 && 3 * together >= n_blocks
+}
+
+fn block_is_together(block: &[PointFrame]) -> bool {
+    let points = || block.iter().flat_map(|f| &f.points);
+    let Some(x_m) = median(points().map(|p| p.x_m)) else {
+        return false;
+    };
+    let Some(y_m) = median(points().map(|p| p.y_m)) else {
+        return false;
+    };
+    let near = points()
+        .filter(|p| (p.x_m - x_m).hypot(p.y_m - y_m) <= GATE_M)
+        .count();
+    near >= LEAST_TOGETHER && 2 * near >= points().count()
+}
+
+fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
+    let mut values: Vec<f32> = values.collect();
+    values.sort_by(f32::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use radarllm_base::RadarPoint;
+    use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
+
+    fn window(frames: usize, mut points: impl FnMut(usize) -> Vec<RadarPoint>) -> Vec<PointFrame> {
+        (0..frames)
+            .map(|i| PointFrame {
+                frame: i as u32,
+                time_s: i as f64 / 10.0,
+                points: points(i),
+            })
+            .collect()
+    }
+
+    fn at(x_m: f32, y_m: f32) -> RadarPoint {
+        RadarPoint {
+            x_m,
+            y_m,
+            ..RadarPoint::default()
+        }
+    }
+
+    /// One point a frame along a walk of 1 m/s is a person; five false alarms a frame anywhere are none.
+    #[test]
+    fn few_points_of_a_walker_stay_together_and_false_alarms_do_not() {
+        let walker = window(60, |i| vec![at(0.3, 4.0 - 0.1 * i as f32 / 2.0)]);
+        assert!(points_stay_together(&walker));
+        assert_eq!(median_points(&walker), 1);
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        for n in [1, 2, 5] {
+            let mut place = || at(rng.random_range(-3.0..3.0), rng.random_range(0.5..6.5));
+            let noise = window(60, |_| (0..n).map(|_| place()).collect());
+            assert!(!points_stay_together(&noise), "{n}");
+        }
+    }
+
+    #[test]
+    fn a_person_who_is_seen_in_few_seconds_is_none_and_nothing_is_nothing() {
+        // Of six seconds one.
+        let brief = window(60, |i| if i < 10 { vec![at(0.0, 2.0)] } else { vec![] });
+        assert!(!points_stay_together(&brief));
+        assert!(!points_stay_together(&window(60, |_| vec![])));
+        assert!(!points_stay_together(&[]));
+        assert_eq!(median_points(&[]), 0);
+    }
+}
