@@ -112,6 +112,9 @@ impl Recipe {
         recipe.instruct.validate()?;
         recipe.data = base.join(&recipe.data);
         recipe.out = base.join(&recipe.out);
+        for lm in [&mut recipe.pretrain, &mut recipe.instruct] {
+            lm.hf_folder = lm.hf_folder.take().map(|folder| base.join(folder));
+        }
         Ok(recipe)
     }
 
