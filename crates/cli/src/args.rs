@@ -619,6 +619,17 @@ pub enum LmVerb {
         #[arg(long)]
         json: bool,
     },
+    /// Folds the adapters of a trained GPT-2 or Qwen2 into its weights, for programs that know no adapters.
+    ///
+    /// Example: radarllm lm merge --model work/model/model/lm --out merged
+    Merge {
+        /// Folder of the language model: adapter_config.json and adapter_model.safetensors.
+        #[arg(long)]
+        model: PathBuf,
+        /// New folder: config.json, tokenizer.json, model.safetensors.
+        #[arg(long)]
+        out: PathBuf,
+    },
 }
 
 /// `realism`.

@@ -520,11 +520,17 @@ fn f32_from_f16_bits(bits: u16) -> f32 {
 
 /// All float parameters of a module by path (`encoder.layers.0.weight`).
 pub fn collect_params<M: Module>(model: &M) -> NamedTensors {
-    struct Collect {
+    collect_some_params(model, &|_| true)
+}
+
+/// The float parameters of a module whose paths are wanted; the others are not copied.
+pub fn collect_some_params<M: Module>(model: &M, wanted: &dyn Fn(&str) -> bool) -> NamedTensors {
+    struct Collect<'a> {
         path: Vec<String>,
+        wanted: &'a dyn Fn(&str) -> bool,
         out: NamedTensors,
     }
-    impl ModuleVisitor for Collect {
+    impl ModuleVisitor for Collect<'_> {
         fn enter_module(&mut self, name: &str, _container: &str) {
             self.path.push(name.to_string());
         }
@@ -532,6 +538,10 @@ pub fn collect_params<M: Module>(model: &M) -> NamedTensors {
             self.path.pop();
         }
         fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            let path = self.path.join(".");
+            if !(self.wanted)(&path) {
+                return;
+            }
             let tensor = param.base().without_autodiff();
             let shape = tensor.dims().to_vec();
             // Parameters are f32 by construction; a read failure would be a defect of the backend.
@@ -539,12 +549,12 @@ pub fn collect_params<M: Module>(model: &M) -> NamedTensors {
                 .into_data_as::<f32>()
                 .try_into_vec::<f32>()
                 .unwrap_or_default();
-            self.out
-                .insert(self.path.join("."), HostTensor { shape, values });
+            self.out.insert(path, HostTensor { shape, values });
         }
     }
     let mut visitor = Collect {
         path: Vec::new(),
+        wanted,
         out: NamedTensors::new(),
     };
     model.visit(&mut visitor);

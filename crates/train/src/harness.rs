@@ -20,12 +20,12 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use burn::module::Module;
+use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor};
 use radarllm_base::seed::derive_seed;
 use radarllm_model::checkpoint::{
     CONFIG_FILE, Checkpoint, CheckpointFiles, MODEL_FILE, NamedTensors, collect_params,
-    load_params, param_shapes,
+    param_shapes,
 };
 use radarllm_model::tokenizer::codebook::EmaCodebook;
 use serde::{Deserialize, Serialize};
@@ -115,6 +115,40 @@ pub trait Stage {
 
     /// `config.json` of the checkpoints: all that inference needs to rebuild the network.
     fn config(&self) -> serde_json::Value;
+
+    /// Whether a parameter is trained; the others are frozen.
+    fn is_trained(&self, _path: &str) -> bool {
+        true
+    }
+
+    /// The weights that inference uses, where they are not those of the last update.
+    fn for_inference(&self, model: &Self::Model) -> Self::Model {
+        model.clone()
+    }
+
+    /// Adds the weights to a checkpoint.
+    ///
+    /// # Errors
+    /// If they cannot be encoded.
+    fn add_weights(
+        &self,
+        model: &Self::Model,
+        files: &mut CheckpointFiles,
+    ) -> Result<(), TrainError> {
+        Ok(files.tensors(MODEL_FILE, &collect_params(model))?)
+    }
+
+    /// Takes back what [`Self::add_weights`] added.
+    ///
+    /// # Errors
+    /// If it does not fit.
+    fn load_weights(
+        &self,
+        model: Self::Model,
+        checkpoint: &Checkpoint,
+    ) -> Result<Self::Model, TrainError> {
+        Ok(checkpoint.load_model(model)?)
+    }
 
     /// Further files for inference checkpoints (vocabularies, tensors).
     ///
@@ -256,7 +290,7 @@ pub fn run<S: Stage>(
         config,
     };
     let existing = step_checkpoints(out_dir);
-    let mut model = model;
+    let mut model = freeze(model, &|path| stage.is_trained(path));
     if resume {
         model = run.resume(stage, model, &existing)?;
     } else if !existing.is_empty() || run.log.path.exists() {
@@ -265,6 +299,32 @@ pub fn run<S: Stage>(
         });
     }
     run.train(stage, model)
+}
+
+/// Takes parameters that are not trained out of differentiation, so that they cost no gradient.
+fn freeze<M: Module>(model: M, is_trained: &dyn Fn(&str) -> bool) -> M {
+    struct Freeze<'a> {
+        path: Vec<String>,
+        is_trained: &'a dyn Fn(&str) -> bool,
+    }
+    impl ModuleMapper for Freeze<'_> {
+        fn enter_module(&mut self, name: &str, _container: &str) {
+            self.path.push(name.to_string());
+        }
+        fn exit_module(&mut self, _name: &str, _container: &str) {
+            self.path.pop();
+        }
+        fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+            match (self.is_trained)(&self.path.join(".")) {
+                true => param,
+                false => param.set_require_grad(false),
+            }
+        }
+    }
+    model.map(&mut Freeze {
+        path: Vec::new(),
+        is_trained,
+    })
 }
 
 struct Run<'a> {
@@ -481,7 +541,7 @@ impl Run<'_> {
     ) -> Result<(), TrainError> {
         let mut files = CheckpointFiles::default();
         files.json(CONFIG_FILE, &stage.config())?;
-        files.tensors(MODEL_FILE, &collect_params(model))?;
+        stage.add_weights(&stage.for_inference(model), &mut files)?;
         stage.add_files(&mut files)?;
         Ok(files.write(dir)?)
     }
@@ -491,7 +551,7 @@ impl Run<'_> {
         self.state.n_updates = n_updates;
         let mut files = CheckpointFiles::default();
         files.json(CONFIG_FILE, &stage.config())?;
-        files.tensors(MODEL_FILE, &collect_params(model))?;
+        stage.add_weights(model, &mut files)?;
         stage.add_files(&mut files)?;
         files.json(STATE_FILE, &self.state)?;
         files.tensors(OPTIMIZER_FILE, &moments)?;
@@ -551,11 +611,7 @@ impl Run<'_> {
                     "{CONFIG_FILE} differs from the present configuration"
                 )));
             }
-            let model = load_params(
-                model,
-                checkpoint.tensors(MODEL_FILE)?,
-                &dir.join(MODEL_FILE),
-            )?;
+            let model = stage.load_weights(model, &checkpoint)?;
             let moments = checkpoint.tensors(OPTIMIZER_FILE)?;
             self.optimizer = AdamW::from_state(moments, state.n_updates, &param_shapes(&model))
                 .map_err(|name| {

@@ -122,6 +122,9 @@ impl Recipe {
             *data = base.join(&data);
         }
         recipe.out = base.join(&recipe.out);
+        for lm in [&mut recipe.pretrain, &mut recipe.instruct] {
+            lm.hf_folder = lm.hf_folder.take().map(|folder| base.join(folder));
+        }
         Ok(recipe)
     }
 

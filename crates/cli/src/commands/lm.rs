@@ -1,9 +1,9 @@
-//! `lm logits`: forward pass of a checkpoint in Hugging Face's layout.
+//! `lm`: forward pass of a checkpoint in Hugging Face's layout; adapters folded into weights.
 
 use std::{fs, path::Path};
 
 use npyz::WriterBuilder;
-use radarllm_model::lm::{Device, ModelInput, Pretrained};
+use radarllm_model::lm::{Device, ModelInput, Pretrained, RadarLm};
 use serde::Serialize;
 
 use crate::{
@@ -24,14 +24,41 @@ struct Report {
 
 /// Runs the verb.
 pub fn run(verb: &LmVerb) -> CliResult {
-    let LmVerb::Logits {
-        weights,
-        ids,
-        out,
-        force,
-        json,
-    } = verb;
-    output::check_free(out, *force)?;
+    match verb {
+        LmVerb::Logits {
+            weights,
+            ids,
+            out,
+            force,
+            json,
+        } => logits(weights, ids, out, *force, *json),
+        LmVerb::Merge { model, out } => merge(model, out),
+    }
+}
+
+fn merge(model: &Path, out: &Path) -> CliResult {
+    // A folder is written as a whole, so nothing of an old one would be left: never over one.
+    if out.exists() {
+        return Err(
+            CliError::new(format!("{} exists already", out.display())).hint("give another --out")
+        );
+    }
+    let mut lm = RadarLm::load(model, &Device::flex())
+        .map_err(|e| CliError::new(e).hint("--model wants the `lm` folder of a trained model"))?;
+    if lm.adapters.is_none() {
+        return Err(
+            CliError::new(format!("{}: has no adapters", model.display()))
+                .hint("a model trained whole needs no merging"),
+        );
+    }
+    lm.merge();
+    lm.save(out)?;
+    output::print_line(&out.display().to_string());
+    Ok(())
+}
+
+fn logits(weights: &Path, ids: &Path, out: &Path, force: bool, json: bool) -> CliResult {
+    output::check_free(out, force)?;
     let input = read_ids(ids)?;
     let device = Device::flex();
     let network = Pretrained::open(weights, &device)
@@ -56,7 +83,7 @@ pub fn run(verb: &LmVerb) -> CliResult {
         },
         shape,
     };
-    if *json {
+    if json {
         return output::print_json(&report);
     }
     output::print_line(&format!(

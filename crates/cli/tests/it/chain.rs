@@ -217,6 +217,60 @@ fn every_stage_trains_resumes_and_is_evaluated() {
         4
     );
 
+    // A decoder alone on the same tokenizer.
+    fs::create_dir(path("alone")).unwrap();
+    for stage in ["motion", "tokenizer"] {
+        fs::rename(
+            path(&format!("trained/{stage}")),
+            path(&format!("alone/{stage}")),
+        )
+        .unwrap();
+    }
+    let recipe = fs::read_to_string(path("model.toml")).unwrap();
+    let recipe = recipe
+        .replace("out = \"trained\"", "out = \"alone\"")
+        .replace(
+            "[pretrain]",
+            "[pretrain]\nbackbone = \"gpt2\"\npreset = \"tiny\"",
+        );
+    fs::write(path("alone.toml"), recipe).unwrap();
+    done(&["train", "pretrain", &path("alone.toml")]);
+    done(&["train", "instruct", &path("alone.toml")]);
+    let alone = path("alone/model");
+    let rows = json(&["describe", "builtin:clap", "--model", &alone, "--json"]);
+    assert_eq!(rows[0]["model"].as_str(), Some(alone.as_str()));
+    assert!(rows[0]["confidence"].as_f64().unwrap() > 0.0);
+    let (data, report) = (path("data"), path("report-alone"));
+    let evaluated = [
+        "eval", "--model", &alone, "--data", &data, "--out", &report, "--beam", "2",
+    ];
+    done(&evaluated);
+    let int8 = [
+        "describe",
+        "builtin:clap",
+        "--model",
+        &alone,
+        "--decoder",
+        "int8",
+    ];
+    let problem = crate::command::refused(&int8);
+    assert!(problem.contains("T5 only"), "{problem}");
+    // Other programs read the same folder.
+    fs::write(path("ids.json"), "{\"input_ids\": [[5, 6, 7]]}").unwrap();
+    let (lm, ids, out) = (path("alone/model/lm"), path("ids.json"), path("l.npy"));
+    let arguments = [
+        "lm",
+        "logits",
+        "--json",
+        "--weights",
+        &lm,
+        "--ids",
+        &ids,
+        "--out",
+        &out,
+    ];
+    assert_eq!(json(&arguments)["architecture"], "gpt2");
+
     // A damaged weight file is refused by name.
     let weights = folder.path().join("trained/model/lm/model.safetensors");
     let bytes = fs::read(&weights).unwrap();

@@ -129,7 +129,10 @@ impl Captioner {
             min_frames: 8,
             engine: None,
         };
-        captioner.set_decoder(Decoder::Engine(Precision::F32))?;
+        // The engine holds no decoder alone; there the training network decodes.
+        if captioner.lm.net.t5().is_some() {
+            captioner.set_decoder(Decoder::Engine(Precision::F32))?;
+        }
         Ok(captioner)
     }
 

@@ -3,6 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::LmError;
+use super::gpt2::Gpt2Config;
+use super::qwen2::Qwen2Config;
 
 /// Feed-forward flavour of a T5 block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -52,11 +54,37 @@ pub struct T5Config {
     pub norm_eps: f64,
 }
 
+/// Architectures that can be trained.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Backbone {
+    /// Encoder and decoder.
+    #[default]
+    T5,
+    /// A decoder alone, with learned positions.
+    Gpt2,
+    /// A decoder alone, with rotary positions; DeepSeek-R1-Distill-Qwen is one.
+    Qwen2,
+}
+
+/// Shape of a network of one of the architectures.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum NetworkConfig {
+    /// T5.
+    T5(T5Config),
+    /// GPT-2.
+    Gpt2(Gpt2Config),
+    /// Qwen2.
+    Qwen2(Qwen2Config),
+}
+
 /// A language model and how radar enters it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LmConfig {
-    /// The network; `vocab_size` is set from the vocabulary.
-    pub t5: T5Config,
+    /// The network; its vocabulary's size is set from the vocabulary.
+    #[serde(flatten)]
+    pub network: NetworkConfig,
     /// Text vocabulary size when it is learned from captions, markers included.
     pub max_text_vocab: usize,
     /// Span-masking sentinels.
@@ -77,8 +105,14 @@ pub enum LmPreset {
     T5Small,
     /// FLAN-T5-small: 8 + 8 layers, 6 heads of 64, gated GELU, untied, 77 M parameters.
     FlanT5Small,
-    /// 3 + 3 layers of width 128 that train on one CPU core, with the continuous bypass.
+    /// T5: 3 + 3 layers of width 128 that train on one CPU core, with the continuous bypass. GPT-2: its
+    /// smallest published shape, 124 M parameters. Qwen2: 0.5B.
     Small,
+    /// For one CPU core, with the continuous bypass. T5: 2 + 2 layers of width 64. GPT-2 and Qwen2: 3
+    /// layers of width 128.
+    Tiny,
+    /// T5: T5-base, 223 M parameters. GPT-2: GPT-2 Medium, 355 M. Qwen2: 1.5B.
+    Medium,
 }
 
 /// No published T5 comes near these; they keep a hostile file from asking for terabytes.
@@ -87,7 +121,7 @@ const MOST_WIDTH: usize = 1 << 16;
 const MOST_LAYERS: usize = 128;
 
 impl LmPreset {
-    /// The preset's shape for a radar tokenizer of `n_codes` codes and `code_dim` features.
+    /// T5's shape of this name for a radar tokenizer of `n_codes` codes and `code_dim` features.
     pub fn config(self, n_codes: usize, code_dim: usize) -> LmConfig {
         let t5 = |d_model, d_kv, n_heads, d_ff, n_layers, feed_forward, tie_embeddings| T5Config {
             vocab_size: 0,
@@ -124,14 +158,139 @@ impl LmPreset {
                 32,
                 true,
             ),
+            Self::Tiny => (
+                t5(64, 16, 4, 256, 2, FeedForward::Relu, true),
+                2_000,
+                32,
+                true,
+            ),
+            Self::Medium => (
+                t5(768, 64, 12, 3072, 12, FeedForward::Relu, true),
+                32_000,
+                100,
+                false,
+            ),
         };
         LmConfig {
-            t5,
+            network: NetworkConfig::T5(t5),
             max_text_vocab,
             n_sentinels,
             n_codes,
             code_dim,
             bypass,
+        }
+    }
+}
+
+impl Backbone {
+    /// The shape that a preset has in this architecture. Shapes of decoders are those of the published
+    /// `config.json` of gpt2, gpt2-medium, Qwen2-0.5B and Qwen2-1.5B.
+    ///
+    /// # Errors
+    /// [`LmError::Config`] if the preset is another architecture's.
+    pub fn config(
+        self,
+        preset: LmPreset,
+        n_codes: usize,
+        code_dim: usize,
+    ) -> Result<LmConfig, LmError> {
+        let network = match (self, preset) {
+            (Self::T5, preset) => return Ok(preset.config(n_codes, code_dim)),
+            (_, LmPreset::T5Small | LmPreset::FlanT5Small) => {
+                return Err(LmError::Config {
+                    field: "preset",
+                    problem: "is T5's; gpt2 and qwen2 have tiny, small and medium".into(),
+                });
+            }
+            (Self::Gpt2, LmPreset::Tiny) => NetworkConfig::Gpt2(Gpt2Config::new(128, 3, 256)),
+            (Self::Gpt2, LmPreset::Small) => NetworkConfig::Gpt2(Gpt2Config::new(768, 12, 1024)),
+            (Self::Gpt2, LmPreset::Medium) => NetworkConfig::Gpt2(Gpt2Config::new(1024, 24, 1024)),
+            (Self::Qwen2, LmPreset::Tiny) => {
+                NetworkConfig::Qwen2(Qwen2Config::new(128, 352, 3, [4, 2]))
+            }
+            (Self::Qwen2, LmPreset::Small) => {
+                NetworkConfig::Qwen2(Qwen2Config::new(896, 4864, 24, [14, 2]))
+            }
+            (Self::Qwen2, LmPreset::Medium) => {
+                NetworkConfig::Qwen2(Qwen2Config::new(1536, 8960, 28, [12, 2]))
+            }
+        };
+        let is_tiny = preset == LmPreset::Tiny;
+        Ok(LmConfig {
+            network,
+            max_text_vocab: if is_tiny { 2_000 } else { 32_000 },
+            n_sentinels: 32,
+            n_codes,
+            code_dim,
+            bypass: is_tiny,
+        })
+    }
+
+    /// Name, as in a `model_type`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::T5 => "t5",
+            Self::Gpt2 => "gpt2",
+            Self::Qwen2 => "qwen2",
+        }
+    }
+}
+
+impl NetworkConfig {
+    /// The architecture.
+    pub fn backbone(&self) -> Backbone {
+        match self {
+            Self::T5(_) => Backbone::T5,
+            Self::Gpt2(_) => Backbone::Gpt2,
+            Self::Qwen2(_) => Backbone::Qwen2,
+        }
+    }
+
+    /// Embedding rows.
+    pub fn vocab_size(&self) -> usize {
+        match self {
+            Self::T5(c) => c.vocab_size,
+            Self::Gpt2(c) => c.vocab_size,
+            Self::Qwen2(c) => c.vocab_size,
+        }
+    }
+
+    /// Sets the embedding rows.
+    pub fn set_vocab_size(&mut self, rows: usize) {
+        match self {
+            Self::T5(c) => c.vocab_size = rows,
+            Self::Gpt2(c) => c.vocab_size = rows,
+            Self::Qwen2(c) => c.vocab_size = rows,
+        }
+    }
+
+    /// Sets the dropout probability in training.
+    pub fn set_dropout(&mut self, p: f64) {
+        match self {
+            Self::T5(c) => c.dropout = p,
+            Self::Gpt2(c) => c.resid_pdrop = p,
+            Self::Qwen2(c) => c.attention_dropout = p,
+        }
+    }
+
+    /// Width of the residual stream.
+    pub fn width(&self) -> usize {
+        match self {
+            Self::T5(c) => c.d_model,
+            Self::Gpt2(c) => c.n_embd,
+            Self::Qwen2(c) => c.hidden_size,
+        }
+    }
+
+    /// Checks that the network can exist.
+    ///
+    /// # Errors
+    /// [`LmError::Config`] names the first field out of range.
+    pub fn validate(&self) -> Result<(), LmError> {
+        match self {
+            Self::T5(c) => c.validate(),
+            Self::Gpt2(c) => c.validate(),
+            Self::Qwen2(c) => c.validate(),
         }
     }
 }
@@ -193,12 +352,20 @@ impl T5Config {
 }
 
 impl LmConfig {
+    /// The shape of a T5.
+    pub fn t5(&self) -> Option<&T5Config> {
+        match &self.network {
+            NetworkConfig::T5(t5) => Some(t5),
+            _ => None,
+        }
+    }
+
     /// Checks the network's shape and the radar side.
     ///
     /// # Errors
     /// [`LmError::Config`] names the first field out of range.
     pub fn validate(&self) -> Result<(), LmError> {
-        self.t5.validate()?;
+        self.network.validate()?;
         for (field, value, least, most) in [
             ("max_text_vocab", self.max_text_vocab, 3, MOST_ROWS),
             ("n_sentinels", self.n_sentinels, 1, 1000),

@@ -5,9 +5,12 @@
 
 pub use radarllm_engine::Generated;
 
-use super::t5::{DecoderCache, Source, SourceBatch};
-use super::vocab::{EOS, Layout, PAD, UNKNOWN};
-use super::{LmError, RadarLm, hf};
+use super::config::NetworkConfig;
+use super::decoder::DecoderPast;
+use super::radar_lm::RadarNet;
+use super::t5::{DecoderCache, RadarT5, Source, SourceBatch};
+use super::vocab::{Layout, PAD};
+use super::{LmError, RadarDecoder, RadarLm, hf};
 
 /// Which tokens may be produced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,15 +25,15 @@ impl Allowed {
     /// Output rows that have to be computed.
     pub(super) fn n_rows(self, layout: &Layout) -> usize {
         match self {
-            Allowed::Text => layout.n_text as usize,
+            Allowed::Text => layout.n_text.max(layout.end + 1) as usize,
             Allowed::Radar => layout.som() as usize,
         }
     }
 
     pub(super) fn permits(self, id: u32, layout: &Layout) -> bool {
-        id == EOS
+        id == layout.end
             || match self {
-                Allowed::Text => id != PAD && id != UNKNOWN && id < layout.n_text,
+                Allowed::Text => layout.is_word(id),
                 Allowed::Radar => layout.code_of(id).is_some(),
             }
     }
@@ -63,6 +66,41 @@ impl Default for GenerateOptions {
     }
 }
 
+/// A network and what it keeps between decoding steps.
+enum Running<'a> {
+    T5(&'a RadarT5, DecoderCache),
+    Decoder(&'a RadarDecoder, DecoderPast),
+}
+
+impl Running<'_> {
+    /// Logits `[rows, n_rows]` of the token after `last`.
+    fn logits(&mut self, last: &[u32], n_rows: usize) -> Vec<f32> {
+        hf::read(match self {
+            Self::T5(net, cache) => net.t5.logits(net.t5.step(cache, last), n_rows),
+            Self::Decoder(net, past) => {
+                let states = net.step(past, last);
+                net.decoder.logits(states, n_rows)
+            }
+        })
+    }
+
+    /// Keeps the given rows of the batch, in this order; rows may repeat.
+    fn select(self, rows: &[usize]) -> Self {
+        match self {
+            Self::T5(net, cache) => Self::T5(net, cache.select(rows)),
+            Self::Decoder(net, past) => Self::Decoder(net, past.select(rows)),
+        }
+    }
+
+    /// The same for beams of one source.
+    fn reorder(self, rows: &[usize]) -> Self {
+        match self {
+            Self::T5(net, cache) => Self::T5(net, cache.reorder(rows)),
+            decoder => decoder.select(rows),
+        }
+    }
+}
+
 impl RadarLm {
     /// Decodes every source.
     ///
@@ -77,6 +115,9 @@ impl RadarLm {
             self.check(source)?;
         }
         let steps = options.max_new_tokens.clamp(1, 512);
+        if let Some(source) = sources.iter().max_by_key(|s| s.ids.len()) {
+            self.check_room(source, steps)?;
+        }
         let beam = options.beam.clamp(1, 64);
         let batch = (options.batch / beam).clamp(1, 1024);
         // Neighbours in length share a batch, so that little is padded.
@@ -85,13 +126,11 @@ impl RadarLm {
         let mut out = vec![Generated::default(); sources.len()];
         for chunk in order.chunks(batch) {
             let picked: Vec<&Source> = chunk.iter().map(|i| &sources[*i]).collect();
-            let batch = SourceBatch::new(&picked, self.config.code_dim, &self.device().clone());
-            let encoded = self.net.encode(&batch, None);
-            let cache = self.net.t5.start_cache(&encoded, steps);
+            let (running, start) = self.start(&picked, steps);
             let results = if beam == 1 {
-                self.greedy(cache, chunk.len(), steps, options.allowed)
+                self.greedy(running, start, steps, options.allowed)
             } else {
-                self.beam(cache, chunk.len(), steps, beam, options)
+                self.beam(running, start, steps, beam, options)
             };
             for (i, result) in chunk.iter().zip(results) {
                 out[*i] = result;
@@ -100,17 +139,50 @@ impl RadarLm {
         Ok(out)
     }
 
+    /// Makes sure that a prompt and `steps` tokens fit the network.
+    fn check_room(&self, source: &Source, steps: usize) -> Result<(), LmError> {
+        let longest = match &self.config.network {
+            NetworkConfig::T5(_) => return Ok(()),
+            NetworkConfig::Gpt2(c) => c.n_positions,
+            NetworkConfig::Qwen2(c) => c.max_position_embeddings,
+        };
+        let n = source.ids.len();
+        if n + steps <= longest {
+            return Ok(());
+        }
+        Err(LmError::Input(format!(
+            "a prompt of {n} tokens and {steps} new ones, but the network has {longest} positions"
+        )))
+    }
+
+    /// Reads the prompts, and says what to decode first.
+    fn start(&self, sources: &[&Source], steps: usize) -> (Running<'_>, Vec<u32>) {
+        match &self.net {
+            RadarNet::T5(net) => {
+                let batch = SourceBatch::new(sources, self.config.code_dim, self.device());
+                let encoded = net.encode(&batch, None);
+                let cache = net.t5.start_cache(&encoded, steps);
+                (Running::T5(net, cache), vec![PAD; sources.len()])
+            }
+            RadarNet::Decoder(net) => {
+                let past = net.read(sources, self.config.code_dim, self.device());
+                // A prompt's last token is what the first word follows.
+                let last = sources.iter().filter_map(|s| s.ids.last().copied());
+                (Running::Decoder(net, past), last.collect())
+            }
+        }
+    }
+
     /// Log-probabilities among allowed tokens, `[rows][n_rows]`, of the next token.
     fn next_log_probs(
         &self,
-        cache: &mut DecoderCache,
+        running: &mut Running,
         last: &[u32],
         allowed: Allowed,
     ) -> (Vec<f32>, usize) {
         let layout = self.vocab.layout();
         let n_rows = allowed.n_rows(layout);
-        let states = self.net.t5.step(cache, last);
-        let mut logits = hf::read(self.net.t5.logits(states, n_rows));
+        let mut logits = running.logits(last, n_rows);
         let permitted: Vec<bool> = (0..n_rows as u32)
             .map(|id| allowed.permits(id, layout))
             .collect();
@@ -129,24 +201,25 @@ impl RadarLm {
 
     fn greedy(
         &self,
-        mut cache: DecoderCache,
-        n: usize,
+        mut running: Running,
+        start: Vec<u32>,
         steps: usize,
         allowed: Allowed,
     ) -> Vec<Generated> {
+        let (n, end) = (start.len(), self.vocab.layout().end);
         let mut out = vec![(Vec::new(), 0.0_f32, 0_usize); n];
         let mut alive: Vec<usize> = (0..n).collect();
-        let mut last = vec![PAD; n];
+        let mut last = start;
         for step in 0..steps {
-            let (scores, n_rows) = self.next_log_probs(&mut cache, &last, allowed);
+            let (scores, n_rows) = self.next_log_probs(&mut running, &last, allowed);
             let mut kept = Vec::with_capacity(alive.len());
             let mut next = Vec::with_capacity(alive.len());
             for (row, scores) in scores.chunks_exact(n_rows).enumerate() {
-                let (id, score) = argmax(scores);
+                let (id, score) = argmax(scores, end);
                 let (ids, sum, scored) = &mut out[alive[row]];
                 *sum += score;
                 *scored += 1;
-                if id != EOS {
+                if id != end {
                     ids.push(id);
                     kept.push(row);
                     next.push(id);
@@ -157,7 +230,7 @@ impl RadarLm {
             }
             // Finished sequences leave the batch; the rest pay only for themselves.
             if kept.len() < alive.len() {
-                cache = cache.select(&kept);
+                running = running.select(&kept);
                 alive = kept.iter().map(|row| alive[*row]).collect();
             }
             last = next;
@@ -169,8 +242,8 @@ impl RadarLm {
 
     fn beam(
         &self,
-        cache: DecoderCache,
-        n: usize,
+        running: Running,
+        start: Vec<u32>,
         steps: usize,
         width: usize,
         options: &GenerateOptions,
@@ -182,9 +255,11 @@ impl RadarLm {
             done: Vec<(f32, Generated)>,
             finished: bool,
         }
+        let (n, end) = (start.len(), self.vocab.layout().end);
         let normal = |sum: f32, len: usize| sum / (len as f32).powf(options.length_penalty);
         let rows: Vec<usize> = (0..n).flat_map(|i| std::iter::repeat_n(i, width)).collect();
-        let mut cache = cache.select(&rows);
+        let mut running = running.select(&rows);
+        let mut last: Vec<u32> = rows.iter().map(|row| start[*row]).collect();
         // All beams start equal, so only the first may be extended at the first step.
         let start = || {
             (0..width)
@@ -198,16 +273,15 @@ impl RadarLm {
                 finished: false,
             })
             .collect();
-        let mut last = vec![PAD; n * width];
         for step in 0..steps {
-            let (scores, n_rows) = self.next_log_probs(&mut cache, &last, options.allowed);
+            let (scores, n_rows) = self.next_log_probs(&mut running, &last, options.allowed);
             let mut parents = Vec::with_capacity(n * width);
             let mut next = Vec::with_capacity(n * width);
             for (i, search) in searches.iter_mut().enumerate() {
                 let first = i * width;
                 if search.finished {
                     parents.extend(first..first + width);
-                    next.extend(std::iter::repeat_n(EOS, width));
+                    next.extend(std::iter::repeat_n(end, width));
                     continue;
                 }
                 let mut candidates = Vec::new();
@@ -229,7 +303,7 @@ impl RadarLm {
                 let mut open = Vec::with_capacity(width);
                 for (rank, (sum, b, id)) in candidates.into_iter().enumerate() {
                     let tokens = &search.open[b].0;
-                    if id == EOS {
+                    if id == end {
                         // An end outside the best `width` would not have been a beam.
                         if rank < width {
                             let score = normal(sum, tokens.len() + 1);
@@ -248,7 +322,7 @@ impl RadarLm {
                 }
                 while open.len() < width {
                     parents.push(first);
-                    next.push(EOS);
+                    next.push(end);
                     open.push((Vec::new(), f32::NEG_INFINITY));
                 }
                 search.open = open;
@@ -263,7 +337,7 @@ impl RadarLm {
             if searches.iter().all(|s| s.finished) || step + 1 == steps {
                 break;
             }
-            cache = cache.reorder(&parents);
+            running = running.reorder(&parents);
             last = next;
         }
         searches
@@ -289,9 +363,9 @@ impl RadarLm {
     }
 }
 
-/// Id and value of the largest entry; the first of equals.
-fn argmax(scores: &[f32]) -> (u32, f32) {
-    let mut best = (EOS, f32::NEG_INFINITY);
+/// Id and value of the largest entry; the first of equals, `end` if there is none.
+fn argmax(scores: &[f32], end: u32) -> (u32, f32) {
+    let mut best = (end, f32::NEG_INFINITY);
     for (id, score) in scores.iter().enumerate() {
         if *score > best.1 {
             best = (id as u32, *score);
@@ -322,7 +396,8 @@ fn top(scores: &[f32], k: usize) -> Vec<(u32, f32)> {
 mod tests {
     use super::*;
     use crate::lm::t5::{DropoutRng, Source};
-    use crate::lm::{FeedForward, LmPreset, Vocab, templates};
+    use crate::lm::vocab::EOS;
+    use crate::lm::{Backbone, FeedForward, LmPreset, Vocab, templates};
     use crate::tokenizer::Encoded;
     use burn::tensor::Device;
 
@@ -331,12 +406,15 @@ mod tests {
         let texts = ["a person walks to the left", "someone jumps"];
         let vocab = Vocab::learn(texts.into_iter(), templates::all_text(), 600, 4, 16).unwrap();
         let mut config = preset.config(16, 8);
-        config.t5.d_model = 32;
-        config.t5.d_kv = 8;
-        config.t5.n_heads = 4;
-        config.t5.d_ff = 48;
-        config.t5.n_encoder_layers = 2;
-        config.t5.n_decoder_layers = 2;
+        let NetworkConfig::T5(t5) = &mut config.network else {
+            panic!("not a T5");
+        };
+        t5.d_model = 32;
+        t5.d_kv = 8;
+        t5.n_heads = 4;
+        t5.d_ff = 48;
+        t5.n_encoder_layers = 2;
+        t5.n_decoder_layers = 2;
         RadarLm::new(config, vocab, 3, &Device::flex()).unwrap()
     }
 
@@ -363,9 +441,10 @@ mod tests {
         let batch = SourceBatch::new(&[source], lm.config.code_dim, lm.device());
         let mut prefix = vec![PAD];
         for _ in 0..steps {
-            let states = lm.net.forward(&batch, &prefix, prefix.len(), None);
+            let net = lm.net.t5().unwrap();
+            let states = net.forward(&batch, &prefix, prefix.len(), None);
             let last = states.narrow(0, prefix.len() - 1, 1);
-            let logits = hf::read(lm.net.t5.logits(last, lm.config.t5.vocab_size));
+            let logits = hf::read(net.t5.logits(last, lm.config.network.vocab_size()));
             let best = (0..logits.len() as u32)
                 .filter(|id| Allowed::Text.permits(*id, layout))
                 .max_by(|a, b| logits[*a as usize].total_cmp(&logits[*b as usize]))
@@ -383,7 +462,7 @@ mod tests {
         for preset in [LmPreset::Small, LmPreset::FlanT5Small] {
             let lm = model(preset);
             assert_eq!(
-                lm.config.t5.feed_forward == FeedForward::GatedGelu,
+                lm.config.t5().unwrap().feed_forward == FeedForward::GatedGelu,
                 preset == LmPreset::FlanT5Small
             );
             let sources = sources(&lm);
@@ -399,6 +478,108 @@ mod tests {
         }
     }
 
+    /// A random decoder alone.
+    fn decoder(backbone: Backbone) -> RadarLm {
+        let texts = ["a person walks to the left", "someone jumps"];
+        let vocab = Vocab::learn(texts.into_iter(), templates::all_text(), 600, 4, 16).unwrap();
+        let mut config = backbone.config(LmPreset::Tiny, 16, 8).unwrap();
+        config.bypass = true;
+        let mut lm = RadarLm::new(config, vocab, 3, &Device::flex()).unwrap();
+        // Fresh rows give nearly equal logits; louder ones make sentences that differ.
+        let mut params = crate::checkpoint::collect_params(&lm.net);
+        for (_, tensor) in params
+            .iter_mut()
+            .filter(|(path, _)| path.contains("weight"))
+        {
+            let factor = if tensor.shape.len() == 2 { 4.0 } else { 1.0 };
+            tensor.values.iter_mut().for_each(|v| *v *= factor);
+        }
+        lm.net = crate::checkpoint::replace_params(lm.net, params);
+        lm
+    }
+
+    /// Greedy decoding of a decoder alone without cache, batch or padding.
+    fn slow_greedy_alone(lm: &RadarLm, source: &Source, steps: usize) -> Vec<u32> {
+        let layout = lm.vocab.layout();
+        let RadarNet::Decoder(net) = &lm.net else {
+            panic!("a decoder");
+        };
+        let mut said = Vec::new();
+        for _ in 0..steps {
+            let target = [said.as_slice(), &[PAD]].concat();
+            let states = net.target_states(&[(source, &target)], 8, None).unwrap();
+            let last = states.narrow(0, said.len(), 1);
+            let logits = hf::read(net.decoder.logits(last, layout.size()));
+            let best = (0..logits.len() as u32)
+                .filter(|id| Allowed::Text.permits(*id, layout))
+                .max_by(|a, b| logits[*a as usize].total_cmp(&logits[*b as usize]))
+                .unwrap();
+            if best == EOS {
+                break;
+            }
+            said.push(best);
+        }
+        said
+    }
+
+    #[test]
+    fn a_decoder_alone_says_the_same_with_cache_and_padding_as_without() {
+        for backbone in [Backbone::Gpt2, Backbone::Qwen2] {
+            let lm = decoder(backbone);
+            let sources = sources(&lm);
+            let options = GenerateOptions {
+                max_new_tokens: 20,
+                ..Default::default()
+            };
+            let together = lm.generate(&sources, &options).unwrap();
+            let mut different = std::collections::BTreeSet::new();
+            for (source, together) in sources.iter().zip(&together) {
+                assert_eq!(
+                    slow_greedy_alone(&lm, source, 20),
+                    together.ids,
+                    "{backbone:?}"
+                );
+                different.insert(&together.ids);
+            }
+            assert!(
+                different.len() > 1,
+                "{backbone:?}: the prompt never mattered"
+            );
+            for beam in [1, 4] {
+                let options = GenerateOptions {
+                    beam,
+                    ..options.clone()
+                };
+                let together = lm.generate(&sources, &options).unwrap();
+                for (source, together) in sources.iter().zip(&together) {
+                    let alone = lm.generate(std::slice::from_ref(source), &options).unwrap();
+                    assert_eq!(alone[0].ids, together.ids, "{backbone:?} beam {beam}");
+                    assert!((alone[0].log_prob - together.log_prob).abs() < 1e-3);
+                }
+            }
+        }
+    }
+
+    /// As for T5 below.
+    #[test]
+    fn beams_of_a_decoder_alone_find_at_least_what_greedy_finds() {
+        let lm = decoder(Backbone::Gpt2);
+        let sources = sources(&lm);
+        let options = |beam| GenerateOptions {
+            beam,
+            max_new_tokens: 6,
+            length_penalty: 0.0,
+            ..Default::default()
+        };
+        let greedy = lm.generate(&sources, &options(1)).unwrap();
+        let beams = lm.generate(&sources, &options(5)).unwrap();
+        for (greedy, beam) in greedy.iter().zip(&beams) {
+            if greedy.ids.len() == beam.ids.len() {
+                assert!(beam.log_prob >= greedy.log_prob - 1e-4);
+            }
+        }
+    }
+
     #[test]
     fn cached_states_equal_teacher_forcing_at_every_step() {
         let lm = model(LmPreset::Small);
@@ -406,15 +587,12 @@ mod tests {
         let batch = SourceBatch::new(&[&source, &source], 8, lm.device());
         let steps = 24; // beyond the exact position buckets
         let ids: Vec<u32> = (0..steps as u32).map(|i| i * 7 % 50).collect();
-        let all =
-            hf::read(
-                lm.net
-                    .forward(&batch, &[ids.clone(), ids.clone()].concat(), steps, None),
-            );
-        let encoded = lm.net.encode(&batch, None);
-        let mut cache = lm.net.t5.start_cache(&encoded, steps);
+        let net = lm.net.t5().unwrap();
+        let all = hf::read(net.forward(&batch, &[ids.clone(), ids.clone()].concat(), steps, None));
+        let encoded = net.encode(&batch, None);
+        let mut cache = net.t5.start_cache(&encoded, steps);
         for (t, id) in ids.iter().enumerate() {
-            let step = hf::read(lm.net.t5.step(&mut cache, &[*id, *id]));
+            let step = hf::read(net.t5.step(&mut cache, &[*id, *id]));
             // Same sums in another order; states are of order 1.
             let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4);
             assert!(close(&step[..32], &all[t * 32..(t + 1) * 32]), "step {t}");
@@ -517,6 +695,8 @@ mod tests {
             let batch = SourceBatch::new(&[&source], 8, lm.device());
             hf::read(
                 lm.net
+                    .t5()
+                    .unwrap()
                     .encode(&batch, Some(&mut DropoutRng::new(seed)))
                     .states,
             )

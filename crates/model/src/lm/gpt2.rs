@@ -6,13 +6,16 @@
 use burn::module::Module;
 use burn::tensor::activation::gelu_approximate;
 use burn::tensor::{Device, Tensor};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::LmError;
-use super::layers::{Embedding, Linear, Loader, Norm, Rows, attend, ids_1d, split_heads};
+use super::layers::{
+    Embedding, Linear, Loader, Norm, Past, Rows, Steps, attend_with, ids_1d, split_heads,
+};
+use super::t5::Drop;
 
 /// The fields of a GPT-2 `config.json` that matter here.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gpt2Config {
     /// Embedding rows.
     pub vocab_size: usize,
@@ -25,7 +28,7 @@ pub struct Gpt2Config {
     /// Longest sequence.
     pub n_positions: usize,
     /// Inner width; four times the width without it.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub n_inner: Option<usize>,
     /// Added to the variance.
     #[serde(default = "epsilon")]
@@ -33,6 +36,9 @@ pub struct Gpt2Config {
     /// Only `gelu_new`, the tanh form, is known.
     #[serde(default = "gelu")]
     pub activation_function: String,
+    /// Dropout probability in training, here of embeddings and attention too.
+    #[serde(default = "dropout")]
+    pub resid_pdrop: f64,
     #[serde(default)]
     scale_attn_by_inverse_layer_idx: bool,
 }
@@ -45,7 +51,28 @@ fn gelu() -> String {
     "gelu_new".into()
 }
 
+fn dropout() -> f64 {
+    0.1
+}
+
 impl Gpt2Config {
+    /// A shape with 64-wide heads, or 32-wide ones below a width of 256.
+    pub fn new(n_embd: usize, n_layer: usize, n_positions: usize) -> Self {
+        let head_width = if n_embd < 256 { 32 } else { 64 };
+        Self {
+            vocab_size: 0,
+            n_embd,
+            n_layer,
+            n_head: n_embd / head_width,
+            n_positions,
+            n_inner: None,
+            layer_norm_epsilon: epsilon(),
+            activation_function: gelu(),
+            resid_pdrop: dropout(),
+            scale_attn_by_inverse_layer_idx: false,
+        }
+    }
+
     /// Refuses what cannot be, or is not known here.
     ///
     /// # Errors
@@ -60,6 +87,10 @@ impl Gpt2Config {
             let problem = format!("expected `gelu_new`, found `{}`", self.activation_function);
             return fail("activation_function", problem);
         }
+        if !(0.0..1.0).contains(&self.resid_pdrop) {
+            let problem = format!("must be in 0..1, found {}", self.resid_pdrop);
+            return fail("resid_pdrop", problem);
+        }
         if self.scale_attn_by_inverse_layer_idx {
             return fail(
                 "scale_attn_by_inverse_layer_idx",
@@ -73,12 +104,12 @@ impl Gpt2Config {
 /// The network. Fields are named as the checkpoint's tensors are.
 #[derive(Module, Debug)]
 pub struct Gpt2 {
-    wte: Embedding,
+    pub(super) wte: Embedding,
     wpe: Embedding,
     h: Vec<Block>,
     ln_f: Norm,
     /// Output rows; the embedding without them.
-    lm_head: Option<Embedding>,
+    pub(super) lm_head: Option<Embedding>,
     #[module(skip)]
     config: Gpt2Config,
 }
@@ -86,11 +117,22 @@ pub struct Gpt2 {
 #[derive(Module, Debug)]
 struct Block {
     ln_1: Norm,
-    c_attn: Linear,
-    attn_proj: Linear,
+    attn: Attention,
     ln_2: Norm,
+    mlp: Mlp,
+}
+
+#[derive(Module, Debug)]
+struct Attention {
+    /// Query, key and value in one.
+    c_attn: Linear,
+    c_proj: Linear,
+}
+
+#[derive(Module, Debug)]
+struct Mlp {
     c_fc: Linear,
-    mlp_proj: Linear,
+    c_proj: Linear,
 }
 
 impl Gpt2 {
@@ -106,17 +148,18 @@ impl Gpt2 {
         let wpe = from.embedding("wpe", [config.n_positions, d])?;
         let mut h = Vec::new();
         for i in 0..config.n_layer {
+            let name = |part: &str| format!("h.{i}.{part}");
             h.push(Block {
-                ln_1: from.norm(&format!("h.{i}.ln_1"), d, true)?,
-                c_attn: from.linear(
-                    &format!("h.{i}.attn.c_attn"),
-                    [d, d.saturating_mul(3)],
-                    true,
-                )?,
-                attn_proj: from.linear(&format!("h.{i}.attn.c_proj"), [d, d], true)?,
-                ln_2: from.norm(&format!("h.{i}.ln_2"), d, true)?,
-                c_fc: from.linear(&format!("h.{i}.mlp.c_fc"), [d, inner], true)?,
-                mlp_proj: from.linear(&format!("h.{i}.mlp.c_proj"), [inner, d], true)?,
+                ln_1: from.norm(&name("ln_1"), d, true)?,
+                attn: Attention {
+                    c_attn: from.linear(&name("attn.c_attn"), [d, d.saturating_mul(3)], true)?,
+                    c_proj: from.linear(&name("attn.c_proj"), [d, d], true)?,
+                },
+                ln_2: from.norm(&name("ln_2"), d, true)?,
+                mlp: Mlp {
+                    c_fc: from.linear(&name("mlp.c_fc"), [d, inner], true)?,
+                    c_proj: from.linear(&name("mlp.c_proj"), [inner, d], true)?,
+                },
             });
         }
         let ln_f = from.norm("ln_f", d, true)?;
@@ -136,33 +179,72 @@ impl Gpt2 {
         })
     }
 
+    /// A network drawn from `seed` as the paper initialises it.
+    ///
+    /// # Errors
+    /// Impossible configurations.
+    pub fn new(config: Gpt2Config, seed: u64, device: &Device) -> Result<Self, LmError> {
+        const STD: f64 = 0.02;
+        // Every block adds two branches to the residual stream.
+        let residual = STD / (2.0 * config.n_layer as f64).sqrt();
+        Self::load(config, Loader::random(seed, STD, residual, device))
+    }
+
     /// The shape.
     pub fn config(&self) -> &Gpt2Config {
         &self.config
     }
 
+    /// Sets the dropout probability in training.
+    pub(super) fn set_dropout(&mut self, p: f64) {
+        self.config.resid_pdrop = p;
+    }
+
+    /// The layers that take adapters: one a block, for query, key and value.
+    pub(super) fn adapted(&mut self) -> impl Iterator<Item = &mut Linear> {
+        self.h.iter_mut().map(|block| &mut block.attn.c_attn)
+    }
+
     /// Logits `[batch * length, vocab_size]`. Positions count from the row's first id, padding or not.
     pub fn logits(&self, rows: &Rows, device: &Device) -> Tensor<2> {
-        let [batch, length] = rows.shape;
+        let x = self.wte.forward(rows.tensor(device));
+        let x = self.states(x, &rows.steps(false, device), None, &mut Drop::none());
+        self.head().products(x, self.config.vocab_size)
+    }
+
+    /// Output rows.
+    pub(super) fn head(&self) -> &Embedding {
+        self.lm_head.as_ref().unwrap_or(&self.wte)
+    }
+
+    /// Final states `[batch * length, n_embd]` of embedded ids, after what `past` holds.
+    pub(super) fn states(
+        &self,
+        x: Tensor<2>,
+        steps: &Steps,
+        mut past: Option<&mut Past>,
+        drop: &mut Drop,
+    ) -> Tensor<2> {
         let eps = self.config.layer_norm_epsilon;
-        let positions = (0..batch).flat_map(|_| 0..length as i32).collect();
-        let mut x =
-            self.wte.forward(rows.tensor(device)) + self.wpe.forward(ids_1d(positions, device));
-        let bias = rows.bias(true, device);
         let d = self.config.n_embd;
-        for block in &self.h {
-            let qkv = block.c_attn.forward(block.ln_1.forward(x.clone(), eps));
+        let positions = steps.positions.iter().map(|p| *p as i32).collect();
+        let mut x = drop.apply(x.clone() + self.wpe.forward(ids_1d(positions, &x.device())));
+        for (i, block) in self.h.iter().enumerate() {
+            let y = block.ln_1.forward(x.clone(), eps);
+            let qkv = block.attn.c_attn.forward_with(y, drop);
             let part = |i: usize| {
                 let part = qkv.clone().narrow(1, i * d, d);
-                split_heads(part, rows.shape, self.config.n_head)
+                split_heads(part, steps.shape, self.config.n_head)
             };
-            let mixed = attend(part(0), part(1), part(2), bias.clone());
-            x = x + block.attn_proj.forward(mixed);
-            let inner = block.c_fc.forward(block.ln_2.forward(x.clone(), eps));
-            x = x + block.mlp_proj.forward(gelu_approximate(inner));
+            let (q, mut k, mut v) = (part(0), part(1), part(2));
+            if let Some(past) = &mut past {
+                (k, v) = past.extend(i, k, v);
+            }
+            let mixed = attend_with(q, k, v, steps.bias.clone(), drop);
+            x = x + drop.apply(block.attn.c_proj.forward(mixed));
+            let inner = block.mlp.c_fc.forward(block.ln_2.forward(x.clone(), eps));
+            x = x + drop.apply(block.mlp.c_proj.forward(gelu_approximate(inner)));
         }
-        let x = self.ln_f.forward(x, eps);
-        let head = self.lm_head.as_ref().unwrap_or(&self.wte);
-        x.matmul(head.weight.val().swap_dims(0, 1))
+        self.ln_f.forward(x, eps)
     }
 }

@@ -393,7 +393,7 @@ mod tests {
     use radarllm_engine::{Engine, Precision, SimdLevel};
 
     use crate::checkpoint::{CheckpointFiles, HostTensor, collect_params, read_safetensors};
-    use crate::lm::{LmConfig, LmPreset, Source};
+    use crate::lm::{LmConfig, LmPreset, NetworkConfig, Source};
 
     fn golden(name: &str) -> (T5Config, NamedTensors, std::path::PathBuf) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -441,11 +441,12 @@ mod tests {
             let (vocab, steps, n) = (t5.vocab_size, decoder[0].len(), sources.len());
             let lm = LmPreset::Small.config(1, 1);
             let shape = LmConfig {
-                t5,
+                network: NetworkConfig::T5(t5),
                 bypass: false,
                 ..lm
             }
-            .engine_shape();
+            .engine_shape()
+            .unwrap();
             for level in SimdLevel::ALL.into_iter().filter(|l| l.is_available()) {
                 let (shape, weights) = (shape.clone(), weights.clone());
                 let engine = Engine::with_level(shape, Precision::F32, weights, level).unwrap();

@@ -10,10 +10,10 @@ use super::{LmError, RadarLm};
 use crate::checkpoint::collect_params;
 
 impl LmConfig {
-    /// The network's shape as the engine sees it.
-    pub fn engine_shape(&self) -> Shape {
-        let c = &self.t5;
-        Shape {
+    /// The network's shape as the engine sees it; none of a decoder alone, which it does not hold.
+    pub fn engine_shape(&self) -> Option<Shape> {
+        let c = self.t5()?;
+        Some(Shape {
             vocab_size: c.vocab_size,
             d_model: c.d_model,
             d_kv: c.d_kv,
@@ -28,7 +28,7 @@ impl LmConfig {
             relative_max_distance: c.relative_max_distance,
             norm_eps: c.norm_eps as f32,
             bypass: self.bypass.then_some(self.code_dim),
-        }
+        })
     }
 }
 
@@ -38,8 +38,16 @@ impl RadarLm {
     /// # Errors
     /// If the engine cannot hold the shape.
     pub fn engine(&self, precision: Precision) -> Result<Engine, LmError> {
-        let weights = collect_params(&self.net);
-        Ok(Engine::new(self.config.engine_shape(), precision, weights)?)
+        let (Some(shape), Some(net)) = (self.config.engine_shape(), self.net.t5()) else {
+            return Err(LmError::Config {
+                field: "decoder",
+                problem: format!(
+                    "the inference engine holds T5 only, this is a {}; f32 and training decode it",
+                    self.config.network.backbone().name()
+                ),
+            });
+        };
+        Ok(Engine::new(shape, precision, collect_params(net))?)
     }
 
     /// Decodes every source as [`Self::generate`] does, on a session of [`Self::engine`].
@@ -79,7 +87,7 @@ mod tests {
     use rand::{RngExt, SeedableRng};
 
     use super::*;
-    use crate::lm::{Allowed, LmPreset, Vocab, hf, templates};
+    use crate::lm::{Allowed, LmPreset, NetworkConfig, Vocab, hf, templates};
     use crate::tokenizer::Encoded;
 
     /// The model that comes with the repository.
@@ -207,12 +215,15 @@ mod tests {
         for preset in [LmPreset::T5Small, LmPreset::FlanT5Small, LmPreset::Small] {
             let vocab = Vocab::learn(texts.into_iter(), templates::all_text(), 600, 4, 16).unwrap();
             let mut config = preset.config(16, 9);
-            config.t5.d_model = 36;
-            config.t5.d_kv = 10;
-            config.t5.n_heads = 3;
-            config.t5.d_ff = 50;
-            config.t5.n_encoder_layers = 2;
-            config.t5.n_decoder_layers = 3;
+            let NetworkConfig::T5(t5) = &mut config.network else {
+                panic!("not a T5");
+            };
+            t5.d_model = 36;
+            t5.d_kv = 10;
+            t5.n_heads = 3;
+            t5.d_ff = 50;
+            t5.n_encoder_layers = 2;
+            t5.n_decoder_layers = 3;
             let lm = RadarLm::new(config, vocab, 5, &Device::flex()).unwrap();
             let engine = lm.engine(Precision::F32).unwrap();
             let sources = prompts(&lm, 20, 9);
@@ -234,15 +245,16 @@ mod tests {
         let lm = default_model();
         let engine = lm.engine(Precision::F32).unwrap();
         let mut session = engine.session(1);
-        let vocab = lm.config.t5.vocab_size;
+        let net = lm.net.t5().unwrap();
+        let vocab = lm.config.network.vocab_size();
         let mut most = 0.0_f32;
         for source in prompts(&lm, 30, 11) {
             let said = lm.generate(std::slice::from_ref(&source), &GenerateOptions::default());
             let mut ids = vec![PAD];
             ids.extend(&said.unwrap()[0].ids);
             let batch = crate::lm::SourceBatch::new(&[&source], lm.config.code_dim, lm.device());
-            let states = lm.net.forward(&batch, &ids, ids.len(), None);
-            let expected = hf::read(lm.net.t5.logits(states, vocab));
+            let states = net.forward(&batch, &ids, ids.len(), None);
+            let expected = hf::read(net.t5.logits(states, vocab));
             session.start(&[&source], 1, ids.len()).unwrap();
             for (id, expected) in ids.iter().zip(expected.chunks_exact(vocab)) {
                 let found = session.logits(&[*id], vocab);

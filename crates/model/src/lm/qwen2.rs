@@ -6,13 +6,14 @@
 use burn::module::Module;
 use burn::tensor::activation::silu;
 use burn::tensor::{Device, Tensor, TensorData};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::LmError;
-use super::layers::{Embedding, Linear, Loader, Norm, Rows, attend, split_heads};
+use super::layers::{Embedding, Linear, Loader, Norm, Past, Rows, Steps, attend_with, split_heads};
+use super::t5::Drop;
 
 /// The fields of a Qwen2 `config.json` that matter here.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Qwen2Config {
     /// Embedding rows.
     pub vocab_size: usize,
@@ -38,18 +39,21 @@ pub struct Qwen2Config {
     /// Only `silu` is known.
     #[serde(default = "silu_name")]
     pub hidden_act: String,
+    /// Dropout probability of attention weights in training.
     #[serde(default)]
+    pub attention_dropout: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     rope_theta: Option<f64>,
     /// Where newer files keep the base of the rotation.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     rope_parameters: Option<RopeParameters>,
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     rope_scaling: Option<serde_json::Value>,
     #[serde(default)]
     use_sliding_window: bool,
 }
 
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct RopeParameters {
     rope_theta: f64,
     #[serde(default = "default_rope")]
@@ -70,6 +74,27 @@ fn default_rope() -> String {
 }
 
 impl Qwen2Config {
+    /// A shape with tied rows; `heads` are of queries and of keys and values.
+    pub fn new(hidden_size: usize, inner: usize, n_layers: usize, heads: [usize; 2]) -> Self {
+        Self {
+            vocab_size: 0,
+            hidden_size,
+            intermediate_size: inner,
+            num_hidden_layers: n_layers,
+            num_attention_heads: heads[0],
+            num_key_value_heads: heads[1],
+            max_position_embeddings: longest(),
+            rms_norm_eps: epsilon(),
+            tie_word_embeddings: true,
+            hidden_act: silu_name(),
+            attention_dropout: 0.0,
+            rope_theta: Some(1e6),
+            rope_parameters: None,
+            rope_scaling: None,
+            use_sliding_window: false,
+        }
+    }
+
     /// Refuses what cannot be, or is not known here.
     ///
     /// # Errors
@@ -104,6 +129,10 @@ impl Qwen2Config {
             let problem = "scaled rotary positions are not known here".into();
             return fail("rope_scaling", problem);
         }
+        if !(0.0..1.0).contains(&self.attention_dropout) {
+            let problem = format!("must be in 0..1, found {}", self.attention_dropout);
+            return fail("attention_dropout", problem);
+        }
         let theta = self.theta();
         if !(theta.is_finite() && theta > 0.0) {
             let problem = format!("must be positive, found {theta}");
@@ -123,29 +152,39 @@ impl Qwen2Config {
     }
 }
 
-/// The network.
+/// The network. Fields are named as the checkpoint's tensors are.
 #[derive(Module, Debug)]
 pub struct Qwen2 {
-    embed_tokens: Embedding,
+    pub(super) embed_tokens: Embedding,
     layers: Vec<Block>,
     norm: Norm,
     /// Output rows; the embedding without them.
-    lm_head: Option<Embedding>,
+    pub(super) lm_head: Option<Embedding>,
     #[module(skip)]
     config: Qwen2Config,
 }
 
 #[derive(Module, Debug)]
 struct Block {
-    input_norm: Norm,
-    q: Linear,
-    k: Linear,
-    v: Linear,
-    o: Linear,
-    post_norm: Norm,
-    gate: Linear,
-    up: Linear,
-    down: Linear,
+    input_layernorm: Norm,
+    self_attn: Attention,
+    post_attention_layernorm: Norm,
+    mlp: Mlp,
+}
+
+#[derive(Module, Debug)]
+struct Attention {
+    q_proj: Linear,
+    k_proj: Linear,
+    v_proj: Linear,
+    o_proj: Linear,
+}
+
+#[derive(Module, Debug)]
+struct Mlp {
+    gate_proj: Linear,
+    up_proj: Linear,
+    down_proj: Linear,
 }
 
 impl Qwen2 {
@@ -162,15 +201,19 @@ impl Qwen2 {
         for i in 0..config.num_hidden_layers {
             let name = |part: &str| format!("layers.{i}.{part}");
             layers.push(Block {
-                input_norm: from.norm(&name("input_layernorm"), d, false)?,
-                q: from.linear(&name("self_attn.q_proj"), [d, d], true)?,
-                k: from.linear(&name("self_attn.k_proj"), [d, narrow], true)?,
-                v: from.linear(&name("self_attn.v_proj"), [d, narrow], true)?,
-                o: from.linear(&name("self_attn.o_proj"), [d, d], false)?,
-                post_norm: from.norm(&name("post_attention_layernorm"), d, false)?,
-                gate: from.linear(&name("mlp.gate_proj"), [d, inner], false)?,
-                up: from.linear(&name("mlp.up_proj"), [d, inner], false)?,
-                down: from.linear(&name("mlp.down_proj"), [inner, d], false)?,
+                input_layernorm: from.norm(&name("input_layernorm"), d, false)?,
+                self_attn: Attention {
+                    q_proj: from.linear(&name("self_attn.q_proj"), [d, d], true)?,
+                    k_proj: from.linear(&name("self_attn.k_proj"), [d, narrow], true)?,
+                    v_proj: from.linear(&name("self_attn.v_proj"), [d, narrow], true)?,
+                    o_proj: from.linear(&name("self_attn.o_proj"), [d, d], false)?,
+                },
+                post_attention_layernorm: from.norm(&name("post_attention_layernorm"), d, false)?,
+                mlp: Mlp {
+                    gate_proj: from.linear(&name("mlp.gate_proj"), [d, inner], false)?,
+                    up_proj: from.linear(&name("mlp.up_proj"), [d, inner], false)?,
+                    down_proj: from.linear(&name("mlp.down_proj"), [inner, d], false)?,
+                },
             });
         }
         let norm = from.norm("norm", d, false)?;
@@ -187,41 +230,84 @@ impl Qwen2 {
         })
     }
 
+    /// A network drawn from `seed`: normal numbers of standard deviation 0.02, as the reference draws.
+    ///
+    /// # Errors
+    /// Impossible configurations.
+    pub fn new(config: Qwen2Config, seed: u64, device: &Device) -> Result<Self, LmError> {
+        Self::load(config, Loader::random(seed, 0.02, 0.02, device))
+    }
+
     /// The shape.
     pub fn config(&self) -> &Qwen2Config {
         &self.config
     }
 
+    /// Sets the dropout probability in training.
+    pub(super) fn set_dropout(&mut self, p: f64) {
+        self.config.attention_dropout = p;
+    }
+
+    /// The layers that take adapters: queries and values.
+    pub(super) fn adapted(&mut self) -> impl Iterator<Item = &mut Linear> {
+        let attentions = self.layers.iter_mut().map(|block| &mut block.self_attn);
+        attentions.flat_map(|a| [&mut a.q_proj, &mut a.v_proj])
+    }
+
     /// Logits `[batch * length, vocab_size]`. Positions count from the row's first id, padding or not
     /// (only their differences matter).
     pub fn logits(&self, rows: &Rows, device: &Device) -> Tensor<2> {
-        let c = &self.config;
-        let eps = c.rms_norm_eps;
-        let (cos, sin) = self.rotation(rows.shape[1], device);
-        let bias = rows.bias(true, device);
-        let mut x = self.embed_tokens.forward(rows.tensor(device));
-        for block in &self.layers {
-            let y = block.input_norm.forward(x.clone(), eps);
-            let heads =
-                |linear: &Linear, n: usize| split_heads(linear.forward(y.clone()), rows.shape, n);
-            let q = rotated(heads(&block.q, c.num_attention_heads), &cos, &sin);
-            let k = rotated(heads(&block.k, c.num_key_value_heads), &cos, &sin);
-            let v = heads(&block.v, c.num_key_value_heads);
-            let copies = c.num_attention_heads / c.num_key_value_heads;
-            let mixed = attend(q, repeated(k, copies), repeated(v, copies), bias.clone());
-            x = x + block.o.forward(mixed);
-            let y = block.post_norm.forward(x.clone(), eps);
-            let inner = silu(block.gate.forward(y.clone())) * block.up.forward(y);
-            x = x + block.down.forward(inner);
-        }
-        let x = self.norm.forward(x, eps);
-        let head = self.lm_head.as_ref().unwrap_or(&self.embed_tokens);
-        x.matmul(head.weight.val().swap_dims(0, 1))
+        let x = self.embed_tokens.forward(rows.tensor(device));
+        let x = self.states(x, &rows.steps(false, device), None, &mut Drop::none());
+        self.head().products(x, self.config.vocab_size)
     }
 
-    /// Cosines and sines `[1, 1, length, head width]`: each half of a head turns by
+    /// Output rows.
+    pub(super) fn head(&self) -> &Embedding {
+        self.lm_head.as_ref().unwrap_or(&self.embed_tokens)
+    }
+
+    /// Final states `[batch * length, hidden_size]` of embedded ids, after what `past` holds.
+    pub(super) fn states(
+        &self,
+        x: Tensor<2>,
+        steps: &Steps,
+        mut past: Option<&mut Past>,
+        drop: &mut Drop,
+    ) -> Tensor<2> {
+        let c = &self.config;
+        let eps = c.rms_norm_eps;
+        let (cos, sin) = self.rotation(steps, &x.device());
+        let mut x = x;
+        for (i, block) in self.layers.iter().enumerate() {
+            let y = block.input_layernorm.forward(x.clone(), eps);
+            let a = &block.self_attn;
+            let mut heads = |linear: &Linear, n: usize| {
+                split_heads(linear.forward_with(y.clone(), drop), steps.shape, n)
+            };
+            let q = rotated(heads(&a.q_proj, c.num_attention_heads), &cos, &sin);
+            let mut k = rotated(heads(&a.k_proj, c.num_key_value_heads), &cos, &sin);
+            let mut v = heads(&a.v_proj, c.num_key_value_heads);
+            if let Some(past) = &mut past {
+                (k, v) = past.extend(i, k, v);
+            }
+            let copies = c.num_attention_heads / c.num_key_value_heads;
+            let (k, v) = (repeated(k, copies), repeated(v, copies));
+            x = x + a
+                .o_proj
+                .forward(attend_with(q, k, v, steps.bias.clone(), drop));
+            let y = block.post_attention_layernorm.forward(x.clone(), eps);
+            let m = &block.mlp;
+            let inner = silu(m.gate_proj.forward(y.clone())) * m.up_proj.forward(y);
+            x = x + m.down_proj.forward(inner);
+        }
+        self.norm.forward(x, eps)
+    }
+
+    /// Cosines and sines `[batch, 1, length, head width]`: each half of a head turns by
     /// `position theta^(-2 i / width)`.
-    fn rotation(&self, length: usize, device: &Device) -> (Tensor<4>, Tensor<4>) {
+    fn rotation(&self, steps: &Steps, device: &Device) -> (Tensor<4>, Tensor<4>) {
+        let [batch, length] = steps.shape;
         let width = self.config.head_width();
         let half = width / 2;
         let angle = |position: usize, i: usize| {
@@ -229,11 +315,12 @@ impl Qwen2 {
             position as f64 * self.config.theta().powf(exponent)
         };
         let table = |f: fn(f64) -> f64| {
-            let values: Vec<f32> = (0..length)
-                .flat_map(|p| (0..width).map(move |i| (p, i)))
+            let positions = steps.positions.iter();
+            let values: Vec<f32> = positions
+                .flat_map(|p| (0..width).map(move |i| (*p, i)))
                 .map(|(p, i)| f(angle(p, i)) as f32)
                 .collect();
-            Tensor::from_data(TensorData::new(values, [1, 1, length, width]), device)
+            Tensor::from_data(TensorData::new(values, [batch, 1, length, width]), device)
         };
         (table(f64::cos), table(f64::sin))
     }

@@ -2,21 +2,25 @@
 
 use std::path::Path;
 
+use burn::module::Module;
 use burn::tensor::Device;
 use radarllm_engine::MAX_SOURCE;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
 
-use super::config::LmConfig;
+use super::config::{LmConfig, NetworkConfig};
+use super::decoder::{Decoder, RadarDecoder};
+use super::decoder_files::{Adapters, RADAR_FILE, absolute, hf_config, read_adapters, read_base};
 use super::hf;
+use super::layers::LoraConfig;
 use super::t5::{RadarT5, Source};
 use super::templates::EVALUATION_PROMPT;
 use super::vocab::{Layout, Vocab};
 use super::{LmError, t5::T5};
 use crate::checkpoint::{
-    CONFIG_FILE, Checkpoint, CheckpointError, CheckpointFiles, MODEL_FILE, NamedTensors,
-    collect_params, load_params,
+    CONFIG_FILE, Checkpoint, CheckpointError, CheckpointFiles, HostTensor, MODEL_FILE,
+    NamedTensors, collect_params, load_params,
 };
 use crate::tokenizer::Encoded;
 
@@ -25,14 +29,42 @@ pub const TEXT_TOKENIZER_FILE: &str = "tokenizer.json";
 /// Name of the file with averaged weights.
 pub const AVERAGE_FILE: &str = "average.safetensors";
 
+/// Sentinels of a pretrained decoder, which has none of its own: as many as the presets have.
+const DECODER_SENTINELS: usize = 32;
+
+/// The network of a radar-language model.
+#[derive(Module, Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "modules cannot be boxed, and there is one a process"
+)]
+pub enum RadarNet {
+    /// Encoder and decoder.
+    T5(RadarT5),
+    /// A decoder alone.
+    Decoder(RadarDecoder),
+}
+
+impl RadarNet {
+    /// The network, if it is a T5.
+    pub fn t5(&self) -> Option<&RadarT5> {
+        match self {
+            Self::T5(net) => Some(net),
+            Self::Decoder(_) => None,
+        }
+    }
+}
+
 /// The radar-language model.
 pub struct RadarLm {
     /// The network, on a device without autodiff.
-    pub net: RadarT5,
+    pub net: RadarNet,
     /// Ids.
     pub vocab: Vocab,
     /// Shape.
     pub config: LmConfig,
+    /// Adapters of a network whose other weights are frozen.
+    pub adapters: Option<Adapters>,
     device: Device,
 }
 
@@ -45,6 +77,45 @@ pub struct LmCard {
     pub vocab: Layout,
     /// Weights file that inference uses: [`MODEL_FILE`] or [`AVERAGE_FILE`].
     pub weights: String,
+    /// Of a model with adapters: which base they belong to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub base_blake3: Option<String>,
+}
+
+impl LmCard {
+    /// The card as `config.json`: of a decoder alone, Hugging Face's fields and the rest under `radarllm`.
+    pub fn to_json(&self) -> serde_json::Value {
+        let mut card = serde_json::to_value(self).unwrap_or_default();
+        if self.lm.t5().is_some() {
+            return card;
+        }
+        if let Some(lm) = card["lm"].as_object_mut() {
+            lm.remove(self.lm.network.backbone().name());
+        }
+        let mut value = hf_config(&self.lm.network, self.vocab.end);
+        value["radarllm"] = card;
+        value
+    }
+
+    fn read(checkpoint: &Checkpoint) -> Result<Self, LmError> {
+        let mut value: serde_json::Value = checkpoint.json(CONFIG_FILE)?;
+        let radar = value.as_object_mut().and_then(|v| v.remove("radarllm"));
+        if let Some(mut card) = radar {
+            let kind = value["model_type"].as_str().unwrap_or_default().to_string();
+            if kind != "gpt2" && kind != "qwen2" {
+                return Err(LmError::Config {
+                    field: "model_type",
+                    problem: format!("expected gpt2 or qwen2, found `{kind}`"),
+                });
+            }
+            if let Some(lm) = card.get_mut("lm").and_then(|lm| lm.as_object_mut()) {
+                lm.insert(kind, value);
+            }
+            value = card;
+        }
+        let file = checkpoint.dir().join(CONFIG_FILE);
+        serde_json::from_value(value).map_err(|e| hf::json_error(&file, &e))
+    }
 }
 
 impl RadarLm {
@@ -58,26 +129,97 @@ impl RadarLm {
         seed: u64,
         device: &Device,
     ) -> Result<Self, LmError> {
-        config.t5.vocab_size = vocab.layout().size();
+        config.network.set_vocab_size(vocab.layout().size());
         config.n_codes = vocab.layout().n_codes as usize;
         config.validate()?;
-        let net = RadarT5::new(&config, seed, device);
+        let net = match &config.network {
+            NetworkConfig::T5(t5) => RadarNet::T5(RadarT5::new(t5, &config, seed, device)),
+            network => {
+                let decoder = Decoder::new(network, seed, device)?;
+                RadarNet::Decoder(RadarDecoder::new(decoder, &config, seed, device))
+            }
+        };
         Ok(Self {
             net,
             vocab,
             config,
+            adapters: None,
             device: device.clone(),
         })
     }
 
-    /// A pretrained T5 from a Hugging Face folder, with new rows for radar codes.
+    /// A pretrained T5, GPT-2 or Qwen2 from a Hugging Face folder, with new rows for radar codes.
     ///
     /// New embedding rows are drawn with the spread of the old ones, so that a fresh code is as
-    /// loud as a word.
+    /// loud as a word. With `lora`, a decoder's own weights are frozen and adapters added.
     ///
     /// # Errors
-    /// If the folder holds no T5 with `tokenizer.json`.
+    /// If the folder holds none of them with `tokenizer.json`, or a T5 is to have adapters.
     pub fn from_hf_folder(
+        dir: &Path,
+        lora: Option<LoraConfig>,
+        n_codes: usize,
+        code_dim: usize,
+        bypass: bool,
+        seed: u64,
+        device: &Device,
+    ) -> Result<Self, LmError> {
+        #[derive(Deserialize)]
+        struct Kind {
+            model_type: Option<String>,
+        }
+        let file = dir.join(CONFIG_FILE);
+        let kind: Kind = serde_json::from_slice(&hf::read_small(&file)?)
+            .map_err(|e| hf::json_error(&file, &e))?;
+        // Old T5 folders have no `model_type`.
+        if kind.model_type.is_none_or(|kind| kind == "t5") {
+            if lora.is_some() {
+                return Err(LmError::Config {
+                    field: "lora",
+                    problem: "T5 is trained whole; GPT-2 and Qwen2 take adapters".into(),
+                });
+            }
+            return Self::from_hf_t5(dir, n_codes, code_dim, bypass, seed, device);
+        }
+        let json = hf::read_small(&dir.join(TEXT_TOKENIZER_FILE))?;
+        let base = read_base(dir, device)?;
+        let mut decoder = base.decoder;
+        let mut network = decoder.config();
+        let n_rows = network.vocab_size();
+        let vocab = Vocab::extend_decoder(&json, n_rows, base.end, DECODER_SENTINELS, n_codes)?;
+        network.set_vocab_size(vocab.layout().size());
+        let config = LmConfig {
+            network,
+            max_text_vocab: vocab.layout().n_text as usize,
+            n_sentinels: DECODER_SENTINELS,
+            n_codes,
+            code_dim,
+            bypass,
+        };
+        config.validate()?;
+        decoder.extend(vocab.layout().size() - n_rows, seed);
+        let adapters = match lora {
+            None => None,
+            Some(config) => {
+                config.validate()?;
+                decoder.adapt(config, seed ^ 0x6c6f_7261);
+                Some(Adapters {
+                    config,
+                    base: absolute(dir)?,
+                    base_blake3: base.blake3,
+                })
+            }
+        };
+        Ok(Self {
+            net: RadarNet::Decoder(RadarDecoder::new(decoder, &config, seed, device)),
+            vocab,
+            config,
+            adapters,
+            device: device.clone(),
+        })
+    }
+
+    fn from_hf_t5(
         dir: &Path,
         n_codes: usize,
         code_dim: usize,
@@ -114,15 +256,16 @@ impl RadarLm {
             n_codes,
             code_dim,
             bypass,
-            t5,
+            network: NetworkConfig::T5(t5.clone()),
         };
         config.validate()?;
-        let t5 = hf::build_t5(&config.t5, tensors, device, &dir.join(MODEL_FILE))?;
+        let t5 = hf::build_t5(&t5, tensors, device, &dir.join(MODEL_FILE))?;
         let bypass = RadarT5::new_bypass(&config, seed, device);
         Ok(Self {
-            net: RadarT5 { t5, bypass },
+            net: RadarNet::T5(RadarT5 { t5, bypass }),
             vocab,
             config,
+            adapters: None,
             device: device.clone(),
         })
     }
@@ -133,13 +276,13 @@ impl RadarLm {
     /// If a file is missing or damaged, or weights do not fit the configuration.
     pub fn load(dir: &Path, device: &Device) -> Result<Self, LmError> {
         let checkpoint = Checkpoint::open(dir)?;
-        let card: LmCard = checkpoint.json(CONFIG_FILE)?;
+        let card = LmCard::read(&checkpoint)?;
         card.lm.validate()?;
-        let vocab = Vocab::from_parts(&checkpoint.bytes(TEXT_TOKENIZER_FILE)?, card.vocab)?;
-        if card.lm.t5.vocab_size != vocab.layout().size() {
+        let vocab = Vocab::from_parts(&checkpoint.bytes(TEXT_TOKENIZER_FILE)?, card.vocab.clone())?;
+        if card.lm.network.vocab_size() != vocab.layout().size() {
             let problem = format!(
                 "{} rows for a vocabulary of {}",
-                card.lm.t5.vocab_size,
+                card.lm.network.vocab_size(),
                 vocab.layout().size()
             );
             return Err(LmError::Config {
@@ -147,17 +290,25 @@ impl RadarLm {
                 problem,
             });
         }
-        let weights = if card.weights == AVERAGE_FILE {
-            AVERAGE_FILE
-        } else {
-            MODEL_FILE
+        let (net, adapters) = match &card.lm.network {
+            NetworkConfig::T5(_) => {
+                let weights = if card.weights == AVERAGE_FILE {
+                    AVERAGE_FILE
+                } else {
+                    MODEL_FILE
+                };
+                let path = checkpoint.dir().join(weights);
+                let tensors = checkpoint.tensors(weights)?;
+                let net = load_net(&card.lm, tensors, device, &path)?;
+                (RadarNet::T5(net), None)
+            }
+            _ => load_decoder(&card, &checkpoint, device)?,
         };
-        let path = checkpoint.dir().join(weights);
-        let net = load_net(&card.lm, checkpoint.tensors(weights)?, device, &path)?;
         Ok(Self {
             net,
             vocab,
             config: card.lm,
+            adapters,
             device: device.clone(),
         })
     }
@@ -167,18 +318,76 @@ impl RadarLm {
     /// # Errors
     /// If one cannot be encoded.
     pub fn add_to(&self, files: &mut CheckpointFiles) -> Result<(), LmError> {
-        let card = LmCard {
-            lm: self.config.clone(),
-            vocab: self.vocab.layout().clone(),
-            weights: MODEL_FILE.into(),
-        };
-        files.json(CONFIG_FILE, &card)?;
+        files.json(CONFIG_FILE, &self.card(MODEL_FILE).to_json())?;
         files.bytes(
             TEXT_TOKENIZER_FILE,
             self.vocab.tokenizer_json()?.into_bytes(),
         );
-        files.tensors(MODEL_FILE, &collect_params(&self.net))?;
-        Ok(())
+        self.add_weights(&self.net, files)
+    }
+
+    /// What `config.json` says; `weights` is a T5's file for inference.
+    pub fn card(&self, weights: &str) -> LmCard {
+        LmCard {
+            lm: self.config.clone(),
+            vocab: self.vocab.layout().clone(),
+            weights: weights.into(),
+            base_blake3: self.adapters.as_ref().map(|a| a.base_blake3.clone()),
+        }
+    }
+
+    /// Adds the weights of `net`, a network of this model's shape, to a checkpoint.
+    ///
+    /// # Errors
+    /// If they cannot be encoded.
+    pub fn add_weights(&self, net: &RadarNet, files: &mut CheckpointFiles) -> Result<(), LmError> {
+        match net {
+            RadarNet::T5(net) => Ok(files.tensors(MODEL_FILE, &collect_params(net))?),
+            RadarNet::Decoder(net) => net.add_to(self.adapters.as_ref(), files),
+        }
+    }
+
+    /// `net`, a network of this model's shape, with the weights of a checkpoint.
+    ///
+    /// # Errors
+    /// Missing and unknown tensors, other shapes.
+    pub fn load_weights(
+        &self,
+        net: RadarNet,
+        checkpoint: &Checkpoint,
+    ) -> Result<RadarNet, LmError> {
+        Ok(match net {
+            RadarNet::T5(net) => RadarNet::T5(checkpoint.load_model(net)?),
+            RadarNet::Decoder(net) => {
+                RadarNet::Decoder(net.load_from(checkpoint, self.adapters.is_some())?)
+            }
+        })
+    }
+
+    /// Whether a parameter, by its path in [`Self::net`], is trained: with adapters only they, the rows
+    /// of new ids and the bypass are.
+    pub fn is_trained(&self, path: &str) -> bool {
+        self.adapters.is_none()
+            || path.contains(".lora.")
+            || path.ends_with(".added")
+            || path.ends_with("bypass")
+    }
+
+    /// Sets the dropout probability in training.
+    pub fn set_dropout(&mut self, p: f64) {
+        self.config.network.set_dropout(p);
+        match &mut self.net {
+            RadarNet::T5(net) => net.t5.set_dropout(p),
+            RadarNet::Decoder(net) => net.decoder.set_dropout(p),
+        }
+    }
+
+    /// The same model with its adapters folded into the weights, to be saved whole.
+    pub fn merge(&mut self) {
+        if let RadarNet::Decoder(net) = &mut self.net {
+            net.decoder.merge();
+        }
+        self.adapters = None;
     }
 
     /// Writes a checkpoint that [`Self::load`] opens.
@@ -221,7 +430,7 @@ impl RadarLm {
         if let Some(id) = source
             .ids
             .iter()
-            .find(|id| **id as usize >= self.config.t5.vocab_size)
+            .find(|id| **id as usize >= self.config.network.vocab_size())
         {
             return fail(format!("id {id} is beyond the vocabulary"));
         }
@@ -236,15 +445,60 @@ impl RadarLm {
         if source.features.iter().any(|v| !v.is_finite()) {
             return fail("a feature is not finite".into());
         }
-        if source
-            .feature_positions
-            .iter()
-            .any(|p| *p as usize >= source.ids.len())
-        {
+        // A decoder alone reads the last token, an end token, as the first step of decoding.
+        let n = source.ids.len() - usize::from(self.config.t5().is_none());
+        if source.feature_positions.iter().any(|p| *p as usize >= n) {
             return fail("a feature's position is beyond the tokens".into());
         }
         Ok(())
     }
+}
+
+/// A decoder alone: whole, or its base with adapters.
+fn load_decoder(
+    card: &LmCard,
+    checkpoint: &Checkpoint,
+    device: &Device,
+) -> Result<(RadarNet, Option<Adapters>), LmError> {
+    let Some(base_blake3) = &card.base_blake3 else {
+        let base = read_base(checkpoint.dir(), device)?;
+        let net = RadarDecoder::new(base.decoder, &card.lm, 0, device);
+        return Ok((RadarNet::Decoder(net.load_bypass(checkpoint)?), None));
+    };
+    let (adapters, mut decoder) = read_adapters(checkpoint, base_blake3.clone(), |dir| {
+        read_base(dir, device)
+    })?;
+    let mut shape = decoder.config();
+    let n_rows = shape.vocab_size();
+    shape.set_vocab_size(card.lm.network.vocab_size());
+    if shape.backbone() != card.lm.network.backbone() || n_rows >= shape.vocab_size() {
+        return Err(LmError::Config {
+            field: "base_model_name_or_path",
+            problem: format!(
+                "a {} of {n_rows} rows is no base of a {} of {}",
+                shape.backbone().name(),
+                card.lm.network.backbone().name(),
+                shape.vocab_size()
+            ),
+        });
+    }
+    // The layout alone is not believed: so many rows must be in the file.
+    let n_added = shape.vocab_size() - n_rows;
+    let file = checkpoint.tensors(RADAR_FILE)?;
+    let has_rows = |(name, t): (&String, &HostTensor)| {
+        name.ends_with(".added") && t.shape.first() == Some(&n_added)
+    };
+    if !file.iter().any(has_rows) {
+        return Err(LmError::Config {
+            field: "vocab_size",
+            problem: format!("{RADAR_FILE} has no {n_added} rows of new ids"),
+        });
+    }
+    decoder.extend(n_added, 0);
+    decoder.adapt(adapters.config, 0);
+    let net = RadarDecoder::new(decoder, &card.lm, 0, device);
+    let net = net.load_from(checkpoint, true)?;
+    Ok((RadarNet::Decoder(net), Some(adapters)))
 }
 
 /// Builds a network from named parameters.
@@ -267,8 +521,14 @@ fn load_net(
             }
         }
     }
-    let t5: T5 = hf::build_t5(&config.t5, t5, device, file)?;
-    let expected = vec![config.code_dim, config.t5.d_model];
+    let NetworkConfig::T5(shape) = &config.network else {
+        return Err(LmError::Config {
+            field: "network",
+            problem: "expected a T5".into(),
+        });
+    };
+    let t5: T5 = hf::build_t5(shape, t5, device, file)?;
+    let expected = vec![config.code_dim, shape.d_model];
     let bypass = match (config.bypass, bypass) {
         (false, None) => None,
         (true, Some(tensor)) if tensor.shape == expected => Some(tensor),
@@ -314,8 +574,7 @@ fn load_net(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::checkpoint::HostTensor;
-    use crate::lm::templates;
+    use crate::lm::{T5Config, templates};
 
     /// A pretrained folder in miniature: the golden v1.1 weights with a word tokenizer that has
     /// T5's special tokens at T5's places.
@@ -352,7 +611,7 @@ mod tests {
         files.json(TEXT_TOKENIZER_FILE, &tokenizer).unwrap();
         files.tensors(MODEL_FILE, &tensors).unwrap();
         files.write(&dir).unwrap();
-        let lm = RadarLm::from_hf_folder(&dir, 8, 4, true, 1, &Device::flex()).unwrap();
+        let lm = RadarLm::from_hf_folder(&dir, None, 8, 4, true, 1, &Device::flex()).unwrap();
         std::fs::remove_dir_all(&dir).unwrap();
         let layout = lm.vocab.layout();
         assert_eq!(
@@ -360,7 +619,7 @@ mod tests {
             (5, 40, 50)
         );
         assert_eq!((layout.sentinel(0), layout.sentinel(1)), (6, 5));
-        let shared = &collect_params(&lm.net)["t5.shared"];
+        let shared = &collect_params(lm.net.t5().unwrap())["t5.shared"];
         assert_eq!(shared.shape, [50, 16]);
         assert_eq!(shared.values[..old.values.len()], old.values);
         // New rows are as loud as old ones: 160 values, so the rms is known to about 10 %.
@@ -377,6 +636,13 @@ mod tests {
         assert!(lm.generate(&[source], &Default::default()).is_ok());
     }
 
+    fn t5(card: &mut LmCard) -> &mut T5Config {
+        let NetworkConfig::T5(t5) = &mut card.lm.network else {
+            panic!("not a T5");
+        };
+        t5
+    }
+
     #[test]
     fn damaged_models_are_errors() {
         let texts = ["a person walks"];
@@ -389,9 +655,8 @@ mod tests {
             lm.add_to(&mut files).unwrap();
             let vocab = lm.vocab.layout().clone();
             let mut card = LmCard {
-                lm: lm.config.clone(),
                 vocab,
-                weights: MODEL_FILE.into(),
+                ..lm.card(MODEL_FILE)
             };
             change(&mut card);
             files.json(CONFIG_FILE, &card).unwrap();
@@ -403,12 +668,12 @@ mod tests {
         assert_eq!(card(&|_| {}), None);
         for change in [
             // Would be terabytes if it were believed.
-            &(|c: &mut LmCard| c.lm.t5.d_ff = 60_000) as &dyn Fn(&mut LmCard),
-            &|c| c.lm.t5.n_encoder_layers = 4,
+            &(|c: &mut LmCard| t5(c).d_ff = 60_000) as &dyn Fn(&mut LmCard),
+            &|c| t5(c).n_encoder_layers = 4,
             &|c| c.lm.bypass = false,
             &|c| c.lm.code_dim = 5,
             &|c| c.vocab.n_codes += 1,
-            &|c| c.lm.t5.dropout = 2.0,
+            &|c| t5(c).dropout = 2.0,
             &|c| c.weights = "average.safetensors".into(),
         ] {
             assert!(card(change).is_some());

@@ -169,17 +169,27 @@ impl DropoutRng {
 }
 
 /// Dropout in training, identity otherwise.
-struct Drop<'a> {
-    p: f64,
-    rng: Option<&'a mut DropoutRng>,
+pub(super) struct Drop<'a> {
+    pub(super) p: f64,
+    pub(super) rng: Option<&'a mut DropoutRng>,
 }
 
 impl Drop<'_> {
-    fn apply<const D: usize>(&mut self, x: Tensor<D>) -> Tensor<D> {
+    /// No dropout.
+    pub(super) fn none() -> Self {
+        Self { p: 0.0, rng: None }
+    }
+
+    pub(super) fn apply<const D: usize>(&mut self, x: Tensor<D>) -> Tensor<D> {
+        self.apply_with(x, self.p)
+    }
+
+    /// The same with another probability.
+    pub(super) fn apply_with<const D: usize>(&mut self, x: Tensor<D>, p: f64) -> Tensor<D> {
         match &mut self.rng {
-            Some(rng) if self.p > 0.0 => {
+            Some(rng) if p > 0.0 => {
                 let shape = x.dims();
-                let mask = rng.mask(shape.iter().product(), self.p);
+                let mask = rng.mask(shape.iter().product(), p);
                 let mask = Tensor::from_data(TensorData::new(mask, shape), &x.device());
                 x * mask
             }
@@ -211,24 +221,9 @@ impl SourceBatch {
                 *slot = *id as i32;
             }
             hidden[start..start + source.ids.len()].fill(0.0);
-            for (position, feature) in source
-                .feature_positions
-                .iter()
-                .zip(source.features.chunks_exact(code_dim))
-            {
-                rows.push((start + *position as usize) as i32);
-                let power = feature.iter().map(|v| v * v).sum::<f32>() / code_dim as f32;
-                let scale = (power + 1e-6).sqrt().recip();
-                features.extend(feature.iter().map(|v| v * scale));
-            }
+            push_features(source, code_dim, start, &mut rows, &mut features);
         }
-        let features = (!rows.is_empty()).then(|| {
-            let shape = [rows.len(), code_dim];
-            (
-                ids_1d(rows, device),
-                Tensor::from_data(TensorData::new(features, shape), device),
-            )
-        });
+        let features = features_tensor(rows, features, code_dim, device);
         let hidden = hidden
             .iter()
             .any(|h| *h != 0.0)
@@ -241,6 +236,38 @@ impl SourceBatch {
             features,
         }
     }
+}
+
+/// Appends a source's features, each scaled to unit mean square, and their rows in a flattened batch
+/// where the source's first id is row `start`.
+pub(super) fn push_features(
+    source: &Source,
+    code_dim: usize,
+    start: usize,
+    rows: &mut Vec<i32>,
+    features: &mut Vec<f32>,
+) {
+    let found = source.features.chunks_exact(code_dim);
+    for (position, feature) in source.feature_positions.iter().zip(found) {
+        rows.push((start + *position as usize) as i32);
+        let power = feature.iter().map(|v| v * v).sum::<f32>() / code_dim as f32;
+        let scale = (power + 1e-6).sqrt().recip();
+        features.extend(feature.iter().map(|v| v * scale));
+    }
+}
+
+/// What [`push_features`] gathered on a device; none without features.
+pub(super) fn features_tensor(
+    rows: Vec<i32>,
+    features: Vec<f32>,
+    code_dim: usize,
+    device: &Device,
+) -> Option<(Tensor<1, Int>, Tensor<2>)> {
+    let shape = [rows.len(), code_dim];
+    (!rows.is_empty()).then(|| {
+        let features = Tensor::from_data(TensorData::new(features, shape), device);
+        (ids_1d(rows, device), features)
+    })
 }
 
 impl SourceBatch {
@@ -320,14 +347,19 @@ impl DecoderCache {
     }
 }
 
-/// Normal numbers of the given standard deviation (Box-Muller).
+/// A parameter of normal numbers.
 fn normal<const D: usize>(
     rng: &mut ChaCha8Rng,
     shape: [usize; D],
     std: f64,
     device: &Device,
 ) -> Param<Tensor<D>> {
-    let len: usize = shape.iter().product();
+    let values = normal_values(rng, shape.iter().product(), std);
+    Param::from_tensor(Tensor::from_data(TensorData::new(values, shape), device))
+}
+
+/// Normal numbers of the given standard deviation (Box-Muller).
+pub(super) fn normal_values(rng: &mut ChaCha8Rng, len: usize, std: f64) -> Vec<f32> {
     let mut values = Vec::with_capacity(len + 1);
     while values.len() < len {
         let radius = (-2.0 * (1.0 - rng.random::<f64>()).ln()).sqrt() * std;
@@ -336,7 +368,7 @@ fn normal<const D: usize>(
         values.push((radius * angle.sin()) as f32);
     }
     values.truncate(len);
-    Param::from_tensor(Tensor::from_data(TensorData::new(values, shape), device))
+    values
 }
 
 fn ones(len: usize, device: &Device) -> Param<Tensor<1>> {
@@ -436,6 +468,11 @@ impl T5 {
     /// The shape.
     pub fn config(&self) -> &T5Config {
         &self.config
+    }
+
+    /// Sets the dropout probability in training.
+    pub fn set_dropout(&mut self, p: f64) {
+        self.config.dropout = p;
     }
 
     /// Embeds flattened ids: `[rows]` to `[rows, d_model]`.
@@ -672,10 +709,23 @@ impl T5 {
     }
 }
 
+/// The bypass of a new network, if the configuration has one: `[code_dim, width]`.
+pub(super) fn new_bypass(
+    config: &LmConfig,
+    std: f64,
+    seed: u64,
+    device: &Device,
+) -> Option<Param<Tensor<2>>> {
+    config.bypass.then(|| {
+        let rng = &mut ChaCha8Rng::seed_from_u64(seed ^ 0x6279_7061_7373);
+        normal(rng, [config.code_dim, config.network.width()], std, device)
+    })
+}
+
 impl RadarT5 {
-    /// A network drawn from `seed`.
-    pub fn new(config: &LmConfig, seed: u64, device: &Device) -> Self {
-        let t5 = T5::new(&config.t5, seed, device);
+    /// A network drawn from `seed`; `t5` is the network of `config`.
+    pub fn new(t5: &T5Config, config: &LmConfig, seed: u64, device: &Device) -> Self {
+        let t5 = T5::new(t5, seed, device);
         Self {
             t5,
             bypass: Self::new_bypass(config, seed, device),
@@ -688,12 +738,9 @@ impl RadarT5 {
         seed: u64,
         device: &Device,
     ) -> Option<Param<Tensor<2>>> {
-        config.bypass.then(|| {
-            let rng = &mut ChaCha8Rng::seed_from_u64(seed ^ 0x6279_7061_7373);
-            // Unit variance, like the embedding rows it is added to.
-            let std = (config.code_dim as f64).powf(-0.5);
-            normal(rng, [config.code_dim, config.t5.d_model], std, device)
-        })
+        // Unit variance, like the embedding rows it is added to.
+        let std = (config.code_dim as f64).powf(-0.5);
+        new_bypass(config, std, seed, device)
     }
 
     /// Runs the encoder. `dropout` is given in training only.

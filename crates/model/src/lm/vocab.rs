@@ -2,7 +2,8 @@
 //!
 //! Learned from captions: padding 0, end 1, unknown 2, then characters and words; after the text
 //! ids come the sentinels, the radar codes `<radar_0..K-1>`, `/som` and `/eom`. With a pretrained
-//! T5 the text and sentinel ids are its own and the radar rows follow its last embedding row.
+//! T5 the text and sentinel ids are its own and the radar rows follow its last embedding row; with a
+//! pretrained decoder alone (GPT-2, Qwen2) the sentinels follow it too.
 //! Text can never produce a sentinel or radar id: those rows have no spelling.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -38,6 +39,8 @@ pub enum TextKind {
     Learned,
     /// The tokenizer of a pretrained T5.
     Pretrained,
+    /// The tokenizer of a pretrained decoder alone, whose special tokens follow its words.
+    Decoder,
 }
 
 /// Which ids mean what.
@@ -55,6 +58,13 @@ pub struct Layout {
     pub first_code: u32,
     /// Radar codes.
     pub n_codes: u32,
+    /// End of a target, and of a prompt.
+    #[serde(default = "t5_end")]
+    pub end: u32,
+}
+
+fn t5_end() -> u32 {
+    EOS
 }
 
 impl Layout {
@@ -76,7 +86,7 @@ impl Layout {
     /// Id of a sentinel, counted from 0.
     pub fn sentinel(&self, index: u32) -> u32 {
         match self.kind {
-            TextKind::Learned => self.first_sentinel + index,
+            TextKind::Learned | TextKind::Decoder => self.first_sentinel + index,
             TextKind::Pretrained => self.first_sentinel - index,
         }
     }
@@ -90,6 +100,11 @@ impl Layout {
     pub fn code_of(&self, id: u32) -> Option<u32> {
         id.checked_sub(self.first_code)
             .filter(|code| *code < self.n_codes)
+    }
+
+    /// Whether an id is a word or a part of one.
+    pub fn is_word(&self, id: u32) -> bool {
+        id < self.n_text && (self.kind == TextKind::Decoder || id > UNKNOWN)
     }
 
     fn validate(&self) -> Result<(), LmError> {
@@ -110,7 +125,19 @@ impl Layout {
                     == u64::from(self.n_text) + u64::from(self.n_sentinels)
                     && self.first_sentinel < self.first_code
             }
+            TextKind::Decoder => {
+                self.n_text <= self.first_sentinel
+                    && u64::from(self.first_sentinel) + u64::from(self.n_sentinels)
+                        == u64::from(self.first_code)
+            }
         };
+        let end_fits = match self.kind {
+            TextKind::Learned | TextKind::Pretrained => self.end == EOS,
+            TextKind::Decoder => (self.n_text..self.first_sentinel).contains(&self.end),
+        };
+        if !end_fits {
+            return problem("end", "must be 1, or follow a decoder's words");
+        }
         if self.n_text <= UNKNOWN || self.n_text > 1 << 20 {
             return problem("n_text", "out of range");
         }
@@ -239,6 +266,7 @@ impl Vocab {
             n_sentinels: n_sentinels as u32,
             first_code: n_text + n_sentinels as u32,
             n_codes: n_codes as u32,
+            end: EOS,
         };
         Self::new(text, layout)
     }
@@ -271,6 +299,47 @@ impl Vocab {
             n_sentinels,
             first_code: n_rows as u32,
             n_codes: n_codes as u32,
+            end: EOS,
+        };
+        Self::new(text, layout)
+    }
+
+    /// The vocabulary of a pretrained decoder alone with `n_rows` embedding rows, plus sentinels and radar
+    /// rows after them. `end` is the checkpoint's end token; `<|endoftext|>` without it.
+    ///
+    /// # Errors
+    /// If special tokens stand among the words, or there is no end token.
+    pub fn extend_decoder(
+        tokenizer_json: &[u8],
+        n_rows: usize,
+        end: Option<u32>,
+        n_sentinels: usize,
+        n_codes: usize,
+    ) -> Result<Self, LmError> {
+        let text = Tokenizer::from_bytes(tokenizer_json).map_err(text_error)?;
+        let added = text.get_added_tokens_decoder();
+        let special = added.iter().filter(|(_, token)| token.special);
+        let n_text = special.map(|(id, _)| *id).min();
+        let end = end.or_else(|| text.token_to_id("<|endoftext|>"));
+        let (Some(n_text), Some(end)) = (n_text, end) else {
+            return Err(LmError::Tokenizer(
+                "no end token: neither eos_token_id in config.json nor <|endoftext|>".into(),
+            ));
+        };
+        let n_rows = u32::try_from(n_rows).unwrap_or(u32::MAX);
+        if !(n_text..n_rows).contains(&end) {
+            return Err(LmError::Tokenizer(format!(
+                "the end token {end} must be one of the special tokens, {n_text}..{n_rows}"
+            )));
+        }
+        let layout = Layout {
+            kind: TextKind::Decoder,
+            n_text,
+            first_sentinel: n_rows,
+            n_sentinels: n_sentinels as u32,
+            first_code: n_rows.saturating_add(n_sentinels as u32),
+            n_codes: n_codes as u32,
+            end,
         };
         Self::new(text, layout)
     }
@@ -304,8 +373,8 @@ impl Vocab {
         self.text.to_string(true).map_err(text_error)
     }
 
-    /// Ids of a text, without an end token. Ids beyond the text rows become [`UNKNOWN`], so that no
-    /// text can smuggle in a sentinel or a radar code.
+    /// Ids of a text, without an end token. Ids beyond the text rows become [`UNKNOWN`], or vanish where a
+    /// decoder's vocabulary has no such id, so that no text can smuggle in a sentinel or a radar code.
     ///
     /// # Errors
     /// If the text is longer than any caption could be, or the tokenizer refuses it.
@@ -316,10 +385,10 @@ impl Vocab {
         }
         let encoding = self.text.encode_fast(text, false).map_err(text_error)?;
         let n_text = self.layout.n_text;
-        Ok(encoding
-            .get_ids()
-            .iter()
-            .map(|id| if *id < n_text { *id } else { UNKNOWN })
+        let unknown = (self.layout.kind != TextKind::Decoder).then_some(UNKNOWN);
+        let ids = encoding.get_ids().iter();
+        Ok(ids
+            .filter_map(|id| if *id < n_text { Some(*id) } else { unknown })
             .collect())
     }
 
@@ -328,10 +397,12 @@ impl Vocab {
         let kept: Vec<u32> = ids
             .iter()
             .copied()
-            .filter(|id| *id > UNKNOWN && *id < self.layout.n_text)
+            .filter(|id| self.layout.is_word(*id))
             .collect();
         match self.layout.kind {
-            TextKind::Pretrained => self.text.decode(&kept, true).unwrap_or_default(),
+            TextKind::Pretrained | TextKind::Decoder => {
+                self.text.decode(&kept, true).unwrap_or_default()
+            }
             TextKind::Learned => {
                 join_words(kept.iter().filter_map(|id| self.text.id_to_token(*id)))
             }
@@ -365,7 +436,7 @@ impl Vocab {
                 }
             }
         }
-        source.ids.push(EOS);
+        source.ids.push(self.layout.end);
         Ok(source)
     }
 

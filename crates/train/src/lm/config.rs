@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use radarllm_model::lm::templates::Task;
-use radarllm_model::lm::{LmConfig, LmPreset};
+use radarllm_model::lm::{Backbone, LmConfig, LmError, LmPreset, LoraConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::adamw::AdamWConfig;
@@ -58,14 +58,21 @@ impl TaskWeights {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LmTrainConfig {
-    /// Shape of a new network; ignored when one is given or read.
+    /// Architecture of a new network, and of the one that is read.
+    pub backbone: Backbone,
+    /// Shape of a new network; ignored when one is given or read. GPT-2 and Qwen2 know `tiny`, `small` and
+    /// `medium`.
     pub preset: LmPreset,
     /// Overrides the preset's continuous bypass.
     pub bypass: Option<bool>,
     /// Overrides the preset's dropout.
     pub dropout: Option<f64>,
-    /// Folder of a pretrained T5 in Hugging Face layout to start from.
+    /// Folder of a pretrained network in Hugging Face layout to start from.
+    #[serde(rename = "from", alias = "hf_folder")]
     pub hf_folder: Option<PathBuf>,
+    /// Trains adapters, the rows of new ids and the bypass, and nothing else; for GPT-2 and Qwen2 that start
+    /// from a folder.
+    pub lora: Option<LoraConfig>,
     /// Sequences in a batch.
     pub batch: usize,
     /// Examples drawn from a motion in an epoch; 0 takes one for each of its captions.
@@ -107,10 +114,12 @@ impl LmTrainConfig {
     /// Pretraining of the small preset on one core.
     pub fn small() -> Self {
         Self {
+            backbone: Backbone::T5,
             preset: LmPreset::Small,
             bypass: None,
             dropout: None,
             hf_folder: None,
+            lora: None,
             batch: 32,
             samples_per_clip: 0,
             sampling: TaskWeights::default(),
@@ -175,11 +184,16 @@ impl LmTrainConfig {
     }
 
     /// The network's shape.
-    pub fn lm_config(&self, n_codes: usize, code_dim: usize) -> LmConfig {
-        let mut config = self.preset.config(n_codes, code_dim);
+    ///
+    /// # Errors
+    /// If the backbone has no such preset.
+    pub fn lm_config(&self, n_codes: usize, code_dim: usize) -> Result<LmConfig, LmError> {
+        let mut config = self.backbone.config(self.preset, n_codes, code_dim)?;
         config.bypass = self.bypass.unwrap_or(config.bypass);
-        config.t5.dropout = self.dropout.unwrap_or(config.t5.dropout);
-        config
+        if let Some(dropout) = self.dropout {
+            config.network.set_dropout(dropout);
+        }
+        Ok(config)
     }
 
     /// Checks every number.
@@ -194,6 +208,15 @@ impl LmTrainConfig {
                 problem: problem.into(),
             })
         };
+        if self.hf_folder.is_none() {
+            self.backbone.config(self.preset, 1, 1)?;
+        }
+        if let Some(lora) = &self.lora {
+            lora.validate()?;
+            if self.backbone == Backbone::T5 {
+                return fail("lora", "T5 is trained whole; gpt2 and qwen2 take adapters");
+            }
+        }
         if self.batch == 0 || self.batch > 65_536 {
             return fail("batch", "must be in 1..=65536");
         }

@@ -5,7 +5,6 @@ use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 
 use radarllm_model::lm::templates::{Piece, Task, pieces};
-use radarllm_model::lm::vocab::EOS;
 use radarllm_model::lm::{LmError, Source, Vocab};
 use radarllm_model::tokenizer::Encoded;
 
@@ -100,7 +99,7 @@ impl Item {
 /// One training example.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Example {
-    /// Encoder input.
+    /// Prompt: the encoder's input, or what a decoder alone reads first.
     pub source: Source,
     /// Target, end token included.
     pub target: Vec<u32>,
@@ -380,8 +379,8 @@ impl ExampleMaker {
             }
         }
         source.ids.extend(&prompt.after);
-        source.ids.push(EOS);
-        target.push(EOS);
+        source.ids.push(layout.end);
+        target.push(layout.end);
         Ok(Example {
             source,
             target,

@@ -4,17 +4,18 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use burn::module::Module;
-use burn::tensor::{Int, Tensor, TensorData};
+use burn::tensor::{Tensor, TensorData};
 use radarllm_metrics::rouge::rouge_l;
 use radarllm_metrics::tokens::rouge_score;
 use radarllm_model::checkpoint::{
-    CheckpointFiles, HostTensor, MODEL_FILE, NamedTensors, collect_params, replace_params,
+    Checkpoint, CheckpointFiles, HostTensor, MODEL_FILE, NamedTensors, collect_some_params,
+    replace_params,
 };
-use radarllm_model::lm::radar_lm::{AVERAGE_FILE, LmCard, TEXT_TOKENIZER_FILE};
+use radarllm_model::lm::radar_lm::{AVERAGE_FILE, TEXT_TOKENIZER_FILE};
 use radarllm_model::lm::templates::{Task, all_text};
 use radarllm_model::lm::vocab::PAD;
 use radarllm_model::lm::{
-    DropoutRng, GenerateOptions, LmError, RadarLm, RadarT5, Source, SourceBatch, Vocab,
+    DropoutRng, GenerateOptions, LmError, RadarLm, RadarNet, RadarT5, Source, SourceBatch, Vocab,
 };
 use rand::SeedableRng;
 use rand::rngs::ChaCha8Rng;
@@ -76,13 +77,41 @@ pub fn pretrain(
     let lm = match &config.hf_folder {
         Some(dir) => {
             let bypass = config.bypass.unwrap_or(false);
-            let mut lm =
-                RadarLm::from_hf_folder(dir, n_codes, code_dim, bypass, config.run.seed, &device)?;
-            lm.config.t5.dropout = config.dropout.unwrap_or(lm.config.t5.dropout);
+            let seed = config.run.seed;
+            let mut lm = RadarLm::from_hf_folder(
+                dir,
+                config.lora,
+                n_codes,
+                code_dim,
+                bypass,
+                seed,
+                &device,
+            )?;
+            let found = lm.config.network.backbone();
+            if found != config.backbone {
+                return Err(TrainError::Config {
+                    field: "backbone".into(),
+                    problem: format!(
+                        "is `{}`, but {} holds a `{}`",
+                        config.backbone.name(),
+                        dir.display(),
+                        found.name()
+                    ),
+                });
+            }
+            if let Some(dropout) = config.dropout {
+                lm.set_dropout(dropout);
+            }
             lm
         }
         None => {
-            let shape = config.lm_config(n_codes, code_dim);
+            if config.lora.is_some() {
+                return Err(TrainError::Config {
+                    field: "lora".into(),
+                    problem: "adapters need a pretrained network: set `from` to its folder".into(),
+                });
+            }
+            let shape = config.lm_config(n_codes, code_dim)?;
             let mirrored: Vec<String> = clips
                 .iter()
                 .flat_map(|c| &c.captions)
@@ -115,6 +144,12 @@ pub fn instruct(
     resume: bool,
 ) -> Result<LmOutcome, TrainError> {
     config.validate()?;
+    if config.lora.is_some() && start.adapters.is_none() {
+        return Err(TrainError::Config {
+            field: "lora".into(),
+            problem: "the pretrained model has no adapters: set `lora` there".into(),
+        });
+    }
     train(
         config,
         start,
@@ -143,7 +178,7 @@ fn train(
         run_config.validate_every = u64::MAX;
     }
     let (mut stage, net) = LmStage::new(config, lm, kind, clips, val)?;
-    let outcome: Outcome<RadarT5> = run(&mut stage, net, &run_config, out, resume)?;
+    let outcome: Outcome<RadarNet> = run(&mut stage, net, &run_config, out, resume)?;
     Ok(LmOutcome {
         checkpoint: outcome.checkpoint,
         ending: outcome.ending,
@@ -173,11 +208,12 @@ impl LmStage {
         kind: LmStageKind,
         clips: &[LmClip],
         val: &[LmClip],
-    ) -> Result<(Self, RadarT5), TrainError> {
+    ) -> Result<(Self, RadarNet), TrainError> {
         let maker =
             |clips: &[LmClip]| ExampleMaker::new(&lm.vocab, lm.config.code_dim, clips, kind);
         let (train, val) = (maker(clips)?, maker(val)?);
-        let average = (config.average_decay > 0.0).then(|| collect_params(&lm.net));
+        let average = (config.average_decay > 0.0)
+            .then(|| collect_some_params(&lm.net, &|path| lm.is_trained(path)));
         let net = lm.net.clone().to_device(&cpu_device().autodiff()).train();
         Ok((
             Self {
@@ -192,43 +228,70 @@ impl LmStage {
         ))
     }
 
-    /// Loss of examples, and its value by task.
+    /// Loss of examples.
     fn loss_of(
         &self,
-        net: &RadarT5,
+        net: &RadarNet,
         examples: &[Example],
         smoothing: f64,
         dropout: Option<&mut DropoutRng>,
-    ) -> Tensor<1> {
+    ) -> Result<Tensor<1>, TrainError> {
+        let (mut targets, mut weights) = (Vec::new(), Vec::new());
+        for example in examples {
+            targets.extend(&example.target);
+            let lambda = self.config.lambda.of(example.task) as f32;
+            weights.extend(std::iter::repeat_n(lambda, example.target.len()));
+        }
+        let n_rows = self.lm.config.network.vocab_size();
+        let logits = match net {
+            RadarNet::T5(net) => {
+                let states = self.t5_states(net, examples, dropout);
+                net.t5.logits(states, n_rows)
+            }
+            RadarNet::Decoder(net) => {
+                let examples: Vec<(&Source, &[u32])> = examples
+                    .iter()
+                    .map(|e| (&e.source, e.target.as_slice()))
+                    .collect();
+                let code_dim = self.lm.config.code_dim;
+                let states = net.target_states(&examples, code_dim, dropout)?;
+                net.decoder.logits(states, n_rows)
+            }
+        };
+        Ok(cross_entropy(logits, &targets, &weights, smoothing))
+    }
+
+    /// States of the target tokens of all examples, one after the other.
+    fn t5_states(
+        &self,
+        net: &RadarT5,
+        examples: &[Example],
+        dropout: Option<&mut DropoutRng>,
+    ) -> Tensor<2> {
         let device = net.t5.shared.val().device();
         let sources: Vec<&Source> = examples.iter().map(|e| &e.source).collect();
         let batch = SourceBatch::new(&sources, self.lm.config.code_dim, &device);
         let length = examples.iter().map(|e| e.target.len()).max().unwrap_or(1);
         let mut decoder = vec![PAD; examples.len() * length];
-        let (mut rows, mut targets, mut weights) = (Vec::new(), Vec::new(), Vec::new());
+        let mut rows = Vec::new();
         for (i, example) in examples.iter().enumerate() {
             let n = example.target.len();
             // The decoder sees the target shifted by one, after the start token.
             decoder[i * length + 1..i * length + n].copy_from_slice(&example.target[..n - 1]);
             rows.extend((i * length..i * length + n).map(|r| r as i32));
-            targets.extend(&example.target);
-            let lambda = self.config.lambda.of(example.task) as f32;
-            weights.extend(std::iter::repeat_n(lambda, n));
         }
-        let mut states = net.forward(&batch, &decoder, length, dropout);
-        if rows.len() < decoder.len() {
-            // Only target tokens reach the output rows: padding costs neither time nor loss.
-            let n = rows.len();
-            let rows = Tensor::<1, Int>::from_data(TensorData::new(rows, [n]), &device);
-            states = states.select(0, rows);
+        let states = net.forward(&batch, &decoder, length, dropout);
+        if rows.len() == decoder.len() {
+            return states;
         }
-        let logits = net.t5.logits(states, self.lm.config.t5.vocab_size);
-        cross_entropy(logits, &targets, &weights, smoothing)
+        // Only target tokens reach the output rows: padding costs neither time nor loss.
+        let n = rows.len();
+        states.select(0, Tensor::from_data(TensorData::new(rows, [n]), &device))
     }
 }
 
 impl Stage for LmStage {
-    type Model = RadarT5;
+    type Model = RadarNet;
 
     fn name(&self) -> &'static str {
         match self.kind {
@@ -256,7 +319,7 @@ impl Stage for LmStage {
 
     fn loss(
         &mut self,
-        model: &RadarT5,
+        model: &RadarNet,
         batch: &[usize],
         info: StepInfo,
     ) -> Result<StepLoss, TrainError> {
@@ -275,19 +338,20 @@ impl Stage for LmStage {
             &examples,
             self.config.label_smoothing,
             Some(&mut dropout),
-        );
+        )?;
         Ok(StepLoss {
             total,
             parts: Vec::new(),
         })
     }
 
-    fn after_step(&mut self, model: RadarT5, info: StepInfo) -> Result<RadarT5, TrainError> {
+    fn after_step(&mut self, model: RadarNet, info: StepInfo) -> Result<RadarNet, TrainError> {
         if let Some(average) = &mut self.average {
             // A short memory at first, or the random start would weigh for a thousand updates.
             let n = info.step as f64;
             let decay = self.config.average_decay.min((1.0 + n) / (10.0 + n)) as f32;
-            for (name, now) in collect_params(&model) {
+            let now = collect_some_params(&model, &|path| self.lm.is_trained(path));
+            for (name, now) in now {
                 let Some(mean) = average.get_mut(&name) else {
                     continue;
                 };
@@ -299,11 +363,32 @@ impl Stage for LmStage {
         Ok(model)
     }
 
-    fn validate(&mut self, model: &RadarT5) -> Result<Validation, TrainError> {
-        let net = match &self.average {
-            Some(average) => replace_params(model.clone(), average.clone()),
-            None => model.clone(),
-        };
+    fn is_trained(&self, path: &str) -> bool {
+        self.lm.is_trained(path)
+    }
+
+    /// A T5 keeps both, and its configuration says which file to use; other programs know but one.
+    fn for_inference(&self, model: &RadarNet) -> RadarNet {
+        match model {
+            RadarNet::T5(_) => model.clone(),
+            RadarNet::Decoder(_) => self.averaged(model),
+        }
+    }
+
+    fn add_weights(&self, model: &RadarNet, files: &mut CheckpointFiles) -> Result<(), TrainError> {
+        Ok(self.lm.add_weights(model, files)?)
+    }
+
+    fn load_weights(
+        &self,
+        model: RadarNet,
+        checkpoint: &Checkpoint,
+    ) -> Result<RadarNet, TrainError> {
+        Ok(self.lm.load_weights(model, checkpoint)?)
+    }
+
+    fn validate(&mut self, model: &RadarNet) -> Result<Validation, TrainError> {
+        let net = self.averaged(model);
         // Undisturbed codes, the evaluation prompt, every caption, the first simulation.
         let plain_config = LmTrainConfig {
             drop_code: 0.0,
@@ -333,7 +418,7 @@ impl Stage for LmStage {
                 .collect::<Result<Vec<_>, _>>()?;
             let n: usize = examples.iter().map(|e| e.target.len()).sum();
             let loss = self
-                .loss_of(&net, &examples, 0.0, None)
+                .loss_of(&net, &examples, 0.0, None)?
                 .into_scalar::<f32>();
             sum += f64::from(loss) * n as f64;
             n_tokens += n;
@@ -347,17 +432,13 @@ impl Stage for LmStage {
     }
 
     fn config(&self) -> serde_json::Value {
-        let weights = if self.average.is_some() {
+        let is_t5 = self.lm.config.t5().is_some();
+        let weights = if self.average.is_some() && is_t5 {
             AVERAGE_FILE
         } else {
             MODEL_FILE
         };
-        let card = LmCard {
-            lm: self.lm.config.clone(),
-            vocab: self.lm.vocab.layout().clone(),
-            weights: weights.into(),
-        };
-        serde_json::to_value(card).unwrap_or_default()
+        self.lm.card(weights).to_json()
     }
 
     fn add_files(&self, files: &mut CheckpointFiles) -> Result<(), TrainError> {
@@ -365,8 +446,11 @@ impl Stage for LmStage {
             TEXT_TOKENIZER_FILE,
             self.lm.vocab.tokenizer_json()?.into_bytes(),
         );
-        if let Some(average) = &self.average {
-            files.tensors(AVERAGE_FILE, average)?;
+        if let (Some(average), RadarNet::T5(_)) = (&self.average, &self.lm.net) {
+            let plain = |(path, tensor): (&String, &HostTensor)| {
+                (path.trim_start_matches("T5.").into(), tensor.clone())
+            };
+            files.tensors(AVERAGE_FILE, &average.iter().map(plain).collect())?;
         }
         Ok(())
     }
@@ -394,6 +478,14 @@ impl Stage for LmStage {
 }
 
 impl LmStage {
+    /// The network with the moving average of its weights, where there is one.
+    fn averaged(&self, net: &RadarNet) -> RadarNet {
+        match &self.average {
+            Some(average) => replace_params(net.clone(), average.clone()),
+            None => net.clone(),
+        }
+    }
+
     /// Greedy captions of the first validation motions: mean ROUGE-L, and how many differ.
     fn quick_score(&self) -> Result<Vec<(&'static str, f64)>, TrainError> {
         let n = self.config.quick_score_clips.min(self.val.clips().len());

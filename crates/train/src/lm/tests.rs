@@ -1,12 +1,17 @@
 //! The stages as a whole, on toy clips.
 
-use std::path::PathBuf;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 
 use burn::module::Module;
-use radarllm_model::checkpoint::{Checkpoint, MODEL_FILE};
+use radarllm_model::checkpoint::{
+    Checkpoint, HostTensor, MODEL_FILE, NamedTensors, collect_params,
+};
 use radarllm_model::lm::templates::{Task, all_text};
 use radarllm_model::lm::vocab::EOS;
-use radarllm_model::lm::{GenerateOptions, RadarLm, Vocab};
+use radarllm_model::lm::{
+    Backbone, GenerateOptions, LmPreset, LoraConfig, ModelInput, Pretrained, RadarLm, Vocab,
+};
 use radarllm_model::tokenizer::Encoded;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
@@ -15,7 +20,7 @@ use super::clip::LmClip;
 use super::config::LmTrainConfig;
 use super::examples::{ExampleMaker, Item, LmStageKind};
 use super::stage::LmStage;
-use super::{instruct, pretrain};
+use super::{LmOutcome, instruct, pretrain};
 use crate::harness::{LoopConfig, Stage, StepInfo, cpu_device};
 
 const N_CODES: usize = 16;
@@ -211,6 +216,291 @@ fn a_resumed_run_continues_bit_for_bit() {
     std::fs::remove_dir_all(dir).unwrap();
 }
 
+/// Settings of a tiny decoder alone.
+fn decoder_config(backbone: Backbone, run: LoopConfig) -> LmTrainConfig {
+    LmTrainConfig {
+        backbone,
+        preset: LmPreset::Tiny,
+        ..exact_config(run)
+    }
+}
+
+#[test]
+fn a_tiny_gpt2_learns_eight_clips_word_for_word_and_tuning_keeps_them() {
+    let clips = toy_clips(8, N_CODES, CODE_DIM);
+    let expected: Vec<&str> = clips.iter().map(|c| c.captions[0].as_str()).collect();
+    let mut config = decoder_config(
+        Backbone::Gpt2,
+        LoopConfig {
+            learning_rate: 3e-3,
+            ..bare_loop(150)
+        },
+    );
+    config.sampling.radar_prediction = 0.2;
+    config.sampling.text_to_radar = 0.2;
+    let dir = scratch("gpt2");
+    // Trained on and judged by the same clips: the question is whether they are learned.
+    let outcome = pretrain(&config, N_CODES, &clips, &clips, &dir.join("a"), false).unwrap();
+    let nats = outcome.best_score.unwrap();
+    assert!(nats < 0.05, "{nats} nats a token");
+    let lm = RadarLm::load(&outcome.checkpoint, &cpu_device()).unwrap();
+    for beam in [1, 4] {
+        assert_eq!(captions(&lm, &clips, beam), expected, "beam {beam}");
+    }
+    let mut config = config.for_instruction();
+    config.run.max_steps = 60;
+    let outcome = instruct(&config, lm, &clips, &[], &dir.join("b"), false).unwrap();
+    let lm = RadarLm::load(&outcome.checkpoint, &cpu_device()).unwrap();
+    assert_eq!(captions(&lm, &clips, 1), expected, "after tuning");
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
+/// A decoder trained from scratch for one step, to start from as from anybody's checkpoint: its tokenizer
+/// gets the end token that a pretrained one has.
+fn pretrained_folder(backbone: Backbone, dir: &Path) -> PathBuf {
+    let clips = toy_clips(8, N_CODES, CODE_DIM);
+    let mut config = decoder_config(backbone, bare_loop(1));
+    config.bypass = Some(false);
+    let outcome = pretrain(&config, N_CODES, &clips, &[], &dir.join("scratch"), false).unwrap();
+    let folder = outcome.checkpoint;
+    let read = |name: &str| -> serde_json::Value {
+        serde_json::from_slice(&std::fs::read(folder.join(name)).unwrap()).unwrap()
+    };
+    let mut config = read("config.json");
+    // The last text row; the rows of sentinels and codes after it are special, too.
+    let n_text = config["radarllm"]["vocab"]["n_text"].as_u64().unwrap();
+    config.as_object_mut().unwrap().remove("radarllm");
+    config["eos_token_id"] = n_text.into();
+    let mut tokenizer = read("tokenizer.json");
+    tokenizer["added_tokens"] = serde_json::json!([{
+        "id": n_text, "content": "<|endoftext|>", "single_word": false, "lstrip": false,
+        "rstrip": false, "normalized": false, "special": true,
+    }]);
+    std::fs::write(folder.join("config.json"), config.to_string()).unwrap();
+    std::fs::write(folder.join("tokenizer.json"), tokenizer.to_string()).unwrap();
+    folder
+}
+
+/// Weights by path, as they are in training.
+fn trained_weights(outcome: &LmOutcome) -> NamedTensors {
+    collect_params(
+        &RadarLm::load(&outcome.checkpoint, &cpu_device())
+            .unwrap()
+            .net,
+    )
+}
+
+#[test]
+fn adapters_new_rows_and_bypass_change_and_nothing_else_by_a_bit() {
+    let clips = toy_clips(8, N_CODES, CODE_DIM);
+    for (backbone, adapted) in [
+        (Backbone::Gpt2, "attn.c_attn.lora"),
+        (Backbone::Qwen2, "self_attn.q_proj.lora"),
+    ] {
+        let dir = scratch(&format!("lora-{}", backbone.name()));
+        let mut config = decoder_config(backbone, bare_loop(2));
+        // All tasks, so that every new row is met; dropout must not touch what is frozen either.
+        config.hf_folder = Some(pretrained_folder(backbone, &dir));
+        config.lora = Some(LoraConfig::default());
+        config.bypass = Some(true);
+        let start = RadarLm::from_hf_folder(
+            config.hf_folder.as_ref().unwrap(),
+            config.lora,
+            N_CODES,
+            CODE_DIM,
+            true,
+            config.run.seed,
+            &cpu_device(),
+        )
+        .unwrap();
+        let before = collect_params(&start.net);
+        let outcome = pretrain(&config, N_CODES, &clips, &[], &dir.join("lora"), false).unwrap();
+        let after = trained_weights(&outcome);
+        assert_eq!(
+            before.keys().collect::<Vec<_>>(),
+            after.keys().collect::<Vec<_>>()
+        );
+        let mut changed = std::collections::BTreeSet::new();
+        for (path, before) in &before {
+            let is_trained = path.contains(".lora.")
+                || path.ends_with("wte.added")
+                || path.ends_with("embed_tokens.added")
+                || path.ends_with("bypass");
+            // Bits, so that not even a zero may change its sign.
+            let bits = |t: &HostTensor| t.values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+            assert_eq!(bits(before) != bits(&after[path]), is_trained, "{path}");
+            if is_trained {
+                changed.insert(path.as_str());
+            }
+        }
+        assert!(
+            changed.iter().any(|path| path.contains(adapted)),
+            "{changed:?}"
+        );
+        assert!(changed.iter().any(|path| path.ends_with(".added")));
+        // The base stays outside: its tensors are in no file of the checkpoint.
+        let checkpoint = Checkpoint::open(&outcome.checkpoint).unwrap();
+        assert!(!checkpoint.has(MODEL_FILE));
+        assert!(checkpoint.has("adapter_model.safetensors") && checkpoint.has("radar.safetensors"));
+        // Instruction tuning goes on with the same adapters.
+        let lm = RadarLm::load(&outcome.checkpoint, &cpu_device()).unwrap();
+        let outcome = instruct(&config, lm, &clips, &[], &dir.join("b"), false).unwrap();
+        let tuned = trained_weights(&outcome);
+        for (path, before) in &before {
+            let is_same = tuned[path] == *before;
+            assert_eq!(is_same, !changed.contains(path.as_str()), "{path}");
+        }
+        std::fs::remove_dir_all(dir).unwrap();
+    }
+}
+
+#[test]
+fn a_resumed_run_of_adapters_continues_bit_for_bit() {
+    let clips = toy_clips(8, N_CODES, CODE_DIM);
+    let dir = scratch("lora-resume");
+    let folder = pretrained_folder(Backbone::Gpt2, &dir);
+    let run = |name: &str, steps, save, resume| {
+        let config = LmTrainConfig {
+            backbone: Backbone::Gpt2,
+            hf_folder: Some(folder.clone()),
+            lora: Some(LoraConfig::default()),
+            batch: 4,
+            average_decay: 0.9,
+            quick_score_clips: 2,
+            run: LoopConfig {
+                final_lr_factor: 1.0,
+                checkpoint_every_steps: save,
+                ..bare_loop(steps)
+            },
+            ..LmTrainConfig::small()
+        };
+        pretrain(
+            &config,
+            N_CODES,
+            &clips,
+            &clips[..2],
+            &dir.join(name),
+            resume,
+        )
+        .unwrap()
+    };
+    run("whole", 6, 0, false);
+    run("cut", 3, 3, false);
+    run("cut", 6, 3, true);
+    for file in ["adapter_model.safetensors", "radar.safetensors"] {
+        let weights = |name: &str, at: &str| {
+            let dir = dir.join(name).join(at);
+            Checkpoint::open(&dir).unwrap().tensors(file).unwrap()
+        };
+        // The last weights, and their average, which is what inference reads.
+        for at in ["step-00000006", "final"] {
+            assert!(
+                weights("whole", at) == weights("cut", at),
+                "{file} of {at} differs"
+            );
+        }
+        assert!(
+            weights("cut", "final") != weights("cut", "step-00000006"),
+            "an average"
+        );
+    }
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
+/// The loss of a batch of a decoder alone is the mean over target tokens of what each costs in its own
+/// row: neither prompt nor padding counts.
+#[test]
+fn prompts_and_padding_cost_a_decoder_alone_nothing() {
+    let clips = toy_clips(8, N_CODES, CODE_DIM);
+    for backbone in [Backbone::Gpt2, Backbone::Qwen2] {
+        let mut config = decoder_config(backbone, bare_loop(1));
+        config.sampling.radar_prediction = 0.0;
+        config.sampling.text_to_radar = 0.0;
+        config.dropout = Some(0.0);
+        config.bypass = Some(false);
+        let shape = config.lm_config(N_CODES, CODE_DIM).unwrap();
+        let lm = RadarLm::new(shape, vocab(&clips), 5, &cpu_device()).unwrap();
+        // The network by itself, from its own files, for logits of plain rows.
+        let dir = scratch(&format!("plain-{}", backbone.name()));
+        lm.save(&dir).unwrap();
+        let plain = Pretrained::open(&dir, &cpu_device()).unwrap();
+        std::fs::remove_dir_all(dir).unwrap();
+        let texts = vocab(&clips);
+        let (mut stage, net) =
+            LmStage::new(&config, lm, LmStageKind::Pretrain, &clips, &[]).unwrap();
+        let items: Vec<usize> = stage.plan_epoch(1).into_iter().flatten().collect();
+        let info = StepInfo {
+            step: 0,
+            epoch: 0,
+            progress: 0.0,
+            seed: 1,
+        };
+        let loss = stage.loss(&net, &items, info).unwrap().total;
+        let found = f64::from(loss.into_scalar::<f32>());
+        let (mut sum, mut n, mut prompts) = (0.0, 0.0, BTreeSet::new());
+        for item in &items {
+            let clip = &clips[Item::unpack(*item).clip];
+            let prompt = texts
+                .prompt("describe {radar}", Some(&clip.variants[0]), None)
+                .unwrap();
+            let mut target = texts.text_ids(&clip.captions[0]).unwrap();
+            target.push(EOS);
+            prompts.insert(prompt.ids.len());
+            let input = ModelInput {
+                input_ids: vec![[prompt.ids.as_slice(), &target].concat()],
+                ..ModelInput::default()
+            };
+            let (logits, shape) = plain.logits(&input, &cpu_device()).unwrap();
+            for (i, token) in target.iter().enumerate() {
+                let row = prompt.ids.len() - 1 + i;
+                let row = &logits[row * shape[2]..(row + 1) * shape[2]];
+                let total: f64 = row.iter().map(|l| f64::from(*l).exp()).sum();
+                sum += total.ln() - f64::from(row[*token as usize]);
+                n += 1.0;
+            }
+        }
+        assert!(
+            prompts.len() > 1,
+            "rows of several lengths, so that some are padded"
+        );
+        // f32 rounding of losses near 7.
+        assert!((found - sum / n).abs() < 1e-4, "{found} {}", sum / n);
+    }
+}
+
+#[test]
+fn backbones_that_cannot_be_are_refused() {
+    let clips = toy_clips(2, N_CODES, CODE_DIM);
+    let dir = scratch("refused");
+    let refuse = |change: &dyn Fn(&mut LmTrainConfig), expected: &str| {
+        let mut config = decoder_config(Backbone::Gpt2, bare_loop(1));
+        change(&mut config);
+        let problem = pretrain(&config, N_CODES, &clips, &[], &dir.join("x"), false);
+        let problem = problem.unwrap_err().to_string();
+        assert!(problem.contains(expected), "{problem}");
+        assert!(!dir.join("x").exists(), "nothing is written");
+    };
+    refuse(&|c| c.preset = LmPreset::T5Small, "tiny, small and medium");
+    refuse(&|c| c.lora = Some(LoraConfig::default()), "set `from`");
+    refuse(
+        &|c| c.hf_folder = Some("/no/such/folder".into()),
+        "/no/such/folder",
+    );
+    let none = LoraConfig {
+        rank: 0,
+        ..LoraConfig::default()
+    };
+    refuse(&|c| c.lora = Some(none), "lora.rank");
+    let of_t5 = |c: &mut LmTrainConfig| {
+        c.backbone = Backbone::T5;
+        c.lora = Some(LoraConfig::default());
+    };
+    refuse(&of_t5, "T5 is trained whole");
+    let folder = pretrained_folder(Backbone::Qwen2, &dir);
+    refuse(&|c| c.hf_folder = Some(folder.clone()), "holds a `qwen2`");
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
 fn vocab(clips: &[LmClip]) -> Vocab {
     let captions = clips.iter().flat_map(|c| &c.captions).map(String::as_str);
     Vocab::learn(captions, all_text(), 2000, 32, N_CODES).unwrap()
@@ -291,7 +581,7 @@ fn loss_of_a_batch_is_the_mean_over_its_tokens() {
     let mut config = exact_config(bare_loop(1));
     config.sampling.radar_prediction = 0.0;
     config.sampling.text_to_radar = 0.0;
-    let shape = config.lm_config(N_CODES, CODE_DIM);
+    let shape = config.lm_config(N_CODES, CODE_DIM).unwrap();
     let lm = RadarLm::new(shape, vocab(&clips), 5, &cpu_device()).unwrap();
     let (mut stage, net) = LmStage::new(&config, lm, LmStageKind::Pretrain, &clips, &[]).unwrap();
     let items: Vec<usize> = stage.plan_epoch(1).into_iter().flatten().collect();
@@ -364,7 +654,7 @@ fn speed_of_the_small_preset() {
     let mut config = LmTrainConfig::small();
     config.sampling.radar_prediction = 0.0;
     config.sampling.text_to_radar = 0.0;
-    let shape = config.lm_config(512, 128);
+    let shape = config.lm_config(512, 128).unwrap();
     let fill: Vec<String> = (0..1500).map(|i| format!("w{i}")).collect();
     let texts = clips
         .iter()
