@@ -1,13 +1,16 @@
-//! Decoding: greedy for batches, beam search for quality, both with cached keys and values.
+//! Decoding: greedy for batches, beam search for quality, both with cached keys and values. What is asked
+//! is the same for the engine; the search here, with the feature `train`, runs the network as trained.
 //!
 //! Scores are log-probabilities among the allowed tokens only: a sentence is never blamed for
 //! probability that went to radar codes.
 
 pub use radarllm_engine::Generated;
 
-use super::t5::{DecoderCache, Source, SourceBatch};
+#[cfg(feature = "train")]
+use super::t5::{DecoderCache, SourceBatch};
 use super::vocab::{EOS, Layout, PAD, UNKNOWN};
-use super::{LmError, RadarLm, hf};
+#[cfg(feature = "train")]
+use super::{LmError, RadarLm, Source, hf};
 
 /// Which tokens may be produced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,6 +66,7 @@ impl Default for GenerateOptions {
     }
 }
 
+#[cfg(feature = "train")]
 impl RadarLm {
     /// Decodes every source.
     ///
@@ -290,6 +294,7 @@ impl RadarLm {
 }
 
 /// Id and value of the largest entry; the first of equals.
+#[cfg(feature = "train")]
 fn argmax(scores: &[f32]) -> (u32, f32) {
     let mut best = (EOS, f32::NEG_INFINITY);
     for (id, score) in scores.iter().enumerate() {
@@ -301,6 +306,7 @@ fn argmax(scores: &[f32]) -> (u32, f32) {
 }
 
 /// The `k` largest entries, largest first.
+#[cfg(feature = "train")]
 fn top(scores: &[f32], k: usize) -> Vec<(u32, f32)> {
     let mut ids: Vec<u32> = (0..scores.len() as u32).collect();
     let by_score = |a: &u32, b: &u32| {
@@ -318,10 +324,11 @@ fn top(scores: &[f32], k: usize) -> Vec<(u32, f32)> {
         .collect()
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "train"))]
 mod tests {
     use super::*;
-    use crate::lm::t5::{DropoutRng, Source};
+    use crate::lm::Source;
+    use crate::lm::t5::DropoutRng;
     use crate::lm::{FeedForward, LmPreset, Vocab, templates};
     use crate::tokenizer::Encoded;
     use burn::tensor::Device;

@@ -6,24 +6,21 @@ use burn::tensor::Device;
 use radarllm_engine::MAX_SOURCE;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
-use serde::{Deserialize, Serialize};
 
+use super::card::LmFiles;
 use super::config::LmConfig;
 use super::hf;
-use super::t5::{RadarT5, Source};
+use super::t5::RadarT5;
 use super::templates::EVALUATION_PROMPT;
-use super::vocab::{Layout, Vocab};
-use super::{LmError, t5::T5};
+use super::vocab::Vocab;
+use super::{LmError, Source, t5::T5};
 use crate::checkpoint::{
-    CONFIG_FILE, Checkpoint, CheckpointError, CheckpointFiles, MODEL_FILE, NamedTensors,
-    collect_params, load_params,
+    CONFIG_FILE, CheckpointError, CheckpointFiles, MODEL_FILE, NamedTensors, collect_params,
+    load_params,
 };
 use crate::tokenizer::Encoded;
 
-/// Name of the text tokenizer's file.
-pub const TEXT_TOKENIZER_FILE: &str = "tokenizer.json";
-/// Name of the file with averaged weights.
-pub const AVERAGE_FILE: &str = "average.safetensors";
+pub use super::card::{AVERAGE_FILE, LmCard, TEXT_TOKENIZER_FILE};
 
 /// The radar-language model.
 pub struct RadarLm {
@@ -34,17 +31,6 @@ pub struct RadarLm {
     /// Shape.
     pub config: LmConfig,
     device: Device,
-}
-
-/// `config.json` of a language model.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LmCard {
-    /// Shape.
-    pub lm: LmConfig,
-    /// Ids.
-    pub vocab: Layout,
-    /// Weights file that inference uses: [`MODEL_FILE`] or [`AVERAGE_FILE`].
-    pub weights: String,
 }
 
 impl RadarLm {
@@ -132,32 +118,17 @@ impl RadarLm {
     /// # Errors
     /// If a file is missing or damaged, or weights do not fit the configuration.
     pub fn load(dir: &Path, device: &Device) -> Result<Self, LmError> {
-        let checkpoint = Checkpoint::open(dir)?;
-        let card: LmCard = checkpoint.json(CONFIG_FILE)?;
-        card.lm.validate()?;
-        let vocab = Vocab::from_parts(&checkpoint.bytes(TEXT_TOKENIZER_FILE)?, card.vocab)?;
-        if card.lm.t5.vocab_size != vocab.layout().size() {
-            let problem = format!(
-                "{} rows for a vocabulary of {}",
-                card.lm.t5.vocab_size,
-                vocab.layout().size()
-            );
-            return Err(LmError::Config {
-                field: "vocab_size",
-                problem,
-            });
-        }
-        let weights = if card.weights == AVERAGE_FILE {
-            AVERAGE_FILE
-        } else {
-            MODEL_FILE
-        };
-        let path = checkpoint.dir().join(weights);
-        let net = load_net(&card.lm, checkpoint.tensors(weights)?, device, &path)?;
+        let LmFiles {
+            config,
+            vocab,
+            weights,
+            path,
+        } = LmFiles::read(dir)?;
+        let net = load_net(&config, weights, device, &path)?;
         Ok(Self {
             net,
             vocab,
-            config: card.lm,
+            config,
             device: device.clone(),
         })
     }

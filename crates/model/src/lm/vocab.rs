@@ -7,6 +7,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use radarllm_engine::Source;
 use serde::{Deserialize, Serialize};
 use tokenizers::Tokenizer;
 use tokenizers::normalizers::bert::BertNormalizer;
@@ -16,7 +17,6 @@ use tokenizers::tokenizer::{
 };
 
 use super::LmError;
-use super::t5::Source;
 use super::templates::{Piece, pieces};
 use crate::tokenizer::Encoded;
 
