@@ -103,8 +103,8 @@ fn clips_that_do_not_fit_are_errors() {
     for change in [
         &(|c: &mut OwnedClip| c.steps.clear()) as &dyn Fn(&mut OwnedClip),
         &|c| c.steps.resize(13, [0.0; 6]),
-        &|c| drop(c.anchors.pop()),
-        &|c| drop(c.profiles.pop()),
+        &|c| c.anchors.truncate(6),
+        &|c| c.profiles.truncate(71),
         &|c| c.tubes[0].step = 4,
         &|c| c.tubes[0].anchor = 7,
         &|c| c.tubes[0].end = c.tubes[0].start,
