@@ -382,7 +382,7 @@ pub enum DecoderName {
     F32,
     /// The inference engine with weights as bytes: faster on large models, sometimes another word.
     Int8,
-    /// The network that training uses: slow, says what `f32` says.
+    /// The networks that training uses (builds with the feature `train`): slow, say what `f32` says.
     Training,
 }
 

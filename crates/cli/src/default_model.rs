@@ -1,7 +1,7 @@
 //! The default model: `models/default` of the repository, carried inside the binary.
 
 use include_dir::{Dir, include_dir};
-use radarllm_model::lm::Captioner;
+use radarllm_model::lm::{Captioner, Decoder};
 
 use crate::error::{CliError, CliResult};
 
@@ -20,7 +20,7 @@ pub fn file(path: &str) -> Option<&'static [u8]> {
 ///
 /// Checkpoints load from a folder, so the files (a few MB) pass through a temporary one; the same
 /// code then checks them as it checks a user's.
-pub fn load() -> CliResult<Captioner> {
+pub fn load(decoder: Decoder) -> CliResult<Captioner> {
     if FILES.get_dir("lm").is_none() {
         return Err(
             CliError::new("this binary was built without models/default")
@@ -34,5 +34,5 @@ pub fn load() -> CliResult<Captioner> {
     FILES
         .extract(folder.path())
         .map_err(|e| CliError::io(folder.path(), e))?;
-    Ok(Captioner::load(folder.path())?)
+    Ok(Captioner::load(folder.path(), decoder)?)
 }

@@ -40,3 +40,12 @@ impl<E: std::error::Error> From<E> for CliError {
         Self::new(error)
     }
 }
+
+/// What was asked needs the networks in burn, which this binary was built without.
+#[cfg(not(feature = "train"))]
+pub fn needs_training(what: &str) -> CliError {
+    CliError::new(format!(
+        "{what} needs a build with the feature `train`, which this binary lacks"
+    ))
+    .hint("cargo build --release --locked -p radarllm-cli --features train")
+}

@@ -2,6 +2,8 @@
 //!
 //! Exit codes: 0 done, 1 the user can fix it (cause and `hint:` on stderr), 2 unexpected.
 
+// Verbs that a build lacks are listed all the same.
+#[cfg_attr(not(feature = "train"), allow(dead_code))]
 mod args;
 mod capture;
 mod commands;
@@ -39,6 +41,7 @@ fn main() -> ExitCode {
         Verb::Simulate(args) => commands::simulate::run(&args),
         Verb::Process(args) => commands::process::run(&args),
         Verb::Dataset(verb) => commands::dataset::run(&verb),
+        #[cfg(feature = "train")]
         Verb::Train(args) => commands::train::run(&args),
         Verb::Describe(args) => commands::describe::run(&args),
         Verb::Eval(args) => commands::eval::run(&args),
@@ -47,8 +50,16 @@ fn main() -> ExitCode {
         Verb::Score(args) => commands::score::run(&args),
         Verb::View(args) => commands::view::run(&args),
         Verb::Realism(args) => commands::realism::run(&args),
+        #[cfg(feature = "train")]
         Verb::Ablate(args) => commands::ablate::run(&args),
+        #[cfg(feature = "train")]
         Verb::Lm(verb) => commands::lm::run(&verb),
+        #[cfg(not(feature = "train"))]
+        Verb::Train(_) => Err(error::needs_training("`train`")),
+        #[cfg(not(feature = "train"))]
+        Verb::Ablate(_) => Err(error::needs_training("`ablate`")),
+        #[cfg(not(feature = "train"))]
+        Verb::Lm(_) => Err(error::needs_training("`lm`")),
         Verb::Doctor(args) => commands::doctor::run(&args),
     });
     match outcome {

@@ -61,6 +61,12 @@ pub enum EngineError {
         /// What is wrong, with numbers.
         problem: String,
     },
+    /// The network gave a value that is not finite.
+    #[error("engine: input {index}: the network's output is not finite")]
+    Output {
+        /// Position among the inputs.
+        index: usize,
+    },
     /// The caller asked to stop.
     #[error("engine: cancelled")]
     Cancelled,

@@ -1,14 +1,16 @@
-//! Inference of the radar-language model: a T5 encoder-decoder on packed weights.
+//! Inference on packed weights: the radar tokenizer, and the radar-language model's T5.
 //!
-//! The network, its weights' names and what decoding means are those of `radarllm-model`, which trains
-//! it; this crate runs it faster and without a learning framework. It opens no files and allocates
-//! nothing between tokens.
+//! The networks, their weights' names and what decoding means are those of `radarllm-model`, which trains
+//! them; this crate runs them faster and without a learning framework. It opens no files and allocates
+//! nothing between tokens nor between clips.
 //!
-//! Reading order: [`weights`] (names and shapes), [`Engine`] (weights packed once), [`Session`]
-//! (buffers and threads of one caller), [`search`] (greedy and beam decoding). Below them: `matrix`
-//! (products), `rows` (norms, attention, probabilities), `simd` (instruction sets), `pool` (threads).
+//! Reading order: [`tokenizer`] (tubes of points to codes); for the T5 [`weights`] (names and shapes),
+//! [`Engine`] (weights packed once), [`Session`] (buffers and threads of one caller), [`search`] (greedy
+//! and beam decoding). Below them: `matrix` (products), `rows` (norms, attention, probabilities), `simd`
+//! (instruction sets), `pool` (threads).
 //!
-//! Deliberately absent: text. Ids enter and leave; `radarllm-model` knows what they mean.
+//! Deliberately absent: text and points. Tubes and ids enter, codes and ids leave; `radarllm-model` knows
+//! what they mean.
 
 mod error;
 mod matrix;
@@ -19,6 +21,7 @@ mod rows;
 pub mod search;
 mod session;
 mod simd;
+pub mod tokenizer;
 pub mod weights;
 
 pub use error::EngineError;

@@ -31,6 +31,73 @@ dispatch!(pub(crate) fn rms_norm => rms_norm_body(
     x: &[f32], gain: &[f32], width: usize, eps: f32, out: &mut [f32],
 ));
 
+/// `(x - mean) / deviation * gain + offset` of every row; `width` values of a row are real, the rest,
+/// of `x`, `gain` and `offset`, zeros.
+#[inline(always)]
+fn layer_norm_body<L: Lanes, D: ByteDot>(
+    x: &[f32],
+    gain: &[f32],
+    offset: &[f32],
+    width: usize,
+    eps: f32,
+    out: &mut [f32],
+) {
+    let stride = gain.len();
+    let (gain, offset) = (gain.as_chunks::<16>().0, offset.as_chunks::<16>().0);
+    for (x, out) in x.chunks_exact(stride).zip(out.chunks_exact_mut(stride)) {
+        let x = x.as_chunks::<16>().0;
+        let mut sum = L::splat(0.0);
+        for x in x {
+            sum = L::load(x).add(sum);
+        }
+        let mean = sum.sum() / width as f32;
+        let mut squares = L::splat(0.0);
+        for x in x {
+            let x = L::load(x).sub(L::splat(mean));
+            squares = x.fma(x, squares);
+        }
+        // Each zero of the padding added the mean's square.
+        let padding = (stride - width) as f32 * mean * mean;
+        let variance = ((squares.sum() - padding) / width as f32).max(0.0);
+        let inverse = L::splat((variance + eps).sqrt().recip());
+        let rows = x.iter().zip(gain).zip(offset);
+        for (((x, gain), offset), out) in rows.zip(out.as_chunks_mut::<16>().0) {
+            let x = L::load(x).sub(L::splat(mean)).mul(inverse);
+            x.fma(L::load(gain), L::load(offset)).store(out);
+        }
+    }
+}
+dispatch!(pub(crate) fn layer_norm => layer_norm_body(
+    x: &[f32], gain: &[f32], offset: &[f32], width: usize, eps: f32, out: &mut [f32],
+));
+
+/// `relu(max(points W) + bias)`: `weight` is `[7, width]`, `width` a multiple of 16.
+#[inline(always)]
+fn tube_maximum_body<L: Lanes, D: ByteDot>(
+    points: &[[f32; 7]],
+    weight: &[f32],
+    bias: &[f32],
+    out: &mut [f32],
+) {
+    let vectors = bias.len() / 16;
+    let (weight, bias) = (weight.as_chunks::<16>().0, bias.as_chunks::<16>().0);
+    for (i, out) in out.as_chunks_mut::<16>().0.iter_mut().enumerate() {
+        let weight: [L; 7] = std::array::from_fn(|j| L::load(&weight[j * vectors + i]));
+        let mut most = L::splat(f32::NEG_INFINITY);
+        for point in points {
+            let mut sum = L::splat(point[0]).mul(weight[0]);
+            for j in 1..7 {
+                sum = L::splat(point[j]).fma(weight[j], sum);
+            }
+            most = most.max(sum);
+        }
+        most.add(L::load(&bias[i])).max(L::splat(0.0)).store(out);
+    }
+}
+dispatch!(pub(crate) fn tube_maximum => tube_maximum_body(
+    points: &[[f32; 7]], weight: &[f32], bias: &[f32], out: &mut [f32],
+));
+
 /// `gelu(x[..half]) * x[half..]` of every row of `2 half` values into `out`, `half` a row; the tanh
 /// form of GELU.
 #[inline(always)]
@@ -120,6 +187,23 @@ fn attend_columns_body<L: Lanes, D: ByteDot>(
 }
 dispatch!(pub(crate) fn attend_columns => attend_columns_body(
     query: &[f32], columns: Columns, bias: Option<&[f32]>, scores: &mut [f32], out: &mut [f32],
+));
+
+/// Rows averaged with the weights that softmax makes of `scores`, of which `n` are real. Each row is
+/// `out.len()` of `stride` values.
+#[inline(always)]
+fn average_body<L: Lanes, D: ByteDot>(
+    scores: &mut [f32],
+    n: usize,
+    rows: &[f32],
+    stride: usize,
+    out: &mut [f32],
+) {
+    softmax::<L>(scores, n);
+    mix::<L>(scores[..n].iter().zip(rows.chunks(stride)), out);
+}
+dispatch!(pub(crate) fn average => average_body(
+    scores: &mut [f32], n: usize, rows: &[f32], stride: usize, out: &mut [f32],
 ));
 
 #[inline(always)]
@@ -376,6 +460,68 @@ mod tests {
                 })
                 .collect();
             close(&out[..32], &expected, 2e-5);
+        }
+    }
+
+    /// Layer norm, the maximum over a tube and weighted means against their formulas in f64.
+    #[test]
+    fn the_tokenizer_s_rows_are_the_formulas() {
+        let mut random = Random(6);
+        for level in SimdLevel::ALL.into_iter().filter(|l| l.is_available()) {
+            // 20 real values of 32; far from zero, so that a mean over the padding would show.
+            let mut draw = |n: usize| -> Vec<f32> { (0..n).map(|_| random.normal()).collect() };
+            let (mut x, mut gain, mut offset) = (draw(32), draw(32), draw(32));
+            x.iter_mut().for_each(|x| *x += 5.0);
+            for padded in [&mut x, &mut gain, &mut offset] {
+                padded[20..].fill(0.0);
+            }
+            let mean = x.iter().map(|v| f64::from(*v)).sum::<f64>() / 20.0;
+            let square = |v: &f32| (f64::from(*v) - mean).powi(2);
+            let deviation = (x[..20].iter().map(square).sum::<f64>() / 20.0 + 1e-5).sqrt();
+            let expected: Vec<f64> = (0..32)
+                .map(|i| match i < 20 {
+                    true => {
+                        let x = (f64::from(x[i]) - mean) / deviation;
+                        x * f64::from(gain[i]) + f64::from(offset[i])
+                    }
+                    false => 0.0,
+                })
+                .collect();
+            let mut out = vec![7.0; 32];
+            layer_norm(level, &x, &gain, &offset, 20, 1e-5, &mut out);
+            close(&out, &expected, 2e-5);
+
+            let points: Vec<[f32; 7]> = (0..5)
+                .map(|_| std::array::from_fn(|_| random.normal()))
+                .collect();
+            let mut draw = |n: usize| -> Vec<f32> { (0..n).map(|_| random.normal()).collect() };
+            let (weight, bias) = (draw(7 * 32), draw(32));
+            let expected: Vec<f64> = (0..32)
+                .map(|c| {
+                    let value = |p: &[f32; 7]| -> f64 {
+                        let term = |j: usize| f64::from(p[j]) * f64::from(weight[j * 32 + c]);
+                        (0..7).map(term).sum()
+                    };
+                    let most = points.iter().map(value).fold(f64::MIN, f64::max);
+                    (most + f64::from(bias[c])).max(0.0)
+                })
+                .collect();
+            tube_maximum(level, &points, &weight, &bias, &mut out);
+            close(&out, &expected, 1e-5);
+
+            // Seven rows of 32 values, 40 apart; one of them hidden.
+            let (rows, mut scores) = (draw(7 * 40), draw(16));
+            scores[2] = f32::NEG_INFINITY;
+            let kept: Vec<f64> = scores[..7].iter().map(|s| f64::from(*s)).collect();
+            let weights = softmax64(&kept);
+            let expected: Vec<f64> = (0..32)
+                .map(|c| {
+                    let term = |i: usize| weights[i] * f64::from(rows[i * 40 + c]);
+                    (0..7).map(term).sum()
+                })
+                .collect();
+            average(level, &mut scores, 7, &rows, 40, &mut out);
+            close(&out, &expected, 1e-5);
         }
     }
 

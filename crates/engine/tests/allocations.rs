@@ -1,4 +1,4 @@
-//! Nothing is allocated between tokens.
+//! Nothing is allocated between tokens, nor between clips of the radar tokenizer.
 //!
 //! A test program of its own: it counts what the global allocator hands out.
 
@@ -7,8 +7,9 @@ mod support;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
+use radarllm_engine::tokenizer::Tokenizer;
 use radarllm_engine::{Engine, Precision, SearchOptions, Shape};
-use support::{sources, weights};
+use support::{sources, tokenizer_shape, tokenizer_weights, tube_clip, weights};
 
 thread_local! {
     /// Allocations of this thread; the test harness's own threads do not count.
@@ -84,4 +85,25 @@ fn tokens_allocate_nothing() {
             assert_eq!(many, few, "{precision:?}, {beam} beams");
         }
     }
+}
+
+/// Once its buffers have grown, a session encodes clip after clip without asking for memory.
+#[test]
+fn clips_allocate_nothing() {
+    let shape = tokenizer_shape();
+    let tokenizer = Tokenizer::new(shape, tokenizer_weights(&shape, 1)).unwrap();
+    let mut session = tokenizer.session(1);
+    let long = tube_clip(&shape, shape.max_steps, 2);
+    let short = tube_clip(&shape, 3, 3);
+    let clips = [long.view(), short.view(), long.view()];
+    let mut out = Vec::new();
+    let before = COUNT.get();
+    session.encode(&clips, &mut out).unwrap();
+    assert!(COUNT.get() > before, "the counter counts");
+    let first = out.clone();
+    let before = COUNT.get();
+    session.encode(&clips, &mut out).unwrap();
+    assert_eq!(COUNT.get(), before);
+    assert_eq!(out, first);
+    assert_eq!(out[0], out[2]);
 }

@@ -13,13 +13,16 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::Write;
+use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
-use burn::tensor::{Tensor, TensorData};
+#[cfg(feature = "train")]
+pub use crate::params::{
+    collect_params, collect_some_params, load_params, param_shapes, replace_params,
+};
+use radarllm_engine::EngineError;
 pub use radarllm_engine::{HostTensor, NamedTensors};
-use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use safetensors::tensor::{Dtype, Metadata, TensorView};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -34,6 +37,11 @@ pub const CHECKSUM_FILE: &str = "checksums.json";
 const MAX_SMALL_FILE_BYTES: u64 = 64 << 20;
 /// Largest weights file read, bytes.
 const MAX_TENSOR_FILE_BYTES: u64 = 16 << 30;
+
+/// Longest safetensors header read, bytes: the format's own limit.
+const MAX_HEADER_BYTES: u64 = 100_000_000;
+/// Bytes of a file read at a time.
+const PIECE_BYTES: usize = 1 << 16;
 
 /// Why a checkpoint could not be written or read.
 #[derive(Debug, thiserror::Error)]
@@ -148,6 +156,41 @@ pub enum CheckpointError {
         /// Field and cause.
         message: String,
     },
+}
+
+impl CheckpointError {
+    /// What the engine says about weights, with the file they are from.
+    pub(crate) fn from_engine(error: EngineError, path: &Path) -> Self {
+        let path = path.to_path_buf();
+        match error {
+            EngineError::MissingWeight { name, expected } => Self::MissingTensor {
+                path,
+                tensor: name,
+                expected,
+            },
+            EngineError::WeightShape {
+                name,
+                expected,
+                found,
+                ..
+            } => Self::Shape {
+                path,
+                tensor: name,
+                expected,
+                found,
+            },
+            EngineError::NotFinite { name, index } => Self::NotFinite {
+                path,
+                tensor: name,
+                index,
+            },
+            EngineError::UnknownWeight { name } => Self::UnknownTensor { path, tensor: name },
+            other => Self::Config {
+                path,
+                message: other.to_string(),
+            },
+        }
+    }
 }
 
 fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> CheckpointError {
@@ -310,8 +353,7 @@ impl Checkpoint {
             if found != sum.bytes {
                 return Err(CheckpointError::Checksum { path });
             }
-            let bytes = read_limited(&path, MAX_TENSOR_FILE_BYTES)?;
-            if blake3::hash(&bytes).to_hex().as_str() != sum.blake3 {
+            if hash_of(&path)?.to_hex().as_str() != sum.blake3 {
                 return Err(CheckpointError::Checksum { path });
             }
         }
@@ -390,14 +432,22 @@ impl Checkpoint {
             }),
         }
     }
+}
 
-    /// Loads `model.safetensors` into `model`; names and shapes must agree exactly.
-    ///
-    /// # Errors
-    /// See [`load_params`].
-    pub fn load_model<M: Module>(&self, model: M) -> Result<M, CheckpointError> {
-        let path = self.path(MODEL_FILE)?;
-        load_params(model, read_safetensors(&path)?, &path)
+/// Hash of a file, a piece at a time: weights are large, and read again later.
+fn hash_of(path: &Path) -> Result<blake3::Hash, CheckpointError> {
+    let mut file = fs::File::open(path).map_err(io_error(path))?;
+    let mut hasher = blake3::Hasher::new();
+    let mut piece = vec![0; PIECE_BYTES];
+    loop {
+        match file.read(&mut piece) {
+            Ok(0) => return Ok(hasher.finalize()),
+            Ok(n) => {
+                hasher.update(&piece[..n]);
+            }
+            Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
+            Err(e) => return Err(io_error(path)(e)),
+        }
     }
 }
 
@@ -456,53 +506,101 @@ pub fn read_floats(path: &Path) -> Result<NamedTensors, CheckpointError> {
     read_arrays(path, true)
 }
 
+/// Reads one array after the other, so that memory holds the arrays and not the file beside them.
 fn read_arrays(path: &Path, skip_integers: bool) -> Result<NamedTensors, CheckpointError> {
-    let bytes = read_limited(path, MAX_TENSOR_FILE_BYTES)?;
-    let parsed = SafeTensors::deserialize(&bytes).map_err(|e| CheckpointError::Safetensors {
+    let fail = |message: String| CheckpointError::Safetensors {
         path: path.into(),
-        message: e.to_string(),
-    })?;
+        message,
+    };
+    let mut file = fs::File::open(path).map_err(io_error(path))?;
+    let found = file.metadata().map_err(io_error(path))?.len();
+    if found > MAX_TENSOR_FILE_BYTES {
+        return Err(CheckpointError::TooLarge {
+            path: path.into(),
+            found,
+            limit: MAX_TENSOR_FILE_BYTES,
+        });
+    }
+    // Eight bytes with the header's length, the header, the arrays.
+    let mut length = [0; 8];
+    file.read_exact(&mut length).map_err(io_error(path))?;
+    let header_bytes = u64::from_le_bytes(length);
+    if header_bytes > MAX_HEADER_BYTES.min(found.saturating_sub(8)) {
+        return Err(fail(format!(
+            "a header of {header_bytes} bytes in a file of {found}"
+        )));
+    }
+    let mut header = vec![0; header_bytes as usize];
+    file.read_exact(&mut header).map_err(io_error(path))?;
+    let metadata: Metadata = serde_json::from_slice(&header).map_err(|e| fail(e.to_string()))?;
+    let data_start = 8 + header_bytes;
+    let data_bytes = found - data_start;
+    // Parsing has checked that arrays follow one another without holes, each as long as its shape says.
+    if data_bytes != metadata.data_len() as u64 {
+        return Err(fail(format!(
+            "{data_bytes} bytes of arrays, the header lists {}",
+            metadata.data_len()
+        )));
+    }
     let mut tensors = NamedTensors::new();
-    for (name, view) in parsed.iter() {
-        let data = view.data();
-        let values: Vec<f32> = match view.dtype() {
-            Dtype::F32 => data
-                .chunks_exact(4)
-                .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
-                .collect(),
-            Dtype::BF16 => data
-                .chunks_exact(2)
-                .map(|b| f32::from_bits(u32::from(u16::from_le_bytes([b[0], b[1]])) << 16))
-                .collect(),
-            Dtype::F16 => data
-                .chunks_exact(2)
-                .map(|b| f32_from_f16_bits(u16::from_le_bytes([b[0], b[1]])))
-                .collect(),
-            Dtype::BOOL | Dtype::U8 | Dtype::I32 | Dtype::I64 if skip_integers => continue,
-            other => {
-                return Err(CheckpointError::Dtype {
-                    path: path.into(),
-                    tensor: name.to_string(),
-                    found: format!("{other:?}"),
-                });
-            }
-        };
+    for (name, info) in metadata.tensors() {
+        if matches!(
+            info.dtype,
+            Dtype::BOOL | Dtype::U8 | Dtype::I32 | Dtype::I64
+        ) && skip_integers
+        {
+            continue;
+        }
+        let (start, end) = info.data_offsets;
+        file.seek(SeekFrom::Start(data_start + start as u64))
+            .map_err(io_error(path))?;
+        let values = read_values(&mut file, info.dtype, end - start, path, &name)?;
         if let Some(index) = values.iter().position(|v| !v.is_finite()) {
             return Err(CheckpointError::NotFinite {
                 path: path.into(),
-                tensor: name.to_string(),
+                tensor: name,
                 index,
             });
         }
-        tensors.insert(
-            name.to_string(),
-            HostTensor {
-                shape: view.shape().to_vec(),
-                values,
-            },
-        );
+        let shape = info.shape.clone();
+        tensors.insert(name, HostTensor { shape, values });
     }
     Ok(tensors)
+}
+
+/// Floats from `n_bytes` bytes of a file, widened to f32 a piece at a time.
+fn read_values(
+    file: &mut fs::File,
+    dtype: Dtype,
+    n_bytes: usize,
+    path: &Path,
+    tensor: &str,
+) -> Result<Vec<f32>, CheckpointError> {
+    let (width, value): (usize, fn(&[u8]) -> f32) = match dtype {
+        Dtype::F32 => (4, |b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])),
+        Dtype::BF16 => (2, |b| {
+            f32::from_bits(u32::from(u16::from_le_bytes([b[0], b[1]])) << 16)
+        }),
+        Dtype::F16 => (2, |b| f32_from_f16_bits(u16::from_le_bytes([b[0], b[1]]))),
+        other => {
+            return Err(CheckpointError::Dtype {
+                path: path.into(),
+                tensor: tensor.into(),
+                found: format!("{other:?}"),
+            });
+        }
+    };
+    // The file is known to be that long.
+    let mut values = Vec::with_capacity(n_bytes / width);
+    let mut piece = vec![0; PIECE_BYTES.min(n_bytes)];
+    let mut left = n_bytes;
+    while left > 0 {
+        let piece = &mut piece[..left.min(PIECE_BYTES)];
+        file.read_exact(piece).map_err(io_error(path))?;
+        values.extend(piece.chunks_exact(width).map(value));
+        left -= piece.len();
+    }
+    Ok(values)
 }
 
 /// IEEE 754 binary16 to binary32, exact.
@@ -518,146 +616,7 @@ fn f32_from_f16_bits(bits: u16) -> f32 {
     }
 }
 
-/// All float parameters of a module by path (`encoder.layers.0.weight`).
-pub fn collect_params<M: Module>(model: &M) -> NamedTensors {
-    collect_some_params(model, &|_| true)
-}
-
-/// The float parameters of a module whose paths are wanted; the others are not copied.
-pub fn collect_some_params<M: Module>(model: &M, wanted: &dyn Fn(&str) -> bool) -> NamedTensors {
-    struct Collect<'a> {
-        path: Vec<String>,
-        wanted: &'a dyn Fn(&str) -> bool,
-        out: NamedTensors,
-    }
-    impl ModuleVisitor for Collect<'_> {
-        fn enter_module(&mut self, name: &str, _container: &str) {
-            self.path.push(name.to_string());
-        }
-        fn exit_module(&mut self, _name: &str, _container: &str) {
-            self.path.pop();
-        }
-        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-            let path = self.path.join(".");
-            if !(self.wanted)(&path) {
-                return;
-            }
-            let tensor = param.base().without_autodiff();
-            let shape = tensor.dims().to_vec();
-            // Parameters are f32 by construction; a read failure would be a defect of the backend.
-            let values = tensor
-                .into_data_as::<f32>()
-                .try_into_vec::<f32>()
-                .unwrap_or_default();
-            self.out.insert(path, HostTensor { shape, values });
-        }
-    }
-    let mut visitor = Collect {
-        path: Vec::new(),
-        wanted,
-        out: NamedTensors::new(),
-    };
-    model.visit(&mut visitor);
-    visitor.out
-}
-
-/// Paths and shapes of all float parameters of a module.
-pub fn param_shapes<M: Module>(model: &M) -> BTreeMap<String, Vec<usize>> {
-    struct Shapes {
-        path: Vec<String>,
-        out: BTreeMap<String, Vec<usize>>,
-    }
-    impl ModuleVisitor for Shapes {
-        fn enter_module(&mut self, name: &str, _container: &str) {
-            self.path.push(name.to_string());
-        }
-        fn exit_module(&mut self, _name: &str, _container: &str) {
-            self.path.pop();
-        }
-        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-            self.out
-                .insert(self.path.join("."), param.lazy_shape().to_vec());
-        }
-    }
-    let mut visitor = Shapes {
-        path: Vec::new(),
-        out: BTreeMap::new(),
-    };
-    model.visit(&mut visitor);
-    visitor.out
-}
-
-/// Gives a module the parameters in `tensors`; `file` is named in errors.
-///
-/// # Errors
-/// If a name is missing or unknown, or a shape differs; nothing is loaded then.
-pub fn load_params<M: Module>(
-    model: M,
-    tensors: NamedTensors,
-    file: &Path,
-) -> Result<M, CheckpointError> {
-    let expected = param_shapes(&model);
-    for (name, shape) in &expected {
-        match tensors.get(name) {
-            None => {
-                return Err(CheckpointError::MissingTensor {
-                    path: file.into(),
-                    tensor: name.clone(),
-                    expected: shape.clone(),
-                });
-            }
-            Some(found) if found.shape != *shape => {
-                return Err(CheckpointError::Shape {
-                    path: file.into(),
-                    tensor: name.clone(),
-                    expected: shape.clone(),
-                    found: found.shape.clone(),
-                });
-            }
-            Some(_) => {}
-        }
-    }
-    if let Some(name) = tensors.keys().find(|name| !expected.contains_key(*name)) {
-        return Err(CheckpointError::UnknownTensor {
-            path: file.into(),
-            tensor: name.clone(),
-        });
-    }
-    Ok(replace_params(model, tensors))
-}
-
-/// Replaces the parameters named in `tensors`; the others keep their values.
-///
-/// Shapes must fit: see [`load_params`] for the checked form.
-pub fn replace_params<M: Module>(model: M, tensors: NamedTensors) -> M {
-    struct Replace {
-        path: Vec<String>,
-        tensors: NamedTensors,
-    }
-    impl ModuleMapper for Replace {
-        fn enter_module(&mut self, name: &str, _container: &str) {
-            self.path.push(name.to_string());
-        }
-        fn exit_module(&mut self, _name: &str, _container: &str) {
-            self.path.pop();
-        }
-        fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-            let Some(host) = self.tensors.remove(&self.path.join(".")) else {
-                return param;
-            };
-            let device = param.lazy_device();
-            let tensor = Tensor::from_data(TensorData::new(host.values, host.shape), &device);
-            let id = param.id;
-            param.transform_for_load(tensor, id)
-        }
-    }
-    model.map(&mut Replace {
-        path: Vec::new(),
-        tensors,
-    })
-}
-
-#[cfg(test)]
+#[cfg(all(test, feature = "train"))]
 mod tests {
     use super::*;
     use burn::nn::{Linear, LinearConfig};

@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use crate::{
     args::{DecoderName, DescribeArgs},
+    commands::eval::peak_memory_mb,
     error::{CliError, CliResult},
     input::{self, Clip, ClipOptions, Provenance},
     output,
@@ -40,6 +41,9 @@ pub struct Row {
     pub clip_seconds: f64,
     /// Time from points to sentence, s.
     pub seconds: f64,
+    /// Most memory that this process has held, MB (Linux).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub peak_memory_mb: Option<f64>,
 }
 
 /// Name of a model in reports.
@@ -50,35 +54,33 @@ pub fn model_name(model: Option<&Path>) -> String {
     )
 }
 
-/// Loads a model folder, or the default that the binary carries.
+/// Loads a model folder, or the default that the binary carries, for the f32 engine.
 pub fn load_captioner(model: Option<&Path>) -> CliResult<Captioner> {
+    load_for(model, Decoder::Engine(Precision::F32))
+}
+
+fn load_for(model: Option<&Path>, decoder: Decoder) -> CliResult<Captioner> {
     match model {
-        Some(path) => Captioner::load(path).map_err(|e| {
+        Some(path) => Captioner::load(path, decoder).map_err(|e| {
             CliError::new(format!("{}: {e}", path.display()))
                 .hint("--model wants a folder made by `radarllm train all`")
         }),
-        None => crate::default_model::load(),
+        None => crate::default_model::load(decoder),
     }
 }
 
-/// Chooses what decodes and returns the model's name, which tells when it is an approximation.
-pub fn choose_decoder(
-    captioner: &mut Captioner,
-    decoder: DecoderName,
-    model: Option<&Path>,
-) -> CliResult<String> {
+/// Loads a model for a decoder, with the model's name, which tells when it is an approximation.
+pub fn load_decoder(model: Option<&Path>, decoder: DecoderName) -> CliResult<(Captioner, String)> {
     let name = model_name(model);
-    Ok(match decoder {
-        DecoderName::F32 => name, // What a captioner starts with.
-        DecoderName::Int8 => {
-            captioner.set_decoder(Decoder::Engine(Precision::Int8))?;
-            format!("{name}, int8")
-        }
-        DecoderName::Training => {
-            captioner.set_decoder(Decoder::Training)?;
-            name
-        }
-    })
+    let (decoder, name) = match decoder {
+        DecoderName::F32 => (Decoder::Engine(Precision::F32), name),
+        DecoderName::Int8 => (Decoder::Engine(Precision::Int8), format!("{name}, int8")),
+        #[cfg(feature = "train")]
+        DecoderName::Training => (Decoder::Training, name),
+        #[cfg(not(feature = "train"))]
+        DecoderName::Training => return Err(crate::error::needs_training("--decoder training")),
+    };
+    Ok((load_for(model, decoder)?, name))
 }
 
 /// Brings a clip to what models hear: their frame rate, and what moves.
@@ -131,6 +133,7 @@ pub fn describe(captioner: &Captioner, clip: &Clip, model: String, beam: usize) 
         frames: clip.frames.len(),
         clip_seconds: clip.frames.len() as f64 / clip.frame_rate_hz,
         seconds: started.elapsed().as_secs_f64(),
+        peak_memory_mb: peak_memory_mb(),
     })
 }
 
@@ -161,8 +164,7 @@ pub fn run(args: &DescribeArgs) -> CliResult {
             args.beam
         )));
     }
-    let mut captioner = load_captioner(args.model.as_deref())?;
-    let model = choose_decoder(&mut captioner, args.decoder, args.model.as_deref())?;
+    let (captioner, model) = load_decoder(args.model.as_deref(), args.decoder)?;
     let options = ClipOptions {
         radar: args.radar.as_deref(),
         format: args.format.as_deref(),

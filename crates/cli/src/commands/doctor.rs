@@ -29,7 +29,7 @@ pub fn run(args: &JsonFlag) -> CliResult {
         os: std::env::consts::OS,
         threads: commands::threads(None),
         cpu_features: cpu_features(),
-        checks: vec![default_model(), temporary_folder(), gpu()],
+        checks: vec![default_model(), temporary_folder(), training(), gpu()],
     };
     if args.json {
         return output::print_json(&report);
@@ -93,6 +93,18 @@ fn temporary_folder() -> Check {
         detail: match outcome {
             Ok(_) => format!("{} is writable", folder.display()),
             Err(error) => format!("{}: {error}", folder.display()),
+        },
+    }
+}
+
+fn training() -> Check {
+    let ok = cfg!(feature = "train");
+    Check {
+        feature: "training (train, ablate, lm, --decoder training, BERTScore, SimCSE)",
+        ok,
+        detail: match ok {
+            true => "in this build".into(),
+            false => "cargo build --release --locked -p radarllm-cli --features train".into(),
         },
     }
 }

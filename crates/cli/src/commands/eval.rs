@@ -8,7 +8,6 @@ use radarllm_metrics::{
     bootstrap::{mean_interval, units_of_ids},
     majority_caption, score, shuffled_assignment,
 };
-use radarllm_model::checkpoint::collect_params;
 use serde::Serialize;
 
 use crate::{
@@ -88,8 +87,7 @@ pub fn evaluate(args: &EvalArgs) -> CliResult<Report> {
     let split = Split::from_name(&args.split).ok_or_else(|| {
         CliError::new(format!("--split {}: unknown", args.split)).hint("train, val or test")
     })?;
-    let mut captioner = describe::load_captioner(args.model.as_deref())?;
-    let model = describe::choose_decoder(&mut captioner, args.decoder, args.model.as_deref())?;
+    let (captioner, model) = describe::load_decoder(args.model.as_deref(), args.decoder)?;
     let data = Dataset::open(&args.data)?;
     let clips = read(&data, split)?;
     let train = read(&data, Split::Train)?;
@@ -212,11 +210,7 @@ pub fn evaluate(args: &EvalArgs) -> CliResult<Report> {
         action_namer_on_references: reference_hits.iter().filter(|h| **h).count() as f64
             / reference_hits.len() as f64,
         right_action_by_action: by_action,
-        parameters: captioner.tokenizer.n_params()
-            + collect_params(&captioner.lm.net)
-                .values()
-                .map(|t| t.values.len())
-                .sum::<usize>(),
+        parameters: captioner.n_params(),
         seconds,
         captions_per_s: clips.len() as f64 / seconds,
         radar_frames_per_s: n_frames as f64 / seconds,

@@ -1,5 +1,6 @@
 //! One file a verb.
 
+#[cfg(feature = "train")]
 pub mod ablate;
 pub mod dataset;
 pub mod demo;
@@ -8,7 +9,9 @@ pub mod doctor;
 pub mod edits;
 pub mod eval;
 pub mod eval_recordings;
+#[cfg(feature = "train")]
 pub mod lm;
+#[cfg(feature = "train")]
 pub mod model_scores;
 pub mod motion;
 pub mod pictures;
@@ -17,6 +20,7 @@ pub mod radar;
 pub mod realism;
 pub mod score;
 pub mod simulate;
+#[cfg(feature = "train")]
 pub mod train;
 pub mod view;
 

@@ -14,9 +14,10 @@ use radarllm_metrics::{
 };
 use serde::Deserialize;
 
+#[cfg(feature = "train")]
+use crate::commands::model_scores;
 use crate::{
     args::ScoreArgs,
-    commands::model_scores,
     error::{CliError, CliResult},
     output,
 };
@@ -58,6 +59,10 @@ impl Id {
 /// Runs the verb.
 pub fn run(args: &ScoreArgs) -> CliResult {
     let _ = args.json;
+    #[cfg(not(feature = "train"))]
+    if args.bert_score.is_some() || args.sim_cse.is_some() {
+        return Err(crate::error::needs_training("--bert-score or --sim-cse"));
+    }
     let protocol = Protocol::from_name(&args.protocol).ok_or_else(|| {
         CliError::new(format!("--protocol {}: unknown", args.protocol))
             .hint("plain, nlg-eval, coco or motiongpt")
@@ -86,7 +91,12 @@ pub fn run(args: &ScoreArgs) -> CliResult {
         seed: args.seed,
         ..ScoreOptions::default()
     };
+    #[cfg_attr(
+        not(feature = "train"),
+        expect(unused_mut, reason = "nothing is added")
+    )]
     let mut scores = score_with(&candidates, &references, &options, &resources)?;
+    #[cfg(feature = "train")]
     model_scores::add(&mut scores, args, &candidates, &references)?;
     output::print_json(&scores)
 }

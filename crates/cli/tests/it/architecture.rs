@@ -61,6 +61,84 @@ fn the_table_is_the_real_dependency_graph() {
     assert_eq!(edges_of_table(), edges_of_manifests());
 }
 
+/// Invariant 9: what the default build of the command can link, by manifests and the lock file. Optional
+/// dependencies of other crates count as linked, so the set is never too small.
+#[test]
+fn the_default_build_links_no_learning_framework() {
+    let manifest = |folder: &str| -> toml::Table {
+        let path = root().join("crates").join(folder).join("Cargo.toml");
+        fs::read_to_string(path).unwrap().parse().unwrap()
+    };
+    let workspace: toml::Table = fs::read_to_string(root().join("Cargo.toml"))
+        .unwrap()
+        .parse()
+        .unwrap();
+    let shared = workspace["workspace"]["dependencies"].as_table().unwrap();
+    // Ours: dependencies that are not optional, and no feature but the default switches one on.
+    let (mut ours, mut others) = (BTreeSet::new(), BTreeSet::new());
+    let mut open = vec![("cli".to_string(), false)];
+    while let Some((folder, train)) = open.pop() {
+        assert!(!train, "{folder} is used with training");
+        if !ours.insert(folder.clone()) {
+            continue;
+        }
+        let manifest = manifest(&folder);
+        let defaults = manifest.get("features").and_then(|f| f.get("default"));
+        assert!(defaults.is_none(), "{folder} has default features");
+        let everywhere = manifest["dependencies"].as_table().unwrap().clone();
+        let targets = manifest.get("target").and_then(|t| t.as_table()).cloned();
+        let of_targets = targets
+            .into_iter()
+            .flatten()
+            .flat_map(|(_, target)| target["dependencies"].as_table().cloned().unwrap());
+        for (name, how) in everywhere.into_iter().chain(of_targets) {
+            if how.get("optional").and_then(|o| o.as_bool()) == Some(true) {
+                continue;
+            }
+            let train = [Some(&how), shared.get(&name)]
+                .into_iter()
+                .flatten()
+                .filter_map(|how| how.get("features").and_then(|f| f.as_array()))
+                .flatten()
+                .any(|feature| feature.as_str() == Some("train"));
+            match name.strip_prefix("radarllm-") {
+                Some(own) => open.push((own.to_string(), train)),
+                None => {
+                    others.insert(name);
+                }
+            }
+        }
+    }
+    assert!(
+        ours.contains("model") && !ours.contains("train"),
+        "{ours:?}"
+    );
+    // Theirs: everything the lock file can reach from there.
+    let lock: toml::Table = fs::read_to_string(root().join("Cargo.lock"))
+        .unwrap()
+        .parse()
+        .unwrap();
+    let mut edges: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
+    for package in lock["package"].as_array().unwrap() {
+        let uses = package.get("dependencies").and_then(|d| d.as_array());
+        let names = uses.into_iter().flatten().filter_map(|d| d.as_str());
+        // "name", or "name version" where there are several.
+        let names = names.filter_map(|d| d.split(' ').next());
+        let name = package["name"].as_str().unwrap();
+        edges.entry(name).or_default().extend(names);
+    }
+    let mut reached: BTreeSet<&str> = BTreeSet::new();
+    let mut open: Vec<&str> = others.iter().map(String::as_str).collect();
+    while let Some(name) = open.pop() {
+        if reached.insert(name) {
+            open.extend(edges[name].iter().copied());
+        }
+    }
+    assert!(reached.contains("tokenizers"), "the walk reaches something");
+    let burn: Vec<_> = reached.iter().filter(|n| n.starts_with("burn")).collect();
+    assert!(burn.is_empty(), "{burn:?}");
+}
+
 #[test]
 fn every_entry_point_of_the_map_exists() {
     let text = fs::read_to_string(root().join("ARCHITECTURE.md")).unwrap();

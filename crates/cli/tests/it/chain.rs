@@ -129,6 +129,7 @@ fn demo_prints_three_different_sentences_with_provenance() {
 
 /// A few updates of every stage on a few clips: not a good model, but the whole path from a data
 /// set to a report, twice, with an interruption in between.
+#[cfg(feature = "train")]
 #[test]
 fn every_stage_trains_resumes_and_is_evaluated() {
     let folder = tempfile::tempdir().unwrap();

@@ -6,9 +6,12 @@ mod capture;
 mod chain;
 mod command;
 mod geometry;
+#[cfg(feature = "train")]
 mod lm;
 mod recordings;
 mod score;
+#[cfg(not(feature = "train"))]
+mod without_training;
 
 /// Captures are made as the capture crate's own tests make them.
 #[allow(dead_code)]

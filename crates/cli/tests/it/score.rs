@@ -194,6 +194,7 @@ fn meteor_with_its_own_data_is_that_of_the_jar() {
 
 /// The tiny BERT of the goldens with a tokenizer of words w3 to w39: sentences equal to a reference score 1,
 /// others less, and what made the figures is said.
+#[cfg(feature = "train")]
 #[test]
 fn a_named_checkpoint_gives_bert_score_and_similarity() {
     let dir = tempfile::tempdir().unwrap();

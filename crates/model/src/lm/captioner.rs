@@ -2,13 +2,21 @@
 
 use std::path::Path;
 
-use burn::tensor::Device;
 use radarllm_base::PointFrame;
-use radarllm_engine::{Engine, Precision};
+use radarllm_engine::{Engine, Generated, Precision};
 
+use super::card::LmFiles;
+use super::config::LmConfig;
+use super::on_engine::EngineLm;
 use super::presence::{median_points, points_stay_together};
-use super::{Allowed, GenerateOptions, LmError, RadarLm};
-use crate::tokenizer::{FRAMES_PER_CODE, MAX_FRAMES, RadarTokenizer};
+#[cfg(feature = "train")]
+use super::radar_lm::RadarLm;
+use super::{Allowed, GenerateOptions, LmError};
+#[cfg(feature = "train")]
+use crate::tokenizer::ReferenceTokenizer;
+use crate::tokenizer::{
+    EncodeError, Encoded, FRAMES_PER_CODE, MAX_FRAMES, RadarTokenizer, TokenizerConfig,
+};
 
 /// What is said when nobody can be seen.
 pub const NO_PERSON: &str = "no person seen";
@@ -18,25 +26,29 @@ pub const FRAME_RATE_HZ: f32 = 10.0;
 
 /// Radar tokenizer and language model, ready to describe.
 pub struct Captioner {
-    /// Points to codes.
-    pub tokenizer: RadarTokenizer,
-    /// Codes to words.
-    pub lm: RadarLm,
+    networks: Networks,
     /// A window whose median frame has fewer points than this holds no person, unless the few stay together.
     pub min_median_points: usize,
     /// Fewer frames than this say nothing.
     pub min_frames: usize,
-    /// The language model's weights packed for decoding; none when the training network decodes.
-    engine: Option<Engine>,
 }
 
-/// What turns codes into words.
+/// Points to codes to words.
+enum Networks {
+    Engine(RadarTokenizer, Box<EngineLm>),
+    #[cfg(feature = "train")]
+    Training(ReferenceTokenizer, Box<RadarLm>),
+}
+
+/// What turns points into codes and codes into words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Decoder {
-    /// The inference engine on these numbers. In f32 it says what the training network says; bytes are
-    /// faster on large models and now and then choose another word.
+    /// The inference engine, the language model on these numbers (the radar tokenizer always in f32). In
+    /// f32 it says what the training networks say; bytes are faster on large models and now and then choose
+    /// another word.
     Engine(Precision),
-    /// The network as it is trained.
+    /// The networks as they are trained.
+    #[cfg(feature = "train")]
     Training,
 }
 
@@ -93,60 +105,108 @@ pub struct Description {
 }
 
 impl Captioner {
-    /// Loads `dir/tokenizer` and `dir/lm` on the CPU.
+    /// Loads `dir/tokenizer` and `dir/lm`; only the networks that `decoder` names are built.
     ///
     /// # Errors
     /// If either is missing or damaged, or they do not belong together.
-    pub fn load(dir: &Path) -> Result<Self, LmError> {
-        let tokenizer = RadarTokenizer::load(&dir.join("tokenizer"))?;
-        let lm = RadarLm::load(&dir.join("lm"), &Device::flex())?;
-        Self::new(tokenizer, lm)
+    pub fn load(dir: &Path, decoder: Decoder) -> Result<Self, LmError> {
+        let tokenizer = dir.join("tokenizer");
+        let lm = LmFiles::open(&dir.join("lm"))?;
+        match decoder {
+            // The engine holds no decoder alone; what it would say in f32 the training network says.
+            #[cfg(feature = "train")]
+            Decoder::Engine(Precision::F32) if !lm.is_t5() => Self::load_training(&tokenizer, lm),
+            Decoder::Engine(precision) => Self::new(
+                RadarTokenizer::load(&tokenizer)?,
+                EngineLm::from_files(lm, precision)?,
+            ),
+            #[cfg(feature = "train")]
+            Decoder::Training => Self::load_training(&tokenizer, lm),
+        }
+    }
+
+    #[cfg(feature = "train")]
+    fn load_training(tokenizer: &Path, lm: LmFiles) -> Result<Self, LmError> {
+        Self::training(
+            ReferenceTokenizer::load(tokenizer)?,
+            RadarLm::from_files(lm, &super::Device::flex())?,
+        )
     }
 
     /// Puts two models together.
     ///
     /// # Errors
     /// If codebook size or feature width differ.
-    pub fn new(tokenizer: RadarTokenizer, lm: RadarLm) -> Result<Self, LmError> {
-        let (size, dim) = (
-            tokenizer.config().codebook_size,
-            tokenizer.config().code_dim,
-        );
-        if size != lm.config.n_codes || (lm.config.bypass && dim != lm.config.code_dim) {
-            let problem = format!(
-                "the tokenizer has {size} codes of width {dim}, the language model knows {} of {}",
-                lm.config.n_codes, lm.config.code_dim
-            );
-            return Err(LmError::Config {
-                field: "n_codes",
-                problem,
-            });
-        }
-        let mut captioner = Self {
-            tokenizer,
-            lm,
-            min_median_points: 8,
-            min_frames: 8,
-            engine: None,
-        };
-        // The engine holds no decoder alone; there the training network decodes.
-        if captioner.lm.net.t5().is_some() {
-            captioner.set_decoder(Decoder::Engine(Precision::F32))?;
-        }
-        Ok(captioner)
+    pub fn new(tokenizer: RadarTokenizer, lm: EngineLm) -> Result<Self, LmError> {
+        check_pair(tokenizer.config(), lm.config())?;
+        Ok(Self::of(Networks::Engine(tokenizer, lm.into())))
     }
 
-    /// Chooses what decodes; [`Precision::F32`] on the engine at first. Packs the present weights of
-    /// [`Self::lm`]: to be called again if they change.
+    /// Puts two models together that run as they are trained.
     ///
     /// # Errors
-    /// If the engine cannot hold the language model.
-    pub fn set_decoder(&mut self, decoder: Decoder) -> Result<(), LmError> {
-        self.engine = match decoder {
-            Decoder::Engine(precision) => Some(self.lm.engine(precision)?),
-            Decoder::Training => None,
+    /// As [`Self::new`].
+    #[cfg(feature = "train")]
+    pub fn training(tokenizer: ReferenceTokenizer, lm: RadarLm) -> Result<Self, LmError> {
+        check_pair(tokenizer.config(), &lm.config)?;
+        Ok(Self::of(Networks::Training(tokenizer, lm.into())))
+    }
+
+    fn of(networks: Networks) -> Self {
+        Self {
+            networks,
+            min_median_points: 8,
+            min_frames: 8,
+        }
+    }
+
+    /// Number of weights of both models.
+    pub fn n_params(&self) -> usize {
+        match &self.networks {
+            Networks::Engine(tokenizer, lm) => tokenizer.n_params() + lm.n_params(),
+            #[cfg(feature = "train")]
+            Networks::Training(tokenizer, lm) => {
+                let weights = crate::checkpoint::collect_params(&lm.net);
+                let n_lm: usize = weights.values().map(|t| t.values.len()).sum();
+                tokenizer.n_params() + n_lm
+            }
+        }
+    }
+
+    /// Codes of windows.
+    fn encode(&self, windows: &[(&[PointFrame], f32)]) -> Result<Vec<Encoded>, EncodeError> {
+        match &self.networks {
+            Networks::Engine(tokenizer, _) => tokenizer.encode_batch(windows),
+            #[cfg(feature = "train")]
+            Networks::Training(tokenizer, _) => tokenizer.encode_batch(windows),
+        }
+    }
+
+    /// What is said about each window's codes, and its words.
+    fn say(
+        &self,
+        encoded: &[Encoded],
+        options: &GenerateOptions,
+    ) -> Result<Vec<(Generated, String)>, LmError> {
+        let (generated, vocab) = match &self.networks {
+            Networks::Engine(_, lm) => {
+                let sources = encoded.iter().map(|e| lm.describe_prompt(e));
+                let sources = sources.collect::<Result<Vec<_>, _>>()?;
+                let mut session = lm.engine().session(threads(lm.engine()));
+                (lm.generate(&mut session, &sources, options)?, lm.vocab())
+            }
+            #[cfg(feature = "train")]
+            Networks::Training(_, lm) => {
+                let sources = encoded.iter().map(|e| lm.describe_prompt(e));
+                let sources = sources.collect::<Result<Vec<_>, _>>()?;
+                (lm.generate(&sources, options)?, &lm.vocab)
+            }
         };
-        Ok(())
+        let with_text = |g: Generated| {
+            let text = vocab.text(&g.ids);
+            (g, text)
+        };
+        Ok(generated.into_iter().map(with_text).collect())
     }
 
     /// Describes one recording at 10 frames a second, of any length.
@@ -197,29 +257,17 @@ impl Captioner {
             });
         }
         let encoded = self
-            .tokenizer
-            .encode_batch(&windows)
+            .encode(&windows)
             .map_err(|e| LmError::RadarTokenizer(e.to_string()))?;
-        let sources: Vec<_> = encoded
-            .iter()
-            .map(|e| self.lm.describe_prompt(e))
-            .collect::<Result<_, _>>()?;
         let options = GenerateOptions {
             beam,
             allowed: Allowed::Text,
             ..Default::default()
         };
-        let generated = match &self.engine {
-            Some(engine) => {
-                let mut session = engine.session(threads(engine));
-                self.lm.generate_on(&mut session, &sources, &options)?
-            }
-            None => self.lm.generate(&sources, &options)?,
-        };
+        let generated = self.say(&encoded, &options)?;
         // Per recording: last caption said, summed log-probability, scored tokens.
         let mut sums = vec![(String::new(), 0.0_f32, 0_usize); clips.len()];
-        for ((owner, codes), result) in owners.iter().zip(&encoded).zip(&generated) {
-            let text = self.lm.vocab.text(&result.ids);
+        for ((owner, codes), (result, text)) in owners.iter().zip(&encoded).zip(generated) {
             let description = &mut out[*owner];
             let (last, log_prob, n) = &mut sums[*owner];
             description.tokens.extend(&codes.codes);
@@ -267,6 +315,22 @@ impl Captioner {
     }
 }
 
+/// Checks that the language model knows the tokenizer's codes and features.
+fn check_pair(tokenizer: &TokenizerConfig, lm: &LmConfig) -> Result<(), LmError> {
+    let (size, dim) = (tokenizer.codebook_size, tokenizer.code_dim);
+    if size != lm.n_codes || (lm.bypass && dim != lm.code_dim) {
+        let problem = format!(
+            "the tokenizer has {size} codes of width {dim}, the language model knows {} of {}",
+            lm.n_codes, lm.code_dim
+        );
+        return Err(LmError::Config {
+            field: "n_codes",
+            problem,
+        });
+    }
+    Ok(())
+}
+
 /// Small models fit one core's caches and are fastest there; large ones wait for memory, which several
 /// cores bring in faster.
 fn threads(engine: &Engine) -> usize {
@@ -286,20 +350,23 @@ fn equal_windows(frames: &[PointFrame]) -> impl Iterator<Item = &[PointFrame]> {
     frames.chunks(length)
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "train"))]
 mod tests {
     use super::*;
-    use crate::lm::{LmPreset, Vocab, templates};
-    use crate::tokenizer::TokenizerConfig;
+    use crate::lm::{Device, LmPreset, Vocab, templates};
     use crate::tokenizer::network::TokenizerNet;
     use radarllm_base::RadarPoint;
 
     /// Untrained networks: what they say is noise, how it is put together is not.
-    fn captioner() -> Captioner {
-        let device = Device::flex();
+    fn networks() -> (TokenizerConfig, TokenizerNet) {
         let config = TokenizerConfig::small();
-        let net = TokenizerNet::new(&config, &device);
+        let net = TokenizerNet::new(&config, &Device::flex());
+        (config, net)
+    }
+
+    fn language_model() -> RadarLm {
         let texts = ["a person walks", "someone jumps twice"];
+        let config = TokenizerConfig::small();
         let vocab = Vocab::learn(
             texts.into_iter(),
             templates::all_text(),
@@ -308,8 +375,17 @@ mod tests {
             config.codebook_size,
         );
         let shape = LmPreset::Small.config(config.codebook_size, config.code_dim);
-        let lm = RadarLm::new(shape, vocab.unwrap(), 1, &device).unwrap();
-        Captioner::new(RadarTokenizer::from_net(config, net), lm).unwrap()
+        RadarLm::new(shape, vocab.unwrap(), 1, &Device::flex()).unwrap()
+    }
+
+    fn on_engine(config: TokenizerConfig, net: &TokenizerNet, precision: Precision) -> Captioner {
+        let tokenizer = RadarTokenizer::from_net(config, net).unwrap();
+        Captioner::new(tokenizer, EngineLm::of(language_model(), precision)).unwrap()
+    }
+
+    fn captioner() -> Captioner {
+        let (config, net) = networks();
+        on_engine(config, &net, Precision::F32)
     }
 
     fn frames(n: usize, n_points: usize) -> Vec<PointFrame> {
@@ -400,21 +476,37 @@ mod tests {
 
     #[test]
     fn every_decoder_describes_and_f32_says_what_training_says() {
-        let mut captioner = captioner();
+        let (config, net) = networks();
         let clip = frames(60, 20);
-        let by_default = captioner.describe(&clip, 1.0, 2).unwrap();
-        let mut with = |decoder| {
-            captioner.set_decoder(decoder).unwrap();
-            captioner.describe(&clip, 1.0, 2).unwrap()
-        };
-        let training = with(Decoder::Training);
-        assert_eq!(with(Decoder::Engine(Precision::F32)), by_default);
-        assert_eq!(training.caption, by_default.caption);
-        assert!((training.confidence - by_default.confidence).abs() < 1e-5);
-        assert_eq!(
-            with(Decoder::Engine(Precision::Int8)).tokens,
-            by_default.tokens
+        let describe = |captioner: Captioner| captioner.describe(&clip, 1.0, 2).unwrap();
+        let f32 = describe(on_engine(config.clone(), &net, Precision::F32));
+        let int8 = describe(on_engine(config.clone(), &net, Precision::Int8));
+        let tokenizer = ReferenceTokenizer::new(config, &net);
+        let training = describe(Captioner::training(tokenizer, language_model()).unwrap());
+        assert_eq!(training.caption, f32.caption);
+        assert_eq!(training.tokens, f32.tokens);
+        assert!((training.confidence - f32.confidence).abs() < 1e-5);
+        assert_eq!(int8.tokens, f32.tokens);
+    }
+
+    /// The model that comes with the repository, from its folder by every decoder.
+    #[test]
+    fn folders_load_for_every_decoder() {
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/default");
+        let clip = frames(60, 40);
+        let load = |decoder| Captioner::load(&dir, decoder).unwrap();
+        let f32 = load(Decoder::Engine(Precision::F32));
+        let training = load(Decoder::Training);
+        assert_eq!(f32.n_params(), training.n_params());
+        let (f32, training) = (
+            f32.describe(&clip, 1.0, 1).unwrap(),
+            training.describe(&clip, 1.0, 1).unwrap(),
         );
+        assert_eq!(
+            (&f32.caption, &f32.tokens),
+            (&training.caption, &training.tokens)
+        );
+        assert!(f32.caption.len() > 10, "{}", f32.caption);
     }
 
     #[test]

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::LmError;
-use super::gpt2::Gpt2Config;
-use super::qwen2::Qwen2Config;
+use super::gpt2_config::Gpt2Config;
+use super::qwen2_config::Qwen2Config;
 
 /// Feed-forward flavour of a T5 block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,16 +1,24 @@
-//! Decoding: greedy for batches, beam search for quality, both with cached keys and values.
+//! Decoding: greedy for batches, beam search for quality, both with cached keys and values. What is asked
+//! is the same for the engine; the search here, with the feature `train`, runs the network as trained.
 //!
 //! Scores are log-probabilities among the allowed tokens only: a sentence is never blamed for
 //! probability that went to radar codes.
 
 pub use radarllm_engine::Generated;
 
+#[cfg(feature = "train")]
 use super::config::NetworkConfig;
+#[cfg(feature = "train")]
 use super::decoder::DecoderPast;
+#[cfg(feature = "train")]
 use super::radar_lm::RadarNet;
-use super::t5::{DecoderCache, RadarT5, Source, SourceBatch};
-use super::vocab::{Layout, PAD};
-use super::{LmError, RadarDecoder, RadarLm, hf};
+#[cfg(feature = "train")]
+use super::t5::{DecoderCache, RadarT5, SourceBatch};
+use super::vocab::Layout;
+#[cfg(feature = "train")]
+use super::vocab::PAD;
+#[cfg(feature = "train")]
+use super::{LmError, RadarDecoder, RadarLm, Source, hf};
 
 /// Which tokens may be produced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -67,11 +75,13 @@ impl Default for GenerateOptions {
 }
 
 /// A network and what it keeps between decoding steps.
+#[cfg(feature = "train")]
 enum Running<'a> {
     T5(&'a RadarT5, DecoderCache),
     Decoder(&'a RadarDecoder, DecoderPast),
 }
 
+#[cfg(feature = "train")]
 impl Running<'_> {
     /// Logits `[rows, n_rows]` of the token after `last`.
     fn logits(&mut self, last: &[u32], n_rows: usize) -> Vec<f32> {
@@ -101,6 +111,7 @@ impl Running<'_> {
     }
 }
 
+#[cfg(feature = "train")]
 impl RadarLm {
     /// Decodes every source.
     ///
@@ -364,6 +375,7 @@ impl RadarLm {
 }
 
 /// Id and value of the largest entry; the first of equals, `end` if there is none.
+#[cfg(feature = "train")]
 fn argmax(scores: &[f32], end: u32) -> (u32, f32) {
     let mut best = (end, f32::NEG_INFINITY);
     for (id, score) in scores.iter().enumerate() {
@@ -375,6 +387,7 @@ fn argmax(scores: &[f32], end: u32) -> (u32, f32) {
 }
 
 /// The `k` largest entries, largest first.
+#[cfg(feature = "train")]
 fn top(scores: &[f32], k: usize) -> Vec<(u32, f32)> {
     let mut ids: Vec<u32> = (0..scores.len() as u32).collect();
     let by_score = |a: &u32, b: &u32| {
@@ -392,10 +405,11 @@ fn top(scores: &[f32], k: usize) -> Vec<(u32, f32)> {
         .collect()
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "train"))]
 mod tests {
     use super::*;
-    use crate::lm::t5::{DropoutRng, Source};
+    use crate::lm::Source;
+    use crate::lm::t5::DropoutRng;
     use crate::lm::vocab::EOS;
     use crate::lm::{Backbone, FeedForward, LmPreset, Vocab, templates};
     use crate::tokenizer::Encoded;

@@ -1,13 +1,17 @@
-//! The same network on [`radarllm_engine`]: packed weights, no learning framework.
+//! The language model on [`radarllm_engine`]: packed weights, no learning framework.
 
-use radarllm_engine::{Engine, Precision, SearchOptions, Session, Shape};
+use std::path::Path;
 
+use radarllm_engine::{Engine, Precision, SearchOptions, Session, Shape, Source};
+
+use super::LmError;
+use super::card::LmFiles;
 use super::config::{FeedForward, LmConfig};
 use super::generate::{GenerateOptions, Generated};
-use super::t5::Source;
-use super::vocab::{EOS, PAD};
-use super::{LmError, RadarLm};
-use crate::checkpoint::collect_params;
+use super::templates::EVALUATION_PROMPT;
+use super::vocab::{PAD, Vocab};
+use crate::checkpoint::CheckpointError;
+use crate::tokenizer::Encoded;
 
 impl LmConfig {
     /// The network's shape as the engine sees it; none of a decoder alone, which it does not hold.
@@ -32,22 +36,127 @@ impl LmConfig {
     }
 }
 
-impl RadarLm {
+/// The language model on packed weights.
+pub struct EngineLm {
+    config: LmConfig,
+    vocab: Vocab,
+    engine: Engine,
+    n_params: usize,
+}
+
+impl EngineLm {
+    /// Opens a checkpoint: `config.json`, `tokenizer.json` and the weights it names.
+    ///
+    /// # Errors
+    /// If a file is missing or damaged, or weights do not fit the configuration.
+    pub fn load(dir: &Path, precision: Precision) -> Result<Self, LmError> {
+        Self::from_files(LmFiles::open(dir)?, precision)
+    }
+
+    pub(super) fn from_files(files: LmFiles, precision: Precision) -> Result<Self, LmError> {
+        let Some(shape) = files.card.lm.engine_shape() else {
+            return Err(not_t5(&files.card.lm));
+        };
+        let (weights, path) = files.t5_weights()?;
+        let n_params = weights.values().map(|t| t.values.len()).sum();
+        let engine = Engine::new(shape, precision, weights)
+            .map_err(|e| CheckpointError::from_engine(e, &path))?;
+        Ok(Self {
+            config: files.card.lm,
+            vocab: files.vocab,
+            engine,
+            n_params,
+        })
+    }
+
+    /// Shape.
+    pub fn config(&self) -> &LmConfig {
+        &self.config
+    }
+
+    /// Ids.
+    pub fn vocab(&self) -> &Vocab {
+        &self.vocab
+    }
+
+    /// The packed weights.
+    pub fn engine(&self) -> &Engine {
+        &self.engine
+    }
+
+    /// Number of weights.
+    pub fn n_params(&self) -> usize {
+        self.n_params
+    }
+
+    /// The prompt that asks for a description: the one training always holds.
+    ///
+    /// # Errors
+    /// If a code is beyond the codebook or features do not fit codes.
+    pub fn describe_prompt(&self, radar: &Encoded) -> Result<Source, LmError> {
+        self.vocab.prompt(EVALUATION_PROMPT, Some(radar), None)
+    }
+
+    /// Decodes every source on a session of [`Self::engine`].
+    ///
+    /// # Errors
+    /// If a source does not fit the model.
+    pub fn generate(
+        &self,
+        session: &mut Session,
+        sources: &[Source],
+        options: &GenerateOptions,
+    ) -> Result<Vec<Generated>, LmError> {
+        decode(session, &self.vocab, sources, options)
+    }
+}
+
+fn not_t5(config: &LmConfig) -> LmError {
+    LmError::Config {
+        field: "decoder",
+        problem: format!(
+            "the inference engine holds T5 only, this is a {}; a build with the feature `train` decodes it with \
+             `--decoder f32` or `training`",
+            config.network.backbone().name()
+        ),
+    }
+}
+
+fn decode(
+    session: &mut Session,
+    vocab: &Vocab,
+    sources: &[Source],
+    options: &GenerateOptions,
+) -> Result<Vec<Generated>, LmError> {
+    let layout = vocab.layout();
+    let n_rows = options.allowed.n_rows(layout) as u32;
+    let allowed: Vec<bool> = (0..n_rows)
+        .map(|id| options.allowed.permits(id, layout))
+        .collect();
+    let search = SearchOptions {
+        max_new_tokens: options.max_new_tokens.clamp(1, 512),
+        beam: options.beam.clamp(1, 64),
+        length_penalty: options.length_penalty,
+        batch: options.batch,
+        start: PAD,
+        end: layout.end,
+        allowed: &allowed,
+    };
+    Ok(session.generate(sources, &search)?)
+}
+
+#[cfg(feature = "train")]
+impl super::RadarLm {
     /// Packs this model's present weights.
     ///
     /// # Errors
     /// If the engine cannot hold the shape.
     pub fn engine(&self, precision: Precision) -> Result<Engine, LmError> {
         let (Some(shape), Some(net)) = (self.config.engine_shape(), self.net.t5()) else {
-            return Err(LmError::Config {
-                field: "decoder",
-                problem: format!(
-                    "the inference engine holds T5 only, this is a {}; f32 and training decode it",
-                    self.config.network.backbone().name()
-                ),
-            });
+            return Err(not_t5(&self.config));
         };
-        Ok(Engine::new(shape, precision, collect_params(net))?)
+        let weights = crate::checkpoint::collect_params(net);
+        Ok(Engine::new(shape, precision, weights)?)
     }
 
     /// Decodes every source as [`Self::generate`] does, on a session of [`Self::engine`].
@@ -60,35 +169,33 @@ impl RadarLm {
         sources: &[Source],
         options: &GenerateOptions,
     ) -> Result<Vec<Generated>, LmError> {
-        let layout = self.vocab.layout();
-        let n_rows = options.allowed.n_rows(layout) as u32;
-        let allowed: Vec<bool> = (0..n_rows)
-            .map(|id| options.allowed.permits(id, layout))
-            .collect();
-        let search = SearchOptions {
-            max_new_tokens: options.max_new_tokens.clamp(1, 512),
-            beam: options.beam.clamp(1, 64),
-            length_penalty: options.length_penalty,
-            batch: options.batch,
-            start: PAD,
-            end: EOS,
-            allowed: &allowed,
-        };
-        Ok(session.generate(sources, &search)?)
+        decode(session, &self.vocab, sources, options)
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use std::path::Path;
+#[cfg(all(test, feature = "train"))]
+impl EngineLm {
+    /// A model in memory, packed.
+    pub(super) fn of(lm: super::RadarLm, precision: Precision) -> Self {
+        let weights = crate::checkpoint::collect_params(lm.net.t5().unwrap());
+        Self {
+            n_params: weights.values().map(|t| t.values.len()).sum(),
+            engine: lm.engine(precision).unwrap(),
+            config: lm.config,
+            vocab: lm.vocab,
+        }
+    }
+}
 
+#[cfg(all(test, feature = "train"))]
+mod tests {
     use burn::tensor::Device;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
 
     use super::*;
-    use crate::lm::{Allowed, LmPreset, NetworkConfig, Vocab, hf, templates};
-    use crate::tokenizer::Encoded;
+    use crate::lm::vocab::EOS;
+    use crate::lm::{Allowed, LmPreset, NetworkConfig, RadarLm, hf, templates};
 
     /// The model that comes with the repository.
     fn default_model() -> RadarLm {

@@ -7,27 +7,25 @@ use burn::tensor::Device;
 use radarllm_engine::MAX_SOURCE;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
+use super::card::LmFiles;
 use super::config::{LmConfig, NetworkConfig};
 use super::decoder::{Decoder, RadarDecoder};
 use super::decoder_files::{Adapters, RADAR_FILE, absolute, hf_config, read_adapters, read_base};
 use super::hf;
 use super::layers::LoraConfig;
-use super::t5::{RadarT5, Source};
+use super::t5::RadarT5;
 use super::templates::EVALUATION_PROMPT;
-use super::vocab::{Layout, Vocab};
-use super::{LmError, t5::T5};
+use super::vocab::Vocab;
+use super::{LmError, Source, t5::T5};
 use crate::checkpoint::{
     CONFIG_FILE, Checkpoint, CheckpointError, CheckpointFiles, HostTensor, MODEL_FILE,
     NamedTensors, collect_params, load_params,
 };
 use crate::tokenizer::Encoded;
 
-/// Name of the text tokenizer's file.
-pub const TEXT_TOKENIZER_FILE: &str = "tokenizer.json";
-/// Name of the file with averaged weights.
-pub const AVERAGE_FILE: &str = "average.safetensors";
+pub use super::card::{AVERAGE_FILE, LmCard, TEXT_TOKENIZER_FILE};
 
 /// Sentinels of a pretrained decoder, which has none of its own: as many as the presets have.
 const DECODER_SENTINELS: usize = 32;
@@ -68,20 +66,6 @@ pub struct RadarLm {
     device: Device,
 }
 
-/// `config.json` of a language model.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LmCard {
-    /// Shape.
-    pub lm: LmConfig,
-    /// Ids.
-    pub vocab: Layout,
-    /// Weights file that inference uses: [`MODEL_FILE`] or [`AVERAGE_FILE`].
-    pub weights: String,
-    /// Of a model with adapters: which base they belong to.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub base_blake3: Option<String>,
-}
-
 impl LmCard {
     /// The card as `config.json`: of a decoder alone, Hugging Face's fields and the rest under `radarllm`.
     pub fn to_json(&self) -> serde_json::Value {
@@ -95,26 +79,6 @@ impl LmCard {
         let mut value = hf_config(&self.lm.network, self.vocab.end);
         value["radarllm"] = card;
         value
-    }
-
-    fn read(checkpoint: &Checkpoint) -> Result<Self, LmError> {
-        let mut value: serde_json::Value = checkpoint.json(CONFIG_FILE)?;
-        let radar = value.as_object_mut().and_then(|v| v.remove("radarllm"));
-        if let Some(mut card) = radar {
-            let kind = value["model_type"].as_str().unwrap_or_default().to_string();
-            if kind != "gpt2" && kind != "qwen2" {
-                return Err(LmError::Config {
-                    field: "model_type",
-                    problem: format!("expected gpt2 or qwen2, found `{kind}`"),
-                });
-            }
-            if let Some(lm) = card.get_mut("lm").and_then(|lm| lm.as_object_mut()) {
-                lm.insert(kind, value);
-            }
-            value = card;
-        }
-        let file = checkpoint.dir().join(CONFIG_FILE);
-        serde_json::from_value(value).map_err(|e| hf::json_error(&file, &e))
     }
 }
 
@@ -275,39 +239,21 @@ impl RadarLm {
     /// # Errors
     /// If a file is missing or damaged, or weights do not fit the configuration.
     pub fn load(dir: &Path, device: &Device) -> Result<Self, LmError> {
-        let checkpoint = Checkpoint::open(dir)?;
-        let card = LmCard::read(&checkpoint)?;
-        card.lm.validate()?;
-        let vocab = Vocab::from_parts(&checkpoint.bytes(TEXT_TOKENIZER_FILE)?, card.vocab.clone())?;
-        if card.lm.network.vocab_size() != vocab.layout().size() {
-            let problem = format!(
-                "{} rows for a vocabulary of {}",
-                card.lm.network.vocab_size(),
-                vocab.layout().size()
-            );
-            return Err(LmError::Config {
-                field: "vocab_size",
-                problem,
-            });
-        }
-        let (net, adapters) = match &card.lm.network {
-            NetworkConfig::T5(_) => {
-                let weights = if card.weights == AVERAGE_FILE {
-                    AVERAGE_FILE
-                } else {
-                    MODEL_FILE
-                };
-                let path = checkpoint.dir().join(weights);
-                let tensors = checkpoint.tensors(weights)?;
-                let net = load_net(&card.lm, tensors, device, &path)?;
-                (RadarNet::T5(net), None)
-            }
-            _ => load_decoder(&card, &checkpoint, device)?,
+        Self::from_files(LmFiles::open(dir)?, device)
+    }
+
+    pub(super) fn from_files(files: LmFiles, device: &Device) -> Result<Self, LmError> {
+        let (net, adapters) = if files.is_t5() {
+            let (weights, path) = files.t5_weights()?;
+            let net = load_net(&files.card.lm, weights, device, &path)?;
+            (RadarNet::T5(net), None)
+        } else {
+            load_decoder(&files.card, &files.checkpoint, device)?
         };
         Ok(Self {
             net,
-            vocab,
-            config: card.lm,
+            vocab: files.vocab,
+            config: files.card.lm,
             adapters,
             device: device.clone(),
         })

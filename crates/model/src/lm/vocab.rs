@@ -8,6 +8,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use radarllm_engine::Source;
 use serde::{Deserialize, Serialize};
 use tokenizers::Tokenizer;
 use tokenizers::normalizers::bert::BertNormalizer;
@@ -17,7 +18,6 @@ use tokenizers::tokenizer::{
 };
 
 use super::LmError;
-use super::t5::Source;
 use super::templates::{Piece, pieces};
 use crate::tokenizer::Encoded;
 

@@ -1,23 +1,19 @@
-//! The trained tokenizer: points in, codes out.
+//! The trained tokenizer: points in, codes out, on the inference engine.
 
 use std::path::Path;
 
-use burn::module::Module;
-use burn::tensor::Device;
 use radarllm_base::PointFrame;
+use radarllm_engine::tokenizer::{Codes, TubeClip};
+use radarllm_engine::{EngineError, tokenizer as engine};
 use serde::{Deserialize, Serialize};
 
-use super::batch::ClipBatch;
-use super::codebook::nearest_codes;
-use super::config::TokenizerConfig;
+use super::config::{MAX_STEPS, TokenizerConfig};
+use super::doppler_profile::PROFILE_DIM;
 use super::grouping::{Grouped, GroupingError, group};
-use super::network::TokenizerNet;
-use crate::checkpoint::{Checkpoint, CheckpointError, collect_params};
+use crate::checkpoint::{CONFIG_FILE, Checkpoint, CheckpointError, MODEL_FILE, NamedTensors};
 
 /// `kind` in a tokenizer's `config.json`.
 pub const TOKENIZER_KIND: &str = "radar_tokenizer";
-/// Clips encoded at once by [`RadarTokenizer::encode_batch`].
-const BATCH: usize = 16;
 
 /// `config.json` of a tokenizer checkpoint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -60,14 +56,55 @@ pub enum EncodeError {
         /// Position in the batch.
         clip: usize,
     },
+    /// Grouped clips do not fit the network.
+    #[error(transparent)]
+    Engine(EngineError),
 }
 
 /// A trained tokenizer ready to encode.
-#[derive(Debug, Clone)]
 pub struct RadarTokenizer {
     config: TokenizerConfig,
-    net: TokenizerNet,
-    codebook: Vec<f32>,
+    network: engine::Tokenizer,
+    n_params: usize,
+}
+
+impl TokenizerConfig {
+    /// The network's shape as the engine sees it.
+    pub fn engine_shape(&self) -> engine::TokenizerShape {
+        engine::TokenizerShape {
+            n_anchors: self.n_anchors(),
+            max_steps: MAX_STEPS,
+            width: self.width,
+            n_layers: self.layers,
+            n_heads: self.heads,
+            d_ff: self.ffn_ratio * self.width,
+            pool_queries: self.pool_queries,
+            per_anchor: self.per_anchor_channels(),
+            profile: self.doppler_profile.then_some(PROFILE_DIM),
+            tube_statistics: self.tube_statistics,
+            code_dim: self.code_dim,
+            n_codes: self.codebook_size,
+        }
+    }
+
+    /// Weights that only training needs.
+    fn training_weights(&self) -> Vec<(String, Vec<usize>)> {
+        let (c, dim) = (self.width, self.code_dim);
+        let points = self.reconstruction_points * self.reconstruction_dim();
+        let mut out = vec![("mask".to_string(), vec![1, c])];
+        for (name, from, to) in [
+            ("head_in", c, c),
+            ("head_out", c, points),
+            ("guidance", dim, self.guidance_dim),
+            ("words", dim, self.caption_words),
+        ] {
+            if to > 0 {
+                out.push((format!("{name}.weight"), vec![from, to]));
+                out.push((format!("{name}.bias"), vec![to]));
+            }
+        }
+        out
+    }
 }
 
 impl RadarTokenizer {
@@ -77,29 +114,62 @@ impl RadarTokenizer {
     /// If it is missing, damaged, not a tokenizer, or does not fit its own configuration.
     pub fn load(dir: &Path) -> Result<Self, CheckpointError> {
         let checkpoint = Checkpoint::open(dir)?;
-        let file: TokenizerFile = checkpoint.config(
-            TOKENIZER_KIND,
-            |f: &TokenizerFile| &f.kind,
-            |f| f.model.validate(),
-        )?;
-        let net = checkpoint.load_model(TokenizerNet::new(&file.model, &Device::flex()))?;
-        Ok(Self::from_net(file.model, net))
+        let file = TokenizerFile::read(&checkpoint)?;
+        let weights = checkpoint.tensors(MODEL_FILE)?;
+        Self::from_weights(file.model, weights, &checkpoint.dir().join(MODEL_FILE))
     }
 
-    /// Wraps a network that is already in memory.
-    pub fn from_net(config: TokenizerConfig, net: TokenizerNet) -> Self {
-        let net = net.valid();
-        let codebook = net
-            .codebook
-            .val()
-            .into_data()
-            .try_into_vec()
-            .unwrap_or_default();
-        Self {
-            config,
-            net,
-            codebook,
+    /// Packs a network's weights; `file` is named in errors.
+    ///
+    /// # Errors
+    /// If a weight is missing, unknown or of another shape.
+    pub fn from_weights(
+        config: TokenizerConfig,
+        mut weights: NamedTensors,
+        file: &Path,
+    ) -> Result<Self, CheckpointError> {
+        let n_params = weights.values().map(|t| t.values.len()).sum();
+        for (tensor, expected) in config.training_weights() {
+            let path = file.into();
+            match weights.remove(&tensor) {
+                Some(found) if found.shape == expected => {}
+                Some(found) => {
+                    return Err(CheckpointError::Shape {
+                        path,
+                        tensor,
+                        expected,
+                        found: found.shape,
+                    });
+                }
+                None => {
+                    return Err(CheckpointError::MissingTensor {
+                        path,
+                        tensor,
+                        expected,
+                    });
+                }
+            }
         }
+        let network = engine::Tokenizer::new(config.engine_shape(), weights)
+            .map_err(|e| CheckpointError::from_engine(e, file))?;
+        Ok(Self {
+            config,
+            network,
+            n_params,
+        })
+    }
+
+    /// Packs the weights of a network in memory.
+    ///
+    /// # Errors
+    /// If the network does not fit `config`.
+    #[cfg(feature = "train")]
+    pub fn from_net(
+        config: TokenizerConfig,
+        net: &super::network::TokenizerNet,
+    ) -> Result<Self, CheckpointError> {
+        let weights = crate::checkpoint::collect_params(net);
+        Self::from_weights(config, weights, Path::new("tokenizer in memory"))
     }
 
     /// Architecture.
@@ -107,17 +177,14 @@ impl RadarTokenizer {
         &self.config
     }
 
-    /// Code vectors, `[codebook_size][code_dim]` flattened.
-    pub fn codebook(&self) -> &[f32] {
-        &self.codebook
+    /// The packed network.
+    pub fn engine(&self) -> &engine::Tokenizer {
+        &self.network
     }
 
-    /// Number of weights, codebook included.
+    /// Number of weights of the checkpoint: codebook and what only training needs included.
     pub fn n_params(&self) -> usize {
-        collect_params(&self.net)
-            .values()
-            .map(|t| t.values.len())
-            .sum()
+        self.n_params
     }
 
     /// Codes of one clip of 1 to 96 frames at 10 per second.
@@ -144,143 +211,73 @@ impl RadarTokenizer {
         &self,
         clips: &[(&[PointFrame], f32)],
     ) -> Result<Vec<Encoded>, EncodeError> {
-        let mut grouped = Vec::with_capacity(clips.len());
-        for (clip, (frames, height_m)) in clips.iter().enumerate() {
-            let result = group(frames, *height_m, &self.config.grouping);
-            grouped.push(result.map_err(|source| EncodeError::Clip { clip, source })?);
-        }
+        let grouped = group_all(clips, &self.config)?;
         self.encode_grouped(&grouped.iter().collect::<Vec<_>>())
     }
 
-    /// Codes of clips that are grouped already.
+    /// Codes of clips that are grouped already, on as many threads as there are cores.
     ///
     /// # Errors
     /// If the network's output is not finite.
     pub fn encode_grouped(&self, clips: &[&Grouped]) -> Result<Vec<Encoded>, EncodeError> {
-        // Similar lengths together waste little on padding.
-        let mut order: Vec<usize> = (0..clips.len()).collect();
-        order.sort_by_key(|i| clips[*i].n_codes);
-        let dim = self.config.code_dim;
-        let mut out: Vec<Option<Encoded>> = vec![None; clips.len()];
-        for chunk in order.chunks(BATCH) {
-            let members: Vec<&Grouped> = chunk.iter().map(|i| clips[*i]).collect();
-            let batch = ClipBatch::new(&self.config, &members, &[]);
-            let features = self.net.forward(&batch).features.into_data();
-            let features: Vec<f32> = features.try_into_vec().unwrap_or_default();
-            let stride = batch.codes_per_clip() * dim;
-            for ((&clip, own), grouped) in chunk.iter().zip(features.chunks(stride)).zip(&members) {
-                let own = own[..grouped.n_codes * dim].to_vec();
-                if !own.iter().all(|v| v.is_finite()) {
-                    return Err(EncodeError::NotFinite { clip });
-                }
-                let codes = nearest_codes(&own, &self.codebook, dim);
-                let n_points_used = grouped.n_points_used;
-                out[clip] = Some(Encoded {
-                    codes,
-                    features: own,
-                    n_points_used,
-                });
-            }
-        }
-        Ok(out.into_iter().flatten().collect())
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let mut session = self.network.session(cores.min(clips.len()));
+        let inputs: Vec<TubeClip> = clips.iter().map(|clip| clip.tubes()).collect();
+        let mut out: Vec<Codes> = Vec::new();
+        session.encode(&inputs, &mut out).map_err(|e| match e {
+            EngineError::Output { index } => EncodeError::NotFinite { clip: index },
+            other => EncodeError::Engine(other),
+        })?;
+        let encoded = |(codes, clip): (Codes, &&Grouped)| Encoded {
+            codes: codes.codes,
+            features: codes.features,
+            n_points_used: clip.n_points_used,
+        };
+        Ok(out.into_iter().zip(clips).map(encoded).collect())
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::tokenizer::config::AnchorMode;
-    use burn::tensor::{Tensor, TensorData};
-    use radarllm_base::RadarPoint;
-
-    fn clip(n_frames: usize, n_points: usize, seed: usize) -> Vec<PointFrame> {
-        let frame = |f: usize| {
-            let points = (0..n_points).map(move |i| {
-                let t = (seed * 1000 + f * n_points + i) as f32;
-                let (x, y, z) = (
-                    (t * 0.7).sin() * 0.5,
-                    3.0 + (t * 0.3).cos() * 0.4,
-                    (t * 0.9).sin() * 0.8,
-                );
-                RadarPoint {
-                    x_m: x,
-                    y_m: y,
-                    z_m: z,
-                    range_m: (x * x + y * y + z * z).sqrt(),
-                    velocity_mps: (t * 0.11).sin(),
-                    intensity_db: 20.0 + 5.0 * (t * 0.5).sin(),
-                }
-            });
-            PointFrame {
-                frame: f as u32,
-                time_s: f as f64 * 0.1,
-                points: points.collect(),
-            }
-        };
-        (0..n_frames).map(frame).collect()
-    }
-
-    fn tokenizer(config: TokenizerConfig) -> RadarTokenizer {
-        let device = Device::flex();
-        device.seed(1);
-        let mut net = TokenizerNet::new(&config, &device);
-        let n = config.codebook_size * config.code_dim;
-        let values: Vec<f32> = (0..n)
-            .map(|i| ((i * 7919 % 1009) as f32 / 1009.0 - 0.5) * 0.2)
-            .collect();
-        let data = TensorData::new(values, [config.codebook_size, config.code_dim]);
-        net.codebook = burn::module::Param::from_tensor(Tensor::from_data(data, &device));
-        RadarTokenizer::from_net(config, net)
-    }
-
-    #[test]
-    fn any_number_of_points_and_frames_encodes() {
-        let tokenizer = tokenizer(TokenizerConfig::small());
-        for (n_frames, n_points) in [(1, 0), (1, 1), (3, 20), (4, 0), (5, 1), (40, 20), (96, 3)] {
-            let encoded = tokenizer.encode(&clip(n_frames, n_points, 0), 1.0).unwrap();
-            assert_eq!(encoded.codes.len(), n_frames.div_ceil(4));
-            assert_eq!(encoded.features.len(), encoded.codes.len() * 128);
-            assert!(encoded.features.iter().all(|v| v.is_finite()));
-        }
-        assert!(tokenizer.encode(&[], 1.0).is_err());
-        assert!(tokenizer.encode(&clip(97, 1, 0), 1.0).is_err());
-    }
-
-    #[test]
-    fn neighbours_in_a_batch_and_padding_change_nothing() {
-        for anchors in [AnchorMode::Template, AnchorMode::FarthestPoint] {
-            let mut config = TokenizerConfig::small();
-            config.grouping.anchors = anchors;
-            let tokenizer = tokenizer(config);
-            let clips = [clip(10, 30, 1), clip(37, 12, 2), clip(4, 5, 3)];
-            let together: Vec<(&[PointFrame], f32)> =
-                clips.iter().map(|c| (c.as_slice(), 1.0)).collect();
-            let together = tokenizer.encode_batch(&together).unwrap();
-            for (clip, joint) in clips.iter().zip(&together) {
-                let alone = tokenizer.encode(clip, 1.0).unwrap();
-                assert_eq!(alone.n_points_used, joint.n_points_used);
-                for (a, b) in alone.features.iter().zip(&joint.features) {
-                    // Products of other sizes add in another order.
-                    assert!((a - b).abs() < 1e-5, "{a} {b}");
-                }
-            }
+impl TokenizerFile {
+    /// Reads and checks the `config.json` of a tokenizer's checkpoint.
+    ///
+    /// # Errors
+    /// If it cannot be read, is not a tokenizer's, or a value cannot be.
+    pub fn read(checkpoint: &Checkpoint) -> Result<Self, CheckpointError> {
+        let file: Self =
+            checkpoint.config(TOKENIZER_KIND, |f: &Self| &f.kind, |f| f.model.validate())?;
+        // What validates here must fit the engine too: one place says what is wrong.
+        match file.model.engine_shape().validate() {
+            Ok(()) => Ok(file),
+            Err(e) => Err(CheckpointError::from_engine(
+                e,
+                &checkpoint.dir().join(CONFIG_FILE),
+            )),
         }
     }
+}
 
-    #[test]
-    fn hostile_configurations_are_refused() {
-        for bad in [
-            r#"{"width": 0}"#,
-            r#"{"width": 65, "heads": 4}"#,
-            r#"{"codebook_size": 1000000000}"#,
-            r#"{"grouping": {"counts": [16, 16, 32]}}"#,
-            r#"{"grouping": {"radius_m": -1.0}}"#,
-        ] {
-            let config: TokenizerConfig = serde_json::from_str(bad).unwrap();
-            assert!(config.validate().is_err(), "{bad}");
+impl Grouped {
+    /// The clip as the engine reads it.
+    pub fn tubes(&self) -> TubeClip<'_> {
+        TubeClip {
+            tubes: &self.tubes,
+            neighbours: &self.neighbours,
+            steps: &self.steps,
+            profiles: self.profiles.as_flattened(),
+            anchors: &self.anchors,
         }
-        assert!(serde_json::from_str::<TokenizerConfig>(r#"{"widht": 64}"#).is_err());
-        TokenizerConfig::small().validate().unwrap();
-        TokenizerConfig::paper().validate().unwrap();
     }
+}
+
+/// Groups clips, naming the one that cannot be.
+pub(super) fn group_all(
+    clips: &[(&[PointFrame], f32)],
+    config: &TokenizerConfig,
+) -> Result<Vec<Grouped>, EncodeError> {
+    let mut grouped = Vec::with_capacity(clips.len());
+    for (clip, (frames, height_m)) in clips.iter().enumerate() {
+        let result = group(frames, *height_m, &config.grouping);
+        grouped.push(result.map_err(|source| EncodeError::Clip { clip, source })?);
+    }
+    Ok(grouped)
 }

@@ -9,13 +9,7 @@ use super::centre::track_centre;
 use super::config::{AnchorMode, FRAMES_PER_CODE, FRAMES_PER_STEP, GroupingConfig, MAX_FRAMES};
 use super::doppler_profile::{PROFILE_DIM, doppler_profile};
 
-/// Values per neighbour: displacement from the anchor in units of the radius (3), frame offset,
-/// range, radial velocity, intensity relative to the clip's median.
-pub const NEIGHBOUR_DIM: usize = 7;
-/// Values per step: centre x, y, its velocity x, y, logarithm of the point count, mean velocity.
-pub const STEP_DIM: usize = 6;
-/// Values per tube: logarithm of the number of points in the radius, mean radial velocity.
-pub const TUBE_DIM: usize = 2;
+pub use radarllm_engine::tokenizer::{NEIGHBOUR_DIM, STEP_DIM, TUBE_DIM, Tube};
 
 /// Divides range, m.
 const RANGE_SCALE_M: f32 = 3.0;
@@ -25,21 +19,6 @@ const VELOCITY_SCALE_MPS: f32 = 2.0;
 const INTENSITY_SCALE_DB: f32 = 10.0;
 /// Radar frame period that speeds are derived with, s.
 const FRAME_PERIOD_S: f32 = 0.1;
-
-/// One anchor at one step.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Tube {
-    /// Step.
-    pub step: u32,
-    /// Anchor.
-    pub anchor: u32,
-    /// First neighbour in [`Grouped::neighbours`].
-    pub start: u32,
-    /// One past the last neighbour.
-    pub end: u32,
-    /// See [`TUBE_DIM`].
-    pub statistics: [f32; TUBE_DIM],
-}
 
 /// A clip as tubes.
 #[derive(Clone, Debug, PartialEq)]
