@@ -4,11 +4,13 @@
 
 mod args;
 mod capture;
+mod clean;
 mod commands;
 mod default_model;
 mod error;
 mod input;
 mod output;
+mod people;
 mod recording;
 mod serial;
 mod udp;

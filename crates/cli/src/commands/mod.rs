@@ -1,6 +1,7 @@
 //! One file a verb.
 
 pub mod ablate;
+pub mod calibrate;
 pub mod dataset;
 pub mod demo;
 pub mod describe;
