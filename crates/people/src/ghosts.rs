@@ -1,13 +1,14 @@
 //! Tracks that are somebody else, seen over a wall.
 //!
 //! A flat wall shows a person again behind it. Waves that take the wall both ways come from the mirror image; waves
-//! that take it one way only have the mean of both path lengths and stand between the bearings. Both are farther than
-//! the person, both lose at the wall, and both move as the wall makes them: one plane explains every frame. A second
-//! person is explained by no plane for long.
+//! that take it one way only have the mean of both path lengths and stand between the bearings (an array hears another
+//! direction than it sends to: nothing says which bearing wins, and elevation means nothing). Both are farther than the
+//! person, both lose at the wall, and both move as the wall makes them: one plane explains every frame. A second person
+//! is hardly ever explained by a plane for long.
 
 use std::f64::consts::PI;
 
-use radarllm_base::PointFrame;
+use radarllm_base::{PointFrame, RadarPoint};
 
 use crate::tracker::{Track, TrackFrame};
 
@@ -15,16 +16,16 @@ use crate::tracker::{Track, TrackFrame};
 const MIN_FRAMES: usize = 10;
 /// Least way that the person makes within them, m. Whoever stands still has a mirror for anything.
 const MIN_PATH_M: f64 = 0.5;
-/// Least loss of a ghost against the person, dB, with the fourth power of range taken off both. Plaster loses about 10 dB a
-/// reflection; people differ by a few dB.
-const MIN_LOSS_DB: f64 = 6.0;
+/// Least loss of a ghost against the person, dB, with the fourth power of range taken off both. Concrete and plaster lose 7
+/// to 12 dB a reflection, of which two equal ways win some back; people differ by a few dB.
+const MIN_LOSS_DB: f64 = 4.0;
 /// Share of the frames in which the ghost must be farther.
 const FARTHER_SHARE: f64 = 0.9;
-/// Standard deviations of a ghost about where the plane puts it: along the line of sight, across it, and of its
-/// radial velocity. Wider than a cluster's own, for the image shows another side of the body.
-const SIGMA: [f64; 3] = [0.3, 0.6, 0.5];
-/// Root mean square in these units up to which a plane explains a track.
-const MAX_MISFIT: f64 = 1.0;
+/// Standard deviations of a ghost about where the plane puts it: in range, across the line of sight, and of its radial
+/// velocity. As of medians over a cluster.
+const SIGMA: [f64; 3] = [0.2, 0.6, 0.4];
+/// Root mean square in these units up to which a plane explains a track. A walker beside a concrete wall measures 0.4.
+const MAX_MISFIT: f64 = 0.7;
 /// A frame counts at most so much: a cluster that was torn apart once proves nothing.
 const MAX_SQUARE: f64 = 9.0;
 /// Steps of the search over planes.
@@ -51,7 +52,8 @@ pub struct Ghost {
     pub of: u32,
     /// Which way.
     pub path: GhostPath,
-    /// Bearing of the foot of the perpendicular from the radar to the wall, rad, to the right of boresight.
+    /// Bearing of the foot of the perpendicular from the radar to the wall, rad, to the right of boresight. Of a wall
+    /// beside a person near boresight the side may be the wrong one.
     pub wall_azimuth_rad: f64,
     /// Distance of the wall, m.
     pub wall_m: f64,
@@ -64,11 +66,13 @@ pub struct Ghost {
 /// Tracks that are reflections of others over a flat upright wall, at most one ghost per track.
 ///
 /// A track is a ghost of another if over the frames in which both are seen, at least ten, in which the other makes 0.5 m
-/// of way: it is farther in nine of ten, weaker by 6 dB (median, after the fourth power of range), and one plane
-/// explains its places and radial velocities, rms within one standard deviation (0.3 m along and 0.6 m across the line
-/// of sight, 0.5 m/s).
+/// of way: it is farther in nine of ten, weaker by 4 dB (median of the points' summed power, after the fourth power of
+/// range), and one plane explains its ranges, bearings and radial velocities, rms within 0.7 standard deviations (0.2 m,
+/// 0.6 m across the line of sight, 0.4 m/s).
 ///
-/// Two people who stand still are left alone, and so is a ghost whose person is not tracked.
+/// Two people who stand still are left alone, and so is a ghost whose person is not tracked. Somebody who follows
+/// another in single file, weaker for being shadowed, may be taken for a ghost: that is why nothing removes ghosts
+/// unasked.
 pub fn find_ghosts(tracks: &[Track], frames: &[PointFrame]) -> Vec<Ghost> {
     let mut found = Vec::new();
     for ghost in tracks {
@@ -86,10 +90,18 @@ pub fn find_ghosts(tracks: &[Track], frames: &[PointFrame]) -> Vec<Ghost> {
 struct Pair {
     person_m: [f64; 2],
     person_mps: [f64; 2],
-    ghost_m: [f64; 2],
-    /// Median radial velocity of the ghost's points, m/s.
-    ghost_mps: f64,
+    ghost: Seen,
     loss_db: f64,
+}
+
+/// Medians over the points of a track in one frame.
+struct Seen {
+    range_m: f64,
+    /// x / range.
+    right: f64,
+    velocity_mps: f64,
+    /// Summed power with the fourth power of range taken off, dB.
+    level_db: f64,
 }
 
 fn compare(person: &Track, ghost: &Track, frames: &[PointFrame]) -> Option<Ghost> {
@@ -108,7 +120,7 @@ fn compare(person: &Track, ghost: &Track, frames: &[PointFrame]) -> Option<Ghost
     let range = |[x, y]: [f64; 2]| x.hypot(y);
     let n_farther = pairs
         .iter()
-        .filter(|p| range(p.ghost_m) > range(p.person_m))
+        .filter(|p| p.ghost.range_m > range(p.person_m))
         .count();
     let start = pairs[0].person_m;
     let way_m = pairs
@@ -153,27 +165,39 @@ fn compare(person: &Track, ghost: &Track, frames: &[PointFrame]) -> Option<Ghost
 }
 
 fn pair(person: &TrackFrame, ghost: &TrackFrame, frame: &PointFrame) -> Option<Pair> {
-    let level_db = |at: &TrackFrame| {
-        let levels = at.points.iter().filter_map(|i| {
-            let point = frame.points.get(*i as usize)?;
-            let range_m = f64::from(point.range_m).max(0.1);
-            Some(f64::from(point.intensity_db) + 40.0 * range_m.log10())
-        });
-        levels.reduce(f64::max)
-    };
-    let mut velocities: Vec<f32> = ghost
+    let (person_seen, ghost) = (seen(person, frame)?, seen(ghost, frame)?);
+    // Ranges are compared with ranges, which heights are part of: the person's bearing, at the range measured.
+    let [x, y] = person.place_m;
+    let scale = person_seen.range_m / x.hypot(y).max(1e-6);
+    Some(Pair {
+        person_m: [x * scale, y * scale],
+        person_mps: person.velocity_mps,
+        loss_db: person_seen.level_db - ghost.level_db,
+        ghost,
+    })
+}
+
+fn seen(at: &TrackFrame, frame: &PointFrame) -> Option<Seen> {
+    let points: Vec<_> = at
         .points
         .iter()
-        .filter_map(|i| Some(frame.points.get(*i as usize)?.velocity_mps))
+        .filter_map(|i| frame.points.get(*i as usize))
         .collect();
-    velocities.sort_by(f32::total_cmp);
-    let ghost_mps = f64::from(*velocities.get(velocities.len() / 2)?);
-    Some(Pair {
-        person_m: person.place_m,
-        person_mps: person.velocity_mps,
-        ghost_m: ghost.place_m,
-        ghost_mps,
-        loss_db: level_db(person)? - level_db(ghost)?,
+    let median = |value: fn(&RadarPoint) -> f32| {
+        let mut values: Vec<f32> = points.iter().map(|p| value(p)).collect();
+        values.sort_by(f32::total_cmp);
+        values.get(values.len() / 2).map(|v| f64::from(*v))
+    };
+    let range_m = median(|p| p.range_m)?.max(0.1);
+    let power: f64 = points
+        .iter()
+        .map(|p| 10_f64.powf(f64::from(p.intensity_db) / 10.0))
+        .sum();
+    Some(Seen {
+        range_m,
+        right: median(|p| p.x_m / p.range_m.max(0.1))?,
+        velocity_mps: median(|p| p.velocity_mps)?,
+        level_db: 10.0 * power.max(f64::MIN_POSITIVE).log10() + 40.0 * range_m.log10(),
     })
 }
 
@@ -200,18 +224,19 @@ fn misfit(pairs: &[Pair], path: GhostPath, azimuth_rad: f64, wall_m: f64) -> Opt
         let (image_range_m, image_sight) = sight(image_m);
         let person_radial = dot(person_sight, pair.person_mps);
         let image_radial = dot(image_sight, image_mps);
-        let (range_m, right, radial_mps) = match path {
-            GhostPath::BothWays => (image_range_m, image_sight[0], image_radial),
+        let ghost = &pair.ghost;
+        let (one, other) = (person_sight[0], image_sight[0]);
+        let (range_m, off, radial_mps) = match path {
+            GhostPath::BothWays => (image_range_m, ghost.right - other, image_radial),
             GhostPath::OneWay => (
                 0.5 * (person_range_m + image_range_m),
-                0.5 * (person_sight[0] + image_sight[0]),
+                ghost.right - ghost.right.clamp(one.min(other), one.max(other)),
                 0.5 * (person_radial + image_radial),
             ),
         };
-        let (ghost_range_m, ghost_sight) = sight(pair.ghost_m);
-        let square = ((ghost_range_m - range_m) / SIGMA[0]).powi(2)
-            + ((ghost_sight[0] - right) * ghost_range_m / SIGMA[1]).powi(2)
-            + ((pair.ghost_mps - radial_mps) / SIGMA[2]).powi(2);
+        let square = ((ghost.range_m - range_m) / SIGMA[0]).powi(2)
+            + (off * ghost.range_m / SIGMA[1]).powi(2)
+            + ((ghost.velocity_mps - radial_mps) / SIGMA[2]).powi(2);
         sum += square.min(MAX_SQUARE) / 3.0;
     }
     Some((sum / pairs.len() as f64).sqrt())

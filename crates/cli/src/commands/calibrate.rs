@@ -15,6 +15,10 @@ use crate::{
 
 /// Other echoes nearer than this to the reflector's strength bend the gains by 0.1 and more, dB.
 const ALONE_DB: f64 = 20.0;
+/// What is weaker than this against another echo is that one's sidelobe as likely as a reflector, dB.
+const LOUDEST_DB: f64 = 3.0;
+/// Share of samples at full scale that one loud moment makes.
+const SATURATED_SHARE: f64 = 1e-3;
 
 #[derive(Serialize)]
 struct Report<'a> {
@@ -64,13 +68,16 @@ pub fn run(args: &CalibrateArgs) -> CliResult {
     }
     // Counts of an ADC have an end; numbers of an array may be anything.
     if format != Format::Npy {
-        let saturated = stats
-            .problems()
-            .into_iter()
-            .find(|p| p.contains("saturated"));
-        if let Some(problem) = saturated {
-            return Err(CliError::new(format!("{}: {problem}", first.display()))
-                .hint("clipped samples have other phases: a calibration would be wrong"));
+        for (i, channel) in stats.channels().iter().enumerate() {
+            if channel.saturated > SATURATED_SHARE {
+                return Err(CliError::new(format!(
+                    "{}: ADC saturated in {:.1} % of the samples of channel {}",
+                    first.display(),
+                    100.0 * channel.saturated,
+                    i + 1
+                ))
+                .hint("clipped samples have other phases: less receiver gain, or the reflector farther away"));
+            }
         }
     }
     let found = calibrator.finish().map_err(|e| {
@@ -78,6 +85,15 @@ pub fn run(args: &CalibrateArgs) -> CliResult {
             "--range-m says where the reflector stands, --background what the place is without it",
         )
     })?;
+    if found.above_surroundings_db < LOUDEST_DB {
+        return Err(CliError::new(format!(
+            "{}: the echo at {:.2} m is no reflector that stands alone: {:+.1} dB against another still echo beside it",
+            first.display(),
+            found.range_m,
+            found.above_surroundings_db
+        ))
+        .hint("--background takes off what the place is without the reflector"));
+    }
     if found.above_surroundings_db < ALONE_DB {
         notes.push(format!(
             "another still echo is only {:.1} dB weaker than the reflector and bends the gains: --background takes it off",

@@ -124,8 +124,16 @@ pub fn run(args: &ProcessArgs) -> CliResult {
     }
     let found = args.people.find(&mut taken.points)?;
     pictures.finish(&taken.points, &found.tracks)?;
-    if let Some(path) = &asked.adc_statistics {
-        pictures::draw_adc_statistics(path, &health.stats)?;
+    let has_counts = health.stats.channels().iter().any(|c| c.rms >= 1.0);
+    match &asked.adc_statistics {
+        Some(path) if has_counts => pictures::draw_adc_statistics(path, &health.stats)?,
+        Some(_) if args.adc_statistics.is_some() => {
+            return Err(CliError::new(format!(
+                "{}: the samples stay below one count: they are no ADC's, and --adc-statistics has nothing to draw",
+                first.display()
+            )));
+        }
+        _ => {}
     }
     let names: Vec<String> = args
         .capture
