@@ -5,7 +5,7 @@
 //! place. Nothing here panics on its input or allocates by a number found in it.
 //!
 //! Reading order: [`ti_cfg`] (chirp files of TI's SDK), [`boards`] (where antennas are),
-//! [`radar_toml`] (our own format), [`span`] (places in both), [`builtin`], [`mod@lint`];
+//! [`radar_toml`] (our own format), [`span`] (places in both), [`builtin`], [`mod@lint`], [`calibration`] (channel gains);
 //! [`adc`] (raw samples), [`dca1000`] and [`pcap`] (packets of them); [`recordings`] and [`tables`] (others' points),
 //! [`uart`] (what a board sends), [`mod@detect`] (which of them a file is), [`mounting`] and [`timeline`] (into the
 //! project's axes and frame rate).
@@ -13,6 +13,7 @@
 pub mod adc;
 pub mod boards;
 pub mod builtin;
+pub mod calibration;
 pub mod dca1000;
 pub mod detect;
 pub mod lint;
@@ -31,6 +32,7 @@ pub use adc::{
 };
 pub use boards::Board;
 pub use builtin::{BUILTIN_NAMES, builtin_radar, builtin_radars};
+pub use calibration::{CalibratedChannel, Calibration, CalibrationError};
 pub use detect::{DetectError, Detected, Format, detect};
 pub use lint::{Finding, ModelExpectations, Severity, lint, lint_radar_toml, lint_ti_cfg};
 pub use mounting::Mounting;

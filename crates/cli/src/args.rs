@@ -4,7 +4,10 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use crate::{capture::LayoutArgs, commands::pictures::PictureArgs, recording::RecordingArgs};
+use crate::{
+    capture::LayoutArgs, clean::CleanArgs, commands::pictures::PictureArgs, people::PeopleArgs,
+    recording::RecordingArgs,
+};
 
 /// Turns millimetre-wave radar into language.
 ///
@@ -187,6 +190,51 @@ pub enum RadarVerb {
         #[arg(long)]
         json: bool,
     },
+    /// Gains of the virtual channels from raw samples of a corner reflector, for `process --calibration`.
+    ///
+    /// Example: radarllm radar calibrate corner.bin --radar awr1843boost --iq i-first --range-m 3 --out cal.toml
+    Calibrate(CalibrateArgs),
+}
+
+/// `radar calibrate`.
+#[derive(Args)]
+pub struct CalibrateArgs {
+    /// Raw samples of a corner reflector that stands still, as `process` reads them.
+    #[arg(required = true)]
+    pub capture: Vec<PathBuf>,
+    /// Built-in name, TI .cfg, .json of mmWave Studio or our .toml.
+    #[arg(long)]
+    pub radar: String,
+    /// Distance of the reflector, m; its echo is looked for within --search-m.
+    #[arg(long)]
+    pub range_m: f64,
+    /// How far from there the strongest echo may be, m.
+    #[arg(long, default_value_t = 0.3)]
+    pub search_m: f64,
+    /// Direction of the reflector, degrees to the right of boresight.
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    pub azimuth_deg: f64,
+    /// Direction of the reflector, degrees above boresight.
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    pub elevation_deg: f64,
+    /// Channel gains, TOML.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// adc, dca1000 or npy; found out without it.
+    #[arg(long)]
+    pub format: Option<String>,
+    /// How raw samples lie.
+    #[command(flatten)]
+    pub layout: LayoutArgs,
+    /// The same place without the reflector: its mean is subtracted.
+    #[arg(long, value_name = "EMPTY")]
+    pub background: Option<PathBuf>,
+    /// Replace an existing file.
+    #[arg(long)]
+    pub force: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// What `simulate` writes.
@@ -288,9 +336,21 @@ pub struct ProcessArgs {
     /// Recorded points.
     #[command(flatten)]
     pub recording: RecordingArgs,
+    /// What is taken off.
+    #[command(flatten)]
+    pub clean: CleanArgs,
+    /// People; their points go to OUT.person-1.parquet and so on, beside all points in --out.
+    #[command(flatten)]
+    pub people: PeopleArgs,
     /// Pictures.
     #[command(flatten)]
     pub pictures: PictureArgs,
+    /// Also draw the ADC's values: histogram, saturation, offset, balance of I and Q; of raw samples.
+    #[arg(long, value_name = "F.png")]
+    pub adc_statistics: Option<PathBuf>,
+    /// Draw everything that can be drawn of the capture into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub all_pictures: Option<PathBuf>,
     /// Height of the radar above the floor, m.
     #[arg(long, default_value_t = 1.0)]
     pub radar_height_m: f32,
@@ -410,6 +470,9 @@ pub struct DescribeArgs {
     /// Recorded points.
     #[command(flatten)]
     pub recording: RecordingArgs,
+    /// People: one sentence each, with the track's number and time.
+    #[command(flatten)]
+    pub people: PeopleArgs,
     /// Height of the radar above the floor, m, where the input does not say.
     #[arg(long, default_value_t = 1.0)]
     pub radar_height_m: f32,

@@ -180,6 +180,38 @@ fn open_files(captures: &[PathBuf]) -> CliResult<Input> {
 }
 
 impl Frames {
+    /// Opens a capture of raw samples whose layout is settled on the way; remarks go to `notes`.
+    pub fn open(
+        format: Format,
+        captures: &[PathBuf],
+        radar: &RadarConfig,
+        radar_name: &str,
+        layout: &LayoutArgs,
+        notes: &mut Vec<String>,
+    ) -> CliResult<Self> {
+        if format == Format::Npy {
+            let [path] = captures else {
+                return Err(CliError::new("npy arrays are read one at a time"));
+            };
+            let frames = NpyFrames::open(path, radar, layout.axes.as_deref())?;
+            return Ok(Self::Npy(Box::new(frames)));
+        }
+        let chosen = choose_layout(format, captures, radar, radar_name, layout)?;
+        notes.extend(chosen.notes);
+        if let (SampleKind::Complex { order }, Some(verdict)) = (chosen.layout.data, chosen.verdict)
+        {
+            notes.push(format!(
+                "read with {}; {}",
+                order.name(),
+                explain(chosen.tried, &verdict)
+            ));
+        }
+        if format != Format::Udp {
+            notes.extend(log_notes(&captures[0])?);
+        }
+        Self::open_raw(format, captures, CubeShape::of(radar), chosen.layout)
+    }
+
     /// Opens a capture of raw words or packets.
     pub fn open_raw(
         format: Format,

@@ -6,11 +6,13 @@
 #[cfg_attr(not(feature = "train"), allow(dead_code))]
 mod args;
 mod capture;
+mod clean;
 mod commands;
 mod default_model;
 mod error;
 mod input;
 mod output;
+mod people;
 mod recording;
 mod serial;
 mod udp;

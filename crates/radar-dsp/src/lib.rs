@@ -8,11 +8,14 @@
 //! result. Signs, axes and references are fixed in CONVENTIONS.md at the repository root.
 //!
 //! Reading order: [`extractor`] (the chain), [`options`], [`spectrum`] (range and Doppler),
-//! [`detect`] (which cells), [`mod@array`] and [`direction`] (where they are), [`pictures`].
+//! [`detect`] (which cells), [`mod@array`] and [`direction`] (where they are), [`pictures`]; before the chain
+//! [`mod@correct`] (what is taken off raw samples) and [`mod@calibrate`] (channel gains from a reflector).
 //!
 //! Deliberately absent: anything about people, files, or how a cube came to be.
 
 pub mod array;
+pub mod calibrate;
+pub mod correct;
 pub mod detect;
 pub mod direction;
 pub mod error;
@@ -27,6 +30,8 @@ mod kernels;
 mod lane_fft;
 
 pub use array::VirtualArray;
+pub use calibrate::{CalibrateError, ChannelGains, CornerCalibrator, Reflector};
+pub use correct::{Background, Corrections, Corrector, EmptyRoom};
 pub use error::DspError;
 pub use extractor::PointExtractor;
 pub use options::{

@@ -130,25 +130,47 @@ impl PointExtractor {
     /// # Errors
     /// As [`PointExtractor::extract`].
     pub fn range_profile(&mut self, cube: &RadarCube) -> Result<Map, DspError> {
+        let all = self.channel_profiles(cube)?;
+        let mut values = vec![0.0_f32; all.n_cols];
+        for row in all.values.chunks_exact(all.n_cols) {
+            for (sum, value) in values.iter_mut().zip(row) {
+                *sum += value / all.n_rows as f32;
+            }
+        }
+        Ok(Map {
+            n_rows: 1,
+            values,
+            ..all
+        })
+    }
+
+    /// Mean power per chirp over range of every channel, `slot * n_rx + rx`, a row each; all bins, static targets
+    /// included.
+    ///
+    /// # Errors
+    /// As [`PointExtractor::extract`].
+    pub fn channel_profiles(&mut self, cube: &RadarCube) -> Result<Map, DspError> {
         self.spectrum.check_shape(cube)?;
         let n_range = self.spectrum.n_range;
-        let mut sums = vec![0.0_f64; n_range];
-        for channel in 0..self.spectrum.n_channels() {
+        let (n_channels, n_loops) = (self.spectrum.n_channels(), self.spectrum.n_doppler());
+        let mut values = Vec::with_capacity(n_channels * n_range);
+        for channel in 0..n_channels {
+            let mut sums = vec![0.0_f64; n_range];
             for chirp in self.spectrum.range_spectra(cube, channel)? {
                 for (sum, value) in sums.iter_mut().zip(chirp) {
                     *sum += f64::from(value.norm_sqr());
                 }
             }
+            values.extend(sums.iter().map(|s| (s / n_loops as f64) as f32));
         }
-        let n = (self.spectrum.n_channels() * self.spectrum.n_doppler()) as f64;
         Ok(Map {
-            n_rows: 1,
+            n_rows: n_channels,
             n_cols: n_range,
-            values: sums.iter().map(|s| (s / n) as f32).collect(),
+            values,
             rows: Axis {
-                label: "",
+                label: "channel",
                 unit: "",
-                start: 0.0,
+                start: 1.0,
                 step: 1.0,
             },
             cols: range_axis(self.spectrum.range_step_m, 0),

@@ -6,7 +6,7 @@ mod canvas;
 mod font;
 
 use canvas::{Align, Area, BLACK, CHAR_HEIGHT, CHAR_WIDTH, Canvas, Span};
-use radarllm_base::RadarPoint;
+use radarllm_base::{PointFrame, RadarPoint};
 
 /// Picture size, pixels.
 const WIDTH: usize = 960;
@@ -247,6 +247,56 @@ pub fn points_png(points: &[RadarPoint], title: &str) -> Result<Vec<u8>, PlotErr
         canvas.text(label, WIDTH / 2, 12, Align::Middle);
         canvas.text(heading, area.left + area.width / 2, ABOVE, Align::Middle);
     }
+    Ok(canvas.encode()?)
+}
+
+/// Draws points over time: range on the left, x (to the right of the radar) on the right, coloured by radial velocity as in
+/// [`points_png`].
+///
+/// # Errors
+/// Only from the PNG encoder; points that are not finite are left out.
+pub fn points_over_time_png(frames: &[PointFrame], title: &str) -> Result<Vec<u8>, PlotError> {
+    let mut canvas = Canvas::new(WIDTH, HEIGHT);
+    let gap = LEFT + 10;
+    let width = (WIDTH - LEFT - gap - 30) / 2;
+    let points = || {
+        let of_frame = |f: &'_ PointFrame| f.points.iter().map(|p| (f.time_s, *p)).collect();
+        frames
+            .iter()
+            .flat_map(move |f| -> Vec<(f64, RadarPoint)> { of_frame(f) })
+    };
+    let fastest = points().map(|(_, p)| p.velocity_mps.abs());
+    let fastest = fastest.filter(|v| v.is_finite()).fold(0.1_f32, f32::max);
+    let below = Span::around("time (s)", frames.iter().map(|f| f.time_s));
+    let values: [(&str, fn(&RadarPoint) -> f32); 2] =
+        [("range (m)", |p| p.range_m), ("x (m)", |p| p.x_m)];
+    for (panel, (label, value)) in values.into_iter().enumerate() {
+        let area = Area {
+            left: LEFT + panel * (width + gap),
+            top: ABOVE,
+            width,
+            height: HEIGHT - ABOVE - BELOW,
+        };
+        let left = padded(Span::around(
+            label,
+            points().map(|(_, p)| f64::from(value(&p))),
+        ));
+        canvas.grid(area, &below, &left);
+        for (time_s, point) in points() {
+            let (u, v) = (
+                below.fraction(time_s),
+                left.fraction(f64::from(value(&point))),
+            );
+            if u.is_finite() && v.is_finite() {
+                let x = area.left as f64 + u * area.width as f64;
+                let y = area.top as f64 + (1.0 - v) * area.height as f64;
+                let speed = f64::from(point.velocity_mps / fastest);
+                canvas.dot(x, y, blue_red(speed), 3);
+            }
+        }
+        axes(&mut canvas, area, &below, &left, "");
+    }
+    canvas.text(title, WIDTH / 2, 12, Align::Middle);
     Ok(canvas.encode()?)
 }
 
@@ -537,6 +587,38 @@ mod tests {
     }
 
     #[test]
+    fn later_points_are_drawn_to_the_right_and_farther_ones_higher() {
+        let frame = |time_s: f64, range_m: f32, velocity_mps: f32| PointFrame {
+            time_s,
+            points: vec![RadarPoint {
+                range_m,
+                velocity_mps,
+                ..RadarPoint::default()
+            }],
+            ..PointFrame::default()
+        };
+        let frames = [frame(0.0, 2.0, -1.0), frame(1.0, 4.0, 1.0)];
+        let (w, _, data) = pixels(&points_over_time_png(&frames, "t").unwrap());
+        let mean = |rgb: [u8; 3]| {
+            let places: Vec<(usize, usize)> = (0..data.len() / 3)
+                .filter(|i| data[i * 3..i * 3 + 3] == rgb && i % w < w / 2)
+                .map(|i| (i % w, i / w))
+                .collect();
+            assert!(!places.is_empty());
+            let n = places.len();
+            (
+                places.iter().map(|p| p.0).sum::<usize>() / n,
+                places.iter().map(|p| p.1).sum::<usize>() / n,
+            )
+        };
+        let (early, late) = (mean([20, 80, 200]), mean([200, 40, 30]));
+        assert!(
+            late.0 > early.0 + 100 && late.1 + 100 < early.1,
+            "{early:?} {late:?}"
+        );
+    }
+
+    #[test]
     fn bad_input_is_refused_or_left_out_and_never_a_panic() {
         assert!(map_png(&Heatmap::new(2, 2, vec![0.0; 3]), "").is_err());
         assert!(map_png(&Heatmap::new(0, 0, vec![]), "").is_err());
@@ -552,6 +634,13 @@ mod tests {
             ..Default::default()
         };
         assert!(points_png(&[odd], "").is_ok() && points_png(&[], "").is_ok());
+        let frame = PointFrame {
+            time_s: f64::NAN,
+            points: vec![odd, RadarPoint::default()],
+            ..PointFrame::default()
+        };
+        assert!(points_over_time_png(&[frame, PointFrame::default()], "").is_ok());
+        assert!(points_over_time_png(&[], "").is_ok());
         let far = RadarPoint {
             x_m: f32::MAX,
             y_m: -f32::MAX,

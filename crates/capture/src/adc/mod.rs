@@ -22,7 +22,7 @@ pub use iq::{IqAnswer, IqCheck, IqVerdict};
 pub use layout::{CubeShape, FrameDecoder, IqOrder, Lanes, SampleKind, SampleLayout};
 pub use log_csv::RecordLog;
 pub use reader::{AdcReader, Chained, FrameIntegrity, FrameSource};
-pub use stats::{AdcStats, ChannelStats};
+pub use stats::{AdcStats, ChannelStats, HISTOGRAM_BINS};
 pub use studio::{StudioCapture, StudioError, StudioSetup};
 
 /// Why raw samples cannot be read.

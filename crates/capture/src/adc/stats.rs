@@ -13,6 +13,9 @@ const OFFSET_RATIO: f64 = 1.0;
 const GAIN_DB: f64 = 1.0;
 const PHASE_RAD: f64 = 0.1;
 
+/// Bins of a histogram, from minus to plus full scale.
+pub const HISTOGRAM_BINS: usize = 128;
+
 /// Figures of one receiver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChannelStats {
@@ -31,7 +34,7 @@ pub struct ChannelStats {
     pub n_samples: u64,
 }
 
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 struct Sums {
     n: u64,
     sum: [f64; 2],
@@ -40,6 +43,21 @@ struct Sums {
     /// Squares of I and Q and their product, without what stays from loop to loop.
     moving: [f64; 3],
     saturated: u64,
+    /// Of I and Q values together.
+    histogram: [u64; HISTOGRAM_BINS],
+}
+
+impl Default for Sums {
+    fn default() -> Self {
+        Self {
+            n: 0,
+            sum: [0.0; 2],
+            squares: 0.0,
+            moving: [0.0; 3],
+            saturated: 0,
+            histogram: [0; HISTOGRAM_BINS],
+        }
+    }
 }
 
 /// Sums over many frames.
@@ -89,6 +107,11 @@ impl AdcStats {
                 sums.moving[2] += re * im;
                 let peak = value.re.abs().max(value.im.abs());
                 sums.saturated += u64::from(peak >= self.full_scale);
+                for part in [value.re, value.im] {
+                    let place = 0.5 * (part / self.full_scale + 1.0) * HISTOGRAM_BINS as f32;
+                    // The cast saturates: what lies beyond full scale, or is no number, is in the outermost bins.
+                    sums.histogram[(place as usize).min(HISTOGRAM_BINS - 1)] += 1;
+                }
             }
         }
     }
@@ -96,6 +119,17 @@ impl AdcStats {
     /// Figures by receiver.
     pub fn channels(&self) -> Vec<ChannelStats> {
         self.channels.iter().map(Sums::stats).collect()
+    }
+
+    /// Largest value of I or Q, counts.
+    pub fn full_scale(&self) -> f32 {
+        self.full_scale
+    }
+
+    /// How many values of I and Q of a receiver lie in each of [`HISTOGRAM_BINS`] equal bins from minus to plus full
+    /// scale; `None` beyond the receivers.
+    pub fn histogram(&self, receiver: usize) -> Option<&[u64; HISTOGRAM_BINS]> {
+        Some(&self.channels.get(receiver)?.histogram)
     }
 
     /// What is wrong, in words, for reports; empty for a healthy signal.

@@ -12,6 +12,7 @@ use crate::{
     error::{CliError, CliResult},
     input::{self, Clip, ClipOptions, Provenance},
     output,
+    people::Person,
     recording::{self, RecordingArgs},
 };
 
@@ -44,6 +45,9 @@ pub struct Row {
     /// Most memory that this process has held, MB (Linux).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub peak_memory_mb: Option<f64>,
+    /// Whom it is about, with `--people`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub person: Option<Person>,
 }
 
 /// Name of a model in reports.
@@ -134,6 +138,7 @@ pub fn describe(captioner: &Captioner, clip: &Clip, model: String, beam: usize) 
         clip_seconds: clip.frames.len() as f64 / clip.frame_rate_hz,
         seconds: started.elapsed().as_secs_f64(),
         peak_memory_mb: peak_memory_mb(),
+        person: None,
     })
 }
 
@@ -144,7 +149,13 @@ pub fn print_row(row: &Row) {
     } else {
         "recorded"
     };
-    output::print_line(&format!("{}\n    {}", row.provenance.source, row.caption));
+    let who = row.person.as_ref().map_or(String::new(), |p| {
+        format!(" (person {}, {:.1} s to {:.1} s)", p.id, p.start_s, p.end_s)
+    });
+    output::print_line(&format!(
+        "{}{who}\n    {}",
+        row.provenance.source, row.caption
+    ));
     let why = row
         .reason
         .as_ref()
@@ -176,11 +187,14 @@ pub fn run(args: &DescribeArgs) -> CliResult {
     let mut rows = Vec::new();
     for input in &args.inputs {
         let clip = prepare(input::clip(input, &options)?, &args.recording)?;
-        let row = describe(&captioner, &clip, model.clone(), args.beam)?;
-        if !args.json {
-            print_row(&row);
+        for (person, clip) in args.people.clips(clip)? {
+            let mut row = describe(&captioner, &clip, model.clone(), args.beam)?;
+            row.person = person;
+            if !args.json {
+                print_row(&row);
+            }
+            rows.push(row);
         }
-        rows.push(row);
     }
     if args.json {
         return output::print_json(&rows);

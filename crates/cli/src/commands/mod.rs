@@ -2,6 +2,7 @@
 
 #[cfg(feature = "train")]
 pub mod ablate;
+pub mod calibrate;
 pub mod dataset;
 pub mod demo;
 pub mod describe;

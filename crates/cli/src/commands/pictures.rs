@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use radarllm_base::{PointFrame, RadarCube, RadarPoint};
+use radarllm_capture::adc::{AdcStats, HISTOGRAM_BINS};
+use radarllm_people::Track;
 use radarllm_radar_dsp::{Map, MicroDoppler, PointExtractor};
 use radarllm_view::plot::{self, Series};
 
@@ -27,9 +29,18 @@ pub struct PictureArgs {
     /// Also draw mean power over range, still targets included.
     #[arg(long, value_name = "F.png")]
     pub range_profile: Option<PathBuf>,
+    /// Also draw mean power over range of every virtual channel, still targets included.
+    #[arg(long, value_name = "F.png")]
+    pub channel_profiles: Option<PathBuf>,
     /// Also draw the points of all frames, from above and from the side.
     #[arg(long, value_name = "F.png")]
     pub point_cloud: Option<PathBuf>,
+    /// Also draw range and x of all points over time.
+    #[arg(long, value_name = "F.png")]
+    pub points_over_time: Option<PathBuf>,
+    /// Also draw the paths of people from above; of `process` with --people.
+    #[arg(long, value_name = "F.png")]
+    pub tracks: Option<PathBuf>,
 }
 
 impl PictureArgs {
@@ -40,10 +51,41 @@ impl PictureArgs {
             &self.range_azimuth,
             &self.micro_doppler,
             &self.range_profile,
+            &self.channel_profiles,
             &self.point_cloud,
+            &self.points_over_time,
+            &self.tracks,
         ]
         .into_iter()
         .flatten()
+    }
+
+    /// Whether a picture is asked for that points alone do not give.
+    pub fn need_samples(&self) -> bool {
+        let from_points = [&self.point_cloud, &self.points_over_time, &self.tracks];
+        self.paths().count() > from_points.into_iter().flatten().count()
+    }
+
+    /// The same, and all others in a folder, if there is one: those made from samples only where there are samples.
+    pub fn in_folder(&self, folder: Option<&Path>, has_samples: bool) -> Self {
+        let mut all = self.clone();
+        let Some(folder) = folder else {
+            return all;
+        };
+        let fill = |path: &mut Option<PathBuf>, name: &str| {
+            path.get_or_insert_with(|| folder.join(name));
+        };
+        if has_samples {
+            fill(&mut all.range_doppler, "range-doppler.png");
+            fill(&mut all.range_azimuth, "range-azimuth.png");
+            fill(&mut all.micro_doppler, "micro-doppler.png");
+            fill(&mut all.range_profile, "range-profile.png");
+            fill(&mut all.channel_profiles, "channel-profiles.png");
+        }
+        fill(&mut all.point_cloud, "point-cloud.png");
+        fill(&mut all.points_over_time, "points-over-time.png");
+        fill(&mut all.tracks, "tracks.png");
+        all
     }
 }
 
@@ -60,9 +102,8 @@ pub struct Pictures<'a> {
     range_doppler: Option<Map>,
     range_azimuth: Option<Map>,
     micro_doppler: MicroDoppler,
-    /// Sum over frames.
-    range_profile: Option<Map>,
-    points: Vec<RadarPoint>,
+    /// Sums over frames, a row a channel.
+    profiles: Option<Map>,
 }
 
 impl<'a> Pictures<'a> {
@@ -74,8 +115,7 @@ impl<'a> Pictures<'a> {
             range_doppler: None,
             range_azimuth: None,
             micro_doppler: MicroDoppler::default(),
-            range_profile: None,
-            points: Vec::new(),
+            profiles: None,
         }
     }
 
@@ -99,24 +139,21 @@ impl<'a> Pictures<'a> {
         if self.args.micro_doppler.is_some() {
             self.micro_doppler.push(extractor, cube)?;
         }
-        if self.args.range_profile.is_some() {
-            let profile = extractor.range_profile(cube)?;
-            match &mut self.range_profile {
-                None => self.range_profile = Some(profile),
+        if self.args.range_profile.is_some() || self.args.channel_profiles.is_some() {
+            let profiles = extractor.channel_profiles(cube)?;
+            match &mut self.profiles {
+                None => self.profiles = Some(profiles),
                 Some(sum) => {
-                    let values = sum.values.iter_mut().zip(&profile.values);
+                    let values = sum.values.iter_mut().zip(&profiles.values);
                     values.for_each(|(sum, value)| *sum += value);
                 }
             }
         }
-        if self.args.point_cloud.is_some() {
-            self.points.extend_from_slice(&frame.points);
-        }
         Ok(())
     }
 
-    /// Writes what was asked for.
-    pub fn finish(self) -> CliResult {
+    /// Writes what was asked for; `frames` are all points, `tracks` the people among them.
+    pub fn finish(self, frames: &[PointFrame], tracks: &[Track]) -> CliResult {
         let args = self.args;
         draw_map(
             &args.range_doppler,
@@ -137,9 +174,18 @@ impl<'a> Pictures<'a> {
             "Micro-Doppler, dB below the strongest cell",
         )?;
         if let Some(path) = &args.range_profile {
-            let map = self.range_profile.ok_or_else(no_frame)?;
+            let map = self.profiles.as_ref().ok_or_else(no_frame)?;
             let x: Vec<f64> = (0..map.n_cols).map(|i| map.cols.at(i)).collect();
-            let db = map.to_db(-120.0);
+            let mut sums = vec![0.0_f32; map.n_cols];
+            for row in map.values.chunks_exact(map.n_cols.max(1)) {
+                sums.iter_mut().zip(row).for_each(|(sum, v)| *sum += v);
+            }
+            let mean = Map {
+                n_rows: 1,
+                values: sums,
+                ..map.clone()
+            };
+            let db = mean.to_db(-120.0);
             let strongest = db.iter().copied().fold(f32::NEG_INFINITY, f32::max);
             let y: Vec<f64> = db.iter().map(|v| f64::from(v - strongest)).collect();
             let series = [Series {
@@ -155,12 +201,92 @@ impl<'a> Pictures<'a> {
             )?;
             output::write_atomic(path, &png)?;
         }
+        draw_map(
+            &args.channel_profiles,
+            self.profiles,
+            Rows::All,
+            "Range profile of every virtual channel, dB below the strongest cell",
+        )?;
         if let Some(path) = &args.point_cloud {
-            let png = plot::points_png(&self.points, "Points of all frames, by velocity")?;
+            let points: Vec<RadarPoint> = frames
+                .iter()
+                .flat_map(|f| f.points.iter().copied())
+                .collect();
+            let png = plot::points_png(&points, "Points of all frames, by velocity")?;
             output::write_atomic(path, &png)?;
+        }
+        if let Some(path) = &args.points_over_time {
+            let png = plot::points_over_time_png(frames, "Points over time, by velocity")?;
+            output::write_atomic(path, &png)?;
+        }
+        if let Some(path) = &args.tracks {
+            draw_tracks(path, tracks)?;
         }
         Ok(())
     }
+}
+
+/// Paths from above, a line a person, broken where the person was not seen.
+fn draw_tracks(path: &Path, tracks: &[Track]) -> CliResult {
+    let named: Vec<(String, Vec<f64>, Vec<f64>)> = tracks
+        .iter()
+        .map(|t| {
+            let place = |axis: usize| {
+                let frames = t.frames.iter();
+                let seen = frames.map(move |f| (!f.points.is_empty()).then(|| f.place_m[axis]));
+                seen.map(|v| v.unwrap_or(f64::NAN)).collect()
+            };
+            (format!("person {}", t.id), place(0), place(1))
+        })
+        .collect();
+    let series: Vec<Series> = named
+        .iter()
+        .map(|(name, x, y)| Series { name, x, y })
+        .collect();
+    let png = plot::lines_png(&series, "x (m)", "y (m)", "Paths of people from above")?;
+    output::write_atomic(path, &png)
+}
+
+/// Draws how often each value of the ADC came, and the figures of each receiver.
+pub fn draw_adc_statistics(path: &Path, stats: &AdcStats) -> CliResult {
+    let width = 2.0 * f64::from(stats.full_scale()) / HISTOGRAM_BINS as f64;
+    let x: Vec<f64> = (0..HISTOGRAM_BINS)
+        .map(|i| (i as f64 + 0.5) * width - f64::from(stats.full_scale()))
+        .collect();
+    let mut curves: Vec<(String, Vec<f64>)> = Vec::new();
+    for (i, c) in stats.channels().iter().enumerate() {
+        let Some(counts) = stats.histogram(i) else {
+            continue;
+        };
+        let total = counts.iter().sum::<u64>().max(1) as f64;
+        // What never came leaves a gap.
+        let share = |n: &u64| match n {
+            0 => f64::NAN,
+            n => (*n as f64 / total).log10(),
+        };
+        let name = format!(
+            "RX{}: {:.2} % full scale, offset {:+.1}{:+.1}j, rms {:.1}, I/Q {:+.2} dB {:+.1} deg",
+            i + 1,
+            100.0 * c.saturated,
+            c.mean[0],
+            c.mean[1],
+            c.rms,
+            c.gain_imbalance_db,
+            c.phase_imbalance_rad.to_degrees()
+        );
+        curves.push((name, counts.iter().map(share).collect()));
+    }
+    let series: Vec<Series> = curves
+        .iter()
+        .map(|(name, y)| Series { name, x: &x, y })
+        .collect();
+    let png = plot::lines_png(
+        &series,
+        "value of I or Q (counts)",
+        "log10 of the share of values",
+        "ADC values of each receiver",
+    )?;
+    output::write_atomic(path, &png)
 }
 
 /// Rows of a map that are shown.

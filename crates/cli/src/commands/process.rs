@@ -1,23 +1,28 @@
 //! `process`: recorded radar to points.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use radarllm_base::{PointFrame, RadarConfig, RadarCube};
 use radarllm_capture::{
     Detected,
-    adc::{AdcStats, CubeShape, FrameSource, IqAnswer, IqCheck, SampleKind},
+    adc::{AdcStats, CubeShape, FrameSource, IqAnswer, IqCheck},
 };
 use radarllm_dataset::{Overwrite, PointsMeta, write_points};
-use radarllm_radar_dsp::{DspOptions, PointExtractor};
+use radarllm_radar_dsp::PointExtractor;
 use serde::Serialize;
 
 use crate::{
     args::ProcessArgs,
     capture::{self, Format, Frames, NpyFrames},
-    commands::{pictures::Pictures, radar},
+    commands::{
+        pictures::{self, PictureArgs, Pictures},
+        radar,
+    },
     error::{CliError, CliResult},
     input::MAX_FRAMES,
-    output, recording, udp,
+    output,
+    people::{self, Found, GhostReport, Person},
+    recording, udp,
 };
 
 #[derive(Serialize)]
@@ -37,6 +42,12 @@ struct Report {
     transfer: Option<Transfer>,
     /// What was noticed about the capture.
     notes: Vec<String>,
+    /// With `--people`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    people: Option<Vec<PersonFile>>,
+    /// With `--drop-ghosts`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    ghosts: Vec<GhostReport>,
 }
 
 /// What happened to packets.
@@ -54,30 +65,47 @@ struct Transfer {
 /// Runs the verb.
 pub fn run(args: &ProcessArgs) -> CliResult {
     let kind = kind_of(args)?;
-    for path in std::iter::once(&args.out).chain(args.pictures.paths()) {
+    let asked = match &kind {
+        Kind::Samples(_) => Asked::of_samples(args),
+        Kind::Points(_) => Asked::of_points(args),
+    };
+    for path in std::iter::once(&args.out).chain(asked.paths()) {
         output::check_free(path, args.force)?;
     }
     let format = match kind {
         Kind::Samples(format) => format,
-        Kind::Points(detected) => return recorded_points(args, &detected),
+        Kind::Points(detected) => return recorded_points(args, &asked, &detected),
     };
-    let radar = radar::open(samples_radar(args)?)?;
-    let mut extractor = PointExtractor::new(&radar, DspOptions::default())?;
-    let mut pictures = Pictures::new(&args.pictures);
+    let radar_name = samples_radar(args)?;
+    let radar = radar::open(radar_name)?;
     let mut notes = Vec::new();
-    let mut frames = open(format, args, &radar, &mut notes)?;
+    let named = args.format.as_deref();
+    let (corrector, options) =
+        args.clean
+            .of_samples(&radar, radar_name, named, &args.layout, &mut notes)?;
+    let mut extractor = PointExtractor::new(&radar, options)?;
+    let mut pictures = Pictures::new(&asked.pictures);
+    let mut frames = Frames::open(
+        format,
+        &args.capture,
+        &radar,
+        radar_name,
+        &args.layout,
+        &mut notes,
+    )?;
     let mut health = Health::new(&radar, format);
     let first = &args.capture[0];
-    let taken = extract_all(
+    let mut taken = extract_all(
         &mut frames,
         first,
         &radar,
         args.frames,
         &mut extractor,
-        |extractor, cube, frame| {
+        |cube| {
             health.push(cube);
-            pictures.push(extractor, cube, frame)
+            Ok(corrector.apply(cube)?)
         },
+        |extractor, cube, frame| pictures.push(extractor, cube, frame),
     )?;
     health.finish(&frames, &mut notes);
     if frames.overruns() > 0 {
@@ -94,7 +122,19 @@ pub fn run(args: &ProcessArgs) -> CliResult {
             frames.trailing_bytes()
         )));
     }
-    pictures.finish()?;
+    let found = args.people.find(&mut taken.points)?;
+    pictures.finish(&taken.points, &found.tracks)?;
+    let has_counts = health.stats.channels().iter().any(|c| c.rms >= 1.0);
+    match &asked.adc_statistics {
+        Some(path) if has_counts => pictures::draw_adc_statistics(path, &health.stats)?,
+        Some(_) if args.adc_statistics.is_some() => {
+            return Err(CliError::new(format!(
+                "{}: the samples stay below one count: they are no ADC's, and --adc-statistics has nothing to draw",
+                first.display()
+            )));
+        }
+        _ => {}
+    }
     let names: Vec<String> = args
         .capture
         .iter()
@@ -108,7 +148,7 @@ pub fn run(args: &ProcessArgs) -> CliResult {
         radar_height_m: Some(args.radar_height_m),
         frame_rate_hz: radar.frame_rate_hz(),
     };
-    write_points(&args.out, &meta, &taken.points, Overwrite::Replace)?;
+    let people = write_all(args, &meta, &taken.points, &found)?;
     let report = Report {
         frames: taken.points.len(),
         points_per_frame: points_per_frame(&taken.points),
@@ -128,6 +168,8 @@ pub fn run(args: &ProcessArgs) -> CliResult {
             skipped,
         }),
         notes,
+        people,
+        ghosts: found.ghosts,
     };
     say(&report);
     if args.json {
@@ -137,7 +179,94 @@ pub fn run(args: &ProcessArgs) -> CliResult {
         "{}: {} frames, {:.1} points a frame",
         report.out, report.frames, report.points_per_frame
     ));
+    print_people(report.people.as_deref(), &report.ghosts);
     Ok(())
+}
+
+/// Pictures that are asked for, by name or all.
+struct Asked {
+    pictures: PictureArgs,
+    adc_statistics: Option<PathBuf>,
+}
+
+impl Asked {
+    fn of_samples(args: &ProcessArgs) -> Self {
+        let folder = args.all_pictures.as_deref();
+        Self {
+            pictures: args.pictures.in_folder(folder, true),
+            adc_statistics: args
+                .adc_statistics
+                .clone()
+                .or_else(|| folder.map(|f| f.join("adc-statistics.png"))),
+        }
+    }
+
+    fn of_points(args: &ProcessArgs) -> Self {
+        Self {
+            pictures: args.pictures.in_folder(args.all_pictures.as_deref(), false),
+            adc_statistics: args.adc_statistics.clone(),
+        }
+    }
+
+    fn paths(&self) -> impl Iterator<Item = &PathBuf> {
+        self.pictures.paths().chain(&self.adc_statistics)
+    }
+}
+
+/// A person's file, as scripts read it.
+#[derive(Serialize)]
+struct PersonFile {
+    #[serde(flatten)]
+    person: Person,
+    out: String,
+}
+
+/// Writes all points, and with `--people` those of each; `None` without.
+fn write_all(
+    args: &ProcessArgs,
+    meta: &PointsMeta,
+    frames: &[PointFrame],
+    found: &Found,
+) -> CliResult<Option<Vec<PersonFile>>> {
+    let tracks = match args.people.people {
+        Some(_) => &found.tracks[..],
+        None => &[],
+    };
+    for track in tracks {
+        output::check_free(&people::path_of(&args.out, track.id), args.force)?;
+    }
+    write_points(&args.out, meta, frames, Overwrite::Replace)?;
+    let mut files = Vec::new();
+    for track in tracks {
+        let path = people::path_of(&args.out, track.id);
+        let meta = PointsMeta {
+            source: format!("{} (person {})", meta.source, track.id),
+            ..meta.clone()
+        };
+        let alone = people::alone(track, frames);
+        write_points(&path, &meta, &alone, Overwrite::Replace)?;
+        files.push(PersonFile {
+            person: Person::of(track, frames),
+            out: path.display().to_string(),
+        });
+    }
+    Ok(args.people.people.map(|_| files))
+}
+
+fn print_people(people: Option<&[PersonFile]>, ghosts: &[GhostReport]) {
+    if people.is_some_and(<[_]>::is_empty) {
+        output::print_line("no person found");
+    }
+    for file in people.unwrap_or_default() {
+        let p = &file.person;
+        output::print_line(&format!(
+            "{}: person {}, {:.1} s to {:.1} s, {} points",
+            file.out, p.id, p.start_s, p.end_s, p.points
+        ));
+    }
+    for ghost in ghosts {
+        output::print_line(&people::describe_ghost(ghost));
+    }
 }
 
 /// What a capture holds.
@@ -206,43 +335,6 @@ fn say(report: &Report) {
     }
 }
 
-fn open(
-    format: Format,
-    args: &ProcessArgs,
-    radar: &RadarConfig,
-    notes: &mut Vec<String>,
-) -> CliResult<Frames> {
-    if format == Format::Npy {
-        let [path] = &args.capture[..] else {
-            return Err(CliError::new("npy arrays are read one at a time"));
-        };
-        return Ok(Frames::Npy(Box::new(NpyFrames::open(
-            path,
-            radar,
-            args.layout.axes.as_deref(),
-        )?)));
-    }
-    let chosen = capture::choose_layout(
-        format,
-        &args.capture,
-        radar,
-        samples_radar(args)?,
-        &args.layout,
-    )?;
-    notes.extend(chosen.notes);
-    if let (SampleKind::Complex { order }, Some(verdict)) = (chosen.layout.data, chosen.verdict) {
-        notes.push(format!(
-            "read with {}; {}",
-            order.name(),
-            capture::explain(chosen.tried, &verdict)
-        ));
-    }
-    if format != Format::Udp {
-        notes.extend(capture::log_notes(&args.capture[0])?);
-    }
-    Frames::open_raw(format, &args.capture, CubeShape::of(radar), chosen.layout)
-}
-
 /// Adds up what the samples say about themselves.
 struct Health {
     iq: IqCheck,
@@ -293,25 +385,39 @@ struct RecordedReport {
     source: String,
     notes: Vec<String>,
     out: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    people: Option<Vec<PersonFile>>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    ghosts: Vec<GhostReport>,
 }
 
 /// Points that another radar's firmware found.
-fn recorded_points(args: &ProcessArgs, detected: &Detected) -> CliResult {
-    if args.pictures.paths().next().is_some() {
+fn recorded_points(args: &ProcessArgs, asked: &Asked, detected: &Detected) -> CliResult {
+    if asked.adc_statistics.is_some() || asked.pictures.need_samples() {
         return Err(CliError::new(
-            "pictures are made from raw samples; this capture holds points",
-        ));
+            "this picture is made from raw samples; the capture holds points",
+        )
+        .hint("--point-cloud, --points-over-time and --tracks are made from points"));
     }
     let [path] = &args.capture[..] else {
         return Err(CliError::new(
             "recorded points are read one capture at a time",
         ));
     };
-    let opened = recording::open(path, detected, args.radar.as_deref(), &args.recording)?;
-    let line = match args.resample {
+    let mut opened = recording::open(path, detected, args.radar.as_deref(), &args.recording)?;
+    args.clean.of_points(
+        &mut opened.timeline.frames,
+        args.radar.as_deref(),
+        args.format.as_deref(),
+        &args.recording,
+        &mut opened.notes,
+    )?;
+    let mut line = match args.resample {
         Some(rate_hz) => recording::resample(&opened.timeline, rate_hz, args.recording.follow)?,
         None => opened.timeline,
     };
+    let found = args.people.find(&mut line.frames)?;
+    Pictures::new(&asked.pictures).finish(&line.frames, &found.tracks)?;
     let meta = PointsMeta {
         radar: opened.radar,
         source: opened.source,
@@ -320,7 +426,7 @@ fn recorded_points(args: &ProcessArgs, detected: &Detected) -> CliResult {
         radar_height_m: Some(args.radar_height_m),
         frame_rate_hz: line.rate_hz,
     };
-    write_points(&args.out, &meta, &line.frames, Overwrite::Replace)?;
+    let people = write_all(args, &meta, &line.frames, &found)?;
     let report = RecordedReport {
         frames: line.frames.len(),
         points_per_frame: points_per_frame(&line.frames),
@@ -329,6 +435,8 @@ fn recorded_points(args: &ProcessArgs, detected: &Detected) -> CliResult {
         source: meta.source,
         notes: opened.notes,
         out: args.out.display().to_string(),
+        people,
+        ghosts: found.ghosts,
     };
     if args.json {
         return output::print_json(&report);
@@ -340,6 +448,7 @@ fn recorded_points(args: &ProcessArgs, detected: &Detected) -> CliResult {
         "{}: {} frames at {:.2} Hz, {:.1} points a frame",
         report.out, report.frames, report.frame_rate_hz, report.points_per_frame
     ));
+    print_people(report.people.as_deref(), &report.ghosts);
     Ok(())
 }
 
@@ -358,13 +467,15 @@ pub struct Taken {
     pub lost: usize,
 }
 
-/// Extracts points of at most `n_frames` frames. `each` sees every cube with its points.
+/// Extracts points of at most `n_frames` frames. `before` gets every cube as it was read and may correct it; `each` sees
+/// what came of it with its points.
 pub fn extract_all(
     frames: &mut Frames,
     path: &Path,
     radar: &RadarConfig,
     n_frames: Option<usize>,
     extractor: &mut PointExtractor,
+    mut before: impl FnMut(&mut RadarCube) -> CliResult,
     mut each: impl FnMut(&mut PointExtractor, &RadarCube, &PointFrame) -> CliResult,
 ) -> CliResult<Taken> {
     let most = n_frames.unwrap_or(MAX_FRAMES).min(MAX_FRAMES);
@@ -410,6 +521,7 @@ pub fn extract_all(
         }
         taken.damaged += usize::from(!integrity.is_complete());
         cube.time_s = time_s(index as usize);
+        before(&mut cube)?;
         let mut frame = extractor
             .extract(&cube)
             .map_err(|e| CliError::new(format!("{}: frame {index}: {e}", path.display())))?;
@@ -430,6 +542,14 @@ pub fn points_of_npy(
     extractor: &mut PointExtractor,
 ) -> CliResult<Vec<PointFrame>> {
     let mut frames = Frames::Npy(Box::new(NpyFrames::open(path, radar, None)?));
-    let taken = extract_all(&mut frames, path, radar, None, extractor, |_, _, _| Ok(()))?;
+    let taken = extract_all(
+        &mut frames,
+        path,
+        radar,
+        None,
+        extractor,
+        |_| Ok(()),
+        |_, _, _| Ok(()),
+    )?;
     Ok(taken.points)
 }

@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use crate::{
     args::RadarVerb,
+    commands::calibrate,
     default_model,
     error::{CliError, CliResult},
     output,
@@ -75,6 +76,7 @@ pub fn run(verb: &RadarVerb) -> CliResult {
         RadarVerb::List(args) => list(args.json),
         RadarVerb::Show { radar, json } => show(&open(radar)?, *json),
         RadarVerb::Lint { radar, model, json } => lint(radar, model.as_deref(), *json),
+        RadarVerb::Calibrate(args) => calibrate::run(args),
     }
 }
 

@@ -362,7 +362,7 @@ fn run_scene(
                 draw(synthesizer, &frame)?;
                 frames.push(frame);
             }
-            pictures.finish()?;
+            pictures.finish(&frames, &[])?;
             let meta = PointsMeta {
                 radar: synthesizer.radar().name.clone(),
                 source: format!("simulated:{input}"),
@@ -381,6 +381,7 @@ fn run_scene(
         }
         Emit::Adc => {
             let wanted = args.pictures.paths().next().is_some();
+            let mut frames = Vec::new();
             write_adc(
                 synthesizer,
                 scene,
@@ -392,10 +393,12 @@ fn run_scene(
                         return Ok(());
                     }
                     let frame = synthesizer.extract(idx)?;
-                    draw(synthesizer, &frame)
+                    draw(synthesizer, &frame)?;
+                    frames.push(frame);
+                    Ok(())
                 },
             )?;
-            pictures.finish()?;
+            pictures.finish(&frames, &[])?;
             Ok(Done {
                 frames: n_frames,
                 points: 0,

@@ -164,6 +164,16 @@ fn raw_words_give_the_points_of_the_array_they_were_made_of() {
             (&"adc".into(), &0.into())
         );
     }
+    let picture = text(&r.folder.path().join("adc.png"));
+    r.process(
+        &[&bin],
+        &[
+            &lanes[..],
+            &["--iq", "i-first", "--adc-statistics", &picture],
+        ]
+        .concat(),
+    );
+    assert!(fs::read(&picture).unwrap().starts_with(b"\x89PNG"));
     let swapped = r.write("swapped.bin", &r.stream(two(Q_FIRST)));
     let (report, found) = r.process(&[&swapped], &[&lanes[..], &["--iq", "auto"]].concat());
     same_points(&found, &expected);

@@ -4,6 +4,7 @@ mod architecture;
 mod bad_input;
 mod capture;
 mod chain;
+mod clean;
 mod command;
 mod geometry;
 #[cfg(feature = "train")]

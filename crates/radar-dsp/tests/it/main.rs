@@ -1,6 +1,8 @@
 //! Checks of the whole chain on cubes evaluated from the signal model.
 
+mod calibrate;
 mod clutter;
+mod correct;
 mod detection;
 mod geometry;
 mod hostile;

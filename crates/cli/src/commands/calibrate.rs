@@ -1,0 +1,149 @@
+//! `radar calibrate`: gains of the virtual channels from a corner reflector.
+
+use radarllm_capture::{Calibration, adc::AdcStats, calibration::CalibratedChannel};
+use radarllm_radar_dsp::{CornerCalibrator, Reflector};
+use serde::Serialize;
+
+use crate::{
+    args::CalibrateArgs,
+    capture::{self, Format, Frames},
+    clean::{CleanArgs, whole_frames},
+    commands::radar,
+    error::{CliError, CliResult},
+    output,
+};
+
+/// Other echoes nearer than this to the reflector's strength bend the gains by 0.1 and more, dB.
+const ALONE_DB: f64 = 20.0;
+/// What is weaker than this against another echo is that one's sidelobe as likely as a reflector, dB.
+const LOUDEST_DB: f64 = 3.0;
+/// Share of samples at full scale that one loud moment makes.
+const SATURATED_SHARE: f64 = 1e-3;
+
+#[derive(Serialize)]
+struct Report<'a> {
+    #[serde(flatten)]
+    calibration: &'a Calibration,
+    notes: &'a [String],
+    out: String,
+}
+
+/// Runs the verb.
+pub fn run(args: &CalibrateArgs) -> CliResult {
+    output::check_free(&args.out, args.force)?;
+    let radar = radar::open(&args.radar)?;
+    let named = args.format.as_deref();
+    let format = capture::format_of(&args.capture, named)?;
+    let mut notes = Vec::new();
+    let reflector = Reflector {
+        range_m: args.range_m,
+        azimuth_rad: args.azimuth_deg.to_radians(),
+        elevation_rad: args.elevation_deg.to_radians(),
+        search_m: args.search_m,
+    };
+    let mut calibrator = CornerCalibrator::new(&radar, reflector)?;
+    let clean = CleanArgs {
+        background: args.background.clone(),
+        ..CleanArgs::default()
+    };
+    let (corrector, _) = clean.of_samples(&radar, &args.radar, named, &args.layout, &mut notes)?;
+    let mut frames = Frames::open(
+        format,
+        &args.capture,
+        &radar,
+        &args.radar,
+        &args.layout,
+        &mut notes,
+    )?;
+    let first = &args.capture[0];
+    let mut stats = AdcStats::new(radar.rx.len(), 16);
+    let n_damaged = whole_frames(&mut frames, first, &radar, |cube| {
+        stats.push(cube);
+        let mut cube = cube.clone();
+        corrector.apply(&mut cube)?;
+        Ok(calibrator.push(&cube)?)
+    })?;
+    if n_damaged > 0 {
+        notes.push(format!("{n_damaged} frames with missing bytes left out"));
+    }
+    // Counts of an ADC have an end; numbers of an array may be anything.
+    if format != Format::Npy {
+        for (i, channel) in stats.channels().iter().enumerate() {
+            if channel.saturated > SATURATED_SHARE {
+                return Err(CliError::new(format!(
+                    "{}: ADC saturated in {:.1} % of the samples of channel {}",
+                    first.display(),
+                    100.0 * channel.saturated,
+                    i + 1
+                ))
+                .hint("clipped samples have other phases: less receiver gain, or the reflector farther away"));
+            }
+        }
+    }
+    let found = calibrator.finish().map_err(|e| {
+        CliError::new(format!("{}: {e}", first.display())).hint(
+            "--range-m says where the reflector stands, --background what the place is without it",
+        )
+    })?;
+    if found.above_surroundings_db < LOUDEST_DB {
+        return Err(CliError::new(format!(
+            "{}: the echo at {:.2} m is no reflector that stands alone: {:+.1} dB against another still echo beside it",
+            first.display(),
+            found.range_m,
+            found.above_surroundings_db
+        ))
+        .hint("--background takes off what the place is without the reflector"));
+    }
+    if found.above_surroundings_db < ALONE_DB {
+        notes.push(format!(
+            "another still echo is only {:.1} dB weaker than the reflector and bends the gains: --background takes it off",
+            found.above_surroundings_db
+        ));
+    }
+    let names: Vec<String> = args
+        .capture
+        .iter()
+        .map(|p| p.display().to_string())
+        .collect();
+    let calibration = Calibration {
+        radar: radar.name.clone(),
+        source: format!("recorded:{}", names.join("+")),
+        range_m: found.range_m,
+        azimuth_deg: args.azimuth_deg,
+        elevation_deg: args.elevation_deg,
+        snr_db: found.snr_db,
+        above_surroundings_db: found.above_surroundings_db,
+        residual: found.residual,
+        frames: found.n_frames,
+        channel: CalibratedChannel::all(&radar, &found.gains),
+    };
+    output::write_atomic(&args.out, calibration.to_toml()?.as_bytes())?;
+    for note in &notes {
+        eprintln!("note: {note}");
+    }
+    if args.json {
+        return output::print_json(&Report {
+            calibration: &calibration,
+            notes: &notes,
+            out: args.out.display().to_string(),
+        });
+    }
+    output::print_line("slot receiver  gain (dB)  phase (degrees)");
+    for c in &calibration.channel {
+        output::print_line(&format!(
+            "{:>4} {:>8} {:>+10.2} {:>+16.2}",
+            c.slot, c.receiver, c.gain_db, c.phase_deg
+        ));
+    }
+    output::print_line(&format!(
+        "{}: reflector at {:.3} m, {} frames, signal over noise {:.1} dB, {:.1} dB over its surroundings, gains repeat \
+         to {:.4}",
+        args.out.display(),
+        calibration.range_m,
+        calibration.frames,
+        calibration.snr_db,
+        calibration.above_surroundings_db,
+        calibration.residual
+    ));
+    Ok(())
+}

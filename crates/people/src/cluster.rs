@@ -1,0 +1,210 @@
+//! Points of a frame that belong together: DBSCAN over place and radial velocity.
+
+use radarllm_base::RadarPoint;
+
+use crate::{OptionError, within};
+
+/// Strongest points of a frame that are looked at; the work grows with their square.
+pub const MAX_POINTS: usize = 1024;
+
+/// When two points are neighbours: (dx^2 + dy^2) / place_m^2 + dz^2 / height_m^2 + dv^2 / velocity_mps^2 <= 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClusterOptions {
+    /// Horizontal distance of neighbours, m.
+    pub place_m: f64,
+    /// Vertical distance of neighbours, m: large, as elevation is the least exact and a person is tall.
+    pub height_m: f64,
+    /// Difference of radial velocities of neighbours, m/s: limbs differ from the torso by more than this, but
+    /// the points between make a chain.
+    pub velocity_mps: f64,
+    /// Neighbours, itself included, that make a point the core of a cluster.
+    pub min_points: usize,
+}
+
+impl Default for ClusterOptions {
+    fn default() -> Self {
+        Self {
+            place_m: 0.5,
+            height_m: 1.0,
+            velocity_mps: 1.5,
+            min_points: 3,
+        }
+    }
+}
+
+impl ClusterOptions {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// The first that makes no sense.
+    pub fn validate(&self) -> Result<(), OptionError> {
+        within("place_m", self.place_m, 0.01, 10.0, "0.01 to 10 m")?;
+        within("height_m", self.height_m, 0.01, 100.0, "0.01 to 100 m")?;
+        within(
+            "velocity_mps",
+            self.velocity_mps,
+            0.01,
+            100.0,
+            "0.01 to 100 m/s",
+        )?;
+        within(
+            "min_points",
+            self.min_points as f64,
+            1.0,
+            1000.0,
+            "1 to 1000",
+        )
+    }
+
+    fn are_neighbours(&self, a: &RadarPoint, b: &RadarPoint) -> bool {
+        let apart = |a: f32, b: f32, unit: f64| (f64::from(a - b) / unit).powi(2);
+        apart(a.x_m, b.x_m, self.place_m)
+            + apart(a.y_m, b.y_m, self.place_m)
+            + apart(a.z_m, b.z_m, self.height_m)
+            + apart(a.velocity_mps, b.velocity_mps, self.velocity_mps)
+            <= 1.0
+    }
+}
+
+/// Points that belong together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cluster {
+    /// Indices in the frame, ascending.
+    pub points: Vec<u32>,
+    /// Mean place, m, right and away from the radar.
+    pub place_m: [f64; 2],
+    /// Median radial velocity, m/s: a torso's rather than a limb's.
+    pub velocity_mps: f64,
+}
+
+impl Cluster {
+    /// Of the points with these indices; `None` without any.
+    pub fn of(points: &[RadarPoint], indices: Vec<u32>) -> Option<Self> {
+        let n = indices.len() as f64;
+        let mut place_m = [0.0; 2];
+        let mut velocities = Vec::with_capacity(indices.len());
+        for i in &indices {
+            let point = &points[*i as usize];
+            place_m[0] += f64::from(point.x_m) / n;
+            place_m[1] += f64::from(point.y_m) / n;
+            velocities.push(point.velocity_mps);
+        }
+        velocities.sort_by(f32::total_cmp);
+        let velocity_mps = f64::from(*velocities.get(velocities.len() / 2)?);
+        Some(Self {
+            points: indices,
+            place_m,
+            velocity_mps,
+        })
+    }
+}
+
+/// Clusters among the first [`MAX_POINTS`] points (the strongest come first), by DBSCAN (Ester et al., KDD 1996): cores and
+/// whoever neighbours them; points without a core in reach belong nowhere. Ordered by their first core.
+pub fn clusters(points: &[RadarPoint], options: &ClusterOptions) -> Vec<Cluster> {
+    let points = &points[..points.len().min(MAX_POINTS)];
+    let neighbours = |i: usize| -> Vec<usize> {
+        (0..points.len())
+            .filter(|&j| options.are_neighbours(&points[i], &points[j]))
+            .collect()
+    };
+    let mut taken = vec![false; points.len()];
+    let mut found = Vec::new();
+    for start in 0..points.len() {
+        if taken[start] {
+            continue;
+        }
+        let mut ahead = neighbours(start);
+        if ahead.len() < options.min_points {
+            continue;
+        }
+        taken[start] = true;
+        let mut members = vec![start as u32];
+        while let Some(i) = ahead.pop() {
+            if taken[i] {
+                continue;
+            }
+            taken[i] = true;
+            members.push(i as u32);
+            let further = neighbours(i);
+            if further.len() >= options.min_points {
+                ahead.extend(further.into_iter().filter(|&j| !taken[j]));
+            }
+        }
+        members.sort_unstable();
+        found.extend(Cluster::of(points, members));
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(x_m: f32, y_m: f32, velocity_mps: f32) -> RadarPoint {
+        RadarPoint {
+            x_m,
+            y_m,
+            velocity_mps,
+            ..RadarPoint::default()
+        }
+    }
+
+    #[test]
+    fn chains_hold_together_loners_belong_nowhere_and_velocity_parts() {
+        let options = ClusterOptions::default();
+        let points = [
+            at(0.0, 2.0, 0.2),
+            at(5.0, 5.0, 0.0), // alone
+            at(0.4, 2.0, 0.3),
+            at(0.8, 2.0, 0.4),
+            // The same place, coming instead of going: 2.0 m/s apart.
+            at(0.2, 2.0, -2.0),
+            at(0.3, 2.0, -2.1),
+            at(0.4, 2.1, -1.9),
+        ];
+        let found = clusters(&points, &options);
+        let members: Vec<&[u32]> = found.iter().map(|c| &c.points[..]).collect();
+        // Points 0 and 3 reach each other over the core in the middle only.
+        assert_eq!(members, [&[0, 2, 3][..], &[4, 5, 6]]);
+        assert!((found[0].place_m[0] - 0.4).abs() < 1e-6 && found[1].velocity_mps == -2.0);
+        assert!(clusters(&[], &options).is_empty());
+        assert!(clusters(&points[..2], &options).is_empty());
+    }
+
+    #[test]
+    fn order_of_points_changes_no_cluster() {
+        let mut points = Vec::new();
+        for i in 0..40 {
+            let i = i as f32;
+            points.push(at((i * 0.7).sin() * 2.0, 3.0 + (i * 1.3).cos() * 2.0, 0.1));
+        }
+        let sets = |points: &[RadarPoint]| {
+            let options = ClusterOptions {
+                min_points: 1, // Border points of two clusters could go either way.
+                ..ClusterOptions::default()
+            };
+            let mut sets: Vec<Vec<u64>> = clusters(points, &options)
+                .iter()
+                .map(|c| {
+                    let mut keys: Vec<u64> = c
+                        .points
+                        .iter()
+                        .map(|i| {
+                            let p = &points[*i as usize];
+                            u64::from(p.x_m.to_bits()) << 32 | u64::from(p.y_m.to_bits())
+                        })
+                        .collect();
+                    keys.sort_unstable();
+                    keys
+                })
+                .collect();
+            sets.sort();
+            sets
+        };
+        let before = sets(&points);
+        assert!(before.len() > 2);
+        points.reverse();
+        assert_eq!(sets(&points), before);
+    }
+}

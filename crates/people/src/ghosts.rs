@@ -1,0 +1,243 @@
+//! Tracks that are somebody else, seen over a wall.
+//!
+//! A flat wall shows a person again behind it. Waves that take the wall both ways come from the mirror image; waves
+//! that take it one way only have the mean of both path lengths and stand between the bearings (an array hears another
+//! direction than it sends to: nothing says which bearing wins, and elevation means nothing). Both are farther than the
+//! person, both lose at the wall, and both move as the wall makes them: one plane explains every frame. A second person
+//! is hardly ever explained by a plane for long.
+
+use std::f64::consts::PI;
+
+use radarllm_base::{PointFrame, RadarPoint};
+
+use crate::tracker::{Track, TrackFrame};
+
+/// Least frames in which both are seen.
+const MIN_FRAMES: usize = 10;
+/// Least way that the person makes within them, m. Whoever stands still has a mirror for anything.
+const MIN_PATH_M: f64 = 0.5;
+/// Least loss of a ghost against the person, dB, with the fourth power of range taken off both. Concrete and plaster lose 7
+/// to 12 dB a reflection, of which two equal ways win some back; people differ by a few dB.
+const MIN_LOSS_DB: f64 = 4.0;
+/// Share of the frames in which the ghost must be farther.
+const FARTHER_SHARE: f64 = 0.9;
+/// Standard deviations of a ghost about where the plane puts it: in range, across the line of sight, and of its radial
+/// velocity. As of medians over a cluster.
+const SIGMA: [f64; 3] = [0.2, 0.6, 0.4];
+/// Root mean square in these units up to which a plane explains a track. A walker beside a concrete wall measures 0.4.
+const MAX_MISFIT: f64 = 0.7;
+/// A frame counts at most so much: a cluster that was torn apart once proves nothing.
+const MAX_SQUARE: f64 = 9.0;
+/// Steps of the search over planes.
+const STEP_RAD: f64 = PI / 90.0;
+const STEP_M: f64 = 0.1;
+/// Nearest and farthest wall, m from the radar.
+const WALL_M: [f64; 2] = [0.3, 12.0];
+
+/// How a ghost's waves go.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum GhostPath {
+    /// Over the wall out and back.
+    BothWays,
+    /// Over the wall on one of the two ways.
+    OneWay,
+}
+
+/// A track that is a ghost.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ghost {
+    /// The ghost's track.
+    pub id: u32,
+    /// The track of the person.
+    pub of: u32,
+    /// Which way.
+    pub path: GhostPath,
+    /// Bearing of the foot of the perpendicular from the radar to the wall, rad, to the right of boresight. Of a wall
+    /// beside a person near boresight the side may be the wrong one.
+    pub wall_azimuth_rad: f64,
+    /// Distance of the wall, m.
+    pub wall_m: f64,
+    /// Root mean square of what the wall does not explain, in standard deviations.
+    pub misfit: f64,
+    /// Median loss against the person, dB, range taken off.
+    pub loss_db: f64,
+}
+
+/// Tracks that are reflections of others over a flat upright wall, at most one ghost per track.
+///
+/// A track is a ghost of another if over the frames in which both are seen, at least ten, in which the other makes 0.5 m
+/// of way: it is farther in nine of ten, weaker by 4 dB (median of the points' summed power, after the fourth power of
+/// range), and one plane explains its ranges, bearings and radial velocities, rms within 0.7 standard deviations (0.2 m,
+/// 0.6 m across the line of sight, 0.4 m/s).
+///
+/// Two people who stand still are left alone, and so is a ghost whose person is not tracked. Somebody who follows
+/// another in single file, weaker for being shadowed, may be taken for a ghost: that is why nothing removes ghosts
+/// unasked.
+pub fn find_ghosts(tracks: &[Track], frames: &[PointFrame]) -> Vec<Ghost> {
+    let mut found = Vec::new();
+    for ghost in tracks {
+        let best = tracks
+            .iter()
+            .filter(|person| person.id != ghost.id)
+            .filter_map(|person| compare(person, ghost, frames))
+            .min_by(|a, b| a.misfit.total_cmp(&b.misfit));
+        found.extend(best);
+    }
+    found
+}
+
+/// A person and a supposed ghost in one frame.
+struct Pair {
+    person_m: [f64; 2],
+    person_mps: [f64; 2],
+    ghost: Seen,
+    loss_db: f64,
+}
+
+/// Medians over the points of a track in one frame.
+struct Seen {
+    range_m: f64,
+    /// x / range.
+    right: f64,
+    velocity_mps: f64,
+    /// Summed power with the fourth power of range taken off, dB.
+    level_db: f64,
+}
+
+fn compare(person: &Track, ghost: &Track, frames: &[PointFrame]) -> Option<Ghost> {
+    let pairs: Vec<Pair> = ghost
+        .frames
+        .iter()
+        .filter_map(|g| {
+            let first = person.frames.first()?.frame;
+            let p = person.frames.get(g.frame.checked_sub(first)?)?;
+            pair(p, g, frames.get(g.frame)?)
+        })
+        .collect();
+    if pairs.len() < MIN_FRAMES {
+        return None;
+    }
+    let range = |[x, y]: [f64; 2]| x.hypot(y);
+    let n_farther = pairs
+        .iter()
+        .filter(|p| p.ghost.range_m > range(p.person_m))
+        .count();
+    let start = pairs[0].person_m;
+    let way_m = pairs
+        .iter()
+        .map(|p| range([p.person_m[0] - start[0], p.person_m[1] - start[1]]))
+        .fold(0.0, f64::max);
+    let mut losses: Vec<f64> = pairs.iter().map(|p| p.loss_db).collect();
+    losses.sort_by(f64::total_cmp);
+    let loss_db = losses[losses.len() / 2];
+    if (n_farther as f64) < FARTHER_SHARE * pairs.len() as f64
+        || way_m < MIN_PATH_M
+        || loss_db < MIN_LOSS_DB
+    {
+        return None;
+    }
+    let n_azimuths = (2.0 * PI / STEP_RAD) as usize;
+    let n_distances = ((WALL_M[1] - WALL_M[0]) / STEP_M) as usize;
+    let mut best: Option<Ghost> = None;
+    for path in [GhostPath::BothWays, GhostPath::OneWay] {
+        for i in 0..n_azimuths {
+            let wall_azimuth_rad = i as f64 * STEP_RAD - PI;
+            for j in 0..=n_distances {
+                let wall_m = WALL_M[0] + j as f64 * STEP_M;
+                let Some(misfit) = misfit(&pairs, path, wall_azimuth_rad, wall_m) else {
+                    continue;
+                };
+                if misfit <= best.as_ref().map_or(MAX_MISFIT, |b| b.misfit) {
+                    best = Some(Ghost {
+                        id: ghost.id,
+                        of: person.id,
+                        path,
+                        wall_azimuth_rad,
+                        wall_m,
+                        misfit,
+                        loss_db,
+                    });
+                }
+            }
+        }
+    }
+    best
+}
+
+fn pair(person: &TrackFrame, ghost: &TrackFrame, frame: &PointFrame) -> Option<Pair> {
+    let (person_seen, ghost) = (seen(person, frame)?, seen(ghost, frame)?);
+    // Ranges are compared with ranges, which heights are part of: the person's bearing, at the range measured.
+    let [x, y] = person.place_m;
+    let scale = person_seen.range_m / x.hypot(y).max(1e-6);
+    Some(Pair {
+        person_m: [x * scale, y * scale],
+        person_mps: person.velocity_mps,
+        loss_db: person_seen.level_db - ghost.level_db,
+        ghost,
+    })
+}
+
+fn seen(at: &TrackFrame, frame: &PointFrame) -> Option<Seen> {
+    let points: Vec<_> = at
+        .points
+        .iter()
+        .filter_map(|i| frame.points.get(*i as usize))
+        .collect();
+    let median = |value: fn(&RadarPoint) -> f32| {
+        let mut values: Vec<f32> = points.iter().map(|p| value(p)).collect();
+        values.sort_by(f32::total_cmp);
+        values.get(values.len() / 2).map(|v| f64::from(*v))
+    };
+    let range_m = median(|p| p.range_m)?.max(0.1);
+    let power: f64 = points
+        .iter()
+        .map(|p| 10_f64.powf(f64::from(p.intensity_db) / 10.0))
+        .sum();
+    Some(Seen {
+        range_m,
+        right: median(|p| p.x_m / p.range_m.max(0.1))?,
+        velocity_mps: median(|p| p.velocity_mps)?,
+        level_db: 10.0 * power.max(f64::MIN_POSITIVE).log10() + 40.0 * range_m.log10(),
+    })
+}
+
+/// How badly a wall explains the ghost; `None` if the person is ever behind it.
+fn misfit(pairs: &[Pair], path: GhostPath, azimuth_rad: f64, wall_m: f64) -> Option<f64> {
+    let normal = [azimuth_rad.sin(), azimuth_rad.cos()];
+    let dot = |a: [f64; 2], b: [f64; 2]| a[0] * b[0] + a[1] * b[1];
+    let mut sum = 0.0;
+    for pair in pairs {
+        let depth_m = wall_m - dot(normal, pair.person_m);
+        if depth_m <= 0.0 {
+            return None;
+        }
+        let image_m: [f64; 2] =
+            std::array::from_fn(|i| pair.person_m[i] + 2.0 * depth_m * normal[i]);
+        let along = dot(normal, pair.person_mps);
+        let image_mps: [f64; 2] =
+            std::array::from_fn(|i| pair.person_mps[i] - 2.0 * along * normal[i]);
+        let sight = |p: [f64; 2]| {
+            let range_m = p[0].hypot(p[1]).max(1e-6);
+            (range_m, [p[0] / range_m, p[1] / range_m])
+        };
+        let (person_range_m, person_sight) = sight(pair.person_m);
+        let (image_range_m, image_sight) = sight(image_m);
+        let person_radial = dot(person_sight, pair.person_mps);
+        let image_radial = dot(image_sight, image_mps);
+        let ghost = &pair.ghost;
+        let (one, other) = (person_sight[0], image_sight[0]);
+        let (range_m, off, radial_mps) = match path {
+            GhostPath::BothWays => (image_range_m, ghost.right - other, image_radial),
+            GhostPath::OneWay => (
+                0.5 * (person_range_m + image_range_m),
+                ghost.right - ghost.right.clamp(one.min(other), one.max(other)),
+                0.5 * (person_radial + image_radial),
+            ),
+        };
+        let square = ((ghost.range_m - range_m) / SIGMA[0]).powi(2)
+            + (off * ghost.range_m / SIGMA[1]).powi(2)
+            + ((ghost.velocity_mps - radial_mps) / SIGMA[2]).powi(2);
+        sum += square.min(MAX_SQUARE) / 3.0;
+    }
+    Some((sum / pairs.len() as f64).sqrt())
+}

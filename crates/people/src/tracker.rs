@@ -1,0 +1,403 @@
+//! People over time: clusters to tracks.
+
+use radarllm_base::{PointFrame, RadarPoint};
+
+use crate::assignment::assign;
+use crate::cluster::{Cluster, ClusterOptions, clusters};
+use crate::kalman::Estimate;
+use crate::{OptionError, within};
+
+/// 99 % of the measurements of a plane that are somebody's lie within this squared Mahalanobis distance (chi-squared
+/// with two degrees of freedom).
+const GATE: f64 = 9.21;
+/// Most that a radial velocity adds to a cost: folded velocities and swinging limbs must not part a track from its
+/// cluster.
+const VELOCITY_COST: f64 = 4.0;
+/// Standard deviation of a cluster's median radial velocity about the body's, m/s.
+const SIGMA_MPS: f64 = 0.4;
+/// How unsure somebody's velocity is at first, m/s.
+const FIRST_SIGMA_MPS: f64 = 1.5;
+/// Added deviation of a place that is taken from the points of two people who are one cluster, m: about a body.
+const SHARED_SIGMA_M: f64 = 0.5;
+/// Units in which the points of such a cluster are near one or the other: m and m/s.
+const SHARED_UNITS: [f64; 2] = [0.5, 0.5];
+
+/// When clusters become people.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrackOptions {
+    /// Which points are a cluster.
+    pub cluster: ClusterOptions,
+    /// Standard deviation of a cluster's mean place about the body's, m.
+    pub sigma_m: f64,
+    /// How people change their velocity: standard deviation after one second, m/s.
+    pub acceleration_mps2: f64,
+    /// Frames with a cluster that make a track a person.
+    pub confirm_frames: usize,
+    /// Of these, frames in which a third of the points move; what never moves is no person.
+    pub confirm_moving_frames: usize,
+    /// Speed from which a point moves, m/s.
+    pub moving_mps: f64,
+    /// How long a track that is no person yet may miss, s.
+    pub tentative_s: f64,
+    /// How long a person may miss: somebody who stands still is not seen, s.
+    pub coast_s: f64,
+    /// Time in which the velocity of somebody unseen fades, s.
+    pub fade_s: f64,
+}
+
+impl Default for TrackOptions {
+    fn default() -> Self {
+        Self {
+            cluster: ClusterOptions::default(),
+            sigma_m: 0.2,
+            acceleration_mps2: 1.0,
+            confirm_frames: 8,
+            confirm_moving_frames: 5,
+            moving_mps: 0.1,
+            tentative_s: 0.35,
+            coast_s: 2.0,
+            fade_s: 1.0,
+        }
+    }
+}
+
+impl TrackOptions {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// The first that makes no sense.
+    pub fn validate(&self) -> Result<(), OptionError> {
+        self.cluster.validate()?;
+        for (field, value) in [
+            ("sigma_m", self.sigma_m),
+            ("acceleration_mps2", self.acceleration_mps2),
+            ("tentative_s", self.tentative_s),
+            ("coast_s", self.coast_s),
+            ("fade_s", self.fade_s),
+        ] {
+            within(field, value, 1e-3, 1e3, "0.001 to 1000")?;
+        }
+        within("moving_mps", self.moving_mps, 0.0, 100.0, "0 to 100 m/s")?;
+        within(
+            "confirm_frames",
+            self.confirm_frames as f64,
+            1.0,
+            1e6,
+            "at least 1",
+        )
+    }
+}
+
+/// A person in one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrackFrame {
+    /// Index of the frame.
+    pub frame: usize,
+    /// Estimated place, m, right and away from the radar.
+    pub place_m: [f64; 2],
+    /// Estimated velocity, m/s.
+    pub velocity_mps: [f64; 2],
+    /// Indices of this person's points in the frame; empty where the person was not seen.
+    pub points: Vec<u32>,
+    /// Whether the points were one cluster with those of somebody else, who was nearer to it.
+    pub is_shared: bool,
+}
+
+/// One person.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Track {
+    /// Number, from 1, in the order in which people were first seen.
+    pub id: u32,
+    /// From the first frame with points to the last one, none left out.
+    pub frames: Vec<TrackFrame>,
+}
+
+impl Track {
+    /// Points of this person over time: the frames from the first to the last in which the person was seen.
+    pub fn points(&self, frames: &[PointFrame]) -> Vec<PointFrame> {
+        self.frames
+            .iter()
+            .filter_map(|at| {
+                let frame = frames.get(at.frame)?;
+                Some(PointFrame {
+                    frame: frame.frame,
+                    time_s: frame.time_s,
+                    points: at
+                        .points
+                        .iter()
+                        .filter_map(|i| frame.points.get(*i as usize).copied())
+                        .collect(),
+                })
+            })
+            .collect()
+    }
+
+    /// Number of points over all frames.
+    pub fn n_points(&self) -> usize {
+        self.frames.iter().map(|f| f.points.len()).sum()
+    }
+}
+
+/// Finds people and follows them.
+///
+/// Frame by frame: clusters of points; every person's place predicted by a Kalman filter of constant velocity; clusters
+/// given to people, so that the sum of squared Mahalanobis distances is least, none beyond the 99 % gate; then to tracks
+/// that are no people yet; what is left begins such a track. People who are one cluster share its points, each point
+/// for whom it is nearer to in place and radial velocity. A share moves its track little, and only who would have got
+/// the cluster alone counts as seen: two who stay one cluster become one track.
+///
+/// Tracks that never become people are left out; so is what a person's track holds after its last points.
+///
+/// # Errors
+/// Options that make no sense.
+pub fn track(frames: &[PointFrame], options: &TrackOptions) -> Result<Vec<Track>, OptionError> {
+    options.validate()?;
+    let mut live: Vec<Live> = Vec::new();
+    let mut done: Vec<Live> = Vec::new();
+    let mut last_s: Option<f64> = None;
+    for (index, frame) in frames.iter().enumerate() {
+        let dt_s = last_s.map_or(0.0, |last_s| (frame.time_s - last_s).max(0.0));
+        last_s = Some(frame.time_s);
+        let found = clusters(&frame.points, &options.cluster);
+        for one in &mut live {
+            one.predict(dt_s, options);
+        }
+        let mut free: Vec<usize> = (0..found.len()).collect();
+        // People choose before tracks that are none yet.
+        let mut given: Vec<Option<usize>> = vec![None; live.len()];
+        for people in [true, false] {
+            let who: Vec<usize> = (0..live.len())
+                .filter(|&i| live[i].is_person(options) == people)
+                .collect();
+            for (i, cluster) in associate(&live, &who, &found, &free, options) {
+                given[i] = Some(cluster);
+            }
+            free.retain(|c| !given.contains(&Some(*c)));
+        }
+        let shares = shares(&live, &given, &found, &frame.points, options);
+        for (i, one) in live.iter_mut().enumerate() {
+            match (&shares[i], given[i]) {
+                (Some(share), owned) => one.share(index, share, owned.is_some(), options),
+                (None, Some(cluster)) => one.see(index, &found[cluster], &frame.points, options),
+                (None, None) => one.miss(index),
+            }
+        }
+        let (stay, end) = live.into_iter().partition(|one: &Live| one.lives(options));
+        live = stay;
+        done.extend(end);
+        for cluster in free {
+            live.push(Live::new(index, &found[cluster], &frame.points, options));
+        }
+    }
+    done.extend(live);
+    let mut tracks: Vec<Track> = done
+        .into_iter()
+        .filter(|one| one.is_person(options))
+        .map(|one| Track {
+            id: 0,
+            frames: one.until_last_seen(),
+        })
+        .filter(|track| !track.frames.is_empty())
+        .collect();
+    tracks.sort_by_key(|t| (t.frames[0].frame, t.frames[0].points.first().copied()));
+    for (i, track) in tracks.iter_mut().enumerate() {
+        track.id = i as u32 + 1;
+    }
+    Ok(tracks)
+}
+
+/// A track in the making.
+struct Live {
+    estimate: Estimate,
+    frames: Vec<TrackFrame>,
+    n_seen: usize,
+    n_moving: usize,
+    unseen_s: f64,
+}
+
+impl Live {
+    fn new(frame: usize, cluster: &Cluster, points: &[RadarPoint], options: &TrackOptions) -> Self {
+        let mut one = Self {
+            estimate: Estimate::new(cluster.place_m, options.sigma_m, FIRST_SIGMA_MPS),
+            frames: Vec::new(),
+            n_seen: 0,
+            n_moving: 0,
+            unseen_s: 0.0,
+        };
+        one.estimate
+            .update_velocity(cluster.velocity_mps, SIGMA_MPS);
+        one.count(cluster, points, options);
+        one.write(frame, cluster.points.clone(), false);
+        one
+    }
+
+    fn is_person(&self, options: &TrackOptions) -> bool {
+        self.n_seen >= options.confirm_frames && self.n_moving >= options.confirm_moving_frames
+    }
+
+    fn lives(&self, options: &TrackOptions) -> bool {
+        let most_s = match self.is_person(options) {
+            true => options.coast_s,
+            false => options.tentative_s,
+        };
+        self.unseen_s <= most_s
+    }
+
+    fn predict(&mut self, dt_s: f64, options: &TrackOptions) {
+        // Constant velocity as long as clusters come, then slower: most people who vanish have stopped.
+        let kept = match self.unseen_s > 0.0 {
+            true => (-dt_s / options.fade_s).exp(),
+            false => 1.0,
+        };
+        self.estimate.predict(dt_s, kept, options.acceleration_mps2);
+        self.unseen_s += dt_s;
+    }
+
+    fn count(&mut self, cluster: &Cluster, points: &[RadarPoint], options: &TrackOptions) {
+        let is_moving =
+            |i: &&u32| f64::from(points[**i as usize].velocity_mps.abs()) >= options.moving_mps;
+        let n_moving = cluster.points.iter().filter(is_moving).count();
+        self.n_seen += 1;
+        self.n_moving += usize::from(3 * n_moving >= cluster.points.len());
+        self.unseen_s = 0.0;
+    }
+
+    fn see(
+        &mut self,
+        frame: usize,
+        cluster: &Cluster,
+        points: &[RadarPoint],
+        options: &TrackOptions,
+    ) {
+        self.estimate.update_place(cluster.place_m, options.sigma_m);
+        self.learn_velocity(cluster.velocity_mps);
+        self.count(cluster, points, options);
+        self.write(frame, cluster.points.clone(), false);
+    }
+
+    fn share(&mut self, frame: usize, share: &Cluster, is_owner: bool, options: &TrackOptions) {
+        let sigma_m = options.sigma_m.hypot(SHARED_SIGMA_M);
+        self.estimate.update_place(share.place_m, sigma_m);
+        self.learn_velocity(share.velocity_mps);
+        if is_owner {
+            self.unseen_s = 0.0;
+        }
+        self.write(frame, share.points.clone(), !is_owner);
+    }
+
+    fn miss(&mut self, frame: usize) {
+        self.write(frame, Vec::new(), false);
+    }
+
+    /// A velocity far from what the places say is a limb's, or folded.
+    fn learn_velocity(&mut self, velocity_mps: f64) {
+        if self.estimate.velocity_distance(velocity_mps, SIGMA_MPS) < VELOCITY_COST {
+            self.estimate.update_velocity(velocity_mps, SIGMA_MPS);
+        }
+    }
+
+    fn write(&mut self, frame: usize, points: Vec<u32>, is_shared: bool) {
+        let [x, y, vx, vy] = self.estimate.mean;
+        self.frames.push(TrackFrame {
+            frame,
+            place_m: [x, y],
+            velocity_mps: [vx, vy],
+            points,
+            is_shared,
+        });
+    }
+
+    /// Squared distance of a cluster, if it is within the gate.
+    fn cost(&self, cluster: &Cluster, options: &TrackOptions) -> Option<f64> {
+        let place = self
+            .estimate
+            .place_distance(cluster.place_m, options.sigma_m);
+        let velocity = self
+            .estimate
+            .velocity_distance(cluster.velocity_mps, SIGMA_MPS);
+        (place < GATE).then_some(place + velocity.min(VELOCITY_COST))
+    }
+
+    fn until_last_seen(mut self) -> Vec<TrackFrame> {
+        let is_seen = |f: &TrackFrame| !f.points.is_empty() && !f.is_shared;
+        let end = self.frames.iter().rposition(is_seen).map_or(0, |i| i + 1);
+        self.frames.truncate(end);
+        self.frames
+    }
+}
+
+/// Clusters for the tracks `who`, at the least sum of costs; a track without one costs more than any within its gate.
+fn associate(
+    live: &[Live],
+    who: &[usize],
+    found: &[Cluster],
+    free: &[usize],
+    options: &TrackOptions,
+) -> Vec<(usize, usize)> {
+    const NONE: f64 = GATE + VELOCITY_COST;
+    const NEVER: f64 = 1e6;
+    let costs: Vec<Vec<f64>> = who
+        .iter()
+        .enumerate()
+        .map(|(row, &i)| {
+            let clusters = free
+                .iter()
+                .map(|&c| live[i].cost(&found[c], options).unwrap_or(NEVER));
+            // One column for each track to stay without.
+            let without = (0..who.len()).map(|col| if col == row { NONE } else { NEVER });
+            clusters.chain(without).collect()
+        })
+        .collect();
+    assign(&costs)
+        .into_iter()
+        .zip(who)
+        .filter_map(|(column, &i)| Some((i, *free.get(column)?)))
+        .collect()
+}
+
+/// Shares of clusters that are two or more people: the one who got it, and people without a cluster of their own who
+/// should be in it too.
+fn shares(
+    live: &[Live],
+    given: &[Option<usize>],
+    found: &[Cluster],
+    points: &[RadarPoint],
+    options: &TrackOptions,
+) -> Vec<Option<Cluster>> {
+    let mut shares: Vec<Option<Cluster>> = vec![None; live.len()];
+    for (owner, cluster) in given.iter().enumerate() {
+        let Some(cluster) = *cluster else { continue };
+        if !live[owner].is_person(options) {
+            continue;
+        }
+        let mut people = vec![owner];
+        people.extend((0..live.len()).filter(|&i| {
+            given[i].is_none()
+                && live[i].is_person(options)
+                && live[i].cost(&found[cluster], options).is_some()
+        }));
+        if people.len() == 1 {
+            continue;
+        }
+        let mut parts = vec![Vec::new(); people.len()];
+        for &index in &found[cluster].points {
+            let point = &points[index as usize];
+            let apart = |who: usize| {
+                let [x, y, ..] = live[who].estimate.mean;
+                let (v, _) = live[who].estimate.radial_mps();
+                let place = (f64::from(point.x_m) - x).hypot(f64::from(point.y_m) - y);
+                let speed = f64::from(point.velocity_mps) - v;
+                (place / SHARED_UNITS[0]).powi(2) + (speed / SHARED_UNITS[1]).powi(2)
+            };
+            let nearest = (0..people.len())
+                .min_by(|&a, &b| apart(people[a]).total_cmp(&apart(people[b])))
+                .unwrap_or(0);
+            parts[nearest].push(index);
+        }
+        for (who, part) in people.into_iter().zip(parts) {
+            // Nothing of it is theirs: seen by nobody this time.
+            shares[who] = Cluster::of(points, part);
+        }
+    }
+    shares
+}

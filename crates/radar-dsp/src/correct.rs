@@ -1,0 +1,316 @@
+//! What is taken off raw samples before the chain: the empty room, offsets, leakage, channel mismatch.
+//!
+//! All four are linear in the samples, so that they may come before windows and FFTs: a mean chirp per (slot,
+//! receiver) is, transformed, the mean range profile of that virtual channel.
+
+use std::f64::consts::TAU;
+
+use num_complex::{Complex32, Complex64};
+use radarllm_base::radar_config::Firing;
+use radarllm_base::{RadarConfig, RadarCube};
+
+use crate::error::DspError;
+
+/// Most tones that model leakage: 32 range bins.
+const MAX_TONES: usize = 67;
+/// A tone of which less than this part of its energy is new adds only rounding.
+const NEW_ENERGY: f64 = 1e-6;
+
+/// Adds up frames of an empty room.
+pub struct EmptyRoom {
+    shape: [usize; 4],
+    /// Of the frames' slow-time means, `[slot, rx, sample]`.
+    sum: Vec<Complex64>,
+    /// Of |mean chirp|^2 over frames.
+    power: f64,
+    n_frames: usize,
+}
+
+/// The mean chirp of every (slot, receiver) over all loops and frames of an empty room.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Background {
+    shape: [usize; 4],
+    /// `[slot, rx, sample]`, units of the samples.
+    chirps: Vec<Complex32>,
+    /// Frames in the mean.
+    pub n_frames: usize,
+    /// Mean power by which a frame's own slow-time mean differs from this one, dB relative to this one. What cannot
+    /// be subtracted: noise, and a room or an oscillator that is not the same from frame to frame. `None` for a
+    /// single frame.
+    pub drift_db: Option<f64>,
+}
+
+impl EmptyRoom {
+    /// No frames of this radar yet.
+    pub fn new(radar: &RadarConfig) -> Self {
+        let shape = shape_of(radar);
+        Self {
+            shape,
+            sum: vec![Complex64::ZERO; shape[1..].iter().product()],
+            power: 0.0,
+            n_frames: 0,
+        }
+    }
+
+    /// Adds a frame without missing samples.
+    ///
+    /// # Errors
+    /// A cube of another shape, or with values that are not finite.
+    pub fn push(&mut self, cube: &RadarCube) -> Result<(), DspError> {
+        check_shape(self.shape, cube)?;
+        let is_bad = |z: &Complex32| !(z.re.is_finite() && z.im.is_finite());
+        if let Some(i) = cube.data.iter().position(is_bad) {
+            let [_, n_tx, n_rx, n_samples] = self.shape;
+            let chirp = i / n_samples;
+            let index = [
+                chirp / (n_tx * n_rx),
+                chirp / n_rx % n_tx,
+                chirp % n_rx,
+                i % n_samples,
+            ];
+            return Err(DspError::NotFinite { index });
+        }
+        let mean = slow_time_mean(cube);
+        for (sum, value) in self.sum.iter_mut().zip(&mean) {
+            *sum += value;
+            self.power += value.norm_sqr();
+        }
+        self.n_frames += 1;
+        Ok(())
+    }
+
+    /// The mean; `None` without frames.
+    pub fn finish(self) -> Option<Background> {
+        if self.n_frames == 0 {
+            return None;
+        }
+        let n = self.n_frames as f64;
+        let mean_power: f64 = self.sum.iter().map(|z| (z / n).norm_sqr()).sum();
+        let apart = (self.power / n - mean_power) / mean_power;
+        Some(Background {
+            shape: self.shape,
+            chirps: self.sum.iter().map(|z| single(z / n)).collect(),
+            n_frames: self.n_frames,
+            // Rounding can make the difference of equal numbers negative.
+            drift_db: (self.n_frames > 1 && mean_power > 0.0)
+                .then(|| 10.0 * apart.max(1e-15).log10()),
+        })
+    }
+}
+
+/// What to take off.
+#[derive(Clone, Debug, Default)]
+pub struct Corrections {
+    /// The empty room's mean. Meant for [`crate::ClutterFilter::Off`]: a filter that removes each frame's own mean
+    /// removes all that stands still, people too, and leaves nothing for this.
+    pub background: Option<Background>,
+    /// Every receiver's mean over a frame: the offset of its ADC.
+    pub remove_offset: bool,
+    /// What stands still up to this range, m: leakage from transmitters to receivers.
+    pub leakage_m: Option<f64>,
+    /// Complex gain of every channel, `slot * n_rx + rx`, by which its samples are divided; empty for none.
+    pub channel_gains: Vec<Complex64>,
+}
+
+/// Corrections planned for a radar.
+pub struct Corrector {
+    shape: [usize; 4],
+    corrections: Corrections,
+    /// Orthonormal chirps that span the leakage.
+    leakage: Vec<Vec<Complex64>>,
+    /// One over the channel gains.
+    factors: Vec<Complex32>,
+}
+
+impl Corrector {
+    /// Plans for a valid radar.
+    ///
+    /// # Errors
+    /// [`DspError::Option`]: a background of another shape, a leakage range without a bin or beyond 32 bins, gains of
+    /// another number of channels, zero or not finite, or gains of single channels with binary phase modulation,
+    /// which mixes the transmitters.
+    pub fn new(radar: &RadarConfig, corrections: Corrections) -> Result<Self, DspError> {
+        let shape = shape_of(radar);
+        let wrong = |field, problem| Err(DspError::Option { field, problem });
+        if let Some(background) = &corrections.background
+            && background.shape != shape
+        {
+            let problem = format!(
+                "[loop, tx, rx, sample] = {:?}, the radar makes {shape:?}",
+                background.shape
+            );
+            return wrong("background", problem);
+        }
+        let mut leakage = Vec::new();
+        if let Some(leakage_m) = corrections.leakage_m {
+            let n_bins = leakage_m / radar.range_resolution_m();
+            let n_tones = 2.0 * n_bins + 3.0;
+            if !(n_bins >= 0.5 && n_tones <= MAX_TONES as f64) {
+                let problem = format!(
+                    "must be from half a range bin to 32 of {:.4} m, found {leakage_m} m",
+                    radar.range_resolution_m()
+                );
+                return wrong("leakage_m", problem);
+            }
+            leakage = tones(radar.n_samples, n_tones as usize);
+        }
+        let gains = &corrections.channel_gains;
+        if !gains.is_empty() {
+            let n_channels = shape[1] * shape[2];
+            if gains.len() != n_channels {
+                let problem = format!("{} for {n_channels} channels", gains.len());
+                return wrong("channel_gains", problem);
+            }
+            if let Some(i) = gains.iter().position(|g| !g.finv().is_finite()) {
+                return wrong("channel_gains", format!("channel {i}: {}", gains[i]));
+            }
+            if radar.firing == Firing::Bpm {
+                let problem =
+                    "single channels cannot be corrected in samples in which phase modulation has mixed \
+                     the transmitters"
+                        .into();
+                return wrong("channel_gains", problem);
+            }
+        }
+        Ok(Self {
+            factors: gains.iter().map(|g| single(g.finv())).collect(),
+            shape,
+            corrections,
+            leakage,
+        })
+    }
+
+    /// Corrects a frame. Chirps that are zero throughout were lost and stay so.
+    ///
+    /// # Errors
+    /// A cube of another shape.
+    pub fn apply(&self, cube: &mut RadarCube) -> Result<(), DspError> {
+        check_shape(self.shape, cube)?;
+        let n_samples = self.shape[3];
+        let mut still = match &self.corrections.background {
+            Some(background) => background.chirps.clone(),
+            None => vec![Complex32::ZERO; self.shape[1..].iter().product()],
+        };
+        if self.corrections.remove_offset {
+            self.add_offsets(cube, &mut still);
+        }
+        if !self.leakage.is_empty() {
+            let mut left = slow_time_mean(cube);
+            for (left, still) in left.iter_mut().zip(&still) {
+                *left -= Complex64::new(f64::from(still.re), f64::from(still.im));
+            }
+            for (left, still) in left
+                .chunks_exact(n_samples)
+                .zip(still.chunks_exact_mut(n_samples))
+            {
+                for tone in &self.leakage {
+                    let part: Complex64 = tone.iter().zip(left).map(|(t, z)| t.conj() * z).sum();
+                    let both = still.iter_mut().zip(tone);
+                    both.for_each(|(still, tone)| *still += single(tone * part));
+                }
+            }
+        }
+        let stills = still.chunks_exact(n_samples).cycle();
+        for (chirp, still) in cube.data.chunks_exact_mut(n_samples).zip(stills) {
+            if chirp.iter().any(|z| *z != Complex32::ZERO) {
+                chirp.iter_mut().zip(still).for_each(|(z, s)| *z -= s);
+            }
+        }
+        if !self.factors.is_empty() {
+            let chirps = cube.data.chunks_exact_mut(n_samples);
+            for (chirp, factor) in chirps.zip(self.factors.iter().cycle()) {
+                chirp.iter_mut().for_each(|z| *z *= factor);
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds every receiver's mean, less what is taken off already. The mean weighs samples by a Hamming window, so
+    /// that echoes beyond the second range bin do not count as offset.
+    fn add_offsets(&self, cube: &RadarCube, still: &mut [Complex32]) {
+        let [_, n_tx, n_rx, n_samples] = self.shape;
+        let weights = crate::Window::Hamming.weights(n_samples);
+        let sum: f32 = weights.iter().sum();
+        let mut offsets = vec![Complex64::ZERO; n_rx];
+        let left = slow_time_mean(cube);
+        let chirps = left
+            .chunks_exact(n_samples)
+            .zip(still.chunks_exact(n_samples));
+        for (channel, (left, still)) in chirps.enumerate() {
+            for ((left, still), weight) in left.iter().zip(still).zip(&weights) {
+                let still = Complex64::new(f64::from(still.re), f64::from(still.im));
+                offsets[channel % n_rx] += (left - still) * f64::from(weight / sum) / n_tx as f64;
+            }
+        }
+        for (channel, still) in still.chunks_exact_mut(n_samples).enumerate() {
+            let offset = single(offsets[channel % n_rx]);
+            still.iter_mut().for_each(|z| *z += offset);
+        }
+    }
+}
+
+fn shape_of(radar: &RadarConfig) -> [usize; 4] {
+    [
+        radar.n_loops,
+        radar.tx.len(),
+        radar.rx.len(),
+        radar.n_samples,
+    ]
+}
+
+fn check_shape(expected: [usize; 4], cube: &RadarCube) -> Result<(), DspError> {
+    let found = [cube.n_loops, cube.n_tx, cube.n_rx, cube.n_samples];
+    if found != expected {
+        return Err(DspError::Shape { expected, found });
+    }
+    let n = expected.iter().product();
+    if cube.data.len() != n {
+        return Err(DspError::Length {
+            shape: found,
+            expected: n,
+            found: cube.data.len(),
+        });
+    }
+    Ok(())
+}
+
+/// Mean over the loops, `[slot, rx, sample]`.
+fn slow_time_mean(cube: &RadarCube) -> Vec<Complex64> {
+    let n = cube.n_tx * cube.n_rx * cube.n_samples;
+    let mut mean = vec![Complex64::ZERO; n];
+    for one in cube.data.chunks_exact(n.max(1)) {
+        for (mean, z) in mean.iter_mut().zip(one) {
+            *mean += Complex64::new(f64::from(z.re), f64::from(z.im)) / cube.n_loops as f64;
+        }
+    }
+    mean
+}
+
+/// Orthonormal chirps that span tones half a bin apart, from one bin below zero range on: whatever beat frequency
+/// leakage has among them, it is a sum of these. By Gram and Schmidt, twice for rounding.
+fn tones(n_samples: usize, n_tones: usize) -> Vec<Vec<Complex64>> {
+    let mut basis: Vec<Vec<Complex64>> = Vec::new();
+    for i in 0..n_tones {
+        let cycles = (0.5 * i as f64 - 1.0) / n_samples as f64;
+        let scale = 1.0 / (n_samples as f64).sqrt();
+        let mut tone: Vec<Complex64> = (0..n_samples)
+            .map(|n| Complex64::from_polar(scale, TAU * cycles * n as f64))
+            .collect();
+        for _ in 0..2 {
+            for known in &basis {
+                let part: Complex64 = known.iter().zip(&tone).map(|(k, t)| k.conj() * t).sum();
+                tone.iter_mut().zip(known).for_each(|(t, k)| *t -= k * part);
+            }
+        }
+        let energy: f64 = tone.iter().map(|t| t.norm_sqr()).sum();
+        if energy > NEW_ENERGY {
+            tone.iter_mut().for_each(|t| *t /= energy.sqrt());
+            basis.push(tone);
+        }
+    }
+    basis
+}
+
+fn single(z: Complex64) -> Complex32 {
+    Complex32::new(z.re as f32, z.im as f32)
+}
