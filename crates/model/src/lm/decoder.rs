@@ -20,10 +20,6 @@ const HIDDEN: f32 = -1e9;
 
 /// A decoder of one of the known architectures.
 #[derive(Module, Debug)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "modules cannot be boxed, and there is one a process"
-)]
 pub enum Decoder {
     /// GPT-2.
     Gpt2(Gpt2),

@@ -77,7 +77,7 @@ impl Default for GenerateOptions {
 /// A network and what it keeps between decoding steps.
 #[cfg(feature = "train")]
 enum Running<'a> {
-    T5(&'a RadarT5, DecoderCache),
+    T5(&'a RadarT5, Box<DecoderCache>),
     Decoder(&'a RadarDecoder, DecoderPast),
 }
 
@@ -97,7 +97,7 @@ impl Running<'_> {
     /// Keeps the given rows of the batch, in this order; rows may repeat.
     fn select(self, rows: &[usize]) -> Self {
         match self {
-            Self::T5(net, cache) => Self::T5(net, cache.select(rows)),
+            Self::T5(net, cache) => Self::T5(net, cache.select(rows).into()),
             Self::Decoder(net, past) => Self::Decoder(net, past.select(rows)),
         }
     }
@@ -105,7 +105,7 @@ impl Running<'_> {
     /// The same for beams of one source.
     fn reorder(self, rows: &[usize]) -> Self {
         match self {
-            Self::T5(net, cache) => Self::T5(net, cache.reorder(rows)),
+            Self::T5(net, cache) => Self::T5(net, cache.reorder(rows).into()),
             decoder => decoder.select(rows),
         }
     }
@@ -173,7 +173,7 @@ impl RadarLm {
                 let batch = SourceBatch::new(sources, self.config.code_dim, self.device());
                 let encoded = net.encode(&batch, None);
                 let cache = net.t5.start_cache(&encoded, steps);
-                (Running::T5(net, cache), vec![PAD; sources.len()])
+                (Running::T5(net, cache.into()), vec![PAD; sources.len()])
             }
             RadarNet::Decoder(net) => {
                 let past = net.read(sources, self.config.code_dim, self.device());

@@ -441,7 +441,7 @@ enum Values {
     /// Normal numbers of standard deviation `std`, `residual` for the products that end a residual
     /// branch of GPT-2; gains of one and offsets of zero.
     Drawn {
-        rng: ChaCha8Rng,
+        rng: Box<ChaCha8Rng>,
         std: f64,
         residual: f64,
     },
@@ -472,7 +472,7 @@ impl Loader {
     /// Draws what is asked for from `seed`: `std` 0.02 in both papers; `residual` is the standard
     /// deviation of `c_proj`, which GPT-2 divides by the root of the number of residual branches.
     pub fn random(seed: u64, std: f64, residual: f64, device: &Device) -> Self {
-        let rng = ChaCha8Rng::seed_from_u64(seed);
+        let rng = Box::new(ChaCha8Rng::seed_from_u64(seed));
         Self {
             values: Values::Drawn { rng, std, residual },
             file: PathBuf::new(),

@@ -32,10 +32,6 @@ const DECODER_SENTINELS: usize = 32;
 
 /// The network of a radar-language model.
 #[derive(Module, Debug)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "modules cannot be boxed, and there is one a process"
-)]
 pub enum RadarNet {
     /// Encoder and decoder.
     T5(RadarT5),

@@ -299,7 +299,6 @@ fn adapters_new_rows_and_bypass_change_and_nothing_else_by_a_bit() {
     ] {
         let dir = scratch(&format!("lora-{}", backbone.name()));
         let mut config = decoder_config(backbone, bare_loop(2));
-        // All tasks, so that every new row is met; dropout must not touch what is frozen either.
         config.hf_folder = Some(pretrained_folder(backbone, &dir));
         config.lora = Some(LoraConfig::default());
         config.bypass = Some(true);
