@@ -18,7 +18,7 @@ use std::time::Instant;
 use radarllm_base::{PointFrame, RadarPoint};
 use radarllm_engine::tokenizer::Codes;
 use radarllm_engine::{Engine, NamedTensors, Precision, SearchOptions, Shape};
-use radarllm_model::lm::{LmConfig, LmPreset, hf};
+use radarllm_model::lm::{LmConfig, LmPreset, NetworkConfig, hf};
 use radarllm_model::tokenizer::encode::TokenizerFile;
 use radarllm_model::tokenizer::grouping::{Grouped, group};
 use radarllm_model::tokenizer::network::TokenizerNet;
@@ -44,8 +44,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             let (t5, tensors) = hf::read_folder(Path::new(folder))?;
             let named = |(name, tensor)| (format!("t5.{name}"), tensor);
             let lm = LmPreset::T5Small.config(1, 1);
-            let shape = LmConfig { t5, ..lm }.engine_shape();
-            (shape, tensors.into_iter().map(named).collect())
+            let network = NetworkConfig::T5(t5);
+            let shape = LmConfig { network, ..lm }.engine_shape();
+            (
+                shape.ok_or("not a T5")?,
+                tensors.into_iter().map(named).collect(),
+            )
         }
     };
     // The end is never produced, so that every sentence has 40 tokens.
