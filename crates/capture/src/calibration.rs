@@ -152,10 +152,10 @@ impl Calibration {
                     found,
                 })
             };
-            if !(c.gain_db.abs() <= MAX_GAIN_DB) {
+            if !(-MAX_GAIN_DB..=MAX_GAIN_DB).contains(&c.gain_db) {
                 return wrong("gain_db", "-40 to 40 dB", c.gain_db);
             }
-            if !(c.phase_deg.abs() <= 360.0) {
+            if !(-360.0..=360.0).contains(&c.phase_deg) {
                 return wrong("phase_deg", "-360 to 360 degrees", c.phase_deg);
             }
         }

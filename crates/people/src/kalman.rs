@@ -95,13 +95,11 @@ impl Estimate {
         let cross: [f64; 4] =
             std::array::from_fn(|i| (0..4).map(|j| c[i][j] * row[j]).sum::<f64>());
         let variance = (0..4).map(|i| row[i] * cross[i]).sum::<f64>() + sigma * sigma;
-        for i in 0..4 {
-            self.mean[i] += cross[i] / variance * apart;
-        }
-        for i in 0..4 {
-            for j in 0..4 {
-                self.covariance[i][j] -= cross[i] * cross[j] / variance;
-            }
+        let mean = self.mean.iter_mut().zip(cross);
+        mean.for_each(|(mean, c)| *mean += c / variance * apart);
+        for (row, a) in self.covariance.iter_mut().zip(cross) {
+            let both = row.iter_mut().zip(cross);
+            both.for_each(|(covariance, b)| *covariance -= a * b / variance);
         }
     }
 }
@@ -146,10 +144,9 @@ mod tests {
         let (mut one, mut many) = (start, start);
         one.predict(0.5, 1.0, 1.5);
         (0..5).for_each(|_| many.predict(0.1, 1.0, 1.5));
-        for i in 0..4 {
-            for j in 0..4 {
-                assert!((one.covariance[i][j] - many.covariance[i][j]).abs() < 1e-12);
-            }
+        let both = one.covariance.as_flattened().iter();
+        for (one, many) in both.zip(many.covariance.as_flattened()) {
+            assert!((one - many).abs() < 1e-12);
         }
         let mut walker = Estimate {
             mean: [0.0, 2.0, 1.0, 0.0],

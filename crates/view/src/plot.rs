@@ -268,9 +268,8 @@ pub fn points_over_time_png(frames: &[PointFrame], title: &str) -> Result<Vec<u8
     let fastest = points().map(|(_, p)| p.velocity_mps.abs());
     let fastest = fastest.filter(|v| v.is_finite()).fold(0.1_f32, f32::max);
     let below = Span::around("time (s)", frames.iter().map(|f| f.time_s));
-    let values: [(&str, fn(&RadarPoint) -> f32); 2] =
-        [("range (m)", |p| p.range_m), ("x (m)", |p| p.x_m)];
-    for (panel, (label, value)) in values.into_iter().enumerate() {
+    for (panel, label) in ["range (m)", "x (m)"].into_iter().enumerate() {
+        let value = |p: &RadarPoint| if panel == 0 { p.range_m } else { p.x_m };
         let area = Area {
             left: LEFT + panel * (width + gap),
             top: ABOVE,

@@ -13,8 +13,10 @@ const OFFSET_RATIO: f64 = 1.0;
 const GAIN_DB: f64 = 1.0;
 const PHASE_RAD: f64 = 0.1;
 
-/// Bins of a histogram, from minus to plus full scale.
-pub const HISTOGRAM_BINS: usize = 128;
+/// Bins of a histogram: two an octave of 1 + |value| to either side of zero. Equal bins would put all of a healthy signal, a
+/// few hundred counts of 32767, into one.
+pub const HISTOGRAM_BINS: usize = 2 * HISTOGRAM_SIDE + 1;
+const HISTOGRAM_SIDE: usize = 30;
 
 /// Figures of one receiver.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -108,9 +110,7 @@ impl AdcStats {
                 let peak = value.re.abs().max(value.im.abs());
                 sums.saturated += u64::from(peak >= self.full_scale);
                 for part in [value.re, value.im] {
-                    let place = 0.5 * (part / self.full_scale + 1.0) * HISTOGRAM_BINS as f32;
-                    // The cast saturates: what lies beyond full scale, or is no number, is in the outermost bins.
-                    sums.histogram[(place as usize).min(HISTOGRAM_BINS - 1)] += 1;
+                    sums.histogram[histogram_bin(part)] += 1;
                 }
             }
         }
@@ -121,13 +121,9 @@ impl AdcStats {
         self.channels.iter().map(Sums::stats).collect()
     }
 
-    /// Largest value of I or Q, counts.
-    pub fn full_scale(&self) -> f32 {
-        self.full_scale
-    }
-
-    /// How many values of I and Q of a receiver lie in each of [`HISTOGRAM_BINS`] equal bins from minus to plus full
-    /// scale; `None` beyond the receivers.
+    /// How many values of I and Q of a receiver lie in each of [`HISTOGRAM_BINS`]; `None` beyond the receivers. Bin
+    /// `HISTOGRAM_BINS / 2` is zero, the one `n` to its right holds |value| with 2 log2(1 + |value|) from n to n + 1, the
+    /// last all beyond.
     pub fn histogram(&self, receiver: usize) -> Option<&[u64; HISTOGRAM_BINS]> {
         Some(&self.channels.get(receiver)?.histogram)
     }
@@ -178,6 +174,17 @@ impl AdcStats {
     }
 }
 
+fn histogram_bin(value: f32) -> usize {
+    // The cast saturates, and what is no number is zero.
+    let octaves = (2.0 * (1.0 + value.abs()).log2()) as usize;
+    let octaves = octaves.min(HISTOGRAM_SIDE);
+    if value < 0.0 {
+        HISTOGRAM_SIDE - octaves
+    } else {
+        HISTOGRAM_SIDE + octaves
+    }
+}
+
 impl Sums {
     fn stats(&self) -> ChannelStats {
         let n = self.n.max(1) as f64;
@@ -198,5 +205,35 @@ impl Sums {
             saturated: self.saturated as f64 / n,
             n_samples: self.n,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_counted_by_half_octaves() {
+        // 2 log2(1 + 3) = 4, 2 log2(1 + 2.9) = 3.9, 2 log2(32768) = 30.
+        for (value, bin) in [
+            (0.0, 30),
+            (3.0, 34),
+            (2.9, 33),
+            (-3.0, 26),
+            (32767.0, 60),
+            (-32768.0, 0),
+            (f32::INFINITY, 60),
+            (f32::NAN, 30),
+        ] {
+            assert_eq!(histogram_bin(value), bin, "{value}");
+        }
+        let mut stats = AdcStats::new(2, 16);
+        let mut cube = RadarCube::zeros(1, 1, 2, 3);
+        cube.data[4] = Complex32::new(3.0, -40_000.0);
+        stats.push(&cube);
+        assert_eq!(stats.histogram(0).unwrap()[30], 6);
+        let second = stats.histogram(1).unwrap();
+        assert_eq!([second[30], second[34], second[0]], [4, 1, 1]);
+        assert!(stats.histogram(2).is_none());
     }
 }

@@ -66,8 +66,9 @@ impl PictureArgs {
         self.paths().count() > from_points.into_iter().flatten().count()
     }
 
-    /// The same, and all others in a folder, if there is one: those made from samples only where there are samples.
-    pub fn in_folder(&self, folder: Option<&Path>, has_samples: bool) -> Self {
+    /// The same, and all others in a folder, if there is one: those made from samples and from people only where
+    /// there are any.
+    pub fn in_folder(&self, folder: Option<&Path>, has_samples: bool, has_people: bool) -> Self {
         let mut all = self.clone();
         let Some(folder) = folder else {
             return all;
@@ -84,7 +85,9 @@ impl PictureArgs {
         }
         fill(&mut all.point_cloud, "point-cloud.png");
         fill(&mut all.points_over_time, "points-over-time.png");
-        fill(&mut all.tracks, "tracks.png");
+        if has_people {
+            fill(&mut all.tracks, "tracks.png");
+        }
         all
     }
 }
@@ -152,8 +155,8 @@ impl<'a> Pictures<'a> {
         Ok(())
     }
 
-    /// Writes what was asked for; `frames` are all points, `tracks` the people among them.
-    pub fn finish(self, frames: &[PointFrame], tracks: &[Track]) -> CliResult {
+    /// Writes what was asked for; `frames` are all points, `tracks` the people among them, if anybody looked for some.
+    pub fn finish(self, frames: &[PointFrame], tracks: Option<&[Track]>) -> CliResult {
         let args = self.args;
         draw_map(
             &args.range_doppler,
@@ -220,6 +223,10 @@ impl<'a> Pictures<'a> {
             output::write_atomic(path, &png)?;
         }
         if let Some(path) = &args.tracks {
+            let tracks = tracks.ok_or_else(|| {
+                CliError::new("--tracks draws people, and none were looked for")
+                    .hint("`radarllm process CAPTURE --people auto --tracks F.png`")
+            })?;
             draw_tracks(path, tracks)?;
         }
         Ok(())
@@ -249,9 +256,9 @@ fn draw_tracks(path: &Path, tracks: &[Track]) -> CliResult {
 
 /// Draws how often each value of the ADC came, and the figures of each receiver.
 pub fn draw_adc_statistics(path: &Path, stats: &AdcStats) -> CliResult {
-    let width = 2.0 * f64::from(stats.full_scale()) / HISTOGRAM_BINS as f64;
+    let middle = (HISTOGRAM_BINS / 2) as f64;
     let x: Vec<f64> = (0..HISTOGRAM_BINS)
-        .map(|i| (i as f64 + 0.5) * width - f64::from(stats.full_scale()))
+        .map(|i| 0.5 * (i as f64 - middle))
         .collect();
     let mut curves: Vec<(String, Vec<f64>)> = Vec::new();
     for (i, c) in stats.channels().iter().enumerate() {
@@ -265,12 +272,11 @@ pub fn draw_adc_statistics(path: &Path, stats: &AdcStats) -> CliResult {
             n => (*n as f64 / total).log10(),
         };
         let name = format!(
-            "RX{}: {:.2} % full scale, offset {:+.1}{:+.1}j, rms {:.1}, I/Q {:+.2} dB {:+.1} deg",
+            "RX{}: {:.2} % full, DC {:+.1}{:+.1}j, I/Q {:+.2} dB {:+.1} deg",
             i + 1,
             100.0 * c.saturated,
             c.mean[0],
             c.mean[1],
-            c.rms,
             c.gain_imbalance_db,
             c.phase_imbalance_rad.to_degrees()
         );
@@ -282,7 +288,7 @@ pub fn draw_adc_statistics(path: &Path, stats: &AdcStats) -> CliResult {
         .collect();
     let png = plot::lines_png(
         &series,
-        "value of I or Q (counts)",
+        "sign of I or Q x log2(1 + counts); full scale is 15",
         "log10 of the share of values",
         "ADC values of each receiver",
     )?;

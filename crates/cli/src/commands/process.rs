@@ -123,7 +123,8 @@ pub fn run(args: &ProcessArgs) -> CliResult {
         )));
     }
     let found = args.people.find(&mut taken.points)?;
-    pictures.finish(&taken.points, &found.tracks)?;
+    let tracks = args.people.is_given().then_some(&found.tracks[..]);
+    pictures.finish(&taken.points, tracks)?;
     let has_counts = health.stats.channels().iter().any(|c| c.rms >= 1.0);
     match &asked.adc_statistics {
         Some(path) if has_counts => pictures::draw_adc_statistics(path, &health.stats)?,
@@ -193,7 +194,9 @@ impl Asked {
     fn of_samples(args: &ProcessArgs) -> Self {
         let folder = args.all_pictures.as_deref();
         Self {
-            pictures: args.pictures.in_folder(folder, true),
+            pictures: args
+                .pictures
+                .in_folder(folder, true, args.people.is_given()),
             adc_statistics: args
                 .adc_statistics
                 .clone()
@@ -203,7 +206,11 @@ impl Asked {
 
     fn of_points(args: &ProcessArgs) -> Self {
         Self {
-            pictures: args.pictures.in_folder(args.all_pictures.as_deref(), false),
+            pictures: args.pictures.in_folder(
+                args.all_pictures.as_deref(),
+                false,
+                args.people.is_given(),
+            ),
             adc_statistics: args.adc_statistics.clone(),
         }
     }
@@ -417,7 +424,8 @@ fn recorded_points(args: &ProcessArgs, asked: &Asked, detected: &Detected) -> Cl
         None => opened.timeline,
     };
     let found = args.people.find(&mut line.frames)?;
-    Pictures::new(&asked.pictures).finish(&line.frames, &found.tracks)?;
+    let tracks = args.people.is_given().then_some(&found.tracks[..]);
+    Pictures::new(&asked.pictures).finish(&line.frames, tracks)?;
     let meta = PointsMeta {
         radar: opened.radar,
         source: opened.source,

@@ -362,7 +362,7 @@ fn run_scene(
                 draw(synthesizer, &frame)?;
                 frames.push(frame);
             }
-            pictures.finish(&frames, &[])?;
+            pictures.finish(&frames, None)?;
             let meta = PointsMeta {
                 radar: synthesizer.radar().name.clone(),
                 source: format!("simulated:{input}"),
@@ -398,7 +398,7 @@ fn run_scene(
                     Ok(())
                 },
             )?;
-            pictures.finish(&frames, &[])?;
+            pictures.finish(&frames, None)?;
             Ok(Done {
                 frames: n_frames,
                 points: 0,
