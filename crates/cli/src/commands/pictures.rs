@@ -146,6 +146,7 @@ impl<'a> Pictures<'a> {
                 name: "",
                 x: &x,
                 y: &y,
+                intervals: &[],
             }];
             let png = plot::lines_png(
                 &series,
