@@ -79,6 +79,10 @@ pub enum Verb {
     ///
     /// Example: radarllm ablate configs/mocap-ablation.toml
     Ablate(AblateArgs),
+    /// Captions of the same motions under noise, distance, rain and other conditions, as tables and curves.
+    ///
+    /// Example: radarllm robustness configs/robustness.toml --out robustness
+    Robustness(RobustnessArgs),
     /// Networks of other architectures: T5, GPT-2, Qwen2, BERT, RoBERTa.
     #[command(subcommand)]
     Lm(LmVerb),
@@ -386,6 +390,17 @@ pub enum DecoderName {
     Training,
 }
 
+impl DecoderName {
+    /// As in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::F32 => "inference engine, f32",
+            Self::Int8 => "inference engine, int8",
+            Self::Training => "training network",
+        }
+    }
+}
+
 /// `describe`.
 #[derive(Args)]
 pub struct DescribeArgs {
@@ -433,7 +448,7 @@ pub struct EvalArgs {
     /// Split to describe.
     #[arg(long, default_value = "test")]
     pub split: String,
-    /// Folder for report.json, report.md and captions.jsonl.
+    /// Folder for report.json, report.md, report.html and captions.jsonl.
     #[arg(long)]
     pub out: PathBuf,
     /// What decodes sentences.
@@ -590,6 +605,37 @@ pub struct AblateArgs {
     /// Print what would run, and what has run already, and stop.
     #[arg(long)]
     pub plan: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `robustness`.
+#[derive(Args)]
+pub struct RobustnessArgs {
+    /// Data set configuration, number of motions and conditions; see docs/robustness.md.
+    pub config: PathBuf,
+    /// Folder for robustness.json, robustness.md, curves and finished cells, which are kept.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Model folder; the embedded default without it.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// What decodes sentences.
+    #[arg(long, value_enum, default_value = "f32")]
+    pub decoder: DecoderName,
+    /// Seed of the bootstrap.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Threads that simulate; all cores without it.
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Print the cells and which of them are done, and stop.
+    #[arg(long)]
+    pub plan: bool,
+    /// Make finished cells anew.
+    #[arg(long)]
+    pub force: bool,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,

@@ -48,6 +48,7 @@ fn main() -> ExitCode {
         Verb::View(args) => commands::view::run(&args),
         Verb::Realism(args) => commands::realism::run(&args),
         Verb::Ablate(args) => commands::ablate::run(&args),
+        Verb::Robustness(args) => commands::robustness::run(&args),
         Verb::Lm(verb) => commands::lm::run(&verb),
         Verb::Doctor(args) => commands::doctor::run(&args),
     });

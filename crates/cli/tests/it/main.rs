@@ -8,6 +8,7 @@ mod command;
 mod geometry;
 mod lm;
 mod recordings;
+mod robustness;
 mod score;
 
 /// Captures are made as the capture crate's own tests make them.
