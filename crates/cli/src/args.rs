@@ -65,7 +65,9 @@ pub enum Verb {
     EvalRecordings(EvalRecordingsArgs),
     /// Change one parameter of a built-in motion and count how often the sentence follows.
     Edits(EditsArgs),
-    /// Caption metrics alone.
+    /// Caption metrics alone, or errors of estimated bodies.
+    ///
+    /// Example: radarllm score --pose --candidates estimated.npz --references true.npz
     Score(ScoreArgs),
     /// One self-contained page: points in 3D over time, mesh, caption.
     ///
@@ -135,7 +137,7 @@ pub enum MotionVerb {
         #[arg(long, default_value_t = 1)]
         seed: u64,
     },
-    /// The moving body: npz (vertices, faces, joints), obj (first pose) or png (contact sheet).
+    /// The moving body: npz (vertices, faces, joints, rotations), obj (first pose) or png (contact sheet).
     Mesh {
         /// Motion file or builtin:NAME?key=value.
         input: String,
@@ -522,12 +524,16 @@ pub struct EvalRecordingsArgs {
 /// `score`.
 #[derive(Args)]
 pub struct ScoreArgs {
-    /// Lines {"id", "text"}.
+    /// Lines {"id", "text"}; with --pose the estimated body.
     #[arg(long)]
     pub candidates: PathBuf,
-    /// Lines {"id", "texts": [...]}.
+    /// Lines {"id", "texts": [...]}; with --pose the true body.
     #[arg(long)]
     pub references: PathBuf,
+    /// Compare bodies in place of captions: npz as `motion mesh` writes it, or npy of joints (T, J, 3) or
+    /// rotations (T, J, 3, 3).
+    #[arg(long, conflicts_with_all = ["protocol", "max_references", "meteor_data", "bert_score", "layer", "sim_cse", "pooling", "seed"])]
+    pub pose: bool,
     /// plain, nlg-eval, coco or motiongpt.
     #[arg(long, default_value = "plain")]
     pub protocol: String,

@@ -278,6 +278,8 @@ pub fn lines_png(
         });
     }
     let below = Span::around(x_label, series.iter().flat_map(|s| s.x.iter().copied()));
+    let has_bars = series.iter().any(|s| !s.intervals.is_empty());
+    let below = if has_bars { padded(below) } else { below };
     let heights = series
         .iter()
         .flat_map(|s| s.y.iter().chain(s.intervals.as_flattened()).copied());

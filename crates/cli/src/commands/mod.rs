@@ -14,6 +14,7 @@ pub mod lm;
 pub mod model_scores;
 pub mod motion;
 pub mod pictures;
+pub mod pose_scores;
 pub mod process;
 pub mod radar;
 pub mod realism;

@@ -16,7 +16,7 @@ use serde::Deserialize;
 
 use crate::{
     args::ScoreArgs,
-    commands::model_scores,
+    commands::{model_scores, pose_scores},
     error::{CliError, CliResult},
     output,
 };
@@ -58,6 +58,9 @@ impl Id {
 /// Runs the verb.
 pub fn run(args: &ScoreArgs) -> CliResult {
     let _ = args.json;
+    if args.pose {
+        return pose_scores::run(&args.candidates, &args.references);
+    }
     let protocol = Protocol::from_name(&args.protocol).ok_or_else(|| {
         CliError::new(format!("--protocol {}: unknown", args.protocol))
             .hint("plain, nlg-eval, coco or motiongpt")
