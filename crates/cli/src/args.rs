@@ -68,7 +68,9 @@ pub enum Verb {
     EvalRecordings(EvalRecordingsArgs),
     /// Change one parameter of a built-in motion and count how often the sentence follows.
     Edits(EditsArgs),
-    /// Caption metrics alone.
+    /// Caption metrics alone, or errors of estimated bodies.
+    ///
+    /// Example: radarllm score --pose --candidates estimated.npz --references true.npz
     Score(ScoreArgs),
     /// One self-contained page: points in 3D over time, mesh, caption.
     ///
@@ -82,6 +84,10 @@ pub enum Verb {
     ///
     /// Example: radarllm ablate configs/mocap-ablation.toml
     Ablate(AblateArgs),
+    /// Captions of the same motions under noise, distance, rain and other conditions, as tables and curves.
+    ///
+    /// Example: radarllm robustness configs/robustness.toml --out robustness
+    Robustness(RobustnessArgs),
     /// Networks of other architectures: T5, GPT-2, Qwen2, BERT, RoBERTa.
     #[command(subcommand)]
     Lm(LmVerb),
@@ -134,7 +140,7 @@ pub enum MotionVerb {
         #[arg(long, default_value_t = 1)]
         seed: u64,
     },
-    /// The moving body: npz (vertices, faces, joints), obj (first pose) or png (contact sheet).
+    /// The moving body: npz (vertices, faces, joints, rotations), obj (first pose) or png (contact sheet).
     Mesh {
         /// Motion file or builtin:NAME?key=value.
         input: String,
@@ -446,6 +452,17 @@ pub enum DecoderName {
     Training,
 }
 
+impl DecoderName {
+    /// As in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::F32 => "inference engine, f32",
+            Self::Int8 => "inference engine, int8",
+            Self::Training => "training network",
+        }
+    }
+}
+
 /// `describe`.
 #[derive(Args)]
 pub struct DescribeArgs {
@@ -496,7 +513,7 @@ pub struct EvalArgs {
     /// Split to describe.
     #[arg(long, default_value = "test")]
     pub split: String,
-    /// Folder for report.json, report.md and captions.jsonl.
+    /// Folder for report.json, report.md, report.html and captions.jsonl.
     #[arg(long)]
     pub out: PathBuf,
     /// What decodes sentences.
@@ -570,12 +587,16 @@ pub struct EvalRecordingsArgs {
 /// `score`.
 #[derive(Args)]
 pub struct ScoreArgs {
-    /// Lines {"id", "text"}.
+    /// Lines {"id", "text"}; with --pose the estimated body.
     #[arg(long)]
     pub candidates: PathBuf,
-    /// Lines {"id", "texts": [...]}.
+    /// Lines {"id", "texts": [...]}; with --pose the true body.
     #[arg(long)]
     pub references: PathBuf,
+    /// Compare bodies in place of captions: npz as `motion mesh` writes it, or npy of joints (T, J, 3) or
+    /// rotations (T, J, 3, 3).
+    #[arg(long, conflicts_with_all = ["protocol", "max_references", "meteor_data", "bert_score", "layer", "sim_cse", "pooling", "seed"])]
+    pub pose: bool,
     /// plain, nlg-eval, coco or motiongpt.
     #[arg(long, default_value = "plain")]
     pub protocol: String,
@@ -653,6 +674,37 @@ pub struct AblateArgs {
     /// Print what would run, and what has run already, and stop.
     #[arg(long)]
     pub plan: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `robustness`.
+#[derive(Args)]
+pub struct RobustnessArgs {
+    /// Data set configuration, number of motions and conditions; see docs/robustness.md.
+    pub config: PathBuf,
+    /// Folder for robustness.json, robustness.md, curves and finished cells, which are kept.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Model folder; the embedded default without it.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// What decodes sentences.
+    #[arg(long, value_enum, default_value = "f32")]
+    pub decoder: DecoderName,
+    /// Seed of the bootstrap.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Threads that simulate; all cores without it.
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Print the cells and which of them are done, and stop.
+    #[arg(long)]
+    pub plan: bool,
+    /// Make finished cells anew.
+    #[arg(long)]
+    pub force: bool,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,

@@ -16,6 +16,16 @@ pub fn file(path: &str) -> Option<&'static [u8]> {
     FILES.get_file(path).map(include_dir::File::contents)
 }
 
+/// Name and contents of the files in a folder of the embedded model, sorted by name.
+pub fn files(folder: &str) -> Vec<(String, &'static [u8])> {
+    let files = FILES.get_dir(folder).into_iter().flat_map(Dir::files);
+    let mut files: Vec<_> = files
+        .map(|f| (f.path().display().to_string(), f.contents()))
+        .collect();
+    files.sort();
+    files
+}
+
 /// Loads the embedded model.
 ///
 /// Checkpoints load from a folder, so the files (a few MB) pass through a temporary one; the same

@@ -54,6 +54,7 @@ fn main() -> ExitCode {
         Verb::Realism(args) => commands::realism::run(&args),
         #[cfg(feature = "train")]
         Verb::Ablate(args) => commands::ablate::run(&args),
+        Verb::Robustness(args) => commands::robustness::run(&args),
         #[cfg(feature = "train")]
         Verb::Lm(verb) => commands::lm::run(&verb),
         #[cfg(not(feature = "train"))]

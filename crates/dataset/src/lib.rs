@@ -6,7 +6,8 @@
 //!
 //! Reading order: [`record`] (one clip), [`points_file`] (one recording's points), [`shard`] (the
 //! columns of the archive), [`builder`] (resumable building), [`dataset`] (reading), [`info`],
-//! [`mod@validate`], [`mod@descriptor`] (a fixed vector per clip for the 1-NN floor).
+//! [`mod@validate`], [`near`] (are two motions nearly the same?), [`mod@descriptor`] (a fixed vector per
+//! clip for the 1-NN floor).
 //!
 //! Layout of a data set directory:
 //!
@@ -28,6 +29,7 @@ pub mod dataset;
 pub mod descriptor;
 pub mod info;
 pub mod manifest;
+pub mod near;
 pub mod validate;
 
 mod atomic;
@@ -47,7 +49,7 @@ pub use manifest::{FailedItem, Manifest, SourceLicence};
 pub use points_file::{PointsFile, PointsMeta, read_points, write_points};
 pub use record::{ClipRecord, MOTION_FEATURE_DIM, Split};
 pub use shard::Columns;
-pub use validate::{Problem, validate};
+pub use validate::{HeldOut, Problem, Validation, validate};
 
 /// What to do when the output is already there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

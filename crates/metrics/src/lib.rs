@@ -10,7 +10,7 @@
 //! Reading order: [`mod@score`] (all metrics of a corpus), [`tokens`] and [`mod@ptb`], [`bleu`], [`rouge`], [`cider`],
 //! [`meteor`], [`self_bleu`], [`bootstrap`], [`embedding`], then [`floors`] (what a caption system must beat) and [`action`]
 //! (do the captions name the right action?). Apart from captions: [`points`] and [`classifier`], how
-//! like a recording a simulation is.
+//! like a recording a simulation is; [`pose`], how far an estimated body is from the true one.
 #![forbid(unsafe_code)]
 
 pub mod score;
@@ -32,6 +32,7 @@ pub mod floors;
 
 pub mod classifier;
 pub mod points;
+pub mod pose;
 
 mod grams;
 mod rng;

@@ -1,5 +1,6 @@
-//! Pictures and the self-contained page: points over time, mesh, range-Doppler, PNG.
+//! Pictures and self-contained pages: points over time, mesh, range-Doppler, PNG.
 
 pub mod page;
 pub mod plot;
 pub mod raster;
+pub mod report;

@@ -8,6 +8,10 @@ use radarllm_base::PointFrame;
 use serde::Serialize;
 
 const TEMPLATE: &str = include_str!("page/template.html");
+/// Style that pages share.
+pub(crate) const STYLE: &str = include_str!("page/style.css");
+/// The player of one clip, which pages share.
+pub(crate) const PLAYER: &str = include_str!("page/player.js");
 
 /// What a page shows.
 pub struct Page<'a> {
@@ -36,7 +40,7 @@ pub struct PageMesh<'a> {
 }
 
 #[derive(Serialize)]
-struct PageData<'a> {
+pub(crate) struct PageData<'a> {
     caption: &'a str,
     provenance: &'a str,
     frame_rate_hz: f64,
@@ -60,12 +64,17 @@ struct MeshData<'a> {
 impl Page<'_> {
     /// The page as HTML text.
     pub fn to_html(&self) -> String {
-        let json = serde_json::to_string(&self.data()).unwrap_or_else(|_| "{}".into());
-        // `</script>` inside a caption must not end the data block.
-        TEMPLATE.replacen("/*DATA*/", &json.replace('<', "\\u003c"), 1)
+        fill(
+            TEMPLATE,
+            &[
+                ("/*STYLE*/", STYLE),
+                ("/*DATA*/", &json_in_html(&self.data())),
+                ("/*PLAYER*/", PLAYER),
+            ],
+        )
     }
 
-    fn data(&self) -> PageData<'_> {
+    pub(crate) fn data(&self) -> PageData<'_> {
         let points = || self.frames.iter().flat_map(|f| f.points.iter());
         let mut centre_m = match &self.mesh {
             Some(mesh) => median_position(mesh.vertices.iter().flatten().copied()),
@@ -105,6 +114,27 @@ impl Page<'_> {
             }),
         }
     }
+}
+
+/// JSON for a script block: `</script>` inside a caption must not end it.
+pub(crate) fn json_in_html(value: &impl Serialize) -> String {
+    let json = serde_json::to_string(value).unwrap_or_else(|_| "null".into());
+    json.replace('<', "\\u003c")
+}
+
+/// Puts texts in the places of a template, which stand there in this order. Only the template is searched,
+/// so that a text may hold anything.
+pub(crate) fn fill(template: &str, parts: &[(&str, &str)]) -> String {
+    let mut out =
+        String::with_capacity(template.len() + parts.iter().map(|p| p.1.len()).sum::<usize>());
+    let mut rest = template;
+    for (place, text) in parts {
+        let (before, after) = rest.split_once(place).unwrap_or((rest, ""));
+        out += before;
+        out += text;
+        rest = after;
+    }
+    out + rest
 }
 
 fn round_mm(value: f32) -> f32 {

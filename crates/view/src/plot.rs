@@ -120,6 +120,8 @@ pub struct Series<'a> {
     pub x: &'a [f64],
     /// Vertical values, as many; not finite leaves a gap.
     pub y: &'a [f64],
+    /// Lower and upper end of an interval around each value, drawn as a bar; none if empty.
+    pub intervals: &'a [[f64; 2]],
 }
 
 /// Draws a heat map with a colour bar.
@@ -302,7 +304,7 @@ pub fn points_over_time_png(frames: &[PointFrame], title: &str) -> Result<Vec<u8
 /// Draws curves over one pair of axes, with a legend for the named ones.
 ///
 /// # Errors
-/// A series with unlike numbers of x and y.
+/// A series with unlike numbers of x, y and intervals.
 pub fn lines_png(
     series: &[Series<'_>],
     x_label: &str,
@@ -316,11 +318,21 @@ pub fn lines_png(
             right: s.y.len(),
         });
     }
+    let unlike = |s: &&Series| !s.intervals.is_empty() && s.intervals.len() != s.y.len();
+    if let Some(s) = series.iter().find(unlike) {
+        return Err(PlotError::Pairs {
+            what: "y and intervals of a series",
+            left: s.y.len(),
+            right: s.intervals.len(),
+        });
+    }
     let below = Span::around(x_label, series.iter().flat_map(|s| s.x.iter().copied()));
-    let left = padded(Span::around(
-        y_label,
-        series.iter().flat_map(|s| s.y.iter().copied()),
-    ));
+    let has_bars = series.iter().any(|s| !s.intervals.is_empty());
+    let below = if has_bars { padded(below) } else { below };
+    let heights = series
+        .iter()
+        .flat_map(|s| s.y.iter().chain(s.intervals.as_flattened()).copied());
+    let left = padded(Span::around(y_label, heights));
     let mut canvas = Canvas::new(WIDTH, HEIGHT);
     let area = Area {
         left: LEFT,
@@ -343,6 +355,15 @@ pub fn lines_png(
             );
             canvas.line(last.unwrap_or(here), here, PALETTE[i % PALETTE.len()], 2);
             last = Some(here);
+        }
+        for (x, ends) in s.x.iter().zip(s.intervals) {
+            // Bars of several curves at one place stand side by side.
+            let x = area.left as f64 + below.fraction(*x) * area.width as f64 + 4.0 * i as f64;
+            let [low, high] =
+                ends.map(|y| area.top as f64 + (1.0 - left.fraction(y)) * area.height as f64);
+            if x.is_finite() && low.is_finite() && high.is_finite() {
+                canvas.line((x, low), (x, high), PALETTE[i % PALETTE.len()], 1);
+            }
         }
     }
     let named = series
@@ -651,11 +672,17 @@ mod tests {
                 name: "s",
                 x: &[0.0, 1.0, 2.0],
                 y,
+                intervals: &[],
             }]
         };
         assert!(lines_png(&s(&[1.0]), "", "", "").is_err());
         assert!(lines_png(&s(&[1.0, f64::NAN, 2.0]), "", "", "").is_ok());
         assert!(lines_png(&[], "", "", "").is_ok());
+        let mut with_bars = s(&[1.0, 2.0, 3.0]);
+        with_bars[0].intervals = &[[0.0, f64::NAN], [1.5, 4.0], [3.0, 3.0]];
+        assert!(lines_png(&with_bars, "", "", "").is_ok());
+        with_bars[0].intervals = &[[0.0, 1.0]];
+        assert!(lines_png(&with_bars, "", "", "").is_err());
         assert!(bars_png(&["a"], &[], "", "").is_err() && bars_png(&[], &[], "", "").is_ok());
         assert!(bars_png(&["a", "b"], &[-1.0, f64::NAN], "", "").is_ok());
     }

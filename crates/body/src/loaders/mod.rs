@@ -74,6 +74,60 @@ impl LoadedMotion {
     }
 }
 
+/// An array of numbers with its name.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NumberArray {
+    /// Member of the archive; empty for an npy file.
+    pub name: String,
+    /// Length of every dimension.
+    pub shape: Vec<usize>,
+    /// In C order; as many as the shape says.
+    pub values: Vec<f64>,
+}
+
+/// Arrays of numbers of an npz archive, those of `wanted` that are there, or the one of an npy file.
+///
+/// # Errors
+/// [`MotionError`], never a panic, on any content: unreadable, too large, damaged, pickled, no numbers.
+pub fn load_arrays(path: &Path, wanted: &[&str]) -> Result<Vec<NumberArray>, MotionError> {
+    let file = path.display().to_string();
+    let bytes = read_capped(path)?;
+    let problem = |member: &str, expected: String, found: String| MotionError::Member {
+        file: file.clone(),
+        member: member.into(),
+        expected,
+        found,
+    };
+    let arrays = if bytes.starts_with(b"\x93NUMPY") {
+        let array = npy::parse_npy(bytes).map_err(|e| match e {
+            npy::NpyProblem::Pickled => {
+                problem("array", "numbers".into(), "pickled objects".into())
+            }
+            npy::NpyProblem::Wrong(expected, found) => problem("array", expected, found),
+        })?;
+        vec![(String::new(), array)]
+    } else {
+        npy::read_npz(&file, &bytes, wanted)?.0
+    };
+    arrays
+        .into_iter()
+        .map(|(name, array)| {
+            let values = array.numbers().ok_or_else(|| {
+                problem(
+                    &name,
+                    "an array of numbers".into(),
+                    array.descr().to_owned(),
+                )
+            })?;
+            Ok(NumberArray {
+                name,
+                shape: array.shape,
+                values,
+            })
+        })
+        .collect()
+}
+
 /// Reads a motion file from disk. An AMC file finds its ASF skeleton beside it.
 ///
 /// # Errors

@@ -111,8 +111,9 @@ fn info(dir: &Path, json: bool) -> CliResult {
 }
 
 fn validate(dir: &Path, json: bool) -> CliResult {
-    let problems = radarllm_dataset::validate(dir)?;
-    let lines: Vec<String> = problems
+    let found = radarllm_dataset::validate(dir)?;
+    let lines: Vec<String> = found
+        .problems
         .iter()
         .map(|p| {
             let id =
@@ -123,12 +124,27 @@ fn validate(dir: &Path, json: bool) -> CliResult {
         })
         .collect();
     if json {
-        output::print_json(&serde_json::json!({ "problems": lines }))?;
-    } else if lines.is_empty() {
-        output::print_line("no problems");
+        output::print_json(&serde_json::json!({ "problems": lines, "held_out": found.held_out }))?;
     } else {
+        if lines.is_empty() {
+            output::print_line("no problems");
+        }
         for line in &lines {
             output::print_line(line);
+        }
+        let held_out = &found.held_out;
+        if let Some([least, five, median]) = held_out.distances {
+            output::print_line(&format!(
+                "nearest training motion of {} held-out clips: distance {least:.4} rad at least, {five:.4} at 5 %, {median:.4} \
+                 median; a leak is below {}",
+                held_out.judged, held_out.leak_distance
+            ));
+        }
+        if held_out.not_judged > 0 {
+            output::print_line(&format!(
+                "{} held-out clips could not be compared: no joints, too short, or hardly moving",
+                held_out.not_judged
+            ));
         }
     }
     match lines.len() {

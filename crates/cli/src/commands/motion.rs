@@ -6,7 +6,7 @@ use std::{
     sync::Arc,
 };
 
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 use npyz::WriterBuilder;
 use radarllm_body::{
     mesh::{BodyModel, BuiltinBody, SmplxBody, pose_on_body},
@@ -175,7 +175,8 @@ fn posed(motion: &MotionInput, body: &dyn BodyModel, frame_idx: usize) -> Vec<Ve
     vertices
 }
 
-/// `vertices` f32 (T, V, 3), `faces` i32 (F, 3), `joints` f32 (T, J, 3), metres, world axes.
+/// `vertices` f32 (T, V, 3), `faces` i32 (F, 3), `joints` f32 (T, J, 3), metres, world axes; `rotations`
+/// f32 (T, J, 3, 3), from a joint's axes to its parent's, the root's to the world.
 fn npz(motion: &MotionInput, body: &dyn BodyModel) -> CliResult<Vec<u8>> {
     let n_frames = motion.motion.len();
     let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
@@ -203,6 +204,19 @@ fn npz(motion: &MotionInput, body: &dyn BodyModel) -> CliResult<Vec<u8>> {
         "joints",
         &[n_frames, radarllm_base::skeleton::N_JOINTS, 3],
         joints,
+    )?;
+    let rotations = motion.motion.poses.iter().flat_map(|pose| {
+        let pose = pose_on_body(pose, &motion.motion.skeleton, body);
+        pose.rotations.into_iter().flat_map(|rotation| {
+            // glam keeps columns, NumPy rows.
+            Mat3::from_quat(rotation).transpose().to_cols_array()
+        })
+    });
+    array(
+        &mut zip,
+        "rotations",
+        &[n_frames, radarllm_base::skeleton::N_JOINTS, 3, 3],
+        rotations,
     )?;
     Ok(zip.finish()?.into_inner())
 }

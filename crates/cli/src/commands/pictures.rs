@@ -195,6 +195,7 @@ impl<'a> Pictures<'a> {
                 name: "",
                 x: &x,
                 y: &y,
+                intervals: &[],
             }];
             let png = plot::lines_png(
                 &series,
@@ -248,7 +249,12 @@ fn draw_tracks(path: &Path, tracks: &[Track]) -> CliResult {
         .collect();
     let series: Vec<Series> = named
         .iter()
-        .map(|(name, x, y)| Series { name, x, y })
+        .map(|(name, x, y)| Series {
+            name,
+            x,
+            y,
+            intervals: &[],
+        })
         .collect();
     let png = plot::lines_png(&series, "x (m)", "y (m)", "Paths of people from above")?;
     output::write_atomic(path, &png)
@@ -284,7 +290,12 @@ pub fn draw_adc_statistics(path: &Path, stats: &AdcStats) -> CliResult {
     }
     let series: Vec<Series> = curves
         .iter()
-        .map(|(name, y)| Series { name, x: &x, y })
+        .map(|(name, y)| Series {
+            name,
+            x: &x,
+            y,
+            intervals: &[],
+        })
         .collect();
     let png = plot::lines_png(
         &series,

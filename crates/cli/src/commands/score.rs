@@ -18,6 +18,7 @@ use serde::Deserialize;
 use crate::commands::model_scores;
 use crate::{
     args::ScoreArgs,
+    commands::pose_scores,
     error::{CliError, CliResult},
     output,
 };
@@ -59,6 +60,9 @@ impl Id {
 /// Runs the verb.
 pub fn run(args: &ScoreArgs) -> CliResult {
     let _ = args.json;
+    if args.pose {
+        return pose_scores::run(&args.candidates, &args.references);
+    }
     #[cfg(not(feature = "train"))]
     if args.bert_score.is_some() || args.sim_cse.is_some() {
         return Err(crate::error::needs_training("--bert-score or --sim-cse"));

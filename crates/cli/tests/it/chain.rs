@@ -203,6 +203,17 @@ fn every_stage_trains_resumes_and_is_evaluated() {
     let report: serde_json::Value =
         serde_json::from_slice(&fs::read(path("report/report.json")).unwrap()).unwrap();
     assert_eq!(report["clips"], 4);
+    let in_bins = |field: &str| -> u64 {
+        let slices = report[field].as_array().unwrap();
+        slices.iter().map(|s| s["clips"].as_u64().unwrap()).sum()
+    };
+    assert_eq!((in_bins("by_length"), in_bins("by_n_actions")), (4, 4));
+    assert!(report["tokens_per_s"].as_f64().unwrap() > 0.0);
+    assert!(report["model_bytes"].as_u64().unwrap() > 4 * report["parameters"].as_u64().unwrap());
+    let page = fs::read_to_string(path("report/report.html")).unwrap();
+    // Best, median and worst are the same four clips, and every action has one.
+    let actions = report["right_action_by_action"].as_object().unwrap().len();
+    assert_eq!(page.matches("class=\"example\"").count(), 12 + actions);
     let names: Vec<_> = report["systems"]
         .as_array()
         .unwrap()

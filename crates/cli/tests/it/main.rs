@@ -10,6 +10,7 @@ mod geometry;
 #[cfg(feature = "train")]
 mod lm;
 mod recordings;
+mod robustness;
 mod score;
 #[cfg(not(feature = "train"))]
 mod without_training;

@@ -257,3 +257,113 @@ fn a_named_checkpoint_gives_bert_score_and_similarity() {
             .contains("layer 2")
     );
 }
+
+/// An npy file of f32.
+fn npy(shape: &str, values: &[f32]) -> Vec<u8> {
+    let mut header =
+        format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}").into_bytes();
+    // Header, magic and lengths fill whole blocks of 64 bytes, the last of which is a line end.
+    while (header.len() + 11) % 64 != 0 {
+        header.push(b' ');
+    }
+    header.push(b'\n');
+    let mut out = b"\x93NUMPY\x01\x00".to_vec();
+    out.extend((header.len() as u16).to_le_bytes());
+    out.extend(header);
+    out.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+    out
+}
+
+#[test]
+fn poses_are_compared_in_the_layout_that_motion_mesh_writes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let pose = |candidate: &str, reference: &str| {
+        let (candidate, reference) = (path(candidate), path(reference));
+        [
+            "score",
+            "--pose",
+            "--candidates",
+            &candidate,
+            "--references",
+            &reference,
+        ]
+        .map(String::from)
+    };
+    let scores = |c: &str, r: &str| json(&pose(c, r).each_ref().map(String::as_str));
+    let refusal = |c: &str, r: &str| refused(&pose(c, r).each_ref().map(String::as_str));
+    json(&[
+        "motion",
+        "mesh",
+        "builtin:wave",
+        "--out",
+        &path("wave.npz"),
+        "--json",
+    ]);
+    let same = scores("wave.npz", "wave.npz");
+    for metric in ["mpjre_deg", "mpjpe_cm", "mpvpe_cm", "mte_cm"] {
+        assert_eq!(same[metric], 0.0, "{metric}");
+    }
+    // Six joints in two frames, moved by 3 and 4 cm; the root of the second frame by 12 cm more, upright.
+    let reference: Vec<f32> = (0..36).map(|i| 0.1 * i as f32).collect();
+    let mut moved: Vec<f32> = reference
+        .iter()
+        .enumerate()
+        .map(|(i, v)| v + [0.03, 0.04, 0.0][i % 3])
+        .collect();
+    moved[18 + 2] += 0.12;
+    fs::write(path("r.npy"), npy("(2, 6, 3)", &reference)).unwrap();
+    fs::write(path("c.npy"), npy("(2, 6, 3)", &moved)).unwrap();
+    let found = scores("c.npy", "r.npy");
+    let close = |metric: &str, value: f64| {
+        let found = found[metric].as_f64().unwrap();
+        assert!(
+            (found - value).abs() < 1e-4,
+            "{metric}: {found}, expected {value}"
+        );
+    };
+    // f32 coordinates of a few metres hold 1e-5 cm. Roots: 5 and 13 cm; eleven joints of 5 and one of 13.
+    close("mte_cm", 9.0);
+    close("mpjpe_cm", (11.0 * 5.0 + 13.0) / 12.0);
+    assert!(found["mpjre_deg"].is_null() && found["mpvpe_cm"].is_null());
+    assert!(
+        found["reason"]["mpvpe_cm"]
+            .as_str()
+            .unwrap()
+            .contains("vertices")
+    );
+    // A quarter turn about z against none.
+    let unit = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+    let quarter = [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+    fs::write(path("unit.npy"), npy("(1, 1, 3, 3)", &unit)).unwrap();
+    fs::write(path("quarter.npy"), npy("(1, 1, 3, 3)", &quarter)).unwrap();
+    let turned = scores("quarter.npy", "unit.npy");
+    assert!((turned["mpjre_deg"].as_f64().unwrap() - 90.0).abs() < 1e-9);
+
+    fs::write(path("short.npy"), npy("(1, 6, 3)", &reference[..18])).unwrap();
+    fs::write(path("flat.npy"), npy("(12, 3)", &reference)).unwrap();
+    fs::write(path("none.npy"), npy("(0, 6, 3)", &[])).unwrap();
+    fs::write(
+        path("stretched.npy"),
+        npy("(1, 1, 3, 3)", &unit.map(|v| 2.0 * v)),
+    )
+    .unwrap();
+    fs::write(path("nan.npy"), npy("(2, 6, 3)", &[f32::NAN; 36])).unwrap();
+    fs::write(path("text.npz"), "joints").unwrap();
+    for (candidate, reference, word) in [
+        ("short.npy", "r.npy", "[1, 6, 3]"),
+        ("flat.npy", "r.npy", "[12, 3]"),
+        ("none.npy", "none.npy", "[0, 6, 3]"),
+        ("stretched.npy", "unit.npy", "no rotation"),
+        ("nan.npy", "r.npy", "not finite"),
+        ("unit.npy", "r.npy", "nothing in common"),
+        ("text.npz", "r.npy", "text.npz"),
+        ("absent.npz", "r.npy", "absent.npz"),
+    ] {
+        let stderr = refusal(candidate, reference);
+        assert!(
+            stderr.contains(word),
+            "{candidate}: {stderr} should name {word}"
+        );
+    }
+}

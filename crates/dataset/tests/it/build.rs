@@ -36,7 +36,7 @@ fn what_was_built_is_read_back_exactly_and_is_valid() {
         }
         assert_eq!(light.len(), expected.len());
     }
-    assert_eq!(validate(dir.path()).unwrap(), []);
+    assert_eq!(validate(dir.path()).unwrap().problems, []);
 
     let info = dataset.info().unwrap();
     let clips: Vec<_> = plan.items.iter().map(clip).collect();
@@ -131,7 +131,7 @@ fn failures_and_panics_are_recorded_and_counted() {
             ("m3#0", "clip `m3#0`: caption 0 is empty")
         ]
     );
-    assert_eq!(validate(dir.path()).unwrap(), []);
+    assert_eq!(validate(dir.path()).unwrap().problems, []);
 
     // Kept by a plain rerun, remade on request.
     let again = build(dir.path(), &plan, options(2), make, |_| {}).unwrap();
@@ -202,7 +202,7 @@ fn another_configuration_or_foreign_files_are_refused() {
         Dataset::open(dir.path()).unwrap().manifest().config_toml,
         plan_b.config_toml
     );
-    assert_eq!(validate(dir.path()).unwrap(), []);
+    assert_eq!(validate(dir.path()).unwrap().problems, []);
 
     // Even --force does not touch a directory that is something else.
     let other = tempfile::tempdir().unwrap();
@@ -241,7 +241,7 @@ fn validation_names_what_is_wrong() {
         Ok::<_, String>(c)
     };
     let report = build(dir.path(), &plan, options(1), shared, |_| {}).unwrap();
-    let problems = validate(dir.path()).unwrap();
+    let problems = validate(dir.path()).unwrap().problems;
     assert!(
         problems
             .iter()
@@ -261,6 +261,7 @@ fn validation_names_what_is_wrong() {
     assert!(
         validate(dir.path())
             .unwrap()
+            .problems
             .iter()
             .any(|p| p.problem.contains("BLAKE3"))
     );

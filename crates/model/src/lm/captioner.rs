@@ -11,6 +11,7 @@ use super::on_engine::EngineLm;
 use super::presence::{median_points, points_stay_together};
 #[cfg(feature = "train")]
 use super::radar_lm::RadarLm;
+use super::vocab::Vocab;
 use super::{Allowed, GenerateOptions, LmError};
 #[cfg(feature = "train")]
 use crate::tokenizer::ReferenceTokenizer;
@@ -170,6 +171,15 @@ impl Captioner {
                 let n_lm: usize = weights.values().map(|t| t.values.len()).sum();
                 tokenizer.n_params() + n_lm
             }
+        }
+    }
+
+    /// Ids of words.
+    pub fn vocab(&self) -> &Vocab {
+        match &self.networks {
+            Networks::Engine(_, lm) => lm.vocab(),
+            #[cfg(feature = "train")]
+            Networks::Training(_, lm) => &lm.vocab,
         }
     }
 

@@ -1,6 +1,7 @@
 //! Tests that need the virtual radar and the signal chain together.
 
 mod field_of_view;
+mod leakage;
 mod noise;
 mod rates;
 mod realism;
