@@ -40,7 +40,7 @@ const MIN_OVERLAP: usize = 10;
 pub const MIN_MOTION: f64 = 0.1;
 /// Distances below this are a leak, rad; measured in `crates/synth/tests/it/leakage.rs`.
 pub const LEAK_DISTANCE: f64 = 0.01;
-/// A copy played up to a tenth faster or slower is a copy.
+/// Change of speed that is tried, either way.
 const MOST_SPEED_CHANGE: f64 = 0.1;
 /// Change of speed that is tried with a shift by one frame.
 const SPEED_STEP: f64 = 0.02;
