@@ -48,7 +48,7 @@ pub enum Verb {
     /// Example: radarllm process adc_data.bin --radar awr1843boost --iq i-first --out points.parquet
     ///
     /// Example: radarllm process uart.dat --radar profile.cfg --out points.parquet
-    Process(ProcessArgs),
+    Process(Box<ProcessArgs>),
     /// Build, inspect and check radar-text data sets.
     #[command(subcommand)]
     Dataset(DatasetVerb),

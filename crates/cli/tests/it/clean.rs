@@ -266,8 +266,11 @@ fn a_corner_reflector_calibrates_mismatched_channels() {
     }
 }
 
+/// x, y and radial velocity of somebody over time.
+type Walk = fn(f64) -> (f64, f64, f64);
+
 /// A table of points: a lamp that some firmware reports, and people as sheets of five points that walk.
-fn table(n_frames: usize, people: &[fn(f64) -> (f64, f64, f64)]) -> String {
+fn table(n_frames: usize, people: &[Walk]) -> String {
     let mut csv = String::from("frame,t_s,x,y,z,velocity,intensity\n");
     for frame in 0..n_frames {
         let t = 0.1 * frame as f64;
