@@ -321,7 +321,13 @@ impl Vocab {
         let special = added.iter().filter(|(_, token)| token.special);
         let n_text = special.map(|(id, _)| *id).min();
         let end = end.or_else(|| text.token_to_id("<|endoftext|>"));
-        let (Some(n_text), Some(end)) = (n_text, end) else {
+        let Some(n_text) = n_text else {
+            return Err(LmError::Tokenizer(
+                "tokenizer.json marks no token as special, so words cannot be told from others"
+                    .into(),
+            ));
+        };
+        let Some(end) = end else {
             return Err(LmError::Tokenizer(
                 "no end token: neither eos_token_id in config.json nor <|endoftext|>".into(),
             ));
