@@ -36,9 +36,9 @@ pub struct Captioner {
 
 /// Points to codes to words.
 enum Networks {
-    Engine(RadarTokenizer, Box<EngineLm>),
+    Engine(Box<RadarTokenizer>, Box<EngineLm>),
     #[cfg(feature = "train")]
-    Training(ReferenceTokenizer, Box<RadarLm>),
+    Training(Box<ReferenceTokenizer>, Box<RadarLm>),
 }
 
 /// What turns points into codes and codes into words.
@@ -140,7 +140,7 @@ impl Captioner {
     /// If codebook size or feature width differ.
     pub fn new(tokenizer: RadarTokenizer, lm: EngineLm) -> Result<Self, LmError> {
         check_pair(tokenizer.config(), lm.config())?;
-        Ok(Self::of(Networks::Engine(tokenizer, lm.into())))
+        Ok(Self::of(Networks::Engine(tokenizer.into(), lm.into())))
     }
 
     /// Puts two models together that run as they are trained.
@@ -150,7 +150,7 @@ impl Captioner {
     #[cfg(feature = "train")]
     pub fn training(tokenizer: ReferenceTokenizer, lm: RadarLm) -> Result<Self, LmError> {
         check_pair(tokenizer.config(), &lm.config)?;
-        Ok(Self::of(Networks::Training(tokenizer, lm.into())))
+        Ok(Self::of(Networks::Training(tokenizer.into(), lm.into())))
     }
 
     fn of(networks: Networks) -> Self {
