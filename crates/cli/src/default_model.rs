@@ -7,10 +7,6 @@ use crate::error::{CliError, CliResult};
 
 static FILES: Dir = include_dir!("$CARGO_MANIFEST_DIR/../../models/default");
 
-/// The radar of its training data (models/default/README.md); its checkpoint is older than the record
-/// of radars there.
-pub const TRAINED_ON: &str = "awr1843boost";
-
 /// A file of the embedded model; `None` if the binary was built without.
 pub fn file(path: &str) -> Option<&'static [u8]> {
     FILES.get_file(path).map(include_dir::File::contents)

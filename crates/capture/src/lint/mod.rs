@@ -17,7 +17,7 @@
 //! | `uart-budget`, `no-points` | warning, or note where raw samples go out | points do not fit the serial port |
 //! | `duty-cycle`, `idle-time`, `adc-start` | warning | chirp timing that parts dislike |
 //! | `range-resolution`, `range-ambiguity`, `velocity-resolution`, `velocity-ambiguity`, `single-loop`, `frame-rate`, `no-azimuth`, `no-elevation` | warning | too little for describing people |
-//! | `model-frame-rate`, `model-velocity`, `model-velocity-resolution`, `model-range-resolution`, `model-array` | warning | unlike the radar the model was trained on |
+//! | `model-frame-rate`, `model-velocity`, `model-velocity-resolution`, `model-range-resolution`, `model-array` | warning | unlike any radar the model was trained on |
 //! | `board-guessed`, `model-radar` | note | what was assumed or could not be compared |
 
 pub mod budgets;

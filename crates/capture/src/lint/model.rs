@@ -13,26 +13,37 @@ pub struct ModelExpectations {
     pub frame_rate_hz: f64,
     /// Strongest points of a frame that it reads.
     pub max_points: usize,
-    /// The radar of its training data, if recorded.
-    pub radar: Option<RadarConfig>,
+    /// Radars of its training data, as far as they are recorded and known.
+    pub radars: Vec<RadarConfig>,
 }
 
-/// Recordings at another rate are refused beyond this share: a model hears time in frames.
+/// Recordings at another rate than a model's are brought to it beyond this share: a model hears time in frames.
 const RATE_TOLERANCE: f64 = 0.05;
 /// Bins this many times coarser than in training change what a body looks like.
 const COARSER: f64 = 2.0;
 /// A maximum speed or an array this much smaller is another radar.
 const SMALLER: f64 = 0.75;
 
-/// Compares a radar that can exist with the one of the training data. Where a rule for all models has
+/// Compares a radar that can exist with the one of the training data that is most like it. Where a rule for all models has
 /// already spoken, nothing is added.
 pub(super) fn compare(report: &mut Report, radar: &RadarConfig, model: &ModelExpectations) {
     let name = &model.model;
     let rate_hz = radar.frame_rate_hz();
-    if (rate_hz / model.frame_rate_hz - 1.0).abs() > RATE_TOLERANCE {
+    if rate_hz > model.frame_rate_hz * (1.0 + RATE_TOLERANCE) {
         let message = format!(
-            "{rate_hz:.2} frames/s, but {name} reads {:.0}: `describe` refuses such recordings; a period \
-             of {:.0} ms fits",
+            "{rate_hz:.2} frames/s, but {name} reads {:.0}: `describe` joins frames",
+            model.frame_rate_hz
+        );
+        report.say(
+            Severity::Note,
+            "model-frame-rate",
+            "frame_period_s",
+            message,
+        );
+    } else if rate_hz < model.frame_rate_hz * (1.0 - RATE_TOLERANCE) {
+        let message = format!(
+            "{rate_hz:.2} frames/s, but {name} reads {:.0}: frames between stay empty, as in none of its \
+             training; a period of {:.0} ms fits",
             model.frame_rate_hz,
             1e3 / model.frame_rate_hz
         );
@@ -43,21 +54,36 @@ pub(super) fn compare(report: &mut Report, radar: &RadarConfig, model: &ModelExp
             message,
         );
     }
-    let Some(trained) = &model.radar else {
-        let message = format!(
-            "{name} does not say which radar it was trained on: velocity, range and array are not compared"
-        );
-        report.say(Severity::Note, "model-radar", "name", message);
-        return;
-    };
+    let all = model.radars.iter().map(|t| unlike(report, radar, t, name));
+    match all.min_by_key(Vec::len) {
+        Some(remarks) => {
+            for (rule, place, message) in remarks {
+                report.say(Severity::Warning, rule, place, message);
+            }
+        }
+        None => {
+            let message = format!(
+                "{name} does not say which radar it was trained on: velocity, range and array are not compared"
+            );
+            report.say(Severity::Note, "model-radar", "name", message);
+        }
+    }
+}
+
+/// Rule, place and message of whatever `trained` showed a model better than `radar` will.
+fn unlike(
+    report: &Report,
+    radar: &RadarConfig,
+    trained: &RadarConfig,
+    name: &str,
+) -> Vec<(&'static str, &'static str, String)> {
+    let mut out = Vec::new();
     let moves = !report.has(&["single-loop"]);
     let coarse_velocity = report.has(&["velocity-resolution"]);
     let coarse_range = report.has(&["range-resolution"]);
     let folds = report.has(&["velocity-ambiguity"]);
     let flat = report.has(&["no-azimuth"]);
-    let mut warn = |rule, place, message: String| {
-        report.say(Severity::Warning, rule, place, message);
-    };
+    let mut warn = |rule, place, message: String| out.push((rule, place, message));
     let (v, trained_v) = (radar.max_velocity_mps(), trained.max_velocity_mps());
     if moves && !folds && v < SMALLER * trained_v {
         let message = format!(
@@ -107,4 +133,5 @@ pub(super) fn compare(report: &mut Report, radar: &RadarConfig, model: &ModelExp
         };
         warn("model-array", place, message);
     }
+    out
 }

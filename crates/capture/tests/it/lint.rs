@@ -24,7 +24,7 @@ fn model() -> ModelExpectations {
         model: "the model".into(),
         frame_rate_hz: 10.0,
         max_points: 128,
-        radar: Some(RadarConfig::awr1843boost()),
+        radars: vec![RadarConfig::awr1843boost()],
     }
 }
 
@@ -289,7 +289,11 @@ fn models_are_told_what_they_have_not_seen() {
     let cases: &[(Changes, Row)] = &[
         (
             &[(" 100 1 0", " 55 1 0")],
-            ("model-frame-rate", Warning, 10, 19, 2),
+            ("model-frame-rate", Note, 10, 19, 2),
+        ),
+        (
+            &[(" 100 1 0", " 300 1 0")],
+            ("model-frame-rate", Warning, 10, 19, 3),
         ),
         (
             &[("0 77 7 7", "0 77 40 7")],
@@ -317,11 +321,25 @@ fn models_are_told_what_they_have_not_seen() {
         assert!(alone.iter().all(|f| !f.rule.starts_with("model")));
     }
     let unknown = ModelExpectations {
-        radar: None,
+        radars: Vec::new(),
         ..model()
     };
     let findings = lint_ti_cfg(CLEAN, Some(&unknown));
     assert_eq!(rows(&findings), [("model-radar", Note, 0, 0, 0)]);
+    // Of several radars the one most like it counts.
+    let mut other = RadarConfig::awr1843boost();
+    other.n_samples = 512;
+    other.n_loops = 512;
+    let two = ModelExpectations {
+        radars: vec![other.clone(), RadarConfig::awr1843boost()],
+        ..model()
+    };
+    assert_eq!(rows(&lint_ti_cfg(CLEAN, Some(&two))), []);
+    let one = ModelExpectations {
+        radars: vec![other],
+        ..model()
+    };
+    assert!(!lint_ti_cfg(CLEAN, Some(&one)).is_empty());
     // A model that reads 400 points would need 8 kB more than the serial port has.
     let greedy = ModelExpectations {
         max_points: 500,

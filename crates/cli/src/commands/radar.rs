@@ -195,13 +195,9 @@ fn expectations(model: Option<&Path>) -> CliResult<Option<ModelExpectations>> {
     };
     let file: TokenizerFile =
         serde_json::from_slice(&bytes).map_err(|e| CliError::new(format!("{place}: {e}")))?;
-    let radars = file.training["radars"].as_array();
-    let radar = match radars.map(Vec::as_slice) {
-        // With several radars there is no one to compare with.
-        Some([name]) => name.as_str(),
-        Some(_) => None,
-        None => model.is_none().then_some(default_model::TRAINED_ON),
-    };
+    let names = file.training["radars"].as_array();
+    let names = names.into_iter().flatten().filter_map(|n| n.as_str());
+    let radars = names.filter_map(radarllm_capture::builtin_radar).collect();
     Ok(Some(ModelExpectations {
         model: match model {
             Some(folder) => format!("the model in {}", folder.display()),
@@ -209,7 +205,7 @@ fn expectations(model: Option<&Path>) -> CliResult<Option<ModelExpectations>> {
         },
         frame_rate_hz: f64::from(FRAME_RATE_HZ),
         max_points: file.model.grouping.max_points,
-        radar: radar.and_then(radarllm_capture::builtin_radar),
+        radars,
     }))
 }
 

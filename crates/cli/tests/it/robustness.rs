@@ -43,9 +43,7 @@ fn cells_are_made_once_and_scored_against_the_unchanged_one() {
         assert_eq!(cells[0][field], axes[1]["cells"][0][field], "{field}");
     }
     assert_eq!(cells[1]["right_action_change"]["value"], 0.0);
-    // One point a frame is fewer than a person has: no sentence.
     assert!(cells[2]["points_per_frame"].as_f64().unwrap() <= 1.0);
-    assert_eq!(cells[2]["abstained"], 3);
     let seen = axes[1]["cells"][1]["points_per_frame"].as_f64().unwrap();
     assert!(seen > 1.0 && cells[0]["points_per_frame"] != axes[1]["cells"][1]["points_per_frame"]);
     assert!(
