@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::LmError;
-use super::config::{LmConfig, NetworkConfig};
+use super::config::LmConfig;
 use super::vocab::{Layout, Vocab};
 use crate::checkpoint::{CONFIG_FILE, Checkpoint, CheckpointError, MODEL_FILE, NamedTensors};
 
@@ -92,7 +92,7 @@ impl LmFiles {
     /// Whether the network is a T5, which the inference engine holds.
     #[cfg(feature = "train")]
     pub fn is_t5(&self) -> bool {
-        matches!(self.card.lm.network, NetworkConfig::T5(_))
+        self.card.lm.t5().is_some()
     }
 
     /// Weights of a T5 and the file they are in; they are not yet compared with the configuration.
