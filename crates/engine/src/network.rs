@@ -263,12 +263,7 @@ impl Engine {
         level: SimdLevel,
     ) -> Result<Self, EngineError> {
         shape.validate()?;
-        if !level.is_available() {
-            return Err(EngineError::Option {
-                field: "level",
-                problem: format!("this machine lacks {level:?}"),
-            });
-        }
+        level.require()?;
         let mut loader = Loader {
             shape: &shape,
             precision,

@@ -4,6 +4,8 @@
 //! generic body for each. Results are equal within rounding between float implementations and to
 //! the bit between those of bytes, whose sums are integers.
 
+use crate::EngineError;
+
 /// Instruction set of an engine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SimdLevel {
@@ -42,6 +44,17 @@ impl SimdLevel {
             Self::Avx512Vnni => false,
             Self::Portable => true,
         }
+    }
+
+    /// Refuses a level that this machine cannot run.
+    pub(crate) fn require(self) -> Result<(), EngineError> {
+        if self.is_available() {
+            return Ok(());
+        }
+        Err(EngineError::Option {
+            field: "level",
+            problem: format!("this machine lacks {self:?}"),
+        })
     }
 }
 

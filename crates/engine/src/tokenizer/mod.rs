@@ -380,12 +380,7 @@ impl Tokenizer {
         level: SimdLevel,
     ) -> Result<Self, EngineError> {
         shape.validate()?;
-        if !level.is_available() {
-            return Err(EngineError::Option {
-                field: "level",
-                problem: format!("this machine lacks {level:?}"),
-            });
-        }
+        level.require()?;
         let s = &shape;
         let mut loader = Loader {
             weights: Taker(weights),

@@ -8,7 +8,7 @@
 //!
 //! With the feature `train`, the networks as they are trained: `t5`, `decoder` (a decoder alone in its place)
 //! and `decoder_files` (its files), `hf` (Hugging Face names and files), `radar_lm` (network + vocabulary),
-//! greedy and beam decoding in [`generate`]. Beside them: `pretrained` (checkpoints of other architectures,
+//! `decode` (greedy and beam decoding). Beside them: `pretrained` (checkpoints of other architectures,
 //! for comparison and metrics), `gpt2`, `qwen2`, `bert`, `layers`, `text_encoder` (sentences into vectors).
 //!
 //! Deliberately absent: losses, batching and schedules live in `radarllm-train`.
@@ -18,6 +18,8 @@ pub mod bert;
 pub mod captioner;
 mod card;
 pub mod config;
+#[cfg(feature = "train")]
+mod decode;
 #[cfg(feature = "train")]
 pub mod decoder;
 #[cfg(feature = "train")]
