@@ -10,12 +10,15 @@ use super::values::Values;
 pub const LONGEST_S: f32 = 9.5;
 /// Share of the personal tempo (at most 7 %) and of jitter that a draw leaves free.
 const TEMPO_MARGIN: f32 = 1.07;
+/// Share of single motions with repetitions that go on for as long as a request may last: people exercise
+/// for longer than a model listens.
+const GOES_ON: f32 = 0.25;
 /// Draws before a plain walk is returned instead; a tenth of that is never needed in practice.
 const ATTEMPTS: u64 = 200;
 
-/// A request drawn from all motions evenly: three quarters single motions, a fifth two in a row,
-/// the rest gestures laid over another motion; at most [`LONGEST_S`] long. The same seed gives the
-/// same request.
+/// A request drawn from all motions evenly: three quarters single motions (some of them repeated until the time
+/// is up), a fifth two in a row, the rest gestures laid over another motion; at most [`LONGEST_S`] long. The
+/// same seed gives the same request.
 pub fn random_request(rng_seed: u64) -> BuiltinRequest {
     let mut dice = Dice::new(rng_seed, "request");
     let kind = dice.range(0.0, 1.0);
@@ -47,11 +50,21 @@ pub fn random_request(rng_seed: u64) -> BuiltinRequest {
 
 fn single(dice: &mut Dice) -> Option<String> {
     let spec = any(dice, |_| true)?;
-    Some(format!(
-        "{}?{}",
-        spec.name,
-        query(&[keys(spec, true, dice), globals(dice)])
-    ))
+    let mut own = keys(spec, true, dice);
+    let global = globals(dice);
+    let text = |own: Vec<_>| format!("{}?{}", spec.name, query(&[own, global.clone()]));
+    if spec.key("repetitions").is_none() || !dice.chance(GOES_ON) {
+        return Some(text(own));
+    }
+    own.retain(|(k, _)| k != "repetitions");
+    let with = |n: u32| {
+        let times = ("repetitions".to_owned(), n.to_string());
+        text(own.iter().cloned().chain([times]).collect())
+    };
+    let long_s = |n: u32| Some(parse(&with(n)).ok()?.nominal_duration_s());
+    let (two_s, four_s) = (long_s(2)?, long_s(4)?);
+    let more = 2.0 * (LONGEST_S / TEMPO_MARGIN - two_s) / (four_s - two_s).max(0.1);
+    Some(with(2 + more.max(0.0) as u32))
 }
 
 fn sequence(dice: &mut Dice) -> Option<String> {

@@ -3,7 +3,7 @@
 //! Knees and elbows are hinges, so they can only bend the human way whatever the goals are, and a
 //! foot that is told to stand still does stand still: the legs are solved from the feet.
 
-use std::f32::consts::PI;
+use std::f32::consts::{FRAC_PI_2, PI};
 
 use glam::{Mat3, Quat, Vec3};
 use radarllm_base::skeleton::N_JOINTS;
@@ -16,6 +16,8 @@ use crate::proportions::{canonical_skeleton, rest_positions, standing_pelvis_hei
 pub const AUTHORED_HEIGHT_M: f32 = 1.75;
 /// No joint but the feet's is put closer to the floor than this, m (half a limb's thickness).
 const CLEARANCE_M: f32 = 0.035;
+/// Knees are thicker, but also rest on the floor; only what would be below it is turned away, m.
+const KNEE_CLEARANCE_M: f32 = 0.01;
 
 /// Share of a limb's length over which it gives way to full extension: the angle of knee or elbow
 /// has a square-root singularity there, and would snap.
@@ -261,7 +263,28 @@ impl Rig {
         // knee's forward direction decides instead.
         let along = lateral.dot(line);
         let hinge = (lateral - line * along) + forward.cross(line) * (along * along);
-        let (thigh, bend) = bones.solve(soften(ankle - hip, self.leg_m), hinge);
+        let goal = soften(ankle - hip, self.leg_m);
+        let solve = |turn: f32| {
+            let (thigh, bend) = bones.solve(goal, Quat::from_axis_angle(line, turn) * hinge);
+            (thigh, bend, hip + thigh * bones.upper)
+        };
+        let mut best = solve(0.0);
+        if best.2.y < KNEE_CLEARANCE_M {
+            // Swivel the knee outward just far enough to clear the floor, as elbows do.
+            let outward = line.cross(best.2 - hip).dot(lateral) * SIDE_SIGN[side];
+            let most = FRAC_PI_2.copysign(outward);
+            let (mut low, mut high) = (0.0_f32, 1.0_f32);
+            for _ in 0..14 {
+                let mid = 0.5 * (low + high);
+                if solve(mid * most).2.y < KNEE_CLEARANCE_M {
+                    low = mid
+                } else {
+                    high = mid
+                }
+            }
+            best = solve(high * most);
+        }
+        let (thigh, bend, _) = best;
         let shin = thigh * Quat::from_rotation_x(bend);
         pose.rotations[HIPS[side] as usize] = root.inverse() * thigh;
         pose.rotations[KNEES[side] as usize] = Quat::from_rotation_x(bend);

@@ -315,8 +315,14 @@ static SPECS: &[MotionSpec] = &[
     ),
     motion(
         "jump",
-        "jumps with both feet",
-        &[FIVE_WAYS, times(1), AMPLITUDE, DURATION],
+        "jumps with both feet; with still arms again and again, and lower",
+        &[
+            FIVE_WAYS,
+            word("arms", &["swinging", "still"]),
+            times(1),
+            AMPLITUDE,
+            DURATION,
+        ],
     ),
     motion(
         "jumping_jack",
@@ -354,8 +360,14 @@ static SPECS: &[MotionSpec] = &[
     ),
     motion(
         "squat",
-        "squats with the arms in front",
-        &[SPEED, times(3), AMPLITUDE, DURATION],
+        "squats with the arms in front, or hanging still",
+        &[
+            word("arms", &["front", "still"]),
+            SPEED,
+            times(3),
+            AMPLITUDE,
+            DURATION,
+        ],
     ),
     motion(
         "kneel",

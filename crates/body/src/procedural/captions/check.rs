@@ -151,6 +151,17 @@ pub fn facts(caption: &str, request: &BuiltinRequest) -> Result<(), String> {
             return Err(format!("{word} without reason"));
         }
     }
+    let still_arms = |p: &Part| p.values.word("arms") == "still";
+    if caption.contains("still arms") && !parts.iter().any(|p| still_arms(p)) {
+        return Err("still arms without reason".to_owned());
+    }
+    if caption.contains("squat with the arms in front")
+        && parts
+            .iter()
+            .all(|p| p.spec.name != "squat" || still_arms(p))
+    {
+        return Err("arms in front without reason".to_owned());
+    }
     if (has("stooped") || has("hunched"))
         != parts.iter().any(|p| p.values.word("posture") == "stooped")
     {

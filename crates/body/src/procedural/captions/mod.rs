@@ -64,7 +64,9 @@ pub fn attributes(request: &BuiltinRequest) -> Vec<(String, String)> {
                 "side" if matches!(part.spec.name, "kick" | "lunge") => {
                     ["left", "right"][motions::acting_side(v)].to_owned()
                 }
-                "side" | "direction" | "style" | "from" | "posture" => v.word(key.name).to_owned(),
+                "side" | "direction" | "style" | "from" | "posture" | "arms" => {
+                    v.word(key.name).to_owned()
+                }
                 "distance_m" | "duration_s" if !v.is_set(key.name) && v.number(key.name) == 0.0 => {
                     continue;
                 }

@@ -210,6 +210,17 @@ pub fn clauses(name: &str, v: &Values) -> Vec<String> {
             "[hop] {way} on the {side} foot",
             "[hop] on the {side} leg {way}",
         ],
+        ("jump", "up") if v.word("arms") == "still" => vec![
+            "[jump] up",
+            "[jump] up with still arms",
+            "[jump] up and down in place",
+            "[jump] up on the spot",
+        ],
+        ("jump", _) if v.word("arms") == "still" => vec![
+            "[jump] {way}",
+            "[jump] {way} with still arms",
+            "[jump] {way} with both feet",
+        ],
         ("jump", "up") => vec![
             "[jump] up",
             "[jump] up in place",
@@ -288,6 +299,12 @@ pub fn clauses(name: &str, v: &Values) -> Vec<String> {
             "[crouch] and [rise] again",
             "[crouch] low and [stand] up again",
             "[squat] down low, [pause] and [rise]",
+        ],
+        ("squat", _) if v.word("arms") == "still" => vec![
+            "[squat]",
+            "[squat] down and up",
+            "[squat] with still arms",
+            "[bend] {the} knees into a squat and [rise]",
         ],
         ("squat", _) => vec![
             "[squat]",

@@ -13,38 +13,49 @@ const GRAVITY_MPS2: f32 = 9.81;
 /// The pelvis rises this long before the toes leave the floor, s.
 const HIP_LEAD_S: f32 = 0.07;
 
-/// Jumps with both feet.
+/// Jumps with both feet. Arms that swing carry the body further; with still arms the jumps are low and each
+/// rebounds from the last.
 pub fn jump(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let way = towards(v.word("direction"));
     let size = v.amplitude();
+    let swings = v.word("arms") != "still";
+    // Of the height, the length, the crouch and the lean of a jump with swinging arms.
+    let share = if swings { 1.0 } else { 0.45 };
+    let crouch_s = if swings { 0.34 } else { 0.2 };
+    let swing = |c: &mut Control, [elevation, azimuth, far]: [f32; 3], pole: Vec3| {
+        for side in (0..2).filter(|_| swings) {
+            reach(c, side, elevation, azimuth, far, pole);
+        }
+    };
     let mut track = Track::new(rest);
     let mut flights = Vec::new();
     let mut travelled = Vec3::ZERO;
     track.hold(0.15);
     for _ in 0..v.count("repetitions") {
         let height_m =
-            actor.a(if way == Vec3::ZERO { 0.24 } else { 0.16 }) * size * actor.rig.scale;
+            actor.a(if way == Vec3::ZERO { 0.24 } else { 0.16 }) * size * share * actor.rig.scale;
         let flight_s = flight_s(height_m);
         let length_m = actor.a(if way.x != 0.0 || way.z < 0.0 {
             0.38
         } else {
             0.6
         }) * size
+            * share
             * actor.rig.scale;
         let from = travelled;
         travelled += way * length_m;
-        let down = actor.s(0.34, 1.0);
-        let dip = actor.m(0.2 + 0.08 * size);
+        let down = actor.s(crouch_s, 1.0);
+        let dip = actor.m(0.2 + 0.08 * size) * share;
         let arm = actor.a(0.5);
         track.to(down, |c| {
             c.hip.y = rest.hip.y - dip;
-            c.pitch = 0.5;
-            c.flex = 0.35;
-            c.nod = -0.3;
-            for side in 0..2 {
-                reach(c, side, -1.57 - arm, 0.0, 0.96, ELBOW_BACK);
-                c.feet[side].pitch = -0.08;
+            c.pitch = rest.pitch + (0.5 - rest.pitch) * share;
+            c.flex = rest.flex + (0.35 - rest.flex) * share;
+            c.nod = rest.nod + (-0.3 - rest.nod) * share;
+            swing(c, [-1.57 - arm, 0.0, 0.96], ELBOW_BACK);
+            for foot in &mut c.feet {
+                foot.pitch = -0.08;
             }
         });
         track.hold(0.03);
@@ -53,9 +64,9 @@ pub fn jump(v: &Values, actor: &mut Actor) -> Vec<Control> {
             c.pitch = 0.05;
             c.flex = 0.0;
             c.nod = 0.0;
-            for side in 0..2 {
-                reach(c, side, -0.1, 0.15, 0.93, ELBOW_UP);
-                c.feet[side].pitch = -0.75;
+            swing(c, [-0.1, 0.15, 0.93], ELBOW_UP);
+            for foot in &mut c.feet {
+                foot.pitch = -0.75;
             }
         });
         flights.push((track.end_s(), flight_s, height_m));
@@ -65,24 +76,24 @@ pub fn jump(v: &Values, actor: &mut Actor) -> Vec<Control> {
                 c.feet[side].at =
                     rest.feet[side].at + from + way * (0.5 * length_m) + Vec3::Y * tuck;
                 c.feet[side].pitch = -0.55;
-                reach(c, side, 0.55, 0.2, 0.9, ELBOW_UP);
             }
+            swing(c, [0.55, 0.2, 0.9], ELBOW_UP);
         });
         track.to(0.5 * flight_s, |c| {
             for side in 0..2 {
                 c.feet[side].at = rest.feet[side].at + travelled;
                 c.feet[side].pitch = -0.3;
-                reach(c, side, -0.4, 0.3, 0.9, ELBOW_BACK);
             }
+            swing(c, [-0.4, 0.3, 0.9], ELBOW_BACK);
             c.hip.y = rest.hip.y - actor.m(0.03);
         });
         track.to(0.17, |c| {
             c.hip.y = rest.hip.y - 0.75 * dip;
-            c.pitch = 0.4;
-            c.flex = 0.3;
-            for side in 0..2 {
-                c.feet[side].pitch = 0.0;
-                reach(c, side, -1.1, 0.3, 0.93, ELBOW_BACK);
+            c.pitch = rest.pitch + (0.4 - rest.pitch) * share;
+            c.flex = rest.flex + (0.3 - rest.flex) * share;
+            swing(c, [-1.1, 0.3, 0.93], ELBOW_BACK);
+            for foot in &mut c.feet {
+                foot.pitch = 0.0;
             }
         });
     }

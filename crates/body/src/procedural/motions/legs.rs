@@ -15,6 +15,7 @@ pub fn squat(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let depth = (0.42 * v.amplitude()).min(0.6);
     let mut track = Track::new(rest);
     let wide = actor.m(0.04);
+    let in_front = v.word("arms") != "still";
     track.hold(0.1);
     for _ in 0..v.count("repetitions") {
         let depth = actor.a(depth).clamp(0.18, 0.62);
@@ -25,15 +26,16 @@ pub fn squat(v: &Values, actor: &mut Actor) -> Vec<Control> {
             c.nod = -0.35;
             for side in 0..2 {
                 c.feet[side].knee_out = 0.3;
-                reach(c, side, 0.35, 0.02, 0.95, ELBOW_DOWN);
+                if in_front {
+                    reach(c, side, 0.35, 0.02, 0.95, ELBOW_DOWN);
+                }
             }
         });
         track.to(actor.s(0.15, speed), |c| c.hip.y -= 0.2 * wide);
         track.to(actor.s(0.75, speed), |c| {
             let arms = c.arms;
             *c = rest;
-            for side in 0..2 {
-                c.arms[side] = rest.arms[side];
+            for side in (0..2).filter(|_| in_front) {
                 c.arms[side].elevation =
                     0.5 * (arms[side].elevation + rest.arms[side].elevation) - 0.4;
             }
