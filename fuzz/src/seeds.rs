@@ -20,7 +20,9 @@ fn main() -> io::Result<()> {
     for dialect in Dialect::ALL {
         write("uart", dialect.name(), &make::stream(dialect, 10))?;
     }
-    write("bag", "clouds", &make::bag())?;
+    for compression in ["none", "bz2", "lz4"] {
+        write("bag", &format!("clouds-{compression}"), &make::bag(compression))?;
+    }
     write("points_csv", "table", make::CSV.as_bytes())?;
     write("radhar", "record", make::RADHAR.as_bytes())?;
     write("mars", "table", make::MARS.as_bytes())?;

@@ -76,6 +76,11 @@ fn main() -> std::io::Result<()> {
         b"LVDS lane mode : 2 lane\nRaw Data :\nOut of sequence count - 3\nNumber of received packets - 9\n\
           Number of zero filled packets - 1\nNumber of zero filled bytes - 1456\nDuration(sec) - 5\n",
     )?;
+    write("ti_cfg", "clean", made::CLEAN_CFG.as_bytes())?;
+    let radar = include_str!("../../../configs/iwr1443-radhar.toml");
+    write("radar_toml", "radar", radar.as_bytes())?;
+    let channel = "radar = \"awr1843boost\"\n[[channel]]\ngain_db = 0.5\nphase_deg = -12.5\n";
+    write("radar_toml", "calibration", channel.as_bytes())?;
     let export = include_str!("../tests/data/awr1843.mmwave.json");
     write("studio_json", "awr1843", export.as_bytes())?;
     write(

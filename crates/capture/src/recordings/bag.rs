@@ -1,7 +1,6 @@
 //! ROS 1 bags (format 2.0): the `sensor_msgs/PointCloud2` messages of one topic.
 //!
-//! Read front to back from any reader; the index is not needed. Chunks must not be compressed: `rosbag decompress`
-//! writes such a bag. Fields are taken by the name, offset and type that every message declares: x, y, z, a
+//! Read front to back from any reader; the index is not needed. Chunks may be compressed (bz2, lz4). Fields are taken by the name, offset and type that every message declares: x, y, z, a
 //! velocity (`velocity`, `v`, `doppler`) and an intensity in dB (`intensity`, `snr`, `power`).
 
 use std::collections::BTreeMap;
@@ -35,8 +34,8 @@ pub struct Bag {
 /// Reads the clouds of a topic; without one, of the only topic that has clouds.
 ///
 /// # Errors
-/// [`RecordingError`] with the byte of the file (for messages: of their record): damage, compressed chunks, no topic
-/// or several, clouds without a needed field.
+/// [`RecordingError`] with the byte of the file (for messages: of their record; within a compressed chunk: of the
+/// chunk): damage, no topic or several, clouds without a needed field.
 pub fn read_bag(
     mut reader: impl Read,
     topic: Option<&str>,
@@ -111,6 +110,26 @@ fn read_block(reader: &mut impl Read, at: u64) -> Result<Option<Vec<u8>>, Record
         return Err(wrong(at, format!("{length} bytes"), &found));
     }
     Ok(Some(block))
+}
+
+/// A compressed chunk that must unpack to `size` bytes; what would be more is not unpacked.
+fn unpack(at: u64, decoder: impl Read, size: u32) -> Result<Vec<u8>, RecordingError> {
+    if size > MAX_RECORD_BYTES {
+        let expected = format!("a chunk of at most {MAX_RECORD_BYTES} bytes");
+        return Err(wrong(at, expected, &size.to_string()));
+    }
+    let mut chunk = Vec::new();
+    let read = decoder.take(u64::from(size) + 1).read_to_end(&mut chunk);
+    read.map_err(|e| wrong(at, "a whole compressed chunk", &e.to_string()))?;
+    if chunk.len() == size as usize {
+        return Ok(chunk);
+    }
+    let found = match chunk.len() > size as usize {
+        true => "more".to_owned(),
+        false => chunk.len().to_string(),
+    };
+    let expected = format!("a chunk that unpacks to {size} bytes, as its header says");
+    Err(wrong(at, expected, &found))
 }
 
 type Record = (Vec<u8>, Vec<u8>);
@@ -219,16 +238,30 @@ impl State {
                     return Err(wrong(at, "a chunk outside of chunks", "one inside"));
                 }
                 let compression = fields.get(&b"compression"[..]).copied().unwrap_or(b"");
-                if compression != b"none" {
-                    return Err(wrong(
-                        at,
-                        "chunks without compression (`rosbag decompress` makes them)",
-                        &String::from_utf8_lossy(compression),
-                    ));
-                }
-                let mut rest = data;
+                let size = || number(b"size").ok_or_else(|| wrong(at, "`size` of 4 bytes", "none"));
+                let unpacked;
+                let chunk = match compression {
+                    b"none" => data,
+                    b"bz2" => {
+                        unpacked = unpack(at, bzip2::read::BzDecoder::new(data), size()?)?;
+                        &unpacked
+                    }
+                    b"lz4" => {
+                        let decoder = lz4_flex::frame::FrameDecoder::new(data);
+                        unpacked = unpack(at, decoder, size()?)?;
+                        &unpacked
+                    }
+                    other => {
+                        let found = String::from_utf8_lossy(other);
+                        return Err(wrong(at, "compression none, bz2 or lz4", &found));
+                    }
+                };
+                let mut rest = chunk;
                 while !rest.is_empty() {
-                    let inside = at + (data.len() - rest.len()) as u64;
+                    let inside = match compression {
+                        b"none" => at + (chunk.len() - rest.len()) as u64,
+                        _ => at,
+                    };
                     if let Some((header, data)) = read_record(&mut rest, inside)? {
                         self.record(inside, &header, &data, depth + 1)?;
                     }

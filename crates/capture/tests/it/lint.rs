@@ -3,21 +3,7 @@
 use radarllm_base::RadarConfig;
 use radarllm_capture::{Finding, ModelExpectations, Severity, lint, lint_radar_toml, lint_ti_cfg};
 
-/// 10 frames/s, 4.8 cm, 4.9 m/s, 500 KiB of cube and map: nothing to say about it.
-const CLEAN: &str = "% Platform:xWR18xx
-dfeDataOutputMode 1
-channelCfg 15 7 0
-adcCfg 2 1
-adcbufCfg -1 0 1 1 1
-profileCfg 0 77 7 7 58 0 0 67 1 256 5500 0 0 30
-chirpCfg 0 0 0 0 0 0 0 1
-chirpCfg 1 1 0 0 0 0 0 4
-chirpCfg 2 2 0 0 0 0 0 2
-frameCfg 0 2 40 0 100 1 0
-guiMonitor -1 1 0 0 0 0 0
-lvdsStreamCfg -1 0 0 0
-sensorStart
-";
+use crate::made::CLEAN_CFG as CLEAN;
 
 fn model() -> ModelExpectations {
     ModelExpectations {

@@ -11,6 +11,22 @@ pub const Q_FIRST: SampleKind = SampleKind::Complex {
     order: IqOrder::QFirst,
 };
 
+/// 10 frames/s, 4.8 cm, 4.9 m/s, 500 KiB of cube and map: nothing to say about it.
+pub const CLEAN_CFG: &str = "% Platform:xWR18xx
+dfeDataOutputMode 1
+channelCfg 15 7 0
+adcCfg 2 1
+adcbufCfg -1 0 1 1 1
+profileCfg 0 77 7 7 58 0 0 67 1 256 5500 0 0 30
+chirpCfg 0 0 0 0 0 0 0 1
+chirpCfg 1 1 0 0 0 0 0 4
+chirpCfg 2 2 0 0 0 0 0 2
+frameCfg 0 2 40 0 100 1 0
+guiMonitor -1 1 0 0 0 0 0
+lvdsStreamCfg -1 0 0 0
+sensorStart
+";
+
 pub fn two(data: SampleKind) -> SampleLayout {
     SampleLayout {
         lanes: Lanes::Two,

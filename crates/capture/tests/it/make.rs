@@ -1,5 +1,7 @@
 //! Small recordings of every format, made up: for the tests, and as seeds for the fuzz targets (fuzz/src/seeds.rs).
 
+use std::io::Write;
+
 use radarllm_capture::uart::{Dialect, MAGIC};
 
 pub fn words(values: &[u32]) -> Vec<u8> {
@@ -199,15 +201,37 @@ pub fn cloud() -> Cloud<'static> {
     }
 }
 
+/// Records in a chunk, compressed as named: none, bz2 or lz4.
 pub fn chunk(compression: &str, records: &[Vec<u8>]) -> Vec<u8> {
-    record(
-        &[
-            ("op", &[5]),
-            ("compression", compression.as_bytes()),
-            ("size", &[0; 4]),
-        ],
-        &records.concat(),
-    )
+    let plain = records.concat();
+    chunk_of(compression, plain.len() as u32, &pack(compression, &plain))
+}
+
+/// A chunk whose header says what it is told.
+pub fn chunk_of(compression: &str, size: u32, data: &[u8]) -> Vec<u8> {
+    let fields: [(&str, &[u8]); 3] = [
+        ("op", &[5]),
+        ("compression", compression.as_bytes()),
+        ("size", &size.to_le_bytes()),
+    ];
+    record(&fields, data)
+}
+
+/// Bytes compressed; under any other name as they are.
+pub fn pack(compression: &str, plain: &[u8]) -> Vec<u8> {
+    match compression {
+        "bz2" => {
+            let mut encoder = bzip2::write::BzEncoder::new(Vec::new(), bzip2::Compression::best());
+            encoder.write_all(plain).unwrap();
+            encoder.finish().unwrap()
+        }
+        "lz4" => {
+            let mut encoder = lz4_flex::frame::FrameEncoder::new(Vec::new());
+            encoder.write_all(plain).unwrap();
+            encoder.finish().unwrap()
+        }
+        _ => plain.to_vec(),
+    }
 }
 
 pub fn whole(records: &[Vec<u8>]) -> Vec<u8> {
@@ -215,10 +239,10 @@ pub fn whole(records: &[Vec<u8>]) -> Vec<u8> {
     [b"#ROSBAG V2.0\n".to_vec(), header, records.concat()].concat()
 }
 
-/// A bag with two clouds and a message of another kind.
-pub fn bag() -> Vec<u8> {
+/// A bag with two clouds and a message of another kind, its chunk compressed as named.
+pub fn bag(compression: &str) -> Vec<u8> {
     whole(&[chunk(
-        "none",
+        compression,
         &[
             connection(0, "/radar", "sensor_msgs/PointCloud2"),
             connection(1, "/chat", "std_msgs/String"),
@@ -270,6 +294,6 @@ pub fn seeds() -> Vec<Vec<u8>> {
         npy("'<f4'", "(1, 8, 8, 5)", &[0.5; 320]),
         npy("'<f4'", "(2, 6)", &[0.5; 12]),
         npy("'<f4'", "(2, 5)", &[0.5; 10]),
-        bag(),
+        bag("none"),
     ]
 }
