@@ -9,7 +9,7 @@ fuzz_target!(|bytes: &[u8]| {
     let _ = radar_from_ti_cfg(&text);
     let n_lines = text.lines().count();
     for finding in lint_ti_cfg(&text, None) {
-        if let Some(span) = finding.span {
+        if let Some(span) = &finding.span {
             assert!((1..=n_lines.max(1)).contains(&span.line), "{finding:?}");
         }
     }

@@ -18,6 +18,12 @@ const PHASE_RAD: f64 = 0.1;
 pub const HISTOGRAM_BINS: usize = 2 * HISTOGRAM_SIDE + 1;
 const HISTOGRAM_SIDE: usize = 30;
 
+/// Levels and histogram are taken from one loop in this many, where a frame has enough of them: they are averages, and
+/// looking at every value takes longer than turning the frame into points.
+const LOOP_STEP: usize = 8;
+/// Fewest loops that are looked at, where a frame has them.
+const LEAST_LOOPS: usize = 8;
+
 /// Figures of one receiver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChannelStats {
@@ -30,21 +36,23 @@ pub struct ChannelStats {
     pub gain_imbalance_db: f64,
     /// Angle by which I and Q miss a right angle, rad; 0 where either is silent.
     pub phase_imbalance_rad: f64,
-    /// Share of the samples of which I or Q is at full scale.
+    /// Share of all samples of which I or Q is at full scale.
     pub saturated: f64,
-    /// Samples looked at.
+    /// Samples that came.
     pub n_samples: u64,
 }
 
 #[derive(Clone, Copy)]
 struct Sums {
+    n_samples: u64,
+    saturated: u64,
+    /// Samples in what follows.
     n: u64,
     sum: [f64; 2],
     /// Of I and Q together.
     squares: f64,
     /// Squares of I and Q and their product, without what stays from loop to loop.
     moving: [f64; 3],
-    saturated: u64,
     /// Of I and Q values together.
     histogram: [u64; HISTOGRAM_BINS],
 }
@@ -52,11 +60,12 @@ struct Sums {
 impl Default for Sums {
     fn default() -> Self {
         Self {
+            n_samples: 0,
+            saturated: 0,
             n: 0,
             sum: [0.0; 2],
             squares: 0.0,
             moving: [0.0; 3],
-            saturated: 0,
             histogram: [0; HISTOGRAM_BINS],
         }
     }
@@ -84,34 +93,35 @@ impl AdcStats {
         if loop_len == 0 {
             return;
         }
-        let mut still = vec![Complex32::ZERO; loop_len];
-        if cube.n_loops > 1 {
-            for one in cube.data.chunks_exact(loop_len) {
-                for (sum, value) in still.iter_mut().zip(one) {
-                    *sum += value / cube.n_loops as f32;
-                }
-            }
-        }
-        let stills = still.chunks_exact(n_samples).cycle();
-        for ((i, chirp), still) in cube.data.chunks_exact(n_samples).enumerate().zip(stills) {
+        for (i, chirp) in cube.data.chunks_exact(n_samples).enumerate() {
             let Some(sums) = self.channels.get_mut(i % n_rx) else {
                 continue;
             };
-            for (value, still) in chirp.iter().zip(still) {
-                sums.n += 1;
-                sums.sum[0] += f64::from(value.re);
-                sums.sum[1] += f64::from(value.im);
-                sums.squares += f64::from(value.norm_sqr());
-                let moving = value - still;
-                let (re, im) = (f64::from(moving.re), f64::from(moving.im));
-                sums.moving[0] += re * re;
-                sums.moving[1] += im * im;
-                sums.moving[2] += re * im;
-                let peak = value.re.abs().max(value.im.abs());
-                sums.saturated += u64::from(peak >= self.full_scale);
-                for part in [value.re, value.im] {
-                    sums.histogram[histogram_bin(part)] += 1;
+            let full_scale = self.full_scale;
+            let is_full = |z: &Complex32| z.re.abs().max(z.im.abs()) >= full_scale;
+            let saturated: u32 = chirp.iter().map(|z| u32::from(is_full(z))).sum();
+            sums.saturated += u64::from(saturated);
+            sums.n_samples += n_samples as u64;
+        }
+        let step = match cube.n_loops >= LEAST_LOOPS * LOOP_STEP {
+            true => LOOP_STEP,
+            false => 1,
+        };
+        let loops = || cube.data.chunks_exact(loop_len).step_by(step);
+        let mut still = vec![Complex32::ZERO; loop_len];
+        if loops().len() > 1 {
+            let share = 1.0 / loops().len() as f32;
+            for one in loops() {
+                for (sum, value) in still.iter_mut().zip(one) {
+                    *sum += value * share;
                 }
+            }
+        }
+        let chirps = loops().flat_map(|one| one.chunks_exact(n_samples));
+        let stills = still.chunks_exact(n_samples).cycle();
+        for ((i, chirp), still) in chirps.enumerate().zip(stills) {
+            if let Some(sums) = self.channels.get_mut(i % n_rx) {
+                sums.add(chirp, still);
             }
         }
     }
@@ -121,7 +131,8 @@ impl AdcStats {
         self.channels.iter().map(Sums::stats).collect()
     }
 
-    /// How many values of I and Q of a receiver lie in each of [`HISTOGRAM_BINS`]; `None` beyond the receivers. Bin
+    /// How many values of I and Q of a receiver lie in each of [`HISTOGRAM_BINS`], of one loop in eight where a frame has
+    /// 64 or more; `None` beyond the receivers. Bin
     /// `HISTOGRAM_BINS / 2` is zero, the one `n` to its right holds |value| with 2 log2(1 + |value|) from n to n + 1, the
     /// last all beyond.
     pub fn histogram(&self, receiver: usize) -> Option<&[u64; HISTOGRAM_BINS]> {
@@ -135,24 +146,23 @@ impl AdcStats {
         if channels.iter().all(|c| c.n_samples == 0) {
             return vec!["no samples".into()];
         }
-        if loudest == 0.0 {
+        if loudest == 0.0 && channels.iter().all(|c| c.saturated == 0.0) {
             return vec!["all channels are silent".into()];
         }
         let mut problems = Vec::new();
         for (i, c) in channels.iter().enumerate() {
             let rx = i + 1;
-            if c.rms <= loudest * 10_f64.powf(-SILENT_DB / 20.0) {
-                problems.push(format!(
-                    "channel {rx} is silent: {:.1} counts rms, the loudest has {loudest:.1}",
-                    c.rms
-                ));
-                continue;
-            }
             if c.saturated >= SATURATED_SHARE {
                 problems.push(format!(
                     "ADC saturated in {:.1} % of the samples of channel {rx}: less receiver gain or more distance",
                     c.saturated * 100.0
                 ));
+            } else if c.rms <= loudest * 10_f64.powf(-SILENT_DB / 20.0) {
+                problems.push(format!(
+                    "channel {rx} is silent: {:.1} counts rms, the loudest has {loudest:.1}",
+                    c.rms
+                ));
+                continue;
             }
             let offset = c.mean[0].hypot(c.mean[1]);
             if offset > OFFSET_RATIO * c.rms {
@@ -174,10 +184,13 @@ impl AdcStats {
     }
 }
 
+/// The exponent of 1 + |value|, twice, and one more from sqrt(2) on: the bits of a float have both.
 fn histogram_bin(value: f32) -> usize {
-    // The cast saturates, and what is no number is zero.
-    let octaves = (2.0 * (1.0 + value.abs()).log2()) as usize;
-    let octaves = octaves.min(HISTOGRAM_SIDE);
+    const SQRT_2: u32 = std::f32::consts::SQRT_2.to_bits() & 0x7f_ffff;
+    // What is no number counts as zero.
+    let bits = (1.0 + value.abs().max(0.0)).to_bits();
+    let octaves = 2 * (bits >> 23).saturating_sub(127) + u32::from(bits & 0x7f_ffff >= SQRT_2);
+    let octaves = (octaves as usize).min(HISTOGRAM_SIDE);
     if value < 0.0 {
         HISTOGRAM_SIDE - octaves
     } else {
@@ -186,6 +199,24 @@ fn histogram_bin(value: f32) -> usize {
 }
 
 impl Sums {
+    /// A chirp, and what of it stays from loop to loop.
+    fn add(&mut self, chirp: &[Complex32], still: &[Complex32]) {
+        for (value, still) in chirp.iter().zip(still) {
+            self.sum[0] += f64::from(value.re);
+            self.sum[1] += f64::from(value.im);
+            self.squares += f64::from(value.norm_sqr());
+            let moving = value - still;
+            let (re, im) = (f64::from(moving.re), f64::from(moving.im));
+            self.moving[0] += re * re;
+            self.moving[1] += im * im;
+            self.moving[2] += re * im;
+            for part in [value.re, value.im] {
+                self.histogram[histogram_bin(part)] += 1;
+            }
+        }
+        self.n += chirp.len() as u64;
+    }
+
     fn stats(&self) -> ChannelStats {
         let n = self.n.max(1) as f64;
         let mean = self.sum.map(|s| s / n);
@@ -202,8 +233,8 @@ impl Sums {
             rms: variance.max(0.0).sqrt(),
             gain_imbalance_db,
             phase_imbalance_rad,
-            saturated: self.saturated as f64 / n,
-            n_samples: self.n,
+            saturated: self.saturated as f64 / self.n_samples.max(1) as f64,
+            n_samples: self.n_samples,
         }
     }
 }
@@ -224,8 +255,17 @@ mod tests {
             (-32768.0, 0),
             (f32::INFINITY, 60),
             (f32::NAN, 30),
+            (f32::MAX, 60),
         ] {
             assert_eq!(histogram_bin(value), bin, "{value}");
+        }
+        for value in 0..=32768 {
+            let octaves = 2.0 * (1.0 + f64::from(value)).log2();
+            assert_eq!(
+                histogram_bin(value as f32),
+                30 + octaves as usize,
+                "{value}"
+            );
         }
         let mut stats = AdcStats::new(2, 16);
         let mut cube = RadarCube::zeros(1, 1, 2, 3);
@@ -235,5 +275,38 @@ mod tests {
         let second = stats.histogram(1).unwrap();
         assert_eq!([second[30], second[34], second[0]], [4, 1, 1]);
         assert!(stats.histogram(2).is_none());
+    }
+
+    /// A receiver that is driven to the end of its range all the time is not silent, though nothing changes.
+    #[test]
+    fn what_is_constant_at_full_scale_is_saturated() {
+        let mut stats = AdcStats::new(1, 16);
+        let mut cube = RadarCube::zeros(4, 1, 1, 8);
+        cube.data.fill(Complex32::new(32767.0, -32768.0));
+        stats.push(&cube);
+        let problems = stats.problems();
+        assert!(
+            problems[0].starts_with("ADC saturated in 100.0 %"),
+            "{problems:?}"
+        );
+        cube.data.fill(Complex32::ZERO);
+        let mut stats = AdcStats::new(1, 16);
+        stats.push(&cube);
+        assert_eq!(stats.problems(), ["all channels are silent"]);
+    }
+
+    /// Levels come from one loop in eight, saturation from all of them.
+    #[test]
+    fn one_saturated_sample_of_many_loops_is_counted() {
+        let mut stats = AdcStats::new(1, 16);
+        let mut cube = RadarCube::zeros(64, 1, 1, 4);
+        for (i, z) in cube.data.iter_mut().enumerate() {
+            *z = Complex32::new(100.0 * if i % 8 < 4 { 1.0 } else { -1.0 }, 0.0);
+        }
+        cube.data[7].im = 32767.0;
+        stats.push(&cube);
+        let [c] = stats.channels()[..] else { panic!() };
+        assert_eq!((c.n_samples, c.saturated), (256, 1.0 / 256.0));
+        assert_eq!(stats.histogram(0).unwrap().iter().sum::<u64>(), 2 * 32);
     }
 }
