@@ -65,18 +65,17 @@ dispatch!(
 #[inline(always)]
 fn slow_time_body<L: Lanes>(job: SlowTime<'_>) {
     let rows = job.chirps.chunks(job.stride);
-    for (row, cell) in rows.zip(&mut *job.out) {
+    let mean_weights = job.mean_weights.iter().chain(std::iter::repeat(&0.0));
+    let (mut mean_re, mut mean_im) = (L::splat(0.0), L::splat(0.0));
+    for ((row, cell), &weight) in rows.zip(&mut *job.out).zip(mean_weights) {
         if let Some(row) = row.first_chunk() {
             let (re, im) = L::load_complex(row);
             re.store(&mut cell.re);
             im.store(&mut cell.im);
+            let weight = L::splat(weight);
+            mean_re = re.fma(weight, mean_re);
+            mean_im = im.fma(weight, mean_im);
         }
-    }
-    let (mut mean_re, mut mean_im) = (L::splat(0.0), L::splat(0.0));
-    for (cell, &weight) in job.out.iter().zip(job.mean_weights) {
-        let weight = L::splat(weight);
-        mean_re = L::load(&cell.re).fma(weight, mean_re);
-        mean_im = L::load(&cell.im).fma(weight, mean_im);
     }
     for (cell, &weight) in job.out.iter_mut().zip(job.window) {
         let weight = L::splat(weight);

@@ -27,7 +27,7 @@ struct Rows {
 }
 
 /// One factor.
-struct Pass {
+pub(crate) struct Pass {
     radix: usize,
     /// Distance of the butterflies' inputs and of its outputs' neighbours, cells.
     stride: usize,
@@ -84,7 +84,7 @@ impl LaneFft {
 }
 
 /// Radices whose product is `len`, largest first; `None` if a prime is too large.
-fn factors(len: usize) -> Option<Vec<usize>> {
+pub(crate) fn factors(len: usize) -> Option<Vec<usize>> {
     let mut rest = len.max(1);
     let mut radices = vec![];
     for radix in [16, 8, 4, 6, 2, 3, 5, 7] {
@@ -97,12 +97,14 @@ fn factors(len: usize) -> Option<Vec<usize>> {
     (rest == 1).then_some(radices)
 }
 
-fn root(index: usize, len: usize) -> [f32; 2] {
+/// (cos, sin) of `-2 pi index / len`.
+pub(crate) fn root(index: usize, len: usize) -> [f32; 2] {
     let (sin, cos) = (-TAU * (index % len) as f64 / len as f64).sin_cos();
     [cos as f32, sin as f32]
 }
 
-fn passes(len: usize, radices: &[usize]) -> Vec<Pass> {
+/// Passes of a transform of `len` with these radices.
+pub(crate) fn passes(len: usize, radices: &[usize]) -> Vec<Pass> {
     let (mut left, mut stride) = (len, 1);
     radices
         .iter()
@@ -131,8 +133,9 @@ dispatch!(fn all_passes => all_passes_body(
     passes: &[Pass], data: &mut [Cell], spare: &mut [Cell]
 ));
 
+/// Ends in `data` after an even number of passes, else in `spare`.
 #[inline(always)]
-fn all_passes_body<L: Lanes>(passes: &[Pass], data: &mut [Cell], spare: &mut [Cell]) {
+pub(crate) fn all_passes_body<L: Lanes>(passes: &[Pass], data: &mut [Cell], spare: &mut [Cell]) {
     for (i, pass) in passes.iter().enumerate() {
         let (from, to): (&[Cell], &mut [Cell]) = if i % 2 == 0 {
             (&*data, &mut *spare)
@@ -192,14 +195,14 @@ fn run_pass<L: Lanes, const R: usize>(
 
 /// Sixteen complex numbers in registers.
 #[derive(Clone, Copy)]
-struct C<L> {
-    re: L,
-    im: L,
+pub(crate) struct C<L> {
+    pub re: L,
+    pub im: L,
 }
 
 impl<L: Lanes> C<L> {
     #[inline(always)]
-    fn load(cell: &Cell) -> Self {
+    pub fn load(cell: &Cell) -> Self {
         Self {
             re: L::load(&cell.re),
             im: L::load(&cell.im),
@@ -377,7 +380,7 @@ fn dft8<L: Lanes>([a, b, c, d, e, f, g, h]: [C<L>; 8]) -> [C<L>; 8] {
 }
 
 #[inline(always)]
-fn dft16<L: Lanes>(a: [C<L>; 16]) -> [C<L>; 16] {
+pub(crate) fn dft16<L: Lanes>(a: [C<L>; 16]) -> [C<L>; 16] {
     // cos and sin of pi / 8.
     const C1: f32 = 0.923_879_5;
     const S1: f32 = 0.382_683_43;

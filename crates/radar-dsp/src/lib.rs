@@ -22,6 +22,7 @@ pub mod error;
 pub mod extractor;
 pub mod options;
 pub mod pictures;
+mod row_fft;
 pub mod spectrum;
 pub mod stats;
 pub mod window;

@@ -1,18 +1,17 @@
 //! From samples to range-Doppler spectra: windows, FFTs, clutter removal, detection map.
 
 use std::ops::Range;
-use std::sync::Arc;
 
 use num_complex::Complex32;
 use radarllm_base::radar_config::Firing;
 use radarllm_base::{RadarConfig, RadarCube};
-use radarllm_simd::{Cell, LANES, SimdLevel};
-use rustfft::{Fft, FftPlanner};
+use radarllm_simd::{Cell, LANES, SimdLevel, prefetch};
 
 use crate::error::DspError;
-use crate::kernels::{SlowTime, add, add_power, rows_of_bins, slow_time, window};
+use crate::kernels::{SlowTime, add, add_power, rows_of_bins, slow_time};
 use crate::lane_fft::LaneFft;
 use crate::options::{ClutterFilter, DspOptions, MapKind};
+use crate::row_fft::RowFft;
 
 /// Longest range FFT: eight times the most samples a chirp of the supported parts has.
 const MAX_RANGE_FFT: usize = 1 << 16;
@@ -35,15 +34,14 @@ pub struct Spectrum {
     map_kind: MapKind,
     /// Slow-time weights of the mean to subtract; empty to keep statics.
     mean_weights: Vec<f32>,
-    range_window: Vec<f32>,
     doppler_window: Vec<f32>,
     /// Factor per Doppler index that takes slot 1 back to the time of slot 0; empty without binary
     /// phase modulation.
     bpm_factors: Vec<Complex32>,
-    range_fft: Arc<dyn Fft<f32>>,
+    /// Windowed.
+    range_fft: RowFft,
     doppler_fft: LaneFft,
     simd: SimdLevel,
-    scratch: Vec<Complex32>,
     /// One channel's chirps, `[loop, range bin]`, with room for whole blocks of gated bins.
     chirps: Vec<Complex32>,
     /// Range bins from one loop to the next in `chirps`.
@@ -96,8 +94,7 @@ impl Spectrum {
         let gate = range_gate(options, range_step_m, n_range)?;
         let n_channels = radar.tx.len() * radar.rx.len();
         let doppler_window = options.doppler_window.weights(n_loops);
-        let mut planner = FftPlanner::new();
-        let range_fft = planner.plan_fft_forward(n_range);
+        let range_fft = RowFft::new(options.range_window.weights(n_samples), n_range);
         let n_blocks = gate.len().div_ceil(LANES);
         let stride = n_range.max(gate.start + n_blocks * LANES);
         let n_coherent = if options.map == MapKind::Coherent {
@@ -111,10 +108,8 @@ impl Spectrum {
             range_step_m,
             map_kind: options.map,
             mean_weights: mean_weights(options.clutter, &doppler_window),
-            range_window: options.range_window.weights(n_samples),
             doppler_window,
             bpm_factors: bpm_factors(radar, options),
-            scratch: vec![Complex32::ZERO; range_fft.get_inplace_scratch_len()],
             range_fft,
             doppler_fft: LaneFft::new(n_loops),
             simd: SimdLevel::detect(),
@@ -267,24 +262,23 @@ impl Spectrum {
 
     /// Fills `chirps` with one channel.
     fn transform_chirps(&mut self, cube: &RadarCube, channel: usize) -> Result<(), DspError> {
-        let [n_loops, _, n_rx, n_samples] = self.shape;
+        let [n_loops, _, n_rx, _] = self.shape;
         let n_range = self.n_range;
         let (slot, rx) = (channel / n_rx, channel % n_rx);
         for loop_idx in 0..n_loops {
             let samples = cube.chirp(loop_idx, slot, rx);
+            // The same channel's next chirp lies all other channels further on.
+            if loop_idx + 1 < n_loops {
+                prefetch(cube.chirp(loop_idx + 1, slot, rx));
+            }
             let row = &mut self.chirps[loop_idx * self.stride..][..n_range];
-            let (out, padding) = row.split_at_mut(n_samples);
-            padding.fill(Complex32::ZERO);
-            let mut finite = true;
-            window(self.simd, out, samples, &self.range_window, &mut finite);
-            if !finite {
+            if !self.range_fft.process(self.simd, samples, row) {
                 let bad = samples
                     .iter()
                     .position(|s| !(s.re.is_finite() && s.im.is_finite()));
                 let index = [loop_idx, slot, rx, bad.unwrap_or(0)];
                 return Err(DspError::NotFinite { index });
             }
-            self.range_fft.process_with_scratch(row, &mut self.scratch);
         }
         Ok(())
     }

@@ -7,6 +7,10 @@
 
 pub mod lanes;
 
+mod prefetch;
+
+pub use prefetch::prefetch;
+
 pub use lanes::{Lanes, SimdLevel, sin_cos_turns};
 
 /// Number of lanes.
