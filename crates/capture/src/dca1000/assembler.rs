@@ -4,7 +4,7 @@
 //! window is only believed when a second one fits it, and frames of which nothing arrived are counted,
 //! not made.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
 use super::{DataPacket, MAX_PAYLOAD};
 use crate::adc::{AdcError, FrameIntegrity, layout::MAX_FRAME_BYTES};
@@ -91,8 +91,8 @@ pub struct Assembler {
     /// Byte count of the first byte of the oldest open frame; `None` before the first confirmed packet.
     base: Option<u64>,
     /// Bytes from `base` on, and whether they arrived.
-    data: Vec<u8>,
-    arrived: Vec<bool>,
+    data: VecDeque<u8>,
+    arrived: VecDeque<bool>,
     counts: BTreeMap<u64, Counts>,
     waiting: Option<Waiting>,
     /// Packets that held something new.
@@ -115,8 +115,8 @@ impl Assembler {
             frame_bytes,
             window_bytes: WINDOW_PACKETS * MAX_PAYLOAD,
             base: None,
-            data: Vec::new(),
-            arrived: Vec::new(),
+            data: VecDeque::new(),
+            arrived: VecDeque::new(),
             counts: BTreeMap::new(),
             waiting: None,
             used: 0,
@@ -220,9 +220,10 @@ impl Assembler {
             self.arrived.resize(stop, false);
         }
         let mut is_new = false;
-        for ((byte, arrived), new) in self.data[start..stop]
-            .iter_mut()
-            .zip(&mut self.arrived[start..stop])
+        for ((byte, arrived), new) in self
+            .data
+            .range_mut(start..stop)
+            .zip(self.arrived.range_mut(start..stop))
             .zip(payload)
         {
             // What came first stays: a second copy can only be equal or forged.
