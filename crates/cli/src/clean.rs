@@ -1,6 +1,6 @@
 //! What is taken off recordings before anybody looks at them: the empty room, offsets, leakage, channel mismatch.
 
-use std::{fs, path::PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use radarllm_base::{PointFrame, RadarConfig, RadarCube};
@@ -17,12 +17,11 @@ use radarllm_radar_dsp::{
 use crate::{
     capture::{self, Frames, LayoutArgs},
     error::{CliError, CliResult},
+    files::{self, MAX_CONFIG_BYTES},
     input::MAX_FRAMES,
     recording::{self, RecordingArgs},
 };
 
-/// Largest calibration file, bytes.
-const MAX_CALIBRATION_BYTES: u64 = 1 << 20;
 /// What remains of an empty room's frames after subtraction, dB, from which the user should know.
 const UNSTEADY_DB: f64 = -20.0;
 
@@ -91,13 +90,7 @@ impl CleanArgs {
                     CliError::new(format!("{}: {e}", path.display()))
                         .hint("`radarllm radar calibrate` makes such files, one for each radar")
                 };
-                let size = fs::metadata(path).map_err(|e| CliError::io(path, e))?.len();
-                if size > MAX_CALIBRATION_BYTES {
-                    return Err(wrong(&format!(
-                        "{size} bytes, at most {MAX_CALIBRATION_BYTES} are read"
-                    )));
-                }
-                let text = fs::read_to_string(path).map_err(|e| CliError::io(path, e))?;
+                let text = files::read_text(path, MAX_CONFIG_BYTES)?;
                 let calibration = Calibration::from_toml(&text).map_err(|e| wrong(&e))?;
                 calibration.gains(radar).map_err(|e| wrong(&e))?
             }

@@ -10,6 +10,7 @@ mod clean;
 mod commands;
 mod default_model;
 mod error;
+mod files;
 mod input;
 mod output;
 mod people;

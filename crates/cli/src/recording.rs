@@ -23,7 +23,7 @@ use radarllm_capture::{
 use crate::{
     commands::radar,
     error::{CliError, CliResult},
-    serial,
+    files, serial,
 };
 
 /// Largest file read whole, bytes.
@@ -381,24 +381,11 @@ fn sort(frames: &mut [PointFrame]) {
 }
 
 fn read_whole(path: &Path) -> CliResult<Vec<u8>> {
-    let mut bytes = Vec::new();
-    File::open(path)
-        .and_then(|file| file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes))
-        .map_err(|e| CliError::io(path, e))?;
-    if bytes.len() as u64 > MAX_FILE_BYTES {
-        return Err(CliError::new(format!(
-            "{}: more than the {MAX_FILE_BYTES} bytes that are read",
-            path.display()
-        )));
-    }
-    Ok(bytes)
+    files::read_bytes(path, MAX_FILE_BYTES)
 }
 
 fn read_text(path: &Path) -> CliResult<String> {
-    String::from_utf8(read_whole(path)?).map_err(|e| {
-        let place = e.utf8_error().valid_up_to();
-        CliError::new(format!("{}: byte {place}: expected UTF-8", path.display()))
-    })
+    files::read_text(path, MAX_FILE_BYTES)
 }
 
 fn mars(path: &Path) -> CliResult<Vec<RecordedFrame>> {

@@ -768,7 +768,7 @@ fn random_requests_are_broad_and_short() {
         "while {}",
         share(overlay)
     );
-    // A seventh of all is expected: 33 of 45 motions have repetitions, a quarter of these goes on.
+    // A quarter of the single motions with repetitions goes on, beside what is long by itself.
     let share_on = share(going_on);
     assert!((8.0..25.0).contains(&share_on), "{share_on} % go on");
     // Each is expected about 2500 / 45 = 55 times, long ones less: they rarely fit with others.

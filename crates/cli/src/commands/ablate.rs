@@ -19,6 +19,7 @@ use crate::{
     args::{AblateArgs, DecoderName, EvalArgs},
     commands::eval,
     error::{CliError, CliResult},
+    files::{self, MAX_CONFIG_BYTES},
     output,
 };
 
@@ -131,7 +132,7 @@ struct TableReport {
 /// Runs the verb.
 pub fn run(args: &AblateArgs) -> CliResult {
     let base = args.config.parent().unwrap_or(Path::new(""));
-    let text = fs::read_to_string(&args.config).map_err(|e| CliError::io(&args.config, e))?;
+    let text = files::read_text(&args.config, MAX_CONFIG_BYTES)?;
     let problem = |e: &dyn std::fmt::Display| {
         CliError::new(format!("{}: {e}", args.config.display())).hint("see docs/ablations.md")
     };
@@ -227,7 +228,7 @@ fn check(grid: &Grid) -> Result<(), String> {
 /// `[table][row][seed]`.
 fn plan(grid: &Grid, base: &Path) -> CliResult<Vec<Vec<Vec<Run>>>> {
     let path = base.join(&grid.base);
-    let text = fs::read_to_string(&path).map_err(|e| CliError::io(&path, e))?;
+    let text = files::read_text(&path, MAX_CONFIG_BYTES)?;
     let recipe: Table = text
         .parse()
         .map_err(|e| CliError::new(format!("{}: {e}", path.display())))?;

@@ -1,7 +1,6 @@
 //! `dataset build|info|validate`.
 
 use std::{
-    fs,
     path::Path,
     sync::{Mutex, PoisonError},
     time::{Duration, Instant},
@@ -14,6 +13,7 @@ use crate::{
     args::DatasetVerb,
     commands,
     error::{CliError, CliResult},
+    files::{self, MAX_CONFIG_BYTES},
     output,
 };
 
@@ -42,7 +42,7 @@ fn build(
     force: bool,
     json: bool,
 ) -> CliResult {
-    let text = fs::read_to_string(config_path).map_err(|e| CliError::io(config_path, e))?;
+    let text = files::read_text(config_path, MAX_CONFIG_BYTES)?;
     let config = DatasetConfig::from_toml(&text)
         .map_err(|e| CliError::new(format!("{}: {e}", config_path.display())))?;
     let base = config_path.parent().unwrap_or(Path::new(""));

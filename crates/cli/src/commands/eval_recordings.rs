@@ -9,6 +9,7 @@ use crate::{
     args::EvalRecordingsArgs,
     commands::describe,
     error::{CliError, CliResult},
+    files::{self, MAX_CONFIG_BYTES},
     input::{self, ClipOptions},
     output,
 };
@@ -75,7 +76,7 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
     if let Some(out) = &args.out {
         output::check_free(out, args.force)?;
     }
-    let text = fs::read_to_string(&args.config).map_err(|e| CliError::io(&args.config, e))?;
+    let text = files::read_text(&args.config, MAX_CONFIG_BYTES)?;
     let wrong = |e: String| CliError::new(format!("{}: {e}", args.config.display()));
     let config: Config = toml::from_str(&text).map_err(|e| wrong(e.to_string()))?;
     if config.activity.is_empty() {

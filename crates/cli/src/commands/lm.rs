@@ -1,6 +1,6 @@
 //! `lm`: forward pass of a checkpoint in Hugging Face's layout; adapters folded into weights.
 
-use std::{fs, path::Path};
+use std::path::Path;
 
 use npyz::WriterBuilder;
 use radarllm_model::lm::{Device, ModelInput, Pretrained, RadarLm};
@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::{
     args::LmVerb,
     error::{CliError, CliResult},
-    output,
+    files, output,
 };
 
 /// Largest file of ids, bytes.
@@ -97,14 +97,7 @@ fn logits(weights: &Path, ids: &Path, out: &Path, force: bool, json: bool) -> Cl
 }
 
 fn read_ids(path: &Path) -> CliResult<ModelInput> {
-    let len = fs::metadata(path).map_err(|e| CliError::io(path, e))?.len();
-    if len > MAX_IDS_BYTES {
-        return Err(CliError::new(format!(
-            "{}: {len} bytes, at most {MAX_IDS_BYTES} are read",
-            path.display()
-        )));
-    }
-    let bytes = fs::read(path).map_err(|e| CliError::io(path, e))?;
+    let bytes = files::read_bytes(path, MAX_IDS_BYTES)?;
     serde_json::from_slice(&bytes).map_err(|e| {
         CliError::new(format!("{}: {e}", path.display()))
             .hint(r#"{"input_ids": [[..]], "decoder_input_ids": [[..]], "attention_mask": [[..]]}, the last two where needed"#)

@@ -1,6 +1,6 @@
 //! `realism`: simulated beside recorded points of the same movements.
 
-use std::{fs, path::Path};
+use std::path::Path;
 
 use radarllm_synth::{
     SynthError,
@@ -16,6 +16,7 @@ use crate::{
     args::RealismArgs,
     commands,
     error::{CliError, CliResult},
+    files::{self, MAX_CONFIG_BYTES},
     output,
 };
 
@@ -24,7 +25,7 @@ pub fn run(args: &RealismArgs) -> CliResult {
     for out in args.out.iter().chain(&args.calibrate) {
         output::check_free(out, args.force)?;
     }
-    let text = fs::read_to_string(&args.config).map_err(|e| CliError::io(&args.config, e))?;
+    let text = files::read_text(&args.config, MAX_CONFIG_BYTES)?;
     let config = RealismConfig::from_toml(&text)
         .map_err(|e: SynthError| CliError::new(format!("{}: {e}", args.config.display())))?;
     let base = args.config.parent().unwrap_or(Path::new(""));

@@ -7,7 +7,6 @@
 use std::{
     cell::OnceCell,
     fmt::Write as _,
-    fs,
     path::Path,
     sync::{
         Mutex, PoisonError,
@@ -44,13 +43,12 @@ use crate::{
         judge::{ModelFiles, Share, fnv_1a},
     },
     error::{CliError, CliResult},
+    files::{self, MAX_CONFIG_BYTES},
     output,
 };
 
 /// References counted of each clip, as in `eval`.
 const MAX_REFERENCES: usize = 3;
-/// Largest configuration read, bytes.
-const MAX_CONFIG_BYTES: u64 = 1 << 20;
 /// Largest finished cell read, bytes.
 const MAX_CELL_BYTES: u64 = 256 << 20;
 /// Distance of a screen from the radar, m: nearer than any hand of a body whose pelvis keeps 1.3 m.
@@ -283,14 +281,14 @@ pub fn run(args: &RobustnessArgs) -> CliResult {
     let problem = |e: &dyn std::fmt::Display| {
         CliError::new(format!("{}: {e}", args.config.display())).hint("see docs/robustness.md")
     };
-    let text = read_text(&args.config, MAX_CONFIG_BYTES)?;
+    let text = files::read_text(&args.config, MAX_CONFIG_BYTES)?;
     let plan: Plan = toml::from_str(&text).map_err(|e| problem(&e))?;
     check(&plan).map_err(|e| problem(&e))?;
     let split = Split::from_name(&plan.split)
         .ok_or_else(|| problem(&format!("split {}: unknown", plan.split)))?;
     let data_path = base.join(&plan.data);
     let data_base = data_path.parent().unwrap_or(Path::new(""));
-    let config = DatasetConfig::from_toml(&read_text(&data_path, MAX_CONFIG_BYTES)?)
+    let config = DatasetConfig::from_toml(&files::read_text(&data_path, MAX_CONFIG_BYTES)?)
         .map_err(|e| CliError::new(format!("{}: {e}", data_path.display())))?;
     let (captioner, model) = describe::load_decoder(args.model.as_deref(), args.decoder)?;
     let corpora = config.open_sources(data_base)?;
@@ -348,7 +346,7 @@ pub fn run(args: &RobustnessArgs) -> CliResult {
                 started.elapsed().as_secs_f64()
             );
         }
-        let text = read_text(path, MAX_CELL_BYTES)?;
+        let text = files::read_text(path, MAX_CELL_BYTES)?;
         let cell: CellFile = serde_json::from_str(&text).map_err(|e| {
             CliError::new(format!("{}: {e}", path.display())).hint("--force makes it anew")
         })?;
@@ -380,19 +378,6 @@ pub fn run(args: &RobustnessArgs) -> CliResult {
     }
     output::print_line(markdown.trim_end());
     Ok(())
-}
-
-/// A text file of acceptable size.
-fn read_text(path: &Path, most: u64) -> CliResult<String> {
-    let io = |e| CliError::io(path, e);
-    let size = fs::metadata(path).map_err(io)?.len();
-    if size > most {
-        return Err(CliError::new(format!(
-            "{}: {size} bytes, more than the {most} accepted",
-            path.display()
-        )));
-    }
-    fs::read_to_string(path).map_err(io)
 }
 
 fn check(plan: &Plan) -> Result<(), String> {

@@ -31,6 +31,7 @@ use crate::{
     args::{Emit, SimulateArgs},
     commands::{pictures::Pictures, radar},
     error::{CliError, CliResult},
+    files::{self, MAX_CONFIG_BYTES},
     input::{self, MAX_FRAMES},
     output,
 };
@@ -277,7 +278,7 @@ fn simulate_one(
         Method::Fast
     };
     if input.ends_with(".toml") {
-        let text = fs::read_to_string(input).map_err(|e| CliError::io(Path::new(input), e))?;
+        let text = files::read_text(Path::new(input), MAX_CONFIG_BYTES)?;
         let file =
             SceneFile::from_toml(&text).map_err(|e| CliError::new(format!("{input}: {e}")))?;
         let base = Path::new(input).parent().unwrap_or(Path::new(""));

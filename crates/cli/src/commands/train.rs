@@ -8,6 +8,7 @@ use crate::{
     args::{Stage, TrainArgs},
     commands::eval::peak_memory_mb,
     error::{CliError, CliResult},
+    files::{self, MAX_CONFIG_BYTES},
     output,
 };
 
@@ -17,7 +18,7 @@ pub fn run(args: &TrainArgs) -> CliResult {
         output::print_line(&Recipe::default().to_toml()?);
         return Ok(());
     };
-    let text = fs::read_to_string(path).map_err(|e| CliError::io(path, e))?;
+    let text = files::read_text(path, MAX_CONFIG_BYTES)?;
     let base = path.parent().unwrap_or(Path::new(""));
     let recipe = Recipe::from_toml(&text, base).map_err(|e| {
         CliError::new(format!("{}: {e}", path.display()))
