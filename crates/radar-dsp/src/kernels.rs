@@ -20,25 +20,42 @@ fn window_body<L: Lanes>(
     weights: &[f32],
     finite: &mut bool,
 ) {
-    // Zero times anything finite is zero, and times anything else NaN.
-    let zero = L::splat(0.0);
-    let mut zeros = zero;
+    let mut zeros = L::splat(0.0);
     let (out, out_rest) = out.as_chunks_mut::<LANES>();
     let (samples, samples_rest) = samples.as_chunks::<LANES>();
     let (weights, weights_rest) = weights.as_chunks::<LANES>();
     for ((out, samples), weights) in out.iter_mut().zip(samples).zip(weights) {
-        let (re, im) = L::load_complex(samples);
-        zeros = im.fma(zero, re.fma(zero, zeros));
-        let weights = L::load(weights);
-        L::store_complex(re.mul(weights), im.mul(weights), out);
+        let (re, im) = weighted(samples, weights, &mut zeros);
+        L::store_complex(re, im, out);
     }
-    let mut sums = [0.0; LANES];
-    zeros.store(&mut sums);
-    *finite &= sums.iter().all(|&x| x == 0.0);
+    *finite &= are_zero(zeros);
     for ((out, sample), weight) in out_rest.iter_mut().zip(samples_rest).zip(weights_rest) {
         *finite &= sample.re.is_finite() && sample.im.is_finite();
         *out = sample * weight;
     }
+}
+
+/// Sixteen samples times their weights. `zeros` stay zero, or become NaN if a sample is not finite: zero times anything
+/// finite is zero, and times anything else NaN.
+#[inline(always)]
+pub(crate) fn weighted<L: Lanes>(
+    samples: &[Complex32; LANES],
+    weights: &[f32; LANES],
+    zeros: &mut L,
+) -> (L, L) {
+    let (re, im) = L::load_complex(samples);
+    let zero = L::splat(0.0);
+    *zeros = im.fma(zero, re.fma(zero, *zeros));
+    let weights = L::load(weights);
+    (re.mul(weights), im.mul(weights))
+}
+
+/// Whether no lane of [`weighted`]'s `zeros` has become NaN.
+#[inline(always)]
+pub(crate) fn are_zero<L: Lanes>(zeros: L) -> bool {
+    let mut lanes = [0.0; LANES];
+    zeros.store(&mut lanes);
+    lanes.iter().all(|&x| x == 0.0)
 }
 
 /// Sixteen range bins of one channel on their way to a Doppler FFT.

@@ -210,7 +210,7 @@ impl<L: Lanes> C<L> {
     }
 
     #[inline(always)]
-    fn store(self, cell: &mut Cell) {
+    pub fn store(self, cell: &mut Cell) {
         self.re.store(&mut cell.re);
         self.im.store(&mut cell.im);
     }
@@ -436,17 +436,23 @@ fn dft7<L: Lanes>([a, b, c, d, e, f, g]: [C<L>; 7]) -> [C<L>; 7] {
     ]
 }
 
+/// Numbers in -1..1 for tests.
+#[cfg(test)]
+pub(crate) fn uniform(seed: u32) -> impl FnMut() -> f32 {
+    let mut state = seed;
+    move || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / (1 << 23) as f32 - 1.0
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     /// Every lane another signal.
     fn signal(len: usize) -> Vec<Cell> {
-        let mut state = 1_u32;
-        let mut next = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 8) as f32 / (1 << 23) as f32 - 1.0
-        };
+        let mut next = uniform(1);
         (0..len)
             .map(|_| Cell {
                 re: std::array::from_fn(|_| next()),

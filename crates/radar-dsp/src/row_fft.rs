@@ -12,7 +12,7 @@ use num_complex::Complex32;
 use radarllm_simd::{Cell, LANES, Lanes, SimdLevel, dispatch};
 use rustfft::{Fft, FftPlanner};
 
-use crate::kernels::window;
+use crate::kernels::{are_zero, weighted, window};
 use crate::lane_fft::{C, Pass, all_passes_body, dft16, factors, passes, root};
 
 /// Plan and workspace.
@@ -138,18 +138,18 @@ fn row_body<L: Lanes>(job: Job<'_>) {
     let (weights, weights_rest) = job.window.as_chunks::<LANES>();
     let n_whole = samples.len();
     for ((samples, weights), to) in samples.iter().zip(weights).zip(&mut *work) {
-        zeros = load(samples, weights, zeros, to);
+        let (re, im) = weighted(samples, weights, &mut zeros);
+        C { re, im }.store(to);
     }
     if let Some(to) = work.get_mut(n_whole) {
         let (mut last, mut last_weights) = ([Complex32::ZERO; LANES], [0.0; LANES]);
         last[..rest.len()].copy_from_slice(rest);
         last_weights[..rest.len()].copy_from_slice(weights_rest);
-        zeros = load(&last, &last_weights, zeros, to);
+        let (re, im) = weighted(&last, &last_weights, &mut zeros);
+        C { re, im }.store(to);
         work[n_whole + 1..].fill(Cell::ZERO);
     }
-    let mut sums = [0.0; LANES];
-    zeros.store(&mut sums);
-    *job.finite &= sums.iter().all(|&x| x == 0.0);
+    *job.finite &= are_zero(zeros);
 
     all_passes_body::<L>(job.passes, work, spare);
     let vectors: &[Cell] = if job.passes.len().is_multiple_of(2) {
@@ -180,34 +180,15 @@ fn row_body<L: Lanes>(job: Job<'_>) {
     }
 }
 
-/// Sixteen samples times their weights. What is returned is `zeros`, or NaN if a sample is not finite: zero times
-/// anything finite is zero, and times anything else NaN.
-#[inline(always)]
-fn load<L: Lanes>(
-    samples: &[Complex32; LANES],
-    weights: &[f32; LANES],
-    zeros: L,
-    to: &mut Cell,
-) -> L {
-    let (re, im) = L::load_complex(samples);
-    let weights = L::load(weights);
-    re.mul(weights).store(&mut to.re);
-    im.mul(weights).store(&mut to.im);
-    let zero = L::splat(0.0);
-    im.fma(zero, re.fma(zero, zeros))
-}
-
 #[cfg(test)]
 mod tests {
-    use super::*;
     use std::f64::consts::TAU;
 
+    use super::*;
+    use crate::lane_fft::uniform;
+
     fn noise(n: usize) -> Vec<Complex32> {
-        let mut state = 7_u32;
-        let mut next = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 8) as f32 / (1 << 23) as f32 - 1.0
-        };
+        let mut next = uniform(7);
         (0..n).map(|_| Complex32::new(next(), next())).collect()
     }
 

@@ -273,16 +273,8 @@ impl Rig {
             // Swivel the knee outward just far enough to clear the floor, as elbows do.
             let outward = line.cross(best.2 - hip).dot(lateral) * SIDE_SIGN[side];
             let most = FRAC_PI_2.copysign(outward);
-            let (mut low, mut high) = (0.0_f32, 1.0_f32);
-            for _ in 0..14 {
-                let mid = 0.5 * (low + high);
-                if solve(mid * most).2.y < KNEE_CLEARANCE_M {
-                    low = mid
-                } else {
-                    high = mid
-                }
-            }
-            best = solve(high * most);
+            let clears = |share: f32| solve(share * most).2.y >= KNEE_CLEARANCE_M;
+            best = solve(least_share(clears) * most);
         }
         let (thigh, bend, _) = best;
         let shin = thigh * Quat::from_rotation_x(bend);
@@ -336,16 +328,8 @@ impl Rig {
             // Swivel the elbow up just far enough to clear the floor.
             let start = pole.normalize_or(across(Vec3::Y));
             let up = across(Vec3::Y) + mirror(Vec3::X) * 1e-3;
-            let (mut low, mut high) = (0.0_f32, 1.0_f32);
-            for _ in 0..14 {
-                let mid = 0.5 * (low + high);
-                if solve(start.lerp(up, mid)).2 < CLEARANCE_M {
-                    low = mid
-                } else {
-                    high = mid
-                }
-            }
-            best = solve(start.lerp(up, high));
+            let clears = |share: f32| solve(start.lerp(up, share)).2 >= CLEARANCE_M;
+            best = solve(start.lerp(up, least_share(clears)));
         }
         let (upper, bend, _) = best;
         pose.rotations[SHOULDERS[side] as usize] = collar.inverse() * upper;
@@ -375,6 +359,16 @@ impl TwoBone {
         let to = frame(goal, hinge_in_world);
         (Quat::from_mat3(&(to * from.transpose())).normalize(), bend)
     }
+}
+
+/// The least share of a swivel, 0..=1, that clears the floor; 1 if none does.
+fn least_share(clears: impl Fn(f32) -> bool) -> f32 {
+    let (mut low, mut high) = (0.0_f32, 1.0_f32);
+    for _ in 0..14 {
+        let mid = 0.5 * (low + high);
+        if clears(mid) { high = mid } else { low = mid }
+    }
+    high
 }
 
 /// Stage rotation of the pelvis.

@@ -382,9 +382,16 @@ mod tests {
             .collect()
     }
 
+    /// The likeliest token that may stand in a text.
+    fn likeliest_text(lm: &RadarLm, logits: &[f32]) -> u32 {
+        (0..logits.len() as u32)
+            .filter(|id| Allowed::Text.permits(*id, lm.vocab.layout()))
+            .max_by(|a, b| logits[*a as usize].total_cmp(&logits[*b as usize]))
+            .unwrap()
+    }
+
     /// Greedy decoding without any cache: the whole prefix again for every token.
     fn slow_greedy(lm: &RadarLm, source: &Source, steps: usize) -> Vec<u32> {
-        let layout = lm.vocab.layout();
         let batch = SourceBatch::new(&[source], lm.config.code_dim, lm.device());
         let mut prefix = vec![PAD];
         for _ in 0..steps {
@@ -392,10 +399,7 @@ mod tests {
             let states = net.forward(&batch, &prefix, prefix.len(), None);
             let last = states.narrow(0, prefix.len() - 1, 1);
             let logits = hf::read(net.t5.logits(last, lm.config.network.vocab_size()));
-            let best = (0..logits.len() as u32)
-                .filter(|id| Allowed::Text.permits(*id, layout))
-                .max_by(|a, b| logits[*a as usize].total_cmp(&logits[*b as usize]))
-                .unwrap();
+            let best = likeliest_text(lm, &logits);
             if best == EOS {
                 break;
             }
@@ -457,10 +461,7 @@ mod tests {
             let states = net.target_states(&[(source, &target)], 8, None).unwrap();
             let last = states.narrow(0, said.len(), 1);
             let logits = hf::read(net.decoder.logits(last, layout.size()));
-            let best = (0..logits.len() as u32)
-                .filter(|id| Allowed::Text.permits(*id, layout))
-                .max_by(|a, b| logits[*a as usize].total_cmp(&logits[*b as usize]))
-                .unwrap();
+            let best = likeliest_text(lm, &logits);
             if best == EOS {
                 break;
             }
