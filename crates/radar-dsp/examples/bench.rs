@@ -1,6 +1,6 @@
 //! Frames per second of the chain on the reference radar, one core: noise plus 40 movers.
 //!
-//! `cargo run --release -p radarllm-radar-dsp --example bench`
+//! `cargo run --release -p radarllm-radar-dsp --example bench [-- NAME]`, NAME one of its lines.
 
 use std::time::Instant;
 
@@ -14,6 +14,7 @@ const N_FRAMES: usize = 1000;
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let radar = RadarConfig::awr1843boost();
     let cube = busy_cube(&radar);
+    let only = std::env::args().nth(1);
     for (name, options) in [
         ("default", DspOptions::default()),
         ("mmmesh", DspOptions::mmmesh()),
@@ -36,6 +37,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             },
         ),
     ] {
+        if only.as_ref().is_some_and(|only| only != name) {
+            continue;
+        }
         let mut extractor = PointExtractor::new(&radar, options)?;
         let n_points = extractor.extract(&cube)?.points.len();
         // Frame by frame: a shared machine takes the processor away or fills the cache in some of them. The best frame

@@ -1,6 +1,9 @@
 //! Which cells of the detection map become points.
 
+use radarllm_simd::{LANES, SimdLevel};
+
 use crate::error::DspError;
+use crate::kernels::{count_below, peak};
 use crate::options::{CfarSides, ClutterFilter, Detector, DspOptions, MapKind, PeakGrouping};
 use crate::stats::{ca_cfar_factor, gamma_level, os_cfar_factor};
 
@@ -209,10 +212,13 @@ impl Selector {
     /// Indices of the selected cells, in no order. `map` is `[n_range, n_doppler]` power, finite.
     pub fn select(&mut self, map: &[f32]) -> &mut [u32] {
         self.candidates.clear();
-        let peak = map.iter().copied().fold(0.0_f32, f32::max);
         let floor = match (&self.plan, self.dynamic_range) {
             (Plan::TopK, _) | (_, None) => 0.0,
-            (_, Some(ratio)) => peak * ratio,
+            (_, Some(ratio)) => {
+                let mut most = 0.0;
+                peak(SimdLevel::detect(), map, &mut most);
+                most * ratio
+            }
         };
         match &self.plan {
             Plan::TopK => push_above(&mut self.candidates, map, 0.0),
@@ -363,13 +369,13 @@ fn check_probability(pfa: f64) -> Result<(), DspError> {
 }
 
 fn push_above(candidates: &mut Vec<u32>, map: &[f32], threshold: f32) {
-    // Strictly above: a map of zeros has no cells.
-    candidates.extend(
-        map.iter()
-            .enumerate()
-            .filter(|(_, p)| **p > threshold)
-            .map(|(i, _)| i as u32),
-    );
+    // Strictly above: a map of zeros has no cells. Nearly all cells are below, and sixteen at once are quickly passed.
+    for (chunk, first) in map.chunks(LANES).zip((0_u32..).step_by(LANES)) {
+        if chunk.iter().fold(false, |any, p| any | (*p > threshold)) {
+            let cells = chunk.iter().zip(first..);
+            candidates.extend(cells.filter(|(p, _)| **p > threshold).map(|(_, i)| i));
+        }
+    }
 }
 
 fn cfar_column(
@@ -426,18 +432,86 @@ fn log_cfar_column(
     }
 }
 
-/// Median of the map's cells, without the three columns around zero Doppler if `skip_notch`.
+/// Median of the map's cells, without the three columns around zero Doppler if `skip_notch`: of an even number, the upper
+/// of the two in the middle. Values are finite and not negative.
+///
+/// Counting what lies below a guess is much quicker than moving values about: a few guesses leave so few between them that
+/// only those are sorted out.
 fn median_of(map: &[f32], n_doppler: usize, skip_notch: bool, values: &mut Vec<f32>) -> f32 {
+    const FEW: usize = 64;
+    /// Guesses after which the interval is halved.
+    const MOST_GUESSES: usize = 8;
+    let is_kept = |cell: usize| !skip_notch || (2..n_doppler - 1).contains(&(cell % n_doppler));
     values.clear();
     if skip_notch {
-        for row in map.chunks_exact(n_doppler) {
-            values.extend_from_slice(&row[2..n_doppler - 1]);
-        }
-    } else {
-        values.extend_from_slice(map);
+        let rows = map.chunks_exact(n_doppler);
+        values.extend(rows.flat_map(|row| [row[0], row[1], row[n_doppler - 1]]));
     }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f32::total_cmp).1
+    let rank = (map.len() - values.len()) / 2;
+    let simd = SimdLevel::detect();
+    let n_below = |limit: f32| {
+        let [mut all, mut left_out] = [0; 2];
+        count_below(simd, map, limit, &mut all);
+        count_below(simd, values, limit, &mut left_out);
+        all - left_out
+    };
+    let sample = sample_of(map);
+    // The median is one of the n_high - n_low values from `low` on and below `high`.
+    let (mut low, mut n_low) = (0.0_f32, 0);
+    let (mut high, mut n_high) = (f32::INFINITY, map.len() - values.len());
+    for guess in 0.. {
+        // Finite floats that are not negative are ordered as their bits are.
+        let (low_bits, high_bits) = (low.to_bits(), high.to_bits());
+        if n_high - n_low <= FEW || high_bits - low_bits <= 1 {
+            break;
+        }
+        let limit = match guess {
+            0 | 1 => sample[guess],
+            _ if guess < MOST_GUESSES => {
+                let share = (rank - n_low) as f32 / (n_high - n_low) as f32;
+                low + share * (high - low)
+            }
+            _ => f32::from_bits(low_bits + (high_bits - low_bits) / 2),
+        };
+        if !(limit > low && limit < high) {
+            continue;
+        }
+        let n = n_below(limit);
+        if n <= rank {
+            (low, n_low) = (limit, n);
+        } else {
+            (high, n_high) = (limit, n);
+        }
+    }
+    values.clear();
+    for (chunk, first) in map.chunks(LANES).zip((0..).step_by(LANES)) {
+        let is_between = |x: f32| (low <= x) & (x < high);
+        if chunk.iter().fold(false, |any, x| any | is_between(*x)) {
+            let cells = chunk.iter().zip(first..);
+            let between = cells.filter(|&(x, cell)| is_between(*x) && is_kept(cell));
+            values.extend(between.map(|(x, _)| *x));
+        }
+    }
+    match values.get(rank - n_low) {
+        Some(_) => {
+            *values
+                .select_nth_unstable_by(rank - n_low, f32::total_cmp)
+                .1
+        }
+        // Of numbers there is one.
+        None => low,
+    }
+}
+
+/// Values a little below and a little above the median of a sample.
+fn sample_of(map: &[f32]) -> [f32; 2] {
+    const SAMPLE: usize = 128;
+    // Evenly over the map, and not in step with its columns.
+    let mut sample: [f32; SAMPLE] =
+        std::array::from_fn(|i| map[(2 * i + 1) * map.len() / (2 * SAMPLE + 1)]);
+    sample.sort_unstable_by(f32::total_cmp);
+    // Two standard deviations of the sample's median.
+    [SAMPLE / 2 - 12, SAMPLE / 2 + 12].map(|i| sample[i])
 }
 
 fn is_local_maximum(
@@ -454,4 +528,51 @@ fn is_local_maximum(
             map[row * n_doppler + (d + n_doppler + shift - doppler) % n_doppler] <= power
         })
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lane_fft::uniform;
+
+    #[test]
+    fn the_median_is_the_middle_of_the_sorted_values() {
+        let mut next = uniform(3);
+        let mut noise = |n: usize| -> Vec<f32> { (0..n).map(|_| next().abs()).collect() };
+        let mut maps: Vec<(usize, Vec<f32>)> = [(1, 1), (2, 3), (9, 1), (16, 20), (128, 256)]
+            .map(|(n_doppler, n_range)| (n_doppler, noise(n_doppler * n_range)))
+            .to_vec();
+        // Powers of noise with echoes a million times as strong, few different values, one value, and none but zeros.
+        maps.push((
+            128,
+            noise(128 * 64).iter().map(|x| x.powi(8) * 1e12).collect(),
+        ));
+        maps.push((
+            128,
+            noise(128 * 64).iter().map(|x| (x * 3.0).floor()).collect(),
+        ));
+        maps.push((128, vec![2.5; 128 * 64]));
+        maps.push((128, vec![0.0; 128 * 64]));
+        let mut half = vec![0.0; 128 * 64];
+        half[4096..].fill(f32::MAX);
+        maps.push((128, half));
+        for (n_doppler, map) in maps {
+            for skip_notch in [false, n_doppler > 8] {
+                let kept = if skip_notch {
+                    2..n_doppler - 1
+                } else {
+                    0..n_doppler
+                };
+                let rows = map.chunks_exact(n_doppler);
+                let mut expected: Vec<f32> = rows.flat_map(|r| r[kept.clone()].to_vec()).collect();
+                expected.sort_by(f32::total_cmp);
+                let found = median_of(&map, n_doppler, skip_notch, &mut vec![]);
+                assert_eq!(
+                    found,
+                    expected[expected.len() / 2],
+                    "{n_doppler} {skip_notch}"
+                );
+            }
+        }
+    }
 }

@@ -15,6 +15,9 @@ use crate::spectrum::signed_doppler;
 /// Smallest azimuth FFT; longer rows get at least four bins per element.
 const MIN_AZIMUTH_FFT: usize = 64;
 
+/// Steps from element to element that differ by less are one, m: their phases differ by less than rounding.
+const SAME_STEP_M: f64 = 1e-15;
+
 /// Direction cosines of a cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Direction {
@@ -164,13 +167,20 @@ impl DirectionFinder {
         } else {
             0.0
         };
-        row.iter()
-            .map(|e| {
-                let v = value(e.channel) * self.tdm_phase(e.channel, doppler);
-                let v = Complex64::new(f64::from(v.re), f64::from(v.im));
-                v * Complex64::cis(-per_metre * (e.x_m - first_m))
-            })
-            .sum()
+        // From element to element, mostly by the same step: sines and cosines once instead of for every element.
+        let (mut x_m, mut step_m) = (first_m, 0.0);
+        let (mut phasor, mut turn) = (Complex64::ONE, Complex64::ONE);
+        let mut sum = Complex64::ZERO;
+        for e in row {
+            let dx_m = e.x_m - x_m;
+            if (dx_m - step_m).abs() > SAME_STEP_M {
+                (step_m, turn) = (dx_m, Complex64::cis(-per_metre * dx_m));
+            }
+            (phasor, x_m) = (phasor * turn, e.x_m);
+            let v = value(e.channel) * self.tdm_phase(e.channel, doppler);
+            sum += Complex64::new(f64::from(v.re), f64::from(v.im)) * phasor;
+        }
+        sum
     }
 
     /// Slot i fires i chirps later, and a target in Doppler bin k gains 2 pi k i / (slots * loops)

@@ -9,6 +9,9 @@ use crate::error::DspError;
 use crate::options::{DspOptions, ImpossibleDirection, MapKind};
 use crate::spectrum::{Spectrum, signed_doppler};
 
+/// So many cells before its turn the cache is asked for one.
+const CELLS_AHEAD: usize = 2;
+
 /// Turns cubes of one radar into points; see radar-dsp's crate page for the chain.
 ///
 /// # Example
@@ -101,7 +104,10 @@ impl PointExtractor {
             }
             let (head, tail) = std::mem::take(&mut rest).split_at_mut(n);
             head.sort_unstable_by(order);
-            for &cell in head.iter() {
+            for (i, &cell) in head.iter().enumerate() {
+                if let Some(&soon) = head.get(i + CELLS_AHEAD) {
+                    self.spectrum.prefetch(soon as usize);
+                }
                 if points.len() == self.options.max_points {
                     break;
                 }

@@ -1,85 +1,45 @@
 //! FFTs of sixteen rows at once: a row to a lane, so that no butterfly shuffles lanes.
 //!
 //! Stockham's self-sorting algorithm, decimation in frequency: one pass a factor, from one buffer to
-//! the other. Lengths with other prime factors than 2, 3, 5 and 7 go through `rustfft` row by row.
-//! Forward (`exp(-j 2 pi k n / N)`), not normalised.
+//! the other. Forward (`exp(-j 2 pi k n / N)`), not normalised.
 
 use std::f32::consts::FRAC_1_SQRT_2;
 use std::f64::consts::TAU;
-use std::sync::Arc;
 
-use num_complex::Complex32;
-use radarllm_simd::{Cell, LANES, Lanes, SimdLevel, dispatch};
-use rustfft::{Fft, FftPlanner};
-
-/// The plan of a length.
-pub(crate) struct LaneFft {
-    len: usize,
-    passes: Option<Vec<Pass>>,
-    /// For lengths that have no passes.
-    rows: Option<Rows>,
-}
-
-struct Rows {
-    fft: Arc<dyn Fft<f32>>,
-    row: Vec<Complex32>,
-    scratch: Vec<Complex32>,
-}
+use radarllm_simd::{Cell, Lanes};
 
 /// One factor.
 pub(crate) struct Pass {
     radix: usize,
     /// Distance of the butterflies' inputs and of its outputs' neighbours, cells.
     stride: usize,
+    /// Groups of `stride` butterflies that share twiddles.
+    n_groups: usize,
     /// `[p][k - 1]` (cos, sin) of `-2 pi p k / length left`, k in 1..radix; none in the last pass.
     twiddles: Vec<[f32; 2]>,
 }
 
-impl LaneFft {
-    /// Plans transforms of `len` numbers.
-    pub fn new(len: usize) -> Self {
-        let passes = factors(len).map(|radices| passes(len, &radices));
-        let rows = passes.is_none().then(|| {
-            let fft = FftPlanner::new().plan_fft_forward(len);
-            Rows {
-                row: vec![Complex32::ZERO; len],
-                scratch: vec![Complex32::ZERO; fft.get_inplace_scratch_len()],
-                fft,
-            }
-        });
-        Self { len, passes, rows }
-    }
+/// Where a pass takes numbers from.
+pub(crate) trait Source<L> {
+    fn at(&self, i: usize) -> C<L>;
+}
 
-    /// Whether [`Self::process`] wants its input in `spare`, rather than in `out`.
-    pub fn starts_in_spare(&self) -> bool {
-        self.passes.as_ref().is_some_and(|p| p.len() % 2 == 1)
-    }
+/// Where a pass puts them.
+pub(crate) trait Sink<L> {
+    fn put(&mut self, i: usize, z: C<L>);
+}
 
-    /// Transforms from `out`, or from `spare` if [`Self::starts_in_spare`], to `out`. What `spare` holds
-    /// afterwards means nothing.
-    ///
-    /// # Panics
-    /// If a buffer is shorter than the length.
-    pub fn process(&mut self, level: SimdLevel, out: &mut [Cell], spare: &mut [Cell]) {
-        let (out, spare) = (&mut out[..self.len], &mut spare[..self.len]);
-        if let Some(passes) = &self.passes {
-            if passes.len() % 2 == 1 {
-                all_passes(level, passes, spare, out);
-            } else {
-                all_passes(level, passes, out, spare);
-            }
-        }
-        if let Some(Rows { fft, row, scratch }) = &mut self.rows {
-            for lane in 0..LANES {
-                for (to, from) in row.iter_mut().zip(&*out) {
-                    *to = Complex32::new(from.re[lane], from.im[lane]);
-                }
-                fft.process_with_scratch(row, scratch);
-                for (to, from) in out.iter_mut().zip(&*row) {
-                    (to.re[lane], to.im[lane]) = (from.re, from.im);
-                }
-            }
-        }
+impl<L: Lanes> Source<L> for &[Cell] {
+    #[inline(always)]
+    fn at(&self, i: usize) -> C<L> {
+        C::load(&self[i])
+    }
+}
+
+impl<L: Lanes> Sink<L> for &mut [Cell] {
+    #[inline(always)]
+    fn put(&mut self, i: usize, z: C<L>) {
+        z.store(&mut self[i]);
     }
 }
 
@@ -120,6 +80,7 @@ pub(crate) fn passes(len: usize, radices: &[usize]) -> Vec<Pass> {
             let pass = Pass {
                 radix,
                 stride,
+                n_groups: m,
                 twiddles,
             };
             left = m;
@@ -129,69 +90,129 @@ pub(crate) fn passes(len: usize, radices: &[usize]) -> Vec<Pass> {
         .collect()
 }
 
-dispatch!(fn all_passes => all_passes_body(
-    passes: &[Pass], data: &mut [Cell], spare: &mut [Cell]
-));
-
-/// Ends in `data` after an even number of passes, else in `spare`.
+/// All passes, from `source` to `out`. What `spare` holds afterwards means nothing.
 #[inline(always)]
-pub(crate) fn all_passes_body<L: Lanes>(passes: &[Pass], data: &mut [Cell], spare: &mut [Cell]) {
-    for (i, pass) in passes.iter().enumerate() {
-        let (from, to): (&[Cell], &mut [Cell]) = if i % 2 == 0 {
-            (&*data, &mut *spare)
+pub(crate) fn all_passes<L: Lanes, S: Source<L>>(
+    passes: &[Pass],
+    source: S,
+    out: &mut [Cell],
+    spare: &mut [Cell],
+) {
+    let [first, rest @ ..] = passes else {
+        for (i, to) in out.iter_mut().enumerate() {
+            source.at(i).store(to);
+        }
+        return;
+    };
+    // From one buffer to the other; the last pass ends in `out`.
+    let (mut from, mut to) = if rest.len() % 2 == 0 {
+        (out, spare)
+    } else {
+        (spare, out)
+    };
+    run_pass::<L, _, _>(first, source, &mut *from);
+    for pass in rest {
+        run_pass::<L, _, _>(pass, &*from, &mut *to);
+        std::mem::swap(&mut from, &mut to);
+    }
+}
+
+/// One pass.
+#[inline(always)]
+pub(crate) fn run_pass<L: Lanes, S: Source<L>, K: Sink<L>>(pass: &Pass, from: S, to: K) {
+    match pass.radix {
+        2 => butterflies::<L, Dft2, S, K>(pass, from, to),
+        3 => butterflies::<L, Dft3, S, K>(pass, from, to),
+        4 => butterflies::<L, Dft4, S, K>(pass, from, to),
+        5 => butterflies::<L, Dft5, S, K>(pass, from, to),
+        6 => butterflies::<L, Dft6, S, K>(pass, from, to),
+        7 => butterflies::<L, Dft7, S, K>(pass, from, to),
+        8 => butterflies::<L, Dft8, S, K>(pass, from, to),
+        16 => butterflies::<L, Dft16, S, K>(pass, from, to),
+        other => unreachable!("no pass of radix {other}"),
+    }
+}
+
+/// Butterflies over the inputs `stride * n_groups` apart, outputs turned and laid `stride` apart.
+#[inline(always)]
+fn butterflies<L: Lanes, R: Radix<L>, S: Source<L>, K: Sink<L>>(pass: &Pass, from: S, mut to: K) {
+    let (s, m) = (pass.stride, pass.n_groups);
+    for p in 0..m {
+        // The first group's twiddles are all one, and so are those of the last pass.
+        let twiddles = if p > 0 {
+            &pass.twiddles[p * (R::N - 1)..(p + 1) * (R::N - 1)]
         } else {
-            (&*spare, &mut *data)
+            &[]
         };
-        match pass.radix {
-            2 => run_pass::<L, 2>(pass, from, to, dft2),
-            3 => run_pass::<L, 3>(pass, from, to, dft3),
-            4 => run_pass::<L, 4>(pass, from, to, dft4),
-            5 => run_pass::<L, 5>(pass, from, to, dft5),
-            6 => run_pass::<L, 6>(pass, from, to, dft6),
-            8 => run_pass::<L, 8>(pass, from, to, dft8),
-            16 => run_pass::<L, 16>(pass, from, to, dft16),
-            7 => run_pass::<L, 7>(pass, from, to, dft7),
-            other => unreachable!("no pass of radix {other}"),
+        for q in 0..s {
+            R::butterfly(
+                &from,
+                q + s * p,
+                s * m,
+                &mut to,
+                q + s * p * R::N,
+                s,
+                twiddles,
+            );
         }
     }
 }
 
-/// One pass: butterflies over the inputs `stride * m` apart, outputs turned and laid `stride` apart.
-#[inline(always)]
-fn run_pass<L: Lanes, const R: usize>(
-    pass: &Pass,
-    from: &[Cell],
-    to: &mut [Cell],
-    dft: impl Fn([C<L>; R]) -> [C<L>; R],
-) {
-    let s = pass.stride;
-    let n = from.len().min(to.len());
-    let (from, to) = (&from[..n], &mut to[..n]);
-    let m = n / (R * s);
-    for p in 0..m {
-        let twiddles = pass.twiddles.get(p * (R - 1)..(p + 1) * (R - 1));
-        let rows = &mut to[p * R * s..(p + 1) * R * s];
-        for q in 0..s {
-            let a = std::array::from_fn(|k| C::load(&from[q + s * (p + m * k)]));
-            let b = dft(a);
-            match twiddles {
-                // The first group's twiddles are all one, and so are those of the last pass.
-                Some(twiddles) if p > 0 => {
-                    b[0].store(&mut rows[q]);
-                    for k in 1..R {
-                        let z = b[k].turned(twiddles[k - 1]);
-                        z.store(&mut rows[q + s * k]);
-                    }
-                }
-                _ => {
-                    for (k, z) in b.into_iter().enumerate() {
-                        z.store(&mut rows[q + s * k]);
-                    }
+/// The transform of a few numbers.
+trait Radix<L> {
+    const N: usize;
+
+    /// One butterfly: inputs `first_in + k step_in`, outputs `first_out + k step_out`, all but the first turned unless
+    /// there are no twiddles.
+    fn butterfly<S: Source<L>, K: Sink<L>>(
+        from: &S,
+        first_in: usize,
+        step_in: usize,
+        to: &mut K,
+        first_out: usize,
+        step_out: usize,
+        twiddles: &[[f32; 2]],
+    );
+}
+
+/// Written out number by number: of closures and loops over arrays in registers the compiler makes calls and copies.
+macro_rules! radix {
+    ($name:ident, $n:literal, $dft:ident, $($k:literal $z:ident)*) => {
+        struct $name;
+
+        impl<L: Lanes> Radix<L> for $name {
+            const N: usize = $n;
+
+            #[inline(always)]
+            fn butterfly<S: Source<L>, K: Sink<L>>(
+                from: &S,
+                first_in: usize,
+                step_in: usize,
+                to: &mut K,
+                first_out: usize,
+                step_out: usize,
+                twiddles: &[[f32; 2]],
+            ) {
+                let [z0, $($z),*] = $dft([from.at(first_in), $(from.at(first_in + step_in * $k)),*]);
+                to.put(first_out, z0);
+                if let Some(twiddles) = twiddles.first_chunk::<{ $n - 1 }>() {
+                    $(to.put(first_out + step_out * $k, $z.turned(twiddles[$k - 1]));)*
+                } else {
+                    $(to.put(first_out + step_out * $k, $z);)*
                 }
             }
         }
-    }
+    };
 }
+
+radix!(Dft2, 2, dft2, 1 z1);
+radix!(Dft3, 3, dft3, 1 z1 2 z2);
+radix!(Dft4, 4, dft4, 1 z1 2 z2 3 z3);
+radix!(Dft5, 5, dft5, 1 z1 2 z2 3 z3 4 z4);
+radix!(Dft6, 6, dft6, 1 z1 2 z2 3 z3 4 z4 5 z5);
+radix!(Dft7, 7, dft7, 1 z1 2 z2 3 z3 4 z4 5 z5 6 z6);
+radix!(Dft8, 8, dft8, 1 z1 2 z2 3 z3 4 z4 5 z5 6 z6 7 z7);
+radix!(Dft16, 16, dft16, 1 z1 2 z2 3 z3 4 z4 5 z5 6 z6 7 z7 8 z8 9 z9 10 z10 11 z11 12 z12 13 z13 14 z14 15 z15);
 
 /// Sixteen complex numbers in registers.
 #[derive(Clone, Copy)]
@@ -410,21 +431,15 @@ fn dft7<L: Lanes>([a, b, c, d, e, f, g]: [C<L>; 7]) -> [C<L>; 7] {
     let (bg, bg_minus) = (b.add(g), b.sub(g));
     let (cf, cf_minus) = (c.add(f), c.sub(f));
     let (de, de_minus) = (d.add(e), d.sub(e));
-    let even = |i: usize, j: usize, k: usize| {
-        a.plus_scaled(C[i], bg)
-            .plus_scaled(C[j], cf)
-            .plus_scaled(C[k], de)
-    };
-    let (e1, e2, e3) = (even(0, 1, 2), even(1, 2, 0), even(2, 0, 1));
-    let odd = |s: [f32; 3]| {
-        bg_minus
-            .scaled(s[0])
-            .plus_scaled(s[1], cf_minus)
-            .plus_scaled(s[2], de_minus)
-    };
-    let o1 = odd([S[0], S[1], S[2]]);
-    let o2 = odd([S[1], -S[2], -S[0]]);
-    let o3 = odd([S[2], -S[0], S[1]]);
+    let (e1, e2, e3) = (
+        even7(a, [bg, cf, de], [C[0], C[1], C[2]]),
+        even7(a, [bg, cf, de], [C[1], C[2], C[0]]),
+        even7(a, [bg, cf, de], [C[2], C[0], C[1]]),
+    );
+    let sides = [bg_minus, cf_minus, de_minus];
+    let o1 = odd7(sides, [S[0], S[1], S[2]]);
+    let o2 = odd7(sides, [S[1], -S[2], -S[0]]);
+    let o3 = odd7(sides, [S[2], -S[0], S[1]]);
     [
         a.add(bg).add(cf).add(de),
         e1.sub_j(o1),
@@ -436,6 +451,20 @@ fn dft7<L: Lanes>([a, b, c, d, e, f, g]: [C<L>; 7]) -> [C<L>; 7] {
     ]
 }
 
+#[inline(always)]
+fn even7<L: Lanes>(a: C<L>, [b, c, d]: [C<L>; 3], cos: [f32; 3]) -> C<L> {
+    a.plus_scaled(cos[0], b)
+        .plus_scaled(cos[1], c)
+        .plus_scaled(cos[2], d)
+}
+
+#[inline(always)]
+fn odd7<L: Lanes>([b, c, d]: [C<L>; 3], sin: [f32; 3]) -> C<L> {
+    b.scaled(sin[0])
+        .plus_scaled(sin[1], c)
+        .plus_scaled(sin[2], d)
+}
+
 /// Numbers in -1..1 for tests.
 #[cfg(test)]
 pub(crate) fn uniform(seed: u32) -> impl FnMut() -> f32 {
@@ -443,70 +472,5 @@ pub(crate) fn uniform(seed: u32) -> impl FnMut() -> f32 {
     move || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         (state >> 8) as f32 / (1 << 23) as f32 - 1.0
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Every lane another signal.
-    fn signal(len: usize) -> Vec<Cell> {
-        let mut next = uniform(1);
-        (0..len)
-            .map(|_| Cell {
-                re: std::array::from_fn(|_| next()),
-                im: std::array::from_fn(|_| next()),
-            })
-            .collect()
-    }
-
-    /// Largest error of any lane against the definition in f64, relative to the largest value.
-    fn error(len: usize, level: SimdLevel) -> f64 {
-        let input = signal(len);
-        let mut fft = LaneFft::new(len);
-        let (mut out, mut spare) = (vec![Cell::ZERO; len], vec![Cell::ZERO; len]);
-        if fft.starts_in_spare() {
-            spare.copy_from_slice(&input);
-        } else {
-            out.copy_from_slice(&input);
-        }
-        fft.process(level, &mut out, &mut spare);
-        let (mut worst, mut peak) = (0.0_f64, 0.0_f64);
-        for (k, cell) in out.iter().enumerate() {
-            for lane in 0..LANES {
-                let (mut re, mut im) = (0.0, 0.0);
-                for (n, x) in input.iter().enumerate() {
-                    let (sin, cos) = (-TAU * (k * n % len) as f64 / len as f64).sin_cos();
-                    let (x_re, x_im) = (f64::from(x.re[lane]), f64::from(x.im[lane]));
-                    re += x_re * cos - x_im * sin;
-                    im += x_re * sin + x_im * cos;
-                }
-                peak = peak.max(re.hypot(im));
-                let (found_re, found_im) = (f64::from(cell.re[lane]), f64::from(cell.im[lane]));
-                worst = worst.max((found_re - re).hypot(found_im - im));
-            }
-        }
-        worst / peak
-    }
-
-    #[test]
-    fn every_length_equals_the_definition() {
-        // All radices alone and together, usual numbers of loops, primes that have no pass.
-        for len in (1..=50).chain([64, 96, 100, 112, 128, 225, 251, 255, 256, 512]) {
-            let error = error(len, SimdLevel::detect());
-            // Rounding grows with the number of passes, 6e-8 each.
-            assert!(error < 1e-6, "{len}: {error}");
-        }
-    }
-
-    #[test]
-    fn levels_agree() {
-        for level in [SimdLevel::Avx2, SimdLevel::Portable] {
-            for len in [12, 35, 37, 256] {
-                let error = error(len, level);
-                assert!(error < 1e-6, "{level:?} {len}: {error}");
-            }
-        }
     }
 }

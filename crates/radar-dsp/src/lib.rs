@@ -22,13 +22,14 @@ pub mod error;
 pub mod extractor;
 pub mod options;
 pub mod pictures;
-mod row_fft;
 pub mod spectrum;
 pub mod stats;
 pub mod window;
 
+mod doppler_fft;
 mod kernels;
 mod lane_fft;
+mod row_fft;
 
 pub use array::VirtualArray;
 pub use calibrate::{CalibrateError, ChannelGains, CornerCalibrator, Reflector};

@@ -3,17 +3,17 @@
 //! A row of n = 16 m numbers is m vectors of sixteen neighbours. With sample 16 a + b and bin c + m d,
 //! `exp(-j 2 pi (16 a + b)(c + m d) / n)` is `exp(-j 2 pi a c / m) exp(-j 2 pi b c / n) exp(-j 2 pi b d / 16)`: transforms
 //! over the vectors, one twiddle, and after a transposition of sixteen vectors transforms over what were the lanes.
-//! The window is applied as samples are loaded, and bins come out in order. Other lengths go through `rustfft`.
-//! Forward, not normalised.
+//! The window is applied as samples are loaded, and bins come out by sixteens, as Doppler FFTs want them. Other lengths
+//! go through `rustfft`. Forward, not normalised.
 
 use std::sync::Arc;
 
 use num_complex::Complex32;
-use radarllm_simd::{Cell, LANES, Lanes, SimdLevel, dispatch};
+use radarllm_simd::{Cell, LANES, Lanes, SimdLevel, dispatch, prefetch};
 use rustfft::{Fft, FftPlanner};
 
-use crate::kernels::{are_zero, weighted, window};
-use crate::lane_fft::{C, Pass, all_passes_body, dft16, factors, passes, root};
+use crate::kernels::{weighted, window};
+use crate::lane_fft::{C, Pass, Source, all_passes, dft16, factors, passes, root};
 
 /// Plan and workspace.
 pub(crate) struct RowFft {
@@ -31,23 +31,58 @@ enum Plan {
         twiddles: Vec<Cell>,
         work: Vec<Cell>,
         spare: Vec<Cell>,
+        /// Windowed samples with zeros after them, where there are fewer of them than bins.
+        padded: Vec<Cell>,
     },
     Rows {
         fft: Arc<dyn Fft<f32>>,
+        row: Vec<Complex32>,
         scratch: Vec<Complex32>,
     },
 }
 
-/// What one row needs.
+/// Rows of samples that lie `stride` numbers apart.
+#[derive(Clone, Copy)]
+pub(crate) struct SampleRows<'a> {
+    /// From the first row's first sample on.
+    pub data: &'a [Complex32],
+    pub stride: usize,
+    pub n_rows: usize,
+}
+
+impl SampleRows<'_> {
+    #[inline(always)]
+    fn row(&self, row: usize, len: usize) -> &[Complex32] {
+        &self.data[row * self.stride..][..len]
+    }
+}
+
+/// Where spectra go: block b of row r, bins 16 b and following, to `cells[(b - first) * stride + r]` if there is such a
+/// cell, and else nowhere.
+pub(crate) struct Blocks<'a> {
+    pub cells: &'a mut [Cell],
+    pub first: usize,
+    pub stride: usize,
+}
+
+impl Blocks<'_> {
+    #[inline(always)]
+    fn get(&mut self, block: usize, row: usize) -> Option<&mut Cell> {
+        let offset = block.checked_sub(self.first)? * self.stride;
+        self.cells.get_mut(offset + row)
+    }
+}
+
+/// What the vectors' plan needs.
 struct Job<'a> {
-    samples: &'a [Complex32],
+    samples: SampleRows<'a>,
     window: &'a [f32],
     passes: &'a [Pass],
     twiddles: &'a [Cell],
     work: &'a mut [Cell],
     spare: &'a mut [Cell],
-    out: &'a mut [Complex32],
-    finite: &'a mut bool,
+    padded: &'a mut [Cell],
+    out: Blocks<'a>,
 }
 
 impl RowFft {
@@ -71,11 +106,13 @@ impl RowFft {
                     twiddles: (0..m).map(twiddle).collect(),
                     work: vec![Cell::ZERO; m],
                     spare: vec![Cell::ZERO; m],
+                    padded: vec![Cell::ZERO; m],
                 }
             }
             None => {
                 let fft = FftPlanner::new().plan_fft_forward(n);
                 Plan::Rows {
+                    row: vec![Complex32::ZERO; n],
                     scratch: vec![Complex32::ZERO; fft.get_inplace_scratch_len()],
                     fft,
                 }
@@ -84,26 +121,25 @@ impl RowFft {
         Self { window, n, plan }
     }
 
-    /// Writes the spectrum of `samples` times the window to `out`; false if a sample is not finite.
+    /// Blocks of a spectrum; the last may be filled up with zeros.
+    pub fn n_blocks(&self) -> usize {
+        self.n.div_ceil(LANES)
+    }
+
+    /// Writes the spectra of rows of samples times the window to `out`. A sample that is not finite leaves no bin of its
+    /// row finite.
     ///
     /// # Panics
-    /// If there are not as many samples as weights, or `out` is shorter than the transform.
-    pub fn process(
-        &mut self,
-        level: SimdLevel,
-        samples: &[Complex32],
-        out: &mut [Complex32],
-    ) -> bool {
-        assert_eq!(samples.len(), self.window.len());
-        let out = &mut out[..self.n];
-        let mut finite = true;
+    /// If `samples` ends before its last row has as many samples as there are weights.
+    pub fn process(&mut self, level: SimdLevel, samples: SampleRows<'_>, mut out: Blocks<'_>) {
         match &mut self.plan {
             Plan::Vectors {
                 passes,
                 twiddles,
                 work,
                 spare,
-            } => row(
+                padded,
+            } => all_rows(
                 level,
                 Job {
                     samples,
@@ -112,53 +148,97 @@ impl RowFft {
                     twiddles,
                     work,
                     spare,
+                    padded,
                     out,
-                    finite: &mut finite,
                 },
             ),
-            Plan::Rows { fft, scratch } => {
-                let (row, padding) = out.split_at_mut(samples.len());
-                window(level, row, samples, &self.window, &mut finite);
-                padding.fill(Complex32::ZERO);
-                fft.process_with_scratch(out, scratch);
+            Plan::Rows { fft, row, scratch } => {
+                for r in 0..samples.n_rows {
+                    let (start, padding) = row.split_at_mut(self.window.len());
+                    let samples = samples.row(r, start.len());
+                    window(level, start, samples, &self.window);
+                    padding.fill(Complex32::ZERO);
+                    fft.process_with_scratch(row, scratch);
+                    for (block, bins) in row.chunks(LANES).enumerate() {
+                        if let Some(to) = out.get(block, r) {
+                            *to = Cell::ZERO;
+                            for (i, z) in bins.iter().enumerate() {
+                                (to.re[i], to.im[i]) = (z.re, z.im);
+                            }
+                        }
+                    }
+                }
             }
         }
-        finite
     }
 }
 
-dispatch!(fn row => row_body(job: Job<'_>));
+dispatch!(fn all_rows => all_rows_body(job: Job<'_>));
 
 #[inline(always)]
-fn row_body<L: Lanes>(job: Job<'_>) {
-    let Job { work, spare, .. } = job;
-    let zero = L::splat(0.0);
-    let mut zeros = zero;
-    let (samples, rest) = job.samples.as_chunks::<LANES>();
-    let (weights, weights_rest) = job.window.as_chunks::<LANES>();
-    let n_whole = samples.len();
-    for ((samples, weights), to) in samples.iter().zip(weights).zip(&mut *work) {
-        let (re, im) = weighted(samples, weights, &mut zeros);
-        C { re, im }.store(to);
+fn all_rows_body<L: Lanes>(mut job: Job<'_>) {
+    for row in 0..job.samples.n_rows {
+        row_body::<L>(&mut job, row);
     }
-    if let Some(to) = work.get_mut(n_whole) {
-        let (mut last, mut last_weights) = ([Complex32::ZERO; LANES], [0.0; LANES]);
-        last[..rest.len()].copy_from_slice(rest);
-        last_weights[..rest.len()].copy_from_slice(weights_rest);
-        let (re, im) = weighted(&last, &last_weights, &mut zeros);
-        C { re, im }.store(to);
-        work[n_whole + 1..].fill(Cell::ZERO);
-    }
-    *job.finite &= are_zero(zeros);
+}
 
-    all_passes_body::<L>(job.passes, work, spare);
-    let vectors: &[Cell] = if job.passes.len().is_multiple_of(2) {
-        work
+/// Windowed samples.
+struct Windowed<'a> {
+    samples: &'a [[Complex32; LANES]],
+    window: &'a [[f32; LANES]],
+    /// The next row.
+    next: &'a [[Complex32; LANES]],
+}
+
+impl<L: Lanes> Source<L> for Windowed<'_> {
+    #[inline(always)]
+    fn at(&self, i: usize) -> C<L> {
+        // Rows may lie pages apart, where the processor does not see that one follows another: the cache is asked for
+        // the next one, bit by bit, for what is asked for at once waits for room in the queue.
+        if let Some(soon) = self.next.get(i) {
+            prefetch(soon);
+        }
+        let (re, im) = weighted(&self.samples[i], &self.window[i]);
+        C { re, im }
+    }
+}
+
+#[inline(always)]
+fn row_body<L: Lanes>(job: &mut Job<'_>, row: usize) {
+    let (work, spare) = (&mut *job.work, &mut *job.spare);
+    let n_samples = job.window.len();
+    let (samples, rest) = job.samples.row(row, n_samples).as_chunks();
+    let (window, window_rest) = job.window.as_chunks();
+    if samples.len() == work.len() {
+        let next = if row + 1 < job.samples.n_rows {
+            job.samples.row(row + 1, n_samples)
+        } else {
+            &[]
+        };
+        let source = Windowed {
+            samples,
+            window,
+            next: next.as_chunks().0,
+        };
+        all_passes::<L, _>(job.passes, source, work, spare);
     } else {
-        spare
-    };
+        // Fewer samples than bins: zeros after them.
+        let padded = &mut *job.padded;
+        padded.fill(Cell::ZERO);
+        for ((samples, window), to) in samples.iter().zip(window).zip(&mut *padded) {
+            let (re, im) = weighted(samples, window);
+            C::<L> { re, im }.store(to);
+        }
+        let last = &mut padded[samples.len()];
+        for (i, (sample, weight)) in rest.iter().zip(window_rest).enumerate() {
+            (last.re[i], last.im[i]) = (sample.re * weight, sample.im * weight);
+        }
+        all_passes::<L, _>(job.passes, &*padded, work, spare);
+    }
+
+    let zero = L::splat(0.0);
+    let vectors = &*work;
     let n_blocks = vectors.len() / LANES;
-    let (bins, _) = job.out.as_chunks_mut::<LANES>();
     let blocks = vectors.as_chunks::<LANES>().0;
     let twiddles = job.twiddles.as_chunks::<LANES>().0;
     for (block, (vectors, twiddles)) in blocks.iter().zip(twiddles).enumerate() {
@@ -175,7 +255,9 @@ fn row_body<L: Lanes>(job: Job<'_>) {
             im: im[b],
         }));
         for (d, z) in spectrum.into_iter().enumerate() {
-            L::store_complex(z.re, z.im, &mut bins[block + n_blocks * d]);
+            if let Some(to) = job.out.get(block + n_blocks * d, row) {
+                z.store(to);
+            }
         }
     }
 }
@@ -190,6 +272,53 @@ mod tests {
     fn noise(n: usize) -> Vec<Complex32> {
         let mut next = uniform(7);
         (0..n).map(|_| Complex32::new(next(), next())).collect()
+    }
+
+    fn rows(data: &[Complex32], stride: usize, n_rows: usize) -> SampleRows<'_> {
+        SampleRows {
+            data,
+            stride,
+            n_rows,
+        }
+    }
+
+    fn spectrum(fft: &mut RowFft, level: SimdLevel, samples: &[Complex32]) -> Vec<Complex32> {
+        let mut cells = vec![Cell::ZERO; fft.n_blocks()];
+        let out = Blocks {
+            cells: &mut cells,
+            first: 0,
+            stride: 1,
+        };
+        fft.process(level, rows(samples, 0, 1), out);
+        let bins = cells.iter().flat_map(Cell::numbers);
+        bins.take(fft.n).collect()
+    }
+
+    #[test]
+    fn rows_go_to_their_places_and_blocks_outside_the_room_nowhere() {
+        let level = SimdLevel::detect();
+        for n in [256, 100] {
+            let mut fft = RowFft::new(vec![1.0; n], n);
+            let (n_rows, between) = (3, n + 5);
+            let samples = noise(n_rows * between);
+            let expected: Vec<_> = (0..n_rows)
+                .map(|r| spectrum(&mut fft, level, &samples[r * between..][..n]))
+                .collect();
+            let mut cells = [Cell::ZERO; 11];
+            let out = Blocks {
+                cells: &mut cells,
+                first: 2,
+                stride: 4,
+            };
+            fft.process(level, rows(&samples, between, n_rows), out);
+            for (i, cell) in cells.iter().enumerate() {
+                for (lane, found) in cell.numbers().into_iter().enumerate() {
+                    let row = expected.get(i % 4);
+                    let value = row.and_then(|row| row.get(LANES * (2 + i / 4) + lane));
+                    assert_eq!(found, value.copied().unwrap_or_default(), "{n} {i} {lane}");
+                }
+            }
+        }
     }
 
     #[test]
@@ -211,8 +340,7 @@ mod tests {
                 let samples = noise(n_samples);
                 let window: Vec<f32> = (0..n_samples).map(|i| 0.1 + i as f32 / 512.0).collect();
                 let mut fft = RowFft::new(window.clone(), n);
-                let mut out = vec![Complex32::ZERO; n];
-                assert!(fft.process(level, &samples, &mut out));
+                let out = spectrum(&mut fft, level, &samples);
                 let (mut worst, mut peak) = (0.0_f64, 0.0_f64);
                 for (k, found) in out.iter().enumerate().step_by(1 + n / 300) {
                     let (mut re, mut im) = (0.0, 0.0);
@@ -232,17 +360,17 @@ mod tests {
     }
 
     #[test]
-    fn samples_that_are_not_finite_are_found() {
-        for (n_samples, n) in [(250, 256), (100, 100)] {
-            let mut fft = RowFft::new(vec![1.0; n_samples], n);
-            let mut out = vec![Complex32::ZERO; n];
-            for i in 0..n_samples {
-                let mut samples = noise(n_samples);
-                samples[i].im = [f32::NAN, f32::INFINITY][i % 2];
-                assert!(
-                    !fft.process(SimdLevel::detect(), &samples, &mut out),
-                    "{n} {i}"
-                );
+    fn a_sample_that_is_not_finite_leaves_no_bin_finite() {
+        for level in [SimdLevel::Avx512, SimdLevel::Avx2, SimdLevel::Portable] {
+            for (n_samples, n) in [(256, 256), (250, 256), (512, 512), (100, 100)] {
+                let mut fft = RowFft::new(vec![0.0; n_samples], n);
+                for i in 0..n_samples {
+                    let mut samples = noise(n_samples);
+                    samples[i].im = [f32::NAN, f32::INFINITY][i % 2];
+                    let bins = spectrum(&mut fft, level, &samples);
+                    let is_finite = |z: &Complex32| z.re.is_finite() && z.im.is_finite();
+                    assert!(!bins.iter().any(is_finite), "{level:?} {n} {i}");
+                }
             }
         }
     }

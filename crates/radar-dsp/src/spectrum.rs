@@ -7,11 +7,11 @@ use radarllm_base::radar_config::Firing;
 use radarllm_base::{RadarConfig, RadarCube};
 use radarllm_simd::{Cell, LANES, SimdLevel, prefetch};
 
+use crate::doppler_fft::DopplerFft;
 use crate::error::DspError;
-use crate::kernels::{SlowTime, add, add_power, rows_of_bins, slow_time};
-use crate::lane_fft::LaneFft;
+use crate::kernels::{add, add_power, peak, rows_of_bins};
 use crate::options::{ClutterFilter, DspOptions, MapKind};
-use crate::row_fft::RowFft;
+use crate::row_fft::{Blocks, RowFft, SampleRows};
 
 /// Longest range FFT: eight times the most samples a chirp of the supported parts has.
 const MAX_RANGE_FFT: usize = 1 << 16;
@@ -19,7 +19,8 @@ const MAX_RANGE_FFT: usize = 1 << 16;
 /// Plan and workspace of the range-Doppler stage.
 ///
 /// The map is `[gated range bin, doppler]`, and a cell's place in it is its index everywhere. A chirp's
-/// FFT goes row by row; Doppler FFTs take sixteen range bins at once, which needs no transposition.
+/// FFT goes row by row and leaves blocks of sixteen range bins, from a multiple of sixteen on; Doppler FFTs take a block
+/// at once, which needs no transposition.
 ///
 /// Doppler is kept in FFT order (bin 0 first); [`signed_doppler`] turns an index into the signed bin.
 /// All FFTs are forward, e^{-j...}, unnormalised.
@@ -32,23 +33,20 @@ pub struct Spectrum {
     /// Range bins kept.
     pub gate: Range<usize>,
     map_kind: MapKind,
-    /// Slow-time weights of the mean to subtract; empty to keep statics.
-    mean_weights: Vec<f32>,
-    doppler_window: Vec<f32>,
     /// Factor per Doppler index that takes slot 1 back to the time of slot 0; empty without binary
     /// phase modulation.
     bpm_factors: Vec<Complex32>,
     /// Windowed.
     range_fft: RowFft,
-    doppler_fft: LaneFft,
+    doppler_fft: DopplerFft,
     simd: SimdLevel,
-    /// One channel's chirps, `[loop, range bin]`, with room for whole blocks of gated bins.
-    chirps: Vec<Complex32>,
-    /// Range bins from one loop to the next in `chirps`.
+    /// One channel's chirps, `[block, loop]`, the blocks that hold gated bins.
+    chirps: Vec<Cell>,
+    /// Cells from one block to the next in `chirps`.
     stride: usize,
-    /// Room for one block, a cell a loop.
-    spare: Vec<Cell>,
-    /// Spectra of the last cube, `[channel, block of sixteen gated bins, doppler]`.
+    /// Rows of [`Self::range_spectra`].
+    rows: Vec<Complex32>,
+    /// Spectra of the last cube, `[channel, block, doppler]`.
     spectra: Vec<Cell>,
     /// Sum of all channels' spectra for [`MapKind::Coherent`], else empty.
     coherent: Vec<Cell>,
@@ -95,8 +93,9 @@ impl Spectrum {
         let n_channels = radar.tx.len() * radar.rx.len();
         let doppler_window = options.doppler_window.weights(n_loops);
         let range_fft = RowFft::new(options.range_window.weights(n_samples), n_range);
-        let n_blocks = gate.len().div_ceil(LANES);
-        let stride = n_range.max(gate.start + n_blocks * LANES);
+        let n_blocks = gate.end.div_ceil(LANES) - gate.start / LANES;
+        // A power of two from block to block would have all blocks of a chirp share a few sets of the cache.
+        let stride = n_loops + 1;
         let n_coherent = if options.map == MapKind::Coherent {
             n_blocks * n_loops
         } else {
@@ -107,15 +106,16 @@ impl Spectrum {
             n_range,
             range_step_m,
             map_kind: options.map,
-            mean_weights: mean_weights(options.clutter, &doppler_window),
-            doppler_window,
             bpm_factors: bpm_factors(radar, options),
             range_fft,
-            doppler_fft: LaneFft::new(n_loops),
+            doppler_fft: DopplerFft::new(
+                mean_weights(options.clutter, &doppler_window),
+                doppler_window,
+            ),
             simd: SimdLevel::detect(),
-            chirps: vec![Complex32::ZERO; n_loops * stride],
+            chirps: vec![Cell::ZERO; n_blocks * stride],
             stride,
-            spare: vec![Cell::ZERO; n_loops],
+            rows: vec![],
             coherent: vec![Cell::ZERO; n_coherent],
             spectra: vec![Cell::ZERO; n_channels * n_blocks * n_loops],
             powers: vec![[0.0; LANES]; n_blocks * n_loops],
@@ -136,11 +136,23 @@ impl Spectrum {
 
     /// The last cube's spectrum in one channel, `tx * n_rx + rx`, and cell of the map.
     pub fn value(&self, channel: usize, cell: usize) -> Complex32 {
+        let (place, lane) = self.place(cell);
+        self.spectra[channel * self.powers.len() + place].number(lane)
+    }
+
+    /// Where a cell of the map lies in a channel's spectra: which of them, and its lane.
+    fn place(&self, cell: usize) -> (usize, usize) {
         let n_loops = self.shape[0];
-        let (bin, doppler) = (cell / n_loops, cell % n_loops);
-        let n_channel = self.powers.len();
-        let cell = &self.spectra[channel * n_channel + bin / LANES * n_loops + doppler];
-        Complex32::new(cell.re[bin % LANES], cell.im[bin % LANES])
+        let (bin, doppler) = (self.gate.start % LANES + cell / n_loops, cell % n_loops);
+        (bin / LANES * n_loops + doppler, bin % LANES)
+    }
+
+    /// Asks the cache for a cell of the map in all channels: [`Self::value`] is quicker a little later.
+    pub(crate) fn prefetch(&self, cell: usize) {
+        let (place, _) = self.place(cell);
+        for spectra in self.spectra.chunks_exact(self.powers.len()) {
+            prefetch(std::slice::from_ref(&spectra[place]));
+        }
     }
 
     /// Works out the spectra and [`Self::map`] of a cube.
@@ -152,10 +164,12 @@ impl Spectrum {
         self.powers.fill([0.0; LANES]);
         self.coherent.fill(Cell::ZERO);
         let is_bpm = !self.bpm_factors.is_empty();
+        // What the last pass of an FFT does on its way.
+        let measure = self.map_kind == MapKind::NonCoherent && !is_bpm;
         for channel in 0..self.n_channels() {
-            self.transform_chirps(cube, channel)?;
-            self.doppler_spectra(channel);
-            if !is_bpm {
+            self.transform_chirps(cube, channel);
+            self.doppler_spectra(channel, measure);
+            if !measure && !is_bpm {
                 self.add_to_powers(channel);
             }
         }
@@ -166,37 +180,28 @@ impl Spectrum {
             }
         }
         self.fill_map();
-        // Non-negative or NaN: exponent bits all ones mean not finite. Integers let this vectorise.
-        const EXPONENT: u32 = 0x7f80_0000;
-        let is_bad = |p: &f32| p.to_bits() & EXPONENT == EXPONENT;
-        if !self.map.iter().fold(false, |any, p| any | is_bad(p)) {
+        let mut most = 0.0;
+        peak(self.simd, &self.map, &mut most);
+        if !most.is_nan() {
             return Ok(());
         }
-        let cell = self.map.iter().position(is_bad).unwrap_or_default();
+        // A sample that is not finite has left no cell of the map finite.
+        (0..self.n_channels()).try_for_each(|channel| check_finite(cube, channel))?;
+        let cell = self.map.iter().position(|p| !p.is_finite());
+        let cell = cell.unwrap_or_default();
         Err(DspError::Overflow {
             range_bin: self.gate.start + cell / self.shape[0],
             doppler_bin: signed_doppler(cell % self.shape[0], self.shape[0]),
         })
     }
 
-    /// From `chirps` to one channel of `spectra`.
-    fn doppler_spectra(&mut self, channel: usize) {
-        let n_loops = self.shape[0];
+    /// From `chirps` to one channel of `spectra`, and to `powers` if `measure`.
+    fn doppler_spectra(&mut self, channel: usize, measure: bool) {
         let n_channel = self.powers.len();
         let spectra = &mut self.spectra[channel * n_channel..][..n_channel];
-        let in_spare = self.doppler_fft.starts_in_spare();
-        for (i, spectra) in spectra.chunks_exact_mut(n_loops).enumerate() {
-            let job = SlowTime {
-                chirps: &self.chirps[self.gate.start + i * LANES..],
-                stride: self.stride,
-                mean_weights: &self.mean_weights,
-                window: &self.doppler_window,
-                out: if in_spare { &mut self.spare } else { spectra },
-            };
-            slow_time(self.simd, job);
-            self.doppler_fft
-                .process(self.simd, spectra, &mut self.spare);
-        }
+        let powers = measure.then_some(&mut self.powers[..]);
+        self.doppler_fft
+            .process(self.simd, &self.chirps, self.stride, spectra, powers);
     }
 
     fn add_to_powers(&mut self, channel: usize) {
@@ -222,9 +227,13 @@ impl Spectrum {
             MapKind::Coherent => add_power(self.simd, &mut self.powers, &self.coherent),
         }
         let n_loops = self.shape[0];
-        let blocks = self.powers.chunks_exact(n_loops);
-        for (powers, rows) in blocks.zip(self.map.chunks_mut(LANES * n_loops)) {
-            rows_of_bins(self.simd, powers, rows);
+        let mut rest = &mut self.map[..];
+        let mut first = self.gate.start % LANES;
+        for powers in self.powers.chunks_exact(n_loops) {
+            let n_values = ((LANES - first) * n_loops).min(rest.len());
+            let (rows, behind) = std::mem::take(&mut rest).split_at_mut(n_values);
+            rows_of_bins(self.simd, powers, first, rows);
+            (rest, first) = (behind, 0);
         }
     }
 
@@ -255,32 +264,32 @@ impl Spectrum {
         cube: &RadarCube,
         channel: usize,
     ) -> Result<impl Iterator<Item = &[Complex32]>, DspError> {
-        self.transform_chirps(cube, channel)?;
-        let rows = self.chirps.chunks_exact(self.stride);
-        Ok(rows.map(|row| &row[..self.n_range]))
+        check_finite(cube, channel)?;
+        let n_loops = self.shape[0];
+        let mut cells = vec![Cell::ZERO; self.range_fft.n_blocks() * n_loops];
+        let blocks = Blocks {
+            cells: &mut cells,
+            first: 0,
+            stride: n_loops,
+        };
+        transform_chirps(&mut self.range_fft, self.simd, cube, channel, blocks);
+        self.rows.clear();
+        for loop_idx in 0..n_loops {
+            let blocks = cells[loop_idx..].iter().step_by(n_loops);
+            let bins = blocks.flat_map(Cell::numbers);
+            self.rows.extend(bins.take(self.n_range));
+        }
+        Ok(self.rows.chunks_exact(self.n_range))
     }
 
     /// Fills `chirps` with one channel.
-    fn transform_chirps(&mut self, cube: &RadarCube, channel: usize) -> Result<(), DspError> {
-        let [n_loops, _, n_rx, _] = self.shape;
-        let n_range = self.n_range;
-        let (slot, rx) = (channel / n_rx, channel % n_rx);
-        for loop_idx in 0..n_loops {
-            let samples = cube.chirp(loop_idx, slot, rx);
-            // The same channel's next chirp lies all other channels further on.
-            if loop_idx + 1 < n_loops {
-                prefetch(cube.chirp(loop_idx + 1, slot, rx));
-            }
-            let row = &mut self.chirps[loop_idx * self.stride..][..n_range];
-            if !self.range_fft.process(self.simd, samples, row) {
-                let bad = samples
-                    .iter()
-                    .position(|s| !(s.re.is_finite() && s.im.is_finite()));
-                let index = [loop_idx, slot, rx, bad.unwrap_or(0)];
-                return Err(DspError::NotFinite { index });
-            }
-        }
-        Ok(())
+    fn transform_chirps(&mut self, cube: &RadarCube, channel: usize) {
+        let blocks = Blocks {
+            cells: &mut self.chirps,
+            first: self.gate.start / LANES,
+            stride: self.stride,
+        };
+        transform_chirps(&mut self.range_fft, self.simd, cube, channel, blocks);
     }
 
     /// Refuses a cube of another shape, or one whose data does not fill its shape.
@@ -308,6 +317,36 @@ impl Spectrum {
         }
         Ok(())
     }
+}
+
+/// Windowed range FFTs of one channel's chirps.
+fn transform_chirps(
+    fft: &mut RowFft,
+    simd: SimdLevel,
+    cube: &RadarCube,
+    channel: usize,
+    out: Blocks<'_>,
+) {
+    let rows = SampleRows {
+        data: &cube.data[channel * cube.n_samples..],
+        stride: cube.n_tx * cube.n_rx * cube.n_samples,
+        n_rows: cube.n_loops,
+    };
+    fft.process(simd, rows, out);
+}
+
+/// Refuses samples that are not finite.
+fn check_finite(cube: &RadarCube, channel: usize) -> Result<(), DspError> {
+    let (slot, rx) = (channel / cube.n_rx, channel % cube.n_rx);
+    for loop_idx in 0..cube.n_loops {
+        let mut samples = cube.chirp(loop_idx, slot, rx).iter();
+        if let Some(i) = samples.position(|s| !(s.re.is_finite() && s.im.is_finite())) {
+            return Err(DspError::NotFinite {
+                index: [loop_idx, slot, rx, i],
+            });
+        }
+    }
+    Ok(())
 }
 
 /// A target in Doppler bin k gains the phase 2 pi k / (2 n_loops) in half a loop. Within a bin it is off
@@ -369,11 +408,16 @@ fn mean_weights(clutter: ClutterFilter, window: &[f32]) -> Vec<f32> {
     weights.iter().map(|w| (w / sum) as f32).collect()
 }
 
-/// Adds ln |.|^2; an exact zero counts as the smallest positive number.
+/// Adds ln |.|^2; an exact zero counts as the smallest positive number, and what is not a number stays so.
 fn add_log_power(sums: &mut [[f32; LANES]], spectra: &[Cell]) {
     for (sums, cell) in sums.iter_mut().zip(spectra) {
         for ((sum, re), im) in sums.iter_mut().zip(cell.re).zip(cell.im) {
-            *sum += (re * re + im * im).max(f32::MIN_POSITIVE).ln();
+            let power = re * re + im * im;
+            *sum += if power < f32::MIN_POSITIVE {
+                f32::MIN_POSITIVE.ln()
+            } else {
+                power.ln()
+            };
         }
     }
 }

@@ -2,6 +2,8 @@
 
 use num_complex::Complex32;
 
+use crate::Cell;
+
 /// Instruction set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SimdLevel {
@@ -59,6 +61,16 @@ pub trait Lanes: Copy {
     fn load_complex(from: &[Complex32; 16]) -> (Self, Self);
     /// The inverse of [`Self::load_complex`].
     fn store_complex(re: Self, im: Self, to: &mut [Complex32; 16]);
+    /// Stores one number a lane past the cache, for what is not read soon: the cache line need not be fetched to be
+    /// overwritten. [`Self::fence`] before another thread may look.
+    #[inline(always)]
+    fn stream(re: Self, im: Self, to: &mut Cell) {
+        re.store(&mut to.re);
+        im.store(&mut to.im);
+    }
+    /// Waits for what [`Self::stream`] stored.
+    #[inline(always)]
+    fn fence() {}
     /// Lane `j` of vector `i` becomes lane `i` of vector `j`.
     fn transpose(rows: &mut [Self; 16]);
     /// `self + other`.
@@ -309,7 +321,7 @@ mod x86 {
 
     use num_complex::Complex32;
 
-    use super::Lanes;
+    use super::{Cell, Lanes};
 
     /// Calls one intrinsic.
     ///
@@ -318,7 +330,7 @@ mod x86 {
     macro_rules! intrinsic {
         ($call:expr) => {{
             // SAFETY: the module's types are used only on machines where `SimdLevel::is_available`
-            // said yes, and pointers come from references to 16 floats or complex numbers.
+            // said yes, and pointers come from references to 16 floats or complex numbers, aligned to 64 bytes in cells.
             unsafe { $call }
         }};
     }
@@ -352,6 +364,15 @@ mod x86 {
         #[inline(always)]
         fn store(self, to: &mut [f32; 16]) {
             intrinsic!(_mm512_storeu_ps(to.as_mut_ptr(), self.0));
+        }
+        #[inline(always)]
+        fn stream(re: Self, im: Self, to: &mut Cell) {
+            intrinsic!(_mm512_stream_ps(to.re.as_mut_ptr(), re.0));
+            intrinsic!(_mm512_stream_ps(to.im.as_mut_ptr(), im.0));
+        }
+        #[inline(always)]
+        fn fence() {
+            intrinsic!(_mm_sfence());
         }
         #[inline(always)]
         fn load_complex(from: &[Complex32; 16]) -> (Self, Self) {
@@ -568,6 +589,17 @@ mod x86 {
         fn store(self, to: &mut [f32; 16]) {
             intrinsic!(_mm256_storeu_ps(to.as_mut_ptr(), self.0));
             intrinsic!(_mm256_storeu_ps(to.as_mut_ptr().add(8), self.1));
+        }
+        #[inline(always)]
+        fn stream(re: Self, im: Self, to: &mut Cell) {
+            for (part, to) in [(re, &mut to.re), (im, &mut to.im)] {
+                intrinsic!(_mm256_stream_ps(to.as_mut_ptr(), part.0));
+                intrinsic!(_mm256_stream_ps(to.as_mut_ptr().add(8), part.1));
+            }
+        }
+        #[inline(always)]
+        fn fence() {
+            intrinsic!(_mm_sfence());
         }
         #[inline(always)]
         fn load_complex(from: &[Complex32; 16]) -> (Self, Self) {

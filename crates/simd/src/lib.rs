@@ -5,6 +5,8 @@
 //! are equal to the byte on one [`SimdLevel`] and equal within rounding between levels: AVX-512 and
 //! AVX2 fuse multiply and add, the portable level does not.
 
+use num_complex::Complex32;
+
 pub mod lanes;
 
 mod prefetch;
@@ -32,4 +34,14 @@ impl Cell {
         re: [0.0; LANES],
         im: [0.0; LANES],
     };
+
+    /// The number in one lane.
+    pub fn number(&self, lane: usize) -> Complex32 {
+        Complex32::new(self.re[lane], self.im[lane])
+    }
+
+    /// All numbers.
+    pub fn numbers(&self) -> [Complex32; LANES] {
+        std::array::from_fn(|lane| self.number(lane))
+    }
 }
