@@ -439,6 +439,9 @@ pub struct TrainArgs {
     /// Start over where a finished or begun training lies.
     #[arg(long)]
     pub force: bool,
+    /// cpu, gpu or gpu:N instead of the configuration's device (docs/training-on-gpus.md).
+    #[arg(long, value_name = "DEVICE")]
+    pub device: Option<String>,
 }
 
 /// What decodes sentences.
@@ -595,7 +598,7 @@ pub struct ScoreArgs {
     pub references: PathBuf,
     /// Compare bodies in place of captions: npz as `motion mesh` writes it, or npy of joints (T, J, 3) or
     /// rotations (T, J, 3, 3).
-    #[arg(long, conflicts_with_all = ["protocol", "max_references", "meteor_data", "bert_score", "layer", "sim_cse", "pooling", "seed"])]
+    #[arg(long, conflicts_with_all = ["protocol", "max_references", "meteor_data", "bert_score", "layer", "sim_cse", "pooling", "device", "seed"])]
     pub pose: bool,
     /// plain, nlg-eval, coco or motiongpt.
     #[arg(long, default_value = "plain")]
@@ -624,6 +627,9 @@ pub struct ScoreArgs {
     /// Pooling for SimCSE: pooler (supervised), cls (unsupervised) or mean.
     #[arg(long)]
     pub pooling: Option<String>,
+    /// What BERT and RoBERTa are computed on: cpu, gpu or gpu:N (docs/training-on-gpus.md).
+    #[arg(long, default_value = "cpu")]
+    pub device: String,
     /// Seed of the bootstrap.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,

@@ -459,20 +459,22 @@ fn median_of(map: &[f32], n_doppler: usize, skip_notch: bool, values: &mut Vec<f
     // The median is one of the n_high - n_low values from `low` on and below `high`.
     let (mut low, mut n_low) = (0.0_f32, 0);
     let (mut high, mut n_high) = (f32::INFINITY, map.len() - values.len());
-    for guess in 0.. {
+    let mut n_guesses = 0;
+    loop {
         // Finite floats that are not negative are ordered as their bits are.
         let (low_bits, high_bits) = (low.to_bits(), high.to_bits());
         if n_high - n_low <= FEW || high_bits - low_bits <= 1 {
             break;
         }
-        let limit = match guess {
-            0 | 1 => sample[guess],
-            _ if guess < MOST_GUESSES => {
+        let limit = match sample.get(n_guesses) {
+            Some(&value) => value,
+            None if n_guesses < MOST_GUESSES => {
                 let share = (rank - n_low) as f32 / (n_high - n_low) as f32;
                 low + share * (high - low)
             }
-            _ => f32::from_bits(low_bits + (high_bits - low_bits) / 2),
+            None => f32::from_bits(low_bits + (high_bits - low_bits) / 2),
         };
+        n_guesses += 1;
         if !(limit > low && limit < high) {
             continue;
         }

@@ -247,7 +247,7 @@ mod tests {
                 mean[0] += f64::from(*weight) * input(l)[0];
                 mean[1] += f64::from(*weight) * input(l)[1];
             }
-            for (k, cell) in out.iter().enumerate() {
+            for ((k, cell), powers) in out.iter().enumerate().zip(powers) {
                 let (mut re, mut im) = (0.0, 0.0);
                 for (l, weight) in window.iter().enumerate() {
                     let (sin, cos) = (-TAU * (k * l % n) as f64 / n as f64).sin_cos();
@@ -259,7 +259,7 @@ mod tests {
                 let found = cell.number(lane);
                 let power = re * re + im * im;
                 let error = (f64::from(found.re) - re).hypot(f64::from(found.im) - im);
-                let power_error = (f64::from(powers[k][lane]) - 0.25 - power).abs();
+                let power_error = (f64::from(powers[lane]) - 0.25 - power).abs();
                 worst = [worst[0].max(error), worst[1].max(power_error)];
                 peaks = [peaks[0].max(power.sqrt()), peaks[1].max(power)];
             }

@@ -23,6 +23,9 @@ pub enum TrainError {
         /// Line, column and cause.
         message: String,
     },
+    /// The processor asked for cannot be used.
+    #[error("device: {0}")]
+    Processor(#[from] radarllm_model::device::ProcessorError),
     /// The data cannot be trained on.
     #[error("training data: {0}")]
     Data(String),

@@ -15,18 +15,19 @@
 //! Every random choice is drawn from a seed derived from (run seed, epoch or step), so a resumed run
 //! on one thread continues bit for bit as if it had never stopped.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
+use std::{fs, io};
 
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor};
 use radarllm_base::seed::derive_seed;
 use radarllm_model::checkpoint::{
     CONFIG_FILE, Checkpoint, CheckpointFiles, MODEL_FILE, NamedTensors, collect_params,
-    param_shapes,
+    param_shapes, replace_params,
 };
+use radarllm_model::device::Processor;
 use radarllm_model::tokenizer::codebook::EmaCodebook;
 use serde::{Deserialize, Serialize};
 
@@ -208,17 +209,30 @@ pub fn request_stop() {
     STOP.store(true, Ordering::Relaxed);
 }
 
-/// The device that training and inference use: the CPU backend, named explicitly because the
-/// default would prefer whatever accelerator was compiled in.
+/// The device for what is decoded or prepared beside training.
 pub fn cpu_device() -> Device {
     Device::flex()
 }
 
-/// The device with gradients, whose generator starts from `purpose`'s own seed.
-pub fn seeded_device(seed: u64, purpose: &str) -> Device {
+/// A network on the run's processor, with gradients. Its weights are drawn on the CPU from `purpose`'s own seed, so that
+/// they are the same whatever it is trained on.
+///
+/// # Errors
+/// [`TrainError::Processor`].
+pub fn seeded_network<M: Module>(
+    config: &LoopConfig,
+    purpose: &str,
+    make: impl Fn(&Device) -> M,
+) -> Result<M, TrainError> {
     let device = cpu_device().autodiff();
-    device.seed(derive_seed(seed, purpose));
-    device
+    device.seed(derive_seed(config.seed, purpose));
+    let model = make(&device);
+    if config.processor == Processor::Cpu {
+        return Ok(model);
+    }
+    let weights = collect_params(&model);
+    let moved = make(&config.processor.device()?.autodiff());
+    Ok(replace_params(moved, weights))
 }
 
 /// Refuses the result of a run that was too short to have a codebook.
@@ -248,6 +262,7 @@ struct TrainState {
     seed: u64,
 }
 
+const LOG_FILE: &str = "log.jsonl";
 const STATE_FILE: &str = "train_state.json";
 const OPTIMIZER_FILE: &str = "optimizer.safetensors";
 const STAGE_STATE_FILE: &str = "stage_state.safetensors";
@@ -284,7 +299,7 @@ pub fn run<S: Stage>(
         },
         optimizer: AdamW::default(),
         log: Log {
-            path: out_dir.join("log.jsonl"),
+            path: out_dir.join(LOG_FILE),
         },
         out_dir,
         config,
@@ -299,6 +314,20 @@ pub fn run<S: Stage>(
         });
     }
     run.train(stage, model)
+}
+
+/// Removes the log of a run that was stopped before its first checkpoint, so that the run can start again.
+///
+/// # Errors
+/// If it cannot be removed.
+pub fn forget(out_dir: &Path) -> Result<(), TrainError> {
+    let path = out_dir.join(LOG_FILE);
+    match fs::remove_file(&path) {
+        Err(source) if source.kind() != io::ErrorKind::NotFound => {
+            Err(TrainError::Io { path, source })
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Takes parameters that are not trained out of differentiation, so that they cost no gradient.

@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::Path;
 
+use radarllm_model::device::Processor;
 use serde::{Deserialize, Serialize};
 
 use crate::adamw::AdamWConfig;
@@ -52,6 +53,9 @@ pub struct LoopConfig {
     pub checkpoint_every_steps: u64,
     /// Resume checkpoints kept.
     pub keep_last: usize,
+    /// What the stage is computed on. Not a setting of the result: a run may go on elsewhere.
+    #[serde(skip)]
+    pub processor: Processor,
 }
 
 impl Default for LoopConfig {
@@ -72,6 +76,7 @@ impl Default for LoopConfig {
             checkpoint_every_s: 300.0,
             checkpoint_every_steps: 0,
             keep_last: 2,
+            processor: Processor::Cpu,
         }
     }
 }

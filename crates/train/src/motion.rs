@@ -131,8 +131,9 @@ pub fn train(
             .filter(|c| c.motion_features.is_empty())
             .count(),
     );
-    let device = harness::seeded_device(config.run.seed, "motion/init");
-    let model = MotionNet::new(&config.model, &device);
+    let model = harness::seeded_network(&config.run, "motion/init", |device| {
+        MotionNet::new(&config.model, device)
+    })?;
     let outcome = harness::run(&mut stage, model, &config.run, out_dir, resume)?;
     harness::require_codebook("motion", &stage.codebook)?;
     Ok(outcome)

@@ -13,6 +13,7 @@ use std::{
 use radarllm_base::PointFrame;
 use radarllm_dataset::{ClipRecord, Columns, Dataset, Split};
 use radarllm_model::{
+    device::Processor,
     lm::RadarLm,
     tokenizer::{FRAMES_PER_CODE, RadarTokenizer},
 };
@@ -20,7 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     data::flip_points,
-    harness::{Ending, TrainError},
+    harness::{self, Ending, LoopConfig, TrainError},
     lm::{LmClip, LmTrainConfig, instruct, pretrain},
     motion::{self, MotionTrainConfig},
     tokenizer::{self, TokenizerTrainConfig},
@@ -69,6 +70,8 @@ pub struct Recipe {
     pub data: Vec<PathBuf>,
     /// Folder for checkpoints, logs and the finished model, relative to the configuration file.
     pub out: PathBuf,
+    /// What training is computed on: `"cpu"`, `"gpu"` or `"gpu:N"`.
+    pub device: Processor,
     /// The motion VQ-VAE.
     pub motion: MotionTrainConfig,
     /// The radar tokenizer.
@@ -88,6 +91,7 @@ impl Default for Recipe {
         Self {
             data: vec!["data".into()],
             out: "model".into(),
+            device: Processor::Cpu,
             motion: MotionTrainConfig::default(),
             tokenizer: TokenizerTrainConfig::default(),
             pretrain: LmTrainConfig::small(),
@@ -158,13 +162,25 @@ impl Recipe {
     /// A missing earlier stage, unusable data, or whatever the stage reports.
     pub fn run(&self, stage: RecipeStage, resume: bool) -> Result<bool, TrainError> {
         let out = self.stage_dir(stage);
+        let on_device = |run: &LoopConfig| LoopConfig {
+            processor: self.device,
+            ..run.clone()
+        };
         // A stage that was never begun, or was stopped before its first checkpoint, starts afresh.
-        let resume = resume && has_checkpoint(&out);
+        let starts_afresh = resume && !has_checkpoint(&out);
+        if starts_afresh {
+            harness::forget(&out)?;
+        }
+        let resume = resume && !starts_afresh;
         let ending = match stage {
             RecipeStage::Motion => {
                 let train = self.clips(Split::Train, Columns::All)?;
                 let val = self.clips(Split::Val, Columns::All)?;
-                motion::train(&self.motion, &train, &val, &out, resume)?.ending
+                let config = MotionTrainConfig {
+                    run: on_device(&self.motion.run),
+                    ..self.motion.clone()
+                };
+                motion::train(&config, &train, &val, &out, resume)?.ending
             }
             RecipeStage::Tokenizer => {
                 let train = self.clips(Split::Train, Columns::All)?;
@@ -173,27 +189,31 @@ impl Recipe {
                     true => Some(motion::load_teacher(&self.result(RecipeStage::Motion)?)?),
                     false => None,
                 };
-                tokenizer::train(
-                    &self.tokenizer,
-                    &train,
-                    &val,
-                    teacher.as_ref(),
-                    &out,
-                    resume,
-                )?
-                .ending
+                let config = TokenizerTrainConfig {
+                    run: on_device(&self.tokenizer.run),
+                    ..self.tokenizer.clone()
+                };
+                tokenizer::train(&config, &train, &val, teacher.as_ref(), &out, resume)?.ending
             }
             RecipeStage::Pretrain => {
                 let (tokenizer, train, val) = self.lm_data()?;
                 let n_codes = tokenizer.config().codebook_size;
-                pretrain(&self.pretrain, n_codes, &train, &val, &out, resume)?.ending
+                let config = LmTrainConfig {
+                    run: on_device(&self.pretrain.run),
+                    ..self.pretrain.clone()
+                };
+                pretrain(&config, n_codes, &train, &val, &out, resume)?.ending
             }
             RecipeStage::Instruct => {
                 let start = self.result(RecipeStage::Pretrain)?;
                 let lm = RadarLm::load(&start, &crate::harness::cpu_device())
                     .map_err(|e| TrainError::Stage(e.to_string()))?;
                 let (_, train, val) = self.lm_data()?;
-                let ending = instruct(&self.instruct, lm, &train, &val, &out, resume)?.ending;
+                let config = LmTrainConfig {
+                    run: on_device(&self.instruct.run),
+                    ..self.instruct.clone()
+                };
+                let ending = instruct(&config, lm, &train, &val, &out, resume)?.ending;
                 self.assemble(RecipeStage::Instruct)?;
                 ending
             }

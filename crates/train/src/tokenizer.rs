@@ -64,8 +64,9 @@ pub fn train(
         stage.val.len(),
         config.model.caption_words,
     );
-    let device = harness::seeded_device(config.run.seed, "tokenizer/init");
-    let model = TokenizerNet::new(&config.model, &device);
+    let model = harness::seeded_network(&config.run, "tokenizer/init", |device| {
+        TokenizerNet::new(&config.model, device)
+    })?;
     let outcome = harness::run(&mut stage, model, &config.run, out_dir, resume)?;
     harness::require_codebook("tokenizer", &stage.codebook)?;
     Ok(outcome)

@@ -7,7 +7,10 @@ use radarllm_metrics::{
     bootstrap::{mean_interval, units_of_ids},
     embedding::{BertScore, Idf, Sentence, bert_score, cosine},
 };
-use radarllm_model::lm::{Device, EncodedText, Pooling, TextEncoder};
+use radarllm_model::{
+    device::Processor,
+    lm::{Device, EncodedText, Pooling, TextEncoder},
+};
 
 use crate::{
     args::ScoreArgs,
@@ -33,6 +36,11 @@ pub fn add(
     candidates: &[Candidate],
     references: &[Reference],
 ) -> CliResult {
+    if args.bert_score.is_none() && args.sim_cse.is_none() {
+        return Ok(());
+    }
+    let device = args.device.parse::<Processor>().and_then(Processor::device);
+    let device = device.map_err(|e| CliError::new(format!("--device: {e}")))?;
     let items = items(scores, candidates, references);
     let units = units_of_ids(items.iter().map(|item| item.id));
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
@@ -42,7 +50,7 @@ pub fn add(
                 .hint("17 for roberta-large, 9 for bert-base-uncased")
         })?;
         let with_idf = scores.protocol == Protocol::MotionGpt;
-        let values = bert_scores(dir, layer, with_idf, args.bert_baseline, &items)?;
+        let values = bert_scores(dir, &device, layer, with_idf, args.bert_baseline, &items)?;
         scores.bert_score = Some(mean(&values));
         scores.bert_score_rules = Some(format!(
             "{}, layer {layer}, F1, best reference, {} idf, {}",
@@ -62,7 +70,7 @@ pub fn add(
         let pooling = Pooling::from_name(name).ok_or_else(|| {
             CliError::new(format!("--pooling {name}: unknown")).hint("pooler, cls or mean")
         })?;
-        let values = similarities(dir, pooling, &items)?;
+        let values = similarities(dir, &device, pooling, &items)?;
         scores.sim_cse = Some(mean(&values));
         scores.sim_cse_rules = Some(format!(
             "{}, pooling {name}, cosine, best reference",
@@ -112,8 +120,8 @@ fn items<'a>(
         .collect()
 }
 
-fn open(dir: &Path) -> CliResult<TextEncoder> {
-    TextEncoder::open(dir, &Device::flex()).map_err(|e| {
+fn open(dir: &Path, device: &Device) -> CliResult<TextEncoder> {
+    TextEncoder::open(dir, device).map_err(|e| {
         CliError::new(e).hint("a folder with config.json, model.safetensors and tokenizer.json")
     })
 }
@@ -124,12 +132,13 @@ fn texts<'a>(items: &'a [Item], of: impl Fn(&'a Item) -> Vec<&'a str>) -> Vec<St
 
 fn bert_scores(
     dir: &Path,
+    device: &Device,
     layer: usize,
     with_idf: bool,
     baseline: Option<f64>,
     items: &[Item],
 ) -> CliResult<Vec<f64>> {
-    let encoder = open(dir)?;
+    let encoder = open(dir, device)?;
     let idf = match with_idf {
         false => None,
         true => {
@@ -177,8 +186,13 @@ fn bert_scores(
     Ok(out)
 }
 
-fn similarities(dir: &Path, pooling: Pooling, items: &[Item]) -> CliResult<Vec<f64>> {
-    let encoder = open(dir)?;
+fn similarities(
+    dir: &Path,
+    device: &Device,
+    pooling: Pooling,
+    items: &[Item],
+) -> CliResult<Vec<f64>> {
+    let encoder = open(dir, device)?;
     let mut out = Vec::with_capacity(items.len());
     for chunk in items.chunks(CHUNK) {
         let said = encoder.sentences(&texts(chunk, |item| vec![item.candidate]), pooling)?;

@@ -20,14 +20,24 @@ pub fn run(args: &TrainArgs) -> CliResult {
     };
     let text = files::read_text(path, MAX_CONFIG_BYTES)?;
     let base = path.parent().unwrap_or(Path::new(""));
-    let recipe = Recipe::from_toml(&text, base).map_err(|e| {
+    let mut recipe = Recipe::from_toml(&text, base).map_err(|e| {
         CliError::new(format!("{}: {e}", path.display()))
             .hint("`radarllm train all --print-config` prints every key")
     })?;
+    if let Some(name) = &args.device {
+        recipe.device = name
+            .parse()
+            .map_err(|e| CliError::new(format!("--device: {e}")))?;
+    }
     if args.print_config {
         output::print_line(&recipe.to_toml()?);
         return Ok(());
     }
+    // Before anything is removed or written.
+    recipe
+        .device
+        .device()
+        .map_err(|e| CliError::new(format!("device {e}")))?;
     let stages = match args.stage {
         Stage::Motion => vec![RecipeStage::Motion],
         Stage::Tokenizer => vec![RecipeStage::Tokenizer],

@@ -186,7 +186,26 @@ fn every_stage_trains_resumes_and_is_evaluated() {
     done(&["train", "motion", &path("model.toml")]);
     // Begun without --resume or --force, a finished stage is not touched.
     crate::command::refused(&["train", "motion", &path("model.toml")]);
+    // Nor is it removed for a processor that cannot be used.
+    for device in [
+        "toaster",
+        #[cfg(not(feature = "gpu"))]
+        "gpu",
+    ] {
+        let model = path("model.toml");
+        crate::command::refused(&["train", "motion", &model, "--force", "--device", device]);
+        assert!(fs::exists(path("trained/motion/final")).unwrap());
+    }
+    // Stopped before its first checkpoint, a stage starts afresh.
+    fs::create_dir(path("trained/tokenizer")).unwrap();
+    fs::write(
+        path("trained/tokenizer/log.jsonl"),
+        "{\"left\": \"over\"}\n",
+    )
+    .unwrap();
     done(&["train", "all", &path("model.toml"), "--resume"]);
+    let log = fs::read_to_string(path("trained/tokenizer/log.jsonl")).unwrap();
+    assert!(!log.contains("over") && log.contains("loss"), "{log}");
     let model = path("trained/model");
     done(&[
         "eval",

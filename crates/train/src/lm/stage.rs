@@ -214,7 +214,8 @@ impl LmStage {
         let (train, val) = (maker(clips)?, maker(val)?);
         let average = (config.average_decay > 0.0)
             .then(|| collect_some_params(&lm.net, &|path| lm.is_trained(path)));
-        let net = lm.net.clone().to_device(&cpu_device().autodiff()).train();
+        let device = config.run.processor.device()?.autodiff();
+        let net = lm.net.clone().to_device(&device).train();
         Ok((
             Self {
                 config: config.clone(),
