@@ -227,10 +227,11 @@ pub fn seeded_network<M: Module>(
     let device = cpu_device().autodiff();
     device.seed(derive_seed(config.seed, purpose));
     let model = make(&device);
+    // Weights are drawn when they are first looked at: now, before another seed is set.
+    let weights = collect_params(&model);
     if config.processor == Processor::Cpu {
         return Ok(model);
     }
-    let weights = collect_params(&model);
     let moved = make(&config.processor.device()?.autodiff());
     Ok(replace_params(moved, weights))
 }
