@@ -210,7 +210,7 @@ impl CornerCalibrator {
             let mut mean = vec![Complex64::ZERO; self.profile.len()];
             for chirp in self.spectrum.range_spectra(cube, channel)? {
                 for (mean, z) in mean.iter_mut().zip(chirp) {
-                    *mean += double(*z) / n_loops as f64;
+                    *mean += double(z) / n_loops as f64;
                 }
             }
             for (sum, mean) in self.profile.iter_mut().zip(&mean) {

@@ -10,7 +10,7 @@ use num_complex::Complex32;
 use radarllm_simd::{Cell, LANES, Lanes, SimdLevel, dispatch};
 use rustfft::{Fft, FftPlanner};
 
-use crate::kernels::add_power;
+use crate::kernels::{add_power, grow};
 use crate::lane_fft::{C, Pass, Sink, Source, all_passes, factors, passes, run_pass};
 
 /// Plan and workspace.
@@ -29,6 +29,21 @@ struct Rows {
     fft: Arc<dyn Fft<f32>>,
     row: Vec<Complex32>,
     scratch: Vec<Complex32>,
+}
+
+impl Rows {
+    fn process(&mut self, block: &mut [Cell]) {
+        for lane in 0..LANES {
+            for (to, from) in self.row.iter_mut().zip(&*block) {
+                *to = from.number(lane);
+            }
+            self.fft
+                .process_with_scratch(&mut self.row, &mut self.scratch);
+            for (to, from) in block.iter_mut().zip(&self.row) {
+                (to.re[lane], to.im[lane]) = (from.re, from.im);
+            }
+        }
+    }
 }
 
 impl DopplerFft {
@@ -69,11 +84,11 @@ impl DopplerFft {
         powers: Option<&mut [[f32; LANES]]>,
     ) {
         let n = self.window.len();
-        // Powers of what `rustfft` has still to transform would mean nothing.
-        let (powers, powers_after) = if self.rows.is_some() {
-            (None, powers)
-        } else {
+        // A last pass of several adds its powers on its way; else they are added when all is transformed.
+        let (powers, powers_after) = if self.passes.len() > 1 {
             (powers, None)
+        } else {
+            (None, powers)
         };
         all_blocks(
             level,
@@ -88,19 +103,9 @@ impl DopplerFft {
                 powers,
             },
         );
-        let Some(Rows { fft, row, scratch }) = &mut self.rows else {
-            return;
-        };
-        for block in out.chunks_exact_mut(n) {
-            for lane in 0..LANES {
-                for (to, from) in row.iter_mut().zip(&*block) {
-                    *to = from.number(lane);
-                }
-                fft.process_with_scratch(row, scratch);
-                for (to, from) in block.iter_mut().zip(&*row) {
-                    (to.re[lane], to.im[lane]) = (from.re, from.im);
-                }
-            }
+        if let Some(rows) = &mut self.rows {
+            out.chunks_exact_mut(n)
+                .for_each(|block| rows.process(block));
         }
         if let Some(powers) = powers_after {
             add_power(level, powers, out);
@@ -153,12 +158,6 @@ impl<L: Lanes> Sink<L> for Measured<'_> {
     }
 }
 
-/// `power += |z|^2`.
-#[inline(always)]
-fn grow<L: Lanes>(power: &mut [f32; LANES], z: C<L>) {
-    z.im.fma(z.im, z.re.fma(z.re, L::load(power))).store(power);
-}
-
 dispatch!(fn all_blocks => all_blocks_body(job: Job<'_>));
 
 #[inline(always)]
@@ -190,7 +189,7 @@ fn block_body<L: Lanes>(job: &mut Job<'_>, chirps: &[Cell], place: Range<usize>)
     };
     let powers = job.powers.as_deref_mut().map(|p| &mut p[place]);
     match (powers, job.passes) {
-        (Some(powers), [before @ .., last]) if !before.is_empty() => {
+        (Some(powers), [before @ .., last]) => {
             all_passes::<L, _>(before, chirps, spare, out);
             let measured = Measured {
                 spectra: out,
@@ -198,12 +197,7 @@ fn block_body<L: Lanes>(job: &mut Job<'_>, chirps: &[Cell], place: Range<usize>)
             };
             run_pass::<L, _, _>(last, &*spare, measured);
         }
-        (powers, passes) => {
-            all_passes::<L, _>(passes, chirps, out, spare);
-            for (cell, power) in out.iter().zip(powers.unwrap_or_default()) {
-                grow(power, C::<L>::load(cell));
-            }
-        }
+        _ => all_passes::<L, _>(job.passes, chirps, out, spare),
     }
 }
 

@@ -5,6 +5,8 @@
 use num_complex::Complex32;
 use radarllm_simd::{Cell, LANES, Lanes, dispatch};
 
+use crate::lane_fft::C;
+
 dispatch!(
     /// Writes samples times weights.
     pub(crate) fn window => window_body(
@@ -42,9 +44,14 @@ dispatch!(
 #[inline(always)]
 fn add_power_body<L: Lanes>(powers: &mut [[f32; LANES]], cells: &[Cell]) {
     for (sum, cell) in powers.iter_mut().zip(cells) {
-        let (re, im) = (L::load(&cell.re), L::load(&cell.im));
-        im.fma(im, re.fma(re, L::load(sum))).store(sum);
+        grow(sum, C::<L>::load(cell));
     }
+}
+
+/// `power += |z|^2`.
+#[inline(always)]
+pub(crate) fn grow<L: Lanes>(power: &mut [f32; LANES], z: C<L>) {
+    z.im.fma(z.im, z.re.fma(z.re, L::load(power))).store(power);
 }
 
 dispatch!(

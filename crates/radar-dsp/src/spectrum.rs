@@ -44,8 +44,6 @@ pub struct Spectrum {
     chirps: Vec<Cell>,
     /// Cells from one block to the next in `chirps`.
     stride: usize,
-    /// Rows of [`Self::range_spectra`].
-    rows: Vec<Complex32>,
     /// Spectra of the last cube, `[channel, block, doppler]`.
     spectra: Vec<Cell>,
     /// Sum of all channels' spectra for [`MapKind::Coherent`], else empty.
@@ -115,7 +113,6 @@ impl Spectrum {
             simd: SimdLevel::detect(),
             chirps: vec![Cell::ZERO; n_blocks * stride],
             stride,
-            rows: vec![],
             coherent: vec![Cell::ZERO; n_coherent],
             spectra: vec![Cell::ZERO; n_channels * n_blocks * n_loops],
             powers: vec![[0.0; LANES]; n_blocks * n_loops],
@@ -263,7 +260,7 @@ impl Spectrum {
         &mut self,
         cube: &RadarCube,
         channel: usize,
-    ) -> Result<impl Iterator<Item = &[Complex32]>, DspError> {
+    ) -> Result<impl Iterator<Item = Vec<Complex32>>, DspError> {
         check_finite(cube, channel)?;
         let n_loops = self.shape[0];
         let mut cells = vec![Cell::ZERO; self.range_fft.n_blocks() * n_loops];
@@ -273,13 +270,11 @@ impl Spectrum {
             stride: n_loops,
         };
         transform_chirps(&mut self.range_fft, self.simd, cube, channel, blocks);
-        self.rows.clear();
-        for loop_idx in 0..n_loops {
+        let n_range = self.n_range;
+        Ok((0..n_loops).map(move |loop_idx| {
             let blocks = cells[loop_idx..].iter().step_by(n_loops);
-            let bins = blocks.flat_map(Cell::numbers);
-            self.rows.extend(bins.take(self.n_range));
-        }
-        Ok(self.rows.chunks_exact(self.n_range))
+            blocks.flat_map(Cell::numbers).take(n_range).collect()
+        }))
     }
 
     /// Fills `chirps` with one channel.

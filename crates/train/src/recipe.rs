@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     data::flip_points,
-    harness::{self, Ending, LoopConfig, TrainError},
+    harness::{self, Ending, TrainError},
     lm::{LmClip, LmTrainConfig, instruct, pretrain},
     motion::{self, MotionTrainConfig},
     tokenizer::{self, TokenizerTrainConfig},
@@ -162,10 +162,15 @@ impl Recipe {
     /// A missing earlier stage, unusable data, or whatever the stage reports.
     pub fn run(&self, stage: RecipeStage, resume: bool) -> Result<bool, TrainError> {
         let out = self.stage_dir(stage);
-        let on_device = |run: &LoopConfig| LoopConfig {
-            processor: self.device,
-            ..run.clone()
-        };
+        let mut recipe = self.clone();
+        for run in [
+            &mut recipe.motion.run,
+            &mut recipe.tokenizer.run,
+            &mut recipe.pretrain.run,
+            &mut recipe.instruct.run,
+        ] {
+            run.processor = self.device;
+        }
         // A stage that was never begun, or was stopped before its first checkpoint, starts afresh.
         let starts_afresh = resume && !has_checkpoint(&out);
         if starts_afresh {
@@ -176,11 +181,7 @@ impl Recipe {
             RecipeStage::Motion => {
                 let train = self.clips(Split::Train, Columns::All)?;
                 let val = self.clips(Split::Val, Columns::All)?;
-                let config = MotionTrainConfig {
-                    run: on_device(&self.motion.run),
-                    ..self.motion.clone()
-                };
-                motion::train(&config, &train, &val, &out, resume)?.ending
+                motion::train(&recipe.motion, &train, &val, &out, resume)?.ending
             }
             RecipeStage::Tokenizer => {
                 let train = self.clips(Split::Train, Columns::All)?;
@@ -189,31 +190,27 @@ impl Recipe {
                     true => Some(motion::load_teacher(&self.result(RecipeStage::Motion)?)?),
                     false => None,
                 };
-                let config = TokenizerTrainConfig {
-                    run: on_device(&self.tokenizer.run),
-                    ..self.tokenizer.clone()
-                };
-                tokenizer::train(&config, &train, &val, teacher.as_ref(), &out, resume)?.ending
+                tokenizer::train(
+                    &recipe.tokenizer,
+                    &train,
+                    &val,
+                    teacher.as_ref(),
+                    &out,
+                    resume,
+                )?
+                .ending
             }
             RecipeStage::Pretrain => {
                 let (tokenizer, train, val) = self.lm_data()?;
                 let n_codes = tokenizer.config().codebook_size;
-                let config = LmTrainConfig {
-                    run: on_device(&self.pretrain.run),
-                    ..self.pretrain.clone()
-                };
-                pretrain(&config, n_codes, &train, &val, &out, resume)?.ending
+                pretrain(&recipe.pretrain, n_codes, &train, &val, &out, resume)?.ending
             }
             RecipeStage::Instruct => {
                 let start = self.result(RecipeStage::Pretrain)?;
-                let lm = RadarLm::load(&start, &crate::harness::cpu_device())
+                let lm = RadarLm::load(&start, &harness::cpu_device())
                     .map_err(|e| TrainError::Stage(e.to_string()))?;
                 let (_, train, val) = self.lm_data()?;
-                let config = LmTrainConfig {
-                    run: on_device(&self.instruct.run),
-                    ..self.instruct.clone()
-                };
-                let ending = instruct(&config, lm, &train, &val, &out, resume)?.ending;
+                let ending = instruct(&recipe.instruct, lm, &train, &val, &out, resume)?.ending;
                 self.assemble(RecipeStage::Instruct)?;
                 ending
             }
