@@ -44,6 +44,20 @@ pub struct Timeline {
     pub restarts: u64,
 }
 
+/// Frames per second by the steps between stamps, s: the median step's, which lost frames do not change, if half of the
+/// others are like it. Stamps that come in bursts (a serial port that is read now and then) have no such step: then the
+/// mean's, pauses left out.
+fn rate_of_steps(mut steps: Vec<f64>) -> f64 {
+    steps.sort_by(f64::total_cmp);
+    let at = |share: f64| steps[(share * (steps.len() - 1) as f64) as usize];
+    let median_s = at(0.5);
+    if at(0.25) > 0.8 * median_s && median_s > 0.8 * at(0.75) {
+        return 1.0 / median_s;
+    }
+    let n = steps.partition_point(|s| *s <= 3.0 * at(0.9));
+    n as f64 / steps[..n].iter().sum::<f64>()
+}
+
 fn check_rate(rate_hz: f64) -> Result<(), TimelineError> {
     if rate_hz > 0.0 && rate_hz <= 1000.0 {
         Ok(())
@@ -117,8 +131,7 @@ impl Timeline {
             }
             steps.push(step_s);
         }
-        steps.sort_by(f64::total_cmp);
-        let rate_hz = 1.0 / steps[steps.len() / 2];
+        let rate_hz = rate_of_steps(steps);
         check_rate(rate_hz)?;
         if frames.len() as u64 > MAX_FRAMES {
             return Err(TimelineError::TooLong(frames.len() as u64));
@@ -268,6 +281,21 @@ mod tests {
             Timeline::new(far, Some(10.0)),
             Err(TimelineError::TooLong(_))
         ));
+    }
+
+    #[test]
+    fn bursts_of_stamps_give_the_mean_rate_and_lost_frames_do_not_count() {
+        let rate_hz = |stamps: Vec<f64>| {
+            let frames = stamps.iter().map(|&t| frame(0, Some(t), 1.0)).collect();
+            Timeline::new(frames, None).unwrap().rate_hz
+        };
+        // Two frames every 66.7 ms, the second 8 ms after the first; the recorder paused for a minute.
+        let burst = |n: u32| f64::from(n / 2) / 15.0 + if n % 2 == 0 { 0.0 } else { 0.008 };
+        let pause = |n: u32| burst(n) + if n < 150 { 0.0 } else { 60.0 };
+        assert!((rate_hz((0..301).map(pause).collect()) - 30.0).abs() < 0.3);
+        // Every sixth frame of a steady 20 per second is lost.
+        let steady = (0..300).filter(|n| n % 6 != 0);
+        assert!((rate_hz(steady.map(|n| f64::from(n) / 20.0).collect()) - 20.0).abs() < 1e-6);
     }
 
     #[test]

@@ -336,10 +336,14 @@ pub struct ProcessArgs {
     /// Read only so many frames of raw samples.
     #[arg(long)]
     pub frames: Option<usize>,
-    /// Frames per second of the points file, for recorded points; the recording's own without it.
+    /// Signal chain of raw samples: the [processing] table of this file, a scene, a data set's configuration or one of
+    /// its own; the default chain without it.
+    #[arg(long, value_name = "F.toml")]
+    pub processing: Option<PathBuf>,
+    /// Frames per second of the points file; the recording's own without it.
     #[arg(long, value_name = "HZ")]
     pub resample: Option<f64>,
-    /// Recorded points.
+    /// How points are read, placed and joined.
     #[command(flatten)]
     pub recording: RecordingArgs,
     /// What is taken off.

@@ -54,7 +54,7 @@ pub struct CleanArgs {
 }
 
 impl CleanArgs {
-    /// Corrections of raw samples and the signal chain that goes with them.
+    /// Corrections of raw samples; [`Self::chain`] goes with them.
     ///
     /// `format` is the capture's, as the user named it.
     pub fn of_samples(
@@ -64,7 +64,7 @@ impl CleanArgs {
         format: Option<&str>,
         layout: &LayoutArgs,
         notes: &mut Vec<String>,
-    ) -> CliResult<(Corrector, DspOptions)> {
+    ) -> CliResult<Corrector> {
         for (option, is_given) in [
             ("--background-cell", self.background_cell.is_some()),
             ("--background-velocity", self.background_velocity.is_some()),
@@ -76,12 +76,8 @@ impl CleanArgs {
                 )));
             }
         }
-        let mut options = DspOptions::default();
         let background = match &self.background {
-            Some(path) => {
-                options.clutter = ClutterFilter::Off;
-                Some(empty_room(path, radar, radar_name, format, layout, notes)?)
-            }
+            Some(path) => Some(empty_room(path, radar, radar_name, format, layout, notes)?),
             None => None,
         };
         let channel_gains = match &self.calibration {
@@ -102,7 +98,18 @@ impl CleanArgs {
             leakage_m: self.remove_leakage,
             channel_gains,
         };
-        Ok((Corrector::new(radar, corrections)?, options))
+        Ok(Corrector::new(radar, corrections)?)
+    }
+
+    /// The signal chain after these corrections: an empty room that was subtracted takes the place of each frame's mean.
+    pub fn chain(&self, options: DspOptions) -> DspOptions {
+        match self.background {
+            Some(_) => DspOptions {
+                clutter: ClutterFilter::Off,
+                ..options
+            },
+            None => options,
+        }
     }
 
     /// Removes the empty room's points from recorded ones.

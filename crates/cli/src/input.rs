@@ -4,7 +4,7 @@ use std::path::Path;
 
 use radarllm_base::{Motion, PointFrame, RadarConfig, frames::Placement};
 use radarllm_body::{loaders::load_motion_file, mesh::BodyShape, procedural, sample::canonicalize};
-use radarllm_capture::{DetectError, Format};
+use radarllm_capture::{DetectError, Format, Timeline};
 use radarllm_dataset::read_points;
 use radarllm_radar_dsp::{DspOptions, PointExtractor};
 use radarllm_synth::{
@@ -274,11 +274,25 @@ pub fn place(motion: &Motion, distance_m: f32, radar_height_m: f32) -> Placement
     draw_placement(motion, &range, 0)
 }
 
+/// Frames as the recording's options want them.
+fn shaped(frames: Vec<PointFrame>, rate_hz: f64, args: &RecordingArgs) -> CliResult<Timeline> {
+    let restarts = 0;
+    recording::shape(
+        Timeline {
+            frames,
+            rate_hz,
+            restarts,
+        },
+        args,
+    )
+}
+
 fn points_clip(input: &str, options: &ClipOptions) -> CliResult<Clip> {
     let file = read_points(Path::new(input))?;
+    let line = shaped(file.frames, file.meta.frame_rate_hz, options.recording)?;
     Ok(Clip {
-        frames: file.frames,
-        frame_rate_hz: file.meta.frame_rate_hz,
+        frames: line.frames,
+        frame_rate_hz: line.rate_hz,
         radar_height_m: file.meta.radar_height_m.unwrap_or(options.radar_height_m),
         provenance: Provenance {
             source: input.into(),
@@ -292,10 +306,12 @@ fn points_clip(input: &str, options: &ClipOptions) -> CliResult<Clip> {
 fn adc_clip(input: &str, options: &ClipOptions) -> CliResult<Clip> {
     let radar = radar::open(options.radar.unwrap_or(DEFAULT_RADAR))?;
     let mut extractor = PointExtractor::new(&radar, DspOptions::default())?;
+    options.recording.check_for_samples()?;
     let frames = process::points_of_npy(Path::new(input), &radar, &mut extractor)?;
+    let line = shaped(frames, radar.frame_rate_hz(), options.recording)?;
     Ok(Clip {
-        frames,
-        frame_rate_hz: radar.frame_rate_hz(),
+        frames: line.frames,
+        frame_rate_hz: line.rate_hz,
         radar_height_m: options.radar_height_m,
         provenance: Provenance {
             source: input.into(),

@@ -7,7 +7,7 @@ use radarllm_base::PointFrame;
 use radarllm_people::{Ghost, GhostPath, Track, TrackOptions, find_ghosts, track};
 use serde::Serialize;
 
-use crate::{error::CliResult, input::Clip};
+use crate::{error::CliResult, input::Clip, recording};
 
 /// Whether to follow people.
 #[derive(Args, Clone, Debug, Default)]
@@ -98,12 +98,25 @@ impl PeopleArgs {
         self.people.is_some() || self.drop_ghosts
     }
 
-    /// Follows people. With `--drop-ghosts` their reflections go, and the reflections' points out of `frames`.
-    pub fn find(&self, frames: &mut [PointFrame]) -> CliResult<Found> {
+    /// Follows people. With `--drop-ghosts` their reflections go, and the reflections' points out of `frames`. Surroundings
+    /// are nobody's points, which is noted, unless `keep_still`.
+    pub fn find(
+        &self,
+        frames: &mut [PointFrame],
+        keep_still: bool,
+        notes: &mut Vec<String>,
+    ) -> CliResult<Found> {
         if !self.is_given() {
             return Ok(Found::default());
         }
-        let mut tracks = track(frames, &TrackOptions::default())?;
+        let mut options = TrackOptions::default();
+        if !keep_still && let Some(note) = recording::surroundings(frames) {
+            options.cluster.slowest_mps = f64::from(recording::STANDING_MPS);
+            notes.push(format!(
+                "{note}: they are nobody's (--slowest 0 keeps them)"
+            ));
+        }
+        let mut tracks = track(frames, &options)?;
         let mut ghosts = Vec::new();
         if self.drop_ghosts {
             ghosts = find_ghosts(&tracks, frames);
@@ -149,7 +162,8 @@ impl PeopleArgs {
     /// anybody the clip alone, with no points.
     pub fn clips(&self, clip: Clip) -> CliResult<Vec<(Option<Person>, Clip)>> {
         let mut clip = clip;
-        let found = self.find(&mut clip.frames)?;
+        // What stands still was left out, or kept, when the clip was prepared.
+        let found = self.find(&mut clip.frames, true, &mut Vec::new())?;
         for ghost in &found.ghosts {
             eprintln!("{}: {}", clip.provenance.source, describe_ghost(ghost));
         }

@@ -29,7 +29,7 @@ use crate::{
 /// Largest file read whole, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 30;
 /// Radial speeds below this are called standing, m/s: less than one velocity bin of any radar that is built in.
-const STANDING_MPS: f32 = 0.05;
+pub const STANDING_MPS: f32 = 0.05;
 /// Most frames joined into one.
 const MAX_MERGE: usize = 100;
 /// Bytes read from a stream at a time.
@@ -75,6 +75,26 @@ pub struct RecordingArgs {
     /// Move points along their radial velocity to the time of the frame they join.
     #[arg(long)]
     pub follow: bool,
+}
+
+impl RecordingArgs {
+    /// Refuses what says how recorded points are to be read: raw samples have the radar's clock and axes.
+    pub fn check_for_samples(&self) -> CliResult {
+        for (option, is_given) in [
+            ("--frame-rate", self.frame_rate.is_some()),
+            ("--orientation", self.orientation.is_some()),
+            ("--dialect", self.dialect.is_some()),
+            ("--topic", self.topic.is_some()),
+            ("--seconds", self.seconds.is_some()),
+        ] {
+            if is_given {
+                return Err(CliError::new(format!(
+                    "{option} is for recorded points; the capture holds raw samples, whose clock and axes are the radar's"
+                )));
+            }
+        }
+        Ok(())
+    }
 }
 
 impl Default for RecordingArgs {
@@ -298,7 +318,7 @@ fn timeline(
         (None, Some(name)) => Some(radar::open(name)?.frame_rate_hz()),
         (None, None) => stated_rate_hz(format),
     };
-    let mut line = Timeline::new(frames, rate_hz).map_err(|e| {
+    let line = Timeline::new(frames, rate_hz).map_err(|e| {
         let error = CliError::new(format!("{}: {e}", path.display()));
         match e {
             TimelineError::NoRate => {
@@ -307,6 +327,12 @@ fn timeline(
             _ => error,
         }
     })?;
+    shape(line, args)
+}
+
+/// Leaves out slow points, joins frames and turns points into level axes, as asked for; strongest points first.
+pub fn shape(line: Timeline, args: &RecordingArgs) -> CliResult<Timeline> {
+    let mut line = line;
     let slowest_mps = args.slowest.unwrap_or(0.0);
     if !(0.0..=100.0).contains(&slowest_mps) {
         return Err(CliError::new("--slowest: expected 0 to 100 m/s"));
@@ -347,21 +373,21 @@ fn retain_faster(frames: &mut [PointFrame], slowest_mps: f32) {
 /// Leaves out what stands still where that is most of the points: models learn from radars that take the surroundings
 /// out of their samples, and firmware that does not reports little else. Says what it did.
 pub fn leave_out_surroundings(frames: &mut [PointFrame]) -> Option<String> {
-    let count = |frames: &[PointFrame]| frames.iter().map(|f| f.points.len()).sum::<usize>();
-    let all = count(frames);
-    let still = |f: &PointFrame| {
-        let velocities = f.points.iter().map(|p| p.velocity_mps.abs());
-        velocities.filter(|v| *v < STANDING_MPS).count()
-    };
-    if 2 * frames.iter().map(still).sum::<usize>() <= all {
-        return None;
-    }
+    let note = surroundings(frames)?;
     retain_faster(frames, STANDING_MPS);
-    let left = count(frames);
     Some(format!(
-        "{} of {all} points stand still and are left out as surroundings (--slowest 0 keeps them)",
-        all - left
+        "{note} and are left out as surroundings (--slowest 0 keeps them)"
     ))
+}
+
+/// Says so if most of the points stand still, slower than [`STANDING_MPS`].
+pub fn surroundings(frames: &[PointFrame]) -> Option<String> {
+    let points = || frames.iter().flat_map(|f| &f.points);
+    let n_still = points()
+        .filter(|p| p.velocity_mps.abs() < STANDING_MPS)
+        .count();
+    let n_points = points().count();
+    (2 * n_still > n_points).then(|| format!("{n_still} of {n_points} points stand still"))
 }
 
 /// Frames at another rate; see [`Timeline::resample`].

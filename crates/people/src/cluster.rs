@@ -19,6 +19,8 @@ pub struct ClusterOptions {
     pub velocity_mps: f64,
     /// Neighbours, itself included, that make a point the core of a cluster.
     pub min_points: usize,
+    /// Points slower than this belong nowhere, m/s: surroundings, where firmware reports them.
+    pub slowest_mps: f64,
 }
 
 impl Default for ClusterOptions {
@@ -28,6 +30,7 @@ impl Default for ClusterOptions {
             height_m: 1.0,
             velocity_mps: 1.5,
             min_points: 3,
+            slowest_mps: 0.0,
         }
     }
 }
@@ -47,6 +50,7 @@ impl ClusterOptions {
             100.0,
             "0.01 to 100 m/s",
         )?;
+        within("slowest_mps", self.slowest_mps, 0.0, 100.0, "0 to 100 m/s")?;
         within(
             "min_points",
             self.min_points as f64,
@@ -103,12 +107,14 @@ impl Cluster {
 /// whoever neighbours them; points without a core in reach belong nowhere. Ordered by their first core.
 pub fn clusters(points: &[RadarPoint], options: &ClusterOptions) -> Vec<Cluster> {
     let points = &points[..points.len().min(MAX_POINTS)];
+    let is_slow = |p: &RadarPoint| f64::from(p.velocity_mps.abs()) < options.slowest_mps;
+    let mut taken: Vec<bool> = points.iter().map(is_slow).collect();
+    let reached: Vec<usize> = (0..points.len()).filter(|&i| !taken[i]).collect();
     let neighbours = |i: usize| -> Vec<usize> {
-        (0..points.len())
-            .filter(|&j| options.are_neighbours(&points[i], &points[j]))
+        let all = reached.iter().copied();
+        all.filter(|&j| options.are_neighbours(&points[i], &points[j]))
             .collect()
     };
-    let mut taken = vec![false; points.len()];
     let mut found = Vec::new();
     for start in 0..points.len() {
         if taken[start] {
@@ -168,6 +174,12 @@ mod tests {
         // Points 0 and 3 reach each other over the core in the middle only.
         assert_eq!(members, [&[0, 2, 3][..], &[4, 5, 6]]);
         assert!((found[0].place_m[0] - 0.4).abs() < 1e-6 && found[1].velocity_mps == -2.0);
+        // A fourth point that stands still bridges nothing and is left out.
+        let still = ClusterOptions {
+            slowest_mps: 0.25,
+            ..options
+        };
+        assert_eq!(clusters(&points, &still)[0].points, [4, 5, 6]);
         assert!(clusters(&[], &options).is_empty());
         assert!(clusters(&points[..2], &options).is_empty());
     }

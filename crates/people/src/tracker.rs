@@ -35,6 +35,8 @@ pub struct TrackOptions {
     pub confirm_frames: usize,
     /// Of these, frames in which a third of the points move; what never moves is no person.
     pub confirm_moving_frames: usize,
+    /// Time from the first to the last of them, at least, s: fast radars have many frames of one flicker.
+    pub confirm_s: f64,
     /// Speed from which a point moves, m/s.
     pub moving_mps: f64,
     /// How long a track that is no person yet may miss, s.
@@ -43,6 +45,10 @@ pub struct TrackOptions {
     pub coast_s: f64,
     /// Time in which the velocity of somebody unseen fades, s.
     pub fade_s: f64,
+    /// How long somebody may be unseen and keep the number, s, 0 for never: see [`track`].
+    pub rejoin_s: f64,
+    /// How far from where somebody vanished they may appear again, m.
+    pub rejoin_m: f64,
 }
 
 impl Default for TrackOptions {
@@ -53,10 +59,13 @@ impl Default for TrackOptions {
             acceleration_mps2: 1.0,
             confirm_frames: 8,
             confirm_moving_frames: 5,
+            confirm_s: 0.6,
             moving_mps: 0.1,
             tentative_s: 0.35,
             coast_s: 2.0,
             fade_s: 1.0,
+            rejoin_s: 10.0,
+            rejoin_m: 1.0,
         }
     }
 }
@@ -74,9 +83,12 @@ impl TrackOptions {
             ("tentative_s", self.tentative_s),
             ("coast_s", self.coast_s),
             ("fade_s", self.fade_s),
+            ("rejoin_m", self.rejoin_m),
         ] {
             within(field, value, 1e-3, 1e3, "0.001 to 1000")?;
         }
+        within("confirm_s", self.confirm_s, 0.0, 1e3, "0 to 1000")?;
+        within("rejoin_s", self.rejoin_s, 0.0, 1e3, "0 to 1000")?;
         within("moving_mps", self.moving_mps, 0.0, 100.0, "0 to 100 m/s")?;
         within(
             "confirm_frames",
@@ -132,6 +144,26 @@ impl Track {
             .collect()
     }
 
+    /// Goes on with a track that begins later; between them nothing was seen, and the place moves evenly.
+    fn append(&mut self, later: Self) {
+        if let (Some(end), Some(start)) = (self.frames.last().cloned(), later.frames.first()) {
+            let n = (start.frame - end.frame) as f64;
+            let way_m = [0, 1].map(|i| start.place_m[i] - end.place_m[i]);
+            self.frames
+                .extend((end.frame + 1..start.frame).map(|frame| {
+                    let share = (frame - end.frame) as f64 / n;
+                    TrackFrame {
+                        frame,
+                        place_m: [0, 1].map(|i| end.place_m[i] + share * way_m[i]),
+                        velocity_mps: [0.0; 2],
+                        points: Vec::new(),
+                        is_shared: false,
+                    }
+                }));
+        }
+        self.frames.extend(later.frames);
+    }
+
     /// Number of points over all frames.
     pub fn n_points(&self) -> usize {
         self.frames.iter().map(|f| f.points.len()).sum()
@@ -145,8 +177,11 @@ impl Track {
 /// that are no people yet; what is left begins such a track. People who are one cluster share its points, each point
 /// for whom it is nearer to in place and radial velocity. A share moves its track little, and only who would have got
 /// the cluster alone counts as seen: two who stay one cluster become one track.
+/// Clusters leave out points slower than [`ClusterOptions::slowest_mps`].
 ///
-/// Tracks that never become people are left out; so is what a person's track holds after its last points.
+/// Tracks that never become people are left out; so is what a person's track holds after its last points. Somebody who
+/// vanished and appears again keeps the number if there is no doubt: within `rejoin_s` and `rejoin_m`, nobody else vanished
+/// there, and nobody else appears there.
 ///
 /// # Errors
 /// Options that make no sense.
@@ -200,10 +235,53 @@ pub fn track(frames: &[PointFrame], options: &TrackOptions) -> Result<Vec<Track>
         .filter(|track| !track.frames.is_empty())
         .collect();
     tracks.sort_by_key(|t| (t.frames[0].frame, t.frames[0].points.first().copied()));
+    let mut tracks = rejoin(tracks, frames, options);
     for (i, track) in tracks.iter_mut().enumerate() {
         track.id = i as u32 + 1;
     }
     Ok(tracks)
+}
+
+/// Joins tracks of somebody who was not seen for a while. `tracks` in the order of their starts.
+fn rejoin(tracks: Vec<Track>, frames: &[PointFrame], options: &TrackOptions) -> Vec<Track> {
+    let follows = |before: &Track, after: &Track| {
+        let (Some(end), Some(start)) = (before.frames.last(), after.frames.first()) else {
+            return false;
+        };
+        let gap_s = frames[start.frame].time_s - frames[end.frame].time_s;
+        let [dx, dy] = [0, 1].map(|i| start.place_m[i] - end.place_m[i]);
+        end.frame < start.frame && gap_s <= options.rejoin_s && dx.hypot(dy) <= options.rejoin_m
+    };
+    // The only track for which `fits` holds.
+    let only = |fits: &dyn Fn(&Track) -> bool| {
+        let mut fitting = (0..tracks.len()).filter(|&i| fits(&tracks[i]));
+        fitting.next().filter(|_| fitting.next().is_none())
+    };
+    let predecessor: Vec<Option<usize>> = tracks
+        .iter()
+        .enumerate()
+        .map(|(i, track)| {
+            only(&|other| follows(other, track))
+                .filter(|&before| only(&|other| follows(&tracks[before], other)) == Some(i))
+        })
+        .collect();
+    let mut joined: Vec<Track> = Vec::new();
+    // Where each track went.
+    let mut place: Vec<usize> = Vec::with_capacity(tracks.len());
+    for (track, predecessor) in tracks.into_iter().zip(predecessor) {
+        match predecessor {
+            Some(before) => {
+                let at = place[before];
+                place.push(at);
+                joined[at].append(track);
+            }
+            None => {
+                place.push(joined.len());
+                joined.push(track);
+            }
+        }
+    }
+    joined
 }
 
 /// A track in the making.
@@ -212,6 +290,9 @@ struct Live {
     frames: Vec<TrackFrame>,
     n_seen: usize,
     n_moving: usize,
+    /// Time since the first cluster, and until the last one, s.
+    age_s: f64,
+    seen_s: f64,
     unseen_s: f64,
 }
 
@@ -222,6 +303,8 @@ impl Live {
             frames: Vec::new(),
             n_seen: 0,
             n_moving: 0,
+            age_s: 0.0,
+            seen_s: 0.0,
             unseen_s: 0.0,
         };
         one.estimate
@@ -232,7 +315,9 @@ impl Live {
     }
 
     fn is_person(&self, options: &TrackOptions) -> bool {
-        self.n_seen >= options.confirm_frames && self.n_moving >= options.confirm_moving_frames
+        self.n_seen >= options.confirm_frames
+            && self.n_moving >= options.confirm_moving_frames
+            && self.seen_s >= options.confirm_s
     }
 
     fn lives(&self, options: &TrackOptions) -> bool {
@@ -251,6 +336,7 @@ impl Live {
         };
         self.estimate.predict(dt_s, kept, options.acceleration_mps2);
         self.unseen_s += dt_s;
+        self.age_s += dt_s;
     }
 
     fn count(&mut self, cluster: &Cluster, points: &[RadarPoint], options: &TrackOptions) {
@@ -260,6 +346,7 @@ impl Live {
         self.n_seen += 1;
         self.n_moving += usize::from(3 * n_moving >= cluster.points.len());
         self.unseen_s = 0.0;
+        self.seen_s = self.age_s;
     }
 
     fn see(

@@ -147,7 +147,21 @@ pub struct ProcessingFile {
     pub azimuth_step_db: Option<f64>,
 }
 
+/// Any file with the table.
+#[derive(Deserialize)]
+struct WithProcessing {
+    processing: ProcessingFile,
+}
+
 impl ProcessingFile {
+    /// The `[processing]` table of a scene, of a data set's configuration, or of a file with nothing else.
+    ///
+    /// # Errors
+    /// No TOML, no such table, or a field that it does not have.
+    pub fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
+        toml::from_str::<WithProcessing>(text).map(|file| file.processing)
+    }
+
     /// What the signal chain of a radar takes; it checks the values when it is planned.
     pub fn resolve(&self, radar: &RadarConfig) -> DspOptions {
         let mut out = match self.preset {
@@ -270,5 +284,9 @@ mod tests {
         );
         assert!(resolve("detector = { kind = \"magic\" }").is_err());
         assert!(resolve("max_point = 3").is_err());
+        let table = "seed = 3\n[processing]\nmax_points = 64\n[room]\nwidth_m = 4";
+        let file = ProcessingFile::from_toml(table).unwrap();
+        assert_eq!(file.max_points, Some(64));
+        assert!(ProcessingFile::from_toml("max_points = 64").is_err());
     }
 }

@@ -46,7 +46,7 @@ pub fn run(args: &CalibrateArgs) -> CliResult {
         background: args.background.clone(),
         ..CleanArgs::default()
     };
-    let (corrector, _) = clean.of_samples(&radar, &args.radar, named, &args.layout, &mut notes)?;
+    let corrector = clean.of_samples(&radar, &args.radar, named, &args.layout, &mut notes)?;
     let mut frames = Frames::open(
         format,
         &args.capture,

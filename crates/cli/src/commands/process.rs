@@ -4,11 +4,12 @@ use std::path::{Path, PathBuf};
 
 use radarllm_base::{PointFrame, RadarConfig, RadarCube};
 use radarllm_capture::{
-    Detected,
+    Detected, Timeline,
     adc::{AdcStats, CubeShape, FrameSource, IqAnswer, IqCheck},
 };
 use radarllm_dataset::{Overwrite, PointsMeta, write_points};
-use radarllm_radar_dsp::PointExtractor;
+use radarllm_radar_dsp::{DspOptions, PointExtractor};
+use radarllm_synth::processing::ProcessingFile;
 use serde::Serialize;
 
 use crate::{
@@ -19,6 +20,7 @@ use crate::{
         radar,
     },
     error::{CliError, CliResult},
+    files::{self, MAX_CONFIG_BYTES},
     input::MAX_FRAMES,
     output,
     people::{self, Found, GhostReport, Person},
@@ -29,6 +31,7 @@ use crate::{
 struct Report {
     frames: usize,
     points_per_frame: f64,
+    frame_rate_hz: f64,
     radar: String,
     out: String,
     format: &'static str,
@@ -80,10 +83,15 @@ pub fn run(args: &ProcessArgs) -> CliResult {
     let radar = radar::open(radar_name)?;
     let mut notes = Vec::new();
     let named = args.format.as_deref();
-    let (corrector, options) =
-        args.clean
-            .of_samples(&radar, radar_name, named, &args.layout, &mut notes)?;
-    let mut extractor = PointExtractor::new(&radar, options)?;
+    args.recording.check_for_samples()?;
+    let corrector = args
+        .clean
+        .of_samples(&radar, radar_name, named, &args.layout, &mut notes)?;
+    let options = match &args.processing {
+        Some(path) => processing(path)?.resolve(&radar),
+        None => DspOptions::default(),
+    };
+    let mut extractor = PointExtractor::new(&radar, args.clean.chain(options))?;
     let mut pictures = Pictures::new(&asked.pictures);
     let mut frames = Frames::open(
         format,
@@ -95,7 +103,7 @@ pub fn run(args: &ProcessArgs) -> CliResult {
     )?;
     let mut health = Health::new(&radar, format);
     let first = &args.capture[0];
-    let mut taken = extract_all(
+    let taken = extract_all(
         &mut frames,
         first,
         &radar,
@@ -122,9 +130,19 @@ pub fn run(args: &ProcessArgs) -> CliResult {
             frames.trailing_bytes()
         )));
     }
-    let found = args.people.find(&mut taken.points)?;
+    let line = Timeline {
+        frames: taken.points,
+        rate_hz: radar.frame_rate_hz(),
+        restarts: 0,
+    };
+    let mut line = recording::shape(line, &args.recording)?;
+    if let Some(rate_hz) = args.resample {
+        line = recording::resample(&line, rate_hz, args.recording.follow)?;
+    }
+    let keep_still = args.recording.slowest.is_some();
+    let found = (args.people).find(&mut line.frames, keep_still, &mut notes)?;
     let tracks = args.people.is_given().then_some(&found.tracks[..]);
-    pictures.finish(&taken.points, tracks)?;
+    pictures.finish(&line.frames, tracks)?;
     let has_counts = health.stats.channels().iter().any(|c| c.rms >= 1.0);
     match &asked.adc_statistics {
         Some(path) if has_counts => pictures::draw_adc_statistics(path, &health.stats)?,
@@ -147,12 +165,13 @@ pub fn run(args: &ProcessArgs) -> CliResult {
         seed: None,
         version: env!("CARGO_PKG_VERSION").into(),
         radar_height_m: Some(args.radar_height_m),
-        frame_rate_hz: radar.frame_rate_hz(),
+        frame_rate_hz: line.rate_hz,
     };
-    let people = write_all(args, &meta, &taken.points, &found)?;
+    let people = write_all(args, &meta, &line.frames, &found)?;
     let report = Report {
-        frames: taken.points.len(),
-        points_per_frame: points_per_frame(&taken.points),
+        frames: line.frames.len(),
+        points_per_frame: points_per_frame(&line.frames),
+        frame_rate_hz: line.rate_hz,
         radar: radar.name,
         out: args.out.display().to_string(),
         format: format.name(),
@@ -276,6 +295,15 @@ fn print_people(people: Option<&[PersonFile]>, ghosts: &[GhostReport]) {
     }
 }
 
+/// The `[processing]` table of a file.
+fn processing(path: &Path) -> CliResult<ProcessingFile> {
+    let text = files::read_text(path, MAX_CONFIG_BYTES)?;
+    ProcessingFile::from_toml(&text).map_err(|e| {
+        CliError::new(format!("{}: {e}", path.display()))
+            .hint("docs/scenes.md lists the fields of [processing]")
+    })
+}
+
 /// What a capture holds.
 enum Kind {
     /// Raw samples.
@@ -324,8 +352,8 @@ fn say(report: &Report) {
     }
     if report.damaged_frames + report.lost_frames > 0 {
         eprintln!(
-            "note: of {} frames {} have missing bytes (zero in the samples), {} never came (empty in the points)",
-            report.frames, report.damaged_frames, report.lost_frames
+            "note: {} frames have missing bytes (zero in the samples), {} never came (empty in the points)",
+            report.damaged_frames, report.lost_frames
         );
     }
     if report.trailing_bytes > 0 {
@@ -415,6 +443,16 @@ fn recorded_points(args: &ProcessArgs, asked: &Asked, detected: &Detected) -> Cl
         )
         .hint("--point-cloud, --points-over-time and --tracks are made from points"));
     }
+    for (option, is_given) in [
+        ("--processing", args.processing.is_some()),
+        ("--frames", args.frames.is_some()),
+    ] {
+        if is_given {
+            return Err(CliError::new(format!(
+                "{option} needs raw samples; this capture holds points"
+            )));
+        }
+    }
     let [path] = &args.capture[..] else {
         return Err(CliError::new(
             "recorded points are read one capture at a time",
@@ -432,7 +470,8 @@ fn recorded_points(args: &ProcessArgs, asked: &Asked, detected: &Detected) -> Cl
         Some(rate_hz) => recording::resample(&opened.timeline, rate_hz, args.recording.follow)?,
         None => opened.timeline,
     };
-    let found = args.people.find(&mut line.frames)?;
+    let keep_still = args.recording.slowest.is_some();
+    let found = (args.people).find(&mut line.frames, keep_still, &mut opened.notes)?;
     let tracks = args.people.is_given().then_some(&found.tracks[..]);
     Pictures::new(&asked.pictures).finish(&line.frames, tracks)?;
     let meta = PointsMeta {

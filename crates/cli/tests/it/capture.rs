@@ -213,6 +213,77 @@ fn raw_words_give_the_points_of_the_array_they_were_made_of() {
 }
 
 #[test]
+fn points_of_samples_are_placed_joined_and_chosen_as_recorded_points_are() {
+    let r = recording();
+    let (_, plain) = r.process(&[&r.npy], &[]);
+    // A sensor that looks 15 degrees down: what it sees straight ahead lies lower.
+    let (_, tilted) = r.process(&[&r.npy], &["--tilt-deg", "15"]);
+    let (sin, cos) = 15_f32.to_radians().sin_cos();
+    for (a, b) in plain.iter().flatten().zip(tilted.iter().flatten()) {
+        assert!((b.y_m - (a.y_m * cos + a.z_m * sin)).abs() < 1e-4);
+        assert!((b.z_m - (a.z_m * cos - a.y_m * sin)).abs() < 1e-4);
+        assert_eq!((a.range_m, a.velocity_mps), (b.range_m, b.velocity_mps));
+    }
+    let (_, fast) = r.process(&[&r.npy], &["--slowest", "0.5"]);
+    let is_fast = |p: &&RadarPoint| p.velocity_mps.abs() >= 0.5;
+    assert_eq!(
+        fast.concat(),
+        plain
+            .concat()
+            .iter()
+            .filter(is_fast)
+            .copied()
+            .collect::<Vec<_>>()
+    );
+    // Every frame with the one before.
+    let (_, merged) = r.process(&[&r.npy], &["--merge", "2"]);
+    for i in 0..3 {
+        let before = if i == 0 { 0 } else { plain[i - 1].len() };
+        assert_eq!(merged[i].len(), before + plain[i].len());
+    }
+    // 10 to 5 frames/s: none lost.
+    let (report, slow) = r.process(&[&r.npy], &["--resample", "5"]);
+    assert_eq!(
+        (&report["frame_rate_hz"], &report["frames"]),
+        (&5.0.into(), &2.into())
+    );
+    assert_eq!(slow.concat().len(), plain.concat().len());
+    // The chain of a data set's configuration.
+    let toml = r.write(
+        "data.toml",
+        b"name = \"x\"\n[processing]\nmax_points = 3\nmax_range_m = 2.5\n",
+    );
+    let (_, chosen) = r.process(&[&r.npy], &["--processing", &toml]);
+    assert!(chosen.iter().all(|f| f.len() == 3));
+    assert!(chosen.iter().flatten().all(|p| p.range_m < 2.5));
+    let out = text(&r.folder.path().join("never.parquet"));
+    let args = ["process", &r.npy, "--radar", &r.radar, "--out", &out];
+    for (name, content, expected) in [
+        ("empty.toml", "seed = 1", "missing field `processing`"),
+        ("wrong.toml", "[processing]\nmax_point = 3", "max_point"),
+        ("range.toml", "[processing]\nmax_points = 0", "max_points"),
+    ] {
+        let toml = r.write(name, content.as_bytes());
+        let error = refused(&[&args[..], &["--processing", &toml]].concat());
+        assert!(error.contains(expected), "{error}");
+    }
+    for (option, value) in [
+        ("--orientation", "forward-left-up"),
+        ("--frame-rate", "20"),
+        ("--dialect", "sdk3"),
+        ("--topic", "/points"),
+        ("--seconds", "3"),
+    ] {
+        let error = refused(&[&args[..], &[option, value]].concat());
+        assert!(
+            error.contains(option) && error.contains("for recorded points"),
+            "{error}"
+        );
+    }
+    assert!(!Path::new(&out).exists());
+}
+
+#[test]
 fn what_is_not_said_about_raw_words_is_asked_for() {
     let r = recording();
     let bin = r.write("adc_data.bin", &r.stream(two(I_FIRST)));

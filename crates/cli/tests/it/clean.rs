@@ -381,6 +381,11 @@ fn options_of_the_other_kind_are_refused() {
             "--remove-leakage needs raw samples",
         ),
         (
+            &["--processing", "p.toml"],
+            "--processing needs raw samples",
+        ),
+        (&["--frames", "3"], "--frames needs raw samples"),
+        (
             &["--background", &raw],
             "raw samples, but the capture holds points",
         ),

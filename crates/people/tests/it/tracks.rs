@@ -117,6 +117,77 @@ fn one_leaves_and_another_comes_in() {
     );
 }
 
+/// Frames at 10 per second; in frame `i` a few points about every place of `at(i)`, walking away at 0.5 m/s.
+fn appearances(n: u32, rate_hz: f64, at: impl Fn(u32) -> Vec<[f32; 2]>) -> Vec<PointFrame> {
+    let points = |[x, y]: [f32; 2]| {
+        (0..5).map(move |j| RadarPoint {
+            velocity_mps: 0.5,
+            ..still(x + 0.05 * j as f32, y)
+        })
+    };
+    (0..n)
+        .map(|i| PointFrame {
+            frame: i,
+            time_s: f64::from(i) / rate_hz,
+            points: at(i).into_iter().flat_map(points).collect(),
+        })
+        .collect()
+}
+
+#[test]
+fn who_vanished_and_appears_again_keeps_the_number_unless_there_is_doubt() {
+    let spans = |frames: &[PointFrame], options: TrackOptions| {
+        let tracks = track(frames, &options).unwrap();
+        let span = |t: &Track| [t.frames[0].frame, t.frames[t.frames.len() - 1].frame];
+        // No frame is left out, nor there twice.
+        for t in &tracks {
+            assert!(t.frames.windows(2).all(|w| w[1].frame == w[0].frame + 1));
+        }
+        tracks.iter().map(span).collect::<Vec<_>>()
+    };
+    // Until 2 s, then again 6 s later, 0.7 m from there.
+    let vanish = |i: u32| match i {
+        0..20 => vec![[0.0, 2.0 + 0.05 * i as f32]],
+        80.. => vec![[0.6, 3.3 + 0.05 * (i - 80) as f32]],
+        _ => vec![],
+    };
+    let frames = appearances(100, 10.0, vanish);
+    let options = TrackOptions::default();
+    assert_eq!(spans(&frames, options), [[0, 99]]);
+    for (rejoin_s, rejoin_m) in [(0.0, 1.0), (5.0, 1.0), (10.0, 0.5)] {
+        let options = TrackOptions {
+            rejoin_s,
+            rejoin_m,
+            ..options
+        };
+        assert_eq!(spans(&frames, options), [[0, 19], [80, 99]]);
+    }
+    // Somebody else vanished within a metre of it as well: nobody knows who is back.
+    let doubt = |i: u32| {
+        let mut at = vanish(i);
+        if i < 20 {
+            at.push([1.4, 3.0]);
+        }
+        at
+    };
+    let found = spans(&appearances(100, 10.0, doubt), options);
+    assert_eq!(found, [[0, 19], [0, 19], [80, 99]]);
+}
+
+#[test]
+fn a_flicker_in_many_frames_is_nobody() {
+    let flicker = |n: u32| {
+        appearances(200, 100.0, |i| match i {
+            0..40 => vec![[0.5, 2.0]],
+            100.. if i < 100 + n => vec![[-0.5, 4.0]],
+            _ => vec![],
+        })
+    };
+    // 0.4 and 0.3 s are too short; the same for 0.8 s is somebody.
+    assert!(tracks(&flicker(30)).is_empty());
+    assert_eq!(tracks(&flicker(80)).len(), 1);
+}
+
 fn still(x_m: f32, y_m: f32) -> RadarPoint {
     RadarPoint {
         x_m,
