@@ -14,7 +14,7 @@ use radarllm_base::{
 
 use crate::error::SimError;
 use crate::noise::{NoiseGenerator, stream_bits};
-use radarllm_simd::SimdLevel;
+use radarllm_simd::{LANES, Lanes, SimdLevel, dispatch};
 
 /// Rounding and clipping of each of I and Q.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -221,11 +221,85 @@ impl Adc {
     fn convert(&self, samples: &mut [Complex32]) {
         let largest = f64::from((1u32 << (self.bits - 1)) - 1);
         let full_scale = 10_f64.powf((self.full_scale_dbm - 30.0) / 20.0);
-        let (up, down) = ((largest / full_scale) as f32, (full_scale / largest) as f32);
-        let top = largest as f32;
-        let convert = |x: f32| (x * up).round().clamp(-top - 1.0, top) * down;
-        for z in samples {
-            *z = Complex32::new(convert(z.re), convert(z.im));
+        let codes = Codes {
+            up: (largest / full_scale) as f32,
+            down: (full_scale / largest) as f32,
+            top: largest as f32,
+        };
+        convert(SimdLevel::detect(), samples, codes);
+    }
+}
+
+/// Codes of a converter.
+#[derive(Clone, Copy)]
+struct Codes {
+    /// Codes per sqrt(W), and the inverse.
+    up: f32,
+    down: f32,
+    /// The largest code.
+    top: f32,
+}
+
+dispatch!(fn convert => convert_body(samples: &mut [Complex32], codes: Codes));
+
+#[inline(always)]
+fn convert_body<L: Lanes>(samples: &mut [Complex32], codes: Codes) {
+    let (chunks, rest) = samples.as_chunks_mut();
+    for chunk in chunks {
+        convert_chunk::<L>(chunk, codes);
+    }
+    let mut last = [Complex32::ZERO; LANES];
+    last[..rest.len()].copy_from_slice(rest);
+    convert_chunk::<L>(&mut last, codes);
+    rest.copy_from_slice(&last[..rest.len()]);
+}
+
+#[inline(always)]
+fn convert_chunk<L: Lanes>(samples: &mut [Complex32; LANES], codes: Codes) {
+    let (re, im) = L::load_complex(samples);
+    L::store_complex(converted(re, codes), converted(im, codes), samples);
+}
+
+#[inline(always)]
+fn converted<L: Lanes>(x: L, Codes { up, down, top }: Codes) -> L {
+    // Clipped first: rounding is for small numbers.
+    let code = x.mul(L::splat(up)).min(L::splat(top));
+    code.max(L::splat(-top - 1.0)).round().mul(L::splat(down))
+}
+
+/// Sums over all neighbours within chirps.
+#[derive(Default)]
+struct Lags {
+    /// Power of all samples but the chirps' last.
+    zero: f64,
+    /// Products of every sample with the conjugate of the one before.
+    one: Complex64,
+}
+
+dispatch!(fn lags => lags_body(samples: &[Complex32], n_samples: usize, sums: &mut Lags));
+
+#[inline(always)]
+fn lags_body<L: Lanes>(samples: &[Complex32], n_samples: usize, sums: &mut Lags) {
+    for chirp in samples.chunks_exact(n_samples) {
+        // f32 within a chirp, f64 over chirps.
+        let (mut zero, mut re, mut im) = (L::splat(0.0), L::splat(0.0), L::splat(0.0));
+        let mut i = 0;
+        while let (Some(now), Some(next)) = (
+            chirp[i..].first_chunk(),
+            chirp.get(i + 1..).and_then(<[_]>::first_chunk),
+        ) {
+            let ((a_re, a_im), (b_re, b_im)) = (L::load_complex(now), L::load_complex(next));
+            zero = a_im.fma(a_im, a_re.fma(a_re, zero));
+            re = a_im.fma(b_im, a_re.fma(b_re, re));
+            im = a_im.fnma(b_re, a_re.fma(b_im, im));
+            i += LANES;
+        }
+        sums.zero += f64::from(zero.sum());
+        sums.one += Complex64::new(f64::from(re.sum()), f64::from(im.sum()));
+        for pair in chirp[i..].windows(2) {
+            let product = pair[1] * pair[0].conj();
+            sums.one += Complex64::new(f64::from(product.re), f64::from(product.im));
+            sums.zero += f64::from(pair[0].norm_sqr());
         }
     }
 }
@@ -241,18 +315,12 @@ impl Adc {
 /// quadrature.
 fn add_phase_noise(config: &RadarConfig, cube: &mut RadarCube, dbc_per_hz: f64, seed: u64) {
     let k_hz = 10_f64.powf(dbc_per_hz / 10.0) * 1e12;
-    let (mut lag_0, mut lag_1) = (0.0f64, Complex64::ZERO);
-    for chirp in cube.data.chunks_exact(cube.n_samples) {
-        for pair in chirp.windows(2) {
-            let product = pair[1] * pair[0].conj();
-            lag_1 += Complex64::new(f64::from(product.re), f64::from(product.im));
-            lag_0 += f64::from(pair[0].norm_sqr());
-        }
-    }
+    let mut sums = Lags::default();
+    lags(SimdLevel::detect(), &cube.data, cube.n_samples, &mut sums);
     let n = (cube.data.len() - cube.data.len() / cube.n_samples).max(1) as f64;
-    let cycles = (lag_1.arg() / TAU).rem_euclid(1.0);
+    let cycles = (sums.one.arg() / TAU).rem_euclid(1.0);
     let tau_s = cycles * config.sample_rate_hz / config.slope_hz_per_s;
-    let power_w = 4.0 * PI * PI * k_hz * tau_s * lag_0 / n;
+    let power_w = 4.0 * PI * PI * k_hz * tau_s * sums.zero / n;
     NoiseGenerator::new(seed, SimdLevel::detect()).add(&mut cube.data, power_w.sqrt() as f32);
 }
 
@@ -408,6 +476,45 @@ mod tests {
         let share = zeros as f64 / second.data.len() as f64;
         // 1,081 packets: five standard deviations of sqrt(0.09 / 1081).
         assert!((share - 0.1).abs() < 0.046, "{share}");
+    }
+
+    #[test]
+    fn lanes_convert_and_correlate_as_one_sample_after_the_other() {
+        // 77 samples: whole chunks and a rest, of which some clip and none lies between two codes.
+        let sample = |i: usize| {
+            let x = (i as f32 * 0.618_034).fract() - 0.5;
+            Complex32::new(3.0 * x, 0.7 - x)
+        };
+        let samples: Vec<Complex32> = (0..154).map(sample).collect();
+        let codes = Codes {
+            up: 100.0,
+            down: 0.01,
+            top: 127.0,
+        };
+        let one = |x: f32| (x * 100.0).round().clamp(-128.0, 127.0) * 0.01;
+        let mut power = 0.0;
+        let mut product = Complex64::ZERO;
+        for chirp in samples.chunks_exact(77) {
+            for pair in chirp.windows(2) {
+                let [a, b] = [0, 1].map(|i| Complex64::new(pair[i].re.into(), pair[i].im.into()));
+                power += a.norm_sqr();
+                product += b * a.conj();
+            }
+        }
+        for level in [SimdLevel::Avx512, SimdLevel::Avx2, SimdLevel::Portable] {
+            if !level.is_available() {
+                continue;
+            }
+            let mut found = samples.clone();
+            convert(level, &mut found, codes);
+            for (found, exact) in found.iter().zip(&samples) {
+                assert_eq!((found.re, found.im), (one(exact.re), one(exact.im)));
+            }
+            let mut sums = Lags::default();
+            lags(level, &samples, 77, &mut sums);
+            assert!((sums.zero / power - 1.0).abs() < 1e-6);
+            assert!((sums.one - product).norm() < 1e-6 * power);
+        }
     }
 
     #[test]
