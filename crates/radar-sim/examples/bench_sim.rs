@@ -23,16 +23,19 @@ const N_WARM: usize = 3;
 
 const N_STAGES: usize = 6;
 
+/// Frames of the walk, repeated over and over.
+const N_PHASES: usize = 20;
+
 /// What one thread measured, sums over its frames.
 #[derive(Default)]
 struct Run {
     /// Positions, visibility, sources, spread, FFT and noise, signal chain: sums, and the least of
-    /// any frame.
+    /// every frame of the walk's.
     stages_s: [f64; N_STAGES],
-    least_s: [f64; N_STAGES],
+    least_s: [[f64; N_STAGES]; N_PHASES],
     wall_s: f64,
     processor_s: Option<f64>,
-    fastest_s: f64,
+    fastest_s: [f64; N_PHASES],
     n_visible: usize,
     n_points: usize,
     n_groups: usize,
@@ -55,6 +58,14 @@ fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
     let body = PosedBody::new(body, sampler, Placement::default(), clothed_skin());
 
     let one = run(&config, &body, n_frames)?;
+    // What other programs took is in the mean, not in the least of many repetitions of a frame.
+    let mut least_s = [0.0; N_STAGES];
+    for phase in &one.least_s {
+        for (sum, s) in least_s.iter_mut().zip(phase) {
+            *sum += s / N_PHASES as f64;
+        }
+    }
+    let fastest_s = one.fastest_s.iter().sum::<f64>() / N_PHASES as f64;
     let per = |x: usize| x as f64 / n_frames as f64;
     println!(
         "facets {n_facets}, visible {:.0}, points {:.0}, Doppler groups {:.1}, slow-time nodes per source {:.1}",
@@ -65,7 +76,7 @@ fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
     );
     for (name, s) in [
         ("mean", one.stages_s.map(|s| s / n_frames as f64)),
-        ("least of any frame", one.least_s),
+        ("every frame of the walk at its least", least_s),
     ] {
         let [positions, visibility, sources, spread, transform, dsp] = s.map(|s| 1e3 * s);
         println!(
@@ -78,8 +89,9 @@ fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
     let rate = n_frames as f64 / one.wall_s;
     let simulator_s = one.stages_s[..N_STAGES - 1].iter().sum::<f64>() / n_frames as f64;
     println!(
-        "one thread: {rate:.1} frames/s mean of {n_frames}, {:.1} best frame; simulator alone {:.1}",
-        1.0 / one.fastest_s,
+        "one thread: {rate:.1} frames/s mean of {n_frames}, {:.1} with every frame of the walk at its fastest; simulator \
+         alone {:.1}",
+        1.0 / fastest_s,
         1.0 / simulator_s,
     );
     if let Some(processor_s) = one.processor_s {
@@ -138,8 +150,8 @@ fn run(
     let mut extractor = PointExtractor::new(config, DspOptions::default())?;
     let mut cube = simulator.new_cube();
     let mut run = Run {
-        fastest_s: f64::INFINITY,
-        least_s: [f64::INFINITY; N_STAGES],
+        fastest_s: [f64::INFINITY; N_PHASES],
+        least_s: [[f64::INFINITY; N_STAGES]; N_PHASES],
         ..Run::default()
     };
     let (mut clock, mut processor_s) = (Instant::now(), processor_s_so_far());
@@ -148,7 +160,8 @@ fn run(
             (clock, processor_s) = (Instant::now(), processor_s_so_far());
         }
         let frame = Instant::now();
-        let time_s = (i % 20) as f64 * config.frame_period_s;
+        let phase = i % N_PHASES;
+        let time_s = phase as f64 * config.frame_period_s;
         let stats = simulator.simulate_frame(&scene, i as u64, time_s, 1, &mut cube)?;
         let dsp = Instant::now();
         let n_points = extractor.extract(&cube)?.points.len();
@@ -156,7 +169,8 @@ fn run(
             continue;
         }
         let dsp_s = dsp.elapsed().as_secs_f64();
-        run.fastest_s = run.fastest_s.min(frame.elapsed().as_secs_f64());
+        let fastest_s = &mut run.fastest_s[phase];
+        *fastest_s = fastest_s.min(frame.elapsed().as_secs_f64());
         let s = stats.seconds;
         let stages_s = [
             s.positions,
@@ -168,7 +182,8 @@ fn run(
         ];
         for (stage, s) in stages_s.into_iter().enumerate() {
             run.stages_s[stage] += s;
-            run.least_s[stage] = run.least_s[stage].min(s);
+            let least_s = &mut run.least_s[phase][stage];
+            *least_s = least_s.min(s);
         }
         run.n_visible += stats.n_visible;
         run.n_groups += stats.n_groups;

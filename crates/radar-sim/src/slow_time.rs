@@ -3,7 +3,9 @@
 //! Within a group of centre frequency F, every source's slow-time signal times `exp(-j 2 pi F t)`
 //! is narrow-band, so it need be spread only at a few nodes of the segment; the group's whole range
 //! grid is then interpolated to every loop and turned back by `exp(j 2 pi F t)`. Acceleration and
-//! rotation widen a source's band, which puts it on a finer level; the finest takes anything.
+//! rotation widen a source's band, which puts it on a finer level; the finest takes anything. Levels
+//! are many, so that no source is spread much more often than it must; where few sources need a
+//! level, they join those of the next one, since every group has its own interpolation.
 //! TDM slots share the nodes, each slot shifted by its own delay.
 //!
 //! A signal of time-bandwidth product B over an interval has about B degrees of freedom there, and a
@@ -18,9 +20,26 @@ pub(crate) const MOST_NODES: usize = 32;
 /// Loops that are interpolated together.
 pub(crate) const QUAD: usize = 4;
 /// Nodes, and the time-bandwidth product that they carry with an error below -68 dB (4e-4).
-const LEVELS: [(usize, f64); 3] = [(10, 3.8), (16, 8.2), (32, 18.5)];
+const LEVELS: [(usize, f64); 9] = [
+    (8, 2.5),
+    (10, 3.8),
+    (12, 5.3),
+    (14, 6.7),
+    (16, 8.2),
+    (18, 9.7),
+    (22, 12.8),
+    (26, 15.7),
+    (32, 18.5),
+];
+/// Distance of the groups' centre frequencies, cycles over the segment.
+const SPACING_CYCLES: f64 = 1.9;
 /// The outermost nodes lie at this share of the way to the ends.
 const STRETCH: f64 = 0.98;
+
+/// Distance of the groups' centre frequencies, turns per unit of u: a segment is two units.
+pub(crate) fn spacing_turns_per_u() -> f64 {
+    0.5 * SPACING_CYCLES
+}
 
 /// One density of nodes.
 pub(crate) struct Level {
