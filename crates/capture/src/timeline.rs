@@ -290,7 +290,7 @@ mod tests {
             Timeline::new(frames, None).unwrap().rate_hz
         };
         // Two frames every 66.7 ms, the second 8 ms after the first; the recorder paused for a minute.
-        let burst = |n: u32| f64::from(n / 2) / 15.0 + if n % 2 == 0 { 0.0 } else { 0.008 };
+        let burst = |n: u32| f64::from(n / 2) / 15.0 + 0.008 * f64::from(n % 2);
         let pause = |n: u32| burst(n) + if n < 150 { 0.0 } else { 60.0 };
         assert!((rate_hz((0..301).map(pause).collect()) - 30.0).abs() < 0.3);
         // Every sixth frame of a steady 20 per second is lost.
