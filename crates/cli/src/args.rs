@@ -336,7 +336,7 @@ pub struct ProcessArgs {
     /// Read only so many frames of raw samples.
     #[arg(long)]
     pub frames: Option<usize>,
-    /// Signal chain of raw samples: the [processing] table of this file, a scene, a data set's configuration or one of
+    /// Signal chain of raw samples: the `[processing]` table of this file, a scene, a data set's configuration or one of
     /// its own; the default chain without it.
     #[arg(long, value_name = "F.toml")]
     pub processing: Option<PathBuf>,
