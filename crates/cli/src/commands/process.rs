@@ -139,8 +139,7 @@ pub fn run(args: &ProcessArgs) -> CliResult {
     if let Some(rate_hz) = args.resample {
         line = recording::resample(&line, rate_hz, args.recording.follow)?;
     }
-    let keep_still = args.recording.slowest.is_some();
-    let found = (args.people).find(&mut line.frames, keep_still, &mut notes)?;
+    let found = (args.people).find(&mut line.frames, keeps_still(args), &mut notes)?;
     let tracks = args.people.is_given().then_some(&found.tracks[..]);
     pictures.finish(&line.frames, tracks)?;
     let has_counts = health.stats.channels().iter().any(|c| c.rms >= 1.0);
@@ -293,6 +292,11 @@ fn print_people(people: Option<&[PersonFile]>, ghosts: &[GhostReport]) {
     for ghost in ghosts {
         output::print_line(&people::describe_ghost(ghost));
     }
+}
+
+/// Whether what stands still may be people: it was asked for, or an empty room's share of it was taken off.
+fn keeps_still(args: &ProcessArgs) -> bool {
+    args.recording.slowest.is_some() || args.clean.background.is_some()
 }
 
 /// The `[processing]` table of a file.
@@ -470,8 +474,7 @@ fn recorded_points(args: &ProcessArgs, asked: &Asked, detected: &Detected) -> Cl
         Some(rate_hz) => recording::resample(&opened.timeline, rate_hz, args.recording.follow)?,
         None => opened.timeline,
     };
-    let keep_still = args.recording.slowest.is_some();
-    let found = (args.people).find(&mut line.frames, keep_still, &mut opened.notes)?;
+    let found = (args.people).find(&mut line.frames, keeps_still(args), &mut opened.notes)?;
     let tracks = args.people.is_given().then_some(&found.tracks[..]);
     Pictures::new(&asked.pictures).finish(&line.frames, tracks)?;
     let meta = PointsMeta {

@@ -361,6 +361,42 @@ fn people_get_points_and_sentences_of_their_own() {
 }
 
 #[test]
+fn what_stands_still_is_nobody_where_it_is_most_of_a_recording() {
+    let room = Room::new();
+    let taken = room.at("taken.csv");
+    // Somebody who passes a shelf that firmware reports with velocity zero.
+    let mut csv = String::from("frame,t_s,x,y,z,velocity,intensity\n");
+    for frame in 0..50 {
+        let t = 0.1 * f64::from(frame);
+        for i in 0..15 {
+            let (x, y, v) = match i {
+                0..5 => (0.0, 2.0 + 0.4 * t, 0.4),
+                _ => (0.05 * f64::from(i), 3.0, 0.0),
+            };
+            csv += &format!("{frame},{t},{x},{y},0.0,{v},25\n");
+        }
+    }
+    fs::write(&taken, csv).unwrap();
+    let out = room.at("p.parquet");
+    // People, most points of the first in a frame, and whether it is said.
+    let found = |options: &[&str]| {
+        let args = [
+            "process", &taken, "--out", &out, "--people", "auto", "--force", "--json",
+        ];
+        let report = json(&[&args[..], options].concat());
+        let people = report["people"].as_array().unwrap();
+        let file = read_points(Path::new(people[0]["out"].as_str().unwrap())).unwrap();
+        let most = file.frames.iter().map(|f| f.points.len()).max().unwrap();
+        let is_said = report["notes"].to_string().contains("they are nobody's");
+        (people.len(), most, is_said)
+    };
+    assert_eq!(found(&[]), (1, 5, true));
+    // Kept, the shelf is a part of whoever passes.
+    let (_, most, is_said) = found(&["--slowest", "0"]);
+    assert!(most == 15 && !is_said, "{most}");
+}
+
+#[test]
 fn options_of_the_other_kind_are_refused() {
     let room = Room::new();
     let csv = room.at("taken.csv");
