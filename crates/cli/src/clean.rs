@@ -16,12 +16,14 @@ use radarllm_radar_dsp::{
 
 use crate::{
     capture::{self, Frames, LayoutArgs},
-    error::{CliError, CliResult},
+    error::{CliError, CliResult, refuse_options},
     files::{self, MAX_CONFIG_BYTES},
     input::MAX_FRAMES,
     recording::{self, RecordingArgs},
 };
 
+/// Of options that mean nothing for points.
+pub const NEEDS_SAMPLES: &str = "needs raw samples; this capture holds points";
 /// What remains of an empty room's frames after subtraction, dB, from which the user should know.
 const UNSTEADY_DB: f64 = -20.0;
 
@@ -65,17 +67,14 @@ impl CleanArgs {
         layout: &LayoutArgs,
         notes: &mut Vec<String>,
     ) -> CliResult<Corrector> {
-        for (option, is_given) in [
-            ("--background-cell", self.background_cell.is_some()),
-            ("--background-velocity", self.background_velocity.is_some()),
-            ("--background-share", self.background_share.is_some()),
-        ] {
-            if is_given {
-                return Err(CliError::new(format!(
-                    "{option} has no meaning for raw samples: their mean is subtracted"
-                )));
-            }
-        }
+        refuse_options(
+            &[
+                ("--background-cell", self.background_cell.is_some()),
+                ("--background-velocity", self.background_velocity.is_some()),
+                ("--background-share", self.background_share.is_some()),
+            ],
+            "has no meaning for raw samples: their mean is subtracted",
+        )?;
         let background = match &self.background {
             Some(path) => Some(empty_room(path, radar, radar_name, format, layout, notes)?),
             None => None,
@@ -121,17 +120,14 @@ impl CleanArgs {
         args: &RecordingArgs,
         notes: &mut Vec<String>,
     ) -> CliResult {
-        for (option, is_given) in [
-            ("--calibration", self.calibration.is_some()),
-            ("--remove-offset", self.remove_offset),
-            ("--remove-leakage", self.remove_leakage.is_some()),
-        ] {
-            if is_given {
-                return Err(CliError::new(format!(
-                    "{option} needs raw samples; this capture holds points"
-                )));
-            }
-        }
+        refuse_options(
+            &[
+                ("--calibration", self.calibration.is_some()),
+                ("--remove-offset", self.remove_offset),
+                ("--remove-leakage", self.remove_leakage.is_some()),
+            ],
+            NEEDS_SAMPLES,
+        )?;
         let Some(path) = &self.background else {
             return Ok(());
         };

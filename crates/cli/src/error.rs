@@ -35,6 +35,14 @@ impl CliError {
     }
 }
 
+/// Refuses the first of these options that is given; `why` follows its name.
+pub fn refuse_options(options: &[(&str, bool)], why: &str) -> CliResult {
+    match options.iter().find(|(_, is_given)| *is_given) {
+        Some((option, _)) => Err(CliError::new(format!("{option} {why}"))),
+        None => Ok(()),
+    }
+}
+
 impl<E: std::error::Error> From<E> for CliError {
     fn from(error: E) -> Self {
         Self::new(error)

@@ -274,22 +274,10 @@ pub fn place(motion: &Motion, distance_m: f32, radar_height_m: f32) -> Placement
     draw_placement(motion, &range, 0)
 }
 
-/// Frames as the recording's options want them.
-fn shaped(frames: Vec<PointFrame>, rate_hz: f64, args: &RecordingArgs) -> CliResult<Timeline> {
-    let restarts = 0;
-    recording::shape(
-        Timeline {
-            frames,
-            rate_hz,
-            restarts,
-        },
-        args,
-    )
-}
-
 fn points_clip(input: &str, options: &ClipOptions) -> CliResult<Clip> {
     let file = read_points(Path::new(input))?;
-    let line = shaped(file.frames, file.meta.frame_rate_hz, options.recording)?;
+    let line = Timeline::of_points(file.frames, file.meta.frame_rate_hz);
+    let line = recording::shape(line, options.recording)?;
     Ok(Clip {
         frames: line.frames,
         frame_rate_hz: line.rate_hz,
@@ -308,7 +296,8 @@ fn adc_clip(input: &str, options: &ClipOptions) -> CliResult<Clip> {
     let mut extractor = PointExtractor::new(&radar, DspOptions::default())?;
     options.recording.check_for_samples()?;
     let frames = process::points_of_npy(Path::new(input), &radar, &mut extractor)?;
-    let line = shaped(frames, radar.frame_rate_hz(), options.recording)?;
+    let line = Timeline::of_points(frames, radar.frame_rate_hz());
+    let line = recording::shape(line, options.recording)?;
     Ok(Clip {
         frames: line.frames,
         frame_rate_hz: line.rate_hz,

@@ -22,7 +22,7 @@ use radarllm_capture::{
 
 use crate::{
     commands::radar,
-    error::{CliError, CliResult},
+    error::{CliError, CliResult, refuse_options},
     files, serial,
 };
 
@@ -80,20 +80,16 @@ pub struct RecordingArgs {
 impl RecordingArgs {
     /// Refuses what says how recorded points are to be read: raw samples have the radar's clock and axes.
     pub fn check_for_samples(&self) -> CliResult {
-        for (option, is_given) in [
-            ("--frame-rate", self.frame_rate.is_some()),
-            ("--orientation", self.orientation.is_some()),
-            ("--dialect", self.dialect.is_some()),
-            ("--topic", self.topic.is_some()),
-            ("--seconds", self.seconds.is_some()),
-        ] {
-            if is_given {
-                return Err(CliError::new(format!(
-                    "{option} is for recorded points; the capture holds raw samples, whose clock and axes are the radar's"
-                )));
-            }
-        }
-        Ok(())
+        refuse_options(
+            &[
+                ("--frame-rate", self.frame_rate.is_some()),
+                ("--orientation", self.orientation.is_some()),
+                ("--dialect", self.dialect.is_some()),
+                ("--topic", self.topic.is_some()),
+                ("--seconds", self.seconds.is_some()),
+            ],
+            "is for recorded points; the capture holds raw samples, whose clock and axes are the radar's",
+        )
     }
 }
 

@@ -109,10 +109,9 @@ pub fn clusters(points: &[RadarPoint], options: &ClusterOptions) -> Vec<Cluster>
     let points = &points[..points.len().min(MAX_POINTS)];
     let is_slow = |p: &RadarPoint| f64::from(p.velocity_mps.abs()) < options.slowest_mps;
     let mut taken: Vec<bool> = points.iter().map(is_slow).collect();
-    let reached: Vec<usize> = (0..points.len()).filter(|&i| !taken[i]).collect();
     let neighbours = |i: usize| -> Vec<usize> {
-        let all = reached.iter().copied();
-        all.filter(|&j| options.are_neighbours(&points[i], &points[j]))
+        (0..points.len())
+            .filter(|&j| !is_slow(&points[j]) && options.are_neighbours(&points[i], &points[j]))
             .collect()
     };
     let mut found = Vec::new();
@@ -174,7 +173,7 @@ mod tests {
         // Points 0 and 3 reach each other over the core in the middle only.
         assert_eq!(members, [&[0, 2, 3][..], &[4, 5, 6]]);
         assert!((found[0].place_m[0] - 0.4).abs() < 1e-6 && found[1].velocity_mps == -2.0);
-        // A fourth point that stands still bridges nothing and is left out.
+        // Without the slowest of them the first three are too few.
         let still = ClusterOptions {
             slowest_mps: 0.25,
             ..options

@@ -23,7 +23,7 @@ use crate::motion::{N_KEYS, RangeScale, Segment, Source, chirp_time_s, parabola,
 use crate::noise::NoiseGenerator;
 use crate::scatter::{FacetPhases, Reflection};
 use crate::scene::{Noise, PointTarget, Scene};
-use crate::slow_time::{self, Level};
+use crate::slow_time::{Level, SPACING_TURNS_PER_U};
 use crate::spread::{ChannelBlock, Group, SpreadJob, spread};
 use crate::transform::{RangeTransform, TransformJob, transform};
 use crate::visibility::{DepthRaster, Part, Sampling, Through, View};
@@ -587,7 +587,6 @@ impl Simulator {
         let levels = &self.levels[is_last];
         // Range walk spreads a source's frequency over the sweep by half the relative bandwidth.
         let sweep = 0.5 * self.config.sampled_bandwidth_hz() / self.link.centre_hz;
-        let spacing = slow_time::spacing_turns_per_u();
         work.sorting.clear();
         for (index, source) in work.sources.iter().enumerate() {
             // Four intervals between keys, two units of u.
@@ -608,8 +607,8 @@ impl Simulator {
             let margin = f64::from(extra) + sweep * low.abs().max(high.abs());
             // Rounds to the nearest integer without a library call.
             const MAGIC: f64 = 6_755_399_441_055_744.0;
-            let bin = (0.5 * (low + high) / spacing + MAGIC) - MAGIC;
-            let centre = bin * spacing;
+            let bin = (0.5 * (low + high) / SPACING_TURNS_PER_U + MAGIC) - MAGIC;
+            let centre = bin * SPACING_TURNS_PER_U;
             let half_width = (high - centre).max(centre - low) + margin;
             let level = levels[..levels.len() - 1]
                 .iter()
@@ -661,7 +660,7 @@ impl Simulator {
                 Some(before) => match before.joined(run, levels, segment.n_loops) {
                     Some(both) => both,
                     None => {
-                        work.groups.push(before.group(spacing));
+                        work.groups.push(before.group());
                         run
                     }
                 },
@@ -669,15 +668,10 @@ impl Simulator {
             });
             first += n;
         }
-        work.groups.extend(before.map(|run| run.group(spacing)));
+        work.groups.extend(before.map(|run| run.group()));
         for group in &work.groups {
-            let level = &levels[group.level];
-            let mut l = 0;
-            while l < segment.n_loops {
-                let n = level.block_loops.min(segment.n_loops - l);
-                stats.n_nodes += (group.end - group.first) * level.n_nodes(n);
-                l += n;
-            }
+            let n_sources = group.end - group.first;
+            stats.n_nodes += n_sources * levels[group.level].n_nodes(segment.n_loops);
         }
         stats.n_groups += work.groups.len();
         let lowest = work.groups.iter().map(|g| g.first_cell).min();
@@ -745,14 +739,14 @@ impl Run {
         (cost(&both) <= cost(&self) + cost(&next)).then_some(both)
     }
 
-    fn group(&self, spacing: f64) -> Group {
+    fn group(&self) -> Group {
         let first_cell = self.low.floor() as i32 - WIDTH as i32 / 2;
         let last_cell = self.high.floor() as i32 + WIDTH as i32 / 2 + 1;
         Group {
             level: self.level,
             turns_per_u: match self.bin {
                 NO_BIN => 0.0,
-                bin => bin as f64 * spacing,
+                bin => bin as f64 * SPACING_TURNS_PER_U,
             },
             first: self.first,
             end: self.end,

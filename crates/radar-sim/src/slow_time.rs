@@ -31,15 +31,10 @@ const LEVELS: [(usize, f64); 9] = [
     (26, 15.7),
     (32, 18.5),
 ];
-/// Distance of the groups' centre frequencies, cycles over the segment.
-const SPACING_CYCLES: f64 = 1.9;
+/// Distance of the groups' centre frequencies, turns per unit of u: 1.9 cycles over a segment, which is two units.
+pub(crate) const SPACING_TURNS_PER_U: f64 = 0.95;
 /// The outermost nodes lie at this share of the way to the ends.
 const STRETCH: f64 = 0.98;
-
-/// Distance of the groups' centre frequencies, turns per unit of u: a segment is two units.
-pub(crate) fn spacing_turns_per_u() -> f64 {
-    0.5 * SPACING_CYCLES
-}
 
 /// One density of nodes.
 pub(crate) struct Level {

@@ -102,11 +102,7 @@ pub fn prepare(clip: Clip, recording: &RecordingArgs) -> CliResult<Clip> {
     }
     let rate_hz = f64::from(radarllm_model::lm::FRAME_RATE_HZ);
     if (clip.frame_rate_hz / rate_hz - 1.0).abs() > RATE_TOLERANCE {
-        let line = Timeline {
-            frames: clip.frames,
-            rate_hz: clip.frame_rate_hz,
-            restarts: 0,
-        };
+        let line = Timeline::of_points(clip.frames, clip.frame_rate_hz);
         let line = recording::resample(&line, rate_hz, recording.follow)?;
         clip.frames = line.frames;
         clip.frame_rate_hz = line.rate_hz;

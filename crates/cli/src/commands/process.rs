@@ -15,11 +15,12 @@ use serde::Serialize;
 use crate::{
     args::ProcessArgs,
     capture::{self, Format, Frames, NpyFrames},
+    clean::NEEDS_SAMPLES,
     commands::{
         pictures::{self, PictureArgs, Pictures},
         radar,
     },
-    error::{CliError, CliResult},
+    error::{CliError, CliResult, refuse_options},
     files::{self, MAX_CONFIG_BYTES},
     input::MAX_FRAMES,
     output,
@@ -130,16 +131,9 @@ pub fn run(args: &ProcessArgs) -> CliResult {
             frames.trailing_bytes()
         )));
     }
-    let line = Timeline {
-        frames: taken.points,
-        rate_hz: radar.frame_rate_hz(),
-        restarts: 0,
-    };
-    let mut line = recording::shape(line, &args.recording)?;
-    if let Some(rate_hz) = args.resample {
-        line = recording::resample(&line, rate_hz, args.recording.follow)?;
-    }
-    let found = (args.people).find(&mut line.frames, keeps_still(args), &mut notes)?;
+    let line = Timeline::of_points(taken.points, radar.frame_rate_hz());
+    let line = recording::shape(line, &args.recording)?;
+    let (line, found) = resampled(args, line, &mut notes)?;
     let tracks = args.people.is_given().then_some(&found.tracks[..]);
     pictures.finish(&line.frames, tracks)?;
     let has_counts = health.stats.channels().iter().any(|c| c.rms >= 1.0);
@@ -294,9 +288,20 @@ fn print_people(people: Option<&[PersonFile]>, ghosts: &[GhostReport]) {
     }
 }
 
-/// Whether what stands still may be people: it was asked for, or an empty room's share of it was taken off.
-fn keeps_still(args: &ProcessArgs) -> bool {
-    args.recording.slowest.is_some() || args.clean.background.is_some()
+/// Frames at the rate that was asked for, and who is in them.
+fn resampled(
+    args: &ProcessArgs,
+    line: Timeline,
+    notes: &mut Vec<String>,
+) -> CliResult<(Timeline, Found)> {
+    let mut line = match args.resample {
+        Some(rate_hz) => recording::resample(&line, rate_hz, args.recording.follow)?,
+        None => line,
+    };
+    // What stands still may be people where it was asked for, and where an empty room's share of it was taken off.
+    let keep_still = args.recording.slowest.is_some() || args.clean.background.is_some();
+    let found = args.people.find(&mut line.frames, keep_still, notes)?;
+    Ok((line, found))
 }
 
 /// The `[processing]` table of a file.
@@ -447,16 +452,13 @@ fn recorded_points(args: &ProcessArgs, asked: &Asked, detected: &Detected) -> Cl
         )
         .hint("--point-cloud, --points-over-time and --tracks are made from points"));
     }
-    for (option, is_given) in [
-        ("--processing", args.processing.is_some()),
-        ("--frames", args.frames.is_some()),
-    ] {
-        if is_given {
-            return Err(CliError::new(format!(
-                "{option} needs raw samples; this capture holds points"
-            )));
-        }
-    }
+    refuse_options(
+        &[
+            ("--processing", args.processing.is_some()),
+            ("--frames", args.frames.is_some()),
+        ],
+        NEEDS_SAMPLES,
+    )?;
     let [path] = &args.capture[..] else {
         return Err(CliError::new(
             "recorded points are read one capture at a time",
@@ -470,11 +472,7 @@ fn recorded_points(args: &ProcessArgs, asked: &Asked, detected: &Detected) -> Cl
         &args.recording,
         &mut opened.notes,
     )?;
-    let mut line = match args.resample {
-        Some(rate_hz) => recording::resample(&opened.timeline, rate_hz, args.recording.follow)?,
-        None => opened.timeline,
-    };
-    let found = (args.people).find(&mut line.frames, keeps_still(args), &mut opened.notes)?;
+    let (line, found) = resampled(args, opened.timeline, &mut opened.notes)?;
     let tracks = args.people.is_given().then_some(&found.tracks[..]);
     Pictures::new(&asked.pictures).finish(&line.frames, tracks)?;
     let meta = PointsMeta {

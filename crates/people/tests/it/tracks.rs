@@ -117,7 +117,7 @@ fn one_leaves_and_another_comes_in() {
     );
 }
 
-/// Frames at 10 per second; in frame `i` a few points about every place of `at(i)`, walking away at 0.5 m/s.
+/// In frame `i` a few points about every place of `at(i)`, walking away at 0.5 m/s.
 fn appearances(n: u32, rate_hz: f64, at: impl Fn(u32) -> Vec<[f32; 2]>) -> Vec<PointFrame> {
     let points = |[x, y]: [f32; 2]| {
         (0..5).map(move |j| RadarPoint {
