@@ -620,7 +620,7 @@ pub struct ScoreArgs {
     #[arg(long, value_name = "DIR")]
     pub bert_score: Option<PathBuf>,
     /// Layer for BERTScore, 17 for roberta-large.
-    #[arg(long)]
+    #[arg(long, requires = "bert_score")]
     pub layer: Option<usize>,
     /// F1 baseline that rescales BERTScore, 0.83122575 for layer 17 of roberta-large.
     #[arg(long, value_name = "F1", requires = "bert_score")]
@@ -629,11 +629,11 @@ pub struct ScoreArgs {
     #[arg(long, value_name = "DIR")]
     pub sim_cse: Option<PathBuf>,
     /// Pooling for SimCSE: pooler (supervised), cls (unsupervised) or mean.
-    #[arg(long)]
+    #[arg(long, requires = "sim_cse")]
     pub pooling: Option<String>,
-    /// What BERT and RoBERTa are computed on: cpu, gpu or gpu:N (docs/training-on-gpus.md).
-    #[arg(long, default_value = "cpu")]
-    pub device: String,
+    /// What BERT and RoBERTa are computed on: cpu (also without it), gpu or gpu:N (docs/training-on-gpus.md).
+    #[arg(long)]
+    pub device: Option<String>,
     /// Seed of the bootstrap.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,

@@ -70,6 +70,8 @@ pub struct Recipe {
     pub data: Vec<PathBuf>,
     /// Folder for checkpoints, logs and the finished model, relative to the configuration file.
     pub out: PathBuf,
+    /// Simulations of a training motion that are used, the first ones; 0 uses all.
+    pub simulations_per_motion: usize,
     /// What training is computed on: `"cpu"`, `"gpu"` or `"gpu:N"`.
     pub device: Processor,
     /// The motion VQ-VAE.
@@ -91,6 +93,7 @@ impl Default for Recipe {
         Self {
             data: vec!["data".into()],
             out: "model".into(),
+            simulations_per_motion: 0,
             device: Processor::Cpu,
             motion: MotionTrainConfig::default(),
             tokenizer: TokenizerTrainConfig::default(),
@@ -186,7 +189,7 @@ impl Recipe {
             RecipeStage::Tokenizer => {
                 let train = self.clips(Split::Train, Columns::All)?;
                 let val = self.clips(Split::Val, Columns::All)?;
-                let teacher = match self.tokenizer.loss.guidance_weight > 0.0 {
+                let teacher = match self.tokenizer.loss.needs_teacher() {
                     true => Some(motion::load_teacher(&self.result(RecipeStage::Motion)?)?),
                     false => None,
                 };
@@ -255,6 +258,10 @@ impl Recipe {
                 clips.push(clip.map_err(problem)?);
             }
         }
+        check_variants(&clips)?;
+        if split == Split::Train && self.simulations_per_motion > 0 {
+            keep_variants(&mut clips, self.simulations_per_motion);
+        }
         Ok(clips)
     }
 
@@ -297,6 +304,40 @@ mod one_or_many {
             many => many.serialize(to),
         }
     }
+}
+
+/// Clips of one motion are variants of it, whichever data sets they are of: they must say the same. Data sets
+/// that number different motions alike would teach the captions of one on the radar of another.
+fn check_variants(clips: &[ClipRecord]) -> Result<(), TrainError> {
+    let mut first: BTreeMap<&str, &ClipRecord> = BTreeMap::new();
+    for clip in clips {
+        let one = *first.entry(&clip.motion_id).or_insert(clip);
+        if one.captions != clip.captions {
+            let caption = |c: &ClipRecord| c.captions.first().cloned().unwrap_or_default();
+            return Err(TrainError::Data(format!(
+                "motion {}: clip {} of radar {} says {:?}, clip {} of radar {} says {:?}; data sets that share ids \
+                 must be made of the same motions by the same version of the program",
+                clip.motion_id,
+                one.id,
+                one.radar,
+                caption(one),
+                clip.id,
+                clip.radar,
+                caption(clip),
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// Leaves the first `n` clips of every motion.
+fn keep_variants(clips: &mut Vec<ClipRecord>, n: usize) {
+    let mut kept: BTreeMap<String, usize> = BTreeMap::new();
+    clips.retain(|clip| {
+        let kept = kept.entry(clip.motion_id.clone()).or_default();
+        *kept += 1;
+        *kept <= n
+    });
 }
 
 /// Clips that are grouped and encoded at once.
@@ -408,6 +449,36 @@ mod tests {
                 .to_string()
                 .contains("list of paths")
         );
+    }
+
+    #[test]
+    fn variants_of_a_motion_say_the_same() {
+        let clip = |variant: u32, radar: &str, caption: &str| ClipRecord {
+            id: format!("walk-7#{variant}"),
+            motion_id: "walk-7".into(),
+            group: "walk-7".into(),
+            split: Split::Train,
+            action: "walk".into(),
+            captions: vec![caption.into()],
+            source: "procedural".into(),
+            radar: radar.into(),
+            radar_height_m: 1.0,
+            seed: 1,
+            frames: Vec::new(),
+            motion_fps: 20.0,
+            joints: Vec::new(),
+            motion_features: Vec::new(),
+        };
+        let walks = "a person walks.";
+        let mut two = vec![clip(0, "a", walks), clip(1, "b", walks)];
+        check_variants(&two).unwrap();
+        keep_variants(&mut two, 1);
+        assert_eq!(two, [clip(0, "a", walks)]);
+        let error = check_variants(&[clip(0, "a", walks), clip(1, "b", "a person sits.")]);
+        let error = error.unwrap_err().to_string();
+        for part in ["walk-7", "radar b", walks, "a person sits."] {
+            assert!(error.contains(part), "{part}: {error}");
+        }
     }
 
     #[test]

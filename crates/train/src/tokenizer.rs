@@ -1,9 +1,13 @@
 //! Stage `tokenizer`: trains the radar tokenizer (Aggregate VQ-VAE).
 //!
-//! Loss = reconstruction of masked anchors' points + motion guidance + caption words + commitment. The
-//! paper's exact form, which has no caption words, is reached by [`TokenizerTrainConfig::paper`]; every departure is a field of its own.
+//! Loss = reconstruction of masked anchors' points + motion guidance + caption words + motion codes + commitment.
+//! The paper's exact form, which has neither words nor motion codes, is reached by
+//! [`TokenizerTrainConfig::paper`]; every departure is a field of its own.
 
-use std::{collections::BTreeSet, path::Path};
+use std::{
+    collections::{BTreeSet, HashMap},
+    path::Path,
+};
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use radarllm_base::PointFrame;
@@ -15,7 +19,7 @@ use radarllm_model::tokenizer::codebook::{EmaCodebook, code_usage, nearest_codes
 use radarllm_model::tokenizer::encode::{TOKENIZER_KIND, TokenizerFile};
 use radarllm_model::tokenizer::grouping::{Grouped, group};
 use radarllm_model::tokenizer::network::TokenizerNet;
-use radarllm_model::tokenizer::{FRAMES_PER_CODE, MAX_FRAMES};
+use radarllm_model::tokenizer::{FRAMES_PER_CODE, MAX_FRAMES, TokenizerConfig};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 
@@ -23,6 +27,7 @@ use crate::caption_words::CaptionWords;
 use crate::chamfer::chamfer;
 use crate::data::{augment_points, flip_points, plan_batches, shuffle};
 use crate::harness::{self, Outcome, Stage, StepInfo, StepLoss, TrainError, Validation};
+use crate::lm::loss::cross_entropy;
 pub use crate::tokenizer_config::{
     CodebookUpdate, GuidanceOn, Reconstruct, TokenizerLossConfig, TokenizerTrainConfig,
 };
@@ -47,6 +52,10 @@ pub fn train(
         Some(teacher) if config.loss.guidance_weight > 0.0 => teacher.width(),
         _ => 0,
     };
+    config.model.motion_codes = match teacher {
+        Some(teacher) if config.loss.motion_codes_weight > 0.0 => teacher.n_codes(),
+        _ => 0,
+    };
     config.model.caption_words = 0;
     let mut words = None;
     if config.loss.words_weight > 0.0 {
@@ -60,7 +69,11 @@ pub fn train(
     eprintln!(
         "tokenizer: {} training clips ({} with motion guidance), {} for validation, {} caption words",
         stage.train.len(),
-        stage.train.iter().filter(|c| !c.guide.is_empty()).count(),
+        stage
+            .train
+            .iter()
+            .filter(|c| !(c.told.guide.is_empty() && c.told.motion_codes.is_empty()))
+            .count(),
         stage.val.len(),
         config.model.caption_words,
     );
@@ -76,23 +89,38 @@ struct Clip<'a> {
     id: &'a str,
     frames: &'a [PointFrame],
     radar_height_m: f32,
-    /// Teacher features `[code][width]`, standardised; empty when the motion is unknown.
+    told: Told,
+    /// The same of the mirrored motion; empty when clips are not mirrored.
+    mirrored: Told,
+}
+
+/// What codes are trained to tell of a clip.
+#[derive(Clone, Default)]
+struct Told {
+    /// Teacher features `[code][width]`, standardised; empty when the motion is unknown or is no guide. May
+    /// cover fewer codes than the clip has.
     guide: Vec<f32>,
-    /// The same of the mirrored motion.
-    mirrored_guide: Vec<f32>,
+    /// The teacher's codes, as many as features; empty when none is predicted.
+    motion_codes: Vec<u32>,
     /// Target of every caption word; empty when no words are predicted.
     words: Vec<f32>,
-    /// The same of the mirrored motion.
-    mirrored_words: Vec<f32>,
+}
+
+impl Told {
+    /// Without what belongs to the first codes.
+    fn after_codes(&self, first: usize, width: usize) -> Self {
+        Self {
+            guide: self.guide.get(first * width..).unwrap_or_default().to_vec(),
+            motion_codes: self.motion_codes.get(first..).unwrap_or_default().to_vec(),
+            words: self.words.clone(),
+        }
+    }
 }
 
 /// A clip as it enters a batch.
 struct Sample {
     grouped: Grouped,
-    /// Teacher features of the first codes; may cover fewer codes than the clip has.
-    guide: Vec<f32>,
-    /// Target of every caption word.
-    words: Vec<f32>,
+    told: Told,
     masked: Vec<bool>,
 }
 
@@ -123,11 +151,11 @@ impl<'a> TokenizerStage<'a> {
         teacher: Option<&MotionTeacher>,
         words: Option<CaptionWords>,
     ) -> Result<Self, TrainError> {
-        let teacher = teacher.filter(|_| config.model.guidance_dim > 0);
+        let teacher = teacher.filter(|_| config.loss.needs_teacher());
         let flips = config.augment.flip > 0.0;
         let radars = train.iter().map(|c| c.radar.as_str()).collect();
-        let mut train = clips(train, teacher, words.as_ref(), flips)?;
-        let mut val = clips(val, teacher, words.as_ref(), false)?;
+        let mut train = clips(&config.model, train, teacher, words.as_ref(), flips)?;
+        let mut val = clips(&config.model, val, teacher, words.as_ref(), false)?;
         if train.is_empty() {
             return Err(TrainError::Data("no training clip".into()));
         }
@@ -157,20 +185,16 @@ impl<'a> TokenizerStage<'a> {
             flip_points(&mut frames);
         }
         augment_points(&mut frames, &self.config.augment, rng);
-        let (guide, words) = match flip {
-            true => (&clip.mirrored_guide, &clip.mirrored_words),
-            false => (&clip.guide, &clip.words),
-        };
-        let skip = (first_code * self.config.model.guidance_dim).min(guide.len());
-        self.sample(clip, &frames, &guide[skip..], words, rng)
+        let told = if flip { &clip.mirrored } else { &clip.told };
+        let told = told.after_codes(first_code, self.config.model.guidance_dim);
+        self.sample(clip, &frames, told, rng)
     }
 
     fn sample(
         &self,
         clip: &Clip,
         frames: &[PointFrame],
-        guide: &[f32],
-        words: &[f32],
+        told: Told,
         rng: &mut ChaCha8Rng,
     ) -> Result<Sample, TrainError> {
         let grouped = group(frames, clip.radar_height_m, &self.config.model.grouping)
@@ -184,8 +208,7 @@ impl<'a> TokenizerStage<'a> {
         }
         Ok(Sample {
             grouped,
-            guide: guide.to_vec(),
-            words: words.to_vec(),
+            told,
             masked,
         })
     }
@@ -244,6 +267,11 @@ impl<'a> TokenizerStage<'a> {
                 ["words", "words_codes"],
                 loss.words_weight,
                 self.word_loss(model, &told, samples, &device),
+            ),
+            (
+                ["motion_code", "motion_code_codes"],
+                loss.motion_codes_weight,
+                self.motion_code_loss(model, &told, samples, &device),
             ),
         ];
         for (names, weight, values) in terms {
@@ -311,17 +339,15 @@ impl<'a> TokenizerStage<'a> {
         if width == 0 {
             return Vec::new();
         }
-        let (mut rows, mut targets) = (Vec::new(), Vec::new());
-        let mut first_row = 0;
-        for sample in samples {
-            let n = sample.grouped.n_codes.min(sample.guide.len() / width);
-            rows.extend((first_row..first_row + n).map(|r| r as i64));
-            targets.extend_from_slice(&sample.guide[..n * width]);
-            first_row += sample.grouped.n_codes;
-        }
+        let rows = taught_rows(samples, |told| told.guide.len() / width);
         if rows.is_empty() {
             return Vec::new();
         }
+        let targets: Vec<f32> = samples
+            .iter()
+            .flat_map(|s| s.told.guide.iter().take(s.grouped.n_codes * width))
+            .copied()
+            .collect();
         let target = Tensor::<2>::from_data(TensorData::new(targets, [rows.len(), width]), device);
         let rows = indices(rows.into_iter(), device);
         told.iter()
@@ -342,10 +368,37 @@ impl<'a> TokenizerStage<'a> {
             return Vec::new();
         };
         let n_codes: Vec<usize> = samples.iter().map(|s| s.grouped.n_codes).collect();
-        let targets: Vec<f32> = samples.iter().flat_map(|s| s.words.clone()).collect();
+        let targets: Vec<f32> = samples.iter().flat_map(|s| s.told.words.clone()).collect();
         told.iter()
             .filter_map(|features| model.word_logits(features.clone()))
             .map(|logits| words.loss(logits, &n_codes, targets.clone(), device))
+            .collect()
+    }
+
+    /// Cross-entropy of the teacher's codes for each of the features in `told`; empty when none is known.
+    fn motion_code_loss(
+        &self,
+        model: &TokenizerNet,
+        told: &[Tensor<2>],
+        samples: &[Sample],
+        device: &Device,
+    ) -> Vec<Tensor<1>> {
+        let rows = taught_rows(samples, |told| told.motion_codes.len());
+        if rows.is_empty() {
+            return Vec::new();
+        }
+        let targets: Vec<u32> = samples
+            .iter()
+            .flat_map(|s| s.told.motion_codes.iter().take(s.grouped.n_codes))
+            .copied()
+            .collect();
+        let rows = indices(rows.into_iter(), device);
+        let weights = vec![1.0; targets.len()];
+        told.iter()
+            .filter_map(|features| {
+                model.motion_code_logits(features.clone().select(0, rows.clone()))
+            })
+            .map(|logits| cross_entropy(logits, &targets, &weights, 0.0))
             .collect()
     }
 
@@ -499,7 +552,7 @@ impl Stage for TokenizerStage<'_> {
             let mut samples = Vec::with_capacity(chunk.len());
             for clip in chunk {
                 let frames = &clip.frames[..clip.frames.len().min(MAX_FRAMES)];
-                samples.push(self.sample(clip, frames, &clip.guide, &clip.words, &mut rng)?);
+                samples.push(self.sample(clip, frames, clip.told.clone(), &mut rng)?);
             }
             let n = samples.len() as f64;
             let masked = self.losses(model, &samples, &mut rng);
@@ -537,6 +590,7 @@ impl Stage for TokenizerStage<'_> {
         let score = if self.codebook.is_initialised() && !self.val.is_empty() {
             loss.guidance_weight * told("guidance_codes", "guidance")
                 + loss.words_weight * told("words_codes", "words")
+                + loss.motion_codes_weight * told("motion_code_codes", "motion_code")
                 + 0.1 * loss.reconstruction_weight * value("reconstruction")
                 + loss.commit_weight * value("commit")
         } else {
@@ -576,6 +630,18 @@ impl Stage for TokenizerStage<'_> {
     }
 }
 
+/// Rows of the codes that the teacher knows: the first so many of each clip, among the codes of all clips.
+fn taught_rows(samples: &[Sample], known: impl Fn(&Told) -> usize) -> Vec<i64> {
+    let mut first = 0;
+    let mut rows = Vec::new();
+    for sample in samples {
+        let n_codes = sample.grouped.n_codes;
+        rows.extend((first..first + known(&sample.told).min(n_codes)).map(|row| row as i64));
+        first += n_codes;
+    }
+    rows
+}
+
 fn indices(rows: impl Iterator<Item = i64>, device: &Device) -> Tensor<1, Int> {
     let rows: Vec<i64> = rows.collect();
     let n = rows.len();
@@ -583,54 +649,69 @@ fn indices(rows: impl Iterator<Item = i64>, device: &Device) -> Tensor<1, Int> {
 }
 
 fn clips<'a>(
+    model: &TokenizerConfig,
     records: &'a [ClipRecord],
     teacher: Option<&MotionTeacher>,
     words: Option<&CaptionWords>,
     mirror: bool,
 ) -> Result<Vec<Clip<'a>>, TrainError> {
     let mut out = Vec::new();
-    // Variants of a motion share their features.
-    let mut known: std::collections::HashMap<&str, (Vec<f32>, Vec<f32>)> = Default::default();
+    // Variants of a motion share what they tell.
+    let mut known: HashMap<&str, [Told; 2]> = HashMap::new();
     for record in records.iter().filter(|r| !r.frames.is_empty()) {
-        let (mut guide, mut mirrored_guide) = (Vec::new(), Vec::new());
-        let features = &record.motion_features;
-        if let Some(teacher) = teacher
-            && features.len() >= MOTION_DIM
-        {
-            let entry = match known.get(record.motion_id.as_str()) {
-                Some(entry) => entry.clone(),
-                None => {
-                    let fail = |e| TrainError::Data(format!("clip {}: {e}", record.id));
-                    let plain = teacher.features(features).map_err(fail)?;
-                    let mut mirrored = Vec::new();
-                    if mirror {
-                        let mut flipped = features.clone();
-                        mirror_motion_features(&mut flipped);
-                        mirrored = teacher.features(&flipped).map_err(fail)?;
-                    }
-                    known.insert(&record.motion_id, (plain.clone(), mirrored.clone()));
-                    (plain, mirrored)
-                }
-            };
-            (guide, mirrored_guide) = entry;
-        }
-        let word_targets =
-            |mirrored: bool| words.map_or_else(Vec::new, |w| w.targets(&record.captions, mirrored));
+        let [told, mirrored] = match known.get(record.motion_id.as_str()) {
+            Some(both) => both.clone(),
+            None => {
+                let plain = told(model, record, teacher, words, false)?;
+                let mirrored = match mirror {
+                    true => told(model, record, teacher, words, true)?,
+                    false => Told::default(),
+                };
+                let both = [plain, mirrored];
+                known.insert(&record.motion_id, both.clone());
+                both
+            }
+        };
         out.push(Clip {
-            words: word_targets(false),
-            mirrored_words: if mirror {
-                word_targets(true)
-            } else {
-                Vec::new()
-            },
             id: &record.id,
             frames: &record.frames,
             radar_height_m: record.radar_height_m,
-            guide,
-            mirrored_guide,
+            told,
+            mirrored,
         });
     }
     Ok(out)
+}
+
+/// What the codes of a clip, or of its mirror image, have to tell.
+fn told(
+    model: &TokenizerConfig,
+    record: &ClipRecord,
+    teacher: Option<&MotionTeacher>,
+    words: Option<&CaptionWords>,
+    mirrored: bool,
+) -> Result<Told, TrainError> {
+    let mut told = Told {
+        words: words.map_or_else(Vec::new, |w| w.targets(&record.captions, mirrored)),
+        ..Told::default()
+    };
+    let Some(teacher) = teacher.filter(|_| record.motion_features.len() >= MOTION_DIM) else {
+        return Ok(told);
+    };
+    let mut motion = record.motion_features.clone();
+    if mirrored {
+        mirror_motion_features(&mut motion);
+    }
+    let features = teacher
+        .features(&motion)
+        .map_err(|e| TrainError::Data(format!("clip {}: {e}", record.id)))?;
+    if model.motion_codes > 0 {
+        told.motion_codes = teacher.codes(&features);
+    }
+    if model.guidance_dim > 0 {
+        told.guide = features;
+    }
+    Ok(told)
 }
 
 /// Gives the teacher's channels mean 0 and deviation 1 over the training clips.
@@ -639,7 +720,7 @@ fn standardise_guides<'a>(train: &mut [Clip<'a>], val: &mut [Clip<'a>], width: u
         return;
     }
     let (mut n, mut sum, mut squares) = (0.0f64, vec![0.0f64; width], vec![0.0f64; width]);
-    for row in train.iter().flat_map(|c| c.guide.chunks_exact(width)) {
+    for row in train.iter().flat_map(|c| c.told.guide.chunks_exact(width)) {
         n += 1.0;
         for ((s, q), v) in sum.iter_mut().zip(&mut squares).zip(row) {
             *s += f64::from(*v);
@@ -658,7 +739,7 @@ fn standardise_guides<'a>(train: &mut [Clip<'a>], val: &mut [Clip<'a>], width: u
         })
         .collect();
     for clip in train.iter_mut().chain(val) {
-        for row in [&mut clip.guide, &mut clip.mirrored_guide] {
+        for row in [&mut clip.told.guide, &mut clip.mirrored.guide] {
             for values in row.chunks_exact_mut(width) {
                 for (v, (mean, inverse)) in values.iter_mut().zip(&scale) {
                     *v = ((*v - mean) * inverse).clamp(-8.0, 8.0);

@@ -64,6 +64,8 @@ pub struct TokenizerLossConfig {
     pub guidance_on: GuidanceOn,
     /// Weight of the caption words (see [`crate::caption_words`]); 0 leaves them out (paper).
     pub words_weight: f64,
+    /// Weight of the motion teacher's code of each radar code, cross-entropy; 0 leaves it out (paper).
+    pub motion_codes_weight: f64,
     /// Weight of the commitment.
     pub commit_weight: f64,
     /// How the codebook learns.
@@ -83,9 +85,17 @@ impl Default for TokenizerLossConfig {
             guidance_weight: 1.0,
             guidance_on: GuidanceOn::FeaturesAndCodes,
             words_weight: 0.05,
+            motion_codes_weight: 0.0,
             commit_weight: 0.02,
             codebook_update: CodebookUpdate::MovingAverage,
         }
+    }
+}
+
+impl TokenizerLossConfig {
+    /// Whether a term compares with the motion teacher.
+    pub fn needs_teacher(&self) -> bool {
+        self.guidance_weight > 0.0 || self.motion_codes_weight > 0.0
     }
 }
 
@@ -174,6 +184,7 @@ impl TokenizerTrainConfig {
             ("loss.reconstruction_weight", loss.reconstruction_weight),
             ("loss.guidance_weight", loss.guidance_weight),
             ("loss.words_weight", loss.words_weight),
+            ("loss.motion_codes_weight", loss.motion_codes_weight),
             ("loss.commit_weight", loss.commit_weight),
         ] {
             if !(value.is_finite() && value >= 0.0) {

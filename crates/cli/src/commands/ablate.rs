@@ -285,7 +285,11 @@ fn plan_run(
             recipe.data.len()
         )));
     };
-    let mut depends_on = format!("{}", data.display());
+    let mut depends_on = format!(
+        "{}, simulations of a motion: {}",
+        data.display(),
+        recipe.simulations_per_motion
+    );
     let mut id = String::new();
     for &stage in &stages {
         let part = printed.get(stage.name()).map(ToString::to_string);

@@ -39,7 +39,8 @@ pub fn add(
     if args.bert_score.is_none() && args.sim_cse.is_none() {
         return Ok(());
     }
-    let device = args.device.parse::<Processor>().and_then(Processor::device);
+    let device = args.device.as_deref().unwrap_or("cpu").parse::<Processor>();
+    let device = device.and_then(Processor::device);
     let device = device.map_err(|e| CliError::new(format!("--device: {e}")))?;
     let items = items(scores, candidates, references);
     let units = units_of_ids(items.iter().map(|item| item.id));

@@ -63,8 +63,15 @@ pub fn run(args: &ScoreArgs) -> CliResult {
     if args.pose {
         return pose_scores::run(&args.candidates, &args.references);
     }
+    let with_model = args.bert_score.is_some() || args.sim_cse.is_some();
+    if args.device.is_some() && !with_model {
+        return Err(
+            CliError::new("--device: only --bert-score and --sim-cse compute on a device")
+                .hint("leave it out, or name a checkpoint"),
+        );
+    }
     #[cfg(not(feature = "train"))]
-    if args.bert_score.is_some() || args.sim_cse.is_some() {
+    if with_model {
         return Err(crate::error::needs_training("--bert-score or --sim-cse"));
     }
     let protocol = Protocol::from_name(&args.protocol).ok_or_else(|| {

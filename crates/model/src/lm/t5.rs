@@ -749,10 +749,6 @@ impl RadarT5 {
             p: self.t5.config.dropout,
             rng: dropout,
         };
-        self.encode_with(source, drop)
-    }
-
-    fn encode_with(&self, source: &SourceBatch, drop: &mut Drop) -> Encoded {
         let mut x = self.t5.embed(source.ids.clone());
         if let (Some(bypass), Some((rows, features))) = (&self.bypass, &source.features) {
             let projected = features.clone().matmul(bypass.val());
@@ -774,13 +770,25 @@ impl RadarT5 {
         length: usize,
         dropout: Option<&mut DropoutRng>,
     ) -> Tensor<2> {
+        let mut dropout = dropout;
+        let encoded = self.encode(source, dropout.as_deref_mut());
+        self.decode(&encoded, decoder_ids, length, dropout)
+    }
+
+    /// The second half of [`Self::forward`]: decoder states for what the encoder gave.
+    pub fn decode(
+        &self,
+        encoded: &Encoded,
+        decoder_ids: &[u32],
+        length: usize,
+        dropout: Option<&mut DropoutRng>,
+    ) -> Tensor<2> {
         let drop = &mut Drop {
             p: self.t5.config.dropout,
             rng: dropout,
         };
-        let encoded = self.encode_with(source, drop);
         let device = encoded.states.device();
         let ids = ids_1d(decoder_ids.iter().map(|id| *id as i32).collect(), &device);
-        self.t5.decode_all(&encoded, ids, length, drop)
+        self.t5.decode_all(encoded, ids, length, drop)
     }
 }

@@ -175,16 +175,14 @@ impl MotionTeacher {
             .unwrap_or_default())
     }
 
-    /// Codes of a motion, one per 8 frames.
-    ///
-    /// # Errors
-    /// As [`Self::features`].
-    pub fn codes(&self, motion: &[f32]) -> Result<Vec<u32>, MotionError> {
-        Ok(nearest_codes(
-            &self.features(motion)?,
-            &self.codebook,
-            self.config.width,
-        ))
+    /// Codes of features that [`Self::features`] gave, one each.
+    pub fn codes(&self, features: &[f32]) -> Vec<u32> {
+        nearest_codes(features, &self.codebook, self.config.width)
+    }
+
+    /// Number of codes.
+    pub fn n_codes(&self) -> usize {
+        self.config.codebook_size
     }
 }
 
@@ -228,12 +226,13 @@ mod tests {
         let motion: Vec<f32> = (0..192 * MOTION_DIM)
             .map(|i| (i as f32 * 0.013).sin())
             .collect();
-        assert_eq!(teacher.features(&motion).unwrap().len(), 24 * 16);
+        let features = teacher.features(&motion).unwrap();
+        assert_eq!(features.len(), 24 * 16);
         assert_eq!(
             teacher.features(&motion[..9 * MOTION_DIM]).unwrap().len(),
             2 * 16
         );
-        assert_eq!(teacher.codes(&motion).unwrap().len(), 24);
+        assert_eq!(teacher.codes(&features).len(), 24);
         assert_eq!(teacher.features(&[]), Err(MotionError::Length { found: 0 }));
         assert_eq!(
             teacher.features(&motion[..5]),

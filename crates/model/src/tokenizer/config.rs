@@ -87,6 +87,9 @@ pub struct TokenizerConfig {
     pub guidance_dim: usize,
     /// Caption words predicted in training (not in the paper); 0 predicts none.
     pub caption_words: usize,
+    /// Codes of the motion teacher among which one is predicted in training (not in the paper); 0 predicts
+    /// none.
+    pub motion_codes: usize,
 }
 
 /// Longest clip, radar frames.
@@ -141,6 +144,7 @@ impl TokenizerConfig {
             reconstruct_velocity: true,
             guidance_dim: 128,
             caption_words: 0,
+            motion_codes: 0,
         }
     }
 
@@ -171,6 +175,7 @@ impl TokenizerConfig {
             reconstruct_velocity: false,
             guidance_dim: 512,
             caption_words: 0,
+            motion_codes: 0,
         }
     }
 
@@ -224,13 +229,14 @@ impl TokenizerConfig {
                 self.n_anchors()
             ));
         }
-        for (field, value) in [
-            ("guidance_dim", self.guidance_dim),
-            ("caption_words", self.caption_words),
-            ("pool_per_anchor", self.pool_per_anchor),
+        for (field, value, most) in [
+            ("guidance_dim", self.guidance_dim, 4096),
+            ("caption_words", self.caption_words, 4096),
+            ("pool_per_anchor", self.pool_per_anchor, 4096),
+            ("motion_codes", self.motion_codes, 65_536),
         ] {
-            if value > 4096 {
-                return Err(format!("{field}: at most 4096, found {value}"));
+            if value > most {
+                return Err(format!("{field}: at most {most}, found {value}"));
             }
         }
         if !self.width.is_multiple_of(self.heads) {

@@ -97,6 +97,7 @@ impl TokenizerConfig {
             ("head_out", c, points),
             ("guidance", dim, self.guidance_dim),
             ("words", dim, self.caption_words),
+            ("motion_codes", dim, self.motion_codes),
         ] {
             if to > 0 {
                 out.push((format!("{name}.weight"), vec![from, to]));

@@ -46,6 +46,7 @@ pub struct TokenizerNet {
     head_out: Linear,
     guidance: Option<Linear>,
     words: Option<Linear>,
+    motion_codes: Option<Linear>,
     /// Codes, `[K, D]`; kept by moving averages unless it is trained by gradient.
     pub codebook: Param<Tensor<2>>,
 }
@@ -106,6 +107,8 @@ impl TokenizerNet {
                 .then(|| linear(config.code_dim, config.guidance_dim)),
             words: (config.caption_words > 0)
                 .then(|| linear(config.code_dim, config.caption_words)),
+            motion_codes: (config.motion_codes > 0)
+                .then(|| linear(config.code_dim, config.motion_codes)),
             codebook: Initializer::Zeros.init([config.codebook_size, config.code_dim], device),
         }
     }
@@ -239,5 +242,12 @@ impl TokenizerNet {
     /// Logit of every caption word, `[n, caption_words]`; `None` when none is predicted.
     pub fn word_logits(&self, features: Tensor<2>) -> Option<Tensor<2>> {
         self.words.as_ref().map(|linear| linear.forward(features))
+    }
+
+    /// Logit of every code of the motion teacher, `[n, motion_codes]`; `None` when none is predicted.
+    pub fn motion_code_logits(&self, features: Tensor<2>) -> Option<Tensor<2>> {
+        self.motion_codes
+            .as_ref()
+            .map(|linear| linear.forward(features))
     }
 }

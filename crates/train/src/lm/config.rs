@@ -77,12 +77,19 @@ pub struct LmTrainConfig {
     pub batch: usize,
     /// Examples drawn from a motion in an epoch; 0 takes one for each of its captions.
     pub samples_per_clip: usize,
+    /// Captions of a training motion that are used, the first ones; 0 uses all.
+    pub captions_per_motion: usize,
     /// How often a task is drawn, relative to the others.
     pub sampling: TaskWeights,
     /// Factor on a task's loss (the paper's lambdas).
     pub lambda: TaskWeights,
     /// Share of the target probability spread over the whole vocabulary.
     pub label_smoothing: f64,
+    /// Weight of the contrastive loss between the encoder's states of a clip's codes and of its caption
+    /// ([`super::contrast`]); 0 leaves it out (paper). T5 only.
+    pub contrastive_weight: f64,
+    /// Divides the cosines of the contrastive loss.
+    pub contrastive_temperature: f64,
     /// Trains half of the examples on the mirrored clip with sides swapped in the caption.
     pub flip: bool,
     /// Share of codes masked in radar prediction.
@@ -122,9 +129,12 @@ impl LmTrainConfig {
             lora: None,
             batch: 32,
             samples_per_clip: 0,
+            captions_per_motion: 0,
             sampling: TaskWeights::default(),
             lambda: TaskWeights::default(),
             label_smoothing: 0.1,
+            contrastive_weight: 0.0,
+            contrastive_temperature: 0.1,
             flip: true,
             mask_share: 0.15,
             mask_span: 3.0,
@@ -239,6 +249,16 @@ impl LmTrainConfig {
         }
         if !(self.mask_span >= 1.0 && self.mask_span.is_finite()) {
             return fail("mask_span", "must be at least 1");
+        }
+        if !(self.contrastive_weight >= 0.0 && self.contrastive_weight.is_finite()) {
+            return fail("contrastive_weight", "must be finite and not negative");
+        }
+        if self.contrastive_weight > 0.0 && self.backbone != Backbone::T5 {
+            let problem = "needs an encoder that reads codes and captions alike, which only t5 has";
+            return fail("contrastive_weight", problem);
+        }
+        if !(self.contrastive_temperature > 0.0 && self.contrastive_temperature <= 100.0) {
+            return fail("contrastive_temperature", "must be above 0 and at most 100");
         }
         if !(self.feature_noise >= 0.0 && self.feature_noise.is_finite()) {
             return fail("feature_noise", "must be finite and not negative");

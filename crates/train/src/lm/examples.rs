@@ -178,6 +178,12 @@ impl ExampleMaker {
         })
     }
 
+    /// Leaves the first `n` captions of every clip, and at least one.
+    pub fn keep_captions(&mut self, n: usize) {
+        let captions = &mut self.captions;
+        captions.iter_mut().for_each(|c| c.truncate(n.max(1)));
+    }
+
     /// The clips.
     pub fn clips(&self) -> &[LmClip] {
         &self.clips

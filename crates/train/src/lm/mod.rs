@@ -5,10 +5,11 @@
 //! padding; captions are used as they are; batches hold sequences of similar length.
 //!
 //! Reading order: [`clip`] (data and the lateral flip), [`corrupt`] (span masking), [`examples`]
-//! (tasks to token sequences), [`loss`], [`stage`] (the two stages).
+//! (tasks to token sequences), [`loss`], [`contrast`] (codes beside captions), [`stage`] (the two stages).
 
 pub mod clip;
 pub mod config;
+pub mod contrast;
 pub mod corrupt;
 pub mod examples;
 pub mod loss;

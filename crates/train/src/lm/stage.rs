@@ -12,6 +12,7 @@ use radarllm_model::checkpoint::{
     replace_params,
 };
 use radarllm_model::lm::radar_lm::{AVERAGE_FILE, TEXT_TOKENIZER_FILE};
+use radarllm_model::lm::t5::Encoded;
 use radarllm_model::lm::templates::{Task, all_text};
 use radarllm_model::lm::vocab::PAD;
 use radarllm_model::lm::{
@@ -22,6 +23,7 @@ use rand::rngs::ChaCha8Rng;
 
 use super::clip::{LmClip, swap_sides};
 use super::config::LmTrainConfig;
+use super::contrast::{contrast, mean_rows};
 use super::examples::{Example, ExampleMaker, Item, LmStageKind};
 use super::loss::cross_entropy;
 use crate::harness::{
@@ -188,6 +190,14 @@ fn train(
     })
 }
 
+/// Losses of a batch, `[1]` each.
+struct Losses {
+    /// Cross-entropy of the target tokens.
+    tokens: Tensor<1>,
+    /// Contrastive loss, where it is asked for and two examples take part.
+    contrast: Option<Tensor<1>>,
+}
+
 /// One language-model stage.
 pub(super) struct LmStage {
     config: LmTrainConfig,
@@ -211,7 +221,10 @@ impl LmStage {
     ) -> Result<(Self, RadarNet), TrainError> {
         let maker =
             |clips: &[LmClip]| ExampleMaker::new(&lm.vocab, lm.config.code_dim, clips, kind);
-        let (train, val) = (maker(clips)?, maker(val)?);
+        let (mut train, val) = (maker(clips)?, maker(val)?);
+        if config.captions_per_motion > 0 {
+            train.keep_captions(config.captions_per_motion);
+        }
         let average = (config.average_decay > 0.0)
             .then(|| collect_some_params(&lm.net, &|path| lm.is_trained(path)));
         let device = config.run.processor.device()?.autodiff();
@@ -229,14 +242,14 @@ impl LmStage {
         ))
     }
 
-    /// Loss of examples.
-    fn loss_of(
+    /// Losses of examples.
+    fn losses(
         &self,
         net: &RadarNet,
         examples: &[Example],
         smoothing: f64,
         dropout: Option<&mut DropoutRng>,
-    ) -> Result<Tensor<1>, TrainError> {
+    ) -> Result<Losses, TrainError> {
         let (mut targets, mut weights) = (Vec::new(), Vec::new());
         for example in examples {
             targets.extend(&example.target);
@@ -244,9 +257,18 @@ impl LmStage {
             weights.extend(std::iter::repeat_n(lambda, example.target.len()));
         }
         let n_rows = self.lm.config.network.vocab_size();
+        let code_dim = self.lm.config.code_dim;
+        let mut contrast = None;
         let logits = match net {
             RadarNet::T5(net) => {
-                let states = self.t5_states(net, examples, dropout);
+                let mut dropout = dropout;
+                let sources: Vec<&Source> = examples.iter().map(|e| &e.source).collect();
+                let batch = SourceBatch::new(&sources, code_dim, &net.t5.shared.val().device());
+                let encoded = net.encode(&batch, dropout.as_deref_mut());
+                let states = target_states(net, &encoded, examples, dropout.as_deref_mut());
+                if self.config.contrastive_weight > 0.0 {
+                    contrast = self.contrast(net, &encoded, examples, dropout);
+                }
                 net.t5.logits(states, n_rows)
             }
             RadarNet::Decoder(net) => {
@@ -254,41 +276,85 @@ impl LmStage {
                     .iter()
                     .map(|e| (&e.source, e.target.as_slice()))
                     .collect();
-                let code_dim = self.lm.config.code_dim;
                 let states = net.target_states(&examples, code_dim, dropout)?;
                 net.decoder.logits(states, n_rows)
             }
         };
-        Ok(cross_entropy(logits, &targets, &weights, smoothing))
+        Ok(Losses {
+            tokens: cross_entropy(logits, &targets, &weights, smoothing),
+            contrast,
+        })
     }
 
-    /// States of the target tokens of all examples, one after the other.
-    fn t5_states(
+    /// Contrastive loss of the examples from radar to text; none of fewer than two.
+    fn contrast(
         &self,
         net: &RadarT5,
+        encoded: &Encoded,
         examples: &[Example],
         dropout: Option<&mut DropoutRng>,
-    ) -> Tensor<2> {
-        let device = net.t5.shared.val().device();
-        let sources: Vec<&Source> = examples.iter().map(|e| &e.source).collect();
-        let batch = SourceBatch::new(&sources, self.lm.config.code_dim, &device);
-        let length = examples.iter().map(|e| e.target.len()).max().unwrap_or(1);
-        let mut decoder = vec![PAD; examples.len() * length];
-        let mut rows = Vec::new();
+    ) -> Option<Tensor<1>> {
+        let (mut radar_rows, mut captions) = (Vec::new(), Vec::new());
         for (i, example) in examples.iter().enumerate() {
-            let n = example.target.len();
-            // The decoder sees the target shifted by one, after the start token.
-            decoder[i * length + 1..i * length + n].copy_from_slice(&example.target[..n - 1]);
-            rows.extend((i * length..i * length + n).map(|r| r as i32));
+            let codes = &example.source.feature_positions;
+            if example.task == Task::RadarToText && !codes.is_empty() {
+                let row = |at: &u32| i * encoded.length + *at as usize;
+                radar_rows.push(codes.iter().map(row).collect::<Vec<_>>());
+                captions.push(example.target.as_slice());
+            }
         }
-        let states = net.forward(&batch, &decoder, length, dropout);
-        if rows.len() == decoder.len() {
-            return states;
+        if captions.len() < 2 {
+            return None;
         }
-        // Only target tokens reach the output rows: padding costs neither time nor loss.
-        let n = rows.len();
-        states.select(0, Tensor::from_data(TensorData::new(rows, [n]), &device))
+        let sources: Vec<Source> = captions
+            .iter()
+            .map(|ids| Source {
+                ids: ids.to_vec(),
+                ..Source::default()
+            })
+            .collect();
+        let sources: Vec<&Source> = sources.iter().collect();
+        let device = encoded.states.device();
+        let batch = SourceBatch::new(&sources, self.lm.config.code_dim, &device);
+        let text = net.encode(&batch, dropout);
+        let text_rows: Vec<Vec<usize>> = captions
+            .iter()
+            .enumerate()
+            .map(|(i, ids)| (i * text.length..i * text.length + ids.len()).collect())
+            .collect();
+        Some(contrast(
+            mean_rows(encoded.states.clone(), &radar_rows),
+            mean_rows(text.states, &text_rows),
+            &captions,
+            self.config.contrastive_temperature,
+        ))
     }
+}
+
+/// States of the target tokens of all examples, one after the other.
+fn target_states(
+    net: &RadarT5,
+    encoded: &Encoded,
+    examples: &[Example],
+    dropout: Option<&mut DropoutRng>,
+) -> Tensor<2> {
+    let length = examples.iter().map(|e| e.target.len()).max().unwrap_or(1);
+    let mut decoder = vec![PAD; examples.len() * length];
+    let mut rows = Vec::new();
+    for (i, example) in examples.iter().enumerate() {
+        let n = example.target.len();
+        // The decoder sees the target shifted by one, after the start token.
+        decoder[i * length + 1..i * length + n].copy_from_slice(&example.target[..n - 1]);
+        rows.extend((i * length..i * length + n).map(|r| r as i32));
+    }
+    let states = net.decode(encoded, &decoder, length, dropout);
+    if rows.len() == decoder.len() {
+        return states;
+    }
+    // Only target tokens reach the output rows: padding costs neither time nor loss.
+    let n = rows.len();
+    let rows = Tensor::from_data(TensorData::new(rows, [n]), &states.device());
+    states.select(0, rows)
 }
 
 impl Stage for LmStage {
@@ -334,16 +400,19 @@ impl Stage for LmStage {
             );
         }
         let mut dropout = DropoutRng::new(info.seed ^ 0x6472_6f70);
-        let total = self.loss_of(
+        let losses = self.losses(
             model,
             &examples,
             self.config.label_smoothing,
             Some(&mut dropout),
         )?;
-        Ok(StepLoss {
-            total,
-            parts: Vec::new(),
-        })
+        let (mut total, mut parts) = (losses.tokens, Vec::new());
+        if let Some(contrast) = losses.contrast {
+            let value = contrast.clone().into_scalar::<f32>();
+            parts.push(("contrast", f64::from(value)));
+            total = total + contrast * self.config.contrastive_weight;
+        }
+        Ok(StepLoss { total, parts })
     }
 
     fn after_step(&mut self, model: RadarNet, info: StepInfo) -> Result<RadarNet, TrainError> {
@@ -412,21 +481,27 @@ impl Stage for LmStage {
         }
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let (mut sum, mut n_tokens) = (0.0, 0);
+        let mut contrasts = Vec::new();
         for batch in self.val.batches(items, self.config.batch.max(32), 0) {
             let examples = batch
                 .iter()
                 .map(|item| self.val.example(&self.lm.vocab, &plain_config, item, rng))
                 .collect::<Result<Vec<_>, _>>()?;
             let n: usize = examples.iter().map(|e| e.target.len()).sum();
-            let loss = self
-                .loss_of(&net, &examples, 0.0, None)?
-                .into_scalar::<f32>();
+            let losses = self.losses(&net, &examples, 0.0, None)?;
+            let contrast = losses.contrast.map(|c| c.into_scalar::<f32>());
+            contrasts.extend(contrast.map(f64::from));
+            let loss = losses.tokens.into_scalar::<f32>();
             sum += f64::from(loss) * n as f64;
             n_tokens += n;
         }
         // Without validation data the score is NaN, which is never the best.
         let score = sum / n_tokens as f64;
         let mut values = vec![("radar_to_text_nats", score)];
+        if !contrasts.is_empty() {
+            let mean = contrasts.iter().sum::<f64>() / contrasts.len() as f64;
+            values.push(("contrast", mean));
+        }
         self.lm.net = net;
         values.extend(self.quick_score()?);
         Ok(Validation { score, values })

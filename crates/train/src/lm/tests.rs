@@ -75,6 +75,13 @@ fn scratch(name: &str) -> PathBuf {
     dir
 }
 
+const FIRST_STEP: StepInfo = StepInfo {
+    step: 0,
+    epoch: 0,
+    progress: 0.0,
+    seed: 1,
+};
+
 /// Settings whose run does nothing but what is asked.
 fn bare_loop(steps: u64) -> LoopConfig {
     LoopConfig {
@@ -428,13 +435,7 @@ fn prompts_and_padding_cost_a_decoder_alone_nothing() {
         let (mut stage, net) =
             LmStage::new(&config, lm, LmStageKind::Pretrain, &clips, &[]).unwrap();
         let items: Vec<usize> = stage.plan_epoch(1).into_iter().flatten().collect();
-        let info = StepInfo {
-            step: 0,
-            epoch: 0,
-            progress: 0.0,
-            seed: 1,
-        };
-        let loss = stage.loss(&net, &items, info).unwrap().total;
+        let loss = stage.loss(&net, &items, FIRST_STEP).unwrap().total;
         let found = f64::from(loss.into_scalar::<f32>());
         let (mut sum, mut n, mut prompts) = (0.0, 0.0, BTreeSet::new());
         for item in &items {
@@ -584,14 +585,8 @@ fn loss_of_a_batch_is_the_mean_over_its_tokens() {
     let lm = RadarLm::new(shape, vocab(&clips), 5, &cpu_device()).unwrap();
     let (mut stage, net) = LmStage::new(&config, lm, LmStageKind::Pretrain, &clips, &[]).unwrap();
     let items: Vec<usize> = stage.plan_epoch(1).into_iter().flatten().collect();
-    let info = StepInfo {
-        step: 0,
-        epoch: 0,
-        progress: 0.0,
-        seed: 1,
-    };
     let mut cost = |batch: &[usize]| {
-        let loss = stage.loss(&net, batch, info).unwrap().total;
+        let loss = stage.loss(&net, batch, FIRST_STEP).unwrap().total;
         f64::from(loss.into_scalar::<f32>())
     };
     let together = cost(&items);
@@ -605,6 +600,56 @@ fn loss_of_a_batch_is_the_mean_over_its_tokens() {
     }
     // f32 rounding of losses near 7.
     assert!((together - sum / n).abs() < 1e-4, "{together} {}", sum / n);
+}
+
+/// Trained with the contrastive loss, clips and captions find each other; without it the loss is the tokens' alone.
+#[test]
+fn clips_find_their_captions() {
+    let clips = toy_clips(8, N_CODES, CODE_DIM);
+    let mut config = exact_config(LoopConfig {
+        learning_rate: 3e-3,
+        ..bare_loop(80)
+    });
+    config.sampling.radar_prediction = 0.0;
+    config.sampling.text_to_radar = 0.0;
+    config.contrastive_weight = 0.5;
+    let losses = |config: &LmTrainConfig, lm: RadarLm| {
+        let (mut stage, net) =
+            LmStage::new(config, lm, LmStageKind::Pretrain, &clips, &[]).unwrap();
+        let items: Vec<usize> = stage.plan_epoch(1).into_iter().flatten().collect();
+        let loss = stage.loss(&net, &items, FIRST_STEP).unwrap();
+        let contrast = loss.parts.iter().find(|p| p.0 == "contrast").map(|p| p.1);
+        (f64::from(loss.total.into_scalar::<f32>()), contrast)
+    };
+    let fresh = || {
+        let shape = config.lm_config(N_CODES, CODE_DIM).unwrap();
+        RadarLm::new(shape, vocab(&clips), 5, &cpu_device()).unwrap()
+    };
+    let (total, contrast) = losses(&config, fresh());
+    let contrast = contrast.unwrap();
+    let without = LmTrainConfig {
+        contrastive_weight: 0.0,
+        ..config.clone()
+    };
+    let (tokens, none) = losses(&without, fresh());
+    assert_eq!(none, None);
+    // f32 rounding of losses near 7.
+    assert!(
+        (total - tokens - 0.5 * contrast).abs() < 1e-4,
+        "{total} {tokens} {contrast}"
+    );
+    // Chance is ln 8.
+    assert!(contrast > 1.0, "{contrast}");
+
+    let dir = scratch("contrast");
+    let outcome = pretrain(&config, N_CODES, &clips, &[], &dir, false).unwrap();
+    let lm = RadarLm::load(&outcome.checkpoint, &cpu_device()).unwrap();
+    let learned = losses(&config, lm).1.unwrap();
+    assert!(learned < 0.2, "{contrast} -> {learned}");
+    config.backbone = Backbone::Gpt2;
+    let error = config.validate().unwrap_err().to_string();
+    assert!(error.contains("contrastive_weight"), "{error}");
+    std::fs::remove_dir_all(dir).unwrap();
 }
 
 #[test]

@@ -139,12 +139,17 @@ fn tokenizer_overfits_a_tiny_batch_and_encodes() {
         chamfer: ChamferSide::Symmetric,
         targets_per_tube: 24,
         tubes_per_clip: 1000,
+        motion_codes_weight: 0.5,
         ..Default::default()
     };
     config.model.reconstruction_points = 12;
     let out = dir.join("tokenizer");
     let outcome = tokenizer::train(&config, &clips, &clips, Some(&teacher), &out, false).unwrap();
-    for (part, factor) in [("reconstruction", 10.0), ("guidance", 10.0)] {
+    for (part, factor) in [
+        ("reconstruction", 10.0),
+        ("guidance", 10.0),
+        ("motion_code", 10.0),
+    ] {
         let loss = logged(&out, part);
         let (first, last) = (loss[0], loss[loss.len() - 1]);
         assert!(last < first / factor, "{part}: {first} -> {last}");
@@ -268,6 +273,10 @@ fn sparse_clips_and_every_ablation_train_without_nan() {
             loss(&|l| l.reconstruct = Reconstruct::Nothing),
         ),
         ("no guidance", loss(&|l| l.guidance_weight = 0.0)),
+        (
+            "motion codes in place of features",
+            loss(&|l| (l.guidance_weight, l.motion_codes_weight) = (0.0, 0.5)),
+        ),
         (
             "loss as printed",
             loss(&|l| {
