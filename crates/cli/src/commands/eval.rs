@@ -481,17 +481,11 @@ fn with_interval(share: Share, scale: f64) -> String {
     format!("{value:.digits$} [{low:.digits$}, {high:.digits$}]")
 }
 
-fn markdown(report: &Report) -> CliResult<String> {
-    let mut text = String::new();
-    writeln!(
-        text,
-        "# Captions of `{}`, split `{}`\n",
-        report.data, report.split
-    )?;
-    writeln!(
-        text,
-        "Model: {} ({:.2} M parameters, {:.2} MB on disk), decoder {}, beam {}. {} clips ({} abstained); floors from {} \
-         training clips.",
+/// What was evaluated on what.
+pub fn model_line(report: &Report) -> String {
+    format!(
+        "Model {}: {:.2} M parameters, {:.2} MB on disk, decoder {}, beam {}. {} clips, {} of them without a sentence (too \
+         few points or frames); floors from {} training clips.",
         report.model,
         report.parameters as f64 / 1e6,
         report.model_bytes as f64 / 1e6,
@@ -500,7 +494,17 @@ fn markdown(report: &Report) -> CliResult<String> {
         report.clips,
         report.abstained,
         report.train_clips
+    )
+}
+
+fn markdown(report: &Report) -> CliResult<String> {
+    let mut text = String::new();
+    writeln!(
+        text,
+        "# Captions of `{}`, split `{}`\n",
+        report.data, report.split
     )?;
+    writeln!(text, "{}", model_line(report))?;
     writeln!(
         text,
         "Protocol `{}`, at most {} references. Values x100 (CIDEr-D in its own scale), 95 % bootstrap intervals over motions.\n",

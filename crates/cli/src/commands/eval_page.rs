@@ -9,7 +9,7 @@ use radarllm_view::{
     report::{Example, Group, ReportPage, Table},
 };
 
-use crate::commands::eval::{Report, SYSTEM_HEAD, Slice, slice_row, system_row};
+use crate::commands::eval::{Report, SYSTEM_HEAD, Slice, model_line, slice_row, system_row};
 
 /// Examples of each of best, median and worst.
 const PER_GROUP: usize = 4;
@@ -87,18 +87,7 @@ pub fn html(report: &Report, shown: &[Shown], frame_rate_hz: f64) -> String {
 
 fn about(report: &Report) -> Vec<String> {
     let mut lines = vec![
-        format!(
-            "Model {}: {:.2} M parameters, {:.2} MB on disk, decoder: {}, beam {}. {} clips, {} of them without a sentence \
-             (too few points or frames); floors from {} training clips.",
-            report.model,
-            report.parameters as f64 / 1e6,
-            report.model_bytes as f64 / 1e6,
-            report.decoder,
-            report.beam,
-            report.clips,
-            report.abstained,
-            report.train_clips
-        ),
+        model_line(report),
         format!(
             "On the machine that made this page, with whatever else it did: {:.1} captions/s, {:.0} radar frames/s, {:.0} \
              tokens/s, from points to sentences.",

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use radarllm_model::lm::templates::Task;
-use radarllm_model::lm::{Backbone, LmConfig, LmError, LmPreset, LoraConfig};
+use radarllm_model::lm::{Backbone, LmConfig, LmError, LmPreset, LoraConfig, NetworkConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::adamw::AdamWConfig;
@@ -65,6 +65,9 @@ pub struct LmTrainConfig {
     pub preset: LmPreset,
     /// Overrides the preset's continuous bypass.
     pub bypass: Option<bool>,
+    /// Overrides whether a new T5's output rows are its input rows. Shared rows move the logits `d_model^0.5` times
+    /// more slowly at the same learning rate.
+    pub tie_embeddings: Option<bool>,
     /// Overrides the preset's dropout.
     pub dropout: Option<f64>,
     /// Folder of a pretrained network in Hugging Face layout to start from.
@@ -124,6 +127,7 @@ impl LmTrainConfig {
             backbone: Backbone::T5,
             preset: LmPreset::Small,
             bypass: None,
+            tie_embeddings: None,
             dropout: None,
             hf_folder: None,
             lora: None,
@@ -200,6 +204,9 @@ impl LmTrainConfig {
     pub fn lm_config(&self, n_codes: usize, code_dim: usize) -> Result<LmConfig, LmError> {
         let mut config = self.backbone.config(self.preset, n_codes, code_dim)?;
         config.bypass = self.bypass.unwrap_or(config.bypass);
+        if let (Some(tie), NetworkConfig::T5(t5)) = (self.tie_embeddings, &mut config.network) {
+            t5.tie_embeddings = tie;
+        }
         if let Some(dropout) = self.dropout {
             config.network.set_dropout(dropout);
         }
@@ -226,6 +233,11 @@ impl LmTrainConfig {
             if self.backbone == Backbone::T5 {
                 return fail("lora", "T5 is trained whole; gpt2 and qwen2 take adapters");
             }
+        }
+        if self.tie_embeddings.is_some()
+            && (self.backbone != Backbone::T5 || self.hf_folder.is_some())
+        {
+            return fail("tie_embeddings", "is a choice for a new t5 only");
         }
         if self.batch == 0 || self.batch > 65_536 {
             return fail("batch", "must be in 1..=65536");

@@ -653,6 +653,28 @@ fn clips_find_their_captions() {
 }
 
 #[test]
+fn a_new_t5_may_have_output_rows_of_its_own() {
+    let clips = toy_clips(4, N_CODES, CODE_DIM);
+    let mut config = exact_config(bare_loop(2));
+    let rows = |config: &LmTrainConfig| {
+        let dir = scratch("tied");
+        let outcome = pretrain(config, N_CODES, &clips, &[], &dir, false).unwrap();
+        let lm = RadarLm::load(&outcome.checkpoint, &cpu_device()).unwrap();
+        std::fs::remove_dir_all(dir).unwrap();
+        collect_params(&lm.net)
+            .keys()
+            .filter(|name| name.ends_with("head") || name.ends_with("shared"))
+            .count()
+    };
+    assert_eq!(rows(&config), 1);
+    config.tie_embeddings = Some(false);
+    assert_eq!(rows(&config), 2);
+    config.backbone = Backbone::Gpt2;
+    let error = config.validate().unwrap_err().to_string();
+    assert!(error.contains("tie_embeddings"), "{error}");
+}
+
+#[test]
 fn bad_clips_are_named() {
     let clips = toy_clips(2, N_CODES, CODE_DIM);
     let vocab = vocab(&clips);
