@@ -79,6 +79,9 @@ struct Row {
     /// Published values, as printed there.
     #[serde(default)]
     reported: BTreeMap<String, f64>,
+    /// Why some of them are doubtful: printed below the table, and a mark beside the value.
+    #[serde(default)]
+    doubted: BTreeMap<String, String>,
 }
 
 fn test_split() -> String {
@@ -120,6 +123,7 @@ struct RowReport {
     seeds: Vec<u64>,
     ours: BTreeMap<String, Option<Spread>>,
     reported: BTreeMap<String, f64>,
+    doubted: BTreeMap<String, String>,
 }
 
 #[derive(Serialize)]
@@ -217,6 +221,14 @@ fn check(grid: &Grid) -> Result<(), String> {
     for table in &grid.tables {
         let known = |key: &String| METRICS.iter().any(|m| m.0 == key);
         let reported = table.rows.iter().flat_map(|row| row.reported.keys());
+        for row in &table.rows {
+            if let Some(key) = row.doubted.keys().find(|k| !row.reported.contains_key(*k)) {
+                return Err(format!(
+                    "row `{}`: {key} is doubted, but not reported",
+                    row.name
+                ));
+            }
+        }
         if let Some(key) = table.columns.iter().chain(reported).find(|k| !known(k)) {
             let names: Vec<&str> = METRICS.iter().map(|m| m.0).collect();
             return Err(format!("{key}: unknown; columns are {}", names.join(", ")));
@@ -420,6 +432,7 @@ fn table_report(grid: &Grid, table: &GridTable, rows: &[Vec<Run>]) -> CliResult<
                 seeds: grid.seeds.clone(),
                 ours,
                 reported: row.reported.clone(),
+                doubted: row.doubted.clone(),
             })
         })
         .collect::<CliResult<Vec<_>>>()?;
@@ -482,12 +495,25 @@ fn markdown(grid: &Grid, tables: &[TableReport]) -> CliResult<String> {
                         write!(text, " |")?;
                     }
                 }
-                match row.reported.get(*key) {
-                    Some(value) => write!(text, " *{value}* |")?,
-                    None => write!(text, " |")?,
+                match (row.reported.get(*key), row.doubted.get(*key)) {
+                    (Some(value), None) => write!(text, " *{value}* |")?,
+                    (Some(value), Some(_)) => write!(text, " *{value}* (?) |")?,
+                    (None, _) => write!(text, " |")?,
                 }
             }
             writeln!(text)?;
+        }
+        let mut reasons: BTreeMap<&str, Vec<String>> = BTreeMap::new();
+        for row in &table.rows {
+            for (key, heading, _) in &shown {
+                if let Some(reason) = row.doubted.get(*key) {
+                    let place = format!("{}, {heading}", row.name);
+                    reasons.entry(reason).or_default().push(place);
+                }
+            }
+        }
+        for (reason, places) in reasons {
+            writeln!(text, "\n(?) {}: {reason}", places.join("; "))?;
         }
     }
     Ok(text)
@@ -509,7 +535,8 @@ columns = ["bleu_1", "meteor"]
 
 [[table.row]]
 name = "whole"
-reported = { bleu_1 = 48.0 }
+reported = { bleu_1 = 48.0, meteor = 33.7 }
+doubted = { meteor = "differs elsewhere." }
 
 [[table.row]]
 name = "one codebook"
@@ -589,13 +616,21 @@ set = { "pretrain.sampling.text_to_radar" = 0.0 }
                 name: "whole".into(),
                 seeds: vec![1, 2],
                 ours: [("bleu_1".into(), Some(s)), ("meteor".into(), None)].into(),
-                reported: [("bleu_1".into(), 48.0)].into(),
+                reported: [("bleu_1".into(), 48.0), ("meteor".into(), 33.7)].into(),
+                doubted: [("meteor".into(), "differs elsewhere.".into())].into(),
             }],
         };
         let text = markdown(&grid, &[table]).unwrap();
         assert!(
-            text.contains("| whole | 50.0 +- 14.1 | *48* | not run | |"),
+            text.contains("| whole | 50.0 +- 14.1 | *48* | not run | *33.7* (?) |"),
             "{text}"
         );
+        assert!(
+            text.ends_with("\n(?) whole, METEOR: differs elsewhere.\n"),
+            "{text}"
+        );
+        let stray = GRID.replace("bleu_1 = 48.0, meteor = 33.7", "bleu_1 = 48.0");
+        let grid: Grid = toml::from_str(&stray).unwrap();
+        assert!(check(&grid).unwrap_err().contains("meteor is doubted"));
     }
 }
