@@ -339,8 +339,8 @@ impl<'a> TokenizerStage<'a> {
         if width == 0 {
             return Vec::new();
         }
-        let rows = taught_rows(samples, |told| told.guide.len() / width);
-        if rows.is_empty() {
+        let taught = taught_features(told, samples, |told| told.guide.len() / width, device);
+        if taught.is_empty() {
             return Vec::new();
         }
         let targets: Vec<f32> = samples
@@ -348,10 +348,11 @@ impl<'a> TokenizerStage<'a> {
             .flat_map(|s| s.told.guide.iter().take(s.grouped.n_codes * width))
             .copied()
             .collect();
-        let target = Tensor::<2>::from_data(TensorData::new(targets, [rows.len(), width]), device);
-        let rows = indices(rows.into_iter(), device);
-        told.iter()
-            .filter_map(|features| model.guide(features.clone().select(0, rows.clone())))
+        let shape = [targets.len() / width, width];
+        let target = Tensor::<2>::from_data(TensorData::new(targets, shape), device);
+        taught
+            .into_iter()
+            .filter_map(|features| model.guide(features))
             .map(|predicted| (predicted - target.clone()).square().mean())
             .collect()
     }
@@ -383,21 +384,16 @@ impl<'a> TokenizerStage<'a> {
         samples: &[Sample],
         device: &Device,
     ) -> Vec<Tensor<1>> {
-        let rows = taught_rows(samples, |told| told.motion_codes.len());
-        if rows.is_empty() {
-            return Vec::new();
-        }
+        let taught = taught_features(told, samples, |told| told.motion_codes.len(), device);
         let targets: Vec<u32> = samples
             .iter()
             .flat_map(|s| s.told.motion_codes.iter().take(s.grouped.n_codes))
             .copied()
             .collect();
-        let rows = indices(rows.into_iter(), device);
         let weights = vec![1.0; targets.len()];
-        told.iter()
-            .filter_map(|features| {
-                model.motion_code_logits(features.clone().select(0, rows.clone()))
-            })
+        taught
+            .into_iter()
+            .filter_map(|features| model.motion_code_logits(features))
             .map(|logits| cross_entropy(logits, &targets, &weights, 0.0))
             .collect()
     }
@@ -630,8 +626,14 @@ impl Stage for TokenizerStage<'_> {
     }
 }
 
-/// Rows of the codes that the teacher knows: the first so many of each clip, among the codes of all clips.
-fn taught_rows(samples: &[Sample], known: impl Fn(&Told) -> usize) -> Vec<i64> {
+/// Of each of the features in `told`, the rows of the codes that the teacher knows: the first so many of each
+/// clip, among the codes of all clips. Empty when it knows none.
+fn taught_features(
+    told: &[Tensor<2>],
+    samples: &[Sample],
+    known: impl Fn(&Told) -> usize,
+    device: &Device,
+) -> Vec<Tensor<2>> {
     let mut first = 0;
     let mut rows = Vec::new();
     for sample in samples {
@@ -639,7 +641,13 @@ fn taught_rows(samples: &[Sample], known: impl Fn(&Told) -> usize) -> Vec<i64> {
         rows.extend((first..first + known(&sample.told).min(n_codes)).map(|row| row as i64));
         first += n_codes;
     }
-    rows
+    if rows.is_empty() {
+        return Vec::new();
+    }
+    let rows = indices(rows.into_iter(), device);
+    told.iter()
+        .map(|features| features.clone().select(0, rows.clone()))
+        .collect()
 }
 
 fn indices(rows: impl Iterator<Item = i64>, device: &Device) -> Tensor<1, Int> {
