@@ -446,6 +446,9 @@ pub struct TrainArgs {
     /// cpu, gpu or gpu:N instead of the configuration's device (docs/training-on-gpus.md).
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
+    /// Threads of a training on the CPU, which learns the same with any number; all cores without it.
+    #[arg(long)]
+    pub threads: Option<usize>,
 }
 
 /// What decodes sentences.
@@ -678,7 +681,7 @@ pub struct ViewArgs {
 pub struct AblateArgs {
     /// The grid: base recipe, seeds, tables and rows; see docs/ablations.md.
     pub config: PathBuf,
-    /// Trainings that run side by side; each takes one thread.
+    /// Trainings that run side by side; they share the cores.
     #[arg(long, default_value_t = 1)]
     pub jobs: usize,
     /// Print what would run, and what has run already, and stop.

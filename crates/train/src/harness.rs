@@ -13,7 +13,7 @@
 //! | `final/` | weights at the end of the run, for inference |
 //!
 //! Every random choice is drawn from a seed derived from (run seed, epoch or step), so a resumed run
-//! on one thread continues bit for bit as if it had never stopped.
+//! continues bit for bit as if it had never stopped, on any number of CPU threads.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -17,7 +17,7 @@ use toml::{Table, Value};
 
 use crate::{
     args::{AblateArgs, DecoderName, EvalArgs},
-    commands::eval,
+    commands::{self, eval},
     error::{CliError, CliResult},
     files::{self, MAX_CONFIG_BYTES},
     output,
@@ -350,15 +350,17 @@ fn set(table: &mut Table, key: &str, value: Value) -> CliResult {
     }
 }
 
-/// Works through `jobs` with `n` threads; the first error stops what has not begun.
+/// Works through `jobs`, `n` at a time, which share the cores; the first error stops what has not begun.
 fn side_by_side<J: Send>(
     n: usize,
     jobs: Vec<J>,
     work: impl Fn(J) -> CliResult + Sync,
 ) -> CliResult {
+    let n = n.max(1);
+    let threads_each = (commands::threads(None) / n).max(1);
     let queue = Mutex::new((jobs.into_iter(), None));
     std::thread::scope(|scope| {
-        for _ in 0..n.max(1) {
+        for _ in 0..n {
             scope.spawn(|| {
                 loop {
                     let job = {
@@ -369,7 +371,8 @@ fn side_by_side<J: Send>(
                         queue.0.next()
                     };
                     let Some(job) = job else { return };
-                    if let Err(error) = work(job) {
+                    let result = commands::on_threads(Some(threads_each), || work(job));
+                    if let Err(error) = result.and_then(|result| result) {
                         let mut queue = queue.lock().unwrap_or_else(|e| e.into_inner());
                         queue.1.get_or_insert(error);
                     }

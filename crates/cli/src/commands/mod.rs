@@ -33,3 +33,18 @@ pub mod view;
 pub fn threads(asked: Option<usize>) -> usize {
     asked.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
 }
+
+/// Runs `work`, and all that it divides among threads, on so many; one for every core without a number.
+#[cfg(feature = "train")]
+pub fn on_threads<R: Send>(
+    asked: Option<usize>,
+    work: impl FnOnce() -> R + Send,
+) -> crate::error::CliResult<R> {
+    // As deep as a main thread's: differentiation follows a network's whole graph.
+    const STACK_BYTES: usize = 8 << 20;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads(asked))
+        .stack_size(STACK_BYTES)
+        .build()?;
+    Ok(pool.install(work))
+}

@@ -6,7 +6,7 @@ use radarllm_train::recipe::{Recipe, RecipeStage};
 
 use crate::{
     args::{Stage, TrainArgs},
-    commands::eval::peak_memory_mb,
+    commands::{eval::peak_memory_mb, on_threads},
     error::{CliError, CliResult},
     files::{self, MAX_CONFIG_BYTES},
     output,
@@ -56,7 +56,7 @@ pub fn run(args: &TrainArgs) -> CliResult {
             }
             fs::remove_dir_all(&folder).map_err(|e| CliError::io(&folder, e))?;
         }
-        if !recipe.run(stage, args.resume)? {
+        if !on_threads(args.threads, || recipe.run(stage, args.resume))?? {
             output::print_line(&format!(
                 "stage {} stopped early; --resume continues it",
                 stage.name()

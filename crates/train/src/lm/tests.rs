@@ -1,12 +1,13 @@
 //! The stages as a whole, on toy clips.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use burn::module::Module;
 use radarllm_model::checkpoint::{
     Checkpoint, HostTensor, MODEL_FILE, NamedTensors, collect_params,
 };
+use radarllm_model::lm::t5::{DropoutRng, RadarT5, Source, SourceBatch};
 use radarllm_model::lm::templates::{Task, all_text};
 use radarllm_model::lm::vocab::EOS;
 use radarllm_model::lm::{
@@ -19,8 +20,10 @@ use rand::{RngExt, SeedableRng};
 use super::clip::LmClip;
 use super::config::LmTrainConfig;
 use super::examples::{ExampleMaker, Item, LmStageKind};
+use super::loss::cross_entropy;
 use super::stage::LmStage;
 use super::{LmOutcome, instruct, pretrain};
+use crate::adamw::{AdamW, AdamWConfig, GradientSum, ParamRule};
 use crate::harness::{LoopConfig, Stage, StepInfo, cpu_device};
 
 const N_CODES: usize = 16;
@@ -163,6 +166,55 @@ fn eight_clips_are_learned_word_for_word_and_tuning_keeps_them() {
     let lm = RadarLm::load(&outcome.checkpoint, &cpu_device()).unwrap();
     assert_eq!(captions(&lm, &clips, 1), expected, "after tuning");
     std::fs::remove_dir_all(dir).unwrap();
+}
+
+/// Products of these sizes, alone and in batches, are divided among the threads.
+#[test]
+fn any_number_of_threads_learns_the_same_bits() {
+    let learned = |n_threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads);
+        pool.build().unwrap().install(|| {
+            let config = LmPreset::Small.config(N_CODES, CODE_DIM);
+            let mut t5 = config.t5().unwrap().clone();
+            t5.vocab_size = 500;
+            let device = cpu_device().autodiff();
+            let mut net = RadarT5::new(&t5, &config, 3, &device).train();
+            let (batch, source, target) = (24, 50, 20);
+            let id = |i: usize| (i * 7919 % 498 + 2) as u32;
+            let sources: Vec<Source> = (0..batch)
+                .map(|row| Source {
+                    ids: (0..source).map(|at| id(row * source + at)).collect(),
+                    ..Source::default()
+                })
+                .collect();
+            let sources: Vec<&Source> = sources.iter().collect();
+            let sources = SourceBatch::new(&sources, CODE_DIM, &device);
+            let targets: Vec<u32> = (0..batch * target).map(id).collect();
+            let weights = vec![1.0; targets.len()];
+            let mut optimizer = AdamW::default();
+            for step in 0..3 {
+                let dropout = &mut DropoutRng::new(step);
+                let states = net.forward(&sources, &targets, target, Some(dropout));
+                let loss = cross_entropy(net.t5.logits(states, 500), &targets, &weights, 0.1);
+                let mut sum = GradientSum::default();
+                sum.add(&net, loss.backward());
+                let norm = sum.norm();
+                let rule = |_: &str, shape: &[usize]| ParamRule::by_shape(shape);
+                net = optimizer.step(&AdamWConfig::default(), 1e-2, &rule, net, sum, norm);
+            }
+            collect_params(&net)
+                .into_iter()
+                .map(|(name, tensor)| (name, tensor.values.iter().map(|v| v.to_bits()).collect()))
+                .collect::<BTreeMap<String, Vec<u32>>>()
+        })
+    };
+    let alone = learned(1);
+    for n_threads in [2, 3] {
+        let together = learned(n_threads);
+        for (name, bits) in &alone {
+            assert_eq!(bits, &together[name], "{name}, {n_threads} threads");
+        }
+    }
 }
 
 #[test]
