@@ -443,7 +443,7 @@ pub struct TrainArgs {
     /// Start over where a finished or begun training lies.
     #[arg(long)]
     pub force: bool,
-    /// cpu, gpu or gpu:N instead of the configuration's device (docs/training-on-gpus.md).
+    /// cpu, gpu, gpu:N or several, as gpu:0,gpu:1, instead of the configuration's device (docs/training-on-gpus.md).
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
     /// Threads of a training on the CPU, which learns the same with any number; all cores without it.

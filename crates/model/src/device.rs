@@ -19,6 +19,70 @@ pub enum Processor {
     Gpu(Option<usize>),
 }
 
+/// One processor or several, `"gpu:0,gpu:1"`. The first keeps the weights; each takes a batch of an update.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Processors(Vec<Processor>);
+
+impl Processors {
+    /// The one that keeps the weights.
+    pub fn first(&self) -> Processor {
+        self.0.first().copied().unwrap_or_default()
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.0.len()
+    }
+
+    /// The framework's handles, in order.
+    ///
+    /// # Errors
+    /// See [`ProcessorError`].
+    pub fn devices(&self) -> Result<Vec<Device>, ProcessorError> {
+        self.0.iter().map(|processor| processor.device()).collect()
+    }
+}
+
+impl Default for Processors {
+    fn default() -> Self {
+        Self(vec![Processor::default()])
+    }
+}
+
+impl fmt::Display for Processors {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names: Vec<String> = self.0.iter().map(Processor::to_string).collect();
+        f.write_str(&names.join(","))
+    }
+}
+
+impl FromStr for Processors {
+    type Err = ProcessorError;
+
+    fn from_str(names: &str) -> Result<Self, ProcessorError> {
+        names
+            .split(',')
+            .map(str::parse)
+            .collect::<Result<_, _>>()
+            .map(Self)
+    }
+}
+
+impl TryFrom<String> for Processors {
+    type Error = ProcessorError;
+
+    fn try_from(names: String) -> Result<Self, ProcessorError> {
+        names.parse()
+    }
+}
+
+impl From<Processors> for String {
+    fn from(processors: Processors) -> Self {
+        processors.to_string()
+    }
+}
+
 /// A processor that cannot be used.
 #[derive(Debug, Error)]
 pub enum ProcessorError {
@@ -148,6 +212,18 @@ mod tests {
         for name in ["", "GPU", "cuda", "gpu:", "gpu:-1", "gpu:x", "cpu:0"] {
             let error = name.parse::<Processor>().unwrap_err();
             assert!(matches!(error, ProcessorError::Name(_)), "{name}: {error}");
+        }
+    }
+
+    #[test]
+    fn several_are_read_and_written() {
+        let names = "gpu:0,gpu:2,cpu";
+        let processors: Processors = names.parse().unwrap();
+        assert_eq!(processors.to_string(), names);
+        assert_eq!(processors.count(), 3);
+        assert_eq!(processors.first(), Processor::Gpu(Some(0)));
+        for names in ["gpu:0,", ",gpu", "gpu:0 gpu:1", "gpu:0,1"] {
+            assert!(names.parse::<Processors>().is_err(), "{names}");
         }
     }
 

@@ -6,7 +6,7 @@
 //!
 //! Inference runs on `radarllm-engine` alone. The networks as they are trained, in burn, and what only they
 //! need come with the feature `train`: [`tokenizer::network`] and below, [`motion_vqvae`], most of [`lm`]. [`device`] says
-//! what they run on.
+//! what they run on, [`precision`] how exactly their products are computed.
 //!
 //! Reading order: [`checkpoint`] (files), [`tokenizer`] (points to codes), [`motion_vqvae`] (the
 //! teacher that guides the tokenizer's training), [`lm`] (codes to words).
@@ -19,4 +19,6 @@ pub mod lm;
 pub mod motion_vqvae;
 #[cfg(feature = "train")]
 mod params;
+#[cfg(feature = "train")]
+pub mod precision;
 pub mod tokenizer;

@@ -1,14 +1,17 @@
 //! Time of a training step of the T5-small shape: 16 sequences of 96 in and 40 out, dropout 0.1, AdamW.
 //!
-//! `cargo run --release -p radarllm-train --example t5_step [steps]`; docs/results/pytorch_step.py does the same in PyTorch.
+//! `cargo run --release -p radarllm-train --example t5_step [steps [device [f32|bf16|f16]]]`, with `--features gpu` for
+//! graphics processors; docs/results/pytorch_step.py does the same in PyTorch.
 
+use std::error::Error;
 use std::time::Instant;
 
 use burn::module::Module;
+use radarllm_model::device::Processor;
 use radarllm_model::lm::config::{LmPreset, NetworkConfig};
 use radarllm_model::lm::t5::{DropoutRng, RadarT5, Source, SourceBatch};
+use radarllm_model::precision::Precision;
 use radarllm_train::adamw::{AdamW, AdamWConfig, GradientSum, ParamRule};
-use radarllm_train::harness::cpu_device;
 use radarllm_train::lm::loss::cross_entropy;
 
 #[global_allocator]
@@ -19,17 +22,28 @@ const BATCH: usize = 16;
 const SOURCE: usize = 96;
 const TARGET: usize = 40;
 
-fn main() {
-    let n_steps = std::env::args()
-        .nth(1)
-        .and_then(|a| a.parse::<u64>().ok())
-        .unwrap_or(8);
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut args = std::env::args().skip(1);
+    let n_steps: u64 = args.next().map_or(Ok(8), |a| a.parse())?;
+    let processor: Processor = args.next().map_or(Ok(Processor::Cpu), |a| a.parse())?;
+    let precision = match args.next().as_deref() {
+        None | Some("f32") => Precision::F32,
+        Some("bf16") => Precision::Bf16,
+        Some("f16") => Precision::F16,
+        Some(other) => return Err(format!("`{other}` is no precision").into()),
+    };
+    // As training starts with it in f16.
+    let factor = if precision == Precision::F16 {
+        65_536.0
+    } else {
+        1.0
+    };
     let config = LmPreset::T5Small.config(512, 512);
     let NetworkConfig::T5(mut t5) = config.network.clone() else {
-        return;
+        return Err("the preset is a T5".into());
     };
     t5.vocab_size = VOCAB;
-    let device = cpu_device().autodiff();
+    let device = processor.device()?.autodiff();
     let mut net = RadarT5::new(&t5, &config, 1, &device).train();
     let mut optimizer = AdamW::default();
     // The same made-up ids in both programs.
@@ -55,12 +69,14 @@ fn main() {
     for step in 0..n_steps {
         let started = Instant::now();
         let dropout = &mut DropoutRng::new(step);
-        let states = net.forward(&batch, &shifted, TARGET, Some(dropout));
-        let loss = cross_entropy(net.t5.logits(states, VOCAB), &targets, &weights, 0.0);
+        let loss = precision.during(|| {
+            let states = net.forward(&batch, &shifted, TARGET, Some(dropout));
+            cross_entropy(net.t5.logits(states, VOCAB), &targets, &weights, 0.0)
+        });
         let value = loss.clone().into_scalar::<f32>();
         let forward = started.elapsed().as_secs_f64();
-        let mut sum = GradientSum::default();
-        sum.add(&net, loss.backward());
+        let mut sum = GradientSum::scaled(factor);
+        sum.add(&net, (loss * factor).backward());
         let backward = started.elapsed().as_secs_f64() - forward;
         let norm = sum.norm();
         let rule = |_: &str, shape: &[usize]| ParamRule::by_shape(shape);
@@ -78,4 +94,5 @@ fn main() {
         totals[totals.len() / 2],
         totals[0]
     );
+    Ok(())
 }

@@ -58,13 +58,34 @@ impl ParamRule {
 }
 
 /// Gradients of one or more batches, by parameter path.
-#[derive(Default)]
 pub struct GradientSum {
     grads: BTreeMap<String, TensorData>,
     n_batches: usize,
+    /// Factor on the losses.
+    loss_scale: f64,
+}
+
+impl Default for GradientSum {
+    fn default() -> Self {
+        Self::scaled(1.0)
+    }
 }
 
 impl GradientSum {
+    /// Of losses that were multiplied by a factor.
+    pub fn scaled(loss_scale: f64) -> Self {
+        Self {
+            grads: BTreeMap::new(),
+            n_batches: 0,
+            loss_scale,
+        }
+    }
+
+    /// What the sum is divided by.
+    fn divisor(&self) -> f64 {
+        self.n_batches.max(1) as f64 * self.loss_scale
+    }
+
     /// Adds the gradients of one batch.
     pub fn add<M: Module>(&mut self, model: &M, grads: Gradients) {
         struct Visit<'a> {
@@ -123,7 +144,7 @@ impl GradientSum {
                     .sum::<f64>()
             })
             .sum();
-        sum.sqrt() / self.n_batches.max(1) as f64
+        sum.sqrt() / self.divisor()
     }
 }
 
@@ -160,7 +181,7 @@ impl AdamW {
         };
         let mut mapper = Update {
             path: Vec::new(),
-            scale: (clip / grads.n_batches.max(1) as f64) as f32,
+            scale: (clip / grads.divisor()) as f32,
             grads: grads.grads,
             config,
             learning_rate,

@@ -8,6 +8,7 @@
 //! | name | holds |
 //! |---|---|
 //! | `log.jsonl` | one JSON object per logged step and per validation |
+//! | `events.out.tfevents.radarllm` | the same numbers for TensorBoard |
 //! | `step-00001234/` | checkpoint to resume from: weights, moments, counters, stage state |
 //! | `best/` | weights with the lowest validation score, for inference |
 //! | `final/` | weights at the end of the run, for inference |
@@ -15,10 +16,10 @@
 //! Every random choice is drawn from a seed derived from (run seed, epoch or step), so a resumed run
 //! continues bit for bit as if it had never stopped, on any number of CPU threads.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
-use std::{fs, io};
 
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor};
@@ -35,6 +36,7 @@ use crate::adamw::{AdamW, GradientSum, ParamRule};
 pub use crate::error::TrainError;
 use crate::log::{Log, json_number};
 pub use crate::loop_config::{LoopConfig, Schedule, print_config, read_config};
+use crate::loss_scale::LossScale;
 
 /// Loss of one batch.
 pub struct StepLoss {
@@ -117,6 +119,11 @@ pub trait Stage {
     /// `config.json` of the checkpoints: all that inference needs to rebuild the network.
     fn config(&self) -> serde_json::Value;
 
+    /// Whether small gradients vanish in the stage's precision.
+    fn needs_loss_scale(&self) -> bool {
+        false
+    }
+
     /// Whether a parameter is trained; the others are frozen.
     fn is_trained(&self, _path: &str) -> bool {
         true
@@ -181,6 +188,8 @@ pub enum Ending {
     Done,
     /// The time budget is used up.
     TimeUp,
+    /// Validations have long found nothing better.
+    NoBetter,
     /// [`request_stop`] was called.
     Stopped,
 }
@@ -229,10 +238,10 @@ pub fn seeded_network<M: Module>(
     let model = make(&device);
     // Weights are drawn when they are first looked at: now, before another seed is set.
     let weights = collect_params(&model);
-    if config.processor == Processor::Cpu {
+    if config.processors.first() == Processor::Cpu {
         return Ok(model);
     }
-    let moved = make(&config.processor.device()?.autodiff());
+    let moved = make(&config.processors.first().device()?.autodiff());
     Ok(replace_params(moved, weights))
 }
 
@@ -261,9 +270,13 @@ struct TrainState {
     /// Bits, because JSON text may lose the last digit.
     best_score_bits: Option<u64>,
     seed: u64,
+    #[serde(default)]
+    loss_scale: LossScale,
+    /// Validations since the best one.
+    #[serde(default)]
+    since_best: u64,
 }
 
-const LOG_FILE: &str = "log.jsonl";
 const STATE_FILE: &str = "train_state.json";
 const OPTIMIZER_FILE: &str = "optimizer.safetensors";
 const STAGE_STATE_FILE: &str = "stage_state.safetensors";
@@ -297,11 +310,14 @@ pub fn run<S: Stage>(
             seconds: 0.0,
             best_score_bits: None,
             seed: config.seed,
+            loss_scale: match stage.needs_loss_scale() {
+                true => LossScale::start(),
+                false => LossScale::default(),
+            },
+            since_best: 0,
         },
         optimizer: AdamW::default(),
-        log: Log {
-            path: out_dir.join(LOG_FILE),
-        },
+        log: Log::of(out_dir),
         out_dir,
         config,
     };
@@ -309,7 +325,7 @@ pub fn run<S: Stage>(
     let mut model = freeze(model, &|path| stage.is_trained(path));
     if resume {
         model = run.resume(stage, model, &existing)?;
-    } else if !existing.is_empty() || run.log.path.exists() {
+    } else if !existing.is_empty() || run.log.exists() {
         return Err(TrainError::OutputExists {
             path: out_dir.into(),
         });
@@ -322,13 +338,7 @@ pub fn run<S: Stage>(
 /// # Errors
 /// If it cannot be removed.
 pub fn forget(out_dir: &Path) -> Result<(), TrainError> {
-    let path = out_dir.join(LOG_FILE);
-    match fs::remove_file(&path) {
-        Err(source) if source.kind() != io::ErrorKind::NotFound => {
-            Err(TrainError::Io { path, source })
-        }
-        _ => Ok(()),
-    }
+    Log::of(out_dir).remove()
 }
 
 /// Takes parameters that are not trained out of differentiation, so that they cost no gradient.
@@ -374,11 +384,9 @@ impl Run<'_> {
         let config = self.config;
         let started = Instant::now();
         let seconds_before = self.state.seconds;
-        let device = model
-            .devices()
-            .into_iter()
-            .next()
-            .unwrap_or_else(cpu_device);
+        let devices: Vec<Device> = (config.processors.devices()?.into_iter())
+            .map(Device::autodiff)
+            .collect();
         let mut batches = self.plan(stage)?;
         let n_batches = batches.len() as u64;
         let total = config.total_steps(n_batches);
@@ -394,6 +402,8 @@ impl Run<'_> {
                 break Ending::Done;
             } else if out_of_time {
                 break Ending::TimeUp;
+            } else if config.patience > 0 && self.state.since_best >= config.patience {
+                break Ending::NoBetter;
             } else if STOP.load(Ordering::Relaxed) {
                 break Ending::Stopped;
             }
@@ -402,7 +412,7 @@ impl Run<'_> {
                 (Schedule::Steps, Some(total)) => self.state.step as f64 / total as f64,
             };
             let step = self.state.step;
-            let mut sum = GradientSum::default();
+            let mut sum = GradientSum::scaled(self.state.loss_scale.factor);
             let mut losses: Vec<(&'static str, f64)> = Vec::new();
             let mut info = StepInfo {
                 step,
@@ -412,36 +422,54 @@ impl Run<'_> {
             };
             let mut epoch_ended = false;
             let mut last_ids = Vec::new();
-            while sum.n_batches() < config.accumulate.max(1) as usize && !epoch_ended {
-                let batch_idx = self.state.next_batch;
-                info.seed = derive_seed(
-                    config.seed,
-                    &format!("{}/batch/{}/{batch_idx}", stage.name(), self.state.epoch),
-                );
-                device.seed(info.seed);
-                let batch = &batches[batch_idx as usize];
-                last_log.1 += batch.len();
-                let loss = stage.loss(&model, batch, info)?;
-                let total_loss = f64::from(loss.total.clone().into_scalar::<f32>());
-                last_ids = stage.ids(batch);
-                if !total_loss.is_finite() {
-                    let ids = last_ids;
-                    return Err(TrainError::NotFinite {
-                        step,
-                        what: "loss".into(),
-                        value: total_loss,
-                        ids,
-                    });
+            let replicas: Vec<S::Model> = (devices.iter().skip(1))
+                .map(|device| model.clone().fork(device))
+                .collect();
+            let models: Vec<&S::Model> = [&model].into_iter().chain(&replicas).collect();
+            while (sum.n_batches() as u64) < config.batches_per_update() && !epoch_ended {
+                // Every processor is given its work before the first result is waited for.
+                let mut begun = Vec::new();
+                for (device, model) in devices.iter().zip(&models) {
+                    if epoch_ended {
+                        break;
+                    }
+                    let batch_idx = self.state.next_batch;
+                    info.seed = derive_seed(
+                        config.seed,
+                        &format!("{}/batch/{}/{batch_idx}", stage.name(), self.state.epoch),
+                    );
+                    device.seed(info.seed);
+                    let batch = &batches[batch_idx as usize];
+                    last_log.1 += batch.len();
+                    let loss = stage.loss(model, batch, info)?;
+                    let total = match self.state.loss_scale {
+                        scale if scale.is_adaptive() => loss.total.clone() * scale.factor,
+                        _ => loss.total.clone(),
+                    };
+                    let grads = total.backward();
+                    begun.push((model, loss, grads, stage.ids(batch)));
+                    self.state.next_batch += 1;
+                    epoch_ended = self.state.next_batch >= n_batches;
                 }
-                add_parts(&mut losses, &[("loss", total_loss)]);
-                add_parts(&mut losses, &loss.parts);
-                sum.add(&model, loss.total.backward());
-                self.state.next_batch += 1;
-                epoch_ended = self.state.next_batch >= n_batches;
+                for (model, loss, grads, ids) in begun {
+                    let total_loss = f64::from(loss.total.into_scalar::<f32>());
+                    if !total_loss.is_finite() {
+                        return Err(TrainError::NotFinite {
+                            step,
+                            what: "loss".into(),
+                            value: total_loss,
+                            ids,
+                        });
+                    }
+                    add_parts(&mut losses, &[("loss", total_loss)]);
+                    add_parts(&mut losses, &loss.parts);
+                    sum.add(*model, grads);
+                    last_ids = ids;
+                }
             }
             let n = sum.n_batches() as f64;
             let norm = sum.norm();
-            if !norm.is_finite() {
+            let Some(is_usable) = self.state.loss_scale.usable(norm) else {
                 let ids = last_ids;
                 return Err(TrainError::NotFinite {
                     step,
@@ -449,13 +477,17 @@ impl Run<'_> {
                     value: norm,
                     ids,
                 });
-            }
+            };
             let learning_rate = config.learning_rate_at(step, progress);
-            let rule = |path: &str, shape: &[usize]| stage.rule(path, shape);
-            model = self
-                .optimizer
-                .step(&config.adamw, learning_rate, &rule, model, sum, norm);
-            model = stage.after_step(model, info)?;
+            drop(replicas);
+            // An update whose gradient overflowed in half precision is left out.
+            if is_usable {
+                let rule = |path: &str, shape: &[usize]| stage.rule(path, shape);
+                model = self
+                    .optimizer
+                    .step(&config.adamw, learning_rate, &rule, model, sum, norm);
+                model = stage.after_step(model, info)?;
+            }
             self.state.step += 1;
             self.state.seconds = seconds_before + started.elapsed().as_secs_f64();
             if epoch_ended {
@@ -532,6 +564,10 @@ impl Run<'_> {
         let result = stage.validate(&model.valid())?;
         let best = self.state.best_score_bits.map(f64::from_bits);
         let improved = result.score.is_finite() && best.is_none_or(|b| result.score < b);
+        self.state.since_best = match improved {
+            true => 0,
+            false => self.state.since_best + 1,
+        };
         let mut line = serde_json::Map::new();
         line.insert("validation".into(), true.into());
         line.insert("step".into(), self.state.step.into());
@@ -614,7 +650,12 @@ impl Run<'_> {
                     continue;
                 }
             };
-            let state: TrainState = checkpoint.json(STATE_FILE)?;
+            let mut state: TrainState = checkpoint.json(STATE_FILE)?;
+            // A run may go on in another precision.
+            let fresh = self.state.loss_scale;
+            if state.loss_scale.is_adaptive() != fresh.is_adaptive() {
+                state.loss_scale = fresh;
+            }
             let mismatch = |message: String| TrainError::ResumeMismatch {
                 path: dir.clone(),
                 message,

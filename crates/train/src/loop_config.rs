@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use radarllm_model::device::Processor;
+use radarllm_model::device::Processors;
 use serde::{Deserialize, Serialize};
 
 use crate::adamw::AdamWConfig;
@@ -39,7 +39,7 @@ pub struct LoopConfig {
     pub warmup_steps: u64,
     /// What the cosine runs over.
     pub schedule: Schedule,
-    /// Batches whose gradients are averaged for one update.
+    /// Batches of every processor whose gradients are averaged for one update.
     pub accumulate: u64,
     /// Optimiser.
     pub adamw: AdamWConfig,
@@ -47,6 +47,8 @@ pub struct LoopConfig {
     pub log_every: u64,
     /// Updates between validations; 0 validates after every epoch.
     pub validate_every: u64,
+    /// Ends the run after so many validations without a better score; 0 never does.
+    pub patience: u64,
     /// Seconds between checkpoints; 0 leaves only the step rule.
     pub checkpoint_every_s: f64,
     /// Updates between checkpoints; 0 leaves only the time rule.
@@ -55,7 +57,7 @@ pub struct LoopConfig {
     pub keep_last: usize,
     /// What the stage is computed on. Not a setting of the result: a run may go on elsewhere.
     #[serde(skip)]
-    pub processor: Processor,
+    pub processors: Processors,
 }
 
 impl Default for LoopConfig {
@@ -73,15 +75,21 @@ impl Default for LoopConfig {
             adamw: AdamWConfig::default(),
             log_every: 10,
             validate_every: 0,
+            patience: 0,
             checkpoint_every_s: 300.0,
             checkpoint_every_steps: 0,
             keep_last: 2,
-            processor: Processor::Cpu,
+            processors: Processors::default(),
         }
     }
 }
 
 impl LoopConfig {
+    /// Batches whose gradients are averaged for one update.
+    pub fn batches_per_update(&self) -> u64 {
+        self.accumulate.max(1) * self.processors.count().max(1) as u64
+    }
+
     /// Checks that the loop can run and will end.
     ///
     /// # Errors
@@ -132,7 +140,7 @@ impl LoopConfig {
 
     /// Updates of the whole run, if epochs or steps limit it.
     pub(crate) fn total_steps(&self, batches_per_epoch: u64) -> Option<u64> {
-        let per_epoch = batches_per_epoch.div_ceil(self.accumulate.max(1));
+        let per_epoch = batches_per_epoch.div_ceil(self.batches_per_update());
         let by_epochs = (self.epochs > 0).then(|| self.epochs.saturating_mul(per_epoch));
         let by_steps = (self.max_steps > 0).then_some(self.max_steps);
         match (by_epochs, by_steps) {

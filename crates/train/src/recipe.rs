@@ -13,7 +13,7 @@ use std::{
 use radarllm_base::PointFrame;
 use radarllm_dataset::{ClipRecord, Columns, Dataset, Split};
 use radarllm_model::{
-    device::Processor,
+    device::Processors,
     lm::RadarLm,
     tokenizer::{FRAMES_PER_CODE, RadarTokenizer},
 };
@@ -72,8 +72,8 @@ pub struct Recipe {
     pub out: PathBuf,
     /// Simulations of a training motion that are used, the first ones; 0 uses all.
     pub simulations_per_motion: usize,
-    /// What training is computed on: `"cpu"`, `"gpu"` or `"gpu:N"`.
-    pub device: Processor,
+    /// What training is computed on: `"cpu"`, `"gpu"`, `"gpu:N"`, or several of them, `"gpu:0,gpu:1"`.
+    pub device: Processors,
     /// The motion VQ-VAE.
     pub motion: MotionTrainConfig,
     /// The radar tokenizer.
@@ -94,7 +94,7 @@ impl Default for Recipe {
             data: vec!["data".into()],
             out: "model".into(),
             simulations_per_motion: 0,
-            device: Processor::Cpu,
+            device: Processors::default(),
             motion: MotionTrainConfig::default(),
             tokenizer: TokenizerTrainConfig::default(),
             pretrain: LmTrainConfig::small(),
@@ -172,7 +172,7 @@ impl Recipe {
             &mut recipe.pretrain.run,
             &mut recipe.instruct.run,
         ] {
-            run.processor = self.device;
+            run.processors = self.device.clone();
         }
         // A stage that was never begun, or was stopped before its first checkpoint, starts afresh.
         let starts_afresh = resume && !has_checkpoint(&out);

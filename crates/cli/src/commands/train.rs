@@ -36,7 +36,7 @@ pub fn run(args: &TrainArgs) -> CliResult {
     // Before anything is removed or written.
     recipe
         .device
-        .device()
+        .devices()
         .map_err(|e| CliError::new(format!("device {e}")))?;
     let stages = match args.stage {
         Stage::Motion => vec![RecipeStage::Motion],

@@ -14,6 +14,7 @@ use super::gpt2::Gpt2;
 use super::layers::{Embedding, Linear, LoraConfig, Past, Rows, Steps, ids_1d};
 use super::qwen2::Qwen2;
 use super::t5::{Drop, DropoutRng, Source, features_tensor, new_bypass, push_features};
+use crate::precision::Product;
 
 /// Added to the scores of padding, as in [`super::layers`].
 const HIDDEN: f32 = -1e9;
@@ -193,7 +194,7 @@ impl RadarDecoder {
         }
         match features_tensor(places, features, code_dim, device) {
             Some((places, features)) => {
-                let projected = features.matmul(bypass.val());
+                let projected = features.product(bypass.val());
                 x.select_assign(0, places, projected, IndexingUpdateOp::Add)
             }
             None => x,

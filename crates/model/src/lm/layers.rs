@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use super::LmError;
 use super::t5::{Drop, normal_values};
 use crate::checkpoint::{CheckpointError, HostTensor, NamedTensors};
+use crate::precision::Product;
 
 /// Added to the scores of keys that must not be seen; finite, as in [`super::t5`].
 const HIDDEN: f32 = -1e9;
@@ -107,10 +108,12 @@ impl Linear {
 
     /// The same; the adapter's dropout acts where `drop` does.
     pub(super) fn forward_with(&self, x: Tensor<2>, drop: &mut Drop) -> Tensor<2> {
-        let mut y = x.clone().matmul(self.weight.val());
+        let mut y = x.clone().product(self.weight.val());
         if let Some(lora) = &self.lora {
-            let inner = drop.apply_with(x, lora.config.dropout).matmul(lora.a.val());
-            y = y + inner.matmul(lora.b.val()).mul_scalar(lora.scale());
+            let inner = drop
+                .apply_with(x, lora.config.dropout)
+                .product(lora.a.val());
+            y = y + inner.product(lora.b.val()).mul_scalar(lora.scale());
         }
         match &self.bias {
             Some(bias) => y + bias.val().unsqueeze::<2>(),
@@ -209,7 +212,7 @@ impl Embedding {
             } else {
                 rows
             };
-            x.clone().matmul(rows.swap_dims(0, 1))
+            x.clone().product(rows.swap_dims(0, 1))
         };
         let old = product(weight, n.min(n_old));
         match &self.added {
@@ -255,13 +258,13 @@ pub(super) fn attend_with(
 ) -> Tensor<2> {
     let [batch, heads, length, width] = q.dims();
     let mut scores = q
-        .matmul(k.swap_dims(2, 3))
+        .product(k.swap_dims(2, 3))
         .mul_scalar((width as f64).powf(-0.5));
     if let Some(bias) = bias {
         scores = scores + bias;
     }
     drop.apply(softmax(scores, 3))
-        .matmul(v)
+        .product(v)
         .swap_dims(1, 2)
         .reshape([batch * length, heads * width])
 }

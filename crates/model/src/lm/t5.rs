@@ -15,6 +15,7 @@ use rand::{RngExt, SeedableRng};
 use super::config::{FeedForward, LmConfig, T5Config};
 use super::layers::{Rows, ids_1d};
 use super::position::bucket_table;
+use crate::precision::Product;
 
 /// Added to the scores of keys that must not be seen. Finite, so that a row of nothing but such
 /// keys gives equal weights instead of NaN.
@@ -401,10 +402,12 @@ impl Feed {
 
     fn forward(&self, x: Tensor<2>, drop: &mut Drop) -> Tensor<2> {
         let inner = match &self.gate {
-            None => relu(x.matmul(self.wi.val())),
-            Some(gate) => gelu_approximate(x.clone().matmul(self.wi.val())) * x.matmul(gate.val()),
+            None => relu(x.product(self.wi.val())),
+            Some(gate) => {
+                gelu_approximate(x.clone().product(self.wi.val())) * x.product(gate.val())
+            }
         };
-        drop.apply(inner).matmul(self.wo.val())
+        drop.apply(inner).product(self.wo.val())
     }
 }
 
@@ -522,16 +525,16 @@ impl T5 {
         drop: &mut Drop,
     ) -> Tensor<2> {
         let [batch, _, n, _] = q.dims();
-        let mut scores = q.matmul(k.swap_dims(2, 3));
+        let mut scores = q.product(k.swap_dims(2, 3));
         if let Some(bias) = bias {
             scores = scores + bias;
         }
         let weight = drop.apply(softmax(scores, 3));
         let mixed = weight
-            .matmul(v)
+            .product(v)
             .swap_dims(1, 2)
             .reshape([batch * n, self.config.inner()]);
-        mixed.matmul(weights.o.val())
+        mixed.product(weights.o.val())
     }
 
     /// Runs the encoder over embedded tokens `[batch * length, d_model]`.
@@ -552,9 +555,9 @@ impl T5 {
         for block in &self.encoder.blocks {
             let y = rms_norm(x.clone(), &block.attention_norm, eps);
             let a = &block.attention;
-            let q = self.heads(y.clone().matmul(a.q.val()), batch, length);
-            let k = self.heads(y.clone().matmul(a.k.val()), batch, length);
-            let v = self.heads(y.matmul(a.v.val()), batch, length);
+            let q = self.heads(y.clone().product(a.q.val()), batch, length);
+            let k = self.heads(y.clone().product(a.k.val()), batch, length);
+            let v = self.heads(y.product(a.v.val()), batch, length);
             let y = self.attend(a, q, k, v, Some(bias.clone()), drop);
             x = x + drop.apply(y);
             let y = block
@@ -598,14 +601,14 @@ impl T5 {
         for block in &self.decoder.blocks {
             let y = rms_norm(x.clone(), &block.attention_norm, eps);
             let a = &block.attention;
-            let q = self.heads(y.clone().matmul(a.q.val()), batch, length);
-            let k = self.heads(y.clone().matmul(a.k.val()), batch, length);
-            let v = self.heads(y.matmul(a.v.val()), batch, length);
+            let q = self.heads(y.clone().product(a.q.val()), batch, length);
+            let k = self.heads(y.clone().product(a.k.val()), batch, length);
+            let v = self.heads(y.product(a.v.val()), batch, length);
             let y = self.attend(a, q, k, v, Some(bias.clone()), drop);
             x = x + drop.apply(y);
             let y = rms_norm(x.clone(), &block.cross_norm, eps);
             let a = &block.cross;
-            let q = self.heads(y.matmul(a.q.val()), batch, length);
+            let q = self.heads(y.product(a.q.val()), batch, length);
             let (k, v) = self.cross_keys(a, encoded);
             let y = self.attend(a, q, k, v, encoded.hidden.clone(), drop);
             x = x + drop.apply(y);
@@ -620,7 +623,7 @@ impl T5 {
     fn cross_keys(&self, a: &Attention, encoded: &Encoded) -> (Tensor<4>, Tensor<4>) {
         let heads = |w: &Param<Tensor<2>>| {
             self.heads(
-                encoded.states.clone().matmul(w.val()),
+                encoded.states.clone().product(w.val()),
                 encoded.batch,
                 encoded.length,
             )
@@ -642,7 +645,7 @@ impl T5 {
         } else {
             head
         };
-        states.matmul(head.swap_dims(0, 1))
+        states.product(head.swap_dims(0, 1))
     }
 
     /// Logits `[batch * target length, vocab_size]` under teacher forcing, of rows without radar.
@@ -688,9 +691,9 @@ impl T5 {
         for (i, block) in self.decoder.blocks.iter().enumerate() {
             let y = rms_norm(x.clone(), &block.attention_norm, eps);
             let a = &block.attention;
-            let q = self.heads(y.clone().matmul(a.q.val()), batch, 1);
-            let mut k = self.heads(y.clone().matmul(a.k.val()), batch, 1);
-            let mut v = self.heads(y.matmul(a.v.val()), batch, 1);
+            let q = self.heads(y.clone().product(a.q.val()), batch, 1);
+            let mut k = self.heads(y.clone().product(a.k.val()), batch, 1);
+            let mut v = self.heads(y.product(a.v.val()), batch, 1);
             if let Some((old_k, old_v)) = cache.own[i].take() {
                 k = Tensor::cat(vec![old_k, k], 2);
                 v = Tensor::cat(vec![old_v, v], 2);
@@ -699,7 +702,7 @@ impl T5 {
             x = x + self.attend(a, q, k, v, Some(bias.clone()), drop);
             let y = rms_norm(x.clone(), &block.cross_norm, eps);
             let a = &block.cross;
-            let q = self.heads(y.matmul(a.q.val()), batch, 1);
+            let q = self.heads(y.product(a.q.val()), batch, 1);
             let (k, v) = cache.cross[i].clone();
             x = x + self.attend(a, q, k, v, cache.hidden.clone(), drop);
             x = x.clone() + block.feed.forward(rms_norm(x, &block.feed_norm, eps), drop);
@@ -751,7 +754,7 @@ impl RadarT5 {
         };
         let mut x = self.t5.embed(source.ids.clone());
         if let (Some(bypass), Some((rows, features))) = (&self.bypass, &source.features) {
-            let projected = features.clone().matmul(bypass.val());
+            let projected = features.clone().product(bypass.val());
             x = x.select_assign(0, rows.clone(), projected, IndexingUpdateOp::Add);
         }
         self.t5

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use radarllm_model::lm::templates::Task;
 use radarllm_model::lm::{Backbone, LmConfig, LmError, LmPreset, LoraConfig, NetworkConfig};
+use radarllm_model::precision::Precision;
 use serde::{Deserialize, Serialize};
 
 use crate::adamw::AdamWConfig;
@@ -76,6 +77,8 @@ pub struct LmTrainConfig {
     /// Trains adapters, the rows of new ids and the bypass, and nothing else; for GPT-2 and Qwen2 that start
     /// from a folder.
     pub lora: Option<LoraConfig>,
+    /// Precision of matrix products; everything else stays in f32.
+    pub precision: Precision,
     /// Sequences in a batch.
     pub batch: usize,
     /// Examples drawn from a motion in an epoch; 0 takes one for each of its captions.
@@ -131,6 +134,7 @@ impl LmTrainConfig {
             dropout: None,
             hf_folder: None,
             lora: None,
+            precision: Precision::F32,
             batch: 32,
             samples_per_clip: 0,
             captions_per_motion: 0,

@@ -18,6 +18,7 @@ use radarllm_model::lm::vocab::PAD;
 use radarllm_model::lm::{
     DropoutRng, GenerateOptions, LmError, RadarLm, RadarNet, RadarT5, Source, SourceBatch, Vocab,
 };
+use radarllm_model::precision::Precision;
 use rand::SeedableRng;
 use rand::rngs::ChaCha8Rng;
 
@@ -227,7 +228,7 @@ impl LmStage {
         }
         let average = (config.average_decay > 0.0)
             .then(|| collect_some_params(&lm.net, &|path| lm.is_trained(path)));
-        let device = config.run.processor.device()?.autodiff();
+        let device = config.run.processors.first().device()?.autodiff();
         let net = lm.net.clone().to_device(&device).train();
         Ok((
             Self {
@@ -400,12 +401,10 @@ impl Stage for LmStage {
             );
         }
         let mut dropout = DropoutRng::new(info.seed ^ 0x6472_6f70);
-        let losses = self.losses(
-            model,
-            &examples,
-            self.config.label_smoothing,
-            Some(&mut dropout),
-        )?;
+        let losses = self.config.precision.during(|| {
+            let smoothing = self.config.label_smoothing;
+            self.losses(model, &examples, smoothing, Some(&mut dropout))
+        })?;
         let (mut total, mut parts) = (losses.tokens, Vec::new());
         if let Some(contrast) = losses.contrast {
             let value = contrast.clone().into_scalar::<f32>();
@@ -431,6 +430,10 @@ impl Stage for LmStage {
             }
         }
         Ok(model)
+    }
+
+    fn needs_loss_scale(&self) -> bool {
+        self.config.precision == Precision::F16
     }
 
     fn is_trained(&self, path: &str) -> bool {

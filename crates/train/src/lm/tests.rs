@@ -13,6 +13,7 @@ use radarllm_model::lm::vocab::EOS;
 use radarllm_model::lm::{
     Backbone, GenerateOptions, LmPreset, LoraConfig, ModelInput, Pretrained, RadarLm, Vocab,
 };
+use radarllm_model::precision::Precision;
 use radarllm_model::tokenizer::Encoded;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
@@ -24,7 +25,7 @@ use super::loss::cross_entropy;
 use super::stage::LmStage;
 use super::{LmOutcome, instruct, pretrain};
 use crate::adamw::{AdamW, AdamWConfig, GradientSum, ParamRule};
-use crate::harness::{LoopConfig, Stage, StepInfo, cpu_device};
+use crate::harness::{Ending, LoopConfig, Stage, StepInfo, cpu_device};
 
 const N_CODES: usize = 16;
 const CODE_DIM: usize = 8;
@@ -219,9 +220,19 @@ fn any_number_of_threads_learns_the_same_bits() {
 
 #[test]
 fn a_resumed_run_continues_bit_for_bit() {
+    resumes_bit_for_bit(Precision::F32);
+}
+
+#[test]
+fn a_resumed_run_in_half_precision_continues_bit_for_bit() {
+    resumes_bit_for_bit(Precision::F16);
+}
+
+fn resumes_bit_for_bit(precision: Precision) {
     let clips = toy_clips(8, N_CODES, CODE_DIM);
-    let dir = scratch("resume");
+    let dir = scratch(&format!("resume-{precision:?}"));
     let config = |steps, save| LmTrainConfig {
+        precision,
         batch: 4,
         average_decay: 0.9,
         quick_score_clips: 2,
@@ -272,6 +283,91 @@ fn a_resumed_run_continues_bit_for_bit() {
             "{file} differs"
         );
     }
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
+/// The weights of a short training on `clips`, and what it says of them, nats a token.
+fn trained(config: &LmTrainConfig, clips: &[LmClip], dir: &Path) -> (NamedTensors, f64) {
+    let outcome = pretrain(config, N_CODES, clips, clips, dir, false).unwrap();
+    let weights = Checkpoint::open(&dir.join("final")).unwrap();
+    (
+        weights.tensors(MODEL_FILE).unwrap(),
+        outcome.best_score.unwrap(),
+    )
+}
+
+#[test]
+fn two_processors_learn_what_two_batches_an_update_teach() {
+    let clips = toy_clips(16, N_CODES, CODE_DIM);
+    let dir = scratch("processors");
+    let learned = |name: &str, processors: &str, accumulate| {
+        let config = LmTrainConfig {
+            batch: 4,
+            run: LoopConfig {
+                processors: processors.parse().unwrap(),
+                accumulate,
+                ..bare_loop(5)
+            },
+            ..LmTrainConfig::small()
+        };
+        trained(&config, &clips, &dir.join(name)).0
+    };
+    let together = learned("accumulated", "cpu", 2);
+    assert!(learned("two", "cpu,cpu", 1) == together);
+    assert!(learned("one", "cpu", 1) != together);
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
+#[test]
+fn half_precision_learns_nearly_what_single_does() {
+    let clips = toy_clips(8, N_CODES, CODE_DIM);
+    let dir = scratch("precision");
+    for backbone in [Backbone::T5, Backbone::Gpt2] {
+        let learned = |precision: Precision| {
+            let config = LmTrainConfig {
+                precision,
+                run: LoopConfig {
+                    learning_rate: 3e-3,
+                    ..bare_loop(40)
+                },
+                ..decoder_config(backbone, LoopConfig::default())
+            };
+            let name = format!("{backbone:?}-{precision:?}");
+            trained(&config, &clips, &dir.join(name))
+        };
+        let (weights, nats) = learned(Precision::F32);
+        for (precision, tolerance) in [(Precision::Bf16, 0.01), (Precision::F16, 0.002)] {
+            let (half_weights, half_nats) = learned(precision);
+            println!("{backbone:?} {precision:?}: {half_nats} nats for {nats}");
+            assert!(half_weights != weights, "{backbone:?} {precision:?}");
+            assert!(
+                (half_nats / nats - 1.0).abs() < tolerance,
+                "{backbone:?} {precision:?}: {half_nats} nats for {nats}"
+            );
+        }
+    }
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
+#[test]
+fn a_run_that_gets_no_better_ends() {
+    let clips = toy_clips(8, N_CODES, CODE_DIM);
+    let dir = scratch("patience");
+    let config = LmTrainConfig {
+        batch: 4,
+        run: LoopConfig {
+            // Too small to move any weight: the first validation stays the best.
+            learning_rate: 1e-30,
+            validate_every: 2,
+            patience: 3,
+            ..bare_loop(100)
+        },
+        ..LmTrainConfig::small()
+    };
+    let outcome = pretrain(&config, N_CODES, &clips, &clips, &dir, false).unwrap();
+    assert_eq!(outcome.ending, Ending::NoBetter);
+    // Validations after 2, 4, 6 and 8 updates.
+    assert_eq!(outcome.steps, 8);
     std::fs::remove_dir_all(dir).unwrap();
 }
 

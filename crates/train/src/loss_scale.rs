@@ -1,0 +1,96 @@
+//! The factor on the loss in half precision.
+
+use serde::{Deserialize, Serialize};
+
+/// Keeps small gradients from vanishing in f16: as large as it can be without an overflow, found by trying (Micikevicius et
+/// al., *Mixed Precision Training*, ICLR 2018).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct LossScale {
+    /// The factor, a power of two: it changes no digit of what does not overflow.
+    pub factor: f64,
+    /// Updates since it changed.
+    good: u32,
+}
+
+/// Updates without an overflow after which a larger factor is tried.
+const PATIENCE: u32 = 2000;
+const START: f64 = 65_536.0;
+const MOST: f64 = 16_777_216.0;
+
+impl Default for LossScale {
+    /// No factor, for good: what f32 and bf16 need.
+    fn default() -> Self {
+        Self {
+            factor: 1.0,
+            good: 0,
+        }
+    }
+}
+
+impl LossScale {
+    /// For f16.
+    pub fn start() -> Self {
+        Self {
+            factor: START,
+            good: 0,
+        }
+    }
+
+    /// Whether a larger or smaller factor may be tried.
+    pub fn is_adaptive(self) -> bool {
+        self.factor > 1.0
+    }
+
+    /// After an update's gradient: whether it can be used. None if it overflows whatever the factor.
+    pub fn usable(&mut self, norm: f64) -> Option<bool> {
+        if norm.is_finite() {
+            self.good += 1;
+            if self.is_adaptive() && self.good >= PATIENCE {
+                *self = Self {
+                    factor: (2.0 * self.factor).min(MOST),
+                    good: 0,
+                };
+            }
+            return Some(true);
+        }
+        if self.factor <= 2.0 {
+            return None;
+        }
+        *self = Self {
+            factor: 0.5 * self.factor,
+            good: 0,
+        };
+        Some(false)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn overflows_halve_the_factor_and_patience_doubles_it() {
+        let mut scale = LossScale::start();
+        assert_eq!(scale.usable(f64::INFINITY), Some(false));
+        assert_eq!(scale.factor, START / 2.0);
+        for _ in 0..PATIENCE {
+            assert_eq!(scale.usable(1.0), Some(true));
+        }
+        assert_eq!(scale.factor, START);
+        let mut n = 0;
+        while scale.usable(f64::NAN) == Some(false) {
+            n += 1;
+        }
+        assert_eq!((n, scale.factor), (15, 2.0));
+    }
+
+    #[test]
+    fn without_a_factor_nothing_overflows_quietly() {
+        let mut scale = LossScale::default();
+        for _ in 0..2 * PATIENCE {
+            assert_eq!(scale.usable(1.0), Some(true));
+        }
+        assert_eq!(scale.factor, 1.0);
+        assert_eq!(scale.usable(f64::NAN), None);
+    }
+}
