@@ -79,7 +79,7 @@ fn checksum(bytes: &[u8]) -> [u8; 4] {
 mod tests {
     use super::*;
 
-    /// Bytes from the record writer and the messages of the Python package tensorboard 2.x.
+    /// Bytes from the record writer and the messages of the Python package tensorboard 2.21.
     #[test]
     fn records_are_those_of_tensorboard() {
         let golden = "1800000000000000a37f4b220900000000000029401a0d627261696e2e4576656e743a326394a44f\
