@@ -30,7 +30,7 @@ pub fn run(args: &ViewArgs) -> CliResult {
         distance_m: 3.0,
         seed: args.seed,
     };
-    let clip = input::clip(&args.input, &options)?;
+    let clip = describe::prepare(input::clip(&args.input, &options)?, &args.recording)?;
     let captioner = describe::load_captioner(args.model.as_deref())?;
     let row = describe::describe(
         &captioner,

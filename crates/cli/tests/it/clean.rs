@@ -6,7 +6,7 @@ use radarllm_base::{RadarConfig, RadarPoint};
 use radarllm_capture::radar_to_toml;
 use radarllm_dataset::read_points;
 
-use crate::command::{json, refused};
+use crate::command::{json, radarllm, refused};
 
 fn text(path: &Path) -> &str {
     path.to_str().unwrap()
@@ -394,6 +394,17 @@ fn what_stands_still_is_nobody_where_it_is_most_of_a_recording() {
     // Kept, the shelf is a part of whoever passes.
     let (_, most, is_said) = found(&["--slowest", "0"]);
     assert!(most == 15 && !is_said, "{most}");
+    // A page says what `describe` says.
+    let row = &json(&["describe", &taken, "--json"])[0];
+    let page = room.at("page.html");
+    let viewed = radarllm(&["view", &taken, "--out", &page]);
+    let noted = String::from_utf8_lossy(&viewed.stderr);
+    assert!(noted.contains("500 of 750 points stand still"), "{noted}");
+    let said = String::from_utf8_lossy(&viewed.stdout);
+    assert_eq!(
+        said.trim_end(),
+        format!("{page}: {}", row["caption"].as_str().unwrap())
+    );
 }
 
 #[test]
