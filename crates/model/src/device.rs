@@ -8,8 +8,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// The processor that training and the networks as trained run on. Nothing falls back to another one.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(try_from = "String", into = "String")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Processor {
     /// `"cpu"`.
     #[default]
@@ -178,20 +177,6 @@ impl FromStr for Processor {
             (_, Some(Ok(number))) => Ok(Self::Gpu(Some(number))),
             _ => Err(ProcessorError::Name(name.into())),
         }
-    }
-}
-
-impl TryFrom<String> for Processor {
-    type Error = ProcessorError;
-
-    fn try_from(name: String) -> Result<Self, ProcessorError> {
-        name.parse()
-    }
-}
-
-impl From<Processor> for String {
-    fn from(processor: Processor) -> Self {
-        processor.to_string()
     }
 }
 

@@ -238,10 +238,11 @@ pub fn seeded_network<M: Module>(
     let model = make(&device);
     // Weights are drawn when they are first looked at: now, before another seed is set.
     let weights = collect_params(&model);
-    if config.processors.first() == Processor::Cpu {
+    let processor = config.processors.first();
+    if processor == Processor::Cpu {
         return Ok(model);
     }
-    let moved = make(&config.processors.first().device()?.autodiff());
+    let moved = make(&processor.device()?.autodiff());
     Ok(replace_params(moved, weights))
 }
 

@@ -13,7 +13,7 @@ use crate::{
     input::{self, Clip, ClipOptions, Provenance},
     output,
     people::Person,
-    recording::{self, RecordingArgs},
+    recording,
 };
 
 /// Frame rates that differ by less than this share are heard as they are.
@@ -87,12 +87,13 @@ pub fn load_decoder(model: Option<&Path>, decoder: DecoderName) -> CliResult<(Ca
     Ok((load_for(model, decoder)?, name))
 }
 
-/// Brings a clip to what models hear: their frame rate, and what moves.
+/// An input as models hear it: at their frame rate, and of a recording what moves.
 ///
 /// # Errors
-/// A rate that cannot be.
-pub fn prepare(clip: Clip, recording: &RecordingArgs) -> CliResult<Clip> {
-    let mut clip = clip;
+/// An input that cannot be read, a rate that cannot be.
+pub fn heard(input: &str, options: &ClipOptions) -> CliResult<Clip> {
+    let recording = options.recording;
+    let mut clip = input::clip(input, options)?;
     // Points that somebody kept by saying so stay.
     if !clip.provenance.synthetic
         && recording.slowest.is_none()
@@ -182,7 +183,7 @@ pub fn run(args: &DescribeArgs) -> CliResult {
     };
     let mut rows = Vec::new();
     for input in &args.inputs {
-        let clip = prepare(input::clip(input, &options)?, &args.recording)?;
+        let clip = heard(input, &options)?;
         for (person, clip) in args.people.clips(clip)? {
             let mut row = describe(&captioner, &clip, model.clone(), args.beam)?;
             row.person = person;

@@ -10,7 +10,7 @@ use crate::{
     commands::describe,
     error::{CliError, CliResult},
     files::{self, MAX_CONFIG_BYTES},
-    input::{self, ClipOptions},
+    input::ClipOptions,
     output,
 };
 
@@ -96,11 +96,10 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
     for activity in &config.activity {
         for file in files(&args.recordings.join(&activity.name))? {
             let name = file.display().to_string();
-            let clip = input::clip(&name, &options)?;
+            let clip = describe::heard(&name, &options)?;
             if clip.provenance.synthetic {
                 return Err(CliError::new(format!("{name}: simulated, not recorded")));
             }
-            let clip = describe::prepare(clip, &args.recording)?;
             let row = describe::describe(&captioner, &clip, model.clone(), args.beam)?;
             rows.push(Row {
                 named: named(&row.caption, &config.activity),

@@ -35,7 +35,6 @@ pub fn threads(asked: Option<usize>) -> usize {
 }
 
 /// Runs `work`, and all that it divides among threads, on so many; one for every core without a number.
-#[cfg(feature = "train")]
 pub fn on_threads<R: Send>(
     asked: Option<usize>,
     work: impl FnOnce() -> R + Send,
@@ -43,7 +42,7 @@ pub fn on_threads<R: Send>(
     // As deep as a main thread's: differentiation follows a network's whole graph.
     const STACK_BYTES: usize = 8 << 20;
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads(asked))
+        .num_threads(asked.unwrap_or(0))
         .stack_size(STACK_BYTES)
         .build()?;
     Ok(pool.install(work))

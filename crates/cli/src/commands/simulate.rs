@@ -29,7 +29,7 @@ use serde::Serialize;
 
 use crate::{
     args::{Emit, SimulateArgs},
-    commands::{pictures::Pictures, radar},
+    commands::{on_threads, pictures::Pictures, radar},
     error::{CliError, CliResult},
     files::{self, MAX_CONFIG_BYTES},
     input::{self, MAX_FRAMES},
@@ -94,12 +94,9 @@ pub fn run(args: &SimulateArgs) -> CliResult {
     for path in jobs.iter().map(|job| &job.1).chain(args.pictures.paths()) {
         output::check_free(path, args.force)?;
     }
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(args.threads.unwrap_or(0))
-        .build()?;
     let started = Instant::now();
     let progress = Progress::new(jobs.len());
-    let results: Vec<CliResult<Done>> = pool.install(|| {
+    let results: Vec<CliResult<Done>> = on_threads(args.threads, || {
         jobs.par_iter()
             .map(|(input, out)| {
                 let result = simulate_one(input, out, &radar, args);
@@ -107,7 +104,7 @@ pub fn run(args: &SimulateArgs) -> CliResult {
                 result
             })
             .collect()
-    });
+    })?;
     let (mut done, mut failed) = (Vec::new(), Vec::new());
     for (result, (input, _)) in results.into_iter().zip(&jobs) {
         match result {

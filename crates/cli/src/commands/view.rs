@@ -12,7 +12,7 @@ use crate::{
     args::ViewArgs,
     commands::describe::{self, Row},
     error::CliResult,
-    input::{self, Clip, ClipOptions},
+    input::{Clip, ClipOptions},
     output,
 };
 
@@ -30,7 +30,7 @@ pub fn run(args: &ViewArgs) -> CliResult {
         distance_m: 3.0,
         seed: args.seed,
     };
-    let clip = describe::prepare(input::clip(&args.input, &options)?, &args.recording)?;
+    let clip = describe::heard(&args.input, &options)?;
     let captioner = describe::load_captioner(args.model.as_deref())?;
     let row = describe::describe(
         &captioner,
