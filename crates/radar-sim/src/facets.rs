@@ -4,8 +4,9 @@ use glam::{DVec3, Vec3};
 use radarllm_base::SPEED_OF_LIGHT_MPS;
 
 use crate::link::Link;
-use crate::motion::{N_KEYS, RangeScale, Source, parabola, quartic};
+use crate::motion::{KEYS_U, N_KEYS, RangeScale, Source, most_slope, parabola, quartic};
 use crate::scatter::{FacetPhases, Reflection};
+use crate::spread::{divided_difference, most_divided_slope};
 use crate::visibility::Through;
 use radarllm_simd::{Lanes, dispatch, sin_cos_turns};
 
@@ -37,6 +38,8 @@ pub(crate) struct FacetJob<'a> {
     /// Facets deeper in range than this are counted, m.
     pub coarse_m: f64,
     pub n_coarse: &'a mut usize,
+    /// Receives the sum of the sources' powers at the segment's centre.
+    pub power_w: &'a mut f64,
 }
 
 dispatch!(
@@ -95,26 +98,45 @@ fn facet_sources_body<L: Lanes>(job: FacetJob<'_>) {
                 rough[slot][i] = gains.1 * through[i];
             }
         }
-        let fit = fit(&ranges, job.link, job.scale);
+        let fit = fit(&points, &ranges, job.link, job.scale);
+        let [p, q, r] = &fit.corners;
+        let corners = [L::load(&p[0]), L::load(&q[0]), L::load(&r[0])];
+        let (dd_re, dd_im) = divided_difference(corners);
+        let slope = most_divided_slope(corners, L::load(&fit.corner_turns_per_u)).array();
+        let (smooth, diffuse) = (L::load(&coherent[1]), L::load(&rough[1]));
+        let re = smooth.fma(dd_re, diffuse.mul(cos)).array();
+        let im = smooth.fma(dd_im, diffuse.mul(sin)).array();
         for i in 0..batch.len() {
             let nearest = ranges[2][0][i].min(ranges[2][1][i]).min(ranges[2][2][i]);
             let farthest = ranges[2][0][i].max(ranges[2][1][i]).max(ranges[2][2][i]);
             *job.n_coarse += usize::from(farthest - nearest > job.coarse_m);
+            *job.power_w += f64::from(re[i] * re[i] + im[i] * im[i]);
             let of = |rows: &[Row; 3]| [rows[0][i], rows[1][i], rows[2][i]];
-            job.out.push(Source {
+            let mut source = Source {
                 turns: std::array::from_fn(|p| fit.turns[p][i]),
                 cells: std::array::from_fn(|p| fit.cells[p][i]),
                 corners: std::array::from_fn(|c| std::array::from_fn(|p| fit.corners[c][p][i])),
+                corner_turns_per_u: fit.corner_turns_per_u[i],
                 coherent: parabola(of(&coherent)),
                 rough: parabola(of(&rough)),
+                change_per_u: 0.0,
                 rough_phasor: [rough_cos[i], rough_sin[i]],
                 from_centre: std::array::from_fn(|k| {
                     let p = &points[k][3];
                     Vec3::new(p[0][i], p[1][i], p[2][i])
                 }),
+                turn_rad: fit.turn_rad[i],
+                per_m: fit.per_m[i],
+                direction: std::array::from_fn(|axis| {
+                    std::array::from_fn(|p| fit.direction[axis][p][i])
+                }),
+                is_flat: false,
+                reach_cells: 0.0,
                 tx_row: None,
                 turns_per_m: fit.turns_per_m[i],
-            });
+            };
+            source.bound_change(slope[i]);
+            job.out.push(source);
         }
     }
 }
@@ -168,6 +190,10 @@ struct Fit {
     turns: [DoubleRow; N_KEYS],
     cells: [Row; N_KEYS],
     corners: [[Row; N_KEYS]; 3],
+    turn_rad: Row,
+    per_m: Row,
+    direction: [[Row; N_KEYS]; 2],
+    corner_turns_per_u: Row,
     turns_per_m: Row,
 }
 
@@ -177,11 +203,20 @@ struct Fit {
     clippy::needless_range_loop,
     reason = "the facet is the last of several indices"
 )]
-fn fit(ranges: &[[DoubleRow; 4]; N_KEYS], link: &Link, scale: &RangeScale) -> Fit {
+fn fit(
+    points: &[[[Row; 3]; 4]; N_KEYS],
+    ranges: &[[DoubleRow; 4]; N_KEYS],
+    link: &Link,
+    scale: &RangeScale,
+) -> Fit {
     let mut fit = Fit {
         turns: [[0.0; BATCH]; N_KEYS],
         cells: [[0.0; BATCH]; N_KEYS],
         corners: [[[0.0; BATCH]; N_KEYS]; 3],
+        turn_rad: [0.0; BATCH],
+        per_m: [0.0; BATCH],
+        direction: [[[0.0; BATCH]; N_KEYS]; 2],
+        corner_turns_per_u: [0.0; BATCH],
         turns_per_m: [0.0; BATCH],
     };
     let delay = 2.0 / SPEED_OF_LIGHT_MPS;
@@ -208,6 +243,26 @@ fn fit(ranges: &[[DoubleRow; 4]; N_KEYS], link: &Link, scale: &RangeScale) -> Fi
         fit.turns_per_m[i] =
             ((scale.centre_hz - scale.slope_hz_per_s * tau[2]) * (0.5 * delay)) as f32;
     }
+    for i in 0..BATCH {
+        let mut most = 0.0_f32;
+        for k in 1..N_KEYS {
+            let step = |axis: usize| points[k][3][axis][i] - points[k - 1][3][axis][i];
+            let (x, y, z) = (step(0), step(1), step(2));
+            let per_u = (1.0 / (KEYS_U[k] - KEYS_U[k - 1])) as f32;
+            most = most.max((x * x + y * y + z * z).sqrt() * per_u);
+        }
+        fit.per_m[i] = (1.0 / ranges[N_KEYS / 2][3][i]) as f32;
+        fit.turn_rad[i] = most * fit.per_m[i];
+    }
+    for (axis, direction) in [0, 2].into_iter().zip(&mut fit.direction) {
+        for i in 0..BATCH {
+            let of_key = |k: usize| f64::from(points[k][3][axis][i]) / ranges[k][3][i];
+            let c = quartic([of_key(0), of_key(1), of_key(2), of_key(3), of_key(4)]);
+            for p in 0..N_KEYS {
+                direction[p][i] = c[p] as f32;
+            }
+        }
+    }
     // Two-way wave number in turns.
     let turns_per_m = 2.0 / link.wavelength_m;
     for corner in 0..3 {
@@ -222,6 +277,8 @@ fn fit(ranges: &[[DoubleRow; 4]; N_KEYS], link: &Link, scale: &RangeScale) -> Fi
             for p in 0..N_KEYS {
                 fit.corners[corner][p][i] = relative[p] as f32;
             }
+            let most = &mut fit.corner_turns_per_u[i];
+            *most = most.max(most_slope(relative.map(|c| c as f32)));
         }
     }
     fit

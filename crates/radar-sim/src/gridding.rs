@@ -14,9 +14,9 @@ use crate::slow_time::solve;
 pub(crate) const WIDTH: usize = 6;
 /// Half of it.
 const HALF: f64 = WIDTH as f64 / 2.0;
-/// A channel may lie this far from the cell the taps were chosen for, in cells. The polynomials are
+/// A channel may lie this far from the cell the taps were chosen for, in cells. The cubics are
 /// fitted for it; the kernel is cut this much off centre, where it is 3e-4 of its peak.
-pub(crate) const SLACK_CELLS: f64 = 0.12;
+pub(crate) const SLACK_CELLS: f32 = 0.12;
 
 /// Grid cells for `n_samples` ADC samples: 1.5 a sample, rounded up to a size whose FFT is fast.
 pub(crate) fn grid_cells(n_samples: usize) -> usize {
@@ -33,47 +33,63 @@ pub(crate) fn grid_cells(n_samples: usize) -> usize {
     (least..).find(|&n| is_smooth(n)).unwrap_or(least)
 }
 
-/// Taps as polynomials. Tap `i` of 0..3 at offset `v` (source position minus cell + 1/2, in
-/// -0.62..0.62) is `even_i(v^2) + v odd_i(v^2)`; tap `5 - i` is `even_i(v^2) - v odd_i(v^2)`.
+/// The same for parabolas, which most sources can do with.
+pub(crate) const NARROW_CELLS: f32 = 0.04;
+/// Rows of a table: a cell's width in as many steps.
+const ROWS: usize = 128;
+
+/// Taps for channels about a position.
 #[derive(Clone, Debug)]
 pub(crate) struct Kernel {
-    /// Even parts, ascending powers of v^2.
-    pub even: [[f32; 4]; 3],
-    /// Odd parts, ascending powers of v^2.
-    pub odd: [[f32; 3]; 3],
+    /// For channels within [`NARROW_CELLS`].
+    pub narrow: Taps<3>,
+    /// For channels within [`SLACK_CELLS`].
+    pub wide: Taps<4>,
+}
+
+/// A table whose rows hold, for every tap, a polynomial of the offset from the row's place.
+#[derive(Clone, Debug)]
+pub(crate) struct Taps<const N: usize>(Vec<[[f32; N]; WIDTH]>);
+
+impl<const N: usize> Taps<N> {
+    fn new(cells_per_sample: f64, reach: f32) -> Self {
+        let row = |row| {
+            let place = (row as f64 + 0.5) / ROWS as f64;
+            std::array::from_fn(|tap| {
+                fit(
+                    |x| kaiser_bessel(place + x + HALF - 1.0 - tap as f64, cells_per_sample),
+                    f64::from(reach) + 0.5 / ROWS as f64,
+                )
+                .map(|c| c as f32)
+            })
+        };
+        Self((0..ROWS).map(row).collect())
+    }
+
+    /// The taps of the cells `floor(position) - 2..` for a position with this `fraction` (0..=1); and what to add to a
+    /// channel's distance from that position, cells.
+    #[inline(always)]
+    pub fn row(&self, fraction: f32) -> (&[[f32; N]; WIDTH], f32) {
+        let rows = ROWS as f32;
+        // Rounding may have made the fraction 1; NaN becomes 0.
+        let row = ((fraction * rows) as usize).min(ROWS - 1);
+        (&self.0[row], fraction - (row as f32 + 0.5) / rows)
+    }
 }
 
 impl Kernel {
     /// A kernel for `cells_per_sample` grid cells per ADC sample.
     pub fn new(cells_per_sample: f64) -> Self {
-        let (mut even, mut odd) = ([[0.0; 4]; 3], [[0.0; 3]; 3]);
-        for tap in 0..3 {
-            let c = fit(
-                |v| kaiser_bessel(v + HALF - 0.5 - tap as f64, cells_per_sample),
-                0.5 + SLACK_CELLS,
-            );
-            for (p, &c) in c.iter().enumerate() {
-                if p % 2 == 0 {
-                    even[tap][p / 2] = c as f32;
-                } else {
-                    odd[tap][p / 2] = c as f32;
-                }
-            }
+        Self {
+            narrow: Taps::new(cells_per_sample, NARROW_CELLS),
+            wide: Taps::new(cells_per_sample, SLACK_CELLS),
         }
-        Self { even, odd }
     }
 
-    /// All taps for a source at `v`, in f32 as the fast path has them.
-    pub fn taps(&self, v: f32) -> [f32; WIDTH] {
-        let y = v * v;
-        let horner = |c: &[f32]| c.iter().rev().fold(0.0, |sum, &c| sum * y + c);
-        let mut taps = [0.0; WIDTH];
-        for tap in 0..3 {
-            let (e, o) = (horner(&self.even[tap]), v * horner(&self.odd[tap]));
-            taps[tap] = e + o;
-            taps[WIDTH - 1 - tap] = e - o;
-        }
-        taps
+    /// All taps for a source of which `fraction` cells lie beyond a cell's start, in f32 as the fast path has them.
+    pub fn taps(&self, fraction: f32) -> [f32; WIDTH] {
+        let (row, x) = self.wide.row(fraction);
+        row.map(|c| c.iter().rev().fold(0.0, |sum, c| sum * x + c))
     }
 
     /// Deapodisation: what to multiply sample `i` of `n_samples` (that is, n = i - n/2) by after
@@ -86,7 +102,7 @@ impl Kernel {
                 let mut transform = 0.0;
                 for s in 0..steps {
                     let v = (f64::from(s) + 0.5) / f64::from(steps) - 0.5;
-                    for (tap, weight) in self.taps(v as f32).into_iter().enumerate() {
+                    for (tap, weight) in self.taps((v + 0.5) as f32).into_iter().enumerate() {
                         let x = v + HALF - 0.5 - tap as f64;
                         transform += f64::from(weight) * (2.0 * PI * n * x / m as f64).cos();
                     }
@@ -116,16 +132,16 @@ fn bessel_i0_of_square(y: f64) -> f64 {
     sum
 }
 
-/// Degree-6 polynomial through `f` at the Chebyshev points of `[-reach, reach]`.
-fn fit(f: impl Fn(f64) -> f64, reach: f64) -> [f64; 7] {
-    let mut rows: Vec<Vec<f64>> = (0..7)
+/// Polynomial through `f` at the N Chebyshev points of `[-reach, reach]`.
+fn fit<const N: usize>(f: impl Fn(f64) -> f64, reach: f64) -> [f64; N] {
+    let mut rows: Vec<Vec<f64>> = (0..N)
         .map(|i| {
-            let x = reach * (PI * (f64::from(i) + 0.5) / 7.0).cos();
-            (0..7).map(|p| x.powi(p)).chain([f(x)]).collect()
+            let x = reach * (PI * (i as f64 + 0.5) / N as f64).cos();
+            (0..N).map(|p| x.powi(p as i32)).chain([f(x)]).collect()
         })
         .collect();
     solve(&mut rows);
-    std::array::from_fn(|i| rows[i][7])
+    std::array::from_fn(|i| rows[i][N])
 }
 
 #[cfg(test)]
@@ -141,22 +157,37 @@ mod tests {
         let kernel = Kernel::new(1.5);
         let correction = kernel.deapodisation(n, m);
         for step in 0..=124 {
+            // A channel up to the slack before and behind the position that the taps are chosen for.
             let v = -0.62 + 0.01 * f64::from(step);
-            let taps = kernel.taps(v as f32);
-            let mut worst = 0.0_f64;
-            for (i, &factor) in correction.iter().enumerate() {
-                let t = (i as f64 - 128.0) / m as f64 * 2.0 * PI;
-                let mut sum = Complex64::ZERO;
-                for (j, &w) in taps.iter().enumerate() {
-                    sum += Complex64::from_polar(f64::from(w), t * (98 + j) as f64);
+            let chosen = v.clamp(-0.499, 0.499);
+            let off = v - chosen;
+            let (narrow, x) = kernel.narrow.row((chosen + 0.5) as f32);
+            let narrow = narrow.map(|c| horner(&c, f64::from(x) + off));
+            let (wide, x) = kernel.wide.row((chosen + 0.5) as f32);
+            let wide = wide.map(|c| horner(&c, f64::from(x) + off));
+            for (taps, reach) in [(narrow, NARROW_CELLS), (wide, SLACK_CELLS)] {
+                if off.abs() > f64::from(reach) + 1e-9 {
+                    continue;
                 }
-                sum *= f64::from(factor);
-                worst = worst.max((sum - Complex64::from_polar(1.0, t * (100.5 + v))).norm());
+                let mut worst = 0.0_f64;
+                for (i, &factor) in correction.iter().enumerate() {
+                    let t = (i as f64 - 128.0) / m as f64 * 2.0 * PI;
+                    let mut sum = Complex64::ZERO;
+                    for (j, &w) in taps.iter().enumerate() {
+                        sum += Complex64::from_polar(w, t * (98 + j) as f64);
+                    }
+                    sum *= f64::from(factor);
+                    worst = worst.max((sum - Complex64::from_polar(1.0, t * (100.5 + v))).norm());
+                }
+                // Six taps reach 1.8e-4 at the worst sample; the tap that a channel off the centre
+                // lacks costs up to 6e-4 (a channel at the edge of the slack).
+                let most = if v.abs() < 0.501 { 2e-4 } else { 7e-4 };
+                assert!(worst < most, "{reach} {v}: {worst}");
             }
-            // Six taps reach 1.8e-4 at the worst sample; the tap that a channel off the centre
-            // lacks costs up to 6e-4 (a channel at the edge of the slack).
-            let most = if v.abs() < 0.501 { 2e-4 } else { 7e-4 };
-            assert!(worst < most, "{v}: {worst}");
         }
+    }
+
+    fn horner(c: &[f32], x: f64) -> f64 {
+        c.iter().rev().fold(0.0, |sum, &c| sum * x + f64::from(c))
     }
 }

@@ -23,6 +23,7 @@ mod bounce;
 pub mod error;
 mod facets;
 mod gridding;
+mod groups;
 pub mod impairments;
 pub mod link;
 mod motion;

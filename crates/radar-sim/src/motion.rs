@@ -1,11 +1,16 @@
 //! Sources as polynomials of time over a segment of the frame.
 //!
-//! Vertices are read at five equidistant key times; distances and phases follow quartics through
+//! Vertices are read at five key times, Chebyshev's; distances and phases follow quartics through
 //! them, gains parabolas through three. For a limb at 50 m/s^2 with a jerk of 1000 m/s^3 and a
-//! fifth derivative of 1e5 m/s^5, 30 ms leave 2e-4 rad.
+//! fifth derivative of 1e5 m/s^5, 30 ms leave 1e-4 rad.
+
+use std::f64::consts::TAU;
 
 use glam::{DVec3, Vec3};
+use num_complex::Complex64;
 use radarllm_base::{RadarConfig, SPEED_OF_LIGHT_MPS};
+
+use crate::scatter::divided_difference;
 
 /// Longest segment of a frame that one set of polynomials serves, s.
 const LONGEST_SEGMENT_S: f64 = 0.03;
@@ -13,6 +18,12 @@ const LONGEST_SEGMENT_S: f64 = 0.03;
 const MOST_SEGMENT_LOOPS: usize = 128;
 /// Key times per segment.
 pub(crate) const N_KEYS: usize = 5;
+/// The outer and the inner key times of either side, in units of `u`: Chebyshev's, which leave half of the
+/// difference to a smooth path that equidistant ones leave. The fifth is 0.
+const OUTER_U: f64 = 0.951_056_516_295_153_5;
+const INNER_U: f64 = 0.587_785_252_292_473_1;
+/// All of them.
+pub(crate) const KEYS_U: [f64; N_KEYS] = [-OUTER_U, -INNER_U, 0.0, INNER_U, OUTER_U];
 
 /// A run of consecutive loops with its own visibility and polynomials. Its unit of time `u` runs
 /// from -1 at the first chirp to 1 at the last; polynomials are in `u`.
@@ -59,7 +70,7 @@ impl Segment {
 
     /// Key times after the frame start, s.
     pub fn key_times_s(&self) -> [f64; N_KEYS] {
-        std::array::from_fn(|k| self.centre_s + self.half_s * (0.5 * k as f64 - 1.0))
+        KEYS_U.map(|u| self.centre_s + self.half_s * u)
     }
 
     /// `u` of TX slot 0 of a (fractional) loop counted from the segment's first.
@@ -76,20 +87,55 @@ pub(crate) fn chirp_time_s(config: &RadarConfig, loop_idx: usize, tx_idx: usize)
         + (config.n_samples / 2) as f64 / config.sample_rate_hz
 }
 
-/// Coefficients of the quartic through values at u = -1, -1/2, 0, 1/2, 1.
+/// Coefficients of the quartic through values at the key times.
 #[inline(always)]
 pub(crate) fn quartic(v: [f64; N_KEYS]) -> [f64; N_KEYS] {
-    let (s1, s2) = (v[3] - v[1], 0.5 * (v[4] - v[0]));
-    let (e1, e2) = (0.5 * (v[1] + v[3]) - v[2], 0.5 * (v[0] + v[4]) - v[2]);
-    let c3 = 4.0 / 3.0 * (s2 - s1);
-    let c4 = 4.0 / 3.0 * (e2 - 4.0 * e1);
-    [v[2], s2 - c3, e2 - c4, c3, c4]
+    let [to_odd, to_even] = QUARTIC;
+    // Odd and even parts at the inner and the outer keys.
+    let odd = [0.5 * (v[3] - v[1]), 0.5 * (v[4] - v[0])];
+    let even = [0.5 * (v[1] + v[3]) - v[2], 0.5 * (v[0] + v[4]) - v[2]];
+    let apply = |m: [f64; 2], x: [f64; 2]| m[0] * x[0] + m[1] * x[1];
+    [
+        v[2],
+        apply(to_odd[0], odd),
+        apply(to_even[0], even),
+        apply(to_odd[1], odd),
+        apply(to_even[1], even),
+    ]
 }
 
-/// Coefficients of the parabola through values at u = -1, 0, 1.
+/// What [`quartic`] multiplies odd parts (rows for u and u^3) and even parts (u^2 and u^4) by.
+pub(crate) const QUARTIC: [[[f64; 2]; 2]; 2] = {
+    let (a2, b2) = (INNER_U * INNER_U, OUTER_U * OUTER_U);
+    let d = b2 - a2;
+    [
+        [
+            [b2 / (INNER_U * d), -a2 / (OUTER_U * d)],
+            [-1.0 / (INNER_U * d), 1.0 / (OUTER_U * d)],
+        ],
+        [
+            [b2 / (a2 * d), -a2 / (b2 * d)],
+            [-1.0 / (a2 * d), 1.0 / (b2 * d)],
+        ],
+    ]
+};
+
+/// Coefficients of the parabola through values at the outer keys and the middle one.
 #[inline(always)]
 pub(crate) fn parabola(v: [f32; 3]) -> [f32; 3] {
-    [v[1], 0.5 * (v[2] - v[0]), 0.5 * (v[0] + v[2]) - v[1]]
+    const ODD: f32 = (0.5 / OUTER_U) as f32;
+    const EVEN: f32 = (1.0 / (OUTER_U * OUTER_U)) as f32;
+    [
+        v[1],
+        ODD * (v[2] - v[0]),
+        EVEN * (0.5 * (v[0] + v[2]) - v[1]),
+    ]
+}
+
+/// Bound of the derivative of a polynomial without its constant, |u| <= 1.
+#[inline(always)]
+pub(crate) fn most_slope(c: [f32; N_KEYS]) -> f32 {
+    c[1].abs() + 2.0 * c[2].abs() + 3.0 * c[3].abs() + 4.0 * c[4].abs()
 }
 
 /// One facet or point over a segment.
@@ -101,14 +147,31 @@ pub(crate) struct Source {
     pub cells: [f32; N_KEYS],
     /// Phases of the three corners relative to `turns`, turns.
     pub corners: [[f32; N_KEYS]; 3],
+    /// Bound of their derivatives, |u| <= 1.
+    pub corner_turns_per_u: f32,
     /// Gain of the physical-optics term, sqrt(W).
     pub coherent: [f32; 3],
     /// Gain of the constant-phase term, sqrt(W).
     pub rough: [f32; 3],
+    /// Bound of the amplitude's derivative, sqrt(W) per unit of u, |u| <= 1; taken with the corners as they are at
+    /// u = 0.
+    pub change_per_u: f32,
     /// cos and sin of the constant phase.
     pub rough_phasor: [f32; 2],
     /// Centroid relative to the array centre at the key times, m: where the receivers see it.
     pub from_centre: [Vec3; N_KEYS],
+    /// Bound of its movement over its range, per unit of u: of the angle by which its direction turns, and of the
+    /// logarithm of its range.
+    pub turn_rad: f32,
+    /// 1 over its range at u = 0.
+    pub per_m: f32,
+    /// x and z of the direction to it (unit vectors) as quartics.
+    pub direction: [[f32; N_KEYS]; 2],
+    /// Whether the channels' path differences are those of plane waves but for a constant: what the bend of the waves
+    /// changes over the segment is negligible.
+    pub is_flat: bool,
+    /// Bound of a channel's distance from the reference position, cells.
+    pub reach_cells: f32,
     /// Row of where the transmitters see it, if that is elsewhere (a path over mirrors).
     pub tx_row: Option<u32>,
     /// d(phase) / d(path length) in turns per metre, the residual video phase included.
@@ -164,14 +227,30 @@ impl RangeScale {
         let tau_s: [f64; N_KEYS] =
             std::array::from_fn(|k| (tx[k].length() + rx[k].length()) / SPEED_OF_LIGHT_MPS);
         let cells = self.cells(quartic(tau_s));
+        let turn = |p: &[DVec3; N_KEYS]| {
+            let steps = p.windows(2).zip(KEYS_U.windows(2));
+            let speeds = steps.map(|(p, u)| p[0].distance(p[1]) / (u[1] - u[0]));
+            speeds.fold(0.0, f64::max) / p[2].length()
+        };
         Source {
             turns: quartic(tau_s.map(|t| self.turns(t))),
             cells: cells.map(|c| c as f32),
             corners: [[0.0; N_KEYS]; 3],
+            corner_turns_per_u: 0.0,
             coherent: [0.0; 3],
             rough: [0.0; 3],
+            change_per_u: 0.0,
             rough_phasor: [1.0, 0.0],
             from_centre: rx.map(|p| p.as_vec3()),
+            turn_rad: turn(tx).max(turn(rx)) as f32,
+            per_m: (1.0 / rx[N_KEYS / 2].length()) as f32,
+            direction: [
+                quartic(rx.map(|p| p.x / p.length())),
+                quartic(rx.map(|p| p.z / p.length())),
+            ]
+            .map(|c| c.map(|c| c as f32)),
+            is_flat: false,
+            reach_cells: 0.0,
             tx_row: None,
             turns_per_m: ((self.centre_hz - self.slope_hz_per_s * tau_s[2]) / SPEED_OF_LIGHT_MPS)
                 as f32,
@@ -188,18 +267,27 @@ impl Source {
             .unwrap_or(&self.from_centre)
     }
 
-    /// Interval of instantaneous frequencies of the source's corners for |u| <= 1, in turns per unit
-    /// of u.
+    /// Power at u = 0, W.
+    pub fn power_w(&self) -> f64 {
+        let corners = self.corners.map(|c| TAU * f64::from(c[0]));
+        let coherent = f64::from(self.coherent[0]) * divided_difference(corners);
+        let [re, im] = self.rough_phasor.map(f64::from);
+        (coherent + f64::from(self.rough[0]) * Complex64::new(re, im)).norm_sqr()
+    }
+
+    /// Sets [`Self::change_per_u`] from the gains and a bound of the divided difference's derivative.
+    #[inline(always)]
+    pub fn bound_change(&mut self, most_divided_slope: f32) {
+        let slope = |c: [f32; 3]| c[1].abs() + 2.0 * c[2].abs();
+        self.change_per_u = self.coherent[0].abs() * most_divided_slope
+            + 0.5 * slope(self.coherent)
+            + slope(self.rough);
+    }
+
+    /// Most that the corners' frequencies differ from the parabola's in `turns` for |u| <= 1, turns per unit of u.
     #[inline]
-    pub fn band(&self) -> (f64, f64) {
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for corner in &self.corners {
-            let c: [f64; N_KEYS] = std::array::from_fn(|i| self.turns[i] + f64::from(corner[i]));
-            let width = 2.0 * c[2].abs() + 3.0 * c[3].abs() + 4.0 * c[4].abs();
-            low = low.min(c[1] - width);
-            high = high.max(c[1] + width);
-        }
-        (low, high)
+    pub fn rest_turns_per_u(&self) -> f32 {
+        self.corner_turns_per_u + (3.0 * self.turns[3].abs() + 4.0 * self.turns[4].abs()) as f32
     }
 
     /// Interval of grid positions for |u| <= `reach`, cells.
@@ -221,14 +309,14 @@ mod tests {
         let p = |c: &[f64], u: f64| c.iter().rev().fold(0.0, |s, &c| s * u + c);
         let values = [0.3, -1.0, 2.0, 0.7, 5.0];
         let c = quartic(values);
-        for (k, v) in values.into_iter().enumerate() {
-            assert!((p(&c, 0.5 * k as f64 - 1.0) - v).abs() < 1e-14);
+        for (u, v) in KEYS_U.into_iter().zip(values) {
+            assert!((p(&c, u) - v).abs() < 1e-14);
         }
         let c = parabola([1.0, 4.0, -2.0]);
-        assert_eq!(
-            [c[0] - c[1] + c[2], c[0], c[0] + c[1] + c[2]],
-            [1.0, 4.0, -2.0]
-        );
+        for (u, v) in [(-OUTER_U, 1.0), (0.0, 4.0), (OUTER_U, -2.0)] {
+            let c = c.map(f64::from);
+            assert!((p(&c, u) - v).abs() < 1e-6);
+        }
     }
 
     #[test]

@@ -17,14 +17,17 @@ use radarllm_base::{RadarConfig, RadarCube, radar_config::Firing, seed::derive_s
 use crate::bounce::{BouncingSurfaces, MAX_MIRRORS};
 use crate::error::SimError;
 use crate::facets::{FacetJob, facet_sources};
-use crate::gridding::{Kernel, WIDTH, grid_cells};
+use crate::gridding::{Kernel, grid_cells};
+use crate::groups::{Band, Grouping};
 use crate::link::Link;
-use crate::motion::{N_KEYS, RangeScale, Segment, Source, chirp_time_s, parabola, quartic};
+use crate::motion::{
+    N_KEYS, RangeScale, Segment, Source, chirp_time_s, most_slope, parabola, quartic,
+};
 use crate::noise::NoiseGenerator;
 use crate::scatter::{FacetPhases, Reflection};
 use crate::scene::{Noise, PointTarget, Scene};
-use crate::slow_time::{Level, SPACING_TURNS_PER_U};
-use crate::spread::{ChannelBlock, Group, SpreadJob, spread};
+use crate::slow_time::Level;
+use crate::spread::{ChannelBlock, Reach, SpreadJob, spread};
 use crate::transform::{RangeTransform, TransformJob, transform};
 use crate::visibility::{DepthRaster, Part, Sampling, Through, View};
 use crate::weather::{Rain, Weather};
@@ -117,6 +120,7 @@ pub struct Simulator {
     levels: [Vec<Level>; 2],
     kernel: Kernel,
     channels: Vec<ChannelBlock>,
+    reach: Reach,
     raster: DepthRaster,
     rain: Option<Rain>,
     range_transform: RangeTransform,
@@ -136,13 +140,21 @@ struct Workspace {
     drops: Vec<PointTarget>,
     visible: Vec<u32>,
     sources: Vec<Source>,
+    /// Sum of the sources' powers at the segment's centre.
+    power_w: f64,
     tx_rows: Vec<[Vec3; N_KEYS]>,
-    /// (bin, level, cell) and source.
-    sorting: Vec<(u64, u32)>,
-    order: Vec<u32>,
-    groups: Vec<Group>,
+    grouping: Grouping,
     group_grid: Vec<Cell>,
+    family_grid: Vec<Cell>,
     grid: Vec<Cell>,
+}
+
+impl Workspace {
+    /// An amplitude that may be left out of every source of the segment: such errors add up like noise 70 dB below
+    /// the sources' sum.
+    fn negligible(&self) -> f32 {
+        (3e-4 * (self.power_w / self.sources.len().max(1) as f64).sqrt()) as f32
+    }
 }
 
 /// Seed of a frame's receiver noise.
@@ -203,6 +215,7 @@ impl Simulator {
         let link = Link::new(config).in_weather(&options.weather);
         let n_cells = grid_cells(config.n_samples);
         let kernel = Kernel::new(n_cells as f64 / config.n_samples as f64);
+        let channels = ChannelBlock::all(config, link.array_centre_m);
         let segments = Segment::all(config);
         let loop_counts = [segments.first(), segments.last()].map(|s| s.map_or(1, |s| s.n_loops));
         Ok(Self {
@@ -216,7 +229,8 @@ impl Simulator {
             },
             segments,
             levels: loop_counts.map(|n| Level::all(n, config.loop_period_s())),
-            channels: ChannelBlock::all(config, link.array_centre_m),
+            reach: Reach::of(&channels),
+            channels,
             rain: Rain::new(&options, config, &link),
             raster: DepthRaster::new(options.raster_size, options.sampling),
             range_transform: RangeTransform::new(config.n_samples, n_cells, &kernel),
@@ -369,7 +383,7 @@ impl Simulator {
                 self.scale.centre_hz / (self.scale.slope_hz_per_s * segment.half_s);
             self.prepare_sources(scene, &segment, time_s, seed, i == 0, &mut stats)?;
             let is_last = usize::from(i + 1 == self.segments.len());
-            let (first_cell, n_cells) = self.sort_sources(&segment, is_last, &mut stats);
+            let (first_cell, n_cells) = self.group_sources(&segment, is_last, &mut stats);
             stats.seconds.sources += clock.elapsed().as_secs_f64();
 
             let first_chirp_s = chirp_time_s(&self.config, segment.first_loop, 0);
@@ -385,9 +399,11 @@ impl Simulator {
                     self.simd,
                     SpreadJob {
                         sources: &self.work.sources,
+                        negligible: self.work.negligible(),
                         tx_rows: &self.work.tx_rows,
-                        order: &self.work.order,
-                        groups: &self.work.groups,
+                        order: &self.work.grouping.order,
+                        groups: &self.work.grouping.groups,
+                        families: &self.work.grouping.families,
                         levels: &self.levels[is_last],
                         channels,
                         kernel: &self.kernel,
@@ -397,6 +413,7 @@ impl Simulator {
                         u_per_loop,
                         n_loops: segment.n_loops,
                         grid: &mut self.work.group_grid,
+                        family_grid: &mut self.work.family_grid,
                         out: &mut self.work.grid,
                         first_cell,
                         n_cells,
@@ -451,6 +468,7 @@ impl Simulator {
         let centre = self.link.array_centre_m;
         let half_bin_m = 0.5 * self.config.range_resolution_m();
         work.sources.clear();
+        work.power_w = 0.0;
         work.tx_rows.clear();
         let mut first = 0;
         for (surface_idx, surface) in scene.surfaces.iter().enumerate() {
@@ -482,6 +500,7 @@ impl Simulator {
                     out: &mut work.sources,
                     coarse_m: half_bin_m,
                     n_coarse: &mut n_coarse,
+                    power_w: &mut work.power_w,
                 },
             );
             if count {
@@ -520,6 +539,8 @@ impl Simulator {
             let size_m = point.rcs_m2.sqrt() as f32;
             source.rough =
                 parabola([0, 2, 4].map(|k| size_m * self.link.amplitude(source.from_centre[k])));
+            source.bound_change(0.0);
+            work.power_w += source.power_w();
             work.sources.push(source);
         }
         // A range change of half the unambiguous range in a frame is no motion but a jump.
@@ -566,18 +587,26 @@ impl Simulator {
                 let turns = states.map(|s| s.corner_path_m[corner] / self.link.wavelength_m);
                 quartic(turns).map(|c| c as f32)
             });
+            source.corner_turns_per_u = source
+                .corners
+                .map(most_slope)
+                .into_iter()
+                .fold(0.0, f32::max);
             source.coherent = parabola([0, 2, 4].map(|key| states[key].coherent));
             source.rough = parabola([0, 2, 4].map(|key| states[key].rough));
             let phasor = surfaces.phasor(bounce.facet);
             source.rough_phasor = [phasor.re, phasor.im];
+            // The divided difference is at most 1/2.
+            source.bound_change(std::f32::consts::PI * source.corner_turns_per_u);
+            work.power_w += source.power_w();
             work.sources.push(source);
         }
         bounces.len()
     }
 
-    /// Sorts the sources into Doppler groups; returns the first cell and the number of cells that
+    /// Puts the sources into Doppler groups; returns the first cell and the number of cells that
     /// they touch.
-    fn sort_sources(
+    fn group_sources(
         &mut self,
         segment: &Segment,
         is_last: usize,
@@ -586,100 +615,36 @@ impl Simulator {
         let work = &mut self.work;
         let levels = &self.levels[is_last];
         // Range walk spreads a source's frequency over the sweep by half the relative bandwidth.
-        let sweep = 0.5 * self.config.sampled_bandwidth_hz() / self.link.centre_hz;
-        work.sorting.clear();
-        for (index, source) in work.sources.iter().enumerate() {
-            // Four intervals between keys, two units of u.
-            let turn = |p: &[Vec3; N_KEYS]| {
-                let steps = p.windows(2).map(|p| p[0].distance(p[1]));
-                2.0 * steps.fold(0.0, f32::max) / p[2].length()
-            };
-            let mut turn_rad = turn(&source.from_centre);
-            if source.tx_row.is_some() {
-                turn_rad = turn_rad.max(turn(source.seen_by_tx(&work.tx_rows)));
-            }
-            let extra = self
-                .channels
-                .iter()
-                .map(|c| c.extra_band(source, turn_rad))
-                .fold(0.0, f32::max);
-            let (low, high) = source.band();
-            let margin = f64::from(extra) + sweep * low.abs().max(high.abs());
-            // Rounds to the nearest integer without a library call.
-            const MAGIC: f64 = 6_755_399_441_055_744.0;
-            let bin = (0.5 * (low + high) / SPACING_TURNS_PER_U + MAGIC) - MAGIC;
-            let centre = bin * SPACING_TURNS_PER_U;
-            let half_width = (high - centre).max(centre - low) + margin;
-            let level = levels[..levels.len() - 1]
-                .iter()
-                .position(|l| half_width <= l.half_width_hz * segment.half_s);
-            // Loops as nodes need no centre.
-            let (bin, level) = match level {
-                Some(level) => (bin as i64, level),
-                None => (NO_BIN, levels.len() - 1),
-            };
-            let key = encode_group(bin, level) << 16 | u64::from(source.cells[0] as u16);
-            work.sorting.push((key, index as u32));
-        }
-        work.sorting.sort_unstable();
-        work.order.clear();
-        work.order.extend(work.sorting.iter().map(|s| s.1));
-        work.groups.clear();
+        let sweep = (0.5 * self.config.sampled_bandwidth_hz() / self.link.centre_hz) as f32;
         let half_s = segment.half_s as f32;
         let cells_per_turn = (self.scale.cells_per_s / self.scale.centre_hz) as f32;
-        let mut first = 0;
-        let mut before: Option<Run> = None;
-        while first < work.sorting.len() {
-            let key = work.sorting[first].0 >> 16;
-            let n = work.sorting[first..]
-                .iter()
-                .take_while(|s| s.0 >> 16 == key)
-                .count();
-            let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
-            for &index in &work.order[first..first + n] {
-                let source = &work.sources[index as usize];
-                let (l, h) = source.cell_range(1.0);
-                let reach = self
-                    .channels
-                    .iter()
-                    .map(|c| c.cell_reach(source, cells_per_turn, half_s))
-                    .fold(0.0, f32::max);
-                low = low.min(l - reach);
-                high = high.max(h + reach);
-            }
-            let (bin, level) = decode_group(key);
-            let run = Run {
-                bin,
-                level,
-                first,
-                end: first + n,
-                low,
-                high,
-            };
-            before = Some(match before {
-                Some(before) => match before.joined(run, levels, segment.n_loops) {
-                    Some(both) => both,
-                    None => {
-                        work.groups.push(before.group());
-                        run
-                    }
-                },
-                None => run,
+        work.grouping.bands.clear();
+        for source in &mut work.sources {
+            let (frequency, ramp) = (source.turns[1] as f32, 2.0 * source.turns[2] as f32);
+            let own = source.rest_turns_per_u();
+            let of_channels = self.reach.extra_band(source, ramp, half_s);
+            let reach = self.reach.cells(source, cells_per_turn, half_s);
+            source.reach_cells = reach;
+            source.is_flat =
+                source.tx_row.is_none() && self.reach.most_bend_turns(source) < MOST_BEND_TURNS;
+            let (low, high) = source.cell_range(1.0);
+            work.grouping.bands.push(Band {
+                frequency,
+                ramp,
+                rest: own + of_channels + sweep * (frequency.abs() + ramp.abs() + own),
+                cells: [low - reach, high + reach],
             });
-            first += n;
         }
-        work.groups.extend(before.map(|run| run.group()));
-        for group in &work.groups {
+        work.grouping.group(levels, segment.half_s, segment.n_loops);
+        let groups = &work.grouping.groups;
+        for group in groups {
             let n_sources = group.end - group.first;
-            stats.n_nodes += n_sources * levels[group.level].n_nodes(segment.n_loops);
+            stats.n_nodes += n_sources * levels[group.grid.level].n_nodes(segment.n_loops);
         }
-        stats.n_groups += work.groups.len();
-        let lowest = work.groups.iter().map(|g| g.first_cell).min();
-        let highest = work
-            .groups
-            .iter()
-            .map(|g| g.first_cell + g.n_cells as i32)
-            .max();
+        stats.n_groups += groups.len();
+        let grids = groups.iter().map(|g| g.grid);
+        let lowest = grids.clone().map(|g| g.first_cell).min();
+        let highest = grids.map(|g| g.first_cell + g.n_cells as i32).max();
         match (lowest, highest) {
             (Some(lowest), Some(highest)) => (lowest, (highest - lowest) as usize),
             _ => (0, 0),
@@ -687,74 +652,8 @@ impl Simulator {
     }
 }
 
-/// Bin of sources for which loops are nodes: no centre frequency.
-const NO_BIN: i64 = i32::MAX as i64;
-
-/// What sources of a Doppler group have in common, so that groups sort by centre frequency, then level.
-fn encode_group(bin: i64, level: usize) -> u64 {
-    ((bin + (1 << 31)) as u64 & 0xffff_ffff) << 8 | level as u64
-}
-
-fn decode_group(key: u64) -> (i64, usize) {
-    ((key >> 8) as i64 - (1 << 31), (key & 0xff) as usize)
-}
-
-/// Cycles of a source at a node, and of a group's cell in a loop: for every node, and besides. Found by bench_sim, in
-/// which half and twice of them are within a few per cent.
-const NODE_CYCLES: f32 = 60.0;
-const WEIGHT_CYCLES: f32 = 1.2;
-const TURN_CYCLES: f32 = 4.0;
-
-/// Sources of one centre frequency that need one level, next to each other in the order.
-#[derive(Clone, Copy)]
-struct Run {
-    bin: i64,
-    level: usize,
-    first: usize,
-    end: usize,
-    /// Cells that they may touch.
-    low: f32,
-    high: f32,
-}
-
-impl Run {
-    /// This run taken to the level of the next one, if that costs less than two groups.
-    fn joined(self, next: Self, levels: &[Level], n_loops: usize) -> Option<Self> {
-        if self.bin != next.bin {
-            return None;
-        }
-        let both = Self {
-            first: self.first,
-            low: self.low.min(next.low),
-            high: self.high.max(next.high),
-            ..next
-        };
-        let nodes = |run: &Self| levels[run.level].nodes.len() as f32;
-        let spread = |run: &Self| NODE_CYCLES * (run.end - run.first) as f32 * nodes(run);
-        let interpolate = |run: &Self| {
-            let cells = run.high - run.low + WIDTH as f32;
-            cells * n_loops as f32 * (WEIGHT_CYCLES * nodes(run) + TURN_CYCLES)
-        };
-        let cost = |run: &Self| spread(run) + interpolate(run);
-        (cost(&both) <= cost(&self) + cost(&next)).then_some(both)
-    }
-
-    fn group(&self) -> Group {
-        let first_cell = self.low.floor() as i32 - WIDTH as i32 / 2;
-        let last_cell = self.high.floor() as i32 + WIDTH as i32 / 2 + 1;
-        Group {
-            level: self.level,
-            turns_per_u: match self.bin {
-                NO_BIN => 0.0,
-                bin => bin as f64 * SPACING_TURNS_PER_U,
-            },
-            first: self.first,
-            end: self.end,
-            first_cell,
-            n_cells: (last_cell - first_cell + 1) as usize,
-        }
-    }
-}
+/// Change of the waves' bend that is left out, turns.
+const MOST_BEND_TURNS: f32 = 2e-4;
 
 /// Checks what a frame needs of its arguments.
 pub(crate) fn check_frame(

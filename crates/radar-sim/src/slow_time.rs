@@ -1,11 +1,10 @@
 //! Slow time at a few nodes: sources of like radial velocity share Doppler groups.
 //!
-//! Within a group of centre frequency F, every source's slow-time signal times `exp(-j 2 pi F t)`
-//! is narrow-band, so it need be spread only at a few nodes of the segment; the group's whole range
-//! grid is then interpolated to every loop and turned back by `exp(j 2 pi F t)`. Acceleration and
-//! rotation widen a source's band, which puts it on a finer level; the finest takes anything. Levels
-//! are many, so that no source is spread much more often than it must; where few sources need a
-//! level, they join those of the next one, since every group has its own interpolation.
+//! Within a group of reference phase P(t), a parabola, every source's slow-time signal times
+//! `exp(-j 2 pi P(t))` is narrow-band, so it need be spread only at a few nodes of the segment; the
+//! group's whole range grid is then interpolated to every loop and turned back by `exp(j 2 pi P(t))`.
+//! Rotation and jerk widen a source's band, which puts it on a finer level; the finest takes
+//! anything. Levels are many, so that no source is spread more often than it must.
 //! TDM slots share the nodes, each slot shifted by its own delay.
 //!
 //! A signal of time-bandwidth product B over an interval has about B degrees of freedom there, and a
@@ -20,19 +19,29 @@ pub(crate) const MOST_NODES: usize = 32;
 /// Loops that are interpolated together.
 pub(crate) const QUAD: usize = 4;
 /// Nodes, and the time-bandwidth product that they carry with an error below -68 dB (4e-4).
-const LEVELS: [(usize, f64); 9] = [
-    (8, 2.5),
-    (10, 3.8),
-    (12, 5.3),
-    (14, 6.7),
-    (16, 8.2),
-    (18, 9.7),
-    (22, 12.8),
-    (26, 15.7),
-    (32, 18.5),
+const LEVELS: [(usize, f64); 21] = [
+    (4, 0.445),
+    (5, 0.87),
+    (6, 1.37),
+    (7, 1.96),
+    (8, 2.58),
+    (9, 3.25),
+    (10, 3.93),
+    (11, 4.64),
+    (12, 5.36),
+    (13, 6.08),
+    (14, 6.82),
+    (15, 7.57),
+    (16, 8.32),
+    (18, 9.83),
+    (20, 11.35),
+    (22, 12.88),
+    (24, 14.37),
+    (26, 15.8),
+    (28, 16.8),
+    (30, 18.3),
+    (32, 19.8),
 ];
-/// Distance of the groups' centre frequencies, turns per unit of u: 1.9 cycles over a segment, which is two units.
-pub(crate) const SPACING_TURNS_PER_U: f64 = 0.95;
 /// The outermost nodes lie at this share of the way to the ends.
 const STRETCH: f64 = 0.98;
 
@@ -47,24 +56,31 @@ pub(crate) struct Level {
     /// Weights of every node in four consecutive loops, `[loop / 4][node]`; empty where loops are
     /// nodes.
     weights: Vec<[f32; QUAD]>,
+    /// The same in the nodes of every level but the last.
+    between: Vec<Vec<[f32; QUAD]>>,
 }
 
 impl Level {
     /// Levels for a segment of `n_loops` loops, coarsest first; the last takes anything.
     pub fn all(n_loops: usize, loop_period_s: f64) -> Vec<Self> {
-        let coarse = LEVELS
-            .into_iter()
-            .filter(|&(n_nodes, _)| n_loops >= 2 * n_nodes)
-            .map(|(n_nodes, cycles)| {
-                let half_band = 0.5 * cycles / (n_loops - 1) as f64;
-                let nodes = nodes(n_nodes, n_loops);
-                Self {
-                    block_loops: n_loops,
-                    half_width_hz: half_band / loop_period_s,
-                    weights: weights(&nodes, n_loops, half_band),
-                    nodes,
-                }
-            });
+        let usable = LEVELS.into_iter().filter(|&(n, _)| n_loops >= 2 * n);
+        let all_nodes: Vec<Vec<f64>> = usable.clone().map(|(n, _)| nodes(n, n_loops)).collect();
+        let loops: Vec<f64> = (0..n_loops).map(|l| l as f64).collect();
+        let coarse = usable.zip(&all_nodes).map(|((_, cycles), nodes)| {
+            let half_band = 0.5 * cycles / (n_loops - 1) as f64;
+            let places: Vec<&[f64]> = [&loops[..]]
+                .into_iter()
+                .chain(all_nodes.iter().map(|n| &n[..]))
+                .collect();
+            let mut weights = weights(nodes, &places, half_band);
+            Self {
+                block_loops: n_loops,
+                half_width_hz: half_band / loop_period_s,
+                between: weights.split_off(1),
+                weights: weights.swap_remove(0),
+                nodes: nodes.clone(),
+            }
+        });
         let block_loops = n_loops.min(MOST_NODES);
         coarse
             .chain([Self {
@@ -72,6 +88,7 @@ impl Level {
                 half_width_hz: 0.5 / loop_period_s,
                 nodes: (0..block_loops).map(|l| l as f64).collect(),
                 weights: Vec::new(),
+                between: Vec::new(),
             }])
             .collect()
     }
@@ -90,9 +107,10 @@ impl Level {
         }
     }
 
-    /// Weights by node of the loops `QUAD * quad..`.
-    pub fn weights(&self, quad: usize) -> &[[f32; QUAD]] {
-        &self.weights[quad * self.nodes.len()..][..self.nodes.len()]
+    /// Weights by node in the loops `QUAD * quad..`, or in those nodes of another level.
+    pub fn weights(&self, to: Option<usize>, quad: usize) -> &[[f32; QUAD]] {
+        let weights = to.map_or(&self.weights, |level| &self.between[level]);
+        &weights[quad * self.nodes.len()..][..self.nodes.len()]
     }
 }
 
@@ -105,9 +123,9 @@ fn nodes(n: usize, n_loops: usize) -> Vec<f64> {
         .collect()
 }
 
-/// Least-squares weights that interpolate from `nodes` to every loop over the band
-/// |f| <= `half_band`, cycles per loop.
-fn weights(nodes: &[f64], n_loops: usize, half_band: f64) -> Vec<[f32; QUAD]> {
+/// Least-squares weights that interpolate from `nodes` over the band |f| <= `half_band`, cycles per loop, to each list
+/// of `places`, loop coordinates.
+fn weights(nodes: &[f64], places: &[&[f64]], half_band: f64) -> Vec<Vec<[f32; QUAD]>> {
     let sinc = |x: f64| {
         if x == 0.0 {
             1.0
@@ -120,27 +138,31 @@ fn weights(nodes: &[f64], n_loops: usize, half_band: f64) -> Vec<[f32; QUAD]> {
         .iter()
         .enumerate()
         .map(|(i, &x)| {
-            let mut row: Vec<f64> = nodes
-                .iter()
-                .map(|y| sinc(2.0 * half_band * (x - y)))
-                .collect();
+            let to = nodes.iter().chain(places.iter().copied().flatten());
+            let mut row: Vec<f64> = to.map(|y| sinc(2.0 * half_band * (x - y))).collect();
             // Keeps the nearly singular system from buying 1e-6 of accuracy with weights of 10.
             row[i] += 1e-10;
-            row.extend((0..n_loops).map(|l| sinc(2.0 * half_band * (x - l as f64))));
             row
         })
         .collect();
     solve(&mut rows);
-    (0..n_loops.div_ceil(QUAD))
-        .flat_map(|quad| {
-            let rows = &rows;
-            (0..n).map(move |node| {
-                std::array::from_fn(|i| {
-                    // Loops beyond the last are computed and thrown away.
-                    let l = (QUAD * quad + i).min(n_loops - 1);
-                    rows[node][n + l] as f32
+    let mut first = n;
+    places
+        .iter()
+        .map(|places| {
+            let from = first;
+            first += places.len();
+            (0..places.len().div_ceil(QUAD))
+                .flat_map(|quad| {
+                    let rows = &rows;
+                    (0..n).map(move |node| {
+                        std::array::from_fn(|i| {
+                            // Places beyond the last are computed and thrown away.
+                            rows[node][from + (QUAD * quad + i).min(places.len() - 1)] as f32
+                        })
+                    })
                 })
-            })
+                .collect()
         })
         .collect()
 }
@@ -176,26 +198,34 @@ mod tests {
     #[test]
     fn interpolation_is_better_than_68_db_over_the_band() {
         for n_loops in [20, 37, 44, 128] {
-            for level in Level::all(n_loops, 1.0) {
+            let levels = Level::all(n_loops, 1.0);
+            for level in &levels {
                 if level.is_direct() {
                     continue;
                 }
                 let inside = 0.0..=(n_loops - 1) as f64;
                 assert!(level.nodes.iter().all(|x| inside.contains(x)));
-                for l in 0..n_loops {
-                    let w = level.weights(l / QUAD);
-                    for i in -100..=100 {
-                        let turn = 2.0 * PI * level.half_width_hz * f64::from(i) / 100.0;
-                        let sum: Complex64 = (level.nodes.iter().zip(w))
-                            .map(|(x, w)| Complex64::from_polar(f64::from(w[l % QUAD]), turn * x))
-                            .sum();
-                        let exact = Complex64::from_polar(1.0, turn * l as f64);
-                        let error = (sum - exact).norm();
-                        assert!(
-                            error < 4e-4,
-                            "{n_loops} loops, {} nodes, loop {l}, {i} %: {error}",
-                            level.nodes.len()
-                        );
+                let loops: Vec<f64> = (0..n_loops).map(|l| l as f64).collect();
+                // To the loops, and to the nodes of the finest level.
+                let finest = levels.len() - 2;
+                for (to, places) in [(None, &loops), (Some(finest), &levels[finest].nodes)] {
+                    for (k, place) in places.iter().enumerate() {
+                        let w = level.weights(to, k / QUAD);
+                        for i in -100..=100 {
+                            let turn = 2.0 * PI * level.half_width_hz * f64::from(i) / 100.0;
+                            let sum: Complex64 = (level.nodes.iter().zip(w))
+                                .map(|(x, w)| {
+                                    Complex64::from_polar(f64::from(w[k % QUAD]), turn * x)
+                                })
+                                .sum();
+                            let exact = Complex64::from_polar(1.0, turn * place);
+                            let error = (sum - exact).norm();
+                            assert!(
+                                error < 4e-4,
+                                "{n_loops} loops, {} nodes, place {place}, {i} %: {error}",
+                                level.nodes.len()
+                            );
+                        }
                     }
                 }
             }

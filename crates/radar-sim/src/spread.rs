@@ -7,18 +7,16 @@
 
 use glam::Vec3;
 
-use crate::gridding::{Kernel, SLACK_CELLS, WIDTH};
-use crate::motion::{N_KEYS, Source};
+use crate::gridding::{Kernel, NARROW_CELLS, SLACK_CELLS, Taps, WIDTH};
+use crate::groups::{Family, Group, GroupGrid};
+use crate::motion::{N_KEYS, QUARTIC, Source};
 use crate::slow_time::{Level, MOST_NODES, QUAD};
-use radarllm_simd::{Cell, LANES, Lanes, dispatch, sin_cos_turns};
+use radarllm_simd::{Cell, LANES, Lanes, dispatch, prefetch, sin_cos_turns};
 
 /// The channels of one pass.
 #[derive(Clone, Debug)]
+#[repr(C, align(64))]
 pub(crate) struct ChannelBlock {
-    /// First channel, `tx * n_rx + rx`.
-    pub first: usize,
-    /// How many lanes are channels; the rest repeat the last.
-    pub len: usize,
     /// TX offsets from the array centre, m.
     tx_x: [f32; LANES],
     tx_z: [f32; LANES],
@@ -32,9 +30,19 @@ pub(crate) struct ChannelBlock {
     slot_s: [f32; LANES],
     /// The same over the last slot's delay, 0..=1.
     slot_share: [f32; LANES],
-    /// Most path difference of any lane, m.
+    /// First channel, `tx * n_rx + rx`.
+    pub first: usize,
+    /// How many lanes are channels; the rest repeat the last.
+    pub len: usize,
+    pub reach: Reach,
+}
+
+/// How far channels reach from the array's centre.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Reach {
+    /// Most path difference of any channel, m.
     reach_m: f32,
-    /// Most sum of a lane's TX and RX offsets along x and along z, m.
+    /// Most sum of a channel's TX and RX offsets along x and along z, m.
     reach_x_m: f32,
     reach_z_m: f32,
     /// Most slot delay, s.
@@ -87,23 +95,46 @@ impl ChannelBlock {
                     rx_square,
                     slot_s,
                     slot_share,
-                    reach_m,
-                    reach_x_m,
-                    reach_z_m,
-                    most_slot_s,
+                    reach: Reach {
+                        reach_m,
+                        reach_x_m,
+                        reach_z_m,
+                        most_slot_s,
+                    },
                 }
             })
             .collect()
     }
+}
 
-    /// Bound of what the channels' path differences add to a source's frequency, turns per unit of
-    /// u; `turn` is the angle by which its direction changes per unit of u, rad.
-    pub fn extra_band(&self, source: &Source, turn: f32) -> f32 {
-        source.turns_per_m * self.reach_m * turn
+impl Reach {
+    /// Of all channels of a radar.
+    pub fn of(blocks: &[ChannelBlock]) -> Self {
+        blocks.iter().fold(Self::default(), |most, block| Self {
+            reach_m: most.reach_m.max(block.reach.reach_m),
+            reach_x_m: most.reach_x_m.max(block.reach.reach_x_m),
+            reach_z_m: most.reach_z_m.max(block.reach.reach_z_m),
+            most_slot_s: most.most_slot_s.max(block.reach.most_slot_s),
+        })
+    }
+
+    /// Bound of what the channels' path differences and delays add to a source's frequency, turns per unit of u; `ramp`
+    /// is the frequency's change.
+    pub fn extra_band(&self, source: &Source, ramp: f32, half_s: f32) -> f32 {
+        source.turns_per_m * self.reach_m * source.turn_rad + ramp.abs() * self.most_slot_s / half_s
+    }
+
+    /// Bound of what the bend of a source's waves over the array changes over |u| <= 1, turns.
+    pub fn most_bend_turns(&self, source: &Source) -> f32 {
+        // The bend is at most a^2 / 2r for every antenna; it changes with direction and range.
+        let bend_m = 0.5 * self.reach_m * self.reach_m * source.per_m;
+        // The next term, a^3 / 2 r^2, is left out altogether.
+        let next_m = bend_m * self.reach_m * source.per_m;
+        source.turns_per_m * (3.0 * bend_m * source.turn_rad + next_m)
     }
 
     /// Bound of a channel's distance from the reference position, cells.
-    pub fn cell_reach(&self, source: &Source, cells_per_turn: f32, half_s: f32) -> f32 {
+    pub fn cells(&self, source: &Source, cells_per_turn: f32, half_s: f32) -> f32 {
         let c = &source.cells;
         let walk = c[1].abs() + 2.0 * c[2].abs() + 3.0 * c[3].abs() + 4.0 * c[4].abs();
         let walk_cells = walk * self.most_slot_s / half_s;
@@ -111,39 +142,25 @@ impl ChannelBlock {
             // Two directions: |p - a| - |p| <= |a| for each.
             return source.turns_per_m * self.reach_m * cells_per_turn + walk_cells;
         }
-        // |p - a| - |p| lies within |p.a| / r + 2 a^2 / r; directions at the keys and their change.
-        let p = source.from_centre[2];
-        let inverse = 1.0 / p.length();
-        let turn = (p - source.from_centre[0]).length() + (p - source.from_centre[4]).length();
-        let path_m = inverse
-            * (self.reach_x_m * p.x.abs()
-                + self.reach_z_m * p.z.abs()
-                + self.reach_m * (turn + 2.0 * self.reach_m));
+        // |p - a| - |p| lies within |n.a| + 2 a^2 / r, n the direction in the middle and its change.
+        let [[x, ..], [z, ..]] = source.direction;
+        let path_m = self.reach_x_m * x.abs()
+            + self.reach_z_m * z.abs()
+            + self.reach_m * (source.turn_rad + 2.0 * self.reach_m * source.per_m);
         source.turns_per_m * path_m * cells_per_turn + walk_cells
     }
-}
-
-/// Sources of one Doppler group, as indices into the segment's sources.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Group {
-    pub level: usize,
-    /// Centre frequency, turns per unit of u.
-    pub turns_per_u: f64,
-    /// Range of `SpreadJob::order`.
-    pub first: usize,
-    pub end: usize,
-    /// Cells the group may touch.
-    pub first_cell: i32,
-    pub n_cells: usize,
 }
 
 /// What one pass needs.
 pub(crate) struct SpreadJob<'a> {
     pub sources: &'a [Source],
+    /// Amplitudes that may be left out.
+    pub negligible: f32,
     /// See [`Source::seen_by_tx`].
     pub tx_rows: &'a [[Vec3; N_KEYS]],
     pub order: &'a [u32],
     pub groups: &'a [Group],
+    pub families: &'a [Family],
     pub levels: &'a [Level],
     pub channels: &'a ChannelBlock,
     pub kernel: &'a Kernel,
@@ -155,8 +172,9 @@ pub(crate) struct SpreadJob<'a> {
     pub u_first: f64,
     pub u_per_loop: f64,
     pub n_loops: usize,
-    /// One group's grid, `[node][cell]`.
+    /// One group's grid, `[node][cell]`, and one family's.
     pub grid: &'a mut Vec<Cell>,
+    pub family_grid: &'a mut Vec<Cell>,
     /// The segment's grid, `[loop][cell]`, cells from `first_cell`; overwritten.
     pub out: &'a mut Vec<Cell>,
     pub first_cell: i32,
@@ -168,7 +186,9 @@ dispatch!(
     pub(crate) fn spread => spread_body(job: SpreadJob<'_>)
 );
 
-/// A source at the nodes of one block.
+/// A source at the nodes of one block. Aligned, as all that vectors are read from: one across two cache lines costs
+/// twice.
+#[repr(C, align(64))]
 struct Nodes {
     u: Rooms,
     /// Reference phase less the group's, turns in -1/2..1/2.
@@ -185,107 +205,205 @@ struct Nodes {
 /// One value per node.
 type Rooms = [[f32; LANES]; MOST_NODES / LANES];
 
+/// Phasors that are kept before they go to the grid: small enough for the first-level cache beside it.
+const BATCH_PHASORS: usize = 2 * MOST_NODES;
+/// Most sources of them.
+const BATCH: usize = 8;
+
+/// Buffers for a batch of sources.
+struct Room {
+    nodes: Nodes,
+    /// `[source][node]`.
+    phasors: [Phasor; BATCH_PHASORS],
+    cells: [Rooms; BATCH],
+}
+
 #[inline(always)]
 fn spread_body<L: Lanes>(job: SpreadJob<'_>) {
-    let SpreadJob {
-        sources,
-        order,
-        groups,
-        levels,
-        channels,
-        kernel,
-        ..
-    } = job;
     job.out.clear();
     job.out.resize(job.n_loops * job.n_cells, Cell::ZERO);
     let zero: Rooms = [[0.0; LANES]; MOST_NODES / LANES];
-    let mut nodes = Nodes {
-        u: zero,
-        turns: zero,
-        re: zero,
-        im: zero,
-        more_re: zero,
-        more_im: zero,
-        cells: zero,
+    let mut room = Room {
+        nodes: Nodes {
+            u: zero,
+            turns: zero,
+            re: zero,
+            im: zero,
+            more_re: zero,
+            more_im: zero,
+            cells: zero,
+        },
+        phasors: [Phasor {
+            re: [0.0; LANES],
+            im: [0.0; LANES],
+            d: [0.0; LANES],
+        }; BATCH_PHASORS],
+        cells: [zero; BATCH],
     };
-    let mut phasors = [Phasor {
-        re: [0.0; LANES],
-        im: [0.0; LANES],
-        d: [0.0; LANES],
-    }; MOST_NODES];
-    let last_slot_u = channels.most_slot_s / job.half_s as f32;
-    let slot = L::load(&channels.slot_share);
-    for group in groups {
-        let level = &levels[group.level];
-        let offset = (group.first_cell - job.first_cell) as usize;
-        let mut first_loop = 0;
-        while first_loop < job.n_loops {
-            let n_loops = level.block_loops.min(job.n_loops - first_loop);
-            let n_nodes = level.n_nodes(n_loops);
-            let mut u = [[0.0_f64; LANES]; MOST_NODES / LANES];
-            for (node, u) in u.as_flattened_mut().iter_mut().enumerate() {
-                let at = first_loop as f64 + level.nodes[node.min(n_nodes - 1)];
-                *u = job.u_first + at * job.u_per_loop;
-            }
-            for (to, from) in nodes.u.as_flattened_mut().iter_mut().zip(u.as_flattened()) {
-                *to = *from as f32;
-            }
-            // Loops that are nodes need no grid between: they go straight to the output.
-            let (grid, width, shift) = if level.is_direct() {
-                let start = first_loop * job.n_cells;
-                (
-                    &mut job.out[start..start + n_loops * job.n_cells],
-                    job.n_cells,
-                    job.first_cell,
-                )
-            } else {
-                job.grid.clear();
-                job.grid.resize(n_nodes * group.n_cells, Cell::ZERO);
-                (&mut job.grid[..], group.n_cells, group.first_cell)
-            };
-            for &index in &order[group.first..group.end] {
-                let source = &sources[index as usize];
-                evaluate::<L>(
-                    source,
-                    &u,
-                    group.turns_per_u,
-                    last_slot_u,
-                    n_nodes,
-                    &mut nodes,
-                );
-                let lanes = channel_turns::<L>(source, job.tx_rows, channels, job.half_s as f32);
-                let reach = channels.cell_reach(source, job.cells_per_turn, job.half_s as f32);
-                let phasors = &mut phasors[..n_nodes];
-                fill_phasors::<L>(&nodes, &lanes, slot, phasors);
-                let cells = &nodes.cells.as_flattened()[..n_nodes];
-                let scale = job.cells_per_turn;
-                if reach <= SLACK_CELLS as f32 {
-                    add_compact::<L>(phasors, cells, kernel, scale, shift, width, grid);
-                } else {
-                    add_wide(phasors, cells, kernel, scale, shift, width, grid);
+    let mut grid = std::mem::take(job.grid);
+    let mut family_grid = std::mem::take(job.family_grid);
+    let mut out = std::mem::take(job.out);
+    for family in job.families {
+        let to = &family.grid;
+        let level = &job.levels[to.level];
+        let (n_loops, n_cells) = (job.n_loops, job.n_cells);
+        if level.is_direct() {
+            // Loops that are nodes need no grid between: they go straight to the output, block by block.
+            for group in &job.groups[family.first..family.end] {
+                for first_loop in (0..n_loops).step_by(level.block_loops) {
+                    let n_nodes = level.block_loops.min(n_loops - first_loop);
+                    let block = &mut out[first_loop * n_cells..(first_loop + n_nodes) * n_cells];
+                    let window = (job.first_cell, n_cells);
+                    spread_group::<L>(&job, group, first_loop, n_nodes, window, &mut room, block);
                 }
             }
-            if !level.is_direct() {
-                for first in (0..n_loops).step_by(QUAD) {
-                    let phasors: [[f32; 2]; QUAD] = std::array::from_fn(|i| {
-                        let l = (first_loop + first + i) as f64;
-                        let turns = group.turns_per_u * (job.u_first + l * job.u_per_loop);
-                        let angle = (turns - turns.round()) * std::f64::consts::TAU;
-                        let (sin, cos) = angle.sin_cos();
-                        [cos as f32, sin as f32]
-                    });
-                    interpolate::<L>(
-                        job.grid,
-                        group.n_cells,
-                        level.weights(first / QUAD),
-                        &phasors[..QUAD.min(n_loops - first)],
-                        &mut job.out[(first_loop + first) * job.n_cells + offset..],
-                        job.n_cells,
-                    );
-                }
-            }
-            first_loop += n_loops;
+            continue;
         }
+        let several = family.end - family.first > 1;
+        if several {
+            family_grid.clear();
+            family_grid.resize(level.nodes.len() * to.n_cells, Cell::ZERO);
+        }
+        for group in &job.groups[family.first..family.end] {
+            let own = &group.grid;
+            let n_nodes = job.levels[own.level].nodes.len();
+            grid.clear();
+            grid.resize(n_nodes * own.n_cells, Cell::ZERO);
+            let window = (own.first_cell, own.n_cells);
+            spread_group::<L>(&job, group, 0, n_nodes, window, &mut room, &mut grid);
+            if several {
+                let turns = [0, 1].map(|i| own.turns[i] - to.turns[i]);
+                let offset = (own.first_cell - to.first_cell) as usize;
+                let into = (&mut family_grid[offset..], to.n_cells);
+                take::<L>(&job, &grid, own, turns, Some(to.level), into);
+            }
+        }
+        let rows = if several { &family_grid } else { &grid };
+        let offset = (to.first_cell - job.first_cell) as usize;
+        take::<L>(
+            &job,
+            rows,
+            to,
+            to.turns,
+            None,
+            (&mut out[offset..], n_cells),
+        );
+    }
+    (*job.grid, *job.family_grid, *job.out) = (grid, family_grid, out);
+}
+
+/// Adds a group's sources to `grid`, `[node][cell]` with cells from `window.0` and `window.1` of them.
+#[inline(always)]
+fn spread_group<L: Lanes>(
+    job: &SpreadJob<'_>,
+    group: &Group,
+    first_loop: usize,
+    n_nodes: usize,
+    (first_cell, width): (i32, usize),
+    Room {
+        nodes,
+        phasors,
+        cells,
+    }: &mut Room,
+    grid: &mut [Cell],
+) {
+    let (channels, order) = (job.channels, job.order);
+    let half_s = job.half_s as f32;
+    let last_slot_u = channels.reach.most_slot_s / half_s;
+    let slot = L::load(&channels.slot_share);
+    let places = &job.levels[group.grid.level].nodes;
+    let mut u = [[0.0_f64; LANES]; MOST_NODES / LANES];
+    for (node, u) in u.as_flattened_mut().iter_mut().enumerate() {
+        let at = first_loop as f64 + places[node.min(n_nodes - 1)];
+        *u = job.u_first + at * job.u_per_loop;
+    }
+    for (to, from) in nodes.u.as_flattened_mut().iter_mut().zip(u.as_flattened()) {
+        *to = *from as f32;
+    }
+    let (kernel, scale) = (job.kernel, job.cells_per_turn);
+    let most = BATCH.min(BATCH_PHASORS / n_nodes);
+    let mut first = group.first;
+    while first < group.end {
+        let batch = first..group.end.min(first + most);
+        let n_sources = batch.len();
+        let mut reach_cells = [0.0; BATCH];
+        for (k, i) in batch.enumerate() {
+            let source = &job.sources[order[i] as usize];
+            // Neighbours in the order are none in memory.
+            if let Some(&soon) = order.get(i + 2) {
+                prefetch(std::slice::from_ref(&job.sources[soon as usize]));
+            }
+            let changes = source.change_per_u * last_slot_u > job.negligible;
+            evaluate::<L>(source, &u, group.grid.turns, n_nodes, nodes);
+            if changes {
+                evaluate_change::<L>(source, last_slot_u, n_nodes, nodes);
+            }
+            let lanes = channel_turns::<L>(source, job.tx_rows, channels, half_s);
+            let phasors = &mut phasors[k * n_nodes..(k + 1) * n_nodes];
+            fill_phasors::<L>(nodes, &lanes, changes.then_some(slot), phasors);
+            cells[k] = nodes.cells;
+            reach_cells[k] = if source.reach_cells <= SLACK_CELLS {
+                source.reach_cells
+            } else {
+                // Of this block's channels alone.
+                channels.reach.cells(source, scale, half_s)
+            };
+        }
+        let (phasors, cells) = (&phasors[..n_sources * n_nodes], &cells[..n_sources]);
+        let reach = reach_cells.iter().copied().fold(0.0, f32::max);
+        let all = Batch {
+            phasors,
+            cells,
+            n_nodes,
+        };
+        if reach <= NARROW_CELLS {
+            all.add_compact::<L, 3>(&kernel.narrow, scale, first_cell, width, grid);
+        } else if reach <= SLACK_CELLS {
+            all.add_compact::<L, 4>(&kernel.wide, scale, first_cell, width, grid);
+        } else {
+            for (k, reach) in reach_cells[..n_sources].iter().enumerate() {
+                let one = all.only(k);
+                if *reach <= SLACK_CELLS {
+                    one.add_compact::<L, 4>(&kernel.wide, scale, first_cell, width, grid);
+                } else {
+                    one.add_wide(kernel, scale, first_cell, width, grid);
+                }
+            }
+        }
+        first += n_sources;
+    }
+}
+
+/// Interpolates a grid's `rows` from its nodes to the loops, or to the nodes of level `to`, turns them by a parabola
+/// and adds them to `out`, whose loops are `stride` cells apart.
+#[inline(always)]
+fn take<L: Lanes>(
+    job: &SpreadJob<'_>,
+    rows: &[Cell],
+    grid: &GroupGrid,
+    turns: [f64; 2],
+    to: Option<usize>,
+    (out, stride): (&mut [Cell], usize),
+) {
+    let places = to.map(|level| &job.levels[level].nodes[..]);
+    let n_places = places.map_or(job.n_loops, |p| p.len());
+    for first in (0..n_places).step_by(QUAD) {
+        let phasors: [[f32; 2]; QUAD] = std::array::from_fn(|i| {
+            let l = (first + i).min(n_places - 1);
+            let u = job.u_first + places.map_or(l as f64, |p| p[l]) * job.u_per_loop;
+            let turns = (turns[1] * u + turns[0]) * u;
+            let angle = (turns - turns.round()) * std::f64::consts::TAU;
+            let (sin, cos) = angle.sin_cos();
+            [cos as f32, sin as f32]
+        });
+        interpolate::<L>(
+            rows,
+            grid.n_cells,
+            job.levels[grid.level].weights(to, first / QUAD),
+            &phasors[..QUAD.min(n_places - first)],
+            &mut out[first * stride..],
+            stride,
+        );
     }
 }
 
@@ -294,18 +412,17 @@ fn spread_body<L: Lanes>(job: SpreadJob<'_>) {
 fn evaluate<L: Lanes>(
     source: &Source,
     u: &[[f64; LANES]; MOST_NODES / LANES],
-    group_turns_per_u: f64,
-    last_slot_u: f32,
+    group_turns: [f64; 2],
     n_nodes: usize,
     nodes: &mut Nodes,
 ) {
     let c = &source.turns;
-    let c1 = c[1] - group_turns_per_u;
+    let (c1, c2) = (c[1] - group_turns[0], c[2] - group_turns[1]);
     let rooms = n_nodes.div_ceil(LANES);
     for (room, u) in u[..rooms].iter().enumerate() {
         let t = L::load(&nodes.u[room]);
         for (to, &t) in nodes.turns[room].iter_mut().zip(u) {
-            let phase = (((c[4] * t + c[3]) * t + c[2]) * t + c1) * t + c[0];
+            let phase = (((c[4] * t + c[3]) * t + c2) * t + c1) * t + c[0];
             // Adding 1.5 * 2^52 rounds to the nearest integer in any vector width.
             const MAGIC: f64 = 6_755_399_441_055_744.0;
             *to = (phase - ((phase + MAGIC) - MAGIC)) as f32;
@@ -314,13 +431,20 @@ fn evaluate<L: Lanes>(
         let (re, im) = amplitude(source, t);
         re.store(&mut nodes.re[room]);
         im.store(&mut nodes.im[room]);
-        if last_slot_u != 0.0 {
-            // A turning facet changes between the slots of one loop (a kicking limb by 0.1 rad):
-            // linear in between, which leaves the square of that over eight.
-            let (late_re, late_im) = amplitude(source, t.add(L::splat(last_slot_u)));
-            late_re.sub(re).store(&mut nodes.more_re[room]);
-            late_im.sub(im).store(&mut nodes.more_im[room]);
-        }
+    }
+}
+
+/// What the amplitude gains by the last TDM slot. A turning facet changes between the slots of one loop (a kicking
+/// limb by 0.1 rad): linear in between, which leaves the square of that over eight.
+#[inline(always)]
+fn evaluate_change<L: Lanes>(source: &Source, last_slot_u: f32, n_nodes: usize, nodes: &mut Nodes) {
+    for room in 0..n_nodes.div_ceil(LANES) {
+        let t = L::load(&nodes.u[room]).add(L::splat(last_slot_u));
+        let (re, im) = amplitude(source, t);
+        re.sub(L::load(&nodes.re[room]))
+            .store(&mut nodes.more_re[room]);
+        im.sub(L::load(&nodes.im[room]))
+            .store(&mut nodes.more_im[room]);
     }
 }
 
@@ -341,7 +465,7 @@ fn amplitude<L: Lanes>(source: &Source, t: L) -> (L, L) {
 
 /// [`crate::scatter::divided_difference`] for sixteen phase triples in turns.
 #[inline(always)]
-fn divided_difference<L: Lanes>([p, q, r]: [L; 3]) -> (L, L) {
+pub(crate) fn divided_difference<L: Lanes>([p, q, r]: [L; 3]) -> (L, L) {
     let tau = L::splat(std::f32::consts::TAU);
     let half = L::splat(0.5);
     let low = p.min(q);
@@ -371,6 +495,21 @@ fn divided_difference<L: Lanes>([p, q, r]: [L; 3]) -> (L, L) {
         span.select_lt(limit, near_re, re),
         span.select_lt(limit, near_im, im),
     )
+}
+
+/// Bound of the divided difference's derivative for corners whose phases change by at most `rate` a unit of time, both
+/// in turns: its envelope, which sides of many turns make small, times the rate.
+#[inline(always)]
+pub(crate) fn most_divided_slope<L: Lanes>([p, q, r]: [L; 3], rate: L) -> L {
+    let tau = L::splat(std::f32::consts::TAU);
+    let (one, two) = (L::splat(1.0), L::splat(2.0 / std::f32::consts::TAU));
+    let low = p.min(q).min(r);
+    let high = p.max(q).max(r);
+    let middle = p.add(q).add(r).sub(low).sub(high);
+    let side = |gap: L| one.min(two.div(gap.max(L::splat(1e-3))));
+    let sides = side(middle.sub(low)).add(side(high.sub(middle)));
+    let span = high.sub(low).mul(tau).max(L::splat(1e-3));
+    sides.div(span).min(L::splat(0.5)).mul(rate).mul(tau)
 }
 
 /// First divided difference of `exp` at two phases, and the phasor of their mean.
@@ -418,14 +557,40 @@ fn scaled<L: Lanes>(x: L, by: f32) -> L {
     x.mul(L::splat(by))
 }
 
-/// Quartics of every channel's phase relative to the reference channel's, turns: the path
-/// difference, and what the reference phase gains by the channel's TDM delay.
+/// Quartics of every channel's path difference, turns, for a source that [`Source::is_flat`]: those of its direction
+/// with the array's offsets, and the waves' bend in the middle.
 #[inline(always)]
-fn channel_turns<L: Lanes>(
+fn flat_turns<L: Lanes>(source: &Source, channels: &ChannelBlock) -> [L; N_KEYS] {
+    let (tx_x, tx_z) = (L::load(&channels.tx_x), L::load(&channels.tx_z));
+    let (rx_x, rx_z) = (L::load(&channels.rx_x), L::load(&channels.rx_z));
+    let squares = L::load(&channels.tx_square).add(L::load(&channels.rx_square));
+    let (x, z) = (tx_x.add(rx_x), tx_z.add(rx_z));
+    let scale = -source.turns_per_m;
+    let mut path = [L::splat(0.0); N_KEYS];
+    for (path, (&along_x, &along_z)) in path
+        .iter_mut()
+        .zip(source.direction[0].iter().zip(&source.direction[1]))
+    {
+        *path = x.fma(L::splat(scale * along_x), scaled(z, scale * along_z));
+    }
+    // |p - a| - |p| = -n.a + (a^2 - (n.a)^2) / 2r, n the direction.
+    let (nx, nz) = (
+        L::splat(source.direction[0][0]),
+        L::splat(source.direction[1][0]),
+    );
+    let (tx, rx) = (tx_x.fma(nx, tx_z.mul(nz)), rx_x.fma(nx, rx_z.mul(nz)));
+    let bend = rx.fnma(rx, tx.fnma(tx, squares));
+    let half_per_r = 0.5 * source.turns_per_m * source.per_m;
+    path[0] = bend.fma(L::splat(half_per_r), path[0]);
+    path
+}
+
+/// The same for any source.
+#[inline(always)]
+fn bent_turns<L: Lanes>(
     source: &Source,
     tx_rows: &[[Vec3; N_KEYS]],
     channels: &ChannelBlock,
-    half_s: f32,
 ) -> [L; N_KEYS] {
     let (tx_x, tx_z) = (L::load(&channels.tx_x), L::load(&channels.tx_z));
     let (rx_x, rx_z) = (L::load(&channels.rx_x), L::load(&channels.rx_z));
@@ -435,7 +600,7 @@ fn channel_turns<L: Lanes>(
     for (v, &p) in v.iter_mut().zip(&source.from_centre) {
         let r2 = p.length_squared();
         let r = r2.sqrt();
-        *v = if r > 40.0 * channels.reach_m {
+        *v = if r > 40.0 * channels.reach.reach_m {
             path_difference_far(p, r, tx_x, tx_z, tx_square)
                 .add(path_difference_far(p, r, rx_x, rx_z, rx_square))
         } else {
@@ -453,16 +618,23 @@ fn channel_turns<L: Lanes>(
                 .mul(scale);
         }
     }
-    let half = L::splat(0.5);
-    let (s1, s2) = (v[3].sub(v[1]), v[4].sub(v[0]).mul(half));
-    let (e1, e2) = (
-        v[1].add(v[3]).mul(half).sub(v[2]),
-        v[0].add(v[4]).mul(half).sub(v[2]),
-    );
-    let third = L::splat(4.0 / 3.0);
-    let c3 = s2.sub(s1).mul(third);
-    let c4 = e1.fnma(L::splat(4.0), e2).mul(third);
-    let path = [v[2], s2.sub(c3), e2.sub(c4), c3, c4];
+    quartic_lanes(v)
+}
+
+/// Quartics of every channel's phase relative to the reference channel's, turns: the path
+/// difference, and what the reference phase gains by the channel's TDM delay.
+#[inline(always)]
+fn channel_turns<L: Lanes>(
+    source: &Source,
+    tx_rows: &[[Vec3; N_KEYS]],
+    channels: &ChannelBlock,
+    half_s: f32,
+) -> [L; N_KEYS] {
+    let path: [L; N_KEYS] = if source.is_flat {
+        flat_turns(source, channels)
+    } else {
+        bent_turns(source, tx_rows, channels)
+    };
     // The delay h of the lane's slot in u: P(u + h) - P(u), by its derivatives; h is at most a few
     // per cent where it matters, and this is the exact expansion for a quartic.
     let h = L::load(&channels.slot_s).mul(L::splat(1.0 / half_s));
@@ -483,8 +655,31 @@ fn channel_turns<L: Lanes>(
     ]
 }
 
+/// [`crate::motion::quartic`] for sixteen channels.
+#[inline(always)]
+fn quartic_lanes<L: Lanes>(v: [L; N_KEYS]) -> [L; N_KEYS] {
+    let half = L::splat(0.5);
+    let (odd_inner, odd_outer) = (v[3].sub(v[1]).mul(half), v[4].sub(v[0]).mul(half));
+    let even_inner = v[1].add(v[3]).fma(half, L::splat(0.0).sub(v[2]));
+    let even_outer = v[0].add(v[4]).fma(half, L::splat(0.0).sub(v[2]));
+    let [[odd1, odd3], [even2, even4]] = QUARTIC;
+    [
+        v[2],
+        applied(odd1, odd_inner, odd_outer),
+        applied(even2, even_inner, even_outer),
+        applied(odd3, odd_inner, odd_outer),
+        applied(even4, even_inner, even_outer),
+    ]
+}
+
+#[inline(always)]
+fn applied<L: Lanes>(m: [f64; 2], inner: L, outer: L) -> L {
+    inner.fma(L::splat(m[0] as f32), scaled(outer, m[1] as f32))
+}
+
 /// A source at one node; lanes are channels.
 #[derive(Clone, Copy)]
+#[repr(C, align(64))]
 struct Phasor {
     re: [f32; LANES],
     im: [f32; LANES],
@@ -495,7 +690,12 @@ struct Phasor {
 /// Phasors of all channels at all nodes. A loop of its own: its long chains of dependent
 /// instructions overlap better than with the grid's updates in between.
 #[inline(always)]
-fn fill_phasors<L: Lanes>(nodes: &Nodes, lanes: &[L; N_KEYS], slot: L, out: &mut [Phasor]) {
+fn fill_phasors<L: Lanes>(
+    nodes: &Nodes,
+    lanes: &[L; N_KEYS],
+    changing_to: Option<L>,
+    out: &mut [Phasor],
+) {
     for (node, out) in out.iter_mut().enumerate() {
         let t = at::<L>(&nodes.u, node);
         let d = lanes[4]
@@ -504,8 +704,11 @@ fn fill_phasors<L: Lanes>(nodes: &Nodes, lanes: &[L; N_KEYS], slot: L, out: &mut
             .fma(t, lanes[1])
             .fma(t, lanes[0]);
         let (sin, cos) = sin_cos_turns(d.add(at(&nodes.turns, node)));
-        let re = slot.fma(at(&nodes.more_re, node), at(&nodes.re, node));
-        let im = slot.fma(at(&nodes.more_im, node), at(&nodes.im, node));
+        let (mut re, mut im) = (at::<L>(&nodes.re, node), at::<L>(&nodes.im, node));
+        if let Some(slot) = changing_to {
+            re = slot.fma(at(&nodes.more_re, node), re);
+            im = slot.fma(at(&nodes.more_im, node), im);
+        }
         im.fnma(sin, re.mul(cos)).store(&mut out.re);
         im.fma(cos, re.mul(sin)).store(&mut out.im);
         d.store(&mut out.d);
@@ -517,64 +720,105 @@ fn at<L: Lanes>(rooms: &Rooms, node: usize) -> L {
     L::splat(rooms.as_flattened()[node])
 }
 
-/// Adds a source whose channels all lie within [`SLACK_CELLS`] of one another.
-#[inline(always)]
-fn add_compact<L: Lanes>(
-    phasors: &[Phasor],
-    cells: &[f32],
-    kernel: &Kernel,
-    cells_per_turn: f32,
-    first_cell: i32,
-    width: usize,
-    grid: &mut [Cell],
-) {
-    let cells_per_turn = L::splat(cells_per_turn);
-    for (node, (&position, phasor)) in cells.iter().zip(phasors).enumerate() {
-        let (re, im) = (L::load(&phasor.re), L::load(&phasor.im));
-        let cell = position.floor();
-        let v = L::load(&phasor.d).fma(cells_per_turn, L::splat(position - cell - 0.5));
-        let y = v.mul(v);
-        // SAFETY: cells are finite and within a few grid widths (checked when sources are made).
-        let cell: i32 = unsafe { cell.to_int_unchecked() };
-        let start = node * width + (cell - first_cell - 2) as usize;
-        let Some(taps) = grid[start..].first_chunk_mut::<WIDTH>() else {
-            continue;
-        };
-        for tap in 0..3 {
-            let even = y.polynomial(&kernel.even[tap]);
-            let odd = y.polynomial(&kernel.odd[tap]).mul(v);
-            let (left, right) = (even.add(odd), even.sub(odd));
-            for (tap, weight) in [(tap, left), (WIDTH - 1 - tap, right)] {
-                let target = &mut taps[tap];
-                weight.fma(re, L::load(&target.re)).store(&mut target.re);
-                weight.fma(im, L::load(&target.im)).store(&mut target.im);
+/// Sources at the nodes of their group.
+#[derive(Clone, Copy)]
+struct Batch<'a> {
+    /// `[source][node]`.
+    phasors: &'a [Phasor],
+    cells: &'a [Rooms],
+    n_nodes: usize,
+}
+
+impl<'a> Batch<'a> {
+    fn only(self, k: usize) -> Self {
+        Self {
+            phasors: &self.phasors[k * self.n_nodes..][..self.n_nodes],
+            cells: &self.cells[k..k + 1],
+            ..self
+        }
+    }
+
+    /// Adds sources whose channels all lie within the reach of `taps` about one another. Node by node: sources of a
+    /// group are sorted by range, so that several follow each other on the same cells, whose sums stay in registers.
+    #[inline(always)]
+    fn add_compact<L: Lanes, const N: usize>(
+        self,
+        taps: &Taps<N>,
+        cells_per_turn: f32,
+        first_cell: i32,
+        width: usize,
+        grid: &mut [Cell],
+    ) {
+        let cells_per_turn = L::splat(cells_per_turn);
+        for node in 0..self.n_nodes {
+            let mut start = usize::MAX;
+            let mut sums = [(L::splat(0.0), L::splat(0.0)); WIDTH];
+            for (phasors, cells) in self.phasors.chunks_exact(self.n_nodes).zip(self.cells) {
+                let (position, phasor) = (cells.as_flattened()[node], &phasors[node]);
+                let cell = position.floor();
+                let (row, off) = taps.row(position - cell);
+                // SAFETY: cells are finite and within a few grid widths (checked when sources are made).
+                let cell: i32 = unsafe { cell.to_int_unchecked() };
+                let at = node * width + (cell - first_cell - 2) as usize;
+                if at != start {
+                    store_sums(&sums, start, grid);
+                    let Some(cells) = grid.get(at..at + WIDTH) else {
+                        start = usize::MAX;
+                        continue;
+                    };
+                    for (sum, cell) in sums.iter_mut().zip(cells) {
+                        *sum = (L::load(&cell.re), L::load(&cell.im));
+                    }
+                    start = at;
+                }
+                let (re, im) = (L::load(&phasor.re), L::load(&phasor.im));
+                let x = L::load(&phasor.d).fma(cells_per_turn, L::splat(off));
+                for (sum, weight) in sums.iter_mut().zip(row) {
+                    let weight = x.polynomial(weight);
+                    *sum = (weight.fma(re, sum.0), weight.fma(im, sum.1));
+                }
+            }
+            store_sums(&sums, start, grid);
+        }
+    }
+
+    /// Adds sources whose channels lie in different cells (wide apertures, high speeds): lane by lane.
+    #[inline(always)]
+    fn add_wide(
+        self,
+        kernel: &Kernel,
+        cells_per_turn: f32,
+        first_cell: i32,
+        width: usize,
+        grid: &mut [Cell],
+    ) {
+        for (phasors, cells) in self.phasors.chunks_exact(self.n_nodes).zip(self.cells) {
+            let positions = cells.as_flattened().iter();
+            for (node, (&position, Phasor { re, im, d })) in positions.zip(phasors).enumerate() {
+                for lane in 0..LANES {
+                    let position = position + d[lane] * cells_per_turn;
+                    let cell = position.floor();
+                    let start = node * width + (cell as i32 - first_cell) as usize - 2;
+                    let taps = kernel.taps(position - cell);
+                    for (target, weight) in grid[start..start + WIDTH].iter_mut().zip(taps) {
+                        target.re[lane] += weight * re[lane];
+                        target.im[lane] += weight * im[lane];
+                    }
+                }
             }
         }
     }
 }
 
-/// Adds a source whose channels lie in different cells (wide apertures, high speeds): lane by lane.
+/// Writes the sums of the cells from `start`, if there are any.
 #[inline(always)]
-fn add_wide(
-    phasors: &[Phasor],
-    cells: &[f32],
-    kernel: &Kernel,
-    cells_per_turn: f32,
-    first_cell: i32,
-    width: usize,
-    grid: &mut [Cell],
-) {
-    for (node, (&position, Phasor { re, im, d })) in cells.iter().zip(phasors).enumerate() {
-        for lane in 0..LANES {
-            let position = position + d[lane] * cells_per_turn;
-            let cell = position.floor();
-            let start = node * width + (cell as i32 - first_cell) as usize - 2;
-            let taps = kernel.taps(position - cell - 0.5);
-            for (target, weight) in grid[start..start + WIDTH].iter_mut().zip(taps) {
-                target.re[lane] += weight * re[lane];
-                target.im[lane] += weight * im[lane];
-            }
-        }
+fn store_sums<L: Lanes>(sums: &[(L, L); WIDTH], start: usize, grid: &mut [Cell]) {
+    if start == usize::MAX {
+        return;
+    }
+    for ((re, im), cell) in sums.iter().zip(&mut grid[start..start + WIDTH]) {
+        re.store(&mut cell.re);
+        im.store(&mut cell.im);
     }
 }
 

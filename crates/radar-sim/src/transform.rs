@@ -8,26 +8,29 @@ use rustfft::{Fft, FftPlanner};
 use crate::gridding::Kernel;
 use crate::noise::add_noise_body;
 use crate::spread::ChannelBlock;
-use radarllm_simd::{Cell, Lanes, dispatch};
+use radarllm_simd::{Cell, LANES, Lanes, as_complex, dispatch};
 
 /// Plan and buffers.
 pub(crate) struct RangeTransform {
     fft: Arc<dyn Fft<f32>>,
     /// Factors by sample.
     deapodisation: Vec<f32>,
-    row: Vec<Complex32>,
-    scratch: Vec<Complex32>,
+    n_cells: usize,
+    /// Complex numbers in the memory of cells, which starts on a cache line.
+    row: Vec<Cell>,
+    scratch: Vec<Cell>,
 }
 
 impl RangeTransform {
     pub fn new(n_samples: usize, n_cells: usize, kernel: &Kernel) -> Self {
         let fft = FftPlanner::new().plan_fft_inverse(n_cells);
-        let scratch = vec![Complex32::ZERO; fft.get_inplace_scratch_len()];
+        let room = |n: usize| vec![Cell::ZERO; n.div_ceil(LANES)];
         Self {
             deapodisation: kernel.deapodisation(n_samples, n_cells),
-            row: vec![Complex32::ZERO; n_cells],
+            n_cells,
+            row: room(n_cells),
+            scratch: room(fft.get_inplace_scratch_len()),
             fft,
-            scratch,
         }
     }
 }
@@ -59,10 +62,12 @@ fn transform_body<L: Lanes>(mut job: TransformJob<'_>) {
     let RangeTransform {
         fft,
         deapodisation,
+        n_cells,
         row,
         scratch,
     } = job.transform;
-    let (n_samples, m) = (deapodisation.len(), row.len());
+    let (n_samples, m) = (deapodisation.len(), *n_cells);
+    let (row, scratch) = (&mut as_complex(row)[..m], as_complex(scratch));
     // Sample i is n = i - half; negative n sit at the end of the transform.
     let half = n_samples / 2;
     let start = job.first_cell.rem_euclid(m as i32) as usize;

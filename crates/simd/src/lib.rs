@@ -28,6 +28,14 @@ pub struct Cell {
     pub im: [f32; LANES],
 }
 
+/// The memory of cells as complex numbers one after another: a buffer that starts on a cache line.
+pub fn as_complex(cells: &mut [Cell]) -> &mut [num_complex::Complex32] {
+    let n = cells.len() * LANES;
+    // SAFETY: a cell is 2 * LANES floats and nothing else, a complex number two; its alignment is less; `cells` stays
+    // borrowed.
+    unsafe { std::slice::from_raw_parts_mut(cells.as_mut_ptr().cast(), n) }
+}
+
 impl Cell {
     /// All zero.
     pub const ZERO: Self = Self {

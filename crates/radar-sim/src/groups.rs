@@ -1,0 +1,399 @@
+//! Which sources share a Doppler group: those whose phases bend alike in slow time.
+//!
+//! A group's reference phase is a parabola of time, its frequency and its ramp (the frequency's rate) amid its
+//! sources'. What a source keeps beyond it sets the nodes at which it is spread ([`crate::slow_time`]). The grids of
+//! groups that are near each other are interpolated to the more nodes of a family, and only the families' to the
+//! loops. Sources are put in the order of a Z curve over (frequency, ramp), in which every square of that plane is a
+//! run; from the smallest squares up, two neighbours become one group, or one family, wherever that costs least.
+
+use crate::gridding::WIDTH;
+use crate::slow_time::Level;
+
+/// Side of the smallest squares, turns per unit of u (and per its square).
+const SIDE: f32 = 0.2;
+/// Limits of the classes of what remains beyond the parabola, turns per unit of u.
+const RESTS: [f32; 3] = [0.15, 0.35, 0.7];
+
+/// Cycles of a source at a node, and of a group's cell in a loop: for every node, and besides. Found by bench_sim, in
+/// which half and twice of them are within a few per cent.
+const NODE_CYCLES: f32 = 80.0;
+const WEIGHT_CYCLES: f32 = 1.5;
+const TURN_CYCLES: f32 = 5.0;
+/// Nodes of a family, for what its groups cost.
+const FAMILY_NODES: f32 = 14.0;
+
+/// Sources of one Doppler group.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Group {
+    pub grid: GroupGrid,
+    /// Range of the order.
+    pub first: usize,
+    pub end: usize,
+}
+
+/// Groups that go to the loops together.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Family {
+    /// Where there is one group, the group's.
+    pub grid: GroupGrid,
+    /// Range of the groups.
+    pub first: usize,
+    pub end: usize,
+}
+
+/// Nodes and cells of a group or family.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct GroupGrid {
+    pub level: usize,
+    /// Reference phase, turns: `turns[0] u + turns[1] u^2`.
+    pub turns: [f64; 2],
+    /// Cells that may be touched.
+    pub first_cell: i32,
+    pub n_cells: usize,
+}
+
+/// What grouping asks of a source.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Band {
+    /// Frequency at u = 0, turns per unit of u.
+    pub frequency: f32,
+    /// Its change per unit of u.
+    pub ramp: f32,
+    /// Most that frequencies of its corners and channels differ from these over |u| <= 1.
+    pub rest: f32,
+    /// Cells that it may touch, for all channels and |u| <= 1.
+    pub cells: [f32; 2],
+}
+
+impl Band {
+    /// Place on the curve. Within squares of eight sides, where groups form, sources are apart by what they keep
+    /// beyond any parabola: one that moves wildly would take all the others to its many nodes.
+    fn place(&self) -> u32 {
+        // Saturates far beyond any radar's speeds, which costs nodes, not accuracy.
+        let bin = |x: f32| ((x * (1.0 / SIDE)).floor() as i32 + (1 << 14)).clamp(0, 0x7fff);
+        let square = spaced(bin(self.frequency) as u32) << 1 | spaced(bin(self.ramp) as u32);
+        let class = RESTS.iter().filter(|&&rest| self.rest > rest).count() as u32;
+        square >> 6 << 8 | class << 6 | square & 0x3f
+    }
+}
+
+/// Finds groups, with buffers that are reused from segment to segment.
+#[derive(Default)]
+pub(crate) struct Grouping {
+    pub bands: Vec<Band>,
+    /// Place on the curve and, below, the source.
+    sorting: Vec<u64>,
+    /// Sources, group by group.
+    pub order: Vec<u32>,
+    pub groups: Vec<Group>,
+    pub families: Vec<Family>,
+}
+
+impl Grouping {
+    /// Groups the sources of `bands`, for a segment of `n_loops` loops that lasts twice `half_s`.
+    pub fn group(&mut self, levels: &[Level], half_s: f64, n_loops: usize) {
+        self.sorting.clear();
+        self.sorting.extend(
+            (self.bands.iter().enumerate())
+                .map(|(index, band)| u64::from(band.place()) << 32 | index as u64),
+        );
+        self.sorting.sort_unstable();
+        self.order.clear();
+        self.order.extend(self.sorting.iter().map(|s| *s as u32));
+        self.groups.clear();
+        self.families.clear();
+        let costs = Costs {
+            levels,
+            half_s: half_s as f32,
+            n_loops: n_loops as f32,
+        };
+        if !self.sorting.is_empty() {
+            self.partition(&costs, 0, self.sorting.len());
+        }
+        // Within a group by range, so that a few cells stay in the first-level cache.
+        for group in &self.groups {
+            let keys = &mut self.sorting[group.first..group.end];
+            for (key, &index) in keys.iter_mut().zip(&self.order[group.first..group.end]) {
+                let cell = self.bands[index as usize].cells[0] as u32;
+                *key = u64::from(cell) << 32 | u64::from(index);
+            }
+            keys.sort_unstable();
+        }
+        self.order.clear();
+        self.order.extend(self.sorting.iter().map(|s| *s as u32));
+    }
+
+    /// Groups and families of the run `first..end` at their least cost, pushed to `groups` and `families`.
+    fn partition(&mut self, costs: &Costs<'_>, first: usize, end: usize) -> Partition {
+        let place = |i: usize| (self.sorting[i] >> 32) as u32;
+        let differ = place(first) ^ place(end - 1);
+        let before = (self.groups.len(), self.families.len());
+        if differ == 0 {
+            let bands = self.order[first..end]
+                .iter()
+                .map(|&i| &self.bands[i as usize]);
+            let run = Run::new(first, end, bands);
+            return self.one_group(costs, run, before);
+        }
+        // The square's halves part where the highest differing bit does.
+        let bit = 1 << (31 - differ.leading_zeros());
+        let middle =
+            first + self.sorting[first..end].partition_point(|s| (*s >> 32) as u32 & bit == 0);
+        let left = self.partition(costs, first, middle);
+        let right = self.partition(costs, middle, end);
+        let run = left.run.with(&right.run);
+        let level = costs.level_of(&run);
+        let groups_cycles = left.groups_cycles + right.groups_cycles;
+        let apart = groups_cycles + left.families_cycles + right.families_cycles;
+        let together = groups_cycles + costs.family(&run, level);
+        if costs.group(&run, level) + costs.family(&run, level) <= apart.min(together) {
+            return self.one_group(costs, run, before);
+        }
+        if together <= apart && level.is_some() {
+            self.families.truncate(before.1);
+            self.families.push(Family {
+                grid: run.grid(level, costs),
+                first: before.0,
+                end: self.groups.len(),
+            });
+            return Partition {
+                run,
+                groups_cycles,
+                families_cycles: together - groups_cycles,
+            };
+        }
+        Partition {
+            run,
+            groups_cycles,
+            families_cycles: apart - groups_cycles,
+        }
+    }
+
+    /// Makes the run one group and one family.
+    fn one_group(&mut self, costs: &Costs<'_>, run: Run, before: (usize, usize)) -> Partition {
+        let level = costs.level_of(&run);
+        let grid = run.grid(level, costs);
+        self.groups.truncate(before.0);
+        self.groups.push(Group {
+            grid,
+            first: run.first,
+            end: run.end,
+        });
+        self.families.truncate(before.1);
+        self.families.push(Family {
+            grid,
+            first: before.0,
+            end: before.0 + 1,
+        });
+        Partition {
+            run,
+            groups_cycles: costs.group(&run, level),
+            families_cycles: costs.family(&run, level),
+        }
+    }
+}
+
+/// A run and what its groups and families cost.
+struct Partition {
+    run: Run,
+    groups_cycles: f32,
+    families_cycles: f32,
+}
+
+/// A bit of room after every bit of the lower half.
+fn spaced(x: u32) -> u32 {
+    let mut x = x & 0xffff;
+    for (shift, mask) in [
+        (8, 0x00ff_00ff),
+        (4, 0x0f0f_0f0f),
+        (2, 0x3333_3333),
+        (1, 0x5555_5555),
+    ] {
+        x = (x | x << shift) & mask;
+    }
+    x
+}
+
+/// Low and high of what sources next to each other in the order have.
+#[derive(Clone, Copy)]
+struct Run {
+    first: usize,
+    end: usize,
+    frequency: [f32; 2],
+    ramp: [f32; 2],
+    rest: f32,
+    cells: [f32; 2],
+}
+
+impl Run {
+    fn new<'a>(first: usize, end: usize, bands: impl Iterator<Item = &'a Band>) -> Self {
+        let none = [f32::INFINITY, f32::NEG_INFINITY];
+        let mut run = Self {
+            first,
+            end,
+            frequency: none,
+            ramp: none,
+            rest: 0.0,
+            cells: none,
+        };
+        for band in bands {
+            run.frequency = hull(run.frequency, [band.frequency; 2]);
+            run.ramp = hull(run.ramp, [band.ramp; 2]);
+            run.rest = run.rest.max(band.rest);
+            run.cells = hull(run.cells, band.cells);
+        }
+        run
+    }
+
+    /// This run and the next one.
+    fn with(&self, next: &Self) -> Self {
+        Self {
+            first: self.first,
+            end: next.end,
+            frequency: hull(self.frequency, next.frequency),
+            ramp: hull(self.ramp, next.ramp),
+            rest: self.rest.max(next.rest),
+            cells: hull(self.cells, next.cells),
+        }
+    }
+
+    /// Most distance of a frequency from the middle one, turns per unit of u.
+    fn half_width(&self) -> f32 {
+        let half = |[low, high]: [f32; 2]| 0.5 * (high - low);
+        half(self.frequency) + half(self.ramp) + self.rest
+    }
+
+    fn grid(&self, level: Option<usize>, costs: &Costs<'_>) -> GroupGrid {
+        let middle = |[low, high]: [f32; 2]| 0.5 * (f64::from(low) + f64::from(high));
+        let first_cell = self.cells[0].floor() as i32 - WIDTH as i32 / 2;
+        let last_cell = self.cells[1].floor() as i32 + WIDTH as i32 / 2 + 1;
+        GroupGrid {
+            level: level.unwrap_or(costs.levels.len() - 1),
+            turns: match level {
+                Some(_) => [middle(self.frequency), 0.5 * middle(self.ramp)],
+                None => [0.0; 2],
+            },
+            first_cell,
+            n_cells: (last_cell - first_cell + 1) as usize,
+        }
+    }
+}
+
+fn hull(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
+    [a[0].min(b[0]), a[1].max(b[1])]
+}
+
+/// What groups cost on the levels at hand.
+struct Costs<'a> {
+    levels: &'a [Level],
+    half_s: f32,
+    n_loops: f32,
+}
+
+impl Costs<'_> {
+    /// The cheapest level that carries the run; none where loops must be nodes.
+    fn level_of(&self, run: &Run) -> Option<usize> {
+        let half_width_hz = run.half_width() / self.half_s;
+        let last = self.levels.len() - 1;
+        self.levels[..last]
+            .iter()
+            .position(|l| half_width_hz <= l.half_width_hz as f32)
+    }
+
+    /// Cycles to spread the run as one group and to take it to a family's nodes.
+    fn group(&self, run: &Run, level: Option<usize>) -> f32 {
+        let n = (run.end - run.first) as f32;
+        match level {
+            None => NODE_CYCLES * n * self.n_loops,
+            Some(level) => {
+                let nodes = self.levels[level].nodes.len() as f32;
+                NODE_CYCLES * n * nodes + interpolation(run, nodes, FAMILY_NODES)
+            }
+        }
+    }
+
+    /// Cycles to take the run as one family to the loops.
+    fn family(&self, run: &Run, level: Option<usize>) -> f32 {
+        level.map_or(0.0, |level| {
+            interpolation(run, self.levels[level].nodes.len() as f32, self.n_loops)
+        })
+    }
+}
+
+fn interpolation(run: &Run, nodes: f32, to: f32) -> f32 {
+    let cells = run.cells[1] - run.cells[0] + WIDTH as f32;
+    cells * to * (WEIGHT_CYCLES * nodes + TURN_CYCLES)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_source_is_in_one_group_that_carries_it() {
+        let levels = Level::all(128, 216e-6);
+        let half_s = 0.0137;
+        let mut grouping = Grouping::default();
+        // Limbs and a trunk: clouds around three places, and some that fit nowhere.
+        let random = |i: usize, k: usize| ((i * 31 + k * 17 + 3) as f32 * 0.618_034).fract();
+        grouping.bands = (0..500)
+            .map(|i| {
+                let at = [-3.0, 0.4, 60.0][i % 3];
+                Band {
+                    frequency: at + 2.0 * random(i, 0),
+                    ramp: 0.5 * at * random(i, 1),
+                    rest: if i % 97 == 0 {
+                        100.0
+                    } else {
+                        0.2 * random(i, 2)
+                    },
+                    cells: [40.0 + 10.0 * random(i, 3), 53.0],
+                }
+            })
+            .collect();
+        grouping.group(&levels, half_s, 128);
+        let families = &grouping.families;
+        assert!(families.windows(2).all(|f| f[0].end == f[1].first));
+        assert_eq!(families.last().unwrap().end, grouping.groups.len());
+        for family in families {
+            let own = &grouping.groups[family.first..family.end];
+            assert!(own.iter().all(|g| {
+                let end = |g: &GroupGrid| g.first_cell + g.n_cells as i32;
+                g.grid.first_cell >= family.grid.first_cell && end(&g.grid) <= end(&family.grid)
+            }));
+        }
+        let mut seen = vec![0; 500];
+        let mut next = 0;
+        for (group_idx, group) in grouping.groups.iter().enumerate() {
+            assert_eq!(group.first, next);
+            next = group.end;
+            let level = &levels[group.grid.level];
+            for &i in &grouping.order[group.first..group.end] {
+                seen[i as usize] += 1;
+                let band = &grouping.bands[i as usize];
+                assert!(f64::from(band.cells[0]) - f64::from(group.grid.first_cell) >= 3.0);
+                if level.is_direct() {
+                    assert!(band.rest == 100.0 || group.grid.turns == [0.0; 2]);
+                    continue;
+                }
+                let family = families.iter().find(|f| f.end > group_idx).unwrap();
+                for grid in [&group.grid, &family.grid] {
+                    for u in [-1.0, 0.3, 1.0] {
+                        let own = f64::from(band.frequency) + f64::from(band.ramp) * u;
+                        let middle = grid.turns[0] + 2.0 * grid.turns[1] * u;
+                        let off = (own - middle).abs() + f64::from(band.rest);
+                        assert!(off <= levels[grid.level].half_width_hz * half_s * 1.00001);
+                    }
+                }
+            }
+        }
+        assert_eq!(next, 500);
+        assert!(seen.iter().all(|&n| n == 1));
+        // Merging pays: fewer groups than squares, fewer families than groups, more than one.
+        let (n_groups, n_families) = (grouping.groups.len(), families.len());
+        assert!(
+            n_groups < 150 && n_families < n_groups && n_families > 2,
+            "{n_groups} {n_families}"
+        );
+    }
+}
