@@ -15,6 +15,7 @@ use crate::lane_fft::{C, Pass, Sink, Source, all_passes, factors, passes, run_pa
 
 /// Plan and workspace.
 pub(crate) struct DopplerFft {
+    level: SimdLevel,
     /// Slow-time weights of the mean to subtract; empty to keep statics.
     mean_weights: Vec<f32>,
     /// One weight a loop.
@@ -48,9 +49,9 @@ impl Rows {
 
 impl DopplerFft {
     /// Plans transforms of as many loops as `window` has weights.
-    pub fn new(mean_weights: Vec<f32>, window: Vec<f32>) -> Self {
+    pub fn new(level: SimdLevel, mean_weights: Vec<f32>, window: Vec<f32>) -> Self {
         let n = window.len();
-        let radices = factors(n);
+        let radices = factors(n, level);
         let rows = radices.is_none().then(|| {
             let fft = FftPlanner::new().plan_fft_forward(n);
             Rows {
@@ -60,6 +61,7 @@ impl DopplerFft {
             }
         });
         Self {
+            level,
             mean_weights,
             window,
             passes: passes(n, &radices.unwrap_or_default()),
@@ -77,7 +79,6 @@ impl DopplerFft {
     /// If a buffer is too short for the blocks that start in `chirps`.
     pub fn process(
         &mut self,
-        level: SimdLevel,
         chirps: &[Cell],
         stride: usize,
         out: &mut [Cell],
@@ -90,9 +91,11 @@ impl DopplerFft {
         } else {
             (None, powers)
         };
+        let level = self.level;
         all_blocks(
             level,
             Job {
+                level,
                 chirps,
                 stride,
                 mean_weights: &self.mean_weights,
@@ -115,6 +118,7 @@ impl DopplerFft {
 
 /// What a channel needs.
 struct Job<'a> {
+    level: SimdLevel,
     chirps: &'a [Cell],
     stride: usize,
     mean_weights: &'a [f32],
@@ -151,6 +155,8 @@ struct Measured<'a> {
 }
 
 impl<L: Lanes> Sink<L> for Measured<'_> {
+    const IS_LAST: bool = true;
+
     #[inline(always)]
     fn put(&mut self, i: usize, z: C<L>) {
         L::stream(z.re, z.im, &mut self.spectra[i]);
@@ -188,16 +194,21 @@ fn block_body<L: Lanes>(job: &mut Job<'_>, chirps: &[Cell], place: Range<usize>)
         window: job.window,
     };
     let powers = job.powers.as_deref_mut().map(|p| &mut p[place]);
-    match (powers, job.passes) {
-        (Some(powers), [before @ .., last]) => {
-            all_passes::<L, _>(before, chirps, spare, out);
-            let measured = Measured {
-                spectra: out,
-                powers,
-            };
-            run_pass::<L, _, _>(last, &*spare, measured);
-        }
-        _ => all_passes::<L, _>(job.passes, chirps, out, spare),
+    let (before, last) = match (powers, job.passes) {
+        (Some(powers), [before @ .., last]) => (before, Some((powers, last))),
+        _ => (job.passes, None),
+    };
+    let (to, other) = match last {
+        Some(_) => (&mut *spare, &mut *out),
+        None => (&mut *out, &mut *spare),
+    };
+    all_passes::<L, _>(job.level, before, chirps, to, other);
+    if let Some((powers, last)) = last {
+        let measured = Measured {
+            spectra: out,
+            powers,
+        };
+        run_pass::<L, _, _>(last, &*spare, measured);
     }
 }
 
@@ -221,12 +232,12 @@ mod tests {
         let chirps: Vec<Cell> = (0..2 * n + 1).map(|_| cell()).collect();
         let window: Vec<f32> = (0..n).map(|l| 0.5 + l as f32 / n as f32).collect();
         let mean_weights = vec![1.0 / n as f32; n - n % 2];
-        let mut fft = DopplerFft::new(mean_weights.clone(), window.clone());
+        let mut fft = DopplerFft::new(level, mean_weights.clone(), window.clone());
         let mut out = vec![cell(); 2 * n];
         let mut powers = vec![[0.25; LANES]; 2 * n];
-        fft.process(level, &chirps, n + 1, &mut out, Some(&mut powers));
+        fft.process(&chirps, n + 1, &mut out, Some(&mut powers));
         let mut without_powers = vec![cell(); 2 * n];
-        fft.process(level, &chirps, n + 1, &mut without_powers, None);
+        fft.process(&chirps, n + 1, &mut without_powers, None);
         assert_eq!(out, without_powers, "{level:?} {n}");
         let (chirps, out, powers) = (&chirps[n + 1..], &out[n..], &powers[n..]);
 
@@ -291,14 +302,8 @@ mod tests {
             im: [-4.0; LANES],
         };
         let (mut out, mut powers) = ([Cell::ZERO], [[1.0; LANES]]);
-        let mut fft = DopplerFft::new(vec![], vec![0.5]);
-        fft.process(
-            SimdLevel::detect(),
-            &[chirp],
-            1,
-            &mut out,
-            Some(&mut powers),
-        );
+        let mut fft = DopplerFft::new(SimdLevel::detect(), vec![], vec![0.5]);
+        fft.process(&[chirp], 1, &mut out, Some(&mut powers));
         assert_eq!(out[0].number(7), Complex32::new(1.5, -2.0));
         assert_eq!(powers, [[7.25; LANES]]);
     }

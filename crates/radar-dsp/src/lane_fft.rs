@@ -6,7 +6,7 @@
 use std::f32::consts::FRAC_1_SQRT_2;
 use std::f64::consts::TAU;
 
-use radarllm_simd::{Cell, Lanes};
+use radarllm_simd::{Cell, Lanes, SimdLevel, dispatch};
 
 /// One factor.
 pub(crate) struct Pass {
@@ -26,6 +26,9 @@ pub(crate) trait Source<L> {
 
 /// Where a pass puts them.
 pub(crate) trait Sink<L> {
+    /// Whether only a last pass ends here.
+    const IS_LAST: bool = false;
+
     fn put(&mut self, i: usize, z: C<L>);
 }
 
@@ -44,10 +47,15 @@ impl<L: Lanes> Sink<L> for &mut [Cell] {
 }
 
 /// Radices whose product is `len`, largest first; `None` if a prime is too large.
-pub(crate) fn factors(len: usize) -> Option<Vec<usize>> {
+pub(crate) fn factors(len: usize, level: SimdLevel) -> Option<Vec<usize>> {
     let mut rest = len.max(1);
     let mut radices = vec![];
-    for radix in [16, 8, 4, 6, 2, 3, 5, 7] {
+    // Without vectors of their own, lanes fill all registers with a few numbers.
+    let radices_at_hand: &[usize] = match level {
+        SimdLevel::Portable => &[4, 2, 3, 5, 7],
+        SimdLevel::Avx512 | SimdLevel::Avx2 => &[16, 8, 4, 6, 2, 3, 5, 7],
+    };
+    for &radix in radices_at_hand {
         // 16 x 2 is better done as 8 x 4.
         while rest.is_multiple_of(radix) && (radix, rest) != (16, 32) {
             radices.push(radix);
@@ -90,9 +98,10 @@ pub(crate) fn passes(len: usize, radices: &[usize]) -> Vec<Pass> {
         .collect()
 }
 
-/// All passes, from `source` to `out`. What `spare` holds afterwards means nothing.
+/// All passes, from `source` to `out`. What `spare` holds afterwards means nothing. `level` is that of `L`.
 #[inline(always)]
 pub(crate) fn all_passes<L: Lanes, S: Source<L>>(
+    level: SimdLevel,
     passes: &[Pass],
     source: S,
     out: &mut [Cell],
@@ -104,31 +113,81 @@ pub(crate) fn all_passes<L: Lanes, S: Source<L>>(
         }
         return;
     };
-    // From one buffer to the other; the last pass ends in `out`.
-    let (mut from, mut to) = if rest.len() % 2 == 0 {
+    let (from, to) = buffers(rest, out, spare);
+    run_pass::<L, _, _>(first, source, &mut *from);
+    rest_passes(level, rest, from, to);
+}
+
+/// [`all_passes`] from cells.
+pub(crate) fn all_cell_passes(
+    level: SimdLevel,
+    passes: &[Pass],
+    source: &[Cell],
+    out: &mut [Cell],
+    spare: &mut [Cell],
+) {
+    let [first, rest @ ..] = passes else {
+        out.copy_from_slice(source);
+        return;
+    };
+    let (from, to) = buffers(rest, out, spare);
+    cell_pass(level, first, source, from);
+    rest_passes(level, rest, from, to);
+}
+
+/// What the first pass writes to, and what the `rest` writes to next: the last ends in `out`.
+fn buffers<'a>(
+    rest: &[Pass],
+    out: &'a mut [Cell],
+    spare: &'a mut [Cell],
+) -> (&'a mut [Cell], &'a mut [Cell]) {
+    if rest.len().is_multiple_of(2) {
         (out, spare)
     } else {
         (spare, out)
-    };
-    run_pass::<L, _, _>(first, source, &mut *from);
+    }
+}
+
+fn rest_passes<'a>(
+    level: SimdLevel,
+    rest: &[Pass],
+    mut from: &'a mut [Cell],
+    mut to: &'a mut [Cell],
+) {
     for pass in rest {
-        run_pass::<L, _, _>(pass, &*from, &mut *to);
+        cell_pass(level, pass, from, to);
         std::mem::swap(&mut from, &mut to);
     }
+}
+
+dispatch!(
+    /// A pass from buffer to buffer: one function, so that the many butterflies are compiled once.
+    fn cell_pass => cell_pass_body(pass: &Pass, from: &[Cell], to: &mut [Cell])
+);
+
+#[inline(always)]
+fn cell_pass_body<L: Lanes>(pass: &Pass, from: &[Cell], to: &mut [Cell]) {
+    run_pass::<L, _, _>(pass, from, to);
 }
 
 /// One pass.
 #[inline(always)]
 pub(crate) fn run_pass<L: Lanes, S: Source<L>, K: Sink<L>>(pass: &Pass, from: S, to: K) {
+    // See `factors`.
+    if L::HAS_VECTORS {
+        match pass.radix {
+            6 => return butterflies::<L, Dft6, S, K>(pass, from, to),
+            8 => return butterflies::<L, Dft8, S, K>(pass, from, to),
+            16 => return butterflies::<L, Dft16, S, K>(pass, from, to),
+            _ => {}
+        }
+    }
     match pass.radix {
         2 => butterflies::<L, Dft2, S, K>(pass, from, to),
         3 => butterflies::<L, Dft3, S, K>(pass, from, to),
         4 => butterflies::<L, Dft4, S, K>(pass, from, to),
         5 => butterflies::<L, Dft5, S, K>(pass, from, to),
-        6 => butterflies::<L, Dft6, S, K>(pass, from, to),
         7 => butterflies::<L, Dft7, S, K>(pass, from, to),
-        8 => butterflies::<L, Dft8, S, K>(pass, from, to),
-        16 => butterflies::<L, Dft16, S, K>(pass, from, to),
         other => unreachable!("no pass of radix {other}"),
     }
 }
@@ -136,10 +195,11 @@ pub(crate) fn run_pass<L: Lanes, S: Source<L>, K: Sink<L>>(pass: &Pass, from: S,
 /// Butterflies over the inputs `stride * n_groups` apart, outputs turned and laid `stride` apart.
 #[inline(always)]
 fn butterflies<L: Lanes, R: Radix<L>, S: Source<L>, K: Sink<L>>(pass: &Pass, from: S, mut to: K) {
-    let (s, m) = (pass.stride, pass.n_groups);
+    // Where only a last pass can be, its one group's twiddles are all one.
+    let (s, m) = (pass.stride, if K::IS_LAST { 1 } else { pass.n_groups });
     for p in 0..m {
-        // The first group's twiddles are all one, and so are those of the last pass.
-        let twiddles = if p > 0 {
+        // So are those of the first group of every pass.
+        let twiddles = if p > 0 && !K::IS_LAST {
             &pass.twiddles[p * (R::N - 1)..(p + 1) * (R::N - 1)]
         } else {
             &[]

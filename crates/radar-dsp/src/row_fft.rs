@@ -13,10 +13,11 @@ use radarllm_simd::{Cell, LANES, Lanes, SimdLevel, dispatch, prefetch};
 use rustfft::{Fft, FftPlanner};
 
 use crate::kernels::{weighted, window};
-use crate::lane_fft::{C, Pass, Source, all_passes, dft16, factors, passes, root};
+use crate::lane_fft::{C, Pass, Source, all_cell_passes, all_passes, dft16, factors, passes, root};
 
 /// Plan and workspace.
 pub(crate) struct RowFft {
+    level: SimdLevel,
     /// One weight a sample.
     window: Vec<f32>,
     n: usize,
@@ -75,6 +76,7 @@ impl Blocks<'_> {
 
 /// What the vectors' plan needs.
 struct Job<'a> {
+    level: SimdLevel,
     samples: SampleRows<'a>,
     window: &'a [f32],
     passes: &'a [Pass],
@@ -87,10 +89,10 @@ struct Job<'a> {
 
 impl RowFft {
     /// Plans transforms of as many samples as `window` has weights, with zeros after them up to `n`.
-    pub fn new(window: Vec<f32>, n: usize) -> Self {
+    pub fn new(level: SimdLevel, window: Vec<f32>, n: usize) -> Self {
         let m = n / LANES;
         let radices = (n.is_multiple_of(LANES * LANES) && n > 0)
-            .then(|| factors(m))
+            .then(|| factors(m, level))
             .flatten();
         let plan = match radices {
             Some(radices) => {
@@ -118,7 +120,12 @@ impl RowFft {
                 }
             }
         };
-        Self { window, n, plan }
+        Self {
+            level,
+            window,
+            n,
+            plan,
+        }
     }
 
     /// Blocks of a spectrum; the last may be filled up with zeros.
@@ -131,7 +138,8 @@ impl RowFft {
     ///
     /// # Panics
     /// If `samples` ends before its last row has as many samples as there are weights.
-    pub fn process(&mut self, level: SimdLevel, samples: SampleRows<'_>, mut out: Blocks<'_>) {
+    pub fn process(&mut self, samples: SampleRows<'_>, mut out: Blocks<'_>) {
+        let level = self.level;
         match &mut self.plan {
             Plan::Vectors {
                 passes,
@@ -142,6 +150,7 @@ impl RowFft {
             } => all_rows(
                 level,
                 Job {
+                    level,
                     samples,
                     window: &self.window,
                     passes,
@@ -220,7 +229,7 @@ fn row_body<L: Lanes>(job: &mut Job<'_>, row: usize) {
             window,
             next: next.as_chunks().0,
         };
-        all_passes::<L, _>(job.passes, source, work, spare);
+        all_passes::<L, _>(job.level, job.passes, source, work, spare);
     } else {
         // Fewer samples than bins: zeros after them.
         let padded = &mut *job.padded;
@@ -233,7 +242,7 @@ fn row_body<L: Lanes>(job: &mut Job<'_>, row: usize) {
         for (i, (sample, weight)) in rest.iter().zip(window_rest).enumerate() {
             (last.re[i], last.im[i]) = (sample.re * weight, sample.im * weight);
         }
-        all_passes::<L, _>(job.passes, &*padded, work, spare);
+        all_cell_passes(job.level, job.passes, padded, work, spare);
     }
 
     let zero = L::splat(0.0);
@@ -282,14 +291,14 @@ mod tests {
         }
     }
 
-    fn spectrum(fft: &mut RowFft, level: SimdLevel, samples: &[Complex32]) -> Vec<Complex32> {
+    fn spectrum(fft: &mut RowFft, samples: &[Complex32]) -> Vec<Complex32> {
         let mut cells = vec![Cell::ZERO; fft.n_blocks()];
         let out = Blocks {
             cells: &mut cells,
             first: 0,
             stride: 1,
         };
-        fft.process(level, rows(samples, 0, 1), out);
+        fft.process(rows(samples, 0, 1), out);
         let bins = cells.iter().flat_map(Cell::numbers);
         bins.take(fft.n).collect()
     }
@@ -298,11 +307,11 @@ mod tests {
     fn rows_go_to_their_places_and_blocks_outside_the_room_nowhere() {
         let level = SimdLevel::detect();
         for n in [256, 100] {
-            let mut fft = RowFft::new(vec![1.0; n], n);
+            let mut fft = RowFft::new(level, vec![1.0; n], n);
             let (n_rows, between) = (3, n + 5);
             let samples = noise(n_rows * between);
             let expected: Vec<_> = (0..n_rows)
-                .map(|r| spectrum(&mut fft, level, &samples[r * between..][..n]))
+                .map(|r| spectrum(&mut fft, &samples[r * between..][..n]))
                 .collect();
             let mut cells = [Cell::ZERO; 11];
             let out = Blocks {
@@ -310,7 +319,7 @@ mod tests {
                 first: 2,
                 stride: 4,
             };
-            fft.process(level, rows(&samples, between, n_rows), out);
+            fft.process(rows(&samples, between, n_rows), out);
             for (i, cell) in cells.iter().enumerate() {
                 for (lane, found) in cell.numbers().into_iter().enumerate() {
                     let row = expected.get(i % 4);
@@ -339,8 +348,8 @@ mod tests {
             ] {
                 let samples = noise(n_samples);
                 let window: Vec<f32> = (0..n_samples).map(|i| 0.1 + i as f32 / 512.0).collect();
-                let mut fft = RowFft::new(window.clone(), n);
-                let out = spectrum(&mut fft, level, &samples);
+                let mut fft = RowFft::new(level, window.clone(), n);
+                let out = spectrum(&mut fft, &samples);
                 let (mut worst, mut peak) = (0.0_f64, 0.0_f64);
                 for (k, found) in out.iter().enumerate().step_by(1 + n / 300) {
                     let (mut re, mut im) = (0.0, 0.0);
@@ -363,11 +372,11 @@ mod tests {
     fn a_sample_that_is_not_finite_leaves_no_bin_finite() {
         for level in [SimdLevel::Avx512, SimdLevel::Avx2, SimdLevel::Portable] {
             for (n_samples, n) in [(256, 256), (250, 256), (512, 512), (100, 100)] {
-                let mut fft = RowFft::new(vec![0.0; n_samples], n);
+                let mut fft = RowFft::new(level, vec![0.0; n_samples], n);
                 for i in 0..n_samples {
                     let mut samples = noise(n_samples);
                     samples[i].im = [f32::NAN, f32::INFINITY][i % 2];
-                    let bins = spectrum(&mut fft, level, &samples);
+                    let bins = spectrum(&mut fft, &samples);
                     let is_finite = |z: &Complex32| z.re.is_finite() && z.im.is_finite();
                     assert!(!bins.iter().any(is_finite), "{level:?} {n} {i}");
                 }

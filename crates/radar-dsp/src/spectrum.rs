@@ -90,7 +90,8 @@ impl Spectrum {
         let gate = range_gate(options, range_step_m, n_range)?;
         let n_channels = radar.tx.len() * radar.rx.len();
         let doppler_window = options.doppler_window.weights(n_loops);
-        let range_fft = RowFft::new(options.range_window.weights(n_samples), n_range);
+        let simd = SimdLevel::detect();
+        let range_fft = RowFft::new(simd, options.range_window.weights(n_samples), n_range);
         let n_blocks = gate.end.div_ceil(LANES) - gate.start / LANES;
         // A power of two from block to block would have all blocks of a chirp share a few sets of the cache.
         let stride = n_loops + 1;
@@ -107,10 +108,11 @@ impl Spectrum {
             bpm_factors: bpm_factors(radar, options),
             range_fft,
             doppler_fft: DopplerFft::new(
+                simd,
                 mean_weights(options.clutter, &doppler_window),
                 doppler_window,
             ),
-            simd: SimdLevel::detect(),
+            simd,
             chirps: vec![Cell::ZERO; n_blocks * stride],
             stride,
             coherent: vec![Cell::ZERO; n_coherent],
@@ -198,7 +200,7 @@ impl Spectrum {
         let spectra = &mut self.spectra[channel * n_channel..][..n_channel];
         let powers = measure.then_some(&mut self.powers[..]);
         self.doppler_fft
-            .process(self.simd, &self.chirps, self.stride, spectra, powers);
+            .process(&self.chirps, self.stride, spectra, powers);
     }
 
     fn add_to_powers(&mut self, channel: usize) {
@@ -269,7 +271,7 @@ impl Spectrum {
             first: 0,
             stride: n_loops,
         };
-        transform_chirps(&mut self.range_fft, self.simd, cube, channel, blocks);
+        transform_chirps(&mut self.range_fft, cube, channel, blocks);
         let n_range = self.n_range;
         Ok((0..n_loops).map(move |loop_idx| {
             let blocks = cells[loop_idx..].iter().step_by(n_loops);
@@ -284,7 +286,7 @@ impl Spectrum {
             first: self.gate.start / LANES,
             stride: self.stride,
         };
-        transform_chirps(&mut self.range_fft, self.simd, cube, channel, blocks);
+        transform_chirps(&mut self.range_fft, cube, channel, blocks);
     }
 
     /// Refuses a cube of another shape, or one whose data does not fill its shape.
@@ -315,19 +317,13 @@ impl Spectrum {
 }
 
 /// Windowed range FFTs of one channel's chirps.
-fn transform_chirps(
-    fft: &mut RowFft,
-    simd: SimdLevel,
-    cube: &RadarCube,
-    channel: usize,
-    out: Blocks<'_>,
-) {
+fn transform_chirps(fft: &mut RowFft, cube: &RadarCube, channel: usize, out: Blocks<'_>) {
     let rows = SampleRows {
         data: &cube.data[channel * cube.n_samples..],
         stride: cube.n_tx * cube.n_rx * cube.n_samples,
         n_rows: cube.n_loops,
     };
-    fft.process(simd, rows, out);
+    fft.process(rows, out);
 }
 
 /// Refuses samples that are not finite.

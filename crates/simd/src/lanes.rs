@@ -49,6 +49,8 @@ impl SimdLevel {
 /// Name the implementing types only through [`dispatch!`](crate::dispatch): their methods are the
 /// instructions of their level.
 pub trait Lanes: Copy {
+    /// Whether sixteen floats are one or two registers.
+    const HAS_VECTORS: bool = true;
     /// Rows and vectors of a matrix tile: as many sums as registers hold.
     const TILE: (usize, usize);
     /// `x` in every lane.
@@ -214,6 +216,7 @@ impl Array16 {
 }
 
 impl Lanes for Array16 {
+    const HAS_VECTORS: bool = false;
     const TILE: (usize, usize) = (2, 1);
     #[inline(always)]
     fn splat(x: f32) -> Self {
