@@ -119,6 +119,23 @@ impl Recipe {
         recipe.tokenizer.validate()?;
         recipe.pretrain.validate()?;
         recipe.instruct.validate()?;
+        // Tuning goes on with the network that pretraining left.
+        let tuned = &recipe.instruct;
+        for (field, is_set) in [
+            ("bypass", tuned.bypass.is_some()),
+            ("tie_embeddings", tuned.tie_embeddings.is_some()),
+            ("dropout", tuned.dropout.is_some()),
+            ("from", tuned.hf_folder.is_some()),
+        ] {
+            if is_set {
+                return Err(TrainError::Config {
+                    field: format!("instruct.{field}"),
+                    problem: format!(
+                        "shapes a new network, and tuning goes on with pretraining's: set `{field}` in [pretrain]"
+                    ),
+                });
+            }
+        }
         if recipe.data.is_empty() {
             return Err(TrainError::Config {
                 field: "data".into(),
@@ -483,6 +500,20 @@ mod tests {
 
     #[test]
     fn a_slip_in_a_recipe_is_named() {
+        for slip in [
+            "bypass = true",
+            "tie_embeddings = false",
+            "dropout = 0.2",
+            "from = \"x\"",
+        ] {
+            let error = Recipe::from_toml(&format!("[instruct]\n{slip}"), Path::new(""));
+            let error = error.unwrap_err().to_string();
+            let field = format!("instruct.{}", slip.split(' ').next().unwrap());
+            assert!(
+                error.contains(&field) && error.contains("[pretrain]"),
+                "{error}"
+            );
+        }
         let error = Recipe::from_toml("[tokenizer]\nbatch_sise = 3", Path::new("")).unwrap_err();
         assert!(error.to_string().contains("batch_sise"), "{error}");
     }
