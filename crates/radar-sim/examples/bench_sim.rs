@@ -18,6 +18,10 @@ use radarllm_body::{
 use radarllm_radar_dsp::{DspOptions, PointExtractor};
 use radarllm_radar_sim::{Noise, Scene, SimOptions, Simulator, reference};
 
+/// The program's allocator: its large blocks begin on cache lines.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// Frames before the clock starts: they fill caches and buffers.
 const N_WARM: usize = 3;
 

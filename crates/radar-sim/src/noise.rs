@@ -23,7 +23,11 @@ pub(crate) fn stream_bits(stream: u64, index: u64) -> u64 {
 }
 
 /// A stream of complex Gaussians. The same seed gives the same stream on the same [`SimdLevel`].
+///
+/// Aligned to cache lines: on a stack that is aligned to 16 bytes, where it was, every other process took one and a half
+/// times as long for its noise and FFTs.
 #[derive(Clone, Debug)]
+#[repr(C, align(64))]
 pub struct NoiseGenerator {
     pub(crate) state: [[u32; 16]; 4],
     level: SimdLevel,
