@@ -3,13 +3,13 @@
 //! Lanes are channels (sixteen at a time). A source is evaluated at the nodes of its Doppler
 //! group's level; per node, the phase of every channel is the reference phase plus a quartic for
 //! the channel's path difference and TDM delay, and six taps of twelve-plus lanes are added to the
-//! grid. Then whole groups are interpolated to the loops.
+//! grid. Then whole groups are interpolated to their family's nodes, and families to the loops.
 
 use glam::Vec3;
 
 use crate::gridding::{Kernel, NARROW_CELLS, SLACK_CELLS, Taps, WIDTH};
 use crate::groups::{Family, Group, GroupGrid};
-use crate::motion::{N_KEYS, QUARTIC, Source};
+use crate::motion::{N_KEYS, QUARTIC, Source, most_slope};
 use crate::slow_time::{Level, MOST_NODES, QUAD};
 use radarllm_simd::{Cell, LANES, Lanes, dispatch, prefetch, sin_cos_turns};
 
@@ -135,9 +135,7 @@ impl Reach {
 
     /// Bound of a channel's distance from the reference position, cells.
     pub fn cells(&self, source: &Source, cells_per_turn: f32, half_s: f32) -> f32 {
-        let c = &source.cells;
-        let walk = c[1].abs() + 2.0 * c[2].abs() + 3.0 * c[3].abs() + 4.0 * c[4].abs();
-        let walk_cells = walk * self.most_slot_s / half_s;
+        let walk_cells = most_slope(source.cells) * self.most_slot_s / half_s;
         if source.tx_row.is_some() {
             // Two directions: |p - a| - |p| <= |a| for each.
             return source.turns_per_m * self.reach_m * cells_per_turn + walk_cells;
