@@ -9,7 +9,7 @@ use std::ops::Range;
 use glam::Vec3;
 
 use crate::rays::coverage_by_rays;
-use radarllm_simd::{Lanes, SimdLevel, dispatch};
+use radarllm_simd::{LANES, Lanes, SimdLevel, dispatch};
 
 /// How the visible shares of facets are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -92,8 +92,15 @@ pub struct DepthRaster {
     boxes: Vec<Window>,
     samples: Samples,
     counts: Counts,
-    /// Facets turned to the eye.
-    front: Vec<u32>,
+    front: Vec<Front>,
+}
+
+/// A facet turned to the eye.
+#[derive(Clone, Copy, Debug)]
+struct Front {
+    facet: u32,
+    /// Number of samples that it covers.
+    covered: f32,
 }
 
 /// Low and high of x/y and z/y.
@@ -128,25 +135,45 @@ impl Window {
     }
 }
 
-/// Depth samples, row by row.
+/// Depth samples.
 #[derive(Default)]
 struct Samples {
     /// Along each side.
     size: usize,
     /// Samples since the frame began.
     n_drawn: usize,
-    /// 1/y of the nearest facet, 0 where there is none.
-    nearness: Vec<f32>,
-    /// The nearest facet.
-    winner: Vec<u32>,
+    /// Blocks of a row. Samples of the last one that lie beyond the size are drawn, and nobody asks for them.
+    n_blocks: usize,
+    /// Row by row.
+    blocks: Vec<Block>,
     /// Screens' samples, by sample and from near to far.
     fragments: Vec<Fragment>,
+}
+
+/// Samples side by side.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+struct Block {
+    /// 1/y of the nearest facet, 0 where there is none.
+    nearness: [f32; LANES],
+    /// The bits of the nearest facet's index plus 1, 0 where there is none.
+    winner: [f32; LANES],
+}
+
+impl Block {
+    const EMPTY: Self = Self {
+        nearness: [0.0; LANES],
+        winner: [0.0; LANES],
+    };
+
+    fn winner(&self, lane: usize) -> Option<usize> {
+        (self.winner[lane].to_bits() as usize).checked_sub(1)
+    }
 }
 
 /// What a pass over the samples found, by facet.
 #[derive(Default)]
 struct Counts {
-    covered: Vec<u32>,
     won: Vec<u32>,
     /// Sum over the won samples of what screens take; empty without screens.
     lost: Vec<f32>,
@@ -165,22 +192,16 @@ dispatch!(fn coverage => coverage_body(
     raster: &mut DepthRaster, view: View<'_>, out: &mut Vec<f32>, through: &mut Through
 ));
 
-/// Compiled per instruction set for its rounding instructions.
 #[inline(always)]
-#[expect(
-    clippy::extra_unused_type_parameters,
-    reason = "dispatched like bodies that compute with lanes"
-)]
 fn coverage_body<L: Lanes>(
     raster: &mut DepthRaster,
     view: View<'_>,
     out: &mut Vec<f32>,
     through: &mut Through,
 ) {
-    raster.coverage_here(view, out, through);
+    raster.coverage_here::<L>(view, out, through);
 }
 
-const NOBODY: u32 = u32::MAX;
 /// A sub-pixel facet counts as visible if no surface is nearer than it by more than this plus its
 /// longest edge, m.
 const SMALL_FACET_TOLERANCE_M: f32 = 0.02;
@@ -220,7 +241,12 @@ impl DepthRaster {
     }
 
     #[inline(always)]
-    fn coverage_here(&mut self, view: View<'_>, out: &mut Vec<f32>, through: &mut Through) {
+    fn coverage_here<L: Lanes>(
+        &mut self,
+        view: View<'_>,
+        out: &mut Vec<f32>,
+        through: &mut Through,
+    ) {
         let n_facets = view.triangles.len();
         let through = through.reset(if view.has_screens() { n_facets } else { 0 });
         out.clear();
@@ -242,12 +268,12 @@ impl DepthRaster {
                 }
             }
             if !small.is_empty() && small.area() < 4.0 * SMALL_PART * all.area() {
-                self.look(view, all, self.size / 2, out, through);
+                self.look::<L>(view, all, self.size / 2, out, through);
                 left -= (self.size / 2) * (self.size / 2);
                 all = small;
             }
         }
-        self.look(view, all, left.isqrt(), out, through);
+        self.look::<L>(view, all, left.isqrt(), out, through);
     }
 
     /// Projects the vertices and finds the parts' boxes.
@@ -279,7 +305,7 @@ impl DepthRaster {
 
     /// Draws a window with `size * size` samples and writes the facets that lie wholly in it.
     #[inline(always)]
-    fn look(
+    fn look<L: Lanes>(
         &mut self,
         view: View<'_>,
         window: Window,
@@ -311,23 +337,22 @@ impl DepthRaster {
                 for facet in part.facets.clone() {
                     let corners = self.corners(view, facet);
                     if is_front(corners) {
-                        let passes = part.power_transmission;
-                        self.front.push(facet);
-                        self.counts.covered[facet as usize] =
-                            self.samples.draw(facet, corners, passes);
+                        let covered =
+                            (self.samples).draw::<L>(facet, corners, part.power_transmission);
+                        if is_within(corners, size) {
+                            self.front.push(Front { facet, covered });
+                        }
                     }
                 }
             }
         }
         self.samples.count(&mut self.counts);
-        for &facet in &self.front {
-            let corners = self.corners(view, facet);
-            if !is_within(corners, size) {
-                continue;
-            }
-            let (share, passed) = match self.counts.of(facet) {
-                Some(seen) => seen,
-                None => self.samples.see_centroid(corners, view, facet),
+        for &Front { facet, covered } in &self.front {
+            let (share, passed) = if covered > 0.0 {
+                self.counts.of(facet, covered)
+            } else {
+                let corners = self.corners(view, facet);
+                self.samples.see_centroid(corners, view, facet)
             };
             out[facet as usize] = share;
             if let Some(through) = through.get_mut(facet as usize) {
@@ -371,8 +396,6 @@ fn is_within(corners: [[f32; 3]; 3], size: usize) -> bool {
 
 impl Counts {
     fn start(&mut self, n_facets: usize, has_screens: bool) {
-        self.covered.clear();
-        self.covered.resize(n_facets, 0);
         self.won.clear();
         self.won.resize(n_facets, 0);
         self.lost.clear();
@@ -380,36 +403,103 @@ impl Counts {
             .resize(if has_screens { n_facets } else { 0 }, 0.0);
     }
 
-    /// Visible share and transmission; `None` for a facet that covers no sample.
+    /// Visible share and transmission of a facet that covers so many samples.
     #[inline(always)]
-    fn of(&self, facet: u32) -> Option<(f32, f32)> {
-        let (won, covered) = (self.won[facet as usize], self.covered[facet as usize]);
-        if covered == 0 {
-            return None;
-        }
+    fn of(&self, facet: u32, covered: f32) -> (f32, f32) {
+        let won = self.won[facet as usize];
         let lost = self.lost.get(facet as usize).map_or(0.0, |l| *l);
-        Some((won as f32 / covered as f32, 1.0 - lost / won.max(1) as f32))
+        (won as f32 / covered, 1.0 - lost / won.max(1) as f32)
+    }
+}
+
+/// Place of a lane among its neighbours.
+const PLACES: [f32; LANES] = [
+    0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
+];
+/// Farther than any sample, and than where almost level edges cross the rows far above them.
+const FAR: f32 = 1e30;
+
+/// An edge of a facet. The inside lies right of edges that go down and left of those that go up.
+#[derive(Clone, Copy)]
+struct Edge {
+    low_x: f32,
+    low_y: f32,
+    /// dx / dy.
+    slope: f32,
+    /// Added to where it crosses a row gives bounds of the inside: 0, or far enough to be none.
+    to_low: f32,
+    to_high: f32,
+}
+
+impl Edge {
+    #[inline(always)]
+    fn new(from: [f32; 3], to: [f32; 3]) -> Self {
+        let down = to[1] < from[1];
+        let dy = to[1] - from[1];
+        // Rows bound what an edge along a row would.
+        let level = dy == 0.0;
+        Self {
+            // Both facets of an edge start at its lower end.
+            low_x: if down { to[0] } else { from[0] },
+            low_y: if down { to[1] } else { from[1] },
+            slope: if level { 0.0 } else { (to[0] - from[0]) / dy },
+            to_low: if down { 0.0 } else { -FAR },
+            to_high: if down | level { FAR } else { 0.0 },
+        }
+    }
+}
+
+/// What a facet covers of sixteen rows.
+#[repr(C, align(64))]
+struct Rows {
+    /// Samples inside lie between these.
+    low: [f32; LANES],
+    high: [f32; LANES],
+    /// 1/y at the first corner's column.
+    near: [f32; LANES],
+}
+
+impl Rows {
+    /// Bounds between samples, from `first` on.
+    ///
+    /// An edge crosses a row at the same place for both of its facets, and that place is taken to the middle between two
+    /// samples: a sample on an edge belongs to one side only.
+    #[inline(always)]
+    fn write<L: Lanes>(&mut self, first: usize, edges: [Edge; 3]) {
+        let y = L::load(&PLACES).add(L::splat(first as f32));
+        let half = L::splat(0.5);
+        let (mut low, mut high) = (L::splat(-FAR), L::splat(FAR));
+        for edge in edges {
+            let x = y
+                .sub(L::splat(edge.low_y))
+                .fma(L::splat(edge.slope), L::splat(edge.low_x));
+            let between = x.sub(half).round().add(half);
+            low = low.max(between.add(L::splat(edge.to_low)));
+            high = high.min(between.add(L::splat(edge.to_high)));
+        }
+        low.store(&mut self.low);
+        high.store(&mut self.high);
     }
 }
 
 impl Samples {
     /// Forgets everything; `size * size` samples.
     fn start(&mut self, size: usize) {
-        let n = size * size;
         self.size = size;
-        self.n_drawn += n;
-        self.nearness.clear();
-        self.nearness.resize(n, 0.0);
-        self.winner.clear();
-        self.winner.resize(n, NOBODY);
+        self.n_drawn += size * size;
+        self.n_blocks = size.div_ceil(LANES);
+        self.blocks.clear();
+        self.blocks.resize(self.n_blocks * size, Block::EMPTY);
         self.fragments.clear();
     }
 
     /// Adds the won samples, and what screens before them take.
     fn count(&mut self, counts: &mut Counts) {
-        for &facet in &self.winner {
-            if facet != NOBODY {
-                counts.won[facet as usize] += 1;
+        for block in &self.blocks {
+            for lane in 0..LANES {
+                if let Some(facet) = block.winner(lane) {
+                    counts.won[facet] += 1;
+                }
             }
         }
         // Facets of one plane never share a sample, so that the order is complete.
@@ -420,24 +510,27 @@ impl Samples {
         });
         for stack in self.fragments.chunk_by(|a, b| a.sample == b.sample) {
             let mut passed = 1.0;
-            let mut lose = |facet: u32, lost: f32| {
-                counts.lost[facet as usize] += lost;
-            };
             for fragment in stack {
-                counts.won[fragment.facet as usize] += 1;
-                lose(fragment.facet, 1.0 - passed);
+                let facet = fragment.facet as usize;
+                counts.won[facet] += 1;
+                counts.lost[facet] += 1.0 - passed;
                 passed *= fragment.power_transmission;
             }
-            let behind = self.winner[stack[0].sample as usize];
-            if behind != NOBODY {
-                lose(behind, 1.0 - passed);
+            let sample = stack[0].sample as usize;
+            if let Some(behind) = self.blocks[sample / LANES].winner(sample % LANES) {
+                counts.lost[behind] += 1.0 - passed;
             }
         }
     }
 
     /// Draws a facet turned to the eye; returns the number of samples that it covers.
     #[inline(always)]
-    fn draw(&mut self, facet: u32, corners: [[f32; 3]; 3], power_transmission: f32) -> u32 {
+    fn draw<L: Lanes>(
+        &mut self,
+        facet: u32,
+        corners: [[f32; 3]; 3],
+        power_transmission: f32,
+    ) -> f32 {
         let [a, b, c] = corners;
         let (bx, by) = (b[0] - a[0], b[1] - a[1]);
         let (cx, cy) = (c[0] - a[0], c[1] - a[1]);
@@ -445,70 +538,76 @@ impl Samples {
         let (db, dc) = (b[2] - a[2], c[2] - a[2]);
         let step_x = (db * cy - dc * by) * inverse;
         let step_y = (dc * bx - db * cx) * inverse;
-        let edges = [(a, b), (b, c), (c, a)].map(|(p, q)| {
-            let down = q[1] < p[1];
-            let (low, high) = if down { (q, p) } else { (p, q) };
-            let dy = high[1] - low[1];
-            let slope = if dy == 0.0 {
-                0.0
-            } else {
-                (high[0] - low[0]) / dy
-            };
-            (low, slope, down, dy == 0.0)
-        });
-        // A sample on an edge belongs to one side only: rows and columns are half-open intervals,
-        // and an edge crosses a row at the same place for both of its facets.
-        let size = self.size as f32;
-        let end = a[1].max(b[1]).max(c[1]).min(size);
-        let mut covered = 0;
-        let mut y = a[1].min(b[1]).min(c[1]).ceil().max(0.0);
-        while y < end {
-            // The inside lies right of edges that go down and left of those that go up.
-            let (mut from, mut to) = (0.0_f32, size);
-            for (low, slope, down, level) in edges {
-                let x = low[0] + (y - low[1]) * slope;
-                if level {
-                    continue;
-                }
-                if down {
-                    from = from.max(x);
-                } else {
-                    to = to.min(x);
+        let edges = [Edge::new(a, b), Edge::new(b, c), Edge::new(c, a)];
+        let [[low_x, high_x], [low_y, high_y]] = bounds(corners);
+        // Samples of the box: rows and columns are half-open intervals.
+        let start = |low: f32| low.ceil().max(0.0) as u32 as usize;
+        let (first_row, end_row) = (start(low_y), start(high_y).min(self.size));
+        let first_block = start(low_x) / LANES;
+        let end_block = start(high_x).div_ceil(LANES).min(self.n_blocks);
+        let (zero, one) = (L::splat(0.0), L::splat(1.0));
+        let mut covered = zero;
+        let mut rows = Rows {
+            low: [0.0; LANES],
+            high: [0.0; LANES],
+            near: [0.0; LANES],
+        };
+        for first in (first_row..end_row).step_by(LANES) {
+            rows.write::<L>(first, edges);
+            let y = L::load(&PLACES).add(L::splat(first as f32));
+            y.sub(L::splat(a[1]))
+                .fma(L::splat(step_y), L::splat(a[2]))
+                .store(&mut rows.near);
+            for row in first..end_row.min(first + LANES) {
+                let [low, high, near] =
+                    [&rows.low, &rows.high, &rows.near].map(|r| L::splat(r[row - first]));
+                for block_idx in first_block..end_block {
+                    let x = L::load(&PLACES).add(L::splat((LANES * block_idx) as f32));
+                    let inside = x.sub(low).min(high.sub(x));
+                    covered = covered.add(zero.select_lt(inside, one, zero));
+                    let near = x.sub(L::splat(a[0])).fma(L::splat(step_x), near);
+                    let near = zero.select_lt(inside, near, zero);
+                    let block_idx = row * self.n_blocks + block_idx;
+                    if power_transmission > 0.0 {
+                        self.add_fragments(block_idx, &near.array(), facet, power_transmission);
+                        continue;
+                    }
+                    let block = &mut self.blocks[block_idx];
+                    let (nearest, name) = (
+                        L::load(&block.nearness),
+                        L::splat(f32::from_bits(facet + 1)),
+                    );
+                    nearest
+                        .select_lt(near, name, L::load(&block.winner))
+                        .store(&mut block.winner);
+                    nearest.max(near).store(&mut block.nearness);
                 }
             }
-            let (first, end) = (from.ceil(), to.ceil());
-            if first < end {
-                let row = y as usize * self.size;
-                let mut near = a[2] + step_x * (first - a[0]) + step_y * (y - a[1]);
-                let span = row + first as usize..row + end as usize;
-                covered += span.len() as u32;
-                if power_transmission > 0.0 {
-                    for sample in span {
-                        if near > self.nearness[sample] {
-                            self.fragments.push(Fragment {
-                                sample: sample as u32,
-                                nearness: near,
-                                facet,
-                                power_transmission,
-                            });
-                        }
-                        near += step_x;
-                    }
-                } else {
-                    let depths = &mut self.nearness[span.clone()];
-                    let winners = &mut self.winner[span];
-                    for (depth, winner) in depths.iter_mut().zip(winners) {
-                        if near > *depth {
-                            *depth = near;
-                            *winner = facet;
-                        }
-                        near += step_x;
-                    }
-                }
-            }
-            y += 1.0;
         }
-        covered
+        covered.sum()
+    }
+
+    /// Adds a screen's samples of one block, with a nearness of 0 where there is none.
+    #[cold]
+    #[inline(never)]
+    fn add_fragments(
+        &mut self,
+        block_idx: usize,
+        near: &[f32; LANES],
+        facet: u32,
+        power_transmission: f32,
+    ) {
+        let nearest = &self.blocks[block_idx].nearness;
+        for (lane, (&nearness, &nearest)) in near.iter().zip(nearest).enumerate() {
+            if nearness > nearest {
+                self.fragments.push(Fragment {
+                    sample: (block_idx * LANES + lane) as u32,
+                    nearness,
+                    facet,
+                    power_transmission,
+                });
+            }
+        }
     }
 
     /// Visible share and transmission of a facet too small to cover a sample.
@@ -516,8 +615,8 @@ impl Samples {
         let mean = |axis: usize| (a[axis] + b[axis] + c[axis]) / 3.0;
         let last = (self.size - 1) as f32;
         let [column, row] = [0, 1].map(|i| mean(i).round().clamp(0.0, last) as usize);
-        let sample = row * self.size + column;
-        let nearest = self.nearness[sample];
+        let sample = row * self.n_blocks * LANES + column;
+        let nearest = self.blocks[sample / LANES].nearness[sample % LANES];
         let [p, q, r] = view.triangles[facet as usize].map(|i| view.positions[i as usize]);
         let edge = p.distance(q).max(q.distance(r)).max(r.distance(p));
         let depth = 1.0 / mean(2);
@@ -599,6 +698,67 @@ mod tests {
             p.z *= 0.4;
         }
         assert_eq!(shares(&positions, &triangles)[2..], [0.0, 0.0]);
+    }
+
+    #[inline(always)]
+    fn draw_all_body<L: Lanes>(
+        samples: &mut Samples,
+        facets: &[[[f32; 3]; 3]],
+        covered: &mut Vec<f32>,
+    ) {
+        for (facet, &corners) in facets.iter().enumerate() {
+            covered.push(samples.draw::<L>(facet as u32, corners, 0.0));
+        }
+    }
+    dispatch!(fn draw_all => draw_all_body(
+        samples: &mut Samples, facets: &[[[f32; 3]; 3]], covered: &mut Vec<f32>
+    ));
+
+    #[test]
+    fn every_sample_of_a_surface_belongs_to_one_facet() {
+        // A sheet over all samples, whose inner corners are moved by quarters of a sample: some edges run through
+        // samples, some along rows.
+        let (size, n) = (48, 12);
+        let random = |i: usize| ((i * 7 + 3) as f32 * 0.618_034).fract();
+        let corner = |column: usize, row: usize| {
+            let inner = |i: usize| i > 0 && i < n;
+            let place = row * 31 + column;
+            let moved = |along: usize, k: usize| {
+                let quarters = (9.0 * random(place + 997 * k)).floor() - 4.0;
+                4.0 * along as f32 - 0.5 + if inner(along) { 0.25 * quarters } else { 0.0 }
+            };
+            [moved(column, 0), moved(row, 1), 1.0]
+        };
+        let mut facets = vec![];
+        for row in 0..n {
+            for column in 0..n {
+                let [a, b] = [corner(column, row), corner(column + 1, row)];
+                let [c, d] = [corner(column + 1, row + 1), corner(column, row + 1)];
+                facets.extend([[a, b, c], [a, c, d]]);
+            }
+        }
+        assert!(facets.iter().all(|&f| is_front(f)));
+        let mut expected = None;
+        for level in [SimdLevel::Avx512, SimdLevel::Avx2, SimdLevel::Portable] {
+            let mut samples = Samples::default();
+            samples.start(size);
+            let mut covered = vec![];
+            draw_all(level, &mut samples, &facets, &mut covered);
+            assert_eq!(
+                covered.iter().sum::<f32>(),
+                (size * size) as f32,
+                "{level:?}"
+            );
+            let mut counts = Counts::default();
+            counts.start(facets.len(), false);
+            samples.count(&mut counts);
+            // One who covers a sample and does not win it would share it with another.
+            for (&covered, &won) in covered.iter().zip(&counts.won) {
+                assert_eq!(covered, won as f32, "{level:?}");
+            }
+            let expected = expected.get_or_insert_with(|| counts.won.clone());
+            assert_eq!(*expected, counts.won, "{level:?}");
+        }
     }
 
     #[test]
