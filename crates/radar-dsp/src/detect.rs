@@ -535,7 +535,7 @@ fn is_local_maximum(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lane_fft::uniform;
+    use crate::tests::uniform;
 
     #[test]
     fn the_median_is_the_middle_of_the_sorted_values() {

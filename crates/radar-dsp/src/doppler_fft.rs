@@ -11,7 +11,7 @@ use radarllm_simd::{Cell, LANES, Lanes, SimdLevel, dispatch};
 use rustfft::{Fft, FftPlanner};
 
 use crate::kernels::{add_power, grow};
-use crate::lane_fft::{C, Pass, Sink, Source, all_passes, factors, passes, run_pass};
+use radarllm_simd::fft::{C, Pass, Sink, Source, all_passes, factors, passes, run_pass};
 
 /// Plan and workspace.
 pub(crate) struct DopplerFft {
@@ -217,7 +217,7 @@ mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
-    use crate::lane_fft::uniform;
+    use crate::tests::uniform;
 
     /// Largest error of any lane against the definition in f64, relative to the largest value: of the spectra, and of
     /// the powers.

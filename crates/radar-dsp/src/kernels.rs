@@ -5,7 +5,7 @@
 use num_complex::Complex32;
 use radarllm_simd::{Cell, LANES, Lanes, dispatch};
 
-use crate::lane_fft::C;
+use radarllm_simd::fft::C;
 
 dispatch!(
     /// Writes samples times weights.

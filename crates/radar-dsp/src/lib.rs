@@ -28,7 +28,6 @@ pub mod window;
 
 mod doppler_fft;
 mod kernels;
-mod lane_fft;
 mod row_fft;
 
 pub use array::VirtualArray;
@@ -41,3 +40,15 @@ pub use options::{
 };
 pub use pictures::{Axis, Map, MicroDoppler};
 pub use window::Window;
+
+#[cfg(test)]
+mod tests {
+    /// Numbers in -1..1 for tests.
+    pub fn uniform(seed: u32) -> impl FnMut() -> f32 {
+        let mut state = seed;
+        move || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 23) as f32 - 1.0
+        }
+    }
+}

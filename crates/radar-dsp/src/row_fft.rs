@@ -13,7 +13,9 @@ use radarllm_simd::{Cell, LANES, Lanes, SimdLevel, dispatch, prefetch};
 use rustfft::{Fft, FftPlanner};
 
 use crate::kernels::{weighted, window};
-use crate::lane_fft::{C, Pass, Source, all_cell_passes, all_passes, dft16, factors, passes, root};
+use radarllm_simd::fft::{
+    C, Pass, Source, all_cell_passes, all_passes, dft16, factors, passes, root,
+};
 
 /// Plan and workspace.
 pub(crate) struct RowFft {
@@ -276,7 +278,7 @@ mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
-    use crate::lane_fft::uniform;
+    use crate::tests::uniform;
 
     fn noise(n: usize) -> Vec<Complex32> {
         let mut next = uniform(7);

@@ -7,6 +7,7 @@
 
 use num_complex::Complex32;
 
+pub mod fft;
 pub mod lanes;
 
 mod prefetch;
