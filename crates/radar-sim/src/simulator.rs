@@ -233,7 +233,7 @@ impl Simulator {
             channels,
             rain: Rain::new(&options, config, &link),
             raster: DepthRaster::new(options.raster_size, options.sampling),
-            range_transform: RangeTransform::new(config.n_samples, n_cells, &kernel),
+            range_transform: RangeTransform::new(simd, config.n_samples, n_cells, &kernel),
             kernel,
             simd,
             link,
