@@ -200,8 +200,11 @@ struct Nodes {
     cells: Rooms,
 }
 
-/// One value per node.
+/// One value per node. Half a room or less of nodes leaves the other half to the same nodes at the last TDM slot.
 type Rooms = [[f32; LANES]; MOST_NODES / LANES];
+
+/// Half a room.
+const HALF: usize = LANES / 2;
 
 /// Phasors that are kept before they go to the grid: small enough for the first-level cache beside it.
 const BATCH_PHASORS: usize = 2 * MOST_NODES;
@@ -311,9 +314,15 @@ fn spread_group<L: Lanes>(
     let slot = L::load(&channels.slot_share);
     let places = &job.levels[group.grid.level].nodes;
     let mut u = [[0.0_f64; LANES]; MOST_NODES / LANES];
-    for (node, u) in u.as_flattened_mut().iter_mut().enumerate() {
+    let with_last_slot = n_nodes <= HALF;
+    for (lane, u) in u.as_flattened_mut().iter_mut().enumerate() {
+        let (node, later) = if with_last_slot {
+            (lane % HALF, if lane < HALF { 0.0 } else { last_slot_u })
+        } else {
+            (lane, 0.0)
+        };
         let at = first_loop as f64 + places[node.min(n_nodes - 1)];
-        *u = job.u_first + at * job.u_per_loop;
+        *u = job.u_first + at * job.u_per_loop + f64::from(later);
     }
     for (to, from) in nodes.u.as_flattened_mut().iter_mut().zip(u.as_flattened()) {
         *to = *from as f32;
@@ -333,7 +342,9 @@ fn spread_group<L: Lanes>(
             }
             let changes = source.change_per_u * last_slot_u > job.negligible;
             evaluate::<L>(source, &u, group.grid.turns, n_nodes, nodes);
-            if changes {
+            if changes && with_last_slot {
+                take_change(nodes);
+            } else if changes {
                 evaluate_change::<L>(source, last_slot_u, n_nodes, nodes);
             }
             let lanes = channel_turns::<L>(source, job.tx_rows, channels, half_s);
@@ -443,6 +454,15 @@ fn evaluate_change<L: Lanes>(source: &Source, last_slot_u: f32, n_nodes: usize, 
             .store(&mut nodes.more_re[room]);
         im.sub(L::load(&nodes.im[room]))
             .store(&mut nodes.more_im[room]);
+    }
+}
+
+/// The same where [`evaluate`] has done it.
+#[inline(always)]
+fn take_change(nodes: &mut Nodes) {
+    for node in 0..HALF {
+        nodes.more_re[0][node] = nodes.re[0][HALF + node] - nodes.re[0][node];
+        nodes.more_im[0][node] = nodes.im[0][HALF + node] - nodes.im[0][node];
     }
 }
 
