@@ -92,7 +92,10 @@ pub fn run(args: &SimulateArgs) -> CliResult {
         return Err(CliError::new("pictures are drawn of one input at a time"));
     }
     for path in jobs.iter().map(|job| &job.1).chain(args.pictures.paths()) {
-        output::check_free(path, args.force)?;
+        output::check_free(path, args.force).map_err(|error| match n_inputs {
+            1 => error,
+            _ => error.hint("--resume goes on with what is missing, --force replaces all; or give another --out"),
+        })?;
     }
     let started = Instant::now();
     let progress = Progress::new(jobs.len());

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::command::{json, radarllm};
+use crate::command::{json, radarllm, refused};
 
 /// Columns of a points file: x, y, z, range, velocity, intensity.
 fn points(path: &std::path::Path) -> Vec<radarllm_base::PointFrame> {
@@ -240,6 +240,8 @@ fn folders_are_simulated_file_by_file() {
     let (code, report) = run(&["--shard", "2/2"]);
     assert_eq!(code, Some(0), "{report}");
     assert_eq!(report["inputs"], 2);
+    let again = refused(&["simulate", takes, "--out", out]);
+    assert!(again.contains("exists already") && again.contains("--resume"));
     let (code, report) = run(&["--resume"]);
     assert_eq!(code, Some(1), "a file failed");
     assert_eq!(
