@@ -13,7 +13,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::{Cursor, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 #[cfg(feature = "train")]
@@ -309,12 +309,24 @@ fn sync_dir(dir: &Path) -> Result<(), CheckpointError> {
     Ok(())
 }
 
-/// An opened checkpoint whose checksums all agree.
+/// An opened checkpoint: a directory whose checksums all agree, or files that the program carries.
 #[derive(Debug)]
 pub struct Checkpoint {
     dir: PathBuf,
-    files: Vec<String>,
+    files: Files,
 }
+
+#[derive(Debug)]
+enum Files {
+    /// Names.
+    Directory(Vec<String>),
+    /// Names and contents.
+    Carried(BTreeMap<String, &'static [u8]>),
+}
+
+/// What weights are read from.
+trait Input: Read + Seek {}
+impl<T: Read + Seek> Input for T {}
 
 impl Checkpoint {
     /// Opens a checkpoint and verifies the checksum of every file.
@@ -359,18 +371,30 @@ impl Checkpoint {
         }
         Ok(Self {
             dir,
-            files: sums.into_keys().collect(),
+            files: Files::Directory(sums.into_keys().collect()),
         })
     }
 
-    /// Directory the files lie in.
+    /// A checkpoint of files that the program carries: they are read where the system has mapped them, and stand for
+    /// themselves, without checksums. Errors name them as files of `dir`.
+    pub fn carried(dir: &Path, files: impl IntoIterator<Item = (String, &'static [u8])>) -> Self {
+        Self {
+            dir: dir.into(),
+            files: Files::Carried(files.into_iter().collect()),
+        }
+    }
+
+    /// Directory the files lie in; of carried files what errors call it.
     pub fn dir(&self) -> &Path {
         &self.dir
     }
 
     /// True when the checkpoint has this file.
     pub fn has(&self, file: &str) -> bool {
-        self.files.iter().any(|f| f == file)
+        match &self.files {
+            Files::Directory(names) => names.iter().any(|f| f == file),
+            Files::Carried(files) => files.contains_key(file),
+        }
     }
 
     fn path(&self, file: &str) -> Result<PathBuf, CheckpointError> {
@@ -382,13 +406,19 @@ impl Checkpoint {
         }
     }
 
+    fn carried_file(&self, file: &str) -> Option<&'static [u8]> {
+        match &self.files {
+            Files::Directory(_) => None,
+            Files::Carried(files) => files.get(file).copied(),
+        }
+    }
+
     /// Reads a JSON document.
     ///
     /// # Errors
     /// If the file is missing or is not a `T`.
     pub fn json<T: DeserializeOwned>(&self, file: &str) -> Result<T, CheckpointError> {
-        let path = self.path(file)?;
-        parse_json(&path, &read_limited(&path, MAX_SMALL_FILE_BYTES)?)
+        parse_json(&self.path(file)?, &self.bytes(file)?)
     }
 
     /// Reads a small file as it is.
@@ -396,7 +426,11 @@ impl Checkpoint {
     /// # Errors
     /// If the file is missing or too large.
     pub fn bytes(&self, file: &str) -> Result<Vec<u8>, CheckpointError> {
-        read_limited(&self.path(file)?, MAX_SMALL_FILE_BYTES)
+        let path = self.path(file)?;
+        match self.carried_file(file) {
+            Some(bytes) => Ok(bytes.to_vec()),
+            None => read_limited(&path, MAX_SMALL_FILE_BYTES),
+        }
     }
 
     /// Reads named arrays.
@@ -404,7 +438,11 @@ impl Checkpoint {
     /// # Errors
     /// See [`read_safetensors`].
     pub fn tensors(&self, file: &str) -> Result<NamedTensors, CheckpointError> {
-        read_safetensors(&self.path(file)?)
+        let path = self.path(file)?;
+        match self.carried_file(file) {
+            Some(bytes) => arrays_of(&path, &mut Cursor::new(bytes), bytes.len() as u64, false),
+            None => read_safetensors(&path),
+        }
     }
 
     /// A model's `config.json`: parsed, of the expected kind, and valid.
@@ -506,14 +544,24 @@ pub fn read_floats(path: &Path) -> Result<NamedTensors, CheckpointError> {
     read_arrays(path, true)
 }
 
-/// Reads one array after the other, so that memory holds the arrays and not the file beside them.
 fn read_arrays(path: &Path, skip_integers: bool) -> Result<NamedTensors, CheckpointError> {
+    let mut file = fs::File::open(path).map_err(io_error(path))?;
+    let found = file.metadata().map_err(io_error(path))?.len();
+    arrays_of(path, &mut file, found, skip_integers)
+}
+
+/// Reads one array after the other of a file `path` with `found` bytes, so that memory holds the arrays and not the file
+/// beside them.
+fn arrays_of(
+    path: &Path,
+    file: &mut dyn Input,
+    found: u64,
+    skip_integers: bool,
+) -> Result<NamedTensors, CheckpointError> {
     let fail = |message: String| CheckpointError::Safetensors {
         path: path.into(),
         message,
     };
-    let mut file = fs::File::open(path).map_err(io_error(path))?;
-    let found = file.metadata().map_err(io_error(path))?.len();
     if found > MAX_TENSOR_FILE_BYTES {
         return Err(CheckpointError::TooLarge {
             path: path.into(),
@@ -554,7 +602,7 @@ fn read_arrays(path: &Path, skip_integers: bool) -> Result<NamedTensors, Checkpo
         let (start, end) = info.data_offsets;
         file.seek(SeekFrom::Start(data_start + start as u64))
             .map_err(io_error(path))?;
-        let values = read_values(&mut file, info.dtype, end - start, path, &name)?;
+        let values = read_values(file, info.dtype, end - start, path, &name)?;
         if let Some(index) = values.iter().position(|v| !v.is_finite()) {
             return Err(CheckpointError::NotFinite {
                 path: path.into(),
@@ -570,18 +618,15 @@ fn read_arrays(path: &Path, skip_integers: bool) -> Result<NamedTensors, Checkpo
 
 /// Floats from `n_bytes` bytes of a file, widened to f32 a piece at a time.
 fn read_values(
-    file: &mut fs::File,
+    file: &mut dyn Input,
     dtype: Dtype,
     n_bytes: usize,
     path: &Path,
     tensor: &str,
 ) -> Result<Vec<f32>, CheckpointError> {
-    let (width, value): (usize, fn(&[u8]) -> f32) = match dtype {
-        Dtype::F32 => (4, |b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])),
-        Dtype::BF16 => (2, |b| {
-            f32::from_bits(u32::from(u16::from_le_bytes([b[0], b[1]])) << 16)
-        }),
-        Dtype::F16 => (2, |b| f32_from_f16_bits(u16::from_le_bytes([b[0], b[1]]))),
+    let width = match dtype {
+        Dtype::F32 => 4,
+        Dtype::BF16 | Dtype::F16 => 2,
         other => {
             return Err(CheckpointError::Dtype {
                 path: path.into(),
@@ -597,7 +642,14 @@ fn read_values(
     while left > 0 {
         let piece = &mut piece[..left.min(PIECE_BYTES)];
         file.read_exact(piece).map_err(io_error(path))?;
-        values.extend(piece.chunks_exact(width).map(value));
+        let (fours, twos) = (piece.as_chunks().0.iter(), piece.as_chunks().0.iter());
+        match dtype {
+            Dtype::F32 => values.extend(fours.map(|b| f32::from_le_bytes(*b))),
+            Dtype::BF16 => {
+                values.extend(twos.map(|b| f32::from_bits(u32::from(u16::from_le_bytes(*b)) << 16)))
+            }
+            _ => values.extend(twos.map(|b| f32_from_f16_bits(u16::from_le_bytes(*b)))),
+        }
         left -= piece.len();
     }
     Ok(values)

@@ -29,7 +29,7 @@ pub fn run(args: &JsonFlag) -> CliResult {
         os: std::env::consts::OS,
         threads: commands::threads(None),
         cpu_features: cpu_features(),
-        checks: vec![default_model(), temporary_folder(), training(), gpu()],
+        checks: vec![default_model(), training(), gpu()],
     };
     if args.json {
         return output::print_json(&report);
@@ -80,19 +80,6 @@ fn default_model() -> Check {
         detail: match loaded {
             Ok(_) => "embedded, loads and is ready".into(),
             Err(error) => error.cause,
-        },
-    }
-}
-
-fn temporary_folder() -> Check {
-    let folder = std::env::temp_dir();
-    let outcome = tempfile::tempfile_in(&folder);
-    Check {
-        feature: "temporary folder",
-        ok: outcome.is_ok(),
-        detail: match outcome {
-            Ok(_) => format!("{} is writable", folder.display()),
-            Err(error) => format!("{}: {error}", folder.display()),
         },
     }
 }

@@ -13,6 +13,7 @@ use super::presence::{median_points, points_stay_together};
 use super::radar_lm::RadarLm;
 use super::vocab::Vocab;
 use super::{Allowed, GenerateOptions, LmError};
+use crate::checkpoint::Checkpoint;
 #[cfg(feature = "train")]
 use crate::tokenizer::ReferenceTokenizer;
 use crate::tokenizer::{
@@ -111,25 +112,37 @@ impl Captioner {
     /// # Errors
     /// If either is missing or damaged, or they do not belong together.
     pub fn load(dir: &Path, decoder: Decoder) -> Result<Self, LmError> {
-        let tokenizer = dir.join("tokenizer");
-        let lm = LmFiles::open(&dir.join("lm"))?;
+        let open = |part: &str| Checkpoint::open(&dir.join(part));
+        Self::from_checkpoints(&open("tokenizer")?, open("lm")?, decoder)
+    }
+
+    /// Builds a tokenizer and a language model.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn from_checkpoints(
+        tokenizer: &Checkpoint,
+        lm: Checkpoint,
+        decoder: Decoder,
+    ) -> Result<Self, LmError> {
+        let lm = LmFiles::of(lm)?;
         match decoder {
             // The engine holds no decoder alone; what it would say in f32 the training network says.
             #[cfg(feature = "train")]
-            Decoder::Engine(Precision::F32) if !lm.is_t5() => Self::load_training(&tokenizer, lm),
+            Decoder::Engine(Precision::F32) if !lm.is_t5() => Self::load_training(tokenizer, lm),
             Decoder::Engine(precision) => Self::new(
-                RadarTokenizer::load(&tokenizer)?,
+                RadarTokenizer::from_checkpoint(tokenizer)?,
                 EngineLm::from_files(lm, precision)?,
             ),
             #[cfg(feature = "train")]
-            Decoder::Training => Self::load_training(&tokenizer, lm),
+            Decoder::Training => Self::load_training(tokenizer, lm),
         }
     }
 
     #[cfg(feature = "train")]
-    fn load_training(tokenizer: &Path, lm: LmFiles) -> Result<Self, LmError> {
+    fn load_training(tokenizer: &Checkpoint, lm: LmFiles) -> Result<Self, LmError> {
         Self::training(
-            ReferenceTokenizer::load(tokenizer)?,
+            ReferenceTokenizer::from_checkpoint(tokenizer)?,
             RadarLm::from_files(lm, &super::Device::flex())?,
         )
     }

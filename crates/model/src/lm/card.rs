@@ -1,6 +1,6 @@
 //! A language model on disk: `config.json`, `tokenizer.json` and the weights it names.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
@@ -62,12 +62,11 @@ pub(super) struct LmFiles {
 }
 
 impl LmFiles {
-    /// Opens a checkpoint.
+    /// Reads what is no weight.
     ///
     /// # Errors
     /// If a file is missing or damaged, or the configuration cannot be.
-    pub fn open(dir: &Path) -> Result<Self, LmError> {
-        let checkpoint = Checkpoint::open(dir)?;
+    pub fn of(checkpoint: Checkpoint) -> Result<Self, LmError> {
         let card = LmCard::read(&checkpoint)?;
         card.lm.validate()?;
         let vocab = Vocab::from_parts(&checkpoint.bytes(TEXT_TOKENIZER_FILE)?, card.vocab.clone())?;

@@ -10,7 +10,7 @@ use super::config::{FeedForward, LmConfig};
 use super::generate::{GenerateOptions, Generated};
 use super::templates::EVALUATION_PROMPT;
 use super::vocab::{PAD, Vocab};
-use crate::checkpoint::CheckpointError;
+use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::tokenizer::Encoded;
 
 impl LmConfig {
@@ -50,7 +50,7 @@ impl EngineLm {
     /// # Errors
     /// If a file is missing or damaged, or weights do not fit the configuration.
     pub fn load(dir: &Path, precision: Precision) -> Result<Self, LmError> {
-        Self::from_files(LmFiles::open(dir)?, precision)
+        Self::from_files(LmFiles::of(Checkpoint::open(dir)?)?, precision)
     }
 
     pub(super) fn from_files(files: LmFiles, precision: Precision) -> Result<Self, LmError> {

@@ -235,7 +235,7 @@ impl RadarLm {
     /// # Errors
     /// If a file is missing or damaged, or weights do not fit the configuration.
     pub fn load(dir: &Path, device: &Device) -> Result<Self, LmError> {
-        Self::from_files(LmFiles::open(dir)?, device)
+        Self::from_files(LmFiles::of(Checkpoint::open(dir)?)?, device)
     }
 
     pub(super) fn from_files(files: LmFiles, device: &Device) -> Result<Self, LmError> {

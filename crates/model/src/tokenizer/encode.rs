@@ -114,8 +114,15 @@ impl RadarTokenizer {
     /// # Errors
     /// If it is missing, damaged, not a tokenizer, or does not fit its own configuration.
     pub fn load(dir: &Path) -> Result<Self, CheckpointError> {
-        let checkpoint = Checkpoint::open(dir)?;
-        let file = TokenizerFile::read(&checkpoint)?;
+        Self::from_checkpoint(&Checkpoint::open(dir)?)
+    }
+
+    /// Packs the weights of a checkpoint.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn from_checkpoint(checkpoint: &Checkpoint) -> Result<Self, CheckpointError> {
+        let file = TokenizerFile::read(checkpoint)?;
         let weights = checkpoint.tensors(MODEL_FILE)?;
         Self::from_weights(file.model, weights, &checkpoint.dir().join(MODEL_FILE))
     }

@@ -30,8 +30,15 @@ impl ReferenceTokenizer {
     /// # Errors
     /// As [`super::RadarTokenizer::load`].
     pub fn load(dir: &Path) -> Result<Self, CheckpointError> {
-        let checkpoint = Checkpoint::open(dir)?;
-        let file = TokenizerFile::read(&checkpoint)?;
+        Self::from_checkpoint(&Checkpoint::open(dir)?)
+    }
+
+    /// Builds the network of a checkpoint.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn from_checkpoint(checkpoint: &Checkpoint) -> Result<Self, CheckpointError> {
+        let file = TokenizerFile::read(checkpoint)?;
         let net = checkpoint.load_model(TokenizerNet::new(&file.model, &Device::flex()))?;
         Ok(Self::new(file.model, &net))
     }
