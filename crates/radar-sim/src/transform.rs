@@ -179,22 +179,16 @@ fn transform_body<L: Lanes>(mut job: TransformJob<'_>) {
 fn fill_part<L: Lanes>(part: &mut [Cell], first: usize, cells: &[Cell], turns: &[[f32; 2]]) {
     let m = part.len();
     let mut at = first % m;
-    for (i, (cell, &[cos, sin])) in cells.iter().zip(turns).enumerate() {
-        let (re, im) = (L::load(&cell.re), L::load(&cell.im));
-        let (cos, sin) = (L::splat(cos), L::splat(sin));
-        let mut z = C {
-            re: re.fma(sin, im.mul(cos)),
-            im: im.fnma(sin, re.mul(cos)),
-        };
+    for (i, (cell, &turn)) in cells.iter().zip(turns).enumerate() {
+        let turned = C::<L>::load(cell).turned(turn);
+        let (mut re, mut im) = (turned.im, turned.re);
         let to = &mut part[at];
+        // Cells that lie upon each other.
         if i >= m {
-            let other = C::<L>::load(to);
-            z = C {
-                re: z.re.add(other.re),
-                im: z.im.add(other.im),
-            };
+            re = re.add(L::load(&to.re));
+            im = im.add(L::load(&to.im));
         }
-        z.store(to);
+        C { re, im }.store(to);
         at = if at + 1 == m { 0 } else { at + 1 };
     }
 }

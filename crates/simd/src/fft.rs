@@ -1,7 +1,8 @@
 //! FFTs of sixteen rows at once: a row to a lane, so that no butterfly shuffles lanes.
 //!
 //! Stockham's self-sorting algorithm, decimation in frequency: one pass a factor, from one buffer to
-//! the other. Forward (`exp(-j 2 pi k n / N)`), not normalised.
+//! the other. Forward (`exp(-j 2 pi k n / N)`), not normalised; with real and imaginary parts exchanged before and after
+//! it is the inverse.
 
 use std::f32::consts::FRAC_1_SQRT_2;
 use std::f64::consts::TAU;
@@ -21,6 +22,7 @@ pub struct Pass {
 
 /// Where a pass takes numbers from.
 pub trait Source<L> {
+    /// Number `i` of every row.
     fn at(&self, i: usize) -> C<L>;
 }
 
@@ -29,6 +31,7 @@ pub trait Sink<L> {
     /// Whether only a last pass ends here.
     const IS_LAST: bool = false;
 
+    /// Number `i` of every row becomes `z`.
     fn put(&mut self, i: usize, z: C<L>);
 }
 
@@ -98,7 +101,8 @@ pub fn passes(len: usize, radices: &[usize]) -> Vec<Pass> {
         .collect()
 }
 
-/// All passes, from `source` to `out`. What `spare` holds afterwards means nothing. `level` is that of `L`.
+/// All passes, from `source` to `out`; all as long as the transform, `spare` too, whose content means nothing
+/// afterwards. `level` is that of `L`.
 #[inline(always)]
 pub fn all_passes<L: Lanes, S: Source<L>>(
     level: SimdLevel,
@@ -277,11 +281,14 @@ radix!(Dft16, 16, dft16, 1 z1 2 z2 3 z3 4 z4 5 z5 6 z6 7 z7 8 z8 9 z9 10 z10 11 
 /// Sixteen complex numbers in registers.
 #[derive(Clone, Copy)]
 pub struct C<L> {
+    /// Real parts.
     pub re: L,
+    /// Imaginary parts.
     pub im: L,
 }
 
 impl<L: Lanes> C<L> {
+    /// From memory.
     #[inline(always)]
     pub fn load(cell: &Cell) -> Self {
         Self {
@@ -290,6 +297,7 @@ impl<L: Lanes> C<L> {
         }
     }
 
+    /// To memory.
     #[inline(always)]
     pub fn store(self, cell: &mut Cell) {
         self.re.store(&mut cell.re);
@@ -349,8 +357,9 @@ impl<L: Lanes> C<L> {
         }
     }
 
+    /// Times `cos + j sin`.
     #[inline(always)]
-    fn turned(self, [cos, sin]: [f32; 2]) -> Self {
+    pub fn turned(self, [cos, sin]: [f32; 2]) -> Self {
         let (cos, sin) = (L::splat(cos), L::splat(sin));
         Self {
             re: self.im.fnma(sin, self.re.mul(cos)),
@@ -460,6 +469,7 @@ fn dft8<L: Lanes>([a, b, c, d, e, f, g, h]: [C<L>; 8]) -> [C<L>; 8] {
     ]
 }
 
+/// The transform of sixteen numbers in registers.
 #[inline(always)]
 pub fn dft16<L: Lanes>(a: [C<L>; 16]) -> [C<L>; 16] {
     // cos and sin of pi / 8.

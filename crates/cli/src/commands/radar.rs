@@ -62,7 +62,14 @@ impl From<&RadarConfig> for Figures {
 
 /// Opens a radar by built-in name or file, with a hint on failure.
 pub fn open(name: &str) -> CliResult<RadarConfig> {
-    open_radar(name, Path::new("")).map_err(unknown)
+    open_radar(name, Path::new("")).map_err(|error| {
+        if Path::new(name).is_file() {
+            return CliError::new(error).hint(format!(
+                "`radarllm radar lint {name}` shows the place in the file"
+            ));
+        }
+        unknown(error)
+    })
 }
 
 fn unknown(error: impl std::fmt::Display) -> CliError {

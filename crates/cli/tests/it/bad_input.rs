@@ -261,6 +261,8 @@ fn radars_that_cannot_be_are_refused_and_odd_ones_are_said_to_be() {
             &path("out"),
         ]);
         assert!(stderr.contains(word), "{fields}: {stderr}");
+        let lint = format!("`radarllm radar lint {}`", path("radar.toml"));
+        assert!(stderr.contains(&lint), "{stderr}");
     }
     // A ramp beyond the part's band, and people faster than the ambiguity: simulated, and said.
     for (fields, word) in [
