@@ -110,9 +110,13 @@ fn count_below_body<L: Lanes>(values: &[f32], limit: f32, count: &mut usize) {
             *sum = sum.add(L::load(vector).select_lt(most, one, zero));
         }
     }
-    // Whole numbers up to 2^24 a lane.
-    let lanes = sums.iter().flat_map(|s| s.array());
-    *count = lanes.map(|n| n as usize).sum::<usize>() + rest.iter().filter(|x| **x < limit).count();
+    *count = rest.iter().filter(|x| **x < limit).count();
+    for sum in sums {
+        // Whole numbers up to 2^24 a lane.
+        for n in sum.array() {
+            *count += n as usize;
+        }
+    }
 }
 
 dispatch!(

@@ -708,7 +708,9 @@ mod x86 {
 /// Defines `$name(level, args)`, which runs the generic `$body::<L>(args)` compiled for `level`, or
 /// for [`SimdLevel::Portable`] where this machine cannot run `level`.
 ///
-/// The body, and whatever it calls with lanes, must be `#[inline(always)]`.
+/// The body, and whatever it calls with lanes, must be `#[inline(always)]`, and loops rather than iterators' methods: what
+/// those call is compiled without the level's instructions unless it happens to be inlined, and then every instruction is
+/// a call. `nm -C` on a binary shows such calls as functions of `core_arch`.
 #[macro_export]
 macro_rules! dispatch {
     ($(#[$meta:meta])* $vis:vis fn $name:ident => $body:ident ( $($arg:ident : $ty:ty),* $(,)? )) => {
