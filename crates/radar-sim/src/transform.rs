@@ -9,10 +9,10 @@ use num_complex::Complex32;
 use crate::gridding::Kernel;
 use crate::noise::gaussians;
 use crate::spread::ChannelBlock;
-use radarllm_simd::fft::{C, Pass, all_cell_passes, factors, passes};
+use radarllm_simd::fft::{C, Pass, all_cell_passes, factors, passes, root};
 use radarllm_simd::{Cell, LANES, Lanes, SimdLevel, dispatch};
 
-/// Most parts of a plan: no more pay.
+/// Most parts of a plan, which bounds the tables.
 const MOST_PARTS: usize = 64;
 
 /// Plans and buffers.
@@ -71,10 +71,6 @@ impl RangeTransform {
                 })
             })
             .collect();
-        let root = |i: usize| {
-            let (sin, cos) = (std::f64::consts::TAU * i as f64 / n_cells as f64).sin_cos();
-            [cos as f32, sin as f32]
-        };
         let mut deapodisation = vec![[0.0; LANES]; n_blocks];
         for (to, factor) in deapodisation
             .as_flattened_mut()
@@ -88,7 +84,7 @@ impl RangeTransform {
             n_samples,
             n_cells,
             plans,
-            roots: (0..n_cells).map(root).collect(),
+            roots: (0..n_cells).map(|i| inverse_root(i, n_cells)).collect(),
             deapodisation,
             turns: Vec::new(),
             part: vec![Cell::ZERO; n_cells],
@@ -97,6 +93,12 @@ impl RangeTransform {
             rows: vec![Cell::ZERO; LANES * n_blocks],
         }
     }
+}
+
+/// (cos, sin) of `2 pi index / len`.
+fn inverse_root(index: usize, len: usize) -> [f32; 2] {
+    let [cos, sin] = root(index, len);
+    [cos, -sin]
 }
 
 /// What one pass needs.
