@@ -6,7 +6,7 @@ use std::sync::Arc;
 use num_complex::{Complex32, Complex64};
 use radarllm_base::RadarConfig;
 use radarllm_base::radar_config::Firing;
-use rustfft::{Fft, FftPlanner};
+use radarllm_simd::any_length::{self, Fft};
 
 use crate::array::{Element, VirtualArray};
 use crate::options::DspOptions;
@@ -48,7 +48,7 @@ impl DirectionFinder {
     pub fn new(radar: &RadarConfig, options: &DspOptions) -> Self {
         let array = VirtualArray::new(radar);
         let n_fft = MIN_AZIMUTH_FFT.max((4 * array.azimuth_row.len()).next_power_of_two());
-        let fft = FftPlanner::new().plan_fft_forward(n_fft);
+        let fft = any_length::forward(n_fft);
         Self {
             wavelength_m: radar.wavelength_m(),
             refine: options.refine_azimuth,

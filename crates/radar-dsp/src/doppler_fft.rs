@@ -7,8 +7,8 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use num_complex::Complex32;
+use radarllm_simd::any_length::{self, Fft};
 use radarllm_simd::{Cell, LANES, Lanes, SimdLevel, dispatch};
-use rustfft::{Fft, FftPlanner};
 
 use crate::kernels::{add_power, grow};
 use radarllm_simd::fft::{C, Pass, Sink, Source, all_passes, factors, passes, run_pass};
@@ -53,7 +53,7 @@ impl DopplerFft {
         let n = window.len();
         let radices = factors(n, level);
         let rows = radices.is_none().then(|| {
-            let fft = FftPlanner::new().plan_fft_forward(n);
+            let fft = any_length::forward(n);
             Rows {
                 row: vec![Complex32::ZERO; n],
                 scratch: vec![Complex32::ZERO; fft.get_inplace_scratch_len()],

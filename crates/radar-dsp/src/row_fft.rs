@@ -9,8 +9,8 @@
 use std::sync::Arc;
 
 use num_complex::Complex32;
+use radarllm_simd::any_length::{self, Fft};
 use radarllm_simd::{Cell, LANES, Lanes, SimdLevel, dispatch, prefetch};
-use rustfft::{Fft, FftPlanner};
 
 use crate::kernels::{weighted, window};
 use radarllm_simd::fft::{
@@ -114,7 +114,7 @@ impl RowFft {
                 }
             }
             None => {
-                let fft = FftPlanner::new().plan_fft_forward(n);
+                let fft = any_length::forward(n);
                 Plan::Rows {
                     row: vec![Complex32::ZERO; n],
                     scratch: vec![Complex32::ZERO; fft.get_inplace_scratch_len()],

@@ -195,9 +195,7 @@ mod tests {
                 "lag {lag}"
             );
         }
-        rustfft::FftPlanner::new()
-            .plan_fft_forward(n)
-            .process(&mut data);
+        radarllm_simd::any_length::forward(n).process(&mut data);
         // Bin powers of white noise are exponential with mean n: the largest of n of them stays
         // below ln(n) + 7 with probability 1 - 1e-3; the mean square is 2 within 5 sqrt(20 / n).
         let powers: Vec<f64> = data

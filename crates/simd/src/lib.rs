@@ -7,6 +7,7 @@
 
 use num_complex::Complex32;
 
+pub mod any_length;
 pub mod fft;
 pub mod lanes;
 

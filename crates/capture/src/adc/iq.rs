@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 use num_complex::Complex32;
 use radarllm_base::RadarCube;
-use rustfft::{Fft, FftPlanner};
+use radarllm_simd::any_length::{self, Fft};
 
 use super::{AdcError, CubeShape, FrameDecoder, IqOrder, Lanes, SampleKind, SampleLayout};
 
@@ -65,7 +65,7 @@ impl IqCheck {
     pub fn new(n_samples: usize) -> Self {
         let step = std::f32::consts::TAU / n_samples.max(1) as f32;
         Self {
-            fft: FftPlanner::new().plan_fft_forward(n_samples),
+            fft: any_length::forward(n_samples),
             window: (0..n_samples)
                 .map(|i| 0.5 - 0.5 * (step * (i as f32 + 0.5)).cos())
                 .collect(),

@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 use num_complex::Complex32;
 use radarllm_base::{RadarConfig, RadarCube};
-use rustfft::{Fft, FftPlanner};
+use radarllm_simd::any_length::{self, Fft};
 
 use super::AdcError;
 
@@ -304,10 +304,9 @@ pub struct AnalyticSignal {
 impl AnalyticSignal {
     /// For chirps of `n_samples`.
     pub fn new(n_samples: usize) -> Self {
-        let mut planner = FftPlanner::new();
         Self {
-            forward: planner.plan_fft_forward(n_samples),
-            backward: planner.plan_fft_inverse(n_samples),
+            forward: any_length::forward(n_samples),
+            backward: any_length::inverse(n_samples),
         }
     }
 

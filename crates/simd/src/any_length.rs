@@ -1,0 +1,17 @@
+//! FFTs of single rows of any length, by `rustfft`: planned here alone, because every crate that plans one
+//! compiles all of them.
+
+use std::sync::Arc;
+
+pub use rustfft::Fft;
+use rustfft::FftPlanner;
+
+/// The FFT of `n` numbers, `exp(-j 2 pi k n / N)`, not normalised.
+pub fn forward(n: usize) -> Arc<dyn Fft<f32>> {
+    FftPlanner::new().plan_fft_forward(n)
+}
+
+/// Its inverse, not normalised.
+pub fn inverse(n: usize) -> Arc<dyn Fft<f32>> {
+    FftPlanner::new().plan_fft_inverse(n)
+}
