@@ -443,7 +443,7 @@ pub struct TrainArgs {
     /// Start over where a finished or begun training lies.
     #[arg(long)]
     pub force: bool,
-    /// cpu, gpu, gpu:N or several, as gpu:0,gpu:1, instead of the configuration's device (docs/training-on-gpus.md).
+    /// cpu, gpu, gpu:N, cuda, cuda:N or several, as gpu:0,gpu:1, instead of the configuration's device (docs/training-on-gpus.md).
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
     /// Threads of a training on the CPU, which learns the same with any number; all cores without it.
@@ -634,7 +634,7 @@ pub struct ScoreArgs {
     /// Pooling for SimCSE: pooler (supervised), cls (unsupervised) or mean.
     #[arg(long, requires = "sim_cse")]
     pub pooling: Option<String>,
-    /// What BERT and RoBERTa are computed on: cpu (also without it), gpu or gpu:N (docs/training-on-gpus.md).
+    /// What BERT and RoBERTa are computed on: cpu (also without it), gpu, gpu:N, cuda or cuda:N (docs/training-on-gpus.md).
     #[arg(long)]
     pub device: Option<String>,
     /// Seed of the bootstrap.

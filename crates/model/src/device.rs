@@ -1,14 +1,16 @@
 //! Where the networks are computed.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::str::FromStr;
+use std::sync::{Mutex, PoisonError};
 
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// The processor that training and the networks as trained run on. Nothing falls back to another one.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Processor {
     /// `"cpu"`.
     #[default]
@@ -16,6 +18,8 @@ pub enum Processor {
     /// `"gpu"`: the fastest graphics processor; `"gpu:1"`: a dedicated one by number, from 0. Through Vulkan, Metal,
     /// DirectX 12 or WebGPU.
     Gpu(Option<usize>),
+    /// `"cuda"`: NVIDIA's first; `"cuda:1"`: one by number, from 0. Through CUDA.
+    Cuda(Option<usize>),
 }
 
 /// One processor or several, `"gpu:0,gpu:1"`. The first keeps the weights; each takes a batch of an update.
@@ -87,15 +91,20 @@ impl From<Processors> for String {
 pub enum ProcessorError {
     /// Not a name of one.
     #[error(
-        "`{0}` is no processor: `cpu`, `gpu`, or `gpu:N` for the dedicated one with number N, from 0"
+        "`{0}` is no processor: `cpu`, `gpu`, `gpu:N` for the dedicated one with number N, from 0, `cuda` or `cuda:N`"
     )]
     Name(String),
     /// The program lacks the code.
     #[error(
-        "`{0}`: this program was built without graphics processors; `cargo build --release -p radarllm-cli --features gpu` \
-         builds it with them"
+        "`{processor}`: this program was built without it; `cargo build --release -p radarllm-cli --features {feature}` \
+         builds it with it"
     )]
-    NotBuilt(Processor),
+    NotBuilt {
+        /// What was asked for.
+        processor: Processor,
+        /// The feature that adds it.
+        feature: &'static str,
+    },
     /// The machine lacks it, or its driver refuses.
     #[error("`{processor}`: {message}")]
     Unavailable {
@@ -106,38 +115,73 @@ pub enum ProcessorError {
     },
 }
 
+/// Whether tensors on a device lie in the program's own memory, where loops over them cost no copy.
+pub fn is_cpu(device: &Device) -> bool {
+    *device == Device::flex()
+}
+
 impl Processor {
     /// The framework's handle. A graphics processor is opened by the first call, which prints its name to the log.
     ///
     /// # Errors
     /// See [`ProcessorError`].
     pub fn device(self) -> Result<Device, ProcessorError> {
-        match self {
-            // Named explicitly: the default would prefer whatever accelerator was compiled in.
-            Self::Cpu => Ok(Device::flex()),
-            Self::Gpu(number) => open_gpu(number),
+        static PRINTED: Mutex<BTreeSet<Processor>> = Mutex::new(BTreeSet::new());
+        let opened = self.open()?;
+        let mut printed = PRINTED.lock().unwrap_or_else(PoisonError::into_inner);
+        if self != Self::Cpu && printed.insert(self) {
+            eprintln!("{self}: {}", opened.name);
         }
+        Ok(opened.device)
     }
+
+    /// What its driver calls it; a graphics processor is opened for that.
+    ///
+    /// # Errors
+    /// See [`ProcessorError`].
+    pub fn name(self) -> Result<String, ProcessorError> {
+        Ok(self.open()?.name)
+    }
+
+    fn open(self) -> Result<Opened, ProcessorError> {
+        // A processor can be opened once.
+        static OPEN: Mutex<BTreeMap<Processor, Opened>> = Mutex::new(BTreeMap::new());
+        let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(opened) = open.get(&self) {
+            return Ok(opened.clone());
+        }
+        let opened = match self {
+            // Named explicitly: the default would prefer whatever accelerator was compiled in.
+            Self::Cpu => Opened {
+                device: Device::flex(),
+                name: "CPU".into(),
+            },
+            Self::Gpu(number) => open_gpu(number)?,
+            Self::Cuda(number) => open_cuda(number)?,
+        };
+        open.insert(self, opened.clone());
+        Ok(opened)
+    }
+}
+
+#[derive(Clone)]
+struct Opened {
+    device: Device,
+    name: String,
 }
 
 #[cfg(not(feature = "gpu"))]
-fn open_gpu(number: Option<usize>) -> Result<Device, ProcessorError> {
-    Err(ProcessorError::NotBuilt(Processor::Gpu(number)))
+fn open_gpu(number: Option<usize>) -> Result<Opened, ProcessorError> {
+    Err(ProcessorError::NotBuilt {
+        processor: Processor::Gpu(number),
+        feature: "gpu",
+    })
 }
 
 #[cfg(feature = "gpu")]
-fn open_gpu(number: Option<usize>) -> Result<Device, ProcessorError> {
-    use std::collections::BTreeMap;
-    use std::sync::{Mutex, PoisonError};
-
+fn open_gpu(number: Option<usize>) -> Result<Opened, ProcessorError> {
     use burn::tensor::DeviceKind;
 
-    // A processor can be opened once.
-    static OPEN: Mutex<BTreeMap<Option<usize>, Device>> = Mutex::new(BTreeMap::new());
-    let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(device) = open.get(&number) {
-        return Ok(device.clone());
-    }
     let kind = number.map_or(DeviceKind::DefaultDevice, DeviceKind::DiscreteGpu);
     let (device, setup) = Device::wgpu_options()
         .device_kind(kind)
@@ -147,14 +191,34 @@ fn open_gpu(number: Option<usize>) -> Result<Device, ProcessorError> {
             message: e.to_string(),
         })?;
     let info = setup.adapter.get_info();
-    eprintln!(
-        "{}: {} ({})",
-        Processor::Gpu(number),
-        info.name,
-        setup.backend
-    );
-    open.insert(number, device.clone());
-    Ok(device)
+    let name = format!("{} ({})", info.name, setup.backend);
+    Ok(Opened { device, name })
+}
+
+#[cfg(not(feature = "cuda"))]
+fn open_cuda(number: Option<usize>) -> Result<Opened, ProcessorError> {
+    Err(ProcessorError::NotBuilt {
+        processor: Processor::Cuda(number),
+        feature: "cuda",
+    })
+}
+
+#[cfg(feature = "cuda")]
+fn open_cuda(number: Option<usize>) -> Result<Opened, ProcessorError> {
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+
+    use burn::tensor::Tensor;
+
+    let number = number.unwrap_or(0);
+    let device = Device::cuda(number);
+    // The first use opens the driver, and panics where there is none.
+    let used = || Tensor::<1>::ones([1], &device).into_data();
+    catch_unwind(AssertUnwindSafe(used)).map_err(|_| ProcessorError::Unavailable {
+        processor: Processor::Cuda(Some(number)),
+        message: "no NVIDIA driver, no CUDA, or no processor of this number".into(),
+    })?;
+    let name = format!("CUDA {number}");
+    Ok(Opened { device, name })
 }
 
 impl fmt::Display for Processor {
@@ -163,6 +227,8 @@ impl fmt::Display for Processor {
             Self::Cpu => f.write_str("cpu"),
             Self::Gpu(None) => f.write_str("gpu"),
             Self::Gpu(Some(number)) => write!(f, "gpu:{number}"),
+            Self::Cuda(None) => f.write_str("cuda"),
+            Self::Cuda(Some(number)) => write!(f, "cuda:{number}"),
         }
     }
 }
@@ -171,10 +237,17 @@ impl FromStr for Processor {
     type Err = ProcessorError;
 
     fn from_str(name: &str) -> Result<Self, ProcessorError> {
-        match (name, name.strip_prefix("gpu:").map(str::parse)) {
-            ("cpu", _) => Ok(Self::Cpu),
-            ("gpu", _) => Ok(Self::Gpu(None)),
-            (_, Some(Ok(number))) => Ok(Self::Gpu(Some(number))),
+        let (kind, number) = match name.split_once(':') {
+            Some((kind, number)) => match number.parse() {
+                Ok(number) => (kind, Some(number)),
+                Err(_) => return Err(ProcessorError::Name(name.into())),
+            },
+            None => (name, None),
+        };
+        match (kind, number) {
+            ("cpu", None) => Ok(Self::Cpu),
+            ("gpu", number) => Ok(Self::Gpu(number)),
+            ("cuda", number) => Ok(Self::Cuda(number)),
             _ => Err(ProcessorError::Name(name.into())),
         }
     }
@@ -190,11 +263,15 @@ mod tests {
             ("cpu", Processor::Cpu),
             ("gpu", Processor::Gpu(None)),
             ("gpu:2", Processor::Gpu(Some(2))),
+            ("cuda", Processor::Cuda(None)),
+            ("cuda:1", Processor::Cuda(Some(1))),
         ] {
             assert_eq!(name.parse::<Processor>().unwrap(), processor);
             assert_eq!(processor.to_string(), name);
         }
-        for name in ["", "GPU", "cuda", "gpu:", "gpu:-1", "gpu:x", "cpu:0"] {
+        for name in [
+            "", "GPU", "rocm", "gpu:", "gpu:-1", "gpu:x", "cpu:0", "cuda:",
+        ] {
             let error = name.parse::<Processor>().unwrap_err();
             assert!(matches!(error, ProcessorError::Name(_)), "{name}: {error}");
         }
@@ -216,6 +293,13 @@ mod tests {
     #[test]
     fn a_program_without_graphics_processors_says_so() {
         let error = Processor::Gpu(None).device().unwrap_err();
-        assert!(matches!(error, ProcessorError::NotBuilt(_)), "{error}");
+        assert!(error.to_string().contains("--features gpu"), "{error}");
+    }
+
+    #[cfg(not(feature = "cuda"))]
+    #[test]
+    fn a_program_without_cuda_says_so() {
+        let error = Processor::Cuda(Some(1)).device().unwrap_err();
+        assert!(error.to_string().contains("--features cuda"), "{error}");
     }
 }

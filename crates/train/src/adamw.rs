@@ -1,14 +1,18 @@
 //! AdamW over the parameters of a module, with one pass over memory per parameter.
 //!
 //! The framework's own optimiser makes about ten whole-tensor temporaries per parameter and hides
-//! its moments; this one keeps them as named arrays that go into a checkpoint as they are.
+//! its moments; this one keeps them as named arrays that go into a checkpoint as they are. On a graphics
+//! processor gradients, moments and weights stay there: the same update as tensor operations, which its driver
+//! fuses, and one number a parameter comes back for the norm.
 
 use std::collections::BTreeMap;
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
-use burn::tensor::{Gradients, Tensor, TensorData};
+use burn::tensor::{Gradients, Tensor};
 use radarllm_model::checkpoint::{HostTensor, NamedTensors};
 use serde::{Deserialize, Serialize};
+
+use crate::values::{Values, host};
 
 /// Constants of AdamW (Loshchilov and Hutter, 2019, algorithm 2).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -59,7 +63,7 @@ impl ParamRule {
 
 /// Gradients of one or more batches, by parameter path.
 pub struct GradientSum {
-    grads: BTreeMap<String, TensorData>,
+    grads: BTreeMap<String, Values>,
     n_batches: usize,
     /// Factor on the losses.
     loss_scale: f64,
@@ -91,7 +95,7 @@ impl GradientSum {
         struct Visit<'a> {
             path: Vec<String>,
             grads: Gradients,
-            sum: &'a mut BTreeMap<String, TensorData>,
+            sum: &'a mut BTreeMap<String, Values>,
         }
         impl ModuleVisitor for Visit<'_> {
             fn enter_module(&mut self, name: &str, _container: &str) {
@@ -108,14 +112,13 @@ impl GradientSum {
                 let Some(grad) = tensor.grad_remove(&mut self.grads) else {
                     return;
                 };
-                let mut data = grad.into_data();
-                if let Some(previous) = self.sum.remove(&self.path.join("."))
-                    && let (Ok(to), Ok(from)) =
-                        (data.as_mut_slice::<f32>(), previous.as_slice::<f32>())
-                {
-                    to.iter_mut().zip(from).for_each(|(t, f)| *t += f);
-                }
-                self.sum.insert(self.path.join("."), data);
+                let path = self.path.join(".");
+                let grad = Values::of(grad);
+                let sum = match self.sum.remove(&path) {
+                    Some(sum) => sum.plus(grad),
+                    None => grad,
+                };
+                self.sum.insert(path, sum);
             }
         }
         model.visit(&mut Visit {
@@ -133,17 +136,25 @@ impl GradientSum {
 
     /// L2 norm of the mean gradient.
     pub fn norm(&self) -> f64 {
-        let sum: f64 = self
-            .grads
-            .values()
-            .filter_map(|data| data.as_slice::<f32>().ok())
-            .map(|g| {
-                // Blocks in f32 vectorise; their sums in f64 keep the total exact enough.
-                g.chunks(256)
-                    .map(|block| f64::from(block.iter().map(|x| x * x).sum::<f32>()))
-                    .sum::<f64>()
-            })
-            .sum();
+        // Blocks in f32 vectorise; their sums in f64 keep the total exact enough.
+        let square = |g: &[f32]| -> f64 {
+            g.chunks(256)
+                .map(|block| f64::from(block.iter().map(|x| x * x).sum::<f32>()))
+                .sum()
+        };
+        let mut sum = 0.0;
+        let mut squares = Vec::new();
+        for grad in self.grads.values() {
+            match grad {
+                Values::Cpu(values) => sum += square(values),
+                Values::Gpu(tensor) => squares.push(tensor.clone().square().sum()),
+            }
+        }
+        if !squares.is_empty() {
+            // All together: one wait for the processor.
+            let squares = host(Tensor::cat(squares, 0).into_data());
+            sum += squares.into_iter().map(f64::from).sum::<f64>();
+        }
         sum.sqrt() / self.divisor()
     }
 }
@@ -158,8 +169,8 @@ pub struct AdamW {
 #[derive(Clone, Debug)]
 struct Moments {
     shape: Vec<usize>,
-    first: Vec<f32>,
-    second: Vec<f32>,
+    first: Values,
+    second: Values,
 }
 
 impl AdamW {
@@ -197,9 +208,9 @@ impl AdamW {
     pub fn state(&self) -> (NamedTensors, u64) {
         let mut out = NamedTensors::new();
         for (path, m) in &self.moments {
-            let tensor = |values: &Vec<f32>| HostTensor {
+            let tensor = |values: &Values| HostTensor {
                 shape: m.shape.clone(),
-                values: values.clone(),
+                values: values.clone().into_vec(),
             };
             out.insert(format!("first.{path}"), tensor(&m.first));
             out.insert(format!("second.{path}"), tensor(&m.second));
@@ -229,8 +240,8 @@ impl AdamW {
                 (Some(shape), Some(a), Some(b)) if a.shape == *shape && b.shape == *shape => {
                     let m = Moments {
                         shape: a.shape,
-                        first: a.values,
-                        second: b.values,
+                        first: Values::Cpu(a.values),
+                        second: Values::Cpu(b.values),
                     };
                     moments.insert(path, m);
                 }
@@ -246,7 +257,7 @@ impl AdamW {
 
 struct Update<'a> {
     path: Vec<String>,
-    grads: BTreeMap<String, TensorData>,
+    grads: BTreeMap<String, Values>,
     scale: f32,
     config: &'a AdamWConfig,
     learning_rate: f64,
@@ -268,41 +279,110 @@ impl ModuleMapper for Update<'_> {
         let Some(grad) = self.grads.remove(&path) else {
             return param;
         };
-        let Ok(grad) = grad.as_slice::<f32>() else {
-            return param;
-        };
         let shape = param.lazy_shape().to_vec();
         let rule = (self.rule)(&path, &shape);
         if rule.lr_scale == 0.0 {
             return param;
         }
         let (id, tensor, mapper) = param.consume();
+        let tensor = tensor.without_autodiff();
         let device = tensor.device();
-        let mut data = tensor.without_autodiff().into_data();
-        let moments = self.moments.entry(path).or_insert_with(|| Moments {
-            shape,
-            first: vec![0.0; grad.len()],
-            second: vec![0.0; grad.len()],
+        let moments = (self.moments.remove(&path)).unwrap_or_else(|| Moments {
+            shape: shape.clone(),
+            first: Values::zeros_like(&grad),
+            second: Values::zeros_like(&grad),
         });
-        if let Ok(values) = data.as_mut_slice::<f32>() {
-            let lr = self.learning_rate * rule.lr_scale;
-            // theta <- theta (1 - lr wd) - lr/c1 * m / (sqrt(v / c2) + eps)
-            let keep = (1.0 - lr * self.config.weight_decay * rule.decay_scale) as f32;
-            let step = (lr / self.correction_1) as f32;
-            let inverse_c2 = (1.0 / self.correction_2) as f32;
-            let (b1, b2) = (self.config.beta_1 as f32, self.config.beta_2 as f32);
-            let epsilon = self.config.epsilon as f32;
-            let scale = self.scale;
-            let state = moments.first.iter_mut().zip(moments.second.iter_mut());
-            for ((value, g), (m, v)) in values.iter_mut().zip(grad).zip(state) {
-                let g = g * scale;
-                *m = b1 * *m + (1.0 - b1) * g;
-                *v = b2 * *v + (1.0 - b2) * g * g;
-                *value = keep * *value - step * *m / ((*v * inverse_c2).sqrt() + epsilon);
+        let lr = self.learning_rate * rule.lr_scale;
+        let update = Step {
+            scale: self.scale,
+            beta_1: self.config.beta_1 as f32,
+            beta_2: self.config.beta_2 as f32,
+            epsilon: self.config.epsilon as f32,
+            keep: (1.0 - lr * self.config.weight_decay * rule.decay_scale) as f32,
+            step: (lr / self.correction_1) as f32,
+            inverse_c2: (1.0 / self.correction_2) as f32,
+        };
+        let (first, second, updated);
+        match grad {
+            Values::Cpu(grad) => {
+                let mut data = tensor.into_data();
+                let (mut m, mut v) = (moments.first.into_vec(), moments.second.into_vec());
+                if let Ok(values) = data.as_mut_slice::<f32>() {
+                    update.on_cpu(values, &grad, &mut m, &mut v);
+                }
+                updated = Tensor::from_data(data, &device);
+                (first, second) = (Values::Cpu(m), Values::Cpu(v));
+            }
+            Values::Gpu(grad) => {
+                let dims: [usize; D] = tensor.dims();
+                let m = moments.first.into_tensor(&device);
+                let v = moments.second.into_tensor(&device);
+                let n = grad.dims();
+                let (value, m, v) = update.on_gpu(tensor.reshape(n), grad, m, v);
+                updated = value.reshape(dims);
+                (first, second) = (Values::Gpu(m), Values::Gpu(v));
             }
         }
-        let updated = Tensor::from_data(data, &device).require_grad();
-        Param::from_mapped_value(id, updated, mapper)
+        let shape = moments.shape;
+        let moments = Moments {
+            shape,
+            first,
+            second,
+        };
+        self.moments.insert(path, moments);
+        Param::from_mapped_value(id, updated.autodiff().require_grad(), mapper)
+    }
+}
+
+/// The numbers of one parameter's update, with gradient g times `scale`:
+/// theta <- theta (1 - lr wd) - lr/c1 * m / (sqrt(v / c2) + eps).
+struct Step {
+    scale: f32,
+    beta_1: f32,
+    beta_2: f32,
+    epsilon: f32,
+    /// 1 - lr wd.
+    keep: f32,
+    /// lr / c1.
+    step: f32,
+    /// 1 / c2.
+    inverse_c2: f32,
+}
+
+impl Step {
+    fn on_cpu(&self, values: &mut [f32], grad: &[f32], m: &mut [f32], v: &mut [f32]) {
+        // Copied, so that the loop keeps them in registers.
+        let Self {
+            scale,
+            beta_1,
+            beta_2,
+            epsilon,
+            keep,
+            step,
+            inverse_c2,
+        } = *self;
+        for ((value, g), (m, v)) in values.iter_mut().zip(grad).zip(m.iter_mut().zip(v)) {
+            let g = g * scale;
+            *m = beta_1 * *m + (1.0 - beta_1) * g;
+            *v = beta_2 * *v + (1.0 - beta_2) * g * g;
+            *value = keep * *value - step * *m / ((*v * inverse_c2).sqrt() + epsilon);
+        }
+    }
+
+    /// Weights and moments after the update.
+    fn on_gpu(
+        &self,
+        value: Tensor<1>,
+        grad: Tensor<1>,
+        m: Tensor<1>,
+        v: Tensor<1>,
+    ) -> (Tensor<1>, Tensor<1>, Tensor<1>) {
+        let g = grad * self.scale;
+        let m = m * self.beta_1 + g.clone() * (1.0 - self.beta_1);
+        let v = v * self.beta_2 + g.square() * (1.0 - self.beta_2);
+        let root = (v.clone() * self.inverse_c2).sqrt() + self.epsilon;
+        let value = value * self.keep - m.clone() * self.step / root;
+        (value, m, v)
     }
 }
 
@@ -310,7 +390,7 @@ impl ModuleMapper for Update<'_> {
 mod tests {
     use super::*;
     use burn::nn::{Linear, LinearConfig};
-    use burn::tensor::Device;
+    use burn::tensor::{Device, TensorData};
     use radarllm_model::checkpoint::collect_params;
 
     /// Two steps against the update written out by hand in f64.
@@ -355,6 +435,52 @@ mod tests {
                 (f64::from(*found) - expected).abs() < 2e-6,
                 "{found} {expected}"
             );
+        }
+    }
+
+    /// The update as a graphics processor does it, here on the CPU's tensors.
+    #[test]
+    fn tensors_learn_as_loops_do() {
+        let device = Device::flex().autodiff();
+        let start: Linear = LinearConfig::new(37, 11).init(&device);
+        let train = |on_gpu: bool| {
+            let (mut model, mut optimizer) = (start.clone(), AdamW::default());
+            let mut norms = Vec::new();
+            for t in 0..5 {
+                let mut sum = GradientSum::default();
+                for batch in 0..2 {
+                    let x: Vec<f32> = (0..37)
+                        .map(|i| ((i * 7 + t * 3 + batch) as f32).sin())
+                        .collect();
+                    let x = Tensor::<2>::from_data(TensorData::new(x, [1, 37]), &device);
+                    sum.add(&model, model.forward(x).square().sum().backward());
+                    if on_gpu {
+                        for grad in sum.grads.values_mut() {
+                            *grad = Values::Gpu(grad.clone().into_tensor(&Device::flex()));
+                        }
+                    }
+                }
+                let norm = sum.norm();
+                norms.push(norm);
+                let rule = |_: &str, s: &[usize]| ParamRule::by_shape(s);
+                model = optimizer.step(&AdamWConfig::default(), 0.1, &rule, model, sum, norm);
+            }
+            (collect_params(&model), optimizer.state().0, norms)
+        };
+        let (loops, tensors) = (train(false), train(true));
+        for (a, b) in loops.2.iter().zip(&tensors.2) {
+            assert!((a / b - 1.0).abs() < 1e-6, "{a} {b}");
+        }
+        assert_eq!(loops.1.len(), 4);
+        for (ours, theirs) in [(&loops.0, &tensors.0), (&loops.1, &tensors.1)] {
+            for (name, a) in ours {
+                let b = &theirs[name];
+                assert_eq!(a.shape, b.shape, "{name}");
+                for (a, b) in a.values.iter().zip(&b.values) {
+                    // Five updates in f32, the products in another order.
+                    assert!((a - b).abs() <= 2e-5 * (1.0 + a.abs()), "{name}: {a} {b}");
+                }
+            }
         }
     }
 

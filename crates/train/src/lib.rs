@@ -7,6 +7,7 @@
 //! augmentation), [`motion`] and [`tokenizer`] (stages), [`lm`] (language-model stages).
 
 pub mod adamw;
+mod average;
 pub mod caption_words;
 pub mod chamfer;
 pub mod data;
@@ -21,3 +22,4 @@ pub mod motion;
 pub mod recipe;
 pub mod tokenizer;
 mod tokenizer_config;
+mod values;

@@ -72,7 +72,7 @@ pub struct Recipe {
     pub out: PathBuf,
     /// Simulations of a training motion that are used, the first ones; 0 uses all.
     pub simulations_per_motion: usize,
-    /// What training is computed on: `"cpu"`, `"gpu"`, `"gpu:N"`, or several of them, `"gpu:0,gpu:1"`.
+    /// What training is computed on: `"cpu"`, `"gpu"`, `"gpu:N"`, `"cuda"`, `"cuda:N"`, or several of them, `"gpu:0,gpu:1"`.
     pub device: Processors,
     /// The motion VQ-VAE.
     pub motion: MotionTrainConfig,

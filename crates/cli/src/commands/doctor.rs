@@ -96,10 +96,31 @@ fn training() -> Check {
     }
 }
 
+#[cfg(not(any(feature = "gpu", feature = "cuda")))]
 fn gpu() -> Check {
     Check {
         feature: "GPU training",
         ok: false,
         detail: "this build runs on the CPU; nothing above needs a GPU".into(),
+    }
+}
+
+/// Whether a graphics processor opens, and which.
+#[cfg(any(feature = "gpu", feature = "cuda"))]
+fn gpu() -> Check {
+    use radarllm_model::device::Processor;
+
+    let processor = match cfg!(feature = "gpu") {
+        true => Processor::Gpu(None),
+        false => Processor::Cuda(None),
+    };
+    let (ok, detail) = match processor.name() {
+        Ok(name) => (true, format!("--device {processor}: {name}")),
+        Err(e) => (false, e.to_string()),
+    };
+    Check {
+        feature: "GPU training",
+        ok,
+        detail,
     }
 }

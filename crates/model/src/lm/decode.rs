@@ -342,7 +342,7 @@ fn top(scores: &[f32], k: usize) -> Vec<(u32, f32)> {
 mod tests {
     use super::*;
     use crate::lm::Source;
-    use crate::lm::t5::DropoutRng;
+    use crate::lm::dropout::DropoutRng;
     use crate::lm::vocab::EOS;
     use crate::lm::{Backbone, FeedForward, LmPreset, Vocab, templates};
     use crate::tokenizer::Encoded;

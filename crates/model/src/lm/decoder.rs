@@ -10,10 +10,11 @@ use rand::rngs::ChaCha8Rng;
 
 use super::LmError;
 use super::config::{LmConfig, NetworkConfig};
+use super::dropout::{Drop, DropoutRng};
 use super::gpt2::Gpt2;
 use super::layers::{Embedding, Linear, LoraConfig, Past, Rows, Steps, ids_1d};
 use super::qwen2::Qwen2;
-use super::t5::{Drop, DropoutRng, Source, features_tensor, new_bypass, push_features};
+use super::t5::{Source, features_tensor, new_bypass, push_features};
 use crate::precision::Product;
 
 /// Added to the scores of padding, as in [`super::layers`].

@@ -8,11 +8,11 @@ use burn::tensor::activation::gelu_approximate;
 use burn::tensor::{Device, Tensor};
 
 use super::LmError;
+use super::dropout::Drop;
 use super::gpt2_config::Gpt2Config;
 use super::layers::{
     Embedding, Linear, Loader, Norm, Past, Rows, Steps, attend_with, ids_1d, split_heads,
 };
-use super::t5::Drop;
 
 /// The network. Fields are named as the checkpoint's tensors are.
 #[derive(Module, Debug)]

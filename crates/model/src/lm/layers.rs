@@ -13,7 +13,8 @@ use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
 
 use super::LmError;
-use super::t5::{Drop, normal_values};
+use super::dropout::Drop;
+use super::t5::normal_values;
 use crate::checkpoint::{CheckpointError, HostTensor, NamedTensors};
 use crate::precision::Product;
 

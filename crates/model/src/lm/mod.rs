@@ -9,7 +9,7 @@
 //! With the feature `train`, the networks as they are trained: `t5`, `decoder` (a decoder alone in its place)
 //! and `decoder_files` (its files), `hf` (Hugging Face names and files), `radar_lm` (network + vocabulary),
 //! `decode` (greedy and beam decoding). Beside them: `pretrained` (checkpoints of other architectures,
-//! for comparison and metrics), `gpt2`, `qwen2`, `bert`, `layers`, `text_encoder` (sentences into vectors).
+//! for comparison and metrics), `gpt2`, `qwen2`, `bert`, `layers`, `dropout`, `text_encoder` (sentences into vectors).
 //!
 //! Deliberately absent: losses, batching and schedules live in `radarllm-train`.
 
@@ -24,6 +24,8 @@ mod decode;
 pub mod decoder;
 #[cfg(feature = "train")]
 pub mod decoder_files;
+#[cfg(feature = "train")]
+mod dropout;
 mod error;
 pub mod generate;
 #[cfg(feature = "train")]
@@ -55,6 +57,8 @@ pub use captioner::{Abstained, Captioner, Decoder, Description, FRAME_RATE_HZ};
 pub use config::{Backbone, FeedForward, LmConfig, LmPreset, NetworkConfig, T5Config};
 #[cfg(feature = "train")]
 pub use decoder::{Decoder as DecoderNet, RadarDecoder};
+#[cfg(feature = "train")]
+pub use dropout::DropoutRng;
 pub use error::LmError;
 pub use generate::{Allowed, GenerateOptions, Generated};
 #[cfg(feature = "train")]
@@ -66,7 +70,7 @@ pub use pretrained::{ModelInput, Pretrained};
 pub use radar_lm::{RadarLm, RadarNet};
 pub use radarllm_engine::{Precision, Source, position};
 #[cfg(feature = "train")]
-pub use t5::{DropoutRng, RadarT5, SourceBatch};
+pub use t5::{RadarT5, SourceBatch};
 #[cfg(feature = "train")]
 pub use text_encoder::{EncodedText, Pooling, TextEncoder};
 pub use vocab::Vocab;

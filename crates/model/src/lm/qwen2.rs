@@ -8,9 +8,9 @@ use burn::tensor::activation::silu;
 use burn::tensor::{Device, Tensor, TensorData};
 
 use super::LmError;
+use super::dropout::Drop;
 use super::layers::{Embedding, Linear, Loader, Norm, Past, Rows, Steps, attend_with, split_heads};
 use super::qwen2_config::Qwen2Config;
-use super::t5::Drop;
 
 impl Qwen2Config {
     fn head_width(&self) -> usize {

@@ -13,6 +13,7 @@ use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 
 use super::config::{FeedForward, LmConfig, T5Config};
+use super::dropout::{Drop, DropoutRng};
 use super::layers::{Rows, ids_1d};
 use super::position::bucket_table;
 use crate::precision::Product;
@@ -133,70 +134,6 @@ pub struct SourceBatch {
     hidden: Option<Tensor<4>>,
     /// Rows of the flattened batch and their features, each of unit mean square.
     features: Option<(Tensor<1, Int>, Tensor<2>)>,
-}
-
-/// Dropout masks from an explicit seed: a resumed run draws what the uninterrupted run drew.
-pub struct DropoutRng {
-    state: u64,
-}
-
-impl DropoutRng {
-    /// Masks of the given seed.
-    pub fn new(seed: u64) -> Self {
-        Self { state: seed }
-    }
-
-    /// 0 with probability `p`, else `1 / (1 - p)`.
-    fn mask(&mut self, len: usize, p: f64) -> Vec<f32> {
-        // 16 random bits an element: p is rounded to 1/65536, and four elements share one draw.
-        let threshold = (p * 65536.0).round() as u64;
-        let keep = (1.0 / (1.0 - p)) as f32;
-        let mut out = vec![0.0; len.next_multiple_of(4)];
-        for four in out.chunks_exact_mut(4) {
-            // SplitMix64: masks are a good part of a training step, and need no better generator.
-            self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-            let mut z = self.state;
-            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            z ^= z >> 31;
-            for (i, value) in four.iter_mut().enumerate() {
-                let kept = (z >> (16 * i)) & 0xffff >= threshold;
-                *value = if kept { keep } else { 0.0 };
-            }
-        }
-        out.truncate(len);
-        out
-    }
-}
-
-/// Dropout in training, identity otherwise.
-pub(super) struct Drop<'a> {
-    pub(super) p: f64,
-    pub(super) rng: Option<&'a mut DropoutRng>,
-}
-
-impl Drop<'_> {
-    /// No dropout.
-    pub(super) fn none() -> Self {
-        Self { p: 0.0, rng: None }
-    }
-
-    pub(super) fn apply<const D: usize>(&mut self, x: Tensor<D>) -> Tensor<D> {
-        self.apply_with(x, self.p)
-    }
-
-    /// The same with another probability.
-    pub(super) fn apply_with<const D: usize>(&mut self, x: Tensor<D>, p: f64) -> Tensor<D> {
-        match &mut self.rng {
-            Some(rng) if p > 0.0 => {
-                let shape = x.dims();
-                let mask = rng.mask(shape.iter().product(), p);
-                let mask = Tensor::from_data(TensorData::new(mask, shape), &x.device());
-                x * mask
-            }
-            _ => x,
-        }
-    }
 }
 
 impl SourceBatch {

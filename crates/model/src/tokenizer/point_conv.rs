@@ -4,14 +4,18 @@
 //! The textbook form makes a `[neighbours, C]` array, pads every tube to the same length and takes a
 //! maximum; memory traffic dominates there. Here the maximum is found in plain loops over ragged
 //! tubes, and only the winning neighbour of each (tube, channel) enters the autodiff graph: the
-//! gradient of a maximum reaches nothing else, so values and gradients are the same.
+//! gradient of a maximum reaches nothing else, so values and gradients are the same. A graphics
+//! processor finds the winners itself, from the neighbours alone.
+
+use std::collections::BTreeMap;
 
 use burn::module::{Module, Param};
 use burn::nn::Initializer;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Int, Tensor, TensorData};
 
 use super::batch::ClipBatch;
 use super::grouping::NEIGHBOUR_DIM;
+use crate::device::is_cpu;
 
 /// Linear map of neighbours followed by the maximum over each tube.
 #[derive(Module, Debug)]
@@ -44,26 +48,72 @@ impl PointConv {
         let weight = self.weight.val();
         let [_, width] = weight.dims();
         let device = weight.device();
-        let host = |data: TensorData| data.try_into_vec::<f32>().unwrap_or_default();
-        let w = host(weight.clone().without_autodiff().into_data());
-        let (best, winner) = winners(batch, &w, width);
+        let values = weight.clone().without_autodiff();
         let n = batch.tubes.len();
-        if !weight.is_autodiff() {
-            let best = Tensor::from_data(TensorData::new(best, [n, width]), &device);
-            return Some(best + self.bias.val().unsqueeze());
-        }
-        // Inputs of the winners, one plane per input value: [NEIGHBOUR_DIM, n * C].
-        let mut planes = vec![0.0f32; NEIGHBOUR_DIM * n * width];
-        for (d, plane) in planes.chunks_exact_mut(n * width).enumerate() {
-            for (value, &neighbour) in plane.iter_mut().zip(&winner) {
-                *value = batch.neighbours[neighbour as usize][d];
+        let inputs = if is_cpu(&device) {
+            let w: Vec<f32> = values.into_data().try_into_vec().unwrap_or_default();
+            let (best, winner) = winners(batch, &w, width);
+            if !weight.is_autodiff() {
+                let best = Tensor::from_data(TensorData::new(best, [n, width]), &device);
+                return Some(best + self.bias.val().unsqueeze());
             }
-        }
-        let inputs =
-            Tensor::<3>::from_data(TensorData::new(planes, [NEIGHBOUR_DIM, n, width]), &device);
+            // Inputs of the winners, one plane per input value: [NEIGHBOUR_DIM, n * C].
+            let mut planes = vec![0.0f32; NEIGHBOUR_DIM * n * width];
+            for (d, plane) in planes.chunks_exact_mut(n * width).enumerate() {
+                for (value, &neighbour) in plane.iter_mut().zip(&winner) {
+                    *value = batch.neighbours[neighbour as usize][d];
+                }
+            }
+            Tensor::from_data(TensorData::new(planes, [NEIGHBOUR_DIM, n, width]), &device)
+        } else {
+            winners_on_gpu(batch, values)
+        };
         let sum = (inputs * weight.unsqueeze_dim(1)).sum_dim(0);
         Some(sum.reshape([n, width]) + self.bias.val().unsqueeze())
     }
+}
+
+/// Inputs of the winners, `[NEIGHBOUR_DIM, n_tubes, C]`, found on the processor that has `weight`.
+///
+/// Tubes of similar length lie side by side, padded to the next power of two with their own last
+/// neighbour, which moves no maximum: at most twice the neighbours' products, whatever the longest tube.
+fn winners_on_gpu(batch: &ClipBatch, weight: Tensor<2>) -> Tensor<3> {
+    let device = weight.device();
+    let [_, width] = weight.dims();
+    let (n, n_neighbours) = (batch.tubes.len(), batch.neighbours.len());
+    let flat = TensorData::new(batch.neighbours.concat(), [n_neighbours, NEIGHBOUR_DIM]);
+    let neighbours = Tensor::<2>::from_data(flat, &device);
+    let mut by_length: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (tube, &(start, end)) in batch.tubes.iter().enumerate() {
+        let padded = (end - start).next_power_of_two() as usize;
+        by_length.entry(padded).or_default().push(tube);
+    }
+    let mut planes = Vec::with_capacity(by_length.len());
+    // Where each tube comes to lie.
+    let mut place = vec![0i32; n];
+    let mut n_placed = 0;
+    for (&padded, tubes) in &by_length {
+        let n_tubes = tubes.len();
+        let mut rows = Vec::with_capacity(n_tubes * padded);
+        for &tube in tubes {
+            let (start, end) = batch.tubes[tube];
+            rows.extend((0..padded as u32).map(|i| (start + i).min(end - 1) as i32));
+            place[tube] = n_placed;
+            n_placed += 1;
+        }
+        let rows = TensorData::new(rows, [n_tubes * padded]);
+        let own = (neighbours.clone()).select(0, Tensor::<1, Int>::from_data(rows, &device));
+        let products = own.clone().matmul(weight.clone());
+        let winner = products.reshape([n_tubes, padded, width]).argmax(1);
+        let winner = winner.reshape([n_tubes, width]);
+        let of_each = (0..NEIGHBOUR_DIM).map(|d| {
+            let value = own.clone().narrow(1, d, 1).reshape([n_tubes, padded]);
+            value.gather(1, winner.clone()).unsqueeze::<3>()
+        });
+        planes.push(Tensor::cat(of_each.collect(), 0));
+    }
+    let place = Tensor::<1, Int>::from_data(TensorData::new(place, [n]), &device);
+    Tensor::cat(planes, 1).select(1, place)
 }
 
 /// Largest value and its neighbour, for every tube and channel; the bias is left out because it
@@ -148,6 +198,16 @@ mod tests {
         for (a, b) in pairs.chain(grads) {
             // Sums of seven products in another order: a few ulp of values below 10.
             assert!((a - b).abs() < 1e-5, "{a} {b}");
+        }
+        // As a graphics processor does it: the same neighbours win.
+        let w = conv.weight.val().without_autodiff();
+        let inputs = host(&winners_on_gpu(&batch, w.clone()).flatten(0, 1));
+        let (_, winner) = winners(&batch, &host(&w), 16);
+        assert_eq!(winner.len(), 3 * 16);
+        for (d, plane) in inputs.chunks_exact(winner.len()).enumerate() {
+            for (input, winner) in plane.iter().zip(&winner) {
+                assert_eq!(*input, neighbours[*winner as usize][d]);
+            }
         }
         let valid = conv.valid().forward(&batch).unwrap();
         let train = conv.forward(&batch).unwrap();

@@ -1,6 +1,5 @@
 //! The two stages on the shared loop.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use burn::module::Module;
@@ -27,6 +26,7 @@ use super::config::LmTrainConfig;
 use super::contrast::{contrast, mean_rows};
 use super::examples::{Example, ExampleMaker, Item, LmStageKind};
 use super::loss::cross_entropy;
+use crate::average::WeightAverage;
 use crate::harness::{
     Ending, Outcome, Stage, StepInfo, StepLoss, TrainError, Validation, cpu_device, run,
 };
@@ -207,8 +207,8 @@ pub(super) struct LmStage {
     lm: RadarLm,
     train: ExampleMaker,
     val: ExampleMaker,
-    /// Moving average of the weights, on the host.
-    average: Option<NamedTensors>,
+    /// Moving average of the weights.
+    average: Option<WeightAverage>,
 }
 
 impl LmStage {
@@ -227,7 +227,8 @@ impl LmStage {
             train.keep_captions(config.captions_per_motion);
         }
         let average = (config.average_decay > 0.0)
-            .then(|| collect_some_params(&lm.net, &|path| lm.is_trained(path)));
+            .then(|| collect_some_params(&lm.net, &|path| lm.is_trained(path)))
+            .map(WeightAverage::new);
         let device = config.run.processors.first().device()?.autodiff();
         let net = lm.net.clone().to_device(&device).train();
         Ok((
@@ -419,15 +420,7 @@ impl Stage for LmStage {
             // A short memory at first, or the random start would weigh for a thousand updates.
             let n = info.step as f64;
             let decay = self.config.average_decay.min((1.0 + n) / (10.0 + n)) as f32;
-            let now = collect_some_params(&model, &|path| self.lm.is_trained(path));
-            for (name, now) in now {
-                let Some(mean) = average.get_mut(&name) else {
-                    continue;
-                };
-                for (mean, now) in mean.values.iter_mut().zip(&now.values) {
-                    *mean += (1.0 - decay) * (now - *mean);
-                }
-            }
+            average.follow(&model, decay);
         }
         Ok(model)
     }
@@ -529,28 +522,25 @@ impl Stage for LmStage {
             let plain = |(path, tensor): (&String, &HostTensor)| {
                 (path.trim_start_matches("T5.").into(), tensor.clone())
             };
+            let average = average.tensors();
             files.tensors(AVERAGE_FILE, &average.iter().map(plain).collect())?;
         }
         Ok(())
     }
 
     fn state(&self) -> NamedTensors {
-        self.average.clone().unwrap_or_default()
+        let average = self.average.as_ref();
+        average.map(WeightAverage::tensors).unwrap_or_default()
     }
 
     fn load_state(&mut self, state: NamedTensors) -> Result<(), TrainError> {
         if let Some(average) = &mut self.average {
-            let shape = |t: &NamedTensors| -> BTreeMap<String, Vec<usize>> {
-                t.iter()
-                    .map(|(n, t): (_, &HostTensor)| (n.clone(), t.shape.clone()))
-                    .collect()
-            };
-            if shape(&state) != shape(average) {
+            if !average.fits(&state) {
                 return Err(TrainError::Stage(
                     "the averaged weights of the checkpoint do not fit this network".into(),
                 ));
             }
-            *average = state;
+            *average = WeightAverage::new(state);
         }
         Ok(())
     }
@@ -560,7 +550,7 @@ impl LmStage {
     /// The network with the moving average of its weights, where there is one.
     fn averaged(&self, net: &RadarNet) -> RadarNet {
         match &self.average {
-            Some(average) => replace_params(net.clone(), average.clone()),
+            Some(average) => replace_params(net.clone(), average.tensors()),
             None => net.clone(),
         }
     }

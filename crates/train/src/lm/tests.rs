@@ -7,7 +7,8 @@ use burn::module::Module;
 use radarllm_model::checkpoint::{
     Checkpoint, HostTensor, MODEL_FILE, NamedTensors, collect_params,
 };
-use radarllm_model::lm::t5::{DropoutRng, RadarT5, Source, SourceBatch};
+use radarllm_model::lm::DropoutRng;
+use radarllm_model::lm::t5::{RadarT5, Source, SourceBatch};
 use radarllm_model::lm::templates::{Task, all_text};
 use radarllm_model::lm::vocab::EOS;
 use radarllm_model::lm::{

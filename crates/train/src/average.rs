@@ -1,0 +1,80 @@
+//! Moving averages of weights.
+
+use std::collections::BTreeMap;
+
+use burn::module::{Module, ModuleVisitor, Param};
+use burn::tensor::Tensor;
+use radarllm_model::checkpoint::{HostTensor, NamedTensors};
+
+use crate::values::Values;
+
+/// Means of weights by parameter path; each lies where its weight was last seen.
+pub(crate) struct WeightAverage {
+    means: BTreeMap<String, (Vec<usize>, Values)>,
+}
+
+impl WeightAverage {
+    /// Starts, or goes on, at the given weights.
+    pub(crate) fn new(weights: NamedTensors) -> Self {
+        let of = |(path, t): (String, HostTensor)| (path, (t.shape, Values::Cpu(t.values)));
+        Self {
+            means: weights.into_iter().map(of).collect(),
+        }
+    }
+
+    /// Goes a share of `1 - decay` towards the present weights.
+    pub(crate) fn follow<M: Module>(&mut self, model: &M, decay: f32) {
+        struct Follow<'a> {
+            path: Vec<String>,
+            means: &'a mut BTreeMap<String, (Vec<usize>, Values)>,
+            share: f32,
+        }
+        impl ModuleVisitor for Follow<'_> {
+            fn enter_module(&mut self, name: &str, _container: &str) {
+                self.path.push(name.to_string());
+            }
+            fn exit_module(&mut self, _name: &str, _container: &str) {
+                self.path.pop();
+            }
+            fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+                let Some((_, mean)) = self.means.get_mut(&self.path.join(".")) else {
+                    return;
+                };
+                let before = std::mem::replace(mean, Values::Cpu(Vec::new()));
+                *mean = match Values::of(param.base().without_autodiff()) {
+                    Values::Cpu(now) => {
+                        let mut mean = before.into_vec();
+                        for (mean, now) in mean.iter_mut().zip(&now) {
+                            *mean += self.share * (now - *mean);
+                        }
+                        Values::Cpu(mean)
+                    }
+                    Values::Gpu(now) => {
+                        let mean = before.into_tensor(&now.device());
+                        Values::Gpu(mean.clone() + (now - mean) * self.share)
+                    }
+                };
+            }
+        }
+        model.visit(&mut Follow {
+            path: Vec::new(),
+            means: &mut self.means,
+            share: 1.0 - decay,
+        });
+    }
+
+    /// The means.
+    pub(crate) fn tensors(&self) -> NamedTensors {
+        let tensor = |(path, (shape, values)): (&String, &(Vec<usize>, Values))| {
+            let (shape, values) = (shape.clone(), values.clone().into_vec());
+            (path.clone(), HostTensor { shape, values })
+        };
+        self.means.iter().map(tensor).collect()
+    }
+
+    /// Whether these are means of the same parameters.
+    pub(crate) fn fits(&self, tensors: &NamedTensors) -> bool {
+        let ours = self.means.iter().map(|(path, (shape, _))| (path, shape));
+        ours.eq(tensors.iter().map(|(path, t)| (path, &t.shape)))
+    }
+}
