@@ -6,7 +6,7 @@
 
 use std::cell::Cell;
 
-use burn::tensor::{FloatDType, Tensor};
+use burn::tensor::{Device, FloatDType, Tensor};
 use serde::{Deserialize, Serialize};
 
 /// Precision of the factors of matrix products.
@@ -27,6 +27,15 @@ thread_local! {
 }
 
 impl Precision {
+    /// Whether a processor computes in it; drivers differ.
+    pub fn is_known_to(self, device: &Device) -> bool {
+        match self {
+            Self::F32 => true,
+            Self::Bf16 => device.supports_dtype(FloatDType::BF16),
+            Self::F16 => device.supports_dtype(FloatDType::F16),
+        }
+    }
+
     /// Runs `work` with this precision in this thread.
     pub fn during<R>(self, work: impl FnOnce() -> R) -> R {
         /// Restores the precision before, also when `work` panics.
@@ -63,7 +72,6 @@ impl<const D: usize> Product for Tensor<D> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use burn::tensor::Device;
 
     /// 1 + 2^-9 is between two bf16 and two f16 apart; its square tells which factors were rounded.
     #[test]

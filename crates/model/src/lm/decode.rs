@@ -105,13 +105,13 @@ impl RadarLm {
     fn start(&self, sources: &[&Source], steps: usize) -> (Running<'_>, Vec<u32>) {
         match &self.net {
             RadarNet::T5(net) => {
-                let batch = SourceBatch::new(sources, self.config.code_dim, self.device());
+                let batch = SourceBatch::new(sources, self.config.code_dim, &self.net.device());
                 let encoded = net.encode(&batch, None);
                 let cache = net.t5.start_cache(&encoded, steps);
                 (Running::T5(net, cache.into()), vec![PAD; sources.len()])
             }
             RadarNet::Decoder(net) => {
-                let past = net.read(sources, self.config.code_dim, self.device());
+                let past = net.read(sources, self.config.code_dim, &self.net.device());
                 // A prompt's last token is what the first word follows.
                 let last = sources.iter().filter_map(|s| s.ids.last().copied());
                 (Running::Decoder(net, past), last.collect())
@@ -392,7 +392,7 @@ mod tests {
 
     /// Greedy decoding without any cache: the whole prefix again for every token.
     fn slow_greedy(lm: &RadarLm, source: &Source, steps: usize) -> Vec<u32> {
-        let batch = SourceBatch::new(&[source], lm.config.code_dim, lm.device());
+        let batch = SourceBatch::new(&[source], lm.config.code_dim, &lm.net.device());
         let mut prefix = vec![PAD];
         for _ in 0..steps {
             let net = lm.net.t5().unwrap();
@@ -546,7 +546,7 @@ mod tests {
     fn cached_states_equal_teacher_forcing_at_every_step() {
         let lm = model(LmPreset::Small);
         let source = sources(&lm).remove(2);
-        let batch = SourceBatch::new(&[&source, &source], 8, lm.device());
+        let batch = SourceBatch::new(&[&source, &source], 8, &lm.net.device());
         let steps = 24; // beyond the exact position buckets
         let ids: Vec<u32> = (0..steps as u32).map(|i| i * 7 % 50).collect();
         let net = lm.net.t5().unwrap();
@@ -628,7 +628,7 @@ mod tests {
         let mask = |seed| {
             let lm = model(LmPreset::Small);
             let source = sources(&lm).remove(0);
-            let batch = SourceBatch::new(&[&source], 8, lm.device());
+            let batch = SourceBatch::new(&[&source], 8, &lm.net.device());
             hf::read(
                 lm.net
                     .t5()

@@ -310,7 +310,8 @@ impl RadarDecoder {
         self.decoder.states(x, &steps, Some(&mut past.past), drop)
     }
 
-    fn device(&self) -> Device {
+    /// Where its weights are.
+    pub(super) fn device(&self) -> Device {
         match &self.decoder {
             Decoder::Gpt2(net) => net.wte.weight.val().device(),
             Decoder::Qwen2(net) => net.embed_tokens.weight.val().device(),

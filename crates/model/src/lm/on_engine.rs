@@ -359,7 +359,8 @@ mod tests {
             let said = lm.generate(std::slice::from_ref(&source), &GenerateOptions::default());
             let mut ids = vec![PAD];
             ids.extend(&said.unwrap()[0].ids);
-            let batch = crate::lm::SourceBatch::new(&[&source], lm.config.code_dim, lm.device());
+            let batch =
+                crate::lm::SourceBatch::new(&[&source], lm.config.code_dim, &lm.net.device());
             let states = net.forward(&batch, &ids, ids.len(), None);
             let expected = hf::read(net.t5.logits(states, vocab));
             session.start(&[&source], 1, ids.len()).unwrap();

@@ -47,6 +47,14 @@ impl RadarNet {
             Self::Decoder(_) => None,
         }
     }
+
+    /// Where its weights are.
+    pub fn device(&self) -> Device {
+        match self {
+            Self::T5(net) => net.t5.shared.val().device(),
+            Self::Decoder(net) => net.device(),
+        }
+    }
 }
 
 /// The radar-language model.
@@ -59,7 +67,6 @@ pub struct RadarLm {
     pub config: LmConfig,
     /// Adapters of a network whose other weights are frozen.
     pub adapters: Option<Adapters>,
-    device: Device,
 }
 
 impl LmCard {
@@ -104,7 +111,6 @@ impl RadarLm {
             vocab,
             config,
             adapters: None,
-            device: device.clone(),
         })
     }
 
@@ -175,7 +181,6 @@ impl RadarLm {
             vocab,
             config,
             adapters,
-            device: device.clone(),
         })
     }
 
@@ -226,7 +231,6 @@ impl RadarLm {
             vocab,
             config,
             adapters: None,
-            device: device.clone(),
         })
     }
 
@@ -251,7 +255,6 @@ impl RadarLm {
             vocab: files.vocab,
             config: files.card.lm,
             adapters,
-            device: device.clone(),
         })
     }
 
@@ -340,11 +343,6 @@ impl RadarLm {
         let mut files = CheckpointFiles::default();
         self.add_to(&mut files)?;
         Ok(files.write(dir)?)
-    }
-
-    /// The device.
-    pub fn device(&self) -> &Device {
-        &self.device
     }
 
     /// The prompt that asks for a description: the one training always holds.

@@ -229,6 +229,17 @@ impl LmStage {
         let average = (config.average_decay > 0.0)
             .then(|| collect_some_params(&lm.net, &|path| lm.is_trained(path)))
             .map(WeightAverage::new);
+        for device in config.run.processors.devices()? {
+            if !config.precision.is_known_to(&device) {
+                return Err(TrainError::Config {
+                    field: "precision".into(),
+                    problem: format!(
+                        "`{}` does not compute in it: another precision or another device",
+                        config.run.processors
+                    ),
+                });
+            }
+        }
         let device = config.run.processors.first().device()?.autodiff();
         let net = lm.net.clone().to_device(&device).train();
         Ok((
