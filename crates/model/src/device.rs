@@ -1,6 +1,6 @@
 //! Where the networks are computed.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fmt;
 use std::str::FromStr;
 use std::sync::{Mutex, PoisonError};
@@ -126,10 +126,8 @@ impl Processor {
     /// # Errors
     /// See [`ProcessorError`].
     pub fn device(self) -> Result<Device, ProcessorError> {
-        static PRINTED: Mutex<BTreeSet<Processor>> = Mutex::new(BTreeSet::new());
-        let opened = self.open()?;
-        let mut printed = PRINTED.lock().unwrap_or_else(PoisonError::into_inner);
-        if self != Self::Cpu && printed.insert(self) {
+        let (opened, is_new) = self.open()?;
+        if self != Self::Cpu && is_new {
             eprintln!("{self}: {}", opened.name);
         }
         Ok(opened.device)
@@ -140,15 +138,16 @@ impl Processor {
     /// # Errors
     /// See [`ProcessorError`].
     pub fn name(self) -> Result<String, ProcessorError> {
-        Ok(self.open()?.name)
+        Ok(self.open()?.0.name)
     }
 
-    fn open(self) -> Result<Opened, ProcessorError> {
+    /// Whether this call opened it comes with it.
+    fn open(self) -> Result<(Opened, bool), ProcessorError> {
         // A processor can be opened once.
         static OPEN: Mutex<BTreeMap<Processor, Opened>> = Mutex::new(BTreeMap::new());
         let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(opened) = open.get(&self) {
-            return Ok(opened.clone());
+            return Ok((opened.clone(), false));
         }
         let opened = match self {
             // Named explicitly: the default would prefer whatever accelerator was compiled in.
@@ -160,7 +159,7 @@ impl Processor {
             Self::Cuda(number) => open_cuda(number)?,
         };
         open.insert(self, opened.clone());
-        Ok(opened)
+        Ok((opened, true))
     }
 }
 

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Gradients, Tensor};
-use radarllm_model::checkpoint::{HostTensor, NamedTensors};
+use radarllm_model::checkpoint::NamedTensors;
 use serde::{Deserialize, Serialize};
 
 use crate::values::{Values, host};
@@ -208,12 +208,8 @@ impl AdamW {
     pub fn state(&self) -> (NamedTensors, u64) {
         let mut out = NamedTensors::new();
         for (path, m) in &self.moments {
-            let tensor = |values: &Values| HostTensor {
-                shape: m.shape.clone(),
-                values: values.clone().into_vec(),
-            };
-            out.insert(format!("first.{path}"), tensor(&m.first));
-            out.insert(format!("second.{path}"), tensor(&m.second));
+            out.insert(format!("first.{path}"), m.first.to_host(&m.shape));
+            out.insert(format!("second.{path}"), m.second.to_host(&m.shape));
         }
         (out, self.n_updates)
     }

@@ -65,11 +65,9 @@ impl WeightAverage {
 
     /// The means.
     pub(crate) fn tensors(&self) -> NamedTensors {
-        let tensor = |(path, (shape, values)): (&String, &(Vec<usize>, Values))| {
-            let (shape, values) = (shape.clone(), values.clone().into_vec());
-            (path.clone(), HostTensor { shape, values })
-        };
-        self.means.iter().map(tensor).collect()
+        let means = self.means.iter();
+        let host = means.map(|(path, (shape, mean))| (path.clone(), mean.to_host(shape)));
+        host.collect()
     }
 
     /// Whether these are means of the same parameters.

@@ -2,6 +2,7 @@
 //! that an update moves nothing between the two.
 
 use burn::tensor::{Device, Tensor, TensorData};
+use radarllm_model::checkpoint::HostTensor;
 use radarllm_model::device::is_cpu;
 
 /// The numbers of one parameter, its gradient or a moment, flat.
@@ -43,6 +44,14 @@ impl Values {
                 let other = other.into_tensor(&sum.device());
                 Self::Gpu(sum + other)
             }
+        }
+    }
+
+    /// A copy in the program's memory, for a file.
+    pub(crate) fn to_host(&self, shape: &[usize]) -> HostTensor {
+        HostTensor {
+            shape: shape.to_vec(),
+            values: self.clone().into_vec(),
         }
     }
 

@@ -51,7 +51,7 @@ impl RadarNet {
     /// Where its weights are.
     pub fn device(&self) -> Device {
         match self {
-            Self::T5(net) => net.t5.shared.val().device(),
+            Self::T5(net) => net.device(),
             Self::Decoder(net) => net.device(),
         }
     }

@@ -663,6 +663,11 @@ pub(super) fn new_bypass(
 }
 
 impl RadarT5 {
+    /// Where its weights are.
+    pub fn device(&self) -> Device {
+        self.t5.shared.val().device()
+    }
+
     /// A network drawn from `seed`; `t5` is the network of `config`.
     pub fn new(t5: &T5Config, config: &LmConfig, seed: u64, device: &Device) -> Self {
         let t5 = T5::new(t5, seed, device);

@@ -276,7 +276,7 @@ impl LmStage {
             RadarNet::T5(net) => {
                 let mut dropout = dropout;
                 let sources: Vec<&Source> = examples.iter().map(|e| &e.source).collect();
-                let batch = SourceBatch::new(&sources, code_dim, &net.t5.shared.val().device());
+                let batch = SourceBatch::new(&sources, code_dim, &net.device());
                 let encoded = net.encode(&batch, dropout.as_deref_mut());
                 let states = target_states(net, &encoded, examples, dropout.as_deref_mut());
                 if self.config.contrastive_weight > 0.0 {
@@ -530,11 +530,11 @@ impl Stage for LmStage {
             self.lm.vocab.tokenizer_json()?.into_bytes(),
         );
         if let (Some(average), RadarNet::T5(_)) = (&self.average, &self.lm.net) {
-            let plain = |(path, tensor): (&String, &HostTensor)| {
-                (path.trim_start_matches("T5.").into(), tensor.clone())
+            let plain = |(path, tensor): (String, HostTensor)| {
+                (path.trim_start_matches("T5.").into(), tensor)
             };
-            let average = average.tensors();
-            files.tensors(AVERAGE_FILE, &average.iter().map(plain).collect())?;
+            let average = average.tensors().into_iter().map(plain).collect();
+            files.tensors(AVERAGE_FILE, &average)?;
         }
         Ok(())
     }
