@@ -7,6 +7,7 @@ mod chain;
 mod clean;
 mod command;
 mod geometry;
+mod golden;
 #[cfg(feature = "train")]
 mod lm;
 mod recordings;
