@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use radarllm_capture::adc::{
+use radarllm_formats::adc::{
     AdcReader, AdcStats, CubeShape, FrameDecoder, FrameSource, IqCheck, IqOrder, Lanes, SampleKind,
     SampleLayout, iq::compare_layouts,
 };

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use radarllm_capture::dca1000::{Assembler, PacketSource, RecordReader};
+use radarllm_formats::dca1000::{Assembler, PacketSource, RecordReader};
 
 fuzz_target!(|input: &[u8]| {
     let Some((size, file)) = input.split_first_chunk::<2>() else {

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use radarllm_capture::adc::RecordLog;
+use radarllm_formats::adc::RecordLog;
 
 fuzz_target!(|input: &[u8]| {
     if let Ok(log) = RecordLog::parse(&String::from_utf8_lossy(input)) {

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use radarllm_capture::{
+use radarllm_formats::{
     dca1000::{PacketSource, PcapPackets},
     pcap::PcapReader,
 };

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use radarllm_capture::{
+use radarllm_formats::{
     detect,
     recordings::{Axes, read_mmbody_frame, read_mmfi_frame},
     tables::read_points_npy,

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use radarllm_capture::{Calibration, lint_radar_toml, radar_from_toml};
+use radarllm_formats::{Calibration, lint_radar_toml, radar_from_toml};
 
 fuzz_target!(|bytes: &[u8]| {
     let text = String::from_utf8_lossy(bytes);

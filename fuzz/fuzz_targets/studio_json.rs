@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use radarllm_capture::adc::{StudioCapture, StudioSetup};
+use radarllm_formats::adc::{StudioCapture, StudioSetup};
 
 fuzz_target!(|input: &[u8]| {
     let text = String::from_utf8_lossy(input);

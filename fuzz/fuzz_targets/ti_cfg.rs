@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use radarllm_capture::{lint_ti_cfg, radar_from_ti_cfg};
+use radarllm_formats::{lint_ti_cfg, radar_from_ti_cfg};
 
 fuzz_target!(|bytes: &[u8]| {
     let text = String::from_utf8_lossy(bytes);

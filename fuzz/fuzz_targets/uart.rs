@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use radarllm_capture::uart::{Dialect, UartParser, recorded_frames};
+use radarllm_formats::uart::{Dialect, UartParser, recorded_frames};
 
 fuzz_target!(|bytes: &[u8]| {
     for dialect in Dialect::ALL.map(Some).into_iter().chain([None]) {

@@ -3,12 +3,12 @@
 //! They are the made-up recordings that the tests read.
 
 #[allow(dead_code)]
-#[path = "../../crates/capture/tests/it/make.rs"]
+#[path = "../../crates/formats/tests/it/make.rs"]
 mod make;
 
 use std::{fs, io, path::Path};
 
-use radarllm_capture::uart::Dialect;
+use radarllm_formats::uart::Dialect;
 
 fn main() -> io::Result<()> {
     let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus");

@@ -5,8 +5,10 @@
 //!
 //! Reading order: [`frames`] (axes), [`skeleton`] (the 22 joints, [`Motion`]), [`surface`] (what
 //! the simulator sees), [`materials`] (what that reflects), [`radar_config`] (what a radar is), [`cube`] (raw samples), [`points`]
-//! (what the tokenizer reads), [`seed`] (reproducible randomness).
+//! (what the tokenizer reads), [`clip`] (points with their frame rate, radar and provenance), [`timeline`] (recorded
+//! frames with times), [`seed`] (reproducible randomness).
 
+pub mod clip;
 pub mod cube;
 pub mod frames;
 pub mod materials;
@@ -15,12 +17,15 @@ pub mod radar_config;
 pub mod seed;
 pub mod skeleton;
 pub mod surface;
+pub mod timeline;
 
+pub use clip::{Clip, Provenance, STATIC_SPEED_MPS, StaticClutter};
 pub use cube::RadarCube;
 pub use points::{PointFrame, RadarPoint};
 pub use radar_config::RadarConfig;
 pub use skeleton::{Joint, Motion, Pose, Skeleton};
 pub use surface::{Material, MovingSurface};
+pub use timeline::{RecordedFrame, Timeline, TimelineError};
 
 /// Speed of light in vacuum, m/s (exact, SI).
 pub const SPEED_OF_LIGHT_MPS: f64 = 299_792_458.0;

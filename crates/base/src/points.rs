@@ -27,3 +27,18 @@ pub struct PointFrame {
     /// Points, strongest first.
     pub points: Vec<RadarPoint>,
 }
+
+impl PointFrame {
+    /// Puts the strongest point first, the order that every points file and model expects. Points of equal intensity
+    /// keep their order.
+    pub fn sort_by_intensity(&mut self) {
+        self.points
+            .sort_by(|a, b| b.intensity_db.total_cmp(&a.intensity_db));
+    }
+
+    /// Removes points whose radial speed is below a minimum, m/s.
+    pub fn remove_slower_than(&mut self, min_speed_mps: f32) {
+        self.points
+            .retain(|p| p.velocity_mps.abs() >= min_speed_mps);
+    }
+}

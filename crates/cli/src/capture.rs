@@ -9,7 +9,7 @@ use std::{
 use clap::{Args, ValueEnum};
 use num_complex::{Complex32, Complex64};
 use radarllm_base::{RadarConfig, RadarCube};
-use radarllm_capture::{
+use radarllm_formats::{
     Board, Severity, TiCfg,
     adc::{
         AdcError, AdcReader, AxisOrder, Chained, CubeShape, FrameDecoder, FrameIntegrity,

@@ -4,15 +4,15 @@ use std::path::PathBuf;
 
 use clap::Args;
 use radarllm_base::{PointFrame, RadarConfig, RadarCube};
-use radarllm_capture::{
+use radarllm_dataset::read_points;
+use radarllm_formats::{
     Calibration, Format as PointsFormat,
     adc::{CubeShape, FrameSource},
 };
-use radarllm_dataset::read_points;
-use radarllm_people::{BackgroundOptions, PointBackground};
 use radarllm_radar_dsp::{
     Background, ClutterFilter, Corrections, Corrector, DspOptions, EmptyRoom,
 };
+use radarllm_tracking::{BackgroundOptions, PointBackground};
 
 use crate::{
     capture::{self, Frames, LayoutArgs},

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use include_dir::{Dir, include_dir};
-use radarllm_model::checkpoint::Checkpoint;
-use radarllm_model::lm::{Captioner, Decoder};
+use radarllm_inference::checkpoint::Checkpoint;
+use radarllm_inference::lm::{Captioner, Decoder};
 
 use crate::error::{CliError, CliResult};
 

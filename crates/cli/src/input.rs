@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use radarllm_base::{Motion, PointFrame, RadarConfig, frames::Placement};
+use radarllm_base::{Motion, PointFrame, RadarConfig, Timeline, frames::Placement};
 use radarllm_body::{loaders::load_motion_file, mesh::BodyShape, procedural, sample::canonicalize};
-use radarllm_capture::{DetectError, Format, Timeline};
 use radarllm_dataset::read_points;
+use radarllm_formats::{DetectError, Format};
 use radarllm_radar_dsp::{DspOptions, PointExtractor};
 use radarllm_synth::{
     Method, Synthesizer,
@@ -243,11 +243,11 @@ fn capture_clip(input: &str, options: &ClipOptions) -> CliResult<Option<Clip>> {
         eprintln!("{input}: {note}");
     }
     // The model hears time in frames of its own rate; gaps of the recording become empty frames.
-    let rate_hz = f64::from(radarllm_model::lm::FRAME_RATE_HZ);
+    let rate_hz = f64::from(radarllm_inference::lm::FRAME_RATE_HZ);
     let line = recording::resample(&opened.timeline, rate_hz, options.recording.follow)?;
     Ok(Some(Clip {
         frames: line.frames,
-        frame_rate_hz: line.rate_hz,
+        frame_rate_hz: line.frame_rate_hz,
         radar_height_m: options.radar_height_m,
         provenance: Provenance {
             source: input.into(),
@@ -276,11 +276,11 @@ pub fn place(motion: &Motion, distance_m: f32, radar_height_m: f32) -> Placement
 
 fn points_clip(input: &str, options: &ClipOptions) -> CliResult<Clip> {
     let file = read_points(Path::new(input))?;
-    let line = Timeline::of_points(file.frames, file.meta.frame_rate_hz);
+    let line = Timeline::from_frames(file.frames, file.meta.frame_rate_hz);
     let line = recording::shape(line, options.recording)?;
     Ok(Clip {
         frames: line.frames,
-        frame_rate_hz: line.rate_hz,
+        frame_rate_hz: line.frame_rate_hz,
         radar_height_m: file.meta.radar_height_m.unwrap_or(options.radar_height_m),
         provenance: Provenance {
             source: input.into(),
@@ -296,11 +296,11 @@ fn adc_clip(input: &str, options: &ClipOptions) -> CliResult<Clip> {
     let mut extractor = PointExtractor::new(&radar, DspOptions::default())?;
     options.recording.check_for_samples()?;
     let frames = process::points_of_npy(Path::new(input), &radar, &mut extractor)?;
-    let line = Timeline::of_points(frames, radar.frame_rate_hz());
+    let line = Timeline::from_frames(frames, radar.frame_rate_hz());
     let line = recording::shape(line, options.recording)?;
     Ok(Clip {
         frames: line.frames,
-        frame_rate_hz: line.rate_hz,
+        frame_rate_hz: line.frame_rate_hz,
         radar_height_m: options.radar_height_m,
         provenance: Provenance {
             source: input.into(),

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use radarllm_base::PointFrame;
-use radarllm_people::{Ghost, GhostPath, Track, TrackOptions, find_ghosts, track};
+use radarllm_tracking::{Ghost, GhostPath, Track, TrackOptions, find_ghosts, track};
 use serde::Serialize;
 
 use crate::{error::CliResult, input::Clip, recording};
@@ -192,7 +192,7 @@ impl PeopleArgs {
 impl Person {
     /// Of a track through these frames.
     pub fn of(track: &Track, frames: &[PointFrame]) -> Self {
-        let time_s = |at: Option<&radarllm_people::TrackFrame>| {
+        let time_s = |at: Option<&radarllm_tracking::TrackFrame>| {
             at.and_then(|at| frames.get(at.frame))
                 .map_or(0.0, |f| f.time_s)
         };

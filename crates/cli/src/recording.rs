@@ -1,4 +1,4 @@
-//! Points that somebody else's radar found: any format of `radarllm-capture`, opened, put on a clock and levelled.
+//! Points that somebody else's radar found: any format of `radarllm-formats`, opened, put on a clock and levelled.
 
 use std::{
     fs::{self, File},
@@ -7,16 +7,15 @@ use std::{
 };
 
 use clap::Args;
-use radarllm_base::PointFrame;
-use radarllm_capture::{
-    DetectError, Detected, Format, Mounting, RecordedFrame, Timeline, TimelineError, detect,
+use radarllm_base::{PointFrame, RecordedFrame, Timeline, TimelineError, timeline::MAX_FRAMES};
+use radarllm_formats::{
+    DetectError, Detected, Format, Mounting, detect,
     detect::{HEAD_BYTES, detect_folder, numbered, stated_rate_hz},
     recordings::{
         Axes, mmbody, read_bag, read_mars_features, read_mars_points, read_mmbody_frame,
         read_mmfi_frame, read_radhar_points,
     },
     tables::{npy::NPY_MAGIC, read_points_csv, read_points_npy},
-    timeline::MAX_FRAMES,
     uart::{Dialect, UartParser, UartReport, recorded_frames},
 };
 
@@ -340,7 +339,7 @@ pub fn shape(line: Timeline, args: &RecordingArgs) -> CliResult<Timeline> {
         )));
     }
     if args.merge > 1 {
-        line = line.merge(args.merge, args.follow);
+        line = line.accumulate(args.merge, args.follow);
     }
     let mounting = Mounting {
         tilt_rad: args.tilt_deg.to_radians(),
@@ -517,7 +516,7 @@ fn uart(
     } else {
         Box::new(File::open(path).map_err(|e| CliError::io(path, e))?)
     };
-    let wrong = |e: radarllm_capture::UartError| {
+    let wrong = |e: radarllm_formats::UartError| {
         CliError::new(format!("{}: {e}", path.display())).hint("--dialect names it")
     };
     let mut parser = UartParser::new(dialect);

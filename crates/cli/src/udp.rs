@@ -15,7 +15,7 @@ use std::{
     time::Duration,
 };
 
-use radarllm_capture::{
+use radarllm_formats::{
     adc::AdcError,
     dca1000::{DATA_PORT, DataPacket, PacketSource},
 };

@@ -18,11 +18,13 @@ use std::time::Instant;
 use radarllm_base::{PointFrame, RadarPoint};
 use radarllm_engine::tokenizer::Codes;
 use radarllm_engine::{Engine, NamedTensors, Precision, SearchOptions, Shape};
-use radarllm_model::lm::{LmConfig, LmPreset, NetworkConfig, hf};
-use radarllm_model::tokenizer::encode::TokenizerFile;
-use radarllm_model::tokenizer::grouping::{Grouped, group};
-use radarllm_model::tokenizer::network::TokenizerNet;
-use radarllm_model::tokenizer::{MAX_FRAMES, RadarTokenizer, ReferenceTokenizer, TokenizerConfig};
+use radarllm_inference::lm::{LmConfig, LmPreset, NetworkConfig, hf};
+use radarllm_inference::tokenizer::encode::TokenizerFile;
+use radarllm_inference::tokenizer::grouping::{Grouped, group};
+use radarllm_inference::tokenizer::network::TokenizerNet;
+use radarllm_inference::tokenizer::{
+    MAX_FRAMES, RadarTokenizer, ReferenceTokenizer, TokenizerConfig,
+};
 
 const SOURCE: usize = 64;
 const NEW: usize = 40;
@@ -144,7 +146,7 @@ fn tokenizers() -> Result<(), Box<dyn std::error::Error>> {
         ("paper's sizes", TokenizerConfig::paper(), 2),
     ] {
         // Speed does not depend on the weights' values: drawn at random.
-        let net = TokenizerNet::new(&config, &radarllm_model::lm::Device::flex());
+        let net = TokenizerNet::new(&config, &radarllm_inference::lm::Device::flex());
         let clips = clips(n_clips);
         let start = Instant::now();
         let grouped: Vec<Grouped> = clips

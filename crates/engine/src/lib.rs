@@ -1,6 +1,6 @@
 //! Inference on packed weights: the radar tokenizer, and the radar-language model's T5.
 //!
-//! The networks, their weights' names and what decoding means are those of `radarllm-model`, which trains
+//! The networks, their weights' names and what decoding means are those of `radarllm-inference`, which trains
 //! them; this crate runs them faster and without a learning framework. It opens no files and allocates
 //! nothing between tokens nor between clips.
 //!
@@ -9,7 +9,7 @@
 //! and beam decoding). Below them: `matrix` (products), `rows` (norms, attention, probabilities), `simd`
 //! (instruction sets), `pool` (threads).
 //!
-//! Deliberately absent: text and points. Tubes and ids enter, codes and ids leave; `radarllm-model` knows
+//! Deliberately absent: text and points. Tubes and ids enter, codes and ids leave; `radarllm-inference` knows
 //! what they mean.
 
 mod error;

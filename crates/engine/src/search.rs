@@ -1,7 +1,7 @@
 //! Decoding: greedy and beam search over a [`Session`].
 //!
 //! Scores are log-probabilities among the allowed tokens only. Equal scores go to the smaller id; the
-//! order of beams, ends and ties is that of `radarllm-model`'s own decoding, which the tests compare
+//! order of beams, ends and ties is that of `radarllm-inference`'s own decoding, which the tests compare
 //! with token by token.
 
 use std::sync::atomic::{AtomicBool, Ordering};

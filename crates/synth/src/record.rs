@@ -1,12 +1,11 @@
 //! One pure function: (corpus item, variant, seed) to a [`ClipRecord`].
 
-use radarllm_base::{Motion, PointFrame, seed::derive_seed};
+use radarllm_base::{Motion, PointFrame, Timeline, seed::derive_seed};
 use radarllm_body::{
     features::humanml3d_features,
     mesh::{BodyModel, BodyShape, Build, pose_on_body},
     sample::{crop, resample},
 };
-use radarllm_capture::Timeline;
 use radarllm_dataset::record::{ClipRecord, Split};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
@@ -93,30 +92,20 @@ fn stored_frames(
 ) -> Result<Vec<PointFrame>, SynthError> {
     if config.slowest_mps > 0.0 {
         for frame in &mut frames {
-            frame
-                .points
-                .retain(|p| p.velocity_mps.abs() >= config.slowest_mps);
+            frame.remove_slower_than(config.slowest_mps);
         }
     }
     if config.frame_rate_hz.is_none() {
         return Ok(frames);
     }
-    let radar = Timeline {
-        frames,
-        rate_hz: radar_hz,
-        restarts: 0,
-    };
+    let radar = Timeline::from_frames(frames, radar_hz);
     let mut frames = radar
         .resample(rate_hz, false)
         .map_err(|e| SynthError::Config(format!("frame_rate_hz: {e}")))?
         .frames;
     // The last frame's end may lie nearer to one frame more.
     frames.truncate(config.max_frames);
-    for frame in &mut frames {
-        frame
-            .points
-            .sort_by(|a, b| b.intensity_db.total_cmp(&a.intensity_db));
-    }
+    frames.iter_mut().for_each(PointFrame::sort_by_intensity);
     Ok(frames)
 }
 

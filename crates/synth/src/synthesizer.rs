@@ -13,7 +13,7 @@ use radarllm_body::{
     mesh::{BodyModel, BodyShape, BuiltinBody, PosedBody, clothed_skin},
     procedural::Procedural,
 };
-use radarllm_capture::{
+use radarllm_formats::{
     Board,
     adc::{StudioCapture, StudioSetup},
 };
@@ -80,10 +80,10 @@ pub fn open_radar(name: &str, base: &Path) -> Result<RadarConfig, SynthError> {
     let radar = match read_radar(name, base)? {
         RadarSource::BuiltIn(radar) => return Ok(radar),
         RadarSource::TiCfg(text) => {
-            radarllm_capture::radar_from_ti_cfg(&text).map_err(|e| fail(e.to_string()))?
+            radarllm_formats::radar_from_ti_cfg(&text).map_err(|e| fail(e.to_string()))?
         }
         RadarSource::Toml(text) => {
-            radarllm_capture::radar_from_toml(&text).map_err(|e| fail(e.to_string()))?
+            radarllm_formats::radar_from_toml(&text).map_err(|e| fail(e.to_string()))?
         }
         RadarSource::Studio { text, board } => {
             StudioCapture::parse(&text, board)
@@ -100,7 +100,7 @@ pub fn open_radar(name: &str, base: &Path) -> Result<RadarConfig, SynthError> {
 /// # Errors
 /// Unknown name, or a file that is unreadable, too large or no text.
 pub fn read_radar(name: &str, base: &Path) -> Result<RadarSource, SynthError> {
-    if let Some(radar) = radarllm_capture::builtin_radar(name) {
+    if let Some(radar) = radarllm_formats::builtin_radar(name) {
         return Ok(RadarSource::BuiltIn(radar));
     }
     let path = base.join(name);

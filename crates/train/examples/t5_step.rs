@@ -7,11 +7,11 @@ use std::error::Error;
 use std::time::Instant;
 
 use burn::module::Module;
-use radarllm_model::device::Processor;
-use radarllm_model::lm::DropoutRng;
-use radarllm_model::lm::config::{LmPreset, NetworkConfig};
-use radarllm_model::lm::t5::{RadarT5, Source, SourceBatch};
-use radarllm_model::precision::Precision;
+use radarllm_inference::device::Processor;
+use radarllm_inference::lm::DropoutRng;
+use radarllm_inference::lm::config::{LmPreset, NetworkConfig};
+use radarllm_inference::lm::t5::{RadarT5, Source, SourceBatch};
+use radarllm_inference::precision::Precision;
 use radarllm_train::adamw::{AdamW, AdamWConfig, GradientSum, ParamRule};
 use radarllm_train::lm::loss::cross_entropy;
 

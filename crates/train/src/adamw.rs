@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Gradients, Tensor};
-use radarllm_model::checkpoint::NamedTensors;
+use radarllm_inference::checkpoint::NamedTensors;
 use serde::{Deserialize, Serialize};
 
 use crate::values::{Values, host};
@@ -387,7 +387,7 @@ mod tests {
     use super::*;
     use burn::nn::{Linear, LinearConfig};
     use burn::tensor::{Device, TensorData};
-    use radarllm_model::checkpoint::collect_params;
+    use radarllm_inference::checkpoint::collect_params;
 
     /// Two steps against the update written out by hand in f64.
     #[test]

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::Tensor;
-use radarllm_model::checkpoint::{HostTensor, NamedTensors};
+use radarllm_inference::checkpoint::{HostTensor, NamedTensors};
 
 use crate::values::Values;
 

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use radarllm_model::checkpoint::CheckpointError;
+use radarllm_inference::checkpoint::CheckpointError;
 
 /// Why training stopped without a result.
 #[derive(Debug, thiserror::Error)]
@@ -25,7 +25,7 @@ pub enum TrainError {
     },
     /// The processor asked for cannot be used.
     #[error("device: {0}")]
-    Processor(#[from] radarllm_model::device::ProcessorError),
+    Processor(#[from] radarllm_inference::device::ProcessorError),
     /// The data cannot be trained on.
     #[error("training data: {0}")]
     Data(String),

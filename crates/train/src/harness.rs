@@ -24,12 +24,12 @@ use std::time::Instant;
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor};
 use radarllm_base::seed::derive_seed;
-use radarllm_model::checkpoint::{
+use radarllm_inference::checkpoint::{
     CONFIG_FILE, Checkpoint, CheckpointFiles, MODEL_FILE, NamedTensors, collect_params,
     param_shapes, replace_params,
 };
-use radarllm_model::device::Processor;
-use radarllm_model::tokenizer::codebook::EmaCodebook;
+use radarllm_inference::device::Processor;
+use radarllm_inference::tokenizer::codebook::EmaCodebook;
 use serde::{Deserialize, Serialize};
 
 use crate::adamw::{AdamW, GradientSum, ParamRule};

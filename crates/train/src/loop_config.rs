@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use radarllm_model::device::Processors;
+use radarllm_inference::device::Processors;
 use serde::{Deserialize, Serialize};
 
 use crate::adamw::AdamWConfig;

@@ -5,13 +5,15 @@ use std::path::Path;
 
 use burn::tensor::{Tensor, TensorData};
 use radarllm_dataset::record::ClipRecord;
-use radarllm_model::checkpoint::{CheckpointFiles, HostTensor, NamedTensors};
-use radarllm_model::motion_vqvae::teacher::{MOTION_KIND, STATISTICS_FILE, standardised};
-use radarllm_model::motion_vqvae::{
+use radarllm_inference::checkpoint::{CheckpointFiles, HostTensor, NamedTensors};
+use radarllm_inference::motion_vqvae::teacher::{MOTION_KIND, STATISTICS_FILE, standardised};
+use radarllm_inference::motion_vqvae::{
     FRAMES_PER_FEATURE, MOTION_DIM, MotionFile, MotionNet, MotionTeacher, MotionVqVaeConfig,
     mirror_motion_features,
 };
-use radarllm_model::tokenizer::codebook::{CodebookConfig, EmaCodebook, code_usage, nearest_codes};
+use radarllm_inference::tokenizer::codebook::{
+    CodebookConfig, EmaCodebook, code_usage, nearest_codes,
+};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};

@@ -2,7 +2,7 @@
 //!
 //! `motion -> tokenizer -> pretrain -> instruct`; each stage finds the earlier ones' results below
 //! the recipe's output folder. The last stage leaves `model/` (`tokenizer/` and `lm/`), the folder
-//! that [`radarllm_model::lm::Captioner::load`] opens.
+//! that [`radarllm_inference::lm::Captioner::load`] opens.
 
 use std::{
     collections::BTreeMap,
@@ -12,7 +12,7 @@ use std::{
 
 use radarllm_base::PointFrame;
 use radarllm_dataset::{ClipRecord, Columns, Dataset, Split};
-use radarllm_model::{
+use radarllm_inference::{
     device::Processors,
     lm::RadarLm,
     tokenizer::{FRAMES_PER_CODE, RadarTokenizer},

@@ -12,14 +12,14 @@ use std::{
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use radarllm_base::PointFrame;
 use radarllm_dataset::record::ClipRecord;
-use radarllm_model::checkpoint::NamedTensors;
-use radarllm_model::motion_vqvae::{MOTION_DIM, MotionTeacher, mirror_motion_features};
-use radarllm_model::tokenizer::batch::ClipBatch;
-use radarllm_model::tokenizer::codebook::{EmaCodebook, code_usage, nearest_codes};
-use radarllm_model::tokenizer::encode::{TOKENIZER_KIND, TokenizerFile};
-use radarllm_model::tokenizer::grouping::{Grouped, group};
-use radarllm_model::tokenizer::network::TokenizerNet;
-use radarllm_model::tokenizer::{FRAMES_PER_CODE, MAX_FRAMES, TokenizerConfig};
+use radarllm_inference::checkpoint::NamedTensors;
+use radarllm_inference::motion_vqvae::{MOTION_DIM, MotionTeacher, mirror_motion_features};
+use radarllm_inference::tokenizer::batch::ClipBatch;
+use radarllm_inference::tokenizer::codebook::{EmaCodebook, code_usage, nearest_codes};
+use radarllm_inference::tokenizer::encode::{TOKENIZER_KIND, TokenizerFile};
+use radarllm_inference::tokenizer::grouping::{Grouped, group};
+use radarllm_inference::tokenizer::network::TokenizerNet;
+use radarllm_inference::tokenizer::{FRAMES_PER_CODE, MAX_FRAMES, TokenizerConfig};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 

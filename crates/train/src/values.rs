@@ -2,8 +2,8 @@
 //! that an update moves nothing between the two.
 
 use burn::tensor::{Device, Tensor, TensorData};
-use radarllm_model::checkpoint::HostTensor;
-use radarllm_model::device::is_cpu;
+use radarllm_inference::checkpoint::HostTensor;
+use radarllm_inference::device::is_cpu;
 
 /// The numbers of one parameter, its gradient or a moment, flat.
 #[derive(Clone, Debug)]

@@ -1,6 +1,6 @@
 //! `radar calibrate`: gains of the virtual channels from a corner reflector.
 
-use radarllm_capture::{Calibration, adc::AdcStats, calibration::CalibratedChannel};
+use radarllm_formats::{Calibration, adc::AdcStats, calibration::CalibratedChannel};
 use radarllm_radar_dsp::{CornerCalibrator, Reflector};
 use serde::Serialize;
 

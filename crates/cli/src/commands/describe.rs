@@ -2,8 +2,8 @@
 
 use std::{path::Path, time::Instant};
 
-use radarllm_capture::Timeline;
-use radarllm_model::lm::{Captioner, Decoder, Description, Precision};
+use radarllm_base::Timeline;
+use radarllm_inference::lm::{Captioner, Decoder, Description, Precision};
 use serde::Serialize;
 
 use crate::{
@@ -101,12 +101,12 @@ pub fn heard(input: &str, options: &ClipOptions) -> CliResult<Clip> {
     {
         eprintln!("{}: {note}", clip.provenance.source);
     }
-    let rate_hz = f64::from(radarllm_model::lm::FRAME_RATE_HZ);
+    let rate_hz = f64::from(radarllm_inference::lm::FRAME_RATE_HZ);
     if (clip.frame_rate_hz / rate_hz - 1.0).abs() > RATE_TOLERANCE {
-        let line = Timeline::of_points(clip.frames, clip.frame_rate_hz);
+        let line = Timeline::from_frames(clip.frames, clip.frame_rate_hz);
         let line = recording::resample(&line, rate_hz, recording.follow)?;
         clip.frames = line.frames;
-        clip.frame_rate_hz = line.rate_hz;
+        clip.frame_rate_hz = line.frame_rate_hz;
     }
     Ok(clip)
 }
@@ -115,7 +115,7 @@ pub fn heard(input: &str, options: &ClipOptions) -> CliResult<Clip> {
 pub fn describe(captioner: &Captioner, clip: &Clip, model: String, beam: usize) -> CliResult<Row> {
     let started = Instant::now();
     // A model hears time in frames: a clip at another rate would be a lie about speed.
-    let rate_hz = f64::from(radarllm_model::lm::FRAME_RATE_HZ);
+    let rate_hz = f64::from(radarllm_inference::lm::FRAME_RATE_HZ);
     if (clip.frame_rate_hz / rate_hz - 1.0).abs() > RATE_TOLERANCE {
         return Err(CliError::new(format!(
             "{}: {:.2} frames/s, but the model reads {rate_hz:.2} frames/s",

@@ -108,7 +108,7 @@ fn gpu() -> Check {
 /// Whether a graphics processor opens, and which.
 #[cfg(any(feature = "gpu", feature = "cuda"))]
 fn gpu() -> Check {
-    use radarllm_model::device::Processor;
+    use radarllm_inference::device::Processor;
 
     let processor = match cfg!(feature = "gpu") {
         true => Processor::Gpu(None),

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 
 use radarllm_dataset::ClipRecord;
-use radarllm_model::lm::Description;
-use radarllm_view::{
+use radarllm_inference::lm::Description;
+use radarllm_render::{
     page::Page,
     report::{Example, Group, ReportPage, Table},
 };

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use npyz::WriterBuilder;
-use radarllm_model::lm::{Device, ModelInput, Pretrained, RadarLm};
+use radarllm_inference::lm::{Device, ModelInput, Pretrained, RadarLm};
 use serde::Serialize;
 
 use crate::{

@@ -2,14 +2,14 @@
 
 use std::{collections::BTreeMap, path::Path};
 
+use radarllm_inference::{
+    device::Processor,
+    lm::{Device, EncodedText, Pooling, TextEncoder},
+};
 use radarllm_metrics::{
     Candidate, Protocol, Reference, Scores,
     bootstrap::{mean_interval, units_of_ids},
     embedding::{BertScore, Idf, Sentence, bert_score, cosine},
-};
-use radarllm_model::{
-    device::Processor,
-    lm::{Device, EncodedText, Pooling, TextEncoder},
 };
 
 use crate::{

@@ -122,7 +122,7 @@ fn mesh(
     let file = match extension {
         "npz" => npz(&motion, body.as_ref())?,
         "obj" => obj(&motion, body.as_ref()),
-        "png" => radarllm_view::raster::contact_sheet(
+        "png" => radarllm_render::raster::contact_sheet(
             &(0..8)
                 .map(|i| posed(&motion, body.as_ref(), i * (n_frames - 1) / 7))
                 .collect::<Vec<_>>(),

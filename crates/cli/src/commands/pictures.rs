@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use radarllm_base::{PointFrame, RadarCube, RadarPoint};
-use radarllm_capture::adc::{AdcStats, HISTOGRAM_BINS};
-use radarllm_people::Track;
+use radarllm_formats::adc::{AdcStats, HISTOGRAM_BINS};
 use radarllm_radar_dsp::{Map, MicroDoppler, PointExtractor};
-use radarllm_view::plot::{self, Series};
+use radarllm_render::plot::{self, Series};
+use radarllm_tracking::Track;
 
 use crate::{
     error::{CliError, CliResult},

@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use radarllm_base::{PointFrame, RadarConfig, RadarCube};
-use radarllm_capture::{
-    Detected, Timeline,
+use radarllm_base::{PointFrame, RadarConfig, RadarCube, Timeline};
+use radarllm_dataset::{Overwrite, PointsMeta, write_points};
+use radarllm_formats::{
+    Detected,
     adc::{AdcStats, CubeShape, FrameSource, IqAnswer, IqCheck},
 };
-use radarllm_dataset::{Overwrite, PointsMeta, write_points};
 use radarllm_radar_dsp::{DspOptions, PointExtractor};
 use radarllm_synth::processing::ProcessingFile;
 use serde::Serialize;
@@ -131,7 +131,7 @@ pub fn run(args: &ProcessArgs) -> CliResult {
             frames.trailing_bytes()
         )));
     }
-    let line = Timeline::of_points(taken.points, radar.frame_rate_hz());
+    let line = Timeline::from_frames(taken.points, radar.frame_rate_hz());
     let line = recording::shape(line, &args.recording)?;
     let (line, found) = resampled(args, line, &mut notes)?;
     let tracks = args.people.is_given().then_some(&found.tracks[..]);
@@ -158,13 +158,13 @@ pub fn run(args: &ProcessArgs) -> CliResult {
         seed: None,
         version: env!("CARGO_PKG_VERSION").into(),
         radar_height_m: Some(args.radar_height_m),
-        frame_rate_hz: line.rate_hz,
+        frame_rate_hz: line.frame_rate_hz,
     };
     let people = write_all(args, &meta, &line.frames, &found)?;
     let report = Report {
         frames: line.frames.len(),
         points_per_frame: points_per_frame(&line.frames),
-        frame_rate_hz: line.rate_hz,
+        frame_rate_hz: line.frame_rate_hz,
         radar: radar.name,
         out: args.out.display().to_string(),
         format: format.name(),
@@ -337,10 +337,10 @@ fn kind_of(args: &ProcessArgs) -> CliResult<Kind> {
     let detected =
         recording::format_of(first, named)?.map_err(|e| recording::detect_error(first, &e))?;
     match detected.format {
-        radarllm_capture::Format::Adc | radarllm_capture::Format::Dca1000 => {
+        radarllm_formats::Format::Adc | radarllm_formats::Format::Dca1000 => {
             capture::format_of(&args.capture, named).map(Kind::Samples)
         }
-        radarllm_capture::Format::Points => Err(CliError::new(format!(
+        radarllm_formats::Format::Points => Err(CliError::new(format!(
             "{}: a points file already",
             first.display()
         ))),
@@ -481,13 +481,13 @@ fn recorded_points(args: &ProcessArgs, asked: &Asked, detected: &Detected) -> Cl
         seed: None,
         version: env!("CARGO_PKG_VERSION").into(),
         radar_height_m: Some(args.radar_height_m),
-        frame_rate_hz: line.rate_hz,
+        frame_rate_hz: line.frame_rate_hz,
     };
     let people = write_all(args, &meta, &line.frames, &found)?;
     let report = RecordedReport {
         frames: line.frames.len(),
         points_per_frame: points_per_frame(&line.frames),
-        frame_rate_hz: line.rate_hz,
+        frame_rate_hz: line.frame_rate_hz,
         radar: meta.radar,
         source: meta.source,
         notes: opened.notes,

@@ -3,8 +3,8 @@
 use std::{fs, path::Path};
 
 use radarllm_base::{RadarConfig, radar_config::Firing};
-use radarllm_capture::{Finding, ModelExpectations, Severity, Span};
-use radarllm_model::{lm::FRAME_RATE_HZ, tokenizer::encode::TokenizerFile};
+use radarllm_formats::{Finding, ModelExpectations, Severity, Span};
+use radarllm_inference::{lm::FRAME_RATE_HZ, tokenizer::encode::TokenizerFile};
 use radarllm_synth::synthesizer::{RadarSource, open_radar, read_radar};
 use serde::Serialize;
 
@@ -88,7 +88,7 @@ pub fn run(verb: &RadarVerb) -> CliResult {
 }
 
 fn list(json: bool) -> CliResult {
-    let figures: Vec<Figures> = radarllm_capture::builtin_radars()
+    let figures: Vec<Figures> = radarllm_formats::builtin_radars()
         .iter()
         .map(Figures::from)
         .collect();
@@ -143,20 +143,20 @@ fn lint(name: &str, model: Option<&Path>, json: bool) -> CliResult {
     let (text, findings) = match read_radar(name, Path::new("")).map_err(unknown)? {
         RadarSource::BuiltIn(radar) => (
             String::new(),
-            radarllm_capture::lint(&radar, expected.as_ref()),
+            radarllm_formats::lint(&radar, expected.as_ref()),
         ),
         RadarSource::TiCfg(text) => {
-            let findings = radarllm_capture::lint_ti_cfg(&text, expected.as_ref());
+            let findings = radarllm_formats::lint_ti_cfg(&text, expected.as_ref());
             (text, findings)
         }
         RadarSource::Toml(text) => {
-            let findings = radarllm_capture::lint_radar_toml(&text, expected.as_ref());
+            let findings = radarllm_formats::lint_radar_toml(&text, expected.as_ref());
             (text, findings)
         }
         // Without places: the export is no text that people edit.
         RadarSource::Studio { .. } => (
             String::new(),
-            radarllm_capture::lint(&open(name)?, expected.as_ref()),
+            radarllm_formats::lint(&open(name)?, expected.as_ref()),
         ),
     };
     let count = |severity| findings.iter().filter(|f| f.severity == severity).count();
@@ -204,7 +204,7 @@ fn expectations(model: Option<&Path>) -> CliResult<Option<ModelExpectations>> {
         serde_json::from_slice(&bytes).map_err(|e| CliError::new(format!("{place}: {e}")))?;
     let names = file.training["radars"].as_array();
     let names = names.into_iter().flatten().filter_map(|n| n.as_str());
-    let radars = names.filter_map(radarllm_capture::builtin_radar).collect();
+    let radars = names.filter_map(radarllm_formats::builtin_radar).collect();
     Ok(Some(ModelExpectations {
         model: match model {
             Some(folder) => format!("the model in {}", folder.display()),

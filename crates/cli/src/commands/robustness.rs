@@ -21,11 +21,12 @@ use radarllm_base::{
 };
 use radarllm_body::sample::{canonicalize, crop};
 use radarllm_dataset::Split;
+use radarllm_inference::lm::{Captioner, FRAME_RATE_HZ};
 use radarllm_metrics::{
     ActionNamer, Candidate, Reference, ScoreOptions, bootstrap::units_of_ids, score,
 };
-use radarllm_model::lm::{Captioner, FRAME_RATE_HZ};
 use radarllm_radar_sim::{SimOptions, shapes::RigidSurface};
+use radarllm_render::plot::{Series, lines_png};
 use radarllm_synth::{
     Method, SynthError, Synthesizer,
     config::DatasetConfig,
@@ -33,7 +34,6 @@ use radarllm_synth::{
     record::make_record,
     synthesizer::open_radar,
 };
-use radarllm_view::plot::{Series, lines_png};
 use serde::{Deserialize, Serialize};
 
 use crate::{

@@ -16,8 +16,8 @@ use radarllm_body::{
     MotionSampler,
     mesh::{BodyModel, PosedBody, SmplxBody, clothed_skin},
 };
-use radarllm_capture::Severity;
 use radarllm_dataset::{Overwrite, PointsMeta, write_points};
+use radarllm_formats::Severity;
 use radarllm_radar_sim::{Noise, Scene};
 use radarllm_synth::{
     Method, Synthesizer,
@@ -70,7 +70,7 @@ struct Done {
 pub fn run(args: &SimulateArgs) -> CliResult {
     let radar = radar::open(&args.radar)?;
     // Odd radars are simulated all the same, and said to be odd.
-    let findings = radarllm_capture::lint(&radar, None);
+    let findings = radarllm_formats::lint(&radar, None);
     for finding in findings.iter().filter(|f| f.severity != Severity::Note) {
         eprintln!("note: radar {}: {}", radar.name, finding.message);
     }

@@ -5,8 +5,8 @@ use std::path::Path;
 use glam::Vec3;
 use radarllm_base::MovingSurface;
 use radarllm_body::mesh::BodyShape;
+use radarllm_render::page::{Page, PageMesh};
 use radarllm_synth::synthesizer::posed_builtin;
-use radarllm_view::page::{Page, PageMesh};
 
 use crate::{
     args::ViewArgs,

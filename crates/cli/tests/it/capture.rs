@@ -10,11 +10,11 @@ use std::{
 
 use num_complex::{Complex32, Complex64};
 use radarllm_base::{RadarConfig, RadarCube, RadarPoint};
-use radarllm_capture::{
+use radarllm_dataset::read_points;
+use radarllm_formats::{
     adc::{CubeShape, SampleLayout},
     radar_to_toml,
 };
-use radarllm_dataset::read_points;
 
 use crate::{
     command::{json, radarllm, refused},
@@ -547,7 +547,7 @@ fn a_recorded_array_shows_its_documented_movers() {
 fn exports_of_mmwave_studio_are_radars_and_say_how_samples_lie() {
     let r = recording();
     let export = fs::read_to_string(
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../capture/tests/data/awr1843.mmwave.json"),
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../formats/tests/data/awr1843.mmwave.json"),
     )
     .unwrap();
     let file = r.write("profile.mmwave.json", export.as_bytes());

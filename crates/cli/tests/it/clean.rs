@@ -3,8 +3,8 @@
 use std::{fs, path::Path};
 
 use radarllm_base::{RadarConfig, RadarPoint};
-use radarllm_capture::radar_to_toml;
 use radarllm_dataset::read_points;
+use radarllm_formats::radar_to_toml;
 
 use crate::command::{json, radarllm, refused};
 

@@ -18,5 +18,5 @@ mod without_training;
 
 /// Captures are made as the capture crate's own tests make them.
 #[allow(dead_code)]
-#[path = "../../../capture/tests/it/made.rs"]
+#[path = "../../../formats/tests/it/made.rs"]
 mod made;

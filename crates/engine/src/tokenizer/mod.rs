@@ -1,6 +1,6 @@
 //! The radar tokenizer at inference: tubes of points in, codes and features out.
 //!
-//! Network, names of weights and inputs are those of `radarllm-model`, which groups points and trains;
+//! Network, names of weights and inputs are those of `radarllm-inference`, which groups points and trains;
 //! f32 throughout. Clips do not influence one another: each is one thread's, unpadded.
 
 mod session;

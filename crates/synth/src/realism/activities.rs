@@ -5,7 +5,7 @@ use std::{fs, path::Path};
 
 use radarllm_base::{PointFrame, seed::derive_seed};
 use radarllm_body::procedural;
-use radarllm_capture::read_radhar_points;
+use radarllm_formats::read_radhar_points;
 use serde::{Deserialize, Serialize};
 
 use super::compare::{ClassifierResult, Clip, DistributionRow, distributions, transfer};

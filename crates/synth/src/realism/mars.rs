@@ -5,7 +5,7 @@ use std::{fs, path::Path};
 use glam::Vec3;
 use radarllm_base::{PointFrame, RadarPoint, skeleton::N_JOINTS};
 use radarllm_body::loaders::kinect::kinect_joints;
-use radarllm_capture::read_mars_points;
+use radarllm_formats::read_mars_points;
 
 use super::{Driver, RealismError, Take, read_text};
 

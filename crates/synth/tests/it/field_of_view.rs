@@ -5,7 +5,7 @@ use std::f64::consts::{PI, TAU};
 use glam::DVec3;
 use radarllm_base::radar_config::Antenna;
 use radarllm_base::{RadarConfig, RadarPoint};
-use radarllm_capture::builtin_radars;
+use radarllm_formats::builtin_radars;
 use radarllm_radar_dsp::{DspOptions, array::Element, array::VirtualArray};
 use radarllm_radar_sim::{Noise, PointTarget, Scene};
 use radarllm_synth::{Method, Synthesizer};

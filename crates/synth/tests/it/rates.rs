@@ -1,6 +1,6 @@
 //! Data sets of radars that are faster than what reads them.
 
-use radarllm_capture::Timeline;
+use radarllm_base::Timeline;
 
 use crate::train_clips;
 
@@ -21,11 +21,7 @@ fn frames_of_a_faster_radar_are_joined() {
         for frame in &mut moving {
             frame.points.retain(|p| p.velocity_mps.abs() >= 0.3);
         }
-        let line = Timeline {
-            frames: moving,
-            rate_hz: 1.0 / 0.055,
-            restarts: 0,
-        };
+        let line = Timeline::from_frames(moving, 1.0 / 0.055);
         let joined = line.resample(10.0, false).unwrap();
         assert!(joined.frames.len() >= 10);
         assert_eq!(stored.frames.len(), joined.frames.len());

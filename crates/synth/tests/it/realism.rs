@@ -95,7 +95,7 @@ fn a_calibration_finds_the_threshold_and_the_bias_that_made_the_recording() {
     let mut rounds = Vec::new();
     let found = calibrate(&start, folder.path(), &takes, 2, |r| rounds.push(*r)).unwrap();
 
-    let radar = radarllm_capture::radar_from_toml(RADAR).unwrap();
+    let radar = radarllm_formats::radar_from_toml(RADAR).unwrap();
     let Detector::LogCfar { threshold_db, .. } = found.processing.resolve(&radar).detector else {
         panic!("{:?}", found.processing);
     };

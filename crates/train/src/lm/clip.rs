@@ -1,6 +1,6 @@
 //! One captioned motion as the language model sees it, and its mirror image in words.
 
-use radarllm_model::tokenizer::Encoded;
+use radarllm_inference::tokenizer::Encoded;
 
 /// Codes and captions of one motion.
 #[derive(Clone, Debug, PartialEq)]

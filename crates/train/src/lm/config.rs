@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use radarllm_model::lm::templates::Task;
-use radarllm_model::lm::{Backbone, LmConfig, LmError, LmPreset, LoraConfig, NetworkConfig};
-use radarllm_model::precision::Precision;
+use radarllm_inference::lm::templates::Task;
+use radarllm_inference::lm::{Backbone, LmConfig, LmError, LmPreset, LoraConfig, NetworkConfig};
+use radarllm_inference::precision::Precision;
 use serde::{Deserialize, Serialize};
 
 use crate::adamw::AdamWConfig;

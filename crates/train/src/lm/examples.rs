@@ -4,9 +4,9 @@ use rand::rngs::ChaCha8Rng;
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 
-use radarllm_model::lm::templates::{Piece, Task, pieces};
-use radarllm_model::lm::{LmError, Source, Vocab};
-use radarllm_model::tokenizer::Encoded;
+use radarllm_inference::lm::templates::{Piece, Task, pieces};
+use radarllm_inference::lm::{LmError, Source, Vocab};
+use radarllm_inference::tokenizer::Encoded;
 
 use super::clip::{LmClip, swap_sides};
 use super::config::LmTrainConfig;

@@ -4,20 +4,20 @@ use std::path::{Path, PathBuf};
 
 use burn::module::Module;
 use burn::tensor::{Tensor, TensorData};
-use radarllm_metrics::rouge::rouge_l;
-use radarllm_metrics::tokens::rouge_score;
-use radarllm_model::checkpoint::{
+use radarllm_inference::checkpoint::{
     Checkpoint, CheckpointFiles, HostTensor, MODEL_FILE, NamedTensors, collect_some_params,
     replace_params,
 };
-use radarllm_model::lm::radar_lm::{AVERAGE_FILE, TEXT_TOKENIZER_FILE};
-use radarllm_model::lm::t5::Encoded;
-use radarllm_model::lm::templates::{Task, all_text};
-use radarllm_model::lm::vocab::PAD;
-use radarllm_model::lm::{
+use radarllm_inference::lm::radar_lm::{AVERAGE_FILE, TEXT_TOKENIZER_FILE};
+use radarllm_inference::lm::t5::Encoded;
+use radarllm_inference::lm::templates::{Task, all_text};
+use radarllm_inference::lm::vocab::PAD;
+use radarllm_inference::lm::{
     DropoutRng, GenerateOptions, LmError, RadarLm, RadarNet, RadarT5, Source, SourceBatch, Vocab,
 };
-use radarllm_model::precision::Precision;
+use radarllm_inference::precision::Precision;
+use radarllm_metrics::rouge::rouge_l;
+use radarllm_metrics::tokens::rouge_score;
 use rand::SeedableRng;
 use rand::rngs::ChaCha8Rng;
 

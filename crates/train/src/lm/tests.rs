@@ -4,18 +4,18 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use burn::module::Module;
-use radarllm_model::checkpoint::{
+use radarllm_inference::checkpoint::{
     Checkpoint, HostTensor, MODEL_FILE, NamedTensors, collect_params,
 };
-use radarllm_model::lm::DropoutRng;
-use radarllm_model::lm::t5::{RadarT5, Source, SourceBatch};
-use radarllm_model::lm::templates::{Task, all_text};
-use radarllm_model::lm::vocab::EOS;
-use radarllm_model::lm::{
+use radarllm_inference::lm::DropoutRng;
+use radarllm_inference::lm::t5::{RadarT5, Source, SourceBatch};
+use radarllm_inference::lm::templates::{Task, all_text};
+use radarllm_inference::lm::vocab::EOS;
+use radarllm_inference::lm::{
     Backbone, GenerateOptions, LmPreset, LoraConfig, ModelInput, Pretrained, RadarLm, Vocab,
 };
-use radarllm_model::precision::Precision;
-use radarllm_model::tokenizer::Encoded;
+use radarllm_inference::precision::Precision;
+use radarllm_inference::tokenizer::Encoded;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 

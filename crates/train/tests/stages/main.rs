@@ -6,11 +6,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use radarllm_base::PointFrame;
-use radarllm_model::checkpoint::{Checkpoint, MODEL_FILE, NamedTensors};
-use radarllm_model::motion_vqvae::{MotionTeacher, MotionVqVaeConfig};
-use radarllm_model::tokenizer::codebook::CodebookConfig;
-use radarllm_model::tokenizer::config::{AnchorMode, GroupingConfig};
-use radarllm_model::tokenizer::{RadarTokenizer, TokenizerConfig};
+use radarllm_inference::checkpoint::{Checkpoint, MODEL_FILE, NamedTensors};
+use radarllm_inference::motion_vqvae::{MotionTeacher, MotionVqVaeConfig};
+use radarllm_inference::tokenizer::codebook::CodebookConfig;
+use radarllm_inference::tokenizer::config::{AnchorMode, GroupingConfig};
+use radarllm_inference::tokenizer::{RadarTokenizer, TokenizerConfig};
 use radarllm_train::adamw::AdamWConfig;
 use radarllm_train::chamfer::ChamferSide;
 use radarllm_train::data::AugmentConfig;

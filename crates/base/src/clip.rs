@@ -1,0 +1,307 @@
+//! A clip of radar points with everything that a consumer must know about it.
+
+use std::{convert::Infallible, fmt, str::FromStr};
+
+use crate::{
+    PointFrame,
+    timeline::{Timeline, TimelineError},
+};
+
+/// Radial speeds below this count as static, m/s: less than one velocity bin of every built-in radar.
+pub const STATIC_SPEED_MPS: f32 = 0.05;
+
+/// Radar frames with their frame rate, the radar and where they come from.
+///
+/// Models, trackers and pages take a clip, never bare frames: a frame sequence without its frame rate says nothing
+/// about speed, and a sentence without its provenance must not be shown to anybody.
+///
+/// ```
+/// use radarllm_base::{Clip, PointFrame, Provenance};
+///
+/// let clip = Clip {
+///     frames: vec![PointFrame::default(); 25],
+///     frame_rate_hz: 10.0,
+///     radar_height_m: 1.0,
+///     radar: "awr1843boost".into(),
+///     provenance: "recorded:uart:living-room.dat".parse().unwrap(),
+/// };
+/// assert_eq!(clip.duration_s(), 2.5);
+/// assert!(!clip.provenance.is_simulated());
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct Clip {
+    /// Radar frames in order of time; frames without a detection are present and empty.
+    pub frames: Vec<PointFrame>,
+    /// Radar frames per second.
+    pub frame_rate_hz: f64,
+    /// Height of the radar above the floor, m.
+    pub radar_height_m: f32,
+    /// Name of the radar, `unknown` where nothing says it.
+    pub radar: String,
+    /// Where the points come from.
+    pub provenance: Provenance,
+}
+
+impl Clip {
+    /// Length, s: number of frames divided by the frame rate.
+    pub fn duration_s(&self) -> f64 {
+        self.frames.len() as f64 / self.frame_rate_hz
+    }
+
+    /// Total number of points.
+    pub fn n_points(&self) -> usize {
+        self.frames.iter().map(|f| f.points.len()).sum()
+    }
+
+    /// Mean number of points per frame; 0 without frames.
+    pub fn points_per_frame(&self) -> f64 {
+        self.n_points() as f64 / self.frames.len().max(1) as f64
+    }
+
+    /// The same points at another frame rate; see [`Timeline::resample`]. The strongest points of each frame come
+    /// first.
+    ///
+    /// # Errors
+    /// [`TimelineError`] for an impossible rate or too many frames.
+    pub fn resample(
+        self,
+        frame_rate_hz: f64,
+        motion_compensate: bool,
+    ) -> Result<Self, TimelineError> {
+        let timeline = Timeline::from_frames(self.frames, self.frame_rate_hz);
+        let mut timeline = timeline.resample(frame_rate_hz, motion_compensate)?;
+        timeline
+            .frames
+            .iter_mut()
+            .for_each(PointFrame::sort_by_intensity);
+        Ok(Self {
+            frames: timeline.frames,
+            frame_rate_hz: timeline.frame_rate_hz,
+            ..self
+        })
+    }
+
+    /// Number of static points, slower than [`STATIC_SPEED_MPS`], if they are more than half of all points: then the
+    /// clip shows static clutter rather than a person.
+    pub fn static_clutter(&self) -> Option<StaticClutter> {
+        StaticClutter::of(&self.frames)
+    }
+
+    /// Removes static points where they are more than half of all points, and returns how many there were.
+    ///
+    /// Models are trained on radars that remove static clutter from their samples. Firmware that does not remove it
+    /// reports little else.
+    pub fn remove_static_clutter(&mut self) -> Option<StaticClutter> {
+        let clutter = self.static_clutter()?;
+        self.frames
+            .iter_mut()
+            .for_each(|f| f.remove_slower_than(STATIC_SPEED_MPS));
+        Some(clutter)
+    }
+}
+
+/// Share of static points in frames of which more than half of the points are static.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StaticClutter {
+    /// Points slower than [`STATIC_SPEED_MPS`].
+    pub n_static: usize,
+    /// All points.
+    pub n_points: usize,
+}
+
+impl StaticClutter {
+    /// Counts static points; `None` if they are at most half of all points.
+    pub fn of(frames: &[PointFrame]) -> Option<Self> {
+        let points = || frames.iter().flat_map(|f| &f.points);
+        let n_static = points()
+            .filter(|p| p.velocity_mps.abs() < STATIC_SPEED_MPS)
+            .count();
+        let n_points = points().count();
+        (2 * n_static > n_points).then_some(Self { n_static, n_points })
+    }
+}
+
+impl fmt::Display for StaticClutter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} of {} points are static",
+            self.n_static, self.n_points
+        )
+    }
+}
+
+/// Where points come from.
+///
+/// The text form is what points files store and what outputs print: `simulated:INPUT`, `recorded:FORMAT:PATH`, or
+/// `recorded:PATH` where the format is not known. Every text parses, and a parsed text prints as it was.
+///
+/// ```
+/// use radarllm_base::Provenance;
+///
+/// let provenance: Provenance = "simulated:builtin:walk?direction=backward".parse().unwrap();
+/// assert!(provenance.is_simulated());
+/// assert_eq!(provenance.input(), "builtin:walk?direction=backward");
+/// assert_eq!(provenance.to_string(), "simulated:builtin:walk?direction=backward");
+/// ```
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Provenance {
+    /// The virtual radar computed the points.
+    Simulated {
+        /// What was simulated: a motion file, a built-in motion or a scene.
+        input: String,
+        /// Seed of the simulation, where known.
+        seed: Option<u64>,
+    },
+    /// A real radar measured them.
+    Recorded {
+        /// Name of the recording's format, where known.
+        format: Option<String>,
+        /// File, folder, port or address of the recording.
+        path: String,
+    },
+}
+
+impl Provenance {
+    /// A recording of a named format.
+    pub fn recorded(format: &str, path: impl fmt::Display) -> Self {
+        Self::Recorded {
+            format: Some(format.into()),
+            path: path.to_string(),
+        }
+    }
+
+    /// Points simulated from an input with a seed.
+    pub fn simulated(input: impl fmt::Display, seed: u64) -> Self {
+        Self::Simulated {
+            input: input.to_string(),
+            seed: Some(seed),
+        }
+    }
+
+    /// Whether the virtual radar made the points.
+    pub fn is_simulated(&self) -> bool {
+        matches!(self, Self::Simulated { .. })
+    }
+
+    /// `simulated` or `recorded`.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Simulated { .. } => "simulated",
+            Self::Recorded { .. } => "recorded",
+        }
+    }
+
+    /// The simulated input or the recording's path.
+    pub fn input(&self) -> &str {
+        match self {
+            Self::Simulated { input, .. } => input,
+            Self::Recorded { path, .. } => path,
+        }
+    }
+
+    /// Seed of the simulation; `None` for recordings.
+    pub fn seed(&self) -> Option<u64> {
+        match self {
+            Self::Simulated { seed, .. } => *seed,
+            Self::Recorded { .. } => None,
+        }
+    }
+}
+
+impl fmt::Display for Provenance {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Simulated { input, .. } => write!(f, "simulated:{input}"),
+            Self::Recorded {
+                format: Some(format),
+                path,
+            } => write!(f, "recorded:{format}:{path}"),
+            Self::Recorded { format: None, path } => write!(f, "recorded:{path}"),
+        }
+    }
+}
+
+impl FromStr for Provenance {
+    type Err = Infallible;
+
+    /// Reads the text form. Anything that does not begin with `simulated:` is a recording: unknown points are never
+    /// taken for simulated ones, and the seed, which the text form lacks, is `None`.
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        if let Some(input) = text.strip_prefix("simulated:") {
+            return Ok(Self::Simulated {
+                input: input.into(),
+                seed: None,
+            });
+        }
+        let rest = text.strip_prefix("recorded:").unwrap_or(text);
+        let is_format = |name: &str| {
+            !name.is_empty()
+                && name
+                    .chars()
+                    .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || "-()".contains(c))
+        };
+        Ok(match rest.split_once(':') {
+            Some((format, path)) if is_format(format) => Self::recorded(format, path),
+            _ => Self::Recorded {
+                format: None,
+                path: rest.into(),
+            },
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::RadarPoint;
+
+    fn clip(velocities: &[f32]) -> Clip {
+        let points = velocities.iter().map(|v| RadarPoint {
+            velocity_mps: *v,
+            ..RadarPoint::default()
+        });
+        Clip {
+            frames: vec![PointFrame {
+                frame: 0,
+                time_s: 0.0,
+                points: points.collect(),
+            }],
+            frame_rate_hz: 10.0,
+            radar_height_m: 1.0,
+            radar: "unknown".into(),
+            provenance: Provenance::recorded("csv", "room.csv"),
+        }
+    }
+
+    #[test]
+    fn static_points_are_removed_only_where_they_are_the_majority() {
+        let mut room = clip(&[0.0, 0.0, -0.6, 0.0, 0.6]);
+        let clutter = room.remove_static_clutter().unwrap();
+        assert_eq!(clutter.to_string(), "3 of 5 points are static");
+        assert_eq!(room, clip(&[-0.6, 0.6]));
+        // A person who pauses is not clutter: half of the points may be static.
+        let mut person = clip(&[0.0, 0.0, -0.6, 0.6]);
+        assert_eq!(person.remove_static_clutter(), None);
+        assert_eq!(person, clip(&[0.0, 0.0, -0.6, 0.6]));
+        assert_eq!(clip(&[]).remove_static_clutter(), None);
+    }
+
+    #[test]
+    fn provenance_survives_its_text_form() {
+        for text in [
+            "simulated:builtin:walk?side=left",
+            "recorded:uart:room.dat",
+            "recorded:mmbody(lab1):sequence_3",
+            "recorded:a.bin+b.bin",
+            "recorded:csv:room.csv (person 3)",
+        ] {
+            let provenance: Provenance = text.parse().unwrap();
+            assert_eq!(provenance.to_string(), text);
+            assert_eq!(provenance.is_simulated(), text.starts_with("simulated:"));
+        }
+        // Text that says nothing is a recording: simulated points are always labelled.
+        let Ok(unknown) = "somewhere".parse::<Provenance>();
+        assert_eq!((unknown.kind(), unknown.input()), ("recorded", "somewhere"));
+    }
+}

@@ -1,0 +1,164 @@
+//! Points that somebody else's radar reported: text in, [`radarllm_base::RecordedFrame`]s out.
+//!
+//! Every reader ends in the project's axes (x right, y away from the radar, z up, m) and says what it
+//! assumed. Intensities keep the recording's own reference: only differences in dB mean something.
+
+pub mod bag;
+pub mod mars;
+pub mod mmbody;
+pub mod mmfi;
+pub mod radhar;
+
+use radarllm_base::RadarPoint;
+pub(crate) use radarllm_base::RecordedFrame;
+
+pub use bag::{Bag, read_bag};
+pub use mars::{read_mars_features, read_mars_points};
+pub use mmbody::{read_mmbody_calibration, read_mmbody_frame};
+pub use mmfi::read_mmfi_frame;
+pub use radhar::read_radhar_points;
+
+/// Farthest coordinate believed, m: no room radar reports more.
+pub(crate) const MAX_COORDINATE_M: f64 = 1e3;
+/// Fastest velocity believed, m/s.
+pub(crate) const MAX_VELOCITY_MPS: f64 = 1e3;
+/// Largest intensity believed, dB.
+pub(crate) const MAX_INTENSITY_DB: f64 = 1e3;
+
+/// Which way the axes of a recording point. z is up in both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Axes {
+    /// x right, y away from the radar: the project's own.
+    RightForwardUp,
+    /// x away from the radar, y left: what ROS drivers send (REP 103).
+    ForwardLeftUp,
+}
+
+impl Axes {
+    /// Both, for messages.
+    pub const ALL: [Self; 2] = [Self::RightForwardUp, Self::ForwardLeftUp];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::RightForwardUp => "right-forward-up",
+            Self::ForwardLeftUp => "forward-left-up",
+        }
+    }
+
+    /// The axes of that [`Self::name`].
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|a| a.name() == name)
+    }
+
+    /// A position in these axes, in the project's.
+    pub fn to_project(self, [x, y, z]: [f64; 3]) -> [f64; 3] {
+        match self {
+            Self::RightForwardUp => [x, y, z],
+            Self::ForwardLeftUp => [-y, x, z],
+        }
+    }
+}
+
+/// Where in a recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// Line of a text, from 1.
+    Line(usize),
+    /// Byte of a file, from 0.
+    Byte(u64),
+    /// Row of an array, from 0.
+    Row(usize),
+}
+
+impl std::fmt::Display for Place {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Line(n) => write!(f, "line {n}"),
+            Self::Byte(n) => write!(f, "byte {n}"),
+            Self::Row(n) => write!(f, "row {n}"),
+        }
+    }
+}
+
+/// Why a recording is refused.
+#[derive(Clone, Debug, thiserror::Error, PartialEq, Eq)]
+#[error("{at}: expected {expected}, found {found}")]
+pub struct RecordingError {
+    /// Where.
+    pub at: Place,
+    /// What the format asks for.
+    pub expected: String,
+    /// What is there, shortened.
+    pub found: String,
+}
+
+impl RecordingError {
+    pub(crate) fn new(at: Place, expected: impl Into<String>, found: &str) -> Self {
+        // Hostile text stays out of terminals: short, and without control characters.
+        let found: String = found
+            .chars()
+            .take(40)
+            .map(|c| if c.is_control() { '?' } else { c })
+            .collect();
+        Self {
+            at,
+            expected: expected.into(),
+            found: format!("`{found}`"),
+        }
+    }
+}
+
+/// A finite number within +-`limit`.
+fn number(line: usize, name: &str, text: &str, limit: f64) -> Result<f64, RecordingError> {
+    text.trim()
+        .parse::<f64>()
+        .ok()
+        .filter(|v| v.abs() <= limit)
+        .ok_or_else(|| {
+            RecordingError::new(
+                Place::Line(line),
+                format!("{name}, a number within +-{limit}"),
+                text,
+            )
+        })
+}
+
+/// A point of five numbers in the project's axes, each believed only within its limit.
+fn checked_point(
+    at: Place,
+    axes: Axes,
+    [x, y, z, velocity_mps, intensity_db]: [f64; 5],
+) -> Result<RadarPoint, RecordingError> {
+    let limits = [
+        ("x, m", x, MAX_COORDINATE_M),
+        ("y, m", y, MAX_COORDINATE_M),
+        ("z, m", z, MAX_COORDINATE_M),
+        ("velocity, m/s", velocity_mps, MAX_VELOCITY_MPS),
+        ("intensity, dB", intensity_db, MAX_INTENSITY_DB),
+    ];
+    for (name, value, limit) in limits {
+        // A NaN is not within anything.
+        if value.is_nan() || value.abs() > limit {
+            let expected = format!("{name}, within +-{limit}");
+            return Err(RecordingError::new(at, expected, &value.to_string()));
+        }
+    }
+    Ok(point(
+        axes.to_project([x, y, z]),
+        velocity_mps,
+        intensity_db,
+    ))
+}
+
+pub(crate) fn point(position_m: [f64; 3], velocity_mps: f64, intensity_db: f64) -> RadarPoint {
+    let [x_m, y_m, z_m] = position_m;
+    RadarPoint {
+        x_m: x_m as f32,
+        y_m: y_m as f32,
+        z_m: z_m as f32,
+        range_m: (x_m * x_m + y_m * y_m + z_m * z_m).sqrt() as f32,
+        velocity_mps: velocity_mps as f32,
+        intensity_db: intensity_db as f32,
+    }
+}

@@ -1,0 +1,379 @@
+//! The UART output of TI's demos: bytes in as they come, frames out.
+//!
+//! Packets start with [`MAGIC`], then a header and TLVs (type, length, value) that differ from firmware to firmware:
+//! see [`Dialect`]. [`UartParser`] takes bytes in pieces of any size, guesses the dialect from several packets if it is
+//! not told ([`mod@guess`]), finds the next magic after damage, and counts whatever it drops in a [`UartReport`].
+//!
+//! Points are in the sensor's axes as the project has them: x right, y away, z up, m; velocity positive when receding.
+//! Whether a given board mirrors x is open: see "Board handedness" in CONVENTIONS.md. `intensity_db` is the firmware's
+//! SNR in dB: from the side info (type 7, in 0.1 dB), from type 301, or 10 log10 of the linear SNR of the people
+//! counting labs; 0 where the firmware sends none, and then counted. It is no absolute power.
+
+pub mod dialect;
+pub mod guess;
+mod packet;
+mod tlv;
+
+use std::collections::BTreeMap;
+
+use radarllm_base::{RadarPoint, RecordedFrame};
+
+pub use dialect::Dialect;
+pub use guess::{Evidence, GUESS_PACKETS, Guess};
+use packet::{BadHeader, Header, Step, Walk, header};
+use tlv::{Content, Kind, decode, with_snr};
+pub use tlv::{Stats, Target, TargetHeight, Temperatures};
+
+/// First bytes of every packet.
+pub const MAGIC: [u8; 8] = [2, 1, 4, 3, 6, 5, 8, 7];
+/// Longest packet believed, bytes: a 256 x 128 heat map of 16 bits is 64 KiB.
+pub const MAX_PACKET_BYTES: usize = 256 << 10;
+/// Most TLVs of a packet believed.
+pub const MAX_TLVS: usize = 64;
+/// Bytes kept at most while the dialect is being guessed.
+const MAX_GUESS_BYTES: usize = 4 * MAX_PACKET_BYTES;
+/// Unknown TLV numbers counted one by one.
+const MAX_UNKNOWN_NUMBERS: usize = 32;
+
+/// One packet.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct UartFrame {
+    /// Frame number of the firmware.
+    pub number: u32,
+    /// Sub-frame; 0 for most configurations.
+    pub subframe: u32,
+    /// CPU clock of the chip, cycles modulo 2^32, where the dialect has it.
+    pub cycles: Option<u32>,
+    /// False when the next packet starts before this one's stated end: only the header is believed then.
+    pub complete: bool,
+    /// Moving points, in the firmware's order.
+    pub points: Vec<RadarPoint>,
+    /// Points without motion (Area Scanner).
+    pub static_points: Vec<RadarPoint>,
+    /// Range profile as sent; the out-of-box demo sends log2 magnitude in steps of 1/512.
+    pub range_profile: Vec<u16>,
+    /// Processing times.
+    pub stats: Option<Stats>,
+    /// Chip temperatures.
+    pub temperatures: Option<Temperatures>,
+    /// Tracked objects.
+    pub targets: Vec<Target>,
+    /// Their vertical extents.
+    pub heights: Vec<TargetHeight>,
+    /// Track of every point **of the previous frame**, in the firmware's order, dropped points included; from 253 on:
+    /// no track.
+    pub indices: Vec<u8>,
+    /// Presence flags.
+    pub presence: Option<u32>,
+}
+
+/// What came in and what was dropped.
+#[derive(Clone, Debug, PartialEq, Eq, Default)]
+pub struct UartReport {
+    /// Bytes pushed: the sum of the next three.
+    pub bytes: u64,
+    /// Bytes of packets, whole or short.
+    pub packet_bytes: u64,
+    /// Bytes between packets.
+    pub skipped_bytes: u64,
+    /// Bytes of the unfinished packet at the end.
+    pub trailing_bytes: u64,
+    /// Whole packets.
+    pub packets: u64,
+    /// Packets that the next one's magic cuts short.
+    pub short_packets: u64,
+    /// Magics with an impossible header behind.
+    pub bad_headers: u64,
+    /// Magics with a header whose checksum is wrong.
+    pub bad_checksums: u64,
+    /// TLVs used.
+    pub tlvs: u64,
+    /// TLVs with a meaning that is not used (heat maps).
+    pub tlvs_unused: u64,
+    /// TLVs whose number the dialect does not know.
+    pub tlvs_unknown: u64,
+    /// The first 32 numbers among them, with their counts.
+    pub unknown_numbers: BTreeMap<u32, u64>,
+    /// TLVs whose length does not fit their number or leads out of the packet.
+    pub tlvs_wrong_length: u64,
+    /// Points kept.
+    pub points: u64,
+    /// Points dropped for NaN or infinity.
+    pub points_not_finite: u64,
+    /// Points dropped because they are farther than 1 km or faster than 1 km/s.
+    pub points_out_of_range: u64,
+    /// Points kept without SNR: intensity 0 dB.
+    pub points_without_snr: u64,
+    /// Side infos that have not one entry a point, and were not used.
+    pub side_info_mismatches: u64,
+    /// Targets and heights dropped for the same reasons as points.
+    pub targets_dropped: u64,
+    /// Whole packets without points.
+    pub frames_without_points: u64,
+    /// Frame numbers that are missing between packets.
+    pub lost_frames: u64,
+    /// Frame numbers that went back: the device was restarted.
+    pub restarts: u64,
+}
+
+/// Why a stream cannot be read: only for want of a dialect.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum UartError {
+    /// No magic in the bytes looked at.
+    #[error("no UART packet in {0} bytes: expected the magic 02 01 04 03 06 05 08 07")]
+    NoPacket(usize),
+    /// Two dialects or none explain the packets.
+    #[error("the dialect of the UART stream is not clear: name one of {}; seen: {}", names(), scores(.0))]
+    Unclear(Vec<Evidence>),
+}
+
+fn names() -> String {
+    Dialect::ALL.map(Dialect::name).join(", ")
+}
+
+fn scores(evidence: &[Evidence]) -> String {
+    let parts: Vec<String> = evidence
+        .iter()
+        .map(|e| format!("{} {:.1}", e.dialect.name(), e.score))
+        .collect();
+    parts.join(", ")
+}
+
+/// A parser that is fed bytes as they arrive.
+#[derive(Debug)]
+pub struct UartParser {
+    dialect: Option<Dialect>,
+    guess: Option<Guess>,
+    buffer: Vec<u8>,
+    /// Magics seen while the dialect is unknown.
+    magics: usize,
+    last_number: Option<u32>,
+    report: UartReport,
+}
+
+impl UartParser {
+    /// A parser for one dialect, or one that guesses it from the first packets.
+    pub fn new(dialect: Option<Dialect>) -> Self {
+        Self {
+            dialect,
+            guess: None,
+            buffer: Vec::new(),
+            magics: 0,
+            last_number: None,
+            report: UartReport::default(),
+        }
+    }
+
+    /// What is dropped so far.
+    pub fn report(&self) -> &UartReport {
+        &self.report
+    }
+
+    /// How the dialect was found, if it was guessed.
+    pub fn guess(&self) -> Option<&Guess> {
+        self.guess.as_ref()
+    }
+
+    /// Takes the next bytes; returns the packets that they complete.
+    ///
+    /// # Errors
+    /// If the dialect cannot be guessed.
+    pub fn push(&mut self, bytes: &[u8]) -> Result<Vec<UartFrame>, UartError> {
+        self.report.bytes += bytes.len() as u64;
+        let mut frames = Vec::new();
+        // In pieces, so that the buffer stays small whatever is pushed at once.
+        for piece in bytes.chunks(MAX_PACKET_BYTES) {
+            let unseen = self.buffer.len().saturating_sub(MAGIC.len() - 1);
+            self.buffer.extend_from_slice(piece);
+            if self.dialect.is_none() {
+                self.magics += count_magics(&self.buffer[unseen..]);
+                if self.magics <= GUESS_PACKETS && self.buffer.len() < MAX_GUESS_BYTES {
+                    continue;
+                }
+                self.decide()?;
+            }
+            self.drain(&mut frames);
+        }
+        Ok(frames)
+    }
+
+    /// Ends the stream: returns the packets that were waiting for a dialect, and the counts.
+    ///
+    /// # Errors
+    /// If the dialect cannot be guessed from what there was.
+    pub fn finish(mut self) -> Result<(Vec<UartFrame>, UartReport, Option<Guess>), UartError> {
+        let mut frames = Vec::new();
+        if self.dialect.is_none() {
+            self.decide()?;
+            self.drain(&mut frames);
+        }
+        self.report.trailing_bytes = self.buffer.len() as u64;
+        Ok((frames, self.report, self.guess))
+    }
+
+    fn decide(&mut self) -> Result<(), UartError> {
+        let guess = guess::guess(&self.buffer).map_err(|evidence| {
+            if evidence.is_empty() {
+                UartError::NoPacket(self.buffer.len())
+            } else {
+                UartError::Unclear(evidence)
+            }
+        })?;
+        self.dialect = Some(guess.dialect);
+        self.guess = Some(guess);
+        Ok(())
+    }
+
+    /// Takes all finished packets out of the buffer.
+    fn drain(&mut self, frames: &mut Vec<UartFrame>) {
+        let Some(dialect) = self.dialect else {
+            return;
+        };
+        let buffer = std::mem::take(&mut self.buffer);
+        let mut at = 0;
+        loop {
+            let Some(gap) = find_magic(&buffer[at..]) else {
+                // The last 7 bytes may be the start of a magic.
+                let keep = (buffer.len() - at).min(MAGIC.len() - 1);
+                let gap = buffer.len() - at - keep;
+                self.report.skipped_bytes += gap as u64;
+                at += gap;
+                break;
+            };
+            self.report.skipped_bytes += gap as u64;
+            at += gap;
+            let rest = &buffer[at..];
+            let head = match header(dialect, rest) {
+                None => break,
+                Some(Ok(head)) => head,
+                Some(Err(why)) => {
+                    match why {
+                        BadHeader::Implausible => self.report.bad_headers += 1,
+                        BadHeader::Checksum => self.report.bad_checksums += 1,
+                    }
+                    self.report.skipped_bytes += MAGIC.len() as u64;
+                    at += MAGIC.len();
+                    continue;
+                }
+            };
+            let seen = &rest[..head.total_len.min(rest.len())];
+            if let Some(next) = find_magic(&seen[MAGIC.len()..]) {
+                let short = MAGIC.len() + next;
+                if short < dialect.header_len() {
+                    // The header itself is cut: what was read as its end is the next packet's start.
+                    self.report.bad_headers += 1;
+                    self.report.skipped_bytes += short as u64;
+                    at += short;
+                    continue;
+                }
+                self.report.short_packets += 1;
+                self.report.packet_bytes += short as u64;
+                at += short;
+                self.count_number(head.number);
+                frames.push(UartFrame {
+                    number: head.number,
+                    subframe: head.subframe,
+                    cycles: head.cycles,
+                    ..UartFrame::default()
+                });
+                continue;
+            }
+            if rest.len() < head.total_len {
+                break;
+            }
+            self.report.packets += 1;
+            self.report.packet_bytes += head.total_len as u64;
+            at += head.total_len;
+            self.count_number(head.number);
+            frames.push(self.frame(dialect, &head, seen));
+        }
+        self.buffer = buffer;
+        self.buffer.drain(..at);
+    }
+
+    fn count_number(&mut self, number: u32) {
+        if let Some(last) = self.last_number {
+            match number.checked_sub(last) {
+                // The same number again is another sub-frame.
+                Some(0 | 1) => {}
+                Some(step) => self.report.lost_frames += u64::from(step) - 1,
+                None => self.report.restarts += 1,
+            }
+        }
+        self.last_number = Some(number);
+    }
+
+    fn frame(&mut self, dialect: Dialect, head: &Header, packet: &[u8]) -> UartFrame {
+        let mut content = Content::default();
+        let report = &mut self.report;
+        for step in Walk::new(dialect, &packet[dialect.header_len()..], head.n_tlvs) {
+            let Step::Tlv(number, payload) = step else {
+                report.tlvs_wrong_length += 1;
+                continue;
+            };
+            match Kind::of(dialect, number) {
+                None => {
+                    report.tlvs_unknown += 1;
+                    let listed = &mut report.unknown_numbers;
+                    if listed.len() < MAX_UNKNOWN_NUMBERS || listed.contains_key(&number) {
+                        *listed.entry(number).or_default() += 1;
+                    }
+                }
+                Some(Kind::Unused) => report.tlvs_unused += 1,
+                Some(kind) => match kind.split(payload) {
+                    None => report.tlvs_wrong_length += 1,
+                    Some((units, items)) => {
+                        report.tlvs += 1;
+                        decode(kind, units, items, &mut content, report);
+                    }
+                },
+            }
+        }
+        let points = with_snr(content.points, &content.side_info, report);
+        if points.is_empty() {
+            report.frames_without_points += 1;
+        }
+        UartFrame {
+            number: head.number,
+            subframe: head.subframe,
+            cycles: head.cycles,
+            complete: true,
+            points,
+            static_points: with_snr(content.static_points, &content.static_side_info, report),
+            range_profile: content.range_profile,
+            stats: content.stats,
+            temperatures: content.temperatures,
+            targets: content.targets,
+            heights: content.heights,
+            indices: content.indices,
+            presence: content.presence,
+        }
+    }
+}
+
+/// Moving and static points of whole packets, sub-frames of one number together. Packets that were cut are left out:
+/// they are lost frames, not empty ones.
+pub fn recorded_frames(frames: Vec<UartFrame>) -> Vec<RecordedFrame> {
+    let mut out: Vec<RecordedFrame> = Vec::new();
+    for frame in frames.into_iter().filter(|f| f.complete) {
+        let number = u64::from(frame.number);
+        let points = frame.points.into_iter().chain(frame.static_points);
+        match out.last_mut() {
+            Some(last) if last.number == number && frame.subframe > 0 => last.points.extend(points),
+            _ => out.push(RecordedFrame {
+                number,
+                stamp_s: None,
+                points: points.collect(),
+            }),
+        }
+    }
+    out
+}
+
+fn find_magic(bytes: &[u8]) -> Option<usize> {
+    bytes.windows(MAGIC.len()).position(|w| w == MAGIC)
+}
+
+fn count_magics(bytes: &[u8]) -> usize {
+    bytes.windows(MAGIC.len()).filter(|w| *w == MAGIC).count()
+}

@@ -1,0 +1,299 @@
+//! Small recordings of every format, made up: for the tests, and as seeds for the fuzz targets (fuzz/src/seeds.rs).
+
+use std::io::Write;
+
+use radarllm_formats::uart::{Dialect, MAGIC};
+
+pub fn words(values: &[u32]) -> Vec<u8> {
+    values.iter().flat_map(|v| v.to_le_bytes()).collect()
+}
+
+pub fn floats(values: &[f32]) -> Vec<u8> {
+    values.iter().flat_map(|v| v.to_le_bytes()).collect()
+}
+
+/// A packet as the firmware sends it, padded to 32 bytes.
+pub fn packet(dialect: Dialect, number: u32, tlvs: &[(u32, Vec<u8>)]) -> Vec<u8> {
+    let own = if dialect.tlv_length_includes_header() {
+        8
+    } else {
+        0
+    };
+    let mut body = Vec::new();
+    for (kind, payload) in tlvs {
+        body.extend(words(&[*kind, payload.len() as u32 + own]));
+        body.extend(payload);
+    }
+    let total = (dialect.header_len() + body.len()).next_multiple_of(32) as u32;
+    let n = tlvs.len() as u32;
+    let mut bytes = MAGIC.to_vec();
+    bytes.extend(match dialect {
+        Dialect::Sdk3 => words(&[0x0306_0000, total, 0xA6843, number, 77, 0, n, 0]),
+        Dialect::AreaScanner => words(&[0x0306_0000, total, 0xA6843, number, 77, 0, n, 0, 0]),
+        Dialect::PeopleCounting3d => {
+            words(&[0x0306_0000, total, 0xA6843, number, 0, 9, 9, 9, 9, n])
+        }
+        _ => words(&[0x0306_0000, 0xA6843, 77, total, number, 0, 9, 9, 9, 9, n]),
+    });
+    if dialect.has_checksum() {
+        let end = dialect.header_len() - 2;
+        let mut sum: u32 = bytes[..end]
+            .chunks_exact(2)
+            .map(|w| u32::from(u16::from_le_bytes([w[0], w[1]])))
+            .sum();
+        sum = (sum & 0xFFFF) + (sum >> 16);
+        bytes[end..].copy_from_slice(&(!(sum as u16)).to_le_bytes());
+    }
+    bytes.extend(body);
+    bytes.resize(total as usize, 0);
+    bytes
+}
+
+/// A point at range 2 m, azimuth 30 degrees, elevation `elevation` degrees, 0.5 m/s, 20 dB, in a dialect's own form.
+pub fn one_point(dialect: Dialect) -> Vec<(u32, Vec<u8>)> {
+    let azimuth = 30_f32.to_radians();
+    let elevation = 10_f32.to_radians();
+    match dialect {
+        Dialect::Sdk3 => {
+            let flat = 2.0 * elevation.cos();
+            let xyz = [
+                flat * azimuth.sin(),
+                flat * azimuth.cos(),
+                2.0 * elevation.sin(),
+                0.5,
+            ];
+            vec![(1, floats(&xyz)), (7, vec![200, 0, 50, 0])]
+        }
+        Dialect::AreaScanner => vec![
+            (1, floats(&[2.0, azimuth, elevation, 0.5])),
+            (7, vec![200, 0, 50, 0]),
+            (8, floats(&[1.0, 3.0, 0.0, 0.0])),
+            (9, vec![100, 0, 50, 0]),
+        ],
+        Dialect::PeopleCounting3d => {
+            let mut payload = floats(&[
+                10_f32.to_radians() / 20.0,
+                30_f32.to_radians() / 40.0,
+                0.01,
+                0.001,
+                0.1,
+            ]);
+            payload.extend([20, 40, 50, 0]);
+            payload.extend(2000_u16.to_le_bytes());
+            payload.extend(1000_u16.to_le_bytes());
+            vec![(6, payload), (8, vec![255]), (11, words(&[1]))]
+        }
+        Dialect::PeopleCounting2d => vec![(6, floats(&[2.0, azimuth, 0.5, 100.0])), (8, vec![255])],
+        Dialect::PeopleCounting2dCompact => {
+            let mut payload = floats(&[30_f32.to_radians() / 40.0, 0.01, 0.001, 0.1]);
+            payload.extend([40, 50]);
+            payload.extend(2000_u16.to_le_bytes());
+            payload.extend(1000_u16.to_le_bytes());
+            vec![(6, payload), (8, vec![255])]
+        }
+    }
+}
+
+pub fn stream(dialect: Dialect, n: u32) -> Vec<u8> {
+    (0..n)
+        .flat_map(|i| packet(dialect, 100 + i, &one_point(dialect)))
+        .collect()
+}
+
+pub fn field(name: &str, value: &[u8]) -> Vec<u8> {
+    let body = [name.as_bytes(), b"=", value].concat();
+    [(body.len() as u32).to_le_bytes().to_vec(), body].concat()
+}
+
+pub fn block(bytes: &[u8]) -> Vec<u8> {
+    [&(bytes.len() as u32).to_le_bytes(), bytes].concat()
+}
+
+pub fn record(fields: &[(&str, &[u8])], data: &[u8]) -> Vec<u8> {
+    let header: Vec<u8> = fields.iter().flat_map(|(n, v)| field(n, v)).collect();
+    [block(&header), block(data)].concat()
+}
+
+pub fn connection(id: u32, topic: &str, kind: &str) -> Vec<u8> {
+    let data = [
+        field("topic", topic.as_bytes()),
+        field("type", kind.as_bytes()),
+    ]
+    .concat();
+    record(
+        &[
+            ("op", &[7]),
+            ("conn", &id.to_le_bytes()),
+            ("topic", topic.as_bytes()),
+        ],
+        &data,
+    )
+}
+
+/// Fields as (name, offset, datatype).
+pub struct Cloud<'a> {
+    pub fields: &'a [(&'a str, u32, u8)],
+    pub point_step: u32,
+    /// Bytes after the points of a row.
+    pub row_padding: u32,
+    pub width: u32,
+    pub big_endian: bool,
+    pub data: Vec<u8>,
+}
+
+impl Cloud<'_> {
+    pub fn message(&self, id: u32, secs: u32) -> Vec<u8> {
+        let mut m = Vec::new();
+        let word = |m: &mut Vec<u8>, v: u32| m.extend(v.to_le_bytes());
+        word(&mut m, 0);
+        word(&mut m, secs);
+        word(&mut m, 500_000_000);
+        m.extend(block(b"radar"));
+        let row_step = self.width * self.point_step + self.row_padding;
+        word(&mut m, self.data.len() as u32 / row_step.max(1));
+        word(&mut m, self.width);
+        word(&mut m, self.fields.len() as u32);
+        for (name, offset, datatype) in self.fields {
+            m.extend(block(name.as_bytes()));
+            word(&mut m, *offset);
+            m.push(*datatype);
+            word(&mut m, 1);
+        }
+        m.push(u8::from(self.big_endian));
+        word(&mut m, self.point_step);
+        word(&mut m, row_step);
+        m.extend(block(&self.data));
+        m.push(1);
+        record(
+            &[("op", &[2]), ("conn", &id.to_le_bytes()), ("time", &[0; 8])],
+            &m,
+        )
+    }
+}
+
+pub const FIELDS: [(&str, u32, u8); 5] = [
+    ("x", 0, 7),
+    ("y", 4, 7),
+    ("z", 8, 7),
+    ("intensity", 16, 4),
+    ("velocity", 20, 8),
+];
+
+/// Two points of 28 bytes: (1, 2, 3), 30 dB, -0.5 m/s, and a NaN.
+pub fn cloud() -> Cloud<'static> {
+    let mut data = Vec::new();
+    for x in [1.0_f32, f32::NAN] {
+        for v in [x, 2.0, 3.0, 9.0] {
+            data.extend(v.to_le_bytes());
+        }
+        data.extend(30_u16.to_le_bytes());
+        data.extend([0; 2]);
+        data.extend((-0.5_f64).to_le_bytes());
+    }
+    data.extend([0xEE; 4]);
+    Cloud {
+        fields: &FIELDS,
+        point_step: 28,
+        row_padding: 4,
+        width: 2,
+        big_endian: false,
+        data,
+    }
+}
+
+/// Records in a chunk, compressed as named: none, bz2 or lz4.
+pub fn chunk(compression: &str, records: &[Vec<u8>]) -> Vec<u8> {
+    let plain = records.concat();
+    chunk_of(compression, plain.len() as u32, &pack(compression, &plain))
+}
+
+/// A chunk whose header says what it is told.
+pub fn chunk_of(compression: &str, size: u32, data: &[u8]) -> Vec<u8> {
+    let fields: [(&str, &[u8]); 3] = [
+        ("op", &[5]),
+        ("compression", compression.as_bytes()),
+        ("size", &size.to_le_bytes()),
+    ];
+    record(&fields, data)
+}
+
+/// Bytes compressed; under any other name as they are.
+pub fn pack(compression: &str, plain: &[u8]) -> Vec<u8> {
+    match compression {
+        "bz2" => {
+            let mut encoder = bzip2::write::BzEncoder::new(Vec::new(), bzip2::Compression::best());
+            encoder.write_all(plain).unwrap();
+            encoder.finish().unwrap()
+        }
+        "lz4" => {
+            let mut encoder = lz4_flex::frame::FrameEncoder::new(Vec::new());
+            encoder.write_all(plain).unwrap();
+            encoder.finish().unwrap()
+        }
+        _ => plain.to_vec(),
+    }
+}
+
+pub fn whole(records: &[Vec<u8>]) -> Vec<u8> {
+    let header = record(&[("op", &[3]), ("index_pos", &[0; 8])], &[b' '; 64]);
+    [b"#ROSBAG V2.0\n".to_vec(), header, records.concat()].concat()
+}
+
+/// A bag with two clouds and a message of another kind, its chunk compressed as named.
+pub fn bag(compression: &str) -> Vec<u8> {
+    whole(&[chunk(
+        compression,
+        &[
+            connection(0, "/radar", "sensor_msgs/PointCloud2"),
+            connection(1, "/chat", "std_msgs/String"),
+            cloud().message(0, 100),
+            record(&[("op", &[2]), ("conn", &1_u32.to_le_bytes())], b"hello"),
+            cloud().message(0, 101),
+        ],
+    )])
+}
+
+pub const CSV: &str =
+    "frame,t_s,x,y,z,velocity,intensity\n0,0,0.5,2,0,0.25,20\n1,0.1,0.5,2,0,0.25,20\n";
+pub const MARS: &str = "Frame #,# Obj,X,Y,Z,Doppler,Intensity,Abs Time\n7,1,0.5,2,-1,0.356,10,1\n";
+pub const RADHAR: &str =
+    "point_id: 0\nx: 1\ny: -0.5\nz: 0.25\nvelocity: 0.6\nintensity: 30.5\n---\n";
+pub const CALIBRATION: &str = "{'a': [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}";
+
+/// An npy file of f4.
+pub fn npy(descr: &str, shape: &str, values: &[f32]) -> Vec<u8> {
+    let text = format!("{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}\n");
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((text.len() as u16).to_le_bytes());
+    bytes.extend(text.as_bytes());
+    bytes.extend(values.iter().flat_map(|v| v.to_le_bytes()));
+    bytes
+}
+
+pub fn seeds() -> Vec<Vec<u8>> {
+    let named = "[('frame', '<f4'), ('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('v', '<f4'), ('snr', '<f4')]";
+    vec![
+        CSV.into(),
+        MARS.into(),
+        RADHAR.into(),
+        CALIBRATION.into(),
+        npy(
+            "'<f4'",
+            "(2, 7)",
+            &[
+                0.0, 0.0, 0.5, 2.0, 0.0, 0.25, 20.0, 1.0, 0.1, 0.5, 2.0, 0.0, 0.25, 20.0,
+            ],
+        ),
+        npy(
+            named,
+            "(2,)",
+            &[
+                0.0, 0.5, 2.0, 0.0, 0.25, 20.0, 1.0, 0.5, 2.0, 0.0, 0.25, 20.0,
+            ],
+        ),
+        npy("'<f4'", "(1, 8, 8, 5)", &[0.5; 320]),
+        npy("'<f4'", "(2, 6)", &[0.5; 12]),
+        npy("'<f4'", "(2, 5)", &[0.5; 10]),
+        bag("none"),
+    ]
+}
