@@ -3,8 +3,8 @@
 
 use libfuzzer_sys::fuzz_target;
 use radarllm_formats::adc::{
-    AdcReader, AdcStats, CubeShape, FrameDecoder, FrameSource, IqCheck, IqOrder, Lanes, SampleKind,
-    SampleLayout, iq::compare_layouts,
+    AdcReader, AdcStats, CubeShape, FrameDecoder, FrameSource, IqCheck, IqOrder, LvdsLanes,
+    SampleKind, SampleLayout, iq::compare_layouts,
 };
 
 const SHAPE: CubeShape = CubeShape {
@@ -20,8 +20,8 @@ fuzz_target!(|input: &[u8]| {
     };
     let layout = SampleLayout {
         lanes: match choice & 1 {
-            0 => Lanes::Two,
-            _ => Lanes::Four {
+            0 => LvdsLanes::Two,
+            _ => LvdsLanes::Four {
                 receivers: choice >> 4,
             },
         },

@@ -27,6 +27,19 @@ fn main() -> io::Result<()> {
     write("radhar", "record", make::RADHAR.as_bytes())?;
     write("mars", "table", make::MARS.as_bytes())?;
     write("calib", "matrix", make::CALIBRATION.as_bytes())?;
+    write("visualizer_json", "people", make::replay(7, 3).as_bytes())?;
+    let frame = make::replay_frame(1, "[1, 2, NaN, 0.5, 30, 1, 255]");
+    let json = make::replay_of("x843 Out of Box Demo", "xWR6843", &[frame]);
+    write("visualizer_json", "out-of-box", json.as_bytes())?;
+    for dialect in [Dialect::Sdk3, Dialect::PeopleCounting3d] {
+        let stream = make::stream(dialect, 10);
+        write("visualizer_binary", dialect.name(), &stream)?;
+    }
+    for (name, is_compressed) in [("compressed", true), ("plain", false)] {
+        write("matlab", name, &make::mars_mat(2, is_compressed))?;
+    }
+    let names = "replay_1.json\nbinData/t/pHistBytes_2.bin\nprofile.cfg\nframe001.bin";
+    write("folder", "names", names.as_bytes())?;
     for (i, seed) in make::seeds().iter().enumerate() {
         if seed.starts_with(b"\x93NUMPY") {
             write("points_npy", &format!("array-{i}"), seed)?;

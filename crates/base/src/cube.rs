@@ -4,7 +4,7 @@ use num_complex::Complex32;
 
 /// Complex IF samples of one frame, `[loop, tx, rx, sample]`, sample fastest.
 ///
-/// `tx` is the firing slot ([`crate::radar_config::Firing`]). Simulated and captured cubes are the same type: nothing downstream
+/// `tx` is the firing slot ([`crate::radar_config::TxMultiplexing`]). Simulated and captured cubes are the same type: nothing downstream
 /// can tell them apart. The unit is the square root of watts at the receiver input for simulated
 /// cubes, ADC counts for captures.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,19 +1,46 @@
 //! Constants, frames of reference and the plain types that meet between stages.
 //!
-//! Nothing here opens a file, draws a random number or knows serde: Parquet columns, JSON and
-//! configuration files have structs of their own, so that each can change alone.
+//! Nothing here opens a file or knows serde: Parquet columns, JSON and configuration files have structs of their own,
+//! so that each can change alone.
+//!
+//! The figures of a radar follow from its chirp (CONVENTIONS.md, "Signal"):
+//!
+//! ```
+//! use radarllm_base::RadarConfig;
+//!
+//! let radar = RadarConfig::awr1843boost();
+//! // The carrier is the middle of the ADC window: 77 GHz + S (6 us + 29.09 us).
+//! assert!((radar.carrier_hz() / 79.106e9 - 1.0).abs() < 1e-4);
+//! assert!((radar.range_resolution_m() - 0.04293).abs() < 1e-5);
+//! assert!((radar.max_velocity_mps() - 4.386).abs() < 1e-3);
+//! assert_eq!(radar.frame_rate_hz(), 10.0);
+//! ```
+//!
+//! A person who faces the radar has their left hand at positive x (CONVENTIONS.md, "Frames of reference"):
+//!
+//! ```
+//! use glam::Vec3;
+//! use radarllm_base::frames::world_from_rest_facing_radar;
+//!
+//! let forward_in_world = world_from_rest_facing_radar() * Vec3::Z;
+//! let left_in_world = world_from_rest_facing_radar() * Vec3::X;
+//! assert!((forward_in_world - Vec3::NEG_Y).length() < 1e-6);
+//! assert!((left_in_world - Vec3::X).length() < 1e-6);
+//! ```
 //!
 //! Reading order: [`frames`] (axes), [`skeleton`] (the 22 joints, [`Motion`]), [`surface`] (what
 //! the simulator sees), [`materials`] (what that reflects), [`radar_config`] (what a radar is), [`cube`] (raw samples), [`points`]
 //! (what the tokenizer reads), [`clip`] (points with their frame rate, radar and provenance), [`timeline`] (recorded
-//! frames with times), [`seed`] (reproducible randomness).
+//! frames with times), [`seed`], [`random`] and [`hash`] (reproducible randomness, fingerprints).
 
 pub mod clip;
 pub mod cube;
 pub mod frames;
+pub mod hash;
 pub mod materials;
 pub mod points;
 pub mod radar_config;
+pub mod random;
 pub mod seed;
 pub mod skeleton;
 pub mod surface;

@@ -13,7 +13,7 @@ pub struct Antenna {
 
 /// How transmitters share the slots of a loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Firing {
+pub enum TxMultiplexing {
     /// Time division: transmitter i alone in slot i.
     #[default]
     Tdm,
@@ -46,10 +46,10 @@ pub struct RadarConfig {
     pub n_loops: usize,
     /// Frame period, s.
     pub frame_period_s: f64,
-    /// Transmitters, as many as slots in a loop; with [`Firing::Tdm`] entry i fires in slot i.
+    /// Transmitters, as many as slots in a loop; with [`TxMultiplexing::Tdm`] entry i fires in slot i.
     pub tx: Vec<Antenna>,
     /// Which of them fire in which slot.
-    pub firing: Firing,
+    pub firing: TxMultiplexing,
     /// Receivers.
     pub rx: Vec<Antenna>,
     /// Transmit power per antenna, dBm.
@@ -101,7 +101,7 @@ impl RadarConfig {
             n_loops: 128,
             frame_period_s: 0.1,
             tx: vec![antenna(0.0, 0.0), antenna(4.0, 0.0), antenna(2.0, 1.0)],
-            firing: Firing::Tdm,
+            firing: TxMultiplexing::Tdm,
             rx: (0..4).map(|i| antenna(f64::from(i), 0.0)).collect(),
             tx_power_dbm: 12.0,
             antenna_gain_dbi: 10.5,
@@ -129,9 +129,9 @@ impl RadarConfig {
     /// Factor of transmitter `tx_idx` in `slot`: 1, 0 or -1.
     pub fn tx_weight(&self, slot: usize, tx_idx: usize) -> f64 {
         match self.firing {
-            Firing::Tdm => f64::from(u8::from(slot == tx_idx)),
-            Firing::Bpm if slot == 1 && tx_idx == 1 => -1.0,
-            Firing::Bpm => 1.0,
+            TxMultiplexing::Tdm => f64::from(u8::from(slot == tx_idx)),
+            TxMultiplexing::Bpm if slot == 1 && tx_idx == 1 => -1.0,
+            TxMultiplexing::Bpm => 1.0,
         }
     }
 
@@ -237,7 +237,7 @@ impl RadarConfig {
                 ));
             }
         }
-        if self.firing == Firing::Bpm && self.tx.len() != 2 {
+        if self.firing == TxMultiplexing::Bpm && self.tx.len() != 2 {
             let problem = format!(
                 "binary phase modulation takes two transmitters, found {}",
                 self.tx.len()
@@ -308,7 +308,7 @@ mod tests {
     #[test]
     fn phase_modulation_is_a_hadamard_code_of_two() {
         let mut radar = RadarConfig {
-            firing: Firing::Bpm,
+            firing: TxMultiplexing::Bpm,
             ..RadarConfig::awr1843boost()
         };
         assert_eq!(fields(&radar), ["firing"]);

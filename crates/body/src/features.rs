@@ -18,7 +18,7 @@
 //!
 //! Source: Guo et al., *Generating Diverse and Natural 3D Human Motions from Text*, CVPR 2022.
 
-use crate::sample::{canonicalize, resample};
+use crate::sample::{canonicalize, resample_unchecked};
 use glam::{Mat3, Quat, Vec3};
 use radarllm_base::skeleton::N_JOINTS;
 use radarllm_base::{Joint, Motion};
@@ -36,7 +36,7 @@ const HEADING_SIGMA: f32 = 20.0;
 /// HumanML3D features of a motion, `[n_frames - 1][263]` row by row, where `n_frames` counts the
 /// motion at 20 fps. Empty for motions shorter than two such frames.
 pub fn humanml3d_features(motion: &Motion) -> Vec<f32> {
-    let mut motion = resample(motion, HUMANML3D_FPS);
+    let mut motion = resample_unchecked(motion, HUMANML3D_FPS);
     canonicalize(&mut motion);
     let joints: Vec<[Vec3; N_JOINTS]> = motion
         .joints_in_world()
@@ -211,7 +211,7 @@ mod tests {
         let motion = curve();
         let features = humanml3d_features(&motion);
         let back = joints_from_features(&features);
-        let mut canonical = resample(&motion, HUMANML3D_FPS);
+        let mut canonical = resample_unchecked(&motion, HUMANML3D_FPS);
         canonicalize(&mut canonical);
         let joints = canonical.joints_in_world();
         // The features keep no absolute heading: the first smoothed heading becomes forward.

@@ -172,12 +172,41 @@ fn spline_slopes<V: Linear, const N: usize>(n: usize, at: impl Fn(usize) -> [V; 
     slopes
 }
 
+/// A frame rate that no motion has.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("{fps} frames a second: a motion has 0.1 to 10000")]
+pub struct FrameRateError {
+    /// The rate that was asked for, frames a second.
+    pub fps: f64,
+}
+
+/// Passes on a frame rate that a motion can have, frames a second.
+///
+/// # Errors
+/// [`FrameRateError`] below 0.1, above 10,000, and for NaN.
+pub fn check_fps(fps: f64) -> Result<f64, FrameRateError> {
+    if (0.1..=10_000.0).contains(&fps) {
+        Ok(fps)
+    } else {
+        Err(FrameRateError { fps })
+    }
+}
+
 /// The motion at another rate, by [`MotionSampler`]; covers the same time from first to last frame.
 ///
-/// A rate outside 0.1 to 10,000 frames a second returns the motion as it is.
-pub fn resample(motion: &Motion, fps: f64) -> Motion {
-    if crate::loaders::fps_in_range(fps).is_none() || motion.is_empty() || fps == motion.fps {
-        return motion.clone();
+/// # Errors
+/// [`FrameRateError`] for a rate that [`check_fps`] refuses.
+pub fn resample(motion: &Motion, fps: f64) -> Result<Motion, FrameRateError> {
+    Ok(resample_unchecked(motion, check_fps(fps)?))
+}
+
+/// [`resample`] for a rate that is known to be in range.
+pub(crate) fn resample_unchecked(motion: &Motion, fps: f64) -> Motion {
+    if motion.is_empty() || fps == motion.fps {
+        return Motion {
+            fps,
+            ..motion.clone()
+        };
     }
     let sampler = MotionSampler::new(motion);
     // A millionth of a frame keeps whole ratios (120 to 20 fps) from losing their last frame.
@@ -498,8 +527,11 @@ mod tests {
     #[test]
     fn resampling_and_cropping_count_frames() {
         let motion = swinging();
-        assert_eq!(resample(&motion, 20.0).len(), 41);
-        assert_eq!(resample(&motion, 120.0).len(), 241);
+        assert_eq!(resample(&motion, 20.0).unwrap().len(), 41);
+        assert_eq!(resample(&motion, 120.0).unwrap().len(), 241);
+        for fps in [0.0, -20.0, 1e6, f64::NAN] {
+            assert!(resample(&motion, fps).is_err(), "{fps}");
+        }
         assert_eq!(crop(&motion, 0.5, 1.0).len(), 15);
         assert_eq!(crop(&motion, 0.5, 1.0).poses[0], motion.poses[15]);
         assert_eq!(crop(&motion, 50.0, 60.0).len(), 1);

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use crate::{
-    capture::LayoutArgs, clean::CleanArgs, commands::pictures::PictureArgs, people::PeopleArgs,
-    recording::RecordingArgs,
+    commands::pictures::{PICTURES_HEADING, PictureArgs},
+    recording_args::{CleaningArgs, InputArgs, LayoutArgs, PeopleArgs, RecordingArgs},
 };
 
 /// Turns millimetre-wave radar into language.
@@ -60,14 +60,17 @@ pub enum Verb {
     ///
     /// Example: radarllm describe points.parquet "builtin:wave?side=left"
     Describe(DescribeArgs),
-    /// Captions for a split of a data set, with all metrics, intervals and floors.
+    /// Captions of a split of a data set, with all metrics, intervals and baselines.
     Eval(EvalArgs),
-    /// Sentences about recordings in folders by activity: how many name what was done?
+    /// Captions of recordings in folders by activity: how many name the recorded activity?
     ///
     /// Example: radarllm eval-recordings configs/recorded-radhar.toml --recordings radhar
     EvalRecordings(EvalRecordingsArgs),
-    /// Change one parameter of a built-in motion and count how often the sentence follows.
-    Edits(EditsArgs),
+    /// Change one parameter of a built-in motion and count how often the caption follows.
+    ///
+    /// Example: radarllm interventions --count 120
+    #[command(alias = "edits")]
+    Interventions(InterventionsArgs),
     /// Caption metrics alone, or errors of estimated bodies.
     ///
     /// Example: radarllm score --pose --candidates estimated.npz --references true.npz
@@ -76,7 +79,7 @@ pub enum Verb {
     ///
     /// Example: radarllm view "builtin:walk" --out walk.html
     View(ViewArgs),
-    /// Simulated beside recorded points of the same movements: how real is the virtual radar?
+    /// Compare simulated with recorded points of the same movements: how realistic is the virtual radar?
     ///
     /// Example: radarllm realism configs/realism-mars.toml --recordings mars
     Realism(RealismArgs),
@@ -93,6 +96,18 @@ pub enum Verb {
     Lm(LmVerb),
     /// What this machine has and what is missing.
     Doctor(JsonFlag),
+    /// Print a completion script for a shell.
+    ///
+    /// Example: radarllm completions bash > ~/.local/share/bash-completion/completions/radarllm
+    Completions {
+        /// Shell.
+        #[arg(value_enum)]
+        shell: clap_complete::Shell,
+    },
+    /// Print the manual page, in the roff format of `man`.
+    ///
+    /// Example: radarllm man > radarllm.1 && man ./radarllm.1
+    Man,
 }
 
 /// `--json` alone.
@@ -226,10 +241,10 @@ pub struct CalibrateArgs {
     /// Channel gains, TOML.
     #[arg(long)]
     pub out: PathBuf,
-    /// adc, dca1000 or npy; found out without it.
+    /// adc, dca1000 or npy; detected if omitted.
     #[arg(long)]
     pub format: Option<String>,
-    /// How raw samples lie.
+    /// Sample layout of a raw capture.
     #[command(flatten)]
     pub layout: LayoutArgs,
     /// The same place without the reflector: its mean is subtracted.
@@ -270,7 +285,7 @@ pub struct SimulateArgs {
     /// Use the slow exact path.
     #[arg(long)]
     pub reference: bool,
-    /// Pictures.
+    /// Plots to write.
     #[command(flatten)]
     pub pictures: PictureArgs,
     /// A user's own SMPL-X .npz; the built-in body without it.
@@ -326,11 +341,11 @@ pub struct ProcessArgs {
     /// Points, Parquet.
     #[arg(long)]
     pub out: PathBuf,
-    /// Raw samples: adc, dca1000 or npy; points: uart, radhar, mars, mmbody, mmfi, csv, npy-points or
-    /// bag; found out without it.
+    /// Raw samples: adc, dca1000 or npy; points: uart, visualizer-json, visualizer-binary, radhar, mars, mmbody, mmfi,
+    /// mat, csv, npy-points or bag; detected if omitted.
     #[arg(long)]
     pub format: Option<String>,
-    /// How raw samples lie.
+    /// Sample layout of a raw capture.
     #[command(flatten)]
     pub layout: LayoutArgs,
     /// Read only so many frames of raw samples.
@@ -346,24 +361,24 @@ pub struct ProcessArgs {
     /// How points are read, placed and joined.
     #[command(flatten)]
     pub recording: RecordingArgs,
-    /// What is taken off.
+    /// Background and leakage removal.
     #[command(flatten)]
-    pub clean: CleanArgs,
+    pub cleaning: CleaningArgs,
     /// People; their points go to OUT.person-1.parquet and so on, beside all points in --out.
     #[command(flatten)]
     pub people: PeopleArgs,
-    /// Pictures.
+    /// Plots to write.
     #[command(flatten)]
     pub pictures: PictureArgs,
-    /// Also draw the ADC's values: histogram, saturation, offset, balance of I and Q; of raw samples.
-    #[arg(long, value_name = "F.png")]
+    /// Histogram of ADC values with saturation, offset and I/Q balance of each receiver, of raw samples; .svg.
+    #[arg(long, value_name = "F.svg", help_heading = PICTURES_HEADING)]
     pub adc_statistics: Option<PathBuf>,
-    /// Draw everything that can be drawn of the capture into this folder.
-    #[arg(long, value_name = "DIR")]
+    /// Folder for all plots that the capture allows, as .svg.
+    #[arg(long, value_name = "DIR", help_heading = PICTURES_HEADING)]
     pub all_pictures: Option<PathBuf>,
-    /// Height of the radar above the floor, m.
-    #[arg(long, default_value_t = 1.0)]
-    pub radar_height_m: f32,
+    /// Height of the radar above the floor, m; 1 m if omitted and the recording does not give it.
+    #[arg(long)]
+    pub radar_height_m: Option<f32>,
     /// Replace an existing file.
     #[arg(long)]
     pub force: bool,
@@ -476,7 +491,7 @@ impl DecoderName {
 /// `describe`.
 #[derive(Args)]
 pub struct DescribeArgs {
-    /// Points (.parquet), raw ADC (.npy complex64 cube, with --radar), motion files, or builtin:NAME?key=value.
+    /// Recordings of any format, points files, motion files or builtin:NAME?key=value.
     #[arg(required = true)]
     pub inputs: Vec<String>,
     /// Model folder; the embedded default without it.
@@ -488,21 +503,15 @@ pub struct DescribeArgs {
     /// Beam width; 1 is greedy.
     #[arg(long, default_value_t = 1)]
     pub beam: usize,
-    /// Built-in name, TI .cfg or our .toml, for motions and raw ADC.
-    #[arg(long)]
-    pub radar: Option<String>,
-    /// uart, radhar, mars, mmbody, mmfi, csv, npy-points or bag; detected without it.
-    #[arg(long)]
-    pub format: Option<String>,
-    /// Recorded points.
+    /// How to read the inputs.
     #[command(flatten)]
-    pub recording: RecordingArgs,
-    /// People: one sentence each, with the track's number and time.
+    pub input: InputArgs,
+    /// Tracking of people: one sentence for each, with the track's number and time.
     #[command(flatten)]
     pub people: PeopleArgs,
-    /// Height of the radar above the floor, m, where the input does not say.
-    #[arg(long, default_value_t = 1.0)]
-    pub radar_height_m: f32,
+    /// Threads; all cores if omitted.
+    #[arg(long)]
+    pub threads: Option<usize>,
     /// Seed of simulated inputs.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -543,18 +552,21 @@ pub struct EvalArgs {
     pub json: bool,
 }
 
-/// `edits`.
+/// `interventions`.
 #[derive(Args)]
-pub struct EditsArgs {
+pub struct InterventionsArgs {
     /// Model folder; the embedded default without it.
     #[arg(long)]
     pub model: Option<PathBuf>,
-    /// Number of edits: sides, directions and actions in turn.
+    /// Number of interventions: side, direction and action take turns.
     #[arg(long, default_value_t = 60)]
     pub count: usize,
     /// Seed of motions, placement and noise.
     #[arg(long, default_value_t = 1000)]
     pub seed: u64,
+    /// Threads that simulate; all cores without it.
+    #[arg(long)]
+    pub threads: Option<usize>,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -648,26 +660,18 @@ pub struct ScoreArgs {
 /// `view`.
 #[derive(Args)]
 pub struct ViewArgs {
-    /// Points (.parquet), motion file, or builtin:NAME?key=value.
-    pub input: String,
+    /// Recording of any format, points file, motion file or builtin:NAME?key=value.
+    #[arg(value_name = "INPUT")]
+    pub input_file: String,
     /// The page.
     #[arg(long)]
     pub out: PathBuf,
     /// Model folder; the embedded default without it.
     #[arg(long)]
     pub model: Option<PathBuf>,
-    /// Built-in name, TI .cfg or our .toml, for motions.
-    #[arg(long)]
-    pub radar: Option<String>,
-    /// uart, radhar, mars, mmbody, mmfi, csv, npy-points or bag; detected without it.
-    #[arg(long)]
-    pub format: Option<String>,
-    /// Recorded points.
+    /// How to read the input.
     #[command(flatten)]
-    pub recording: RecordingArgs,
-    /// Height of the radar above the floor, m, where the input does not say.
-    #[arg(long, default_value_t = 1.0)]
-    pub radar_height_m: f32,
+    pub input: InputArgs,
     /// Seed of simulated inputs.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -715,7 +719,7 @@ pub struct RobustnessArgs {
     /// Print the cells and which of them are done, and stop.
     #[arg(long)]
     pub plan: bool,
-    /// Make finished cells anew.
+    /// Compute finished cells again.
     #[arg(long)]
     pub force: bool,
     /// Print one JSON document.

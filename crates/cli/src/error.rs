@@ -35,18 +35,59 @@ impl CliError {
     }
 }
 
-/// Refuses the first of these options that is given; `why` follows its name.
-pub fn refuse_options(options: &[(&str, bool)], why: &str) -> CliResult {
-    match options.iter().find(|(_, is_given)| *is_given) {
-        Some((option, _)) => Err(CliError::new(format!("{option} {why}"))),
-        None => Ok(()),
+impl<E: std::error::Error + 'static> From<E> for CliError {
+    /// Errors of the library bring their hint along; their options are named as the flags of the command.
+    fn from(error: E) -> Self {
+        match (&error as &dyn std::any::Any).downcast_ref::<radarllm_io::Error>() {
+            Some(error) => Self {
+                cause: with_flags(&error.message),
+                hint: error.hint.as_deref().map(with_flags),
+            },
+            None => Self::new(error),
+        }
     }
 }
 
-impl<E: std::error::Error> From<E> for CliError {
-    fn from(error: E) -> Self {
-        Self::new(error)
+/// Options of the library whose flag has the same name with dashes.
+const FLAGS: [&str; 27] = [
+    "accumulate",
+    "axes",
+    "background",
+    "background_cell",
+    "background_share",
+    "background_velocity",
+    "calibration",
+    "dialect",
+    "format",
+    "frame_rate",
+    "frames",
+    "iq",
+    "lanes",
+    "min_speed",
+    "model",
+    "orientation",
+    "processing",
+    "radar",
+    "real",
+    "remove_leakage",
+    "remove_offset",
+    "roll_deg",
+    "seconds",
+    "tilt_deg",
+    "topic",
+    "yaw_deg",
+    "radar_height_m",
+];
+
+/// A text of the library with its options, which stand in backticks, as flags: `` `frame_rate` `` becomes
+/// `--frame-rate`.
+fn with_flags(text: &str) -> String {
+    let mut flagged = text.to_string();
+    for option in FLAGS {
+        let flag = format!("--{}", option.replace('_', "-"));
+        flagged = flagged.replace(&format!("`{option}`"), &flag);
     }
+    flagged
 }
 
 /// What was asked needs the networks in burn, which this binary was built without.
@@ -56,4 +97,33 @@ pub fn needs_training(what: &str) -> CliError {
         "{what} needs a build with the feature `train`, which this binary lacks"
     ))
     .hint("cargo build --release --locked -p radarllm-cli --features train")
+}
+
+/// A processor that cannot be used, after `what`.
+#[cfg(feature = "train")]
+pub fn processor_error(what: &str, error: &radarllm_nn::device::ProcessorError) -> CliError {
+    let cause = CliError::new(format!("{what}{error}"));
+    match error {
+        radarllm_nn::device::ProcessorError::NotBuilt { feature, .. } => cause.hint(format!(
+            "cargo build --release --locked -p radarllm-cli --features {feature}"
+        )),
+        _ => cause,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_of_the_library_become_flags() {
+        let error = radarllm_io::Error::input("`iq` is needed for radar `mine`")
+            .with_hint("`frame_rate` HZ, or `radarllm radar list`");
+        let error = CliError::from(error);
+        assert_eq!(error.cause, "--iq is needed for radar `mine`");
+        assert_eq!(
+            error.hint.as_deref(),
+            Some("--frame-rate HZ, or `radarllm radar list`")
+        );
+    }
 }

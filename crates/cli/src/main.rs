@@ -1,22 +1,22 @@
 //! The `radarllm` command.
 //!
-//! Exit codes: 0 done, 1 the user can fix it (cause and `hint:` on stderr), 2 unexpected.
+//! Exit codes: 0 done, 1 the user can fix it (cause and `hint:` on stderr), 2 unexpected, 130 interrupted.
 
 // Verbs that a build lacks are listed all the same.
 #[cfg_attr(not(feature = "train"), allow(dead_code))]
 mod args;
-mod capture;
-mod clean;
 mod commands;
-mod default_model;
 mod error;
-mod files;
-mod input;
+#[cfg(feature = "train")]
+mod interrupt;
+#[cfg(feature = "train")]
+mod log;
+mod memory;
 mod output;
-mod people;
-mod recording;
-mod serial;
-mod udp;
+mod person_report;
+mod radar_file;
+mod recording_args;
+mod threads;
 
 use std::{panic, process::ExitCode};
 
@@ -37,6 +37,8 @@ fn main() -> ExitCode {
             return ExitCode::from(u8::from(error.use_stderr()));
         }
     };
+    #[cfg(feature = "train")]
+    log::to_stderr();
     let outcome = panic::catch_unwind(|| match cli.verb {
         Verb::Demo(args) => commands::demo::run(&args),
         Verb::Motion(verb) => commands::motion::run(&verb),
@@ -49,7 +51,7 @@ fn main() -> ExitCode {
         Verb::Describe(args) => commands::describe::run(&args),
         Verb::Eval(args) => commands::eval::run(&args),
         Verb::EvalRecordings(args) => commands::eval_recordings::run(&args),
-        Verb::Edits(args) => commands::edits::run(&args),
+        Verb::Interventions(args) => commands::interventions::run(&args),
         Verb::Score(args) => commands::score::run(&args),
         Verb::View(args) => commands::view::run(&args),
         Verb::Realism(args) => commands::realism::run(&args),
@@ -65,6 +67,8 @@ fn main() -> ExitCode {
         #[cfg(not(feature = "train"))]
         Verb::Lm(_) => Err(error::needs_training("`lm`")),
         Verb::Doctor(args) => commands::doctor::run(&args),
+        Verb::Completions { shell } => commands::shell::completions(shell),
+        Verb::Man => commands::shell::manual(),
     });
     match outcome {
         Ok(Ok(())) => ExitCode::SUCCESS,

@@ -1,11 +1,12 @@
 //! Data to stdout, everything else to stderr; files appear whole or not at all.
 
 use std::{
-    fs,
+    fs::{self, File},
     io::Write,
-    path::{Path, PathBuf},
+    path::Path,
 };
 
+use radarllm_files::atomic::{self, Existing, WriteError};
 use serde::Serialize;
 
 use crate::error::{CliError, CliResult};
@@ -33,22 +34,21 @@ pub fn check_free(path: &Path, force: bool) -> CliResult {
     Ok(())
 }
 
-/// Writes a file under a temporary name, syncs it and renames it.
+/// Writes a file whole or not at all; folders on the way are made.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> CliResult {
+    write_atomic_with(path, |file| {
+        file.write_all(bytes).map_err(|e| CliError::io(path, e))
+    })
+}
+
+/// The same for content that `write` makes piece by piece.
+pub fn write_atomic_with(path: &Path, write: impl FnOnce(&mut File) -> CliResult) -> CliResult {
     if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
         fs::create_dir_all(folder).map_err(|e| CliError::io(folder, e))?;
     }
-    let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(format!(".{}.tmp", std::process::id()));
-    let temporary: PathBuf = path.with_file_name(name);
-    let write = || -> std::io::Result<()> {
-        let mut file = fs::File::create(&temporary)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        fs::rename(&temporary, path)
-    };
-    write().map_err(|e| {
-        let _ = fs::remove_file(&temporary);
-        CliError::io(path, e)
+    atomic::write_with(path, Existing::Replace, write).map_err(|e| match e {
+        WriteError::Content(error) => error,
+        WriteError::Io { source, .. } => CliError::io(path, source),
+        WriteError::Exists { path } => CliError::new(format!("{} exists already", path.display())),
     })
 }

@@ -350,9 +350,8 @@ fn remove_content(dir: &Path) -> Result<(), DatasetError> {
 
 /// Removes temporary files of killed builds. Safe under the lock.
 fn remove_leftovers(dir: &Path) -> Result<(), DatasetError> {
-    let is_leftover = |name: &str| name.starts_with('.') && name.ends_with(".tmp");
     for d in [dir.to_path_buf(), dir.join(STATE_DIR), dir.join(DATA_DIR)] {
-        remove_matching(&d, is_leftover)?;
+        remove_matching(&d, radarllm_files::atomic::is_leftover)?;
     }
     Ok(())
 }

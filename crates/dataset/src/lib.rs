@@ -4,10 +4,34 @@
 //! from files whose hashes, shapes and values were checked. This crate is the only one that knows
 //! the columns; it does not know how a clip is made or what is trained on it.
 //!
+//! ```
+//! use radarllm_base::{PointFrame, RadarPoint};
+//! use radarllm_dataset::{Overwrite, PointsMeta, read_points, write_points};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! # let folder = tempfile::tempdir()?;
+//! # let path = folder.path().join("walk.parquet");
+//! let meta = PointsMeta {
+//!     radar: "awr1843boost".into(),
+//!     source: "recorded:dca1000".into(),
+//!     seed: None,
+//!     version: "0.1.0".into(),
+//!     radar_height_m: Some(1.0),
+//!     frame_rate_hz: 10.0,
+//! };
+//! let point = RadarPoint { y_m: 2.0, range_m: 2.0, intensity_db: 60.0, ..RadarPoint::default() };
+//! let frames = [PointFrame { frame: 0, time_s: 0.0, points: vec![point] }];
+//! write_points(&path, &meta, &frames, Overwrite::Refuse)?;
+//! assert_eq!(read_points(&path)?.frames, frames);
+//! // A file that is there is only replaced when asked for.
+//! assert!(write_points(&path, &meta, &frames, Overwrite::Refuse).is_err());
+//! # Ok(())
+//! # }
+//! ```
+//!
 //! Reading order: [`record`] (one clip), [`points_file`] (one recording's points), [`shard`] (the
 //! columns of the archive), [`builder`] (resumable building), [`dataset`] (reading), [`info`],
-//! [`mod@validate`], [`near`] (are two motions nearly the same?), [`mod@descriptor`] (a fixed vector per
-//! clip for the 1-NN floor).
+//! [`mod@validate`].
 //!
 //! Layout of a data set directory:
 //!
@@ -26,10 +50,8 @@ pub mod shard;
 
 pub mod builder;
 pub mod dataset;
-pub mod descriptor;
 pub mod info;
 pub mod manifest;
-pub mod near;
 pub mod validate;
 
 mod atomic;
@@ -42,14 +64,13 @@ mod split;
 pub use builder::{BuildOptions, BuildPlan, BuildReport, ItemId, Progress, build};
 pub use check::check_record;
 pub use dataset::{ClipIter, Dataset};
-pub use descriptor::{DESCRIPTOR_DIM, descriptor};
 pub use error::DatasetError;
 pub use info::Info;
 pub use manifest::{FailedItem, Manifest, SourceLicence};
 pub use points_file::{PointsFile, PointsMeta, read_points, write_points};
 pub use record::{ClipRecord, MOTION_FEATURE_DIM, Split};
 pub use shard::Columns;
-pub use validate::{HeldOut, Problem, Validation, validate};
+pub use validate::{Problem, validate, validate_with};
 
 /// What to do when the output is already there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,7 +6,6 @@ use std::path::Path;
 use serde::Serialize;
 
 use crate::manifest::{ShardEntry, hash_file};
-use crate::near::{self, LEAK_DISTANCE, MotionClip, Sketch};
 use crate::shard::ShardReader;
 use crate::{ClipRecord, Columns, Dataset, DatasetError, Split, check_record};
 
@@ -21,38 +20,25 @@ pub struct Problem {
     pub problem: String,
 }
 
-/// What [`validate`] found.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct Validation {
-    /// None in a sound data set.
-    pub problems: Vec<Problem>,
-    /// How near validation and test motions are to training motions.
-    pub held_out: HeldOut,
-}
-
-/// Distances of held-out motions to the nearest training motion, by [`near`].
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct HeldOut {
-    /// Validation and test clips that were compared.
-    pub judged: usize,
-    /// Those without joints, shorter than a second, nearly still, or without training motions to compare
-    /// with: nothing is known of them.
-    pub not_judged: usize,
-    /// Distances below this are problems.
-    pub leak_distance: f64,
-    /// Smallest, 5 %, median distance of those judged; none without any.
-    pub distances: Option<[f64; 3]>,
-}
-
-/// Reads everything and reports every problem found: hashes, sizes and rows against the manifest;
-/// per clip what [`check_record`] checks; ids that occur twice; groups or motions in two splits; held-out
-/// motions that are nearly the same as a training motion ([`near`]); sources without a licence line.
-///
-/// Training motions are held in memory meanwhile: 15 kB for ten seconds.
+/// Reads everything and returns every problem found: hashes, sizes and rows against the manifest;
+/// per clip what [`check_record`] checks; ids that occur twice; groups or motions in two splits; sources without a
+/// licence line.
 ///
 /// # Errors
 /// Only if the manifest cannot be read at all.
-pub fn validate(dir: &Path) -> Result<Validation, DatasetError> {
+pub fn validate(dir: &Path) -> Result<Vec<Problem>, DatasetError> {
+    validate_with(dir, |_, _| ())
+}
+
+/// As [`validate`], and shows every clip with its file below the data set directory to `visit`, so that a further
+/// check need not read the data set again.
+///
+/// # Errors
+/// As [`validate`].
+pub fn validate_with(
+    dir: &Path,
+    mut visit: impl FnMut(&ClipRecord, &str),
+) -> Result<Vec<Problem>, DatasetError> {
     let dataset = Dataset::open(dir)?;
     let mut seen = Seen::default();
     let mut problems = Vec::new();
@@ -66,11 +52,10 @@ pub fn validate(dir: &Path) -> Result<Validation, DatasetError> {
             });
         };
         n_clips += shard.rows;
-        if let Err(e) = check_shard(dir, shard, &mut seen, &mut report) {
+        if let Err(e) = check_shard(dir, shard, &mut seen, &mut visit, &mut report) {
             report(None, e.to_string());
         }
     }
-    let held_out = compare_splits(&seen, &mut problems);
     let manifest = dataset.manifest();
     let mut report = |problem: String| {
         problems.push(Problem {
@@ -97,38 +82,7 @@ pub fn validate(dir: &Path) -> Result<Validation, DatasetError> {
             report(format!("source `{source}` has no licence line"));
         }
     }
-    Ok(Validation { problems, held_out })
-}
-
-/// Reports held-out motions that nearly stand in training.
-fn compare_splits(seen: &Seen, problems: &mut Vec<Problem>) -> HeldOut {
-    let sketches: Vec<Sketch> = seen.held_out.iter().map(|(_, s)| s.clone()).collect();
-    let found = near::nearest(&seen.train, &sketches);
-    let mut distances = Vec::new();
-    for ((file, _), nearest) in seen.held_out.iter().zip(found) {
-        let Some(n) = nearest else { continue };
-        distances.push(n.distance);
-        if n.distance < LEAK_DISTANCE {
-            let mirrored = if n.mirrored { " mirrored," } else { "" };
-            problems.push(Problem {
-                file: file.clone(),
-                id: Some(n.id),
-                problem: format!(
-                    "nearly the same motion as training clip `{}`:{mirrored} distance {:.4} rad over {:.1} s from {:.1} s of it, \
-                     less than {LEAK_DISTANCE}",
-                    n.train_id, n.distance, n.overlap_s, n.shift_s
-                ),
-            });
-        }
-    }
-    distances.sort_by(f64::total_cmp);
-    let at = |q: f64| distances[((distances.len() - 1) as f64 * q).round() as usize];
-    HeldOut {
-        judged: distances.len(),
-        not_judged: seen.n_held_out - distances.len(),
-        leak_distance: LEAK_DISTANCE,
-        distances: (!distances.is_empty()).then(|| [at(0.0), at(0.05), at(0.5)]),
-    }
+    Ok(problems)
 }
 
 #[derive(Default)]
@@ -138,32 +92,13 @@ struct Seen {
     split_of_group: HashMap<String, (Split, String)>,
     split_of_motion: HashMap<String, (Split, String)>,
     sources: std::collections::BTreeMap<String, ()>,
-    train: Vec<Sketch>,
-    /// Validation and test, with their files.
-    held_out: Vec<(String, Sketch)>,
-    n_held_out: usize,
-}
-
-impl Seen {
-    fn add_motion(&mut self, record: &ClipRecord, file: &str) {
-        let sketch = Sketch::of(MotionClip {
-            id: &record.id,
-            fps: f64::from(record.motion_fps),
-            joints: &record.joints,
-        });
-        self.n_held_out += usize::from(record.split != Split::Train);
-        match (record.split, sketch) {
-            (Split::Train, Some(sketch)) => self.train.push(sketch),
-            (_, Some(sketch)) => self.held_out.push((file.into(), sketch)),
-            (_, None) => {}
-        }
-    }
 }
 
 fn check_shard(
     dir: &Path,
     shard: &ShardEntry,
     seen: &mut Seen,
+    visit: &mut impl FnMut(&ClipRecord, &str),
     report: &mut impl FnMut(Option<&str>, String),
 ) -> Result<(), DatasetError> {
     let path = shard.path(dir);
@@ -234,7 +169,7 @@ fn check_shard(
                 );
             }
         }
-        seen.add_motion(&record, &shard.file);
+        visit(&record, &shard.file);
         seen.sources.entry(record.source).or_default();
     }
     Ok(())

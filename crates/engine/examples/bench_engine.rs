@@ -18,13 +18,13 @@ use std::time::Instant;
 use radarllm_base::{PointFrame, RadarPoint};
 use radarllm_engine::tokenizer::Codes;
 use radarllm_engine::{Engine, NamedTensors, Precision, SearchOptions, Shape};
-use radarllm_inference::lm::{LmConfig, LmPreset, NetworkConfig, hf};
+use radarllm_inference::lm::{LmConfig, LmPreset, NetworkConfig};
 use radarllm_inference::tokenizer::encode::TokenizerFile;
 use radarllm_inference::tokenizer::grouping::{Grouped, group};
-use radarllm_inference::tokenizer::network::TokenizerNet;
-use radarllm_inference::tokenizer::{
-    MAX_FRAMES, RadarTokenizer, ReferenceTokenizer, TokenizerConfig,
-};
+use radarllm_inference::tokenizer::{MAX_FRAMES, TokenizerConfig};
+use radarllm_nn::lm::hf;
+use radarllm_nn::tokenizer::network::TokenizerNet;
+use radarllm_nn::tokenizer::{ReferenceTokenizer, pack};
 
 const SOURCE: usize = 64;
 const NEW: usize = 40;
@@ -146,7 +146,7 @@ fn tokenizers() -> Result<(), Box<dyn std::error::Error>> {
         ("paper's sizes", TokenizerConfig::paper(), 2),
     ] {
         // Speed does not depend on the weights' values: drawn at random.
-        let net = TokenizerNet::new(&config, &radarllm_inference::lm::Device::flex());
+        let net = TokenizerNet::new(&config, &radarllm_nn::Device::flex());
         let clips = clips(n_clips);
         let start = Instant::now();
         let grouped: Vec<Grouped> = clips
@@ -156,7 +156,7 @@ fn tokenizers() -> Result<(), Box<dyn std::error::Error>> {
         let grouping_ms = 1e3 * start.elapsed().as_secs_f64() / n_clips as f64;
         let members: Vec<&Grouped> = grouped.iter().collect();
         let inputs: Vec<_> = members.iter().map(|clip| clip.tubes()).collect();
-        let engine = RadarTokenizer::from_net(config.clone(), &net)?;
+        let engine = pack(config.clone(), &net)?;
         let mut session = engine.engine().session(1);
         let mut out: Vec<Codes> = Vec::new();
         let reference = ReferenceTokenizer::new(config, &net);

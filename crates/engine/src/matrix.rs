@@ -4,13 +4,12 @@
 //! reads it from the first byte to the last. Every sum runs over k in one fixed order: a row's result
 //! does not depend on the rows beside it nor on the number of threads.
 
+use std::marker::PhantomData;
 use std::ops::Range;
 
 use crate::Precision;
 use crate::pool::Pool;
-use radarllm_simd::Lanes;
-
-use crate::simd::{ByteDot, SimdLevel, dispatch};
+use radarllm_simd::{ByteDot, SimdF32x16, SimdLevel, dispatch};
 
 /// Columns of a panel.
 const PANEL: usize = 64;
@@ -82,14 +81,17 @@ pub(crate) fn grow<T: Clone>(buffer: &mut Vec<T>, len: usize, value: T) {
 
 /// The output of a product, shared by threads that write different columns.
 #[derive(Clone, Copy)]
-struct Out {
+struct Out<'a> {
     start: *mut f32,
     stride: usize,
+    /// The output is borrowed while threads write to it.
+    out: PhantomData<&'a mut [f32]>,
 }
-// SAFETY: threads write disjoint columns.
-unsafe impl Send for Out {}
+// SAFETY: an `Out` stands for a `&mut [f32]`, which may go to another thread. Its pointer is followed by `f32_tile` and
+// `i8_tile` alone, in the columns of their panel, and `Matrix::product` gives every panel to one thread.
+unsafe impl Send for Out<'_> {}
 // SAFETY: as above.
-unsafe impl Sync for Out {}
+unsafe impl Sync for Out<'_> {}
 
 impl Matrix {
     /// Packs `[k, n]` whose value at (row, column) is `value(row, column)`.
@@ -120,10 +122,10 @@ impl Matrix {
                 let mut lines = vec![Line([128; 64]); n_panels * (k_padded / 4) * VECTORS];
                 let mut scales = vec![Line([0.0; 16]); n_panels * VECTORS];
                 for column in 0..n {
-                    let most = (0..k)
+                    let largest = (0..k)
                         .map(|row| value(row, column).abs())
                         .fold(0.0, f32::max);
-                    let (scale, factor) = (most / 127.0, 127.0 / most);
+                    let (scale, factor) = (largest / 127.0, 127.0 / largest);
                     if !factor.is_finite() {
                         continue; // Zeros, or as good as zeros.
                     }
@@ -185,6 +187,7 @@ impl Matrix {
         let out = Out {
             start: out.as_mut_ptr(),
             stride,
+            out: PhantomData,
         };
         let n_panels = n.div_ceil(PANEL);
         match &self.data {
@@ -232,7 +235,7 @@ struct F32Job<'a> {
     lines: &'a [Line<[f32; 16]>],
     n: usize,
     then: Then,
-    out: Out,
+    out: Out<'a>,
 }
 
 struct I8Job<'a> {
@@ -243,15 +246,15 @@ struct I8Job<'a> {
     scales: &'a [Line<[f32; 16]>],
     n: usize,
     then: Then,
-    out: Out,
+    out: Out<'a>,
 }
 
 /// Writes 16 products.
 ///
 /// # Safety
-/// `to` must point to 16 floats that no other thread uses.
+/// `to` must point to 16 floats that nobody else reads or writes meanwhile.
 #[inline(always)]
-unsafe fn write<L: Lanes>(to: *mut f32, product: L, then: Then) {
+unsafe fn write<L: SimdF32x16>(to: *mut f32, product: L, then: Then) {
     // SAFETY: promised by the caller.
     let to = unsafe { &mut *to.cast::<[f32; 16]>() };
     match then {
@@ -285,7 +288,7 @@ macro_rules! tiles {
 }
 
 #[inline(always)]
-fn f32_body<L: Lanes, D: ByteDot>(job: &F32Job, panels: Range<usize>) {
+fn f32_body<L: SimdF32x16>(job: &F32Job, panels: Range<usize>) {
     let k = job.k;
     let n_rows = job.x.len() / k;
     let chunk = (ROWS_BYTES / (4 * k)).max(6).next_multiple_of(6);
@@ -303,11 +306,11 @@ fn f32_body<L: Lanes, D: ByteDot>(job: &F32Job, panels: Range<usize>) {
         }
     }
 }
-dispatch!(fn f32_panels => f32_body(job: &F32Job, panels: Range<usize>));
+dispatch!(fn f32_panels => f32_body(job: &F32Job<'_>, panels: Range<usize>));
 
 /// M rows by 16 N columns of a panel.
 #[inline(always)]
-fn f32_tile<L: Lanes, const M: usize, const N: usize>(
+fn f32_tile<L: SimdF32x16, const M: usize, const N: usize>(
     job: &F32Job,
     lines: &[Line<[f32; 16]>],
     row: usize,
@@ -334,8 +337,8 @@ fn f32_tile<L: Lanes, const M: usize, const N: usize>(
         for (i, sum) in sums.iter().enumerate() {
             let column = panel * PANEL + (vector + i) * 16;
             if column < job.n {
-                // SAFETY: the column and the row are inside the output (`Matrix::product`), and the
-                // panel belongs to this thread.
+                // SAFETY: row + m is a row of the input and column + 16 <= n, which are inside the output
+                // (`Matrix::product` has checked its length); the panel's columns are this thread's.
                 unsafe {
                     let to = job.out.start.add((row + m) * job.out.stride + column);
                     write(to, *sum, job.then);
@@ -349,19 +352,20 @@ fn f32_tile<L: Lanes, const M: usize, const N: usize>(
 /// looks no further than the end of a page.
 #[inline(always)]
 fn ahead<T>(weights: &[Line<T>; VECTORS]) {
-    #[cfg(target_arch = "x86_64")]
+    // Every x86-64 processor has the instruction. Miri does not interpret it.
+    #[cfg(all(target_arch = "x86_64", not(miri)))]
     for i in 0..VECTORS {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
         let later = weights.as_ptr().wrapping_add(AHEAD * VECTORS + i);
-        // SAFETY: a hint: any address will do.
+        // SAFETY: a hint that reads no value and never faults, whatever the address.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(later.cast()) };
     }
-    #[cfg(not(target_arch = "x86_64"))]
+    #[cfg(not(all(target_arch = "x86_64", not(miri))))]
     let _ = weights;
 }
 
 #[inline(always)]
-fn i8_body<L: Lanes, D: ByteDot>(job: &I8Job, panels: Range<usize>) {
+fn i8_body<L: SimdF32x16, D: ByteDot>(job: &I8Job, panels: Range<usize>) {
     let k = job.k;
     let n_rows = job.rows.len();
     let chunk = (ROWS_BYTES / k).max(6).next_multiple_of(6);
@@ -380,11 +384,11 @@ fn i8_body<L: Lanes, D: ByteDot>(job: &I8Job, panels: Range<usize>) {
         }
     }
 }
-dispatch!(fn i8_panels => i8_body(job: &I8Job, panels: Range<usize>));
+dispatch!(bytes fn i8_panels => i8_body(job: &I8Job<'_>, panels: Range<usize>));
 
 /// M rows by 16 N columns of a panel.
 #[inline(always)]
-fn i8_tile<L: Lanes, D: ByteDot, const M: usize, const N: usize>(
+fn i8_tile<L: SimdF32x16, D: ByteDot, const M: usize, const N: usize>(
     job: &I8Job,
     lines: &[Line<[u8; 64]>],
     row: usize,
@@ -419,10 +423,10 @@ fn i8_tile<L: Lanes, D: ByteDot, const M: usize, const N: usize>(
             let column = panel * PANEL + (vector + i) * 16;
             if column < job.n {
                 let mut product = [0.0; 16];
-                sum.less(offset, &mut product);
+                sum.store_minus(offset, &mut product);
                 let scales = L::load(&job.scales[column / 16].0).mul(L::splat(scale));
-                // SAFETY: the column and the row are inside the output (`Matrix::product`), and the
-                // panel belongs to this thread.
+                // SAFETY: row + m is a row of the input and column + 16 <= n, which are inside the output
+                // (`Matrix::product` has checked its length); the panel's columns are this thread's.
                 unsafe {
                     let to = job.out.start.add((row + m) * job.out.stride + column);
                     write(to, L::load(&product).mul(scales), job.then);
@@ -434,7 +438,7 @@ fn i8_tile<L: Lanes, D: ByteDot, const M: usize, const N: usize>(
 
 /// Rows as bytes, each with the scale that brings its largest value to 127.
 #[inline(always)]
-fn quantise_body<L: Lanes, D: ByteDot>(
+fn quantise_body<L: SimdF32x16>(
     x: &[f32],
     k: usize,
     bytes: &mut [[i8; 16]],
@@ -443,13 +447,17 @@ fn quantise_body<L: Lanes, D: ByteDot>(
     let all = x.chunks_exact(k).zip(bytes.chunks_exact_mut(k / 16));
     for ((x, bytes), row) in all.zip(rows) {
         let x = x.as_chunks::<16>().0;
-        let mut most = L::splat(0.0);
+        let mut largest = L::splat(0.0);
         for x in x {
-            most = most.max(L::load(x).abs());
+            largest = largest.max(L::load(x).abs());
         }
-        let most = most.most();
+        let largest = largest.reduce_max();
         // Zeros, and rows so small that the reciprocal would overflow, are zeros.
-        let factor = if most > 1e-30 { 127.0 / most } else { 0.0 };
+        let factor = if largest > 1e-30 {
+            127.0 / largest
+        } else {
+            0.0
+        };
         // At most 127 * 65536 in all: exact in a float.
         let mut sum = L::splat(0.0);
         for (x, bytes) in x.iter().zip(bytes) {
@@ -457,7 +465,7 @@ fn quantise_body<L: Lanes, D: ByteDot>(
             sum = sum.add(rounded);
             rounded.store_bytes(bytes);
         }
-        *row = (most / 127.0, 128 * sum.sum() as i32);
+        *row = (largest / 127.0, 128 * sum.reduce_sum() as i32);
     }
 }
 dispatch!(fn quantise => quantise_body(
@@ -472,13 +480,15 @@ mod tests {
     /// Product in f64 of values as they are, or rounded to bytes as the int8 path rounds them.
     fn naive(x: &[f32], rows: usize, k: usize, n: usize, w: &[f32], p: Precision) -> Vec<f64> {
         let round = |values: &[f32]| -> Vec<f64> {
-            let most = values.iter().fold(0.0_f32, |a, b| a.max(b.abs()));
+            let largest = values.iter().fold(0.0_f32, |a, b| a.max(b.abs()));
             match p {
                 Precision::F32 => values.iter().map(|v| f64::from(*v)).collect(),
-                Precision::Int8 if most == 0.0 => vec![0.0; values.len()],
+                Precision::Int8 if largest == 0.0 => vec![0.0; values.len()],
                 Precision::Int8 => values
                     .iter()
-                    .map(|v| f64::from((v * (127.0 / most)).round_ties_even() * (most / 127.0)))
+                    .map(|v| {
+                        f64::from((v * (127.0 / largest)).round_ties_even() * (largest / 127.0))
+                    })
                     .collect(),
             }
         };
@@ -508,6 +518,10 @@ mod tests {
             (13, 96, 70),
             (50, 20, 40),
         ] {
+            // Miri is some thousand times slower.
+            if cfg!(miri) && rows > 5 {
+                continue;
+            }
             let x: Vec<f32> = (0..rows * k).map(|_| random.normal()).collect();
             let w: Vec<f32> = (0..k * n).map(|_| random.normal()).collect();
             let (kp, stride) = (padded(k), padded(n) + 16);
@@ -518,7 +532,7 @@ mod tests {
             for precision in [Precision::F32, Precision::Int8] {
                 let expected = naive(&x, rows, k, n, &w, precision);
                 let matrix = Matrix::pack(k, n, precision, |r, c| w[r * n + c]);
-                for level in SimdLevel::ALL.into_iter().filter(|l| l.is_available()) {
+                for level in SimdLevel::available() {
                     for (threads, then) in [(1, Then::Store), (2, Then::Add), (1, Then::Relu)] {
                         let mut out = vec![2.0; rows * stride];
                         matrix.product(

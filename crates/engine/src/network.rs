@@ -4,8 +4,8 @@ use crate::EngineError;
 use crate::matrix::{Matrix, padded};
 use crate::position::relative_bucket;
 use crate::session::{MAX_SOURCE, MAX_STEPS};
-use crate::simd::SimdLevel;
 use crate::weights::{NamedTensors, Shape, Taker};
+use radarllm_simd::SimdLevel;
 
 /// Numbers that products are made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -255,7 +255,7 @@ impl Engine {
     /// As [`Self::new`] with given instructions.
     ///
     /// # Errors
-    /// As [`Self::new`], or if this machine lacks the instructions.
+    /// As [`Self::new`].
     pub fn with_level(
         shape: Shape,
         precision: Precision,
@@ -263,7 +263,6 @@ impl Engine {
         level: SimdLevel,
     ) -> Result<Self, EngineError> {
         shape.validate()?;
-        level.require()?;
         let mut loader = Loader {
             shape: &shape,
             precision,

@@ -1,16 +1,18 @@
 //! Threads that share the loops of one session, and sleep between them.
+//!
+//! Loops of a decoding step take some tens of microseconds, less than starting a thread does: the threads therefore outlive
+//! the loops, and what a loop borrows reaches them through pointers. This file is the one place that knows so; its
+//! methods are safe, because [`Pool::run`] does not return before every thread has let go of what it borrowed.
 
+use std::marker::PhantomData;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
-/// A loop body: called once with every part's number.
-type Body = dyn Fn(usize) + Sync;
-
 /// Looks at the counter this often before sleeping: some tens of microseconds, the pause between two
 /// matrix products.
-const SPINS: usize = 4000;
+const SPINS: usize = if cfg!(miri) { 1 } else { 4000 };
 
 /// A fixed number of threads, the caller's among them.
 pub(crate) struct Pool {
@@ -30,17 +32,44 @@ struct Shared {
 }
 
 struct State {
-    body: Option<*const Body>,
+    /// Of the latest loop; dangles between loops.
+    body: Option<Body>,
     stop: bool,
 }
 
-// SAFETY: the pointer is to a `Sync` closure and is followed only while `Pool::run`, which borrows
-// the closure, waits for the workers.
-unsafe impl Send for State {}
+/// Called with a range of items, a piece of the scratch and the items' piece of the output.
+type BufferBody<'a> = dyn Fn(Range<usize>, &mut [f32], &mut [f32]) + Sync + 'a;
+
+/// A borrowed closure without its type and lifetime, which the threads, older than any loop, cannot name.
+#[derive(Clone, Copy)]
+struct Body {
+    closure: *const (),
+    /// Calls `closure`, which must be alive.
+    call: unsafe fn(*const (), usize),
+}
+
+// SAFETY: `Body::new` takes closures that are `Sync`: any thread may call them by reference.
+unsafe impl Send for Body {}
+
+impl Body {
+    fn new<F: Fn(usize) + Sync>(body: &F) -> Self {
+        /// # Safety
+        /// `closure` must come from a `&F` whose referent is alive.
+        unsafe fn call<F: Fn(usize)>(closure: *const (), part: usize) {
+            // SAFETY: promised by the caller.
+            let body = unsafe { &*closure.cast::<F>() };
+            body(part);
+        }
+        Self {
+            closure: std::ptr::from_ref(body).cast(),
+            call: call::<F>,
+        }
+    }
+}
 
 impl Shared {
     fn lock(&self) -> MutexGuard<'_, State> {
-        // The state is whole whenever the lock is free.
+        // Nothing panics while it holds the lock, so that the state is whole even if the lock says otherwise.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -66,14 +95,17 @@ impl Shared {
             seen = self.epoch.load(Ordering::Acquire);
             let body = state.body;
             drop(state);
-            if let Some(body) = body {
-                // SAFETY: `run` keeps the closure alive until `busy` is 0.
-                let body = unsafe { &*body };
-                let call = std::panic::AssertUnwindSafe(|| body(part));
+            if let Some(Body { closure, call }) = body {
+                let call = std::panic::AssertUnwindSafe(|| {
+                    // SAFETY: the closure is that of the loop now running, whose `run` keeps it borrowed until `busy`
+                    // is 0; this worker has not counted itself out yet.
+                    unsafe { call(closure, part) }
+                });
                 if std::panic::catch_unwind(call).is_err() {
                     self.panicked.store(true, Ordering::Release);
                 }
             }
+            // Releases what this worker wrote to the caller, who waits for 0 with an acquiring load.
             self.busy.fetch_sub(1, Ordering::AcqRel);
         }
     }
@@ -110,22 +142,24 @@ impl Pool {
     }
 
     /// Calls `body` with every part `0..threads()` at once and waits for all.
-    pub fn run(&mut self, body: &(dyn Fn(usize) + Sync)) {
+    ///
+    /// # Panics
+    /// If a body panics, after all parts have ended.
+    pub fn run<F: Fn(usize) + Sync>(&mut self, body: &F) {
         if self.workers.is_empty() {
             return body(0);
         }
-        // SAFETY: only the lifetime is dropped; the guard waits for the workers, also on unwinding.
-        let erased =
-            unsafe { std::mem::transmute::<*const (dyn Fn(usize) + Sync), *const Body>(body) };
         {
+            // `&mut self` and the wait below: no worker is in a loop, so that `busy` is 0 and nobody reads the old body.
             let mut state = self.shared.lock();
-            state.body = Some(erased);
+            state.body = Some(Body::new(body));
             self.shared
                 .busy
                 .store(self.workers.len(), Ordering::Release);
             self.shared.epoch.fetch_add(1, Ordering::AcqRel);
         }
         self.shared.wake.notify_all();
+        // Waits for the workers when dropped, also when the caller's own part panics: `body` must outlive their calls.
         let wait = WaitForWorkers(&self.shared);
         body(0);
         drop(wait);
@@ -135,7 +169,7 @@ impl Pool {
         );
     }
 
-    /// Splits `0..n` into one range a thread and calls `body` with the thread's number and its range; on
+    /// Splits `0..n` into one range per thread and calls `body` with the thread's number and its range; on
     /// the caller's thread alone when the work (about this many operations) is too little to be worth
     /// waking others.
     pub fn split(&mut self, n: usize, work: usize, body: &(dyn Fn(usize, Range<usize>) + Sync)) {
@@ -150,10 +184,73 @@ impl Pool {
             }
         });
     }
+
+    /// As [`Self::split`], and lends each thread buffers of its own: an equal piece of `scratch`, and of `out` the piece
+    /// that belongs to its range, `out.len() / n` values per item.
+    ///
+    /// `body` receives the range, the piece of `scratch` and the piece of `out`.
+    pub fn split_buffers(
+        &mut self,
+        n: usize,
+        work: usize,
+        scratch: &mut [f32],
+        out: &mut [f32],
+        body: &BufferBody<'_>,
+    ) {
+        let per_thread = scratch.len() / self.threads();
+        let per_item = out.len().checked_div(n).unwrap_or(0);
+        let (scratch, out) = (SharedBuffer::new(scratch), SharedBuffer::new(out));
+        self.split(n, work, &|thread, items| {
+            // SAFETY: `split` calls with every thread's number once at most.
+            let scratch = unsafe { scratch.piece(thread * per_thread, per_thread) };
+            // SAFETY: `split` calls with ranges that do not overlap.
+            let out = unsafe { out.piece(items.start * per_item, items.len() * per_item) };
+            body(items, scratch, out);
+        });
+    }
 }
 
-/// Multiply-adds below which one thread is faster than several: some 20 microseconds.
-const MIN_WORK: usize = 1 << 18;
+/// A buffer whose pieces are written by different threads.
+#[derive(Clone, Copy)]
+pub(crate) struct SharedBuffer<'a> {
+    start: *mut f32,
+    len: usize,
+    /// The buffer is borrowed for as long as pieces can be taken.
+    buffer: PhantomData<&'a mut [f32]>,
+}
+
+// SAFETY: a `SharedBuffer` stands for a `&mut [f32]`, which may go to another thread. It does nothing by itself: who takes
+// a piece promises that no other thread has it.
+unsafe impl Send for SharedBuffer<'_> {}
+// SAFETY: as above; `piece` is the only method.
+unsafe impl Sync for SharedBuffer<'_> {}
+
+impl<'a> SharedBuffer<'a> {
+    pub fn new(buffer: &'a mut [f32]) -> Self {
+        Self {
+            start: buffer.as_mut_ptr(),
+            len: buffer.len(),
+            buffer: PhantomData,
+        }
+    }
+
+    /// `len` values from `start` on.
+    ///
+    /// # Safety
+    /// While the piece is in use, no other piece may be taken that overlaps it.
+    ///
+    /// # Panics
+    /// If the piece reaches beyond the buffer.
+    pub unsafe fn piece(self, start: usize, len: usize) -> &'a mut [f32] {
+        assert!(start <= self.len && len <= self.len - start);
+        // SAFETY: inside the buffer, which `'a` borrows mutably; the caller promises that nobody else has this piece.
+        unsafe { std::slice::from_raw_parts_mut(self.start.add(start), len) }
+    }
+}
+
+/// Multiply-adds below which one thread is faster than several: some 20 microseconds. Miri's small tests are to have
+/// several threads too.
+const MIN_WORK: usize = if cfg!(miri) { 1 << 8 } else { 1 << 18 };
 
 struct WaitForWorkers<'a>(&'a Shared);
 
@@ -187,20 +284,22 @@ impl Drop for Pool {
 mod tests {
     use super::*;
 
+    const ROUNDS: usize = if cfg!(miri) { 20 } else { 500 };
+
     #[test]
     fn every_part_runs_once_in_every_loop() {
         for threads in [1, 2, 3] {
             let mut pool = Pool::new(threads);
             let counts: Vec<AtomicUsize> = (0..pool.threads()).map(|_| 0.into()).collect();
-            for round in 0..500 {
-                if round % 100 == 0 {
+            for round in 0..ROUNDS {
+                if round % (ROUNDS / 5) == 0 {
                     std::thread::sleep(std::time::Duration::from_millis(2)); // Workers fall asleep.
                 }
                 pool.run(&|part| {
                     counts[part].fetch_add(1, Ordering::Relaxed);
                 });
             }
-            assert!(counts.iter().all(|c| c.load(Ordering::Relaxed) == 500));
+            assert!(counts.iter().all(|c| c.load(Ordering::Relaxed) == ROUNDS));
         }
     }
 
@@ -215,6 +314,28 @@ mod tests {
                 }
             });
             assert!(counts.iter().all(|c| c.load(Ordering::Relaxed) == 1));
+        }
+    }
+
+    #[test]
+    fn every_thread_has_its_own_scratch_and_its_items_of_the_output() {
+        for threads in [1, 2, 3] {
+            let mut pool = Pool::new(threads);
+            for (n, work) in [(0, usize::MAX), (1, usize::MAX), (7, usize::MAX), (7, 0)] {
+                let (mut scratch, mut out) = (vec![0.0; 2 * pool.threads()], vec![-1.0; 3 * n]);
+                pool.split_buffers(n, work, &mut scratch, &mut out, &|items, scratch, out| {
+                    assert_eq!((scratch.len(), out.len()), (2, 3 * items.len()));
+                    for (item, out) in items.zip(out.chunks_exact_mut(3)) {
+                        scratch[0] += 1.0;
+                        out.fill(item as f32);
+                    }
+                });
+                // Every item once, by whichever thread.
+                assert_eq!(scratch.iter().sum::<f32>(), n as f32);
+                for (item, out) in out.chunks_exact(3).enumerate() {
+                    assert_eq!(out, [item as f32; 3]);
+                }
+            }
         }
     }
 

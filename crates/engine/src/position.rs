@@ -8,6 +8,17 @@
 ///
 /// Computed in f32 in the order of the reference code, because the truncation of a logarithm next
 /// to an integer decides the bucket. Raffel et al. 2020, section 2.1.
+///
+/// # Example
+/// ```
+/// use radarllm_engine::position::relative_bucket;
+///
+/// // 32 buckets up to a distance of 128, as in T5: 8 exact distances each way.
+/// assert_eq!(relative_bucket(-5, true, 32, 128), 5);
+/// assert_eq!(relative_bucket(5, true, 32, 128), 16 + 5);
+/// // A decoder does not look ahead.
+/// assert_eq!(relative_bucket(5, false, 32, 128), 0);
+/// ```
 pub fn relative_bucket(
     relative: i64,
     bidirectional: bool,

@@ -1,13 +1,26 @@
 //! One caller's buffers: the encoder, and the decoder step by step.
 //!
 //! Sequences are not padded to each other: the encoder's rows are all tokens of all sources, one
-//! source after the other. The decoder never moves keys and values: a table says for every row
-//! which row of each earlier step it continues, so that dropping sentences and reordering beams
-//! only edits that table, and all beams of a source share its cross-attention.
+//! source after the other. Products are then as tall as there are tokens, and no work goes into padding.
+//!
+//! The decoder never moves keys and values. A table says for every row which row of each earlier step it continues, so
+//! that ending sentences and reordering beams only edits that table. Moving instead would copy all keys and values of all
+//! blocks at every step of a beam search. All beams of a source share the keys and values of its cross-attention.
+//!
+//! # Results do not depend on the batch
+//!
+//! A row's numbers are the same to the bit whichever rows are beside it and however many threads there are: products sum
+//! in one order ([`Matrix::product`]), attention is one query's, and threads get whole rows or whole heads. Tests hold
+//! sentences of a batch against the same sentences alone.
+//!
+//! # Memory
+//!
+//! Buffers grow in [`Session::start`] and are kept, so that a step allocates nothing. Buffers of different jobs are
+//! separate fields, which lets a step borrow some for reading while threads write to others.
 
 use crate::matrix::{Matrix, Quantised, Then, grow, padded};
 use crate::network::{Block, Engine};
-use crate::pool::Pool;
+use crate::pool::{Pool, SharedBuffer};
 use crate::rows::{
     Columns, History, attend_columns, attend_history, gated_gelu, log_softmax, rms_norm,
 };
@@ -36,7 +49,8 @@ struct Span {
     start: usize,
     /// Tokens.
     len: usize,
-    /// First position among all sources' positions, each source padded to 16.
+    /// First position among all sources' positions, each source padded to 16: keys lie with the positions side by side,
+    /// and a vector of scores must not reach into the next source.
     column: usize,
 }
 
@@ -48,19 +62,20 @@ pub struct Session<'e> {
     spans: Vec<Span>,
     /// Rows now decoded: the source of each.
     sources: Vec<usize>,
-    /// `[rows][MAX_STEPS]`: the row that holds each step of this row's sentence.
+    /// `[rows][MAX_STEPS]`: the row that holds each step of this row's sentence. Rows of a fixed length, so that a row is
+    /// replaced without moving the others.
     table: Vec<u32>,
-    /// The table before reordering.
+    /// The table before reordering: new rows are copied from it, because one old row may continue in several.
     old_table: Vec<u32>,
     old_sources: Vec<usize>,
     step: usize,
-    /// Rows and steps that there is room for.
+    /// Rows and steps that the caches have room for.
     room: (usize, usize),
     /// Residual stream, `[rows, d_model]`.
     x: Vec<f32>,
     /// After a norm, `[rows, d_model]`.
     normed: Vec<f32>,
-    /// Queries, keys and values or the feed-forward's inside, `[rows, widest]`.
+    /// Queries, keys and values side by side, or the feed-forward's inner layer, `[rows, widest]`.
     wide: Vec<f32>,
     /// After the gate, `[rows, d_ff]`, or attention's output, `[rows, inner]`.
     mixed: Vec<f32>,
@@ -73,42 +88,14 @@ pub struct Session<'e> {
 
 #[derive(Default)]
 struct Cache {
-    /// Own keys, `[step, row, inner]`.
+    /// Keys of the decoder's own tokens, `[step, row, inner]`: a step appends without moving earlier ones.
     keys: Vec<f32>,
     values: Vec<f32>,
-    /// The encoder's keys: per source `[inner, positions]`.
+    /// Keys of the encoder's output: per source `[inner, positions]`, transposed once, so that a query's scores for sixteen
+    /// positions are one vector.
     cross_keys: Vec<f32>,
-    /// The encoder's values, `[token, inner]`.
+    /// Values of the encoder's output, `[token, inner]`.
     cross_values: Vec<f32>,
-}
-
-/// A buffer whose rows are written by different threads.
-#[derive(Clone, Copy)]
-struct Rows {
-    start: *mut f32,
-    len: usize,
-}
-// SAFETY: threads take disjoint ranges.
-unsafe impl Send for Rows {}
-// SAFETY: as above.
-unsafe impl Sync for Rows {}
-
-impl Rows {
-    fn new(buffer: &mut [f32]) -> Self {
-        Self {
-            start: buffer.as_mut_ptr(),
-            len: buffer.len(),
-        }
-    }
-
-    /// # Safety
-    /// No range may be taken by two threads at once.
-    #[allow(clippy::mut_from_ref)]
-    unsafe fn at(&self, start: usize, len: usize) -> &mut [f32] {
-        assert!(start + len <= self.len);
-        // SAFETY: inside the buffer; the caller promises the rest.
-        unsafe { std::slice::from_raw_parts_mut(self.start.add(start), len) }
-    }
 }
 
 impl Engine {
@@ -194,12 +181,13 @@ impl<'e> Session<'e> {
     ) -> Result<(), EngineError> {
         const MAX_ROWS: usize = 1 << 16;
         let rows = sources.len().saturating_mul(beams);
-        for (field, value, most) in [("rows", rows, MAX_ROWS), ("steps", steps, MAX_STEPS)] {
-            if value == 0 || value > most {
-                let problem = format!("must be in 1..={most}, found {value}");
+        for (field, value, max) in [("rows", rows, MAX_ROWS), ("steps", steps, MAX_STEPS)] {
+            if value == 0 || value > max {
+                let problem = format!("must be in 1..={max}, found {value}");
                 return Err(EngineError::Option { field, problem });
             }
         }
+        // All sources are checked before any buffer grows.
         self.spans.clear();
         let (mut start, mut column) = (0, 0);
         for (index, source) in sources.iter().enumerate() {
@@ -221,6 +209,7 @@ impl<'e> Session<'e> {
     /// Makes room, so that steps allocate nothing.
     fn reserve(&mut self, tokens: usize, columns: usize, rows: usize, steps: usize) {
         let w = self.engine.shape.widths();
+        // The encoder's tokens and the decoder's rows pass through the same buffers, one after the other.
         let all = tokens.max(rows);
         let feed = if self.engine.shape.gated {
             2 * w.d_ff
@@ -236,6 +225,7 @@ impl<'e> Session<'e> {
             0.0,
         );
         grow(&mut self.mixed, all * w.d_ff.max(w.inner), 0.0);
+        // The longest row there can be, rather than of this input: 8 KiB per thread.
         let longest = padded(MAX_SOURCE.max(MAX_STEPS));
         grow(&mut self.scores, self.pool.threads() * longest, 0.0);
         grow(
@@ -344,35 +334,42 @@ impl<'e> Session<'e> {
                 scratch,
             );
             let (spans, wide, keys) = (&self.spans, &self.wide, &self.caches[0].cross_keys);
-            let longest = self.scores.len() / self.pool.threads();
-            let (scores, mixed) = (Rows::new(&mut self.scores), Rows::new(&mut self.mixed));
+            let mixed = SharedBuffer::new(&mut self.mixed);
             let n_items = self.spans.len() * s.n_heads;
             let work: usize = spans.iter().map(|s| s.len * s.len * w.inner).sum();
-            self.pool.split(n_items, work, &|thread, items| {
-                // SAFETY: one row a thread.
-                let scores = unsafe { scores.at(thread * longest, longest) };
-                for item in items {
-                    let (span, head) = (spans[item / s.n_heads], item % s.n_heads);
-                    let at = head * w.d_kv;
-                    let n_padded = padded(span.len);
-                    let key = span.column * w.inner + at * n_padded;
-                    let value = span.start * 3 * w.inner + 2 * w.inner + at;
-                    let columns = Columns {
-                        keys: &keys[key..key + w.d_kv * n_padded],
-                        values: &wide[value..],
-                        stride: 3 * w.inner,
-                        n: span.len,
-                    };
-                    for i in 0..span.len {
-                        let row = span.start + i;
-                        let query = &wide[row * 3 * w.inner + at..][..w.d_kv];
-                        let bias = engine.encoder.bias(head, i);
-                        // SAFETY: each item writes its own head of its own rows.
-                        let out = unsafe { mixed.at(row * w.inner + at, w.d_kv) };
-                        attend_columns(engine.level, query, columns, Some(bias), scores, out);
+            // An item is one head of one source: its keys stay in the cache for all queries of the source. Its outputs lie
+            // `inner` apart, so that no range of the output belongs to it alone.
+            let no_out = &mut [];
+            self.pool.split_buffers(
+                n_items,
+                work,
+                &mut self.scores,
+                no_out,
+                &|items, scores, _| {
+                    for item in items {
+                        let (span, head) = (spans[item / s.n_heads], item % s.n_heads);
+                        let at = head * w.d_kv;
+                        let n_padded = padded(span.len);
+                        let key = span.column * w.inner + at * n_padded;
+                        let value = span.start * 3 * w.inner + 2 * w.inner + at;
+                        let columns = Columns {
+                            keys: &keys[key..key + w.d_kv * n_padded],
+                            values: &wide[value..],
+                            stride: 3 * w.inner,
+                            n: span.len,
+                        };
+                        for i in 0..span.len {
+                            let row = span.start + i;
+                            let query = &wide[row * 3 * w.inner + at..][..w.d_kv];
+                            let bias = engine.encoder.bias(head, i);
+                            // SAFETY: a piece is one head of one row. Sources share no rows and every item comes once,
+                            // so that no other thread takes it; this one drops it before the next.
+                            let out = unsafe { mixed.piece(row * w.inner + at, w.d_kv) };
+                            attend_columns(engine.level, query, columns, Some(bias), scores, out);
+                        }
                     }
-                }
-            });
+                },
+            );
             self.product(&block.o, Route::MixedToResidual, tokens, w.inner, Then::Add);
             self.feed_forward(block, tokens);
         }
@@ -416,7 +413,7 @@ impl<'e> Session<'e> {
     /// Allocates nothing.
     ///
     /// # Panics
-    /// If called more often than [`Self::start`] was told, with another number of ids than rows, with an
+    /// If called more often than the steps of [`Self::start`], with another number of ids than rows, with an
     /// id beyond the vocabulary, or with a mask longer than the vocabulary (rounded up to 16).
     pub fn log_probs(&mut self, last: &[u32], mask: &[f32]) -> &[f32] {
         let n = mask.len();
@@ -424,13 +421,13 @@ impl<'e> Session<'e> {
         self.output_rows(n);
         let rows = self.n_rows();
         let level = self.engine.level;
-        let logits = Rows::new(&mut self.logits[..rows * n]);
-        self.pool.split(rows, rows * n * 16, &|_, rows| {
-            for row in rows {
-                // SAFETY: each row is one thread's.
-                log_softmax(level, unsafe { logits.at(row * n, n) }, mask);
-            }
-        });
+        let logits = &mut self.logits[..rows * n];
+        self.pool
+            .split_buffers(rows, rows * n * 16, &mut [], logits, &|_, _, logits| {
+                for row in logits.chunks_exact_mut(n) {
+                    log_softmax(level, row, mask);
+                }
+            });
         &self.logits[..rows * n]
     }
 
@@ -473,9 +470,11 @@ impl<'e> Session<'e> {
         for (id, x) in last.iter().zip(self.x.chunks_exact_mut(w.d_model)) {
             embed(engine, *id, x);
         }
+        // Keys and values of this step go to the rows' own places; `keep` may later hand them to other rows.
         for row in 0..rows {
             self.table[row * MAX_STEPS + step] = row as u32;
         }
+        // The caches' stride is that of the rows there was room for at the start: sentences that end make `rows` smaller.
         let one_step = self.room.0 * w.inner;
         for (i, block) in engine.decoder.blocks.iter().enumerate() {
             self.norm(&block.norm, rows);
@@ -496,31 +495,32 @@ impl<'e> Session<'e> {
                 cache.values[at..at + w.inner].copy_from_slice(&qkv[2 * w.inner..]);
             }
             let (cache, wide, table) = (&self.caches[i], &self.wide, &self.table);
-            let longest = self.scores.len() / self.pool.threads();
-            let (scores, mixed) = (Rows::new(&mut self.scores), Rows::new(&mut self.mixed));
-            let n_items = rows * s.n_heads;
+            // An item is one head of one row, and so are `d_kv` values of the output.
+            let (n_items, out) = (rows * s.n_heads, &mut self.mixed[..rows * w.inner]);
             let work = rows * (step + 1) * w.inner * 2;
-            self.pool.split(n_items, work, &|thread, items| {
-                // SAFETY: one row a thread.
-                let scores = unsafe { scores.at(thread * longest, longest) };
-                for item in items {
-                    let (row, head) = (item / s.n_heads, item % s.n_heads);
-                    let at = head * w.d_kv;
-                    let history = History {
-                        keys: &cache.keys,
-                        values: &cache.values,
-                        step: one_step,
-                        row: w.inner,
-                        rows: &table[row * MAX_STEPS..row * MAX_STEPS + step + 1],
-                        head: at,
-                    };
-                    let query = &wide[row * 3 * w.inner + at..][..w.d_kv];
-                    let bias = engine.decoder.bias(head, step);
-                    // SAFETY: each item is one head of one row.
-                    let out = unsafe { mixed.at(row * w.inner + at, w.d_kv) };
-                    attend_history(engine.level, query, history, bias, scores, out);
-                }
-            });
+            self.pool.split_buffers(
+                n_items,
+                work,
+                &mut self.scores,
+                out,
+                &|items, scores, out| {
+                    for (item, out) in items.zip(out.chunks_exact_mut(w.d_kv)) {
+                        let (row, head) = (item / s.n_heads, item % s.n_heads);
+                        let at = head * w.d_kv;
+                        let history = History {
+                            keys: &cache.keys,
+                            values: &cache.values,
+                            step: one_step,
+                            row: w.inner,
+                            rows: &table[row * MAX_STEPS..row * MAX_STEPS + step + 1],
+                            head: at,
+                        };
+                        let query = &wide[row * 3 * w.inner + at..][..w.d_kv];
+                        let bias = engine.decoder.bias(head, step);
+                        attend_history(engine.level, query, history, bias, scores, out);
+                    }
+                },
+            );
             self.product(&block.o, Route::MixedToResidual, rows, w.inner, Then::Add);
             if let Some(cross) = &block.cross {
                 self.norm(&cross.norm, rows);
@@ -540,39 +540,44 @@ impl<'e> Session<'e> {
         let (s, w) = (&engine.shape, engine.shape.widths());
         let (cache, wide) = (&self.caches[block], &self.wide);
         let (spans, sources) = (&self.spans, &self.sources);
-        let longest = self.scores.len() / self.pool.threads();
-        let (scores, mixed) = (Rows::new(&mut self.scores), Rows::new(&mut self.mixed));
-        let n_items = sources.len() * s.n_heads;
+        let (n_items, out) = (
+            sources.len() * s.n_heads,
+            &mut self.mixed[..sources.len() * w.inner],
+        );
         let work: usize = sources.iter().map(|i| spans[*i].len * w.inner * 2).sum();
-        self.pool.split(n_items, work, &|thread, items| {
-            // SAFETY: one row a thread.
-            let scores = unsafe { scores.at(thread * longest, longest) };
-            for item in items {
-                let (row, head) = (item / s.n_heads, item % s.n_heads);
-                let span = spans[sources[row]];
-                let at = head * w.d_kv;
-                let n_padded = padded(span.len);
-                let key = span.column * w.inner + at * n_padded;
-                let columns = Columns {
-                    keys: &cache.cross_keys[key..key + w.d_kv * n_padded],
-                    values: &cache.cross_values[span.start * w.inner + at..],
-                    stride: w.inner,
-                    n: span.len,
-                };
-                let query = &wide[row * w.inner + at..][..w.d_kv];
-                // SAFETY: each item is one head of one row.
-                let out = unsafe { mixed.at(row * w.inner + at, w.d_kv) };
-                attend_columns(engine.level, query, columns, None, scores, out);
-            }
-        });
+        self.pool.split_buffers(
+            n_items,
+            work,
+            &mut self.scores,
+            out,
+            &|items, scores, out| {
+                for (item, out) in items.zip(out.chunks_exact_mut(w.d_kv)) {
+                    let (row, head) = (item / s.n_heads, item % s.n_heads);
+                    let span = spans[sources[row]];
+                    let at = head * w.d_kv;
+                    let n_padded = padded(span.len);
+                    let key = span.column * w.inner + at * n_padded;
+                    let columns = Columns {
+                        keys: &cache.cross_keys[key..key + w.d_kv * n_padded],
+                        values: &cache.cross_values[span.start * w.inner + at..],
+                        stride: w.inner,
+                        n: span.len,
+                    };
+                    let query = &wide[row * w.inner + at..][..w.d_kv];
+                    attend_columns(engine.level, query, columns, None, scores, out);
+                }
+            },
+        );
     }
 
-    /// Goes on with the given rows, in this order; rows may repeat, and there may be fewer than before.
+    /// Continues with the given rows, in this order; rows may repeat, and there may be fewer than before.
+    ///
+    /// Copies rows of the table alone, 2 KiB at most each; keys and values stay where they are.
     ///
     /// Allocates nothing.
     ///
     /// # Panics
-    /// If there are more than [`Self::start`] made room for, or one is out of range.
+    /// If there are more rows than [`Self::start`] reserved, or one is out of range.
     pub fn keep(&mut self, rows: &[usize]) {
         assert!(rows.len() <= self.room.0);
         std::mem::swap(&mut self.table, &mut self.old_table);
@@ -626,13 +631,12 @@ impl<'e> Session<'e> {
         self.norm(&block.feed_norm, rows);
         if engine.shape.gated {
             self.product(&block.wi, Route::NormedToWide, rows, w.d_model, Then::Store);
-            let (wide, mixed) = (&self.wide, Rows::new(&mut self.mixed));
-            self.pool.split(rows, rows * w.d_ff * 16, &|_, rows| {
-                let x = &wide[rows.start * 2 * w.d_ff..rows.end * 2 * w.d_ff];
-                // SAFETY: each thread has its own rows.
-                let out = unsafe { mixed.at(rows.start * w.d_ff, rows.len() * w.d_ff) };
-                gated_gelu(engine.level, x, w.d_ff, out);
-            });
+            let (wide, out) = (&self.wide, &mut self.mixed[..rows * w.d_ff]);
+            self.pool
+                .split_buffers(rows, rows * w.d_ff * 16, &mut [], out, &|rows, _, out| {
+                    let x = &wide[rows.start * 2 * w.d_ff..rows.end * 2 * w.d_ff];
+                    gated_gelu(engine.level, x, w.d_ff, out);
+                });
         } else {
             self.product(&block.wi, Route::NormedToWide, rows, w.d_model, Then::Relu);
         }
@@ -660,7 +664,7 @@ fn embed(engine: &Engine, id: u32, x: &mut [f32]) {
     x[d..].fill(0.0);
 }
 
-/// Turns keys, `inner` values from `first` of every row of `stride`, into `[inner, positions]` for each
+/// Transposes keys, `inner` values from `first` of every row of `stride`, to `[inner, positions]` for each
 /// source, positions padded to 16.
 fn transpose_keys(
     spans: &[Span],
@@ -677,7 +681,7 @@ fn transpose_keys(
             for (i, out) in out[..span.len].iter_mut().enumerate() {
                 *out = rows[(span.start + i) * stride + first + d];
             }
-            // Scores of padding are thrown away, but must not be NaN from an earlier use.
+            // Scores of the padding are overwritten before the softmax, but a NaN of an earlier use must not reach them.
             out[span.len..].fill(0.0);
         }
     }

@@ -5,6 +5,17 @@ use std::collections::BTreeMap;
 use crate::EngineError;
 
 /// A dense f32 array in host memory, row-major.
+///
+/// # Example
+/// ```
+/// use radarllm_engine::HostTensor;
+///
+/// // PyTorch keeps a linear map as [out, in], the engine as [in, out].
+/// let linear = HostTensor { shape: vec![2, 3], values: vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0] };
+/// let transposed = linear.transposed();
+/// assert_eq!(transposed.shape, [3, 2]);
+/// assert_eq!(transposed.values, [1.0, 4.0, 2.0, 5.0, 3.0, 6.0]);
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct HostTensor {
     /// Extent of each axis; empty for a scalar.
@@ -89,7 +100,7 @@ impl Shape {
     /// # Errors
     /// [`EngineError::Shape`] names the first field out of range.
     pub fn validate(&self) -> Result<(), EngineError> {
-        for (field, value, least, most) in [
+        for (field, value, min, max) in [
             ("vocab_size", self.vocab_size, 2, 1 << 22),
             ("d_model", self.d_model, 1, MAX_WIDTH),
             ("d_kv", self.d_kv, 1, MAX_WIDTH),
@@ -113,8 +124,8 @@ impl Shape {
                 MAX_WIDTH,
             ),
         ] {
-            if value < least || value > most {
-                let problem = format!("must be in {least}..={most}, found {value}");
+            if value < min || value > max {
+                let problem = format!("must be in {min}..={max}, found {value}");
                 return Err(EngineError::Shape { field, problem });
             }
         }

@@ -36,6 +36,10 @@ static ALLOCATOR: Counting = Counting;
 
 /// As many allocations for 40 tokens as for one: none belongs to a token.
 #[test]
+#[cfg_attr(
+    miri,
+    ignore = "hundreds of tokens take too long; other tests run the same code"
+)]
 fn tokens_allocate_nothing() {
     let shape = Shape {
         vocab_size: 200,
@@ -89,6 +93,10 @@ fn tokens_allocate_nothing() {
 
 /// Once its buffers have grown, a session encodes clip after clip without asking for memory.
 #[test]
+#[cfg_attr(
+    miri,
+    ignore = "long clips take too long; other tests run the same code"
+)]
 fn clips_allocate_nothing() {
     let shape = tokenizer_shape();
     let tokenizer = Tokenizer::new(shape, tokenizer_weights(&shape, 1)).unwrap();

@@ -36,7 +36,7 @@ fn engine(precision: Precision) -> Engine {
 
 fn options(allowed: &[bool], beam: usize) -> SearchOptions<'_> {
     SearchOptions {
-        max_new_tokens: 12,
+        max_new_tokens: if cfg!(miri) { 3 } else { 12 },
         beam,
         length_penalty: 1.0,
         batch: 64,
@@ -48,7 +48,13 @@ fn options(allowed: &[bool], beam: usize) -> SearchOptions<'_> {
 
 /// Inputs of different lengths; every other carries a feature.
 fn mixed() -> Vec<Source> {
-    let mut all = sources(90, &[1, 5, 17, 30, 64, 3], 2);
+    // Miri is some thousand times slower.
+    let lengths: &[usize] = if cfg!(miri) {
+        &[1, 17]
+    } else {
+        &[1, 5, 17, 30, 64, 3]
+    };
+    let mut all = sources(90, lengths, 2);
     for (i, source) in all.iter_mut().enumerate().step_by(2) {
         source.feature_positions = vec![0];
         source.features = (0..5).map(|j| (i + j) as f32 - 3.0).collect();
@@ -65,7 +71,7 @@ fn neither_neighbours_nor_threads_change_a_sentence() {
         for beam in [1, 3] {
             let options = options(&allowed, beam);
             let together = engine.session(1).generate(&mixed(), &options).unwrap();
-            assert!(together.iter().any(|g| g.ids.len() > 3));
+            assert!(cfg!(miri) || together.iter().any(|g| g.ids.len() > 3));
             let threads = engine.session(3).generate(&mixed(), &options).unwrap();
             assert_eq!(together, threads);
             // The same session again and again: nothing is left over from earlier inputs.
@@ -78,14 +84,14 @@ fn neither_neighbours_nor_threads_change_a_sentence() {
 }
 
 #[test]
-fn every_level_says_the_same() {
+fn every_level_gives_the_same_sentences() {
     let allowed = vec![true; 90];
     for precision in [Precision::F32, Precision::Int8] {
         let expected = engine(precision)
             .session(1)
             .generate(&mixed(), &options(&allowed, 2))
             .unwrap();
-        for level in SimdLevel::ALL.into_iter().filter(|l| l.is_available()) {
+        for level in SimdLevel::available() {
             let engine =
                 Engine::with_level(small(), precision, weights(&small(), 1), level).unwrap();
             let found = engine
@@ -104,31 +110,31 @@ fn every_level_says_the_same() {
 }
 
 #[test]
-fn tokens_are_told_as_they_come_and_decoding_can_be_stopped() {
+fn tokens_are_reported_as_they_come_and_decoding_can_be_cancelled() {
     let engine = engine(Precision::F32);
     let allowed = vec![true; 90];
     for beam in [1, 3] {
         let options = options(&allowed, beam);
-        let mut heard = vec![Vec::new(); mixed().len()];
+        let mut reported = vec![Vec::new(); mixed().len()];
         let cancel = AtomicBool::new(false);
         let mut watch = Watch {
-            on_token: &mut |source, id| heard[source].push(id),
+            on_token: &mut |source, id| reported[source].push(id),
             cancel: &cancel,
         };
-        let said = engine
+        let generated = engine
             .session(1)
             .generate_watched(&mixed(), &options, &mut watch)
             .unwrap();
-        for (heard, said) in heard.iter().zip(&said) {
-            assert_eq!(*heard, said.ids);
+        for (reported, generated) in reported.iter().zip(&generated) {
+            assert_eq!(*reported, generated.ids);
         }
     }
     // Stopped from within, after the first token.
     let cancel = AtomicBool::new(false);
-    let mut n_heard = 0;
+    let mut n_reported = 0;
     let mut watch = Watch {
         on_token: &mut |_, _| {
-            n_heard += 1;
+            n_reported += 1;
             cancel.store(true, Ordering::Relaxed);
         },
         cancel: &cancel,
@@ -138,7 +144,7 @@ fn tokens_are_told_as_they_come_and_decoding_can_be_stopped() {
         .session(1)
         .generate_watched(one, &options(&allowed, 1), &mut watch);
     assert_eq!(stopped, Err(EngineError::Cancelled));
-    assert_eq!(n_heard, 1);
+    assert_eq!(n_reported, 1);
 }
 
 #[test]
@@ -146,18 +152,27 @@ fn only_allowed_ids_come_out() {
     let engine = engine(Precision::F32);
     let allowed: Vec<bool> = (0..50).map(|i| i == 1 || i % 7 == 3).collect();
     for beam in [1, 4] {
-        for said in engine
+        for sentence in engine
             .session(1)
             .generate(&mixed(), &options(&allowed, beam))
             .unwrap()
         {
-            assert!(said.ids.iter().all(|id| allowed[*id as usize] && *id != 1));
-            assert!(said.confidence > 0.0 && said.confidence <= 1.0);
+            assert!(
+                sentence
+                    .ids
+                    .iter()
+                    .all(|id| allowed[*id as usize] && *id != 1)
+            );
+            assert!(sentence.confidence > 0.0 && sentence.confidence <= 1.0);
         }
     }
 }
 
 #[test]
+#[cfg_attr(
+    miri,
+    ignore = "long inputs that are refused before they reach unsafe code"
+)]
 fn inputs_and_options_that_do_not_fit_are_errors() {
     let engine = engine(Precision::F32);
     let allowed = vec![true; 90];
@@ -230,6 +245,10 @@ fn inputs_and_options_that_do_not_fit_are_errors() {
 
 /// Weights whose sums overflow are nonsense, but no panic.
 #[test]
+#[cfg_attr(
+    miri,
+    ignore = "arithmetic alone, no unsafe code that other tests do not run"
+)]
 fn numbers_that_overflow_end_the_sentence() {
     let allowed = vec![true; 90];
     for precision in [Precision::F32, Precision::Int8] {
@@ -242,16 +261,17 @@ fn numbers_that_overflow_end_the_sentence() {
         }
         let engine = Engine::new(small(), precision, all).unwrap();
         for beam in [1, 3] {
-            let said = engine
+            let generated = engine
                 .session(1)
                 .generate(&mixed(), &options(&allowed, beam))
                 .unwrap();
-            assert_eq!(said.len(), mixed().len());
+            assert_eq!(generated.len(), mixed().len());
         }
     }
 }
 
 #[test]
+#[cfg_attr(miri, ignore = "packs many networks and runs none")]
 fn weights_that_do_not_fit_are_named() {
     let refuse = |change: &dyn Fn(&mut NamedTensors), wanted: &str| {
         let mut all = weights(&small(), 1);

@@ -7,7 +7,7 @@
 use std::process::ExitCode;
 
 use radarllm_base::{RadarPoint, RecordedFrame, Timeline, timeline::moved};
-use radarllm_formats::{Format, detect, read_mars_points, read_radhar_points};
+use radarllm_formats::{RecordingFormat, detect, read_mars_points, read_radhar_points};
 
 /// Slower points say nothing about motion, m/s.
 const SLOWEST_MPS: f32 = 0.3;
@@ -72,8 +72,8 @@ fn read(file: &str) -> Result<Vec<RecordedFrame>, String> {
         .map_err(|e| e.to_string())?
         .format;
     match format {
-        Format::Mars => read_mars_points(&text).map_err(|e| e.to_string()),
-        Format::RadHar => read_radhar_points(&text).map_err(|e| e.to_string()),
+        RecordingFormat::Mars => read_mars_points(&text).map_err(|e| e.to_string()),
+        RecordingFormat::RadHar => read_radhar_points(&text).map_err(|e| e.to_string()),
         other => Err(format!("{} is not measured here", other.name())),
     }
 }

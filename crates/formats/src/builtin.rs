@@ -1,10 +1,10 @@
-//! Radars known by name.
+//! Radars known by name: typical boards with a chirp that suits people indoors.
 
 use radarllm_base::RadarConfig;
 
 use crate::boards::Board;
 
-/// Names [`builtin_radar`] knows.
+/// Full names of the built-in radars.
 pub const BUILTIN_NAMES: [&str; 8] = [
     "awr1843boost",
     "awr1642boost",
@@ -16,13 +16,60 @@ pub const BUILTIN_NAMES: [&str; 8] = [
     "iwrl6432",
 ];
 
-/// A radar by name; `None` if there is no such name.
+/// Why a name is no built-in radar.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NameError {
+    /// No built-in radar has a name that starts so.
+    #[error("no built-in radar is called so; they are {}", BUILTIN_NAMES.join(", "))]
+    Unknown,
+    /// Several names start so.
+    #[error("the name is short for several built-in radars: {}", .0.join(", "))]
+    Ambiguous(Vec<&'static str>),
+}
+
+/// A radar by name. The name may be shortened as long as only one radar's name starts so, and its case does not
+/// matter.
+///
+/// ```
+/// use radarllm_formats::{NameError, find_builtin};
+///
+/// assert_eq!(find_builtin("awr1843")?.name, "awr1843boost");
+/// // Three antenna layouts share this chip.
+/// let error = find_builtin("iwr6843").unwrap_err();
+/// assert_eq!(error, NameError::Ambiguous(vec!["iwr6843isk", "iwr6843isk-ods", "iwr6843aop"]));
+/// # Ok::<(), NameError>(())
+/// ```
 ///
 /// The 77 GHz boards carry the reference chirp of [`RadarConfig::awr1843boost`]; the 60 GHz boards
 /// the chirp of TI's 6 m people-counting files (96 samples, 96 loops, 55 ms frames, TX1, TX2, TX3).
 /// The cascade has the chirp of TI's MIMO configuration script (64 loops of 12 transmitters, fired
 /// from TX12 to TX1); the IWRL6432 a short-range chirp of our own, its real samples as complex ones.
+///
+/// # Errors
+/// [`NameError`]: no name starts so, or several do.
+pub fn find_builtin(name: &str) -> Result<RadarConfig, NameError> {
+    let name = name.to_ascii_lowercase();
+    // A full name is itself even where a longer one starts with it, as `iwr6843isk` does.
+    if let Some(radar) = by_full_name(&name) {
+        return Ok(radar);
+    }
+    let candidates: Vec<&'static str> = BUILTIN_NAMES
+        .into_iter()
+        .filter(|known| !name.is_empty() && known.starts_with(&name))
+        .collect();
+    match candidates.as_slice() {
+        [] => Err(NameError::Unknown),
+        [only] => by_full_name(only).ok_or(NameError::Unknown),
+        _ => Err(NameError::Ambiguous(candidates)),
+    }
+}
+
+/// As [`find_builtin`], for callers to whom it does not matter why there is no such radar.
 pub fn builtin_radar(name: &str) -> Option<RadarConfig> {
+    find_builtin(name).ok()
+}
+
+fn by_full_name(name: &str) -> Option<RadarConfig> {
     match name {
         "awr1843boost" => Some(RadarConfig::awr1843boost()),
         "awr1642boost" => Some(with_board(RadarConfig::awr1843boost(), Board::Xwr1642Boost)),
@@ -75,7 +122,7 @@ pub fn builtin_radar(name: &str) -> Option<RadarConfig> {
 pub fn builtin_radars() -> Vec<RadarConfig> {
     BUILTIN_NAMES
         .iter()
-        .filter_map(|name| builtin_radar(name))
+        .filter_map(|name| by_full_name(name))
         .collect()
 }
 
@@ -124,5 +171,32 @@ mod tests {
         }
         assert_eq!(builtin_radars().len(), BUILTIN_NAMES.len());
         assert!(builtin_radar("awr9999").is_none());
+    }
+
+    #[test]
+    fn names_may_be_shortened_where_unambiguous() {
+        for (short, full) in [
+            ("awr1843", "awr1843boost"),
+            ("AWR1642", "awr1642boost"),
+            ("iwr1443", "iwr1443boost"),
+            ("iwr6843isk", "iwr6843isk"),
+            ("iwr6843isk-", "iwr6843isk-ods"),
+            ("iwr6843a", "iwr6843aop"),
+            ("awr2243", "awr2243-cascade"),
+            ("iwrl", "iwrl6432"),
+        ] {
+            assert_eq!(find_builtin(short).unwrap().name, full, "{short}");
+            assert_eq!(builtin_radar(short).unwrap().name, full, "{short}");
+        }
+        let error = find_builtin("awr1").unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "the name is short for several built-in radars: awr1843boost, awr1642boost"
+        );
+        for unknown in ["", "awr9999", "boost", "awr1843boost2", "\u{7}"] {
+            let error = find_builtin(unknown).unwrap_err();
+            assert_eq!(error, NameError::Unknown, "{unknown:?}");
+            assert!(error.to_string().contains("iwr6843aop"), "{error}");
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! Files of channel gains: what a corner reflector said about the virtual channels of one radar.
+//! Files of channel gains: gain and phase of each virtual channel of one radar, measured with a corner reflector.
 //!
 //! ```toml
 //! radar = "awr1843boost"
@@ -26,7 +26,7 @@ use serde::{Deserialize, Serialize};
 
 /// Virtual antennas nearer than this are the same, m.
 const SAME_M: f64 = 5e-5;
-/// Largest gain of a channel against the mean, dB: beyond it a channel is broken, not mismatched.
+/// Maximum gain of a channel relative to the mean, dB: beyond it a channel is broken, not mismatched.
 const MAX_GAIN_DB: f64 = 40.0;
 
 /// Why a calibration cannot be used.

@@ -1,19 +1,22 @@
-//! Which format a capture has, from its first bytes and its name, with the reason.
+//! Detects the format of a capture from its first bytes and its name, and gives the reason.
+
+use radarllm_files::npy::{NPY_MAGIC, NpyHeader, read_npy_header};
 
 use crate::{
     dca1000::starts_with_record,
+    folder::visualizer_folder,
     pcap,
-    recordings::{bag::BAG_MAGIC, mmfi},
-    tables::{NpyHeader, is_point_column, npy::NPY_MAGIC, read_npy_header},
+    recordings::{bag::BAG_MAGIC, matlab, mmfi},
+    tables::is_point_column,
     uart,
 };
 
-/// Bytes at the start of a file that decide; more are not looked at.
+/// Number of bytes at the start of a file that detection uses.
 pub const HEAD_BYTES: usize = 64 << 10;
 
-/// What a capture can be.
+/// Format of a recording or capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Format {
+pub enum RecordingFormat {
     /// Raw samples: `adc_data.bin` of a capture card, or npy cubes of complex numbers.
     Adc,
     /// UDP packets of a DCA1000.
@@ -34,13 +37,19 @@ pub enum Format {
     NpyPoints,
     /// ROS 1 bag.
     Bag,
+    /// Files `replay_N.json` of a TI visualizer, one or a folder of them.
+    VisualizerJson,
+    /// A folder of `pHistBytes_N.bin` of a TI visualizer; one such file is [`Self::Uart`].
+    VisualizerBinary,
+    /// MATLAB v5 file with MARS-like points.
+    Mat,
     /// This project's points file.
     Points,
 }
 
-impl Format {
+impl RecordingFormat {
     /// All formats.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 14] = [
         Self::Adc,
         Self::Dca1000,
         Self::Uart,
@@ -51,6 +60,9 @@ impl Format {
         Self::Csv,
         Self::NpyPoints,
         Self::Bag,
+        Self::VisualizerJson,
+        Self::VisualizerBinary,
+        Self::Mat,
         Self::Points,
     ];
 
@@ -67,6 +79,9 @@ impl Format {
             Self::Csv => "csv",
             Self::NpyPoints => "npy-points",
             Self::Bag => "bag",
+            Self::VisualizerJson => "visualizer-json",
+            Self::VisualizerBinary => "visualizer-binary",
+            Self::Mat => "mat",
             Self::Points => "points",
         }
     }
@@ -81,12 +96,12 @@ impl Format {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Detected {
     /// The format.
-    pub format: Format,
-    /// What it was told by.
+    pub format: RecordingFormat,
+    /// What it was recognised by.
     pub reason: String,
 }
 
-/// Why a format cannot be told.
+/// Why a format cannot be detected.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DetectError {
     /// Several are possible.
@@ -95,7 +110,7 @@ pub enum DetectError {
         /// What was seen.
         reason: String,
         /// What it can be.
-        choices: Vec<Format>,
+        choices: Vec<RecordingFormat>,
     },
     /// A Python pickle: it can run any code when it is opened.
     #[error(
@@ -107,27 +122,30 @@ pub enum DetectError {
         /// What was seen.
         reason: String,
     },
+    /// A folder with several recordings.
+    #[error("several recordings: {}; name one of these folders", .0.join(", "))]
+    SeveralRecordings(Vec<String>),
     /// A format that is known and not read.
     #[error("{0}")]
     Refused(String),
-    /// Nothing known.
+    /// No known format.
     #[error("no known capture format ({0})")]
     Unknown(String),
 }
 
-fn list(formats: &[Format]) -> String {
+fn list(formats: &[RecordingFormat]) -> String {
     let names: Vec<&str> = formats.iter().map(|f| f.name()).collect();
     names.join(", ")
 }
 
-fn sure(format: Format, reason: impl Into<String>) -> Result<Detected, DetectError> {
+fn sure(format: RecordingFormat, reason: impl Into<String>) -> Result<Detected, DetectError> {
     Ok(Detected {
         format,
         reason: reason.into(),
     })
 }
 
-/// Tells the format of a file from its name (the last part of its path) and its first [`HEAD_BYTES`] bytes.
+/// Detects the format of a file from its name (the last part of its path) and its first [`HEAD_BYTES`] bytes.
 ///
 /// # Errors
 /// [`DetectError`]: several formats fit, a pickle, or nothing known.
@@ -137,7 +155,7 @@ pub fn detect(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
     let extension = lower.rsplit_once('.').map_or("", |(_, e)| e);
     if head.starts_with(b"#ROSBAG") {
         return if head.starts_with(BAG_MAGIC) {
-            sure(Format::Bag, "#ROSBAG V2.0")
+            sure(RecordingFormat::Bag, "#ROSBAG V2.0")
         } else {
             Err(DetectError::Refused(
                 "a ROS bag of another version than 2.0: `rosbag fix` converts it".into(),
@@ -145,19 +163,27 @@ pub fn detect(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
         };
     }
     if head.starts_with(b"PAR1") {
-        return sure(Format::Points, "PAR1, a Parquet file");
+        return sure(RecordingFormat::Points, "PAR1, a Parquet file");
     }
     if head.starts_with(NPY_MAGIC) {
         return npy(&lower, head);
     }
+    if head.starts_with(matlab::MAT_MAGIC) {
+        return sure(RecordingFormat::Mat, "a MATLAB v5 file");
+    }
+    if head.starts_with(matlab::MAT_73_MAGIC)
+        || extension == "mat" && head.starts_with(matlab::HDF5_MAGIC)
+    {
+        return Err(DetectError::Refused(matlab::MAT_73_ADVICE.into()));
+    }
     if starts_with_record(head) {
         return sure(
-            Format::Dca1000,
+            RecordingFormat::Dca1000,
             "the numbers before a capture card's first packet",
         );
     }
     if pcap::is_magic(head) {
-        return sure(Format::Dca1000, "a pcap file");
+        return sure(RecordingFormat::Dca1000, "a pcap file");
     }
     if head.starts_with(b"PK\x03\x04") {
         return Err(DetectError::Unknown("a zip archive".into()));
@@ -167,7 +193,10 @@ pub fn detect(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
         .filter(|w| *w == uart::MAGIC);
     let n_packets = packets.count();
     if n_packets > 0 {
-        return sure(Format::Uart, format!("{n_packets} UART magics in its head"));
+        return sure(
+            RecordingFormat::Uart,
+            format!("{n_packets} UART magics in its head"),
+        );
     }
     if ["cpl", "pkl", "pickle"].contains(&extension) {
         return Err(DetectError::Pickle {
@@ -185,31 +214,46 @@ pub fn detect(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
         return Ok(detected);
     }
     if numbered(&lower, "frame").is_some() && extension == "bin" && head.len().is_multiple_of(40) {
-        return sure(Format::MmFi, "named frame*.bin, rows of 40 bytes");
+        return sure(RecordingFormat::MmFi, "named frame*.bin, rows of 40 bytes");
     }
     if extension == "bin" && (lower.starts_with("adc_data") || lower.contains("_raw_")) {
-        return sure(Format::Adc, "named as mmWave Studio names raw words");
+        return sure(
+            RecordingFormat::Adc,
+            "named as mmWave Studio names raw words",
+        );
     }
     if ["bin", "raw", "dat"].contains(&extension) {
         return Err(DetectError::Ambiguous {
             reason: format!("a .{extension} without UART magics"),
-            choices: vec![Format::Adc, Format::Dca1000, Format::MmFi],
+            choices: vec![
+                RecordingFormat::Adc,
+                RecordingFormat::Dca1000,
+                RecordingFormat::MmFi,
+            ],
         });
     }
     Err(DetectError::Unknown(if head.is_empty() {
         "an empty file".into()
+    } else if extension == "json" {
+        "JSON without `frameData` at its beginning: no recording of a TI visualizer".into()
+    } else if extension == "mat" {
+        "a .mat file of another version than 5: save(file, 'marsData', '-v7') writes that one"
+            .into()
     } else {
-        "neither its first bytes nor its name tell one".into()
+        "neither its first bytes nor its name identify a format".into()
     }))
 }
 
-/// Tells the format of a folder from the names of its files.
+/// Detects the format of a folder from the names of its files, and of those in folders in it, with `/` between
+/// folder and file: see [`visualizer_folder`].
 ///
 /// # Errors
-/// [`DetectError`] when no or several data sets name their files so.
+/// [`DetectError`] when no or several formats name their files so, or the folder holds several recordings.
 pub fn detect_folder<'a>(
     names: impl IntoIterator<Item = &'a str>,
 ) -> Result<Detected, DetectError> {
+    let names: Vec<&str> = names.into_iter().collect();
+    let visualizer = visualizer_folder(&names, None)?;
     let (mut mmfi, mut npy) = (0, 0);
     for name in names {
         let name = name.to_lowercase();
@@ -220,15 +264,30 @@ pub fn detect_folder<'a>(
             mmfi += 1;
         }
     }
+    if let Some(folder) = visualizer {
+        if mmfi + npy == 0 {
+            return sure(folder.format, folder.reason());
+        }
+        let mut choices = vec![folder.format];
+        choices.extend((mmfi > 0).then_some(RecordingFormat::MmFi));
+        choices.extend((npy > 0).then_some(RecordingFormat::MmBody));
+        return Err(DetectError::Ambiguous {
+            reason: format!("{}, and frames of a data set", folder.reason()),
+            choices,
+        });
+    }
     match (mmfi, npy) {
         (0, 0) => Err(DetectError::Unknown(
-            "a folder without frame*.bin or frame_N.npy".into(),
+            "a folder without replay_N.json, pHistBytes_N.bin, frame*.bin or frame_N.npy".into(),
         )),
-        (n, 0) => sure(Format::MmFi, format!("{n} files frame*.bin or frame*.npy")),
-        (0, n) => sure(Format::MmBody, format!("{n} files frame_N.npy")),
+        (n, 0) => sure(
+            RecordingFormat::MmFi,
+            format!("{n} files frame*.bin or frame*.npy"),
+        ),
+        (0, n) => sure(RecordingFormat::MmBody, format!("{n} files frame_N.npy")),
         _ => Err(DetectError::Ambiguous {
             reason: "files of two data sets".into(),
-            choices: vec![Format::MmFi, Format::MmBody],
+            choices: vec![RecordingFormat::MmFi, RecordingFormat::MmBody],
         }),
     }
 }
@@ -260,7 +319,10 @@ fn text_format(text: &str) -> Option<Detected> {
         })
     };
     if first.trim_end() == "header:" && text.contains("point_id:") {
-        return found(Format::RadHar, "records of `header:` and `point_id:`");
+        return found(
+            RecordingFormat::RadHar,
+            "records of `header:` and `point_id:`",
+        );
     }
     let cells: Vec<&str> = first
         .trim_start_matches('\u{feff}')
@@ -268,17 +330,27 @@ fn text_format(text: &str) -> Option<Detected> {
         .map(str::trim)
         .collect();
     if cells.contains(&"Frame #") && cells.contains(&"Doppler") {
-        return found(Format::Mars, "a header with `Frame #` and `Doppler`");
+        return found(
+            RecordingFormat::Mars,
+            "a header with `Frame #` and `Doppler`",
+        );
+    }
+    if first
+        .trim_start_matches(['\u{feff}', ' ', '\t'])
+        .starts_with('{')
+        && text.contains("\"frameData\"")
+    {
+        return found(RecordingFormat::VisualizerJson, "JSON with `frameData`");
     }
     if cells.iter().filter(|c| is_point_column(c)).count() >= 3 {
-        return found(Format::Csv, "a header with columns of points");
+        return found(RecordingFormat::Csv, "a header with columns of points");
     }
     None
 }
 
 fn npy(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
     let NpyHeader { shape, fields, .. } = read_npy_header(head).map_err(|e| {
-        if e.expected.contains("pickle") {
+        if e.is_pickled {
             DetectError::Pickle {
                 reason: "an npy array of Python objects".into(),
             }
@@ -287,23 +359,35 @@ fn npy(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
         }
     })?;
     if fields.first().is_some_and(|f| !f.name.is_empty()) {
-        return sure(Format::NpyPoints, "an npy array with named columns");
+        return sure(
+            RecordingFormat::NpyPoints,
+            "an npy array with named columns",
+        );
     }
     if fields.first().is_some_and(|f| f.code.starts_with('c')) {
-        return sure(Format::Adc, format!("complex npy of shape {shape:?}"));
+        return sure(
+            RecordingFormat::Adc,
+            format!("complex npy of shape {shape:?}"),
+        );
     }
     match shape.as_slice() {
-        [_, 8, 8, 5] | [_, 64, 5] => sure(Format::Mars, format!("npy feature maps {shape:?}")),
-        [_, 7] => sure(Format::NpyPoints, "npy of seven columns"),
+        [_, 8, 8, 5] | [_, 64, 5] => {
+            sure(RecordingFormat::Mars, format!("npy feature maps {shape:?}"))
+        }
+        [_, 7] => sure(RecordingFormat::NpyPoints, "npy of seven columns"),
         [_, 6] if numbered(name, "frame_").is_some() => {
-            sure(Format::MmBody, "frame_N.npy of six columns")
+            sure(RecordingFormat::MmBody, "frame_N.npy of six columns")
         }
         [_, 5] if numbered(name, "frame").is_some() => {
-            sure(Format::MmFi, "frame*.npy of five columns")
+            sure(RecordingFormat::MmFi, "frame*.npy of five columns")
         }
         [_, 5 | 6] => Err(DetectError::Ambiguous {
             reason: format!("npy of shape {shape:?}, named {}", short(name)),
-            choices: vec![Format::MmBody, Format::MmFi, Format::NpyPoints],
+            choices: vec![
+                RecordingFormat::MmBody,
+                RecordingFormat::MmFi,
+                RecordingFormat::NpyPoints,
+            ],
         }),
         _ => Err(DetectError::Unknown(format!("npy of shape {shape:?}"))),
     }
@@ -314,11 +398,12 @@ fn short(name: &str) -> String {
 }
 
 /// Frames per second that a data set states, where its files have no clock.
-pub fn stated_rate_hz(format: Format) -> Option<f64> {
+pub fn stated_rate_hz(format: RecordingFormat) -> Option<f64> {
     match format {
         // An and Ogras, ACM TECS 2021.
-        Format::Mars => Some(10.0),
-        Format::MmFi => Some(mmfi::FRAME_RATE_HZ),
+        RecordingFormat::Mars => Some(10.0),
+        RecordingFormat::MmFi => Some(mmfi::FRAME_RATE_HZ),
+        RecordingFormat::Mat => Some(matlab::FRAME_RATE_HZ),
         _ => None,
     }
 }
@@ -327,7 +412,7 @@ pub fn stated_rate_hz(format: Format) -> Option<f64> {
 mod tests {
     use super::*;
 
-    fn format(name: &str, head: &[u8]) -> Format {
+    fn format(name: &str, head: &[u8]) -> RecordingFormat {
         detect(name, head).unwrap().format
     }
 
@@ -342,49 +427,68 @@ mod tests {
     #[test]
     fn first_bytes_and_names_tell_the_format() {
         let uart = [b"junk".to_vec(), uart::MAGIC.to_vec(), vec![0; 40]].concat();
-        assert_eq!(format("x.dat", &uart), Format::Uart);
-        assert_eq!(format("x.bag", b"#ROSBAG V2.0\nmore"), Format::Bag);
-        assert_eq!(format("x", b"PAR1"), Format::Points);
+        assert_eq!(format("x.dat", &uart), RecordingFormat::Uart);
+        assert_eq!(format("x.bag", b"#ROSBAG V2.0\nmore"), RecordingFormat::Bag);
+        assert_eq!(format("x", b"PAR1"), RecordingFormat::Points);
         assert_eq!(
             format("a.txt", b"header: \n  seq: 1\npoint_id: 0\n"),
-            Format::RadHar
+            RecordingFormat::RadHar
         );
         assert_eq!(
             format("a.csv", b"Frame #,# Obj,X,Y,Z,Doppler,Intensity\n"),
-            Format::Mars
+            RecordingFormat::Mars
         );
-        assert_eq!(format("a.csv", b"frame;x_m;y_m;z_m;v;snr\n"), Format::Csv);
-        assert_eq!(format("frame001.bin", &[0; 80]), Format::MmFi);
+        assert_eq!(
+            format("a.csv", b"frame;x_m;y_m;z_m;v;snr\n"),
+            RecordingFormat::Csv
+        );
+        assert_eq!(format("frame001.bin", &[0; 80]), RecordingFormat::MmFi);
         assert_eq!(
             format("a.npy", &npy_head("'<f8'", "(3, 8, 8, 5)")),
-            Format::Mars
+            RecordingFormat::Mars
         );
         assert_eq!(
             format("a.npy", &npy_head("[('x', '<f4')]", "(3,)")),
-            Format::NpyPoints
+            RecordingFormat::NpyPoints
         );
         assert_eq!(
             format("a.npy", &npy_head("'<c8'", "(1, 2, 3, 4, 5)")),
-            Format::Adc
+            RecordingFormat::Adc
         );
         assert_eq!(
             format("frame_7.npy", &npy_head("'<f8'", "(900, 6)")),
-            Format::MmBody
+            RecordingFormat::MmBody
         );
         assert_eq!(
             format("frame007.npy", &npy_head("'<f8'", "(9, 5)")),
-            Format::MmFi
+            RecordingFormat::MmFi
         );
+        let folder = detect_folder(["pHistBytes_1.bin", "profile.cfg"]).unwrap();
+        assert_eq!(folder.format, RecordingFormat::VisualizerBinary);
         let folder = detect_folder(["frame_1.npy", "frame_2.npy"]).unwrap();
-        assert_eq!(folder.format, Format::MmBody);
+        assert_eq!(folder.format, RecordingFormat::MmBody);
         assert_eq!(
             detect_folder(["frame001.bin"]).unwrap().format,
-            Format::MmFi
+            RecordingFormat::MmFi
         );
-        assert_eq!(format("adc_data_Raw_0.bin", &[7; 64]), Format::Adc);
-        assert_eq!(format("x.pcap", &[0xd4, 0xc3, 0xb2, 0xa1]), Format::Dca1000);
-        for format in Format::ALL {
-            assert_eq!(Format::from_name(format.name()), Some(format));
+        assert_eq!(format("adc_data_Raw_0.bin", &[7; 64]), RecordingFormat::Adc);
+        assert_eq!(
+            format("x.pcap", &[0xd4, 0xc3, 0xb2, 0xa1]),
+            RecordingFormat::Dca1000
+        );
+        assert_eq!(
+            format(
+                "replay_3.json",
+                b"{\n \"cfg\": [], \"data\": [{\"frameData\": {}}]}"
+            ),
+            RecordingFormat::VisualizerJson
+        );
+        assert_eq!(
+            format("x.mat", b"MATLAB 5.0 MAT-file, Platform: PCWIN64"),
+            RecordingFormat::Mat
+        );
+        for format in RecordingFormat::ALL {
+            assert_eq!(RecordingFormat::from_name(format.name()), Some(format));
         }
     }
 
@@ -403,10 +507,23 @@ mod tests {
             Err(DetectError::Unknown(_))
         ));
         assert!(matches!(detect("x", b""), Err(DetectError::Unknown(_))));
-        assert!(matches!(
-            detect("x.bag", b"#ROSBAG V1.2\n"),
-            Err(DetectError::Refused(_))
-        ));
+        for (name, head) in [
+            ("x.bag", &b"#ROSBAG V1.2\n"[..]),
+            ("x", b"MATLAB 7.3 MAT-file, Platform"),
+            ("x.mat", b"\x89HDF\r\n\x1a\n"),
+        ] {
+            assert!(
+                matches!(detect(name, head), Err(DetectError::Refused(_))),
+                "{name}"
+            );
+        }
+        let other = detect("replay_1.json", b"{\"score\": 7}").unwrap_err();
+        assert!(other.to_string().contains("without `frameData`"), "{other}");
+        let error = detect_folder(["replay_1.json", "frame001.bin"]).unwrap_err();
+        assert!(
+            error.to_string().contains("visualizer-json, mmfi"),
+            "{error}"
+        );
     }
 
     #[test]

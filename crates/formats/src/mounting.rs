@@ -5,7 +5,7 @@ use radarllm_base::PointFrame;
 /// Angles of a mounted sensor. All zero: level, looking along y.
 ///
 /// Applied in this order: roll about the boresight, tilt about the x axis, yaw about the vertical. The height
-/// above the floor is no rotation: points stay relative to the radar, and the height goes with the points file.
+/// above the floor is no rotation: points stay relative to the radar, and the points file stores the height.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct Mounting {
     /// Boresight below the horizon, rad: positive looks down.

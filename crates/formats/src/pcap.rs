@@ -10,9 +10,9 @@ use std::io::Read;
 
 use crate::adc::{AdcError, reader::fill};
 
-/// Longest packet accepted, bytes: tcpdump's largest.
+/// Maximum length of a packet, bytes: tcpdump's largest.
 const MAX_PACKET: u32 = 262_144;
-/// Longest pcapng block accepted, bytes; longer ones of unknown kinds are skipped without being held.
+/// Maximum length of a pcapng block, bytes; longer ones of unknown kinds are skipped without being held.
 const MAX_BLOCK: u32 = MAX_PACKET + 65_536;
 /// Interfaces of a pcapng section.
 const MAX_INTERFACES: usize = 1024;
@@ -40,7 +40,7 @@ pub struct CapturedUdp {
 }
 
 /// How the file is laid out.
-enum Format {
+enum FileLayout {
     Classic {
         link: u32,
     },
@@ -54,7 +54,7 @@ enum Format {
 pub struct PcapReader<R> {
     input: R,
     is_big_endian: bool,
-    format: Format,
+    format: FileLayout,
     /// Bytes read so far.
     offset: u64,
     buffer: Vec<u8>,
@@ -71,7 +71,7 @@ impl<R: Read> PcapReader<R> {
         let mut reader = Self {
             input,
             is_big_endian: false,
-            format: Format::Classic { link: 0 },
+            format: FileLayout::Classic { link: 0 },
             offset: 0,
             buffer: Vec::new(),
             others: 0,
@@ -86,7 +86,7 @@ impl<R: Read> PcapReader<R> {
             0xa1b2_c3d4 | 0xa1b2_3c4d => {}
             0xd4c3_b2a1 | 0x4d3c_b2a1 => reader.is_big_endian = true,
             SECTION_HEADER => {
-                reader.format = Format::Sections { links: Vec::new() };
+                reader.format = FileLayout::Sections { links: Vec::new() };
                 reader.section_header()?;
                 return Ok(reader);
             }
@@ -102,7 +102,7 @@ impl<R: Read> PcapReader<R> {
         // The upper bits hold the length of a frame check sequence.
         let link = reader.word(16) & 0x0fff_ffff;
         check_link(link, 20)?;
-        reader.format = Format::Classic { link };
+        reader.format = FileLayout::Classic { link };
         Ok(reader)
     }
 
@@ -123,12 +123,12 @@ impl<R: Read> PcapReader<R> {
     pub fn next_udp(&mut self, datagram: &mut Vec<u8>) -> Result<Option<CapturedUdp>, AdcError> {
         loop {
             let found = match &self.format {
-                Format::Classic { link } => {
+                FileLayout::Classic { link } => {
                     let link = *link;
                     self.next_classic()?
                         .map(|()| Some((link, 0, self.buffer.len())))
                 }
-                Format::Sections { .. } => self.next_block()?,
+                FileLayout::Sections { .. } => self.next_block()?,
             };
             let Some(packet) = found else {
                 return Ok(None);
@@ -232,7 +232,7 @@ impl<R: Read> PcapReader<R> {
                 }
                 let link = u32::from(half(0));
                 check_link(link, start + 8)?;
-                if let Format::Sections { links } = &mut self.format {
+                if let FileLayout::Sections { links } = &mut self.format {
                     if links.len() == MAX_INTERFACES {
                         return Err(AdcError::format(
                             start,
@@ -273,8 +273,8 @@ impl<R: Read> PcapReader<R> {
 
     fn link_of(&self, interface: usize, offset: u64) -> Result<u32, AdcError> {
         let links: &[u32] = match &self.format {
-            Format::Sections { links } => links,
-            Format::Classic { .. } => &[],
+            FileLayout::Sections { links } => links,
+            FileLayout::Classic { .. } => &[],
         };
         links.get(interface).copied().ok_or_else(|| {
             AdcError::format(
@@ -308,7 +308,7 @@ impl<R: Read> PcapReader<R> {
                 total.to_string(),
             ));
         }
-        self.format = Format::Sections { links: Vec::new() };
+        self.format = FileLayout::Sections { links: Vec::new() };
         let rest = u64::from(total) - 12;
         if self.skip(rest)? < rest {
             return Err(AdcError::format(start, "a whole section header", "an end"));

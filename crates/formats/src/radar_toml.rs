@@ -5,14 +5,14 @@
 //! name = "mine"
 //! n_loops = 64
 //! tx = [{ x_m = 0.0, z_m = 0.0 }, { x_m = 0.00779, z_m = 0.0 }]   # firing order
-//! firing = "bpm"          # or "tdm", the default: see [`Firing`]
+//! firing = "bpm"          # or "tdm", the default: see [`TxMultiplexing`]
 //! ```
 
 use radarllm_base::RadarConfig;
-use radarllm_base::radar_config::{Antenna, Firing, RadarConfigError};
+use radarllm_base::radar_config::{Antenna, RadarConfigError, TxMultiplexing};
 use serde::{Deserialize, Serialize};
 
-use crate::builtin::{BUILTIN_NAMES, builtin_radar};
+use crate::builtin::{BUILTIN_NAMES, NameError, find_builtin};
 use crate::span::{Places, Span};
 
 /// Why a TOML radar is refused.
@@ -24,6 +24,9 @@ pub enum RadarTomlError {
     /// No such built-in radar.
     #[error("base = \"{0}\" is not a built-in radar; they are {names}", names = BUILTIN_NAMES.join(", "))]
     Base(String),
+    /// The name of the built-in radar is short for several.
+    #[error("base = \"{0}\" is short for several built-in radars: {names}", names = .1.join(", "))]
+    AmbiguousBase(String, Vec<&'static str>),
     /// A field is missing and there is no `base` to take it from.
     #[error("field `{0}` is missing, and there is no `base` to take it from")]
     Missing(&'static str),
@@ -87,7 +90,10 @@ pub(crate) fn draft(text: &str) -> Result<RadarConfig, RadarTomlError> {
     let file: Fields = toml::from_str(text).map_err(|e| RadarTomlError::Syntax(e.to_string()))?;
     let base = match &file.base {
         None => None,
-        Some(name) => Some(builtin_radar(name).ok_or_else(|| RadarTomlError::Base(name.clone()))?),
+        Some(name) => Some(find_builtin(name).map_err(|error| match error {
+            NameError::Unknown => RadarTomlError::Base(name.clone()),
+            NameError::Ambiguous(names) => RadarTomlError::AmbiguousBase(name.clone(), names),
+        })?),
     };
     macro_rules! field {
         ($name:ident) => {
@@ -118,9 +124,9 @@ pub(crate) fn draft(text: &str) -> Result<RadarConfig, RadarTomlError> {
         (_, None, None) => return Err(RadarTomlError::Missing("rx")),
     };
     let firing = match (file.firing, &base) {
-        (Some(FiringName::Tdm), _) => Firing::Tdm,
-        (Some(FiringName::Bpm), _) => Firing::Bpm,
-        (None, base) => base.as_ref().map_or(Firing::Tdm, |b| b.firing),
+        (Some(FiringName::Tdm), _) => TxMultiplexing::Tdm,
+        (Some(FiringName::Bpm), _) => TxMultiplexing::Bpm,
+        (None, base) => base.as_ref().map_or(TxMultiplexing::Tdm, |b| b.firing),
     };
     Ok(RadarConfig {
         firing,
@@ -243,8 +249,8 @@ pub fn radar_to_toml(radar: &RadarConfig) -> Result<String, RadarTomlError> {
         elevation_half_width_rad: Some(radar.elevation_half_width_rad),
         noise_figure_db: Some(radar.noise_figure_db),
         firing: Some(match radar.firing {
-            Firing::Tdm => FiringName::Tdm,
-            Firing::Bpm => FiringName::Bpm,
+            TxMultiplexing::Tdm => FiringName::Tdm,
+            TxMultiplexing::Bpm => FiringName::Bpm,
         }),
         tx: places(&radar.tx),
         rx: places(&radar.rx),
@@ -259,7 +265,7 @@ mod tests {
     #[test]
     fn written_radars_read_back_bit_for_bit() {
         let phase_modulated = RadarConfig {
-            firing: Firing::Bpm,
+            firing: TxMultiplexing::Bpm,
             ..crate::builtin_radar("awr1642boost").unwrap()
         };
         for radar in crate::builtin_radars().into_iter().chain([phase_modulated]) {
@@ -284,6 +290,7 @@ mod tests {
     fn mistakes_are_named() {
         let error = |text: &str| radar_from_toml(text).unwrap_err().to_string();
         assert!(error("base = \"nonsense\"").contains("nonsense"));
+        assert!(error("base = \"iwr6843\"").contains("several built-in radars: iwr6843isk, "));
         assert!(
             error("name = \"x\"").contains("`tx`"),
             "{}",

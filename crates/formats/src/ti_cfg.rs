@@ -1,27 +1,27 @@
 //! Chirp files of TI's mmWave SDK: one CLI command per line, `%` starts a comment.
 //!
-//! Read are the commands that say what the samples are: `channelCfg`, `adcCfg`, `adcbufCfg`,
+//! The reader uses the commands that determine the samples: `channelCfg`, `adcCfg`, `adcbufCfg`,
 //! `profileCfg`, `chirpCfg`, `frameCfg`, `dfeDataOutputMode`, `bpmCfg`, `clutterRemoval`,
 //! `lvdsStreamCfg`, `compRangeBiasAndRxChanPhase`, `antGeometry0/1`, `antPhaseRot`. Everything else
-//! tunes on-chip detection and is listed in [`TiCfg::unused`]; `guiMonitor` among it is read too, for
-//! what it asks of the serial port. Argument order: SDK 3 user guide, "Configuration (.cfg) File
+//! tunes on-chip detection and is listed in [`TiCfg::unused`]. Of those, `guiMonitor` is read too: it determines the load
+//! of the serial port. [`crate::SensorPosition`] reads `sensorPosition`. Argument order: SDK 3 user guide, "Configuration (.cfg) File
 //! Format".
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use radarllm_base::RadarConfig;
-use radarllm_base::radar_config::{Firing, RadarConfigError};
+use radarllm_base::radar_config::{RadarConfigError, TxMultiplexing};
 
 use crate::boards::Board;
 use crate::span::{Places, Span};
 
-/// Longest piece of the file quoted in an error, characters.
+/// Maximum length of a quotation from the file in an error, characters.
 const MAX_QUOTE: usize = 40;
 /// Chirps a device can hold.
 const MAX_CHIRPS: u32 = 512;
 
-/// What a chirp file says.
+/// Content of a chirp file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TiCfg {
     /// The radar; `tx` in firing order.
@@ -46,7 +46,7 @@ pub struct TiCfg {
     pub calibration: Option<(f64, Vec<(f64, f64)>)>,
     /// Sign of each virtual channel's feed (`antPhaseRot`), TX1's receivers first; empty if not given.
     pub phase_rotation: Vec<f64>,
-    /// What TI's demo sends over its serial port, if `guiMonitor` says so in a known form.
+    /// What TI's demo sends over its serial port, if the file has a `guiMonitor` of a known form.
     pub gui_monitor: Option<GuiMonitor>,
     /// Commands that do not shape the samples: line (from 1) and name.
     pub unused: Vec<(usize, String)>,
@@ -145,7 +145,7 @@ impl TiCfg {
         }
     }
 
-    /// Reads a chirp file and goes on after mistakes, for reports of all of them; otherwise as
+    /// Reads a chirp file and continues after mistakes, to report all of them; otherwise as
     /// [`Self::parse`].
     pub fn read(text: &str, board: Option<Board>) -> TiCfgReading {
         let mut file = File::default();
@@ -162,14 +162,14 @@ impl TiCfg {
 
 /// One argument with its place.
 #[derive(Clone, Debug)]
-struct Word {
+pub(crate) struct Word {
     line: usize,
     columns: Range<usize>,
-    text: String,
+    pub text: String,
 }
 
 impl Word {
-    fn error(&self, problem: impl Into<String>) -> TiCfgError {
+    pub fn error(&self, problem: impl Into<String>) -> TiCfgError {
         self.refuse("syntax", problem)
     }
 
@@ -187,7 +187,7 @@ impl Word {
         }
     }
 
-    fn number(&self, what: &str) -> Result<f64, TiCfgError> {
+    pub fn number(&self, what: &str) -> Result<f64, TiCfgError> {
         match self.text.parse::<f64>() {
             Ok(v) if v.is_finite() => Ok(v),
             _ => Err(self.error(format!("{what} must be a number"))),
@@ -211,12 +211,24 @@ impl Word {
 
 /// A command and its arguments.
 #[derive(Clone, Debug)]
-struct Command {
-    name: Word,
-    args: Vec<Word>,
+pub(crate) struct Command {
+    pub name: Word,
+    pub args: Vec<Word>,
 }
 
 impl Command {
+    /// The command of a line (numbered from 1), which may end in a comment.
+    pub fn of_line(line: usize, raw: &str) -> Option<Self> {
+        let code = raw.split_once('%').map_or(raw, |(code, _)| code);
+        let mut words = split_words(line, code);
+        if words.is_empty() {
+            return None;
+        }
+        let args = words.split_off(1);
+        let name = words.pop()?;
+        Some(Self { name, args })
+    }
+
     fn arg(&self, index: usize, what: &str) -> Result<&Word, TiCfgError> {
         self.args.get(index).ok_or_else(|| {
             let problem = format!("argument {} ({what}) is missing", index + 1);
@@ -319,20 +331,15 @@ struct File {
 impl File {
     /// Reads a line; a mistake comes with the name of the command that is now missing.
     fn read_line(&mut self, line: usize, raw: &str) -> Result<(), (String, TiCfgError)> {
-        let (code, comment) = raw.split_once('%').unwrap_or((raw, ""));
+        let comment = raw.split_once('%').map_or("", |(_, comment)| comment);
         if let Some(board) = platform_board(comment) {
             self.platform = Some(board);
         }
-        let mut words = split_words(line, code);
-        if words.is_empty() {
-            return Ok(());
-        }
-        let args = words.split_off(1);
-        let Some(name) = words.pop() else {
+        let Some(command) = Command::of_line(line, raw) else {
             return Ok(());
         };
-        let name_text = name.text.clone();
-        self.read_command(Command { name, args }).map_err(|error| {
+        let name_text = command.name.text.clone();
+        self.read_command(command).map_err(|error| {
             let lost = match name_text.as_str() {
                 "dfeDataOutputMode" | "advFrameCfg" | "subFrameCfg" => "frameCfg".into(),
                 _ => name_text,
@@ -444,7 +451,7 @@ impl File {
     }
 
     /// SDK 2 and later put the sub-frame first and have seven arguments, SDK 1 has six. Other demos
-    /// have commands of this name with other arguments; those say nothing here.
+    /// have commands of this name with other arguments; those are ignored.
     fn read_gui_monitor(&mut self, command: &Command) {
         let first = match command.args.len() {
             6 => 0,
@@ -553,7 +560,7 @@ impl File {
         };
         let n_errors = reading.errors.len();
         let (slots, common) = self.slots(frame, tx_mask, &mut reading.errors);
-        // Without a usable chirp, the only profile still says what the chirps would be.
+        // Without a usable chirp, the only profile still determines what the chirps would be.
         let profile = match &common {
             Some(chirp) => self.profiles.get(&chirp.profile),
             None => self.profiles.values().next(),
@@ -622,8 +629,8 @@ impl File {
             frame_period_s: frame.period_s,
             tx,
             firing: match self.phase_modulation {
-                Some(_) => Firing::Bpm,
-                None => Firing::Tdm,
+                Some(_) => TxMultiplexing::Bpm,
+                None => TxMultiplexing::Tdm,
             },
             rx,
             tx_power_dbm: figures.tx_power_dbm - backoff_db,
@@ -632,7 +639,7 @@ impl File {
             elevation_half_width_rad: figures.elevation_half_width_rad,
             noise_figure_db: figures.noise_figure_db,
         };
-        // Chirps that cannot be used have been named; that too few are left is no news.
+        // Unusable chirps have been reported; that too few are left follows from it.
         let chirps_are_wrong = reading.errors.len() > n_errors;
         reading.errors.extend(
             radar

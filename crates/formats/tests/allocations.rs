@@ -8,12 +8,16 @@ use std::cell::Cell;
 use radarllm_formats::{
     adc::{AdcReader, CubeShape, FrameDecoder, FrameSource, StudioCapture},
     dca1000::{Assembler, DataPacket, PacketSource, PcapPackets, RecordReader},
+    recordings::{read_matlab_points, read_visualizer_json},
 };
 
 // Captures are made as the other tests make them.
 #[allow(dead_code)]
 #[path = "it/made.rs"]
 mod made;
+#[allow(dead_code)]
+#[path = "it/make.rs"]
+mod make;
 
 thread_local! {
     /// Largest request of this thread, bytes; the test harness's own threads do not count.
@@ -152,5 +156,38 @@ fn hostile_lengths_and_counters_cost_no_memory() {
         let text = export.replace(from, to);
         let size = largest(|| assert!(StudioCapture::parse(&text, None).is_err()));
         assert!(size < MOST, "{to}: {size} bytes");
+    }
+}
+
+/// MATLAB files whose lengths and shapes are damaged, and a variable that inflates to far more than it states.
+#[test]
+fn hostile_matlab_and_json_files_cost_no_memory() {
+    const MOST: usize = 300_000;
+    for value in [u32::MAX, 0x7fff_fff8, 1 << 26] {
+        for at in (124..260).step_by(2) {
+            let mut file = make::mars_mat(2, false);
+            file[at..at + 4].copy_from_slice(&value.to_le_bytes());
+            let size = largest(|| drop(read_matlab_points(&file)));
+            assert!(size < MOST, "{value:#x} at {at}: {size} bytes");
+        }
+    }
+    let zeros = vec![0.0; 1 << 20];
+    for name in ["marsData", "other"] {
+        let mut file = make::mat(&[(name, &[1, 64, 5], &zeros)], true);
+        let size = largest(|| drop(read_matlab_points(&file)));
+        // The wanted one is inflated: 4 MiB of zeros, in a buffer that doubles.
+        let most = if name == "other" { MOST } else { 9 << 20 };
+        assert!(size < most, "{name}: {size} bytes");
+        file.truncate(file.len() / 2);
+        assert!(largest(|| drop(read_matlab_points(&file))) < most);
+    }
+    // Lists of nothing: what is refused is not kept.
+    for element in ["[]", "{}", "0", "[[]]", "\"\""] {
+        let list = vec![element; 50_000].join(",");
+        for key in ["data", "cfg", "x"] {
+            let text = format!("{{\"{key}\": [{list}]}}");
+            let size = largest(|| drop(read_visualizer_json(&text)));
+            assert!(size < MOST, "{key} {element}: {size} bytes");
+        }
     }
 }

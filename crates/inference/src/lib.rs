@@ -1,24 +1,69 @@
-//! The radar tokenizer (Aggregate VQ-VAE) and the radar-language model (T5).
+//! Radar points to sentences.
 //!
-//! Radar points enter, codes leave ([`tokenizer`]); codes and words enter, sentences leave
-//! ([`lm`]). Losses, optimisers and loops live in `radarllm-train`; this crate holds what inference
-//! needs. Nothing here opens a socket, and files are opened only by [`checkpoint`].
+//! This crate runs a trained model. A [`Captioner`] takes a [`Clip`](radarllm_base::Clip) of radar points and returns
+//! the sentence that the model generates for it, with a confidence and the radar tokens that it read:
 //!
-//! Inference runs on `radarllm-engine` alone. The networks as they are trained, in burn, and what only they
-//! need come with the feature `train`: [`tokenizer::network`] and below, [`motion_vqvae`], most of [`lm`]. [`device`] says
-//! what they run on, [`precision`] how exactly their products are computed.
+//! ```
+//! use std::path::Path;
 //!
-//! Reading order: [`checkpoint`] (files), [`tokenizer`] (points to codes), [`motion_vqvae`] (the
-//! teacher that guides the tokenizer's training), [`lm`] (codes to words).
+//! use radarllm_base::{Clip, PointFrame, RadarPoint};
+//! use radarllm_inference::{Captioner, DescribeOptions, Precision};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let model = Path::new("../../models/default");
+//! let captioner = Captioner::load(model, Precision::F32)?;
+//!
+//! // Four seconds of a recording at 20 frames per second: thirty points around a body that walks away.
+//! let frame = |i: u32| {
+//!     let time_s = f64::from(i) / 20.0;
+//!     let point = |k: u32| RadarPoint {
+//!         x_m: 0.3 * (k as f32 * 1.9).sin(),
+//!         y_m: 2.0 + time_s as f32,
+//!         z_m: 0.7 * (k as f32 * 0.7).sin(),
+//!         range_m: 2.0 + time_s as f32,
+//!         velocity_mps: 1.0,
+//!         intensity_db: 30.0,
+//!     };
+//!     PointFrame { frame: i, time_s, points: (0..30).map(point).collect() }
+//! };
+//! let clip = Clip {
+//!     frames: (0..80).map(frame).collect(),
+//!     frame_rate_hz: 20.0,
+//!     radar_height_m: 1.0,
+//!     radar: "awr1843boost".into(),
+//!     provenance: "recorded:csv:walk.csv".parse()?,
+//! };
+//! let described = captioner.describe(&clip, &DescribeOptions::default())?;
+//! println!("{} ({:.2})", described.caption, described.confidence);
+//! assert_eq!(described.abstained, None);
+//! assert_eq!(described.tokens.len(), 11); // One token per 0.4 s.
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # What the model expects
+//!
+//! The model was trained on simulated radars at [`FRAME_RATE_HZ`] that remove static clutter. [`Captioner::describe`]
+//! prepares every clip accordingly: it resamples other frame rates, removes static clutter from recordings, and
+//! refuses values that are not finite. [`prepare_for_model`] is the same preparation on its own, and reports what it
+//! changed.
+//!
+//! # Map
+//!
+//! Reading order: [`checkpoint`] (files), [`prepare`] (the input contract), [`tokenizer`] (points to codes), [`lm`]
+//! (codes to words), [`backend`] (what runs both).
+//!
+//! Deliberately absent: the networks as they are trained, in burn, live in `radarllm-nn`, which depends on this crate
+//! and never the reverse. Nothing here opens a socket or prints, and files are opened only by [`checkpoint`].
 
+pub mod backend;
 pub mod checkpoint;
-#[cfg(feature = "train")]
-pub mod device;
 pub mod lm;
-#[cfg(feature = "train")]
-pub mod motion_vqvae;
-#[cfg(feature = "train")]
-mod params;
-#[cfg(feature = "train")]
-pub mod precision;
+pub mod prepare;
 pub mod tokenizer;
+
+pub use backend::{Backend, EngineBackend};
+pub use lm::{Captioner, DescribeOptions, Description, LmError, Precision};
+pub use prepare::{
+    FRAME_RATE_HZ, PrepareError, PrepareOptions, Prepared, needs_preparation, prepare_for_model,
+};

@@ -12,8 +12,8 @@ use crate::bootstrap::{self, Interval};
 use crate::cider::Frequencies;
 use crate::grams::{Grams, Vocabulary};
 use crate::meteor::{Meteor, MeteorStats, Resources, nltk::meteor_nltk};
-use crate::rng::Rng;
 use crate::{Protocol, rouge, self_bleu, tokens};
+use radarllm_base::random::SplitMix64;
 
 /// Captions that Self-BLEU looks at, at most.
 const SELF_BLEU_SAMPLE: usize = 1000;
@@ -580,7 +580,7 @@ fn sample(n: usize, k: usize, seed: u64) -> Vec<usize> {
     let mut all: Vec<usize> = (0..n).collect();
     if n > k {
         // Another stream than the bootstrap's, which starts from the seed itself.
-        let mut rng = Rng::new(seed ^ 0x5e1f_b1e0);
+        let mut rng = SplitMix64::new(seed ^ 0x5e1f_b1e0);
         for i in 0..k {
             let j = i + rng.below(n - i);
             all.swap(i, j);

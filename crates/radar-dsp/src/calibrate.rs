@@ -3,7 +3,7 @@
 use std::f64::consts::{PI, TAU};
 
 use num_complex::{Complex32, Complex64};
-use radarllm_base::radar_config::Firing;
+use radarllm_base::radar_config::TxMultiplexing;
 use radarllm_base::{RadarConfig, RadarCube, SPEED_OF_LIGHT_MPS};
 
 use crate::error::DspError;
@@ -143,7 +143,7 @@ impl CornerCalibrator {
     pub fn new(radar: &RadarConfig, reflector: Reflector) -> Result<Self, DspError> {
         radar.validate()?;
         let wrong = |field, problem: String| Err(DspError::Option { field, problem });
-        if radar.firing == Firing::Bpm {
+        if radar.firing == TxMultiplexing::Bpm {
             return wrong(
                 "firing",
                 "phase modulation mixes the transmitters: channels cannot be told apart".into(),

@@ -1,4 +1,4 @@
-//! What is taken off raw samples before the chain: the empty room, offsets, leakage, channel mismatch.
+//! Corrections of raw samples before the chain: background subtraction, offsets, leakage, channel mismatch.
 //!
 //! All four are linear in the samples, so that they may come before windows and FFTs: a mean chirp per (slot,
 //! receiver) is, transformed, the mean range profile of that virtual channel.
@@ -6,7 +6,7 @@
 use std::f64::consts::TAU;
 
 use num_complex::{Complex32, Complex64};
-use radarllm_base::radar_config::Firing;
+use radarllm_base::radar_config::TxMultiplexing;
 use radarllm_base::{RadarConfig, RadarCube};
 
 use crate::error::DspError;
@@ -16,7 +16,26 @@ const MAX_TONES: usize = 67;
 /// A tone of which less than this part of its energy is new adds only rounding.
 const NEW_ENERGY: f64 = 1e-6;
 
-/// Adds up frames of an empty room.
+/// Averages frames of an empty room, to be subtracted later.
+///
+/// # Example
+/// ```
+/// use radarllm_base::{RadarConfig, RadarCube};
+/// use radarllm_radar_dsp::{Corrections, Corrector, EmptyRoom};
+///
+/// let radar = RadarConfig::awr1843boost();
+/// // A wall: the same samples in every loop and frame.
+/// let mut cube = RadarCube::zeros(128, 3, 4, 256);
+/// cube.data.fill(num_complex::Complex32::new(3.0, -1.0));
+///
+/// let mut empty_room = EmptyRoom::new(&radar);
+/// empty_room.push(&cube)?;
+/// let background = empty_room.finish();
+/// let corrections = Corrections { background, ..Corrections::default() };
+/// Corrector::new(&radar, corrections)?.apply(&mut cube)?;
+/// assert!(cube.data.iter().all(|sample| sample.norm() < 1e-6));
+/// # Ok::<(), radarllm_radar_dsp::DspError>(())
+/// ```
 pub struct EmptyRoom {
     shape: [usize; 4],
     /// Of the frames' slow-time means, `[slot, rx, sample]`.
@@ -98,7 +117,7 @@ impl EmptyRoom {
     }
 }
 
-/// What to take off.
+/// What to remove from raw samples.
 #[derive(Clone, Debug, Default)]
 pub struct Corrections {
     /// The empty room's mean. Meant for [`crate::ClutterFilter::Off`]: a filter that removes each frame's own mean
@@ -106,7 +125,7 @@ pub struct Corrections {
     pub background: Option<Background>,
     /// Every receiver's mean over a frame: the offset of its ADC.
     pub remove_offset: bool,
-    /// What stands still up to this range, m: leakage from transmitters to receivers.
+    /// Removes static echoes up to this range, m: leakage from transmitters to receivers.
     pub leakage_m: Option<f64>,
     /// Complex gain of every channel, `slot * n_rx + rx`, by which its samples are divided; empty for none.
     pub channel_gains: Vec<Complex64>,
@@ -164,7 +183,7 @@ impl Corrector {
             if let Some(i) = gains.iter().position(|g| !g.finv().is_finite()) {
                 return wrong("channel_gains", format!("channel {i}: {}", gains[i]));
             }
-            if radar.firing == Firing::Bpm {
+            if radar.firing == TxMultiplexing::Bpm {
                 let problem =
                     "single channels cannot be corrected in samples in which phase modulation has mixed \
                      the transmitters"

@@ -215,9 +215,9 @@ impl Selector {
         let floor = match (&self.plan, self.dynamic_range) {
             (Plan::TopK, _) | (_, None) => 0.0,
             (_, Some(ratio)) => {
-                let mut most = 0.0;
-                peak(SimdLevel::detect(), map, &mut most);
-                most * ratio
+                let mut largest = 0.0;
+                peak(SimdLevel::detect(), map, &mut largest);
+                largest * ratio
             }
         };
         match &self.plan {
@@ -440,7 +440,7 @@ fn log_cfar_column(
 fn median_of(map: &[f32], n_doppler: usize, skip_notch: bool, values: &mut Vec<f32>) -> f32 {
     const FEW: usize = 64;
     /// Guesses after which the interval is halved.
-    const MOST_GUESSES: usize = 8;
+    const MAX_GUESSES: usize = 8;
     let is_kept = |cell: usize| !skip_notch || (2..n_doppler - 1).contains(&(cell % n_doppler));
     values.clear();
     if skip_notch {
@@ -468,7 +468,7 @@ fn median_of(map: &[f32], n_doppler: usize, skip_notch: bool, values: &mut Vec<f
         }
         let limit = match sample.get(n_guesses) {
             Some(&value) => value,
-            None if n_guesses < MOST_GUESSES => {
+            None if n_guesses < MAX_GUESSES => {
                 let share = (rank - n_low) as f32 / (n_high - n_low) as f32;
                 low + share * (high - low)
             }

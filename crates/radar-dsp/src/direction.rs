@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use num_complex::{Complex32, Complex64};
 use radarllm_base::RadarConfig;
-use radarllm_base::radar_config::Firing;
+use radarllm_base::radar_config::TxMultiplexing;
 use radarllm_simd::any_length::{self, Fft};
 
 use crate::array::{Element, VirtualArray};
@@ -64,7 +64,7 @@ impl DirectionFinder {
                 radar.tx.len(),
                 radar.n_loops,
                 // Decoding phase modulation brings both transmitters to one time.
-                options.compensate_tdm && radar.firing == Firing::Tdm,
+                options.compensate_tdm && radar.firing == TxMultiplexing::Tdm,
             ),
             array,
         }

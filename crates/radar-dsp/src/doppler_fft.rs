@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use num_complex::Complex32;
 use radarllm_simd::any_length::{self, Fft};
-use radarllm_simd::{Cell, LANES, Lanes, SimdLevel, dispatch};
+use radarllm_simd::{Cell, LANES, SimdF32x16, SimdLevel, dispatch};
 
 use crate::kernels::{add_power, grow};
 use radarllm_simd::fft::{C, Pass, Sink, Source, all_passes, factors, passes, run_pass};
@@ -136,7 +136,7 @@ struct SlowTime<'a, L> {
     window: &'a [f32],
 }
 
-impl<L: Lanes> Source<L> for SlowTime<'_, L> {
+impl<L: SimdF32x16> Source<L> for SlowTime<'_, L> {
     #[inline(always)]
     fn at(&self, i: usize) -> C<L> {
         let (z, weight) = (C::<L>::load(&self.chirps[i]), L::splat(self.window[i]));
@@ -154,12 +154,14 @@ struct Measured<'a> {
     powers: &'a mut [[f32; LANES]],
 }
 
-impl<L: Lanes> Sink<L> for Measured<'_> {
+impl<L: SimdF32x16> Sink<L> for Measured<'_> {
     const IS_LAST: bool = true;
 
     #[inline(always)]
     fn put(&mut self, i: usize, z: C<L>) {
-        L::stream(z.re, z.im, &mut self.spectra[i]);
+        // SAFETY: `all_blocks_body`, the only user, calls `fence` before it returns the borrow of the spectra, and reads
+        // none before.
+        unsafe { L::stream(z.re, z.im, &mut self.spectra[i]) };
         grow(&mut self.powers[i], z);
     }
 }
@@ -167,17 +169,18 @@ impl<L: Lanes> Sink<L> for Measured<'_> {
 dispatch!(fn all_blocks => all_blocks_body(job: Job<'_>));
 
 #[inline(always)]
-fn all_blocks_body<L: Lanes>(mut job: Job<'_>) {
+fn all_blocks_body<L: SimdF32x16>(mut job: Job<'_>) {
     let n = job.window.len();
     for (block, chirps) in job.chirps.chunks(job.stride).enumerate() {
         let place = block * n..(block + 1) * n;
         block_body::<L>(&mut job, &chirps[..n], place);
     }
+    // The spectra may have been written past the cache: see `Measured`.
     L::fence();
 }
 
 #[inline(always)]
-fn block_body<L: Lanes>(job: &mut Job<'_>, chirps: &[Cell], place: Range<usize>) {
+fn block_body<L: SimdF32x16>(job: &mut Job<'_>, chirps: &[Cell], place: Range<usize>) {
     let (out, spare) = (&mut job.out[place.clone()], &mut *job.spare);
     let mut mean = C {
         re: L::splat(0.0),
@@ -284,7 +287,7 @@ mod tests {
 
     #[test]
     fn levels_agree() {
-        for level in [SimdLevel::Avx2, SimdLevel::Portable] {
+        for level in SimdLevel::available() {
             for n in [12, 35, 37, 256] {
                 let errors = errors(n, level);
                 assert!(

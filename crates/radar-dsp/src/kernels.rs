@@ -3,7 +3,7 @@
 //! Whole blocks of sixteen go through lanes; what is left over goes one number at a time.
 
 use num_complex::Complex32;
-use radarllm_simd::{Cell, LANES, Lanes, dispatch};
+use radarllm_simd::{Cell, LANES, SimdF32x16, dispatch};
 
 use radarllm_simd::fft::C;
 
@@ -15,7 +15,7 @@ dispatch!(
 );
 
 #[inline(always)]
-fn window_body<L: Lanes>(out: &mut [Complex32], samples: &[Complex32], weights: &[f32]) {
+fn window_body<L: SimdF32x16>(out: &mut [Complex32], samples: &[Complex32], weights: &[f32]) {
     let (out, out_rest) = out.as_chunks_mut::<LANES>();
     let (samples, samples_rest) = samples.as_chunks::<LANES>();
     let (weights, weights_rest) = weights.as_chunks::<LANES>();
@@ -30,7 +30,10 @@ fn window_body<L: Lanes>(out: &mut [Complex32], samples: &[Complex32], weights: 
 
 /// Sixteen samples times their weights.
 #[inline(always)]
-pub(crate) fn weighted<L: Lanes>(samples: &[Complex32; LANES], weights: &[f32; LANES]) -> (L, L) {
+pub(crate) fn weighted<L: SimdF32x16>(
+    samples: &[Complex32; LANES],
+    weights: &[f32; LANES],
+) -> (L, L) {
     let (re, im) = L::load_complex(samples);
     let weights = L::load(weights);
     (re.mul(weights), im.mul(weights))
@@ -42,7 +45,7 @@ dispatch!(
 );
 
 #[inline(always)]
-fn add_power_body<L: Lanes>(powers: &mut [[f32; LANES]], cells: &[Cell]) {
+fn add_power_body<L: SimdF32x16>(powers: &mut [[f32; LANES]], cells: &[Cell]) {
     for (sum, cell) in powers.iter_mut().zip(cells) {
         grow(sum, C::<L>::load(cell));
     }
@@ -50,7 +53,7 @@ fn add_power_body<L: Lanes>(powers: &mut [[f32; LANES]], cells: &[Cell]) {
 
 /// `power += |z|^2`.
 #[inline(always)]
-pub(crate) fn grow<L: Lanes>(power: &mut [f32; LANES], z: C<L>) {
+pub(crate) fn grow<L: SimdF32x16>(power: &mut [f32; LANES], z: C<L>) {
     z.im.fma(z.im, z.re.fma(z.re, L::load(power))).store(power);
 }
 
@@ -60,7 +63,7 @@ dispatch!(
 );
 
 #[inline(always)]
-fn add_body<L: Lanes>(sums: &mut [Cell], cells: &[Cell]) {
+fn add_body<L: SimdF32x16>(sums: &mut [Cell], cells: &[Cell]) {
     for (sum, cell) in sums.iter_mut().zip(cells) {
         L::load(&sum.re).add(L::load(&cell.re)).store(&mut sum.re);
         L::load(&sum.im).add(L::load(&cell.im)).store(&mut sum.im);
@@ -73,16 +76,16 @@ dispatch!(
 );
 
 #[inline(always)]
-fn peak_body<L: Lanes>(powers: &[f32], peak: &mut f32) {
+fn peak_body<L: SimdF32x16>(powers: &[f32], peak: &mut f32) {
     let zero = L::splat(0.0);
-    let (mut most, mut zeros) = (zero, zero);
+    let (mut largest, mut zeros) = (zero, zero);
     let (chunks, rest) = powers.as_chunks::<LANES>();
     for chunk in chunks {
         let x = L::load(chunk);
-        most = most.max(x);
+        largest = largest.max(x);
         zeros = x.fma(zero, zeros);
     }
-    *peak = most.most();
+    *peak = largest.reduce_max();
     // Zero times anything finite is zero, and times anything else NaN.
     let mut finite = zeros.array() == [0.0; LANES];
     for &x in rest {
@@ -100,14 +103,14 @@ dispatch!(
 );
 
 #[inline(always)]
-fn count_below_body<L: Lanes>(values: &[f32], limit: f32, count: &mut usize) {
-    let (zero, one, most) = (L::splat(0.0), L::splat(1.0), L::splat(limit));
+fn count_below_body<L: SimdF32x16>(values: &[f32], limit: f32, count: &mut usize) {
+    let (zero, one, limits) = (L::splat(0.0), L::splat(1.0), L::splat(limit));
     let mut sums = [zero; 4];
     let (chunks, rest) = values.as_chunks::<{ 4 * LANES }>();
     for chunk in chunks {
         let (vectors, _) = chunk.as_chunks::<LANES>();
         for (sum, vector) in sums.iter_mut().zip(vectors) {
-            *sum = sum.add(L::load(vector).select_lt(most, one, zero));
+            *sum = sum.add(L::load(vector).select_lt(limits, one, zero));
         }
     }
     *count = rest.iter().filter(|x| **x < limit).count();
@@ -127,7 +130,7 @@ dispatch!(
 );
 
 #[inline(always)]
-fn rows_of_bins_body<L: Lanes>(powers: &[[f32; LANES]], first: usize, map: &mut [f32]) {
+fn rows_of_bins_body<L: SimdF32x16>(powers: &[[f32; LANES]], first: usize, map: &mut [f32]) {
     let n_doppler = powers.len();
     let whole = n_doppler - n_doppler % LANES;
     for start in (0..whole).step_by(LANES) {
@@ -163,7 +166,7 @@ mod tests {
 
     #[test]
     fn powers_are_added_and_turned_into_rows() {
-        for level in [SimdLevel::Avx512, SimdLevel::Avx2, SimdLevel::Portable] {
+        for level in SimdLevel::available() {
             for (n_doppler, first, n_bins) in [
                 (16, 0, 16),
                 (37, 0, 5),
@@ -193,7 +196,7 @@ mod tests {
 
     #[test]
     fn the_peak_is_the_largest_power_and_damage_shows() {
-        for level in [SimdLevel::Avx512, SimdLevel::Avx2, SimdLevel::Portable] {
+        for level in SimdLevel::available() {
             let powers: Vec<f32> = (0..37).map(|i| ((i * 7) % 37) as f32).collect();
             let mut found = 0.0;
             peak(level, &powers, &mut found);
@@ -214,7 +217,7 @@ mod tests {
     #[test]
     fn values_below_a_limit_are_counted() {
         let values: Vec<f32> = (0..203).map(|i| ((i * 5) % 203) as f32).collect();
-        for level in [SimdLevel::Avx512, SimdLevel::Avx2, SimdLevel::Portable] {
+        for level in SimdLevel::available() {
             for limit in [-1.0, 0.0, 0.5, 100.0, 500.0] {
                 let mut count = 0;
                 count_below(level, &values, limit, &mut count);
@@ -227,7 +230,7 @@ mod tests {
     fn windowing_multiplies_every_sample() {
         let weights: Vec<f32> = (0..37).map(|i| i as f32).collect();
         let samples = noise(37);
-        for level in [SimdLevel::Avx512, SimdLevel::Avx2, SimdLevel::Portable] {
+        for level in SimdLevel::available() {
             let mut out = vec![Complex32::ZERO; 37];
             window(level, &mut out, &samples, &weights);
             assert!((0..37).all(|i| out[i] == samples[i] * weights[i]));

@@ -1,15 +1,64 @@
-//! Radar cubes in, points out: range, Doppler, clutter, angle, point selection.
+//! The signal chain of an FMCW radar: raw samples to a point cloud with positions, radial velocities and intensities.
+//!
+//! It does what a board's own firmware does, on samples that were recorded or simulated: window, range FFT, clutter
+//! filter, Doppler FFT, detection, angles.
+//!
+//! ```
+//! use radarllm_base::RadarConfig;
+//! use radarllm_radar_dsp::{DspOptions, PointExtractor};
+//! # use radarllm_radar_sim::{Noise, PointTarget, Scene, SimOptions, Simulator};
+//! # fn recorded_cube(radar: &RadarConfig) -> radarllm_base::RadarCube {
+//! #     let target = PointTarget {
+//! #         position_m: [0.8, 2.0, 0.3].into(),
+//! #         velocity_mps: [0.0, 1.0, 0.0].into(),
+//! #         rcs_m2: 1.0,
+//! #     };
+//! #     let scene = Scene { surfaces: vec![], points: vec![target], noise: Noise::Thermal };
+//! #     let mut simulator = Simulator::new(radar, SimOptions::default()).unwrap();
+//! #     let mut cube = simulator.new_cube();
+//! #     simulator.simulate_frame(&scene, 0, 0.0, 1, &mut cube).unwrap();
+//! #     cube
+//! # }
+//!
+//! let radar = RadarConfig::awr1843boost();
+//! // A frame in which a reflector at (0.8, 2.0, 0.3) m recedes at 1 m/s.
+//! let cube = recorded_cube(&radar);
+//!
+//! // Plan the chain once, then extract frame after frame.
+//! let mut extractor = PointExtractor::new(&radar, DspOptions::default())?;
+//! let frame = extractor.extract(&cube)?;
+//! let strongest = frame.points[0];
+//! for (found, expected) in [
+//!     (strongest.x_m, 0.8),
+//!     (strongest.y_m, 2.0),
+//!     (strongest.z_m, 0.3),
+//!     // The radial part of 1 m/s along y.
+//!     (strongest.velocity_mps, 0.92),
+//! ] {
+//!     assert!((found - expected).abs() < 0.07, "{found}, expected {expected}");
+//! }
+//! # Ok::<(), radarllm_radar_dsp::DspError>(())
+//! ```
 //!
 //! What enters is a [`radarllm_base::RadarCube`], simulated or captured: nothing here can tell.
 //! What leaves is a [`radarllm_base::PointFrame`], or a picture's data as a [`Map`].
 //!
+//! # Conventions
+//!
+//! - **Cube order**: `[loop, transmitter slot, receiver, sample]`, sample fastest.
+//! - **Doppler sign**: receding is positive.
+//! - **Transforms**: forward, not normalised, symmetric windows that are not normalised either.
+//! - **Decibels**: `intensity_db` is relative to one squared sample unit in the detection map.
+//!
+//! CONVENTIONS.md at the repository root fixes these with worked numbers and the tests that check them.
+//!
 //! Plan once, run many: [`PointExtractor::new`] builds windows, FFT plans, the virtual array and the
 //! detection threshold; [`PointExtractor::extract`] then runs without allocating anything but its
-//! result. Signs, axes and references are fixed in CONVENTIONS.md at the repository root.
+//! result.
 //!
 //! Reading order: [`extractor`] (the chain), [`options`], [`spectrum`] (range and Doppler),
 //! [`detect`] (which cells), [`mod@array`] and [`direction`] (where they are), [`pictures`]; before the chain
-//! [`mod@correct`] (what is taken off raw samples) and [`mod@calibrate`] (channel gains from a reflector).
+//! [`mod@correct`] (background, offset and leakage removal) and [`mod@calibrate`] (channel gains from a reflector).
 //!
 //! Deliberately absent: anything about people, files, or how a cube came to be.
 

@@ -4,6 +4,8 @@ use crate::window::Window;
 
 /// How the twelve (or however many) channels become one detection map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum MapKind {
     /// D = sum over channels of |.|^2: every direction counts alike.
     NonCoherent,
@@ -18,6 +20,8 @@ pub enum MapKind {
 
 /// The training cells of [`Detector::LogCfar`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum CfarSides {
     /// Mean of both sides.
     Both,
@@ -29,8 +33,14 @@ pub enum CfarSides {
 
 /// Which cells of the detection map become points; never more than [`DspOptions::max_points`].
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(
+    feature = "serde",
+    serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)
+)]
 pub enum Detector {
     /// The strongest cells, whatever they are: an empty room yields a full frame of noise.
+    #[cfg_attr(feature = "serde", serde(rename = "top_k"))]
     AlwaysTopK,
     /// Cells above a threshold over the frame's own noise floor. The floor is the median of the map,
     /// turned into the mean by the exact law of a sum of exponentials; the threshold is the level
@@ -78,6 +88,8 @@ pub enum Detector {
 /// Which neighbours a detected cell must not be weaker than: firmware keeps one point of each hill of the
 /// map that way.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum PeakGrouping {
     /// None: every cell over the threshold is a point.
     Off,
@@ -91,6 +103,8 @@ pub enum PeakGrouping {
 
 /// How static echoes are removed from each (tx, rx, range) before the Doppler window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum ClutterFilter {
     /// Keep them: the zero-Doppler column holds the room.
     Off,

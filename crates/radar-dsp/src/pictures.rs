@@ -60,6 +60,20 @@ impl Map {
 impl PointExtractor {
     /// Detection map of a frame: rows are the gated ranges, columns velocities from -v_max up.
     ///
+    /// # Example
+    /// ```
+    /// use radarllm_base::{RadarConfig, RadarCube};
+    /// use radarllm_radar_dsp::{DspOptions, PointExtractor};
+    ///
+    /// let radar = RadarConfig::awr1843boost();
+    /// let mut extractor = PointExtractor::new(&radar, DspOptions::default())?;
+    /// let map = extractor.range_doppler_map(&RadarCube::zeros(128, 3, 4, 256))?;
+    /// // Velocity zero is in the middle; an empty map is flat at any floor.
+    /// assert_eq!((map.n_cols, map.cols.at(64)), (128, 0.0));
+    /// assert!(map.to_db(-60.0).windows(2).all(|db| db[0] == db[1]));
+    /// # Ok::<(), radarllm_radar_dsp::DspError>(())
+    /// ```
+    ///
     /// # Errors
     /// As [`PointExtractor::extract`].
     pub fn range_doppler_map(&mut self, cube: &RadarCube) -> Result<Map, DspError> {

@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use num_complex::Complex32;
 use radarllm_simd::any_length::{self, Fft};
-use radarllm_simd::{Cell, LANES, Lanes, SimdLevel, dispatch, prefetch};
+use radarllm_simd::{Cell, LANES, SimdF32x16, SimdLevel, dispatch, prefetch};
 
 use crate::kernels::{weighted, window};
 use radarllm_simd::fft::{
@@ -187,7 +187,7 @@ impl RowFft {
 dispatch!(fn all_rows => all_rows_body(job: Job<'_>));
 
 #[inline(always)]
-fn all_rows_body<L: Lanes>(mut job: Job<'_>) {
+fn all_rows_body<L: SimdF32x16>(mut job: Job<'_>) {
     for row in 0..job.samples.n_rows {
         row_body::<L>(&mut job, row);
     }
@@ -201,7 +201,7 @@ struct Windowed<'a> {
     next: &'a [[Complex32; LANES]],
 }
 
-impl<L: Lanes> Source<L> for Windowed<'_> {
+impl<L: SimdF32x16> Source<L> for Windowed<'_> {
     #[inline(always)]
     fn at(&self, i: usize) -> C<L> {
         // Rows may lie pages apart, where the processor does not see that one follows another: the cache is asked for
@@ -215,7 +215,7 @@ impl<L: Lanes> Source<L> for Windowed<'_> {
 }
 
 #[inline(always)]
-fn row_body<L: Lanes>(job: &mut Job<'_>, row: usize) {
+fn row_body<L: SimdF32x16>(job: &mut Job<'_>, row: usize) {
     let (work, spare) = (&mut *job.work, &mut *job.spare);
     let n_samples = job.window.len();
     let (samples, rest) = job.samples.row(row, n_samples).as_chunks();
@@ -334,7 +334,7 @@ mod tests {
 
     #[test]
     fn every_length_equals_the_definition_at_every_level() {
-        for level in [SimdLevel::Avx512, SimdLevel::Avx2, SimdLevel::Portable] {
+        for level in SimdLevel::available() {
             for (n_samples, n) in [
                 (256, 256),
                 (240, 256),
@@ -372,7 +372,7 @@ mod tests {
 
     #[test]
     fn a_sample_that_is_not_finite_leaves_no_bin_finite() {
-        for level in [SimdLevel::Avx512, SimdLevel::Avx2, SimdLevel::Portable] {
+        for level in SimdLevel::available() {
             for (n_samples, n) in [(256, 256), (250, 256), (512, 512), (100, 100)] {
                 let mut fft = RowFft::new(level, vec![0.0; n_samples], n);
                 for i in 0..n_samples {

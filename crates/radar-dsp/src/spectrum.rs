@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use num_complex::Complex32;
-use radarllm_base::radar_config::Firing;
+use radarllm_base::radar_config::TxMultiplexing;
 use radarllm_base::{RadarConfig, RadarCube};
 use radarllm_simd::{Cell, LANES, SimdLevel, prefetch};
 
@@ -179,9 +179,9 @@ impl Spectrum {
             }
         }
         self.fill_map();
-        let mut most = 0.0;
-        peak(self.simd, &self.map, &mut most);
-        if !most.is_nan() {
+        let mut largest = 0.0;
+        peak(self.simd, &self.map, &mut largest);
+        if !largest.is_nan() {
             return Ok(());
         }
         // A sample that is not finite has left no cell of the map finite.
@@ -343,7 +343,7 @@ fn check_finite(cube: &RadarCube, channel: usize) -> Result<(), DspError> {
 /// A target in Doppler bin k gains the phase 2 pi k / (2 n_loops) in half a loop. Within a bin it is off
 /// by up to pi / (2 n_loops), which leaves -44 dB of one transmitter in the other at 128 loops.
 fn bpm_factors(radar: &RadarConfig, options: &DspOptions) -> Vec<Complex32> {
-    if radar.firing != Firing::Bpm {
+    if radar.firing != TxMultiplexing::Bpm {
         return vec![];
     }
     let n_loops = radar.n_loops;

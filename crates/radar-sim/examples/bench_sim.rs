@@ -13,11 +13,10 @@ use radarllm_base::{RadarConfig, frames::Placement};
 use radarllm_body::{
     MotionSampler,
     mesh::{BodyModel, BodyShape, BuiltinBody, PosedBody, clothed_skin},
-    procedural,
 };
 use radarllm_radar_dsp::{DspOptions, PointExtractor};
 use radarllm_radar_sim::{Noise, Scene, SimOptions, Simulator, reference};
-use radarllm_simd::SimdLevel;
+use radarllm_simd::{InstructionSet, SimdLevel};
 
 /// The program's allocator: its large blocks begin on cache lines.
 #[global_allocator]
@@ -37,7 +36,7 @@ struct Run {
     /// Positions, visibility, sources, spread, FFT and noise, signal chain: sums, and the least of
     /// every frame of the walk's.
     stages_s: [f64; N_STAGES],
-    least_s: [[f64; N_STAGES]; N_PHASES],
+    min_s: [[f64; N_STAGES]; N_PHASES],
     wall_s: f64,
     processor_s: Option<f64>,
     fastest_s: [f64; N_PHASES],
@@ -63,7 +62,7 @@ fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
         facet_edge_m,
         ..BodyShape::default()
     };
-    let walk = procedural::parse("builtin:walk")?.render(0);
+    let walk = radarllm_motions::parse("builtin:walk")?.render(0);
     let body = Arc::new(BuiltinBody::new(&shape)?);
     let n_facets = body.triangles().len();
     let sampler = MotionSampler::new(&walk.motion);
@@ -71,9 +70,9 @@ fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
 
     let one = run(&config, &body, n_frames, SimdLevel::detect())?;
     // What other programs took is in the mean, not in the least of many repetitions of a frame.
-    let mut least_s = [0.0; N_STAGES];
-    for phase in &one.least_s {
-        for (sum, s) in least_s.iter_mut().zip(phase) {
+    let mut min_s = [0.0; N_STAGES];
+    for phase in &one.min_s {
+        for (sum, s) in min_s.iter_mut().zip(phase) {
             *sum += s / N_PHASES as f64;
         }
     }
@@ -88,7 +87,7 @@ fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
     );
     for (name, s) in [
         ("mean", one.stages_s.map(|s| s / n_frames as f64)),
-        ("every frame of the walk at its least", least_s),
+        ("every frame of the walk at its minimum", min_s),
     ] {
         let [positions, visibility, sources, spread, transform, dsp] = s.map(|s| 1e3 * s);
         println!(
@@ -112,8 +111,8 @@ fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
             n_frames as f64 / processor_s
         );
     }
-    for level in [SimdLevel::Avx2, SimdLevel::Portable] {
-        if level.is_available() && level != SimdLevel::detect() {
+    for set in [InstructionSet::Avx2, InstructionSet::Portable] {
+        if let Some(level) = SimdLevel::new(set).filter(|level| *level != SimdLevel::detect()) {
             let run = run(&config, &body, 2 * N_PHASES, level)?;
             println!(
                 "{level:?} (the signal chain as before): {:.1} frames/s with every frame at its fastest",
@@ -216,7 +215,7 @@ fn run(
     let mut cube = simulator.new_cube();
     let mut run = Run {
         fastest_s: [f64::INFINITY; N_PHASES],
-        least_s: [[f64::INFINITY; N_STAGES]; N_PHASES],
+        min_s: [[f64::INFINITY; N_STAGES]; N_PHASES],
         ..Run::default()
     };
     let (mut clock, mut processor_s) = (Instant::now(), processor_s_so_far());
@@ -247,8 +246,8 @@ fn run(
         ];
         for (stage, s) in stages_s.into_iter().enumerate() {
             run.stages_s[stage] += s;
-            let least_s = &mut run.least_s[phase][stage];
-            *least_s = least_s.min(s);
+            let min_s = &mut run.min_s[phase][stage];
+            *min_s = min_s.min(s);
         }
         run.n_visible += stats.n_visible;
         run.n_groups += stats.n_groups;

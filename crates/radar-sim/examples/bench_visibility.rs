@@ -10,14 +10,13 @@ use radarllm_base::{MovingSurface, RadarConfig, frames::Placement};
 use radarllm_body::{
     MotionSampler,
     mesh::{BodyModel, BodyShape, BuiltinBody, PosedBody, clothed_skin},
-    procedural,
 };
 use radarllm_radar_sim::shapes::RigidSurface;
 use radarllm_radar_sim::{Noise, Sampling, Scene, SimOptions, Simulator};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let config = RadarConfig::awr1843boost();
-    let rendered = procedural::parse("builtin:walk")?.render(1);
+    let rendered = radarllm_motions::parse("builtin:walk")?.render(1);
     let body: Arc<dyn BodyModel> = Arc::new(BuiltinBody::new(&BodyShape::default())?);
     let walker = PosedBody::new(
         body,

@@ -25,7 +25,7 @@ use crate::link::Link;
 use crate::scatter::{FacetPhases, Reflection};
 use crate::scene::Scene;
 use crate::simulator::SimOptions;
-use crate::visibility::Through;
+use crate::visibility::ScreenTransmission;
 
 /// Most mirrors of a path.
 pub(crate) const MAX_MIRRORS: usize = 3;
@@ -33,7 +33,7 @@ pub(crate) const MAX_MIRRORS: usize = 3;
 const NO_FACET: u32 = u32::MAX;
 /// Rays whose mirrors together leave less than this amplitude (-16 dB) end: one plaster wall (-12 dB)
 /// goes on, two of them, or a clothed body that is not met at grazing incidence, do not.
-const LEAST_GAIN: f32 = 0.15;
+const MIN_GAIN: f32 = 0.15;
 /// A reflected ray starts this far from the facet it left, m.
 const CLEARANCE_M: f32 = 1e-4;
 /// Facets of one surface mirror alike when normals and offsets agree to this, 1 and m.
@@ -90,7 +90,7 @@ struct TraceJob<'a> {
     /// Directly visible share of every facet.
     coverage: &'a [f32],
     /// What screens leave of the direct two-way amplitude.
-    through: &'a Through,
+    transmission: &'a ScreenTransmission,
     centre: Vec3,
     /// Most surfaces on a path, the scattering one included; 2 or more.
     max_bounces: usize,
@@ -121,7 +121,7 @@ impl TraceJob<'_> {
         let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
         for (i, (first, reflection)) in self.surfaces.iter().enumerate() {
             // At grazing incidence even a rough surface mirrors: Gamma alone decides here.
-            if reflection.mirror(0.0) < LEAST_GAIN {
+            if reflection.mirror(0.0) < MIN_GAIN {
                 continue;
             }
             let end = self
@@ -178,7 +178,7 @@ impl TraceJob<'_> {
             let seen = self.coverage[facet as usize];
             // One way over the mirrors, one way directly.
             let over_mirrors = passed / share;
-            let direct = self.through.of(facet as usize).sqrt();
+            let direct = self.transmission.amplitude(facet as usize).sqrt();
             let mut push = |legs, share| {
                 let passed = match legs {
                     Legs::Out | Legs::Back => over_mirrors * direct,
@@ -319,7 +319,7 @@ impl<'a> Tracer<'a> {
             shot.origin += shot.direction * t;
             let reflection = job.reflection(facet);
             let mirrored = shot.mirrored * reflection.mirror(cos);
-            if mirrored >= LEAST_GAIN && shot.n_mirrors < MAX_MIRRORS {
+            if mirrored >= MIN_GAIN && shot.n_mirrors < MAX_MIRRORS {
                 let mut reflected = shot;
                 reflected.mirrored = mirrored;
                 reflected.mirrors[shot.n_mirrors] = self.plane_of(facet, normal, planes);
@@ -328,7 +328,7 @@ impl<'a> Tracer<'a> {
                 self.follow(reflected, solid_angle, planes, lit);
             }
             shot.passed *= reflection.passes;
-            if shot.passed < LEAST_GAIN {
+            if shot.passed < MIN_GAIN {
                 return;
             }
         }
@@ -376,14 +376,14 @@ impl BouncingSurfaces {
         positions: &[Vec3],
         triangles: &[[u32; 3]],
         coverage: &[f32],
-        through: &Through,
+        transmission: &ScreenTransmission,
     ) -> Vec<Bounce> {
         TraceJob {
             positions,
             triangles,
             surfaces: &self.surfaces,
             coverage,
-            through,
+            transmission,
             centre: link.array_centre_m.as_vec3(),
             max_bounces: options.max_bounces,
             rays: options.bounce_rays,
@@ -418,12 +418,12 @@ impl BouncingSurfaces {
 #[derive(Clone, Copy)]
 struct Plane {
     normal: DVec3,
-    through: DVec3,
+    point: DVec3,
 }
 
 impl Plane {
     fn reflect(&self, p: DVec3) -> DVec3 {
-        p - 2.0 * self.normal.dot(p - self.through) * self.normal
+        p - 2.0 * self.normal.dot(p - self.point) * self.normal
     }
 }
 
@@ -447,7 +447,7 @@ impl Bounce {
             *plane = Some((
                 Plane {
                     normal: (b - a).cross(c - a).normalize_or_zero(),
-                    through: a,
+                    point: a,
                 },
                 reflection(facet),
             ));

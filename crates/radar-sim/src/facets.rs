@@ -4,11 +4,11 @@ use glam::{DVec3, Vec3};
 use radarllm_base::SPEED_OF_LIGHT_MPS;
 
 use crate::link::Link;
-use crate::motion::{KEYS_U, N_KEYS, RangeScale, Source, most_slope, parabola, quartic};
+use crate::motion::{KEYS_U, N_KEYS, RangeScale, Source, max_slope, parabola, quartic};
 use crate::scatter::{FacetPhases, Reflection};
-use crate::spread::{divided_difference, most_divided_slope};
-use crate::visibility::Through;
-use radarllm_simd::{Lanes, dispatch, sin_cos_turns};
+use crate::spread::{divided_difference, max_divided_slope};
+use crate::visibility::ScreenTransmission;
+use radarllm_simd::{SimdF32x16, dispatch, sin_cos_turns};
 
 /// Facets per batch.
 const BATCH: usize = 16;
@@ -27,8 +27,8 @@ pub(crate) struct FacetJob<'a> {
     pub triangles: &'a [[u32; 3]],
     /// Their visible shares.
     pub coverage: &'a [f32],
-    /// What screens let through, by facet of the whole scene.
-    pub through: &'a Through,
+    /// What screens transmit, by facet of the whole scene.
+    pub transmission: &'a ScreenTransmission,
     /// The surface's first facet in the scene.
     pub first_facet: usize,
     /// Facets with a share above 0.
@@ -51,19 +51,19 @@ type Row = [f32; BATCH];
 type DoubleRow = [f64; BATCH];
 
 #[inline(always)]
-fn facet_sources_body<L: Lanes>(job: FacetJob<'_>) {
+fn facet_sources_body<L: SimdF32x16>(job: FacetJob<'_>) {
     let centre = job.link.array_centre_m;
     // [key][corner, the middle last][axis][facet], relative to the array centre.
     let mut points = [[[[0.0_f32; BATCH]; 3]; 4]; N_KEYS];
     let mut ranges = [[[0.0_f64; BATCH]; 4]; N_KEYS];
     for batch in job.visible.chunks(BATCH) {
-        let (mut share, mut through, mut turns): (Row, Row, Row) =
+        let (mut share, mut transmission, mut turns): (Row, Row, Row) =
             ([0.0; BATCH], [0.0; BATCH], [0.0; BATCH]);
         for i in 0..BATCH {
             // A last, short batch repeats its last facet.
             let facet = batch[i.min(batch.len() - 1)] as usize;
             share[i] = job.coverage[facet];
-            through[i] = job.through.of(job.first_facet + facet);
+            transmission[i] = job.transmission.amplitude(job.first_facet + facet);
             turns[i] = job.phases.phase_turns(facet);
             let corners = job.triangles[facet];
             for (at_key, key) in points.iter_mut().zip(job.keys) {
@@ -94,15 +94,15 @@ fn facet_sources_body<L: Lanes>(job: FacetJob<'_>) {
                     [corner(0), corner(1), corner(2)],
                     share[i],
                 );
-                coherent[slot][i] = gains.0 * through[i];
-                rough[slot][i] = gains.1 * through[i];
+                coherent[slot][i] = gains.0 * transmission[i];
+                rough[slot][i] = gains.1 * transmission[i];
             }
         }
         let fit = fit(&points, &ranges, job.link, job.scale);
         let [p, q, r] = &fit.corners;
         let corners = [L::load(&p[0]), L::load(&q[0]), L::load(&r[0])];
         let (dd_re, dd_im) = divided_difference(corners);
-        let slope = most_divided_slope(corners, L::load(&fit.corner_turns_per_u)).array();
+        let slope = max_divided_slope(corners, L::load(&fit.corner_turns_per_u)).array();
         let (smooth, diffuse) = (L::load(&coherent[1]), L::load(&rough[1]));
         let re = smooth.fma(dd_re, diffuse.mul(cos)).array();
         let im = smooth.fma(dd_im, diffuse.mul(sin)).array();
@@ -244,15 +244,15 @@ fn fit(
             ((scale.centre_hz - scale.slope_hz_per_s * tau[2]) * (0.5 * delay)) as f32;
     }
     for i in 0..BATCH {
-        let mut most = 0.0_f32;
+        let mut largest = 0.0_f32;
         for k in 1..N_KEYS {
             let step = |axis: usize| points[k][3][axis][i] - points[k - 1][3][axis][i];
             let (x, y, z) = (step(0), step(1), step(2));
             let per_u = (1.0 / (KEYS_U[k] - KEYS_U[k - 1])) as f32;
-            most = most.max((x * x + y * y + z * z).sqrt() * per_u);
+            largest = largest.max((x * x + y * y + z * z).sqrt() * per_u);
         }
         fit.per_m[i] = (1.0 / ranges[N_KEYS / 2][3][i]) as f32;
-        fit.turn_rad[i] = most * fit.per_m[i];
+        fit.turn_rad[i] = largest * fit.per_m[i];
     }
     for (axis, direction) in [0, 2].into_iter().zip(&mut fit.direction) {
         for i in 0..BATCH {
@@ -277,8 +277,8 @@ fn fit(
             for p in 0..N_KEYS {
                 fit.corners[corner][p][i] = relative[p] as f32;
             }
-            let most = &mut fit.corner_turns_per_u[i];
-            *most = most.max(most_slope(relative.map(|c| c as f32)));
+            let largest = &mut fit.corner_turns_per_u[i];
+            *largest = largest.max(max_slope(relative.map(|c| c as f32)));
         }
     }
     fit

@@ -29,8 +29,8 @@ pub(crate) fn grid_cells(n_samples: usize) -> usize {
         }
         rest == 1
     };
-    let least = (3 * n_samples).div_ceil(2).max(WIDTH);
-    (least..).find(|&n| is_smooth(n)).unwrap_or(least)
+    let min_cells = (3 * n_samples).div_ceil(2).max(WIDTH);
+    (min_cells..).find(|&n| is_smooth(n)).unwrap_or(min_cells)
 }
 
 /// The same for parabolas, which most sources can do with.
@@ -181,8 +181,8 @@ mod tests {
                 }
                 // Six taps reach 1.8e-4 at the worst sample; the tap that a channel off the centre
                 // lacks costs up to 6e-4 (a channel at the edge of the slack).
-                let most = if v.abs() < 0.501 { 2e-4 } else { 7e-4 };
-                assert!(worst < most, "{reach} {v}: {worst}");
+                let limit = if v.abs() < 0.501 { 2e-4 } else { 7e-4 };
+                assert!(worst < limit, "{reach} {v}: {worst}");
             }
         }
     }

@@ -9,12 +9,15 @@ use std::f64::consts::{PI, TAU};
 
 use num_complex::{Complex32, Complex64};
 use radarllm_base::{
-    RadarConfig, RadarCube, SPEED_OF_LIGHT_MPS, radar_config::Firing, seed::derive_seed,
+    RadarConfig, RadarCube, SPEED_OF_LIGHT_MPS,
+    radar_config::TxMultiplexing,
+    random::{nth_normal, nth_uniform},
+    seed::derive_seed,
 };
 
 use crate::error::SimError;
-use crate::noise::{NoiseGenerator, stream_bits};
-use radarllm_simd::{LANES, Lanes, SimdLevel, dispatch};
+use crate::noise::NoiseGenerator;
+use radarllm_simd::{LANES, SimdF32x16, SimdLevel, dispatch};
 
 /// Rounding and clipping of each of I and Q.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -115,14 +118,14 @@ impl Impairments {
 
     /// How much later than planned a frame starts, s.
     pub fn start_delay_s(&self, seed: u64, frame_idx: u64) -> f64 {
-        self.start_jitter_s * gaussian(derive_seed(seed, "start jitter"), frame_idx)
+        self.start_jitter_s * nth_normal(derive_seed(seed, "start jitter"), frame_idx)
     }
 
     /// Changes a cube. `seed` fixes the channels' errors for a whole clip; with `frame_idx` it fixes
     /// noise and losses.
     ///
     /// # Errors
-    /// A field out of range, or errors of channels with [`Firing::Bpm`].
+    /// A field out of range, or errors of channels with [`TxMultiplexing::Bpm`].
     pub fn apply(
         &self,
         config: &RadarConfig,
@@ -143,7 +146,7 @@ impl Impairments {
             );
         }
         if self.channel_phase_rad > 0.0 || self.channel_gain_db > 0.0 {
-            if config.firing == Firing::Bpm {
+            if config.firing == TxMultiplexing::Bpm {
                 return Err(SimError::Option {
                     option: "channel_phase_rad",
                     problem: "errors of single channels cannot be added to a cube in which binary \
@@ -165,7 +168,7 @@ impl Impairments {
             let packets = cube.data.chunks_mut(PACKET_BYTES / SAMPLE_BYTES);
             let first = frame_idx.wrapping_mul(1 << 32);
             for (index, packet) in packets.enumerate() {
-                if uniform(stream, first.wrapping_add(index as u64)) < self.packet_loss {
+                if nth_uniform(stream, first.wrapping_add(index as u64)) < self.packet_loss {
                     packet.fill(Complex32::ZERO);
                 }
             }
@@ -180,8 +183,8 @@ impl Impairments {
         );
         (0..n as u64)
             .map(|channel| {
-                let db = self.channel_gain_db * gaussian(gain, channel);
-                let rad = self.channel_phase_rad * gaussian(phase, channel);
+                let db = self.channel_gain_db * nth_normal(gain, channel);
+                let rad = self.channel_phase_rad * nth_normal(phase, channel);
                 Complex32::from_polar(10_f64.powf(db / 20.0) as f32, rad as f32)
             })
             .collect()
@@ -198,7 +201,7 @@ impl Leakage {
         let n_channels = cube.n_tx * cube.n_rx;
         let tones: Vec<Vec<Complex32>> = (0..n_channels as u64)
             .map(|channel| {
-                let offset = uniform(stream, channel);
+                let offset = nth_uniform(stream, channel);
                 (0..cube.n_samples)
                     .map(|n| {
                         let t = config.adc_start_s + n as f64 / config.sample_rate_hz;
@@ -243,7 +246,7 @@ struct Codes {
 dispatch!(fn convert => convert_body(samples: &mut [Complex32], codes: Codes));
 
 #[inline(always)]
-fn convert_body<L: Lanes>(samples: &mut [Complex32], codes: Codes) {
+fn convert_body<L: SimdF32x16>(samples: &mut [Complex32], codes: Codes) {
     let (chunks, rest) = samples.as_chunks_mut();
     for chunk in chunks {
         convert_chunk::<L>(chunk, codes);
@@ -255,13 +258,13 @@ fn convert_body<L: Lanes>(samples: &mut [Complex32], codes: Codes) {
 }
 
 #[inline(always)]
-fn convert_chunk<L: Lanes>(samples: &mut [Complex32; LANES], codes: Codes) {
+fn convert_chunk<L: SimdF32x16>(samples: &mut [Complex32; LANES], codes: Codes) {
     let (re, im) = L::load_complex(samples);
     L::store_complex(converted(re, codes), converted(im, codes), samples);
 }
 
 #[inline(always)]
-fn converted<L: Lanes>(x: L, Codes { up, down, top }: Codes) -> L {
+fn converted<L: SimdF32x16>(x: L, Codes { up, down, top }: Codes) -> L {
     // Clipped first: rounding is for small numbers.
     let code = x.mul(L::splat(up)).min(L::splat(top));
     code.max(L::splat(-top - 1.0)).round().mul(L::splat(down))
@@ -279,7 +282,7 @@ struct Lags {
 dispatch!(fn lags => lags_body(samples: &[Complex32], n_samples: usize, sums: &mut Lags));
 
 #[inline(always)]
-fn lags_body<L: Lanes>(samples: &[Complex32], n_samples: usize, sums: &mut Lags) {
+fn lags_body<L: SimdF32x16>(samples: &[Complex32], n_samples: usize, sums: &mut Lags) {
     for chirp in samples.chunks_exact(n_samples) {
         // f32 within a chirp, f64 over chirps.
         let (mut zero, mut re, mut im) = (L::splat(0.0), L::splat(0.0), L::splat(0.0));
@@ -294,8 +297,8 @@ fn lags_body<L: Lanes>(samples: &[Complex32], n_samples: usize, sums: &mut Lags)
             im = a_im.fnma(b_re, a_re.fma(b_im, im));
             i += LANES;
         }
-        sums.zero += f64::from(zero.sum());
-        sums.one += Complex64::new(f64::from(re.sum()), f64::from(im.sum()));
+        sums.zero += f64::from(zero.reduce_sum());
+        sums.one += Complex64::new(f64::from(re.reduce_sum()), f64::from(im.reduce_sum()));
         for pair in chirp[i..].windows(2) {
             let product = pair[1] * pair[0].conj();
             sums.one += Complex64::new(f64::from(product.re), f64::from(product.im));
@@ -322,18 +325,6 @@ fn add_phase_noise(config: &RadarConfig, cube: &mut RadarCube, dbc_per_hz: f64, 
     let tau_s = cycles * config.sample_rate_hz / config.slope_hz_per_s;
     let power_w = 4.0 * PI * PI * k_hz * tau_s * sums.zero / n;
     NoiseGenerator::new(seed, SimdLevel::detect()).add(&mut cube.data, power_w.sqrt() as f32);
-}
-
-/// The `index`-th number of a stream, in 0..1.
-fn uniform(stream: u64, index: u64) -> f64 {
-    (stream_bits(stream, index) >> 11) as f64 / (1u64 << 53) as f64
-}
-
-/// The `index`-th standard normal number of a stream (Box-Muller).
-fn gaussian(stream: u64, index: u64) -> f64 {
-    let u = 1.0 - uniform(stream, 2 * index);
-    let v = uniform(stream, 2 * index + 1);
-    (-2.0 * u.ln()).sqrt() * (TAU * v).cos()
 }
 
 #[cfg(test)]
@@ -501,10 +492,7 @@ mod tests {
                 product += b * a.conj();
             }
         }
-        for level in [SimdLevel::Avx512, SimdLevel::Avx2, SimdLevel::Portable] {
-            if !level.is_available() {
-                continue;
-            }
+        for level in SimdLevel::available() {
             let mut found = samples.clone();
             convert(level, &mut found, codes);
             for (found, exact) in found.iter().zip(&samples) {

@@ -1,13 +1,77 @@
-//! The virtual radar: moving triangles in, FMCW radar cubes out.
+//! The virtual radar: simulates the raw samples that an FMCW TDM-MIMO radar would record of moving surfaces.
 //!
-//! Enters: a [`Scene`] of [`radarllm_base::MovingSurface`]s and point targets in the radar frame.
-//! Leaves: a [`radarllm_base::RadarCube`] in square-root watts, one frame at a time.
+//! It takes the place of a radar board where there is none, or where recordings lack what only a simulation knows: which
+//! motion it was, and what another radar in another place would have seen.
+//!
+//! ```
+//! use glam::DVec3;
+//! use radarllm_base::RadarConfig;
+//! use radarllm_radar_sim::{Noise, PointTarget, Scene, SimOptions, Simulator};
+//!
+//! // A reflector of 1 m^2, 3 m in front of the radar, receding at 1 m/s.
+//! let target = PointTarget {
+//!     position_m: DVec3::new(0.0, 3.0, 0.0),
+//!     velocity_mps: DVec3::new(0.0, 1.0, 0.0),
+//!     rcs_m2: 1.0,
+//! };
+//! let scene = Scene { surfaces: vec![], points: vec![target], noise: Noise::Thermal };
+//!
+//! // Plan a radar once, then simulate frame after frame into the same cube.
+//! let radar = RadarConfig::awr1843boost();
+//! let mut simulator = Simulator::new(&radar, SimOptions::default())?;
+//! let mut cube = simulator.new_cube();
+//! for frame_idx in 0..2 {
+//!     let time_s = frame_idx as f64 * radar.frame_period_s;
+//!     let stats = simulator.simulate_frame(&scene, frame_idx, time_s, 42, &mut cube)?;
+//!     assert!(stats.signal_power_w > stats.noise_power_w);
+//! }
+//! // [loop, transmitter slot, receiver, sample]
+//! assert_eq!(cube.data.len(), 128 * 3 * 4 * 256);
+//! # Ok::<(), radarllm_radar_sim::SimError>(())
+//! ```
+//!
+//! Surfaces are triangle meshes with a material. A metal sphere of 10 cm radius that crosses the view:
+//!
+//! ```
+//! use glam::DVec3;
+//! use radarllm_base::{Material, RadarConfig};
+//! use radarllm_radar_sim::{Impairments, Noise, Scene, SimOptions, Simulator, shapes::RigidSurface};
+//!
+//! let metal = Material { power_reflection: 1.0, roughness_m: 0.0, rough_albedo: 0.0, power_transmission: 0.0 };
+//! let sphere = RigidSurface::sphere(0.1, 0.02)
+//!     .at(DVec3::new(-0.5, 2.0, 0.0))
+//!     .moving(DVec3::new(0.8, 0.0, 0.0))
+//!     .of(metal);
+//! let scene = Scene { surfaces: vec![&sphere], points: vec![], noise: Noise::Thermal };
+//!
+//! let radar = RadarConfig::awr1843boost();
+//! let mut simulator = Simulator::new(&radar, SimOptions::default())?;
+//! let mut cube = simulator.new_cube();
+//! let stats = simulator.simulate_frame(&scene, 0, 0.0, 42, &mut cube)?;
+//! // The radar sees the half that faces it.
+//! assert!(0 < stats.n_visible && stats.n_visible < stats.n_facets);
+//!
+//! // What a real receiver adds: leakage, phase noise, channel mismatch, a 12-bit ADC.
+//! Impairments::typical().apply(&radar, &mut cube, 42, 0)?;
+//! # Ok::<(), radarllm_radar_sim::SimError>(())
+//! ```
+//!
+//! # Units, axes, signs
+//!
+//! Enters: a [`Scene`] of [`radarllm_base::MovingSurface`]s and point targets in the radar frame: x right, y along the
+//! boresight, z up, metres.
+//! Leaves: a [`radarllm_base::RadarCube`] in square-root watts, one frame at a time. Receding targets have positive
+//! Doppler, delay turns the phase forward. CONVENTIONS.md at the repository root has a worked number for each.
+//!
+//! # Model
 //!
 //! The signal of a path with delay tau is `a exp j[2 pi f0 tau + 2 pi S t tau - pi S tau^2]`, `t`
 //! from the ramp start. tau follows the exact TX-facet-RX distances at the centre of each chirp's
 //! ADC window and its rate there (within the 58 us of one window the carrier turns with the moving
 //! target, f_c v / S of beat frequency; the sweep's own part, 0.01 rad at 4.5 m/s, is left out), so TDM
 //! timing, range walk and near-field wave fronts are exact.
+//!
+//! # Reading order
 //!
 //! Two implementations of the same model: [`Simulator`] (fast) and [`mod@reference`] (direct sum in
 //! f64, slow), tested against each other. Reading order: [`scene`], [`link`] (radar equation),

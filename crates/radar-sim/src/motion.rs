@@ -15,7 +15,7 @@ use crate::scatter::divided_difference;
 /// Longest segment of a frame that one set of polynomials serves, s.
 const LONGEST_SEGMENT_S: f64 = 0.03;
 /// Most loops in a segment (bounds the workspace).
-const MOST_SEGMENT_LOOPS: usize = 128;
+const MAX_SEGMENT_LOOPS: usize = 128;
 /// Key times per segment.
 pub(crate) const N_KEYS: usize = 5;
 /// The outer and the inner key times of either side, in units of `u`: Chebyshev's, which leave half of the
@@ -43,7 +43,7 @@ impl Segment {
     pub fn loops_of(config: &RadarConfig) -> usize {
         // 1 ppm of tolerance: 30 ms of loops that fit exactly must not round down.
         let fit = (LONGEST_SEGMENT_S / config.loop_period_s() * 1.000_001) as usize;
-        fit.clamp(8, MOST_SEGMENT_LOOPS).min(config.n_loops)
+        fit.clamp(8, MAX_SEGMENT_LOOPS).min(config.n_loops)
     }
 
     /// All segments of a frame.
@@ -134,7 +134,7 @@ pub(crate) fn parabola(v: [f32; 3]) -> [f32; 3] {
 
 /// Bound of the derivative of a polynomial without its constant, |u| <= 1.
 #[inline(always)]
-pub(crate) fn most_slope(c: [f32; N_KEYS]) -> f32 {
+pub(crate) fn max_slope(c: [f32; N_KEYS]) -> f32 {
     c[1].abs() + 2.0 * c[2].abs() + 3.0 * c[3].abs() + 4.0 * c[4].abs()
 }
 
@@ -277,9 +277,9 @@ impl Source {
 
     /// Sets [`Self::change_per_u`] from the gains and a bound of the divided difference's derivative.
     #[inline(always)]
-    pub fn bound_change(&mut self, most_divided_slope: f32) {
+    pub fn bound_change(&mut self, max_divided_slope: f32) {
         let slope = |c: [f32; 3]| c[1].abs() + 2.0 * c[2].abs();
-        self.change_per_u = self.coherent[0].abs() * most_divided_slope
+        self.change_per_u = self.coherent[0].abs() * max_divided_slope
             + 0.5 * slope(self.coherent)
             + slope(self.rough);
     }

@@ -3,7 +3,7 @@
 use glam::{Vec3, Vec3A};
 use obvhs::{BvhBuildParams, bvh2::builder::build_bvh2, ray::Ray, triangle::Triangle};
 
-use crate::visibility::{Through, View};
+use crate::visibility::{ScreenTransmission, View};
 
 /// As [`crate::visibility::DepthRaster::coverage`], from `per_edge * per_edge` rays a facet: from the
 /// middles of its equal parts to the eye. Returns the number of rays.
@@ -11,17 +11,17 @@ pub fn coverage_by_rays(
     view: View<'_>,
     per_edge: usize,
     out: &mut Vec<f32>,
-    through: &mut Through,
+    transmission: &mut ScreenTransmission,
 ) -> usize {
     let View {
         positions,
         triangles,
-        parts,
+        surfaces,
         centre,
     } = view;
     out.clear();
     out.resize(triangles.len(), 0.0);
-    let passed_sum = through.reset(if view.has_screens() {
+    let passed_sum = transmission.reset(if view.has_screens() {
         triangles.len()
     } else {
         0
@@ -50,8 +50,8 @@ pub fn coverage_by_rays(
     let mut time = std::time::Duration::default();
     let bvh = build_bvh2(&mesh, BvhBuildParams::fast_build(), &mut time);
     let transmission = |facet: u32| {
-        let part = parts.partition_point(|p| p.facets.end <= facet);
-        parts[part].power_transmission
+        let part = surfaces.partition_point(|p| p.facets.end <= facet);
+        surfaces[part].power_transmission
     };
     let n = per_edge.max(1);
     for &facet in &opposite {
@@ -106,14 +106,14 @@ fn middles(n: usize) -> impl Iterator<Item = (f32, f32)> {
 mod tests {
     use super::*;
     use crate::shapes::RigidSurface;
-    use crate::visibility::{DepthRaster, Part, Sampling};
+    use crate::visibility::{DepthRaster, Sampling, SurfaceRange};
     use glam::DVec3;
     use radarllm_base::MovingSurface;
 
     #[test]
     fn the_raster_sees_what_rays_see() {
         let sphere = RigidSurface::sphere(0.3, 0.05).at(DVec3::new(0.1, 3.0, 0.0));
-        let (mut positions, mut triangles, mut parts) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut positions, mut triangles, mut surfaces) = (Vec::new(), Vec::new(), Vec::new());
         // Opaque in front of the left half, a screen before most of it, another in front of all.
         for (surface, power_transmission) in [
             (&sphere as &dyn MovingSurface, 0.0),
@@ -136,30 +136,34 @@ mod tests {
             let mut at = vec![Vec3::ZERO; surface.n_vertices()];
             surface.positions_at(0.0, &mut at);
             positions.extend(at);
-            parts.push(Part {
+            surfaces.push(SurfaceRange {
                 facets: first_facet..triangles.len() as u32,
                 vertices: first..positions.len() as u32,
                 power_transmission,
             });
         }
         let (mut share, mut exact) = (Vec::new(), Vec::new());
-        let (mut through, mut exact_through) = (Through::default(), Through::default());
+        let (mut transmission, mut exact_transmission) =
+            (ScreenTransmission::default(), ScreenTransmission::default());
         let view = View {
             positions: &positions,
             triangles: &triangles,
-            parts: &parts,
+            surfaces: &surfaces,
             centre: Vec3::ZERO,
         };
-        coverage_by_rays(view, 24, &mut exact, &mut exact_through);
+        coverage_by_rays(view, 24, &mut exact, &mut exact_transmission);
         // The front screen, what is behind it alone, and behind both.
         for factor in [1.0, 0.8, 0.4] {
             let visible = (0..triangles.len()).filter(|&f| exact[f] > 0.0);
-            let behind = visible.filter(|&f| (exact_through.of(f) - factor).abs() < 1e-4);
+            let behind =
+                visible.filter(|&f| (exact_transmission.amplitude(f) - factor).abs() < 1e-4);
             assert!(behind.count() > 20, "{factor}");
         }
         for (sampling, size) in [(Sampling::Uniform, 1024), (Sampling::Windows, 1024)] {
-            DepthRaster::new(size, sampling).coverage(view, &mut share, &mut through);
-            let error = |f: usize| share[f] * through.of(f) - exact[f] * exact_through.of(f);
+            DepthRaster::new(size, sampling).coverage(view, &mut share, &mut transmission);
+            let error = |f: usize| {
+                share[f] * transmission.amplitude(f) - exact[f] * exact_transmission.amplitude(f)
+            };
             // 12 samples of the raster and 24 rays across a sphere's facet: a row of either where a
             // facet is hidden in part; most are not.
             let mean =

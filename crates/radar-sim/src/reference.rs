@@ -19,11 +19,33 @@ use crate::motion::{N_KEYS, Segment, chirp_time_s};
 use crate::scatter::{FacetPhases, Reflection, divided_difference};
 use crate::scene::{PointTarget, Scene};
 use crate::simulator::{SimOptions, check_frame};
-use crate::visibility::{DepthRaster, Through, View};
+use crate::visibility::{DepthRaster, ScreenTransmission, View};
 use crate::weather::Rain;
 
 /// Simulates `loops` of the frame that starts at `time_s` into `cube`, without noise; other loops
 /// are left as they are.
+///
+/// # Example
+/// The fast path against it, on one loop:
+/// ```
+/// use glam::DVec3;
+/// use radarllm_base::RadarConfig;
+/// use radarllm_radar_sim::{Noise, PointTarget, Scene, SimOptions, Simulator, reference};
+///
+/// let target = PointTarget::at(DVec3::new(0.3, 4.0, 0.1), 1.0);
+/// let scene = Scene { surfaces: vec![], points: vec![target], noise: Noise::Off };
+/// let (radar, options) = (RadarConfig::awr1843boost(), SimOptions::default());
+/// let mut simulator = Simulator::new(&radar, options.clone())?;
+/// let (mut fast, mut exact) = (simulator.new_cube(), simulator.new_cube());
+/// simulator.simulate_frame(&scene, 0, 0.0, 1, &mut fast)?;
+/// reference::simulate_loops(&radar, &options, &scene, 0.0, 1, 0..1, &mut exact)?;
+/// let one_loop = 3 * 4 * 256;
+/// for (fast, exact) in fast.data[..one_loop].iter().zip(&exact.data) {
+///     // 60 dB below.
+///     assert!((fast - exact).norm() < 1e-3 * exact.norm());
+/// }
+/// # Ok::<(), radarllm_radar_sim::SimError>(())
+/// ```
 ///
 /// # Errors
 /// As [`crate::Simulator::simulate_frame`], and an empty or too long range of loops as a bad shape.
@@ -54,9 +76,9 @@ pub fn simulate_loops(
     let centre = link.array_centre_m.as_vec3();
     let mut raster = DepthRaster::new(options.raster_size, options.sampling);
     let (mut positions, mut triangles, mut coverage) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut parts, mut through) = (Vec::new(), Through::default());
+    let (mut ranges, mut transmission) = (Vec::new(), ScreenTransmission::default());
     scene.concatenate_triangles(&mut triangles);
-    scene.parts(&mut parts);
+    scene.surface_ranges(&mut ranges);
     for segment in Segment::all(config) {
         let mine = segment.first_loop..segment.first_loop + segment.n_loops;
         let (from, to) = (loops.start.max(mine.start), loops.end.min(mine.end));
@@ -68,20 +90,27 @@ pub fn simulate_loops(
         let view = View {
             positions: &positions,
             triangles: &triangles,
-            parts: &parts,
+            surfaces: &ranges,
             centre,
         };
-        raster.coverage(view, &mut coverage, &mut through);
+        raster.coverage(view, &mut coverage, &mut transmission);
         let surfaces = BouncingSurfaces::new(scene, &link, seed);
         let bounces = match options.max_bounces {
             0 | 1 => Vec::new(),
-            _ => surfaces.trace(options, &link, &positions, &triangles, &coverage, &through),
+            _ => surfaces.trace(
+                options,
+                &link,
+                &positions,
+                &triangles,
+                &coverage,
+                &transmission,
+            ),
         };
         for loop_idx in from..to {
             for slot in 0..config.tx.len() {
                 let mut at = |now_s: f64| -> Result<Vec<Scatterer>, SimError> {
                     scene.positions_at(now_s, centre, options.min_range_m, &mut positions)?;
-                    let seen = (&coverage[..], &through);
+                    let seen = (&coverage[..], &transmission);
                     let mut found = scatterers(&link, scene, seed, &positions, &triangles, seen);
                     let points = scene.points.iter().chain(&drops);
                     found.extend(points.map(|point| point_scatterer(&link, point, now_s)));
@@ -154,7 +183,7 @@ fn scatterers(
     seed: u64,
     positions: &[Vec3],
     triangles: &[[u32; 3]],
-    (coverage, through): (&[f32], &Through),
+    (coverage, transmission): (&[f32], &ScreenTransmission),
 ) -> Vec<Scatterer> {
     let mut out = Vec::new();
     let mut first = 0;
@@ -179,7 +208,7 @@ fn scatterers(
             let phasor = Complex64::new(f64::from(phasor.re), f64::from(phasor.im));
             let amplitude =
                 f64::from(coherent) * divided_difference(phases_rad) + f64::from(rough) * phasor;
-            let amplitude = amplitude * f64::from(through.of(first + facet));
+            let amplitude = amplitude * f64::from(transmission.amplitude(first + facet));
             out.push(Scatterer {
                 seen_by_tx: middle + link.array_centre_m,
                 seen_by_rx: middle + link.array_centre_m,

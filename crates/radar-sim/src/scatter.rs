@@ -3,9 +3,8 @@
 use std::f64::consts::PI;
 
 use crate::link::exp2_of_negative;
-use crate::noise::stream_bits;
 use num_complex::{Complex32, Complex64};
-use radarllm_base::{Material, seed::derive_seed};
+use radarllm_base::{Material, random::nth, seed::derive_seed};
 
 /// Second divided difference of `exp` at `j phi_0, j phi_1, j phi_2`: half the mean of
 /// `exp(j phi)` over a triangle on which phi is linear with these values at the corners.
@@ -121,8 +120,7 @@ impl FacetPhases {
 
     #[inline]
     pub fn phase_turns(&self, facet_idx: usize) -> f32 {
-        (stream_bits(self.surface_seed, facet_idx as u64) >> 40) as f32
-            * (1.0 / (1u64 << 24) as f32)
+        (nth(self.surface_seed, facet_idx as u64) >> 40) as f32 * (1.0 / (1u64 << 24) as f32)
     }
 
     pub fn phasor(&self, facet_idx: usize) -> Complex32 {
@@ -166,9 +164,9 @@ mod tests {
             let n = 600;
             let error = (divided_difference(phi) - by_quadrature(phi, n)).norm();
             // Mid-point rule: error below |phi|^2 h^2 / 24 (second derivative), here 5e-5 at most.
-            let most = phi.iter().fold(1.0_f64, |m, p| m.max((p - phi[0]).abs()));
+            let span = phi.iter().fold(1.0_f64, |m, p| m.max((p - phi[0]).abs()));
             assert!(
-                error < most * most / (24.0 * (n * n) as f64) + 1e-9,
+                error < span * span / (24.0 * (n * n) as f64) + 1e-9,
                 "{phi:?}: {error}"
             );
         }

@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 use radarllm_base::MovingSurface;
 
 use crate::error::SimError;
-use crate::visibility::Part;
+use crate::visibility::SurfaceRange;
 
 /// Everything in front of the radar during a frame. Radar frame: x right, y boresight, z up.
 #[derive(Default)]
@@ -68,7 +68,7 @@ impl Scene<'_> {
     pub fn validate(&self) -> Result<(), SimError> {
         for (surface, shape) in self.surfaces.iter().enumerate() {
             let m = shape.material();
-            for (field, value, most) in [
+            for (field, value, max) in [
                 ("power_reflection", m.power_reflection, 1.0),
                 ("roughness_m", m.roughness_m, 1.0),
                 ("rough_albedo", m.rough_albedo, 100.0),
@@ -80,7 +80,7 @@ impl Scene<'_> {
                     1.0 + 1e-6,
                 ),
             ] {
-                if !(0.0..=most).contains(&value) {
+                if !(0.0..=max).contains(&value) {
                     return Err(SimError::Material {
                         surface,
                         field,
@@ -101,7 +101,7 @@ impl Scene<'_> {
             }
         }
         for (point, target) in self.points.iter().enumerate() {
-            let near = |v: DVec3, most: f64| v.is_finite() && v.length() <= most;
+            let near = |v: DVec3, max: f64| v.is_finite() && v.length() <= max;
             if !near(target.position_m, 1e6) {
                 return Err(SimError::Point {
                     point,
@@ -154,14 +154,14 @@ impl Scene<'_> {
     }
 
     /// Writes the surfaces as the raster wants them.
-    pub(crate) fn parts(&self, out: &mut Vec<Part>) {
+    pub(crate) fn surface_ranges(&self, out: &mut Vec<SurfaceRange>) {
         out.clear();
         let (mut facet, mut vertex) = (0, 0);
         for shape in &self.surfaces {
             let facets = facet..facet + shape.triangles().len() as u32;
             let vertices = vertex..vertex + shape.n_vertices() as u32;
             (facet, vertex) = (facets.end, vertices.end);
-            out.push(Part {
+            out.push(SurfaceRange {
                 facets,
                 vertices,
                 power_transmission: shape.material().power_transmission,

@@ -211,14 +211,6 @@ impl RigidSurface {
             .extend(other.triangles.into_iter().map(|t| t.map(|i| i + first)));
         self
     }
-
-    /// Moves the mesh's own vertices, before any motion.
-    pub fn shifted(mut self, by: DVec3) -> Self {
-        for vertex in &mut self.vertices {
-            *vertex += by;
-        }
-        self
-    }
 }
 
 impl MovingSurface for RigidSurface {
@@ -248,12 +240,12 @@ impl MovingSurface for RigidSurface {
 /// Increasing places from low to high, a step apart that grows with the distance from `foot`.
 fn graded_lines([low, high]: [f64; 2], foot: f64, finest_m: f64) -> Vec<f64> {
     const GROWTH: f64 = 0.125;
-    const MOST: usize = 4096;
+    const MAX_PLACES: usize = 4096;
     let start = foot.clamp(low, high);
     let side = |end: f64| {
         let mut places = Vec::new();
         let mut at = start;
-        while places.len() < MOST {
+        while places.len() < MAX_PLACES {
             let step = finest_m.max(GROWTH * (at - foot).abs());
             let left = (end - at).abs();
             if left <= 0.0 {

@@ -12,7 +12,7 @@
 use std::time::Instant;
 
 use glam::Vec3;
-use radarllm_base::{RadarConfig, RadarCube, radar_config::Firing, seed::derive_seed};
+use radarllm_base::{RadarConfig, RadarCube, radar_config::TxMultiplexing, seed::derive_seed};
 
 use crate::bounce::{BouncingSurfaces, MAX_MIRRORS};
 use crate::error::SimError;
@@ -21,7 +21,7 @@ use crate::gridding::{Kernel, grid_cells};
 use crate::groups::{Band, Grouping};
 use crate::link::Link;
 use crate::motion::{
-    N_KEYS, RangeScale, Segment, Source, chirp_time_s, most_slope, parabola, quartic,
+    N_KEYS, RangeScale, Segment, Source, chirp_time_s, max_slope, parabola, quartic,
 };
 use crate::noise::NoiseGenerator;
 use crate::scatter::{FacetPhases, Reflection};
@@ -29,7 +29,7 @@ use crate::scene::{Noise, PointTarget, Scene};
 use crate::slow_time::Level;
 use crate::spread::{ChannelBlock, Reach, SpreadJob, spread};
 use crate::transform::{RangeTransform, TransformJob, transform};
-use crate::visibility::{DepthRaster, Part, Sampling, Through, View};
+use crate::visibility::{DepthRaster, Sampling, ScreenTransmission, SurfaceRange, View};
 use crate::weather::{Rain, Weather};
 use radarllm_simd::{Cell, SimdLevel};
 
@@ -109,6 +109,27 @@ pub struct StageSeconds {
 }
 
 /// A planned radar: build once per thread, call for every frame.
+///
+/// # Example
+/// The received power of a point target is that of the radar equation:
+/// ```
+/// use glam::{DVec3, Vec3};
+/// use radarllm_base::RadarConfig;
+/// use radarllm_radar_sim::{Noise, PointTarget, Scene, SimOptions, Simulator, link::Link};
+///
+/// let target = PointTarget::at(DVec3::new(0.3, 4.0, 0.1), 1.0);
+/// let scene = Scene { surfaces: vec![], points: vec![target], noise: Noise::Off };
+/// let radar = RadarConfig::awr1843boost();
+/// let mut simulator = Simulator::new(&radar, SimOptions::default())?;
+/// let mut cube = simulator.new_cube();
+/// let stats = simulator.simulate_frame(&scene, 0, 0.0, 1, &mut cube)?;
+///
+/// let link = Link::new(&radar);
+/// let amplitude = link.amplitude(target.position_m.as_vec3() - link.array_centre_m.as_vec3());
+/// let expected_w = f64::from(amplitude * amplitude);
+/// assert!((stats.signal_power_w / expected_w - 1.0).abs() < 0.01);
+/// # Ok::<(), radarllm_radar_sim::SimError>(())
+/// ```
 pub struct Simulator {
     config: RadarConfig,
     options: SimOptions,
@@ -134,9 +155,9 @@ pub struct Simulator {
 struct Workspace {
     triangles: Vec<[u32; 3]>,
     keys: [Vec<Vec3>; N_KEYS],
-    parts: Vec<Part>,
+    surface_ranges: Vec<SurfaceRange>,
     coverage: Vec<f32>,
-    through: Through,
+    transmission: ScreenTransmission,
     drops: Vec<PointTarget>,
     visible: Vec<u32>,
     sources: Vec<Source>,
@@ -195,15 +216,12 @@ impl Simulator {
             );
         }
         let simd = options.simd.unwrap_or_else(SimdLevel::detect);
-        if !simd.is_available() {
-            return range_error("simd", format!("this machine cannot run {simd:?}"));
-        }
         options.weather.validate()?;
         let exchanged = match config.firing {
-            Firing::Tdm => None,
-            Firing::Bpm => {
+            TxMultiplexing::Tdm => None,
+            TxMultiplexing::Bpm => {
                 let mut other = RadarConfig {
-                    firing: Firing::Tdm,
+                    firing: TxMultiplexing::Tdm,
                     ..config.clone()
                 };
                 other.tx.reverse();
@@ -349,7 +367,7 @@ impl Simulator {
             Noise::SnrDb(_) | Noise::Off => None,
         };
         scene.concatenate_triangles(&mut self.work.triangles);
-        scene.parts(&mut self.work.parts);
+        scene.surface_ranges(&mut self.work.surface_ranges);
         if let Some(rain) = &self.rain {
             rain.draw(seed, time_s, &mut self.work.drops);
         }
@@ -370,11 +388,11 @@ impl Simulator {
                 View {
                     positions: &self.work.keys[N_KEYS / 2],
                     triangles: &self.work.triangles,
-                    parts: &self.work.parts,
+                    surfaces: &self.work.surface_ranges,
                     centre: self.link.array_centre_m.as_vec3(),
                 },
                 &mut self.work.coverage,
-                &mut self.work.through,
+                &mut self.work.transmission,
             );
             stats.seconds.visibility += clock.elapsed().as_secs_f64();
 
@@ -494,7 +512,7 @@ impl Simulator {
                     keys: &work.keys,
                     triangles,
                     coverage,
-                    through: &work.through,
+                    transmission: &work.transmission,
                     first_facet: first,
                     visible: &work.visible,
                     out: &mut work.sources,
@@ -573,7 +591,7 @@ impl Simulator {
             &work.keys[N_KEYS / 2],
             &work.triangles,
             &work.coverage,
-            &work.through,
+            &work.transmission,
         );
         for bounce in &bounces {
             let states = std::array::from_fn::<_, N_KEYS, _>(|key| {
@@ -589,7 +607,7 @@ impl Simulator {
             });
             source.corner_turns_per_u = source
                 .corners
-                .map(most_slope)
+                .map(max_slope)
                 .into_iter()
                 .fold(0.0, f32::max);
             source.coherent = parabola([0, 2, 4].map(|key| states[key].coherent));
@@ -626,7 +644,7 @@ impl Simulator {
             let reach = self.reach.cells(source, cells_per_turn, half_s);
             source.reach_cells = reach;
             source.is_flat =
-                source.tx_row.is_none() && self.reach.most_bend_turns(source) < MOST_BEND_TURNS;
+                source.tx_row.is_none() && self.reach.max_bend_turns(source) < MAX_BEND_TURNS;
             let (low, high) = source.cell_range(1.0);
             work.grouping.bands.push(Band {
                 frequency,
@@ -653,7 +671,7 @@ impl Simulator {
 }
 
 /// Change of the waves' bend that is left out, turns.
-const MOST_BEND_TURNS: f32 = 2e-4;
+const MAX_BEND_TURNS: f32 = 2e-4;
 
 /// Checks what a frame needs of its arguments.
 pub(crate) fn check_frame(

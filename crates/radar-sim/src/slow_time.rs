@@ -15,7 +15,7 @@
 use std::f64::consts::PI;
 
 /// Most nodes of a block.
-pub(crate) const MOST_NODES: usize = 32;
+pub(crate) const MAX_NODES: usize = 32;
 /// Loops that are interpolated together.
 pub(crate) const QUAD: usize = 4;
 /// Nodes, and the time-bandwidth product that they carry with an error below -68 dB (4e-4).
@@ -81,7 +81,7 @@ impl Level {
                 nodes: nodes.clone(),
             }
         });
-        let block_loops = n_loops.min(MOST_NODES);
+        let block_loops = n_loops.min(MAX_NODES);
         coarse
             .chain([Self {
                 block_loops,

@@ -1,17 +1,26 @@
 //! Sources onto the range grid: the inner loops of the fast path.
 //!
-//! Lanes are channels (sixteen at a time). A source is evaluated at the nodes of its Doppler
-//! group's level; per node, the phase of every channel is the reference phase plus a quartic for
-//! the channel's path difference and TDM delay, and six taps of twelve-plus lanes are added to the
-//! grid. Then whole groups are interpolated to their family's nodes, and families to the loops.
+//! This is a non-uniform FFT in two dimensions. In range, a source lies between grid cells and is spread over six of them
+//! by the taps of a kernel, whose shape the range transform divides out again. In slow time, sources of like Doppler form a
+//! group, whose common phase is taken off: what is left changes so slowly that a few nodes stand for all loops.
+//!
+//! A frame of a person has some 8,000 sources, and the two loops that visit each of them at each node cost most of the
+//! simulator's time: [`fill_phasors`] and [`Batch::add_compact`]. Everything here serves them:
+//! - Lanes are channels, sixteen at a time, because all channels of a source do the same with slightly different numbers.
+//! - Sources come in batches whose phasors fit the first-level cache, so that the two loops run apart, each on its own
+//!   registers.
+//! - Sources of a group are sorted by range, so that the sums of six cells stay in registers over several sources.
+//!
+//! Per node, the phase of a channel is the reference phase plus a quartic for the channel's path difference and TDM delay.
+//! Groups are then interpolated to the nodes of their family, and families to the loops.
 
 use glam::Vec3;
 
 use crate::gridding::{Kernel, NARROW_CELLS, SLACK_CELLS, Taps, WIDTH};
 use crate::groups::{Family, Group, GroupGrid};
-use crate::motion::{N_KEYS, QUARTIC, Source, most_slope};
-use crate::slow_time::{Level, MOST_NODES, QUAD};
-use radarllm_simd::{Cell, LANES, Lanes, dispatch, prefetch, sin_cos_turns};
+use crate::motion::{N_KEYS, QUARTIC, Source, max_slope};
+use crate::slow_time::{Level, MAX_NODES, QUAD};
+use radarllm_simd::{Cell, LANES, SimdF32x16, dispatch, prefetch, sin_cos_turns};
 
 /// The channels of one pass.
 #[derive(Clone, Debug)]
@@ -46,7 +55,7 @@ pub(crate) struct Reach {
     reach_x_m: f32,
     reach_z_m: f32,
     /// Most slot delay, s.
-    most_slot_s: f32,
+    max_slot_s: f32,
 }
 
 impl ChannelBlock {
@@ -75,15 +84,15 @@ impl ChannelBlock {
                 let reach_m = (0..LANES)
                     .map(|i: usize| tx_square[i].sqrt() + rx_square[i].sqrt())
                     .fold(0.0, f32::max);
-                let most_sum = |tx: &[f32; LANES], rx: &[f32; LANES]| {
+                let max_sum = |tx: &[f32; LANES], rx: &[f32; LANES]| {
                     tx.iter()
                         .zip(rx)
                         .map(|(a, b)| (a + b).abs())
                         .fold(0.0, f32::max)
                 };
-                let (reach_x_m, reach_z_m) = (most_sum(&tx_x, &rx_x), most_sum(&tx_z, &rx_z));
-                let most_slot_s = slot_s.iter().copied().fold(0.0, f32::max);
-                let slot_share = slot_s.map(|s: f32| s / most_slot_s.max(f32::MIN_POSITIVE));
+                let (reach_x_m, reach_z_m) = (max_sum(&tx_x, &rx_x), max_sum(&tx_z, &rx_z));
+                let max_slot_s = slot_s.iter().copied().fold(0.0, f32::max);
+                let slot_share = slot_s.map(|s: f32| s / max_slot_s.max(f32::MIN_POSITIVE));
                 Self {
                     first,
                     len,
@@ -99,7 +108,7 @@ impl ChannelBlock {
                         reach_m,
                         reach_x_m,
                         reach_z_m,
-                        most_slot_s,
+                        max_slot_s,
                     },
                 }
             })
@@ -110,22 +119,22 @@ impl ChannelBlock {
 impl Reach {
     /// Of all channels of a radar.
     pub fn of(blocks: &[ChannelBlock]) -> Self {
-        blocks.iter().fold(Self::default(), |most, block| Self {
-            reach_m: most.reach_m.max(block.reach.reach_m),
-            reach_x_m: most.reach_x_m.max(block.reach.reach_x_m),
-            reach_z_m: most.reach_z_m.max(block.reach.reach_z_m),
-            most_slot_s: most.most_slot_s.max(block.reach.most_slot_s),
+        blocks.iter().fold(Self::default(), |reach, block| Self {
+            reach_m: reach.reach_m.max(block.reach.reach_m),
+            reach_x_m: reach.reach_x_m.max(block.reach.reach_x_m),
+            reach_z_m: reach.reach_z_m.max(block.reach.reach_z_m),
+            max_slot_s: reach.max_slot_s.max(block.reach.max_slot_s),
         })
     }
 
     /// Bound of what the channels' path differences and delays add to a source's frequency, turns per unit of u; `ramp`
     /// is the frequency's change.
     pub fn extra_band(&self, source: &Source, ramp: f32, half_s: f32) -> f32 {
-        source.turns_per_m * self.reach_m * source.turn_rad + ramp.abs() * self.most_slot_s / half_s
+        source.turns_per_m * self.reach_m * source.turn_rad + ramp.abs() * self.max_slot_s / half_s
     }
 
     /// Bound of what the bend of a source's waves over the array changes over |u| <= 1, turns.
-    pub fn most_bend_turns(&self, source: &Source) -> f32 {
+    pub fn max_bend_turns(&self, source: &Source) -> f32 {
         // The bend is at most a^2 / 2r for every antenna; it changes with direction and range.
         let bend_m = 0.5 * self.reach_m * self.reach_m * source.per_m;
         // The next term, a^3 / 2 r^2, is left out altogether.
@@ -135,7 +144,7 @@ impl Reach {
 
     /// Bound of a channel's distance from the reference position, cells.
     pub fn cells(&self, source: &Source, cells_per_turn: f32, half_s: f32) -> f32 {
-        let walk_cells = most_slope(source.cells) * self.most_slot_s / half_s;
+        let walk_cells = max_slope(source.cells) * self.max_slot_s / half_s;
         if source.tx_row.is_some() {
             // Two directions: |p - a| - |p| <= |a| for each.
             return source.turns_per_m * self.reach_m * cells_per_turn + walk_cells;
@@ -184,54 +193,59 @@ dispatch!(
     pub(crate) fn spread => spread_body(job: SpreadJob<'_>)
 );
 
-/// A source at the nodes of one block. Aligned, as all that vectors are read from: one across two cache lines costs
-/// twice.
+/// A source at the nodes of one block.
+///
+/// Aligned, as all that vectors are read from: a vector that lies across two cache lines takes twice as long to load.
 #[repr(C, align(64))]
 struct Nodes {
-    u: Rooms,
-    /// Reference phase less the group's, turns in -1/2..1/2.
-    turns: Rooms,
+    u: NodeLanes,
+    /// Reference phase minus the group's, turns in -1/2..1/2: reduced in f64, so that f32 holds it to 3e-8 turns.
+    turns: NodeLanes,
     /// Amplitude at TDM slot 0.
-    re: Rooms,
-    im: Rooms,
-    /// What it gains by the last slot.
-    more_re: Rooms,
-    more_im: Rooms,
-    cells: Rooms,
+    re: NodeLanes,
+    im: NodeLanes,
+    /// Its change up to the last slot.
+    delta_re: NodeLanes,
+    delta_im: NodeLanes,
+    cells: NodeLanes,
 }
 
-/// One value per node. Half a room or less of nodes leaves the other half to the same nodes at the last TDM slot.
-type Rooms = [[f32; LANES]; MOST_NODES / LANES];
+/// One value per node, as vectors whose lanes are nodes.
+///
+/// With at most [`HALF_LANES`] nodes the upper half of the first vector would be idle: it then holds the same nodes at the
+/// time of the last TDM slot.
+type NodeLanes = [[f32; LANES]; MAX_NODES / LANES];
 
-/// Half a room.
-const HALF: usize = LANES / 2;
+/// Half of a vector's lanes.
+const HALF_LANES: usize = LANES / 2;
 
-/// Phasors that are kept before they go to the grid: small enough for the first-level cache beside it.
-const BATCH_PHASORS: usize = 2 * MOST_NODES;
-/// Most sources of them.
+/// Phasors that are kept before they go to the grid: 64 of 192 bytes, small enough for the first-level cache beside the
+/// rows of the grid that they go to.
+const BATCH_PHASORS: usize = 2 * MAX_NODES;
+/// Largest number of sources in a batch, whatever the number of nodes.
 const BATCH: usize = 8;
 
 /// Buffers for a batch of sources.
-struct Room {
+struct BatchBuffers {
     nodes: Nodes,
     /// `[source][node]`.
     phasors: [Phasor; BATCH_PHASORS],
-    cells: [Rooms; BATCH],
+    cells: [NodeLanes; BATCH],
 }
 
 #[inline(always)]
-fn spread_body<L: Lanes>(job: SpreadJob<'_>) {
+fn spread_body<L: SimdF32x16>(job: SpreadJob<'_>) {
     job.out.clear();
     job.out.resize(job.n_loops * job.n_cells, Cell::ZERO);
-    let zero: Rooms = [[0.0; LANES]; MOST_NODES / LANES];
-    let mut room = Room {
+    let zero: NodeLanes = [[0.0; LANES]; MAX_NODES / LANES];
+    let mut buffers = BatchBuffers {
         nodes: Nodes {
             u: zero,
             turns: zero,
             re: zero,
             im: zero,
-            more_re: zero,
-            more_im: zero,
+            delta_re: zero,
+            delta_im: zero,
             cells: zero,
         },
         phasors: [Phasor {
@@ -249,17 +263,27 @@ fn spread_body<L: Lanes>(job: SpreadJob<'_>) {
         let level = &job.levels[to.level];
         let (n_loops, n_cells) = (job.n_loops, job.n_cells);
         if level.is_direct() {
-            // Loops that are nodes need no grid between: they go straight to the output, block by block.
+            // Fast Doppler changes: every loop is a node, so that there is nothing to interpolate. Sources go straight to
+            // the output, as many loops at a time as there are nodes in a block.
             for group in &job.groups[family.first..family.end] {
                 for first_loop in (0..n_loops).step_by(level.block_loops) {
                     let n_nodes = level.block_loops.min(n_loops - first_loop);
                     let block = &mut out[first_loop * n_cells..(first_loop + n_nodes) * n_cells];
                     let window = (job.first_cell, n_cells);
-                    spread_group::<L>(&job, group, first_loop, n_nodes, window, &mut room, block);
+                    spread_group::<L>(
+                        &job,
+                        group,
+                        first_loop,
+                        n_nodes,
+                        window,
+                        &mut buffers,
+                        block,
+                    );
                 }
             }
             continue;
         }
+        // A family of one group is that group: its grid goes to the loops without a step between.
         let several = family.end - family.first > 1;
         if several {
             family_grid.clear();
@@ -271,17 +295,18 @@ fn spread_body<L: Lanes>(job: SpreadJob<'_>) {
             grid.clear();
             grid.resize(n_nodes * own.n_cells, Cell::ZERO);
             let window = (own.first_cell, own.n_cells);
-            spread_group::<L>(&job, group, 0, n_nodes, window, &mut room, &mut grid);
+            spread_group::<L>(&job, group, 0, n_nodes, window, &mut buffers, &mut grid);
             if several {
+                // The group's phase relative to its family's: what is left of it at the family's nodes.
                 let turns = [0, 1].map(|i| own.turns[i] - to.turns[i]);
                 let offset = (own.first_cell - to.first_cell) as usize;
                 let into = (&mut family_grid[offset..], to.n_cells);
-                take::<L>(&job, &grid, own, turns, Some(to.level), into);
+                interpolate_group::<L>(&job, &grid, own, turns, Some(to.level), into);
             }
         }
         let rows = if several { &family_grid } else { &grid };
         let offset = (to.first_cell - job.first_cell) as usize;
-        take::<L>(
+        interpolate_group::<L>(
             &job,
             rows,
             to,
@@ -295,29 +320,33 @@ fn spread_body<L: Lanes>(job: SpreadJob<'_>) {
 
 /// Adds a group's sources to `grid`, `[node][cell]` with cells from `window.0` and `window.1` of them.
 #[inline(always)]
-fn spread_group<L: Lanes>(
+fn spread_group<L: SimdF32x16>(
     job: &SpreadJob<'_>,
     group: &Group,
     first_loop: usize,
     n_nodes: usize,
     (first_cell, width): (i32, usize),
-    Room {
+    BatchBuffers {
         nodes,
         phasors,
         cells,
-    }: &mut Room,
+    }: &mut BatchBuffers,
     grid: &mut [Cell],
 ) {
     let (channels, order) = (job.channels, job.order);
     let half_s = job.half_s as f32;
-    let last_slot_u = channels.reach.most_slot_s / half_s;
+    let last_slot_u = channels.reach.max_slot_s / half_s;
     let slot = L::load(&channels.slot_share);
     let places = &job.levels[group.grid.level].nodes;
-    let mut u = [[0.0_f64; LANES]; MOST_NODES / LANES];
-    let with_last_slot = n_nodes <= HALF;
+    let mut u = [[0.0_f64; LANES]; MAX_NODES / LANES];
+    // Few nodes leave half of the lanes free for the times of the last slot: the amplitude's change then costs nothing.
+    let with_last_slot = n_nodes <= HALF_LANES;
     for (lane, u) in u.as_flattened_mut().iter_mut().enumerate() {
         let (node, later) = if with_last_slot {
-            (lane % HALF, if lane < HALF { 0.0 } else { last_slot_u })
+            (
+                lane % HALF_LANES,
+                if lane < HALF_LANES { 0.0 } else { last_slot_u },
+            )
         } else {
             (lane, 0.0)
         };
@@ -328,22 +357,24 @@ fn spread_group<L: Lanes>(
         *to = *from as f32;
     }
     let (kernel, scale) = (job.kernel, job.cells_per_turn);
-    let most = BATCH.min(BATCH_PHASORS / n_nodes);
+    let max_sources = BATCH.min(BATCH_PHASORS / n_nodes);
     let mut first = group.first;
     while first < group.end {
-        let batch = first..group.end.min(first + most);
+        let batch = first..group.end.min(first + max_sources);
         let n_sources = batch.len();
         let mut reach_cells = [0.0; BATCH];
         for (k, i) in batch.enumerate() {
             let source = &job.sources[order[i] as usize];
-            // Neighbours in the order are none in memory.
+            // Neighbours in the order lie anywhere in memory, and a source is five cache lines: without asking early, each
+            // would wait for memory.
             if let Some(&soon) = order.get(i + 2) {
                 prefetch(std::slice::from_ref(&job.sources[soon as usize]));
             }
+            // Most sources keep their amplitude from slot to slot, and save half of the amplitude's work.
             let changes = source.change_per_u * last_slot_u > job.negligible;
             evaluate::<L>(source, &u, group.grid.turns, n_nodes, nodes);
             if changes && with_last_slot {
-                take_change(nodes);
+                slot_change_from_upper_half(nodes);
             } else if changes {
                 evaluate_change::<L>(source, last_slot_u, n_nodes, nodes);
             }
@@ -354,11 +385,12 @@ fn spread_group<L: Lanes>(
             reach_cells[k] = if source.reach_cells <= SLACK_CELLS {
                 source.reach_cells
             } else {
-                // Of this block's channels alone.
+                // The source's own bound holds for all channels of the array; that of this block's may be smaller.
                 channels.reach.cells(source, scale, half_s)
             };
         }
         let (phasors, cells) = (&phasors[..n_sources * n_nodes], &cells[..n_sources]);
+        // One choice for the whole batch, by its widest source: a choice per source would end the sums in registers.
         let reach = reach_cells.iter().copied().fold(0.0, f32::max);
         let all = Batch {
             phasors,
@@ -386,7 +418,7 @@ fn spread_group<L: Lanes>(
 /// Interpolates a grid's `rows` from its nodes to the loops, or to the nodes of level `to`, turns them by a parabola
 /// and adds them to `out`, whose loops are `stride` cells apart.
 #[inline(always)]
-fn take<L: Lanes>(
+fn interpolate_group<L: SimdF32x16>(
     job: &SpreadJob<'_>,
     rows: &[Cell],
     grid: &GroupGrid,
@@ -405,7 +437,7 @@ fn take<L: Lanes>(
             let (sin, cos) = angle.sin_cos();
             [cos as f32, sin as f32]
         });
-        interpolate::<L>(
+        interpolate_loops::<L>(
             rows,
             grid.n_cells,
             job.levels[grid.level].weights(to, first / QUAD),
@@ -418,57 +450,62 @@ fn take<L: Lanes>(
 
 /// Phase, amplitude and position of a source at all nodes of a block; lanes are nodes.
 #[inline(always)]
-fn evaluate<L: Lanes>(
+fn evaluate<L: SimdF32x16>(
     source: &Source,
-    u: &[[f64; LANES]; MOST_NODES / LANES],
+    u: &[[f64; LANES]; MAX_NODES / LANES],
     group_turns: [f64; 2],
     n_nodes: usize,
     nodes: &mut Nodes,
 ) {
     let c = &source.turns;
     let (c1, c2) = (c[1] - group_turns[0], c[2] - group_turns[1]);
-    let rooms = n_nodes.div_ceil(LANES);
-    for (room, u) in u[..rooms].iter().enumerate() {
-        let t = L::load(&nodes.u[room]);
-        for (to, &t) in nodes.turns[room].iter_mut().zip(u) {
+    let values = n_nodes.div_ceil(LANES);
+    for (buffers, u) in u[..values].iter().enumerate() {
+        let t = L::load(&nodes.u[buffers]);
+        for (to, &t) in nodes.turns[buffers].iter_mut().zip(u) {
             let phase = (((c[4] * t + c[3]) * t + c2) * t + c1) * t + c[0];
             // Adding 1.5 * 2^52 rounds to the nearest integer in any vector width.
             const MAGIC: f64 = 6_755_399_441_055_744.0;
             *to = (phase - ((phase + MAGIC) - MAGIC)) as f32;
         }
-        t.polynomial(&source.cells).store(&mut nodes.cells[room]);
+        t.polynomial(&source.cells).store(&mut nodes.cells[buffers]);
         let (re, im) = amplitude(source, t);
-        re.store(&mut nodes.re[room]);
-        im.store(&mut nodes.im[room]);
+        re.store(&mut nodes.re[buffers]);
+        im.store(&mut nodes.im[buffers]);
     }
 }
 
-/// What the amplitude gains by the last TDM slot. A turning facet changes between the slots of one loop (a kicking
-/// limb by 0.1 rad): linear in between, which leaves the square of that over eight.
+/// Change of the amplitude up to the last TDM slot. A turning facet changes between the slots of one loop (a kicking
+/// limb by 0.1 rad). It is taken as linear in between, which is off by the square of that over eight.
 #[inline(always)]
-fn evaluate_change<L: Lanes>(source: &Source, last_slot_u: f32, n_nodes: usize, nodes: &mut Nodes) {
-    for room in 0..n_nodes.div_ceil(LANES) {
-        let t = L::load(&nodes.u[room]).add(L::splat(last_slot_u));
+fn evaluate_change<L: SimdF32x16>(
+    source: &Source,
+    last_slot_u: f32,
+    n_nodes: usize,
+    nodes: &mut Nodes,
+) {
+    for buffers in 0..n_nodes.div_ceil(LANES) {
+        let t = L::load(&nodes.u[buffers]).add(L::splat(last_slot_u));
         let (re, im) = amplitude(source, t);
-        re.sub(L::load(&nodes.re[room]))
-            .store(&mut nodes.more_re[room]);
-        im.sub(L::load(&nodes.im[room]))
-            .store(&mut nodes.more_im[room]);
+        re.sub(L::load(&nodes.re[buffers]))
+            .store(&mut nodes.delta_re[buffers]);
+        im.sub(L::load(&nodes.im[buffers]))
+            .store(&mut nodes.delta_im[buffers]);
     }
 }
 
-/// The same where [`evaluate`] has done it.
+/// The same where [`evaluate`] has worked out the amplitude at the last slot, in the upper half of the lanes.
 #[inline(always)]
-fn take_change(nodes: &mut Nodes) {
-    for node in 0..HALF {
-        nodes.more_re[0][node] = nodes.re[0][HALF + node] - nodes.re[0][node];
-        nodes.more_im[0][node] = nodes.im[0][HALF + node] - nodes.im[0][node];
+fn slot_change_from_upper_half(nodes: &mut Nodes) {
+    for node in 0..HALF_LANES {
+        nodes.delta_re[0][node] = nodes.re[0][HALF_LANES + node] - nodes.re[0][node];
+        nodes.delta_im[0][node] = nodes.im[0][HALF_LANES + node] - nodes.im[0][node];
     }
 }
 
 /// Amplitude relative to the reference phase, sqrt(W).
 #[inline(always)]
-fn amplitude<L: Lanes>(source: &Source, t: L) -> (L, L) {
+fn amplitude<L: SimdF32x16>(source: &Source, t: L) -> (L, L) {
     let rough = t.polynomial(&source.rough);
     let re = rough.mul(L::splat(source.rough_phasor[0]));
     let im = rough.mul(L::splat(source.rough_phasor[1]));
@@ -483,7 +520,7 @@ fn amplitude<L: Lanes>(source: &Source, t: L) -> (L, L) {
 
 /// [`crate::scatter::divided_difference`] for sixteen phase triples in turns.
 #[inline(always)]
-pub(crate) fn divided_difference<L: Lanes>([p, q, r]: [L; 3]) -> (L, L) {
+pub(crate) fn divided_difference<L: SimdF32x16>([p, q, r]: [L; 3]) -> (L, L) {
     let tau = L::splat(std::f32::consts::TAU);
     let half = L::splat(0.5);
     let low = p.min(q);
@@ -518,7 +555,7 @@ pub(crate) fn divided_difference<L: Lanes>([p, q, r]: [L; 3]) -> (L, L) {
 /// Bound of the divided difference's derivative for corners whose phases change by at most `rate` a unit of time, both
 /// in turns: its envelope, which sides of many turns make small, times the rate.
 #[inline(always)]
-pub(crate) fn most_divided_slope<L: Lanes>([p, q, r]: [L; 3], rate: L) -> L {
+pub(crate) fn max_divided_slope<L: SimdF32x16>([p, q, r]: [L; 3], rate: L) -> L {
     let tau = L::splat(std::f32::consts::TAU);
     let (one, two) = (L::splat(1.0), L::splat(2.0 / std::f32::consts::TAU));
     let low = p.min(q).min(r);
@@ -532,7 +569,7 @@ pub(crate) fn most_divided_slope<L: Lanes>([p, q, r]: [L; 3], rate: L) -> L {
 
 /// First divided difference of `exp` at two phases, and the phasor of their mean.
 #[inline(always)]
-fn first_difference<L: Lanes>(a: L, b: L) -> (L, L, L, L) {
+fn first_difference<L: SimdF32x16>(a: L, b: L) -> (L, L, L, L) {
     let half = L::splat(0.5);
     let (sin, cos) = sin_cos_turns(a.add(b).mul(half));
     // sin(x)/x of half the difference; the floor keeps 0/0 out and is exact in f32.
@@ -545,7 +582,7 @@ fn first_difference<L: Lanes>(a: L, b: L) -> (L, L, L, L) {
 
 /// Squared distance of two phases in turns, rad^2.
 #[inline(always)]
-fn deviation<L: Lanes>(x: L, mean: L) -> L {
+fn deviation<L: SimdF32x16>(x: L, mean: L) -> L {
     let d = x.sub(mean).mul(L::splat(std::f32::consts::TAU));
     d.mul(d)
 }
@@ -553,7 +590,7 @@ fn deviation<L: Lanes>(x: L, mean: L) -> L {
 /// `|p - a| - |p|` for antennas at (x, 0, z) with `square = x^2 + z^2`, without cancellation:
 /// `(a^2 - 2 p.a) / (|p - a| + |p|)`.
 #[inline(always)]
-fn path_difference<L: Lanes>(p: Vec3, r2: f32, r: f32, x: L, z: L, square: L) -> L {
+fn path_difference<L: SimdF32x16>(p: Vec3, r2: f32, r: f32, x: L, z: L, square: L) -> L {
     let excess = x.fma(L::splat(-2.0 * p.x), z.fma(L::splat(-2.0 * p.z), square));
     excess.div(excess.add(L::splat(r2)).sqrt().add(L::splat(r)))
 }
@@ -561,7 +598,7 @@ fn path_difference<L: Lanes>(p: Vec3, r2: f32, r: f32, x: L, z: L, square: L) ->
 /// [`path_difference`] as a series of e = (a^2 - 2 p.a) / r^2, a sixth of the time. For r > 40 |a|,
 /// |e| < 0.051 and the next term is 7/256 r e^5 < 1e-8 r.
 #[inline(always)]
-fn path_difference_far<L: Lanes>(p: Vec3, r: f32, x: L, z: L, square: L) -> L {
+fn path_difference_far<L: SimdF32x16>(p: Vec3, r: f32, x: L, z: L, square: L) -> L {
     let inverse = 1.0 / r;
     let c = -2.0 * inverse * inverse;
     let e = square.mul(L::splat(inverse * inverse));
@@ -571,14 +608,14 @@ fn path_difference_far<L: Lanes>(p: Vec3, r: f32, x: L, z: L, square: L) -> L {
 }
 
 #[inline(always)]
-fn scaled<L: Lanes>(x: L, by: f32) -> L {
+fn scaled<L: SimdF32x16>(x: L, by: f32) -> L {
     x.mul(L::splat(by))
 }
 
 /// Quartics of every channel's path difference, turns, for a source that [`Source::is_flat`]: those of its direction
 /// with the array's offsets, and the waves' bend in the middle.
 #[inline(always)]
-fn flat_turns<L: Lanes>(source: &Source, channels: &ChannelBlock) -> [L; N_KEYS] {
+fn flat_turns<L: SimdF32x16>(source: &Source, channels: &ChannelBlock) -> [L; N_KEYS] {
     let (tx_x, tx_z) = (L::load(&channels.tx_x), L::load(&channels.tx_z));
     let (rx_x, rx_z) = (L::load(&channels.rx_x), L::load(&channels.rx_z));
     let squares = L::load(&channels.tx_square).add(L::load(&channels.rx_square));
@@ -605,7 +642,7 @@ fn flat_turns<L: Lanes>(source: &Source, channels: &ChannelBlock) -> [L; N_KEYS]
 
 /// The same for any source.
 #[inline(always)]
-fn bent_turns<L: Lanes>(
+fn bent_turns<L: SimdF32x16>(
     source: &Source,
     tx_rows: &[[Vec3; N_KEYS]],
     channels: &ChannelBlock,
@@ -642,7 +679,7 @@ fn bent_turns<L: Lanes>(
 /// Quartics of every channel's phase relative to the reference channel's, turns: the path
 /// difference, and what the reference phase gains by the channel's TDM delay.
 #[inline(always)]
-fn channel_turns<L: Lanes>(
+fn channel_turns<L: SimdF32x16>(
     source: &Source,
     tx_rows: &[[Vec3; N_KEYS]],
     channels: &ChannelBlock,
@@ -675,7 +712,7 @@ fn channel_turns<L: Lanes>(
 
 /// [`crate::motion::quartic`] for sixteen channels.
 #[inline(always)]
-fn quartic_lanes<L: Lanes>(v: [L; N_KEYS]) -> [L; N_KEYS] {
+fn quartic_lanes<L: SimdF32x16>(v: [L; N_KEYS]) -> [L; N_KEYS] {
     let half = L::splat(0.5);
     let (odd_inner, odd_outer) = (v[3].sub(v[1]).mul(half), v[4].sub(v[0]).mul(half));
     let even_inner = v[1].add(v[3]).fma(half, L::splat(0.0).sub(v[2]));
@@ -691,7 +728,7 @@ fn quartic_lanes<L: Lanes>(v: [L; N_KEYS]) -> [L; N_KEYS] {
 }
 
 #[inline(always)]
-fn applied<L: Lanes>(m: [f64; 2], inner: L, outer: L) -> L {
+fn applied<L: SimdF32x16>(m: [f64; 2], inner: L, outer: L) -> L {
     inner.fma(L::splat(m[0] as f32), scaled(outer, m[1] as f32))
 }
 
@@ -705,10 +742,12 @@ struct Phasor {
     d: [f32; LANES],
 }
 
-/// Phasors of all channels at all nodes. A loop of its own: its long chains of dependent
-/// instructions overlap better than with the grid's updates in between.
+/// Phasors of all channels at all nodes.
+///
+/// A loop of its own: sine and cosine are long chains of dependent instructions, and those of several nodes overlap only
+/// where no update of the grid, whose address depends on them, stands between.
 #[inline(always)]
-fn fill_phasors<L: Lanes>(
+fn fill_phasors<L: SimdF32x16>(
     nodes: &Nodes,
     lanes: &[L; N_KEYS],
     changing_to: Option<L>,
@@ -724,8 +763,8 @@ fn fill_phasors<L: Lanes>(
         let (sin, cos) = sin_cos_turns(d.add(at(&nodes.turns, node)));
         let (mut re, mut im) = (at::<L>(&nodes.re, node), at::<L>(&nodes.im, node));
         if let Some(slot) = changing_to {
-            re = slot.fma(at(&nodes.more_re, node), re);
-            im = slot.fma(at(&nodes.more_im, node), im);
+            re = slot.fma(at(&nodes.delta_re, node), re);
+            im = slot.fma(at(&nodes.delta_im, node), im);
         }
         im.fnma(sin, re.mul(cos)).store(&mut out.re);
         im.fma(cos, re.mul(sin)).store(&mut out.im);
@@ -734,8 +773,8 @@ fn fill_phasors<L: Lanes>(
 }
 
 #[inline(always)]
-fn at<L: Lanes>(rooms: &Rooms, node: usize) -> L {
-    L::splat(rooms.as_flattened()[node])
+fn at<L: SimdF32x16>(values: &NodeLanes, node: usize) -> L {
+    L::splat(values.as_flattened()[node])
 }
 
 /// Sources at the nodes of their group.
@@ -743,7 +782,7 @@ fn at<L: Lanes>(rooms: &Rooms, node: usize) -> L {
 struct Batch<'a> {
     /// `[source][node]`.
     phasors: &'a [Phasor],
-    cells: &'a [Rooms],
+    cells: &'a [NodeLanes],
     n_nodes: usize,
 }
 
@@ -756,10 +795,13 @@ impl<'a> Batch<'a> {
         }
     }
 
-    /// Adds sources whose channels all lie within the reach of `taps` about one another. Node by node: sources of a
-    /// group are sorted by range, so that several follow each other on the same cells, whose sums stay in registers.
+    /// Adds sources whose channels all lie within the reach of `taps` about one another.
+    ///
+    /// Node by node rather than source by source: sources of a group are sorted by range, so that several follow each other
+    /// on the same cells, whose sums stay in registers. Channels of a source share its cells, and differ in the taps'
+    /// argument alone.
     #[inline(always)]
-    fn add_compact<L: Lanes, const N: usize>(
+    fn add_compact<L: SimdF32x16, const N: usize>(
         self,
         taps: &Taps<N>,
         cells_per_turn: f32,
@@ -775,7 +817,10 @@ impl<'a> Batch<'a> {
                 let (position, phasor) = (cells.as_flattened()[node], &phasors[node]);
                 let cell = position.floor();
                 let (row, off) = taps.row(position - cell);
-                // SAFETY: cells are finite and within a few grid widths (checked when sources are made).
+                // The checked conversion saturates, with four more instructions in the innermost loop.
+                // SAFETY: `cell` is finite and within two widths of the grid, far inside i32: the simulator refuses a
+                // segment (`SimError::TooFast`) in which a source's cells are not finite or change by half the grid for
+                // |u| <= 2, and folds their middle into the grid.
                 let cell: i32 = unsafe { cell.to_int_unchecked() };
                 let at = node * width + (cell - first_cell - 2) as usize;
                 if at != start {
@@ -830,7 +875,7 @@ impl<'a> Batch<'a> {
 
 /// Writes the sums of the cells from `start`, if there are any.
 #[inline(always)]
-fn store_sums<L: Lanes>(sums: &[(L, L); WIDTH], start: usize, grid: &mut [Cell]) {
+fn store_sums<L: SimdF32x16>(sums: &[(L, L); WIDTH], start: usize, grid: &mut [Cell]) {
     if start == usize::MAX {
         return;
     }
@@ -843,7 +888,7 @@ fn store_sums<L: Lanes>(sums: &[(L, L); WIDTH], start: usize, grid: &mut [Cell])
 /// Adds up to four loops of a group: the weighted sums of all nodes' rows, turned by `phasors`.
 /// Loops of `out` are `stride` cells apart.
 #[inline(always)]
-fn interpolate<L: Lanes>(
+fn interpolate_loops<L: SimdF32x16>(
     rows: &[Cell],
     width: usize,
     weights: &[[f32; QUAD]],
@@ -870,7 +915,7 @@ fn interpolate<L: Lanes>(
 
 /// `target += (re + j im) (cos + j sin)`.
 #[inline(always)]
-fn turn_into<L: Lanes>(target: &mut Cell, re: L, im: L, cos: L, sin: L) {
+fn turn_into<L: SimdF32x16>(target: &mut Cell, re: L, im: L, cos: L, sin: L) {
     let (to_re, to_im) = (L::load(&target.re), L::load(&target.im));
     im.fnma(sin, re.fma(cos, to_re)).store(&mut target.re);
     im.fma(cos, re.fma(sin, to_im)).store(&mut target.im);
@@ -882,7 +927,7 @@ mod tests {
     use radarllm_simd::SimdLevel;
 
     #[inline(always)]
-    fn dd_body<L: Lanes>(phi: &[[f32; 16]; 3], out: &mut [[f32; 16]; 2]) {
+    fn dd_body<L: SimdF32x16>(phi: &[[f32; 16]; 3], out: &mut [[f32; 16]; 2]) {
         let (re, im) = divided_difference([L::load(&phi[0]), L::load(&phi[1]), L::load(&phi[2])]);
         re.store(&mut out[0]);
         im.store(&mut out[1]);
@@ -892,10 +937,7 @@ mod tests {
     #[test]
     fn lanes_of_the_divided_difference_equal_the_scalar_one() {
         let turn = std::f64::consts::TAU;
-        for level in [SimdLevel::Avx512, SimdLevel::Avx2, SimdLevel::Portable] {
-            if !level.is_available() {
-                continue;
-            }
+        for level in SimdLevel::available() {
             for step in 0..400 {
                 // Spans from 1e-5 to 5 turns, corners in every order, and equal corners.
                 let size = 1e-5 * 10_f32.powf(step as f32 * 5.7 / 400.0);

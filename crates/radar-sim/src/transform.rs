@@ -10,10 +10,10 @@ use crate::gridding::Kernel;
 use crate::noise::gaussians;
 use crate::spread::ChannelBlock;
 use radarllm_simd::fft::{C, Pass, all_cell_passes, factors, passes, root};
-use radarllm_simd::{Cell, LANES, Lanes, SimdLevel, dispatch};
+use radarllm_simd::{Cell, LANES, SimdF32x16, SimdLevel, dispatch};
 
 /// Most parts of a plan, which bounds the tables.
-const MOST_PARTS: usize = 64;
+const MAX_PARTS: usize = 64;
 
 /// Plans and buffers.
 pub(crate) struct RangeTransform {
@@ -50,7 +50,7 @@ struct Plan {
 impl RangeTransform {
     pub fn new(level: SimdLevel, n_samples: usize, n_cells: usize, kernel: &Kernel) -> Self {
         let n_blocks = n_samples.div_ceil(LANES);
-        let plans = (1..=MOST_PARTS).rev();
+        let plans = (1..=MAX_PARTS).rev();
         let plans = plans.filter(|n| n_cells.is_multiple_of(*n));
         let plans: Vec<Plan> = plans
             .filter_map(|n_parts| {
@@ -124,7 +124,7 @@ dispatch!(
 );
 
 #[inline(always)]
-fn transform_body<L: Lanes>(mut job: TransformJob<'_>) {
+fn transform_body<L: SimdF32x16>(mut job: TransformJob<'_>) {
     let RangeTransform {
         level,
         n_samples,
@@ -178,7 +178,7 @@ fn transform_body<L: Lanes>(mut job: TransformJob<'_>) {
 
 /// Turns cells and puts them, real and imaginary parts exchanged, where the transform of a part wants them.
 #[inline(always)]
-fn fill_part<L: Lanes>(part: &mut [Cell], first: usize, cells: &[Cell], turns: &[[f32; 2]]) {
+fn fill_part<L: SimdF32x16>(part: &mut [Cell], first: usize, cells: &[Cell], turns: &[[f32; 2]]) {
     let m = part.len();
     let mut at = first % m;
     for (i, (cell, &turn)) in cells.iter().zip(turns).enumerate() {
@@ -197,7 +197,7 @@ fn fill_part<L: Lanes>(part: &mut [Cell], first: usize, cells: &[Cell], turns: &
 
 /// Samples of the first `len` lanes, row by row; returns the sum of their squares.
 #[inline(always)]
-fn to_rows<L: Lanes>(
+fn to_rows<L: SimdF32x16>(
     spectrum: &[Cell],
     places: &[[usize; LANES]],
     deapodisation: &[[f32; LANES]],
@@ -223,12 +223,12 @@ fn to_rows<L: Lanes>(
             C { re, im }.store(&mut rows[lane * n_blocks + block]);
         }
     }
-    f64::from(energy.sum())
+    f64::from(energy.reduce_sum())
 }
 
 /// A row's samples, with noise.
 #[inline(always)]
-fn write_row<L: Lanes>(
+fn write_row<L: SimdF32x16>(
     row: &[Cell],
     noise: &mut Option<(&mut [[u32; 16]; 4], f32)>,
     samples: &mut [Complex32],
@@ -285,7 +285,7 @@ mod tests {
                     im: std::array::from_fn(|lane| random(32 * i + lane + 16)),
                 })
                 .collect();
-            for level in [SimdLevel::Avx512, SimdLevel::Avx2, SimdLevel::Portable] {
+            for level in SimdLevel::available() {
                 let mut plan = RangeTransform::new(level, n_samples, m, &kernel);
                 let mut out = vec![Complex32::ONE; n_loops * n_channels * n_samples];
                 let mut energy = 0.0;

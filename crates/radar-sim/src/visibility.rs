@@ -1,15 +1,28 @@
-//! What the radar sees: depth rasters, the visible share of every facet, and what the slabs in front of
-//! it let through.
+//! What the radar sees: the visible share of every facet, by a depth buffer, and what the screens in front of it
+//! transmit.
 //!
-//! The effort goes to what is small: in a room, where a person fills a thousandth of the view, the small
-//! surfaces get a window of their own. What that costs and leaves of error: `examples/bench_sim.rs`.
+//! The scene is projected from the centre of the array on a plane, and sampled by a raster: of every facet, the share is
+//! counted of the samples that it covers in which no other facet is nearer. Facets that cover no sample are tested at
+//! their centroid.
+//!
+//! What decides the design:
+//! - One raster over everything would spend its samples on walls. In a room a person fills a thousandth of the view, so
+//!   that surfaces that are small in the view get a window of their own ([`Sampling::Windows`]).
+//! - The depth buffer holds 1/y rather than y, because 1/y is affine over a projected facet: it is stepped along a row
+//!   without a division per sample.
+//! - A sample belongs to exactly one facet of a closed surface, on every instruction set. Otherwise a facet would cover
+//!   samples that it cannot win, and a share of a fully visible surface would be below 1.
+//! - Screens (facets that transmit) do not write the depth buffer. Their samples are kept in a list and multiplied in
+//!   afterwards, from near to far.
+//!
+//! The error that sampling leaves, and its time: `examples/bench_sim.rs`.
 
 use std::ops::Range;
 
 use glam::Vec3;
 
 use crate::rays::coverage_by_rays;
-use radarllm_simd::{LANES, Lanes, SimdLevel, dispatch};
+use radarllm_simd::{LANES, SimdF32x16, SimdLevel, dispatch};
 
 /// How the visible shares of facets are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -24,15 +37,15 @@ pub enum Sampling {
     Rays(u16),
 }
 
-/// Facets that belong together.
+/// The facets and vertices of one surface, as ranges of the scene's.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Part {
+pub struct SurfaceRange {
     /// Their indices.
     pub facets: Range<u32>,
     /// The indices of their vertices.
     pub vertices: Range<u32>,
-    /// Power that passes through them, one way: what is more than 0 hides nothing. A facet has an
-    /// outside: seen from behind it is not there.
+    /// Share of the power that they transmit, one way. Facets that transmit anything hide nothing. Facets are one-sided:
+    /// from behind, they are not there.
     pub power_transmission: f32,
 }
 
@@ -43,28 +56,27 @@ pub struct View<'a> {
     pub positions: &'a [Vec3],
     /// Indices into the vertices.
     pub triangles: &'a [[u32; 3]],
-    /// All facets and vertices, in ascending order.
-    pub parts: &'a [Part],
+    /// The surfaces that all facets and vertices belong to, in ascending order.
+    pub surfaces: &'a [SurfaceRange],
     /// The eye.
     pub centre: Vec3,
 }
 
 impl View<'_> {
     pub(crate) fn has_screens(&self) -> bool {
-        self.parts.iter().any(|p| p.power_transmission > 0.0)
+        self.surfaces.iter().any(|p| p.power_transmission > 0.0)
     }
 }
 
-/// What every facet's visible part keeps of the two-way amplitude behind screens: empty in a scene
-/// without screens.
+/// Share of the two-way amplitude that screens transmit to every facet's visible part; empty in a scene without screens.
 #[derive(Clone, Debug, Default)]
-pub struct Through(Vec<f32>);
+pub struct ScreenTransmission(Vec<f32>);
 
-impl Through {
+impl ScreenTransmission {
     /// Two-way amplitude factor of a facet: the product of the screens' one-way power transmissions,
     /// averaged over the facet's visible samples.
     #[inline(always)]
-    pub fn of(&self, facet: usize) -> f32 {
+    pub fn amplitude(&self, facet: usize) -> f32 {
         self.0.get(facet).copied().unwrap_or(1.0)
     }
 
@@ -88,24 +100,24 @@ pub struct DepthRaster {
     level: SimdLevel,
     /// x/y, z/y and 1/y of the vertices; 1/y is 0 where they cannot be seen.
     projected: Vec<[f32; 3]>,
-    /// The same in samples of the window.
+    /// The same with x/y and z/y in samples of the window that is being drawn.
     in_window: Vec<[f32; 3]>,
-    /// Low and high of each part's x/y and z/y.
+    /// Bounds of each surface's x/y and z/y.
     boxes: Vec<Window>,
     samples: Samples,
     counts: Counts,
-    front: Vec<Front>,
+    front_facets: Vec<FrontFacet>,
 }
 
-/// A facet turned to the eye.
+/// A facet that faces the eye and lies wholly in the window.
 #[derive(Clone, Copy, Debug)]
-struct Front {
+struct FrontFacet {
     facet: u32,
     /// Number of samples that it covers.
     covered: f32,
 }
 
-/// Low and high of x/y and z/y.
+/// A rectangle of the projection plane: bounds of x/y and z/y.
 #[derive(Clone, Copy, Debug)]
 struct Window {
     low: [f32; 2],
@@ -144,11 +156,12 @@ struct Samples {
     size: usize,
     /// Samples since the frame began.
     n_drawn: usize,
-    /// Blocks of a row. Samples of the last one that lie beyond the size are drawn, and nobody asks for them.
+    /// Blocks per row. The last one may reach beyond the window; its samples there are drawn like the others, which saves
+    /// a mask. Only facets that reach beyond the window win them, and those are not judged in it.
     n_blocks: usize,
     /// Row by row.
     blocks: Vec<Block>,
-    /// Screens' samples, by sample and from near to far.
+    /// Samples of screens; after [`Self::count`] by sample, and from near to far.
     fragments: Vec<Fragment>,
 }
 
@@ -157,14 +170,15 @@ struct Samples {
 #[repr(C, align(64))]
 struct Block {
     /// 1/y of the nearest facet, 0 where there is none.
-    nearness: [f32; LANES],
-    /// The bits of the nearest facet's index plus 1, 0 where there is none.
+    inverse_depth: [f32; LANES],
+    /// The bits of the nearest facet's index plus 1, 0 where there is none. Stored as floats, so that depth and winner are
+    /// selected by the same comparison in the same vector type.
     winner: [f32; LANES],
 }
 
 impl Block {
     const EMPTY: Self = Self {
-        nearness: [0.0; LANES],
+        inverse_depth: [0.0; LANES],
         winner: [0.0; LANES],
     };
 
@@ -173,43 +187,43 @@ impl Block {
     }
 }
 
-/// What a pass over the samples found, by facet.
+/// What a pass over the samples found, by facet's index.
 #[derive(Default)]
 struct Counts {
     won: Vec<u32>,
-    /// Sum over the won samples of what screens take; empty without screens.
+    /// Sum over the won samples of the share that screens in front absorb; empty without screens.
     lost: Vec<f32>,
 }
 
-/// A sample of a screen that no opaque facet hides.
+/// A sample of a screen that is nearer than the nearest opaque facet.
 #[derive(Clone, Copy, Debug)]
 struct Fragment {
     sample: u32,
-    nearness: f32,
+    inverse_depth: f32,
     facet: u32,
     power_transmission: f32,
 }
 
 dispatch!(fn coverage => coverage_body(
-    raster: &mut DepthRaster, view: View<'_>, out: &mut Vec<f32>, through: &mut Through
+    raster: &mut DepthRaster, view: View<'_>, out: &mut Vec<f32>, transmission: &mut ScreenTransmission
 ));
 
 #[inline(always)]
-fn coverage_body<L: Lanes>(
+fn coverage_body<L: SimdF32x16>(
     raster: &mut DepthRaster,
     view: View<'_>,
     out: &mut Vec<f32>,
-    through: &mut Through,
+    transmission: &mut ScreenTransmission,
 ) {
-    raster.coverage_here::<L>(view, out, through);
+    raster.coverage_in_lanes::<L>(view, out, transmission);
 }
 
 /// A sub-pixel facet counts as visible if no surface is nearer than it by more than this plus its
 /// longest edge, m.
 const SMALL_FACET_TOLERANCE_M: f32 = 0.02;
-/// Parts whose boxes fill less than this of the view get a window of their own, if its box fills less
+/// Surfaces whose boxes fill less than this of the view get a window of their own, if its box fills less
 /// than four times as much.
-const SMALL_PART: f32 = 1.0 / 256.0;
+const SMALL_SURFACE: f32 = 1.0 / 256.0;
 
 impl DepthRaster {
     /// A raster of about `size * size` samples.
@@ -223,7 +237,7 @@ impl DepthRaster {
             boxes: Vec::new(),
             samples: Samples::default(),
             counts: Counts::default(),
-            front: Vec::new(),
+            front_facets: Vec::new(),
         }
     }
 
@@ -231,73 +245,79 @@ impl DepthRaster {
     /// Facets turned away, and degenerate ones, get 0. A facet that covers no sample is seen or not
     /// by its centroid.
     ///
-    /// `through` receives what screens leave of what lies behind them. Returns the number of samples
-    /// drawn.
-    pub fn coverage(&mut self, view: View<'_>, out: &mut Vec<f32>, through: &mut Through) -> usize {
+    /// `transmission` receives what screens transmit to every facet. Returns the number of samples drawn.
+    pub fn coverage(
+        &mut self,
+        view: View<'_>,
+        out: &mut Vec<f32>,
+        transmission: &mut ScreenTransmission,
+    ) -> usize {
         if let Sampling::Rays(per_edge) = self.sampling {
-            return coverage_by_rays(view, usize::from(per_edge), out, through);
+            return coverage_by_rays(view, usize::from(per_edge), out, transmission);
         }
         self.samples.n_drawn = 0;
-        coverage(self.level, self, view, out, through);
+        coverage(self.level, self, view, out, transmission);
         self.samples.n_drawn
     }
 
     #[inline(always)]
-    fn coverage_here<L: Lanes>(
+    fn coverage_in_lanes<L: SimdF32x16>(
         &mut self,
         view: View<'_>,
         out: &mut Vec<f32>,
-        through: &mut Through,
+        transmission: &mut ScreenTransmission,
     ) {
         let n_facets = view.triangles.len();
-        let through = through.reset(if view.has_screens() { n_facets } else { 0 });
+        let transmission = transmission.reset(if view.has_screens() { n_facets } else { 0 });
         out.clear();
         out.resize(n_facets, 0.0);
         self.project(view);
         let mut all = Window::EMPTY;
-        for part in &self.boxes {
-            all.include(part.low, part.high);
+        for surface in &self.boxes {
+            all.include(surface.low, surface.high);
         }
         if all.is_empty() {
             return;
         }
+        // The small surfaces' window takes three quarters of the samples. All that lies wholly inside it is then judged by
+        // these, the rest by the quarter that went over everything.
         let mut left = self.size * self.size;
         if self.sampling != Sampling::Uniform {
             let mut small = Window::EMPTY;
-            for part in &self.boxes {
-                if part.area() < SMALL_PART * all.area() {
-                    small.include(part.low, part.high);
+            for surface in &self.boxes {
+                if surface.area() < SMALL_SURFACE * all.area() {
+                    small.include(surface.low, surface.high);
                 }
             }
-            if !small.is_empty() && small.area() < 4.0 * SMALL_PART * all.area() {
-                self.look::<L>(view, all, self.size / 2, out, through);
+            if !small.is_empty() && small.area() < 4.0 * SMALL_SURFACE * all.area() {
+                self.draw_window::<L>(view, all, self.size / 2, out, transmission);
                 left -= (self.size / 2) * (self.size / 2);
                 all = small;
             }
         }
-        self.look::<L>(view, all, left.isqrt(), out, through);
+        self.draw_window::<L>(view, all, left.isqrt(), out, transmission);
     }
 
-    /// Projects the vertices and finds the parts' boxes.
+    /// Projects the vertices and finds the surfaces' boxes.
     #[inline(always)]
     fn project(&mut self, view: View<'_>) {
         self.projected.clear();
         self.projected.extend(view.positions.iter().map(|&p| {
             let p = p - view.centre;
-            // Beyond 87 degrees, or behind.
+            // Beyond 87 degrees, or behind: the projection would be far outside or mirrored. 1/y = 0 marks it.
             if p.y > 0.05 * p.length() {
-                let nearness = 1.0 / p.y;
-                [p.x * nearness, p.z * nearness, nearness]
+                let inverse_depth = 1.0 / p.y;
+                [p.x * inverse_depth, p.z * inverse_depth, inverse_depth]
             } else {
                 [0.0; 3]
             }
         }));
         self.boxes.clear();
-        for part in view.parts {
+        for surface in view.surfaces {
             let mut window = Window::EMPTY;
-            let vertices = part.vertices.start as usize..part.vertices.end as usize;
-            for &[x, z, nearness] in &self.projected[vertices] {
-                if nearness > 0.0 {
+            let vertices = surface.vertices.start as usize..surface.vertices.end as usize;
+            for &[x, z, inverse_depth] in &self.projected[vertices] {
+                if inverse_depth > 0.0 {
                     window.include([x, z], [x, z]);
                 }
             }
@@ -307,58 +327,61 @@ impl DepthRaster {
 
     /// Draws a window with `size * size` samples and writes the facets that lie wholly in it.
     #[inline(always)]
-    fn look<L: Lanes>(
+    fn draw_window<L: SimdF32x16>(
         &mut self,
         view: View<'_>,
         window: Window,
         size: usize,
         out: &mut [f32],
-        through: &mut [f32],
+        transmission: &mut [f32],
     ) {
         // Samples lie at integer coordinates 0..size; the box ends half a sample outside.
         let scale: [f32; 2] =
             std::array::from_fn(|i| size as f32 / (window.high[i] - window.low[i]).max(1e-6));
         self.in_window.clear();
         self.in_window
-            .extend(self.projected.iter().map(|&[x, z, nearness]| {
+            .extend(self.projected.iter().map(|&[x, z, inverse_depth]| {
                 [
                     (x - window.low[0]) * scale[0] - 0.5,
                     (z - window.low[1]) * scale[1] - 0.5,
-                    nearness,
+                    inverse_depth,
                 ]
             }));
         self.samples.start(size);
-        self.counts.start(view.triangles.len(), !through.is_empty());
-        self.front.clear();
-        // Opaque facets first: screens ask what they hide.
+        self.counts
+            .start(view.triangles.len(), !transmission.is_empty());
+        self.front_facets.clear();
+        // Opaque facets first: whether a sample of a screen counts depends on the nearest of them.
         for is_screen in [false, true] {
-            for part in view.parts {
-                if (part.power_transmission > 0.0) != is_screen {
+            for surface in view.surfaces {
+                if (surface.power_transmission > 0.0) != is_screen {
                     continue;
                 }
-                for facet in part.facets.clone() {
+                for facet in surface.facets.clone() {
                     let corners = self.corners(view, facet);
                     if is_front(corners) {
                         let covered =
-                            (self.samples).draw::<L>(facet, corners, part.power_transmission);
+                            (self.samples).draw::<L>(facet, corners, surface.power_transmission);
+                        // A facet that the window cuts would be judged by a part of itself. It hides what lies behind
+                        // it all the same, and gets its share in the window over everything.
                         if is_within(corners, size) {
-                            self.front.push(Front { facet, covered });
+                            self.front_facets.push(FrontFacet { facet, covered });
                         }
                     }
                 }
             }
         }
         self.samples.count(&mut self.counts);
-        for &Front { facet, covered } in &self.front {
+        for &FrontFacet { facet, covered } in &self.front_facets {
             let (share, passed) = if covered > 0.0 {
                 self.counts.of(facet, covered)
             } else {
                 let corners = self.corners(view, facet);
-                self.samples.see_centroid(corners, view, facet)
+                self.samples.test_centroid(corners, view, facet)
             };
             out[facet as usize] = share;
-            if let Some(through) = through.get_mut(facet as usize) {
-                *through = passed;
+            if let Some(transmission) = transmission.get_mut(facet as usize) {
+                *transmission = passed;
             }
         }
     }
@@ -418,17 +441,18 @@ impl Counts {
 const PLACES: [f32; LANES] = [
     0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
 ];
-/// Farther than any sample, and than where almost level edges cross the rows far above them.
+/// Farther than any sample, and farther than an almost level edge crosses any row.
 const FAR: f32 = 1e30;
 
-/// An edge of a facet. The inside lies right of edges that go down and left of those that go up.
+/// An edge of a facet, counter-clockwise: the inside lies right of edges that go down and left of those that go up.
 #[derive(Clone, Copy)]
 struct Edge {
     low_x: f32,
     low_y: f32,
     /// dx / dy.
     slope: f32,
-    /// Added to where it crosses a row gives bounds of the inside: 0, or far enough to be none.
+    /// Added to the place where the edge crosses a row, these give the lower and the upper bound that it sets: 0 where it
+    /// sets one, and far enough to be none where it does not. Adding is cheaper than selecting.
     to_low: f32,
     to_high: f32,
 }
@@ -438,10 +462,11 @@ impl Edge {
     fn new(from: [f32; 3], to: [f32; 3]) -> Self {
         let down = to[1] < from[1];
         let dy = to[1] - from[1];
-        // Rows bound what an edge along a row would.
+        // An edge along a row sets no bound within rows; the rows that the facet spans do.
         let level = dy == 0.0;
         Self {
-            // Both facets of an edge start at its lower end.
+            // Its two facets run along an edge in opposite directions. Both compute from its lower end, so that both round
+            // to the same place.
             low_x: if down { to[0] } else { from[0] },
             low_y: if down { to[1] } else { from[1] },
             slope: if level { 0.0 } else { (to[0] - from[0]) / dy },
@@ -464,16 +489,16 @@ struct Rows {
 impl Rows {
     /// Bounds between samples, from `first` on.
     ///
-    /// An edge crosses a row at the same place for both of its facets, and that place is taken to the middle between two
-    /// samples: a sample on an edge belongs to one side only.
+    /// An edge crosses a row at the same place for both of its facets. That place is moved to the middle between two
+    /// samples, so that no sample lies on an edge and every sample belongs to one side.
     #[inline(always)]
-    fn write<L: Lanes>(&mut self, first: usize, edges: [Edge; 3]) {
+    fn write<L: SimdF32x16>(&mut self, first: usize, edges: [Edge; 3]) {
         let y = L::load(&PLACES).add(L::splat(first as f32));
         let half = L::splat(0.5);
         let (mut low, mut high) = (L::splat(-FAR), L::splat(FAR));
         for edge in edges {
-            // Products and sums apart, here and below: fused, levels that fuse would see other facets than those that
-            // do not.
+            // Products and sums apart, here and below: with fused ones, the levels that have them would find other facets
+            // visible than those that do not.
             let rise = y.sub(L::splat(edge.low_y)).mul(L::splat(edge.slope));
             let x = rise.add(L::splat(edge.low_x));
             let between = x.sub(half).round().add(half);
@@ -496,7 +521,7 @@ impl Samples {
         self.fragments.clear();
     }
 
-    /// Adds the won samples, and what screens before them take.
+    /// Adds the won samples, and what the screens in front of them absorb.
     fn count(&mut self, counts: &mut Counts) {
         for block in &self.blocks {
             for lane in 0..LANES {
@@ -505,12 +530,13 @@ impl Samples {
                 }
             }
         }
-        // Facets of one plane never share a sample, so that the order is complete.
+        // By sample, then from near to far. Ties cannot change a result: facets of one plane never share a sample.
         self.fragments.sort_unstable_by(|a, b| {
             (a.sample.cmp(&b.sample))
-                .then(b.nearness.total_cmp(&a.nearness))
+                .then(b.inverse_depth.total_cmp(&a.inverse_depth))
                 .then(a.facet.cmp(&b.facet))
         });
+        // The stack of screens over one sample: each loses what those before it absorb, the winner behind them what all do.
         for stack in self.fragments.chunk_by(|a, b| a.sample == b.sample) {
             let mut passed = 1.0;
             for fragment in stack {
@@ -528,7 +554,7 @@ impl Samples {
 
     /// Draws a facet turned to the eye; returns the number of samples that it covers.
     #[inline(always)]
-    fn draw<L: Lanes>(
+    fn draw<L: SimdF32x16>(
         &mut self,
         facet: u32,
         corners: [[f32; 3]; 3],
@@ -543,7 +569,7 @@ impl Samples {
         let step_y = (dc * bx - db * cx) * inverse;
         let edges = [Edge::new(a, b), Edge::new(b, c), Edge::new(c, a)];
         let [[low_x, high_x], [low_y, high_y]] = bounds(corners);
-        // Samples of the box: rows and columns are half-open intervals.
+        // Rows and columns of the facet's bounding box, as half-open intervals.
         let start = |low: f32| low.ceil().max(0.0) as u32 as usize;
         let (first_row, end_row) = (start(low_y), start(high_y).min(self.size));
         let first_block = start(low_x) / LANES;
@@ -556,6 +582,7 @@ impl Samples {
             near: [0.0; LANES],
         };
         for first in (first_row..end_row).step_by(LANES) {
+            // Lanes are rows here: the bounds of sixteen rows at once. Below, lanes are samples of one row.
             rows.write::<L>(first, edges);
             let y = L::load(&PLACES).add(L::splat(first as f32));
             y.sub(L::splat(a[1]))
@@ -578,20 +605,22 @@ impl Samples {
                     }
                     let block = &mut self.blocks[block_idx];
                     let (nearest, name) = (
-                        L::load(&block.nearness),
+                        L::load(&block.inverse_depth),
                         L::splat(f32::from_bits(facet + 1)),
                     );
                     nearest
                         .select_lt(near, name, L::load(&block.winner))
                         .store(&mut block.winner);
-                    nearest.max(near).store(&mut block.nearness);
+                    nearest.max(near).store(&mut block.inverse_depth);
                 }
             }
         }
-        covered.sum()
+        covered.reduce_sum()
     }
 
-    /// Adds a screen's samples of one block, with a nearness of 0 where there is none.
+    /// Adds a screen's samples of one block, with an inverse depth of 0 where there is none.
+    ///
+    /// Not inlined: few scenes have screens, and the loop that calls it is the hottest of this file.
     #[cold]
     #[inline(never)]
     fn add_fragments(
@@ -601,12 +630,12 @@ impl Samples {
         facet: u32,
         power_transmission: f32,
     ) {
-        let nearest = &self.blocks[block_idx].nearness;
-        for (lane, (&nearness, &nearest)) in near.iter().zip(nearest).enumerate() {
-            if nearness > nearest {
+        let nearest = &self.blocks[block_idx].inverse_depth;
+        for (lane, (&inverse_depth, &nearest)) in near.iter().zip(nearest).enumerate() {
+            if inverse_depth > nearest {
                 self.fragments.push(Fragment {
                     sample: (block_idx * LANES + lane) as u32,
-                    nearness,
+                    inverse_depth,
                     facet,
                     power_transmission,
                 });
@@ -615,16 +644,17 @@ impl Samples {
     }
 
     /// Visible share and transmission of a facet too small to cover a sample.
-    fn see_centroid(&self, [a, b, c]: [[f32; 3]; 3], view: View<'_>, facet: u32) -> (f32, f32) {
+    fn test_centroid(&self, [a, b, c]: [[f32; 3]; 3], view: View<'_>, facet: u32) -> (f32, f32) {
         let mean = |axis: usize| (a[axis] + b[axis] + c[axis]) / 3.0;
         let last = (self.size - 1) as f32;
         let [column, row] = [0, 1].map(|i| mean(i).round().clamp(0.0, last) as usize);
         let sample = row * self.n_blocks * LANES + column;
-        let nearest = self.blocks[sample / LANES].nearness[sample % LANES];
+        let nearest = self.blocks[sample / LANES].inverse_depth[sample % LANES];
         let [p, q, r] = view.triangles[facet as usize].map(|i| view.positions[i as usize]);
         let edge = p.distance(q).max(q.distance(r)).max(r.distance(p));
         let depth = 1.0 / mean(2);
-        let is_behind = |nearness: f32| depth > 1.0 / nearness + SMALL_FACET_TOLERANCE_M + edge;
+        let is_behind =
+            |inverse_depth: f32| depth > 1.0 / inverse_depth + SMALL_FACET_TOLERANCE_M + edge;
         if nearest != 0.0 && is_behind(nearest) {
             return (0.0, 1.0);
         }
@@ -633,7 +663,7 @@ impl Samples {
             .partition_point(|f| (f.sample as usize) < sample);
         let stack = self.fragments[first..].iter();
         let passed = stack
-            .take_while(|f| f.sample as usize == sample && is_behind(f.nearness))
+            .take_while(|f| f.sample as usize == sample && is_behind(f.inverse_depth))
             .map(|f| f.power_transmission)
             .product();
         (1.0, passed)
@@ -659,7 +689,7 @@ mod tests {
 
     /// By both rasters, which agree on what these tests ask.
     fn shares(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<f32> {
-        let all = Part {
+        let all = SurfaceRange {
             facets: 0..triangles.len() as u32,
             vertices: 0..positions.len() as u32,
             power_transmission: 0.0,
@@ -667,13 +697,13 @@ mod tests {
         let view = View {
             positions,
             triangles,
-            parts: &[all],
+            surfaces: &[all],
             centre: Vec3::ZERO,
         };
         let [uniform, windows] = [Sampling::Uniform, Sampling::Windows].map(|sampling| {
             let mut out = Vec::new();
             let mut raster = DepthRaster::new(256, sampling);
-            raster.coverage(view, &mut out, &mut Through::default());
+            raster.coverage(view, &mut out, &mut ScreenTransmission::default());
             out
         });
         for (u, e) in uniform.iter().zip(&windows) {
@@ -705,7 +735,7 @@ mod tests {
     }
 
     #[inline(always)]
-    fn draw_all_body<L: Lanes>(
+    fn draw_all_body<L: SimdF32x16>(
         samples: &mut Samples,
         facets: &[[[f32; 3]; 3]],
         covered: &mut Vec<f32>,
@@ -748,7 +778,7 @@ mod tests {
         }
         assert!(facets.iter().all(|&f| is_front(f)));
         let mut expected = None;
-        for level in [SimdLevel::Avx512, SimdLevel::Avx2, SimdLevel::Portable] {
+        for level in SimdLevel::available() {
             let mut samples = Samples::default();
             samples.start(size);
             let mut covered = vec![];
@@ -767,7 +797,12 @@ mod tests {
             }
             // Equal to the bit, depths too.
             let found: Vec<_> = (samples.blocks.iter())
-                .map(|b| (b.nearness.map(f32::to_bits), b.winner.map(f32::to_bits)))
+                .map(|b| {
+                    (
+                        b.inverse_depth.map(f32::to_bits),
+                        b.winner.map(f32::to_bits),
+                    )
+                })
                 .collect();
             let expected = expected.get_or_insert_with(|| found.clone());
             assert!(*expected == found, "{level:?}");

@@ -27,12 +27,15 @@ use std::f64::consts::{LN_2, LN_10, PI};
 
 use glam::DVec3;
 use num_complex::Complex64;
-use radarllm_base::{RadarConfig, SPEED_OF_LIGHT_MPS, seed::derive_seed};
+use radarllm_base::{
+    RadarConfig, SPEED_OF_LIGHT_MPS,
+    random::{normal_polar, nth},
+    seed::derive_seed,
+};
 
 use crate::error::SimError;
 use crate::link::Link;
 use crate::motion::chirp_time_s;
-use crate::noise::stream_bits;
 use crate::scene::PointTarget;
 use crate::simulator::SimOptions;
 
@@ -67,14 +70,14 @@ impl Weather {
     /// # Errors
     /// The first value that is out of range, by name.
     pub fn validate(&self) -> Result<(), SimError> {
-        for (option, value, most) in [
+        for (option, value, max) in [
             ("rain_mm_per_h", self.rain_mm_per_h, 200.0),
             ("smoke_g_per_m3", self.smoke_g_per_m3, 100.0),
         ] {
-            if !(0.0..=most).contains(&value) {
+            if !(0.0..=max).contains(&value) {
                 return Err(SimError::Option {
                     option,
-                    problem: format!("{value} is not in 0..={most}"),
+                    problem: format!("{value} is not in 0..={max}"),
                 });
             }
         }
@@ -222,18 +225,18 @@ impl Rain {
         let middle_s = time_s + self.middle_s;
         let n_cells = ((self.farthest_m - self.nearest_m) / self.cell_m).floor();
         let n_cells = n_cells.max(0.0) as usize;
-        let stream = stream_bits(derive_seed(seed, "rain"), (middle_s + 0.0).to_bits());
+        let stream = nth(derive_seed(seed, "rain"), (middle_s + 0.0).to_bits());
         let mut index = 0;
         // In (0, 1).
         let mut uniform = || {
             index += 1;
-            ((stream_bits(stream, index) >> 12) as f64 + 0.5) / (1_u64 << 52) as f64
+            ((nth(stream, index) >> 12) as f64 + 0.5) / (1_u64 << 52) as f64
         };
         for cell in 0..n_cells {
             for _ in 0..DROPS_PER_CELL {
                 let range_m = self.nearest_m + (cell as f64 + uniform()) * self.cell_m;
-                let radius = (-2.0 * uniform().ln()).sqrt();
-                let (sin, cos) = (2.0 * PI * uniform()).sin_cos();
+                let (radius, angle_rad) = normal_polar(uniform(), uniform());
+                let (sin, cos) = angle_rad.sin_cos();
                 let speed = uniform();
                 let angles = [radius * cos, radius * sin];
                 let [azimuth, elevation] = [0, 1].map(|i| angles[i] * self.spread_rad[i]);
@@ -473,5 +476,35 @@ mod tests {
             let error = weather.validate().unwrap_err().to_string();
             assert!(error.contains(word), "{error}");
         }
+    }
+
+    /// Taken from the first release's code: data sets depend on it.
+    #[test]
+    fn drops_never_change() {
+        let config = RadarConfig::awr1843boost();
+        let options = SimOptions {
+            weather: Weather {
+                rain_mm_per_h: 10.0,
+                ..Weather::default()
+            },
+            ..SimOptions::default()
+        };
+        let rain = Rain::new(&options, &config, &crate::link::Link::new(&config)).unwrap();
+        let mut drops = Vec::new();
+        rain.draw(3, 0.2, &mut drops);
+        let first = drops[0].position_m.to_array().map(f64::to_bits);
+        let all = drops.iter().flat_map(|d| d.position_m.to_array());
+        let all = all.fold(0, |sum: u64, v| sum.rotate_left(1) ^ v.to_bits());
+        assert_eq!(
+            (first, all),
+            (
+                [
+                    13821665830241535075,
+                    4606969770539499956,
+                    4603903536866982002
+                ],
+                15652050466649233350
+            )
+        );
     }
 }

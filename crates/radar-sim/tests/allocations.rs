@@ -11,7 +11,6 @@ use radarllm_base::{RadarConfig, frames::Placement};
 use radarllm_body::{
     MotionSampler,
     mesh::{BodyShape, BuiltinBody, PosedBody, clothed_skin},
-    procedural,
 };
 use radarllm_radar_sim::{Noise, PointTarget, Scene, SimOptions, Simulator};
 
@@ -40,7 +39,7 @@ static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn frames_of_a_walking_body_allocate_nothing() {
-    let walk = procedural::parse("builtin:walk").unwrap().render(0);
+    let walk = radarllm_motions::parse("builtin:walk").unwrap().render(0);
     let shape = BodyShape {
         facet_edge_m: 0.05,
         ..BodyShape::default()

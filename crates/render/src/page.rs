@@ -14,6 +14,23 @@ pub(crate) const STYLE: &str = include_str!("page/style.css");
 pub(crate) const PLAYER: &str = include_str!("page/player.js");
 
 /// What a page shows.
+///
+/// ```
+/// use radarllm_base::{PointFrame, RadarPoint};
+/// use radarllm_render::page::Page;
+///
+/// let point = RadarPoint { y_m: 3.0, range_m: 3.0, velocity_mps: -1.0, ..RadarPoint::default() };
+/// let frames = [PointFrame { points: vec![point], ..PointFrame::default() }];
+/// let page = Page {
+///     caption: "a person walks forward",
+///     provenance: "recorded radar awr1843boost",
+///     frames: &frames,
+///     frame_rate_hz: 10.0,
+///     radar_height_m: 1.0,
+///     mesh: None,
+/// };
+/// assert!(page.to_html().starts_with("<!doctype html>"));
+/// ```
 pub struct Page<'a> {
     /// The sentence.
     pub caption: &'a str,

@@ -4,8 +4,8 @@
 //! way for one mesh. Pictures are 8-bit sRGB.
 
 use glam::{Mat4, Vec3, Vec4};
-use std::io::Write;
-use std::path::Path;
+
+use crate::png_file::{self, Pixels};
 
 /// Samples per pixel and axis.
 const SUPERSAMPLING: usize = 2;
@@ -15,6 +15,17 @@ const SKIN: Vec3 = Vec3::new(0.80, 0.62, 0.50);
 const STICK: Vec3 = Vec3::new(0.10, 0.35, 0.75);
 
 /// Draws one mesh on a floor grid.
+///
+/// ```
+/// use glam::Vec3;
+/// use radarllm_render::raster::{Camera, render_mesh};
+///
+/// let corners = [Vec3::ZERO, Vec3::X, Vec3::Z];
+/// let camera = Camera::orbit(Vec3::Z, 4.0, 0.3, 0.1);
+/// let image = render_mesh(&corners, &[[0, 1, 2]], &camera, [64, 48]);
+/// assert!(image.to_png()?.starts_with(b"\x89PNG"));
+/// # Ok::<(), radarllm_render::raster::ImageError>(())
+/// ```
 ///
 /// `vertices` are in the world, m; `triangles` index them counter-clockwise from outside.
 /// Triangles with an index out of range are left out.
@@ -65,9 +76,7 @@ pub fn contact_sheet(frames: &[Vec<Vec3>], triangles: &[[u32; 3]]) -> Result<Vec
             render_mesh(vertices, triangles, &camera, CELL)
         })
         .collect();
-    let mut png = Vec::new();
-    Image::contact_sheet(&images, 4).write_png(&mut png)?;
-    Ok(png)
+    Image::contact_sheet(&images, 4).to_png()
 }
 
 /// A perspective camera.
@@ -143,20 +152,13 @@ pub struct Image {
     rgb: Vec<u8>,
 }
 
-/// A picture could not be written.
+/// A picture could not be encoded.
 #[derive(Debug, thiserror::Error)]
-pub enum ImageError {
-    #[error("{path}: {source}")]
-    Io {
-        path: std::path::PathBuf,
-        source: std::io::Error,
-    },
-    #[error("png of {width} x {height} pixels: {source}")]
-    Encode {
-        width: usize,
-        height: usize,
-        source: png::EncodingError,
-    },
+#[error("png of {width} x {height} pixels: {source}")]
+pub struct ImageError {
+    width: usize,
+    height: usize,
+    source: png::EncodingError,
 }
 
 impl Image {
@@ -191,28 +193,25 @@ impl Image {
         Some([self.rgb[at], self.rgb[at + 1], self.rgb[at + 2]])
     }
 
-    /// Encodes as PNG.
-    pub fn write_png(&self, to: impl Write) -> Result<(), ImageError> {
-        let fail = |source| ImageError::Encode {
-            width: self.width,
-            height: self.height,
+    /// The picture as a PNG file.
+    ///
+    /// # Errors
+    /// A picture without pixels.
+    pub fn to_png(&self) -> Result<Vec<u8>, ImageError> {
+        let (width, height) = (self.width, self.height);
+        png_file::encode(width, height, &Pixels::Rgb(&self.rgb), &[]).map_err(|source| ImageError {
+            width,
+            height,
             source,
-        };
-        let mut encoder = png::Encoder::new(to, self.width as u32, self.height as u32);
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(png::BitDepth::Eight);
-        let mut writer = encoder.write_header().map_err(fail)?;
-        writer.write_image_data(&self.rgb).map_err(fail)?;
-        writer.finish().map_err(fail)
+        })
     }
 
-    /// Writes a PNG file.
-    pub fn save_png(&self, path: &Path) -> Result<(), ImageError> {
-        let file = std::fs::File::create(path).map_err(|source| ImageError::Io {
-            path: path.into(),
-            source,
-        })?;
-        self.write_png(std::io::BufWriter::new(file))
+    /// The picture as a `data:` address, for `<image href="...">` of SVG and HTML.
+    ///
+    /// # Errors
+    /// A picture without pixels.
+    pub fn to_data_uri(&self) -> Result<String, ImageError> {
+        Ok(png_file::data_uri(&self.to_png()?))
     }
 
     /// Lays pictures out in rows of `n_columns`, two pixels apart, on the size of the largest.
@@ -566,8 +565,7 @@ mod tests {
     fn a_png_reads_back_as_written() {
         let mut image = Image::filled(5, 3, [10, 20, 30]);
         image.rgb[3..6].copy_from_slice(&[200, 100, 50]);
-        let mut bytes = Vec::new();
-        image.write_png(&mut bytes).expect("memory does not fail");
+        let bytes = image.to_png().expect("memory does not fail");
         let mut reader = png::Decoder::new(std::io::Cursor::new(bytes))
             .read_info()
             .expect("our own header");

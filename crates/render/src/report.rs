@@ -1,7 +1,10 @@
 //! The self-contained page of an evaluation: tables, then examples with their radar points played beside
 //! the caption and the references.
 
-use crate::page::{PLAYER, Page, STYLE, fill, json_in_html};
+use crate::{
+    markup::escape,
+    page::{PLAYER, Page, STYLE, fill, json_in_html},
+};
 
 const TEMPLATE: &str = include_str!("page/report.html");
 
@@ -138,22 +141,6 @@ fn card(example: &Example) -> String {
         escape(example.page.caption),
         escape(example.page.provenance)
     )
-}
-
-/// Text that stays text inside HTML elements and quoted attributes.
-fn escape(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out += "&amp;",
-            '<' => out += "&lt;",
-            '>' => out += "&gt;",
-            '"' => out += "&quot;",
-            '\'' => out += "&#39;",
-            c => out.push(c),
-        }
-    }
-    out
 }
 
 #[cfg(test)]

@@ -1,10 +1,13 @@
 //! Asking for memory before it is needed.
 
-/// Asks the cache for a slice that is read soon. Processors follow a stream of addresses by themselves, but not over
-/// a jump to another page, and what is waited for there is lost. Does nothing where there is no such instruction.
+/// Asks the cache for a slice that is read soon.
+///
+/// Processors follow a stream of addresses by themselves, but not over a jump to another page, where the read would wait
+/// for memory. Does nothing where there is no such instruction.
 #[inline]
 pub fn prefetch<T>(soon: &[T]) {
-    #[cfg(target_arch = "x86_64")]
+    // Every x86-64 processor has the instruction. Miri does not interpret it.
+    #[cfg(all(target_arch = "x86_64", not(miri)))]
     {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
         const LINE_BYTES: usize = 64;
@@ -14,6 +17,6 @@ pub fn prefetch<T>(soon: &[T]) {
             unsafe { _mm_prefetch::<_MM_HINT_T0>(start.add(offset)) };
         }
     }
-    #[cfg(not(target_arch = "x86_64"))]
+    #[cfg(not(all(target_arch = "x86_64", not(miri))))]
     let _ = soon;
 }

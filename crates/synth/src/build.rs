@@ -6,16 +6,13 @@ use std::{
     sync::{Mutex, PoisonError},
 };
 
-use radarllm_base::SPEED_OF_LIGHT_MPS;
 use radarllm_dataset::{
     SourceLicence,
     builder::{self, BuildOptions, BuildPlan, BuildReport, ItemId, Progress},
     record::Split,
 };
 
-use crate::{
-    Method, SynthError, Synthesizer, config::DatasetConfig, corpus::Corpus, record::make_record,
-};
+use crate::{SynthError, Synthesizer, config::DatasetConfig, corpus::Corpus, record::make_record};
 
 /// Builds, or goes on building, the data set of a configuration.
 ///
@@ -32,12 +29,6 @@ pub fn build(
     progress: impl Fn(Progress) + Sync,
 ) -> Result<BuildReport, SynthError> {
     let radar = config.open_radar(base)?;
-    let impairments = config.impairments.resolve().map_err(SynthError::Config)?;
-    let frequency_hz = SPEED_OF_LIGHT_MPS / radar.wavelength_m();
-    let walls = match &config.room {
-        Some(room) => room.walls(frequency_hz)?,
-        None => Vec::new(),
-    };
     let corpora = config.open_sources(base)?;
     let mut places: HashMap<String, (usize, usize, usize)> = HashMap::new();
     let mut items = Vec::new();
@@ -92,14 +83,7 @@ pub fn build(
         // Planning FFTs takes milliseconds; a pool of planned chains serves every thread.
         let mut synthesizer = match take() {
             Some(ready) => ready,
-            None => Synthesizer::with_simulation(
-                &radar,
-                Method::Fast,
-                config.processing.resolve(&radar),
-                config.sim_options(),
-            )?
-            .with_impairments(impairments)
-            .with_walls(walls.clone()),
+            None => config.synthesizer(&radar)?,
         };
         let corpus: &dyn Corpus = corpora[corpus_idx].as_ref();
         let record = make_record(&mut synthesizer, corpus, item_idx, variant, config);

@@ -6,11 +6,11 @@ use std::{
 };
 
 use radarllm_base::RadarConfig;
-use radarllm_radar_sim::SimOptions;
+use radarllm_radar_sim::{SimOptions, shapes::RigidSurface};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    SynthError,
+    Method, SynthError, Synthesizer,
     corpus::{Corpus, bandai_namco::BandaiNamco, procedural::ProceduralCorpus},
     impairments::ImpairmentsFile,
     placement::PlacementRange,
@@ -249,6 +249,35 @@ impl DatasetConfig {
             },
             None => free,
         }
+    }
+
+    /// Plans the chain that simulates this data set's motions for a radar.
+    ///
+    /// # Errors
+    /// A radar that simulator or signal chain cannot serve.
+    pub fn synthesizer(&self, radar: &RadarConfig) -> Result<Synthesizer, SynthError> {
+        self.synthesizer_with(radar, self.sim_options(), Vec::new())
+    }
+
+    /// As [`Self::synthesizer`], with other options of the simulator and with surfaces beside those of the room.
+    ///
+    /// # Errors
+    /// As [`Self::synthesizer`].
+    pub fn synthesizer_with(
+        &self,
+        radar: &RadarConfig,
+        sim: SimOptions,
+        surfaces: Vec<RigidSurface>,
+    ) -> Result<Synthesizer, SynthError> {
+        let impairments = self.impairments.resolve().map_err(SynthError::Config)?;
+        let mut walls = match &self.room {
+            Some(room) => room.walls(radar.carrier_hz())?,
+            None => Vec::new(),
+        };
+        walls.extend(surfaces);
+        let dsp = self.processing.resolve(radar);
+        let synthesizer = Synthesizer::with_simulation(radar, Method::Fast, dsp, sim)?;
+        Ok(synthesizer.with_impairments(impairments).with_walls(walls))
     }
 
     /// Frames per second that are stored.

@@ -59,7 +59,7 @@ pub fn make_record(
     let frames = synthesizer.motion_to_points(&motion, shape, placement, most_frames, seed)?;
     let frames = stored_frames(frames, synthesizer.radar().frame_rate_hz(), config, rate_hz)?;
 
-    let at_20_fps = resample(&motion, MOTION_FPS);
+    let at_20_fps = resample(&motion, MOTION_FPS).map_err(|e| SynthError::Config(e.to_string()))?;
     let joints = at_20_fps
         .joints_in_world()
         .iter()

@@ -6,7 +6,7 @@ use glam::{DQuat, DVec3, Vec3};
 use radarllm_base::{
     Material, MovingSurface, RadarConfig, frames::Placement, materials::Substance,
 };
-use radarllm_body::{loaders::load_motion_file, mesh::BodyShape, procedural, sample::canonicalize};
+use radarllm_body::{loaders::load_motion_file, mesh::BodyShape, sample::canonicalize};
 use radarllm_radar_sim::{Noise, PointTarget, Scene, SimOptions, shapes::RigidSurface};
 use serde::Deserialize;
 
@@ -382,7 +382,7 @@ fn facing(target: &Target) -> Result<DQuat, String> {
 fn motion(target: &Target, base: &Path) -> Result<radarllm_body::mesh::PosedBody, String> {
     let file = target.file.as_deref().ok_or("file is missing")?;
     let (motion, mut shape) = if file.starts_with("builtin:") {
-        let rendered = procedural::parse(file)
+        let rendered = radarllm_motions::parse(file)
             .map_err(|e| e.to_string())?
             .render(0);
         let shape = builtin_shape(&rendered);

@@ -2,7 +2,6 @@
 
 use std::{
     collections::HashMap,
-    fs,
     path::Path,
     sync::{Arc, Mutex, OnceLock},
 };
@@ -11,16 +10,14 @@ use radarllm_base::{Motion, PointFrame, RadarConfig, RadarCube, frames::Placemen
 use radarllm_body::{
     MotionSampler,
     mesh::{BodyModel, BodyShape, BuiltinBody, PosedBody, clothed_skin},
-    procedural::Procedural,
 };
-use radarllm_formats::{
-    Board,
-    adc::{StudioCapture, StudioSetup},
-};
+use radarllm_motions::Procedural;
 use radarllm_radar_dsp::{DspError, DspOptions, PointExtractor};
 use radarllm_radar_sim::{
     Impairments, Noise, Scene, SimError, SimOptions, Simulator, reference, shapes::RigidSurface,
 };
+
+use rayon::prelude::*;
 
 use crate::corpus::CorpusError;
 
@@ -31,8 +28,8 @@ pub enum SynthError {
     #[error("configuration: {0}")]
     Config(String),
     /// The radar description is wrong.
-    #[error("radar: {0}")]
-    Radar(String),
+    #[error(transparent)]
+    Radar(#[from] radarllm_io::Error),
     /// A source of motions is wrong.
     #[error(transparent)]
     Corpus(#[from] CorpusError),
@@ -50,101 +47,12 @@ pub enum SynthError {
     Dataset(#[from] radarllm_dataset::DatasetError),
 }
 
-/// Largest radar description accepted, bytes.
-const MAX_RADAR_FILE_BYTES: u64 = 1 << 20;
-
-/// A radar that somebody named, not yet read.
-pub enum RadarSource {
-    /// A built-in radar.
-    BuiltIn(RadarConfig),
-    /// Text of a TI chirp file.
-    TiCfg(String),
-    /// Text of a radar in our own format.
-    Toml(String),
-    /// An export of mmWave Studio.
-    Studio {
-        /// Text of the `*.mmwave.json`.
-        text: String,
-        /// The board, if a `*.setup.json` was named and says it.
-        board: Option<Board>,
-    },
-}
-
-/// Opens a radar: a built-in name, or a `.cfg` (TI), `.toml` or `.json` (mmWave Studio) file relative to `base`.
+/// Opens a radar: a built-in name, or a file relative to `base`.
 ///
 /// # Errors
-/// Unknown name, unreadable or malformed file, or a radar that cannot exist.
+/// As [`radarllm_io::open_radar`].
 pub fn open_radar(name: &str, base: &Path) -> Result<RadarConfig, SynthError> {
-    let fail =
-        |problem: String| SynthError::Radar(format!("{}: {problem}", base.join(name).display()));
-    let radar = match read_radar(name, base)? {
-        RadarSource::BuiltIn(radar) => return Ok(radar),
-        RadarSource::TiCfg(text) => {
-            radarllm_formats::radar_from_ti_cfg(&text).map_err(|e| fail(e.to_string()))?
-        }
-        RadarSource::Toml(text) => {
-            radarllm_formats::radar_from_toml(&text).map_err(|e| fail(e.to_string()))?
-        }
-        RadarSource::Studio { text, board } => {
-            StudioCapture::parse(&text, board)
-                .map_err(|e| fail(e.to_string()))?
-                .radar
-        }
-    };
-    radar.validate().map_err(|e| fail(e.to_string()))?;
-    Ok(radar)
-}
-
-/// Finds a radar as [`open_radar`] does, and leaves its text as it is.
-///
-/// # Errors
-/// Unknown name, or a file that is unreadable, too large or no text.
-pub fn read_radar(name: &str, base: &Path) -> Result<RadarSource, SynthError> {
-    if let Some(radar) = radarllm_formats::builtin_radar(name) {
-        return Ok(RadarSource::BuiltIn(radar));
-    }
-    let path = base.join(name);
-    let fail = |problem: String| SynthError::Radar(format!("{}: {problem}", path.display()));
-    let extension = path
-        .extension()
-        .and_then(|e| e.to_str())
-        .unwrap_or_default()
-        .to_ascii_lowercase();
-    if !["cfg", "toml", "json"].contains(&extension.as_str()) {
-        return Err(SynthError::Radar(format!(
-            "`{name}` is neither a built-in radar nor a .cfg, .toml or .json file"
-        )));
-    }
-    let text = read_text(&path)?;
-    Ok(match extension.as_str() {
-        "cfg" => RadarSource::TiCfg(text),
-        "json" => match StudioSetup::parse(&text) {
-            // A setup names the device, and the file with the chirps beside it.
-            Ok(setup) => {
-                let config = setup
-                    .config
-                    .ok_or_else(|| fail("configUsed, the *.mmwave.json, is missing".into()))?;
-                RadarSource::Studio {
-                    text: read_text(&path.with_file_name(config))?,
-                    board: setup.board,
-                }
-            }
-            Err(_) => RadarSource::Studio { text, board: None },
-        },
-        _ => RadarSource::Toml(text),
-    })
-}
-
-/// Text of a radar file of acceptable size.
-fn read_text(path: &Path) -> Result<String, SynthError> {
-    let fail = |problem: String| SynthError::Radar(format!("{}: {problem}", path.display()));
-    let size = fs::metadata(path).map_err(|e| fail(e.to_string()))?.len();
-    if size > MAX_RADAR_FILE_BYTES {
-        return Err(fail(format!(
-            "{size} bytes, more than the {MAX_RADAR_FILE_BYTES} accepted"
-        )));
-    }
-    fs::read_to_string(path).map_err(|e| fail(e.to_string()))
+    Ok(radarllm_io::open_radar_in(name, base)?.config)
 }
 
 /// The built-in body of a shape; made once and kept, because polygonising takes a good part of a
@@ -378,6 +286,37 @@ impl Synthesizer {
     }
 }
 
+/// Points of the first frames of a scene, on all threads of the current pool. `plan` makes the chain of one thread.
+///
+/// The points are the same for any number of threads: a frame depends on its number and the seed alone.
+///
+/// # Errors
+/// A chain that cannot be planned, or a frame that cannot be simulated or processed.
+pub fn scene_to_points_in_parallel(
+    plan: impl Fn() -> Result<Synthesizer, SynthError> + Sync,
+    scene: &Scene,
+    n_frames: usize,
+    seed: u64,
+) -> Result<Vec<PointFrame>, SynthError> {
+    // One piece for each thread: planning a chain takes milliseconds.
+    let frames_per_thread = n_frames.div_ceil(rayon::current_num_threads()).max(1);
+    let pieces: Result<Vec<Vec<PointFrame>>, SynthError> = (0..n_frames)
+        .step_by(frames_per_thread)
+        .collect::<Vec<usize>>()
+        .into_par_iter()
+        .map(|first| {
+            let mut synthesizer = plan()?;
+            (first..(first + frames_per_thread).min(n_frames))
+                .map(|frame_idx| {
+                    synthesizer.simulate(scene, frame_idx, seed)?;
+                    synthesizer.extract(frame_idx)
+                })
+                .collect()
+        })
+        .collect();
+    Ok(pieces?.into_iter().flatten().collect())
+}
+
 /// The built-in body performing a motion at a place.
 ///
 /// # Errors
@@ -400,7 +339,7 @@ pub fn posed_builtin(
 pub fn builtin_shape(rendered: &Procedural) -> BodyShape {
     BodyShape {
         height_m: rendered.height_m,
-        build: rendered.build.into(),
+        build: rendered.build,
         ..BodyShape::default()
     }
 }

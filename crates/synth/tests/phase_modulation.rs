@@ -1,14 +1,14 @@
 //! Binary phase modulation from the simulator through the signal chain.
 
 use glam::DVec3;
-use radarllm_base::radar_config::Firing;
+use radarllm_base::radar_config::TxMultiplexing;
 use radarllm_base::{RadarConfig, RadarCube};
 use radarllm_radar_dsp::{ClutterFilter, DspOptions, spectrum::Spectrum};
 use radarllm_radar_sim::{Noise, PointTarget, Scene};
 use radarllm_synth::{Method, Synthesizer};
 
 /// TX1 and the raised TX2 of the reference board: elevation is the phase between the two.
-fn radar(firing: Firing) -> RadarConfig {
+fn radar(firing: TxMultiplexing) -> RadarConfig {
     let mut radar = RadarConfig {
         firing,
         ..RadarConfig::awr1843boost()
@@ -41,7 +41,7 @@ fn cube(radar: &RadarConfig, scene: &Scene) -> RadarCube {
 
 #[test]
 fn a_mover_is_found_where_it_is() {
-    let radar = radar(Firing::Bpm);
+    let radar = radar(TxMultiplexing::Bpm);
     let mut synthesizer = Synthesizer::new(&radar, Method::Fast, DspOptions::default()).unwrap();
     let mover = mover();
     let frames = synthesizer
@@ -90,7 +90,7 @@ fn every_virtual_channel_gains_three_decibels_over_time_division() {
             .collect::<Vec<Vec<f64>>>()
     };
     // Echo: the strongest cell without noise. Noise: the mean over all cells of an empty scene.
-    let snr_db = |firing: Firing| -> Vec<f64> {
+    let snr_db = |firing: TxMultiplexing| -> Vec<f64> {
         let radar = radar(firing);
         let echo = spectra(&radar, &cube(&radar, &scene(vec![mover()], Noise::Off)));
         let noise = spectra(&radar, &cube(&radar, &scene(vec![], Noise::Thermal)));
@@ -103,9 +103,9 @@ fn every_virtual_channel_gains_three_decibels_over_time_division() {
             })
             .collect()
     };
-    let gains: Vec<f64> = snr_db(Firing::Bpm)
+    let gains: Vec<f64> = snr_db(TxMultiplexing::Bpm)
         .iter()
-        .zip(snr_db(Firing::Tdm))
+        .zip(snr_db(TxMultiplexing::Tdm))
         .map(|(bpm, tdm)| bpm - tdm)
         .collect();
     assert_eq!(gains.len(), 8);

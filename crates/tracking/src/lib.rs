@@ -1,25 +1,27 @@
-//! Points of a room in, points of each person out.
+//! Tracking: the points of a room in, the points of each person out.
 //!
-//! What enters are [`radarllm_base::PointFrame`]s, of any radar, simulated or recorded; what leaves are the same
-//! points without the empty room ([`background`]), and [`Track`]s: which of them are one person, from when to when.
+//! [`PointFrame`](radarllm_base::PointFrame)s of any radar enter, simulated or recorded. They leave without the points
+//! of the empty scene ([`background`]), and as [`Track`]s: which points belong to one person, from when to when.
+//! [`track_people`] does all of it for a clip.
 //!
-//! Reading order: [`background`], [`mod@cluster`] (points of a frame that are one body), [`assignment`] (which cluster is
-//! whose), [`kalman`] (where somebody should be), [`tracker`] (all of it over time), [`ghosts`] (tracks that are
-//! reflections of others).
+//! Reading order: [`people`] (a clip to one clip per person), [`background`], [`mod@cluster`] (points of a frame that
+//! belong to one body), [`assignment`] (clusters to tracks), [`kalman`] (where a track is expected), [`tracker`] (all of
+//! it over time), [`ghosts`] (tracks that are multipath reflections of others).
 //!
-//! A crate of its own: it knows neither samples (radar-dsp) nor file formats (capture), and its only neighbours are
-//! points.
+//! Deliberately absent: raw samples (`radarllm-radar-dsp`), file formats (`radarllm-formats`) and any model.
 
 pub mod assignment;
 pub mod background;
 pub mod cluster;
 pub mod ghosts;
 pub mod kalman;
+pub mod people;
 pub mod tracker;
 
 pub use background::{BackgroundOptions, PointBackground};
 pub use cluster::{Cluster, ClusterOptions, clusters};
 pub use ghosts::{Ghost, GhostPath, find_ghosts};
+pub use people::{People, PeopleOptions, Person, find_people, track_people};
 pub use tracker::{Track, TrackFrame, TrackOptions, track};
 
 /// An option that makes no sense.

@@ -7,11 +7,12 @@ use std::error::Error;
 use std::time::Instant;
 
 use burn::module::Module;
-use radarllm_inference::device::Processor;
-use radarllm_inference::lm::DropoutRng;
+use radarllm_inference::lm::Source;
 use radarllm_inference::lm::config::{LmPreset, NetworkConfig};
-use radarllm_inference::lm::t5::{RadarT5, Source, SourceBatch};
-use radarllm_inference::precision::Precision;
+use radarllm_nn::device::Processor;
+use radarllm_nn::lm::TrainingPass;
+use radarllm_nn::lm::{RadarT5, SourceBatch};
+use radarllm_nn::precision::ProductPrecision;
 use radarllm_train::adamw::{AdamW, AdamWConfig, GradientSum, ParamRule};
 use radarllm_train::lm::loss::cross_entropy;
 
@@ -28,13 +29,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     let n_steps: u64 = args.next().map_or(Ok(8), |a| a.parse())?;
     let processor: Processor = args.next().map_or(Ok(Processor::Cpu), |a| a.parse())?;
     let precision = match args.next().as_deref() {
-        None | Some("f32") => Precision::F32,
-        Some("bf16") => Precision::Bf16,
-        Some("f16") => Precision::F16,
+        None | Some("f32") => ProductPrecision::F32,
+        Some("bf16") => ProductPrecision::Bf16,
+        Some("f16") => ProductPrecision::F16,
         Some(other) => return Err(format!("`{other}` is no precision").into()),
     };
     // As training starts with it in f16.
-    let factor = if precision == Precision::F16 {
+    let factor = if precision == ProductPrecision::F16 {
         65_536.0
     } else {
         1.0
@@ -69,11 +70,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut totals = Vec::new();
     for step in 0..n_steps {
         let started = Instant::now();
-        let dropout = &mut DropoutRng::new(step);
-        let loss = precision.during(|| {
-            let states = net.forward(&batch, &shifted, TARGET, Some(dropout));
-            cross_entropy(net.t5.logits(states, VOCAB), &targets, &weights, 0.0)
-        });
+        let training = &mut TrainingPass::new(step, precision);
+        let states = net.forward(&batch, &shifted, TARGET, Some(training));
+        let logits = net.t5.logits(states, VOCAB, precision);
+        let loss = cross_entropy(logits, &targets, &weights, 0.0);
         let value = loss.clone().into_scalar::<f32>();
         let forward = started.elapsed().as_secs_f64();
         let mut sum = GradientSum::scaled(factor);

@@ -40,7 +40,7 @@ fn main() -> Result<(), TrainError> {
     let _ = std::fs::remove_dir_all(&out);
     // Too few steps to fill the codebook is no matter here.
     match result {
-        Err(TrainError::Stage(_)) | Ok(_) => Ok(()),
+        Err(TrainError::Codebook { .. }) | Ok(_) => Ok(()),
         Err(e) => Err(e),
     }
 }

@@ -387,7 +387,7 @@ mod tests {
     use super::*;
     use burn::nn::{Linear, LinearConfig};
     use burn::tensor::{Device, TensorData};
-    use radarllm_inference::checkpoint::collect_params;
+    use radarllm_nn::params::collect_params;
 
     /// Two steps against the update written out by hand in f64.
     #[test]

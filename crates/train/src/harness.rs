@@ -18,18 +18,17 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor};
 use radarllm_base::seed::derive_seed;
 use radarllm_inference::checkpoint::{
-    CONFIG_FILE, Checkpoint, CheckpointFiles, MODEL_FILE, NamedTensors, collect_params,
-    param_shapes, replace_params,
+    CONFIG_FILE, Checkpoint, CheckpointFiles, MODEL_FILE, NamedTensors,
 };
-use radarllm_inference::device::Processor;
-use radarllm_inference::tokenizer::codebook::EmaCodebook;
+use radarllm_nn::device::Processor;
+use radarllm_nn::params::{collect_params, load_model, param_shapes, replace_params};
+use radarllm_nn::tokenizer::codebook::EmaCodebook;
 use serde::{Deserialize, Serialize};
 
 use crate::adamw::{AdamW, GradientSum, ParamRule};
@@ -37,6 +36,7 @@ pub use crate::error::TrainError;
 use crate::log::{Log, json_number};
 pub use crate::loop_config::{LoopConfig, Schedule, print_config, read_config};
 use crate::loss_scale::LossScale;
+pub use crate::stop::StopToken;
 
 /// Loss of one batch.
 pub struct StepLoss {
@@ -155,7 +155,7 @@ pub trait Stage {
         model: Self::Model,
         checkpoint: &Checkpoint,
     ) -> Result<Self::Model, TrainError> {
-        Ok(checkpoint.load_model(model)?)
+        Ok(load_model(checkpoint, model)?)
     }
 
     /// Further files for inference checkpoints (vocabularies, tensors).
@@ -190,7 +190,7 @@ pub enum Ending {
     TimeUp,
     /// Validations have long found nothing better.
     NoBetter,
-    /// [`request_stop`] was called.
+    /// [`LoopConfig::stop`] asked for it. The run is not finished; it can be resumed.
     Stopped,
 }
 
@@ -207,15 +207,8 @@ pub struct Outcome<M> {
     pub seconds: f64,
     /// Lowest validation score, if any validation ran.
     pub best_score: Option<f64>,
-    /// Checkpoint to use for inference: `best/`, or `final/` when nothing was validated.
+    /// Checkpoint to use for inference: `best/`, or `final/` when nothing was validated. A stopped run may have neither.
     pub checkpoint: PathBuf,
-}
-
-static STOP: AtomicBool = AtomicBool::new(false);
-
-/// Asks every running [`run`] to stop after the current update and write its checkpoint.
-pub fn request_stop() {
-    STOP.store(true, Ordering::Relaxed);
 }
 
 /// The device for what is decoded or prepared beside training.
@@ -246,18 +239,19 @@ pub fn seeded_network<M: Module>(
     Ok(replace_params(moved, weights))
 }
 
-/// Refuses the result of a run that was too short to have a codebook.
+/// Refuses the result of a run that has ended, but was too short to have a codebook.
 ///
 /// # Errors
 /// Says what to change.
-pub fn require_codebook(stage: &str, codebook: &EmaCodebook) -> Result<(), TrainError> {
-    if codebook.is_initialised() {
-        return Ok(());
+pub fn require_codebook(
+    stage: &'static str,
+    codebook: &EmaCodebook,
+    ending: Ending,
+) -> Result<(), TrainError> {
+    match codebook.is_initialised() || ending == Ending::Stopped {
+        true => Ok(()),
+        false => Err(TrainError::Codebook { stage }),
     }
-    Err(TrainError::Stage(format!(
-        "{stage}: too few steps to initialise the codebook: train longer or lower \
-         codebook.init_after and codebook.init_inputs_per_code"
-    )))
 }
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -405,7 +399,7 @@ impl Run<'_> {
                 break Ending::TimeUp;
             } else if config.patience > 0 && self.state.since_best >= config.patience {
                 break Ending::NoBetter;
-            } else if STOP.load(Ordering::Relaxed) {
+            } else if config.stop.is_stopped() {
                 break Ending::Stopped;
             }
             let progress = match (config.schedule, total) {
@@ -526,27 +520,33 @@ impl Run<'_> {
                 last_save = Instant::now();
             }
         };
-        if saved_step != Some(self.state.step) {
+        // A run that was stopped before its first update starts afresh.
+        let is_begun = self.state.step > 0 || ending != Ending::Stopped;
+        if saved_step != Some(self.state.step) && is_begun {
             self.save(stage, &model)?;
+        }
+        if ending == Ending::Stopped {
+            // No validation and no `final/`: the resumed run must go on as if it had never stopped.
+            return Ok(self.outcome(model, ending));
         }
         if validated_step != Some(self.state.step) {
             self.validate(stage, &model)?;
         }
         let final_dir = self.out_dir.join("final");
         self.write_inference(stage, &model, &final_dir)?;
-        let best_dir = self.out_dir.join("best");
-        Ok(Outcome {
+        Ok(self.outcome(model, ending))
+    }
+
+    fn outcome<M>(&self, model: M, ending: Ending) -> Outcome<M> {
+        let [best, last] = ["best", "final"].map(|name| self.out_dir.join(name));
+        Outcome {
             model,
             ending,
             steps: self.state.step,
             seconds: self.state.seconds,
             best_score: self.state.best_score_bits.map(f64::from_bits),
-            checkpoint: if best_dir.exists() {
-                best_dir
-            } else {
-                final_dir
-            },
-        })
+            checkpoint: if best.exists() { best } else { last },
+        }
     }
 
     fn plan<S: Stage>(&self, stage: &S) -> Result<Vec<Vec<usize>>, TrainError> {
@@ -556,7 +556,7 @@ impl Run<'_> {
         );
         let batches = stage.plan_epoch(seed);
         if batches.is_empty() || self.state.next_batch as usize >= batches.len() {
-            return Err(TrainError::Data("no batch could be formed".into()));
+            return Err(TrainError::NoData("no batch could be formed"));
         }
         Ok(batches)
     }
@@ -585,7 +585,7 @@ impl Run<'_> {
             .iter()
             .map(|(n, v)| format!("{n} {v:.4}"))
             .collect();
-        eprintln!(
+        tracing::info!(
             "{} step {} validation: score {:.4}{} {}",
             stage.name(),
             self.state.step,
@@ -646,7 +646,7 @@ impl Run<'_> {
             let checkpoint = match Checkpoint::open(dir) {
                 Ok(checkpoint) => checkpoint,
                 Err(e) => {
-                    eprintln!("{e}; trying an older checkpoint");
+                    tracing::warn!("{e}; trying an older checkpoint");
                     problem = Some(e);
                     continue;
                 }
@@ -691,7 +691,7 @@ impl Run<'_> {
                 })?;
             stage.load_state(checkpoint.tensors(STAGE_STATE_FILE)?)?;
             self.log.truncate_after(state.step)?;
-            eprintln!("{} resumes at step {}", stage.name(), state.step);
+            tracing::info!("{} resumes at step {}", stage.name(), state.step);
             self.state = state;
             return Ok(model);
         }
@@ -734,7 +734,7 @@ impl Run<'_> {
             (a, b) => a.or(b),
         };
         let parts: Vec<String> = losses.iter().map(|(n, v)| format!("{n} {v:.4}")).collect();
-        eprintln!(
+        tracing::info!(
             "{name} step {}{} epoch {} {} |g| {norm:.3} lr {learning_rate:.2e} {rate:.1}/s{}",
             state.step,
             total.map(|t| format!("/{t}")).unwrap_or_default(),

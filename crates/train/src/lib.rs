@@ -1,7 +1,31 @@
 //! Training: losses, schedules, batches, loops, checkpoints that resume.
 //!
 //! Clips enter ([`radarllm_dataset::record::ClipRecord`]), checkpoints leave. Each stage has a
-//! configuration struct readable from TOML and a `train` function; all share [`harness`].
+//! configuration struct readable from TOML and a `train` function; all share [`harness`]. [`recipe::Recipe`] runs all
+//! stages in order and leaves the folder that [`radarllm_inference::Captioner::load`] opens.
+//!
+//! ```
+//! use std::path::Path;
+//!
+//! use radarllm_train::recipe::{Recipe, RecipeStage};
+//!
+//! let text = r#"
+//!     data = "my-data"
+//!     out = "my-model"
+//!     [tokenizer.loop]
+//!     epochs = 20
+//! "#;
+//! let mut recipe = Recipe::from_toml(text, Path::new("configs"))?;
+//! assert_eq!(recipe.out, Path::new("configs/my-model"));
+//! assert!(!recipe.is_finished(RecipeStage::Tokenizer));
+//!
+//! // Somebody who presses Ctrl-C: the stage writes a checkpoint and ends.
+//! let stop = recipe.stop.clone();
+//! stop.stop();
+//! # Ok::<(), radarllm_train::harness::TrainError>(())
+//! ```
+//!
+//! Nothing is printed. Progress is reported as events of the crate `tracing`, whose messages are complete lines.
 //!
 //! Reading order: [`harness`] (the loop), [`adamw`] (the update), [`data`] (batches and
 //! augmentation), [`motion`] and [`tokenizer`] (stages), [`lm`] (language-model stages).
@@ -20,6 +44,7 @@ mod loop_config;
 mod loss_scale;
 pub mod motion;
 pub mod recipe;
+mod stop;
 pub mod tokenizer;
 mod tokenizer_config;
 mod values;

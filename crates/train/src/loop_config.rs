@@ -3,11 +3,12 @@
 use std::fs;
 use std::path::Path;
 
-use radarllm_inference::device::Processors;
+use radarllm_nn::device::Processors;
 use serde::{Deserialize, Serialize};
 
 use crate::adamw::AdamWConfig;
 use crate::error::TrainError;
+use crate::stop::StopToken;
 
 /// What the cosine runs over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -58,6 +59,9 @@ pub struct LoopConfig {
     /// What the stage is computed on. Not a setting of the result: a run may go on elsewhere.
     #[serde(skip)]
     pub processors: Processors,
+    /// Ends the run early. Not a setting of the result either.
+    #[serde(skip)]
+    pub stop: StopToken,
 }
 
 impl Default for LoopConfig {
@@ -80,6 +84,7 @@ impl Default for LoopConfig {
             checkpoint_every_steps: 0,
             keep_last: 2,
             processors: Processors::default(),
+            stop: StopToken::default(),
         }
     }
 }

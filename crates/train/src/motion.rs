@@ -6,14 +6,12 @@ use std::path::Path;
 use burn::tensor::{Tensor, TensorData};
 use radarllm_dataset::record::ClipRecord;
 use radarllm_inference::checkpoint::{CheckpointFiles, HostTensor, NamedTensors};
-use radarllm_inference::motion_vqvae::teacher::{MOTION_KIND, STATISTICS_FILE, standardised};
-use radarllm_inference::motion_vqvae::{
+use radarllm_nn::motion_vqvae::teacher::{MOTION_KIND, STATISTICS_FILE, standardised};
+use radarllm_nn::motion_vqvae::{
     FRAMES_PER_FEATURE, MOTION_DIM, MotionFile, MotionNet, MotionTeacher, MotionVqVaeConfig,
     mirror_motion_features,
 };
-use radarllm_inference::tokenizer::codebook::{
-    CodebookConfig, EmaCodebook, code_usage, nearest_codes,
-};
+use radarllm_nn::tokenizer::codebook::{CodebookConfig, EmaCodebook, code_usage, nearest_codes};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
@@ -124,7 +122,7 @@ pub fn train(
 ) -> Result<Outcome<MotionNet>, TrainError> {
     config.validate()?;
     let mut stage = MotionStage::new(config.clone(), train, val)?;
-    eprintln!(
+    tracing::info!(
         "motion: {} training and {} validation motions; {} clips without motion features left out",
         stage.train.len(),
         stage.val.len(),
@@ -137,7 +135,7 @@ pub fn train(
         MotionNet::new(&config.model, device)
     })?;
     let outcome = harness::run(&mut stage, model, &config.run, out_dir, resume)?;
-    harness::require_codebook("motion", &stage.codebook)?;
+    harness::require_codebook("motion", &stage.codebook, outcome.ending)?;
     Ok(outcome)
 }
 
@@ -184,7 +182,7 @@ impl MotionStage {
         let train = motions(train, config.mirror)?;
         let val = motions(val, false)?;
         if train.is_empty() {
-            return Err(TrainError::Data("no clip has motion features".into()));
+            return Err(TrainError::NoData("no clip has motion features"));
         }
         let (mean, std) = mean_and_std(&train);
         let codebook = EmaCodebook::new(config.model.codebook_size, config.model.width);
@@ -385,7 +383,7 @@ impl Stage for MotionStage {
     fn load_state(&mut self, state: NamedTensors) -> Result<(), TrainError> {
         self.codebook
             .load_state(state)
-            .map_err(|name| TrainError::Stage(format!("stage state: `{name}` does not fit")))
+            .map_err(|name| TrainError::StageState { name })
     }
 }
 
@@ -399,10 +397,8 @@ fn motions(clips: &[ClipRecord], mirror: bool) -> Result<Vec<Motion>, TrainError
             continue;
         }
         if !features.len().is_multiple_of(MOTION_DIM) || !features.iter().all(|v| v.is_finite()) {
-            return Err(TrainError::Data(format!(
-                "clip {}: motion features are not finite rows of {MOTION_DIM}",
-                clip.id
-            )));
+            let problem = format!("motion features are not finite rows of {MOTION_DIM}");
+            return Err(TrainError::clip(&clip.id, problem));
         }
         out.push(Motion {
             id: clip.motion_id.clone(),

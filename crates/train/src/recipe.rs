@@ -12,16 +12,13 @@ use std::{
 
 use radarllm_base::PointFrame;
 use radarllm_dataset::{ClipRecord, Columns, Dataset, Split};
-use radarllm_inference::{
-    device::Processors,
-    lm::RadarLm,
-    tokenizer::{FRAMES_PER_CODE, RadarTokenizer},
-};
+use radarllm_inference::tokenizer::{FRAMES_PER_CODE, RadarTokenizer};
+use radarllm_nn::{device::Processors, lm::RadarLm};
 use serde::{Deserialize, Serialize};
 
 use crate::{
     data::flip_points,
-    harness::{self, Ending, TrainError},
+    harness::{self, Ending, StopToken, TrainError},
     lm::{LmClip, LmTrainConfig, instruct, pretrain},
     motion::{self, MotionTrainConfig},
     tokenizer::{self, TokenizerTrainConfig},
@@ -82,6 +79,9 @@ pub struct Recipe {
     pub pretrain: LmTrainConfig,
     /// Instruction tuning.
     pub instruct: LmTrainConfig,
+    /// Ends a stage early: see [`StopToken`].
+    #[serde(skip)]
+    pub stop: StopToken,
     /// Folders of stages that do not lie in `out`, by the stage's name: runs that differ in later stages
     /// can share the earlier ones.
     #[serde(skip)]
@@ -99,6 +99,7 @@ impl Default for Recipe {
             tokenizer: TokenizerTrainConfig::default(),
             pretrain: LmTrainConfig::small(),
             instruct: LmTrainConfig::small().for_instruction(),
+            stop: StopToken::default(),
             stage_folders: BTreeMap::new(),
         }
     }
@@ -157,7 +158,7 @@ impl Recipe {
     /// # Errors
     /// If a value has no TOML form.
     pub fn to_toml(&self) -> Result<String, TrainError> {
-        toml::to_string_pretty(self).map_err(|e| TrainError::Data(e.to_string()))
+        toml::to_string_pretty(self).map_err(TrainError::from)
     }
 
     /// Where a stage keeps its log and checkpoints.
@@ -176,7 +177,7 @@ impl Recipe {
         self.out.join("model")
     }
 
-    /// Runs one stage. `false` when it was asked to stop before its end.
+    /// Runs one stage. `false` if [`Self::stop`] ended it early; `resume` continues it then.
     ///
     /// # Errors
     /// A missing earlier stage, unusable data, or whatever the stage reports.
@@ -190,6 +191,7 @@ impl Recipe {
             &mut recipe.instruct.run,
         ] {
             run.processors = self.device.clone();
+            run.stop = self.stop.clone();
         }
         // A stage that was never begun, or was stopped before its first checkpoint, starts afresh.
         let starts_afresh = resume && !has_checkpoint(&out);
@@ -227,11 +229,12 @@ impl Recipe {
             }
             RecipeStage::Instruct => {
                 let start = self.result(RecipeStage::Pretrain)?;
-                let lm = RadarLm::load(&start, &harness::cpu_device())
-                    .map_err(|e| TrainError::Stage(e.to_string()))?;
+                let lm = RadarLm::load(&start, &harness::cpu_device())?;
                 let (_, train, val) = self.lm_data()?;
                 let ending = instruct(&recipe.instruct, lm, &train, &val, &out, resume)?.ending;
-                self.assemble(RecipeStage::Instruct)?;
+                if ending != Ending::Stopped {
+                    self.assemble(RecipeStage::Instruct)?;
+                }
                 ending
             }
         };
@@ -257,22 +260,18 @@ impl Recipe {
             .iter()
             .map(|name| out.join(name))
             .find(|dir| dir.is_dir())
-            .ok_or_else(|| {
-                TrainError::Data(format!(
-                    "{}: no checkpoint; run stage `{}` first",
-                    out.display(),
-                    stage.name()
-                ))
+            .ok_or_else(|| TrainError::StageMissing {
+                path: out.clone(),
+                stage: stage.name(),
             })
     }
 
     fn clips(&self, split: Split, columns: Columns) -> Result<Vec<ClipRecord>, TrainError> {
-        let problem = |e: radarllm_dataset::DatasetError| TrainError::Data(e.to_string());
         let mut clips = Vec::new();
         for dir in &self.data {
-            let data = Dataset::open(dir).map_err(problem)?;
+            let data = Dataset::open(dir)?;
             for clip in data.iter_split(split, columns) {
-                clips.push(clip.map_err(problem)?);
+                clips.push(clip?);
             }
         }
         check_variants(&clips)?;
@@ -284,7 +283,7 @@ impl Recipe {
 
     fn lm_data(&self) -> Result<(RadarTokenizer, Vec<LmClip>, Vec<LmClip>), TrainError> {
         let dir = self.result(RecipeStage::Tokenizer)?;
-        let tokenizer = RadarTokenizer::load(&dir).map_err(|e| TrainError::Stage(e.to_string()))?;
+        let tokenizer = RadarTokenizer::load(&dir)?;
         let train = lm_clips(
             &tokenizer,
             &self.clips(Split::Train, Columns::Points)?,
@@ -331,7 +330,7 @@ fn check_variants(clips: &[ClipRecord]) -> Result<(), TrainError> {
         let one = *first.entry(&clip.motion_id).or_insert(clip);
         if one.captions != clip.captions {
             let caption = |c: &ClipRecord| c.captions.first().cloned().unwrap_or_default();
-            return Err(TrainError::Data(format!(
+            return Err(TrainError::Captions(format!(
                 "motion {}: clip {} of radar {} says {:?}, clip {} of radar {} says {:?}; data sets that share ids \
                  must be made of the same motions by the same version of the program",
                 clip.motion_id,
@@ -388,9 +387,7 @@ pub fn lm_clips(
                 .zip(chunk)
                 .map(|(f, c)| (f.as_slice(), c.radar_height_m))
                 .collect();
-            let codes = tokenizer
-                .encode_batch(&inputs)
-                .map_err(|e| TrainError::Data(e.to_string()))?;
+            let codes = tokenizer.encode_batch(&inputs)?;
             encoded.extend(codes);
         }
         Ok::<_, TrainError>(encoded)

@@ -13,13 +13,13 @@ use burn::tensor::{Device, Int, Tensor, TensorData};
 use radarllm_base::PointFrame;
 use radarllm_dataset::record::ClipRecord;
 use radarllm_inference::checkpoint::NamedTensors;
-use radarllm_inference::motion_vqvae::{MOTION_DIM, MotionTeacher, mirror_motion_features};
-use radarllm_inference::tokenizer::batch::ClipBatch;
-use radarllm_inference::tokenizer::codebook::{EmaCodebook, code_usage, nearest_codes};
 use radarllm_inference::tokenizer::encode::{TOKENIZER_KIND, TokenizerFile};
 use radarllm_inference::tokenizer::grouping::{Grouped, group};
-use radarllm_inference::tokenizer::network::TokenizerNet;
 use radarllm_inference::tokenizer::{FRAMES_PER_CODE, MAX_FRAMES, TokenizerConfig};
+use radarllm_nn::motion_vqvae::{MOTION_DIM, MotionTeacher, mirror_motion_features};
+use radarllm_nn::tokenizer::batch::ClipBatch;
+use radarllm_nn::tokenizer::codebook::{EmaCodebook, code_usage, nearest_codes};
+use radarllm_nn::tokenizer::network::TokenizerNet;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 
@@ -66,13 +66,13 @@ pub fn train(
     }
     config.validate()?;
     let mut stage = TokenizerStage::new(config.clone(), train, val, teacher, words)?;
-    eprintln!(
+    tracing::info!(
         "tokenizer: {} training clips ({} with motion guidance), {} for validation, {} caption words",
         stage.train.len(),
         stage
             .train
             .iter()
-            .filter(|c| !(c.told.guide.is_empty() && c.told.motion_codes.is_empty()))
+            .filter(|c| !(c.targets.guide.is_empty() && c.targets.motion_codes.is_empty()))
             .count(),
         stage.val.len(),
         config.model.caption_words,
@@ -81,7 +81,7 @@ pub fn train(
         TokenizerNet::new(&config.model, device)
     })?;
     let outcome = harness::run(&mut stage, model, &config.run, out_dir, resume)?;
-    harness::require_codebook("tokenizer", &stage.codebook)?;
+    harness::require_codebook("tokenizer", &stage.codebook, outcome.ending)?;
     Ok(outcome)
 }
 
@@ -89,14 +89,14 @@ struct Clip<'a> {
     id: &'a str,
     frames: &'a [PointFrame],
     radar_height_m: f32,
-    told: Told,
+    targets: Supervision,
     /// The same of the mirrored motion; empty when clips are not mirrored.
-    mirrored: Told,
+    mirrored: Supervision,
 }
 
-/// What codes are trained to tell of a clip.
+/// Targets that the codes of a clip are trained to predict.
 #[derive(Clone, Default)]
-struct Told {
+struct Supervision {
     /// Teacher features `[code][width]`, standardised; empty when the motion is unknown or is no guide. May
     /// cover fewer codes than the clip has.
     guide: Vec<f32>,
@@ -106,7 +106,7 @@ struct Told {
     words: Vec<f32>,
 }
 
-impl Told {
+impl Supervision {
     /// Without what belongs to the first codes.
     fn after_codes(&self, first: usize, width: usize) -> Self {
         Self {
@@ -120,7 +120,7 @@ impl Told {
 /// A clip as it enters a batch.
 struct Sample {
     grouped: Grouped,
-    told: Told,
+    targets: Supervision,
     masked: Vec<bool>,
 }
 
@@ -157,7 +157,7 @@ impl<'a> TokenizerStage<'a> {
         let mut train = clips(&config.model, train, teacher, words.as_ref(), flips)?;
         let mut val = clips(&config.model, val, teacher, words.as_ref(), false)?;
         if train.is_empty() {
-            return Err(TrainError::Data("no training clip".into()));
+            return Err(TrainError::NoData("no training clip"));
         }
         standardise_guides(&mut train, &mut val, config.model.guidance_dim);
         val.truncate(config.validate_clips);
@@ -185,20 +185,20 @@ impl<'a> TokenizerStage<'a> {
             flip_points(&mut frames);
         }
         augment_points(&mut frames, &self.config.augment, rng);
-        let told = if flip { &clip.mirrored } else { &clip.told };
-        let told = told.after_codes(first_code, self.config.model.guidance_dim);
-        self.sample(clip, &frames, told, rng)
+        let targets = if flip { &clip.mirrored } else { &clip.targets };
+        let targets = targets.after_codes(first_code, self.config.model.guidance_dim);
+        self.sample(clip, &frames, targets, rng)
     }
 
     fn sample(
         &self,
         clip: &Clip,
         frames: &[PointFrame],
-        told: Told,
+        targets: Supervision,
         rng: &mut ChaCha8Rng,
     ) -> Result<Sample, TrainError> {
         let grouped = group(frames, clip.radar_height_m, &self.config.model.grouping)
-            .map_err(|e| TrainError::Data(format!("clip {}: {e}", clip.id)))?;
+            .map_err(|e| TrainError::clip(clip.id, e))?;
         let n_anchors = self.config.model.n_anchors();
         let mut masked = vec![false; n_anchors];
         let n_masked = (self.config.loss.mask_ratio * n_anchors as f64).floor() as usize;
@@ -208,7 +208,7 @@ impl<'a> TokenizerStage<'a> {
         }
         Ok(Sample {
             grouped,
-            told,
+            targets,
             masked,
         })
     }
@@ -252,26 +252,27 @@ impl<'a> TokenizerStage<'a> {
                 quantized = Some(z.clone() + (nearest - z.clone()).detach());
             }
         }
-        // What is told is told by features before quantization and, half each, by the codes.
-        let told = match quantized.filter(|_| loss.guidance_on == GuidanceOn::FeaturesAndCodes) {
-            Some(quantized) => vec![z, quantized],
-            None => vec![z],
-        };
+        // Supervision acts on features before quantization and, half each, on the codes.
+        let predictors =
+            match quantized.filter(|_| loss.guidance_on == GuidanceOn::FeaturesAndCodes) {
+                Some(quantized) => vec![z, quantized],
+                None => vec![z],
+            };
         let terms = [
             (
                 ["guidance", "guidance_codes"],
                 loss.guidance_weight,
-                self.guidance(model, &told, samples, &device),
+                self.guidance(model, &predictors, samples, &device),
             ),
             (
                 ["words", "words_codes"],
                 loss.words_weight,
-                self.word_loss(model, &told, samples, &device),
+                self.word_loss(model, &predictors, samples, &device),
             ),
             (
                 ["motion_code", "motion_code_codes"],
                 loss.motion_codes_weight,
-                self.motion_code_loss(model, &told, samples, &device),
+                self.motion_code_loss(model, &predictors, samples, &device),
             ),
         ];
         for (names, weight, values) in terms {
@@ -327,11 +328,11 @@ impl<'a> TokenizerStage<'a> {
         }
     }
 
-    /// Mean square error to the teacher for each of the features in `told`; empty without a teacher.
+    /// Mean square error to the teacher for each of `predictors`; empty without a teacher.
     fn guidance(
         &self,
         model: &TokenizerNet,
-        told: &[Tensor<2>],
+        predictors: &[Tensor<2>],
         samples: &[Sample],
         device: &Device,
     ) -> Vec<Tensor<1>> {
@@ -339,29 +340,30 @@ impl<'a> TokenizerStage<'a> {
         if width == 0 {
             return Vec::new();
         }
-        let taught = taught_features(told, samples, |told| told.guide.len() / width, device);
-        if taught.is_empty() {
+        let supervised =
+            supervised_features(predictors, samples, |t| t.guide.len() / width, device);
+        if supervised.is_empty() {
             return Vec::new();
         }
         let targets: Vec<f32> = samples
             .iter()
-            .flat_map(|s| s.told.guide.iter().take(s.grouped.n_codes * width))
+            .flat_map(|s| s.targets.guide.iter().take(s.grouped.n_codes * width))
             .copied()
             .collect();
         let shape = [targets.len() / width, width];
         let target = Tensor::<2>::from_data(TensorData::new(targets, shape), device);
-        taught
+        supervised
             .into_iter()
             .filter_map(|features| model.guide(features))
             .map(|predicted| (predicted - target.clone()).square().mean())
             .collect()
     }
 
-    /// Cross-entropy of the caption words for each of the features in `told`; empty without words.
+    /// Cross-entropy of the caption words for each of `predictors`; empty without words.
     fn word_loss(
         &self,
         model: &TokenizerNet,
-        told: &[Tensor<2>],
+        predictors: &[Tensor<2>],
         samples: &[Sample],
         device: &Device,
     ) -> Vec<Tensor<1>> {
@@ -369,29 +371,33 @@ impl<'a> TokenizerStage<'a> {
             return Vec::new();
         };
         let n_codes: Vec<usize> = samples.iter().map(|s| s.grouped.n_codes).collect();
-        let targets: Vec<f32> = samples.iter().flat_map(|s| s.told.words.clone()).collect();
-        told.iter()
+        let targets: Vec<f32> = samples
+            .iter()
+            .flat_map(|s| s.targets.words.clone())
+            .collect();
+        predictors
+            .iter()
             .filter_map(|features| model.word_logits(features.clone()))
             .map(|logits| words.loss(logits, &n_codes, targets.clone(), device))
             .collect()
     }
 
-    /// Cross-entropy of the teacher's codes for each of the features in `told`; empty when none is known.
+    /// Cross-entropy of the teacher's codes for each of `predictors`; empty when none is known.
     fn motion_code_loss(
         &self,
         model: &TokenizerNet,
-        told: &[Tensor<2>],
+        predictors: &[Tensor<2>],
         samples: &[Sample],
         device: &Device,
     ) -> Vec<Tensor<1>> {
-        let taught = taught_features(told, samples, |told| told.motion_codes.len(), device);
+        let supervised = supervised_features(predictors, samples, |t| t.motion_codes.len(), device);
         let targets: Vec<u32> = samples
             .iter()
-            .flat_map(|s| s.told.motion_codes.iter().take(s.grouped.n_codes))
+            .flat_map(|s| s.targets.motion_codes.iter().take(s.grouped.n_codes))
             .copied()
             .collect();
         let weights = vec![1.0; targets.len()];
-        taught
+        supervised
             .into_iter()
             .filter_map(|features| model.motion_code_logits(features))
             .map(|logits| cross_entropy(logits, &targets, &weights, 0.0))
@@ -548,7 +554,7 @@ impl Stage for TokenizerStage<'_> {
             let mut samples = Vec::with_capacity(chunk.len());
             for clip in chunk {
                 let frames = &clip.frames[..clip.frames.len().min(MAX_FRAMES)];
-                samples.push(self.sample(clip, frames, clip.told.clone(), &mut rng)?);
+                samples.push(self.sample(clip, frames, clip.targets.clone(), &mut rng)?);
             }
             let n = samples.len() as f64;
             let masked = self.losses(model, &samples, &mut rng);
@@ -577,16 +583,16 @@ impl Stage for TokenizerStage<'_> {
         let mut values: Vec<(&'static str, f64)> = sums.iter().map(|s| (s.0, s.1 / s.2)).collect();
         let value = |name: &str| values.iter().find(|v| v.0 == name).map_or(0.0, |v| v.1);
         let loss = &self.config.loss;
-        let told = |codes: &str, features: &str| {
+        let codes_or_features = |codes: &str, features: &str| {
             let of_codes = values.iter().find(|v| v.0 == codes);
             of_codes.map_or_else(|| value(features), |v| v.1)
         };
-        // What the codes tell of the motion decides; reconstruction breaks ties and rules alone
+        // What the codes predict of the motion decides; reconstruction breaks ties, and is all there is
         // without a teacher. Before the codebook exists there is nothing to keep.
         let score = if self.codebook.is_initialised() && !self.val.is_empty() {
-            loss.guidance_weight * told("guidance_codes", "guidance")
-                + loss.words_weight * told("words_codes", "words")
-                + loss.motion_codes_weight * told("motion_code_codes", "motion_code")
+            loss.guidance_weight * codes_or_features("guidance_codes", "guidance")
+                + loss.words_weight * codes_or_features("words_codes", "words")
+                + loss.motion_codes_weight * codes_or_features("motion_code_codes", "motion_code")
                 + 0.1 * loss.reconstruction_weight * value("reconstruction")
                 + loss.commit_weight * value("commit")
         } else {
@@ -622,30 +628,31 @@ impl Stage for TokenizerStage<'_> {
     fn load_state(&mut self, state: NamedTensors) -> Result<(), TrainError> {
         self.codebook
             .load_state(state)
-            .map_err(|name| TrainError::Stage(format!("stage state: `{name}` does not fit")))
+            .map_err(|name| TrainError::StageState { name })
     }
 }
 
-/// Of each of the features in `told`, the rows of the codes that the teacher knows: the first so many of each
-/// clip, among the codes of all clips. Empty when it knows none.
-fn taught_features(
-    told: &[Tensor<2>],
+/// Of each of `predictors`, the rows of the codes that have targets: the first `n_targets` of each clip, among the
+/// codes of all clips. Empty when no code has one.
+fn supervised_features(
+    predictors: &[Tensor<2>],
     samples: &[Sample],
-    known: impl Fn(&Told) -> usize,
+    n_targets: impl Fn(&Supervision) -> usize,
     device: &Device,
 ) -> Vec<Tensor<2>> {
     let mut first = 0;
     let mut rows = Vec::new();
     for sample in samples {
         let n_codes = sample.grouped.n_codes;
-        rows.extend((first..first + known(&sample.told).min(n_codes)).map(|row| row as i64));
+        rows.extend((first..first + n_targets(&sample.targets).min(n_codes)).map(|row| row as i64));
         first += n_codes;
     }
     if rows.is_empty() {
         return Vec::new();
     }
     let rows = indices(rows.into_iter(), device);
-    told.iter()
+    predictors
+        .iter()
         .map(|features| features.clone().select(0, rows.clone()))
         .collect()
 }
@@ -664,16 +671,16 @@ fn clips<'a>(
     mirror: bool,
 ) -> Result<Vec<Clip<'a>>, TrainError> {
     let mut out = Vec::new();
-    // Variants of a motion share what they tell.
-    let mut known: HashMap<&str, [Told; 2]> = HashMap::new();
+    // Variants of a motion share their targets.
+    let mut known: HashMap<&str, [Supervision; 2]> = HashMap::new();
     for record in records.iter().filter(|r| !r.frames.is_empty()) {
-        let [told, mirrored] = match known.get(record.motion_id.as_str()) {
+        let [targets, mirrored] = match known.get(record.motion_id.as_str()) {
             Some(both) => both.clone(),
             None => {
-                let plain = told(model, record, teacher, words, false)?;
+                let plain = targets_of(model, record, teacher, words, false)?;
                 let mirrored = match mirror {
-                    true => told(model, record, teacher, words, true)?,
-                    false => Told::default(),
+                    true => targets_of(model, record, teacher, words, true)?,
+                    false => Supervision::default(),
                 };
                 let both = [plain, mirrored];
                 known.insert(&record.motion_id, both.clone());
@@ -684,27 +691,27 @@ fn clips<'a>(
             id: &record.id,
             frames: &record.frames,
             radar_height_m: record.radar_height_m,
-            told,
+            targets,
             mirrored,
         });
     }
     Ok(out)
 }
 
-/// What the codes of a clip, or of its mirror image, have to tell.
-fn told(
+/// Targets of a clip, or of its mirror image.
+fn targets_of(
     model: &TokenizerConfig,
     record: &ClipRecord,
     teacher: Option<&MotionTeacher>,
     words: Option<&CaptionWords>,
     mirrored: bool,
-) -> Result<Told, TrainError> {
-    let mut told = Told {
+) -> Result<Supervision, TrainError> {
+    let mut targets = Supervision {
         words: words.map_or_else(Vec::new, |w| w.targets(&record.captions, mirrored)),
-        ..Told::default()
+        ..Supervision::default()
     };
     let Some(teacher) = teacher.filter(|_| record.motion_features.len() >= MOTION_DIM) else {
-        return Ok(told);
+        return Ok(targets);
     };
     let mut motion = record.motion_features.clone();
     if mirrored {
@@ -712,14 +719,14 @@ fn told(
     }
     let features = teacher
         .features(&motion)
-        .map_err(|e| TrainError::Data(format!("clip {}: {e}", record.id)))?;
+        .map_err(|e| TrainError::clip(&record.id, e))?;
     if model.motion_codes > 0 {
-        told.motion_codes = teacher.codes(&features);
+        targets.motion_codes = teacher.codes(&features);
     }
     if model.guidance_dim > 0 {
-        told.guide = features;
+        targets.guide = features;
     }
-    Ok(told)
+    Ok(targets)
 }
 
 /// Gives the teacher's channels mean 0 and deviation 1 over the training clips.
@@ -728,7 +735,10 @@ fn standardise_guides<'a>(train: &mut [Clip<'a>], val: &mut [Clip<'a>], width: u
         return;
     }
     let (mut n, mut sum, mut squares) = (0.0f64, vec![0.0f64; width], vec![0.0f64; width]);
-    for row in train.iter().flat_map(|c| c.told.guide.chunks_exact(width)) {
+    for row in train
+        .iter()
+        .flat_map(|c| c.targets.guide.chunks_exact(width))
+    {
         n += 1.0;
         for ((s, q), v) in sum.iter_mut().zip(&mut squares).zip(row) {
             *s += f64::from(*v);
@@ -747,7 +757,7 @@ fn standardise_guides<'a>(train: &mut [Clip<'a>], val: &mut [Clip<'a>], width: u
         })
         .collect();
     for clip in train.iter_mut().chain(val) {
-        for row in [&mut clip.told.guide, &mut clip.mirrored.guide] {
+        for row in [&mut clip.targets.guide, &mut clip.mirrored.guide] {
             for values in row.chunks_exact_mut(width) {
                 for (v, (mean, inverse)) in values.iter_mut().zip(&scale) {
                     *v = ((*v - mean) * inverse).clamp(-8.0, 8.0);

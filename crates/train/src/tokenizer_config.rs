@@ -1,7 +1,7 @@
 //! Settings of stage `tokenizer`.
 
 use radarllm_inference::tokenizer::TokenizerConfig;
-use radarllm_inference::tokenizer::codebook::CodebookConfig;
+use radarllm_nn::tokenizer::codebook::CodebookConfig;
 use serde::{Deserialize, Serialize};
 
 use crate::chamfer::ChamferSide;

@@ -3,7 +3,7 @@
 
 use burn::tensor::{Device, Tensor, TensorData};
 use radarllm_inference::checkpoint::HostTensor;
-use radarllm_inference::device::is_cpu;
+use radarllm_nn::device::is_cpu;
 
 /// The numbers of one parameter, its gradient or a moment, flat.
 #[derive(Clone, Debug)]

@@ -1,11 +1,10 @@
 //! AMASS archives (npz): pose parameters of SMPL-H (156 values a frame) or SMPL-X (165).
 
-use super::npy::{NpyArray, read_npz};
-use super::{LoadedMotion, fps_in_range};
+use super::{LoadedMotion, read_archive};
 use crate::error::MotionError;
 use crate::proportions::{DEFAULT_HEIGHT_M, canonical_skeleton};
 use crate::retarget::check_finite;
-use crate::sample::ground;
+use crate::sample::{check_fps, ground};
 use glam::{Quat, Vec3};
 use radarllm_base::skeleton::N_JOINTS;
 use radarllm_base::{Motion, Pose};
@@ -22,7 +21,7 @@ const MEMBERS: [&str; 7] = [
 
 /// Reads an AMASS archive.
 pub(crate) fn load_amass(file: &str, bytes: &[u8]) -> Result<LoadedMotion, MotionError> {
-    let (arrays, mut skipped) = read_npz(file, bytes, &MEMBERS)?;
+    let (arrays, mut skipped) = read_archive(file, bytes, &MEMBERS)?;
     let member_error = |member: &str, expected: String, found: String| MotionError::Member {
         file: file.into(),
         member: member.into(),
@@ -30,7 +29,7 @@ pub(crate) fn load_amass(file: &str, bytes: &[u8]) -> Result<LoadedMotion, Motio
         found,
     };
     let get = |name: &str| arrays.iter().find(|(n, _)| n == name).map(|(_, a)| a);
-    let numbers = |name: &str| -> Result<(&NpyArray, Vec<f64>), MotionError> {
+    let numbers = |name: &str| -> Result<(Vec<usize>, Vec<f64>), MotionError> {
         let array = get(name).ok_or_else(|| {
             let found: Vec<&str> = arrays.iter().map(|(n, _)| n.as_str()).collect();
             let pickled = skipped
@@ -51,7 +50,7 @@ pub(crate) fn load_amass(file: &str, bytes: &[u8]) -> Result<LoadedMotion, Motio
             member_error(
                 name,
                 "real numbers".into(),
-                format!("type {}", array.descr()),
+                format!("type {}", array.header.descr()),
             )
         })?;
         match values.iter().position(|v| v.is_nan() || v.abs() >= 1e4) {
@@ -60,32 +59,32 @@ pub(crate) fn load_amass(file: &str, bytes: &[u8]) -> Result<LoadedMotion, Motio
                 place: format!("{name}, element {i}"),
                 value: values[i],
             }),
-            None => Ok((array, values)),
+            None => Ok((array.shape(), values)),
         }
     };
 
-    let (poses, pose_values) = numbers("poses")?;
+    let (poses_shape, pose_values) = numbers("poses")?;
     // 66 numbers are the body; hands, jaw and eyes follow.
-    let [n_frames, width] = poses.shape[..] else {
+    let [n_frames, width] = poses_shape[..] else {
         return Err(member_error(
             "poses",
             "shape (frames, 156 or 165)".into(),
-            format!("{:?}", poses.shape),
+            format!("{:?}", poses_shape),
         ));
     };
     if n_frames == 0 || width < 66 || width % 3 != 0 || n_frames > super::bvh::MAX_FRAMES {
         return Err(member_error(
             "poses",
             "shape (frames, 156 or 165)".into(),
-            format!("{:?}", poses.shape),
+            format!("{:?}", poses_shape),
         ));
     }
-    let (trans, trans_values) = numbers("trans")?;
-    if trans.shape != [n_frames, 3] {
+    let (trans_shape, trans_values) = numbers("trans")?;
+    if trans_shape != [n_frames, 3] {
         return Err(member_error(
             "trans",
             format!("shape [{n_frames}, 3]"),
-            format!("{:?}", trans.shape),
+            format!("{:?}", trans_shape),
         ));
     }
     let rate_name = ["mocap_framerate", "mocap_frame_rate", "fps"]
@@ -93,7 +92,7 @@ pub(crate) fn load_amass(file: &str, bytes: &[u8]) -> Result<LoadedMotion, Motio
         .find(|n| get(n).is_some());
     let rate_name = rate_name.unwrap_or("mocap_framerate");
     let rate = numbers(rate_name)?.1.first().copied().unwrap_or(f64::NAN);
-    let fps = fps_in_range(rate).ok_or_else(|| {
+    let fps = check_fps(rate).map_err(|_| {
         member_error(
             rate_name,
             "0.1 to 10000 frames a second".into(),
@@ -103,11 +102,9 @@ pub(crate) fn load_amass(file: &str, bytes: &[u8]) -> Result<LoadedMotion, Motio
 
     let mut warnings = Vec::new();
     let gender = get("gender")
-        .and_then(NpyArray::text)
+        .and_then(|array| array.text())
         .unwrap_or_else(|| "unknown".into());
-    let n_betas = get("betas")
-        .map(|b| b.shape.iter().product::<usize>())
-        .unwrap_or(0);
+    let n_betas = get("betas").map_or(0, |b| b.len());
     if n_betas > 0 {
         numbers("betas")?;
     }

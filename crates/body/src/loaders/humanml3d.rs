@@ -1,7 +1,6 @@
 //! HumanML3D arrays (npy): joint positions `(T, 22, 3)` or feature vectors `(T, 263)`, 20 fps.
 
-use super::LoadedMotion;
-use super::npy::{NpyProblem, parse_npy};
+use super::{LoadedMotion, read_array};
 use crate::error::MotionError;
 use crate::features::{HUMANML3D_DIM, HUMANML3D_FPS, joints_from_features};
 use crate::retarget::motion_from_positions;
@@ -9,33 +8,29 @@ use glam::Vec3;
 use radarllm_base::skeleton::N_JOINTS;
 
 /// Reads `new_joints` or `new_joint_vecs`.
-pub(crate) fn load_humanml3d(file: &str, bytes: Vec<u8>) -> Result<LoadedMotion, MotionError> {
+pub(crate) fn load_humanml3d(file: &str, bytes: &[u8]) -> Result<LoadedMotion, MotionError> {
     let member_error = |expected: String, found: String| MotionError::Member {
         file: file.into(),
         member: "array".into(),
         expected,
         found,
     };
-    let array = parse_npy(bytes).map_err(|problem| match problem {
-        NpyProblem::Pickled => member_error(
-            "numbers".into(),
-            "pickled objects, which are never read: save the array again with a numeric type"
-                .into(),
-        ),
-        NpyProblem::Wrong(expected, found) => member_error(expected, found),
-    })?;
-    let is_joints = array.shape.len() == 3 && array.shape[1..] == [N_JOINTS, 3];
-    let is_features = array.shape.len() == 2 && array.shape[1] == HUMANML3D_DIM;
-    if !(is_joints || is_features) || array.shape[0] == 0 || array.shape[0] > super::bvh::MAX_FRAMES
-    {
+    let array = read_array(file, bytes)?;
+    let shape = array.shape();
+    let is_joints = matches!(shape[..], [_, N_JOINTS, 3]);
+    let is_features = matches!(shape[..], [_, HUMANML3D_DIM]);
+    if !(is_joints || is_features) || shape[0] == 0 || shape[0] > super::bvh::MAX_FRAMES {
         return Err(member_error(
             "shape (frames, 22, 3) or (frames, 263)".into(),
-            format!("{:?} of {}", array.shape, array.descr()),
+            format!("{shape:?} of {}", array.header.descr()),
         ));
     }
-    let values = array
-        .numbers()
-        .ok_or_else(|| member_error("real numbers".into(), format!("type {}", array.descr())))?;
+    let values = array.numbers().ok_or_else(|| {
+        member_error(
+            "real numbers".into(),
+            format!("type {}", array.header.descr()),
+        )
+    })?;
     if let Some(i) = values.iter().position(|v| v.is_nan() || v.abs() >= 1e4) {
         return Err(MotionError::NotFinite {
             file: file.into(),

@@ -9,7 +9,6 @@ mod bvh;
 mod humanml3d;
 pub mod kinect;
 pub(crate) mod names;
-mod npy;
 pub(crate) mod source;
 mod text;
 
@@ -17,6 +16,8 @@ use crate::error::{MotionError, excerpt};
 use crate::proportions::standing_height_m;
 use crate::retarget::retarget;
 use radarllm_base::Motion;
+use radarllm_files::npy::{NPY_MAGIC, NpyArray, Npz, NpzError, Skipped};
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 /// Largest file read, bytes. The longest clip of the CMU database takes 60 MB as BVH.
@@ -98,30 +99,20 @@ pub fn load_arrays(path: &Path, wanted: &[&str]) -> Result<Vec<NumberArray>, Mot
         expected,
         found,
     };
-    let arrays = if bytes.starts_with(b"\x93NUMPY") {
-        let array = npy::parse_npy(bytes).map_err(|e| match e {
-            npy::NpyProblem::Pickled => {
-                problem("array", "numbers".into(), "pickled objects".into())
-            }
-            npy::NpyProblem::Wrong(expected, found) => problem("array", expected, found),
-        })?;
-        vec![(String::new(), array)]
+    let arrays = if bytes.starts_with(NPY_MAGIC) {
+        vec![(String::new(), read_array(&file, bytes)?)]
     } else {
-        npy::read_npz(&file, &bytes, wanted)?.0
+        read_archive(&file, &bytes, wanted)?.0
     };
     arrays
         .into_iter()
         .map(|(name, array)| {
             let values = array.numbers().ok_or_else(|| {
-                problem(
-                    &name,
-                    "an array of numbers".into(),
-                    array.descr().to_owned(),
-                )
+                problem(&name, "an array of numbers".into(), array.header.descr())
             })?;
             Ok(NumberArray {
                 name,
-                shape: array.shape,
+                shape: array.shape(),
                 values,
             })
         })
@@ -163,8 +154,8 @@ pub fn load_motion(path: &Path, bytes: &[u8]) -> Result<LoadedMotion, MotionErro
             reason,
         })
     };
-    if bytes.starts_with(b"\x93NUMPY") {
-        return humanml3d::load_humanml3d(&file, bytes.to_vec());
+    if bytes.starts_with(NPY_MAGIC) {
+        return humanml3d::load_humanml3d(&file, bytes);
     }
     if bytes.starts_with(b"PK\x03\x04") {
         return amass::load_amass(&file, bytes);
@@ -269,6 +260,52 @@ fn find_asf(amc: &Path) -> Result<(PathBuf, Vec<u8>), MotionError> {
     })
 }
 
+/// The array of an npy file.
+fn read_array<'a>(
+    file: &str,
+    bytes: impl Into<Cow<'a, [u8]>>,
+) -> Result<NpyArray<'a>, MotionError> {
+    NpyArray::of_any_type(bytes).map_err(|e| MotionError::Member {
+        file: file.into(),
+        member: format!("array, byte {}", e.byte),
+        expected: e.expected,
+        found: e.found,
+    })
+}
+
+/// Arrays with their names.
+type NamedArrays = Vec<(String, NpyArray<'static>)>;
+
+/// Arrays of an npz archive by name, and what was passed over with the reason.
+fn read_archive(
+    file: &str,
+    bytes: &[u8],
+    wanted: &[&str],
+) -> Result<(NamedArrays, Vec<String>), MotionError> {
+    let npz = Npz::read(std::io::Cursor::new(bytes), wanted).map_err(|e| {
+        let (member, expected, found) = match e {
+            NpzError::Archive { expected, found } => ("archive".into(), expected, found),
+            NpzError::Member { member, source } => (
+                format!("{member}, byte {}", source.byte),
+                source.expected,
+                source.found,
+            ),
+        };
+        MotionError::Member {
+            file: file.into(),
+            member,
+            expected,
+            found,
+        }
+    })?;
+    let skipped = npz.skipped.into_iter().map(|member| match member {
+        Skipped::Pickled(name) => format!("{name} (pickled objects, never read)"),
+        Skipped::NotNeeded(name) => format!("{name} (not needed)"),
+        Skipped::NotAnArray(name) => format!("{name} (not an array)"),
+    });
+    Ok((npz.arrays, skipped.collect()))
+}
+
 fn read_capped(path: &Path) -> Result<Vec<u8>, MotionError> {
     let file = path.display().to_string();
     let io = |source| MotionError::Io {
@@ -289,11 +326,6 @@ fn check_size(file: &str, size_bytes: u64, limit_bytes: u64) -> Result<(), Motio
         });
     }
     Ok(())
-}
-
-/// A frame rate that a recording can have.
-pub(crate) fn fps_in_range(fps: f64) -> Option<f64> {
-    (0.1..=10_000.0).contains(&fps).then_some(fps)
 }
 
 #[cfg(test)]

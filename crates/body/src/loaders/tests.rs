@@ -585,7 +585,7 @@ fn humanml3d_joints_come_back_through_inverse_kinematics() {
 
 #[test]
 fn humanml3d_vectors_give_the_joints_of_their_motion() {
-    let mut motion = crate::sample::resample(&sample_motion(), 20.0);
+    let mut motion = crate::sample::resample(&sample_motion(), 20.0).unwrap();
     crate::sample::canonicalize(&mut motion);
     let features = crate::features::humanml3d_features(&motion);
     let values: Vec<f64> = features.iter().map(|v| f64::from(*v)).collect();
@@ -861,9 +861,9 @@ fn features_of_a_walk_lie_within_the_published_distribution() {
     ) else {
         return;
     };
-    let column = |path: &Path| match super::npy::parse_npy(std::fs::read(path).unwrap()) {
-        Ok(array) => array.numbers().unwrap(),
-        Err(_) => panic!("{path:?} is not an array"),
+    let column = |path: &Path| {
+        let array = radarllm_files::npy::NpyArray::new(std::fs::read(path).unwrap());
+        array.unwrap().numbers().unwrap()
     };
     let (mean, std) = (column(&mean), column(&mean.with_file_name("Std.npy")));
     let features = crate::features::humanml3d_features(&load_motion_file(&walk).unwrap().motion);

@@ -45,16 +45,6 @@ pub enum Build {
     Heavy,
 }
 
-impl From<crate::procedural::Build> for Build {
-    fn from(build: crate::procedural::Build) -> Self {
-        match build {
-            crate::procedural::Build::Slim => Self::Slim,
-            crate::procedural::Build::Average => Self::Average,
-            crate::procedural::Build::Heavy => Self::Heavy,
-        }
-    }
-}
-
 /// A closed mesh of a person with hands, feet and head, skinned to the canonical skeleton.
 ///
 /// Generation takes a few tenths of a second: make one per shape and share it.

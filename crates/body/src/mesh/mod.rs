@@ -5,14 +5,13 @@
 //! motion and a place in front of the radar into the moving triangles the simulator sees.
 //!
 //! Reading order: [`posed`], [`builtin`] with `anatomy` (shape), `field`, `polygonize`, `remesh`
-//! (shape to triangles), `weights`, `skin` (triangles to motion), [`smplx`] with `npz`,
+//! (shape to triangles), `weights`, `skin` (triangles to motion), [`smplx`],
 //! [`topology`] (facts about meshes).
 
 mod anatomy;
 pub mod builtin;
 pub mod error;
 mod field;
-mod npz;
 mod polygonize;
 pub mod posed;
 mod remesh;

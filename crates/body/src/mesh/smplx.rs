@@ -5,12 +5,12 @@
 //! blend skinning. The first 22 joints are this project's; further ones (jaw, eyes, hands) stay
 //! in their rest pose, so their weights move to the nearest ancestor among the 22, exactly.
 
-use super::npz::{Array, Npz};
 use super::skin::Skin;
 use super::{BodyError, BodyModel};
 use glam::{Affine3A, Mat3, Vec3};
 use radarllm_base::skeleton::N_JOINTS;
 use radarllm_base::{Joint, Pose, Skeleton};
+use radarllm_files::npy::{NpyArray, Npz, NpzError};
 use std::io::{Read, Seek};
 use std::path::Path;
 
@@ -74,13 +74,22 @@ impl SmplxBody {
             "weights",
             "kintree_table",
         ];
-        let mut npz = Npz::read(source, &WANTED)?;
-        let skipped = npz.skipped.clone();
-        let mut member = |name: &'static str| {
-            npz.take(name).ok_or_else(|| BodyError::Missing {
+        let mut npz = Npz::read(source, &WANTED).map_err(|e| match e {
+            NpzError::Archive { expected, found } => BodyError::Archive {
+                reason: format!("expected {expected}, found {found}"),
+            },
+            NpzError::Member { member, source } => BodyError::Member {
+                member,
+                reason: source.to_string(),
+            },
+        })?;
+        let skipped: Vec<String> = npz.pickled().map(String::from).collect();
+        let mut member = |name: &'static str| match npz.take(name) {
+            Some(array) => Array::of(name, &array),
+            None => Err(BodyError::Missing {
                 member: name,
                 skipped: skipped.clone(),
-            })
+            }),
         };
         let model = RawModel {
             v_template: member("v_template")?,
@@ -242,6 +251,35 @@ fn bend_body(
         }
     }
     out
+}
+
+/// A member of real numbers, in C order.
+#[derive(Clone, Debug, PartialEq)]
+struct Array {
+    shape: Vec<usize>,
+    values: Vec<f32>,
+}
+
+impl Array {
+    fn of(member: &str, array: &NpyArray) -> Result<Self, BodyError> {
+        let fail = |reason: String| BodyError::Member {
+            member: member.into(),
+            reason,
+        };
+        let values = array.numbers_f32().ok_or_else(|| {
+            fail(format!(
+                "numbers of type {}; floats of 32 or 64 bits and integers are read",
+                array.header.descr()
+            ))
+        })?;
+        match values.iter().position(|v| !v.is_finite()) {
+            Some(at) => Err(fail(format!("entry {at} is {}", values[at]))),
+            None => Ok(Self {
+                shape: array.shape(),
+                values,
+            }),
+        }
+    }
 }
 
 /// Members as read, not yet checked against each other.

@@ -1,16 +1,20 @@
 //! `radar calibrate`: gains of the virtual channels from a corner reflector.
 
+use radarllm_base::Provenance;
 use radarllm_formats::{Calibration, adc::AdcStats, calibration::CalibratedChannel};
+use radarllm_io::{
+    CaptureFormat, CleaningOptions, SampleFormat,
+    cleaning::{corrector, each_whole_frame},
+    layout::open_samples,
+    samples::sample_format,
+};
 use radarllm_radar_dsp::{CornerCalibrator, Reflector};
 use serde::Serialize;
 
 use crate::{
     args::CalibrateArgs,
-    capture::{self, Format, Frames},
-    clean::{CleanArgs, whole_frames},
-    commands::radar,
     error::{CliError, CliResult},
-    output,
+    output, radar_file,
 };
 
 /// Other echoes nearer than this to the reflector's strength bend the gains by 0.1 and more, dB.
@@ -31,9 +35,11 @@ struct Report<'a> {
 /// Runs the verb.
 pub fn run(args: &CalibrateArgs) -> CliResult {
     output::check_free(&args.out, args.force)?;
-    let radar = radar::open(&args.radar)?;
-    let named = args.format.as_deref();
-    let format = capture::format_of(&args.capture, named)?;
+    let radar = radar_file::open(&args.radar)?;
+    let named = args.format.as_deref().map(CaptureFormat::from_name);
+    let named = named.transpose()?;
+    let format = sample_format(&args.capture, named)?;
+    let layout = args.layout.options();
     let mut notes = Vec::new();
     let reflector = Reflector {
         range_m: args.range_m,
@@ -41,23 +47,17 @@ pub fn run(args: &CalibrateArgs) -> CliResult {
         elevation_rad: args.elevation_deg.to_radians(),
         search_m: args.search_m,
     };
-    let mut calibrator = CornerCalibrator::new(&radar, reflector)?;
-    let clean = CleanArgs {
+    let mut calibrator = CornerCalibrator::new(&radar.config, reflector)?;
+    let cleaning = CleaningOptions {
         background: args.background.clone(),
-        ..CleanArgs::default()
+        ..CleaningOptions::default()
     };
-    let corrector = clean.of_samples(&radar, &args.radar, named, &args.layout, &mut notes)?;
-    let mut frames = Frames::open(
-        format,
-        &args.capture,
-        &radar,
-        &args.radar,
-        &args.layout,
-        &mut notes,
-    )?;
+    let corrector = corrector(&cleaning, &radar, named, &layout, &mut notes)?;
+    let mut frames = open_samples(format, &args.capture, &radar, &layout, &mut notes)?;
+    let radar = radar.config;
     let first = &args.capture[0];
     let mut stats = AdcStats::new(radar.rx.len(), 16);
-    let n_damaged = whole_frames(&mut frames, first, &radar, |cube| {
+    let n_damaged = each_whole_frame(&mut frames, first, &radar, |cube| {
         stats.push(cube);
         let mut cube = cube.clone();
         corrector.apply(&mut cube)?;
@@ -67,7 +67,7 @@ pub fn run(args: &CalibrateArgs) -> CliResult {
         notes.push(format!("{n_damaged} frames with missing bytes left out"));
     }
     // Counts of an ADC have an end; numbers of an array may be anything.
-    if format != Format::Npy {
+    if format != SampleFormat::Npy {
         for (i, channel) in stats.channels().iter().enumerate() {
             if channel.saturated > SATURATED_SHARE {
                 return Err(CliError::new(format!(
@@ -107,7 +107,11 @@ pub fn run(args: &CalibrateArgs) -> CliResult {
         .collect();
     let calibration = Calibration {
         radar: radar.name.clone(),
-        source: format!("recorded:{}", names.join("+")),
+        source: Provenance::Recorded {
+            format: None,
+            path: names.join("+"),
+        }
+        .to_string(),
         range_m: found.range_m,
         azimuth_deg: args.azimuth_deg,
         elevation_deg: args.elevation_deg,

@@ -7,14 +7,15 @@ use std::{
 };
 
 use radarllm_dataset::{Dataset, Overwrite, builder::BuildOptions};
+use radarllm_eval::held_out::validate_with_held_out;
 use radarllm_synth::{build, config::DatasetConfig};
+
+use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
 
 use crate::{
     args::DatasetVerb,
-    commands,
     error::{CliError, CliResult},
-    files::{self, MAX_CONFIG_BYTES},
-    output,
+    output, threads,
 };
 
 /// Time between progress lines.
@@ -47,7 +48,7 @@ fn build(
         .map_err(|e| CliError::new(format!("{}: {e}", config_path.display())))?;
     let base = config_path.parent().unwrap_or(Path::new(""));
     let options = BuildOptions {
-        threads: commands::threads(threads),
+        threads: threads::threads(threads),
         overwrite: if force {
             Overwrite::Replace
         } else {
@@ -111,7 +112,7 @@ fn info(dir: &Path, json: bool) -> CliResult {
 }
 
 fn validate(dir: &Path, json: bool) -> CliResult {
-    let found = radarllm_dataset::validate(dir)?;
+    let found = validate_with_held_out(dir)?;
     let lines: Vec<String> = found
         .problems
         .iter()

@@ -1,18 +1,16 @@
 //! `demo`: built-in motions through the whole chain with the default model.
 
+use radarllm::{DescribeOptions, SimulateOptions};
 use serde::Serialize;
 
 use crate::{
     args::DemoArgs,
     commands::{
         describe::{self, Row},
-        process::points_per_frame,
         view,
     },
     error::CliResult,
-    input::{self, ClipOptions},
     output,
-    recording::RecordingArgs,
 };
 
 /// Shown without arguments: three different motions.
@@ -42,39 +40,32 @@ pub fn run(args: &DemoArgs) -> CliResult {
         args.motions.iter().map(String::as_str).collect()
     };
     let captioner = describe::load_captioner(args.model.as_deref())?;
-    let options = ClipOptions {
-        radar: None,
-        format: None,
-        recording: &RecordingArgs::default(),
-        radar_height_m: 1.0,
-        distance_m: 3.0,
+    let simulation = SimulateOptions {
         seed: args.seed,
+        ..SimulateOptions::default()
     };
     let mut rows = Vec::new();
     for (index, motion) in motions.iter().enumerate() {
-        let clip = input::clip(motion, &options)?;
-        let described = describe::describe(
-            &captioner,
-            &clip,
-            describe::model_name(args.model.as_deref()),
-            1,
-        )?;
-        let reference = clip
-            .performed
-            .as_ref()
-            .and_then(|(motion, _)| motion.info.captions.first().cloned())
+        let recording = radarllm::open(motion)
+            .with_simulation(simulation.clone())
+            .points()?;
+        let clip = &recording.clip;
+        let described = describe::describe(&captioner, motion, clip, &DescribeOptions::default())?;
+        let performed = recording.performed.as_ref();
+        let reference = performed
+            .and_then(|p| p.motion.info.captions.first().cloned())
             .unwrap_or_default();
         let page = match &args.out {
             Some(folder) => {
                 let path = folder.join(format!("demo-{}.html", index + 1));
                 output::check_free(&path, args.force)?;
-                view::write_page(&path, &clip, &described)?;
+                view::write_page(&path, clip, performed, &described)?;
                 Some(path.display().to_string())
             }
             None => None,
         };
         let row = DemoRow {
-            points_per_frame: points_per_frame(&clip.frames),
+            points_per_frame: clip.points_per_frame(),
             described,
             reference,
             page,

@@ -1,23 +1,36 @@
-//! `describe`: points, capture or motion to a sentence.
+//! `describe`: recordings, points files or motions to sentences.
 
 use std::{path::Path, time::Instant};
 
-use radarllm_base::Timeline;
-use radarllm_inference::lm::{Captioner, Decoder, Description, Precision};
+use radarllm::{Captioner, Clip, DescribeOptions, Precision, Recording, SimulateOptions, bundled};
+use radarllm_inference::{LmError, checkpoint::Checkpoint};
+use radarllm_io::options::DEFAULT_RADAR_HEIGHT_M;
+use radarllm_tracking::find_people;
+use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::{
     args::{DecoderName, DescribeArgs},
-    commands::eval::peak_memory_mb,
     error::{CliError, CliResult},
-    input::{self, Clip, ClipOptions, Provenance},
+    memory::peak_memory_mb,
     output,
-    people::Person,
-    recording,
+    person_report::{GhostReport, PersonReport},
+    recording_args::PeopleArgs,
+    threads::on_threads,
 };
 
-/// Frame rates that differ by less than this share are heard as they are.
-const RATE_TOLERANCE: f64 = 0.05;
+/// Where a described clip comes from, as scripts read it.
+#[derive(Clone, Debug, Serialize)]
+pub struct SourceReport {
+    /// The input as named.
+    pub source: String,
+    /// Name of the radar.
+    pub radar: String,
+    /// Whether a simulator made the points, now or earlier.
+    pub synthetic: bool,
+    /// `simulated` or `recorded`.
+    pub provenance: &'static str,
+}
 
 /// One described input, as scripts read it.
 #[derive(Serialize)]
@@ -29,9 +42,9 @@ pub struct Row {
     pub reason: Option<String>,
     /// exp(mean log-probability of the words), 0..1; 0 when nothing was described.
     pub confidence: f32,
-    /// The input and how it came to be.
+    /// The input and its provenance.
     #[serde(flatten)]
-    pub provenance: Provenance,
+    pub source: SourceReport,
     /// Model name.
     pub model: String,
     /// Radar tokens read.
@@ -42,125 +55,137 @@ pub struct Row {
     pub clip_seconds: f64,
     /// Time from points to sentence, s.
     pub seconds: f64,
-    /// Most memory that this process has held, MB (Linux).
+    /// Peak memory of this process, MB (Linux).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub peak_memory_mb: Option<f64>,
-    /// Whom it is about, with `--people`.
+    /// The person described, with `--people`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub person: Option<Person>,
+    pub person: Option<PersonReport>,
 }
 
-/// Name of a model in reports.
-pub fn model_name(model: Option<&Path>) -> String {
-    model.map_or_else(
-        || "default (embedded)".into(),
-        |path| path.display().to_string(),
-    )
-}
-
-/// Loads a model folder, or the default that the binary carries, for the f32 engine.
+/// Loads a model folder, or the bundled model, for the f32 engine.
 pub fn load_captioner(model: Option<&Path>) -> CliResult<Captioner> {
-    load_for(model, Decoder::Engine(Precision::F32))
+    load_decoder(model, DecoderName::F32)
 }
 
-fn load_for(model: Option<&Path>, decoder: Decoder) -> CliResult<Captioner> {
-    match model {
-        Some(path) => Captioner::load(path, decoder).map_err(|e| {
-            CliError::new(format!("{}: {e}", path.display()))
-                .hint("--model wants a folder made by `radarllm train all`")
-        }),
-        None => crate::default_model::load(decoder),
+/// Loads a model for a decoder. The captioner's name tells when it is an approximation.
+pub fn load_decoder(model: Option<&Path>, decoder: DecoderName) -> CliResult<Captioner> {
+    #[cfg(not(feature = "train"))]
+    if decoder == DecoderName::Training {
+        return Err(crate::error::needs_training("--decoder training"));
     }
-}
-
-/// Loads a model for a decoder, with the model's name, which tells when it is an approximation.
-pub fn load_decoder(model: Option<&Path>, decoder: DecoderName) -> CliResult<(Captioner, String)> {
-    let name = model_name(model);
-    let (decoder, name) = match decoder {
-        DecoderName::F32 => (Decoder::Engine(Precision::F32), name),
-        DecoderName::Int8 => (Decoder::Engine(Precision::Int8), format!("{name}, int8")),
-        #[cfg(feature = "train")]
-        DecoderName::Training => (Decoder::Training, name),
-        #[cfg(not(feature = "train"))]
-        DecoderName::Training => return Err(crate::error::needs_training("--decoder training")),
+    let (loaded, mut name) = match model {
+        None => {
+            let (tokenizer, lm) = bundled::checkpoints();
+            (backend(&tokenizer, lm, decoder)?, bundled::NAME.to_string())
+        }
+        Some(path) => {
+            let open = |part: &str| Checkpoint::open(&path.join(part));
+            let load = || backend(&open("tokenizer")?, open("lm")?, decoder);
+            let loaded = load().map_err(|e| {
+                let hint = match e {
+                    LmError::NotT5 { .. } => {
+                        "`--decoder f32` in a build with the feature `train` runs other language models"
+                    }
+                    _ => "--model wants a folder made by `radarllm train all`",
+                };
+                CliError::new(format!("{}: {e}", path.display())).hint(hint)
+            })?;
+            (loaded, path.display().to_string())
+        }
     };
-    Ok((load_for(model, decoder)?, name))
+    if decoder == DecoderName::Int8 {
+        name += ", int8";
+    }
+    Ok(Captioner::new(loaded, name))
 }
 
-/// An input as models hear it: at their frame rate, and of a recording what moves.
-///
-/// # Errors
-/// An input that cannot be read, a rate that cannot be.
-pub fn heard(input: &str, options: &ClipOptions) -> CliResult<Clip> {
-    let recording = options.recording;
-    let mut clip = input::clip(input, options)?;
-    // Points that somebody kept by saying so stay.
-    if !clip.provenance.synthetic
-        && recording.slowest.is_none()
-        && let Some(note) = recording::leave_out_surroundings(&mut clip.frames)
-    {
-        eprintln!("{}: {note}", clip.provenance.source);
+/// A captioner on what a decoder names. The inference engine runs T5 only; a build with training runs other language
+/// models on their networks as trained.
+#[cfg(feature = "train")]
+fn backend(
+    tokenizer: &Checkpoint,
+    lm: Checkpoint,
+    decoder: DecoderName,
+) -> Result<radarllm_inference::Captioner, LmError> {
+    match decoder {
+        DecoderName::F32 => radarllm_nn::captioner_from_checkpoints(tokenizer, lm, Precision::F32),
+        DecoderName::Int8 => {
+            radarllm_inference::Captioner::from_checkpoints(tokenizer, lm, Precision::Int8)
+        }
+        DecoderName::Training => radarllm_nn::reference_captioner(tokenizer, lm),
     }
-    let rate_hz = f64::from(radarllm_inference::lm::FRAME_RATE_HZ);
-    if (clip.frame_rate_hz / rate_hz - 1.0).abs() > RATE_TOLERANCE {
-        let line = Timeline::from_frames(clip.frames, clip.frame_rate_hz);
-        let line = recording::resample(&line, rate_hz, recording.follow)?;
-        clip.frames = line.frames;
-        clip.frame_rate_hz = line.frame_rate_hz;
-    }
-    Ok(clip)
 }
 
-/// Describes a clip.
-pub fn describe(captioner: &Captioner, clip: &Clip, model: String, beam: usize) -> CliResult<Row> {
+/// A captioner on the inference engine.
+#[cfg(not(feature = "train"))]
+fn backend(
+    tokenizer: &Checkpoint,
+    lm: Checkpoint,
+    decoder: DecoderName,
+) -> Result<radarllm_inference::Captioner, LmError> {
+    let precision = match decoder {
+        DecoderName::Int8 => Precision::Int8,
+        DecoderName::F32 | DecoderName::Training => Precision::F32,
+    };
+    radarllm_inference::Captioner::from_checkpoints(tokenizer, lm, precision)
+}
+
+/// Describes a prepared clip.
+pub fn describe(
+    captioner: &Captioner,
+    input: &str,
+    clip: &Clip,
+    options: &DescribeOptions,
+) -> CliResult<Row> {
     let started = Instant::now();
-    // A model hears time in frames: a clip at another rate would be a lie about speed.
-    let rate_hz = f64::from(radarllm_inference::lm::FRAME_RATE_HZ);
-    if (clip.frame_rate_hz / rate_hz - 1.0).abs() > RATE_TOLERANCE {
-        return Err(CliError::new(format!(
-            "{}: {:.2} frames/s, but the model reads {rate_hz:.2} frames/s",
-            clip.provenance.source, clip.frame_rate_hz
-        ))
-        .hint("for recorded points: `radarllm process CAPTURE --resample 10`"));
-    }
-    let described: Description = captioner.describe(&clip.frames, clip.radar_height_m, beam)?;
+    let described = captioner.describe_with(clip, options)?;
     Ok(Row {
         caption: described.caption,
         reason: described.abstained.map(|why| why.to_string()),
         confidence: described.confidence,
-        provenance: clip.provenance.clone(),
-        model,
+        source: SourceReport {
+            source: input.into(),
+            radar: clip.radar.clone(),
+            synthetic: clip.provenance.is_simulated(),
+            provenance: clip.provenance.kind(),
+        },
+        model: captioner.name().into(),
         tokens: described.tokens,
         frames: clip.frames.len(),
-        clip_seconds: clip.frames.len() as f64 / clip.frame_rate_hz,
+        clip_seconds: clip.duration_s(),
         seconds: started.elapsed().as_secs_f64(),
         peak_memory_mb: peak_memory_mb(),
         person: None,
     })
 }
 
-/// One line for people.
+/// The clip of a recording as the model expects it; what was done to it goes to stderr.
+pub fn prepared(input: &str, recording: &Recording) -> CliResult<Clip> {
+    for note in &recording.notes {
+        eprintln!("{input}: {note}");
+    }
+    let prepared = recording.prepared()?;
+    if let Some(clutter) = prepared.removed_static {
+        eprintln!("{input}: {clutter} and are removed as clutter (--min-speed 0 keeps them)");
+    }
+    Ok(prepared.clip)
+}
+
+/// Prints a row for people.
 pub fn print_row(row: &Row) {
-    let kind = if row.provenance.synthetic {
-        "simulated"
-    } else {
-        "recorded"
-    };
     let who = row.person.as_ref().map_or(String::new(), |p| {
         format!(" (person {}, {:.1} s to {:.1} s)", p.id, p.start_s, p.end_s)
     });
-    output::print_line(&format!(
-        "{}{who}\n    {}",
-        row.provenance.source, row.caption
-    ));
+    output::print_line(&format!("{}{who}\n    {}", row.source.source, row.caption));
     let why = row
         .reason
         .as_ref()
         .map(|r| format!("; {r}"))
         .unwrap_or_default();
     output::print_line(&format!(
-        "    [{kind}, radar {}, {:.1} s, confidence {:.2}, model {}{why}]",
-        row.provenance.radar, row.clip_seconds, row.confidence, row.model
+        "    [{}, radar {}, {:.1} s, confidence {:.2}, model {}{why}]",
+        row.source.provenance, row.source.radar, row.clip_seconds, row.confidence, row.model
     ));
 }
 
@@ -172,21 +197,37 @@ pub fn run(args: &DescribeArgs) -> CliResult {
             args.beam
         )));
     }
-    let (captioner, model) = load_decoder(args.model.as_deref(), args.decoder)?;
-    let options = ClipOptions {
-        radar: args.radar.as_deref(),
-        format: args.format.as_deref(),
-        recording: &args.recording,
-        radar_height_m: args.radar_height_m,
-        distance_m: 3.0,
+    let captioner = load_decoder(args.model.as_deref(), args.decoder)?;
+    let options = args.input.options()?;
+    let simulation = SimulateOptions {
         seed: args.seed,
+        radar_height_m: options.radar_height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M),
+        ..SimulateOptions::default()
     };
+    let describing = DescribeOptions {
+        beam: args.beam,
+        keep_static: options.points.keeps_static(),
+        ..DescribeOptions::default()
+    };
+    let one = |input: &String| -> CliResult<Vec<Row>> {
+        let recording = radarllm::open(input)
+            .with_options(options.clone())
+            .with_simulation(simulation.clone())
+            .points()?;
+        let clip = prepared(input, &recording)?;
+        clips_of_people(input, clip, &args.people)?
+            .into_iter()
+            .map(|(person, clip)| {
+                let row = describe(&captioner, input, &clip, &describing)?;
+                Ok(Row { person, ..row })
+            })
+            .collect()
+    };
+    let described: Vec<CliResult<Vec<Row>>> =
+        on_threads(args.threads, || args.inputs.par_iter().map(one).collect())?;
     let mut rows = Vec::new();
-    for input in &args.inputs {
-        let clip = heard(input, &options)?;
-        for (person, clip) in args.people.clips(clip)? {
-            let mut row = describe(&captioner, &clip, model.clone(), args.beam)?;
-            row.person = person;
+    for row in described {
+        for row in row? {
             if !args.json {
                 print_row(&row);
             }
@@ -197,4 +238,33 @@ pub fn run(args: &DescribeArgs) -> CliResult {
         return output::print_json(&rows);
     }
     Ok(())
+}
+
+/// The clips to describe: of every person with `--people`, otherwise the clip itself. Where nobody is seen, it is the
+/// clip without points.
+fn clips_of_people(
+    input: &str,
+    mut clip: Clip,
+    args: &PeopleArgs,
+) -> CliResult<Vec<(Option<PersonReport>, Clip)>> {
+    if !args.is_given() {
+        return Ok(vec![(None, clip)]);
+    }
+    // Preparing the clip has removed static clutter, or kept it as asked.
+    let found = find_people(&mut clip.frames, &args.options(true))?;
+    for ghost in &found.ghosts {
+        eprintln!("{input}: {}", GhostReport::from(ghost));
+    }
+    if args.people.is_none() {
+        return Ok(vec![(None, clip)]);
+    }
+    if found.tracks.is_empty() {
+        clip.frames.iter_mut().for_each(|f| f.points.clear());
+        return Ok(vec![(None, clip)]);
+    }
+    let person = |track| {
+        let person = radarllm::Person::of(track, &clip);
+        (Some(PersonReport::from(&person)), person.clip)
+    };
+    Ok(found.tracks.iter().map(person).collect())
 }

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::{args::JsonFlag, commands, commands::describe, error::CliResult, output};
+use crate::{args::JsonFlag, commands::describe, error::CliResult, output, threads};
 
 #[derive(Serialize)]
 struct Report {
@@ -27,7 +27,7 @@ pub fn run(args: &JsonFlag) -> CliResult {
         version: env!("CARGO_PKG_VERSION"),
         architecture: std::env::consts::ARCH,
         os: std::env::consts::OS,
-        threads: commands::threads(None),
+        threads: threads::threads(None),
         cpu_features: cpu_features(),
         checks: vec![default_model(), training(), gpu()],
     };
@@ -108,7 +108,7 @@ fn gpu() -> Check {
 /// Whether a graphics processor opens, and which.
 #[cfg(any(feature = "gpu", feature = "cuda"))]
 fn gpu() -> Check {
-    use radarllm_inference::device::Processor;
+    use radarllm_nn::device::Processor;
 
     let processor = match cfg!(feature = "gpu") {
         true => Processor::Gpu(None),

@@ -3,13 +3,16 @@
 use std::path::Path;
 
 use npyz::WriterBuilder;
-use radarllm_inference::lm::{Device, ModelInput, Pretrained, RadarLm};
+use radarllm_files::bounded as files;
+use radarllm_nn::Device;
+use radarllm_nn::lm::RadarLm;
+use radarllm_nn::pretrained::{ModelInput, Pretrained};
 use serde::Serialize;
 
 use crate::{
     args::LmVerb,
     error::{CliError, CliResult},
-    files, output,
+    output,
 };
 
 /// Largest file of ids, bytes.

@@ -8,16 +8,13 @@ use std::{
 
 use glam::{Mat3, Vec3};
 use npyz::WriterBuilder;
-use radarllm_body::{
-    mesh::{BodyModel, BuiltinBody, SmplxBody, pose_on_body},
-    procedural,
-};
+use radarllm::{MotionInput, open_motion};
+use radarllm_body::mesh::{BodyModel, BuiltinBody, SmplxBody, pose_on_body};
 use serde::Serialize;
 
 use crate::{
     args::MotionVerb,
     error::{CliError, CliResult},
-    input::{self, MotionInput},
     output,
 };
 
@@ -41,7 +38,7 @@ pub fn run(verb: &MotionVerb) -> CliResult {
 }
 
 fn info(input: &str, json: bool, seed: u64) -> CliResult {
-    let info = input::motion(input, seed)?.info;
+    let info = open_motion(input, seed)?.info;
     if json {
         return output::print_json(&info);
     }
@@ -63,7 +60,7 @@ fn info(input: &str, json: bool, seed: u64) -> CliResult {
 }
 
 fn list(json: bool) -> CliResult {
-    let specs = procedural::specs();
+    let specs = radarllm_motions::specs();
     if json {
         let rows: Vec<_> = specs
             .iter()
@@ -105,7 +102,7 @@ fn mesh(
     seed: u64,
 ) -> CliResult {
     output::check_free(out, force)?;
-    let motion = input::motion(input, seed)?;
+    let motion = open_motion(input, seed)?;
     let body = open_body(body, &motion)?;
     let n_frames = motion.motion.len();
     let bytes = n_frames

@@ -1,4 +1,4 @@
-//! PNG pictures of radar frames: for `simulate` and `process`.
+//! Plots of radar frames: for `simulate` and `process`.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +6,10 @@ use clap::Args;
 use radarllm_base::{PointFrame, RadarCube, RadarPoint};
 use radarllm_formats::adc::{AdcStats, HISTOGRAM_BINS};
 use radarllm_radar_dsp::{Map, MicroDoppler, PointExtractor};
-use radarllm_render::plot::{self, Series};
+use radarllm_render::plot::{
+    Aspect, Axis, AxisScale, Grid, Heatmap, Histogram, LinePlot, Markers, PlotError, Series,
+    point_cloud, points_over_time,
+};
 use radarllm_tracking::Track;
 
 use crate::{
@@ -14,59 +17,81 @@ use crate::{
     output,
 };
 
-/// Which pictures to write.
+/// Heading of plots in help texts.
+pub const PICTURES_HEADING: &str = "Plots to write (.svg: figure with axes and units; .png: image inside the axes only, extents in its tEXt chunks)";
+
+/// Plots to write.
+///
+/// A name that ends in .svg gives a figure with axes, units and text. A name that ends in .png gives the image inside the
+/// axes alone, without text (its extents are in tEXt chunks); line plots and histograms have none.
 #[derive(Args, Clone, Debug, Default)]
 pub struct PictureArgs {
-    /// Also draw range over velocity, of the frame with the most movement.
-    #[arg(long, value_name = "F.png")]
+    /// Range-Doppler map of the frame with the most movement; .svg or .png.
+    #[arg(long, value_name = "F.svg", help_heading = PICTURES_HEADING)]
     pub range_doppler: Option<PathBuf>,
-    /// Also draw range over azimuth, of the frame with the most movement.
-    #[arg(long, value_name = "F.png")]
+    /// Range-azimuth map of the frame with the most movement; .svg or .png.
+    #[arg(long, value_name = "F.svg", help_heading = PICTURES_HEADING)]
     pub range_azimuth: Option<PathBuf>,
-    /// Also draw velocity over time.
-    #[arg(long, value_name = "F.png")]
+    /// Micro-Doppler spectrogram: velocity over time; .svg or .png.
+    #[arg(long, value_name = "F.svg", help_heading = PICTURES_HEADING)]
     pub micro_doppler: Option<PathBuf>,
-    /// Also draw mean power over range, still targets included.
-    #[arg(long, value_name = "F.png")]
+    /// Mean power over range, static targets included; .svg.
+    #[arg(long, value_name = "F.svg", help_heading = PICTURES_HEADING)]
     pub range_profile: Option<PathBuf>,
-    /// Also draw mean power over range of every virtual channel, still targets included.
-    #[arg(long, value_name = "F.png")]
+    /// Mean power over range of every virtual channel, static targets included; .svg or .png.
+    #[arg(long, value_name = "F.svg", help_heading = PICTURES_HEADING)]
     pub channel_profiles: Option<PathBuf>,
-    /// Also draw the points of all frames, from above and from the side.
-    #[arg(long, value_name = "F.png")]
+    /// Points of all frames from above and from the side, coloured by radial velocity; .svg or .png.
+    #[arg(long, value_name = "F.svg", help_heading = PICTURES_HEADING)]
     pub point_cloud: Option<PathBuf>,
-    /// Also draw range and x of all points over time.
-    #[arg(long, value_name = "F.png")]
+    /// Range and x of all points over time, coloured by radial velocity; .svg or .png.
+    #[arg(long, value_name = "F.svg", help_heading = PICTURES_HEADING)]
     pub points_over_time: Option<PathBuf>,
-    /// Also draw the paths of people from above; of `process` with --people.
-    #[arg(long, value_name = "F.png")]
+    /// Tracks of people from above, of `process` with --people; .svg.
+    #[arg(long, value_name = "F.svg", help_heading = PICTURES_HEADING)]
     pub tracks: Option<PathBuf>,
 }
 
 impl PictureArgs {
     /// Paths that will be written.
     pub fn paths(&self) -> impl Iterator<Item = &PathBuf> {
-        [
-            &self.range_doppler,
-            &self.range_azimuth,
-            &self.micro_doppler,
-            &self.range_profile,
-            &self.channel_profiles,
-            &self.point_cloud,
-            &self.points_over_time,
-            &self.tracks,
-        ]
-        .into_iter()
-        .flatten()
+        self.paths_and_kinds().into_iter().map(|(path, _)| path)
     }
 
-    /// Whether a picture is asked for that points alone do not give.
+    fn paths_and_kinds(&self) -> Vec<(&PathBuf, PlotKind)> {
+        [
+            (&self.range_doppler, PlotKind::Picture),
+            (&self.range_azimuth, PlotKind::Picture),
+            (&self.micro_doppler, PlotKind::Picture),
+            (&self.range_profile, PlotKind::Vector),
+            (&self.channel_profiles, PlotKind::Picture),
+            (&self.point_cloud, PlotKind::Picture),
+            (&self.points_over_time, PlotKind::Picture),
+            (&self.tracks, PlotKind::Vector),
+        ]
+        .into_iter()
+        .filter_map(|(path, kind)| Some((path.as_ref()?, kind)))
+        .collect()
+    }
+
+    /// Refuses names whose ending says nothing about what to write, before anything is computed.
+    ///
+    /// # Errors
+    /// Another ending than .svg and .png, and .png for plots that are vector shapes only.
+    pub fn check(&self) -> CliResult {
+        for (path, kind) in self.paths_and_kinds() {
+            file_type(path, kind)?;
+        }
+        Ok(())
+    }
+
+    /// Whether a plot is requested that needs raw samples, not only points.
     pub fn need_samples(&self) -> bool {
         let from_points = [&self.point_cloud, &self.points_over_time, &self.tracks];
         self.paths().count() > from_points.into_iter().flatten().count()
     }
 
-    /// The same, and all others in a folder, if there is one: those made from samples and from people only where
+    /// The same plots, and all others in a folder, if there is one: those made from samples and from tracks only where
     /// there are any.
     pub fn in_folder(&self, folder: Option<&Path>, has_samples: bool, has_people: bool) -> Self {
         let mut all = self.clone();
@@ -77,44 +102,110 @@ impl PictureArgs {
             path.get_or_insert_with(|| folder.join(name));
         };
         if has_samples {
-            fill(&mut all.range_doppler, "range-doppler.png");
-            fill(&mut all.range_azimuth, "range-azimuth.png");
-            fill(&mut all.micro_doppler, "micro-doppler.png");
-            fill(&mut all.range_profile, "range-profile.png");
-            fill(&mut all.channel_profiles, "channel-profiles.png");
+            fill(&mut all.range_doppler, "range-doppler.svg");
+            fill(&mut all.range_azimuth, "range-azimuth.svg");
+            fill(&mut all.micro_doppler, "micro-doppler.svg");
+            fill(&mut all.range_profile, "range-profile.svg");
+            fill(&mut all.channel_profiles, "channel-profiles.svg");
         }
-        fill(&mut all.point_cloud, "point-cloud.png");
-        fill(&mut all.points_over_time, "points-over-time.png");
+        fill(&mut all.point_cloud, "point-cloud.svg");
+        fill(&mut all.points_over_time, "points-over-time.svg");
         if has_people {
-            fill(&mut all.tracks, "tracks.png");
+            fill(&mut all.tracks, "tracks.svg");
         }
         all
     }
 }
 
-/// Depth of heat maps below their strongest cell, dB.
+/// Whether a plot has a picture inside its axes, or vector shapes only.
+#[derive(Clone, Copy)]
+enum PlotKind {
+    Picture,
+    Vector,
+}
+
+/// What a path's ending asks for.
+#[derive(Clone, Copy)]
+enum FileType {
+    Svg,
+    Png,
+}
+
+fn file_type(path: &Path, kind: PlotKind) -> CliResult<FileType> {
+    let extension = path.extension().and_then(|e| e.to_str());
+    match (extension.unwrap_or_default().to_lowercase().as_str(), kind) {
+        ("svg", _) => Ok(FileType::Svg),
+        ("png", PlotKind::Picture) => Ok(FileType::Png),
+        ("png", PlotKind::Vector) => Err(CliError::new(format!(
+            "{}: this plot consists of vector shapes and is not written as PNG",
+            path.display()
+        ))
+        .hint("end the name in .svg")),
+        (_, kind) => Err(
+            CliError::new(format!("{}: unknown file type of a plot", path.display())).hint(
+                match kind {
+                    PlotKind::Picture => {
+                        "end the name in .svg, or in .png for the picture without axes"
+                    }
+                    PlotKind::Vector => "end the name in .svg",
+                },
+            ),
+        ),
+    }
+}
+
+/// Refuses a path that an ADC histogram cannot be written to.
+///
+/// # Errors
+/// Another ending than .svg.
+pub fn check_adc_statistics(path: &Path) -> CliResult {
+    file_type(path, PlotKind::Vector).map(|_| ())
+}
+
+/// Writes a plot that has a picture inside its axes.
+fn write_plot(
+    path: &Path,
+    svg: impl FnOnce() -> String,
+    png: impl FnOnce() -> Result<Vec<u8>, PlotError>,
+) -> CliResult {
+    match file_type(path, PlotKind::Picture)? {
+        FileType::Svg => output::write_atomic(path, svg().as_bytes()),
+        FileType::Png => {
+            let png = png().map_err(|e| CliError::new(format!("{}: {e}", path.display())))?;
+            output::write_atomic(path, &png)
+        }
+    }
+}
+
+/// Writes a plot of vector shapes.
+fn write_figure(path: &Path, svg: &str) -> CliResult {
+    file_type(path, PlotKind::Vector)?;
+    output::write_atomic(path, svg.as_bytes())
+}
+
+/// Values that heat maps show below their maximum, dB.
 const DEPTH_DB: f32 = 45.0;
-/// Range shown on either side of the strongest cell, m.
+/// Range shown on either side of the maximum, m.
 const SHOWN_RANGE_M: f64 = 1.5;
 
-/// Collects frames and draws them at the end.
+/// Collects frames and plots them at the end.
 pub struct Pictures<'a> {
     args: &'a PictureArgs,
-    /// Sum of speeds of the frame that has most of it, and its maps.
-    most: f32,
+    /// Largest sum of speeds of a frame's points; the maps are of that frame.
+    max_movement: f32,
     range_doppler: Option<Map>,
     range_azimuth: Option<Map>,
     micro_doppler: MicroDoppler,
-    /// Sums over frames, a row a channel.
+    /// Sums over frames, one row for each channel.
     profiles: Option<Map>,
 }
 
 impl<'a> Pictures<'a> {
-    /// Nothing yet.
+    /// No frames yet.
     pub fn new(args: &'a PictureArgs) -> Self {
         Self {
             args,
-            most: f32::NEG_INFINITY,
+            max_movement: f32::NEG_INFINITY,
             range_doppler: None,
             range_azimuth: None,
             micro_doppler: MicroDoppler::default(),
@@ -122,7 +213,7 @@ impl<'a> Pictures<'a> {
         }
     }
 
-    /// Adds a frame: its cube and the points that came of it.
+    /// Adds a frame: its cube and the points extracted from it.
     pub fn push(
         &mut self,
         extractor: &mut PointExtractor,
@@ -130,8 +221,8 @@ impl<'a> Pictures<'a> {
         frame: &PointFrame,
     ) -> CliResult {
         let movement: f32 = frame.points.iter().map(|p| p.velocity_mps.abs()).sum();
-        if movement > self.most {
-            self.most = movement;
+        if movement > self.max_movement {
+            self.max_movement = movement;
             if self.args.range_doppler.is_some() {
                 self.range_doppler = Some(extractor.range_doppler_map(cube)?);
             }
@@ -155,130 +246,119 @@ impl<'a> Pictures<'a> {
         Ok(())
     }
 
-    /// Writes what was asked for; `frames` are all points, `tracks` the people among them, if anybody looked for some.
+    /// Writes the requested plots; `frames` are all points, `tracks` the people among them, if people were tracked.
     pub fn finish(self, frames: &[PointFrame], tracks: Option<&[Track]>) -> CliResult {
         let args = self.args;
-        draw_map(
+        write_map(
             &args.range_doppler,
             self.range_doppler,
-            Rows::AroundStrongest,
-            "Range-Doppler, dB below the strongest cell",
+            RowRange::AroundMaximum,
+            "Range-Doppler map",
         )?;
-        draw_map(
+        write_map(
             &args.range_azimuth,
             self.range_azimuth,
-            Rows::AroundStrongest,
-            "Range-azimuth, dB below the strongest cell",
+            RowRange::AroundMaximum,
+            "Range-azimuth map",
         )?;
-        draw_map(
+        write_map(
             &args.micro_doppler,
             self.micro_doppler.finish(),
-            Rows::All,
-            "Micro-Doppler, dB below the strongest cell",
+            RowRange::All,
+            "Micro-Doppler spectrogram",
         )?;
         if let Some(path) = &args.range_profile {
-            let map = self.profiles.as_ref().ok_or_else(no_frame)?;
-            let x: Vec<f64> = (0..map.n_cols).map(|i| map.cols.at(i)).collect();
-            let mut sums = vec![0.0_f32; map.n_cols];
-            for row in map.values.chunks_exact(map.n_cols.max(1)) {
-                sums.iter_mut().zip(row).for_each(|(sum, v)| *sum += v);
-            }
-            let mean = Map {
-                n_rows: 1,
-                values: sums,
-                ..map.clone()
-            };
-            let db = mean.to_db(-120.0);
-            let strongest = db.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-            let y: Vec<f64> = db.iter().map(|v| f64::from(v - strongest)).collect();
-            let series = [Series {
-                name: "",
-                x: &x,
-                y: &y,
-                intervals: &[],
-            }];
-            let png = plot::lines_png(
-                &series,
-                "range (m)",
-                "power (dB)",
-                "Range profile, mean of all chirps and channels",
-            )?;
-            output::write_atomic(path, &png)?;
+            let profiles = self.profiles.as_ref().ok_or_else(no_frame)?;
+            write_figure(path, &range_profile(profiles).to_svg())?;
         }
-        draw_map(
+        write_map(
             &args.channel_profiles,
             self.profiles,
-            Rows::All,
-            "Range profile of every virtual channel, dB below the strongest cell",
+            RowRange::All,
+            "Range profiles of the virtual channels",
         )?;
         if let Some(path) = &args.point_cloud {
             let points: Vec<RadarPoint> = frames
                 .iter()
                 .flat_map(|f| f.points.iter().copied())
                 .collect();
-            let png = plot::points_png(&points, "Points of all frames, by velocity")?;
-            output::write_atomic(path, &png)?;
+            let plot = point_cloud(&points, "Points of all frames");
+            write_plot(path, || plot.to_svg(), || plot.to_png())?;
         }
         if let Some(path) = &args.points_over_time {
-            let png = plot::points_over_time_png(frames, "Points over time, by velocity")?;
-            output::write_atomic(path, &png)?;
+            let plot = points_over_time(frames, "Points over time");
+            write_plot(path, || plot.to_svg(), || plot.to_png())?;
         }
         if let Some(path) = &args.tracks {
             let tracks = tracks.ok_or_else(|| {
-                CliError::new("--tracks draws people, and none were looked for")
-                    .hint("`radarllm process CAPTURE --people auto --tracks F.png`")
+                CliError::new("--tracks needs --people: nobody was tracked")
+                    .hint("`radarllm process CAPTURE --people auto --tracks F.svg`")
             })?;
-            draw_tracks(path, tracks)?;
+            write_figure(path, &track_plot(tracks).to_svg())?;
         }
         Ok(())
     }
 }
 
-/// Paths from above, a line a person, broken where the person was not seen.
-fn draw_tracks(path: &Path, tracks: &[Track]) -> CliResult {
-    let named: Vec<(String, Vec<f64>, Vec<f64>)> = tracks
-        .iter()
-        .map(|t| {
-            let place = |axis: usize| {
-                let frames = t.frames.iter();
-                let seen = frames.map(move |f| (!f.points.is_empty()).then(|| f.place_m[axis]));
-                seen.map(|v| v.unwrap_or(f64::NAN)).collect()
-            };
-            (format!("person {}", t.id), place(0), place(1))
-        })
-        .collect();
-    let series: Vec<Series> = named
-        .iter()
-        .map(|(name, x, y)| Series {
-            name,
-            x,
-            y,
-            intervals: &[],
-        })
-        .collect();
-    let png = plot::lines_png(&series, "x (m)", "y (m)", "Paths of people from above")?;
-    output::write_atomic(path, &png)
+/// Paths from above, one line for each person, interrupted where the person was not seen.
+fn track_plot(tracks: &[Track]) -> LinePlot {
+    let series = tracks.iter().map(|track| {
+        let places = track.frames.iter().map(|frame| match frame.points[..] {
+            [] => [f64::NAN; 2],
+            _ => frame.place_m,
+        });
+        Series::new(format!("person {}", track.id), places)
+    });
+    LinePlot {
+        title: "Tracks of people from above".into(),
+        x: Axis::new("x", "m"),
+        y: Axis::new("y", "m"),
+        series: series.collect(),
+        markers: Markers::FirstPoint,
+        aspect: Aspect::Equal,
+    }
 }
 
-/// Draws how often each value of the ADC came, and the figures of each receiver.
-pub fn draw_adc_statistics(path: &Path, stats: &AdcStats) -> CliResult {
-    let middle = (HISTOGRAM_BINS / 2) as f64;
-    let x: Vec<f64> = (0..HISTOGRAM_BINS)
-        .map(|i| 0.5 * (i as f64 - middle))
-        .collect();
-    let mut curves: Vec<(String, Vec<f64>)> = Vec::new();
-    for (i, c) in stats.channels().iter().enumerate() {
-        let Some(counts) = stats.histogram(i) else {
-            continue;
-        };
+/// Mean of all chirps and channels; `profiles` has one row for each channel.
+fn range_profile(profiles: &Map) -> LinePlot {
+    let mut sums = vec![0.0_f32; profiles.n_cols];
+    for row in profiles.values.chunks_exact(profiles.n_cols.max(1)) {
+        sums.iter_mut().zip(row).for_each(|(sum, v)| *sum += v);
+    }
+    let mean = Map {
+        n_rows: 1,
+        values: sums,
+        ..profiles.clone()
+    };
+    let db = mean.to_db(-120.0);
+    let maximum = db.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    let points = db
+        .iter()
+        .enumerate()
+        .map(|(i, v)| [profiles.cols.at(i), f64::from(v - maximum)]);
+    LinePlot {
+        title: "Range profile, mean of chirps and channels".into(),
+        x: plot_axis(&profiles.cols, 0, profiles.n_cols),
+        y: Axis::new(RELATIVE_POWER, "dB"),
+        series: vec![Series::new("", points)],
+        ..LinePlot::default()
+    }
+}
+
+/// Writes how often each value of the ADC occurs, with the figures of each receiver.
+pub fn write_adc_statistics(path: &Path, stats: &AdcStats) -> CliResult {
+    // Bins are half octaves of 1 + |value|, see `AdcStats::histogram`; these are their edges.
+    let edges = (0..=HISTOGRAM_BINS).map(|i| {
+        let half_octaves = i as f64 - 0.5 * HISTOGRAM_BINS as f64;
+        half_octaves.signum() * (2_f64.powf(0.5 * half_octaves.abs() + 0.25) - 1.0)
+    });
+    let channels = stats.channels();
+    let series = channels.iter().enumerate().filter_map(|(i, c)| {
+        let counts = stats.histogram(i)?;
         let total = counts.iter().sum::<u64>().max(1) as f64;
-        // What never came leaves a gap.
-        let share = |n: &u64| match n {
-            0 => f64::NAN,
-            n => (*n as f64 / total).log10(),
-        };
+        let shares = counts.iter().map(|n| *n as f64 / total).collect();
         let name = format!(
-            "RX{}: {:.2} % full, DC {:+.1}{:+.1}j, I/Q {:+.2} dB {:+.1} deg",
+            "RX{}: {:.2} % saturated, offset {:+.1}{:+.1}j, I/Q {:+.2} dB {:+.1}\u{b0}",
             i + 1,
             100.0 * c.saturated,
             c.mean[0],
@@ -286,53 +366,49 @@ pub fn draw_adc_statistics(path: &Path, stats: &AdcStats) -> CliResult {
             c.gain_imbalance_db,
             c.phase_imbalance_rad.to_degrees()
         );
-        curves.push((name, counts.iter().map(share).collect()));
-    }
-    let series: Vec<Series> = curves
-        .iter()
-        .map(|(name, y)| Series {
-            name,
-            x: &x,
-            y,
-            intervals: &[],
-        })
-        .collect();
-    let png = plot::lines_png(
-        &series,
-        "sign of I or Q x log2(1 + counts); full scale is 15",
-        "log10 of the share of values",
-        "ADC values of each receiver",
-    )?;
-    output::write_atomic(path, &png)
+        Some((name.replace('-', "\u{2212}"), shares))
+    });
+    let plot = Histogram {
+        title: "ADC values of each receiver".into(),
+        x: Axis::new("Value of I or Q", "counts").with_scale(AxisScale::SignedLog),
+        y: Axis::new("Share of values", "").with_scale(AxisScale::Log10),
+        edges: edges.collect(),
+        series: series.collect(),
+    };
+    write_figure(path, &plot.to_svg())
 }
+
+/// Label of decibels below the maximum of a map.
+const RELATIVE_POWER: &str = "Power relative to maximum";
 
 /// Rows of a map that are shown.
 #[derive(Clone, Copy)]
-enum Rows {
+enum RowRange {
     All,
-    AroundStrongest,
+    AroundMaximum,
 }
 
 fn no_frame() -> CliError {
-    CliError::new("no frame to draw")
+    CliError::new("no frame to plot")
 }
 
-fn draw_map(path: &Option<PathBuf>, map: Option<Map>, rows: Rows, title: &str) -> CliResult {
+fn write_map(path: &Option<PathBuf>, map: Option<Map>, rows: RowRange, title: &str) -> CliResult {
     let Some(path): Option<&Path> = path.as_deref() else {
         return Ok(());
     };
-    let map = map.ok_or_else(no_frame)?;
-    output::write_atomic(path, &plot::map_png(&heatmap(&map, rows), title)?)
+    let map = heatmap(&map.ok_or_else(no_frame)?, rows, title)
+        .map_err(|e| CliError::new(format!("{}: {e}", path.display())))?;
+    write_plot(path, || map.to_svg(), || map.to_png())
 }
 
-/// A map in dB relative to its strongest cell.
-fn heatmap(map: &Map, rows: Rows) -> plot::Heatmap {
+/// A map in dB relative to its maximum.
+fn heatmap(map: &Map, rows: RowRange, title: &str) -> Result<Heatmap, PlotError> {
     let values = map.to_db(-DEPTH_DB);
     let strongest = (0..values.len())
         .max_by(|a, b| values[*a].total_cmp(&values[*b]))
         .unwrap_or(0);
     let (mut first, mut last) = (0, map.n_rows.saturating_sub(1));
-    if let Rows::AroundStrongest = rows {
+    if let RowRange::AroundMaximum = rows {
         let margin = (SHOWN_RANGE_M / map.rows.step.abs().max(1e-6)) as usize;
         let row = strongest / map.n_cols.max(1);
         (first, last) = (row.saturating_sub(margin), (row + margin).min(last));
@@ -341,15 +417,21 @@ fn heatmap(map: &Map, rows: Rows) -> plot::Heatmap {
         .iter()
         .map(|v| v - values[strongest])
         .collect();
-    let label = |axis: &radarllm_radar_dsp::Axis| match axis.unit {
-        "" => axis.label.to_owned(),
-        unit => format!("{} ({unit})", axis.label),
-    };
-    plot::Heatmap::new(last + 1 - first, map.n_cols, shown)
-        .rows(&label(&map.rows), map.rows.at(first), map.rows.at(last))
-        .cols(
-            &label(&map.cols),
-            map.cols.start,
-            map.cols.at(map.n_cols.saturating_sub(1)),
-        )
+    let n_rows = last + 1 - first;
+    Ok(Heatmap {
+        title: title.into(),
+        x: plot_axis(&map.cols, 0, map.n_cols),
+        y: plot_axis(&map.rows, first, n_rows),
+        values: Grid::new(n_rows, map.n_cols, shown)?,
+        colour_bar: Axis::new(RELATIVE_POWER, "dB").with_limits(-f64::from(DEPTH_DB), 0.0),
+    })
+}
+
+/// The axis of `n` cells of a map from `first` on. Quantities begin with a capital letter, symbols stay as they are.
+fn plot_axis(axis: &radarllm_radar_dsp::Axis, first: usize, n: usize) -> Axis {
+    let mut label = axis.label.to_owned();
+    if !axis.label.contains('/') {
+        label[..1].make_ascii_uppercase();
+    }
+    Axis::new(label, axis.unit).with_cells(axis.at(first), axis.step, n)
 }

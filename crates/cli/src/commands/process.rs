@@ -2,30 +2,26 @@
 
 use std::path::{Path, PathBuf};
 
-use radarllm_base::{PointFrame, RadarConfig, RadarCube, Timeline};
-use radarllm_dataset::{Overwrite, PointsMeta, write_points};
-use radarllm_formats::{
-    Detected,
-    adc::{AdcStats, CubeShape, FrameSource, IqAnswer, IqCheck},
+use radarllm::{Clip, Overwrite, PointsMeta, SampleRecording, write_points};
+use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
+use radarllm_formats::Detected;
+use radarllm_io::{
+    CaptureOptions, RecordingKind, SampleFormat,
+    options::{NEEDS_SAMPLES, refuse_options},
+    recording::read_recorded_points,
+    recording_kind,
 };
-use radarllm_radar_dsp::{DspOptions, PointExtractor};
 use radarllm_synth::processing::ProcessingFile;
+use radarllm_tracking::{People, find_people};
 use serde::Serialize;
 
 use crate::{
     args::ProcessArgs,
-    capture::{self, Format, Frames, NpyFrames},
-    clean::NEEDS_SAMPLES,
-    commands::{
-        pictures::{self, PictureArgs, Pictures},
-        radar,
-    },
-    error::{CliError, CliResult, refuse_options},
-    files::{self, MAX_CONFIG_BYTES},
-    input::MAX_FRAMES,
+    commands::pictures::{self, PictureArgs, Pictures},
+    error::{CliError, CliResult},
     output,
-    people::{self, Found, GhostReport, Person},
-    recording, udp,
+    person_report::{GhostReport, PersonReport},
+    radar_file,
 };
 
 #[derive(Serialize)]
@@ -42,7 +38,7 @@ struct Report {
     lost_frames: usize,
     /// Bytes after the last whole frame.
     trailing_bytes: usize,
-    /// Packets, where there were some.
+    /// Counts of packets, if the recording has any.
     transfer: Option<Transfer>,
     /// What was noticed about the capture.
     notes: Vec<String>,
@@ -68,123 +64,110 @@ struct Transfer {
 
 /// Runs the verb.
 pub fn run(args: &ProcessArgs) -> CliResult {
-    let kind = kind_of(args)?;
-    let asked = match &kind {
-        Kind::Samples(_) => Asked::of_samples(args),
-        Kind::Points(_) => Asked::of_points(args),
-    };
-    for path in std::iter::once(&args.out).chain(asked.paths()) {
+    let mut options = options(args)?;
+    let kind = recording_kind(&args.capture, &options)?;
+    let has_samples = matches!(kind, RecordingKind::Samples(_));
+    let plots = PictureRequest::of(args, has_samples);
+    plots.check()?;
+    for path in std::iter::once(&args.out).chain(plots.paths()) {
         output::check_free(path, args.force)?;
     }
-    let format = match kind {
-        Kind::Samples(format) => format,
-        Kind::Points(detected) => return recorded_points(args, &asked, &detected),
-    };
-    let radar_name = samples_radar(args)?;
-    let radar = radar::open(radar_name)?;
-    let mut notes = Vec::new();
-    let named = args.format.as_deref();
-    args.recording.check_for_samples()?;
-    let corrector = args
-        .clean
-        .of_samples(&radar, radar_name, named, &args.layout, &mut notes)?;
-    let options = match &args.processing {
-        Some(path) => processing(path)?.resolve(&radar),
-        None => DspOptions::default(),
-    };
-    let mut extractor = PointExtractor::new(&radar, args.clean.chain(options))?;
-    let mut pictures = Pictures::new(&asked.pictures);
-    let mut frames = Frames::open(
-        format,
-        &args.capture,
-        &radar,
-        radar_name,
-        &args.layout,
-        &mut notes,
-    )?;
-    let mut health = Health::new(&radar, format);
-    let first = &args.capture[0];
-    let taken = extract_all(
-        &mut frames,
-        first,
-        &radar,
-        args.frames,
-        &mut extractor,
-        |cube| {
-            health.push(cube);
-            Ok(corrector.apply(cube)?)
-        },
-        |extractor, cube, frame| pictures.push(extractor, cube, frame),
-    )?;
-    health.finish(&frames, &mut notes);
-    if frames.overruns() > 0 {
-        notes.push(format!(
-            "{} packets came faster than they were processed",
-            frames.overruns()
-        ));
+    match kind {
+        RecordingKind::Samples(format) => {
+            if let (Some(path), Some(radar)) = (&args.processing, &options.radar) {
+                options.processing = Some(processing(path)?.resolve(&radar.config));
+            }
+            process_samples(args, &options, &plots, format)
+        }
+        RecordingKind::Points(detected) => process_points(args, &options, &plots, &detected),
+        RecordingKind::PointsFile => Err(CliError::new(format!(
+            "{}: a points file already",
+            args.capture[0].display()
+        ))),
     }
-    if taken.points.is_empty() {
-        return Err(CliError::new(format!(
-            "{}: not one whole frame of radar `{}` ({} bytes of one)",
-            first.display(),
-            radar.name,
-            frames.trailing_bytes()
-        )));
+}
+
+/// The flags as the library takes them.
+fn options(args: &ProcessArgs) -> CliResult<CaptureOptions> {
+    let format = args
+        .format
+        .as_deref()
+        .map(radarllm::CaptureFormat::from_name);
+    let opened = args.radar.as_deref().map(radar_file::open).transpose()?;
+    Ok(CaptureOptions {
+        radar: opened,
+        format: format.transpose()?,
+        layout: args.layout.options(),
+        points: args.recording.options()?,
+        cleaning: args.cleaning.options(),
+        processing: None,
+        max_frames: args.frames,
+        radar_height_m: args.radar_height_m,
+    })
+}
+
+/// Raw samples, through the signal chain.
+fn process_samples(
+    args: &ProcessArgs,
+    options: &CaptureOptions,
+    plots: &PictureRequest,
+    format: SampleFormat,
+) -> CliResult {
+    let mut samples = SampleRecording::open(&args.capture, format, options)?;
+    if let Some(address) = samples.frames().listening_address() {
+        eprintln!("listening at {address}");
     }
-    let line = Timeline::from_frames(taken.points, radar.frame_rate_hz());
-    let line = recording::shape(line, &args.recording)?;
-    let (line, found) = resampled(args, line, &mut notes)?;
-    let tracks = args.people.is_given().then_some(&found.tracks[..]);
-    pictures.finish(&line.frames, tracks)?;
-    let has_counts = health.stats.channels().iter().any(|c| c.rms >= 1.0);
-    match &asked.adc_statistics {
-        Some(path) if has_counts => pictures::draw_adc_statistics(path, &health.stats)?,
+    let mut pictures = Pictures::new(&plots.pictures);
+    let extracted = samples.extract_points(|extractor, cube, frame| {
+        pictures
+            .push(extractor, cube, frame)
+            .map_err(|e| radarllm::Error::input(e.cause))
+    })?;
+    let (damaged_frames, lost_frames) = (extracted.n_damaged, extracted.n_lost);
+    let trailing_bytes = samples.trailing_bytes();
+    let transfer = samples.frames().transfer().map(|(t, skipped)| Transfer {
+        packets: t.packets,
+        lost: t.lost,
+        out_of_order: t.out_of_order,
+        duplicates: t.duplicates,
+        late: t.late,
+        refused: t.refused,
+        skipped,
+    });
+    let stats = samples.stats().clone();
+    let radarllm_io::Recording { clip, mut notes } = samples.into_recording(extracted)?;
+    let (clip, people) = resample_and_track(args, clip, &mut notes)?;
+    let tracks = args.people.is_given().then_some(&people.tracks[..]);
+    pictures.finish(&clip.frames, tracks)?;
+    let has_counts = stats.channels().iter().any(|c| c.rms >= 1.0);
+    match &plots.adc_statistics {
+        Some(path) if has_counts => pictures::write_adc_statistics(path, &stats)?,
         Some(_) if args.adc_statistics.is_some() => {
             return Err(CliError::new(format!(
-                "{}: the samples stay below one count: they are no ADC's, and --adc-statistics has nothing to draw",
-                first.display()
+                "{}: the samples stay below one count: they are not those of an ADC, and --adc-statistics has nothing \
+                 to draw",
+                args.capture[0].display()
             )));
         }
         _ => {}
     }
-    let names: Vec<String> = args
-        .capture
-        .iter()
-        .map(|p| p.display().to_string())
-        .collect();
-    let meta = PointsMeta {
-        radar: radar.name.clone(),
-        source: format!("recorded:{}", names.join("+")),
-        seed: None,
-        version: env!("CARGO_PKG_VERSION").into(),
-        radar_height_m: Some(args.radar_height_m),
-        frame_rate_hz: line.frame_rate_hz,
-    };
-    let people = write_all(args, &meta, &line.frames, &found)?;
+    let files = write_all(args, &clip, &people)?;
     let report = Report {
-        frames: line.frames.len(),
-        points_per_frame: points_per_frame(&line.frames),
-        frame_rate_hz: line.frame_rate_hz,
-        radar: radar.name,
+        frames: clip.frames.len(),
+        points_per_frame: clip.points_per_frame(),
+        frame_rate_hz: clip.frame_rate_hz,
+        radar: clip.radar,
         out: args.out.display().to_string(),
         format: format.name(),
-        damaged_frames: taken.damaged,
-        lost_frames: taken.lost,
-        trailing_bytes: frames.trailing_bytes(),
-        transfer: frames.transfer().map(|(t, skipped)| Transfer {
-            packets: t.packets,
-            lost: t.lost,
-            out_of_order: t.out_of_order,
-            duplicates: t.duplicates,
-            late: t.late,
-            refused: t.refused,
-            skipped,
-        }),
+        damaged_frames,
+        lost_frames,
+        trailing_bytes,
+        transfer,
         notes,
-        people,
-        ghosts: found.ghosts,
+        people: files,
+        ghosts: people.ghosts.iter().map(GhostReport::from).collect(),
     };
-    say(&report);
+    print_notes(&report);
     if args.json {
         return output::print_json(&report);
     }
@@ -196,34 +179,33 @@ pub fn run(args: &ProcessArgs) -> CliResult {
     Ok(())
 }
 
-/// Pictures that are asked for, by name or all.
-struct Asked {
+/// The plots to write, named one by one or all in a folder.
+struct PictureRequest {
     pictures: PictureArgs,
     adc_statistics: Option<PathBuf>,
 }
 
-impl Asked {
-    fn of_samples(args: &ProcessArgs) -> Self {
+impl PictureRequest {
+    fn of(args: &ProcessArgs, has_samples: bool) -> Self {
         let folder = args.all_pictures.as_deref();
+        let in_folder = folder.filter(|_| has_samples);
         Self {
             pictures: args
                 .pictures
-                .in_folder(folder, true, args.people.is_given()),
+                .in_folder(folder, has_samples, args.people.is_given()),
             adc_statistics: args
                 .adc_statistics
                 .clone()
-                .or_else(|| folder.map(|f| f.join("adc-statistics.png"))),
+                .or_else(|| in_folder.map(|f| f.join("adc-statistics.svg"))),
         }
     }
 
-    fn of_points(args: &ProcessArgs) -> Self {
-        Self {
-            pictures: args.pictures.in_folder(
-                args.all_pictures.as_deref(),
-                false,
-                args.people.is_given(),
-            ),
-            adc_statistics: args.adc_statistics.clone(),
+    /// Refuses names whose ending does not say what to write.
+    fn check(&self) -> CliResult {
+        self.pictures.check()?;
+        match &self.adc_statistics {
+            Some(path) => pictures::check_adc_statistics(path),
+            None => Ok(()),
         }
     }
 
@@ -236,40 +218,52 @@ impl Asked {
 #[derive(Serialize)]
 struct PersonFile {
     #[serde(flatten)]
-    person: Person,
+    person: PersonReport,
     out: String,
 }
 
-/// Writes all points, and with `--people` those of each; `None` without.
+/// Writes all points, and with `--people` those of each person; `None` without.
 fn write_all(
     args: &ProcessArgs,
-    meta: &PointsMeta,
-    frames: &[PointFrame],
-    found: &Found,
+    clip: &Clip,
+    people: &People,
 ) -> CliResult<Option<Vec<PersonFile>>> {
     let tracks = match args.people.people {
-        Some(_) => &found.tracks[..],
+        Some(_) => &people.tracks[..],
         None => &[],
     };
     for track in tracks {
-        output::check_free(&people::path_of(&args.out, track.id), args.force)?;
+        output::check_free(&person_path(&args.out, track.id), args.force)?;
     }
-    write_points(&args.out, meta, frames, Overwrite::Replace)?;
+    let meta = PointsMeta {
+        radar: clip.radar.clone(),
+        source: clip.provenance.to_string(),
+        seed: clip.provenance.seed(),
+        version: env!("CARGO_PKG_VERSION").into(),
+        radar_height_m: Some(clip.radar_height_m),
+        frame_rate_hz: clip.frame_rate_hz,
+    };
+    write_points(&args.out, &meta, &clip.frames, Overwrite::Replace)?;
     let mut files = Vec::new();
     for track in tracks {
-        let path = people::path_of(&args.out, track.id);
+        let path = person_path(&args.out, track.id);
         let meta = PointsMeta {
             source: format!("{} (person {})", meta.source, track.id),
             ..meta.clone()
         };
-        let alone = people::alone(track, frames);
-        write_points(&path, &meta, &alone, Overwrite::Replace)?;
+        let frames = track.only_points(&clip.frames);
+        write_points(&path, &meta, &frames, Overwrite::Replace)?;
         files.push(PersonFile {
-            person: Person::of(track, frames),
+            person: PersonReport::of_track(track, &clip.frames),
             out: path.display().to_string(),
         });
     }
     Ok(args.people.people.map(|_| files))
+}
+
+/// The file of one person's points beside the file of all.
+fn person_path(out: &Path, id: u32) -> PathBuf {
+    out.with_extension(format!("person-{id}.parquet"))
 }
 
 fn print_people(people: Option<&[PersonFile]>, ghosts: &[GhostReport]) {
@@ -284,78 +278,45 @@ fn print_people(people: Option<&[PersonFile]>, ghosts: &[GhostReport]) {
         ));
     }
     for ghost in ghosts {
-        output::print_line(&people::describe_ghost(ghost));
+        output::print_line(&ghost.to_string());
     }
 }
 
-/// Frames at the rate that was asked for, and who is in them.
-fn resampled(
+/// The clip at the frame rate that was asked for, and the people in it.
+fn resample_and_track(
     args: &ProcessArgs,
-    line: Timeline,
+    clip: Clip,
     notes: &mut Vec<String>,
-) -> CliResult<(Timeline, Found)> {
-    let mut line = match args.resample {
-        Some(rate_hz) => recording::resample(&line, rate_hz, args.recording.follow)?,
-        None => line,
+) -> CliResult<(Clip, People)> {
+    let mut clip = match args.resample {
+        Some(rate_hz) => clip.resample(rate_hz, args.recording.motion_compensate)?,
+        None => clip,
     };
-    // What stands still may be people where it was asked for, and where an empty room's share of it was taken off.
-    let keep_still = args.recording.slowest.is_some() || args.clean.background.is_some();
-    let found = args.people.find(&mut line.frames, keep_still, notes)?;
-    Ok((line, found))
+    if !args.people.is_given() {
+        return Ok((clip, People::default()));
+    }
+    // Static points may be people where they were asked for, and where the empty scene's were removed.
+    let keep_static = args.recording.min_speed.is_some() || args.cleaning.background.is_some();
+    let people = find_people(&mut clip.frames, &args.people.options(keep_static))?;
+    if let Some(excluded) = people.excluded {
+        notes.push(format!(
+            "{excluded}: excluded from tracking as clutter (--min-speed 0 keeps them)"
+        ));
+    }
+    Ok((clip, people))
 }
 
 /// The `[processing]` table of a file.
 fn processing(path: &Path) -> CliResult<ProcessingFile> {
-    let text = files::read_text(path, MAX_CONFIG_BYTES)?;
+    let text = bounded::read_text(path, MAX_CONFIG_BYTES)?;
     ProcessingFile::from_toml(&text).map_err(|e| {
         CliError::new(format!("{}: {e}", path.display()))
             .hint("docs/scenes.md lists the fields of [processing]")
     })
 }
 
-/// What a capture holds.
-enum Kind {
-    /// Raw samples.
-    Samples(Format),
-    /// Points that another radar's firmware found.
-    Points(Detected),
-}
-
-/// What the capture is: as named, or as it begins.
-fn kind_of(args: &ProcessArgs) -> CliResult<Kind> {
-    let first = args
-        .capture
-        .first()
-        .ok_or_else(|| CliError::new("no capture is named"))?;
-    let named = args.format.as_deref();
-    let is_samples = udp::address(&first.to_string_lossy()).is_some()
-        || matches!(named, Some("adc" | "dca1000" | "npy"))
-        || (named.is_none() && args.layout.is_given());
-    if is_samples {
-        return capture::format_of(&args.capture, named).map(Kind::Samples);
-    }
-    let detected =
-        recording::format_of(first, named)?.map_err(|e| recording::detect_error(first, &e))?;
-    match detected.format {
-        radarllm_formats::Format::Adc | radarllm_formats::Format::Dca1000 => {
-            capture::format_of(&args.capture, named).map(Kind::Samples)
-        }
-        radarllm_formats::Format::Points => Err(CliError::new(format!(
-            "{}: a points file already",
-            first.display()
-        ))),
-        _ => Ok(Kind::Points(detected)),
-    }
-}
-
-fn samples_radar(args: &ProcessArgs) -> CliResult<&str> {
-    args.radar.as_deref().ok_or_else(|| {
-        CliError::new("raw samples need --radar").hint("the radar that recorded them")
-    })
-}
-
-/// Everything that a user should know about a capture, on stderr.
-fn say(report: &Report) {
+/// Prints everything that a user should know about a recording to stderr.
+fn print_notes(report: &Report) {
     for note in &report.notes {
         eprintln!("note: {note}");
     }
@@ -379,56 +340,6 @@ fn say(report: &Report) {
     }
 }
 
-/// One frame in this many is asked for the order of I and Q.
-const IQ_STEP: usize = 8;
-
-/// Adds up what the samples say about themselves.
-struct Health {
-    n_frames: usize,
-    iq: IqCheck,
-    stats: AdcStats,
-    /// Whether the samples are counts of an ADC.
-    are_counts: bool,
-}
-
-impl Health {
-    fn new(radar: &RadarConfig, format: Format) -> Self {
-        Self {
-            n_frames: 0,
-            iq: IqCheck::new(radar.n_samples),
-            stats: AdcStats::new(radar.rx.len(), 16),
-            are_counts: format != Format::Npy,
-        }
-    }
-
-    fn push(&mut self, cube: &RadarCube) {
-        // The order does not change within a capture.
-        if self.n_frames.is_multiple_of(IQ_STEP) {
-            self.iq.push(cube);
-        }
-        self.n_frames += 1;
-        self.stats.push(cube);
-    }
-
-    fn finish(&self, frames: &Frames, notes: &mut Vec<String>) {
-        if let Frames::Npy(npy) = frames
-            && npy.were_words()
-        {
-            notes.push("numbers were unsigned 16-bit words: they got their sign back".into());
-        }
-        let verdict = self.iq.verdict();
-        if verdict.answer == IqAnswer::Swapped {
-            notes.push(format!(
-                "I/Q order looks swapped: {:+.1} dB at positive against negative range",
-                verdict.positive_over_negative_db
-            ));
-        }
-        if self.are_counts {
-            notes.extend(self.stats.problems());
-        }
-    }
-}
-
 #[derive(Serialize)]
 struct RecordedReport {
     frames: usize,
@@ -444,56 +355,36 @@ struct RecordedReport {
     ghosts: Vec<GhostReport>,
 }
 
-/// Points that another radar's firmware found.
-fn recorded_points(args: &ProcessArgs, asked: &Asked, detected: &Detected) -> CliResult {
-    if asked.adc_statistics.is_some() || asked.pictures.need_samples() {
-        return Err(CliError::new(
-            "this picture is made from raw samples; the capture holds points",
-        )
-        .hint("--point-cloud, --points-over-time and --tracks are made from points"));
+/// Points that a radar's firmware detected.
+fn process_points(
+    args: &ProcessArgs,
+    options: &CaptureOptions,
+    plots: &PictureRequest,
+    detected: &Detected,
+) -> CliResult {
+    if plots.adc_statistics.is_some() || plots.pictures.need_samples() {
+        return Err(
+            CliError::new("this plot is made from raw samples; the capture holds points")
+                .hint("--point-cloud, --points-over-time and --tracks are made from points"),
+        );
     }
-    refuse_options(
-        &[
-            ("--processing", args.processing.is_some()),
-            ("--frames", args.frames.is_some()),
-        ],
-        NEEDS_SAMPLES,
-    )?;
-    let [path] = &args.capture[..] else {
-        return Err(CliError::new(
-            "recorded points are read one capture at a time",
-        ));
-    };
-    let mut opened = recording::open(path, detected, args.radar.as_deref(), &args.recording)?;
-    args.clean.of_points(
-        &mut opened.timeline.frames,
-        args.radar.as_deref(),
-        args.format.as_deref(),
-        &args.recording,
-        &mut opened.notes,
-    )?;
-    let (line, found) = resampled(args, opened.timeline, &mut opened.notes)?;
-    let tracks = args.people.is_given().then_some(&found.tracks[..]);
-    Pictures::new(&asked.pictures).finish(&line.frames, tracks)?;
-    let meta = PointsMeta {
-        radar: opened.radar,
-        source: opened.source,
-        seed: None,
-        version: env!("CARGO_PKG_VERSION").into(),
-        radar_height_m: Some(args.radar_height_m),
-        frame_rate_hz: line.frame_rate_hz,
-    };
-    let people = write_all(args, &meta, &line.frames, &found)?;
+    refuse_options(&[("processing", args.processing.is_some())], NEEDS_SAMPLES)?;
+    let recording = read_recorded_points(&args.capture, detected, options)?;
+    let mut notes = recording.notes;
+    let (clip, people) = resample_and_track(args, recording.clip, &mut notes)?;
+    let tracks = args.people.is_given().then_some(&people.tracks[..]);
+    Pictures::new(&plots.pictures).finish(&clip.frames, tracks)?;
+    let files = write_all(args, &clip, &people)?;
     let report = RecordedReport {
-        frames: line.frames.len(),
-        points_per_frame: points_per_frame(&line.frames),
-        frame_rate_hz: line.frame_rate_hz,
-        radar: meta.radar,
-        source: meta.source,
-        notes: opened.notes,
+        frames: clip.frames.len(),
+        points_per_frame: clip.points_per_frame(),
+        frame_rate_hz: clip.frame_rate_hz,
+        source: clip.provenance.to_string(),
+        radar: clip.radar,
+        notes,
         out: args.out.display().to_string(),
-        people,
-        ghosts: found.ghosts,
+        people: files,
+        ghosts: people.ghosts.iter().map(GhostReport::from).collect(),
     };
     if args.json {
         return output::print_json(&report);
@@ -507,106 +398,4 @@ fn recorded_points(args: &ProcessArgs, asked: &Asked, detected: &Detected) -> Cl
     ));
     print_people(report.people.as_deref(), &report.ghosts);
     Ok(())
-}
-
-/// Mean number of points.
-pub fn points_per_frame(frames: &[PointFrame]) -> f64 {
-    frames.iter().map(|f| f.points.len()).sum::<usize>() as f64 / frames.len().max(1) as f64
-}
-
-/// Frames of points, and how many of them are not what they should be.
-pub struct Taken {
-    /// One a frame period from the first one on; lost ones are empty.
-    pub points: Vec<PointFrame>,
-    /// Frames with missing bytes.
-    pub damaged: usize,
-    /// Frames that never came.
-    pub lost: usize,
-}
-
-/// Extracts points of at most `n_frames` frames. `before` gets every cube as it was read and may correct it; `each` sees
-/// what came of it with its points.
-pub fn extract_all(
-    frames: &mut Frames,
-    path: &Path,
-    radar: &RadarConfig,
-    n_frames: Option<usize>,
-    extractor: &mut PointExtractor,
-    mut before: impl FnMut(&mut RadarCube) -> CliResult,
-    mut each: impl FnMut(&mut PointExtractor, &RadarCube, &PointFrame) -> CliResult,
-) -> CliResult<Taken> {
-    let most = n_frames.unwrap_or(MAX_FRAMES).min(MAX_FRAMES);
-    let too_many = |n: u64| {
-        CliError::new(format!(
-            "{}: {n} frames, at most {MAX_FRAMES} are handled",
-            path.display()
-        ))
-        .hint("--frames N reads only the first ones")
-    };
-    if let Frames::Npy(npy) = frames
-        && n_frames.is_none()
-        && npy.n_frames() > MAX_FRAMES as u64
-    {
-        return Err(too_many(npy.n_frames()));
-    }
-    let mut cube = CubeShape::of(radar).zeros()?;
-    let mut taken = Taken {
-        points: Vec::new(),
-        damaged: 0,
-        lost: 0,
-    };
-    let mut first = None;
-    while taken.points.len() < most {
-        let integrity = match frames.next_frame(&mut cube) {
-            Ok(Some(integrity)) => integrity,
-            Ok(None) => return Ok(taken),
-            Err(e) => return Err(capture::naming(path, e)),
-        };
-        let index = integrity.frame - *first.get_or_insert(integrity.frame);
-        if index >= MAX_FRAMES as u64 {
-            return Err(too_many(index.saturating_add(1)));
-        }
-        let time_s = |index: usize| index as f64 * radar.frame_period_s;
-        while taken.points.len() < index as usize {
-            let lost = taken.points.len();
-            taken.lost += 1;
-            taken.points.push(PointFrame {
-                frame: lost as u32,
-                time_s: time_s(lost),
-                points: Vec::new(),
-            });
-        }
-        taken.damaged += usize::from(!integrity.is_complete());
-        cube.time_s = time_s(index as usize);
-        before(&mut cube)?;
-        let mut frame = extractor
-            .extract(&cube)
-            .map_err(|e| CliError::new(format!("{}: frame {index}: {e}", path.display())))?;
-        frame.frame = index as u32;
-        each(extractor, &cube, &frame)?;
-        taken.points.push(frame);
-    }
-    if n_frames.is_none() && frames.next_frame(&mut cube).is_ok_and(|f| f.is_some()) {
-        return Err(too_many(MAX_FRAMES as u64 + 1));
-    }
-    Ok(taken)
-}
-
-/// Points of an npy array in our own order, for verbs that only want those.
-pub fn points_of_npy(
-    path: &Path,
-    radar: &RadarConfig,
-    extractor: &mut PointExtractor,
-) -> CliResult<Vec<PointFrame>> {
-    let mut frames = Frames::Npy(Box::new(NpyFrames::open(path, radar, None)?));
-    let taken = extract_all(
-        &mut frames,
-        path,
-        radar,
-        None,
-        extractor,
-        |_| Ok(()),
-        |_, _, _| Ok(()),
-    )?;
-    Ok(taken.points)
 }

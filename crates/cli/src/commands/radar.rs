@@ -2,18 +2,19 @@
 
 use std::{fs, path::Path};
 
-use radarllm_base::{RadarConfig, radar_config::Firing};
+use radarllm::bundled;
+use radarllm_base::{RadarConfig, radar_config::TxMultiplexing};
 use radarllm_formats::{Finding, ModelExpectations, Severity, Span};
-use radarllm_inference::{lm::FRAME_RATE_HZ, tokenizer::encode::TokenizerFile};
-use radarllm_synth::synthesizer::{RadarSource, open_radar, read_radar};
+use radarllm_inference::{FRAME_RATE_HZ, tokenizer::encode::TokenizerFile};
+use radarllm_io::{RadarSource, read_radar_text};
 use serde::Serialize;
 
 use crate::{
     args::RadarVerb,
     commands::calibrate,
-    default_model,
     error::{CliError, CliResult},
     output,
+    radar_file::{open, unknown},
 };
 
 /// Longest piece of a source line shown, characters.
@@ -51,8 +52,8 @@ impl From<&RadarConfig> for Figures {
             n_loops: radar.n_loops,
             n_samples: radar.n_samples,
             firing: match radar.firing {
-                Firing::Tdm => "tdm",
-                Firing::Bpm => "bpm",
+                TxMultiplexing::Tdm => "tdm",
+                TxMultiplexing::Bpm => "bpm",
             },
             carrier_hz: radar.carrier_hz(),
             sampled_bandwidth_hz: radar.sampled_bandwidth_hz(),
@@ -60,28 +61,11 @@ impl From<&RadarConfig> for Figures {
     }
 }
 
-/// Opens a radar by built-in name or file, with a hint on failure.
-pub fn open(name: &str) -> CliResult<RadarConfig> {
-    open_radar(name, Path::new("")).map_err(|error| {
-        if Path::new(name).is_file() {
-            return CliError::new(error).hint(format!(
-                "`radarllm radar lint {name}` shows the place in the file"
-            ));
-        }
-        unknown(error)
-    })
-}
-
-fn unknown(error: impl std::fmt::Display) -> CliError {
-    CliError::new(error)
-        .hint("`radarllm radar list` names the built-in radars; files end in .toml, .cfg or .json")
-}
-
 /// Runs the verb.
 pub fn run(verb: &RadarVerb) -> CliResult {
     match verb {
         RadarVerb::List(args) => list(args.json),
-        RadarVerb::Show { radar, json } => show(&open(radar)?, *json),
+        RadarVerb::Show { radar, json } => show(&open(radar)?.config, *json),
         RadarVerb::Lint { radar, model, json } => lint(radar, model.as_deref(), *json),
         RadarVerb::Calibrate(args) => calibrate::run(args),
     }
@@ -140,23 +124,19 @@ fn show(radar: &RadarConfig, json: bool) -> CliResult {
 
 fn lint(name: &str, model: Option<&Path>, json: bool) -> CliResult {
     let expected = expectations(model)?;
-    let (text, findings) = match read_radar(name, Path::new("")).map_err(unknown)? {
-        RadarSource::BuiltIn(radar) => (
-            String::new(),
-            radarllm_formats::lint(&radar, expected.as_ref()),
-        ),
-        RadarSource::TiCfg(text) => {
+    let (text, findings) = match read_radar_text(name).map_err(unknown)? {
+        Some(RadarSource::TiCfg(text)) => {
             let findings = radarllm_formats::lint_ti_cfg(&text, expected.as_ref());
             (text, findings)
         }
-        RadarSource::Toml(text) => {
+        Some(RadarSource::Toml(text)) => {
             let findings = radarllm_formats::lint_radar_toml(&text, expected.as_ref());
             (text, findings)
         }
-        // Without places: the export is no text that people edit.
-        RadarSource::Studio { .. } => (
+        // Built-in radars have no text, and exports of mmWave Studio are not edited by hand.
+        _ => (
             String::new(),
-            radarllm_formats::lint(&open(name)?, expected.as_ref()),
+            radarllm_formats::lint(&open(name)?.config, expected.as_ref()),
         ),
     };
     let count = |severity| findings.iter().filter(|f| f.severity == severity).count();
@@ -195,7 +175,7 @@ fn expectations(model: Option<&Path>) -> CliResult<Option<ModelExpectations>> {
             })?;
             (bytes, path.display().to_string())
         }
-        None => match default_model::file(CONFIG) {
+        None => match bundled::file(CONFIG) {
             Some(bytes) => (bytes.to_vec(), CONFIG.to_owned()),
             None => return Ok(None),
         },

@@ -11,29 +11,31 @@ use std::{
 
 use npyz::WriterBuilder;
 use num_complex::Complex32;
-use radarllm_base::{PointFrame, RadarConfig, SPEED_OF_LIGHT_MPS, seed::derive_seed};
+use radarllm::{DspOptions, open_motion};
+use radarllm_base::{PointFrame, Provenance, RadarConfig, SPEED_OF_LIGHT_MPS, seed::derive_seed};
 use radarllm_body::{
     MotionSampler,
     mesh::{BodyModel, PosedBody, SmplxBody, clothed_skin},
 };
 use radarllm_dataset::{Overwrite, PointsMeta, write_points};
+use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
 use radarllm_formats::Severity;
 use radarllm_radar_sim::{Noise, Scene};
 use radarllm_synth::{
-    Method, Synthesizer,
+    Method, SynthError, Synthesizer,
     scene::{OwnedScene, SceneFile},
-    synthesizer::posed_builtin,
+    simulate::{MAX_FRAMES, is_builtin, place},
+    synthesizer::{posed_builtin, scene_to_points_in_parallel},
 };
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::{
     args::{Emit, SimulateArgs},
-    commands::{on_threads, pictures::Pictures, radar},
+    commands::pictures::Pictures,
     error::{CliError, CliResult},
-    files::{self, MAX_CONFIG_BYTES},
-    input::{self, MAX_FRAMES},
-    output,
+    output, radar_file,
+    threads::on_threads,
 };
 
 /// Seconds between lines of progress.
@@ -68,7 +70,7 @@ struct Done {
 
 /// Runs the verb.
 pub fn run(args: &SimulateArgs) -> CliResult {
-    let radar = radar::open(&args.radar)?;
+    let radar = radar_file::open(&args.radar)?.config;
     // Odd radars are simulated all the same, and said to be odd.
     let findings = radarllm_formats::lint(&radar, None);
     for finding in findings.iter().filter(|f| f.severity != Severity::Note) {
@@ -89,8 +91,9 @@ pub fn run(args: &SimulateArgs) -> CliResult {
         jobs.retain(|(_, out)| !out.exists());
     }
     if n_inputs > 1 && args.pictures.paths().next().is_some() {
-        return Err(CliError::new("pictures are drawn of one input at a time"));
+        return Err(CliError::new("plots are made of one input at a time"));
     }
+    args.pictures.check()?;
     for path in jobs.iter().map(|job| &job.1).chain(args.pictures.paths()) {
         output::check_free(path, args.force).map_err(|error| match n_inputs {
             1 => error,
@@ -204,7 +207,7 @@ fn expand(inputs: &[String]) -> CliResult<Vec<String>> {
     let mut all = Vec::new();
     for input in inputs {
         let path = Path::new(input);
-        if !input::is_builtin(input) && path.is_dir() {
+        if !is_builtin(input) && path.is_dir() {
             let mut files: Vec<String> = Vec::new();
             for entry in fs::read_dir(path).map_err(|e| CliError::io(path, e))? {
                 let file = entry.map_err(|e| CliError::io(path, e))?.path();
@@ -242,7 +245,7 @@ fn outputs(inputs: &[String], args: &SimulateArgs) -> CliResult<Vec<PathBuf>> {
     let mut names: Vec<PathBuf> = Vec::new();
     let mut taken: HashSet<PathBuf> = HashSet::new();
     for input in inputs {
-        let stem = if input::is_builtin(input) {
+        let stem = if is_builtin(input) {
             input.replace(
                 |c: char| !c.is_ascii_alphanumeric() && c != '.' && c != '-',
                 "_",
@@ -278,38 +281,31 @@ fn simulate_one(
         Method::Fast
     };
     if input.ends_with(".toml") {
-        let text = files::read_text(Path::new(input), MAX_CONFIG_BYTES)?;
+        let text = bounded::read_text(Path::new(input), MAX_CONFIG_BYTES)?;
         let file =
             SceneFile::from_toml(&text).map_err(|e| CliError::new(format!("{input}: {e}")))?;
         let base = Path::new(input).parent().unwrap_or(Path::new(""));
         let owned = OwnedScene::open(&file, base, SPEED_OF_LIGHT_MPS / radar.wavelength_m())
             .map_err(|e| CliError::new(format!("{input}: {e}")))?;
-        let mut synthesizer = Synthesizer::with_simulation(
-            &file.radar(radar),
-            method,
-            file.processing.resolve(radar),
-            file.sim_options(),
-        )?
-        .with_impairments(
-            file.impairments
-                .resolve()
-                .map_err(|e| CliError::new(format!("{input}: {e}")))?,
-        );
-        let frames = synthesizer.frames_in(file.duration_s).max(1);
+        let impairments = file
+            .impairments
+            .resolve()
+            .map_err(|e| CliError::new(format!("{input}: {e}")))?;
+        let plan = || {
+            let chain = Synthesizer::with_simulation(
+                &file.radar(radar),
+                method,
+                file.processing.resolve(radar),
+                file.sim_options(),
+            );
+            Ok(chain?.with_impairments(impairments))
+        };
         let scene = owned.scene();
-        return run_scene(
-            &mut synthesizer,
-            &scene,
-            frames,
-            args.seed,
-            input,
-            out,
-            args,
-        );
+        return run_scene(&plan, &scene, file.duration_s, args.seed, input, out, args);
     }
-    let mut synthesizer = input::synthesizer(radar, method)?;
-    let motion = input::motion(input, args.seed)?;
-    let placement = input::place(&motion.motion, args.distance_m, args.radar_height_m);
+    let plan = || Synthesizer::new(radar, method, DspOptions::default());
+    let motion = open_motion(input, args.seed)?;
+    let placement = place(&motion.motion, args.distance_m, args.radar_height_m);
     let body = match &args.body {
         Some(path) => {
             let model: std::sync::Arc<dyn BodyModel> =
@@ -328,22 +324,24 @@ fn simulate_one(
         points: Vec::new(),
         noise: Noise::Thermal,
     };
-    let frames = synthesizer.frames_in(motion.motion.duration_s()).max(1);
     // A motion's noise is its own, and the same alone and in a folder.
     let name = Path::new(input).file_stem().map(|s| s.to_string_lossy());
     let seed = derive_seed(args.seed, name.as_deref().unwrap_or(input));
-    run_scene(&mut synthesizer, &scene, frames, seed, input, out, args)
+    let duration_s = motion.motion.duration_s();
+    run_scene(&plan, &scene, duration_s, seed, input, out, args)
 }
 
 fn run_scene(
-    synthesizer: &mut Synthesizer,
+    plan: &(impl Fn() -> Result<Synthesizer, SynthError> + Sync),
     scene: &Scene,
-    n_frames: usize,
+    duration_s: f64,
     seed: u64,
     input: &str,
     out: &Path,
     args: &SimulateArgs,
 ) -> CliResult<Done> {
+    let mut synthesizer = plan()?;
+    let n_frames = synthesizer.frames_in(duration_s).max(1);
     if n_frames > MAX_FRAMES {
         return Err(CliError::new(format!(
             "{input}: {n_frames} radar frames, at most {MAX_FRAMES} are handled"
@@ -356,17 +354,23 @@ fn run_scene(
     };
     match args.emit {
         Emit::Points => {
-            let mut frames = Vec::with_capacity(n_frames);
-            for frame_idx in 0..n_frames {
-                synthesizer.simulate(scene, frame_idx, seed)?;
-                let frame = synthesizer.extract(frame_idx)?;
-                draw(synthesizer, &frame)?;
-                frames.push(frame);
-            }
+            let frames = if args.pictures.paths().next().is_none() {
+                scene_to_points_in_parallel(plan, scene, n_frames, seed)?
+            } else {
+                // Plots see the samples of every frame in order.
+                let mut frames = Vec::with_capacity(n_frames);
+                for frame_idx in 0..n_frames {
+                    synthesizer.simulate(scene, frame_idx, seed)?;
+                    let frame = synthesizer.extract(frame_idx)?;
+                    draw(&mut synthesizer, &frame)?;
+                    frames.push(frame);
+                }
+                frames
+            };
             pictures.finish(&frames, None)?;
             let meta = PointsMeta {
                 radar: synthesizer.radar().name.clone(),
-                source: format!("simulated:{input}"),
+                source: Provenance::simulated(input, seed).to_string(),
                 seed: Some(seed),
                 version: env!("CARGO_PKG_VERSION").into(),
                 radar_height_m: Some(args.radar_height_m),
@@ -384,7 +388,7 @@ fn run_scene(
             let wanted = args.pictures.paths().next().is_some();
             let mut frames = Vec::new();
             write_adc(
-                synthesizer,
+                &mut synthesizer,
                 scene,
                 n_frames,
                 out,
@@ -427,9 +431,7 @@ fn write_adc(
         radar.n_samples,
     ]
     .map(|n| n as u64);
-    let temporary = out.with_extension(format!("npy.{}.tmp", std::process::id()));
-    let mut write = || -> CliResult {
-        let file = fs::File::create(&temporary).map_err(|e| CliError::io(&temporary, e))?;
+    output::write_atomic_with(out, |file| {
         let mut buffered = BufWriter::new(file);
         let mut npy = npyz::WriteOptions::<Complex32>::new()
             .default_dtype()
@@ -447,14 +449,6 @@ fn write_adc(
             after_frame(synthesizer, frame_idx)?;
         }
         npy.finish()?;
-        buffered.flush()?;
-        buffered
-            .into_inner()
-            .map_err(|e| CliError::new(e.to_string()))?
-            .sync_all()?;
-        fs::rename(&temporary, out).map_err(|e| CliError::io(out, e))
-    };
-    write().inspect_err(|_| {
-        let _ = fs::remove_file(&temporary);
+        buffered.flush().map_err(|e| CliError::io(out, e))
     })
 }

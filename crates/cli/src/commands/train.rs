@@ -4,12 +4,15 @@ use std::{fs, path::Path};
 
 use radarllm_train::recipe::{Recipe, RecipeStage};
 
+use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
+
 use crate::{
     args::{Stage, TrainArgs},
-    commands::{eval::peak_memory_mb, on_threads},
-    error::{CliError, CliResult},
-    files::{self, MAX_CONFIG_BYTES},
+    error::{CliError, CliResult, processor_error},
+    interrupt,
+    memory::peak_memory_mb,
     output,
+    threads::on_threads,
 };
 
 /// Runs the verb.
@@ -34,10 +37,9 @@ pub fn run(args: &TrainArgs) -> CliResult {
         return Ok(());
     }
     // Before anything is removed or written.
-    recipe
-        .device
-        .devices()
-        .map_err(|e| CliError::new(format!("device {e}")))?;
+    let devices = recipe.device.devices();
+    devices.map_err(|e| processor_error("device ", &e))?;
+    recipe.stop = interrupt::stop_on_ctrl_c()?;
     let stages = match args.stage {
         Stage::Motion => vec![RecipeStage::Motion],
         Stage::Tokenizer => vec![RecipeStage::Tokenizer],
@@ -61,7 +63,7 @@ pub fn run(args: &TrainArgs) -> CliResult {
                 "stage {} stopped early; --resume continues it",
                 stage.name()
             ));
-            return Ok(());
+            interrupt::exit();
         }
     }
     if let Some(mb) = peak_memory_mb() {

@@ -3,8 +3,10 @@
 use std::path::Path;
 
 use glam::Vec3;
+use radarllm::{Clip, DescribeOptions, Performed, SimulateOptions};
 use radarllm_base::MovingSurface;
 use radarllm_body::mesh::BodyShape;
+use radarllm_io::options::DEFAULT_RADAR_HEIGHT_M;
 use radarllm_render::page::{Page, PageMesh};
 use radarllm_synth::synthesizer::posed_builtin;
 
@@ -12,7 +14,6 @@ use crate::{
     args::ViewArgs,
     commands::describe::{self, Row},
     error::CliResult,
-    input::{Clip, ClipOptions},
     output,
 };
 
@@ -22,47 +23,41 @@ const DRAWN_FACET_EDGE_M: f32 = 0.05;
 /// Runs the verb.
 pub fn run(args: &ViewArgs) -> CliResult {
     output::check_free(&args.out, args.force)?;
-    let options = ClipOptions {
-        radar: args.radar.as_deref(),
-        format: args.format.as_deref(),
-        recording: &args.recording,
-        radar_height_m: args.radar_height_m,
-        distance_m: 3.0,
-        seed: args.seed,
+    let options = args.input.options()?;
+    let radar_height_m = options.radar_height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M);
+    let describing = DescribeOptions {
+        keep_static: options.points.keeps_static(),
+        ..DescribeOptions::default()
     };
-    let clip = describe::heard(&args.input, &options)?;
+    let recording = radarllm::open(&args.input_file)
+        .with_options(options)
+        .with_simulation(SimulateOptions {
+            seed: args.seed,
+            radar_height_m,
+            ..SimulateOptions::default()
+        })
+        .points()?;
+    let clip = describe::prepared(&args.input_file, &recording)?;
     let captioner = describe::load_captioner(args.model.as_deref())?;
-    let row = describe::describe(
-        &captioner,
-        &clip,
-        describe::model_name(args.model.as_deref()),
-        1,
-    )?;
-    write_page(&args.out, &clip, &row)?;
+    let row = describe::describe(&captioner, &args.input_file, &clip, &describing)?;
+    write_page(&args.out, &clip, recording.performed.as_ref(), &row)?;
     output::print_line(&format!("{}: {}", args.out.display(), row.caption));
     Ok(())
 }
 
-/// Writes the page of a described clip.
-pub fn write_page(path: &Path, clip: &Clip, row: &Row) -> CliResult {
-    let kind = if row.provenance.synthetic {
-        "simulated"
-    } else {
-        "recorded"
-    };
+/// Writes the page of a described clip, with the body if its motion was simulated just now.
+pub fn write_page(path: &Path, clip: &Clip, performed: Option<&Performed>, row: &Row) -> CliResult {
     let provenance = format!(
-        "{kind} radar {} · source {} · model {} · confidence {:.2}",
-        row.provenance.radar, row.provenance.source, row.model, row.confidence
+        "{} radar {} · source {} · model {} · confidence {:.2}",
+        row.source.provenance, row.source.radar, row.source.source, row.model, row.confidence
     );
-    let body = clip
-        .performed
-        .as_ref()
-        .map(|(performed, placement)| {
+    let body = performed
+        .map(|performed| {
             let shape = BodyShape {
                 facet_edge_m: DRAWN_FACET_EDGE_M,
-                ..performed.shape
+                ..performed.motion.shape
             };
-            posed_builtin(&performed.motion, shape, *placement)
+            posed_builtin(&performed.motion.motion, shape, performed.placement)
         })
         .transpose()?;
     let vertices: Vec<Vec<Vec3>> = body

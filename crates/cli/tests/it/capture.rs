@@ -164,16 +164,22 @@ fn raw_words_give_the_points_of_the_array_they_were_made_of() {
             (&"adc".into(), &0.into())
         );
     }
-    let picture = text(&r.folder.path().join("adc.png"));
+    let picture = text(&r.folder.path().join("adc.svg"));
+    let image = text(&r.folder.path().join("micro-doppler.png"));
     r.process(
         &[&bin],
         &[
             &lanes[..],
             &["--iq", "i-first", "--adc-statistics", &picture],
+            &["--micro-doppler", &image],
         ]
         .concat(),
     );
-    assert!(fs::read(&picture).unwrap().starts_with(b"\x89PNG"));
+    let svg = fs::read_to_string(&picture).unwrap();
+    assert!(svg.starts_with("<svg") && svg.contains("Value of I or Q (counts)"));
+    let png = fs::read(&image).unwrap();
+    let axis = b"tEXty-axis\0Velocity (m/s) from -";
+    assert!(png.starts_with(b"\x89PNG") && png.windows(axis.len()).any(|w| w == axis));
     let swapped = r.write("swapped.bin", &r.stream(two(Q_FIRST)));
     let (report, found) = r.process(&[&swapped], &[&lanes[..], &["--iq", "auto"]].concat());
     same_points(&found, &expected);
@@ -224,7 +230,7 @@ fn points_of_samples_are_placed_joined_and_chosen_as_recorded_points_are() {
         assert!((b.z_m - (a.z_m * cos - a.y_m * sin)).abs() < 1e-4);
         assert_eq!((a.range_m, a.velocity_mps), (b.range_m, b.velocity_mps));
     }
-    let (_, fast) = r.process(&[&r.npy], &["--slowest", "0.5"]);
+    let (_, fast) = r.process(&[&r.npy], &["--min-speed", "0.5"]);
     let is_fast = |p: &&RadarPoint| p.velocity_mps.abs() >= 0.5;
     assert_eq!(
         fast.concat(),
@@ -236,7 +242,7 @@ fn points_of_samples_are_placed_joined_and_chosen_as_recorded_points_are() {
             .collect::<Vec<_>>()
     );
     // Every frame with the one before.
-    let (_, merged) = r.process(&[&r.npy], &["--merge", "2"]);
+    let (_, merged) = r.process(&[&r.npy], &["--accumulate", "2"]);
     for i in 0..3 {
         let before = if i == 0 { 0 } else { plain[i - 1].len() };
         assert_eq!(merged[i].len(), before + plain[i].len());
@@ -467,7 +473,7 @@ fn arrays_of_other_tools_are_read_by_their_axes() {
         "--axes",
         "frame,sample,chirp,rx",
     ]);
-    assert!(error.contains("frame 0, number"), "{error}");
+    assert!(error.contains("ends in frame 0 of 3, at number"), "{error}");
 }
 
 fn write_npy(path: &str, kind: &str, shape: &[usize], bytes: impl Iterator<Item = u8>) {

@@ -228,7 +228,10 @@ fn every_stage_trains_resumes_and_is_evaluated() {
     assert!(report["model_bytes"].as_u64().unwrap() > 4 * report["parameters"].as_u64().unwrap());
     let page = fs::read_to_string(path("report/report.html")).unwrap();
     // Best, median and worst are the same four clips, and every action has one.
-    let actions = report["right_action_by_action"].as_object().unwrap().len();
+    let actions = report["action_accuracy_by_action"]
+        .as_object()
+        .unwrap()
+        .len();
     assert_eq!(page.matches("class=\"example\"").count(), 12 + actions);
     let names: Vec<_> = report["systems"]
         .as_array()
@@ -307,6 +310,80 @@ fn every_stage_trains_resumes_and_is_evaluated() {
     assert!(stderr.contains("model.safetensors"), "{stderr}");
 }
 
+/// Ctrl-C in a training that runs: it ends by itself with exit code 130, and resumed it ends where it would have ended.
+#[cfg(all(feature = "train", target_os = "linux"))]
+#[test]
+fn an_interrupted_training_resumes_to_the_same_weights() {
+    use std::{
+        process::{Command, Stdio},
+        time::{Duration, Instant},
+    };
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    fs::write(
+        path("data.toml"),
+        "seed = 2\nmax_frames = 12\nfacet_edge_m = 0.05\n[[source]]\nkind = \"procedural\"\ntrain = 4\nval = 1\ntest = 1\n",
+    )
+    .unwrap();
+    let recipe = |out: &str| {
+        format!(
+            "data = \"data\"\nout = \"{out}\"\n[motion]\nbatch_size = 4\n\
+             codebook = {{ init_after = 1, init_inputs_per_code = 1 }}\nmodel = {{ width = 16, codebook_size = 8 }}\n\
+             [motion.loop]\nepochs = 0\nmax_steps = 200\nlog_every = 1\nvalidate_every = 50\n"
+        )
+    };
+    for out in ["whole", "stopped"] {
+        fs::write(path(&format!("{out}.toml")), recipe(out)).unwrap();
+    }
+    let done = |args: &[&str]| {
+        let output = radarllm(args);
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{args:?}: {stderr}");
+        stderr
+    };
+    done(&[
+        "dataset",
+        "build",
+        &path("data.toml"),
+        "--out",
+        &path("data"),
+    ]);
+    let stderr = done(&["train", "motion", &path("whole.toml")]);
+    assert!(stderr.contains("motion step 200/200 epoch"), "{stderr}");
+
+    let child = Command::new(env!("CARGO_BIN_EXE_radarllm"))
+        .args(["train", "motion", &path("stopped.toml")])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let log = folder.path().join("stopped/motion/log.jsonl");
+    let started = Instant::now();
+    while fs::read_to_string(&log).map_or(0, |text| text.lines().count()) < 3 {
+        assert!(started.elapsed() < Duration::from_secs(300), "no progress");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    // SAFETY: `kill` has no memory to get wrong; the child is ours and was not waited for yet.
+    assert_eq!(unsafe { libc::kill(child.id() as i32, libc::SIGINT) }, 0);
+    let ended = child.wait_with_output().unwrap();
+    let stderr = String::from_utf8_lossy(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(130), "{stderr}");
+    let stdout = String::from_utf8_lossy(&ended.stdout);
+    assert_eq!(
+        stdout.trim(),
+        "stage motion stopped early; --resume continues it"
+    );
+    assert!(stderr.contains("Ctrl-C again ends at once"), "{stderr}");
+    assert!(!folder.path().join("stopped/motion/final").exists());
+    let stderr = done(&["train", "motion", &path("stopped.toml"), "--resume"]);
+    assert!(stderr.contains("motion resumes at step"), "{stderr}");
+    for file in ["best/model.safetensors", "final/model.safetensors"] {
+        let weights = |out: &str| fs::read(path(&format!("{out}/motion/{file}"))).unwrap();
+        assert!(weights("whole") == weights("stopped"), "{file}");
+    }
+}
+
 /// A recording that the same radar and scene made, with another seed: the table finds them alike.
 #[test]
 fn realism_compares_own_recordings_with_their_scenes() {
@@ -343,4 +420,16 @@ fn realism_compares_own_recordings_with_their_scenes() {
     assert_eq!(refused.status.code(), Some(1));
     let stderr = String::from_utf8_lossy(&refused.stderr);
     assert!(stderr.contains("nowhere"), "{stderr}");
+}
+
+#[test]
+fn captions_follow_interventions_whatever_the_verb_is_called() {
+    let report = json(&["interventions", "--count", "3", "--json"]);
+    let rows = report["rows"].as_array().unwrap();
+    let kinds: Vec<_> = rows.iter().map(|r| r["kind"].as_str().unwrap()).collect();
+    assert_eq!(kinds, ["side", "direction", "action"]);
+    assert_eq!(report["followed"]["all"][1], 3);
+    // The earlier name, and another number of threads.
+    let earlier = json(&["edits", "--count", "3", "--threads", "1", "--json"]);
+    assert_eq!(earlier, report);
 }

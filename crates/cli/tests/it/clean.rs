@@ -107,19 +107,19 @@ fn the_empty_room_is_taken_off_raw_samples_and_everything_can_be_looked_at() {
     assert_eq!(
         names,
         [
-            // Not adc-statistics.png: simulated samples are square-root watts, no counts.
-            "channel-profiles.png",
-            "micro-doppler.png",
-            "point-cloud.png",
-            "points-over-time.png",
-            "range-azimuth.png",
-            "range-doppler.png",
-            "range-profile.png",
+            // Not adc-statistics.svg: simulated samples are square-root watts, no counts.
+            "channel-profiles.svg",
+            "micro-doppler.svg",
+            "point-cloud.svg",
+            "points-over-time.svg",
+            "range-azimuth.svg",
+            "range-doppler.svg",
+            "range-profile.svg",
         ]
     );
     for name in names {
-        let bytes = fs::read(Path::new(&pictures).join(name)).unwrap();
-        assert!(bytes.starts_with(b"\x89PNG\r\n\x1a\n"));
+        let svg = fs::read_to_string(Path::new(&pictures).join(name)).unwrap();
+        assert!(svg.starts_with("<svg") && svg.ends_with("</svg>\n"));
     }
     // Offset and leakage are options of the same samples.
     let (_, all_off) = room.process(
@@ -326,7 +326,7 @@ fn people_get_points_and_sentences_of_their_own() {
             .contains("100 of 600 points removed"),
         "{report}"
     );
-    assert!(Path::new(&room.at("pictures/tracks.png")).is_file());
+    assert!(Path::new(&room.at("pictures/tracks.svg")).is_file());
     let all = read_points(Path::new(&out)).unwrap();
     assert!(all.frames.iter().all(|f| f.points.len() == 10));
     for person in people {
@@ -387,19 +387,21 @@ fn what_stands_still_is_nobody_where_it_is_most_of_a_recording() {
         let people = report["people"].as_array().unwrap();
         let file = read_points(Path::new(people[0]["out"].as_str().unwrap())).unwrap();
         let most = file.frames.iter().map(|f| f.points.len()).max().unwrap();
-        let is_said = report["notes"].to_string().contains("they are nobody's");
+        let is_said = report["notes"]
+            .to_string()
+            .contains("excluded from tracking");
         (people.len(), most, is_said)
     };
     assert_eq!(found(&[]), (1, 5, true));
     // Kept, the shelf is a part of whoever passes.
-    let (_, most, is_said) = found(&["--slowest", "0"]);
+    let (_, most, is_said) = found(&["--min-speed", "0"]);
     assert!(most == 15 && !is_said, "{most}");
     // A page says what `describe` says.
     let row = &json(&["describe", &taken, "--json"])[0];
     let page = room.at("page.html");
     let viewed = radarllm(&["view", &taken, "--out", &page]);
     let noted = String::from_utf8_lossy(&viewed.stderr);
-    assert!(noted.contains("500 of 750 points stand still"), "{noted}");
+    assert!(noted.contains("500 of 750 points are static"), "{noted}");
     let said = String::from_utf8_lossy(&viewed.stdout);
     assert_eq!(
         said.trim_end(),
@@ -438,9 +440,14 @@ fn options_of_the_other_kind_are_refused() {
         ),
         (&["--background", &csv, "--background-share", "2"], "share"),
         (&["--background-share", "0.5"], "--background"),
-        (&["--channel-profiles", "c.png"], "made from raw samples"),
-        (&["--adc-statistics", "c.png"], "made from raw samples"),
-        (&["--tracks", "c.png"], "none were looked for"),
+        (&["--channel-profiles", "c.svg"], "made from raw samples"),
+        (&["--adc-statistics", "c.svg"], "made from raw samples"),
+        (&["--tracks", "c.svg"], "nobody was tracked"),
+        (&["--tracks", "c.png"], "end the name in .svg"),
+        (
+            &["--point-cloud", "c.pdf"],
+            "end the name in .svg, or in .png",
+        ),
     ] {
         let error = refused(&[&["process", &csv, "--out", &out], options].concat());
         assert!(error.contains(expected), "{options:?}: {error}");
@@ -452,7 +459,7 @@ fn options_of_the_other_kind_are_refused() {
             "has no meaning for raw samples",
         ),
         (&["--background", "absent.npy"], "absent.npy"),
-        (&["--adc-statistics", "a.png"], "below one count"),
+        (&["--adc-statistics", "a.svg"], "below one count"),
         (&["--remove-leakage=-1"], "leakage_m"),
         (&["--remove-leakage", "100"], "leakage_m"),
     ] {

@@ -6,7 +6,7 @@ use crate::command::{json, refused};
 
 /// `config.json` and `model.safetensors` of a tiny network; its golden file carries both.
 pub fn folder(golden: &str, dir: &Path) {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../inference/tests/goldens");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../nn/tests/goldens");
     let bytes = fs::read(path.join(golden)).unwrap();
     let len = u64::from_le_bytes(bytes[..8].try_into().unwrap()) as usize;
     let mut header: serde_json::Value = serde_json::from_slice(&bytes[8..8 + len]).unwrap();

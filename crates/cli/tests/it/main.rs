@@ -13,6 +13,7 @@ mod lm;
 mod recordings;
 mod robustness;
 mod score;
+mod visualizer;
 #[cfg(not(feature = "train"))]
 mod without_training;
 

@@ -21,7 +21,7 @@ fn npy(shape: &str, values: &[f32]) -> Vec<u8> {
 }
 
 /// A packet of the out-of-box demo with one point and its side info.
-fn packet(number: u32) -> Vec<u8> {
+pub fn packet(number: u32) -> Vec<u8> {
     let mut bytes = vec![2, 1, 4, 3, 6, 5, 8, 7];
     let words = [0x0306_0000, 96, 0xA6843, number, 0, 1, 2, 0, 1, 16];
     bytes.extend(words.iter().flat_map(|w: &u32| w.to_le_bytes()));
@@ -192,10 +192,10 @@ fn options_of_place_and_time_do_what_they_say() {
         report["notes"].to_string().contains("1 lost frames"),
         "{report}"
     );
-    let (_, resampled) = run(&["--resample", "5", "--follow"]);
+    let (_, resampled) = run(&["--resample", "5", "--motion-compensate"]);
     let sizes: Vec<usize> = resampled.frames.iter().map(|f| f.points.len()).collect();
     assert_eq!(sizes, [1, 1, 1]);
-    let (_, merged) = run(&["--merge", "2"]);
+    let (_, merged) = run(&["--accumulate", "2"]);
     assert_eq!(
         merged
             .frames
@@ -204,7 +204,7 @@ fn options_of_place_and_time_do_what_they_say() {
             .collect::<Vec<_>>(),
         [1, 2, 1]
     );
-    let (_, slow) = run(&["--slowest", "0.6"]);
+    let (_, slow) = run(&["--min-speed", "0.6"]);
     assert!(slow.frames.iter().all(|f| f.points.is_empty()));
     // The boresight 90 degrees below the horizon: what is ahead of the radar lies under it.
     let (_, down) = run(&["--tilt-deg", "90"]);

@@ -36,13 +36,13 @@ fn cells_are_made_once_and_scored_against_the_unchanged_one() {
         "bleu_1",
         "rouge_l",
         "cider_d",
-        "right_action",
+        "action_accuracy",
         "points_per_frame",
     ] {
         assert_eq!(cells[0][field], cells[1][field], "{field}");
         assert_eq!(cells[0][field], axes[1]["cells"][0][field], "{field}");
     }
-    assert_eq!(cells[1]["right_action_change"]["value"], 0.0);
+    assert_eq!(cells[1]["action_accuracy_change"]["value"], 0.0);
     assert!(cells[2]["points_per_frame"].as_f64().unwrap() <= 1.0);
     let seen = axes[1]["cells"][1]["points_per_frame"].as_f64().unwrap();
     assert!(seen > 1.0 && cells[0]["points_per_frame"] != axes[1]["cells"][1]["points_per_frame"]);
@@ -52,7 +52,7 @@ fn cells_are_made_once_and_scored_against_the_unchanged_one() {
             .contains("Darkness")
     );
     assert!(
-        fs::metadata(path("out/robustness-points.png"))
+        fs::metadata(path("out/robustness-points.svg"))
             .unwrap()
             .len()
             > 0

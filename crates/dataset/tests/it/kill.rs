@@ -84,5 +84,5 @@ fn killed_builds_resume_to_the_same_bytes() {
         expected.keys().collect::<Vec<_>>()
     );
     assert!(found == expected, "bytes differ");
-    assert_eq!(validate(dir.path()).unwrap().problems, []);
+    assert_eq!(validate(dir.path()).unwrap(), []);
 }

@@ -1,7 +1,6 @@
 //! Whole-file tests of the data set crate: real files in temporary directories.
 
 mod build;
-mod descriptor;
 mod hostile;
 mod kill;
 mod points;

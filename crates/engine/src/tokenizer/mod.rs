@@ -1,6 +1,6 @@
 //! The radar tokenizer at inference: tubes of points in, codes and features out.
 //!
-//! Network, names of weights and inputs are those of `radarllm-inference`, which groups points and trains;
+//! Network, names of weights and inputs are those of `radarllm-nn`, where it is trained; `radarllm-inference` groups points;
 //! f32 throughout. Clips do not influence one another: each is one thread's, unpadded.
 
 mod session;
@@ -9,8 +9,8 @@ use crate::EngineError;
 use crate::Precision;
 use crate::matrix::{Matrix, Quantised, Then, padded};
 use crate::pool::Pool;
-use crate::simd::SimdLevel;
 use crate::weights::{MAX_WIDTH, NamedTensors, Taker};
+use radarllm_simd::SimdLevel;
 
 pub use session::{Codes, TokenizerSession};
 
@@ -63,7 +63,7 @@ impl TokenizerShape {
     /// # Errors
     /// [`EngineError::Shape`] names the first field out of range.
     pub fn validate(&self) -> Result<(), EngineError> {
-        for (field, value, least, most) in [
+        for (field, value, min, max) in [
             ("n_anchors", self.n_anchors, 1, 4096),
             ("max_steps", self.max_steps, 1, 4096),
             ("width", self.width, 1, MAX_WIDTH / 4),
@@ -76,8 +76,8 @@ impl TokenizerShape {
             ("code_dim", self.code_dim, 1, MAX_WIDTH),
             ("n_codes", self.n_codes, 1, 1 << 22),
         ] {
-            if value < least || value > most {
-                let problem = format!("must be in {least}..={most}, found {value}");
+            if value < min || value > max {
+                let problem = format!("must be in {min}..={max}, found {value}");
                 return Err(EngineError::Shape { field, problem });
             }
         }
@@ -223,12 +223,10 @@ pub struct Tokenizer {
     codes: Matrix,
     /// Less the square of each code's length; negative infinity beyond the last.
     code_offsets: Vec<f32>,
-    n_weights: usize,
 }
 
 struct Loader {
     weights: Taker,
-    n_weights: usize,
 }
 
 /// How `blocks` blocks of `width` values lie in memory: each padded to a vector.
@@ -266,9 +264,7 @@ impl Blocks {
 
 impl Loader {
     fn take(&mut self, name: &str, shape: &[usize]) -> Result<Vec<f32>, EngineError> {
-        let values = self.weights.take(name, shape)?;
-        self.n_weights += values.len();
-        Ok(values)
+        self.weights.take(name, shape)
     }
 
     /// `[rows, width]`, each row padded.
@@ -373,18 +369,16 @@ impl Tokenizer {
     /// As [`Self::new`] with given instructions.
     ///
     /// # Errors
-    /// As [`Self::new`], or if this machine lacks the instructions.
+    /// As [`Self::new`].
     pub fn with_level(
         shape: TokenizerShape,
         weights: NamedTensors,
         level: SimdLevel,
     ) -> Result<Self, EngineError> {
         shape.validate()?;
-        level.require()?;
         let s = &shape;
         let mut loader = Loader {
             weights: Taker(weights),
-            n_weights: 0,
         };
         let l = &mut loader;
         let (width, step) = (Blocks::one(s.width), Blocks::one(2 * s.width));
@@ -450,7 +444,6 @@ impl Tokenizer {
                 2.0 * codebook[code * s.code_dim + row]
             }),
             code_offsets,
-            n_weights: loader.n_weights,
             level,
             shape,
         };
@@ -461,15 +454,5 @@ impl Tokenizer {
     /// The shape.
     pub fn shape(&self) -> &TokenizerShape {
         &self.shape
-    }
-
-    /// Instructions in use.
-    pub fn level(&self) -> SimdLevel {
-        self.level
-    }
-
-    /// Weights that inference uses, the codebook included.
-    pub fn n_weights(&self) -> usize {
-        self.n_weights
     }
 }

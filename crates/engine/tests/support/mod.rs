@@ -2,21 +2,18 @@
 
 #![allow(dead_code)] // Each program uses a part.
 
+use radarllm_base::random::step;
 use radarllm_engine::tokenizer::{
     NEIGHBOUR_DIM, STEP_DIM, TUBE_DIM, TokenizerShape, Tube, TubeClip,
 };
 use radarllm_engine::{HostTensor, NamedTensors, Shape, Source};
 
-/// SplitMix64.
+/// Numbers for tests.
 pub struct Random(pub u64);
 
 impl Random {
     pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        step(&mut self.0)
     }
 
     /// Uniform with this standard deviation.

@@ -1,8 +1,8 @@
-//! Does a capture fit the radar that is said to have made it? Asked before anything runs.
+//! Checks before processing whether a capture fits the radar that is named for it.
 
 use radarllm_base::RadarConfig;
 
-use super::{CubeShape, FrameDecoder, Lanes, SampleKind, SampleLayout};
+use super::{CubeShape, FrameDecoder, LvdsLanes, SampleKind, SampleLayout};
 use crate::{
     boards::Board,
     lint::{Finding, Severity},
@@ -11,12 +11,12 @@ use crate::{
 /// Compares a capture of `n_bytes` in `layout` with `radar`.
 ///
 /// Rules: `capture-layout` (error: radar and layout do not go together), `capture-short` (error: less than
-/// a frame), `capture-size` (warning: no whole number of frames; says which other radar would give one),
+/// a frame), `capture-size` (warning: no whole number of frames; names a radar that would give one),
 /// `capture-lanes` (warning: the board has another number of lanes), `capture-real` (note: half of the
-/// range stays empty). What is wrong with the radar alone is [`mod@crate::lint`]'s.
+/// range stays empty). Errors of the radar alone are reported by [`mod@crate::lint`].
 pub fn check_capture(radar: &RadarConfig, n_bytes: u64, layout: SampleLayout) -> Vec<Finding> {
     let mut findings = Vec::new();
-    let mut say = |field: &str, rule, severity, message: String| {
+    let mut add = |field: &str, rule, severity, message: String| {
         findings.push(Finding {
             field: field.into(),
             rule,
@@ -28,15 +28,15 @@ pub fn check_capture(radar: &RadarConfig, n_bytes: u64, layout: SampleLayout) ->
     let board = Board::ALL.into_iter().find(|b| b.name() == radar.name);
     if let Some(limits) = board.and_then(Board::limits) {
         let n_lanes = match layout.lanes {
-            Lanes::Two => 2,
-            Lanes::Four { .. } => 4,
+            LvdsLanes::Two => 2,
+            LvdsLanes::Four { .. } => 4,
         };
         if limits.lvds_lanes != n_lanes {
             let message = format!(
                 "read as {n_lanes} lanes, but an {} has {}",
                 radar.name, limits.lvds_lanes
             );
-            say("name", "capture-lanes", Severity::Warning, message);
+            add("name", "capture-lanes", Severity::Warning, message);
         }
     }
     if layout.data == SampleKind::Real {
@@ -45,13 +45,13 @@ pub fn check_capture(radar: &RadarConfig, n_bytes: u64, layout: SampleLayout) ->
             0.5 * radar.max_range_m(),
             radar.max_range_m()
         );
-        say("n_samples", "capture-real", Severity::Note, message);
+        add("n_samples", "capture-real", Severity::Note, message);
     }
     let shape = CubeShape::of(radar);
     let frame_bytes = match FrameDecoder::new(shape, layout) {
         Ok(decoder) => decoder.frame_bytes() as u64,
         Err(error) => {
-            say("rx", "capture-layout", Severity::Error, error.to_string());
+            add("rx", "capture-layout", Severity::Error, error.to_string());
             return findings;
         }
     };
@@ -61,14 +61,14 @@ pub fn check_capture(radar: &RadarConfig, n_bytes: u64, layout: SampleLayout) ->
         shape.n_loops, shape.n_tx, shape.n_rx, shape.n_samples
     );
     if n_frames == 0 {
-        say("n_loops", "capture-short", Severity::Error, size);
+        add("n_loops", "capture-short", Severity::Error, size);
     } else if rest != 0 {
         let mut message = format!("{size}: {n_frames} frames and {rest} bytes more");
         let fitting = other_shapes(shape, n_bytes, layout);
         if !fitting.is_empty() {
             message += &format!("; the size would fit {}", fitting.join(" or "));
         }
-        say("n_loops", "capture-size", Severity::Warning, message);
+        add("n_loops", "capture-size", Severity::Warning, message);
     }
     findings
 }
@@ -86,7 +86,7 @@ fn other_shapes(shape: CubeShape, n_bytes: u64, layout: SampleLayout) -> Vec<Str
     for n_tx in 1..=3 {
         try_shape(CubeShape { n_tx, ..shape }, format!("{n_tx} slots"));
     }
-    if layout.lanes == Lanes::Two {
+    if layout.lanes == LvdsLanes::Two {
         for n_rx in 1..=4 {
             try_shape(CubeShape { n_rx, ..shape }, format!("{n_rx} receivers"));
         }

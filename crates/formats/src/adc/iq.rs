@@ -1,4 +1,4 @@
-//! Was a capture read with I and Q in the right order?
+//! Detects whether a capture was read with I and Q in the right order.
 //!
 //! Echoes come from in front of the radar, so their beat frequencies are positive, and close ones are by
 //! far the strongest: power falls with R^4, and nothing is closer than the leakage from transmitter to
@@ -6,9 +6,9 @@
 //! frequencies. So the energies at +k and -k cycles a chirp are compared for every k, weighted with
 //! 1/k^2. What has no direction (offset, drift, noise) is the same on both sides.
 //!
-//! What this cannot tell: without leakage, a scene whose only strong target stands in the far half of the
-//! range looks swapped. The weighting was chosen with two recorded frames in hand whose order nobody
-//! documented (docs/captures.md); it awaits captures of known order. The verdict says how large the difference is, and in how many chirps.
+//! Limits: without leakage, a scene whose only strong target stands in the far half of the range looks swapped. The
+//! weighting was chosen with two recorded frames of undocumented order (docs/captures.md) and was not tested with
+//! captures of known order. The verdict reports how large the difference is, and in how many chirps.
 
 use std::sync::Arc;
 
@@ -16,27 +16,27 @@ use num_complex::Complex32;
 use radarllm_base::RadarCube;
 use radarllm_simd::any_length::{self, Fft};
 
-use super::{AdcError, CubeShape, FrameDecoder, IqOrder, Lanes, SampleKind, SampleLayout};
+use super::{AdcError, CubeShape, FrameDecoder, IqOrder, LvdsLanes, SampleKind, SampleLayout};
 
-/// Least difference of the two sides that is an answer, dB.
+/// Minimum difference of the two sides for an answer, dB.
 const SURE_DB: f64 = 6.0;
-/// Least share of the chirps that must say the same.
+/// Minimum share of the chirps that must agree.
 const SURE_SHARE: f64 = 0.75;
-/// Fewest samples of a chirp that are judged.
+/// Minimum number of samples of a chirp.
 const MIN_SAMPLES: usize = 32;
 
-/// What the check says.
+/// Result of the check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum IqAnswer {
     /// The order that was used is right.
     AsRead,
     /// The other order is right.
     Swapped,
-    /// The signal does not say.
+    /// The signal does not determine the order.
     Unclear,
 }
 
-/// How it came to say so.
+/// Result of the check with the figures behind it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IqVerdict {
     /// The answer; not [`IqAnswer::Unclear`] from 6 dB and three quarters of the chirps on.
@@ -77,8 +77,8 @@ impl IqCheck {
         }
     }
 
-    /// Looks at every chirp of a frame; chirps that are too short, of another length or silent say
-    /// nothing.
+    /// Looks at every chirp of a frame; chirps that are too short, of another length or
+    /// silent are ignored.
     pub fn push(&mut self, cube: &RadarCube) {
         let n = self.buffer.len();
         if cube.n_samples != n || n < MIN_SAMPLES {
@@ -149,7 +149,7 @@ pub fn compare_layouts(frame: &[u8], shape: CubeShape) -> Result<Vec<LayoutScore
     let mut cube = shape.zeros()?;
     let receivers = u8::try_from((1_u32 << shape.n_rx.min(8)) - 1).unwrap_or(u8::MAX);
     let mut scores = Vec::new();
-    for lanes in [Lanes::Two, Lanes::Four { receivers }] {
+    for lanes in [LvdsLanes::Two, LvdsLanes::Four { receivers }] {
         for order in [IqOrder::IFirst, IqOrder::QFirst] {
             let layout = SampleLayout {
                 lanes,

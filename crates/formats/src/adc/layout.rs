@@ -11,7 +11,7 @@
 //!
 //! With four lanes, lane k carries receiver k + 1, and the lane of a receiver that is off holds zeros.
 //! Sources: TI SWRA581B "Mmwave Radar Device ADC Raw Data Capture", sections on the DCA1000's file
-//! formats, and its readers for both families. Who writes I first: mmWave Studio unless told
+//! formats, and its readers for both families. mmWave Studio writes I first unless configured
 //! otherwise; SDK firmware with `SampleSwap = 1` writes Q first.
 
 use std::sync::Arc;
@@ -22,7 +22,7 @@ use radarllm_simd::any_length::{self, Fft};
 
 use super::AdcError;
 
-/// Largest frame handled, bytes; the capture card moves 88 MB a second at most.
+/// Maximum length of a frame, bytes; the capture card transfers at most 88 MB/s.
 pub const MAX_FRAME_BYTES: usize = 256 << 20;
 /// Lanes of a four-lane capture, used or not.
 const FOUR: usize = 4;
@@ -56,7 +56,7 @@ impl IqOrder {
 
 /// LVDS lanes of the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Lanes {
+pub enum LvdsLanes {
     /// xWR16xx, xWR18xx, xWR68xx: receivers one after the other.
     Two,
     /// xWR12xx, xWR14xx: one lane a receiver, all four always present.
@@ -83,7 +83,7 @@ pub enum SampleKind {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SampleLayout {
     /// Lanes of the device.
-    pub lanes: Lanes,
+    pub lanes: LvdsLanes,
     /// Complex or real.
     pub data: SampleKind,
 }
@@ -182,7 +182,7 @@ impl FrameDecoder {
         let n_values = shape.n_values()?;
         let mut lanes = Vec::new();
         let n_received = match layout.lanes {
-            Lanes::Two => {
+            LvdsLanes::Two => {
                 let complex = matches!(layout.data, SampleKind::Complex { .. });
                 if complex && !shape.n_samples.is_multiple_of(2) {
                     return Err(AdcError::Layout(format!(
@@ -192,7 +192,7 @@ impl FrameDecoder {
                 }
                 n_values
             }
-            Lanes::Four { receivers } => {
+            LvdsLanes::Four { receivers } => {
                 lanes.extend((0..8).filter(|lane| receivers >> lane & 1 == 1));
                 if lanes.len() != shape.n_rx || lanes.iter().any(|lane| *lane >= FOUR) {
                     return Err(AdcError::Layout(format!(
@@ -250,19 +250,19 @@ impl FrameDecoder {
         let word = |i: usize| f32::from(i16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]]));
         let (n_rx, n_samples) = (self.shape.n_rx, self.shape.n_samples);
         match (self.layout.lanes, self.layout.data) {
-            (Lanes::Two, SampleKind::Real) => {
+            (LvdsLanes::Two, SampleKind::Real) => {
                 for (i, value) in cube.data.iter_mut().enumerate() {
                     *value = Complex32::new(word(i), 0.0);
                 }
             }
-            (Lanes::Two, SampleKind::Complex { order }) => {
+            (LvdsLanes::Two, SampleKind::Complex { order }) => {
                 for (pair, values) in cube.data.chunks_exact_mut(2).enumerate() {
                     for (i, value) in values.iter_mut().enumerate() {
                         *value = ordered(order, word(4 * pair + i), word(4 * pair + 2 + i));
                     }
                 }
             }
-            (Lanes::Four { .. }, data) => {
+            (LvdsLanes::Four { .. }, data) => {
                 let words_per_group = FOUR * self.layout.words_per_sample();
                 for (chirp, values) in cube.data.chunks_exact_mut(n_rx * n_samples).enumerate() {
                     for (rx, &lane) in self.lanes.iter().enumerate() {

@@ -1,17 +1,17 @@
-//! `*_Raw_LogFile.csv`: what the DCA1000's recorder says about its own recording.
+//! `*_Raw_LogFile.csv`: the statistics that the DCA1000's recorder writes about its own recording.
 //!
 //! Lines of `Name - number`, in blocks headed by the kind of data (`Raw Data :`, `ADC Header Data :`), after
 //! a few lines of settings as `Name : value`. Names as TI's recorder prints them; other lines are left
 //! alone. A recorder that was killed leaves an empty file: then there are no counts, which is not the
-//! same as zero. Zero-filled bytes cannot be told from silence in the samples; the counts here are the
+//! same as zero. Zero-filled bytes cannot be distinguished from silence in the samples; the counts here are the
 //! only trace of them.
 
-/// Longest line looked at, bytes.
+/// Maximum length of a line that is read, bytes.
 const MAX_LINE: usize = 1024;
 /// Blocks of one file; the recorder has five kinds.
 const MAX_BLOCKS: usize = 16;
 
-/// What a log says.
+/// Content of a log.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RecordLog {
     /// LVDS lanes of the settings.
@@ -41,7 +41,7 @@ pub struct RecordCounts {
     pub duration_s: Option<u64>,
 }
 
-/// A line that says a count but no number that can be read.
+/// A line with a known count but without a readable number.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}: {name} must be a whole number")]
 pub struct RecordLogError {

@@ -1,8 +1,7 @@
 //! Raw ADC samples of TI radars: bytes in, one [`radarllm_base::RadarCube`] a frame out.
 //!
 //! Reading order: [`layout`] (what the words of a capture mean), [`reader`] (frames of a file),
-//! [`iq`] (were I and Q taken in the right order?), [`stats`] (is the signal healthy?), [`check`]
-//! (does the file fit the radar?), [`studio`] and [`log_csv`] (what mmWave Studio writes beside a
+//! [`iq`] (order of I and Q), [`stats`] (signal statistics), [`check`] (whether the file fits the radar), [`studio`] and [`log_csv`] (what mmWave Studio writes beside a
 //! capture), [`axes`] (arrays of other tools). Packets of the capture card are in [`crate::dca1000`].
 //!
 //! Everything streams: memory holds one frame, whatever a file claims. Values of a cube are ADC counts.
@@ -19,7 +18,7 @@ pub mod studio;
 pub use axes::{AxisOrder, FrameLayout};
 pub use check::check_capture;
 pub use iq::{IqAnswer, IqCheck, IqVerdict};
-pub use layout::{CubeShape, FrameDecoder, IqOrder, Lanes, SampleKind, SampleLayout};
+pub use layout::{CubeShape, FrameDecoder, IqOrder, LvdsLanes, SampleKind, SampleLayout};
 pub use log_csv::RecordLog;
 pub use reader::{AdcReader, Chained, FrameIntegrity, FrameSource};
 pub use stats::{AdcStats, ChannelStats, HISTOGRAM_BINS};

@@ -22,7 +22,7 @@ const HISTOGRAM_SIDE: usize = 30;
 /// looking at every value takes longer than turning the frame into points.
 const LOOP_STEP: usize = 8;
 /// Fewest loops that are looked at, where a frame has them.
-const LEAST_LOOPS: usize = 8;
+const MIN_LOOPS: usize = 8;
 
 /// Figures of one receiver.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,6 +72,7 @@ impl Default for Sums {
 }
 
 /// Sums over many frames.
+#[derive(Clone)]
 pub struct AdcStats {
     full_scale: f32,
     channels: Vec<Sums>,
@@ -103,7 +104,7 @@ impl AdcStats {
             sums.saturated += u64::from(saturated);
             sums.n_samples += n_samples as u64;
         }
-        let step = match cube.n_loops >= LEAST_LOOPS * LOOP_STEP {
+        let step = match cube.n_loops >= MIN_LOOPS * LOOP_STEP {
             true => LOOP_STEP,
             false => 1,
         };

@@ -1,14 +1,14 @@
 //! What mmWave Studio exports beside a capture: `*.mmwave.json` (chirps and data format of the device) and
 //! `*.setup.json` (which device, which files).
 //!
-//! The export says the same as a chirp file in other words, so it is rewritten as one and read by
-//! [`TiCfg`]; mistakes come back with their place in the JSON. Field names are those of TI's mmWaveLink
+//! The export has the content of a chirp file in another form, so it is rewritten as one and read by
+//! [`TiCfg`]; errors name their place in the JSON. Field names are those of TI's mmWaveLink
 //! (`rlProfileCfg_t`, ...); numbers may be written as text in hexadecimal.
 
 use radarllm_base::RadarConfig;
 use serde_json::Value;
 
-use super::{IqOrder, Lanes, SampleKind, SampleLayout};
+use super::{IqOrder, LvdsLanes, SampleKind, SampleLayout};
 use crate::{
     boards::Board,
     ti_cfg::{TiCfg, TiCfgError},
@@ -36,7 +36,7 @@ fn error(path: impl Into<String>, problem: impl Into<String>) -> StudioError {
     }
 }
 
-/// What `*.mmwave.json` says.
+/// Content of `*.mmwave.json`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StudioCapture {
     /// The radar; `tx` in firing order.
@@ -287,8 +287,8 @@ fn read_layout(capture: &Node, receivers: u8, is_real: bool) -> Result<SampleLay
     let mask = enabled.number("laneEn")?;
     let interleave = format.number("chInterleave")?;
     let lanes = match (mask as u64, interleave) {
-        (0xf, 0.0) => Lanes::Four { receivers },
-        (0x3, 1.0) => Lanes::Two,
+        (0xf, 0.0) => LvdsLanes::Four { receivers },
+        (0x3, 1.0) => LvdsLanes::Two,
         _ => {
             let problem = format!(
                 "lanes {mask:.0} with chInterleave {interleave:.0}: only 15 with 0 (xWR12xx, 14xx) and 3 with 1 \
@@ -313,12 +313,12 @@ fn read_layout(capture: &Node, receivers: u8, is_real: bool) -> Result<SampleLay
     Ok(SampleLayout { lanes, data })
 }
 
-/// What `*.setup.json` says.
+/// Content of `*.setup.json`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct StudioSetup {
     /// Device as written, such as `awr1843`.
     pub device: Option<String>,
-    /// Its evaluation board, if known. ODS and AOP variants are not told apart: a 6843 is the ISK.
+    /// Its evaluation board, if known. ODS and AOP variants cannot be distinguished: a 6843 is taken as the ISK.
     pub board: Option<Board>,
     /// File name of the `*.mmwave.json`, without the folders of the recording machine.
     pub config: Option<String>,

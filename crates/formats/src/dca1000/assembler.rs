@@ -1,15 +1,15 @@
-//! Packets into frames. Bytes go where the byte count says, never where they happen to arrive.
+//! Assembles packets into frames. A packet's byte count determines where its bytes belong, not the order of arrival.
 //!
-//! Memory holds one frame and the reordering window, whatever the counters say: a packet beyond the
-//! window is only believed when a second one fits it, and frames of which nothing arrived are counted,
-//! not made.
+//! Memory is limited to one frame and the reordering window, whatever values the counters have: a packet beyond the
+//! window is accepted only after a second consistent packet, and frames without any packet are counted but not
+//! produced.
 
 use std::collections::{BTreeMap, VecDeque};
 
 use super::{DataPacket, MAX_PAYLOAD};
 use crate::adc::{AdcError, FrameIntegrity, layout::MAX_FRAME_BYTES};
 
-/// How far packets may overtake each other, packets.
+/// Size of the window within which packets are reordered, packets.
 const WINDOW_PACKETS: usize = 64;
 
 /// A frame as far as it arrived.
@@ -30,17 +30,17 @@ pub struct TransferSummary {
     pub first_sequence: Option<u32>,
     /// Highest packet number used.
     pub last_sequence: Option<u32>,
-    /// Numbers between the two that never came.
+    /// Numbers between the two that never arrived.
     pub lost: u64,
-    /// Packets that came after one with a higher number.
+    /// Packets that arrived after one with a higher number.
     pub out_of_order: u64,
-    /// Packets that held nothing new.
+    /// Packets whose bytes had all arrived before.
     pub duplicates: u64,
-    /// Packets whose frame had been given out: too late, or of another recording.
+    /// Packets of a frame that had been returned already: too late, or of another recording.
     pub late: u64,
     /// Packets far ahead of all others that no second packet confirmed.
     pub refused: u64,
-    /// Frames given out.
+    /// Frames returned.
     pub frames: u64,
     /// Of these, frames with missing bytes.
     pub damaged_frames: u64,

@@ -19,7 +19,7 @@ pub use source::{PacketFrames, PacketSource, PcapPackets};
 
 /// UDP port of the samples.
 pub const DATA_PORT: u16 = 4098;
-/// Most sample bytes of a packet.
+/// Maximum number of sample bytes in a packet.
 pub const MAX_PAYLOAD: usize = 1456;
 /// Bytes before the samples.
 pub const HEADER_BYTES: usize = 10;

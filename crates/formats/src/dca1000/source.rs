@@ -25,7 +25,6 @@ pub trait PacketSource {
 /// Packets of a pcap or pcapng file: every datagram to the card's data port.
 pub struct PcapPackets<R> {
     pcap: PcapReader<R>,
-    port: u16,
     datagram: Vec<u8>,
     skipped: u64,
 }
@@ -38,16 +37,9 @@ impl<R: Read> PcapPackets<R> {
     pub fn new(input: R) -> Result<Self, AdcError> {
         Ok(Self {
             pcap: PcapReader::new(input)?,
-            port: DATA_PORT,
             datagram: Vec::new(),
             skipped: 0,
         })
-    }
-
-    /// Datagrams to another port, for cards that were told so.
-    pub fn with_port(mut self, port: u16) -> Self {
-        self.port = port;
-        self
     }
 
     /// The reader below, for its counts.
@@ -65,7 +57,7 @@ impl<R: Read> PacketSource for PcapPackets<R> {
                     destination_port,
                     is_whole,
                 }) => {
-                    if destination_port != self.port {
+                    if destination_port != DATA_PORT {
                         continue;
                     }
                     if is_whole && DataPacket::parse(&self.datagram).is_ok() {

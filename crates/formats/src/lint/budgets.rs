@@ -12,7 +12,7 @@ const LVDS_LANE_BPS: f64 = 600e6;
 /// shortest of 5 us, bit/s. TI SPRUIJ4, "DCA1000EVM data capture card", table of packet delays; the
 /// figures were not checked against the document.
 const ETHERNET_DEFAULT_BPS: f64 = 325e6;
-const ETHERNET_MOST_BPS: f64 = 706e6;
+const MAX_ETHERNET_BPS: f64 = 706e6;
 /// The demos' data port: 921,600 baud of ten bits a byte, bytes/s.
 const UART_BYTES_PER_S: f64 = 92_160.0;
 /// Frame header of TI's SDK 3 demo, bytes; a packet is padded to a multiple of 32.
@@ -60,7 +60,7 @@ pub(super) fn memory(report: &mut Report, subject: &Subject) {
             (cube + detection).div_ceil(1024),
             limits.l3_bytes / 1024
         );
-        report.say(severity, "l3-memory", "n_loops", message);
+        report.add(severity, "l3-memory", "n_loops", message);
     }
 }
 
@@ -85,17 +85,17 @@ pub(super) fn lvds(report: &mut Report, subject: &Subject) {
             limits.lvds_lanes,
             link_bps / 1e6
         );
-        report.say(severity, "lvds-budget", "n_samples", message);
+        report.add(severity, "lvds-budget", "n_samples", message);
     }
     let chirps = (radar.tx.len() * radar.n_loops) as f64;
     let mean_bps = chirp_bits * chirps / radar.frame_period_s;
-    if mean_bps > ETHERNET_MOST_BPS {
+    if mean_bps > MAX_ETHERNET_BPS {
         let message = format!(
             "raw samples come at {:.0} Mbit/s on average, and a DCA1000 sends at most {:.0}",
             mean_bps / 1e6,
-            ETHERNET_MOST_BPS / 1e6
+            MAX_ETHERNET_BPS / 1e6
         );
-        report.say(severity, "lvds-budget", "frame_period_s", message);
+        report.add(severity, "lvds-budget", "frame_period_s", message);
     } else if mean_bps > ETHERNET_DEFAULT_BPS {
         let message = format!(
             "raw samples come at {:.0} Mbit/s on average: the DCA1000's packet delay must be shorter \
@@ -104,7 +104,7 @@ pub(super) fn lvds(report: &mut Report, subject: &Subject) {
             ETHERNET_DEFAULT_BPS / 1e6
         );
         let severity = severity.max(Severity::Warning);
-        report.say(severity, "lvds-budget", "frame_period_s", message);
+        report.add(severity, "lvds-budget", "frame_period_s", message);
     }
 }
 
@@ -127,7 +127,7 @@ pub(super) fn uart(report: &mut Report, subject: &Subject, model: Option<&ModelE
     };
     if !gui.points {
         let message = "guiMonitor sends no points over the serial port";
-        report.say(severity, "no-points", "points", message);
+        report.add(severity, "no-points", "points", message);
     }
     let channels = (radar.tx.len() * radar.rx.len()) as u64;
     let maps = [
@@ -157,7 +157,7 @@ pub(super) fn uart(report: &mut Report, subject: &Subject, model: Option<&ModelE
         let message = format!(
             "{fixed} bytes a frame before the first point, and 921,600 baud carry {budget:.0}"
         );
-        report.say(severity, "uart-budget", place, message);
+        report.add(severity, "uart-budget", place, message);
         return;
     }
     if !gui.points {
@@ -176,6 +176,6 @@ pub(super) fn uart(report: &mut Report, subject: &Subject, model: Option<&ModelE
             "at {:.1} frames/s 921,600 baud carry {n_points} points a frame; up to {wanted} are used",
             radar.frame_rate_hz()
         );
-        report.say(severity, "uart-budget", place, message);
+        report.add(severity, "uart-budget", place, message);
     }
 }

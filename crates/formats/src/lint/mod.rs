@@ -1,10 +1,10 @@
-//! What is wrong with a radar description, and what may surprise its owner.
+//! Errors in radar descriptions, and warnings about what will not work well.
 //!
 //! [`lint_ti_cfg`] and [`lint_radar_toml`] read a file and point into it; [`lint`] looks at a radar that
 //! exists already. Rules, by module: here what makes a file no radar, [`rules`] the chirp and the
 //! scene, [`budgets`] what the hardware must carry, [`model`] what a trained model has seen.
 //!
-//! | rule | severity | says |
+//! | rule | severity | meaning |
 //! |---|---|---|
 //! | `syntax`, `missing-command`, `missing-field`, `unknown-base` | error | the file cannot be read |
 //! | `unsupported` | error | readable, but no [`RadarConfig`] can express it |
@@ -40,7 +40,7 @@ pub use model::ModelExpectations;
 pub enum Severity {
     /// The radar cannot be, or cannot do what its file asks.
     Error,
-    /// It works, and will disappoint.
+    /// It works, with poor results.
     Warning,
     /// Worth knowing.
     Note,
@@ -56,7 +56,7 @@ impl fmt::Display for Severity {
     }
 }
 
-/// One remark.
+/// One finding.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
     /// Field or group of [`RadarConfig`]; the command or key where a file has a mistake beside it.
@@ -67,7 +67,7 @@ pub struct Finding {
     pub severity: Severity,
     /// What is wrong or weak, with numbers.
     pub message: String,
-    /// Where, for files; `None` for what no single value is to blame for.
+    /// Place in the file; `None` if no single value causes the finding.
     pub span: Option<Span>,
 }
 
@@ -77,7 +77,7 @@ struct Subject<'a> {
     /// The board, if known or guessed.
     board: Option<Board>,
     board_guessed: bool,
-    /// Whether raw samples go out over LVDS; `None` if the description does not say.
+    /// Whether raw samples go out over LVDS; `None` if the description does not determine it.
     lvds_samples: Option<bool>,
     gui_monitor: Option<GuiMonitor>,
 }
@@ -113,7 +113,7 @@ struct Report {
 impl Report {
     /// Adds a remark on the value at `place`, which is a field of the radar or one of the reader's
     /// other places.
-    fn say(
+    fn add(
         &mut self,
         severity: Severity,
         rule: &'static str,
@@ -129,7 +129,7 @@ impl Report {
         });
     }
 
-    /// Whether one of the rules has spoken.
+    /// Whether one of the rules has a finding.
     fn has(&self, rules: &[&str]) -> bool {
         self.findings.iter().any(|f| rules.contains(&f.rule))
     }
@@ -140,7 +140,7 @@ impl Report {
             "frame_period_s" if problem.problem.contains("chirps") => "frame-period",
             _ => "radar-value",
         };
-        self.say(Severity::Error, rule, problem.field, problem.problem);
+        self.add(Severity::Error, rule, problem.field, problem.problem);
     }
 
     /// Rules on the chirp for any radar with numbers; the rest only if nothing was wrong before.
@@ -151,7 +151,7 @@ impl Report {
                 "no `% Platform:` line for a single board and no antGeometry lines: {} is assumed",
                 subject.radar.name
             );
-            self.say(Severity::Note, "board-guessed", "name", message);
+            self.add(Severity::Note, "board-guessed", "name", message);
         }
         rules::chirp(self, subject);
         if possible {
@@ -175,7 +175,7 @@ impl Report {
     }
 }
 
-/// Remarks on a radar meant for describing people; empty if there is nothing to say.
+/// Findings about a radar meant for describing people; empty if there are none.
 ///
 /// Limits of a part are known for radars that bear a board's name ([`Board::name`]).
 pub fn lint(radar: &RadarConfig, model: Option<&ModelExpectations>) -> Vec<Finding> {
@@ -199,7 +199,7 @@ pub fn lint_ti_cfg(text: &str, model: Option<&ModelExpectations>) -> Vec<Finding
             TiCfgError::Radar(problem) => report.impossible(problem),
             TiCfgError::Missing(command) => {
                 let message = TiCfgError::Missing(command).to_string();
-                report.say(Severity::Error, "missing-command", command, message);
+                report.add(Severity::Error, "missing-command", command, message);
             }
             TiCfgError::Line {
                 rule,
@@ -253,10 +253,10 @@ pub fn lint_radar_toml(text: &str, model: Option<&ModelExpectations>) -> Vec<Fin
             let whole = error.to_string();
             match error {
                 RadarTomlError::Missing(field) => {
-                    report.say(Severity::Error, "missing-field", field, whole);
+                    report.add(Severity::Error, "missing-field", field, whole);
                 }
-                RadarTomlError::Base(_) => {
-                    report.say(Severity::Error, "unknown-base", "base", whole);
+                RadarTomlError::Base(_) | RadarTomlError::AmbiguousBase(..) => {
+                    report.add(Severity::Error, "unknown-base", "base", whole);
                 }
                 RadarTomlError::Syntax(_) | RadarTomlError::Radar(_) => {
                     let (message, span) = radar_toml::syntax_error(text).unwrap_or((whole, None));

@@ -34,7 +34,7 @@ pub(super) fn compare(report: &mut Report, radar: &RadarConfig, model: &ModelExp
             "{rate_hz:.2} frames/s, but {name} reads {:.0}: `describe` joins frames",
             model.frame_rate_hz
         );
-        report.say(
+        report.add(
             Severity::Note,
             "model-frame-rate",
             "frame_period_s",
@@ -47,7 +47,7 @@ pub(super) fn compare(report: &mut Report, radar: &RadarConfig, model: &ModelExp
             model.frame_rate_hz,
             1e3 / model.frame_rate_hz
         );
-        report.say(
+        report.add(
             Severity::Warning,
             "model-frame-rate",
             "frame_period_s",
@@ -58,14 +58,14 @@ pub(super) fn compare(report: &mut Report, radar: &RadarConfig, model: &ModelExp
     match all.min_by_key(Vec::len) {
         Some(remarks) => {
             for (rule, place, message) in remarks {
-                report.say(Severity::Warning, rule, place, message);
+                report.add(Severity::Warning, rule, place, message);
             }
         }
         None => {
             let message = format!(
                 "{name} does not say which radar it was trained on: velocity, range and array are not compared"
             );
-            report.say(Severity::Note, "model-radar", "name", message);
+            report.add(Severity::Note, "model-radar", "name", message);
         }
     }
 }

@@ -33,7 +33,7 @@ const ROOM_M: f64 = 3.0;
 /// Below this, gestures fall between frames, Hz.
 const MIN_FRAME_RATE_HZ: f64 = 5.0;
 
-/// What the chirp alone says. The radar need not be possible; one without finite numbers is passed
+/// Findings about the chirp alone. The radar need not be possible; one without finite numbers is passed
 /// over.
 pub(super) fn chirp(report: &mut Report, subject: &Subject) {
     let radar = subject.radar;
@@ -88,12 +88,12 @@ pub(super) fn chirp(report: &mut Report, subject: &Subject) {
         } else {
             "slope_hz_per_s"
         };
-        report.say(subject.part_severity(), "band", place, message);
+        report.add(subject.part_severity(), "band", place, message);
     }
     if radar.adc_start_s < MIN_ADC_START_S {
         let us = radar.adc_start_s * 1e6;
         let message = format!("sampling starts {us:.2} us into the ramp: it may not be settled");
-        report.say(Severity::Warning, "adc-start", "adc_start_s", message);
+        report.add(Severity::Warning, "adc-start", "adc_start_s", message);
     }
     let Some(limits) = subject.board.and_then(Board::limits) else {
         return;
@@ -111,7 +111,7 @@ pub(super) fn chirp(report: &mut Report, subject: &Subject) {
             ramp_down_s * 1e6,
             ramp_hz / 1e9
         );
-        report.say(Severity::Warning, "idle-time", "idle_s", message);
+        report.add(Severity::Warning, "idle-time", "idle_s", message);
     }
     if radar.sample_rate_hz > limits.max_sample_rate_hz * (1.0 + 1e-9) {
         let message = format!(
@@ -120,7 +120,7 @@ pub(super) fn chirp(report: &mut Report, subject: &Subject) {
             radar.name,
             limits.max_sample_rate_hz / 1e6
         );
-        report.say(
+        report.add(
             subject.part_severity(),
             "adc-rate",
             "sample_rate_hz",
@@ -132,7 +132,7 @@ pub(super) fn chirp(report: &mut Report, subject: &Subject) {
 /// What a scene with people asks of a radar that can exist.
 pub(super) fn scene(report: &mut Report, radar: &RadarConfig) {
     let mut warn = |rule, place, message: String| {
-        report.say(Severity::Warning, rule, place, message);
+        report.add(Severity::Warning, rule, place, message);
     };
     let on_air_s = radar.ramp_end_s * (radar.tx.len() * radar.n_loops) as f64;
     let duty = on_air_s / radar.frame_period_s;

@@ -1,7 +1,7 @@
 //! ROS 1 bags (format 2.0): the `sensor_msgs/PointCloud2` messages of one topic.
 //!
-//! Read front to back from any reader; the index is not needed. Chunks may be compressed (bz2, lz4). Fields are taken by the name, offset and type that every message declares: x, y, z, a
-//! velocity (`velocity`, `v`, `doppler`) and an intensity in dB (`intensity`, `snr`, `power`).
+//! Read front to back from any reader; the index is not needed. Chunks may be compressed (bz2, lz4). Fields are taken by
+//! the name, offset and type that every message declares: x, y, z, a velocity (`velocity`, `v`, `doppler`) and an intensity in dB (`intensity`, `snr`, `power`).
 
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -13,19 +13,19 @@ use super::{
 
 /// First bytes of a bag.
 pub const BAG_MAGIC: &[u8; 13] = b"#ROSBAG V2.0\n";
-/// Largest record believed, bytes; chunks are usually 768 KiB.
+/// Maximum length of a record, bytes; chunks are usually 768 KiB.
 const MAX_RECORD_BYTES: u32 = 256 << 20;
-/// Most connections of a bag.
+/// Maximum number of connections of a bag.
 const MAX_CONNECTIONS: usize = 4096;
 
-/// What a bag held.
+/// Content of a bag.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Bag {
     /// Topic of the frames.
     pub topic: String,
     /// Frames in the order of the file.
     pub frames: Vec<RecordedFrame>,
-    /// Points left out because they are NaN or beyond belief: clouds that are not dense hold such.
+    /// Points dropped because they are NaN or out of range; clouds that are not dense contain NaN.
     pub points_dropped: u64,
     /// Messages of other topics.
     pub other_messages: u64,
@@ -419,10 +419,10 @@ fn cloud(at: u64, message: &[u8], axes: Axes) -> Result<(RecordedFrame, u64), Re
         {
             let [x, y, z, velocity_mps, intensity_db] =
                 places.map(|place| place.value(raw, big_endian));
-            let believed = [x, y, z].iter().all(|v| v.abs() <= MAX_COORDINATE_M)
+            let is_plausible = [x, y, z].iter().all(|v| v.abs() <= MAX_COORDINATE_M)
                 && velocity_mps.abs() <= MAX_VELOCITY_MPS
                 && intensity_db.abs() <= MAX_INTENSITY_DB;
-            if believed {
+            if is_plausible {
                 points.push(point(
                     axes.to_project([x, y, z]),
                     velocity_mps,

@@ -10,7 +10,7 @@ use super::{
     Axes, MAX_COORDINATE_M, MAX_VELOCITY_MPS, Place, RecordedFrame, RecordingError, checked_point,
     number, point,
 };
-use crate::tables::NpyArray;
+use radarllm_files::npy::NpyArray;
 
 /// Columns used, by the names of the header.
 const COLUMNS: [&str; 6] = ["Frame #", "X", "Y", "Z", "Doppler", "Intensity"];
@@ -85,7 +85,7 @@ fn peak_db(peak: f64) -> f64 {
 /// clock: they count from 0, at 10 frames/s.
 ///
 /// # Errors
-/// [`RecordingError`] for another shape, pickled arrays, or a value beyond belief, with the frame as row.
+/// [`RecordingError`] for another shape, pickled arrays, or a value out of range, with the frame as row.
 pub fn read_mars_features(bytes: &[u8]) -> Result<Vec<RecordedFrame>, RecordingError> {
     let array = NpyArray::new(bytes)?;
     let fits = array.header.fields[0].name.is_empty()

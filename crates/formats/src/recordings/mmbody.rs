@@ -7,12 +7,15 @@
 use radarllm_base::RadarPoint;
 
 use super::{Axes, Place, RecordingError, checked_point};
-use crate::tables::{Literal, NpyArray, parse_literal};
+use radarllm_files::{
+    literal::{Literal, parse_literal},
+    npy::NpyArray,
+};
 
-/// Points kept of a frame, the strongest ones: what the tokenizer was made for.
+/// Number of points kept per frame, the strongest ones: the capacity of the radar tokenizer.
 pub const MAX_POINTS: usize = 128;
 
-/// The recording conditions that the data set separates, told by the names of its folders.
+/// The recording conditions that the data set separates, as words in the names of its folders.
 pub const SUBSETS: [&str; 4] = ["rain", "smoke", "lighting", "occlusion"];
 
 /// The subset in a folder path: the deepest folder one of whose words is in [`SUBSETS`] (`poor_lighting` is, `train` is
@@ -26,7 +29,7 @@ pub fn subset(path: &str) -> Option<&'static str> {
 /// Reads one frame: its [`MAX_POINTS`] points of largest amplitude, strongest first.
 ///
 /// # Errors
-/// [`RecordingError`] for another shape, pickled arrays, or a value beyond belief, with its row.
+/// [`RecordingError`] for another shape, pickled arrays, or a value out of range, with its row.
 pub fn read_mmbody_frame(bytes: &[u8]) -> Result<Vec<RadarPoint>, RecordingError> {
     let array = NpyArray::new(bytes)?;
     if !matches!(array.header.shape.as_slice(), [_, 6]) || array.header.fields.len() != 1 {

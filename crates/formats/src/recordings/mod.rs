@@ -1,28 +1,40 @@
-//! Points that somebody else's radar reported: text in, [`radarllm_base::RecordedFrame`]s out.
+//! Points that other recorders stored: text or bytes in, [`radarllm_base::RecordedFrame`]s out.
 //!
-//! Every reader ends in the project's axes (x right, y away from the radar, z up, m) and says what it
-//! assumed. Intensities keep the recording's own reference: only differences in dB mean something.
+//! Every reader returns points in the project's axes (x right, y away from the radar, z up, m) and documents what it
+//! assumes. Intensities keep the recording's own reference: only their differences in dB can be compared.
 
 pub mod bag;
 pub mod mars;
+pub mod matlab;
 pub mod mmbody;
 pub mod mmfi;
+mod pieces;
 pub mod radhar;
+pub mod visualizer_binary;
+pub mod visualizer_json;
 
 use radarllm_base::RadarPoint;
 pub(crate) use radarllm_base::RecordedFrame;
+use radarllm_files::npy::NpyError;
 
 pub use bag::{Bag, read_bag};
 pub use mars::{read_mars_features, read_mars_points};
+pub use matlab::{MatArray, MatlabRecording, read_mat_array, read_matlab_points};
 pub use mmbody::{read_mmbody_calibration, read_mmbody_frame};
 pub use mmfi::read_mmfi_frame;
+pub use pieces::PiecesError;
 pub use radhar::read_radhar_points;
+pub use visualizer_binary::{VisualizerBinary, VisualizerBinaryError, read_visualizer_binary};
+pub use visualizer_json::{
+    VisualizerCounts, VisualizerFrame, VisualizerPart, VisualizerRecording, join_parts,
+    read_visualizer_json,
+};
 
-/// Farthest coordinate believed, m: no room radar reports more.
+/// Maximum coordinate accepted, m: indoor radars report less.
 pub(crate) const MAX_COORDINATE_M: f64 = 1e3;
-/// Fastest velocity believed, m/s.
+/// Maximum speed accepted, m/s.
 pub(crate) const MAX_VELOCITY_MPS: f64 = 1e3;
-/// Largest intensity believed, dB.
+/// Maximum intensity accepted, dB.
 pub(crate) const MAX_INTENSITY_DB: f64 = 1e3;
 
 /// Which way the axes of a recording point. z is up in both.
@@ -109,6 +121,16 @@ impl RecordingError {
     }
 }
 
+impl From<NpyError> for RecordingError {
+    fn from(error: NpyError) -> Self {
+        Self {
+            at: Place::Byte(error.byte),
+            expected: error.expected,
+            found: error.found,
+        }
+    }
+}
+
 /// A finite number within +-`limit`.
 fn number(line: usize, name: &str, text: &str, limit: f64) -> Result<f64, RecordingError> {
     text.trim()
@@ -124,7 +146,7 @@ fn number(line: usize, name: &str, text: &str, limit: f64) -> Result<f64, Record
         })
 }
 
-/// A point of five numbers in the project's axes, each believed only within its limit.
+/// A point of five numbers in the project's axes, each within its limit.
 fn checked_point(
     at: Place,
     axes: Axes,

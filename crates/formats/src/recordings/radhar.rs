@@ -3,8 +3,8 @@
 //!
 //! One record a point, `key: value` lines, records end with `---`; `point_id: 0` starts a frame. The
 //! driver's axes are x forward, y to the *left* (it negates the sensor's lateral axis), z up; the data
-//! set's own page says that y points right. Here x = -y and y = x; nothing in the recordings was
-//! found that decides it.
+//! set's own page states that y points right. This reader follows the driver: x = -y and y = x. Nothing found in the
+//! recordings decides between the two.
 
 use super::{
     MAX_COORDINATE_M, MAX_VELOCITY_MPS, Place, RecordedFrame, RecordingError, number, point,

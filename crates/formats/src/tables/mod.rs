@@ -1,18 +1,15 @@
 //! Points in plain tables: CSV with a header, npy with named columns or seven plain ones.
 //!
 //! Columns by name, in any order; others are ignored. `frame` and `t_s` (one of the two is enough), `x, y, z` in m,
-//! `velocity` in m/s, `intensity` in dB; `x_mm`, `t_ms`, `doppler`, `snr_db`, `amplitude` and more mean what they say:
-//! `meaning` in `columns.rs` has the list. A plain npy array has the columns of [`PLAIN_COLUMNS`].
+//! `velocity` in m/s, `intensity` in dB; `x_mm`, `t_ms`, `doppler`, `snr_db`, `amplitude` and other common names are
+//! understood too: `meaning` in `columns.rs` has the list. A plain npy array has the columns of [`PLAIN_COLUMNS`].
 
 mod columns;
-pub mod npy;
-pub mod py_literal;
 
 pub use columns::PLAIN_COLUMNS;
 pub(crate) use columns::is_point_column;
 use columns::{Columns, FrameBuilder};
-pub use npy::{NpyArray, NpyHeader, read_npy_header};
-pub use py_literal::{Literal, LiteralError, parse_literal};
+use radarllm_files::npy::NpyArray;
 
 use crate::recordings::{Axes, Place, RecordedFrame, RecordingError};
 

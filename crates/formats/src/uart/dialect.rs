@@ -2,12 +2,12 @@
 
 /// A family of firmware that frames its packets in one way. All are little-endian and start with [`super::MAGIC`].
 ///
-/// | dialect | header | length field of a TLV | told by |
+/// | dialect | header | length field of a TLV | known from |
 /// |---|---|---|---|
 /// | [`Sdk3`](Self::Sdk3) | 40 bytes | without its own 8 bytes | a recorded stream |
-/// | [`AreaScanner`](Self::AreaScanner) | 44 bytes | without | public parsers; no recording was at hand |
-/// | [`PeopleCounting3d`](Self::PeopleCounting3d) | 48 bytes, checksum | with | public parsers; no recording was at hand |
-/// | [`PeopleCounting2d`](Self::PeopleCounting2d), [`PeopleCounting2dCompact`](Self::PeopleCounting2dCompact) | 52 bytes, checksum | with | public parsers; no recording was at hand |
+/// | [`AreaScanner`](Self::AreaScanner) | 44 bytes | without | public parsers; not tested with a recording |
+/// | [`PeopleCounting3d`](Self::PeopleCounting3d) | 48 bytes, checksum | with | public parsers; not tested with a recording |
+/// | [`PeopleCounting2d`](Self::PeopleCounting2d), [`PeopleCounting2dCompact`](Self::PeopleCounting2dCompact) | 52 bytes, checksum | with | public parsers; not tested with a recording |
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Dialect {
     /// mmWave SDK 3 out-of-box demo and the labs of the Radar Toolbox. One dialect: the framing is the same, and the

@@ -1,4 +1,4 @@
-//! Which dialect a stream speaks, from several packets.
+//! Detects the dialect of a stream from its first packets.
 
 use super::{
     Dialect, MAX_PACKET_BYTES, find_magic,
@@ -10,21 +10,21 @@ use super::{
 pub const GUESS_PACKETS: usize = 8;
 /// Padding at the end of a packet is shorter than this, bytes.
 const PADDING: usize = 32;
-/// Least lead over the next dialect, as a share of the best score.
-const LEAST_LEAD: f32 = 0.05;
-/// Least mean score of a packet: a plausible header and at least a known TLV number.
-const LEAST_SCORE: f32 = 1.25;
+/// Minimum lead over the next dialect, as a share of the best score.
+const MIN_LEAD: f32 = 0.05;
+/// Minimum mean score of a packet: a plausible header and at least a known TLV number.
+const MIN_SCORE: f32 = 1.25;
 
-/// What one dialect explains of the packets.
+/// How well one dialect explains the packets.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evidence {
     /// The dialect.
     pub dialect: Dialect,
-    /// Packets whose header can be.
+    /// Packets with a plausible header.
     pub headers: usize,
     /// Packets whose checksum is right, of dialects that have one.
     pub checksums: usize,
-    /// Packets as long as they say.
+    /// Packets whose length is the stated one.
     pub lengths: usize,
     /// Packets whose TLVs end where the packet does, but for padding.
     pub walks: usize,
@@ -105,7 +105,7 @@ pub fn guess(bytes: &[u8]) -> Result<Guess, Vec<Evidence>> {
     } else {
         0.0
     };
-    if best.score < LEAST_SCORE * spans.len() as f32 || certainty < LEAST_LEAD {
+    if best.score < MIN_SCORE * spans.len() as f32 || certainty < MIN_LEAD {
         return Err(evidence);
     }
     Ok(Guess {
@@ -161,10 +161,10 @@ fn walk(dialect: Dialect, head: &Header, span: &[u8]) -> (f32, bool) {
         match step {
             Step::Tlv(number, payload) => {
                 if let Some(kind) = Kind::of(dialect, number) {
-                    let says_something = kind
+                    let has_content = kind
                         .split(payload)
                         .is_some_and(|(_, items)| kind.is_single() || items.len() > 0);
-                    known += if says_something { 1.0 } else { 0.5 };
+                    known += if has_content { 1.0 } else { 0.5 };
                 }
             }
             Step::WrongLength(number) => {

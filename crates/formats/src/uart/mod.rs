@@ -1,8 +1,9 @@
 //! The UART output of TI's demos: bytes in as they come, frames out.
 //!
 //! Packets start with [`MAGIC`], then a header and TLVs (type, length, value) that differ from firmware to firmware:
-//! see [`Dialect`]. [`UartParser`] takes bytes in pieces of any size, guesses the dialect from several packets if it is
-//! not told ([`mod@guess`]), finds the next magic after damage, and counts whatever it drops in a [`UartReport`].
+//! see [`Dialect`]. [`UartParser`] takes bytes in pieces of any size, detects the dialect from several packets unless it
+//! is given ([`mod@guess`]), resynchronises on the next magic after damage, and counts everything that it drops in a
+//! [`UartReport`].
 //!
 //! Points are in the sensor's axes as the project has them: x right, y away, z up, m; velocity positive when receding.
 //! Whether a given board mirrors x is open: see "Board handedness" in CONVENTIONS.md. `intensity_db` is the firmware's
@@ -26,11 +27,11 @@ pub use tlv::{Stats, Target, TargetHeight, Temperatures};
 
 /// First bytes of every packet.
 pub const MAGIC: [u8; 8] = [2, 1, 4, 3, 6, 5, 8, 7];
-/// Longest packet believed, bytes: a 256 x 128 heat map of 16 bits is 64 KiB.
+/// Maximum length of a packet, bytes: a 256 x 128 heat map of 16 bits is 64 KiB.
 pub const MAX_PACKET_BYTES: usize = 256 << 10;
-/// Most TLVs of a packet believed.
+/// Maximum number of TLVs in a packet.
 pub const MAX_TLVS: usize = 64;
-/// Bytes kept at most while the dialect is being guessed.
+/// Maximum number of bytes kept while the dialect is being detected.
 const MAX_GUESS_BYTES: usize = 4 * MAX_PACKET_BYTES;
 /// Unknown TLV numbers counted one by one.
 const MAX_UNKNOWN_NUMBERS: usize = 32;
@@ -44,7 +45,7 @@ pub struct UartFrame {
     pub subframe: u32,
     /// CPU clock of the chip, cycles modulo 2^32, where the dialect has it.
     pub cycles: Option<u32>,
-    /// False when the next packet starts before this one's stated end: only the header is believed then.
+    /// False when the next packet starts before this one's stated end: only the header is used then.
     pub complete: bool,
     /// Moving points, in the firmware's order.
     pub points: Vec<RadarPoint>,
@@ -67,7 +68,7 @@ pub struct UartFrame {
     pub presence: Option<u32>,
 }
 
-/// What came in and what was dropped.
+/// Counts of what was read and what was dropped.
 #[derive(Clone, Debug, PartialEq, Eq, Default)]
 pub struct UartReport {
     /// Bytes pushed: the sum of the next three.
@@ -104,7 +105,7 @@ pub struct UartReport {
     pub points_out_of_range: u64,
     /// Points kept without SNR: intensity 0 dB.
     pub points_without_snr: u64,
-    /// Side infos that have not one entry a point, and were not used.
+    /// Side information that does not have one entry per point, and was not used.
     pub side_info_mismatches: u64,
     /// Targets and heights dropped for the same reasons as points.
     pub targets_dropped: u64,
@@ -116,7 +117,7 @@ pub struct UartReport {
     pub restarts: u64,
 }
 
-/// Why a stream cannot be read: only for want of a dialect.
+/// Why a stream cannot be read: its dialect cannot be detected.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum UartError {
     /// No magic in the bytes looked at.
@@ -164,7 +165,7 @@ impl UartParser {
         }
     }
 
-    /// What is dropped so far.
+    /// The counts so far.
     pub fn report(&self) -> &UartReport {
         &self.report
     }

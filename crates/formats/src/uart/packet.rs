@@ -2,7 +2,7 @@
 
 use super::{Dialect, MAX_PACKET_BYTES, MAX_TLVS};
 
-/// What a header says, checked.
+/// Content of a header, checked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Header {
     pub number: u32,
@@ -70,7 +70,7 @@ fn ones_complement_sum(bytes: &[u8]) -> u32 {
     (sum & 0xFFFF) + (sum >> 16)
 }
 
-/// One TLV, or the end of what can be believed.
+/// One TLV, or the end of the readable part of a packet.
 pub(super) enum Step<'a> {
     /// Type and payload.
     Tlv(u32, &'a [u8]),

@@ -4,7 +4,7 @@ use radarllm_base::RadarPoint;
 
 use super::{Dialect, UartReport};
 
-/// Farthest coordinate believed, m, and fastest velocity, m/s: beyond them a value is damaged.
+/// Maximum coordinate, m, and maximum speed, m/s: a larger value is damaged.
 const LIMIT: f32 = 1e3;
 
 /// A tracked object.

@@ -5,13 +5,14 @@ use radarllm_base::{RecordedFrame, Timeline};
 use radarllm_formats::{
     detect,
     recordings::{
-        Axes, read_bag, read_mars_features, read_mars_points, read_mmbody_calibration,
-        read_mmbody_frame, read_mmfi_frame, read_radhar_points,
+        Axes, join_parts, read_bag, read_mars_features, read_mars_points, read_mat_array,
+        read_matlab_points, read_mmbody_calibration, read_mmbody_frame, read_mmfi_frame,
+        read_radhar_points, read_visualizer_binary, read_visualizer_json,
     },
     tables::{read_points_csv, read_points_npy},
 };
 
-use crate::make::{CALIBRATION, CSV, MARS, RADHAR, npy, seeds};
+use crate::make::{CALIBRATION, CSV, MARS, RADHAR, mars_mat, npy, seeds};
 
 /// Everything that reads bytes, on the same bytes. Points can only come from bytes that are there.
 fn read_all(bytes: &[u8]) {
@@ -40,7 +41,28 @@ fn read_all(bytes: &[u8]) {
     let _ = read_mmbody_frame(bytes).map(|points| assert!(points.len() <= 128));
     let _ = read_mmfi_frame(bytes, axes);
     let _ = read_bag(bytes, None, axes).map(|bag| sane(bag.frames));
-    for name in ["x.bin", "x.npy", "frame_1.npy", "frame001.bin", "x.csv", ""] {
+    let _ = read_matlab_points(bytes).map(|r| sane(r.frames));
+    for name in ["x", "frameRate"] {
+        let _ = read_mat_array(bytes, name).map(|a| assert!(a.values.len() <= bytes.len()));
+    }
+    if let Ok(part) = read_visualizer_json(&text) {
+        let again = part.clone();
+        let mut recording = join_parts(vec![(2, part), (1, again)]).unwrap();
+        recording.lower(2.0);
+        sane(recording.frames.into_iter().map(|f| f.frame).collect());
+    }
+    let (first, second) = bytes.split_at(bytes.len() / 3);
+    let _ = read_visualizer_binary(vec![(7, second), (2, first)], None);
+    for name in [
+        "x.bin",
+        "x.npy",
+        "frame_1.npy",
+        "frame001.bin",
+        "x.csv",
+        "replay_1.json",
+        "x.mat",
+        "",
+    ] {
         let _ = detect(name, bytes);
     }
 }
@@ -73,6 +95,11 @@ fn seeds_are_read_by_their_reader() {
         read_bag(s[9].as_slice(), None, axes).unwrap().frames.len(),
         2
     );
+    let part = read_visualizer_json(std::str::from_utf8(&s[10]).unwrap()).unwrap();
+    assert_eq!(part.frames.len(), 3);
+    assert_eq!(read_matlab_points(&s[11]).unwrap().frames.len(), 2);
+    let frames = read_matlab_points(&s[12]).unwrap().frames;
+    assert_eq!(frames[0].points.len(), 64);
 }
 
 #[test]
@@ -119,7 +146,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn damage_anywhere(which in 0_usize..10, changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..12)) {
+    fn damage_anywhere(which in 0_usize..13, changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..12)) {
         let mut bytes = seeds().swap_remove(which);
         for (at, value) in changes {
             let n = bytes.len();
@@ -133,5 +160,6 @@ proptest! {
         read_all(&bytes);
         read_all(&[b"#ROSBAG V2.0\n".as_slice(), &bytes].concat());
         read_all(&[b"\x93NUMPY\x01\x00".as_slice(), &bytes].concat());
+        read_all(&[&mars_mat(0, false)[..128], &bytes].concat());
     }
 }

@@ -2,7 +2,7 @@
 
 use num_complex::Complex32;
 use radarllm_base::RadarCube;
-use radarllm_formats::adc::{CubeShape, IqOrder, Lanes, SampleKind, SampleLayout};
+use radarllm_formats::adc::{CubeShape, IqOrder, LvdsLanes, SampleKind, SampleLayout};
 
 pub const I_FIRST: SampleKind = SampleKind::Complex {
     order: IqOrder::IFirst,
@@ -29,14 +29,14 @@ sensorStart
 
 pub fn two(data: SampleKind) -> SampleLayout {
     SampleLayout {
-        lanes: Lanes::Two,
+        lanes: LvdsLanes::Two,
         data,
     }
 }
 
 pub fn four(receivers: u8, data: SampleKind) -> SampleLayout {
     SampleLayout {
-        lanes: Lanes::Four { receivers },
+        lanes: LvdsLanes::Four { receivers },
         data,
     }
 }
@@ -52,7 +52,7 @@ pub fn words(cube: &RadarCube, layout: SampleLayout) -> Vec<i16> {
     for l in 0..cube.n_loops {
         for t in 0..cube.n_tx {
             match layout.lanes {
-                Lanes::Two => {
+                LvdsLanes::Two => {
                     for r in 0..cube.n_rx {
                         let chirp = cube.chirp(l, t, r);
                         if layout.data == SampleKind::Real {
@@ -65,7 +65,7 @@ pub fn words(cube: &RadarCube, layout: SampleLayout) -> Vec<i16> {
                         }
                     }
                 }
-                Lanes::Four { receivers } => {
+                LvdsLanes::Four { receivers } => {
                     for s in 0..cube.n_samples {
                         let mut lanes = [Complex32::ZERO; 4];
                         let mut rx = 0;

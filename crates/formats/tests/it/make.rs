@@ -295,5 +295,99 @@ pub fn seeds() -> Vec<Vec<u8>> {
         npy("'<f4'", "(2, 6)", &[0.5; 12]),
         npy("'<f4'", "(2, 5)", &[0.5; 10]),
         bag("none"),
+        replay(7, 3).into(),
+        mars_mat(2, true),
+        mat(&[("marsData", &[1, 64, 5], &[0.5; 320])], false),
     ]
+}
+
+/// Chirp file of a wall-mounted people counter, shortened: what a visualizer stores with its recordings.
+pub const WALL_CFG: &str = "sensorStop\nflushCfg\ndfeDataOutputMode 1\nchannelCfg 15 7 0\nadcCfg 2 1\n\
+    adcbufCfg -1 0 1 1 1\nprofileCfg 0 60.75 30.00 25.00 59.10 657930 0 54.71 1 96 2950.00 2 1 36\n\
+    chirpCfg 0 0 0 0 0 0 0 1\nchirpCfg 1 1 0 0 0 0 0 2\nchirpCfg 2 2 0 0 0 0 0 4\nframeCfg 0 2 96 0 55.00 1 0\n\
+    sensorPosition 2 0 15\nsensorStart\n";
+
+/// A visualizer's JSON file with the given entries of `data`.
+pub fn replay_of(demo: &str, device: &str, entries: &[String]) -> String {
+    let lines: Vec<String> = WALL_CFG
+        .lines()
+        .map(|line| format!("\"{line}\\n\""))
+        .collect();
+    let lines = lines.join(", ");
+    format!(
+        "{{\n    \"cfg\": [{lines}],\n    \"demo\": \"{demo}\",\n    \"device\": \"{device}\",\n    \"data\": [{}]\n}}",
+        entries.join(", ")
+    )
+}
+
+/// One entry of `data`: a frame with rows of `pointCloud`, 55 ms after the one before it.
+pub fn replay_frame(number: u32, rows: &str) -> String {
+    format!(
+        "{{\"frameData\": {{\"error\": 0, \"frameNum\": {number}, \"pointCloud\": [{rows}], \"numDetectedPoints\": 1}}, \
+         \"timestamp\": {}}}",
+        1_700_000_000_000.5 + 55.0 * f64::from(number)
+    )
+}
+
+/// A file of `n` frames with a point each, a track and its height.
+pub fn replay(first: u32, n: u32) -> String {
+    let entries: Vec<String> = (first..first + n)
+        .map(|i| {
+            replay_frame(i, "[0.5, 3.0, 1.25, -0.5, 100.0, 2.0, 255.0]").replace(
+                "\"numDetectedPoints\"",
+                "\"trackData\": [[0, 0.5, 3, 1, 0, -0.5, 0, 0, 0, 0, 3.0, 0.9, 1]], \
+                 \"heightData\": [[0, 1.75, 0.25]], \"trackIndexes\": [255], \"numDetectedPoints\"",
+            )
+        })
+        .collect();
+    replay_of("3D People Tracking", "xWR6843", &entries)
+}
+
+/// An element of a MATLAB v5 file, padded.
+pub fn mat_element(kind: u32, data: &[u8]) -> Vec<u8> {
+    let mut bytes = words(&[kind, data.len() as u32]);
+    bytes.extend(data);
+    bytes.resize(bytes.len().next_multiple_of(8), 0);
+    bytes
+}
+
+/// A MATLAB v5 file with variables of f32 (name, shape, values with the first index fastest), compressed or not.
+pub fn mat(variables: &[(&str, &[u32], &[f32])], is_compressed: bool) -> Vec<u8> {
+    let mut file = b"MATLAB 5.0 MAT-file, made by a test".to_vec();
+    file.resize(124, b' ');
+    file.extend([0, 1, b'I', b'M']);
+    for (name, shape, values) in variables {
+        let parts = [
+            mat_element(6, &words(&[7, 0])),
+            mat_element(5, &words(shape)),
+            mat_element(1, name.as_bytes()),
+            mat_element(7, &floats(values)),
+        ];
+        let matrix = mat_element(14, &parts.concat());
+        if is_compressed {
+            let mut encoder =
+                flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::best());
+            encoder.write_all(&matrix).unwrap();
+            let data = encoder.finish().unwrap();
+            file.extend(words(&[15, data.len() as u32]));
+            file.extend(data);
+        } else {
+            file.extend(matrix);
+        }
+    }
+    file
+}
+
+/// `marsData` of frames with one point each: x = 0.25 times the frame, y = 2, z = 1, 0.5 m/s, 20 dB in the third row.
+pub fn mars_mat(n_frames: usize, is_compressed: bool) -> Vec<u8> {
+    let mut values = vec![0.0_f32; n_frames * 64 * 5];
+    for frame in 0..n_frames {
+        let point = [0.25 * frame as f32, 2.0, 1.0, 0.5, 20.0];
+        for (k, value) in point.into_iter().enumerate() {
+            values[frame + n_frames * (2 + 64 * k)] = value;
+        }
+    }
+    let other: (&str, &[u32], &[f32]) = ("frameRate", &[1, 1], &[10.0]);
+    let points: (&str, &[u32], &[f32]) = ("marsData", &[n_frames as u32, 64, 5], &values);
+    mat(&[other, points], is_compressed)
 }

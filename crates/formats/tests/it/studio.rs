@@ -2,7 +2,7 @@
 
 use radarllm_formats::{
     Board, TiCfg,
-    adc::{IqOrder, Lanes, SampleKind, SampleLayout, StudioCapture, StudioSetup},
+    adc::{IqOrder, LvdsLanes, SampleKind, SampleLayout, StudioCapture, StudioSetup},
 };
 
 /// The reference radar's chirps as mmWave Studio exports them: TX1, TX3, TX2.
@@ -24,7 +24,7 @@ fn an_export_is_the_radar_of_the_same_chirp_file() {
         (16, 8, false)
     );
     let layout = SampleLayout {
-        lanes: Lanes::Two,
+        lanes: LvdsLanes::Two,
         data: SampleKind::Complex {
             order: IqOrder::IFirst,
         },
@@ -53,7 +53,7 @@ fn lanes_order_and_kind_follow_the_export() {
         ("\"0xF\"", "\"0xB\""),
     ];
     let found = layout(&swapped).unwrap();
-    assert_eq!(found.lanes, Lanes::Four { receivers: 0b1011 });
+    assert_eq!(found.lanes, LvdsLanes::Four { receivers: 0b1011 });
     let q_first = SampleKind::Complex {
         order: IqOrder::QFirst,
     };

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use radarllm_formats::{Board, TiCfg};
+use radarllm_formats::{Board, SensorPosition, TiCfg};
 
 pub fn shared() -> Option<PathBuf> {
     let path = std::env::var_os("RADARLLM_SHARED").map_or_else(
@@ -210,6 +210,19 @@ const FILES: [Row; 21] = [
     ),
 ];
 
+/// Height, m, and elevation tilt, degrees, of the files that state them.
+const POSITIONS: [(&str, f64, f64); 9] = [
+    ("18xx_traffic_monitoring_70m_MIMO_2D", 2.0, 0.0),
+    ("18xx_traffic_monitoring_70m_MIMO_3D", 2.0, 0.0),
+    ("68xx_traffic_monitoring_70m_MIMO_3D", 2.0, 0.0),
+    ("AOP_6m_default", 2.0, 15.0),
+    ("ISK_6m_default", 2.0, 15.0),
+    ("ODS_6m_default", 2.0, 15.0),
+    ("gesture_LRswipes_6443", 0.0, 0.0),
+    ("pc_6843_3d_aop_overhead_3m_radial", 2.9, 90.0),
+    ("people_detection_and_tracking_50m_3D", 2.0, 0.0),
+];
+
 #[test]
 fn every_file_is_read_with_its_own_figures() {
     let Some(shared) = shared() else {
@@ -230,6 +243,14 @@ fn every_file_is_read_with_its_own_figures() {
             let cfg = TiCfg::parse(&text, None).unwrap_or_else(|e| panic!("{name}: {e}"));
             assert_eq!(cfg.board, board, "{name}");
             assert_eq!(cfg.slots, slots, "{name}");
+            let position = SensorPosition::from_ti_cfg(&text).unwrap();
+            let row = POSITIONS.iter().find(|(file, ..)| *file == name);
+            assert_eq!(
+                position.map(|p| (p.height_m, p.elevation_tilt_rad.to_degrees().round())),
+                row.map(|(_, height_m, tilt_deg)| (*height_m, *tilt_deg)),
+                "{name}"
+            );
+            assert!(position.is_none_or(|p| p.azimuth_tilt_rad == 0.0), "{name}");
             let r = &cfg.radar;
             assert_eq!(
                 (r.rx.len(), r.n_loops, r.n_samples),

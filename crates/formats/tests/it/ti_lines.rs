@@ -123,7 +123,10 @@ fn phase_modulation_takes_two_transmitters_in_two_chirps() {
     let cfg = TiCfg::parse(&text, None).unwrap();
     assert_eq!(cfg.slots, [1, 3]);
     let reference = radarllm_base::RadarConfig::awr1843boost();
-    assert_eq!(cfg.radar.firing, radarllm_base::radar_config::Firing::Bpm);
+    assert_eq!(
+        cfg.radar.firing,
+        radarllm_base::radar_config::TxMultiplexing::Bpm
+    );
     for (a, b) in cfg.radar.tx.iter().zip(&reference.tx[..2]) {
         // Half a wavelength times 4, or 4 times half a wavelength.
         assert!((a.x_m - b.x_m).abs() < 1e-12 && (a.z_m - b.z_m).abs() < 1e-12);

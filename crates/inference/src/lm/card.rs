@@ -54,10 +54,13 @@ impl LmCard {
     }
 }
 
-/// What a checkpoint holds, its weights not yet read.
-pub(super) struct LmFiles {
+/// A checkpoint of a language model whose weights have not been read yet.
+pub struct LmFiles {
+    /// The configuration.
     pub card: LmCard,
+    /// Ids.
     pub vocab: Vocab,
+    /// The files.
     pub checkpoint: Checkpoint,
 }
 
@@ -88,8 +91,7 @@ impl LmFiles {
         })
     }
 
-    /// Whether the network is a T5, which the inference engine holds.
-    #[cfg(feature = "train")]
+    /// Whether the network is a T5, the only one that the inference engine runs.
     pub fn is_t5(&self) -> bool {
         self.card.lm.t5().is_some()
     }

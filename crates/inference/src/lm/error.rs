@@ -1,6 +1,10 @@
 //! What can go wrong around the language model.
 
+use radarllm_engine::EngineError;
+
 use crate::checkpoint::CheckpointError;
+use crate::prepare::PrepareError;
+use crate::tokenizer::EncodeError;
 
 /// Errors of the language model's files, vocabulary and inputs.
 #[derive(Debug, thiserror::Error)]
@@ -16,16 +20,140 @@ pub enum LmError {
         /// What is wrong, with numbers.
         problem: String,
     },
+    /// The inference engine runs T5 only.
+    #[error("the inference engine runs T5 only, this language model is a {backbone}")]
+    NotT5 {
+        /// Name of the architecture.
+        backbone: &'static str,
+    },
     /// The text tokenizer refused its file or its input.
     #[error("text tokenizer: {0}")]
-    Tokenizer(String),
+    Tokenizer(#[source] Box<dyn std::error::Error + Send + Sync>),
     /// An input that does not fit the model.
     #[error("language model input: {0}")]
-    Input(String),
+    Input(#[from] InputError),
+    /// The clip cannot be read by the model.
+    #[error(transparent)]
+    Clip(#[from] PrepareError),
     /// The inference engine refused weights, an input or an option.
     #[error(transparent)]
-    Engine(#[from] radarllm_engine::EngineError),
+    Engine(#[from] EngineError),
     /// The radar tokenizer failed.
     #[error("radar tokenizer: {0}")]
-    RadarTokenizer(String),
+    RadarTokenizer(#[from] EncodeError),
+}
+
+impl LmError {
+    /// Whether the caller of a watched generation cancelled it.
+    pub fn is_cancelled(&self) -> bool {
+        matches!(self, Self::Engine(EngineError::Cancelled))
+    }
+}
+
+/// Why an input does not fit a language model.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InputError {
+    /// A text longer than any caption.
+    #[error("text of {found} bytes, at most {max}")]
+    TextTooLong {
+        /// Length found, bytes.
+        found: usize,
+        /// Maximum length, bytes.
+        max: usize,
+    },
+    /// A placeholder of a prompt without a value.
+    #[error("the prompt needs {name}")]
+    Placeholder {
+        /// The placeholder.
+        name: String,
+    },
+    /// A radar code that the codebook lacks.
+    #[error("radar code {code} is beyond the codebook of {n_codes}")]
+    Code {
+        /// The code.
+        code: u32,
+        /// Size of the codebook.
+        n_codes: u32,
+    },
+    /// A prompt without tokens, or with too many.
+    #[error("{found} tokens, expected 1..={max}")]
+    Tokens {
+        /// Tokens found.
+        found: usize,
+        /// Maximum number of tokens.
+        max: usize,
+    },
+    /// An id that the vocabulary lacks.
+    #[error("id {id} is beyond the vocabulary")]
+    Id {
+        /// The id.
+        id: u32,
+    },
+    /// Features that do not fit their codes.
+    #[error("{found} feature values, expected {expected}")]
+    Features {
+        /// Values found.
+        found: usize,
+        /// Values expected.
+        expected: usize,
+    },
+    /// A feature that is NaN or infinite.
+    #[error("a feature is not finite")]
+    FeatureNotFinite,
+    /// A feature that belongs to no token.
+    #[error("a feature's position is beyond the tokens")]
+    FeaturePosition,
+    /// A prompt and the tokens to generate do not fit the network.
+    #[error(
+        "a prompt of {found} tokens and {steps} new ones, but the network has {positions} positions"
+    )]
+    Positions {
+        /// Tokens of the prompt.
+        found: usize,
+        /// Tokens to generate.
+        steps: usize,
+        /// Positions of the network.
+        positions: usize,
+    },
+    /// A prompt and its answer do not fit the network.
+    #[error(
+        "a prompt and its answer have {found} tokens, but the network has {positions} positions"
+    )]
+    Example {
+        /// Tokens of both.
+        found: usize,
+        /// Positions of the network.
+        positions: usize,
+    },
+    /// Rows of ids that do not fit one another or the network.
+    #[error("{problem}")]
+    Rows {
+        /// What is wrong, with numbers.
+        problem: String,
+    },
+    /// A layer that the network lacks.
+    #[error("layer {found}: the network has {n_layers}")]
+    Layer {
+        /// Layer asked for.
+        found: usize,
+        /// Layers of the network.
+        n_layers: usize,
+    },
+    /// A checkpoint without the pooler that is asked for.
+    #[error("the checkpoint has no pooler; ask for cls or mean")]
+    NoPooler,
+    /// A sentence without any token.
+    #[error("sentence {sentence} has no token: the tokenizer adds no special ones")]
+    NoToken {
+        /// Position of the sentence.
+        sentence: usize,
+    },
+    /// A training clip that cannot be used.
+    #[error("clip {id}: {problem}")]
+    Clip {
+        /// Id of the clip.
+        id: String,
+        /// What is wrong, with numbers.
+        problem: String,
+    },
 }

@@ -1,9 +1,10 @@
-//! What decoding is asked: which tokens, how many, how many beams. The same for the engine (`on_engine`) and for
-//! the networks as trained (`decode`).
+//! How to decode: which tokens, how many, how many beams. The same for the engine and for the networks as trained.
 
 pub use radarllm_engine::Generated;
+use radarllm_engine::{SearchOptions, Source, search};
 
-use super::vocab::Layout;
+use super::LmError;
+use super::vocab::{Layout, PAD, Vocab};
 
 /// Which tokens may be produced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,14 +17,15 @@ pub enum Allowed {
 
 impl Allowed {
     /// Output rows that have to be computed.
-    pub(super) fn n_rows(self, layout: &Layout) -> usize {
+    pub fn n_rows(self, layout: &Layout) -> usize {
         match self {
             Allowed::Text => layout.n_text.max(layout.end + 1) as usize,
             Allowed::Radar => layout.som() as usize,
         }
     }
 
-    pub(super) fn permits(self, id: u32, layout: &Layout) -> bool {
+    /// Whether an id may be produced.
+    pub fn permits(self, id: u32, layout: &Layout) -> bool {
         id == layout.end
             || match self {
                 Allowed::Text => layout.is_word(id),
@@ -57,4 +59,53 @@ impl Default for GenerateOptions {
             batch: 64,
         }
     }
+}
+
+/// Decodes every prompt on `backend`, and reports tokens to `watch` as they come.
+///
+/// # Errors
+/// If a prompt does not fit the network; [`radarllm_engine::EngineError::Cancelled`].
+pub fn decode<D>(
+    backend: &mut D,
+    vocab: &Vocab,
+    prompts: &[Source],
+    options: &GenerateOptions,
+    watch: &mut search::Watch,
+) -> Result<Vec<Generated>, LmError>
+where
+    D: search::DecodingBackend,
+    LmError: From<D::Error>,
+{
+    let layout = vocab.layout();
+    let n_rows = options.allowed.n_rows(layout) as u32;
+    let allowed: Vec<bool> = (0..n_rows)
+        .map(|id| options.allowed.permits(id, layout))
+        .collect();
+    let search = SearchOptions {
+        max_new_tokens: options.max_new_tokens.clamp(1, 512),
+        beam: options.beam.clamp(1, 64),
+        length_penalty: options.length_penalty,
+        batch: options.batch,
+        start: PAD,
+        end: layout.end,
+        allowed: &allowed,
+    };
+    Ok(search::search(backend, prompts, &search, watch)?)
+}
+
+/// [`decode`] that reports nothing and is never cancelled.
+///
+/// # Errors
+/// If a prompt does not fit the network.
+pub fn decode_all<D>(
+    backend: &mut D,
+    vocab: &Vocab,
+    prompts: &[Source],
+    options: &GenerateOptions,
+) -> Result<Vec<Generated>, LmError>
+where
+    D: search::DecodingBackend,
+    LmError: From<D::Error>,
+{
+    search::unwatched(|watch| decode(backend, vocab, prompts, options, watch))
 }

@@ -133,8 +133,13 @@ impl Qwen2Config {
         Ok(())
     }
 
+    /// Width of one head.
+    pub fn head_width(&self) -> usize {
+        self.hidden_size / self.num_attention_heads
+    }
+
     /// Base of the rotary positions.
-    pub(super) fn theta(&self) -> f64 {
+    pub fn theta(&self) -> f64 {
         let newer = self.rope_parameters.as_ref().map(|r| r.rope_theta);
         newer.or(self.rope_theta).unwrap_or(10_000.0)
     }

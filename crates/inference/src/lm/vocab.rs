@@ -17,8 +17,8 @@ use tokenizers::tokenizer::{
     NormalizedString, Normalizer, OffsetReferential, OffsetType, PreTokenizedString, PreTokenizer,
 };
 
-use super::LmError;
 use super::templates::{Piece, pieces};
+use super::{InputError, LmError};
 use crate::tokenizer::Encoded;
 
 /// Padding, and the decoder's start token.
@@ -152,13 +152,15 @@ impl Layout {
 }
 
 /// Text, sentinels, codes and markers.
+#[derive(Clone)]
 pub struct Vocab {
     text: Tokenizer,
     layout: Layout,
 }
 
-pub(super) fn text_error(error: tokenizers::Error) -> LmError {
-    LmError::Tokenizer(error.to_string())
+/// An error of the text tokenizer.
+pub fn text_error(error: tokenizers::Error) -> LmError {
+    LmError::Tokenizer(error)
 }
 
 fn normalizer() -> BertNormalizer {
@@ -334,9 +336,10 @@ impl Vocab {
         };
         let n_rows = u32::try_from(n_rows).unwrap_or(u32::MAX);
         if !(n_text..n_rows).contains(&end) {
-            return Err(LmError::Tokenizer(format!(
+            let problem = format!(
                 "the end token {end} must be one of the special tokens, {n_text}..{n_rows}"
-            )));
+            );
+            return Err(LmError::Tokenizer(problem.into()));
         }
         let layout = Layout {
             kind: TextKind::Decoder,
@@ -386,8 +389,8 @@ impl Vocab {
     /// If the text is longer than any caption could be, or the tokenizer refuses it.
     pub fn text_ids(&self, text: &str) -> Result<Vec<u32>, LmError> {
         if text.len() > MAX_TEXT_BYTES {
-            let problem = format!("text of {} bytes, at most {MAX_TEXT_BYTES}", text.len());
-            return Err(LmError::Input(problem));
+            let (found, max) = (text.len(), MAX_TEXT_BYTES);
+            return Err(InputError::TextTooLong { found, max }.into());
         }
         let encoding = self.text.encode_fast(text, false).map_err(text_error)?;
         let n_text = self.layout.n_text;
@@ -438,7 +441,7 @@ impl Vocab {
                     source.ids.extend(self.text_ids(caption)?);
                 }
                 (Piece::Placeholder(name), ..) => {
-                    return Err(LmError::Input(format!("the prompt needs {name}")));
+                    return Err(InputError::Placeholder { name: name.into() }.into());
                 }
             }
         }
@@ -468,10 +471,7 @@ impl Vocab {
     pub fn radar_ids(&self, codes: &[u32]) -> Result<Vec<u32>, LmError> {
         let n_codes = self.layout.n_codes;
         match codes.iter().find(|code| **code >= n_codes) {
-            Some(code) => {
-                let problem = format!("radar code {code} is beyond the codebook of {n_codes}");
-                Err(LmError::Input(problem))
-            }
+            Some(&code) => Err(InputError::Code { code, n_codes }.into()),
             None => Ok(codes.iter().map(|code| self.layout.code(*code)).collect()),
         }
     }

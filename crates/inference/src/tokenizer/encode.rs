@@ -167,19 +167,6 @@ impl RadarTokenizer {
         })
     }
 
-    /// Packs the weights of a network in memory.
-    ///
-    /// # Errors
-    /// If the network does not fit `config`.
-    #[cfg(feature = "train")]
-    pub fn from_net(
-        config: TokenizerConfig,
-        net: &super::network::TokenizerNet,
-    ) -> Result<Self, CheckpointError> {
-        let weights = crate::checkpoint::collect_params(net);
-        Self::from_weights(config, weights, Path::new("tokenizer in memory"))
-    }
-
     /// Architecture.
     pub fn config(&self) -> &TokenizerConfig {
         &self.config
@@ -278,7 +265,10 @@ impl Grouped {
 }
 
 /// Groups clips, naming the one that cannot be.
-pub(super) fn group_all(
+///
+/// # Errors
+/// [`EncodeError::Clip`].
+pub fn group_all(
     clips: &[(&[PointFrame], f32)],
     config: &TokenizerConfig,
 ) -> Result<Vec<Grouped>, EncodeError> {

@@ -1,7 +1,7 @@
 //! Channel gains from a corner reflector, and what they are good for.
 
 use num_complex::{Complex32, Complex64};
-use radarllm_base::radar_config::Firing;
+use radarllm_base::radar_config::TxMultiplexing;
 use radarllm_base::{RadarConfig, RadarCube, RadarPoint};
 use radarllm_radar_dsp::{
     CalibrateError, ChannelGains, CornerCalibrator, Corrections, Corrector, DspOptions,
@@ -198,7 +198,7 @@ fn what_is_no_reflector_is_refused_by_name() {
     );
 
     let mut phase_modulated = RadarConfig {
-        firing: Firing::Bpm,
+        firing: TxMultiplexing::Bpm,
         ..radar.clone()
     };
     phase_modulated.tx.truncate(2);

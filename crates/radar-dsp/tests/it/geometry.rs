@@ -1,6 +1,6 @@
 //! Point targets come back where they were put.
 
-use radarllm_base::radar_config::{Antenna, Firing};
+use radarllm_base::radar_config::{Antenna, TxMultiplexing};
 use radarllm_base::{RadarConfig, RadarPoint, SPEED_OF_LIGHT_MPS};
 use radarllm_radar_dsp::{DspOptions, PointExtractor};
 
@@ -250,7 +250,7 @@ fn micro_doppler_follows_the_speed_over_frames() {
 /// The reference board with two of its transmitters and binary phase modulation.
 fn phase_modulated(second: usize) -> RadarConfig {
     let mut radar = RadarConfig {
-        firing: Firing::Bpm,
+        firing: TxMultiplexing::Bpm,
         ..RadarConfig::awr1843boost()
     };
     radar.tx = vec![radar.tx[0], radar.tx[second]];

@@ -5,7 +5,7 @@
 use std::f64::consts::TAU;
 
 use num_complex::{Complex32, Complex64};
-use radarllm_base::{RadarConfig, RadarCube, SPEED_OF_LIGHT_MPS};
+use radarllm_base::{RadarConfig, RadarCube, SPEED_OF_LIGHT_MPS, random::step};
 
 /// A point target with constant velocity.
 #[derive(Clone, Copy, Debug)]
@@ -96,17 +96,13 @@ pub fn cube(radar: &RadarConfig, targets: &[Target]) -> RadarCube {
     cube
 }
 
-/// SplitMix64: enough randomness for noise tests, and always the same.
+/// Enough randomness for noise tests, and always the same.
 pub struct Random(pub u64);
 
 impl Random {
     /// Uniform in (0, 1].
     pub fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64 + f64::EPSILON
+        (step(&mut self.0) >> 11) as f64 / (1_u64 << 53) as f64 + f64::EPSILON
     }
 
     /// Complex white noise of power 1.

@@ -70,8 +70,8 @@ fn plate_at_normal_incidence_and_against_angle() {
         let error = (found.sqrt() - expected.sqrt()).abs() / peak.sqrt();
         // f32 vertices at 60 m: 1.9e-6 m or 0.006 rad each way at worst, averaged over nine.
         let relative = (expected / peak).sqrt();
-        let most = 2e-3 + relative.hypot(fill) - relative;
-        assert!(error < most, "{angle} rad: {found} {expected} {most}");
+        let limit = 2e-3 + relative.hypot(fill) - relative;
+        assert!(error < limit, "{angle} rad: {found} {expected} {limit}");
     }
     // 2e-3 and the filling are -45 dB in the null; 2e-3 are 0.08 dB of the sidelobe.
     let db = |angle| 10.0 * (at(angle) / peak).log10();
@@ -101,10 +101,10 @@ fn small_spheres_show_the_edge_of_their_lit_half() {
         // The inscribed polyhedron is smaller by e^2 / 6 a = 4e-4 of the radius, which turns the edge
         // term by as much of beta; beyond its ripple, the rim is a polygon of 126 corners and the
         // raster's share of its facets is known to a sample (both 1e-3 of the whole).
-        let most = facet_ripple(&config, edge, radius) + 4e-4 * (1.0 + term.norm() * beta) + 2e-3;
+        let limit = facet_ripple(&config, edge, radius) + 4e-4 * (1.0 + term.norm() * beta) + 2e-3;
         // Without the edge term the field would be off by 1 / beta.
-        assert!(most < 0.4 / beta, "the test sees the edge: {most}");
-        assert!(error.abs() < most, "{quarter_turns}: {error}, {most}");
+        assert!(limit < 0.4 / beta, "the test sees the edge: {limit}");
+        assert!(error.abs() < limit, "{quarter_turns}: {error}, {limit}");
         assert!(((factor - 1.0) * beta).abs() > 0.9);
     }
 }
@@ -144,8 +144,11 @@ fn specular_points_in_the_near_field() {
         let relative_radius = radii
             .iter()
             .fold(range, |r, c| r.min(1.0 / (1.0 / c + 1.0 / range)));
-        let most = facet_ripple(&config, edge, relative_radius) + 2e-3;
-        assert!(error.abs() < most, "{radii:?} at {range} m: {error} {most}");
+        let limit = facet_ripple(&config, edge, relative_radius) + 2e-3;
+        assert!(
+            error.abs() < limit,
+            "{radii:?} at {range} m: {error} {limit}"
+        );
     }
 }
 
@@ -171,11 +174,11 @@ fn cylinder_broadside_and_tilted() {
         // sqrt(2 pi / 2 k a): 1.5e-3. Two grating echoes (the tube is straight along its axis), f32
         // at 60 m as for the plate.
         let relative = (expected / peak).sqrt();
-        let most = relative * (facet_ripple(&config, edge, radius) / 3.0 + 1.5e-3)
+        let limit = relative * (facet_ripple(&config, edge, radius) / 3.0 + 1.5e-3)
             + relative.hypot(fill)
             - relative
             + 2e-3;
-        assert!(error < most, "{angle} rad: {found} {expected}");
+        assert!(error < limit, "{angle} rad: {found} {expected}");
     }
 }
 
@@ -185,7 +188,7 @@ fn sphere_has_the_near_field_specular_cross_section_from_every_side() {
     let (radius, distance, edge) = (0.15_f64, 3.0_f64, 0.006);
     // pi a^2 (R / (R + a))^2 at the specular point R = 2.85 m (radar.md section 3).
     let expected = PI * radius * radius * ((distance - radius) / distance).powi(2);
-    let most = facet_ripple(&config, edge, radius);
+    let limit = facet_ripple(&config, edge, radius);
     let mut errors = Vec::new();
     for turn in 0..6 {
         let sphere = RigidSurface::sphere(radius, edge)
@@ -199,10 +202,13 @@ fn sphere_has_the_near_field_specular_cross_section_from_every_side() {
     // dB, and the mean of six turns 0.12 dB: four of those.
     let mean = errors.iter().sum::<f64>() / errors.len() as f64;
     assert!(
-        mean.abs() < 4.0 * most / 12_f64.sqrt() / 6_f64.sqrt(),
+        mean.abs() < 4.0 * limit / 12_f64.sqrt() / 6_f64.sqrt(),
         "{errors:?}"
     );
-    assert!(errors.iter().all(|e| e.abs() < most), "{errors:?}, {most}");
+    assert!(
+        errors.iter().all(|e| e.abs() < limit),
+        "{errors:?}, {limit}"
+    );
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! The fast path against the direct sum: error at least 60 dB below the peak.
 
 use glam::{DQuat, DVec3};
-use radarllm_base::radar_config::Firing;
+use radarllm_base::radar_config::TxMultiplexing;
 use radarllm_base::{Material, MovingSurface, RadarConfig, RadarCube};
 use radarllm_radar_sim::shapes::RigidSurface;
 use radarllm_radar_sim::{Noise, PointTarget, Scene, SimOptions, Simulator, reference};
@@ -260,7 +260,7 @@ fn other_radars() {
 #[test]
 fn two_transmitters_at_once() {
     let mut config = RadarConfig {
-        firing: Firing::Bpm,
+        firing: TxMultiplexing::Bpm,
         ..RadarConfig::awr1843boost()
     };
     config.tx = vec![config.tx[0], config.tx[2]];

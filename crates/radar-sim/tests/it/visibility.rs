@@ -5,7 +5,7 @@ use radarllm_base::MovingSurface;
 use radarllm_radar_sim::Sampling;
 use radarllm_radar_sim::rays::coverage_by_rays;
 use radarllm_radar_sim::shapes::RigidSurface;
-use radarllm_radar_sim::visibility::{DepthRaster, Part, Through, View};
+use radarllm_radar_sim::visibility::{DepthRaster, ScreenTransmission, SurfaceRange, View};
 
 /// A trunk, a head, and limbs that cross it.
 fn body(pose: usize) -> Vec<RigidSurface> {
@@ -30,14 +30,14 @@ fn error(walls: &[RigidSurface], sampling: Sampling, size: usize) -> (f64, usize
     let (mut squares, mut weights, mut n_samples) = (0.0, 0.0, 0);
     for pose in 0..4 {
         let body = body(pose);
-        let (mut positions, mut triangles, mut parts) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut positions, mut triangles, mut surfaces) = (Vec::new(), Vec::new(), Vec::new());
         for surface in body.iter().chain(walls) {
             let (vertex, facet) = (positions.len() as u32, triangles.len() as u32);
             triangles.extend(surface.triangles().iter().map(|t| t.map(|i| i + vertex)));
             let mut at = vec![Vec3::ZERO; surface.n_vertices()];
             surface.positions_at(0.0, &mut at);
             positions.extend(at);
-            parts.push(Part {
+            surfaces.push(SurfaceRange {
                 facets: facet..triangles.len() as u32,
                 vertices: vertex..positions.len() as u32,
                 power_transmission: 0.0,
@@ -46,13 +46,14 @@ fn error(walls: &[RigidSurface], sampling: Sampling, size: usize) -> (f64, usize
         let view = View {
             positions: &positions,
             triangles: &triangles,
-            parts: &parts,
+            surfaces: &surfaces,
             centre: Vec3::ZERO,
         };
-        let (mut found, mut exact, mut through) = (Vec::new(), Vec::new(), Through::default());
-        coverage_by_rays(view, 12, &mut exact, &mut through);
-        n_samples += DepthRaster::new(size, sampling).coverage(view, &mut found, &mut through);
-        let n_body = parts[body.len() - 1].facets.end as usize;
+        let (mut found, mut exact, mut transmission) =
+            (Vec::new(), Vec::new(), ScreenTransmission::default());
+        coverage_by_rays(view, 12, &mut exact, &mut transmission);
+        n_samples += DepthRaster::new(size, sampling).coverage(view, &mut found, &mut transmission);
+        let n_body = surfaces[body.len() - 1].facets.end as usize;
         for (facet, (f, e)) in found[..n_body].iter().zip(&exact).enumerate() {
             // The field of a facet goes with its projected area.
             let [a, b, c] = triangles[facet].map(|i| positions[i as usize]);

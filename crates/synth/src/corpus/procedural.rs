@@ -1,11 +1,9 @@
 //! The project's own procedural motions, drawn at random from a seed.
 
 use radarllm_base::{Motion, seed::derive_seed};
-use radarllm_body::{
-    procedural::{BuiltinRequest, random_request},
-    sample::canonicalize,
-};
+use radarllm_body::sample::canonicalize;
 use radarllm_dataset::record::Split;
+use radarllm_motions::{BuiltinRequest, random_request};
 
 use super::{Corpus, CorpusError, CorpusItem};
 

@@ -1,11 +1,10 @@
 //! Tests that need the virtual radar and the signal chain together.
 
 mod field_of_view;
-mod leakage;
 mod noise;
 mod rates;
-mod realism;
 mod rooms;
+mod threads;
 
 use std::path::Path;
 

@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 
 use radarllm_inference::lm::templates::Task;
-use radarllm_inference::lm::{Backbone, LmConfig, LmError, LmPreset, LoraConfig, NetworkConfig};
-use radarllm_inference::precision::Precision;
+use radarllm_inference::lm::{Backbone, LmConfig, LmError, LmPreset, NetworkConfig};
+use radarllm_nn::precision::ProductPrecision;
+use radarllm_nn::pretrained::LoraConfig;
 use serde::{Deserialize, Serialize};
 
 use crate::adamw::AdamWConfig;
@@ -77,8 +78,8 @@ pub struct LmTrainConfig {
     /// Trains adapters, the rows of new ids and the bypass, and nothing else; for GPT-2 and Qwen2 that start
     /// from a folder.
     pub lora: Option<LoraConfig>,
-    /// Precision of matrix products; everything else stays in f32.
-    pub precision: Precision,
+    /// ProductPrecision of matrix products; everything else stays in f32.
+    pub precision: ProductPrecision,
     /// Sequences in a batch.
     pub batch: usize,
     /// Examples drawn from a motion in an epoch; 0 takes one for each of its captions.
@@ -134,7 +135,7 @@ impl LmTrainConfig {
             dropout: None,
             hf_folder: None,
             lora: None,
-            precision: Precision::F32,
+            precision: ProductPrecision::F32,
             batch: 32,
             samples_per_clip: 0,
             captions_per_motion: 0,

@@ -4,8 +4,9 @@ use rand::rngs::ChaCha8Rng;
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 
+use radarllm_base::random::normal_polar_f32;
 use radarllm_inference::lm::templates::{Piece, Task, pieces};
-use radarllm_inference::lm::{LmError, Source, Vocab};
+use radarllm_inference::lm::{InputError, LmError, Source, Vocab};
 use radarllm_inference::tokenizer::Encoded;
 
 use super::clip::{LmClip, swap_sides};
@@ -397,12 +398,15 @@ impl ExampleMaker {
 
 /// A standard normal number (Box-Muller).
 fn normal(rng: &mut ChaCha8Rng) -> f32 {
-    let radius = (-2.0 * (1.0 - rng.random::<f32>()).ln()).sqrt();
-    radius * (std::f32::consts::TAU * rng.random::<f32>()).cos()
+    let (radius, angle_rad) = normal_polar_f32(1.0 - rng.random::<f32>(), rng.random::<f32>());
+    radius * angle_rad.cos()
 }
 
 fn check_clip(vocab: &Vocab, code_dim: usize, clip: &LmClip) -> Result<(), LmError> {
-    let fail = |problem: String| Err(LmError::Input(format!("clip {}: {problem}", clip.id)));
+    let fail = |problem: String| {
+        let id = clip.id.clone();
+        Err(InputError::Clip { id, problem }.into())
+    };
     if clip.captions.is_empty() || clip.variants.is_empty() {
         return fail("needs a caption and a simulation at least".into());
     }
@@ -425,4 +429,19 @@ fn check_clip(vocab: &Vocab, code_dim: usize, clip: &LmClip) -> Result<(), LmErr
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Taken from the first release's code: trainings depend on them.
+    #[test]
+    fn feature_noise_never_changes() {
+        let rng = &mut ChaCha8Rng::seed_from_u64(3);
+        assert_eq!(
+            [normal(rng), normal(rng)].map(f32::to_bits),
+            [3199178398, 1067409848]
+        );
+    }
 }

@@ -1,7 +1,7 @@
 //! Training of the radar-language model: pretraining and instruction tuning.
 //!
 //! Captioned codes enter as [`LmClip`]; a checkpoint that
-//! [`radarllm_inference::lm::RadarLm::load`] opens leaves. Loss covers targets only, never prompts or
+//! [`radarllm_nn::lm::RadarLm::load`] opens leaves. Loss covers targets only, never prompts or
 //! padding; captions are used as they are; batches hold sequences of similar length.
 //!
 //! Reading order: [`clip`] (data and the lateral flip), [`corrupt`] (span masking), [`examples`]

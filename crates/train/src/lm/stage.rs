@@ -5,19 +5,19 @@ use std::path::{Path, PathBuf};
 use burn::module::Module;
 use burn::tensor::{Tensor, TensorData};
 use radarllm_inference::checkpoint::{
-    Checkpoint, CheckpointFiles, HostTensor, MODEL_FILE, NamedTensors, collect_some_params,
-    replace_params,
+    Checkpoint, CheckpointFiles, HostTensor, MODEL_FILE, NamedTensors,
 };
-use radarllm_inference::lm::radar_lm::{AVERAGE_FILE, TEXT_TOKENIZER_FILE};
-use radarllm_inference::lm::t5::Encoded;
+use radarllm_inference::lm::card::{AVERAGE_FILE, TEXT_TOKENIZER_FILE};
 use radarllm_inference::lm::templates::{Task, all_text};
 use radarllm_inference::lm::vocab::PAD;
-use radarllm_inference::lm::{
-    DropoutRng, GenerateOptions, LmError, RadarLm, RadarNet, RadarT5, Source, SourceBatch, Vocab,
-};
-use radarllm_inference::precision::Precision;
+use radarllm_inference::lm::{GenerateOptions, Source, Vocab};
 use radarllm_metrics::rouge::rouge_l;
 use radarllm_metrics::tokens::rouge_score;
+use radarllm_nn::lm::radar_lm::card_to_json;
+use radarllm_nn::lm::t5::EncoderOutput;
+use radarllm_nn::lm::{RadarLm, RadarNet, RadarT5, SourceBatch, TrainingPass};
+use radarllm_nn::params::{collect_some_params, replace_params};
+use radarllm_nn::precision::ProductPrecision;
 use rand::SeedableRng;
 use rand::rngs::ChaCha8Rng;
 
@@ -46,12 +46,6 @@ pub struct LmOutcome {
     pub best_score: Option<f64>,
 }
 
-impl From<LmError> for TrainError {
-    fn from(error: LmError) -> Self {
-        TrainError::Stage(error.to_string())
-    }
-}
-
 /// Pretrains a language model: radar prediction, radar to text, text to radar.
 ///
 /// Starts from `config.hf_folder` when given, else from a fresh network of the preset whose
@@ -72,8 +66,8 @@ pub fn pretrain(
     let first = clips.first().and_then(|c| c.variants.first());
     let code_dim = first.map_or(0, |e| e.features.len() / e.codes.len().max(1));
     if code_dim == 0 {
-        return Err(TrainError::Data(
-            "the first clip has no codes with features".into(),
+        return Err(TrainError::NoData(
+            "the first clip has no codes with features",
         ));
     }
     let device = cpu_device();
@@ -174,7 +168,7 @@ fn train(
     resume: bool,
 ) -> Result<LmOutcome, TrainError> {
     if clips.is_empty() {
-        return Err(TrainError::Data("no clips".into()));
+        return Err(TrainError::NoData("no clips"));
     }
     let mut run_config = config.run.clone();
     if val.is_empty() {
@@ -261,7 +255,7 @@ impl LmStage {
         net: &RadarNet,
         examples: &[Example],
         smoothing: f64,
-        dropout: Option<&mut DropoutRng>,
+        training: Option<&mut TrainingPass>,
     ) -> Result<Losses, TrainError> {
         let (mut targets, mut weights) = (Vec::new(), Vec::new());
         for example in examples {
@@ -272,25 +266,28 @@ impl LmStage {
         let n_rows = self.lm.config.network.vocab_size();
         let code_dim = self.lm.config.code_dim;
         let mut contrast = None;
+        let precision = training
+            .as_ref()
+            .map_or_else(Default::default, |t| t.precision);
         let logits = match net {
             RadarNet::T5(net) => {
-                let mut dropout = dropout;
+                let mut training = training;
                 let sources: Vec<&Source> = examples.iter().map(|e| &e.source).collect();
                 let batch = SourceBatch::new(&sources, code_dim, &net.device());
-                let encoded = net.encode(&batch, dropout.as_deref_mut());
-                let states = target_states(net, &encoded, examples, dropout.as_deref_mut());
+                let encoded = net.encode(&batch, training.as_deref_mut());
+                let states = target_states(net, &encoded, examples, training.as_deref_mut());
                 if self.config.contrastive_weight > 0.0 {
-                    contrast = self.contrast(net, &encoded, examples, dropout);
+                    contrast = self.contrast(net, &encoded, examples, training);
                 }
-                net.t5.logits(states, n_rows)
+                net.t5.logits(states, n_rows, precision)
             }
             RadarNet::Decoder(net) => {
                 let examples: Vec<(&Source, &[u32])> = examples
                     .iter()
                     .map(|e| (&e.source, e.target.as_slice()))
                     .collect();
-                let states = net.target_states(&examples, code_dim, dropout)?;
-                net.decoder.logits(states, n_rows)
+                let states = net.target_states(&examples, code_dim, training)?;
+                net.decoder.logits(states, n_rows, precision)
             }
         };
         Ok(Losses {
@@ -303,9 +300,9 @@ impl LmStage {
     fn contrast(
         &self,
         net: &RadarT5,
-        encoded: &Encoded,
+        encoded: &EncoderOutput,
         examples: &[Example],
-        dropout: Option<&mut DropoutRng>,
+        training: Option<&mut TrainingPass>,
     ) -> Option<Tensor<1>> {
         let (mut radar_rows, mut captions) = (Vec::new(), Vec::new());
         for (i, example) in examples.iter().enumerate() {
@@ -329,7 +326,7 @@ impl LmStage {
         let sources: Vec<&Source> = sources.iter().collect();
         let device = encoded.states.device();
         let batch = SourceBatch::new(&sources, self.lm.config.code_dim, &device);
-        let text = net.encode(&batch, dropout);
+        let text = net.encode(&batch, training);
         let text_rows: Vec<Vec<usize>> = captions
             .iter()
             .enumerate()
@@ -347,9 +344,9 @@ impl LmStage {
 /// States of the target tokens of all examples, one after the other.
 fn target_states(
     net: &RadarT5,
-    encoded: &Encoded,
+    encoded: &EncoderOutput,
     examples: &[Example],
-    dropout: Option<&mut DropoutRng>,
+    training: Option<&mut TrainingPass>,
 ) -> Tensor<2> {
     let length = examples.iter().map(|e| e.target.len()).max().unwrap_or(1);
     let mut decoder = vec![PAD; examples.len() * length];
@@ -360,7 +357,7 @@ fn target_states(
         decoder[i * length + 1..i * length + n].copy_from_slice(&example.target[..n - 1]);
         rows.extend((i * length..i * length + n).map(|r| r as i32));
     }
-    let states = net.decode(encoded, &decoder, length, dropout);
+    let states = net.decode(encoded, &decoder, length, training);
     if rows.len() == decoder.len() {
         return states;
     }
@@ -412,11 +409,9 @@ impl Stage for LmStage {
                     .example(&self.lm.vocab, &self.config, &item, rng)?,
             );
         }
-        let mut dropout = DropoutRng::new(info.seed ^ 0x6472_6f70);
-        let losses = self.config.precision.during(|| {
-            let smoothing = self.config.label_smoothing;
-            self.losses(model, &examples, smoothing, Some(&mut dropout))
-        })?;
+        let mut training = TrainingPass::new(info.seed ^ 0x6472_6f70, self.config.precision);
+        let smoothing = self.config.label_smoothing;
+        let losses = self.losses(model, &examples, smoothing, Some(&mut training))?;
         let (mut total, mut parts) = (losses.tokens, Vec::new());
         if let Some(contrast) = losses.contrast {
             let value = contrast.clone().into_scalar::<f32>();
@@ -437,7 +432,7 @@ impl Stage for LmStage {
     }
 
     fn needs_loss_scale(&self) -> bool {
-        self.config.precision == Precision::F16
+        self.config.precision == ProductPrecision::F16
     }
 
     fn is_trained(&self, path: &str) -> bool {
@@ -521,7 +516,7 @@ impl Stage for LmStage {
         } else {
             MODEL_FILE
         };
-        self.lm.card(weights).to_json()
+        card_to_json(&self.lm.card(weights))
     }
 
     fn add_files(&self, files: &mut CheckpointFiles) -> Result<(), TrainError> {
@@ -547,9 +542,7 @@ impl Stage for LmStage {
     fn load_state(&mut self, state: NamedTensors) -> Result<(), TrainError> {
         if let Some(average) = &mut self.average {
             if !average.fits(&state) {
-                return Err(TrainError::Stage(
-                    "the averaged weights of the checkpoint do not fit this network".into(),
-                ));
+                return Err(TrainError::Average);
             }
             *average = WeightAverage::new(state);
         }

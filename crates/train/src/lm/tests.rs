@@ -4,18 +4,18 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use burn::module::Module;
-use radarllm_inference::checkpoint::{
-    Checkpoint, HostTensor, MODEL_FILE, NamedTensors, collect_params,
-};
-use radarllm_inference::lm::DropoutRng;
-use radarllm_inference::lm::t5::{RadarT5, Source, SourceBatch};
+use radarllm_inference::checkpoint::{Checkpoint, HostTensor, MODEL_FILE, NamedTensors};
+use radarllm_inference::lm::Source;
 use radarllm_inference::lm::templates::{Task, all_text};
 use radarllm_inference::lm::vocab::EOS;
-use radarllm_inference::lm::{
-    Backbone, GenerateOptions, LmPreset, LoraConfig, ModelInput, Pretrained, RadarLm, Vocab,
-};
-use radarllm_inference::precision::Precision;
+use radarllm_inference::lm::{Backbone, GenerateOptions, LmPreset, Vocab};
 use radarllm_inference::tokenizer::Encoded;
+use radarllm_nn::lm::RadarLm;
+use radarllm_nn::lm::TrainingPass;
+use radarllm_nn::lm::{RadarT5, SourceBatch};
+use radarllm_nn::params::collect_params;
+use radarllm_nn::precision::ProductPrecision;
+use radarllm_nn::pretrained::{LoraConfig, ModelInput, Pretrained};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 
@@ -195,9 +195,14 @@ fn any_number_of_threads_learns_the_same_bits() {
             let weights = vec![1.0; targets.len()];
             let mut optimizer = AdamW::default();
             for step in 0..3 {
-                let dropout = &mut DropoutRng::new(step);
-                let states = net.forward(&sources, &targets, target, Some(dropout));
-                let loss = cross_entropy(net.t5.logits(states, 500), &targets, &weights, 0.1);
+                let training = &mut TrainingPass::new(step, ProductPrecision::F32);
+                let states = net.forward(&sources, &targets, target, Some(training));
+                let loss = cross_entropy(
+                    net.t5.logits(states, 500, ProductPrecision::F32),
+                    &targets,
+                    &weights,
+                    0.1,
+                );
                 let mut sum = GradientSum::default();
                 sum.add(&net, loss.backward());
                 let norm = sum.norm();
@@ -221,15 +226,15 @@ fn any_number_of_threads_learns_the_same_bits() {
 
 #[test]
 fn a_resumed_run_continues_bit_for_bit() {
-    resumes_bit_for_bit(Precision::F32);
+    resumes_bit_for_bit(ProductPrecision::F32);
 }
 
 #[test]
 fn a_resumed_run_in_half_precision_continues_bit_for_bit() {
-    resumes_bit_for_bit(Precision::F16);
+    resumes_bit_for_bit(ProductPrecision::F16);
 }
 
-fn resumes_bit_for_bit(precision: Precision) {
+fn resumes_bit_for_bit(precision: ProductPrecision) {
     let clips = toy_clips(8, N_CODES, CODE_DIM);
     let dir = scratch(&format!("resume-{precision:?}"));
     let config = |steps, save| LmTrainConfig {
@@ -324,7 +329,7 @@ fn half_precision_learns_nearly_what_single_does() {
     let clips = toy_clips(8, N_CODES, CODE_DIM);
     let dir = scratch("precision");
     for backbone in [Backbone::T5, Backbone::Gpt2] {
-        let learned = |precision: Precision| {
+        let learned = |precision: ProductPrecision| {
             let config = LmTrainConfig {
                 precision,
                 run: LoopConfig {
@@ -336,8 +341,11 @@ fn half_precision_learns_nearly_what_single_does() {
             let name = format!("{backbone:?}-{precision:?}");
             trained(&config, &clips, &dir.join(name))
         };
-        let (weights, nats) = learned(Precision::F32);
-        for (precision, tolerance) in [(Precision::Bf16, 0.01), (Precision::F16, 0.002)] {
+        let (weights, nats) = learned(ProductPrecision::F32);
+        for (precision, tolerance) in [
+            (ProductPrecision::Bf16, 0.01),
+            (ProductPrecision::F16, 0.002),
+        ] {
             let (half_weights, half_nats) = learned(precision);
             println!("{backbone:?} {precision:?}: {half_nats} nats for {nats}");
             assert!(half_weights != weights, "{backbone:?} {precision:?}");

@@ -7,14 +7,14 @@ use std::path::{Path, PathBuf};
 
 use radarllm_base::PointFrame;
 use radarllm_inference::checkpoint::{Checkpoint, MODEL_FILE, NamedTensors};
-use radarllm_inference::motion_vqvae::{MotionTeacher, MotionVqVaeConfig};
-use radarllm_inference::tokenizer::codebook::CodebookConfig;
 use radarllm_inference::tokenizer::config::{AnchorMode, GroupingConfig};
 use radarllm_inference::tokenizer::{RadarTokenizer, TokenizerConfig};
+use radarllm_nn::motion_vqvae::{MotionTeacher, MotionVqVaeConfig};
+use radarllm_nn::tokenizer::codebook::CodebookConfig;
 use radarllm_train::adamw::AdamWConfig;
 use radarllm_train::chamfer::ChamferSide;
 use radarllm_train::data::AugmentConfig;
-use radarllm_train::harness::{LoopConfig, TrainError};
+use radarllm_train::harness::{Ending, LoopConfig, StopToken, TrainError};
 use radarllm_train::motion::{self, MotionTrainConfig};
 use radarllm_train::tokenizer::{
     self, CodebookUpdate, GuidanceOn, Reconstruct, TokenizerLossConfig, TokenizerTrainConfig,
@@ -236,6 +236,61 @@ fn resumed_runs_equal_uninterrupted_ones_bit_for_bit() {
     fs::remove_dir_all(dir).unwrap();
 }
 
+/// Stopped while it runs, at whatever update that is, before or after the codebook exists.
+#[test]
+fn stopped_runs_resume_to_the_weights_of_uninterrupted_ones() {
+    let dir = scratch("stop");
+    let clips = synthetic::clips(5, 12, 10);
+    let mut config = tiny_tokenizer(60);
+    config.codebook.init_after = 4;
+    config.run.checkpoint_every_steps = 1000;
+    // Validations of their own beside the epochs' must not change where the run goes.
+    config.run.validate_every = 7;
+    let train = |config: &TokenizerTrainConfig, out: &Path, resume: bool| {
+        tokenizer::train(config, &clips, &clips, None, out, resume).unwrap()
+    };
+    let whole = dir.join("whole");
+    assert_eq!(train(&config, &whole, false).ending, Ending::Done);
+    for after in [1, 20] {
+        let out = dir.join(format!("stopped-{after}"));
+        let log = out.join("log.jsonl");
+        let mut stopped = config.clone();
+        stopped.run.stop = StopToken::default();
+        let stop = stopped.run.stop.clone();
+        let outcome = std::thread::scope(|scope| {
+            scope.spawn(|| {
+                let lines = || fs::read_to_string(&log).map_or(0, |text| text.lines().count());
+                while lines() < after {
+                    std::thread::sleep(std::time::Duration::from_millis(1));
+                }
+                stop.stop();
+            });
+            train(&stopped, &out, false)
+        });
+        assert_eq!(outcome.ending, Ending::Stopped, "after {after}");
+        assert!(outcome.steps >= 1 && outcome.steps < 60);
+        assert!(!out.join("final").exists());
+        assert_eq!(train(&config, &out, true).ending, Ending::Done);
+        for tensors in ["step-00000060", "final", "best"] {
+            let of = |run: &Path| Checkpoint::open(&run.join(tensors)).unwrap();
+            let weights = |run: &Path| of(run).tensors(MODEL_FILE).unwrap();
+            assert_eq!(weights(&whole), weights(&out), "{tensors} after {after}");
+        }
+        let last = |run: &Path| all_tensors(&run.join("step-00000060"));
+        assert_eq!(last(&whole), last(&out));
+    }
+    // Stopped before its first update, a run leaves nothing to resume from.
+    let mut never = config.clone();
+    never.run.stop = StopToken::default();
+    never.run.stop.stop();
+    let out = dir.join("never");
+    let outcome = train(&never, &out, false);
+    assert_eq!((outcome.ending, outcome.steps), (Ending::Stopped, 0));
+    let err = tokenizer::train(&config, &clips, &clips, None, &out, true).unwrap_err();
+    assert!(matches!(err, TrainError::NothingToResume { .. }), "{err}");
+    fs::remove_dir_all(dir).unwrap();
+}
+
 #[test]
 fn sparse_clips_and_every_ablation_train_without_nan() {
     let dir = scratch("ablations");
@@ -333,12 +388,12 @@ fn unusable_data_and_settings_are_refused() {
     let mut clips = synthetic::clips(1, 8, 1);
     assert!(matches!(
         tokenizer::train(&tiny_tokenizer(1), &[], &[], None, &dir, false),
-        Err(TrainError::Data(_))
+        Err(TrainError::NoData(_))
     ));
     clips[0].motion_features[5] = f32::NAN;
     assert!(matches!(
         motion::train(&tiny_motion(1), &clips, &[], &dir, false),
-        Err(TrainError::Data(_))
+        Err(TrainError::Clip { .. })
     ));
     let mut config = tiny_tokenizer(1);
     config.loss.mask_ratio = 2.0;

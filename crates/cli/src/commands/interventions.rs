@@ -1,0 +1,35 @@
+//! `interventions`: changes one parameter of a built-in motion and checks whether the caption follows.
+
+use radarllm_eval::interventions::{InterventionOptions, evaluate_interventions};
+
+use crate::{
+    args::InterventionsArgs, commands::describe, error::CliResult, output, threads::on_threads,
+};
+
+/// Runs the verb.
+pub fn run(args: &InterventionsArgs) -> CliResult {
+    let captioner = describe::load_captioner(args.model.as_deref())?;
+    let options = InterventionOptions {
+        count: args.count,
+        seed: args.seed,
+    };
+    let report = on_threads(args.threads, || {
+        evaluate_interventions(captioner.model(), &options)
+    })??;
+    if args.json {
+        return output::print_json(&report);
+    }
+    for row in &report.rows {
+        let mark = if row.followed { "yes" } else { "NO " };
+        output::print_line(&format!(
+            "{mark} {}\n      {}\n    {}\n      {}",
+            row.from, row.from_caption, row.to, row.to_caption
+        ));
+    }
+    for (name, [hits, count]) in &report.followed {
+        output::print_line(&format!(
+            "{name}: the caption followed {hits} of {count} interventions"
+        ));
+    }
+    Ok(())
+}

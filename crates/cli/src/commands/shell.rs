@@ -1,0 +1,37 @@
+//! `completions` and `man`: what a shell and `man` read.
+
+use clap::CommandFactory;
+
+use crate::{args::Cli, error::CliResult, output};
+
+/// Prints the completion script of a shell.
+pub fn completions(shell: clap_complete::Shell) -> CliResult {
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut Cli::command(), "radarllm", &mut script);
+    output::print_line(String::from_utf8_lossy(&script).trim_end());
+    Ok(())
+}
+
+/// Prints the manual page: the command, then every verb.
+pub fn manual() -> CliResult {
+    let mut page = Vec::new();
+    let mut command = Cli::command();
+    command.build();
+    clap_mangen::Man::new(command.clone()).render(&mut page)?;
+    render_verbs(&command, &mut page)?;
+    output::print_line(String::from_utf8_lossy(&page).trim_end());
+    Ok(())
+}
+
+/// The description and the options of every verb, also of verbs within verbs.
+fn render_verbs(command: &clap::Command, page: &mut Vec<u8>) -> CliResult {
+    for verb in command.get_subcommands().filter(|v| v.get_name() != "help") {
+        let name = verb.get_bin_name().unwrap_or_default().to_uppercase();
+        page.extend(format!(".SH \"{name}\"\n").bytes());
+        let section = clap_mangen::Man::new(verb.clone());
+        section.render_description_section(page)?;
+        section.render_options_section(page)?;
+        render_verbs(verb, page)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,34 @@
+//! The model under evaluation. All modules of this crate ask for captions here.
+
+use radarllm_base::Clip;
+use radarllm_inference::{Captioner, DescribeOptions, Description};
+
+use crate::EvalError;
+
+/// Facts about a model that reports repeat.
+#[derive(Clone, Debug)]
+pub struct ModelInfo {
+    /// Name in reports.
+    pub name: String,
+    /// What decodes sentences, and in which precision.
+    pub decoder: &'static str,
+    /// Size of the model's files, bytes.
+    pub bytes: u64,
+    /// Hash of the model's files: distinguishes models of one name.
+    pub fingerprint: u64,
+}
+
+/// Captions of clips, in their order; `beam` 1 is greedy.
+pub(crate) fn caption_clips(
+    captioner: &Captioner,
+    clips: &[&Clip],
+    beam: usize,
+) -> Result<Vec<Description>, EvalError> {
+    let options = DescribeOptions {
+        beam,
+        // Recordings are prepared before they are evaluated, as their options say.
+        keep_static: true,
+        ..DescribeOptions::default()
+    };
+    Ok(captioner.describe_batch(clips, &options)?)
+}

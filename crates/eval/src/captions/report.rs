@@ -1,0 +1,162 @@
+//! A caption report as tables and as Markdown.
+
+use super::{CaptionReport, Slice, System};
+use crate::{Estimate, table::Table};
+
+/// Model, data and speed, a line each.
+pub fn summary(report: &CaptionReport) -> Vec<String> {
+    let mut lines = vec![
+        format!(
+            "Model {}: {:.2} M parameters, {:.2} MB on disk, decoder {}, beam {}. {} clips, one of each motion; {} of them \
+             without a caption because they have too few points or frames. Baselines and action classifier are made from {} \
+             training clips.",
+            report.model,
+            report.parameters as f64 / 1e6,
+            report.model_bytes as f64 / 1e6,
+            report.decoder,
+            report.beam,
+            report.clips,
+            report.abstained,
+            report.train_clips
+        ),
+        format!(
+            "Speed on this machine, with whatever else it was doing: {:.1} captions/s, {:.0} radar frames/s, {:.0} tokens/s, \
+             from points to captions.",
+            report.captions_per_s, report.radar_frames_per_s, report.tokens_per_s
+        ),
+    ];
+    if let Some(mb) = report.peak_memory_mb {
+        lines.push(format!("Peak memory {mb:.0} MB."));
+    }
+    lines
+}
+
+/// All tables of the report.
+pub fn tables(report: &CaptionReport) -> Vec<Table> {
+    let mut scores = Table::new(
+        "Scores",
+        format!(
+            "Protocol {}, at most {} references for each of {} clips. Values are multiplied by 100, except CIDEr-D; 95 % \
+             bootstrap intervals over motions. Action accuracy: the share of captions in which a naive Bayes classifier, \
+             fitted on training captions, recognises the clip's action; on the references of this split it is {:.1} %. \
+             METEOR 1.5 with exact, stem and WordNet matches. BERTScore and SimCSE were not computed.",
+            report.protocol,
+            report.max_references,
+            report.clips,
+            report.action_accuracy_on_references * 100.0
+        ),
+        &[
+            "system",
+            "BLEU-1",
+            "BLEU-4",
+            "ROUGE-1",
+            "ROUGE-L",
+            "METEOR",
+            "CIDEr-D",
+            "action accuracy",
+        ],
+    );
+    scores.rows = report.systems.iter().map(system_row).collect();
+    let mut tables = vec![
+        scores,
+        slices(
+            "By length",
+            "The model by length of the clip. Values are multiplied by 100, with 95 % intervals.",
+            "clip length",
+            &report.by_length,
+        ),
+    ];
+    if !report.by_n_actions.is_empty() {
+        tables.push(slices(
+            "By number of actions",
+            "The model by number of actions that a clip is composed of. Values are multiplied by 100, with 95 % intervals.",
+            "actions",
+            &report.by_n_actions,
+        ));
+    }
+    let mut by_action = Table::new(
+        "By action",
+        "Clips of each action, and the share of their captions in which it is recognised.",
+        &["action", "clips", "action accuracy %"],
+    );
+    for (action, (clips, accuracy)) in &report.action_accuracy_by_action {
+        by_action.rows.push(vec![
+            action.clone(),
+            clips.to_string(),
+            format!("{:.0}", accuracy * 100.0),
+        ]);
+    }
+    tables.push(by_action);
+    if !report.confusions.is_empty() {
+        let mut confusions = Table::new(
+            "Confusions",
+            format!(
+                "Captions that are classified as another action, the {} most frequent pairs.",
+                report.confusions.len()
+            ),
+            &["action", "classified as", "clips"],
+        );
+        for c in &report.confusions {
+            let named = c.named.as_deref().unwrap_or("unknown");
+            let row = vec![c.action.clone(), named.into(), c.clips.to_string()];
+            confusions.rows.push(row);
+        }
+        tables.push(confusions);
+    }
+    tables
+}
+
+/// The report as Markdown.
+pub fn markdown(report: &CaptionReport) -> String {
+    let mut text = format!(
+        "# Captions of `{}`, split `{}`\n\n{}\n",
+        report.data,
+        report.split,
+        summary(report).join("\n")
+    );
+    for table in tables(report) {
+        text += &format!(
+            "\n## {}\n\n{}\n\n{}",
+            table.title,
+            table.about,
+            table.to_markdown()
+        );
+    }
+    text
+}
+
+/// Metrics of a system with intervals.
+fn system_row(system: &System) -> Vec<String> {
+    let s = &system.scores;
+    let mut row = vec![system.what.to_string()];
+    for (name, value) in [
+        ("bleu_1", s.bleu_1),
+        ("bleu_4", s.bleu_4),
+        ("rouge_1", s.rouge_1),
+        ("rouge_l", s.rouge_l),
+        ("meteor", s.meteor.unwrap_or(f64::NAN)),
+    ] {
+        row.push(Estimate::of_metric(s, name, value).to_text(100.0, 1));
+    }
+    row.push(Estimate::of_metric(s, "cider_d", s.cider_d).to_text(1.0, 3));
+    row.push(system.action_accuracy.to_text(100.0, 1));
+    row
+}
+
+fn slices(title: &str, about: &str, first: &str, slices: &[Slice]) -> Table {
+    let mut table = Table::new(
+        title,
+        about,
+        &[first, "clips", "action accuracy", "ROUGE-L"],
+    );
+    let row = |slice: &Slice| {
+        vec![
+            slice.name.clone(),
+            slice.clips.to_string(),
+            slice.action_accuracy.to_text(100.0, 1),
+            slice.rouge_l.to_text(100.0, 1),
+        ]
+    };
+    table.rows = slices.iter().map(row).collect();
+    table
+}

@@ -1,0 +1,162 @@
+//! The model's captions by part of the split: by action, by length, by number of actions; confusions.
+
+use std::collections::BTreeMap;
+
+use radarllm_metrics::bootstrap::units_of_ids;
+
+use super::{CaptionedClip, Confusion, Slice, mean};
+use crate::EvalError;
+
+/// Edges of the bins of clip lengths, s.
+const LENGTH_EDGES_S: [f64; 4] = [2.0, 4.0, 6.0, 8.0];
+/// Confusions that are listed.
+const MAX_CONFUSIONS: usize = 30;
+
+/// Clips and action accuracy by action.
+pub fn by_action(clips: &[CaptionedClip]) -> BTreeMap<String, (usize, f64)> {
+    let mut by_action: BTreeMap<String, (usize, f64)> = BTreeMap::new();
+    for clip in clips {
+        let entry = by_action.entry(clip.action.clone()).or_default();
+        entry.0 += 1;
+        entry.1 += f64::from(u8::from(clip.is_action_correct()));
+    }
+    for (count, accuracy) in by_action.values_mut() {
+        *accuracy /= *count as f64;
+    }
+    by_action
+}
+
+/// Slices by length of the clip.
+pub fn by_length(clips: &[CaptionedClip], seed: u64) -> Result<Vec<Slice>, EvalError> {
+    slices(clips, seed, length_name, |c| {
+        Some(length_bin(c.clip.duration_s()))
+    })
+}
+
+/// Slices by number of actions in the clip.
+pub fn by_n_actions(clips: &[CaptionedClip], seed: u64) -> Result<Vec<Slice>, EvalError> {
+    slices(clips, seed, |n| n.to_string(), n_actions)
+}
+
+/// One slice for every key; clips without a key are left out.
+fn slices(
+    clips: &[CaptionedClip],
+    seed: u64,
+    name: impl Fn(usize) -> String,
+    key: impl Fn(&CaptionedClip) -> Option<usize>,
+) -> Result<Vec<Slice>, EvalError> {
+    let mut groups: BTreeMap<usize, Vec<&CaptionedClip>> = BTreeMap::new();
+    for clip in clips {
+        if let Some(key) = key(clip) {
+            groups.entry(key).or_default().push(clip);
+        }
+    }
+    let slice = |(key, members): (usize, Vec<&CaptionedClip>)| {
+        let units = units_of_ids(members.iter().map(|c| c.id.as_str()));
+        let correct: Vec<f64> = members
+            .iter()
+            .map(|c| f64::from(u8::from(c.is_action_correct())))
+            .collect();
+        let rouge_l: Vec<f64> = members.iter().map(|c| c.rouge_l).collect();
+        Ok(Slice {
+            name: name(key),
+            clips: members.len(),
+            action_accuracy: mean(&correct, &units, seed)?,
+            rouge_l: mean(&rouge_l, &units, seed)?,
+        })
+    };
+    groups.into_iter().map(slice).collect()
+}
+
+/// Number of the bin of a clip's length.
+fn length_bin(seconds: f64) -> usize {
+    // A clip of 20 frames at 10 Hz lasts 2 s, whatever the division rounds to.
+    LENGTH_EDGES_S
+        .iter()
+        .filter(|edge| seconds + 1e-9 >= **edge)
+        .count()
+}
+
+fn length_name(bin: usize) -> String {
+    let edge = |i: usize| LENGTH_EDGES_S.get(i).copied();
+    match (bin.checked_sub(1).and_then(edge), edge(bin)) {
+        (None, Some(high)) => format!("under {high} s"),
+        (Some(low), Some(high)) => format!("{low} to {high} s"),
+        (Some(low), None) => format!("{low} s and more"),
+        (None, None) => "all".into(),
+    }
+}
+
+/// Number of actions in a clip. Labels of built-in motions are composed with "then" and "while"; labels of other
+/// sources do not show it.
+fn n_actions(clip: &CaptionedClip) -> Option<usize> {
+    let joined = |word: &str| clip.action.matches(word).count();
+    (clip.source == "procedural").then(|| 1 + joined(" then ") + joined(" while "))
+}
+
+/// Clips whose captions are classified as another action, most frequent first.
+pub fn confusions(clips: &[CaptionedClip]) -> Vec<Confusion> {
+    let mut counts: BTreeMap<(&str, Option<&str>), usize> = BTreeMap::new();
+    for clip in clips.iter().filter(|c| !c.is_action_correct()) {
+        let pair = (clip.action.as_str(), clip.classified_as.as_deref());
+        *counts.entry(pair).or_default() += 1;
+    }
+    let mut confusions: Vec<Confusion> = counts
+        .into_iter()
+        .map(|((action, named), clips)| Confusion {
+            action: action.into(),
+            named: named.map(Into::into),
+            clips,
+        })
+        .collect();
+    confusions.sort_by_key(|c| std::cmp::Reverse(c.clips));
+    confusions.truncate(MAX_CONFUSIONS);
+    confusions
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::captions::tests::captioned;
+
+    #[test]
+    fn lengths_fall_into_their_bins() {
+        let name = |seconds: f64| length_name(length_bin(seconds));
+        assert_eq!(name(0.0), "under 2 s");
+        assert_eq!(name(1.99), "under 2 s");
+        assert_eq!(name(20.0 / 10.0), "2 to 4 s");
+        // 60 frames at a rate that is no exact tenth of a second.
+        assert_eq!(name(60.0 * 0.1_f32 as f64), "6 to 8 s");
+        assert_eq!(name(9.6), "8 s and more");
+    }
+
+    #[test]
+    fn actions_are_counted_where_the_label_shows_them() {
+        let n = |action: &str, source: &str| {
+            let mut clip = captioned("m#0", action, None);
+            clip.source = source.into();
+            n_actions(&clip)
+        };
+        assert_eq!(n("walk", "procedural"), Some(1));
+        assert_eq!(n("walk then sit_down", "procedural"), Some(2));
+        assert_eq!(n("march while clap then bow", "procedural"), Some(3));
+        assert_eq!(n("walk then sit", "bandai-namco"), None);
+    }
+
+    #[test]
+    fn confusions_leave_out_what_is_correct() {
+        let clips = [
+            captioned("a#0", "walk", Some("walk")),
+            captioned("b#0", "sit", Some("walk")),
+            captioned("c#0", "sit", Some("walk")),
+            captioned("d#0", "walk", None),
+        ];
+        let found = confusions(&clips);
+        let rows: Vec<_> = found
+            .iter()
+            .map(|c| (c.action.as_str(), c.named.as_deref(), c.clips))
+            .collect();
+        assert_eq!(rows, [("sit", Some("walk"), 2), ("walk", None, 1)]);
+        assert_eq!(by_action(&clips)["walk"], (2, 0.5));
+    }
+}

@@ -1,0 +1,104 @@
+//! Small files read whole, and never more of them than expected: a device or a growing file has no end.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// Maximum size of a file that people write: configurations, scenes, calibrations.
+pub const MAX_CONFIG_BYTES: u64 = 16 << 20;
+
+/// Why a file was not read whole.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// The operating system refused.
+    #[error("{path}: {source}", path = path.display())]
+    Io {
+        /// File.
+        path: PathBuf,
+        /// Cause.
+        source: std::io::Error,
+    },
+    /// The file is larger than this kind of file gets.
+    #[error("{path}: more than the {max_bytes} bytes that are read", path = path.display())]
+    TooLarge {
+        /// File.
+        path: PathBuf,
+        /// Most bytes accepted.
+        max_bytes: u64,
+    },
+    /// A text file has other bytes.
+    #[error("{path}: byte {byte}: expected UTF-8", path = path.display())]
+    NotUtf8 {
+        /// File.
+        path: PathBuf,
+        /// Place, from 0.
+        byte: usize,
+    },
+}
+
+/// All bytes of a file that has at most `max_bytes`.
+///
+/// # Errors
+/// [`ReadError::Io`] and [`ReadError::TooLarge`].
+pub fn read_bytes(path: &Path, max_bytes: u64) -> Result<Vec<u8>, ReadError> {
+    let mut bytes = Vec::new();
+    File::open(path)
+        .and_then(|file| {
+            file.take(max_bytes.saturating_add(1))
+                .read_to_end(&mut bytes)
+        })
+        .map_err(|source| ReadError::Io {
+            path: path.into(),
+            source,
+        })?;
+    if bytes.len() as u64 > max_bytes {
+        return Err(ReadError::TooLarge {
+            path: path.into(),
+            max_bytes,
+        });
+    }
+    Ok(bytes)
+}
+
+/// The text of a file that has at most `max_bytes`.
+///
+/// # Errors
+/// [`ReadError`].
+pub fn read_text(path: &Path, max_bytes: u64) -> Result<String, ReadError> {
+    String::from_utf8(read_bytes(path, max_bytes)?).map_err(|e| ReadError::NotUtf8 {
+        path: path.into(),
+        byte: e.utf8_error().valid_up_to(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_read_up_to_their_limit() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.txt");
+        std::fs::write(&path, b"ab\xffc").unwrap();
+        assert_eq!(read_bytes(&path, 4).unwrap(), b"ab\xffc");
+        assert!(matches!(
+            read_bytes(&path, 3),
+            Err(ReadError::TooLarge { max_bytes: 3, .. })
+        ));
+        assert!(matches!(
+            read_text(&path, 4),
+            Err(ReadError::NotUtf8 { byte: 2, .. })
+        ));
+        assert!(matches!(
+            read_bytes(dir.path(), 4),
+            Err(ReadError::Io { .. })
+        ));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_device_without_an_end_is_refused() {
+        let error = read_bytes(Path::new("/dev/zero"), 1 << 16).unwrap_err();
+        assert!(error.to_string().contains("65536"), "{error}");
+    }
+}

@@ -1,0 +1,342 @@
+//! Folders as a recording: which files belong to it, and which chirp file lies beside it. Only names are looked at.
+
+use std::collections::BTreeMap;
+
+use crate::{
+    detect::{DetectError, RecordingFormat, numbered},
+    recordings::{visualizer_binary, visualizer_json},
+};
+
+/// The files of one recording of a TI visualizer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct VisualizerFolder {
+    /// [`RecordingFormat::VisualizerJson`] or [`RecordingFormat::VisualizerBinary`].
+    pub format: RecordingFormat,
+    /// The folder in the given one that holds the files; empty if that one does.
+    pub folder: String,
+    /// Number and name of each file, as given, in the order of the numbers.
+    pub files: Vec<(u64, String)>,
+}
+
+impl VisualizerFolder {
+    pub(crate) fn reason(&self) -> String {
+        let place = match self.folder.as_str() {
+            "" => String::new(),
+            folder => format!(" in {folder}"),
+        };
+        format!("{} files {}{place}", self.files.len(), pattern(self.format))
+    }
+}
+
+fn pattern(format: RecordingFormat) -> &'static str {
+    match format {
+        RecordingFormat::VisualizerJson => "replay_N.json",
+        _ => "pHistBytes_N.bin",
+    }
+}
+
+/// Format and number of a piece, by its name without folders.
+fn piece(name: &str) -> Option<(RecordingFormat, u64)> {
+    let lower = name.to_lowercase();
+    let number = |prefix: &str, extension: &str| {
+        numbered(&lower, &prefix.to_lowercase()).filter(|_| lower.ends_with(extension))
+    };
+    number(visualizer_json::PREFIX, ".json")
+        .map(|n| (RecordingFormat::VisualizerJson, n))
+        .or_else(|| {
+            let n = number(visualizer_binary::PREFIX, ".bin")?;
+            Some((RecordingFormat::VisualizerBinary, n))
+        })
+}
+
+/// Finds the recording of a TI visualizer in a folder, by the names of its files and of those in folders in it, down to
+/// `binData/<time>/`: relative to the folder, with `/` between folder and file. `None` if there is none. `format`
+/// chooses between recordings in JSON and in binary in one folder.
+///
+/// ```
+/// use radarllm_formats::{RecordingFormat, visualizer_folder};
+///
+/// let names = ["profile.cfg", "binData/03_19_2025_16_53_08/replay_10.json", "binData/03_19_2025_16_53_08/replay_9.json"];
+/// let found = visualizer_folder(&names, None)?.unwrap();
+/// assert_eq!(found.format, RecordingFormat::VisualizerJson);
+/// assert_eq!(found.folder, "binData/03_19_2025_16_53_08");
+/// assert_eq!(found.files[0], (9, names[2].to_owned()));
+/// # Ok::<(), radarllm_formats::DetectError>(())
+/// ```
+///
+/// # Errors
+/// [`DetectError::SeveralRecordings`] for files in several folders, [`DetectError::Ambiguous`] for both kinds in one
+/// folder, [`DetectError::Refused`] for `replay_N.json` beside other JSON files: those may be of the same kind or not.
+pub fn visualizer_folder(
+    names: &[&str],
+    format: Option<RecordingFormat>,
+) -> Result<Option<VisualizerFolder>, DetectError> {
+    /// Folders between the given one and a file: `binData` and the time.
+    const MAX_DEPTH: usize = 2;
+    /// Names that an error lists.
+    const MAX_LISTED: usize = 8;
+    let mut groups: BTreeMap<(&str, RecordingFormat), Vec<(u64, String)>> = BTreeMap::new();
+    let mut other_json: Vec<&str> = Vec::new();
+    for name in names {
+        let (folder, file) = name.rsplit_once('/').unwrap_or(("", name));
+        if name.matches('/').count() > MAX_DEPTH || is_hidden(file) {
+            continue;
+        }
+        match piece(file) {
+            Some((kind, number)) if format.is_none_or(|f| f == kind) => {
+                let files = groups.entry((folder, kind)).or_default();
+                files.push((number, (*name).to_owned()));
+            }
+            None if file.to_lowercase().ends_with(".json") => other_json.push(name),
+            _ => {}
+        }
+    }
+    let folders: Vec<VisualizerFolder> = groups
+        .into_iter()
+        .map(|((folder, format), mut files)| {
+            files.sort();
+            VisualizerFolder {
+                format,
+                folder: folder.to_owned(),
+                files,
+            }
+        })
+        .collect();
+    match folders.as_slice() {
+        [] => Ok(None),
+        [one] => {
+            let folder_of = |name: &str| name.rsplit_once('/').map_or("", |(f, _)| f).to_owned();
+            let beside: Vec<&str> = other_json
+                .into_iter()
+                .filter(|name| {
+                    one.format == RecordingFormat::VisualizerJson && folder_of(name) == one.folder
+                })
+                .collect();
+            if let Some(first) = beside.first() {
+                return Err(DetectError::Refused(format!(
+                    "{} beside {} other JSON files, such as {}: move those out of the folder, or name one file",
+                    one.reason(),
+                    beside.len(),
+                    shown(first)
+                )));
+            }
+            Ok(folders.into_iter().next())
+        }
+        [a, b] if a.folder == b.folder => Err(DetectError::Ambiguous {
+            reason: format!("{} and {}", a.reason(), b.reason()),
+            choices: vec![a.format, b.format],
+        }),
+        several => {
+            let mut list: Vec<String> = several
+                .iter()
+                .take(MAX_LISTED)
+                .map(|f| {
+                    let folder = match f.folder.as_str() {
+                        "" => ".",
+                        folder => folder,
+                    };
+                    let n = f.files.len();
+                    format!("{} ({n} files {})", shown(folder), pattern(f.format))
+                })
+                .collect();
+            if several.len() > MAX_LISTED {
+                list.push(format!("{} more", several.len() - MAX_LISTED));
+            }
+            Err(DetectError::SeveralRecordings(list))
+        }
+    }
+}
+
+/// A name for an error: without control characters, and shortened.
+fn shown(name: &str) -> String {
+    let clean = |c: char| if c.is_control() { '?' } else { c };
+    name.chars().take(80).map(clean).collect()
+}
+
+/// What macOS and editors leave behind.
+fn is_hidden(file: &str) -> bool {
+    file.starts_with('.') || file.starts_with('~')
+}
+
+/// Which chirp file belongs to a recording.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum CfgChoice {
+    /// A single one.
+    One {
+        /// Its name.
+        name: String,
+        /// True if it lies in the folder above the recording's.
+        is_in_parent: bool,
+    },
+    /// None in either folder.
+    None,
+    /// Several in one folder: the user has to choose.
+    Several {
+        /// Their names, sorted.
+        names: Vec<String>,
+        /// True if they lie in the folder above the recording's.
+        is_in_parent: bool,
+    },
+}
+
+/// Chooses the chirp file (`.cfg`) of a recording: the only one in the recording's folder, or else the only one in the
+/// folder above. Both lists are names without folders.
+pub fn choose_cfg<'a>(
+    names_in_folder: impl IntoIterator<Item = &'a str>,
+    names_in_parent: impl IntoIterator<Item = &'a str>,
+) -> CfgChoice {
+    fn chirp_files<'a>(names: impl IntoIterator<Item = &'a str>) -> Vec<String> {
+        let mut names: Vec<String> = names
+            .into_iter()
+            .filter(|name| name.to_lowercase().ends_with(".cfg") && !is_hidden(name))
+            .map(str::to_owned)
+            .collect();
+        names.sort();
+        names
+    }
+    let mut names = chirp_files(names_in_folder);
+    let is_in_parent = names.is_empty();
+    if is_in_parent {
+        names = chirp_files(names_in_parent);
+    }
+    match names.len() {
+        0 => CfgChoice::None,
+        1 => CfgChoice::One {
+            name: names.swap_remove(0),
+            is_in_parent,
+        },
+        _ => CfgChoice::Several {
+            names,
+            is_in_parent,
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn error(names: &[&str]) -> String {
+        visualizer_folder(names, None).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn files_are_listed_by_number_wherever_they_lie() {
+        for (names, folder, format) in [
+            (
+                &["replay_10.json", "REPLAY_9.JSON", "x.cfg", ".replay_1.json"][..],
+                "",
+                RecordingFormat::VisualizerJson,
+            ),
+            (
+                &[
+                    "binData/t/pHistBytes_10.bin",
+                    "binData/t/pHistBytes_9.bin",
+                    "notes.json",
+                ],
+                "binData/t",
+                RecordingFormat::VisualizerBinary,
+            ),
+            (
+                &["t/replay_10.json", "t/replay_9.json", "labels.json"],
+                "t",
+                RecordingFormat::VisualizerJson,
+            ),
+        ] {
+            let found = visualizer_folder(names, None).unwrap().unwrap();
+            assert_eq!((found.folder.as_str(), found.format), (folder, format));
+            let numbers: Vec<u64> = found.files.iter().map(|f| f.0).collect();
+            assert_eq!(numbers, [9, 10]);
+            assert!(found.files.iter().all(|f| names.contains(&f.1.as_str())));
+        }
+        for names in [
+            &[
+                "replay.json",
+                "replay_x.json",
+                "replay_1.txt",
+                "pHistBytes_1.npy",
+            ][..],
+            &["a/b/c/replay_1.json"],
+            &["replay_99999999999999999999999.json"],
+            &[],
+        ] {
+            assert_eq!(visualizer_folder(names, None), Ok(None), "{names:?}");
+        }
+    }
+
+    #[test]
+    fn several_recordings_are_named_with_the_way_to_choose() {
+        let two = [
+            "walk/replay_1.json",
+            "walk/replay_2.json",
+            "squat/replay_1.json",
+        ];
+        assert_eq!(
+            error(&two),
+            "several recordings: squat (1 files replay_N.json), walk (2 files replay_N.json); name one of these folders"
+        );
+        let nested = error(&["replay_1.json", "binData/t/replay_1.json"]);
+        assert!(
+            nested.contains(". (1 files") && nested.contains("binData/t (1 files"),
+            "{nested}"
+        );
+        let names: Vec<String> = (0..50).map(|i| format!("t{i:02}/replay_1.json")).collect();
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        assert!(
+            error(&names).contains("t07 (1 files replay_N.json), 42 more"),
+            "{}",
+            error(&names)
+        );
+
+        let both = ["replay_1.json", "pHistBytes_1.bin", "pHistBytes_2.bin"];
+        let text = error(&both);
+        assert!(
+            text.contains("1 files replay_N.json and 2 files pHistBytes_N.bin"),
+            "{text}"
+        );
+        assert!(
+            text.ends_with("visualizer-json, visualizer-binary"),
+            "{text}"
+        );
+        let chosen = visualizer_folder(&both, Some(RecordingFormat::VisualizerBinary));
+        assert_eq!(chosen.unwrap().unwrap().files.len(), 2);
+
+        let text = error(&["replay_1.json", "package.json", "a\u{1b}.json"]);
+        assert!(
+            text.contains("beside 2 other JSON files, such as package.json"),
+            "{text}"
+        );
+        assert!(!error(&["replay_1.json", "a\u{1b}.json"]).contains('\u{1b}'));
+    }
+
+    #[test]
+    fn a_single_chirp_file_belongs_to_the_recording() {
+        let one = |name: &str, is_in_parent| CfgChoice::One {
+            name: name.into(),
+            is_in_parent,
+        };
+        assert_eq!(
+            choose_cfg(["a.cfg", "replay_1.json"], ["b.cfg"]),
+            one("a.cfg", false)
+        );
+        assert_eq!(
+            choose_cfg(["x.dat"], ["B.CFG", "._B.CFG"]),
+            one("B.CFG", true)
+        );
+        assert_eq!(choose_cfg(["x.dat"], ["y"]), CfgChoice::None);
+        assert_eq!(
+            choose_cfg(["b.cfg", "a.cfg"], ["c.cfg"]),
+            CfgChoice::Several {
+                names: vec!["a.cfg".into(), "b.cfg".into()],
+                is_in_parent: false
+            }
+        );
+        assert_eq!(
+            choose_cfg([], ["b.cfg", "a.cfg"]),
+            CfgChoice::Several {
+                names: vec!["a.cfg".into(), "b.cfg".into()],
+                is_in_parent: true
+            }
+        );
+    }
+}

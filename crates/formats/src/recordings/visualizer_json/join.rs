@@ -1,0 +1,218 @@
+//! Files of one recording joined: what they agree on, the order of frames, and what a user should know.
+
+use radarllm_base::RadarPoint;
+
+use super::{
+    PREFIX, VisualizerCounts, VisualizerFrame, VisualizerPart, VisualizerRecording, moved,
+};
+use crate::recordings::pieces::{PiecesError, left_over, ordered};
+use crate::sensor_position::SensorPosition;
+
+/// Demos whose display, built on the one for people tracking, turns points by the tilts and raises them by the height of
+/// `sensorPosition` in place, in the very array that is saved later.
+const LEVELLING_DEMOS: [&str; 6] = [
+    "3D People Tracking",
+    "Vital Signs with People Tracking",
+    "Small Obstacle Detection",
+    "Exterior Intrusion Monitoring",
+    "x432 Out of Box Demo",
+    "x844 Out of Box Demo",
+];
+
+/// Joins files (number in the file's name, content) in the order of their numbers.
+///
+/// # Errors
+/// No file, two with one number, or files of different recordings: another `cfg`, `demo` or `device`.
+pub fn join_parts(parts: Vec<(u64, VisualizerPart)>) -> Result<VisualizerRecording, PiecesError> {
+    let (parts, gaps) = ordered(parts, name)?;
+    let mut notes: Vec<String> = gaps.into_iter().collect();
+    let cfg = common(&parts, "`cfg`", |p| p.cfg.as_deref())?;
+    let demo = common(&parts, "`demo`", |p| p.demo.as_deref())?;
+    let device = common(&parts, "`device`", |p| p.device.as_deref())?;
+
+    let sensor_position = match cfg.as_deref().map(SensorPosition::from_ti_cfg) {
+        Some(Ok(position)) => position,
+        Some(Err(error)) => {
+            notes.push(format!(
+                "`cfg`: {error}; the sensor's height and tilt are not known"
+            ));
+            None
+        }
+        None => None,
+    };
+    let levels = demo
+        .as_deref()
+        .is_some_and(|d| LEVELLING_DEMOS.contains(&d));
+    // The visualizer starts with no height and no tilt; without the chirp file it is unknown what it was set to.
+    let z_above_floor = levels
+        && match &sensor_position {
+            Some(p) => p.height_m != 0.0,
+            None => cfg.is_none(),
+        };
+    if levels && cfg.is_none() {
+        notes.push(
+            "the visualizer has raised the points by the sensor's height, which is not stored: there is no `cfg`".into(),
+        );
+    }
+
+    let mut counts = VisualizerCounts::default();
+    let mut frames: Vec<VisualizerFrame> = Vec::new();
+    let mut n_repeated = 0;
+    let mut n_levelled = 0;
+    for (_, part) in parts {
+        let mut part = part;
+        if z_above_floor && let Some(position) = &sensor_position {
+            n_levelled += u64::from(level_last(&mut part.frames, position));
+        }
+        let repeats = !frames.is_empty()
+            && part.frames.len() >= frames.len()
+            && frames.iter().zip(&part.frames).all(|(a, b)| {
+                (a.frame.number, a.frame.stamp_s) == (b.frame.number, b.frame.stamp_s)
+            });
+        if repeats {
+            // Some versions save all frames so far in every file.
+            n_repeated += 1;
+            frames = part.frames;
+            counts = part.counts;
+        } else {
+            frames.append(&mut part.frames);
+            counts.add(part.counts);
+        }
+    }
+    if n_repeated > 0 {
+        notes.push(format!(
+            "{n_repeated} files start with all frames of those before them: every frame is used once"
+        ));
+    }
+    if n_levelled > 0 {
+        notes.push(format!(
+            "{n_levelled} files were saved before the visualizer had turned and raised their last frame: it was turned \
+             and raised like the others"
+        ));
+    }
+    if let Some((n, note)) = left_over(frames.iter().map(|f| f.frame.number)) {
+        frames.drain(..n);
+        notes.push(note);
+    }
+    counts.describe(&mut notes);
+    Ok(VisualizerRecording {
+        cfg,
+        demo,
+        device,
+        sensor_position,
+        z_above_floor,
+        frames,
+        notes,
+    })
+}
+
+fn name(number: u64) -> String {
+    format!("{PREFIX}{number}.json")
+}
+
+/// The value that all parts which have one agree on.
+fn common(
+    parts: &[(u64, VisualizerPart)],
+    what: &'static str,
+    value: impl Fn(&VisualizerPart) -> Option<&str>,
+) -> Result<Option<String>, PiecesError> {
+    let mut found: Option<(u64, &str)> = None;
+    for (number, part) in parts {
+        match (found, value(part)) {
+            (_, None) => {}
+            (None, Some(text)) => found = Some((*number, text)),
+            (Some((_, before)), Some(text)) if before == text => {}
+            (Some((first, _)), Some(_)) => {
+                return Err(PiecesError::SeveralRecordings {
+                    what,
+                    first: name(first),
+                    second: name(*number),
+                });
+            }
+        }
+    }
+    Ok(found.map(|(_, text)| text.to_owned()))
+}
+
+/// A file is saved by the thread that reads the port, as soon as its last frame is parsed; the points of that frame are
+/// turned and raised later, by the thread that draws. Does it here if that fits the frames before it better: true if so.
+fn level_last(frames: &mut [VisualizerFrame], position: &SensorPosition) -> bool {
+    /// Frames before the last one that are compared with it.
+    const N_COMPARED: usize = 10;
+    let Some((last, before)) = frames.split_last_mut() else {
+        return false;
+    };
+    let recent = &before[before.len().saturating_sub(N_COMPARED)..];
+    let known = median_z(recent.iter().flat_map(|f| &f.frame.points));
+    let mounting = position.mounting();
+    let level: Vec<RadarPoint> = (last.frame.points.iter())
+        .map(|p| {
+            moved(p, |xyz| {
+                let [x, y, z] = mounting.level(xyz);
+                [x, y, z + position.height_m]
+            })
+        })
+        .collect();
+    let (Some(known), Some(stored), Some(levelled)) =
+        (known, median_z(&last.frame.points), median_z(&level))
+    else {
+        return false;
+    };
+    // Half of the height is far more than people move between frames, and the two cannot be confused above it.
+    let is_raw = (levelled - known).abs() + 0.5 * position.height_m.abs() < (stored - known).abs();
+    if is_raw {
+        last.frame.points = level;
+    }
+    is_raw
+}
+
+fn median_z<'a>(points: impl IntoIterator<Item = &'a RadarPoint>) -> Option<f64> {
+    let mut z: Vec<f32> = points.into_iter().map(|p| p.z_m).collect();
+    z.sort_by(f32::total_cmp);
+    z.get(z.len() / 2).map(|z| f64::from(*z))
+}
+
+impl VisualizerCounts {
+    fn add(&mut self, other: Self) {
+        self.frames_with_error += other.frames_with_error;
+        self.frames_without_number += other.frames_without_number;
+        self.points_empty += other.points_empty;
+        self.points_not_finite += other.points_not_finite;
+        self.points_out_of_range += other.points_out_of_range;
+        self.points_without_snr += other.points_without_snr;
+        self.tracks_dropped += other.tracks_dropped;
+        self.first_dropped = self.first_dropped.take().or(other.first_dropped);
+    }
+
+    fn describe(&self, notes: &mut Vec<String>) {
+        let lines = [
+            (
+                self.frames_with_error,
+                "frames are marked with an error and kept",
+            ),
+            (
+                self.frames_without_number,
+                "frames have no number (packets that the visualizer could not parse) and are dropped",
+            ),
+            (
+                self.points_without_snr,
+                "points have no SNR: intensity 0 dB",
+            ),
+            (
+                self.tracks_dropped,
+                "tracks or heights are not finite or out of range and dropped",
+            ),
+        ];
+        for (n, text) in lines {
+            if n > 0 {
+                notes.push(format!("{n} {text}"));
+            }
+        }
+        if let Some(first) = &self.first_dropped {
+            notes.push(format!(
+                "points dropped: {} not finite, {} out of range; the first in {first}",
+                self.points_not_finite, self.points_out_of_range
+            ));
+        }
+    }
+}

@@ -1,0 +1,177 @@
+//! Recordings of TI's Industrial and Applications Visualizers in JSON: a folder of `replay_N.json`, 100 frames each.
+//!
+//! A file is an object of `cfg` (the lines of the chirp file), `demo`, `device` and `data`, an array of frames
+//! `{"frameData": {..}, "timestamp": ms}`. What a frame lacks is absent from it: no `pointCloud` is a frame without
+//! points, no `frameNum` a packet that the visualizer could not parse.
+//!
+//! | key of `frameData` | rows |
+//! |---|---|
+//! | `pointCloud` | x, y, z, velocity, SNR, noise, track |
+//! | `trackData` | id, position, velocity and acceleration (x, y, z each), then more |
+//! | `heightData` | id, top, bottom |
+//!
+//! x points right, y away from the radar, z up, m; velocity is positive when receding. The SNR is a linear ratio in the
+//! demos that send compressed points (people tracking on xWR6843 and xWR1843), as in [`crate::uart`], and in dB in the
+//! others. Python writes numbers that are not finite as `NaN` and `Infinity`, which is no JSON; such points are dropped
+//! and counted, like those of a UART stream.
+
+mod join;
+mod parse;
+
+use radarllm_base::RadarPoint;
+
+pub use join::join_parts;
+
+use super::{MAX_INTENSITY_DB, RecordedFrame, RecordingError, point};
+use crate::sensor_position::SensorPosition;
+use crate::uart::{Target, TargetHeight};
+
+/// Start of the names of the pieces; the number and `.json` follow.
+pub const PREFIX: &str = "replay_";
+
+/// Demos that send compressed points with a linear SNR, on devices other than the low-power ones.
+const LINEAR_SNR_DEMOS: [&str; 5] = [
+    "3D People Tracking",
+    "Vital Signs with People Tracking",
+    "Long Range People Detection",
+    "Mobile Tracker",
+    "Small Obstacle Detection",
+];
+
+/// One frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VisualizerFrame {
+    /// Number of the firmware, time stamp of the PC, points.
+    pub frame: RecordedFrame,
+    /// Tracks of the firmware, as the visualizer stored them.
+    pub tracks: Vec<Target>,
+    /// Their vertical extents.
+    pub heights: Vec<TargetHeight>,
+}
+
+/// What was left out of a file, or kept with a doubt.
+#[derive(Clone, Debug, PartialEq, Eq, Default)]
+pub struct VisualizerCounts {
+    /// Frames with an `error` other than 0, which are kept if they have a number.
+    pub frames_with_error: u64,
+    /// Frames without `frameNum`, which are dropped.
+    pub frames_without_number: u64,
+    /// Points of zeros: the visualizer makes room for more points than it parses.
+    pub points_empty: u64,
+    /// Points dropped for NaN or infinity.
+    pub points_not_finite: u64,
+    /// Points dropped because they are farther than 1 km, faster than 1 km/s or stronger than 1000 dB.
+    pub points_out_of_range: u64,
+    /// Points kept without SNR: intensity 0 dB.
+    pub points_without_snr: u64,
+    /// Tracks and heights dropped for the same reasons as points.
+    pub tracks_dropped: u64,
+    /// Where the first point that is not finite or out of range was.
+    pub first_dropped: Option<String>,
+}
+
+/// What one file holds.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct VisualizerPart {
+    /// Text of the chirp file.
+    pub cfg: Option<String>,
+    /// Name of the demo.
+    pub demo: Option<String>,
+    /// Name of the device.
+    pub device: Option<String>,
+    /// Frames in the order of the file.
+    pub frames: Vec<VisualizerFrame>,
+    /// What was left out.
+    pub counts: VisualizerCounts,
+}
+
+/// A recording out of its files.
+#[derive(Clone, Debug, PartialEq)]
+pub struct VisualizerRecording {
+    /// Text of the chirp file.
+    pub cfg: Option<String>,
+    /// Name of the demo.
+    pub demo: Option<String>,
+    /// Name of the device.
+    pub device: Option<String>,
+    /// Height and tilt that the chirp file states.
+    pub sensor_position: Option<SensorPosition>,
+    /// True if the visualizer has turned the points into level axes and raised them by the sensor's height: z is
+    /// measured from the floor then, and [`Self::lower`] takes the height off again. False if points are in the sensor's
+    /// axes.
+    pub z_above_floor: bool,
+    /// Frames, without those left over from the run before.
+    pub frames: Vec<VisualizerFrame>,
+    /// What a user should know: missing files, dropped frames and points, doubts.
+    pub notes: Vec<String>,
+}
+
+impl VisualizerRecording {
+    /// Puts the origin of level points at the radar, which stands `height_m` above the floor. Nothing changes if
+    /// [`Self::z_above_floor`] is false.
+    pub fn lower(&mut self, height_m: f64) {
+        if !self.z_above_floor {
+            return;
+        }
+        self.z_above_floor = false;
+        for frame in &mut self.frames {
+            for p in &mut frame.frame.points {
+                *p = moved(p, |[x, y, z]| [x, y, z - height_m]);
+            }
+        }
+    }
+}
+
+/// Reads the text of one `replay_N.json`. Nothing is dropped at its start; [`join_parts`] does that, for one file too.
+///
+/// # Errors
+/// [`RecordingError`] with the line: no JSON, no `data`, a key of the wrong type, a row of the wrong length. The message
+/// names the frame (counted from 0) and the key.
+pub fn read_visualizer_json(text: &str) -> Result<VisualizerPart, RecordingError> {
+    let mut part = parse::part(text)?;
+    part.finish_points();
+    Ok(part)
+}
+
+impl VisualizerPart {
+    /// Turns the SNR of all points, still as stored, into dB. It takes the names of demo and device, which may stand
+    /// behind the frames.
+    fn finish_points(&mut self) {
+        let is_low_power = |device: &str| device.to_ascii_uppercase().contains("WRL");
+        let is_linear = self
+            .demo
+            .as_deref()
+            .is_some_and(|d| LINEAR_SNR_DEMOS.contains(&d))
+            && !self.device.as_deref().is_some_and(is_low_power);
+        let counts = &mut self.counts;
+        for frame in &mut self.frames {
+            frame.frame.points.retain_mut(|point| {
+                let stored = point.intensity_db;
+                point.intensity_db = match is_linear {
+                    true if stored > 0.0 => 10.0 * stored.log10(),
+                    true => 0.0,
+                    false => stored,
+                };
+                if point.intensity_db.abs() > MAX_INTENSITY_DB as f32 {
+                    counts.points_out_of_range += 1;
+                    counts.first_dropped.get_or_insert_with(|| {
+                        format!("the SNR of frame number {}", frame.frame.number)
+                    });
+                    return false;
+                }
+                counts.points_without_snr += u64::from(stored <= 0.0);
+                true
+            });
+        }
+    }
+}
+
+/// A point at another place with its range.
+fn moved(p: &RadarPoint, to: impl Fn([f64; 3]) -> [f64; 3]) -> RadarPoint {
+    let position_m = to([p.x_m, p.y_m, p.z_m].map(f64::from));
+    point(
+        position_m,
+        f64::from(p.velocity_mps),
+        f64::from(p.intensity_db),
+    )
+}

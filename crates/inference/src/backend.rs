@@ -1,0 +1,109 @@
+//! What runs the networks of a captioner.
+
+use radarllm_base::PointFrame;
+use radarllm_engine::{Engine, Source, Watch};
+
+use crate::lm::config::LmConfig;
+use crate::lm::{EngineLm, GenerateOptions, Generated, LmError, Vocab};
+use crate::tokenizer::{EncodeError, Encoded, RadarTokenizer, TokenizerConfig};
+
+/// A radar tokenizer and a language model that belong together, however they are computed.
+///
+/// [`EngineBackend`] runs on `radarllm-engine`. `radarllm-nn` has another one, which runs the networks as they are
+/// trained.
+pub trait Backend: Send + Sync {
+    /// Codes of windows of 1 to 96 frames at 10 frames per second, each with the height of its radar above the floor,
+    /// m. Windows do not influence one another.
+    ///
+    /// # Errors
+    /// If a window is empty, too long, or has a value that is not finite.
+    fn encode(&self, windows: &[(&[PointFrame], f32)]) -> Result<Vec<Encoded>, EncodeError>;
+
+    /// Decodes every prompt, and reports tokens to `watch` as they come.
+    ///
+    /// # Errors
+    /// If a prompt does not fit the model; [`radarllm_engine::EngineError::Cancelled`] if `watch` cancels.
+    fn generate(
+        &self,
+        prompts: &[Source],
+        options: &GenerateOptions,
+        watch: &mut Watch,
+    ) -> Result<Vec<Generated>, LmError>;
+
+    /// Ids of words and radar codes.
+    fn vocab(&self) -> &Vocab;
+
+    /// Number of weights of both networks.
+    fn n_params(&self) -> usize;
+}
+
+/// The inference engine: packed weights, no learning framework.
+pub struct EngineBackend {
+    tokenizer: RadarTokenizer,
+    lm: EngineLm,
+}
+
+impl EngineBackend {
+    /// Puts a radar tokenizer and a language model together.
+    ///
+    /// # Errors
+    /// If they do not belong together: see [`check_pair`].
+    pub fn new(tokenizer: RadarTokenizer, lm: EngineLm) -> Result<Self, LmError> {
+        check_pair(tokenizer.config(), lm.config())?;
+        Ok(Self { tokenizer, lm })
+    }
+}
+
+impl Backend for EngineBackend {
+    fn encode(&self, windows: &[(&[PointFrame], f32)]) -> Result<Vec<Encoded>, EncodeError> {
+        self.tokenizer.encode_batch(windows)
+    }
+
+    fn generate(
+        &self,
+        prompts: &[Source],
+        options: &GenerateOptions,
+        watch: &mut Watch,
+    ) -> Result<Vec<Generated>, LmError> {
+        let engine = self.lm.engine();
+        let mut session = engine.session(threads(engine));
+        self.lm.generate(&mut session, prompts, options, watch)
+    }
+
+    fn vocab(&self) -> &Vocab {
+        self.lm.vocab()
+    }
+
+    fn n_params(&self) -> usize {
+        self.tokenizer.n_params() + self.lm.n_params()
+    }
+}
+
+/// Checks that a language model knows the codes and features of a tokenizer.
+///
+/// # Errors
+/// If codebook size or feature width differ.
+pub fn check_pair(tokenizer: &TokenizerConfig, lm: &LmConfig) -> Result<(), LmError> {
+    let (size, dim) = (tokenizer.codebook_size, tokenizer.code_dim);
+    if size != lm.n_codes || (lm.bypass && dim != lm.code_dim) {
+        let problem = format!(
+            "the tokenizer has {size} codes of width {dim}, the language model knows {} of {}",
+            lm.n_codes, lm.code_dim
+        );
+        return Err(LmError::Config {
+            field: "n_codes",
+            problem,
+        });
+    }
+    Ok(())
+}
+
+/// Small models fit one core's caches and are fastest there; large ones wait for memory, which several
+/// cores bring in faster.
+fn threads(engine: &Engine) -> usize {
+    const LARGE_BYTES: usize = 32 << 20;
+    if engine.bytes() < LARGE_BYTES {
+        return 1;
+    }
+    std::thread::available_parallelism().map_or(1, usize::from)
+}

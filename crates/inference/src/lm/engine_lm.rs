@@ -1,0 +1,130 @@
+//! The language model on [`radarllm_engine`]: packed weights, no learning framework.
+
+use std::path::Path;
+
+use radarllm_engine::{Engine, Precision, Session, Shape, Source, Watch};
+
+use super::LmError;
+use super::card::LmFiles;
+use super::config::{FeedForward, LmConfig};
+use super::generate::{GenerateOptions, Generated, decode};
+use super::vocab::Vocab;
+use crate::checkpoint::{Checkpoint, CheckpointError, NamedTensors};
+
+impl LmConfig {
+    /// The network's shape as the engine sees it; `None` for a decoder-only network, which it does not run.
+    pub fn engine_shape(&self) -> Option<Shape> {
+        let c = self.t5()?;
+        Some(Shape {
+            vocab_size: c.vocab_size,
+            d_model: c.d_model,
+            d_kv: c.d_kv,
+            n_heads: c.n_heads,
+            d_ff: c.d_ff,
+            n_encoder_layers: c.n_encoder_layers,
+            n_decoder_layers: c.n_decoder_layers,
+            gated: c.feed_forward == FeedForward::GatedGelu,
+            tied: c.tie_embeddings,
+            scaled: c.scales_outputs(),
+            relative_buckets: c.relative_buckets,
+            relative_max_distance: c.relative_max_distance,
+            norm_eps: c.norm_eps as f32,
+            bypass: self.bypass.then_some(self.code_dim),
+        })
+    }
+
+    /// [`Self::engine_shape`], or an error that names the architecture.
+    ///
+    /// # Errors
+    /// [`LmError::NotT5`].
+    pub fn require_engine_shape(&self) -> Result<Shape, LmError> {
+        self.engine_shape().ok_or_else(|| LmError::NotT5 {
+            backbone: self.network.backbone().name(),
+        })
+    }
+}
+
+/// The language model on packed weights.
+pub struct EngineLm {
+    config: LmConfig,
+    vocab: Vocab,
+    engine: Engine,
+    n_params: usize,
+}
+
+impl EngineLm {
+    /// Opens a checkpoint: `config.json`, `tokenizer.json` and the weights it names.
+    ///
+    /// # Errors
+    /// If a file is missing or damaged, or weights do not fit the configuration.
+    pub fn load(dir: &Path, precision: Precision) -> Result<Self, LmError> {
+        Self::from_files(LmFiles::of(Checkpoint::open(dir)?)?, precision)
+    }
+
+    /// Packs the weights of a checkpoint.
+    ///
+    /// # Errors
+    /// As [`Self::load`], and [`LmError::NotT5`].
+    pub fn from_files(files: LmFiles, precision: Precision) -> Result<Self, LmError> {
+        files.card.lm.require_engine_shape()?;
+        let (weights, path) = files.t5_weights()?;
+        Self::from_weights(files.card.lm, files.vocab, weights, precision, &path)
+    }
+
+    /// Packs named weights; `file` is named in errors.
+    ///
+    /// # Errors
+    /// If the network is no T5, or weights do not fit the configuration.
+    pub fn from_weights(
+        config: LmConfig,
+        vocab: Vocab,
+        weights: NamedTensors,
+        precision: Precision,
+        file: &Path,
+    ) -> Result<Self, LmError> {
+        let shape = config.require_engine_shape()?;
+        let n_params = weights.values().map(|t| t.values.len()).sum();
+        let engine = Engine::new(shape, precision, weights)
+            .map_err(|e| CheckpointError::from_engine(e, file))?;
+        Ok(Self {
+            config,
+            vocab,
+            engine,
+            n_params,
+        })
+    }
+
+    /// Shape.
+    pub fn config(&self) -> &LmConfig {
+        &self.config
+    }
+
+    /// Ids.
+    pub fn vocab(&self) -> &Vocab {
+        &self.vocab
+    }
+
+    /// The packed weights.
+    pub fn engine(&self) -> &Engine {
+        &self.engine
+    }
+
+    /// Number of weights.
+    pub fn n_params(&self) -> usize {
+        self.n_params
+    }
+
+    /// Decodes every prompt on a session of [`Self::engine`], and reports tokens to `watch` as they come.
+    ///
+    /// # Errors
+    /// If a prompt does not fit the model; [`radarllm_engine::EngineError::Cancelled`].
+    pub fn generate(
+        &self,
+        session: &mut Session,
+        prompts: &[Source],
+        options: &GenerateOptions,
+        watch: &mut Watch,
+    ) -> Result<Vec<Generated>, LmError> {
+        decode(session, &self.vocab, prompts, options, watch)
+    }
+}

@@ -1,0 +1,327 @@
+//! What the model expects of a clip, and how other clips are prepared for it.
+//!
+//! The model reads frames, not times: a clip at another frame rate would show it another speed. It was trained on
+//! radars that remove static clutter from their samples: firmware that does not remove it reports little else. Both are
+//! repaired here, in one place, so that no caller gets a wrong sentence silently.
+
+use std::borrow::Cow;
+
+use radarllm_base::{Clip, PointFrame, StaticClutter, TimelineError};
+
+/// Radar frames per second that the model was trained on.
+pub const FRAME_RATE_HZ: f32 = 10.0;
+
+/// Frame rates that differ from [`FRAME_RATE_HZ`] by at most this fraction are read as they are.
+pub const RATE_TOLERANCE: f64 = 0.05;
+
+/// Maximum frame rate that is believed, Hz.
+pub const MAX_FRAME_RATE_HZ: f64 = 1000.0;
+
+/// How to prepare a clip.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PrepareOptions {
+    /// Keep the static points of recordings.
+    pub keep_static: bool,
+    /// When resampling, move points along their radial velocity to the time of their new frame.
+    pub motion_compensate: bool,
+}
+
+/// A clip that the model can read, and what was changed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prepared {
+    /// The clip, at [`FRAME_RATE_HZ`] within [`RATE_TOLERANCE`].
+    pub clip: Clip,
+    /// Static clutter that was removed.
+    pub removed_static: Option<StaticClutter>,
+    /// The frame rate before resampling, Hz, if the clip was resampled.
+    pub resampled_from_hz: Option<f64>,
+}
+
+/// Why the model cannot read a clip.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum PrepareError {
+    /// A frame rate that no radar has.
+    #[error("a frame rate of {found_hz} Hz: expected more than 0, at most {MAX_FRAME_RATE_HZ}")]
+    FrameRate {
+        /// Frame rate found, Hz.
+        found_hz: f64,
+    },
+    /// The height of the radar is NaN or infinite.
+    #[error("radar height {found_m} m is not finite")]
+    RadarHeight {
+        /// Height found, m.
+        found_m: f32,
+    },
+    /// A time is NaN or infinite.
+    #[error("frame {frame}: time is not finite")]
+    TimeNotFinite {
+        /// Position of the frame.
+        frame: usize,
+    },
+    /// A coordinate, velocity or intensity is NaN or infinite.
+    #[error("frame {frame}, point {point}: value is not finite")]
+    NotFinite {
+        /// Position of the frame.
+        frame: usize,
+        /// Position of the point in its frame.
+        point: usize,
+    },
+    /// The clip cannot be resampled.
+    #[error(transparent)]
+    Timeline(#[from] TimelineError),
+}
+
+/// Prepares a clip for the model: removes the static clutter of a recording, and resamples a frame rate that differs
+/// from [`FRAME_RATE_HZ`] by more than [`RATE_TOLERANCE`].
+///
+/// Preparing a clip again changes nothing. Simulated clips keep all their points: the simulated radar has removed
+/// static clutter already.
+///
+/// ```
+/// use radarllm_base::{Clip, PointFrame};
+/// use radarllm_inference::{PrepareOptions, prepare_for_model};
+///
+/// let frame = |i: u32| PointFrame { frame: i, time_s: f64::from(i) / 20.0, points: Vec::new() };
+/// let clip = Clip {
+///     frames: (0..40).map(frame).collect(),
+///     frame_rate_hz: 20.0,
+///     radar_height_m: 1.0,
+///     radar: "unknown".into(),
+///     provenance: "recorded:csv:room.csv".parse().unwrap(),
+/// };
+/// let prepared = prepare_for_model(clip, &PrepareOptions::default())?;
+/// assert_eq!(prepared.resampled_from_hz, Some(20.0));
+/// assert_eq!((prepared.clip.frame_rate_hz, prepared.clip.frames.len()), (10.0, 21));
+/// # Ok::<(), radarllm_inference::PrepareError>(())
+/// ```
+///
+/// # Errors
+/// [`PrepareError`]: a value that is not finite, or a frame rate that no radar has.
+pub fn prepare_for_model(
+    mut clip: Clip,
+    options: &PrepareOptions,
+) -> Result<Prepared, PrepareError> {
+    check(&clip)?;
+    let mut removed_static = None;
+    if removes_static(&clip, options) {
+        removed_static = clip.remove_static_clutter();
+    }
+    let mut resampled_from_hz = None;
+    if is_other_rate(clip.frame_rate_hz) {
+        resampled_from_hz = Some(clip.frame_rate_hz);
+        clip = clip.resample(f64::from(FRAME_RATE_HZ), options.motion_compensate)?;
+    }
+    Ok(Prepared {
+        clip,
+        removed_static,
+        resampled_from_hz,
+    })
+}
+
+/// Whether [`prepare_for_model`] would change the clip.
+pub fn needs_preparation(clip: &Clip, options: &PrepareOptions) -> bool {
+    is_other_rate(clip.frame_rate_hz)
+        || (removes_static(clip, options) && clip.static_clutter().is_some())
+}
+
+/// The clip as the model reads it, copied only if something has to change.
+pub(crate) fn prepared<'a>(
+    clip: &'a Clip,
+    options: &PrepareOptions,
+) -> Result<Cow<'a, Clip>, PrepareError> {
+    if needs_preparation(clip, options) {
+        return Ok(Cow::Owned(prepare_for_model(clip.clone(), options)?.clip));
+    }
+    check(clip)?;
+    Ok(Cow::Borrowed(clip))
+}
+
+fn removes_static(clip: &Clip, options: &PrepareOptions) -> bool {
+    !options.keep_static && !clip.provenance.is_simulated()
+}
+
+fn is_other_rate(frame_rate_hz: f64) -> bool {
+    (frame_rate_hz / f64::from(FRAME_RATE_HZ) - 1.0).abs() > RATE_TOLERANCE
+}
+
+fn check(clip: &Clip) -> Result<(), PrepareError> {
+    let found_hz = clip.frame_rate_hz;
+    // Written so that NaN fails.
+    if !(found_hz > 0.0 && found_hz <= MAX_FRAME_RATE_HZ) {
+        return Err(PrepareError::FrameRate { found_hz });
+    }
+    let found_m = clip.radar_height_m;
+    if !found_m.is_finite() {
+        return Err(PrepareError::RadarHeight { found_m });
+    }
+    for (frame, content) in clip.frames.iter().enumerate() {
+        if !content.time_s.is_finite() {
+            return Err(PrepareError::TimeNotFinite { frame });
+        }
+        if let Some(point) = position_not_finite(content) {
+            return Err(PrepareError::NotFinite { frame, point });
+        }
+    }
+    Ok(())
+}
+
+/// The first point with a value that is not finite.
+fn position_not_finite(frame: &PointFrame) -> Option<usize> {
+    frame.points.iter().position(|p| {
+        let values = [
+            p.x_m,
+            p.y_m,
+            p.z_m,
+            p.range_m,
+            p.velocity_mps,
+            p.intensity_db,
+        ];
+        !values.iter().all(|v| v.is_finite())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use radarllm_base::{Provenance, RadarPoint};
+
+    use super::*;
+
+    /// A second of frames, each with these radial velocities.
+    fn clip(frame_rate_hz: f64, velocities: &[f32], provenance: Provenance) -> Clip {
+        let point = |v: &f32| RadarPoint {
+            y_m: 2.0,
+            range_m: 2.0,
+            velocity_mps: *v,
+            ..RadarPoint::default()
+        };
+        let frame = |i: u32| PointFrame {
+            frame: i,
+            time_s: f64::from(i) / frame_rate_hz,
+            points: velocities.iter().map(point).collect(),
+        };
+        Clip {
+            frames: (0..frame_rate_hz as u32).map(frame).collect(),
+            frame_rate_hz,
+            radar_height_m: 1.0,
+            radar: "unknown".into(),
+            provenance,
+        }
+    }
+
+    fn recorded(frame_rate_hz: f64, velocities: &[f32]) -> Clip {
+        clip(
+            frame_rate_hz,
+            velocities,
+            Provenance::recorded("csv", "room.csv"),
+        )
+    }
+
+    fn prepare(clip: Clip) -> Prepared {
+        prepare_for_model(clip, &PrepareOptions::default()).unwrap()
+    }
+
+    #[test]
+    fn static_clutter_of_recordings_is_removed_and_of_simulations_kept() {
+        let velocities = [0.0, 0.0, 0.01, 0.8];
+        let prepared = prepare(recorded(10.0, &velocities));
+        assert_eq!(prepared.clip, recorded(10.0, &[0.8]));
+        let removed = prepared.removed_static.unwrap();
+        assert_eq!((removed.n_static, removed.n_points), (30, 40));
+        let simulated = clip(10.0, &velocities, Provenance::simulated("builtin:walk", 1));
+        let prepared = prepare(simulated.clone());
+        assert_eq!((prepared.clip, prepared.removed_static), (simulated, None));
+        let keep = PrepareOptions {
+            keep_static: true,
+            ..Default::default()
+        };
+        let kept = prepare_for_model(recorded(10.0, &velocities), &keep).unwrap();
+        assert_eq!(
+            (kept.clip, kept.removed_static),
+            (recorded(10.0, &velocities), None)
+        );
+    }
+
+    #[test]
+    fn other_frame_rates_are_resampled_and_near_ones_read_as_they_are() {
+        for (rate_hz, n_frames) in [(9.6, 9), (10.0, 10), (10.4, 10)] {
+            let prepared = prepare(recorded(rate_hz, &[0.8]));
+            assert_eq!(prepared.resampled_from_hz, None, "{rate_hz}");
+            assert_eq!(prepared.clip.frames.len(), n_frames);
+        }
+        for rate_hz in [5.0, 9.0, 11.0, 20.0, 30.0] {
+            let prepared = prepare(recorded(rate_hz, &[0.8]));
+            assert_eq!(prepared.resampled_from_hz, Some(rate_hz));
+            assert_eq!(prepared.clip.frame_rate_hz, 10.0);
+            // Nothing is lost and nothing repeated.
+            assert_eq!(prepared.clip.n_points(), rate_hz as usize);
+        }
+    }
+
+    #[test]
+    fn motion_compensation_moves_points_to_their_new_frame() {
+        let options = PrepareOptions {
+            motion_compensate: true,
+            ..Default::default()
+        };
+        let moved = prepare_for_model(recorded(20.0, &[1.0]), &options).unwrap();
+        let places: Vec<f32> = moved.clip.frames[1].points.iter().map(|p| p.y_m).collect();
+        // Frames 0.05 s before and 0 s from the new frame; a point recedes at 1 m/s.
+        assert!(
+            places.iter().any(|y| (y - 2.05).abs() < 1e-5) && places.contains(&2.0),
+            "{places:?}"
+        );
+    }
+
+    #[test]
+    fn preparing_again_changes_nothing() {
+        for clip in [
+            recorded(10.0, &[0.0, 0.0, 0.8]),
+            recorded(25.0, &[0.0, 0.0, 0.8]),
+            recorded(25.0, &[0.0, 0.8]),
+            recorded(10.0, &[]),
+        ] {
+            let options = PrepareOptions::default();
+            let once = prepare(clip);
+            assert!(!needs_preparation(&once.clip, &options));
+            let twice = prepare(once.clip.clone());
+            assert_eq!(
+                (twice.removed_static, twice.resampled_from_hz),
+                (None, None)
+            );
+            assert_eq!(twice.clip, once.clip);
+        }
+    }
+
+    #[test]
+    fn nothing_is_copied_when_nothing_changes() {
+        let good = recorded(10.0, &[0.8]);
+        let options = PrepareOptions::default();
+        assert!(matches!(prepared(&good, &options), Ok(Cow::Borrowed(_))));
+        let fast = recorded(20.0, &[0.8]);
+        assert!(matches!(prepared(&fast, &options), Ok(Cow::Owned(_))));
+    }
+
+    #[test]
+    fn values_that_no_radar_reports_are_refused() {
+        let refuse = |change: &dyn Fn(&mut Clip)| {
+            let mut bad = recorded(10.0, &[0.8, 0.7]);
+            change(&mut bad);
+            let options = PrepareOptions::default();
+            let by_reference = prepared(&bad, &options).map(|_| ()).unwrap_err();
+            let error = prepare_for_model(bad, &options).unwrap_err();
+            // NaN is not equal to itself; the text is.
+            assert_eq!(by_reference.to_string(), error.to_string());
+            error
+        };
+        for rate_hz in [0.0, -10.0, 1e4, f64::NAN, f64::INFINITY] {
+            let error = refuse(&|clip| clip.frame_rate_hz = rate_hz);
+            assert!(matches!(error, PrepareError::FrameRate { .. }), "{error}");
+        }
+        let error = refuse(&|clip| clip.radar_height_m = f32::NAN);
+        assert!(matches!(error, PrepareError::RadarHeight { .. }), "{error}");
+        let error = refuse(&|clip| clip.frames[3].time_s = f64::NAN);
+        assert_eq!(error, PrepareError::TimeNotFinite { frame: 3 });
+        let error = refuse(&|clip| clip.frames[3].points[1].z_m = f32::INFINITY);
+        assert_eq!(error, PrepareError::NotFinite { frame: 3, point: 1 });
+    }
+}

@@ -1,0 +1,189 @@
+//! Background subtraction and corrections of recordings: the empty scene, offsets, leakage, channel mismatch.
+
+use std::path::{Path, PathBuf};
+
+use radarllm_base::{PointFrame, RadarConfig, RadarCube};
+use radarllm_dataset::read_points;
+use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
+use radarllm_formats::{
+    Calibration, RecordingFormat,
+    adc::{CubeShape, FrameSource},
+};
+use radarllm_radar_dsp::{
+    Background, ClutterFilter, Corrections, Corrector, DspOptions, EmptyRoom,
+};
+use radarllm_tracking::PointBackground;
+
+use crate::{
+    error::{Error, Result},
+    layout::open_samples,
+    options::{CaptureFormat, CaptureOptions, CleaningOptions, LayoutOptions},
+    points::{self, detect_error},
+    radar::OpenedRadar,
+    recording::MAX_FRAMES,
+    samples::{SampleFrames, read_error, sample_format},
+};
+
+/// Residual of an empty scene's frames after subtraction from which the user is warned, dB.
+const UNSTEADY_DB: f64 = -20.0;
+
+/// The corrections of raw samples that the options ask for; [`chain`] goes with them. `format` is the recording's, as
+/// the caller named it.
+///
+/// # Errors
+/// Options for points, or files that cannot be read or do not fit the radar.
+pub fn corrector(
+    options: &CleaningOptions,
+    radar: &OpenedRadar,
+    format: Option<CaptureFormat>,
+    layout: &LayoutOptions,
+    notes: &mut Vec<String>,
+) -> Result<Corrector> {
+    options.check_for_samples()?;
+    let background = match &options.background {
+        Some(path) => Some(mean_background(path, radar, format, layout, notes)?),
+        None => None,
+    };
+    let channel_gains = match &options.calibration {
+        Some(path) => {
+            let wrong = |e: &dyn std::fmt::Display| {
+                Error::in_file(path, e)
+                    .with_hint("`radarllm radar calibrate` makes such files, one for each radar")
+            };
+            let text = bounded::read_text(path, MAX_CONFIG_BYTES)?;
+            let calibration = Calibration::from_toml(&text).map_err(|e| wrong(&e))?;
+            calibration.gains(&radar.config).map_err(|e| wrong(&e))?
+        }
+        None => Vec::new(),
+    };
+    let corrections = Corrections {
+        background,
+        remove_offset: options.remove_offset,
+        leakage_m: options.remove_leakage_m,
+        channel_gains,
+    };
+    Ok(Corrector::new(&radar.config, corrections)?)
+}
+
+/// The signal chain after these corrections: a subtracted background replaces the removal of each frame's own mean.
+pub fn chain(options: &CleaningOptions, dsp: DspOptions) -> DspOptions {
+    match options.background {
+        Some(_) => DspOptions {
+            clutter: ClutterFilter::Off,
+            ..dsp
+        },
+        None => dsp,
+    }
+}
+
+/// Removes the points of the empty scene from recorded ones.
+pub(crate) fn remove_background(
+    frames: &mut [PointFrame],
+    options: &CaptureOptions,
+    notes: &mut Vec<String>,
+) -> Result {
+    options.cleaning.check_for_points()?;
+    let Some(path) = &options.cleaning.background else {
+        return Ok(());
+    };
+    let named = match options.format {
+        Some(CaptureFormat::Format(format)) => Some(format),
+        _ => None,
+    };
+    let detected = points::identify(path, named)?.map_err(|e| detect_error(path, &e))?;
+    let empty = match detected.format {
+        RecordingFormat::Points => read_points(path)?.frames,
+        RecordingFormat::Adc | RecordingFormat::Dca1000 => {
+            return Err(Error::in_file(
+                path,
+                "raw samples, but the capture holds points",
+            ));
+        }
+        _ => {
+            let radar = options.radar.as_ref();
+            points::open_points(path, &detected, radar, &options.points)?
+                .timeline
+                .frames
+        }
+    };
+    let cells = options.cleaning.background_cells.resolve();
+    let background = PointBackground::learn(&empty, cells)?;
+    let n_points: usize = frames.iter().map(|f| f.points.len()).sum();
+    let n_removed = background.remove(frames);
+    notes.push(format!(
+        "background: {} cells of {} frames of {}; {n_removed} of {n_points} points removed",
+        background.n_cells(),
+        background.n_frames,
+        path.display()
+    ));
+    Ok(())
+}
+
+/// The mean of an empty scene's frames.
+fn mean_background(
+    path: &PathBuf,
+    radar: &OpenedRadar,
+    format: Option<CaptureFormat>,
+    layout: &LayoutOptions,
+    notes: &mut Vec<String>,
+) -> Result<Background> {
+    let captures = std::slice::from_ref(path);
+    let format = sample_format(captures, format)?;
+    let mut remarks = Vec::new();
+    let mut frames = open_samples(format, captures, radar, layout, &mut remarks)?;
+    notes.extend(remarks.into_iter().map(|n| format!("background: {n}")));
+    let mut room = EmptyRoom::new(&radar.config);
+    let n_damaged = each_whole_frame(
+        &mut frames,
+        path,
+        &radar.config,
+        |cube| Ok(room.push(cube)?),
+    )?;
+    let background = room.finish().ok_or_else(|| {
+        Error::in_file(
+            path,
+            format!("not one whole frame of radar `{}`", radar.config.name),
+        )
+    })?;
+    let n_frames = background.n_frames;
+    let mut note = format!(
+        "background: mean of {n_frames} frames of {}",
+        path.display()
+    );
+    if n_damaged > 0 {
+        note += &format!(", {n_damaged} with missing bytes left out");
+    }
+    if let Some(drift_db) = background.drift_db {
+        note += &format!("; they differ from it by {drift_db:.1} dB");
+        if drift_db > UNSTEADY_DB {
+            note += ": the scene or the radar changed from frame to frame, and this much remains";
+        }
+    }
+    notes.push(note);
+    Ok(background)
+}
+
+/// Calls `each` with the frames that miss no bytes, and returns the number of those that do.
+///
+/// # Errors
+/// A frame that cannot be read, or the first error of `each`, with the file's name.
+pub fn each_whole_frame(
+    frames: &mut SampleFrames,
+    path: &Path,
+    radar: &RadarConfig,
+    mut each: impl FnMut(&RadarCube) -> Result,
+) -> Result<usize> {
+    let mut cube = CubeShape::of(radar).zeros()?;
+    let mut n_damaged = 0;
+    for _ in 0..MAX_FRAMES {
+        match frames.next_frame(&mut cube) {
+            Ok(Some(integrity)) if integrity.is_complete() => {
+                each(&cube).map_err(|e| e.naming(path))?;
+            }
+            Ok(Some(_)) => n_damaged += 1,
+            Ok(None) => break,
+            Err(e) => return Err(read_error(path, &e)),
+        }
+    }
+    Ok(n_damaged)
+}

@@ -1,0 +1,56 @@
+//! Opens what people have: recordings of any radar, radar descriptions, serial ports and sockets.
+//!
+//! A path enters; a [`Clip`](radarllm_base::Clip) of points, a cube of raw samples or a radar leaves, or an [`Error`]
+//! with kind, message, hint and path. This is the one crate with sockets and serial ports, and the one that opens
+//! recordings; the parsers of their bytes are in `radarllm-formats`. Nothing here prints, parses a command line or
+//! keeps global state.
+//!
+//! ```no_run
+//! use radarllm_io::{CaptureOptions, open_radar, read_recording};
+//!
+//! let options = CaptureOptions {
+//!     radar: Some(open_radar("profile.cfg")?),
+//!     ..CaptureOptions::default()
+//! };
+//! let recording = read_recording(&["uart.dat".into()], &options)?;
+//! println!(
+//!     "{} frames at {:.1} Hz from radar {}",
+//!     recording.clip.frames.len(),
+//!     recording.clip.frame_rate_hz,
+//!     recording.clip.radar
+//! );
+//! # Ok::<(), radarllm_io::Error>(())
+//! ```
+//!
+//! Reading order: [`recording`] (any recording to points), [`options`], [`radar`] (radar descriptions), [`points`]
+//! (formats of points), `visualizer` (folders of TI's visualizers), [`samples`] and [`layout`] (raw samples), `npy_cubes`, [`cleaning`] (background and
+//! leakage), [`serial`], [`udp`], [`error`].
+
+pub mod cleaning;
+pub mod error;
+pub mod layout;
+mod npy_cubes;
+pub mod options;
+pub mod points;
+pub mod radar;
+pub mod recording;
+pub mod samples;
+pub mod serial;
+pub mod udp;
+mod visualizer;
+
+pub use error::{Error, ErrorKind, Result};
+pub use npy_cubes::NpyFrames;
+pub use options::{
+    CaptureFormat, CaptureOptions, CellOptions, CleaningOptions, IqChoice, LayoutOptions,
+    PointOptions,
+};
+pub use radar::{
+    LayoutHints, OpenedRadar, RadarSource, open_radar, open_radar_in, open_radar_text,
+    read_radar_text,
+};
+pub use radarllm_formats::DetectError;
+pub use recording::{
+    ExtractedPoints, Recording, RecordingKind, SampleRecording, read_recording, recording_kind,
+};
+pub use samples::{SampleFormat, SampleFrames};

@@ -1,0 +1,129 @@
+//! Raw samples in a NumPy array, read frame by frame.
+
+use std::{fs::File, io::BufReader, path::Path};
+
+use num_complex::Complex32;
+use radarllm_base::{RadarConfig, RadarCube};
+use radarllm_files::npy::NpyStream;
+use radarllm_formats::adc::{
+    AdcError, AxisOrder, CubeShape, FrameIntegrity, FrameLayout, FrameSource, axes,
+};
+
+use crate::{
+    error::{Error, Result},
+    samples::read_error,
+};
+
+fn open_npy(path: &Path) -> Result<NpyStream<BufReader<File>>> {
+    let file = File::open(path).map_err(|e| Error::io(path, &e))?;
+    NpyStream::open(BufReader::new(file)).map_err(|e| Error::in_file(path, e))
+}
+
+/// Frames of an npy array; memory holds one frame, whatever the file claims.
+pub struct NpyFrames {
+    numbers: NpyStream<BufReader<File>>,
+    layout: FrameLayout,
+    buffer: Vec<Complex32>,
+    next: u64,
+    /// Whether numbers are unsigned words; known after the first frame.
+    words: Option<bool>,
+}
+
+impl NpyFrames {
+    /// Opens an array whose axes are `axes`, or `frame,loop,tx,rx,sample`.
+    ///
+    /// # Errors
+    /// A file that is no npy array, or one whose shape does not fit the radar.
+    pub fn open(path: &Path, radar: &RadarConfig, axes: Option<&str>) -> Result<Self> {
+        let order = AxisOrder::parse(axes.unwrap_or("frame,loop,tx,rx,sample"))
+            .map_err(|e| Error::input(e).with_hint("`axes` frame,chirp,rx,sample, for example"))?;
+        let numbers = open_npy(path)?;
+        let header = numbers.header();
+        let layout = order
+            .fit(&header.shape, header.fortran, CubeShape::of(radar))
+            .map_err(|e| {
+                read_error(path, &e).with_hint(format!(
+                    "`radar` is the radar that recorded the file (here {}), `axes` the order of its axes",
+                    radar.name
+                ))
+            })?;
+        let code = header.fields[0].code.as_str();
+        if !matches!(code, "c8" | "c16" | "i2" | "u2" | "f4" | "f8") {
+            return Err(Error::in_file(
+                path,
+                format!(
+                    "elements {}, expected complex64, complex128, int16, uint16, float32 or float64",
+                    header.descr()
+                ),
+            ));
+        }
+        Ok(Self {
+            numbers,
+            layout,
+            buffer: Vec::new(),
+            next: 0,
+            words: None,
+        })
+    }
+
+    /// Frames of the array.
+    pub fn n_frames(&self) -> u64 {
+        self.layout.n_frames()
+    }
+
+    /// Whether the numbers were unsigned words and got their sign back; known after the first frame.
+    pub fn were_words(&self) -> bool {
+        self.words == Some(true)
+    }
+}
+
+impl FrameSource for NpyFrames {
+    fn next_frame(
+        &mut self,
+        cube: &mut RadarCube,
+    ) -> std::result::Result<Option<FrameIntegrity>, AdcError> {
+        if self.next == self.layout.n_frames() {
+            return Ok(None);
+        }
+        let n = self.layout.n_numbers();
+        self.buffer.clear();
+        let is_real = !self.numbers.is_complex();
+        // Samples are signed; recorders that call them unsigned write the same bits.
+        let is_unsigned = self.numbers.header().fields[0].code == "u2";
+        let found = self.numbers.read(n, |re, im| {
+            self.buffer.push(if is_unsigned {
+                Complex32::from(f32::from(re as u16 as i16))
+            } else {
+                Complex32::new(re as f32, im as f32)
+            });
+        });
+        match found {
+            Err(e) => return Err(AdcError::Layout(format!("frame {}: {e}", self.next))),
+            Ok(found) if found < n => {
+                return Err(AdcError::Layout(format!(
+                    "ends in frame {} of {}, at number {found} of {n}",
+                    self.next,
+                    self.layout.n_frames()
+                )));
+            }
+            Ok(_) => {}
+        }
+        let are_words = *self
+            .words
+            .get_or_insert_with(|| !is_real && axes::are_unsigned_words(&self.buffer));
+        if are_words {
+            axes::sign_words(&mut self.buffer)?;
+        }
+        self.layout.fill(&self.buffer, is_real, cube)?;
+        let integrity = FrameIntegrity {
+            frame: self.next,
+            ..FrameIntegrity::default()
+        };
+        self.next += 1;
+        Ok(Some(integrity))
+    }
+
+    fn trailing_bytes(&self) -> usize {
+        0
+    }
+}

@@ -1,0 +1,345 @@
+//! Options for opening recordings, as plain structs: any caller can fill them, from a command line, from Python or
+//! from a configuration file.
+
+use std::path::PathBuf;
+
+use radarllm_formats::{Mounting, RecordingFormat, recordings::Axes, uart::Dialect};
+use radarllm_radar_dsp::DspOptions;
+use radarllm_tracking::BackgroundOptions;
+
+use crate::{
+    error::{Error, Result},
+    radar::OpenedRadar,
+};
+
+/// Maximum number of frames accumulated into one.
+const MAX_ACCUMULATE: usize = 100;
+/// Maximum speed below which points may be removed, m/s.
+const MAX_MIN_SPEED_MPS: f32 = 100.0;
+/// Longest time to listen to a serial port: one day, s.
+const MAX_LISTEN_S: f64 = 86_400.0;
+
+/// How to open a recording.
+#[derive(Clone, Debug, Default)]
+pub struct CaptureOptions {
+    /// The radar that recorded it. Raw samples need it; points take their frame rate and the radar's name from it.
+    pub radar: Option<OpenedRadar>,
+    /// Format of the recording; detected if `None`.
+    pub format: Option<CaptureFormat>,
+    /// Layout of raw samples.
+    pub layout: LayoutOptions,
+    /// How recorded points are read and placed.
+    pub points: PointOptions,
+    /// Background and leakage removal.
+    pub cleaning: CleaningOptions,
+    /// Signal processing of raw samples; the default chain if `None`.
+    pub processing: Option<DspOptions>,
+    /// Read only this many frames of raw samples.
+    pub max_frames: Option<usize>,
+    /// Height of the radar above the floor, m. If `None`, the height that the recording states, or
+    /// [`DEFAULT_RADAR_HEIGHT_M`].
+    pub radar_height_m: Option<f32>,
+}
+
+/// Height of the radar above the floor where neither the recording nor the options give it, m.
+pub const DEFAULT_RADAR_HEIGHT_M: f32 = 1.0;
+
+/// A format that a caller names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CaptureFormat {
+    /// A NumPy array of raw samples.
+    Npy,
+    /// Any other format, by its own name.
+    Format(RecordingFormat),
+}
+
+impl CaptureFormat {
+    /// The format of that name.
+    ///
+    /// # Errors
+    /// An unknown name; the hint lists the known ones.
+    pub fn from_name(name: &str) -> Result<Self> {
+        if name == "npy" {
+            return Ok(Self::Npy);
+        }
+        RecordingFormat::from_name(name)
+            .map(Self::Format)
+            .ok_or_else(|| {
+                let names: Vec<&str> = RecordingFormat::ALL.iter().map(|f| f.name()).collect();
+                Error::input(format!("`format` {name}: no such format"))
+                    .with_hint(format!("one of {}, npy", names.join(", ")))
+            })
+    }
+
+    /// Name of the format.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Npy => "npy",
+            Self::Format(format) => format.name(),
+        }
+    }
+
+    /// Whether recordings of this format hold raw samples.
+    pub fn holds_samples(self) -> bool {
+        matches!(
+            self,
+            Self::Npy | Self::Format(RecordingFormat::Adc | RecordingFormat::Dca1000)
+        )
+    }
+}
+
+/// Layout of raw samples, as far as the caller knows it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LayoutOptions {
+    /// Order of I and Q.
+    pub iq: Option<IqChoice>,
+    /// LVDS lanes of the device, 2 or 4; known for boards that have a name.
+    pub lanes: Option<u8>,
+    /// Samples are real numbers, not I and Q.
+    pub real: bool,
+    /// Axes of an npy array, slowest first, as in `frame,loop,tx,rx,sample`.
+    pub axes: Option<String>,
+}
+
+impl LayoutOptions {
+    /// Whether anything is set: then the recording holds raw samples.
+    pub fn is_given(&self) -> bool {
+        *self != Self::default()
+    }
+}
+
+/// Order of I and Q in raw words.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum IqChoice {
+    /// I, then Q: mmWave Studio.
+    IFirst,
+    /// Q, then I: SDK firmware with `SampleSwap` 1.
+    QFirst,
+    /// The order that the samples themselves show, if they show it clearly.
+    Auto,
+}
+
+/// How recorded points are read, placed in space and accumulated.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PointOptions {
+    /// Frames per second, where neither the recording's clock nor the radar says.
+    pub frame_rate_hz: Option<f64>,
+    /// Axes of the recording.
+    pub orientation: Option<Axes>,
+    /// UART dialect; detected if `None`.
+    pub dialect: Option<Dialect>,
+    /// Topic of a ROS bag with point clouds on several.
+    pub topic: Option<String>,
+    /// Baud rate of a serial port.
+    pub baud: u32,
+    /// Seconds to listen to a serial port.
+    pub seconds: Option<f64>,
+    /// Angles at which the sensor is mounted.
+    pub mounting: Mounting,
+    /// Remove points slower than this, m/s. Set to 0 it keeps every point, also those that are removed as static
+    /// clutter if it is `None`.
+    pub min_speed_mps: Option<f32>,
+    /// Number of frames accumulated into each, for radars that report few points.
+    pub accumulate: usize,
+    /// Move accumulated points along their radial velocity to the time of their new frame.
+    pub motion_compensate: bool,
+}
+
+impl Default for PointOptions {
+    fn default() -> Self {
+        Self {
+            frame_rate_hz: None,
+            orientation: None,
+            dialect: None,
+            topic: None,
+            baud: 921_600,
+            seconds: None,
+            mounting: Mounting::default(),
+            min_speed_mps: None,
+            accumulate: 1,
+            motion_compensate: false,
+        }
+    }
+}
+
+impl PointOptions {
+    /// Whether static points were asked for explicitly, so that nothing may remove them.
+    pub fn keeps_static(&self) -> bool {
+        self.min_speed_mps.is_some()
+    }
+
+    /// Refuses options about recorded points: raw samples have the radar's own clock and axes.
+    pub(crate) fn check_for_samples(&self) -> Result {
+        refuse_options(
+            &[
+                ("frame_rate", self.frame_rate_hz.is_some()),
+                ("orientation", self.orientation.is_some()),
+                ("dialect", self.dialect.is_some()),
+                ("topic", self.topic.is_some()),
+                ("seconds", self.seconds.is_some()),
+            ],
+            "is for recorded points; the capture holds raw samples, whose clock and axes are the radar's",
+        )
+    }
+
+    /// Refuses options that recorded points of a format do not use, which would be ignored silently.
+    pub(crate) fn check_for_format(&self, format: RecordingFormat) -> Result {
+        let with_axes = [
+            RecordingFormat::Csv,
+            RecordingFormat::NpyPoints,
+            RecordingFormat::Bag,
+            RecordingFormat::MmFi,
+        ];
+        let has = |formats: &[RecordingFormat]| formats.contains(&format);
+        let idle = [
+            (
+                "orientation",
+                self.orientation.is_some() && !has(&with_axes),
+            ),
+            (
+                "dialect",
+                self.dialect.is_some()
+                    && !has(&[RecordingFormat::Uart, RecordingFormat::VisualizerBinary]),
+            ),
+            (
+                "seconds",
+                self.seconds.is_some() && !has(&[RecordingFormat::Uart]),
+            ),
+            (
+                "topic",
+                self.topic.is_some() && !has(&[RecordingFormat::Bag]),
+            ),
+        ];
+        refuse_options(
+            &idle,
+            &format!("has no meaning for format {}", format.name()),
+        )
+    }
+
+    /// The speed below which points are removed, m/s.
+    pub(crate) fn min_speed(&self) -> Result<f32> {
+        let min_speed_mps = self.min_speed_mps.unwrap_or(0.0);
+        if (0.0..=MAX_MIN_SPEED_MPS).contains(&min_speed_mps) {
+            Ok(min_speed_mps)
+        } else {
+            Err(Error::input("`min_speed`: expected 0 to 100 m/s"))
+        }
+    }
+
+    /// The number of frames to accumulate.
+    pub(crate) fn n_accumulated(&self) -> Result<usize> {
+        if (1..=MAX_ACCUMULATE).contains(&self.accumulate) {
+            Ok(self.accumulate)
+        } else {
+            Err(Error::input(format!(
+                "`accumulate`: expected 1 to {MAX_ACCUMULATE} frames"
+            )))
+        }
+    }
+
+    /// The mounting angles.
+    pub(crate) fn mounting(&self) -> Result<Mounting> {
+        let m = self.mounting;
+        if [m.tilt_rad, m.yaw_rad, m.roll_rad]
+            .iter()
+            .all(|v| v.is_finite())
+        {
+            Ok(m)
+        } else {
+            Err(Error::input(
+                "`tilt_deg`, `yaw_deg`, `roll_deg`: must be finite",
+            ))
+        }
+    }
+
+    /// The time to listen to a serial port, s.
+    pub(crate) fn listening_time_s(&self) -> Result<f64> {
+        self.seconds
+            .filter(|s| *s > 0.0 && *s <= MAX_LISTEN_S)
+            .ok_or_else(|| {
+                Error::input("a serial port has no end: `seconds` is needed, at most a day")
+            })
+    }
+}
+
+/// Background and leakage removal.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CleaningOptions {
+    /// Recording of the same scene without people, by the same radar. Of raw samples its mean is subtracted instead
+    /// of each frame's own, so that a person who sits still stays visible. Of points its occupied cells are removed.
+    pub background: Option<PathBuf>,
+    /// Recorded points: which cells of the empty scene count as occupied; the default if `None`.
+    pub background_cells: CellOptions,
+    /// Raw samples: channel gains from a calibration file.
+    pub calibration: Option<PathBuf>,
+    /// Raw samples: remove the mean of each receiver.
+    pub remove_offset: bool,
+    /// Raw samples: remove static echoes up to this range, m: leakage from transmitters to receivers.
+    pub remove_leakage_m: Option<f64>,
+}
+
+/// Which cells of an empty scene's points count as occupied; see [`BackgroundOptions`] for the defaults.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CellOptions {
+    /// Edge of a cell in x, y and z, m.
+    pub cell_m: Option<f64>,
+    /// Edge of a cell in velocity, m/s.
+    pub cell_mps: Option<f64>,
+    /// Minimum share of frames with a point in the cell.
+    pub share: Option<f64>,
+}
+
+impl CellOptions {
+    /// With defaults where nothing is set.
+    pub(crate) fn resolve(self) -> BackgroundOptions {
+        let defaults = BackgroundOptions::default();
+        BackgroundOptions {
+            cell_m: self.cell_m.unwrap_or(defaults.cell_m),
+            cell_mps: self.cell_mps.unwrap_or(defaults.cell_mps),
+            share: self.share.unwrap_or(defaults.share),
+        }
+    }
+}
+
+impl CleaningOptions {
+    /// Refuses options that need raw samples.
+    pub(crate) fn check_for_points(&self) -> Result {
+        refuse_options(
+            &[
+                ("calibration", self.calibration.is_some()),
+                ("remove_offset", self.remove_offset),
+                ("remove_leakage", self.remove_leakage_m.is_some()),
+            ],
+            NEEDS_SAMPLES,
+        )
+    }
+
+    /// Refuses options that need points.
+    pub(crate) fn check_for_samples(&self) -> Result {
+        refuse_options(
+            &[
+                ("background_cell", self.background_cells.cell_m.is_some()),
+                (
+                    "background_velocity",
+                    self.background_cells.cell_mps.is_some(),
+                ),
+                ("background_share", self.background_cells.share.is_some()),
+            ],
+            "has no meaning for raw samples: their mean is subtracted",
+        )
+    }
+}
+
+/// Why an option is refused for points.
+pub const NEEDS_SAMPLES: &str = "needs raw samples; this capture holds points";
+
+/// Refuses the first of these options that is given; `why` follows its name.
+///
+/// # Errors
+/// If one is given.
+pub fn refuse_options(options: &[(&str, bool)], why: &str) -> Result {
+    match options.iter().find(|(_, is_given)| *is_given) {
+        Some((option, _)) => Err(Error::input(format!("`{option}` {why}"))),
+        None => Ok(()),
+    }
+}

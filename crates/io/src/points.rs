@@ -1,0 +1,475 @@
+//! Recordings of points: any format of `radarllm-formats`, opened, put on a clock and levelled.
+
+use std::{
+    fs::{self, File},
+    io::{BufReader, Read},
+    path::{Path, PathBuf},
+};
+
+use radarllm_base::{
+    PointFrame, Provenance, RadarPoint, RecordedFrame, Timeline, TimelineError,
+    timeline::MAX_FRAMES,
+};
+use radarllm_files::{bounded, npy::NPY_MAGIC};
+use radarllm_formats::{
+    DetectError, Detected, Mounting, RecordingFormat, SensorPosition, UartError, detect,
+    detect::{HEAD_BYTES, detect_folder, numbered, stated_rate_hz},
+    recordings::{
+        Axes, mmbody, read_bag, read_mars_features, read_mars_points, read_matlab_points,
+        read_mmbody_frame, read_mmfi_frame, read_radhar_points,
+    },
+    tables::{read_points_csv, read_points_npy},
+    uart::{UartParser, UartReport, recorded_frames},
+};
+
+use crate::{
+    error::{Error, Result},
+    options::PointOptions,
+    radar::OpenedRadar,
+    serial, visualizer,
+};
+
+/// Maximum size of a file that is read whole, bytes.
+pub(crate) const MAX_FILE_BYTES: u64 = 1 << 30;
+/// Bytes read from a stream at a time.
+const PIECE_BYTES: usize = 64 << 10;
+
+/// Recorded points with what is known about them.
+#[derive(Debug)]
+pub struct RecordedPoints {
+    /// Frames, level, strongest points first.
+    pub timeline: Timeline,
+    /// Radar name, `unknown` where nothing says it.
+    pub radar: String,
+    /// Format and path.
+    pub provenance: Provenance,
+    /// Height of the radar above the floor, m, if the recording's chirp file states it.
+    pub radar_height_m: Option<f32>,
+    /// What a user should know: how the format was detected, what was dropped.
+    pub notes: Vec<String>,
+}
+
+/// The format of a recording: as named, or as detected.
+///
+/// # Errors
+/// A recording that cannot be read. The inner error says why the format could not be detected.
+pub fn identify(
+    path: &Path,
+    named: Option<RecordingFormat>,
+) -> Result<std::result::Result<Detected, DetectError>> {
+    if let Some(format) = named {
+        let reason = "as named".into();
+        return Ok(Ok(Detected { format, reason }));
+    }
+    let info = fs::metadata(path).map_err(|e| Error::io(path, &e))?;
+    if info.is_dir() {
+        let names = visualizer::file_names(&frames_folder(path))?;
+        return Ok(detect_folder(names.iter().map(String::as_str)));
+    }
+    if serial::is_port(path) {
+        let reason = "a serial port".into();
+        let format = RecordingFormat::Uart;
+        return Ok(Ok(Detected { format, reason }));
+    }
+    if !info.is_file() {
+        return Err(Error::in_file(path, "a pipe can be read only once")
+            .with_hint("`format` names its format"));
+    }
+    let mut head = Vec::new();
+    File::open(path)
+        .and_then(|file| file.take(HEAD_BYTES as u64).read_to_end(&mut head))
+        .map_err(|e| Error::io(path, &e))?;
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    Ok(detect(&name, &head))
+}
+
+/// An error of detection with the file and what to do.
+pub fn detect_error(path: &Path, error: &DetectError) -> Error {
+    let names = RecordingFormat::ALL.map(RecordingFormat::name).join(", ");
+    Error::in_file(path, error).with_hint(format!("`format` names it: {names}"))
+}
+
+/// Opens a recording of points whose format is known.
+///
+/// # Errors
+/// Whatever is wrong with the file or the options, with the file's name.
+pub fn open_points(
+    path: &Path,
+    detected: &Detected,
+    radar: Option<&OpenedRadar>,
+    options: &PointOptions,
+) -> Result<RecordedPoints> {
+    let format = detected.format;
+    let mut notes = vec![format!("format {} ({})", format.name(), detected.reason)];
+    options.check_for_format(format)?;
+    let axes = axes(format, options)?;
+    let from_firmware = [
+        RecordingFormat::Uart,
+        RecordingFormat::VisualizerBinary,
+        RecordingFormat::VisualizerJson,
+    ]
+    .contains(&format);
+    // The radar as named, or by the chirp file in the recording or beside it.
+    let mut opened = radar.cloned();
+    let mut is_level = false;
+    let mut position = None;
+    let wrong = |e: String| Error::in_file(path, e);
+    let frames = match format {
+        RecordingFormat::Uart => uart(path, options, &mut notes)?,
+        RecordingFormat::RadHar => {
+            read_radhar_points(&read_text(path)?).map_err(|e| wrong(e.to_string()))?
+        }
+        RecordingFormat::Mars => mars(path)?,
+        RecordingFormat::Csv => {
+            read_points_csv(&read_text(path)?, axes).map_err(|e| wrong(e.to_string()))?
+        }
+        RecordingFormat::NpyPoints => {
+            read_points_npy(&read_whole(path)?, axes).map_err(|e| wrong(e.to_string()))?
+        }
+        RecordingFormat::Bag => {
+            let file = File::open(path).map_err(|e| Error::io(path, &e))?;
+            let bag =
+                read_bag(BufReader::new(file), options.topic.as_deref(), axes).map_err(|e| {
+                    wrong(e.to_string())
+                        .with_hint("`topic` names one of several topics with clouds")
+                })?;
+            notes.push(format!(
+                "topic {}, {} points dropped (NaN or beyond belief)",
+                bag.topic, bag.points_dropped
+            ));
+            bag.frames
+        }
+        RecordingFormat::MmFi => {
+            folder_of_frames(path, "frame", |bytes| read_mmfi_frame(bytes, axes))?
+        }
+        RecordingFormat::MmBody => folder_of_frames(path, "frame_", read_mmbody_frame)?,
+        RecordingFormat::Mat => {
+            let recording =
+                read_matlab_points(&read_whole(path)?).map_err(|e| wrong(e.to_string()))?;
+            notes.extend(recording.notes);
+            recording.frames
+        }
+        RecordingFormat::VisualizerBinary => {
+            visualizer::read_binary(path, options.dialect, &mut notes)?
+        }
+        RecordingFormat::VisualizerJson => {
+            let recording = visualizer::read_json(path, &mut notes)?;
+            opened = opened.or(recording.radar);
+            is_level = recording.is_level;
+            position = recording.position;
+            recording.frames
+        }
+        RecordingFormat::Adc | RecordingFormat::Dca1000 | RecordingFormat::Points => {
+            return Err(wrong(format!("{} holds no recorded points", format.name())));
+        }
+    };
+    if frames.is_empty() {
+        return Err(wrong(format!(
+            "no frame that can be used; {}",
+            notes.join("; ")
+        )));
+    }
+    if opened.is_none() && from_firmware {
+        opened = visualizer::radar_beside(path, &mut notes)?;
+    }
+    let radar = opened.as_ref();
+    let position = position.or_else(|| radar?.position);
+    let timeline = timeline(path, format, frames, radar, options)?;
+    let mounting = match is_level {
+        true if options.mounting()? != Mounting::default() => {
+            return Err(wrong(
+                "`tilt_deg`, `yaw_deg`, `roll_deg`: the visualizer has turned these points into level axes already"
+                    .into(),
+            ));
+        }
+        true => Mounting::default(),
+        false => mounting(options, position.filter(|_| from_firmware), &mut notes)?,
+    };
+    let timeline = place(timeline, options, mounting)?;
+    if timeline.restarts > 0 {
+        notes.push(format!(
+            "frame numbers went back {} times: the frames follow on",
+            timeline.restarts
+        ));
+    }
+    let subset = (format == RecordingFormat::MmBody)
+        .then(|| mmbody::subset(&path.to_string_lossy()))
+        .flatten()
+        .map(|name| format!("({name})"));
+    let format_name = format!("{}{}", format.name(), subset.unwrap_or_default());
+    Ok(RecordedPoints {
+        timeline,
+        radar: radar_name(format, radar),
+        radar_height_m: position
+            .filter(|_| from_firmware)
+            .map(|p| p.height_m as f32),
+        provenance: Provenance::recorded(&format_name, path.display()),
+        notes,
+    })
+}
+
+fn axes(format: RecordingFormat, options: &PointOptions) -> Result<Axes> {
+    if let Some(axes) = options.orientation {
+        return Ok(axes);
+    }
+    match format {
+        // What the data set leaves open is not guessed.
+        RecordingFormat::MmFi => Err(Error::input(
+            "MM-Fi does not say which way its axes point: `orientation` is needed",
+        )
+        .with_hint(format!(
+            "`orientation` {}",
+            Axes::ALL.map(Axes::name).join(" or ")
+        ))),
+        RecordingFormat::Bag => Ok(Axes::ForwardLeftUp),
+        _ => Ok(Axes::RightForwardUp),
+    }
+}
+
+/// The radar of a data set, or the one named.
+fn radar_name(format: RecordingFormat, radar: Option<&OpenedRadar>) -> String {
+    if let Some(radar) = radar {
+        return radar.config.name.clone();
+    }
+    match format {
+        RecordingFormat::RadHar | RecordingFormat::Mars => "iwr1443",
+        RecordingFormat::MmBody => "arbe",
+        _ => "unknown",
+    }
+    .into()
+}
+
+fn timeline(
+    path: &Path,
+    format: RecordingFormat,
+    frames: Vec<RecordedFrame>,
+    radar: Option<&OpenedRadar>,
+    options: &PointOptions,
+) -> Result<Timeline> {
+    // A visualizer's time stamps are those of the PC, which reads the port in bursts; frame numbers do not jitter.
+    let by_number = format == RecordingFormat::VisualizerJson && radar.is_some();
+    let has_clock = !by_number && frames.len() > 1 && frames.iter().all(|f| f.stamp_s.is_some());
+    let frame_rate_hz = match (options.frame_rate_hz, radar) {
+        (Some(frame_rate_hz), _) => Some(frame_rate_hz),
+        (None, _) if has_clock => None,
+        (None, Some(radar)) => Some(radar.config.frame_rate_hz()),
+        (None, None) => stated_rate_hz(format),
+    };
+    let timeline = Timeline::new(frames, frame_rate_hz).map_err(|e| {
+        let error = Error::in_file(path, &e);
+        match e {
+            TimelineError::NoRate => {
+                error.with_hint("`frame_rate` HZ, or `radar` with the chirp file of the recording")
+            }
+            _ => error,
+        }
+    })?;
+    Ok(timeline)
+}
+
+/// The mounting angles: the options' if any is set, or those of the chirp file, which is noted.
+fn mounting(
+    options: &PointOptions,
+    position: Option<SensorPosition>,
+    notes: &mut Vec<String>,
+) -> Result<Mounting> {
+    let named = options.mounting()?;
+    let Some(position) = position else {
+        return Ok(named);
+    };
+    let stated = position.mounting();
+    if stated == Mounting::default() || named == stated {
+        return Ok(named);
+    }
+    let [tilt_deg, yaw_deg] = [stated.tilt_rad, stated.yaw_rad].map(f64::to_degrees);
+    let text = format!("sensorPosition: tilt {tilt_deg:.1} degrees, yaw {yaw_deg:.1} degrees");
+    if named != Mounting::default() {
+        notes.push(format!("{text}; not used, because other angles are given"));
+        return Ok(named);
+    }
+    if !position.elevation_sign_is_certain {
+        // Levelling by a tilt of the wrong sign would be worse than none.
+        notes.push(format!(
+            "{text}; not used, because chirp files of this kind differ in the sign of the tilt: `tilt_deg` sets it"
+        ));
+        return Ok(named);
+    }
+    notes.push(text);
+    Ok(stated)
+}
+
+/// Removes slow points, accumulates frames and turns points into level axes, as the options say; the strongest points
+/// come first.
+pub(crate) fn place(
+    mut timeline: Timeline,
+    options: &PointOptions,
+    mounting: Mounting,
+) -> Result<Timeline> {
+    let min_speed_mps = options.min_speed()?;
+    let n_accumulated = options.n_accumulated()?;
+    for frame in &mut timeline.frames {
+        frame.remove_slower_than(min_speed_mps);
+    }
+    if n_accumulated > 1 {
+        timeline = timeline.accumulate(n_accumulated, options.motion_compensate);
+    }
+    mounting.apply(&mut timeline.frames);
+    timeline
+        .frames
+        .iter_mut()
+        .for_each(PointFrame::sort_by_intensity);
+    Ok(timeline)
+}
+
+fn read_whole(path: &Path) -> Result<Vec<u8>> {
+    Ok(bounded::read_bytes(path, MAX_FILE_BYTES)?)
+}
+
+fn read_text(path: &Path) -> Result<String> {
+    Ok(bounded::read_text(path, MAX_FILE_BYTES)?)
+}
+
+fn mars(path: &Path) -> Result<Vec<RecordedFrame>> {
+    let bytes = read_whole(path)?;
+    let frames = if bytes.starts_with(NPY_MAGIC) {
+        read_mars_features(&bytes)
+    } else {
+        read_mars_points(&read_text(path)?)
+    };
+    frames.map_err(|e| Error::in_file(path, e))
+}
+
+/// `radar/` inside a sequence, or the folder itself.
+fn frames_folder(path: &Path) -> PathBuf {
+    let inside = path.join("radar");
+    if inside.is_dir() {
+        inside
+    } else {
+        path.to_path_buf()
+    }
+}
+
+fn file_names(folder: &Path) -> Result<Vec<String>> {
+    let mut names = Vec::new();
+    for entry in fs::read_dir(folder).map_err(|e| Error::io(folder, &e))? {
+        let entry = entry.map_err(|e| Error::io(folder, &e))?;
+        // A name that is no text is no name of a frame.
+        if let Ok(name) = entry.file_name().into_string() {
+            names.push(name);
+        }
+    }
+    Ok(names)
+}
+
+/// Frames of a folder by the numbers in their names; one file is one frame.
+fn folder_of_frames<E: std::fmt::Display>(
+    path: &Path,
+    prefix: &str,
+    read: impl Fn(&[u8]) -> std::result::Result<Vec<RadarPoint>, E>,
+) -> Result<Vec<RecordedFrame>> {
+    let mut files: Vec<(u64, PathBuf)> = Vec::new();
+    if path.is_dir() {
+        let folder = frames_folder(path);
+        for name in file_names(&folder)? {
+            let lower = name.to_lowercase();
+            if let Some(number) = numbered(&lower, prefix)
+                && (lower.ends_with(".npy") || lower.ends_with(".bin"))
+            {
+                files.push((number, folder.join(name)));
+            }
+        }
+        if files.is_empty() {
+            return Err(Error::input(format!(
+                "{}: no {prefix}NUMBER.npy or .bin",
+                folder.display()
+            )));
+        }
+    } else {
+        files.push((0, path.to_path_buf()));
+    }
+    files.sort();
+    if let Some(pair) = files.windows(2).find(|w| w[0].0 == w[1].0) {
+        return Err(Error::input(format!(
+            "{} and {} are the same frame",
+            pair[0].1.display(),
+            pair[1].1.display()
+        )));
+    }
+    if files.len() as u64 > MAX_FRAMES {
+        return Err(Error::input(TimelineError::TooLong(files.len() as u64)));
+    }
+    let mut frames = Vec::with_capacity(files.len());
+    for (number, file) in files {
+        let points = read(&read_whole(&file)?).map_err(|e| Error::in_file(&file, e))?;
+        frames.push(RecordedFrame {
+            number,
+            stamp_s: None,
+            points,
+        });
+    }
+    Ok(frames)
+}
+
+/// Parses a file, a pipe or a serial port as it is read.
+fn uart(
+    path: &Path,
+    options: &PointOptions,
+    notes: &mut Vec<String>,
+) -> Result<Vec<RecordedFrame>> {
+    let mut source: Box<dyn Read> = if serial::is_port(path) {
+        let seconds = options.listening_time_s()?;
+        Box::new(serial::Port::open(path, options.baud, seconds).map_err(|e| Error::io(path, &e))?)
+    } else {
+        Box::new(File::open(path).map_err(|e| Error::io(path, &e))?)
+    };
+    let wrong = |e: UartError| Error::in_file(path, e).with_hint("`dialect` names it");
+    let mut parser = UartParser::new(options.dialect);
+    let mut frames = Vec::new();
+    let mut piece = vec![0; PIECE_BYTES];
+    loop {
+        let n = match source.read(&mut piece) {
+            Ok(0) => break,
+            Ok(n) => n,
+            Err(e) if e.kind() == std::io::ErrorKind::Interrupted => continue,
+            Err(e) => return Err(Error::io(path, &e)),
+        };
+        frames.extend(parser.push(&piece[..n]).map_err(wrong)?);
+        if frames.len() as u64 > MAX_FRAMES {
+            return Err(Error::input(TimelineError::TooLong(frames.len() as u64)));
+        }
+    }
+    let (last, report, guess) = parser.finish().map_err(wrong)?;
+    frames.extend(last);
+    if let Some(guess) = guess {
+        notes.push(format!("dialect {guess}"));
+    }
+    notes.push(counts(&report));
+    Ok(recorded_frames(frames))
+}
+
+pub(crate) fn counts(r: &UartReport) -> String {
+    format!(
+        "UART: {} bytes = {} in packets + {} skipped + {} at the end; {} packets, {} cut short, {} bad headers, \
+         {} bad checksums; {} lost frames, {} restarts; TLVs {} used, {} not used, {} unknown, {} of wrong length; \
+         points {} kept ({} without SNR), {} not finite, {} out of range; {} frames without points",
+        r.bytes,
+        r.packet_bytes,
+        r.skipped_bytes,
+        r.trailing_bytes,
+        r.packets,
+        r.short_packets,
+        r.bad_headers,
+        r.bad_checksums,
+        r.lost_frames,
+        r.restarts,
+        r.tlvs,
+        r.tlvs_unused,
+        r.tlvs_unknown,
+        r.tlvs_wrong_length,
+        r.points,
+        r.points_without_snr,
+        r.points_not_finite,
+        r.points_out_of_range,
+        r.frames_without_points
+    )
+}

@@ -1,0 +1,464 @@
+//! Any recording, opened: raw samples that the signal chain turns into points, or points.
+
+use std::path::{Path, PathBuf};
+
+use radarllm_base::{Clip, PointFrame, Provenance, RadarCube, Timeline};
+use radarllm_dataset::read_points;
+use radarllm_formats::{
+    Detected, RecordingFormat,
+    adc::{AdcStats, CubeShape, FrameSource, IqAnswer, IqCheck},
+};
+use radarllm_radar_dsp::{Corrector, PointExtractor};
+
+use crate::{
+    cleaning,
+    error::{Error, Result},
+    layout::open_samples,
+    options::{CaptureFormat, CaptureOptions, DEFAULT_RADAR_HEIGHT_M},
+    points::{RecordedPoints, detect_error, identify, open_points, place},
+    radar::OpenedRadar,
+    samples::{SampleFormat, SampleFrames, read_error, sample_format},
+    udp,
+};
+
+/// Maximum number of radar frames of raw samples processed at once (about 17 minutes at 10 frames/s).
+pub const MAX_FRAMES: usize = 10_000;
+/// One frame in this many is tested for the order of I and Q.
+const IQ_STEP: usize = 8;
+
+/// What a recording holds.
+#[derive(Clone, Debug, PartialEq)]
+pub enum RecordingKind {
+    /// Raw samples.
+    Samples(SampleFormat),
+    /// Points that a radar's firmware detected.
+    Points(Detected),
+    /// A points file of this project.
+    PointsFile,
+}
+
+/// Tells what a recording holds, by the named format, by options that only raw samples have, or by its first bytes.
+///
+/// # Errors
+/// A recording that cannot be read, or whose format is neither named nor detected.
+pub fn recording_kind(captures: &[PathBuf], options: &CaptureOptions) -> Result<RecordingKind> {
+    let first = captures
+        .first()
+        .ok_or_else(|| Error::input("no capture is named"))?;
+    let named = options.format;
+    let holds_samples = udp::address(&first.to_string_lossy()).is_some()
+        || named.is_some_and(CaptureFormat::holds_samples)
+        || (named.is_none() && options.layout.is_given());
+    if holds_samples {
+        return sample_format(captures, named).map(RecordingKind::Samples);
+    }
+    let named = match named {
+        Some(CaptureFormat::Format(format)) => Some(format),
+        _ => None,
+    };
+    let detected = identify(first, named)?.map_err(|e| detect_error(first, &e))?;
+    match detected.format {
+        RecordingFormat::Adc | RecordingFormat::Dca1000 => {
+            sample_format(captures, options.format).map(RecordingKind::Samples)
+        }
+        RecordingFormat::Points => Ok(RecordingKind::PointsFile),
+        _ => Ok(RecordingKind::Points(detected)),
+    }
+}
+
+/// A recording as points, ready for tracking or for a model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recording {
+    /// The points, at the recording's own frame rate, level, strongest first.
+    pub clip: Clip,
+    /// Notes for the user: how the format was detected, what was dropped.
+    pub notes: Vec<String>,
+}
+
+/// Opens any recording and returns its points.
+///
+/// Several paths are parts of one recording of raw samples. Recordings of raw samples pass through the signal chain
+/// of `options`.
+///
+/// # Errors
+/// Whatever is wrong with the files or the options, with the file's name and a hint.
+pub fn read_recording(captures: &[PathBuf], options: &CaptureOptions) -> Result<Recording> {
+    match recording_kind(captures, options)? {
+        RecordingKind::Samples(format) => {
+            let mut samples = SampleRecording::open(captures, format, options)?;
+            let taken = samples.extract_points(|_, _, _| Ok(()))?;
+            samples.into_recording(taken)
+        }
+        RecordingKind::Points(detected) => read_recorded_points(captures, &detected, options),
+        RecordingKind::PointsFile => read_points_file(only_path(captures)?, options),
+    }
+}
+
+fn only_path(captures: &[PathBuf]) -> Result<&Path> {
+    match captures {
+        [path] => Ok(path),
+        _ => Err(Error::input(
+            "recorded points are read one capture at a time",
+        )),
+    }
+}
+
+/// Opens recorded points of a known format, without the empty scene's if the options name one.
+///
+/// # Errors
+/// As [`read_recording`].
+pub fn read_recorded_points(
+    captures: &[PathBuf],
+    detected: &Detected,
+    options: &CaptureOptions,
+) -> Result<Recording> {
+    if options.processing.is_some() || options.max_frames.is_some() {
+        let option = match options.processing {
+            Some(_) => "processing",
+            None => "frames",
+        };
+        return Err(Error::input(format!(
+            "`{option}` {}",
+            crate::options::NEEDS_SAMPLES
+        )));
+    }
+    let path = only_path(captures)?;
+    let RecordedPoints {
+        mut timeline,
+        radar,
+        provenance,
+        radar_height_m,
+        mut notes,
+    } = open_points(path, detected, options.radar.as_ref(), &options.points)?;
+    cleaning::remove_background(&mut timeline.frames, options, &mut notes)?;
+    Ok(Recording {
+        clip: Clip {
+            frames: timeline.frames,
+            frame_rate_hz: timeline.frame_rate_hz,
+            radar_height_m: options
+                .radar_height_m
+                .or(radar_height_m)
+                .unwrap_or(DEFAULT_RADAR_HEIGHT_M),
+            radar,
+            provenance,
+        },
+        notes,
+    })
+}
+
+/// Opens a points file of this project.
+///
+/// # Errors
+/// As [`read_recording`].
+pub fn read_points_file(path: &Path, options: &CaptureOptions) -> Result<Recording> {
+    let file = read_points(path)?;
+    let mut notes = Vec::new();
+    let mut timeline = Timeline::from_frames(file.frames, file.meta.frame_rate_hz);
+    timeline = place(timeline, &options.points, options.points.mounting()?)?;
+    cleaning::remove_background(&mut timeline.frames, options, &mut notes)?;
+    let Ok(provenance) = file.meta.source.parse::<Provenance>();
+    Ok(Recording {
+        clip: Clip {
+            frames: timeline.frames,
+            frame_rate_hz: timeline.frame_rate_hz,
+            radar_height_m: file
+                .meta
+                .radar_height_m
+                .unwrap_or(options.radar_height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M)),
+            radar: file.meta.radar,
+            provenance: match (provenance, file.meta.seed) {
+                (Provenance::Simulated { input, .. }, seed) => {
+                    Provenance::Simulated { input, seed }
+                }
+                (recorded, _) => recorded,
+            },
+        },
+        notes,
+    })
+}
+
+/// Points extracted from raw samples, and how many frames were damaged.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ExtractedPoints {
+    /// One frame for each frame period from the first one on; lost frames are empty.
+    pub frames: Vec<PointFrame>,
+    /// Frames with missing bytes, whose samples are zero there.
+    pub n_damaged: usize,
+    /// Frames that never arrived.
+    pub n_lost: usize,
+}
+
+/// A recording of raw samples with its signal chain.
+pub struct SampleRecording {
+    captures: Vec<PathBuf>,
+    format: SampleFormat,
+    radar: OpenedRadar,
+    frames: SampleFrames,
+    corrector: Corrector,
+    extractor: PointExtractor,
+    health: Health,
+    options: CaptureOptions,
+    notes: Vec<String>,
+}
+
+impl SampleRecording {
+    /// Opens raw samples, settles their layout and plans the signal chain.
+    ///
+    /// # Errors
+    /// A missing radar, a layout that nothing settles, or files that do not fit.
+    pub fn open(
+        captures: &[PathBuf],
+        format: SampleFormat,
+        options: &CaptureOptions,
+    ) -> Result<Self> {
+        let radar = options.radar.clone().ok_or_else(|| {
+            Error::input("raw samples need `radar`").with_hint("the radar that recorded them")
+        })?;
+        options.points.check_for_samples()?;
+        let mut notes = Vec::new();
+        let corrector = cleaning::corrector(
+            &options.cleaning,
+            &radar,
+            options.format,
+            &options.layout,
+            &mut notes,
+        )?;
+        let dsp = options.processing.clone().unwrap_or_default();
+        let extractor =
+            PointExtractor::new(&radar.config, cleaning::chain(&options.cleaning, dsp))?;
+        let frames = open_samples(format, captures, &radar, &options.layout, &mut notes)?;
+        Ok(Self {
+            captures: captures.to_vec(),
+            format,
+            health: Health::new(&radar, format),
+            radar,
+            frames,
+            corrector,
+            extractor,
+            options: options.clone(),
+            notes,
+        })
+    }
+
+    /// The radar.
+    pub fn radar(&self) -> &OpenedRadar {
+        &self.radar
+    }
+
+    /// How the samples are stored.
+    pub fn format(&self) -> SampleFormat {
+        self.format
+    }
+
+    /// The frames, for their counters.
+    pub fn frames(&self) -> &SampleFrames {
+        &self.frames
+    }
+
+    /// Bytes after the last whole frame.
+    pub fn trailing_bytes(&self) -> usize {
+        self.frames.trailing_bytes()
+    }
+
+    /// Statistics of the samples read so far.
+    pub fn stats(&self) -> &AdcStats {
+        &self.health.stats
+    }
+
+    /// The next frame of corrected samples; `None` at the end. Its time is by the radar's frame period.
+    ///
+    /// # Errors
+    /// A frame that cannot be read or corrected.
+    pub fn next_cube(&mut self, cube: &mut RadarCube) -> Result<Option<u64>> {
+        let path = &self.captures[0];
+        let integrity = match self.frames.next_frame(cube) {
+            Ok(Some(integrity)) => integrity,
+            Ok(None) => return Ok(None),
+            Err(e) => return Err(read_error(path, &e)),
+        };
+        cube.time_s = integrity.frame as f64 * self.radar.config.frame_period_s;
+        self.corrector.apply(cube)?;
+        Ok(Some(integrity.frame))
+    }
+
+    /// A cube of the radar's shape for [`Self::next_cube`].
+    ///
+    /// # Errors
+    /// A radar whose frames are empty or too large.
+    pub fn new_cube(&self) -> Result<RadarCube> {
+        Ok(CubeShape::of(&self.radar.config).zeros()?)
+    }
+
+    /// Extracts the points of all frames, or of [`CaptureOptions::max_frames`]. `each` sees every corrected cube with
+    /// its points.
+    ///
+    /// # Errors
+    /// A frame that cannot be read or processed, more than [`MAX_FRAMES`] frames, or an error of `each`.
+    pub fn extract_points(
+        &mut self,
+        mut each: impl FnMut(&mut PointExtractor, &RadarCube, &PointFrame) -> Result,
+    ) -> Result<ExtractedPoints> {
+        let path = self.captures[0].clone();
+        let max_frames = self.options.max_frames;
+        let limit = max_frames.unwrap_or(MAX_FRAMES).min(MAX_FRAMES);
+        let too_many = |n: u64| {
+            Error::in_file(
+                &path,
+                format!("{n} frames, at most {MAX_FRAMES} are handled"),
+            )
+            .with_hint("`frames` N reads only the first ones")
+        };
+        if let SampleFrames::Npy(npy) = &self.frames
+            && max_frames.is_none()
+            && npy.n_frames() > MAX_FRAMES as u64
+        {
+            return Err(too_many(npy.n_frames()));
+        }
+        let frame_period_s = self.radar.config.frame_period_s;
+        let time_s = |index: usize| index as f64 * frame_period_s;
+        let mut cube = self.new_cube()?;
+        let mut extracted = ExtractedPoints::default();
+        let mut first = None;
+        while extracted.frames.len() < limit {
+            let integrity = match self.frames.next_frame(&mut cube) {
+                Ok(Some(integrity)) => integrity,
+                Ok(None) => return Ok(extracted),
+                Err(e) => return Err(read_error(&path, &e)),
+            };
+            let index = integrity.frame - *first.get_or_insert(integrity.frame);
+            if index >= MAX_FRAMES as u64 {
+                return Err(too_many(index.saturating_add(1)));
+            }
+            while extracted.frames.len() < index as usize {
+                let lost = extracted.frames.len();
+                extracted.n_lost += 1;
+                extracted.frames.push(PointFrame {
+                    frame: lost as u32,
+                    time_s: time_s(lost),
+                    points: Vec::new(),
+                });
+            }
+            extracted.n_damaged += usize::from(!integrity.is_complete());
+            cube.time_s = time_s(index as usize);
+            self.health.push(&cube);
+            self.corrector.apply(&mut cube)?;
+            let mut frame = self
+                .extractor
+                .extract(&cube)
+                .map_err(|e| Error::in_file(&path, format!("frame {index}: {e}")))?;
+            frame.frame = index as u32;
+            each(&mut self.extractor, &cube, &frame)?;
+            extracted.frames.push(frame);
+        }
+        if max_frames.is_none() && self.frames.next_frame(&mut cube).is_ok_and(|f| f.is_some()) {
+            return Err(too_many(MAX_FRAMES as u64 + 1));
+        }
+        Ok(extracted)
+    }
+
+    /// Notes for the user so far: layout, background, health of the samples, lost packets.
+    pub fn notes(&self) -> Vec<String> {
+        let mut notes = self.notes.clone();
+        self.health.report(&self.frames, &mut notes);
+        if self.frames.overruns() > 0 {
+            notes.push(format!(
+                "{} packets came faster than they were processed",
+                self.frames.overruns()
+            ));
+        }
+        notes
+    }
+
+    /// The extracted points as a recording.
+    ///
+    /// # Errors
+    /// No whole frame, or options that cannot be applied.
+    pub fn into_recording(self, extracted: ExtractedPoints) -> Result<Recording> {
+        let radar = &self.radar.config;
+        if extracted.frames.is_empty() {
+            return Err(Error::in_file(
+                &self.captures[0],
+                format!(
+                    "not one whole frame of radar `{}` ({} bytes of one)",
+                    radar.name,
+                    self.frames.trailing_bytes()
+                ),
+            ));
+        }
+        let notes = self.notes();
+        let timeline = Timeline::from_frames(extracted.frames, radar.frame_rate_hz());
+        let timeline = place(
+            timeline,
+            &self.options.points,
+            self.options.points.mounting()?,
+        )?;
+        let names: Vec<String> = self
+            .captures
+            .iter()
+            .map(|p| p.display().to_string())
+            .collect();
+        Ok(Recording {
+            clip: Clip {
+                frames: timeline.frames,
+                frame_rate_hz: timeline.frame_rate_hz,
+                radar_height_m: self
+                    .options
+                    .radar_height_m
+                    .unwrap_or(DEFAULT_RADAR_HEIGHT_M),
+                radar: radar.name.clone(),
+                provenance: Provenance::Recorded {
+                    format: None,
+                    path: names.join("+"),
+                },
+            },
+            notes,
+        })
+    }
+}
+
+/// Statistics of raw samples that tell whether they were recorded and read correctly.
+struct Health {
+    n_frames: usize,
+    iq: IqCheck,
+    stats: AdcStats,
+    /// Whether the samples are counts of an ADC.
+    are_counts: bool,
+}
+
+impl Health {
+    fn new(radar: &OpenedRadar, format: SampleFormat) -> Self {
+        Self {
+            n_frames: 0,
+            iq: IqCheck::new(radar.config.n_samples),
+            stats: AdcStats::new(radar.config.rx.len(), 16),
+            are_counts: format != SampleFormat::Npy,
+        }
+    }
+
+    fn push(&mut self, cube: &RadarCube) {
+        // The order does not change within a capture.
+        if self.n_frames.is_multiple_of(IQ_STEP) {
+            self.iq.push(cube);
+        }
+        self.n_frames += 1;
+        self.stats.push(cube);
+    }
+
+    fn report(&self, frames: &SampleFrames, notes: &mut Vec<String>) {
+        if let SampleFrames::Npy(npy) = frames
+            && npy.were_words()
+        {
+            notes.push("the numbers were unsigned 16-bit words and were read as signed".into());
+        }
+        let verdict = self.iq.verdict();
+        if verdict.answer == IqAnswer::Swapped {
+            notes.push(format!(
+                "I/Q order looks swapped: {:+.1} dB at positive against negative range",
+                verdict.positive_over_negative_db
+            ));
+        }
+        if self.are_counts {
+            notes.extend(self.stats.problems());
+        }
+    }
+}

@@ -1,0 +1,213 @@
+//! The person who performs: a rig, a personal style drawn from the seed, and resting poses.
+
+use std::f32::consts::{FRAC_PI_2, TAU};
+
+use glam::Vec3;
+
+use crate::control::{Arm, Control, Foot, SIDE_SIGN};
+use crate::dice::Dice;
+use crate::rig::Rig;
+use crate::track::FPS;
+
+/// Chair seat above the floor, m, unless the person is too short for it.
+pub const SEAT_M: f32 = 0.45;
+
+/// Small personal deviations; all zero-centred on the average adult.
+#[derive(Clone, Debug)]
+pub struct Style {
+    /// Multiplies all durations.
+    pub tempo: f32,
+    /// Multiplies movement amplitudes.
+    pub size: f32,
+    /// Delay of head and arms behind the trunk, s.
+    pub lag_s: f32,
+    arm_azimuth: f32,
+    arm_elevation: f32,
+    arm_reach: [f32; 2],
+    stance: f32,
+    stagger: f32,
+    toe_out: f32,
+    lean: f32,
+    flex: f32,
+    nod: f32,
+    wave: [(f32, f32); 6],
+}
+
+/// Rig, style and the random stream of one performance.
+pub struct Actor {
+    /// Measured skeleton.
+    pub rig: Rig,
+    /// Personal deviations.
+    pub style: Style,
+    /// Further draws, in the order the motion asks for them.
+    pub dice: Dice,
+    /// 0 upright, 1 stooped.
+    pub stoop: f32,
+}
+
+impl Actor {
+    /// A person of that height; the seed draws the style.
+    pub fn new(height_m: f32, seed: u64) -> Self {
+        let mut dice = Dice::new(seed, "actor");
+        let style = Style {
+            tempo: 1.0 + 0.07 * dice.bell(),
+            size: 1.0 + 0.12 * dice.bell(),
+            lag_s: dice.range(0.0, 0.05),
+            arm_azimuth: 0.8 + 0.3 * dice.bell(),
+            arm_elevation: -1.47 + 0.08 * dice.bell(),
+            arm_reach: [0.97 + 0.025 * dice.bell(), 0.97 + 0.025 * dice.bell()],
+            stance: 1.0 + 0.25 * dice.bell(),
+            stagger: 0.03 * dice.bell(),
+            toe_out: 0.13 + 0.1 * dice.bell(),
+            lean: 0.02 * dice.bell(),
+            flex: 0.06 + 0.06 * dice.bell(),
+            nod: 0.02 + 0.1 * dice.bell(),
+            wave: std::array::from_fn(|_| (dice.range(0.15, 0.45), dice.range(0.0, TAU))),
+        };
+        Self {
+            rig: Rig::new(height_m),
+            style,
+            dice,
+            stoop: 0.0,
+        }
+    }
+
+    /// The person without personal deviations, for planning.
+    pub fn average(height_m: f32) -> Self {
+        let mut actor = Self::new(height_m, 0);
+        actor.style.tempo = 1.0;
+        actor.style.size = 1.0;
+        actor.style.lag_s = 0.0;
+        actor
+    }
+
+    /// Authored metres for this person's size.
+    pub fn m(&self, authored_m: f32) -> f32 {
+        authored_m * self.rig.scale
+    }
+
+    /// A duration at speed 1, with the person's tempo and a little jitter, s.
+    pub fn s(&mut self, authored_s: f32, speed: f32) -> f32 {
+        authored_s * self.style.tempo * (1.0 + 0.06 * self.dice.bell()) / speed
+    }
+
+    /// An amplitude with the person's size and a little jitter.
+    pub fn a(&mut self, authored: f32) -> f32 {
+        authored * self.style.size * (1.0 + 0.06 * self.dice.bell())
+    }
+
+    /// The hanging arm.
+    pub fn arm_down(&self, side: usize) -> Arm {
+        Arm {
+            // Arms hang by their weight, whatever the back does.
+            elevation: self.style.arm_elevation + self.stoop_tilt(),
+            azimuth: self.style.arm_azimuth * (1.0 - 0.8 * self.stoop),
+            reach: self.style.arm_reach[side],
+            pole: Vec3::new(0.25, 0.0, -1.0),
+            flex: 0.1,
+            ..Arm::default()
+        }
+    }
+
+    /// How far a stooping chest is tilted, rad.
+    pub fn stoop_tilt(&self) -> f32 {
+        0.55 * self.stoop
+    }
+
+    /// Relaxed standing at the origin, facing +z.
+    pub fn standing(&self) -> Control {
+        let s = &self.style;
+        let foot = |side: usize| Foot {
+            at: Vec3::new(
+                SIDE_SIGN[side] * self.rig.stance_m * s.stance,
+                0.0,
+                self.rig.foot_z_m() + SIDE_SIGN[side] * s.stagger * self.rig.scale,
+            ),
+            yaw: SIDE_SIGN[side] * s.toe_out,
+            ..Foot::default()
+        };
+        Control {
+            hip: Vec3::new(0.0, self.rig.pelvis_m * (0.991 - 0.03 * self.stoop), 0.0),
+            pitch: s.lean + 0.12 * self.stoop,
+            flex: s.flex + 0.45 * self.stoop,
+            nod: s.nod - 0.2 * self.stoop,
+            feet: [foot(0), foot(1)],
+            arms: [self.arm_down(0), self.arm_down(1)],
+            balance: 1.0,
+            bias: 0.5,
+            ..Control::default()
+        }
+    }
+
+    /// Pelvis height when seated, m: the joint lies a little above the seat.
+    pub fn seated_pelvis_m(&self) -> f32 {
+        SEAT_M.min(0.482 * self.rig.scale) + self.m(0.075)
+    }
+
+    /// Seated on a chair behind the standing place, hands on the thighs.
+    pub fn seated(&self) -> Control {
+        let mut c = self.standing();
+        c.hip = Vec3::new(
+            0.0,
+            self.seated_pelvis_m(),
+            self.rig.foot_z_m() - self.m(0.37),
+        );
+        c.pitch = -0.08 + self.style.lean;
+        c.flex = 0.2 + self.style.flex;
+        c.balance = 0.0;
+        for side in 0..2 {
+            c.feet[side].yaw = SIDE_SIGN[side] * self.style.toe_out;
+            c.feet[side].knee_out = 0.12;
+            c.arms[side].elevation = -0.98;
+            c.arms[side].azimuth = -0.02;
+            c.arms[side].reach = 0.8;
+            c.arms[side].pole = Vec3::new(0.6, 0.0, -1.0);
+        }
+        c
+    }
+
+    /// Lying on the back behind the standing place, feet towards +z.
+    pub fn lying(&self) -> Control {
+        let mut c = self.standing();
+        c.hip = Vec3::new(0.0, self.m(0.105), -self.m(0.62));
+        c.pitch = -FRAC_PI_2;
+        c.flex = 0.02;
+        c.nod = 0.12;
+        c.balance = 0.0;
+        for side in 0..2 {
+            let x = SIDE_SIGN[side] * self.m(0.13);
+            let ankle = Vec3::new(x, 0.0, c.hip.z + 0.995 * self.rig.leg_m + self.m(0.072));
+            c.feet[side] = self
+                .rig
+                .foot_for_ankle(ankle, SIDE_SIGN[side] * 0.35, 1.15, 0.0);
+            c.arms[side].elevation = -1.2;
+            c.arms[side].azimuth = 1.75;
+            c.arms[side].reach = 0.96;
+            c.arms[side].pole = Vec3::new(1.0, 0.0, -0.2);
+        }
+        c
+    }
+
+    /// Breathing and the slow sway of a living person, added to every frame.
+    pub fn add_idle(&self, frames: &mut [Control]) {
+        let gentle = |time: f32, n: usize| {
+            let (hz, phase) = self.style.wave[n];
+            (TAU * hz * time + phase).sin()
+        };
+        for (frame, c) in frames.iter_mut().enumerate() {
+            let time = (frame as f64 / FPS) as f32;
+            // Sway belongs to free standing; someone lying or seated only breathes.
+            let sway = c.balance.clamp(0.0, 1.0);
+            c.hip.x += self.m(0.006) * sway * gentle(time, 0);
+            c.hip.z += self.m(0.007) * sway * gentle(time, 1);
+            let breath = (TAU * 0.27 * time + self.style.wave[2].1).sin();
+            c.flex -= 0.012 * breath;
+            c.side += 0.010 * sway * gentle(time, 3);
+            c.twist += 0.014 * sway * gentle(time, 4);
+            c.look += 0.03 * gentle(time, 5);
+            for arm in &mut c.arms {
+                arm.shrug += 0.012 * breath;
+            }
+        }
+    }
+}

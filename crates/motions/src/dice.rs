@@ -1,0 +1,71 @@
+//! A tiny reproducible source of variation, stable for ever: data sets record seeds.
+
+use radarllm_base::random::SplitMix64;
+use radarllm_base::seed::derive_seed;
+
+/// Reproducible random draws.
+#[derive(Clone, Debug)]
+pub struct Dice(SplitMix64);
+
+impl Dice {
+    /// A stream for the thing called `name`.
+    pub fn new(seed: u64, name: &str) -> Self {
+        Self(SplitMix64::new(derive_seed(seed, name)))
+    }
+
+    /// Next 64 random bits.
+    pub fn bits(&mut self) -> u64 {
+        self.0.next_u64()
+    }
+
+    /// Uniform in `low..high`.
+    pub fn range(&mut self, low: f32, high: f32) -> f32 {
+        low + (high - low) * self.0.uniform_f32()
+    }
+
+    /// Bell-shaped around zero, within -1..1, standard deviation about 0.33.
+    pub fn bell(&mut self) -> f32 {
+        (self.range(-1.0, 1.0) + self.range(-1.0, 1.0) + self.range(-1.0, 1.0)) / 3.0
+    }
+
+    /// Uniform index below `n`, 0 for `n == 0`.
+    pub fn index(&mut self, n: usize) -> usize {
+        if n == 0 {
+            0
+        } else {
+            (self.bits() % n as u64) as usize
+        }
+    }
+
+    /// A uniformly chosen item of a non-empty list.
+    pub fn pick<T: Copy>(&mut self, items: &[T]) -> T {
+        items[self.index(items.len())]
+    }
+
+    /// True with that probability.
+    pub fn chance(&mut self, probability: f32) -> bool {
+        self.range(0.0, 1.0) < probability
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Taken from the first release's code: motions of data sets depend on them.
+    #[test]
+    fn draws_never_change() {
+        let mut dice = Dice::new(1, "walk");
+        let bits = dice.bits();
+        let draws = [dice.range(-2.0, 3.0), dice.bell(), dice.range(0.5, 0.75)];
+        let indices = [7, 1, 0, 1000].map(|n| dice.index(n));
+        assert_eq!(
+            (bits, draws.map(f32::to_bits), indices),
+            (
+                11604859111508711516,
+                [3212825376, 1048267189, 1060039132],
+                [3, 0, 0, 509]
+            )
+        );
+    }
+}

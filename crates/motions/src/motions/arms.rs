@@ -1,0 +1,416 @@
+//! Gestures of the arms. All may be laid over walking or standing.
+
+use std::f32::consts::FRAC_PI_2;
+
+use glam::Vec3;
+
+use super::{ELBOW_BACK, ELBOW_DOWN, ELBOW_OUT, ELBOW_SIDE, ELBOW_UP, film, reach};
+use crate::actor::Actor;
+use crate::control::{Control, SIDE_SIGN};
+use crate::track::Track;
+use crate::values::Values;
+
+/// Waves a raised hand.
+pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
+    let rest = actor.standing();
+    let speed = v.speed();
+    let swing = actor.a(0.26) * v.amplitude();
+    let height = 0.72 + 0.12 * actor.dice.bell();
+    let mut track = Track::new(rest);
+    track.hold(0.1);
+    let pose = |c: &mut Control, lean: f32| {
+        for side in v.sides() {
+            reach(
+                c,
+                *side,
+                height - 0.12 * lean,
+                1.1 + swing * lean,
+                0.70,
+                ELBOW_OUT,
+            );
+            c.arms[*side].deviate = -0.35 * lean;
+            c.arms[*side].flex = 0.0;
+        }
+    };
+    track.to(actor.s(0.6, speed), |c| pose(c, -0.6));
+    for _ in 0..v.count("repetitions") {
+        track.to(actor.s(0.24, speed), |c| pose(c, 1.0));
+        track.to(actor.s(0.24, speed), |c| pose(c, -1.0));
+    }
+    track.to(actor.s(0.65, speed), |c| *c = rest);
+    track.hold(0.2);
+    film(&track, actor)
+}
+
+/// Raises straight arms and lowers them.
+pub fn raise_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
+    let rest = actor.standing();
+    let speed = v.speed();
+    let jitter = 0.06 * actor.dice.bell();
+    let (elevation, azimuth) = match v.word("style") {
+        "forward" => (0.02 + jitter, 0.03),
+        "sideways" => (0.02 + jitter, 1.48),
+        _ => (
+            1.4 + 0.5 * jitter,
+            if actor.dice.chance(0.5) { 0.1 } else { 1.3 },
+        ),
+    };
+    let pole = match (elevation > 1.0, azimuth > 1.0) {
+        (true, true) => ELBOW_SIDE,
+        (true, false) => ELBOW_UP,
+        _ => ELBOW_DOWN,
+    };
+    let mut track = Track::new(rest);
+    track.hold(0.1);
+    for n in 0..v.count("repetitions") {
+        track.to(actor.s(0.85, speed), |c| {
+            for side in v.sides() {
+                reach(c, *side, elevation, azimuth, 0.975, pole);
+                c.arms[*side].flex = 0.0;
+            }
+            c.flex = rest.flex - if elevation > 1.0 { 0.06 } else { 0.0 };
+        });
+        track.hold(actor.s(0.35, speed));
+        track.to(actor.s(0.8, speed), |c| *c = rest);
+        if n + 1 < v.count("repetitions") {
+            track.hold(actor.s(0.1, speed));
+        }
+    }
+    track.hold(0.2);
+    film(&track, actor)
+}
+
+/// Claps in front of the chest.
+pub fn clap(v: &Values, actor: &mut Actor) -> Vec<Control> {
+    let rest = actor.standing();
+    let speed = v.speed();
+    let height = -0.18 + 0.12 * actor.dice.bell();
+    let open = 0.12 + actor.a(0.22) * v.amplitude();
+    let mut track = Track::new(rest);
+    let pose = |c: &mut Control, apart: f32| {
+        for side in 0..2 {
+            reach(c, side, height, -0.47 + apart, 0.66, ELBOW_DOWN);
+            c.arms[side].flex = 0.0;
+        }
+    };
+    track.hold(0.1);
+    track.to(actor.s(0.55, speed), |c| pose(c, open));
+    for n in 0..v.count("repetitions") {
+        track.to(actor.s(0.15, speed), |c| pose(c, 0.0));
+        if n + 1 < v.count("repetitions") {
+            track.to(actor.s(0.2, speed), |c| pose(c, open));
+        }
+    }
+    track.to(actor.s(0.2, speed), |c| pose(c, 0.6 * open));
+    track.to(actor.s(0.55, speed), |c| *c = rest);
+    track.hold(0.2);
+    film(&track, actor)
+}
+
+/// Punches from a boxer's guard, alternating when both hands are asked.
+pub fn punch(v: &Values, actor: &mut Actor) -> Vec<Control> {
+    let rest = actor.standing();
+    let speed = v.speed();
+    let style = v.word("style");
+    let mut guard = rest;
+    guard.hip.y -= actor.m(0.04);
+    guard.flex += 0.12;
+    for side in 0..2 {
+        reach(&mut guard, side, 0.12, -0.28, 0.5, ELBOW_DOWN);
+        guard.arms[side].flex = 0.0;
+    }
+    let mut track = Track::new(rest);
+    track.to(actor.s(0.5, speed), |c| *c = guard);
+    track.hold(actor.s(0.1, speed));
+    for n in 0..v.count("repetitions") as usize {
+        let side = v.sides()[n % v.sides().len()];
+        let sign = SIDE_SIGN[side];
+        let turn = actor.a(0.5).min(0.65);
+        track.to(actor.s(0.14, speed), |c| {
+            c.twist = sign * 0.3 * turn;
+            match style {
+                "hook" => reach(c, side, 0.0, 0.9, 0.62, ELBOW_OUT),
+                "uppercut" => reach(c, side, -0.95, 0.1, 0.6, ELBOW_BACK),
+                _ => reach(c, side, 0.08, -0.2, 0.45, ELBOW_DOWN),
+            }
+        });
+        track.to(actor.s(0.17, speed), |c| {
+            c.twist = -sign * turn;
+            c.yaw = -sign * 0.2 * turn;
+            c.pitch = rest.pitch + 0.08;
+            match style {
+                "hook" => reach(c, side, 0.1, -0.55, 0.7, Vec3::new(1.0, 0.0, -0.3)),
+                "uppercut" => reach(c, side, 0.55, -0.2, 0.66, Vec3::new(0.4, -1.0, 0.0)),
+                _ => reach(c, side, 0.05, 0.25, 0.98, ELBOW_DOWN),
+            }
+        });
+        track.to(actor.s(0.24, speed), |c| *c = guard);
+        track.hold(actor.s(0.1, speed));
+    }
+    track.to(actor.s(0.5, speed), |c| *c = rest);
+    track.hold(0.2);
+    film(&track, actor)
+}
+
+/// Pushes away with both palms.
+pub fn push(v: &Values, actor: &mut Actor) -> Vec<Control> {
+    let rest = actor.standing();
+    let speed = v.speed();
+    let size = v.amplitude();
+    let mut track = Track::new(rest);
+    let near = |c: &mut Control| {
+        for side in 0..2 {
+            reach(c, side, -0.15, 0.0, 0.42, ELBOW_DOWN);
+            c.arms[side].flex = -0.9;
+        }
+        c.flex = rest.flex;
+        c.pitch = rest.pitch - 0.03;
+    };
+    track.to(actor.s(0.6, speed), near);
+    for _ in 0..v.count("repetitions") {
+        let far = (0.62 + 0.33 * size).min(0.97);
+        track.to(actor.s(0.5, speed), |c| {
+            for side in 0..2 {
+                reach(c, side, 0.02, 0.02, far, ELBOW_DOWN);
+            }
+            c.pitch = rest.pitch + 0.14 * size;
+            c.flex = rest.flex + 0.1;
+        });
+        track.hold(actor.s(0.2, speed));
+        track.to(actor.s(0.5, speed), near);
+    }
+    track.to(actor.s(0.55, speed), |c| *c = rest);
+    track.hold(0.2);
+    film(&track, actor)
+}
+
+/// Reaches out, grips and pulls back.
+pub fn pull(v: &Values, actor: &mut Actor) -> Vec<Control> {
+    let rest = actor.standing();
+    let speed = v.speed();
+    let mut track = Track::new(rest);
+    let twist: f32 = v.sides().iter().map(|s| SIDE_SIGN[*s]).sum();
+    let out = |c: &mut Control| {
+        for side in v.sides() {
+            reach(c, *side, -0.12, 0.02, 0.95, ELBOW_DOWN);
+        }
+        c.pitch = rest.pitch + 0.1;
+        c.flex = rest.flex + 0.12;
+        c.twist = -0.3 * twist;
+    };
+    track.to(actor.s(0.7, speed), out);
+    for n in 0..v.count("repetitions") {
+        track.hold(actor.s(0.15, speed));
+        track.to(actor.s(0.6, speed), |c| {
+            for side in v.sides() {
+                reach(c, *side, -0.75, 0.1, 0.42, ELBOW_BACK);
+            }
+            c.pitch = rest.pitch - 0.12;
+            c.flex = rest.flex;
+            c.twist = 0.3 * twist;
+        });
+        if n + 1 < v.count("repetitions") {
+            track.to(actor.s(0.6, speed), out);
+        }
+    }
+    track.hold(actor.s(0.2, speed));
+    track.to(actor.s(0.6, speed), |c| *c = rest);
+    track.hold(0.2);
+    film(&track, actor)
+}
+
+/// Knocks at the height of the face.
+pub fn knock(v: &Values, actor: &mut Actor) -> Vec<Control> {
+    let rest = actor.standing();
+    let speed = v.speed();
+    let side = v.sides()[0];
+    let mut track = Track::new(rest);
+    let pose = |c: &mut Control, out: f32| {
+        reach(c, side, 0.22, -0.05, 0.56 + 0.14 * out, ELBOW_DOWN);
+        c.arms[side].flex = 0.35 - 0.5 * out;
+    };
+    track.hold(0.1);
+    track.to(actor.s(0.6, speed), |c| pose(c, 0.0));
+    for _ in 0..v.count("repetitions") {
+        track.to(actor.s(0.13, speed), |c| pose(c, 1.0));
+        track.to(actor.s(0.17, speed), |c| pose(c, 0.0));
+    }
+    track.to(actor.s(0.15, speed), |c| pose(c, 0.1));
+    track.to(actor.s(0.6, speed), |c| *c = rest);
+    track.hold(0.2);
+    film(&track, actor)
+}
+
+/// Points and holds.
+pub fn point(v: &Values, actor: &mut Actor) -> Vec<Control> {
+    let rest = actor.standing();
+    let speed = v.speed();
+    let side = v.sides()[0];
+    let sign = SIDE_SIGN[side];
+    let aside = match v.word("direction") {
+        "left" => 1.0,
+        "right" => -1.0,
+        _ => 0.0,
+    };
+    let (elevation, azimuth, length, pole) = match (v.word("direction"), aside * sign) {
+        ("up", _) => (1.2, 0.15, 0.97, ELBOW_UP),
+        (_, across) if across > 0.0 => (0.05, 1.45, 0.97, ELBOW_DOWN),
+        (_, across) if across < 0.0 => (0.05, -1.0, 0.86, ELBOW_DOWN),
+        _ => (0.05, 0.05, 0.97, ELBOW_DOWN),
+    };
+    let jitter = 0.08 * actor.dice.bell();
+    let mut track = Track::new(rest);
+    track.hold(0.1);
+    track.to(actor.s(0.6, speed), |c| {
+        reach(c, side, elevation + jitter, azimuth, length, pole);
+        c.arms[side].flex = 0.0;
+        c.look = 0.7 * aside;
+        c.twist = 0.25 * aside + if aside * sign < 0.0 { 0.2 * aside } else { 0.0 };
+        if v.word("direction") == "up" {
+            c.nod = -0.35;
+        }
+    });
+    track.to(actor.s(0.9, speed), |c| c.arms[side].elevation += 0.02);
+    track.to(actor.s(0.65, speed), |c| *c = rest);
+    track.hold(0.2);
+    film(&track, actor)
+}
+
+/// Drinks from a cup.
+pub fn drink(v: &Values, actor: &mut Actor) -> Vec<Control> {
+    let rest = actor.standing();
+    let speed = v.speed();
+    let side = v.sides()[0];
+    let mut track = Track::new(rest);
+    track.hold(0.1);
+    track.to(actor.s(0.7, speed), |c| {
+        reach(c, side, -0.35, -0.15, 0.62, ELBOW_DOWN);
+    });
+    track.to(actor.s(0.5, speed), |c| {
+        reach(c, side, 0.62, -0.62, 0.5, Vec3::new(0.5, -1.0, 0.0));
+        c.nod = rest.nod;
+    });
+    track.to(actor.s(0.35, speed), |c| {
+        c.arms[side].elevation += 0.08;
+        c.nod = -0.42;
+        c.flex = rest.flex - 0.05;
+    });
+    track.hold(actor.s(0.7, speed));
+    track.to(actor.s(0.5, speed), |c| {
+        reach(c, side, -0.35, -0.15, 0.62, ELBOW_DOWN);
+        c.nod = rest.nod;
+        c.flex = rest.flex;
+    });
+    track.to(actor.s(0.65, speed), |c| *c = rest);
+    track.hold(0.2);
+    film(&track, actor)
+}
+
+/// Holds a phone to the ear.
+pub fn answer_phone(v: &Values, actor: &mut Actor) -> Vec<Control> {
+    let to_ear = |c: &mut Control, side: usize| {
+        reach(c, side, 1.08, -0.35, 0.44, Vec3::new(0.6, -1.0, 0.3));
+        c.tilt = SIDE_SIGN[side] * 0.12;
+        c.nod = 0.1;
+    };
+    hold_gesture(v, actor, 0.75, 1.6, to_ear)
+}
+
+/// Salutes.
+pub fn salute(v: &Values, actor: &mut Actor) -> Vec<Control> {
+    let to_brow = |c: &mut Control, side: usize| {
+        reach(c, side, 0.95, -0.05, 0.55, Vec3::new(1.0, -0.3, 0.2));
+        c.flex -= 0.05;
+    };
+    hold_gesture(v, actor, 0.5, 0.9, to_brow)
+}
+
+/// Folds the arms in front of the chest.
+pub fn cross_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
+    let upper = actor.dice.index(2);
+    let folded = move |c: &mut Control, side: usize| {
+        let above = if side == upper { 0.1 } else { 0.0 };
+        reach(
+            c,
+            side,
+            -0.62 + above,
+            -0.95,
+            0.5 + above,
+            Vec3::new(0.8, -0.6, 0.1),
+        );
+    };
+    hold_gesture(v, actor, 0.75, 1.3, folded)
+}
+
+/// Hands on the hips.
+pub fn hands_on_hips(v: &Values, actor: &mut Actor) -> Vec<Control> {
+    let akimbo = |c: &mut Control, side: usize| {
+        reach(c, side, -1.42, 0.3, 0.74, Vec3::new(1.0, 0.0, -0.45));
+        c.arms[side].flex = -0.4;
+    };
+    hold_gesture(v, actor, 0.7, 1.5, akimbo)
+}
+
+fn hold_gesture(
+    v: &Values,
+    actor: &mut Actor,
+    raise_s: f32,
+    hold_s: f32,
+    pose: impl Fn(&mut Control, usize),
+) -> Vec<Control> {
+    let rest = actor.standing();
+    let speed = v.speed();
+    let mut track = Track::new(rest);
+    track.hold(0.15);
+    track.to(actor.s(raise_s, speed), |c| {
+        for side in v.sides() {
+            pose(c, *side);
+        }
+    });
+    track.to(actor.s(hold_s, speed), |c| c.flex += 0.02);
+    track.to(actor.s(raise_s, speed), |c| *c = rest);
+    track.hold(0.25);
+    film(&track, actor)
+}
+
+/// Circles straight arms beside the body.
+pub fn arm_circles(v: &Values, actor: &mut Actor) -> Vec<Control> {
+    let rest = actor.standing();
+    let speed = v.speed();
+    // Forward circles go up behind the back and come down in front.
+    let sense = if v.word("direction") == "forward" {
+        -1.0
+    } else {
+        1.0
+    };
+    let mut track = Track::new(rest);
+    track.to(actor.s(0.3, speed), |c| {
+        for side in v.sides() {
+            reach(c, *side, -FRAC_PI_2, 0.2, 0.97, ELBOW_OUT);
+        }
+    });
+    for _ in 0..v.count("repetitions") {
+        let quarter_s = actor.s(0.24, speed);
+        for _ in 0..4 {
+            track.to(quarter_s, |c| {
+                for side in v.sides() {
+                    let arm = &mut c.arms[*side];
+                    arm.elevation += sense * FRAC_PI_2;
+                    // The shoulder is freer to the side than straight back.
+                    let back = arm.elevation.cos() < -0.5;
+                    arm.azimuth = if back { -0.55 } else { 0.3 };
+                    arm.pole = ELBOW_OUT;
+                }
+            });
+        }
+    }
+    let turns = sense * std::f32::consts::TAU * v.count("repetitions") as f32;
+    track.to(actor.s(0.3, speed), |c| {
+        *c = rest;
+        for side in v.sides() {
+            c.arms[*side].elevation += turns;
+        }
+    });
+    track.hold(0.2);
+    film(&track, actor)
+}

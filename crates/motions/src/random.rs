@@ -1,0 +1,220 @@
+//! Requests drawn broadly for synthetic data sets.
+
+use crate::dice::Dice;
+use crate::parse;
+use crate::request::{BuiltinRequest, Part, Segment};
+use crate::spec::{KeyKind, KeySpec, MotionSpec, Posture, specs};
+use crate::values::Values;
+
+/// Longest request drawn, s.
+pub const LONGEST_S: f32 = 9.5;
+/// Share of the personal tempo (at most 7 %) and of jitter that a draw leaves free.
+const TEMPO_MARGIN: f32 = 1.07;
+/// Share of single motions with repetitions that go on for as long as a request may last: people exercise
+/// for longer than a model listens.
+const GOES_ON: f32 = 0.25;
+/// Draws before a plain walk is returned instead; a tenth of that is never needed in practice.
+const ATTEMPTS: u64 = 200;
+
+/// A request drawn from all motions evenly: three quarters single motions (some of them repeated until the time
+/// is up), a fifth two in a row, the rest gestures laid over another motion; at most [`LONGEST_S`] long. The
+/// same seed gives the same request.
+pub fn random_request(rng_seed: u64) -> BuiltinRequest {
+    let mut dice = Dice::new(rng_seed, "request");
+    let kind = dice.range(0.0, 1.0);
+    for _ in 0..ATTEMPTS {
+        let text = match kind {
+            k if k < 0.75 => single(&mut dice),
+            k if k < 0.95 => sequence(&mut dice),
+            _ => overlay(&mut dice),
+        };
+        // Reading the text back checks seams, contradictions and ranges in one place.
+        if let Some(request) = text.and_then(|t| parse(&t).ok())
+            && request.nominal_duration_s() * TEMPO_MARGIN <= LONGEST_S
+        {
+            return request;
+        }
+    }
+    let walk = Part {
+        spec: &specs()[0],
+        values: Values::of(&specs()[0]),
+    };
+    BuiltinRequest {
+        segments: vec![Segment {
+            base: walk,
+            overlay: None,
+        }],
+        global: Values::global(),
+    }
+}
+
+fn single(dice: &mut Dice) -> Option<String> {
+    let spec = any(dice, |_| true)?;
+    let mut own = keys(spec, true, dice);
+    let global = globals(dice);
+    let text = |own: Vec<_>| format!("{}?{}", spec.name, query(&[own, global.clone()]));
+    if spec.key("repetitions").is_none() || !dice.chance(GOES_ON) {
+        return Some(text(own));
+    }
+    own.retain(|(k, _)| k != "repetitions");
+    let with = |n: u32| {
+        let times = ("repetitions".to_owned(), n.to_string());
+        text(own.iter().cloned().chain([times]).collect())
+    };
+    let long_s = |n: u32| Some(parse(&with(n)).ok()?.nominal_duration_s());
+    let (two_s, four_s) = (long_s(2)?, long_s(4)?);
+    let more = 2.0 * (LONGEST_S / TEMPO_MARGIN - two_s) / (four_s - two_s).max(0.1);
+    Some(with(2 + more.max(0.0) as u32))
+}
+
+fn sequence(dice: &mut Dice) -> Option<String> {
+    let standing = |s: &MotionSpec| s.starts == Posture::Standing;
+    // Stand-ups need something to stand up from; give those pairs a share of their own.
+    let (first, second) = match dice.index(12) {
+        0 => (by_name("sit_down")?, by_name("stand_up")?),
+        1 => (by_name("stand_up")?, any(dice, standing)?),
+        2 => (by_name("lie_down")?, by_name("stand_up")?),
+        3 => (by_name("fall")?, by_name("stand_up")?),
+        _ => (any(dice, standing)?, any(dice, standing)?),
+    };
+    if first.name == second.name {
+        return None;
+    }
+    let named = |spec: &'static MotionSpec, dice: &mut Dice| {
+        keys(spec, false, dice)
+            .iter()
+            .map(|(k, v)| (format!("{}.{k}", spec.name), v.clone()))
+            .collect()
+    };
+    let (a, mut b): (Vec<_>, Vec<_>) = (named(first, dice), named(second, dice));
+    b.retain(|(k, _)| k != "stand_up.from");
+    Some(format!(
+        "{}+then+{}?{}",
+        first.name,
+        second.name,
+        query(&[a, b, globals(dice)])
+    ))
+}
+
+fn overlay(dice: &mut Dice) -> Option<String> {
+    let base = any(dice, |s| s.carries)?;
+    let gesture = any(dice, |s| s.overlays)?;
+    let named = |spec: &'static MotionSpec, dice: &mut Dice| {
+        keys(spec, false, dice)
+            .iter()
+            .map(|(k, v)| (format!("{}.{k}", spec.name), v.clone()))
+            .collect()
+    };
+    let (a, b): (Vec<_>, Vec<_>) = (named(base, dice), named(gesture, dice));
+    let text = format!(
+        "{}+while+{}?{}",
+        base.name,
+        gesture.name,
+        query(&[a, b, globals(dice)])
+    );
+    // Both must last about equally long for "while" to be true.
+    let request = parse(&text).ok()?;
+    let alone = |part: &Part| {
+        let lone = BuiltinRequest {
+            segments: vec![Segment {
+                base: part.clone(),
+                overlay: None,
+            }],
+            global: request.global.clone(),
+        };
+        lone.nominal_duration_s()
+    };
+    let segment = request.segments.first()?;
+    let ratio = alone(segment.overlay.as_ref()?) / alone(&segment.base);
+    (0.45..=1.05).contains(&ratio).then_some(text)
+}
+
+fn any(dice: &mut Dice, fits: impl Fn(&MotionSpec) -> bool) -> Option<&'static MotionSpec> {
+    let candidates: Vec<&'static MotionSpec> = specs().iter().filter(|s| fits(s)).collect();
+    (!candidates.is_empty()).then(|| dice.pick(&candidates))
+}
+
+fn by_name(name: &str) -> Option<&'static MotionSpec> {
+    crate::spec::spec(name)
+}
+
+fn keys(spec: &'static MotionSpec, single: bool, dice: &mut Dice) -> Vec<(String, String)> {
+    let mut out = Vec::new();
+    for key in spec.keys {
+        if let Some(value) = draw(spec, key, single, dice) {
+            out.push((key.name.to_owned(), value));
+        }
+    }
+    let sideways = out
+        .iter()
+        .any(|(k, v)| k == "direction" && (v == "left" || v == "right"));
+    if sideways && matches!(spec.name, "kick" | "lunge") {
+        out.retain(|(k, _)| k != "side");
+    }
+    out
+}
+
+fn draw(spec: &MotionSpec, key: &KeySpec, single: bool, dice: &mut Dice) -> Option<String> {
+    let number = |x: f32| Some(format!("{:.2}", x));
+    match (spec.name, key.name, key.kind) {
+        (_, "posture", _) => dice.chance(0.15).then(|| "stooped".to_owned()),
+        (_, _, KeyKind::Word { allowed, .. }) => Some(dice.pick(allowed).to_owned()),
+        (_, _, KeyKind::Speed) => match dice.index(4) {
+            0 => number(dice.range(0.6, 0.75)),
+            1 => number(dice.range(1.35, 1.6)),
+            _ => number(dice.range(0.9, 1.1)),
+        },
+        (_, "amplitude", _) => match dice.index(10) {
+            0 | 1 => number(dice.range(0.6, 0.75)),
+            2..=4 => number(dice.range(1.2, 1.35)),
+            _ => None,
+        },
+        ("jog_in_place", "repetitions", _) => Some((8 + dice.index(9)).to_string()),
+        ("march", "repetitions", _) => Some((4 + dice.index(7)).to_string()),
+        ("circle", "repetitions", _) => dice.chance(0.15).then(|| "2".to_owned()),
+        (_, "repetitions", KeyKind::Count { default, .. }) => {
+            let most = if single {
+                2 * default.max(2)
+            } else {
+                default.max(2)
+            } as usize;
+            Some((1 + dice.index(most)).to_string())
+        }
+        ("walk", "distance_m", _) => number(dice.range(1.2, if single { 4.0 } else { 2.5 })),
+        ("run", "distance_m", _) => number(dice.range(2.0, 5.0)),
+        ("side_step", "distance_m", _) => number(dice.range(0.7, 2.0)),
+        ("limp", "distance_m", _) => number(dice.range(1.2, 2.6)),
+        ("march", "distance_m", _) => dice
+            .chance(0.35)
+            .then(|| format!("{:.2}", dice.range(1.2, 2.5))),
+        ("turn", "angle_deg", _) => Some(dice.pick(&["90", "180", "180", "270", "360"]).to_owned()),
+        ("circle", "radius_m", _) => number(dice.range(0.45, 1.2)),
+        ("stand_still" | "sit_still", "duration_s", _) => {
+            number(dice.range(2.0, if single { 6.0 } else { 4.0 }))
+        }
+        _ => None,
+    }
+}
+
+fn globals(dice: &mut Dice) -> Vec<(String, String)> {
+    let height_m = (1.71 + 0.3 * dice.bell()).clamp(1.45, 2.0);
+    let heading = match dice.chance(0.9) {
+        true => dice.range(-40.0, 40.0),
+        false => dice.range(-180.0, 180.0),
+    };
+    let build = dice.pick(&["slim", "average", "average", "heavy"]);
+    vec![
+        ("height_m".to_owned(), format!("{height_m:.2}")),
+        ("build".to_owned(), build.to_owned()),
+        ("heading_deg".to_owned(), format!("{heading:.1}")),
+    ]
+}
+
+fn query(groups: &[Vec<(String, String)>]) -> String {
+    groups
+        .iter()
+        .flatten()
+        .map(|(k, v)| format!("{k}={v}"))
+        .collect::<Vec<_>>()
+        .join("&")
+}

@@ -1,0 +1,360 @@
+//! The networks as they are trained behind the captioner of `radarllm-inference`.
+
+use std::path::Path;
+
+use radarllm_base::PointFrame;
+use radarllm_inference::Captioner;
+use radarllm_inference::backend::{Backend, check_pair};
+use radarllm_inference::checkpoint::Checkpoint;
+use radarllm_inference::lm::generate::decode;
+use radarllm_inference::lm::{
+    GenerateOptions, Generated, LmError, LmFiles, Precision, Source, Vocab, Watch,
+};
+use radarllm_inference::tokenizer::{EncodeError, Encoded};
+
+use crate::Device;
+use crate::lm::RadarLm;
+use crate::params::collect_params;
+use crate::tokenizer::ReferenceTokenizer;
+
+/// Radar tokenizer and language model in burn, on the CPU.
+///
+/// Slower than the engine, which is tested against it; the only backend that runs decoder-only language models.
+pub struct ReferenceBackend {
+    tokenizer: ReferenceTokenizer,
+    lm: RadarLm,
+}
+
+impl ReferenceBackend {
+    /// Puts a radar tokenizer and a language model together.
+    ///
+    /// # Errors
+    /// If codebook size or feature width differ.
+    pub fn new(tokenizer: ReferenceTokenizer, lm: RadarLm) -> Result<Self, LmError> {
+        check_pair(tokenizer.config(), &lm.config)?;
+        Ok(Self { tokenizer, lm })
+    }
+
+    fn from_checkpoints(tokenizer: &Checkpoint, lm: LmFiles) -> Result<Self, LmError> {
+        let tokenizer = ReferenceTokenizer::from_checkpoint(tokenizer)?;
+        Self::new(tokenizer, RadarLm::from_files(lm, &Device::flex())?)
+    }
+}
+
+impl Backend for ReferenceBackend {
+    fn encode(&self, windows: &[(&[PointFrame], f32)]) -> Result<Vec<Encoded>, EncodeError> {
+        self.tokenizer.encode_batch(windows)
+    }
+
+    fn generate(
+        &self,
+        prompts: &[Source],
+        options: &GenerateOptions,
+        watch: &mut Watch,
+    ) -> Result<Vec<Generated>, LmError> {
+        self.lm.check_positions(prompts, options)?;
+        decode(
+            &mut self.lm.decoding(),
+            &self.lm.vocab,
+            prompts,
+            options,
+            watch,
+        )
+    }
+
+    fn vocab(&self) -> &Vocab {
+        &self.lm.vocab
+    }
+
+    fn n_params(&self) -> usize {
+        let weights = collect_params(&self.lm.net);
+        let n_lm: usize = weights.values().map(|t| t.values.len()).sum();
+        self.tokenizer.n_params() + n_lm
+    }
+}
+
+/// Loads `dir/tokenizer` and `dir/lm` as they were trained; see [`Captioner::load`] for the engine.
+///
+/// # Errors
+/// If either is missing or damaged, or they do not belong together.
+pub fn load_reference_captioner(dir: &Path) -> Result<Captioner, LmError> {
+    let open = |part: &str| Checkpoint::open(&dir.join(part));
+    reference_captioner(&open("tokenizer")?, open("lm")?)
+}
+
+/// [`load_reference_captioner`] from opened checkpoints.
+///
+/// # Errors
+/// As [`load_reference_captioner`].
+pub fn reference_captioner(tokenizer: &Checkpoint, lm: Checkpoint) -> Result<Captioner, LmError> {
+    let backend = ReferenceBackend::from_checkpoints(tokenizer, LmFiles::of(lm)?)?;
+    Ok(Captioner::new(Box::new(backend)))
+}
+
+/// A captioner for any checkpoint: on the inference engine if that runs the language model, and else on the networks
+/// as they were trained, which compute in f32.
+///
+/// # Errors
+/// As [`Captioner::from_checkpoints`]; [`LmError::NotT5`] for a decoder-only network and [`Precision::Int8`].
+pub fn captioner_from_checkpoints(
+    tokenizer: &Checkpoint,
+    lm: Checkpoint,
+    precision: Precision,
+) -> Result<Captioner, LmError> {
+    let files = LmFiles::of(lm)?;
+    if precision == Precision::F32 && !files.is_t5() {
+        let backend = ReferenceBackend::from_checkpoints(tokenizer, files)?;
+        return Ok(Captioner::new(Box::new(backend)));
+    }
+    Captioner::from_checkpoints(tokenizer, files.checkpoint, precision)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ops::ControlFlow;
+
+    use radarllm_base::{Clip, Provenance, RadarPoint};
+    use radarllm_inference::lm::captioner::NO_PERSON;
+    use radarllm_inference::lm::{Abstained, DescribeOptions, Description, LmPreset, templates};
+    use radarllm_inference::tokenizer::TokenizerConfig;
+    use radarllm_inference::{EngineBackend, PrepareError};
+
+    use super::*;
+    use crate::tokenizer::network::TokenizerNet;
+    use crate::tokenizer::pack;
+
+    /// Untrained networks: what they say is noise, how it is put together is not.
+    fn networks() -> (TokenizerConfig, TokenizerNet) {
+        let config = TokenizerConfig::small();
+        let net = TokenizerNet::new(&config, &Device::flex());
+        (config, net)
+    }
+
+    fn language_model() -> RadarLm {
+        let texts = ["a person walks", "someone jumps twice"];
+        let config = TokenizerConfig::small();
+        let vocab = Vocab::learn(
+            texts.into_iter(),
+            templates::all_text(),
+            600,
+            4,
+            config.codebook_size,
+        );
+        let shape = LmPreset::Small.config(config.codebook_size, config.code_dim);
+        RadarLm::new(shape, vocab.unwrap(), 1, &Device::flex()).unwrap()
+    }
+
+    fn on_engine(config: TokenizerConfig, net: &TokenizerNet, precision: Precision) -> Captioner {
+        let tokenizer = pack(config, net).unwrap();
+        let lm = language_model().pack(precision).unwrap();
+        Captioner::new(Box::new(EngineBackend::new(tokenizer, lm).unwrap()))
+    }
+
+    fn captioner() -> Captioner {
+        let (config, net) = networks();
+        on_engine(config, &net, Precision::F32)
+    }
+
+    /// A recording at 10 frames per second.
+    fn clip(n: usize, n_points: usize) -> Clip {
+        Clip {
+            frames: frames(n, n_points),
+            frame_rate_hz: 10.0,
+            radar_height_m: 1.0,
+            radar: "test".into(),
+            provenance: Provenance::recorded("csv", "test.csv"),
+        }
+    }
+
+    fn describe(captioner: &Captioner, clip: &Clip) -> Description {
+        captioner
+            .describe(clip, &DescribeOptions::default())
+            .unwrap()
+    }
+
+    fn frames(n: usize, n_points: usize) -> Vec<PointFrame> {
+        let point = |f: usize, i: usize| {
+            let t = (f * 31 + i * 7) as f32;
+            let (x_m, y_m, z_m) = (0.4 * t.sin(), 3.0 + 0.3 * t.cos(), 0.7 * (t * 0.3).sin());
+            RadarPoint {
+                x_m,
+                y_m,
+                z_m,
+                range_m: y_m,
+                velocity_mps: 0.5,
+                intensity_db: 20.0,
+            }
+        };
+        (0..n)
+            .map(|f| PointFrame {
+                frame: f as u32,
+                time_s: f as f64 * 0.1,
+                points: (0..n_points).map(|i| point(f, i)).collect(),
+            })
+            .collect()
+    }
+
+    #[test]
+    fn nobody_is_said_plainly() {
+        let captioner = captioner();
+        let said = describe(&captioner, &clip(5, 30));
+        assert_eq!(
+            said.abstained,
+            Some(Abstained::TooFewFrames { found: 5, min: 8 })
+        );
+        // Few points far apart; the same few around one place may be somebody.
+        let mut scattered = clip(40, 7);
+        for point in scattered.frames.iter_mut().flat_map(|f| &mut f.points) {
+            point.x_m *= 12.0;
+        }
+        let clips = [clip(0, 0), clip(40, 0), scattered];
+        for clip in &clips {
+            let said = describe(&captioner, clip);
+            assert_eq!((said.caption.as_str(), said.windows), (NO_PERSON, 0));
+            assert!(said.abstained.is_some() && said.confidence == 0.0 && said.tokens.is_empty());
+        }
+        let together = describe(&captioner, &clip(40, 7));
+        assert_eq!((together.abstained, together.windows), (None, 1));
+        let few = describe(&captioner, &clips[2]).abstained.unwrap();
+        assert_eq!(few, Abstained::TooFewPoints { median: 7, min: 8 });
+        assert_eq!(
+            few.to_string(),
+            "7 points in the median frame, at least 8 are needed, or fewer that stay together"
+        );
+    }
+
+    #[test]
+    fn long_recordings_are_described_window_by_window() {
+        let captioner = captioner();
+        let clips = [clip(40, 20), clip(200, 20), clip(3, 20)];
+        let batch: Vec<&Clip> = clips.iter().collect();
+        let options = DescribeOptions::default();
+        let together = captioner.describe_batch(&batch, &options).unwrap();
+        assert_eq!(
+            together.iter().map(|d| d.windows).collect::<Vec<_>>(),
+            [1, 3, 0]
+        );
+        assert_eq!(
+            together.iter().map(|d| d.tokens.len()).collect::<Vec<_>>(),
+            [10, 50, 0]
+        );
+        assert!((together[1].seconds - 20.0).abs() < 1e-6);
+        assert!(together[0].confidence > 0.0 && together[0].confidence <= 1.0);
+        for (clip, together) in clips.iter().zip(&together) {
+            let alone = describe(&captioner, clip);
+            assert_eq!(
+                (&alone.caption, &alone.tokens),
+                (&together.caption, &together.tokens)
+            );
+        }
+    }
+
+    #[test]
+    fn every_decoder_describes_and_f32_says_what_training_says() {
+        let (config, net) = networks();
+        let clip = clip(60, 20);
+        let options = DescribeOptions {
+            beam: 2,
+            ..Default::default()
+        };
+        let describe = |captioner: Captioner| captioner.describe(&clip, &options).unwrap();
+        let f32 = describe(on_engine(config.clone(), &net, Precision::F32));
+        let int8 = describe(on_engine(config.clone(), &net, Precision::Int8));
+        let tokenizer = ReferenceTokenizer::new(config, &net);
+        let reference = ReferenceBackend::new(tokenizer, language_model()).unwrap();
+        let training = describe(Captioner::new(Box::new(reference)));
+        assert_eq!(training.caption, f32.caption);
+        assert_eq!(training.tokens, f32.tokens);
+        assert!((training.confidence - f32.confidence).abs() < 1e-5);
+        assert_eq!(int8.tokens, f32.tokens);
+    }
+
+    /// The model that comes with the repository, from its folder by every decoder.
+    #[test]
+    fn folders_load_for_every_decoder() {
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/default");
+        let clip = clip(60, 40);
+        let f32 = Captioner::load(&dir, Precision::F32).unwrap();
+        let training = load_reference_captioner(&dir).unwrap();
+        assert_eq!(f32.n_params(), training.n_params());
+        let (f32, training) = (describe(&f32, &clip), describe(&training, &clip));
+        assert_eq!(
+            (&f32.caption, &f32.tokens),
+            (&training.caption, &training.tokens)
+        );
+        assert!(f32.caption.len() > 10, "{}", f32.caption);
+    }
+
+    #[test]
+    fn values_that_are_not_numbers_are_errors() {
+        let mut clip = clip(20, 20);
+        clip.frames[3].points[0].x_m = f32::NAN;
+        let error = captioner().describe(&clip, &DescribeOptions::default());
+        let expected = PrepareError::NotFinite { frame: 3, point: 0 };
+        assert!(matches!(error, Err(LmError::Clip(e)) if e == expected));
+    }
+
+    /// Clips at another rate, or full of clutter, are described as if they had been prepared.
+    #[test]
+    fn clips_are_prepared_before_they_are_described() {
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/default");
+        let captioner = Captioner::load(&dir, Precision::F32).unwrap();
+        let mut raw = clip(120, 40);
+        raw.frame_rate_hz = 20.0;
+        for (i, frame) in raw.frames.iter_mut().enumerate() {
+            frame.time_s = i as f64 / 20.0;
+            frame.points[10..]
+                .iter_mut()
+                .for_each(|p| p.velocity_mps = 0.0);
+        }
+        let prepared = radarllm_inference::prepare_for_model(raw.clone(), &Default::default());
+        let prepared = prepared.unwrap();
+        assert!(prepared.removed_static.is_some() && prepared.resampled_from_hz.is_some());
+        let options = DescribeOptions::default();
+        let expected = describe(&captioner, &prepared.clip);
+        assert_eq!(describe(&captioner, &raw), expected);
+        let together = captioner.describe_batch(&[&raw, &prepared.clip], &options);
+        assert_eq!(together.unwrap(), [expected.clone(), expected.clone()]);
+        assert_eq!(captioner.tokenize(&raw).unwrap(), expected.tokens);
+        let keep = DescribeOptions {
+            keep_static: true,
+            ..options
+        };
+        let kept = captioner.describe(&raw, &keep).unwrap();
+        assert_ne!(kept.tokens, expected.tokens);
+    }
+
+    #[test]
+    fn a_streamed_caption_is_the_caption_and_can_be_stopped() {
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/default");
+        let engine = Captioner::load(&dir, Precision::F32).unwrap();
+        let mut long = clip(60, 40);
+        long.frames.extend(clip(150, 20).frames);
+        for beam in [1, 3] {
+            let options = DescribeOptions {
+                beam,
+                ..Default::default()
+            };
+            for clip in [&clip(60, 40), &long, &clip(3, 3)] {
+                let mut pieces = Vec::new();
+                let streamed = engine.describe_streaming(clip, &options, |piece| {
+                    pieces.push(piece.to_string());
+                    ControlFlow::Continue(())
+                });
+                let expected = engine.describe(clip, &options).unwrap();
+                assert_eq!(pieces.concat(), expected.caption);
+                let n_words = expected.caption.split(' ').count();
+                if expected.windows == 1 && beam == 1 {
+                    assert!(pieces.len() > n_words / 2, "{pieces:?}");
+                }
+                assert_eq!(streamed.unwrap(), Some(expected));
+                let mut n_pieces = 0;
+                let stopped = engine.describe_streaming(clip, &options, |_| {
+                    n_pieces += 1;
+                    ControlFlow::Break(())
+                });
+                assert_eq!((stopped.unwrap(), n_pieces), (None, 1));
+            }
+        }
+    }
+}

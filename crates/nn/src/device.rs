@@ -1,0 +1,309 @@
+//! Where the networks are computed.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::str::FromStr;
+use std::sync::{Mutex, PoisonError};
+
+use burn::tensor::Device;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// The processor that training and the networks as trained run on. Nothing falls back to another one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Processor {
+    /// `"cpu"`.
+    #[default]
+    Cpu,
+    /// `"gpu"`: the fastest graphics processor; `"gpu:1"`: a dedicated one by number, from 0. Through Vulkan, Metal,
+    /// DirectX 12 or WebGPU.
+    Gpu(Option<usize>),
+    /// `"cuda"`: NVIDIA's first; `"cuda:1"`: one by number, from 0. Through CUDA.
+    Cuda(Option<usize>),
+}
+
+/// One processor or several, `"gpu:0,gpu:1"`. The first keeps the weights; each takes a batch of an update.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Processors(Vec<Processor>);
+
+impl Processors {
+    /// The one that keeps the weights.
+    pub fn first(&self) -> Processor {
+        self.0.first().copied().unwrap_or_default()
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.0.len()
+    }
+
+    /// The framework's handles, in order.
+    ///
+    /// # Errors
+    /// See [`ProcessorError`].
+    pub fn devices(&self) -> Result<Vec<Device>, ProcessorError> {
+        self.0.iter().map(|processor| processor.device()).collect()
+    }
+}
+
+impl Default for Processors {
+    fn default() -> Self {
+        Self(vec![Processor::default()])
+    }
+}
+
+impl fmt::Display for Processors {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names: Vec<String> = self.0.iter().map(Processor::to_string).collect();
+        f.write_str(&names.join(","))
+    }
+}
+
+impl FromStr for Processors {
+    type Err = ProcessorError;
+
+    fn from_str(names: &str) -> Result<Self, ProcessorError> {
+        names
+            .split(',')
+            .map(str::parse)
+            .collect::<Result<_, _>>()
+            .map(Self)
+    }
+}
+
+impl TryFrom<String> for Processors {
+    type Error = ProcessorError;
+
+    fn try_from(names: String) -> Result<Self, ProcessorError> {
+        names.parse()
+    }
+}
+
+impl From<Processors> for String {
+    fn from(processors: Processors) -> Self {
+        processors.to_string()
+    }
+}
+
+/// A processor that cannot be used.
+#[derive(Debug, Error)]
+pub enum ProcessorError {
+    /// Not a name of one.
+    #[error(
+        "`{0}` is no processor: `cpu`, `gpu`, `gpu:N` for the dedicated one with number N, from 0, `cuda` or `cuda:N`"
+    )]
+    Name(String),
+    /// The program was built without the feature that the processor needs.
+    #[error("`{processor}`: this program was built without the feature `{feature}`")]
+    NotBuilt {
+        /// What was asked for.
+        processor: Processor,
+        /// The feature that adds it.
+        feature: &'static str,
+    },
+    /// The machine lacks it, or its driver refuses.
+    #[error("`{processor}`: {message}")]
+    Unavailable {
+        /// What was asked for.
+        processor: Processor,
+        /// The driver's words.
+        message: String,
+    },
+}
+
+/// Whether tensors on a device lie in the program's own memory, where loops over them cost no copy.
+pub fn is_cpu(device: &Device) -> bool {
+    *device == Device::flex()
+}
+
+impl Processor {
+    /// The framework's handle. A graphics processor is opened by the first call, which reports its name as an event of `tracing`.
+    ///
+    /// # Errors
+    /// See [`ProcessorError`].
+    pub fn device(self) -> Result<Device, ProcessorError> {
+        let (opened, is_new) = self.open()?;
+        if self != Self::Cpu && is_new {
+            tracing::info!("{self}: {}", opened.name);
+        }
+        Ok(opened.device)
+    }
+
+    /// What its driver calls it; a graphics processor is opened for that.
+    ///
+    /// # Errors
+    /// See [`ProcessorError`].
+    pub fn name(self) -> Result<String, ProcessorError> {
+        Ok(self.open()?.0.name)
+    }
+
+    /// Whether this call opened it comes with it.
+    fn open(self) -> Result<(Opened, bool), ProcessorError> {
+        // A processor can be opened once.
+        static OPEN: Mutex<BTreeMap<Processor, Opened>> = Mutex::new(BTreeMap::new());
+        let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(opened) = open.get(&self) {
+            return Ok((opened.clone(), false));
+        }
+        let opened = match self {
+            // Named explicitly: the default would prefer whatever accelerator was compiled in.
+            Self::Cpu => Opened {
+                device: Device::flex(),
+                name: "CPU".into(),
+            },
+            Self::Gpu(number) => open_gpu(number)?,
+            Self::Cuda(number) => open_cuda(number)?,
+        };
+        open.insert(self, opened.clone());
+        Ok((opened, true))
+    }
+}
+
+#[derive(Clone)]
+struct Opened {
+    device: Device,
+    name: String,
+}
+
+#[cfg(not(feature = "gpu"))]
+fn open_gpu(number: Option<usize>) -> Result<Opened, ProcessorError> {
+    Err(ProcessorError::NotBuilt {
+        processor: Processor::Gpu(number),
+        feature: "gpu",
+    })
+}
+
+#[cfg(feature = "gpu")]
+fn open_gpu(number: Option<usize>) -> Result<Opened, ProcessorError> {
+    use burn::tensor::DeviceKind;
+
+    let kind = number.map_or(DeviceKind::DefaultDevice, DeviceKind::DiscreteGpu);
+    let (device, setup) = Device::wgpu_options()
+        .device_kind(kind)
+        .init_with_setup()
+        .map_err(|e| ProcessorError::Unavailable {
+            processor: Processor::Gpu(number),
+            message: e.to_string(),
+        })?;
+    let info = setup.adapter.get_info();
+    let name = format!("{} ({})", info.name, setup.backend);
+    Ok(Opened { device, name })
+}
+
+#[cfg(not(feature = "cuda"))]
+fn open_cuda(number: Option<usize>) -> Result<Opened, ProcessorError> {
+    Err(ProcessorError::NotBuilt {
+        processor: Processor::Cuda(number),
+        feature: "cuda",
+    })
+}
+
+#[cfg(feature = "cuda")]
+fn open_cuda(number: Option<usize>) -> Result<Opened, ProcessorError> {
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+
+    use burn::tensor::Tensor;
+
+    let number = number.unwrap_or(0);
+    let device = Device::cuda(number);
+    // The first use opens the driver, and panics where there is none.
+    let used = || Tensor::<1>::ones([1], &device).into_data();
+    catch_unwind(AssertUnwindSafe(used)).map_err(|_| ProcessorError::Unavailable {
+        processor: Processor::Cuda(Some(number)),
+        message: "no NVIDIA driver, no CUDA, or no processor of this number".into(),
+    })?;
+    let name = format!("CUDA {number}");
+    Ok(Opened { device, name })
+}
+
+impl fmt::Display for Processor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Cpu => f.write_str("cpu"),
+            Self::Gpu(None) => f.write_str("gpu"),
+            Self::Gpu(Some(number)) => write!(f, "gpu:{number}"),
+            Self::Cuda(None) => f.write_str("cuda"),
+            Self::Cuda(Some(number)) => write!(f, "cuda:{number}"),
+        }
+    }
+}
+
+impl FromStr for Processor {
+    type Err = ProcessorError;
+
+    fn from_str(name: &str) -> Result<Self, ProcessorError> {
+        let (kind, number) = match name.split_once(':') {
+            Some((kind, number)) => match number.parse() {
+                Ok(number) => (kind, Some(number)),
+                Err(_) => return Err(ProcessorError::Name(name.into())),
+            },
+            None => (name, None),
+        };
+        match (kind, number) {
+            ("cpu", None) => Ok(Self::Cpu),
+            ("gpu", number) => Ok(Self::Gpu(number)),
+            ("cuda", number) => Ok(Self::Cuda(number)),
+            _ => Err(ProcessorError::Name(name.into())),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_read_and_written() {
+        for (name, processor) in [
+            ("cpu", Processor::Cpu),
+            ("gpu", Processor::Gpu(None)),
+            ("gpu:2", Processor::Gpu(Some(2))),
+            ("cuda", Processor::Cuda(None)),
+            ("cuda:1", Processor::Cuda(Some(1))),
+        ] {
+            assert_eq!(name.parse::<Processor>().unwrap(), processor);
+            assert_eq!(processor.to_string(), name);
+        }
+        for name in [
+            "", "GPU", "rocm", "gpu:", "gpu:-1", "gpu:x", "cpu:0", "cuda:",
+        ] {
+            let error = name.parse::<Processor>().unwrap_err();
+            assert!(matches!(error, ProcessorError::Name(_)), "{name}: {error}");
+        }
+    }
+
+    #[test]
+    fn several_are_read_and_written() {
+        let names = "gpu:0,gpu:2,cpu";
+        let processors: Processors = names.parse().unwrap();
+        assert_eq!(processors.to_string(), names);
+        assert_eq!(processors.count(), 3);
+        assert_eq!(processors.first(), Processor::Gpu(Some(0)));
+        for names in ["gpu:0,", ",gpu", "gpu:0 gpu:1", "gpu:0,1"] {
+            assert!(names.parse::<Processors>().is_err(), "{names}");
+        }
+    }
+
+    #[cfg(not(feature = "gpu"))]
+    #[test]
+    fn a_program_without_graphics_processors_says_so() {
+        let error = Processor::Gpu(None).device().unwrap_err();
+        let feature = "gpu";
+        assert!(
+            matches!(error, ProcessorError::NotBuilt { feature: f, .. } if f == feature),
+            "{error}"
+        );
+    }
+
+    #[cfg(not(feature = "cuda"))]
+    #[test]
+    fn a_program_without_cuda_says_so() {
+        let error = Processor::Cuda(Some(1)).device().unwrap_err();
+        let feature = "cuda";
+        assert!(
+            matches!(error, ProcessorError::NotBuilt { feature: f, .. } if f == feature),
+            "{error}"
+        );
+    }
+}

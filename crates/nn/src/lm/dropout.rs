@@ -1,0 +1,173 @@
+//! Dropout whose masks come from an explicit seed: a resumed run draws what the uninterrupted run drew, and a
+//! graphics processor what the CPU draws.
+
+use burn::tensor::{DType, Device, Int, Tensor, TensorData};
+
+use crate::device::is_cpu;
+use radarllm_base::random::{INCREMENT, MIX_FACTORS, step};
+
+/// Elements that share a draw: 16 random bits each, so probabilities are rounded to 1/65536.
+const SHARE: usize = 4;
+
+/// Dropout masks from an explicit seed.
+pub struct DropoutRng {
+    state: u64,
+}
+
+impl DropoutRng {
+    /// Masks of the given seed.
+    pub fn new(seed: u64) -> Self {
+        Self { state: seed }
+    }
+
+    /// 0 with probability `p`, else `1 / (1 - p)`.
+    pub(crate) fn mask<const D: usize>(
+        &mut self,
+        shape: [usize; D],
+        p: f64,
+        device: &Device,
+    ) -> Tensor<D> {
+        let len = shape.iter().product::<usize>();
+        let threshold = (p * 65536.0).round() as u32;
+        let keep = (1.0 / (1.0 - p)) as f32;
+        let mask = if is_cpu(device) {
+            Tensor::from_data(
+                TensorData::new(self.on_cpu(len, threshold, keep), shape),
+                device,
+            )
+        } else {
+            self.on_gpu(len, threshold, keep, device).reshape(shape)
+        };
+        let n_draws = len.div_ceil(SHARE) as u64;
+        self.state = self.state.wrapping_add(INCREMENT.wrapping_mul(n_draws));
+        mask
+    }
+
+    fn on_cpu(&self, len: usize, threshold: u32, keep: f32) -> Vec<f32> {
+        let mut state = self.state;
+        let mut out = vec![0.0; len.next_multiple_of(SHARE)];
+        for four in out.chunks_exact_mut(SHARE) {
+            // Masks are a good part of a training step, and need no better generator.
+            let z = step(&mut state);
+            for (i, value) in four.iter_mut().enumerate() {
+                let kept = (z >> (16 * i)) & 0xffff >= u64::from(threshold);
+                *value = if kept { keep } else { 0.0 };
+            }
+        }
+        out.truncate(len);
+        out
+    }
+
+    /// The same numbers where they are used: a mask is as large as what it hides, and would otherwise be most of what
+    /// goes to the processor.
+    fn on_gpu(&self, len: usize, threshold: u32, keep: f32, device: &Device) -> Tensor<1> {
+        let n_draws = len.div_ceil(SHARE);
+        let range = 1..n_draws as i64 + 1;
+        let lo = Tensor::<1, Int>::arange(range, (device, DType::U32));
+        let hi = lo.zeros_like();
+        let mut z = U64 { hi, lo }.times(INCREMENT).plus(self.state);
+        z = z.xor_shifted(30).times(MIX_FACTORS[0]);
+        z = z.xor_shifted(27).times(MIX_FACTORS[1]);
+        z = z.xor_shifted(31);
+        let low_half = |x: &Tensor<1, Int>| x.clone().bitwise_and_scalar(0xffff_u32);
+        let high_half = |x: Tensor<1, Int>| x.bitwise_right_shift_scalar(16_u32);
+        let parts = [
+            low_half(&z.lo),
+            high_half(z.lo),
+            low_half(&z.hi),
+            high_half(z.hi),
+        ];
+        let kept = parts.map(|bits| bits.greater_equal_elem(threshold).float() * keep);
+        let mask = Tensor::stack::<2>(kept.to_vec(), 1);
+        mask.reshape([n_draws * SHARE]).narrow(0, 0, len)
+    }
+}
+
+/// Unsigned 64-bit numbers in two halves: graphics processors need know no more than 32 bits. All operations are
+/// modulo 2^64.
+struct U64 {
+    hi: Tensor<1, Int>,
+    lo: Tensor<1, Int>,
+}
+
+impl U64 {
+    fn times(self, factor: u64) -> Self {
+        let (factor_hi, factor_lo) = ((factor >> 32) as u32, factor as u32);
+        let (b1, b0) = (factor_lo >> 16, factor_lo & 0xffff);
+        let low = |x: &Tensor<1, Int>| x.clone().bitwise_and_scalar(0xffff_u32);
+        let high = |x: &Tensor<1, Int>| x.clone().bitwise_right_shift_scalar(16_u32);
+        let (a1, a0) = (high(&self.lo), low(&self.lo));
+        // Long multiplication of the lower halves in digits of 16 bits; no sum exceeds 32.
+        let p00 = a0.clone() * b0;
+        let first = a0 * b1 + high(&p00);
+        let second = a1.clone() * b0 + low(&first);
+        let carried = a1 * b1 + high(&first) + high(&second);
+        let hi = self.hi * factor_lo + self.lo * factor_hi + carried;
+        let lo = second
+            .bitwise_left_shift_scalar(16_u32)
+            .bitwise_or(low(&p00));
+        Self { hi, lo }
+    }
+
+    fn plus(self, term: u64) -> Self {
+        let (term_hi, term_lo) = ((term >> 32) as u32, term as u32);
+        let lo = self.lo.clone() + term_lo;
+        // A carry left the top bit where both had it, or one had it and the sum has not.
+        let both = self.lo.clone().bitwise_and_scalar(term_lo);
+        let one = self.lo.bitwise_or_scalar(term_lo);
+        let carry = both.bitwise_or(one.bitwise_and(lo.clone().bitwise_not()));
+        let hi = self.hi + term_hi + carry.bitwise_right_shift_scalar(31_u32);
+        Self { hi, lo }
+    }
+
+    /// `z ^ (z >> n)`, n in 1..32.
+    fn xor_shifted(self, n: u32) -> Self {
+        let lo = (self.lo.clone().bitwise_right_shift_scalar(n))
+            .bitwise_or(self.hi.clone().bitwise_left_shift_scalar(32 - n));
+        let hi = self.hi.clone().bitwise_right_shift_scalar(n);
+        Self {
+            hi: self.hi.bitwise_xor(hi),
+            lo: self.lo.bitwise_xor(lo),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As a graphics processor draws, here on the CPU's tensors.
+    #[test]
+    fn tensors_draw_what_loops_draw() {
+        for seed in [0, 1, 0xffff_ffff, 0x8000_0000_8000_0000, u64::MAX] {
+            let rng = DropoutRng::new(seed);
+            let loops = rng.on_cpu(4_099, 6_554, 1.25);
+            let tensors = rng.on_gpu(4_099, 6_554, 1.25, &Device::flex());
+            assert_eq!(tensors.into_data().try_into_vec::<f32>().unwrap(), loops);
+            let dropped = loops.iter().filter(|v| **v == 0.0).count();
+            // A tenth of 4,099, within five standard deviations of 19.
+            assert!((315..505).contains(&dropped), "{dropped}");
+        }
+    }
+
+    #[test]
+    fn masks_do_not_depend_on_how_they_are_cut() {
+        let device = Device::flex();
+        let read = |t: Tensor<1>| t.into_data().try_into_vec::<f32>().unwrap();
+        let mut rng = DropoutRng::new(7);
+        let mut pieces = read(rng.mask([8], 0.5, &device));
+        pieces.extend(read(rng.mask([12], 0.5, &device)));
+        assert_eq!(pieces, read(DropoutRng::new(7).mask([20], 0.5, &device)));
+    }
+
+    /// Taken from the first release's code: resumed trainings depend on them.
+    #[test]
+    fn masks_never_change() {
+        let mask = DropoutRng::new(7).on_cpu(64, 32_768, 1.0);
+        let bits = mask
+            .iter()
+            .rev()
+            .fold(0, |bits, v| bits << 1 | u64::from(*v != 0.0));
+        assert_eq!(bits, 15918401032484342308);
+    }
+}

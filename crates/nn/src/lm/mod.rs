@@ -1,0 +1,21 @@
+//! The radar-language model in burn: the T5, its files, decoding.
+//!
+//! Reading order: [`t5`] (the network), [`hf`] (its Hugging Face names and files), [`radar_lm`] (network and vocabulary
+//! together), `decode` (the networks behind the engine's search), `rows`, `pass` and `dropout` (what all language
+//! models share). The decoder-only networks that can replace the T5 are in [`crate::pretrained`].
+
+mod decode;
+mod dropout;
+#[cfg(test)]
+mod engine_equality;
+pub mod hf;
+pub(crate) mod pass;
+pub mod radar_lm;
+pub(crate) mod rows;
+pub mod t5;
+
+pub use dropout::DropoutRng;
+pub use pass::TrainingPass;
+pub use radar_lm::{RadarLm, RadarNet};
+pub use rows::{Rows, Steps};
+pub use t5::{RadarT5, SourceBatch};

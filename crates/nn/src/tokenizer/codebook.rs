@@ -1,0 +1,421 @@
+//! Vector quantization: nearest code, and a codebook kept by moving averages (van den Oord et al.,
+//! Neural Discrete Representation Learning, appendix A) with resets of unused codes.
+
+use rand::rngs::ChaCha8Rng;
+use rand::{RngExt, SeedableRng};
+use serde::{Deserialize, Serialize};
+
+use radarllm_inference::checkpoint::{HostTensor, NamedTensors};
+
+/// How the codebook follows the data.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CodebookConfig {
+    /// Decay of the moving averages.
+    pub decay: f64,
+    /// Codes used less than this share of the mean usage are reset to a random input.
+    pub reset_below: f64,
+    /// Updates between resets.
+    pub reset_every: u64,
+    /// Updates to wait before the codebook is initialised; nothing is quantized before.
+    pub init_after: u64,
+    /// Inputs gathered for the initialisation, in units of the number of codes.
+    pub init_inputs_per_code: usize,
+    /// k-means rounds of the initialisation.
+    pub init_rounds: usize,
+}
+
+impl Default for CodebookConfig {
+    fn default() -> Self {
+        Self {
+            decay: 0.99,
+            reset_below: 0.05,
+            reset_every: 20,
+            init_after: 50,
+            init_inputs_per_code: 4,
+            init_rounds: 5,
+        }
+    }
+}
+
+/// Index of the nearest code (L2) of every row of `inputs`; both are `[n][dim]` flattened.
+pub fn nearest_codes(inputs: &[f32], codebook: &[f32], dim: usize) -> Vec<u32> {
+    if dim == 0 || codebook.is_empty() {
+        return Vec::new();
+    }
+    // |x - c|^2 = |x|^2 - 2 x.c + |c|^2; |x|^2 does not matter for the minimum.
+    let squares: Vec<f32> = codebook
+        .chunks_exact(dim)
+        .map(|c| c.iter().map(|v| v * v).sum())
+        .collect();
+    // Eight inputs at a time share one pass over the codebook, which is larger than the cache.
+    let mut codes = Vec::with_capacity(inputs.len() / dim);
+    for block in inputs.chunks(8 * dim) {
+        let mut best = [(f32::INFINITY, 0u32); 8];
+        for (k, (code, square)) in codebook.chunks_exact(dim).zip(&squares).enumerate() {
+            for (x, best) in block.chunks_exact(dim).zip(best.iter_mut()) {
+                let distance = square - 2.0 * dot(x, code);
+                if distance < best.0 {
+                    *best = (distance, k as u32);
+                }
+            }
+        }
+        codes.extend(best.iter().take(block.len() / dim).map(|b| b.1));
+    }
+    codes
+}
+
+/// Sixteen partial sums let the compiler keep vectors in registers.
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let mut sums = [0.0f32; 16];
+    let (a_blocks, b_blocks) = (a.chunks_exact(16), b.chunks_exact(16));
+    let rest: f32 = a_blocks
+        .remainder()
+        .iter()
+        .zip(b_blocks.remainder())
+        .map(|(x, y)| x * y)
+        .sum();
+    for (x, y) in a_blocks.zip(b_blocks) {
+        for i in 0..16 {
+            sums[i] += x[i] * y[i];
+        }
+    }
+    sums.iter().sum::<f32>() + rest
+}
+
+/// A codebook that follows its inputs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EmaCodebook {
+    dim: usize,
+    n_codes: usize,
+    /// `[n_codes][dim]`.
+    codes: Vec<f32>,
+    /// Moving average of the inputs per code and update.
+    usage: Vec<f32>,
+    /// Moving average of the sum of inputs per code.
+    sums: Vec<f32>,
+    /// Inputs gathered before the initialisation.
+    waiting: Vec<f32>,
+    /// Updates since the initialisation, or since the start before it.
+    n_updates: u64,
+    initialised: bool,
+}
+
+impl EmaCodebook {
+    /// A codebook of `n_codes` codes that waits for its first inputs.
+    pub fn new(n_codes: usize, dim: usize) -> Self {
+        Self {
+            dim,
+            n_codes,
+            codes: vec![0.0; n_codes * dim],
+            usage: vec![0.0; n_codes],
+            sums: vec![0.0; n_codes * dim],
+            waiting: Vec::new(),
+            n_updates: 0,
+            initialised: false,
+        }
+    }
+
+    /// `[n_codes][dim]`.
+    pub fn codes(&self) -> &[f32] {
+        &self.codes
+    }
+
+    /// False until enough inputs were seen; codes mean nothing before.
+    pub fn is_initialised(&self) -> bool {
+        self.initialised
+    }
+
+    /// Takes the inputs of one training step (`[n][dim]`, with their codes if initialised).
+    pub fn update(&mut self, inputs: &[f32], codes: &[u32], config: &CodebookConfig, seed: u64) {
+        self.n_updates += 1;
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        if !self.initialised {
+            if self.n_updates > config.init_after {
+                self.waiting.extend_from_slice(inputs);
+            }
+            if self.waiting.len() >= config.init_inputs_per_code.max(1) * self.n_codes * self.dim {
+                let inputs_per_update = inputs.len() / self.dim;
+                self.initialise(config.init_rounds, inputs_per_update, &mut rng);
+            }
+            return;
+        }
+        // Young codebooks forget faster: features still move quickly then, and averages over a hundred
+        // updates would trail them (measured: 4 codes in use after 200 updates without this).
+        let age = self.n_updates as f64;
+        let keep = config.decay.min((1.0 + age) / (10.0 + age)) as f32;
+        self.usage.iter_mut().for_each(|u| *u *= keep);
+        self.sums.iter_mut().for_each(|s| *s *= keep);
+        for (x, &code) in inputs.chunks_exact(self.dim).zip(codes) {
+            let k = code as usize;
+            self.usage[k] += 1.0 - keep;
+            let sum = &mut self.sums[k * self.dim..][..self.dim];
+            sum.iter_mut()
+                .zip(x)
+                .for_each(|(s, v)| *s += (1.0 - keep) * v);
+        }
+        let mean_usage = self.usage.iter().sum::<f32>() / self.n_codes as f32;
+        let n_inputs = inputs.len() / self.dim;
+        let resets = config.reset_every > 0 && self.n_updates.is_multiple_of(config.reset_every);
+        for k in 0..self.n_codes {
+            let span = k * self.dim..(k + 1) * self.dim;
+            if resets && n_inputs > 0 && self.usage[k] < config.reset_below as f32 * mean_usage {
+                let row = rng.random_range(0..n_inputs);
+                let input = &inputs[row * self.dim..][..self.dim];
+                self.codes[span.clone()].copy_from_slice(input);
+                self.usage[k] = mean_usage;
+                for (s, v) in self.sums[span].iter_mut().zip(input) {
+                    *s = mean_usage * v;
+                }
+            } else if self.usage[k] > 1e-6 {
+                let usage = self.usage[k];
+                for (c, s) in self.codes[span.clone()].iter_mut().zip(&self.sums[span]) {
+                    *c = s / usage;
+                }
+            }
+        }
+    }
+
+    /// k-means from a random sample of the waiting inputs.
+    fn initialise(&mut self, rounds: usize, inputs_per_update: usize, rng: &mut ChaCha8Rng) {
+        let inputs = std::mem::take(&mut self.waiting);
+        let n = inputs.len() / self.dim;
+        let mut order: Vec<usize> = (0..n).collect();
+        for i in 0..n.min(self.n_codes) {
+            let j = rng.random_range(i..n);
+            order.swap(i, j);
+        }
+        for k in 0..self.n_codes {
+            let row = order[k % n];
+            let input = &inputs[row * self.dim..][..self.dim];
+            self.codes[k * self.dim..][..self.dim].copy_from_slice(input);
+        }
+        let mut counts = vec![0.0f32; self.n_codes];
+        for _ in 0..rounds.max(1) {
+            let assigned = nearest_codes(&inputs, &self.codes, self.dim);
+            counts.fill(0.0);
+            self.sums.fill(0.0);
+            for (x, &k) in inputs.chunks_exact(self.dim).zip(&assigned) {
+                counts[k as usize] += 1.0;
+                let sum = &mut self.sums[k as usize * self.dim..][..self.dim];
+                sum.iter_mut().zip(x).for_each(|(s, v)| *s += v);
+            }
+            for (k, &count) in counts.iter().enumerate() {
+                let span = k * self.dim..(k + 1) * self.dim;
+                if count > 0.0 {
+                    for (c, s) in self.codes[span.clone()].iter_mut().zip(&self.sums[span]) {
+                        *c = s / count;
+                    }
+                }
+            }
+        }
+        // Every code starts with the usage that the moving average would settle on.
+        let share = inputs_per_update.max(1) as f32 / n as f32;
+        for (k, count) in counts.iter().enumerate() {
+            self.usage[k] = count.max(0.5) * share;
+            for i in k * self.dim..(k + 1) * self.dim {
+                self.sums[i] = self.codes[i] * self.usage[k];
+            }
+        }
+        self.initialised = true;
+        self.n_updates = 0;
+    }
+
+    /// Everything that resuming needs.
+    pub fn state(&self) -> NamedTensors {
+        let rows = |values: &[f32]| HostTensor {
+            shape: vec![values.len() / self.dim, self.dim],
+            values: values.to_vec(),
+        };
+        // Two 24-bit halves: f32 holds each exactly.
+        let counter = [
+            (self.n_updates & 0xff_ffff) as f32,
+            (self.n_updates >> 24) as f32,
+        ];
+        let flags = vec![
+            f32::from(u8::from(self.initialised)),
+            counter[0],
+            counter[1],
+        ];
+        NamedTensors::from([
+            ("codebook.codes".into(), rows(&self.codes)),
+            ("codebook.sums".into(), rows(&self.sums)),
+            (
+                "codebook.usage".into(),
+                HostTensor::vector(self.usage.clone()),
+            ),
+            ("codebook.waiting".into(), rows(&self.waiting)),
+            ("codebook.flags".into(), HostTensor::vector(flags)),
+        ])
+    }
+
+    /// The reverse of [`Self::state`].
+    ///
+    /// # Errors
+    /// The name of the array that is missing or has the wrong size.
+    pub fn load_state(&mut self, mut state: NamedTensors) -> Result<(), String> {
+        let mut take = |name: &str, n: Option<usize>| match state.remove(name) {
+            Some(t) if n.is_none_or(|n| n == t.values.len()) => Ok(t.values),
+            _ => Err(name.to_string()),
+        };
+        let size = self.n_codes * self.dim;
+        self.codes = take("codebook.codes", Some(size))?;
+        self.sums = take("codebook.sums", Some(size))?;
+        self.usage = take("codebook.usage", Some(self.n_codes))?;
+        self.waiting = take("codebook.waiting", None)?;
+        let flags = take("codebook.flags", Some(3))?;
+        self.initialised = flags[0] == 1.0;
+        self.n_updates = flags[1] as u64 + ((flags[2] as u64) << 24);
+        if !self.waiting.len().is_multiple_of(self.dim) {
+            Err("codebook.waiting".into())
+        } else {
+            Ok(())
+        }
+    }
+}
+
+/// How a set of codes is spread.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CodeUsage {
+    /// Share of the codebook that occurs, 0..=1.
+    pub used: f64,
+    /// Exponential of the entropy: number of equally frequent codes that would be as spread.
+    pub perplexity: f64,
+}
+
+/// Usage and perplexity of `codes` over a codebook of `n_codes`.
+pub fn code_usage(codes: &[u32], n_codes: usize) -> CodeUsage {
+    let mut counts = vec![0usize; n_codes];
+    for &code in codes {
+        if let Some(count) = counts.get_mut(code as usize) {
+            *count += 1;
+        }
+    }
+    let total = codes.len().max(1) as f64;
+    let entropy: f64 = counts
+        .iter()
+        .filter(|c| **c > 0)
+        .map(|c| *c as f64 / total)
+        .map(|p| -p * p.ln())
+        .sum();
+    let used = counts.iter().filter(|c| **c > 0).count() as f64 / n_codes.max(1) as f64;
+    CodeUsage {
+        used,
+        perplexity: entropy.exp(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cloud(n: usize, dim: usize, seed: u64) -> Vec<f32> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        (0..n * dim).map(|_| rng.random_range(-1.0..1.0)).collect()
+    }
+
+    #[test]
+    fn nearest_is_the_nearest() {
+        let (x, c) = (cloud(37, 19, 1), cloud(11, 19, 2));
+        let found = nearest_codes(&x, &c, 19);
+        for (x, k) in x.chunks_exact(19).zip(found) {
+            let square = |c: &[f32]| x.iter().zip(c).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
+            let least = c.chunks_exact(19).map(square).fold(f32::INFINITY, f32::min);
+            // The two formulas round differently: distances of order 10, a few ulp.
+            assert!(square(&c[k as usize * 19..][..19]) <= least + 1e-5);
+        }
+    }
+
+    #[test]
+    fn codes_settle_on_separate_clusters_and_dead_codes_come_back() {
+        let config = CodebookConfig {
+            init_after: 0,
+            ..Default::default()
+        };
+        let mut book = EmaCodebook::new(4, 2);
+        let centres = [[0.0, 0.0], [8.0, 0.0], [0.0, 8.0], [8.0, 8.0]];
+        let noise = cloud(64 * 300, 2, 3);
+        for (step, noise) in noise.chunks_exact(128).enumerate() {
+            let inputs: Vec<f32> = noise
+                .chunks_exact(2)
+                .enumerate()
+                .flat_map(|(i, n)| {
+                    [
+                        centres[i % 4][0] + 0.1 * n[0],
+                        centres[i % 4][1] + 0.1 * n[1],
+                    ]
+                })
+                .collect();
+            let codes = if book.is_initialised() {
+                nearest_codes(&inputs, book.codes(), 2)
+            } else {
+                vec![]
+            };
+            book.update(&inputs, &codes, &config, step as u64);
+        }
+        for c in centres {
+            let near = book
+                .codes()
+                .chunks_exact(2)
+                .any(|k| (k[0] - c[0]).hypot(k[1] - c[1]) < 0.1);
+            assert!(near, "{c:?} in {:?}", book.codes());
+        }
+    }
+
+    /// Early in training features move away from where the codebook was initialised.
+    #[test]
+    fn young_codebooks_follow_their_inputs() {
+        let config = CodebookConfig {
+            init_after: 0,
+            ..Default::default()
+        };
+        let mut book = EmaCodebook::new(64, 2);
+        let noise = cloud(64 * 80, 2, 5);
+        let mut last = Vec::new();
+        for (step, noise) in noise.chunks_exact(128).enumerate() {
+            // A cloud that grows from 0.01 to 1 while the codebook is young.
+            let size = 0.01 + (step as f32 / 40.0).min(1.0);
+            let inputs: Vec<f32> = noise.iter().map(|v| v * size).collect();
+            last = match book.is_initialised() {
+                true => nearest_codes(&inputs, book.codes(), 2),
+                false => vec![],
+            };
+            book.update(&inputs, &last, &config, step as u64);
+        }
+        // 64 uniform inputs over 64 codes: a good codebook has an expected perplexity near 40.
+        let perplexity = code_usage(&last, 64).perplexity;
+        assert!(perplexity > 20.0, "{perplexity}");
+    }
+
+    #[test]
+    fn state_round_trips() {
+        let config = CodebookConfig {
+            init_after: 0,
+            init_inputs_per_code: 2,
+            ..Default::default()
+        };
+        let mut book = EmaCodebook::new(8, 3);
+        for step in 0..5 {
+            let x = cloud(7, 3, step);
+            let codes = if book.is_initialised() {
+                nearest_codes(&x, book.codes(), 3)
+            } else {
+                vec![]
+            };
+            book.update(&x, &codes, &config, step);
+            let mut other = EmaCodebook::new(8, 3);
+            other.load_state(book.state()).unwrap();
+            assert_eq!(book, other);
+        }
+        assert!(book.is_initialised());
+    }
+
+    #[test]
+    fn perplexity_of_uniform_and_single_codes() {
+        let uniform: Vec<u32> = (0..64).map(|i| i % 16).collect();
+        let u = code_usage(&uniform, 32);
+        assert!((u.perplexity - 16.0).abs() < 1e-9 && (u.used - 0.5).abs() < 1e-12);
+        assert!((code_usage(&[3; 9], 32).perplexity - 1.0).abs() < 1e-12);
+        assert_eq!(code_usage(&[], 32).perplexity, 1.0);
+    }
+}

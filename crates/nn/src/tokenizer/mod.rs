@@ -1,0 +1,18 @@
+//! The radar tokenizer's network (Aggregate VQ-VAE).
+//!
+//! ```text
+//! points --> centre --> tubes --> [step, anchor, C] --> context --> pooled --> [code, D] --> ids
+//!             (radarllm-inference)  (point_conv)       (attention)  (network)   (codebook)
+//! ```
+//!
+//! Reading order: [`batch`] (clips side by side), [`point_conv`], [`attention`], [`network`], [`codebook`],
+//! [`reference`](mod@reference) (points to codes by this network). Reconstruction and guidance losses live in `radarllm-train`.
+
+pub mod attention;
+pub mod batch;
+pub mod codebook;
+pub mod network;
+pub mod point_conv;
+pub mod reference;
+
+pub use reference::{ReferenceTokenizer, pack};

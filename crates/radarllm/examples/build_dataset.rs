@@ -1,0 +1,35 @@
+//! Builds a small radar-text data set of built-in motions and reads it again.
+//!
+//! `cargo run --release -p radarllm --example build_dataset -- FOLDER`
+
+use std::path::Path;
+
+use radarllm::{
+    Error, Overwrite,
+    dataset::{BuildOptions, Dataset, Split},
+    synth::{build::build, config::DatasetConfig},
+};
+
+const CONFIG: &str = r#"
+name = "small"
+[[source]]
+kind = "procedural"
+train = 4
+val = 1
+test = 1
+"#;
+
+fn main() -> Result<(), Error> {
+    let folder = std::env::args().nth(1).unwrap_or("small-data".into());
+    let config = DatasetConfig::from_toml(CONFIG)?;
+    let options = BuildOptions {
+        threads: 2,
+        overwrite: Overwrite::Refuse,
+        retry_failed: false,
+    };
+    build(&config, Path::new(""), folder.as_ref(), options, |_| ())?;
+    for clip in Dataset::open(folder.as_ref())?.read_split(Split::Train)? {
+        println!("{}: {}", clip.id, clip.captions[0]);
+    }
+    Ok(())
+}

@@ -1,0 +1,85 @@
+//! The captioner: a clip in, a sentence out.
+
+use std::path::Path;
+
+use radarllm_base::Clip;
+use radarllm_inference::{DescribeOptions, Description, Precision};
+use radarllm_io::{Error, Result};
+
+use crate::bundled;
+
+/// Describes clips with a trained model.
+///
+/// ```
+/// let captioner = radarllm::Captioner::bundled()?;
+/// let recording = radarllm::open("builtin:walk?direction=backward").points()?;
+/// let description = captioner.describe(&recording.clip)?;
+/// assert!(description.caption.contains("backward"));
+/// # Ok::<(), radarllm::Error>(())
+/// ```
+pub struct Captioner {
+    model: radarllm_inference::Captioner,
+    name: String,
+}
+
+impl Captioner {
+    /// The model that comes with the library, with 32-bit weights.
+    ///
+    /// # Errors
+    /// If the library was built without it.
+    pub fn bundled() -> Result<Self> {
+        Self::bundled_with(Precision::F32)
+    }
+
+    /// The model that comes with the library.
+    ///
+    /// # Errors
+    /// If the library was built without it.
+    pub fn bundled_with(precision: Precision) -> Result<Self> {
+        Ok(Self::new(bundled::load(precision)?, bundled::NAME.into()))
+    }
+
+    /// A model folder made by training.
+    ///
+    /// # Errors
+    /// A folder that is incomplete or damaged.
+    pub fn load(folder: &Path, precision: Precision) -> Result<Self> {
+        let model = radarllm_inference::Captioner::load(folder, precision).map_err(|e| {
+            Error::in_file(folder, e)
+                .with_hint("`model` wants a folder made by `radarllm train all`")
+        })?;
+        Ok(Self::new(model, folder.display().to_string()))
+    }
+
+    /// A captioner of any backend, with its name for reports.
+    pub fn new(model: radarllm_inference::Captioner, name: String) -> Self {
+        Self { model, name }
+    }
+
+    /// Name of the model in reports: its folder, or `default (embedded)`.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The captioner below, which describes batches and tokenizes.
+    pub fn model(&self) -> &radarllm_inference::Captioner {
+        &self.model
+    }
+
+    /// Describes a clip greedily. The clip is prepared for the model: resampled to its frame rate and, if recorded,
+    /// without static clutter.
+    ///
+    /// # Errors
+    /// Values that are not finite, or an impossible frame rate.
+    pub fn describe(&self, clip: &Clip) -> Result<Description> {
+        self.describe_with(clip, &DescribeOptions::default())
+    }
+
+    /// Describes a clip.
+    ///
+    /// # Errors
+    /// As [`Self::describe`].
+    pub fn describe_with(&self, clip: &Clip, options: &DescribeOptions) -> Result<Description> {
+        self.model.describe(clip, options).map_err(Error::input)
+    }
+}

@@ -1,0 +1,71 @@
+//! Millimetre-wave radar to language.
+//!
+//! A radar in the corner of a room sees a sparse cloud of moving points. This library reads such points, of any radar
+//! and any format, and writes what the person is doing:
+//!
+//! ```
+//! let captioner = radarllm::Captioner::bundled()?;
+//! let recording = radarllm::open("builtin:walk?direction=backward").points()?;
+//! for person in recording.track_people(&Default::default())? {
+//!     println!("{}", captioner.describe(&person.clip)?.caption);
+//! }
+//! # Ok::<(), radarllm::Error>(())
+//! ```
+//!
+//! The input above is simulated, so that the program runs anywhere. For a recording, name its file and the radar:
+//!
+//! ```no_run
+//! # fn main() -> Result<(), radarllm::Error> {
+//! let recording = radarllm::open("uart.dat").radar("profile.cfg")?.points()?;
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! | to do | use |
+//! |---|---|
+//! | open any recording or motion | [`open`], [`Source`], [`CaptureOptions`] |
+//! | simulate a motion for a radar | [`open_radar`], [`simulate_motion`] |
+//! | raw samples to points | [`SampleRecording`], [`PointExtractor`] |
+//! | draw figures and pages | [`render`] |
+//! | track people | [`Recording::track_people`], [`track_people`] |
+//! | describe a clip, or get its tokens | [`Captioner`] |
+//! | score captions | [`metrics`] |
+//! | build and read data sets | [`synth`], [`dataset`] |
+//!
+//! Everything is re-exported from the crates below, which can be used alone. Only [`Captioner`] and [`Source`] are
+//! types of this crate: they join the model that comes with the library, recordings and the virtual radar. Errors are
+//! [`Error`]s with kind, message, hint and path. Nothing here prints, keeps global state, parses a command line or chooses an allocator.
+
+pub mod bundled;
+mod captioner;
+mod source;
+
+pub use captioner::Captioner;
+pub use source::{DEFAULT_RADAR, Performed, Recording, Source, open, open_parts};
+
+pub use radarllm_base::{
+    Clip, Motion, PointFrame, Provenance, RadarConfig, RadarCube, RadarPoint, Timeline,
+};
+pub use radarllm_dataset::{Overwrite, PointsFile, PointsMeta, read_points, write_points};
+pub use radarllm_inference::{
+    DescribeOptions, Description, Precision, PrepareOptions, Prepared, prepare_for_model,
+};
+pub use radarllm_io::{
+    CaptureFormat, CaptureOptions, CleaningOptions, Error, ErrorKind, IqChoice, LayoutOptions,
+    OpenedRadar, PointOptions, Result, SampleRecording, open_radar,
+};
+pub use radarllm_radar_dsp::{DspOptions, PointExtractor};
+pub use radarllm_synth::{
+    MotionInput, SimulateOptions, SimulatedClip, open_motion, simulate_motion,
+};
+pub use radarllm_tracking::{PeopleOptions, Person, track_people};
+
+pub use radarllm_dataset as dataset;
+pub use radarllm_inference as inference;
+pub use radarllm_io as io;
+pub use radarllm_metrics as metrics;
+pub use radarllm_radar_dsp as radar_dsp;
+pub use radarllm_radar_sim as radar_sim;
+pub use radarllm_render as render;
+pub use radarllm_synth as synth;
+pub use radarllm_tracking as tracking;

@@ -1,0 +1,214 @@
+//! Any input, opened: a recording of any radar, or a motion that the virtual radar simulates.
+
+use std::path::{Path, PathBuf};
+
+use radarllm_base::{Clip, frames::Placement};
+use radarllm_inference::{PrepareOptions, Prepared, prepare_for_model};
+use radarllm_io::{
+    CaptureFormat, CaptureOptions, Error, OpenedRadar, RecordingKind, Result, open_radar,
+    points::identify, recording_kind,
+};
+use radarllm_synth::{MotionInput, SimulateOptions, simulate::is_builtin, simulate_motion};
+use radarllm_tracking::{PeopleOptions, Person, track_people};
+
+/// Radar that simulates motions, and that recorded complex npy arrays, where none is named.
+pub const DEFAULT_RADAR: &str = "awr1843boost";
+/// Extensions that only motions have.
+const MOTION_EXTENSIONS: [&str; 4] = ["bvh", "amc", "asf", "npz"];
+
+/// An input that is about to be opened; see [`open`].
+#[derive(Clone, Debug)]
+pub struct Source {
+    inputs: Vec<PathBuf>,
+    options: CaptureOptions,
+    simulation: SimulateOptions,
+}
+
+/// Names an input: a recording of any format, a points file, a motion file or a built-in motion
+/// (`builtin:NAME?key=value`). Nothing is read until [`Source::points`].
+///
+/// ```
+/// let recording = radarllm::open("builtin:wave?side=left&repetitions=2").points()?;
+/// assert!(recording.clip.provenance.is_simulated());
+/// assert_eq!(recording.clip.frame_rate_hz, 10.0);
+/// # Ok::<(), radarllm::Error>(())
+/// ```
+pub fn open(input: impl AsRef<Path>) -> Source {
+    open_parts([input])
+}
+
+/// Names an input in several files, which are read as one recording of raw samples.
+pub fn open_parts(inputs: impl IntoIterator<Item = impl AsRef<Path>>) -> Source {
+    Source {
+        inputs: inputs.into_iter().map(|p| p.as_ref().into()).collect(),
+        options: CaptureOptions::default(),
+        simulation: SimulateOptions::default(),
+    }
+}
+
+impl Source {
+    /// Names the radar that recorded the input, or that simulates it: a built-in name or a file.
+    ///
+    /// # Errors
+    /// An unknown name or a file that cannot be read.
+    pub fn radar(self, name_or_file: &str) -> Result<Self> {
+        let radar = open_radar(name_or_file)?;
+        Ok(self.with_radar(radar))
+    }
+
+    /// Sets the radar to one that is open already.
+    #[must_use]
+    pub fn with_radar(mut self, radar: OpenedRadar) -> Self {
+        self.options.radar = Some(radar);
+        self
+    }
+
+    /// Names the recording's format, which is detected otherwise.
+    ///
+    /// # Errors
+    /// An unknown name.
+    pub fn format(mut self, name: &str) -> Result<Self> {
+        self.options.format = Some(CaptureFormat::from_name(name)?);
+        Ok(self)
+    }
+
+    /// Sets all options of recordings.
+    #[must_use]
+    pub fn with_options(mut self, options: CaptureOptions) -> Self {
+        self.options = options;
+        self
+    }
+
+    /// Sets all options of simulated motions. The radar is that of the recording's options.
+    #[must_use]
+    pub fn with_simulation(mut self, simulation: SimulateOptions) -> Self {
+        self.simulation = simulation;
+        self
+    }
+
+    /// Reads the recording, or simulates the motion.
+    ///
+    /// # Errors
+    /// Whatever is wrong with the input or the options, with the file's name, the place and a hint.
+    pub fn points(self) -> Result<Recording> {
+        let Some(first) = self.inputs.first() else {
+            return Err(Error::input("no input is named"));
+        };
+        let prepare = PrepareOptions {
+            keep_static: self.options.points.keeps_static(),
+            motion_compensate: self.options.points.motion_compensate,
+        };
+        if self.is_motion(first)? {
+            let radar = self.radar_or_default()?;
+            let input = first.to_string_lossy();
+            let simulated = simulate_motion(&input, &radar.config, &self.simulation)?;
+            return Ok(Recording {
+                clip: simulated.clip,
+                notes: Vec::new(),
+                performed: Some(Performed {
+                    motion: simulated.motion,
+                    placement: simulated.placement,
+                }),
+                prepare,
+            });
+        }
+        let mut options = self.options.clone();
+        if options.radar.is_none() && self.is_npy_samples(&options)? {
+            options.radar = Some(self.radar_or_default()?);
+        }
+        let recording = radarllm_io::read_recording(&self.inputs, &options)?;
+        Ok(Recording {
+            clip: recording.clip,
+            notes: recording.notes,
+            performed: None,
+            prepare,
+        })
+    }
+
+    fn radar_or_default(&self) -> Result<OpenedRadar> {
+        match &self.options.radar {
+            Some(radar) => Ok(radar.clone()),
+            None => open_radar(DEFAULT_RADAR),
+        }
+    }
+
+    /// Complex npy arrays are what `simulate` writes, so the default radar is a good first guess for them; it is
+    /// checked against the array's shape.
+    fn is_npy_samples(&self, options: &CaptureOptions) -> Result<bool> {
+        let kind = recording_kind(&self.inputs, options)?;
+        Ok(kind == RecordingKind::Samples(radarllm_io::SampleFormat::Npy))
+    }
+
+    /// Whether the input is a motion: by its name, or because no recording looks like it.
+    fn is_motion(&self, path: &Path) -> Result<bool> {
+        if self.options.format.is_some() || self.options.layout.is_given() {
+            return Ok(false);
+        }
+        let name = path.to_string_lossy();
+        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+        if is_builtin(&name) || MOTION_EXTENSIONS.contains(&extension.to_lowercase().as_str()) {
+            return Ok(true);
+        }
+        if radarllm_io::udp::address(&name).is_some() || extension == "parquet" {
+            return Ok(false);
+        }
+        if !path.exists() {
+            // The loader of motions lists what an input may be.
+            return Ok(true);
+        }
+        // What no recording looks like may be a motion; the loader says what it expects.
+        Ok(matches!(
+            identify(path, None)?,
+            Err(radarllm_io::DetectError::Unknown(_))
+        ))
+    }
+}
+
+/// A motion that was simulated, and where.
+#[derive(Clone, Debug)]
+pub struct Performed {
+    /// The motion and the body that performs it.
+    pub motion: MotionInput,
+    /// Where the person stands in front of the radar.
+    pub placement: Placement,
+}
+
+/// Points of an input, with everything needed to track, describe or draw them.
+#[derive(Clone, Debug)]
+pub struct Recording {
+    /// The points at the recording's own frame rate.
+    pub clip: Clip,
+    /// Notes for the user: how the format was detected, what was dropped.
+    pub notes: Vec<String>,
+    /// The motion, if the points were simulated just now.
+    pub performed: Option<Performed>,
+    prepare: PrepareOptions,
+}
+
+impl Recording {
+    /// The clip as the model expects it: at the model's frame rate and, of a recording, without static clutter.
+    ///
+    /// # Errors
+    /// A frame rate that cannot be resampled.
+    pub fn prepared(&self) -> Result<Prepared> {
+        prepare_for_model(self.clip.clone(), &self.prepare).map_err(Error::input)
+    }
+
+    /// How clips of this recording are prepared for the model.
+    pub fn prepare_options(&self) -> PrepareOptions {
+        self.prepare
+    }
+
+    /// Tracks people and returns the clip of each, prepared for the model; empty if nobody is seen.
+    ///
+    /// # Errors
+    /// An option out of range, or a frame rate that cannot be resampled.
+    pub fn track_people(&self, options: &PeopleOptions) -> Result<Vec<Person>> {
+        // Preparing removes static clutter, or keeps it because that was asked for.
+        let options = PeopleOptions {
+            keep_static: true,
+            ..options.clone()
+        };
+        Ok(track_people(self.prepared()?.clip, &options)?)
+    }
+}

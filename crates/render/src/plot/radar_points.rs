@@ -1,0 +1,90 @@
+//! Plots of radar points.
+
+use radarllm_base::{PointFrame, RadarPoint};
+
+use super::{
+    axis::Axis,
+    colours::ColourMap,
+    figure::Aspect,
+    scatter_plot::{ScatterPanel, ScatterPlot},
+};
+
+/// Smallest end of a velocity axis, m/s: noise of a still scene stays grey.
+const MIN_SPEED_MPS: f64 = 0.1;
+
+/// Share of the time of a recording that stays free before and after it.
+const TIME_PADDING: f64 = 0.02;
+
+/// Points from above (x to the right, y upwards) and from the side (y to the right, z upwards), coloured by radial
+/// velocity: blue approaches, red recedes. Points that are not finite are left out.
+///
+/// ```
+/// use radarllm_base::RadarPoint;
+/// use radarllm_render::plot::point_cloud;
+///
+/// let point = RadarPoint { x_m: 0.2, y_m: 3.0, velocity_mps: -0.7, ..RadarPoint::default() };
+/// let svg = point_cloud(&[point], "A hand").to_svg();
+/// assert!(svg.contains("Radial velocity (m/s)"));
+/// ```
+pub fn point_cloud(points: &[RadarPoint], title: &str) -> ScatterPlot {
+    let panel = |heading: &str, axes: [usize; 2]| {
+        let label = |axis| Axis::new(["x", "y", "z"][axis], "m");
+        let placed = points.iter().map(|p| {
+            let place_m = [p.x_m, p.y_m, p.z_m];
+            let [a, b] = axes.map(|axis| f64::from(place_m[axis]));
+            [a, b, f64::from(p.velocity_mps)]
+        });
+        ScatterPanel {
+            heading: heading.into(),
+            x: label(axes[0]),
+            y: label(axes[1]),
+            points: placed.collect(),
+            aspect: Aspect::Equal,
+        }
+    };
+    let panels = vec![panel("From above", [0, 1]), panel("From the side", [1, 2])];
+    coloured_by_velocity(title, panels)
+}
+
+/// Range and x (to the right of the radar) of points over time, coloured as in [`point_cloud`].
+pub fn points_over_time(frames: &[PointFrame], title: &str) -> ScatterPlot {
+    let panel = |label: &str, time: Axis, value: fn(&RadarPoint) -> f32| {
+        let points = frames.iter().flat_map(|frame| {
+            let at = |p| [frame.time_s, f64::from(value(p)), f64::from(p.velocity_mps)];
+            frame.points.iter().map(at)
+        });
+        ScatterPanel {
+            heading: String::new(),
+            x: time,
+            y: Axis::new(label, "m"),
+            points: points.collect(),
+            aspect: Aspect::Fill,
+        }
+    };
+    // Frames without points are part of the time that is shown.
+    let times = || frames.iter().map(|f| f.time_s).filter(|t| t.is_finite());
+    let first = times().fold(f64::INFINITY, f64::min);
+    let last = times().fold(f64::NEG_INFINITY, f64::max);
+    let padding = TIME_PADDING * (last - first);
+    let time = |label: &str, unit: &str| {
+        Axis::new(label, unit).with_limits(first - padding, last + padding)
+    };
+    let panels = vec![
+        panel("Range", time("", ""), |p| p.range_m),
+        panel("x", time("Time", "s"), |p| p.x_m),
+    ];
+    coloured_by_velocity(title, panels)
+}
+
+fn coloured_by_velocity(title: &str, panels: Vec<ScatterPanel>) -> ScatterPlot {
+    let speeds = panels.iter().flat_map(|p| &p.points).map(|p| p[2].abs());
+    let fastest = speeds
+        .filter(|v| v.is_finite())
+        .fold(MIN_SPEED_MPS, f64::max);
+    ScatterPlot {
+        title: title.into(),
+        panels,
+        colour_bar: Axis::new("Radial velocity", "m/s").with_limits(-fastest, fastest),
+        colours: ColourMap::BlueRed,
+    }
+}

@@ -1,0 +1,248 @@
+//! Scatter plots: points with a colour each.
+
+use super::{
+    PlotError,
+    axis::{Axis, Scale},
+    colours::{ColourMap, LAST, NOTHING, hex},
+    figure::{Aspect, ColourBar, Figure, Panel, Placed},
+    png_texts,
+    svg::Svg,
+};
+use crate::png_file::{self, Pixels};
+
+/// Height of a panel whose axes fill it, pt.
+const HEIGHT_PT: f64 = 100.0;
+const RADIUS_PT: f64 = 1.2;
+/// Most points that are drawn as vector shapes; more of them become an embedded picture.
+const MAX_VECTOR_POINTS: usize = 20_000;
+/// Pixels of a picture per point on paper: 288 dpi.
+const PIXELS_PER_PT: f64 = 4.0;
+/// White rows between the panels of a picture, pixels.
+const PICTURE_GAP: usize = 24;
+/// Share of an axis's extent that stays free beyond the data.
+const PADDING: f64 = 0.05;
+/// Steps of colour among vector shapes, which are grouped by it.
+const COLOUR_STEPS: f64 = 22.0;
+
+/// Points over one pair of axes.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ScatterPanel {
+    /// Above the panel; empty for none.
+    pub heading: String,
+    /// Horizontal axis.
+    pub x: Axis,
+    /// Vertical axis.
+    pub y: Axis,
+    /// Horizontal value, vertical value, value of the colour. Points that are not finite are left out.
+    pub points: Vec<[f64; 3]>,
+    /// Whether the axes share one scale.
+    pub aspect: Aspect,
+}
+
+/// Points coloured by a value, in panels one below the other.
+///
+/// Points with the largest values are drawn last, with [`ColourMap::BlueRed`] those farthest from the middle.
+///
+/// ```
+/// use radarllm_render::plot::{Axis, ColourMap, ScatterPanel, ScatterPlot};
+///
+/// let plot = ScatterPlot {
+///     title: "Radar points".into(),
+///     panels: vec![ScatterPanel {
+///         x: Axis::new("x", "m"),
+///         y: Axis::new("y", "m"),
+///         points: vec![[0.1, 3.0, -0.8], [0.2, 3.1, 1.4]],
+///         ..ScatterPanel::default()
+///     }],
+///     colour_bar: Axis::new("Radial velocity", "m/s").with_limits(-2.0, 2.0),
+///     colours: ColourMap::BlueRed,
+/// };
+/// assert_eq!(plot.to_svg().matches("<circle").count(), 2);
+/// ```
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ScatterPlot {
+    /// Above the panels.
+    pub title: String,
+    /// The panels, from top to bottom.
+    pub panels: Vec<ScatterPanel>,
+    /// What colours mean.
+    pub colour_bar: Axis,
+    /// Which colours.
+    pub colours: ColourMap,
+}
+
+impl ScatterPlot {
+    /// The figure.
+    pub fn to_svg(&self) -> String {
+        let n_points: usize = self.panels.iter().map(|p| p.points.len()).sum();
+        let colours = self.colour_scale();
+        self.figure().to_svg(|svg, index, placed| {
+            let points = self.placed_points(index, placed, &colours);
+            if n_points <= MAX_VECTOR_POINTS {
+                draw_discs(svg, &points, self.colours);
+                return;
+            }
+            let (width, height, indices) = self.picture(placed, &points);
+            let pixels = Pixels::Indexed {
+                palette: &self.colours.palette(),
+                indices: &indices,
+            };
+            // A panel has a size, and so has its picture: encoding it into memory does not fail.
+            if let Ok(png) = png_file::encode(width, height, &pixels, &[]) {
+                svg.image(placed.area, &png);
+            }
+        })
+    }
+
+    /// The panels alone, points as pixels without text; what their sides and colours mean is in tEXt chunks.
+    ///
+    /// # Errors
+    /// [`PlotError::Encode`] if there is no panel.
+    pub fn to_png(&self) -> Result<Vec<u8>, PlotError> {
+        let colours = self.colour_scale();
+        let placed = self.figure().placed_panels();
+        let mut indices: Vec<u8> = Vec::new();
+        let mut image_width = 0;
+        for (index, panel) in placed.iter().enumerate() {
+            let points = self.placed_points(index, panel, &colours);
+            let (width, _, picture) = self.picture(panel, &points);
+            if index > 0 {
+                indices.extend(vec![NOTHING; PICTURE_GAP * width]);
+            }
+            // All panels are as wide as the figure leaves room for.
+            image_width = width;
+            indices.extend(picture);
+        }
+        let names: Vec<[String; 2]> = (1..=placed.len())
+            .map(|n| {
+                [
+                    format!("x-axis of panel {n}"),
+                    format!("y-axis of panel {n}"),
+                ]
+            })
+            .collect();
+        let mut axes = Vec::new();
+        for ((panel, [x, y]), placed) in self.panels.iter().zip(&names).zip(&placed) {
+            axes.push((x.as_str(), &panel.x, &placed.x));
+            axes.push((y.as_str(), &panel.y, &placed.y));
+        }
+        axes.push(("colour", &self.colour_bar, &colours));
+        let pixels = Pixels::Indexed {
+            palette: &self.colours.palette(),
+            indices: &indices,
+        };
+        let height = indices.len() / image_width.max(1);
+        let texts = png_texts(&self.title, &axes);
+        Ok(png_file::encode(image_width, height, &pixels, &texts)?)
+    }
+
+    fn figure(&self) -> Figure<'_> {
+        let panels = self.panels.iter().map(|panel| {
+            let axis =
+                |axis, i: usize| Scale::new(axis, panel.points.iter().map(|p| p[i]), PADDING);
+            let (x, y) = (axis(&panel.x, 0), axis(&panel.y, 1));
+            let is_drawn = |p: &[f64; 3]| (x.fraction(p[0]) + y.fraction(p[1])).is_finite();
+            Panel {
+                heading: &panel.heading,
+                is_empty: !panel.points.iter().any(is_drawn),
+                x,
+                y,
+                x_axis: &panel.x,
+                y_axis: &panel.y,
+                aspect: panel.aspect,
+                height_pt: HEIGHT_PT,
+                has_grid: true,
+            }
+        });
+        Figure {
+            title: &self.title,
+            panels: panels.collect(),
+            colour_bar: Some(ColourBar {
+                axis: &self.colour_bar,
+                scale: self.colour_scale(),
+                colours: self.colours,
+            }),
+            legend: Vec::new(),
+        }
+    }
+
+    fn colour_scale(&self) -> Scale {
+        let values = self.panels.iter().flat_map(|p| &p.points).map(|p| p[2]);
+        Scale::new(&self.colour_bar, values, 0.0)
+    }
+
+    /// Place and share of the colour bar of every point with a place, in the order of drawing.
+    fn placed_points(
+        &self,
+        index: usize,
+        placed: &Placed,
+        colours: &Scale,
+    ) -> Vec<([f64; 2], f64)> {
+        let Some(panel) = self.panels.get(index) else {
+            return Vec::new();
+        };
+        let points = panel.points.iter().map(|[x, y, value]| {
+            let share = colours.fraction(*value);
+            // A point without a value is one in the middle.
+            let share = if share.is_nan() { 0.5 } else { share };
+            (placed.at(*x, *y), share.clamp(0.0, 1.0))
+        });
+        let mut points: Vec<([f64; 2], f64)> = points
+            .filter(|([x, y], _)| x.is_finite() && y.is_finite())
+            .collect();
+        let rank = |share: f64| match self.colours {
+            ColourMap::Viridis => share,
+            ColourMap::BlueRed => (share - 0.5).abs(),
+        };
+        points.sort_by(|a, b| rank(a.1).total_cmp(&rank(b.1)));
+        points
+    }
+
+    /// Width, height and pixels of a panel.
+    fn picture(&self, placed: &Placed, points: &[([f64; 2], f64)]) -> (usize, usize, Vec<u8>) {
+        let area = placed.area;
+        let side = |pt: f64| (pt * PIXELS_PER_PT).round().max(1.0) as usize;
+        let (width, height) = (side(area.width), side(area.height));
+        let mut pixels = vec![NOTHING; width * height];
+        let radius = RADIUS_PT * PIXELS_PER_PT;
+        for ([x, y], share) in points {
+            let centre = [
+                (x - area.left) * PIXELS_PER_PT,
+                (y - area.top) * PIXELS_PER_PT,
+            ];
+            let colour = ColourMap::index(*share);
+            for row in pixels_within(centre[1], radius, height) {
+                for col in pixels_within(centre[0], radius, width) {
+                    let (dx, dy) = (col as f64 + 0.5 - centre[0], row as f64 + 0.5 - centre[1]);
+                    if dx * dx + dy * dy <= radius * radius {
+                        pixels[row * width + col] = colour;
+                    }
+                }
+            }
+        }
+        (width, height, pixels)
+    }
+}
+
+/// Pixels whose middle may lie within a radius.
+fn pixels_within(centre: f64, radius: f64, n: usize) -> std::ops::Range<usize> {
+    // Casts saturate: what lies outside gives an empty range.
+    let first = (centre - radius).floor().max(0.0) as usize;
+    let end = ((centre + radius).ceil().max(0.0) as usize).min(n);
+    first.min(end)..end
+}
+
+/// Discs, one group for each run of one colour.
+fn draw_discs(svg: &mut Svg, points: &[([f64; 2], f64)], colours: ColourMap) {
+    let palette = colours.palette();
+    let step = |share: f64| (share * COLOUR_STEPS).round();
+    for run in points.chunk_by(|a, b| step(a.1) == step(b.1)) {
+        let index = (step(run[0].1) / COLOUR_STEPS * f64::from(LAST)).round() as usize;
+        let centres: Vec<[f64; 2]> = run.iter().map(|(place, _)| *place).collect();
+        svg.discs(
+            &centres,
+            RADIUS_PT,
+            &hex(palette[index.min(usize::from(LAST))]),
+        );
+    }
+}

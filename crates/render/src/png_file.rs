@@ -1,0 +1,57 @@
+//! PNG files in memory.
+
+use base64::prelude::{BASE64_STANDARD, Engine};
+
+/// Pixels of a picture, rows from the top.
+pub(crate) enum Pixels<'a> {
+    /// Three bytes a pixel.
+    Rgb(&'a [u8]),
+    /// One byte a pixel, an index into a palette of red, green, blue.
+    Indexed {
+        palette: &'a [[u8; 3]],
+        indices: &'a [u8],
+    },
+}
+
+/// Encodes a picture with text chunks of keyword and text. Characters outside Latin-1, which these chunks cannot hold,
+/// become question marks.
+///
+/// # Errors
+/// A picture without pixels, or a size that does not fit the pixels.
+pub(crate) fn encode(
+    width: usize,
+    height: usize,
+    pixels: &Pixels,
+    texts: &[(&str, String)],
+) -> Result<Vec<u8>, png::EncodingError> {
+    // A side beyond u32 has no memory that could hold its pixels; the encoder refuses the mismatch.
+    let side = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
+    let mut out = Vec::new();
+    let mut encoder = png::Encoder::new(&mut out, side(width), side(height));
+    encoder.set_depth(png::BitDepth::Eight);
+    let data = match pixels {
+        Pixels::Rgb(data) => {
+            encoder.set_color(png::ColorType::Rgb);
+            data
+        }
+        Pixels::Indexed { palette, indices } => {
+            encoder.set_color(png::ColorType::Indexed);
+            encoder.set_palette(palette.as_flattened().to_vec());
+            indices
+        }
+    };
+    for (keyword, text) in texts {
+        let latin_1 = |c: char| if (c as u32) < 256 { c } else { '?' };
+        let text = text.replace('\u{2212}', "-").chars().map(latin_1).collect();
+        encoder.add_text_chunk((*keyword).into(), text)?;
+    }
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(data)?;
+    writer.finish()?;
+    Ok(out)
+}
+
+/// The `data:` address of a PNG file, for `<image href="...">`.
+pub(crate) fn data_uri(png: &[u8]) -> String {
+    format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png))
+}

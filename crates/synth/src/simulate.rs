@@ -1,0 +1,240 @@
+//! A motion that somebody names, a file or a built-in motion, to a clip of points.
+
+use std::path::Path;
+
+use radarllm_base::{Clip, Motion, PointFrame, Provenance, RadarConfig, frames::Placement};
+use radarllm_body::{loaders::load_motion_file, mesh::BodyShape, sample::canonicalize};
+use radarllm_io::{Error, ErrorKind};
+use radarllm_radar_dsp::DspOptions;
+use radarllm_radar_sim::{Noise, Scene};
+use serde::Serialize;
+
+use crate::{
+    Method, SynthError, Synthesizer,
+    placement::{PlacementRange, draw_placement},
+    synthesizer::{builtin_shape, posed_builtin, scene_to_points_in_parallel},
+};
+
+/// Maximum number of radar frames simulated at once (about 17 minutes at 10 frames/s).
+pub const MAX_FRAMES: usize = 10_000;
+
+/// A motion, the body that performs it, and what its file or its parameters say.
+#[derive(Clone, Debug)]
+pub struct MotionInput {
+    /// The motion; it starts at the origin and faces the radar.
+    pub motion: Motion,
+    /// The body that performs it.
+    pub shape: BodyShape,
+    /// Facts about the source.
+    pub info: MotionInfo,
+}
+
+/// Facts about the source of a motion.
+#[derive(Clone, Debug, Serialize)]
+pub struct MotionInfo {
+    /// File format, or `builtin`.
+    pub format: String,
+    /// Number of poses.
+    pub frames: usize,
+    /// Poses per second.
+    pub fps: f64,
+    /// Length, s.
+    pub duration_s: f64,
+    /// Joints in the source.
+    pub joints: usize,
+    /// Unit of lengths in the source.
+    pub unit: String,
+    /// Standing height of the skeleton, m.
+    pub height_m: f64,
+    /// What the source holds and this project does not use.
+    pub skipped: Vec<String>,
+    /// What looks wrong.
+    pub warnings: Vec<String>,
+    /// Captions of built-in motions.
+    pub captions: Vec<String>,
+}
+
+/// Whether an input names a built-in motion rather than a file.
+pub fn is_builtin(input: &str) -> bool {
+    input.starts_with("builtin:")
+}
+
+/// Loads a motion file (BVH, AMC with its ASF, AMASS npz, HumanML3D npy) or renders a built-in motion
+/// (`builtin:NAME?key=value`), whose small variations are drawn with `seed`.
+///
+/// ```
+/// let walk = radarllm_synth::open_motion("builtin:walk?direction=backward", 1)?;
+/// assert_eq!(walk.info.format, "builtin");
+/// assert!(walk.info.captions.iter().any(|caption| caption.contains("backward")));
+/// # Ok::<(), radarllm_io::Error>(())
+/// ```
+///
+/// # Errors
+/// An unknown motion or key, or a file that cannot be read, with its name and place.
+pub fn open_motion(input: &str, seed: u64) -> Result<MotionInput, Error> {
+    if is_builtin(input) {
+        return open_builtin(input, seed);
+    }
+    let path = Path::new(input);
+    let loaded = load_motion_file(path).map_err(|e| {
+        let kind = match path.exists() {
+            true => ErrorKind::Input,
+            false => ErrorKind::NotFound,
+        };
+        Error::input(e).of_kind(kind).naming(path).with_hint(
+            "motions: .bvh, .amc (with its .asf), AMASS .npz, HumanML3D .npy, or builtin:NAME",
+        )
+    })?;
+    let info = MotionInfo {
+        format: loaded.format.to_string(),
+        frames: loaded.frames,
+        fps: loaded.fps,
+        duration_s: loaded.motion.duration_s(),
+        joints: loaded.n_source_joints,
+        unit: loaded.unit.clone(),
+        height_m: f64::from(loaded.height_m),
+        skipped: loaded.skipped.clone(),
+        warnings: loaded.warnings.clone(),
+        captions: Vec::new(),
+    };
+    let mut motion = loaded.motion;
+    canonicalize(&mut motion);
+    let shape = BodyShape {
+        height_m: loaded.height_m.clamp(1.0, 2.0),
+        ..BodyShape::default()
+    };
+    Ok(MotionInput {
+        motion,
+        shape,
+        info,
+    })
+}
+
+fn open_builtin(input: &str, seed: u64) -> Result<MotionInput, Error> {
+    let request = radarllm_motions::parse(input).map_err(|e| {
+        Error::input(format!("{input}: {e}"))
+            .with_hint("`radarllm motion list` prints all motions with their keys")
+    })?;
+    let rendered = request.render(seed);
+    let shape = builtin_shape(&rendered);
+    let info = MotionInfo {
+        format: "builtin".into(),
+        frames: rendered.motion.len(),
+        fps: rendered.motion.fps,
+        duration_s: rendered.motion.duration_s(),
+        joints: radarllm_base::skeleton::N_JOINTS,
+        unit: "m".into(),
+        height_m: f64::from(rendered.height_m),
+        skipped: Vec::new(),
+        warnings: Vec::new(),
+        captions: rendered.captions,
+    };
+    Ok(MotionInput {
+        motion: rendered.motion,
+        shape,
+        info,
+    })
+}
+
+/// How a motion is simulated.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SimulateOptions {
+    /// Seed of noise and of a built-in motion's small variations.
+    pub seed: u64,
+    /// Distance from the radar to the middle of the motion's path, m.
+    pub distance_m: f32,
+    /// Height of the radar above the floor, m.
+    pub radar_height_m: f32,
+    /// Signal processing.
+    pub processing: DspOptions,
+    /// The fast simulator or the direct sum.
+    pub method: Method,
+}
+
+impl Default for SimulateOptions {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            distance_m: 3.0,
+            radar_height_m: 1.0,
+            processing: DspOptions::default(),
+            method: Method::Fast,
+        }
+    }
+}
+
+/// A simulated clip and what was performed.
+#[derive(Clone, Debug)]
+pub struct SimulatedClip {
+    /// The radar points.
+    pub clip: Clip,
+    /// The motion.
+    pub motion: MotionInput,
+    /// Where the motion was performed.
+    pub placement: Placement,
+}
+
+/// Simulates a motion in front of a radar: body, virtual radar and signal chain.
+///
+/// # Errors
+/// As [`open_motion`], or a radar that the simulator cannot serve.
+pub fn simulate_motion(
+    input: &str,
+    radar: &RadarConfig,
+    options: &SimulateOptions,
+) -> Result<SimulatedClip, Error> {
+    let motion = open_motion(input, options.seed)?;
+    let placement = place(&motion.motion, options.distance_m, options.radar_height_m);
+    let plan = || Synthesizer::new(radar, options.method, options.processing.clone());
+    let n_frames = plan()?
+        .frames_in(motion.motion.duration_s())
+        .clamp(1, MAX_FRAMES);
+    let body = posed_builtin(&motion.motion, motion.shape, placement)?;
+    let scene = Scene {
+        surfaces: vec![&body],
+        points: Vec::new(),
+        noise: Noise::Thermal,
+    };
+    let frames = scene_to_points_in_parallel(plan, &scene, n_frames, options.seed)?;
+    Ok(SimulatedClip {
+        clip: clip(frames, input, radar, options),
+        motion,
+        placement,
+    })
+}
+
+fn clip(
+    frames: Vec<PointFrame>,
+    input: &str,
+    radar: &RadarConfig,
+    options: &SimulateOptions,
+) -> Clip {
+    Clip {
+        frames,
+        frame_rate_hz: radar.frame_rate_hz(),
+        radar_height_m: options.radar_height_m,
+        radar: radar.name.clone(),
+        provenance: Provenance::simulated(input, options.seed),
+    }
+}
+
+/// The placement of a motion at a distance on boresight, facing as it does.
+pub fn place(motion: &Motion, distance_m: f32, radar_height_m: f32) -> Placement {
+    let range = PlacementRange {
+        distance_m: [distance_m; 2],
+        lateral_m: 0.0,
+        heading_rad: 0.0,
+        radar_height_m,
+    };
+    draw_placement(motion, &range, 0)
+}
+
+impl From<SynthError> for Error {
+    fn from(error: SynthError) -> Self {
+        match error {
+            SynthError::Radar(error) => error,
+            SynthError::Dataset(error) => error.into(),
+            other => Self::input(other),
+        }
+    }
+}
