@@ -21,7 +21,7 @@ use crate::{
     arg_required_else_help = true
 )]
 pub struct Cli {
-    /// What to do.
+    /// The verb.
     #[command(subcommand)]
     pub verb: Verb,
 }
@@ -29,21 +29,21 @@ pub struct Cli {
 /// All verbs.
 #[derive(Subcommand)]
 pub enum Verb {
-    /// Built-in motions -> virtual radar -> points -> sentence, with the default model.
+    /// Simulate built-in motions and describe them with the bundled model.
     ///
     /// Example: radarllm demo
     Demo(DemoArgs),
-    /// Look at a motion file or a built-in motion.
+    /// Inspect a motion file or a built-in motion.
     #[command(subcommand)]
     Motion(MotionVerb),
-    /// List, show and check radars.
+    /// List, show, check and calibrate radars.
     #[command(subcommand)]
     Radar(RadarVerb),
-    /// Motion or scene -> radar points (or raw ADC samples).
+    /// Simulate a motion or a scene: radar points or raw ADC samples.
     ///
     /// Example: radarllm simulate "builtin:walk" --out walk.parquet
     Simulate(SimulateArgs),
-    /// Recorded radar -> radar points.
+    /// Convert recorded radar data to radar points.
     ///
     /// Example: radarllm process adc_data.bin --radar awr1843boost --iq i-first --out points.parquet
     ///
@@ -56,7 +56,7 @@ pub enum Verb {
     ///
     /// Example: radarllm train tokenizer model.toml
     Train(TrainArgs),
-    /// Points or motion -> sentence.
+    /// Describe recordings, points files or motions in sentences.
     ///
     /// Example: radarllm describe points.parquet "builtin:wave?side=left"
     Describe(DescribeArgs),
@@ -71,11 +71,11 @@ pub enum Verb {
     /// Example: radarllm interventions --count 120
     #[command(alias = "edits")]
     Interventions(InterventionsArgs),
-    /// Caption metrics alone, or errors of estimated bodies.
+    /// Compute caption metrics, or errors of estimated bodies.
     ///
     /// Example: radarllm score --pose --candidates estimated.npz --references true.npz
     Score(ScoreArgs),
-    /// One self-contained page: points in 3D over time, mesh, caption.
+    /// Write a self-contained page: points in 3D over time, mesh, caption.
     ///
     /// Example: radarllm view "builtin:walk" --out walk.html
     View(ViewArgs),
@@ -91,10 +91,10 @@ pub enum Verb {
     ///
     /// Example: radarllm robustness configs/robustness.toml --out robustness
     Robustness(RobustnessArgs),
-    /// Networks of other architectures: T5, GPT-2, Qwen2, BERT, RoBERTa.
+    /// Run pretrained language models: T5, GPT-2, Qwen2, BERT, RoBERTa.
     #[command(subcommand)]
     Lm(LmVerb),
-    /// What this machine has and what is missing.
+    /// Report what this machine and this build can do.
     Doctor(JsonFlag),
     /// Print a completion script for a shell.
     ///
@@ -127,10 +127,10 @@ pub struct DemoArgs {
     /// Motions to show instead of the three defaults.
     #[arg(value_name = "BUILTIN")]
     pub motions: Vec<String>,
-    /// Model folder; the embedded default without it.
+    /// Model folder; the bundled model if omitted.
     #[arg(long)]
     pub model: Option<PathBuf>,
-    /// Seed of placement, small variations and noise.
+    /// Seed of placement, motion variations and noise.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Replace files in --out.
@@ -144,25 +144,25 @@ pub struct DemoArgs {
 /// `motion ...`.
 #[derive(Subcommand)]
 pub enum MotionVerb {
-    /// Format, length, unit and what was skipped.
+    /// Print format, length, unit and skipped data of a motion.
     Info {
         /// BVH, AMC (with its ASF), AMASS npz, HumanML3D npy, or builtin:NAME?key=value.
         input: String,
         /// Print one JSON document.
         #[arg(long)]
         json: bool,
-        /// Seed of a built-in motion's small variations.
+        /// Seed of the variations of a built-in motion.
         #[arg(long, default_value_t = 1)]
         seed: u64,
     },
-    /// The moving body: npz (vertices, faces, joints, rotations), obj (first pose) or png (contact sheet).
+    /// Write the moving body as npz (vertices, faces, joints, rotations), obj (first pose) or png (contact sheet).
     Mesh {
         /// Motion file or builtin:NAME?key=value.
         input: String,
         /// F.npz, F.obj or F.png.
         #[arg(long)]
         out: PathBuf,
-        /// A user's own SMPL-X .npz; the built-in body without it.
+        /// A user's own SMPL-X .npz; the built-in body if omitted.
         #[arg(long)]
         body: Option<PathBuf>,
         /// Replace an existing file.
@@ -171,11 +171,11 @@ pub enum MotionVerb {
         /// Print one JSON document.
         #[arg(long)]
         json: bool,
-        /// Seed of a built-in motion's small variations.
+        /// Seed of the variations of a built-in motion.
         #[arg(long, default_value_t = 1)]
         seed: u64,
     },
-    /// All built-in motions with their keys.
+    /// List the built-in motions with their keys.
     List {
         /// Print one JSON document.
         #[arg(long)]
@@ -186,32 +186,33 @@ pub enum MotionVerb {
 /// `radar ...`.
 #[derive(Subcommand)]
 pub enum RadarVerb {
-    /// Built-in radars.
+    /// List the built-in radars.
     List(JsonFlag),
-    /// Derived figures of a radar.
+    /// Print the derived figures of a radar.
     Show {
-        /// Built-in name, TI .cfg or our .toml.
+        /// Radar: a built-in name, a TI .cfg or a radar .toml.
         radar: String,
         /// Print one JSON document.
         #[arg(long)]
         json: bool,
     },
-    /// Check a radar: timing, budgets, what people ask of it, what a model was trained on.
+    /// Check a radar: timing, data-rate and memory budgets, suitability for people, agreement with a model's training
+    /// data.
     ///
     /// Example: radarllm radar lint profile.cfg
     ///
     /// Exit code 1 if anything is an error, 0 if there are only warnings and notes.
     Lint {
-        /// Built-in name, TI .cfg or our .toml.
+        /// Radar: a built-in name, a TI .cfg or a radar .toml.
         radar: String,
-        /// Model folder to compare with; the embedded default without it.
+        /// Model folder to compare with; the bundled model if omitted.
         #[arg(long)]
         model: Option<PathBuf>,
         /// Print one JSON document.
         #[arg(long)]
         json: bool,
     },
-    /// Gains of the virtual channels from raw samples of a corner reflector, for `process --calibration`.
+    /// Estimate the gains of the virtual channels from raw samples of a corner reflector, for `process --calibration`.
     ///
     /// Example: radarllm radar calibrate corner.bin --radar awr1843boost --iq i-first --range-m 3 --out cal.toml
     Calibrate(CalibrateArgs),
@@ -220,16 +221,16 @@ pub enum RadarVerb {
 /// `radar calibrate`.
 #[derive(Args)]
 pub struct CalibrateArgs {
-    /// Raw samples of a corner reflector that stands still, as `process` reads them.
+    /// Raw samples of a static corner reflector, in any format that `process` reads.
     #[arg(required = true)]
     pub capture: Vec<PathBuf>,
-    /// Built-in name, TI .cfg, .json of mmWave Studio or our .toml.
+    /// Radar: a built-in name, a TI .cfg, an export of mmWave Studio (.json) or a radar .toml.
     #[arg(long)]
     pub radar: String,
-    /// Distance of the reflector, m; its echo is looked for within --search-m.
+    /// Distance of the reflector, m. Its echo is searched within --search-m of it.
     #[arg(long)]
     pub range_m: f64,
-    /// How far from there the strongest echo may be, m.
+    /// Half-width of the search interval around --range-m, m.
     #[arg(long, default_value_t = 0.3)]
     pub search_m: f64,
     /// Direction of the reflector, degrees to the right of boresight.
@@ -238,7 +239,7 @@ pub struct CalibrateArgs {
     /// Direction of the reflector, degrees above boresight.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     pub elevation_deg: f64,
-    /// Channel gains, TOML.
+    /// Output file with the channel gains, TOML.
     #[arg(long)]
     pub out: PathBuf,
     /// adc, dca1000 or npy; detected if omitted.
@@ -247,7 +248,7 @@ pub struct CalibrateArgs {
     /// Sample layout of a raw capture.
     #[command(flatten)]
     pub layout: LayoutArgs,
-    /// The same place without the reflector: its mean is subtracted.
+    /// Recording of the same scene without the reflector, whose mean is subtracted.
     #[arg(long, value_name = "EMPTY")]
     pub background: Option<PathBuf>,
     /// Replace an existing file.
@@ -261,9 +262,9 @@ pub struct CalibrateArgs {
 /// What `simulate` writes.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Emit {
-    /// Parquet, one row a point.
+    /// Radar points: Parquet, one row per point.
     Points,
-    /// npy complex64 `[frame, loop, tx, rx, sample]`.
+    /// Raw samples: npy complex64 `[frame, loop, tx, rx, sample]`.
     Adc,
 }
 
@@ -273,40 +274,40 @@ pub struct SimulateArgs {
     /// Motion files, folders of them, builtin:NAME?key=value, or one scene .toml.
     #[arg(required = true)]
     pub inputs: Vec<String>,
-    /// Built-in name, TI .cfg or our .toml.
+    /// Radar: a built-in name, a TI .cfg or a radar .toml.
     #[arg(long, default_value = "awr1843boost")]
     pub radar: String,
-    /// File; a folder when there are several inputs.
+    /// Output file, or a folder for several inputs.
     #[arg(long)]
     pub out: PathBuf,
-    /// What to write.
+    /// What to compute.
     #[arg(long, value_enum, default_value = "points")]
     pub emit: Emit,
-    /// Use the slow exact path.
+    /// Use the exact direct sum, which is hundreds of times slower.
     #[arg(long)]
     pub reference: bool,
     /// Plots to write.
     #[command(flatten)]
     pub pictures: PictureArgs,
-    /// A user's own SMPL-X .npz; the built-in body without it.
+    /// A user's own SMPL-X .npz; the built-in body if omitted.
     #[arg(long)]
     pub body: Option<PathBuf>,
-    /// Where motions stand: distance to the radar, m.
+    /// Distance from the radar to the middle of the motion's path, m.
     #[arg(long, default_value_t = 3.0)]
     pub distance_m: f32,
     /// Height of the radar above the floor, m.
     #[arg(long, default_value_t = 1.0)]
     pub radar_height_m: f32,
-    /// Seed of noise and small variations.
+    /// Seed of noise and motion variations.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Only every n-th input from the i-th on, to share a folder among machines.
+    /// Process only every N-th input, starting with the I-th, to divide a folder among machines.
     #[arg(long, value_name = "I/N", value_parser = shard)]
     pub shard: Option<(usize, usize)>,
-    /// Threads; all cores without it.
+    /// Threads; all cores if omitted.
     #[arg(long)]
     pub threads: Option<usize>,
-    /// Go on: inputs whose output exists are done.
+    /// Skip inputs whose output exists.
     #[arg(long, conflicts_with = "force")]
     pub resume: bool,
     /// Replace existing files.
@@ -335,10 +336,11 @@ pub struct ProcessArgs {
     /// `udp:ADDRESS:PORT` listens to a capture card.
     #[arg(required = true)]
     pub capture: Vec<PathBuf>,
-    /// Built-in name, TI .cfg, .json of mmWave Studio or our .toml; raw samples need it.
+    /// Radar that recorded it: a built-in name, a TI .cfg, an export of mmWave Studio (.json) or a radar .toml. Required
+    /// for raw samples.
     #[arg(long)]
     pub radar: Option<String>,
-    /// Points, Parquet.
+    /// Output file of points, Parquet.
     #[arg(long)]
     pub out: PathBuf,
     /// Raw samples: adc, dca1000 or npy; points: uart, visualizer-json, visualizer-binary, radhar, mars, mmbody, mmfi,
@@ -348,23 +350,23 @@ pub struct ProcessArgs {
     /// Sample layout of a raw capture.
     #[command(flatten)]
     pub layout: LayoutArgs,
-    /// Read only so many frames of raw samples.
+    /// Read only this many frames of raw samples.
     #[arg(long)]
     pub frames: Option<usize>,
-    /// Signal chain of raw samples: the `[processing]` table of this file, a scene, a data set's configuration or one of
-    /// its own; the default chain without it.
+    /// Signal processing of raw samples: a TOML file with a `[processing]` table, such as a scene or a data set
+    /// configuration; the default chain if omitted.
     #[arg(long, value_name = "F.toml")]
     pub processing: Option<PathBuf>,
-    /// Frames per second of the points file; the recording's own without it.
+    /// Frame rate of the points file, frames/s; that of the recording if omitted.
     #[arg(long, value_name = "HZ")]
     pub resample: Option<f64>,
-    /// How points are read, placed and joined.
+    /// Recorded points.
     #[command(flatten)]
     pub recording: RecordingArgs,
     /// Background and leakage removal.
     #[command(flatten)]
     pub cleaning: CleaningArgs,
-    /// People; their points go to OUT.person-1.parquet and so on, beside all points in --out.
+    /// Tracking of people. The points of each person are written to OUT.person-1.parquet and so on.
     #[command(flatten)]
     pub people: PeopleArgs,
     /// Plots to write.
@@ -390,24 +392,24 @@ pub struct ProcessArgs {
 /// `dataset ...`.
 #[derive(Subcommand)]
 pub enum DatasetVerb {
-    /// Motions and captions -> Parquet shards. Run again to resume.
+    /// Build a data set from motions with captions: Parquet shards. Run it again to resume.
     Build {
-        /// Configuration; see docs/dataset.md.
+        /// Configuration (TOML); see docs/dataset.md.
         config: PathBuf,
         /// Folder of the data set.
         #[arg(long)]
         out: PathBuf,
-        /// Threads; all cores without it.
+        /// Threads; all cores if omitted.
         #[arg(long)]
         threads: Option<usize>,
-        /// Start over in a folder that holds another data set.
+        /// Replace another data set in the folder.
         #[arg(long)]
         force: bool,
         /// Print one JSON document.
         #[arg(long)]
         json: bool,
     },
-    /// Clips, hours, actions, points per frame.
+    /// Print clips, hours, actions and points per frame of a data set.
     Info {
         /// Folder of the data set.
         dir: PathBuf,
@@ -415,7 +417,7 @@ pub enum DatasetVerb {
         #[arg(long)]
         json: bool,
     },
-    /// Hashes, rows, values, leakage between splits. Exit code 1 when there is a problem.
+    /// Check hashes, rows, values and leakage between splits. Exit code 1 if there is a problem.
     Validate {
         /// Folder of the data set.
         dir: PathBuf,
@@ -452,33 +454,34 @@ pub struct TrainArgs {
     /// Continue from the last checkpoint; finished stages are kept.
     #[arg(long)]
     pub resume: bool,
-    /// Print the configuration with every default and stop.
+    /// Print the configuration with all defaults and exit.
     #[arg(long)]
     pub print_config: bool,
-    /// Start over where a finished or begun training lies.
+    /// Replace an earlier training in the output folder.
     #[arg(long)]
     pub force: bool,
-    /// cpu, gpu, gpu:N, cuda, cuda:N or several, as gpu:0,gpu:1, instead of the configuration's device (docs/training-on-gpus.md).
+    /// Device instead of the configuration's: cpu, gpu, gpu:N, cuda, cuda:N, or several, as gpu:0,gpu:1
+    /// (docs/training-on-gpus.md).
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
-    /// Threads of a training on the CPU, which learns the same with any number; all cores without it.
+    /// Threads of a training on the CPU; the result does not depend on their number; all cores if omitted.
     #[arg(long)]
     pub threads: Option<usize>,
 }
 
-/// What decodes sentences.
+/// Decoder of the language model.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum DecoderName {
-    /// The inference engine as trained, the default.
+    /// The inference engine with 32-bit weights.
     F32,
-    /// The inference engine with weights as bytes: faster on large models, sometimes another word.
+    /// The inference engine with 8-bit weights: faster for large models; sentences may differ.
     Int8,
-    /// The networks that training uses (builds with the feature `train`): slow, say what `f32` says.
+    /// The networks used in training (feature `train`): slow; same sentences as `f32`.
     Training,
 }
 
 impl DecoderName {
-    /// As in reports.
+    /// Name in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::F32 => "inference engine, f32",
@@ -494,10 +497,10 @@ pub struct DescribeArgs {
     /// Recordings of any format, points files, motion files or builtin:NAME?key=value.
     #[arg(required = true)]
     pub inputs: Vec<String>,
-    /// Model folder; the embedded default without it.
+    /// Model folder; the bundled model if omitted.
     #[arg(long)]
     pub model: Option<PathBuf>,
-    /// What decodes sentences.
+    /// Decoder of the language model.
     #[arg(long, value_enum, default_value = "f32")]
     pub decoder: DecoderName,
     /// Beam width; 1 is greedy.
@@ -523,7 +526,7 @@ pub struct DescribeArgs {
 /// `eval`.
 #[derive(Args)]
 pub struct EvalArgs {
-    /// Model folder; the embedded default without it.
+    /// Model folder; the bundled model if omitted.
     #[arg(long)]
     pub model: Option<PathBuf>,
     /// Data set folder.
@@ -535,7 +538,7 @@ pub struct EvalArgs {
     /// Folder for report.json, report.md, report.html and captions.jsonl.
     #[arg(long)]
     pub out: PathBuf,
-    /// What decodes sentences.
+    /// Decoder of the language model.
     #[arg(long, value_enum, default_value = "f32")]
     pub decoder: DecoderName,
     /// Beam width; 1 is greedy.
@@ -555,7 +558,7 @@ pub struct EvalArgs {
 /// `interventions`.
 #[derive(Args)]
 pub struct InterventionsArgs {
-    /// Model folder; the embedded default without it.
+    /// Model folder; the bundled model if omitted.
     #[arg(long)]
     pub model: Option<PathBuf>,
     /// Number of interventions: side, direction and action take turns.
@@ -564,7 +567,7 @@ pub struct InterventionsArgs {
     /// Seed of motions, placement and noise.
     #[arg(long, default_value_t = 1000)]
     pub seed: u64,
-    /// Threads that simulate; all cores without it.
+    /// Threads of the simulation; all cores if omitted.
     #[arg(long)]
     pub threads: Option<usize>,
     /// Print one JSON document.
@@ -580,13 +583,13 @@ pub struct EvalRecordingsArgs {
     /// Folder with one folder of recordings for each activity.
     #[arg(long)]
     pub recordings: PathBuf,
-    /// Model folder; the embedded default without it.
+    /// Model folder; the bundled model if omitted.
     #[arg(long)]
     pub model: Option<PathBuf>,
-    /// Built-in name, TI .cfg or our .toml of the recording radar.
+    /// Radar that recorded them: a built-in name, a TI .cfg or a radar .toml.
     #[arg(long)]
     pub radar: Option<String>,
-    /// uart, radhar, mars, mmbody, mmfi, csv, npy-points or bag; detected without it.
+    /// uart, radhar, mars, mmbody, mmfi, csv, npy-points or bag; detected if omitted.
     #[arg(long)]
     pub format: Option<String>,
     /// Recorded points.
@@ -595,10 +598,10 @@ pub struct EvalRecordingsArgs {
     /// Beams of the language model.
     #[arg(long, default_value_t = 1)]
     pub beam: usize,
-    /// Also write the page, Markdown.
+    /// Also write the report to this Markdown file.
     #[arg(long)]
     pub out: Option<PathBuf>,
-    /// Replace an existing page.
+    /// Replace an existing report.
     #[arg(long)]
     pub force: bool,
     /// Print one JSON document.
@@ -609,25 +612,25 @@ pub struct EvalRecordingsArgs {
 /// `score`.
 #[derive(Args)]
 pub struct ScoreArgs {
-    /// Lines {"id", "text"}; with --pose the estimated body.
+    /// Candidates, JSON Lines {"id", "text"}; with --pose the estimated body.
     #[arg(long)]
     pub candidates: PathBuf,
-    /// Lines {"id", "texts": [...]}; with --pose the true body.
+    /// References, JSON Lines {"id", "texts": [...]}; with --pose the true body.
     #[arg(long)]
     pub references: PathBuf,
-    /// Compare bodies in place of captions: npz as `motion mesh` writes it, or npy of joints (T, J, 3) or
+    /// Compare bodies instead of captions: npz as `motion mesh` writes it, or npy of joints (T, J, 3) or
     /// rotations (T, J, 3, 3).
     #[arg(long, conflicts_with_all = ["protocol", "max_references", "meteor_data", "bert_score", "layer", "sim_cse", "pooling", "device", "seed"])]
     pub pose: bool,
     /// plain, nlg-eval, coco or motiongpt.
     #[arg(long, default_value = "plain")]
     pub protocol: String,
-    /// References used per item; 0 means all. Protocol motiongpt always takes 3.
+    /// References used per item; 0 means all. The protocol motiongpt always uses 3.
     #[arg(long, default_value_t = 3)]
     pub max_references: usize,
     /// METEOR's own data: function/english.words, nonbreaking/english.prefixes, data/paraphrase-en.gz.
     ///
-    /// The first two from its jar, the third beside it; what is absent stays as built in (docs/metrics.md).
+    /// The first two are in its jar, the third lies beside it. The built-in lists replace missing files (docs/metrics.md).
     #[arg(long, value_name = "DIR")]
     pub meteor_data: Option<PathBuf>,
     /// BERT or RoBERTa folder (config.json, model.safetensors, tokenizer.json) for BERTScore. Protocol
@@ -646,13 +649,13 @@ pub struct ScoreArgs {
     /// Pooling for SimCSE: pooler (supervised), cls (unsupervised) or mean.
     #[arg(long, requires = "sim_cse")]
     pub pooling: Option<String>,
-    /// What BERT and RoBERTa are computed on: cpu (also without it), gpu, gpu:N, cuda or cuda:N (docs/training-on-gpus.md).
+    /// Device for BERT and RoBERTa: cpu (default), gpu, gpu:N, cuda or cuda:N (docs/training-on-gpus.md).
     #[arg(long)]
     pub device: Option<String>,
     /// Seed of the bootstrap.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Print one JSON document (also the default: scores have no other form).
+    /// Print one JSON document, which is also the default.
     #[arg(long)]
     pub json: bool,
 }
@@ -663,10 +666,10 @@ pub struct ViewArgs {
     /// Recording of any format, points file, motion file or builtin:NAME?key=value.
     #[arg(value_name = "INPUT")]
     pub input_file: String,
-    /// The page.
+    /// Output page, HTML.
     #[arg(long)]
     pub out: PathBuf,
-    /// Model folder; the embedded default without it.
+    /// Model folder; the bundled model if omitted.
     #[arg(long)]
     pub model: Option<PathBuf>,
     /// How to read the input.
@@ -685,10 +688,10 @@ pub struct ViewArgs {
 pub struct AblateArgs {
     /// The grid: base recipe, seeds, tables and rows; see docs/ablations.md.
     pub config: PathBuf,
-    /// Trainings that run side by side; they share the cores.
+    /// Number of trainings that run at the same time and share the cores.
     #[arg(long, default_value_t = 1)]
     pub jobs: usize,
-    /// Print what would run, and what has run already, and stop.
+    /// Print finished and missing runs, and exit.
     #[arg(long)]
     pub plan: bool,
     /// Print one JSON document.
@@ -704,19 +707,19 @@ pub struct RobustnessArgs {
     /// Folder for robustness.json, robustness.md, curves and finished cells, which are kept.
     #[arg(long)]
     pub out: PathBuf,
-    /// Model folder; the embedded default without it.
+    /// Model folder; the bundled model if omitted.
     #[arg(long)]
     pub model: Option<PathBuf>,
-    /// What decodes sentences.
+    /// Decoder of the language model.
     #[arg(long, value_enum, default_value = "f32")]
     pub decoder: DecoderName,
     /// Seed of the bootstrap.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Threads that simulate; all cores without it.
+    /// Threads of the simulation; all cores if omitted.
     #[arg(long)]
     pub threads: Option<usize>,
-    /// Print the cells and which of them are done, and stop.
+    /// Print finished and missing cells, and exit.
     #[arg(long)]
     pub plan: bool,
     /// Compute finished cells again.
@@ -730,7 +733,7 @@ pub struct RobustnessArgs {
 /// `lm ...`.
 #[derive(Subcommand)]
 pub enum LmVerb {
-    /// Forward pass: logits, or the last hidden states of BERT and RoBERTa.
+    /// Run a forward pass: logits, or the last hidden states of BERT and RoBERTa.
     ///
     /// Example: radarllm lm logits --weights gpt2 --ids ids.json --out logits.npy
     Logits {
@@ -738,7 +741,7 @@ pub enum LmVerb {
         #[arg(long)]
         weights: PathBuf,
         /// JSON `{"input_ids": [[..]], "decoder_input_ids": [[..]]}`, rows of equal length;
-        /// `attention_mask` (1 token, 0 padding) may stand beside them.
+        /// optional `attention_mask` of the same shape (1 token, 0 padding).
         #[arg(long)]
         ids: PathBuf,
         /// npy f32 `[batch, step, vocab]`, or `[batch, step, width]` of hidden states.
@@ -751,7 +754,7 @@ pub enum LmVerb {
         #[arg(long)]
         json: bool,
     },
-    /// Folds the adapters of a trained GPT-2 or Qwen2 into its weights, for programs that know no adapters.
+    /// Merge the adapters of a trained GPT-2 or Qwen2 into its weights, for programs without adapter support.
     ///
     /// Example: radarllm lm merge --model work/model/model/lm --out merged
     Merge {
@@ -769,15 +772,14 @@ pub enum LmVerb {
 pub struct RealismArgs {
     /// Radar, signal chain and impairments; see docs/realism.md.
     pub config: PathBuf,
-    /// Own recordings, NAME.parquet beside the scene file NAME.toml that says what happened; or the
-    /// MARS data set, subjectN/timesplit/{radar,kinect}_data_PART.csv.
+    /// Folder of recordings: NAME.parquet with a scene file NAME.toml that describes what happened, or the MARS data set, subjectN/timesplit/{radar,kinect}_data_PART.csv.
     #[arg(long)]
     pub recordings: PathBuf,
-    /// Only takes of this part (MARS: train, validate, test; own: NAME). May be given several times.
+    /// Use only this part (MARS: train, validate or test; own recordings: NAME). May be repeated.
     #[arg(long)]
     pub part: Vec<String>,
-    /// Find threshold, elevation bias, origin and azimuth step from the recordings, and write the
-    /// configuration with them to this file, beside the radar file it names.
+    /// Estimate threshold, elevation bias, origin and azimuth step from the recordings, and write the configuration with
+    /// them to this file. It must be in the folder of the radar file that it names.
     #[arg(long, value_name = "OUT.toml", conflicts_with_all = ["out", "json"])]
     pub calibrate: Option<PathBuf>,
     /// Also write the report into this Markdown file.
@@ -786,7 +788,7 @@ pub struct RealismArgs {
     /// Replace an existing report.
     #[arg(long)]
     pub force: bool,
-    /// Worker threads; all cores without it.
+    /// Threads; all cores if omitted.
     #[arg(long)]
     pub threads: Option<usize>,
     /// Print one JSON document.

@@ -67,7 +67,7 @@ pub use dataset::{ClipIter, Dataset};
 pub use error::DatasetError;
 pub use info::Info;
 pub use manifest::{FailedItem, Manifest, SourceLicence};
-pub use points_file::{PointsFile, PointsMeta, read_points, write_points};
+pub use points_file::{PointsFile, PointsMeta, read_points, write_clip, write_points};
 pub use record::{ClipRecord, MOTION_FEATURE_DIM, Split};
 pub use shard::Columns;
 pub use validate::{Problem, validate, validate_with};

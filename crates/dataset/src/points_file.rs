@@ -17,7 +17,7 @@ use parquet::arrow::ArrowWriter;
 use parquet::basic::Compression;
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
-use radarllm_base::{PointFrame, RadarPoint};
+use radarllm_base::{Clip, PointFrame, RadarPoint};
 
 use crate::atomic::write_atomic;
 use crate::guard::{self, Limits};
@@ -60,6 +60,20 @@ pub struct PointsMeta {
     pub frame_rate_hz: f64,
 }
 
+impl PointsMeta {
+    /// What a clip knows about itself, and the version of this library.
+    pub fn of(clip: &Clip) -> Self {
+        Self {
+            radar: clip.radar.clone(),
+            source: clip.provenance.to_string(),
+            seed: clip.provenance.seed(),
+            version: env!("CARGO_PKG_VERSION").into(),
+            radar_height_m: Some(clip.radar_height_m),
+            frame_rate_hz: clip.frame_rate_hz,
+        }
+    }
+}
+
 /// A points file in memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointsFile {
@@ -68,6 +82,14 @@ pub struct PointsFile {
     /// Frames in order. Frames in which nothing was detected are present and empty; frames that
     /// the recording lost are absent.
     pub frames: Vec<PointFrame>,
+}
+
+/// Writes a clip as a points file, atomically.
+///
+/// # Errors
+/// As [`write_points`].
+pub fn write_clip(path: &Path, clip: &Clip, overwrite: Overwrite) -> Result<(), DatasetError> {
+    write_points(path, &PointsMeta::of(clip), &clip.frames, overwrite)
 }
 
 /// Writes a points file atomically.

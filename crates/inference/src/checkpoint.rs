@@ -19,6 +19,7 @@ use std::path::{Path, PathBuf};
 use half::{bf16, f16};
 use radarllm_engine::EngineError;
 pub use radarllm_engine::{HostTensor, NamedTensors};
+use radarllm_files::atomic::sync_folder;
 use safetensors::tensor::{Dtype, Metadata, TensorView};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -263,7 +264,7 @@ impl CheckpointFiles {
             message: e.to_string(),
         })?;
         write_synced(&staging.join(CHECKSUM_FILE), &listing)?;
-        sync_dir(&staging)?;
+        sync_folder(&staging).map_err(io_error(&staging))?;
         // A directory cannot be renamed over a full one, so the old checkpoint steps aside first;
         // `Checkpoint::open` finds it there if the process dies between the two renames.
         let aside = sibling(dir, ".old");
@@ -272,7 +273,7 @@ impl CheckpointFiles {
             fs::rename(dir, &aside).map_err(io_error(dir))?;
         }
         fs::rename(&staging, dir).map_err(io_error(dir))?;
-        sync_dir(&parent)?;
+        sync_folder(&parent).map_err(io_error(&parent))?;
         remove_dir(&aside)
     }
 }
@@ -294,16 +295,6 @@ fn write_synced(path: &Path, bytes: &[u8]) -> Result<(), CheckpointError> {
     let mut file = fs::File::create(path).map_err(io_error(path))?;
     file.write_all(bytes).map_err(io_error(path))?;
     file.sync_all().map_err(io_error(path))
-}
-
-fn sync_dir(dir: &Path) -> Result<(), CheckpointError> {
-    // Windows cannot open a directory as a file; its renames are journalled.
-    if cfg!(unix) {
-        fs::File::open(dir)
-            .and_then(|f| f.sync_all())
-            .map_err(io_error(dir))?;
-    }
-    Ok(())
 }
 
 /// An opened checkpoint: a directory whose checksums all agree, or files that the program carries.

@@ -17,11 +17,10 @@ use radarllm_tracking::PointBackground;
 use crate::{
     error::{Error, Result},
     layout::open_samples,
-    options::{CaptureFormat, CaptureOptions, CleaningOptions, LayoutOptions},
+    options::{CaptureFormat, CaptureOptions, CleaningOptions, LayoutOptions, MAX_FRAMES},
     points::{self, detect_error},
     radar::OpenedRadar,
-    recording::MAX_FRAMES,
-    samples::{SampleFrames, read_error, sample_format},
+    samples::{SampleFrames, sample_format},
 };
 
 /// Residual of an empty scene's frames after subtraction from which the user is warned, dB.
@@ -182,7 +181,7 @@ pub fn each_whole_frame(
             }
             Ok(Some(_)) => n_damaged += 1,
             Ok(None) => break,
-            Err(e) => return Err(read_error(path, &e)),
+            Err(e) => return Err(Error::in_file(path, e)),
         }
     }
     Ok(n_damaged)

@@ -26,7 +26,16 @@ pub enum ErrorKind {
 ///
 /// Messages and hints name options of this library in backticks, as `` `frame_rate_hz` ``; programs with other names
 /// for them (a command line, a language binding) may translate those.
-#[derive(Clone, Debug, PartialEq, Eq)]
+///
+/// A program whose `main` returns this error prints message and hint as people read them:
+///
+/// ```
+/// use radarllm_io::Error;
+///
+/// let error = Error::input("room.dat: no frame rate").with_hint("`frame_rate` sets it");
+/// assert_eq!(format!("{error:?}"), "room.dat: no frame rate\nhint: `frame_rate` sets it");
+/// ```
+#[derive(Clone, PartialEq, Eq)]
 pub struct Error {
     /// What kind of error it is.
     pub kind: ErrorKind,
@@ -108,6 +117,16 @@ impl Error {
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.message)
+    }
+}
+
+impl fmt::Debug for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)?;
+        match &self.hint {
+            Some(hint) => write!(f, "\nhint: {hint}"),
+            None => Ok(()),
+        }
     }
 }
 

@@ -19,7 +19,7 @@ use crate::{
     error::{Error, Result},
     options::{IqChoice, LayoutOptions},
     radar::OpenedRadar,
-    samples::{SampleFormat, SampleFrames, read_error},
+    samples::{SampleFormat, SampleFrames},
 };
 
 /// Frames from which the order of I and Q is judged.
@@ -242,7 +242,7 @@ fn judge(
         match frames.next_frame(&mut cube) {
             Ok(Some(_)) => check.push(&cube),
             Ok(None) => break,
-            Err(e) => return Err(read_error(&captures[0], &e)),
+            Err(e) => return Err(Error::in_file(&captures[0], e)),
         }
     }
     Ok(check.verdict())

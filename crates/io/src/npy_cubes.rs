@@ -9,10 +9,7 @@ use radarllm_formats::adc::{
     AdcError, AxisOrder, CubeShape, FrameIntegrity, FrameLayout, FrameSource, axes,
 };
 
-use crate::{
-    error::{Error, Result},
-    samples::read_error,
-};
+use crate::error::{Error, Result};
 
 fn open_npy(path: &Path) -> Result<NpyStream<BufReader<File>>> {
     let file = File::open(path).map_err(|e| Error::io(path, &e))?;
@@ -42,7 +39,7 @@ impl NpyFrames {
         let layout = order
             .fit(&header.shape, header.fortran, CubeShape::of(radar))
             .map_err(|e| {
-                read_error(path, &e).with_hint(format!(
+                Error::in_file(path, e).with_hint(format!(
                     "`radar` is the radar that recorded the file (here {}), `axes` the order of its axes",
                     radar.name
                 ))
@@ -101,7 +98,7 @@ impl FrameSource for NpyFrames {
             Err(e) => return Err(AdcError::Layout(format!("frame {}: {e}", self.next))),
             Ok(found) if found < n => {
                 return Err(AdcError::Layout(format!(
-                    "ends in frame {} of {}, at number {found} of {n}",
+                    "frame {}, number {found}: expected {n} numbers in each of {} frames, found the end",
                     self.next,
                     self.layout.n_frames()
                 )));

@@ -12,6 +12,8 @@ use crate::{
     radar::OpenedRadar,
 };
 
+/// Maximum number of radar frames simulated, or processed from raw samples, at once (about 17 minutes at 10 frames/s).
+pub const MAX_FRAMES: usize = 10_000;
 /// Maximum number of frames accumulated into one.
 const MAX_ACCUMULATE: usize = 100;
 /// Maximum speed below which points may be removed, m/s.

@@ -14,15 +14,13 @@ use crate::{
     cleaning,
     error::{Error, Result},
     layout::open_samples,
-    options::{CaptureFormat, CaptureOptions, DEFAULT_RADAR_HEIGHT_M},
+    options::{CaptureFormat, CaptureOptions, DEFAULT_RADAR_HEIGHT_M, MAX_FRAMES},
     points::{RecordedPoints, detect_error, identify, open_points, place},
     radar::OpenedRadar,
-    samples::{SampleFormat, SampleFrames, read_error, sample_format},
+    samples::{SampleFormat, SampleFrames, sample_format},
     udp,
 };
 
-/// Maximum number of radar frames of raw samples processed at once (about 17 minutes at 10 frames/s).
-pub const MAX_FRAMES: usize = 10_000;
 /// One frame in this many is tested for the order of I and Q.
 const IQ_STEP: usize = 8;
 
@@ -274,7 +272,7 @@ impl SampleRecording {
         let integrity = match self.frames.next_frame(cube) {
             Ok(Some(integrity)) => integrity,
             Ok(None) => return Ok(None),
-            Err(e) => return Err(read_error(path, &e)),
+            Err(e) => return Err(Error::in_file(path, e)),
         };
         cube.time_s = integrity.frame as f64 * self.radar.config.frame_period_s;
         self.corrector.apply(cube)?;
@@ -323,7 +321,7 @@ impl SampleRecording {
             let integrity = match self.frames.next_frame(&mut cube) {
                 Ok(Some(integrity)) => integrity,
                 Ok(None) => return Ok(extracted),
-                Err(e) => return Err(read_error(&path, &e)),
+                Err(e) => return Err(Error::in_file(&path, e)),
             };
             let index = integrity.frame - *first.get_or_insert(integrity.frame);
             if index >= MAX_FRAMES as u64 {

@@ -3,7 +3,7 @@
 use std::{
     fs::File,
     io::{BufReader, Read},
-    path::{Path, PathBuf},
+    path::PathBuf,
 };
 
 use radarllm_base::{RadarConfig, RadarCube};
@@ -247,9 +247,4 @@ fn only_one(captures: &[PathBuf]) -> Result {
             captures.len()
         ))),
     }
-}
-
-/// An error of a reader with the file's name.
-pub(crate) fn read_error(path: &Path, error: &AdcError) -> Error {
-    Error::in_file(path, error)
 }

@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release -p radarllm --example simulate_motion -- points.parquet`
 
-use radarllm::{Overwrite, PointsMeta, SimulateOptions, open_radar, simulate_motion, write_points};
+use radarllm::{Overwrite, SimulateOptions, open_radar, simulate_motion, write_clip};
 
 fn main() -> Result<(), radarllm::Error> {
     let out = std::env::args().nth(1).unwrap_or("points.parquet".into());
@@ -17,15 +17,7 @@ fn main() -> Result<(), radarllm::Error> {
     );
     let input = "builtin:walk?direction=backward";
     let clip = simulate_motion(input, &radar, &SimulateOptions::default())?.clip;
-    let meta = PointsMeta {
-        radar: clip.radar.clone(),
-        source: clip.provenance.to_string(),
-        seed: clip.provenance.seed(),
-        version: env!("CARGO_PKG_VERSION").into(),
-        radar_height_m: Some(clip.radar_height_m),
-        frame_rate_hz: clip.frame_rate_hz,
-    };
-    write_points(out.as_ref(), &meta, &clip.frames, Overwrite::Replace)?;
+    write_clip(out.as_ref(), &clip, Overwrite::Replace)?;
     println!(
         "{} frames, {:.1} points per frame",
         clip.frames.len(),

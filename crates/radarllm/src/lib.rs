@@ -46,7 +46,9 @@ pub use source::{DEFAULT_RADAR, Performed, Recording, Source, open, open_parts};
 pub use radarllm_base::{
     Clip, Motion, PointFrame, Provenance, RadarConfig, RadarCube, RadarPoint, Timeline,
 };
-pub use radarllm_dataset::{Overwrite, PointsFile, PointsMeta, read_points, write_points};
+pub use radarllm_dataset::{
+    Overwrite, PointsFile, PointsMeta, read_points, write_clip, write_points,
+};
 pub use radarllm_inference::{
     DescribeOptions, Description, Precision, PrepareOptions, Prepared, prepare_for_model,
 };

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use radarllm_base::{Clip, Motion, PointFrame, Provenance, RadarConfig, frames::Placement};
 use radarllm_body::{loaders::load_motion_file, mesh::BodyShape, sample::canonicalize};
-use radarllm_io::{Error, ErrorKind};
+use radarllm_io::{Error, ErrorKind, options::MAX_FRAMES};
 use radarllm_radar_dsp::DspOptions;
 use radarllm_radar_sim::{Noise, Scene};
 use serde::Serialize;
@@ -14,9 +14,6 @@ use crate::{
     placement::{PlacementRange, draw_placement},
     synthesizer::{builtin_shape, posed_builtin, scene_to_points_in_parallel},
 };
-
-/// Maximum number of radar frames simulated at once (about 17 minutes at 10 frames/s).
-pub const MAX_FRAMES: usize = 10_000;
 
 /// A motion, the body that performs it, and what its file or its parameters say.
 #[derive(Clone, Debug)]

@@ -235,14 +235,7 @@ fn write_all(
     for track in tracks {
         output::check_free(&person_path(&args.out, track.id), args.force)?;
     }
-    let meta = PointsMeta {
-        radar: clip.radar.clone(),
-        source: clip.provenance.to_string(),
-        seed: clip.provenance.seed(),
-        version: env!("CARGO_PKG_VERSION").into(),
-        radar_height_m: Some(clip.radar_height_m),
-        frame_rate_hz: clip.frame_rate_hz,
-    };
+    let meta = PointsMeta::of(clip);
     write_points(&args.out, &meta, &clip.frames, Overwrite::Replace)?;
     let mut files = Vec::new();
     for track in tracks {

@@ -20,11 +20,12 @@ use radarllm_body::{
 use radarllm_dataset::{Overwrite, PointsMeta, write_points};
 use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
 use radarllm_formats::Severity;
+use radarllm_io::options::MAX_FRAMES;
 use radarllm_radar_sim::{Noise, Scene};
 use radarllm_synth::{
     Method, SynthError, Synthesizer,
     scene::{OwnedScene, SceneFile},
-    simulate::{MAX_FRAMES, is_builtin, place},
+    simulate::{is_builtin, place},
     synthesizer::{posed_builtin, scene_to_points_in_parallel},
 };
 use rayon::prelude::*;
