@@ -19,7 +19,7 @@ pub struct Element {
     pub z_m: f64,
 }
 
-/// What direction finding uses of a radar's antennas.
+/// The parts of a radar's antenna array that angle estimation uses.
 ///
 /// A far target with direction cosines (u_x, u_z) adds the phase -2 pi / lambda (x u_x + z u_z) at
 /// the virtual element (x, z): nearer elements see less delay.
@@ -80,12 +80,12 @@ impl VirtualArray {
         }
     }
 
-    /// Whether x is measured; without, points lie on the boresight plane x = 0.
+    /// Whether x is measured. Otherwise, points are on the boresight plane x = 0.
     pub fn has_azimuth(&self) -> bool {
         self.azimuth_row.len() >= 2
     }
 
-    /// Whether z is measured; without, points get z = 0.
+    /// Whether z is measured. Otherwise, points have z = 0.
     pub fn has_elevation(&self) -> bool {
         !self.elevation_row.is_empty()
     }

@@ -1,4 +1,4 @@
-//! Gains of the virtual channels from a corner reflector in a known direction.
+//! Calibration of the virtual channels' complex gains with a corner reflector in a known direction.
 
 use std::f64::consts::{PI, TAU};
 
@@ -10,136 +10,139 @@ use crate::error::DspError;
 use crate::spectrum::Spectrum;
 use crate::{DspOptions, Window};
 
-/// Steps of the search per range bin: a Hamming lobe loses under 0.01 dB between two.
+/// Search steps per range bin. Between two steps the main lobe of a Hamming window drops by less than 0.01 dB.
 const STEPS_PER_BIN: usize = 16;
-/// Chirps per channel that the search looks at.
+/// Number of chirps per channel that the search uses.
 const SEARCHED_LOOPS: usize = 16;
-/// Least signal over noise of a channel's mean, dB: 0.07 rad of phase noise, 0.6 dB of gain.
+/// Minimum signal-to-noise ratio of a channel's mean, dB. It corresponds to 0.07 rad of phase noise and 0.6 dB of gain
+/// error.
 const MIN_SNR_DB: f64 = 20.0;
-/// Fastest that counts as still, m/s. At 2 cm/s the slots of the reference radar are 0.01 rad apart.
+/// Maximum speed of an echo that counts as static, m/s. At 2 cm/s the phases of the reference radar's slots differ by
+/// 0.01 rad.
 const STILL_MPS: f64 = 0.02;
-/// Most that the phase of the whole array may wander between frames, rad rms: 0.15 mm.
+/// Maximum phase variation of the whole array between frames, rad rms. It corresponds to a displacement of 0.15 mm.
 const STEADY_RAD: f64 = 0.5;
-/// Half of a Hamming window's main lobe in range bins, with the reflector's own place between bins.
+/// Half width of a Hamming window's main lobe, range bins. It includes the reflector's position between two bins.
 const LOBE_BINS: f64 = 2.5;
-/// How far from the reflector other echoes are looked for, range bins.
+/// Maximum distance from the reflector at which other echoes are searched, range bins.
 const SURROUNDINGS_BINS: f64 = 25.0;
 
-/// Where a reflector stands.
+/// Position of the reflector.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reflector {
-    /// About how far from the radar, m.
+    /// Approximate distance from the radar, m.
     pub range_m: f64,
-    /// To the right of boresight, rad; as exactly as the angles of points shall be.
+    /// Azimuth, positive to the right of boresight, rad. Its accuracy limits the accuracy of the points' angles.
     pub azimuth_rad: f64,
-    /// Above boresight, rad.
+    /// Elevation, positive above boresight, rad.
     pub elevation_rad: f64,
-    /// The strongest echo within this of `range_m` is the reflector, m.
+    /// Half width of the search interval around `range_m`, m. The strongest echo in it is taken as the reflector.
     pub search_m: f64,
 }
 
-/// What a reflector says about the channels.
+/// Result of a calibration with a reflector.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChannelGains {
-    /// Complex gain of every channel, `slot * n_rx + rx`, against the phases of a spherical wave from the reflector;
-    /// their amplitudes have the geometric mean 1, their phases the mean 0.
+    /// Complex gain of every channel, index `slot * n_rx + rx`, relative to the phases of a spherical wave from the
+    /// reflector. The geometric mean of the amplitudes is 1, and the mean of the phases is 0.
     pub gains: Vec<Complex64>,
-    /// Where the reflector was found, m.
+    /// Range at which the reflector was found, m.
     pub range_m: f64,
-    /// Signal over noise of the weakest channel's mean, dB.
+    /// Signal-to-noise ratio of the weakest channel's mean, dB.
     pub snr_db: f64,
-    /// Reflector over the strongest other still echo within 25 range bins, dB: what bends the gains most. Two echoes
-    /// 20 dB apart leave an error of up to 0.1 rad.
+    /// Power ratio of the reflector to the strongest other static echo within 25 range bins, dB. Such echoes are the
+    /// main source of error in the gains. An echo 20 dB below the reflector causes an error of up to 0.1 rad.
     pub above_surroundings_db: f64,
-    /// Root of the mean over channels and half frames of |gain / mean gain - 1|^2: how far it repeats.
+    /// Repeatability: root of the mean of |gain / mean gain - 1|^2 over channels and half frames.
     pub residual: f64,
-    /// Frames used.
+    /// Number of frames used.
     pub n_frames: usize,
 }
 
-/// Why there is no calibration.
+/// Reasons for which a calibration fails.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum CalibrateError {
-    /// A cube or an option is wrong.
+    /// A cube or an option is invalid.
     #[error(transparent)]
     Dsp(#[from] DspError),
-    /// Nothing to look at.
+    /// No frames were added.
     #[error("no frames")]
     NoFrames,
-    /// The strongest echo is where the search ends.
+    /// The strongest echo is at the edge of the search interval.
     #[error(
         "no peak within {search_m} m of {range_m} m: the strongest echo there, at {found_m:.2} m, is the flank of another"
     )]
     NoPeak {
-        /// Asked for, m.
+        /// Requested range, m.
         range_m: f64,
-        /// Asked for, m.
+        /// Requested half width of the search interval, m.
         search_m: f64,
-        /// Place of the most power, m.
+        /// Range of the maximum power, m.
         found_m: f64,
     },
-    /// Noise.
+    /// The signal-to-noise ratio of a channel is too low.
     #[error(
         "no reflector at {found_m:.2} m: channel {channel} (slot {slot}, receiver {receiver}) has {snr_db:.1} dB of \
          signal over noise, less than {MIN_SNR_DB} dB"
     )]
     Weak {
-        /// Place of the most power, m.
+        /// Range of the maximum power, m.
         found_m: f64,
-        /// Channel, from 0.
+        /// Channel index, from 0.
         channel: usize,
-        /// Its slot, from 0.
+        /// Slot index of the channel, from 0.
         slot: usize,
-        /// Its receiver, from 0.
+        /// Receiver index of the channel, from 0.
         receiver: usize,
-        /// Of the mean over all loops and frames, dB.
+        /// Signal-to-noise ratio of the mean over all loops and frames, dB.
         snr_db: f64,
     },
-    /// The echo has a velocity.
+    /// The echo moves.
     #[error("the echo at {found_m:.2} m moves at {velocity_mps:.3} m/s: a reflector stands still")]
     Moving {
-        /// Place, m.
+        /// Range of the echo, m.
         found_m: f64,
         /// Radial velocity, m/s, positive when receding.
         velocity_mps: f64,
     },
-    /// The echo's phase is another from frame to frame.
+    /// The echo's phase changes from frame to frame.
     #[error(
         "the echo at {found_m:.2} m is not steady: its phase wanders by {phase_rad:.2} rad rms, as of somebody who breathes"
     )]
     Unsteady {
-        /// Place, m.
+        /// Range of the echo, m.
         found_m: f64,
-        /// Rms over half frames, rad.
+        /// Rms phase variation over half frames, rad.
         phase_rad: f64,
     },
 }
 
-/// Collects frames with a reflector.
+/// Accumulates frames with a reflector and computes the channel gains.
 pub struct CornerCalibrator {
     radar: RadarConfig,
     reflector: Reflector,
     spectrum: Spectrum,
     window: Vec<f64>,
-    /// Beat frequency of the reflector, cycles per sample; from the first frame.
+    /// Beat frequency of the reflector, cycles per sample; determined from the first frame.
     cycles: Option<f64>,
-    /// Mean power over range of all frames' slow-time means, for the surroundings.
+    /// Power of all frames' slow-time means over range, to measure the surrounding echoes.
     profile: Vec<f64>,
-    /// Mean value of every channel, half frame by half frame.
+    /// Mean value of every channel, one entry per half frame.
     halves: Vec<Vec<Complex64>>,
-    /// Per channel: squares of what differs from the half frame's mean, and how many values.
+    /// Per channel: sum of the squared deviations from the half frame's mean. `n_noise` is their number.
     noise: Vec<f64>,
     n_noise: usize,
-    /// Sum over channels and loops of each value times the conjugate of the one before, and of squares.
+    /// Sum over channels and loops of each value times the conjugate of the previous one, and the sum of the squares.
     lag: Complex64,
     squares: f64,
 }
 
 impl CornerCalibrator {
-    /// For a radar in time division.
+    /// Creates a calibrator for a radar with time-division multiplexing.
     ///
     /// # Errors
-    /// An impossible radar, binary phase modulation, fewer than four loops, or a place without range bins.
+    /// Returns an error for an invalid radar, binary phase modulation, fewer than four loops, or a search interval
+    /// outside the usable range bins.
     pub fn new(radar: &RadarConfig, reflector: Reflector) -> Result<Self, DspError> {
         radar.validate()?;
         let wrong = |field, problem: String| Err(DspError::Option { field, problem });
@@ -202,7 +205,7 @@ impl CornerCalibrator {
     /// Adds a frame without missing samples.
     ///
     /// # Errors
-    /// A cube of another shape, or with values that are not finite.
+    /// Returns an error for a cube of another shape, or with values that are not finite.
     pub fn push(&mut self, cube: &RadarCube) -> Result<(), DspError> {
         self.spectrum.check_shape(cube)?;
         let n_loops = self.radar.n_loops;
@@ -244,10 +247,10 @@ impl CornerCalibrator {
         Ok(())
     }
 
-    /// The channels' gains.
+    /// Computes the gains of the channels.
     ///
     /// # Errors
-    /// [`CalibrateError`].
+    /// Returns the [`CalibrateError`] that describes why the calibration failed.
     pub fn finish(self) -> Result<ChannelGains, CalibrateError> {
         let Some(cycles) = self.cycles else {
             return Err(CalibrateError::NoFrames);
@@ -257,7 +260,8 @@ impl CornerCalibrator {
             range_m, search_m, ..
         } = self.reflector;
         let bin_m = self.radar.range_resolution_m();
-        // Nobody's flank: what the search finds at its end is stronger beyond.
+        // A maximum at the edge of the search interval is not a peak, because the power rises further outside the
+        // interval.
         if (found_m - range_m).abs() > search_m - bin_m / STEPS_PER_BIN as f64 {
             return Err(CalibrateError::NoPeak {
                 range_m,
@@ -272,7 +276,7 @@ impl CornerCalibrator {
             found_m,
             velocity_mps,
         };
-        // Phases that agree from loop to loop are an echo; phases that turn as well are a mover.
+        // A consistent phase step from loop to loop indicates an echo. If the step is also not zero, the echo moves.
         let by_loops = velocity(self.lag, 1.0);
         if self.lag.norm() > 0.5 * self.squares
             && by_loops.abs() > 0.5 * self.radar.velocity_resolution_mps()
@@ -290,7 +294,7 @@ impl CornerCalibrator {
         for (channel, (mean, noise)) in mean.iter().zip(&self.noise).enumerate() {
             let variance = noise / self.n_noise as f64 / n_loops;
             let db = 10.0 * (mean.norm_sqr() / variance.max(f64::MIN_POSITIVE)).log10();
-            // A silent channel has neither signal nor noise.
+            // A channel without any signal has no noise either.
             if !(db >= MIN_SNR_DB && mean.norm_sqr() > 0.0) {
                 let n_rx = self.radar.rx.len();
                 return Err(CalibrateError::Weak {
@@ -343,7 +347,7 @@ impl CornerCalibrator {
         })
     }
 
-    /// Beat frequency with the most power near the reflector, over all channels and some loops.
+    /// Beat frequency with the maximum power near the reflector, over all channels and a subset of the loops.
     fn strongest(&self, cube: &RadarCube) -> f64 {
         let n = self.radar.n_samples as f64;
         let bin_m = self.radar.range_resolution_m();
@@ -367,7 +371,7 @@ impl CornerCalibrator {
             .map_or(0.0, |(_, cycles)| cycles)
     }
 
-    /// Window times the conjugate tone.
+    /// Window multiplied by the conjugate tone.
     fn kernel(&self, cycles: f64) -> Vec<Complex64> {
         let tone = |n: usize| Complex64::cis(-TAU * cycles * n as f64);
         let weights = self.window.iter().enumerate();
@@ -378,7 +382,7 @@ impl CornerCalibrator {
         cycles * self.radar.n_samples as f64 * self.radar.range_resolution_m()
     }
 
-    /// What ideal channels would measure of a reflector with this beat frequency, and its range, m.
+    /// Values that ideal channels would measure for a reflector with this beat frequency, and the reflector's range, m.
     fn expected(&self, cycles: f64) -> (Vec<Complex64>, f64) {
         let radar = &self.radar;
         let (azimuth, elevation) = (self.reflector.azimuth_rad, self.reflector.elevation_rad);
@@ -397,7 +401,7 @@ impl CornerCalibrator {
                 .flat_map(|t| radar.rx.iter().map(move |r| (t, r)));
             pairs.map(|(t, r)| to(t) + to(r)).collect()
         };
-        // The mean path is known; the range from the origin follows in a few steps.
+        // The mean path length is known. The range from the origin follows from it in a few iterations.
         let mean_m = 2.0 * self.range_m(cycles);
         let mut range_m = 0.5 * mean_m;
         for _ in 0..4 {
@@ -436,7 +440,8 @@ impl CornerCalibrator {
     }
 }
 
-/// Turns every half frame's values to the first's phase; also by how much each was turned from the mean, rad.
+/// Rotates the values of every half frame to the phase of the first one. Also returns each half frame's phase relative
+/// to the mean phase, rad.
 fn align(halves: &[Vec<Complex64>]) -> (Vec<Vec<Complex64>>, Vec<f64>) {
     let against = |reference: &[Complex64], half: &[Complex64]| -> Complex64 {
         reference.iter().zip(half).map(|(r, h)| h * r.conj()).sum()

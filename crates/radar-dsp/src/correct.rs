@@ -1,7 +1,8 @@
-//! Corrections of raw samples before the chain: background subtraction, offsets, leakage, channel mismatch.
+//! Corrections of raw samples before the signal chain: background subtraction, ADC offset removal, leakage removal, and
+//! channel mismatch correction.
 //!
-//! All four are linear in the samples, so that they may come before windows and FFTs: a mean chirp per (slot,
-//! receiver) is, transformed, the mean range profile of that virtual channel.
+//! All four are linear in the samples, so they can be applied before the windows and FFTs. For example, the FFT of the
+//! mean chirp of a (slot, receiver) pair is the mean range profile of that virtual channel.
 
 use std::f64::consts::TAU;
 
@@ -11,12 +12,13 @@ use radarllm_base::{RadarConfig, RadarCube};
 
 use crate::error::DspError;
 
-/// Most tones that model leakage: 32 range bins.
+/// Maximum number of tones in the leakage model, which corresponds to 32 range bins.
 const MAX_TONES: usize = 67;
-/// A tone of which less than this part of its energy is new adds only rounding.
+/// Minimum fraction of a tone's energy that must be orthogonal to the basis so far. A smaller part adds only rounding
+/// errors.
 const NEW_ENERGY: f64 = 1e-6;
 
-/// Averages frames of an empty room, to be subtracted later.
+/// Averages background frames, which are recorded without people, for later background subtraction.
 ///
 /// # Example
 /// ```
@@ -38,29 +40,29 @@ const NEW_ENERGY: f64 = 1e-6;
 /// ```
 pub struct EmptyRoom {
     shape: [usize; 4],
-    /// Of the frames' slow-time means, `[slot, rx, sample]`.
+    /// Sum of the frames' slow-time means, `[slot, rx, sample]`.
     sum: Vec<Complex64>,
-    /// Of |mean chirp|^2 over frames.
+    /// Sum of |mean chirp|^2 over the frames.
     power: f64,
     n_frames: usize,
 }
 
-/// The mean chirp of every (slot, receiver) over all loops and frames of an empty room.
+/// The background: the mean chirp of every (slot, receiver) pair over all loops and frames of an empty scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Background {
     shape: [usize; 4],
-    /// `[slot, rx, sample]`, units of the samples.
+    /// Mean chirps, `[slot, rx, sample]`, in the units of the samples.
     chirps: Vec<Complex32>,
-    /// Frames in the mean.
+    /// Number of frames in the mean.
     pub n_frames: usize,
-    /// Mean power by which a frame's own slow-time mean differs from this one, dB relative to this one. What cannot
-    /// be subtracted: noise, and a room or an oscillator that is not the same from frame to frame. `None` for a
-    /// single frame.
+    /// Mean power of the difference between a single frame's slow-time mean and this background, dB relative to the
+    /// power of this background. Background subtraction cannot remove this part. It consists of noise and of changes of
+    /// the room or the oscillator between frames. `None` for a single frame.
     pub drift_db: Option<f64>,
 }
 
 impl EmptyRoom {
-    /// No frames of this radar yet.
+    /// Creates an accumulator without frames for this radar.
     pub fn new(radar: &RadarConfig) -> Self {
         let shape = shape_of(radar);
         Self {
@@ -74,7 +76,7 @@ impl EmptyRoom {
     /// Adds a frame without missing samples.
     ///
     /// # Errors
-    /// A cube of another shape, or with values that are not finite.
+    /// Returns an error for a cube of another shape, or with values that are not finite.
     pub fn push(&mut self, cube: &RadarCube) -> Result<(), DspError> {
         check_shape(self.shape, cube)?;
         let is_bad = |z: &Complex32| !(z.re.is_finite() && z.im.is_finite());
@@ -98,7 +100,7 @@ impl EmptyRoom {
         Ok(())
     }
 
-    /// The mean; `None` without frames.
+    /// Returns the mean of all frames, or `None` if there are none.
     pub fn finish(self) -> Option<Background> {
         if self.n_frames == 0 {
             return None;
@@ -117,17 +119,19 @@ impl EmptyRoom {
     }
 }
 
-/// What to remove from raw samples.
+/// The corrections to apply to raw samples.
 #[derive(Clone, Debug, Default)]
 pub struct Corrections {
-    /// The empty room's mean. Meant for [`crate::ClutterFilter::Off`]: a filter that removes each frame's own mean
-    /// removes all that stands still, people too, and leaves nothing for this.
+    /// Background to subtract. Intended for use with [`crate::ClutterFilter::Off`]. A clutter filter that removes each
+    /// frame's own mean already removes everything static, including people who stand still, so that background
+    /// subtraction would have no further effect.
     pub background: Option<Background>,
-    /// Every receiver's mean over a frame: the offset of its ADC.
+    /// Whether to remove every receiver's mean over a frame, which is the offset of its ADC.
     pub remove_offset: bool,
-    /// Removes static echoes up to this range, m: leakage from transmitters to receivers.
+    /// If set, removes static echoes up to this range, m. These are leakage from the transmitters to the receivers.
     pub leakage_m: Option<f64>,
-    /// Complex gain of every channel, `slot * n_rx + rx`, by which its samples are divided; empty for none.
+    /// Complex gain of every channel, index `slot * n_rx + rx`. The channel's samples are divided by it. Empty for no
+    /// gain correction.
     pub channel_gains: Vec<Complex64>,
 }
 
@@ -135,19 +139,19 @@ pub struct Corrections {
 pub struct Corrector {
     shape: [usize; 4],
     corrections: Corrections,
-    /// Orthonormal chirps that span the leakage.
+    /// Orthonormal basis of chirps that spans the leakage.
     leakage: Vec<Vec<Complex64>>,
-    /// One over the channel gains.
+    /// Reciprocals of the channel gains.
     factors: Vec<Complex32>,
 }
 
 impl Corrector {
-    /// Plans for a valid radar.
+    /// Plans the corrections for a valid radar.
     ///
     /// # Errors
-    /// [`DspError::Option`]: a background of another shape, a leakage range without a bin or beyond 32 bins, gains of
-    /// another number of channels, zero or not finite, or gains of single channels with binary phase modulation,
-    /// which mixes the transmitters.
+    /// [`DspError::Option`] in these cases: a background of another shape; a leakage range of less than half a bin or
+    /// more than 32 bins; gains for another number of channels; gains that are zero or not finite; or per-channel gains
+    /// with binary phase modulation, which mixes the transmitters.
     pub fn new(radar: &RadarConfig, corrections: Corrections) -> Result<Self, DspError> {
         let shape = shape_of(radar);
         let wrong = |field, problem| Err(DspError::Option { field, problem });
@@ -199,10 +203,10 @@ impl Corrector {
         })
     }
 
-    /// Corrects a frame. Chirps that are zero throughout were lost and stay so.
+    /// Corrects a frame. Chirps whose samples are all zero were lost in transfer and remain zero.
     ///
     /// # Errors
-    /// A cube of another shape.
+    /// Returns an error for a cube of another shape.
     pub fn apply(&self, cube: &mut RadarCube) -> Result<(), DspError> {
         check_shape(self.shape, cube)?;
         let n_samples = self.shape[3];
@@ -244,8 +248,8 @@ impl Corrector {
         Ok(())
     }
 
-    /// Adds every receiver's mean, less what is taken off already. The mean weighs samples by a Hamming window, so
-    /// that echoes beyond the second range bin do not count as offset.
+    /// Adds every receiver's mean to `still`, after subtracting the part that `still` already contains. The mean is
+    /// weighted with a Hamming window, so that echoes beyond the second range bin do not contribute to the offset.
     fn add_offsets(&self, cube: &RadarCube, still: &mut [Complex32]) {
         let [_, n_tx, n_rx, n_samples] = self.shape;
         let weights = crate::Window::Hamming.weights(n_samples);
@@ -305,8 +309,9 @@ fn slow_time_mean(cube: &RadarCube) -> Vec<Complex64> {
     mean
 }
 
-/// Orthonormal chirps that span tones half a bin apart, from one bin below zero range on: whatever beat frequency
-/// leakage has among them, it is a sum of these. By Gram and Schmidt, twice for rounding.
+/// Orthonormal basis of chirps that spans tones at a spacing of half a bin, starting one bin below zero range. Leakage
+/// with any beat frequency in this interval is a linear combination of them. The basis is computed by Gram-Schmidt
+/// orthogonalisation, applied twice to limit rounding errors.
 fn tones(n_samples: usize, n_tones: usize) -> Vec<Vec<Complex64>> {
     let mut basis: Vec<Vec<Complex64>> = Vec::new();
     for i in 0..n_tones {

@@ -1,4 +1,4 @@
-//! Which cells of the detection map become points.
+//! Detection: selects the cells of the detection map that become points.
 
 use radarllm_simd::{LANES, SimdLevel};
 
@@ -7,17 +7,17 @@ use crate::kernels::{count_below, peak};
 use crate::options::{CfarSides, ClutterFilter, Detector, DspOptions, MapKind, PeakGrouping};
 use crate::stats::{ca_cfar_factor, gamma_level, os_cfar_factor};
 
-/// Most training cells a side: bounds the work of a hostile option.
+/// Maximum number of training cells per side. It bounds the computing time for an unreasonable option.
 const MAX_TRAIN: usize = 256;
 
-/// Plan and workspace of cell selection.
+/// Plan and workspace of the cell selection.
 pub struct Selector {
     n_range: usize,
     n_doppler: usize,
     plan: Plan,
     dynamic_range: Option<f32>,
     peak_grouping: PeakGrouping,
-    /// Column 0 and its neighbours carry less noise when the slow-time mean is gone.
+    /// Whether to skip column 0 and its neighbours, which carry less noise after the slow-time mean is removed.
     skip_notch: bool,
     candidates: Vec<u32>,
     values: Vec<f32>,
@@ -26,7 +26,7 @@ pub struct Selector {
 
 enum Plan {
     TopK,
-    /// Median of unit noise, threshold for unit noise.
+    /// Median and detection threshold, both for noise of unit power.
     NoiseFloor {
         median: f64,
         level: f64,
@@ -36,13 +36,13 @@ enum Plan {
         train: usize,
         factors: Vec<f32>,
     },
-    /// (rank, factor) by number of training cells.
+    /// (rank, factor), indexed by the number of training cells.
     Os {
         guard: usize,
         train: usize,
         factors: Vec<(usize, f32)>,
     },
-    /// Threshold on the natural logarithm.
+    /// Threshold on the natural logarithm of the power.
     Log {
         guard: usize,
         train: usize,
@@ -52,10 +52,10 @@ enum Plan {
 }
 
 impl Selector {
-    /// Plans for maps `[n_range, n_doppler]` summed over `n_channels`.
+    /// Plans the detection on maps `[n_range, n_doppler]` summed over `n_channels`.
     ///
     /// # Errors
-    /// [`DspError::Option`] for a probability or window that makes no sense.
+    /// [`DspError::Option`] for an invalid probability or CFAR window.
     pub fn new(
         n_range: usize,
         n_doppler: usize,
@@ -76,7 +76,8 @@ impl Selector {
                         .into(),
             });
         }
-        // |sum|^2 of the coherent map is one exponential, the sum of |.|^2 one per channel.
+        // For noise, |sum|^2 of the coherent map is exponentially distributed. The sum of |.|^2 adds one exponential
+        // per channel.
         let m = if options.map == MapKind::Coherent {
             1
         } else {
@@ -143,7 +144,7 @@ impl Selector {
                 let factors = (0..=2 * train)
                     .map(|n| {
                         let k = ((rank * n as f64).ceil() as usize).max(1);
-                        // check_cfar made sure that fewer than one full side never occurs.
+                        // check_cfar has ensured that there is always at least one full side of training cells.
                         if n < train {
                             (k, f32::MAX)
                         } else {
@@ -203,13 +204,14 @@ impl Selector {
         })
     }
 
-    /// Mean noise power per channel that the last frame's median implies; `None` unless the detector
-    /// is [`Detector::NoiseFloor`].
+    /// Mean noise power per channel, estimated from the median of the last frame. `None` unless the detector is
+    /// [`Detector::NoiseFloor`].
     pub fn noise_floor(&self) -> Option<f32> {
         self.noise_floor
     }
 
-    /// Indices of the selected cells, in no order. `map` is `[n_range, n_doppler]` power, finite.
+    /// Returns the indices of the selected cells in unspecified order. `map` is `[n_range, n_doppler]` power with
+    /// finite values.
     pub fn select(&mut self, map: &[f32]) -> &mut [u32] {
         self.candidates.clear();
         let floor = match (&self.plan, self.dynamic_range) {
@@ -313,7 +315,7 @@ impl Selector {
                 }
             }
         }
-        // Steps in range and Doppler to the neighbours that count.
+        // Steps in range and Doppler to the neighbours that are compared.
         let [range, doppler] = match self.peak_grouping {
             PeakGrouping::Off => [0, 0],
             PeakGrouping::Range => [1, 0],
@@ -369,7 +371,8 @@ fn check_probability(pfa: f64) -> Result<(), DspError> {
 }
 
 fn push_above(candidates: &mut Vec<u32>, map: &[f32], threshold: f32) {
-    // Strictly above: a map of zeros has no cells. Nearly all cells are below, and sixteen at once are quickly passed.
+    // The comparison is strict, so that a map of zeros has no detections. Nearly all cells are below the threshold, and
+    // sixteen cells at once are skipped quickly.
     for (chunk, first) in map.chunks(LANES).zip((0_u32..).step_by(LANES)) {
         if chunk.iter().fold(false, |any, p| any | (*p > threshold)) {
             let cells = chunk.iter().zip(first..);
@@ -399,9 +402,9 @@ fn cfar_column(
     }
 }
 
-/// Calls `pass` for the cells of one column of logarithms that exceed the mean of their training
-/// cells by more than `threshold`. At the ends of the column a side has fewer cells, or none: then
-/// the other side decides.
+/// Calls `pass` for the cells of one column of logarithms that exceed the mean of their training cells by more than
+/// `threshold`. Near the ends of the column one side has fewer training cells or none. Without any, the other side
+/// alone decides.
 fn log_cfar_column(
     values: &[f32],
     (guard, train): (usize, usize),
@@ -423,7 +426,7 @@ fn log_cfar_column(
                 CfarSides::Smaller => a.min(b),
             },
             (Some(a), None) | (None, Some(a)) => a,
-            // check_cfar made sure that the column is longer than guard and training cells.
+            // check_cfar has ensured that the column is longer than the guard and training cells.
             (None, None) => continue,
         };
         if value > level + threshold {
@@ -432,14 +435,14 @@ fn log_cfar_column(
     }
 }
 
-/// Median of the map's cells, without the three columns around zero Doppler if `skip_notch`: of an even number, the upper
-/// of the two in the middle. Values are finite and not negative.
+/// Median of the map's cells, without the three columns around zero Doppler if `skip_notch`. For an even number of
+/// cells this is the upper of the two middle values. The values are finite and not negative.
 ///
-/// Counting what lies below a guess is much quicker than moving values about: a few guesses leave so few between them that
-/// only those are sorted out.
+/// Counting the values below a guess is much faster than moving values. After a few guesses so few values remain in the
+/// interval that only these are selected from.
 fn median_of(map: &[f32], n_doppler: usize, skip_notch: bool, values: &mut Vec<f32>) -> f32 {
     const FEW: usize = 64;
-    /// Guesses after which the interval is halved.
+    /// Number of guesses after which the interval is halved.
     const MAX_GUESSES: usize = 8;
     let is_kept = |cell: usize| !skip_notch || (2..n_doppler - 1).contains(&(cell % n_doppler));
     values.clear();
@@ -456,12 +459,12 @@ fn median_of(map: &[f32], n_doppler: usize, skip_notch: bool, values: &mut Vec<f
         all - left_out
     };
     let sample = sample_of(map);
-    // The median is one of the n_high - n_low values from `low` on and below `high`.
+    // The median is one of the n_high - n_low values in the half-open interval from `low` to `high`.
     let (mut low, mut n_low) = (0.0_f32, 0);
     let (mut high, mut n_high) = (f32::INFINITY, map.len() - values.len());
     let mut n_guesses = 0;
     loop {
-        // Finite floats that are not negative are ordered as their bits are.
+        // Finite floats that are not negative have the same order as their bit patterns.
         let (low_bits, high_bits) = (low.to_bits(), high.to_bits());
         if n_high - n_low <= FEW || high_bits - low_bits <= 1 {
             break;
@@ -505,10 +508,10 @@ fn median_of(map: &[f32], n_doppler: usize, skip_notch: bool, values: &mut Vec<f
     }
 }
 
-/// Values a little below and a little above the median of a sample.
+/// Two values, slightly below and slightly above the median of a sample.
 fn sample_of(map: &[f32]) -> [f32; 2] {
     const SAMPLE: usize = 128;
-    // Evenly over the map, and not in step with its columns.
+    // The sample is spread evenly over the map, with a step that is not a multiple of the column length.
     let mut sample: [f32; SAMPLE] =
         std::array::from_fn(|i| map[(2 * i + 1) * map.len() / (2 * SAMPLE + 1)]);
     sample.sort_unstable_by(f32::total_cmp);
@@ -544,7 +547,7 @@ mod tests {
         let mut maps: Vec<(usize, Vec<f32>)> = [(1, 1), (2, 3), (9, 1), (16, 20), (128, 256)]
             .map(|(n_doppler, n_range)| (n_doppler, noise(n_doppler * n_range)))
             .to_vec();
-        // Powers of noise with echoes a million times as strong, few different values, one value, and none but zeros.
+        // Noise powers with echoes a million times as strong, a few different values, a single value, and only zeros.
         maps.push((
             128,
             noise(128 * 64).iter().map(|x| x.powi(8) * 1e12).collect(),

@@ -1,4 +1,4 @@
-//! Direction of one range-Doppler cell from the phases across the virtual array.
+//! Angle estimation for one range-Doppler cell from the phases across the virtual array.
 
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use crate::array::{Element, VirtualArray};
 use crate::options::DspOptions;
 use crate::spectrum::signed_doppler;
 
-/// Smallest azimuth FFT; longer rows get at least four bins per element.
+/// Minimum size of the azimuth FFT. Longer rows get at least four bins per element.
 const MIN_AZIMUTH_FFT: usize = 64;
 
 /// Steps from element to element that differ by less are one, m: their phases differ by less than rounding.
@@ -27,7 +27,7 @@ pub struct Direction {
     pub u_z: f64,
 }
 
-/// Plan and workspace of direction finding.
+/// Plan and workspace of the angle estimation.
 pub struct DirectionFinder {
     array: VirtualArray,
     wavelength_m: f64,
@@ -183,8 +183,8 @@ impl DirectionFinder {
         sum
     }
 
-    /// Slot i fires i chirps later, and a target in Doppler bin k gains 2 pi k i / (slots * loops)
-    /// until then; this undoes it.
+    /// TDM compensation: slot i fires i chirps later, and a target in Doppler bin k accumulates the phase 2 pi k i /
+    /// (slots * loops) until then. This function removes it.
     fn tdm_phase(&self, channel: usize, doppler: i64) -> Complex32 {
         let slot = channel / self.n_rx;
         let index = doppler.rem_euclid(self.n_loops as i64) as usize;
@@ -192,7 +192,8 @@ impl DirectionFinder {
     }
 }
 
-/// Factors that undo what a target gains until its slot, `[slot][doppler in FFT order]`.
+/// TDM compensation factors, which remove the phase that a target accumulates until its slot, `[slot][doppler in FFT
+/// order]`.
 fn tdm_phases(n_slots: usize, n_loops: usize, compensate: bool) -> Vec<Complex32> {
     let factor = |slot: usize, index: usize| {
         if !compensate {

@@ -1,7 +1,8 @@
-//! Doppler spectra of sixteen range bins at once: slow-time mean off, window, FFT, power.
+//! Doppler spectra of sixteen range bins at once: removal of the slow-time mean, window, FFT, power.
 //!
-//! The mean and the window ride on the FFT's first pass and the power on its last, so that a block passes through the
-//! cache once. Lengths with other prime factors than 2, 3, 5 and 7 go through `rustfft` row by row.
+//! The mean and the window are applied in the FFT's first pass and the power is computed in its last, so that a block
+//! passes through the cache once. Lengths with prime factors other than 2, 3, 5 and 7 are transformed with `rustfft`
+//! row by row.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -16,12 +17,12 @@ use radarllm_simd::fft::{C, Pass, Sink, Source, all_passes, factors, passes, run
 /// Plan and workspace.
 pub(crate) struct DopplerFft {
     level: SimdLevel,
-    /// Slow-time weights of the mean to subtract; empty to keep statics.
+    /// Slow-time weights of the mean to subtract; empty to keep static echoes.
     mean_weights: Vec<f32>,
     /// One weight a loop.
     window: Vec<f32>,
     passes: Vec<Pass>,
-    /// For lengths that have no passes.
+    /// For lengths without SIMD passes.
     rows: Option<Rows>,
     spare: Vec<Cell>,
 }
@@ -70,10 +71,11 @@ impl DopplerFft {
         }
     }
 
-    /// Spectra of blocks of sixteen bins to `out`, `[block][doppler]`, and their powers added to `powers`, of the same
-    /// shape, if there are any. Block b's chirps start at `chirps[b * stride]`, a cell a loop.
+    /// Writes the spectra of blocks of sixteen bins to `out`, `[block][doppler]`. Adds their powers to `powers`, of the
+    /// same shape, if there are any. The chirps of block b start at `chirps[b * stride]`, one cell per loop.
     ///
-    /// The mean goes before the window: after it, a static target would leave the window's own spectrum around bin 0.
+    /// The mean is removed before the window. After the window, a static target would leave the window's own spectrum
+    /// around bin 0.
     ///
     /// # Panics
     /// If a buffer is too short for the blocks that start in `chirps`.
@@ -85,7 +87,7 @@ impl DopplerFft {
         powers: Option<&mut [[f32; LANES]]>,
     ) {
         let n = self.window.len();
-        // A last pass of several adds its powers on its way; else they are added when all is transformed.
+        // With several passes, the last one adds the powers. Otherwise they are added after the transform.
         let (powers, powers_after) = if self.passes.len() > 1 {
             (powers, None)
         } else {
@@ -116,7 +118,7 @@ impl DopplerFft {
     }
 }
 
-/// What a channel needs.
+/// Input of the Doppler FFTs of one channel.
 struct Job<'a> {
     level: SimdLevel,
     chirps: &'a [Cell],
@@ -129,7 +131,7 @@ struct Job<'a> {
     powers: Option<&'a mut [[f32; LANES]]>,
 }
 
-/// Chirps less their mean, times the window.
+/// Chirps minus their mean, times the window.
 struct SlowTime<'a, L> {
     chirps: &'a [Cell],
     mean: C<L>,
@@ -147,8 +149,8 @@ impl<L: SimdF32x16> Source<L> for SlowTime<'_, L> {
     }
 }
 
-/// Spectra and the powers that grow by theirs. Spectra of all channels are more than the cache holds, and only what is
-/// detected is read again.
+/// Output spectra, and the powers to which theirs are added. The spectra of all channels exceed the cache, and only
+/// detected cells are read again.
 struct Measured<'a> {
     spectra: &'a mut [Cell],
     powers: &'a mut [[f32; LANES]],
@@ -175,7 +177,7 @@ fn all_blocks_body<L: SimdF32x16>(mut job: Job<'_>) {
         let place = block * n..(block + 1) * n;
         block_body::<L>(&mut job, &chirps[..n], place);
     }
-    // The spectra may have been written past the cache: see `Measured`.
+    // The spectra may have been written with non-temporal stores: see `Measured`.
     L::fence();
 }
 

@@ -1,27 +1,27 @@
-//! Why a cube or an option is refused.
+//! Errors of the signal chain: the reasons for which a cube or an option is rejected.
 
 use radarllm_base::radar_config::RadarConfigError;
 
 /// Errors of this crate.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum DspError {
-    /// The radar description itself is impossible.
+    /// The radar configuration is invalid.
     #[error(transparent)]
     Radar(#[from] RadarConfigError),
     /// An option cannot be used with this radar.
     #[error("option `{field}`: {problem}")]
     Option {
-        /// Offending option.
+        /// Name of the invalid option.
         field: &'static str,
-        /// What is wrong, with numbers.
+        /// Description of the problem, with numbers.
         problem: String,
     },
-    /// The cube belongs to another radar.
+    /// The cube has the shape of another radar.
     #[error("cube is [loop, tx, rx, sample] = {found:?}, the radar makes {expected:?}")]
     Shape {
         /// `[n_loops, n_tx, n_rx, n_samples]` of the plan.
         expected: [usize; 4],
-        /// The same of the cube.
+        /// The shape of the cube, in the same order.
         found: [usize; 4],
     },
     /// The cube's data does not fill its shape.
@@ -29,9 +29,9 @@ pub enum DspError {
     Length {
         /// `[n_loops, n_tx, n_rx, n_samples]`.
         shape: [usize; 4],
-        /// Samples that shape needs.
+        /// Number of samples that the shape requires.
         expected: usize,
-        /// Samples found.
+        /// Number of samples found.
         found: usize,
     },
     /// A sample is NaN or infinite.

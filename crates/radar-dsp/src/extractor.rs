@@ -1,4 +1,4 @@
-//! The whole chain from cube to points.
+//! The whole signal chain from cube to points.
 
 use radarllm_base::{PointFrame, RadarConfig, RadarCube, RadarPoint};
 
@@ -9,7 +9,7 @@ use crate::error::DspError;
 use crate::options::{DspOptions, ImpossibleDirection, MapKind};
 use crate::spectrum::{Spectrum, signed_doppler};
 
-/// So many cells before its turn the cache is asked for one.
+/// Number of cells by which the cache prefetch runs ahead.
 const CELLS_AHEAD: usize = 2;
 
 /// Turns cubes of one radar into points; see radar-dsp's crate page for the chain.
@@ -37,7 +37,7 @@ impl PointExtractor {
     /// Plans the chain for one radar.
     ///
     /// # Errors
-    /// An impossible radar, or an option that cannot be used with it.
+    /// Returns an error for an invalid radar, or an option that cannot be used with it.
     pub fn new(radar: &RadarConfig, options: DspOptions) -> Result<Self, DspError> {
         radar.validate()?;
         if options.max_points == 0 {
@@ -74,18 +74,18 @@ impl PointExtractor {
         })
     }
 
-    /// Points of one frame, strongest first, at most [`DspOptions::max_points`].
+    /// Extracts the points of one frame, strongest first, at most [`DspOptions::max_points`].
     ///
-    /// - range: bin centre, less the Doppler coupling if asked; velocity: centre of the Doppler bin,
-    ///   positive when receding, referred to [`RadarConfig::carrier_hz`]. Both describe the middle of
-    ///   the frame's active time; `time_s` is its first chirp, as the cube says.
-    /// - x = R u_x, z = R u_z, y = sqrt(R^2 - x^2 - z^2): in front of the radar by assumption.
-    /// - intensity: 10 log10 D, D of [`MapKind`], unnormalised FFTs: relative to a D of one squared
+    /// - range: bin centre, minus the range-Doppler coupling if that correction is enabled. velocity: centre of the
+    ///   Doppler bin, positive when receding, relative to [`RadarConfig::carrier_hz`]. Both refer to the middle of the
+    ///   frame's active time. `time_s` is the time of the first chirp, taken from the cube.
+    /// - x = R u_x, z = R u_z, y = sqrt(R^2 - x^2 - z^2): targets are assumed to be in front of the radar.
+    /// - intensity: 10 log10 D, with D of [`MapKind`] and unnormalised FFTs. It is relative to a D of one squared
     ///   sample unit (non-coherent) or one sample unit (coherent, the paper's 10 log10 |D|).
     /// - `frame` is the cube's time in frame periods, rounded.
     ///
     /// # Errors
-    /// A cube of another shape, or with values that are not finite.
+    /// Returns an error for a cube of another shape, or with values that are not finite.
     pub fn extract(&mut self, cube: &RadarCube) -> Result<PointFrame, DspError> {
         self.spectrum.run(cube)?;
         let n_loops = self.spectrum.n_doppler();
@@ -93,8 +93,8 @@ impl PointExtractor {
         let candidates = self.selector.select(map);
         let mut points = Vec::with_capacity(self.options.max_points.min(candidates.len()));
 
-        // Strongest first, ties by position so that the order never depends on the sort. Only as many
-        // as needed are sorted; dropped directions make it go on.
+        // Strongest first. Ties are resolved by position, so that the order never depends on the sort. Only as many
+        // cells as needed are sorted. Sorting continues if directions are dropped.
         let order = |a: &u32, b: &u32| map[*b as usize].total_cmp(&map[*a as usize]).then(a.cmp(b));
         let mut rest: &mut [u32] = candidates;
         while !rest.is_empty() && points.len() < self.options.max_points {
@@ -141,7 +141,7 @@ impl PointExtractor {
         &self.options
     }
 
-    /// The virtual array in use; [`VirtualArray::has_elevation`] says whether z is measured or 0.
+    /// The virtual array in use. [`VirtualArray::has_elevation`] is true if z is measured, and z is 0 otherwise.
     pub fn array(&self) -> &VirtualArray {
         self.directions.array()
     }
@@ -153,7 +153,7 @@ impl PointExtractor {
     }
 }
 
-/// The point of one cell; `None` if its direction is impossible and such cells are dropped.
+/// Returns the point of one cell, or `None` if its direction is impossible and such cells are dropped.
 fn locate(
     radar: &RadarConfig,
     options: &DspOptions,
@@ -169,7 +169,7 @@ fn locate(
     let velocity_mps = doppler as f64 * radar.velocity_resolution_mps();
     let mut range_m = range_bin as f64 * spectrum.range_step_m;
     if options.correct_range_doppler_coupling {
-        // Beat frequency = 2 S R / c + 2 v f_c / c: receding looks farther.
+        // Beat frequency = 2 S R / c + 2 v f_c / c: a receding target appears farther away.
         range_m -= velocity_mps * radar.carrier_hz() / radar.slope_hz_per_s;
         range_m = range_m.max(0.0);
     }

@@ -1,6 +1,6 @@
 //! The chain's loops over all samples and all cells, compiled for every [`SimdLevel`].
 //!
-//! Whole blocks of sixteen go through lanes; what is left over goes one number at a time.
+//! Whole blocks of sixteen are processed in SIMD lanes. The remainder is processed one number at a time.
 
 use num_complex::Complex32;
 use radarllm_simd::{Cell, LANES, SimdF32x16, dispatch};

@@ -1,7 +1,7 @@
 //! The signal chain of an FMCW radar: raw samples to a point cloud with positions, radial velocities and intensities.
 //!
-//! It does what a board's own firmware does, on samples that were recorded or simulated: window, range FFT, clutter
-//! filter, Doppler FFT, detection, angles.
+//! It performs the processing of a radar board's firmware on recorded or simulated samples: window, range FFT, clutter
+//! removal, Doppler FFT, detection, and angle estimation.
 //!
 //! ```
 //! use radarllm_base::RadarConfig;
@@ -40,27 +40,27 @@
 //! # Ok::<(), radarllm_radar_dsp::DspError>(())
 //! ```
 //!
-//! What enters is a [`radarllm_base::RadarCube`], simulated or captured: nothing here can tell.
-//! What leaves is a [`radarllm_base::PointFrame`], or a picture's data as a [`Map`].
+//! The input is a [`radarllm_base::RadarCube`]. The signal chain does not distinguish simulated cubes from captured
+//! ones.
+//! The output is a [`radarllm_base::PointFrame`], or the data of a picture as a [`Map`].
 //!
 //! # Conventions
 //!
 //! - **Cube order**: `[loop, transmitter slot, receiver, sample]`, sample fastest.
 //! - **Doppler sign**: receding is positive.
-//! - **Transforms**: forward, not normalised, symmetric windows that are not normalised either.
+//! - **Transforms**: forward and not normalised. The windows are symmetric and not normalised either.
 //! - **Decibels**: `intensity_db` is relative to one squared sample unit in the detection map.
 //!
 //! CONVENTIONS.md at the repository root fixes these with worked numbers and the tests that check them.
 //!
-//! Plan once, run many: [`PointExtractor::new`] builds windows, FFT plans, the virtual array and the
-//! detection threshold; [`PointExtractor::extract`] then runs without allocating anything but its
-//! result.
+//! The chain is planned once and run many times: [`PointExtractor::new`] builds the windows, the FFT plans, the virtual
+//! array and the detection threshold. [`PointExtractor::extract`] then allocates nothing but its result.
 //!
-//! Reading order: [`extractor`] (the chain), [`options`], [`spectrum`] (range and Doppler),
-//! [`detect`] (which cells), [`mod@array`] and [`direction`] (where they are), [`pictures`]; before the chain
-//! [`mod@correct`] (background, offset and leakage removal) and [`mod@calibrate`] (channel gains from a reflector).
+//! Reading order: [`extractor`] (the chain), [`options`], [`spectrum`] (range and Doppler), [`detect`] (detection),
+//! [`mod@array`] and [`direction`] (angle estimation), [`pictures`]. Two modules precede the chain: [`mod@correct`]
+//! (background subtraction, offset and leakage removal) and [`mod@calibrate`] (channel gains from a reflector).
 //!
-//! Deliberately absent: anything about people, files, or how a cube came to be.
+//! Deliberately absent: anything about people, files, or the origin of a cube.
 
 pub mod array;
 pub mod calibrate;
@@ -92,7 +92,7 @@ pub use window::Window;
 
 #[cfg(test)]
 mod tests {
-    /// Numbers in -1..1 for tests.
+    /// Uniform pseudo-random numbers in -1..1 for tests.
     pub fn uniform(seed: u32) -> impl FnMut() -> f32 {
         let mut state = seed;
         move || {

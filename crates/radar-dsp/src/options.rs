@@ -1,16 +1,16 @@
-//! Choices of the signal chain, with their defaults.
+//! Options of the signal chain, with their defaults.
 
 use crate::window::Window;
 
-/// How the twelve (or however many) channels become one detection map.
+/// How the channels (twelve for the reference radar) are combined into one detection map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum MapKind {
-    /// D = sum over channels of |.|^2: every direction counts alike.
+    /// D = sum over channels of |.|^2: all directions have equal weight.
     NonCoherent,
-    /// D = |sum over channels of the complex values|, as mmMesh and the RadarLLM paper have it. That
-    /// is a beam at boresight: for the reference radar -5.6 dB at 10 degrees and a null near 30.
+    /// D = |sum over channels of the complex values|, as in mmMesh and the RadarLLM paper. This is a beam at boresight:
+    /// for the reference radar the gain is -5.6 dB at 10 degrees, with a null near 30.
     Coherent,
     /// ln D = mean over channels of ln |.|^2, the geometric mean of the powers, as the detection
     /// matrices of TI's demos (which add log2 magnitudes). Only with [`Detector::LogCfar`] or
@@ -39,7 +39,7 @@ pub enum CfarSides {
     serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)
 )]
 pub enum Detector {
-    /// The strongest cells, whatever they are: an empty room yields a full frame of noise.
+    /// The strongest cells without a threshold. A scene without targets yields a full frame of noise.
     #[cfg_attr(feature = "serde", serde(rename = "top_k"))]
     AlwaysTopK,
     /// Cells above a threshold over the frame's own noise floor. The floor is the median of the map,
@@ -70,34 +70,33 @@ pub enum Detector {
         /// Probability that a noise cell passes, in (0, 0.5).
         false_alarm_probability: f64,
     },
-    /// CFAR along range over the *logarithms* of the map with a fixed threshold, as the accelerators
-    /// of TI's parts do it: a cell passes if its decibels exceed the mean decibels of the training
-    /// cells by more than `threshold_db`.
+    /// CFAR along range over the *logarithms* of the map with a fixed threshold, as in the accelerators of TI's parts.
+    /// A cell is detected if its decibels exceed the mean decibels of the training cells by more than `threshold_db`.
     LogCfar {
         /// Guard cells on each side.
         guard: usize,
         /// Training cells on each side.
         train: usize,
-        /// How the two sides combine.
+        /// How the two sides are combined.
         sides: CfarSides,
-        /// Over the mean of the training cells, dB, positive.
+        /// Threshold over the mean of the training cells, dB, positive.
         threshold_db: f64,
     },
 }
 
-/// Which neighbours a detected cell must not be weaker than: firmware keeps one point of each hill of the
-/// map that way.
+/// The neighbours than which a detected cell must not be weaker. Firmware uses this to keep one point per local maximum
+/// of the map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum PeakGrouping {
-    /// None: every cell over the threshold is a point.
+    /// No peak grouping: every cell above the threshold is a point.
     Off,
-    /// The two in range.
+    /// The two neighbours in range.
     Range,
-    /// The two in Doppler, which is cyclic.
+    /// The two neighbours in Doppler, which is cyclic.
     Doppler,
-    /// All eight.
+    /// All eight neighbours.
     Both,
 }
 
@@ -106,22 +105,22 @@ pub enum PeakGrouping {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum ClutterFilter {
-    /// Keep them: the zero-Doppler column holds the room.
+    /// Keep static echoes: the zero-Doppler column contains the background.
     Off,
-    /// Subtract the slow-time mean, as mmMesh does. Exact for statics; a mover n Doppler bins from
-    /// zero leaves a ghost of itself near zero velocity, up to 1 / (pi n) of its amplitude (-32 dB at
-    /// 1 m/s with the reference radar).
+    /// Subtract the slow-time mean, as in mmMesh. Exact for static targets. A moving target n Doppler bins from zero
+    /// leaves a ghost near zero velocity, with up to 1 / (pi n) of its amplitude (-32 dB at 1 m/s with the reference
+    /// radar).
     Mean,
-    /// Subtract the mean weighted by the Doppler window. Exact for statics too, and the ghost is only
-    /// the window's sidelobe (under -42 dB), but targets one bin from zero lose 1.8 dB.
+    /// Subtract the mean weighted by the Doppler window. Also exact for static targets. The ghost is only the window's
+    /// sidelobe (under -42 dB), but targets one bin from zero lose 1.8 dB.
     WeightedMean,
 }
 
-/// What to do with a cell whose estimated direction cosines cannot belong to a unit vector with
-/// y >= 0 (x^2 + z^2 > R^2). Noise does that, and two targets in one cell.
+/// Treatment of a cell whose estimated direction cosines cannot belong to a unit vector with y >= 0 (x^2 + z^2 > R^2).
+/// Noise and two targets in one cell can cause this.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ImpossibleDirection {
-    /// Leave the cell out and go on with the next strongest one.
+    /// Drop the cell and continue with the next strongest one.
     Drop,
     /// Scale (x, z) back onto the edge of the half space: y = 0.
     Clamp,
@@ -134,12 +133,11 @@ pub struct DspOptions {
     pub map: MapKind,
     /// Cell selection.
     pub detector: Detector,
-    /// Most points per frame; the paper's 128.
+    /// Maximum number of points per frame; the paper's value is 128.
     pub max_points: usize,
-    /// Cells weaker than the frame's strongest by more than this are left out, dB. The default is
-    /// just inside the -42.7 dB sidelobes of a Hamming window: without it, one strong reflector
-    /// fills the frame with its own sidelobes. `None` keeps them. Ignored by
-    /// [`Detector::AlwaysTopK`].
+    /// Maximum difference to the frame's strongest cell, dB. Weaker cells are dropped. The default is just inside the
+    /// -42.7 dB sidelobes of a Hamming window. Without this limit, one strong reflector fills the frame with its own
+    /// sidelobes. `None` keeps all cells. Ignored by [`Detector::AlwaysTopK`].
     pub dynamic_range_db: Option<f64>,
     /// Weights of a chirp's samples.
     pub range_window: Window,
@@ -148,13 +146,14 @@ pub struct DspOptions {
     /// Length of the range FFT; samples are padded with zeros up to it, so that bins are closer than
     /// the resolution. `None`: the number of samples. Firmware with power-of-two FFTs does this.
     pub range_fft_len: Option<usize>,
-    /// Nearest range kept, m.
+    /// Minimum range, m.
     pub min_range_m: f64,
-    /// Farthest range kept, m; the radar's own maximum if that is less.
+    /// Maximum range, m. The radar's own maximum applies if it is smaller.
     pub max_range_m: f64,
-    /// Removal of what does not move.
+    /// Clutter removal (static echoes).
     pub clutter: ClutterFilter,
-    /// Undo the phase a mover gathers between slots. `false` exists to show the error.
+    /// Whether to apply TDM compensation, which removes the phase that a moving target accumulates between slots.
+    /// `false` exists to demonstrate the error.
     pub compensate_tdm: bool,
     /// Refine the azimuth peak between FFT bins with a parabola through the log power.
     pub refine_azimuth: bool,

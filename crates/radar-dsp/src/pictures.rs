@@ -6,7 +6,7 @@ use crate::error::DspError;
 use crate::extractor::PointExtractor;
 use crate::spectrum::signed_doppler;
 
-/// What one side of a map means.
+/// Meaning of one axis of a map.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
     /// Quantity, for example "velocity".

@@ -1,4 +1,4 @@
-//! From samples to range-Doppler spectra: windows, FFTs, clutter removal, detection map.
+//! Range-Doppler processing of samples: windows, FFTs, clutter removal, detection map.
 
 use std::ops::Range;
 
@@ -13,14 +13,14 @@ use crate::kernels::{add, add_power, peak, rows_of_bins};
 use crate::options::{ClutterFilter, DspOptions, MapKind};
 use crate::row_fft::{Blocks, RowFft, SampleRows};
 
-/// Longest range FFT: eight times the most samples a chirp of the supported parts has.
+/// Maximum length of the range FFT: eight times the maximum number of samples per chirp of the supported parts.
 const MAX_RANGE_FFT: usize = 1 << 16;
 
 /// Plan and workspace of the range-Doppler stage.
 ///
-/// The map is `[gated range bin, doppler]`, and a cell's place in it is its index everywhere. A chirp's
-/// FFT goes row by row and leaves blocks of sixteen range bins, from a multiple of sixteen on; Doppler FFTs take a block
-/// at once, which needs no transposition.
+/// The map is `[gated range bin, doppler]`. The position of a cell in the map is its index everywhere. The range FFTs
+/// work row by row and write blocks of sixteen range bins that start at a multiple of sixteen. The Doppler FFTs process
+/// a block at once, which needs no transposition.
 ///
 /// Doppler is kept in FFT order (bin 0 first); [`signed_doppler`] turns an index into the signed bin.
 /// All FFTs are forward, e^{-j...}, unnormalised.
@@ -30,11 +30,10 @@ pub struct Spectrum {
     pub n_range: usize,
     /// Range from one bin to the next, m.
     pub range_step_m: f64,
-    /// Range bins kept.
+    /// Range bins inside the range gate.
     pub gate: Range<usize>,
     map_kind: MapKind,
-    /// Factor per Doppler index that takes slot 1 back to the time of slot 0; empty without binary
-    /// phase modulation.
+    /// Factor per Doppler index that shifts slot 1 to the time of slot 0. Empty without binary phase modulation.
     bpm_factors: Vec<Complex32>,
     /// Windowed.
     range_fft: RowFft,
@@ -93,7 +92,7 @@ impl Spectrum {
         let simd = SimdLevel::detect();
         let range_fft = RowFft::new(simd, options.range_window.weights(n_samples), n_range);
         let n_blocks = gate.end.div_ceil(LANES) - gate.start / LANES;
-        // A power of two from block to block would have all blocks of a chirp share a few sets of the cache.
+        // With a power-of-two stride between blocks, all blocks of a chirp would share a few sets of the cache.
         let stride = n_loops + 1;
         let n_coherent = if options.map == MapKind::Coherent {
             n_blocks * n_loops
@@ -139,7 +138,7 @@ impl Spectrum {
         self.spectra[channel * self.powers.len() + place].number(lane)
     }
 
-    /// Where a cell of the map lies in a channel's spectra: which of them, and its lane.
+    /// Position of a cell of the map in a channel's spectra: index of the spectrum cell, and its lane.
     fn place(&self, cell: usize) -> (usize, usize) {
         let n_loops = self.shape[0];
         let (bin, doppler) = (self.gate.start % LANES + cell / n_loops, cell % n_loops);
@@ -399,7 +398,7 @@ fn mean_weights(clutter: ClutterFilter, window: &[f32]) -> Vec<f32> {
     weights.iter().map(|w| (w / sum) as f32).collect()
 }
 
-/// Adds ln |.|^2; an exact zero counts as the smallest positive number, and what is not a number stays so.
+/// Adds ln |.|^2. An exact zero counts as the smallest positive number, and NaN remains NaN.
 fn add_log_power(sums: &mut [[f32; LANES]], spectra: &[Cell]) {
     for (sums, cell) in sums.iter_mut().zip(spectra) {
         for ((sum, re), im) in sums.iter_mut().zip(cell.re).zip(cell.im) {

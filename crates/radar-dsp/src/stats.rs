@@ -1,4 +1,4 @@
-//! Laws of noise power: sums of exponentials, and CFAR factors made from them.
+//! Noise statistics: distributions of sums of exponentials, and the CFAR factors derived from them.
 //!
 //! |.|^2 of complex white noise is exponential; the sum over m channels is Gamma(m), here with unit
 //! mean per channel. All functions are f64 and accurate to about 1e-10, far beyond what a noise

@@ -1,15 +1,14 @@
-//! Paths over several surfaces: mirrors between the antennas and the facet that scatters.
+//! Multipath over several surfaces: mirror reflections between the antennas and the scattering facet.
 //!
-//! Shooting and bouncing rays (Ling, Chou and Lee, IEEE T-AP 1989) find which facet is lit over which
-//! mirrors at the middle of a segment; then each such path is followed in time by the image method:
-//! the scattering facet is reflected through the planes of its mirrors, and stands for the
-//! transmitter where its image stands. So phases, Doppler and arrival angles of ghosts are exact for
-//! flat mirrors, however they move.
+//! Shooting and bouncing rays (Ling, Chou and Lee, IEEE T-AP 1989) determine which facets are illuminated via which
+//! mirrors at the middle of a segment. Each such path is then followed in time by the image method: the scattering
+//! facet is reflected through the planes of its mirrors, and its image replaces it for the transmitter. The phases,
+//! Doppler shifts and arrival angles of ghost targets are therefore exact for flat mirrors in any motion.
 //!
-//! A mirror reflects with -Gamma and what its roughness leaves. The last facet scatters by physical
-//! optics with the mean of the cosines of incidence and exit, and by its rough term. A rough facet
-//! also answers over the mirrors (out directly, back over them; and over them both ways), which rays
-//! that end at the last facet do not count. Polarisation is not modelled.
+//! A mirror reflects with the coefficient -Gamma, reduced by its roughness. The last facet scatters by physical optics,
+//! with the mean of the cosines of incidence and exit, and by its rough term. A rough facet also scatters along two
+//! more paths: directly from the transmitter and back over the mirrors, and over the mirrors both ways. The rays that
+//! end at the last facet do not include these. Polarisation is not modelled.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -27,52 +26,52 @@ use crate::scene::Scene;
 use crate::simulator::SimOptions;
 use crate::visibility::ScreenTransmission;
 
-/// Most mirrors of a path.
+/// Maximum number of mirrors in a path.
 pub(crate) const MAX_MIRRORS: usize = 3;
-/// Marks an unused place in a chain.
+/// Marks an unused entry in a chain of mirrors.
 const NO_FACET: u32 = u32::MAX;
-/// Rays whose mirrors together leave less than this amplitude (-16 dB) end: one plaster wall (-12 dB)
-/// goes on, two of them, or a clothed body that is not met at grazing incidence, do not.
+/// Minimum amplitude (-16 dB) after all mirrors of a ray; weaker rays end. A ray continues after one plaster wall (-12
+/// dB). It ends after two of them, and after a clothed body unless the incidence is grazing.
 const MIN_GAIN: f32 = 0.15;
-/// A reflected ray starts this far from the facet it left, m.
+/// Distance from a facet at which its reflected ray starts, m.
 const CLEARANCE_M: f32 = 1e-4;
-/// Facets of one surface mirror alike when normals and offsets agree to this, 1 and m.
+/// Tolerance for facets of one surface to share a mirror plane: in normals (unitless) and offsets (m).
 const SAME_PLANE: f32 = 1e-4;
 
-/// Which legs go over the mirrors.
+/// The legs of the path that go over the mirrors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Legs {
-    /// From the transmitter; back directly. Coherent and rough.
+    /// Transmitter leg over the mirrors, receiver leg direct. Coherent and rough terms.
     Out,
-    /// Out directly, back over the mirrors. Rough alone.
+    /// Transmitter leg direct, receiver leg over the mirrors. Rough term only.
     Back,
-    /// Both. Rough alone.
+    /// Both legs over the mirrors. Rough term only.
     Both,
 }
 
-/// A facet lit over mirrors.
+/// A facet that is illuminated via mirrors.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bounce {
-    /// Facets whose planes mirror, from the array on; [`NO_FACET`] behind the last.
+    /// Facets whose planes act as mirrors, starting at the array. Entries after the last mirror are [`NO_FACET`].
     mirrors: [u32; MAX_MIRRORS],
-    /// The facet that scatters.
+    /// The scattering facet.
     pub facet: u32,
-    /// Lit area over the facet's area.
+    /// Illuminated area divided by the facet's area.
     pub share: f32,
-    /// What screens on the way leave of the amplitude.
+    /// Amplitude factor of the screens along the path.
     passed: f32,
-    /// Which legs go over the mirrors.
+    /// The legs that go over the mirrors.
     pub legs: Legs,
 }
 
-/// A bounce at one instant.
+/// The state of a bounce at one instant.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BounceState {
-    /// Where the scattering point stands for the transmitters, relative to the array centre, m.
+    /// Apparent position of the scattering point for the transmitters, relative to the array centre, m.
     pub seen_by_tx: DVec3,
-    /// The same for the receivers, m.
+    /// Apparent position of the scattering point for the receivers, relative to the array centre, m.
     pub seen_by_rx: DVec3,
-    /// Path lengths out and back over the corners less that over the middle, m.
+    /// Two-way path lengths via the three corners minus the one via the centroid, m.
     pub corner_path_m: [f64; 3],
     /// Gain of the physical-optics term, sqrt(W).
     pub coherent: f32,
@@ -80,21 +79,21 @@ pub(crate) struct BounceState {
     pub rough: f32,
 }
 
-/// What the tracer looks at; see [`BouncingSurfaces`].
+/// Input of the ray tracer; see [`BouncingSurfaces`].
 struct TraceJob<'a> {
     /// Vertices relative to the radar's origin, m.
     positions: &'a [Vec3],
     triangles: &'a [[u32; 3]],
-    /// First facet and reflection of each surface, in order.
+    /// First facet and reflection properties of each surface, in order.
     surfaces: &'a [(usize, Reflection)],
     /// Directly visible share of every facet.
     coverage: &'a [f32],
-    /// What screens leave of the direct two-way amplitude.
+    /// Direct two-way amplitude factor of the screens.
     transmission: &'a ScreenTransmission,
     centre: Vec3,
-    /// Most surfaces on a path, the scattering one included; 2 or more.
+    /// Maximum number of surfaces on a path, including the scattering one; at least 2.
     max_bounces: usize,
-    /// Rays along each side of the bounding box of the mirrors.
+    /// Number of rays along each side of the mirrors' bounding box.
     rays: usize,
 }
 
@@ -108,7 +107,7 @@ impl TraceJob<'_> {
         self.triangles[facet as usize].map(|i| self.positions[i as usize])
     }
 
-    /// Unit normal and twice the area; zero for a facet without area.
+    /// Unit normal and twice the area; zero for a degenerate facet.
     fn normal(&self, facet: u32) -> (Vec3, f32) {
         let [a, b, c] = self.corners(facet);
         let cross = (b - a).cross(c - a);
@@ -116,11 +115,11 @@ impl TraceJob<'_> {
         (cross / length.max(1e-20), length)
     }
 
-    /// Bounding box, in x/r and z/r, of what may be a mirror: low and high.
+    /// Bounding box of the possible mirrors in x/r and z/r: lower and upper bounds.
     fn box_of_mirrors(&self) -> Option<([f32; 2], [f32; 2])> {
         let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
         for (i, (first, reflection)) in self.surfaces.iter().enumerate() {
-            // At grazing incidence even a rough surface mirrors: Gamma alone decides here.
+            // At grazing incidence even a rough surface is a mirror, so that only Gamma is decisive here.
             if reflection.mirror(0.0) < MIN_GAIN {
                 continue;
             }
@@ -132,7 +131,7 @@ impl TraceJob<'_> {
                 let p = self.positions[vertex as usize] - self.centre;
                 let r = p.length().max(1e-6);
                 if p.y <= 0.0 {
-                    // Reaches behind the array: its edge lies somewhere at the rim.
+                    // This facet extends behind the array, so that its projection can reach the limit of the view.
                     (low, high) = ([-1.0; 2], [1.0; 2]);
                 }
                 for (axis, value) in [p.x / r, p.z / r].into_iter().enumerate() {
@@ -144,7 +143,7 @@ impl TraceJob<'_> {
         (low[0] <= high[0]).then_some((low, high))
     }
 
-    /// All bounces, in an order that depends on nothing but the scene.
+    /// Returns all bounces in an order that depends only on the scene.
     fn trace(&self) -> Vec<Bounce> {
         let Some((low, high)) = self.box_of_mirrors() else {
             return Vec::new();
@@ -159,7 +158,7 @@ impl TraceJob<'_> {
                 let u = low[0] + (column as f32 + 0.5) * cell[0];
                 let w = low[1] + (row as f32 + 0.5) * cell[1];
                 let y2 = 1.0 - u * u - w * w;
-                // 87 degrees off boresight, as the raster.
+                // 87 degrees off boresight, as in the raster.
                 if y2 < 0.0025 {
                     continue;
                 }
@@ -176,7 +175,7 @@ impl TraceJob<'_> {
         let mut out = Vec::new();
         for ((mirrors, facet), Lit { share, passed }) in lit {
             let seen = self.coverage[facet as usize];
-            // One way over the mirrors, one way directly.
+            // One leg over the mirrors, one leg direct.
             let over_mirrors = passed / share;
             let direct = self.transmission.amplitude(facet as usize).sqrt();
             let mut push = |legs, share| {
@@ -206,24 +205,24 @@ impl TraceJob<'_> {
     }
 }
 
-/// What rays over one chain of mirrors bring to a facet.
+/// Illumination of a facet by the rays via one chain of mirrors.
 #[derive(Clone, Copy, Default)]
 struct Lit {
-    /// Lit area over the facet's area.
+    /// Illuminated area divided by the facet's area.
     share: f32,
-    /// The same, weighted with the amplitude that screens let through.
+    /// The same, weighted with the amplitude that the screens transmit.
     passed: f32,
 }
 
-/// A ray on its way.
+/// A ray during tracing.
 #[derive(Clone, Copy)]
 struct Shot {
     origin: Vec3,
     direction: Vec3,
     length_m: f32,
-    /// Amplitude that the mirrors left.
+    /// Amplitude factor of the mirrors so far.
     mirrored: f32,
-    /// Amplitude that the screens left.
+    /// Amplitude factor of the screens so far.
     passed: f32,
     mirrors: [u32; MAX_MIRRORS],
     n_mirrors: usize,
@@ -243,7 +242,7 @@ impl Shot {
     }
 }
 
-/// Normal and offset in units of [`SAME_PLANE`], and the surface.
+/// Quantised normal and offset in units of [`SAME_PLANE`], and the surface index.
 type PlaneKey = ([i32; 4], usize);
 
 struct Tracer<'a> {
@@ -277,7 +276,7 @@ impl<'a> Tracer<'a> {
         self.bvh.ray_traverse(ray, &mut hit, |ray, i| {
             let triangle = &self.triangles[facet_of(i) as usize];
             let cross = (triangle.v1 - triangle.v0).cross(triangle.v2 - triangle.v0);
-            // Surfaces have an outside; from within they are not there, as in the raster.
+            // Surfaces are one-sided: from the inside they are transparent, as in the raster.
             if cross.dot(ray.direction) >= 0.0 {
                 return f32::INFINITY;
             }
@@ -289,8 +288,8 @@ impl<'a> Tracer<'a> {
             .then(|| (facet_of(hit.primitive_id as usize), hit.t))
     }
 
-    /// Follows one ray and adds what it lights behind its first mirror. At a screen the ray parts:
-    /// one goes on, one is reflected.
+    /// Follows one ray and accumulates the illumination after its first mirror. At a screen the ray splits into a
+    /// transmitted and a reflected one.
     fn follow(
         &self,
         mut shot: Shot,
@@ -334,7 +333,7 @@ impl<'a> Tracer<'a> {
         }
     }
 
-    /// The first facet found on this facet's plane: tessellation must not split a mirror.
+    /// Returns the first facet found on this facet's plane, so that tessellation does not split a mirror.
     fn plane_of(&self, facet: u32, normal: Vec3, planes: &mut HashMap<PlaneKey, u32>) -> u32 {
         let offset = normal.dot(self.job.corners(facet)[0]);
         let key = [normal.x, normal.y, normal.z, offset].map(|v| (v / SAME_PLANE).round() as i32);
@@ -343,15 +342,15 @@ impl<'a> Tracer<'a> {
     }
 }
 
-/// The surfaces of a scene as bounces need them.
+/// The surfaces of a scene, prepared for bounces.
 pub(crate) struct BouncingSurfaces {
-    /// First facet and reflection of each surface, in order.
+    /// First facet and reflection properties of each surface, in order.
     surfaces: Vec<(usize, Reflection)>,
     phases: Vec<FacetPhases>,
 }
 
 impl BouncingSurfaces {
-    /// Looks up the materials; `seed` fixes the facets' phases.
+    /// Looks up the materials. `seed` determines the phases of the facets.
     pub fn new(scene: &Scene<'_>, link: &Link, seed: u64) -> Self {
         let mut first = 0;
         let mut surfaces = Vec::with_capacity(scene.surfaces.len());
@@ -368,7 +367,7 @@ impl BouncingSurfaces {
         Self { surfaces, phases }
     }
 
-    /// Which facets are lit over mirrors when the vertices are at `positions`.
+    /// Finds the facets that are illuminated via mirrors for the vertices at `positions`.
     pub fn trace(
         &self,
         options: &SimOptions,
@@ -395,7 +394,7 @@ impl BouncingSurfaces {
         self.surfaces.partition_point(|s| s.0 <= facet as usize) - 1
     }
 
-    /// A bounce when the vertices are at `positions`.
+    /// Returns the state of a bounce for the vertices at `positions`.
     pub fn state(
         &self,
         bounce: &Bounce,
@@ -407,14 +406,14 @@ impl BouncingSurfaces {
         bounce.at(link, positions, triangles, reflection)
     }
 
-    /// The rough term's phasor of a facet.
+    /// Returns the rough-term phasor of a facet.
     pub fn phasor(&self, facet: u32) -> Complex32 {
         let surface = self.surface_of(facet);
         self.phases[surface].phasor(facet as usize - self.surfaces[surface].0)
     }
 }
 
-/// A plane through a facet.
+/// The plane of a facet.
 #[derive(Clone, Copy)]
 struct Plane {
     normal: DVec3,
@@ -428,7 +427,7 @@ impl Plane {
 }
 
 impl Bounce {
-    /// The path when the vertices are where `positions` has them.
+    /// Returns the path for the vertices at `positions`.
     fn at(
         &self,
         link: &Link,
@@ -460,7 +459,7 @@ impl Bounce {
         let middle = (corners[0] + corners[1] + corners[2]) / 3.0;
         let mirrored = image(middle);
 
-        // The way over the mirrors, folded back.
+        // Unfold the path over the mirrors leg by leg.
         let mut direction = mirrored.normalize_or_zero();
         let mut over_mirrors = 1.0f32;
         for (plane, reflection) in planes.iter().flatten() {
@@ -489,7 +488,7 @@ impl Bounce {
             Legs::Both => 2.0 * image(p).length(),
         };
         let path_middle_m = path_m(middle);
-        // Each way has the square root of the two-way amplitude at its own apparent place.
+        // Each leg contributes the square root of the two-way amplitude at its own apparent position.
         let amplitude =
             (link.amplitude(seen_by_tx.as_vec3()) * link.amplitude(seen_by_rx.as_vec3())).sqrt()
                 * mirrors_gain

@@ -1,11 +1,11 @@
-//! Why a frame cannot be simulated.
+//! Errors of the simulator: the reasons for which a frame cannot be simulated.
 
 use radarllm_base::radar_config::RadarConfigError;
 
 /// Errors of planning and of simulating a frame. Indices count from 0 in the scene's order.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum SimError {
-    /// The radar cannot exist.
+    /// The radar configuration is invalid.
     #[error(transparent)]
     Config(#[from] RadarConfigError),
     /// An option is out of its range.
@@ -35,7 +35,7 @@ pub enum SimError {
         /// The time, s.
         time_s: f64,
     },
-    /// A triangle names a vertex that does not exist.
+    /// A triangle refers to a vertex that does not exist.
     #[error(
         "surface {surface}, triangle {triangle}: vertex {vertex} of a surface with {n_vertices}"
     )]
@@ -44,9 +44,9 @@ pub enum SimError {
         surface: usize,
         /// Triangle index.
         triangle: usize,
-        /// Vertex named.
+        /// Index of the missing vertex.
         vertex: u32,
-        /// Vertices there are.
+        /// Number of vertices.
         n_vertices: usize,
     },
     /// A vertex position is NaN or infinite, or farther than a kilometre.
@@ -74,7 +74,7 @@ pub enum SimError {
         index: usize,
         /// Distance from the array centre, m.
         range_m: f64,
-        /// Least distance allowed, m.
+        /// Minimum allowed distance, m.
         min_range_m: f64,
         /// Time, s.
         time_s: f64,
@@ -102,7 +102,7 @@ pub enum SimError {
     TooFast {
         /// Range change, m.
         change_m: f64,
-        /// Most allowed, m.
+        /// Maximum allowed value, m.
         limit_m: f64,
     },
     /// Requested signal-to-noise ratio is not usable.
@@ -116,7 +116,7 @@ pub enum SimError {
     TooMany {
         /// How many.
         count: usize,
-        /// Most allowed.
+        /// Maximum allowed value.
         limit: usize,
     },
 }

@@ -10,12 +10,12 @@ use std::f64::consts::PI;
 
 use crate::slow_time::solve;
 
-/// Cells a source touches.
+/// Number of cells per source.
 pub(crate) const WIDTH: usize = 6;
 /// Half of it.
 const HALF: f64 = WIDTH as f64 / 2.0;
-/// A channel may lie this far from the cell the taps were chosen for, in cells. The cubics are
-/// fitted for it; the kernel is cut this much off centre, where it is 3e-4 of its peak.
+/// Maximum distance of a channel from the cell for which the taps were chosen, cells. The cubics are fitted for it. The
+/// kernel is truncated this far off centre, where it is 3e-4 of its peak.
 pub(crate) const SLACK_CELLS: f32 = 0.12;
 
 /// Grid cells for `n_samples` ADC samples: 1.5 a sample, rounded up to a size whose FFT is fast.
@@ -33,7 +33,7 @@ pub(crate) fn grid_cells(n_samples: usize) -> usize {
     (min_cells..).find(|&n| is_smooth(n)).unwrap_or(min_cells)
 }
 
-/// The same for parabolas, which most sources can do with.
+/// The same limit for parabolas, which are sufficient for most sources.
 pub(crate) const NARROW_CELLS: f32 = 0.04;
 /// Rows of a table: a cell's width in as many steps.
 const ROWS: usize = 128;
@@ -113,8 +113,8 @@ impl Kernel {
     }
 }
 
-/// Kernel at `x` cells from its centre, peak 1; beyond its support it goes on analytically, so that
-/// polynomials fit it.
+/// Kernel at `x` cells from its centre, peak 1. Beyond its support it is continued analytically, so that polynomials
+/// can fit it.
 fn kaiser_bessel(x: f64, cells_per_sample: f64) -> f64 {
     let s = cells_per_sample;
     let beta = PI * ((WIDTH as f64 / s * (s - 0.5)).powi(2) - 0.8).sqrt();

@@ -1,10 +1,11 @@
-//! Which sources share a Doppler group: those whose phases bend alike in slow time.
+//! Grouping of sources with similar phase curves in slow time into Doppler groups.
 //!
-//! A group's reference phase is a parabola of time, its frequency and its ramp (the frequency's rate) amid its
-//! sources'. What a source keeps beyond it sets the nodes at which it is spread ([`crate::slow_time`]). The grids of
-//! groups that are near each other are interpolated to the more nodes of a family, and only the families' to the
-//! loops. Sources are put in the order of a Z curve over (frequency, ramp), in which every square of that plane is a
-//! run; from the smallest squares up, two neighbours become one group, or one family, wherever that costs least.
+//! A group's reference phase is a parabola in time. Its frequency and its ramp (the rate of the frequency) are in the
+//! middle of those of its sources. The residual phase of a source determines the nodes at which it is spread
+//! ([`crate::slow_time`]). The grids of neighbouring groups are interpolated to the larger number of nodes of a family,
+//! and only the grids of the families are interpolated to the loops. Sources are sorted along a Z curve over
+//! (frequency, ramp), on which every square of that plane is a contiguous run. Starting from the smallest squares, two
+//! neighbours are merged into one group, or one family, wherever that has the lowest cost.
 
 use crate::gridding::WIDTH;
 use crate::slow_time::Level;

@@ -1,9 +1,9 @@
-//! What real receivers add: leakage, mismatch, phase noise, the ADC, lost packets.
+//! Impairments of real receivers: leakage, channel mismatch, phase noise, ADC quantisation, and lost packets.
 //!
-//! Each is a field with an off value; [`Impairments::default`] is an ideal receiver and
-//! [`Impairments::typical`] a single-chip 77 GHz radar. They act on a finished cube in the order in
-//! which the hardware does: leakage joins the echoes, phase noise smears them, channels differ, the
-//! ADC rounds and clips, packets get lost.
+//! Each impairment is a field with an off value. [`Impairments::default`] is an ideal receiver and
+//! [`Impairments::typical`] a single-chip 77 GHz radar. They are applied to a finished cube in the order in which they
+//! occur in the hardware: leakage is added to the echoes, phase noise is added, channel errors are applied, the ADC
+//! quantises and clips, and packets are lost.
 
 use std::f64::consts::{PI, TAU};
 
@@ -19,52 +19,53 @@ use crate::error::SimError;
 use crate::noise::NoiseGenerator;
 use radarllm_simd::{LANES, SimdF32x16, SimdLevel, dispatch};
 
-/// Rounding and clipping of each of I and Q.
+/// Quantisation and clipping of I and Q by the ADC.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Adc {
-    /// Bits of one component, sign included, 2..=16.
+    /// Number of bits of one component, including the sign, 2..=16.
     pub bits: u32,
     /// Power of a tone whose peaks reach the largest code, dBm at the antenna.
     pub full_scale_dbm: f64,
 }
 
-/// Transmitter leaking into the receivers.
+/// Leakage from the transmitter into the receivers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Leakage {
-    /// Transmit power over leaked power, dB.
+    /// Ratio of the transmit power to the leaked power, dB.
     pub isolation_db: f64,
-    /// Length of the leaking path, m.
+    /// Length of the leakage path, m.
     pub path_m: f64,
 }
 
-/// Departures from an ideal receiver.
+/// Deviations from an ideal receiver.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Impairments {
-    /// Leakage; `None` is off.
+    /// Leakage; `None` disables it.
     pub leakage: Option<Leakage>,
-    /// Single-sideband phase noise of the oscillator at 1 MHz offset, dBc/Hz, falling with the square
-    /// of the offset (free-running oscillator); `None` is off.
+    /// Single-sideband phase noise of the oscillator at 1 MHz offset, dBc/Hz. It falls with the square of
+    /// the offset (free-running oscillator). `None` disables it.
     pub phase_noise_dbc_per_hz_at_1_mhz: Option<f64>,
-    /// Standard deviation of each channel's phase error, rad; 0 is off.
+    /// Standard deviation of each channel's phase error, rad; 0 disables it.
     pub channel_phase_rad: f64,
-    /// Standard deviation of each channel's gain error, dB; 0 is off.
+    /// Standard deviation of each channel's gain error, dB; 0 disables it.
     pub channel_gain_db: f64,
-    /// The ADC; `None` keeps floating point.
+    /// The ADC; `None` keeps floating-point samples.
     pub adc: Option<Adc>,
-    /// Probability that a packet is lost and its samples read zero; 0 is off.
+    /// Probability that a packet is lost and its samples are zero; 0 disables it.
     pub packet_loss: f64,
-    /// Standard deviation of the frame's start, s; 0 is off. The frame's time stamp keeps the plan.
+    /// Standard deviation of the frame's start time, s; 0 disables it. The frame's time stamp is still the planned
+    /// time.
     pub start_jitter_s: f64,
 }
 
-/// Bytes of samples in a packet of TI's DCA1000 (raw mode, without its 10 header bytes).
+/// Bytes of samples in a packet of TI's DCA1000 (raw mode, without the 10 header bytes).
 const PACKET_BYTES: usize = 1456;
-/// Bytes of one complex sample on the wire.
+/// Bytes of one complex sample in a packet.
 const SAMPLE_BYTES: usize = 4;
 
 impl Impairments {
-    /// A single-chip 77 GHz radar. Phase noise -93 dBc/Hz and channel spread follow TI's AWR1843 data
-    /// sheet and calibration notes; isolation and full scale are this project's guesses.
+    /// Returns the impairments of a single-chip 77 GHz radar. Phase noise of -93 dBc/Hz and the channel mismatch follow
+    /// TI's AWR1843 data sheet and calibration notes. Isolation and full scale are this project's estimates.
     pub fn typical() -> Self {
         Self {
             leakage: Some(Leakage {
@@ -86,7 +87,7 @@ impl Impairments {
     /// Checks every field.
     ///
     /// # Errors
-    /// The first that is out of range.
+    /// Returns an error for the first field that is out of range.
     pub fn validate(&self) -> Result<(), SimError> {
         let mut checks = vec![
             ("channel_phase_rad", self.channel_phase_rad, 0.0, 4.0),
@@ -116,16 +117,16 @@ impl Impairments {
         Ok(())
     }
 
-    /// How much later than planned a frame starts, s.
+    /// Returns the delay of a frame's start relative to the plan, s.
     pub fn start_delay_s(&self, seed: u64, frame_idx: u64) -> f64 {
         self.start_jitter_s * nth_normal(derive_seed(seed, "start jitter"), frame_idx)
     }
 
-    /// Changes a cube. `seed` fixes the channels' errors for a whole clip; with `frame_idx` it fixes
-    /// noise and losses.
+    /// Applies the impairments to a cube. `seed` determines the channel errors for a whole clip. `seed` and `frame_idx`
+    /// together determine noise and losses.
     ///
     /// # Errors
-    /// A field out of range, or errors of channels with [`TxMultiplexing::Bpm`].
+    /// Returns an error for a field that is out of range, or for channel errors with [`TxMultiplexing::Bpm`].
     pub fn apply(
         &self,
         config: &RadarConfig,
@@ -192,7 +193,7 @@ impl Impairments {
 }
 
 impl Leakage {
-    /// A path that never moves, in every channel, with a phase of the channel's own.
+    /// Adds a static path to every channel, with a separate phase for each channel.
     fn add(&self, config: &RadarConfig, cube: &mut RadarCube, seed: u64) {
         let power_w = 10_f64.powf((config.tx_power_dbm - 30.0 - self.isolation_db) / 10.0);
         let amplitude = power_w.sqrt();
@@ -233,10 +234,10 @@ impl Adc {
     }
 }
 
-/// Codes of a converter.
+/// Quantisation parameters of an ADC.
 #[derive(Clone, Copy)]
 struct Codes {
-    /// Codes per sqrt(W), and the inverse.
+    /// Codes per sqrt(W), and the reciprocal.
     up: f32,
     down: f32,
     /// The largest code.
@@ -265,17 +266,17 @@ fn convert_chunk<L: SimdF32x16>(samples: &mut [Complex32; LANES], codes: Codes) 
 
 #[inline(always)]
 fn converted<L: SimdF32x16>(x: L, Codes { up, down, top }: Codes) -> L {
-    // Clipped first: rounding is for small numbers.
+    // Clip first, because the rounding method requires small numbers.
     let code = x.mul(L::splat(up)).min(L::splat(top));
     code.max(L::splat(-top - 1.0)).round().mul(L::splat(down))
 }
 
-/// Sums over all neighbours within chirps.
+/// Sums over all pairs of neighbouring samples within chirps.
 #[derive(Default)]
 struct Lags {
-    /// Power of all samples but the chirps' last.
+    /// Power of all samples except each chirp's last.
     zero: f64,
-    /// Products of every sample with the conjugate of the one before.
+    /// Sum of the products of every sample with the conjugate of the previous one.
     one: Complex64,
 }
 
@@ -284,7 +285,7 @@ dispatch!(fn lags => lags_body(samples: &[Complex32], n_samples: usize, sums: &m
 #[inline(always)]
 fn lags_body<L: SimdF32x16>(samples: &[Complex32], n_samples: usize, sums: &mut Lags) {
     for chirp in samples.chunks_exact(n_samples) {
-        // f32 within a chirp, f64 over chirps.
+        // Accumulate in f32 within a chirp, and in f64 over chirps.
         let (mut zero, mut re, mut im) = (L::splat(0.0), L::splat(0.0), L::splat(0.0));
         let mut i = 0;
         while let (Some(now), Some(next)) = (
@@ -307,15 +308,14 @@ fn lags_body<L: SimdF32x16>(samples: &[Complex32], n_samples: usize, sums: &mut 
     }
 }
 
-/// White noise in place of phase noise.
+/// Adds white noise as a model of phase noise.
 ///
-/// A free-running oscillator's phase is a random walk, and mixing an echo with the transmitted signal
-/// leaves the walk over the delay tau alone (range correlation; Budge and Burt, 1993). These steps are
-/// independent from sample to sample as tau is below the sample period, so what comes is white, with
-/// the variance `integral over f > 0 of 2 L(f) 4 sin^2(pi f tau) df = 4 pi^2 k tau`, `L(f) = k / f^2`,
-/// times each echo's power. The sum over echoes of power times tau is the cube's power times its mean
-/// beat frequency over the slope. The noise is drawn circular; of a single echo it would be in
-/// quadrature.
+/// The phase of a free-running oscillator is a random walk. Mixing an echo with the transmitted signal leaves only the
+/// part of the walk within the delay tau (range correlation; Budge and Burt, 1993). These increments are independent
+/// from sample to sample, because tau is below the sample period. The result is therefore white, with the variance
+/// `integral over f > 0 of 2 L(f) 4 sin^2(pi f tau) df = 4 pi^2 k tau`, `L(f) = k / f^2`, times each echo's power. The
+/// sum over echoes of power times tau equals the cube's power times its mean beat frequency divided by the slope. The
+/// noise is drawn as circular noise. For a single echo the actual noise would be in quadrature.
 fn add_phase_noise(config: &RadarConfig, cube: &mut RadarCube, dbc_per_hz: f64, seed: u64) {
     let k_hz = 10_f64.powf(dbc_per_hz / 10.0) * 1e12;
     let mut sums = Lags::default();
@@ -380,8 +380,8 @@ mod tests {
             };
             impairments.apply(&config, &mut cube, 1, 0).unwrap();
             let found = power(&difference(&cube, &clean)) / power(&clean.data);
-            // 4 pi^2 k tau, k = 1e-8 * 1e12 Hz. The estimate is a mean of 393,216 exponentials
-            // (0.16 %) and the beat frequency of one tone is exact but for the array's size.
+            // 4 pi^2 k tau, k = 1e-8 * 1e12 Hz. The estimate is a mean of 393,216 exponentials (0.16 %). The beat
+            // frequency of one tone is exact except for the size of the array.
             let expected = 4.0 * PI * PI * 1e4 * 2.0 * range_m / SPEED_OF_LIGHT_MPS;
             assert!((found / expected - 1.0).abs() < 0.02, "{found} {expected}");
         }
@@ -399,7 +399,7 @@ mod tests {
             ..Impairments::default()
         };
         impairments.apply(&config, &mut cube, 1, 0).unwrap();
-        // 12 dBm less 40 dB.
+        // 12 dBm minus 40 dB.
         assert!((10.0 * (power(&cube.data) * 1e3).log10() + 28.0).abs() < 1e-3);
         // S tau / fs = 60.012e12 * 1.668e-10 / 4.4e6 cycles per sample.
         let z = cube.chirp(5, 1, 2)[1] * cube.chirp(5, 1, 2)[0].conj();
@@ -428,7 +428,7 @@ mod tests {
         let cube = convert(10, peak_dbm + 1.0);
         let step = 10_f64.powf((peak_dbm + 1.0 - 30.0) / 20.0) / 511.0;
         let found = power(&difference(&cube, &clean));
-        // Two components of step^2 / 12 each; a tone's rounding errors are nearly uniform.
+        // Two components of step^2 / 12 each. The rounding errors of a tone are nearly uniform.
         assert!((found / (step * step / 6.0) - 1.0).abs() < 0.05, "{found}");
         let clipped = convert(10, peak_dbm - 6.0);
         let top = 10_f64.powf((peak_dbm - 6.0 - 30.0) / 20.0) as f32;
@@ -465,13 +465,13 @@ mod tests {
         lossy.apply(&config, &mut second, 7, 2).unwrap();
         let zeros = second.data.iter().filter(|z| z.norm_sqr() == 0.0).count();
         let share = zeros as f64 / second.data.len() as f64;
-        // 1,081 packets: five standard deviations of sqrt(0.09 / 1081).
+        // 1,081 packets: tolerance of five standard deviations of sqrt(0.09 / 1081).
         assert!((share - 0.1).abs() < 0.046, "{share}");
     }
 
     #[test]
     fn lanes_convert_and_correlate_as_one_sample_after_the_other() {
-        // 77 samples: whole chunks and a rest, of which some clip and none lies between two codes.
+        // 77 samples: whole SIMD chunks and a remainder. Some samples clip, and none is halfway between two codes.
         let sample = |i: usize| {
             let x = (i as f32 * 0.618_034).fract() - 0.5;
             Complex32::new(3.0 * x, 0.7 - x)

@@ -1,7 +1,7 @@
 //! The virtual radar: simulates the raw samples that an FMCW TDM-MIMO radar would record of moving surfaces.
 //!
-//! It takes the place of a radar board where there is none, or where recordings lack what only a simulation knows: which
-//! motion it was, and what another radar in another place would have seen.
+//! It replaces a radar board where none is available. It also provides what recordings lack: the exact motion, and the
+//! signal that a different radar in a different position would have recorded.
 //!
 //! ```
 //! use glam::DVec3;
@@ -48,40 +48,42 @@
 //! let mut simulator = Simulator::new(&radar, SimOptions::default())?;
 //! let mut cube = simulator.new_cube();
 //! let stats = simulator.simulate_frame(&scene, 0, 0.0, 42, &mut cube)?;
-//! // The radar sees the half that faces it.
+//! // Only the hemisphere that faces the radar is visible.
 //! assert!(0 < stats.n_visible && stats.n_visible < stats.n_facets);
 //!
-//! // What a real receiver adds: leakage, phase noise, channel mismatch, a 12-bit ADC.
+//! // Add the impairments of a real receiver: leakage, phase noise, channel mismatch, a 12-bit ADC.
 //! Impairments::typical().apply(&radar, &mut cube, 42, 0)?;
 //! # Ok::<(), radarllm_radar_sim::SimError>(())
 //! ```
 //!
 //! # Units, axes, signs
 //!
-//! Enters: a [`Scene`] of [`radarllm_base::MovingSurface`]s and point targets in the radar frame: x right, y along the
+//! Input: a [`Scene`] of [`radarllm_base::MovingSurface`]s and point targets in the radar frame: x right, y along the
 //! boresight, z up, metres.
-//! Leaves: a [`radarllm_base::RadarCube`] in square-root watts, one frame at a time. Receding targets have positive
-//! Doppler, delay turns the phase forward. CONVENTIONS.md at the repository root has a worked number for each.
+//! Output: a [`radarllm_base::RadarCube`] in square-root watts, one frame at a time. Receding targets have positive
+//! Doppler, and a longer delay advances the phase. CONVENTIONS.md at the repository root has a worked number for each
+//! convention.
 //!
 //! # Model
 //!
-//! The signal of a path with delay tau is `a exp j[2 pi f0 tau + 2 pi S t tau - pi S tau^2]`, `t`
-//! from the ramp start. tau follows the exact TX-facet-RX distances at the centre of each chirp's
-//! ADC window and its rate there (within the 58 us of one window the carrier turns with the moving
-//! target, f_c v / S of beat frequency; the sweep's own part, 0.01 rad at 4.5 m/s, is left out), so TDM
-//! timing, range walk and near-field wave fronts are exact.
+//! The IF signal of a path with delay tau is `a exp j[2 pi f0 tau + 2 pi S t tau - pi S tau^2]`, with `t` measured from
+//! the ramp start. The delay tau and its rate follow from the exact TX-facet-RX distances at the centre of each chirp's
+//! ADC window. Within the 58 us of one window the carrier phase turns with the moving target, which shifts the beat
+//! frequency by the equivalent of f_c v / S in range. The sweep's own part, 0.01 rad at 4.5 m/s, is neglected.
+//! TDM timing, range migration and near-field wave fronts are therefore exact.
 //!
 //! # Reading order
 //!
-//! Two implementations of the same model: [`Simulator`] (fast) and [`mod@reference`] (direct sum in
-//! f64, slow), tested against each other. Reading order: [`scene`], [`link`] (radar equation),
-//! [`scatter`] (one triangle), [`visibility`] (tested by [`rays`]), [`simulator`] (the pipeline and how it is fast),
-//! then its stages: `motion` and `facets` (polynomials over a segment), `bounce` (paths over several
-//! surfaces), `slow_time` (Doppler groups),
-//! `gridding` and `spread` (range grid), `transform` (range FFT), [`weather`], [`noise`], [`impairments`] (of real
-//! receivers, laid over a finished cube).
+//! There are two implementations of the same model: [`Simulator`] (fast) and [`mod@reference`] (direct sum in f64,
+//! slow). They are tested against each other.
 //!
-//! Deliberately absent: polarisation, diffraction, the notion of a human.
+//! Reading order: [`scene`], [`link`] (radar equation), [`scatter`] (scattering by one triangle), [`visibility`]
+//! (tested by [`rays`]), [`simulator`] (the pipeline and its optimisations). Its stages follow: `motion` and `facets`
+//! (polynomials over a segment), `bounce` (paths over several surfaces), `slow_time` (Doppler groups), `gridding` and
+//! `spread` (range grid), `transform` (range FFT), [`weather`], [`noise`], and [`impairments`] (effects of real
+//! receivers, applied to a finished cube).
+//!
+//! Deliberately absent: polarisation, diffraction, and any notion of a human.
 
 mod bounce;
 pub mod error;

@@ -19,7 +19,7 @@ pub struct Link {
     pub half_widths_rad: [f64; 2],
     /// Mean of the mean TX and the mean RX position: ranges and angles of amplitudes refer to it.
     pub array_centre_m: DVec3,
-    /// Two-way amplitude that the air takes per metre of range, as a power of 2.
+    /// Two-way amplitude attenuation by the air per metre of range, as a power of 2.
     pub air_octaves_per_m: f32,
     /// Noise power k T0 B F, B the sample rate, W.
     pub noise_w: f64,

@@ -1,8 +1,8 @@
 //! Sources as polynomials of time over a segment of the frame.
 //!
-//! Vertices are read at five key times, Chebyshev's; distances and phases follow quartics through
-//! them, gains parabolas through three. For a limb at 50 m/s^2 with a jerk of 1000 m/s^3 and a
-//! fifth derivative of 1e5 m/s^5, 30 ms leave 1e-4 rad.
+//! Vertices are evaluated at five Chebyshev key times. Distances and phases follow quartics through them, and gains
+//! follow parabolas through three of them. For a limb at 50 m/s^2 with a jerk of 1000 m/s^3 and a fifth derivative of
+//! 1e5 m/s^5, the error over 30 ms is 1e-4 rad.
 
 use std::f64::consts::TAU;
 
@@ -14,12 +14,12 @@ use crate::scatter::divided_difference;
 
 /// Longest segment of a frame that one set of polynomials serves, s.
 const LONGEST_SEGMENT_S: f64 = 0.03;
-/// Most loops in a segment (bounds the workspace).
+/// Maximum number of loops in a segment (bounds the workspace).
 const MAX_SEGMENT_LOOPS: usize = 128;
 /// Key times per segment.
 pub(crate) const N_KEYS: usize = 5;
-/// The outer and the inner key times of either side, in units of `u`: Chebyshev's, which leave half of the
-/// difference to a smooth path that equidistant ones leave. The fifth is 0.
+/// The outer and the inner key times of either side, in units of `u`. With Chebyshev times the error for a smooth path
+/// is half of that with equidistant times. The fifth key time is 0.
 const OUTER_U: f64 = 0.951_056_516_295_153_5;
 const INNER_U: f64 = 0.587_785_252_292_473_1;
 /// All of them.
@@ -79,8 +79,8 @@ impl Segment {
     }
 }
 
-/// Instant at which targets stand for (loop, TX slot): the centre of its ADC window, after the frame
-/// start, s.
+/// Time at which targets are evaluated for (loop, TX slot): the centre of its ADC window, relative to the frame start,
+/// s.
 pub(crate) fn chirp_time_s(config: &RadarConfig, loop_idx: usize, tx_idx: usize) -> f64 {
     config.ramp_start_s(loop_idx, tx_idx)
         + config.adc_start_s
@@ -284,7 +284,8 @@ impl Source {
             + slope(self.rough);
     }
 
-    /// Most that the corners' frequencies differ from the parabola's in `turns` for |u| <= 1, turns per unit of u.
+    /// Upper bound of the difference between the corners' frequencies and the parabola's in `turns` for |u| <= 1, turns
+    /// per unit of u.
     #[inline]
     pub fn rest_turns_per_u(&self) -> f32 {
         self.corner_turns_per_u + (3.0 * self.turns[3].abs() + 4.0 * self.turns[4].abs()) as f32

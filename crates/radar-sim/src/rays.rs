@@ -1,12 +1,13 @@
-//! Visibility by rays: slow, and as exact as its samples are many. What the raster is tested against.
+//! Visibility by ray tracing. It is slow, and its accuracy is limited only by the number of rays. The raster is tested
+//! against it.
 
 use glam::{Vec3, Vec3A};
 use obvhs::{BvhBuildParams, bvh2::builder::build_bvh2, ray::Ray, triangle::Triangle};
 
 use crate::visibility::{ScreenTransmission, View};
 
-/// As [`crate::visibility::DepthRaster::coverage`], from `per_edge * per_edge` rays a facet: from the
-/// middles of its equal parts to the eye. Returns the number of rays.
+/// Like [`crate::visibility::DepthRaster::coverage`], with `per_edge * per_edge` rays per facet, from the centres of
+/// its equal parts to the viewpoint. Returns the number of rays.
 pub fn coverage_by_rays(
     view: View<'_>,
     per_edge: usize,

@@ -1,8 +1,8 @@
-//! The slow reference: the model's expression summed over facets, channels and samples in f64.
+//! The slow reference: a direct sum of the model over facets, channels and samples in f64.
 //!
-//! Nothing is interpolated: surfaces are asked for their vertices at every chirp, distances are
-//! exact for every channel, and the triangle integral is evaluated anew. Only visibility is shared
-//! with the fast path, for it is part of the model (one raster per segment of a frame).
+//! Nothing is interpolated. The vertices of the surfaces are evaluated at every chirp, distances are exact for every
+//! channel, and the triangle integral is evaluated each time. Only visibility is shared with the fast path, because it
+//! is part of the model (one raster per segment of a frame).
 
 use std::f64::consts::TAU;
 use std::ops::Range;
@@ -22,8 +22,7 @@ use crate::simulator::{SimOptions, check_frame};
 use crate::visibility::{DepthRaster, ScreenTransmission, View};
 use crate::weather::Rain;
 
-/// Simulates `loops` of the frame that starts at `time_s` into `cube`, without noise; other loops
-/// are left as they are.
+/// Simulates `loops` of the frame that starts at `time_s` into `cube`, without noise. Other loops remain unchanged.
 ///
 /// # Example
 /// The fast path against it, on one loop:
@@ -164,13 +163,14 @@ pub fn simulate_loops(
     Ok(())
 }
 
-/// Half of the time over which the reference takes the rate of a delay, s: half a millimetre of way at
-/// 5 m/s, far above the resolution of f32 positions.
+/// Half of the interval over which the reference measures the rate of a delay, s. It corresponds to half a millimetre
+/// of motion at 5 m/s, far above the resolution of f32 positions.
 const RATE_STEP_S: f64 = 1e-4;
 
 /// A phase centre and its complex amplitude.
 struct Scatterer {
-    /// Where transmitters and receivers see it, radar frame, m: one place unless there are mirrors.
+    /// Apparent positions for transmitters and receivers in the radar frame, m. They are equal unless there are
+    /// mirrors.
     seen_by_tx: DVec3,
     seen_by_rx: DVec3,
     /// sqrt(W).
@@ -231,11 +231,11 @@ fn point_scatterer(link: &Link, point: &PointTarget, now_s: f64) -> Scatterer {
     }
 }
 
-/// Adds what one receiver hears of one transmitter in a chirp: scatterers, and how fast their delays
-/// change (s/s).
+/// Adds the signal that one receiver records from one transmitter in a chirp, for scatterers and the rates of their
+/// delays (s/s).
 ///
-/// Within the chirp a changing delay turns the carrier, f_c tau' (t - t_c); what it does to the sweep,
-/// S tau' (t - t_c)^2, is left out: 0.01 rad at the ends for 4.5 m/s and the reference radar.
+/// Within the chirp a changing delay rotates the carrier phase, f_c tau' (t - t_c). Its effect on the sweep, S tau' (t
+/// - t_c)^2, is neglected: 0.01 rad at the ends of the chirp for 4.5 m/s and the reference radar.
 fn add_echoes(
     config: &RadarConfig,
     (scatterers, rates): (&[Scatterer], &[f64]),

@@ -1,4 +1,4 @@
-//! What one triangle reflects: closed-form physical optics and a body-locked rough term.
+//! Scattering by one triangle: closed-form physical optics and a rough term with a phase fixed to the surface.
 
 use std::f64::consts::PI;
 
@@ -31,7 +31,7 @@ fn sinc(x: f64) -> f64 {
     }
 }
 
-/// A material seen at one wavelength.
+/// Scattering parameters of a material at one wavelength.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Reflection {
     /// (4 sqrt(pi) / lambda) Gamma: PO field per `A cos(theta)` and divided difference, 1/m.
@@ -42,7 +42,7 @@ pub(crate) struct Reflection {
     pub rough: f32,
     /// |Gamma|, the amplitude that a smooth mirror of this material reflects.
     gamma: f32,
-    /// Amplitude that passes through it one way, 0..=1.
+    /// One-way amplitude transmission, 0..=1.
     pub passes: f32,
 }
 
@@ -59,7 +59,7 @@ impl Reflection {
         }
     }
 
-    /// Amplitude that a mirror reflects at an angle of incidence, 0..=1.
+    /// Amplitude reflection of a mirror at an angle of incidence, 0..=1.
     #[inline(always)]
     pub fn mirror(&self, cos: f32) -> f32 {
         self.gamma * exp2_of_negative(-self.roughness * std::f32::consts::LOG2_E * cos * cos)
@@ -86,13 +86,13 @@ impl Reflection {
     pub fn gains(&self, area_cos: f32, area: f32, coverage: f32) -> (f32, f32) {
         let cos = area_cos / area;
         let smooth = exp2_of_negative(-self.roughness * std::f32::consts::LOG2_E * cos * cos);
-        // Field scales with the visible area, incoherent power scales with it.
+        // The field scales with the visible area; incoherent power scales with it.
         let coherent = self.coherent_per_m * smooth * area_cos * coverage;
         (coherent, self.rough * (area * coverage).sqrt() * cos)
     }
 }
 
-/// Unit phasor that belongs to a facet for ever: the rough term's phase.
+/// Constant unit phasor of a facet: the phase of its rough term.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FacetPhases {
     surface_seed: u64,

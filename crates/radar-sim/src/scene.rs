@@ -1,4 +1,4 @@
-//! What the radar looks at.
+//! The scene in front of the radar: surfaces, point targets, and receiver noise.
 
 use glam::{DVec3, Vec3};
 use radarllm_base::MovingSurface;
@@ -6,21 +6,21 @@ use radarllm_base::MovingSurface;
 use crate::error::SimError;
 use crate::visibility::SurfaceRange;
 
-/// Everything in front of the radar during a frame. Radar frame: x right, y boresight, z up.
+/// All objects in front of the radar during a frame. Radar frame: x right, y along the boresight, z up.
 #[derive(Default)]
 pub struct Scene<'a> {
-    /// Triangle surfaces; they shadow one another, or attenuate where their material lets waves through.
+    /// Triangle surfaces. They shadow one another, or attenuate if their material transmits waves.
     pub surfaces: Vec<&'a dyn MovingSurface>,
-    /// Isotropic point targets; they neither shadow nor are shadowed.
+    /// Isotropic point targets. They neither cast shadows nor are shadowed.
     pub points: Vec<PointTarget>,
     /// Receiver noise.
     pub noise: Noise,
 }
 
-/// An isotropic point of fixed cross section and constant velocity.
+/// An isotropic point target of fixed radar cross section and constant velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointTarget {
-    /// Position at time 0 (the scene's clock, not the frame's start), m.
+    /// Position at time 0 of the scene's clock, which is not the start of the frame, m.
     pub position_m: DVec3,
     /// Velocity, m/s.
     pub velocity_mps: DVec3,
@@ -29,7 +29,7 @@ pub struct PointTarget {
 }
 
 impl PointTarget {
-    /// A target that stands still.
+    /// Creates a static target.
     pub fn at(position_m: DVec3, rcs_m2: f64) -> Self {
         Self {
             position_m,
@@ -38,7 +38,7 @@ impl PointTarget {
         }
     }
 
-    /// Position at `time_s`, m.
+    /// Returns the position at `time_s`, m.
     pub fn position_at(&self, time_s: f64) -> DVec3 {
         self.position_m + self.velocity_mps * time_s
     }
@@ -47,24 +47,24 @@ impl PointTarget {
 /// Receiver noise: white, circular complex Gaussian.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Noise {
-    /// Power k T0 B F with B the sample rate and F the radar's noise figure.
+    /// Thermal noise of power k T0 B F, with B the sample rate and F the radar's noise figure.
     #[default]
     Thermal,
-    /// Power this many dB below the cube's mean signal power (the RadarLLM paper's relative mode).
-    /// An empty scene gets none.
+    /// Noise power this many dB below the mean signal power of the cube (the relative mode of the RadarLLM paper). An
+    /// empty scene gets no noise.
     SnrDb(f64),
-    /// None.
+    /// No noise.
     Off,
 }
 
-/// Positions beyond this are refused: the range phase would lose its precision.
+/// Maximum distance of a position. Farther positions are rejected, because the range phase would lose its precision.
 const FARTHEST_M: f32 = 1000.0;
 
 impl Scene<'_> {
-    /// Checks all that does not move: indices, materials, point targets, noise.
+    /// Checks everything that does not depend on time: indices, materials, point targets, and noise.
     ///
     /// # Errors
-    /// The first thing that cannot be simulated.
+    /// Returns an error for the first item that cannot be simulated.
     pub fn validate(&self) -> Result<(), SimError> {
         for (surface, shape) in self.surfaces.iter().enumerate() {
             let m = shape.material();
@@ -73,7 +73,7 @@ impl Scene<'_> {
                 ("roughness_m", m.roughness_m, 1.0),
                 ("rough_albedo", m.rough_albedo, 100.0),
                 ("power_transmission", m.power_transmission, 1.0),
-                // Rounding of a lossless slab.
+                // Tolerance for rounding in the case of a lossless slab.
                 (
                     "power_reflection + power_transmission",
                     m.power_reflection + m.power_transmission,
@@ -138,7 +138,7 @@ impl Scene<'_> {
         Ok(())
     }
 
-    /// Number of triangles of all surfaces.
+    /// Returns the number of triangles of all surfaces.
     pub fn n_facets(&self) -> usize {
         self.surfaces.iter().map(|s| s.triangles().len()).sum()
     }
@@ -153,7 +153,7 @@ impl Scene<'_> {
         }
     }
 
-    /// Writes the surfaces as the raster wants them.
+    /// Writes the facet and vertex ranges of all surfaces for the visibility raster.
     pub(crate) fn surface_ranges(&self, out: &mut Vec<SurfaceRange>) {
         out.clear();
         let (mut facet, mut vertex) = (0, 0);
@@ -184,7 +184,7 @@ impl Scene<'_> {
     /// Writes the vertices of all surfaces, one surface after another, at each of `times_s`.
     ///
     /// # Errors
-    /// A vertex that is NaN, infinite, beyond a kilometre, or nearer than `min_range_m` to
+    /// Returns an error for a vertex that is NaN, infinite, beyond a kilometre, or nearer than `min_range_m` to
     /// `array_centre`.
     pub(crate) fn positions_at_times<const N: usize>(
         &self,
@@ -211,7 +211,7 @@ impl Scene<'_> {
     }
 }
 
-/// What [`Scene::positions_at_times`] refuses, for one surface at one time.
+/// Checks the positions of one surface at one time for [`Scene::positions_at_times`].
 fn check_positions(
     surface: usize,
     part: &[Vec3],
@@ -219,7 +219,7 @@ fn check_positions(
     array_centre: Vec3,
     min_range_m: f64,
 ) -> Result<(), SimError> {
-    // One pass without branches over the good case; the culprit is looked for afterwards.
+    // Valid positions take a single pass without branches. An invalid vertex is searched for afterwards.
     let (mut nearest, mut farthest) = (f32::INFINITY, 0.0_f32);
     let mut not_finite = false;
     for p in part.iter() {

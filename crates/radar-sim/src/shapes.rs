@@ -9,9 +9,9 @@ use radarllm_base::{Material, MovingSurface};
 pub struct RigidSurface {
     vertices: Vec<DVec3>,
     triangles: Vec<[u32; 3]>,
-    /// How it scatters.
+    /// Scattering material.
     pub material: Material,
-    /// Place of the mesh's origin at time 0, m.
+    /// Position of the mesh's origin at time 0, m.
     pub position_m: DVec3,
     /// Velocity at time 0, m/s.
     pub velocity_mps: DVec3,
@@ -24,8 +24,7 @@ pub struct RigidSurface {
 }
 
 impl RigidSurface {
-    /// A mesh at the origin at rest, a perfect conductor. Triangles counter-clockwise seen from
-    /// outside.
+    /// Creates a perfectly conducting mesh at rest at the origin. Triangles are counter-clockwise seen from outside.
     pub fn new(vertices: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Self {
         Self {
             vertices,
@@ -39,17 +38,17 @@ impl RigidSurface {
         }
     }
 
-    /// The same, elsewhere.
+    /// Returns the mesh with its origin at another position.
     pub fn at(self, position_m: DVec3) -> Self {
         Self { position_m, ..self }
     }
 
-    /// The same, of another material.
+    /// Returns the mesh with another material.
     pub fn of(self, material: Material) -> Self {
         Self { material, ..self }
     }
 
-    /// The same, moving.
+    /// Returns the mesh with a constant velocity.
     pub fn moving(self, velocity_mps: DVec3) -> Self {
         Self {
             velocity_mps,
@@ -57,7 +56,7 @@ impl RigidSurface {
         }
     }
 
-    /// The same, turned at time 0.
+    /// Returns the mesh with another orientation at time 0.
     pub fn turned(self, orientation: DQuat) -> Self {
         Self {
             orientation,

@@ -1,4 +1,4 @@
-//! The fast path: a frame from scene to cube.
+//! The fast path: simulates a frame from scene to cube.
 //!
 //! Per segment of at most 30 ms (the whole active time of the reference radar):
 //! 1. vertices at five key times; depth raster at the middle one ([`crate::visibility`]);
@@ -7,7 +7,7 @@
 //! 4. groups are spread on range grids and interpolated to the loops (`spread`);
 //! 5. one inverse FFT per chirp and receiver, plus noise (`transform`).
 //!
-//! Against [`crate::reference`] the error stays more than 60 dB below the cube's peak.
+//! Compared with [`crate::reference`], the error is more than 60 dB below the cube's peak.
 
 use std::time::Instant;
 
@@ -33,24 +33,24 @@ use crate::visibility::{DepthRaster, Sampling, ScreenTransmission, SurfaceRange,
 use crate::weather::{Rain, Weather};
 use radarllm_simd::{Cell, SimdLevel};
 
-/// Choices that are not the radar's.
+/// Simulation options that are independent of the radar.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SimOptions {
-    /// Square root of the depth raster's samples, 16..=4096.
+    /// Square root of the number of depth raster samples, 16..=4096.
     pub raster_size: usize,
-    /// Where those samples go.
+    /// Distribution of the depth raster samples.
     pub sampling: Sampling,
-    /// Most surfaces on a path, 1..=4: 1 leaves out reflections between surfaces.
+    /// Maximum number of surfaces on a path, 1..=4. With 1, reflections between surfaces are not simulated.
     pub max_bounces: usize,
-    /// Rays along each side of the field that holds mirrors, 16..=4096, where `max_bounces` is 2 or
+    /// Number of rays along each side of the field that contains mirrors, 16..=4096. Used if `max_bounces` is 2 or
     /// more.
     pub bounce_rays: usize,
-    /// Nearest target allowed, m, at least 0.03 (inside, the radar equation has no meaning).
+    /// Minimum target range, m, at least 0.03. The radar equation is not valid at shorter ranges.
     pub min_range_m: f64,
     /// Rain and smoke.
     pub weather: Weather,
-    /// Instruction set; `None` takes the machine's best. Cubes are equal to the byte on one level
-    /// and within rounding between levels.
+    /// Instruction set; `None` selects the machine's best. Cubes are byte-identical on one level, and equal within
+    /// rounding between levels.
     pub simd: Option<SimdLevel>,
 }
 
@@ -68,16 +68,16 @@ impl Default for SimOptions {
     }
 }
 
-/// What happened in a frame.
+/// Statistics of a simulated frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameStats {
     /// Triangles in the scene.
     pub n_facets: usize,
-    /// Triangles of zero area, which scatter nothing.
+    /// Triangles of zero area, which do not scatter.
     pub n_degenerate: usize,
-    /// Triangles seen at the centre of the frame (of its first segment, if cut).
+    /// Triangles visible at the centre of the frame, or of its first segment if the frame has several.
     pub n_visible: usize,
-    /// Visible triangles deeper in range than half a range bin: too coarse for one delay each.
+    /// Visible triangles whose extent in range exceeds half a range bin. They are too coarse for a single delay each.
     pub n_coarse: usize,
     /// Paths over two and more surfaces, over all segments.
     pub n_bounces: usize,
@@ -89,7 +89,7 @@ pub struct FrameStats {
     pub signal_power_w: f64,
     /// Noise power per sample, W.
     pub noise_power_w: f64,
-    /// Where the time went (the one field that differs from run to run).
+    /// Wall time by stage. This is the only field that differs from run to run.
     pub seconds: StageSeconds,
 }
 
@@ -108,7 +108,7 @@ pub struct StageSeconds {
     pub transform: f64,
 }
 
-/// A planned radar: build once per thread, call for every frame.
+/// A simulator planned for a radar. Create one per thread and call it for every frame.
 ///
 /// # Example
 /// The received power of a point target is that of the radar equation:
@@ -171,8 +171,8 @@ struct Workspace {
 }
 
 impl Workspace {
-    /// An amplitude that may be left out of every source of the segment: such errors add up like noise 70 dB below
-    /// the sources' sum.
+    /// Amplitude below which an error of any source of the segment is acceptable: such errors add up like noise 70 dB
+    /// below the sources' sum.
     fn negligible(&self) -> f32 {
         (3e-4 * (self.power_w / self.sources.len().max(1) as f64).sqrt()) as f32
     }
@@ -187,7 +187,7 @@ impl Simulator {
     /// Plans `config`.
     ///
     /// # Errors
-    /// An invalid radar or option.
+    /// Returns an error for an invalid radar or option.
     pub fn new(config: &RadarConfig, options: SimOptions) -> Result<Self, SimError> {
         config.validate()?;
         let range_error = |option, problem| Err(SimError::Option { option, problem });
@@ -273,14 +273,15 @@ impl Simulator {
         RadarCube::zeros(c.n_loops, c.tx.len(), c.rx.len(), c.n_samples)
     }
 
-    /// Simulates the frame that starts at `time_s` into `cube` (overwritten; its `time_s` becomes
-    /// the frame's).
+    /// Simulates the frame that starts at `time_s` into `cube`, which is overwritten. Its `time_s` is set to that of
+    /// the frame.
     ///
-    /// `seed` fixes the facets' phases and, with `frame_idx`, the noise: use one seed per clip. The
+    /// `seed` determines the phases of the facets and, together with `frame_idx`, the noise. Use one seed per clip. The
     /// same arguments give the same bytes on one [`SimdLevel`].
     ///
     /// # Errors
-    /// Whatever in the scene cannot be simulated; the cube is then unspecified.
+    /// Returns an error for anything in the scene that cannot be simulated. The content of the cube is then
+    /// unspecified.
     pub fn simulate_frame(
         &mut self,
         scene: &Scene<'_>,
@@ -526,7 +527,7 @@ impl Simulator {
                 stats.n_coarse += n_coarse;
                 let middle = &work.keys[N_KEYS / 2];
                 for (&[a, b, c], &share) in triangles.iter().zip(coverage) {
-                    // What is seen has an area.
+                    // Visible facets have an area.
                     if share == 0.0 {
                         let a = middle[a as usize];
                         let normal = (middle[b as usize] - a).cross(middle[c as usize] - a);
@@ -561,12 +562,12 @@ impl Simulator {
             work.power_w += source.power_w();
             work.sources.push(source);
         }
-        // A range change of half the unambiguous range in a frame is no motion but a jump.
+        // A range change of half the unambiguous range within a frame is treated as a jump, not as motion.
         let limit_cells = 0.5 * self.scale.n_cells as f32;
         for source in &work.sources {
             let (low, high) = source.cell_range(2.0);
             let change = high - low;
-            // NaN counts as too much.
+            // NaN counts as too fast.
             if change.is_nan() || change >= limit_cells {
                 let m_per_cell = self.config.max_range_m() / self.scale.n_cells as f64;
                 return Err(SimError::TooFast {
@@ -622,8 +623,7 @@ impl Simulator {
         bounces.len()
     }
 
-    /// Puts the sources into Doppler groups; returns the first cell and the number of cells that
-    /// they touch.
+    /// Assigns the sources to Doppler groups. Returns the first cell and the number of cells that they use.
     fn group_sources(
         &mut self,
         segment: &Segment,

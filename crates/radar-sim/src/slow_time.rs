@@ -1,4 +1,4 @@
-//! Slow time at a few nodes: sources of like radial velocity share Doppler groups.
+//! Slow-time sampling at a few nodes: sources of similar radial velocity share Doppler groups.
 //!
 //! Within a group of reference phase P(t), a parabola, every source's slow-time signal times
 //! `exp(-j 2 pi P(t))` is narrow-band, so it need be spread only at a few nodes of the segment; the
@@ -14,7 +14,7 @@
 
 use std::f64::consts::PI;
 
-/// Most nodes of a block.
+/// Maximum number of nodes of a block.
 pub(crate) const MAX_NODES: usize = 32;
 /// Loops that are interpolated together.
 pub(crate) const QUAD: usize = 4;
@@ -42,7 +42,7 @@ const LEVELS: [(usize, f64); 21] = [
     (30, 18.3),
     (32, 19.8),
 ];
-/// The outermost nodes lie at this share of the way to the ends.
+/// Position of the outermost nodes as a fraction of the distance from the middle to the ends.
 const STRETCH: f64 = 0.98;
 
 /// One density of nodes.

@@ -1,17 +1,20 @@
-//! Sources onto the range grid: the inner loops of the fast path.
+//! Spreads sources onto the range grid: the inner loops of the fast path.
 //!
-//! This is a non-uniform FFT in two dimensions. In range, a source lies between grid cells and is spread over six of them
-//! by the taps of a kernel, whose shape the range transform divides out again. In slow time, sources of like Doppler form a
-//! group, whose common phase is taken off: what is left changes so slowly that a few nodes stand for all loops.
+//! This is a non-uniform FFT in two dimensions. In range, a source is between grid cells and is spread over six of them
+//! with the taps of a kernel. The range transform divides the kernel's shape out again. In slow time, sources of
+//! similar Doppler form a group, whose common phase is removed. The residual changes so slowly that a few nodes
+//! represent all loops.
 //!
-//! A frame of a person has some 8,000 sources, and the two loops that visit each of them at each node cost most of the
-//! simulator's time: [`fill_phasors`] and [`Batch::add_compact`]. Everything here serves them:
-//! - Lanes are channels, sixteen at a time, because all channels of a source do the same with slightly different numbers.
-//! - Sources come in batches whose phasors fit the first-level cache, so that the two loops run apart, each on its own
-//!   registers.
-//! - Sources of a group are sorted by range, so that the sums of six cells stay in registers over several sources.
+//! A frame of a person has some 8,000 sources. The two loops that process each source at each node take most of the
+//! simulator's time: [`fill_phasors`] and [`Batch::add_compact`]. The design optimises these loops:
+//! - SIMD lanes are channels, sixteen at a time, because all channels of a source need the same operations with
+//!   slightly different numbers.
+//! - Sources are processed in batches whose phasors fit into the first-level cache. The two loops can then run
+//!   separately, each with its own registers.
+//! - Sources of a group are sorted by range, so that the sums of six cells remain in registers over several sources.
 //!
-//! Per node, the phase of a channel is the reference phase plus a quartic for the channel's path difference and TDM delay.
+//! Per node, the phase of a channel is the reference phase plus a quartic for the channel's path difference and TDM
+//! delay. Groups are then interpolated to the nodes of their family, and families to the loops.
 //! Groups are then interpolated to the nodes of their family, and families to the loops.
 
 use glam::Vec3;
@@ -22,7 +25,7 @@ use crate::motion::{N_KEYS, QUARTIC, Source, max_slope};
 use crate::slow_time::{Level, MAX_NODES, QUAD};
 use radarllm_simd::{Cell, LANES, SimdF32x16, dispatch, prefetch, sin_cos_turns};
 
-/// The channels of one pass.
+/// The channels of one pass, at most one per SIMD lane.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct ChannelBlock {
@@ -39,22 +42,22 @@ pub(crate) struct ChannelBlock {
     slot_s: [f32; LANES],
     /// The same over the last slot's delay, 0..=1.
     slot_share: [f32; LANES],
-    /// First channel, `tx * n_rx + rx`.
+    /// Index of the first channel, `tx * n_rx + rx`.
     pub first: usize,
-    /// How many lanes are channels; the rest repeat the last.
+    /// Number of lanes that hold channels. The remaining lanes repeat the last channel.
     pub len: usize,
     pub reach: Reach,
 }
 
-/// How far channels reach from the array's centre.
+/// Maximum offsets of the channels from the array centre.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Reach {
-    /// Most path difference of any channel, m.
+    /// Maximum path difference of any channel, m.
     reach_m: f32,
-    /// Most sum of a channel's TX and RX offsets along x and along z, m.
+    /// Maximum sum of a channel's TX and RX offsets along x and along z, m.
     reach_x_m: f32,
     reach_z_m: f32,
-    /// Most slot delay, s.
+    /// Maximum slot delay, s.
     max_slot_s: f32,
 }
 
@@ -127,22 +130,22 @@ impl Reach {
         })
     }
 
-    /// Bound of what the channels' path differences and delays add to a source's frequency, turns per unit of u; `ramp`
-    /// is the frequency's change.
+    /// Upper bound of the frequency that the channels' path differences and delays add to a source, turns per unit of
+    /// u. `ramp` is the change of the frequency.
     pub fn extra_band(&self, source: &Source, ramp: f32, half_s: f32) -> f32 {
         source.turns_per_m * self.reach_m * source.turn_rad + ramp.abs() * self.max_slot_s / half_s
     }
 
-    /// Bound of what the bend of a source's waves over the array changes over |u| <= 1, turns.
+    /// Upper bound of the change of a source's wavefront curvature over the array for |u| <= 1, turns.
     pub fn max_bend_turns(&self, source: &Source) -> f32 {
-        // The bend is at most a^2 / 2r for every antenna; it changes with direction and range.
+        // The curvature term is at most a^2 / 2r for every antenna. It changes with direction and range.
         let bend_m = 0.5 * self.reach_m * self.reach_m * source.per_m;
-        // The next term, a^3 / 2 r^2, is left out altogether.
+        // The next term, a^3 / 2 r^2, is neglected entirely.
         let next_m = bend_m * self.reach_m * source.per_m;
         source.turns_per_m * (3.0 * bend_m * source.turn_rad + next_m)
     }
 
-    /// Bound of a channel's distance from the reference position, cells.
+    /// Upper bound of a channel's distance from the reference position, cells.
     pub fn cells(&self, source: &Source, cells_per_turn: f32, half_s: f32) -> f32 {
         let walk_cells = max_slope(source.cells) * self.max_slot_s / half_s;
         if source.tx_row.is_some() {
@@ -158,10 +161,10 @@ impl Reach {
     }
 }
 
-/// What one pass needs.
+/// Input and output of one pass.
 pub(crate) struct SpreadJob<'a> {
     pub sources: &'a [Source],
-    /// Amplitudes that may be left out.
+    /// Amplitude that is negligible.
     pub negligible: f32,
     /// See [`Source::seen_by_tx`].
     pub tx_rows: &'a [[Vec3; N_KEYS]],
@@ -179,7 +182,7 @@ pub(crate) struct SpreadJob<'a> {
     pub u_first: f64,
     pub u_per_loop: f64,
     pub n_loops: usize,
-    /// One group's grid, `[node][cell]`, and one family's.
+    /// Grids of one group and of one family, `[node][cell]`.
     pub grid: &'a mut Vec<Cell>,
     pub family_grid: &'a mut Vec<Cell>,
     /// The segment's grid, `[loop][cell]`, cells from `first_cell`; overwritten.
@@ -195,7 +198,8 @@ dispatch!(
 
 /// A source at the nodes of one block.
 ///
-/// Aligned, as all that vectors are read from: a vector that lies across two cache lines takes twice as long to load.
+/// Aligned like all data that is loaded as vectors. A vector that crosses a cache line boundary takes twice as long to
+/// load.
 #[repr(C, align(64))]
 struct Nodes {
     u: NodeLanes,
@@ -219,10 +223,10 @@ type NodeLanes = [[f32; LANES]; MAX_NODES / LANES];
 /// Half of a vector's lanes.
 const HALF_LANES: usize = LANES / 2;
 
-/// Phasors that are kept before they go to the grid: 64 of 192 bytes, small enough for the first-level cache beside the
-/// rows of the grid that they go to.
+/// Number of phasors that are buffered before they are added to the grid: 64 of 192 bytes. They fit into the
+/// first-level cache together with the grid rows to which they are added.
 const BATCH_PHASORS: usize = 2 * MAX_NODES;
-/// Largest number of sources in a batch, whatever the number of nodes.
+/// Maximum number of sources in a batch, for any number of nodes.
 const BATCH: usize = 8;
 
 /// Buffers for a batch of sources.
@@ -263,8 +267,8 @@ fn spread_body<L: SimdF32x16>(job: SpreadJob<'_>) {
         let level = &job.levels[to.level];
         let (n_loops, n_cells) = (job.n_loops, job.n_cells);
         if level.is_direct() {
-            // Fast Doppler changes: every loop is a node, so that there is nothing to interpolate. Sources go straight to
-            // the output, as many loops at a time as there are nodes in a block.
+            // Fast Doppler changes: every loop is a node, so that no interpolation is needed. Sources are added
+            // directly to the output, for as many loops at a time as there are nodes in a block.
             for group in &job.groups[family.first..family.end] {
                 for first_loop in (0..n_loops).step_by(level.block_loops) {
                     let n_nodes = level.block_loops.min(n_loops - first_loop);
@@ -283,7 +287,7 @@ fn spread_body<L: SimdF32x16>(job: SpreadJob<'_>) {
             }
             continue;
         }
-        // A family of one group is that group: its grid goes to the loops without a step between.
+        // A family of one group is identical to that group. Its grid is interpolated directly to the loops.
         let several = family.end - family.first > 1;
         if several {
             family_grid.clear();
@@ -297,7 +301,7 @@ fn spread_body<L: SimdF32x16>(job: SpreadJob<'_>) {
             let window = (own.first_cell, own.n_cells);
             spread_group::<L>(&job, group, 0, n_nodes, window, &mut buffers, &mut grid);
             if several {
-                // The group's phase relative to its family's: what is left of it at the family's nodes.
+                // Phase of the group relative to its family at the family's nodes.
                 let turns = [0, 1].map(|i| own.turns[i] - to.turns[i]);
                 let offset = (own.first_cell - to.first_cell) as usize;
                 let into = (&mut family_grid[offset..], to.n_cells);
@@ -339,7 +343,8 @@ fn spread_group<L: SimdF32x16>(
     let slot = L::load(&channels.slot_share);
     let places = &job.levels[group.grid.level].nodes;
     let mut u = [[0.0_f64; LANES]; MAX_NODES / LANES];
-    // Few nodes leave half of the lanes free for the times of the last slot: the amplitude's change then costs nothing.
+    // With few nodes, the free half of the lanes holds the times of the last slot. The change of the amplitude then
+    // takes no extra time.
     let with_last_slot = n_nodes <= HALF_LANES;
     for (lane, u) in u.as_flattened_mut().iter_mut().enumerate() {
         let (node, later) = if with_last_slot {
@@ -365,12 +370,12 @@ fn spread_group<L: SimdF32x16>(
         let mut reach_cells = [0.0; BATCH];
         for (k, i) in batch.enumerate() {
             let source = &job.sources[order[i] as usize];
-            // Neighbours in the order lie anywhere in memory, and a source is five cache lines: without asking early, each
-            // would wait for memory.
+            // Neighbours in the order can be anywhere in memory, and a source takes five cache lines. Without a
+            // prefetch, each access would wait for memory.
             if let Some(&soon) = order.get(i + 2) {
                 prefetch(std::slice::from_ref(&job.sources[soon as usize]));
             }
-            // Most sources keep their amplitude from slot to slot, and save half of the amplitude's work.
+            // Most sources keep their amplitude from slot to slot, which saves half of the amplitude computation.
             let changes = source.change_per_u * last_slot_u > job.negligible;
             evaluate::<L>(source, &u, group.grid.turns, n_nodes, nodes);
             if changes && with_last_slot {
@@ -385,12 +390,13 @@ fn spread_group<L: SimdF32x16>(
             reach_cells[k] = if source.reach_cells <= SLACK_CELLS {
                 source.reach_cells
             } else {
-                // The source's own bound holds for all channels of the array; that of this block's may be smaller.
+                // The source's own bound holds for all channels of the array. The bound for this block can be smaller.
                 channels.reach.cells(source, scale, half_s)
             };
         }
         let (phasors, cells) = (&phasors[..n_sources * n_nodes], &cells[..n_sources]);
-        // One choice for the whole batch, by its widest source: a choice per source would end the sums in registers.
+        // The choice is made once per batch, by its widest source. A choice per source would prevent keeping the sums
+        // in registers.
         let reach = reach_cells.iter().copied().fold(0.0, f32::max);
         let all = Batch {
             phasors,
@@ -795,11 +801,11 @@ impl<'a> Batch<'a> {
         }
     }
 
-    /// Adds sources whose channels all lie within the reach of `taps` about one another.
+    /// Adds sources whose channels are all within the reach of `taps` of one another.
     ///
-    /// Node by node rather than source by source: sources of a group are sorted by range, so that several follow each other
-    /// on the same cells, whose sums stay in registers. Channels of a source share its cells, and differ in the taps'
-    /// argument alone.
+    /// The outer loop is over nodes instead of sources. Sources of a group are sorted by range, so that several
+    /// consecutive ones use the same cells, whose sums remain in registers. The channels of a source share its cells
+    /// and differ only in the argument of the taps.
     #[inline(always)]
     fn add_compact<L: SimdF32x16, const N: usize>(
         self,
@@ -845,7 +851,7 @@ impl<'a> Batch<'a> {
         }
     }
 
-    /// Adds sources whose channels lie in different cells (wide apertures, high speeds): lane by lane.
+    /// Adds sources whose channels are in different cells (wide apertures, high speeds), lane by lane.
     #[inline(always)]
     fn add_wide(
         self,

@@ -12,7 +12,7 @@ use crate::spread::ChannelBlock;
 use radarllm_simd::fft::{C, Pass, all_cell_passes, factors, passes, root};
 use radarllm_simd::{Cell, LANES, SimdF32x16, SimdLevel, dispatch};
 
-/// Most parts of a plan, which bounds the tables.
+/// Maximum number of parts of a plan, which bounds the tables.
 const MAX_PARTS: usize = 64;
 
 /// Plans and buffers.
@@ -101,7 +101,7 @@ fn inverse_root(index: usize, len: usize) -> [f32; 2] {
     [cos, -sin]
 }
 
-/// What one pass needs.
+/// Input and output of one pass.
 pub(crate) struct TransformJob<'a> {
     pub transform: &'a mut RangeTransform,
     pub channels: &'a ChannelBlock,
@@ -112,7 +112,7 @@ pub(crate) struct TransformJob<'a> {
     /// Samples of the segment's loops, `[loop][channel][sample]`.
     pub out: &'a mut [Complex32],
     pub n_channels: usize,
-    /// State of the noise generator and rms, if the noise goes in here.
+    /// State of the noise generator and rms, if noise is added in this pass.
     pub noise: Option<(&'a mut [[u32; 16]; 4], f32)>,
     /// Receives the sum of |signal|^2, noise not included.
     pub energy: &'a mut f64,

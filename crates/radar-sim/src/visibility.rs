@@ -1,21 +1,21 @@
-//! What the radar sees: the visible share of every facet, by a depth buffer, and what the screens in front of it
-//! transmit.
+//! Visibility: the visible share of every facet, computed with a depth buffer, and the transmission of the screens in
+//! front of it.
 //!
-//! The scene is projected from the centre of the array on a plane, and sampled by a raster: of every facet, the share is
-//! counted of the samples that it covers in which no other facet is nearer. Facets that cover no sample are tested at
-//! their centroid.
+//! The scene is projected from the centre of the array onto a plane and sampled by a raster. The visible share of a
+//! facet is the fraction of its covered samples in which no other facet is nearer. Facets that cover no sample are
+//! tested at their centroid.
 //!
-//! What decides the design:
-//! - One raster over everything would spend its samples on walls. In a room a person fills a thousandth of the view, so
-//!   that surfaces that are small in the view get a window of their own ([`Sampling::Windows`]).
-//! - The depth buffer holds 1/y rather than y, because 1/y is affine over a projected facet: it is stepped along a row
+//! Design decisions:
+//! - A single raster over everything would spend its samples on walls. A person in a room fills a thousandth of the
+//!   view. Surfaces that are small in the view therefore get a window of their own ([`Sampling::Windows`]).
+//! - The depth buffer holds 1/y instead of y, because 1/y is affine over a projected facet. It is stepped along a row
 //!   without a division per sample.
 //! - A sample belongs to exactly one facet of a closed surface, on every instruction set. Otherwise a facet would cover
-//!   samples that it cannot win, and a share of a fully visible surface would be below 1.
+//!   samples that it cannot win, and the share of a fully visible surface would be below 1.
 //! - Screens (facets that transmit) do not write the depth buffer. Their samples are kept in a list and multiplied in
 //!   afterwards, from near to far.
 //!
-//! The error that sampling leaves, and its time: `examples/bench_sim.rs`.
+//! `examples/bench_sim.rs` measures the sampling error and the computing time.
 
 use std::ops::Range;
 
@@ -24,41 +24,40 @@ use glam::Vec3;
 use crate::rays::coverage_by_rays;
 use radarllm_simd::{LANES, SimdF32x16, SimdLevel, dispatch};
 
-/// How the visible shares of facets are found.
+/// Method for computing the visible shares of facets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Sampling {
-    /// One raster of even samples over everything.
+    /// One raster of evenly spaced samples over everything.
     Uniform,
-    /// A window of their own for surfaces that are small in the view; without such, the same as
-    /// [`Self::Uniform`].
+    /// A separate window for surfaces that are small in the view. Without such surfaces, the same as [`Self::Uniform`].
     #[default]
     Windows,
-    /// This many squared rays a facet: the slow reference.
+    /// The square of this number of rays per facet. This is the slow reference.
     Rays(u16),
 }
 
-/// The facets and vertices of one surface, as ranges of the scene's.
+/// The facets and vertices of one surface, as ranges of the scene's indices.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SurfaceRange {
-    /// Their indices.
+    /// Indices of the facets.
     pub facets: Range<u32>,
-    /// The indices of their vertices.
+    /// Indices of the vertices.
     pub vertices: Range<u32>,
-    /// Share of the power that they transmit, one way. Facets that transmit anything hide nothing. Facets are one-sided:
-    /// from behind, they are not there.
+    /// One-way power transmission. Facets with a transmission above zero do not occlude others. Facets are one-sided
+    /// and transparent from behind.
     pub power_transmission: f32,
 }
 
-/// What is looked at, and from where.
+/// The scene geometry and the viewpoint.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a> {
     /// Vertices in the radar frame, m, finite.
     pub positions: &'a [Vec3],
     /// Indices into the vertices.
     pub triangles: &'a [[u32; 3]],
-    /// The surfaces that all facets and vertices belong to, in ascending order.
+    /// The surfaces of all facets and vertices, in ascending order.
     pub surfaces: &'a [SurfaceRange],
-    /// The eye.
+    /// The viewpoint.
     pub centre: Vec3,
 }
 
@@ -68,7 +67,7 @@ impl View<'_> {
     }
 }
 
-/// Share of the two-way amplitude that screens transmit to every facet's visible part; empty in a scene without screens.
+/// Two-way amplitude transmission of the screens for every facet's visible part. Empty in a scene without screens.
 #[derive(Clone, Debug, Default)]
 pub struct ScreenTransmission(Vec<f32>);
 
@@ -80,7 +79,7 @@ impl ScreenTransmission {
         self.0.get(facet).copied().unwrap_or(1.0)
     }
 
-    /// A factor of 1 for each of `n_facets` facets; 0 of them in a scene without screens.
+    /// Sets a factor of 1 for each of `n_facets` facets; `n_facets` is 0 in a scene without screens.
     pub(crate) fn reset(&mut self, n_facets: usize) -> &mut [f32] {
         self.0.clear();
         self.0.resize(n_facets, 1.0);
@@ -88,12 +87,12 @@ impl ScreenTransmission {
     }
 }
 
-/// Finds visible shares, with buffers that are reused from frame to frame.
+/// Computes visible shares, with buffers that are reused from frame to frame.
 ///
-/// The same samples win on every [`SimdLevel`].
+/// The results are the same on every [`SimdLevel`].
 ///
-/// Perspective from the array centre on the plane y = 1, so that straight edges stay straight and 1/y is
-/// affine over a facet. Facets behind the array or beyond 87 degrees off boresight are not seen.
+/// The projection is a perspective from the array centre onto the plane y = 1, so that straight edges remain straight
+/// and 1/y is affine over a facet. Facets behind the array or beyond 87 degrees off boresight are not visible.
 pub struct DepthRaster {
     size: usize,
     sampling: Sampling,
@@ -109,7 +108,7 @@ pub struct DepthRaster {
     front_facets: Vec<FrontFacet>,
 }
 
-/// A facet that faces the eye and lies wholly in the window.
+/// A facet that faces the viewpoint and is completely inside the window.
 #[derive(Clone, Copy, Debug)]
 struct FrontFacet {
     facet: u32,
@@ -156,16 +155,16 @@ struct Samples {
     size: usize,
     /// Samples since the frame began.
     n_drawn: usize,
-    /// Blocks per row. The last one may reach beyond the window; its samples there are drawn like the others, which saves
-    /// a mask. Only facets that reach beyond the window win them, and those are not judged in it.
+    /// Blocks per row. The last block may extend beyond the window. Its samples there are drawn like the others, which
+    /// saves a mask. Only facets that extend beyond the window win them, and such facets are not evaluated in it.
     n_blocks: usize,
     /// Row by row.
     blocks: Vec<Block>,
-    /// Samples of screens; after [`Self::count`] by sample, and from near to far.
+    /// Samples of screens. After [`Self::count`] they are sorted by sample, and from near to far.
     fragments: Vec<Fragment>,
 }
 
-/// Samples side by side.
+/// Adjacent samples of one row.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 struct Block {
@@ -187,11 +186,11 @@ impl Block {
     }
 }
 
-/// What a pass over the samples found, by facet's index.
+/// Result of a pass over the samples, by facet index.
 #[derive(Default)]
 struct Counts {
     won: Vec<u32>,
-    /// Sum over the won samples of the share that screens in front absorb; empty without screens.
+    /// Sum over the won samples of the share that the screens in front absorb. Empty without screens.
     lost: Vec<f32>,
 }
 
@@ -241,11 +240,11 @@ impl DepthRaster {
         }
     }
 
-    /// Visible share of every triangle, 0..=1: the samples it wins over the samples it covers.
-    /// Facets turned away, and degenerate ones, get 0. A facet that covers no sample is seen or not
-    /// by its centroid.
+    /// Returns the visible share of every triangle, 0..=1: the number of samples it wins divided by the number of
+    /// samples it covers. Facets that face away and degenerate facets get 0. A facet that covers no sample is tested at
+    /// its centroid.
     ///
-    /// `transmission` receives what screens transmit to every facet. Returns the number of samples drawn.
+    /// `transmission` receives the screens' transmission for every facet. Returns the number of samples drawn.
     pub fn coverage(
         &mut self,
         view: View<'_>,
@@ -279,8 +278,9 @@ impl DepthRaster {
         if all.is_empty() {
             return;
         }
-        // The small surfaces' window takes three quarters of the samples. All that lies wholly inside it is then judged by
-        // these, the rest by the quarter that went over everything.
+        // The window of the small surfaces takes three quarters of the samples. Facets that are completely inside it
+        // are evaluated with these samples. All others are evaluated with the remaining quarter, which covers
+        // everything.
         let mut left = self.size * self.size;
         if self.sampling != Sampling::Uniform {
             let mut small = Window::EMPTY;
@@ -298,13 +298,14 @@ impl DepthRaster {
         self.draw_window::<L>(view, all, left.isqrt(), out, transmission);
     }
 
-    /// Projects the vertices and finds the surfaces' boxes.
+    /// Projects the vertices and computes the surfaces' bounding boxes.
     #[inline(always)]
     fn project(&mut self, view: View<'_>) {
         self.projected.clear();
         self.projected.extend(view.positions.iter().map(|&p| {
             let p = p - view.centre;
-            // Beyond 87 degrees, or behind: the projection would be far outside or mirrored. 1/y = 0 marks it.
+            // Beyond 87 degrees off boresight, or behind the array, the projection would be far outside or mirrored.
+            // 1/y = 0 marks such vertices.
             if p.y > 0.05 * p.length() {
                 let inverse_depth = 1.0 / p.y;
                 [p.x * inverse_depth, p.z * inverse_depth, inverse_depth]
@@ -325,7 +326,7 @@ impl DepthRaster {
         }
     }
 
-    /// Draws a window with `size * size` samples and writes the facets that lie wholly in it.
+    /// Draws a window with `size * size` samples and writes the results of the facets that are completely inside it.
     #[inline(always)]
     fn draw_window<L: SimdF32x16>(
         &mut self,
@@ -335,7 +336,7 @@ impl DepthRaster {
         out: &mut [f32],
         transmission: &mut [f32],
     ) {
-        // Samples lie at integer coordinates 0..size; the box ends half a sample outside.
+        // Samples have integer coordinates 0..size. The box extends half a sample beyond them.
         let scale: [f32; 2] =
             std::array::from_fn(|i| size as f32 / (window.high[i] - window.low[i]).max(1e-6));
         self.in_window.clear();
@@ -351,7 +352,7 @@ impl DepthRaster {
         self.counts
             .start(view.triangles.len(), !transmission.is_empty());
         self.front_facets.clear();
-        // Opaque facets first: whether a sample of a screen counts depends on the nearest of them.
+        // Opaque facets are drawn first, because a sample of a screen counts only in front of the nearest opaque facet.
         for is_screen in [false, true] {
             for surface in view.surfaces {
                 if (surface.power_transmission > 0.0) != is_screen {
@@ -362,8 +363,8 @@ impl DepthRaster {
                     if is_front(corners) {
                         let covered =
                             (self.samples).draw::<L>(facet, corners, surface.power_transmission);
-                        // A facet that the window cuts would be judged by a part of itself. It hides what lies behind
-                        // it all the same, and gets its share in the window over everything.
+                        // A facet that the window cuts would be evaluated by a part of itself. It still occludes what
+                        // is behind it, and gets its share in the window over everything.
                         if is_within(corners, size) {
                             self.front_facets.push(FrontFacet { facet, covered });
                         }
@@ -399,13 +400,14 @@ fn twice_area([a, b, c]: [[f32; 3]; 3]) -> f32 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
 
-/// Can be seen, is turned to the eye, and has an area; never NaN, as positions are finite.
+/// Whether the facet is visible, faces the viewpoint, and has an area. The positions are finite, so that no value is
+/// NaN.
 #[inline(always)]
 fn is_front(corners: [[f32; 3]; 3]) -> bool {
     corners.iter().all(|p| p[2] > 0.0) && twice_area(corners) > 1e-12
 }
 
-/// Low and high of a facet's x and y.
+/// Lower and upper bounds of a facet's x and y.
 #[inline(always)]
 fn bounds([a, b, c]: [[f32; 3]; 3]) -> [[f32; 2]; 2] {
     std::array::from_fn(|i| [a[i].min(b[i]).min(c[i]), a[i].max(b[i]).max(c[i])])
@@ -413,7 +415,7 @@ fn bounds([a, b, c]: [[f32; 3]; 3]) -> [[f32; 2]; 2] {
 
 #[inline(always)]
 fn is_within(corners: [[f32; 3]; 3], size: usize) -> bool {
-    // The window's edge is half a sample outside; the rest is rounding.
+    // The window's edge is half a sample outside. The rest of the margin allows for rounding.
     bounds(corners)
         .iter()
         .all(|[low, high]| *low >= -0.51 && *high <= size as f32 - 0.49)
@@ -428,7 +430,7 @@ impl Counts {
             .resize(if has_screens { n_facets } else { 0 }, 0.0);
     }
 
-    /// Visible share and transmission of a facet that covers so many samples.
+    /// Visible share and transmission of a facet that covers `covered` samples.
     #[inline(always)]
     fn of(&self, facet: u32, covered: f32) -> (f32, f32) {
         let won = self.won[facet as usize];
@@ -437,22 +439,23 @@ impl Counts {
     }
 }
 
-/// Place of a lane among its neighbours.
+/// Offset of each lane within its block.
 const PLACES: [f32; LANES] = [
     0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
 ];
-/// Farther than any sample, and farther than an almost level edge crosses any row.
+/// Larger than any sample coordinate, and larger than the coordinate at which an almost level edge crosses any row.
 const FAR: f32 = 1e30;
 
-/// An edge of a facet, counter-clockwise: the inside lies right of edges that go down and left of those that go up.
+/// An edge of a facet in counter-clockwise order. The inside is to the right of downward edges and to the left of
+/// upward edges.
 #[derive(Clone, Copy)]
 struct Edge {
     low_x: f32,
     low_y: f32,
     /// dx / dy.
     slope: f32,
-    /// Added to the place where the edge crosses a row, these give the lower and the upper bound that it sets: 0 where it
-    /// sets one, and far enough to be none where it does not. Adding is cheaper than selecting.
+    /// Offsets that turn the position at which the edge crosses a row into a lower and an upper bound: 0 for the bound
+    /// that the edge sets, and a very large value otherwise. An addition is cheaper than a selection.
     to_low: f32,
     to_high: f32,
 }
@@ -462,11 +465,11 @@ impl Edge {
     fn new(from: [f32; 3], to: [f32; 3]) -> Self {
         let down = to[1] < from[1];
         let dy = to[1] - from[1];
-        // An edge along a row sets no bound within rows; the rows that the facet spans do.
+        // A level edge sets no bound within a row. The row range of the facet provides it.
         let level = dy == 0.0;
         Self {
-            // Its two facets run along an edge in opposite directions. Both compute from its lower end, so that both round
-            // to the same place.
+            // The two facets of an edge traverse it in opposite directions. Both compute from its lower end, so that
+            // both round to the same position.
             low_x: if down { to[0] } else { from[0] },
             low_y: if down { to[1] } else { from[1] },
             slope: if level { 0.0 } else { (to[0] - from[0]) / dy },
@@ -476,10 +479,10 @@ impl Edge {
     }
 }
 
-/// What a facet covers of sixteen rows.
+/// The samples that a facet covers in sixteen rows.
 #[repr(C, align(64))]
 struct Rows {
-    /// Samples inside lie between these.
+    /// Lower and upper bounds of the covered samples.
     low: [f32; LANES],
     high: [f32; LANES],
     /// 1/y at the first corner's column.
@@ -487,18 +490,18 @@ struct Rows {
 }
 
 impl Rows {
-    /// Bounds between samples, from `first` on.
+    /// Computes the bounds between samples, starting at row `first`.
     ///
-    /// An edge crosses a row at the same place for both of its facets. That place is moved to the middle between two
-    /// samples, so that no sample lies on an edge and every sample belongs to one side.
+    /// An edge crosses a row at the same position for both of its facets. That position is moved to the middle between
+    /// two samples. No sample is then on an edge, and every sample belongs to exactly one side.
     #[inline(always)]
     fn write<L: SimdF32x16>(&mut self, first: usize, edges: [Edge; 3]) {
         let y = L::load(&PLACES).add(L::splat(first as f32));
         let half = L::splat(0.5);
         let (mut low, mut high) = (L::splat(-FAR), L::splat(FAR));
         for edge in edges {
-            // Products and sums apart, here and below: with fused ones, the levels that have them would find other facets
-            // visible than those that do not.
+            // Products and sums are separate, here and below. With fused operations, the SIMD levels that have them
+            // would find other facets visible than the levels without them.
             let rise = y.sub(L::splat(edge.low_y)).mul(L::splat(edge.slope));
             let x = rise.add(L::splat(edge.low_x));
             let between = x.sub(half).round().add(half);
@@ -511,7 +514,7 @@ impl Rows {
 }
 
 impl Samples {
-    /// Forgets everything; `size * size` samples.
+    /// Clears the buffers for a raster of `size * size` samples.
     fn start(&mut self, size: usize) {
         self.size = size;
         self.n_drawn += size * size;
@@ -521,7 +524,7 @@ impl Samples {
         self.fragments.clear();
     }
 
-    /// Adds the won samples, and what the screens in front of them absorb.
+    /// Counts the won samples, and adds the absorption by the screens in front of them.
     fn count(&mut self, counts: &mut Counts) {
         for block in &self.blocks {
             for lane in 0..LANES {
@@ -530,13 +533,15 @@ impl Samples {
                 }
             }
         }
-        // By sample, then from near to far. Ties cannot change a result: facets of one plane never share a sample.
+        // Sort by sample, then from near to far. Ties cannot change a result, because facets of one plane never share a
+        // sample.
         self.fragments.sort_unstable_by(|a, b| {
             (a.sample.cmp(&b.sample))
                 .then(b.inverse_depth.total_cmp(&a.inverse_depth))
                 .then(a.facet.cmp(&b.facet))
         });
-        // The stack of screens over one sample: each loses what those before it absorb, the winner behind them what all do.
+        // Each screen in the stack over one sample loses the share that the screens in front of it absorb. The winner
+        // behind them loses the share that all of them absorb.
         for stack in self.fragments.chunk_by(|a, b| a.sample == b.sample) {
             let mut passed = 1.0;
             for fragment in stack {
@@ -552,7 +557,7 @@ impl Samples {
         }
     }
 
-    /// Draws a facet turned to the eye; returns the number of samples that it covers.
+    /// Draws a facet that faces the viewpoint and returns the number of samples that it covers.
     #[inline(always)]
     fn draw<L: SimdF32x16>(
         &mut self,
@@ -687,7 +692,7 @@ mod tests {
         )
     }
 
-    /// By both rasters, which agree on what these tests ask.
+    /// Computes the shares with both rasters, which must agree in these tests.
     fn shares(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<f32> {
         let all = SurfaceRange {
             facets: 0..triangles.len() as u32,
@@ -750,8 +755,8 @@ mod tests {
 
     #[test]
     fn every_sample_of_a_surface_belongs_to_one_facet() {
-        // A sheet over all samples. Half of its inner corners are moved by quarters of a sample, so that some edges run
-        // through samples, some along rows; the others by anything.
+        // A sheet over all samples. Half of its inner vertices are displaced by multiples of a quarter sample, so that
+        // some edges pass through samples and some run along rows. The others are displaced arbitrarily.
         let (size, n) = (48, 12);
         let random = |i: usize| ((i * 7 + 3) as f32 * 0.618_034).fract();
         let corner = |column: usize, row: usize| {
@@ -791,11 +796,11 @@ mod tests {
             let mut counts = Counts::default();
             counts.start(facets.len(), false);
             samples.count(&mut counts);
-            // One who covers a sample and does not win it would share it with another.
+            // A facet that covers a sample without winning it would share it with another facet.
             for (&covered, &won) in covered.iter().zip(&counts.won) {
                 assert_eq!(covered, won as f32, "{level:?}");
             }
-            // Equal to the bit, depths too.
+            // The results are bitwise equal, including the depths.
             let found: Vec<_> = (samples.blocks.iter())
                 .map(|b| {
                     (

@@ -1,27 +1,24 @@
-//! Rain and smoke: what they take from every path, and what falling drops send back.
+//! Rain and smoke: the attenuation of every path, and the backscatter of falling drops.
 //!
-//! **Attenuation by rain** is the specific attenuation k R^alpha of Recommendation ITU-R P.838-3, the
-//! mean of both linear polarisations. **Backscatter** is Mie's (Bohren and Huffman, *Absorption and
-//! Scattering of Light by Small Particles*, 1983) of water spheres at 10 degrees C (Liebe, Hufford and
-//! Manabe, Int. J. Infrared Millim. Waves 12, 1991), with the drop sizes of Marshall and Palmer, J.
-//! Meteor. 5, 1948. Drops fall at the speeds of Atlas, Srivastava and Sekhon, Rev. Geophys. 11, 1973,
-//! straight down: there is no wind.
+//! **Attenuation by rain** is the specific attenuation k R^alpha of Recommendation ITU-R P.838-3, as the mean of both
+//! linear polarisations. **Backscatter** is computed by Mie theory (Bohren and Huffman, *Absorption and Scattering of
+//! Light by Small Particles*, 1983) for water spheres at 10 degrees C (Liebe, Hufford and Manabe, Int. J. Infrared
+//! Millim. Waves 12, 1991), with the drop size distribution of Marshall and Palmer, J. Meteor. 5, 1948. Drops fall
+//! vertically at the speeds of Atlas, Srivastava and Sekhon, Rev. Geophys. 11, 1973. There is no wind.
 //!
-//! **Equivalent drops.** A cubic metre of rain holds thousands of drops. In their place every range
-//! resolution cell gets [`DROPS_PER_CELL`] points, drawn anew for every frame, with the mean power of
-//! all of its drops: uniform in range within the cell, in angle with the density of the two-way
-//! pattern, each with the cross section that makes up for that density, and with the speed of a drop
-//! drawn by its share of the backscatter. So the mean power in every range, angle and Doppler cell is
-//! that of the rain, and a cell's amplitude is nearly Gaussian, as that of many drops is. Frames are
-//! independent, while real drops stay in the beam for two or three. Left out: rain nearer than
-//! [`NEAREST_M`], where there are few drops in a cell, rain beyond the unambiguous range, and its
-//! shadows (points neither shadow nor are shadowed).
+//! **Equivalent drops.** A cubic metre of rain holds thousands of drops. They are replaced by [`DROPS_PER_CELL`] points
+//! in every range resolution cell, drawn anew for every frame, with the mean power of all drops of the cell. The points
+//! are uniform in range within the cell, and their angles follow the density of the two-way pattern. The cross section
+//! of each point compensates for that density. Its speed is that of a drop drawn with a probability proportional to its
+//! share of the backscatter. The mean power in every range, angle and Doppler cell is therefore that of the rain. The
+//! amplitude of a cell is nearly Gaussian, as it is for many drops. Frames are independent, while real drops remain in
+//! the beam for two or three frames. Not modelled: rain nearer than [`NEAREST_M`], where a cell holds few drops, rain
+//! beyond the unambiguous range, and shadows of and on the rain (points neither cast shadows nor are shadowed).
 //!
-//! **Smoke** is far smaller than the wavelength, so that Rayleigh's formulas hold. Its permittivity is
-//! known to nobody in general; [`Weather::smoke_db_per_m`] is the most that particles of any
-//! permittivity with a real part of 1 and more can take. Its echo is no more than
-//! [`Weather::smoke_backscatter_per_m`], which stays under thermal noise, and is left out. Turbulence
-//! of hot air, which also disturbs phases, is not simulated.
+//! **Smoke** particles are far smaller than the wavelength, so that Rayleigh's formulas hold. Their permittivity is
+//! generally unknown. [`Weather::smoke_db_per_m`] is therefore the maximum attenuation for particles of any
+//! permittivity with a real part of at least 1. The echo of smoke is at most [`Weather::smoke_backscatter_per_m`]. It
+//! is below thermal noise and is not modelled. Turbulence of hot air, which also disturbs phases, is not simulated.
 
 use std::f64::consts::{LN_2, LN_10, PI};
 
@@ -39,23 +36,24 @@ use crate::motion::chirp_time_s;
 use crate::scene::PointTarget;
 use crate::simulator::SimOptions;
 
-/// Points that stand for a range resolution cell's drops.
+/// Number of points that represent the drops of a range resolution cell.
 pub const DROPS_PER_CELL: usize = 8;
-/// Where rain begins, m.
+/// Minimum range of simulated rain, m.
 pub const NEAREST_M: f64 = 1.0;
 
-/// Diameters of the drop-size distribution: from, to and step, mm.
+/// Diameters of the drop size distribution: minimum, maximum and step, mm.
 const DROPS_MM: [f64; 3] = [0.1, 6.0, 0.02];
-/// Speed that the largest drops approach, m/s.
+/// Terminal speed that the largest drops approach, m/s.
 const FASTEST_MPS: f64 = 9.65;
 /// Temperature of rain, K.
 const RAIN_K: f64 = 283.15;
-/// Density of smoke particles, kg/m^3: tar droplets; soot is denser, and so scatters less per gram.
+/// Density of smoke particles, kg/m^3. The value is that of tar droplets. Soot is denser and therefore scatters less
+/// per gram.
 const SMOKE_KG_PER_M3: f64 = 1000.0;
-/// Diameter of smoke particles, m: at the upper end of what fires make.
+/// Diameter of smoke particles, m. The value is at the upper end of the sizes that fires produce.
 const SMOKE_M: f64 = 1e-6;
 
-/// What fills the air. The default is clear air, which costs nothing.
+/// Rain and smoke in the air. The default is clear air, which takes no computing time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Weather {
     /// Rain rate, mm/h, 0..=200.
@@ -65,10 +63,10 @@ pub struct Weather {
 }
 
 impl Weather {
-    /// Checks the values.
+    /// Checks the fields.
     ///
     /// # Errors
-    /// The first value that is out of range, by name.
+    /// Returns an error that names the first field that is out of range.
     pub fn validate(&self) -> Result<(), SimError> {
         for (option, value, max) in [
             ("rain_mm_per_h", self.rain_mm_per_h, 200.0),
@@ -84,22 +82,22 @@ impl Weather {
         Ok(())
     }
 
-    /// One-way attenuation of the power, dB/m.
+    /// Returns the one-way power attenuation, dB/m.
     pub fn db_per_m(&self, frequency_hz: f64) -> f64 {
         rain_db_per_m(frequency_hz, self.rain_mm_per_h) + self.smoke_db_per_m(frequency_hz)
     }
 
-    /// Most that smoke can take, dB/m: absorption 6 pi f Im(-K) / lambda of the volume fraction f
-    /// (Bohren and Huffman, eq. 5.11), K = (eps - 1) / (eps + 2), whose imaginary part is at most 1/2
-    /// where the real part of eps is 1 or more. Particle size does not matter.
+    /// Returns the maximum attenuation by smoke, dB/m. It is the absorption 6 pi f Im(-K) / lambda of the volume
+    /// fraction f (Bohren and Huffman, eq. 5.11) with K = (eps - 1) / (eps + 2). The magnitude of the imaginary part of
+    /// K is at most 1/2 if the real part of eps is at least 1. The particle size has no influence.
     pub fn smoke_db_per_m(&self, frequency_hz: f64) -> f64 {
         let wavelength_m = SPEED_OF_LIGHT_MPS / frequency_hz;
         let volume_fraction = 1e-3 * self.smoke_g_per_m3 / SMOKE_KG_PER_M3;
         10.0 / LN_10 * 6.0 * PI * volume_fraction * 0.5 / wavelength_m
     }
 
-    /// Most that smoke sends back, m^2/m^3: pi^5 |K|^2 N D^6 / lambda^4 with |K| = 1 and particles of a
-    /// micrometre.
+    /// Returns the maximum backscatter of smoke, m^2/m^3: pi^5 |K|^2 N D^6 / lambda^4 with |K| = 1 and particles of one
+    /// micrometre diameter.
     pub fn smoke_backscatter_per_m(&self, frequency_hz: f64) -> f64 {
         let wavelength_m = SPEED_OF_LIGHT_MPS / frequency_hz;
         let volume_fraction = 1e-3 * self.smoke_g_per_m3 / SMOKE_KG_PER_M3;
@@ -107,8 +105,8 @@ impl Weather {
     }
 }
 
-/// Specific attenuation of rain, dB/m: P.838-3, k R^alpha, for 1 GHz to 1 THz, mean of horizontal and
-/// vertical polarisation (its equations 4 and 5 at a tilt of 45 degrees).
+/// Returns the specific attenuation of rain, dB/m: k R^alpha of P.838-3, valid from 1 GHz to 1 THz, as the mean of
+/// horizontal and vertical polarisation (equations 4 and 5 of P.838-3 at a tilt of 45 degrees).
 pub fn rain_db_per_m(frequency_hz: f64, rain_mm_per_h: f64) -> f64 {
     if rain_mm_per_h <= 0.0 {
         return 0.0;
@@ -119,7 +117,7 @@ pub fn rain_db_per_m(frequency_hz: f64, rain_mm_per_h: f64) -> f64 {
     1e-3 * k * rain_mm_per_h.powf(alpha)
 }
 
-/// k and alpha of horizontal, then of vertical polarisation: P.838-3, equations 2 and 3, Tables 1 to 4.
+/// Returns k and alpha for horizontal, then for vertical polarisation: P.838-3, equations 2 and 3, Tables 1 to 4.
 fn p838(frequency_hz: f64) -> [[f64; 2]; 2] {
     let log_f = (frequency_hz * 1e-9).log10();
     let sum = |terms: &[[f64; 3]], m: f64, c: f64| {
@@ -170,12 +168,12 @@ fn p838(frequency_hz: f64) -> [[f64; 2]; 2] {
 pub(crate) struct Rain {
     /// Volume reflectivity, m^2/m^3.
     backscatter_per_m: f64,
-    /// Share of the backscatter that comes from drops up to each speed, m/s.
+    /// Cumulative share of the backscatter from drops up to each speed, m/s.
     speeds: Vec<(f64, f64)>,
     /// Standard deviations of the two-way power pattern, azimuth and elevation, rad.
     spread_rad: [f64; 2],
     centre_m: DVec3,
-    /// From the start of a frame to its middle, s.
+    /// Time from the start of a frame to its middle, s.
     middle_s: f64,
     nearest_m: f64,
     farthest_m: f64,
@@ -183,7 +181,7 @@ pub(crate) struct Rain {
 }
 
 impl Rain {
-    /// `None` where it does not rain.
+    /// Returns `None` if there is no rain.
     pub fn new(options: &SimOptions, config: &RadarConfig, link: &Link) -> Option<Self> {
         let rate = options.weather.rain_mm_per_h;
         if rate <= 0.0 {
@@ -201,7 +199,7 @@ impl Rain {
         for (share, _) in &mut speeds {
             *share /= sum;
         }
-        // exp(-2 ln 2 (angle / half width)^2): each way loses half at the half width.
+        // exp(-2 ln 2 (angle / half width)^2): at the half width, the power is halved on each way.
         let spread = |half_width: f64| half_width / (4.0 * LN_2).sqrt();
         Some(Self {
             backscatter_per_m: sum,
@@ -212,14 +210,14 @@ impl Rain {
             ],
             centre_m: link.array_centre_m,
             middle_s,
-            // No drop reaches the antenna while the frame lasts.
+            // No drop can reach the antenna during the frame.
             nearest_m: NEAREST_M.max(options.min_range_m + 2.0 * FASTEST_MPS * middle_s),
             farthest_m: config.max_range_m(),
             cell_m: config.range_resolution_m(),
         })
     }
 
-    /// Writes the drops of the frame that starts at `time_s`.
+    /// Writes the equivalent drops of the frame that starts at `time_s`.
     pub fn draw(&self, seed: u64, time_s: f64, out: &mut Vec<PointTarget>) {
         out.clear();
         let middle_s = time_s + self.middle_s;
@@ -227,7 +225,7 @@ impl Rain {
         let n_cells = n_cells.max(0.0) as usize;
         let stream = nth(derive_seed(seed, "rain"), (middle_s + 0.0).to_bits());
         let mut index = 0;
-        // In (0, 1).
+        // Uniform numbers in the open interval (0, 1).
         let mut uniform = || {
             index += 1;
             ((nth(stream, index) >> 12) as f64 + 0.5) / (1_u64 << 52) as f64
@@ -240,7 +238,7 @@ impl Rain {
                 let speed = uniform();
                 let angles = [radius * cos, radius * sin];
                 let [azimuth, elevation] = [0, 1].map(|i| angles[i] * self.spread_rad[i]);
-                // The pattern's Gaussian ends at the array's plane.
+                // The Gaussian model of the pattern is cut off at the plane of the array.
                 if azimuth.abs() >= 0.5 * PI || elevation.abs() >= 0.5 * PI {
                     continue;
                 }
@@ -267,7 +265,7 @@ impl Rain {
     }
 }
 
-/// Volume reflectivity of rain, m^2/m^3.
+/// Returns the volume reflectivity of rain, m^2/m^3.
 pub fn rain_backscatter_per_m(frequency_hz: f64, rain_mm_per_h: f64) -> f64 {
     if rain_mm_per_h <= 0.0 {
         return 0.0;
@@ -277,7 +275,7 @@ pub fn rain_backscatter_per_m(frequency_hz: f64, rain_mm_per_h: f64) -> f64 {
         .sum()
 }
 
-/// Marshall and Palmer: diameters, mm, and how many drops of about that size there are, 1/m^3.
+/// Drop size distribution of Marshall and Palmer: diameters, mm, and the number of drops per diameter step, 1/m^3.
 fn drop_sizes(rain_mm_per_h: f64) -> impl Iterator<Item = (f64, f64)> {
     let [from, to, step] = DROPS_MM;
     let slope_per_mm = 4.1 * rain_mm_per_h.powf(-0.21);
@@ -291,7 +289,7 @@ fn drop_sizes(rain_mm_per_h: f64) -> impl Iterator<Item = (f64, f64)> {
     })
 }
 
-/// Terminal speed near the ground, m/s: Atlas, Srivastava and Sekhon.
+/// Terminal speed near the ground, m/s, by Atlas, Srivastava and Sekhon.
 fn fall_mps(diameter_mm: f64) -> f64 {
     (FASTEST_MPS - 10.3 * (-0.6 * diameter_mm).exp()).max(0.0)
 }
@@ -318,17 +316,17 @@ fn drop_sections_m2(diameter_mm: f64, frequency_hz: f64) -> Sections {
     }
 }
 
-/// Extinction and radar cross section of a sphere, in whatever unit.
+/// Extinction and radar cross sections of a sphere. The unit is that of the caller.
 struct Sections {
     extinction: f64,
     back: f64,
 }
 
-/// Efficiencies of a sphere of circumference `size` wavelengths and refractive index `index`
-/// (n - j kappa), by its cross section: Bohren and Huffman, section 4.4, with the logarithmic
-/// derivative by downward recurrence.
+/// Mie efficiencies (cross sections divided by the geometric cross section) of a sphere whose circumference is `size`
+/// wavelengths and whose refractive index is `index` (n - j kappa): Bohren and Huffman, section 4.4, with the
+/// logarithmic derivative by downward recurrence.
 fn mie(size: f64, index: Complex64) -> Sections {
-    // Their time dependence has n + j kappa.
+    // The time dependence of Bohren and Huffman has n + j kappa.
     let inside = index.conj() * size;
     let n_terms = (size + 4.0 * size.cbrt() + 2.0).ceil() as usize;
     let n_down = n_terms.max(inside.norm().ceil() as usize) + 16;
@@ -377,13 +375,13 @@ mod tests {
             found.extinction
         );
         assert!((found.back - 2.92534).abs() < 1e-4, "{}", found.back);
-        // Rayleigh: 4 x^4 |K|^2 back, 4 x Im K of absorption.
+        // Rayleigh limit: 4 x^4 |K|^2 for backscatter, 4 x Im K for absorption.
         let water = water_permittivity(77e9, RAIN_K);
         let k = (water - 1.0) / (water + 2.0);
         let found = mie(1e-3, water.sqrt());
         assert!((found.back / (4e-12 * k.norm_sqr()) - 1.0).abs() < 1e-4);
         assert!((found.extinction / (4e-3 * -k.im) - 1.0).abs() < 1e-3);
-        // Where water is nearly static it is 87.9 at 0 degrees C, 80 at 20.
+        // The static permittivity of water is 87.9 at 0 degrees C and 80 at 20 degrees C.
         assert!((water_permittivity(1e6, 293.15).re - 80.0).abs() < 0.5);
     }
 
@@ -401,8 +399,8 @@ mod tests {
             }
         }
         assert_eq!(Weather::default().db_per_m(77e9), 0.0);
-        // The drops' own extinction: other drop sizes and temperatures lie behind the recommendation,
-        // so that a third of difference is no surprise; a wrong unit or factor of 2 would be.
+        // Compare with the extinction of the drops. The recommendation is based on other drop sizes and temperatures,
+        // so that a difference of a third is expected. A wrong unit or a factor of 2 would exceed it.
         for (ghz, rate) in [
             (24.0, 10.0),
             (60.0, 25.0),
@@ -432,10 +430,10 @@ mod tests {
             smoke_g_per_m3: 1.0,
             ..Weather::default()
         };
-        // By hand: 10 / ln 10 * 3 pi * 1e-6 / 3.893 mm = 10.5 dB/km at 77 GHz.
+        // Computed by hand: 10 / ln 10 * 3 pi * 1e-6 / 3.893 mm = 10.5 dB/km at 77 GHz.
         assert!((1e3 * smoke.smoke_db_per_m(77e9) - 10.51).abs() < 0.02);
-        // Even the densest smoke allowed sends back less than the noise of a whole frame's coherent
-        // sum, in the nearest and strongest cell.
+        // Even the densest smoke allowed scatters less than the noise of a whole frame's coherent sum, in the nearest
+        // and strongest cell.
         let config = RadarConfig::awr1843boost();
         let link = crate::link::Link::new(&config);
         let thick = Weather {
@@ -478,7 +476,7 @@ mod tests {
         }
     }
 
-    /// Taken from the first release's code: data sets depend on it.
+    /// Values from the first release's code. They must not change, because data sets depend on them.
     #[test]
     fn drops_never_change() {
         let config = RadarConfig::awr1843boost();
