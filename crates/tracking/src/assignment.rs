@@ -1,18 +1,19 @@
-//! Which row takes which column, at the least cost of all.
+//! Linear assignment: one column for each row, at the minimum total cost.
 
-/// The assignment of every row to a column of its own with the least sum of costs: Kuhn's Hungarian method with
-/// potentials and shortest augmenting paths, O(rows^2 columns) (Jonker and Volgenant, Computing 38, 1987).
+/// Solves the linear assignment problem: assigns every row to a column of its own so that the sum of costs is minimal.
+/// The method is Kuhn's Hungarian method with potentials and shortest augmenting paths, O(rows^2 columns) (Jonker and
+/// Volgenant, Computing 38, 1987).
 ///
 /// - `costs`: `[row, column]`, finite, with at least as many columns as rows
 /// - returns: the column of each row
 ///
 /// # Panics
-/// If `costs` is no rectangle with at least as many columns as rows.
+/// If `costs` is not a rectangle with at least as many columns as rows.
 pub fn assign(costs: &[Vec<f64>]) -> Vec<usize> {
     let n_rows = costs.len();
     let n_cols = costs.first().map_or(0, Vec::len);
     assert!(n_rows <= n_cols && costs.iter().all(|row| row.len() == n_cols));
-    // Column 0 is a start that belongs to no column; rows and columns count from 1.
+    // Column 0 is a virtual start column. Rows and columns count from 1.
     let mut row_potential = vec![0.0; n_rows + 1];
     let mut col_potential = vec![0.0; n_cols + 1];
     let mut row_of = vec![0; n_cols + 1];
@@ -68,7 +69,7 @@ pub fn assign(costs: &[Vec<f64>]) -> Vec<usize> {
 mod tests {
     use super::*;
 
-    /// Cost of the best assignment of the rows from `row` on, by trying all.
+    /// Minimum cost of assigning the rows from `row` on, found by exhaustive search.
     fn best(costs: &[Vec<f64>], row: usize, taken: &mut Vec<bool>) -> f64 {
         if row == costs.len() {
             return 0.0;
@@ -97,7 +98,7 @@ mod tests {
             let n_rows = random() as usize % 6;
             let n_cols = n_rows + random() as usize % 3;
             let costs: Vec<Vec<f64>> = (0..n_rows)
-                // Few distinct values in every other trial, for ties; negative ones too.
+                // Every other trial has few distinct values, so that ties occur. Some values are negative.
                 .map(|_| {
                     let most = if trial % 2 == 0 { 4 } else { 1000 };
                     (0..n_cols)

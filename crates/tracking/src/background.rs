@@ -1,4 +1,4 @@
-//! Points that an empty room has too.
+//! Background subtraction: removes the points that the empty room also produces.
 
 use std::collections::{HashMap, HashSet};
 
@@ -6,14 +6,14 @@ use radarllm_base::{PointFrame, RadarPoint};
 
 use crate::{OptionError, within};
 
-/// How an empty room is remembered.
+/// Options of the background model of an empty room.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BackgroundOptions {
-    /// Edge of a cell in x, y and z, m. Wider than the radar's errors, narrower than a person.
+    /// Edge of a cell in x, y and z, m. It is larger than the radar's position errors and smaller than a person.
     pub cell_m: f64,
-    /// Edge of a cell in radial velocity, m/s, centred on zero, so that what stands still is one cell.
+    /// Edge of a cell in radial velocity, m/s. Cells are centred on zero, so that static points share one cell.
     pub cell_mps: f64,
-    /// Share of the empty room's frames from which a cell counts as the room's.
+    /// Share of the empty room's frames above which a cell with points counts as background.
     pub share: f64,
 }
 
@@ -27,20 +27,20 @@ impl Default for BackgroundOptions {
     }
 }
 
-/// Cells of space and velocity in which an empty room has points.
+/// Background model: the cells of position and radial velocity in which an empty room has points.
 #[derive(Clone, Debug)]
 pub struct PointBackground {
     options: BackgroundOptions,
     cells: HashSet<[i32; 4]>,
-    /// Frames of the empty room.
+    /// Number of frames of the empty room.
     pub n_frames: usize,
 }
 
 impl PointBackground {
-    /// Learns from frames of a room without people.
+    /// Learns the background from frames of a room without people.
     ///
     /// # Errors
-    /// Cells of no size, or a share that is not in 0..=1.
+    /// If a cell size or the share (0 to 1) is out of range.
     pub fn learn(frames: &[PointFrame], options: BackgroundOptions) -> Result<Self, OptionError> {
         within("cell_m", options.cell_m, 0.01, 10.0, "0.01 to 10 m")?;
         within("cell_mps", options.cell_mps, 0.01, 10.0, "0.01 to 10 m/s")?;
@@ -65,12 +65,12 @@ impl PointBackground {
         })
     }
 
-    /// Cells that are the room's.
+    /// Number of background cells.
     pub fn n_cells(&self) -> usize {
         self.cells.len()
     }
 
-    /// Removes the room's points; returns how many they were.
+    /// Removes the background points and returns their number.
     pub fn remove(&self, frames: &mut [PointFrame]) -> usize {
         let mut n_removed = 0;
         for frame in frames {
@@ -84,7 +84,7 @@ impl PointBackground {
 }
 
 fn cell(options: &BackgroundOptions, point: &RadarPoint) -> [i32; 4] {
-    // Casts saturate: what is absurdly far shares the outermost cell.
+    // Casts saturate: points that are extremely far away share the outermost cell.
     let place = |v: f32, edge: f64| (f64::from(v) / edge).floor() as i32;
     [
         place(point.x_m, options.cell_m),
@@ -118,7 +118,7 @@ mod tests {
 
     #[test]
     fn what_the_empty_room_has_often_enough_goes_and_movers_in_the_same_place_stay() {
-        // The lamp in every frame, a flicker in one of four.
+        // The lamp is in every frame, the flicker in one frame of four.
         let (lamp, flicker) = (point(0.6, 0.0), point(-1.1, 0.0));
         let empty = frames(&[&[lamp, lamp], &[lamp], &[lamp, flicker], &[lamp]]);
         let options = |share| BackgroundOptions {
@@ -127,7 +127,8 @@ mod tests {
         };
         let walker = point(0.6, 0.8);
         let recorded = frames(&[&[lamp, walker], &[flicker], &[point(0.62, 0.05)]]);
-        // A quarter of the frames: removed below that share, kept at it.
+        // The flicker is in a quarter of the frames. It is removed if `share` is less than a quarter, and kept if
+        // `share` is a quarter or more.
         for (share, removed, left) in [(0.2, 3, 1), (0.25, 2, 2), (1.0, 0, 4)] {
             let background = PointBackground::learn(&empty, options(share)).unwrap();
             let mut cleaned = recorded.clone();

@@ -1,25 +1,28 @@
-//! Points of a frame that belong together: DBSCAN over place and radial velocity.
+//! Clustering of the points of a frame: DBSCAN over position and radial velocity.
 
 use radarllm_base::RadarPoint;
 
 use crate::{OptionError, within};
 
-/// Strongest points of a frame that are looked at; the work grows with their square.
+/// Maximum number of points of a frame that are clustered, the strongest ones. The run time grows with the square of
+/// this number.
 pub const MAX_POINTS: usize = 1024;
 
-/// When two points are neighbours: (dx^2 + dy^2) / place_m^2 + dz^2 / height_m^2 + dv^2 / velocity_mps^2 <= 1.
+/// Options of the clustering. Two points are neighbours if (dx^2 + dy^2) / place_m^2 + dz^2 / height_m^2 + dv^2 /
+/// velocity_mps^2 <= 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClusterOptions {
-    /// Horizontal distance of neighbours, m.
+    /// Maximum horizontal distance of neighbours, m.
     pub place_m: f64,
-    /// Vertical distance of neighbours, m: large, as elevation is the least exact and a person is tall.
+    /// Maximum vertical distance of neighbours, m. It is large because elevation is the least accurate coordinate and a
+    /// person is tall.
     pub height_m: f64,
-    /// Difference of radial velocities of neighbours, m/s: limbs differ from the torso by more than this, but
-    /// the points between make a chain.
+    /// Maximum difference of the radial velocities of neighbours, m/s. Limbs differ from the torso by more than this,
+    /// but the points between them form a chain.
     pub velocity_mps: f64,
-    /// Neighbours, itself included, that make a point the core of a cluster.
+    /// Minimum number of neighbours, the point itself included, that makes a point a core point.
     pub min_points: usize,
-    /// Points slower than this belong nowhere, m/s: surroundings, where firmware reports them.
+    /// Minimum speed of clustered points, m/s. Slower points belong to the surroundings, which some firmware reports.
     pub slowest_mps: f64,
 }
 
@@ -39,7 +42,7 @@ impl ClusterOptions {
     /// Checks every field.
     ///
     /// # Errors
-    /// The first that makes no sense.
+    /// Names the first field that is out of range.
     pub fn validate(&self) -> Result<(), OptionError> {
         within("place_m", self.place_m, 0.01, 10.0, "0.01 to 10 m")?;
         within("height_m", self.height_m, 0.01, 100.0, "0.01 to 100 m")?;
@@ -70,19 +73,19 @@ impl ClusterOptions {
     }
 }
 
-/// Points that belong together.
+/// Points of a frame that belong together.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cluster {
-    /// Indices in the frame, ascending.
+    /// Indices of the points in the frame, ascending.
     pub points: Vec<u32>,
-    /// Mean place, m, right and away from the radar.
+    /// Mean position, m, to the right of the radar and away from it.
     pub place_m: [f64; 2],
-    /// Median radial velocity, m/s: a torso's rather than a limb's.
+    /// Median radial velocity, m/s. The median represents the torso rather than a limb.
     pub velocity_mps: f64,
 }
 
 impl Cluster {
-    /// Of the points with these indices; `None` without any.
+    /// The cluster of the points with these indices; `None` if there are none.
     pub fn of(points: &[RadarPoint], indices: Vec<u32>) -> Option<Self> {
         let n = indices.len() as f64;
         let mut place_m = [0.0; 2];
@@ -103,8 +106,10 @@ impl Cluster {
     }
 }
 
-/// Clusters among the first [`MAX_POINTS`] points (the strongest come first), by DBSCAN (Ester et al., KDD 1996): cores and
-/// whoever neighbours them; points without a core in reach belong nowhere. Ordered by their first core.
+/// Finds clusters among the first [`MAX_POINTS`] points (points are sorted by strength, the strongest first) by DBSCAN
+/// (Ester et al., KDD 1996).
+/// A cluster consists of core points and their neighbours. Points without a core point in reach belong to no cluster.
+/// Clusters are ordered by their first core point.
 pub fn clusters(points: &[RadarPoint], options: &ClusterOptions) -> Vec<Cluster> {
     let points = &points[..points.len().min(MAX_POINTS)];
     let is_slow = |p: &RadarPoint| f64::from(p.velocity_mps.abs()) < options.slowest_mps;
@@ -163,17 +168,17 @@ mod tests {
             at(5.0, 5.0, 0.0), // alone
             at(0.4, 2.0, 0.3),
             at(0.8, 2.0, 0.4),
-            // The same place, coming instead of going: 2.0 m/s apart.
+            // The same position with the opposite direction of motion: the radial velocities differ by 2.0 m/s.
             at(0.2, 2.0, -2.0),
             at(0.3, 2.0, -2.1),
             at(0.4, 2.1, -1.9),
         ];
         let found = clusters(&points, &options);
         let members: Vec<&[u32]> = found.iter().map(|c| &c.points[..]).collect();
-        // Points 0 and 3 reach each other over the core in the middle only.
+        // Points 0 and 3 are connected only through the core point between them.
         assert_eq!(members, [&[0, 2, 3][..], &[4, 5, 6]]);
         assert!((found[0].place_m[0] - 0.4).abs() < 1e-6 && found[1].velocity_mps == -2.0);
-        // Without the slowest of them the first three are too few.
+        // Without the slowest of them, the first three points are too few for a cluster.
         let still = ClusterOptions {
             slowest_mps: 0.25,
             ..options

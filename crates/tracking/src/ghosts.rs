@@ -1,10 +1,13 @@
-//! Tracks that are somebody else, seen over a wall.
+//! Detection of ghost tracks: multipath reflections of a person over a wall.
 //!
-//! A flat wall shows a person again behind it. Waves that take the wall both ways come from the mirror image; waves
-//! that take it one way only have the mean of both path lengths and stand between the bearings (an array hears another
-//! direction than it sends to: nothing says which bearing wins, and elevation means nothing). Both are farther than the
-//! person, both lose at the wall, and both move as the wall makes them: one plane explains every frame. A second person
-//! is hardly ever explained by a plane for long.
+//! A flat wall produces a second image of a person behind it. There are two kinds of path.
+//! - Both ways over the wall: the waves come from the mirror image of the person.
+//! - One way over the wall: the range is the mean of both path lengths, and the bearing is between those of the person
+//!   and of the mirror image. The array receives from another direction than it transmits to, so it is not determined
+//!   which bearing dominates, and the elevation is meaningless.
+//!
+//! Both kinds are farther away than the person, both are attenuated by the reflection, and the wall determines the
+//! motion of both. One plane therefore explains every frame. A plane rarely explains a second person for long.
 
 use std::f64::consts::PI;
 
@@ -12,67 +15,73 @@ use radarllm_base::{PointFrame, RadarPoint};
 
 use crate::tracker::{Track, TrackFrame};
 
-/// Least frames in which both are seen.
+/// Minimum number of frames in which both tracks are seen.
 const MIN_FRAMES: usize = 10;
-/// Least way that the person makes within them, m. Whoever stands still has a mirror for anything.
+/// Minimum path length of the person within these frames, m. For a person who stands still, some mirror plane explains
+/// any other track.
 const MIN_PATH_M: f64 = 0.5;
-/// Least loss of a ghost against the person, dB, with the fourth power of range taken off both. Concrete and plaster lose 7
-/// to 12 dB a reflection, of which two equal ways win some back; people differ by a few dB.
+/// Minimum loss of a ghost relative to the person, dB, after removal of the fourth power of range from both. Concrete
+/// and plaster attenuate by 7 to 12 dB per reflection; two paths of equal length recover part of that. The levels of
+/// two people differ by a few dB.
 const MIN_LOSS_DB: f64 = 4.0;
-/// Share of the frames in which the ghost must be farther.
+/// Minimum share of the frames in which the ghost is farther away than the person.
 const FARTHER_SHARE: f64 = 0.9;
-/// Standard deviations of a ghost about where the plane puts it: in range, across the line of sight, and of its radial
-/// velocity. As of medians over a cluster.
+/// Standard deviations of a ghost about the position that the plane predicts: in range, across the line of sight, and
+/// in radial velocity. They are those of medians over a cluster.
 const SIGMA: [f64; 3] = [0.2, 0.6, 0.4];
-/// Root mean square in these units up to which a plane explains a track. A walker beside a concrete wall measures 0.4.
+/// Maximum root mean square residual, in these standard deviations, at which a plane explains a track. A walker beside
+/// a concrete wall measures 0.4.
 const MAX_MISFIT: f64 = 0.7;
-/// A frame counts at most so much: a cluster that was torn apart once proves nothing.
+/// Maximum contribution of one frame to the sum of squares. A cluster that was split once is no evidence against a
+/// ghost.
 const MAX_SQUARE: f64 = 9.0;
-/// Steps of the search over planes.
+/// Step sizes of the search over planes.
 const STEP_RAD: f64 = PI / 90.0;
 const STEP_M: f64 = 0.1;
-/// Nearest and farthest wall, m from the radar.
+/// Minimum and maximum distance of the wall from the radar, m.
 const WALL_M: [f64; 2] = [0.3, 12.0];
 
-/// How a ghost's waves go.
+/// Propagation path of a ghost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GhostPath {
-    /// Over the wall out and back.
+    /// Over the wall on the way out and on the way back.
     BothWays,
-    /// Over the wall on one of the two ways.
+    /// Over the wall on one of the two ways only.
     OneWay,
 }
 
-/// A track that is a ghost.
+/// A track that is a multipath ghost of another track.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ghost {
-    /// The ghost's track.
+    /// Number of the ghost's track.
     pub id: u32,
-    /// The track of the person.
+    /// Number of the person's track.
     pub of: u32,
-    /// Which way.
+    /// Propagation path.
     pub path: GhostPath,
-    /// Bearing of the foot of the perpendicular from the radar to the wall, rad, to the right of boresight. Of a wall
-    /// beside a person near boresight the side may be the wrong one.
+    /// Bearing of the foot of the perpendicular from the radar to the wall, rad, to the right of boresight. For a wall
+    /// beside a person near boresight, the side may be wrong.
     pub wall_azimuth_rad: f64,
-    /// Distance of the wall, m.
+    /// Distance of the wall from the radar, m.
     pub wall_m: f64,
-    /// Root mean square of what the wall does not explain, in standard deviations.
+    /// Root mean square residual of the fit of the wall, in standard deviations.
     pub misfit: f64,
-    /// Median loss against the person, dB, range taken off.
+    /// Median loss relative to the person, dB, with the dependence on range removed.
     pub loss_db: f64,
 }
 
-/// Tracks that are reflections of others over a flat upright wall, at most one ghost per track.
+/// Finds tracks that are reflections of others over a flat upright wall, at most one ghost per track.
 ///
-/// A track is a ghost of another if over the frames in which both are seen, at least ten, in which the other makes 0.5 m
-/// of way: it is farther in nine of ten, weaker by 4 dB (median of the points' summed power, after the fourth power of
-/// range), and one plane explains its ranges, bearings and radial velocities, rms within 0.7 standard deviations (0.2 m,
-/// 0.6 m across the line of sight, 0.4 m/s).
+/// Two tracks are compared over the frames in which both are seen. There must be at least ten such frames, and the
+/// person must move 0.5 m in them. A track is a ghost of the person if all of these hold:
+/// - it is farther away in nine of ten frames;
+/// - it is weaker by 4 dB (median of the points' summed power, after removal of the fourth power of range);
+/// - one plane explains its ranges, bearings and radial velocities with an rms residual of at most 0.7 standard
+///   deviations (0.2 m in range, 0.6 m across the line of sight, 0.4 m/s).
 ///
-/// Two people who stand still are left alone, and so is a ghost whose person is not tracked. Somebody who follows
-/// another in single file, weaker for being shadowed, may be taken for a ghost: that is why nothing removes ghosts
-/// unasked.
+/// Two people who stand still are never classified as ghosts. A ghost whose person is not tracked is not found. A
+/// person who follows another in single file, and is weaker because of shadowing, may be misclassified as a ghost. For
+/// this reason ghosts are removed only on request.
 pub fn find_ghosts(tracks: &[Track], frames: &[PointFrame]) -> Vec<Ghost> {
     let mut found = Vec::new();
     for ghost in tracks {
@@ -86,7 +95,7 @@ pub fn find_ghosts(tracks: &[Track], frames: &[PointFrame]) -> Vec<Ghost> {
     found
 }
 
-/// A person and a supposed ghost in one frame.
+/// A person and a candidate ghost in one frame.
 struct Pair {
     person_m: [f64; 2],
     person_mps: [f64; 2],
@@ -100,7 +109,7 @@ struct Seen {
     /// x / range.
     right: f64,
     velocity_mps: f64,
-    /// Summed power with the fourth power of range taken off, dB.
+    /// Summed power with the dependence on the fourth power of range removed, dB.
     level_db: f64,
 }
 
@@ -166,7 +175,8 @@ fn compare(person: &Track, ghost: &Track, frames: &[PointFrame]) -> Option<Ghost
 
 fn pair(person: &TrackFrame, ghost: &TrackFrame, frame: &PointFrame) -> Option<Pair> {
     let (person_seen, ghost) = (seen(person, frame)?, seen(ghost, frame)?);
-    // Ranges are compared with ranges, which heights are part of: the person's bearing, at the range measured.
+    // Ghost and person are compared by measured range, which includes height. The person is therefore placed at the
+    // tracked bearing and the measured range.
     let [x, y] = person.place_m;
     let scale = person_seen.range_m / x.hypot(y).max(1e-6);
     Some(Pair {
@@ -201,7 +211,7 @@ fn seen(at: &TrackFrame, frame: &PointFrame) -> Option<Seen> {
     })
 }
 
-/// How badly a wall explains the ghost; `None` if the person is ever behind it.
+/// Root mean square residual of the ghost for a wall; `None` if the person is ever behind the wall.
 fn misfit(pairs: &[Pair], path: GhostPath, azimuth_rad: f64, wall_m: f64) -> Option<f64> {
     let normal = [azimuth_rad.sin(), azimuth_rad.cos()];
     let dot = |a: [f64; 2], b: [f64; 2]| a[0] * b[0] + a[1] * b[1];

@@ -1,6 +1,6 @@
-//! Somebody's place and velocity on the floor, and how sure of them: a Kalman filter of constant velocity.
+//! Kalman filter with a constant-velocity model of a person's position and velocity on the floor.
 
-/// Estimate of (x, y, vx, vy), m and m/s, with its covariance.
+/// Estimate of the state (x, y, vx, vy), m and m/s, with its covariance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// Mean.
@@ -10,7 +10,8 @@ pub struct Estimate {
 }
 
 impl Estimate {
-    /// Somebody just seen: place with the standard deviation `place_m`, velocity unknown within `velocity_mps`.
+    /// Initial estimate of a new track: position with the standard deviation `sigma_m`, velocity zero with the standard
+    /// deviation `sigma_mps`.
     pub fn new(place_m: [f64; 2], sigma_m: f64, sigma_mps: f64) -> Self {
         let mut covariance = [[0.0; 4]; 4];
         for (i, row) in covariance.iter_mut().enumerate() {
@@ -22,14 +23,14 @@ impl Estimate {
         }
     }
 
-    /// The estimate `dt_s` later.
+    /// Predicts the state `dt_s` later.
     ///
-    /// Velocity keeps the fraction `kept` (1: constant velocity) and gains white acceleration, after one second a
-    /// standard deviation of `acceleration_mps2` times 1 s (Bar-Shalom et al., Estimation with Applications to Tracking
-    /// and Navigation, 2001, section 6.2: continuous white noise acceleration).
+    /// The velocity is multiplied by `kept` (1: constant velocity). White acceleration noise adds a standard deviation
+    /// of `acceleration_mps2` times 1 s to the velocity after one second (Bar-Shalom et al., Estimation with
+    /// Applications to Tracking and Navigation, 2001, section 6.2: continuous white noise acceleration).
     pub fn predict(&mut self, dt_s: f64, kept: f64, acceleration_mps2: f64) {
         let [x, y, vx, vy] = self.mean;
-        // The path of a velocity that fades evenly from 1 to `kept`.
+        // Displacement for a velocity that decreases linearly from 1 to `kept`.
         let along = 0.5 * (1.0 + kept) * dt_s;
         self.mean = [x + along * vx, y + along * vy, kept * vx, kept * vy];
         let step = [
@@ -39,7 +40,7 @@ impl Estimate {
             [0.0, 0.0, 0.0, kept],
         ];
         self.covariance = product(&product(&step, &self.covariance), &transposed(&step));
-        // Variance of the acceleration over this step, so that steps of any length add up alike.
+        // Variance of the acceleration over this step. It makes the accumulated noise independent of the step length.
         let variance = acceleration_mps2 * acceleration_mps2 * dt_s;
         for i in 0..2 {
             self.covariance[i][i] += variance * dt_s * dt_s / 3.0;
@@ -49,7 +50,7 @@ impl Estimate {
         }
     }
 
-    /// Squared Mahalanobis distance of a measured place with the standard deviation `sigma_m`.
+    /// Squared Mahalanobis distance of a measured position with the standard deviation `sigma_m`.
     pub fn place_distance(&self, place_m: [f64; 2], sigma_m: f64) -> f64 {
         let c = &self.covariance;
         let variance = sigma_m * sigma_m;
@@ -58,7 +59,7 @@ impl Estimate {
         (d * dx * dx - 2.0 * b * dx * dy + a * dy * dy) / (a * d - b * b)
     }
 
-    /// Speed along the line of sight, m/s, positive when receding, and the line of sight.
+    /// Speed along the line of sight, m/s, positive when receding, and the unit vector of the line of sight.
     pub fn radial_mps(&self) -> (f64, [f64; 2]) {
         let [x, y, vx, vy] = self.mean;
         let range_m = x.hypot(y).max(1e-6);
@@ -76,20 +77,20 @@ impl Estimate {
         (velocity_mps - expected).powi(2) / (variance + sigma_mps * sigma_mps)
     }
 
-    /// Takes a measured place into account, one coordinate after the other (their errors are independent).
+    /// Updates the estimate with a measured position, one coordinate after the other (their errors are independent).
     pub fn update_place(&mut self, place_m: [f64; 2], sigma_m: f64) {
         self.update([1.0, 0.0, 0.0, 0.0], place_m[0] - self.mean[0], sigma_m);
         self.update([0.0, 1.0, 0.0, 0.0], place_m[1] - self.mean[1], sigma_m);
     }
 
-    /// Takes a measured radial velocity into account.
+    /// Updates the estimate with a measured radial velocity.
     pub fn update_velocity(&mut self, velocity_mps: f64, sigma_mps: f64) {
         let (expected, sight) = self.radial_mps();
         let row = [0.0, 0.0, sight[0], sight[1]];
         self.update(row, velocity_mps - expected, sigma_mps);
     }
 
-    /// A scalar measurement `row . state`, which is `apart` from what was expected.
+    /// Updates the estimate with the scalar measurement `row . state`, whose innovation is `apart`.
     fn update(&mut self, row: [f64; 4], apart: f64, sigma: f64) {
         let c = &self.covariance;
         let cross: [f64; 4] =
@@ -120,8 +121,8 @@ mod tests {
 
     #[test]
     fn a_steady_walk_is_learnt_as_a_least_squares_line_learns_it() {
-        // Without process noise and with a vague start the filter is a regression: the variance of a place at the
-        // last of n points is that of the line's end, sigma^2 (4 n - 2) / (n (n + 1)).
+        // Without process noise and with a vague prior, the filter is a linear regression. The variance of the position
+        // at the last of n points is that of the end of the regression line, sigma^2 (4 n - 2) / (n (n + 1)).
         let (n, sigma_m) = (40, 0.2);
         let at = |i: usize| [0.3 + 0.08 * i as f64, 4.0 - 0.05 * i as f64];
         let mut estimate = Estimate::new(at(0), sigma_m, 100.0);
@@ -130,7 +131,7 @@ mod tests {
             estimate.update_place(at(i), sigma_m);
         }
         for (found, expected) in estimate.mean.iter().zip([3.42, 2.05, 0.8, -0.5]) {
-            // The start's variance of 100^2 m^2/s^2 is not infinite: its pull is of order 1e-5.
+            // The prior variance of 100^2 m^2/s^2 is not infinite: its influence is of order 1e-5.
             assert!((found - expected).abs() < 1e-4, "{estimate:?}");
         }
         let n = n as f64;
@@ -153,7 +154,8 @@ mod tests {
             ..start
         };
         (0..100).for_each(|_| walker.predict(0.1, (-0.1_f64).exp(), 0.0));
-        // The integral of e^-t up to 10 s, with the trapezes of 0.1 s steps: (1 + e^-0.1) / 2 / (1 - e^-0.1) * 0.1.
+        // The integral of e^-t up to 10 s by the trapezoidal rule with steps of 0.1 s: (1 + e^-0.1) / 2 / (1 - e^-0.1)
+        // * 0.1.
         assert!((walker.mean[0] - 1.0008).abs() < 1e-3, "{walker:?}");
     }
 
@@ -163,7 +165,7 @@ mod tests {
         for _ in 0..50 {
             estimate.update_velocity(-1.2, 0.3);
         }
-        // 50 measurements of 0.3 m/s against a prior of 1 m/s: 0.2 % of the way is left.
+        // 50 measurements with 0.3 m/s against a prior of 1 m/s: 0.2 % of the initial difference remains.
         assert!((estimate.mean[3] + 1.2).abs() < 0.01 && estimate.mean[2] == 0.0);
         assert!(estimate.covariance[2][2] == 1.0 && estimate.covariance[3][3] < 0.01);
         assert!(estimate.velocity_distance(-1.2, 0.3) < 0.01);

@@ -1,14 +1,14 @@
-//! Tracking: the points of a room in, the points of each person out.
+//! Multi-target tracking: takes the points of a room and returns the points of each person.
 //!
-//! [`PointFrame`](radarllm_base::PointFrame)s of any radar enter, simulated or recorded. They leave without the points
-//! of the empty scene ([`background`]), and as [`Track`]s: which points belong to one person, from when to when.
-//! [`track_people`] does all of it for a clip.
+//! The input is [`PointFrame`](radarllm_base::PointFrame)s of any radar, simulated or recorded. The points of the empty
+//! scene are removed ([`background`]). The output is [`Track`]s: which points belong to one person, and from which
+//! frame to which. [`track_people`] performs all steps for a clip.
 //!
 //! Reading order: [`people`] (a clip to one clip per person), [`background`], [`mod@cluster`] (points of a frame that
-//! belong to one body), [`assignment`] (clusters to tracks), [`kalman`] (where a track is expected), [`tracker`] (all of
-//! it over time), [`ghosts`] (tracks that are multipath reflections of others).
+//! belong to one body), [`assignment`] (data association: clusters to tracks), [`kalman`] (prediction of a track's
+//! position), [`tracker`] (the steps combined over time), [`ghosts`] (tracks that are multipath reflections of others).
 //!
-//! Deliberately absent: raw samples (`radarllm-radar-dsp`), file formats (`radarllm-formats`) and any model.
+//! Out of scope: raw samples (`radarllm-radar-dsp`), file formats (`radarllm-formats`) and models.
 
 pub mod assignment;
 pub mod background;
@@ -24,19 +24,19 @@ pub use ghosts::{Ghost, GhostPath, find_ghosts};
 pub use people::{People, PeopleOptions, Person, find_people, track_people};
 pub use tracker::{Track, TrackFrame, TrackOptions, track};
 
-/// An option that makes no sense.
+/// An option that is out of range.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("option `{field}`: expected {expected}, found {found}")]
 pub struct OptionError {
-    /// Offending option.
+    /// Name of the option.
     pub field: &'static str,
-    /// What it may be.
+    /// Permitted values.
     pub expected: &'static str,
-    /// What it is.
+    /// Value found.
     pub found: f64,
 }
 
-/// Refuses a value outside `low..=high`.
+/// Returns an error for a value outside `low..=high`.
 pub(crate) fn within(
     field: &'static str,
     found: f64,

@@ -1,4 +1,4 @@
-//! People in a clip: tracks without multipath ghosts and static clutter, and the clip of each person.
+//! Tracks of the people in a clip, without multipath ghosts and static clutter, and a clip for each person.
 
 use radarllm_base::{Clip, PointFrame, STATIC_SPEED_MPS, StaticClutter};
 
@@ -8,15 +8,15 @@ use crate::{
     tracker::{Track, TrackFrame, TrackOptions, track},
 };
 
-/// How people are tracked.
+/// Options for finding people.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PeopleOptions {
-    /// Maximum number of people, those with the most points; no limit if `None`.
+    /// Maximum number of people; those with the highest number of points are kept. `None` means no limit.
     pub max_people: Option<usize>,
-    /// Remove tracks that are multipath reflections of others, and their points.
+    /// Remove tracks that are multipath reflections of others, together with their points.
     pub remove_ghosts: bool,
-    /// Track static points too. By default they are excluded where they are more than half of all points: then they
-    /// are clutter.
+    /// Track static points too. By default they are excluded where they are more than half of all points, because they
+    /// are clutter then.
     pub keep_static: bool,
     /// Options of the tracker.
     pub track: TrackOptions,
@@ -48,10 +48,11 @@ pub struct Person {
     pub clip: Clip,
 }
 
-/// Tracks people through frames. Multipath reflections are removed from the frames if the options say so.
+/// Tracks people through frames. Multipath reflections are removed from the frames if [`PeopleOptions::remove_ghosts`]
+/// is set.
 ///
 /// # Errors
-/// An option out of range.
+/// If an option is out of range.
 pub fn find_people(
     frames: &mut [PointFrame],
     options: &PeopleOptions,
@@ -83,7 +84,7 @@ pub fn find_people(
     })
 }
 
-/// The clip of each person in a clip; empty if nobody is seen.
+/// Returns the clip of each person in a clip; empty if no person is found.
 ///
 /// ```
 /// use radarllm_base::{Clip, Provenance};
@@ -101,14 +102,14 @@ pub fn find_people(
 /// ```
 ///
 /// # Errors
-/// An option out of range.
+/// If an option is out of range.
 pub fn track_people(mut clip: Clip, options: &PeopleOptions) -> Result<Vec<Person>, OptionError> {
     let people = find_people(&mut clip.frames, options)?;
     Ok(people.tracks.iter().map(|t| Person::of(t, &clip)).collect())
 }
 
 impl Person {
-    /// The person of a track through a clip.
+    /// Extracts the person of a track from a clip.
     pub fn of(track: &Track, clip: &Clip) -> Self {
         let (start_s, end_s) = track.span_s(&clip.frames);
         Self {
@@ -137,7 +138,7 @@ impl Track {
         (time_s(self.frames.first()), time_s(self.frames.last()))
     }
 
-    /// All frames, with only the points of this track.
+    /// Returns all frames with only the points of this track.
     pub fn only_points(&self, frames: &[PointFrame]) -> Vec<PointFrame> {
         let mut only: Vec<PointFrame> = frames
             .iter()
@@ -153,7 +154,7 @@ impl Track {
     }
 }
 
-/// Removes ghost tracks, and their points from the frames. The point indices of the other tracks follow.
+/// Removes ghost tracks, and their points from the frames. Updates the point indices of the other tracks.
 fn remove_ghosts(ghosts: &[Ghost], tracks: &mut Vec<Track>, frames: &mut [PointFrame]) {
     let is_ghost = |track: &Track| ghosts.iter().any(|g| g.id == track.id);
     let mut removed: Vec<Vec<u32>> = vec![Vec::new(); frames.len()];

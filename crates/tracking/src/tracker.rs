@@ -1,4 +1,4 @@
-//! People over time: clusters to tracks.
+//! Multi-target tracking over time: clusters to tracks.
 
 use radarllm_base::{PointFrame, RadarPoint};
 
@@ -7,47 +7,51 @@ use crate::cluster::{Cluster, ClusterOptions, clusters};
 use crate::kalman::Estimate;
 use crate::{OptionError, within};
 
-/// 99 % of the measurements of a plane that are somebody's lie within this squared Mahalanobis distance (chi-squared
-/// with two degrees of freedom).
+/// Gate of the data association: 99 % of a person's measurements of position on the floor are within this squared
+/// Mahalanobis distance (chi-squared with two degrees of freedom).
 const GATE: f64 = 9.21;
-/// Most that a radial velocity adds to a cost: folded velocities and swinging limbs must not part a track from its
-/// cluster.
+/// Maximum contribution of a radial velocity to an association cost. Ambiguous (folded) velocities and swinging limbs
+/// must not separate a track from its cluster.
 const VELOCITY_COST: f64 = 4.0;
-/// Standard deviation of a cluster's median radial velocity about the body's, m/s.
+/// Standard deviation of a cluster's median radial velocity about that of the body, m/s.
 const SIGMA_MPS: f64 = 0.4;
-/// How unsure somebody's velocity is at first, m/s.
+/// Initial standard deviation of a person's velocity, m/s.
 const FIRST_SIGMA_MPS: f64 = 1.5;
-/// Added deviation of a place that is taken from the points of two people who are one cluster, m: about a body.
+/// Additional standard deviation, m, of a position that is measured from a share of the points of a cluster of two
+/// people. It is about the size of a body.
 const SHARED_SIGMA_M: f64 = 0.5;
-/// Units in which the points of such a cluster are near one or the other: m and m/s.
+/// Scales, m and m/s, of the distance that assigns the points of such a cluster to one person or the other.
 const SHARED_UNITS: [f64; 2] = [0.5, 0.5];
 
-/// When clusters become people.
+/// Options of the tracker.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackOptions {
-    /// Which points are a cluster.
+    /// Options of the clustering.
     pub cluster: ClusterOptions,
-    /// Standard deviation of a cluster's mean place about the body's, m.
+    /// Standard deviation of a cluster's mean position about that of the body, m.
     pub sigma_m: f64,
-    /// How people change their velocity: standard deviation after one second, m/s.
+    /// Process noise: standard deviation of the change of velocity after one second, m/s.
     pub acceleration_mps2: f64,
-    /// Frames with a cluster that make a track a person.
+    /// Number of frames with a cluster that confirms a track as a person.
     pub confirm_frames: usize,
-    /// Of these, frames in which a third of the points move; what never moves is no person.
+    /// Minimum number of these frames in which a third of the points move. A track that never moves is not a person.
     pub confirm_moving_frames: usize,
-    /// Time from the first to the last of them, at least, s: fast radars have many frames of one flicker.
+    /// Minimum time from the first to the last of these frames, s. Radars with a high frame rate have many frames
+    /// within one flicker.
     pub confirm_s: f64,
-    /// Speed from which a point moves, m/s.
+    /// Minimum speed of a moving point, m/s.
     pub moving_mps: f64,
-    /// How long a track that is no person yet may miss, s.
+    /// Maximum time without measurements before a tentative track is deleted, s.
     pub tentative_s: f64,
-    /// How long a person may miss: somebody who stands still is not seen, s.
+    /// Maximum time without measurements before a confirmed track is deleted, s. A person who stands still is not
+    /// detected.
     pub coast_s: f64,
-    /// Time in which the velocity of somebody unseen fades, s.
+    /// Time constant of the decay of the velocity while a person is not detected, s.
     pub fade_s: f64,
-    /// How long somebody may be unseen and keep the number, s, 0 for never: see [`track`].
+    /// Maximum gap, s, after which a person who is detected again keeps the track number; 0 disables this. See
+    /// [`track`].
     pub rejoin_s: f64,
-    /// How far from where somebody vanished they may appear again, m.
+    /// Maximum distance between the positions of the last detection before the gap and the first one after it, m.
     pub rejoin_m: f64,
 }
 
@@ -74,7 +78,7 @@ impl TrackOptions {
     /// Checks every field.
     ///
     /// # Errors
-    /// The first that makes no sense.
+    /// Names the first field that is out of range.
     pub fn validate(&self) -> Result<(), OptionError> {
         self.cluster.validate()?;
         for (field, value) in [
@@ -103,29 +107,29 @@ impl TrackOptions {
 /// A person in one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrackFrame {
-    /// Index of the frame.
+    /// Index of the frame in the clip.
     pub frame: usize,
-    /// Estimated place, m, right and away from the radar.
+    /// Estimated position, m, to the right of the radar and away from it.
     pub place_m: [f64; 2],
     /// Estimated velocity, m/s.
     pub velocity_mps: [f64; 2],
-    /// Indices of this person's points in the frame; empty where the person was not seen.
+    /// Indices of this person's points in the frame; empty if the person was not detected.
     pub points: Vec<u32>,
-    /// Whether the points were one cluster with those of somebody else, who was nearer to it.
+    /// Whether the points are a share of a cluster that was assigned to another person's track.
     pub is_shared: bool,
 }
 
-/// One person.
+/// The track of one person.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Track {
     /// Number, from 1, in the order in which people were first seen.
     pub id: u32,
-    /// From the first frame with points to the last one, none left out.
+    /// All frames from the first one with points to the last one with points, without gaps.
     pub frames: Vec<TrackFrame>,
 }
 
 impl Track {
-    /// Points of this person over time: the frames from the first to the last in which the person was seen.
+    /// Points of this person over time: the frames from the first to the last in which the person was detected.
     pub fn points(&self, frames: &[PointFrame]) -> Vec<PointFrame> {
         self.frames
             .iter()
@@ -144,7 +148,7 @@ impl Track {
             .collect()
     }
 
-    /// Goes on with a track that begins later; between them nothing was seen, and the place moves evenly.
+    /// Appends a track that begins later. In the gap nothing was detected, and the position is interpolated linearly.
     fn append(&mut self, later: Self) {
         if let (Some(end), Some(start)) = (self.frames.last().cloned(), later.frames.first()) {
             let n = (start.frame - end.frame) as f64;
@@ -170,21 +174,26 @@ impl Track {
     }
 }
 
-/// Finds people and follows them.
+/// Detects people and tracks them.
 ///
-/// Frame by frame: clusters of points; every person's place predicted by a Kalman filter of constant velocity; clusters
-/// given to people, so that the sum of squared Mahalanobis distances is least, none beyond the 99 % gate; then to tracks
-/// that are no people yet; what is left begins such a track. People who are one cluster share its points, each point
-/// for whom it is nearer to in place and radial velocity. A share moves its track little, and only who would have got
-/// the cluster alone counts as seen: two who stay one cluster become one track.
-/// Clusters leave out points slower than [`ClusterOptions::slowest_mps`].
+/// The steps for each frame are:
+/// - Points are clustered. Points slower than [`ClusterOptions::slowest_mps`] are ignored.
+/// - A Kalman filter with a constant-velocity model predicts the position of every person.
+/// - Data association assigns clusters to confirmed tracks so that the sum of squared Mahalanobis distances is minimal.
+///   No assignment is made outside the 99 % gate.
+/// - The remaining clusters are assigned to tentative tracks in the same way.
+/// - Every cluster that is still unassigned starts a tentative track.
 ///
-/// Tracks that never become people are left out; so is what a person's track holds after its last points. Somebody who
-/// vanished and appears again keeps the number if there is no doubt: within `rejoin_s` and `rejoin_m`, nobody else vanished
-/// there, and nobody else appears there.
+/// People who form a single cluster share its points: each point belongs to the person who is nearer in position and
+/// radial velocity. Such a share changes its track little. Only the person to whom the cluster is assigned counts as
+/// detected, so two people who remain a single cluster become one track.
+///
+/// The result does not contain tracks that were never confirmed, nor the frames of a track after its last points. A
+/// person who disappears and is detected again keeps the track number if the match is unambiguous: within `rejoin_s`
+/// and `rejoin_m`, no other person disappeared there and no other person appears there.
 ///
 /// # Errors
-/// Options that make no sense.
+/// If an option is out of range.
 pub fn track(frames: &[PointFrame], options: &TrackOptions) -> Result<Vec<Track>, OptionError> {
     options.validate()?;
     let mut live: Vec<Live> = Vec::new();
@@ -198,7 +207,7 @@ pub fn track(frames: &[PointFrame], options: &TrackOptions) -> Result<Vec<Track>
             one.predict(dt_s, options);
         }
         let mut free: Vec<usize> = (0..found.len()).collect();
-        // People choose before tracks that are none yet.
+        // Confirmed tracks are associated before tentative tracks.
         let mut given: Vec<Option<usize>> = vec![None; live.len()];
         for people in [true, false] {
             let who: Vec<usize> = (0..live.len())
@@ -242,7 +251,7 @@ pub fn track(frames: &[PointFrame], options: &TrackOptions) -> Result<Vec<Track>
     Ok(tracks)
 }
 
-/// Joins tracks of somebody who was not seen for a while. `tracks` in the order of their starts.
+/// Joins the tracks of a person before and after a gap. `tracks` are sorted by their start.
 fn rejoin(tracks: Vec<Track>, frames: &[PointFrame], options: &TrackOptions) -> Vec<Track> {
     let follows = |before: &Track, after: &Track| {
         let (Some(end), Some(start)) = (before.frames.last(), after.frames.first()) else {
@@ -252,7 +261,7 @@ fn rejoin(tracks: Vec<Track>, frames: &[PointFrame], options: &TrackOptions) -> 
         let [dx, dy] = [0, 1].map(|i| start.place_m[i] - end.place_m[i]);
         end.frame < start.frame && gap_s <= options.rejoin_s && dx.hypot(dy) <= options.rejoin_m
     };
-    // The only track for which `fits` holds.
+    // Returns the track for which `fits` holds if it is the only one.
     let only = |fits: &dyn Fn(&Track) -> bool| {
         let mut fitting = (0..tracks.len()).filter(|&i| fits(&tracks[i]));
         fitting.next().filter(|_| fitting.next().is_none())
@@ -266,7 +275,7 @@ fn rejoin(tracks: Vec<Track>, frames: &[PointFrame], options: &TrackOptions) -> 
         })
         .collect();
     let mut joined: Vec<Track> = Vec::new();
-    // Where each track went.
+    // Index of each track in the joined list.
     let mut place: Vec<usize> = Vec::with_capacity(tracks.len());
     for (track, predecessor) in tracks.into_iter().zip(predecessor) {
         match predecessor {
@@ -284,7 +293,7 @@ fn rejoin(tracks: Vec<Track>, frames: &[PointFrame], options: &TrackOptions) -> 
     joined
 }
 
-/// A track in the making.
+/// State of a track while it is being tracked.
 struct Live {
     estimate: Estimate,
     frames: Vec<TrackFrame>,
@@ -329,7 +338,8 @@ impl Live {
     }
 
     fn predict(&mut self, dt_s: f64, options: &TrackOptions) {
-        // Constant velocity as long as clusters come, then slower: most people who vanish have stopped.
+        // The velocity is constant as long as clusters are assigned, and decays afterwards: most people who disappear
+        // have stopped.
         let kept = match self.unseen_s > 0.0 {
             true => (-dt_s / options.fade_s).exp(),
             false => 1.0,
@@ -376,7 +386,8 @@ impl Live {
         self.write(frame, Vec::new(), false);
     }
 
-    /// A velocity far from what the places say is a limb's, or folded.
+    /// Updates the velocity. A measurement far from the velocity that the positions imply is ignored: it is that of a
+    /// limb, or ambiguous (folded).
     fn learn_velocity(&mut self, velocity_mps: f64) {
         if self.estimate.velocity_distance(velocity_mps, SIGMA_MPS) < VELOCITY_COST {
             self.estimate.update_velocity(velocity_mps, SIGMA_MPS);
@@ -394,7 +405,7 @@ impl Live {
         });
     }
 
-    /// Squared distance of a cluster, if it is within the gate.
+    /// Association cost of a cluster; `None` if the cluster is outside the gate.
     fn cost(&self, cluster: &Cluster, options: &TrackOptions) -> Option<f64> {
         let place = self
             .estimate
@@ -413,7 +424,8 @@ impl Live {
     }
 }
 
-/// Clusters for the tracks `who`, at the least sum of costs; a track without one costs more than any within its gate.
+/// Assigns clusters to the tracks `who` at the minimum sum of costs. Leaving a track unassigned costs more than any
+/// cluster within its gate.
 fn associate(
     live: &[Live],
     who: &[usize],
@@ -430,7 +442,7 @@ fn associate(
             let clusters = free
                 .iter()
                 .map(|&c| live[i].cost(&found[c], options).unwrap_or(NEVER));
-            // One column for each track to stay without.
+            // One additional column for each track, which leaves the track unassigned.
             let without = (0..who.len()).map(|col| if col == row { NONE } else { NEVER });
             clusters.chain(without).collect()
         })
@@ -442,8 +454,8 @@ fn associate(
         .collect()
 }
 
-/// Shares of clusters that are two or more people: the one who got it, and people without a cluster of their own who
-/// should be in it too.
+/// Divides clusters that contain two or more people: the person to whom the cluster is assigned, and people without a
+/// cluster of their own whose gate contains it.
 fn shares(
     live: &[Live],
     given: &[Option<usize>],
@@ -482,7 +494,7 @@ fn shares(
             parts[nearest].push(index);
         }
         for (who, part) in people.into_iter().zip(parts) {
-            // Nothing of it is theirs: seen by nobody this time.
+            // A person without any of the points is not detected in this frame.
             shares[who] = Cluster::of(points, part);
         }
     }

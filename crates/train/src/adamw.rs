@@ -1,9 +1,9 @@
 //! AdamW over the parameters of a module, with one pass over memory per parameter.
 //!
-//! The framework's own optimiser makes about ten whole-tensor temporaries per parameter and hides
-//! its moments; this one keeps them as named arrays that go into a checkpoint as they are. On a graphics
-//! processor gradients, moments and weights stay there: the same update as tensor operations, which its driver
-//! fuses, and one number a parameter comes back for the norm.
+//! The optimiser of the framework makes about ten whole-tensor temporaries per parameter and does not expose its
+//! moments. This one keeps the moments as named arrays, which are written to a checkpoint unchanged. On a graphics
+//! processor, gradients, moments and weights remain in its memory. The same update is done there by tensor operations,
+//! which the driver fuses, and only one number per parameter is copied back, for the gradient norm.
 
 use std::collections::BTreeMap;
 
@@ -22,11 +22,11 @@ pub struct AdamWConfig {
     pub beta_1: f64,
     /// Decay of the second moment.
     pub beta_2: f64,
-    /// Added to the root of the second moment.
+    /// Added to the square root of the second moment.
     pub epsilon: f64,
-    /// Decoupled decay, multiplied by the learning rate; spares vectors and scalars.
+    /// Decoupled weight decay, multiplied by the learning rate. It does not apply to vectors and scalars.
     pub weight_decay: f64,
-    /// Largest norm of the whole gradient; 0 leaves it alone.
+    /// Maximum norm of the whole gradient; larger gradients are clipped. 0 disables clipping.
     pub clip_norm: f64,
 }
 
@@ -42,17 +42,17 @@ impl Default for AdamWConfig {
     }
 }
 
-/// How one parameter is updated.
+/// Update rule of one parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ParamRule {
-    /// Factor on the learning rate; 0 freezes.
+    /// Factor on the learning rate; 0 freezes the parameter.
     pub lr_scale: f64,
     /// Factor on the weight decay.
     pub decay_scale: f64,
 }
 
 impl ParamRule {
-    /// Matrices decay, vectors (biases, norms) do not.
+    /// Rule by shape: weight decay applies to matrices, but not to vectors (biases, norms).
     pub fn by_shape(shape: &[usize]) -> Self {
         Self {
             lr_scale: 1.0,
@@ -61,11 +61,11 @@ impl ParamRule {
     }
 }
 
-/// Gradients of one or more batches, by parameter path.
+/// Sum of the gradients of one or more batches, by parameter path.
 pub struct GradientSum {
     grads: BTreeMap<String, Values>,
     n_batches: usize,
-    /// Factor on the losses.
+    /// Factor by which the losses were multiplied.
     loss_scale: f64,
 }
 
@@ -76,7 +76,7 @@ impl Default for GradientSum {
 }
 
 impl GradientSum {
-    /// Of losses that were multiplied by a factor.
+    /// An empty sum for gradients of losses that are multiplied by a factor.
     pub fn scaled(loss_scale: f64) -> Self {
         Self {
             grads: BTreeMap::new(),
@@ -85,7 +85,7 @@ impl GradientSum {
         }
     }
 
-    /// What the sum is divided by.
+    /// Divisor that turns the sum into the mean gradient.
     fn divisor(&self) -> f64 {
         self.n_batches.max(1) as f64 * self.loss_scale
     }
@@ -136,7 +136,7 @@ impl GradientSum {
 
     /// L2 norm of the mean gradient.
     pub fn norm(&self) -> f64 {
-        // Blocks in f32 vectorise; their sums in f64 keep the total exact enough.
+        // Sums of blocks in f32 can be vectorised. Adding the block sums in f64 keeps the total accurate enough.
         let square = |g: &[f32]| -> f64 {
             g.chunks(256)
                 .map(|block| f64::from(block.iter().map(|x| x * x).sum::<f32>()))
@@ -151,7 +151,7 @@ impl GradientSum {
             }
         }
         if !squares.is_empty() {
-            // All together: one wait for the processor.
+            // All squares are copied back together, so that the processor is waited for only once.
             let squares = host(Tensor::cat(squares, 0).into_data());
             sum += squares.into_iter().map(f64::from).sum::<f64>();
         }
@@ -159,7 +159,7 @@ impl GradientSum {
     }
 }
 
-/// AdamW's state: moments by parameter path, and the number of updates.
+/// State of AdamW: moments by parameter path, and the number of updates.
 #[derive(Clone, Debug, Default)]
 pub struct AdamW {
     moments: BTreeMap<String, Moments>,
@@ -174,7 +174,7 @@ struct Moments {
 }
 
 impl AdamW {
-    /// One update with the mean of the gathered gradients; `norm` is [`GradientSum::norm`].
+    /// Performs one update with the mean of the accumulated gradients; `norm` is [`GradientSum::norm`].
     pub fn step<M: Module>(
         &mut self,
         config: &AdamWConfig,
@@ -204,7 +204,7 @@ impl AdamW {
         model.map(&mut mapper)
     }
 
-    /// Moments as named arrays (`first.<path>`, `second.<path>`) and the number of updates.
+    /// Returns the moments as named arrays (`first.<path>`, `second.<path>`) and the number of updates.
     pub fn state(&self) -> (NamedTensors, u64) {
         let mut out = NamedTensors::new();
         for (path, m) in &self.moments {
@@ -214,10 +214,10 @@ impl AdamW {
         (out, self.n_updates)
     }
 
-    /// The reverse of [`Self::state`]; names that fit no shape in `shapes` give their name back.
+    /// Restores the state from the result of [`Self::state`]. `shapes` holds the shape of each parameter.
     ///
     /// # Errors
-    /// The name of the first array that does not belong to a parameter.
+    /// Returns the name of the first array that does not belong to a parameter or does not have its shape.
     pub fn from_state(
         mut tensors: NamedTensors,
         n_updates: u64,
@@ -330,7 +330,7 @@ impl ModuleMapper for Update<'_> {
     }
 }
 
-/// The numbers of one parameter's update, with gradient g times `scale`:
+/// Coefficients of the update of one parameter, with gradient g times `scale`:
 /// theta <- theta (1 - lr wd) - lr/c1 * m / (sqrt(v / c2) + eps).
 struct Step {
     scale: f32,
@@ -347,7 +347,7 @@ struct Step {
 
 impl Step {
     fn on_cpu(&self, values: &mut [f32], grad: &[f32], m: &mut [f32], v: &mut [f32]) {
-        // Copied, so that the loop keeps them in registers.
+        // Copied to local variables, so that the loop keeps them in registers.
         let Self {
             scale,
             beta_1,
@@ -365,7 +365,7 @@ impl Step {
         }
     }
 
-    /// Weights and moments after the update.
+    /// Returns weights and moments after the update.
     fn on_gpu(
         &self,
         value: Tensor<1>,
@@ -389,7 +389,7 @@ mod tests {
     use burn::tensor::{Device, TensorData};
     use radarllm_nn::params::collect_params;
 
-    /// Two steps against the update written out by hand in f64.
+    /// Compares two steps with the update written out in f64.
     #[test]
     fn matches_the_published_update() {
         let device = Device::flex().autodiff();
@@ -434,7 +434,7 @@ mod tests {
         }
     }
 
-    /// The update as a graphics processor does it, here on the CPU's tensors.
+    /// Runs the update for graphics processors on the CPU's tensors.
     #[test]
     fn tensors_learn_as_loops_do() {
         let device = Device::flex().autodiff();
@@ -473,7 +473,7 @@ mod tests {
                 let b = &theirs[name];
                 assert_eq!(a.shape, b.shape, "{name}");
                 for (a, b) in a.values.iter().zip(&b.values) {
-                    // Five updates in f32, the products in another order.
+                    // Five updates in f32, with the products in another order.
                     assert!((a - b).abs() <= 2e-5 * (1.0 + a.abs()), "{name}: {a} {b}");
                 }
             }

@@ -1,4 +1,4 @@
-//! Moving averages of weights.
+//! Exponential moving averages of weights.
 
 use std::collections::BTreeMap;
 
@@ -8,13 +8,13 @@ use radarllm_inference::checkpoint::{HostTensor, NamedTensors};
 
 use crate::values::Values;
 
-/// Means of weights by parameter path; each lies where its weight was last seen.
+/// Averages of weights by parameter path. Each average is on the device on which its weight was last seen.
 pub(crate) struct WeightAverage {
     means: BTreeMap<String, (Vec<usize>, Values)>,
 }
 
 impl WeightAverage {
-    /// Starts, or goes on, at the given weights.
+    /// Starts or continues the averages from the given values.
     pub(crate) fn new(weights: NamedTensors) -> Self {
         let of = |(path, t): (String, HostTensor)| (path, (t.shape, Values::Cpu(t.values)));
         Self {
@@ -22,7 +22,7 @@ impl WeightAverage {
         }
     }
 
-    /// Goes a share of `1 - decay` towards the present weights.
+    /// Moves the averages by a fraction of `1 - decay` towards the current weights.
     pub(crate) fn follow<M: Module>(&mut self, model: &M, decay: f32) {
         struct Follow<'a> {
             path: Vec<String>,
@@ -63,14 +63,14 @@ impl WeightAverage {
         });
     }
 
-    /// The means.
+    /// Returns the averages.
     pub(crate) fn tensors(&self) -> NamedTensors {
         let means = self.means.iter();
         let host = means.map(|(path, (shape, mean))| (path.clone(), mean.to_host(shape)));
         host.collect()
     }
 
-    /// Whether these are means of the same parameters.
+    /// Whether the tensors are averages of the same parameters.
     pub(crate) fn fits(&self, tensors: &NamedTensors) -> bool {
         let ours = self.means.iter().map(|(path, (shape, _))| (path, shape));
         ours.eq(tensors.iter().map(|(path, t)| (path, &t.shape)))

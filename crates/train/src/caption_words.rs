@@ -1,8 +1,9 @@
-//! Which words the captions of a motion use: a target that makes radar codes tell what was done.
+//! Supervision by caption words: predicts which words the captions of a motion use, so that radar codes represent the
+//! action.
 //!
-//! Each code gives one logit per word; a clip's logit is the log-mean-exp over its codes, so that one
-//! telling code is enough ("walks, then sits down" need not be told by every code). The target is the
-//! share of the motion's captions that use the word. The paper has no such term.
+//! Each code gives one logit per word. The logit of a clip is the log-mean-exp over its codes, so that one informative
+//! code is enough: not every code of "walks, then sits down" has to predict both actions. The target is the share of
+//! the motion's captions that use the word. The paper has no such term.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,26 +12,26 @@ use burn::tensor::{Device, Int, Tensor, TensorData};
 
 use crate::lm::{swap_sides, word_spans};
 
-/// Words of fewer motions than this share are left out: too few examples.
+/// Minimum share of motions in which a word occurs. Rarer words are left out because they have too few examples.
 const RAREST: f64 = 0.004;
-/// Words of more motions than this share are left out: they tell nothing.
+/// Maximum share of motions in which a word occurs. More frequent words are left out because they carry no information.
 const MOST_FREQUENT: f64 = 0.8;
-/// Most words kept, the most frequent first.
+/// Maximum number of words; the most frequent ones are kept.
 const MOST_WORDS: usize = 256;
-/// Score of a padded code.
+/// Score of a padding code.
 const HIDDEN: f32 = -1e9;
 
-/// The words to be predicted and how often they occur.
+/// The words to predict and their frequencies.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CaptionWords {
-    /// Word to row.
+    /// Index of each word.
     index: BTreeMap<String, usize>,
-    /// Log-odds of the mean target: what is known of a word without looking at the radar.
+    /// Log-odds of the mean target: the prediction for a word without radar data.
     prior: Vec<f32>,
 }
 
 impl CaptionWords {
-    /// Counts the words of each training clip's captions; with `mirror`, of their mirror images too.
+    /// Counts the words in the captions of each training clip; with `mirror`, also those of their mirror images.
     pub fn count<'a>(clips: impl Iterator<Item = &'a [String]>, mirror: bool) -> Self {
         let mut frequency: BTreeMap<String, f64> = BTreeMap::new();
         let mut n = 0.0f64;
@@ -67,12 +68,13 @@ impl CaptionWords {
         self.prior.len()
     }
 
-    /// True without a word.
+    /// Whether there are no words.
     pub fn is_empty(&self) -> bool {
         self.prior.is_empty()
     }
 
-    /// Per word, the share of the captions (of their mirror images) that use it.
+    /// Target of each word: the share of the captions that use it. With `mirrored`, the captions are those of the
+    /// mirror image.
     pub fn targets(&self, captions: &[String], mirrored: bool) -> Vec<f32> {
         let mut targets = vec![0.0; self.len()];
         for (word, share) in shares(captions, mirrored) {
@@ -119,14 +121,14 @@ impl CaptionWords {
             Tensor::<2>::from_data(TensorData::new(self.prior.clone(), [1, n_words]), device);
         let x = pooled.reshape([n_clips, n_words]) + prior;
         let t = Tensor::<2>::from_data(TensorData::new(targets, [n_clips, n_words]), device);
-        // -t ln s(x) - (1 - t) ln(1 - s(x)) = max(x, 0) - x t + ln(1 + exp(-|x|)); the last term
-        // is -ln s(|x|), and s(|x|) is at least a half.
+        // -t ln s(x) - (1 - t) ln(1 - s(x)) = max(x, 0) - x t + ln(1 + exp(-|x|)). The last term is -ln s(|x|), and
+        // s(|x|) is at least 0.5.
         let tail = sigmoid(x.clone().abs()).log();
         (x.clone().clamp_min(0.0) - x * t - tail).sum() / n_clips.max(1) as f64
     }
 }
 
-/// Words of the captions and the share of captions that use each.
+/// The words of the captions, with the share of the captions that use each word.
 fn shares(captions: &[String], mirrored: bool) -> BTreeMap<String, f64> {
     let mut out = BTreeMap::new();
     for caption in captions {
@@ -169,7 +171,7 @@ mod tests {
         assert_eq!(target(false, "sits"), 0.0);
         assert_eq!((target(false, "left"), target(false, "right")), (0.5, 0.0));
         assert_eq!((target(true, "left"), target(true, "right")), (0.0, 0.5));
-        // "a" stands in every caption and tells nothing.
+        // "a" is in every caption and carries no information.
         assert!(!words.index.contains_key("a"));
     }
 

@@ -3,26 +3,27 @@
 use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
 
-/// Which points look for their nearest partner.
+/// Direction of the nearest-neighbour search.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ChamferSide {
-    /// Targets look for predictions and predictions for targets; the two means are added.
+    /// The nearest prediction of each target and the nearest target of each prediction. The two means are added.
     Symmetric,
-    /// Targets alone look, as the paper's equation prints it: stray predictions cost nothing.
+    /// Only the nearest prediction of each target, as the paper's equation is printed. Stray predictions do not
+    /// increase the loss.
     TargetToPrediction,
 }
 
-/// Added to the squared distance of targets that do not exist.
+/// Added to the squared distance of padding targets.
 const FAR: f64 = 1e6;
 
-/// Mean over targets (and, if symmetric, over predictions) of the squared distance to the nearest
-/// partner.
+/// Mean over targets (and, if symmetric, over predictions) of the squared distance to the nearest point of the other
+/// set.
 ///
 /// # Shapes
 /// - `predicted`: `[n, m, d]`
 /// - `targets`: `[n, k, d]`
-/// - `valid`: `[n, k]`, 1 for targets that exist, else 0; every row has at least one
+/// - `valid`: `[n, k]`, 1 for targets, 0 for padding; every row has at least one target
 /// - returns: `[1]`
 pub fn chamfer(
     predicted: Tensor<3>,
@@ -61,7 +62,7 @@ mod tests {
         let run = |side| {
             chamfer(predicted.clone(), targets.clone(), valid.clone(), side).into_scalar::<f32>()
         };
-        // Targets: 1 and 4, mean 2.5. Predictions: 1 and 4, mean 2.5. The third target is absent.
+        // Targets: 1 and 4, mean 2.5. Predictions: 1 and 4, mean 2.5. The third target is padding.
         assert!((run(ChamferSide::TargetToPrediction) - 2.5).abs() < 1e-6);
         assert!((run(ChamferSide::Symmetric) - 5.0).abs() < 1e-6);
     }

@@ -5,21 +5,21 @@ use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
 
-/// Random changes to a training clip; each is switched off by 0.
+/// Random augmentation of a training clip. The value 0 disables each kind.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AugmentConfig {
-    /// Probability of mirroring the clip (x to -x); captions need left and right exchanged.
+    /// Probability of mirroring the clip (x to -x). Left and right must then be exchanged in the captions.
     pub flip: f64,
-    /// Largest turn of the whole clip about the radar, rad.
+    /// Maximum rotation of the whole clip about the radar, rad.
     pub yaw_rad: f32,
-    /// Largest shift of the whole clip along x and y, m.
+    /// Maximum shift of the whole clip along x and y, m.
     pub shift_m: f32,
-    /// Largest share of a clip's points that is dropped.
+    /// Maximum share of a clip's points that is dropped.
     pub dropout: f32,
     /// Probability of dropping all points of a frame.
     pub frame_dropout: f32,
-    /// Standard deviation of a clip's gain and of each point's intensity, dB.
+    /// Standard deviation of the gain of a clip and of the intensity of each point, dB.
     pub intensity_db: f32,
     /// Standard deviation of each point's radial velocity, m/s.
     pub velocity_mps: f32,
@@ -43,7 +43,7 @@ impl Default for AugmentConfig {
 }
 
 impl AugmentConfig {
-    /// Leaves clips as they are.
+    /// No augmentation.
     pub fn none() -> Self {
         Self {
             flip: 0.0,
@@ -60,7 +60,7 @@ impl AugmentConfig {
     /// Checks that every field is finite and in range.
     ///
     /// # Errors
-    /// Names the first that is not.
+    /// Names the first field that is not.
     pub fn validate(&self) -> Result<(), String> {
         for (field, value, most) in [
             ("flip", self.flip as f32, 1.0),
@@ -82,16 +82,16 @@ impl AugmentConfig {
     }
 }
 
-/// Mirrors a clip across the radar's vertical plane (x to -x). Range and radial velocity stay.
+/// Mirrors a clip across the radar's vertical plane (x to -x). Range and radial velocity do not change.
 ///
-/// A caption of the clip needs its left and right, clockwise and counter-clockwise exchanged.
+/// In a caption of the clip, left and right, and clockwise and counter-clockwise, must be exchanged.
 pub fn flip_points(frames: &mut [PointFrame]) {
     for point in frames.iter_mut().flat_map(|f| &mut f.points) {
         point.x_m = -point.x_m;
     }
 }
 
-/// Changes a clip at random, all but the flip (see [`flip_points`]), which also concerns its labels.
+/// Applies all random augmentation except the flip, which also changes the labels (see [`flip_points`]).
 pub fn augment_points(frames: &mut [PointFrame], config: &AugmentConfig, rng: &mut ChaCha8Rng) {
     let symmetric = |rng: &mut ChaCha8Rng, most: f32| {
         if most > 0.0 {
@@ -137,19 +137,20 @@ pub fn augment_points(frames: &mut [PointFrame], config: &AugmentConfig, rng: &m
     }
 }
 
-/// Approximate standard normal: twelve uniforms minus six (Irwin-Hall); light tails are welcome here.
+/// Approximate standard normal number: eight uniform numbers minus four, scaled (Irwin-Hall). Its light tails are
+/// desirable here.
 fn normal(rng: &mut ChaCha8Rng) -> f32 {
     let bits: u64 = rng.random();
     let more: u64 = rng.random();
     let parts = |b: u64| (0..4).map(move |i| ((b >> (16 * i)) & 0xffff) as f32 / 65_536.0);
-    // Eight uniforms have variance 8 / 12; scaling gives 1.
+    // The sum of eight uniform numbers has variance 8 / 12. It is scaled to variance 1.
     (parts(bits).chain(parts(more)).sum::<f32>() - 4.0) * (12.0f32 / 8.0).sqrt()
 }
 
-/// Shuffled batches of similar length: a function of `seed` alone.
+/// Plans shuffled batches of clips of similar length. The result depends on `lengths`, `batch_size` and `seed` only.
 ///
-/// Items are shuffled, sorted by length within groups of sixteen batches, cut, and the batches are
-/// shuffled again; every epoch has `ceil(n / batch_size)` batches.
+/// Items are shuffled, sorted by length within groups of sixteen batches, and divided into batches. The batches are
+/// then shuffled. Every epoch has `ceil(n / batch_size)` batches.
 pub fn plan_batches(lengths: &[usize], batch_size: usize, seed: u64) -> Vec<Vec<usize>> {
     let batch_size = batch_size.max(1);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -163,7 +164,7 @@ pub fn plan_batches(lengths: &[usize], batch_size: usize, seed: u64) -> Vec<Vec<
     batches
 }
 
-/// Fisher-Yates.
+/// Fisher-Yates shuffle.
 pub fn shuffle<T>(items: &mut [T], rng: &mut ChaCha8Rng) {
     for i in (1..items.len()).rev() {
         items.swap(i, rng.random_range(0..=i));
@@ -236,7 +237,7 @@ mod tests {
         };
         assert_eq!(draw(1), draw(1));
         assert_ne!(draw(1), draw(2));
-        // A turn and a shift keep distances between points.
+        // A rotation and a shift preserve the distances between points.
         let (a, b) = (draw(1), clip());
         let distance = |f: &PointFrame| {
             (f.points[0].x_m - f.points[9].x_m).hypot(f.points[0].y_m - f.points[9].y_m)
@@ -251,7 +252,7 @@ mod tests {
         let draws: Vec<f32> = (0..n).map(|_| normal(&mut rng)).collect();
         let mean = draws.iter().sum::<f32>() / n as f32;
         let variance = draws.iter().map(|d| d * d).sum::<f32>() / n as f32;
-        // Five standard errors: 5 / sqrt(n) and 5 sqrt(2 / n).
+        // Tolerance of five standard errors: 5 / sqrt(n) and 5 sqrt(2 / n).
         assert!(
             mean.abs() < 0.036 && (variance - 1.0).abs() < 0.05,
             "{mean} {variance}"

@@ -1,4 +1,4 @@
-//! Why training stops without a result.
+//! Errors of training.
 
 use std::path::PathBuf;
 
@@ -7,18 +7,18 @@ use radarllm_inference::checkpoint::CheckpointError;
 use radarllm_inference::lm::LmError;
 use radarllm_inference::tokenizer::EncodeError;
 
-/// Why training stopped without a result.
+/// Error that stopped training.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
-    /// A setting cannot be used.
+    /// A setting is invalid.
     #[error("{field}: {problem}")]
     Config {
-        /// Field.
+        /// Name of the field.
         field: String,
-        /// Problem.
+        /// Description of the problem.
         problem: String,
     },
-    /// The configuration file is not valid TOML of this shape.
+    /// The configuration file is not valid TOML or does not have the expected structure.
     #[error("{path}: {message}")]
     ConfigFile {
         /// File.
@@ -26,13 +26,13 @@ pub enum TrainError {
         /// Line, column and cause.
         message: String,
     },
-    /// The processor asked for cannot be used.
+    /// The requested processor cannot be used.
     #[error("device: {0}")]
     Processor(#[from] radarllm_nn::device::ProcessorError),
-    /// There is nothing to train on.
+    /// There are no training data.
     #[error("training data: {0}")]
     NoData(&'static str),
-    /// A clip cannot be trained on.
+    /// A clip cannot be used for training.
     #[error("training data: clip {id}: {source}")]
     Clip {
         /// Id of the clip.
@@ -40,7 +40,7 @@ pub enum TrainError {
         /// Cause.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
-    /// Clips of one motion have different captions.
+    /// Clips of the same motion have different captions.
     #[error("training data: {0}")]
     Captions(String),
     /// A data set cannot be read.
@@ -49,7 +49,7 @@ pub enum TrainError {
     /// Clips cannot be encoded by the radar tokenizer.
     #[error("training data: {0}")]
     Encode(#[from] EncodeError),
-    /// An earlier stage has left no checkpoint.
+    /// There is no checkpoint of an earlier stage.
     #[error("training data: {path}: no checkpoint; run stage `{stage}` first")]
     StageMissing {
         /// Folder of the stage.
@@ -60,39 +60,39 @@ pub enum TrainError {
     /// A loss or gradient is NaN or infinite.
     #[error("step {step}: {what} is not finite ({value}); clips of the batch: {}", ids.join(", "))]
     NotFinite {
-        /// Update.
+        /// Number of the update.
         step: u64,
-        /// Which quantity.
+        /// Name of the quantity.
         what: String,
-        /// Its value.
+        /// Value of the quantity.
         value: f64,
-        /// Ids of the batch.
+        /// Ids of the clips in the batch.
         ids: Vec<String>,
     },
-    /// The output directory already holds a run.
+    /// The output directory already contains a run.
     #[error("{path}: holds an earlier run; resume it, or remove it to start again")]
     OutputExists {
         /// Directory.
         path: PathBuf,
     },
-    /// There is nothing to resume.
+    /// There is no run to resume.
     #[error("{path}: no checkpoint to resume from")]
     NothingToResume {
         /// Directory.
         path: PathBuf,
     },
-    /// The checkpoint was made with other settings.
+    /// The checkpoint was written with other settings.
     #[error("{path}: {message}")]
     ResumeMismatch {
         /// Checkpoint.
         path: PathBuf,
-        /// What differs.
+        /// Description of the difference.
         message: String,
     },
-    /// A checkpoint could not be written or read.
+    /// A checkpoint cannot be written or read.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
-    /// The file system refused.
+    /// A file system operation failed.
     #[error("{path}: {source}")]
     Io {
         /// File.
@@ -100,10 +100,10 @@ pub enum TrainError {
         /// Cause.
         source: std::io::Error,
     },
-    /// The language model refused files or inputs.
+    /// The language model rejected files or inputs.
     #[error(transparent)]
     Lm(#[from] LmError),
-    /// The run was too short to have a codebook.
+    /// The run was too short to initialise the codebook.
     #[error(
         "{stage}: too few steps to initialise the codebook: train longer or lower codebook.init_after and \
          codebook.init_inputs_per_code"
@@ -118,16 +118,16 @@ pub enum TrainError {
         /// Name of the tensor.
         name: String,
     },
-    /// Averaged weights that do not fit.
+    /// The averaged weights do not fit the network.
     #[error("the averaged weights of the checkpoint do not fit this network")]
     Average,
-    /// A configuration that TOML cannot express.
+    /// The configuration cannot be expressed in TOML.
     #[error("configuration: {0}")]
     Toml(#[from] toml::ser::Error),
 }
 
 impl TrainError {
-    /// A clip that cannot be trained on.
+    /// Error for a clip that cannot be used for training.
     pub(crate) fn clip(
         id: &str,
         source: impl Into<Box<dyn std::error::Error + Send + Sync>>,

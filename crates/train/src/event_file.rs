@@ -1,7 +1,8 @@
-//! Numbers for TensorBoard.
+//! Event files for TensorBoard.
 //!
-//! A file of records, each a length, its checksum, a message and its checksum, as TensorFlow's `record_writer.cc` lays them
-//! out; the messages are of `event.proto` and `summary.proto`.
+//! A file is a sequence of records. Each record consists of a length, the checksum of the length, a message and the
+//! checksum of the message, in the layout of TensorFlow's `record_writer.cc`. The messages are defined in `event.proto`
+//! and `summary.proto`.
 
 /// The first record of a file.
 pub(crate) fn header(wall_time_s: f64) -> Vec<u8> {
@@ -10,7 +11,7 @@ pub(crate) fn header(wall_time_s: f64) -> Vec<u8> {
     record(&event)
 }
 
-/// One record with the numbers of a step.
+/// One record with the scalar values of a step.
 pub(crate) fn scalars(wall_time_s: f64, step: u64, values: &[(String, f64)]) -> Vec<u8> {
     let mut summary = Vec::new();
     for (tag, value) in values {
@@ -67,7 +68,7 @@ fn record(message: &[u8]) -> Vec<u8> {
     out
 }
 
-/// CRC-32C, turned and shifted, so that a checksum of bytes with checksums is none of theirs.
+/// CRC-32C, rotated and offset, so that the checksum of data that contain checksums differs from these.
 fn checksum(bytes: &[u8]) -> [u8; 4] {
     crc32c::crc32c(bytes)
         .rotate_right(15)
@@ -79,7 +80,7 @@ fn checksum(bytes: &[u8]) -> [u8; 4] {
 mod tests {
     use super::*;
 
-    /// Bytes from the record writer and the messages of the Python package tensorboard 2.21.
+    /// Reference: bytes written by the record writer and the messages of the Python package tensorboard 2.21.
     #[test]
     fn records_are_those_of_tensorboard() {
         let golden = "1800000000000000a37f4b220900000000000029401a0d627261696e2e4576656e743a326394a44f\

@@ -1,11 +1,12 @@
-//! The training loop that every stage shares.
+//! The training loop that all stages share.
 //!
-//! A stage says what a batch is and what its loss is ([`Stage`]); [`run`] does the rest: warm-up and
-//! cosine, AdamW, clipping, logs, validation, checkpoints, resuming, time budget, NaN guard.
+//! A stage defines its batches and its loss ([`Stage`]). [`run`] does everything else: learning rate schedule (linear
+//! warm-up and cosine), AdamW, gradient clipping, logs, validation, checkpoints, resuming, the time budget, and errors
+//! for values that are not finite.
 //!
 //! Output directory:
 //!
-//! | name | holds |
+//! | name | contents |
 //! |---|---|
 //! | `log.jsonl` | one JSON object per logged step and per validation |
 //! | `events.out.tfevents.radarllm` | the same numbers for TensorBoard |
@@ -13,8 +14,8 @@
 //! | `best/` | weights with the lowest validation score, for inference |
 //! | `final/` | weights at the end of the run, for inference |
 //!
-//! Every random choice is drawn from a seed derived from (run seed, epoch or step), so a resumed run
-//! continues bit for bit as if it had never stopped, on any number of CPU threads.
+//! Every random choice is drawn from a seed that is derived from the seed of the run and the epoch or step. A resumed
+//! run therefore continues bit for bit as if it had not been interrupted, on any number of CPU threads.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -40,46 +41,46 @@ pub use crate::stop::StopToken;
 
 /// Loss of one batch.
 pub struct StepLoss {
-    /// Scalar to minimise, shape `[1]`, tracked.
+    /// Scalar to minimise, shape `[1]`, on the autodiff graph.
     pub total: Tensor<1>,
-    /// Named parts for the log, already numbers.
+    /// Named terms for the log, as numbers.
     pub parts: Vec<(&'static str, f64)>,
 }
 
-/// Where the run stands; a stage may use it for schedules of its own.
+/// Progress of the run. A stage may use it for schedules of its own.
 #[derive(Clone, Copy, Debug)]
 pub struct StepInfo {
-    /// Updates done.
+    /// Number of updates done.
     pub step: u64,
     /// Epoch, from 0.
     pub epoch: u64,
-    /// Share of the run behind this batch, 0..=1.
+    /// Share of the run completed before this batch, 0..=1.
     pub progress: f64,
-    /// Seed for this batch's random choices.
+    /// Seed for the random choices of this batch.
     pub seed: u64,
 }
 
 /// Result of a validation.
 pub struct Validation {
-    /// Lower is better; the best checkpoint has the lowest.
+    /// Score; lower is better. The best checkpoint has the lowest score.
     pub score: f64,
     /// Named values for the log.
     pub values: Vec<(&'static str, f64)>,
 }
 
-/// What one kind of training has to say.
+/// Definition of one kind of training.
 pub trait Stage {
-    /// The trained network; lives on an autodiff device.
+    /// The network to train, on an autodiff device.
     type Model: Module;
 
-    /// Name in logs.
+    /// Name of the stage in logs.
     fn name(&self) -> &'static str;
 
-    /// Batches of an epoch as item numbers: a function of `epoch_seed` alone, at least one batch,
-    /// and the same count every epoch.
+    /// Batches of an epoch as item numbers. The result depends on `epoch_seed` only. There is at least one batch, and
+    /// every epoch has the same number of batches.
     fn plan_epoch(&self, epoch_seed: u64) -> Vec<Vec<usize>>;
 
-    /// Ids of a batch, for error messages.
+    /// Ids of the clips in a batch, for error messages.
     fn ids(&self, batch: &[usize]) -> Vec<String>;
 
     /// Forward pass and loss of one batch.
@@ -93,10 +94,10 @@ pub trait Stage {
         info: StepInfo,
     ) -> Result<StepLoss, TrainError>;
 
-    /// Called after every update; codebooks kept by moving averages change here.
+    /// Called after every update. Codebooks that are updated by moving averages change here.
     ///
     /// # Errors
-    /// If the stage cannot go on.
+    /// If the stage cannot continue.
     fn after_step(
         &mut self,
         model: Self::Model,
@@ -105,31 +106,31 @@ pub trait Stage {
         Ok(model)
     }
 
-    /// Score on the validation data; `model` is off autodiff.
+    /// Returns the score on the validation data; `model` is not on an autodiff device.
     ///
     /// # Errors
     /// If the data cannot be used.
     fn validate(&mut self, model: &Self::Model) -> Result<Validation, TrainError>;
 
-    /// How a parameter is updated.
+    /// Returns the update rule of a parameter.
     fn rule(&self, _path: &str, shape: &[usize]) -> ParamRule {
         ParamRule::by_shape(shape)
     }
 
-    /// `config.json` of the checkpoints: all that inference needs to rebuild the network.
+    /// Contents of `config.json` in the checkpoints: everything that inference needs to rebuild the network.
     fn config(&self) -> serde_json::Value;
 
-    /// Whether small gradients vanish in the stage's precision.
+    /// Whether small gradients underflow in the stage's precision.
     fn needs_loss_scale(&self) -> bool {
         false
     }
 
-    /// Whether a parameter is trained; the others are frozen.
+    /// Whether a parameter is trained; other parameters are frozen.
     fn is_trained(&self, _path: &str) -> bool {
         true
     }
 
-    /// The weights that inference uses, where they are not those of the last update.
+    /// Returns the weights that inference uses, if they differ from those after the last update.
     fn for_inference(&self, model: &Self::Model) -> Self::Model {
         model.clone()
     }
@@ -146,10 +147,10 @@ pub trait Stage {
         Ok(files.tensors(MODEL_FILE, &collect_params(model))?)
     }
 
-    /// Takes back what [`Self::add_weights`] added.
+    /// Restores the weights that [`Self::add_weights`] added.
     ///
     /// # Errors
-    /// If it does not fit.
+    /// If the weights do not fit.
     fn load_weights(
         &self,
         model: Self::Model,
@@ -158,39 +159,39 @@ pub trait Stage {
         Ok(load_model(checkpoint, model)?)
     }
 
-    /// Further files for inference checkpoints (vocabularies, tensors).
+    /// Adds further files to inference checkpoints (vocabularies, tensors).
     ///
     /// # Errors
-    /// If they cannot be made.
+    /// If the files cannot be created.
     fn add_files(&self, _files: &mut CheckpointFiles) -> Result<(), TrainError> {
         Ok(())
     }
 
-    /// State outside the weights that resuming needs.
+    /// Returns the state, other than the weights, that resuming needs.
     fn state(&self) -> NamedTensors {
         NamedTensors::new()
     }
 
-    /// Takes back what [`Self::state`] gave.
+    /// Restores the result of [`Self::state`].
     ///
     /// # Errors
-    /// If it does not fit.
+    /// If the state does not fit.
     fn load_state(&mut self, _state: NamedTensors) -> Result<(), TrainError> {
         Ok(())
     }
 }
 
-/// How a run ended.
+/// Reason for the end of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Ending {
-    /// All steps done.
+    /// All steps are done.
     Done,
     /// The time budget is used up.
     TimeUp,
-    /// Validations have long found nothing better.
+    /// The validation score has not improved for the number of validations in [`LoopConfig::patience`].
     NoBetter,
-    /// [`LoopConfig::stop`] asked for it. The run is not finished; it can be resumed.
+    /// The run was stopped by [`LoopConfig::stop`]. It is not finished and can be resumed.
     Stopped,
 }
 
@@ -199,25 +200,26 @@ pub enum Ending {
 pub struct Outcome<M> {
     /// Network after the last update, on the autodiff device.
     pub model: M,
-    /// Why it ended.
+    /// Reason for the end.
     pub ending: Ending,
-    /// Updates in all sessions.
+    /// Number of updates in all sessions.
     pub steps: u64,
     /// Training time in all sessions, s.
     pub seconds: f64,
     /// Lowest validation score, if any validation ran.
     pub best_score: Option<f64>,
-    /// Checkpoint to use for inference: `best/`, or `final/` when nothing was validated. A stopped run may have neither.
+    /// Checkpoint to use for inference: `best/`, or `final/` if there was no validation. A stopped run may have
+    /// neither.
     pub checkpoint: PathBuf,
 }
 
-/// The device for what is decoded or prepared beside training.
+/// Device for decoding and for data preparation during training.
 pub fn cpu_device() -> Device {
     Device::flex()
 }
 
-/// A network on the run's processor, with gradients. Its weights are drawn on the CPU from `purpose`'s own seed, so that
-/// they are the same whatever it is trained on.
+/// Creates a network on the processor of the run, with gradients. Its weights are drawn on the CPU from a seed that is
+/// specific to `purpose`, so that they are the same on every processor.
 ///
 /// # Errors
 /// [`TrainError::Processor`].
@@ -229,7 +231,7 @@ pub fn seeded_network<M: Module>(
     let device = cpu_device().autodiff();
     device.seed(derive_seed(config.seed, purpose));
     let model = make(&device);
-    // Weights are drawn when they are first looked at: now, before another seed is set.
+    // Weights are drawn on first access. This is done here, before another seed is set.
     let weights = collect_params(&model);
     let processor = config.processors.first();
     if processor == Processor::Cpu {
@@ -239,10 +241,10 @@ pub fn seeded_network<M: Module>(
     Ok(replace_params(moved, weights))
 }
 
-/// Refuses the result of a run that has ended, but was too short to have a codebook.
+/// Returns an error for a run that has ended but was too short to initialise the codebook.
 ///
 /// # Errors
-/// Says what to change.
+/// The message states which settings to change.
 pub fn require_codebook(
     stage: &'static str,
     codebook: &EmaCodebook,
@@ -262,12 +264,12 @@ struct TrainState {
     next_batch: u64,
     n_updates: u64,
     seconds: f64,
-    /// Bits, because JSON text may lose the last digit.
+    /// The score is stored as bits, because JSON text may lose the last digit.
     best_score_bits: Option<u64>,
     seed: u64,
     #[serde(default)]
     loss_scale: LossScale,
-    /// Validations since the best one.
+    /// Number of validations since the best one.
     #[serde(default)]
     since_best: u64,
 }
@@ -276,13 +278,13 @@ const STATE_FILE: &str = "train_state.json";
 const OPTIMIZER_FILE: &str = "optimizer.safetensors";
 const STAGE_STATE_FILE: &str = "stage_state.safetensors";
 
-/// Trains until a limit is met.
+/// Trains until a limit is reached.
 ///
-/// With `resume`, continues from the newest usable checkpoint in `out_dir`; without, `out_dir` must
-/// not hold a run.
+/// With `resume`, training continues from the newest usable checkpoint in `out_dir`. Without it, `out_dir` must not
+/// contain a run.
 ///
 /// # Errors
-/// See [`TrainError`]. On [`TrainError::NotFinite`] the checkpoints before the bad batch remain.
+/// See [`TrainError`]. After [`TrainError::NotFinite`], the checkpoints from before the failing batch are kept.
 pub fn run<S: Stage>(
     stage: &mut S,
     model: S::Model,
@@ -331,12 +333,12 @@ pub fn run<S: Stage>(
 /// Removes the log of a run that was stopped before its first checkpoint, so that the run can start again.
 ///
 /// # Errors
-/// If it cannot be removed.
+/// If the log cannot be removed.
 pub fn forget(out_dir: &Path) -> Result<(), TrainError> {
     Log::of(out_dir).remove()
 }
 
-/// Takes parameters that are not trained out of differentiation, so that they cost no gradient.
+/// Excludes parameters that are not trained from differentiation, so that no gradients are computed for them.
 fn freeze<M: Module>(model: M, is_trained: &dyn Fn(&str) -> bool) -> M {
     struct Freeze<'a> {
         path: Vec<String>,
@@ -422,7 +424,7 @@ impl Run<'_> {
                 .collect();
             let models: Vec<&S::Model> = [&model].into_iter().chain(&replicas).collect();
             while (sum.n_batches() as u64) < config.batches_per_update() && !epoch_ended {
-                // Every processor is given its work before the first result is waited for.
+                // Work is submitted to all processors before the first result is waited for.
                 let mut begun = Vec::new();
                 for (device, model) in devices.iter().zip(&models) {
                     if epoch_ended {
@@ -475,7 +477,7 @@ impl Run<'_> {
             };
             let learning_rate = config.learning_rate_at(step, progress);
             drop(replicas);
-            // An update whose gradient overflowed in half precision is left out.
+            // An update whose gradient overflowed in half precision is skipped.
             if is_usable {
                 let rule = |path: &str, shape: &[usize]| stage.rule(path, shape);
                 model = self
@@ -520,13 +522,13 @@ impl Run<'_> {
                 last_save = Instant::now();
             }
         };
-        // A run that was stopped before its first update starts afresh.
+        // A run that was stopped before its first update starts from the beginning.
         let is_begun = self.state.step > 0 || ending != Ending::Stopped;
         if saved_step != Some(self.state.step) && is_begun {
             self.save(stage, &model)?;
         }
         if ending == Ending::Stopped {
-            // No validation and no `final/`: the resumed run must go on as if it had never stopped.
+            // There is no validation and no `final/`: the resumed run must continue as if it had not been interrupted.
             return Ok(self.outcome(model, ending));
         }
         if validated_step != Some(self.state.step) {
@@ -652,7 +654,7 @@ impl Run<'_> {
                 }
             };
             let mut state: TrainState = checkpoint.json(STATE_FILE)?;
-            // A run may go on in another precision.
+            // A run may be resumed in another precision.
             let fresh = self.state.loss_scale;
             if state.loss_scale.is_adaptive() != fresh.is_adaptive() {
                 state.loss_scale = fresh;
@@ -675,7 +677,7 @@ impl Run<'_> {
                 )));
             }
             let saved: serde_json::Value = checkpoint.json(CONFIG_FILE)?;
-            // Through text, as the saved one went: JSON may round the last digit of a float.
+            // Converted to text and back, as the saved configuration was: JSON may round the last digit of a float.
             let present: Option<serde_json::Value> =
                 serde_json::from_str(&stage.config().to_string()).ok();
             if Some(&saved) != present.as_ref() {
@@ -724,7 +726,7 @@ impl Run<'_> {
         line.insert("items_per_s".into(), json_number(rate));
         line.insert("seconds".into(), json_number(state.seconds));
         self.log.append(&line)?;
-        // Time left by steps and by budget, whichever ends the run first.
+        // Remaining time by steps and by time budget, whichever ends the run first.
         let by_steps = total
             .map(|t| state.seconds / state.step as f64 * (t.saturating_sub(state.step)) as f64);
         let by_time = (self.config.max_minutes > 0.0)
@@ -756,7 +758,7 @@ fn add_parts(sums: &mut Vec<(&'static str, f64)>, parts: &[(&'static str, f64)])
     }
 }
 
-/// Resume checkpoints in a directory, oldest first.
+/// Checkpoints for resuming in a directory, oldest first.
 fn step_checkpoints(out_dir: &Path) -> Vec<(u64, PathBuf)> {
     let Ok(entries) = fs::read_dir(out_dir) else {
         return Vec::new();

@@ -1,8 +1,9 @@
-//! Training: losses, schedules, batches, loops, checkpoints that resume.
+//! Training: losses, learning rate schedules, batches, training loops, and checkpoints from which runs resume.
 //!
-//! Clips enter ([`radarllm_dataset::record::ClipRecord`]), checkpoints leave. Each stage has a
-//! configuration struct readable from TOML and a `train` function; all share [`harness`]. [`recipe::Recipe`] runs all
-//! stages in order and leaves the folder that [`radarllm_inference::Captioner::load`] opens.
+//! The input is clips ([`radarllm_dataset::record::ClipRecord`]), the output is checkpoints. Each stage has a
+//! configuration struct that can be read from TOML and a `train` function. All stages share [`harness`].
+//! [`recipe::Recipe`] runs all stages in order and writes the folder that [`radarllm_inference::Captioner::load`]
+//! opens.
 //!
 //! ```
 //! use std::path::Path;
@@ -19,16 +20,16 @@
 //! assert_eq!(recipe.out, Path::new("configs/my-model"));
 //! assert!(!recipe.is_finished(RecipeStage::Tokenizer));
 //!
-//! // Somebody who presses Ctrl-C: the stage writes a checkpoint and ends.
+//! // After Ctrl-C, for example: the stage writes a checkpoint and ends.
 //! let stop = recipe.stop.clone();
 //! stop.stop();
 //! # Ok::<(), radarllm_train::harness::TrainError>(())
 //! ```
 //!
-//! Nothing is printed. Progress is reported as events of the crate `tracing`, whose messages are complete lines.
+//! The crate prints nothing. Progress is reported as events of the crate `tracing`, whose messages are complete lines.
 //!
-//! Reading order: [`harness`] (the loop), [`adamw`] (the update), [`data`] (batches and
-//! augmentation), [`motion`] and [`tokenizer`] (stages), [`lm`] (language-model stages).
+//! Reading order: [`harness`] (training loop), [`adamw`] (optimiser), [`data`] (batches and augmentation), [`motion`]
+//! and [`tokenizer`] (stages), [`lm`] (language-model stages).
 
 pub mod adamw;
 mod average;

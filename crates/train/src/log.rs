@@ -11,7 +11,7 @@ use crate::error::TrainError;
 use crate::event_file;
 
 const LOG_FILE: &str = "log.jsonl";
-/// TensorBoard looks for `tfevents` in a name.
+/// TensorBoard reads files whose names contain `tfevents`.
 const EVENT_FILE: &str = "events.out.tfevents.radarllm";
 
 /// The log of a run.
@@ -21,7 +21,7 @@ pub(crate) struct Log {
 }
 
 impl Log {
-    /// The log in a run's folder.
+    /// The log in the folder of a run.
     pub(crate) fn of(out_dir: &Path) -> Self {
         Self {
             lines: out_dir.join(LOG_FILE),
@@ -46,7 +46,7 @@ impl Log {
         append_to(&self.events, &records)
     }
 
-    /// Drops what was written after the checkpoint that a run resumes from.
+    /// Removes the lines written after the checkpoint from which a run resumes.
     pub(crate) fn truncate_after(&self, step: u64) -> Result<(), TrainError> {
         if !self.lines.exists() {
             return Ok(());
@@ -62,7 +62,7 @@ impl Log {
             .filter(|(_, line)| number(line, "step").is_some_and(|s| s <= step as f64))
             .collect();
         let lines: String = kept.iter().flat_map(|(line, _)| [*line, "\n"]).collect();
-        // As if the run had not been interrupted.
+        // The time continues as if the run had not been interrupted.
         let seconds = |line: &Map<String, Value>| number(line, "seconds").unwrap_or(0.0);
         let last_s = kept.last().map_or(0.0, |(_, line)| seconds(line));
         let begin_s = now_s() - last_s;
@@ -74,7 +74,7 @@ impl Log {
         fs::write(&self.events, records).map_err(|e| io(&self.events, e))
     }
 
-    /// Removes it.
+    /// Removes the log.
     pub(crate) fn remove(&self) -> Result<(), TrainError> {
         for path in [&self.lines, &self.events] {
             match fs::remove_file(path) {
@@ -101,7 +101,7 @@ fn append_to(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
         })
 }
 
-/// A line's numbers, as `train/...` or `validation/...`.
+/// Record of the numbers of a line, named `train/...` or `validation/...`.
 fn event(line: &Map<String, Value>, wall_time_s: f64) -> Vec<u8> {
     let kind = match line.contains_key("validation") {
         true => "validation",
@@ -120,13 +120,13 @@ fn number(line: &Map<String, Value>, key: &str) -> Option<f64> {
     line.get(key).and_then(Value::as_f64)
 }
 
-/// Seconds since 1970.
+/// Seconds since 1970-01-01.
 fn now_s() -> f64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
     since.map_or(0.0, |s| s.as_secs_f64())
 }
 
-/// JSON has no NaN; null says "not a number".
+/// JSON has no NaN; null is written instead.
 pub(crate) fn json_number(value: f64) -> Value {
     serde_json::Number::from_f64(value).map_or(Value::Null, Into::into)
 }
@@ -156,7 +156,7 @@ mod tests {
         log.truncate_after(2).unwrap();
         let text = fs::read_to_string(&log.lines).unwrap();
         assert_eq!(text.lines().count(), 2);
-        // Times differ, and with them checksums; nothing else does.
+        // Only the times, and therefore the checksums, differ.
         let after = fs::read(&log.events).unwrap();
         assert_eq!(after.len(), before.len());
         let tags = ["train/loss", "train/seconds", "validation/score"];

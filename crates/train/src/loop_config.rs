@@ -1,4 +1,4 @@
-//! Settings of the training loop, and settings files.
+//! Settings of the training loop, and reading of settings files.
 
 use std::fs;
 use std::path::Path;
@@ -10,13 +10,13 @@ use crate::adamw::AdamWConfig;
 use crate::error::TrainError;
 use crate::stop::StopToken;
 
-/// What the cosine runs over.
+/// Measure of progress for the cosine of the learning rate schedule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Schedule {
-    /// Updates: reproducible.
+    /// Number of updates. The result is reproducible.
     Steps,
-    /// Share of `max_minutes` used: reaches the end of the cosine whatever the machine's speed.
+    /// Used share of `max_minutes`. The cosine reaches its end regardless of the speed of the machine.
     Time,
 }
 
@@ -24,23 +24,23 @@ pub enum Schedule {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LoopConfig {
-    /// Seed of everything random in the run.
+    /// Seed of all random choices in the run.
     pub seed: u64,
-    /// Passes over the training data; 0 means no limit.
+    /// Number of epochs; 0 means no limit.
     pub epochs: u64,
-    /// Updates; 0 means no limit.
+    /// Maximum number of updates; 0 means no limit.
     pub max_steps: u64,
-    /// Training time, minutes, over all sessions of the run; 0 means no limit.
+    /// Maximum training time over all sessions of the run, minutes; 0 means no limit.
     pub max_minutes: f64,
     /// Peak learning rate.
     pub learning_rate: f64,
     /// Learning rate at the end, as a share of the peak.
     pub final_lr_factor: f64,
-    /// Updates of linear warm-up.
+    /// Number of updates of linear warm-up.
     pub warmup_steps: u64,
-    /// What the cosine runs over.
+    /// Measure of progress for the cosine.
     pub schedule: Schedule,
-    /// Batches of every processor whose gradients are averaged for one update.
+    /// Number of batches per processor whose gradients are averaged for one update.
     pub accumulate: u64,
     /// Optimiser.
     pub adamw: AdamWConfig,
@@ -48,18 +48,18 @@ pub struct LoopConfig {
     pub log_every: u64,
     /// Updates between validations; 0 validates after every epoch.
     pub validate_every: u64,
-    /// Ends the run after so many validations without a better score; 0 never does.
+    /// Ends the run after this number of validations without a better score; 0 disables this.
     pub patience: u64,
-    /// Seconds between checkpoints; 0 leaves only the step rule.
+    /// Seconds between checkpoints; 0 disables this rule, so that only `checkpoint_every_steps` applies.
     pub checkpoint_every_s: f64,
-    /// Updates between checkpoints; 0 leaves only the time rule.
+    /// Updates between checkpoints; 0 disables this rule, so that only `checkpoint_every_s` applies.
     pub checkpoint_every_steps: u64,
-    /// Resume checkpoints kept.
+    /// Number of checkpoints for resuming that are kept.
     pub keep_last: usize,
-    /// What the stage is computed on. Not a setting of the result: a run may go on elsewhere.
+    /// Processors that compute the stage. They are not part of the compared settings: a run may be resumed on others.
     #[serde(skip)]
     pub processors: Processors,
-    /// Ends the run early. Not a setting of the result either.
+    /// Stops the run early. It is not part of the compared settings either.
     #[serde(skip)]
     pub stop: StopToken,
 }
@@ -90,12 +90,12 @@ impl Default for LoopConfig {
 }
 
 impl LoopConfig {
-    /// Batches whose gradients are averaged for one update.
+    /// Number of batches whose gradients are averaged for one update.
     pub fn batches_per_update(&self) -> u64 {
         self.accumulate.max(1) * self.processors.count().max(1) as u64
     }
 
-    /// Checks that the loop can run and will end.
+    /// Checks that the loop can run and that it ends.
     ///
     /// # Errors
     /// Names the first field that cannot be used.
@@ -143,7 +143,7 @@ impl LoopConfig {
         Ok(())
     }
 
-    /// Updates of the whole run, if epochs or steps limit it.
+    /// Number of updates of the whole run, if it is limited by epochs or steps.
     pub(crate) fn total_steps(&self, batches_per_epoch: u64) -> Option<u64> {
         let per_epoch = batches_per_epoch.div_ceil(self.batches_per_update());
         let by_epochs = (self.epochs > 0).then(|| self.epochs.saturating_mul(per_epoch));
@@ -154,7 +154,7 @@ impl LoopConfig {
         }
     }
 
-    /// Learning rate of an update; `progress` in 0..=1 is the share of the run behind it.
+    /// Learning rate of an update; `progress` in 0..=1 is the share of the run completed before it.
     pub(crate) fn learning_rate_at(&self, step: u64, progress: f64) -> f64 {
         let warm = if self.warmup_steps == 0 {
             1.0
@@ -167,10 +167,10 @@ impl LoopConfig {
     }
 }
 
-/// Every setting of `T` with its default, as TOML.
+/// Returns every setting of `T` with its default value, as TOML.
 ///
 /// # Errors
-/// If a default cannot be expressed in TOML, which would be our mistake.
+/// If a default cannot be expressed in TOML, which would be a bug.
 pub fn print_config<T: Serialize + Default>() -> Result<String, TrainError> {
     toml::to_string_pretty(&T::default()).map_err(|e| TrainError::Config {
         field: "defaults".into(),
@@ -178,10 +178,10 @@ pub fn print_config<T: Serialize + Default>() -> Result<String, TrainError> {
     })
 }
 
-/// Reads settings from a TOML file; unknown fields are errors, missing ones take their default.
+/// Reads settings from a TOML file. Unknown fields are errors; missing fields get their default value.
 ///
 /// # Errors
-/// If the file cannot be read or does not fit.
+/// If the file cannot be read or its contents do not fit.
 pub fn read_config<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<T, TrainError> {
     let text = fs::read_to_string(path).map_err(|source| TrainError::Io {
         path: path.into(),
@@ -207,7 +207,7 @@ mod tests {
         };
         assert!((c.learning_rate_at(0, 0.0) - 0.1).abs() < 1e-12);
         assert!((c.learning_rate_at(9, 0.0) - 1.0).abs() < 1e-12);
-        // Half-way down the cosine lies half-way between the peak and the floor.
+        // Half-way through the cosine, the learning rate is the mean of the peak and the final value.
         assert!((c.learning_rate_at(100, 0.5) - 0.55).abs() < 1e-12);
         assert!((c.learning_rate_at(100, 1.0) - 0.1).abs() < 1e-12);
     }

@@ -1,24 +1,24 @@
-//! The factor on the loss in half precision.
+//! Loss scaling in half precision.
 
 use serde::{Deserialize, Serialize};
 
-/// Keeps small gradients from vanishing in f16: as large as it can be without an overflow, found by trying (Micikevicius et
-/// al., *Mixed Precision Training*, ICLR 2018).
+/// Dynamic loss scale, which prevents small gradients from underflowing in f16. The factor is as large as possible
+/// without an overflow and is adapted during training (Micikevicius et al., *Mixed Precision Training*, ICLR 2018).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct LossScale {
-    /// The factor, a power of two: it changes no digit of what does not overflow.
+    /// The factor is a power of two, so that it does not change the digits of values that do not overflow.
     pub factor: f64,
-    /// Updates since it changed.
+    /// Number of updates since the factor changed.
     good: u32,
 }
 
-/// Updates without an overflow after which a larger factor is tried.
+/// Number of updates without an overflow after which a larger factor is tried.
 const PATIENCE: u32 = 2000;
 const START: f64 = 65_536.0;
 const MOST: f64 = 16_777_216.0;
 
 impl Default for LossScale {
-    /// No factor, for good: what f32 and bf16 need.
+    /// A constant factor of 1, which is sufficient for f32 and bf16.
     fn default() -> Self {
         Self {
             factor: 1.0,
@@ -28,7 +28,7 @@ impl Default for LossScale {
 }
 
 impl LossScale {
-    /// For f16.
+    /// The initial scale for f16.
     pub fn start() -> Self {
         Self {
             factor: START,
@@ -36,12 +36,13 @@ impl LossScale {
         }
     }
 
-    /// Whether a larger or smaller factor may be tried.
+    /// Whether the factor is adapted.
     pub fn is_adaptive(self) -> bool {
         self.factor > 1.0
     }
 
-    /// After an update's gradient: whether it can be used. None if it overflows whatever the factor.
+    /// Returns whether the gradient of an update can be used, from its norm, and adapts the factor. `None` means that
+    /// the gradient overflows for every factor.
     pub fn usable(&mut self, norm: f64) -> Option<bool> {
         if norm.is_finite() {
             self.good += 1;

@@ -1,4 +1,4 @@
-//! Stage `motion`: trains the motion VQ-VAE that later guides the radar tokenizer.
+//! Stage `motion`: trains the motion VQ-VAE, which later supervises the radar tokenizer.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -21,9 +21,9 @@ use crate::harness::{
     self, LoopConfig, Outcome, Stage, StepInfo, StepLoss, TrainError, Validation,
 };
 
-/// Smallest standard deviation a feature is divided by: smaller ones are constants with noise.
+/// Minimum standard deviation by which a feature is divided. Features with smaller ones are constants with noise.
 const MIN_STD: f32 = 1e-3;
-/// Joint positions in a feature vector, which count extra.
+/// Joint positions in a feature vector. They have an additional loss term.
 const POSITIONS: std::ops::Range<usize> = 4..67;
 
 /// Settings of the stage.
@@ -32,21 +32,21 @@ const POSITIONS: std::ops::Range<usize> = 4..67;
 pub struct MotionTrainConfig {
     /// Motions per batch.
     pub batch_size: usize,
-    /// Length of a training crop, frames at 20 per second; a multiple of 8.
+    /// Length of a training crop, frames at 20 per second. It must be a multiple of 8.
     pub crop_frames: usize,
     /// Also train on mirror images.
     pub mirror: bool,
-    /// Weight of the extra loss on joint positions.
+    /// Weight of the additional loss on joint positions.
     pub position_weight: f64,
     /// Weight of the commitment loss.
     pub commit_weight: f64,
-    /// Motions used for validation at most.
+    /// Maximum number of motions used for validation.
     pub validate_motions: usize,
-    /// Network.
+    /// Settings of the network.
     pub model: MotionVqVaeConfig,
-    /// Codebook.
+    /// Settings of the codebook.
     pub codebook: CodebookConfig,
-    /// Loop.
+    /// Settings of the training loop.
     #[serde(rename = "loop")]
     pub run: LoopConfig,
 }
@@ -108,11 +108,11 @@ impl MotionTrainConfig {
     }
 }
 
-/// Trains the motion VQ-VAE on the motions of `train` (one per `motion_id`; clips without motion
-/// features are left out) and writes checkpoints to `out_dir`.
+/// Trains the motion VQ-VAE on the motions of `train` and writes checkpoints to `out_dir`. One clip per `motion_id` is
+/// used. Clips without motion features are left out.
 ///
 /// # Errors
-/// See [`TrainError`]; also if no clip has motion features.
+/// See [`TrainError`]. Also if no clip has motion features.
 pub fn train(
     config: &MotionTrainConfig,
     train: &[ClipRecord],
@@ -160,7 +160,7 @@ struct MotionStage {
     mean: Vec<f32>,
     std: Vec<f32>,
     codebook: EmaCodebook,
-    /// Codebook inputs and codes since the last update.
+    /// Codebook inputs and assigned codes since the last update.
     seen: (Vec<f32>, Vec<u32>),
 }
 
@@ -197,7 +197,7 @@ impl MotionStage {
         })
     }
 
-    /// `values`: `[n, frames, 263]` standardised.
+    /// `values`: `[n, frames, 263]`, standardised.
     fn losses(&self, model: &MotionNet, values: Vec<f32>, n: usize, frames: usize) -> Losses {
         let device = model.codebook.val().device();
         let motion =
@@ -223,13 +223,13 @@ impl MotionStage {
                 .collect();
             let nearest = Tensor::<3>::from_data(TensorData::new(rows, dims), &device);
             commit = Some((features.clone() - nearest.clone()).square().mean());
-            // Straight-through: the value of the code, the gradient of the feature.
+            // Straight-through estimator: the value is that of the code, the gradient is that of the feature.
             quantized = features.clone() + (nearest - features.detach());
         }
         let predicted = model.decode(quantized);
         let d = (predicted - motion).abs();
         let small = d.clone().clamp_max(1.0);
-        // Smooth L1: d^2 / 2 below 1, d - 1/2 above.
+        // Smooth L1 loss: d^2 / 2 below 1, d - 1/2 above.
         let error = small.clone().square() * 0.5 + (d - small);
         let position = error.clone().slice([0..n, 0..frames, POSITIONS]).mean();
         let reconstruction = error.mean();
@@ -334,7 +334,7 @@ impl Stage for MotionStage {
             codes.extend(losses.codes);
         }
         let usage = code_usage(&codes, self.config.model.codebook_size);
-        // Without codes or motions there is nothing to compare.
+        // Without a codebook or without motions the score is infinite: there is nothing to compare.
         let score = if self.codebook.is_initialised() && weight > 0.0 {
             (reconstruction + self.config.position_weight * position) / weight
         } else {
@@ -387,7 +387,7 @@ impl Stage for MotionStage {
     }
 }
 
-/// One entry per motion with features, and its mirror image if asked for.
+/// One entry per motion with features; with `mirror`, also its mirror image.
 fn motions(clips: &[ClipRecord], mirror: bool) -> Result<Vec<Motion>, TrainError> {
     let mut seen = BTreeSet::new();
     let mut out = Vec::new();

@@ -1,8 +1,8 @@
-//! All stages of one model, in order, from one TOML.
+//! All stages of the training of a model, in order, configured by one TOML file.
 //!
-//! `motion -> tokenizer -> pretrain -> instruct`; each stage finds the earlier ones' results below
-//! the recipe's output folder. The last stage leaves `model/` (`tokenizer/` and `lm/`), the folder
-//! that [`radarllm_inference::lm::Captioner::load`] opens.
+//! `motion -> tokenizer -> pretrain -> instruct`. Each stage reads the results of earlier stages from the output folder
+//! of the recipe. The last stage writes `model/` (`tokenizer/` and `lm/`), the folder that
+//! [`radarllm_inference::lm::Captioner::load`] opens.
 
 use std::{
     collections::BTreeMap,
@@ -27,13 +27,13 @@ use crate::{
 /// Stages, in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RecipeStage {
-    /// The motion VQ-VAE that guides the tokenizer.
+    /// The motion VQ-VAE, which supervises the tokenizer.
     Motion,
     /// The radar tokenizer.
     Tokenizer,
-    /// The language model on the three pretraining tasks.
+    /// Pretraining of the language model on three tasks.
     Pretrain,
-    /// Instruction tuning.
+    /// Instruction tuning of the language model.
     Instruct,
 }
 
@@ -61,29 +61,29 @@ impl RecipeStage {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Recipe {
-    /// Data set folder or folders, relative to the configuration file. Clips of one motion in several of them are
-    /// variants of each other: the same motion before several radars.
+    /// Data set folder or folders, relative to the configuration file. Clips of one motion in several data sets are
+    /// variants of each other: the same motion, measured by several radars.
     #[serde(with = "one_or_many")]
     pub data: Vec<PathBuf>,
     /// Folder for checkpoints, logs and the finished model, relative to the configuration file.
     pub out: PathBuf,
-    /// Simulations of a training motion that are used, the first ones; 0 uses all.
+    /// Number of simulations per training motion, the first ones; 0 uses all.
     pub simulations_per_motion: usize,
-    /// What training is computed on: `"cpu"`, `"gpu"`, `"gpu:N"`, `"cuda"`, `"cuda:N"`, or several of them, `"gpu:0,gpu:1"`.
+    /// Processors for training: `"cpu"`, `"gpu"`, `"gpu:N"`, `"cuda"`, `"cuda:N"`, or several of them, `"gpu:0,gpu:1"`.
     pub device: Processors,
-    /// The motion VQ-VAE.
+    /// Settings of the motion VQ-VAE.
     pub motion: MotionTrainConfig,
-    /// The radar tokenizer.
+    /// Settings of the radar tokenizer.
     pub tokenizer: TokenizerTrainConfig,
-    /// Pretraining of the language model.
+    /// Settings of the pretraining of the language model.
     pub pretrain: LmTrainConfig,
-    /// Instruction tuning.
+    /// Settings of instruction tuning.
     pub instruct: LmTrainConfig,
-    /// Ends a stage early: see [`StopToken`].
+    /// Stops a stage early; see [`StopToken`].
     #[serde(skip)]
     pub stop: StopToken,
-    /// Folders of stages that do not lie in `out`, by the stage's name: runs that differ in later stages
-    /// can share the earlier ones.
+    /// Folders of stages that are not in `out`, by the name of the stage. Runs that differ only in later stages can
+    /// share the results of the earlier ones.
     #[serde(skip)]
     pub stage_folders: BTreeMap<&'static str, PathBuf>,
 }
@@ -106,10 +106,10 @@ impl Default for Recipe {
 }
 
 impl Recipe {
-    /// Reads a recipe; paths become relative to `base`.
+    /// Reads a recipe. Relative paths are resolved against `base`.
     ///
     /// # Errors
-    /// TOML errors with their place; values out of range with their name.
+    /// TOML errors with their position; values out of range with their name.
     pub fn from_toml(text: &str, base: &Path) -> Result<Self, TrainError> {
         let problem = |e: toml::de::Error| TrainError::Config {
             field: "file".into(),
@@ -120,7 +120,7 @@ impl Recipe {
         recipe.tokenizer.validate()?;
         recipe.pretrain.validate()?;
         recipe.instruct.validate()?;
-        // Tuning goes on with the network that pretraining left.
+        // Instruction tuning continues with the network from pretraining.
         let tuned = &recipe.instruct;
         for (field, is_set) in [
             ("bypass", tuned.bypass.is_some()),
@@ -153,34 +153,34 @@ impl Recipe {
         Ok(recipe)
     }
 
-    /// The recipe with every default, as TOML.
+    /// Returns the recipe with every default, as TOML.
     ///
     /// # Errors
-    /// If a value has no TOML form.
+    /// If a value cannot be expressed in TOML.
     pub fn to_toml(&self) -> Result<String, TrainError> {
         toml::to_string_pretty(self).map_err(TrainError::from)
     }
 
-    /// Where a stage keeps its log and checkpoints.
+    /// Folder of a stage's log and checkpoints.
     pub fn stage_dir(&self, stage: RecipeStage) -> PathBuf {
         let elsewhere = self.stage_folders.get(stage.name());
         elsewhere.map_or_else(|| self.out.join(stage.name()), PathBuf::clone)
     }
 
-    /// Whether a stage has left a checkpoint to go on from: its best, or its last.
+    /// Whether a stage has written a checkpoint for later stages: its best one, or its last one.
     pub fn is_finished(&self, stage: RecipeStage) -> bool {
         self.stage_dir(stage).join("final").is_dir()
     }
 
-    /// The finished model.
+    /// Folder of the finished model.
     pub fn model_dir(&self) -> PathBuf {
         self.out.join("model")
     }
 
-    /// Runs one stage. `false` if [`Self::stop`] ended it early; `resume` continues it then.
+    /// Runs one stage. Returns `false` if [`Self::stop`] ended it early; it can then be continued with `resume`.
     ///
     /// # Errors
-    /// A missing earlier stage, unusable data, or whatever the stage reports.
+    /// If an earlier stage is missing, if the data are unusable, or if the stage fails.
     pub fn run(&self, stage: RecipeStage, resume: bool) -> Result<bool, TrainError> {
         let out = self.stage_dir(stage);
         let mut recipe = self.clone();
@@ -193,7 +193,7 @@ impl Recipe {
             run.processors = self.device.clone();
             run.stop = self.stop.clone();
         }
-        // A stage that was never begun, or was stopped before its first checkpoint, starts afresh.
+        // A stage that was never started, or was stopped before its first checkpoint, starts from the beginning.
         let starts_afresh = resume && !has_checkpoint(&out);
         if starts_afresh {
             harness::forget(&out)?;
@@ -241,11 +241,10 @@ impl Recipe {
         Ok(ending != Ending::Stopped)
     }
 
-    /// Copies the tokenizer and the language model of the stage `lm` into the folder that inference
-    /// opens.
+    /// Copies the tokenizer and the language model of the stage `lm` into the folder that inference opens.
     ///
     /// # Errors
-    /// A missing stage; files that cannot be copied.
+    /// If a stage is missing or files cannot be copied.
     pub fn assemble(&self, lm: RecipeStage) -> Result<(), TrainError> {
         for (stage, name) in [(RecipeStage::Tokenizer, "tokenizer"), (lm, "lm")] {
             copy_files(&self.result(stage)?, &self.model_dir().join(name))?;
@@ -253,7 +252,7 @@ impl Recipe {
         Ok(())
     }
 
-    /// A finished stage's checkpoint: the best by validation, or the last.
+    /// Checkpoint of a finished stage: the best one by validation, or the last one.
     fn result(&self, stage: RecipeStage) -> Result<PathBuf, TrainError> {
         let out = self.stage_dir(stage);
         ["best", "final"]
@@ -322,8 +321,9 @@ mod one_or_many {
     }
 }
 
-/// Clips of one motion are variants of it, whichever data sets they are of: they must say the same. Data sets
-/// that number different motions alike would teach the captions of one on the radar of another.
+/// Checks that clips of one motion, which are variants of it even across data sets, have the same captions. If two data
+/// sets used the same number for different motions, the captions of one would be trained with the radar data of the
+/// other.
 fn check_variants(clips: &[ClipRecord]) -> Result<(), TrainError> {
     let mut first: BTreeMap<&str, &ClipRecord> = BTreeMap::new();
     for clip in clips {
@@ -346,7 +346,7 @@ fn check_variants(clips: &[ClipRecord]) -> Result<(), TrainError> {
     Ok(())
 }
 
-/// Leaves the first `n` clips of every motion.
+/// Keeps the first `n` clips of every motion.
 fn keep_variants(clips: &mut Vec<ClipRecord>, n: usize) {
     let mut kept: BTreeMap<String, usize> = BTreeMap::new();
     clips.retain(|clip| {
@@ -356,10 +356,10 @@ fn keep_variants(clips: &mut Vec<ClipRecord>, n: usize) {
     });
 }
 
-/// Clips that are grouped and encoded at once.
+/// Number of clips that are grouped and encoded at once.
 const ENCODE_CLIPS: usize = 128;
 
-/// Encodes clips and joins the variants of a motion; `flip` encodes their mirror images too.
+/// Encodes clips and combines the variants of a motion; `flip` also encodes their mirror images.
 ///
 /// # Errors
 /// If a clip cannot be encoded.
@@ -370,7 +370,7 @@ pub fn lm_clips(
 ) -> Result<Vec<LmClip>, TrainError> {
     let encode = |mirrored: bool| {
         let mut encoded = Vec::with_capacity(clips.len());
-        // Grouped clips are a hundred times larger than their codes: a few at a time.
+        // Grouped clips need a hundred times as much memory as their codes, so only a few are processed at a time.
         for chunk in clips.chunks(ENCODE_CLIPS) {
             let points: Vec<Vec<PointFrame>> = chunk
                 .iter()
@@ -410,7 +410,7 @@ pub fn lm_clips(
     Ok(by_motion.into_values().collect())
 }
 
-/// True when a stage's folder holds something to continue from.
+/// Whether the folder of a stage contains a checkpoint from which it can continue.
 fn has_checkpoint(dir: &Path) -> bool {
     fs::read_dir(dir).is_ok_and(|mut entries| {
         entries.any(|e| e.is_ok_and(|e| e.file_name().to_string_lossy().starts_with("step-")))
@@ -422,7 +422,7 @@ fn copy_files(from: &Path, to: &Path) -> Result<(), TrainError> {
         let path = path.to_path_buf();
         move |source| TrainError::Io { path, source }
     };
-    // A half-copied model must not lie under the final name.
+    // An incomplete copy of a model must not be visible under the final name.
     let temporary = to.with_extension("tmp");
     let _ = fs::remove_dir_all(&temporary);
     fs::create_dir_all(&temporary).map_err(io(&temporary))?;

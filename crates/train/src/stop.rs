@@ -1,10 +1,10 @@
-//! Ending a training early.
+//! Early stop of a training run.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Asks a training to end after the present update and to write a checkpoint that it can be resumed from. Clones ask
-/// the same training; the program that starts a training keeps one.
+/// Requests that a training run ends after the current update and writes a checkpoint from which it can be resumed.
+/// Clones refer to the same run; the program that starts a run keeps one of them.
 ///
 /// ```
 /// use radarllm_train::harness::StopToken;
@@ -19,18 +19,19 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub struct StopToken(Arc<AtomicBool>);
 
 impl StopToken {
-    /// Asks for the end. Safe to call from another thread and more than once.
+    /// Requests the stop. May be called from another thread and more than once.
     pub fn stop(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether the end was asked for.
+    /// Whether the stop has been requested.
     pub fn is_stopped(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 }
 
-/// Tokens are equal if they are in the same state: configurations that hold one compare by their settings.
+/// Tokens are equal if they are in the same state, so that configurations that hold a token are compared by their
+/// settings.
 impl PartialEq for StopToken {
     fn eq(&self, other: &Self) -> bool {
         self.is_stopped() == other.is_stopped()

@@ -1,8 +1,8 @@
 //! Stage `tokenizer`: trains the radar tokenizer (Aggregate VQ-VAE).
 //!
 //! Loss = reconstruction of masked anchors' points + motion guidance + caption words + motion codes + commitment.
-//! The paper's exact form, which has neither words nor motion codes, is reached by
-//! [`TokenizerTrainConfig::paper`]; every departure is a field of its own.
+//! [`TokenizerTrainConfig::paper`] gives the exact form of the paper, which has neither caption words nor motion codes.
+//! Every departure from the paper is a separate field.
 
 use std::{
     collections::{BTreeSet, HashMap},
@@ -34,8 +34,8 @@ pub use crate::tokenizer_config::{
 
 /// Trains the tokenizer and writes checkpoints to `out_dir`.
 ///
-/// `teacher` is the frozen motion VQ-VAE; `None` trains without guidance. Its width overrides
-/// `model.guidance_dim`. Clips without motion features take part in reconstruction alone.
+/// `teacher` is the frozen motion VQ-VAE; `None` trains without guidance. The width of the teacher overrides
+/// `model.guidance_dim`. Clips without motion features contribute to the reconstruction loss only.
 ///
 /// # Errors
 /// See [`TrainError`].
@@ -90,24 +90,24 @@ struct Clip<'a> {
     frames: &'a [PointFrame],
     radar_height_m: f32,
     targets: Supervision,
-    /// The same of the mirrored motion; empty when clips are not mirrored.
+    /// Targets of the mirrored motion; empty if clips are not mirrored.
     mirrored: Supervision,
 }
 
 /// Targets that the codes of a clip are trained to predict.
 #[derive(Clone, Default)]
 struct Supervision {
-    /// Teacher features `[code][width]`, standardised; empty when the motion is unknown or is no guide. May
-    /// cover fewer codes than the clip has.
+    /// Teacher features `[code][width]`, standardised; empty if the motion is unknown or is not used for guidance. They
+    /// may cover fewer codes than the clip has.
     guide: Vec<f32>,
-    /// The teacher's codes, as many as features; empty when none is predicted.
+    /// Codes of the teacher, as many as there are features; empty if no codes are predicted.
     motion_codes: Vec<u32>,
-    /// Target of every caption word; empty when no words are predicted.
+    /// Target of every caption word; empty if no words are predicted.
     words: Vec<f32>,
 }
 
 impl Supervision {
-    /// Without what belongs to the first codes.
+    /// Supervision without the targets of the first codes.
     fn after_codes(&self, first: usize, width: usize) -> Self {
         Self {
             guide: self.guide.get(first * width..).unwrap_or_default().to_vec(),
@@ -117,7 +117,7 @@ impl Supervision {
     }
 }
 
-/// A clip as it enters a batch.
+/// A clip in a batch.
 struct Sample {
     grouped: Grouped,
     targets: Supervision,
@@ -132,7 +132,7 @@ struct TokenizerStage<'a> {
     radars: BTreeSet<&'a str>,
     words: Option<CaptionWords>,
     codebook: EmaCodebook,
-    /// Codebook inputs and codes since the last update.
+    /// Codebook inputs and assigned codes since the last update.
     seen: (Vec<f32>, Vec<u32>),
 }
 
@@ -174,7 +174,7 @@ impl<'a> TokenizerStage<'a> {
     }
 
     fn training_sample(&self, clip: &Clip, rng: &mut ChaCha8Rng) -> Result<Sample, TrainError> {
-        // Long clips are cropped at whole codes, so that radar and motion stay aligned.
+        // Long clips are cropped at code boundaries, so that radar and motion remain aligned.
         let spare = clip.frames.len().saturating_sub(MAX_FRAMES) / FRAMES_PER_CODE;
         let first_code = rng.random_range(0..=spare);
         let start = first_code * FRAMES_PER_CODE;
@@ -235,7 +235,7 @@ impl<'a> TokenizerStage<'a> {
             .unwrap_or_default();
         let mut codes = Vec::new();
         let mut quantized = None;
-        // Zero keeps `total` on the graph whatever terms are switched off.
+        // A zero term keeps `total` on the autodiff graph even if all other terms are disabled.
         let mut total = z.clone().mean() * 0.0;
         if self.codebook.is_initialised() {
             let nearest = self.nearest(model, &inputs, &z, &device, &mut codes);
@@ -248,11 +248,12 @@ impl<'a> TokenizerStage<'a> {
                 total = total + book * loss.commit_weight;
             }
             if self.config.model.quantize {
-                // Straight-through: the value of the code, the gradient of the feature.
+                // Straight-through estimator: the value is that of the code, the gradient is that of the feature.
                 quantized = Some(z.clone() + (nearest - z.clone()).detach());
             }
         }
-        // Supervision acts on features before quantization and, half each, on the codes.
+        // Supervision applies to the features before quantization or, with half the weight each, to the features and
+        // the codes.
         let predictors =
             match quantized.filter(|_| loss.guidance_on == GuidanceOn::FeaturesAndCodes) {
                 Some(quantized) => vec![z, quantized],
@@ -294,7 +295,7 @@ impl<'a> TokenizerStage<'a> {
         }
     }
 
-    /// Codes of the inputs as vectors; on the graph when the codebook learns by gradient.
+    /// Code vectors of the inputs. They are on the autodiff graph if the codebook is trained by gradient.
     fn nearest(
         &self,
         model: &TokenizerNet,
@@ -328,7 +329,7 @@ impl<'a> TokenizerStage<'a> {
         }
     }
 
-    /// Mean square error to the teacher for each of `predictors`; empty without a teacher.
+    /// Mean squared error to the teacher's features for each of `predictors`; empty without a teacher.
     fn guidance(
         &self,
         model: &TokenizerNet,
@@ -382,7 +383,7 @@ impl<'a> TokenizerStage<'a> {
             .collect()
     }
 
-    /// Cross-entropy of the teacher's codes for each of `predictors`; empty when none is known.
+    /// Cross-entropy of the teacher's codes for each of `predictors`; empty if no code is known.
     fn motion_code_loss(
         &self,
         model: &TokenizerNet,
@@ -455,7 +456,7 @@ impl<'a> TokenizerStage<'a> {
             }
             for (slot, point) in points.iter().take(most).enumerate() {
                 let n = &grouped.neighbours[*point];
-                // Position in units of the radius; velocity in the network's scale.
+                // Position in units of the radius; velocity in the scale of the network.
                 let values = [n[0], n[1], n[2], n[5]];
                 let at = (row * most + slot) * dim;
                 targets[at..at + dim].copy_from_slice(&values[..dim]);
@@ -544,7 +545,7 @@ impl Stage for TokenizerStage<'_> {
     }
 
     fn validate(&mut self, model: &TokenizerNet) -> Result<Validation, TrainError> {
-        // The same masks and targets every time, so that scores can be compared.
+        // The masks and targets are the same in every validation, so that scores are comparable.
         let mut rng = ChaCha8Rng::seed_from_u64(self.config.run.seed);
         let mut codes = Vec::new();
         let mut sums: Vec<(&'static str, f64, f64)> = Vec::new();
@@ -559,7 +560,7 @@ impl Stage for TokenizerStage<'_> {
             let n = samples.len() as f64;
             let masked = self.losses(model, &samples, &mut rng);
             let mut parts = masked.parts;
-            // Codes and guidance as inference will see them: nothing masked.
+            // Codes and guidance as in inference, without masks.
             samples.iter_mut().for_each(|s| s.masked.fill(false));
             let plain = self.losses(model, &samples, &mut rng);
             parts.retain(|(name, _)| *name == "reconstruction");
@@ -587,8 +588,8 @@ impl Stage for TokenizerStage<'_> {
             let of_codes = values.iter().find(|v| v.0 == codes);
             of_codes.map_or_else(|| value(features), |v| v.1)
         };
-        // What the codes predict of the motion decides; reconstruction breaks ties, and is all there is
-        // without a teacher. Before the codebook exists there is nothing to keep.
+        // The score is dominated by how well the codes predict the motion. Reconstruction breaks ties, and is decisive
+        // without a teacher. Before the codebook is initialised, the score is infinite: there is no network to keep.
         let score = if self.codebook.is_initialised() && !self.val.is_empty() {
             loss.guidance_weight * codes_or_features("guidance_codes", "guidance")
                 + loss.words_weight * codes_or_features("words_codes", "words")
@@ -632,8 +633,8 @@ impl Stage for TokenizerStage<'_> {
     }
 }
 
-/// Of each of `predictors`, the rows of the codes that have targets: the first `n_targets` of each clip, among the
-/// codes of all clips. Empty when no code has one.
+/// For each of `predictors`, the rows of the codes that have targets: the first `n_targets` of each clip, among the
+/// codes of all clips. Empty if no code has a target.
 fn supervised_features(
     predictors: &[Tensor<2>],
     samples: &[Sample],
@@ -729,7 +730,7 @@ fn targets_of(
     Ok(targets)
 }
 
-/// Gives the teacher's channels mean 0 and deviation 1 over the training clips.
+/// Standardises the teacher's channels to mean 0 and standard deviation 1 over the training clips.
 fn standardise_guides<'a>(train: &mut [Clip<'a>], val: &mut [Clip<'a>], width: usize) {
     if width == 0 {
         return;
@@ -751,7 +752,7 @@ fn standardise_guides<'a>(train: &mut [Clip<'a>], val: &mut [Clip<'a>], width: u
         .zip(&squares)
         .map(|(s, q)| {
             let mean = s / n;
-            // A dead channel stays at zero instead of turning into noise.
+            // A constant channel remains zero instead of becoming amplified noise.
             let deviation = (q / n - mean * mean).max(0.0).sqrt().max(1e-4);
             (mean as f32, (1.0 / deviation) as f32)
         })

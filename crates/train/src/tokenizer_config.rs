@@ -1,4 +1,4 @@
-//! Settings of stage `tokenizer`.
+//! Settings of the stage `tokenizer`.
 
 use radarllm_inference::tokenizer::TokenizerConfig;
 use radarllm_nn::tokenizer::codebook::CodebookConfig;
@@ -12,15 +12,15 @@ use crate::harness::{LoopConfig, TrainError};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reconstruct {
-    /// The masked ones.
+    /// The masked tubes.
     Masked,
-    /// Masked and visible ones (ablation).
+    /// Masked and visible tubes (ablation).
     All,
     /// None (ablation).
     Nothing,
 }
 
-/// How the codebook learns.
+/// Update rule of the codebook.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CodebookUpdate {
@@ -30,45 +30,45 @@ pub enum CodebookUpdate {
     Gradient,
 }
 
-/// Which features are compared with the motion teacher's, and which tell the caption's words.
+/// Features that are supervised by the motion teacher and by the caption words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GuidanceOn {
     /// Before quantization (paper).
     Features,
-    /// Before and after quantization, half each: makes the codes themselves tell the motion.
+    /// Before and after quantization, with half the weight each, so that the codes themselves represent the motion.
     FeaturesAndCodes,
 }
 
-/// Masking and loss terms.
+/// Settings of masking and of the loss terms.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TokenizerLossConfig {
-    /// Share of anchor trajectories that is masked; 0 switches masking off (ablation).
+    /// Share of anchor trajectories that is masked; 0 disables masking (ablation).
     pub mask_ratio: f64,
-    /// Share of the clips that is masked at all. Inference sees no mask, so some clips go without.
+    /// Share of the clips that is masked at all. Inference uses no mask, so some clips are trained without one.
     pub masked_clips: f64,
     /// Which tubes are reconstructed.
     pub reconstruct: Reconstruct,
-    /// One-sided or symmetric Chamfer distance.
+    /// Chamfer distance: one-sided or symmetric.
     pub chamfer: ChamferSide,
-    /// Tubes reconstructed per clip at most, drawn at random.
+    /// Maximum number of tubes reconstructed per clip, drawn at random.
     pub tubes_per_clip: usize,
-    /// Target points per tube at most, drawn at random.
+    /// Maximum number of target points per tube, drawn at random.
     pub targets_per_tube: usize,
-    /// Weight of the reconstruction.
+    /// Weight of the reconstruction loss.
     pub reconstruction_weight: f64,
-    /// Weight of the motion guidance; 0 leaves it out (ablation).
+    /// Weight of the motion guidance; 0 disables it (ablation).
     pub guidance_weight: f64,
-    /// What is compared with the teacher.
+    /// Features that are compared with the teacher's.
     pub guidance_on: GuidanceOn,
-    /// Weight of the caption words (see [`crate::caption_words`]); 0 leaves them out (paper).
+    /// Weight of the caption words (see [`crate::caption_words`]); 0 disables them (paper).
     pub words_weight: f64,
-    /// Weight of the motion teacher's code of each radar code, cross-entropy; 0 leaves it out (paper).
+    /// Weight of the cross-entropy of the motion teacher's code for each radar code; 0 disables it (paper).
     pub motion_codes_weight: f64,
-    /// Weight of the commitment.
+    /// Weight of the commitment loss.
     pub commit_weight: f64,
-    /// How the codebook learns.
+    /// Update rule of the codebook.
     pub codebook_update: CodebookUpdate,
 }
 
@@ -93,7 +93,7 @@ impl Default for TokenizerLossConfig {
 }
 
 impl TokenizerLossConfig {
-    /// Whether a term compares with the motion teacher.
+    /// Whether a loss term needs the motion teacher.
     pub fn needs_teacher(&self) -> bool {
         self.guidance_weight > 0.0 || self.motion_codes_weight > 0.0
     }
@@ -105,17 +105,17 @@ impl TokenizerLossConfig {
 pub struct TokenizerTrainConfig {
     /// Clips per batch.
     pub batch_size: usize,
-    /// Clips used for validation at most.
+    /// Maximum number of clips used for validation.
     pub validate_clips: usize,
-    /// Network.
+    /// Settings of the network.
     pub model: TokenizerConfig,
     /// Masking and loss terms.
     pub loss: TokenizerLossConfig,
-    /// Codebook.
+    /// Settings of the codebook.
     pub codebook: CodebookConfig,
     /// Augmentation of the points.
     pub augment: AugmentConfig,
-    /// Loop.
+    /// Settings of the training loop.
     #[serde(rename = "loop")]
     pub run: LoopConfig,
 }
@@ -135,8 +135,8 @@ impl Default for TokenizerTrainConfig {
 }
 
 impl TokenizerTrainConfig {
-    /// The paper's sizes and loss as printed: all clips half masked, one-sided Chamfer, guidance
-    /// before quantization, two-term commitment of weight 1, no augmentation.
+    /// The sizes and the loss as printed in the paper: all clips half masked, one-sided Chamfer distance, guidance
+    /// before quantization, two-term commitment loss of weight 1, no augmentation.
     pub fn paper() -> Self {
         Self {
             model: TokenizerConfig::paper(),

@@ -1,22 +1,22 @@
-//! Numbers beside the weights they belong to: in the program's memory on the CPU, on a graphics processor else, so
-//! that an update moves nothing between the two.
+//! Values stored with the weights to which they belong: in host memory on the CPU, otherwise in the memory of the
+//! graphics processor. An update then copies nothing between the two.
 
 use burn::tensor::{Device, Tensor, TensorData};
 use radarllm_inference::checkpoint::HostTensor;
 use radarllm_nn::device::is_cpu;
 
-/// The numbers of one parameter, its gradient or a moment, flat.
+/// Values of one parameter, of its gradient or of a moment, as a flat array.
 #[derive(Clone, Debug)]
 #[expect(clippy::large_enum_variant, reason = "one a parameter")]
 pub(crate) enum Values {
-    /// In the program's own memory.
+    /// In host memory.
     Cpu(Vec<f32>),
     /// On a graphics processor.
     Gpu(Tensor<1>),
 }
 
 impl Values {
-    /// Of a tensor that is not tracked, where it is.
+    /// The values of an untracked tensor, on the device of the tensor.
     pub(crate) fn of<const D: usize>(tensor: Tensor<D>) -> Self {
         if is_cpu(&tensor.device()) {
             return Self::Cpu(host(tensor.into_data()));
@@ -32,7 +32,7 @@ impl Values {
         }
     }
 
-    /// `self + other`, where `self` is.
+    /// `self + other`, on the device of `self`.
     pub(crate) fn plus(self, other: Self) -> Self {
         match self {
             Self::Cpu(mut sum) => {
@@ -47,7 +47,7 @@ impl Values {
         }
     }
 
-    /// A copy in the program's memory, for a file.
+    /// A copy in host memory, for a file.
     pub(crate) fn to_host(&self, shape: &[usize]) -> HostTensor {
         HostTensor {
             shape: shape.to_vec(),
@@ -73,7 +73,7 @@ impl Values {
     }
 }
 
-/// A tensor's values; weights, gradients and moments are f32 everywhere.
+/// Values of a tensor. Weights, gradients and moments are always f32.
 pub(crate) fn host(data: TensorData) -> Vec<f32> {
     data.try_into_vec().unwrap_or_default()
 }

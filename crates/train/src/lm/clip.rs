@@ -1,4 +1,4 @@
-//! One captioned motion as the language model sees it, and its mirror image in words.
+//! A captioned motion as training data of the language model, and mirroring of captions.
 
 use radarllm_inference::tokenizer::Encoded;
 
@@ -19,7 +19,7 @@ pub struct LmClip {
     pub seconds: f32,
 }
 
-/// Words that a mirror exchanges, both ways.
+/// Words that mirroring exchanges, in both directions.
 const PAIRS: [(&str, &str); 7] = [
     ("left", "right"),
     ("lefts", "rights"),
@@ -30,18 +30,18 @@ const PAIRS: [(&str, &str); 7] = [
     ("clockwise", "anticlockwise"),
 ];
 
-/// Words after which or before which "right" is no side.
+/// Words before or after which "right" does not mean a side.
 const NO_SIDE_BEFORE: [&str; 9] = [
     "away", "now", "angle", "angles", "angled", "after", "before", "then", "here",
 ];
 const NO_SIDE_AFTER: [&str; 2] = ["all", "alright"];
 
-/// A caption of the mirrored motion: left and right, clockwise and counterclockwise exchanged.
+/// Returns the caption of the mirrored motion: left and right, clockwise and counterclockwise exchanged.
 ///
-/// Whole words only ("upright" stays); the parts of hyphenated words count as words, because a
-/// right-handed throw is left-handed in the mirror. "right away", "right angle", "all right" and
-/// the like stay. "counter-clockwise" and "anticlockwise" come back as "counterclockwise" after two
-/// swaps. A leading capital survives.
+/// Only whole words are exchanged ("upright" is unchanged). The parts of hyphenated words count as words, because a
+/// right-handed throw is left-handed in the mirror image. "right away", "right angle", "all right" and similar phrases
+/// are unchanged. "counter-clockwise" and "anticlockwise" become "counterclockwise" after two swaps. A leading capital
+/// letter is kept.
 pub fn swap_sides(caption: &str) -> String {
     let spans = word_spans(caption);
     let lower: Vec<String> = spans

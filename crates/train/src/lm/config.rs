@@ -11,13 +11,13 @@ use serde::{Deserialize, Serialize};
 use crate::adamw::AdamWConfig;
 use crate::harness::{LoopConfig, TrainError};
 
-/// One number for each task.
+/// One weight for each task.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TaskWeights {
     /// Span masking on radar codes; pretraining only.
     pub radar_prediction: f64,
-    /// The main task.
+    /// A caption from codes, the main task.
     pub radar_to_text: f64,
     /// Codes from a caption.
     pub text_to_radar: f64,
@@ -25,7 +25,7 @@ pub struct TaskWeights {
     pub text_to_length: f64,
     /// Length from codes; instruction tuning only.
     pub radar_to_length: f64,
-    /// The end of a motion from its start; instruction tuning only.
+    /// The remaining codes of a motion from its first ones; instruction tuning only.
     pub continuation: f64,
 }
 
@@ -43,7 +43,7 @@ impl Default for TaskWeights {
 }
 
 impl TaskWeights {
-    /// The number of one task.
+    /// Returns the weight of a task.
     pub fn of(&self, task: Task) -> f64 {
         match task {
             Task::RadarPrediction => self.radar_prediction,
@@ -60,60 +60,60 @@ impl TaskWeights {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LmTrainConfig {
-    /// Architecture of a new network, and of the one that is read.
+    /// Architecture of a new network, or of the one that is loaded.
     pub backbone: Backbone,
-    /// Shape of a new network; ignored when one is given or read. GPT-2 and Qwen2 know `tiny`, `small` and
+    /// Size of a new network; ignored if a network is given or loaded. GPT-2 and Qwen2 support `tiny`, `small` and
     /// `medium`.
     pub preset: LmPreset,
-    /// Overrides the preset's continuous bypass.
+    /// Overrides whether the network has a continuous bypass, which the preset defines.
     pub bypass: Option<bool>,
-    /// Overrides whether a new T5's output rows are its input rows. Shared rows move the logits `d_model^0.5` times
-    /// more slowly at the same learning rate.
+    /// Overrides whether the input and output embeddings of a new T5 are tied. With tied embeddings, the logits change
+    /// `d_model^0.5` times more slowly at the same learning rate.
     pub tie_embeddings: Option<bool>,
     /// Overrides the preset's dropout.
     pub dropout: Option<f64>,
-    /// Folder of a pretrained network in Hugging Face layout to start from.
+    /// Folder of a pretrained network in Hugging Face layout, from which training starts.
     #[serde(rename = "from", alias = "hf_folder")]
     pub hf_folder: Option<PathBuf>,
-    /// Trains adapters, the rows of new ids and the bypass, and nothing else; for GPT-2 and Qwen2 that start
-    /// from a folder.
+    /// Trains only adapters, the embeddings of new ids and the bypass. Available for GPT-2 and Qwen2 that start from a
+    /// folder.
     pub lora: Option<LoraConfig>,
-    /// ProductPrecision of matrix products; everything else stays in f32.
+    /// Precision of matrix products. All other operations are in f32.
     pub precision: ProductPrecision,
-    /// Sequences in a batch.
+    /// Number of sequences in a batch.
     pub batch: usize,
-    /// Examples drawn from a motion in an epoch; 0 takes one for each of its captions.
+    /// Number of examples drawn from a motion in an epoch; 0 takes one for each of its captions.
     pub samples_per_clip: usize,
-    /// Captions of a training motion that are used, the first ones; 0 uses all.
+    /// Number of captions per training motion, the first ones; 0 uses all.
     pub captions_per_motion: usize,
-    /// How often a task is drawn, relative to the others.
+    /// Relative sampling frequency of each task.
     pub sampling: TaskWeights,
-    /// Factor on a task's loss (the paper's lambdas).
+    /// Factor on the loss of each task (the paper's lambdas).
     pub lambda: TaskWeights,
-    /// Share of the target probability spread over the whole vocabulary.
+    /// Label smoothing: share of the target probability that is spread over the whole vocabulary.
     pub label_smoothing: f64,
     /// Weight of the contrastive loss between the encoder's states of a clip's codes and of its caption
-    /// ([`super::contrast`]); 0 leaves it out (paper). T5 only.
+    /// ([`super::contrast`]); 0 disables it (paper). T5 only.
     pub contrastive_weight: f64,
-    /// Divides the cosines of the contrastive loss.
+    /// Temperature of the contrastive loss, by which the cosines are divided.
     pub contrastive_temperature: f64,
-    /// Trains half of the examples on the mirrored clip with sides swapped in the caption.
+    /// Trains half of the examples on the mirrored clip, with left and right exchanged in the caption.
     pub flip: bool,
     /// Share of codes masked in radar prediction.
     pub mask_share: f64,
     /// Mean length of a masked span, codes.
     pub mask_span: f64,
-    /// Probability that an input code is replaced by a random one, its feature dropped.
+    /// Probability that an input code is replaced by a random one and its feature is dropped.
     pub replace_code: f64,
-    /// Probability that an input code is left out.
+    /// Probability that an input code is dropped.
     pub drop_code: f64,
-    /// Standard deviation of noise added to features, relative to their rms.
+    /// Standard deviation of the noise added to features, relative to their rms.
     pub feature_noise: f64,
-    /// Decay of the moving average of weights used for validation and inference; 0 is off.
+    /// Decay of the moving average of the weights used for validation and inference; 0 disables it.
     pub average_decay: f64,
-    /// Validation motions decoded for the quick ROUGE-L; 0 is off.
+    /// Number of validation motions decoded for the quick ROUGE-L; 0 disables it.
     pub quick_score_clips: usize,
-    /// The loop.
+    /// Settings of the training loop.
     #[serde(rename = "loop")]
     pub run: LoopConfig,
 }
@@ -125,7 +125,7 @@ impl Default for LmTrainConfig {
 }
 
 impl LmTrainConfig {
-    /// Pretraining of the small preset on one core.
+    /// Settings for pretraining the small preset on one core.
     pub fn small() -> Self {
         Self {
             backbone: Backbone::T5,
@@ -166,7 +166,7 @@ impl LmTrainConfig {
         }
     }
 
-    /// Pretraining as the paper states it.
+    /// Settings for pretraining as stated in the paper.
     pub fn paper() -> Self {
         Self {
             preset: LmPreset::T5Small,
@@ -190,8 +190,8 @@ impl LmTrainConfig {
         }
     }
 
-    /// The same settings for instruction tuning: half the examples are the main task, the learning
-    /// rate is halved (1e-4 after 2e-4 in the paper) and the epochs are a third.
+    /// Returns the same settings for instruction tuning: half of the examples are of the main task, the learning rate
+    /// is halved (1e-4 after 2e-4 in the paper), and the number of epochs is a third.
     pub fn for_instruction(mut self) -> Self {
         self.sampling = TaskWeights {
             radar_to_text: 4.0,
@@ -202,10 +202,10 @@ impl LmTrainConfig {
         self
     }
 
-    /// The network's shape.
+    /// Returns the configuration of the network.
     ///
     /// # Errors
-    /// If the backbone has no such preset.
+    /// If the backbone does not have this preset.
     pub fn lm_config(&self, n_codes: usize, code_dim: usize) -> Result<LmConfig, LmError> {
         let mut config = self.backbone.config(self.preset, n_codes, code_dim)?;
         config.bypass = self.bypass.unwrap_or(config.bypass);
@@ -218,7 +218,7 @@ impl LmTrainConfig {
         Ok(config)
     }
 
-    /// Checks every number.
+    /// Checks every field.
     ///
     /// # Errors
     /// Names the first field that cannot be used.

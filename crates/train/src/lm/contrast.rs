@@ -1,14 +1,15 @@
-//! Contrastive loss: a clip's codes and its caption, both through the encoder, are closer to each other than to
-//! the others of the batch (InfoNCE both ways, Radford et al. 2021). The paper has no such term.
+//! Contrastive loss between codes and captions, both encoded by the encoder: the codes of a clip and its caption should
+//! be closer to each other than to the others of the batch (InfoNCE in both directions, Radford et al. 2021). The paper
+//! has no such term.
 
 use burn::tensor::{Tensor, TensorData};
 
 use super::loss::cross_entropy;
 
-/// Added to the score of a pair that is neither right nor wrong.
+/// Added to the score of a pair that is neither a positive nor a negative pair.
 const LEFT_OUT: f32 = -1e9;
 
-/// Means of groups of rows of `states`; no group may be empty. `[groups, width]`.
+/// Means of groups of rows of `states`, `[groups, width]`. Every group must have at least one row.
 pub fn mean_rows(states: Tensor<2>, groups: &[Vec<usize>]) -> Tensor<2> {
     let n_rows = states.dims()[0];
     let mut shares = vec![0.0_f32; groups.len() * n_rows];
@@ -21,10 +22,10 @@ pub fn mean_rows(states: Tensor<2>, groups: &[Vec<usize>]) -> Tensor<2> {
     Tensor::<2>::from_data(shares, &states.device()).matmul(states)
 }
 
-/// Mean over both directions of the cross-entropy that names a row's partner, nats.
+/// Mean over both directions of the cross-entropy for identifying the partner of a row, nats.
 ///
-/// `radar` and `text` are `[n, width]`, row by row of one clip; scores are cosines over `temperature`.
-/// Captions that are alike are no wrong answer to each other's clips: such pairs are left out.
+/// `radar` and `text` are `[n, width]`; the same row of both belongs to one clip. Scores are cosines divided by
+/// `temperature`. Clips with equal captions are not negatives for each other: such pairs are left out.
 /// Returns `[1]`.
 pub fn contrast(
     radar: Tensor<2>,
@@ -47,7 +48,7 @@ pub fn contrast(
     (text_of_radar + radar_of_text) * 0.5
 }
 
-/// Rows of length 1.
+/// Normalises rows to length 1.
 fn unit(rows: Tensor<2>) -> Tensor<2> {
     let length = rows.clone().square().sum_dim(1).add_scalar(1e-12).sqrt();
     rows / length
@@ -73,7 +74,7 @@ mod tests {
         assert_eq!(found, [2.0, 3.0, 10.0, 0.0]);
     }
 
-    /// Reference: the definition. Partners at right angles to the others score 1/t for 0.
+    /// Reference: the definition. Partners that are orthogonal to the others have the scores 1/t and 0.
     #[test]
     fn equals_the_definition() {
         let radar = rows([[2.0, 0.0], [0.0, 0.1]]);
@@ -87,7 +88,7 @@ mod tests {
         let wrong = (1.0 + (1.0 / t).exp()).ln();
         let swapped = rows([[0.0, 3.0], [5.0, 0.0]]);
         assert!((value(&[&[1], &[2]], swapped.clone()) - wrong).abs() < 1e-6);
-        // The same caption twice cannot be told apart, and need not be.
+        // Two equal captions cannot be distinguished, and need not be.
         assert!(value(&[&[1], &[1]], swapped).abs() < 1e-6);
     }
 }

@@ -3,14 +3,13 @@
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 
-/// Chooses spans to mask: about `share` of `len` positions, spans of mean length `mean_span`.
+/// Chooses spans to mask: about `share` of `len` positions, in spans of mean length `mean_span`.
 ///
-/// Returns non-empty, increasing, non-touching half-open ranges that leave at least one position
-/// visible. Empty when `len < 2`.
+/// Returns non-empty, increasing half-open ranges that do not touch and leave at least one position visible. Returns no
+/// ranges if `len < 2`.
 ///
-/// Counts follow the span corruption of Raffel et al. 2020, 3.1.4. Their code always ends with a
-/// masked span, which on ten codes (one span) would mask the end every time; here spans may lie
-/// anywhere.
+/// The numbers of masked positions and spans follow the span corruption of Raffel et al. 2020, 3.1.4. Their code always
+/// ends with a masked span, which would mask the end of ten codes (one span) every time. Here spans may be anywhere.
 pub fn choose_spans(
     rng: &mut ChaCha8Rng,
     len: usize,
@@ -25,7 +24,7 @@ pub fn choose_spans(
     let n_spans =
         ((n_masked as f64 / mean_span.max(1.0)).round() as usize).clamp(1, n_masked.min(n_visible));
     let masked = partition(rng, n_masked, n_spans);
-    // Parts before, between and after the spans; the outer two may be empty.
+    // Visible parts before, between and after the spans. The first and the last may be empty.
     let mut visible = partition(rng, n_visible + 2, n_spans + 1);
     visible[0] -= 1;
     let mut at = 0;
@@ -37,9 +36,9 @@ pub fn choose_spans(
     spans
 }
 
-/// Splits `total` into `parts` positive numbers, every split equally likely.
+/// Divides `total` into `parts` positive numbers. All divisions are equally likely.
 fn partition(rng: &mut ChaCha8Rng, total: usize, parts: usize) -> Vec<usize> {
-    // Choose parts - 1 cut points among total - 1 gaps by selection sampling.
+    // Chooses parts - 1 cut points among total - 1 gaps by selection sampling.
     let mut sizes = Vec::with_capacity(parts);
     let mut size = 1;
     let mut cuts_left = parts - 1;
@@ -83,8 +82,8 @@ mod tests {
         assert!(choose_spans(rng, 0, 0.15, 3.0).is_empty());
     }
 
-    /// One span of two in ten codes has nine places; each should come up in a ninth of the draws.
-    /// 9000 draws give 1000 a place with a standard deviation of 30; six of them are allowed.
+    /// One span of two codes among ten has nine positions, each of which should occur in a ninth of the draws. 9000
+    /// draws give 1000 per position with a standard deviation of 30. The tolerance is six standard deviations.
     #[test]
     fn every_place_is_masked_equally_often() {
         let rng = &mut ChaCha8Rng::seed_from_u64(2);

@@ -1,4 +1,4 @@
-//! From clips and tasks to token sequences.
+//! Builds token sequences from clips and tasks.
 
 use rand::rngs::ChaCha8Rng;
 use rand::seq::SliceRandom;
@@ -13,12 +13,12 @@ use super::clip::{LmClip, swap_sides};
 use super::config::LmTrainConfig;
 use super::corrupt::choose_spans;
 
-/// Which stage: pretraining asks with the first prompt of a task, instruction tuning with any.
+/// Kind of stage. Pretraining uses the first prompt of a task, instruction tuning uses any.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LmStageKind {
     /// Radar prediction, radar to text, text to radar.
     Pretrain,
-    /// Templates and sub-tasks.
+    /// Prompt templates and sub-tasks.
     Instruct,
 }
 
@@ -31,7 +31,7 @@ impl LmStageKind {
     }
 }
 
-/// What one training example is made of. Packs into a number, which is how the loop names items.
+/// Definition of one training example. It can be packed into a number, by which the training loop refers to items.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Item {
     /// Index of the clip.
@@ -40,7 +40,7 @@ pub struct Item {
     pub task: Task,
     /// Index of the simulation.
     pub variant: usize,
-    /// The mirrored clip.
+    /// Whether the clip is mirrored.
     pub flipped: bool,
     /// Index of the caption.
     pub caption: usize,
@@ -57,11 +57,11 @@ const TASKS: [Task; 6] = [
     Task::RadarPrediction,
 ];
 
-/// Most variants or captions of a clip that are used: they must fit their bits of an item number.
+/// Maximum number of variants or captions of a clip that are used: they must fit their bits of an item number.
 const MOST: usize = 256;
 
 impl Item {
-    /// The number.
+    /// Packs the item into a number.
     pub fn pack(self) -> usize {
         let task = TASKS.iter().position(|t| *t == self.task).unwrap_or(0);
         let fields = [
@@ -77,7 +77,7 @@ impl Item {
             })
     }
 
-    /// Back from the number.
+    /// Unpacks an item from its number.
     pub fn unpack(mut n: usize) -> Self {
         let mut take = |bits: u32| {
             let value = n & ((1 << bits) - 1);
@@ -100,21 +100,21 @@ impl Item {
 /// One training example.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Example {
-    /// Prompt: the encoder's input, or what a decoder alone reads first.
+    /// Prompt: the input of the encoder, or the first tokens of a decoder-only model.
     pub source: Source,
-    /// Target, end token included.
+    /// Target, including the end token.
     pub target: Vec<u32>,
-    /// Its task.
+    /// Task of the example.
     pub task: Task,
 }
 
-/// A prompt as ids around its placeholder.
+/// Token ids of a prompt before and after its placeholder.
 struct Prompt {
     before: Vec<u32>,
     after: Vec<u32>,
 }
 
-/// Clips with everything that does not change between epochs worked out.
+/// Clips with everything that does not change between epochs precomputed.
 pub struct ExampleMaker {
     clips: Vec<LmClip>,
     /// Per clip and caption: ids of the caption and of its mirror image.
@@ -134,8 +134,7 @@ impl ExampleMaker {
     /// Checks clips and encodes their captions.
     ///
     /// # Errors
-    /// If a clip has no caption or no codes, codes and features do not fit the model, or a text is
-    /// refused.
+    /// If a clip has no caption or no codes, if codes and features do not fit the model, or if a text is rejected.
     pub fn new(
         vocab: &Vocab,
         code_dim: usize,
@@ -179,7 +178,7 @@ impl ExampleMaker {
         })
     }
 
-    /// Leaves the first `n` captions of every clip, and at least one.
+    /// Keeps the first `n` captions of every clip, and at least one.
     pub fn keep_captions(&mut self, n: usize) {
         let captions = &mut self.captions;
         captions.iter_mut().for_each(|c| c.truncate(n.max(1)));
@@ -206,7 +205,7 @@ impl ExampleMaker {
         }
     }
 
-    /// Draws the items of an epoch: their number depends on clips and settings alone.
+    /// Draws the items of an epoch. Their number depends on clips and settings only.
     pub fn draw_epoch(&self, config: &LmTrainConfig, seed: u64) -> Vec<Item> {
         let rng = &mut ChaCha8Rng::seed_from_u64(seed);
         let tasks = self.kind.tasks();
@@ -220,7 +219,7 @@ impl ExampleMaker {
             } else {
                 config.samples_per_clip
             };
-            // With fewer samples than captions, another choice of captions every epoch.
+            // With fewer samples than captions, the chosen captions differ between epochs.
             let first = rng.random_range(0..n_captions);
             for k in 0..n {
                 let mut left = rng.random::<f64>() * total;
@@ -265,7 +264,7 @@ impl ExampleMaker {
 
     /// Groups items into batches of similar length, in random order.
     pub fn batches(&self, mut items: Vec<Item>, batch: usize, seed: u64) -> Vec<Vec<Item>> {
-        /// Batches sorted together: more pads less, fewer mixes better.
+        /// Number of batches that are sorted together. A larger number pads less, a smaller number shuffles better.
         const POOL: usize = 16;
         let rng = &mut ChaCha8Rng::seed_from_u64(seed);
         items.shuffle(rng);
@@ -293,10 +292,10 @@ impl ExampleMaker {
         }
     }
 
-    /// Builds an example; codes are disturbed as the settings say.
+    /// Builds an example. Codes are augmented as the settings define.
     ///
     /// # Errors
-    /// If a code is beyond the codebook.
+    /// If a code is outside the codebook.
     pub fn example(
         &self,
         vocab: &Vocab,
@@ -313,7 +312,7 @@ impl ExampleMaker {
         let mut source = Source::default();
         let mut target = Vec::new();
         source.ids.extend(&prompt.before);
-        // One code with its feature, perhaps disturbed.
+        // Adds one code with its feature, possibly augmented.
         let push = |source: &mut Source, i: usize, rng: &mut ChaCha8Rng| {
             if config.drop_code > 0.0 && rng.random_bool(config.drop_code) {
                 return;
@@ -369,8 +368,8 @@ impl ExampleMaker {
                 source.ids.push(layout.som());
                 let mut at = 0;
                 for (k, (start, end)) in spans.into_iter().enumerate() {
-                    // More spans than sentinels would need far longer clips than the tokenizer
-                    // makes; the rest then stays visible.
+                    // More spans than sentinels would require much longer clips than the tokenizer produces. The
+                    // remaining spans then remain visible.
                     if k as u32 >= layout.n_sentinels {
                         break;
                     }
@@ -435,7 +434,7 @@ fn check_clip(vocab: &Vocab, code_dim: usize, clip: &LmClip) -> Result<(), LmErr
 mod tests {
     use super::*;
 
-    /// Taken from the first release's code: trainings depend on them.
+    /// Reference values from the code of the first release: training results depend on them.
     #[test]
     fn feature_noise_never_changes() {
         let rng = &mut ChaCha8Rng::seed_from_u64(3);

@@ -4,8 +4,8 @@ use burn::tensor::{Int, Tensor, TensorData};
 
 /// Weighted mean cross-entropy with label smoothing.
 ///
-/// `logits` are `[rows, vocab]`, one row a target token (no padding); `weights` are the rows'
-/// factors. With smoothing `e`, a row's target is `1 - e` on its token plus `e / vocab` everywhere.
+/// `logits` are `[rows, vocab]`, one row per target token (no padding). `weights` are the factors of the rows. With
+/// label smoothing `e`, the target distribution of a row is `1 - e` on its token plus `e / vocab` everywhere.
 /// Returns a scalar of shape `[1]`.
 pub fn cross_entropy(
     logits: Tensor<2>,
@@ -17,7 +17,7 @@ pub fn cross_entropy(
     let [rows, vocab] = logits.dims();
     let ids: Vec<i32> = targets.iter().map(|t| *t as i32).collect();
     let ids = Tensor::<2, Int>::from_data(TensorData::new(ids, [rows, 1]), &device);
-    // Shifting by the largest logit changes no gradient, so it stays outside the graph.
+    // Subtracting the largest logit does not change the gradient, so it is detached from the autodiff graph.
     let shift = logits.clone().detach().max_dim(1);
     let shifted = logits - shift;
     let log_total = shifted.clone().exp().sum_dim(1).log();
@@ -47,7 +47,7 @@ mod tests {
         f64::from(cross_entropy(logits, targets, weights, e).into_scalar::<f32>())
     }
 
-    /// Reference: the definition, in f64. Tolerance: f32 rounding of numbers near 1.
+    /// Reference: the definition, in f64. Tolerance: f32 rounding of values near 1.
     #[test]
     fn equals_the_definition() {
         let logits: [[f64; 3]; 2] = [[0.5, -1.0, 2.0], [80.0, 1.0, -80.0]];

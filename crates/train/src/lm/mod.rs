@@ -1,11 +1,11 @@
 //! Training of the radar-language model: pretraining and instruction tuning.
 //!
-//! Captioned codes enter as [`LmClip`]; a checkpoint that
-//! [`radarllm_nn::lm::RadarLm::load`] opens leaves. Loss covers targets only, never prompts or
-//! padding; captions are used as they are; batches hold sequences of similar length.
+//! The input is captioned codes ([`LmClip`]); the output is a checkpoint that [`radarllm_nn::lm::RadarLm::load`] opens.
+//! The loss covers targets only, never prompts or padding. Captions are used unchanged. Batches contain sequences of
+//! similar length.
 //!
-//! Reading order: [`clip`] (data and the lateral flip), [`corrupt`] (span masking), [`examples`]
-//! (tasks to token sequences), [`loss`], [`contrast`] (codes beside captions), [`stage`] (the two stages).
+//! Reading order: [`clip`] (data and mirroring), [`corrupt`] (span masking), [`examples`] (tasks to token sequences),
+//! [`loss`], [`contrast`] (contrastive loss of codes and captions), [`stage`] (the two stages).
 
 pub mod clip;
 pub mod config;

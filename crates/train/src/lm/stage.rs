@@ -1,4 +1,4 @@
-//! The two stages on the shared loop.
+//! The two language-model stages on the shared training loop.
 
 use std::path::{Path, PathBuf};
 
@@ -34,26 +34,26 @@ use crate::harness::{
 /// Result of a language-model stage.
 #[derive(Debug)]
 pub struct LmOutcome {
-    /// Directory that [`RadarLm::load`] opens: the best by validation, or the last.
+    /// Directory that [`RadarLm::load`] opens: the best checkpoint by validation, or the last one.
     pub checkpoint: PathBuf,
-    /// Why the run ended.
+    /// Reason for the end of the run.
     pub ending: Ending,
-    /// Updates in all sessions.
+    /// Number of updates in all sessions.
     pub steps: u64,
     /// Training time in all sessions, s.
     pub seconds: f64,
-    /// Lowest validation loss of radar-to-text, nats a token.
+    /// Lowest validation loss of radar-to-text, nats per token.
     pub best_score: Option<f64>,
 }
 
-/// Pretrains a language model: radar prediction, radar to text, text to radar.
+/// Pretrains a language model on radar prediction, radar to text and text to radar.
 ///
-/// Starts from `config.hf_folder` when given, else from a fresh network of the preset whose
-/// vocabulary is learned from `clips` (and their mirrored captions). `n_codes` is the size of the
-/// radar codebook. Without `val`, the last weights are the result.
+/// Training starts from `config.hf_folder` if it is given. Otherwise it starts from a new network of the preset, whose
+/// vocabulary is built from `clips` (and their mirrored captions). `n_codes` is the size of the radar codebook. Without
+/// `val`, the result is the last weights.
 ///
 /// # Errors
-/// See [`TrainError`]; clips are checked before anything is written.
+/// See [`TrainError`]. Clips are checked before any file is written.
 pub fn pretrain(
     config: &LmTrainConfig,
     n_codes: usize,
@@ -128,10 +128,10 @@ pub fn pretrain(
     train(config, lm, LmStageKind::Pretrain, clips, val, out, resume)
 }
 
-/// Tunes a pretrained model on templates and sub-tasks.
+/// Fine-tunes a pretrained model on prompt templates and sub-tasks.
 ///
 /// # Errors
-/// See [`TrainError`]; clips are checked before anything is written.
+/// See [`TrainError`]. Clips are checked before any file is written.
 pub fn instruct(
     config: &LmTrainConfig,
     start: RadarLm,
@@ -189,7 +189,7 @@ fn train(
 struct Losses {
     /// Cross-entropy of the target tokens.
     tokens: Tensor<1>,
-    /// Contrastive loss, where it is asked for and two examples take part.
+    /// Contrastive loss, if it is enabled and at least two examples take part.
     contrast: Option<Tensor<1>>,
 }
 
@@ -197,7 +197,7 @@ struct Losses {
 pub(super) struct LmStage {
     config: LmTrainConfig,
     kind: LmStageKind,
-    /// Vocabulary and shape; its network is replaced for validation.
+    /// Vocabulary and configuration. Its network is replaced for validation.
     lm: RadarLm,
     train: ExampleMaker,
     val: ExampleMaker,
@@ -206,7 +206,7 @@ pub(super) struct LmStage {
 }
 
 impl LmStage {
-    /// The stage, and the network to train on an autodiff device.
+    /// Creates the stage, and the network to train on an autodiff device.
     pub(super) fn new(
         config: &LmTrainConfig,
         lm: RadarLm,
@@ -249,7 +249,7 @@ impl LmStage {
         ))
     }
 
-    /// Losses of examples.
+    /// Computes the losses of examples.
     fn losses(
         &self,
         net: &RadarNet,
@@ -296,7 +296,7 @@ impl LmStage {
         })
     }
 
-    /// Contrastive loss of the examples from radar to text; none of fewer than two.
+    /// Contrastive loss of the radar-to-text examples; `None` for fewer than two.
     fn contrast(
         &self,
         net: &RadarT5,
@@ -341,7 +341,7 @@ impl LmStage {
     }
 }
 
-/// States of the target tokens of all examples, one after the other.
+/// Decoder states of the target tokens of all examples, concatenated.
 fn target_states(
     net: &RadarT5,
     encoded: &EncoderOutput,
@@ -353,7 +353,7 @@ fn target_states(
     let mut rows = Vec::new();
     for (i, example) in examples.iter().enumerate() {
         let n = example.target.len();
-        // The decoder sees the target shifted by one, after the start token.
+        // The decoder input is the target shifted by one, after the start token.
         decoder[i * length + 1..i * length + n].copy_from_slice(&example.target[..n - 1]);
         rows.extend((i * length..i * length + n).map(|r| r as i32));
     }
@@ -361,7 +361,7 @@ fn target_states(
     if rows.len() == decoder.len() {
         return states;
     }
-    // Only target tokens reach the output rows: padding costs neither time nor loss.
+    // Only target tokens enter the output layer, so padding adds neither computing time nor loss.
     let n = rows.len();
     let rows = Tensor::from_data(TensorData::new(rows, [n]), &states.device());
     states.select(0, rows)
@@ -423,7 +423,8 @@ impl Stage for LmStage {
 
     fn after_step(&mut self, model: RadarNet, info: StepInfo) -> Result<RadarNet, TrainError> {
         if let Some(average) = &mut self.average {
-            // A short memory at first, or the random start would weigh for a thousand updates.
+            // The decay is smaller at first. Otherwise the random initial weights would influence the average for a
+            // thousand updates.
             let n = info.step as f64;
             let decay = self.config.average_decay.min((1.0 + n) / (10.0 + n)) as f32;
             average.follow(&model, decay);
@@ -439,7 +440,8 @@ impl Stage for LmStage {
         self.lm.is_trained(path)
     }
 
-    /// A T5 keeps both, and its configuration says which file to use; other programs know but one.
+    /// A T5 checkpoint contains both the last weights and their average, and its configuration defines which file to
+    /// use. Other programs read only one file.
     fn for_inference(&self, model: &RadarNet) -> RadarNet {
         match model {
             RadarNet::T5(_) => model.clone(),
@@ -461,7 +463,7 @@ impl Stage for LmStage {
 
     fn validate(&mut self, model: &RadarNet) -> Result<Validation, TrainError> {
         let net = self.averaged(model);
-        // Undisturbed codes, the evaluation prompt, every caption, the first simulation.
+        // Validation uses unaugmented codes, the evaluation prompt, every caption, and the first simulation.
         let plain_config = LmTrainConfig {
             drop_code: 0.0,
             replace_code: 0.0,
@@ -497,7 +499,7 @@ impl Stage for LmStage {
             sum += f64::from(loss) * n as f64;
             n_tokens += n;
         }
-        // Without validation data the score is NaN, which is never the best.
+        // Without validation data the score is NaN, which is never the best score.
         let score = sum / n_tokens as f64;
         let mut values = vec![("radar_to_text_nats", score)];
         if !contrasts.is_empty() {
@@ -551,7 +553,7 @@ impl Stage for LmStage {
 }
 
 impl LmStage {
-    /// The network with the moving average of its weights, where there is one.
+    /// The network with the moving average of its weights, if there is one.
     fn averaged(&self, net: &RadarNet) -> RadarNet {
         match &self.average {
             Some(average) => replace_params(net.clone(), average.tensors()),
@@ -559,13 +561,13 @@ impl LmStage {
         }
     }
 
-    /// Greedy captions of the first validation motions: mean ROUGE-L, and how many differ.
+    /// Greedy captions of validation motions: mean ROUGE-L, and the number of distinct captions.
     fn quick_score(&self) -> Result<Vec<(&'static str, f64)>, TrainError> {
         let n = self.config.quick_score_clips.min(self.val.clips().len());
         if n == 0 {
             return Ok(Vec::new());
         }
-        // Spread over the set: neighbours are often takes of one action.
+        // The motions are spread over the set, because adjacent ones are often takes of the same action.
         let all = self.val.clips();
         let clips: Vec<&LmClip> = (0..n).map(|i| &all[i * all.len() / n]).collect();
         let sources = clips

@@ -1,4 +1,4 @@
-//! The stages as a whole, on toy clips.
+//! Tests of complete stages on toy clips.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -31,7 +31,7 @@ use crate::harness::{Ending, LoopConfig, Stage, StepInfo, cpu_device};
 const N_CODES: usize = 16;
 const CODE_DIM: usize = 8;
 
-/// Clips whose codes are drawn at random: each caption can only be learned, not guessed.
+/// Clips with random codes. Each caption can only be learned, not inferred.
 fn toy_clips(n: usize, n_codes: usize, code_dim: usize) -> Vec<LmClip> {
     const WHO: [&str; 2] = ["a person", "someone"];
     const WHAT: [&str; 8] = [
@@ -87,7 +87,7 @@ const FIRST_STEP: StepInfo = StepInfo {
     seed: 1,
 };
 
-/// Settings whose run does nothing but what is asked.
+/// Settings of a run without optional features.
 fn bare_loop(steps: u64) -> LoopConfig {
     LoopConfig {
         epochs: 0,
@@ -100,12 +100,12 @@ fn bare_loop(steps: u64) -> LoopConfig {
     }
 }
 
-/// The end token stands last in every target.
+/// Whether the target ends with the end token.
 fn ends(target: &[u32]) -> bool {
     target.last() == Some(&EOS)
 }
 
-/// No disturbance, so that the loss can reach its floor.
+/// Settings without augmentation, so that the loss can reach its minimum.
 fn exact_config(run: LoopConfig) -> LmTrainConfig {
     LmTrainConfig {
         dropout: Some(0.0),
@@ -151,7 +151,7 @@ fn eight_clips_are_learned_word_for_word_and_tuning_keeps_them() {
     for beam in [1, 4] {
         assert_eq!(captions(&lm, &clips, beam), expected, "beam {beam}");
     }
-    // Confidence is a probability, and high where every caption is known by heart.
+    // The confidence is a probability, and is high if every caption has been memorised.
     let source = lm.describe_prompt(&clips[0].variants[0]).unwrap();
     let sure = lm
         .generate(&[source], &GenerateOptions::default())
@@ -170,7 +170,7 @@ fn eight_clips_are_learned_word_for_word_and_tuning_keeps_them() {
     std::fs::remove_dir_all(dir).unwrap();
 }
 
-/// Products of these sizes, alone and in batches, are divided among the threads.
+/// Matrix products of these sizes, single and batched, are divided among the threads.
 #[test]
 fn any_number_of_threads_learns_the_same_bits() {
     let learned = |n_threads: usize| {
@@ -243,7 +243,7 @@ fn resumes_bit_for_bit(precision: ProductPrecision) {
         average_decay: 0.9,
         quick_score_clips: 2,
         run: LoopConfig {
-            // The cosine must not depend on where the run is cut.
+            // The cosine must not depend on where the run is interrupted.
             final_lr_factor: 1.0,
             checkpoint_every_steps: save,
             ..bare_loop(steps)
@@ -292,7 +292,7 @@ fn resumes_bit_for_bit(precision: ProductPrecision) {
     std::fs::remove_dir_all(dir).unwrap();
 }
 
-/// The weights of a short training on `clips`, and what it says of them, nats a token.
+/// Trains briefly on `clips`; returns the weights and the validation loss, nats per token.
 fn trained(config: &LmTrainConfig, clips: &[LmClip], dir: &Path) -> (NamedTensors, f64) {
     let outcome = pretrain(config, N_CODES, clips, clips, dir, false).unwrap();
     let weights = Checkpoint::open(&dir.join("final")).unwrap();
@@ -365,7 +365,7 @@ fn a_run_that_gets_no_better_ends() {
     let config = LmTrainConfig {
         batch: 4,
         run: LoopConfig {
-            // Too small to move any weight: the first validation stays the best.
+            // Too small to change any weight, so the first validation remains the best.
             learning_rate: 1e-30,
             validate_every: 2,
             patience: 3,
@@ -380,7 +380,7 @@ fn a_run_that_gets_no_better_ends() {
     std::fs::remove_dir_all(dir).unwrap();
 }
 
-/// Settings of a tiny decoder alone.
+/// Settings of a tiny decoder-only model.
 fn decoder_config(backbone: Backbone, run: LoopConfig) -> LmTrainConfig {
     LmTrainConfig {
         backbone,
@@ -403,7 +403,7 @@ fn a_tiny_gpt2_learns_eight_clips_word_for_word_and_tuning_keeps_them() {
     config.sampling.radar_prediction = 0.2;
     config.sampling.text_to_radar = 0.2;
     let dir = scratch("gpt2");
-    // Trained on and judged by the same clips: the question is whether they are learned.
+    // Training and validation use the same clips: the test checks that they are learned.
     let outcome = pretrain(&config, N_CODES, &clips, &clips, &dir.join("a"), false).unwrap();
     let nats = outcome.best_score.unwrap();
     assert!(nats < 0.05, "{nats} nats a token");
@@ -419,8 +419,8 @@ fn a_tiny_gpt2_learns_eight_clips_word_for_word_and_tuning_keeps_them() {
     std::fs::remove_dir_all(dir).unwrap();
 }
 
-/// A decoder trained from scratch for one step, to start from as from anybody's checkpoint: its tokenizer
-/// gets the end token that a pretrained one has.
+/// Writes a decoder trained from scratch for one step, which serves as a third-party checkpoint. Its tokenizer gets the
+/// end token that a pretrained one has.
 fn pretrained_folder(backbone: Backbone, dir: &Path) -> PathBuf {
     let clips = toy_clips(8, N_CODES, CODE_DIM);
     let mut config = decoder_config(backbone, bare_loop(1));
@@ -431,7 +431,7 @@ fn pretrained_folder(backbone: Backbone, dir: &Path) -> PathBuf {
         serde_json::from_slice(&std::fs::read(folder.join(name)).unwrap()).unwrap()
     };
     let mut config = read("config.json");
-    // The last text row; the rows of sentinels and codes after it are special, too.
+    // The last row of the text vocabulary. The rows of sentinels and codes after it are special, too.
     let n_text = config["radarllm"]["vocab"]["n_text"].as_u64().unwrap();
     config.as_object_mut().unwrap().remove("radarllm");
     config["eos_token_id"] = n_text.into();
@@ -445,7 +445,7 @@ fn pretrained_folder(backbone: Backbone, dir: &Path) -> PathBuf {
     folder
 }
 
-/// Weights by path, as they are in training.
+/// Weights by path, as in training.
 fn trained_weights(outcome: &LmOutcome) -> NamedTensors {
     collect_params(
         &RadarLm::load(&outcome.checkpoint, &cpu_device())
@@ -489,7 +489,7 @@ fn adapters_new_rows_and_bypass_change_and_nothing_else_by_a_bit() {
                 || path.ends_with("wte.added")
                 || path.ends_with("embed_tokens.added")
                 || path.ends_with("bypass");
-            // Bits, so that not even a zero may change its sign.
+            // Compared as bits, so that even a change of the sign of a zero is detected.
             let bits = |t: &HostTensor| t.values.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
             assert_eq!(bits(before) != bits(&after[path]), is_trained, "{path}");
             if is_trained {
@@ -501,11 +501,11 @@ fn adapters_new_rows_and_bypass_change_and_nothing_else_by_a_bit() {
             "{changed:?}"
         );
         assert!(changed.iter().any(|path| path.ends_with(".added")));
-        // The base stays outside: its tensors are in no file of the checkpoint.
+        // The base model is stored outside: no file of the checkpoint contains its tensors.
         let checkpoint = Checkpoint::open(&outcome.checkpoint).unwrap();
         assert!(!checkpoint.has(MODEL_FILE));
         assert!(checkpoint.has("adapter_model.safetensors") && checkpoint.has("radar.safetensors"));
-        // Instruction tuning goes on with the same adapters.
+        // Instruction tuning continues with the same adapters.
         let lm = RadarLm::load(&outcome.checkpoint, &cpu_device()).unwrap();
         let outcome = instruct(&config, lm, &clips, &[], &dir.join("b"), false).unwrap();
         let tuned = trained_weights(&outcome);
@@ -555,7 +555,7 @@ fn a_resumed_run_of_adapters_continues_bit_for_bit() {
             let dir = dir.join(name).join(at);
             Checkpoint::open(&dir).unwrap().tensors(file).unwrap()
         };
-        // The last weights, and their average, which is what inference reads.
+        // The last weights, and their average, which inference uses.
         for at in ["step-00000006", "final"] {
             assert!(
                 weights("whole", at) == weights("cut", at),
@@ -570,8 +570,8 @@ fn a_resumed_run_of_adapters_continues_bit_for_bit() {
     std::fs::remove_dir_all(dir).unwrap();
 }
 
-/// The loss of a batch of a decoder alone is the mean over target tokens of what each costs in its own
-/// row: neither prompt nor padding counts.
+/// The loss of a batch of a decoder-only model is the mean over target tokens of the loss of each, computed from its
+/// own sequence alone: neither prompt nor padding contributes.
 #[test]
 fn prompts_and_padding_cost_a_decoder_alone_nothing() {
     let clips = toy_clips(8, N_CODES, CODE_DIM);
@@ -583,7 +583,7 @@ fn prompts_and_padding_cost_a_decoder_alone_nothing() {
         config.bypass = Some(false);
         let shape = config.lm_config(N_CODES, CODE_DIM).unwrap();
         let lm = RadarLm::new(shape, vocab(&clips), 5, &cpu_device()).unwrap();
-        // The network by itself, from its own files, for logits of plain rows.
+        // The network alone, loaded from its own files, for the logits of unpadded rows.
         let dir = scratch(&format!("plain-{}", backbone.name()));
         lm.save(&dir).unwrap();
         let plain = Pretrained::open(&dir, &cpu_device()).unwrap();
@@ -706,7 +706,7 @@ fn every_example_ends_and_radar_prediction_restores_the_codes() {
                 let is_code = |p: &u32| layout.code_of(example.source.ids[*p as usize]).is_some();
                 assert!(example.source.feature_positions.iter().all(is_code));
                 if item.task == Task::RadarPrediction {
-                    // Put every span back at its sentinel: the clip's codes must come out.
+                    // Replacing each sentinel by its span must restore the codes of the clip.
                     let mut restored = Vec::new();
                     for id in &example.source.ids {
                         if let Some(code) = layout.code_of(*id) {
@@ -731,7 +731,7 @@ fn every_example_ends_and_radar_prediction_restores_the_codes() {
     }
 }
 
-/// Padding to the longest of the batch must not change what a sequence costs.
+/// Padding to the longest sequence of the batch must not change the loss of a sequence.
 #[test]
 fn loss_of_a_batch_is_the_mean_over_its_tokens() {
     let clips = toy_clips(8, N_CODES, CODE_DIM);
@@ -759,7 +759,8 @@ fn loss_of_a_batch_is_the_mean_over_its_tokens() {
     assert!((together - sum / n).abs() < 1e-4, "{together} {}", sum / n);
 }
 
-/// Trained with the contrastive loss, clips and captions find each other; without it the loss is the tokens' alone.
+/// After training with the contrastive loss, clips and captions are matched. Without it, the loss is that of the tokens
+/// only.
 #[test]
 fn clips_find_their_captions() {
     let clips = toy_clips(8, N_CODES, CODE_DIM);
@@ -795,7 +796,7 @@ fn clips_find_their_captions() {
         (total - tokens - 0.5 * contrast).abs() < 1e-4,
         "{total} {tokens} {contrast}"
     );
-    // Chance is ln 8.
+    // The contrastive loss of random guessing is ln 8.
     assert!(contrast > 1.0, "{contrast}");
 
     let dir = scratch("contrast");
@@ -849,8 +850,8 @@ fn bad_clips_are_named() {
     assert!(refuse(&|c| c.variants[0].codes[0] = 16).contains("codebook"));
 }
 
-/// Processor time of this process, s: wall time would measure the neighbours on a shared machine.
-/// NaN where there is no `/proc`.
+/// Processor time of this process, s. Wall-clock time would include other processes on a shared machine.
+/// NaN if there is no `/proc`.
 fn cpu_seconds() -> f64 {
     let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
     let fields: Vec<&str> = text
@@ -865,11 +866,11 @@ fn cpu_seconds() -> f64 {
             .and_then(|f| f.parse().ok())
             .unwrap_or(f64::NAN)
     };
-    // utime and stime, in the kernel's fixed 1/100 s.
+    // utime and stime, in the kernel's fixed unit of 1/100 s.
     (ticks(11) + ticks(12)) / 100.0
 }
 
-/// Prints training and decoding speed of the small preset, by processor time; run with `--ignored --nocapture`.
+/// Prints the training and decoding speed of the small preset, in processor time; run with `--ignored --nocapture`.
 #[test]
 #[ignore = "a measurement, not a check"]
 fn speed_of_the_small_preset() {
@@ -936,8 +937,8 @@ fn vocab_of(lm: &RadarLm) -> Vocab {
     Vocab::from_parts(json.as_bytes(), lm.vocab.layout().clone()).unwrap()
 }
 
-/// Clips of `n_actions` kinds: noisy features around a mean of the kind, codes that follow the
-/// feature, two captions each. What a trained tokenizer gives, in miniature.
+/// Clips of `n_actions` kinds: noisy features around a mean of the kind, codes that follow the feature, two captions
+/// each. They imitate the output of a trained tokenizer on a small scale.
 fn noisy_clips(n: usize, seed: u64) -> Vec<LmClip> {
     const ACTIONS: [&str; 12] = [
         "walks forward",
@@ -968,7 +969,7 @@ fn noisy_clips(n: usize, seed: u64) -> Vec<LmClip> {
             let features: Vec<f32> = (0..len * dim)
                 .map(|k| means[kind * dim + k % dim] + 0.6 * (rng.random::<f32>() - 0.5))
                 .collect();
-            // Four codes a kind, a tenth of them wrong.
+            // Four codes per kind; a tenth of the codes are wrong.
             let codes = (0..len)
                 .map(|_| match rng.random_range(0..10) {
                     0 => rng.random_range(0..48),
@@ -994,7 +995,7 @@ fn noisy_clips(n: usize, seed: u64) -> Vec<LmClip> {
         .collect()
 }
 
-/// The default settings, unchanged, learn kinds that they were not shown; `--ignored`, a minute.
+/// Tests that the default settings, unchanged, generalise to validation clips; `--ignored`, takes a minute.
 #[test]
 #[ignore = "takes about a minute of one core"]
 fn default_settings_generalise_on_noisy_codes() {
@@ -1011,7 +1012,7 @@ fn default_settings_generalise_on_noisy_codes() {
         .filter(|(s, c)| c.captions.contains(s))
         .count();
     println!("{right} of {} unseen clips described exactly", val.len());
-    // Two captions are equally likely, so only the kind can be learned; a few may be too noisy.
+    // Two captions are equally likely, so only the kind can be learned. A few clips may be too noisy.
     assert!(right * 10 >= val.len() * 9, "{right} of {}", val.len());
     std::fs::remove_dir_all(dir).unwrap();
 }
