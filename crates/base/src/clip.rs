@@ -1,4 +1,4 @@
-//! A clip of radar points with everything that a consumer must know about it.
+//! A clip of radar points with the metadata that every consumer needs.
 
 use std::{convert::Infallible, fmt, str::FromStr};
 
@@ -7,13 +7,13 @@ use crate::{
     timeline::{Timeline, TimelineError},
 };
 
-/// Radial speeds below this count as static, m/s: less than one velocity bin of every built-in radar.
+/// Radial speeds below this value count as static, m/s. It is less than one velocity bin of every built-in radar.
 pub const STATIC_SPEED_MPS: f32 = 0.05;
 
-/// Radar frames with their frame rate, the radar and where they come from.
+/// Radar frames with their frame rate, radar and provenance.
 ///
-/// Models, trackers and pages take a clip, never bare frames: a frame sequence without its frame rate says nothing
-/// about speed, and a sentence without its provenance must not be shown to anybody.
+/// Models, trackers and pages take a clip, never bare frames. Without its frame rate, a frame sequence contains no
+/// information about speed. Without its provenance, a generated sentence must not be shown to any user.
 ///
 /// ```
 /// use radarllm_base::{Clip, PointFrame, Provenance};
@@ -30,13 +30,13 @@ pub const STATIC_SPEED_MPS: f32 = 0.05;
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clip {
-    /// Radar frames in order of time; frames without a detection are present and empty.
+    /// Radar frames in order of time. Frames without a detection are present and empty.
     pub frames: Vec<PointFrame>,
     /// Radar frames per second.
     pub frame_rate_hz: f64,
     /// Height of the radar above the floor, m.
     pub radar_height_m: f32,
-    /// Name of the radar, `unknown` where nothing says it.
+    /// Name of the radar; `unknown` if no source specifies it.
     pub radar: String,
     /// Where the points come from.
     pub provenance: Provenance,
@@ -53,12 +53,12 @@ impl Clip {
         self.frames.iter().map(|f| f.points.len()).sum()
     }
 
-    /// Mean number of points per frame; 0 without frames.
+    /// Mean number of points per frame; 0 if there are no frames.
     pub fn points_per_frame(&self) -> f64 {
         self.n_points() as f64 / self.frames.len().max(1) as f64
     }
 
-    /// The same points at another frame rate; see [`Timeline::resample`]. The strongest points of each frame come
+    /// Resamples the points to another frame rate; see [`Timeline::resample`]. The strongest points of each frame come
     /// first.
     ///
     /// # Errors
@@ -81,13 +81,13 @@ impl Clip {
         })
     }
 
-    /// Number of static points, slower than [`STATIC_SPEED_MPS`], if they are more than half of all points: then the
-    /// clip shows static clutter rather than a person.
+    /// Counts the static points, which are slower than [`STATIC_SPEED_MPS`]. Returns `Some` only if they are more than
+    /// half of all points: in that case, the clip shows static clutter rather than a person.
     pub fn static_clutter(&self) -> Option<StaticClutter> {
         StaticClutter::of(&self.frames)
     }
 
-    /// Removes static points where they are more than half of all points, and returns how many there were.
+    /// Removes the static points if they are more than half of all points, and returns their number.
     ///
     /// Models are trained on radars that remove static clutter from their samples. Firmware that does not remove it
     /// reports little else.
@@ -110,7 +110,7 @@ pub struct StaticClutter {
 }
 
 impl StaticClutter {
-    /// Counts static points; `None` if they are at most half of all points.
+    /// Counts static points. Returns `None` if they are no more than half of all points.
     pub fn of(frames: &[PointFrame]) -> Option<Self> {
         let points = || frames.iter().flat_map(|f| &f.points);
         let n_static = points()
@@ -131,10 +131,10 @@ impl fmt::Display for StaticClutter {
     }
 }
 
-/// Where points come from.
+/// Origin of the points.
 ///
-/// The text form is what points files store and what outputs print: `simulated:INPUT`, `recorded:FORMAT:PATH`, or
-/// `recorded:PATH` where the format is not known. Every text parses, and a parsed text prints as it was.
+/// The text form is stored in points files and printed in outputs: `simulated:INPUT`, `recorded:FORMAT:PATH`, or
+/// `recorded:PATH` if the format is not known. Every text can be parsed, and a parsed text prints unchanged.
 ///
 /// ```
 /// use radarllm_base::Provenance;
@@ -148,7 +148,7 @@ impl fmt::Display for StaticClutter {
 pub enum Provenance {
     /// The virtual radar computed the points.
     Simulated {
-        /// What was simulated: a motion file, a built-in motion or a scene.
+        /// Input of the simulation: a motion file, a built-in motion or a scene.
         input: String,
         /// Seed of the simulation, where known.
         seed: Option<u64>,
@@ -179,7 +179,7 @@ impl Provenance {
         }
     }
 
-    /// Whether the virtual radar made the points.
+    /// Whether the points were computed by the virtual radar.
     pub fn is_simulated(&self) -> bool {
         matches!(self, Self::Simulated { .. })
     }
@@ -225,8 +225,8 @@ impl fmt::Display for Provenance {
 impl FromStr for Provenance {
     type Err = Infallible;
 
-    /// Reads the text form. Anything that does not begin with `simulated:` is a recording: unknown points are never
-    /// taken for simulated ones, and the seed, which the text form lacks, is `None`.
+    /// Parses the text form. Text that does not begin with `simulated:` is a recording, so points of unknown origin are
+    /// never classified as simulated. The seed is `None` because the text form does not contain it.
     fn from_str(text: &str) -> Result<Self, Infallible> {
         if let Some(input) = text.strip_prefix("simulated:") {
             return Ok(Self::Simulated {
@@ -300,7 +300,7 @@ mod tests {
             assert_eq!(provenance.to_string(), text);
             assert_eq!(provenance.is_simulated(), text.starts_with("simulated:"));
         }
-        // Text that says nothing is a recording: simulated points are always labelled.
+        // Text without a known prefix is a recording: simulated points are always labelled.
         let Ok(unknown) = "somewhere".parse::<Provenance>();
         assert_eq!((unknown.kind(), unknown.input()), ("recorded", "somewhere"));
     }

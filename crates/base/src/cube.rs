@@ -4,14 +4,14 @@ use num_complex::Complex32;
 
 /// Complex IF samples of one frame, `[loop, tx, rx, sample]`, sample fastest.
 ///
-/// `tx` is the firing slot ([`crate::radar_config::TxMultiplexing`]). Simulated and captured cubes are the same type: nothing downstream
-/// can tell them apart. The unit is the square root of watts at the receiver input for simulated
-/// cubes, ADC counts for captures.
+/// `tx` is the firing slot ([`crate::radar_config::TxMultiplexing`]). Simulated and captured cubes have the same type,
+/// so that no later stage can distinguish them. The unit is the square root of watts at the receiver input for
+/// simulated cubes, and ADC counts for captures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RadarCube {
     /// Doppler loops.
     pub n_loops: usize,
-    /// Firing slots, as many as transmitters.
+    /// Number of firing slots, equal to the number of transmitters.
     pub n_tx: usize,
     /// Receivers.
     pub n_rx: usize,

@@ -1,4 +1,4 @@
-//! Frames of reference.
+//! Coordinate frames.
 //!
 //! | frame | axes | used by |
 //! |---|---|---|
@@ -10,13 +10,13 @@
 
 use glam::{Quat, Vec3};
 
-/// Root rotation of a person who stands upright in the T-pose facing -y in the world:
-/// rest y (up) goes to world z, rest z (forward) to world -y, rest x (left) to world x.
+/// Root rotation of a person who stands upright in the T-pose and faces -y in the world. It maps rest y (up) to
+/// world z, rest z (forward) to world -y, and rest x (left) to world x.
 pub fn world_from_rest_facing_radar() -> Quat {
     Quat::from_rotation_x(std::f32::consts::FRAC_PI_2)
 }
 
-/// Where a motion's world frame sits in front of a radar.
+/// Pose of a motion's world frame relative to a radar.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     /// World origin on the floor, in the radar's horizontal axes, m. (0, 3) is 3 m on boresight.

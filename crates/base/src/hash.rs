@@ -1,4 +1,4 @@
-//! FNV-1a, 64 bit: fingerprints that name folders and tell models apart. It protects nothing.
+//! 64-bit FNV-1a: fingerprints that name folders and distinguish models. The hash gives no cryptographic protection.
 //!
 //! ```
 //! use radarllm_base::hash::{Fnv1a, fnv_1a};
@@ -11,7 +11,7 @@
 //!
 //! Source: Fowler, Noll, Vo and Eastlake, "The FNV non-cryptographic hash algorithm".
 
-/// A hash that grows with what is written.
+/// Incremental hash state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fnv1a(u64);
 
@@ -22,25 +22,25 @@ impl Default for Fnv1a {
 }
 
 impl Fnv1a {
-    /// The hash of nothing.
+    /// The hash of empty input.
     pub const fn new() -> Self {
         Self(0xcbf2_9ce4_8422_2325)
     }
 
-    /// Adds bytes; where one call ends and the next begins does not count.
+    /// Adds bytes. The hash does not depend on how the input is divided into calls.
     pub fn write(&mut self, bytes: &[u8]) {
         for byte in bytes {
             self.0 = (self.0 ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3);
         }
     }
 
-    /// The hash of what was written so far.
+    /// The hash of all bytes written so far.
     pub const fn finish(self) -> u64 {
         self.0
     }
 }
 
-/// The hash of some bytes.
+/// The hash of a byte slice.
 pub fn fnv_1a(bytes: &[u8]) -> u64 {
     let mut hash = Fnv1a::new();
     hash.write(bytes);

@@ -1,9 +1,9 @@
-//! Constants, frames of reference and the plain types that meet between stages.
+//! Physical constants, coordinate frames and the plain types that the processing stages exchange.
 //!
-//! Nothing here opens a file or knows serde: Parquet columns, JSON and configuration files have structs of their own,
-//! so that each can change alone.
+//! This crate opens no files and does not use serde. The Parquet columns, the JSON files and the configuration files
+//! have structs of their own, so that each format can change independently.
 //!
-//! The figures of a radar follow from its chirp (CONVENTIONS.md, "Signal"):
+//! The performance figures of a radar follow from its chirp (CONVENTIONS.md, "Signal"):
 //!
 //! ```
 //! use radarllm_base::RadarConfig;
@@ -28,10 +28,11 @@
 //! assert!((left_in_world - Vec3::X).length() < 1e-6);
 //! ```
 //!
-//! Reading order: [`frames`] (axes), [`skeleton`] (the 22 joints, [`Motion`]), [`surface`] (what
-//! the simulator sees), [`materials`] (what that reflects), [`radar_config`] (what a radar is), [`cube`] (raw samples), [`points`]
-//! (what the tokenizer reads), [`clip`] (points with their frame rate, radar and provenance), [`timeline`] (recorded
-//! frames with times), [`seed`], [`random`] and [`hash`] (reproducible randomness, fingerprints).
+//! Reading order: [`frames`] (axes), [`skeleton`] (the 22 joints, [`Motion`]), [`surface`] (the simulator's view of the
+//! world), [`materials`] (reflectivity of materials), [`radar_config`] (description of a radar), [`cube`] (raw
+//! samples), [`points`] (input of the tokenizer), [`clip`] (points with their frame rate, radar and provenance),
+//! [`timeline`] (recorded frames with times), [`seed`], [`random`] and [`hash`] (reproducible random numbers,
+//! fingerprints).
 
 pub mod clip;
 pub mod cube;

@@ -1,13 +1,14 @@
-//! What walls, furniture and skin reflect, from published permittivities.
+//! Reflectivity of walls, furniture and skin, from published permittivities.
 //!
 //! Building materials: Recommendation ITU-R P.2040-2 (09/2021), Table 3: real part `a`, conductivity
 //! `c f^d` S/m with f in GHz, valid to 100 GHz. Skin: the four-term Cole-Cole model of Gabriel, Lau
 //! and Gabriel, *The dielectric properties of biological tissues: III*, Phys. Med. Biol. 41 (1996),
-//! dry skin, whose slow terms no longer count at millimetre waves. Cloth: 1.5 (1 - 0.02 j), as woven
-//! cotton and polyester measure at 2.45 GHz (after Sankaralingam and Gupta, IEEE Trans. Instrum. Meas. 59
-//! (2010), not checked against the paper); at millimetre waves we know only that eight garment fabrics lose less than 3 dB up to
-//! 300 GHz (Bjarnason et al., Appl. Phys. Lett. 85 (2004)), which a millimetre of this keeps. Thick
-//! slabs are assumed, where what comes back from the rear face is left out, unless a thickness is given.
+//! dry skin, whose slow relaxation terms are negligible at millimetre waves. Cloth: 1.5 (1 - 0.02 j), as measured for
+//! woven cotton and polyester at 2.45 GHz (after Sankaralingam and Gupta, IEEE Trans. Instrum. Meas. 59
+//! (2010), not checked against the paper). At millimetre waves it is only known that eight garment fabrics lose less
+//! than 3 dB up to 300 GHz (Bjarnason et al., Appl. Phys. Lett. 85 (2004)); one millimetre of this cloth satisfies that
+//! bound. Unless a thickness is given, slabs are assumed to be thick, and the reflection from the rear face is
+//! neglected.
 
 use num_complex::Complex64;
 
@@ -16,7 +17,7 @@ use crate::{Material, SPEED_OF_LIGHT_MPS};
 /// Vacuum permittivity, F/m (CODATA 2018).
 const VACUUM_PERMITTIVITY_F_PER_M: f64 = 8.854_187_812_8e-12;
 
-/// A substance with a name.
+/// A named material.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Substance {
     /// Perfect conductor.
@@ -36,7 +37,7 @@ pub enum Substance {
 }
 
 impl Substance {
-    /// All of them.
+    /// All substances.
     pub const ALL: [Self; 7] = [
         Self::Metal,
         Self::Skin,
@@ -60,7 +61,7 @@ impl Substance {
         }
     }
 
-    /// The substance of a name.
+    /// The substance with a given name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|s| s.name() == name)
     }
@@ -91,7 +92,7 @@ impl Substance {
         }
     }
 
-    /// |Gamma|^2 of a thick, smooth slab at normal incidence.
+    /// Power reflection coefficient |Gamma|^2 of a thick, smooth slab at normal incidence.
     pub fn power_reflection(self, frequency_hz: f64) -> f64 {
         self.permittivity(frequency_hz).map_or(1.0, |permittivity| {
             let n = permittivity.sqrt();
@@ -99,8 +100,8 @@ impl Substance {
         })
     }
 
-    /// How a surface of it scatters. Roughness and the rough term are this project's choices for
-    /// painted plaster, cast concrete, planed wood and bare skin: no published figure is known to us.
+    /// Scattering parameters of a surface of this substance. The roughness and the rough term are this project's
+    /// choices for painted plaster, cast concrete, planed wood and bare skin; no published values are known to us.
     pub fn material(self, frequency_hz: f64) -> Material {
         let (roughness_m, rough_albedo) = match self {
             Self::Metal | Self::Glass => (0.0, 0.0),
@@ -119,8 +120,8 @@ impl Substance {
         }
     }
 
-    /// Powers that a smooth slab in air reflects and lets through at normal incidence, reflections
-    /// between its faces included: the single-layer slab of ITU-R P.2040-2.
+    /// Power reflection and transmission of a smooth slab in air at normal incidence, including multiple reflections
+    /// between its faces: the single-layer slab of ITU-R P.2040-2.
     pub fn slab_powers(self, frequency_hz: f64, thickness_m: f64) -> [f64; 2] {
         let Some(permittivity) = self.permittivity(frequency_hz) else {
             return [1.0, 0.0];
@@ -135,7 +136,7 @@ impl Substance {
         [reflected.norm_sqr(), transmitted.norm_sqr()]
     }
 
-    /// A slab that waves also pass through, by [`Self::slab_powers`].
+    /// A slab that also transmits waves, by [`Self::slab_powers`].
     pub fn slab(self, frequency_hz: f64, thickness_m: f64) -> Material {
         let [reflected, transmitted] = self.slab_powers(frequency_hz, thickness_m);
         Material {
@@ -191,8 +192,8 @@ mod tests {
         assert!((found / expected - 1.0).abs() < 0.07, "{found} {expected}");
         // By hand: 0.503 S/m, n = 1.653 - 0.0356 j, exp(-1.435) and two faces of -0.27 dB: 6.8 dB.
         assert!((-10.0 * expected.log10() - 6.77).abs() < 0.02, "{expected}");
-        // Half a wavelength inside reflects next to nothing, a quarter the most a slab can:
-        // ((1 - n^2) / (1 + n^2))^2.
+        // A slab half a wavelength thick (inside the material) reflects almost nothing. A quarter-wavelength slab has
+        // the maximum reflection of a slab, ((1 - n^2) / (1 + n^2))^2.
         let half = 0.5 * wavelength_m / n.re;
         let [least, _] = Substance::Cloth.slab_powers(77e9, 0.5 * wavelength_m / 1.5_f64.sqrt());
         assert!(least < 1e-4, "{least}");
@@ -202,7 +203,7 @@ mod tests {
             "{most}"
         );
         assert!(plaster.slab_powers(77e9, half)[0] < 0.3 * r2);
-        // Nothing is gained, nothing passes metal or a metre of concrete, all passes a film.
+        // No slab amplifies; metal and a metre of concrete transmit nothing, and a thin film transmits everything.
         for substance in Substance::ALL {
             for d in [1e-6, 1e-4, 1.3e-3, 0.01, 0.2] {
                 let [r, t] = substance.slab_powers(77e9, d);
@@ -215,7 +216,7 @@ mod tests {
         assert_eq!(Substance::Metal.slab_powers(77e9, 1e-3), [1.0, 0.0]);
         assert!(Substance::Concrete.slab_powers(77e9, 1.0)[1] < 1e-20);
         assert!(Substance::Glass.slab_powers(77e9, 1e-7)[1] > 0.999);
-        // A millimetre of cloth keeps within the 3 dB that Bjarnason et al. found.
+        // A millimetre of cloth satisfies the 3 dB bound of Bjarnason et al.
         assert!(Substance::Cloth.slab_powers(77e9, 1e-3)[1] > 0.5);
     }
 

@@ -1,6 +1,6 @@
-//! Radar points: what the signal chain makes and the tokenizer reads.
+//! Radar points: the output of the signal chain and the input of the tokenizer.
 
-/// One detected point, radar frame.
+/// One detected point in the radar frame.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct RadarPoint {
     /// Right of the radar, m.
@@ -17,7 +17,7 @@ pub struct RadarPoint {
     pub intensity_db: f32,
 }
 
-/// All points of one radar frame; may be empty.
+/// All points of one radar frame. It may be empty.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct PointFrame {
     /// Frame number, from 0.
@@ -29,8 +29,8 @@ pub struct PointFrame {
 }
 
 impl PointFrame {
-    /// Puts the strongest point first, the order that every points file and model expects. Points of equal intensity
-    /// keep their order.
+    /// Sorts the points by decreasing intensity, the order that every points file and model expects. Points of equal
+    /// intensity keep their order.
     pub fn sort_by_intensity(&mut self) {
         self.points
             .sort_by(|a, b| b.intensity_db.total_cmp(&a.intensity_db));

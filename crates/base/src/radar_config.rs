@@ -1,4 +1,4 @@
-//! What a radar is: chirp timing, geometry, link budget.
+//! Radar description: chirp timing, geometry and link budget.
 
 use crate::SPEED_OF_LIGHT_MPS;
 
@@ -11,14 +11,14 @@ pub struct Antenna {
     pub z_m: f64,
 }
 
-/// How transmitters share the slots of a loop.
+/// How the transmitters share the slots of a loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum TxMultiplexing {
     /// Time division: transmitter i alone in slot i.
     #[default]
     Tdm,
-    /// Binary phase modulation of two transmitters: both in every slot, the second inverted in slot
-    /// 1 (2 x 2 Hadamard code). Every echo is heard twice a loop: 3 dB for each virtual channel.
+    /// Binary phase modulation of two transmitters: both transmit in every slot, the second inverted in slot
+    /// 1 (2 x 2 Hadamard code). Every echo is received twice per loop, a gain of 3 dB for each virtual channel.
     Bpm,
 }
 
@@ -26,7 +26,7 @@ pub enum TxMultiplexing {
 /// [`RadarConfig::validate`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct RadarConfig {
-    /// Name shown in reports.
+    /// Name of the radar in reports.
     pub name: String,
     /// Frequency at the ramp start, Hz.
     pub start_hz: f64,
@@ -48,7 +48,7 @@ pub struct RadarConfig {
     pub frame_period_s: f64,
     /// Transmitters, as many as slots in a loop; with [`TxMultiplexing::Tdm`] entry i fires in slot i.
     pub tx: Vec<Antenna>,
-    /// Which of them fire in which slot.
+    /// Which transmitters fire in which slot.
     pub firing: TxMultiplexing,
     /// Receivers.
     pub rx: Vec<Antenna>,
@@ -64,7 +64,7 @@ pub struct RadarConfig {
     pub noise_figure_db: f64,
 }
 
-/// Why a radar cannot exist.
+/// Why a radar configuration is impossible.
 #[derive(Debug, thiserror::Error, PartialEq)]
 #[error("radar `{radar}`: {field}: {problem}")]
 pub struct RadarConfigError {
@@ -72,7 +72,7 @@ pub struct RadarConfigError {
     pub radar: String,
     /// Offending field or group.
     pub field: &'static str,
-    /// What is wrong, with numbers.
+    /// Description of the problem, with numbers.
     pub problem: String,
 }
 
@@ -156,7 +156,7 @@ impl RadarConfig {
         SPEED_OF_LIGHT_MPS / (2.0 * self.sampled_bandwidth_hz())
     }
 
-    /// Range of the last bin's end, m.
+    /// End of the last range bin, m.
     pub fn max_range_m(&self) -> f64 {
         self.range_resolution_m() * self.n_samples as f64
     }
@@ -176,7 +176,7 @@ impl RadarConfig {
         1.0 / self.frame_period_s
     }
 
-    /// Checks that the radar can exist.
+    /// Checks that the radar is possible.
     ///
     /// # Errors
     /// The first of [`Self::problems`].
@@ -187,8 +187,8 @@ impl RadarConfig {
         }
     }
 
-    /// Every field that is not finite, not positive or too large; if there is none, every timing that
-    /// does not fit. Empty if the radar can exist.
+    /// Every field that is not finite, not positive or too large. If there is none: every timing that does not fit.
+    /// Empty if the radar is possible.
     pub fn problems(&self) -> Vec<RadarConfigError> {
         let mut problems = Vec::new();
         let error = |field, problem: String| RadarConfigError {
@@ -223,7 +223,8 @@ impl RadarConfig {
                 problems.push(error(field, "must be finite and not negative".into()));
             }
         }
-        // Far above any part on the market; keeps a hostile file from asking for terabytes.
+        // The limits are far above any part on the market; they keep a hostile file from requesting terabytes of
+        // memory.
         for (field, value, most) in [
             ("n_samples", self.n_samples, 8192),
             ("n_loops", self.n_loops, 4096),

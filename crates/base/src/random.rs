@@ -1,8 +1,8 @@
-//! Random streams that never change: SplitMix64 and normal numbers from uniform ones.
+//! Random streams with a fixed algorithm: SplitMix64, and normal numbers computed from uniform ones.
 //!
-//! Data sets, trainings and reported intervals record a seed and depend on the bits behind it, so the generator is ours
-//! and not that of a library whose next version may draw otherwise. It is good enough for simulations and resampling,
-//! and useless for secrets.
+//! Data sets, training runs and reported intervals record a seed and depend on the exact bits that it generates. The
+//! generator is therefore part of this project, because the next version of a library could draw different numbers. It
+//! is good enough for simulation and resampling, and not suitable for cryptography.
 //!
 //! ```
 //! use radarllm_base::random::{SplitMix64, nth};
@@ -18,7 +18,7 @@
 
 use std::f64::consts::TAU;
 
-/// What the state grows by with every number.
+/// Increment of the state per number.
 pub const INCREMENT: u64 = 0x9e37_79b9_7f4a_7c15;
 /// The two factors of [`mix`].
 pub const MIX_FACTORS: [u64; 2] = [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb];
@@ -31,7 +31,7 @@ pub const fn mix(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Moves a state on and returns its next 64 random bits.
+/// Advances a state and returns its next 64 random bits.
 #[inline]
 pub const fn step(state: &mut u64) -> u64 {
     *state = state.wrapping_add(INCREMENT);
@@ -122,7 +122,7 @@ impl SplitMix64 {
 mod tests {
     use super::*;
 
-    /// The first three values are those of the reference implementation (Vigna, splitmix64.c, seed 0); the others were
+    /// The first three values are those of the reference implementation (Vigna, splitmix64.c, seed 0). The others were
     /// taken from the crates that had a generator of their own.
     #[test]
     fn streams_never_change() {
@@ -160,7 +160,7 @@ mod tests {
         let n = draws.len() as f64;
         let mean = draws.iter().sum::<f64>() / n;
         let variance = draws.iter().map(|x| x * x).sum::<f64>() / n;
-        // Standard errors 0.007 and 0.01; five of them.
+        // Standard errors 0.007 and 0.01; the tolerance is five of them.
         assert!(
             mean.abs() < 0.035 && (variance - 1.0).abs() < 0.05,
             "{mean} {variance}"

@@ -1,11 +1,11 @@
-//! Reproducible randomness: one seed per named thing, whatever the thread count or order.
+//! Reproducible random numbers: one seed per name, independent of the number of threads and the order.
 
 use crate::{hash::Fnv1a, random::nth};
 
-/// Derives a seed for the thing called `name` from a parent seed.
+/// Derives a seed for the item called `name` from a parent seed.
 ///
-/// 64-bit FNV-1a over the parent's bytes and the name, finished with SplitMix64. Not
-/// cryptographic; stable for ever, because data sets record only the parent seed.
+/// 64-bit FNV-1a over the parent's bytes and the name, finished with SplitMix64. The derivation is not cryptographic.
+/// It must never change, because data sets record only the parent seed.
 pub fn derive_seed(parent: u64, name: &str) -> u64 {
     let mut hash = Fnv1a::new();
     hash.write(&parent.to_le_bytes());

@@ -11,7 +11,7 @@ macro_rules! joints {
         impl Joint {
             /// All joints, parents before children.
             pub const ALL: [Joint; N_JOINTS] = [$(Joint::$name),*];
-            /// SMPL-X's own name.
+            /// Name of the joint in SMPL-X.
             pub fn name(self) -> &'static str { match self { $(Joint::$name => $text),* } }
             /// Parent joint; `None` for the pelvis.
             pub fn parent(self) -> Option<Joint> { match self { $(Joint::$name => $parent),* } }
@@ -105,7 +105,7 @@ impl Motion {
         self.poses.len()
     }
 
-    /// True when there is no pose (loaders never return such a motion).
+    /// True if there is no pose. Loaders never return such a motion.
     pub fn is_empty(&self) -> bool {
         self.poses.is_empty()
     }

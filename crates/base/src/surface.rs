@@ -1,4 +1,4 @@
-//! What the simulator sees of the world: triangles that move.
+//! The simulator's view of the world: moving triangle meshes.
 
 use glam::Vec3;
 
@@ -11,13 +11,13 @@ pub struct Material {
     pub roughness_m: f32,
     /// Strength rho of the rough (incoherent, body-locked) term sigma = 4 rho A cos^2(theta).
     pub rough_albedo: f32,
-    /// Power that passes through the surface into what lies behind it, one way, in 0..=1; 0 is opaque.
-    /// Together with [`Self::power_reflection`] at most 1.
+    /// One-way power transmission coefficient of the surface, in 0..=1; 0 is opaque. The sum of this value and
+    /// [`Self::power_reflection`] must not exceed 1.
     pub power_transmission: f32,
 }
 
 impl Material {
-    /// Perfect smooth conductor: the closed forms of physical optics hold.
+    /// Perfect smooth conductor, for which the closed forms of physical optics hold.
     pub const PEC: Material = Material {
         power_reflection: 1.0,
         roughness_m: 0.0,
@@ -26,7 +26,7 @@ impl Material {
     };
 }
 
-/// A triangle surface that moves; the simulator never learns what it depicts.
+/// A moving triangle mesh. The simulator has no information about what it depicts.
 pub trait MovingSurface: Sync {
     /// Vertex indices, counter-clockwise seen from outside. Constant over time.
     fn triangles(&self) -> &[[u32; 3]];
@@ -34,8 +34,8 @@ pub trait MovingSurface: Sync {
     fn n_vertices(&self) -> usize;
     /// Writes vertex positions in the radar frame, m, at `time_s`; `out.len() == n_vertices()`.
     fn positions_at(&self, time_s: f64, out: &mut [Vec3]);
-    /// [`Self::positions_at`] for several times at once, `out[i]` at `times_s[i]`; surfaces that read
-    /// large tables for every pose override it to read them once. Results are the same.
+    /// [`Self::positions_at`] for several times at once, `out[i]` at `times_s[i]`. Surfaces that read large tables for
+    /// every pose override this method to read them once. The results are the same.
     fn positions_at_times(&self, times_s: &[f64], out: &mut [&mut [Vec3]]) {
         for (&time_s, out) in times_s.iter().zip(out) {
             self.positions_at(time_s, out);

@@ -1,9 +1,9 @@
-//! Recorded frames with times: from time stamps or frame numbers, resampled to another rate, accumulated over
-//! several frames.
+//! Recorded frames with times, from time stamps or frame numbers. Frames can be resampled to another rate and
+//! accumulated over several frames.
 
 use crate::{PointFrame, RadarPoint};
 
-/// One frame as a recorder stored it, before it has a time on the recording's clock.
+/// One frame as stored by a recorder, before it is assigned a time on the recording's clock.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordedFrame {
     /// The recorder's own frame number.
@@ -14,26 +14,26 @@ pub struct RecordedFrame {
     pub points: Vec<RadarPoint>,
 }
 
-/// Maximum number of frames in a timeline: five and a half hours at 10 frames/s.
+/// Maximum number of frames in a timeline: 5.5 hours at 10 frames/s.
 pub const MAX_FRAMES: u64 = 200_000;
 
-/// Why frames cannot be put on a clock.
+/// Why frames cannot be assigned times.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TimelineError {
-    /// Neither stamps nor a rate.
+    /// There are neither time stamps nor a frame rate.
     #[error("the recording has no clock: its frame rate must be named")]
     NoRate,
-    /// A rate that cannot be.
+    /// An impossible frame rate.
     #[error("a frame rate of {0} Hz: expected more than 0, at most 1000")]
     Rate(f64),
-    /// Time runs backwards.
+    /// The time stamps decrease.
     #[error("frame {frame}: time {time_s} s follows {before_s} s")]
     Backwards {
         /// Index of the frame.
         frame: usize,
         /// Its stamp, s.
         time_s: f64,
-        /// The stamp before, s.
+        /// The preceding time stamp, s.
         before_s: f64,
     },
     /// More frames than any recording has.
@@ -46,17 +46,17 @@ pub enum TimelineError {
 /// Frames with times.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Timeline {
-    /// Frames in order; numbers that the recording lost are absent.
+    /// Frames in order. Frames that the recording lost are absent.
     pub frames: Vec<PointFrame>,
     /// Frames per second.
     pub frame_rate_hz: f64,
-    /// Frame numbers that went back (a restarted device); the frames follow on.
+    /// Number of times that the frame number decreased (a restarted device). The later frames are appended.
     pub restarts: u64,
 }
 
-/// Frames per second by the steps between stamps, s: the median step's, which lost frames do not change, if half of the
-/// others are like it. Stamps that come in bursts (a serial port that is read now and then) have no such step: then the
-/// mean's, pauses left out.
+/// Estimates the frame rate from the steps between time stamps, s. If half of the other steps are similar to the median
+/// step, the rate is that of the median step, which lost frames do not change. Stamps that come in bursts (a serial
+/// port that is read intermittently) have no such step; the rate is then that of the mean step without pauses.
 fn rate_of_steps(mut steps: Vec<f64>) -> f64 {
     steps.sort_by(f64::total_cmp);
     let at = |share: f64| steps[(share * (steps.len() - 1) as f64) as usize];
@@ -77,7 +77,7 @@ fn check_frame_rate(frame_rate_hz: f64) -> Result<(), TimelineError> {
 }
 
 impl Timeline {
-    /// Frames that have their times already, `frame_rate_hz` of them per second.
+    /// A timeline of frames that already have their times, at `frame_rate_hz` frames per second.
     pub fn from_frames(frames: Vec<PointFrame>, frame_rate_hz: f64) -> Self {
         Self {
             frames,
@@ -88,11 +88,11 @@ impl Timeline {
 
     /// Puts recorded frames on a clock that starts at 0.
     ///
-    /// With `frame_rate_hz`, frame n is at n periods, by the recorder's numbers. Without it the stamps are the
-    /// times, and the rate is the inverse of their median step.
+    /// With `frame_rate_hz`, the recorder's frame number n is at the time of n periods. Without it, the time stamps are
+    /// the times, and the rate is the inverse of their median step.
     ///
     /// # Errors
-    /// [`TimelineError`]: no clock, or one that runs backwards or too long.
+    /// [`TimelineError`]: no clock, a clock that runs backwards, or a recording that is too long.
     pub fn new(
         frames: Vec<RecordedFrame>,
         frame_rate_hz: Option<f64>,
@@ -176,9 +176,9 @@ impl Timeline {
         })
     }
 
-    /// The same points in frames of another rate: every frame goes to the nearest of the new ones, new frames without
-    /// any stay empty, and nothing is repeated. With `motion_compensate`, points move along their radial velocity to the time of
-    /// their new frame.
+    /// Resamples the points to another frame rate. Every frame is assigned to the nearest new frame, new frames without
+    /// any remain empty, and no points are repeated. With `motion_compensate`, points move along their radial velocity
+    /// to the time of their new frame.
     ///
     /// # Errors
     /// [`TimelineError`] for an impossible rate or too many frames.
@@ -219,10 +219,10 @@ impl Timeline {
         })
     }
 
-    /// Every frame with the points of the `n - 1` frame periods before it: for devices that report few points. With
+    /// Adds to every frame the points of the `n - 1` frame periods before it, for devices that report few points. With
     /// `motion_compensate`, points move along their radial velocity to the time of the frame they join.
     pub fn accumulate(&self, n: usize, motion_compensate: bool) -> Self {
-        // Half a period of slack, so that stamps that jitter do not fall out of the window.
+        // Half a period of tolerance, so that frames with jittering stamps do not fall out of the window.
         let window_s = (n.max(1) as f64 - 0.5) / self.frame_rate_hz;
         let mut frames = Vec::with_capacity(self.frames.len());
         let mut first = 0;
@@ -266,7 +266,7 @@ fn extend(
     }
 }
 
-/// Where a point is `ahead_s` later if it keeps its radial velocity and moves along the line of sight. A point never
+/// Position of a point after `ahead_s` if it keeps its radial velocity and moves along the line of sight. A point never
 /// passes through the radar.
 pub fn moved(point: &RadarPoint, ahead_s: f64) -> RadarPoint {
     let range_m = f64::from(point.range_m);
@@ -350,7 +350,7 @@ mod tests {
         assert!(Timeline::new(nan, None).is_err());
     }
 
-    /// 30 to 10 frames/s and back: every point once, gaps empty, nothing repeated.
+    /// 30 to 10 frames/s and back: every point occurs once, gaps are empty, nothing is repeated.
     #[test]
     fn resampling_keeps_every_point_once() {
         let mut frames: Vec<_> = (0..30)
@@ -364,7 +364,7 @@ mod tests {
             assert_eq!(sum, 24, "{frame_rate_hz}");
             for (k, f) in other.frames.iter().enumerate() {
                 assert_eq!(f.frame as usize, k);
-                // All recede at 1 m/s from 2 m: moved points lie where the target is at the frame's time.
+                // All points recede at 1 m/s from 2 m: moved points are where the target is at the frame's time.
                 for p in &f.points {
                     let target_m = 2.0 + f.time_s as f32;
                     assert!((p.y_m - target_m).abs() < 1e-5, "{} at {}", p.y_m, f.time_s);

@@ -1,4 +1,4 @@
-//! [`radarllm_files::atomic`] with this crate's errors.
+//! Wraps [`radarllm_files::atomic`] with this crate's errors.
 
 use std::fs::File;
 use std::path::Path;
@@ -7,7 +7,7 @@ use radarllm_files::atomic::{self, Existing, WriteError};
 
 use crate::{DatasetError, Overwrite};
 
-/// Writes `path` through `write`: whole or not at all.
+/// Writes `path` through `write`, atomically.
 pub(crate) fn write_atomic(
     path: &Path,
     overwrite: Overwrite,
@@ -28,7 +28,7 @@ pub(crate) fn write_atomic(
     })
 }
 
-/// Makes renames and removals in `dir` survive a power cut.
+/// Makes renames and removals in `dir` durable across a power failure.
 pub(crate) fn sync_dir(dir: &Path) -> Result<(), DatasetError> {
     atomic::sync_folder(dir).map_err(DatasetError::io(dir, "sync"))
 }

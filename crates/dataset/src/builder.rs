@@ -1,9 +1,9 @@
-//! Builds a data set, resumably and independently of the thread count.
+//! Builds a data set resumably and independently of the number of threads.
 //!
 //! Items are assigned to shards by their order in the plan, split by split. A shard appears under
-//! its name only when it is whole (temporary file, fsync, rename), then its sidecar in `.shards/`
-//! records its hash. A killed build therefore leaves complete shards only; a rerun of the same
-//! plan keeps those whose bytes still match their sidecar and makes the rest. The manifest comes
+//! its name only when it is complete (temporary file, fsync, rename); then its sidecar in `.shards/`
+//! records its hash. A killed build therefore leaves only complete shards. A second run of the same
+//! plan keeps those whose bytes still match their sidecar and builds the others. The manifest is written
 //! last.
 
 use std::collections::{HashMap, HashSet};
@@ -22,7 +22,7 @@ use crate::{
     check_record, guard, shard,
 };
 
-/// Directory of what a build needs to resume.
+/// Directory of the state that a build needs to resume.
 const STATE_DIR: &str = ".shards";
 /// Directory of shards.
 const DATA_DIR: &str = "data";
@@ -33,13 +33,13 @@ const MAX_SIDECAR_BYTES: u64 = 64 << 20;
 pub struct ItemId {
     /// Clip id; unique in the plan.
     pub id: String,
-    /// Group that must stay in one split.
+    /// Group whose items must be in the same split.
     pub group: String,
     /// Split of the group.
     pub split: Split,
 }
 
-/// What to build. Together with the function that makes clips it decides every byte.
+/// What to build. Together with the function that makes clips, it determines every byte.
 #[derive(Clone, Debug)]
 pub struct BuildPlan {
     /// Name of the data set.
@@ -56,20 +56,20 @@ pub struct BuildPlan {
     pub config_toml: String,
     /// Licences by source.
     pub licences: Vec<SourceLicence>,
-    /// Clips of one shard at most, 1..=100,000. Memory holds about one shard per thread.
+    /// Maximum number of clips per shard, 1..=100,000. Memory contains about one shard per thread.
     pub shard_size: usize,
     /// Clips, in order.
     pub items: Vec<ItemId>,
 }
 
-/// How to build. Nothing here changes the result.
+/// How to build. These options do not change the result.
 #[derive(Clone, Copy, Debug)]
 pub struct BuildOptions {
     /// Worker threads, at least 1.
     pub threads: usize,
     /// [`Overwrite::Replace`] discards another data set in the directory.
     pub overwrite: Overwrite,
-    /// Also remakes finished shards that have failed items (for failures with an outer cause).
+    /// Also rebuilds finished shards that have failed items (for failures with an external cause).
     pub retry_failed: bool,
 }
 
@@ -78,7 +78,7 @@ pub struct BuildOptions {
 pub struct Progress {
     /// Items of the plan.
     pub n_items: usize,
-    /// Items done, including those of kept shards and failures.
+    /// Number of finished items, including those of kept shards and failures.
     pub n_done: usize,
     /// Items that failed, including those of kept shards.
     pub n_failed: usize,
@@ -88,26 +88,26 @@ pub struct Progress {
     pub n_shards_done: usize,
 }
 
-/// What a finished build did.
+/// Summary of a finished build.
 #[derive(Clone, Debug)]
 pub struct BuildReport {
-    /// As written to the directory.
+    /// The manifest that was written to the directory.
     pub manifest: Manifest,
-    /// Shards found whole and kept.
+    /// Number of intact shards that were kept.
     pub n_kept_shards: usize,
-    /// Shards made now.
+    /// Number of shards that were built in this run.
     pub n_made_shards: usize,
 }
 
 /// Builds the data set `plan` in `dir`, calling `make` for every item that is not there yet.
 ///
-/// `make` must depend on the item and the plan only; it runs on several threads. Its errors, its
-/// panics and records that [`check_record`] refuses become [`FailedItem`]s in the manifest.
+/// The result of `make` must depend only on the item and the plan; it runs on several threads. Its errors, its
+/// panics and records that [`check_record`] rejects become [`FailedItem`]s in the manifest.
 /// `progress` is called from worker threads after every item and shard.
 ///
 /// # Errors
-/// A plan with duplicated ids or a group in two splits; a directory with another data set (unless
-/// [`Overwrite::Replace`]) or with anything else; another build running there; the file system.
+/// A plan with duplicate ids or a group in two splits; a directory that contains another data set (unless
+/// [`Overwrite::Replace`]) or anything else; another build running in the directory; a file system error.
 pub fn build<E: std::fmt::Display>(
     dir: &Path,
     plan: &BuildPlan,
@@ -218,7 +218,7 @@ fn check_plan(plan: &BuildPlan) -> Result<(), DatasetError> {
     Ok(())
 }
 
-/// Hash of everything that decides the content, so that a directory never mixes two builds.
+/// Hash of everything that determines the content, so that a directory never mixes two builds.
 fn plan_hash(plan: &BuildPlan) -> Result<String, DatasetError> {
     #[derive(Serialize)]
     struct Identity<'a> {
@@ -273,7 +273,7 @@ fn assign(plan: &BuildPlan) -> Vec<Shard<'_>> {
     shards
 }
 
-/// Makes the directories, takes the lock, refuses foreign content, removes leftovers.
+/// Creates the directories, acquires the lock, rejects foreign content and removes leftovers.
 fn prepare_dir(
     dir: &Path,
     name: &str,
@@ -293,7 +293,7 @@ fn prepare_dir(
         fs::create_dir_all(d).map_err(DatasetError::io(d, "create"))?;
     }
     let lock_path = state_dir.join("lock");
-    // The lock dies with the process, so a killed build does not block its successor.
+    // The operating system releases the lock when the process ends, so a killed build does not block the next one.
     let lock = File::create(&lock_path).map_err(DatasetError::io(&lock_path, "create"))?;
     match lock.try_lock() {
         Ok(()) => {}
@@ -333,7 +333,7 @@ fn prepare_dir(
     Ok(lock)
 }
 
-/// Removes what earlier builds wrote, and nothing else.
+/// Removes the files that earlier builds wrote, and nothing else.
 fn remove_content(dir: &Path) -> Result<(), DatasetError> {
     // The manifest first: without it the directory no longer claims to be complete.
     for file in [dir.join(MANIFEST_NAME), dir.join("README.md")] {
@@ -348,7 +348,7 @@ fn remove_content(dir: &Path) -> Result<(), DatasetError> {
     })
 }
 
-/// Removes temporary files of killed builds. Safe under the lock.
+/// Removes temporary files of killed builds. This is safe while the lock is held.
 fn remove_leftovers(dir: &Path) -> Result<(), DatasetError> {
     for d in [dir.to_path_buf(), dir.join(STATE_DIR), dir.join(DATA_DIR)] {
         remove_matching(&d, radarllm_files::atomic::is_leftover)?;
@@ -394,7 +394,7 @@ fn sidecar_path(dir: &Path, stem: &str) -> PathBuf {
     dir.join(STATE_DIR).join(format!("{stem}.json"))
 }
 
-/// The entry of a shard that is on disk, whole and of this plan.
+/// The entry of a shard that is on disk, complete and part of this plan.
 fn kept_entry(
     dir: &Path,
     shard: &Shard<'_>,
@@ -405,7 +405,7 @@ fn kept_entry(
     if !sidecar_path.is_file() {
         return Ok(None);
     }
-    // A damaged sidecar or shard is remade: it can only stem from this plan or be worthless.
+    // A damaged sidecar or shard is rebuilt: it is either part of this plan or worthless.
     let Ok(sidecar) = read_json::<Sidecar>(&sidecar_path, MAX_SIDECAR_BYTES) else {
         return Ok(None);
     };
@@ -490,7 +490,8 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// One worker: takes items until none is left; who finishes a shard's last item writes it.
+    /// One worker thread. It takes items until none remains. The worker that finishes a shard's last item writes the
+    /// shard.
     fn run<E: std::fmt::Display>(
         &self,
         make: &(impl Fn(&ItemId) -> Result<ClipRecord, E> + Sync),
@@ -511,7 +512,7 @@ impl<'a> Work<'a> {
                 slots[item_idx] = Some(result);
             }
             self.n_done.fetch_add(1, Ordering::Relaxed);
-            // Release/acquire: the last one sees everybody's slots.
+            // Release/acquire ordering: the last worker sees the slots of all others.
             if self.remaining[shard_idx].fetch_sub(1, Ordering::AcqRel) == 1 {
                 let slots = std::mem::take(&mut *lock(&self.slots[shard_idx]));
                 match self.write(&self.shards[shard_idx], slots) {
@@ -597,15 +598,15 @@ impl<'a> Work<'a> {
     }
 }
 
-/// Nothing panics while a lock is held, save running out of memory.
+/// Locks a mutex. No code panics while a lock is held, except when memory is exhausted.
 fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex
         .lock()
         .unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
-/// Calls `make` and checks what it returns. One bad motion must not end a build of hours, so even
-/// its panic is caught, recorded and counted.
+/// Calls `make` and checks the result. One bad motion must not end a build of hours, so a
+/// panic is caught, recorded and counted as well.
 fn make_item<E: std::fmt::Display>(
     item: &ItemId,
     make: &impl Fn(&ItemId) -> Result<ClipRecord, E>,

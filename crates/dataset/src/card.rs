@@ -71,7 +71,7 @@ pub(crate) fn dataset_card(manifest: &Manifest) -> String {
     text
 }
 
-/// Keeps names from breaking out of their line.
+/// Replaces characters by which a name could span several lines.
 fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }

@@ -1,17 +1,17 @@
-//! What every stored clip satisfies.
+//! The conditions that every stored clip satisfies.
 
 use crate::{ClipRecord, DatasetError, MOTION_FEATURE_DIM};
 
-/// Longest id, name or label, bytes.
+/// Maximum length of an id, name or label, bytes.
 const MAX_NAME_BYTES: usize = 512;
-/// Longest caption, bytes.
+/// Maximum length of a caption, bytes.
 const MAX_CAPTION_BYTES: usize = 8192;
 
 /// Checks one clip: names present and printable, at least one caption and none empty, frames in
 /// strictly increasing order, every number finite, motion features in whole vectors.
 ///
 /// # Errors
-/// [`DatasetError::Record`] with the first thing that is wrong.
+/// [`DatasetError::Record`] with the first violation.
 pub fn check_record(record: &ClipRecord) -> Result<(), DatasetError> {
     match find_problem(record) {
         None => Ok(()),

@@ -1,4 +1,4 @@
-//! Reading a data set directory.
+//! Reads a data set directory.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +6,7 @@ use crate::manifest::ShardEntry;
 use crate::shard::ShardReader;
 use crate::{ClipRecord, Columns, DatasetError, Manifest, Split, check_record};
 
-/// An opened data set: its manifest is read and checked, its shards are not touched yet.
+/// An opened data set. Its manifest has been read and checked; its shards have not been read yet.
 #[derive(Clone, Debug)]
 pub struct Dataset {
     dir: PathBuf,
@@ -17,7 +17,7 @@ impl Dataset {
     /// Opens a finished data set.
     ///
     /// # Errors
-    /// No manifest (not a data set, or a build that has not finished) or one that does not fit.
+    /// No manifest (not a data set, or a build that has not finished), or an invalid one.
     pub fn open(dir: &Path) -> Result<Self, DatasetError> {
         let manifest = Manifest::read(dir)?;
         Ok(Self {
@@ -31,7 +31,7 @@ impl Dataset {
         &self.dir
     }
 
-    /// What the directory says it holds.
+    /// The manifest of the directory.
     pub fn manifest(&self) -> &Manifest {
         &self.manifest
     }
@@ -57,7 +57,7 @@ impl Dataset {
         self.iter_split(split, Columns::All).collect()
     }
 
-    /// Clips of a split one after the other, holding one row group at a time.
+    /// Iterates over the clips of a split, with one row group in memory at a time.
     pub fn iter_split(&self, split: Split, columns: Columns) -> ClipIter {
         let mut shards: Vec<(PathBuf, u64)> = self
             .shards(split)
@@ -74,11 +74,11 @@ impl Dataset {
     }
 }
 
-/// Streams the clips of a split. Every clip satisfies [`check_record`]; after an error it ends.
+/// Streams the clips of a split. Every clip satisfies [`check_record`]. The iterator ends after an error.
 pub struct ClipIter {
     split: Split,
     columns: Columns,
-    /// Shards to come with their rows, last first.
+    /// Remaining shards with their number of rows, last first.
     shards: Vec<(PathBuf, u64)>,
     open: Option<ShardReader>,
     failed: bool,

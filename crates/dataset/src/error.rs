@@ -1,4 +1,4 @@
-//! What can go wrong with files, and where.
+//! Errors of file operations, with their positions.
 
 use std::path::PathBuf;
 
@@ -6,7 +6,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DatasetError {
-    /// The operating system refused.
+    /// The operating system reported an error.
     #[error("{path}: cannot {operation}: {source}", path = path.display())]
     Io {
         /// File or directory.
@@ -16,18 +16,18 @@ pub enum DatasetError {
         /// Cause.
         source: std::io::Error,
     },
-    /// The output exists and replacing it was not asked for.
+    /// The output exists and its replacement was not requested.
     #[error("{path}: already exists; hint: --force replaces it", path = path.display())]
     Exists {
         /// Existing output.
         path: PathBuf,
     },
-    /// The bytes are not what their format promises.
+    /// The bytes do not conform to their format.
     #[error("{path}: damaged or not the expected format: {problem}", path = path.display())]
     Corrupt {
         /// File.
         path: PathBuf,
-        /// What the decoder found, with the offset where it is known.
+        /// The decoder's message, with the offset where it is known.
         problem: String,
     },
     /// A column is absent or of the wrong type.
@@ -37,7 +37,7 @@ pub enum DatasetError {
         path: PathBuf,
         /// Column name.
         column: String,
-        /// Type asked for.
+        /// Requested type.
         expected: String,
         /// Type in the file, or `nothing`.
         found: String,
@@ -54,19 +54,19 @@ pub enum DatasetError {
         /// What is wrong.
         problem: String,
     },
-    /// A file asks for more than this reader is willing to hold.
+    /// A file exceeds a limit of this reader.
     #[error("{path}: {what} is {found}, more than the limit of {most}", path = path.display())]
     Limit {
         /// File.
         path: PathBuf,
-        /// Quantity.
+        /// The limited quantity.
         what: String,
-        /// In the file.
+        /// Value in the file.
         found: u64,
-        /// Allowed.
+        /// Maximum value.
         most: u64,
     },
-    /// A metadata entry or manifest field does not make sense.
+    /// A metadata entry or manifest field is invalid.
     #[error("{path}: `{field}`: {problem}", path = path.display())]
     Metadata {
         /// File.
@@ -84,7 +84,7 @@ pub enum DatasetError {
         /// What is wrong.
         problem: String,
     },
-    /// A build plan contradicts itself.
+    /// A build plan is inconsistent.
     #[error("build plan: {problem}")]
     Plan {
         /// What is wrong.
@@ -95,10 +95,10 @@ pub enum DatasetError {
     Foreign {
         /// Directory.
         dir: PathBuf,
-        /// What is in it.
+        /// The content of the directory.
         problem: String,
     },
-    /// The directory is in use for something that is not a data set.
+    /// The directory contains something that is not a data set.
     #[error("{dir}: not empty and not a data set; hint: choose another directory", dir = dir.display())]
     NotADataset {
         /// Directory.
@@ -126,7 +126,7 @@ impl DatasetError {
         }
     }
 
-    /// Shorthand for a decoder's complaint.
+    /// Shorthand for an error message of a decoder.
     pub(crate) fn corrupt(path: &std::path::Path, problem: impl ToString) -> Self {
         Self::Corrupt {
             path: path.to_path_buf(),

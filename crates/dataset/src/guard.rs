@@ -1,8 +1,8 @@
-//! Opens Parquet files that may lie.
+//! Opens untrusted Parquet files safely.
 //!
-//! The Parquet decoder allocates by sizes it finds in page headers and may panic on inconsistent
-//! files. Before it sees any page, everything that sizes an allocation is checked here: footer
-//! length, chunk positions, every page header (parsed with a reader of our own), codecs. The
+//! The Parquet decoder allocates memory by sizes that it reads from page headers, and may panic on inconsistent
+//! files. Before it reads any page, this module checks everything that determines an allocation: footer
+//! length, chunk positions, every page header (parsed with a reader of our own) and codecs. The
 //! decoder then runs under `catch_unwind`.
 
 use std::fs::File;
@@ -19,29 +19,29 @@ use parquet::file::metadata::ColumnChunkMetaData;
 
 use crate::DatasetError;
 
-/// What a reader is willing to hold.
+/// Limits of a reader.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Limits {
-    /// Whole file, bytes.
+    /// Size of the whole file, bytes.
     pub file_bytes: u64,
-    /// Rows of the file.
+    /// Number of rows of the file.
     pub rows: u64,
     /// Leaf values of one column chunk, including nulls.
     pub chunk_values: u64,
 }
 
-/// Serialised footer, bytes. A shard of 10,000 clips needs well under 1 MiB.
+/// Maximum size of the serialised footer, bytes. A shard of 10,000 clips needs well under 1 MiB.
 const MAX_FOOTER_BYTES: u64 = 16 << 20;
-/// One page before compression, bytes. Writers aim at 1 MiB; rows are never split.
+/// Maximum size of one page before compression, bytes. Writers aim at 1 MiB; rows are never split.
 const MAX_PAGE_BYTES: u64 = 256 << 20;
-/// One page header, bytes: dozens, plus statistics that writers cut to 64 bytes each.
+/// Maximum size of one page header, bytes: dozens, plus statistics that writers truncate to 64 bytes each.
 const MAX_PAGE_HEADER_BYTES: u64 = 1 << 20;
-/// Text that one column chunk can expand to through its dictionary, bytes.
+/// Maximum size of the text that one column chunk can expand to through its dictionary, bytes.
 const MAX_DICTIONARY_EXPANSION_BYTES: u64 = 1 << 30;
 
-/// Opens `path` and checks every size in it. With `schema`, the file's columns must match it;
-/// without, Arrow types follow from the Parquet types alone (a stored Arrow schema is ignored:
-/// one parser fewer for hostile bytes).
+/// Opens `path` and checks every size in it. With `schema`, the file's columns must match it.
+/// Without it, Arrow types follow from the Parquet types alone. A stored Arrow schema is ignored, which leaves
+/// one parser fewer for hostile bytes.
 pub(crate) fn open(
     path: &Path,
     limits: Limits,
@@ -80,12 +80,12 @@ pub(crate) fn open(
     ))
 }
 
-/// Runs a decoder step; a panic inside becomes [`DatasetError::Corrupt`].
+/// Runs a decoder step. A panic in it becomes [`DatasetError::Corrupt`].
 pub(crate) fn isolated<T>(
     path: &Path,
     step: impl FnOnce() -> Result<T, DatasetError>,
 ) -> Result<T, DatasetError> {
-    // Nothing that outlives the closure can be left half-changed: on a panic the reader is dropped.
+    // No data that outlives the closure can be left inconsistent: on a panic, the reader is dropped.
     catch_unwind(AssertUnwindSafe(step)).unwrap_or_else(|panic| {
         let what = panic_message(&*panic);
         Err(DatasetError::corrupt(
@@ -220,13 +220,13 @@ fn check_chunk(
     Ok(())
 }
 
-/// The fields of a Parquet `PageHeader` that size allocations.
+/// The fields of a Parquet `PageHeader` that determine allocations.
 #[derive(Default)]
 struct PageHeader {
     uncompressed_bytes: u64,
     n_values: u64,
     is_dictionary: bool,
-    /// Offset after the page's data.
+    /// End offset of the page's data.
     end: u64,
 }
 
@@ -352,12 +352,12 @@ impl<R: Read> Compact<R> {
                 };
                 let element = head & 0x0f;
                 for _ in 0..n {
-                    // In lists a boolean takes a byte, in structs it lives in the field header.
+                    // In lists, a boolean takes a byte; in structs, it is part of the field header.
                     if matches!(element, 1 | 2) {
                         self.byte()?;
                     } else {
-                        // Every element costs at least one byte of the budget, save empty kinds,
-                        // which do not exist: the loop ends with the budget.
+                        // Every element costs at least one byte of the budget, except empty kinds,
+                        // which do not exist. The loop therefore ends with the budget.
                         self.skip(element, depth + 1)?;
                     }
                 }

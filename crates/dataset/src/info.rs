@@ -1,4 +1,4 @@
-//! What a data set holds, in numbers.
+//! Statistics of a data set.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -26,11 +26,11 @@ pub struct Info {
     pub n_shards: usize,
     /// Size of all shards, bytes.
     pub bytes: u64,
-    /// Items that could not be made.
+    /// Items that could not be generated.
     pub failed: u64,
-    /// Everything together.
+    /// Counts of the whole data set.
     pub total: Counts,
-    /// By split name.
+    /// Counts by split name.
     pub splits: BTreeMap<String, Counts>,
     /// Clips by action label.
     pub actions: BTreeMap<String, u64>,
@@ -53,20 +53,20 @@ pub struct Counts {
     pub frames: u64,
     /// Radar points.
     pub points: u64,
-    /// Mean points of a frame; 0 without frames.
+    /// Mean number of points per frame; 0 if there are no frames.
     pub points_per_frame: f64,
-    /// Captions, counting repeats.
+    /// Captions, including repetitions.
     pub captions: u64,
     /// Distinct captions.
     pub distinct_captions: u64,
-    /// Mean whitespace-separated words of a caption; 0 without captions.
+    /// Mean number of whitespace-separated words per caption; 0 if there are no captions.
     pub words_per_caption: f64,
     /// Distinct lower-cased words.
     pub vocabulary: u64,
 }
 
 impl Dataset {
-    /// Counts everything. Reads ids, captions and counts of all shards, but no points.
+    /// Computes all statistics. Reads ids, captions and counts of all shards, but no points.
     ///
     /// # Errors
     /// Unreadable shards.

@@ -1,8 +1,8 @@
 //! Radar-text data sets on disk: Parquet schema, shards, manifest, validation.
 //!
-//! Enters: [`ClipRecord`]s (from simulation or recordings) and point clouds. Leaves: the same,
-//! from files whose hashes, shapes and values were checked. This crate is the only one that knows
-//! the columns; it does not know how a clip is made or what is trained on it.
+//! Inputs are [`ClipRecord`]s (from simulation or recordings) and point clouds. Outputs are the same types, read
+//! from files whose hashes, shapes and values were checked. This crate is the only one that defines
+//! the columns. It does not depend on how a clip is made or what is trained on it.
 //!
 //! ```
 //! use radarllm_base::{PointFrame, RadarPoint};
@@ -23,7 +23,7 @@
 //! let frames = [PointFrame { frame: 0, time_s: 0.0, points: vec![point] }];
 //! write_points(&path, &meta, &frames, Overwrite::Refuse)?;
 //! assert_eq!(read_points(&path)?.frames, frames);
-//! // A file that is there is only replaced when asked for.
+//! An existing file is only replaced on request.
 //! assert!(write_points(&path, &meta, &frames, Overwrite::Refuse).is_err());
 //! # Ok(())
 //! # }

@@ -1,4 +1,4 @@
-//! `manifest.json`: what a data set directory holds.
+//! `manifest.json`: the contents of a data set directory.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -11,24 +11,24 @@ use crate::{DatasetError, Split};
 pub const SCHEMA_VERSION: u32 = 1;
 /// File name in the data set directory.
 pub const MANIFEST_NAME: &str = "manifest.json";
-/// A million clips need about 50 MB.
+/// Maximum size of a manifest, bytes. A million clips need about 50 MB.
 const MAX_MANIFEST_BYTES: u64 = 512 << 20;
 
-/// Licence of one source of motions, carried along with everything made from it.
+/// Licence of one source of motions, which accompanies everything made from it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SourceLicence {
-    /// As in [`crate::ClipRecord::source`].
+    /// Source name, as in [`crate::ClipRecord::source`].
     pub source: String,
     /// SPDX expression or name.
     pub licence: String,
-    /// Whom to credit, where the source lives, what was changed.
+    /// Attribution, location of the source, and changes.
     pub attribution: String,
 }
 
-/// An item that could not be made.
+/// An item that could not be generated.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FailedItem {
-    /// Clip id asked for.
+    /// Id of the requested clip.
     pub id: String,
     /// Why it is not in the data set.
     pub reason: String,
@@ -68,7 +68,7 @@ pub struct Manifest {
     pub frame_rate_hz: f64,
     /// Seed from which every clip's seed is derived.
     pub seed: u64,
-    /// BLAKE3 of everything that decides the content: configuration, seed, radar, items.
+    /// BLAKE3 of everything that determines the content: configuration, seed, radar, items.
     pub config_blake3: String,
     /// Configuration the data set was built from, verbatim.
     pub config_toml: String,
@@ -86,8 +86,8 @@ impl Manifest {
     /// Reads and checks the manifest of a data set directory.
     ///
     /// # Errors
-    /// Absent or unreadable file, JSON that does not fit, another schema version, shard paths
-    /// that leave the directory.
+    /// Absent or unreadable file, invalid JSON, another schema version, shard paths
+    /// outside the directory.
     pub fn read(dir: &Path) -> Result<Self, DatasetError> {
         let path = dir.join(MANIFEST_NAME);
         let manifest: Manifest = read_json(&path, MAX_MANIFEST_BYTES)?;
@@ -130,13 +130,13 @@ impl Manifest {
 }
 
 impl ShardEntry {
-    /// Where the shard lies.
+    /// Path of the shard.
     pub fn path(&self, dir: &Path) -> PathBuf {
         dir.join(&self.file)
     }
 }
 
-/// A plain file name below `data/`: manifests from elsewhere must not reach other files.
+/// Whether a path is a plain file name below `data/`: manifests from other sources must not refer to other files.
 fn is_shard_path(file: &str) -> bool {
     file.strip_prefix("data/").is_some_and(|name| {
         name.ends_with(".parquet")

@@ -1,8 +1,8 @@
-//! Points of one recording or simulation: Parquet, one row a point.
+//! Points of one recording or simulation: Parquet, one row per point.
 //!
 //! Columns `frame` u32, `t_s` f64, then `x_m, y_m, z_m, range_m, velocity_mps, intensity_db` f32.
-//! Axes: x right, y away from the radar, z up; velocity positive when receding. What is true of
-//! the whole file is in the key-value metadata, see [`PointsMeta`].
+//! Axes: x right, y away from the radar, z up. The velocity is positive when receding. Properties of
+//! the whole file are in the key-value metadata, see [`PointsMeta`].
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -23,13 +23,13 @@ use crate::atomic::write_atomic;
 use crate::guard::{self, Limits};
 use crate::{DatasetError, Overwrite};
 
-/// Caps of one points file: half an hour at 10 frames/s and 1,000 points a frame is 18 M points.
+/// Limits of one points file. Half an hour at 10 frames/s with 1,000 points per frame is 18 M points.
 const LIMITS: Limits = Limits {
     file_bytes: 4 << 30,
     rows: 20_000_000,
     chunk_values: 20_000_000,
 };
-/// Most frames of one file: two days at 10 frames/s.
+/// Maximum number of frames in one file: two days at 10 frames/s.
 const MAX_FRAMES: u64 = 2_000_000;
 /// Value columns, in the order of [`RadarPoint`]'s fields.
 const VALUE_COLUMNS: [&str; 6] = [
@@ -43,16 +43,16 @@ const VALUE_COLUMNS: [&str; 6] = [
 /// Rows decoded at a time.
 const BATCH_ROWS: usize = 8192;
 
-/// What is true of a whole points file; key-value metadata under the field names.
+/// Properties of a whole points file, stored as key-value metadata under the field names.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointsMeta {
-    /// Radar name, `unknown` when the file does not say.
+    /// Radar name; `unknown` if the file does not specify it.
     pub radar: String,
     /// Where the points came from, for example `simulated:builtin:walk` or `recorded:dca1000`.
     pub source: String,
     /// Seed of the simulation; `None` for recordings.
     pub seed: Option<u64>,
-    /// Version of the program that made the points.
+    /// Version of the program that generated the points.
     pub version: String,
     /// Height of the radar above the floor, m, where known.
     pub radar_height_m: Option<f32>,
@@ -61,7 +61,7 @@ pub struct PointsMeta {
 }
 
 impl PointsMeta {
-    /// What a clip knows about itself, and the version of this library.
+    /// The metadata of a clip, with the version of this library.
     pub fn of(clip: &Clip) -> Self {
         Self {
             radar: clip.radar.clone(),
@@ -100,7 +100,7 @@ pub fn write_clip(path: &Path, clip: &Clip, overwrite: Overwrite) -> Result<(), 
 ///
 /// # Errors
 /// Frames out of order, values that are not finite, more than 20 M points or 2 M frames, an
-/// existing file without [`Overwrite::Replace`], or the file system.
+/// existing file without [`Overwrite::Replace`], or a file system error.
 pub fn write_points(
     path: &Path,
     meta: &PointsMeta,
@@ -156,13 +156,13 @@ pub fn write_points(
     })
 }
 
-/// Reads a points file, ours or any Parquet file with the same columns (integers and doubles are
-/// converted, column order is free, other columns are ignored).
+/// Reads a points file, written by this crate or any Parquet file with the same columns (integers and doubles are
+/// converted, the column order is arbitrary, other columns are ignored).
 ///
 /// # Errors
-/// Names the file, and the column and row where there is one: missing columns, nulls, values that
+/// The error names the file and, where applicable, the column and row: missing columns, nulls, values that
 /// are not finite, frame numbers that decrease, different times within a frame, sizes beyond the
-/// caps, damaged bytes. Never panics on file content.
+/// limits, damaged bytes. The function never panics on file content.
 pub fn read_points(path: &Path) -> Result<PointsFile, DatasetError> {
     let builder = guard::open(path, LIMITS, None)?;
     let metadata: HashMap<String, String> = builder
@@ -195,7 +195,7 @@ pub fn read_points(path: &Path) -> Result<PointsFile, DatasetError> {
         first_row += batch.num_rows() as u64;
     }
     if !saw_schema {
-        // No rows: the columns must be there all the same.
+        // The file has no rows, but the columns must exist nevertheless.
         use arrow_array::RecordBatchReader as _;
         append_batch(
             path,
@@ -582,7 +582,7 @@ fn complete(
             .next_if(|&(_, last)| last < u64::from(frame))
             .is_some()
         {
-            // The range is behind; the next one, if any, starts later.
+            // This range has passed; the next one, if any, starts later.
         }
         let lost = missing
             .peek()
@@ -596,7 +596,7 @@ fn complete(
             }
             Some(next) => next,
             None if lost => continue,
-            // Nominal time of an empty frame, kept in order between measured ones that jitter.
+            // Nominal time of an empty frame, kept in order between measured times that jitter.
             None => {
                 let nominal_s = t0_s + f64::from(frame) / frame_rate_hz;
                 let upper_s = found.peek().map_or(f64::INFINITY, |f| f.time_s);
@@ -621,7 +621,7 @@ fn complete(
     Ok(PointsFile { meta, frames })
 }
 
-/// Median of frame number steps over time steps, 1/s.
+/// Median of the ratio of frame number steps to time steps, 1/s.
 fn rate_from_times(frames: &[PointFrame]) -> Option<f64> {
     let mut rates: Vec<f64> = frames
         .windows(2)

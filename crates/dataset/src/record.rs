@@ -2,14 +2,14 @@
 
 use radarllm_base::PointFrame;
 
-/// Which part of the data set a clip belongs to. Splits are made by group, never by clip.
+/// The part of the data set that a clip belongs to. Splits are made by group, never by clip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Split {
-    /// Used for fitting.
+    /// Training set: used for fitting.
     Train,
-    /// Used for choosing.
+    /// Validation set: used for model selection.
     Val,
-    /// Used once, for reporting.
+    /// Test set: used once, for reporting.
     Test,
 }
 
@@ -23,15 +23,15 @@ pub struct ClipRecord {
     pub id: String,
     /// The motion this clip shows; all variants share it.
     pub motion_id: String,
-    /// Motions that must stay in one split (same take, same actor block, mirrored copies).
+    /// Group of motions that must be in the same split (same take, same actor block, mirrored copies).
     pub group: String,
-    /// Split, constant over a group.
+    /// Split, the same for all clips of a group.
     pub split: Split,
     /// Action label, for example `walk`.
     pub action: String,
     /// Reference captions; at least one.
     pub captions: Vec<String>,
-    /// Where the motion came from: `procedural`, `bandai-namco`, ...
+    /// Source of the motion: `procedural`, `bandai-namco`, ...
     pub source: String,
     /// Radar name.
     pub radar: String,

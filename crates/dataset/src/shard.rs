@@ -1,4 +1,4 @@
-//! The columns of the archive: one Parquet row a clip.
+//! The columns of a shard: one Parquet row per clip.
 //!
 //! | column | type | content |
 //! |---|---|---|
@@ -13,7 +13,7 @@
 //! | `joints` | list of f32\[22\]\[3\] | m, radar frame |
 //! | `motion_features` | list of f32\[263\] | HumanML3D |
 //!
-//! Plain nested lists with fixed-size inner lists, which Hugging Face `datasets` reads without a
+//! The columns are plain nested lists with fixed-size inner lists, which Hugging Face `datasets` reads without a
 //! schema of its own. Row groups are small ([`ROW_GROUP_CLIPS`]) so that a reader holds few clips.
 
 use std::fs::File;
@@ -40,9 +40,9 @@ use radarllm_base::{PointFrame, RadarPoint};
 use crate::guard::{self, Limits};
 use crate::{ClipRecord, DatasetError, MOTION_FEATURE_DIM, Split};
 
-/// Clips of one row group.
+/// Number of clips per row group.
 pub const ROW_GROUP_CLIPS: usize = 32;
-/// Caps of one shard.
+/// Limits of one shard.
 const LIMITS: Limits = Limits {
     file_bytes: 16 << 30,
     rows: 1 << 20,
@@ -52,13 +52,13 @@ const LIMITS: Limits = Limits {
 /// Which columns a reader decodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Columns {
-    /// Everything.
+    /// All columns.
     All,
-    /// Everything but `joints` and `motion_features`, which come back empty. Several times faster.
+    /// All columns except `joints` and `motion_features`, which are returned empty. This is several times faster.
     Points,
 }
 
-/// Numbers of one clip that cost no decoding of points.
+/// Summary of one clip that is available without decoding points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClipSummary {
     /// See [`ClipRecord::id`].
@@ -98,7 +98,7 @@ pub(crate) fn write_shard(
         .set_created_by(format!("radarllm-dataset {}", env!("CARGO_PKG_VERSION")))
         .set_compression(Compression::SNAPPY)
         .set_key_value_metadata(Some(metadata));
-    // Measured values hardly repeat: a dictionary would be built, found useless and dropped.
+    // Measured values rarely repeat: a dictionary would be built, found useless and dropped.
     for column in ["points", "joints", "motion_features"] {
         let leaf = leaf_path(column);
         properties = properties.set_column_dictionary_enabled(leaf, false);
@@ -114,12 +114,12 @@ pub(crate) fn write_shard(
     Ok(())
 }
 
-/// Streams the clips of one shard, in file order. Values are decoded, not judged: see
+/// Streams the clips of one shard, in file order. Values are decoded but not checked: see
 /// [`crate::check_record`].
 pub struct ShardReader {
     path: PathBuf,
     reader: ParquetRecordBatchReader,
-    /// Decoded rows not yet handed out, last first.
+    /// Decoded rows not yet returned, last first.
     ready: Vec<ClipRecord>,
     n_rows: u64,
     next_row: u64,
@@ -130,7 +130,7 @@ impl ShardReader {
     /// Opens a shard.
     ///
     /// # Errors
-    /// Missing or unexpected columns, sizes beyond the caps, damaged bytes.
+    /// Missing or unexpected columns, sizes beyond the limits, damaged bytes.
     pub fn open(path: &Path, columns: Columns) -> Result<Self, DatasetError> {
         let skipped: &[&str] = match columns {
             Columns::All => &[],
@@ -179,7 +179,7 @@ impl Iterator for ShardReader {
     }
 }
 
-/// Reads what [`ClipSummary`] holds of every clip of a shard.
+/// Reads the [`ClipSummary`] of every clip of a shard.
 pub(crate) fn read_summaries(path: &Path) -> Result<Vec<ClipSummary>, DatasetError> {
     let wanted = [
         "id",
@@ -203,8 +203,8 @@ pub(crate) fn read_summaries(path: &Path) -> Result<Vec<ClipSummary>, DatasetErr
     Ok(clips)
 }
 
-/// Radar time covered by a clip, s: from the first frame to the last plus one mean period; of
-/// a single frame, the length of the motion.
+/// Radar time covered by a clip, s: from the first frame to the last plus one mean period. For
+/// a single frame, it is the length of the motion.
 pub(crate) fn duration_s(record: &ClipRecord) -> f32 {
     let n = record.frames.len();
     let from_frames = match (record.frames.first(), record.frames.last()) {

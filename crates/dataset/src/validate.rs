@@ -1,4 +1,4 @@
-//! Checks a data set directory from the first byte to the last.
+//! Validates a complete data set directory.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -9,19 +9,19 @@ use crate::manifest::{ShardEntry, hash_file};
 use crate::shard::ShardReader;
 use crate::{ClipRecord, Columns, Dataset, DatasetError, Split, check_record};
 
-/// Something wrong with a data set.
+/// A problem found in a data set.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Problem {
     /// File below the data set directory, or `manifest.json`.
     pub file: String,
-    /// Clip, where it concerns one.
+    /// Clip id, if the problem concerns one clip.
     pub id: Option<String>,
     /// What is wrong.
     pub problem: String,
 }
 
 /// Reads everything and returns every problem found: hashes, sizes and rows against the manifest;
-/// per clip what [`check_record`] checks; ids that occur twice; groups or motions in two splits; sources without a
+/// the conditions of [`check_record`] for each clip; duplicate ids; groups or motions in two splits; sources without a
 /// licence line.
 ///
 /// # Errors
@@ -30,7 +30,7 @@ pub fn validate(dir: &Path) -> Result<Vec<Problem>, DatasetError> {
     validate_with(dir, |_, _| ())
 }
 
-/// As [`validate`], and shows every clip with its file below the data set directory to `visit`, so that a further
+/// As [`validate`], and passes every clip with its file below the data set directory to `visit`, so that a further
 /// check need not read the data set again.
 ///
 /// # Errors

@@ -1,4 +1,4 @@
-//! BLEU-1..4 from statistics that add up over items, by the rules of several packages, which agree on
+//! BLEU-1..4 from additive statistics, by the rules of several packages. The packages agree on
 //! the n-gram matches and differ in everything else.
 
 use crate::grams::{Grams, Vocabulary, intersect};
@@ -6,14 +6,14 @@ use crate::grams::{Grams, Vocabulary, intersect};
 /// Values of BLEU-1, BLEU-2, BLEU-3, BLEU-4.
 pub type Bleu = [f64; 4];
 
-/// How matches become a value.
+/// How a value is computed from the matches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rules {
     /// COCO caption evaluation and nlg-eval (pycocoevalcap's `bleu_scorer`, option `closest`).
     Coco,
     /// Tensorflow's nmt script, in HF evaluate and nlg-metricverse: shortest reference, 0 where an n has no match.
     Nmt,
-    /// The same with Lin and Och's smoothing, +1 for n > 1.
+    /// As [`Rules::Nmt`], with Lin and Och's smoothing, +1 for n > 1.
     NmtSmoothed,
     /// nltk without smoothing: a missing n counts as the smallest positive number.
     Nltk,
@@ -23,7 +23,7 @@ pub enum Rules {
     Sacrebleu,
 }
 
-/// What one item, or a sum of items, contributes.
+/// Additive statistics of one item, or of a sum of items.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct BleuStats {
     /// Clipped n-gram matches, n = 1..4.
@@ -99,7 +99,7 @@ impl BleuStats {
         self.shortest_len += other.shortest_len;
     }
 
-    /// BLEU-1..4 by rules.
+    /// BLEU-1..4 by the given rules.
     pub fn by(&self, rules: Rules) -> Bleu {
         match rules {
             Rules::Coco => self.bleu(),
@@ -123,11 +123,11 @@ impl BleuStats {
             (false, 0.0) => 0.0,
             (false, guess) => self.correct[i] / guess,
         };
-        // The logarithm of 0 makes the whole 0.
+        // The logarithm of 0 makes the geometric mean 0.
         geometric_means(precision).map(|mean| if mean > 0.0 { mean * penalty } else { 0.0 })
     }
 
-    /// `of_none`: precision where nothing matches; not a number: 0.1 matches instead.
+    /// `of_none`: precision if nothing matches; NaN means that 0.1 matches are counted instead.
     fn nltk(&self, of_none: f64) -> Bleu {
         if self.correct[0] == 0.0 {
             return [0.0; 4];
@@ -187,7 +187,7 @@ fn brevity(candidate_len: f64, reference_len: f64) -> f64 {
     }
 }
 
-/// Of the first 1, 2, 3 and 4 precisions.
+/// Geometric means of the first 1, 2, 3 and 4 precisions.
 fn geometric_means(precision: impl Fn(usize) -> f64) -> Bleu {
     let mut ln = 0.0;
     std::array::from_fn(|i| {

@@ -1,8 +1,8 @@
-//! Percentile bootstrap over units (motions): seeded, the same draws for every metric.
+//! Percentile bootstrap over units (motions), with a seed and with the same draws for every metric.
 
 use radarllm_base::random::SplitMix64;
 
-/// Lower and upper end.
+/// Lower and upper bound.
 pub type Interval = [f64; 2];
 
 /// 95 % intervals of `statistic`, a function of column sums, under resampling of units.
@@ -96,7 +96,7 @@ pub fn units_of_ids<'a>(ids: impl IntoIterator<Item = &'a str>) -> Vec<usize> {
         .collect()
 }
 
-/// Of a sorted, non-empty sample, with linear interpolation; NaN of an empty one.
+/// Percentile of a sorted sample, with linear interpolation; NaN for an empty sample.
 fn percentile(sorted: &[f64], p: f64) -> f64 {
     let Some(last) = sorted.len().checked_sub(1) else {
         return f64::NAN;
@@ -111,7 +111,7 @@ fn percentile(sorted: &[f64], p: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Taken from the first release's code: reported intervals depend on them.
+    /// Taken from the first release's code, because reported intervals depend on them.
     #[test]
     fn intervals_never_change() {
         let values = [0.1, 0.9, 0.4, 0.7, 0.3, 0.65];

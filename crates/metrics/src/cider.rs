@@ -10,7 +10,7 @@ use crate::grams::{Gram, Grams, intersect};
 /// Width of CIDEr-D's length penalty, in bigrams.
 const SIGMA: f64 = 6.0;
 
-/// In how many items' references each n-gram is.
+/// Document frequencies: the number of items whose references contain each n-gram.
 #[derive(Default)]
 pub(crate) struct Frequencies {
     items: HashMap<Gram, u32>,

@@ -1,12 +1,12 @@
-//! BERTScore and SimCSE arithmetic over embeddings that an encoder has made (bert_score 0.3.13's rules).
+//! Arithmetic of BERTScore and SimCSE over the embeddings of an encoder (bert_score 0.3.13's rules).
 //!
-//! The encoder, the choice of its layer and its tokenizer are not here. bert_score pads a batch with zeros,
-//! so that a word whose best similarity is negative counts 0 when its batch holds a longer sentence; here
-//! nothing is padded, which is bert_score with a batch of one.
+//! The encoder, the choice of its layer and its tokenizer are not in this module. bert_score pads a batch with zeros,
+//! so that a word whose best similarity is negative counts 0 if its batch contains a longer sentence. This
+//! implementation does not pad, which equals bert_score with a batch of one.
 
 use std::collections::{HashMap, HashSet};
 
-/// Tokens of an empty sentence: the two special ones at its ends.
+/// Number of tokens of an empty sentence: the two special tokens at its ends.
 const SPECIAL_TOKENS: usize = 2;
 
 /// Why embeddings cannot be compared.
@@ -21,7 +21,7 @@ fn wrong(problem: String) -> EmbeddingError {
     EmbeddingError { problem }
 }
 
-/// A sentence as the encoder sees it, special tokens at its ends included.
+/// An encoded sentence, including the special tokens at its ends.
 #[derive(Clone, Copy, Debug)]
 pub struct Sentence<'a> {
     /// `[token][dimension]`, one layer's hidden states, not normalised.
@@ -33,11 +33,11 @@ pub struct Sentence<'a> {
 /// Precision, recall, F1.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct BertScore {
-    /// Of the candidate's tokens.
+    /// Precision, over the candidate's tokens.
     pub precision: f64,
-    /// Of the reference's tokens.
+    /// Recall, over the reference's tokens.
     pub recall: f64,
-    /// Harmonic mean, 0 where it is not defined.
+    /// Harmonic mean; 0 if it is undefined.
     pub f1: f64,
 }
 
@@ -50,19 +50,19 @@ impl BertScore {
         }
     }
 
-    /// Best of several references: precision, recall and F1 each by itself. `None` without references.
+    /// Maximum over several references, separately for precision, recall and F1. `None` without references.
     pub fn best(of: impl IntoIterator<Item = Self>) -> Option<Self> {
         of.into_iter().reduce(|a, b| a.map2(b, f64::max))
     }
 
-    /// Against a baseline, `(x - b) / (1 - b)`.
+    /// Rescaled with a baseline, `(x - b) / (1 - b)`.
     pub fn rescaled(self, baseline: Self) -> Self {
         self.map2(baseline, |x, b| (x - b) / (1.0 - b))
     }
 }
 
-/// BERTScore of one candidate and one reference. A sentence of special tokens only gives 0; so do
-/// weights that are all 0, where bert_score has not-a-number for precision and recall.
+/// BERTScore of one candidate and one reference. A sentence that consists only of special tokens gives 0. So do
+/// weights that are all 0, for which bert_score gives NaN precision and recall.
 ///
 /// # Errors
 /// No dimension, weights and embeddings of different lengths, values that are not finite.
@@ -97,7 +97,7 @@ pub fn bert_score(
     })
 }
 
-/// Every token's embedding at length 1.
+/// The embeddings of all tokens, normalised to length 1.
 fn normalised(sentence: Sentence, dimension: usize) -> Result<Vec<f64>, EmbeddingError> {
     let Sentence {
         embeddings,
@@ -156,7 +156,7 @@ impl Idf {
     }
 }
 
-/// Cosine of two sentence embeddings (SimCSE).
+/// Cosine similarity of two sentence embeddings (SimCSE).
 ///
 /// # Errors
 /// Different lengths, all zero, values that are not finite.

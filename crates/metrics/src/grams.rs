@@ -6,7 +6,7 @@ use std::collections::HashMap;
 pub(crate) type Gram = [u32; 4];
 const NONE: u32 = u32::MAX;
 
-/// Numbers words by first appearance.
+/// Numbers words in order of first appearance.
 #[derive(Default)]
 pub(crate) struct Vocabulary {
     numbers: HashMap<String, u32>,
@@ -28,7 +28,7 @@ impl Vocabulary {
         Grams::of(&self.numbers(crate::tokens::words(text)))
     }
 
-    /// The same of several.
+    /// N-grams of several texts.
     pub fn grams(&mut self, texts: &[String]) -> Vec<Grams> {
         texts.iter().map(|t| self.one(t)).collect()
     }
@@ -76,7 +76,7 @@ impl Grams {
     }
 }
 
-/// Calls `both` for every n-gram that is in two sorted lists.
+/// Calls `both` for every n-gram that occurs in both of two sorted lists.
 pub(crate) fn intersect<A: Copy, B: Copy>(
     a: &[(Gram, A)],
     b: &[(Gram, B)],

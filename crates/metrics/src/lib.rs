@@ -1,8 +1,8 @@
 //! Caption metrics with confidence intervals, over plain slices.
 //!
-//! Enter: candidate and reference sentences with ids. Leave: corpus values in the 0..1 scale
-//! (CIDEr in its own, x10 included), each with a 95 % bootstrap interval over motions. Nothing
-//! here opens a file.
+//! Inputs are candidate and reference sentences with ids. Outputs are corpus values on the 0..1 scale
+//! (CIDEr on its own scale, x10 included), each with a 95 % bootstrap interval over motions. This
+//! crate opens no files.
 //!
 //! ```
 //! use radarllm_metrics::{rouge::rouge_l, tokens};
@@ -14,7 +14,7 @@
 //! assert!((value - 12.0 / 13.0).abs() < 1e-12, "{value}");
 //! ```
 //!
-//! BLEU is counted per sentence and summed before it is a number, as the corpus values in papers are:
+//! BLEU statistics are counted per sentence and summed before the value is computed, as for corpus values in papers:
 //!
 //! ```
 //! use radarllm_metrics::{bleu, tokens};
@@ -27,12 +27,12 @@
 //! assert!((bleu_4 - (5.0 / 6.0 * 0.8 * 0.75 * 2.0 / 3.0_f64).powf(0.25)).abs() < 1e-6);
 //! ```
 //!
-//! A value is only comparable under the same tokenisation and reference rule, so both travel with
-//! it as a [`Protocol`]. What was not computed is null with a reason, never approximated.
+//! Values are only comparable under the same tokenisation and reference rule, so both are reported with
+//! the value as a [`Protocol`]. A metric that was not computed is null with a reason, never approximated.
 //!
 //! Reading order: [`mod@score`] (all metrics of a corpus), [`tokens`] and [`mod@ptb`], [`bleu`], [`rouge`], [`cider`],
-//! [`meteor`], [`self_bleu`], [`bootstrap`], [`embedding`]. Baselines, action accuracy and what is not about captions are
-//! in `radarllm-eval`.
+//! [`meteor`], [`self_bleu`], [`bootstrap`], [`embedding`]. Baselines, action accuracy and metrics that do not concern
+//! captions are in `radarllm-eval`.
 #![forbid(unsafe_code)]
 
 pub mod score;

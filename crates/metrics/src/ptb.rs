@@ -1,11 +1,11 @@
 //! Penn Treebank tokens as the COCO caption evaluation makes them: Stanford's PTBTokenizer 3.4.1 with
 //! `-preserveLines -lowerCase`, then pycocoevalcap's list of punctuation is dropped.
 //!
-//! At each place every rule is tried; the one that looks at the most text wins (what it only looks ahead
-//! at counts), the first of them on a tie. The test `tests/it/tokens.rs` holds the rules to the tokenizer's
-//! output. Characters outside the basic plane are dropped, as there.
+//! At each position, every rule is tried. The rule that reads the most text wins, including text that it only looks
+//! ahead at; on a tie, the first of them wins. The test `tests/it/tokens.rs` compares the rules with the tokenizer's
+//! output. Characters outside the basic multilingual plane are dropped, as in the original.
 //!
-//! One difference is meant: captions are taken one by one. The original reads them as lines of one text
+//! There is one intentional difference: captions are processed one by one. The original reads them as lines of one text
 //! and looks across line ends, so that "2.5 m." before a caption that starts with "The " loses its dot.
 
 /// Tokens that pycocoevalcap drops. The brackets in lower case are not among them.
@@ -44,11 +44,11 @@ pub fn ptb(text: &str) -> Vec<String> {
     tokens
 }
 
-/// The rule that has won so far.
+/// The best rule so far.
 struct Best {
-    /// Characters looked at.
+    /// Number of characters read.
     seen: usize,
-    /// Characters taken.
+    /// Number of characters consumed.
     taken: usize,
     token: Option<String>,
 }
@@ -160,7 +160,7 @@ fn words(t: &Text, best: &mut Best) {
     }
 }
 
-/// Addresses of the net.
+/// Internet addresses.
 fn addresses(t: &Text, best: &mut Best) {
     for n in [t.url(), t.likely_url(), t.mail()].into_iter().flatten() {
         best.offer(n, n, || t.take(n));

@@ -1,7 +1,7 @@
-//! All metrics of a corpus at once.
+//! Computes all metrics of a corpus.
 //!
 //! The captions are read twice, first for CIDEr's document frequencies, then for everything else, so that no
-//! item's n-grams stay in memory.
+//! item's n-grams are kept in memory.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
@@ -15,16 +15,16 @@ use crate::meteor::{Meteor, MeteorStats, Resources, nltk::meteor_nltk};
 use crate::{Protocol, rouge, self_bleu, tokens};
 use radarllm_base::random::SplitMix64;
 
-/// Captions that Self-BLEU looks at, at most.
+/// Maximum number of captions in the Self-BLEU sample.
 const SELF_BLEU_SAMPLE: usize = 1000;
-/// Motions that the bootstrap draws from, at most; more are dealt into so many groups in turn.
+/// Maximum number of bootstrap units. If there are more motions, they are distributed over this many groups in turn.
 const MAX_GROUPS: usize = 20_000;
-/// Longest caption. Tokenising and matching take time that grows with the square of it and more.
+/// Maximum number of words in a caption. Tokenisation and matching take time at least quadratic in the length.
 const MAX_WORDS: usize = 1000;
 const MAX_BYTES: usize = 20_000;
-/// References that the protocol `motiongpt` has for every item.
+/// Number of references per item in the protocol `motiongpt`.
 const MOTIONGPT_REFERENCES: usize = 3;
-/// Ids that an error or a list of empty candidates names, at most.
+/// Maximum number of ids in an error or in a list of empty candidates.
 const NAMED_IDS: usize = 20;
 
 /// A generated caption.
@@ -45,12 +45,12 @@ pub struct Reference {
     pub texts: Vec<String>,
 }
 
-/// How to score.
+/// Scoring options.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ScoreOptions {
     /// Tokenisation and rules.
     pub protocol: Protocol,
-    /// Only the first so many references of an item count; 0 means all.
+    /// Maximum number of references per item, of which the first are used; 0 means all.
     pub max_references: usize,
     /// Bootstrap resamples; 0 leaves `ci95` empty.
     pub n_resamples: usize,
@@ -81,17 +81,17 @@ pub enum ScoreError {
     Duplicate {
         /// `candidates` or `references`.
         list: &'static str,
-        /// How many.
+        /// Number of such ids.
         n: usize,
         /// First such id.
         id: String,
     },
-    /// Ids that only one list has. Scoring the rest would silently drop items.
+    /// Ids that occur in only one list. Scoring the others would silently drop items.
     #[error("{n} ids are missing from the {list}, first {ids:?}")]
     Missing {
         /// List that lacks them.
         list: &'static str,
-        /// How many.
+        /// Number of such ids.
         n: usize,
         /// The first of them.
         ids: Vec<String>,
@@ -99,12 +99,12 @@ pub enum ScoreError {
     /// An item without reference captions.
     #[error("references: {n} items have no text, first `{id}`")]
     NoReference {
-        /// How many.
+        /// Number of such items.
         n: usize,
         /// Item.
         id: String,
     },
-    /// A caption that is too long to be one.
+    /// A caption that is too long.
     #[error(
         "{list}: `{id}` has a caption of {words} words and {bytes} bytes; at most 1000 words and 20000 bytes are scored"
     )]
@@ -113,15 +113,15 @@ pub enum ScoreError {
         list: &'static str,
         /// Item.
         id: String,
-        /// Its words.
+        /// Number of words.
         words: usize,
-        /// Its length.
+        /// Length, bytes.
         bytes: usize,
     },
     /// Protocol `motiongpt` fixes the number of references.
     #[error("protocol `motiongpt` takes 3 references of every item, not {max_references}")]
     FixedReferences {
-        /// What was asked for.
+        /// The requested number.
         max_references: usize,
     },
 }
@@ -129,19 +129,19 @@ pub enum ScoreError {
 /// Corpus values. Field names are those of `radarllm score`'s JSON; 0..1 except CIDEr.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scores {
-    /// Rules in force.
+    /// Protocol of the values.
     pub protocol: Protocol,
-    /// Its tokenisation in words. ROUGE-1 and ROUGE-L always use rouge-score's, without stemming.
+    /// The protocol's tokenisation in words. ROUGE-1 and ROUGE-L always use rouge-score's, without stemming.
     pub tokenisation: String,
-    /// References per item at most; 0 means all.
+    /// Maximum number of references per item; 0 means all.
     pub max_references: usize,
     /// Items scored.
     pub items: usize,
-    /// Candidates without a word. They are scored, as nearly 0.
+    /// Candidates without a word. They are scored, with values of nearly 0.
     pub empty_candidates: usize,
     /// The first of their ids.
     pub empty_candidate_ids: Vec<String>,
-    /// References without a word, of those that count. They are scored like others.
+    /// References without a word, among those that are used. They are scored like others.
     #[serde(default)]
     pub empty_references: usize,
     /// BLEU-1. COCO's rules; nmt's (shortest reference) under protocol `motiongpt`.
@@ -162,7 +162,7 @@ pub struct Scores {
     pub meteor: Option<f64>,
     /// Matchers that METEOR used.
     pub meteor_matchers: Option<Vec<String>>,
-    /// Which METEOR, and whose function words.
+    /// The variant of METEOR, and the origin of its function words.
     #[serde(default)]
     pub meteor_rules: Option<String>,
     /// CIDEr-D, COCO, x10 included.
@@ -173,30 +173,30 @@ pub struct Scores {
     pub self_bleu: Option<f64>,
     /// BERTScore F1.
     pub bert_score: Option<f64>,
-    /// Whose weights made it, and how.
+    /// Origin of the encoder's weights, and the method.
     #[serde(default)]
     pub bert_score_rules: Option<String>,
     /// SimCSE cosine.
     pub sim_cse: Option<f64>,
-    /// Whose weights made it, and how.
+    /// Origin of the encoder's weights, and the method.
     #[serde(default)]
     pub sim_cse_rules: Option<String>,
     /// Why a value is null, by field name.
     pub reason: BTreeMap<String, String>,
     /// 95 % intervals, by field name.
     pub ci95: BTreeMap<String, Interval>,
-    /// How they were made.
+    /// How the intervals were computed.
     pub bootstrap: BootstrapInfo,
 }
 
-/// How intervals were made.
+/// How intervals were computed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BootstrapInfo {
-    /// What is drawn: `motion`, the part of the id before `#`.
+    /// The resampled unit: `motion`, the part of the id before `#`.
     pub unit: String,
-    /// Motions.
+    /// Number of motions.
     pub units: usize,
-    /// Groups of motions that are drawn: the motions themselves, up to 20,000.
+    /// Number of groups of motions that are drawn: the motions themselves, up to 20,000.
     #[serde(default)]
     pub groups: usize,
     /// Resamples.
@@ -205,8 +205,8 @@ pub struct BootstrapInfo {
     pub seed: u64,
 }
 
-/// Scores candidates against references; ids must agree. Values and intervals depend on the
-/// arguments only, items count in the order of `references`. METEOR has the built-in tables.
+/// Scores candidates against references; the ids must agree. Values and intervals depend only on the
+/// arguments; items are in the order of `references`. METEOR uses the built-in tables.
 ///
 /// Intervals hold CIDEr's document frequencies and Self-BLEU's pool fixed.
 ///
@@ -220,7 +220,7 @@ pub fn score(
     score_with(candidates, references, options, &Resources::default())
 }
 
-/// The same with other tables for METEOR. Protocol `motiongpt` does not use them.
+/// As `score`, with other tables for METEOR. Protocol `motiongpt` does not use them.
 ///
 /// # Errors
 /// See [`ScoreError`].

@@ -1,4 +1,4 @@
-//! Self-BLEU: how alike captions are to each other. Lower is more varied.
+//! Self-BLEU: the similarity of captions to each other. Lower values mean more variety.
 //!
 //! Texygen's definition (Zhu et al. 2018): each sentence is scored against all others by nltk's
 //! `sentence_bleu`, uniform weights, here n = 4 and smoothing `method1` (Chen and Cherry 2014).
@@ -15,8 +15,8 @@ pub(crate) fn self_bleu(sentences: &[Grams]) -> Vec<f64> {
     if sentences.len() < 2 {
         return Vec::new();
     }
-    // The clip count of an n-gram is its largest count in any *other* sentence: the largest and
-    // second largest over all sentences tell it without looking at every pair.
+    // The clip count of an n-gram is its largest count in any *other* sentence. The largest and
+    // second largest counts over all sentences determine it without comparing every pair.
     let mut tops: HashMap<Gram, Top> = HashMap::new();
     for (who, sentence) in sentences.iter().enumerate() {
         for &(gram, count) in sentence.counts.iter().flatten() {

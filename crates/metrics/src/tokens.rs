@@ -1,4 +1,4 @@
-//! Tokenisations. Which one was used is part of every number.
+//! Tokenisations. Every reported value names the tokenisation that it used.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,7 +11,7 @@ pub enum Protocol {
     #[default]
     #[serde(rename = "plain")]
     Plain,
-    /// Nothing but strip and split, as nlg-eval does: case and punctuation count.
+    /// Only strip and split, as in nlg-eval: case and punctuation are significant.
     #[serde(rename = "nlg-eval")]
     NlgEval,
     /// Stanford PTB tokens, as the COCO caption evaluation does.
@@ -47,7 +47,7 @@ impl Protocol {
         Protocol::ALL.into_iter().find(|p| p.name() == name)
     }
 
-    /// One sentence on the tokenisation, for reports.
+    /// Description of the tokenisation in one sentence, for reports.
     pub fn tokenisation(self) -> &'static str {
         match self {
             Protocol::Plain => "lower case, ASCII punctuation to spaces, split",
@@ -59,7 +59,7 @@ impl Protocol {
         }
     }
 
-    /// The text that BLEU, METEOR and COCO's ROUGE-L see; they split it themselves.
+    /// The input text of BLEU, METEOR and COCO's ROUGE-L, which split it themselves.
     pub fn normalise(self, text: &str) -> String {
         match self {
             Protocol::Plain => plain(text).join(" "),
@@ -69,7 +69,7 @@ impl Protocol {
         }
     }
 
-    /// The text that CIDEr sees.
+    /// The input text of CIDEr.
     pub(crate) fn normalise_for_cider(self, text: &str) -> String {
         match self {
             Protocol::MotionGpt => raw(text).to_string(),
@@ -78,7 +78,7 @@ impl Protocol {
     }
 }
 
-/// Nothing but strip.
+/// Only strips surrounding white space.
 pub fn raw(text: &str) -> &str {
     text.trim_matches(is_space)
 }

@@ -9,7 +9,7 @@ use std::sync::LazyLock;
 static TABLE: LazyLock<WordNet> =
     LazyLock::new(|| WordNet::parse(include_str!("../data/wordnet.txt")));
 
-/// Endings that WordNet takes off, by part of speech.
+/// Suffixes that WordNet removes, by part of speech.
 const NOUN: &[(&str, &str)] = &[
     ("s", ""),
     ("ses", "s"),
@@ -51,7 +51,7 @@ pub(crate) struct WordNet {
 }
 
 impl WordNet {
-    /// The table that is built in; indexed at the first call.
+    /// The built-in table, which is indexed at the first call.
     pub fn get() -> &'static WordNet {
         &TABLE
     }

@@ -1,4 +1,4 @@
-//! The networks as they are trained behind the captioner of `radarllm-inference`.
+//! The training implementation of the networks as a backend for the captioner of `radarllm-inference`.
 
 use std::path::Path;
 
@@ -19,17 +19,18 @@ use crate::tokenizer::ReferenceTokenizer;
 
 /// Radar tokenizer and language model in burn, on the CPU.
 ///
-/// Slower than the engine, which is tested against it; the only backend that runs decoder-only language models.
+/// It is slower than the engine, which is tested against it. It is the only backend that runs decoder-only language
+/// models.
 pub struct ReferenceBackend {
     tokenizer: ReferenceTokenizer,
     lm: RadarLm,
 }
 
 impl ReferenceBackend {
-    /// Puts a radar tokenizer and a language model together.
+    /// Combines a radar tokenizer and a language model.
     ///
     /// # Errors
-    /// If codebook size or feature width differ.
+    /// If the codebook sizes or the feature widths differ.
     pub fn new(tokenizer: ReferenceTokenizer, lm: RadarLm) -> Result<Self, LmError> {
         check_pair(tokenizer.config(), &lm.config)?;
         Ok(Self { tokenizer, lm })
@@ -73,16 +74,16 @@ impl Backend for ReferenceBackend {
     }
 }
 
-/// Loads `dir/tokenizer` and `dir/lm` as they were trained; see [`Captioner::load`] for the engine.
+/// Loads `dir/tokenizer` and `dir/lm` with the training implementation; see [`Captioner::load`] for the engine.
 ///
 /// # Errors
-/// If either is missing or damaged, or they do not belong together.
+/// If either is missing or damaged, or if they do not fit together.
 pub fn load_reference_captioner(dir: &Path) -> Result<Captioner, LmError> {
     let open = |part: &str| Checkpoint::open(&dir.join(part));
     reference_captioner(&open("tokenizer")?, open("lm")?)
 }
 
-/// [`load_reference_captioner`] from opened checkpoints.
+/// As [`load_reference_captioner`], from opened checkpoints.
 ///
 /// # Errors
 /// As [`load_reference_captioner`].
@@ -91,8 +92,8 @@ pub fn reference_captioner(tokenizer: &Checkpoint, lm: Checkpoint) -> Result<Cap
     Ok(Captioner::new(Box::new(backend)))
 }
 
-/// A captioner for any checkpoint: on the inference engine if that runs the language model, and else on the networks
-/// as they were trained, which compute in f32.
+/// A captioner for any checkpoint. It uses the inference engine if the engine supports the language model, and
+/// otherwise the training implementation of the networks, which computes in f32.
 ///
 /// # Errors
 /// As [`Captioner::from_checkpoints`]; [`LmError::NotT5`] for a decoder-only network and [`Precision::Int8`].
@@ -123,7 +124,7 @@ mod tests {
     use crate::tokenizer::network::TokenizerNet;
     use crate::tokenizer::pack;
 
-    /// Untrained networks: what they say is noise, how it is put together is not.
+    /// Untrained networks: their sentences are random, but the way in which results are assembled can be tested.
     fn networks() -> (TokenizerConfig, TokenizerNet) {
         let config = TokenizerConfig::small();
         let net = TokenizerNet::new(&config, &Device::flex());
@@ -202,7 +203,7 @@ mod tests {
             said.abstained,
             Some(Abstained::TooFewFrames { found: 5, min: 8 })
         );
-        // Few points far apart; the same few around one place may be somebody.
+        // A few points far apart; the same number of points close together may be a person.
         let mut scattered = clip(40, 7);
         for point in scattered.frames.iter_mut().flat_map(|f| &mut f.points) {
             point.x_m *= 12.0;
@@ -269,7 +270,7 @@ mod tests {
         assert_eq!(int8.tokens, f32.tokens);
     }
 
-    /// The model that comes with the repository, from its folder by every decoder.
+    /// The model that is included in the repository, loaded from its folder by every decoder.
     #[test]
     fn folders_load_for_every_decoder() {
         let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/default");
@@ -294,7 +295,7 @@ mod tests {
         assert!(matches!(error, Err(LmError::Clip(e)) if e == expected));
     }
 
-    /// Clips at another rate, or full of clutter, are described as if they had been prepared.
+    /// Clips at another rate, or full of clutter, give the same description as clips that were prepared beforehand.
     #[test]
     fn clips_are_prepared_before_they_are_described() {
         let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/default");

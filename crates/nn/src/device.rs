@@ -1,4 +1,4 @@
-//! Where the networks are computed.
+//! Selection of the device (CPU or GPU) that computes the networks.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -9,36 +9,38 @@ use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// The processor that training and the networks as trained run on. Nothing falls back to another one.
+/// The device that runs training and the training implementation of the networks. There is no fallback to another
+/// device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Processor {
     /// `"cpu"`.
     #[default]
     Cpu,
-    /// `"gpu"`: the fastest graphics processor; `"gpu:1"`: a dedicated one by number, from 0. Through Vulkan, Metal,
+    /// `"gpu"`: the fastest GPU. `"gpu:1"`: a discrete GPU by number, from 0. The GPU is used through Vulkan, Metal,
     /// DirectX 12 or WebGPU.
     Gpu(Option<usize>),
-    /// `"cuda"`: NVIDIA's first; `"cuda:1"`: one by number, from 0. Through CUDA.
+    /// `"cuda"`: the first NVIDIA GPU. `"cuda:1"`: an NVIDIA GPU by number, from 0. The GPU is used through CUDA.
     Cuda(Option<usize>),
 }
 
-/// One processor or several, `"gpu:0,gpu:1"`. The first keeps the weights; each takes a batch of an update.
+/// One or more devices, for example `"gpu:0,gpu:1"`. The first stores the weights; each computes one batch of an
+/// update.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Processors(Vec<Processor>);
 
 impl Processors {
-    /// The one that keeps the weights.
+    /// The device that stores the weights.
     pub fn first(&self) -> Processor {
         self.0.first().copied().unwrap_or_default()
     }
 
-    /// How many there are.
+    /// Number of devices.
     pub fn count(&self) -> usize {
         self.0.len()
     }
 
-    /// The framework's handles, in order.
+    /// The framework's device handles, in order.
     ///
     /// # Errors
     /// See [`ProcessorError`].
@@ -86,10 +88,10 @@ impl From<Processors> for String {
     }
 }
 
-/// A processor that cannot be used.
+/// Why a device cannot be used.
 #[derive(Debug, Error)]
 pub enum ProcessorError {
-    /// Not a name of one.
+    /// Not the name of a device.
     #[error(
         "`{0}` is no processor: `cpu`, `gpu`, `gpu:N` for the dedicated one with number N, from 0, `cuda` or `cuda:N`"
     )]
@@ -97,28 +99,28 @@ pub enum ProcessorError {
     /// The program was built without the feature that the processor needs.
     #[error("`{processor}`: this program was built without the feature `{feature}`")]
     NotBuilt {
-        /// What was asked for.
+        /// The requested device.
         processor: Processor,
-        /// The feature that adds it.
+        /// The Cargo feature that adds support for it.
         feature: &'static str,
     },
-    /// The machine lacks it, or its driver refuses.
+    /// The machine has no such device, or its driver reports an error.
     #[error("`{processor}`: {message}")]
     Unavailable {
-        /// What was asked for.
+        /// The requested device.
         processor: Processor,
-        /// The driver's words.
+        /// The driver's message.
         message: String,
     },
 }
 
-/// Whether tensors on a device lie in the program's own memory, where loops over them cost no copy.
+/// Whether tensors on a device are in host memory, where loops over them need no copy.
 pub fn is_cpu(device: &Device) -> bool {
     *device == Device::flex()
 }
 
 impl Processor {
-    /// The framework's handle. A graphics processor is opened by the first call, which reports its name as an event of `tracing`.
+    /// The framework's device handle. The first call opens a GPU and reports its name as a `tracing` event.
     ///
     /// # Errors
     /// See [`ProcessorError`].
@@ -130,7 +132,7 @@ impl Processor {
         Ok(opened.device)
     }
 
-    /// What its driver calls it; a graphics processor is opened for that.
+    /// The device name reported by the driver. A GPU is opened for this.
     ///
     /// # Errors
     /// See [`ProcessorError`].
@@ -138,16 +140,16 @@ impl Processor {
         Ok(self.open()?.0.name)
     }
 
-    /// Whether this call opened it comes with it.
+    /// Opens the device. The flag is true if this call opened it.
     fn open(self) -> Result<(Opened, bool), ProcessorError> {
-        // A processor can be opened once.
+        // A device can be opened only once.
         static OPEN: Mutex<BTreeMap<Processor, Opened>> = Mutex::new(BTreeMap::new());
         let mut open = OPEN.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(opened) = open.get(&self) {
             return Ok((opened.clone(), false));
         }
         let opened = match self {
-            // Named explicitly: the default would prefer whatever accelerator was compiled in.
+            // Named explicitly: the default would prefer any accelerator that was compiled in.
             Self::Cpu => Opened {
                 device: Device::flex(),
                 name: "CPU".into(),
@@ -207,7 +209,7 @@ fn open_cuda(number: Option<usize>) -> Result<Opened, ProcessorError> {
 
     let number = number.unwrap_or(0);
     let device = Device::cuda(number);
-    // The first use opens the driver, and panics where there is none.
+    // The first use opens the driver, and panics if there is none.
     let used = || Tensor::<1>::ones([1], &device).into_data();
     catch_unwind(AssertUnwindSafe(used)).map_err(|_| ProcessorError::Unavailable {
         processor: Processor::Cuda(Some(number)),

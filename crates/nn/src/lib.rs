@@ -1,22 +1,22 @@
-//! The networks in burn, as they are trained.
+//! The training implementation of the neural networks, in burn.
 //!
-//! Everything that needs the learning framework is here: the radar tokenizer's network, the motion VQ-VAE that guides
-//! it, the T5, the decoder-only networks that can take its place, and the devices that they run on. Inference does not
-//! need this crate: `radarllm-inference` runs trained weights on its own engine. Training does, and so do the tests
-//! that compare the engine with the networks that it replaces.
+//! This crate contains everything that needs the deep-learning framework: the network of the radar tokenizer, the
+//! motion VQ-VAE that guides it, the T5, the decoder-only networks that can replace the T5, and the devices that they
+//! run on. Inference does not need this crate, because `radarllm-inference` runs trained weights on its own engine. It
+//! is used for training and for the tests that compare the engine with these networks.
 //!
-//! | to find | look at |
+//! | topic | module or type |
 //! |---|---|
-//! | points to codes, as trained | [`tokenizer::network`], [`tokenizer::ReferenceTokenizer`] |
-//! | codes to words, as trained | [`lm::RadarLm`] |
+//! | points to codes, training implementation | [`tokenizer::network`], [`tokenizer::ReferenceTokenizer`] |
+//! | codes to words, training implementation | [`lm::RadarLm`] |
 //! | a captioner on these networks | [`ReferenceBackend`], [`load_reference_captioner`] |
 //! | the teacher of the radar tokenizer | [`motion_vqvae`] |
 //! | GPT-2, Qwen2, BERT, LoRA adapters | [`pretrained`] |
 //! | CPU, GPU, several GPUs | [`device`] |
 //! | parameters by name | [`params`] |
 //!
-//! Deliberately absent: losses, optimisers, batches and loops live in `radarllm-train`; configuration types,
-//! vocabulary, prompts and checkpoint files in `radarllm-inference`.
+//! This crate does not contain losses, optimisers, training batches or training loops, which are in `radarllm-train`.
+//! Configuration types, the vocabulary, prompts and checkpoint files are in `radarllm-inference`.
 
 pub mod backend;
 pub mod device;

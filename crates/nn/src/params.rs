@@ -1,4 +1,4 @@
-//! Parameters of burn's modules by name: out of a module, into a module.
+//! Reads and writes the parameters of burn modules by name.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,7 +10,7 @@ use radarllm_inference::checkpoint::{
     Checkpoint, CheckpointError, HostTensor, MODEL_FILE, NamedTensors,
 };
 
-/// Loads `model.safetensors` into `model`; names and shapes must agree exactly.
+/// Loads `model.safetensors` into `model`. Names and shapes must agree exactly.
 ///
 /// # Errors
 /// See [`load_params`].
@@ -24,7 +24,7 @@ pub fn collect_params<M: Module>(model: &M) -> NamedTensors {
     collect_some_params(model, &|_| true)
 }
 
-/// The float parameters of a module whose paths are wanted; the others are not copied.
+/// The float parameters of a module whose paths satisfy `wanted`; the others are not copied.
 pub fn collect_some_params<M: Module>(model: &M, wanted: &dyn Fn(&str) -> bool) -> NamedTensors {
     struct Collect<'a> {
         path: Vec<String>,
@@ -88,10 +88,10 @@ pub fn param_shapes<M: Module>(model: &M) -> BTreeMap<String, Vec<usize>> {
     visitor.out
 }
 
-/// Gives a module the parameters in `tensors`; `file` is named in errors.
+/// Loads the parameters in `tensors` into a module; `file` is named in errors.
 ///
 /// # Errors
-/// If a name is missing or unknown, or a shape differs; nothing is loaded then.
+/// If a name is missing or unknown, or if a shape differs. In that case nothing is loaded.
 pub fn load_params<M: Module>(
     model: M,
     tensors: NamedTensors,

@@ -1,27 +1,27 @@
-//! The precision of matrix products while a language model learns.
+//! The precision of matrix products when a language model is trained.
 //!
-//! Weights, their gradients' sums, norms, softmax and losses stay in f32; where a half precision is asked for, the factors of
-//! a product are rounded to it, forward and backward, and the result goes on in f32 (Micikevicius et al., *Mixed Precision
-//! Training*, ICLR 2018).
+//! Weights, sums of gradients, norms, softmax and losses are always in f32. If half precision is requested, the factors
+//! of a product are rounded to it, in the forward and the backward pass, and the result is kept in f32 (Micikevicius et
+//! al., *Mixed Precision Training*, ICLR 2018).
 
 use burn::tensor::{Device, FloatDType, Tensor};
 use serde::{Deserialize, Serialize};
 
-/// ProductPrecision of the factors of matrix products.
+/// Precision of the factors of matrix products.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ProductPrecision {
-    /// 24 bits.
+    /// 24-bit significand.
     #[default]
     F32,
-    /// 8 bits, f32's range.
+    /// 8-bit significand, with the range of f32.
     Bf16,
-    /// 11 bits, 6e-8 to 65,504: small gradients need a factor on the loss.
+    /// 11-bit significand, 6e-8 to 65,504: small gradients need loss scaling.
     F16,
 }
 
 impl ProductPrecision {
-    /// Whether a processor computes in it; drivers differ.
+    /// Whether a device computes in this precision; drivers differ.
     pub fn is_known_to(self, device: &Device) -> bool {
         match self {
             Self::F32 => true,
@@ -31,7 +31,7 @@ impl ProductPrecision {
     }
 }
 
-/// Matrix products of the precision asked for.
+/// Matrix products in the requested precision.
 pub(crate) trait Product {
     /// Product over the last two axes.
     fn product(self, other: Self, precision: ProductPrecision) -> Self;
@@ -54,7 +54,8 @@ impl<const D: usize> Product for Tensor<D> {
 mod tests {
     use super::*;
 
-    /// 1 + 2^-9 is between two bf16 and two f16 apart; its square tells which factors were rounded.
+    /// 1 + 2^-9 is between two adjacent bf16 numbers and two f16 steps above 1. Its square shows which factors were
+    /// rounded.
     #[test]
     fn factors_are_rounded_and_gradients_come_back_in_f32() {
         let device = Device::flex().autodiff();

@@ -1,4 +1,4 @@
-//! A whole data set: configuration to shards, in parallel, resumable.
+//! Builds a complete data set from a configuration, in parallel and resumably.
 
 use std::{
     collections::HashMap,
@@ -14,9 +14,9 @@ use radarllm_dataset::{
 
 use crate::{SynthError, Synthesizer, config::DatasetConfig, corpus::Corpus, record::make_record};
 
-/// Builds, or goes on building, the data set of a configuration.
+/// Builds the data set of a configuration, or resumes its build.
 ///
-/// `base` is the folder that relative paths in the configuration start from.
+/// Relative paths in the configuration are resolved against the folder `base`.
 ///
 /// # Errors
 /// A configuration, source or radar that cannot be used, or a folder that cannot be written.
@@ -80,7 +80,7 @@ pub fn build(
     let take = || pool.lock().unwrap_or_else(PoisonError::into_inner).pop();
     let make = |id: &ItemId| {
         let (corpus_idx, item_idx, variant) = places[&id.id];
-        // Planning FFTs takes milliseconds; a pool of planned chains serves every thread.
+        // Planning FFTs takes milliseconds, so all threads share a pool of planned chains.
         let mut synthesizer = match take() {
             Some(ready) => ready,
             None => config.synthesizer(&radar)?,

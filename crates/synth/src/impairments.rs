@@ -4,7 +4,7 @@ use radarllm_radar_sim::Impairments;
 use radarllm_radar_sim::impairments::{Adc, Leakage};
 use serde::{Deserialize, Serialize};
 
-/// Where the values start that the table does not name.
+/// Source of the values that the table does not specify.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Preset {
@@ -15,7 +15,7 @@ pub enum Preset {
     Typical,
 }
 
-/// Something that can be switched off by name.
+/// An impairment that can be disabled by name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Impairment {
@@ -33,16 +33,16 @@ pub enum Impairment {
     StartJitter,
 }
 
-/// The table; fields as in [`Impairments`], angles in degrees.
+/// The table. Its fields are those of [`Impairments`], with angles in degrees.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImpairmentsFile {
-    /// Where unnamed values start.
+    /// Source of unspecified values.
     pub preset: Preset,
-    /// Left out, whatever preset and fields say.
+    /// Impairments that are disabled, regardless of preset and fields.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub off: Vec<Impairment>,
-    /// Transmit power over leaked power, dB.
+    /// Ratio of transmitted power to leaked power, dB.
     pub leakage_isolation_db: Option<f64>,
     /// Length of the leaking path, m.
     pub leakage_path_m: Option<f64>,
@@ -52,9 +52,9 @@ pub struct ImpairmentsFile {
     pub channel_phase_deg: Option<f64>,
     /// Standard deviation of the channels' gains, dB.
     pub channel_gain_db: Option<f64>,
-    /// Bits of I and of Q.
+    /// Bits of each of I and Q.
     pub adc_bits: Option<u32>,
-    /// Power of a tone that just fits, dBm.
+    /// Power of a tone that just reaches full scale, dBm.
     pub adc_full_scale_dbm: Option<f64>,
     /// Probability that a packet is lost.
     pub packet_loss: Option<f64>,
@@ -63,7 +63,7 @@ pub struct ImpairmentsFile {
 }
 
 impl ImpairmentsFile {
-    /// What the simulator takes.
+    /// Converts the table to the simulator's type.
     ///
     /// # Errors
     /// The first value that is out of range, by name.
@@ -73,7 +73,7 @@ impl ImpairmentsFile {
             Preset::Off => Impairments::default(),
             Preset::Typical => typical,
         };
-        // A named part of something that is off starts from the typical rest.
+        // If a parameter of a disabled impairment is specified, its other parameters take their typical values.
         let is_named = self.leakage_isolation_db.is_some() || self.leakage_path_m.is_some();
         if let Some(start) = out.leakage.or(typical.leakage.filter(|_| is_named)) {
             out.leakage = Some(Leakage {
@@ -148,7 +148,7 @@ mod tests {
             Some(adc.full_scale_dbm),
             typical.adc.map(|a| a.full_scale_dbm)
         );
-        // A part that is named switches its whole on.
+        // Specifying one parameter enables the whole impairment.
         let found = resolve("leakage_path_m = 0.1").unwrap();
         assert_eq!(found.leakage.map(|l| l.path_m), Some(0.1));
         assert_eq!(found.adc, None);

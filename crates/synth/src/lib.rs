@@ -1,6 +1,6 @@
-//! Motion in, radar-text records out: the place where body, virtual radar and signal chain meet.
+//! Generates radar-text records from motions, by combining the body model, the virtual radar and the signal chain.
 //!
-//! Scenes and data sets are described in TOML; every table has a type here, and unknown keys are refused:
+//! Scenes and data sets are described in TOML. Every table has a type in this crate, and unknown keys are errors:
 //!
 //! ```
 //! use std::path::Path;
@@ -13,7 +13,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! The same seed draws the same data set, whatever the number of threads:
+//! The same seed generates the same data set, independently of the number of threads:
 //!
 //! ```
 //! use radarllm_synth::corpus::{Corpus, procedural::ProceduralCorpus};
@@ -22,13 +22,13 @@
 //! assert_eq!(a.items()[1].captions, b.items()[1].captions);
 //! ```
 //!
-//! Reading order: [`placement`] (where a person stands), [`synthesizer`] (one motion to points), [`simulate`] (a motion that somebody names to a clip),
-//! [`corpus`] (captioned motions), [`config`] (the data set's TOML), [`impairments`],
-//! [`weather`], [`processing`] and [`room`] (its tables of receiver faults, of the air, of the signal chain
-//! and of walls), [`record`] (one pure function `(motion, seed) -> ClipRecord`), [`build`] (a whole data
-//! set); [`mod@scene`] (scene files) with `obj` (meshes).
+//! Reading order: [`placement`] (position of the person), [`synthesizer`] (a motion to points), [`simulate`] (a motion
+//! file or a built-in motion to a clip), [`corpus`] (captioned motions), [`config`] (the data set's TOML),
+//! [`impairments`], [`weather`], [`processing`] and [`room`] (its tables for receiver impairments, weather, the signal
+//! chain and walls), [`record`] (one pure function `(motion, seed) -> ClipRecord`), [`build`] (a complete data set);
+//! [`mod@scene`] (scene files) with `obj` (meshes).
 //!
-//! Deliberately absent: anything of the models, and any silent substitute for missing input.
+//! This crate contains no models, and it never silently substitutes missing input.
 
 pub mod build;
 pub mod config;

@@ -1,9 +1,8 @@
 //! Wavefront OBJ: the vertices and faces of a mesh, read line by line.
 //!
 //! Format: Wavefront *Object Files (.obj)*, version 3.0, `v` and `f` statements. Texture coordinates,
-//! normals, groups, materials, points and lines mean nothing to a radar and are passed over; free-form
-//! surfaces and words that OBJ does not know are refused, because a mesh without them would be
-//! another mesh.
+//! normals, groups, materials, points and lines have no meaning for a radar and are ignored. Free-form
+//! surfaces and keywords that OBJ does not define are errors, because ignoring them would change the mesh.
 
 use std::{
     fs::File,
@@ -14,11 +13,11 @@ use std::{
 use glam::DVec3;
 use radarllm_radar_sim::shapes::RigidSurface;
 
-/// Longest line, continuation lines included: a polygon of some thousand corners, bytes.
+/// Maximum line length, continuation lines included, bytes: a polygon of some thousand corners.
 const MAX_LINE: u64 = 1 << 16;
-/// Farthest vertex from the mesh's origin, m. Files in millimetres exceed it, and are meant to.
+/// Maximum distance of a vertex from the mesh's origin, m. Files in millimetres exceed it intentionally.
 const MAX_COORDINATE_M: f64 = 1000.0;
-/// Statements without meaning here.
+/// Statements that are ignored.
 const PASSED_OVER: [&str; 21] = [
     "vt",
     "vn",
@@ -43,13 +42,13 @@ const PASSED_OVER: [&str; 21] = [
     "stech",
 ];
 
-/// Reads a mesh of at most `max_facets` triangles; polygons are cut into fans, which is right for
-/// convex ones. Faces may name vertices that follow, and count backwards with negative numbers.
+/// Reads a mesh of no more than `max_facets` triangles. Polygons are divided into triangle fans, which is correct for
+/// convex ones. Faces may refer to later vertices, and may count backwards with negative numbers.
 ///
-/// Memory: 24 bytes a vertex, 12 bytes a triangle; nothing is allocated by a number found in the file.
+/// Memory: 24 bytes per vertex and 12 bytes per triangle. No number in the file determines the size of an allocation.
 ///
 /// # Errors
-/// File, line and what was expected.
+/// File, line and the expected content.
 pub(crate) fn read_obj(path: &Path, max_facets: usize) -> Result<RigidSurface, String> {
     let file = File::open(path).map_err(|e| format!("{}: {e}", path.display()))?;
     parse(BufReader::with_capacity(1 << 18, file), max_facets)
@@ -61,7 +60,7 @@ fn parse(mut reader: impl BufRead, max_facets: usize) -> Result<RigidSurface, St
     let mut line = Vec::new();
     let mut corners = Vec::new();
     let mut line_no = 0;
-    // The largest vertex number of a face, and where it stands.
+    // The largest vertex number of a face, and its position in the file.
     let mut largest = (0, 0);
     while next_statement(&mut reader, &mut line, &mut line_no)? {
         let fail = |problem: String| format!("line {line_no}: {problem}");
@@ -123,7 +122,7 @@ fn parse(mut reader: impl BufRead, max_facets: usize) -> Result<RigidSurface, St
     Ok(RigidSurface::new(vertices, triangles))
 }
 
-/// Reads a line and those that continue it after a backslash; `false` at the end of the file.
+/// Reads a line and its continuation lines after a backslash; `false` at the end of the file.
 fn next_statement(
     reader: &mut impl BufRead,
     line: &mut Vec<u8>,
@@ -153,7 +152,7 @@ fn next_statement(
     }
 }
 
-/// Three coordinates; a weight or a colour behind them does not matter.
+/// Three coordinates; a weight or a colour after them is ignored.
 fn vertex<'a>(mut words: impl Iterator<Item = &'a str>) -> Result<DVec3, String> {
     let mut at = [0.0_f64; 3];
     for value in &mut at {
@@ -273,8 +272,8 @@ mod tests {
             .unwrap_err();
         assert!(error.contains("line 2: not text"), "{error}");
     }
-    /// Bytes changed, doubled and cut out at random: an answer every time, and none that the simulator
-    /// could not index.
+    /// Bytes are changed, duplicated and deleted at random. Every input must give a result, and no result may contain
+    /// an index that is out of range in the simulator.
     #[test]
     fn damaged_files_never_panic() {
         use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};

@@ -1,21 +1,21 @@
-//! Where a person stands or walks in front of the radar.
+//! Position of a person in front of the radar.
 
 use glam::{Quat, Vec3};
 use radarllm_base::{Motion, frames::Placement};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
-/// Nearest and farthest the pelvis may come to the radar along boresight, m. The reference radar
-/// sees 10.99 m; nearer than 1.3 m a body fills more than the antenna pattern.
+/// Minimum and maximum distance of the pelvis from the radar along boresight, m. The maximum range of the reference
+/// radar is 10.99 m. Nearer than 1.3 m, a body extends beyond the antenna pattern.
 const PELVIS_Y_M: [f32; 2] = [1.3, 9.0];
 
-/// How clips are placed: distance to the middle of the path and heading are drawn uniformly.
+/// Ranges of clip placements: the distance to the middle of the path and the heading are drawn uniformly.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlacementRange {
     /// Distance of the path's middle along boresight, m.
     pub distance_m: [f32; 2],
-    /// Sideways offset of the path's middle, m, drawn from +- this.
+    /// Sideways offset of the path's middle, m, drawn from +- this value.
     pub lateral_m: f32,
-    /// Heading of the first pose, rad, drawn from +- this; 0 faces the radar.
+    /// Heading of the first pose, rad, drawn from +- this value; 0 faces the radar.
     pub heading_rad: f32,
     /// Height of the radar above the floor, m.
     pub radar_height_m: f32,
@@ -33,7 +33,7 @@ impl Default for PlacementRange {
 }
 
 /// Draws a placement for a canonical motion (first pose at the origin facing -y) such that the
-/// whole path lies in front of the radar, as far as it fits.
+/// whole path is in front of the radar, as far as it fits.
 pub fn draw_placement(motion: &Motion, range: &PlacementRange, seed: u64) -> Placement {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut uniform = |low: f32, high: f32| low + (high - low) * rng.random::<f32>();

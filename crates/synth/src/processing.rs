@@ -4,7 +4,7 @@ use radarllm_base::RadarConfig;
 use radarllm_radar_dsp::{ClutterFilter, Detector, DspOptions, MapKind, PeakGrouping};
 use serde::{Deserialize, Serialize};
 
-/// Where the values start that the table does not name.
+/// Source of the values that the table does not specify.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ChainPreset {
@@ -21,44 +21,45 @@ pub enum ChainPreset {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ProcessingFile {
-    /// Where unnamed values start.
+    /// Source of unspecified values.
     pub preset: ChainPreset,
-    /// Channels to one map.
+    /// How the channels are combined into one map.
     pub map: Option<MapKind>,
     /// Cell selection.
     pub detector: Option<Detector>,
-    /// Most points per frame.
+    /// Maximum number of points per frame.
     pub max_points: Option<usize>,
-    /// Nearest range kept, m.
+    /// Minimum range kept, m.
     pub min_range_m: Option<f64>,
-    /// Farthest range kept, m.
+    /// Maximum range kept, m.
     pub max_range_m: Option<f64>,
-    /// Removal of what stands still.
+    /// Removal of static clutter.
     pub clutter: Option<ClutterFilter>,
-    /// Undo the phase that a mover gathers between transmitters; false for firmware that does not.
+    /// Whether to compensate the phase that a moving target accumulates between transmitters; false for firmware that
+    /// does not.
     pub compensate_tdm: Option<bool>,
-    /// Which neighbours a point must not be weaker than.
+    /// Which neighbours a point is compared with: a point must not be weaker than any of them.
     pub peak_grouping: Option<PeakGrouping>,
     /// Step of the azimuth spectrum in fixed-point firmware; see [`DspOptions::azimuth_step_db`].
     pub azimuth_step_db: Option<f64>,
 }
 
-/// Any file with the table.
+/// Any file that contains the table.
 #[derive(Deserialize)]
 struct WithProcessing {
     processing: ProcessingFile,
 }
 
 impl ProcessingFile {
-    /// The `[processing]` table of a scene, of a data set's configuration, or of a file with nothing else.
+    /// Reads the `[processing]` table of a scene, of a data set's configuration, or of a file with nothing else.
     ///
     /// # Errors
-    /// No TOML, no such table, or a field that it does not have.
+    /// Invalid TOML, a missing table, or an unknown field.
     pub fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
         toml::from_str::<WithProcessing>(text).map(|file| file.processing)
     }
 
-    /// What the signal chain of a radar takes; it checks the values when it is planned.
+    /// Signal chain options for a radar. The signal chain checks the values when it is planned.
     pub fn resolve(&self, radar: &RadarConfig) -> DspOptions {
         let mut out = match self.preset {
             ChainPreset::Default => DspOptions::default(),

@@ -1,4 +1,4 @@
-//! One pure function: (corpus item, variant, seed) to a [`ClipRecord`].
+//! A pure function from (corpus item, variant, seed) to a [`ClipRecord`].
 
 use radarllm_base::{Motion, PointFrame, Timeline, seed::derive_seed};
 use radarllm_body::{
@@ -17,19 +17,19 @@ use crate::{
     synthesizer::builtin_body,
 };
 
-/// Rate of stored joints and motion features, 1/s: HumanML3D's.
+/// Rate of stored joints and motion features, 1/s: that of HumanML3D.
 pub const MOTION_FPS: f64 = 20.0;
 
-/// Heights of the bodies that perform a data set's motions, m. A small set, because every body is
-/// polygonised once and kept.
+/// Heights of the bodies that perform a data set's motions, m. The set is small because every body is
+/// polygonised once and kept in memory.
 const BODY_HEIGHTS_M: [f32; 4] = [1.58, 1.68, 1.78, 1.88];
 
 /// Simulates one variant of one motion.
 ///
-/// Depends on nothing but its arguments: the same call gives the same record in any process.
+/// The result depends only on the arguments: the same call gives the same record in any process.
 ///
 /// # Errors
-/// A motion or a radar frame that cannot be made, with the motion's id.
+/// A motion or a radar frame that cannot be computed, with the motion's id.
 pub fn make_record(
     synthesizer: &mut Synthesizer,
     corpus: &dyn Corpus,
@@ -51,8 +51,8 @@ pub fn make_record(
         build: [Build::Slim, Build::Average, Build::Heavy][rng.random_range(0..3)],
         facet_edge_m: config.facet_edge_m,
     };
-    // From here on the motion is the body's own: a taller body walks a longer path, and the place,
-    // the joints and the features must know.
+    // From here on, the motion is that of the body: a taller body walks a longer path, which changes the placement,
+    // the joints and the features.
     let motion = motion_on_body(&motion, builtin_body(shape)?.as_ref());
     let placement = draw_placement(&motion, &config.placement(), derive_seed(seed, "placement"));
     let most_frames = synthesizer.frames_in(longest_s);
@@ -83,7 +83,7 @@ pub fn make_record(
     })
 }
 
-/// What is kept of the radar's frames: moving points, at the stored rate, the strongest first.
+/// The stored frames: moving points, at the stored rate, the strongest first.
 fn stored_frames(
     mut frames: Vec<PointFrame>,
     radar_hz: f64,
@@ -103,13 +103,13 @@ fn stored_frames(
         .resample(rate_hz, false)
         .map_err(|e| SynthError::Config(format!("frame_rate_hz: {e}")))?
         .frames;
-    // The last frame's end may lie nearer to one frame more.
+    // The end of the last frame may be nearer to one more frame.
     frames.truncate(config.max_frames);
     frames.iter_mut().for_each(PointFrame::sort_by_intensity);
     Ok(frames)
 }
 
-/// A motion as a body performs it: the same rotations on the body's bones.
+/// Retargets a motion to a body: the same rotations on the body's bones.
 fn motion_on_body(motion: &Motion, body: &dyn BodyModel) -> Motion {
     Motion {
         fps: motion.fps,
@@ -122,7 +122,7 @@ fn motion_on_body(motion: &Motion, body: &dyn BodyModel) -> Motion {
     }
 }
 
-/// At most `max_s` of a motion: a drawn window for training, the beginning otherwise.
+/// No more than `max_s` of a motion: a randomly drawn window for training, the beginning otherwise.
 fn cut_window(motion: &Motion, item: &CorpusItem, max_s: f64, rng: &mut ChaCha8Rng) -> Motion {
     let spare_s = motion.duration_s() - max_s;
     let share = rng.random::<f64>();

@@ -15,7 +15,7 @@ pub struct RoomFile {
     pub left_m: f64,
     /// Distance of the right wall, m.
     pub right_m: f64,
-    /// Distance of the wall opposite, m.
+    /// Distance of the far wall, m.
     pub depth_m: f64,
     /// Height of the radar above the floor, m.
     pub radar_height_m: f64,
@@ -25,7 +25,7 @@ pub struct RoomFile {
     pub walls: String,
     /// Material of the floor.
     pub floor: String,
-    /// Finest facet edge, around the foot of each perpendicular from the radar, m.
+    /// Minimum facet edge length, around the foot of each perpendicular from the radar, m.
     pub facet_edge_m: f64,
 }
 
@@ -130,11 +130,11 @@ fn walls(room: &RoomFile, frequency_hz: f64) -> Result<Vec<RigidSurface>, String
     ])
 }
 
-/// Side of the depth raster for a scene with walls, samples: the cube's error falls from -14 dB at 320 to
-/// -20 dB, for 3 ms of a frame's 250 to 500 (`bench_visibility`).
+/// Side of the depth raster for a scene with walls, samples. The cube's error falls from -14 dB at 320 to
+/// -20 dB, at a cost of 3 ms of the 250 to 500 ms per frame (`bench_visibility`).
 pub(crate) const ROOM_RASTER: usize = 640;
 
-/// A material of scenes by name, for a radar of `frequency_hz`.
+/// A scene material by name, for a radar of `frequency_hz`.
 pub(crate) fn material(name: &str, frequency_hz: f64) -> Result<Material, String> {
     if name == "clothed" {
         return Ok(radarllm_body::mesh::clothed_skin());

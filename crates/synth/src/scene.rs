@@ -1,4 +1,4 @@
-//! Scene files: targets with known answers, for checks against closed forms.
+//! Scene files: targets with known results, for checks against closed forms.
 
 use std::path::Path;
 
@@ -21,34 +21,34 @@ use crate::{
     weather::WeatherFile,
 };
 
-/// A scene as its TOML says it.
+/// A scene as described in its TOML file.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
     /// Length of the scene, s.
     pub duration_s: f64,
-    /// Things in front of the radar.
+    /// Targets in front of the radar.
     #[serde(default)]
     pub target: Vec<Target>,
-    /// Receiver noise; the radar's own thermal noise without it.
+    /// Receiver noise; the radar's own thermal noise if absent.
     #[serde(default)]
     pub noise: NoiseFile,
-    /// Walls, floor and ceiling; free space without it.
+    /// Walls, floor and ceiling; free space if absent.
     pub room: Option<RoomFile>,
-    /// Faults of the receiver; none without it.
+    /// Receiver impairments; none if absent.
     #[serde(default)]
     pub impairments: ImpairmentsFile,
     /// The signal chain.
     #[serde(default)]
     pub processing: ProcessingFile,
-    /// Rain and smoke; clear air without it.
+    /// Rain and smoke; clear air if absent.
     #[serde(default)]
     pub weather: WeatherFile,
-    /// Most surfaces on a path, 1 to 4; 1 leaves out reflections between surfaces.
+    /// Maximum number of surfaces on a path, 1 to 4; 1 disables reflections between surfaces.
     #[serde(default = "default_bounces")]
     pub max_bounces: usize,
-    /// Rays along each side of the field that holds mirrors: fewer are faster, and leave the
-    /// strengths of single ghost points noisier.
+    /// Number of rays along each side of the field that contains mirrors. Fewer rays are faster and make the strengths
+    /// of individual ghost points noisier.
     #[serde(default = "default_rays")]
     pub bounce_rays: usize,
 }
@@ -67,34 +67,34 @@ fn default_bounces() -> usize {
 pub struct Target {
     /// `point`, `sphere`, `plate`, `cylinder`, `box`, `dihedral`, `trihedral`, `mesh` or `motion`.
     pub kind: String,
-    /// Centre in the radar frame, m; for corners the apex, for meshes their own origin, for motions
-    /// the place on the floor where the path's first pose stands.
+    /// Centre in the radar frame, m. For corner reflectors this is the apex, for meshes their own origin, and for
+    /// motions the position on the floor of the path's first pose.
     pub position_m: [f64; 3],
     /// Velocity, m/s.
     #[serde(default)]
     pub velocity_mps: [f64; 3],
-    /// Direction that a plate or a corner's opening faces; towards the radar without it.
+    /// Direction that a plate or a corner's opening faces; towards the radar if absent.
     pub normal: Option<[f64; 3]>,
     /// Cross section of a point, m^2.
     pub rcs_m2: Option<f64>,
     /// Radius of a sphere or cylinder, m.
     pub radius_m: Option<f64>,
-    /// Width and height of a plate or of a dihedral's wings; the second one is a cylinder's height;
-    /// the first one a trihedral's leg, m.
+    /// Width and height of a plate or of a dihedral's wings, m. The second value is a cylinder's height;
+    /// the first value is a trihedral's leg.
     pub size_m: Option<[f64; 2]>,
     /// Extent of a box along x, y, z, m.
     pub extent_m: Option<[f64; 3]>,
-    /// Longest facet edge, m.
+    /// Maximum facet edge length, m.
     pub facet_edge_m: Option<f64>,
     /// `metal` (the default), `clothed` (a dressed person) or another name of
     /// [`radarllm_base::materials::Substance`].
     pub material: Option<String>,
-    /// Thickness of a thin wall that waves also pass through, m; opaque without it and `loss_db`. Every
-    /// facet that faces the radar is such a slab of `material`, met at normal incidence.
+    /// Thickness of a thin wall that also transmits waves, m; the wall is opaque without this field and `loss_db`.
+    /// Every facet that faces the radar is such a slab of `material`, at normal incidence.
     pub thickness_m: Option<f64>,
-    /// One-way loss of what passes through, dB, in place of the one that material and thickness give.
+    /// One-way transmission loss, dB. It replaces the loss that follows from material and thickness.
     pub loss_db: Option<f64>,
-    /// Motion file or builtin:NAME; OBJ file of a mesh.
+    /// Motion file or builtin:NAME; for a mesh, its OBJ file.
     pub file: Option<String>,
 }
 
@@ -105,18 +105,18 @@ pub struct NoiseFile {
     /// No noise at all.
     #[serde(default)]
     pub none: bool,
-    /// Noise this far below the signal, dB.
+    /// Signal-to-noise ratio, dB: the noise is this far below the signal.
     pub snr_db: Option<f64>,
-    /// Noise figure in place of the radar's own, dB.
+    /// Noise figure that replaces the radar's own, dB.
     pub noise_figure_db: Option<f64>,
 }
 
-/// Longest scene, s.
+/// Maximum duration of a scene, s.
 const MAX_DURATION_S: f64 = 3600.0;
-/// Most facets per target: a slip in `facet_edge_m` must not fill the memory.
+/// Maximum number of facets per target, so that an error in `facet_edge_m` does not exhaust the memory.
 const MAX_FACETS: f64 = 2e6;
-/// Most facets of a scene. A facet takes 190 bytes in the simulator, 450 with reflections between
-/// surfaces: 5.4 GB at most (measured with 10 million facets: 1.9 and 4.5 GB, 5 and 19 s a frame on one
+/// Maximum number of facets of a scene. A facet takes 190 bytes in the simulator, 450 with reflections between
+/// surfaces, for a maximum of 5.4 GB (measured with 10 million facets: 1.9 and 4.5 GB, 5 and 19 s per frame on one
 /// core).
 const MAX_SCENE_FACETS: usize = 12_000_000;
 
@@ -124,7 +124,7 @@ impl SceneFile {
     /// Reads a scene.
     ///
     /// # Errors
-    /// TOML errors with their place; values out of range with their name.
+    /// TOML errors with their position; values out of range with their name.
     pub fn from_toml(text: &str) -> Result<Self, SynthError> {
         let file: Self = toml::from_str(text).map_err(|e| SynthError::Config(e.to_string()))?;
         if !(file.duration_s > 0.0 && file.duration_s <= MAX_DURATION_S) {
@@ -154,7 +154,7 @@ impl SceneFile {
         Ok(file)
     }
 
-    /// The radar as the scene wants it: with the noise figure of `[noise]`, if it names one.
+    /// The radar with the noise figure of `[noise]`, if specified.
     pub fn radar(&self, radar: &RadarConfig) -> RadarConfig {
         RadarConfig {
             noise_figure_db: self.noise.noise_figure_db.unwrap_or(radar.noise_figure_db),
@@ -185,7 +185,7 @@ pub struct OwnedScene {
 }
 
 impl OwnedScene {
-    /// Makes the targets of a scene file as a radar of `frequency_hz` sees them; paths start at `base`.
+    /// Opens the targets of a scene file for a radar of `frequency_hz`. Relative paths are resolved against `base`.
     ///
     /// # Errors
     /// Unknown kinds, missing or impossible values, with the target's number.
@@ -224,7 +224,7 @@ impl OwnedScene {
         Ok(scene)
     }
 
-    /// What the simulator takes.
+    /// The scene in the simulator's form.
     pub fn scene(&self) -> Scene<'_> {
         Scene {
             surfaces: self.surfaces.iter().map(AsRef::as_ref).collect(),
@@ -336,7 +336,7 @@ fn size(target: &Target) -> Result<[f64; 2], String> {
     ])
 }
 
-/// A target's material: opaque, or a slab that waves also pass through.
+/// A target's material: opaque, or a slab that also transmits waves.
 fn target_material(target: &Target, frequency_hz: f64) -> Result<Material, String> {
     let name = target.material.as_deref().unwrap_or("metal");
     let mut found = material(name, frequency_hz)?;
@@ -368,12 +368,12 @@ fn target_material(target: &Target, frequency_hz: f64) -> Result<Material, Strin
     Ok(found)
 }
 
-/// Turns what opens towards -y to the asked direction, or to the radar.
+/// Rotation from -y to the requested direction, or towards the radar.
 fn facing(target: &Target) -> Result<DQuat, String> {
     let position = DVec3::from_array(target.position_m);
     let normal = target.normal.map_or(-position, DVec3::from_array);
     let normal = normal.try_normalize().ok_or("normal must not be zero")?;
-    // Yaw, then pitch: a corner's edge stays upright, as on a tripod.
+    // Yaw, then pitch: a corner's edge remains upright, as on a tripod.
     let yaw = normal.x.atan2(-normal.y);
     let pitch = -normal.z.clamp(-1.0, 1.0).asin();
     Ok(DQuat::from_rotation_z(yaw) * DQuat::from_rotation_x(pitch))
@@ -401,7 +401,7 @@ fn motion(target: &Target, base: &Path) -> Result<radarllm_body::mesh::PosedBody
         }
     }
     let position = Vec3::from_array(target.position_m.map(|v| v as f32));
-    // A scene's floor lies at the target's own height; the radar is at the origin.
+    // A scene's floor is at the target's own height; the radar is at the origin.
     let placement = Placement {
         position_m: [position.x, position.y],
         heading_rad: 0.0,
@@ -453,7 +453,7 @@ mod tests {
                 "duration_s = 1.0\n[[target]]\nkind = \"motion\"\nposition_m = [0.0, 3.0, -1.0]\nfile = \"builtin:walk\"\nfacet_edge_m = 0.5",
                 "of a body",
             ),
-            // Each of the seven is small enough, all of them are not.
+            // Each of the seven is within the limit, but all of them together are not.
             (&many, "number 7"),
             (
                 "duration_s = 1.0\n[[target]]\nkind = \"mesh\"\nposition_m = [0.0, 3.0, 0.0]\nfile = \"nowhere.obj\"",
@@ -507,7 +507,7 @@ mod tests {
         };
         assert_eq!(of("material = \"plaster\"").power_transmission, 0.0);
         let wall = of("material = \"plaster\"\nthickness_m = 0.0125");
-        // 6.9 dB by the slab formula; materials.rs has the numbers by hand.
+        // 6.9 dB by the slab formula; materials.rs contains the manual calculation.
         let loss_db = -10.0 * wall.power_transmission.log10();
         assert!((loss_db - 6.86).abs() < 0.02, "{loss_db}");
         let curtain = of("material = \"cloth\"\nloss_db = 1.0");
@@ -535,12 +535,12 @@ mod tests {
             wall.positions_at(0.0, &mut at);
             for &[a, b, c] in wall.triangles() {
                 let [a, b, c] = [a, b, c].map(|i| at[i as usize]);
-                // The radar's place and the middle of the room lie in front of every facet.
+                // The radar's position and the middle of the room are in front of every facet.
                 let normal = (b - a).cross(c - a);
                 assert!(normal.dot(Vec3::new(0.0, 3.0, 0.2) - a) > 0.0);
             }
         }
-        // What else can be wrong with a mesh is in `obj`.
+        // The other possible defects of a mesh are tested in `obj`.
         std::fs::write(dir.path().join("quad.obj"), "v 0 0 0\nv 0 0 nan\nf 1 1 1\n").unwrap();
         let error = OwnedScene::open(&file, dir.path(), 79e9)
             .map(|_| ())

@@ -1,4 +1,4 @@
-//! A motion that somebody names, a file or a built-in motion, to a clip of points.
+//! Simulates a motion, given as a file or a built-in motion, to a clip of points.
 
 use std::path::Path;
 
@@ -15,18 +15,18 @@ use crate::{
     synthesizer::{builtin_shape, posed_builtin, scene_to_points_in_parallel},
 };
 
-/// A motion, the body that performs it, and what its file or its parameters say.
+/// A motion, the body that performs it, and information from its file or its parameters.
 #[derive(Clone, Debug)]
 pub struct MotionInput {
     /// The motion; it starts at the origin and faces the radar.
     pub motion: Motion,
     /// The body that performs it.
     pub shape: BodyShape,
-    /// Facts about the source.
+    /// Information about the source.
     pub info: MotionInfo,
 }
 
-/// Facts about the source of a motion.
+/// Information about the source of a motion.
 #[derive(Clone, Debug, Serialize)]
 pub struct MotionInfo {
     /// File format, or `builtin`.
@@ -43,9 +43,9 @@ pub struct MotionInfo {
     pub unit: String,
     /// Standing height of the skeleton, m.
     pub height_m: f64,
-    /// What the source holds and this project does not use.
+    /// Contents of the source that this project does not use.
     pub skipped: Vec<String>,
-    /// What looks wrong.
+    /// Warnings about suspicious content.
     pub warnings: Vec<String>,
     /// Captions of built-in motions.
     pub captions: Vec<String>,
@@ -57,7 +57,7 @@ pub fn is_builtin(input: &str) -> bool {
 }
 
 /// Loads a motion file (BVH, AMC with its ASF, AMASS npz, HumanML3D npy) or renders a built-in motion
-/// (`builtin:NAME?key=value`), whose small variations are drawn with `seed`.
+/// (`builtin:NAME?key=value`). The small variations of a built-in motion are drawn with `seed`.
 ///
 /// ```
 /// let walk = radarllm_synth::open_motion("builtin:walk?direction=backward", 1)?;
@@ -67,7 +67,7 @@ pub fn is_builtin(input: &str) -> bool {
 /// ```
 ///
 /// # Errors
-/// An unknown motion or key, or a file that cannot be read, with its name and place.
+/// An unknown motion or key, or a file that cannot be read, with its name and position.
 pub fn open_motion(input: &str, seed: u64) -> Result<MotionInput, Error> {
     if is_builtin(input) {
         return open_builtin(input, seed);
@@ -133,10 +133,10 @@ fn open_builtin(input: &str, seed: u64) -> Result<MotionInput, Error> {
     })
 }
 
-/// How a motion is simulated.
+/// Simulation options for a motion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SimulateOptions {
-    /// Seed of noise and of a built-in motion's small variations.
+    /// Seed of the noise and of a built-in motion's small variations.
     pub seed: u64,
     /// Distance from the radar to the middle of the motion's path, m.
     pub distance_m: f32,
@@ -160,14 +160,14 @@ impl Default for SimulateOptions {
     }
 }
 
-/// A simulated clip and what was performed.
+/// A simulated clip and the performed motion.
 #[derive(Clone, Debug)]
 pub struct SimulatedClip {
     /// The radar points.
     pub clip: Clip,
     /// The motion.
     pub motion: MotionInput,
-    /// Where the motion was performed.
+    /// Position and heading of the motion.
     pub placement: Placement,
 }
 
@@ -215,7 +215,7 @@ fn clip(
     }
 }
 
-/// The placement of a motion at a distance on boresight, facing as it does.
+/// Places a motion at a distance on boresight, with its own heading.
 pub fn place(motion: &Motion, distance_m: f32, radar_height_m: f32) -> Placement {
     let range = PlacementRange {
         distance_m: [distance_m; 2],

@@ -1,4 +1,4 @@
-//! One motion or scene to points: body, virtual radar and signal chain in a row.
+//! Converts one motion or scene to points with the body model, the virtual radar and the signal chain.
 
 use std::{
     collections::HashMap,
@@ -21,33 +21,33 @@ use rayon::prelude::*;
 
 use crate::corpus::CorpusError;
 
-/// Why a record cannot be made.
+/// Why a record cannot be computed.
 #[derive(Debug, thiserror::Error)]
 pub enum SynthError {
-    /// The data set configuration is wrong.
+    /// The data set configuration is invalid.
     #[error("configuration: {0}")]
     Config(String),
-    /// The radar description is wrong.
+    /// The radar description is invalid.
     #[error(transparent)]
     Radar(#[from] radarllm_io::Error),
-    /// A source of motions is wrong.
+    /// A source of motions is invalid.
     #[error(transparent)]
     Corpus(#[from] CorpusError),
-    /// The body cannot be made.
+    /// The body cannot be generated.
     #[error("body: {0}")]
     Body(String),
-    /// The simulator refused.
+    /// The simulator returned an error.
     #[error("simulator: {0}")]
     Sim(#[from] SimError),
-    /// The signal chain refused.
+    /// The signal chain returned an error.
     #[error("signal chain: {0}")]
     Dsp(#[from] DspError),
-    /// The data set refused.
+    /// The data set returned an error.
     #[error(transparent)]
     Dataset(#[from] radarllm_dataset::DatasetError),
 }
 
-/// Opens a radar: a built-in name, or a file relative to `base`.
+/// Opens a radar: a built-in name, or a path relative to `base`.
 ///
 /// # Errors
 /// As [`radarllm_io::open_radar`].
@@ -55,7 +55,7 @@ pub fn open_radar(name: &str, base: &Path) -> Result<RadarConfig, SynthError> {
     Ok(radarllm_io::open_radar_in(name, base)?.config)
 }
 
-/// The built-in body of a shape; made once and kept, because polygonising takes a good part of a
+/// The built-in body of a shape. It is generated once and kept, because polygonising takes a large fraction of one
 /// second.
 ///
 /// # Errors
@@ -75,17 +75,17 @@ pub fn builtin_body(shape: BodyShape) -> Result<Arc<BuiltinBody>, SynthError> {
     Ok(body)
 }
 
-/// Which of the simulator's two implementations runs.
+/// Which of the simulator's two implementations is used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
     /// Range gridding.
     #[default]
     Fast,
-    /// The direct sum in double precision: hundreds of times slower.
+    /// The direct sum in double precision, which is hundreds of times slower.
     Reference,
 }
 
-/// A planned chain for one radar; one per thread.
+/// A planned chain for one radar. Each thread needs its own.
 pub struct Synthesizer {
     radar: RadarConfig,
     sim: SimOptions,
@@ -98,15 +98,15 @@ pub struct Synthesizer {
 }
 
 impl Synthesizer {
-    /// Plans simulator and signal chain.
+    /// Plans the simulator and the signal chain.
     ///
     /// # Errors
-    /// A radar that either of them cannot serve.
+    /// A radar that either of them does not support.
     pub fn new(radar: &RadarConfig, method: Method, dsp: DspOptions) -> Result<Self, SynthError> {
         Self::with_simulation(radar, method, dsp, SimOptions::default())
     }
 
-    /// As [`Self::new`], with options of the simulator.
+    /// As [`Self::new`], with simulator options.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -116,7 +116,7 @@ impl Synthesizer {
         dsp: DspOptions,
         sim: SimOptions,
     ) -> Result<Self, SynthError> {
-        // For the reference method it makes the noise, which knows no transmitters.
+        // For the reference method it generates the noise, which does not depend on the transmitters.
         let simulator = Simulator::new(radar, sim.clone())?;
         let extractor = PointExtractor::new(radar, dsp)?;
         let cube = simulator.new_cube();
@@ -132,7 +132,7 @@ impl Synthesizer {
         })
     }
 
-    /// The same chain behind a receiver with faults.
+    /// The same chain with receiver impairments.
     #[must_use]
     pub fn with_impairments(self, impairments: Impairments) -> Self {
         Self {
@@ -141,7 +141,7 @@ impl Synthesizer {
         }
     }
 
-    /// The same chain in a room: [`Self::motion_to_points`] sees these walls besides the body.
+    /// The same chain in a room: [`Self::motion_to_points`] simulates these walls in addition to the body.
     #[must_use]
     pub fn with_walls(self, walls: Vec<RigidSurface>) -> Self {
         Self { walls, ..self }
@@ -152,7 +152,7 @@ impl Synthesizer {
         &self.radar
     }
 
-    /// A motion performed by the built-in body, as points.
+    /// Simulates a motion performed by the built-in body, as points.
     ///
     /// # Errors
     /// A frame that cannot be simulated or processed.
@@ -165,7 +165,7 @@ impl Synthesizer {
         seed: u64,
     ) -> Result<Vec<PointFrame>, SynthError> {
         let body = posed_builtin(motion, shape, placement)?;
-        // The walls step out for the while, so that the scene does not borrow the chain.
+        // The walls are taken out temporarily, so that the scene does not borrow the chain.
         let walls = std::mem::take(&mut self.walls);
         let mut scene = Scene {
             surfaces: vec![&body],
@@ -181,15 +181,15 @@ impl Synthesizer {
         frames
     }
 
-    /// Radar frames that fit into a duration.
+    /// Number of radar frames that fit into a duration.
     pub fn frames_in(&self, duration_s: f64) -> usize {
-        // The small term keeps 1.0 s at 0.1 s a frame from losing a frame to rounding.
+        // The small term keeps 1.0 s at 0.1 s per frame from losing a frame to rounding.
         (duration_s / self.radar.frame_period_s + 1e-6)
             .floor()
             .max(0.0) as usize
     }
 
-    /// A scene as points.
+    /// Simulates a scene as points.
     ///
     /// # Errors
     /// A frame that cannot be simulated or processed.
@@ -229,12 +229,12 @@ impl Synthesizer {
         }
         self.impairments
             .apply(&self.radar, &mut self.cube, seed, frame)?;
-        // The stamp is the radar's own idea of the time.
+        // The time stamp is the radar's nominal time.
         self.cube.time_s = planned_s;
         Ok(&self.cube)
     }
 
-    /// The direct sum has no noise of its own: it is laid over the noise of an empty scene.
+    /// The direct sum does not simulate noise: its result is added to the noise of an empty scene.
     fn simulate_reference(
         &mut self,
         scene: &Scene,
@@ -270,7 +270,7 @@ impl Synthesizer {
         Ok(())
     }
 
-    /// Points of the cube that [`Self::simulate`] made last.
+    /// Extracts the points of the last cube of [`Self::simulate`].
     ///
     /// # Errors
     /// A cube that cannot be processed.
@@ -280,15 +280,15 @@ impl Synthesizer {
         Ok(frame)
     }
 
-    /// The extractor, for pictures of the same cube.
+    /// The extractor and the last cube, for plots of the same cube.
     pub fn extractor(&mut self) -> (&mut PointExtractor, &RadarCube) {
         (&mut self.extractor, &self.cube)
     }
 }
 
-/// Points of the first frames of a scene, on all threads of the current pool. `plan` makes the chain of one thread.
+/// Simulates the first frames of a scene on all threads of the current pool. `plan` creates the chain of one thread.
 ///
-/// The points are the same for any number of threads: a frame depends on its number and the seed alone.
+/// The points do not depend on the number of threads: a frame depends only on its number and the seed.
 ///
 /// # Errors
 /// A chain that cannot be planned, or a frame that cannot be simulated or processed.
@@ -317,7 +317,7 @@ pub fn scene_to_points_in_parallel(
     Ok(pieces?.into_iter().flatten().collect())
 }
 
-/// The built-in body performing a motion at a place.
+/// The built-in body performing a motion at a placement.
 ///
 /// # Errors
 /// A body shape out of range.
@@ -335,7 +335,7 @@ pub fn posed_builtin(
     ))
 }
 
-/// The body that a built-in motion asked for.
+/// The body shape that a built-in motion requires.
 pub fn builtin_shape(rendered: &Procedural) -> BodyShape {
     BodyShape {
         height_m: rendered.height_m,

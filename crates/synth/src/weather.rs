@@ -3,18 +3,18 @@
 use radarllm_radar_sim::Weather;
 use serde::{Deserialize, Serialize};
 
-/// The table; fields as in [`Weather`].
+/// The table. Its fields are those of [`Weather`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct WeatherFile {
     /// Rain rate, mm/h.
     pub rain_mm_per_h: f64,
-    /// Smoke particles in the air, g/m^3.
+    /// Concentration of smoke particles in the air, g/m^3.
     pub smoke_g_per_m3: f64,
 }
 
 impl WeatherFile {
-    /// What the simulator takes.
+    /// Converts the table to the simulator's type.
     pub fn resolve(&self) -> Weather {
         Weather {
             rain_mm_per_h: self.rain_mm_per_h,

@@ -1,16 +1,16 @@
-//! METEOR 1.5's aligner: which words of the candidate match which of the reference.
+//! METEOR 1.5's aligner, which determines the matching words of candidate and reference.
 //!
-//! All possible matches are listed, those without a rival are fixed, and a beam search goes over the
-//! reference from left to right for the rest. Its quirks are kept, because values depend on them.
+//! All possible matches are listed. Those without a competing match are fixed. For the others, a beam search
+//! processes the reference from left to right. Its peculiarities are kept, because values depend on them.
 
 use super::{N_MODULES, Word, paraphrase::Paraphrases};
 
-/// Paths that are followed at a time.
+/// Beam width: number of paths that are followed at the same time.
 const BEAM: usize = 40;
-/// Weight of a match in the search, by module. (The score has other weights.)
+/// Weight of a match in the search, by module. The weights of the score are different.
 const SEARCH_WEIGHTS: [f64; N_MODULES] = [1.0, 0.5, 0.5, 0.5];
 
-/// Words of the candidate and of the reference that belong together.
+/// Matching words of the candidate and of the reference.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Match {
     pub module: usize,
@@ -49,7 +49,7 @@ impl Stage {
         });
     }
 
-    /// Is the match the only one at all its words?
+    /// Whether the match is the only one at all its words.
     fn is_alone(&self, m: Match) -> bool {
         range(m.candidate).all(|i| self.candidate_coverage[i] == 1)
             && range(m.reference).all(|i| self.reference_coverage[i] == 1)
@@ -60,7 +60,7 @@ fn range((start, n): (usize, usize)) -> std::ops::Range<usize> {
     start..start + n
 }
 
-/// Aligns two sentences; `synonyms` says whether that matcher runs.
+/// Aligns two sentences. `synonyms` enables the synonym matcher.
 pub(super) fn align(
     candidate: &[&Word],
     reference: &[&Word],
@@ -130,7 +130,7 @@ pub(super) fn align(
     finish(&chosen)
 }
 
-/// Do two sorted lists have an element in common?
+/// Whether two sorted lists have an element in common.
 fn share(a: &[u32], b: &[u32]) -> bool {
     let (mut i, mut j) = (0, 0);
     while i < a.len() && j < b.len() {
@@ -143,7 +143,7 @@ fn share(a: &[u32], b: &[u32]) -> bool {
     false
 }
 
-/// What ranks a partial alignment.
+/// The ranking criteria of a partial alignment.
 #[derive(Clone, Copy, Default)]
 struct State {
     /// Weighted matched words, in candidate and reference: cut to an integer after each addition,
@@ -239,7 +239,7 @@ fn distance(m: Match) -> i64 {
 fn search(stage: &Stage, start: Path) -> Path {
     let mut paths = vec![start];
     for (current, list) in stage.matches.iter().enumerate() {
-        // How paths go on: state, path, and the match that it takes here. Only the best are then copied.
+        // Possible continuations: state, path, and the match that is chosen here. Only the best are copied afterwards.
         let mut steps: Vec<(State, usize, Option<usize>)> = Vec::new();
         for (origin, path) in paths.iter().enumerate() {
             let mut state = path.state;
@@ -257,7 +257,7 @@ fn search(stage: &Stage, start: Path) -> Path {
                 let mut with = state;
                 with.count(m);
                 steps.push((with, origin, Some(i)));
-                // The original adds this distance to the path that goes on without the match.
+                // The original implementation adds this distance to the path that continues without the match.
                 state.distance += distance(m);
             }
             if state.last_end.take().is_some() {
@@ -267,10 +267,10 @@ fn search(stage: &Stage, start: Path) -> Path {
             steps.push((state, origin, None));
         }
         if steps.is_empty() {
-            // The best path goes on although nothing fits.
+            // The best path continues even if nothing fits.
             steps.extend(paths.first().map(|p| (p.state, 0, None)));
         }
-        // Stable: equals stay in the order in which they were found.
+        // Stable sort: equal elements keep the order in which they were found.
         steps.sort_by_key(|(state, ..)| state.rank());
         steps.truncate(BEAM);
         let go_on = |(state, origin, choice): (State, usize, Option<usize>)| {
@@ -289,7 +289,7 @@ fn search(stage: &Stage, start: Path) -> Path {
         }
     }
     paths.sort_by_key(|path| path.state.rank());
-    // The list never runs empty: it starts with one path and each step leaves at least one.
+    // The list is never empty: it starts with one path, and each step keeps at least one.
     paths.into_iter().next().unwrap_or_else(|| Path::new(0, 0))
 }
 

@@ -1,7 +1,7 @@
 //! METEOR 1.5 (Denkowski and Lavie, "Meteor Universal", WMT 2014), English, task `rank`, `-norm`.
 //!
-//! Checked against the jar: `tests/it/meteor.rs`. Built in are exact, stem and synonym matches; METEOR's
-//! own function words, abbreviations and paraphrases are LGPL data that only come from the user's folder.
+//! Checked against METEOR's jar in `tests/it/meteor.rs`. Exact, stem and synonym matches are built in. METEOR's
+//! own function words, abbreviations and paraphrases are LGPL data that are only read from the user's folder.
 
 mod align;
 pub mod nltk;
@@ -31,7 +31,7 @@ const ABBREVIATIONS: &str = include_str!("../../data/abbreviations.txt");
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}: {problem}")]
 pub struct TableError {
-    /// From 1.
+    /// Line, from 1.
     pub line: usize,
     /// What is wrong.
     pub problem: String,
@@ -57,7 +57,7 @@ pub struct Resources {
 }
 
 impl Default for Resources {
-    /// What is built in: our function words and abbreviations, WordNet's synonyms, no paraphrases.
+    /// The built-in tables: our function words and abbreviations, WordNet's synonyms, no paraphrases.
     fn default() -> Self {
         Self {
             function_words: parse_words(FUNCTION_WORDS),
@@ -70,7 +70,7 @@ impl Default for Resources {
 }
 
 impl Resources {
-    /// With METEOR's `function/english.words`: a word a line.
+    /// Uses METEOR's `function/english.words`: one word per line.
     pub fn with_function_words(self, text: &str) -> Self {
         Self {
             function_words: text.lines().map(str::to_string).collect(),
@@ -79,8 +79,8 @@ impl Resources {
         }
     }
 
-    /// With METEOR's `nonbreaking/english.prefixes`: an abbreviation a line without its dot,
-    /// `#NUMERIC_ONLY#` behind those that only keep it before numbers, `#` at the start of a comment.
+    /// Uses METEOR's `nonbreaking/english.prefixes`: one abbreviation per line without its dot,
+    /// `#NUMERIC_ONLY#` after those that only keep it before numbers, `#` at the start of a comment.
     pub fn with_abbreviations(self, text: &str) -> Self {
         Self {
             abbreviations: parse_abbreviations(text),
@@ -88,7 +88,7 @@ impl Resources {
         }
     }
 
-    /// With a paraphrase table.
+    /// Uses a paraphrase table.
     pub fn with_paraphrases(self, paraphrases: Paraphrases) -> Self {
         Self {
             paraphrases: Some(paraphrases),
@@ -96,7 +96,7 @@ impl Resources {
         }
     }
 
-    /// Without WordNet.
+    /// Disables WordNet.
     pub fn without_synonyms(self) -> Self {
         Self {
             synonyms: false,
@@ -104,7 +104,7 @@ impl Resources {
         }
     }
 
-    /// Matchers that run.
+    /// Names of the enabled matchers.
     pub fn matchers(&self) -> Vec<&'static str> {
         let runs = [true, true, self.synonyms, self.paraphrases.is_some()];
         let named = MODULE_NAMES.into_iter().zip(runs);
@@ -114,7 +114,7 @@ impl Resources {
             .collect()
     }
 
-    /// Whose function words: `radarllm` (built in) or `meteor` (the user's file).
+    /// Origin of the function words: `radarllm` (built in) or `meteor` (the user's file).
     pub fn function_word_list(&self) -> &'static str {
         if self.own_function_words {
             "radarllm"
@@ -145,7 +145,7 @@ fn parse_abbreviations(text: &str) -> HashMap<String, normalise::Abbreviation> {
         .collect()
 }
 
-/// What the matchers compare of a word.
+/// The properties of a word that the matchers compare.
 #[derive(Clone, Debug)]
 struct Word {
     number: u32,
@@ -197,7 +197,7 @@ impl MeteorStats {
             self.chunks / ((self.matched(0) + self.matched(1)) / 2.0)
         };
         let score = mean * (1.0 - GAMMA * fragmentation.powf(BETA));
-        // Nothing matched, or nothing there: 0/0.
+        // If nothing matched or a sentence is empty, the value is 0/0.
         if score.is_nan() { 0.0 } else { score.max(0.0) }
     }
 
@@ -209,7 +209,7 @@ impl MeteorStats {
         *self = Self::from_columns(&total);
     }
 
-    /// Every word is matched, in one chunk.
+    /// Whether every word is matched, in one chunk.
     fn is_one_chunk(&self) -> bool {
         self.matched(0) == self.len[0] && self.matched(1) == self.len[1] && self.chunks == 1.0
     }
@@ -249,7 +249,7 @@ impl MeteorStats {
     }
 }
 
-/// Scores sentences; keeps what it has looked up about words.
+/// Scores sentences, and caches its word look-ups.
 pub struct Meteor<'a> {
     resources: &'a Resources,
     words: HashMap<String, Word>,

@@ -1,7 +1,7 @@
 //! METEOR as nltk computes it: other parameters, another aligner and another corpus rule than METEOR 1.5.
 //!
 //! Lavie and Agarwal 2007 with nltk's choices: greedy matches from the last word backwards, Porter's
-//! stemmer with nltk's extensions, WordNet asked for the *stems* that were left over.
+//! stemmer with nltk's extensions, and WordNet look-ups of the *stems* that were not matched.
 
 use crate::{stem, wordnet::WordNet};
 
@@ -12,7 +12,7 @@ const GAMMA: f64 = 0.5;
 /// Word and position of those not matched yet.
 type Left = Vec<(usize, String)>;
 
-/// Best score over references, 0..1. Words as they are tokenised; they are compared in lower case.
+/// Maximum score over references, 0..1. The words are already tokenised; they are compared in lower case.
 pub fn meteor_nltk<S: AsRef<str>>(candidate: &[S], references: &[Vec<S>]) -> f64 {
     references
         .iter()

@@ -1,8 +1,8 @@
-//! Text to tokens as METEOR 1.5 does with `-l en -norm`: punctuation is kept and split off, `'s` and
-//! `n't` keep their apostrophe, hyphens break words, all in lower case.
+//! Tokenises text as METEOR 1.5 does with `-l en -norm`: punctuation is kept as separate tokens, `'s` and
+//! `n't` keep their apostrophe, hyphens separate words, and everything is in lower case.
 //!
-//! The steps follow each other as in METEOR and each goes over the text once without looking at
-//! characters that it has already replaced, which decides cases like `,,,`.
+//! The steps are in METEOR's order. Each step processes the text once without considering
+//! characters that it has already replaced, which determines the result of cases like `,,,`.
 
 use super::Resources;
 

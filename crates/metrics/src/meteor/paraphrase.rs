@@ -1,12 +1,12 @@
-//! METEOR's paraphrase table: phrases of one to a few words that stand for each other.
+//! METEOR's paraphrase table: phrases of one to a few words that can replace each other.
 
 use std::collections::HashMap;
 use std::io::BufRead;
 
 use super::TableError;
 
-/// Longest line, longest phrase and largest table that are read; METEOR's English one has lines below
-/// 100 bytes, phrases of at most 7 words and 5.3 million pairs.
+/// Maximum line length, phrase length and table size. METEOR's English table has lines below
+/// 100 bytes, phrases of up to 7 words and 5.3 million pairs.
 const MAX_LINE_BYTES: usize = 1000;
 const MAX_PHRASE_WORDS: usize = 32;
 const MAX_PAIRS: usize = 20_000_000;
@@ -96,12 +96,12 @@ impl Paraphrases {
         n
     }
 
-    /// Pairs in the table.
+    /// Number of pairs in the table.
     pub fn len(&self) -> usize {
         self.n_pairs
     }
 
-    /// Is there no pair?
+    /// Whether the table is empty.
     pub fn is_empty(&self) -> bool {
         self.n_pairs == 0
     }

@@ -1,4 +1,4 @@
-//! Two stemmers of English: METEOR 1.5 and ROUGE compare stems, and each names its own stemmer.
+//! Two stemmers of English. METEOR 1.5 and ROUGE compare stems, and each uses its own stemmer.
 
 mod porter;
 mod porter2;
@@ -6,7 +6,7 @@ mod porter2;
 pub use porter::porter;
 pub use porter2::porter2;
 
-/// Does `word` end in `suffix`?
+/// Whether `word` ends in `suffix`.
 fn ends_with(word: &[char], suffix: &str) -> bool {
     let n = suffix.chars().count();
     word.len() >= n && word[word.len() - n..].iter().copied().eq(suffix.chars())

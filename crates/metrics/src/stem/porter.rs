@@ -142,7 +142,7 @@ fn step_1b(w: &mut Vec<char>) {
 }
 
 fn step_2(w: &mut Vec<char>) {
-    // radicalli gives radical and goes once more through the step (an addition of nltk's).
+    // radicalli gives radical, and the step is applied to it once more (an addition of nltk's).
     while ends_with(w, "alli") && measure(&w[..w.len() - 4]) > 0 {
         replace_end(w, 2, "");
     }

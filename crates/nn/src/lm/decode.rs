@@ -1,4 +1,4 @@
-//! Decoding with the networks as they are trained, by the search of the engine, with cached keys and values.
+//! Decoding with the training implementation of the networks, by the engine's search, with cached keys and values.
 
 use radarllm_engine::search::{self, DecodingBackend, SearchOptions};
 use radarllm_inference::lm::config::NetworkConfig;
@@ -11,7 +11,7 @@ use super::t5::{DecoderCache, RadarT5, SourceBatch};
 use crate::precision::ProductPrecision;
 use crate::pretrained::decoder::{DecoderPast, RadarDecoder};
 
-/// A network, and what it keeps between decoding steps.
+/// A network and its state between decoding steps.
 enum State<'a> {
     T5(&'a RadarT5, Box<DecoderCache>),
     DecoderOnly(&'a RadarDecoder, DecoderPast),
@@ -40,7 +40,7 @@ impl State<'_> {
         }
     }
 
-    /// The same for rows that keep their sources, whose keys and values stay where they are.
+    /// As `select`, for rows that keep their sources: the cross-attention keys and values are not reordered.
     fn reorder(self, rows: &[usize]) -> Self {
         match self {
             Self::T5(net, cache) => Self::T5(net, cache.reorder(rows).into()),
@@ -49,7 +49,7 @@ impl State<'_> {
     }
 }
 
-/// A language model while it decodes.
+/// A language model during decoding.
 pub struct Decoding<'a> {
     lm: &'a RadarLm,
     /// Present between [`DecodingBackend::start`] and the end of the batch.
@@ -140,7 +140,7 @@ impl DecodingBackend for Decoding<'_> {
 }
 
 impl RadarLm {
-    /// What the search of the engine drives.
+    /// The decoding backend that the engine's search uses.
     pub fn decoding(&self) -> Decoding<'_> {
         Decoding {
             lm: self,
@@ -201,7 +201,7 @@ mod tests {
     use super::*;
     use crate::lm::TrainingPass;
 
-    /// A random model: its sentences are nonsense, but the same nonsense whatever the route.
+    /// A random model: its sentences are meaningless, but must be the same by every implementation.
     fn model(preset: LmPreset) -> RadarLm {
         let texts = ["a person walks to the left", "someone jumps"];
         let vocab = Vocab::learn(texts.into_iter(), templates::all_text(), 600, 4, 16).unwrap();
@@ -235,7 +235,7 @@ mod tests {
             .collect()
     }
 
-    /// The likeliest token that may stand in a text.
+    /// The most likely token that may occur in a text.
     fn likeliest_text(lm: &RadarLm, logits: &[f32]) -> u32 {
         (0..logits.len() as u32)
             .filter(|id| Allowed::Text.permits(*id, lm.vocab.layout()))
@@ -243,7 +243,7 @@ mod tests {
             .unwrap()
     }
 
-    /// Greedy decoding without any cache: the whole prefix again for every token.
+    /// Greedy decoding without a cache: the whole prefix is recomputed for every token.
     fn slow_greedy(lm: &RadarLm, source: &Source, steps: usize) -> Vec<u32> {
         let batch = SourceBatch::new(&[source], lm.config.code_dim, &lm.net.device());
         let mut prefix = vec![PAD];
@@ -286,14 +286,14 @@ mod tests {
         }
     }
 
-    /// A random decoder alone.
+    /// A random decoder-only network.
     fn decoder(backbone: Backbone) -> RadarLm {
         let texts = ["a person walks to the left", "someone jumps"];
         let vocab = Vocab::learn(texts.into_iter(), templates::all_text(), 600, 4, 16).unwrap();
         let mut config = backbone.config(LmPreset::Tiny, 16, 8).unwrap();
         config.bypass = true;
         let mut lm = RadarLm::new(config, vocab, 3, &Device::flex()).unwrap();
-        // Fresh rows give nearly equal logits; louder ones make sentences that differ.
+        // Freshly drawn rows give nearly equal logits; rows of larger magnitude give sentences that differ.
         let mut params = crate::params::collect_params(&lm.net);
         for (_, tensor) in params
             .iter_mut()
@@ -306,7 +306,7 @@ mod tests {
         lm
     }
 
-    /// Greedy decoding of a decoder alone without cache, batch or padding.
+    /// Greedy decoding of a decoder-only network without cache, batching or padding.
     fn slow_greedy_alone(lm: &RadarLm, source: &Source, steps: usize) -> Vec<u32> {
         let layout = lm.vocab.layout();
         let RadarNet::Decoder(net) = &lm.net else {
@@ -368,8 +368,8 @@ mod tests {
         }
     }
 
-    /// Whether beams change any sentence. When the score is the plain sum and sentences have the same length,
-    /// they never end on a worse one than greedy decoding.
+    /// Whether beam search changes any sentence. If the score is the plain sum and sentences have the same length,
+    /// beam search never gives a lower score than greedy decoding.
     fn beams_find_at_least_what_greedy_finds(lm: &RadarLm) -> bool {
         let sources = sources(lm);
         let options = |beam| GenerateOptions {
@@ -415,7 +415,7 @@ mod tests {
         let mut cache = net.t5.start_cache(&encoded, steps);
         for (t, id) in ids.iter().enumerate() {
             let step = hf::read(net.t5.step(&mut cache, &[*id, *id]));
-            // Same sums in another order; states are of order 1.
+            // The same sums in another order; states are of order 1.
             let close = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4);
             assert!(close(&step[..32], &all[t * 32..(t + 1) * 32]), "step {t}");
             assert!(
@@ -504,7 +504,7 @@ mod tests {
         assert_ne!(mask(1), mask(2));
         let zeros = mask(1).iter().filter(|v| **v == 0.0).count() as f64;
         let share = zeros / mask(1).len() as f64;
-        // 0.1 of about 250 values: standard deviation 0.02; four of them.
+        // 0.1 of about 250 values: the standard deviation is 0.02, and the tolerance is four of them.
         assert!((share - 0.1).abs() < 0.08, "{share}");
     }
 }

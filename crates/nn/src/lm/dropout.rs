@@ -1,21 +1,21 @@
-//! Dropout whose masks come from an explicit seed: a resumed run draws what the uninterrupted run drew, and a
-//! graphics processor what the CPU draws.
+//! Dropout whose masks are generated from an explicit seed. A resumed run draws the same masks as an uninterrupted
+//! run, and a GPU draws the same masks as the CPU.
 
 use burn::tensor::{DType, Device, Int, Tensor, TensorData};
 
 use crate::device::is_cpu;
 use radarllm_base::random::{INCREMENT, MIX_FACTORS, step};
 
-/// Elements that share a draw: 16 random bits each, so probabilities are rounded to 1/65536.
+/// Number of elements that share a draw: 16 random bits each, so probabilities are rounded to 1/65536.
 const SHARE: usize = 4;
 
-/// Dropout masks from an explicit seed.
+/// Generator of dropout masks from an explicit seed.
 pub struct DropoutRng {
     state: u64,
 }
 
 impl DropoutRng {
-    /// Masks of the given seed.
+    /// A generator with the given seed.
     pub fn new(seed: u64) -> Self {
         Self { state: seed }
     }
@@ -47,7 +47,7 @@ impl DropoutRng {
         let mut state = self.state;
         let mut out = vec![0.0; len.next_multiple_of(SHARE)];
         for four in out.chunks_exact_mut(SHARE) {
-            // Masks are a good part of a training step, and need no better generator.
+            // Masks take a large part of a training step, and need no better generator.
             let z = step(&mut state);
             for (i, value) in four.iter_mut().enumerate() {
                 let kept = (z >> (16 * i)) & 0xffff >= u64::from(threshold);
@@ -58,8 +58,8 @@ impl DropoutRng {
         out
     }
 
-    /// The same numbers where they are used: a mask is as large as what it hides, and would otherwise be most of what
-    /// goes to the processor.
+    /// Generates the same numbers on the GPU. A mask is as large as the tensor that it is applied to, and would
+    /// otherwise be the largest part of the data that is transferred to the GPU.
     fn on_gpu(&self, len: usize, threshold: u32, keep: f32, device: &Device) -> Tensor<1> {
         let n_draws = len.div_ceil(SHARE);
         let range = 1..n_draws as i64 + 1;
@@ -83,7 +83,7 @@ impl DropoutRng {
     }
 }
 
-/// Unsigned 64-bit numbers in two halves: graphics processors need know no more than 32 bits. All operations are
+/// Unsigned 64-bit numbers in two 32-bit halves, because GPUs need not support more than 32 bits. All operations are
 /// modulo 2^64.
 struct U64 {
     hi: Tensor<1, Int>,
@@ -136,7 +136,7 @@ impl U64 {
 mod tests {
     use super::*;
 
-    /// As a graphics processor draws, here on the CPU's tensors.
+    /// Draws the masks as on a GPU, but with tensors on the CPU.
     #[test]
     fn tensors_draw_what_loops_draw() {
         for seed in [0, 1, 0xffff_ffff, 0x8000_0000_8000_0000, u64::MAX] {
@@ -145,7 +145,7 @@ mod tests {
             let tensors = rng.on_gpu(4_099, 6_554, 1.25, &Device::flex());
             assert_eq!(tensors.into_data().try_into_vec::<f32>().unwrap(), loops);
             let dropped = loops.iter().filter(|v| **v == 0.0).count();
-            // A tenth of 4,099, within five standard deviations of 19.
+            // A tenth of 4,099; the tolerance is five standard deviations of 19.
             assert!((315..505).contains(&dropped), "{dropped}");
         }
     }
@@ -160,7 +160,7 @@ mod tests {
         assert_eq!(pieces, read(DropoutRng::new(7).mask([20], 0.5, &device)));
     }
 
-    /// Taken from the first release's code: resumed trainings depend on them.
+    /// Taken from the first release's code, because resumed training runs depend on them.
     #[test]
     fn masks_never_change() {
         let mask = DropoutRng::new(7).on_cpu(64, 32_768, 1.0);

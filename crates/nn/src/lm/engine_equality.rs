@@ -1,4 +1,4 @@
-//! The network in burn against the engine: the same search, the same sentences, the same scores.
+//! Tests that the network in burn and the engine give the same sentences and scores with the same search.
 
 use std::path::Path;
 
@@ -25,13 +25,13 @@ fn on_engine(
     decode_all(&mut session, engine.vocab(), sources, options).unwrap()
 }
 
-/// The model that comes with the repository.
+/// The model that is included in the repository.
 fn default_model() -> RadarLm {
     let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/default/lm");
     RadarLm::load(&dir, &Device::flex()).unwrap()
 }
 
-/// Prompts of 1 to 24 codes with features of the tokenizer's kind, and prompts of random words.
+/// Prompts of 1 to 24 codes with features like the tokenizer's, and prompts of random words.
 fn prompts(lm: &RadarLm, n: usize, seed: u64) -> Vec<Source> {
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
     let (n_codes, dim) = (lm.config.n_codes as u32, lm.config.code_dim);
@@ -41,7 +41,7 @@ fn prompts(lm: &RadarLm, n: usize, seed: u64) -> Vec<Source> {
             let mut code = rng.random_range(0..n_codes);
             let codes: Vec<u32> = (0..len)
                 .map(|_| {
-                    // Real codes stay for a while.
+                    // Real codes are often repeated.
                     if rng.random::<f32>() < 0.6 {
                         code = rng.random_range(0..n_codes);
                     }
@@ -70,7 +70,7 @@ fn prompts(lm: &RadarLm, n: usize, seed: u64) -> Vec<Source> {
         .collect()
 }
 
-/// Sentences, scores and confidences; scores are sums of up to 40 terms in f32.
+/// Compares sentences, scores and confidences; scores are sums of up to 40 terms in f32.
 fn assert_same(expected: &[Generated], found: &[Generated]) {
     assert_eq!(expected.len(), found.len());
     for (i, (e, f)) in expected.iter().zip(found).enumerate() {
@@ -109,7 +109,7 @@ fn the_default_model_says_the_same_greedily_and_with_beams() {
     }
 }
 
-/// Penalties, limits and batch sizes change what is said; both sides must change alike.
+/// Penalties, limits and batch sizes change the generated sentences; both implementations must change alike.
 #[test]
 fn options_mean_the_same() {
     let lm = default_model();
@@ -135,7 +135,7 @@ fn options_mean_the_same() {
     }
 }
 
-/// A network of each kind with odd widths, drawn at random, so that nothing fits a vector.
+/// A network of each kind with odd widths, drawn at random, so that no size is a multiple of a SIMD vector.
 #[test]
 fn both_kinds_of_t5_with_odd_widths_say_the_same() {
     let texts = ["a person walks to the left", "someone jumps"];
@@ -165,7 +165,7 @@ fn both_kinds_of_t5_with_odd_widths_say_the_same() {
     }
 }
 
-/// Largest difference of logits on the default model, teacher-forced on what it says itself.
+/// Maximum difference of logits on the default model, with its own output as the teacher-forced target.
 #[test]
 fn logits_of_the_default_model_agree() {
     let lm = default_model();
@@ -195,7 +195,7 @@ fn logits_of_the_default_model_agree() {
     assert!(most < 1e-4, "{most}");
 }
 
-/// int8 is an approximation: how good is measured here and bounded from below.
+/// int8 is an approximation: its accuracy is measured here and bounded from below.
 #[test]
 fn bytes_mostly_say_the_same() {
     let lm = default_model();

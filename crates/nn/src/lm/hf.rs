@@ -1,8 +1,8 @@
-//! Hugging Face's T5: parameter names, file layout, configuration.
+//! Hugging Face's T5 format: parameter names, file layout and configuration.
 //!
-//! A checkpoint there is a folder with `config.json`, `tokenizer.json` and `model.safetensors`, or
-//! shards listed in `model.safetensors.index.json`. Linear weights lie as `[out, in]`, ours as
-//! `[in, out]`.
+//! A Hugging Face checkpoint is a folder with `config.json`, `tokenizer.json` and `model.safetensors`, or
+//! shards listed in `model.safetensors.index.json`. Hugging Face stores linear weights as `[out, in]`; this crate
+//! stores them as `[in, out]`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -17,7 +17,7 @@ use radarllm_inference::checkpoint::{CheckpointError, NamedTensors, read_floats}
 use radarllm_inference::lm::LmError;
 use radarllm_inference::lm::config::{FeedForward, T5Config};
 
-/// One parameter under both names.
+/// The names of one parameter in both formats.
 struct Name {
     ours: String,
     theirs: String,
@@ -90,16 +90,16 @@ fn names(config: &T5Config) -> Vec<Name> {
     out
 }
 
-/// Hugging Face names and layout to ours. `file` is named in errors.
+/// Converts Hugging Face names and layout to ours. `file` is named in errors.
 ///
 /// # Errors
-/// If a parameter is missing or one is unknown; shapes are checked when they are loaded.
+/// If a parameter is missing or unknown. Shapes are checked when the parameters are loaded.
 pub fn from_hf(
     mut theirs: NamedTensors,
     config: &T5Config,
     file: &Path,
 ) -> Result<NamedTensors, LmError> {
-    // Copies of the embedding that some checkpoints carry under further names.
+    // Copies of the embedding that some checkpoints contain under other names.
     for copy in ["encoder.embed_tokens.weight", "decoder.embed_tokens.weight"] {
         if let Some(tensor) = theirs.remove(copy) {
             theirs.entry("shared.weight".into()).or_insert(tensor);
@@ -136,7 +136,7 @@ pub fn from_hf(
     }
 }
 
-/// Our names and layout to Hugging Face's; parameters that T5 lacks are left out.
+/// Converts our names and layout to Hugging Face's. Parameters that T5 lacks are left out.
 pub fn to_hf(mut ours: NamedTensors, config: &T5Config) -> NamedTensors {
     names(config)
         .into_iter()
@@ -154,7 +154,7 @@ pub fn to_hf(mut ours: NamedTensors, config: &T5Config) -> NamedTensors {
         .collect()
 }
 
-/// The fields of a T5 `config.json` that matter here, with the reference defaults.
+/// The fields of a T5 `config.json` that are used here, with the reference defaults.
 #[derive(Deserialize)]
 struct HfConfig {
     vocab_size: usize,
@@ -168,7 +168,7 @@ struct HfConfig {
     feed_forward_proj: String,
     #[serde(default = "yes")]
     tie_word_embeddings: bool,
-    /// Newer files say so apart.
+    /// Newer files specify this separately.
     #[serde(default)]
     scale_decoder_outputs: Option<bool>,
     #[serde(default = "buckets")]
@@ -282,8 +282,8 @@ pub fn read_folder(dir: &Path) -> Result<(T5Config, NamedTensors), LmError> {
     Ok((config, tensors))
 }
 
-/// Newer files say that the output rows are tied, whether they are or not: rows that differ from the
-/// embedding are not.
+/// Newer files specify that the output rows are tied, whether they are or not. Output rows that differ from the
+/// embedding are not tied.
 pub(crate) fn untied(mut config: T5Config, theirs: &NamedTensors) -> T5Config {
     let head = theirs.get("lm_head.weight");
     if config.tie_embeddings && head.is_some_and(|h| theirs.get("shared.weight") != Some(h)) {
@@ -308,7 +308,7 @@ pub(crate) fn read_tensors(dir: &Path) -> Result<NamedTensors, LmError> {
             serde_json::from_slice(&read_small(&index)?).map_err(|e| json_error(&index, &e))?;
         let shards: BTreeSet<&String> = map.weight_map.values().collect();
         for shard in shards {
-            // A shard name from a file must not lead out of the folder.
+            // A shard name from a file must not refer to a path outside the folder.
             if Path::new(shard)
                 .file_name()
                 .is_none_or(|name| name != shard.as_str())
@@ -337,7 +337,7 @@ pub(crate) fn build_t5(
     Ok(load_params(T5::new(config, 0, device), tensors, file)?)
 }
 
-/// The large parameters must have the size the configuration claims before a network of that size
+/// Checks that the large parameters have the size that the configuration specifies before a network of that size
 /// is allocated.
 fn check_shapes(config: &T5Config, ours: &NamedTensors, file: &Path) -> Result<(), LmError> {
     let (d, inner) = (config.d_model, config.inner());
@@ -380,7 +380,7 @@ fn check_shapes(config: &T5Config, ours: &NamedTensors, file: &Path) -> Result<(
     Ok(())
 }
 
-/// Values of an f32 tensor; reading memory of the CPU backend cannot fail.
+/// Values of an f32 tensor. Reading memory of the CPU backend cannot fail.
 pub(crate) fn read<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor
         .into_data_as::<f32>()
@@ -420,8 +420,8 @@ mod tests {
             .collect()
     }
 
-    /// Tolerance: f32 rounding of sums in another order; the inference engine, step by step, with the instructions of every level
-    /// this machine has.
+    /// Tolerance: f32 rounding of sums in another order; the inference engine, step by step, with the instructions of
+    /// every level this machine has.
     #[test]
     fn logits_of_the_engine_equal_the_reference() {
         for name in ["t5_v10.safetensors", "t5_v11.safetensors"] {
@@ -482,7 +482,7 @@ mod tests {
         assert_eq!(to_hf(ours.clone(), &config), tensors);
         let t5 = build_t5(&config, ours.clone(), &Device::flex(), &path).unwrap();
         assert_eq!(collect_params(&t5), ours);
-        // A folder in their layout, sharded in two.
+        // A folder in Hugging Face's layout, sharded in two.
         let dir = std::env::temp_dir().join(format!("radarllm-hf-{}", std::process::id()));
         let mut files = CheckpointFiles::default();
         let (_, metadata) =

@@ -1,8 +1,8 @@
-//! The radar-language model in burn: the T5, its files, decoding.
+//! The radar-language model in burn: the T5, its files and decoding.
 //!
-//! Reading order: [`t5`] (the network), [`hf`] (its Hugging Face names and files), [`radar_lm`] (network and vocabulary
-//! together), `decode` (the networks behind the engine's search), `rows`, `pass` and `dropout` (what all language
-//! models share). The decoder-only networks that can replace the T5 are in [`crate::pretrained`].
+//! Reading order: [`t5`] (the network), [`hf`] (its Hugging Face names and files), [`radar_lm`] (the network with its
+//! vocabulary), `decode` (the networks as a backend of the engine's search), `rows`, `pass` and `dropout` (shared by
+//! all language models). The decoder-only networks that can replace the T5 are in [`crate::pretrained`].
 
 mod decode;
 mod dropout;

@@ -1,20 +1,20 @@
-//! What differs between a forward pass in training and one at inference: dropout, and the precision of products.
+//! The differences between a forward pass in training and in inference: dropout, and the precision of matrix products.
 
 use burn::tensor::Tensor;
 
 use super::DropoutRng;
 use crate::precision::ProductPrecision;
 
-/// What a caller who trains hands to a language model's forward pass. Inference has none: no dropout, products in f32.
+/// Training options of a language model's forward pass. Inference has none: no dropout, products in f32.
 pub struct TrainingPass {
-    /// Masks of dropout.
+    /// Generator of dropout masks.
     pub dropout: DropoutRng,
     /// Precision of matrix products.
     pub precision: ProductPrecision,
 }
 
 impl TrainingPass {
-    /// A pass with the masks of a seed.
+    /// A pass with dropout masks from a seed.
     pub fn new(seed: u64, precision: ProductPrecision) -> Self {
         Self {
             dropout: DropoutRng::new(seed),
@@ -23,7 +23,7 @@ impl TrainingPass {
     }
 }
 
-/// A forward pass as layers see it.
+/// Options of a forward pass, as passed to the layers.
 pub(crate) struct ForwardPass<'a> {
     p: f64,
     rng: Option<&'a mut DropoutRng>,
@@ -32,7 +32,7 @@ pub(crate) struct ForwardPass<'a> {
 }
 
 impl<'a> ForwardPass<'a> {
-    /// With dropout of probability `p` where there is a training.
+    /// With dropout of probability `p` if `training` is given.
     pub(crate) fn new(p: f64, training: Option<&'a mut TrainingPass>) -> Self {
         let precision = training
             .as_ref()
@@ -54,7 +54,7 @@ impl<'a> ForwardPass<'a> {
         self.apply_with(x, self.p)
     }
 
-    /// The same with another probability.
+    /// As `apply`, with another probability.
     pub(crate) fn apply_with<const D: usize>(&mut self, x: Tensor<D>, p: f64) -> Tensor<D> {
         match &mut self.rng {
             Some(rng) if p > 0.0 => {

@@ -1,4 +1,4 @@
-//! Network and vocabulary together, in memory and on disk.
+//! The network with its vocabulary, in memory and on disk.
 
 use std::path::Path;
 
@@ -28,15 +28,15 @@ use radarllm_inference::lm::vocab::Vocab;
 use radarllm_inference::lm::{EngineLm, InputError, LmError, Precision, Source};
 use radarllm_inference::tokenizer::Encoded;
 
-/// Sentinels of a pretrained decoder, which has none of its own: as many as the presets have.
+/// Number of sentinels of a pretrained decoder, which has none of its own; the presets have the same number.
 const DECODER_SENTINELS: usize = 32;
 
 /// The network of a radar-language model.
 #[derive(Module, Debug)]
 pub enum RadarNet {
-    /// Encoder and decoder.
+    /// Encoder-decoder network.
     T5(RadarT5),
-    /// A decoder alone.
+    /// Decoder-only network.
     Decoder(RadarDecoder),
 }
 
@@ -49,7 +49,7 @@ impl RadarNet {
         }
     }
 
-    /// Where its weights are.
+    /// The device that stores its weights.
     pub fn device(&self) -> Device {
         match self {
             Self::T5(net) => net.device(),
@@ -62,15 +62,16 @@ impl RadarNet {
 pub struct RadarLm {
     /// The network, on a device without autodiff.
     pub net: RadarNet,
-    /// Ids.
+    /// The vocabulary: token ids.
     pub vocab: Vocab,
-    /// Shape.
+    /// Architecture.
     pub config: LmConfig,
     /// Adapters of a network whose other weights are frozen.
     pub adapters: Option<Adapters>,
 }
 
-/// A card as `config.json`: of a decoder-only network, Hugging Face's fields and the rest under `radarllm`.
+/// A model card as `config.json`. For a decoder-only network, it contains Hugging Face's fields, and the others under
+/// `radarllm`.
 pub fn card_to_json(card: &LmCard) -> serde_json::Value {
     let mut value = serde_json::to_value(card).unwrap_or_default();
     if card.lm.t5().is_some() {
@@ -85,10 +86,10 @@ pub fn card_to_json(card: &LmCard) -> serde_json::Value {
 }
 
 impl RadarLm {
-    /// A model drawn from `seed`, with the vocabulary's size.
+    /// A model with random weights drawn from `seed`, for the vocabulary's size.
     ///
     /// # Errors
-    /// If the configuration cannot be.
+    /// If the configuration is impossible.
     pub fn new(
         mut config: LmConfig,
         vocab: Vocab,
@@ -115,11 +116,11 @@ impl RadarLm {
 
     /// A pretrained T5, GPT-2 or Qwen2 from a Hugging Face folder, with new rows for radar codes.
     ///
-    /// New embedding rows are drawn with the spread of the old ones, so that a fresh code is as
-    /// loud as a word. With `lora`, a decoder's own weights are frozen and adapters added.
+    /// New embedding rows are drawn with the standard deviation of the existing rows, so that a new code has the same
+    /// magnitude as a word. With `lora`, a decoder's own weights are frozen and adapters are added.
     ///
     /// # Errors
-    /// If the folder holds none of them with `tokenizer.json`, or a T5 is to have adapters.
+    /// If the folder contains none of them with `tokenizer.json`, or if adapters are requested for a T5.
     pub fn from_hf_folder(
         dir: &Path,
         lora: Option<LoraConfig>,
@@ -206,7 +207,7 @@ impl RadarLm {
             }
             let n = tensor.values.len() as f32;
             let spread = (tensor.values.iter().map(|v| v * v).sum::<f32>() / n).sqrt();
-            // Uniform numbers of that standard deviation.
+            // Uniform random numbers of that standard deviation.
             let half_width = spread * 3f32.sqrt();
             let new = (t5.vocab_size - old_rows) * t5.d_model;
             tensor
@@ -274,7 +275,7 @@ impl RadarLm {
         self.add_weights(&self.net, files)
     }
 
-    /// What `config.json` says; `weights` is a T5's file for inference.
+    /// The content of `config.json`; `weights` is a T5's file for inference.
     pub fn card(&self, weights: &str) -> LmCard {
         LmCard {
             lm: self.config.clone(),
@@ -284,7 +285,7 @@ impl RadarLm {
         }
     }
 
-    /// Adds the weights of `net`, a network of this model's shape, to a checkpoint.
+    /// Adds the weights of `net`, a network of this model's architecture, to a checkpoint.
     ///
     /// # Errors
     /// If they cannot be encoded.
@@ -295,10 +296,10 @@ impl RadarLm {
         }
     }
 
-    /// `net`, a network of this model's shape, with the weights of a checkpoint.
+    /// Returns `net`, a network of this model's architecture, with the weights of a checkpoint.
     ///
     /// # Errors
-    /// Missing and unknown tensors, other shapes.
+    /// Missing and unknown tensors, mismatched shapes.
     pub fn load_weights(
         &self,
         net: RadarNet,
@@ -312,8 +313,8 @@ impl RadarLm {
         })
     }
 
-    /// Whether a parameter, by its path in [`Self::net`], is trained: with adapters only they, the rows
-    /// of new ids and the bypass are.
+    /// Whether a parameter, identified by its path in [`Self::net`], is trained. With adapters, only the adapters, the
+    /// rows of new ids and the bypass are trained.
     pub fn is_trained(&self, path: &str) -> bool {
         self.adapters.is_none()
             || path.contains(".lora.")
@@ -330,7 +331,7 @@ impl RadarLm {
         }
     }
 
-    /// The same model with its adapters folded into the weights, to be saved whole.
+    /// Merges the adapters into the weights, so that the model can be saved as a whole.
     pub fn merge(&mut self) {
         if let RadarNet::Decoder(net) = &mut self.net {
             net.decoder.merge();
@@ -341,17 +342,17 @@ impl RadarLm {
     /// Writes a checkpoint that [`Self::load`] opens.
     ///
     /// # Errors
-    /// If the file system refuses.
+    /// If the file system reports an error.
     pub fn save(&self, dir: &Path) -> Result<(), LmError> {
         let mut files = CheckpointFiles::default();
         self.add_to(&mut files)?;
         Ok(files.write(dir)?)
     }
 
-    /// Packs the present weights for the inference engine.
+    /// Packs the current weights for the inference engine.
     ///
     /// # Errors
-    /// [`LmError::NotT5`] for a decoder-only network; if the engine cannot hold the shape.
+    /// [`LmError::NotT5`] for a decoder-only network; an error if the engine does not support the architecture.
     pub fn pack(&self, precision: Precision) -> Result<EngineLm, LmError> {
         let weights = match &self.net {
             RadarNet::T5(net) => collect_params(net),
@@ -367,10 +368,10 @@ impl RadarLm {
         )
     }
 
-    /// The prompt that asks for a description: the one training always holds.
+    /// The prompt that asks for a description, which training always includes.
     ///
     /// # Errors
-    /// If a code is beyond the codebook or features do not fit codes.
+    /// If a code is outside the codebook or the features do not fit the codes.
     pub fn describe_prompt(&self, radar: &Encoded) -> Result<Source, LmError> {
         let source = self.vocab.prompt(EVALUATION_PROMPT, Some(radar), None)?;
         self.check(&source)?;
@@ -380,7 +381,7 @@ impl RadarLm {
     /// Checks that an input fits the network.
     ///
     /// # Errors
-    /// [`LmError::Input`] says what does not.
+    /// [`LmError::Input`] describes the mismatch.
     pub fn check(&self, source: &Source) -> Result<(), LmError> {
         let found = source.ids.len();
         if found == 0 || found > MAX_SOURCE {
@@ -391,7 +392,7 @@ impl RadarLm {
         if let Some(&id) = source.ids.iter().find(|id| **id as usize >= vocab_size) {
             return Err(InputError::Id { id }.into());
         }
-        // A model without the bypass never looks at features, so their width does not matter to it.
+        // A model without the bypass does not use features, so their width is irrelevant.
         let expected = source.feature_positions.len() * self.config.code_dim;
         let found = source.features.len();
         if self.config.bypass && found != expected {
@@ -409,7 +410,7 @@ impl RadarLm {
     }
 }
 
-/// A decoder-only network: whole, or its base with adapters.
+/// A decoder-only network: a whole model, or its base with adapters.
 fn load_decoder(
     card: &LmCard,
     checkpoint: &Checkpoint,
@@ -437,7 +438,7 @@ fn load_decoder(
             ),
         });
     }
-    // The layout alone is not believed: so many rows must be in the file.
+    // The specified layout is not trusted: the file must contain this number of rows.
     let n_added = shape.vocab_size() - n_rows;
     let file = checkpoint.tensors(RADAR_FILE)?;
     let has_rows = |(name, t): (&String, &HostTensor)| {
@@ -531,8 +532,8 @@ mod tests {
     use super::*;
     use radarllm_inference::lm::{T5Config, templates};
 
-    /// A pretrained folder in miniature: the golden v1.1 weights with a word tokenizer that has
-    /// T5's special tokens at T5's places.
+    /// A small pretrained folder: the golden v1.1 weights with a word tokenizer that has
+    /// T5's special tokens at T5's ids.
     #[test]
     fn a_pretrained_t5_gains_radar_rows_and_keeps_its_own() {
         let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/goldens/t5_v11.safetensors");
@@ -577,7 +578,7 @@ mod tests {
         let shared = &collect_params(lm.net.t5().unwrap())["t5.shared"];
         assert_eq!(shared.shape, [50, 16]);
         assert_eq!(shared.values[..old.values.len()], old.values);
-        // New rows are as loud as old ones: 160 values, so the rms is known to about 10 %.
+        // New rows have the same magnitude as old ones: 160 values, so the rms is known to about 10 %.
         let rms = |v: &[f32]| (v.iter().map(|x| x * x).sum::<f32>() / v.len() as f32).sqrt();
         let ratio = rms(&shared.values[old.values.len()..]) / rms(&old.values);
         assert!((0.75..1.25).contains(&ratio), "{ratio}");
@@ -622,7 +623,7 @@ mod tests {
         };
         assert_eq!(card(&|_| {}), None);
         for change in [
-            // Would be terabytes if it were believed.
+            // This size would need terabytes if it were trusted.
             &(|c: &mut LmCard| t5(c).d_ff = 60_000) as &dyn Fn(&mut LmCard),
             &|c| t5(c).n_encoder_layers = 4,
             &|c| c.lm.bypass = false,

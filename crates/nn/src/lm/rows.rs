@@ -1,29 +1,29 @@
-//! Rows of ids as networks read them: padded, positioned, with what attention must not see.
+//! Rows of token ids as network input: padding, positions and attention masks.
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use radarllm_inference::lm::{InputError, LmError};
 
-/// Added to the scores of keys that must not be seen. Finite, so that a row of nothing but such keys gives equal
+/// Added to the scores of masked keys. The value is finite, so that a row with only masked keys gives equal
 /// weights instead of NaN.
 pub(crate) const HIDDEN: f32 = -1e9;
 
-/// Equally long rows of ids, and which of them are tokens.
+/// Rows of ids of equal length, and which of the ids are tokens.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rows {
     /// `[batch * length]`.
     pub ids: Vec<u32>,
-    /// `[batch * length]`, false for padding; padding may stand anywhere.
+    /// `[batch * length]`, false for padding. Padding may be at any position.
     pub is_token: Vec<bool>,
-    /// Rows and their length.
+    /// Number of rows and their length.
     pub shape: [usize; 2],
 }
 
 impl Rows {
-    /// Checks `ids` and `mask` (1 token, 0 padding; all tokens without it) against a vocabulary and the
-    /// longest row that a network takes.
+    /// Checks `ids` and `mask` (1 token, 0 padding; all ids are tokens if absent) against a vocabulary and the
+    /// maximum row length of a network.
     ///
     /// # Errors
-    /// [`LmError::Input`] on no or empty rows, ragged rows, too long rows and ids beyond the vocabulary.
+    /// [`LmError::Input`] for no rows, empty rows, ragged rows, rows that are too long and ids outside the vocabulary.
     pub fn new(
         ids: &[Vec<u32>],
         mask: Option<&[Vec<u32>]>,
@@ -66,7 +66,7 @@ impl Rows {
         })
     }
 
-    /// Rows of different lengths with padding before (`left`) or after them; id 0 pads.
+    /// Pads rows of different lengths with id 0, before (`left`) or after the tokens.
     pub fn padded(rows: &[Vec<u32>], left: bool) -> Self {
         let length = rows.iter().map(Vec::len).max().unwrap_or(0);
         let mut ids = vec![0; rows.len() * length];
@@ -83,7 +83,7 @@ impl Rows {
         }
     }
 
-    /// Steps whose positions count the row's tokens (`by_token`) or all its ids.
+    /// Positions and attention bias of these rows. Positions count the row's tokens (`by_token`) or all its ids.
     pub fn steps(&self, by_token: bool, device: &Device) -> Steps {
         let mut positions = Vec::with_capacity(self.ids.len());
         for row in self.is_token.chunks_exact(self.shape[1].max(1)) {
@@ -105,8 +105,8 @@ impl Rows {
         ids_1d(self.ids.iter().map(|id| *id as i32).collect(), device)
     }
 
-    /// What to add to scores `[batch, heads, query, key]` so that padding, and with `causal` whatever
-    /// comes later, is not seen; none where everything is.
+    /// The bias of the scores `[batch, heads, query, key]` that masks padding and, with `causal`, all later
+    /// positions; none if nothing is masked.
     pub fn bias(&self, causal: bool, device: &Device) -> Option<Tensor<4>> {
         let [batch, length] = self.shape;
         if !causal && self.is_token.iter().all(|t| *t) {
@@ -127,18 +127,18 @@ impl Rows {
     }
 }
 
-/// Ids to a device.
+/// Moves ids to a device.
 pub fn ids_1d(ids: Vec<i32>, device: &Device) -> Tensor<1, Int> {
     let len = ids.len();
     Tensor::from_data(TensorData::new(ids, [len]), device)
 }
 
-/// Where the columns of a causal network's input stand.
+/// Positions and attention bias of the columns of a causal network's input.
 pub struct Steps {
-    /// Rows, and columns that are computed now.
+    /// Number of rows, and of columns that are computed in this call.
     pub shape: [usize; 2],
     /// Position of each, `[batch * length]`.
     pub positions: Vec<usize>,
-    /// Added to the scores, `[batch, 1, length, keys]`; keys of earlier calls come first.
+    /// Added to the scores, `[batch, 1, length, keys]`. The keys of earlier calls come first.
     pub bias: Option<Tensor<4>>,
 }

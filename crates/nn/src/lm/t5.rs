@@ -1,9 +1,9 @@
-//! The T5 encoder-decoder, and radar's way into it.
+//! The T5 encoder-decoder with an optional input for radar features.
 //!
-//! Activations are `[batch * length, d_model]` so that every product is one plain matrix product;
-//! only attention sees four axes. T5 adds a learned bias per head and relative position to the
+//! Activations are `[batch * length, d_model]`, so that every product is one plain matrix product;
+//! only attention uses four axes. T5 adds a learned bias per head and relative position to the
 //! scores, which are not scaled by the head width, and normalises by the root mean square alone.
-//! Raffel et al. 2020; the numbers agree with the reference code (tests/goldens/make_t5.py).
+//! Source: Raffel et al. 2020. The results agree with the reference code (tests/goldens/make_t5.py).
 
 use burn::module::{Module, Param};
 use burn::tensor::activation::{gelu_approximate, relu, softmax};
@@ -19,7 +19,7 @@ use crate::precision::{Product, ProductPrecision};
 use radarllm_inference::lm::config::{FeedForward, LmConfig, T5Config};
 use radarllm_inference::lm::position::bucket_table;
 
-/// The network with the optional continuous bypass for radar.
+/// The network with the optional continuous bypass for radar features.
 #[derive(Module, Debug)]
 pub struct RadarT5 {
     /// The encoder-decoder.
@@ -37,7 +37,7 @@ pub struct T5 {
     pub encoder: T5EncoderStack,
     /// Decoder stack.
     pub decoder: T5DecoderStack,
-    /// Output rows `[vocab_size, d_model]`; none when tied to `shared`.
+    /// Output rows `[vocab_size, d_model]`; none if they are tied to `shared`.
     pub head: Option<Param<Tensor<2>>>,
     #[module(skip)]
     config: T5Config,
@@ -127,7 +127,7 @@ pub struct SourceBatch {
     /// Padded length.
     pub length: usize,
     ids: Tensor<1, Int>,
-    /// `[batch, 1, 1, length]`, 0 for tokens, very negative for padding; none without padding.
+    /// `[batch, 1, 1, length]`, 0 for tokens, a large negative number for padding; none without padding.
     hidden: Option<Tensor<4>>,
     /// Rows of the flattened batch and their features, each of unit mean square.
     features: Option<(Tensor<1, Int>, Tensor<2>)>,
@@ -136,9 +136,9 @@ pub struct SourceBatch {
 impl SourceBatch {
     /// Pads `sources` to the longest and moves them to the device.
     ///
-    /// Padding uses id 0 and is hidden from attention. Features are scaled to unit mean square
+    /// Padding uses id 0 and is masked in attention. Features are scaled to unit mean square
     /// here, so that the bypass does not depend on the radar tokenizer's scale. `sources` must not
-    /// be empty, ids must be below the vocabulary size (checked by [`super::RadarLm`]).
+    /// be empty, and ids must be below the vocabulary size (checked by [`super::RadarLm`]).
     pub fn new(sources: &[&Source], code_dim: usize, device: &Device) -> Self {
         let batch = sources.len();
         let length = sources
@@ -191,7 +191,7 @@ pub(crate) fn push_features(
     }
 }
 
-/// What [`push_features`] gathered on a device; none without features.
+/// The features gathered by [`push_features`], on a device; none without features.
 pub(crate) fn features_tensor(
     rows: Vec<i32>,
     features: Vec<f32>,
@@ -206,7 +206,7 @@ pub(crate) fn features_tensor(
 }
 
 impl SourceBatch {
-    /// Rows of plain ids, padded anywhere.
+    /// Rows of ids without features, with padding at any position.
     fn from_rows(rows: &Rows, device: &Device) -> Self {
         let [batch, length] = rows.shape;
         Self {
@@ -219,7 +219,7 @@ impl SourceBatch {
     }
 }
 
-/// The encoder's result: what the decoder needs of it.
+/// The output of the encoder, in the form that the decoder needs.
 #[derive(Clone, Debug)]
 pub struct EncoderOutput {
     /// `[batch * length, d_model]`.
@@ -270,7 +270,7 @@ impl DecoderCache {
         }
     }
 
-    /// Reorders the decoder's own keys and values only: for beams of the same source.
+    /// Reorders only the decoder's own keys and values, for beams of the same source.
     pub fn reorder(mut self, rows: &[usize]) -> Self {
         let device = self.bias.device();
         let rows = ids_1d(rows.iter().map(|r| *r as i32).collect(), &device);
@@ -282,7 +282,7 @@ impl DecoderCache {
     }
 }
 
-/// A parameter of normal numbers.
+/// A parameter with normally distributed values.
 fn normal<const D: usize>(
     rng: &mut ChaCha8Rng,
     shape: [usize; D],
@@ -293,7 +293,7 @@ fn normal<const D: usize>(
     Param::from_tensor(Tensor::from_data(TensorData::new(values, shape), device))
 }
 
-/// Normal numbers of the given standard deviation (Box-Muller).
+/// Normally distributed values of the given standard deviation (Box-Muller).
 pub(crate) fn normal_values(rng: &mut ChaCha8Rng, len: usize, std: f64) -> Vec<f32> {
     let mut values = Vec::with_capacity(len + 1);
     while values.len() < len {
@@ -346,7 +346,7 @@ impl Feed {
     }
 }
 
-/// `x * gain / rms(x)` over the last axis: no mean is taken away and no offset added.
+/// `x * gain / rms(x)` over the last axis. No mean is subtracted and no offset is added.
 fn rms_norm(x: Tensor<2>, gain: &Param<Tensor<1>>, eps: f64) -> Tensor<2> {
     let inverse = x
         .clone()
@@ -391,8 +391,8 @@ impl T5 {
                 .collect(),
             norm: ones(c.d_model, device),
         };
-        // Output rows of unit variance, as the reference draws them, start with logits far too
-        // sure of themselves; scaled like this they start as the tied form does.
+        // Output rows of unit variance, as in the reference initialisation, start with overconfident logits; with this
+        // scale they start like the tied form.
         let head = (!c.tie_embeddings).then(|| normal(rng, [c.vocab_size, c.d_model], std, device));
         Self {
             shared,
@@ -403,7 +403,7 @@ impl T5 {
         }
     }
 
-    /// The shape.
+    /// The architecture.
     pub fn config(&self) -> &T5Config {
         &self.config
     }
@@ -593,7 +593,7 @@ impl T5 {
         states.product(head.swap_dims(0, 1), precision)
     }
 
-    /// Logits `[batch * target length, vocab_size]` under teacher forcing, of rows without radar.
+    /// Logits `[batch * target length, vocab_size]` under teacher forcing, for rows without radar features.
     /// Target rows start with the start token.
     pub fn teacher_forced(&self, source: &Rows, target: &Rows, device: &Device) -> Tensor<2> {
         let drop = &mut ForwardPass::inference();
@@ -604,7 +604,7 @@ impl T5 {
         self.logits(states, self.config.vocab_size, ProductPrecision::F32)
     }
 
-    /// Prepares step-by-step decoding of at most `max_steps` tokens.
+    /// Prepares step-by-step decoding with a maximum of `max_steps` tokens.
     pub fn start_cache(&self, encoded: &EncoderOutput, max_steps: usize) -> DecoderCache {
         let cross: Vec<_> = self
             .decoder
@@ -623,9 +623,9 @@ impl T5 {
         }
     }
 
-    /// One decoding step: the last token of every row in, `[batch, d_model]` out.
+    /// One decoding step. The input is the last token of every row; the output is `[batch, d_model]`.
     ///
-    /// Gives what `decode_all` gives at this position. Must not be called more often than
+    /// The result equals that of `decode_all` at this position. Must not be called more often than
     /// the `max_steps` of [`Self::start_cache`].
     pub fn step(&self, cache: &mut DecoderCache, ids: &[u32]) -> Tensor<2> {
         let (eps, batch, t) = (self.config.norm_eps, ids.len(), cache.step);
@@ -671,7 +671,7 @@ pub(crate) fn new_bypass(
 }
 
 impl RadarT5 {
-    /// Where its weights are.
+    /// The device that stores its weights.
     pub fn device(&self) -> Device {
         self.t5.shared.val().device()
     }
@@ -696,7 +696,7 @@ impl RadarT5 {
         new_bypass(config, std, seed, device)
     }
 
-    /// Runs the encoder. `training` is given in training only.
+    /// Runs the encoder. `training` is passed in training only.
     pub fn encode(
         &self,
         source: &SourceBatch,
@@ -715,7 +715,7 @@ impl RadarT5 {
     /// Decoder states under teacher forcing.
     ///
     /// `decoder_ids` is `[batch][length]` flattened, each row starting with the start token (0) and
-    /// padded at the end; states at padded positions mean nothing. Returns
+    /// padded at the end. States at padded positions are meaningless. Returns
     /// `[batch * length, d_model]` for [`T5::logits`].
     pub fn forward(
         &self,
@@ -729,7 +729,7 @@ impl RadarT5 {
         self.decode(&encoded, decoder_ids, length, training)
     }
 
-    /// The second half of [`Self::forward`]: decoder states for what the encoder gave.
+    /// The second half of [`Self::forward`]: decoder states for a given encoder output.
     pub fn decode(
         &self,
         encoded: &EncoderOutput,
@@ -748,7 +748,7 @@ impl RadarT5 {
 mod tests {
     use super::*;
 
-    /// Taken from the first release's code: trainings start from them.
+    /// Taken from the first release's code, because training runs start from them.
     #[test]
     fn first_weights_never_change() {
         let values = normal_values(&mut ChaCha8Rng::seed_from_u64(3), 3, 0.7);

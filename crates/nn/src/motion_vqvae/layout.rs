@@ -1,6 +1,6 @@
 //! Layout of HumanML3D features (Guo et al., CVPR 2022) and their mirror image.
 //!
-//! | values | what |
+//! | values | content |
 //! |---|---|
 //! | 1 | root turn about the vertical |
 //! | 2 | root velocity x, z |
@@ -12,7 +12,7 @@
 
 use super::MOTION_DIM;
 
-/// Joint that takes the place of joint i in the mirror, SMPL order.
+/// Joint that corresponds to joint i after mirroring, SMPL order.
 const MIRRORED: [usize; 22] = [
     0, 2, 1, 3, 5, 4, 6, 8, 7, 9, 11, 10, 12, 14, 13, 15, 17, 16, 19, 18, 21, 20,
 ];
@@ -22,8 +22,8 @@ const ROTATIONS: usize = POSITIONS + 63;
 const VELOCITIES: usize = ROTATIONS + 126;
 const CONTACTS: usize = VELOCITIES + 66;
 
-/// Mirrors left and right (x to -x) in features of `[frame][263]` flattened; an incomplete last
-/// frame stays as it is.
+/// Mirrors left and right (x to -x) in features of `[frame][263]` flattened. An incomplete last
+/// frame is left unchanged.
 pub fn mirror_motion_features(features: &mut [f32]) {
     for frame in features.chunks_exact_mut(MOTION_DIM) {
         let old: Vec<f32> = frame.to_vec();
@@ -66,13 +66,13 @@ mod tests {
         let mut features = original.clone();
         mirror_motion_features(&mut features);
         assert_eq!(CONTACTS + 4, MOTION_DIM);
-        // The left wrist (20) is where the right wrist (21) was, with x negated.
+        // The left wrist (20) is at the former position of the right wrist (21), with x negated.
         let (left, right) = (POSITIONS + 3 * 19, POSITIONS + 3 * 20);
         assert_eq!(
             features[left..left + 3],
             [-original[right], original[right + 1], original[right + 2]]
         );
-        // Forward speed and height stay.
+        // Forward speed and height do not change.
         assert_eq!(features[2..4], original[2..4]);
         mirror_motion_features(&mut features);
         assert_eq!(features, original);

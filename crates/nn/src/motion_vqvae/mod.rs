@@ -1,9 +1,9 @@
 //! Motion VQ-VAE: the teacher whose features guide the radar tokenizer (T2M-GPT style: Zhang et al.,
 //! Generating Human Motion from Textual Descriptions with Discrete Representations, CVPR 2023).
 //!
-//! HumanML3D features (263 values, 20 per second) go through a 1-D convolutional encoder to one
-//! feature per 8 frames (0.4 s), the length of one radar code. The teacher is frozen; its output
-//! before quantization, standardised per channel, is what the tokenizer learns to predict.
+//! A 1-D convolutional encoder converts HumanML3D features (263 values, 20 per second) to one
+//! feature per 8 frames (0.4 s), the length of one radar code. The teacher is frozen. The tokenizer learns to predict
+//! the teacher's output before quantization, standardised per channel.
 
 pub mod layout;
 pub mod network;

@@ -1,7 +1,7 @@
 //! Encoder and decoder of the motion VQ-VAE.
 //!
-//! Arrays are `[clip, time, channel]`. A convolution over time is a product with the window laid out
-//! along the channels, which runs at the speed of the matrix product.
+//! Arrays are `[clip, time, channel]`. A convolution over time is computed as a matrix product with the window laid out
+//! along the channels, which is as fast as a matrix product.
 
 use burn::module::{Module, Param};
 use burn::nn::{Initializer, Linear, LinearConfig};
@@ -15,15 +15,15 @@ use super::MOTION_DIM;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MotionVqVaeConfig {
-    /// Channels; also the width of a feature and of a code.
+    /// Number of channels, which is also the width of a feature and of a code.
     pub width: usize,
-    /// Residual blocks after each halving.
+    /// Number of residual blocks after each downsampling by 2.
     pub depth: usize,
-    /// Dilation of block i is this to the power i, largest first in the encoder.
+    /// Block i has the dilation `dilation^i`, largest first in the encoder.
     pub dilation: usize,
-    /// Halvings of the rate; 3 gives one feature per 8 frames.
+    /// Number of downsamplings by 2; 3 gives one feature per 8 frames.
     pub down: usize,
-    /// Codes.
+    /// Number of codes.
     pub codebook_size: usize,
 }
 
@@ -34,7 +34,7 @@ impl Default for MotionVqVaeConfig {
 }
 
 impl MotionVqVaeConfig {
-    /// Trains on one CPU core.
+    /// A network that can be trained on one CPU core.
     pub fn small() -> Self {
         Self {
             width: 128,
@@ -45,7 +45,7 @@ impl MotionVqVaeConfig {
         }
     }
 
-    /// T2M-GPT's width.
+    /// A network of T2M-GPT's width.
     pub fn paper() -> Self {
         Self {
             width: 512,
@@ -69,7 +69,7 @@ impl MotionVqVaeConfig {
             }
         }
         if self.down != 3 {
-            // Any other rate would not line up with radar codes of 0.4 s.
+            // Any other rate would not be aligned with radar codes of 0.4 s.
             return Err(format!(
                 "down: must be 3 (8 motion frames per code), found {}",
                 self.down
@@ -117,7 +117,7 @@ impl Halve {
         let [n, t, c] = x.dims();
         let zero = Tensor::<3>::zeros([n, 1, c], &x.device());
         let padded = Tensor::cat(vec![zero.clone(), x, zero], 1);
-        // A window of four is two neighbouring pairs.
+        // A window of four frames consists of two neighbouring pairs.
         let pairs = padded.reshape([n, t / 2 + 1, 2 * c]);
         let first = pairs.clone().slice([0..n, 0..t / 2, 0..2 * c]);
         let second = pairs.slice([0..n, 1..t / 2 + 1, 0..2 * c]);
@@ -161,12 +161,12 @@ pub struct MotionNet {
     doubles: Vec<Conv3>,
     decode_mix: Conv3,
     decode_out: Conv3,
-    /// Codes, `[K, width]`, kept by moving averages.
+    /// Codes, `[K, width]`, updated by exponential moving averages.
     pub codebook: Param<Tensor<2>>,
 }
 
 impl MotionNet {
-    /// Random weights; draw from `device`'s generator.
+    /// Random weights, drawn from `device`'s generator.
     pub fn new(config: &MotionVqVaeConfig, device: &Device) -> Self {
         let w = config.width;
         let stages = || 0..config.down;
@@ -208,7 +208,7 @@ impl MotionNet {
                 x = block.forward(x);
             }
             let [n, t, c] = x.dims();
-            // Nearest neighbour: every frame twice.
+            // Nearest-neighbour upsampling: every frame is repeated once.
             let twice = x
                 .reshape([n, t, 1, c])
                 .repeat_dim(2, 2)

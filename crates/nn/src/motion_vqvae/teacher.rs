@@ -14,7 +14,7 @@ use radarllm_inference::checkpoint::{Checkpoint, CheckpointError};
 
 /// `kind` in a motion VQ-VAE's `config.json`.
 pub const MOTION_KIND: &str = "motion_vqvae";
-/// Arrays `mean` and `std` of the training set, 263 each.
+/// The arrays `mean` and `std` of the training set, 263 values each.
 pub const STATISTICS_FILE: &str = "statistics.safetensors";
 
 /// `config.json` of a motion VQ-VAE checkpoint.
@@ -24,7 +24,7 @@ pub struct MotionFile {
     pub kind: String,
     /// Architecture.
     pub model: MotionVqVaeConfig,
-    /// How it was trained, for the record; not read.
+    /// How the network was trained, as a record; this field is not read.
     #[serde(default)]
     pub training: serde_json::Value,
 }
@@ -32,7 +32,7 @@ pub struct MotionFile {
 /// Why a motion cannot be encoded.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum MotionError {
-    /// Not a whole, positive number of frames.
+    /// The length is not a whole, positive number of frames.
     #[error("motion features: {found} values are not a positive multiple of {MOTION_DIM}")]
     Length {
         /// Number of values.
@@ -49,12 +49,12 @@ pub enum MotionError {
     NotFinite {
         /// Frame.
         frame: usize,
-        /// Value of the frame.
+        /// Index of the value within the frame.
         value: usize,
     },
 }
 
-/// Longest motion encoded at once, frames (ten minutes).
+/// Maximum length of a motion that is encoded at once, frames (ten minutes).
 pub const MAX_MOTION_FRAMES: usize = 12_000;
 
 /// A trained motion VQ-VAE used as a source of features.
@@ -71,7 +71,7 @@ impl MotionTeacher {
     /// Loads a checkpoint directory.
     ///
     /// # Errors
-    /// If it is missing, damaged, not a motion VQ-VAE, or does not fit its own configuration.
+    /// If it is missing, damaged, not a motion VQ-VAE, or inconsistent with its own configuration.
     pub fn load(dir: &Path) -> Result<Self, CheckpointError> {
         let checkpoint = Checkpoint::open(dir)?;
         let file: MotionFile = checkpoint.config(
@@ -141,8 +141,8 @@ impl MotionTeacher {
 
     /// Features before quantization: `[ceil(frames / 8)][width]` flattened.
     ///
-    /// `motion` is `[frame][263]` flattened at 20 frames per second; the last frame is repeated up to
-    /// a whole number of features.
+    /// `motion` is `[frame][263]` flattened at 20 frames per second. The last frame is repeated to
+    /// obtain a whole number of features.
     ///
     /// # Errors
     /// If the length is wrong or a value is not finite.
@@ -176,7 +176,7 @@ impl MotionTeacher {
             .unwrap_or_default())
     }
 
-    /// Codes of features that [`Self::features`] gave, one each.
+    /// Codes of features returned by [`Self::features`], one each.
     pub fn codes(&self, features: &[f32]) -> Vec<u32> {
         nearest_codes(features, &self.codebook, self.config.width)
     }
@@ -194,7 +194,7 @@ pub fn standardised(motion: &[f32], mean: &[f32], std: &[f32], n_frames: usize) 
     for frame in 0..n_frames {
         let at = (frame * MOTION_DIM).min(last);
         let values = motion[at..].iter().zip(mean.iter().zip(std));
-        // Far outliers are capture faults; they must not rule the loss.
+        // Extreme outliers are capture faults; they must not dominate the loss.
         out.extend(
             values
                 .take(MOTION_DIM)
@@ -247,7 +247,7 @@ mod tests {
         );
     }
 
-    /// Shifting the motion by one feature's length shifts the features, away from the ends.
+    /// Shifting the motion by one feature's length shifts the features, except near the ends.
     #[test]
     fn features_move_with_the_motion() {
         let teacher = teacher();
@@ -260,7 +260,7 @@ mod tests {
         let a = teacher.features(&motion(0)).unwrap();
         let b = teacher.features(&motion(8)).unwrap();
         // Receptive field per side: blocks of dilation 9 + 3 + 1 at strides 2, 4, 8, below 25
-        // features; feature 50 of 100 sees no end.
+        // features; feature 50 of 100 depends on neither end.
         for c in 0..16 {
             let (x, y) = (a[50 * 16 + c], b[49 * 16 + c]);
             assert!((x - y).abs() < 1e-4, "{x} {y}");

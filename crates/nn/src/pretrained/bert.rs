@@ -1,5 +1,5 @@
-//! BERT and RoBERTa: bidirectional encoders with layer norms after each part. The metrics BERTScore and
-//! SimCSE look at text through them.
+//! BERT and RoBERTa: bidirectional encoders with layer norms after each sublayer. The metrics BERTScore and
+//! SimCSE use them to embed text.
 //!
 //! Devlin et al., *BERT*, 2019; Liu et al., *RoBERTa*, 2019.
 
@@ -12,10 +12,10 @@ use super::layers::{Embedding, Linear, Loader, Norm, attend, split_heads};
 use crate::lm::rows::{Rows, ids_1d};
 use radarllm_inference::lm::LmError;
 
-/// The fields of a BERT or RoBERTa `config.json` that matter here.
+/// The fields of a BERT or RoBERTa `config.json` that are used here.
 #[derive(Clone, Debug, Deserialize)]
 pub struct BertConfig {
-    /// `bert`, `roberta` or `xlm-roberta`: the last two count positions from the padding id on.
+    /// `bert`, `roberta` or `xlm-roberta`. The last two count positions from the padding id.
     pub model_type: String,
     /// Embedding rows.
     pub vocab_size: usize,
@@ -31,10 +31,10 @@ pub struct BertConfig {
     pub max_position_embeddings: usize,
     /// Segment rows.
     pub type_vocab_size: usize,
-    /// Added to the variance.
+    /// Epsilon that is added to the variance.
     #[serde(default = "epsilon")]
     pub layer_norm_eps: f64,
-    /// Only `gelu`, the exact form, is known.
+    /// Only `gelu`, the exact form, is supported.
     #[serde(default = "gelu_name")]
     pub hidden_act: String,
     /// Id of padding.
@@ -52,7 +52,7 @@ fn gelu_name() -> String {
 }
 
 impl BertConfig {
-    /// Refuses what cannot be, or is not known here.
+    /// Rejects impossible and unsupported configurations.
     ///
     /// # Errors
     /// [`LmError::Config`].
@@ -97,7 +97,7 @@ impl BertConfig {
         }
     }
 
-    /// Longest sequence.
+    /// Maximum sequence length.
     pub fn longest(&self) -> usize {
         self.max_position_embeddings
             .saturating_sub(self.first_position())
@@ -112,7 +112,7 @@ pub struct Bert {
     segments: Embedding,
     norm: Norm,
     layers: Vec<Block>,
-    /// Dense layer over the first token's state; files of encoders alone have none.
+    /// Dense layer over the first token's state. Checkpoints of the encoder alone have none.
     pooler: Option<Linear>,
     #[module(skip)]
     config: BertConfig,
@@ -131,11 +131,11 @@ struct Block {
 }
 
 impl Bert {
-    /// Makes a network from a checkpoint's tensors, names without `bert.` or `roberta.`. Heads for
-    /// other tasks are left out.
+    /// Builds a network from a checkpoint's tensors, with names without `bert.` or `roberta.`. Heads for
+    /// other tasks are ignored.
     ///
     /// # Errors
-    /// Missing tensors, other shapes, impossible configurations.
+    /// Missing tensors, mismatched shapes, impossible configurations.
     pub fn load(config: BertConfig, mut from: Loader) -> Result<Self, LmError> {
         config.validate()?;
         let (d, inner) = (config.hidden_size, config.intermediate_size);
@@ -183,13 +183,13 @@ impl Bert {
         })
     }
 
-    /// The shape.
+    /// The architecture.
     pub fn config(&self) -> &BertConfig {
         &self.config
     }
 
-    /// Hidden states `[batch * length, hidden_size]` after `n_layers` blocks (0: the embeddings), at
-    /// most all.
+    /// Hidden states `[batch * length, hidden_size]` after `n_layers` blocks (0: the embeddings). `n_layers` is limited
+    /// to the number of blocks.
     pub fn states(&self, rows: &Rows, n_layers: usize, device: &Device) -> Tensor<2> {
         let c = &self.config;
         let eps = c.layer_norm_eps;
@@ -224,7 +224,7 @@ impl Bert {
         Some(tanh(self.pooler.as_ref()?.forward(first)))
     }
 
-    /// BERT counts places; RoBERTa counts the ids that are no padding, from the padding id on.
+    /// BERT counts positions; RoBERTa counts the ids that are not padding, from the padding id.
     fn position_ids(&self, rows: &Rows) -> Vec<i32> {
         let length = rows.shape[1];
         let pad = self.config.pad();

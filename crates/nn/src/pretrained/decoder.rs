@@ -1,7 +1,7 @@
-//! A decoder alone (GPT-2 or Qwen2) as radar-language model: prompt and answer in one row.
+//! A decoder-only network (GPT-2 or Qwen2) as the radar-language model, with prompt and answer in one row.
 //!
-//! Training pads rows at the end; decoding pads prompts at the front, so that every row goes on in the
-//! same column. Positions count tokens, so padding changes nothing.
+//! Training pads rows at the end. Decoding pads prompts at the front, so that every row continues in the
+//! same column. Positions count tokens, so padding does not change the result.
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, IndexingUpdateOp, Int, Tensor, TensorData};
@@ -19,7 +19,7 @@ use radarllm_engine::Source;
 use radarllm_inference::lm::config::{LmConfig, NetworkConfig};
 use radarllm_inference::lm::{InputError, LmError};
 
-/// A decoder of one of the known architectures.
+/// A decoder of one of the supported architectures.
 #[derive(Module, Debug)]
 pub enum DecoderOnlyNet {
     /// GPT-2.
@@ -28,7 +28,7 @@ pub enum DecoderOnlyNet {
     Qwen2(Qwen2),
 }
 
-/// The network with the optional continuous bypass for radar.
+/// The network with the optional continuous bypass for radar features.
 #[derive(Module, Debug)]
 pub struct RadarDecoder {
     /// The decoder.
@@ -41,11 +41,11 @@ pub struct RadarDecoder {
 #[derive(Clone, Debug)]
 pub struct DecoderPast {
     past: Past,
-    /// Tokens read, per row.
+    /// Number of tokens read, per row.
     n_tokens: Vec<usize>,
-    /// Columns of padding before them, per row.
+    /// Number of padding columns before them, per row.
     padding: Vec<usize>,
-    /// Columns kept.
+    /// Number of cached columns.
     n_columns: usize,
 }
 
@@ -63,7 +63,7 @@ impl DecoderOnlyNet {
     /// A network drawn from `seed`.
     ///
     /// # Errors
-    /// If the configuration cannot be, or is a T5's.
+    /// If the configuration is impossible, or is that of a T5.
     pub fn new(config: &NetworkConfig, seed: u64, device: &Device) -> Result<Self, LmError> {
         match config {
             NetworkConfig::Gpt2(c) => Ok(Self::Gpt2(Gpt2::new(c.clone(), seed, device)?)),
@@ -75,7 +75,7 @@ impl DecoderOnlyNet {
         }
     }
 
-    /// The shape as it was read or drawn: rows added since are not counted.
+    /// The architecture as it was read or drawn. Rows added since then are not counted.
     pub fn config(&self) -> NetworkConfig {
         match self {
             Self::Gpt2(net) => NetworkConfig::Gpt2(net.config().clone()),
@@ -132,7 +132,7 @@ impl DecoderOnlyNet {
         }
     }
 
-    /// Embedding and, where they are apart, output rows.
+    /// The embedding and, if they are not tied, the output rows.
     fn vocabularies(&mut self) -> impl Iterator<Item = &mut Embedding> {
         let (embedding, head) = match self {
             Self::Gpt2(net) => (&mut net.wte, &mut net.lm_head),
@@ -141,7 +141,7 @@ impl DecoderOnlyNet {
         std::iter::once(embedding).chain(head)
     }
 
-    /// Appends `n` rows to embedding and output, drawn from `seed`, as loud as the present ones.
+    /// Appends `n` rows to embedding and output, drawn from `seed`, with the magnitude of the existing rows.
     pub fn extend(&mut self, n: usize, seed: u64) {
         let rng = &mut ChaCha8Rng::seed_from_u64(seed);
         self.vocabularies().for_each(|rows| rows.extend(n, rng));
@@ -154,7 +154,7 @@ impl DecoderOnlyNet {
         }
     }
 
-    /// Gives c_attn (GPT-2) or queries and values (Qwen2) adapters that change nothing yet.
+    /// Adds adapters to c_attn (GPT-2) or to queries and values (Qwen2). New adapters do not change the output.
     pub fn adapt(&mut self, config: LoraConfig, seed: u64) {
         let rng = &mut ChaCha8Rng::seed_from_u64(seed);
         for linear in self.adapted() {
@@ -162,15 +162,15 @@ impl DecoderOnlyNet {
         }
     }
 
-    /// The same function without adapters.
+    /// Merges the adapters into the weights; the function does not change.
     pub fn merge(&mut self) {
         self.adapted().into_iter().for_each(Linear::merge);
     }
 }
 
 impl RadarDecoder {
-    /// The bypass of a new network, if the configuration has one: as loud as fresh embedding rows are
-    /// (standard deviation 0.02 in both papers).
+    /// Adds the bypass of a new network, if the configuration has one. Its magnitude is that of newly drawn embedding
+    /// rows (standard deviation 0.02 in both papers).
     pub fn new(decoder: DecoderOnlyNet, config: &LmConfig, seed: u64, device: &Device) -> Self {
         let std = 0.02 * (config.code_dim as f64).powf(-0.5);
         Self {
@@ -179,7 +179,7 @@ impl RadarDecoder {
         }
     }
 
-    /// Embedded ids; `first` is where in its row each source starts.
+    /// Embedded ids; `first` is the position of each source's first id in its row.
     fn embed(
         &self,
         rows: &Rows,
@@ -207,8 +207,8 @@ impl RadarDecoder {
         }
     }
 
-    /// States `[target tokens, width]` from which [`DecoderOnlyNet::logits`] gives each target token: every
-    /// target after its source, one after the other. `training` is given in training only.
+    /// States `[target tokens, width]` from which [`DecoderOnlyNet::logits`] predicts each target token. Every
+    /// target follows its source, one after the other. `training` is passed in training only.
     ///
     /// # Errors
     /// If a row is longer than the network's positions.
@@ -251,7 +251,7 @@ impl RadarDecoder {
         Ok(states.select(0, ids_1d(places.collect(), device)))
     }
 
-    /// Positions of the network.
+    /// Maximum number of positions of the network.
     pub fn longest(&self) -> usize {
         match &self.decoder {
             DecoderOnlyNet::Gpt2(net) => net.config().n_positions,
@@ -259,7 +259,7 @@ impl RadarDecoder {
         }
     }
 
-    /// Reads every source but for its last token, which the first [`Self::step`] takes.
+    /// Reads every source except its last token, which is the input of the first [`Self::step`].
     pub fn read(&self, sources: &[&Source], code_dim: usize, device: &Device) -> DecoderPast {
         let rows: Vec<Vec<u32>> = sources
             .iter()
@@ -273,7 +273,7 @@ impl RadarDecoder {
         if n_columns > 0 {
             let drop = &mut ForwardPass::inference();
             let x = self.embed(&rows, sources, |i| padding[i], code_dim, drop.precision);
-            // Only keys and values are wanted.
+            // Only keys and values are needed.
             self.decoder
                 .states(x, &rows.steps(true, device), Some(&mut past), drop);
         }
@@ -285,7 +285,7 @@ impl RadarDecoder {
         }
     }
 
-    /// One decoding step: the next token of every row in, `[batch, width]` out.
+    /// One decoding step. The input is the next token of every row; the output is `[batch, width]`.
     pub fn step(&self, past: &mut DecoderPast, ids: &[u32]) -> Tensor<2> {
         let device = self.device();
         let n_keys = past.n_columns + 1;
@@ -311,7 +311,7 @@ impl RadarDecoder {
         self.decoder.states(x, &steps, Some(&mut past.past), drop)
     }
 
-    /// Where its weights are.
+    /// The device that stores its weights.
     pub fn device(&self) -> Device {
         match &self.decoder {
             DecoderOnlyNet::Gpt2(net) => net.wte.weight.val().device(),

@@ -1,10 +1,11 @@
-//! Decoders alone on disk: Hugging Face's names, shards, and PEFT's adapters.
+//! Files of decoder-only networks: Hugging Face's names, shards, and PEFT's adapters.
 //!
-//! A whole model is `config.json`, `tokenizer.json` and `model.safetensors` (or shards with an index), so
-//! that other programs open it; what they do not know (vocabulary layout, radar) stands under `radarllm` in
-//! `config.json`. A model with adapters leaves the base where it is: `adapter_model.safetensors` and
-//! `adapter_config.json` are PEFT's (names: <https://huggingface.co/docs/peft/developer_guides/checkpoint>),
-//! and `radar.safetensors` holds the rows of new ids. The radar bypass is there too, in both forms.
+//! A whole model consists of `config.json`, `tokenizer.json` and `model.safetensors` (or shards with an index), so
+//! that other programs can open it. Settings that they do not support (vocabulary layout, radar) are under `radarllm`
+//! in
+//! `config.json`. A model with adapters does not copy the base: `adapter_model.safetensors` and
+//! `adapter_config.json` have PEFT's format (names: <https://huggingface.co/docs/peft/developer_guides/checkpoint>),
+//! and `radar.safetensors` contains the rows of new ids. In both forms, it also contains the radar bypass.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -29,14 +30,14 @@ use radarllm_inference::lm::config::NetworkConfig;
 pub const ADAPTER_FILE: &str = "adapter_model.safetensors";
 /// PEFT's adapter settings.
 pub const ADAPTER_CONFIG_FILE: &str = "adapter_config.json";
-/// Rows of new ids beside adapters, and the radar bypass.
+/// Rows of new ids that accompany adapters, and the radar bypass.
 pub const RADAR_FILE: &str = "radar.safetensors";
-/// Lists the shards of a large model.
+/// The index that lists the shards of a large model.
 const INDEX_FILE: &str = "model.safetensors.index.json";
-/// Above this many bytes weights are written in shards (5 GB, as Hugging Face long did).
+/// Weights that exceed this many bytes are written in shards (5 GB, as in older Hugging Face versions).
 const SHARD_BYTES: usize = 5_000_000_000;
 
-/// Adapters of a model, and the checkpoint they belong to.
+/// Adapters of a model, and the base checkpoint that they belong to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Adapters {
     /// Settings.
@@ -47,7 +48,7 @@ pub struct Adapters {
     pub base_blake3: String,
 }
 
-/// PEFT's `adapter_config.json`, as far as it matters here.
+/// The fields of PEFT's `adapter_config.json` that are used here.
 #[derive(Debug, Serialize, Deserialize)]
 struct PeftConfig {
     peft_type: String,
@@ -57,7 +58,7 @@ struct PeftConfig {
     lora_alpha: f64,
     lora_dropout: f64,
     target_modules: Vec<String>,
-    /// GPT-2 keeps its weights as `[in, out]`.
+    /// GPT-2 stores its weights as `[in, out]`.
     fan_in_fan_out: bool,
     bias: String,
     inference_mode: bool,
@@ -80,7 +81,7 @@ pub struct Base {
 /// Reads a decoder's folder in Hugging Face's layout.
 ///
 /// # Errors
-/// Missing or damaged files, tensors that do not fit, an architecture that is no decoder alone.
+/// Missing or damaged files, tensors that do not fit, an architecture that is not decoder-only.
 pub fn read_base(dir: &Path, device: &Device) -> Result<Base, LmError> {
     #[derive(Deserialize)]
     #[serde(untagged)]
@@ -101,7 +102,7 @@ pub fn read_base(dir: &Path, device: &Device) -> Result<Base, LmError> {
     let blake3 = fingerprint(&tensors);
     let mut json: serde_json::Value =
         serde_json::from_slice(&config).map_err(|e| crate::lm::hf::json_error(&file, &e))?;
-    // A copy of the embedding under the head's name would be trained apart from it.
+    // A copy of the embedding under the head's name would be trained separately from it.
     for embedding in [
         "transformer.wte.weight",
         "wte.weight",
@@ -137,7 +138,7 @@ pub fn read_base(dir: &Path, device: &Device) -> Result<Base, LmError> {
     })
 }
 
-/// BLAKE3 of names and values, the same however the weights are spread over files.
+/// BLAKE3 of names and values, independent of how the weights are distributed over files.
 pub fn fingerprint(tensors: &NamedTensors) -> String {
     let mut hasher = blake3::Hasher::new();
     let mut bytes = Vec::new();
@@ -179,12 +180,12 @@ impl DecoderOnlyNet {
         }
     }
 
-    /// Whether a checkpoint keeps this weight as `[out, in]`.
+    /// Whether a checkpoint stores this weight as `[out, in]`.
     fn is_transposed(&self, path: &str) -> bool {
         matches!(self, Self::Qwen2(_)) && path.ends_with("_proj.weight")
     }
 
-    /// All weights under Hugging Face's names, added rows after the others; adapters are left out.
+    /// All weights under Hugging Face's names, with added rows after the others. Adapters are left out.
     pub fn to_hf(&self) -> NamedTensors {
         let mut params = collect_params(self);
         let added: Vec<(String, HostTensor)> = params
@@ -214,7 +215,7 @@ impl DecoderOnlyNet {
     /// This network with the weights that [`Self::to_hf`] names.
     ///
     /// # Errors
-    /// Missing and unknown tensors, other shapes.
+    /// Missing and unknown tensors, mismatched shapes.
     fn with_hf(self, mut theirs: NamedTensors, file: &Path) -> Result<Self, LmError> {
         let mut ours = NamedTensors::new();
         let shapes = param_shapes(&self);
@@ -222,7 +223,7 @@ impl DecoderOnlyNet {
             if path.ends_with(".added") {
                 continue;
             }
-            // A missing one is named by `load_params`.
+            // `load_params` reports a missing tensor by name.
             let Some(mut tensor) = theirs.remove(&self.name(&path)) else {
                 continue;
             };
@@ -246,7 +247,7 @@ impl DecoderOnlyNet {
     }
 }
 
-/// PEFT's name and ours of an adapter matrix, `a` or `b`.
+/// PEFT's name of one of our adapter matrices, `a` or `b`.
 fn peft_name(decoder: &DecoderOnlyNet, path: &str) -> Option<String> {
     let (stem, matrix) = path.rsplit_once(".lora.")?;
     let name = decoder.name(stem);
@@ -303,11 +304,11 @@ impl RadarDecoder {
         Ok(())
     }
 
-    /// This network with the weights of a checkpoint that [`Self::add_to`] made: the same shape, and
-    /// adapters and added rows where they were.
+    /// Returns this network with the weights of a checkpoint that [`Self::add_to`] wrote: the same architecture, with
+    /// adapters and added rows at the same places.
     ///
     /// # Errors
-    /// Missing and unknown tensors, other shapes.
+    /// Missing and unknown tensors, mismatched shapes.
     pub fn load_from(self, checkpoint: &Checkpoint, has_adapters: bool) -> Result<Self, LmError> {
         let Self { decoder, bypass } = self;
         let mut radar = radar_tensors(checkpoint)?;
@@ -320,16 +321,16 @@ impl RadarDecoder {
         Self { decoder, bypass }.with_bypass(radar, checkpoint)
     }
 
-    /// The bypass of a checkpoint whose other weights this network has already.
+    /// Loads only the bypass of a checkpoint; this network already has its other weights.
     ///
     /// # Errors
-    /// Missing and unknown tensors, other shapes.
+    /// Missing and unknown tensors, mismatched shapes.
     pub fn load_bypass(self, checkpoint: &Checkpoint) -> Result<Self, LmError> {
         let radar = radar_tensors(checkpoint)?;
         self.with_bypass(radar, checkpoint)
     }
 
-    /// What is left of a checkpoint's [`RADAR_FILE`] is the bypass, or should not be there.
+    /// Any remaining tensor of a checkpoint's [`RADAR_FILE`] must be the bypass.
     fn with_bypass(
         self,
         mut radar: NamedTensors,
@@ -347,7 +348,7 @@ impl RadarDecoder {
     }
 }
 
-/// A tensor of a file, with the shape that it must have.
+/// Takes a tensor of a file, and checks its shape.
 fn take(
     tensors: &mut NamedTensors,
     name: &str,
@@ -371,7 +372,7 @@ fn take(
     }
 }
 
-/// Nothing must be left of a file.
+/// Checks that no tensor of a file remains unused.
 fn no_more(tensors: NamedTensors, file: &Path) -> Result<(), CheckpointError> {
     match tensors.into_keys().next() {
         Some(tensor) => Err(CheckpointError::UnknownTensor {
@@ -389,7 +390,7 @@ fn radar_tensors(checkpoint: &Checkpoint) -> Result<NamedTensors, LmError> {
     }
 }
 
-/// The base's own weights stay; adapters and added rows come from the checkpoint.
+/// Keeps the base's own weights, and loads adapters and added rows from the checkpoint.
 fn load_adapters(
     decoder: DecoderOnlyNet,
     checkpoint: &Checkpoint,
@@ -417,7 +418,7 @@ fn load_adapters(
 /// PEFT's settings of a checkpoint.
 ///
 /// # Errors
-/// If they are missing, or of a kind that is not known here.
+/// If they are missing, or of an unsupported kind.
 pub fn read_adapters(
     checkpoint: &Checkpoint,
     base_blake3: String,
@@ -470,7 +471,7 @@ pub fn read_adapters(
     Ok((adapters, base.decoder))
 }
 
-/// Adds weights as one file, or as shards of at most `most` bytes with an index.
+/// Adds weights as one file, or as shards of up to `most` bytes with an index.
 fn add_shards(
     files: &mut CheckpointFiles,
     tensors: NamedTensors,
@@ -505,7 +506,7 @@ fn add_shards(
     files.json(INDEX_FILE, &index)
 }
 
-/// The absolute path of a base, so that a model is found from anywhere.
+/// The absolute path of a base, so that a model can be opened from any working directory.
 pub fn absolute(dir: &Path) -> Result<PathBuf, LmError> {
     let io = |source| CheckpointError::Io {
         path: dir.into(),
@@ -514,7 +515,7 @@ pub fn absolute(dir: &Path) -> Result<PathBuf, LmError> {
     Ok(fs::canonicalize(dir).map_err(io)?)
 }
 
-/// A decoder's shape as Hugging Face's `config.json` has it, without what is particular to us.
+/// A decoder's architecture as Hugging Face's `config.json`, without this project's own fields.
 pub fn hf_config(config: &NetworkConfig, end: u32) -> serde_json::Value {
     let (value, architecture) = match config {
         NetworkConfig::T5(c) => (serde_json::to_value(c), "T5ForConditionalGeneration"),
@@ -556,7 +557,7 @@ pub(super) mod tests {
         dir
     }
 
-    /// A pretrained folder in miniature: golden weights of 40 rows, a word tokenizer of 30 words, and an
+    /// A small pretrained folder: golden weights of 40 rows, a word tokenizer of 30 words, and an
     /// end token at 39.
     pub fn write_base(kind: &str, dir: &Path) {
         let bytes = fs::read(golden(kind)).unwrap();
@@ -606,7 +607,7 @@ pub(super) mod tests {
             ids: ids[..1].to_vec(),
             ..Source::default()
         };
-        // What the last target token is does not matter: it predicts nothing.
+        // The value of the last target token is irrelevant: it predicts nothing.
         let target = [&ids[1..], &[0]].concat();
         let states = net.target_states(&[(&source, &target)], 2, None).unwrap();
         read(
@@ -682,7 +683,7 @@ pub(super) mod tests {
         RadarLm::from_hf_folder(&dir.join("base"), lora, 4, 2, true, 1, &Device::flex()).unwrap()
     }
 
-    /// Adapters that do something.
+    /// Sets the adapters to values that change the output.
     fn shake(lm: &mut RadarLm) {
         let mut params = collect_params(&lm.net);
         params.retain(|path, _| lm.is_trained(path));
@@ -718,7 +719,7 @@ pub(super) mod tests {
                 .collect();
             assert_eq!(sources[0].ids[..3], [0, layout.som(), layout.code(3)]);
             assert_eq!(sources[0].ids.last(), Some(&39));
-            // Text cannot smuggle in the end token.
+            // A text cannot contain the end token.
             assert_eq!(
                 lm.vocab.text_ids("walks <|endoftext|> person").unwrap(),
                 [1, 2]
@@ -734,7 +735,7 @@ pub(super) mod tests {
             assert_eq!(collect_params(&lm.net), collect_params(&back.net));
             assert_eq!((&lm.adapters, &lm.config), (&back.adapters, &back.config));
             assert_eq!(back.generate(&sources, &options).unwrap(), expected);
-            // PEFT's names and layout; nothing of the base.
+            // PEFT's names and layout, without weights of the base.
             let open = |name: &str| Checkpoint::open(&dir.join(name)).unwrap();
             let peft = open("adapters").tensors(ADAPTER_FILE).unwrap();
             let (name, width) = match kind {
@@ -749,7 +750,7 @@ pub(super) mod tests {
                 (&config["r"], &config["peft_type"]),
                 (&8.into(), &"LORA".into())
             );
-            // Whole: another program's layout, and the same words.
+            // The whole model: another program's layout, and the same sentences.
             lm.merge();
             lm.save(&dir.join("whole")).unwrap();
             let whole = RadarLm::load(&dir.join("whole"), &Device::flex()).unwrap();

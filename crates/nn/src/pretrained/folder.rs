@@ -1,4 +1,4 @@
-//! Any checkpoint folder in Hugging Face's layout that is known here, by its `model_type`.
+//! Opens any supported checkpoint folder in Hugging Face's layout by its `model_type`.
 
 use std::path::Path;
 
@@ -16,10 +16,10 @@ use crate::lm::t5::T5;
 use radarllm_inference::checkpoint::NamedTensors;
 use radarllm_inference::lm::{InputError, LmError, T5Config};
 
-/// Longest T5 sequence: its relative positions have no bound, memory has.
+/// Maximum T5 sequence length. T5's relative positions are unbounded, but memory is not.
 const LONGEST_T5: usize = 4096;
 
-/// A network of one of the known architectures.
+/// A network of one of the supported architectures.
 #[derive(Debug)]
 pub enum Pretrained {
     /// T5 and FLAN-T5.
@@ -32,16 +32,16 @@ pub enum Pretrained {
     Bert(Box<Bert>),
 }
 
-/// What to run a network on. Rows of one field are equally long; padding may stand anywhere.
+/// Input of a network. Rows of one field have equal lengths; padding may be at any position.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ModelInput {
     /// `[batch][length]`.
     pub input_ids: Vec<Vec<u32>>,
-    /// 1 token, 0 padding; all tokens without it.
+    /// 1 token, 0 padding; all ids are tokens if absent.
     #[serde(default)]
     pub attention_mask: Option<Vec<Vec<u32>>>,
-    /// What an encoder-decoder's decoder reads.
+    /// Input of the decoder of an encoder-decoder.
     #[serde(default)]
     pub decoder_input_ids: Option<Vec<Vec<u32>>>,
 }
@@ -50,7 +50,7 @@ impl Pretrained {
     /// Reads a folder with `config.json` and `model.safetensors`, single or sharded.
     ///
     /// # Errors
-    /// Missing or damaged files, an unknown architecture, missing tensors and other shapes.
+    /// Missing or damaged files, an unknown architecture, missing tensors and mismatched shapes.
     pub fn open(dir: &Path, device: &Device) -> Result<Self, LmError> {
         let config_file = dir.join("config.json");
         let config = read_small(&config_file)?;
@@ -58,7 +58,7 @@ impl Pretrained {
         Self::from_parts(&config, &config_file, tensors, device)
     }
 
-    /// Makes a network from the text of a `config.json` and tensors; `file` is named in errors.
+    /// Builds a network from the text of a `config.json` and tensors; `file` is named in errors.
     ///
     /// # Errors
     /// See [`Self::open`].
@@ -119,8 +119,8 @@ impl Pretrained {
     /// `[batch, step, width]`, flattened, and that shape.
     ///
     /// # Errors
-    /// [`LmError::Input`]: see [`Rows::new`]; decoder rows that are missing, or given to a network without
-    /// a decoder of that kind.
+    /// [`LmError::Input`]: see [`Rows::new`]; also for decoder rows that are missing, or that are given to a network
+    /// without such a decoder.
     pub fn logits(
         &self,
         input: &ModelInput,
@@ -172,7 +172,7 @@ impl Pretrained {
     }
 }
 
-/// Names without the first of the prefixes that they have.
+/// Removes from each name the first of the prefixes that it has.
 fn stripped(tensors: NamedTensors, prefixes: &[&str]) -> NamedTensors {
     let strip = |name: String| match prefixes.iter().find_map(|p| name.strip_prefix(p)) {
         Some(short) => short.to_string(),

@@ -1,7 +1,7 @@
-//! GPT-2: a decoder with learned positions and layer norms before each part.
+//! GPT-2: a decoder with learned positions and layer norms before each sublayer.
 //!
-//! Radford et al., *Language Models are Unsupervised Multitask Learners*, 2019. Checkpoints keep linear
-//! weights as `[in, out]` and put query, key and value into one product.
+//! Radford et al., *Language Models are Unsupervised Multitask Learners*, 2019. Checkpoints store linear
+//! weights as `[in, out]` and combine query, key and value in one product.
 
 use burn::module::Module;
 use burn::tensor::activation::gelu_approximate;
@@ -14,14 +14,14 @@ use crate::precision::ProductPrecision;
 use radarllm_inference::lm::LmError;
 use radarllm_inference::lm::gpt2_config::Gpt2Config;
 
-/// The network. Fields are named as the checkpoint's tensors are.
+/// The network. Fields have the names of the checkpoint's tensors.
 #[derive(Module, Debug)]
 pub struct Gpt2 {
     pub(super) wte: Embedding,
     wpe: Embedding,
     h: Vec<Block>,
     ln_f: Norm,
-    /// Output rows; the embedding without them.
+    /// Output rows. If absent, the embedding is used.
     pub(super) lm_head: Option<Embedding>,
     #[module(skip)]
     config: Gpt2Config,
@@ -49,10 +49,10 @@ struct Mlp {
 }
 
 impl Gpt2 {
-    /// Makes a network from a checkpoint's tensors, names without `transformer.`.
+    /// Builds a network from a checkpoint's tensors, with names without `transformer.`.
     ///
     /// # Errors
-    /// Missing or unknown tensors, other shapes, impossible configurations.
+    /// Missing or unknown tensors, mismatched shapes, impossible configurations.
     pub fn load(config: Gpt2Config, mut from: Loader) -> Result<Self, LmError> {
         config.validate()?;
         let d = config.n_embd;
@@ -80,7 +80,7 @@ impl Gpt2 {
             .has("lm_head.weight")
             .then(|| from.embedding("lm_head", [config.vocab_size, d]))
             .transpose()?;
-        // Causal masks lie in old files as if they were weights.
+        // Old files store causal masks as if they were weights.
         from.finish(|name| name.ends_with(".attn.bias") || name.ends_with(".attn.masked_bias"))?;
         Ok(Self {
             wte,
@@ -92,7 +92,7 @@ impl Gpt2 {
         })
     }
 
-    /// A network drawn from `seed` as the paper initialises it.
+    /// A network with the paper's initialisation, drawn from `seed`.
     ///
     /// # Errors
     /// Impossible configurations.
@@ -103,7 +103,7 @@ impl Gpt2 {
         Self::load(config, Loader::random(seed, STD, residual, device))
     }
 
-    /// The shape.
+    /// The architecture.
     pub fn config(&self) -> &Gpt2Config {
         &self.config
     }
@@ -113,7 +113,7 @@ impl Gpt2 {
         self.config.resid_pdrop = p;
     }
 
-    /// The layers that take adapters: one a block, for query, key and value.
+    /// The layers that take adapters: one per block, for query, key and value.
     pub(super) fn adapted(&mut self) -> impl Iterator<Item = &mut Linear> {
         self.h.iter_mut().map(|block| &mut block.attn.c_attn)
     }
@@ -136,7 +136,7 @@ impl Gpt2 {
         self.lm_head.as_ref().unwrap_or(&self.wte)
     }
 
-    /// Final states `[batch * length, n_embd]` of embedded ids, after what `past` holds.
+    /// Final states `[batch * length, n_embd]` of embedded ids that follow the content of `past`.
     pub(super) fn states(
         &self,
         x: Tensor<2>,

@@ -1,4 +1,4 @@
-//! Layers that GPT-2, Qwen2 and BERT share, made straight from the tensors of a checkpoint or drawn at random.
+//! Layers that GPT-2, Qwen2 and BERT share, built directly from the tensors of a checkpoint or drawn at random.
 //!
 //! Activations are `[batch * length, width]`, as in [`crate::lm::t5`].
 
@@ -36,7 +36,7 @@ pub struct Linear {
 pub struct LoraConfig {
     /// Inner width r.
     pub rank: usize,
-    /// The addition is scaled by `alpha / rank`.
+    /// The adapter's output is scaled by `alpha / rank`.
     pub alpha: f64,
     /// Dropout on the adapter's input, in training.
     pub dropout: f64,
@@ -105,7 +105,7 @@ impl Linear {
         self.forward_with(x, &mut ForwardPass::inference())
     }
 
-    /// The same; the adapter's dropout acts where `drop` does.
+    /// As `forward`; the adapter's dropout is applied if dropout is active in `drop`.
     pub(super) fn forward_with(&self, x: Tensor<2>, drop: &mut ForwardPass) -> Tensor<2> {
         let mut y = x.clone().product(self.weight.val(), drop.precision);
         if let Some(lora) = &self.lora {
@@ -122,8 +122,8 @@ impl Linear {
         }
     }
 
-    /// Gives the layer an adapter that changes nothing yet: A is uniform within `in^-0.5`, B zero, as
-    /// PEFT starts.
+    /// Adds an adapter that does not change the output yet: A is uniform within `in^-0.5` and B is zero, as
+    /// in PEFT's initialisation.
     pub fn adapt(&mut self, config: LoraConfig, rng: &mut ChaCha8Rng) {
         let [n_in, n_out] = self.weight.dims();
         let device = self.weight.val().device();
@@ -139,7 +139,7 @@ impl Linear {
         });
     }
 
-    /// The same function without an adapter.
+    /// Merges the adapter into the weight; the function does not change.
     pub fn merge(&mut self) {
         if let Some(lora) = self.lora.take() {
             let scale = lora.scale();
@@ -149,8 +149,8 @@ impl Linear {
     }
 }
 
-/// Normalisation over the last axis: with an offset by mean and variance, without one by the root mean
-/// square alone.
+/// Normalisation over the last axis. With an offset, it uses mean and variance; without one, only the root mean
+/// square.
 #[derive(Module, Debug)]
 pub struct Norm {
     /// Gains, `[width]`.
@@ -175,13 +175,13 @@ impl Norm {
     }
 }
 
-/// Rows by id.
+/// Embedding rows, indexed by id.
 #[derive(Module, Debug)]
 pub struct Embedding {
     /// `[rows, width]`.
     pub weight: Param<Tensor<2>>,
-    /// Rows of ids that a checkpoint did not know, `[added, width]`: apart, so that they can be trained
-    /// while the others are frozen.
+    /// Rows of ids that a checkpoint did not contain, `[added, width]`. They are stored separately, so that they can be
+    /// trained while the others are frozen.
     pub added: Option<Param<Tensor<2>>>,
 }
 
@@ -222,7 +222,7 @@ impl Embedding {
         }
     }
 
-    /// Appends `n` rows as loud as the present ones: uniform numbers of the same mean square.
+    /// Appends `n` rows with the magnitude of the existing ones: uniform random numbers of the same mean square.
     pub fn extend(&mut self, n: usize, rng: &mut ChaCha8Rng) {
         let weight = self.weight.val();
         let width = weight.dims()[1];
@@ -243,13 +243,13 @@ pub fn split_heads(x: Tensor<2>, [batch, length]: [usize; 2], heads: usize) -> T
     x.reshape([batch, length, heads, width]).swap_dims(1, 2)
 }
 
-/// Scaled dot-product attention over `[batch, heads, length, width]`; `[batch * length, heads * width]`
-/// comes back. `bias` is added to the scores.
+/// Scaled dot-product attention over `[batch, heads, length, width]`. Returns `[batch * length, heads * width]`.
+/// `bias` is added to the scores.
 pub fn attend(q: Tensor<4>, k: Tensor<4>, v: Tensor<4>, bias: Option<Tensor<4>>) -> Tensor<2> {
     attend_with(q, k, v, bias, &mut ForwardPass::inference())
 }
 
-/// The same with dropout on the attention weights.
+/// As `attend`, with dropout on the attention weights.
 pub(super) fn attend_with(
     q: Tensor<4>,
     k: Tensor<4>,
@@ -270,14 +270,14 @@ pub(super) fn attend_with(
         .reshape([batch * length, heads * width])
 }
 
-/// Keys and values `[batch, heads, columns, width]` of the columns computed so far, a pair a block.
+/// Keys and values `[batch, heads, columns, width]` of the columns computed so far, one pair per block.
 #[derive(Clone, Debug, Default)]
 pub struct Past {
     blocks: Vec<(Tensor<4>, Tensor<4>)>,
 }
 
 impl Past {
-    /// Appends the columns computed now of block `i` and returns all.
+    /// Appends the newly computed columns of block `i` and returns all.
     pub fn extend(&mut self, i: usize, k: Tensor<4>, v: Tensor<4>) -> (Tensor<4>, Tensor<4>) {
         let all = match self.blocks.get(i) {
             Some((old_k, old_v)) => (
@@ -306,8 +306,8 @@ impl Past {
 
 enum Values {
     File(NamedTensors),
-    /// Normal numbers of standard deviation `std`, `residual` for the products that end a residual
-    /// branch of GPT-2; gains of one and offsets of zero.
+    /// Normally distributed numbers of standard deviation `std`, or `residual` for the products that end a residual
+    /// branch of GPT-2. Gains are one and offsets are zero.
     Drawn {
         rng: Box<ChaCha8Rng>,
         std: f64,
@@ -315,19 +315,19 @@ enum Values {
     },
 }
 
-/// Hands a checkpoint's tensors out by name; what a network asks for must be there with the shape that
-/// its configuration claims, so that nothing is allocated on a configuration's word alone.
+/// Provides a checkpoint's tensors by name. A requested tensor must exist with the shape that
+/// the configuration specifies, so that a configuration alone never determines an allocation.
 pub struct Loader {
     values: Values,
-    /// Named in errors.
+    /// The file that is named in errors.
     file: PathBuf,
-    /// Whether linear weights lie as `[out, in]`.
+    /// Whether linear weights are stored as `[out, in]`.
     transposed: bool,
     device: Device,
 }
 
 impl Loader {
-    /// A checkpoint whose linear weights lie as `[out, in]`, or, not `transposed`, as `[in, out]`.
+    /// A checkpoint whose linear weights are stored as `[out, in]` or, if not `transposed`, as `[in, out]`.
     pub fn new(tensors: NamedTensors, file: &Path, transposed: bool, device: &Device) -> Self {
         Self {
             values: Values::File(tensors),
@@ -337,7 +337,7 @@ impl Loader {
         }
     }
 
-    /// Draws what is asked for from `seed`: `std` 0.02 in both papers; `residual` is the standard
+    /// Draws requested tensors from `seed`. `std` is 0.02 in both papers. `residual` is the standard
     /// deviation of `c_proj`, which GPT-2 divides by the root of the number of residual branches.
     pub fn random(seed: u64, std: f64, residual: f64, device: &Device) -> Self {
         let rng = Box::new(ChaCha8Rng::seed_from_u64(seed));
@@ -349,7 +349,7 @@ impl Loader {
         }
     }
 
-    /// Whether a tensor of this name is there.
+    /// Whether a tensor of this name exists.
     pub fn has(&self, name: &str) -> bool {
         matches!(&self.values, Values::File(tensors) if tensors.contains_key(name))
     }
@@ -398,7 +398,7 @@ impl Loader {
     /// `{name}.weight`.
     ///
     /// # Errors
-    /// A missing tensor or another shape, here and below.
+    /// A missing tensor or a mismatched shape, here and below.
     pub fn embedding(&mut self, name: &str, shape: [usize; 2]) -> Result<Embedding, LmError> {
         let tensor = self.take(format!("{name}.weight"), &shape)?;
         let weight = self.param(tensor, shape);
@@ -454,7 +454,7 @@ impl Loader {
         Ok(self.param(tensor, [len]))
     }
 
-    /// Makes sure that nothing is left but what `is_known` names.
+    /// Checks that no tensors remain except those that `is_known` accepts.
     ///
     /// # Errors
     /// [`CheckpointError::UnknownTensor`].
@@ -484,7 +484,7 @@ mod tests {
         Tensor::from_data(TensorData::new::<f32, _>(values, shape), device)
     }
 
-    /// An adapted layer of 3 to 4 with rank 2 and an adapter that does something.
+    /// An adapted layer from 3 to 4 with rank 2 and an adapter that changes the output.
     fn adapted(device: &Device) -> Linear {
         let mut linear = Linear {
             weight: Param::from_tensor(wave([3, 4], 0.1, device)),
@@ -503,7 +503,7 @@ mod tests {
         linear
     }
 
-    /// Central differences of a quadratic loss are exact but for rounding, about 1e-7 / 1e-2 of values near
+    /// Central differences of a quadratic loss are exact except for rounding, about 1e-7 / 1e-2 of values near
     /// ten.
     #[test]
     fn gradients_of_an_adapter_are_those_of_finite_differences() {
@@ -552,7 +552,7 @@ mod tests {
         assert_eq!(read(fresh.forward(x)), merged);
     }
 
-    /// Rows apart are the same table as rows together.
+    /// Separately stored rows give the same table as rows stored together.
     #[test]
     fn added_rows_follow_the_others() {
         let device = &Device::flex();

@@ -1,22 +1,22 @@
 //! Pretrained networks of other architectures: GPT-2, Qwen2, BERT and RoBERTa, with LoRA adapters.
 //!
-//! What it is for:
+//! Uses:
 //!
-//! - A GPT-2 or Qwen2 in the T5's place ([`RadarDecoder`], [`DecoderOnlyNet`]): the paper compares backbones.
+//! - A GPT-2 or Qwen2 that replaces the T5 ([`RadarDecoder`], [`DecoderOnlyNet`]): the paper compares backbones.
 //! - LoRA adapters in PEFT's layout on such a network ([`LoraConfig`], [`decoder_files`]).
-//! - Any of these checkpoints by its `model_type`, single or sharded, for comparison ([`Pretrained`]).
-//! - Sentences into vectors by a BERT, for BERTScore and SimCSE ([`TextEncoder`]).
+//! - Loading of any of these checkpoints by its `model_type`, single or sharded, for comparison ([`Pretrained`]).
+//! - Sentence embedding by a BERT, for BERTScore and SimCSE ([`TextEncoder`]).
 //!
-//! What is tested: logits and hidden states against the reference implementations on small networks with random
-//! weights (`tests/goldens/make_hf.py`, `make_lora.py`), adapters merged and not, damaged and hostile files, decoding
-//! with and without a cache, training steps. docs/backbones.md has the details.
+//! Tests cover logits and hidden states against the reference implementations on small networks with random
+//! weights (`tests/goldens/make_hf.py`, `make_lora.py`), merged and unmerged adapters, damaged and hostile files,
+//! decoding with and without a cache, and training steps. docs/backbones.md has the details.
 //!
-//! What it was never run on: weights that somebody pretrained. The shapes of `gpt2`, `Qwen2-0.5B` and
-//! `roberta-large` were built, their published files were never loaded, so their tokenizers and their file layouts
-//! are supported by specification only.
+//! No published pretrained weights were ever loaded. Networks with the shapes of `gpt2`, `Qwen2-0.5B` and
+//! `roberta-large` were built, but their published files were not read. Their tokenizers and their file layouts
+//! are therefore supported by specification only.
 //!
-//! Reading order: [`layers`] (what the architectures share), [`gpt2`], [`qwen2`], [`bert`], [`folder`] (a checkpoint
-//! folder by its `model_type`), [`decoder`] (a network in the T5's place), [`decoder_files`] (its files),
+//! Reading order: [`layers`] (shared by the architectures), [`gpt2`], [`qwen2`], [`bert`], [`folder`] (a checkpoint
+//! folder by its `model_type`), [`decoder`] (a network that replaces the T5), [`decoder_files`] (its files),
 //! [`text_encoder`].
 
 pub mod bert;

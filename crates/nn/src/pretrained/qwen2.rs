@@ -15,13 +15,13 @@ use radarllm_inference::lm::qwen2_config::Qwen2Config;
 
 use crate::lm::rows::{Rows, Steps};
 
-/// The network. Fields are named as the checkpoint's tensors are.
+/// The network. Fields have the names of the checkpoint's tensors.
 #[derive(Module, Debug)]
 pub struct Qwen2 {
     pub(super) embed_tokens: Embedding,
     layers: Vec<Block>,
     norm: Norm,
-    /// Output rows; the embedding without them.
+    /// Output rows. If absent, the embedding is used.
     pub(super) lm_head: Option<Embedding>,
     #[module(skip)]
     config: Qwen2Config,
@@ -51,10 +51,10 @@ struct Mlp {
 }
 
 impl Qwen2 {
-    /// Makes a network from a checkpoint's tensors, names without `model.`.
+    /// Builds a network from a checkpoint's tensors, with names without `model.`.
     ///
     /// # Errors
-    /// Missing or unknown tensors, other shapes, impossible configurations.
+    /// Missing or unknown tensors, mismatched shapes, impossible configurations.
     pub fn load(config: Qwen2Config, mut from: Loader) -> Result<Self, LmError> {
         config.validate()?;
         let (d, inner) = (config.hidden_size, config.intermediate_size);
@@ -93,7 +93,7 @@ impl Qwen2 {
         })
     }
 
-    /// A network drawn from `seed`: normal numbers of standard deviation 0.02, as the reference draws.
+    /// A network drawn from `seed`, with the reference initialisation: normal numbers of standard deviation 0.02.
     ///
     /// # Errors
     /// Impossible configurations.
@@ -101,7 +101,7 @@ impl Qwen2 {
         Self::load(config, Loader::random(seed, 0.02, 0.02, device))
     }
 
-    /// The shape.
+    /// The architecture.
     pub fn config(&self) -> &Qwen2Config {
         &self.config
     }
@@ -136,7 +136,7 @@ impl Qwen2 {
         self.lm_head.as_ref().unwrap_or(&self.embed_tokens)
     }
 
-    /// Final states `[batch * length, hidden_size]` of embedded ids, after what `past` holds.
+    /// Final states `[batch * length, hidden_size]` of embedded ids that follow the content of `past`.
     pub(super) fn states(
         &self,
         x: Tensor<2>,
@@ -174,8 +174,8 @@ impl Qwen2 {
         self.norm.forward(x, eps)
     }
 
-    /// Cosines and sines `[batch, 1, length, head width]`: each half of a head turns by
-    /// `position theta^(-2 i / width)`.
+    /// Cosines and sines `[batch, 1, length, head width]` of the rotation angles
+    /// `position theta^(-2 i / width)`, one per dimension i of half a head.
     fn rotation(&self, steps: &Steps, device: &Device) -> (Tensor<4>, Tensor<4>) {
         let [batch, length] = steps.shape;
         let width = self.config.head_width();
@@ -196,7 +196,7 @@ impl Qwen2 {
     }
 }
 
-/// Turns the pairs (i, i + half) of `[batch, heads, length, width]`.
+/// Rotates the pairs (i, i + half) of `[batch, heads, length, width]`.
 fn rotated(x: Tensor<4>, cos: &Tensor<4>, sin: &Tensor<4>) -> Tensor<4> {
     let half = x.dims()[3] / 2;
     let (first, second) = (
@@ -207,7 +207,7 @@ fn rotated(x: Tensor<4>, cos: &Tensor<4>, sin: &Tensor<4>) -> Tensor<4> {
     x * cos.clone() + turned * sin.clone()
 }
 
-/// Every head `copies` times in a row.
+/// Repeats every head `copies` times consecutively.
 fn repeated(x: Tensor<4>, copies: usize) -> Tensor<4> {
     let [batch, heads, length, width] = x.dims();
     x.reshape([batch, heads, 1, length, width])

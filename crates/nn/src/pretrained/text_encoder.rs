@@ -1,7 +1,7 @@
-//! Sentences through a BERT or RoBERTa: states of their tokens, and one vector each.
+//! Encodes sentences by a BERT or RoBERTa: states of their tokens, and one vector per sentence.
 //!
-//! What BERTScore and SimCSE are made from; their arithmetic is in `radarllm-metrics`. The text tokenizer
-//! is the checkpoint's `tokenizer.json`; whatever truncation and padding it carries are set aside.
+//! BERTScore and SimCSE are computed from these states; their arithmetic is in `radarllm-metrics`. The text tokenizer
+//! is the checkpoint's `tokenizer.json`, whose own truncation and padding settings are disabled.
 
 use std::path::Path;
 
@@ -15,12 +15,12 @@ use crate::lm::rows::Rows;
 use radarllm_inference::lm::vocab::text_error;
 use radarllm_inference::lm::{InputError, LmError};
 
-/// Longest sentence, tokens; longer ones are cut, as BERTScore does.
+/// Maximum sentence length, tokens. Longer sentences are truncated, as BERTScore does.
 const LONGEST: usize = 512;
-/// Sentences of one pass.
+/// Number of sentences per forward pass.
 const BATCH: usize = 64;
 
-/// How a sentence becomes one vector.
+/// How a sentence is reduced to one vector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pooling {
     /// Mean over all tokens, the special ones included.
@@ -46,7 +46,7 @@ impl Pooling {
 /// One sentence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EncodedText {
-    /// Token ids, special tokens included: the first and the last.
+    /// Token ids. The first and the last are special tokens.
     pub ids: Vec<u32>,
     /// `[ids.len(), width]`.
     pub states: Vec<f32>,
@@ -63,7 +63,7 @@ impl TextEncoder {
     /// Reads a folder with `config.json`, `model.safetensors` and `tokenizer.json`.
     ///
     /// # Errors
-    /// Missing or damaged files; another architecture than BERT or RoBERTa.
+    /// Missing or damaged files; an architecture other than BERT or RoBERTa.
     pub fn open(dir: &Path, device: &Device) -> Result<Self, LmError> {
         let bert = match Pretrained::open(dir, device)? {
             Pretrained::Bert(bert) => *bert,
@@ -96,7 +96,7 @@ impl TextEncoder {
         })
     }
 
-    /// Blocks of the network.
+    /// Number of blocks of the network.
     pub fn n_layers(&self) -> usize {
         self.bert.config().num_hidden_layers
     }
@@ -106,16 +106,16 @@ impl TextEncoder {
         self.bert.config().hidden_size
     }
 
-    /// Whether [`Pooling::Pooler`] is possible.
+    /// Whether [`Pooling::Pooler`] is available.
     pub fn has_pooler(&self) -> bool {
         self.bert.has_pooler()
     }
 
-    /// Token ids of every sentence, special tokens included. RoBERTa reads a sentence as if it stood
-    /// within a text: after a space.
+    /// Token ids of every sentence, special tokens included. RoBERTa reads a sentence as if it occurred
+    /// within a text, after a space.
     ///
     /// # Errors
-    /// Whatever the text tokenizer refuses; ids beyond the network's vocabulary.
+    /// Errors of the text tokenizer; ids outside the network's vocabulary.
     pub fn ids(&self, texts: &[String]) -> Result<Vec<Vec<u32>>, LmError> {
         let is_roberta = self.bert.config().model_type != "bert";
         let longest = LONGEST.min(self.bert.config().longest());
@@ -130,7 +130,7 @@ impl TextEncoder {
                 };
                 let encoding = self.tokenizer.encode(text, true).map_err(text_error)?;
                 let mut ids = encoding.get_ids().to_vec();
-                // The last token is special and stays.
+                // The last token is special and is kept.
                 if ids.len() > longest {
                     let last = ids[ids.len() - 1];
                     ids.truncate(longest);
@@ -172,10 +172,10 @@ impl TextEncoder {
         Ok(out.into_iter().flatten().collect())
     }
 
-    /// One vector a sentence, `[texts.len()][width]`, not normalised.
+    /// One vector per sentence, `[texts.len()][width]`, not normalised.
     ///
     /// # Errors
-    /// [`LmError::Input`] without the pooler asked for; see also [`Self::encode`].
+    /// [`LmError::Input`] if the requested pooler is absent; see also [`Self::encode`].
     pub fn sentences(&self, texts: &[String], pooling: Pooling) -> Result<Vec<Vec<f32>>, LmError> {
         let mut out = vec![vec![]; texts.len()];
         let layer = self.n_layers();
@@ -220,7 +220,7 @@ impl TextEncoder {
         Ok(out)
     }
 
-    /// Runs sentences of like length together and hands over, per batch: their places in `texts`, their
+    /// Runs sentences of similar length together and passes on, per batch: their indices in `texts`, their
     /// lengths, ids `[row][length]`, states `[rows * length, width]` and the padded length.
     fn batches(
         &self,
@@ -294,7 +294,7 @@ mod tests {
                 assert_eq!(together.len(), texts().len());
                 for (text, found) in texts().into_iter().zip(&together) {
                     let n_words = text.split_whitespace().count();
-                    // The tokenizer's own truncation to four is set aside.
+                    // The tokenizer's own truncation to four is disabled.
                     assert_eq!(found.ids.len(), n_words + 2, "{golden} {text}");
                     let alone = &encoder.encode(&[text], layer).unwrap()[0];
                     assert_eq!(alone.ids, found.ids);
@@ -322,7 +322,7 @@ mod tests {
                 assert!((mean - expected).abs() < 1e-5);
             }
         }
-        // Through tanh, one vector a sentence.
+        // Through tanh, one vector per sentence.
         let pooled = encoder.sentences(&texts(), Pooling::Pooler).unwrap();
         for (vector, first) in pooled.iter().zip(&firsts) {
             assert!(vector.len() == width && vector != first);

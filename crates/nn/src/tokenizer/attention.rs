@@ -6,7 +6,7 @@ use burn::nn::{LayerNorm, LayerNormConfig, Linear, LinearConfig};
 use burn::tensor::activation::{relu, softmax};
 use burn::tensor::{Device, Tensor};
 
-/// Axis along which cells see one another.
+/// Axis along which cells attend to one another.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Axis {
     Anchors,
@@ -27,7 +27,7 @@ pub struct Cells {
 #[derive(Module, Debug)]
 struct SelfAttention {
     norm: LayerNorm,
-    // Three maps rather than one to 3 C: the gradient of a slice is a padded copy of the whole.
+    // Three maps rather than one map to 3 C, because the gradient of a slice is a padded copy of the whole.
     query: Linear,
     key: Linear,
     value: Linear,
@@ -67,7 +67,7 @@ impl SelfAttention {
         let part = |linear: &Linear| {
             let part = linear.forward(x.clone());
             let part = part.reshape([n_clips, n_steps, n_anchors, self.heads, head_dim]);
-            // Products take strided operands, so these views cost no copy.
+            // Products accept strided operands, so these views need no copy.
             match axis {
                 Axis::Anchors => part.permute([0, 1, 3, 2, 4]),
                 Axis::Steps => part.permute([0, 2, 3, 1, 4]),
@@ -98,7 +98,7 @@ pub struct FactorisedLayer {
 }
 
 impl FactorisedLayer {
-    /// Random weights.
+    /// A layer with random weights.
     pub fn new(width: usize, heads: usize, ffn_ratio: usize, device: &Device) -> Self {
         Self {
             space: SelfAttention::new(width, heads, device),
@@ -109,7 +109,7 @@ impl FactorisedLayer {
         }
     }
 
-    /// `x`: `[B S A, C]`; `time_bias`: `[B, 1, 1, 1, S]`, hugely negative at padded steps.
+    /// `x`: `[B S A, C]`; `time_bias`: `[B, 1, 1, 1, S]`, a large negative number at padded steps.
     pub fn forward(&self, x: Tensor<2>, cells: Cells, time_bias: &Tensor<5>) -> Tensor<2> {
         let x = x.clone() + self.space.forward(x, cells, Axis::Anchors, None);
         let x = x.clone()

@@ -1,4 +1,4 @@
-//! Clips side by side: padded steps, tubes of all clips in one list.
+//! Batches of clips: padded steps, and the tubes of all clips in one list.
 
 use radarllm_inference::tokenizer::config::TokenizerConfig;
 use radarllm_inference::tokenizer::doppler_profile::PROFILE_DIM;
@@ -18,11 +18,11 @@ pub struct ClipBatch {
     pub n_anchors: usize,
     /// Codes of each clip.
     pub n_codes: Vec<usize>,
-    /// Neighbours of the tubes that the network sees.
+    /// Neighbours of the tubes that are visible to the network.
     pub neighbours: Vec<[f32; NEIGHBOUR_DIM]>,
-    /// Neighbour range of each seen tube.
+    /// Neighbour range of each visible tube.
     pub tubes: Vec<(u32, u32)>,
-    /// Statistics of each seen tube.
+    /// Statistics of each visible tube.
     pub tube_statistics: Vec<[f32; TUBE_DIM]>,
     /// Per cell: row of its tube, `n_tubes` where there is no point, `n_tubes + 1` where masked.
     pub cell_source: Vec<i32>,
@@ -40,7 +40,7 @@ pub struct ClipBatch {
     pub hidden: Vec<HiddenTube>,
 }
 
-/// A tube the network must reconstruct.
+/// A tube that the network must reconstruct.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HiddenTube {
     /// Cell number in the batch.
@@ -54,8 +54,8 @@ pub struct HiddenTube {
 impl ClipBatch {
     /// Joins clips; `masked[clip][anchor]` hides whole anchor trajectories (empty: hides none).
     ///
-    /// A masked tube's points are left out of the batch: nothing of them reaches the network but
-    /// the fact that the cell is not empty.
+    /// A masked tube's points are left out of the batch. The network receives no information about them except
+    /// that the cell is not empty.
     pub fn new(config: &TokenizerConfig, clips: &[&Grouped], masked: &[Vec<bool>]) -> Self {
         let n_anchors = config.n_anchors();
         let longest = clips.iter().map(|c| c.n_codes).max().unwrap_or(1).max(1);
@@ -139,7 +139,7 @@ impl ClipBatch {
         self.n_steps / STEPS_PER_CODE
     }
 
-    /// Row numbers, in `[B, L]`, of the codes that clips really have; clip by clip.
+    /// Row numbers, in `[B, L]`, of the codes that are not padding, clip by clip.
     pub fn code_rows(&self) -> Vec<usize> {
         let per_clip = self.codes_per_clip();
         (0..self.n_clips)

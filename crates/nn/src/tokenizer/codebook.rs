@@ -1,4 +1,4 @@
-//! Vector quantization: nearest code, and a codebook kept by moving averages (van den Oord et al.,
+//! Vector quantization: nearest code, and a codebook updated by exponential moving averages (van den Oord et al.,
 //! Neural Discrete Representation Learning, appendix A) with resets of unused codes.
 
 use rand::rngs::ChaCha8Rng;
@@ -7,21 +7,21 @@ use serde::{Deserialize, Serialize};
 
 use radarllm_inference::checkpoint::{HostTensor, NamedTensors};
 
-/// How the codebook follows the data.
+/// Settings of the codebook updates.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CodebookConfig {
     /// Decay of the moving averages.
     pub decay: f64,
-    /// Codes used less than this share of the mean usage are reset to a random input.
+    /// Codes whose usage is below this share of the mean usage are reset to a random input.
     pub reset_below: f64,
     /// Updates between resets.
     pub reset_every: u64,
-    /// Updates to wait before the codebook is initialised; nothing is quantized before.
+    /// Number of updates before the codebook is initialised; nothing is quantized before.
     pub init_after: u64,
-    /// Inputs gathered for the initialisation, in units of the number of codes.
+    /// Number of inputs gathered for the initialisation, in units of the number of codes.
     pub init_inputs_per_code: usize,
-    /// k-means rounds of the initialisation.
+    /// Number of k-means iterations of the initialisation.
     pub init_rounds: usize,
 }
 
@@ -43,7 +43,7 @@ pub fn nearest_codes(inputs: &[f32], codebook: &[f32], dim: usize) -> Vec<u32> {
     if dim == 0 || codebook.is_empty() {
         return Vec::new();
     }
-    // |x - c|^2 = |x|^2 - 2 x.c + |c|^2; |x|^2 does not matter for the minimum.
+    // |x - c|^2 = |x|^2 - 2 x.c + |c|^2; |x|^2 does not change the position of the minimum.
     let squares: Vec<f32> = codebook
         .chunks_exact(dim)
         .map(|c| c.iter().map(|v| v * v).sum())
@@ -83,7 +83,7 @@ fn dot(a: &[f32], b: &[f32]) -> f32 {
     sums.iter().sum::<f32>() + rest
 }
 
-/// A codebook that follows its inputs.
+/// A codebook that is updated by moving averages of its inputs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EmaCodebook {
     dim: usize,
@@ -94,7 +94,7 @@ pub struct EmaCodebook {
     usage: Vec<f32>,
     /// Moving average of the sum of inputs per code.
     sums: Vec<f32>,
-    /// Inputs gathered before the initialisation.
+    /// Inputs gathered for the initialisation.
     waiting: Vec<f32>,
     /// Updates since the initialisation, or since the start before it.
     n_updates: u64,
@@ -121,7 +121,7 @@ impl EmaCodebook {
         &self.codes
     }
 
-    /// False until enough inputs were seen; codes mean nothing before.
+    /// False until enough inputs have been gathered; until then, the codes are meaningless.
     pub fn is_initialised(&self) -> bool {
         self.initialised
     }
@@ -140,8 +140,8 @@ impl EmaCodebook {
             }
             return;
         }
-        // Young codebooks forget faster: features still move quickly then, and averages over a hundred
-        // updates would trail them (measured: 4 codes in use after 200 updates without this).
+        // Recently initialised codebooks forget faster. Features change quickly at that stage, and averages over a
+        // hundred updates would lag behind them (measured: 4 codes in use after 200 updates without this).
         let age = self.n_updates as f64;
         let keep = config.decay.min((1.0 + age) / (10.0 + age)) as f32;
         self.usage.iter_mut().for_each(|u| *u *= keep);
@@ -176,7 +176,7 @@ impl EmaCodebook {
         }
     }
 
-    /// k-means from a random sample of the waiting inputs.
+    /// k-means from a random sample of the gathered inputs.
     fn initialise(&mut self, rounds: usize, inputs_per_update: usize, rng: &mut ChaCha8Rng) {
         let inputs = std::mem::take(&mut self.waiting);
         let n = inputs.len() / self.dim;
@@ -209,7 +209,7 @@ impl EmaCodebook {
                 }
             }
         }
-        // Every code starts with the usage that the moving average would settle on.
+        // Every code starts with the usage to which the moving average would converge.
         let share = inputs_per_update.max(1) as f32 / n as f32;
         for (k, count) in counts.iter().enumerate() {
             self.usage[k] = count.max(0.5) * share;
@@ -221,7 +221,7 @@ impl EmaCodebook {
         self.n_updates = 0;
     }
 
-    /// Everything that resuming needs.
+    /// The complete state for resuming.
     pub fn state(&self) -> NamedTensors {
         let rows = |values: &[f32]| HostTensor {
             shape: vec![values.len() / self.dim, self.dim],
@@ -274,12 +274,12 @@ impl EmaCodebook {
     }
 }
 
-/// How a set of codes is spread.
+/// Statistics of the distribution of codes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CodeUsage {
     /// Share of the codebook that occurs, 0..=1.
     pub used: f64,
-    /// Exponential of the entropy: number of equally frequent codes that would be as spread.
+    /// Exponential of the entropy: the number of equally frequent codes with the same entropy.
     pub perplexity: f64,
 }
 
@@ -362,7 +362,7 @@ mod tests {
         }
     }
 
-    /// Early in training features move away from where the codebook was initialised.
+    /// Early in training, features move away from the values with which the codebook was initialised.
     #[test]
     fn young_codebooks_follow_their_inputs() {
         let config = CodebookConfig {

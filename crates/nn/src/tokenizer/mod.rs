@@ -5,8 +5,9 @@
 //!             (radarllm-inference)  (point_conv)       (attention)  (network)   (codebook)
 //! ```
 //!
-//! Reading order: [`batch`] (clips side by side), [`point_conv`], [`attention`], [`network`], [`codebook`],
-//! [`reference`](mod@reference) (points to codes by this network). Reconstruction and guidance losses live in `radarllm-train`.
+//! Reading order: [`batch`] (batches of clips), [`point_conv`], [`attention`], [`network`], [`codebook`],
+//! [`reference`](mod@reference) (points to codes by this network). Reconstruction and guidance losses are in
+//! `radarllm-train`.
 
 pub mod attention;
 pub mod batch;

@@ -12,7 +12,7 @@ use radarllm_inference::tokenizer::config::{MAX_STEPS, TokenizerConfig};
 use radarllm_inference::tokenizer::doppler_profile::PROFILE_DIM;
 use radarllm_inference::tokenizer::grouping::{STEP_DIM, TUBE_DIM};
 
-/// Added to scores of keys that must not be seen.
+/// Added to the scores of masked keys.
 const HIDDEN: f32 = -1e9;
 
 /// Anchors' features, context and pooling.
@@ -21,9 +21,9 @@ pub struct TokenizerNet {
     point_conv: PointConv,
     tube_mlp: Linear,
     tube_statistics: Option<Linear>,
-    /// Stands for a cell without points, `[1, C]`.
+    /// Embedding of a cell without points, `[1, C]`.
     empty: Param<Tensor<2>>,
-    /// Stands for a masked cell, `[1, C]`.
+    /// Embedding of a masked cell, `[1, C]`.
     mask: Param<Tensor<2>>,
     anchor_in: Linear,
     anchor_out: Linear,
@@ -34,11 +34,11 @@ pub struct TokenizerNet {
     norm: LayerNorm,
     pool_scores: Linear,
     pool_out: Linear,
-    /// Narrows a cell, and joins the narrow cells of a step.
+    /// Reduces the width of a cell, and joins the reduced cells of a step.
     per_anchor: Option<[Linear; 2]>,
     pool_step: Linear,
-    /// Two layers over the step's velocity table. It joins after the anchors' context, so that
-    /// nothing of a masked anchor reaches its reconstruction.
+    /// Two layers over the step's velocity table. Their output is added after the anchors' context, so that
+    /// no information about a masked anchor reaches its reconstruction.
     pool_profile: Option<[Linear; 2]>,
     merge: Linear,
     code_out: Linear,
@@ -47,11 +47,11 @@ pub struct TokenizerNet {
     guidance: Option<Linear>,
     words: Option<Linear>,
     motion_codes: Option<Linear>,
-    /// Codes, `[K, D]`; kept by moving averages unless it is trained by gradient.
+    /// Codes, `[K, D]`; updated by moving averages unless they are trained by gradient.
     pub codebook: Param<Tensor<2>>,
 }
 
-/// What a forward pass gives.
+/// The output of a forward pass.
 pub struct TokenizerOutput {
     /// Context of every cell, `[B S A, C]`.
     pub cells: Tensor<2>,
@@ -60,7 +60,7 @@ pub struct TokenizerOutput {
 }
 
 impl TokenizerNet {
-    /// Random weights; draw from `device`'s generator.
+    /// Random weights, drawn from `device`'s generator.
     pub fn new(config: &TokenizerConfig, device: &Device) -> Self {
         let c = config.width;
         let normal = Initializer::Normal {
@@ -181,7 +181,7 @@ impl TokenizerNet {
         x.reshape([b * s * a, width])
     }
 
-    /// Attention over the anchors that have points (over all where none has), pair-merge, code.
+    /// Attention over the anchors that have points (over all if none has), pair-merge, code.
     fn pool(
         &self,
         context: Tensor<2>,
@@ -216,7 +216,7 @@ impl TokenizerNet {
             let profile = Tensor::<2>::from_data(data, device);
             step = step + join.forward(relu(widen.forward(profile)));
         }
-        // Where the person is and goes, again: re-centring took it from the cells.
+        // The person's position and movement are added again, because re-centring removed them from the cells.
         let step = relu(step + self.pool_step.forward(steps));
         let valid =
             Tensor::<2>::from_data(TensorData::new(batch.step_valid.clone(), [n, 1]), device);

@@ -1,11 +1,11 @@
 //! P4DConv (Fan et al., Point 4D Transformer Networks, CVPR 2021, equation 1): a shared linear map of
 //! displacement and features, then the maximum over a tube's points.
 //!
-//! The textbook form makes a `[neighbours, C]` array, pads every tube to the same length and takes a
-//! maximum; memory traffic dominates there. Here the maximum is found in plain loops over ragged
-//! tubes, and only the winning neighbour of each (tube, channel) enters the autodiff graph: the
-//! gradient of a maximum reaches nothing else, so values and gradients are the same. A graphics
-//! processor finds the winners itself, from the neighbours alone.
+//! The textbook form computes a `[neighbours, C]` array, pads every tube to the same length and takes a
+//! maximum; its time is dominated by memory traffic. Here the maximum is found in plain loops over ragged
+//! tubes, and only the winning neighbour of each (tube, channel) enters the autodiff graph. The
+//! gradient of a maximum reaches nothing else, so values and gradients are the same. A GPU
+//! finds the winners itself, from the neighbours alone.
 
 use std::collections::BTreeMap;
 
@@ -27,7 +27,7 @@ pub struct PointConv {
 }
 
 impl PointConv {
-    /// Random weights for `width` channels.
+    /// A layer with random weights for `width` channels.
     pub fn new(width: usize, device: &Device) -> Self {
         let bound = 1.0 / (NEIGHBOUR_DIM as f64).sqrt();
         let uniform = Initializer::Uniform {
@@ -40,7 +40,7 @@ impl PointConv {
         }
     }
 
-    /// Features of the batch's tubes, `[n_tubes, C]`; `None` when no tube has points.
+    /// Features of the batch's tubes, `[n_tubes, C]`; `None` if no tube has points.
     pub fn forward(&self, batch: &ClipBatch) -> Option<Tensor<2>> {
         if batch.tubes.is_empty() {
             return None;
@@ -73,10 +73,10 @@ impl PointConv {
     }
 }
 
-/// Inputs of the winners, `[NEIGHBOUR_DIM, n_tubes, C]`, found on the processor that has `weight`.
+/// Inputs of the winners, `[NEIGHBOUR_DIM, n_tubes, C]`, found on the device of `weight`.
 ///
-/// Tubes of similar length lie side by side, padded to the next power of two with their own last
-/// neighbour, which moves no maximum: at most twice the neighbours' products, whatever the longest tube.
+/// Tubes of similar length are grouped and padded to the next power of two with their own last
+/// neighbour, which changes no maximum. This computes up to twice the neighbours' products, whatever the longest tube.
 fn winners_on_gpu(batch: &ClipBatch, weight: Tensor<2>) -> Tensor<3> {
     let device = weight.device();
     let [_, width] = weight.dims();
@@ -89,7 +89,7 @@ fn winners_on_gpu(batch: &ClipBatch, weight: Tensor<2>) -> Tensor<3> {
         by_length.entry(padded).or_default().push(tube);
     }
     let mut planes = Vec::with_capacity(by_length.len());
-    // Where each tube comes to lie.
+    // Position of each tube in the grouped order.
     let mut place = vec![0i32; n];
     let mut n_placed = 0;
     for (&padded, tubes) in &by_length {
@@ -116,8 +116,8 @@ fn winners_on_gpu(batch: &ClipBatch, weight: Tensor<2>) -> Tensor<3> {
     Tensor::cat(planes, 1).select(1, place)
 }
 
-/// Largest value and its neighbour, for every tube and channel; the bias is left out because it
-/// moves no maximum. Ties fall to the first neighbour.
+/// Largest value and its neighbour, for every tube and channel. The bias is left out because it
+/// does not change which neighbour is the maximum. Ties are resolved in favour of the first neighbour.
 fn winners(batch: &ClipBatch, weight: &[f32], width: usize) -> (Vec<f32>, Vec<u32>) {
     let n = batch.tubes.len();
     let mut best = vec![f32::NEG_INFINITY; n * width];
@@ -199,7 +199,7 @@ mod tests {
             // Sums of seven products in another order: a few ulp of values below 10.
             assert!((a - b).abs() < 1e-5, "{a} {b}");
         }
-        // As a graphics processor does it: the same neighbours win.
+        // The computation for GPUs: the same neighbours win.
         let w = conv.weight.val().without_autodiff();
         let inputs = host(&winners_on_gpu(&batch, w.clone()).flatten(0, 1));
         let (_, winner) = winners(&batch, &host(&w), 16);

@@ -1,4 +1,5 @@
-//! The tokenizer's network as it is trained, encoding: what the engine is compared with.
+//! Encoding with the training implementation of the tokenizer's network: the reference that the engine is compared
+//! with.
 
 use std::path::Path;
 
@@ -16,7 +17,7 @@ use radarllm_inference::tokenizer::config::TokenizerConfig;
 use radarllm_inference::tokenizer::encode::{EncodeError, Encoded, TokenizerFile, group_all};
 use radarllm_inference::tokenizer::grouping::Grouped;
 
-/// Clips encoded at once.
+/// Number of clips encoded at once.
 const BATCH: usize = 16;
 
 /// A trained tokenizer in burn.
@@ -66,7 +67,7 @@ impl ReferenceTokenizer {
         &self.config
     }
 
-    /// Number of weights, codebook and what only training needs included.
+    /// Number of weights, including the codebook and the parts that only training needs.
     pub fn n_params(&self) -> usize {
         let weights = collect_params(&self.net);
         weights.values().map(|t| t.values.len()).sum()
@@ -89,7 +90,7 @@ impl ReferenceTokenizer {
     /// # Errors
     /// If the network's output is not finite.
     pub fn encode_grouped(&self, clips: &[&Grouped]) -> Result<Vec<Encoded>, EncodeError> {
-        // Similar lengths together waste little on padding.
+        // Grouping similar lengths wastes little on padding.
         let mut order: Vec<usize> = (0..clips.len()).collect();
         order.sort_by_key(|i| clips[*i].n_codes);
         let dim = self.config.code_dim;
@@ -169,8 +170,8 @@ mod tests {
         (0..n_frames).map(frame).collect()
     }
 
-    /// A network with the same weights in every run, whatever else draws from the device's generator, and a
-    /// codebook of about its features' size.
+    /// A network with the same weights in every run, independent of other draws from the device's generator, and a
+    /// codebook of about its features' magnitude.
     fn network(config: &TokenizerConfig) -> TokenizerNet {
         let net = TokenizerNet::new(config, &Device::flex());
         let mut rng = ChaCha8Rng::seed_from_u64(5);
@@ -178,7 +179,7 @@ mod tests {
         for (name, tensor) in &mut weights {
             let (centre, reach) = match &tensor.shape[..] {
                 _ if name == "codebook" => (0.0, 0.1),
-                // A norm's factors; everything else of one axis is a bias.
+                // Gains of a norm; every other parameter with one axis is a bias.
                 [_] if tensor.values.iter().all(|v| *v == 1.0) => (1.0, 0.2),
                 [_] => (0.0, 0.1),
                 [inputs, ..] => (0.0, 1.5 * (*inputs as f32).sqrt().recip()),
@@ -196,7 +197,7 @@ mod tests {
         pack(config, &net).unwrap()
     }
 
-    /// A clip of somebody who wanders: 1 to 96 frames of 0 to 60 points, some frames empty, some of one
+    /// A clip of a person who walks about: 1 to 96 frames of 0 to 60 points, some frames empty, some of one
     /// point, some points far away.
     fn wanderer(rng: &mut ChaCha8Rng) -> Vec<PointFrame> {
         let n_frames = rng.random_range(1..=96);
@@ -240,7 +241,7 @@ mod tests {
         (0..n_frames).map(&mut frame).collect()
     }
 
-    /// Features within 1e-4 of the largest of their clip; codes equal, but for the few whose features stand
+    /// Features agree within 1e-4 of the largest of their clip. Codes are equal, except for the few whose features are
     /// so close to the middle between two codes that the rounding of features decides ([`is_tie`]). Rounding
     /// depends on the machine's instructions. Returns the worst ratio and the number of codes.
     fn assert_same(
@@ -281,19 +282,19 @@ mod tests {
             n_codes += e.codes.len();
             occurring.extend(&e.codes);
         }
-        // Codes that are all the same would agree by themselves.
+        // Codes that are all the same would agree trivially.
         let n_occurring = occurring.len();
         let least = reference.config.codebook_size.min(10);
         assert!(n_occurring >= least, "only {n_occurring} codes occur");
         assert!(worst < 1e-4, "{worst}, {:?}", reference.config());
-        // As many as one in five hundred would be a defect that hides behind ties.
+        // More than one tie in five hundred codes would be a defect that looks like ties.
         assert!(500 * n_ties <= n_codes.max(500), "{n_ties} of {n_codes}");
         (worst, n_codes)
     }
 
     /// Whether features x that were rounded to x' can have code a nearest where x' has code b. The difference
-    /// of squared distances moves by at most 2 |x - x'| |a - b|, and each side works it out with the rounding
-    /// of as many terms as a code has values.
+    /// of squared distances changes by no more than 2 |x - x'| |a - b|, and each implementation computes it with the
+    /// rounding of as many terms as a code has values.
     fn is_tie((x, rounded): (&[f32], &[f32]), [a, b]: [&[f32]; 2]) -> bool {
         let dot = |u: &dyn Fn(usize) -> f64, v: &dyn Fn(usize) -> f64| -> f64 {
             (0..x.len()).map(|i| u(i) * v(i)).sum()
@@ -325,7 +326,7 @@ mod tests {
         println!("{n_codes} codes of 520 clips agree; largest difference of features {worst:.1e}");
     }
 
-    /// Every switch that a checkpoint can carry, and widths that fit no vector.
+    /// Every option that a checkpoint can contain, and widths that are not a multiple of a SIMD vector.
     #[test]
     fn every_configuration_encodes_as_the_network_does() {
         let small = TokenizerConfig::small;
@@ -381,7 +382,7 @@ mod tests {
         }
     }
 
-    /// The paper's sizes, on few clips because the network as trained is slow there.
+    /// The paper's sizes, on few clips because the training implementation is slow at these sizes.
     #[test]
     fn the_paper_s_sizes_encode_as_the_network_does() {
         let config = TokenizerConfig::paper();
@@ -407,7 +408,7 @@ mod tests {
             lost("layers.1.time.key.bias"),
             "f: tensor `layers.1.time.key.bias` of shape [64] is missing"
         );
-        // Training's own parts belong to a checkpoint too.
+        // The parts that only training needs belong to a checkpoint too.
         assert_eq!(
             lost("head_in.weight"),
             "f: tensor `head_in.weight` of shape [64, 64] is missing"
@@ -457,7 +458,7 @@ mod tests {
                 let alone = tokenizer.encode(clip, 1.0).unwrap();
                 assert_eq!(alone.n_points_used, joint.n_points_used);
                 for (a, b) in alone.features.iter().zip(&joint.features) {
-                    // Products of other sizes add in another order.
+                    // Products of other sizes are summed in another order.
                     assert!((a - b).abs() < 1e-5, "{a} {b}");
                 }
             }

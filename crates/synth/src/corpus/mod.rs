@@ -1,4 +1,4 @@
-//! Captioned motions: which ones there are, and how to get one.
+//! Captioned motions: the list of available items and how to load each.
 
 pub mod bandai_namco;
 pub mod procedural;
@@ -11,7 +11,7 @@ use radarllm_dataset::record::Split;
 pub struct CorpusItem {
     /// Unique within the data set.
     pub motion_id: String,
-    /// Items of one group stay in one split.
+    /// Items of one group are in the same split.
     pub group: String,
     /// Split.
     pub split: Split,
@@ -27,14 +27,14 @@ pub trait Corpus: Send + Sync {
     fn name(&self) -> &'static str;
     /// Licence line for the manifest.
     fn licence(&self) -> &'static str;
-    /// Whom to name or cite; empty when nobody.
+    /// Attribution or citation; empty if there is none.
     fn attribution(&self) -> &'static str;
     /// All items, in a fixed order.
     fn items(&self) -> &[CorpusItem];
     /// The canonical motion (first pose at the origin facing the radar) of an item.
     ///
     /// # Errors
-    /// Says which item and what is wrong with it.
+    /// Names the item and what is wrong with it.
     fn motion(&self, item_idx: usize) -> Result<Motion, CorpusError>;
 }
 
@@ -49,12 +49,12 @@ pub enum CorpusError {
         /// Cause.
         source: std::io::Error,
     },
-    /// A file does not hold what it should.
+    /// The content of a file is invalid.
     #[error("{path}:{line}: {problem}")]
     Format {
         /// File.
         path: String,
-        /// Line, from 1; 0 when the whole file is meant.
+        /// Line, from 1; 0 if the problem concerns the whole file.
         line: usize,
         /// What is wrong.
         problem: String,

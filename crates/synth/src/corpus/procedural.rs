@@ -1,4 +1,4 @@
-//! The project's own procedural motions, drawn at random from a seed.
+//! Procedural motions of this project, drawn at random from a seed.
 
 use radarllm_base::{Motion, seed::derive_seed};
 use radarllm_body::sample::canonicalize;
@@ -7,7 +7,7 @@ use radarllm_motions::{BuiltinRequest, random_request};
 
 use super::{Corpus, CorpusError, CorpusItem};
 
-/// Randomly drawn built-in motions. Every item is a group of its own: parameters are drawn
+/// Randomly drawn built-in motions. Every item is its own group: parameters are drawn
 /// independently, so a test item's parameters are unseen in training.
 pub struct ProceduralCorpus {
     items: Vec<CorpusItem>,
