@@ -1,4 +1,4 @@
-//! Why a motion file could not be used.
+//! Errors of motion file loading.
 
 /// A motion file that could not be read.
 ///
@@ -30,34 +30,34 @@ pub enum MotionError {
     UnknownFormat {
         /// File.
         file: String,
-        /// What was seen.
+        /// Description of the contents found.
         reason: String,
     },
-    /// A line of a text format is wrong.
+    /// A line of a text format is invalid.
     #[error("{file}:{line}: expected {expected}, found {found}")]
     Text {
         /// File.
         file: String,
         /// Line, from 1.
         line: usize,
-        /// What the format asks for.
+        /// Content that the format requires.
         expected: String,
-        /// What is there.
+        /// Content found instead.
         found: String,
     },
-    /// A binary member is wrong.
+    /// A member of a binary file is invalid.
     #[error("{file}: {member}: expected {expected}, found {found}")]
     Member {
         /// File.
         file: String,
         /// Array or archive member.
         member: String,
-        /// What the format asks for.
+        /// Content that the format requires.
         expected: String,
-        /// What is there.
+        /// Content found instead.
         found: String,
     },
-    /// A number is NaN, infinite or beyond any human motion.
+    /// A number is NaN, infinite or outside the range of human motion.
     #[error("{file}: {place}: {value} is not a usable number")]
     NotFinite {
         /// File.
@@ -67,17 +67,18 @@ pub enum MotionError {
         /// The number.
         value: f64,
     },
-    /// The AMC file came without its skeleton.
+    /// An AMC file has no ASF skeleton file beside it.
     #[error("{file}: an AMC file needs its ASF skeleton beside it (looked for {looked_for})")]
     MissingSkeleton {
         /// File.
         file: String,
-        /// Names tried.
+        /// File names that were tried.
         looked_for: String,
     },
 }
 
-/// Shortens foreign text for a message: at most 40 characters, control characters escaped.
+/// Shortens text from a file for an error message: at most 40 characters, control characters
+/// escaped.
 pub(crate) fn excerpt(text: &str) -> String {
     let mut out: String = text.chars().take(40).flat_map(char::escape_debug).collect();
     if text.chars().nth(40).is_some() {

@@ -1,4 +1,4 @@
-//! HumanML3D feature vectors: 263 numbers per frame, 20 frames a second.
+//! HumanML3D feature vectors: 263 numbers per frame at 20 frames per second.
 //!
 //! | columns | content |
 //! |---|---|
@@ -10,11 +10,12 @@
 //! | 193..259 | velocities of joints 0..21 in this frame's heading, m per frame |
 //! | 259..263 | left ankle, left foot, right ankle, right foot on the ground (0 or 1) |
 //!
-//! Axes are those of the original: x left, y up, z forward at the first frame, which starts at the
-//! origin. As in the original, yaw velocity is the arcsine of a quaternion component, the heading
-//! is smoothed over time (Gaussian of 20 frames), and contact means a squared step below 0.002 m^2.
-//! Two things differ: the skeleton is not rescaled to the original's reference body, and rotations
-//! are the motion's own instead of those of an inverse kinematics on joint positions.
+//! The axes are those of the original: x is left, y is up, and z is forward in the first frame,
+//! which starts at the origin. As in the original, the yaw velocity is the arcsine of a quaternion
+//! component, the heading is smoothed over time (Gaussian of 20 frames), and contact means a
+//! squared step below 0.002 m^2. There are two differences. The skeleton is not rescaled to the
+//! reference body of the original. The rotations are those of the motion itself, not the result of
+//! inverse kinematics on the joint positions.
 //!
 //! Source: Guo et al., *Generating Diverse and Natural 3D Human Motions from Text*, CVPR 2022.
 
@@ -25,16 +26,18 @@ use radarllm_base::{Joint, Motion};
 
 /// Numbers per frame.
 pub const HUMANML3D_DIM: usize = 263;
-/// Frames a second.
+/// Frames per second.
 pub const HUMANML3D_FPS: f64 = 20.0;
 
-/// Squared step between frames below which an ankle or a foot is on the ground, m^2.
+/// Squared displacement between frames below which an ankle or a foot counts as in contact with the
+/// ground, m^2.
 const CONTACT_STEP_M2: f32 = 0.002;
-/// Standard deviation of the heading's smoothing, frames.
+/// Standard deviation of the temporal smoothing of the heading, frames.
 const HEADING_SIGMA: f32 = 20.0;
 
-/// HumanML3D features of a motion, `[n_frames - 1][263]` row by row, where `n_frames` counts the
-/// motion at 20 fps. Empty for motions shorter than two such frames.
+/// HumanML3D features of a motion as a row-major array `[n_frames - 1][263]`, where `n_frames` is
+/// the number of frames of the motion at 20 fps. The array is empty for motions with fewer than two
+/// such frames.
 pub fn humanml3d_features(motion: &Motion) -> Vec<f32> {
     let mut motion = resample_unchecked(motion, HUMANML3D_FPS);
     canonicalize(&mut motion);
@@ -88,8 +91,8 @@ pub fn humanml3d_features(motion: &Motion) -> Vec<f32> {
     out
 }
 
-/// Joint positions from features, `[frame][joint]`, world axes (z up), m: the inverse of columns
-/// 0..67. The motion starts at x = y = 0 facing -y.
+/// Joint positions from features, `[frame][joint]`, in world axes (z up), m. This is the inverse of
+/// columns 0..67. The motion starts at x = y = 0 and faces -y.
 pub fn joints_from_features(features: &[f32]) -> Vec<[Vec3; N_JOINTS]> {
     let mut yaw_half_rad = 0.0_f32;
     let mut root = Vec3::ZERO;
@@ -121,7 +124,7 @@ fn forward_of(joints: &[Vec3; N_JOINTS]) -> Vec3 {
     across.cross(Vec3::Y).try_normalize().unwrap_or(Vec3::Z)
 }
 
-/// Gaussian smoothing over time with repeated ends, cut at four standard deviations.
+/// Gaussian smoothing over time with repeated end values, truncated at four standard deviations.
 fn smooth(directions: &[Vec3]) -> Vec<Vec3> {
     let radius = (4.0 * HEADING_SIGMA) as isize;
     let last = directions.len() as isize - 1;
@@ -145,7 +148,7 @@ mod tests {
     use radarllm_base::Pose;
     use radarllm_base::frames::world_from_rest_facing_radar;
 
-    /// Walks forward at 1 m/s while turning left at 0.5 rad/s, at 60 fps.
+    /// A motion at 60 fps that moves forward at 1 m/s while turning left at 0.5 rad/s.
     fn curve() -> Motion {
         let mut rotations = [Quat::IDENTITY; N_JOINTS];
         let mut root_in_world = Vec3::new(2.0, 1.0, 0.5);
@@ -172,12 +175,12 @@ mod tests {
     fn steady_curve_has_the_closed_form_values() {
         let features = humanml3d_features(&curve());
         assert_eq!(features.len(), 60 * HUMANML3D_DIM);
-        // The middle frame, away from the smoothing's ends.
+        // The middle frame is unaffected by the ends of the smoothing window.
         let row = &features[30 * HUMANML3D_DIM..31 * HUMANML3D_DIM];
         // Turning left (about +y): the heading's inverse turns by -0.5 rad/s / 20 fps, halved.
         // The ends of a three-second clip pull the smoothed heading by a few per cent.
         assert!((row[0] + 0.0125).abs() < 0.0025, "{}", row[0]);
-        // 5 cm a frame, forward.
+        // 5 cm forward per frame.
         assert!(
             (row[2] - 0.05).abs() < 1e-3 && row[1].abs() < 3e-3,
             "{} {}",
@@ -185,10 +188,12 @@ mod tests {
             row[2]
         );
         assert!((row[3] - 0.560 * 1.72).abs() < 1e-3);
-        // Left hip on the left, by the skeleton's own offset; rotations of the hip are identity.
+        // The left hip is on the left by the offset of the skeleton; the hip rotations are the
+        // identity.
         assert!((row[4] - 0.036 * 1.72).abs() < 2e-3);
         assert_eq!(&row[67..73], &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
-        // Root velocity is 5 cm a frame; feet slide along with it: 0.0025 m^2 is no contact.
+        // The root moves 5 cm per frame and the feet slide with it: 0.0025 m^2 exceeds the contact
+        // threshold.
         assert!((row[193 + 2] - 0.05).abs() < 2e-3);
         assert!(row[259..263].iter().all(|c| *c == 0.0));
     }
@@ -214,13 +219,14 @@ mod tests {
         let mut canonical = resample_unchecked(&motion, HUMANML3D_FPS);
         canonicalize(&mut canonical);
         let joints = canonical.joints_in_world();
-        // The features keep no absolute heading: the first smoothed heading becomes forward.
+        // The features contain no absolute heading: the first smoothed heading becomes forward.
         let f = |p: &[Vec3; N_JOINTS]| forward_of(&p.map(|v| Vec3::new(v.x, v.z, -v.y)));
         let (seen, wanted) = (f(&back[0]), f(&joints[0]));
         let turn = Quat::from_rotation_z(wanted.x.atan2(wanted.z) - seen.x.atan2(seen.z));
         for (a, b) in back.iter().zip(&joints) {
             for (p, q) in a.iter().zip(b) {
-                // f32 sums over 60 frames; a wrong turn or step would show as decimetres.
+                // The tolerance covers f32 sums over 60 frames; a wrong turn or step would cause
+                // errors of decimetres.
                 assert!((turn * *p).distance(*q) < 1e-3, "{p} {q}");
             }
         }

@@ -1,21 +1,24 @@
-//! Joint rotations from joint positions alone.
+//! Inverse kinematics: joint rotations from joint positions alone.
 //!
-//! Bone directions fix every joint but for the roll about the bone. Roll comes from the body:
-//! hips and shoulders turn pelvis and chest, a bent knee or elbow shows its hinge axis, and a
-//! straight limb keeps the roll it has after the shortest turn from the T-pose.
+//! Bone directions determine every joint rotation except the roll about the bone. The roll is
+//! derived from the body. Hips and shoulders determine the turn of the pelvis and the chest. A bent
+//! knee or elbow shows its hinge axis. A straight limb keeps the roll that results from the
+//! shortest rotation from the T-pose.
 
 use glam::{Mat3, Quat, Vec3};
 use radarllm_base::Joint;
 use radarllm_base::skeleton::{N_JOINTS, Skeleton};
 
-/// Bend below which a limb's hinge is ignored and above which it alone sets the roll, rad:
-/// measurement noise of 1 cm on a 25 cm bone is 2 degrees, so 10 degrees is well clear of it.
+/// Bend angles, rad: below the first, the hinge of a limb is ignored; above the second, the hinge
+/// alone determines the roll. Measurement noise of 1 cm on a 25 cm bone is 2 degrees, so 10 degrees
+/// is well above it.
 const HINGE_FADE_RAD: (f32, f32) = (0.17, 0.6);
 
-/// World-from-joint rotations whose bones point where the positions say.
+/// World-from-joint rotations whose bones point along the observed positions.
 ///
-/// `positions` are world positions (any unit), `None` where the source has no such joint: such a
-/// joint turns with its parent. `upright` is the rotation used where nothing else decides.
+/// `positions` are world positions in any unit. `None` means that the source has no such joint;
+/// that joint rotates with its parent. `upright` is the rotation used when the positions do not
+/// determine one.
 pub(crate) fn rotations_from_positions(
     positions: &[Option<Vec3>; N_JOINTS],
     rest: &[Vec3; N_JOINTS],
@@ -30,7 +33,7 @@ pub(crate) fn rotations_from_positions(
         let parent = joint.parent().map_or(pelvis, |p| world[p as usize]);
         world[j] = match joint {
             Joint::Pelvis => pelvis,
-            // The twist between pelvis and chest is spread over the spine.
+            // The twist between pelvis and chest is distributed over the spine.
             Joint::Spine1 => solver.swing(joint, pelvis.slerp(chest, 1.0 / 3.0)),
             Joint::Spine2 => solver.swing(joint, pelvis.slerp(chest, 2.0 / 3.0)),
             Joint::Spine3 => chest,
@@ -44,7 +47,7 @@ pub(crate) fn rotations_from_positions(
     world
 }
 
-/// The joint that a joint's bone points to, for joints with one bone.
+/// The child joint at the end of a joint's bone, for joints with exactly one bone.
 pub(crate) fn bone_child(joint: Joint) -> Option<Joint> {
     Some(match joint {
         Joint::LeftHip => Joint::LeftKnee,
@@ -66,8 +69,8 @@ pub(crate) fn bone_child(joint: Joint) -> Option<Joint> {
     })
 }
 
-/// Rotation that takes `primary_rest` exactly and `secondary_rest` as nearly as possible onto the
-/// observed directions; `None` when they are too short or too parallel to say.
+/// Rotation that maps `primary_rest` exactly and `secondary_rest` as closely as possible onto the
+/// observed directions. Returns `None` if the vectors are too short or too parallel.
 pub(crate) fn align_pair(
     primary_rest: Vec3,
     secondary_rest: Vec3,
@@ -79,10 +82,11 @@ pub(crate) fn align_pair(
     Some(Quat::from_mat3(&(seen * rest.transpose())).normalize())
 }
 
-/// Shortest rotation between two directions, identity if either vanishes.
+/// Shortest rotation between two directions; the identity if either vanishes.
 pub(crate) fn shortest(from: Vec3, to: Vec3) -> Quat {
     match (from.try_normalize(), to.try_normalize()) {
-        // glam's own arc rounds angles below 0.0007 rad to none, which a chain of bones shows.
+        // glam's own arc rounds angles below 0.0007 rad to zero, which becomes visible in a chain
+        // of bones.
         (Some(a), Some(b)) if a.dot(b) > -0.99 => {
             let axis = a.cross(b);
             Quat::from_xyzw(axis.x, axis.y, axis.z, 1.0 + a.dot(b)).normalize()
@@ -96,7 +100,8 @@ pub(crate) fn shortest(from: Vec3, to: Vec3) -> Quat {
 fn triad(primary: Vec3, secondary: Vec3) -> Option<Mat3> {
     let a = primary.try_normalize()?;
     let c = a.cross(secondary.try_normalize()?);
-    // sin of 5 degrees: closer to parallel, the plane of the two is noise.
+    // sin of 5 degrees: if the vectors are closer to parallel, their common plane is dominated by
+    // noise.
     if c.length() < 0.087 {
         return None;
     }
@@ -145,8 +150,8 @@ impl Solver<'_> {
     fn chest(&self) -> Option<Quat> {
         let collars = self.between(Joint::RightCollar, Joint::LeftCollar);
         let shoulders = self.between(Joint::RightShoulder, Joint::LeftShoulder);
-        // Collars are part of the chest; shoulders move against it. Rigs that start both collars in
-        // one point leave only the shoulders.
+        // Collars are part of the chest; shoulders move relative to it. In rigs where both collars
+        // start at the same point, only the shoulders can be used.
         let (across_rest, across) = match (collars, shoulders) {
             (Some(c), Some(s)) if c.1.length() > 0.1 * s.1.length() => c,
             (_, Some(s)) => s,
@@ -156,11 +161,12 @@ impl Solver<'_> {
             .between(Joint::Spine3, Joint::Neck)
             .or_else(|| self.between(Joint::Pelvis, Joint::Neck))
             .or_else(|| self.between(Joint::Pelvis, Joint::Head))?;
-        // The spine is the primary: it is long, and shoulders may be raised one-sidedly.
+        // The spine is the primary direction: it is long, and shoulders may be raised on one side.
         align_pair(up_rest, across_rest, up, across)
     }
 
-    /// The next joint along the bone that the source has, with rest and seen direction.
+    /// The next joint along the bone that the source has, with its rest direction and observed
+    /// direction.
     fn bone(&self, joint: Joint) -> Option<(Vec3, Vec3)> {
         let mut child = bone_child(joint)?;
         loop {
@@ -171,7 +177,8 @@ impl Solver<'_> {
         }
     }
 
-    /// `base` turned the shortest way so that the joint's bone points as seen.
+    /// Applies the shortest rotation to `base` that aligns the joint's bone with its observed
+    /// direction.
     fn swing(&self, joint: Joint, base: Quat) -> Quat {
         match self.bone(joint) {
             Some((rest, seen)) => (shortest(base * rest, seen) * base).normalize(),
@@ -179,8 +186,8 @@ impl Solver<'_> {
         }
     }
 
-    /// Like [`Self::swing`], with the roll taken from the bend of the `middle` joint.
-    /// `hinge_rest` is the axis about which that joint flexes in the T-pose.
+    /// Like [`Self::swing`], with the roll derived from the bend of the `middle` joint.
+    /// `hinge_rest` is the flexion axis of that joint in the T-pose.
     fn hinged(&self, joint: Joint, middle: Joint, hinge_rest: Vec3, parent: Quat) -> Quat {
         let swung = self.swing(joint, parent);
         let (Some((upper_rest, upper)), Some((_, lower))) = (self.bone(joint), self.bone(middle))
@@ -189,13 +196,14 @@ impl Solver<'_> {
         };
         let bend_rad = upper.angle_between(lower);
         let (low, high) = HINGE_FADE_RAD;
-        // Near a fully folded limb the two bones are parallel again.
+        // In a fully folded limb the two bones are almost parallel again.
         let distance_rad = bend_rad.min(std::f32::consts::PI - bend_rad);
         let weight = ((distance_rad - low) / (high - low)).clamp(0.0, 1.0);
         match align_pair(upper_rest, hinge_rest, upper, upper.cross(lower)) {
             Some(hinged) if weight > 0.0 => {
                 let mixed = swung.slerp(hinged, weight);
-                // Both ends have the bone right, the way between them need not.
+                // Both ends of the interpolation align the bone; intermediate rotations may not, so
+                // align again.
                 (shortest(mixed * upper_rest, upper) * mixed).normalize()
             }
             _ => swung,
@@ -203,7 +211,7 @@ impl Solver<'_> {
     }
 }
 
-/// Rest positions of a skeleton, for [`rotations_from_positions`].
+/// Rest-pose positions of a skeleton, for [`rotations_from_positions`].
 pub(crate) fn rest_of(skeleton: &Skeleton) -> [Vec3; N_JOINTS] {
     crate::proportions::rest_positions(skeleton)
 }
@@ -215,8 +223,9 @@ mod tests {
     use radarllm_base::Pose;
     use radarllm_base::frames::world_from_rest_facing_radar;
 
-    /// Forward kinematics of the solution gives the positions back: bones are exact by construction
-    /// except at pelvis and chest, whose several bones are rigid here, so rounding alone remains.
+    /// Forward kinematics of the solution reproduces the positions. Bones are exact by construction
+    /// except at the pelvis and the chest, whose several bones are rigid here, so only rounding
+    /// errors remain.
     #[test]
     fn posture_made_by_hinges_comes_back() {
         let skeleton = canonical_skeleton(1.7);
@@ -244,8 +253,9 @@ mod tests {
                 "{joint:?}"
             );
         }
-        // The knee's hinge was x, so even the thigh's roll is found. Rest bones slope by 6 degrees
-        // against the hinge plane, which tilts the observed axis by about as much.
+        // The hinge axis of the knee was x, so the roll of the thigh is recovered as well. The rest
+        // bones slope by 6 degrees against the hinge plane, which tilts the observed axis by about
+        // the same angle.
         let roll = world[Joint::LeftHip as usize].angle_between(wanted[Joint::LeftHip as usize]);
         assert!(roll < 0.2, "{roll}");
     }

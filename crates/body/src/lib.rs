@@ -1,7 +1,8 @@
-//! Human motion from files and the body that performs it: loaders, retargeting, skinned meshes.
+//! Loading of recorded human motion and body models that perform it: loaders, retargeting, skinned
+//! meshes.
 //!
-//! A file of recorded motion enters ([`load_motion_file`]), a [`radarllm_base::Motion`] on the 22
-//! joints of SMPL-X leaves, and the mesh turns it into moving triangles for the simulator.
+//! [`load_motion_file`] reads a motion file and returns a [`radarllm_base::Motion`] on the 22
+//! joints of SMPL-X. The mesh converts the motion into moving triangles for the simulator.
 //!
 //! ```
 //! use glam::{Quat, Vec3};
@@ -20,7 +21,7 @@
 //! ```
 //!
 //! Motions are resampled by splines, and a rate that no motion has is refused:
-//!
+//! Motions are resampled with cubic splines. A frame rate outside the supported range is rejected:
 //! ```
 //! use radarllm_base::{Motion, Pose};
 //! use radarllm_body::{canonical_skeleton, sample::resample};
@@ -32,8 +33,8 @@
 //! # Ok::<(), radarllm_body::sample::FrameRateError>(())
 //! ```
 //!
-//! Reading order: [`proportions`] (the T-pose), [`loaders`] (files), [`retarget`] (foreign
-//! skeletons to SMPL-X), [`sample`] (motions between their frames), [`features`] (HumanML3D
+//! Reading order: [`proportions`] (the T-pose), [`loaders`] (files), [`retarget`] (other
+//! skeletons to SMPL-X), [`sample`] (interpolation between frames), [`features`] (HumanML3D
 //! vectors), [`mesh`].
 
 pub mod error;

@@ -1,27 +1,27 @@
-//! Proportions of an adult: the T-pose skeleton everything is measured against.
+//! Body proportions of an adult: the canonical T-pose skeleton.
 
 use glam::Vec3;
 use radarllm_base::Skeleton;
 use radarllm_base::skeleton::N_JOINTS;
 
-/// Height of the figure whose proportions are average, m.
+/// Default standing height, of the person with average proportions, m.
 pub const DEFAULT_HEIGHT_M: f32 = 1.72;
 
-/// Sole of the foot below the foot joints (ball of the foot), as a fraction of the height.
+/// Distance of the sole below the foot joints (ball of the foot), as a fraction of the height.
 pub const SOLE_BELOW_FOOT: f32 = 0.020;
 
-/// Crown above the head joint (base of the skull), as a fraction of the height.
+/// Distance of the crown above the head joint (base of the skull), as a fraction of the height.
 pub const CROWN_ABOVE_HEAD: f32 = 0.095;
 
-/// Rest positions from the sole's middle as fractions of the height, left half and midline:
-/// x left, y up, z forward. The right half mirrors it.
+/// Rest-pose joint positions relative to the midpoint between the soles, as fractions of the
+/// height: x left, y up, z forward. The table is left-right symmetric.
 ///
 /// Segment heights follow the usual anthropometric fractions (Drillis and Contini; Winter,
 /// *Biomechanics and Motor Control of Human Movement*, table 4.1: hip 0.530, knee 0.285, ankle
-/// 0.039, shoulder 0.818), moved from skin landmarks to the rotation centres that SMPL-X calls
-/// joints. The small slopes (thighs 6 degrees outward, upper arms 10 degrees down) are those of
-/// the SMPL-X rest pose to about two degrees, so that rotations of AMASS and of this project mean
-/// the same posture on either skeleton.
+/// 0.039, shoulder 0.818). They are moved from skin landmarks to the rotation centres that SMPL-X
+/// calls joints. The small slopes (thighs 6 degrees outward, upper arms 10 degrees down) match the
+/// SMPL-X rest pose to about two degrees. The rotations of AMASS and of this project therefore
+/// describe the same posture on either skeleton.
 const REST: [[f32; 3]; N_JOINTS] = [
     [0.000, 0.560, 0.005],   // pelvis
     [0.036, 0.516, -0.003],  // left hip
@@ -47,11 +47,11 @@ const REST: [[f32; 3]; N_JOINTS] = [
     [-0.396, 0.788, -0.030], // right wrist
 ];
 
-/// The T-pose skeleton of an adult of average proportions, standing height `height_m`.
+/// The T-pose skeleton of an adult with average proportions and standing height `height_m`.
 ///
-/// Offsets are in body rest axes (x left, y up, z forward), m, left-right symmetric.
-/// With identity joint rotations and the root turned upright, the feet's soles are at the floor
-/// when the pelvis is at [`standing_pelvis_height_m`].
+/// Offsets are in body rest axes (x left, y up, z forward), m, and left-right symmetric. With
+/// identity joint rotations and an upright root, the soles are on the floor when the pelvis is at
+/// [`standing_pelvis_height_m`].
 pub fn canonical_skeleton(height_m: f32) -> Skeleton {
     let rest = REST.map(|p| Vec3::from_array(p) * height_m);
     let mut offsets = [Vec3::ZERO; N_JOINTS];
@@ -72,7 +72,7 @@ pub fn standing_pelvis_height_m(skeleton: &Skeleton) -> f32 {
     standing_height_m(skeleton) * SOLE_BELOW_FOOT - lowest_m
 }
 
-/// Standing height of the person who has `skeleton`, m, soles and crown included.
+/// Standing height of a person with this skeleton, including soles and crown, m.
 pub fn standing_height_m(skeleton: &Skeleton) -> f32 {
     let rest = rest_positions(skeleton);
     let low = rest.iter().map(|p| p.y).fold(0.0, f32::min);
@@ -80,7 +80,7 @@ pub fn standing_height_m(skeleton: &Skeleton) -> f32 {
     (high - low) / (1.0 - SOLE_BELOW_FOOT - CROWN_ABOVE_HEAD)
 }
 
-/// Joint positions of the rest pose from the pelvis, rest axes, m.
+/// Joint positions of the rest pose relative to the pelvis, in rest axes, m.
 pub fn rest_positions(skeleton: &Skeleton) -> [Vec3; N_JOINTS] {
     let mut rest = [Vec3::ZERO; N_JOINTS];
     for joint in radarllm_base::Joint::ALL {
@@ -100,7 +100,7 @@ mod tests {
     fn canonical_skeleton_stands_as_high_as_asked() {
         for height_m in [1.2, 1.72, 2.0] {
             let skeleton = canonical_skeleton(height_m);
-            // Rounding of f32 sums only.
+            // The tolerance covers rounding of f32 sums only.
             assert!((standing_height_m(&skeleton) - height_m).abs() < 1e-5);
             assert!((standing_pelvis_height_m(&skeleton) - 0.560 * height_m).abs() < 1e-5);
         }

@@ -1,12 +1,13 @@
-//! Foreign skeletons and bare joint positions onto the 22 joints of SMPL-X.
+//! Retargeting of other skeletons and of bare joint positions to the 22 joints of SMPL-X.
 //!
-//! A rig's local axes are arbitrary, so every mapped joint gets one constant rotation
+//! The local axes of a rig are arbitrary. Every mapped joint therefore has one constant rotation
 //! `source_from_rest` between its own axes and those of the SMPL-X joint:
-//! `world_from_joint(t) = world_from_source(t) * source_from_rest`. It is found where the posture
-//! is known: in the rig's rest pose if that is a standing person, else as the average over frames
-//! of the rotations that the joint positions alone demand, moved to the rig's own axes where these
-//! are near. Then each bone is turned the last few degrees so that it points exactly as the
-//! source's joints do, whatever joints lie between. The skeleton keeps the person's bone lengths.
+//! `world_from_joint(t) = world_from_source(t) * source_from_rest`. This rotation is determined where the posture is
+//! known. If the rest pose of the rig shows a standing person, the rest pose is used. Otherwise it
+//! is the average over frames of the rotations that the joint positions alone require, snapped to
+//! the rig's own axes if these are near. Each bone is then rotated by the remaining few degrees so
+//! that it points exactly along the joints of the source, regardless of the joints in between. The
+//! skeleton keeps the bone lengths of the person.
 
 mod calibrate;
 mod units;
@@ -22,10 +23,10 @@ use radarllm_base::frames::world_from_rest_facing_radar;
 use radarllm_base::skeleton::N_JOINTS;
 use radarllm_base::{Joint, Motion, Pose, Skeleton};
 
-/// Frames looked at for axes, lengths and unit; spread evenly over the motion.
+/// Number of frames evaluated to determine axes, lengths and unit, spread evenly over the motion.
 const N_PROBES: usize = 128;
 
-/// Joint evaluations accepted per file: ten minutes of a full rig at 120 fps take 7e6.
+/// Maximum number of joint evaluations per file; ten minutes of a full rig at 120 fps take 7e6.
 const MAX_EVALUATIONS: usize = 400_000_000;
 
 /// Result of [`retarget`].
@@ -51,15 +52,16 @@ pub(crate) struct Probe<'a> {
     needed: Vec<bool>,
     world_from_file: Quat,
     metres_per_unit: f32,
-    /// Joints that coincide with their parent, moved along their own bone: (joint, next, share).
+    /// Joints that coincide with their parent and are moved along their own bone: (joint, next,
+    /// share).
     shifts: Vec<(Joint, Joint, f32)>,
 }
 
-/// Moves a foreign motion onto SMPL-X. `known_unit` is given by formats that state their unit.
+/// Retargets a motion to SMPL-X. `known_unit` is given by formats that state their unit.
 ///
 /// # Errors
-/// [`MotionError::Member`] when the file asks for absurd amounts of work;
-/// [`MotionError::NotFinite`] when numbers within limits still multiply out of range.
+/// [`MotionError::Member`] if the file requires an excessive amount of computation.
+/// [`MotionError::NotFinite`] if numbers within the limits produce results outside the range.
 pub(crate) fn retarget(
     file: &str,
     source: &SourceMotion,
@@ -169,14 +171,15 @@ pub(crate) fn retarget(
     })
 }
 
-/// Motion of a person whose joint positions are known, world axes (z up), m: `[frame][joint]`.
+/// Motion of a person from known joint positions `[frame][joint]` in world axes (z up), m.
 ///
-/// Bone directions are kept exactly where a joint has one bone; lengths are the medians over the
-/// frames; roll comes from hips, shoulders, knees and elbows. The floor is put at z = 0.
+/// Bone directions are preserved exactly where a joint has one bone. Bone lengths are the medians
+/// over the frames. Roll is derived from hips, shoulders, knees and elbows. The floor is placed at
+/// z = 0.
 ///
 /// # Errors
-/// [`MotionError::NotFinite`] on NaN, infinite or absurd coordinates, [`MotionError::Member`]
-/// without frames or with an unusable rate.
+/// [`MotionError::NotFinite`] for NaN, infinite or out-of-range coordinates.
+/// [`MotionError::Member`] if there are no frames or the frame rate is unusable.
 pub fn motion_from_positions(
     file: &str,
     frames: &[[Vec3; N_JOINTS]],
@@ -292,7 +295,7 @@ impl Probe<'_> {
         seen
     }
 
-    /// Enough of a person to retarget: a pelvis, one pair of limbs and something above.
+    /// True if there are enough joints to retarget: a pelvis, one pair of limbs and a joint above.
     fn is_person(&self) -> bool {
         let all = |joints: &[Joint]| joints.iter().all(|j| self.map[*j as usize].is_some());
         let legs = all(&[
@@ -310,8 +313,9 @@ impl Probe<'_> {
         legs && (arms || all(&[Joint::Head])) || arms && all(&[Joint::Spine3])
     }
 
-    /// True when frame 0 stands apart from all that follows, as the T-pose that some converters
-    /// put in front: mean joint step over 5 cm, and eight times the next step.
+    /// True if frame 0 is separate from all following frames, like the T-pose that some converters
+    /// insert at the start. The criterion is a mean joint step over 5 cm and over eight times the
+    /// next step.
     fn has_lead_in(&self) -> bool {
         if self.source.n_frames < 3 {
             return false;
@@ -348,7 +352,7 @@ fn world_rotations(
         if let (Some(here), Some(child)) = (seen.positions[j], next_seen(joint, &seen.positions)) {
             let bone = rest[child as usize] - rest[j];
             let actual = seen.positions[child as usize].unwrap_or(here) - here;
-            // Below a centimetre a direction is rounding.
+            // Below one centimetre the direction is dominated by rounding errors.
             if bone.length() > 0.01 && actual.length() > 0.01 {
                 rotation = shortest(rotation * bone, actual) * rotation;
             }
@@ -358,7 +362,7 @@ fn world_rotations(
     world
 }
 
-/// The next joint along a joint's single bone that the source has.
+/// The next joint along a joint's single bone that exists in the source.
 pub(crate) fn next_seen(joint: Joint, positions: &[Option<Vec3>; N_JOINTS]) -> Option<Joint> {
     let mut child = bone_child(joint)?;
     while positions[child as usize].is_none() {
@@ -381,7 +385,7 @@ fn pose_from_world(root_in_world: Vec3, world: &[Quat; N_JOINTS]) -> Pose {
     }
 }
 
-/// Bone vectors in the T-pose: means over frames in the parent's axes, kept at the mean length.
+/// Bone vectors in the T-pose: means over frames in the parent's axes, scaled to the median length.
 fn measure_skeleton(
     frames: &[Seen],
     source_from_rest: &[Option<Quat>; N_JOINTS],
@@ -391,7 +395,7 @@ fn measure_skeleton(
         return canonical.clone();
     };
     let present = |j: Joint| first.positions[j as usize].is_some();
-    // Rotations before the final turn of each bone; missing joints follow their parents.
+    // Rotations before the final alignment of each bone; missing joints follow their parents.
     let world: Vec<[Quat; N_JOINTS]> = frames
         .iter()
         .map(|seen| world_rotations(seen, source_from_rest, &[Vec3::ZERO; N_JOINTS]))
@@ -402,7 +406,8 @@ fn measure_skeleton(
         .into_iter()
         .filter(|j| present(*j) && *j != Joint::Pelvis)
     {
-        // The chain of joints the source lacks, from the nearest ancestor that it has.
+        // The chain of joints missing in the source, starting from the nearest ancestor that
+        // exists.
         let mut chain = vec![joint];
         let mut ancestor = joint.parent();
         while let Some(a) = ancestor.filter(|a| !present(*a)) {
@@ -419,7 +424,8 @@ fn measure_skeleton(
             }),
             whole,
         );
-        // Lengths are shared out as in the average body; a joint decided by an earlier child stays.
+        // Lengths are distributed as in the average body; a joint set by an earlier child is not
+        // changed.
         let total: f32 = chain
             .iter()
             .map(|c| canonical.offsets[*c as usize].length())
@@ -439,7 +445,7 @@ fn measure_skeleton(
     skeleton
 }
 
-/// Mean of vectors, stretched to their median length; `fallback` when there is none.
+/// Mean of vectors, scaled to their median length; uses `fallback` if there are no vectors.
 fn bone_vector(vectors: impl Iterator<Item = Vec3>, fallback: Vec3) -> Vec3 {
     let vectors: Vec<Vec3> = vectors.collect();
     let sum: Vec3 = vectors.iter().copied().sum();
@@ -447,7 +453,7 @@ fn bone_vector(vectors: impl Iterator<Item = Vec3>, fallback: Vec3) -> Vec3 {
         Some(direction) if !vectors.is_empty() => {
             direction * median(vectors.iter().map(|v| v.length()).collect())
         }
-        // A bone of no length would leave consumers without a direction.
+        // A bone of zero length would have no direction.
         _ => fallback * 0.01,
     }
 }
@@ -457,7 +463,7 @@ fn median(mut values: Vec<f32>) -> f32 {
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Up to `count` frame numbers spread evenly over `n_frames`.
+/// Up to `count` frame indices spread evenly over `n_frames`.
 fn spread(n_frames: usize, count: usize) -> Vec<usize> {
     let n = n_frames.min(count).max(1);
     (0..n)
@@ -465,8 +471,9 @@ fn spread(n_frames: usize, count: usize) -> Vec<usize> {
         .collect()
 }
 
-/// Trunk joints on top of their parent, to be moved along their own bone. Bones of no length have
-/// no direction for a mesh; the share leaves the outgoing direction as it is.
+/// Trunk joints that coincide with their parent and are to be moved along their own bone. A bone of
+/// zero length has no direction for a mesh. The shift by a share of the bone preserves the outgoing
+/// direction.
 fn coincident(seen: &Seen) -> Vec<(Joint, Joint, f32)> {
     let mut shifts = Vec::new();
     for (joint, share) in [
@@ -509,7 +516,7 @@ fn unused_joints(source: &SourceMotion, map: &JointMap) -> Vec<String> {
         .filter(|j| !used(*j))
         .map(|j| {
             let name = &source.joints[j].name;
-            // Joints between mapped ones still move those below.
+            // Joints between mapped joints still move their descendants.
             if ancestors[j] {
                 format!("joint {name} (merged into the joints below it)")
             } else {
@@ -519,7 +526,7 @@ fn unused_joints(source: &SourceMotion, map: &JointMap) -> Vec<String> {
         .collect()
 }
 
-/// The travel of a skeleton that is no person.
+/// Root translation of a skeleton that is not a person.
 fn root_only(
     file: &str,
     probe: Probe,
@@ -565,7 +572,7 @@ fn root_only(
     })
 }
 
-/// Refuses motions with numbers that are not finite or leave any recording space.
+/// Rejects motions with numbers that are not finite or are outside any recording space.
 pub(crate) fn check_finite(file: &str, motion: &Motion) -> Result<(), MotionError> {
     let bad = |place: String, value: f32| {
         Err(MotionError::NotFinite {
@@ -575,7 +582,7 @@ pub(crate) fn check_finite(file: &str, motion: &Motion) -> Result<(), MotionErro
         })
     };
     for offset in &motion.skeleton.offsets {
-        // A bone longer than ten metres is a wrong number, not a person.
+        // A bone longer than ten metres indicates an invalid number.
         if let Some(v) = offset
             .to_array()
             .into_iter()

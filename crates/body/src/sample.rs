@@ -1,29 +1,31 @@
-//! Motions between their frames, and motions changed as wholes.
+//! Interpolation between frames and operations on whole motions.
 
 use crate::proportions::{SOLE_BELOW_FOOT, standing_height_m};
 use glam::{Quat, Vec3, Vec4};
 use radarllm_base::skeleton::N_JOINTS;
 use radarllm_base::{Joint, Motion, Pose, Skeleton};
 
-/// A motion as a smooth function of time, twice continuously differentiable.
+/// A motion as a smooth, twice continuously differentiable function of time.
 ///
-/// Root positions are a cubic spline through the frames; rotations are cubic splines of the four
-/// quaternion components, normalised. Against linear interpolation, whose velocity jumps at each
-/// frame and so paints false Doppler lines, the velocity is continuous and accurate to the fourth
-/// order of the frame period: 2 Hz at 30 fps to 0.1 %, where central differences lose 3 %.
+/// Root positions are a cubic spline through the frames. Rotations are cubic splines of the four
+/// quaternion components, normalised afterwards. Linear interpolation has velocity jumps at each
+/// frame, which cause spurious Doppler lines. The spline velocity is continuous and accurate to
+/// fourth order in the frame period: a 2 Hz motion at 30 fps is accurate to 0.1 %, while central
+/// differences lose 3 %.
 #[derive(Clone, Debug)]
 pub struct MotionSampler {
     fps: f64,
     skeleton: Skeleton,
     roots: Vec<Vec3>,
     root_slopes: Vec<Vec3>,
-    /// `[frame][joint]`, signs chosen so that neighbours in time are near.
+    /// `[frame][joint]`, with signs chosen so that consecutive quaternions are close.
     rotations: Vec<[Vec4; N_JOINTS]>,
     rotation_slopes: Vec<[Vec4; N_JOINTS]>,
 }
 
 impl MotionSampler {
-    /// Prepares a motion; costs a few times its size.
+    /// Computes the spline coefficients of a motion; memory use is a few times the size of the
+    /// motion.
     pub fn new(motion: &Motion) -> Self {
         let roots: Vec<Vec3> = motion.poses.iter().map(|p| p.root_in_world).collect();
         let mut rotations: Vec<[Vec4; N_JOINTS]> = Vec::with_capacity(motion.len());
@@ -53,7 +55,7 @@ impl MotionSampler {
         }
     }
 
-    /// Bone vectors of the moving person.
+    /// Bone vectors of the skeleton.
     pub fn skeleton(&self) -> &Skeleton {
         &self.skeleton
     }
@@ -63,7 +65,7 @@ impl MotionSampler {
         self.roots.len().saturating_sub(1) as f64 / self.fps
     }
 
-    /// Pose at `time_s`; times before the first and after the last frame give those frames.
+    /// Pose at `time_s`. Times before the first or after the last frame give that frame.
     ///
     /// A motion without poses gives the T-pose at the origin.
     pub fn sample(&self, time_s: f64) -> Pose {
@@ -73,7 +75,7 @@ impl MotionSampler {
                 rotations: [Quat::IDENTITY; N_JOINTS],
             };
         };
-        // NaN clamps to neither end: treat it as the start.
+        // NaN does not clamp to either end; it is treated as the start.
         let position = (time_s * self.fps).max(0.0).min(last as f64);
         let i = (position as usize).min(last.saturating_sub(1));
         let k = (i + 1).min(last);
@@ -95,7 +97,8 @@ impl MotionSampler {
                 self.rotation_slopes[k][j],
                 u,
             );
-            // Only glitches of half a turn between frames bring the spline near zero.
+            // The spline comes near zero only if the data have glitches of half a turn between
+            // frames.
             *rotation = if q.length_squared() > 0.05 {
                 Quat::from_vec4(q.normalize())
             } else {
@@ -111,7 +114,7 @@ impl MotionSampler {
     }
 }
 
-/// What the spline needs of a vector.
+/// Vector operations required by the spline.
 trait Linear:
     Copy
     + std::ops::Add<Output = Self>
@@ -122,7 +125,7 @@ trait Linear:
 impl Linear for Vec3 {}
 impl Linear for Vec4 {}
 
-/// Cubic with given ends and slopes per frame, at share `u` of the way.
+/// Cubic Hermite interpolation with given end values and slopes per frame, at fraction `u`.
 fn hermite<V: Linear>(a: V, b: V, slope_a: V, slope_b: V, u: f32) -> V {
     let (u2, u3) = (u * u, u * u * u);
     a * (2.0 * u3 - 3.0 * u2 + 1.0)
@@ -131,9 +134,9 @@ fn hermite<V: Linear>(a: V, b: V, slope_a: V, slope_b: V, u: f32) -> V {
         + slope_b * (u3 - u2)
 }
 
-/// Slopes per frame that make the piecewise cubic twice differentiable:
-/// m[i-1] + 4 m[i] + m[i+1] = 3 (p[i+1] - p[i-1]), solved by Thomas elimination. The ends take
-/// the slope of the parabola through the three outer points.
+/// Slopes per frame that make the piecewise cubic twice differentiable: m[i-1] + 4 m[i] + m[i+1] =
+/// 3 (p[i+1] - p[i-1]), solved by Thomas elimination. At the ends the slope is that of the parabola
+/// through the three outermost points.
 fn spline_slopes<V: Linear, const N: usize>(n: usize, at: impl Fn(usize) -> [V; N]) -> Vec<[V; N]> {
     let combine = |terms: &[(usize, f32)]| -> [V; N] {
         let mut sum = at(terms[0].0).map(|v| v * terms[0].1);
@@ -172,15 +175,15 @@ fn spline_slopes<V: Linear, const N: usize>(n: usize, at: impl Fn(usize) -> [V; 
     slopes
 }
 
-/// A frame rate that no motion has.
+/// A frame rate outside the supported range.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("{fps} frames a second: a motion has 0.1 to 10000")]
 pub struct FrameRateError {
-    /// The rate that was asked for, frames a second.
+    /// The requested frame rate, frames per second.
     pub fps: f64,
 }
 
-/// Passes on a frame rate that a motion can have, frames a second.
+/// Checks a frame rate in frames per second and returns it if it is supported.
 ///
 /// # Errors
 /// [`FrameRateError`] below 0.1, above 10,000, and for NaN.
@@ -192,15 +195,16 @@ pub fn check_fps(fps: f64) -> Result<f64, FrameRateError> {
     }
 }
 
-/// The motion at another rate, by [`MotionSampler`]; covers the same time from first to last frame.
+/// Resamples the motion to another frame rate with [`MotionSampler`]. The result covers the same
+/// time from first to last frame.
 ///
 /// # Errors
-/// [`FrameRateError`] for a rate that [`check_fps`] refuses.
+/// [`FrameRateError`] for a rate that [`check_fps`] rejects.
 pub fn resample(motion: &Motion, fps: f64) -> Result<Motion, FrameRateError> {
     Ok(resample_unchecked(motion, check_fps(fps)?))
 }
 
-/// [`resample`] for a rate that is known to be in range.
+/// Like [`resample`], for a rate that is known to be in range.
 pub(crate) fn resample_unchecked(motion: &Motion, fps: f64) -> Motion {
     if motion.is_empty() || fps == motion.fps {
         return Motion {
@@ -209,7 +213,8 @@ pub(crate) fn resample_unchecked(motion: &Motion, fps: f64) -> Motion {
         };
     }
     let sampler = MotionSampler::new(motion);
-    // A millionth of a frame keeps whole ratios (120 to 20 fps) from losing their last frame.
+    // The millionth of a frame prevents integer ratios (120 to 20 fps) from losing their last
+    // frame.
     let n = (sampler.end_s() * fps + 1e-6).floor() as usize + 1;
     let poses = (0..n).map(|i| sampler.sample(i as f64 / fps)).collect();
     Motion {
@@ -232,10 +237,11 @@ pub fn crop(motion: &Motion, start_s: f64, end_s: f64) -> Motion {
     }
 }
 
-/// The motion seen in a mirror: left and right change places, x changes sign.
+/// Mirrors the motion: left and right are exchanged and x changes sign.
 pub fn mirror(motion: &Motion) -> Motion {
     let flip = |v: Vec3| Vec3::new(-v.x, v.y, v.z);
-    // Reflection in x turns the axis of rotation as a pseudovector.
+    // A rotation axis is a pseudovector, so reflection in x changes the sign of its y and z
+    // components.
     let flip_rotation = |q: Quat| Quat::from_xyzw(q.x, -q.y, -q.z, q.w);
     let mut skeleton = motion.skeleton.clone();
     for joint in Joint::ALL {
@@ -262,7 +268,7 @@ pub fn mirror(motion: &Motion) -> Motion {
     }
 }
 
-/// The same joint on the other side of the body.
+/// The corresponding joint on the other side of the body.
 pub fn opposite(joint: Joint) -> Joint {
     use Joint::*;
     match joint {
@@ -286,15 +292,15 @@ pub fn opposite(joint: Joint) -> Joint {
     }
 }
 
-/// Puts a motion into the canonical place: first pelvis above the origin, first facing -y, floor
-/// at z = 0.
+/// Moves a motion to the canonical placement: the first pelvis position above the origin, the first
+/// heading along -y, and the floor at z = 0.
 pub fn canonicalize(motion: &mut Motion) {
     ground(motion);
     let Some(first) = motion.poses.first() else {
         return;
     };
     let forward = heading(&motion.skeleton, first);
-    // Angle that turns `forward` to -y.
+    // Angle that rotates `forward` to -y.
     let yaw_rad = -std::f32::consts::FRAC_PI_2 - forward.y.atan2(forward.x);
     let turn = Quat::from_rotation_z(yaw_rad);
     let start = Vec3::new(first.root_in_world.x, first.root_in_world.y, 0.0);
@@ -304,14 +310,14 @@ pub fn canonicalize(motion: &mut Motion) {
     }
 }
 
-/// Horizontal direction a pose faces, from hips and shoulders as HumanML3D defines it.
+/// Horizontal heading of a pose from hips and shoulders, as HumanML3D defines it.
 fn heading(skeleton: &Skeleton, pose: &Pose) -> Vec3 {
     let (p, q) = skeleton.forward(pose);
     let across = |l: Joint, r: Joint| (p[l as usize] - p[r as usize]).normalize_or_zero();
     let left =
         across(Joint::LeftHip, Joint::RightHip) + across(Joint::LeftShoulder, Joint::RightShoulder);
-    // Left cross up is forward. Somebody lying on the side has no such direction: then the pelvis'
-    // forward or, lying on the back or the face, its upward axis serves.
+    // Left cross up is forward. A person lying on one side has no such direction. In that case the
+    // pelvis' forward axis is used, or its upward axis if the person is lying on the back or face.
     [
         left.cross(Vec3::Z),
         (q[0] * Vec3::Z).reject_from(Vec3::Z),
@@ -325,8 +331,8 @@ fn heading(skeleton: &Skeleton, pose: &Pose) -> Vec3 {
 
 /// Moves the motion vertically so that the floor is at z = 0.
 ///
-/// The floor is where the body's lowest part is in the lowest twentieth of the frames, each joint
-/// seen with the flesh below it.
+/// The floor is the height of the lowest body part in the lowest twentieth of the frames. Each
+/// joint is lowered by the thickness of the flesh below it.
 pub(crate) fn ground(motion: &mut Motion) {
     let floor_m = floor_height_m(motion);
     for pose in &mut motion.poses {
@@ -336,7 +342,8 @@ pub(crate) fn ground(motion: &mut Motion) {
 
 fn floor_height_m(motion: &Motion) -> f32 {
     let height_m = standing_height_m(&motion.skeleton);
-    // Every 4096th frame and more: enough for a percentile, cheap for hours of motion.
+    // At most about 4096 to 8192 frames are evaluated: enough for a percentile and fast for hours
+    // of motion.
     let step = (motion.len() / 4096).max(1);
     let mut lows: Vec<f32> = motion
         .poses
@@ -357,11 +364,12 @@ fn floor_height_m(motion: &Motion) -> f32 {
         .unwrap_or(0.0)
 }
 
-/// Distance from a joint to the skin below it when that part rests on the floor, share of height.
+/// Distance from a joint to the skin below it when that body part rests on the floor, as a share of
+/// the height.
 fn flesh_below(joint: Joint) -> f32 {
     match joint {
         Joint::LeftFoot | Joint::RightFoot => SOLE_BELOW_FOOT,
-        // Ankles stand on the heel.
+        // The ankles rest on the heel.
         Joint::LeftAnkle | Joint::RightAnkle => 0.054,
         Joint::LeftWrist | Joint::RightWrist | Joint::LeftElbow | Joint::RightElbow => 0.02,
         Joint::LeftKnee | Joint::RightKnee => 0.035,
@@ -390,7 +398,7 @@ mod tests {
         }
     }
 
-    /// A 2 Hz swing of the shoulder and the root, 30 fps.
+    /// A 2 Hz oscillation of the shoulder and the root at 30 fps.
     fn swinging() -> Motion {
         let mut motion = still(61, 30.0);
         for (t, pose) in motion.poses.iter_mut().enumerate() {
@@ -401,7 +409,7 @@ mod tests {
         motion
     }
 
-    /// Velocity of a sampled point against the exact derivative, relative to its peak.
+    /// Maximum error of the sampled velocity against the exact derivative, relative to its peak.
     fn worst_velocity_error(sample: impl Fn(f64) -> (f32, f32)) -> (f64, f64) {
         let step_s = 2e-3;
         let peak = TAU * 2.0;

@@ -1,4 +1,4 @@
-//! The person who performs: a rig, a personal style drawn from the seed, and resting poses.
+//! The simulated person: a rig, a personal style drawn from the seed, and resting poses.
 
 use std::f32::consts::{FRAC_PI_2, TAU};
 
@@ -9,10 +9,10 @@ use crate::dice::Dice;
 use crate::rig::Rig;
 use crate::track::FPS;
 
-/// Chair seat above the floor, m, unless the person is too short for it.
+/// Height of the chair seat above the floor, m. A person who is too short for it gets a lower seat.
 pub const SEAT_M: f32 = 0.45;
 
-/// Small personal deviations; all zero-centred on the average adult.
+/// Small personal deviations from the average adult; all are centred on zero.
 #[derive(Clone, Debug)]
 pub struct Style {
     /// Multiplies all durations.
@@ -33,20 +33,20 @@ pub struct Style {
     wave: [(f32, f32); 6],
 }
 
-/// Rig, style and the random stream of one performance.
+/// The rig, the style and the random stream of one rendered motion.
 pub struct Actor {
     /// Measured skeleton.
     pub rig: Rig,
     /// Personal deviations.
     pub style: Style,
-    /// Further draws, in the order the motion asks for them.
+    /// Random stream for further draws, consumed in the order in which the motion requests them.
     pub dice: Dice,
-    /// 0 upright, 1 stooped.
+    /// Amount of stooping: 0 is upright, 1 is stooped.
     pub stoop: f32,
 }
 
 impl Actor {
-    /// A person of that height; the seed draws the style.
+    /// Creates a person of the given height; the seed determines the style.
     pub fn new(height_m: f32, seed: u64) -> Self {
         let mut dice = Dice::new(seed, "actor");
         let style = Style {
@@ -72,7 +72,7 @@ impl Actor {
         }
     }
 
-    /// The person without personal deviations, for planning.
+    /// A person without personal deviations, used for planning.
     pub fn average(height_m: f32) -> Self {
         let mut actor = Self::new(height_m, 0);
         actor.style.tempo = 1.0;
@@ -81,25 +81,26 @@ impl Actor {
         actor
     }
 
-    /// Authored metres for this person's size.
+    /// Scales an authored distance in metres to the size of this person.
     pub fn m(&self, authored_m: f32) -> f32 {
         authored_m * self.rig.scale
     }
 
-    /// A duration at speed 1, with the person's tempo and a little jitter, s.
+    /// Scales a duration authored at speed 1 by the speed, the person's tempo and a little jitter,
+    /// s.
     pub fn s(&mut self, authored_s: f32, speed: f32) -> f32 {
         authored_s * self.style.tempo * (1.0 + 0.06 * self.dice.bell()) / speed
     }
 
-    /// An amplitude with the person's size and a little jitter.
+    /// Scales an authored amplitude by the person's size factor and a little jitter.
     pub fn a(&mut self, authored: f32) -> f32 {
         authored * self.style.size * (1.0 + 0.06 * self.dice.bell())
     }
 
-    /// The hanging arm.
+    /// The arm hanging at the side.
     pub fn arm_down(&self, side: usize) -> Arm {
         Arm {
-            // Arms hang by their weight, whatever the back does.
+            // Arms hang vertically under gravity, independently of the tilt of the back.
             elevation: self.style.arm_elevation + self.stoop_tilt(),
             azimuth: self.style.arm_azimuth * (1.0 - 0.8 * self.stoop),
             reach: self.style.arm_reach[side],
@@ -109,7 +110,7 @@ impl Actor {
         }
     }
 
-    /// How far a stooping chest is tilted, rad.
+    /// Tilt of the chest due to stooping, rad.
     pub fn stoop_tilt(&self) -> f32 {
         0.55 * self.stoop
     }
@@ -139,12 +140,12 @@ impl Actor {
         }
     }
 
-    /// Pelvis height when seated, m: the joint lies a little above the seat.
+    /// Pelvis height when seated, m. The pelvis joint is a little above the seat.
     pub fn seated_pelvis_m(&self) -> f32 {
         SEAT_M.min(0.482 * self.rig.scale) + self.m(0.075)
     }
 
-    /// Seated on a chair behind the standing place, hands on the thighs.
+    /// Seated on a chair behind the standing position, with the hands on the thighs.
     pub fn seated(&self) -> Control {
         let mut c = self.standing();
         c.hip = Vec3::new(
@@ -166,7 +167,7 @@ impl Actor {
         c
     }
 
-    /// Lying on the back behind the standing place, feet towards +z.
+    /// Lying on the back behind the standing position, with the feet towards +z.
     pub fn lying(&self) -> Control {
         let mut c = self.standing();
         c.hip = Vec3::new(0.0, self.m(0.105), -self.m(0.62));
@@ -188,7 +189,7 @@ impl Actor {
         c
     }
 
-    /// Breathing and the slow sway of a living person, added to every frame.
+    /// Adds breathing and slow postural sway to every frame.
     pub fn add_idle(&self, frames: &mut [Control]) {
         let gentle = |time: f32, n: usize| {
             let (hz, phase) = self.style.wave[n];
@@ -196,7 +197,7 @@ impl Actor {
         };
         for (frame, c) in frames.iter_mut().enumerate() {
             let time = (frame as f64 / FPS) as f32;
-            // Sway belongs to free standing; someone lying or seated only breathes.
+            // Sway applies to free standing only; a lying or seated person only breathes.
             let sway = c.balance.clamp(0.0, 1.0);
             c.hip.x += self.m(0.006) * sway * gentle(time, 0);
             c.hip.z += self.m(0.007) * sway * gentle(time, 1);

@@ -1,85 +1,95 @@
-//! The few dozen numbers an animator thinks in: where the pelvis is, how the trunk bends, where
-//! the feet stand and where the hands are. [`crate::rig`] turns them into joint rotations.
+//! Animation controls: the few dozen numbers that describe one pose to an animator. They give the
+//! position of the pelvis, the bend of the trunk, the feet and the hands. [`crate::rig`] converts
+//! them into joint rotations.
 //!
-//! Everything is in the *stage* frame: x to the left, y up, z forward of the person's start, floor
-//! at y = 0. Side 0 is left, side 1 right; `SIDE_SIGN` is the sign of x on each side.
+//! All values are in the *stage* frame: x to the left, y up, z forward of the person's start, and
+//! the floor at y = 0. Side 0 is left and side 1 is right; `SIDE_SIGN` is the sign of x on each
+//! side.
 
 use glam::{Quat, Vec3};
 
-/// Sign of x on the left (0) and right (1) side.
+/// Sign of x on the left (0) and right (1) sides.
 pub const SIDE_SIGN: [f32; 2] = [1.0, -1.0];
 /// Number of scalar channels of a [`Control`].
 pub const N_CHANNELS: usize = 54;
 
-/// One foot.
+/// Controls of one foot.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Foot {
-    /// Floor projection of the ankle of the flat foot; y lifts the sole off the floor, m.
+    /// Position of the ankle of the flat foot, projected onto the floor; y is the height of the
+    /// sole above the floor, m.
     pub at: Vec3,
-    /// Direction of the toes, rad, positive to the left.
+    /// Yaw of the toe direction, rad; positive to the left.
     pub yaw: f32,
-    /// Rad, positive lifts the toes about the heel, negative the heel about the ball.
+    /// Pitch, rad. Positive values lift the toes about the heel; negative values lift the heel
+    /// about the ball of the foot.
     pub pitch: f32,
-    /// Rad, about the foot's forward axis.
+    /// Roll about the forward axis of the foot, rad.
     pub roll: f32,
-    /// Outward turn of the knee, rad.
+    /// Outward rotation of the knee, rad.
     pub knee_out: f32,
 }
 
-/// One arm. `elevation`, `azimuth` and `reach` place the wrist as seen from the shoulder in the
-/// chest's axes; straight-line blending of these keeps the hand out of the shoulder.
+/// Controls of one arm.
+///
+/// `elevation`, `azimuth` and `reach` give the wrist position in spherical coordinates about the
+/// shoulder, in the chest's axes. Linear blending of these coordinates keeps the hand out of the
+/// shoulder.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Arm {
-    /// Rad, -pi/2 hangs, 0 horizontal, pi/2 up; beyond -pi/2 swings behind.
+    /// Elevation, rad: -pi/2 hangs down, 0 is horizontal, pi/2 is straight up; values below -pi/2
+    /// swing behind the body.
     pub elevation: f32,
-    /// Rad, 0 forward, pi/2 outward, negative across the chest.
+    /// Azimuth, rad: 0 is forward, pi/2 is outward, negative values are across the chest.
     pub azimuth: f32,
     /// Shoulder-to-wrist distance in arm lengths.
     pub reach: f32,
-    /// Where the elbow points: (outward, up, forward) in the chest's axes.
+    /// Pole vector, the direction in which the elbow points: (outward, up, forward) in the chest's
+    /// axes.
     pub pole: Vec3,
-    /// Wrist goal in the stage, m, used with `world_weight`.
+    /// Wrist target in the stage frame, m; weighted by `world_weight`.
     pub world: Vec3,
-    /// 0: the chest-relative goal, 1: the stage goal.
+    /// Blend weight: 0 uses the chest-relative target, 1 uses the stage target.
     pub world_weight: f32,
-    /// Wrist bend towards the palm, rad.
+    /// Wrist flexion towards the palm, rad.
     pub flex: f32,
-    /// Wrist bend towards the thumb, rad.
+    /// Wrist deviation towards the thumb, rad.
     pub deviate: f32,
-    /// Collar bone raised, rad.
+    /// Elevation of the collar bone, rad.
     pub shrug: f32,
 }
 
-/// The whole body.
+/// Controls of the whole body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Control {
-    /// Pelvis, m.
+    /// Pelvis position, m.
     pub hip: Vec3,
     /// Pelvis heading, rad, positive to the left.
     pub yaw: f32,
-    /// Pelvis lean, rad, positive forward; pi/2 is face down.
+    /// Forward lean of the pelvis, rad; positive is forward, pi/2 is face down.
     pub pitch: f32,
-    /// Pelvis lean, rad, positive to the right.
+    /// Sideways lean of the pelvis, rad; positive is to the right.
     pub roll: f32,
-    /// Spine, rad: forward bend.
+    /// Forward bend of the spine, rad.
     pub flex: f32,
-    /// Spine, rad: bend to the left.
+    /// Sideways bend of the spine, rad; positive is to the left.
     pub side: f32,
-    /// Spine, rad: turn to the left.
+    /// Twist of the spine, rad; positive is to the left.
     pub twist: f32,
-    /// Head, rad: chin down.
+    /// Nod of the head, rad; positive is chin down.
     pub nod: f32,
-    /// Head, rad: turn to the left.
+    /// Turn of the head, rad; positive is to the left.
     pub look: f32,
-    /// Head, rad: ear to the left shoulder.
+    /// Tilt of the head, rad; positive brings the ear to the left shoulder.
     pub tilt: f32,
     /// Left and right foot.
     pub feet: [Foot; 2],
     /// Left and right arm.
     pub arms: [Arm; 2],
-    /// How far the pelvis moves to bring the centre of mass over the support, 0..1.
+    /// Fraction of the pelvis shift that would bring the centre of mass over the support point,
+    /// 0..1.
     pub balance: f32,
-    /// Support point between the right (0) and left (1) foot.
+    /// Position of the support point between the right foot (0) and the left foot (1).
     pub bias: f32,
 }
 
@@ -158,13 +168,13 @@ impl Control {
         out
     }
 
-    /// Straight-line blend of all channels.
+    /// Linear blend of all channels.
     pub fn lerp(self, other: Self, weight: f32) -> Self {
         let (a, b) = (self.channels(), other.channels());
         Self::from_channels(&std::array::from_fn(|n| a[n] + (b[n] - a[n]) * weight))
     }
 
-    /// Moves the whole person over the floor: turned by `yaw`, then shifted by `shift`.
+    /// Moves the whole person over the floor: rotates by `yaw`, then translates by `shift`.
     pub fn moved(mut self, yaw: f32, shift: Vec3) -> Self {
         let turn = Quat::from_rotation_y(yaw);
         self.hip = turn * self.hip + shift;
@@ -180,7 +190,8 @@ impl Control {
     }
 }
 
-/// True for channels of the head and arms, which trail the trunk by a few frames.
+/// Returns true for channels of the head and arms, which follow the trunk with a delay of a few
+/// frames.
 pub fn is_upper(channel: usize) -> bool {
     channel >= 25
 }

@@ -1,4 +1,5 @@
-//! A tiny reproducible source of variation, stable for ever: data sets record seeds.
+//! A small reproducible random number generator. Its output must never change, because data sets
+//! record seeds.
 
 use radarllm_base::random::SplitMix64;
 use radarllm_base::seed::derive_seed;
@@ -8,7 +9,7 @@ use radarllm_base::seed::derive_seed;
 pub struct Dice(SplitMix64);
 
 impl Dice {
-    /// A stream for the thing called `name`.
+    /// Creates the random stream identified by `seed` and `name`.
     pub fn new(seed: u64, name: &str) -> Self {
         Self(SplitMix64::new(derive_seed(seed, name)))
     }
@@ -23,7 +24,7 @@ impl Dice {
         low + (high - low) * self.0.uniform_f32()
     }
 
-    /// Bell-shaped around zero, within -1..1, standard deviation about 0.33.
+    /// Bell-shaped distribution around zero, within -1..1, with a standard deviation of about 0.33.
     pub fn bell(&mut self) -> f32 {
         (self.range(-1.0, 1.0) + self.range(-1.0, 1.0) + self.range(-1.0, 1.0)) / 3.0
     }
@@ -42,7 +43,7 @@ impl Dice {
         items[self.index(items.len())]
     }
 
-    /// True with that probability.
+    /// Returns true with the given probability.
     pub fn chance(&mut self, probability: f32) -> bool {
         self.range(0.0, 1.0) < probability
     }
@@ -52,7 +53,8 @@ impl Dice {
 mod tests {
     use super::*;
 
-    /// Taken from the first release's code: motions of data sets depend on them.
+    /// Reference values from the code of the first release; motions in existing data sets depend on
+    /// them.
     #[test]
     fn draws_never_change() {
         let mut dice = Dice::new(1, "walk");

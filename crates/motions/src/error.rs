@@ -1,99 +1,99 @@
-//! What can be wrong with the name of a built-in motion.
+//! Errors in requests for built-in motions.
 
-/// A request that names no motion we can perform.
+/// A request that does not describe a valid built-in motion.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum BuiltinError {
-    /// Nothing between the prefix and the keys.
+    /// The request contains no motion name between the prefix and the keys.
     #[error("no motion named; write for example `builtin:walk?speed=slow`")]
     Empty,
-    /// Longer than any sensible request.
+    /// The request is longer than the limit.
     #[error("the request is {length} bytes long, at most {limit} are read")]
     TooLong {
-        /// Bytes given.
+        /// Length of the request, bytes.
         length: usize,
-        /// Bytes accepted.
+        /// Maximum length, bytes.
         limit: usize,
     },
-    /// An unknown motion.
+    /// The motion name is unknown.
     #[error("no built-in motion `{name}`; there are: {allowed}")]
     Motion {
         /// Name as written (shortened).
         name: String,
-        /// All names.
+        /// All valid names.
         allowed: String,
     },
-    /// A malformed chain of motions.
+    /// The chain of motions is malformed.
     #[error(
         "cannot read `{text}`: motions are joined by `+then+` or `+while+`, at most {limit} in all, and one `+while+` follows one motion"
     )]
     Chain {
         /// The chain (shortened).
         text: String,
-        /// Most parts in a request.
+        /// Maximum number of parts in a request.
         limit: usize,
     },
-    /// A key without `=`.
+    /// A key has no `=`.
     #[error("cannot read `{text}`: expected key=value")]
     Pair {
         /// The text between two `&`.
         text: String,
     },
-    /// A key that nothing in the request knows.
+    /// No motion in the request has this key.
     #[error("`{motion}` has no key `{key}`; it has: {allowed}")]
     Key {
         /// Key as written (shortened).
         key: String,
-        /// Motion or motions asked.
+        /// The motion or motions that were checked for the key.
         motion: String,
-        /// Keys that would do.
+        /// Valid keys.
         allowed: String,
     },
-    /// The same key twice for the same part.
+    /// The same key occurs twice for the same part.
     #[error("`{key}` is given twice")]
     Twice {
         /// Key as written.
         key: String,
     },
-    /// A value outside the key's range, or no value at all.
+    /// The value is missing or outside the range of the key.
     #[error("`{key}={value}` is not possible; allowed: {allowed}")]
     Value {
         /// The key.
         key: &'static str,
         /// Value as written (shortened).
         value: String,
-        /// What the key accepts.
+        /// Values that the key accepts.
         allowed: String,
     },
-    /// Keys that contradict each other.
+    /// The values of several keys contradict each other.
     #[error("`{motion}`: {reason}")]
     Conflict {
         /// The motion.
         motion: &'static str,
-        /// What contradicts what, and what would be possible.
+        /// Description of the contradiction and of values that would be possible.
         reason: String,
     },
-    /// A motion that cannot follow the one before.
+    /// A motion cannot follow the preceding motion.
     #[error("`{next}` starts {starts}, but `{before}` ends {ends}{help}")]
     Seam {
-        /// First motion.
+        /// The preceding motion.
         before: &'static str,
         /// Its final posture.
         ends: &'static str,
-        /// Second motion.
+        /// The following motion.
         next: &'static str,
-        /// Its first posture.
+        /// Its initial posture.
         starts: &'static str,
-        /// What to write instead, or empty.
+        /// Suggested correction, or empty.
         help: &'static str,
     },
-    /// A motion on the wrong side of `+while+`.
+    /// A motion is on the wrong side of `+while+`.
     #[error("`{name}` cannot stand {place} `while`; possible are: {allowed}")]
     Overlay {
         /// The motion.
         name: &'static str,
         /// "before" or "after".
         place: &'static str,
-        /// Names that can.
+        /// Names of the motions that are valid in this place.
         allowed: String,
     },
 }

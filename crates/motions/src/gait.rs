@@ -1,8 +1,9 @@
-//! Everything that steps: walking, running, marching, turning, side steps, limping.
+//! Gaits and other stepping motions: walking, running, marching, turning, side steps, limping.
 //!
-//! Footprints are planned first: a foot is put down where the body will be in the middle of the
-//! coming stance. Between footprints it swings; on a footprint it only rolls over heel and ball.
-//! The pelvis travels along the path, and the rig solves the legs between the two.
+//! Footprints are planned first. Each foot is placed where the body will be in the middle of the
+//! coming stance phase. In the swing phase the foot moves between footprints; in the stance phase
+//! it only rolls over the heel and the ball. The pelvis travels along the path, and the rig solves
+//! the legs between pelvis and feet.
 
 use std::f32::consts::{PI, TAU};
 
@@ -13,59 +14,60 @@ use crate::control::{Arm, Control, SIDE_SIGN};
 use crate::rig::smooth;
 use crate::track::FPS;
 
-/// From the first weight shift to the first foot leaving the floor, s.
+/// Time from the first weight shift until the first foot leaves the floor, s.
 const LEAD_IN_S: f32 = 0.25;
-/// Standing still after the last step, s.
+/// Time of standing still after the last step, s.
 const SETTLE_S: f32 = 0.35;
 
-/// One stretch of stepping; lengths in m, angles in rad.
+/// Parameters of one continuous sequence of steps; lengths in m, angles in rad.
 #[derive(Clone, Debug)]
 pub struct Gait {
-    /// Time between the starts of two swings, s.
+    /// Time between the starts of two consecutive swing phases, s.
     pub step_s: f32,
-    /// Length of one swing in steps: below 1 walks, above 1 runs.
+    /// Duration of one swing phase in steps: below 1 is walking, above 1 is running.
     pub swing_steps: f32,
-    /// Number of swings.
+    /// Number of swing phases.
     pub n_steps: usize,
     /// Side of the first swing.
     pub first: usize,
     /// Height of the sole in mid-swing.
     pub lift_m: f32,
-    /// Toes up when the heel lands (negative: toes first).
+    /// Foot pitch at heel strike, toes up (negative: the toes land first).
     pub strike: f32,
-    /// Heel up when the toes leave (negative pitch).
+    /// Foot pitch at toe-off, heel up (negative pitch).
     pub toe_off: f32,
     /// Pitch of the hanging foot in mid-swing.
     pub hang: f32,
-    /// Least share of `strike` and `toe_off` used in place; 1 for marching, 0 for shuffling.
+    /// Minimum share of `strike` and `toe_off` used when stepping in place; 1 for marching, 0 for
+    /// shuffling.
     pub in_place: f32,
-    /// Pelvis lowered throughout.
+    /// Constant lowering of the pelvis.
     pub dip_m: f32,
-    /// Pelvis lowered further in double support (walking).
+    /// Additional lowering of the pelvis in double support (walking).
     pub bob_m: f32,
-    /// Pelvis thrown up in flight and down in stance (running).
+    /// Vertical pelvis motion, up in flight and down in stance (running).
     pub bounce_m: f32,
-    /// Pelvis over the standing foot.
+    /// Lateral shift of the pelvis over the stance foot.
     pub sway_m: f32,
-    /// Pelvis turn with the forward leg.
+    /// Rotation of the pelvis with the forward leg.
     pub pelvis_turn: f32,
-    /// Pelvis drop on the swinging side.
+    /// Drop of the pelvis on the side of the swing leg.
     pub list: f32,
     /// Forward lean of the trunk.
     pub lean: f32,
     /// Lean into a curve, to the left.
     pub bank: f32,
-    /// Arm swing about the shoulder, each way.
+    /// Amplitude of the arm swing about the shoulder, in each direction.
     pub arm: f32,
-    /// Elbow bend, and how much more in front.
+    /// Elbow bend; `elbow_front` is the additional bend when the arm is in front.
     pub elbow: f32,
     /// See `elbow`.
     pub elbow_front: f32,
-    /// Feet further apart while going, each.
+    /// Additional outward offset of each foot while in motion.
     pub spread_m: f32,
-    /// Steps over which the body gains and loses its speed.
+    /// Number of steps over which the body accelerates and decelerates.
     pub ramps: [f32; 2],
-    /// Injured side.
+    /// Injured side, if any.
     pub limp: Option<usize>,
 }
 
@@ -101,8 +103,8 @@ impl Gait {
         }
     }
 
-    /// Chooses the number of steps and their timing so that `distance_m` takes as long as the
-    /// cruising speed and the two ramps need.
+    /// Chooses the number of steps and their timing so that covering `distance_m` takes the time
+    /// given by the cruising speed and the two speed ramps.
     pub fn plan(&mut self, distance_m: f32, cruise_mps: f32) {
         let ramps = 0.5 * (self.ramps[0] + self.ramps[1]);
         let extra = self.swing_steps + 0.25 - 1.0 - ramps;
@@ -112,7 +114,7 @@ impl Gait {
         self.step_s = self.step_s.clamp(0.18, 1.2);
     }
 
-    /// Performs the steps along `path`, which maps progress 0..1 to a place and a heading.
+    /// Renders the steps along `path`, which maps progress 0..1 to a position and a heading.
     pub fn perform(&self, actor: &Actor, path: &dyn Fn(f32) -> (Vec3, f32)) -> Vec<Control> {
         let plan = Plan::new(self, actor, path);
         let n_frames = ((plan.end_s + SETTLE_S) as f64 * FPS) as usize + 1;
@@ -156,7 +158,7 @@ impl Gait {
         c.roll += (self.list * -passing - self.bank) * going;
         c.side += (self.list * -passing * 1.1 + 0.3 * self.bank) * going;
         if let Some(side) = self.limp {
-            // The trunk leans over the hurt leg while that leg carries.
+            // The trunk leans over the injured leg during its stance phase.
             c.side += SIDE_SIGN[side] * 0.24 * limp.max(0.0) * going;
             c.flex += 0.08 * going;
         }
@@ -222,7 +224,8 @@ impl Gait {
     }
 }
 
-/// The arm whose upper arm hangs at `swing` (forward positive) and whose elbow bends by `elbow`.
+/// An arm whose upper arm hangs at angle `swing` (forward positive) and whose elbow is bent by
+/// `elbow`.
 pub fn swung_arm(swing: f32, elbow: f32) -> Arm {
     let (upper, lower) = (0.52, 0.48);
     let up = -swing.cos() * upper - (swing + elbow).cos() * lower;
@@ -246,7 +249,7 @@ struct Swing {
     lift_s: f32,
     swing_s: f32,
     print: (Vec3, f32),
-    /// Share of the foot roll that the length of the step calls for.
+    /// Share of the foot roll that the step length requires.
     vigour: f32,
 }
 
@@ -266,7 +269,7 @@ impl Plan {
         let mut timing = Vec::with_capacity(gait.n_steps);
         for k in 0..gait.n_steps {
             let side = (gait.first + k) % 2;
-            // While the hurt leg carries, the other one hurries.
+            // The swing of the healthy leg is shorter while the injured leg bears weight.
             let hurry = gait
                 .limp
                 .map_or(1.0, |hurt| if side == hurt { 1.22 } else { 0.78 });
@@ -314,7 +317,8 @@ impl Plan {
         plan
     }
 
-    /// Travelled share of the path at `time`: smooth ramps and constant speed between.
+    /// Share of the path travelled at `time`, with smooth speed ramps and constant speed between
+    /// them.
     fn progress(&self, time: f32) -> f32 {
         let total = self.end_s - self.begin_s;
         let speed = 1.0 / (total - 0.5 * (self.ramp_up_s + self.ramp_down_s));
@@ -330,7 +334,7 @@ impl Plan {
         }
     }
 
-    /// Steps begun at `time`, continuous.
+    /// Continuous gait phase at `time`: the number of steps begun.
     fn theta(&self, time: f32) -> f32 {
         let next = self.swings.partition_point(|s| s.lift_s <= time);
         let step = |k: usize| self.swings[k + 1].lift_s - self.swings[k].lift_s;

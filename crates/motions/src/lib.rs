@@ -1,6 +1,8 @@
-//! Everyday motions without any file: about forty five of them, with sentences that describe them.
+//! Procedural everyday motions that need no recording: about forty-five motions with matching
+//! captions.
 //!
-//! They are what the default model is trained on, and what a demonstration needs when nobody has recorded anything.
+//! The default model is trained on these motions. They also serve demonstrations for which no
+//! recording exists.
 //!
 //! ```
 //! let request = radarllm_motions::parse("builtin:walk?direction=backward")?;
@@ -13,7 +15,7 @@
 //! # Ok::<(), radarllm_motions::BuiltinError>(())
 //! ```
 //!
-//! Motions follow and accompany each other, and a wrong key is named with those that exist:
+//! Motions can be chained and combined. An unknown key gives an error that lists the valid keys:
 //!
 //! ```
 //! let both = radarllm_motions::parse("builtin:walk+then+sit_down?walk.speed=slow").unwrap();
@@ -22,18 +24,19 @@
 //! assert!(error.to_string().contains("pace"), "{error}");
 //! ```
 //!
-//! `parse("builtin:walk+then+sit_down?walk.speed=slow")` gives a [`BuiltinRequest`];
-//! [`BuiltinRequest::render`] performs it with a seed and returns a [`Procedural`]: the motion, the
-//! action's name, captions made from the same parameters, and the parameters as attributes.
-//! [`random_request`] draws requests broadly for synthetic data sets. [`specs`] lists motions with
-//! their keys.
+//! `parse("builtin:walk+then+sit_down?walk.speed=slow")` returns a [`BuiltinRequest`].
+//! [`BuiltinRequest::render`] renders it with a seed and returns a [`Procedural`]: the motion, the
+//! name of the action, captions generated from the same parameters, and the parameters as
+//! attributes. [`random_request`] draws varied requests for synthetic data sets. [`specs`] lists
+//! the motions with their keys.
 //!
-//! Reading order: [`spec`] (what exists), [`request`] (the notation), [`render`] (the whole),
-//! `control` (what an animator sets), `rig` (joints from that), `track` and `gait` (curves over
-//! time), `motions` (the motions), `captions` (the sentences), [`random`].
+//! Reading order: [`spec`] (available motions), [`request`] (request syntax), [`render`] (the
+//! complete pipeline), `control` (animation controls), `rig` (joint rotations from the controls),
+//! `track` and `gait` (curves over time), `motions` (the individual motions), `captions` (the
+//! sentences), [`random`].
 //!
-//! Motions are kinematic: planned feet and hands, solved limbs, ballistic flights, balanced
-//! standing. They are not recordings, and nothing here claims to be.
+//! The motions are kinematic: feet and hands are planned, limbs are solved by inverse kinematics,
+//! flights are ballistic and standing is balanced. They are not recordings and do not claim to be.
 
 // Sides and joints index several arrays at once; iterating over one of them would hide that.
 #![allow(clippy::needless_range_loop)]

@@ -1,4 +1,4 @@
-//! Requests drawn broadly for synthetic data sets.
+//! Random requests for synthetic data sets.
 
 use crate::dice::Dice;
 use crate::parse;
@@ -6,19 +6,21 @@ use crate::request::{BuiltinRequest, Part, Segment};
 use crate::spec::{KeyKind, KeySpec, MotionSpec, Posture, specs};
 use crate::values::Values;
 
-/// Longest request drawn, s.
+/// Maximum duration of a random request, s.
 pub const LONGEST_S: f32 = 9.5;
-/// Share of the personal tempo (at most 7 %) and of jitter that a draw leaves free.
+/// Safety factor on the duration for the personal tempo (up to 7 %) and jitter.
 const TEMPO_MARGIN: f32 = 1.07;
-/// Share of single motions with repetitions that go on for as long as a request may last: people exercise
-/// for longer than a model listens.
+/// Share of single repeated motions that continue for the full length allowed for a request. People
+/// exercise for longer than the input window of the model.
 const GOES_ON: f32 = 0.25;
-/// Draws before a plain walk is returned instead; a tenth of that is never needed in practice.
+/// Maximum number of draws before a plain walk is returned; in practice a tenth of them always
+/// suffices.
 const ATTEMPTS: u64 = 200;
 
-/// A request drawn from all motions evenly: three quarters single motions (some of them repeated until the time
-/// is up), a fifth two in a row, the rest gestures laid over another motion; at most [`LONGEST_S`] long. The
-/// same seed gives the same request.
+/// Draws a request evenly from all motions. Three quarters are single motions, some of them
+/// repeated until the time limit. One fifth are two motions in sequence, and the rest are gestures
+/// combined with another motion. A request lasts at most [`LONGEST_S`]. The same seed gives the
+/// same request.
 pub fn random_request(rng_seed: u64) -> BuiltinRequest {
     let mut dice = Dice::new(rng_seed, "request");
     let kind = dice.range(0.0, 1.0);
@@ -28,7 +30,7 @@ pub fn random_request(rng_seed: u64) -> BuiltinRequest {
             k if k < 0.95 => sequence(&mut dice),
             _ => overlay(&mut dice),
         };
-        // Reading the text back checks seams, contradictions and ranges in one place.
+        // Parsing the text checks seams, contradictions and ranges in one place.
         if let Some(request) = text.and_then(|t| parse(&t).ok())
             && request.nominal_duration_s() * TEMPO_MARGIN <= LONGEST_S
         {
@@ -69,7 +71,8 @@ fn single(dice: &mut Dice) -> Option<String> {
 
 fn sequence(dice: &mut Dice) -> Option<String> {
     let standing = |s: &MotionSpec| s.starts == Posture::Standing;
-    // Stand-ups need something to stand up from; give those pairs a share of their own.
+    // Stand-up motions need a preceding seated or lying posture, so these pairs get a share of
+    // their own.
     let (first, second) = match dice.index(12) {
         0 => (by_name("sit_down")?, by_name("stand_up")?),
         1 => (by_name("stand_up")?, any(dice, standing)?),
@@ -112,7 +115,7 @@ fn overlay(dice: &mut Dice) -> Option<String> {
         gesture.name,
         query(&[a, b, globals(dice)])
     );
-    // Both must last about equally long for "while" to be true.
+    // Both parts must have about the same duration for the word "while" to be true.
     let request = parse(&text).ok()?;
     let alone = |part: &Part| {
         let lone = BuiltinRequest {

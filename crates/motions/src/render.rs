@@ -1,4 +1,4 @@
-//! From a request to a motion: performing the parts, joining them, solving every frame.
+//! Rendering of a request: renders the parts, joins them and solves every frame.
 
 use glam::{Quat, Vec3};
 use radarllm_base::frames::world_from_rest_facing_radar;
@@ -13,18 +13,19 @@ use crate::request::{BuiltinRequest, Part, Segment};
 use crate::rig::{Rig, smooth, wrap};
 use crate::track::FPS;
 
-/// Time over which the difference between two parts fades at their seam, s.
+/// Time over which the difference between two parts fades out at their seam, s.
 const SEAM_S: f32 = 0.35;
-/// Standard deviation of the smoothing over everything but the feet, frames.
+/// Standard deviation of the temporal smoothing of all channels except the feet, frames.
 const SMOOTHING_FRAMES: f32 = 1.5;
 
-/// Half width of the window over which the pelvis is lowered ahead of and after a long step.
+/// Half width of the window over which the pelvis is lowered before and after a long step, frames.
 const DROP_FRAMES: usize = 5;
 
-/// A performed built-in motion and what can truthfully be said about it.
+/// A rendered built-in motion with its captions and attributes.
 #[derive(Clone, Debug)]
 pub struct Procedural {
-    /// The motion, canonical: starts at x = y = 0, faces -y turned by `heading_deg`.
+    /// The motion in canonical placement: it starts at x = y = 0 and faces -y rotated by
+    /// `heading_deg`.
     pub motion: Motion,
     /// "walk", "walk then sit_down", "march while clap".
     pub action: String,
@@ -32,18 +33,18 @@ pub struct Procedural {
     pub captions: Vec<String>,
     /// Canonical form of the request.
     pub request: String,
-    /// Facts in the captions' words: `("side", "left")`, `("speed", "fast")`. In a composition
-    /// keys are prefixed by their motion: `("walk.speed", "fast")`.
+    /// Attributes in the vocabulary of the captions: `("side", "left")`, `("speed", "fast")`. In a
+    /// composition each key is prefixed with its motion: `("walk.speed", "fast")`.
     pub attributes: Vec<(String, String)>,
     /// Standing height, m.
     pub height_m: f32,
-    /// Build for the mesh.
+    /// Body build for the mesh.
     pub build: Build,
 }
 
 impl BuiltinRequest {
-    /// Performs the request. The seed varies posture, timing, amplitude and wording a little;
-    /// the same seed gives the same result.
+    /// Renders the request. The seed slightly varies posture, timing, amplitude and wording. The
+    /// same seed gives the same result.
     pub fn render(&self, seed: u64) -> Procedural {
         let height_m = self.global.number("height_m");
         let mut actor = Actor::new(height_m, seed);
@@ -62,7 +63,8 @@ impl BuiltinRequest {
                 pose
             })
             .collect();
-        // Balancing moves the pelvis by millimetres; start exactly over the origin.
+        // Balancing shifts the pelvis by millimetres; this offset makes the motion start exactly at
+        // the origin.
         let off = Vec3::new(poses[0].root_in_world.x, poses[0].root_in_world.y, 0.0);
         for pose in &mut poses {
             pose.root_in_world -= off;
@@ -87,18 +89,19 @@ impl BuiltinRequest {
         }
     }
 
-    /// The sentences that [`BuiltinRequest::render`] gives with the same seed, without the motion.
+    /// Returns the captions that [`BuiltinRequest::render`] gives for the same seed, without
+    /// rendering the motion.
     pub fn captions(&self, seed: u64) -> Vec<String> {
         captions::captions(self, seed)
     }
 
-    /// Length without the personal variation of tempo, s.
+    /// Duration without the personal variation of tempo, s.
     pub fn nominal_duration_s(&self) -> f32 {
         let mut actor = Actor::average(self.global.number("height_m"));
         self.controls(&mut actor).len() as f32 / FPS as f32
     }
 
-    /// "walk then sit_down", "march while clap".
+    /// Name of the action: "walk then sit_down", "march while clap".
     pub fn action(&self) -> String {
         let names: Vec<String> = self
             .segments
@@ -126,7 +129,7 @@ fn perform_part(part: &Part, actor: &mut Actor) -> Vec<Control> {
     smooth_upper(&mut frames);
     for c in &mut frames {
         for arm in &mut c.arms {
-            // Circling arms count turns; from here on only the direction matters.
+            // Arm circles accumulate full turns; from here on only the direction matters.
             arm.elevation = wrap(arm.elevation + 1.0) - 1.0;
         }
     }
@@ -167,7 +170,7 @@ fn perform_segment(segment: &Segment, actor: &mut Actor) -> Vec<Control> {
     frames
 }
 
-/// Appends a clip, carried to where the frames before it end.
+/// Appends a clip, moved to the position and heading at the end of the preceding frames.
 fn join(all: &mut Vec<Control>, clip: Vec<Control>) {
     let Some(last) = all.last().copied() else {
         *all = clip;
@@ -188,10 +191,11 @@ fn join(all: &mut Vec<Control>, clip: Vec<Control>) {
     }
 }
 
-/// Balances every frame and lowers the pelvis, smoothly over time, to where both legs reach.
+/// Balances every frame and lowers the pelvis, smoothly over time, until both legs reach the feet.
 fn settle(frames: &[Control], rig: &Rig) -> Vec<Control> {
     let settled: Vec<(Control, f32)> = frames.iter().map(|c| rig.settle(c)).collect();
-    // The largest drop around each frame, averaged over the same window: never less than needed.
+    // Maximum drop around each frame, averaged over the same window, so the result is never less
+    // than required.
     let near =
         |n: usize, radius: usize| n.saturating_sub(radius)..(n + radius + 1).min(settled.len());
     let enough: Vec<f32> = (0..settled.len())
@@ -217,7 +221,7 @@ fn settle(frames: &[Control], rig: &Rig) -> Vec<Control> {
         .collect()
 }
 
-/// Gaussian smoothing of everything but feet: feet must stay exactly where they stand.
+/// Gaussian smoothing of all channels except the feet, which must keep their exact positions.
 fn smooth_upper(frames: &mut [Control]) {
     let radius = (3.0 * SMOOTHING_FRAMES).ceil() as i64;
     let weights: Vec<f32> = (-radius..=radius)

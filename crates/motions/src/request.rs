@@ -1,4 +1,5 @@
-//! `builtin:walk+then+sit_down?walk.speed=slow&side=left`: reading, checking, writing.
+//! Parsing, checking and formatting of requests such as
+//! `builtin:walk+then+sit_down?walk.speed=slow&side=left`.
 
 use std::fmt;
 
@@ -7,46 +8,47 @@ use crate::motions;
 use crate::spec::{GLOBAL_KEYS, MotionSpec, Posture, spec, specs};
 use crate::values::{Value, Values};
 
-/// Optional start of every request.
+/// Optional prefix of every request.
 pub const PREFIX: &str = "builtin:";
-/// Longest request read, bytes.
+/// Maximum length of a request, bytes.
 const MAX_BYTES: usize = 2000;
-/// Most motions in a request.
+/// Maximum number of motions in a request.
 const MAX_PARTS: usize = 8;
 
-/// One motion with its values.
+/// One motion with its parameter values.
 #[derive(Clone, Debug)]
 pub struct Part {
-    /// Which motion.
+    /// Specification of the motion.
     pub spec: &'static MotionSpec,
     /// Its checked values.
     pub values: Values,
 }
 
-/// A motion, with a gesture laid over its upper body or not.
+/// A motion with an optional gesture on the upper body.
 #[derive(Clone, Debug)]
 pub struct Segment {
-    /// Legs, trunk and, without a gesture, arms.
+    /// Motion of the legs and trunk, and of the arms if there is no gesture.
     pub base: Part,
-    /// Gesture after `+while+`.
+    /// Gesture given after `+while+`.
     pub overlay: Option<Part>,
 }
 
-/// A checked request, ready to be rendered with any seed.
+/// A checked request that can be rendered with any seed.
 #[derive(Clone, Debug)]
 pub struct BuiltinRequest {
-    /// Motions one after another; at least one.
+    /// Motions in sequence; at least one.
     pub segments: Vec<Segment>,
     /// Values of [`GLOBAL_KEYS`].
     pub global: Values,
 }
 
-/// Reads a request; the prefix `builtin:` may be left out.
+/// Parses a request; the prefix `builtin:` is optional.
 ///
-/// A key applies to every part that knows it, `name.key=` to the parts of that name only.
+/// A plain key applies to every part that has this key. A key with the prefix `name.` applies only
+/// to the parts with that name.
 ///
 /// # Errors
-/// [`BuiltinError`] with what would have been allowed.
+/// [`BuiltinError`], which lists the accepted alternatives.
 pub fn parse(text: &str) -> Result<BuiltinRequest, BuiltinError> {
     if text.len() > MAX_BYTES {
         return Err(BuiltinError::TooLong {
@@ -79,14 +81,15 @@ pub fn parse(text: &str) -> Result<BuiltinRequest, BuiltinError> {
 }
 
 impl BuiltinRequest {
-    /// All parts in the order they are written.
+    /// All parts in the order in which they are written.
     pub fn parts(&self) -> impl Iterator<Item = &Part> {
         self.segments
             .iter()
             .flat_map(|s| std::iter::once(&s.base).chain(s.overlay.as_ref()))
     }
 
-    /// Checks that every motion can follow the one before; `stand_up` learns where from.
+    /// Checks that every motion can follow the preceding one, and sets the initial posture of
+    /// `stand_up`.
     fn settle_seams(&mut self) -> Result<(), BuiltinError> {
         let mut before: Option<(&'static str, Posture)> = None;
         for segment in &mut self.segments {
@@ -129,7 +132,7 @@ impl BuiltinRequest {
 }
 
 impl fmt::Display for BuiltinRequest {
-    /// The canonical form, which [`parse`] reads back to the same request.
+    /// Writes the canonical form, which [`parse`] converts back into the same request.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(PREFIX)?;
         for (n, segment) in self.segments.iter().enumerate() {

@@ -1,7 +1,8 @@
-//! From [`Control`] to joint rotations: balance, spine, two-bone inverse kinematics of the limbs.
+//! Conversion of [`Control`] to joint rotations: balance, spine and two-bone inverse kinematics of
+//! the limbs.
 //!
-//! Knees and elbows are hinges, so they can only bend the human way whatever the goals are, and a
-//! foot that is told to stand still does stand still: the legs are solved from the feet.
+//! Knees and elbows are hinges, so they bend only in the anatomical direction for any target. The
+//! legs are solved from the feet, so a foot whose target is fixed does not slide.
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
@@ -12,15 +13,17 @@ use radarllm_base::{Joint, Pose, Skeleton};
 use crate::control::{Arm, Control, Foot, SIDE_SIGN};
 use radarllm_body::proportions::{canonical_skeleton, rest_positions, standing_pelvis_height_m};
 
-/// Height at which one unit of [`Rig::scale`] is one metre of authored distance, m.
+/// Body height at which [`Rig::scale`] is 1, so that authored distances are in metres, m.
 pub const AUTHORED_HEIGHT_M: f32 = 1.75;
-/// No joint but the feet's is put closer to the floor than this, m (half a limb's thickness).
+/// Minimum height of all joints except those of the feet above the floor, m (half the thickness of
+/// a limb).
 const CLEARANCE_M: f32 = 0.035;
-/// Knees are thicker, but also rest on the floor; only what would be below it is turned away, m.
+/// Minimum height of the knees above the floor, m. Knees are thicker but also rest on the floor, so
+/// only positions that would be below it are swivelled away.
 const KNEE_CLEARANCE_M: f32 = 0.01;
 
-/// Share of a limb's length over which it gives way to full extension: the angle of knee or elbow
-/// has a square-root singularity there, and would snap.
+/// Share of a limb's length over which the approach to full extension is softened. The knee or
+/// elbow angle has a square-root singularity there and would otherwise snap.
 const SOFT_REACH: f32 = 0.02;
 
 const HIPS: [Joint; 2] = [Joint::LeftHip, Joint::RightHip];
@@ -32,7 +35,7 @@ const SHOULDERS: [Joint; 2] = [Joint::LeftShoulder, Joint::RightShoulder];
 const ELBOWS: [Joint; 2] = [Joint::LeftElbow, Joint::RightElbow];
 const WRISTS: [Joint; 2] = [Joint::LeftWrist, Joint::RightWrist];
 
-/// Share of the body mass carried at (a blend of two) joints; from segment tables (Winter).
+/// Share of the body mass at each joint or midpoint of two joints; from segment tables (Winter).
 const MASSES: [(Joint, Joint, f32); 14] = [
     (Joint::Head, Joint::Head, 0.081),
     (Joint::Neck, Joint::Spine3, 0.216),
@@ -50,23 +53,23 @@ const MASSES: [(Joint, Joint, f32); 14] = [
     (Joint::RightAnkle, Joint::RightFoot, 0.014),
 ];
 
-/// A skeleton with the lengths that the motions plan with.
+/// A skeleton with the derived lengths used for motion planning.
 pub struct Rig {
     /// Bone vectors.
     pub skeleton: Skeleton,
-    /// Multiplies authored distances.
+    /// Scale factor for authored distances.
     pub scale: f32,
-    /// Pelvis height of straight standing, m.
+    /// Pelvis height when standing straight, m.
     pub pelvis_m: f32,
-    /// Ankle above the sole, m.
+    /// Height of the ankle above the sole, m.
     pub ankle_m: f32,
-    /// Sideways distance of a relaxed foot from the middle, m.
+    /// Lateral distance of a relaxed foot from the midline, m.
     pub stance_m: f32,
-    /// Longest hip-to-ankle distance, m.
+    /// Maximum hip-to-ankle distance, m.
     pub leg_m: f32,
     /// Shoulder-to-wrist distance of the straight arm, m.
     pub arm_m: f32,
-    /// Rest ankle relative to the pelvis along z, m.
+    /// Ankle position relative to the pelvis along z in the rest pose, m.
     ankle_z_m: f32,
     heel: Vec3,
     ball: Vec3,
@@ -80,7 +83,7 @@ struct TwoBone {
 }
 
 impl Rig {
-    /// Measures the canonical skeleton of that height.
+    /// Creates the rig of the canonical skeleton with the given height.
     pub fn new(height_m: f32) -> Self {
         let skeleton = canonical_skeleton(height_m);
         let rest = rest_positions(&skeleton);
@@ -105,13 +108,14 @@ impl Rig {
         }
     }
 
-    /// Where the ankles stand along z when the pelvis is at z = 0, m.
+    /// Position of the ankles along z when standing with the pelvis at z = 0, m.
     pub fn foot_z_m(&self) -> f32 {
         self.ankle_z_m
     }
 
-    /// The control with its pelvis balanced over the feet and clear of the floor, and how far the
-    /// pelvis must still come down for the legs to reach the feet on the floor, m.
+    /// Returns the control with its pelvis balanced over the feet and clear of the floor. The
+    /// second value is the distance by which the pelvis must still be lowered for the legs to reach
+    /// the feet on the floor, m.
     pub fn settle(&self, control: &Control) -> (Control, f32) {
         let mut control = *control;
         for _ in 0..2 {
@@ -124,7 +128,8 @@ impl Rig {
                 .map(|(a, b, m)| (at[*a as usize] + at[*b as usize]) * (0.5 * m))
                 .sum::<Vec3>()
                 / MASSES.iter().map(|m| m.2).sum::<f32>();
-            // A third of the way from ankle to ball is where quiet standing keeps its pressure.
+            // In quiet standing the centre of pressure is a third of the way from the ankle to the
+            // ball of the foot.
             let support = |side: usize| {
                 let foot = &control.feet[side];
                 foot.at + Quat::from_rotation_y(foot.yaw) * Vec3::Z * (self.ball.z * 0.35)
@@ -148,7 +153,7 @@ impl Rig {
         (control, drop_m)
     }
 
-    /// Joint rotations in the stage frame of a settled control; the pose's root is the pelvis.
+    /// Joint rotations of a settled control in the stage frame; the root of the pose is the pelvis.
     pub fn pose(&self, control: &Control) -> Pose {
         let mut rotations = [Quat::IDENTITY; N_JOINTS];
         let root = root_turn(control);
@@ -166,7 +171,8 @@ impl Rig {
         rotations[Joint::Head as usize] = half;
         for side in 0..2 {
             let rise = control.arms[side].elevation.sin().clamp(-1.0, 1.0).asin();
-            // The collar bone hangs a little below the T-pose and takes part in every raise.
+            // The collar bone hangs slightly below its T-pose direction and contributes to every
+            // arm raise.
             let lift = control.arms[side].shrug - 0.14 + 0.52 * smooth((rise + 0.8) / 2.3);
             let reach_forward =
                 rise.cos() * control.arms[side].azimuth.cos() * control.arms[side].reach;
@@ -214,7 +220,8 @@ impl Rig {
         (ankle, turn)
     }
 
-    /// The foot whose ankle is over `ankle` (y ignored) with the sole's lowest point on the floor.
+    /// Returns the foot control whose ankle is over `ankle` (y ignored), with the lowest point of
+    /// the sole on the floor.
     pub fn foot_for_ankle(&self, ankle: Vec3, yaw: f32, pitch: f32, roll: f32) -> Foot {
         let mut foot = Foot {
             yaw,
@@ -259,8 +266,8 @@ impl Rig {
         splay += 0.6 * facing.clamp(-1.2, 1.2);
         let knee_frame = root * Quat::from_rotation_y(splay);
         let (lateral, forward) = (knee_frame * Vec3::X, knee_frame * Vec3::Z);
-        // The hinge follows the pelvis' lateral axis; where the leg itself points sideways, the
-        // knee's forward direction decides instead.
+        // The hinge axis follows the lateral axis of the pelvis. Where the leg itself points
+        // sideways, the forward direction of the knee determines it instead.
         let along = lateral.dot(line);
         let hinge = (lateral - line * along) + forward.cross(line) * (along * along);
         let goal = soften(ankle - hip, self.leg_m);
@@ -270,7 +277,8 @@ impl Rig {
         };
         let mut best = solve(0.0);
         if best.2.y < KNEE_CLEARANCE_M {
-            // Swivel the knee outward just far enough to clear the floor, as elbows do.
+            // Swivel the knee outward by the minimum that clears the floor, as is done for the
+            // elbows.
             let outward = line.cross(best.2 - hip).dot(lateral) * SIDE_SIGN[side];
             let most = FRAC_PI_2.copysign(outward);
             let clears = |share: f32| solve(share * most).2.y >= KNEE_CLEARANCE_M;
@@ -281,7 +289,7 @@ impl Rig {
         pose.rotations[HIPS[side] as usize] = root.inverse() * thigh;
         pose.rotations[KNEES[side] as usize] = Quat::from_rotation_x(bend);
         pose.rotations[ANKLES[side] as usize] = shin.inverse() * foot_turn;
-        // Toes stay on the floor while the heel rises.
+        // The toes remain on the floor while the heel rises.
         let planted = 1.0 - smooth(foot.at.y / (0.14 * self.scale));
         let toes = (-foot.pitch).clamp(0.0, 0.65) * planted * smooth((1.9 + foot.pitch) / 0.6);
         pose.rotations[TOES[side] as usize] = Quat::from_rotation_x(-toes);
@@ -304,7 +312,7 @@ impl Rig {
             sin_el,
             cos_el * arm.azimuth.cos(),
         );
-        // A hanging arm stays clear of the hip.
+        // Keep a hanging arm clear of the hip.
         let direction = Quat::from_rotation_z(0.13 * smooth(-1.6 * sin_el - 0.4)) * direction;
         let relative = shoulder + mirror(direction) * (arm.reach * self.arm_m);
         let mut wrist = relative.lerp(arm.world, arm.world_weight);
@@ -325,7 +333,7 @@ impl Rig {
         };
         let mut best = solve(pole);
         if best.2 < CLEARANCE_M {
-            // Swivel the elbow up just far enough to clear the floor.
+            // Swivel the elbow upward by the minimum that clears the floor.
             let start = pole.normalize_or(across(Vec3::Y));
             let up = across(Vec3::Y) + mirror(Vec3::X) * 1e-3;
             let clears = |share: f32| solve(start.lerp(up, share)).2 >= CLEARANCE_M;
@@ -340,8 +348,9 @@ impl Rig {
 }
 
 impl TwoBone {
-    /// World rotation of the upper bone and bend of the hinge (rad, >= 0) that put the end at
-    /// `goal` from the joint, clamped to what the bones reach, with the hinge near `hinge_in_world`.
+    /// World rotation of the upper bone and flexion of the hinge (rad, >= 0) that place the end of
+    /// the limb at `goal`, given relative to the joint. The goal is clamped to the reach of the
+    /// bones, and the hinge axis is near `hinge_in_world`.
     fn solve(&self, goal: Vec3, hinge_in_world: Vec3) -> (Quat, f32) {
         let h = self.hinge;
         let along = |v: Vec3| v.dot(h);
@@ -361,7 +370,7 @@ impl TwoBone {
     }
 }
 
-/// The least share of a swivel, 0..=1, that clears the floor; 1 if none does.
+/// Minimum share of a swivel, 0..=1, that clears the floor; 1 if no share does.
 fn least_share(clears: impl Fn(f32) -> bool) -> f32 {
     let (mut low, mut high) = (0.0_f32, 1.0_f32);
     for _ in 0..14 {
@@ -371,14 +380,14 @@ fn least_share(clears: impl Fn(f32) -> bool) -> f32 {
     high
 }
 
-/// Stage rotation of the pelvis.
+/// Rotation of the pelvis in the stage frame.
 fn root_turn(control: &Control) -> Quat {
     Quat::from_rotation_y(control.yaw)
         * Quat::from_rotation_x(control.pitch)
         * Quat::from_rotation_z(control.roll)
 }
 
-/// Orthonormal axes: first along `main`, second as near to `second` as that allows.
+/// Orthonormal axes: the first along `main`, the second as close to `second` as possible.
 fn frame(main: Vec3, second: Vec3) -> Mat3 {
     let x = main.normalize_or(Vec3::NEG_Y);
     let mut y = second - x * second.dot(x);
@@ -389,7 +398,7 @@ fn frame(main: Vec3, second: Vec3) -> Mat3 {
     Mat3::from_cols(x, y, x.cross(y))
 }
 
-/// The goal drawn in a little where it is at the end of what the limb reaches.
+/// Pulls the goal slightly inward where it is near the maximum reach of the limb.
 fn soften(goal: Vec3, limb_m: f32) -> Vec3 {
     let (distance, soft) = (goal.length(), SOFT_REACH * limb_m);
     let linear = limb_m - soft;
@@ -399,13 +408,13 @@ fn soften(goal: Vec3, limb_m: f32) -> Vec3 {
     goal * ((linear + soft * (1.0 - (-(distance - linear) / soft).exp())) / distance)
 }
 
-/// Cubic step from 0 to 1 on 0..1, flat outside.
+/// Cubic smoothstep from 0 to 1 on 0..1, constant outside.
 pub fn smooth(x: f32) -> f32 {
     let x = x.clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
 }
 
-/// The angle within -pi..pi.
+/// Wraps an angle to -pi..pi.
 pub fn wrap(angle: f32) -> f32 {
     angle - 2.0 * PI * (angle / (2.0 * PI)).round()
 }

@@ -1,8 +1,8 @@
-//! The table of built-in motions: names, keys, ranges, defaults.
+//! Table of the built-in motions: names, keys, ranges and defaults.
 
 use crate::values::Values;
 
-/// Keys of the whole request rather than of one part.
+/// Keys that apply to the whole request instead of one part.
 pub const GLOBAL_KEYS: &[KeySpec] = &[
     KeySpec {
         name: "height_m",
@@ -29,20 +29,20 @@ pub const GLOBAL_KEYS: &[KeySpec] = &[
     },
 ];
 
-/// A motion that [`crate::parse`] knows.
+/// Specification of a motion that [`crate::parse`] accepts.
 #[derive(Debug)]
 pub struct MotionSpec {
     /// Snake-case name.
     pub name: &'static str,
-    /// One line for `motion list`.
+    /// One-line description for `motion list`.
     pub about: &'static str,
-    /// Keys beside [`GLOBAL_KEYS`].
+    /// Keys in addition to [`GLOBAL_KEYS`].
     pub keys: &'static [KeySpec],
-    /// Posture it starts from.
+    /// Initial posture.
     pub starts: Posture,
-    /// May stand before `+while+`.
+    /// Whether the motion is allowed before `+while+`.
     pub carries: bool,
-    /// May stand after `+while+`.
+    /// Whether the motion is allowed after `+while+`.
     pub overlays: bool,
 }
 
@@ -51,11 +51,11 @@ pub struct MotionSpec {
 pub struct KeySpec {
     /// Name as written in a request.
     pub name: &'static str,
-    /// What it accepts.
+    /// Values that the key accepts.
     pub kind: KeyKind,
 }
 
-/// What a key accepts.
+/// Type and range of the values of a key.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum KeyKind {
     /// One of these words.
@@ -67,23 +67,23 @@ pub enum KeyKind {
     },
     /// A finite number in `min..=max`.
     Number {
-        /// Smallest accepted.
+        /// Minimum value.
         min: f32,
-        /// Largest accepted.
+        /// Maximum value.
         max: f32,
         /// Used when the key is not given.
         default: f32,
     },
-    /// A finite number in `min..=max`; the motion has a natural value when it is not given.
+    /// A finite number in `min..=max`. If it is not given, the motion determines a natural value.
     Optional {
-        /// Smallest accepted.
+        /// Minimum value.
         min: f32,
-        /// Largest accepted.
+        /// Maximum value.
         max: f32,
     },
     /// A whole number in `1..=max`.
     Count {
-        /// Largest accepted.
+        /// Maximum value.
         max: u32,
         /// Used when the key is not given.
         default: u32,
@@ -95,25 +95,25 @@ pub enum KeyKind {
 /// Posture at the seam between two motions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Posture {
-    /// On both feet.
+    /// Standing on both feet.
     Standing,
-    /// On a chair.
+    /// Seated on a chair.
     Seated,
-    /// On the back.
+    /// Lying on the back.
     Lying,
-    /// On the floor in any other way; nothing can follow.
+    /// On the floor in any other posture; no motion can follow.
     Fallen,
-    /// `stand_up`: seated or lying, as its key `from` says.
+    /// Initial posture of `stand_up`: seated or lying, as given by its key `from`.
     SeatedOrLying,
 }
 
 impl MotionSpec {
-    /// The key of that name.
+    /// Returns the key with the given name.
     pub fn key(&self, name: &str) -> Option<&'static KeySpec> {
         self.keys.iter().find(|k| k.name == name)
     }
 
-    /// Posture at the end, which may depend on the values.
+    /// Final posture, which may depend on the values.
     pub fn ends(&self, values: &Values) -> Posture {
         match self.name {
             "sit_down" | "sit_still" => Posture::Seated,
@@ -126,7 +126,7 @@ impl MotionSpec {
 }
 
 impl KeyKind {
-    /// What may be written, for messages and `motion list`.
+    /// Description of the accepted values, for messages and `motion list`.
     pub fn describe(&self) -> String {
         match self {
             KeyKind::Word { allowed, default } => {
@@ -140,12 +140,12 @@ impl KeyKind {
     }
 }
 
-/// Every motion, in the order of `motion list`.
+/// All motions, in the order of `motion list`.
 pub fn specs() -> &'static [MotionSpec] {
     SPECS
 }
 
-/// The motion of that name.
+/// Returns the motion with the given name.
 pub fn spec(name: &str) -> Option<&'static MotionSpec> {
     SPECS.iter().find(|s| s.name == name)
 }

@@ -1,32 +1,33 @@
-//! Key poses in time, joined by smooth curves.
+//! Keyframes joined by smooth interpolation curves.
 //!
-//! Between two keys every channel follows a quintic with zero acceleration at the keys (minimum
-//! jerk where it also rests there). Slopes at a key are zero where the channel turns back or rests
-//! and the monotone (Fritsch-Carlson) value where it passes through, so that nothing overshoots: a
-//! foot keyed on the floor never dips below it.
+//! Between two keyframes every channel follows a quintic polynomial with zero acceleration at the
+//! keyframes. This is the minimum-jerk curve where the velocity at the keyframes is also zero. The
+//! slope at a keyframe is zero where the channel reverses or rests. Where the channel passes
+//! through, the slope is the monotone (Fritsch-Carlson) value. The curves therefore never
+//! overshoot: a foot keyed on the floor never dips below it.
 
 use crate::control::{Control, N_CHANNELS, is_upper};
 
-/// Rendering rate of all procedural motion, Hz.
+/// Frame rate of all procedural motions, Hz.
 pub const FPS: f64 = 60.0;
-/// Shortest time between keys, s: two frames.
+/// Minimum time between keyframes, s: two frames.
 const MIN_STEP_S: f32 = 2.0 / FPS as f32;
 
-/// Key poses under construction.
+/// A sequence of keyframes under construction.
 #[derive(Clone, Debug)]
 pub struct Track {
     keys: Vec<(f32, Control)>,
 }
 
 impl Track {
-    /// Starts at time 0 in this pose.
+    /// Creates a track with this pose as the keyframe at time 0.
     pub fn new(start: Control) -> Self {
         Self {
             keys: vec![(0.0, start)],
         }
     }
 
-    /// Adds a key `after_s` later: the last pose, edited.
+    /// Adds a keyframe `after_s` later: the previous keyframe, modified by `edit`.
     pub fn to(&mut self, after_s: f32, edit: impl FnOnce(&mut Control)) -> &mut Self {
         let (time, mut control) = self.keys[self.keys.len() - 1];
         edit(&mut control);
@@ -34,17 +35,18 @@ impl Track {
         self
     }
 
-    /// Keeps the last pose.
+    /// Holds the last pose.
     pub fn hold(&mut self, for_s: f32) -> &mut Self {
         self.to(for_s, |_| {})
     }
 
-    /// Time of the last key, s.
+    /// Time of the last keyframe, s.
     pub fn end_s(&self) -> f32 {
         self.keys[self.keys.len() - 1].0
     }
 
-    /// Samples the curves at [`FPS`]; head and arms run `upper_lag_s` behind the rest.
+    /// Samples the curves at [`FPS`]; the head and arms are delayed by `upper_lag_s` relative to
+    /// the rest of the body.
     pub fn render(&self, upper_lag_s: f32) -> Vec<Control> {
         let n_frames = ((self.end_s() + upper_lag_s.max(0.0)) as f64 * FPS).ceil() as usize + 1;
         let slopes = self.slopes();
@@ -64,7 +66,7 @@ impl Track {
             let (v, w) = (slopes[k][channel] * span, slopes[next][channel] * span);
             let d = q - p;
             let (u2, u3) = (u * u, u * u * u);
-            // Quintic Hermite, zero second derivative at both ends.
+            // Quintic Hermite polynomial with zero second derivative at both ends.
             p + v * u
                 + u3 * ((10.0 * d - 6.0 * v - 4.0 * w)
                     + u * (-15.0 * d + 8.0 * v + 7.0 * w)
@@ -138,7 +140,7 @@ mod tests {
                 heights[frame]
             );
         }
-        // Rounding only: the curve is monotone between keys.
+        // The tolerance covers rounding only: the curve is monotone between keyframes.
         assert!(heights.iter().all(|h| (-1e-4..=3.0001).contains(h)));
         assert!(heights[..45].windows(2).all(|w| w[1] > w[0] - 1e-4));
     }

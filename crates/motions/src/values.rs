@@ -17,7 +17,7 @@ pub enum Value {
     Word(&'static str),
 }
 
-/// The values given for some keys; all others have their defaults.
+/// Parameter values given for some keys; all other keys have their defaults.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Values {
     keys: &'static [KeySpec],
@@ -25,7 +25,7 @@ pub struct Values {
 }
 
 impl Values {
-    /// No key given.
+    /// Creates values for a motion with all keys at their defaults.
     pub fn of(spec: &'static MotionSpec) -> Self {
         Self {
             keys: spec.keys,
@@ -33,7 +33,7 @@ impl Values {
         }
     }
 
-    /// No global key given.
+    /// Creates values for the global keys, all at their defaults.
     pub fn global() -> Self {
         Self {
             keys: GLOBAL_KEYS,
@@ -41,7 +41,7 @@ impl Values {
         }
     }
 
-    /// True if the key exists here.
+    /// Returns true if this set has the key.
     pub fn knows(&self, name: &str) -> bool {
         self.kind(name).is_some()
     }
@@ -49,7 +49,7 @@ impl Values {
     /// Checks and stores `text` under the key.
     ///
     /// # Errors
-    /// [`BuiltinError::Value`] if the key does not accept the text, naming what it accepts.
+    /// [`BuiltinError::Value`], with the accepted values, if the key does not accept the text.
     pub fn set(&mut self, name: &str, text: &str) -> Result<(), BuiltinError> {
         let Some(key) = self.keys.iter().find(|k| k.name == name) else {
             return Err(BuiltinError::Key {
@@ -95,12 +95,12 @@ impl Values {
         Ok(())
     }
 
-    /// Takes a key back.
+    /// Removes the value of a key.
     pub fn forget(&mut self, name: &str) {
         self.set.remove(name);
     }
 
-    /// The number of a key; the default if not given, 0 if there is no such key.
+    /// Returns the number of a key: the default if the key is not given, 0 if there is no such key.
     pub fn number(&self, name: &str) -> f32 {
         match (self.set.get(name), self.kind(name)) {
             (Some(Value::Number(x)), _) => *x,
@@ -110,7 +110,7 @@ impl Values {
         }
     }
 
-    /// The number of a key if it was given.
+    /// Returns the number of a key if it was given.
     pub fn given(&self, name: &str) -> Option<f32> {
         match self.set.get(name) {
             Some(Value::Number(x)) => Some(*x),
@@ -118,12 +118,12 @@ impl Values {
         }
     }
 
-    /// True if the key was given.
+    /// Returns true if the key was given.
     pub fn is_set(&self, name: &str) -> bool {
         self.set.contains_key(name)
     }
 
-    /// The count of a key; the default if not given, 1 if there is no such key.
+    /// Returns the count of a key: the default if the key is not given, 1 if there is no such key.
     pub fn count(&self, name: &str) -> u32 {
         match (self.set.get(name), self.kind(name)) {
             (Some(Value::Count(n)), _) => *n,
@@ -132,7 +132,8 @@ impl Values {
         }
     }
 
-    /// The word of a key; the default if not given, empty if there is no such key.
+    /// Returns the word of a key: the default if the key is not given, empty if there is no such
+    /// key.
     pub fn word(&self, name: &str) -> &'static str {
         match (self.set.get(name), self.kind(name)) {
             (Some(Value::Word(w)), _) => w,
@@ -141,7 +142,7 @@ impl Values {
         }
     }
 
-    /// Speed multiplier, 1 where the motion has none.
+    /// Speed multiplier; 1 if the motion has no such key.
     pub fn speed(&self) -> f32 {
         if self.knows("speed") {
             self.number("speed")
@@ -150,7 +151,7 @@ impl Values {
         }
     }
 
-    /// Amplitude multiplier, 1 where the motion has none.
+    /// Amplitude multiplier; 1 if the motion has no such key.
     pub fn amplitude(&self) -> f32 {
         if self.knows("amplitude") {
             self.number("amplitude")
@@ -159,7 +160,7 @@ impl Values {
         }
     }
 
-    /// Sides (0 left, 1 right) that the key `side` names.
+    /// Sides (0 left, 1 right) selected by the key `side`.
     pub fn sides(&self) -> &'static [usize] {
         match self.word("side") {
             "left" => &[0],
@@ -168,7 +169,7 @@ impl Values {
         }
     }
 
-    /// The given keys with their values as they would be written.
+    /// The given keys with their values in request syntax.
     pub fn written(&self) -> impl Iterator<Item = (&'static str, Value)> + '_ {
         self.set.iter().map(|(k, v)| (*k, *v))
     }

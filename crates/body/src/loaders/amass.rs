@@ -1,4 +1,4 @@
-//! AMASS archives (npz): pose parameters of SMPL-H (156 values a frame) or SMPL-X (165).
+//! AMASS archives (npz): pose parameters of SMPL-H (156 values per frame) or SMPL-X (165).
 
 use super::{LoadedMotion, read_archive};
 use crate::error::MotionError;
@@ -64,7 +64,7 @@ pub(crate) fn load_amass(file: &str, bytes: &[u8]) -> Result<LoadedMotion, Motio
     };
 
     let (poses_shape, pose_values) = numbers("poses")?;
-    // 66 numbers are the body; hands, jaw and eyes follow.
+    // The first 66 numbers are the body; hands, jaw and eyes follow.
     let [n_frames, width] = poses_shape[..] else {
         return Err(member_error(
             "poses",
@@ -136,7 +136,8 @@ pub(crate) fn load_amass(file: &str, bytes: &[u8]) -> Result<LoadedMotion, Motio
         skeleton: canonical_skeleton(DEFAULT_HEIGHT_M),
         poses: motion_poses,
     };
-    // AMASS is z-up; some re-exports are y-up, which shows in where the pelvis points on average.
+    // AMASS is z-up; some re-exports are y-up, which is detected from the mean up direction of the
+    // pelvis.
     let up: Vec3 = motion
         .poses
         .iter()
@@ -163,7 +164,7 @@ pub(crate) fn load_amass(file: &str, bytes: &[u8]) -> Result<LoadedMotion, Motio
     ))
 }
 
-/// Rotation from an axis times an angle in radians.
+/// Rotation from an axis-angle vector in radians.
 fn quat_from_axis_angle(v: &[f64]) -> Quat {
     let angle_rad = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
     // sin(a/2)/a, whose limit at zero is 1/2.

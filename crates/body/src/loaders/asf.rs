@@ -1,8 +1,9 @@
-//! Acclaim skeletons and motions (ASF with AMC), as the CMU database publishes them.
+//! Acclaim skeletons and motions (ASF with AMC), as published in the CMU database.
 //!
-//! An ASF bone starts where its parent ends and owns the rotation at its start, so a bone becomes
-//! a joint of the same name. Its channels turn about the bone's `axis` frame C: the local rotation
-//! is C M C^-1, M the fixed-axis rotations in the order of `dof`.
+//! An ASF bone starts at the end of its parent and owns the rotation at its start. Each bone
+//! therefore becomes a joint of the same name. Its channels rotate about the axes of the bone's
+//! `axis` frame C. The local rotation is C M C^-1, where M is the product of the fixed-axis
+//! rotations in the order of `dof`.
 
 use super::bvh::{MAX_DEPTH, MAX_FRAMES, MAX_JOINTS};
 use super::source::{Channel, SourceJoint, SourceMotion, rotation_about};
@@ -15,7 +16,7 @@ use std::collections::HashMap;
 pub(crate) struct Asf {
     joints: Vec<SourceJoint>,
     n_columns: usize,
-    /// Metres per file unit from `length`: CMU writes 0.45 for units of 1/0.45 inch.
+    /// Metres per file unit, from `length`: CMU writes 0.45 for units of 1/0.45 inch.
     pub metres_per_unit: f64,
     /// The `length` factor.
     pub length_factor: f64,
@@ -29,7 +30,7 @@ struct Bone {
     dof: Vec<Channel>,
 }
 
-/// CMU records at 120 frames a second; AMC has no field for it.
+/// CMU records at 120 frames per second; AMC has no field for the frame rate.
 const AMC_FPS: f64 = 120.0;
 
 /// Reads an ASF skeleton.
@@ -137,7 +138,7 @@ pub(crate) fn parse_asf(file: &str, bytes: &[u8]) -> Result<Asf, MotionError> {
                 for entry in get("dof") {
                     match dof_channel(entry) {
                         Some(channel) => dof.push(channel),
-                        // `l` is a stretch along the bone: a column that moves no joint here.
+                        // `l` is a stretch along the bone; the column is read but moves no joint.
                         None => {
                             return Err(wrong(
                                 file,
@@ -204,7 +205,7 @@ pub(crate) fn parse_asf(file: &str, bytes: &[u8]) -> Result<Asf, MotionError> {
     })
 }
 
-/// Puts parents before children and turns bones into joints.
+/// Sorts parents before children and converts bones to joints.
 fn order_bones(
     file: &str,
     line: usize,
@@ -231,7 +232,7 @@ fn order_bones(
             .map(|(i, c)| (*c, n_columns + i))
             .collect();
         n_columns += bone.dof.len();
-        // Fixed axes: the last rotation named is the leftmost factor.
+        // Fixed axes: the last named rotation is the leftmost factor.
         channels.reverse();
         joints.push(SourceJoint {
             name,
@@ -285,7 +286,7 @@ fn order_bones(
     Ok((joints, n_columns))
 }
 
-/// Reads an AMC motion of the skeleton `asf`. Returns the motion, what was not used, warnings.
+/// Parses an AMC motion of the skeleton `asf`. Returns the motion, the unused content and warnings.
 pub(crate) fn parse_amc(
     file: &str,
     bytes: &[u8],
@@ -359,7 +360,7 @@ pub(crate) fn parse_amc(
             continue;
         };
         let row = (n_frames - 1) * asf.n_columns;
-        // Channels are stored last first; the file lists them first to last.
+        // Channels are stored in reverse order; the file lists them first to last.
         for &(channel, column) in asf.joints[joint].channels.iter().rev() {
             let mut value =
                 number(file, line_no, &format!("value of {name}"), parts.next())? as f32;
@@ -407,7 +408,8 @@ fn dof_channel(name: &str) -> Option<Channel> {
     }
 }
 
-/// Rotation by angles about fixed axes in the order of `order` ("XYZ": x first, leftmost last).
+/// Rotation by angles about fixed axes in the order of `order` ("XYZ": x is applied first, and the
+/// last axis is the leftmost factor).
 fn fixed_axes(angles: &[f64], order: &str, degrees: bool) -> Quat {
     let mut q = Quat::IDENTITY;
     for (angle, letter) in angles.iter().zip(order.chars()) {

@@ -1,21 +1,22 @@
 //! Biovision hierarchies (BVH).
 //!
-//! Any hierarchy, channel order and number of channels per joint. Position channels replace the
-//! OFFSET of their joint (on the root every program reads them so; on inner joints adding would
-//! double the bones of files that write all six channels everywhere).
+//! Any hierarchy, channel order and number of channels per joint is accepted. Position channels
+//! replace the OFFSET of their joint. All programs interpret them this way on the root. On inner
+//! joints, adding them would double the bones of files that write all six channels for every joint.
 
 use super::source::{Channel, SourceJoint, SourceMotion};
 use super::text::Words;
 use crate::error::{MotionError, excerpt};
 use glam::{Quat, Vec3};
 
-/// Deepest nesting and most joints accepted; full rigs with faces and fingers have about 250.
+/// Maximum nesting depth and number of joints; full rigs with faces and fingers have about 250
+/// joints.
 pub(crate) const MAX_DEPTH: usize = 256;
 pub(crate) const MAX_JOINTS: usize = 4096;
-/// Most frames accepted: 2.3 hours at 120 fps.
+/// Maximum number of frames: 2.3 hours at 120 fps.
 pub(crate) const MAX_FRAMES: usize = 1_000_000;
 
-/// Reads a BVH file. Returns the motion, what was not used, and warnings.
+/// Parses a BVH file. Returns the motion, the unused content and warnings.
 pub(crate) fn parse_bvh(
     file: &str,
     bytes: &[u8],
@@ -62,7 +63,7 @@ pub(crate) fn parse_bvh(
         )
     })?;
 
-    // A value takes two bytes at least: the reservation never exceeds the file itself.
+    // A value takes at least two bytes, so the reservation never exceeds the size of the file.
     let wanted = declared.saturating_mul(n_columns);
     let mut values = Vec::with_capacity(wanted.min(words.remaining() / 2 + 1));
     while values.len() < wanted {
@@ -138,7 +139,7 @@ fn parse_hierarchy(
                     return Err(words.wrong("CHANNELS inside of a joint".into(), word));
                 };
                 let count = words.count("number of channels")?;
-                // Six is usual, nine with scales; a joint never needs more.
+                // Six channels are usual, nine with scales; a joint never needs more.
                 if count > 16 || !joints[joint].channels.is_empty() {
                     return Err(
                         words.wrong("one CHANNELS line with at most 16 channels".into(), word)
@@ -169,7 +170,7 @@ fn parse_hierarchy(
                 }
             }
             Some(b"END") => {
-                // `End Site`, `End site`, sometimes with a name.
+                // The line is `End Site` or `End site`, sometimes with a name.
                 words.rest_of_line();
                 let Some(&joint) = open.last() else {
                     return Err(words.wrong("End Site inside of a joint".into(), word));
@@ -241,8 +242,8 @@ fn channel_of(name: &[u8]) -> Option<Channel> {
     }
 }
 
-/// Frames per second, moved to the next whole number within 0.05 %: files print few digits
-/// (`0.0333333`), and 29.97 fps is 0.1 % away from 30.
+/// Frames per second, rounded to a whole number if it is within 0.05 %. Files print few digits
+/// (`0.0333333`), and 29.97 fps differs from 30 by 0.1 %.
 fn fps_from_frame_time(frame_time_s: f64) -> Option<f64> {
     if !(1e-4..=10.0).contains(&frame_time_s) {
         return None;

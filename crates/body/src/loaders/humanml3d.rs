@@ -45,7 +45,7 @@ pub(crate) fn load_humanml3d(file: &str, bytes: &[u8]) -> Result<LoadedMotion, M
             .chunks_exact(N_JOINTS * 3)
             .map(|row| {
                 std::array::from_fn(|j| {
-                    // y up, z forward to z up, -y forward.
+                    // From y up and z forward to z up and -y forward.
                     let [x, y, z] = [0, 1, 2].map(|a| row[j * 3 + a] as f32);
                     Vec3::new(x, -z, y)
                 })

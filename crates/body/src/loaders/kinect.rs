@@ -1,7 +1,7 @@
-//! Tables of Kinect joints: one row a frame, columns `SpineBase_X` .. `ThumbRight_Z`, m.
+//! Tables of Kinect joints: one row per frame, columns `SpineBase_X` .. `ThumbRight_Z`, m.
 //!
-//! The layout of the MARS data set: X lateral, Y away from the sensor, Z up, the sensor at the
-//! origin. A person who faces the sensor has the left hand at positive X.
+//! The layout is that of the MARS data set: X is lateral, Y points away from the sensor, Z is up,
+//! and the sensor is at the origin. A person who faces the sensor has the left hand at positive X.
 
 use super::LoadedMotion;
 use crate::error::{MotionError, excerpt};
@@ -10,13 +10,15 @@ use glam::Vec3;
 use radarllm_base::Joint;
 use radarllm_base::skeleton::N_JOINTS;
 
-/// The table says no rate: MARS pairs it with radar frames at 10 per second.
+/// Frame rate of such tables, which do not state it; MARS pairs them with radar frames at 10 per
+/// second.
 pub const KINECT_TABLE_FPS: f64 = 10.0;
 
-/// What the first column of such a table is called.
+/// Name of the first column of such a table.
 pub(crate) const FIRST_COLUMN: &[u8] = b"SpineBase_X";
 
-/// Where each SMPL-X joint lies: on the way from one Kinect joint to another.
+/// Position of each SMPL-X joint: two Kinect joints and the fraction of the way from first to
+/// second.
 fn place(joint: Joint) -> (&'static str, &'static str, f32) {
     let at = |name| (name, name, 0.0);
     match joint {
@@ -29,7 +31,7 @@ fn place(joint: Joint) -> (&'static str, &'static str, f32) {
         Joint::RightAnkle => at("AnkleRight"),
         Joint::LeftFoot => at("FootLeft"),
         Joint::RightFoot => at("FootRight"),
-        // The Kinect has three joints between pelvis and neck, SMPL-X three others: thirds of the way.
+        // The three Kinect joints between pelvis and neck differ from those of SMPL-X: interpolate.
         Joint::Spine1 => ("SpineBase", "SpineMid", 0.4),
         Joint::Spine2 => ("SpineBase", "SpineMid", 0.8),
         Joint::Spine3 => ("SpineMid", "SpineShoulder", 0.2),
@@ -46,10 +48,10 @@ fn place(joint: Joint) -> (&'static str, &'static str, f32) {
     }
 }
 
-/// The 22 joints of every row, in the table's axes, m.
+/// The 22 joints of every row, in the axes of the table, m.
 ///
 /// # Errors
-/// [`MotionError::Text`] for a missing column, a short row or a value that is no number.
+/// [`MotionError::Text`] for a missing column, a short row or a value that is not a number.
 pub fn kinect_joints(file: &str, bytes: &[u8]) -> Result<Vec<[Vec3; N_JOINTS]>, MotionError> {
     let wrong = |line: usize, expected: String, found: &str| MotionError::Text {
         file: file.into(),
@@ -132,7 +134,8 @@ mod tests {
     use crate::loaders::load_motion;
     use std::path::Path;
 
-    /// A standing person 2 m away, facing the sensor; values are made up from average proportions.
+    /// A standing person 2 m away who faces the sensor; the values are constructed from average
+    /// proportions.
     fn table() -> String {
         let joints: [(&str, [f32; 3]); 25] = [
             ("SpineBase", [0.0, 2.0, -0.05]),
@@ -177,11 +180,11 @@ mod tests {
     fn a_standing_person_keeps_place_size_and_sides() {
         let loaded = load_motion(Path::new("kinect.csv"), table().as_bytes()).unwrap();
         assert_eq!((loaded.format, loaded.frames), ("kinect-csv", 2));
-        // Leg of 0.84 m from hip to ankle: a person of about 1.75 m.
+        // A leg of 0.84 m from hip to ankle corresponds to a person of about 1.75 m.
         assert!((loaded.height_m - 1.75).abs() < 0.15, "{}", loaded.height_m);
         let root = loaded.motion.poses[0].root_in_world;
         assert!((root.x).abs() < 1e-3 && (root.y - 2.0).abs() < 1e-3);
-        // Grounded: the pelvis stands a leg above the floor.
+        // The motion is grounded: the pelvis is one leg length above the floor.
         assert!((0.8..1.1).contains(&root.z), "{}", root.z);
         let joints = kinect_joints("t", table().as_bytes()).unwrap();
         assert!(joints[0][Joint::LeftWrist as usize].x > 0.2);

@@ -1,7 +1,7 @@
-//! Motion files: BVH, ASF with AMC, AMASS npz, HumanML3D npy, tables of Kinect joints.
+//! Motion file loaders: BVH, ASF with AMC, AMASS npz, HumanML3D npy, tables of Kinect joints.
 //!
-//! Every loader returns the motion on the 22 joints of SMPL-X in the world frame (z up, floor at
-//! z = 0), tells unit and height, and lists what it did not use.
+//! Every loader returns the motion on the 22 joints of SMPL-X in the world frame (z up, floor at z
+//! = 0), reports the unit and the height, and lists the content that it did not use.
 
 mod amass;
 mod asf;
@@ -20,32 +20,32 @@ use radarllm_files::npy::{NPY_MAGIC, NpyArray, Npz, NpzError, Skipped};
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-/// Largest file read, bytes. The longest clip of the CMU database takes 60 MB as BVH.
+/// Maximum file size, bytes. The longest clip of the CMU database takes 60 MB as BVH.
 pub const MAX_FILE_BYTES: u64 = 512 << 20;
 
-/// A motion and what is known about its file.
+/// A motion with metadata of its file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedMotion {
-    /// The motion: 22 joints, world z up, floor at z = 0. Place and heading are the file's; see
-    /// [`crate::sample::canonicalize`].
+    /// The motion on 22 joints, world z up, floor at z = 0. Position and heading are those of the
+    /// file; see [`crate::sample::canonicalize`].
     pub motion: Motion,
     /// `bvh`, `asf-amc`, `amass-npz`, `humanml3d-npy` or `kinect-csv`.
     pub format: &'static str,
-    /// Poses in the motion.
+    /// Number of poses in the motion.
     pub frames: usize,
     /// Poses per second.
     pub fps: f64,
-    /// Joints of the file's own skeleton.
+    /// Number of joints in the skeleton of the file.
     pub n_source_joints: usize,
     /// Length unit of the file.
     pub unit: String,
     /// Metres per file unit.
     pub metres_per_unit: f64,
-    /// Standing height of the person, soles and crown included, told from the bones, m.
+    /// Standing height of the person estimated from the bones, including soles and crown, m.
     pub height_m: f32,
     /// Channels, joints, end sites and members that were not used.
     pub skipped: Vec<String>,
-    /// What was assumed or filled in.
+    /// Assumptions made and values filled in.
     pub warnings: Vec<String>,
 }
 
@@ -75,21 +75,23 @@ impl LoadedMotion {
     }
 }
 
-/// An array of numbers with its name.
+/// A named array of numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NumberArray {
-    /// Member of the archive; empty for an npy file.
+    /// Member name in the archive; empty for an npy file.
     pub name: String,
     /// Length of every dimension.
     pub shape: Vec<usize>,
-    /// In C order; as many as the shape says.
+    /// Values in C order; their number matches the shape.
     pub values: Vec<f64>,
 }
 
-/// Arrays of numbers of an npz archive, those of `wanted` that are there, or the one of an npy file.
+/// Reads numeric arrays: from an npz archive those of `wanted` that exist, from an npy file its
+/// only array.
 ///
 /// # Errors
-/// [`MotionError`], never a panic, on any content: unreadable, too large, damaged, pickled, no numbers.
+/// [`MotionError`], never a panic, for any content: unreadable, too large, damaged, pickled or not
+/// numeric.
 pub fn load_arrays(path: &Path, wanted: &[&str]) -> Result<Vec<NumberArray>, MotionError> {
     let file = path.display().to_string();
     let bytes = read_capped(path)?;
@@ -119,20 +121,20 @@ pub fn load_arrays(path: &Path, wanted: &[&str]) -> Result<Vec<NumberArray>, Mot
         .collect()
 }
 
-/// Reads a motion file from disk. An AMC file finds its ASF skeleton beside it.
+/// Reads a motion file from disk. For an AMC file, the ASF skeleton is searched for beside it.
 ///
 /// # Errors
-/// [`MotionError`], never a panic, on any content.
+/// [`MotionError`], never a panic, for any content.
 pub fn load_motion_file(path: &Path) -> Result<LoadedMotion, MotionError> {
     load_motion(path, &read_capped(path)?)
 }
 
-/// Reads a motion from `bytes`; `path` names it in messages and, by its extension, tells AMC from
-/// ASF. Only for AMC is a second file opened: the ASF of the same subject (`01_02.amc`: `01_02.asf`
-/// or `01.asf`).
+/// Reads a motion from `bytes`. `path` names the file in messages, and its extension distinguishes
+/// AMC from ASF. A second file is opened for AMC only: the ASF of the same subject (for
+/// `01_02.amc`: `01_02.asf` or `01.asf`).
 ///
 /// # Errors
-/// [`MotionError`], never a panic, on any content.
+/// [`MotionError`], never a panic, for any content.
 pub fn load_motion(path: &Path, bytes: &[u8]) -> Result<LoadedMotion, MotionError> {
     let file = path.display().to_string();
     check_size(&file, bytes.len() as u64, MAX_FILE_BYTES)?;
@@ -194,10 +196,10 @@ pub fn load_motion(path: &Path, bytes: &[u8]) -> Result<LoadedMotion, MotionErro
     ))
 }
 
-/// Reads an ASF skeleton and an AMC motion of it.
+/// Reads an ASF skeleton and an AMC motion of this skeleton.
 ///
 /// # Errors
-/// [`MotionError`], never a panic, on any content.
+/// [`MotionError`], never a panic, for any content.
 pub fn load_asf_amc(asf: &[u8], amc: &[u8]) -> Result<LoadedMotion, MotionError> {
     load_named_asf_amc("skeleton.asf", asf, "motion.amc", amc)
 }
@@ -208,7 +210,7 @@ fn load_named_asf_amc(
     amc_file: &str,
     amc: &[u8],
 ) -> Result<LoadedMotion, MotionError> {
-    // A skeleton takes 10 kB; its text is held as words, which cost more than their bytes.
+    // A skeleton takes 10 kB; its text is stored as words, which use more memory than their bytes.
     check_size(asf_file, asf.len() as u64, MAX_FILE_BYTES / 32)?;
     check_size(amc_file, amc.len() as u64, MAX_FILE_BYTES)?;
     let skeleton = asf::parse_asf(asf_file, asf)?;
@@ -235,7 +237,8 @@ fn load_named_asf_amc(
     ))
 }
 
-/// The skeleton beside an AMC file: the same name, else the part before the first `_`.
+/// Finds the skeleton beside an AMC file: the same name, or otherwise the part before the first
+/// `_`.
 fn find_asf(amc: &Path) -> Result<(PathBuf, Vec<u8>), MotionError> {
     let stem = amc
         .file_stem()
@@ -276,7 +279,7 @@ fn read_array<'a>(
 /// Arrays with their names.
 type NamedArrays = Vec<(String, NpyArray<'static>)>;
 
-/// Arrays of an npz archive by name, and what was passed over with the reason.
+/// Arrays of an npz archive by name, and the skipped members with the reasons.
 fn read_archive(
     file: &str,
     bytes: &[u8],

@@ -1,8 +1,8 @@
-//! Which joint of a foreign skeleton is which joint of SMPL-X.
+//! Mapping of the joints of other skeletons to the joints of SMPL-X.
 //!
-//! Limbs and head are found by name, from tables of the words that rigs use; pelvis, chest, neck,
-//! collars and spine by where they lie between those, because their names mean different places in
-//! different rigs (`Hip`, `Spine1`, `Shoulder`).
+//! Limbs and head are identified by name, from tables of the words that rigs use. Pelvis, chest,
+//! neck, collars and spine are identified by their position between those, because their names
+//! (`Hip`, `Spine1`, `Shoulder`) have different meanings in different rigs.
 
 use super::source::SourceMotion;
 use radarllm_base::Joint;
@@ -18,7 +18,7 @@ enum Side {
     Middle,
 }
 
-/// Words before the bone's own name that say nothing.
+/// Words before the bone's own name that carry no information.
 const PREFIXES: [&str; 12] = [
     "cc",
     "mixamorig",
@@ -34,8 +34,8 @@ const PREFIXES: [&str; 12] = [
     "avg",
 ];
 
-/// Names of a limb's joints, the preferred first: where a rig has two, the later one means
-/// something else (`shoulder` is the upper arm only where no `arm` exists).
+/// Names of limb joints in order of preference. If a rig has two of them, the later one has another
+/// meaning (`shoulder` is the upper arm only if there is no `arm`).
 const HIP: &[&str] = &["upleg", "upperleg", "thigh", "femur", "legupper", "hip"];
 const KNEE: &[&str] = &[
     "knee", "lowerleg", "lowleg", "calf", "shin", "tibia", "leglower", "leg",
@@ -60,8 +60,8 @@ const WRIST: &[&str] = &["wrist", "hand"];
 const HEAD: &[&str] = &["head", "skull"];
 const PELVIS: &[&str] = &["hips", "pelvis", "hip", "root"];
 
-/// Maps a foreign skeleton. `lengths` are the distances of joints from their parents in the rest
-/// pose or the first frame, used to pass over joints that coincide with their parent.
+/// Maps a source skeleton. `lengths` are the distances of joints from their parents in the rest
+/// pose or the first frame. They are used to skip joints that coincide with their parent.
 pub(crate) fn map_joints(source: &SourceMotion, lengths: &[f32]) -> JointMap {
     let named: Vec<(Side, String)> = source.joints.iter().map(|j| split_name(&j.name)).collect();
     let find =
@@ -101,7 +101,8 @@ pub(crate) fn map_joints(source: &SourceMotion, lengths: &[f32]) -> JointMap {
     ] {
         let mut above = None;
         for (joint, words) in leg.into_iter().zip([HIP, KNEE, ANKLE, FOOT]) {
-            // A `foot` below an `ankle` is the ball of the foot; below a knee it is the ankle.
+            // A `foot` below an `ankle` is the ball of the foot; a `foot` below a knee is the
+            // ankle.
             let found = find(side, words, above, above);
             map[joint as usize] = found;
             above = found.or(above);
@@ -118,7 +119,7 @@ pub(crate) fn map_joints(source: &SourceMotion, lengths: &[f32]) -> JointMap {
     map
 }
 
-/// Fills pelvis, spine, neck and collars from the limbs.
+/// Determines pelvis, spine, neck and collars from the limbs.
 fn map_trunk(source: &SourceMotion, lengths: &[f32], named: &[(Side, String)], map: &mut JointMap) {
     let get = |map: &JointMap, joint: Joint| map[joint as usize];
     let lower: Vec<usize> = [Joint::LeftHip, Joint::RightHip]
@@ -175,7 +176,7 @@ fn map_trunk(source: &SourceMotion, lengths: &[f32], named: &[(Side, String)], m
             .collect();
         neck.reverse();
         neck.pop();
-        // CMU's BVH conversion puts `Neck` onto the chest and `Neck1` where the neck is.
+        // CMU's BVH conversion places `Neck` at the chest and `Neck1` at the neck.
         let apart = neck
             .iter()
             .find(|&&j| lengths[j] > 1e-3 * lengths.iter().sum::<f32>() / lengths.len() as f32);
@@ -191,7 +192,7 @@ fn map_trunk(source: &SourceMotion, lengths: &[f32], named: &[(Side, String)], m
     }
 }
 
-/// Deepest joint on the way of all `joints` to their root.
+/// Deepest joint that is on the paths of all `joints` to their root.
 fn common_ancestor(source: &SourceMotion, joints: &[usize]) -> Option<usize> {
     let (first, others) = joints.split_first()?;
     source
@@ -200,7 +201,7 @@ fn common_ancestor(source: &SourceMotion, joints: &[usize]) -> Option<usize> {
         .find(|&a| others.iter().all(|&j| source.descends(j, a)))
 }
 
-/// Side and plain lower-case word of a joint name: `CC_Base_L_Upperarm` is (left, `upperarm`).
+/// Side and bare lower-case word of a joint name: `CC_Base_L_Upperarm` gives (left, `upperarm`).
 fn split_name(name: &str) -> (Side, String) {
     let name = name.rsplit([':', '|']).next().unwrap_or(name);
     let mut words: Vec<String> = Vec::new();
@@ -238,7 +239,7 @@ fn split_name(name: &str) -> (Side, String) {
     });
     let mut base = words.concat();
     if side == Side::Middle {
-        // `lfemur` of ASF and `leftupleg` of rigs without capitals.
+        // Names such as `lfemur` of ASF and `leftupleg` of rigs without capitals.
         let known = |rest: &str| {
             [HIP, KNEE, ANKLE, FOOT, SHOULDER, ELBOW, WRIST]
                 .iter()

@@ -1,8 +1,8 @@
-//! A foreign skeleton and its motion, as BVH and ASF/AMC give them.
+//! A source skeleton and its motion, as stored in BVH and ASF/AMC files.
 
 use glam::{Quat, Vec3};
 
-/// What one column of motion data drives. Angles are in degrees, as in the files.
+/// Degree of freedom that one column of motion data drives. Angles are in degrees, as in the files.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Channel {
     /// Coordinate 0, 1 or 2 of the joint's translation; replaces that coordinate of the offset.
@@ -11,23 +11,23 @@ pub(crate) enum Channel {
     Rotation(u8),
 }
 
-/// One joint of a foreign skeleton.
+/// One joint of a source skeleton.
 #[derive(Clone, Debug)]
 pub(crate) struct SourceJoint {
     pub name: String,
     pub parent: Option<usize>,
-    /// From the parent joint, file units, used where no position channel replaces it.
+    /// Offset from the parent joint, file units, used unless a position channel replaces it.
     pub offset: Vec3,
-    /// Channel and its column.
+    /// Channels with their column indices.
     pub channels: Vec<(Channel, usize)>,
-    /// ASF's `axis`: the channels turn about these axes instead of the parent's. Identity in BVH.
+    /// ASF's `axis`: the channels rotate about these axes instead of the parent's. Identity in BVH.
     pub axis: Quat,
 }
 
-/// A foreign skeleton with its frames, in file units and axes.
+/// A source skeleton with its frames, in file units and axes.
 #[derive(Clone, Debug)]
 pub(crate) struct SourceMotion {
-    /// Parents before children.
+    /// Joints, with parents before children.
     pub joints: Vec<SourceJoint>,
     pub fps: f64,
     pub n_columns: usize,
@@ -44,7 +44,7 @@ pub(crate) struct SourcePose {
 }
 
 impl SourceMotion {
-    /// Pose with every rotation zero and every offset as written.
+    /// Rest pose: every rotation is zero and every offset is as written in the file.
     pub fn rest(&self) -> SourcePose {
         let mut pose = self.blank();
         for (j, joint) in self.joints.iter().enumerate() {
@@ -54,7 +54,7 @@ impl SourceMotion {
         pose
     }
 
-    /// A pose to be filled by [`Self::forward`].
+    /// An empty pose to be filled by [`Self::forward`].
     pub fn blank(&self) -> SourcePose {
         SourcePose {
             positions: vec![Vec3::ZERO; self.joints.len()],
@@ -90,12 +90,12 @@ impl SourceMotion {
         }
     }
 
-    /// True when `ancestor` lies on the way from `joint` to its root, or is `joint`.
+    /// True if `ancestor` is on the path from `joint` to its root, or is `joint` itself.
     pub fn descends(&self, joint: usize, ancestor: usize) -> bool {
         self.path_to_root(joint).contains(&ancestor)
     }
 
-    /// `joint`, its parent, and so on to the root.
+    /// The path from `joint` through its parents to the root, including both.
     pub fn path_to_root(&self, joint: usize) -> Vec<usize> {
         let mut path = vec![joint];
         while let Some(parent) = self.joints[path[path.len() - 1]].parent {

@@ -1,12 +1,12 @@
-//! Words and numbers of text formats, with the line they stand in.
+//! Tokenizer for words and numbers of text formats, with line numbers.
 
 use crate::error::{MotionError, excerpt};
 
-/// Largest magnitude of any coordinate (file units) or angle (degrees) a text format may hold.
-/// A kilometre in millimetres; beyond it, f32 rounding would show in the motion.
+/// Maximum magnitude of any coordinate (file units) or angle (degrees) in a text format. This is a
+/// kilometre in millimetres; beyond it, f32 rounding would be visible in the motion.
 pub(crate) const MAX_MAGNITUDE: f64 = 1e6;
 
-/// A cursor over bytes that need not be UTF-8.
+/// A cursor over bytes that are not required to be UTF-8.
 pub(crate) struct Words<'a> {
     file: &'a str,
     bytes: &'a [u8],
@@ -30,7 +30,7 @@ impl<'a> Words<'a> {
         }
     }
 
-    /// Bytes not yet read.
+    /// Number of bytes not yet read.
     pub fn remaining(&self) -> usize {
         self.bytes.len() - self.at
     }
@@ -63,7 +63,7 @@ impl<'a> Words<'a> {
         word
     }
 
-    /// Rest of the current line, trimmed; the line break stays.
+    /// Rest of the current line, trimmed; the line break is not consumed.
     pub fn rest_of_line(&mut self) -> String {
         let start = self.at;
         while self
@@ -93,7 +93,7 @@ impl<'a> Words<'a> {
         Some(line)
     }
 
-    /// Consumes the next word, which must be `word` whatever its case.
+    /// Consumes the next word, which must equal `word` regardless of case.
     pub fn expect(&mut self, word: &str) -> Result<(), MotionError> {
         match self.next() {
             Some(found) if found.eq_ignore_ascii_case(word.as_bytes()) => Ok(()),
@@ -101,13 +101,13 @@ impl<'a> Words<'a> {
         }
     }
 
-    /// Next word as a usable number.
+    /// Reads the next word as a finite number within the limits.
     pub fn number(&mut self, what: &str) -> Result<f64, MotionError> {
         let word = self.next();
         number(self.file, self.line, what, word)
     }
 
-    /// Next word as a count.
+    /// Reads the next word as a count.
     pub fn count(&mut self, what: &str) -> Result<usize, MotionError> {
         let word = self.next();
         word.and_then(|w| std::str::from_utf8(w).ok())
@@ -115,13 +115,13 @@ impl<'a> Words<'a> {
             .ok_or_else(|| self.wrong(what.to_owned(), word))
     }
 
-    /// Error at the current line.
+    /// Creates an error at the current line.
     pub fn wrong(&self, expected: String, found: Option<&[u8]>) -> MotionError {
         wrong(self.file, self.line, expected, found)
     }
 }
 
-/// A word as a finite number of sane size.
+/// Parses a word as a finite number within the limits.
 pub(crate) fn number(
     file: &str,
     line: usize,
@@ -143,7 +143,7 @@ pub(crate) fn number(
     }
 }
 
-/// Error of a text format.
+/// Creates an error of a text format.
 pub(crate) fn wrong(
     file: &str,
     line: usize,

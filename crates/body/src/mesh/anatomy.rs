@@ -1,9 +1,9 @@
-//! The shape of a person: tables of cross-sections hung on the skeleton.
+//! The shape of a person: tables of cross-sections attached to the skeleton.
 //!
-//! All lengths are metres for a person of 1.75 m and scale with the height; widths and depths
-//! also scale with the build. The figures are rounded proportions of an adult between the sexes,
-//! chosen by eye and by a plausible mass, not taken from one survey: shoulder breadth 45 cm, hip
-//! breadth 35 cm, chest depth 23 cm, head 15 x 20 x 23 cm, hand 18.5 cm, foot 26 cm.
+//! All lengths are in metres for a person of 1.75 m and scale with the height; widths and depths
+//! also scale with the build. The figures are rounded proportions of an adult between the sexes.
+//! They were chosen by eye and for a plausible mass, not taken from one survey: shoulder breadth 45
+//! cm, hip breadth 35 cm, chest depth 23 cm, head 15 x 20 x 23 cm, hand 18.5 cm, foot 26 cm.
 
 use super::builtin::Build;
 use super::field::{Field, Section, section};
@@ -11,7 +11,7 @@ use glam::{Mat3, Vec3};
 use radarllm_base::Joint;
 use radarllm_base::skeleton::N_JOINTS;
 
-/// Height the tables are written for, m.
+/// Body height to which the tables refer, m.
 const TABLE_HEIGHT_M: f32 = 1.75;
 
 /// The body's surface in the bind pose. `joints` are bind positions with the soles at y = 0.
@@ -48,12 +48,12 @@ pub(super) fn body_field(joints: &[Vec3; N_JOINTS], height_m: f32, build: Build)
     sculptor.field
 }
 
-/// Factors on widths and depths.
+/// Scale factors for widths and depths.
 struct Girths {
     trunk: f32,
     limbs: f32,
     extremities: f32,
-    /// 0 none, 1 a large belly.
+    /// Size of the belly: 0 is none, 1 is large.
     belly: f32,
 }
 
@@ -195,7 +195,7 @@ fn head(s: &mut Sculptor, neck: f32) {
 
 fn arm(s: &mut Sculptor, shoulder: Vec3, elbow: Vec3, wrist: Vec3) {
     let along = (elbow - shoulder).normalize();
-    // The deltoid caps the joint from above and outside.
+    // The deltoid covers the joint from above and outside.
     let deltoid = shoulder + along * 0.030 * s.scale + Vec3::Y * 0.002 * s.scale;
     s.ellipsoid_at(
         deltoid,
@@ -233,8 +233,8 @@ fn arm(s: &mut Sculptor, shoulder: Vec3, elbow: Vec3, wrist: Vec3) {
     );
 }
 
-/// Palm, a block of four fingers curled a little, and the thumb. Palms face down in the T-pose:
-/// local x of the arm's frame points to the palm's side, local z to the thumb's.
+/// Palm, a block of four slightly curled fingers, and the thumb. Palms face down in the T-pose:
+/// local x of the arm's frame points to the palm side, local z to the thumb side.
 fn hand(s: &mut Sculptor, elbow: Vec3, wrist: Vec3) {
     let forearm = frame((wrist - elbow).normalize(), Vec3::Z);
     let (palmar, along, radial) = (forearm.x_axis, forearm.y_axis, forearm.z_axis);
@@ -282,7 +282,7 @@ fn hand(s: &mut Sculptor, elbow: Vec3, wrist: Vec3) {
 }
 
 fn leg(s: &mut Sculptor, hip: Vec3, knee: Vec3, ankle: Vec3) {
-    // Local x points to the body's midline.
+    // Local x points to the midline of the body.
     s.bone(
         hip / s.scale,
         knee / s.scale,
@@ -322,7 +322,7 @@ fn leg(s: &mut Sculptor, hip: Vec3, knee: Vec3, ankle: Vec3) {
     );
 }
 
-/// Heel, arch and toes along the line from the ankle to the ball of the foot. Sections dip a few
+/// Heel, arch and toes along the line from the ankle to the ball of the foot. Sections extend a few
 /// millimetres below the floor, which cuts them to a flat sole.
 fn foot(s: &mut Sculptor, ankle: Vec3, ball: Vec3) {
     let forward = Vec3::new(ball.x - ankle.x, 0.0, ball.z - ankle.z).normalize();
@@ -344,7 +344,7 @@ fn foot(s: &mut Sculptor, ankle: Vec3, ball: Vec3) {
     );
 }
 
-/// Adds solids in table units.
+/// Adds solids in the units of the tables.
 struct Sculptor {
     field: Field,
     scale: f32,
@@ -362,14 +362,15 @@ impl Sculptor {
         );
     }
 
-    /// As [`Self::ellipsoid`] around a point in metres, in a frame whose y runs along the limb.
+    /// Like [`Self::ellipsoid`], but around a point in metres and in a frame whose y axis is along
+    /// the limb.
     fn ellipsoid_at(&mut self, center: Vec3, axes: Mat3, radii: Vec3, blend: f32) {
         let girth = Vec3::new(self.girth, 1.0, self.girth);
         self.field
             .ellipsoid(center, axes, radii * girth * self.scale, blend * self.scale);
     }
 
-    /// A loft whose `along` column counts in fractions of the way from one point to another.
+    /// A loft whose `along` column is the fraction of the way from one point to another.
     fn bone(
         &mut self,
         from: Vec3,

@@ -1,4 +1,4 @@
-//! The built-in body: generated from tables, no licence needed.
+//! The built-in body, generated from tables; it needs no licence.
 
 use super::anatomy::body_field;
 use super::polygonize::polygonize;
@@ -12,18 +12,18 @@ use glam::{Affine3A, Quat, Vec3};
 use radarllm_base::skeleton::N_JOINTS;
 use radarllm_base::{Joint, Pose, Skeleton};
 
-/// How far the arms hang below the T-pose in the bind pose, rad. Between the two extremes they
-/// reach, and nearer to hanging, where people keep them most of the time.
+/// Angle of the arms below the T-pose in the bind pose, rad. It is between the two extremes that
+/// the arms reach, and closer to hanging, their usual position.
 const BIND_ARM_DROP_RAD: f32 = 0.60;
 
-/// What a built-in body looks like.
+/// Shape parameters of a built-in body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BodyShape {
     /// Standing height, m, 1.0..=2.0.
     pub height_m: f32,
     pub build: Build,
-    /// No facet edge is longer in the bind pose, m, 0.008..=0.05. The default 0.02 gives about
-    /// 17,000 facets for an average adult.
+    /// Maximum edge length of a facet in the bind pose, m, 0.008..=0.05. The default 0.02 gives
+    /// about 17,000 facets for an average adult.
     pub facet_edge_m: f32,
 }
 
@@ -47,7 +47,7 @@ pub enum Build {
 
 /// A closed mesh of a person with hands, feet and head, skinned to the canonical skeleton.
 ///
-/// Generation takes a few tenths of a second: make one per shape and share it.
+/// Generation takes a few tenths of a second, so generate one body per shape and share it.
 pub struct BuiltinBody {
     shape: BodyShape,
     skeleton: Skeleton,
@@ -56,9 +56,9 @@ pub struct BuiltinBody {
     /// Bind-pose vertices, pelvis joint at the origin, rest axes, m.
     bind_vertices: Vec<Vec3>,
     skin: Skin,
-    /// Maps bind-pose positions into each joint's own axes.
+    /// Transforms that map bind-pose positions into each joint's own axes.
     joint_from_bind: [Affine3A; N_JOINTS],
-    /// The same for the half joints, whose axes are the parent's in the bind pose.
+    /// The same for the half joints, whose axes are those of the parent in the bind pose.
     half_from_bind: [Affine3A; N_JOINTS],
 }
 
@@ -85,7 +85,8 @@ impl BuiltinBody {
         let (joints, _) = skeleton.forward(&bind);
 
         let field = body_field(&joints, shape.height_m, shape.build);
-        // Cells small enough to find fingers and nose; remeshing then makes the facets.
+        // The cells are small enough to resolve fingers and nose; remeshing then produces the final
+        // facets.
         let cell_m = (0.75 * shape.facet_edge_m).min(0.0086 * shape.height_m);
         let (vertices, triangles) = polygonize(&field, cell_m);
         let (vertices, triangles) = largest_part(vertices, triangles);
@@ -111,12 +112,12 @@ impl BuiltinBody {
         })
     }
 
-    /// The shape it was made from.
+    /// The shape parameters of the body.
     pub fn shape(&self) -> &BodyShape {
         &self.shape
     }
 
-    /// The pose the mesh was made in: arms halfway down, root at the origin, rest axes.
+    /// The pose in which the mesh was generated: arms halfway down, root at the origin, rest axes.
     pub fn bind_pose(&self) -> Pose {
         bind_pose(Vec3::ZERO)
     }
@@ -126,7 +127,8 @@ impl BuiltinBody {
         &self.bind_vertices
     }
 
-    /// Weight of every joint on a vertex; a half joint counts half for itself and its parent.
+    /// Weight of every joint on a vertex; a half joint counts half for its joint and half for the
+    /// parent.
     pub fn joint_weights(&self, vertex: usize) -> [f32; N_JOINTS] {
         let mut weights = [0.0; N_JOINTS];
         for (bone, weight) in self.skin.row(vertex) {
@@ -190,7 +192,7 @@ fn bones(skeleton: &Skeleton, bind: &Pose, pose: &Pose) -> [Affine3A; N_BONES] {
         bones[N_JOINTS + j] = match joint.parent() {
             None => bones[j],
             Some(parent) => {
-                // Half of the turn away from the bind pose.
+                // Half of the rotation away from the bind pose.
                 let turn = pose.rotations[j] * bind.rotations[j].inverse();
                 let half = rotation[parent as usize] * half_turn(turn);
                 Affine3A::from_rotation_translation(half, position[j])
@@ -200,11 +202,12 @@ fn bones(skeleton: &Skeleton, bind: &Pose, pose: &Pose) -> [Affine3A; N_BONES] {
     bones
 }
 
-/// The rotation about the same axis by half the (shorter) angle, fading to none as that angle
-/// nears half a turn: there the shorter way round flips sides, and without the fade the skin of a
-/// circling arm would jump across the joint between two radar chirps.
+/// The rotation about the same axis by half the (shorter) angle. It fades to the identity as that
+/// angle approaches half a turn, where the shorter direction changes sides. Without the fade, the
+/// skin of a circling arm would jump across the joint between two radar chirps.
 fn half_turn(q: Quat) -> Quat {
-    /// Where the fade begins, rad; no everyday joint but the shoulder goes beyond.
+    /// Angle at which the fade begins, rad; of the joints in everyday motion only the shoulder
+    /// exceeds it.
     const FADE_FROM_RAD: f32 = 2.0;
     let (axis, angle) = if q.w < 0.0 { -q } else { q }.to_axis_angle();
     let share = ((angle - FADE_FROM_RAD) / (std::f32::consts::PI - FADE_FROM_RAD)).clamp(0.0, 1.0);
@@ -230,7 +233,7 @@ fn bind_pose(root: Vec3) -> Pose {
     }
 }
 
-/// Where the mesh wants smaller facets than elsewhere.
+/// Regions where the mesh needs smaller facets than elsewhere.
 struct Detail {
     hand: Vec3,
     hand_radius_m: f32,
@@ -262,7 +265,7 @@ impl Detail {
     }
 }
 
-/// Keeps the connected part with the most triangles.
+/// Keeps the connected component with the largest number of triangles.
 fn largest_part(vertices: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> (Vec<Vec3>, Vec<[u32; 3]>) {
     let (offsets, list) = neighbours(vertices.len(), &triangles);
     let mut part = vec![u32::MAX; vertices.len()];
@@ -325,7 +328,7 @@ mod tests {
             assert!(now.angle_between(before) < 5.0 * step_rad, "degree {i}");
             before = now;
         }
-        // Below the fade it is the plain half.
+        // Below the start of the fade it is exactly half of the rotation.
         let half = half_turn(Quat::from_rotation_z(1.4));
         assert!(half.angle_between(Quat::from_rotation_z(0.7)) < 5e-3);
     }
@@ -364,7 +367,7 @@ mod tests {
                 // Soles on the floor within the rounding of their rim.
                 assert!((low + body.standing_pelvis_height_m()).abs() < 0.003);
                 // Flesh has about 1000 kg/m^3; body mass index kg/m^2 of thin to obese people.
-                // Children scaled from an adult are too thin: mass goes with the cube, hence the
+                // Children scaled from an adult are too thin: mass scales with the cube, hence the
                 // comparison at the height of an adult.
                 let adult_mass_kg = 1000.0 * volume_m3(v, t) * f64::from(1.75 / height_m).powi(3);
                 let index = adult_mass_kg / (1.75 * 1.75);
@@ -444,7 +447,7 @@ mod tests {
                 a.dot(b.cross(c)) / 6.0 * (a.x + b.x + c.x) / 4.0
             })
             .sum();
-        // The centre of mass lies on the midline within the noise of 2 cm facets.
+        // The centre of mass is on the midline within the noise of 2 cm facets.
         assert!((moment_x / volume).abs() < 1e-3, "{}", moment_x / volume);
     }
 

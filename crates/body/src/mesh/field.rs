@@ -6,24 +6,25 @@
 
 use glam::{Mat3, Vec3};
 
-/// Stations per loft after resampling; linear interpolation between them is then invisible.
+/// Number of stations per loft after resampling; linear interpolation between them is then
+/// invisible.
 const LOFT_SAMPLES: usize = 64;
-/// Offset of the four samples a gradient is taken from, m.
+/// Offset of the four samples used to compute a gradient, m.
 const GRADIENT_STEP_M: f32 = 5e-4;
 
 /// Smooth union of primitives, folded at x = 0.
 pub(super) struct Field {
     primitives: Vec<Primitive>,
-    /// Plane y = `floor_y` that cuts the solid from below, and the width of its rounded rim, m.
+    /// Plane y = `floor_y` that cuts the solid from below, and the radius of the rounded rim, m.
     floor: Option<(f32, f32)>,
 }
 
 /// One solid of the union.
 struct Primitive {
     shape: Shape,
-    /// Width of the fillet towards everything added before it, m.
+    /// Width of the fillet towards all previously added primitives, m.
     blend_m: f32,
-    /// Axis-aligned box of the solid.
+    /// Axis-aligned bounding box of the solid.
     low: Vec3,
     high: Vec3,
 }
@@ -50,7 +51,7 @@ enum Shape {
 pub(super) struct Section {
     /// Position along the axis.
     pub along: f32,
-    /// Centre off the axis.
+    /// Offset of the centre from the axis.
     pub center_x: f32,
     pub center_z: f32,
     /// Semi-axes.
@@ -140,7 +141,7 @@ impl Field {
                         s.center_z + sz * s.half_depth,
                     );
                     let corner = origin + world_from_local * local;
-                    // The cap corners only matter next to the first and last section.
+                    // The corners of the caps matter only next to the first and last section.
                     let is_cap = along != s.along;
                     if !is_cap || s.along == start || s.along == end {
                         low = low.min(corner);
@@ -200,7 +201,7 @@ impl Field {
         (mean, gradient / (4.0 * GRADIENT_STEP_M))
     }
 
-    /// Boxes that together hold the whole surface, both halves.
+    /// Boxes that together contain the whole surface, including both halves.
     pub fn boxes(&self) -> impl Iterator<Item = (Vec3, Vec3)> + '_ {
         self.primitives.iter().flat_map(|p| {
             let margin = Vec3::splat(p.blend_m);
@@ -278,8 +279,8 @@ fn smooth_min(a: f32, b: f32, k: f32) -> f32 {
     a.min(b) - 0.25 * h * h * k
 }
 
-/// Cubic Hermite interpolation of a table with finite-difference tangents, limited so that a
-/// semi-axis never leaves the range of its two neighbours by overshoot.
+/// Cubic Hermite interpolation of a table with finite-difference tangents. The tangents are limited
+/// so that a semi-axis never overshoots the range of its two neighbours.
 fn interpolate(sections: &[Section], along: f32) -> Section {
     let i = sections
         .windows(2)

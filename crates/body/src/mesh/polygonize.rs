@@ -1,8 +1,8 @@
 //! Marching tetrahedra: a closed, consistently oriented triangle mesh of an implicit surface.
 //!
-//! Each cube of the grid is cut into six tetrahedra around its main diagonal. Unlike marching
-//! cubes or surface nets this can never make an edge with four triangles, so every later step may
-//! rely on a closed 2-manifold.
+//! Each cube of the grid is divided into six tetrahedra around its main diagonal. Unlike marching
+//! cubes or surface nets, this method cannot produce an edge with four triangles. All later steps
+//! can therefore rely on a closed 2-manifold.
 
 use super::field::Field;
 use glam::{UVec3, Vec3};
@@ -29,8 +29,8 @@ const PAIR_FIRST: [[usize; 4]; 6] = [
     [2, 3, 0, 1],
 ];
 
-/// Vertices and outward counter-clockwise triangles of the zero level of `field`, sampled with
-/// cubes of `cell_m`.
+/// Vertices and outward counter-clockwise triangles of the zero level set of `field`, sampled with
+/// cubes of edge length `cell_m`.
 pub(super) fn polygonize(field: &Field, cell_m: f32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
     let grid = Grid::sample(field, cell_m);
     let mut surface = Surface {
@@ -67,7 +67,7 @@ struct Grid {
 }
 
 impl Grid {
-    /// Samples the field inside the boxes of its primitives; elsewhere there is no surface.
+    /// Samples the field inside the boxes of its primitives; there is no surface elsewhere.
     fn sample(field: &Field, cell_m: f32) -> Self {
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for (l, h) in field.boxes() {
@@ -116,7 +116,7 @@ impl Grid {
         self.low + at.as_vec3() * self.cell_m
     }
 
-    /// Unsampled points (NaN) lie outside.
+    /// Points that were not sampled (NaN) count as outside.
     fn is_inside(&self, index: u32) -> bool {
         self.values[index as usize] < 0.0
     }
@@ -135,7 +135,8 @@ impl Surface<'_> {
         let n_inside = inside.iter().filter(|&&b| b).count();
         match n_inside {
             1 | 3 => {
-                // The lone vertex: inside among three outside, or the reverse (flipped triangle).
+                // The single vertex is inside with three outside, or the reverse (flipped
+                // triangle).
                 let lone_is_inside = n_inside == 1;
                 let lone = inside
                     .iter()
@@ -184,7 +185,7 @@ impl Surface<'_> {
             self.grid.values[key.0 as usize],
             self.grid.values[key.1 as usize],
         );
-        // Keeping off the corners avoids triangles without area.
+        // Keeping the cut away from the corners avoids degenerate triangles.
         let t = if va.is_nan() || vb.is_nan() {
             0.5
         } else {

@@ -1,4 +1,4 @@
-//! A moving person in front of a radar.
+//! A moving body in front of a radar.
 
 use super::BodyModel;
 use crate::proportions::standing_pelvis_height_m;
@@ -8,17 +8,17 @@ use radarllm_base::frames::Placement;
 use radarllm_base::{Material, MovingSurface, Pose, Skeleton};
 use std::sync::Arc;
 
-/// A body that performs a motion at a place: the surface the simulator sees.
+/// A body that performs a motion at a given placement: the surface that the simulator uses.
 ///
-/// Local joint rotations pass from the motion to the body as they are. The root's path is scaled,
-/// in all directions alike, by the ratio of the two standing pelvis heights: soles that touch the
-/// floor in the motion touch it on the body, and strides fit the legs.
+/// Local joint rotations are applied to the body unchanged. The root path is scaled uniformly by
+/// the ratio of the two standing pelvis heights. Soles that touch the floor in the motion therefore
+/// touch it on the body, and the stride length matches the legs.
 pub struct PosedBody {
     body: Arc<dyn BodyModel>,
     sampler: MotionSampler,
     placement: Placement,
     material: Material,
-    /// Body lengths over the motion's lengths.
+    /// Ratio of the body's lengths to those of the motion.
     root_scale: f32,
 }
 
@@ -47,13 +47,14 @@ impl PosedBody {
     /// The body's pose at `time_s` in the radar frame.
     fn pose_in_radar_frame(&self, time_s: f64) -> Pose {
         let mut pose = self.pose_in_world(time_s);
-        // Placing the root places every vertex: skinning is linear in the root's transform.
+        // Transforming the root transforms every vertex, because skinning is linear in the root's
+        // transform.
         pose.root_in_world = self.placement.radar_from_world(pose.root_in_world);
         pose.rotations[0] = Quat::from_rotation_z(self.placement.heading_rad) * pose.rotations[0];
         pose
     }
 
-    /// The body's pose at `time_s` in the motion's world frame, root path scaled.
+    /// The body's pose at `time_s` in the motion's world frame, with the scaled root path.
     pub fn pose_in_world(&self, time_s: f64) -> Pose {
         let mut pose = self.sampler.sample(time_s);
         pose.root_in_world *= self.root_scale;
@@ -61,7 +62,7 @@ impl PosedBody {
     }
 }
 
-/// A pose of a motion on `motion_skeleton` as `body` performs it; see [`PosedBody`].
+/// Transfers a pose of a motion on `motion_skeleton` to `body`; see [`PosedBody`].
 pub fn pose_on_body(pose: &Pose, motion_skeleton: &Skeleton, body: &dyn BodyModel) -> Pose {
     let root_in_world = pose.root_in_world * root_scale(body, motion_skeleton);
     Pose {
@@ -70,10 +71,10 @@ pub fn pose_on_body(pose: &Pose, motion_skeleton: &Skeleton, body: &dyn BodyMode
     }
 }
 
-/// Factor on a motion's root path that keeps the body's feet on the floor.
+/// Scale factor of a motion's root path that keeps the body's feet on the floor.
 fn root_scale(body: &dyn BodyModel, motion_skeleton: &Skeleton) -> f32 {
     let ratio = body.standing_pelvis_height_m() / standing_pelvis_height_m(motion_skeleton);
-    // A skeleton without legs gives no scale.
+    // A skeleton without legs does not determine a scale.
     if ratio.is_finite() && ratio > 0.0 {
         ratio
     } else {
@@ -95,7 +96,8 @@ impl MovingSurface for PosedBody {
     }
 
     fn positions_at_times(&self, times_s: &[f64], out: &mut [&mut [Vec3]]) {
-        // As many at once as a frame of the simulator needs, without an allocation.
+        // Batch size: the number of poses that a frame of the simulator needs, without an
+        // allocation.
         const AT_ONCE: usize = 5;
         for (times_s, out) in times_s.chunks(AT_ONCE).zip(out.chunks_mut(AT_ONCE)) {
             let last = times_s.len() - 1;
@@ -110,17 +112,17 @@ impl MovingSurface for PosedBody {
     }
 }
 
-/// Power reflection of skin at normal incidence at 77 GHz, for a permittivity of 6.6 - j8.9
-/// (-4.7 dB; the permittivity is from memory and wants a source).
+/// Power reflection coefficient of skin at normal incidence at 77 GHz, for a permittivity of
+/// 6.6 - j8.9 (-4.7 dB). The permittivity is quoted from memory and still needs a source.
 pub const SKIN_POWER_REFLECTION_77_GHZ: f32 = 0.34;
-/// Rms roughness of clothes and skin, m: leaves -11 dB of the smooth body's coherent return at
-/// 77 GHz, so that a walking person is mostly diffuse with a few highlights.
+/// RMS roughness of clothes and skin, m. It reduces the coherent return at 77 GHz by 11 dB relative
+/// to a smooth body, so that a walking person is mostly diffuse with a few highlights.
 pub const CLOTHED_ROUGHNESS_M: f32 = 0.0005;
-/// Strength of the diffuse term, set so that a standing adult has about -8 dBsm on the average
-/// over azimuth (an unverified figure for 76 to 77 GHz); a test recomputes it from the mesh.
+/// Albedo of the diffuse term, chosen so that a standing adult has about -8 dBsm averaged over
+/// azimuth (an unverified figure for 76 to 77 GHz). A test recomputes it from the mesh.
 pub const CLOTHED_ROUGH_ALBEDO: f32 = 0.11;
 
-/// A clothed person at 77 GHz.
+/// Material of a clothed person at 77 GHz.
 pub fn clothed_skin() -> Material {
     Material {
         power_reflection: SKIN_POWER_REFLECTION_77_GHZ,
@@ -261,7 +263,8 @@ mod tests {
             .sum::<f32>()
             / n_azimuths as f32;
         let mean_dbsm = 10.0 * mean_m2.log10();
-        // -8 dBsm, half a decibel for hidden facets, and one decibel, finer than -8 dBsm is known.
+        // -8 dBsm plus half a decibel for hidden facets. The tolerance of one decibel is smaller
+        // than the uncertainty of the -8 dBsm figure.
         assert!((mean_dbsm + 7.5).abs() < 1.0, "{mean_dbsm}");
     }
 }

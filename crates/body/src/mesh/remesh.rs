@@ -1,19 +1,20 @@
-//! Isotropic remeshing of a closed mesh that lies on an implicit surface.
+//! Isotropic remeshing of a closed mesh on an implicit surface.
 //!
-//! Alternates splits of long edges, collapses of short ones, flips towards six neighbours per
-//! vertex, and tangential smoothing with projection back onto the surface (after Botsch and
-//! Kobbelt, "A remeshing approach to multiresolution modeling", SGP 2004). Topology never changes.
+//! The algorithm alternates between splits of long edges, collapses of short edges, flips towards
+//! six neighbours per vertex, and tangential smoothing with projection back onto the surface (after
+//! Botsch and Kobbelt, "A remeshing approach to multiresolution modeling", SGP 2004). The topology
+//! never changes.
 
 use super::field::Field;
 use glam::Vec3;
 
-/// Rounds of split, collapse, flip and smooth; edge lengths settle after about six.
+/// Number of rounds of split, collapse, flip and smooth; edge lengths converge after about six.
 const N_ROUNDS: usize = 7;
-/// Mean edge over longest allowed edge at which the final splits are rare.
+/// Ratio of the mean edge to the maximum allowed edge at which the final splits are rare.
 const TARGET_OF_LIMIT: f32 = 0.95;
 
-/// Remeshes so that no edge is longer than `longest_edge_m`. `scale_at` gives the local wanted
-/// edge as a fraction (0..=1) of the usual one: hands and faces want smaller facets.
+/// Remeshes so that no edge is longer than `longest_edge_m`. `scale_at` gives the local target edge
+/// length as a fraction (0..=1) of the default; hands and faces need smaller facets.
 pub(super) fn remesh(
     vertices: Vec<Vec3>,
     triangles: Vec<[u32; 3]>,
@@ -42,7 +43,7 @@ pub(super) fn remesh(
     mesh.finish()
 }
 
-/// A dead triangle.
+/// Marker for a deleted triangle.
 const DEAD: [u32; 3] = [u32::MAX; 3];
 
 struct Mesh {
@@ -135,7 +136,8 @@ impl Mesh {
                 continue;
             };
             let m = self.position.len() as u32;
-            // A projection that left the edge would make folds; the chord's middle is then better.
+            // A projection away from the edge would create folds; the midpoint of the chord is then
+            // better.
             let on_surface = project(field, middle);
             let step = on_surface.distance(middle);
             self.position.push(if step < 0.25 * self.length(a, b) {
@@ -145,7 +147,7 @@ impl Mesh {
             });
             self.around.push(Vec::with_capacity(8));
             for (face, opposite) in [(f0, c), (f1, d)] {
-                // The half with a stays in place, the half with b becomes a new triangle.
+                // The half with a remains in place; the half with b becomes a new triangle.
                 let new = self.triangles.len() as u32;
                 let half_b = self.triangles[face as usize].map(|v| if v == a { m } else { v });
                 self.detach(b, face);
@@ -192,7 +194,8 @@ impl Mesh {
                 }
             }
         }
-        // Exactly the two vertices opposite the edge: otherwise a handle would be pinched.
+        // There must be exactly the two vertices opposite the edge; otherwise a handle would be
+        // pinched.
         if n_common != 2 {
             return false;
         }
@@ -310,7 +313,7 @@ impl Mesh {
         self.position = moved;
     }
 
-    /// Drops dead entries.
+    /// Removes deleted entries.
     fn finish(self) -> (Vec<Vec3>, Vec<[u32; 3]>) {
         let mut new_index = vec![u32::MAX; self.position.len()];
         let mut vertices = Vec::new();

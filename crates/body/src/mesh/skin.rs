@@ -2,7 +2,7 @@
 
 use glam::{Affine3A, Mat3A, Vec3, Vec3A};
 
-/// Which bones move each vertex, and by how much (compressed rows).
+/// Bones and weights that influence each vertex (compressed rows).
 pub(super) struct Skin {
     /// Vertex v owns `influences[offsets[v]..offsets[v + 1]]`.
     offsets: Vec<u32>,

@@ -1,9 +1,9 @@
-//! SMPL-X and SMPL models from the `.npz` files their makers license.
+//! SMPL-X and SMPL models from the `.npz` files that their authors license.
 //!
-//! Vertices follow Loper et al., "SMPL: a skinned multi-person linear model" (2015), equations 2
-//! to 10: template, plus shape blend shapes, plus pose blend shapes linear in R - I, then linear
-//! blend skinning. The first 22 joints are this project's; further ones (jaw, eyes, hands) stay
-//! in their rest pose, so their weights move to the nearest ancestor among the 22, exactly.
+//! Vertices follow Loper et al., "SMPL: a skinned multi-person linear model" (2015), equations 2 to
+//! 10: template, plus shape blend shapes, plus pose blend shapes linear in R - I, then linear blend
+//! skinning. The first 22 joints are those of this project. All others (jaw, eyes, hands) keep
+//! their rest pose, so their weights move exactly to the nearest ancestor among the 22.
 
 use super::skin::Skin;
 use super::{BodyError, BodyModel};
@@ -14,19 +14,20 @@ use radarllm_files::npy::{NpyArray, Npz, NpzError};
 use std::io::{Read, Seek};
 use std::path::Path;
 
-/// Pose blend shapes that matter: nine numbers of R - I for each joint but the root.
+/// Number of pose blend shapes used: nine entries of R - I for each joint except the root.
 const N_POSE_FEATURES: usize = 9 * (N_JOINTS - 1);
-/// Most vertices and joints a model may have (SMPL-X: 10,475 and 55).
+/// Maximum number of vertices and joints of a model (SMPL-X: 10,475 and 55).
 const MAX_VERTICES: usize = 200_000;
 const MAX_JOINTS: usize = 256;
-/// Vertices blended together: as many numbers as the registers hold of a few poses.
+/// Number of vertices blended together: as many as fit into the registers for a few poses.
 const BLOCK_VERTICES: usize = 8;
-/// Poses blended together: the pose blend shapes (24 MB for SMPL-X) are read once for all of them.
+/// Number of poses blended together: the pose blend shapes (24 MB for SMPL-X) are read once for all
+/// of them.
 const BATCH_POSES: usize = 5;
-/// Weights below this are noise of the model's optimisation.
+/// Minimum weight; smaller weights are noise of the model's optimisation.
 const LEAST_WEIGHT: f32 = 1e-6;
 
-/// A body read from a model file, with its shape fixed.
+/// A body from a model file, with a fixed shape.
 pub struct SmplxBody {
     name: String,
     skeleton: Skeleton,
@@ -34,7 +35,7 @@ pub struct SmplxBody {
     triangles: Vec<[u32; 3]>,
     /// Shaped template, pelvis joint at the origin, m.
     template: Vec<Vec3>,
-    /// `[block][feature]`, coordinates of the block's vertices, m; zeros beyond the last vertex.
+    /// `[block][feature]`, coordinates of the block's vertices, m; zero beyond the last vertex.
     pose_shapes: Vec<Block>,
     skin: Skin,
     joint_from_rest: [Affine3A; N_JOINTS],
@@ -45,8 +46,8 @@ impl SmplxBody {
     /// Reads a model file. `betas` are shape coefficients; missing ones are zero.
     ///
     /// # Errors
-    /// Any [`BodyError`] but the two of the built-in body. A file whose needed members are pickled
-    /// is refused with their names.
+    /// Any [`BodyError`] except the two of the built-in body. A file whose required members are
+    /// pickled is rejected with the names of these members.
     pub fn open(path: &Path, betas: &[f32]) -> Result<Self, BodyError> {
         let file = std::fs::File::open(path).map_err(|source| BodyError::Io {
             path: path.into(),
@@ -62,8 +63,8 @@ impl SmplxBody {
     ///
     /// # Shapes
     /// `v_template` (V, 3); `f` (F, 3); `shapedirs` (V, 3, B); `posedirs` (V, 3, P) or (P, 3 V)
-    /// with P = 9 (J - 1); `J_regressor` (J, V); `weights` (V, J); `kintree_table` (2, J); J at
-    /// least 22 with SMPL's order in front.
+    /// with P = 9 (J - 1); `J_regressor` (J, V); `weights` (V, J); `kintree_table` (2, J). J is at
+    /// least 22, and the first 22 joints are in the order of SMPL.
     pub fn read(source: impl Read + Seek, name: &str, betas: &[f32]) -> Result<Self, BodyError> {
         const WANTED: [&str; 7] = [
             "v_template",
@@ -109,7 +110,7 @@ impl SmplxBody {
         &self.skipped
     }
 
-    /// World-from-rest transforms, and R - I row by row for all joints but the root.
+    /// World-from-rest transforms, and R - I in row-major order for all joints except the root.
     fn prepare(&self, pose: &Pose) -> ([Affine3A; N_JOINTS], [f32; N_POSE_FEATURES]) {
         let (position, rotation) = self.skeleton.forward(pose);
         let world_from_rest = std::array::from_fn(|j| {
@@ -163,7 +164,7 @@ impl BodyModel for SmplxBody {
 }
 
 impl SmplxBody {
-    /// Up to [`BATCH_POSES`] poses.
+    /// Poses the body in up to [`BATCH_POSES`] poses.
     fn pose_batch(&self, poses: &[Pose], out: &mut [&mut [Vec3]]) {
         let mut features = [[0.0; BATCH_POSES]; N_POSE_FEATURES];
         let mut world_from_rest = [[Affine3A::IDENTITY; N_JOINTS]; BATCH_POSES];
@@ -174,7 +175,8 @@ impl SmplxBody {
                 row[i] = feature;
             }
         }
-        // Joints at rest, half of them in most motions, contribute nothing.
+        // Joints in their rest pose, about half of the joints in typical motions, contribute
+        // nothing.
         let mut moving = [0; N_POSE_FEATURES];
         let mut n_moving = 0;
         for (i, row) in features.iter().enumerate() {
@@ -203,8 +205,8 @@ impl SmplxBody {
 /// Coordinates of a block's vertices.
 type Block = [f32; 3 * BLOCK_VERTICES];
 
-/// Displacements of a block in every pose, a matrix product: features by pose, transposed, times
-/// shapes by feature.
+/// Displacements of a block in every pose, computed as a matrix product: transposed features by
+/// pose, times shapes by feature.
 fn bend(
     shapes: &[Block],
     features: &[[f32; BATCH_POSES]],
@@ -282,7 +284,7 @@ impl Array {
     }
 }
 
-/// Members as read, not yet checked against each other.
+/// Members as read, before they are checked against each other.
 struct RawModel {
     v_template: Array,
     f: Array,
@@ -390,7 +392,7 @@ impl RawModel {
                 .sum::<glam::DVec3>()
                 .as_vec3()
         });
-        // Everything relative to the pelvis, whose place a pose gives.
+        // All positions are relative to the pelvis, whose position is given by a pose.
         let pelvis = rest[0];
         template.iter_mut().for_each(|v| *v -= pelvis);
         let mut offsets = [Vec3::ZERO; N_JOINTS];
@@ -415,7 +417,7 @@ impl RawModel {
         })
     }
 
-    /// For every joint of the model, the one of the 22 it moves with.
+    /// For every joint of the model, the joint among the 22 with which it moves.
     fn body_joint_of_each(&self, sizes: Sizes) -> Result<Vec<usize>, BodyError> {
         let wrong = |index: usize, reason: String| BodyError::Value {
             member: "kintree_table",
@@ -500,7 +502,7 @@ impl RawModel {
             .collect())
     }
 
-    /// The pose blend shapes of the 22 joints, in the blocks [`bend`] reads.
+    /// The pose blend shapes of the 22 joints, in the block layout that [`bend`] reads.
     fn pose_shapes(&self, sizes: Sizes) -> Vec<Block> {
         let is_vertex_major = self.posedirs.shape.len() == 3;
         let n = 3 * sizes.n_vertices;
@@ -564,7 +566,7 @@ mod tests {
     const N_VERTICES: usize = 150;
     const N_BETAS: usize = 4;
 
-    /// Uniform in -1..1; any fixed sequence will do.
+    /// Uniform noise in -1..1; any fixed sequence is suitable.
     struct Noise(u64);
     impl Noise {
         fn next(&mut self) -> f32 {
@@ -585,7 +587,8 @@ mod tests {
         }
     }
 
-    /// A model of random numbers with as many joints as asked; its extra joints hang on the wrists.
+    /// A model of random numbers with `n_joints` joints; its extra joints are children of the
+    /// wrists.
     fn raw(n_joints: usize) -> RawModel {
         let mut noise = Noise(7);
         let v_template = noise.array(&[N_VERTICES, 3], 1.0);
@@ -655,8 +658,8 @@ mod tests {
         ]
     }
 
-    /// The model as an archive: floats as f64, indices as u32 and i64 as the licensed files have
-    /// them, and one pickled member.
+    /// The model as an archive: floats as f64, indices as u32 and i64 as in the licensed files, and
+    /// one pickled member.
     fn archive(model: &RawModel, leave_out: &str) -> Vec<u8> {
         let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
         let options = zip::write::SimpleFileOptions::default();
@@ -708,7 +711,8 @@ mod tests {
 
     fn random_pose(noise: &mut Noise) -> Pose {
         let rotations = std::array::from_fn(|j| {
-            // Every third joint stays at rest, so that the skipping of zero features is tested.
+            // Every third joint remains in its rest pose, so that the skipping of zero features is
+            // tested.
             if j % 3 == 2 {
                 return Quat::IDENTITY;
             }
@@ -721,7 +725,8 @@ mod tests {
         }
     }
 
-    /// SMPL written out in f64 over all joints of the model, straight from the arrays.
+    /// Reference implementation of SMPL in f64 over all joints of the model, directly from the
+    /// arrays.
     fn slow(model: &RawModel, betas: &[f32], pose: &Pose) -> Vec<DVec3> {
         let n_joints = model.weights.shape[1];
         let number = |a: &Array, i: usize| f64::from(a.values[i]);
@@ -926,7 +931,7 @@ mod tests {
             let mut changed = bytes.clone();
             let at = ((noise.next() * 0.5 + 0.5) * bytes.len() as f32) as usize % bytes.len();
             changed[at] ^= 0x41;
-            // Whether it is refused depends on the byte; it must return.
+            // Whether it is rejected depends on the byte, but the call must return.
             if let Ok(body) = SmplxBody::read(Cursor::new(changed), "test", &[]) {
                 assert_eq!(body.n_vertices(), N_VERTICES);
             }

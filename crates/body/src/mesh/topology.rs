@@ -1,9 +1,9 @@
-//! Facts about closed triangle meshes.
+//! Properties of closed triangle meshes.
 
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 
-/// True when every edge is shared by exactly two triangles that traverse it in opposite senses.
+/// True if every edge is shared by exactly two triangles that traverse it in opposite directions.
 pub fn is_closed_and_oriented(triangles: &[[u32; 3]]) -> bool {
     let mut directed: HashMap<(u32, u32), u32> = HashMap::new();
     for t in triangles {

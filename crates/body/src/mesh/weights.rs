@@ -1,14 +1,15 @@
 //! Skinning weights of the built-in body.
 //!
-//! Every joint first claims the vertices beyond a plane through it (gated so that planes of one
-//! limb never reach another), which gives 0 or 1. These indicator fields then diffuse over the
-//! mesh, along its edges: transitions become smooth with a chosen width and follow the surface, so
-//! the arm is not glued to the flank it hangs beside. A joint's weight is its field minus those
-//! of its children.
+//! Every joint first claims the vertices beyond a plane through the joint, which gives 0 or 1. The
+//! planes are gated so that those of one limb never affect another. These indicator fields then
+//! diffuse over the mesh along its edges. The transitions become smooth with a chosen width and
+//! follow the surface, so the arm is not attached to the flank beside it. The weight of a joint is
+//! its field minus those of its children.
 //!
-//! Half joints. Blending a parent and a child bent by 120 degrees makes the joint collapse. Each
-//! joint therefore gets a companion bone at the same place that turns half as far; the transition
-//! goes parent, half, child, and no two neighbours differ by more than half the angle.
+//! Half joints: blending a parent and a child bent by 120 degrees makes the joint collapse. Each
+//! joint therefore has a companion bone at the same position that rotates by half the angle. The
+//! transition runs from parent to half joint to child, and no two neighbours differ by more than
+//! half the angle.
 
 use super::topology::neighbours;
 use glam::Vec3;
@@ -17,9 +18,9 @@ use radarllm_base::skeleton::N_JOINTS;
 
 /// Bones of the built-in body: the joints, then a half joint for each (the root's is unused).
 pub(super) const N_BONES: usize = 2 * N_JOINTS;
-/// Influences kept per vertex.
+/// Maximum number of influences per vertex.
 const MAX_INFLUENCES: usize = 6;
-/// Share of a vertex moved to the mean of its neighbours per diffusion step.
+/// Share by which a vertex value moves to the mean of its neighbours in one diffusion step.
 const DIFFUSION: f32 = 0.8;
 
 /// Sparse `(bone, weight)` rows, one per vertex, each summing to one.
@@ -42,7 +43,7 @@ pub(super) fn skin_weights(
     };
     let regions = Regions::new(joints, height_m);
 
-    // beyond[joint][vertex]: how much of the vertex hangs on the joint or its descendants.
+    // beyond[joint][vertex]: degree to which the vertex belongs to the joint or its descendants.
     let beyond: Vec<Vec<f32>> = Joint::ALL
         .iter()
         .map(|&joint| {
@@ -50,7 +51,7 @@ pub(super) fn skin_weights(
                 .iter()
                 .map(|&p| if regions.claims(joint, p) { 1.0 } else { 0.0 })
                 .collect();
-            // A step of the walk has variance DIFFUSION * edge^2 / 2 per axis of the surface.
+            // A step of the diffusion has variance DIFFUSION * edge^2 / 2 per axis of the surface.
             let sigma = transition_m(joint) * height_m / 1.75;
             let n_steps = (sigma * sigma / (DIFFUSION * mean_square_edge / 2.0)).round() as usize;
             if joint != Joint::Pelvis {
@@ -65,7 +66,7 @@ pub(super) fn skin_weights(
                         .collect();
                 }
             }
-            // Nothing of one side's limbs may act on the other side.
+            // The limbs of one side must not influence the other side.
             let side = side_of(joint);
             if side != 0.0 {
                 for (f, p) in field.iter_mut().zip(vertices) {
@@ -100,7 +101,7 @@ fn row(beyond: [f32; N_JOINTS]) -> Vec<(usize, f32)> {
     // Siblings may together exceed their parent (crotch, neck); the sum is restored below.
     weight.iter_mut().for_each(|w| *w = w.max(0.0));
 
-    // Move what parent and child share to the half joint.
+    // Move the share common to parent and child to the half joint.
     let plain: [f32; N_JOINTS] = std::array::from_fn(|j| weight[j]);
     let mut claimed = [0.0f32; N_JOINTS];
     let mut half = [0.0f32; N_JOINTS];
@@ -142,8 +143,8 @@ fn row(beyond: [f32; N_JOINTS]) -> Vec<(usize, f32)> {
     row
 }
 
-/// Standard deviation of the transition at a joint, m, for a height of 1.75 m: about half the
-/// limb's radius at hinges, more where several bones share one soft part.
+/// Standard deviation of the transition at a joint, m, for a height of 1.75 m. It is about half the
+/// limb's radius at hinges, and larger where several bones share one soft part.
 fn transition_m(joint: Joint) -> f32 {
     match joint {
         Joint::Pelvis => 0.0,
@@ -174,7 +175,7 @@ fn side_of(joint: Joint) -> f32 {
     }
 }
 
-/// Where each joint's part of the body begins, in the bind pose.
+/// Boundaries of each joint's body region in the bind pose.
 struct Regions<'a> {
     joints: &'a [Vec3; N_JOINTS],
     scale: f32,
@@ -192,9 +193,9 @@ impl<'a> Regions<'a> {
         self.joints[joint as usize]
     }
 
-    /// True when `p` hangs on `joint` or a descendant.
+    /// True if `p` belongs to `joint` or a descendant.
     fn claims(&self, joint: Joint, p: Vec3) -> bool {
-        // The right half is judged as the mirror image of the left.
+        // The right half is evaluated as the mirror image of the left.
         let side = side_of(joint);
         let mirrored = Vec3::new(if side < 0.0 { -p.x } else { p.x }, p.y, p.z);
         let folded = Vec3::new(p.x.abs(), p.y, p.z);
@@ -242,14 +243,15 @@ impl<'a> Regions<'a> {
         }
     }
 
-    /// Beyond the bisecting plane of the bones that meet in `middle`.
+    /// True if `p` is beyond the bisecting plane of the bones that meet in `middle`.
     fn is_past(&self, p: Vec3, before: Joint, middle: Joint, after: Joint) -> bool {
         let along = (self.at(middle) - self.at(before)).normalize()
             + (self.at(after) - self.at(middle)).normalize_or_zero();
         (p - self.at(middle)).dot(along) > 0.0
     }
 
-    /// Outside the shoulder, and close to the arm's line (the flank is also below the shoulder).
+    /// True if `p` is outside the shoulder and close to the arm's line (the flank is also below the
+    /// shoulder).
     fn is_arm(&self, p: Vec3) -> bool {
         let [shoulder, elbow, wrist] =
             [Joint::LeftShoulder, Joint::LeftElbow, Joint::LeftWrist].map(|joint| self.at(joint));
@@ -260,7 +262,7 @@ impl<'a> Regions<'a> {
         is_outside && distance < 0.085 * self.scale
     }
 
-    /// Collar bone and shoulder blade.
+    /// True if `p` is on the collar bone or shoulder blade.
     fn is_collar(&self, p: Vec3) -> bool {
         let from = p - self.at(Joint::LeftCollar);
         from.x > 0.01 * self.scale
@@ -268,8 +270,8 @@ impl<'a> Regions<'a> {
             && !self.is_neck(p)
     }
 
-    /// Below the groin's line, which rises from the crotch to the hip bone; the buttocks stay
-    /// with the pelvis longer than the front.
+    /// True if `p` is below the line of the groin, which rises from the crotch to the hip bone. The
+    /// buttocks belong to the pelvis further down than the front.
     fn is_leg(&self, p: Vec3) -> bool {
         let crotch_y = 0.815 * self.scale;
         let rise = if p.z > -0.03 * self.scale { 0.80 } else { 0.55 };
@@ -286,7 +288,8 @@ impl<'a> Regions<'a> {
         p.y > neck.y + 0.010 * self.scale && p.x < 0.085 * self.scale
     }
 
-    /// Above a plane through the base of the skull that drops towards the chin.
+    /// True if `p` is above a plane through the base of the skull that slopes down towards the
+    /// chin.
     fn is_head(&self, p: Vec3) -> bool {
         let from = p - self.at(Joint::Head);
         from.y + from.z > 0.0 && self.is_neck(p)

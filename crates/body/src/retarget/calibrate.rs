@@ -1,4 +1,4 @@
-//! The constant rotation between a rig's joint axes and those of SMPL-X.
+//! Calibration of the constant rotation between a rig's joint axes and those of SMPL-X.
 
 use super::{Seen, next_seen};
 use crate::ik::{align_pair, bone_child, rest_of, rotations_from_positions, shortest};
@@ -7,14 +7,15 @@ use radarllm_base::frames::world_from_rest_facing_radar;
 use radarllm_base::skeleton::N_JOINTS;
 use radarllm_base::{Joint, Skeleton};
 
-/// A rig's own axes are preferred to the average posture within this angle, rad (30 degrees): the
-/// average of a clip depends on what the person does in it, the rig's axes do not.
+/// Maximum angle within which the rig's own axes are preferred to the average posture, rad (30
+/// degrees). The average of a clip depends on the person's actions in it; the axes of the rig do
+/// not.
 const SNAP_RAD: f32 = 0.52;
 
-/// From a rest pose that shows a standing person.
+/// Calibrates from a rest pose that shows a standing person.
 ///
-/// Trunk and head are taken as upright there, feet as flat; limbs are turned the shortest way from
-/// the T-pose to where they point.
+/// The trunk and head are assumed to be upright in it, and the feet flat. Limbs are rotated by the
+/// shortest rotation from the T-pose to their observed directions.
 pub(super) fn from_rest_pose(seen: &Seen, canonical: &Skeleton) -> [Option<Quat>; N_JOINTS] {
     let rest = rest_of(canonical);
     let at = |j: Joint| seen.positions[j as usize];
@@ -33,7 +34,7 @@ pub(super) fn from_rest_pose(seen: &Seen, canonical: &Skeleton) -> [Option<Quat>
         let base = world[parent as usize];
         world[j] = match joint {
             Joint::Spine1 | Joint::Spine2 | Joint::Spine3 | Joint::Neck | Joint::Head => trunk,
-            // Where rigs put the start of the collarbone varies more than how it points.
+            // The start of the collar bone varies more between rigs than its direction.
             Joint::LeftCollar | Joint::RightCollar => trunk,
             Joint::LeftAnkle | Joint::RightAnkle => match bone(seen, &rest, joint) {
                 Some((rest_toes, toes)) => {
@@ -57,7 +58,7 @@ pub(super) fn from_rest_pose(seen: &Seen, canonical: &Skeleton) -> [Option<Quat>
     constant
 }
 
-/// From the frames of the motion, for rigs whose rest pose is no posture.
+/// Calibrates from the frames of the motion, for rigs whose rest pose is not a valid posture.
 pub(super) fn from_frames(frames: &[Seen], canonical: &Skeleton) -> [Option<Quat>; N_JOINTS] {
     let rest = rest_of(canonical);
     let mut sums = [Vec4::ZERO; N_JOINTS];
@@ -70,7 +71,7 @@ pub(super) fn from_frames(frames: &[Seen], canonical: &Skeleton) -> [Option<Quat
                 continue;
             };
             let constant = Vec4::from(source.conjugate() * world[j]);
-            // q and -q are the same rotation: add on the side of what is there already.
+            // q and -q are the same rotation: add with the sign that agrees with the sum so far.
             let sign = if constant.dot(sums[j]) < 0.0 {
                 -1.0
             } else {
@@ -89,7 +90,7 @@ pub(super) fn from_frames(frames: &[Seen], canonical: &Skeleton) -> [Option<Quat
     constant
 }
 
-/// How much a frame says about a joint's roll: limbs show it when they are bent.
+/// Confidence of a frame in a joint's roll; limbs show their roll when they are bent.
 fn confidence(joint: Joint, seen: &Seen) -> f32 {
     let (upper, middle) = match joint {
         Joint::LeftHip | Joint::LeftKnee => (Joint::LeftHip, Joint::LeftKnee),
@@ -108,7 +109,7 @@ fn confidence(joint: Joint, seen: &Seen) -> f32 {
     0.02 + sine.unwrap_or(0.0)
 }
 
-/// Moves an estimate onto the rig's own axes when these are near.
+/// Snaps an estimate to the rig's own axes if these are near.
 fn snap(joint: Joint, estimate: Quat, frames: &[Seen], rest: &[Vec3; N_JOINTS]) -> Quat {
     let limb_axis = match joint {
         Joint::LeftHip | Joint::RightHip | Joint::LeftKnee | Joint::RightKnee => Vec3::X,
@@ -117,7 +118,7 @@ fn snap(joint: Joint, estimate: Quat, frames: &[Seen], rest: &[Vec3; N_JOINTS]) 
             Vec3::Y
         }
         Joint::LeftElbow | Joint::RightElbow => Vec3::Y,
-        // Rigs without a joint at the tip of the toes leave the axes of the last one anyhow.
+        // Rigs without a joint at the tip of the toes leave the axes of the last joint arbitrary.
         Joint::LeftFoot | Joint::RightFoot => return estimate,
         _ => {
             let axes = nearest_axes(estimate);
@@ -136,7 +137,7 @@ fn snap(joint: Joint, estimate: Quat, frames: &[Seen], rest: &[Vec3; N_JOINTS]) 
     };
     let bone_rest = rest[child as usize] - rest[joint as usize];
     let bone = estimate * bone_rest.normalize_or_zero();
-    // cos of 3 degrees: the rig lays its bone along an axis.
+    // cos of 3 degrees: the rig aligns its bones with a coordinate axis.
     if bone.abs().max_element() < 0.9986 {
         return estimate;
     }
@@ -148,7 +149,7 @@ fn snap(joint: Joint, estimate: Quat, frames: &[Seen], rest: &[Vec3; N_JOINTS]) 
     }
 }
 
-/// The coordinate axis nearest to a direction.
+/// The coordinate axis closest to a direction.
 fn nearest_axis(v: Vec3) -> Vec3 {
     let axes = [
         Vec3::X,
@@ -163,7 +164,7 @@ fn nearest_axis(v: Vec3) -> Vec3 {
         .unwrap_or(Vec3::X)
 }
 
-/// The rotation among the 24 that permute the axes nearest to `q`, near its first two axes.
+/// The rotation closest to `q`, judged by its first two axes, among the 24 that permute the axes.
 fn nearest_axes(q: Quat) -> Quat {
     let up = nearest_axis(q * Vec3::Y);
     let left = nearest_axis((q * Vec3::X).reject_from(up));

@@ -1,17 +1,17 @@
-//! Unit and vertical axis of a file that states neither.
+//! Estimation of the length unit and vertical axis of a file that states neither.
 
 use super::{Probe, Seen};
 use crate::loaders::source::SourcePose;
 use glam::{Quat, Vec3};
 use radarllm_base::Joint;
 
-/// Hip to ankle along the bones as a share of the height, from the average body: its joints are
-/// there whatever the posture, and every rig has them.
+/// Hip-to-ankle length along the bones as a share of the height, from the average body. This length
+/// does not depend on the posture, and every rig has these joints.
 pub(super) const LEG_SHARE: f32 = 0.465;
-/// Shoulder to wrist along the bones as a share of the height.
+/// Shoulder-to-wrist length along the bones as a share of the height.
 const ARM_SHARE: f32 = 0.302;
 
-/// Units that files use, the likely ones first, each with the heights it is believed for.
+/// Units that files use, in order of likelihood, each with the range of heights accepted for it.
 const UNITS: [(f64, &str); 7] = [
     (1.0, "metre"),
     (0.01, "centimetre"),
@@ -53,7 +53,8 @@ impl Probe<'_> {
         (1.7 / height, "scaled to 1.7 m".into())
     }
 
-    /// Standing height told from the legs, else the arms, m (in the current unit). Uses frame 0.
+    /// Standing height estimated from the legs, or otherwise from the arms, m (in the current
+    /// unit). Uses frame 0.
     pub(super) fn leg_height_m(&self) -> Option<f32> {
         let seen = self.frame(0);
         let length = |joints: [Joint; 3]| -> Option<f32> {
@@ -79,7 +80,7 @@ impl Probe<'_> {
         })
     }
 
-    /// The rest pose, if it shows a standing person with left and right where they belong.
+    /// The rest pose, if it shows a standing person whose left and right sides are not exchanged.
     pub(super) fn person_at_rest(&self) -> Option<SourcePose> {
         let pose = self.source.rest();
         let seen = self.seen(&pose);
@@ -97,7 +98,7 @@ impl Probe<'_> {
         let side = |shoulder: Joint, wrist: Joint| -> Option<f32> {
             Some((at(wrist)? - at(shoulder)?).try_normalize()?.dot(left))
         };
-        // Arms may hang (0) or spread (1), but not cross over.
+        // Arms may hang (0) or be spread (1), but must not cross over.
         let arms_out = side(Joint::LeftShoulder, Joint::LeftWrist).is_none_or(|s| s > -0.1)
             && side(Joint::RightShoulder, Joint::RightWrist).is_none_or(|s| s < 0.1);
         let toes = |ankle: Joint, foot: Joint| -> Option<f32> {
@@ -115,7 +116,8 @@ impl Probe<'_> {
         frames: &[usize],
         warnings: &mut Vec<String>,
     ) -> Quat {
-        // Bodies at rest stand; bodies in motion stand on average, unless they lie all the time.
+        // Rest poses are upright. Moving bodies are upright on average unless they lie down all the
+        // time.
         let mean = match rest {
             Some(pose) => body_up(&self.seen(pose)).unwrap_or(Vec3::ZERO),
             None => {

@@ -1,4 +1,4 @@
-//! A reader of captions for the tests: language errors, and facts that do not match the request.
+//! Test-only caption checker: finds language errors and facts that do not match the request.
 
 use super::speed_word;
 use crate::request::{BuiltinRequest, Part};
@@ -6,7 +6,7 @@ use crate::request::{BuiltinRequest, Part};
 /// Every word that captions may contain.
 const WORDS: &str = include_str!("words.txt");
 
-/// Doubled words, wrong articles, unknown words, untidy spacing, unfilled templates.
+/// Rejects doubled words, wrong articles, unknown words, untidy spacing and unfilled templates.
 pub fn language(caption: &str) -> Result<(), String> {
     if caption.is_empty() || caption.trim() != caption || caption.contains("  ") {
         return Err("empty or untidy".to_owned());
@@ -27,7 +27,7 @@ pub fn language(caption: &str) -> Result<(), String> {
         }
         let vowel = pair[1].starts_with(['a', 'e', 'i', 'o', 'u']);
         if (pair[0] == "a" && vowel) || (pair[0] == "an" && !vowel) {
-            // The only word here whose letter and sound differ would be "one".
+            // In this vocabulary only "one" would start with a vowel letter but a consonant sound.
             return Err(format!("`{} {}`", pair[0], pair[1]));
         }
         if matches!(pair[0], "a" | "an" | "the" | "their")
@@ -60,7 +60,8 @@ pub fn language(caption: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// Sides, directions, speeds and counts that the request has and the caption lacks, or the reverse.
+/// Rejects sides, directions, speeds and counts that the request has and the caption lacks, or the
+/// reverse.
 pub fn facts(caption: &str, request: &BuiltinRequest) -> Result<(), String> {
     let has = |word: &str| caption.split([' ', ',']).any(|w| w == word);
     let height_m = request.global.number("height_m");

@@ -1,8 +1,7 @@
-//! Sentences and attributes, made from the parameters that make the motion, so that what is said
-//! is what is done.
+//! Captions and attributes. They are generated from the parameters of the motion, so they match it.
 //!
-//! A clause is a template of [`phrases`] with an adverb of speed and a count; clauses are
-//! joined by "then", "before", "after", "while"; [`verbs`] inflects.
+//! A clause is a template of [`phrases`] with an adverb of speed and a count. Clauses are joined by
+//! "then", "before", "after" or "while"; [`verbs`] inflects the verbs.
 
 mod phrases;
 mod verbs;
@@ -30,10 +29,10 @@ const NUMBERS: &[&str] = &[
     "zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten",
     "eleven", "twelve",
 ];
-/// Attempts at finding another different sentence.
+/// Maximum number of attempts to find another distinct sentence.
 const ATTEMPTS: usize = 40;
 
-/// Three to five different sentences, lower case, no full stop.
+/// Three to five different sentences in lower case without a full stop.
 pub fn captions(request: &BuiltinRequest, seed: u64) -> Vec<String> {
     let mut dice = Dice::new(seed, "captions");
     let wanted = 3 + dice.index(3);
@@ -50,7 +49,8 @@ pub fn captions(request: &BuiltinRequest, seed: u64) -> Vec<String> {
     out
 }
 
-/// The facts of a request: every key of every part with its effective value, speed as a word.
+/// Attributes of a request: every key of every part with its effective value; the speed is given as
+/// a word.
 pub fn attributes(request: &BuiltinRequest) -> Vec<(String, String)> {
     let alone = request.parts().count() == 1;
     let height_m = request.global.number("height_m");
@@ -160,21 +160,21 @@ fn segment_clause(segment: &Segment, form: Form, height_m: f32, dice: &mut Dice)
     format!("{base} while {gesture}")
 }
 
-/// One inflected clause with its adverbs; `plain` avoids a "while" within a "while".
+/// One inflected clause with its adverbs; `plain` avoids a "while" inside another "while" clause.
 fn clause(part: &Part, form: Form, height_m: f32, plain: bool, dice: &mut Dice) -> String {
     let (name, v) = (part.spec.name, &part.values);
     let mut choices = phrases::clauses(name, v);
     if plain {
         choices.retain(|c| !c.contains("while"));
     }
-    // "walks" alone leaves "forward" unsaid; that stays a minority.
+    // "walks" alone does not state "forward"; this form is kept to a minority of the captions.
     let implicit_forward = |c: &String| name == "walk" && c == "[walk]";
     if !dice.chance(0.5) {
         choices.retain(|c| !implicit_forward(c));
     }
     let count = count_words(name, v, dice);
     if count.is_some() {
-        // "side to side, left first twice" would count the wrong thing.
+        // In "side to side, left first twice" the count would refer to the wrong phrase.
         choices.retain(|c| !c.contains(','));
     }
     if choices.is_empty() {
@@ -189,7 +189,7 @@ fn clause(part: &Part, form: Form, height_m: f32, plain: bool, dice: &mut Dice) 
             " hunched over",
         ]));
     }
-    // After "bends down and picks something up" a trailing adverb would belong to the last verb.
+    // After "bends down and picks something up" a trailing adverb would modify the last verb only.
     let in_front = dice.chance(0.4)
         || v.word("posture") == "stooped"
         || core.contains(" and ")

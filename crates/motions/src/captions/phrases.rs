@@ -1,24 +1,25 @@
-//! What can be said about each motion: clause templates with every fact that applies.
+//! Clause templates that describe each motion with every applicable attribute.
 //!
 //! `[verb]` is inflected later. `{side}` and `{way}` are filled from the values, `{the}` is "the"
 //! or "their".
 
 use crate::values::Values;
 
-/// How the number of repetitions is put into words.
+/// How a caption expresses the number of repetitions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Counting {
-    /// Not at all.
+    /// The count is never stated.
     Never,
     /// "three times", always when above one.
     Times,
-    /// The same, but in half of the sentences only: the count is no defining fact.
+    /// The same, but only in half of the sentences, because the count does not define the
+    /// motion.
     Sometimes,
     /// "for eight steps", in half of the sentences.
     Steps,
 }
 
-/// Counting style of a motion.
+/// How captions of this motion express the count.
 pub fn counting(name: &str, v: &Values) -> Counting {
     match name {
         "wave" | "arm_circles" | "jog_in_place" => Counting::Sometimes,
@@ -30,7 +31,8 @@ pub fn counting(name: &str, v: &Values) -> Counting {
     }
 }
 
-/// Templates that put an unusual amplitude into words; empty where it is ordinary or has no word.
+/// Templates that describe an unusual amplitude; empty if the amplitude is ordinary or has no
+/// suitable word.
 fn with_extent(name: &str, v: &Values) -> Vec<&'static str> {
     let size = v.amplitude();
     let (large, small) = (size >= 1.2, size <= 0.8);
@@ -66,7 +68,7 @@ fn with_extent(name: &str, v: &Values) -> Vec<&'static str> {
     }
 }
 
-/// True where "at a slow pace" is idiomatic.
+/// Returns true if "at a slow pace" is idiomatic for this motion.
 pub fn paces(name: &str) -> bool {
     matches!(
         name,
@@ -74,7 +76,7 @@ pub fn paces(name: &str) -> bool {
     )
 }
 
-/// Clause templates of a motion; each states side, direction and style where they apply.
+/// Clause templates of a motion; each states the side, direction and style where they apply.
 pub fn clauses(name: &str, v: &Values) -> Vec<String> {
     let both = v.word("side") == "both";
     let side = v.word("side");

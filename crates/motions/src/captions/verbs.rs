@@ -1,4 +1,4 @@
-//! Verb forms. Templates write verbs as `[walk]`; the sentence decides on the form.
+//! Verb inflection. Templates write verbs as `[walk]`; the sentence determines the verb form.
 
 /// Form of every `[verb]` of a clause.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,7 +15,7 @@ const DOUBLING: &[&str] = &[
     "grab",
 ];
 
-/// Replaces every `[verb]` by the asked form.
+/// Replaces every `[verb]` with the requested form.
 pub fn inflect(template: &str, form: Form) -> String {
     let mut out = String::with_capacity(template.len() + 8);
     let mut rest = template;

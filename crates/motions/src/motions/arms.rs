@@ -1,4 +1,4 @@
-//! Gestures of the arms. All may be laid over walking or standing.
+//! Arm gestures. All of them can be combined with walking or standing.
 
 use std::f32::consts::FRAC_PI_2;
 
@@ -107,7 +107,7 @@ pub fn clap(v: &Values, actor: &mut Actor) -> Vec<Control> {
     film(&track, actor)
 }
 
-/// Punches from a boxer's guard, alternating when both hands are asked.
+/// Punches from a boxer's guard, alternating sides when both hands are requested.
 pub fn punch(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
@@ -219,7 +219,7 @@ pub fn pull(v: &Values, actor: &mut Actor) -> Vec<Control> {
     film(&track, actor)
 }
 
-/// Knocks at the height of the face.
+/// Knocks at face height.
 pub fn knock(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
@@ -241,7 +241,7 @@ pub fn knock(v: &Values, actor: &mut Actor) -> Vec<Control> {
     film(&track, actor)
 }
 
-/// Points and holds.
+/// Points and holds the pose.
 pub fn point(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
@@ -342,7 +342,7 @@ pub fn cross_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
     hold_gesture(v, actor, 0.75, 1.3, folded)
 }
 
-/// Hands on the hips.
+/// Puts the hands on the hips.
 pub fn hands_on_hips(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let akimbo = |c: &mut Control, side: usize| {
         reach(c, side, -1.42, 0.3, 0.74, Vec3::new(1.0, 0.0, -0.45));
@@ -373,11 +373,11 @@ fn hold_gesture(
     film(&track, actor)
 }
 
-/// Circles straight arms beside the body.
+/// Circles the straight arms beside the body.
 pub fn arm_circles(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
-    // Forward circles go up behind the back and come down in front.
+    // In forward circles the arms rise behind the back and descend in front.
     let sense = if v.word("direction") == "forward" {
         -1.0
     } else {
@@ -396,7 +396,7 @@ pub fn arm_circles(v: &Values, actor: &mut Actor) -> Vec<Control> {
                 for side in v.sides() {
                     let arm = &mut c.arms[*side];
                     arm.elevation += sense * FRAC_PI_2;
-                    // The shoulder is freer to the side than straight back.
+                    // The shoulder has a greater range of motion to the side than straight back.
                     let back = arm.elevation.cos() < -0.5;
                     arm.azimuth = if back { -0.55 } else { 0.3 };
                     arm.pole = ELBOW_OUT;

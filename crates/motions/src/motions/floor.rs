@@ -1,4 +1,4 @@
-//! Going down and getting up: chairs, floors, knees, falls.
+//! Transitions between standing and lower postures: chairs, the floor, kneeling, falls.
 
 use std::f32::consts::FRAC_PI_2;
 
@@ -10,7 +10,7 @@ use crate::control::{Control, SIDE_SIGN};
 use crate::track::Track;
 use crate::values::Values;
 
-/// Sits down on a chair behind.
+/// Sits down on a chair behind the person.
 pub fn sit_down(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let (rest, seated) = (actor.standing(), actor.seated());
     let speed = v.speed();
@@ -69,7 +69,7 @@ pub fn stand_up(v: &Values, actor: &mut Actor) -> Vec<Control> {
     film(&track, actor)
 }
 
-/// The way between standing and lying: seated on the floor, knees drawn up, hands behind.
+/// Intermediate pose between standing and lying: seated on the floor, knees drawn up, hands behind.
 fn on_the_floor(actor: &Actor, rest: &Control) -> Control {
     let mut c = *rest;
     c.hip = Vec3::new(0.0, actor.m(0.1), rest.feet[0].at.z - actor.m(0.5));
@@ -88,7 +88,7 @@ fn on_the_floor(actor: &Actor, rest: &Control) -> Control {
     c
 }
 
-/// Squatting low, one hand reaching for the floor behind.
+/// A low squat with one hand reaching for the floor behind.
 fn low_squat(actor: &Actor, rest: &Control, hand: usize) -> Control {
     let mut c = *rest;
     c.hip = Vec3::new(0.0, actor.m(0.33), rest.feet[0].at.z - actor.m(0.2));
@@ -342,7 +342,7 @@ fn fall_sideways(track: &mut Track, actor: &mut Actor, speed: f32, sign: f32) {
     track.to(actor.s(0.4, speed), |c| c.nod = 0.15);
 }
 
-/// Crouches down, waits, rises.
+/// Crouches down, waits and rises.
 pub fn crouch(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();

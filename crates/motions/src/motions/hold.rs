@@ -1,4 +1,4 @@
-//! Keeping still, and stretching a motion's end to the asked duration.
+//! Still postures, and extension of a motion's final pose to the requested duration.
 
 use crate::actor::Actor;
 use crate::control::Control;
@@ -15,7 +15,8 @@ pub fn sit_still(v: &Values, actor: &mut Actor) -> Vec<Control> {
     vec![actor.seated(); frames_in(v.number("duration_s"))]
 }
 
-/// Holds the last pose until `duration_s`; where personal timing runs over, plays a little faster.
+/// Holds the last pose until `duration_s`. If the personal timing exceeds it, the motion is played
+/// slightly faster.
 pub fn fit_duration(mut frames: Vec<Control>, v: &Values) -> Vec<Control> {
     let Some(wanted_s) = v.given("duration_s") else {
         return frames;

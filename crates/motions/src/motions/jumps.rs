@@ -1,5 +1,5 @@
-//! Motions that leave the ground. Crouch, swing and landing are keyed; the flight itself is the
-//! parabola that gravity allows, added to pelvis and feet alike.
+//! Jumping motions. Crouch, arm swing and landing are keyframed. The flight is a ballistic parabola
+//! that is added to the pelvis and the feet alike.
 
 use glam::Vec3;
 
@@ -10,17 +10,17 @@ use crate::track::{FPS, Track};
 use crate::values::Values;
 
 const GRAVITY_MPS2: f32 = 9.81;
-/// The pelvis rises this long before the toes leave the floor, s.
+/// Time by which the pelvis starts to rise before the toes leave the floor, s.
 const HIP_LEAD_S: f32 = 0.07;
 
-/// Jumps with both feet. Arms that swing carry the body further; with still arms the jumps are low and each
-/// rebounds from the last.
+/// Jumps with both feet. Swinging arms make the jumps higher and longer. With still arms the jumps
+/// are low, and each rebounds from the previous one.
 pub fn jump(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let way = towards(v.word("direction"));
     let size = v.amplitude();
     let swings = v.word("arms") != "still";
-    // Of the height, the length, the crouch and the lean of a jump with swinging arms.
+    // Share of the height, length, crouch and lean of a jump with swinging arms.
     let share = if swings { 1.0 } else { 0.45 };
     let crouch_s = if swings { 0.34 } else { 0.2 };
     let swing = |c: &mut Control, [elevation, azimuth, far]: [f32; 3], pole: Vec3| {
@@ -190,7 +190,7 @@ pub fn jumping_jack(v: &Values, actor: &mut Actor) -> Vec<Control> {
             c.hip.y = rest.hip.y;
             for side in 0..2 {
                 c.feet[side].pitch = -0.5;
-                // Arms run ahead of the feet, so that both halves meet in flight.
+                // The arms move ahead of the feet, so that both halves meet in flight.
                 let elevation = if opening { -0.9 } else { 0.9 };
                 reach(c, side, elevation, 1.5, 0.95, ELBOW_SIDE);
             }
@@ -231,12 +231,12 @@ pub fn jumping_jack(v: &Values, actor: &mut Actor) -> Vec<Control> {
     frames
 }
 
-/// Time in the air of a jump that high.
+/// Flight time of a jump of the given height, s.
 fn flight_s(height_m: f32) -> f32 {
     2.0 * (2.0 * height_m / GRAVITY_MPS2).sqrt()
 }
 
-/// Adds the parabolas: `(start s, length s, height m)` each.
+/// Adds the flight parabolas, each given as `(start s, duration s, height m)`.
 fn add_flights(frames: &mut [Control], flights: &[(f32, f32, f32)], feet: [bool; 2]) {
     for (frame, c) in frames.iter_mut().enumerate() {
         let time = (frame as f64 / FPS) as f32;

@@ -1,4 +1,4 @@
-//! Standing motions of the legs.
+//! Leg motions performed while standing.
 
 use glam::Vec3;
 
@@ -8,7 +8,7 @@ use crate::control::{Control, SIDE_SIGN};
 use crate::track::Track;
 use crate::values::Values;
 
-/// Squats, arms in front.
+/// Squats with the arms in front.
 pub fn squat(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
@@ -47,7 +47,7 @@ pub fn squat(v: &Values, actor: &mut Actor) -> Vec<Control> {
     film(&track, actor)
 }
 
-/// Steps out with one leg, sinks, and steps back.
+/// Steps out with one leg, lowers the body and steps back.
 pub fn lunge(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
@@ -80,7 +80,8 @@ pub fn lunge(v: &Values, actor: &mut Actor) -> Vec<Control> {
             c.hip.y = rest.hip.y - sink_m;
             c.pitch = if sideways { 0.4 } else { 0.1 };
             c.flex = if sideways { 0.25 } else { 0.08 };
-            // Sideways the weight goes over the bent leg, otherwise it stays between the feet.
+            // In a sideways lunge the weight shifts over the bent leg; otherwise it remains between
+            // the feet.
             c.bias = match (sideways, side) {
                 (true, 0) => 0.78,
                 (true, _) => 0.22,
@@ -136,7 +137,7 @@ pub fn kick(v: &Values, actor: &mut Actor) -> Vec<Control> {
     for n in 0..v.count("repetitions") {
         let size = v.amplitude() * (actor.a(1.0)).clamp(0.85, 1.15);
         let home = rest.feet[side].at;
-        // Chamber: the knee comes up, or the leg swings back first.
+        // Chamber phase: the knee is raised, or the leg swings back first.
         track.to(actor.s(0.3, speed), |c| {
             let chamber = match (way.z > 0.0, way.z < 0.0) {
                 (true, _) => Vec3::new(0.0, 0.2, -0.22),
@@ -149,7 +150,7 @@ pub fn kick(v: &Values, actor: &mut Actor) -> Vec<Control> {
             reach(c, other, -0.8, 0.3, 0.75, ELBOW_BACK);
             reach(c, side, -1.0, 0.7, 0.75, ELBOW_BACK);
         });
-        // No leg swings faster than this, however hurried.
+        // Lower limit on the duration of the leg swing at any requested speed.
         track.to(actor.s(0.22, speed).max(0.17 * actor.rig.scale), |c| {
             let goal = match (way.z > 0.0, way.z < 0.0) {
                 (true, _) => Vec3::new(0.0, 0.5 * size, 0.72),
@@ -202,7 +203,7 @@ pub fn kick(v: &Values, actor: &mut Actor) -> Vec<Control> {
     film(&track, actor)
 }
 
-/// Stands on the leg of `side`, the other lifted.
+/// Stands on the leg of `side` with the other leg lifted.
 pub fn balance(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
@@ -241,7 +242,7 @@ pub fn balance(v: &Values, actor: &mut Actor) -> Vec<Control> {
     film(&track, actor)
 }
 
-/// Steps over something knee-high in front, the leg of `side` leading.
+/// Steps over a knee-high obstacle in front; the leg of `side` leads.
 pub fn step_over(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();

@@ -1,4 +1,4 @@
-//! Motions that step: thin settings over [`Gait`].
+//! Stepping motions, implemented as parameter sets for [`Gait`].
 
 use std::f32::consts::TAU;
 
@@ -13,15 +13,15 @@ use crate::values::Values;
 
 /// Cruising speed of normal walking for a person of the authored height, m/s.
 pub const WALK_MPS: f32 = 1.2;
-/// The same walking backward.
+/// Cruising speed of walking backward for the same person, m/s.
 pub const BACKWARD_MPS: f32 = 0.85;
-/// The same running, m/s: a jog.
+/// Cruising speed of running for the same person, m/s: a jog.
 pub const RUN_MPS: f32 = 2.5;
 const LIMP_MPS: f32 = 0.75;
 const MARCH_MPS: f32 = 0.8;
 const WALK_M: f32 = 2.5;
 const RUN_M: f32 = 4.0;
-/// Lead-in, speed ramps and settling of a gait beyond distance / speed, s.
+/// Duration of a gait in excess of distance / speed, s: lead-in, speed ramps and settling.
 const OVERHEAD_S: f32 = 1.4;
 
 /// Walks forward or backward.
@@ -74,12 +74,12 @@ pub fn turn(v: &Values, actor: &mut Actor) -> Vec<Control> {
     gait.pelvis_turn *= 0.4;
     gait.bob_m *= 0.3;
     gait.spread_m = actor.m(0.02);
-    // About 50 degrees a step at normal speed.
+    // About 50 degrees per step at normal speed.
     gait.n_steps = ((angle.abs() / (0.85 * speed.sqrt())).round() as usize + 1).max(2);
     gait.perform(actor, &|p| (Vec3::ZERO, angle * p))
 }
 
-/// Walks round one or more full circles.
+/// Walks around one or more full circles.
 pub fn circle(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let sign = towards(v.word("direction")).x;
     let radius_m = v.number("radius_m");
@@ -104,7 +104,7 @@ pub fn circle(v: &Values, actor: &mut Actor) -> Vec<Control> {
     })
 }
 
-/// Steps to the side, feet never crossing.
+/// Steps to the side without crossing the feet.
 pub fn side_step(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let distance_m = v.number("distance_m");
     let way = towards(v.word("direction"));
@@ -125,7 +125,7 @@ pub fn side_step(v: &Values, actor: &mut Actor) -> Vec<Control> {
     gait.step_s = 0.46 * actor.style.tempo / speed.sqrt();
     gait.plan(distance_m, cruise);
     gait.n_steps += gait.n_steps % 2;
-    // The following foot closes to a small gap instead of crossing.
+    // The trailing foot stops at a small gap from the leading foot instead of crossing it.
     gait.spread_m = (0.25 * cruise * gait.step_s - actor.m(0.01)).max(0.0);
     straight(&gait, actor, way * distance_m)
 }
@@ -171,7 +171,7 @@ pub fn jog_in_place(v: &Values, actor: &mut Actor) -> Vec<Control> {
     straight(&gait, actor, Vec3::ZERO)
 }
 
-/// Walks with one leg spared.
+/// Walks with a limp, sparing one leg.
 pub fn limp(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let speed = v.speed();
     let mut gait = Gait::walk(actor, speed);
@@ -189,7 +189,7 @@ pub fn limp(v: &Values, actor: &mut Actor) -> Vec<Control> {
     straight(&gait, actor, Vec3::Z * distance_m)
 }
 
-/// True where `duration_s` sets how far or how often the person steps.
+/// Returns true if `duration_s` determines the distance or the number of steps.
 pub fn length_follows_duration(name: &str, v: &Values) -> bool {
     match name {
         "walk" | "run" => true,
@@ -200,7 +200,7 @@ pub fn length_follows_duration(name: &str, v: &Values) -> bool {
     }
 }
 
-/// Why `distance_m` cannot be covered in `duration_s`, if it cannot.
+/// Returns the reason why `distance_m` cannot be covered in `duration_s`, if there is one.
 pub fn impossible_pace(name: &str, v: &Values, height_m: f32) -> Option<String> {
     let base = match (name, v.word("direction")) {
         ("walk", "backward") => BACKWARD_MPS,
@@ -228,7 +228,8 @@ pub fn impossible_pace(name: &str, v: &Values, height_m: f32) -> Option<String> 
     })
 }
 
-/// Distance and speed multiplier from whichever of distance_m, speed and duration_s are given.
+/// Distance and speed multiplier, derived from whichever of distance_m, speed and duration_s are
+/// given.
 fn pace(v: &Values, base_mps: f32, default_m: f32) -> (f32, f32) {
     match (v.given("distance_m"), v.given("duration_s")) {
         (Some(distance_m), Some(duration_s)) => {

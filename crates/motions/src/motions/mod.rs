@@ -1,5 +1,5 @@
-//! The motions themselves: each turns checked values into [`Control`] frames at
-//! [`crate::track::FPS`], starting and ending in one of the actor's resting poses.
+//! The individual motions. Each converts checked values into [`Control`] frames at
+//! [`crate::track::FPS`] and starts and ends in one of the actor's resting poses.
 
 mod arms;
 mod floor;
@@ -19,21 +19,21 @@ use crate::error::BuiltinError;
 use crate::track::Track;
 use crate::values::Values;
 
-/// Longest natural length of one part, s.
+/// Maximum natural duration of one part, s.
 const LIMIT_S: f32 = 130.0;
 
-/// Elbows behind, as in hanging arms.
+/// Pole vector for elbows pointing backward, as in hanging arms.
 const ELBOW_BACK: Vec3 = Vec3::new(0.25, 0.0, -1.0);
-/// Elbows to the side.
+/// Pole vector for elbows pointing to the side.
 const ELBOW_OUT: Vec3 = Vec3::new(1.0, -0.25, -0.15);
-/// Elbows of arms that rise sideways.
+/// Pole vector for the elbows of arms raised sideways.
 const ELBOW_SIDE: Vec3 = Vec3::new(0.1, -0.15, -1.0);
-/// Elbows below.
+/// Pole vector for elbows pointing down.
 const ELBOW_DOWN: Vec3 = Vec3::new(0.55, -1.0, -0.1);
-/// Elbows of raised arms.
+/// Pole vector for the elbows of raised arms.
 const ELBOW_UP: Vec3 = Vec3::new(0.9, 0.0, 0.35);
 
-/// Performs one motion; `name` is one of [`crate::specs`].
+/// Renders one motion; `name` is one of [`crate::specs`].
 pub fn perform(name: &str, v: &Values, actor: &mut Actor) -> Vec<Control> {
     actor.stoop = if v.word("posture") == "stooped" {
         1.0
@@ -92,10 +92,10 @@ pub fn perform(name: &str, v: &Values, actor: &mut Actor) -> Vec<Control> {
     hold::fit_duration(frames, v)
 }
 
-/// Arms that the motion needs, for overlays.
+/// Arms that the motion needs when it is used as an overlay.
 pub fn arms_used(name: &str, v: &Values) -> [bool; 2] {
     let named = [v.sides().contains(&0), v.sides().contains(&1)];
-    // A boxer keeps the guard up with the other hand.
+    // In a punch the other hand keeps the guard up.
     if name == "punch" || !v.knows("side") {
         [true, true]
     } else {
@@ -103,10 +103,11 @@ pub fn arms_used(name: &str, v: &Values) -> [bool; 2] {
     }
 }
 
-/// Checks keys against each other and the length of the whole; `name` is one of the specs.
+/// Checks that keys do not contradict each other and that the total duration is valid; `name` is
+/// one of the specs.
 ///
 /// # Errors
-/// [`BuiltinError::Conflict`] with what would be possible.
+/// [`BuiltinError::Conflict`], with values that would be possible.
 pub fn check(name: &'static str, v: &Values, height_m: f32) -> Result<(), BuiltinError> {
     let conflict = |reason: String| {
         Err(BuiltinError::Conflict {
@@ -163,7 +164,7 @@ pub fn check(name: &'static str, v: &Values, height_m: f32) -> Result<(), Builti
     Ok(())
 }
 
-/// The side of the leg that acts, from `side` or from a sideways `direction`.
+/// Side of the acting leg, from `side` or from a sideways `direction`.
 pub fn acting_side(v: &Values) -> usize {
     match (v.is_set("side"), v.word("direction")) {
         (false, "left") => 0,
@@ -172,7 +173,7 @@ pub fn acting_side(v: &Values) -> usize {
     }
 }
 
-/// Unit step to the side or ahead that `direction` names; zero for "up".
+/// Unit vector sideways or ahead for `direction`; zero for "up".
 fn towards(direction: &str) -> Vec3 {
     match direction {
         "forward" => Vec3::Z,
@@ -192,12 +193,12 @@ fn reach(c: &mut Control, side: usize, elevation: f32, azimuth: f32, reach: f32,
     arm.world_weight = 0.0;
 }
 
-/// The weight on the leg opposite to `side`: the value of [`Control::bias`].
+/// Value of [`Control::bias`] that puts the weight on the leg opposite to `side`.
 fn weight_off(side: usize) -> f32 {
     if side == 0 { 0.0 } else { 1.0 }
 }
 
-/// Frames of a finished track in the actor's own timing.
+/// Renders a finished track with the actor's own timing.
 fn film(track: &Track, actor: &Actor) -> Vec<Control> {
     track.render(actor.style.lag_s)
 }

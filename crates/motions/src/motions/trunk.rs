@@ -70,7 +70,7 @@ pub fn throw(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let both = v.sides().len() == 2;
     let main = v.sides()[0];
     let sign = if both { 0.0 } else { SIDE_SIGN[main] };
-    // The foot opposite to the throwing hand steps.
+    // The foot opposite to the throwing hand takes the step.
     let step = if both { actor.dice.index(2) } else { 1 - main };
     let under = v.word("style") == "underhand";
     let length = Vec3::Z * actor.m(0.34);
@@ -224,7 +224,7 @@ pub fn bow(v: &Values, actor: &mut Actor) -> Vec<Control> {
     film(&track, actor)
 }
 
-/// Stretches both arms up, back arched, on tiptoe.
+/// Stretches both arms up with the back arched, on tiptoe.
 pub fn stretch(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
@@ -258,7 +258,7 @@ pub fn stretch(v: &Values, actor: &mut Actor) -> Vec<Control> {
     film(&track, actor)
 }
 
-/// Bends to one side, the other arm over the head.
+/// Bends to one side with the other arm over the head.
 pub fn side_bend(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
@@ -285,7 +285,7 @@ pub fn side_bend(v: &Values, actor: &mut Actor) -> Vec<Control> {
     film(&track, actor)
 }
 
-/// Twists to one side and the other, beginning with `direction`.
+/// Twists alternately to both sides, beginning with `direction`.
 pub fn twist(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
