@@ -2,12 +2,12 @@
 
 use std::{fmt::Display, path::Path};
 
-/// What ends a command early.
+/// An error that ends a command early.
 #[derive(Debug)]
 pub struct CliError {
     /// What happened, with file and place.
     pub cause: String,
-    /// What to do about it.
+    /// How the user can resolve it.
     pub hint: Option<String>,
 }
 
@@ -90,7 +90,7 @@ fn with_flags(text: &str) -> String {
     flagged
 }
 
-/// What was asked needs the networks in burn, which this binary was built without.
+/// The requested operation needs the networks in burn, which are not part of this binary.
 #[cfg(not(feature = "train"))]
 pub fn needs_training(what: &str) -> CliError {
     CliError::new(format!(

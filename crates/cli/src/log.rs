@@ -13,7 +13,7 @@ struct Stderr;
 
 /// Prints events from here on.
 pub fn to_stderr() {
-    // An error says that somebody else prints them already.
+    // An error means that another subscriber is already installed.
     let _ = tracing::subscriber::set_global_default(Stderr);
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Exit codes: 0 done, 1 the user can fix it (cause and `hint:` on stderr), 2 unexpected, 130 interrupted.
 
-// Verbs that a build lacks are listed all the same.
+// Commands that are not part of a build are listed all the same.
 #[cfg_attr(not(feature = "train"), allow(dead_code))]
 mod args;
 mod commands;
@@ -33,7 +33,7 @@ fn main() -> ExitCode {
         Ok(cli) => cli,
         Err(error) => {
             let _ = error.print();
-            // clap's own code for a usage error is 2; here 1 is what the user can fix.
+            // clap's own exit code for a usage error is 2. Here the code 1 denotes errors that the user can fix.
             return ExitCode::from(u8::from(error.use_stderr()));
         }
     };

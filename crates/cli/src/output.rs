@@ -1,4 +1,4 @@
-//! Data to stdout, everything else to stderr; files appear whole or not at all.
+//! Data are written to stdout, all other output to stderr. Files are written atomically.
 
 use std::{
     fs::{self, File},
@@ -34,7 +34,7 @@ pub fn check_free(path: &Path, force: bool) -> CliResult {
     Ok(())
 }
 
-/// Writes a file whole or not at all; folders on the way are made.
+/// Writes a file atomically; missing parent folders are created.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> CliResult {
     write_atomic_with(path, |file| {
         file.write_all(bytes).map_err(|e| CliError::io(path, e))

@@ -1,4 +1,4 @@
-//! Radars that a user names.
+//! Radars that are named by the user.
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ pub fn open(name: &str) -> CliResult<OpenedRadar> {
     })
 }
 
-/// An error about a radar that is no file, with the way to the built-in ones.
+/// An error about a radar that is not a file, with a hint at the built-in ones.
 pub fn unknown(error: impl std::fmt::Display) -> CliError {
     CliError::new(error)
         .hint("`radarllm radar list` names the built-in radars; files end in .toml, .cfg or .json")

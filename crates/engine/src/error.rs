@@ -1,9 +1,9 @@
-//! What can go wrong in the engine.
+//! Errors of the engine.
 
-/// Errors of weights and inputs.
+/// Errors in weights, inputs and options.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum EngineError {
-    /// A shape that cannot be.
+    /// The shape is invalid.
     #[error("engine: {field}: {problem}")]
     Shape {
         /// The field.
@@ -11,63 +11,63 @@ pub enum EngineError {
         /// What is wrong, with numbers.
         problem: String,
     },
-    /// A weight that the network needs is not there.
+    /// A weight that the network needs is missing.
     #[error("engine: weight `{name}` of shape {expected:?} is missing")]
     MissingWeight {
-        /// Its name.
+        /// Name of the weight.
         name: String,
-        /// Shape it should have.
+        /// Expected shape.
         expected: Vec<usize>,
     },
-    /// A weight of another shape than the network's.
+    /// A weight does not have the shape that the network needs.
     #[error("engine: weight `{name}`: shape {found:?} with {values} values, expected {expected:?}")]
     WeightShape {
-        /// Its name.
+        /// Name of the weight.
         name: String,
-        /// Shape it should have.
+        /// Expected shape.
         expected: Vec<usize>,
         /// Shape found.
         found: Vec<usize>,
-        /// Values found.
+        /// Number of values found.
         values: usize,
     },
-    /// A weight that is NaN or infinite.
+    /// A weight is NaN or infinite.
     #[error("engine: weight `{name}`: value {index} is not finite")]
     NotFinite {
-        /// Its name.
+        /// Name of the weight.
         name: String,
         /// Index of the first such value.
         index: usize,
     },
-    /// A weight that the network lacks.
+    /// A weight that the network does not have.
     #[error("engine: weight `{name}` is not part of this network")]
     UnknownWeight {
-        /// Its name.
+        /// Name of the weight.
         name: String,
     },
-    /// An input that does not fit the network.
+    /// An input does not fit the network.
     #[error("engine: input {index}: {problem}")]
     Input {
-        /// Position among the inputs.
+        /// Index among the inputs.
         index: usize,
         /// What is wrong, with numbers.
         problem: String,
     },
-    /// An option out of range.
+    /// An option is out of range.
     #[error("engine: option {field}: {problem}")]
     Option {
-        /// The option.
+        /// Name of the option.
         field: &'static str,
         /// What is wrong, with numbers.
         problem: String,
     },
-    /// The network gave a value that is not finite.
+    /// The network produced a value that is not finite.
     #[error("engine: input {index}: the network's output is not finite")]
     Output {
-        /// Position among the inputs.
+        /// Index among the inputs.
         index: usize,
     },
-    /// The caller asked to stop.
+    /// The caller cancelled the work.
     #[error("engine: cancelled")]
     Cancelled,
 }

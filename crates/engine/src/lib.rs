@@ -1,7 +1,7 @@
-//! Runs the trained networks on a CPU, without a learning framework: the radar tokenizer, and the T5 that writes
-//! sentences.
+//! Runs the trained networks on a CPU without a learning framework: the radar tokenizer, and the T5 encoder-decoder
+//! that generates sentences.
 //!
-//! Weights are packed once for this processor, in f32 or in bytes; many sessions on many threads then share them.
+//! Weights are packed once for the processor in use, as f32 or as int8. Many sessions on many threads then share them.
 //!
 //! ```
 //! use radarllm_engine::{Engine, NamedTensors, Precision, SearchOptions, Shape, Source};
@@ -74,18 +74,19 @@
 //! # Ok::<(), radarllm_engine::EngineError>(())
 //! ```
 //!
-//! The networks, the names of their weights and the rules of decoding are those of `radarllm-nn`, where they are
-//! trained. This crate opens no files, and allocates nothing between tokens nor between clips.
+//! The networks, the names of their weights and the rules of decoding are those of `radarllm-nn`, which trains the
+//! networks. This crate opens no files. It allocates no memory between tokens or between clips.
 //!
-//! Vector instructions are chosen once per engine ([`SimdLevel`]): AVX-512 with VNNI, AVX-512, AVX2, or portable code.
-//! Sentences do not depend on the number of threads, nor on what else is in the batch.
+//! The vector instructions are chosen once per engine ([`SimdLevel`]): AVX-512 with VNNI, AVX-512, AVX2, or portable
+//! code. Sentences depend neither on the number of threads nor on the other members of the batch.
 //!
-//! Reading order: [`tokenizer`] (tubes of points to codes); for the T5 [`weights`] (names and shapes),
-//! [`Engine`] (weights packed once), [`Session`] (buffers and threads of one caller), [`search`](mod@search) (greedy
-//! and beam decoding, for other networks too). Below them: `matrix` (products), `rows` (norms, attention, probabilities), `pool` (threads).
+//! Reading order: [`tokenizer`] (tubes of points to codes); for the T5, [`weights`] (names and shapes), [`Engine`]
+//! (packed weights), [`Session`] (buffers and threads of one caller) and [`search`](mod@search) (greedy and beam
+//! search, also used by other networks). Internal modules: `matrix` (matrix products), `rows` (norms, attention,
+//! softmax) and `pool` (threads).
 //!
-//! Deliberately absent: text and points. Tubes and ids enter, codes and ids leave; `radarllm-inference` knows
-//! what they mean.
+//! Out of scope: text and points. The inputs are tubes and token ids, the outputs are codes and token ids.
+//! `radarllm-inference` interprets them.
 
 mod error;
 mod matrix;
@@ -109,7 +110,7 @@ pub use weights::{HostTensor, NamedTensors, Shape};
 mod tests {
     use radarllm_base::random::step;
 
-    /// Numbers for tests.
+    /// Random numbers for tests.
     pub struct Random(pub u64);
 
     impl Random {
@@ -117,7 +118,7 @@ mod tests {
             (step(&mut self.0) >> 40) as f32 / (1 << 24) as f32
         }
 
-        /// About normal: the sum of twelve uniform numbers less 6.
+        /// Approximately normal: the sum of twelve uniform numbers minus 6.
         pub fn normal(&mut self) -> f32 {
             (0..12).map(|_| self.uniform()).sum::<f32>() - 6.0
         }

@@ -1,8 +1,8 @@
-//! Weights packed once for the kernels, and their products with rows of activations.
+//! Packed weights, and their products with rows of activations.
 //!
-//! A matrix `[k, n]` is cut into panels of 64 columns that lie one after the other, so that a product
-//! reads it from the first byte to the last. Every sum runs over k in one fixed order: a row's result
-//! does not depend on the rows beside it nor on the number of threads.
+//! A matrix `[k, n]` is split into panels of 64 columns that are stored consecutively, so that a product reads the
+//! weights sequentially. Every sum runs over k in one fixed order. The result of a row therefore depends neither on the
+//! other rows nor on the number of threads.
 
 use std::marker::PhantomData;
 use std::ops::Range;
@@ -15,34 +15,35 @@ use radarllm_simd::{ByteDot, SimdF32x16, SimdLevel, dispatch};
 const PANEL: usize = 64;
 /// Vectors of a panel.
 const VECTORS: usize = PANEL / 16;
-/// Rows whose activations are kept in the second-level cache while all panels pass by, bytes.
+/// Maximum size of the activations of a block of rows, in bytes. The block stays in the second-level cache while all
+/// panels are processed.
 const ROWS_BYTES: usize = 256 << 10;
 
-/// Next multiple of the vector width.
+/// Rounds up to the next multiple of the vector width.
 pub(crate) fn padded(n: usize) -> usize {
     n.next_multiple_of(16)
 }
 
-/// How far ahead weights are asked for, in steps of a panel (256 bytes each): measured.
+/// Prefetch distance of the weights, in steps of a panel (256 bytes each). The value was measured.
 const AHEAD: usize = 24;
 
-/// 64 bytes that start at a cache line.
+/// 64 bytes, aligned to a cache line.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 struct Line<T>(T);
 
-/// What to do with a product.
+/// How a product is written to the output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Then {
-    /// Write it.
+    /// Overwrite the output.
     Store,
-    /// Add it to what is there.
+    /// Add the product to the output.
     Add,
-    /// Write the positive part.
+    /// Overwrite the output with the positive part (ReLU).
     Relu,
 }
 
-/// A packed matrix `[k, n]`, padded with zeros to vectors of 16 on both sides.
+/// A packed matrix `[k, n]`, zero-padded to a multiple of 16 in both dimensions.
 pub(crate) struct Matrix {
     k: usize,
     n: usize,
@@ -50,29 +51,30 @@ pub(crate) struct Matrix {
 }
 
 enum Data {
-    /// Per panel and k, 64 columns.
+    /// For each panel and each k: 64 columns.
     F32(Vec<Line<[f32; 16]>>),
-    /// Per panel and four k, 64 columns of four weights, offset by 128; and the scale of each column.
+    /// For each panel and each group of four k: 64 columns of four weights, offset by 128. Also the scale of each
+    /// column.
     I8(Vec<Line<[u8; 64]>>, Vec<Line<[f32; 16]>>),
 }
 
-/// Scratch for activations as bytes.
+/// Scratch buffer for activations quantized to bytes.
 #[derive(Default)]
 pub(crate) struct Quantised {
     bytes: Vec<[i8; 16]>,
-    /// Per row: scale, and 128 times the sum of the bytes.
+    /// For each row: the scale, and 128 times the sum of the bytes.
     rows: Vec<(f32, i32)>,
 }
 
 impl Quantised {
-    /// Makes room for `rows` rows of `k` values, so that later products allocate nothing.
+    /// Reserves memory for `rows` rows of `k` values, so that later products do not allocate.
     pub fn reserve(&mut self, rows: usize, k: usize) {
         grow(&mut self.bytes, rows * k / 16, [0; 16]);
         grow(&mut self.rows, rows, (0.0, 0));
     }
 }
 
-/// Makes a buffer at least `len` long.
+/// Grows a buffer to at least `len` elements.
 pub(crate) fn grow<T: Clone>(buffer: &mut Vec<T>, len: usize, value: T) {
     if buffer.len() < len {
         buffer.resize(len, value);
@@ -84,19 +86,19 @@ pub(crate) fn grow<T: Clone>(buffer: &mut Vec<T>, len: usize, value: T) {
 struct Out<'a> {
     start: *mut f32,
     stride: usize,
-    /// The output is borrowed while threads write to it.
+    /// Keeps the output borrowed while threads write to it.
     out: PhantomData<&'a mut [f32]>,
 }
-// SAFETY: an `Out` stands for a `&mut [f32]`, which may go to another thread. Its pointer is followed by `f32_tile` and
-// `i8_tile` alone, in the columns of their panel, and `Matrix::product` gives every panel to one thread.
+// SAFETY: an `Out` represents a `&mut [f32]`, which may be sent to another thread. Only `f32_tile` and `i8_tile`
+// dereference its pointer, in the columns of their panel, and `Matrix::product` gives every panel to one thread.
 unsafe impl Send for Out<'_> {}
 // SAFETY: as above.
 unsafe impl Sync for Out<'_> {}
 
 impl Matrix {
-    /// Packs `[k, n]` whose value at (row, column) is `value(row, column)`.
+    /// Packs the matrix `[k, n]` whose value at (row, column) is `value(row, column)`.
     ///
-    /// In [`Precision::Int8`] each column has the scale that brings its largest value to 127.
+    /// In [`Precision::Int8`] each column has its own scale, which maps its largest absolute value to 127.
     pub fn pack(
         k: usize,
         n: usize,
@@ -118,7 +120,7 @@ impl Matrix {
                 Data::F32(lines)
             }
             Precision::Int8 => {
-                // 128 is zero.
+                // 128 represents zero.
                 let mut lines = vec![Line([128; 64]); n_panels * (k_padded / 4) * VECTORS];
                 let mut scales = vec![Line([0.0; 16]); n_panels * VECTORS];
                 for column in 0..n {
@@ -147,12 +149,12 @@ impl Matrix {
         }
     }
 
-    /// Columns, padded.
+    /// Number of columns, including padding.
     pub fn width(&self) -> usize {
         self.n
     }
 
-    /// Bytes of the packed weights.
+    /// Size of the packed weights in bytes.
     pub fn bytes(&self) -> usize {
         match &self.data {
             Data::F32(lines) => std::mem::size_of_val(&lines[..]),
@@ -162,9 +164,9 @@ impl Matrix {
         }
     }
 
-    /// `out = x W` (or as `then` says) for the first `n` columns, rounded up to 16.
+    /// Computes `out = x W` for the first `n` columns, rounded up to 16. `then` selects how the product is written.
     ///
-    /// `x` is `[rows, k]`, `out` `[rows, stride]`, both padded.
+    /// `x` is `[rows, k]` and `out` is `[rows, stride]`, both padded.
     #[allow(clippy::too_many_arguments)]
     pub fn product(
         &self,
@@ -179,7 +181,7 @@ impl Matrix {
     ) {
         let (k, n) = (self.k, padded(n));
         let rows = x.len() / k;
-        // The kernels write through pointers: here is what they rely on.
+        // The kernels write through pointers. These assertions check the conditions that they rely on.
         assert!(x.len() == rows * k && n <= self.n && n <= stride && out.len() >= rows * stride);
         if rows == 0 {
             return;
@@ -252,10 +254,10 @@ struct I8Job<'a> {
 /// Writes 16 products.
 ///
 /// # Safety
-/// `to` must point to 16 floats that nobody else reads or writes meanwhile.
+/// `to` must point to 16 floats that no other thread reads or writes during the call.
 #[inline(always)]
 unsafe fn write<L: SimdF32x16>(to: *mut f32, product: L, then: Then) {
-    // SAFETY: promised by the caller.
+    // SAFETY: guaranteed by the caller.
     let to = unsafe { &mut *to.cast::<[f32; 16]>() };
     match then {
         Then::Store => product.store(to),
@@ -264,7 +266,7 @@ unsafe fn write<L: SimdF32x16>(to: *mut f32, product: L, then: Then) {
     }
 }
 
-/// Calls `$tile::<.., M, N>(row, vector)` until all rows and vectors of a panel are done.
+/// Calls `$tile::<.., M, N>(row, vector)` for all rows and vectors of a panel.
 macro_rules! tiles {
     ($lanes:ty, $rows:expr, $tile:ident) => {{
         let (tall, wide) = <$lanes>::TILE;
@@ -308,7 +310,7 @@ fn f32_body<L: SimdF32x16>(job: &F32Job, panels: Range<usize>) {
 }
 dispatch!(fn f32_panels => f32_body(job: &F32Job<'_>, panels: Range<usize>));
 
-/// M rows by 16 N columns of a panel.
+/// Computes M rows by 16 N columns of a panel.
 #[inline(always)]
 fn f32_tile<L: SimdF32x16, const M: usize, const N: usize>(
     job: &F32Job,
@@ -348,16 +350,16 @@ fn f32_tile<L: SimdF32x16, const M: usize, const N: usize>(
     }
 }
 
-/// Asks for the weights that come a little later. One row alone waits for memory, and the hardware
-/// looks no further than the end of a page.
+/// Prefetches weights that are needed soon. With a single row the product is limited by memory latency, and the
+/// hardware prefetcher does not cross page boundaries.
 #[inline(always)]
 fn ahead<T>(weights: &[Line<T>; VECTORS]) {
-    // Every x86-64 processor has the instruction. Miri does not interpret it.
+    // Every x86-64 processor has this instruction. Miri does not support it.
     #[cfg(all(target_arch = "x86_64", not(miri)))]
     for i in 0..VECTORS {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
         let later = weights.as_ptr().wrapping_add(AHEAD * VECTORS + i);
-        // SAFETY: a hint that reads no value and never faults, whatever the address.
+        // SAFETY: a prefetch hint reads no value and never faults, whatever the address.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(later.cast()) };
     }
     #[cfg(not(all(target_arch = "x86_64", not(miri))))]
@@ -386,7 +388,7 @@ fn i8_body<L: SimdF32x16, D: ByteDot>(job: &I8Job, panels: Range<usize>) {
 }
 dispatch!(bytes fn i8_panels => i8_body(job: &I8Job<'_>, panels: Range<usize>));
 
-/// M rows by 16 N columns of a panel.
+/// Computes M rows by 16 N columns of a panel.
 #[inline(always)]
 fn i8_tile<L: SimdF32x16, D: ByteDot, const M: usize, const N: usize>(
     job: &I8Job,
@@ -436,7 +438,7 @@ fn i8_tile<L: SimdF32x16, D: ByteDot, const M: usize, const N: usize>(
     }
 }
 
-/// Rows as bytes, each with the scale that brings its largest value to 127.
+/// Rows quantized to bytes, each with the scale that maps its largest absolute value to 127.
 #[inline(always)]
 fn quantise_body<L: SimdF32x16>(
     x: &[f32],
@@ -452,13 +454,13 @@ fn quantise_body<L: SimdF32x16>(
             largest = largest.max(L::load(x).abs());
         }
         let largest = largest.reduce_max();
-        // Zeros, and rows so small that the reciprocal would overflow, are zeros.
+        // Rows of zeros, and rows so small that the reciprocal would overflow, become zeros.
         let factor = if largest > 1e-30 {
             127.0 / largest
         } else {
             0.0
         };
-        // At most 127 * 65536 in all: exact in a float.
+        // At most 127 * 65536 in total, which is exact in f32.
         let mut sum = L::splat(0.0);
         for (x, bytes) in x.iter().zip(bytes) {
             let rounded = L::load(x).mul(L::splat(factor)).round();
@@ -477,7 +479,7 @@ mod tests {
     use super::*;
     use crate::tests::Random;
 
-    /// Product in f64 of values as they are, or rounded to bytes as the int8 path rounds them.
+    /// Product in f64, either of the original values or of values rounded to bytes in the same way as in the int8 path.
     fn naive(x: &[f32], rows: usize, k: usize, n: usize, w: &[f32], p: Precision) -> Vec<f64> {
         let round = |values: &[f32]| -> Vec<f64> {
             let largest = values.iter().fold(0.0_f32, |a, b| a.max(b.abs()));
@@ -505,7 +507,7 @@ mod tests {
         out
     }
 
-    /// Every level, precision, tile height and odd size against the plain sum.
+    /// Compares every SIMD level, precision, tile height and odd size with the plain sum.
     #[test]
     fn products_are_the_plain_sums() {
         let mut random = Random(1);
@@ -518,7 +520,7 @@ mod tests {
             (13, 96, 70),
             (50, 20, 40),
         ] {
-            // Miri is some thousand times slower.
+            // Miri is about a thousand times slower.
             if cfg!(miri) && rows > 5 {
                 continue;
             }
@@ -553,8 +555,8 @@ mod tests {
                                     Then::Add => sum + 2.0,
                                     Then::Relu => sum.max(0.0),
                                 };
-                                // Sums of up to 96 terms of order 1 in f32; the int8 sums are exact
-                                // but for the scales' rounding.
+                                // Sums of up to 96 terms of order 1 in f32. The int8 sums are exact except for the
+                                // rounding of the scales.
                                 let error = (f64::from(*found) - wanted).abs();
                                 assert!(
                                     error < 2e-5,
@@ -569,7 +571,7 @@ mod tests {
         }
     }
 
-    /// Bit by bit: what a sequence says must not depend on its neighbours.
+    /// Bit-exact comparison: the result of a sequence must not depend on its neighbours.
     #[test]
     fn a_row_does_not_depend_on_its_batch() {
         let mut random = Random(2);

@@ -1,4 +1,4 @@
-//! Weights packed once: what all sessions share.
+//! The packed weights of the T5, shared by all sessions.
 
 use crate::EngineError;
 use crate::matrix::{Matrix, padded};
@@ -7,17 +7,17 @@ use crate::session::{MAX_SOURCE, MAX_STEPS};
 use crate::weights::{NamedTensors, Shape, Taker};
 use radarllm_simd::SimdLevel;
 
-/// Numbers that products are made of.
+/// Number format of matrix products.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Precision {
-    /// As trained.
+    /// f32, as in training.
     F32,
-    /// Weights as bytes with one scale a column, activations as bytes with one scale a row. Norms,
-    /// attention and probabilities stay f32.
+    /// Int8: weights are bytes with one scale per column, activations are bytes with one scale per row. Norms,
+    /// attention and softmax remain in f32.
     Int8,
 }
 
-/// A T5 ready to run.
+/// A T5 encoder-decoder with packed weights.
 pub struct Engine {
     pub(crate) shape: Shape,
     pub(crate) level: SimdLevel,
@@ -35,20 +35,20 @@ pub struct Engine {
 pub(crate) struct Stack {
     pub blocks: Vec<Block>,
     pub norm: Vec<f32>,
-    /// Per head, the bias of key - query = `-first`, `-first + 1`, ...
+    /// For each head: the bias of key - query = `-first`, `-first + 1`, ...
     bias: Vec<Vec<f32>>,
     first: usize,
 }
 
 pub(crate) struct Block {
     pub norm: Vec<f32>,
-    /// Query, key and value side by side, `[d_model, 3 inner]`.
+    /// Query, key and value projections side by side, `[d_model, 3 inner]`.
     pub qkv: Matrix,
     pub o: Matrix,
-    /// Attention to the encoder's output; none in the encoder.
+    /// Cross-attention to the encoder's output; `None` in the encoder.
     pub cross: Option<Cross>,
     pub feed_norm: Vec<f32>,
-    /// `[d_model, d_ff]`, with the gate beside it when there is one.
+    /// `[d_model, d_ff]`, with the gate's weights beside it if the network is gated.
     pub wi: Matrix,
     pub wo: Matrix,
 }
@@ -56,19 +56,19 @@ pub(crate) struct Block {
 pub(crate) struct Cross {
     pub norm: Vec<f32>,
     pub q: Matrix,
-    /// Key and value side by side, `[d_model, 2 inner]`.
+    /// Key and value projections side by side, `[d_model, 2 inner]`.
     pub kv: Matrix,
     pub o: Matrix,
 }
 
 impl Stack {
-    /// Bias of `head` for a query at `position` and keys 0, 1, ...
+    /// Bias of `head` for a query at `position` and the keys 0, 1, ...
     pub fn bias(&self, head: usize, position: usize) -> &[f32] {
         &self.bias[head][self.first - position..]
     }
 }
 
-/// Widths after padding to vectors.
+/// Widths after padding to whole vectors.
 #[derive(Clone, Copy)]
 pub(crate) struct Widths {
     pub d_model: usize,
@@ -102,7 +102,7 @@ impl Loader<'_> {
         Ok(gain)
     }
 
-    /// `[d_model, inner]` matrices side by side, each head padded.
+    /// `[d_model, inner]` matrices side by side, with each head padded.
     fn heads(&mut self, prefix: &str, names: &[&str]) -> Result<Matrix, EngineError> {
         let (s, w) = (self.shape, self.shape.widths());
         let inner = s.inner();
@@ -130,7 +130,7 @@ impl Loader<'_> {
         ))
     }
 
-    /// `[inner, d_model]`, each head padded.
+    /// `[inner, d_model]`, with each head padded.
     fn mixer(&mut self, name: &str) -> Result<Matrix, EngineError> {
         let (s, w) = (self.shape, self.shape.widths());
         let o = self.weights.take(name, &[s.inner(), s.d_model])?;
@@ -201,7 +201,7 @@ impl Loader<'_> {
 
     fn stack(&mut self, name: &str, is_decoder: bool) -> Result<Stack, EngineError> {
         let s = self.shape;
-        // Relative positions from -first to last.
+        // Relative positions from -first to the last one.
         let (first, last, n_layers) = if is_decoder {
             (MAX_STEPS - 1, 0, s.n_decoder_layers)
         } else {
@@ -237,13 +237,13 @@ impl Loader<'_> {
 }
 
 impl Engine {
-    /// Packs the weights of a language model's checkpoint for the best instructions of this machine.
+    /// Packs the weights of a language model's checkpoint for the best instruction set of this machine.
     ///
-    /// Names are those of `model.safetensors` there: `t5.shared`, `t5.encoder.blocks.0.attention.q`
-    /// (`[in, out]`), ..., `bypass`.
+    /// Names are those of the checkpoint's `model.safetensors`: `t5.shared`, `t5.encoder.blocks.0.attention.q` (`[in,
+    /// out]`), ..., `bypass`.
     ///
     /// # Errors
-    /// If the shape cannot be, or a weight is missing, unknown, of another shape or not finite.
+    /// If the shape is invalid, or a weight is missing, unknown, not finite or of another shape.
     pub fn new(
         shape: Shape,
         precision: Precision,
@@ -252,7 +252,7 @@ impl Engine {
         Self::with_level(shape, precision, weights, SimdLevel::detect())
     }
 
-    /// As [`Self::new`] with given instructions.
+    /// Like [`Self::new`], with the given instruction set.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -301,22 +301,22 @@ impl Engine {
         })
     }
 
-    /// The shape.
+    /// Shape of the network.
     pub fn shape(&self) -> &Shape {
         &self.shape
     }
 
-    /// Numbers that products are made of.
+    /// Number format of matrix products.
     pub fn precision(&self) -> Precision {
         self.precision
     }
 
-    /// Instructions in use.
+    /// Instruction set in use.
     pub fn level(&self) -> SimdLevel {
         self.level
     }
 
-    /// Bytes of packed weights and embedding.
+    /// Size of the packed weights and the embedding in bytes.
     pub fn bytes(&self) -> usize {
         let blocks = self.encoder.blocks.iter().chain(&self.decoder.blocks);
         let block = |b: &Block| {

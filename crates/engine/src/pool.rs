@@ -1,8 +1,8 @@
-//! Threads that share the loops of one session, and sleep between them.
+//! A thread pool that runs the loops of one session. Its threads sleep between loops.
 //!
-//! Loops of a decoding step take some tens of microseconds, less than starting a thread does: the threads therefore outlive
-//! the loops, and what a loop borrows reaches them through pointers. This file is the one place that knows so; its
-//! methods are safe, because [`Pool::run`] does not return before every thread has let go of what it borrowed.
+//! A loop of a decoding step takes some tens of microseconds, less than starting a thread takes. The threads therefore
+//! outlive the loops and access borrowed data through pointers. This lifetime handling is confined to this file. The
+//! methods are safe, because [`Pool::run`] does not return before every thread has released what it borrowed.
 
 use std::marker::PhantomData;
 use std::ops::Range;
@@ -10,11 +10,11 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
-/// Looks at the counter this often before sleeping: some tens of microseconds, the pause between two
+/// Number of times that a worker polls the counter before it sleeps: some tens of microseconds, the pause between two
 /// matrix products.
 const SPINS: usize = if cfg!(miri) { 1 } else { 4000 };
 
-/// A fixed number of threads, the caller's among them.
+/// A fixed number of threads, including the caller's.
 pub(crate) struct Pool {
     shared: Arc<Shared>,
     workers: Vec<JoinHandle<()>>,
@@ -22,9 +22,9 @@ pub(crate) struct Pool {
 
 struct Shared {
     state: Mutex<State>,
-    /// Number of the latest loop; changed under the lock, watched without it.
+    /// Number of the latest loop. It is changed under the lock and polled without it.
     epoch: AtomicUsize,
-    /// Workers that have not finished the latest loop.
+    /// Number of workers that have not finished the latest loop.
     busy: AtomicUsize,
     wake: Condvar,
     /// A body panicked in a worker.
@@ -32,15 +32,15 @@ struct Shared {
 }
 
 struct State {
-    /// Of the latest loop; dangles between loops.
+    /// Body of the latest loop. The pointer dangles between loops.
     body: Option<Body>,
     stop: bool,
 }
 
-/// Called with a range of items, a piece of the scratch and the items' piece of the output.
+/// Called with a range of items, a part of the scratch buffer and the part of the output that belongs to the items.
 type BufferBody<'a> = dyn Fn(Range<usize>, &mut [f32], &mut [f32]) + Sync + 'a;
 
-/// A borrowed closure without its type and lifetime, which the threads, older than any loop, cannot name.
+/// A borrowed closure with its type and lifetime erased. The threads outlive every loop and cannot name them.
 #[derive(Clone, Copy)]
 struct Body {
     closure: *const (),
@@ -56,7 +56,7 @@ impl Body {
         /// # Safety
         /// `closure` must come from a `&F` whose referent is alive.
         unsafe fn call<F: Fn(usize)>(closure: *const (), part: usize) {
-            // SAFETY: promised by the caller.
+            // SAFETY: guaranteed by the caller.
             let body = unsafe { &*closure.cast::<F>() };
             body(part);
         }
@@ -69,7 +69,7 @@ impl Body {
 
 impl Shared {
     fn lock(&self) -> MutexGuard<'_, State> {
-        // Nothing panics while it holds the lock, so that the state is whole even if the lock says otherwise.
+        // No code panics while it holds the lock, so the state is consistent even if the lock is poisoned.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -97,22 +97,22 @@ impl Shared {
             drop(state);
             if let Some(Body { closure, call }) = body {
                 let call = std::panic::AssertUnwindSafe(|| {
-                    // SAFETY: the closure is that of the loop now running, whose `run` keeps it borrowed until `busy`
-                    // is 0; this worker has not counted itself out yet.
+                    // SAFETY: the closure belongs to the loop in progress, whose `run` keeps it borrowed until `busy`
+                    // is 0. This worker has not yet decremented `busy`.
                     unsafe { call(closure, part) }
                 });
                 if std::panic::catch_unwind(call).is_err() {
                     self.panicked.store(true, Ordering::Release);
                 }
             }
-            // Releases what this worker wrote to the caller, who waits for 0 with an acquiring load.
+            // Releases the writes of this worker to the caller, who waits for 0 with an acquiring load.
             self.busy.fetch_sub(1, Ordering::AcqRel);
         }
     }
 }
 
 impl Pool {
-    /// `threads` threads, at least the caller's own; fewer if the system refuses one.
+    /// Starts `threads` threads, including the caller's. There are fewer if the system refuses to start one.
     pub fn new(threads: usize) -> Self {
         let shared = Arc::new(Shared {
             state: Mutex::new(State {
@@ -136,12 +136,12 @@ impl Pool {
         Self { shared, workers }
     }
 
-    /// Threads, the caller's included.
+    /// Number of threads, including the caller's.
     pub fn threads(&self) -> usize {
         self.workers.len() + 1
     }
 
-    /// Calls `body` with every part `0..threads()` at once and waits for all.
+    /// Calls `body` concurrently with every part `0..threads()` and waits for all of them.
     ///
     /// # Panics
     /// If a body panics, after all parts have ended.
@@ -150,7 +150,8 @@ impl Pool {
             return body(0);
         }
         {
-            // `&mut self` and the wait below: no worker is in a loop, so that `busy` is 0 and nobody reads the old body.
+            // Because of `&mut self` and the wait below, no worker is in a loop. `busy` is therefore 0 and no thread
+            // reads the old body.
             let mut state = self.shared.lock();
             state.body = Some(Body::new(body));
             self.shared
@@ -159,7 +160,8 @@ impl Pool {
             self.shared.epoch.fetch_add(1, Ordering::AcqRel);
         }
         self.shared.wake.notify_all();
-        // Waits for the workers when dropped, also when the caller's own part panics: `body` must outlive their calls.
+        // Waits for the workers when dropped, also if the caller's own part panics, because `body` must outlive their
+        // calls.
         let wait = WaitForWorkers(&self.shared);
         body(0);
         drop(wait);
@@ -169,9 +171,9 @@ impl Pool {
         );
     }
 
-    /// Splits `0..n` into one range per thread and calls `body` with the thread's number and its range; on
-    /// the caller's thread alone when the work (about this many operations) is too little to be worth
-    /// waking others.
+    /// Splits `0..n` into one range per thread and calls `body` with the number of the thread and its range. If the
+    /// work (approximately this many operations) is too small to justify waking other threads, it runs on the caller's
+    /// thread alone.
     pub fn split(&mut self, n: usize, work: usize, body: &(dyn Fn(usize, Range<usize>) + Sync)) {
         let threads = self.threads();
         if threads == 1 || work < MIN_WORK {
@@ -185,10 +187,10 @@ impl Pool {
         });
     }
 
-    /// As [`Self::split`], and lends each thread buffers of its own: an equal piece of `scratch`, and of `out` the piece
-    /// that belongs to its range, `out.len() / n` values per item.
+    /// Like [`Self::split`], and lends each thread its own buffers: an equal part of `scratch`, and the part of `out`
+    /// that belongs to its range, with `out.len() / n` values per item.
     ///
-    /// `body` receives the range, the piece of `scratch` and the piece of `out`.
+    /// `body` receives the range, the part of `scratch` and the part of `out`.
     pub fn split_buffers(
         &mut self,
         n: usize,
@@ -201,7 +203,7 @@ impl Pool {
         let per_item = out.len().checked_div(n).unwrap_or(0);
         let (scratch, out) = (SharedBuffer::new(scratch), SharedBuffer::new(out));
         self.split(n, work, &|thread, items| {
-            // SAFETY: `split` calls with every thread's number once at most.
+            // SAFETY: `split` calls with the number of each thread at most once.
             let scratch = unsafe { scratch.piece(thread * per_thread, per_thread) };
             // SAFETY: `split` calls with ranges that do not overlap.
             let out = unsafe { out.piece(items.start * per_item, items.len() * per_item) };
@@ -210,17 +212,17 @@ impl Pool {
     }
 }
 
-/// A buffer whose pieces are written by different threads.
+/// A buffer whose parts are written by different threads.
 #[derive(Clone, Copy)]
 pub(crate) struct SharedBuffer<'a> {
     start: *mut f32,
     len: usize,
-    /// The buffer is borrowed for as long as pieces can be taken.
+    /// Keeps the buffer borrowed for as long as parts can be taken.
     buffer: PhantomData<&'a mut [f32]>,
 }
 
-// SAFETY: a `SharedBuffer` stands for a `&mut [f32]`, which may go to another thread. It does nothing by itself: who takes
-// a piece promises that no other thread has it.
+// SAFETY: a `SharedBuffer` represents a `&mut [f32]`, which may be sent to another thread. It accesses nothing by
+// itself: the caller of `piece` guarantees that no other thread has the same part.
 unsafe impl Send for SharedBuffer<'_> {}
 // SAFETY: as above; `piece` is the only method.
 unsafe impl Sync for SharedBuffer<'_> {}
@@ -234,22 +236,23 @@ impl<'a> SharedBuffer<'a> {
         }
     }
 
-    /// `len` values from `start` on.
+    /// The `len` values that begin at `start`.
     ///
     /// # Safety
-    /// While the piece is in use, no other piece may be taken that overlaps it.
+    /// While the part is in use, no overlapping part may be taken.
     ///
     /// # Panics
-    /// If the piece reaches beyond the buffer.
+    /// If the part extends beyond the buffer.
     pub unsafe fn piece(self, start: usize, len: usize) -> &'a mut [f32] {
         assert!(start <= self.len && len <= self.len - start);
-        // SAFETY: inside the buffer, which `'a` borrows mutably; the caller promises that nobody else has this piece.
+        // SAFETY: the range is inside the buffer, which `'a` borrows mutably. The caller guarantees that no other code
+        // has this part.
         unsafe { std::slice::from_raw_parts_mut(self.start.add(start), len) }
     }
 }
 
-/// Multiply-adds below which one thread is faster than several: some 20 microseconds. Miri's small tests are to have
-/// several threads too.
+/// Number of multiply-adds below which one thread is faster than several: some 20 microseconds of work. The limit is
+/// lower under Miri, so that its small tests use several threads too.
 const MIN_WORK: usize = if cfg!(miri) { 1 << 8 } else { 1 << 18 };
 
 struct WaitForWorkers<'a>(&'a Shared);
@@ -262,7 +265,7 @@ impl Drop for WaitForWorkers<'_> {
             if spins < SPINS {
                 std::hint::spin_loop();
             } else {
-                // More threads than cores: the worker needs this one.
+                // With more threads than cores, the worker needs this core.
                 std::thread::yield_now();
             }
         }
@@ -273,7 +276,7 @@ impl Drop for Pool {
     fn drop(&mut self) {
         self.shared.lock().stop = true;
         self.shared.wake.notify_all();
-        // A worker that spins sees `stop` when it next takes the lock.
+        // A worker that spins sees `stop` when it next acquires the lock.
         for worker in self.workers.drain(..) {
             let _ = worker.join();
         }
@@ -330,7 +333,7 @@ mod tests {
                         out.fill(item as f32);
                     }
                 });
-                // Every item once, by whichever thread.
+                // Every item is processed once, by any thread.
                 assert_eq!(scratch.iter().sum::<f32>(), n as f32);
                 for (item, out) in out.chunks_exact(3).enumerate() {
                     assert_eq!(out, [item as f32; 3]);

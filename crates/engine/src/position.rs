@@ -1,13 +1,13 @@
 //! Relative position buckets of T5.
 
-/// Bucket of a key at `relative = key position - query position`.
+/// Returns the bucket of a key at `relative = key position - query position`.
 ///
-/// Half of the buckets hold one distance each, the rest grow logarithmically up to
-/// `max_distance`, beyond which all share the last. `bidirectional` (encoder) spends half of them
-/// on keys after the query; the causal form (decoder) puts all such keys in bucket 0.
+/// Half of the buckets hold one distance each. The others grow logarithmically up to `max_distance`; all larger
+/// distances share the last bucket. The bidirectional form (encoder) uses half of the buckets for keys after the query.
+/// The causal form (decoder) maps all such keys to bucket 0.
 ///
-/// Computed in f32 in the order of the reference code, because the truncation of a logarithm next
-/// to an integer decides the bucket. Raffel et al. 2020, section 2.1.
+/// The computation uses f32 and the order of operations of the reference code, because the truncation of a logarithm
+/// close to an integer decides the bucket. Raffel et al. 2020, section 2.1.
 ///
 /// # Example
 /// ```
@@ -45,7 +45,7 @@ pub fn relative_bucket(
     base + large.min(buckets - 1)
 }
 
-/// Buckets of every (query, key) pair, `[n_queries, n_keys]`, queries starting at `first_query`.
+/// Buckets of every (query, key) pair, `[n_queries, n_keys]`. The first query is at position `first_query`.
 pub fn bucket_table(
     first_query: usize,
     n_queries: usize,

@@ -1,8 +1,8 @@
-//! Operations on single rows: norms, activations, attention of one query, probabilities.
+//! Operations on single rows: norms, activation functions, attention of one query, softmax.
 
 use radarllm_simd::{SimdF32x16, dispatch};
 
-/// `x * gain / rms(x)` of every row; `width` values of a row are real, the rest padding.
+/// RMS norm: `x * gain / rms(x)` of every row. The first `width` values of a row are used; the others are padding.
 #[inline(always)]
 fn rms_norm_body<L: SimdF32x16>(x: &[f32], gain: &[f32], width: usize, eps: f32, out: &mut [f32]) {
     let stride = gain.len();
@@ -23,8 +23,8 @@ dispatch!(pub(crate) fn rms_norm => rms_norm_body(
     x: &[f32], gain: &[f32], width: usize, eps: f32, out: &mut [f32],
 ));
 
-/// `(x - mean) / deviation * gain + offset` of every row; `width` values of a row are real, the rest,
-/// of `x`, `gain` and `offset`, zeros.
+/// Layer norm: `(x - mean) / deviation * gain + offset` of every row. The first `width` values of a row are used; the
+/// others must be zero in `x`, `gain` and `offset`.
 #[inline(always)]
 fn layer_norm_body<L: SimdF32x16>(
     x: &[f32],
@@ -48,7 +48,7 @@ fn layer_norm_body<L: SimdF32x16>(
             let x = L::load(x).sub(L::splat(mean));
             squares = x.fma(x, squares);
         }
-        // Each zero of the padding added the mean's square.
+        // Each zero of the padding contributed the square of the mean.
         let padding = (stride - width) as f32 * mean * mean;
         let variance = ((squares.reduce_sum() - padding) / width as f32).max(0.0);
         let inverse = L::splat((variance + eps).sqrt().recip());
@@ -63,7 +63,7 @@ dispatch!(pub(crate) fn layer_norm => layer_norm_body(
     x: &[f32], gain: &[f32], offset: &[f32], width: usize, eps: f32, out: &mut [f32],
 ));
 
-/// `relu(max(points W) + bias)`: `weight` is `[7, width]`, `width` a multiple of 16.
+/// `relu(max(points W) + bias)`. `weight` is `[7, width]`, and `width` is a multiple of 16.
 #[inline(always)]
 fn tube_maximum_body<L: SimdF32x16>(
     points: &[[f32; 7]],
@@ -90,8 +90,8 @@ dispatch!(pub(crate) fn tube_maximum => tube_maximum_body(
     points: &[[f32; 7]], weight: &[f32], bias: &[f32], out: &mut [f32],
 ));
 
-/// `gelu(x[..half]) * x[half..]` of every row of `2 half` values into `out`, `half` a row; the tanh
-/// form of GELU.
+/// Gated GELU in its tanh form: `gelu(x[..half]) * x[half..]` of every row. Rows of `x` have `2 half` values, rows of
+/// `out` have `half`.
 #[inline(always)]
 fn gated_gelu_body<L: SimdF32x16>(x: &[f32], half: usize, out: &mut [f32]) {
     for (x, out) in x.chunks_exact(2 * half).zip(out.chunks_exact_mut(half)) {
@@ -108,7 +108,7 @@ fn gated_gelu_body<L: SimdF32x16>(x: &[f32], half: usize, out: &mut [f32]) {
 }
 dispatch!(pub(crate) fn gated_gelu => gated_gelu_body(x: &[f32], half: usize, out: &mut [f32]));
 
-/// Turns scores into weights that sum to 1. Scores beyond `n` are padding and get 0.
+/// Softmax: turns scores into weights that sum to 1. Scores beyond `n` are padding and get the weight 0.
 #[inline(always)]
 fn softmax<L: SimdF32x16>(scores: &mut [f32], n: usize) {
     scores[n..].fill(f32::NEG_INFINITY);
@@ -124,28 +124,28 @@ fn softmax<L: SimdF32x16>(scores: &mut [f32], n: usize) {
         e.store(s);
         sum = sum.add(e);
     }
-    // What the padding adds, 16 times 1e-38 at most, is below rounding.
+    // The padding adds at most 16 times 1e-38, which is below rounding.
     let inverse = L::splat(sum.reduce_sum().recip());
     for s in scores.iter_mut() {
         L::load(s).mul(inverse).store(s);
     }
 }
 
-/// Keys and values of one head that one query looks at.
+/// Keys and values of one head that one query attends to.
 #[derive(Clone, Copy)]
 pub(crate) struct Columns<'a> {
-    /// Keys with the positions side by side, `[d, n_padded]`.
+    /// Keys, with consecutive positions adjacent in memory, `[d, n_padded]`.
     pub keys: &'a [f32],
-    /// Values from the head's first on, a row every `stride` values.
+    /// Values, from the first value of the head on. Rows are `stride` values apart.
     pub values: &'a [f32],
     pub stride: usize,
-    /// Positions.
+    /// Number of positions.
     pub n: usize,
 }
 
-/// Attention of one head's query, `[d]`, over all positions of `columns` with a bias for each.
+/// Attention of one head's query, `[d]`, over all positions of `columns`, with a bias for each position.
 ///
-/// `scores` has room for the positions, padded to 16.
+/// `scores` must have room for the positions, padded to 16.
 #[inline(always)]
 fn attend_columns_body<L: SimdF32x16>(
     query: &[f32],
@@ -157,7 +157,8 @@ fn attend_columns_body<L: SimdF32x16>(
     let n_padded = columns.n.next_multiple_of(16);
     let scores = &mut scores[..n_padded];
     let mut first = 0;
-    // Four vectors of positions at a time: enough independent sums to keep the units busy.
+    // Processes four vectors of positions at a time, which gives enough independent sums to keep the execution units
+    // busy.
     while n_padded - first >= 64 {
         score_columns::<L, 4>(query, columns.keys, n_padded, first, scores);
         first += 64;
@@ -181,8 +182,8 @@ dispatch!(pub(crate) fn attend_columns => attend_columns_body(
     query: &[f32], columns: Columns<'_>, bias: Option<&[f32]>, scores: &mut [f32], out: &mut [f32],
 ));
 
-/// Rows averaged with the weights that softmax makes of `scores`, of which `n` are real. Each row is
-/// `out.len()` of `stride` values.
+/// Average of rows, weighted with the softmax of `scores`, of which the first `n` are used. Each row has `out.len()`
+/// values, and rows are `stride` values apart.
 #[inline(always)]
 fn average_body<L: SimdF32x16>(
     scores: &mut [f32],
@@ -219,7 +220,7 @@ fn score_columns<L: SimdF32x16, const N: usize>(
     }
 }
 
-/// Sum of weighted rows, `[d]`.
+/// Weighted sum of rows, `[d]`.
 #[inline(always)]
 fn mix<'a, L: SimdF32x16>(
     rows: impl Iterator<Item = (&'a f32, &'a [f32])> + Clone,
@@ -256,18 +257,18 @@ fn mix_vectors<'a, L: SimdF32x16, const N: usize>(
     }
 }
 
-/// A decoder's own keys and values: `[step, row, head, d]` of one block.
+/// The decoder's cached self-attention keys and values of one block: `[step, row, head, d]`.
 #[derive(Clone, Copy)]
 pub(crate) struct History<'a> {
     pub keys: &'a [f32],
     pub values: &'a [f32],
-    /// Values of one step.
+    /// Number of values of one step.
     pub step: usize,
-    /// Values of one row.
+    /// Number of values of one row.
     pub row: usize,
-    /// The row that holds each step of this sentence.
+    /// For each step, the row that holds it for this sentence.
     pub rows: &'a [u32],
-    /// First value of the head.
+    /// Index of the first value of the head.
     pub head: usize,
 }
 
@@ -279,7 +280,7 @@ impl History<'_> {
     }
 }
 
-/// Attention of one head's query over the steps so far.
+/// Attention of one head's query over all steps so far.
 #[inline(always)]
 fn attend_history_body<L: SimdF32x16>(
     query: &[f32],
@@ -311,8 +312,8 @@ dispatch!(pub(crate) fn attend_history => attend_history_body(
     query: &[f32], history: History<'_>, bias: &[f32], scores: &mut [f32], out: &mut [f32],
 ));
 
-/// Logits to log-probabilities among those whose `mask` is 0; the others, with a `mask` of negative
-/// infinity, become that. Padded to 16 with forbidden entries.
+/// Converts logits to log-probabilities among the ids whose `mask` is 0. The other ids have a `mask` of negative
+/// infinity, which becomes their log-probability. The output is padded to 16 with forbidden entries.
 #[inline(always)]
 fn log_softmax_body<L: SimdF32x16>(logits: &mut [f32], mask: &[f32]) {
     let logits = logits.as_chunks_mut::<16>().0;
@@ -334,7 +335,7 @@ fn log_softmax_body<L: SimdF32x16>(logits: &mut [f32], mask: &[f32]) {
 }
 dispatch!(pub(crate) fn log_softmax => log_softmax_body(logits: &mut [f32], mask: &[f32]));
 
-/// Index and value of the largest entry; the first of equals. The length is a multiple of 16.
+/// Index and value of the largest entry, the first one in a tie. The length must be a multiple of 16.
 #[inline(always)]
 fn argmax_body<L: SimdF32x16>(values: &[f32]) -> Option<(usize, f32)> {
     let mut largest = L::splat(f32::NEG_INFINITY);
@@ -342,7 +343,7 @@ fn argmax_body<L: SimdF32x16>(values: &[f32]) -> Option<(usize, f32)> {
         largest = largest.max(L::load(v));
     }
     let largest = largest.reduce_max();
-    // Only NaN or negative infinity: nothing is largest.
+    // If all entries are NaN or negative infinity, none is the largest.
     (largest > f32::NEG_INFINITY)
         .then(|| values.iter().position(|v| *v == largest))
         .flatten()
@@ -369,7 +370,7 @@ mod tests {
         scores.iter().map(|s| (s - largest).exp() / sum).collect()
     }
 
-    /// Both forms of attention against the formula in f64, at every level and odd sizes.
+    /// Compares both forms of attention with the formula in f64, at every SIMD level and at odd sizes.
     #[test]
     fn attention_is_the_formula() {
         let mut random = Random(3);
@@ -429,7 +430,7 @@ mod tests {
     fn norms_and_gates_are_the_formulas() {
         let mut random = Random(4);
         for level in SimdLevel::available() {
-            // 20 real values, 12 of padding.
+            // 20 used values, 12 of padding.
             let mut x: Vec<f32> = (0..64).map(|_| 3.0 * random.normal()).collect();
             let gain: Vec<f32> = (0..32).map(|_| random.normal()).collect();
             x[20..32].fill(0.0);
@@ -461,12 +462,12 @@ mod tests {
         }
     }
 
-    /// Layer norm, the maximum over a tube and weighted means against their formulas in f64.
+    /// Compares layer norm, the maximum over a tube and weighted means with their formulas in f64.
     #[test]
     fn the_tokenizer_s_rows_are_the_formulas() {
         let mut random = Random(6);
         for level in SimdLevel::available() {
-            // 20 real values of 32; far from zero, so that a mean over the padding would show.
+            // 20 used values of 32. They are far from zero, so that a mean that includes the padding would differ.
             let mut draw = |n: usize| -> Vec<f32> { (0..n).map(|_| random.normal()).collect() };
             let (mut x, mut gain, mut offset) = (draw(32), draw(32), draw(32));
             x.iter_mut().for_each(|x| *x += 5.0);
@@ -507,7 +508,7 @@ mod tests {
             tube_maximum(level, &points, &weight, &bias, &mut out);
             close(&out, &expected, 1e-5);
 
-            // Seven rows of 32 values, 40 apart; one of them hidden.
+            // Seven rows of 32 values, with a stride of 40. One of them is masked.
             let (rows, mut scores) = (draw(7 * 40), draw(16));
             scores[2] = f32::NEG_INFINITY;
             let kept: Vec<f64> = scores[..7].iter().map(|s| f64::from(*s)).collect();
@@ -539,7 +540,7 @@ mod tests {
             let scores: Vec<f32> = allowed.iter().map(|i| found[*i]).collect();
             close(&scores, &expected, 1e-5);
             assert!(found[3] == f32::NEG_INFINITY && found[40] == f32::NEG_INFINITY);
-            // The first of equals; nothing among nothing.
+            // In a tie the first entry wins. Without a valid entry the result is empty.
             found[9] = 1.0;
             found[30] = 1.0;
             assert_eq!(argmax(level, &found), Some((9, 1.0)));

@@ -1,8 +1,8 @@
-//! Decoding: greedy and beam search over anything that gives log-probabilities of the next token.
+//! Greedy and beam search over any network that provides log-probabilities of the next token.
 //!
-//! [`DecodingBackend`] is what a network must offer; a [`Session`] of this engine is one, the networks of
-//! `radarllm-nn` are others. Scores are log-probabilities among the allowed tokens only, so that a sentence does not
-//! lose confidence to tokens that it may not contain. Equal scores go to the smaller id.
+//! [`DecodingBackend`] is the interface that a network implements. A [`Session`] of this engine implements it, and so
+//! do the networks of `radarllm-nn`. Scores are log-probabilities among the allowed tokens only, so that tokens that a
+//! sentence cannot contain do not reduce its confidence. In a tie the smaller id wins.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -15,39 +15,39 @@ use radarllm_simd::SimdLevel;
 /// Maximum of [`SearchOptions::max_new_tokens`].
 pub const MAX_NEW_TOKENS: usize = MAX_STEPS;
 
-/// How to decode.
+/// Decoding options.
 #[derive(Clone, Debug)]
 pub struct SearchOptions<'a> {
-    /// Most tokens produced, end token included, 1..=512.
+    /// Maximum number of tokens produced, including the end token, 1..=512.
     pub max_new_tokens: usize,
-    /// Beams, 1..=64; 1 is greedy.
+    /// Number of beams, 1..=64; 1 is greedy search.
     pub beam: usize,
-    /// Finished beams compare by log-probability over length to this power.
+    /// Length penalty: finished beams are compared by their log-probability divided by length to this power.
     pub length_penalty: f32,
-    /// Rows decoded together, beams included.
+    /// Number of rows decoded together, including beams.
     pub batch: usize,
-    /// Fed to the decoder first.
+    /// Start token, the first input of the decoder.
     pub start: u32,
-    /// Ends a sentence.
+    /// End token, which ends a sentence.
     pub end: u32,
-    /// Whether each id may be produced, from id 0; ids beyond may not. Without the end among them every
-    /// sentence has the greatest length.
+    /// Whether each id may be produced, from id 0 on. Ids beyond the end of the slice are forbidden. If the end token
+    /// is forbidden, every sentence has the maximum length.
     pub allowed: &'a [bool],
 }
 
-/// One decoded sequence.
+/// A decoded sequence.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Generated {
-    /// Tokens, without start and end.
+    /// Tokens, without the start and end tokens.
     pub ids: Vec<u32>,
-    /// Sum of the tokens' log-probabilities, end token included.
+    /// Sum of the log-probabilities of the tokens, including the end token.
     pub log_prob: f32,
     /// exp(mean log-probability), in 0..=1.
     pub confidence: f32,
 }
 
 impl Generated {
-    /// A result whose log-probability is the sum over `n_scored` tokens.
+    /// Creates a result whose log-probability is the sum over `n_scored` tokens.
     pub fn new(ids: Vec<u32>, log_prob: f32, n_scored: usize) -> Self {
         let confidence = (log_prob / n_scored.max(1) as f32).exp();
         Self {
@@ -58,16 +58,16 @@ impl Generated {
     }
 }
 
-/// What decoding reports to while it runs, and who may stop it.
+/// Receives progress of decoding, and can cancel it.
 pub struct Watch<'a> {
-    /// Called with the number of a source and its next token: at once in greedy decoding, when the best
-    /// beam is known in beam search.
+    /// Called with the index of a source and its next token. Greedy search calls it immediately, beam search once the
+    /// best beam is known.
     pub on_token: &'a mut dyn FnMut(usize, u32),
-    /// Decoding stops with [`EngineError::Cancelled`] before the next step once this is true.
+    /// Once this returns true, decoding stops with [`EngineError::Cancelled`] before the next step.
     pub cancel: &'a AtomicBool,
 }
 
-/// Runs `work` with a watch that takes no token and never cancels.
+/// Runs `work` with a watch that ignores tokens and never cancels.
 pub fn unwatched<R>(work: impl FnOnce(&mut Watch) -> R) -> R {
     work(&mut Watch {
         on_token: &mut |_, _| {},
@@ -75,27 +75,27 @@ pub fn unwatched<R>(work: impl FnOnce(&mut Watch) -> R) -> R {
     })
 }
 
-/// A network that decodes step by step, a row for each sentence or beam that is open.
+/// A network that decodes step by step, with one row for each unfinished sentence or beam.
 pub trait DecodingBackend {
-    /// What can go wrong.
+    /// Error type of the network.
     type Error: From<EngineError>;
 
-    /// Number of ids.
+    /// Number of token ids.
     fn vocab_size(&self) -> usize;
 
-    /// Instruction set for comparisons of scores. Results do not depend on it.
+    /// Instruction set for the comparison of scores. It does not affect results.
     fn level(&self) -> SimdLevel {
         SimdLevel::detect()
     }
 
-    /// Checks a source; `index` is its number in the caller's list.
+    /// Checks a source. `index` is its index in the caller's list.
     ///
     /// # Errors
     /// If the source does not fit the network.
     fn check(&self, index: usize, source: &Source) -> Result<(), Self::Error>;
 
-    /// Reads `sources` and opens `options.beam` rows for each, rows of one source side by side, for at most
-    /// `options.max_new_tokens` steps. `last`, which is empty, receives the token that each row is fed first.
+    /// Encodes `sources` and opens `options.beam` rows for each, with the rows of one source side by side, for at most
+    /// `options.max_new_tokens` steps. `last` is empty on entry and receives the first decoder input of each row.
     ///
     /// # Errors
     /// If the sources do not fit the network.
@@ -106,13 +106,14 @@ pub trait DecodingBackend {
         last: &mut Vec<u32>,
     ) -> Result<(), Self::Error>;
 
-    /// One decoding step: the last token of every row in; log-probabilities `[rows][mask.len()]` of the next token
-    /// out, among the ids whose mask is 0. The other ids have a mask of negative infinity, and this log-probability.
-    /// `mask` has a multiple of 16 entries, at most the vocabulary rounded up.
+    /// Runs one decoding step. The input is the last token of every row. The output is `[rows][mask.len()]`, the
+    /// log-probabilities of the next token among the ids whose mask is 0. The other ids have a mask of negative
+    /// infinity, which is also their log-probability. The length of `mask` is a multiple of 16 and at most the
+    /// vocabulary size, rounded up to 16.
     fn log_probs(&mut self, last: &[u32], mask: &[f32]) -> &[f32];
 
-    /// Continues with the given rows, in this order. Rows may repeat, and there may be fewer than before. If there
-    /// are as many as before, each new row has the source of the row that it replaces.
+    /// Continues with the given rows, in this order. Rows may repeat, and there may be fewer than before. If their
+    /// number is unchanged, each new row has the same source as the row that it replaces.
     fn keep(&mut self, rows: &[usize]);
 }
 
@@ -164,10 +165,10 @@ impl Session<'_> {
         unwatched(|watch| self.generate_watched(sources, options, watch))
     }
 
-    /// As [`Self::generate`], reporting every token.
+    /// Like [`Self::generate`], and reports every token to the watch.
     ///
     /// # Errors
-    /// As [`Self::generate`], and [`EngineError::Cancelled`].
+    /// Those of [`Self::generate`], and [`EngineError::Cancelled`].
     pub fn generate_watched(
         &mut self,
         sources: &[Source],
@@ -178,10 +179,10 @@ impl Session<'_> {
     }
 }
 
-/// Decodes every source, reporting every token.
+/// Decodes every source, and reports every token to the watch.
 ///
 /// # Errors
-/// If a source or an option does not fit the network, and [`EngineError::Cancelled`].
+/// If a source or an option does not fit the network; [`EngineError::Cancelled`] if the watch cancels.
 pub fn search<D: DecodingBackend>(
     backend: &mut D,
     sources: &[Source],
@@ -193,7 +194,7 @@ pub fn search<D: DecodingBackend>(
         backend.check(index, source)?;
     }
     let batch = (options.batch / options.beam).clamp(1, 1024);
-    // Sources of similar length finish together, and little of a batch is padding.
+    // Sources of similar length tend to finish together, and batches of them contain little padding.
     let mut order: Vec<usize> = (0..sources.len()).collect();
     order.sort_by_key(|i| sources[*i].ids.len());
     let mut out = vec![Generated::default(); sources.len()];
@@ -224,7 +225,7 @@ fn check_cancelled(watch: &Watch) -> Result<(), EngineError> {
     }
 }
 
-/// Checks options; 0 for allowed ids and negative infinity for others, padded.
+/// Checks the options and returns the mask: 0 for allowed ids and negative infinity for the others, padded.
 fn check_options(options: &SearchOptions, vocab_size: usize) -> Result<Vec<f32>, EngineError> {
     let n = options.allowed.len();
     for (field, value, min, max) in [
@@ -258,19 +259,19 @@ fn greedy<D: DecodingBackend>(
 ) -> Result<Vec<Generated>, D::Error> {
     let (n, steps) = (chunk.len(), options.max_new_tokens);
     let level = backend.level();
-    // Per sentence: tokens, sum of log-probabilities, tokens scored.
+    // For each sentence: tokens, sum of log-probabilities, number of scored tokens.
     let mut out: Vec<(Vec<u32>, f32, usize)> = (0..n)
         .map(|_| (Vec::with_capacity(steps), 0.0, 0))
         .collect();
     let mut alive: Vec<usize> = (0..n).collect();
     let mut kept = Vec::with_capacity(n);
-    // From here on nothing is allocated.
+    // The code below does not allocate.
     for step in 0..steps {
         check_cancelled(watch)?;
         kept.clear();
         let scores = backend.log_probs(&last, mask);
         for (row, scores) in scores.chunks_exact(mask.len()).enumerate() {
-            // Without any finite score (weights whose sums overflow) the sentence ends.
+            // If no score is finite (weights whose sums overflow), the sentence ends.
             let (id, score) = argmax(level, scores)
                 .map_or((options.end, f32::NEG_INFINITY), |(id, score)| {
                     (id as u32, score)
@@ -288,7 +289,7 @@ fn greedy<D: DecodingBackend>(
         if kept.is_empty() || step + 1 == steps {
             break;
         }
-        // Finished sentences leave the batch; the rest pay only for themselves.
+        // Finished sentences are removed from the batch, so that later steps compute only the unfinished ones.
         if kept.len() < alive.len() {
             backend.keep(&kept);
             for (to, from) in kept.iter().enumerate() {
@@ -304,15 +305,15 @@ fn greedy<D: DecodingBackend>(
         .collect())
 }
 
-/// A beam search over one source.
+/// Beam search over one source.
 struct Search {
-    /// Beams that run, best first; `width` of them, the unused with a sum of negative infinity.
+    /// Open beams, best first. There are `width` of them; unused ones have a sum of negative infinity.
     open: Vec<Sentence>,
-    /// Takes the next generation of `open`.
+    /// Receives the next generation of `open`.
     next: Vec<Sentence>,
-    /// Ended sentences, best first.
+    /// Finished sentences, best first.
     done: Vec<Done>,
-    /// Sentences that fell out of `done`, to be used again.
+    /// Sentences dropped from `done`, whose buffers are reused.
     spare: Vec<Done>,
     finished: bool,
 }
@@ -329,7 +330,7 @@ struct Done {
     sentence: Sentence,
 }
 
-/// An extension of an open beam.
+/// An extension of an open beam by one token.
 #[derive(Clone, Copy)]
 struct Candidate {
     sum: f32,
@@ -339,7 +340,7 @@ struct Candidate {
 
 impl Search {
     fn new(width: usize, steps: usize) -> Self {
-        // All beams start equal, so only the first may be extended at the first step.
+        // All beams are equal at the start, so that only the first one may be extended at the first step.
         let sentences = || -> Vec<Sentence> {
             (0..width)
                 .map(|b| Sentence {
@@ -358,14 +359,14 @@ impl Search {
         Self {
             open: sentences(),
             next: sentences(),
-            // In one step at most `width` sentences end before the worst are dropped.
+            // In one step at most `width` sentences finish before the worst ones are dropped.
             done: Vec::with_capacity(2 * width),
             spare: (0..2 * width).map(|_| spare()).collect(),
             finished: false,
         }
     }
 
-    /// Puts an ended sentence behind those of equal score.
+    /// Inserts a finished sentence after those of equal score.
     fn end(&mut self, beam: usize, sum: f32, score: f32) {
         let mut done = self.spare.pop().unwrap_or_default();
         done.sentence.ids.clear();
@@ -394,14 +395,14 @@ fn beam<D: DecodingBackend>(
     let mut parents = Vec::with_capacity(n * width);
     let mut candidates = Vec::with_capacity(2 * width * width);
     let mut best = Vec::with_capacity(2 * width);
-    // From here on nothing is allocated.
+    // The code below does not allocate.
     for step in 0..steps {
         check_cancelled(watch)?;
         let scores = backend.log_probs(&last, mask);
         parents.clear();
         last.clear();
         let mut first = 0;
-        // Rows belong to the unfinished searches, in order.
+        // Rows belong to the unfinished searches, in their order.
         for search in searches.iter_mut().filter(|s| !s.finished) {
             candidates.clear();
             for (beam, sentence) in search.open.iter().enumerate() {
@@ -409,7 +410,7 @@ fn beam<D: DecodingBackend>(
                     continue;
                 }
                 let row = &scores[(first + beam) * mask.len()..(first + beam + 1) * mask.len()];
-                // Twice the width: even if every beam ends, enough of them go on.
+                // Twice the width, so that enough beams continue even if every beam ends.
                 top(level, row, 2 * width, &mut best);
                 candidates.extend(best.iter().map(|(id, score)| Candidate {
                     sum: sentence.sum + score,
@@ -426,7 +427,7 @@ fn beam<D: DecodingBackend>(
             for (rank, candidate) in candidates.iter().enumerate() {
                 let Candidate { sum, beam, id } = *candidate;
                 if id == options.end {
-                    // An end outside the best `width` would not have been a beam.
+                    // An ending outside the best `width` candidates would not have been a beam.
                     if rank < width {
                         let score = normal(sum, search.open[beam].ids.len() + 1);
                         search.end(beam, sum, score);
@@ -452,13 +453,13 @@ fn beam<D: DecodingBackend>(
             while search.done.len() > width {
                 search.spare.extend(search.done.pop());
             }
-            // The score of the best open beam, if it ended now, is close enough to a bound on what it can reach
-            // under a penalty of at most 1. Hugging Face's search stops here too.
+            // The score that the best open beam would have if it ended now approximates the upper bound of its final
+            // score for a length penalty of at most 1. The beam search of Hugging Face uses the same stopping rule.
             let best_open = normal(search.open[0].sum, step + 1);
             let worst_done = search.done.last().map_or(f32::NEG_INFINITY, |d| d.score);
             search.finished = search.done.len() >= width && worst_done >= best_open;
             if search.finished {
-                // Its rows leave the batch.
+                // Its rows are removed from the batch.
                 parents.truncate(parents.len() - width);
                 last.truncate(last.len() - width);
             }
@@ -475,7 +476,7 @@ fn beam<D: DecodingBackend>(
         .collect())
 }
 
-/// The best ended sentence, or the best open one when none ended within the limit; the last of equals.
+/// The best finished sentence, or the best open one if none finished within the limit. In a tie the last one wins.
 fn choose(search: Search, normal: &dyn Fn(f32, usize) -> f32) -> Generated {
     let by_score = |a: &Done, b: &Done| a.score.total_cmp(&b.score);
     if let Some(best) = search.done.into_iter().max_by(by_score) {
@@ -500,14 +501,14 @@ fn choose(search: Search, normal: &dyn Fn(f32, usize) -> f32) -> Generated {
         })
 }
 
-/// Ids and values of the `k` largest finite entries, largest first, the smaller id first of equals.
+/// Ids and values of the `k` largest finite entries, largest first. In a tie the smaller id comes first.
 ///
-/// `best` has room for `k` entries.
+/// `best` must have room for `k` entries.
 fn top(level: SimdLevel, scores: &[f32], k: usize, best: &mut Vec<(u32, f32)>) {
     best.clear();
     let mut lowest = f32::NEG_INFINITY;
     for (block, values) in scores.chunks(BLOCK).enumerate() {
-        // Most blocks hold nothing better than what was found already.
+        // Most blocks contain no entry that is larger than those found already.
         match argmax(level, values) {
             Some((_, highest)) if highest > lowest => {}
             _ => continue,
@@ -527,7 +528,7 @@ fn top(level: SimdLevel, scores: &[f32], k: usize, best: &mut Vec<(u32, f32)>) {
     }
 }
 
-/// Entries looked at together; a multiple of 16.
+/// Number of entries compared together; a multiple of 16.
 const BLOCK: usize = 256;
 
 #[cfg(test)]
@@ -543,7 +544,7 @@ mod tests {
                 continue; // Miri is some thousand times slower.
             }
             for k in [1, 2, 8, 128] {
-                // Coarse values, so that many are equal; some are forbidden. No negative zero.
+                // Coarse values, so that many of them are equal. Some ids are forbidden. There is no negative zero.
                 let mut scores: Vec<f32> = (0..n)
                     .map(|_| (random.normal() * 4.0).round() + 0.0)
                     .collect();

@@ -1,22 +1,23 @@
-//! One caller's buffers: the encoder, and the decoder step by step.
+//! Buffers of one caller for the T5: the encoder, and the decoder step by step.
 //!
-//! Sequences are not padded to each other: the encoder's rows are all tokens of all sources, one
-//! source after the other. Products are then as tall as there are tokens, and no work goes into padding.
+//! Sequences are not padded to a common length. The rows of the encoder are all tokens of all sources, one source after
+//! the other. The height of a product is therefore the total number of tokens, and no work is spent on padding.
 //!
-//! The decoder never moves keys and values. A table says for every row which row of each earlier step it continues, so
-//! that ending sentences and reordering beams only edits that table. Moving instead would copy all keys and values of all
-//! blocks at every step of a beam search. All beams of a source share the keys and values of its cross-attention.
+//! The decoder never moves keys and values in its cache. A table gives, for every row and every earlier step, the row
+//! that holds the keys and values of this step. When sentences end or beams are reordered, only this table changes.
+//! Otherwise every step of a beam search would copy all keys and values of all blocks. All beams of a source share the
+//! keys and values of its cross-attention.
 //!
 //! # Results do not depend on the batch
 //!
-//! A row's numbers are the same to the bit whichever rows are beside it and however many threads there are: products sum
-//! in one order ([`Matrix::product`]), attention is one query's, and threads get whole rows or whole heads. Tests hold
-//! sentences of a batch against the same sentences alone.
+//! The numbers of a row are identical to the bit for all neighbouring rows and all numbers of threads: products sum in
+//! one fixed order ([`Matrix::product`]), attention is computed for one query at a time, and threads receive whole rows
+//! or whole heads. Tests compare the sentences of a batch with the same sentences decoded alone.
 //!
 //! # Memory
 //!
-//! Buffers grow in [`Session::start`] and are kept, so that a step allocates nothing. Buffers of different jobs are
-//! separate fields, which lets a step borrow some for reading while threads write to others.
+//! Buffers grow in [`Session::start`] and are kept, so that a step does not allocate. Buffers with different purposes
+//! are separate fields, so that a step can borrow some for reading while threads write to others.
 
 use crate::matrix::{Matrix, Quantised, Then, grow, padded};
 use crate::network::{Block, Engine};
@@ -26,80 +27,81 @@ use crate::rows::{
 };
 use crate::{EngineError, Precision};
 
-/// Longest encoder input, tokens.
+/// Maximum length of the encoder input, in tokens.
 pub const MAX_SOURCE: usize = 2048;
-/// Most decoding steps.
+/// Maximum number of decoding steps.
 pub const MAX_STEPS: usize = 512;
 
-/// One encoder input.
+/// An input of the encoder.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Source {
     /// Token ids.
     pub ids: Vec<u32>,
-    /// Positions in `ids` that carry a radar feature, increasing.
+    /// Positions in `ids` that carry a radar feature, in increasing order.
     pub feature_positions: Vec<u32>,
     /// `[feature_positions.len(), code_dim]`.
     pub features: Vec<f32>,
 }
 
-/// Where a source's rows lie.
+/// Position of a source's rows in the shared buffers.
 #[derive(Clone, Copy, Default)]
 struct Span {
-    /// First row among all tokens.
+    /// Index of the first row among all tokens.
     start: usize,
-    /// Tokens.
+    /// Number of tokens.
     len: usize,
-    /// First position among all sources' positions, each source padded to 16: keys lie with the positions side by side,
-    /// and a vector of scores must not reach into the next source.
+    /// Index of the first position among the positions of all sources, each source padded to 16. Keys are stored with
+    /// consecutive positions adjacent, and a vector of scores must not reach into the next source.
     column: usize,
 }
 
-/// Buffers and threads to run an [`Engine`]; they grow with use and are kept.
+/// Buffers and threads for running an [`Engine`]. The buffers grow with use and are kept.
 pub struct Session<'e> {
     engine: &'e Engine,
     pool: Pool,
     quantised: Quantised,
     spans: Vec<Span>,
-    /// Rows now decoded: the source of each.
+    /// For each row in decoding: the index of its source.
     sources: Vec<usize>,
-    /// `[rows][MAX_STEPS]`: the row that holds each step of this row's sentence. Rows of a fixed length, so that a row is
-    /// replaced without moving the others.
+    /// `[rows][MAX_STEPS]`: for each step, the row that holds it for this row's sentence. Rows have a fixed length, so
+    /// that one can be replaced without moving the others.
     table: Vec<u32>,
-    /// The table before reordering: new rows are copied from it, because one old row may continue in several.
+    /// The table before reordering. New rows are copied from it, because several new rows may continue the same old
+    /// row.
     old_table: Vec<u32>,
     old_sources: Vec<usize>,
     step: usize,
-    /// Rows and steps that the caches have room for.
+    /// Numbers of rows and steps that the caches have room for.
     room: (usize, usize),
     /// Residual stream, `[rows, d_model]`.
     x: Vec<f32>,
-    /// After a norm, `[rows, d_model]`.
+    /// Output of a norm, `[rows, d_model]`.
     normed: Vec<f32>,
-    /// Queries, keys and values side by side, or the feed-forward's inner layer, `[rows, widest]`.
+    /// Queries, keys and values side by side, or the inner layer of the feed-forward network, `[rows, widest]`.
     wide: Vec<f32>,
-    /// After the gate, `[rows, d_ff]`, or attention's output, `[rows, inner]`.
+    /// Output of the gate, `[rows, d_ff]`, or of attention, `[rows, inner]`.
     mixed: Vec<f32>,
-    /// One row of scores for each thread.
+    /// One row of scores per thread.
     scores: Vec<f32>,
     logits: Vec<f32>,
-    /// Per decoder block.
+    /// One entry per decoder block.
     caches: Vec<Cache>,
 }
 
 #[derive(Default)]
 struct Cache {
-    /// Keys of the decoder's own tokens, `[step, row, inner]`: a step appends without moving earlier ones.
+    /// Keys of the decoder's self-attention, `[step, row, inner]`. A step appends without moving earlier ones.
     keys: Vec<f32>,
     values: Vec<f32>,
-    /// Keys of the encoder's output: per source `[inner, positions]`, transposed once, so that a query's scores for sixteen
-    /// positions are one vector.
+    /// Keys of the encoder's output, `[inner, positions]` for each source. They are transposed once, so that the scores
+    /// of a query for sixteen positions are one vector.
     cross_keys: Vec<f32>,
     /// Values of the encoder's output, `[token, inner]`.
     cross_values: Vec<f32>,
 }
 
 impl Engine {
-    /// Buffers to run this engine on `threads` threads, the caller's among them; the others sleep
+    /// Creates buffers for running this engine on `threads` threads, including the caller's. The other threads sleep
     /// while nothing is decoded.
     pub fn session(&self, threads: usize) -> Session<'_> {
         let caches = self.decoder.blocks.iter().map(|_| Cache::default());
@@ -124,7 +126,7 @@ impl Engine {
         }
     }
 
-    /// Checks that an input fits the network; `index` is named in errors.
+    /// Checks that an input fits the network. Errors contain `index`.
     pub(crate) fn check(&self, index: usize, source: &Source) -> Result<(), EngineError> {
         let fail = |problem: String| Err(EngineError::Input { index, problem });
         let (n, vocab) = (source.ids.len(), self.shape.vocab_size);
@@ -134,14 +136,14 @@ impl Engine {
         if let Some(id) = source.ids.iter().find(|id| **id as usize >= vocab) {
             return fail(format!("id {id} is beyond the vocabulary of {vocab}"));
         }
-        // Without the bypass features are never looked at.
+        // Without the bypass, features are not used.
         let Some(code_dim) = self.shape.bypass else {
             return Ok(());
         };
         if source.feature_positions.iter().any(|p| *p as usize >= n) {
             return fail("a feature's position is beyond the tokens".into());
         }
-        // At most n positions make sense; more would also make the product below meaningless.
+        // At most n positions are meaningful. The check also keeps the product below in range.
         if source.feature_positions.len() > n
             || source.features.len() != source.feature_positions.len() * code_dim
         {
@@ -163,13 +165,13 @@ impl<'e> Session<'e> {
         self.engine
     }
 
-    /// Rows now decoded.
+    /// Number of rows in decoding.
     pub fn n_rows(&self) -> usize {
         self.sources.len()
     }
 
-    /// Runs the encoder over `sources` and prepares `beams` rows for each, rows of one source side by
-    /// side, for at most `steps` steps.
+    /// Runs the encoder over `sources` and prepares `beams` rows for each, with the rows of one source side by side,
+    /// for at most `steps` steps.
     ///
     /// # Errors
     /// If a source does not fit the network, or `beams * sources.len()` or `steps` are out of range.
@@ -206,10 +208,10 @@ impl<'e> Session<'e> {
         Ok(())
     }
 
-    /// Makes room, so that steps allocate nothing.
+    /// Grows the buffers, so that steps do not allocate.
     fn reserve(&mut self, tokens: usize, columns: usize, rows: usize, steps: usize) {
         let w = self.engine.shape.widths();
-        // The encoder's tokens and the decoder's rows pass through the same buffers, one after the other.
+        // The encoder's tokens and the decoder's rows use the same buffers, one after the other.
         let all = tokens.max(rows);
         let feed = if self.engine.shape.gated {
             2 * w.d_ff
@@ -225,7 +227,7 @@ impl<'e> Session<'e> {
             0.0,
         );
         grow(&mut self.mixed, all * w.d_ff.max(w.inner), 0.0);
-        // The longest row there can be, rather than of this input: 8 KiB per thread.
+        // The maximum row length, rather than that of this input: 8 KiB per thread.
         let longest = padded(MAX_SOURCE.max(MAX_STEPS));
         grow(&mut self.scores, self.pool.threads() * longest, 0.0);
         grow(
@@ -252,8 +254,8 @@ impl<'e> Session<'e> {
         }
     }
 
-    /// Embeds all tokens and adds the projected radar features, scaled to unit mean square so that the
-    /// bypass does not depend on the radar tokenizer's scale.
+    /// Embeds all tokens and adds the projected radar features. The features are scaled to unit mean square, so that
+    /// the bypass does not depend on the scale of the radar tokenizer.
     fn embed_sources(&mut self, sources: &[&Source]) {
         let engine = self.engine;
         let d = engine.shape.widths().d_model;
@@ -309,7 +311,7 @@ impl<'e> Session<'e> {
         }
     }
 
-    /// Runs the encoder in place; its output, after the last norm, is in `normed`.
+    /// Runs the encoder in place. Its output, after the final norm, is in `normed`.
     fn encode(&mut self, tokens: usize) {
         let engine = self.engine;
         let (s, w) = (&engine.shape, engine.shape.widths());
@@ -322,8 +324,8 @@ impl<'e> Session<'e> {
                 w.d_model,
                 Then::Store,
             );
-            // Keys with the positions side by side, as the scores want them; the decoder's place for
-            // them is free until the encoder is done.
+            // Keys are transposed, with consecutive positions adjacent, as the scores require. The decoder's buffer for
+            // them is unused until the encoder has finished.
             let scratch = &mut self.caches[0].cross_keys;
             transpose_keys(
                 &self.spans,
@@ -337,8 +339,8 @@ impl<'e> Session<'e> {
             let mixed = SharedBuffer::new(&mut self.mixed);
             let n_items = self.spans.len() * s.n_heads;
             let work: usize = spans.iter().map(|s| s.len * s.len * w.inner).sum();
-            // An item is one head of one source: its keys stay in the cache for all queries of the source. Its outputs lie
-            // `inner` apart, so that no range of the output belongs to it alone.
+            // An item is one head of one source, so that its keys stay in the cache for all queries of the source. Its
+            // outputs are `inner` values apart, so that no contiguous range of the output belongs to one item.
             let no_out = &mut [];
             self.pool.split_buffers(
                 n_items,
@@ -362,8 +364,9 @@ impl<'e> Session<'e> {
                             let row = span.start + i;
                             let query = &wide[row * 3 * w.inner + at..][..w.d_kv];
                             let bias = engine.encoder.bias(head, i);
-                            // SAFETY: a piece is one head of one row. Sources share no rows and every item comes once,
-                            // so that no other thread takes it; this one drops it before the next.
+                            // SAFETY: a piece is one head of one row. Sources share no rows and every item occurs once,
+                            // so that no other thread takes this piece. This thread drops it before it takes the next
+                            // one.
                             let out = unsafe { mixed.piece(row * w.inner + at, w.d_kv) };
                             attend_columns(engine.level, query, columns, Some(bias), scores, out);
                         }
@@ -376,7 +379,7 @@ impl<'e> Session<'e> {
         self.norm(&engine.encoder.norm, tokens);
     }
 
-    /// The decoder's keys and values of the encoder's output, once for all steps.
+    /// Computes the cross-attention keys and values from the encoder's output, once for all steps.
     fn cross_caches(&mut self, tokens: usize) {
         let engine = self.engine;
         let w = engine.shape.widths();
@@ -406,15 +409,15 @@ impl<'e> Session<'e> {
         }
     }
 
-    /// One decoding step: the last token of every row in, log-probabilities `[n_rows(), stride]` of
-    /// the next out, among those of the first `mask.len()` ids whose mask is 0. The stride is
-    /// `mask.len()`, which is a multiple of 16.
+    /// Runs one decoding step. The input is the last token of every row. The output is `[n_rows(), stride]`, the
+    /// log-probabilities of the next token among those of the first `mask.len()` ids whose mask is 0. The stride is
+    /// `mask.len()`, which must be a multiple of 16.
     ///
-    /// Allocates nothing.
+    /// Does not allocate.
     ///
     /// # Panics
-    /// If called more often than the steps of [`Self::start`], with another number of ids than rows, with an
-    /// id beyond the vocabulary, or with a mask longer than the vocabulary (rounded up to 16).
+    /// If called for more steps than [`Self::start`] reserved, with a number of ids that differs from the number of
+    /// rows, with an id beyond the vocabulary, or with a mask longer than the vocabulary (rounded up to 16).
     pub fn log_probs(&mut self, last: &[u32], mask: &[f32]) -> &[f32] {
         let n = mask.len();
         self.step(last);
@@ -431,10 +434,10 @@ impl<'e> Session<'e> {
         &self.logits[..rows * n]
     }
 
-    /// One decoding step: logits `[n_rows(), n]` of the first `n` ids, rounded up to 16.
+    /// Runs one decoding step and returns the logits `[n_rows(), n]` of the first `n` ids, rounded up to 16.
     ///
     /// # Panics
-    /// As [`Self::log_probs`].
+    /// Those of [`Self::log_probs`].
     pub fn logits(&mut self, last: &[u32], n: usize) -> &[f32] {
         let n = padded(n);
         self.step(last);
@@ -442,7 +445,7 @@ impl<'e> Session<'e> {
         &self.logits[..self.n_rows() * n]
     }
 
-    /// `logits` of the first `n` ids from `normed`.
+    /// Computes the `logits` of the first `n` ids from `normed`.
     fn output_rows(&mut self, n: usize) {
         let engine = self.engine;
         let w = engine.shape.widths();
@@ -450,7 +453,7 @@ impl<'e> Session<'e> {
         assert!(n.is_multiple_of(16) && n <= padded(engine.shape.vocab_size));
         let x = &mut self.normed[..rows * w.d_model];
         if engine.shape.scaled {
-            // Tied rows have unit variance; without the factor the logits would be far too large.
+            // The rows of tied embeddings have unit variance. Without the factor the logits would be far too large.
             let factor = (engine.shape.d_model as f64).powf(-0.5) as f32;
             x.iter_mut().for_each(|x| *x *= factor);
         }
@@ -461,7 +464,7 @@ impl<'e> Session<'e> {
             .product(engine.level, pool, scratch, x, n, Then::Store, out, n);
     }
 
-    /// Runs the decoder for one token a row; its output, after the last norm, is in `normed`.
+    /// Runs the decoder for one token per row. Its output, after the final norm, is in `normed`.
     fn step(&mut self, last: &[u32]) {
         let engine = self.engine;
         let (s, w) = (&engine.shape, engine.shape.widths());
@@ -470,11 +473,12 @@ impl<'e> Session<'e> {
         for (id, x) in last.iter().zip(self.x.chunks_exact_mut(w.d_model)) {
             embed(engine, *id, x);
         }
-        // Keys and values of this step go to the rows' own places; `keep` may later hand them to other rows.
+        // Keys and values of this step are written at the rows' own indices. `keep` may later assign them to other
+        // rows.
         for row in 0..rows {
             self.table[row * MAX_STEPS + step] = row as u32;
         }
-        // The caches' stride is that of the rows there was room for at the start: sentences that end make `rows` smaller.
+        // The stride of the caches is the number of rows reserved at the start. `rows` shrinks when sentences end.
         let one_step = self.room.0 * w.inner;
         for (i, block) in engine.decoder.blocks.iter().enumerate() {
             self.norm(&block.norm, rows);
@@ -495,7 +499,7 @@ impl<'e> Session<'e> {
                 cache.values[at..at + w.inner].copy_from_slice(&qkv[2 * w.inner..]);
             }
             let (cache, wide, table) = (&self.caches[i], &self.wide, &self.table);
-            // An item is one head of one row, and so are `d_kv` values of the output.
+            // An item is one head of one row, which corresponds to `d_kv` consecutive values of the output.
             let (n_items, out) = (rows * s.n_heads, &mut self.mixed[..rows * w.inner]);
             let work = rows * (step + 1) * w.inner * 2;
             self.pool.split_buffers(
@@ -534,7 +538,7 @@ impl<'e> Session<'e> {
         self.step += 1;
     }
 
-    /// Attention of every row to its source.
+    /// Cross-attention of every row to its source.
     fn attend_sources(&mut self, block: usize) {
         let engine = self.engine;
         let (s, w) = (&engine.shape, engine.shape.widths());
@@ -570,11 +574,11 @@ impl<'e> Session<'e> {
         );
     }
 
-    /// Continues with the given rows, in this order; rows may repeat, and there may be fewer than before.
+    /// Continues with the given rows, in this order. Rows may repeat, and there may be fewer than before.
     ///
-    /// Copies rows of the table alone, 2 KiB at most each; keys and values stay where they are.
+    /// Copies only rows of the table, at most 2 KiB each. Keys and values are not moved.
     ///
-    /// Allocates nothing.
+    /// Does not allocate.
     ///
     /// # Panics
     /// If there are more rows than [`Self::start`] reserved, or one is out of range.
@@ -649,7 +653,7 @@ impl<'e> Session<'e> {
     }
 }
 
-/// Which buffer a product reads and which it writes.
+/// The buffers that a product reads and writes.
 #[derive(Clone, Copy)]
 enum Route {
     NormedToWide,
@@ -664,8 +668,8 @@ fn embed(engine: &Engine, id: u32, x: &mut [f32]) {
     x[d..].fill(0.0);
 }
 
-/// Transposes keys, `inner` values from `first` of every row of `stride`, to `[inner, positions]` for each
-/// source, positions padded to 16.
+/// Transposes keys to `[inner, positions]` for each source, with the positions padded to 16. The keys are the `inner`
+/// values from `first` on of every row; rows are `stride` values apart.
 fn transpose_keys(
     spans: &[Span],
     rows: &[f32],
@@ -681,7 +685,8 @@ fn transpose_keys(
             for (i, out) in out[..span.len].iter_mut().enumerate() {
                 *out = rows[(span.start + i) * stride + first + d];
             }
-            // Scores of the padding are overwritten before the softmax, but a NaN of an earlier use must not reach them.
+            // Scores of the padding are overwritten before the softmax, but they must not contain a NaN from an earlier
+            // use.
             out[span.len..].fill(0.0);
         }
     }

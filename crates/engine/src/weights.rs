@@ -1,4 +1,4 @@
-//! Named weights of a network of a given shape, each checked before it is packed.
+//! Named weights of a network of a given shape. Each weight is checked before it is packed.
 
 use std::collections::BTreeMap;
 
@@ -18,14 +18,14 @@ use crate::EngineError;
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct HostTensor {
-    /// Extent of each axis; empty for a scalar.
+    /// Length of each axis; empty for a scalar.
     pub shape: Vec<usize>,
-    /// `shape` product values.
+    /// As many values as the product of `shape`.
     pub values: Vec<f32>,
 }
 
 impl HostTensor {
-    /// A vector.
+    /// Creates a vector.
     pub fn vector(values: Vec<f32>) -> Self {
         Self {
             shape: vec![values.len()],
@@ -33,7 +33,7 @@ impl HostTensor {
         }
     }
 
-    /// A matrix with rows and columns exchanged; anything else as it is.
+    /// Returns a matrix with rows and columns exchanged, and any other array unchanged.
     pub fn transposed(self) -> Self {
         let [rows, columns] = self.shape[..] else {
             return self;
@@ -52,41 +52,40 @@ impl HostTensor {
 /// Arrays by name.
 pub type NamedTensors = BTreeMap<String, HostTensor>;
 
-/// Shape of a T5 encoder-decoder (Raffel et al. 2020) and of radar's way into it.
+/// Shape of a T5 encoder-decoder (Raffel et al. 2020) and of its radar input.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shape {
-    /// Embedding rows.
+    /// Number of rows of the embedding (vocabulary size).
     pub vocab_size: usize,
     /// Width of the residual stream.
     pub d_model: usize,
-    /// Width of one head.
+    /// Width of one attention head.
     pub d_kv: usize,
-    /// Heads.
+    /// Number of attention heads.
     pub n_heads: usize,
-    /// Inner width of the feed-forward.
+    /// Inner width of the feed-forward network.
     pub d_ff: usize,
-    /// Encoder blocks.
+    /// Number of encoder blocks.
     pub n_encoder_layers: usize,
-    /// Decoder blocks.
+    /// Number of decoder blocks.
     pub n_decoder_layers: usize,
     /// `wo(gelu(wi x) * gate x)` (v1.1) instead of `wo(relu(wi x))` (the original).
     pub gated: bool,
-    /// Output rows are the embedding.
+    /// The output projection is tied to the embedding.
     pub tied: bool,
-    /// States are scaled by `d_model^-0.5` before the output rows.
+    /// Hidden states are scaled by `d_model^-0.5` before the output projection.
     pub scaled: bool,
-    /// Buckets of the relative position bias.
+    /// Number of buckets of the relative position bias.
     pub relative_buckets: usize,
-    /// Distance at which the buckets saturate.
+    /// Distance from which on all keys share the last bucket.
     pub relative_max_distance: usize,
-    /// Added to the mean square in RMS norm.
+    /// Epsilon that RMS norm adds to the mean square.
     pub norm_eps: f32,
-    /// Width of the radar feature that is projected and added to a code's embedding; none without
-    /// this bypass.
+    /// Width of the radar feature that is projected and added to the embedding of a code; `None` without this bypass.
     pub bypass: Option<usize>,
 }
 
-/// Largest width: sums of that many products of bytes still fit 32 bits.
+/// Maximum width. Sums of this many products of bytes still fit 32 bits.
 pub(crate) const MAX_WIDTH: usize = 1 << 16;
 
 impl Shape {
@@ -95,7 +94,7 @@ impl Shape {
         self.n_heads * self.d_kv
     }
 
-    /// Checks that the network can exist and its sums cannot overflow.
+    /// Checks that the shape is valid and that the sums of the network cannot overflow.
     ///
     /// # Errors
     /// [`EngineError::Shape`] names the first field out of range.
@@ -116,7 +115,7 @@ impl Shape {
                 1 << 20,
             ),
             ("bypass", self.bypass.unwrap_or(1), 1, MAX_WIDTH),
-            // Heads are padded to vectors of 16.
+            // Heads are padded to a multiple of 16.
             (
                 "n_heads * d_kv",
                 self.n_heads * self.d_kv.next_multiple_of(16),
@@ -139,7 +138,7 @@ impl Shape {
     }
 }
 
-/// Hands out weights and checks that each is what the network needs.
+/// Returns weights by name, and checks that each has the form that the network needs.
 pub(crate) struct Taker(pub NamedTensors);
 
 impl Taker {
@@ -168,7 +167,7 @@ impl Taker {
         }
     }
 
-    /// Refuses weights that nobody took.
+    /// Refuses weights that the network did not use.
     pub fn finish(self) -> Result<(), EngineError> {
         match self.0.into_keys().next() {
             Some(name) => Err(EngineError::UnknownWeight { name }),

@@ -1,4 +1,4 @@
-//! Evaluation boards: where their antennas are, and what they radiate.
+//! Evaluation boards: antenna positions and radiated power.
 
 use radarllm_base::SPEED_OF_LIGHT_MPS;
 use radarllm_base::radar_config::Antenna;
@@ -15,7 +15,7 @@ use radarllm_base::radar_config::Antenna;
 /// (subject 3).
 const X_PER_ELEMENT: f64 = 1.0;
 
-/// A board with known antenna places.
+/// A board with known antenna positions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Board {
     /// xWR1443BOOST: three transmitters, the second raised.
@@ -58,19 +58,19 @@ pub struct BoardFigures {
     pub noise_figure_db: f64,
 }
 
-/// What a board's radar chip can do at most.
+/// Limits of a board's radar chip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DeviceLimits {
-    /// Highest rate of complex samples, samples/s.
+    /// Maximum rate of complex samples, samples/s.
     pub max_sample_rate_hz: f64,
-    /// Memory of TI's demos for radar cube and detection matrix, bytes.
+    /// Memory that TI's demos use for the radar cube and the detection matrix, bytes.
     pub l3_bytes: u64,
-    /// LVDS lanes that carry samples.
+    /// Number of LVDS lanes that carry samples.
     pub lvds_lanes: u32,
 }
 
 impl Board {
-    /// All boards.
+    /// All supported boards.
     pub const ALL: [Board; 8] = [
         Board::Xwr1443Boost,
         Board::Xwr1642Boost,
@@ -96,7 +96,7 @@ impl Board {
         }
     }
 
-    /// Whether the board works at 60 to 64 GHz (else 76 to 81 GHz).
+    /// Returns whether the board operates at 60 to 64 GHz (otherwise 76 to 81 GHz).
     pub fn is_60_ghz(self) -> bool {
         matches!(
             self,
@@ -114,8 +114,8 @@ impl Board {
         }
     }
 
-    /// The chip's limits; `None` for the two boards whose samples leave another way than over the
-    /// DCA1000, and whose figures are not at hand.
+    /// Limits of the chip; `None` for the two boards that do not send samples through the DCA1000 and whose limits are
+    /// unknown.
     ///
     /// Sample rates: 1/0.8 of the IF bandwidth in "Receive Subsystem" of the data sheets, 5 MHz
     /// (IWR1642, SWRS212B), 10 MHz (IWR1843, SWRS228B; IWR6843, SWRS219F); for the IWR1443 TI's

@@ -1,4 +1,4 @@
-//! Radars known by name: typical boards with a chirp that suits people indoors.
+//! Built-in radars: typical boards with a chirp that is suitable for people indoors.
 
 use radarllm_base::RadarConfig;
 
@@ -16,19 +16,18 @@ pub const BUILTIN_NAMES: [&str; 8] = [
     "iwrl6432",
 ];
 
-/// Why a name is no built-in radar.
+/// Reasons why a name does not identify a built-in radar.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NameError {
-    /// No built-in radar has a name that starts so.
+    /// No built-in radar has a name with this prefix.
     #[error("no built-in radar is called so; they are {}", BUILTIN_NAMES.join(", "))]
     Unknown,
-    /// Several names start so.
+    /// Several names have this prefix.
     #[error("the name is short for several built-in radars: {}", .0.join(", "))]
     Ambiguous(Vec<&'static str>),
 }
 
-/// A radar by name. The name may be shortened as long as only one radar's name starts so, and its case does not
-/// matter.
+/// Finds a built-in radar by name. The name may be abbreviated to any unambiguous prefix, and case is ignored.
 ///
 /// ```
 /// use radarllm_formats::{NameError, find_builtin};
@@ -46,7 +45,7 @@ pub enum NameError {
 /// from TX12 to TX1); the IWRL6432 a short-range chirp of our own, its real samples as complex ones.
 ///
 /// # Errors
-/// [`NameError`]: no name starts so, or several do.
+/// [`NameError`]: no name has this prefix, or several do.
 pub fn find_builtin(name: &str) -> Result<RadarConfig, NameError> {
     let name = name.to_ascii_lowercase();
     // A full name is itself even where a longer one starts with it, as `iwr6843isk` does.
@@ -64,7 +63,7 @@ pub fn find_builtin(name: &str) -> Result<RadarConfig, NameError> {
     }
 }
 
-/// As [`find_builtin`], for callers to whom it does not matter why there is no such radar.
+/// Like [`find_builtin`], for callers that do not need the reason of a failure.
 pub fn builtin_radar(name: &str) -> Option<RadarConfig> {
     find_builtin(name).ok()
 }

@@ -24,30 +24,30 @@ use num_complex::Complex64;
 use radarllm_base::RadarConfig;
 use serde::{Deserialize, Serialize};
 
-/// Virtual antennas nearer than this are the same, m.
+/// Virtual antennas closer together than this are identical, m.
 const SAME_M: f64 = 5e-5;
-/// Maximum gain of a channel relative to the mean, dB: beyond it a channel is broken, not mismatched.
+/// Maximum gain of a channel relative to the mean, dB. A channel beyond it is defective rather than mismatched.
 const MAX_GAIN_DB: f64 = 40.0;
 
-/// Why a calibration cannot be used.
+/// Reasons why a calibration cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationError {
     /// Not TOML, a field of the wrong type, missing or unknown; the message has the line.
     #[error("{0}")]
     Syntax(String),
-    /// A number that cannot be.
+    /// A number out of range.
     #[error("channel {channel}: {field}: expected {expected}, found {found}")]
     Value {
         /// Index of the `[[channel]]`.
         channel: usize,
         /// Field.
         field: &'static str,
-        /// What it may be.
+        /// Allowed values.
         expected: &'static str,
-        /// What it is.
+        /// Value found.
         found: f64,
     },
-    /// Of another radar.
+    /// The calibration belongs to another radar.
     #[error("made with radar `{found}`, not `{expected}`")]
     Radar {
         /// Name of the radar in use.
@@ -55,31 +55,31 @@ pub enum CalibrationError {
         /// Name in the file.
         found: String,
     },
-    /// Channels in another number or order.
+    /// The channels differ from those of the radar in number or order.
     #[error("channel {channel}: expected {expected}, found {found}")]
     Channel {
         /// Index of the `[[channel]]`.
         channel: usize,
-        /// What the radar has there.
+        /// Channel of the radar at this index.
         expected: String,
-        /// What the file has.
+        /// Channel of the file at this index.
         found: String,
     },
 }
 
-/// A calibration with what is known about it.
+/// A calibration with its metadata.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
     /// Name of the radar.
     pub radar: String,
-    /// Capture that it was made of.
+    /// Capture from which it was computed.
     pub source: String,
-    /// Where the reflector stood, m.
+    /// Range of the reflector, m.
     pub range_m: f64,
-    /// To the right of boresight, degrees.
+    /// Angle of the reflector to the right of boresight, degrees.
     pub azimuth_deg: f64,
-    /// Above boresight, degrees.
+    /// Angle of the reflector above boresight, degrees.
     pub elevation_deg: f64,
     /// Signal over noise of the weakest channel's mean, dB.
     pub snr_db: f64,
@@ -162,7 +162,7 @@ impl Calibration {
         Ok(file)
     }
 
-    /// As a file.
+    /// Formats the calibration as a file.
     ///
     /// # Errors
     /// [`CalibrationError::Syntax`] from the TOML writer.

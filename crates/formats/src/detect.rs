@@ -66,7 +66,7 @@ impl RecordingFormat {
         Self::Points,
     ];
 
-    /// Name on the command line.
+    /// Name used on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Adc => "adc",
@@ -92,43 +92,43 @@ impl RecordingFormat {
     }
 }
 
-/// A format with the reason.
+/// A format with the reason for its detection.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Detected {
     /// The format.
     pub format: RecordingFormat,
-    /// What it was recognised by.
+    /// Evidence from which it was recognised.
     pub reason: String,
 }
 
-/// Why a format cannot be detected.
+/// Reasons why a format cannot be detected.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DetectError {
-    /// Several are possible.
+    /// Several formats are possible.
     #[error("the format is not clear ({reason}); it can be {}", list(.choices))]
     Ambiguous {
-        /// What was seen.
+        /// Evidence found.
         reason: String,
-        /// What it can be.
+        /// Possible formats.
         choices: Vec<RecordingFormat>,
     },
-    /// A Python pickle: it can run any code when it is opened.
+    /// A Python pickle, which can execute arbitrary code when it is opened.
     #[error(
         "a Python pickle ({reason}), which is never read, because opening one can run any code. Open it in a sandbox \
          that you trust with it, and save the numbers alone: numpy.save(\"frame_0001.npy\", numpy.asarray(points, \
          dtype=\"f4\")) for each frame, or one CSV with frame,t_s,x,y,z,velocity,intensity"
     )]
     Pickle {
-        /// What was seen.
+        /// Evidence found.
         reason: String,
     },
     /// A folder with several recordings.
     #[error("several recordings: {}; name one of these folders", .0.join(", "))]
     SeveralRecordings(Vec<String>),
-    /// A format that is known and not read.
+    /// A known format that is not supported.
     #[error("{0}")]
     Refused(String),
-    /// No known format.
+    /// The format is unknown.
     #[error("no known capture format ({0})")]
     Unknown(String),
 }
@@ -148,7 +148,7 @@ fn sure(format: RecordingFormat, reason: impl Into<String>) -> Result<Detected, 
 /// Detects the format of a file from its name (the last part of its path) and its first [`HEAD_BYTES`] bytes.
 ///
 /// # Errors
-/// [`DetectError`]: several formats fit, a pickle, or nothing known.
+/// [`DetectError`]: several formats fit, the file is a pickle, or the format is unknown.
 pub fn detect(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
     let head = &head[..head.len().min(HEAD_BYTES)];
     let lower = name.to_lowercase();

@@ -1,4 +1,4 @@
-//! Folders as a recording: which files belong to it, and which chirp file lies beside it. Only names are looked at.
+//! Folders as recordings: selects the files that belong to a recording and its chirp file. Only names are used.
 
 use std::collections::BTreeMap;
 
@@ -158,29 +158,29 @@ fn is_hidden(file: &str) -> bool {
     file.starts_with('.') || file.starts_with('~')
 }
 
-/// Which chirp file belongs to a recording.
+/// Chirp file of a recording.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum CfgChoice {
-    /// A single one.
+    /// A single chirp file.
     One {
         /// Its name.
         name: String,
-        /// True if it lies in the folder above the recording's.
+        /// True if it is in the parent folder of the recording.
         is_in_parent: bool,
     },
-    /// None in either folder.
+    /// No chirp file in either folder.
     None,
     /// Several in one folder: the user has to choose.
     Several {
         /// Their names, sorted.
         names: Vec<String>,
-        /// True if they lie in the folder above the recording's.
+        /// True if they are in the parent folder of the recording.
         is_in_parent: bool,
     },
 }
 
-/// Chooses the chirp file (`.cfg`) of a recording: the only one in the recording's folder, or else the only one in the
-/// folder above. Both lists are names without folders.
+/// Selects the chirp file (`.cfg`) of a recording: the only one in the recording's folder, or else the only one in the
+/// parent folder. Both lists contain names without folders.
 pub fn choose_cfg<'a>(
     names_in_folder: impl IntoIterator<Item = &'a str>,
     names_in_parent: impl IntoIterator<Item = &'a str>,

@@ -1,10 +1,10 @@
-//! Everything that comes from outside, parsed: chirp files and radars, raw samples, packets, and recorded points.
+//! Parsers for all external input: chirp files and radars, raw samples, packets, and recorded points.
 //!
-//! This crate opens no file, port or socket. A function takes text or bytes that anybody may have written, and names of
-//! files where these matter, and returns a [`radarllm_base::RadarConfig`], cubes of samples or recorded points, or an
-//! error that names the place. No input makes it panic, and no number found in an input determines an allocation.
+//! This crate opens no file, port or socket. A function takes untrusted text or bytes, and names of files where these
+//! matter. It returns a [`radarllm_base::RadarConfig`], cubes of samples or recorded points, or an error that names the
+//! position. No input makes it panic, and no number found in an input determines an allocation.
 //!
-//! The figures of a chirp file of TI's SDK:
+//! Reads the chirp file of TI's SDK and computes its range resolution:
 //!
 //! ```
 //! let text = "% Platform:xWR18xx
@@ -21,7 +21,7 @@
 //! # Ok::<(), radarllm_formats::TiCfgError>(())
 //! ```
 //!
-//! Points of a UART stream, whose dialect is detected from its first packets:
+//! Reads the points of a UART stream, whose dialect is detected from its first packets:
 //!
 //! ```
 //! use radarllm_formats::uart::{MAGIC, UartParser, recorded_frames};
@@ -46,7 +46,7 @@
 //! # Ok::<(), radarllm_formats::UartError>(())
 //! ```
 //!
-//! Points of a table, whose columns are found by their names:
+//! Reads the points of a table, whose columns are found by their names:
 //!
 //! ```
 //! use radarllm_formats::{recordings::Axes, tables::read_points_csv};
@@ -57,7 +57,7 @@
 //! # Ok::<(), radarllm_formats::RecordingError>(())
 //! ```
 //!
-//! Where to read on:
+//! Modules by input:
 //!
 //! | to parse | modules |
 //! |---|---|

@@ -1,4 +1,4 @@
-//! How a sensor is mounted: from its own axes into the project's, which are level.
+//! Mounting of a sensor: the rotation from its own axes into the level axes of the project.
 
 use radarllm_base::PointFrame;
 
@@ -27,7 +27,7 @@ impl Mounting {
         [x * cos + y * sin, y * cos - x * sin, z]
     }
 
-    /// Turns all points. Ranges and velocities are along the line of sight and stay.
+    /// Rotates all points. Ranges and velocities are along the line of sight and do not change.
     pub fn apply(&self, frames: &mut [PointFrame]) {
         if *self == Self::default() {
             return;

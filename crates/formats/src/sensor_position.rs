@@ -1,11 +1,12 @@
-//! Height and tilt of a sensor as a TI chirp file states them (`sensorPosition`).
+//! Height and tilt of a sensor as stated in a TI chirp file (`sensorPosition`).
 
 use crate::{
     Mounting,
     ti_cfg::{Command, TiCfgError},
 };
 
-/// Maximum height accepted, m: chirp files of traffic monitoring say 2 m, none says more than a lamp post is high.
+/// Maximum height accepted, m: chirp files of traffic monitoring state 2 m, and no file states more than the height of
+/// a lamp post.
 const MAX_HEIGHT_M: f64 = 100.0;
 /// Maximum tilt accepted, degrees: straight up or down is 90.
 const MAX_TILT_DEG: f64 = 180.0;
@@ -28,8 +29,8 @@ pub struct SensorPosition {
     pub azimuth_tilt_rad: f64,
     /// Boresight below the horizon, rad.
     pub elevation_tilt_rad: f64,
-    /// False for a five-value form with an elevation tilt: files for cabins count it upwards, while the visualizer
-    /// counts downwards, so that the file alone does not tell.
+    /// False for a five-value form with an elevation tilt. Files for cabins count it upwards, while the visualizer
+    /// counts it downwards, so the file alone does not determine the sign.
     pub elevation_sign_is_certain: bool,
 }
 
@@ -62,7 +63,7 @@ impl SensorPosition {
         Ok(found)
     }
 
-    /// The rotation into level axes. The height is no part of it.
+    /// Returns the rotation into level axes, which does not include the height.
     pub fn mounting(&self) -> Mounting {
         Mounting {
             tilt_rad: self.elevation_tilt_rad,

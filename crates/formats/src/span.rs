@@ -1,4 +1,4 @@
-//! Places in radar files, so that a remark can point at what it is about.
+//! Positions in radar files, so that a finding can refer to the value that it concerns.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -14,13 +14,13 @@ pub struct Span {
     pub what: String,
 }
 
-/// Where a file sets what: by field of [`radarllm_base::RadarConfig`], and by the names that the
-/// reader of the format documents.
+/// Positions at which a file sets values: by field of [`radarllm_base::RadarConfig`], and by the names that the reader
+/// of the format documents.
 pub type Places = BTreeMap<&'static str, Span>;
 
 impl Span {
-    /// The place of bytes of a text; what lies beyond its end is cut off, and so is all but the first
-    /// line.
+    /// Returns the position of a byte range in a text. The range is cut at the end of the text and at the end of its
+    /// first line.
     pub(crate) fn of_bytes(text: &str, bytes: Range<usize>, what: String) -> Self {
         let floor = |mut i: usize| {
             i = i.min(text.len());

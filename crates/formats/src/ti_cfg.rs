@@ -76,7 +76,7 @@ pub struct GuiMonitor {
 pub struct TiCfgReading {
     /// The file, if there is nothing wrong with it.
     pub cfg: Option<TiCfg>,
-    /// Everything that is wrong; empty exactly if `cfg` is there.
+    /// All errors; empty exactly if `cfg` is present.
     pub errors: Vec<TiCfgError>,
     /// The radar as written, possible or not, if profile and frame could be read; `tx` may be empty.
     pub draft: Option<RadarConfig>,
@@ -91,7 +91,7 @@ pub struct TiCfgReading {
     pub places: Places,
 }
 
-/// Why a chirp file is refused.
+/// Reason why a chirp file is refused.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum TiCfgError {
     /// One argument or command is wrong.
@@ -236,7 +236,7 @@ impl Command {
         })
     }
 
-    /// Where argument `index` stands; the command's name if it is not there.
+    /// Returns the position of argument `index`, or that of the command's name if the argument is missing.
     fn span(&self, index: usize, what: &str) -> Span {
         let word = self.args.get(index).unwrap_or(&self.name);
         Span {

@@ -1,4 +1,4 @@
-//! What runs the networks of a captioner.
+//! Backends that run the networks of a captioner.
 
 use radarllm_base::PointFrame;
 use radarllm_engine::{Engine, Source, Watch};
@@ -7,19 +7,19 @@ use crate::lm::config::LmConfig;
 use crate::lm::{EngineLm, GenerateOptions, Generated, LmError, Vocab};
 use crate::tokenizer::{EncodeError, Encoded, RadarTokenizer, TokenizerConfig};
 
-/// A radar tokenizer and a language model that belong together, however they are computed.
+/// A radar tokenizer and a language model that belong together, independent of how they are computed.
 ///
-/// [`EngineBackend`] runs on `radarllm-engine`. `radarllm-nn` has another one, which runs the networks as they are
-/// trained.
+/// [`EngineBackend`] uses `radarllm-engine`. `radarllm-nn` has another implementation, which runs the networks in the
+/// form in which they are trained.
 pub trait Backend: Send + Sync {
-    /// Codes of windows of 1 to 96 frames at 10 frames per second, each with the height of its radar above the floor,
-    /// m. Windows do not influence one another.
+    /// Encodes windows of 1 to 96 frames at 10 frames per second as codes. Each window comes with the height of its
+    /// radar above the floor, in m. Windows are independent of one another.
     ///
     /// # Errors
     /// If a window is empty, too long, or has a value that is not finite.
     fn encode(&self, windows: &[(&[PointFrame], f32)]) -> Result<Vec<Encoded>, EncodeError>;
 
-    /// Decodes every prompt, and reports tokens to `watch` as they come.
+    /// Decodes every prompt, and reports tokens to `watch` as they are generated.
     ///
     /// # Errors
     /// If a prompt does not fit the model; [`radarllm_engine::EngineError::Cancelled`] if `watch` cancels.
@@ -30,21 +30,21 @@ pub trait Backend: Send + Sync {
         watch: &mut Watch,
     ) -> Result<Vec<Generated>, LmError>;
 
-    /// Ids of words and radar codes.
+    /// Token ids of words and radar codes.
     fn vocab(&self) -> &Vocab;
 
     /// Number of weights of both networks.
     fn n_params(&self) -> usize;
 }
 
-/// The inference engine: packed weights, no learning framework.
+/// A backend on the inference engine: packed weights, without a learning framework.
 pub struct EngineBackend {
     tokenizer: RadarTokenizer,
     lm: EngineLm,
 }
 
 impl EngineBackend {
-    /// Puts a radar tokenizer and a language model together.
+    /// Combines a radar tokenizer and a language model.
     ///
     /// # Errors
     /// If they do not belong together: see [`check_pair`].
@@ -79,10 +79,10 @@ impl Backend for EngineBackend {
     }
 }
 
-/// Checks that a language model knows the codes and features of a tokenizer.
+/// Checks that a language model was built for the codes and features of a tokenizer.
 ///
 /// # Errors
-/// If codebook size or feature width differ.
+/// If the codebook sizes or the feature widths differ.
 pub fn check_pair(tokenizer: &TokenizerConfig, lm: &LmConfig) -> Result<(), LmError> {
     let (size, dim) = (tokenizer.codebook_size, tokenizer.code_dim);
     if size != lm.n_codes || (lm.bypass && dim != lm.code_dim) {
@@ -98,8 +98,8 @@ pub fn check_pair(tokenizer: &TokenizerConfig, lm: &LmConfig) -> Result<(), LmEr
     Ok(())
 }
 
-/// Small models fit one core's caches and are fastest there; large ones wait for memory, which several
-/// cores bring in faster.
+/// Small models fit the caches of one core and are fastest there. Large models are limited by memory bandwidth, of
+/// which several cores can use more.
 fn threads(engine: &Engine) -> usize {
     const LARGE_BYTES: usize = 32 << 20;
     if engine.bytes() < LARGE_BYTES {

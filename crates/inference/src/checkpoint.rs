@@ -1,4 +1,4 @@
-//! Checkpoints: directories of JSON and safetensors files that are written whole or not at all.
+//! Checkpoints: directories of JSON and safetensors files that are written atomically.
 //!
 //! | file | holds | needed for |
 //! |---|---|---|
@@ -7,9 +7,9 @@
 //! | `train_state.json`, `optimizer.safetensors`, ... | step, moments, code statistics | resuming |
 //! | `checksums.json` | size and BLAKE3 of every other file | opening |
 //!
-//! Writing goes to a sibling directory, every file is synced, then one rename gives it its name; a
-//! process killed at any moment leaves the old checkpoint or the new one. Opening verifies every
-//! checksum; loading checks names, shapes, types and that every value is finite.
+//! A checkpoint is first written to a sibling directory. Every file is synced, then one rename gives the directory its
+//! final name. A process that is killed at any moment leaves either the old checkpoint or the new one. Opening verifies
+//! every checksum. Loading checks names, shapes and types, and that every value is finite.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -31,20 +31,20 @@ pub const MODEL_FILE: &str = "model.safetensors";
 /// Name of the checksum file.
 pub const CHECKSUM_FILE: &str = "checksums.json";
 
-/// Largest JSON or other small file read, bytes: far above any tokenizer vocabulary.
+/// Maximum size of a JSON or other small file, in bytes: far above any tokenizer vocabulary.
 const MAX_SMALL_FILE_BYTES: u64 = 64 << 20;
-/// Largest weights file read, bytes.
+/// Maximum size of a weights file, in bytes.
 const MAX_TENSOR_FILE_BYTES: u64 = 16 << 30;
 
-/// Longest safetensors header read, bytes: the format's own limit.
+/// Maximum length of a safetensors header, in bytes: the format's own limit.
 const MAX_HEADER_BYTES: u64 = 100_000_000;
-/// Bytes of a file read at a time.
+/// Number of bytes of a file read at a time.
 const PIECE_BYTES: usize = 1 << 16;
 
-/// Why a checkpoint could not be written or read.
+/// Reasons why a checkpoint cannot be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
-    /// The file system refused.
+    /// The file system reported an error.
     #[error("{path}: {source}")]
     Io {
         /// File or directory.
@@ -52,20 +52,20 @@ pub enum CheckpointError {
         /// Cause.
         source: std::io::Error,
     },
-    /// The directory holds no checkpoint.
+    /// The directory contains no checkpoint.
     #[error("{path}: not a checkpoint: no {CHECKSUM_FILE}")]
     NotACheckpoint {
         /// Directory.
         path: PathBuf,
     },
-    /// A file is larger than any genuine one.
+    /// A file is larger than the limit.
     #[error("{path}: {found} bytes, at most {limit} are read")]
     TooLarge {
         /// File.
         path: PathBuf,
-        /// Size found.
+        /// Size found, in bytes.
         found: u64,
-        /// Limit.
+        /// Limit, in bytes.
         limit: u64,
     },
     /// The content differs from what was written.
@@ -74,13 +74,13 @@ pub enum CheckpointError {
         /// File.
         path: PathBuf,
     },
-    /// A file that should be there is not listed.
+    /// A required file is not listed.
     #[error("{path}: missing from the checkpoint")]
     MissingFile {
         /// File.
         path: PathBuf,
     },
-    /// Not valid JSON, or not what the reader expects.
+    /// The file is not valid JSON, or does not have the expected structure.
     #[error("{path}: {message}")]
     Json {
         /// File.
@@ -88,7 +88,7 @@ pub enum CheckpointError {
         /// Line, column and cause.
         message: String,
     },
-    /// Not a valid safetensors file.
+    /// The file is not a valid safetensors file.
     #[error("{path}: {message}")]
     Safetensors {
         /// File.
@@ -96,7 +96,7 @@ pub enum CheckpointError {
         /// Cause.
         message: String,
     },
-    /// The element type is not one we read.
+    /// The element type is not supported.
     #[error("{path}: tensor `{tensor}`: type {found}, expected F32, F16 or BF16")]
     Dtype {
         /// File.
@@ -106,7 +106,7 @@ pub enum CheckpointError {
         /// Type found.
         found: String,
     },
-    /// The shape is not the model's.
+    /// The shape differs from that of the model.
     #[error("{path}: tensor `{tensor}`: shape {found:?}, expected {expected:?}")]
     Shape {
         /// File.
@@ -128,7 +128,7 @@ pub enum CheckpointError {
         /// Index of the first such value.
         index: usize,
     },
-    /// The model needs a tensor that the file lacks.
+    /// The file lacks a tensor that the model needs.
     #[error("{path}: tensor `{tensor}` of shape {expected:?} is missing")]
     MissingTensor {
         /// File.
@@ -138,7 +138,7 @@ pub enum CheckpointError {
         /// Expected shape.
         expected: Vec<usize>,
     },
-    /// The file has tensors that the model lacks.
+    /// The file has a tensor that the model does not have.
     #[error("{path}: tensor `{tensor}` is not part of this model")]
     UnknownTensor {
         /// File.
@@ -146,7 +146,7 @@ pub enum CheckpointError {
         /// Tensor.
         tensor: String,
     },
-    /// A value of the configuration cannot be used.
+    /// A value of the configuration is invalid.
     #[error("{path}: {message}")]
     Config {
         /// File.
@@ -157,7 +157,7 @@ pub enum CheckpointError {
 }
 
 impl CheckpointError {
-    /// What the engine says about weights, with the file they are from.
+    /// An error of the engine about weights, with the file that contains them.
     pub fn from_engine(error: EngineError, path: &Path) -> Self {
         let path = path.to_path_buf();
         match error {
@@ -202,7 +202,7 @@ struct FileSum {
     blake3: String,
 }
 
-/// Files of a checkpoint before it is written.
+/// Files of a checkpoint that is to be written.
 #[derive(Default)]
 pub struct CheckpointFiles {
     files: BTreeMap<String, Vec<u8>>,
@@ -212,7 +212,7 @@ impl CheckpointFiles {
     /// Adds a JSON document.
     ///
     /// # Errors
-    /// If the value cannot be expressed in JSON.
+    /// If the value cannot be serialized as JSON.
     pub fn json<T: Serialize>(&mut self, file: &str, value: &T) -> Result<(), CheckpointError> {
         let bytes = serde_json::to_vec_pretty(value).map_err(|e| CheckpointError::Json {
             path: file.into(),
@@ -225,22 +225,22 @@ impl CheckpointFiles {
     /// Adds named arrays as a safetensors file (f32).
     ///
     /// # Errors
-    /// If an array's shape does not fit its values.
+    /// If the shape of an array does not match its number of values.
     pub fn tensors(&mut self, file: &str, tensors: &NamedTensors) -> Result<(), CheckpointError> {
         let bytes = encode_safetensors(Path::new(file), tensors)?;
         self.bytes(file, bytes);
         Ok(())
     }
 
-    /// Adds a file as it is. `file` must be a plain name.
+    /// Adds a file unchanged. `file` must be a plain name.
     pub fn bytes(&mut self, file: &str, bytes: Vec<u8>) {
         self.files.insert(file.to_string(), bytes);
     }
 
-    /// Writes the checkpoint under `dir`, replacing what was there, in one step.
+    /// Writes the checkpoint to `dir` atomically, replacing any existing content.
     ///
     /// # Errors
-    /// If the file system refuses; `dir` is then what it was.
+    /// If the file system reports an error; `dir` is then unchanged.
     pub fn write(&self, dir: &Path) -> Result<(), CheckpointError> {
         let parent = match dir.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
@@ -265,8 +265,8 @@ impl CheckpointFiles {
         })?;
         write_synced(&staging.join(CHECKSUM_FILE), &listing)?;
         sync_folder(&staging).map_err(io_error(&staging))?;
-        // A directory cannot be renamed over a full one, so the old checkpoint steps aside first;
-        // `Checkpoint::open` finds it there if the process dies between the two renames.
+        // A directory cannot be renamed over a directory that is not empty, so the old checkpoint is renamed first.
+        // `Checkpoint::open` finds it under that name if the process dies between the two renames.
         let aside = sibling(dir, ".old");
         if dir.exists() {
             remove_dir(&aside)?;
@@ -297,7 +297,7 @@ fn write_synced(path: &Path, bytes: &[u8]) -> Result<(), CheckpointError> {
     file.sync_all().map_err(io_error(path))
 }
 
-/// An opened checkpoint: a directory whose checksums all agree, or files that the program carries.
+/// An opened checkpoint: a directory whose checksums were verified, or files embedded in the program.
 #[derive(Debug)]
 pub struct Checkpoint {
     dir: PathBuf,
@@ -312,7 +312,7 @@ enum Files {
     Carried(BTreeMap<String, &'static [u8]>),
 }
 
-/// What weights are read from.
+/// Source of the weights.
 trait Input: Read + Seek {}
 impl<T: Read + Seek> Input for T {}
 
@@ -320,7 +320,7 @@ impl Checkpoint {
     /// Opens a checkpoint and verifies the checksum of every file.
     ///
     /// # Errors
-    /// If `dir` holds no checkpoint or a damaged one.
+    /// If `dir` contains no checkpoint or a damaged one.
     pub fn open(dir: &Path) -> Result<Self, CheckpointError> {
         let mut dir = dir.to_path_buf();
         let aside = sibling(&dir, ".old");
@@ -363,8 +363,8 @@ impl Checkpoint {
         })
     }
 
-    /// A checkpoint of files that the program carries: they are read where the system has mapped them, and stand for
-    /// themselves, without checksums. Errors name them as files of `dir`.
+    /// Creates a checkpoint from files that are embedded in the program. They are read from where the system has mapped
+    /// them, and are not verified by checksums. Errors name them as files of `dir`.
     pub fn carried(dir: &Path, files: impl IntoIterator<Item = (String, &'static [u8])>) -> Self {
         Self {
             dir: dir.into(),
@@ -372,12 +372,12 @@ impl Checkpoint {
         }
     }
 
-    /// Directory the files lie in; of carried files what errors call it.
+    /// Directory of the files; for embedded files, the name used in errors.
     pub fn dir(&self) -> &Path {
         &self.dir
     }
 
-    /// True when the checkpoint has this file.
+    /// Returns true if the checkpoint has this file.
     pub fn has(&self, file: &str) -> bool {
         match &self.files {
             Files::Directory(names) => names.iter().any(|f| f == file),
@@ -404,12 +404,12 @@ impl Checkpoint {
     /// Reads a JSON document.
     ///
     /// # Errors
-    /// If the file is missing or is not a `T`.
+    /// If the file is missing or cannot be parsed as a `T`.
     pub fn json<T: DeserializeOwned>(&self, file: &str) -> Result<T, CheckpointError> {
         parse_json(&self.path(file)?, &self.bytes(file)?)
     }
 
-    /// Reads a small file as it is.
+    /// Reads a small file as bytes.
     ///
     /// # Errors
     /// If the file is missing or too large.
@@ -433,10 +433,10 @@ impl Checkpoint {
         }
     }
 
-    /// A model's `config.json`: parsed, of the expected kind, and valid.
+    /// Reads a model's `config.json`: it must parse, be of the expected kind and pass validation.
     ///
     /// # Errors
-    /// If it cannot be read, names another kind, or `validate` refuses it.
+    /// If it cannot be read, is of another kind, or `validate` refuses it.
     pub fn config<T: DeserializeOwned>(
         &self,
         expected_kind: &str,
@@ -460,7 +460,7 @@ impl Checkpoint {
     }
 }
 
-/// Hash of a file, a piece at a time: weights are large, and read again later.
+/// Computes the hash of a file in blocks, because weights files are large and are read again later.
 fn hash_of(path: &Path) -> Result<blake3::Hash, CheckpointError> {
     let mut file = fs::File::open(path).map_err(io_error(path))?;
     let mut hasher = blake3::Hasher::new();
@@ -518,16 +518,16 @@ fn encode_safetensors(path: &Path, tensors: &NamedTensors) -> Result<Vec<u8>, Ch
 /// Reads a safetensors file of F32, F16 or BF16 arrays, widened to f32.
 ///
 /// # Errors
-/// If the file is malformed, holds another element type, or a value is NaN or infinite.
+/// If the file is malformed, contains another element type, or a value is NaN or infinite.
 pub fn read_safetensors(path: &Path) -> Result<NamedTensors, CheckpointError> {
     read_arrays(path, false)
 }
 
-/// [`read_safetensors`] of files that others wrote: integer and boolean arrays, which are tables and masks
-/// there and no weights, are left out.
+/// Like [`read_safetensors`], for files written by other programs. Integer and boolean arrays are skipped, because in
+/// these files they are tables and masks and not weights.
 ///
 /// # Errors
-/// See [`read_safetensors`]; F64 is refused, not left out.
+/// See [`read_safetensors`]; F64 is refused, not skipped.
 pub fn read_floats(path: &Path) -> Result<NamedTensors, CheckpointError> {
     read_arrays(path, true)
 }
@@ -538,8 +538,8 @@ fn read_arrays(path: &Path, skip_integers: bool) -> Result<NamedTensors, Checkpo
     arrays_of(path, &mut file, found, skip_integers)
 }
 
-/// Reads one array after the other of a file `path` with `found` bytes, so that memory holds the arrays and not the file
-/// beside them.
+/// Reads the arrays of a file `path` of `found` bytes one by one, so that memory holds the arrays but not the file in
+/// addition.
 fn arrays_of(
     path: &Path,
     file: &mut dyn Input,
@@ -557,7 +557,7 @@ fn arrays_of(
             limit: MAX_TENSOR_FILE_BYTES,
         });
     }
-    // Eight bytes with the header's length, the header, the arrays.
+    // The file consists of eight bytes with the length of the header, the header, and the arrays.
     let mut length = [0; 8];
     file.read_exact(&mut length).map_err(io_error(path))?;
     let header_bytes = u64::from_le_bytes(length);
@@ -571,7 +571,7 @@ fn arrays_of(
     let metadata: Metadata = serde_json::from_slice(&header).map_err(|e| fail(e.to_string()))?;
     let data_start = 8 + header_bytes;
     let data_bytes = found - data_start;
-    // Parsing has checked that arrays follow one another without holes, each as long as its shape says.
+    // The parser has checked that the arrays are contiguous and that each has the length that its shape implies.
     if data_bytes != metadata.data_len() as u64 {
         return Err(fail(format!(
             "{data_bytes} bytes of arrays, the header lists {}",
@@ -604,7 +604,7 @@ fn arrays_of(
     Ok(tensors)
 }
 
-/// Floats from `n_bytes` bytes of a file, widened to f32 a piece at a time.
+/// Reads floats from `n_bytes` bytes of a file, and widens them to f32 in blocks.
 fn read_values(
     file: &mut dyn Input,
     dtype: Dtype,
@@ -623,7 +623,7 @@ fn read_values(
             });
         }
     };
-    // The file is known to be that long.
+    // The file was checked to have this length.
     let mut values = Vec::with_capacity(n_bytes / width);
     let mut piece = vec![0; PIECE_BYTES.min(n_bytes)];
     let mut left = n_bytes;
@@ -687,14 +687,14 @@ mod tests {
         let root = scratch("kill");
         let dir = root.join("c");
         files().write(&dir).unwrap();
-        // Killed while staging: half a file in the sibling.
+        // The process was killed while writing the sibling directory, which contains half a file.
         fs::create_dir(root.join("c.tmp")).unwrap();
         fs::write(root.join("c.tmp").join(MODEL_FILE), b"half").unwrap();
         Checkpoint::open(&dir).unwrap();
-        // Killed between the two renames: only the old one is left, under its other name.
+        // The process was killed between the two renames: only the old checkpoint exists, under its temporary name.
         fs::rename(&dir, root.join("c.old")).unwrap();
         Checkpoint::open(&dir).unwrap();
-        // The next write heals everything.
+        // The next write restores the normal state.
         files().write(&dir).unwrap();
         Checkpoint::open(&dir).unwrap();
         assert!(!root.join("c.tmp").exists() && !root.join("c.old").exists());
@@ -730,7 +730,7 @@ mod tests {
             u64::MAX.to_le_bytes().to_vec(),
             b"\x02\0\0\0\0\0\0\0{}".to_vec()[..9].to_vec(),
         ];
-        // A header that claims 4 GiB of floats backed by four bytes.
+        // A header that declares 4 GiB of floats in a file with four bytes of data.
         let header = br#"{"a":{"dtype":"F32","shape":[1073741824],"data_offsets":[0,4294967296]}}"#;
         let mut claim = (header.len() as u64).to_le_bytes().to_vec();
         claim.extend_from_slice(header);

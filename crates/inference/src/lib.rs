@@ -1,4 +1,4 @@
-//! Radar points to sentences.
+//! Generates sentences from radar points.
 //!
 //! This crate runs a trained model. A [`Captioner`] takes a [`Clip`](radarllm_base::Clip) of radar points and returns
 //! the sentence that the model generates for it, with a confidence and the radar tokens that it read:
@@ -51,10 +51,10 @@
 //! # Map
 //!
 //! Reading order: [`checkpoint`] (files), [`prepare`] (the input contract), [`tokenizer`] (points to codes), [`lm`]
-//! (codes to words), [`backend`] (what runs both).
+//! (codes to words), [`backend`] (execution of both networks).
 //!
-//! Deliberately absent: the networks as they are trained, in burn, live in `radarllm-nn`, which depends on this crate
-//! and never the reverse. Nothing here opens a socket or prints, and files are opened only by [`checkpoint`].
+//! Out of scope: the trainable networks, which use burn, are in `radarllm-nn`. That crate depends on this one and never
+//! the reverse. This crate opens no sockets and prints nothing, and only [`checkpoint`] opens files.
 
 pub mod backend;
 pub mod checkpoint;

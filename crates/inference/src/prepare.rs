@@ -1,8 +1,9 @@
-//! What the model expects of a clip, and how other clips are prepared for it.
+//! The requirements of the model on a clip, and the preparation of clips that do not meet them.
 //!
-//! The model reads frames, not times: a clip at another frame rate would show it another speed. It was trained on
-//! radars that remove static clutter from their samples: firmware that does not remove it reports little else. Both are
-//! repaired here, in one place, so that no caller gets a wrong sentence silently.
+//! The model reads frames without their times: a clip at another frame rate would appear to move at another speed. The
+//! model was trained on radars that remove static clutter from their samples. Firmware that does not remove it reports
+//! mostly static points. Both differences are corrected here, in one place, so that no caller silently gets a wrong
+//! sentence.
 
 use std::borrow::Cow;
 
@@ -11,13 +12,13 @@ use radarllm_base::{Clip, PointFrame, StaticClutter, TimelineError};
 /// Radar frames per second that the model was trained on.
 pub const FRAME_RATE_HZ: f32 = 10.0;
 
-/// Frame rates that differ from [`FRAME_RATE_HZ`] by at most this fraction are read as they are.
+/// Clips whose frame rate differs from [`FRAME_RATE_HZ`] by at most this fraction are not resampled.
 pub const RATE_TOLERANCE: f64 = 0.05;
 
-/// Maximum frame rate that is believed, Hz.
+/// Maximum frame rate accepted, in Hz.
 pub const MAX_FRAME_RATE_HZ: f64 = 1000.0;
 
-/// How to prepare a clip.
+/// Options for the preparation of a clip.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PrepareOptions {
     /// Keep the static points of recordings.
@@ -26,44 +27,44 @@ pub struct PrepareOptions {
     pub motion_compensate: bool,
 }
 
-/// A clip that the model can read, and what was changed.
+/// A clip that the model can read, and a record of the changes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prepared {
     /// The clip, at [`FRAME_RATE_HZ`] within [`RATE_TOLERANCE`].
     pub clip: Clip,
-    /// Static clutter that was removed.
+    /// The static clutter that was removed.
     pub removed_static: Option<StaticClutter>,
     /// The frame rate before resampling, Hz, if the clip was resampled.
     pub resampled_from_hz: Option<f64>,
 }
 
-/// Why the model cannot read a clip.
+/// Reasons why the model cannot read a clip.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PrepareError {
-    /// A frame rate that no radar has.
+    /// The frame rate is outside the range of real radars.
     #[error("a frame rate of {found_hz} Hz: expected more than 0, at most {MAX_FRAME_RATE_HZ}")]
     FrameRate {
-        /// Frame rate found, Hz.
+        /// Frame rate found, in Hz.
         found_hz: f64,
     },
     /// The height of the radar is NaN or infinite.
     #[error("radar height {found_m} m is not finite")]
     RadarHeight {
-        /// Height found, m.
+        /// Height found, in m.
         found_m: f32,
     },
-    /// A time is NaN or infinite.
+    /// The time of a frame is NaN or infinite.
     #[error("frame {frame}: time is not finite")]
     TimeNotFinite {
-        /// Position of the frame.
+        /// Index of the frame.
         frame: usize,
     },
     /// A coordinate, velocity or intensity is NaN or infinite.
     #[error("frame {frame}, point {point}: value is not finite")]
     NotFinite {
-        /// Position of the frame.
+        /// Index of the frame.
         frame: usize,
-        /// Position of the point in its frame.
+        /// Index of the point in its frame.
         point: usize,
     },
     /// The clip cannot be resampled.
@@ -74,8 +75,8 @@ pub enum PrepareError {
 /// Prepares a clip for the model: removes the static clutter of a recording, and resamples a frame rate that differs
 /// from [`FRAME_RATE_HZ`] by more than [`RATE_TOLERANCE`].
 ///
-/// Preparing a clip again changes nothing. Simulated clips keep all their points: the simulated radar has removed
-/// static clutter already.
+/// Preparing a prepared clip changes nothing. Simulated clips keep all their points, because the simulated radar has
+/// already removed static clutter.
 ///
 /// ```
 /// use radarllm_base::{Clip, PointFrame};
@@ -96,7 +97,7 @@ pub enum PrepareError {
 /// ```
 ///
 /// # Errors
-/// [`PrepareError`]: a value that is not finite, or a frame rate that no radar has.
+/// [`PrepareError`]: a value that is not finite, or a frame rate outside the range of real radars.
 pub fn prepare_for_model(
     mut clip: Clip,
     options: &PrepareOptions,
@@ -124,7 +125,7 @@ pub fn needs_preparation(clip: &Clip, options: &PrepareOptions) -> bool {
         || (removes_static(clip, options) && clip.static_clutter().is_some())
 }
 
-/// The clip as the model reads it, copied only if something has to change.
+/// Returns the clip as the model reads it. It is copied only if a change is necessary.
 pub(crate) fn prepared<'a>(
     clip: &'a Clip,
     options: &PrepareOptions,
@@ -146,7 +147,7 @@ fn is_other_rate(frame_rate_hz: f64) -> bool {
 
 fn check(clip: &Clip) -> Result<(), PrepareError> {
     let found_hz = clip.frame_rate_hz;
-    // Written so that NaN fails.
+    // Written so that NaN fails the check.
     if !(found_hz > 0.0 && found_hz <= MAX_FRAME_RATE_HZ) {
         return Err(PrepareError::FrameRate { found_hz });
     }
@@ -165,7 +166,7 @@ fn check(clip: &Clip) -> Result<(), PrepareError> {
     Ok(())
 }
 
-/// The first point with a value that is not finite.
+/// Finds the first point with a value that is not finite.
 fn position_not_finite(frame: &PointFrame) -> Option<usize> {
     frame.points.iter().position(|p| {
         let values = [
@@ -186,7 +187,7 @@ mod tests {
 
     use super::*;
 
-    /// A second of frames, each with these radial velocities.
+    /// One second of frames, each with points of these radial velocities.
     fn clip(frame_rate_hz: f64, velocities: &[f32], provenance: Provenance) -> Clip {
         let point = |v: &f32| RadarPoint {
             y_m: 2.0,
@@ -252,7 +253,7 @@ mod tests {
             let prepared = prepare(recorded(rate_hz, &[0.8]));
             assert_eq!(prepared.resampled_from_hz, Some(rate_hz));
             assert_eq!(prepared.clip.frame_rate_hz, 10.0);
-            // Nothing is lost and nothing repeated.
+            // No frame is lost or repeated.
             assert_eq!(prepared.clip.n_points(), rate_hz as usize);
         }
     }
@@ -309,7 +310,7 @@ mod tests {
             let options = PrepareOptions::default();
             let by_reference = prepared(&bad, &options).map(|_| ()).unwrap_err();
             let error = prepare_for_model(bad, &options).unwrap_err();
-            // NaN is not equal to itself; the text is.
+            // NaN is not equal to itself, so the test compares the text.
             assert_eq!(by_reference.to_string(), error.to_string());
             error
         };

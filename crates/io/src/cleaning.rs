@@ -1,4 +1,4 @@
-//! Background subtraction and corrections of recordings: the empty scene, offsets, leakage, channel mismatch.
+//! Background subtraction and corrections of recordings: empty scene, offsets, leakage, channel mismatch.
 
 use std::path::{Path, PathBuf};
 
@@ -23,14 +23,14 @@ use crate::{
     samples::{SampleFrames, sample_format},
 };
 
-/// Residual of an empty scene's frames after subtraction from which the user is warned, dB.
+/// Residual above which the user is warned, in dB: that of the empty scene's own frames after subtraction.
 const UNSTEADY_DB: f64 = -20.0;
 
-/// The corrections of raw samples that the options ask for; [`chain`] goes with them. `format` is the recording's, as
-/// the caller named it.
+/// Creates the corrections of raw samples that the options request. Use them together with [`chain`]. `format` is the
+/// recording's format as named by the caller.
 ///
 /// # Errors
-/// Options for points, or files that cannot be read or do not fit the radar.
+/// Options that apply only to points, and files that cannot be read or do not match the radar.
 pub fn corrector(
     options: &CleaningOptions,
     radar: &OpenedRadar,
@@ -64,7 +64,8 @@ pub fn corrector(
     Ok(Corrector::new(&radar.config, corrections)?)
 }
 
-/// The signal chain after these corrections: a subtracted background replaces the removal of each frame's own mean.
+/// Returns the signal chain after these corrections. A subtracted background replaces the removal of the mean of each
+/// frame.
 pub fn chain(options: &CleaningOptions, dsp: DspOptions) -> DspOptions {
     match options.background {
         Some(_) => DspOptions {
@@ -75,7 +76,7 @@ pub fn chain(options: &CleaningOptions, dsp: DspOptions) -> DspOptions {
     }
 }
 
-/// Removes the points of the empty scene from recorded ones.
+/// Removes the points of the empty scene from recorded points.
 pub(crate) fn remove_background(
     frames: &mut [PointFrame],
     options: &CaptureOptions,
@@ -118,7 +119,7 @@ pub(crate) fn remove_background(
     Ok(())
 }
 
-/// The mean of an empty scene's frames.
+/// Computes the mean of the frames of an empty scene.
 fn mean_background(
     path: &PathBuf,
     radar: &OpenedRadar,
@@ -162,10 +163,10 @@ fn mean_background(
     Ok(background)
 }
 
-/// Calls `each` with the frames that miss no bytes, and returns the number of those that do.
+/// Calls `each` with every complete frame, and returns the number of frames with missing bytes.
 ///
 /// # Errors
-/// A frame that cannot be read, or the first error of `each`, with the file's name.
+/// A frame that cannot be read, or the first error of `each`, with the name of the file.
 pub fn each_whole_frame(
     frames: &mut SampleFrames,
     path: &Path,

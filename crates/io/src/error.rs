@@ -1,33 +1,33 @@
-//! The error of everything that opens files and of the library's face: kind, message, hint, path.
+//! The error type of this crate and of the library's public interface: kind, message, hint, path.
 
 use std::{
     fmt,
     path::{Path, PathBuf},
 };
 
-/// What kind of error it is, for programs that react to it.
+/// Kind of an error, for programs that handle kinds differently.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ErrorKind {
-    /// The input or an option is wrong: a damaged file, values that do not fit together.
+    /// The input or an option is wrong, for example a damaged file or inconsistent values.
     Input,
     /// A file, folder, port or name does not exist.
     NotFound,
     /// The input is fine, but this build or this system cannot process it.
     Unsupported,
-    /// The output exists already.
+    /// The output already exists.
     Exists,
-    /// Somebody else holds a lock on the output.
+    /// Another process holds a lock on the output.
     Locked,
     /// The user interrupted the work.
     Interrupted,
 }
 
-/// An error that tells people what happened, where, and what they can do about it.
+/// An error that describes what happened, where, and how the user can resolve it.
 ///
-/// Messages and hints name options of this library in backticks, as `` `frame_rate_hz` ``; programs with other names
-/// for them (a command line, a language binding) may translate those.
+/// Messages and hints name options of this library in backticks, as `` `frame_rate_hz` ``. Programs that use other
+/// names for them (a command line, a language binding) may translate those.
 ///
-/// A program whose `main` returns this error prints message and hint as people read them:
+/// A program whose `main` returns this error prints the message and the hint as readable text:
 ///
 /// ```
 /// use radarllm_io::Error;
@@ -37,21 +37,21 @@ pub enum ErrorKind {
 /// ```
 #[derive(Clone, PartialEq, Eq)]
 pub struct Error {
-    /// What kind of error it is.
+    /// Kind of the error.
     pub kind: ErrorKind,
-    /// What happened, with the file and the place in it.
+    /// What happened, with the file and the position in it.
     pub message: String,
-    /// What to do about it.
+    /// How the user can resolve the error.
     pub hint: Option<String>,
     /// The file or folder concerned.
     pub path: Option<PathBuf>,
 }
 
-/// Result of everything that opens files.
+/// Result type of this crate.
 pub type Result<T = ()> = std::result::Result<T, Error>;
 
 impl Error {
-    /// An error in the input or the options.
+    /// Creates an error about the input or the options.
     pub fn input(message: impl fmt::Display) -> Self {
         Self {
             kind: ErrorKind::Input,
@@ -61,7 +61,7 @@ impl Error {
         }
     }
 
-    /// An error in a file; the message begins with the file's name.
+    /// Creates an error about a file. The message begins with the name of the file.
     pub fn in_file(path: &Path, problem: impl fmt::Display) -> Self {
         Self {
             path: Some(path.into()),
@@ -69,7 +69,7 @@ impl Error {
         }
     }
 
-    /// An error of the operating system on a file.
+    /// Creates an error from an error of the operating system on a file.
     pub fn io(path: &Path, error: &std::io::Error) -> Self {
         use std::io::ErrorKind as Os;
         let kind = match error.kind() {
@@ -84,13 +84,13 @@ impl Error {
         }
     }
 
-    /// The same error of another kind.
+    /// Returns the same error with another kind.
     #[must_use]
     pub fn of_kind(self, kind: ErrorKind) -> Self {
         Self { kind, ..self }
     }
 
-    /// The same error with a hint.
+    /// Returns the same error with a hint.
     #[must_use]
     pub fn with_hint(self, hint: impl fmt::Display) -> Self {
         Self {
@@ -99,7 +99,7 @@ impl Error {
         }
     }
 
-    /// The same error with the file's name before its message, unless the message has it.
+    /// Returns the same error with the name of the file before its message, unless the message already contains it.
     #[must_use]
     pub fn naming(self, path: &Path) -> Self {
         let name = path.display().to_string();
@@ -132,7 +132,7 @@ impl fmt::Debug for Error {
 
 impl std::error::Error for Error {}
 
-/// Errors of the crates below say what is wrong with the input.
+/// Errors of the parser crates describe what is wrong with the input.
 macro_rules! input_errors {
     ($($error:ty),+ $(,)?) => {$(
         impl From<$error> for Error {

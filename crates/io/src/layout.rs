@@ -1,4 +1,4 @@
-//! The layout of raw samples: from the options, the radar's description and the samples themselves.
+//! Determines the layout of raw samples from the options, the radar's description and the samples themselves.
 
 use std::{
     fs::File,
@@ -22,27 +22,27 @@ use crate::{
     samples::{SampleFormat, SampleFrames},
 };
 
-/// Frames from which the order of I and Q is judged.
+/// Number of frames from which the order of I and Q is judged.
 const JUDGED_FRAMES: usize = 4;
-/// Maximum size of a recorder's log that is read, bytes.
+/// Maximum size of a recorder's log, in bytes.
 const MAX_LOG_BYTES: u64 = 1 << 20;
 
-/// The layout of a raw capture, what the samples show about it, and what was noticed.
+/// The layout of a raw capture, the evidence in its samples, and remarks.
 pub struct ChosenLayout {
     /// The layout.
     pub layout: SampleLayout,
-    /// What the first frames say when read with [`Self::tried`]; `None` for real samples and live captures.
+    /// Verdict on the first frames, read in the order [`Self::tried`]; `None` for real samples and live captures.
     pub verdict: Option<IqVerdict>,
-    /// The order that the verdict is about.
+    /// The order of I and Q to which the verdict applies.
     pub tried: IqOrder,
     /// Remarks for the user.
     pub notes: Vec<String>,
 }
 
-/// Opens a recording of raw samples and settles its layout on the way; remarks are added to `notes`.
+/// Opens a recording of raw samples and determines its layout. Remarks are added to `notes`.
 ///
 /// # Errors
-/// A file that cannot be read, or a layout that neither the options nor the radar's description settle.
+/// A file that cannot be read, or a layout that neither the options nor the radar's description determine.
 pub fn open_samples(
     format: SampleFormat,
     captures: &[PathBuf],
@@ -73,13 +73,13 @@ pub fn open_samples(
     )
 }
 
-/// Settles the layout of a raw capture before anything is processed.
+/// Determines the layout of a raw capture before the capture is processed.
 ///
-/// The order of I and Q is taken from the options, from an export of mmWave Studio, or from a chirp configuration
-/// whose `SampleSwap` the samples confirm; it is never guessed.
+/// The order of I and Q comes from the options, from an export of mmWave Studio, or from a chirp configuration whose
+/// `SampleSwap` agrees with the samples. It is never guessed.
 ///
 /// # Errors
-/// A layout that nothing settles, or a file that does not fit it.
+/// A layout that cannot be determined, or a file that does not fit it.
 pub fn choose_layout(
     format: SampleFormat,
     captures: &[PathBuf],
@@ -211,7 +211,7 @@ fn complex(order: IqOrder) -> SampleKind {
     SampleKind::Complex { order }
 }
 
-/// A verdict of samples read with `order`, in words.
+/// Describes in words the verdict on samples that were read with `order`.
 pub fn explain(order: IqOrder, verdict: &IqVerdict) -> String {
     let says = match verdict.answer {
         IqAnswer::AsRead => format!("the samples say {}", order.name()),
@@ -227,7 +227,7 @@ pub fn explain(order: IqOrder, verdict: &IqVerdict) -> String {
     )
 }
 
-/// Looks at the first frames.
+/// Analyses the first frames.
 fn judge(
     format: SampleFormat,
     captures: &[PathBuf],
@@ -290,8 +290,7 @@ fn lanes(
     }
 }
 
-/// Remarks of the recorder's log beside a capture, if there is one: `X_Raw_LogFile.csv` beside
-/// `X_Raw_0.bin` or `X.bin`.
+/// Returns remarks from the recorder's log if it exists: `X_Raw_LogFile.csv` beside `X_Raw_0.bin` or `X.bin`.
 pub fn log_notes(capture: &Path) -> Result<Vec<String>> {
     let Some(stem) = capture.file_stem().and_then(|s| s.to_str()) else {
         return Ok(Vec::new());

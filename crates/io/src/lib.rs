@@ -1,9 +1,9 @@
-//! Opens what people have: recordings of any radar, radar descriptions, serial ports and sockets.
+//! Opens recordings of any radar, radar descriptions, serial ports and sockets.
 //!
-//! A path enters; a [`Clip`](radarllm_base::Clip) of points, a cube of raw samples or a radar leaves, or an [`Error`]
-//! with kind, message, hint and path. This is the one crate with sockets and serial ports, and the one that opens
-//! recordings; the parsers of their bytes are in `radarllm-formats`. Nothing here prints, parses a command line or
-//! keeps global state.
+//! The input is a path. The output is a [`Clip`](radarllm_base::Clip) of points, a cube of raw samples or a radar, or
+//! an [`Error`] with kind, message, hint and path. This is the only crate with sockets and serial ports, and the only
+//! one that opens recordings. The parsers of their bytes are in `radarllm-formats`. This crate prints nothing, parses
+//! no command line and has no global state.
 //!
 //! ```no_run
 //! use radarllm_io::{CaptureOptions, open_radar, read_recording};
@@ -23,8 +23,8 @@
 //! ```
 //!
 //! Reading order: [`recording`] (any recording to points), [`options`], [`radar`] (radar descriptions), [`points`]
-//! (formats of points), `visualizer` (folders of TI's visualizers), [`samples`] and [`layout`] (raw samples), `npy_cubes`, [`cleaning`] (background and
-//! leakage), [`serial`], [`udp`], [`error`].
+//! (formats of points), `visualizer` (folders of TI's visualizers), [`samples`] and [`layout`] (raw samples),
+//! `npy_cubes`, [`cleaning`] (background and leakage), [`serial`], [`udp`], [`error`].
 
 pub mod cleaning;
 pub mod error;

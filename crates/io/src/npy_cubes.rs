@@ -16,13 +16,13 @@ fn open_npy(path: &Path) -> Result<NpyStream<BufReader<File>>> {
     NpyStream::open(BufReader::new(file)).map_err(|e| Error::in_file(path, e))
 }
 
-/// Frames of an npy array; memory holds one frame, whatever the file claims.
+/// Frames of an npy array. Memory holds one frame, regardless of the size that the file declares.
 pub struct NpyFrames {
     numbers: NpyStream<BufReader<File>>,
     layout: FrameLayout,
     buffer: Vec<Complex32>,
     next: u64,
-    /// Whether numbers are unsigned words; known after the first frame.
+    /// Whether the numbers are unsigned words; known after the first frame.
     words: Option<bool>,
 }
 
@@ -30,7 +30,7 @@ impl NpyFrames {
     /// Opens an array whose axes are `axes`, or `frame,loop,tx,rx,sample`.
     ///
     /// # Errors
-    /// A file that is no npy array, or one whose shape does not fit the radar.
+    /// A file that is not an npy array, or one whose shape does not fit the radar.
     pub fn open(path: &Path, radar: &RadarConfig, axes: Option<&str>) -> Result<Self> {
         let order = AxisOrder::parse(axes.unwrap_or("frame,loop,tx,rx,sample"))
             .map_err(|e| Error::input(e).with_hint("`axes` frame,chirp,rx,sample, for example"))?;
@@ -63,12 +63,12 @@ impl NpyFrames {
         })
     }
 
-    /// Frames of the array.
+    /// Number of frames of the array.
     pub fn n_frames(&self) -> u64 {
         self.layout.n_frames()
     }
 
-    /// Whether the numbers were unsigned words and got their sign back; known after the first frame.
+    /// Whether the numbers were unsigned words and were converted to signed ones; known after the first frame.
     pub fn were_words(&self) -> bool {
         self.words == Some(true)
     }
@@ -85,7 +85,7 @@ impl FrameSource for NpyFrames {
         let n = self.layout.n_numbers();
         self.buffer.clear();
         let is_real = !self.numbers.is_complex();
-        // Samples are signed; recorders that call them unsigned write the same bits.
+        // Samples are signed. Recorders that declare them as unsigned write the same bits.
         let is_unsigned = self.numbers.header().fields[0].code == "u2";
         let found = self.numbers.read(n, |re, im| {
             self.buffer.push(if is_unsigned {

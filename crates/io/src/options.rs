@@ -1,5 +1,5 @@
-//! Options for opening recordings, as plain structs: any caller can fill them, from a command line, from Python or
-//! from a configuration file.
+//! Options for opening recordings, as plain structs that any caller can fill: from a command line, from Python or from
+//! a configuration file.
 
 use std::path::PathBuf;
 
@@ -18,25 +18,25 @@ pub const MAX_FRAMES: usize = 10_000;
 const MAX_ACCUMULATE: usize = 100;
 /// Maximum speed below which points may be removed, m/s.
 const MAX_MIN_SPEED_MPS: f32 = 100.0;
-/// Longest time to listen to a serial port: one day, s.
+/// Maximum time to record from a serial port: one day, in s.
 const MAX_LISTEN_S: f64 = 86_400.0;
 
-/// How to open a recording.
+/// Options for opening a recording.
 #[derive(Clone, Debug, Default)]
 pub struct CaptureOptions {
-    /// The radar that recorded it. Raw samples need it; points take their frame rate and the radar's name from it.
+    /// The radar that made the recording. Raw samples require it. Points use its frame rate and its name.
     pub radar: Option<OpenedRadar>,
     /// Format of the recording; detected if `None`.
     pub format: Option<CaptureFormat>,
     /// Layout of raw samples.
     pub layout: LayoutOptions,
-    /// How recorded points are read and placed.
+    /// Reading and placement of recorded points.
     pub points: PointOptions,
     /// Background and leakage removal.
     pub cleaning: CleaningOptions,
     /// Signal processing of raw samples; the default chain if `None`.
     pub processing: Option<DspOptions>,
-    /// Read only this many frames of raw samples.
+    /// Maximum number of frames of raw samples to read.
     pub max_frames: Option<usize>,
     /// Height of the radar above the floor, m. If `None`, the height that the recording states, or
     /// [`DEFAULT_RADAR_HEIGHT_M`].
@@ -46,17 +46,17 @@ pub struct CaptureOptions {
 /// Height of the radar above the floor where neither the recording nor the options give it, m.
 pub const DEFAULT_RADAR_HEIGHT_M: f32 = 1.0;
 
-/// A format that a caller names.
+/// A recording format named by a caller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CaptureFormat {
     /// A NumPy array of raw samples.
     Npy,
-    /// Any other format, by its own name.
+    /// Any other format, by its standard name.
     Format(RecordingFormat),
 }
 
 impl CaptureFormat {
-    /// The format of that name.
+    /// Returns the format with that name.
     ///
     /// # Errors
     /// An unknown name; the hint lists the known ones.
@@ -73,7 +73,7 @@ impl CaptureFormat {
             })
     }
 
-    /// Name of the format.
+    /// Returns the name of the format.
     pub fn name(self) -> &'static str {
         match self {
             Self::Npy => "npy",
@@ -81,7 +81,7 @@ impl CaptureFormat {
         }
     }
 
-    /// Whether recordings of this format hold raw samples.
+    /// Returns whether recordings of this format contain raw samples.
     pub fn holds_samples(self) -> bool {
         matches!(
             self,
@@ -95,7 +95,7 @@ impl CaptureFormat {
 pub struct LayoutOptions {
     /// Order of I and Q.
     pub iq: Option<IqChoice>,
-    /// LVDS lanes of the device, 2 or 4; known for boards that have a name.
+    /// Number of LVDS lanes of the device, 2 or 4; known for boards that have a name.
     pub lanes: Option<u8>,
     /// Samples are real numbers, not I and Q.
     pub real: bool,
@@ -104,7 +104,7 @@ pub struct LayoutOptions {
 }
 
 impl LayoutOptions {
-    /// Whether anything is set: then the recording holds raw samples.
+    /// Returns whether any option is set, in which case the recording contains raw samples.
     pub fn is_given(&self) -> bool {
         *self != Self::default()
     }
@@ -113,35 +113,35 @@ impl LayoutOptions {
 /// Order of I and Q in raw words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum IqChoice {
-    /// I, then Q: mmWave Studio.
+    /// I, then Q, as written by mmWave Studio.
     IFirst,
-    /// Q, then I: SDK firmware with `SampleSwap` 1.
+    /// Q, then I, as written by SDK firmware with `SampleSwap` 1.
     QFirst,
-    /// The order that the samples themselves show, if they show it clearly.
+    /// The order is determined from the samples, provided that they show it clearly.
     Auto,
 }
 
 /// How recorded points are read, placed in space and accumulated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointOptions {
-    /// Frames per second, where neither the recording's clock nor the radar says.
+    /// Frame rate in Hz, used if neither the recording's clock nor the radar determines it.
     pub frame_rate_hz: Option<f64>,
     /// Axes of the recording.
     pub orientation: Option<Axes>,
     /// UART dialect; detected if `None`.
     pub dialect: Option<Dialect>,
-    /// Topic of a ROS bag with point clouds on several.
+    /// Topic of a ROS bag that has point clouds on several topics.
     pub topic: Option<String>,
     /// Baud rate of a serial port.
     pub baud: u32,
-    /// Seconds to listen to a serial port.
+    /// Time to record from a serial port, in s.
     pub seconds: Option<f64>,
-    /// Angles at which the sensor is mounted.
+    /// Mounting angles of the sensor.
     pub mounting: Mounting,
-    /// Remove points slower than this, m/s. Set to 0 it keeps every point, also those that are removed as static
-    /// clutter if it is `None`.
+    /// Remove points slower than this, in m/s. The value 0 keeps every point, including those that are removed as
+    /// static clutter if it is `None`.
     pub min_speed_mps: Option<f32>,
-    /// Number of frames accumulated into each, for radars that report few points.
+    /// Number of frames accumulated into each output frame, for radars that report few points.
     pub accumulate: usize,
     /// Move accumulated points along their radial velocity to the time of their new frame.
     pub motion_compensate: bool,
@@ -165,12 +165,12 @@ impl Default for PointOptions {
 }
 
 impl PointOptions {
-    /// Whether static points were asked for explicitly, so that nothing may remove them.
+    /// Returns whether static points were requested explicitly, so that no step may remove them.
     pub fn keeps_static(&self) -> bool {
         self.min_speed_mps.is_some()
     }
 
-    /// Refuses options about recorded points: raw samples have the radar's own clock and axes.
+    /// Refuses options about recorded points, because raw samples use the radar's own clock and axes.
     pub(crate) fn check_for_samples(&self) -> Result {
         refuse_options(
             &[
@@ -184,7 +184,7 @@ impl PointOptions {
         )
     }
 
-    /// Refuses options that recorded points of a format do not use, which would be ignored silently.
+    /// Refuses options that recorded points of a format do not use. Otherwise they would be ignored silently.
     pub(crate) fn check_for_format(&self, format: RecordingFormat) -> Result {
         let with_axes = [
             RecordingFormat::Csv,
@@ -218,7 +218,7 @@ impl PointOptions {
         )
     }
 
-    /// The speed below which points are removed, m/s.
+    /// Speed below which points are removed, in m/s.
     pub(crate) fn min_speed(&self) -> Result<f32> {
         let min_speed_mps = self.min_speed_mps.unwrap_or(0.0);
         if (0.0..=MAX_MIN_SPEED_MPS).contains(&min_speed_mps) {
@@ -228,7 +228,7 @@ impl PointOptions {
         }
     }
 
-    /// The number of frames to accumulate.
+    /// Number of frames to accumulate.
     pub(crate) fn n_accumulated(&self) -> Result<usize> {
         if (1..=MAX_ACCUMULATE).contains(&self.accumulate) {
             Ok(self.accumulate)
@@ -239,7 +239,7 @@ impl PointOptions {
         }
     }
 
-    /// The mounting angles.
+    /// Mounting angles of the sensor.
     pub(crate) fn mounting(&self) -> Result<Mounting> {
         let m = self.mounting;
         if [m.tilt_rad, m.yaw_rad, m.roll_rad]
@@ -254,7 +254,7 @@ impl PointOptions {
         }
     }
 
-    /// The time to listen to a serial port, s.
+    /// Time to record from a serial port, in s.
     pub(crate) fn listening_time_s(&self) -> Result<f64> {
         self.seconds
             .filter(|s| *s > 0.0 && *s <= MAX_LISTEN_S)
@@ -267,8 +267,9 @@ impl PointOptions {
 /// Background and leakage removal.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CleaningOptions {
-    /// Recording of the same scene without people, by the same radar. Of raw samples its mean is subtracted instead
-    /// of each frame's own, so that a person who sits still stays visible. Of points its occupied cells are removed.
+    /// Recording of the same scene without people, made by the same radar. For raw samples, its mean is subtracted
+    /// instead of the mean of each frame, so that a person who sits still remains visible. For points, its occupied
+    /// cells are removed.
     pub background: Option<PathBuf>,
     /// Recorded points: which cells of the empty scene count as occupied; the default if `None`.
     pub background_cells: CellOptions,
@@ -280,19 +281,19 @@ pub struct CleaningOptions {
     pub remove_leakage_m: Option<f64>,
 }
 
-/// Which cells of an empty scene's points count as occupied; see [`BackgroundOptions`] for the defaults.
+/// Criteria for occupied cells of an empty scene's points; see [`BackgroundOptions`] for the defaults.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CellOptions {
-    /// Edge of a cell in x, y and z, m.
+    /// Edge length of a cell in x, y and z, in m.
     pub cell_m: Option<f64>,
-    /// Edge of a cell in velocity, m/s.
+    /// Edge length of a cell in velocity, in m/s.
     pub cell_mps: Option<f64>,
-    /// Minimum share of frames with a point in the cell.
+    /// Minimum fraction of frames that have a point in the cell.
     pub share: Option<f64>,
 }
 
 impl CellOptions {
-    /// With defaults where nothing is set.
+    /// Returns the options with defaults for unset values.
     pub(crate) fn resolve(self) -> BackgroundOptions {
         let defaults = BackgroundOptions::default();
         BackgroundOptions {
@@ -332,13 +333,13 @@ impl CleaningOptions {
     }
 }
 
-/// Why an option is refused for points.
+/// Reason why an option is refused for points.
 pub const NEEDS_SAMPLES: &str = "needs raw samples; this capture holds points";
 
-/// Refuses the first of these options that is given; `why` follows its name.
+/// Refuses the first of these options that is set. `why` follows its name in the message.
 ///
 /// # Errors
-/// If one is given.
+/// If one of the options is set.
 pub fn refuse_options(options: &[(&str, bool)], why: &str) -> Result {
     match options.iter().find(|(_, is_given)| *is_given) {
         Some((option, _)) => Err(Error::input(format!("`{option}` {why}"))),

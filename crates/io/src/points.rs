@@ -1,4 +1,4 @@
-//! Recordings of points: any format of `radarllm-formats`, opened, put on a clock and levelled.
+//! Recordings of points in any format of `radarllm-formats`: opened, assigned to a clock and rotated into level axes.
 
 use std::{
     fs::{self, File},
@@ -29,30 +29,30 @@ use crate::{
     serial, visualizer,
 };
 
-/// Maximum size of a file that is read whole, bytes.
+/// Maximum size of a file that is read at once, in bytes.
 pub(crate) const MAX_FILE_BYTES: u64 = 1 << 30;
-/// Bytes read from a stream at a time.
+/// Number of bytes read from a stream at a time.
 const PIECE_BYTES: usize = 64 << 10;
 
-/// Recorded points with what is known about them.
+/// Recorded points with their metadata.
 #[derive(Debug)]
 pub struct RecordedPoints {
-    /// Frames, level, strongest points first.
+    /// Frames in level axes, strongest points first.
     pub timeline: Timeline,
-    /// Radar name, `unknown` where nothing says it.
+    /// Name of the radar, `unknown` if it is not stated.
     pub radar: String,
-    /// Format and path.
+    /// Format and path of the recording.
     pub provenance: Provenance,
     /// Height of the radar above the floor, m, if the recording's chirp file states it.
     pub radar_height_m: Option<f32>,
-    /// What a user should know: how the format was detected, what was dropped.
+    /// Notes for the user: how the format was detected, which data were dropped.
     pub notes: Vec<String>,
 }
 
-/// The format of a recording: as named, or as detected.
+/// Returns the format of a recording, as named or as detected.
 ///
 /// # Errors
-/// A recording that cannot be read. The inner error says why the format could not be detected.
+/// A recording that cannot be read. The inner error describes why the format could not be detected.
 pub fn identify(
     path: &Path,
     named: Option<RecordingFormat>,
@@ -83,7 +83,7 @@ pub fn identify(
     Ok(detect(&name, &head))
 }
 
-/// An error of detection with the file and what to do.
+/// Turns an error of detection into one with the name of the file and a hint.
 pub fn detect_error(path: &Path, error: &DetectError) -> Error {
     let names = RecordingFormat::ALL.map(RecordingFormat::name).join(", ");
     Error::in_file(path, error).with_hint(format!("`format` names it: {names}"))
@@ -92,7 +92,7 @@ pub fn detect_error(path: &Path, error: &DetectError) -> Error {
 /// Opens a recording of points whose format is known.
 ///
 /// # Errors
-/// Whatever is wrong with the file or the options, with the file's name.
+/// Any error in the file or the options, with the name of the file.
 pub fn open_points(
     path: &Path,
     detected: &Detected,
@@ -109,7 +109,7 @@ pub fn open_points(
         RecordingFormat::VisualizerJson,
     ]
     .contains(&format);
-    // The radar as named, or by the chirp file in the recording or beside it.
+    // The radar is the one named by the caller, or that of the chirp file in the recording or beside it.
     let mut opened = radar.cloned();
     let mut is_level = false;
     let mut position = None;
@@ -213,7 +213,7 @@ fn axes(format: RecordingFormat, options: &PointOptions) -> Result<Axes> {
         return Ok(axes);
     }
     match format {
-        // What the data set leaves open is not guessed.
+        // Properties that the data set does not document are not guessed.
         RecordingFormat::MmFi => Err(Error::input(
             "MM-Fi does not say which way its axes point: `orientation` is needed",
         )
@@ -226,7 +226,7 @@ fn axes(format: RecordingFormat, options: &PointOptions) -> Result<Axes> {
     }
 }
 
-/// The radar of a data set, or the one named.
+/// The radar of a data set, or the one named by the caller.
 fn radar_name(format: RecordingFormat, radar: Option<&OpenedRadar>) -> String {
     if let Some(radar) = radar {
         return radar.config.name.clone();
@@ -246,7 +246,7 @@ fn timeline(
     radar: Option<&OpenedRadar>,
     options: &PointOptions,
 ) -> Result<Timeline> {
-    // A visualizer's time stamps are those of the PC, which reads the port in bursts; frame numbers do not jitter.
+    // A visualizer's time stamps come from the PC, which reads the port in bursts. Frame numbers have no jitter.
     let by_number = format == RecordingFormat::VisualizerJson && radar.is_some();
     let has_clock = !by_number && frames.len() > 1 && frames.iter().all(|f| f.stamp_s.is_some());
     let frame_rate_hz = match (options.frame_rate_hz, radar) {
@@ -267,7 +267,8 @@ fn timeline(
     Ok(timeline)
 }
 
-/// The mounting angles: the options' if any is set, or those of the chirp file, which is noted.
+/// Returns the mounting angles: those of the options if any is set, otherwise those of the chirp file, which adds a
+/// note.
 fn mounting(
     options: &PointOptions,
     position: Option<SensorPosition>,
@@ -288,7 +289,7 @@ fn mounting(
         return Ok(named);
     }
     if !position.elevation_sign_is_certain {
-        // Levelling by a tilt of the wrong sign would be worse than none.
+        // Levelling with a tilt of the wrong sign would be worse than no levelling.
         notes.push(format!(
             "{text}; not used, because chirp files of this kind differ in the sign of the tilt: `tilt_deg` sets it"
         ));
@@ -298,8 +299,8 @@ fn mounting(
     Ok(stated)
 }
 
-/// Removes slow points, accumulates frames and turns points into level axes, as the options say; the strongest points
-/// come first.
+/// Removes slow points, accumulates frames and rotates points into level axes, according to the options. The strongest
+/// points come first.
 pub(crate) fn place(
     mut timeline: Timeline,
     options: &PointOptions,
@@ -339,7 +340,7 @@ fn mars(path: &Path) -> Result<Vec<RecordedFrame>> {
     frames.map_err(|e| Error::in_file(path, e))
 }
 
-/// `radar/` inside a sequence, or the folder itself.
+/// Returns the subfolder `radar/` of a sequence, or the folder itself.
 fn frames_folder(path: &Path) -> PathBuf {
     let inside = path.join("radar");
     if inside.is_dir() {
@@ -353,7 +354,7 @@ fn file_names(folder: &Path) -> Result<Vec<String>> {
     let mut names = Vec::new();
     for entry in fs::read_dir(folder).map_err(|e| Error::io(folder, &e))? {
         let entry = entry.map_err(|e| Error::io(folder, &e))?;
-        // A name that is no text is no name of a frame.
+        // A name that is not valid text is not the name of a frame.
         if let Ok(name) = entry.file_name().into_string() {
             names.push(name);
         }
@@ -361,7 +362,7 @@ fn file_names(folder: &Path) -> Result<Vec<String>> {
     Ok(names)
 }
 
-/// Frames of a folder by the numbers in their names; one file is one frame.
+/// Returns the frames of a folder by the numbers in their names. Each file is one frame.
 fn folder_of_frames<E: std::fmt::Display>(
     path: &Path,
     prefix: &str,
@@ -410,7 +411,7 @@ fn folder_of_frames<E: std::fmt::Display>(
     Ok(frames)
 }
 
-/// Parses a file, a pipe or a serial port as it is read.
+/// Parses a file, a pipe or a serial port while it is read.
 fn uart(
     path: &Path,
     options: &PointOptions,

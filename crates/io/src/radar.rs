@@ -15,7 +15,7 @@ use crate::error::{Error, ErrorKind, Result};
 /// Maximum size of a radar description, bytes.
 const MAX_RADAR_FILE_BYTES: u64 = 1 << 20;
 
-/// A radar description that was opened once: the radar, its text, and what it says about captures.
+/// A radar description that was opened once: the radar, its text, and its statements about captures.
 ///
 /// ```
 /// let radar = radarllm_io::open_radar("awr1843boost")?;
@@ -27,15 +27,15 @@ const MAX_RADAR_FILE_BYTES: u64 = 1 << 20;
 pub struct OpenedRadar {
     /// The radar.
     pub config: RadarConfig,
-    /// Where the description comes from.
+    /// Source of the description.
     pub source: RadarSource,
-    /// What the description says about the layout of raw samples.
+    /// Statements of the description about the layout of raw samples.
     pub hints: LayoutHints,
     /// Height and angles of the sensor, if a chirp configuration states them.
     pub position: Option<SensorPosition>,
 }
 
-/// Where a radar description comes from, with the text of a file.
+/// Source of a radar description, with the text of a file.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RadarSource {
     /// A built-in radar.
@@ -48,7 +48,7 @@ pub enum RadarSource {
     Studio,
 }
 
-/// What a radar description says about the layout of raw samples.
+/// Statements of a radar description about the layout of raw samples.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LayoutHints {
     /// The complete layout, from an export of mmWave Studio.
@@ -59,10 +59,10 @@ pub struct LayoutHints {
     pub q_first: Option<bool>,
 }
 
-/// Opens the text of a chirp configuration, which may be stored inside a recording; `path` is named in errors.
+/// Parses the text of a chirp configuration, which may be stored inside a recording. Errors contain `path`.
 ///
 /// # Errors
-/// A text that is malformed, or a radar that cannot exist.
+/// A text that is malformed, or a radar that is physically impossible.
 pub fn open_radar_text(path: &Path, text: &str) -> Result<OpenedRadar> {
     let fail = |problem: &dyn std::fmt::Display| malformed(path, problem);
     let cfg = TiCfg::parse(text, None).map_err(|e| fail(&e))?;
@@ -87,18 +87,19 @@ enum RadarText {
     Studio { text: String, board: Option<Board> },
 }
 
-/// Opens a radar: a built-in name, which may be shortened where it is unambiguous, or a `.cfg` (TI), `.toml` (this project) or `.json` (mmWave Studio) file.
+/// Opens a radar: a built-in name, which may be abbreviated if it is unambiguous, or a `.cfg` (TI), `.toml` (this
+/// project) or `.json` (mmWave Studio) file.
 ///
 /// # Errors
-/// An unknown name, a file that is unreadable, too large or malformed, or a radar that cannot exist.
+/// An unknown name, a file that is unreadable, too large or malformed, or a radar that is physically impossible.
 pub fn open_radar(name_or_file: &str) -> Result<OpenedRadar> {
     open_radar_in(name_or_file, Path::new(""))
 }
 
-/// Opens a radar as [`open_radar`] does, with file names relative to `base`.
+/// Like [`open_radar`], with file names relative to `base`.
 ///
 /// # Errors
-/// As [`open_radar`].
+/// Those of [`open_radar`].
 pub fn open_radar_in(name_or_file: &str, base: &Path) -> Result<OpenedRadar> {
     let path = base.join(name_or_file);
     let fail = |problem: &dyn std::fmt::Display| malformed(&path, problem);
@@ -135,8 +136,8 @@ pub fn open_radar_in(name_or_file: &str, base: &Path) -> Result<OpenedRadar> {
     Ok(opened)
 }
 
-/// The text of a radar file, for tools that check it line by line; `None` for built-in radars and for exports of
-/// mmWave Studio, which are not edited by hand. A text that is malformed is returned all the same.
+/// Returns the text of a radar file, for tools that check it line by line; `None` for built-in radars and for exports
+/// of mmWave Studio, which are not edited by hand. A malformed text is returned too.
 ///
 /// # Errors
 /// An unknown name, or a file that is unreadable, too large or not text.
@@ -179,7 +180,7 @@ fn read_text(name: &str, base: &Path) -> Result<RadarText> {
     Ok(match extension.as_str() {
         "cfg" => RadarText::TiCfg(text),
         "json" => match StudioSetup::parse(&text) {
-            // A setup file names the device, and the file with the chirps beside it.
+            // A setup file names the device and the file beside it that contains the chirps.
             Ok(setup) => {
                 let config = setup.config.ok_or_else(|| {
                     malformed(&path, &"configUsed, the *.mmwave.json, is missing")

@@ -1,4 +1,4 @@
-//! Any recording, opened: raw samples that the signal chain turns into points, or points.
+//! Opens any recording: raw samples, which the signal chain turns into points, or points.
 
 use std::path::{Path, PathBuf};
 
@@ -21,10 +21,10 @@ use crate::{
     udp,
 };
 
-/// One frame in this many is tested for the order of I and Q.
+/// Every how many frames one frame is tested for the order of I and Q.
 const IQ_STEP: usize = 8;
 
-/// What a recording holds.
+/// Content of a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RecordingKind {
     /// Raw samples.
@@ -35,7 +35,8 @@ pub enum RecordingKind {
     PointsFile,
 }
 
-/// Tells what a recording holds, by the named format, by options that only raw samples have, or by its first bytes.
+/// Determines the content of a recording from the named format, from options that only raw samples have, or from its
+/// first bytes.
 ///
 /// # Errors
 /// A recording that cannot be read, or whose format is neither named nor detected.
@@ -67,19 +68,18 @@ pub fn recording_kind(captures: &[PathBuf], options: &CaptureOptions) -> Result<
 /// A recording as points, ready for tracking or for a model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recording {
-    /// The points, at the recording's own frame rate, level, strongest first.
+    /// The points, at the frame rate of the recording, in level axes, strongest first.
     pub clip: Clip,
-    /// Notes for the user: how the format was detected, what was dropped.
+    /// Notes for the user: how the format was detected, which data were dropped.
     pub notes: Vec<String>,
 }
 
 /// Opens any recording and returns its points.
 ///
-/// Several paths are parts of one recording of raw samples. Recordings of raw samples pass through the signal chain
-/// of `options`.
+/// Several paths are parts of one recording of raw samples. Raw samples are processed by the signal chain of `options`.
 ///
 /// # Errors
-/// Whatever is wrong with the files or the options, with the file's name and a hint.
+/// Any error in the files or the options, with the name of the file and a hint.
 pub fn read_recording(captures: &[PathBuf], options: &CaptureOptions) -> Result<Recording> {
     match recording_kind(captures, options)? {
         RecordingKind::Samples(format) => {
@@ -101,10 +101,10 @@ fn only_path(captures: &[PathBuf]) -> Result<&Path> {
     }
 }
 
-/// Opens recorded points of a known format, without the empty scene's if the options name one.
+/// Opens recorded points of a known format. Points of the empty scene are removed if the options name one.
 ///
 /// # Errors
-/// As [`read_recording`].
+/// Those of [`read_recording`].
 pub fn read_recorded_points(
     captures: &[PathBuf],
     detected: &Detected,
@@ -147,7 +147,7 @@ pub fn read_recorded_points(
 /// Opens a points file of this project.
 ///
 /// # Errors
-/// As [`read_recording`].
+/// Those of [`read_recording`].
 pub fn read_points_file(path: &Path, options: &CaptureOptions) -> Result<Recording> {
     let file = read_points(path)?;
     let mut notes = Vec::new();
@@ -175,14 +175,14 @@ pub fn read_points_file(path: &Path, options: &CaptureOptions) -> Result<Recordi
     })
 }
 
-/// Points extracted from raw samples, and how many frames were damaged.
+/// Points extracted from raw samples, and the numbers of damaged and lost frames.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ExtractedPoints {
-    /// One frame for each frame period from the first one on; lost frames are empty.
+    /// One frame for each frame period, starting with the first one. Lost frames are empty.
     pub frames: Vec<PointFrame>,
-    /// Frames with missing bytes, whose samples are zero there.
+    /// Number of frames with missing bytes, whose samples are set to zero.
     pub n_damaged: usize,
-    /// Frames that never arrived.
+    /// Number of frames that never arrived.
     pub n_lost: usize,
 }
 
@@ -200,10 +200,10 @@ pub struct SampleRecording {
 }
 
 impl SampleRecording {
-    /// Opens raw samples, settles their layout and plans the signal chain.
+    /// Opens raw samples, determines their layout and plans the signal chain.
     ///
     /// # Errors
-    /// A missing radar, a layout that nothing settles, or files that do not fit.
+    /// A missing radar, a layout that cannot be determined, or files that do not fit.
     pub fn open(
         captures: &[PathBuf],
         format: SampleFormat,
@@ -243,17 +243,17 @@ impl SampleRecording {
         &self.radar
     }
 
-    /// How the samples are stored.
+    /// Storage format of the samples.
     pub fn format(&self) -> SampleFormat {
         self.format
     }
 
-    /// The frames, for their counters.
+    /// The frame reader, for access to its counters.
     pub fn frames(&self) -> &SampleFrames {
         &self.frames
     }
 
-    /// Bytes after the last whole frame.
+    /// Number of bytes after the last complete frame.
     pub fn trailing_bytes(&self) -> usize {
         self.frames.trailing_bytes()
     }
@@ -263,7 +263,7 @@ impl SampleRecording {
         &self.health.stats
     }
 
-    /// The next frame of corrected samples; `None` at the end. Its time is by the radar's frame period.
+    /// Reads the next frame of corrected samples; `None` at the end. Its time is based on the radar's frame period.
     ///
     /// # Errors
     /// A frame that cannot be read or corrected.
@@ -279,7 +279,7 @@ impl SampleRecording {
         Ok(Some(integrity.frame))
     }
 
-    /// A cube of the radar's shape for [`Self::next_cube`].
+    /// Allocates a cube of the radar's shape for [`Self::next_cube`].
     ///
     /// # Errors
     /// A radar whose frames are empty or too large.
@@ -287,8 +287,8 @@ impl SampleRecording {
         Ok(CubeShape::of(&self.radar.config).zeros()?)
     }
 
-    /// Extracts the points of all frames, or of [`CaptureOptions::max_frames`]. `each` sees every corrected cube with
-    /// its points.
+    /// Extracts the points of all frames, or of [`CaptureOptions::max_frames`]. `each` is called with every corrected
+    /// cube and its points.
     ///
     /// # Errors
     /// A frame that cannot be read or processed, more than [`MAX_FRAMES`] frames, or an error of `each`.
@@ -354,7 +354,7 @@ impl SampleRecording {
         Ok(extracted)
     }
 
-    /// Notes for the user so far: layout, background, health of the samples, lost packets.
+    /// Notes for the user up to now: layout, background, signal health, lost packets.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = self.notes.clone();
         self.health.report(&self.frames, &mut notes);
@@ -367,10 +367,10 @@ impl SampleRecording {
         notes
     }
 
-    /// The extracted points as a recording.
+    /// Returns the extracted points as a recording.
     ///
     /// # Errors
-    /// No whole frame, or options that cannot be applied.
+    /// No complete frame, or options that cannot be applied.
     pub fn into_recording(self, extracted: ExtractedPoints) -> Result<Recording> {
         let radar = &self.radar.config;
         if extracted.frames.is_empty() {
@@ -414,12 +414,12 @@ impl SampleRecording {
     }
 }
 
-/// Statistics of raw samples that tell whether they were recorded and read correctly.
+/// Statistics of raw samples that show whether they were recorded and read correctly.
 struct Health {
     n_frames: usize,
     iq: IqCheck,
     stats: AdcStats,
-    /// Whether the samples are counts of an ADC.
+    /// Whether the samples are ADC counts.
     are_counts: bool,
 }
 
@@ -434,7 +434,7 @@ impl Health {
     }
 
     fn push(&mut self, cube: &RadarCube) {
-        // The order does not change within a capture.
+        // The order of I and Q does not change within a capture.
         if self.n_frames.is_multiple_of(IQ_STEP) {
             self.iq.push(cube);
         }

@@ -1,4 +1,4 @@
-//! Recordings of raw samples: which format a file has, and its frames one by one.
+//! Recordings of raw samples: detection of the file format, and frames one by one.
 
 use std::{
     fs::File,
@@ -26,14 +26,14 @@ use crate::{
     udp::{self, UdpPackets},
 };
 
-/// How raw samples are stored.
+/// Storage format of raw samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SampleFormat {
     /// A NumPy array.
     Npy,
-    /// Words alone: `adc_data.bin`.
+    /// Sample words without packets: `adc_data.bin`.
     Adc,
-    /// DCA1000 packets in a file, each with 14 bytes before it.
+    /// DCA1000 packets in a file, each preceded by a header of 14 bytes.
     Records,
     /// DCA1000 packets in a pcap or pcapng file.
     Pcap,
@@ -42,7 +42,7 @@ pub enum SampleFormat {
 }
 
 impl SampleFormat {
-    /// Name for reports.
+    /// Name of the format for reports.
     pub fn name(self) -> &'static str {
         match self {
             SampleFormat::Npy => "npy",
@@ -54,10 +54,10 @@ impl SampleFormat {
     }
 }
 
-/// The format of raw samples: as named, or as the first bytes show.
+/// Returns the format of raw samples, as named or as detected from the first bytes.
 ///
 /// # Errors
-/// A file that cannot be read, that does not begin as the named format does, or that is none of the known ones.
+/// A file that cannot be read, that does not begin like the named format, or that is in none of the known formats.
 pub fn sample_format(captures: &[PathBuf], named: Option<CaptureFormat>) -> Result<SampleFormat> {
     let first = captures
         .first()
@@ -111,17 +111,17 @@ pub fn sample_format(captures: &[PathBuf], named: Option<CaptureFormat>) -> Resu
     }
 }
 
-/// Frames of a recording of raw samples, in order.
+/// Frames of a recording of raw samples, in their order.
 pub enum SampleFrames {
-    /// Of a NumPy array.
+    /// Frames of a NumPy array.
     Npy(Box<NpyFrames>),
-    /// Of raw words.
+    /// Frames of raw words.
     Adc(AdcReader<Input>),
-    /// Of packets in a file.
+    /// Frames of packets in a file.
     Records(PacketFrames<RecordReader<Input>>),
-    /// Of packets in a pcap file.
+    /// Frames of packets in a pcap file.
     Pcap(PacketFrames<PcapPackets<Input>>),
-    /// Of packets from the network.
+    /// Frames of packets from the network.
     Udp(PacketFrames<UdpPackets>),
 }
 
@@ -184,7 +184,7 @@ impl SampleFrames {
         })
     }
 
-    /// The address at which packets are received, for live captures.
+    /// Local address at which packets are received, for live captures.
     pub fn listening_address(&self) -> Option<std::net::SocketAddr> {
         match self {
             Self::Udp(f) => Some(f.source().local_address()),
@@ -192,7 +192,7 @@ impl SampleFrames {
         }
     }
 
-    /// Live packets that arrived faster than they were processed, and are lost.
+    /// Number of live packets that were lost because they arrived faster than they were processed.
     pub fn overruns(&self) -> u64 {
         match self {
             Self::Udp(f) => f.source().overruns(),
@@ -200,7 +200,8 @@ impl SampleFrames {
         }
     }
 
-    /// What happened to the packets, if there were any, and how many datagrams or records were not packets.
+    /// Statistics of the packets, if the recording has any, and the number of datagrams or records that were not
+    /// packets.
     pub fn transfer(&self) -> Option<(&TransferSummary, u64)> {
         match self {
             Self::Npy(_) | Self::Adc(_) => None,

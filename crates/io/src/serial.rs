@@ -1,11 +1,11 @@
-//! Serial ports on Linux: opened raw at a baud rate, read for a time.
+//! Serial ports on Linux: opened in raw mode at a baud rate and read for a limited time.
 
 use std::{
     io::{self, Read},
     path::Path,
 };
 
-/// True for a character device.
+/// Returns true for a character device.
 pub fn is_port(path: &Path) -> bool {
     #[cfg(unix)]
     {
@@ -19,7 +19,7 @@ pub fn is_port(path: &Path) -> bool {
     }
 }
 
-/// An open port that ends after a time.
+/// An open port that reports its end after a time limit.
 pub struct Port {
     #[cfg(target_os = "linux")]
     file: std::fs::File,
@@ -29,7 +29,7 @@ pub struct Port {
 
 #[cfg(not(target_os = "linux"))]
 impl Port {
-    /// Not on this system.
+    /// Serial ports are not supported on this system.
     ///
     /// # Errors
     /// Always.
@@ -53,21 +53,21 @@ impl Port {
     /// Opens a terminal device in raw mode (8 data bits, no parity, one stop bit, no flow control).
     ///
     /// # Errors
-    /// A device that is no terminal, a baud rate it does not know, or the system.
+    /// A device that is not a terminal, an unsupported baud rate, or an error of the system.
     pub fn open(path: &Path, baud: u32, seconds: f64) -> io::Result<Self> {
         use std::os::{fd::AsRawFd as _, unix::fs::OpenOptionsExt as _};
         let speed = speed(baud).ok_or_else(|| {
             let problem = format!("no baud rate {baud}: 9600 to 3000000 in the usual steps");
             io::Error::new(io::ErrorKind::InvalidInput, problem)
         })?;
-        // Not the controlling terminal of this process, and no waiting for a carrier.
+        // The port does not become the controlling terminal of this process, and opening does not wait for a carrier.
         let file = std::fs::OpenOptions::new()
             .read(true)
             .write(true)
             .custom_flags(libc::O_NOCTTY | libc::O_NONBLOCK)
             .open(path)?;
         let fd = file.as_raw_fd();
-        // SAFETY: termios is plain data, for which zeros are a value; tcgetattr fills it.
+        // SAFETY: termios is plain data for which all zeros is a valid value; tcgetattr fills it.
         let mut settings: libc::termios = unsafe { std::mem::zeroed() };
         // SAFETY: `fd` is open and `settings` outlives the call.
         check(unsafe { libc::tcgetattr(fd, &mut settings) })?;
@@ -75,7 +75,7 @@ impl Port {
         unsafe { libc::cfmakeraw(&mut settings) };
         settings.c_cflag |= libc::CLOCAL | libc::CREAD;
         settings.c_cflag &= !(libc::CRTSCTS | libc::CSTOPB | libc::PARENB);
-        // A read returns what there is, at the latest after a tenth of a second.
+        // A read returns the available bytes after a tenth of a second at the latest.
         settings.c_cc[libc::VMIN] = 0;
         settings.c_cc[libc::VTIME] = 1;
         // SAFETY: `settings` is an initialised termios and `speed` one of the system's constants.
@@ -96,7 +96,7 @@ impl Port {
 
 #[cfg(target_os = "linux")]
 impl Read for Port {
-    /// Waits for bytes; 0 when the time is over.
+    /// Waits for bytes. Returns 0 when the time is over.
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         while std::time::Instant::now() < self.end {
             match self.file.read(buffer) {
@@ -147,15 +147,15 @@ mod tests {
 
     use super::*;
 
-    /// Both ends of a pseudo-terminal: the board's, and the name of the port.
+    /// Opens a pseudo-terminal: the side of the board, and the name of the port.
     fn pseudo_terminal() -> (File, PathBuf) {
-        // SAFETY: takes flags, returns a new descriptor or -1.
+        // SAFETY: the call takes flags and returns a new descriptor or -1.
         let fd = unsafe { libc::posix_openpt(libc::O_RDWR | libc::O_NOCTTY) };
         check(fd).unwrap();
-        // SAFETY: `fd` was opened just now and has no other owner.
+        // SAFETY: `fd` was just opened and has no other owner.
         let board = unsafe { File::from_raw_fd(fd) };
         let mut name = [0; 128];
-        // SAFETY: `fd` is an open pseudo-terminal; `name` is as long as is said.
+        // SAFETY: `fd` is an open pseudo-terminal; `name` has the stated length.
         unsafe {
             check(libc::grantpt(board.as_raw_fd())).unwrap();
             check(libc::unlockpt(board.as_raw_fd())).unwrap();
@@ -166,7 +166,7 @@ mod tests {
             ))
             .unwrap();
         }
-        // SAFETY: ptsname_r ended the name with a zero.
+        // SAFETY: ptsname_r terminated the name with a zero.
         let name = unsafe { CStr::from_ptr(name.as_ptr()) };
         (board, PathBuf::from(name.to_str().unwrap()))
     }
@@ -176,7 +176,7 @@ mod tests {
         let (mut board, path) = pseudo_terminal();
         assert!(is_port(&path));
         let mut port = Port::open(&path, 921_600, 1.0).unwrap();
-        // Control characters, line ends and 8-bit bytes: a terminal that is not raw eats or changes them.
+        // Control characters, line ends and 8-bit bytes: a terminal that is not in raw mode drops or changes them.
         let sent: Vec<u8> = (0..=255).rev().collect();
         board.write_all(&sent).unwrap();
         let mut found = Vec::new();

@@ -1,7 +1,7 @@
-//! Packets of a capture card from the network, live. The only socket of the project.
+//! Live packets of a capture card from the network. This is the only socket of the project.
 //!
-//! A thread of its own empties the socket, because frames are processed for longer than the system's
-//! buffer lasts; packets wait in a queue of bounded length.
+//! A separate thread empties the socket, because processing a frame takes longer than the system's buffer can bridge.
+//! Packets wait in a queue of bounded length.
 
 use std::{
     io::{self, ErrorKind},
@@ -20,17 +20,17 @@ use radarllm_formats::{
     dca1000::{DATA_PORT, DataPacket, PacketSource},
 };
 
-/// How long to wait for the first packet, and for the next one after it.
+/// Timeout for the first packet, and for each packet after it.
 const FIRST_WAIT: Duration = Duration::from_secs(60);
 const NEXT_WAIT: Duration = Duration::from_secs(2);
-/// How often the thread looks whether it is still wanted.
+/// Interval at which the thread checks whether it should stop.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
-/// Packets that may wait: 48 MB, half a second at the card's fastest.
+/// Maximum number of queued packets: 48 MB, half a second at the card's maximum rate.
 const MAX_WAITING: usize = 32_768;
-/// One byte more than the longest packet, to tell longer datagrams from whole ones.
+/// One byte more than the longest packet, so that longer datagrams can be recognised.
 const BUFFER_BYTES: usize = 1467;
 
-/// What the thread counts.
+/// Counters of the thread.
 #[derive(Default)]
 struct Shared {
     skipped: AtomicU64,
@@ -38,7 +38,7 @@ struct Shared {
     is_over: AtomicBool,
 }
 
-/// A bound socket; ends when the card has been silent for two seconds.
+/// A bound socket. The stream ends when the card has sent nothing for two seconds.
 pub struct UdpPackets {
     address: SocketAddr,
     waiting: Receiver<io::Result<Vec<u8>>>,
@@ -47,7 +47,7 @@ pub struct UdpPackets {
     datagram: Vec<u8>,
 }
 
-/// The address in `udp:PORT`, `udp:ADDRESS:PORT` or `udp:`; `None` for other texts.
+/// Parses the address in `udp:PORT`, `udp:ADDRESS:PORT` or `udp:`. Returns `None` for other texts.
 pub fn address(input: &str) -> Option<Result<SocketAddr, String>> {
     let text = input.strip_prefix("udp:")?;
     let everywhere = IpAddr::from([0, 0, 0, 0]);
@@ -63,10 +63,10 @@ pub fn address(input: &str) -> Option<Result<SocketAddr, String>> {
 }
 
 impl UdpPackets {
-    /// Listens at an address of this machine.
+    /// Binds the socket to an address of this machine.
     ///
     /// # Errors
-    /// What the system says when the address is taken or not ours.
+    /// The error of the system if the address is in use or does not belong to this machine.
     pub fn bind(address: SocketAddr) -> io::Result<Self> {
         let socket = UdpSocket::bind(address)?;
         socket.set_read_timeout(Some(LOOK_EVERY))?;
@@ -86,12 +86,12 @@ impl UdpPackets {
         })
     }
 
-    /// Where it listens.
+    /// Local address of the socket.
     pub fn local_address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Packets that came faster than they were taken, and are lost.
+    /// Number of packets that were lost because they arrived faster than they were processed.
     pub fn overruns(&self) -> u64 {
         self.shared.overruns.load(Ordering::Relaxed)
     }
@@ -150,7 +150,7 @@ impl PacketSource for UdpPackets {
             FIRST_WAIT
         };
         match self.waiting.recv_timeout(wait) {
-            // Silence, or a thread that ended after an error.
+            // The card is silent, or the thread ended after an error.
             Err(_) => return Ok(None),
             Ok(Err(source)) => return Err(AdcError::Read { offset: 0, source }),
             Ok(Ok(datagram)) => self.datagram = datagram,

@@ -24,12 +24,12 @@ use crate::{
     radar::{OpenedRadar, open_radar_text},
 };
 
-/// Maximum number of names listed in a folder with its subfolders.
+/// Maximum number of names listed in a folder and its subfolders.
 const MAX_NAMES: usize = 100_000;
-/// Depth of subfolders that are searched: `binData/<time>/`.
+/// Maximum depth of subfolders that are searched: `binData/<time>/`.
 const MAX_DEPTH: usize = 2;
 
-/// Names of the files in a folder and, with `/` before them, in its subfolders.
+/// Names of the files in a folder, and of those in its subfolders with the subfolder and `/` before them.
 pub(crate) fn file_names(folder: &Path) -> Result<Vec<String>> {
     let mut names = Vec::new();
     list(folder, "", 0, &mut names)?;
@@ -39,7 +39,7 @@ pub(crate) fn file_names(folder: &Path) -> Result<Vec<String>> {
 fn list(folder: &Path, prefix: &str, depth: usize, names: &mut Vec<String>) -> Result {
     for entry in fs::read_dir(folder).map_err(|e| Error::io(folder, &e))? {
         let entry = entry.map_err(|e| Error::io(folder, &e))?;
-        // A name that is not text is not the name of a recording's file.
+        // A name that is not valid text is not the name of a recording's file.
         let Ok(name) = entry.file_name().into_string() else {
             continue;
         };
@@ -61,17 +61,17 @@ fn list(folder: &Path, prefix: &str, depth: usize, names: &mut Vec<String>) -> R
 
 /// A recording of a visualizer.
 pub(crate) struct Visualized {
-    /// Frames; points in the sensor's axes, or level and relative to the radar if `is_level`.
+    /// Frames. The points are in the sensor's axes, or level and relative to the radar if `is_level`.
     pub frames: Vec<RecordedFrame>,
-    /// Whether the visualizer has turned the points into level axes.
+    /// Whether the visualizer has rotated the points into level axes.
     pub is_level: bool,
     /// The radar of the chirp file inside the recording.
     pub radar: Option<OpenedRadar>,
-    /// Height and angles that this chirp file states.
+    /// Height and angles stated in this chirp file.
     pub position: Option<SensorPosition>,
 }
 
-/// Number and path of each file of a recording: one file, or those of a folder.
+/// Number and path of each file of a recording, which is one file or the files of a folder.
 fn pieces(path: &Path, format: RecordingFormat) -> Result<Vec<(u64, PathBuf)>> {
     if !path.is_dir() {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
@@ -105,7 +105,7 @@ pub(crate) fn read_json(path: &Path, notes: &mut Vec<String>) -> Result<Visualiz
     let position = recording.sensor_position;
     match position {
         Some(position) => recording.lower(position.height_m),
-        // Without the height that was added, z is still that above the floor.
+        // If the added height is unknown, z is still the height above the floor.
         None if is_level => {
             return Err(Error::in_file(
                 path,
@@ -154,8 +154,8 @@ pub(crate) fn read_binary(
     Ok(recorded_frames(recording.frames))
 }
 
-/// The chirp file that lies beside a recording: the only one in its folder, or else the only one in the folder above.
-/// Several are not chosen from, which is noted.
+/// Finds the chirp file of a recording: the only one in its folder, or else the only one in the parent folder. If there
+/// are several, none is chosen and a note is added.
 pub(crate) fn radar_beside(path: &Path, notes: &mut Vec<String>) -> Result<Option<OpenedRadar>> {
     let folder = match path.is_dir() {
         true => path.to_path_buf(),

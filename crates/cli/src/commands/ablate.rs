@@ -1,8 +1,8 @@
-//! `ablate`: trains and evaluates a grid of changed recipes. The tables are made by the crate `eval`, which needs no
-//! learning framework; what trains is here.
+//! `ablate`: trains and evaluates a grid of modified recipes. This module contains the training. The crate `eval`,
+//! which needs no learning framework, creates the tables.
 //!
-//! A stage's folder is named by everything that its result depends on, so rows that agree up to a stage
-//! share it, and a grid that is started again goes on where it stopped.
+//! The folder of a stage is named by all inputs of its result. Rows that agree up to a stage therefore share it, and a
+//! grid that is restarted continues where it stopped.
 
 use std::{
     collections::BTreeMap,
@@ -48,7 +48,7 @@ impl Run {
     }
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &AblateArgs) -> CliResult {
     let base = args.config.parent().unwrap_or(Path::new(""));
     let text = files::read_text(&args.config, MAX_CONFIG_BYTES)?;
@@ -232,7 +232,7 @@ fn plan_run(
     })
 }
 
-/// Sets a dotted key; tables on the way are made.
+/// Sets a dotted key; missing parent tables are created.
 fn set(table: &mut Table, key: &str, value: Value) -> CliResult {
     match key.split_once('.') {
         None => {

@@ -32,7 +32,7 @@ struct Report<'a> {
     out: String,
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &CalibrateArgs) -> CliResult {
     output::check_free(&args.out, args.force)?;
     let radar = radar_file::open(&args.radar)?;

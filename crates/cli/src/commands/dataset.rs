@@ -21,7 +21,7 @@ use crate::{
 /// Time between progress lines.
 const PROGRESS_EVERY: Duration = Duration::from_secs(5);
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(verb: &DatasetVerb) -> CliResult {
     match verb {
         DatasetVerb::Build {

@@ -32,7 +32,7 @@ struct DemoRow {
     page: Option<String>,
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &DemoArgs) -> CliResult {
     let motions: Vec<&str> = if args.motions.is_empty() {
         MOTIONS.to_vec()

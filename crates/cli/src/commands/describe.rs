@@ -1,4 +1,4 @@
-//! `describe`: recordings, points files or motions to sentences.
+//! `describe`: generates sentences from recordings, points files or motions.
 
 use std::{path::Path, time::Instant};
 
@@ -189,7 +189,7 @@ pub fn print_row(row: &Row) {
     ));
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &DescribeArgs) -> CliResult {
     if !(1..=64).contains(&args.beam) {
         return Err(CliError::new(format!(
@@ -240,8 +240,8 @@ pub fn run(args: &DescribeArgs) -> CliResult {
     Ok(())
 }
 
-/// The clips to describe: of every person with `--people`, otherwise the clip itself. Where nobody is seen, it is the
-/// clip without points.
+/// The clips to describe: one for each person with `--people`, otherwise the clip itself. If no person is detected, it
+/// is the clip without points.
 fn clips_of_people(
     input: &str,
     mut clip: Clip,

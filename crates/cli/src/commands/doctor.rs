@@ -1,4 +1,4 @@
-//! `doctor`: what this machine has and what is missing, per feature.
+//! `doctor`: reports for each feature what this machine provides and what is missing.
 
 use serde::Serialize;
 
@@ -21,7 +21,7 @@ struct Check {
     detail: String,
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &JsonFlag) -> CliResult {
     let report = Report {
         version: env!("CARGO_PKG_VERSION"),

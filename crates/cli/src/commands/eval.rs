@@ -15,7 +15,7 @@ use crate::{
     output,
 };
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &EvalArgs) -> CliResult {
     output::check_free(&args.out.join("report.json"), args.force)?;
     let options = EvaluationOptions {

@@ -19,7 +19,7 @@ use crate::{
     output,
 };
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &EvalRecordingsArgs) -> CliResult {
     if let Some(out) = &args.out {
         output::check_free(out, args.force)?;

@@ -6,7 +6,7 @@ use crate::{
     args::InterventionsArgs, commands::describe, error::CliResult, output, threads::on_threads,
 };
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &InterventionsArgs) -> CliResult {
     let captioner = describe::load_captioner(args.model.as_deref())?;
     let options = InterventionOptions {

@@ -25,7 +25,7 @@ struct Report {
     shape: [usize; 3],
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(verb: &LmVerb) -> CliResult {
     match verb {
         LmVerb::Logits {

@@ -1,4 +1,4 @@
-//! One file a verb.
+//! One file per command.
 
 #[cfg(feature = "train")]
 pub mod ablate;

@@ -21,7 +21,7 @@ use crate::{
 /// Largest mesh sequence written, bytes of vertices.
 const MAX_MESH_BYTES: usize = 4 << 30;
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(verb: &MotionVerb) -> CliResult {
     match verb {
         MotionVerb::Info { input, json, seed } => info(input, *json, *seed),

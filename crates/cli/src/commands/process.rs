@@ -62,7 +62,7 @@ struct Transfer {
     skipped: u64,
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &ProcessArgs) -> CliResult {
     let mut options = options(args)?;
     let kind = recording_kind(&args.capture, &options)?;

@@ -61,7 +61,7 @@ impl From<&RadarConfig> for Figures {
     }
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(verb: &RadarVerb) -> CliResult {
     match verb {
         RadarVerb::List(args) => list(args.json),
@@ -243,7 +243,7 @@ fn print_finding(name: &str, text: &str, finding: &Finding) {
     }
 }
 
-/// A character that takes one column and no terminal obeys.
+/// A character that occupies one column and that terminals do not interpret as a control character.
 fn printable(c: char) -> char {
     match c {
         '\t' => ' ',

@@ -16,7 +16,7 @@ use crate::{
     output, threads,
 };
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &RealismArgs) -> CliResult {
     for out in args.out.iter().chain(&args.calibrate) {
         output::check_free(out, args.force)?;

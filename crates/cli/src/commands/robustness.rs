@@ -27,7 +27,7 @@ use crate::{
 /// Largest finished cell read, bytes.
 const MAX_CELL_BYTES: u64 = 256 << 20;
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &RobustnessArgs) -> CliResult {
     let base = args.config.parent().unwrap_or(Path::new(""));
     let problem = |e: EvalError| {

@@ -57,7 +57,7 @@ impl Id {
     }
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &ScoreArgs) -> CliResult {
     let _ = args.json;
     if args.pose {

@@ -1,4 +1,4 @@
-//! `completions` and `man`: what a shell and `man` read.
+//! `completions` and `man`: shell completions and the manual page.
 
 use clap::CommandFactory;
 

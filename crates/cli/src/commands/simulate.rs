@@ -1,4 +1,4 @@
-//! `simulate`: motion or scene to points or raw samples.
+//! `simulate`: computes points or raw samples from a motion or a scene.
 
 use std::{
     collections::HashSet,
@@ -69,10 +69,10 @@ struct Done {
     out: PathBuf,
 }
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &SimulateArgs) -> CliResult {
     let radar = radar_file::open(&args.radar)?.config;
-    // Odd radars are simulated all the same, and said to be odd.
+    // Radars with warnings are simulated all the same, and the warnings are printed.
     let findings = radarllm_formats::lint(&radar, None);
     for finding in findings.iter().filter(|f| f.severity != Severity::Note) {
         eprintln!("note: radar {}: {}", radar.name, finding.message);
@@ -88,7 +88,7 @@ pub fn run(args: &SimulateArgs) -> CliResult {
         .collect();
     let n_inputs = jobs.len();
     if args.resume {
-        // Outputs appear whole or not at all: what is there is done.
+        // Outputs are written atomically, so that an existing output is complete.
         jobs.retain(|(_, out)| !out.exists());
     }
     if n_inputs > 1 && args.pictures.paths().next().is_some() {
@@ -116,7 +116,7 @@ pub fn run(args: &SimulateArgs) -> CliResult {
     for (result, (input, _)) in results.into_iter().zip(&jobs) {
         match result {
             Ok(one) => done.push(one),
-            // One input: its error is the answer, hint and all.
+            // With a single input, its error and hint are returned unchanged.
             Err(error) if n_inputs == 1 => return Err(naming(input, error)),
             Err(error) => failed.push(Failure {
                 input: input.clone(),
@@ -170,7 +170,7 @@ fn naming(input: &str, error: CliError) -> CliError {
     }
 }
 
-/// Counts finished inputs and says now and then how it goes.
+/// Counts finished inputs and prints the progress at intervals.
 struct Progress {
     n_jobs: usize,
     started: Instant,

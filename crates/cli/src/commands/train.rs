@@ -15,7 +15,7 @@ use crate::{
     threads::on_threads,
 };
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &TrainArgs) -> CliResult {
     let Some(path) = &args.config else {
         output::print_line(&Recipe::default().to_toml()?);

@@ -20,7 +20,7 @@ use crate::{
 /// Facet size of the drawn body, m: the coarsest there is, for a page of a few MB.
 const DRAWN_FACET_EDGE_M: f32 = 0.05;
 
-/// Runs the verb.
+/// Runs the command.
 pub fn run(args: &ViewArgs) -> CliResult {
     output::check_free(&args.out, args.force)?;
     let options = args.input.options()?;

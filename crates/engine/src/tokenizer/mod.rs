@@ -1,7 +1,8 @@
-//! The radar tokenizer at inference: tubes of points in, codes and features out.
+//! The radar tokenizer at inference: input tubes of points, output codes and features.
 //!
-//! Network, names of weights and inputs are those of `radarllm-nn`, where it is trained; `radarllm-inference` groups points;
-//! f32 throughout. Clips do not influence one another: each is one thread's, unpadded.
+//! The network, the names of its weights and its inputs are those of `radarllm-nn`, which trains it.
+//! `radarllm-inference` groups the points. All computation is in f32. Clips are independent of one another: each is
+//! processed by one thread, without padding.
 
 mod session;
 
@@ -14,51 +15,51 @@ use radarllm_simd::SimdLevel;
 
 pub use session::{Codes, TokenizerSession};
 
-/// Values per neighbour: displacement from the anchor in units of the radius (3), frame offset,
-/// range, radial velocity, intensity relative to the clip's median.
+/// Number of values per neighbour: displacement from the anchor in units of the radius (3), frame offset, range, radial
+/// velocity, intensity relative to the clip's median.
 pub const NEIGHBOUR_DIM: usize = 7;
-/// Values per step: centre x, y, its velocity x, y, logarithm of the point count, mean velocity.
+/// Number of values per step: centre x, y, its velocity x, y, logarithm of the point count, mean velocity.
 pub const STEP_DIM: usize = 6;
-/// Values per tube: logarithm of the number of points in the radius, mean radial velocity.
+/// Number of values per tube: logarithm of the number of points in the radius, mean radial velocity.
 pub const TUBE_DIM: usize = 2;
-/// Coordinates of an anchor.
+/// Number of coordinates of an anchor.
 const ANCHOR_DIM: usize = 3;
-/// Steps joined into a code.
+/// Number of steps that are joined into one code.
 const STEPS_PER_CODE: usize = 2;
-/// Added to the variance in layer norm: burn's default, with which the networks are trained.
+/// Epsilon that layer norm adds to the variance: burn's default, which is used in training.
 const NORM_EPS: f32 = 1e-5;
 
-/// Shape of the tokenizer's network.
+/// Shape of the tokenizer network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TokenizerShape {
-    /// Anchors A.
+    /// Number of anchors A.
     pub n_anchors: usize,
-    /// Steps of the longest clip.
+    /// Number of steps of the longest clip.
     pub max_steps: usize,
-    /// Channels C.
+    /// Number of channels C.
     pub width: usize,
-    /// Factorised transformer layers.
+    /// Number of factorised transformer layers.
     pub n_layers: usize,
-    /// Attention heads; `width` is a multiple.
+    /// Number of attention heads; `width` is a multiple of it.
     pub n_heads: usize,
-    /// Inner width of the feed-forward.
+    /// Inner width of the feed-forward network.
     pub d_ff: usize,
-    /// Queries of the attention pooling over anchors.
+    /// Number of queries of the attention pooling over anchors.
     pub pool_queries: usize,
-    /// Channels of each anchor that reach the code side by side; 0 for none.
+    /// Number of channels of each anchor that are concatenated for the code; 0 for none.
     pub per_anchor: usize,
-    /// Values of each step's profile; none without one.
+    /// Number of values of each step's Doppler profile; `None` without profiles.
     pub profile: Option<usize>,
-    /// Tubes carry statistics beside their points' maximum.
+    /// Whether tubes have statistics in addition to the maximum over their points.
     pub tube_statistics: bool,
-    /// Width of a code D.
+    /// Width D of a code.
     pub code_dim: usize,
-    /// Codes K.
+    /// Number K of codes in the codebook.
     pub n_codes: usize,
 }
 
 impl TokenizerShape {
-    /// Checks that the network can exist.
+    /// Checks that the shape is valid.
     ///
     /// # Errors
     /// [`EngineError::Shape`] names the first field out of range.
@@ -93,35 +94,35 @@ impl TokenizerShape {
         self.width / self.n_heads
     }
 
-    /// Width of all heads, each padded.
+    /// Width of all heads, each of them padded.
     fn inner(&self) -> usize {
         self.n_heads * padded(self.head())
     }
 }
 
-/// One anchor at one step.
+/// The tube of one anchor at one step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tube {
-    /// Step.
+    /// Index of the step.
     pub step: u32,
-    /// Anchor.
+    /// Index of the anchor.
     pub anchor: u32,
-    /// First neighbour in [`TubeClip::neighbours`].
+    /// Index of the first neighbour in [`TubeClip::neighbours`].
     pub start: u32,
-    /// One past the last neighbour.
+    /// Index after the last neighbour.
     pub end: u32,
-    /// See [`TUBE_DIM`].
+    /// Statistics of the tube; see [`TUBE_DIM`].
     pub statistics: [f32; TUBE_DIM],
 }
 
-/// A clip as tubes.
+/// A clip as tubes, the input of the tokenizer.
 #[derive(Clone, Copy, Debug)]
 pub struct TubeClip<'a> {
-    /// Tubes that have points.
+    /// Tubes that contain points.
     pub tubes: &'a [Tube],
     /// Neighbours of all tubes.
     pub neighbours: &'a [[f32; NEIGHBOUR_DIM]],
-    /// Per step; their number is the clip's length.
+    /// Values of each step. Their number is the length of the clip.
     pub steps: &'a [[f32; STEP_DIM]],
     /// `[step, profile]`; empty without profiles.
     pub profiles: &'a [f32],
@@ -129,17 +130,17 @@ pub struct TubeClip<'a> {
     pub anchors: &'a [[f32; ANCHOR_DIM]],
 }
 
-/// A matrix and what is added to its products.
+/// A linear layer: a matrix and a bias.
 struct Linear {
     weight: Matrix,
-    /// Padded.
+    /// Bias, padded.
     bias: Vec<f32>,
 }
 
-/// A thread's tools for products.
+/// Resources of a thread for matrix products.
 struct Products {
     level: SimdLevel,
-    /// The thread itself.
+    /// A pool of only the thread itself.
     alone: Pool,
     quantised: Quantised,
 }
@@ -173,7 +174,7 @@ impl Linear {
     }
 }
 
-/// Gain and offset of a layer norm.
+/// Gain and offset of layer norm.
 struct Norm {
     gain: Vec<f32>,
     offset: Vec<f32>,
@@ -181,7 +182,7 @@ struct Norm {
 
 struct Attention {
     norm: Norm,
-    /// Query (with the scores' scale), key and value side by side.
+    /// Query (which includes the scale of the scores), key and value projections side by side.
     qkv: Linear,
     out: Linear,
 }
@@ -194,7 +195,7 @@ struct Layer {
     narrow: Linear,
 }
 
-/// The tokenizer's weights, packed once.
+/// The weights of the tokenizer, packed once.
 pub struct Tokenizer {
     shape: TokenizerShape,
     level: SimdLevel,
@@ -203,7 +204,7 @@ pub struct Tokenizer {
     point_bias: Vec<f32>,
     tube_mlp: Linear,
     tube_statistics: Option<Linear>,
-    /// Stands for a cell without points.
+    /// Embedding of a cell without points.
     empty: Vec<f32>,
     anchor_in: Linear,
     anchor_out: Linear,
@@ -219,9 +220,9 @@ pub struct Tokenizer {
     pool_profile: Option<[Linear; 2]>,
     merge: Linear,
     code_out: Linear,
-    /// Twice the codes, `[D, K]`.
+    /// Twice the codebook, `[D, K]`.
     codes: Matrix,
-    /// Less the square of each code's length; negative infinity beyond the last.
+    /// Negative squared norm of each code; negative infinity for the padding.
     code_offsets: Vec<f32>,
 }
 
@@ -229,7 +230,7 @@ struct Loader {
     weights: Taker,
 }
 
-/// How `blocks` blocks of `width` values lie in memory: each padded to a vector.
+/// Memory layout of `blocks` blocks of `width` values, each padded to a whole vector.
 #[derive(Clone, Copy)]
 struct Blocks {
     blocks: usize,
@@ -249,7 +250,7 @@ impl Blocks {
         self.blocks * padded(self.width)
     }
 
-    /// Place among the values of a place among the padded ones.
+    /// Converts an index among the padded values to the index among the values.
     fn value(self, at: usize) -> Option<usize> {
         let (block, at) = (at / padded(self.width), at % padded(self.width));
         (at < self.width && block < self.blocks).then_some(block * self.width + at)
@@ -289,7 +290,7 @@ impl Loader {
         })
     }
 
-    /// Maps of the same input side by side, each scaled.
+    /// Linear maps of the same input side by side, each of them scaled.
     fn linears(
         &mut self,
         names: &[(String, f32)],
@@ -355,18 +356,18 @@ impl Loader {
 }
 
 impl Tokenizer {
-    /// Packs the weights of a tokenizer's checkpoint for the best instructions of this machine.
+    /// Packs the weights of a tokenizer's checkpoint for the best instruction set of this machine.
     ///
-    /// Names are those of `model.safetensors` there, without the parts that only training needs (`mask`,
-    /// `head_in`, `head_out`, `guidance`, `words`).
+    /// Names are those of the checkpoint's `model.safetensors`, without the parts that are used only in training
+    /// (`mask`, `head_in`, `head_out`, `guidance`, `words`).
     ///
     /// # Errors
-    /// If the shape cannot be, or a weight is missing, unknown, of another shape or not finite.
+    /// If the shape is invalid, or a weight is missing, unknown, not finite or of another shape.
     pub fn new(shape: TokenizerShape, weights: NamedTensors) -> Result<Self, EngineError> {
         Self::with_level(shape, weights, SimdLevel::detect())
     }
 
-    /// As [`Self::new`] with given instructions.
+    /// Like [`Self::new`], with the given instruction set.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -439,7 +440,7 @@ impl Tokenizer {
             },
             merge: l.linear("merge", pair, merged)?,
             code_out: l.linear("code_out", merged, Blocks::one(s.code_dim))?,
-            // Doubled: the nearest code has the largest 2 x.c - |c|^2, and |x|^2 does not matter.
+            // Doubled, because the nearest code maximizes 2 x.c - |c|^2. The term |x|^2 is the same for all codes.
             codes: Matrix::pack(s.code_dim, s.n_codes, Precision::F32, |row, code| {
                 2.0 * codebook[code * s.code_dim + row]
             }),
@@ -451,7 +452,7 @@ impl Tokenizer {
         Ok(tokenizer)
     }
 
-    /// The shape.
+    /// Shape of the network.
     pub fn shape(&self) -> &TokenizerShape {
         &self.shape
     }

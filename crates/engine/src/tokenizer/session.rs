@@ -1,4 +1,4 @@
-//! One caller's buffers: tubes to cells, cells in context, cells to codes.
+//! Buffers of one caller for the tokenizer: from tubes to cells, from cells to their context, from context to codes.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -9,57 +9,58 @@ use crate::matrix::{Quantised, grow, padded};
 use crate::pool::Pool;
 use crate::rows::{Columns, argmax, attend_columns, average, layer_norm, tube_maximum};
 
-/// Rows that pass through a chain of products together: they stay in the second-level cache, and no
-/// buffer grows with both the clip and the widest layer.
+/// Number of rows that pass through a chain of products together. They stay in the second-level cache, and no buffer
+/// grows with both the length of the clip and the width of the widest layer.
 const CHUNK: usize = 96;
 
-/// What a clip became.
+/// The codes and features of a clip.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Codes {
-    /// One code per two steps, the last one perhaps of one.
+    /// One code per two steps. The last code may cover a single step.
     pub codes: Vec<u32>,
-    /// Features before quantization, `[code, code_dim]`.
+    /// Features before vector quantization, `[code, code_dim]`.
     pub features: Vec<f32>,
 }
 
-/// Buffers and threads to run a [`Tokenizer`]; they grow with use and are kept.
+/// Buffers and threads for running a [`Tokenizer`]. The buffers grow with use and are kept.
 pub struct TokenizerSession<'t> {
     tokenizer: &'t Tokenizer,
     pool: Pool,
-    /// One a thread.
+    /// One scratch buffer per thread.
     scratch: Vec<Mutex<Scratch>>,
 }
 
-/// A thread's buffers; all rows are padded.
+/// Buffers of one thread. All rows are padded.
 struct Scratch {
     tools: Products,
-    /// Cells, `[step, anchor, C]`.
+    /// Embeddings of the cells, `[step, anchor, C]`.
     x: Vec<f32>,
-    /// Whether a cell has points.
+    /// Whether each cell has points.
     filled: Vec<bool>,
     /// Queries, keys and values of all cells.
     qkv: Vec<f32>,
-    /// Attention's output of all cells; the cells' context after the last layer.
+    /// Output of attention for all cells; after the last layer, the context of the cells.
     mixed: Vec<f32>,
-    /// One chunk each.
+    /// Buffers for one chunk of rows.
     a: Vec<f32>,
     b: Vec<f32>,
-    /// Keys of one head with the positions side by side.
+    /// Keys of one head, transposed, with consecutive positions adjacent.
     keys: Vec<f32>,
     scores: Vec<f32>,
-    /// Per step: input features, their embedding, what the anchors give, the step.
+    /// For each step: input features, their embedding, the output of the pooling over anchors, the embedding of the
+    /// step.
     inputs: Vec<f32>,
     embedded: Vec<f32>,
     pooled: Vec<f32>,
     cells: Vec<f32>,
     steps: Vec<f32>,
-    /// Per code.
+    /// Values of each code.
     merged: Vec<f32>,
     features: Vec<f32>,
     distances: Vec<f32>,
 }
 
-/// Axis along which cells see one another.
+/// Axis along which cells attend to one another.
 #[derive(Clone, Copy)]
 enum Axis {
     Anchors,
@@ -67,8 +68,8 @@ enum Axis {
 }
 
 impl Tokenizer {
-    /// Buffers to run this tokenizer on `threads` threads, the caller's among them; each takes whole
-    /// clips.
+    /// Creates buffers for running this tokenizer on `threads` threads, including the caller's. Each thread processes
+    /// whole clips.
     pub fn session(&self, threads: usize) -> TokenizerSession<'_> {
         let pool = Pool::new(threads.clamp(1, 256));
         let scratch = (0..pool.threads())
@@ -81,7 +82,7 @@ impl Tokenizer {
         }
     }
 
-    /// Checks that a clip fits the network; `index` is named in errors.
+    /// Checks that a clip fits the network. Errors contain `index`.
     fn check(&self, index: usize, clip: &TubeClip) -> Result<(), EngineError> {
         let s = &self.shape;
         let fail = |problem: String| Err(EngineError::Input { index, problem });
@@ -112,8 +113,8 @@ impl Tokenizer {
 }
 
 impl TokenizerSession<'_> {
-    /// Codes of every clip, in their order. What was in `out` is replaced; with room left there from
-    /// earlier clips nothing is allocated.
+    /// Encodes every clip; the outputs are in the order of the clips. The content of `out` is replaced, and its buffers
+    /// are reused: nothing is allocated if earlier clips left enough room.
     ///
     /// # Errors
     /// If a clip does not fit the network, or the network's output is not finite.
@@ -127,7 +128,8 @@ impl TokenizerSession<'_> {
         let results = Mutex::new((out, None::<usize>));
         let scratch = &self.scratch;
         let body = |thread: usize| {
-            // A scratch is whole whenever a clip starts: every part of it that is read is written first.
+            // A scratch buffer is valid at the start of every clip, because each part of it is written before it is
+            // read.
             let mut scratch = scratch[thread]
                 .lock()
                 .unwrap_or_else(PoisonError::into_inner);
@@ -185,7 +187,7 @@ impl Scratch {
         }
     }
 
-    /// Tubes, anchors and steps to cells.
+    /// Embeds tubes, anchors and steps as cells.
     fn embed(&mut self, t: &Tokenizer, clip: &TubeClip) {
         let (n_steps, n_anchors) = (clip.steps.len(), t.shape.n_anchors);
         let (cells, c) = (n_steps * n_anchors, t.empty.len());
@@ -229,7 +231,7 @@ impl Scratch {
             relu(a);
             t.anchor_out.to(&mut self.tools, a, b);
             for (i, b) in b.chunks_exact(c).enumerate() {
-                // A template's anchors stand in every step, sampled ones in their own.
+                // The anchors of a template apply to every step, sampled anchors only to their own step.
                 let stride = clip.anchors.len();
                 for cell in (first + i..cells).step_by(stride) {
                     let x = &mut self.x[cell * c..(cell + 1) * c];
@@ -259,7 +261,7 @@ impl Scratch {
         }
     }
 
-    /// All layers and the last norm: the context is in `mixed`.
+    /// Runs all layers and the final norm. The resulting context is in `mixed`.
     fn context(&mut self, t: &Tokenizer, n_steps: usize) {
         let (c, inner) = (t.empty.len(), t.shape.inner());
         let cells = n_steps * t.shape.n_anchors;
@@ -299,7 +301,7 @@ impl Scratch {
             let qkv = &mut qkv[..rows * 3 * inner];
             attention.qkv.to(&mut self.tools, &self.a[..rows * c], qkv);
         }
-        // Groups of cells that see one another: the first of each, how many, how far apart.
+        // Groups of cells that attend to one another: index of the first cell, number of cells, stride.
         let (n_groups, first, n, stride) = match axis {
             Axis::Anchors => (n_steps, n_anchors, n_anchors, 1),
             Axis::Steps => (n_anchors, 1, n_steps, n_anchors),
@@ -317,7 +319,7 @@ impl Scratch {
                         keys[j * n_padded + i] = *key;
                     }
                 }
-                // Scores of the padding are never read, but a number must be there.
+                // Scores of the padding are never used, but they must be initialized.
                 for row in keys.chunks_exact_mut(n_padded) {
                     row[n..].fill(0.0);
                 }
@@ -340,8 +342,8 @@ impl Scratch {
         }
     }
 
-    /// Attention over the anchors that have points (over all where none has), then pairs of steps:
-    /// features are in `features`.
+    /// Attention pooling over the anchors that have points (over all anchors if none has), then joining of pairs of
+    /// steps. The resulting features are in `features`.
     fn pool(&mut self, t: &Tokenizer, clip: &TubeClip) {
         let (n_steps, n_anchors) = (clip.steps.len(), t.shape.n_anchors);
         let (cells, c) = (n_steps * n_anchors, t.empty.len());
@@ -377,7 +379,7 @@ impl Scratch {
             }
         }
         let steps = &mut self.steps[..n_codes * STEPS_PER_CODE * width];
-        // The step that a last odd one is joined with.
+        // If the number of steps is odd, the last one is paired with a step of zeros.
         steps[n_steps * width..].fill(0.0);
         let steps = &mut steps[..n_steps * width];
         t.pool_out
@@ -411,7 +413,7 @@ impl Scratch {
         t.code_out.to(tools, merged, features);
     }
 
-    /// The nearest code of each feature, the first of equals; false if a feature is not finite.
+    /// Finds the nearest code of each feature, the first one in a tie. Returns false if a feature is not finite.
     fn codes(&mut self, t: &Tokenizer, n_codes: usize, out: &mut Codes) -> bool {
         let (dim, width) = (t.shape.code_dim, t.code_out.width());
         out.codes.clear();
@@ -456,13 +458,13 @@ fn norm(t: &Tokenizer, norm: &Norm, x: &[f32], out: &mut [f32]) {
 }
 
 fn relu(x: &mut [f32]) {
-    // What is no number stays none, so that a broken network cannot pass for a working one.
+    // NaN is preserved, so that a broken network is detected.
     for x in x {
         *x = if *x < 0.0 { 0.0 } else { *x };
     }
 }
 
-/// Rows into padded rows.
+/// Copies rows into padded rows.
 fn spread<'a>(rows: impl ExactSizeIterator<Item = &'a [f32]>, out: &mut [f32]) {
     let width = out.len() / rows.len();
     for (row, out) in rows.zip(out.chunks_exact_mut(width)) {

@@ -1,4 +1,4 @@
-//! Arrays of other tools: axes by name, in any order, into a cube.
+//! Arrays of other tools: conversion into a cube from axes that are named and may be in any order.
 //!
 //! Names: `frame`, `loop`, `tx`, `chirp` (all slots of all loops in firing order; the loops alone if there
 //! is a `tx` or `virtual` axis too), `rx`, `virtual` (all receivers of the first transmitter, then of the
@@ -35,14 +35,14 @@ const NAMES: [(&str, Axis); 8] = [
     ("iq", Axis::Iq),
 ];
 
-/// Axes of an array, slowest first as NumPy prints its shape.
+/// Axes of an array, slowest first as in a NumPy shape.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AxisOrder {
     axes: Vec<Axis>,
 }
 
 impl AxisOrder {
-    /// Reads names separated by commas, such as `frame,chirp,rx,sample`.
+    /// Parses names separated by commas, such as `frame,chirp,rx,sample`.
     ///
     /// # Errors
     /// [`AdcError::Layout`] for an unknown or a repeated name, and for axes that do not make a cube.
@@ -80,7 +80,7 @@ impl AxisOrder {
         Ok(Self { axes })
     }
 
-    /// Whether real and imaginary part are an axis.
+    /// Returns whether the real and imaginary parts are an axis.
     pub fn has_iq(&self) -> bool {
         self.axes.contains(&Axis::Iq)
     }
@@ -188,7 +188,7 @@ impl AxisOrder {
     }
 }
 
-/// How the numbers of a frame lie in memory.
+/// Memory layout of the numbers of a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FrameLayout {
     n_frames: u64,
@@ -200,22 +200,22 @@ pub struct FrameLayout {
 }
 
 impl FrameLayout {
-    /// Frames of the array.
+    /// Number of frames of the array.
     pub fn n_frames(&self) -> u64 {
         self.n_frames
     }
 
-    /// Numbers of a frame, as they stand in the array.
+    /// Number of values of a frame, as stored in the array.
     pub fn n_numbers(&self) -> usize {
         let n = self.parts.iter().map(|(n, _)| n).product::<usize>();
         n * if self.iq_stride.is_some() { 2 } else { 1 }
     }
 
-    /// Fills a cube from the numbers of a frame as they stand in the array. Real numbers without an `iq`
-    /// axis (`is_real`) become the analytic signal.
+    /// Fills a cube from the numbers of a frame as stored in the array. Real numbers without an `iq` axis (`is_real`)
+    /// are converted to the analytic signal.
     ///
     /// # Errors
-    /// [`AdcError::Layout`] for another count of numbers or another cube, or complex numbers with an `iq`
+    /// [`AdcError::Layout`] for a wrong number of values, a cube of another shape, or complex numbers with an `iq`
     /// axis.
     pub fn fill(
         &self,
@@ -235,7 +235,7 @@ impl FrameLayout {
         if self.iq_stride.is_some() && !is_real {
             return Err(AdcError::Layout("complex numbers have no `iq` axis".into()));
         }
-        // Counts through the axes like a clock, keeping the place in the cube.
+        // Increments the indices of the axes like an odometer, and tracks the index in the cube.
         let mut index = vec![0_usize; self.parts.len()];
         let mut place = 0;
         for i in 0..n_values {
@@ -266,8 +266,8 @@ impl FrameLayout {
     }
 }
 
-/// Whether complex numbers are in truth unsigned 16-bit words whose sign was lost: whole numbers from 0 to
-/// 65,535 in both parts, some beyond 32,767. A signal around zero is never so.
+/// Returns whether complex numbers are actually unsigned 16-bit words whose sign was lost: integers from 0 to 65,535 in
+/// both parts, some of them beyond 32,767. A signal around zero never has this form.
 pub fn are_unsigned_words(numbers: &[Complex32]) -> bool {
     numbers.iter().all(|z| is_word(z.re) && is_word(z.im))
         && numbers.iter().any(|z| z.re > 32_767.0 || z.im > 32_767.0)
@@ -277,10 +277,10 @@ fn is_word(value: f32) -> bool {
     value.fract() == 0.0 && (0.0..=65_535.0).contains(&value)
 }
 
-/// Gives unsigned words their sign back: 32,768 to 65,535 become -32,768 to -1.
+/// Restores the sign of unsigned words: 32,768 to 65,535 become -32,768 to -1.
 ///
 /// # Errors
-/// [`AdcError::Layout`] for a number that is no such word, with its place; numbers before it are changed.
+/// [`AdcError::Layout`] for a number that is not such a word, with its index; numbers before it have been changed.
 pub fn sign_words(numbers: &mut [Complex32]) -> Result<(), AdcError> {
     for (i, z) in numbers.iter_mut().enumerate() {
         if !(is_word(z.re) && is_word(z.im)) {

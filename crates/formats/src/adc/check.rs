@@ -1,4 +1,4 @@
-//! Checks before processing whether a capture fits the radar that is named for it.
+//! Checks, before processing, whether a capture matches the radar that is named for it.
 
 use radarllm_base::RadarConfig;
 
@@ -10,10 +10,10 @@ use crate::{
 
 /// Compares a capture of `n_bytes` in `layout` with `radar`.
 ///
-/// Rules: `capture-layout` (error: radar and layout do not go together), `capture-short` (error: less than
-/// a frame), `capture-size` (warning: no whole number of frames; names a radar that would give one),
-/// `capture-lanes` (warning: the board has another number of lanes), `capture-real` (note: half of the
-/// range stays empty). Errors of the radar alone are reported by [`mod@crate::lint`].
+/// Rules: `capture-layout` (error: radar and layout are incompatible), `capture-short` (error: less than one frame),
+/// `capture-size` (warning: not an integer number of frames; names a radar that would give one), `capture-lanes`
+/// (warning: the board has another number of lanes), `capture-real` (note: half of the range remains empty). Errors of
+/// the radar alone are reported by [`mod@crate::lint`].
 pub fn check_capture(radar: &RadarConfig, n_bytes: u64, layout: SampleLayout) -> Vec<Finding> {
     let mut findings = Vec::new();
     let mut add = |field: &str, rule, severity, message: String| {
@@ -73,7 +73,7 @@ pub fn check_capture(radar: &RadarConfig, n_bytes: u64, layout: SampleLayout) ->
     findings
 }
 
-/// Changes of one figure with which the size is a whole number of frames.
+/// Changes of a single parameter for which the size is an integer number of frames.
 fn other_shapes(shape: CubeShape, n_bytes: u64, layout: SampleLayout) -> Vec<String> {
     let mut fitting = Vec::new();
     let mut try_shape = |other: CubeShape, what: String| {

@@ -1,14 +1,14 @@
 //! Detects whether a capture was read with I and Q in the right order.
 //!
-//! Echoes come from in front of the radar, so their beat frequencies are positive, and close ones are by
-//! far the strongest: power falls with R^4, and nothing is closer than the leakage from transmitter to
-//! receiver. With I and Q swapped the spectrum is mirrored and all that is close appears at small negative
-//! frequencies. So the energies at +k and -k cycles a chirp are compared for every k, weighted with
-//! 1/k^2. What has no direction (offset, drift, noise) is the same on both sides.
+//! Echoes come from in front of the radar, so their beat frequencies are positive. Close echoes are by far the
+//! strongest: power falls with R^4, and nothing is closer than the leakage from transmitter to receiver. If I and Q are
+//! swapped, the spectrum is mirrored and all close echoes appear at small negative frequencies. The detector therefore
+//! compares the energies at +k and -k cycles per chirp for every k, weighted with 1/k^2. Contributions without a
+//! direction (offset, drift, noise) are equal on both sides.
 //!
-//! Limits: without leakage, a scene whose only strong target stands in the far half of the range looks swapped. The
+//! Limits: without leakage, a scene whose only strong target is in the far half of the range appears swapped. The
 //! weighting was chosen with two recorded frames of undocumented order (docs/captures.md) and was not tested with
-//! captures of known order. The verdict reports how large the difference is, and in how many chirps.
+//! captures of known order. The verdict reports the size of the difference and the fraction of chirps that show it.
 
 use std::sync::Arc;
 
@@ -18,9 +18,9 @@ use radarllm_simd::any_length::{self, Fft};
 
 use super::{AdcError, CubeShape, FrameDecoder, IqOrder, LvdsLanes, SampleKind, SampleLayout};
 
-/// Minimum difference of the two sides for an answer, dB.
+/// Minimum difference of the two sides for a verdict, dB.
 const SURE_DB: f64 = 6.0;
-/// Minimum share of the chirps that must agree.
+/// Minimum fraction of the chirps that must agree.
 const SURE_SHARE: f64 = 0.75;
 /// Minimum number of samples of a chirp.
 const MIN_SAMPLES: usize = 32;
@@ -28,24 +28,24 @@ const MIN_SAMPLES: usize = 32;
 /// Result of the check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum IqAnswer {
-    /// The order that was used is right.
+    /// The order used is correct.
     AsRead,
-    /// The other order is right.
+    /// The opposite order is correct.
     Swapped,
     /// The signal does not determine the order.
     Unclear,
 }
 
-/// Result of the check with the figures behind it.
+/// Result of the check with its measurements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IqVerdict {
-    /// The answer; not [`IqAnswer::Unclear`] from 6 dB and three quarters of the chirps on.
+    /// The verdict. It is not [`IqAnswer::Unclear`] from a difference of 6 dB and three quarters of the chirps on.
     pub answer: IqAnswer,
-    /// Weighted energy at positive over that at negative beat frequencies, dB; +-120 at most.
+    /// Ratio of the weighted energy at positive to that at negative beat frequencies, dB; limited to +-120.
     pub positive_over_negative_db: f64,
-    /// Share of chirps (of all receivers) with more of it at positive ones.
+    /// Fraction of chirps (of all receivers) with more energy at positive beat frequencies.
     pub positive_share: f64,
-    /// Chirps looked at.
+    /// Number of chirps analysed.
     pub n_chirps: usize,
 }
 
@@ -61,7 +61,7 @@ pub struct IqCheck {
 }
 
 impl IqCheck {
-    /// For chirps of `n_samples`.
+    /// Creates a detector for chirps of `n_samples`.
     pub fn new(n_samples: usize) -> Self {
         let step = std::f32::consts::TAU / n_samples.max(1) as f32;
         Self {
@@ -77,8 +77,7 @@ impl IqCheck {
         }
     }
 
-    /// Looks at every chirp of a frame; chirps that are too short, of another length or
-    /// silent are ignored.
+    /// Analyses every chirp of a frame. Chirps that are too short, of another length or silent are ignored.
     pub fn push(&mut self, cube: &RadarCube) {
         let n = self.buffer.len();
         if cube.n_samples != n || n < MIN_SAMPLES {
@@ -105,12 +104,12 @@ impl IqCheck {
         }
     }
 
-    /// The answer so far.
+    /// Returns the current verdict.
     pub fn verdict(&self) -> IqVerdict {
         let positive_over_negative_db = if self.n_chirps == 0 {
             0.0
         } else {
-            // Noise-free signals reach the edge of f32: beyond 120 dB differences mean nothing.
+            // Noise-free signals reach the limits of f32: differences beyond 120 dB are meaningless.
             let floor = 1e-12 * (self.positive + self.negative);
             10.0 * (self.positive.max(floor) / self.negative.max(floor)).log10()
         };
@@ -133,18 +132,18 @@ impl IqCheck {
     }
 }
 
-/// How well a complex layout explains the words of a frame.
+/// Result of reading a frame with one complex layout.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LayoutScore {
     /// The layout.
     pub layout: SampleLayout,
-    /// Its verdict.
+    /// Verdict for this layout.
     pub verdict: IqVerdict,
 }
 
-/// Reads one frame in all four complex layouts (two and four lanes, both orders), best first: with the
-/// wrong lanes, samples of different times or receivers stand side by side, and energy spreads to both
-/// ends of the spectrum. Layouts that the shape rules out are left out, as are lengths that do not fit.
+/// Reads one frame in all four complex layouts (two and four lanes, both orders), and returns them best first. With the
+/// wrong number of lanes, samples of different times or receivers become adjacent, and energy spreads to both ends of
+/// the spectrum. Layouts that the shape rules out are omitted, as are lengths that do not fit.
 pub fn compare_layouts(frame: &[u8], shape: CubeShape) -> Result<Vec<LayoutScore>, AdcError> {
     let mut cube = shape.zeros()?;
     let receivers = u8::try_from((1_u32 << shape.n_rx.min(8)) - 1).unwrap_or(u8::MAX);

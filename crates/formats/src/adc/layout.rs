@@ -1,4 +1,4 @@
-//! What the 16-bit words of a capture mean, and how they become a cube.
+//! Meaning of the 16-bit words of a capture, and their decoding into a cube.
 //!
 //! A frame is a sequence of chirps in firing order, so `[loop, tx, ...]`. Inside a chirp:
 //!
@@ -9,7 +9,7 @@
 //! | four (xWR12xx, 14xx) | complex | sample by sample: I of the four lanes, then Q of them; or Q first |
 //! | four | real | sample by sample: the four lanes |
 //!
-//! With four lanes, lane k carries receiver k + 1, and the lane of a receiver that is off holds zeros.
+//! With four lanes, lane k carries receiver k + 1, and the lane of a disabled receiver contains zeros.
 //! Sources: TI SWRA581B "Mmwave Radar Device ADC Raw Data Capture", sections on the DCA1000's file
 //! formats, and its readers for both families. mmWave Studio writes I first unless configured
 //! otherwise; SDK firmware with `SampleSwap = 1` writes Q first.
@@ -22,22 +22,22 @@ use radarllm_simd::any_length::{self, Fft};
 
 use super::AdcError;
 
-/// Maximum length of a frame, bytes; the capture card transfers at most 88 MB/s.
+/// Maximum length of a frame, in bytes; the capture card transfers at most 88 MB/s.
 pub const MAX_FRAME_BYTES: usize = 256 << 20;
-/// Lanes of a four-lane capture, used or not.
+/// Number of lanes of a four-lane capture, whether used or not.
 const FOUR: usize = 4;
 
 /// Which of the two numbers of a complex sample is written first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum IqOrder {
-    /// I, then Q: mmWave Studio.
+    /// I, then Q, as written by mmWave Studio.
     IFirst,
-    /// Q, then I: SDK firmware with `SampleSwap = 1`.
+    /// Q, then I, as written by SDK firmware with `SampleSwap = 1`.
     QFirst,
 }
 
 impl IqOrder {
-    /// The other one.
+    /// Returns the opposite order.
     pub fn swapped(self) -> Self {
         match self {
             IqOrder::IFirst => IqOrder::QFirst,
@@ -54,32 +54,32 @@ impl IqOrder {
     }
 }
 
-/// LVDS lanes of the device.
+/// Number of LVDS lanes of the device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LvdsLanes {
-    /// xWR16xx, xWR18xx, xWR68xx: receivers one after the other.
+    /// xWR16xx, xWR18xx, xWR68xx: two lanes, receivers one after the other.
     Two,
-    /// xWR12xx, xWR14xx: one lane a receiver, all four always present.
+    /// xWR12xx, xWR14xx: one lane per receiver, all four always present.
     Four {
-        /// Receivers in use, RX1 in the lowest bit.
+        /// Enabled receivers as a bit mask, with RX1 in the lowest bit.
         receivers: u8,
     },
 }
 
-/// What a sample is.
+/// Kind of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SampleKind {
-    /// Two words a sample.
+    /// Complex samples, two words per sample.
     Complex {
-        /// Which is first.
+        /// The number that is written first.
         order: IqOrder,
     },
-    /// One word a sample. The cube gets the analytic signal: the spectrum's upper half is zero and
-    /// its lower half doubled, so that ranges beyond half of [`RadarConfig::max_range_m`] stay empty.
+    /// Real samples, one word per sample. The cube contains the analytic signal: the upper half of the spectrum is zero
+    /// and its lower half doubled, so that ranges beyond half of [`RadarConfig::max_range_m`] remain empty.
     Real,
 }
 
-/// How words follow each other.
+/// Order of the words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SampleLayout {
     /// Lanes of the device.
@@ -100,18 +100,18 @@ impl SampleLayout {
 /// Shape of a cube, `[loop, tx, rx, sample]`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CubeShape {
-    /// Doppler loops.
+    /// Number of Doppler loops.
     pub n_loops: usize,
-    /// Firing slots of a loop.
+    /// Number of firing slots per loop.
     pub n_tx: usize,
-    /// Receivers.
+    /// Number of receivers.
     pub n_rx: usize,
-    /// Samples of a chirp.
+    /// Number of samples per chirp.
     pub n_samples: usize,
 }
 
 impl CubeShape {
-    /// The shape of a radar's frames.
+    /// Returns the shape of a radar's frames.
     pub fn of(radar: &RadarConfig) -> Self {
         Self {
             n_loops: radar.n_loops,
@@ -121,15 +121,15 @@ impl CubeShape {
         }
     }
 
-    /// Chirps of a frame; `None` beyond the machine's numbers.
+    /// Returns the number of chirps per frame; `None` if it overflows.
     pub fn n_chirps(&self) -> Option<usize> {
         self.n_loops.checked_mul(self.n_tx)
     }
 
-    /// Values of a cube, if a frame of them is no longer than [`MAX_FRAME_BYTES`].
+    /// Returns the number of values of a cube, if one frame of them is no longer than [`MAX_FRAME_BYTES`].
     ///
     /// # Errors
-    /// [`AdcError::Layout`] for an empty or an immense cube.
+    /// [`AdcError::Layout`] for an empty cube or one that is too large.
     pub fn n_values(&self) -> Result<usize, AdcError> {
         self.n_chirps()
             .and_then(|n| n.checked_mul(self.n_rx)?.checked_mul(self.n_samples))
@@ -146,10 +146,10 @@ impl CubeShape {
             })
     }
 
-    /// A cube of zeros.
+    /// Allocates a cube of zeros.
     ///
     /// # Errors
-    /// As [`Self::n_values`].
+    /// Those of [`Self::n_values`].
     pub fn zeros(&self) -> Result<RadarCube, AdcError> {
         self.n_values()?;
         let Self {
@@ -162,7 +162,7 @@ impl CubeShape {
     }
 }
 
-/// Turns the bytes of one frame into a cube.
+/// Decodes the bytes of a frame into a cube.
 pub struct FrameDecoder {
     shape: CubeShape,
     layout: SampleLayout,
@@ -176,8 +176,8 @@ impl FrameDecoder {
     /// Plans the decoding.
     ///
     /// # Errors
-    /// [`AdcError::Layout`] if frame and layout do not go together: an odd number of complex samples on
-    /// two lanes, another number of receivers than lanes in use, an empty or an immense frame.
+    /// [`AdcError::Layout`] if frame and layout are incompatible: an odd number of complex samples on two lanes, a
+    /// number of receivers that differs from the lanes in use, or a frame that is empty or too large.
     pub fn new(shape: CubeShape, layout: SampleLayout) -> Result<Self, AdcError> {
         let n_values = shape.n_values()?;
         let mut lanes = Vec::new();
@@ -218,7 +218,7 @@ impl FrameDecoder {
         })
     }
 
-    /// Bytes of a frame.
+    /// Size of a frame in bytes.
     pub fn frame_bytes(&self) -> usize {
         self.frame_bytes
     }
@@ -295,7 +295,7 @@ fn ordered(order: IqOrder, first: f32, second: f32) -> Complex32 {
     }
 }
 
-/// Makes real samples complex: no negative beat frequencies, positive ones doubled.
+/// Converts real samples to the analytic signal: no negative beat frequencies, positive ones doubled.
 pub struct AnalyticSignal {
     forward: Arc<dyn Fft<f32>>,
     backward: Arc<dyn Fft<f32>>,

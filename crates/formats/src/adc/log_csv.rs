@@ -1,12 +1,12 @@
-//! `*_Raw_LogFile.csv`: the statistics that the DCA1000's recorder writes about its own recording.
+//! `*_Raw_LogFile.csv`: the statistics that the recorder of the DCA1000 writes about its own recording.
 //!
-//! Lines of `Name - number`, in blocks headed by the kind of data (`Raw Data :`, `ADC Header Data :`), after
-//! a few lines of settings as `Name : value`. Names as TI's recorder prints them; other lines are left
-//! alone. A recorder that was killed leaves an empty file: then there are no counts, which is not the
-//! same as zero. Zero-filled bytes cannot be distinguished from silence in the samples; the counts here are the
-//! only trace of them.
+//! The file consists of a few lines of settings as `Name : value`, followed by lines of `Name - number`, in blocks
+//! headed by the kind of data (`Raw Data :`, `ADC Header Data :`). Names are those that TI's recorder prints; other
+//! lines are ignored. A recorder that was killed leaves an empty file. Then the counts are unknown, which differs from
+//! zero. In the samples, zero-filled bytes cannot be distinguished from silence; the counts in this file are their only
+//! trace.
 
-/// Maximum length of a line that is read, bytes.
+/// Maximum length of a line, in bytes.
 const MAX_LINE: usize = 1024;
 /// Blocks of one file; the recorder has five kinds.
 const MAX_BLOCKS: usize = 16;
@@ -14,7 +14,7 @@ const MAX_BLOCKS: usize = 16;
 /// Content of a log.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RecordLog {
-    /// LVDS lanes of the settings.
+    /// Number of LVDS lanes in the settings.
     pub lanes: Option<u32>,
     /// Counts, block by block.
     pub blocks: Vec<RecordCounts>,
@@ -33,7 +33,7 @@ pub struct RecordCounts {
     pub last_packet: Option<u64>,
     /// Packets received.
     pub received: Option<u64>,
-    /// Packets that never came and were replaced by zeros.
+    /// Packets that were lost and replaced by zeros.
     pub zero_filled_packets: Option<u64>,
     /// Their bytes.
     pub zero_filled_bytes: Option<u64>,
@@ -41,7 +41,7 @@ pub struct RecordCounts {
     pub duration_s: Option<u64>,
 }
 
-/// A line with a known count but without a readable number.
+/// A line with a known count that lacks a readable number.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}: {name} must be a whole number")]
 pub struct RecordLogError {
@@ -126,7 +126,7 @@ impl RecordLog {
         Ok(())
     }
 
-    /// What the log reports that harms the samples, in words; empty if it reports nothing.
+    /// Describes in words the problems in the log that affect the samples; empty if there are none.
     pub fn problems(&self) -> Vec<String> {
         let mut problems = Vec::new();
         if self.blocks.is_empty() {

@@ -1,10 +1,12 @@
-//! Raw ADC samples of TI radars: bytes in, one [`radarllm_base::RadarCube`] a frame out.
+//! Raw ADC samples of TI radars: decodes bytes into one [`radarllm_base::RadarCube`] per frame.
 //!
-//! Reading order: [`layout`] (what the words of a capture mean), [`reader`] (frames of a file),
-//! [`iq`] (order of I and Q), [`stats`] (signal statistics), [`check`] (whether the file fits the radar), [`studio`] and [`log_csv`] (what mmWave Studio writes beside a
-//! capture), [`axes`] (arrays of other tools). Packets of the capture card are in [`crate::dca1000`].
+//! Reading order: [`layout`] (meaning of the words of a capture), [`reader`] (frames of a file), [`iq`] (order of I and
+//! Q), [`stats`] (signal statistics), [`check`] (whether the file fits the radar), [`studio`] and [`log_csv`] (files
+//! that mmWave Studio writes beside a capture), [`axes`] (arrays of other tools). Packets of the capture card are in
+//! [`crate::dca1000`].
 //!
-//! Everything streams: memory holds one frame, whatever a file claims. Values of a cube are ADC counts.
+//! All input is streamed: memory holds one frame, regardless of the size that a file declares. Values of a cube are ADC
+//! counts.
 
 pub mod axes;
 pub mod check;
@@ -24,28 +26,28 @@ pub use reader::{AdcReader, Chained, FrameIntegrity, FrameSource};
 pub use stats::{AdcStats, ChannelStats, HISTOGRAM_BINS};
 pub use studio::{StudioCapture, StudioError, StudioSetup};
 
-/// Why raw samples cannot be read.
+/// Reasons why raw samples cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum AdcError {
-    /// The radar and the layout do not go together.
+    /// The radar and the layout are incompatible.
     #[error("{0}")]
     Layout(String),
-    /// The bytes are not what they should be.
+    /// The bytes violate the format.
     #[error("byte {offset}: expected {expected}, found {found}")]
     Format {
-        /// Where, from the start of the input, bytes.
+        /// Byte offset from the start of the input.
         offset: u64,
-        /// What the format asks for.
+        /// What the format requires.
         expected: String,
-        /// What is there.
+        /// What was found.
         found: String,
     },
     /// The input could not be read.
     #[error("byte {offset}: {source}")]
     Read {
-        /// Where, bytes.
+        /// Byte offset.
         offset: u64,
-        /// Why.
+        /// Cause.
         source: std::io::Error,
     },
 }

@@ -9,8 +9,8 @@ use radarllm_base::RadarCube;
 
 use super::{AdcError, FrameDecoder};
 
-/// Reads `n` bytes into `buffer` and moves `offset` on; false if the input ends before. The buffer grows
-/// with what is there, not with `n`.
+/// Reads `n` bytes into `buffer` and advances `offset`. Returns false if the input ends early. The buffer grows with
+/// the bytes available, not with `n`.
 pub(crate) fn fill(
     input: &mut impl Read,
     n: usize,
@@ -29,48 +29,48 @@ pub(crate) fn fill(
     Ok(read == n)
 }
 
-/// How much of a frame arrived.
+/// Completeness of a frame.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FrameIntegrity {
     /// Number of the frame since the recorder was started, from 0.
     pub frame: u64,
-    /// Its size, bytes.
+    /// Size of the frame in bytes.
     pub frame_bytes: usize,
-    /// Bytes that never arrived, which are zero in the cube; ascending and apart from each other.
+    /// Ranges of missing bytes, which are zero in the cube; ascending and not adjacent.
     pub missing: Vec<Range<usize>>,
-    /// Packets that begin in this frame; 0 for plain files.
+    /// Number of packets that begin in this frame; 0 for plain files.
     pub packets: u32,
-    /// Of these, how many came after one with a higher number.
+    /// Number of these packets that arrived after one with a higher number.
     pub out_of_order: u32,
-    /// Of these, how many held nothing new.
+    /// Number of these packets that contained no new data.
     pub duplicates: u32,
 }
 
 impl FrameIntegrity {
-    /// Bytes that never arrived.
+    /// Number of missing bytes.
     pub fn missing_bytes(&self) -> usize {
         self.missing.iter().map(Range::len).sum()
     }
 
-    /// True when nothing is missing.
+    /// Returns true if no bytes are missing.
     pub fn is_complete(&self) -> bool {
         self.missing.is_empty()
     }
 }
 
-/// Anything that gives one frame after the other.
+/// A source of consecutive frames.
 pub trait FrameSource {
-    /// Fills `cube` with the next frame (its time is left alone); `None` at the end.
+    /// Fills `cube` with the next frame, without changing the cube's time. Returns `None` at the end.
     ///
     /// # Errors
-    /// [`AdcError`] with the place in the input.
+    /// [`AdcError`] with the offset in the input.
     fn next_frame(&mut self, cube: &mut RadarCube) -> Result<Option<FrameIntegrity>, AdcError>;
 
-    /// Bytes after the last whole frame; known once [`Self::next_frame`] gave `None`.
+    /// Number of bytes after the last complete frame; known once [`Self::next_frame`] has returned `None`.
     fn trailing_bytes(&self) -> usize;
 }
 
-/// Reads `adc_data.bin`: frames without anything between them.
+/// Reads `adc_data.bin`: consecutive frames without any headers.
 pub struct AdcReader<R> {
     input: R,
     decoder: FrameDecoder,
@@ -96,7 +96,7 @@ impl<R: Read> FrameSource for AdcReader<R> {
     fn next_frame(&mut self, cube: &mut RadarCube) -> Result<Option<FrameIntegrity>, AdcError> {
         let frame_bytes = self.decoder.frame_bytes();
         self.buffer.clear();
-        // The buffer grows with what is there, not with what a radar file claims.
+        // The buffer grows with the bytes available, not with the size that a radar file declares.
         (&mut self.input)
             .take(frame_bytes as u64)
             .read_to_end(&mut self.buffer)
@@ -126,9 +126,9 @@ impl<R: Read> FrameSource for AdcReader<R> {
     }
 }
 
-/// Several inputs read as one: recorders split long captures wherever they stand, in mid-chirp too.
+/// Several inputs read as one. Recorders split long captures at any byte, even within a chirp.
 pub struct Chained<R> {
-    /// Still to be read, the next one last.
+    /// Remaining inputs in reverse order, the next one last.
     rest: Vec<R>,
 }
 

@@ -1,15 +1,15 @@
-//! Health of raw samples: offset, level, balance of I and Q, saturation, silence; per receiver.
+//! Signal statistics of raw samples per receiver: offset, level, I/Q balance, saturation, silence.
 
 use num_complex::Complex32;
 use radarllm_base::RadarCube;
 
-/// Share of samples at full scale from which a channel is called saturated.
+/// Fraction of samples at full scale from which a channel is reported as saturated.
 const SATURATED_SHARE: f64 = 1e-3;
-/// Level below the loudest channel from which one is called silent, dB.
+/// Level relative to the strongest channel below which a channel is reported as silent, dB.
 const SILENT_DB: f64 = 40.0;
-/// Offset over signal level from which it is worth a word.
+/// Ratio of offset to signal level from which it is reported.
 const OFFSET_RATIO: f64 = 1.0;
-/// Imbalance of I and Q from which it is worth a word: an image 26 dB below the signal.
+/// I/Q imbalance from which it is reported: an image 26 dB below the signal.
 const GAIN_DB: f64 = 1.0;
 const PHASE_RAD: f64 = 0.1;
 
@@ -18,27 +18,28 @@ const PHASE_RAD: f64 = 0.1;
 pub const HISTOGRAM_BINS: usize = 2 * HISTOGRAM_SIDE + 1;
 const HISTOGRAM_SIDE: usize = 30;
 
-/// Levels and histogram are taken from one loop in this many, where a frame has enough of them: they are averages, and
-/// looking at every value takes longer than turning the frame into points.
+/// Levels and histogram use one loop in this many, if a frame has enough loops. They are averages, and processing every
+/// value takes longer than extracting the points of the frame.
 const LOOP_STEP: usize = 8;
-/// Fewest loops that are looked at, where a frame has them.
+/// Minimum number of loops that are used, if a frame has them.
 const MIN_LOOPS: usize = 8;
 
-/// Figures of one receiver.
+/// Statistics of one receiver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChannelStats {
     /// Mean of I and of Q, counts.
     pub mean: [f64; 2],
     /// Root of the mean square of I and Q together, without their means, counts.
     pub rms: f64,
-    /// Level of I over that of Q, dB; 0 where either is silent. As the angle below, of what changes from
-    /// loop to loop: leakage of a fraction of a cycle lies anywhere between I and Q.
+    /// Ratio of the level of I to that of Q, dB; 0 where either is silent. Like the angle below, it uses only the part
+    /// that changes from loop to loop, because leakage of a fraction of a cycle has an arbitrary phase in the I/Q
+    /// plane.
     pub gain_imbalance_db: f64,
-    /// Angle by which I and Q miss a right angle, rad; 0 where either is silent.
+    /// Deviation of the angle between I and Q from a right angle, rad; 0 where either is silent.
     pub phase_imbalance_rad: f64,
-    /// Share of all samples of which I or Q is at full scale.
+    /// Fraction of all samples of which I or Q is at full scale.
     pub saturated: f64,
-    /// Samples that came.
+    /// Number of samples received.
     pub n_samples: u64,
 }
 
@@ -51,7 +52,7 @@ struct Sums {
     sum: [f64; 2],
     /// Of I and Q together.
     squares: f64,
-    /// Squares of I and Q and their product, without what stays from loop to loop.
+    /// Squares of I and Q and their product, without the part that is constant from loop to loop.
     moving: [f64; 3],
     /// Of I and Q values together.
     histogram: [u64; HISTOGRAM_BINS],
@@ -127,7 +128,7 @@ impl AdcStats {
         }
     }
 
-    /// Figures by receiver.
+    /// Statistics of each receiver.
     pub fn channels(&self) -> Vec<ChannelStats> {
         self.channels.iter().map(Sums::stats).collect()
     }
@@ -140,7 +141,7 @@ impl AdcStats {
         Some(&self.channels.get(receiver)?.histogram)
     }
 
-    /// What is wrong, in words, for reports; empty for a healthy signal.
+    /// Describes problems in words, for reports; empty for a healthy signal.
     pub fn problems(&self) -> Vec<String> {
         let channels = self.channels();
         let loudest = channels.iter().fold(0.0, |m: f64, c| m.max(c.rms));
@@ -188,7 +189,7 @@ impl AdcStats {
 /// The exponent of 1 + |value|, twice, and one more from sqrt(2) on: the bits of a float have both.
 fn histogram_bin(value: f32) -> usize {
     const SQRT_2: u32 = std::f32::consts::SQRT_2.to_bits() & 0x7f_ffff;
-    // What is no number counts as zero.
+    // NaN counts as zero.
     let bits = (1.0 + value.abs().max(0.0)).to_bits();
     let octaves = 2 * (bits >> 23).saturating_sub(127) + u32::from(bits & 0x7f_ffff >= SQRT_2);
     let octaves = (octaves as usize).min(HISTOGRAM_SIDE);
@@ -200,7 +201,7 @@ fn histogram_bin(value: f32) -> usize {
 }
 
 impl Sums {
-    /// A chirp, and what of it stays from loop to loop.
+    /// A chirp, and the part of it that is constant from loop to loop.
     fn add(&mut self, chirp: &[Complex32], still: &[Complex32]) {
         for (value, still) in chirp.iter().zip(still) {
             self.sum[0] += f64::from(value.re);
@@ -278,7 +279,7 @@ mod tests {
         assert!(stats.histogram(2).is_none());
     }
 
-    /// A receiver that is driven to the end of its range all the time is not silent, though nothing changes.
+    /// A receiver that is always at full scale is not silent, although its values do not change.
     #[test]
     fn what_is_constant_at_full_scale_is_saturated() {
         let mut stats = AdcStats::new(1, 16);

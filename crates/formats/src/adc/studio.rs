@@ -1,9 +1,9 @@
-//! What mmWave Studio exports beside a capture: `*.mmwave.json` (chirps and data format of the device) and
-//! `*.setup.json` (which device, which files).
+//! Exports of mmWave Studio beside a capture: `*.mmwave.json` (chirps and data format of the device) and `*.setup.json`
+//! (device and file names).
 //!
-//! The export has the content of a chirp file in another form, so it is rewritten as one and read by
-//! [`TiCfg`]; errors name their place in the JSON. Field names are those of TI's mmWaveLink
-//! (`rlProfileCfg_t`, ...); numbers may be written as text in hexadecimal.
+//! The export has the content of a chirp file in another form. It is therefore converted to one and parsed by
+//! [`TiCfg`]; errors name their position in the JSON. Field names are those of TI's mmWaveLink (`rlProfileCfg_t`, ...).
+//! Numbers may be written as hexadecimal text.
 
 use radarllm_base::RadarConfig;
 use serde_json::Value;
@@ -19,11 +19,11 @@ const MAX_LIST: usize = 512;
 /// Files of a setup.
 const MAX_FILES: usize = 1024;
 
-/// Why an export is refused.
+/// An error in an export.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{path}: {problem}")]
 pub struct StudioError {
-    /// Place in the document, such as `mmWaveDevices[0].rfConfig.rlFrameCfg_t.numLoops`.
+    /// Position in the document, such as `mmWaveDevices[0].rfConfig.rlFrameCfg_t.numLoops`.
     pub path: String,
     /// What is wrong.
     pub problem: String,
@@ -45,15 +45,15 @@ pub struct StudioCapture {
     pub board: Board,
     /// Whether the board is a guess.
     pub board_guessed: bool,
-    /// How the samples are written, if the export has a `rawDataCaptureConfig`.
+    /// Storage format of the samples, if the export has a `rawDataCaptureConfig`.
     pub layout: Option<SampleLayout>,
     /// Bits of the ADC.
     pub adc_bits: u32,
-    /// Frames to send; 0 means until stopped.
+    /// Number of frames to send; 0 means until stopped.
     pub n_frames: u32,
 }
 
-/// A value with its place.
+/// A value with its position.
 #[derive(Clone)]
 struct Node<'a> {
     value: &'a Value,
@@ -119,7 +119,7 @@ impl<'a> Node<'a> {
     }
 }
 
-/// Lines of a chirp file, each with its place in the export.
+/// Lines of a chirp file, each with its position in the export.
 #[derive(Default)]
 struct Lines {
     text: String,
@@ -142,8 +142,8 @@ impl StudioCapture {
     /// for chirp files.
     ///
     /// # Errors
-    /// [`StudioError`] for what cannot be read or what a [`RadarConfig`] cannot express: several devices,
-    /// other waveforms than frames of chirps, phase modulation, packets with more than samples.
+    /// [`StudioError`] for input that cannot be read or that a [`RadarConfig`] cannot express: several devices,
+    /// waveforms other than frames of chirps, phase modulation, packets that contain more than samples.
     pub fn parse(text: &str, board: Option<Board>) -> Result<Self, StudioError> {
         let document: Value =
             serde_json::from_str(text).map_err(|e| error("document", e.to_string()))?;
@@ -332,7 +332,7 @@ impl StudioSetup {
     /// Reads `*.setup.json`.
     ///
     /// # Errors
-    /// [`StudioError`] for what is no JSON or no setup, and for a capture in other than raw mode.
+    /// [`StudioError`] for input that is not JSON or not a setup, and for a capture in a mode other than raw.
     pub fn parse(text: &str) -> Result<Self, StudioError> {
         let document: Value =
             serde_json::from_str(text).map_err(|e| error("document", e.to_string()))?;

@@ -12,19 +12,19 @@ use crate::adc::{AdcError, FrameIntegrity, layout::MAX_FRAME_BYTES};
 /// Size of the window within which packets are reordered, packets.
 const WINDOW_PACKETS: usize = 64;
 
-/// A frame as far as it arrived.
+/// A frame as far as it was received.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AssembledFrame {
-    /// What is missing.
+    /// Missing data.
     pub integrity: FrameIntegrity,
     /// The frame; missing bytes are zero.
     pub bytes: Vec<u8>,
 }
 
-/// What happened to a whole transfer.
+/// Statistics of a transfer.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct TransferSummary {
-    /// Packets handed in.
+    /// Packets passed to the assembler.
     pub packets: u64,
     /// Lowest packet number used; above 1 the recording began in mid-stream.
     pub first_sequence: Option<u32>,
@@ -36,17 +36,17 @@ pub struct TransferSummary {
     pub out_of_order: u64,
     /// Packets whose bytes had all arrived before.
     pub duplicates: u64,
-    /// Packets of a frame that had been returned already: too late, or of another recording.
+    /// Packets of a frame that was already returned: they are late, or belong to another recording.
     pub late: u64,
     /// Packets far ahead of all others that no second packet confirmed.
     pub refused: u64,
-    /// Frames returned.
+    /// Number of frames returned.
     pub frames: u64,
-    /// Of these, frames with missing bytes.
+    /// Number of these frames with missing bytes.
     pub damaged_frames: u64,
-    /// Frames between the first and the last of which nothing arrived.
+    /// Number of frames between the first and the last of which no byte arrived.
     pub lost_frames: u64,
-    /// Bytes after the last whole frame.
+    /// Number of bytes after the last complete frame.
     pub trailing_bytes: usize,
 }
 
@@ -124,12 +124,12 @@ impl Assembler {
         })
     }
 
-    /// What happened so far; complete after [`Self::finish`].
+    /// Statistics up to now; complete after [`Self::finish`].
     pub fn summary(&self) -> &TransferSummary {
         &self.summary
     }
 
-    /// Takes a packet and returns the frames that nothing can be added to any more.
+    /// Adds a packet and returns the frames that cannot receive further data.
     pub fn push(&mut self, packet: &DataPacket) -> Vec<AssembledFrame> {
         self.summary.packets += 1;
         let mut frames = Vec::new();
@@ -167,8 +167,8 @@ impl Assembler {
         frames
     }
 
-    /// Ends the transfer: gives out what is whole or has been overtaken; the rest of a last frame is
-    /// counted in [`TransferSummary::trailing_bytes`].
+    /// Ends the transfer and returns the frames that are complete or that later packets have passed. The bytes of an
+    /// incomplete last frame are counted in [`TransferSummary::trailing_bytes`].
     pub fn finish(&mut self) -> Vec<AssembledFrame> {
         let mut frames = Vec::new();
         if let Some(last) = self.waiting.take() {
@@ -210,7 +210,7 @@ impl Assembler {
             self.summary.late += 1;
             return;
         }
-        // The first bytes may belong to a frame that has gone.
+        // The first bytes may belong to a frame that was already returned.
         let gone = base.saturating_sub(packet.byte_count) as usize;
         let payload = &packet.payload[gone..];
         let start = (packet.byte_count + gone as u64 - base) as usize;
@@ -226,7 +226,7 @@ impl Assembler {
             .zip(self.arrived.range_mut(start..stop))
             .zip(payload)
         {
-            // What came first stays: a second copy can only be equal or forged.
+            // The first copy is kept: a second copy can only be identical or forged.
             if !*arrived {
                 (*byte, *arrived) = (*new, true);
                 is_new = true;

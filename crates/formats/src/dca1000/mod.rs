@@ -1,13 +1,13 @@
-//! TI's DCA1000 capture card: packets in, frames out.
+//! TI's DCA1000 capture card: assembles its packets into frames.
 //!
 //! The card sends raw samples as UDP datagrams to port [`DATA_PORT`]: a packet number (u32, from 1), the
 //! number of sample bytes sent before (u48) and up to [`MAX_PAYLOAD`] bytes, all little-endian. Frames
 //! begin and end anywhere in a packet. mmWave Studio can write the same packets to a file, with a
 //! length in between ([`records`]); network tools write them as pcap ([`crate::pcap`]).
 //!
-//! Reading order: here the packet, [`assembler`] (packets into frames), [`source`] (where packets come
-//! from, and [`PacketFrames`], which joins both), [`records`].
-//! Source: TI SPRUIJ4 "DCA1000EVM Data Capture Card", section on the Ethernet data format.
+//! Reading order: this module (packets), [`assembler`] (packets into frames), [`source`] (sources of packets, and
+//! [`PacketFrames`], which combines a source with the assembler), [`records`]. Source: TI SPRUIJ4 "DCA1000EVM Data
+//! Capture Card", section on the Ethernet data format.
 
 pub mod assembler;
 pub mod records;
@@ -35,13 +35,13 @@ pub struct DataPacket<'a> {
     pub payload: &'a [u8],
 }
 
-/// Why a datagram is no packet of samples.
+/// Reasons why a datagram is not a packet of samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("a datagram of {0} bytes; packets of samples have 11 to 1466")]
 pub struct PacketError(pub usize);
 
 impl<'a> DataPacket<'a> {
-    /// Reads a datagram.
+    /// Parses a datagram.
     ///
     /// # Errors
     /// [`PacketError`] for a datagram without samples or too long for one packet.

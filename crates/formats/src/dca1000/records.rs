@@ -1,7 +1,8 @@
 //! Packets in a file: mmWave Studio's `*_Raw_0.bin` before its own post-processing.
 //!
-//! Before each packet's samples stand 14 bytes: number (u32, from 1), length of the samples (u32), sample
-//! bytes sent before (u48). Read as samples, such a file starts with the words 1, 0, 1456, 0, ...
+//! The samples of each packet are preceded by a header of 14 bytes: packet number (u32, from 1), length of the samples
+//! (u32), number of sample bytes sent before (u48). Interpreted as samples, such a file starts with the words 1, 0,
+//! 1456, 0, ...
 
 use std::io::Read;
 
@@ -11,8 +12,8 @@ use crate::adc::{AdcError, reader::fill};
 /// Bytes before the samples of a record.
 const HEADER_BYTES: usize = 14;
 
-/// Whether a file begins with a record rather than with samples: packet 1 of at most [`MAX_PAYLOAD`]
-/// bytes with nothing sent before it. As samples that would be seven given words in a row.
+/// Returns whether a file begins with a record rather than with samples: packet 1 with at most [`MAX_PAYLOAD`] bytes
+/// and nothing sent before it. Samples would have to match seven given words in a row.
 pub fn starts_with_record(start: &[u8]) -> bool {
     start
         .first_chunk::<HEADER_BYTES>()
@@ -30,7 +31,7 @@ fn header(b: &[u8; HEADER_BYTES]) -> (u32, u32, u64) {
     )
 }
 
-/// Reads records one after the other.
+/// Reads consecutive records.
 pub struct RecordReader<R> {
     input: R,
     /// Bytes read so far.
@@ -50,7 +51,7 @@ impl<R: Read> RecordReader<R> {
         }
     }
 
-    /// Bytes of a last record that is not whole.
+    /// Number of bytes of an incomplete last record.
     pub fn cut_bytes(&self) -> usize {
         self.cut_bytes
     }

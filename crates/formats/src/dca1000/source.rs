@@ -1,4 +1,4 @@
-//! Where packets come from, and frames made of them.
+//! Sources of packets, and the frames assembled from them.
 
 use std::{collections::VecDeque, io::Read};
 
@@ -10,15 +10,15 @@ use crate::{
     pcap::{CapturedUdp, PcapReader},
 };
 
-/// Anything that gives one packet after the other: a file of records, a pcap file, a socket.
+/// A source of consecutive packets: a file of records, a pcap file, a socket.
 pub trait PacketSource {
-    /// The next packet; `None` at the end.
+    /// Returns the next packet; `None` at the end.
     ///
     /// # Errors
     /// [`AdcError`] with the place in the input.
     fn next_packet(&mut self) -> Result<Option<DataPacket<'_>>, AdcError>;
 
-    /// What came along and was no packet of samples: cut, of another length.
+    /// Number of items received that were not sample packets: truncated ones or ones of another length.
     fn skipped(&self) -> u64;
 }
 
@@ -100,12 +100,12 @@ impl<S: PacketSource> PacketFrames<S> {
         })
     }
 
-    /// What happened on the way.
+    /// Statistics of the transfer up to now.
     pub fn summary(&self) -> &TransferSummary {
         self.assembler.summary()
     }
 
-    /// Where the packets come from.
+    /// Source of the packets.
     pub fn source(&self) -> &S {
         &self.source
     }

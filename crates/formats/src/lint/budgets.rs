@@ -1,4 +1,4 @@
-//! What memory, LVDS and serial port must carry.
+//! Budgets of memory, LVDS and serial port.
 
 use super::{ModelExpectations, Report, Severity, Subject};
 use crate::boards::Board;
@@ -49,7 +49,7 @@ pub(super) fn memory(report: &mut Report, subject: &Subject) {
     let cube = range_bins(subject) * radar.n_loops as u64 * channels * SAMPLE_BYTES;
     let detection = range_bins(subject) * doppler_bins(subject) * 2;
     if cube + detection > limits.l3_bytes {
-        // Without raw samples the firmware must do it all.
+        // Without raw samples, the firmware must do all processing.
         let severity = match subject.lvds_samples {
             Some(false) => Severity::Warning,
             _ => Severity::Note,
@@ -120,7 +120,7 @@ pub(super) fn uart(report: &mut Report, subject: &Subject, model: Option<&ModelE
         doppler_map: false,
         stats: false,
     });
-    // Where raw samples go out, points need not.
+    // If raw samples are sent, sending points is optional.
     let severity = match subject.lvds_samples {
         Some(true) => Severity::Note,
         _ => Severity::Warning,
@@ -148,7 +148,7 @@ pub(super) fn uart(report: &mut Report, subject: &Subject, model: Option<&ModelE
     let sent = maps.iter().filter(|(on, _, _)| *on);
     let fixed: u64 = UART_HEADER_BYTES + sent.clone().map(|m| TLV_BYTES + m.2).sum::<u64>();
     let budget = UART_BYTES_PER_S * radar.frame_period_s;
-    // The largest block is to blame; without one, the frame rate.
+    // The finding points at the largest block, or at the frame rate if there is none.
     let largest = sent
         .max_by_key(|m| m.2)
         .filter(|m| m.2 as f64 > 0.1 * budget);

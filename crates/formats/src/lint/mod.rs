@@ -1,8 +1,8 @@
-//! Errors in radar descriptions, and warnings about what will not work well.
+//! Detects errors in radar descriptions, and warns about settings that give poor results.
 //!
-//! [`lint_ti_cfg`] and [`lint_radar_toml`] read a file and point into it; [`lint`] looks at a radar that
-//! exists already. Rules, by module: here what makes a file no radar, [`rules`] the chirp and the
-//! scene, [`budgets`] what the hardware must carry, [`model`] what a trained model has seen.
+//! [`lint_ti_cfg`] and [`lint_radar_toml`] check a file and report positions in it; [`lint`] checks an existing radar.
+//! Rules by module: this module checks whether a file describes a radar, [`rules`] checks the chirp and the scene,
+//! [`budgets`] the load on the hardware, and [`model`] the similarity to the training data of a model.
 //!
 //! | rule | severity | meaning |
 //! |---|---|---|
@@ -35,14 +35,14 @@ use crate::span::{Places, Span};
 use crate::ti_cfg::{GuiMonitor, TiCfg, TiCfgError};
 pub use model::ModelExpectations;
 
-/// How bad it is, worst first.
+/// Severity of a finding, worst first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Severity {
-    /// The radar cannot be, or cannot do what its file asks.
+    /// The radar is impossible, or cannot do what its file requests.
     Error,
-    /// It works, with poor results.
+    /// The radar works, with poor results.
     Warning,
-    /// Worth knowing.
+    /// Useful information.
     Note,
 }
 
@@ -63,15 +63,15 @@ pub struct Finding {
     pub field: String,
     /// Stable name of the rule, kebab case.
     pub rule: &'static str,
-    /// How bad it is.
+    /// Severity.
     pub severity: Severity,
     /// What is wrong or weak, with numbers.
     pub message: String,
-    /// Place in the file; `None` if no single value causes the finding.
+    /// Position in the file; `None` if no single value causes the finding.
     pub span: Option<Span>,
 }
 
-/// What the rules look at.
+/// Input of the rules.
 struct Subject<'a> {
     radar: &'a RadarConfig,
     /// The board, if known or guessed.
@@ -103,7 +103,7 @@ impl<'a> Subject<'a> {
     }
 }
 
-/// Findings so far, and where in the file the fields stand.
+/// Findings up to now, and the positions of the fields in the file.
 #[derive(Default)]
 struct Report {
     places: Places,

@@ -1,31 +1,32 @@
-//! What a trained model has seen, and what a radar would show it instead.
+//! Compares a radar with the training data of a model.
 
 use radarllm_base::RadarConfig;
 
 use super::{Report, Severity, rules};
 
-/// What a model was trained on, as far as it is known.
+/// Training data of a model, as far as they are known.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModelExpectations {
     /// Name for reports.
     pub model: String,
-    /// Frames per second it reads.
+    /// Frame rate that the model reads, Hz.
     pub frame_rate_hz: f64,
-    /// Strongest points of a frame that it reads.
+    /// Number of strongest points per frame that the model reads.
     pub max_points: usize,
     /// Radars of its training data, as far as they are recorded and known.
     pub radars: Vec<RadarConfig>,
 }
 
-/// Recordings at another rate than a model's are brought to it beyond this share: a model hears time in frames.
+/// Recordings whose frame rate differs from a model's by more than this fraction are resampled, because a model
+/// measures time in frames.
 const RATE_TOLERANCE: f64 = 0.05;
-/// Bins this many times coarser than in training change what a body looks like.
+/// Bins coarser than in training by this factor change the appearance of a body.
 const COARSER: f64 = 2.0;
-/// A maximum speed or an array this much smaller is another radar.
+/// A maximum speed or an array smaller by this factor makes a different radar.
 const SMALLER: f64 = 0.75;
 
-/// Compares a radar that can exist with the one of the training data that is most like it. Where a rule for all models has
-/// already spoken, nothing is added.
+/// Compares a valid radar with the most similar one of the training data. If a rule for all models has already reported
+/// a problem, no finding is added.
 pub(super) fn compare(report: &mut Report, radar: &RadarConfig, model: &ModelExpectations) {
     let name = &model.model;
     let rate_hz = radar.frame_rate_hz();
@@ -111,7 +112,7 @@ fn unlike(
         );
         warn("model-range-resolution", "slope_hz_per_s", message);
     }
-    // In wavelengths, for that is what angles are made of.
+    // In wavelengths, because these determine angles.
     let aperture = |r: &RadarConfig| rules::aperture_m(r).map(|m| m / r.wavelength_m());
     let ([width, height], [trained_width, trained_height]) = (aperture(radar), aperture(trained));
     if height < 0.01 && trained_height > 0.01 {

@@ -1,4 +1,4 @@
-//! Chirp timing, and what a scene with people asks of the radar.
+//! Rules on chirp timing and on the requirements of a scene with people.
 
 use radarllm_base::RadarConfig;
 
@@ -13,9 +13,9 @@ const BAND_TOLERANCE_HZ: f64 = 1e6;
 const MAX_DUTY: f64 = 0.5;
 /// TI's chirp timing advice for steep ramps: synthesiser and filters settle in 3 us or more, s.
 const MIN_ADC_START_S: f64 = 3e-6;
-/// Time the synthesiser takes back from a ramp of less than this bandwidth: (Hz, s). TI SWRA553A,
-/// "Programming chirp parameters in TI radar devices", table of idle times; the figures
-/// were not checked against the document.
+/// Minimum idle time after a ramp of less than this bandwidth, which the synthesiser needs to return: (Hz, s). TI
+/// SWRA553A, "Programming chirp parameters in TI radar devices", table of idle times; the figures were not checked
+/// against the document.
 const RAMP_DOWN: [(f64, f64); 4] = [
     (1e9, 2e-6),
     (2e9, 3.5e-6),
@@ -129,7 +129,7 @@ pub(super) fn chirp(report: &mut Report, subject: &Subject) {
     }
 }
 
-/// What a scene with people asks of a radar that can exist.
+/// Requirements of a scene with people on a valid radar.
 pub(super) fn scene(report: &mut Report, radar: &RadarConfig) {
     let mut warn = |rule, place, message: String| {
         report.add(Severity::Warning, rule, place, message);

@@ -87,7 +87,7 @@ fn read_up_to(reader: &mut impl Read, buffer: &mut [u8]) -> usize {
     done
 }
 
-/// One length-prefixed block; grows with what is there, never by what is promised.
+/// Reads one length-prefixed block. The buffer grows with the bytes available, never with the declared length.
 fn read_block(reader: &mut impl Read, at: u64) -> Result<Option<Vec<u8>>, RecordingError> {
     let mut length = [0; 4];
     match read_up_to(reader, &mut length) {
@@ -319,7 +319,7 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// Where a value lies in a point.
+/// Offset and type of a value in a point.
 #[derive(Clone, Copy)]
 struct Field {
     offset: usize,

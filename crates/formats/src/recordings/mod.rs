@@ -1,4 +1,4 @@
-//! Points that other recorders stored: text or bytes in, [`radarllm_base::RecordedFrame`]s out.
+//! Points stored by other recorders: converts text or bytes into [`radarllm_base::RecordedFrame`]s.
 //!
 //! Every reader returns points in the project's axes (x right, y away from the radar, z up, m) and documents what it
 //! assumes. Intensities keep the recording's own reference: only their differences in dB can be compared.
@@ -37,7 +37,7 @@ pub(crate) const MAX_VELOCITY_MPS: f64 = 1e3;
 /// Maximum intensity accepted, dB.
 pub(crate) const MAX_INTENSITY_DB: f64 = 1e3;
 
-/// Which way the axes of a recording point. z is up in both.
+/// Orientation of the axes of a recording. z is up in both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Axes {
     /// x right, y away from the radar: the project's own.
@@ -93,21 +93,21 @@ impl std::fmt::Display for Place {
     }
 }
 
-/// Why a recording is refused.
+/// Reason why a recording is refused.
 #[derive(Clone, Debug, thiserror::Error, PartialEq, Eq)]
 #[error("{at}: expected {expected}, found {found}")]
 pub struct RecordingError {
-    /// Where.
+    /// Position in the recording.
     pub at: Place,
-    /// What the format asks for.
+    /// What the format requires.
     pub expected: String,
-    /// What is there, shortened.
+    /// What was found, shortened.
     pub found: String,
 }
 
 impl RecordingError {
     pub(crate) fn new(at: Place, expected: impl Into<String>, found: &str) -> Self {
-        // Hostile text stays out of terminals: short, and without control characters.
+        // Untrusted text must not reach a terminal unchanged: it is shortened and its control characters are removed.
         let found: String = found
             .chars()
             .take(40)
@@ -160,7 +160,7 @@ fn checked_point(
         ("intensity, dB", intensity_db, MAX_INTENSITY_DB),
     ];
     for (name, value, limit) in limits {
-        // A NaN is not within anything.
+        // A NaN is outside every limit.
         if value.is_nan() || value.abs() > limit {
             let expected = format!("{name}, within +-{limit}");
             return Err(RecordingError::new(at, expected, &value.to_string()));

@@ -1,4 +1,4 @@
-//! Recordings in numbered pieces: their order, what is missing, and frames that are left over from the run before.
+//! Recordings in numbered pieces: their order, missing pieces, and frames that remain from the previous run.
 
 /// Frames at the start of a recording among which a fall of the frame number marks the ones before it as left over:
 /// a serial port's buffer holds a few, and a visualizer that is started late reads them first.

@@ -1,4 +1,4 @@
-//! Points in plain tables: CSV with a header, npy with named columns or seven plain ones.
+//! Points in plain tables: CSV with a header, and npy with named columns or with seven unnamed ones.
 //!
 //! Columns by name, in any order; others are ignored. `frame` and `t_s` (one of the two is enough), `x, y, z` in m,
 //! `velocity` in m/s, `intensity` in dB; `x_mm`, `t_ms`, `doppler`, `snr_db`, `amplitude` and other common names are

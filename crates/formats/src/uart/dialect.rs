@@ -1,4 +1,4 @@
-//! The dialects of TI's UART output: what a packet's header looks like and how TLVs are measured.
+//! The dialects of TI's UART output: layout of the packet header, and definition of the TLV length.
 
 /// A family of firmware that frames its packets in one way. All are little-endian and start with [`super::MAGIC`].
 ///

@@ -1,9 +1,9 @@
-//! The UART output of TI's demos: bytes in as they come, frames out.
+//! The UART output of TI's demos: parses a byte stream into frames.
 //!
-//! Packets start with [`MAGIC`], then a header and TLVs (type, length, value) that differ from firmware to firmware:
-//! see [`Dialect`]. [`UartParser`] takes bytes in pieces of any size, detects the dialect from several packets unless it
-//! is given ([`mod@guess`]), resynchronises on the next magic after damage, and counts everything that it drops in a
-//! [`UartReport`].
+//! Packets start with [`MAGIC`], followed by a header and TLVs (type, length, value) that differ between firmware
+//! versions: see [`Dialect`]. [`UartParser`] accepts bytes in pieces of any size. It detects the dialect from several
+//! packets unless it is given ([`mod@guess`]), resynchronises on the next magic after damage, and counts all dropped
+//! data in a [`UartReport`].
 //!
 //! Points are in the sensor's axes as the project has them: x right, y away, z up, m; velocity positive when receding.
 //! Whether a given board mirrors x is open: see "Board handedness" in CONVENTIONS.md. `intensity_db` is the firmware's
@@ -68,34 +68,34 @@ pub struct UartFrame {
     pub presence: Option<u32>,
 }
 
-/// Counts of what was read and what was dropped.
+/// Counts of the data that were read and dropped.
 #[derive(Clone, Debug, PartialEq, Eq, Default)]
 pub struct UartReport {
-    /// Bytes pushed: the sum of the next three.
+    /// Bytes pushed: the sum of the next three counts.
     pub bytes: u64,
-    /// Bytes of packets, whole or short.
+    /// Bytes of packets, complete or truncated.
     pub packet_bytes: u64,
     /// Bytes between packets.
     pub skipped_bytes: u64,
     /// Bytes of the unfinished packet at the end.
     pub trailing_bytes: u64,
-    /// Whole packets.
+    /// Complete packets.
     pub packets: u64,
-    /// Packets that the next one's magic cuts short.
+    /// Packets truncated by the magic of the next one.
     pub short_packets: u64,
-    /// Magics with an impossible header behind.
+    /// Magics followed by an impossible header.
     pub bad_headers: u64,
     /// Magics with a header whose checksum is wrong.
     pub bad_checksums: u64,
     /// TLVs used.
     pub tlvs: u64,
-    /// TLVs with a meaning that is not used (heat maps).
+    /// TLVs of known types whose content is not used (heat maps).
     pub tlvs_unused: u64,
-    /// TLVs whose number the dialect does not know.
+    /// TLVs whose type the dialect does not know.
     pub tlvs_unknown: u64,
-    /// The first 32 numbers among them, with their counts.
+    /// The first 32 types among them, with their counts.
     pub unknown_numbers: BTreeMap<u32, u64>,
-    /// TLVs whose length does not fit their number or leads out of the packet.
+    /// TLVs whose length does not match their type or exceeds the packet.
     pub tlvs_wrong_length: u64,
     /// Points kept.
     pub points: u64,
@@ -109,21 +109,21 @@ pub struct UartReport {
     pub side_info_mismatches: u64,
     /// Targets and heights dropped for the same reasons as points.
     pub targets_dropped: u64,
-    /// Whole packets without points.
+    /// Complete packets without points.
     pub frames_without_points: u64,
     /// Frame numbers that are missing between packets.
     pub lost_frames: u64,
-    /// Frame numbers that went back: the device was restarted.
+    /// Decreases of the frame number: the device was restarted.
     pub restarts: u64,
 }
 
-/// Why a stream cannot be read: its dialect cannot be detected.
+/// Reason why a stream cannot be read: its dialect cannot be detected.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum UartError {
-    /// No magic in the bytes looked at.
+    /// The bytes contain no magic.
     #[error("no UART packet in {0} bytes: expected the magic 02 01 04 03 06 05 08 07")]
     NoPacket(usize),
-    /// Two dialects or none explain the packets.
+    /// Two dialects explain the packets equally well, or none does.
     #[error("the dialect of the UART stream is not clear: name one of {}; seen: {}", names(), scores(.0))]
     Unclear(Vec<Evidence>),
 }
@@ -140,7 +140,7 @@ fn scores(evidence: &[Evidence]) -> String {
     parts.join(", ")
 }
 
-/// A parser that is fed bytes as they arrive.
+/// An incremental parser that accepts bytes as they arrive.
 #[derive(Debug)]
 pub struct UartParser {
     dialect: Option<Dialect>,
@@ -153,7 +153,7 @@ pub struct UartParser {
 }
 
 impl UartParser {
-    /// A parser for one dialect, or one that guesses it from the first packets.
+    /// Creates a parser for one dialect, or one that detects the dialect from the first packets.
     pub fn new(dialect: Option<Dialect>) -> Self {
         Self {
             dialect,
@@ -165,20 +165,20 @@ impl UartParser {
         }
     }
 
-    /// The counts so far.
+    /// Returns the counts up to now.
     pub fn report(&self) -> &UartReport {
         &self.report
     }
 
-    /// How the dialect was found, if it was guessed.
+    /// Returns how the dialect was detected, if it was not given.
     pub fn guess(&self) -> Option<&Guess> {
         self.guess.as_ref()
     }
 
-    /// Takes the next bytes; returns the packets that they complete.
+    /// Parses the next bytes and returns the packets that they complete.
     ///
     /// # Errors
-    /// If the dialect cannot be guessed.
+    /// If the dialect cannot be detected.
     pub fn push(&mut self, bytes: &[u8]) -> Result<Vec<UartFrame>, UartError> {
         self.report.bytes += bytes.len() as u64;
         let mut frames = Vec::new();
@@ -198,10 +198,10 @@ impl UartParser {
         Ok(frames)
     }
 
-    /// Ends the stream: returns the packets that were waiting for a dialect, and the counts.
+    /// Ends the stream. Returns the packets that were waiting for detection of the dialect, and the counts.
     ///
     /// # Errors
-    /// If the dialect cannot be guessed from what there was.
+    /// If the dialect cannot be detected from the bytes received.
     pub fn finish(mut self) -> Result<(Vec<UartFrame>, UartReport, Option<Guess>), UartError> {
         let mut frames = Vec::new();
         if self.dialect.is_none() {
@@ -352,7 +352,7 @@ impl UartParser {
     }
 }
 
-/// Moving and static points of whole packets, sub-frames of one number together. Packets that were cut are left out:
+/// Moving and static points of complete packets, with sub-frames of one number combined. Truncated packets are omitted:
 /// they are lost frames, not empty ones.
 pub fn recorded_frames(frames: Vec<UartFrame>) -> Vec<RecordedFrame> {
     let mut out: Vec<RecordedFrame> = Vec::new();

@@ -1,4 +1,4 @@
-//! Headers and the walk over TLVs.
+//! Packet headers, and iteration over TLVs.
 
 use super::{Dialect, MAX_PACKET_BYTES, MAX_TLVS};
 
@@ -78,7 +78,7 @@ pub(super) enum Step<'a> {
     WrongLength(Option<u32>),
 }
 
-/// Walks over the TLVs of a packet: at most `n_tlvs`, and never out of `body`.
+/// Iterates over the TLVs of a packet: at most `n_tlvs`, and never beyond `body`.
 pub(super) struct Walk<'a> {
     dialect: Dialect,
     body: &'a [u8],

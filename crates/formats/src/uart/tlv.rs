@@ -1,4 +1,4 @@
-//! What the TLVs hold.
+//! Contents of the TLVs.
 
 use radarllm_base::RadarPoint;
 

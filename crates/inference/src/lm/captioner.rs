@@ -1,4 +1,4 @@
-//! Points in, sentence out.
+//! The captioner: generates sentences from radar points.
 
 use std::borrow::Cow;
 use std::ops::ControlFlow;
@@ -22,19 +22,20 @@ use crate::tokenizer::{Encoded, FRAMES_PER_CODE, MAX_FRAMES, RadarTokenizer};
 /// The caption of a clip that shows no person.
 pub const NO_PERSON: &str = "no person seen";
 
-/// Radar tokenizer and language model, ready to describe.
+/// A radar tokenizer and a language model, loaded and ready for inference.
 pub struct Captioner {
     backend: Box<dyn Backend>,
 }
 
-/// How to describe a clip.
+/// Options for the description of a clip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DescribeOptions {
-    /// Beams of the search; 1 is greedy.
+    /// Number of beams of the search; 1 is greedy.
     pub beam: usize,
     /// Keep the static points of recordings; see [`crate::prepare_for_model`].
     pub keep_static: bool,
-    /// A window whose median frame has fewer points shows no person, unless its few points stay together.
+    /// Minimum number of points in the median frame of a window with a person. A window with fewer points shows no
+    /// person, unless its few points are close together.
     pub min_median_points: usize,
     /// Clips with fewer frames are too short to describe.
     pub min_frames: usize,
@@ -69,21 +70,21 @@ impl DescribeOptions {
     }
 }
 
-/// Why there is no caption.
+/// Reasons why there is no caption.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Abstained {
     /// The recording is too short.
     TooFewFrames {
-        /// Frames found.
+        /// Number of frames found.
         found: usize,
-        /// Frames needed.
+        /// Number of frames required.
         min: usize,
     },
     /// No window has enough points.
     TooFewPoints {
-        /// Median points a frame in the best window.
+        /// Median number of points per frame in the best window.
         median: usize,
-        /// Median needed.
+        /// Median required.
         min: usize,
     },
 }
@@ -104,7 +105,7 @@ impl std::fmt::Display for Abstained {
     }
 }
 
-/// What the model generates for a clip.
+/// Result of the description of a clip.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Description {
     /// The sentence; exactly [`NO_PERSON`] when [`Self::abstained`] is set.
@@ -115,17 +116,17 @@ pub struct Description {
     pub tokens: Vec<u32>,
     /// Length of the prepared clip, s.
     pub seconds: f32,
-    /// Windows that were described.
+    /// Number of windows that were described.
     pub windows: usize,
-    /// Why there is no caption, if there is none.
+    /// Reason why there is no caption; `None` if there is one.
     pub abstained: Option<Abstained>,
 }
 
 impl Captioner {
     /// Loads `dir/tokenizer` and `dir/lm` for the inference engine.
     ///
-    /// With [`Precision::Int8`] the language model's weights are bytes: faster on large models, and now and then
-    /// another word. The radar tokenizer is always computed in f32.
+    /// With [`Precision::Int8`] the weights of the language model are quantized to bytes. This is faster for large
+    /// models and occasionally changes a word. The radar tokenizer is always computed in f32.
     ///
     /// # Errors
     /// If either is missing or damaged, or they do not belong together.
@@ -137,7 +138,7 @@ impl Captioner {
     /// Packs the networks of two checkpoints for the inference engine.
     ///
     /// # Errors
-    /// As [`Self::load`]; [`LmError::NotT5`] if the language model has another architecture.
+    /// Those of [`Self::load`]; [`LmError::NotT5`] if the language model has another architecture.
     pub fn from_checkpoints(
         tokenizer: &Checkpoint,
         lm: Checkpoint,
@@ -149,7 +150,7 @@ impl Captioner {
         Ok(Self::new(Box::new(backend)))
     }
 
-    /// A captioner on any backend.
+    /// Creates a captioner on any backend.
     pub fn new(backend: Box<dyn Backend>) -> Self {
         Self { backend }
     }
@@ -166,9 +167,9 @@ impl Captioner {
 
     /// Describes a clip of any length.
     ///
-    /// The clip is prepared as [`crate::prepare_for_model`] does it; nothing is copied if nothing has to change.
-    /// Long clips are cut into equal windows of at most 96 frames, whose captions are joined with ", then " where they
-    /// differ.
+    /// The clip is prepared as in [`crate::prepare_for_model`], and copied only if a change is necessary. Long clips
+    /// are cut into equal windows of at most 96 frames. Captions of successive windows are joined with ", then " where
+    /// they differ.
     ///
     /// # Errors
     /// [`LmError::Clip`] for values that are not finite and impossible frame rates.
@@ -191,10 +192,10 @@ impl Captioner {
         Ok(windows.description.finish())
     }
 
-    /// Describes many clips together, which is faster than one after the other. Clips do not influence one another.
+    /// Describes many clips in one batch, which is faster than one by one. Clips are independent of one another.
     ///
     /// # Errors
-    /// As [`Self::describe`].
+    /// Those of [`Self::describe`].
     pub fn describe_batch(
         &self,
         clips: &[&Clip],
@@ -215,11 +216,11 @@ impl Captioner {
         Ok(all.into_iter().map(|w| w.description.finish()).collect())
     }
 
-    /// Radar tokens of a clip, one per 0.4 s, of all its windows. The clip is prepared as in [`Self::describe`], but
-    /// windows without a person have tokens too.
+    /// Returns the radar tokens of all windows of a clip, one per 0.4 s. The clip is prepared as in [`Self::describe`],
+    /// but windows without a person have tokens too.
     ///
     /// # Errors
-    /// As [`Self::describe`].
+    /// Those of [`Self::describe`].
     pub fn tokenize(&self, clip: &Clip) -> Result<Vec<u32>, LmError> {
         let clip = prepared(clip, &PrepareOptions::default())?;
         let windows: Vec<_> = equal_windows(&clip.frames)
@@ -229,14 +230,14 @@ impl Captioner {
         Ok(encoded.into_iter().flat_map(|e| e.codes).collect())
     }
 
-    /// Describes a clip, and calls `on_text` with each piece of the caption as soon as it is decoded. The pieces,
-    /// joined, are the caption; a clip without a person gives one piece, [`NO_PERSON`]. With more than one beam a
-    /// window's caption comes as one piece.
+    /// Describes a clip, and calls `on_text` with each piece of the caption as soon as it is decoded. The caption is
+    /// the concatenation of the pieces. A clip without a person gives one piece, [`NO_PERSON`]. With more than one
+    /// beam, the caption of a window is one piece.
     ///
     /// Returns `None` if `on_text` breaks.
     ///
     /// # Errors
-    /// As [`Self::describe`].
+    /// Those of [`Self::describe`].
     pub fn describe_streaming(
         &self,
         clip: &Clip,
@@ -256,7 +257,7 @@ impl Captioner {
         let mut sent = String::new();
         let cancel = AtomicBool::new(false);
         let mut send = |upto: &str, sent: &mut String| {
-            // Only what cannot change any more: the next window may take the full stop away.
+            // Only text that is final is reported: the next window may remove the full stop.
             if let Some(piece) = upto.strip_prefix(sent.as_str())
                 && !piece.is_empty()
                 && !cancel.load(Ordering::Relaxed)
@@ -272,7 +273,7 @@ impl Captioner {
             let results = {
                 let mut watch = Watch {
                     on_token: &mut |_, id| {
-                        // Later windows count only where they differ from the one before, which is known at
+                        // Later windows contribute only where they differ from the previous one, which is known at
                         // their end.
                         if description.0.windows == 0 {
                             ids.push(id);
@@ -328,13 +329,13 @@ impl Captioner {
     }
 }
 
-/// The text of unfinished tokens without its last word, which may still grow, and without what a later window may
-/// take away.
+/// Returns the text of unfinished tokens without its last word, which may still grow, and without the part that a later
+/// window may remove.
 fn without_last_word(text: &str) -> &str {
     text.rsplit_once(' ').map_or("", |(before, _)| before)
 }
 
-/// The windows of a clip that may show a person, each with the height of its radar, and the description so far.
+/// The windows of a clip that may show a person, each with the height of its radar, and the current description.
 struct Windows<'a> {
     usable: Vec<(&'a [PointFrame], f32)>,
     description: Growing,
@@ -352,7 +353,7 @@ impl<'a> Windows<'a> {
     }
 }
 
-/// A description that grows window by window.
+/// A description that is extended window by window.
 struct Growing(Description, Sums);
 
 /// Of the windows so far: the last text, the sum of log-probabilities, the tokens that it counts.
@@ -406,7 +407,7 @@ impl Growing {
     }
 }
 
-/// The windows that may show a person, or why there are none.
+/// Returns the windows that may show a person, or the reason why there are none.
 fn usable_windows<'a>(
     frames: &'a [PointFrame],
     options: &DescribeOptions,
@@ -431,8 +432,8 @@ fn usable_windows<'a>(
     (kept, abstained)
 }
 
-/// Cuts frames into the fewest windows of at most [`MAX_FRAMES`], all about equally long and, but
-/// for the last, of whole codes: a short tail would be described from almost nothing.
+/// Cuts frames into the smallest number of windows of at most [`MAX_FRAMES`]. All windows have about equal lengths, and
+/// all except the last contain whole codes. A short final window would contain too little data for a description.
 fn equal_windows(frames: &[PointFrame]) -> impl Iterator<Item = &[PointFrame]> {
     let n_windows = frames.len().div_ceil(MAX_FRAMES).max(1);
     let n_codes = frames.len().div_ceil(FRAMES_PER_CODE);

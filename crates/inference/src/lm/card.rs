@@ -1,4 +1,4 @@
-//! A language model on disk: `config.json`, `tokenizer.json` and the weights it names.
+//! Files of a language model: `config.json`, `tokenizer.json` and the weights file that the configuration names.
 
 use std::path::PathBuf;
 
@@ -14,17 +14,17 @@ pub const TEXT_TOKENIZER_FILE: &str = "tokenizer.json";
 /// Name of the file with averaged weights.
 pub const AVERAGE_FILE: &str = "average.safetensors";
 
-/// `config.json` of a language model. A decoder alone has Hugging Face's fields there, and these under
-/// `radarllm`.
+/// `config.json` of a language model. For a decoder-only model it contains the fields of Hugging Face, and these fields
+/// under `radarllm`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LmCard {
-    /// Shape.
+    /// Shape of the network.
     pub lm: LmConfig,
-    /// Ids.
+    /// Layout of the token ids.
     pub vocab: Layout,
     /// Weights file that inference uses: [`MODEL_FILE`] or [`AVERAGE_FILE`].
     pub weights: String,
-    /// Of a model with adapters: which base they belong to.
+    /// For a model with adapters: the base model to which they belong.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub base_blake3: Option<String>,
 }
@@ -58,17 +58,17 @@ impl LmCard {
 pub struct LmFiles {
     /// The configuration.
     pub card: LmCard,
-    /// Ids.
+    /// Layout of the token ids.
     pub vocab: Vocab,
     /// The files.
     pub checkpoint: Checkpoint,
 }
 
 impl LmFiles {
-    /// Reads what is no weight.
+    /// Reads all files except the weights.
     ///
     /// # Errors
-    /// If a file is missing or damaged, or the configuration cannot be.
+    /// If a file is missing or damaged, or the configuration is invalid.
     pub fn of(checkpoint: Checkpoint) -> Result<Self, LmError> {
         let card = LmCard::read(&checkpoint)?;
         card.lm.validate()?;
@@ -91,12 +91,12 @@ impl LmFiles {
         })
     }
 
-    /// Whether the network is a T5, the only one that the inference engine runs.
+    /// Returns whether the network is a T5, the only architecture that the inference engine supports.
     pub fn is_t5(&self) -> bool {
         self.card.lm.t5().is_some()
     }
 
-    /// Weights of a T5 and the file they are in; they are not yet compared with the configuration.
+    /// Reads the weights of a T5 and the path of their file. They are not yet compared with the configuration.
     ///
     /// # Errors
     /// If the file is missing or damaged.

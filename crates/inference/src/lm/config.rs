@@ -1,4 +1,4 @@
-//! Shapes of the language model and the presets that name them.
+//! Shapes of the language model, and named presets.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,7 +6,7 @@ use super::LmError;
 use super::gpt2_config::Gpt2Config;
 use super::qwen2_config::Qwen2Config;
 
-/// Feed-forward flavour of a T5 block.
+/// Variant of the feed-forward network of a T5 block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FeedForward {
@@ -18,39 +18,39 @@ pub enum FeedForward {
 
 /// Shape of a T5 encoder-decoder.
 ///
-/// Raffel et al., *Exploring the Limits of Transfer Learning*, JMLR 2020; v1.1 differs in the
-/// feed-forward and in not tying the output rows to the embedding.
+/// Raffel et al., *Exploring the Limits of Transfer Learning*, JMLR 2020; v1.1 differs in the feed-forward network and
+/// in not tying the output projection to the embedding.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct T5Config {
-    /// Embedding rows: text, sentinels, radar codes, markers.
+    /// Number of rows of the embedding: text, sentinels, radar codes, markers.
     pub vocab_size: usize,
     /// Width of the residual stream.
     pub d_model: usize,
-    /// Width of one head.
+    /// Width of one attention head.
     pub d_kv: usize,
-    /// Heads.
+    /// Number of attention heads.
     pub n_heads: usize,
-    /// Inner width of the feed-forward.
+    /// Inner width of the feed-forward network.
     pub d_ff: usize,
-    /// Encoder blocks.
+    /// Number of encoder blocks.
     pub n_encoder_layers: usize,
-    /// Decoder blocks.
+    /// Number of decoder blocks.
     pub n_decoder_layers: usize,
-    /// Feed-forward flavour.
+    /// Variant of the feed-forward network.
     pub feed_forward: FeedForward,
-    /// Output rows are the embedding, scaled by `d_model^-0.5`.
+    /// The output projection is tied to the embedding, and scaled by `d_model^-0.5`.
     pub tie_embeddings: bool,
-    /// Whether states are scaled by `d_model^-0.5` before the output rows; as `tie_embeddings` says
-    /// without it.
+    /// Whether hidden states are scaled by `d_model^-0.5` before the output projection; if it is not set, the value of
+    /// `tie_embeddings` applies.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scale_outputs: Option<bool>,
-    /// Buckets of the relative position bias.
+    /// Number of buckets of the relative position bias.
     pub relative_buckets: usize,
-    /// Distance at which the buckets saturate.
+    /// Distance from which on all keys share the last bucket.
     pub relative_max_distance: usize,
     /// Dropout probability in training.
     pub dropout: f64,
-    /// Added to the mean square in RMS norm.
+    /// Epsilon that RMS norm adds to the mean square.
     pub norm_eps: f64,
 }
 
@@ -58,12 +58,12 @@ pub struct T5Config {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Backbone {
-    /// Encoder and decoder.
+    /// Encoder-decoder.
     #[default]
     T5,
-    /// A decoder alone, with learned positions.
+    /// Decoder-only, with learned positions.
     Gpt2,
-    /// A decoder alone, with rotary positions; DeepSeek-R1-Distill-Qwen is one.
+    /// Decoder-only, with rotary positions; DeepSeek-R1-Distill-Qwen is one.
     Qwen2,
 }
 
@@ -79,17 +79,17 @@ pub enum NetworkConfig {
     Qwen2(Qwen2Config),
 }
 
-/// A language model and how radar enters it.
+/// A language model and its radar input.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LmConfig {
-    /// The network; its vocabulary's size is set from the vocabulary.
+    /// The network. The size of its vocabulary is set from the vocabulary.
     #[serde(flatten)]
     pub network: NetworkConfig,
     /// Text vocabulary size when it is learned from captions, markers included.
     pub max_text_vocab: usize,
-    /// Span-masking sentinels.
+    /// Number of sentinels for span masking.
     pub n_sentinels: usize,
-    /// Codes of the radar tokenizer.
+    /// Number of codes of the radar tokenizer.
     pub n_codes: usize,
     /// Width of the radar tokenizer's continuous feature.
     pub code_dim: usize,
@@ -115,13 +115,13 @@ pub enum LmPreset {
     Medium,
 }
 
-/// No published T5 comes near these; they keep a hostile file from asking for terabytes.
+/// No published T5 comes near these limits. They prevent a hostile file from requesting terabytes.
 const MOST_ROWS: usize = 1 << 20;
 const MOST_WIDTH: usize = 1 << 16;
 const MOST_LAYERS: usize = 128;
 
 impl LmPreset {
-    /// T5's shape of this name for a radar tokenizer of `n_codes` codes and `code_dim` features.
+    /// Returns the T5 shape of this preset for a radar tokenizer of `n_codes` codes and `code_dim` features.
     pub fn config(self, n_codes: usize, code_dim: usize) -> LmConfig {
         let t5 = |d_model, d_kv, n_heads, d_ff, n_layers, feed_forward, tie_embeddings| T5Config {
             vocab_size: 0,
@@ -187,7 +187,7 @@ impl Backbone {
     /// `config.json` of gpt2, gpt2-medium, Qwen2-0.5B and Qwen2-1.5B.
     ///
     /// # Errors
-    /// [`LmError::Config`] if the preset is another architecture's.
+    /// [`LmError::Config`] if the preset belongs to another architecture.
     pub fn config(
         self,
         preset: LmPreset,
@@ -246,7 +246,7 @@ impl NetworkConfig {
         }
     }
 
-    /// Embedding rows.
+    /// Number of rows of the embedding.
     pub fn vocab_size(&self) -> usize {
         match self {
             Self::T5(c) => c.vocab_size,
@@ -255,7 +255,7 @@ impl NetworkConfig {
         }
     }
 
-    /// Sets the embedding rows.
+    /// Sets the number of rows of the embedding.
     pub fn set_vocab_size(&mut self, rows: usize) {
         match self {
             Self::T5(c) => c.vocab_size = rows,
@@ -282,7 +282,7 @@ impl NetworkConfig {
         }
     }
 
-    /// Checks that the network can exist.
+    /// Checks that the shape is valid.
     ///
     /// # Errors
     /// [`LmError::Config`] names the first field out of range.
@@ -296,7 +296,7 @@ impl NetworkConfig {
 }
 
 impl T5Config {
-    /// Whether states are scaled by `d_model^-0.5` before the output rows.
+    /// Returns whether hidden states are scaled by `d_model^-0.5` before the output projection.
     pub fn scales_outputs(&self) -> bool {
         self.scale_outputs.unwrap_or(self.tie_embeddings)
     }
@@ -306,7 +306,7 @@ impl T5Config {
         self.n_heads * self.d_kv
     }
 
-    /// Checks that the network can exist.
+    /// Checks that the shape is valid.
     ///
     /// # Errors
     /// [`LmError::Config`] names the first field out of range.

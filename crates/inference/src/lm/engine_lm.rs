@@ -1,4 +1,4 @@
-//! The language model on [`radarllm_engine`]: packed weights, no learning framework.
+//! The language model on [`radarllm_engine`]: packed weights, without a learning framework.
 
 use std::path::Path;
 
@@ -12,7 +12,8 @@ use super::vocab::Vocab;
 use crate::checkpoint::{Checkpoint, CheckpointError, NamedTensors};
 
 impl LmConfig {
-    /// The network's shape as the engine sees it; `None` for a decoder-only network, which it does not run.
+    /// Shape of the network in the form that the engine uses; `None` for a decoder-only network, which the engine does
+    /// not support.
     pub fn engine_shape(&self) -> Option<Shape> {
         let c = self.t5()?;
         Some(Shape {
@@ -33,7 +34,7 @@ impl LmConfig {
         })
     }
 
-    /// [`Self::engine_shape`], or an error that names the architecture.
+    /// Returns [`Self::engine_shape`], or an error that names the architecture.
     ///
     /// # Errors
     /// [`LmError::NotT5`].
@@ -44,7 +45,7 @@ impl LmConfig {
     }
 }
 
-/// The language model on packed weights.
+/// The language model with packed weights.
 pub struct EngineLm {
     config: LmConfig,
     vocab: Vocab,
@@ -64,17 +65,17 @@ impl EngineLm {
     /// Packs the weights of a checkpoint.
     ///
     /// # Errors
-    /// As [`Self::load`], and [`LmError::NotT5`].
+    /// Those of [`Self::load`], and [`LmError::NotT5`].
     pub fn from_files(files: LmFiles, precision: Precision) -> Result<Self, LmError> {
         files.card.lm.require_engine_shape()?;
         let (weights, path) = files.t5_weights()?;
         Self::from_weights(files.card.lm, files.vocab, weights, precision, &path)
     }
 
-    /// Packs named weights; `file` is named in errors.
+    /// Packs named weights. Errors contain `file`.
     ///
     /// # Errors
-    /// If the network is no T5, or weights do not fit the configuration.
+    /// If the network is not a T5, or the weights do not fit the configuration.
     pub fn from_weights(
         config: LmConfig,
         vocab: Vocab,
@@ -94,12 +95,12 @@ impl EngineLm {
         })
     }
 
-    /// Shape.
+    /// Shape of the network.
     pub fn config(&self) -> &LmConfig {
         &self.config
     }
 
-    /// Ids.
+    /// Layout of the token ids.
     pub fn vocab(&self) -> &Vocab {
         &self.vocab
     }
@@ -114,7 +115,7 @@ impl EngineLm {
         self.n_params
     }
 
-    /// Decodes every prompt on a session of [`Self::engine`], and reports tokens to `watch` as they come.
+    /// Decodes every prompt on a session of [`Self::engine`], and reports tokens to `watch` as they are generated.
     ///
     /// # Errors
     /// If a prompt does not fit the model; [`radarllm_engine::EngineError::Cancelled`].

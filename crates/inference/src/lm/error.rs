@@ -1,4 +1,4 @@
-//! What can go wrong around the language model.
+//! Errors of the language model.
 
 use radarllm_engine::EngineError;
 
@@ -6,21 +6,21 @@ use crate::checkpoint::CheckpointError;
 use crate::prepare::PrepareError;
 use crate::tokenizer::EncodeError;
 
-/// Errors of the language model's files, vocabulary and inputs.
+/// Errors in the files, the vocabulary and the inputs of the language model.
 #[derive(Debug, thiserror::Error)]
 pub enum LmError {
     /// A checkpoint file is missing, damaged or does not fit.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
-    /// A configuration value that cannot be.
+    /// A configuration value is invalid.
     #[error("language model configuration: {field}: {problem}")]
     Config {
-        /// The field.
+        /// Name of the field.
         field: &'static str,
         /// What is wrong, with numbers.
         problem: String,
     },
-    /// The inference engine runs T5 only.
+    /// The inference engine supports only T5.
     #[error("the inference engine runs T5 only, this language model is a {backbone}")]
     NotT5 {
         /// Name of the architecture.
@@ -44,13 +44,13 @@ pub enum LmError {
 }
 
 impl LmError {
-    /// Whether the caller of a watched generation cancelled it.
+    /// Returns whether the caller of a watched generation cancelled it.
     pub fn is_cancelled(&self) -> bool {
         matches!(self, Self::Engine(EngineError::Cancelled))
     }
 }
 
-/// Why an input does not fit a language model.
+/// Reasons why an input does not fit a language model.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InputError {
     /// A text longer than any caption.
@@ -61,13 +61,13 @@ pub enum InputError {
         /// Maximum length, bytes.
         max: usize,
     },
-    /// A placeholder of a prompt without a value.
+    /// A placeholder of a prompt has no value.
     #[error("the prompt needs {name}")]
     Placeholder {
         /// The placeholder.
         name: String,
     },
-    /// A radar code that the codebook lacks.
+    /// A radar code beyond the codebook.
     #[error("radar code {code} is beyond the codebook of {n_codes}")]
     Code {
         /// The code.
@@ -75,15 +75,15 @@ pub enum InputError {
         /// Size of the codebook.
         n_codes: u32,
     },
-    /// A prompt without tokens, or with too many.
+    /// A prompt has no tokens, or too many.
     #[error("{found} tokens, expected 1..={max}")]
     Tokens {
-        /// Tokens found.
+        /// Number of tokens found.
         found: usize,
         /// Maximum number of tokens.
         max: usize,
     },
-    /// An id that the vocabulary lacks.
+    /// An id beyond the vocabulary.
     #[error("id {id} is beyond the vocabulary")]
     Id {
         /// The id.
@@ -92,9 +92,9 @@ pub enum InputError {
     /// Features that do not fit their codes.
     #[error("{found} feature values, expected {expected}")]
     Features {
-        /// Values found.
+        /// Number of values found.
         found: usize,
-        /// Values expected.
+        /// Number of values expected.
         expected: usize,
     },
     /// A feature that is NaN or infinite.
@@ -108,11 +108,11 @@ pub enum InputError {
         "a prompt of {found} tokens and {steps} new ones, but the network has {positions} positions"
     )]
     Positions {
-        /// Tokens of the prompt.
+        /// Number of tokens of the prompt.
         found: usize,
-        /// Tokens to generate.
+        /// Number of tokens to generate.
         steps: usize,
-        /// Positions of the network.
+        /// Number of positions of the network.
         positions: usize,
     },
     /// A prompt and its answer do not fit the network.
@@ -131,15 +131,15 @@ pub enum InputError {
         /// What is wrong, with numbers.
         problem: String,
     },
-    /// A layer that the network lacks.
+    /// A layer that the network does not have.
     #[error("layer {found}: the network has {n_layers}")]
     Layer {
-        /// Layer asked for.
+        /// Index of the requested layer.
         found: usize,
-        /// Layers of the network.
+        /// Number of layers of the network.
         n_layers: usize,
     },
-    /// A checkpoint without the pooler that is asked for.
+    /// A checkpoint lacks the requested pooler.
     #[error("the checkpoint has no pooler; ask for cls or mean")]
     NoPooler,
     /// A sentence without any token.

@@ -1,4 +1,5 @@
-//! How to decode: which tokens, how many, how many beams. The same for the engine and for the networks as trained.
+//! Decoding options: allowed tokens, maximum length and number of beams. The engine and the trainable networks share
+//! them.
 
 pub use radarllm_engine::Generated;
 use radarllm_engine::{SearchOptions, Source, search};
@@ -6,7 +7,7 @@ use radarllm_engine::{SearchOptions, Source, search};
 use super::LmError;
 use super::vocab::{Layout, PAD, Vocab};
 
-/// Which tokens may be produced.
+/// Set of tokens that may be produced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Allowed {
     /// Words.
@@ -16,7 +17,7 @@ pub enum Allowed {
 }
 
 impl Allowed {
-    /// Output rows that have to be computed.
+    /// Number of output rows that must be computed.
     pub fn n_rows(self, layout: &Layout) -> usize {
         match self {
             Allowed::Text => layout.n_text.max(layout.end + 1) as usize,
@@ -24,7 +25,7 @@ impl Allowed {
         }
     }
 
-    /// Whether an id may be produced.
+    /// Returns whether an id may be produced.
     pub fn permits(self, id: u32, layout: &Layout) -> bool {
         id == layout.end
             || match self {
@@ -34,14 +35,14 @@ impl Allowed {
     }
 }
 
-/// How to decode.
+/// Decoding options.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GenerateOptions {
-    /// Most tokens produced, end token included.
+    /// Maximum number of tokens produced, including the end token.
     pub max_new_tokens: usize,
-    /// Beams; 1 is greedy.
+    /// Number of beams; 1 is greedy search.
     pub beam: usize,
-    /// Finished beams compare by log-probability over length to this power.
+    /// Length penalty: finished beams are compared by their log-probability divided by length to this power.
     pub length_penalty: f32,
     /// Which tokens may be produced.
     pub allowed: Allowed,

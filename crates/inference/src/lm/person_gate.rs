@@ -1,13 +1,13 @@
-//! Whether anybody is there: many points a frame, or few that stay together.
+//! Detects whether a person is present: many points per frame, or few points that are close together.
 
 use radarllm_base::PointFrame;
 
-/// Frames looked at together: a second.
+/// Number of frames that are analysed together: one second.
 const BLOCK_FRAMES: usize = 10;
-/// How far a person's points lie from their middle on the floor plan, m.
+/// Maximum distance of a person's points from their centre on the floor plane, m.
 const GATE_M: f32 = 0.75;
-/// Points near their middle that a second needs. False alarms do not get there: one or two a frame, spread over
-/// 6 m by 6 m, put less than one point in the gate.
+/// Minimum number of points near their centre per second. False alarms do not reach it: one or two per frame, spread
+/// over 6 m by 6 m, put less than one point in the gate.
 const LEAST_TOGETHER: usize = 5;
 
 /// Median number of points a frame.

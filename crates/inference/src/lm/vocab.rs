@@ -28,10 +28,10 @@ pub const EOS: u32 = 1;
 /// A character the vocabulary lacks.
 pub const UNKNOWN: u32 = 2;
 
-/// Longest text that is read, bytes: far above any caption.
+/// Maximum length of a text, in bytes: far above any caption.
 const MAX_TEXT_BYTES: usize = 16 << 10;
 
-/// How text ids came about.
+/// Origin of the text ids.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TextKind {
@@ -39,24 +39,24 @@ pub enum TextKind {
     Learned,
     /// The tokenizer of a pretrained T5.
     Pretrained,
-    /// The tokenizer of a pretrained decoder alone, whose special tokens follow its words.
+    /// The tokenizer of a pretrained decoder-only model, whose special tokens follow its words.
     Decoder,
 }
 
-/// Which ids mean what.
+/// Layout of the token ids.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Layout {
-    /// How text ids came about.
+    /// Origin of the text ids.
     pub kind: TextKind,
     /// Ids below are text.
     pub n_text: u32,
     /// Id of the first sentinel.
     pub first_sentinel: u32,
-    /// Sentinels; of a pretrained T5 they count down from the first.
+    /// Number of sentinels. Those of a pretrained T5 count down from the first.
     pub n_sentinels: u32,
     /// Id of radar code 0.
     pub first_code: u32,
-    /// Radar codes.
+    /// Number of radar codes.
     pub n_codes: u32,
     /// End of a target, and of a prompt.
     #[serde(default = "t5_end")]
@@ -78,7 +78,7 @@ impl Layout {
         self.som() + 1
     }
 
-    /// Embedding rows.
+    /// Number of rows of the embedding.
     pub fn size(&self) -> usize {
         self.eom() as usize + 1
     }
@@ -102,7 +102,7 @@ impl Layout {
             .filter(|code| *code < self.n_codes)
     }
 
-    /// Whether an id is a word or a part of one.
+    /// Returns whether an id is a word or a part of one.
     pub fn is_word(&self, id: u32) -> bool {
         id < self.n_text && (self.kind == TextKind::Decoder || id > UNKNOWN)
     }
@@ -186,9 +186,9 @@ fn words(text: &str) -> Result<Vec<String>, LmError> {
 impl Vocab {
     /// Learns a word vocabulary.
     ///
-    /// Holds `always` words and every character first, then the words of `captions` by falling
-    /// count (ties by spelling) until `max_text` ids are used. Words it lacks are spelled by their
-    /// longest known parts, down to characters.
+    /// The vocabulary contains `always` words and every character first, then the words of `captions` in descending
+    /// order of frequency (ties by spelling) until `max_text` ids are used. Other words are split into their longest
+    /// known parts, down to characters.
     ///
     /// # Errors
     /// If a text cannot be normalised or `max_text` cannot hold the `always` words and characters.
@@ -276,7 +276,7 @@ impl Vocab {
     /// The vocabulary of a pretrained T5 with `n_rows` embedding rows, plus radar rows after them.
     ///
     /// # Errors
-    /// If the tokenizer is not T5's: `<pad>` 0, `</s>` 1 and `<extra_id_0>` are looked for.
+    /// If the tokenizer is not that of T5, which must contain `<pad>` 0, `</s>` 1 and `<extra_id_0>`.
     pub fn extend_pretrained(
         tokenizer_json: &[u8],
         n_rows: usize,
@@ -310,7 +310,7 @@ impl Vocab {
     /// rows after them. `end` is the checkpoint's end token; `<|endoftext|>` without it.
     ///
     /// # Errors
-    /// If special tokens stand among the words, or there is no end token.
+    /// If special tokens are among the words, or there is no end token.
     pub fn extend_decoder(
         tokenizer_json: &[u8],
         n_rows: usize,
@@ -353,10 +353,10 @@ impl Vocab {
         Self::new(text, layout)
     }
 
-    /// A vocabulary from its two files.
+    /// Reads a vocabulary from its two files.
     ///
     /// # Errors
-    /// If the tokenizer does not parse or the layout cannot be.
+    /// If the tokenizer cannot be parsed or the layout is invalid.
     pub fn from_parts(tokenizer_json: &[u8], layout: Layout) -> Result<Self, LmError> {
         Self::new(
             Tokenizer::from_bytes(tokenizer_json).map_err(text_error)?,
@@ -369,7 +369,7 @@ impl Vocab {
         Ok(Self { text, layout })
     }
 
-    /// Which ids mean what.
+    /// Layout of the token ids.
     pub fn layout(&self) -> &Layout {
         &self.layout
     }
@@ -377,13 +377,13 @@ impl Vocab {
     /// `tokenizer.json`.
     ///
     /// # Errors
-    /// If it cannot be expressed in JSON.
+    /// If it cannot be serialized as JSON.
     pub fn tokenizer_json(&self) -> Result<String, LmError> {
         self.text.to_string(true).map_err(text_error)
     }
 
-    /// Ids of a text, without an end token. Ids beyond the text rows become [`UNKNOWN`], or vanish where a
-    /// decoder's vocabulary has no such id, so that no text can smuggle in a sentinel or a radar code.
+    /// Encodes a text as ids, without an end token. Ids beyond the text rows become [`UNKNOWN`], or are dropped if a
+    /// decoder's vocabulary has no such id, so that no text can inject a sentinel or a radar code.
     ///
     /// # Errors
     /// If the text is longer than any caption could be, or the tokenizer refuses it.
@@ -401,7 +401,7 @@ impl Vocab {
             .collect())
     }
 
-    /// The text of ids; other ids and markers are left out.
+    /// Decodes ids to text; other ids and markers are omitted.
     pub fn text(&self, ids: &[u32]) -> String {
         let kept: Vec<u32> = ids
             .iter()

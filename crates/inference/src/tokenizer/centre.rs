@@ -1,14 +1,14 @@
-//! Follows the person on the floor plane.
+//! Tracks the position of the person on the floor plane.
 //!
-//! Only radar points are used, never a known position: training and live use see the same centre.
+//! Only radar points are used, never a known position, so that training and live use compute the same centre.
 
 use radarllm_base::{PointFrame, RadarPoint};
 
 use super::config::{CentreSmoothing, GroupingConfig};
 
-/// Frames without a point in the gate after which all points count again.
+/// Number of frames without a point in the gate after which all points are used again.
 const LOST_AFTER_FRAMES: usize = 5;
-/// Where the grid stands when a clip has no point at all, m.
+/// Position of the grid when a clip has no point at all, m.
 const NOWHERE_M: [f32; 2] = [0.0, 3.0];
 
 /// Centre of the person in every frame: x and y in the radar frame, m.

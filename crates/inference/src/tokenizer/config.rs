@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Where the anchors come from.
+/// Placement of the anchors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AnchorMode {
@@ -12,11 +12,11 @@ pub enum AnchorMode {
     FarthestPoint,
 }
 
-/// How the centre is smoothed over time.
+/// Smoothing of the centre over time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CentreSmoothing {
-    /// Exponential moving average; trails a walking person by speed x period x (1 - a) / a.
+    /// Exponential moving average; lags behind a walking person by speed x period x (1 - a) / a.
     Causal,
     /// Mean of the averages run forwards and backwards, whose lags cancel.
     Symmetric,
@@ -26,7 +26,7 @@ pub enum CentreSmoothing {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct GroupingConfig {
-    /// Where the anchors come from.
+    /// Placement of the anchors.
     pub anchors: AnchorMode,
     /// Anchors along x, y, z.
     pub counts: [usize; 3],
@@ -34,7 +34,7 @@ pub struct GroupingConfig {
     pub step_m: [f32; 3],
     /// Height of the lowest anchors above the floor, m. In x and y the grid is centred.
     pub z_min_m: f32,
-    /// Neighbours lie within this distance of the anchor, m.
+    /// Maximum distance of a neighbour from its anchor, m.
     pub radius_m: f32,
     /// Nearest neighbours kept per anchor and frame.
     pub k_per_frame: usize,
@@ -48,7 +48,7 @@ pub struct GroupingConfig {
     pub centre_smoothing: CentreSmoothing,
 }
 
-/// What the tokenizer network is. Radar frames come at 10 per second; a step is 2 frames, a code 4.
+/// Architecture of the tokenizer network. Radar frames come at 10 per second; a step is 2 frames, a code 4.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TokenizerConfig {
@@ -64,24 +64,24 @@ pub struct TokenizerConfig {
     pub ffn_ratio: usize,
     /// Queries of the attention pooling over anchors.
     pub pool_queries: usize,
-    /// Channels of every anchor that reach the code side by side, each with weights of its own, beside
-    /// the attention pooling; 0 pools by attention alone (paper). Left out with farthest-point anchors,
-    /// which have no fixed places.
+    /// Number of channels of every anchor that are concatenated for the code, each with its own weights, in addition to
+    /// the attention pooling; 0 pools by attention alone (paper). Not used with farthest-point anchors, which have no
+    /// fixed positions.
     pub pool_per_anchor: usize,
-    /// Join each step's table of velocities, heights and sides ([`super::doppler_profile`]) after the
-    /// anchors; not in the paper.
+    /// Add a profile of velocities, heights and sides of each step ([`super::doppler_profile`]) after the anchors; not
+    /// in the paper.
     pub doppler_profile: bool,
-    /// Add to each tube its number of points and mean velocity, which a maximum cannot see.
+    /// Add to each tube its number of points and mean velocity, which maximum pooling cannot represent.
     pub tube_statistics: bool,
     /// Width of a code.
     pub code_dim: usize,
     /// Number of codes K.
     pub codebook_size: usize,
-    /// False passes features on unquantized (ablation); codes are still assigned.
+    /// If false, features are passed on without quantization (ablation); codes are still assigned.
     pub quantize: bool,
     /// Points predicted per masked tube.
     pub reconstruction_points: usize,
-    /// Predict radial velocity beside position.
+    /// Predict radial velocity in addition to position.
     pub reconstruct_velocity: bool,
     /// Width of the motion teacher's features; 0 trains without a teacher.
     pub guidance_dim: usize,
@@ -125,7 +125,7 @@ impl Default for TokenizerConfig {
 }
 
 impl TokenizerConfig {
-    /// Trains on one CPU core: 54 anchors, 64 channels, 2 layers.
+    /// A configuration that can be trained on one CPU core: 54 anchors, 64 channels, 2 layers.
     pub fn small() -> Self {
         Self {
             grouping: GroupingConfig::default(),
@@ -184,7 +184,7 @@ impl TokenizerConfig {
         self.grouping.counts.iter().product()
     }
 
-    /// [`Self::pool_per_anchor`] where anchors keep their places, else 0.
+    /// [`Self::pool_per_anchor`] if anchors have fixed positions, otherwise 0.
     pub fn per_anchor_channels(&self) -> usize {
         match self.grouping.anchors {
             AnchorMode::Template => self.pool_per_anchor,
@@ -192,16 +192,16 @@ impl TokenizerConfig {
         }
     }
 
-    /// Values per predicted point: anchor-relative position, and velocity if asked for.
+    /// Number of values per predicted point: anchor-relative position, and velocity if configured.
     pub fn reconstruction_dim(&self) -> usize {
         if self.reconstruct_velocity { 4 } else { 3 }
     }
 
-    /// Checks every field; bounds are far above any use and keep a hostile file from asking for
+    /// Checks every field. The limits are far above any practical value and prevent a hostile file from requesting
     /// terabytes.
     ///
     /// # Errors
-    /// Names the first field that cannot be used.
+    /// Names the first invalid field.
     pub fn validate(&self) -> Result<(), String> {
         let g = &self.grouping;
         for (field, value, most) in [

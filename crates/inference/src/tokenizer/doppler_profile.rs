@@ -1,8 +1,8 @@
-//! What moves where, per step: points sorted by radial velocity and height.
+//! Doppler profile of each step: statistics of points by radial velocity and height.
 //!
-//! A still torso and a moving arm lie in the same anchors but in other velocity classes. How far to
-//! the side the fast points lie of the slow ones tells a left hand from a right one, wherever the
-//! person stands; a maximum over each tube must learn that, this table says it.
+//! A still torso and a moving arm belong to the same anchors but to different velocity classes. The sideways
+//! displacement of the fast points from the slow ones distinguishes a left hand from a right one, wherever the person
+//! stands. A network with maximum pooling over each tube must learn this feature; the profile contains it explicitly.
 
 use super::grouping::Point;
 
@@ -18,7 +18,7 @@ const PER_VELOCITY: usize = 6;
 /// Per (velocity, height): count, mean x.
 const PER_CELL: usize = 2;
 
-/// Values per step.
+/// Number of values per step.
 pub const PROFILE_DIM: usize = N_VELOCITIES * (PER_VELOCITY + N_HEIGHTS * PER_CELL);
 
 /// Amplitude-weighted sums of points.

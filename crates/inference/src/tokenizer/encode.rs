@@ -1,4 +1,4 @@
-//! The trained tokenizer: points in, codes out, on the inference engine.
+//! The trained tokenizer on the inference engine: encodes points as codes.
 
 use std::path::Path;
 
@@ -22,8 +22,8 @@ pub struct TokenizerFile {
     pub kind: String,
     /// Architecture.
     pub model: TokenizerConfig,
-    /// How it was trained, for the record. Encoding does not read it; `radar lint` compares with
-    /// `radars`, the names of the radars of the training clips.
+    /// Training settings, for the record. Encoding does not use them. `radar lint` compares a radar with `radars`, the
+    /// names of the radars of the training clips.
     #[serde(default)]
     pub training: serde_json::Value,
 }
@@ -31,29 +31,29 @@ pub struct TokenizerFile {
 /// Codes of one clip.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Encoded {
-    /// One code per four frames (0.4 s), the last one perhaps of fewer.
+    /// One code per four frames (0.4 s). The last code may cover fewer.
     pub codes: Vec<u32>,
     /// Features before quantization, `[n_codes][code_dim]` flattened.
     pub features: Vec<f32>,
-    /// Points within reach of an anchor.
+    /// Number of points within the radius of an anchor.
     pub n_points_used: usize,
 }
 
-/// Why a clip cannot be encoded.
+/// Reasons why a clip cannot be encoded.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum EncodeError {
-    /// The clip's points cannot be used.
+    /// The points of the clip are invalid.
     #[error("clip {clip}: {source}")]
     Clip {
-        /// Position in the batch.
+        /// Index in the batch.
         clip: usize,
         /// Cause.
         source: GroupingError,
     },
-    /// The network gave a value that is not finite: its weights are broken.
+    /// The network produced a value that is not finite, which means that its weights are damaged.
     #[error("clip {clip}: the tokenizer's output is not finite")]
     NotFinite {
-        /// Position in the batch.
+        /// Index in the batch.
         clip: usize,
     },
     /// Grouped clips do not fit the network.
@@ -61,7 +61,7 @@ pub enum EncodeError {
     Engine(EngineError),
 }
 
-/// A trained tokenizer ready to encode.
+/// A trained tokenizer with packed weights.
 pub struct RadarTokenizer {
     config: TokenizerConfig,
     network: engine::Tokenizer,
@@ -69,7 +69,7 @@ pub struct RadarTokenizer {
 }
 
 impl TokenizerConfig {
-    /// The network's shape as the engine sees it.
+    /// Shape of the network in the form that the engine uses.
     pub fn engine_shape(&self) -> engine::TokenizerShape {
         engine::TokenizerShape {
             n_anchors: self.n_anchors(),
@@ -87,7 +87,7 @@ impl TokenizerConfig {
         }
     }
 
-    /// Weights that only training needs.
+    /// Weights that are used only in training.
     fn training_weights(&self) -> Vec<(String, Vec<usize>)> {
         let (c, dim) = (self.width, self.code_dim);
         let points = self.reconstruction_points * self.reconstruction_dim();
@@ -120,14 +120,14 @@ impl RadarTokenizer {
     /// Packs the weights of a checkpoint.
     ///
     /// # Errors
-    /// As [`Self::load`].
+    /// Those of [`Self::load`].
     pub fn from_checkpoint(checkpoint: &Checkpoint) -> Result<Self, CheckpointError> {
         let file = TokenizerFile::read(checkpoint)?;
         let weights = checkpoint.tensors(MODEL_FILE)?;
         Self::from_weights(file.model, weights, &checkpoint.dir().join(MODEL_FILE))
     }
 
-    /// Packs a network's weights; `file` is named in errors.
+    /// Packs the weights of a network. Errors contain `file`.
     ///
     /// # Errors
     /// If a weight is missing, unknown or of another shape.
@@ -177,12 +177,12 @@ impl RadarTokenizer {
         &self.network
     }
 
-    /// Number of weights of the checkpoint: codebook and what only training needs included.
+    /// Number of weights of the checkpoint, including the codebook and the weights that are used only in training.
     pub fn n_params(&self) -> usize {
         self.n_params
     }
 
-    /// Codes of one clip of 1 to 96 frames at 10 per second.
+    /// Encodes one clip of 1 to 96 frames at 10 per second.
     ///
     /// # Errors
     /// If there is no frame, too many, or a value is not finite.
@@ -198,10 +198,10 @@ impl RadarTokenizer {
         })
     }
 
-    /// Codes of several clips, each with its radar's height; clips do not influence one another.
+    /// Encodes several clips, each with the height of its radar. Clips are independent of one another.
     ///
     /// # Errors
-    /// As [`Self::encode`], naming the clip.
+    /// Those of [`Self::encode`], with the index of the clip.
     pub fn encode_batch(
         &self,
         clips: &[(&[PointFrame], f32)],
@@ -210,7 +210,7 @@ impl RadarTokenizer {
         self.encode_grouped(&grouped.iter().collect::<Vec<_>>())
     }
 
-    /// Codes of clips that are grouped already, on as many threads as there are cores.
+    /// Encodes clips that are already grouped, on as many threads as there are cores.
     ///
     /// # Errors
     /// If the network's output is not finite.
@@ -236,11 +236,11 @@ impl TokenizerFile {
     /// Reads and checks the `config.json` of a tokenizer's checkpoint.
     ///
     /// # Errors
-    /// If it cannot be read, is not a tokenizer's, or a value cannot be.
+    /// If it cannot be read, does not describe a tokenizer, or contains an invalid value.
     pub fn read(checkpoint: &Checkpoint) -> Result<Self, CheckpointError> {
         let file: Self =
             checkpoint.config(TOKENIZER_KIND, |f: &Self| &f.kind, |f| f.model.validate())?;
-        // What validates here must fit the engine too: one place says what is wrong.
+        // A valid configuration must also fit the engine, so that errors are reported in one place.
         match file.model.engine_shape().validate() {
             Ok(()) => Ok(file),
             Err(e) => Err(CheckpointError::from_engine(
@@ -252,7 +252,7 @@ impl TokenizerFile {
 }
 
 impl Grouped {
-    /// The clip as the engine reads it.
+    /// Converts the clip to the input of the engine.
     pub fn tubes(&self) -> TubeClip<'_> {
         TubeClip {
             tubes: &self.tubes,
@@ -264,7 +264,7 @@ impl Grouped {
     }
 }
 
-/// Groups clips, naming the one that cannot be.
+/// Groups clips; an error names the clip that cannot be grouped.
 ///
 /// # Errors
 /// [`EncodeError::Clip`].

@@ -1,7 +1,7 @@
-//! Points to tubes: which points lie around which anchor, when.
+//! Groups points into tubes by anchor and time.
 //!
-//! A tube is one anchor at one step: the points of the step's three frames (2s - 1, 2s, 2s + 1:
-//! temporal stride 2, padding [1, 0]) that lie within the radius. Only tubes with points are listed.
+//! A tube is one anchor at one step. It contains the points of the step's three frames (2s - 1, 2s, 2s + 1: temporal
+//! stride 2, padding [1, 0]) that are within the radius of the anchor. Only tubes with points are listed.
 
 use radarllm_base::PointFrame;
 
@@ -11,44 +11,44 @@ use super::doppler_profile::{PROFILE_DIM, doppler_profile};
 
 pub use radarllm_engine::tokenizer::{NEIGHBOUR_DIM, STEP_DIM, TUBE_DIM, Tube};
 
-/// Divides range, m.
+/// Scale of the range, m: ranges are divided by it.
 const RANGE_SCALE_M: f32 = 3.0;
-/// Divides velocities, m/s.
+/// Scale of the velocities, m/s: velocities are divided by it.
 const VELOCITY_SCALE_MPS: f32 = 2.0;
-/// Divides relative intensity, dB.
+/// Scale of the relative intensity, dB: intensities are divided by it.
 const INTENSITY_SCALE_DB: f32 = 10.0;
-/// Radar frame period that speeds are derived with, s.
+/// Radar frame period from which speeds are derived, s.
 const FRAME_PERIOD_S: f32 = 0.1;
 
 /// A clip as tubes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grouped {
-    /// Steps that begin inside the clip.
+    /// Number of steps that begin inside the clip.
     pub n_steps: usize,
-    /// Codes: one per four frames, the last one perhaps of fewer.
+    /// Number of codes: one per four frames. The last code may cover fewer.
     pub n_codes: usize,
-    /// Tubes that have points, by step, then anchor.
+    /// Tubes that contain points, ordered by step, then anchor.
     pub tubes: Vec<Tube>,
     /// Neighbours of all tubes, nearest frame order; see [`NEIGHBOUR_DIM`].
     pub neighbours: Vec<[f32; NEIGHBOUR_DIM]>,
-    /// Per step; see [`STEP_DIM`].
+    /// Values of each step; see [`STEP_DIM`].
     pub steps: Vec<[f32; STEP_DIM]>,
-    /// Per step; see [`super::doppler_profile`].
+    /// Values of each step; see [`super::doppler_profile`].
     pub profiles: Vec<[f32; PROFILE_DIM]>,
     /// Anchors relative to the centre and the floor, m: `[anchor]` for a template,
     /// `[step][anchor]` for farthest-point sampling.
     pub anchors: Vec<[f32; 3]>,
-    /// Points that belong to at least one tube.
+    /// Number of points that belong to at least one tube.
     pub n_points_used: usize,
 }
 
-/// Why points cannot be grouped.
+/// Reasons why points cannot be grouped.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum GroupingError {
-    /// No frame.
+    /// The clip has no frame.
     #[error("no radar frame")]
     Empty,
-    /// More frames than the network sees at once.
+    /// The clip has more frames than the network can process at once.
     #[error("{found} radar frames, at most {MAX_FRAMES} at once")]
     TooLong {
         /// Number of frames.
@@ -57,9 +57,9 @@ pub enum GroupingError {
     /// A coordinate, velocity, intensity or the radar's height is NaN or infinite.
     #[error("frame {frame}, point {point}: value is not finite")]
     NotFinite {
-        /// Position of the frame.
+        /// Index of the frame.
         frame: usize,
-        /// Position of the point.
+        /// Index of the point.
         point: usize,
     },
     /// The radar's height is not finite.
@@ -136,7 +136,7 @@ pub fn group(
                     }
                 }
                 n_in_radius += near.len();
-                // Ties fall to the stronger point, which comes first.
+                // In a tie the stronger point, which comes first, is used.
                 near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
                 near.truncate(config.k_per_frame);
                 for &(_, i) in &near {
@@ -221,7 +221,7 @@ fn check(frames: &[PointFrame], radar_height_m: f32) -> Result<(), GroupingError
     }
     for (frame, f) in frames.iter().enumerate() {
         for (point, p) in f.points.iter().enumerate() {
-            // 1e6 in any unit is no radar point, and keeps squares finite.
+            // A value of 1e6 in any unit cannot come from a radar point. The limit keeps squares finite.
             let values = [
                 p.x_m,
                 p.y_m,
@@ -240,7 +240,7 @@ fn check(frames: &[PointFrame], radar_height_m: f32) -> Result<(), GroupingError
 
 fn clip_points(frames: &[PointFrame], radar_height_m: f32, max_points: usize) -> Vec<Vec<Point>> {
     let kept = |f: &PointFrame| f.points.len().min(max_points);
-    // Intensities of different radars and gains differ by a constant: only differences are used.
+    // Intensities of different radars and gains differ by a constant, so only differences are used.
     let mut db: Vec<f32> = frames
         .iter()
         .flat_map(|f| f.points[..kept(f)].iter().map(|p| p.intensity_db))
@@ -283,7 +283,7 @@ fn step_features(
     ]
 }
 
-/// At most `n` points, each the farthest from those before; starts with the strongest.
+/// Selects at most `n` points by farthest-point sampling, starting with the strongest.
 fn farthest_points(points: &[Point], centre: [f32; 2], n: usize) -> Vec<[f32; 3]> {
     let mut chosen = Vec::new();
     let mut distance = vec![f32::INFINITY; points.len()];
@@ -331,7 +331,7 @@ mod tests {
         assert_eq!(template_anchors(&GroupingConfig::default()).len(), 54);
     }
 
-    /// Every neighbour against a search without any shortcut.
+    /// Compares every neighbour with an exhaustive search.
     #[test]
     fn tubes_hold_exactly_the_nearest_points_of_their_window() {
         let mut frames = Vec::new();

@@ -5,9 +5,8 @@
 //!           (centre)  (grouping)  (radarllm-engine)
 //! ```
 //!
-//! Reading order: [`config`] (sizes), [`centre`], [`grouping`] and [`doppler_profile`] (plain
-//! arithmetic on points), [`encode`] (a trained network on the engine). The network as it is trained is in
-//! `radarllm-nn`.
+//! Reading order: [`config`] (sizes), [`centre`], [`grouping`] and [`doppler_profile`] (plain arithmetic on points),
+//! [`encode`] (a trained network on the engine). The trainable network is in `radarllm-nn`.
 
 pub mod centre;
 pub mod config;
