@@ -23,7 +23,7 @@
 //! let frames = [PointFrame { frame: 0, time_s: 0.0, points: vec![point] }];
 //! write_points(&path, &meta, &frames, Overwrite::Refuse)?;
 //! assert_eq!(read_points(&path)?.frames, frames);
-//! An existing file is only replaced on request.
+//! // An existing file is only replaced on request.
 //! assert!(write_points(&path, &meta, &frames, Overwrite::Refuse).is_err());
 //! # Ok(())
 //! # }
