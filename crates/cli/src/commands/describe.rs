@@ -206,7 +206,8 @@ pub fn run(args: &DescribeArgs) -> CliResult {
     };
     let describing = DescribeOptions {
         beam: args.beam,
-        keep_static: options.points.keeps_static(),
+        // The whole recording is prepared before tracking: a person who stands still keeps all points.
+        keep_static: true,
         ..DescribeOptions::default()
     };
     let one = |input: &String| -> CliResult<Vec<Row>> {

@@ -26,7 +26,8 @@ pub fn run(args: &ViewArgs) -> CliResult {
     let options = args.input.options()?;
     let radar_height_m = options.radar_height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M);
     let describing = DescribeOptions {
-        keep_static: options.points.keeps_static(),
+        // The whole recording is prepared before tracking: a person who stands still keeps all points.
+        keep_static: true,
         ..DescribeOptions::default()
     };
     let recording = radarllm::open(&args.input_file)
