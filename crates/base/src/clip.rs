@@ -16,7 +16,7 @@ pub const STATIC_SPEED_MPS: f32 = 0.05;
 /// information about speed. Without its provenance, a generated sentence must not be shown to any user.
 ///
 /// ```
-/// use radarllm_base::{Clip, PointFrame, Provenance};
+/// use radarllm_base::{Clip, Clutter, PointFrame};
 ///
 /// let clip = Clip {
 ///     frames: vec![PointFrame::default(); 25],
@@ -24,6 +24,7 @@ pub const STATIC_SPEED_MPS: f32 = 0.05;
 ///     radar_height_m: 1.0,
 ///     radar: "awr1843boost".into(),
 ///     provenance: "recorded:uart:living-room.dat".parse().unwrap(),
+///     clutter: Clutter::Unchecked,
 /// };
 /// assert_eq!(clip.duration_s(), 2.5);
 /// assert!(!clip.provenance.is_simulated());
@@ -40,6 +41,21 @@ pub struct Clip {
     pub radar: String,
     /// Where the points come from.
     pub provenance: Provenance,
+    /// Whether static clutter may still be among the points.
+    pub clutter: Clutter,
+}
+
+/// Whether static clutter may be among the points of a clip.
+///
+/// The clip carries this state so that clutter removal is decided once. A person who lies still has mostly static
+/// points; the clip of a tracked person would otherwise lose them in a second removal.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Clutter {
+    /// The points are as the source reported them.
+    #[default]
+    Unchecked,
+    /// Static clutter has been removed, or every point is to be kept.
+    Settled,
 }
 
 impl Clip {
@@ -87,11 +103,15 @@ impl Clip {
         StaticClutter::of(&self.frames)
     }
 
-    /// Removes the static points if they are more than half of all points, and returns their number.
+    /// Removes the static points of an [`Clutter::Unchecked`] clip if they are more than half of all points, and
+    /// returns their number. Afterwards the clip is [`Clutter::Settled`].
     ///
     /// Models are trained on radars that remove static clutter from their samples. Firmware that does not remove it
     /// reports little else.
     pub fn remove_static_clutter(&mut self) -> Option<StaticClutter> {
+        if std::mem::replace(&mut self.clutter, Clutter::Settled) == Clutter::Settled {
+            return None;
+        }
         let clutter = self.static_clutter()?;
         self.frames
             .iter_mut()
@@ -271,6 +291,7 @@ mod tests {
             radar_height_m: 1.0,
             radar: "unknown".into(),
             provenance: Provenance::recorded("csv", "room.csv"),
+            clutter: Clutter::Unchecked,
         }
     }
 
@@ -279,11 +300,19 @@ mod tests {
         let mut room = clip(&[0.0, 0.0, -0.6, 0.0, 0.6]);
         let clutter = room.remove_static_clutter().unwrap();
         assert_eq!(clutter.to_string(), "3 of 5 points are static");
-        assert_eq!(room, clip(&[-0.6, 0.6]));
+        let settled = |velocities: &[f32]| Clip {
+            clutter: Clutter::Settled,
+            ..clip(velocities)
+        };
+        assert_eq!(room, settled(&[-0.6, 0.6]));
+        // The removal is decided once: what is left of a room may be static.
+        let mut lying = settled(&[0.0, 0.0, 0.6]);
+        assert_eq!(lying.remove_static_clutter(), None);
+        assert_eq!(lying, settled(&[0.0, 0.0, 0.6]));
         // A person who pauses is not clutter: half of the points may be static.
         let mut person = clip(&[0.0, 0.0, -0.6, 0.6]);
         assert_eq!(person.remove_static_clutter(), None);
-        assert_eq!(person, clip(&[0.0, 0.0, -0.6, 0.6]));
+        assert_eq!(person, settled(&[0.0, 0.0, -0.6, 0.6]));
         assert_eq!(clip(&[]).remove_static_clutter(), None);
     }
 

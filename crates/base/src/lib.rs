@@ -47,7 +47,7 @@ pub mod skeleton;
 pub mod surface;
 pub mod timeline;
 
-pub use clip::{Clip, Provenance, STATIC_SPEED_MPS, StaticClutter};
+pub use clip::{Clip, Clutter, Provenance, STATIC_SPEED_MPS, StaticClutter};
 pub use cube::RadarCube;
 pub use points::{PointFrame, RadarPoint};
 pub use radar_config::RadarConfig;

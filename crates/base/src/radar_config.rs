@@ -176,6 +176,12 @@ impl RadarConfig {
         1.0 / self.frame_period_s
     }
 
+    /// Number of frames that fit into a duration.
+    pub fn frames_in(&self, duration_s: f64) -> usize {
+        // The small term keeps 1.0 s at 0.1 s per frame from losing a frame to rounding.
+        (duration_s / self.frame_period_s + 1e-6).floor().max(0.0) as usize
+    }
+
     /// Checks that the radar is possible.
     ///
     /// # Errors

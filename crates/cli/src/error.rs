@@ -113,7 +113,32 @@ pub fn processor_error(what: &str, error: &radarllm_nn::device::ProcessorError) 
 
 #[cfg(test)]
 mod tests {
+    use clap::CommandFactory;
+
     use super::*;
+
+    /// A flag that is renamed must be renamed in the list too: hints would name a flag that does not exist.
+    #[test]
+    fn every_named_flag_exists() {
+        fn flags(command: &clap::Command, found: &mut Vec<String>) {
+            found.extend(
+                command
+                    .get_arguments()
+                    .filter_map(|a| a.get_long())
+                    .map(Into::into),
+            );
+            command.get_subcommands().for_each(|c| flags(c, found));
+        }
+        let mut found = Vec::new();
+        flags(&crate::args::Cli::command(), &mut found);
+        for option in FLAGS {
+            let flag = option.replace('_', "-");
+            assert!(
+                found.contains(&flag),
+                "--{flag} is not a flag of any command"
+            );
+        }
+    }
 
     #[test]
     fn options_of_the_library_become_flags() {

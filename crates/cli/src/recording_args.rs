@@ -256,14 +256,13 @@ impl PeopleArgs {
     }
 
     /// As the library takes them.
-    pub fn options(&self, keep_static: bool) -> PeopleOptions {
+    pub fn options(&self) -> PeopleOptions {
         PeopleOptions {
             max_people: match self.people {
                 Some(MaxPeople::AtMost(n)) => Some(n),
                 _ => None,
             },
             remove_ghosts: self.drop_ghosts,
-            keep_static,
             ..PeopleOptions::default()
         }
     }

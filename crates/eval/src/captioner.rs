@@ -26,8 +26,6 @@ pub(crate) fn caption_clips(
 ) -> Result<Vec<Description>, EvalError> {
     let options = DescribeOptions {
         beam,
-        // Recordings are prepared before they are evaluated, as their options say.
-        keep_static: true,
         ..DescribeOptions::default()
     };
     Ok(captioner.describe_batch(clips, &options)?)

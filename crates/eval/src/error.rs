@@ -64,6 +64,9 @@ pub enum EvalError {
     /// The model refused a clip.
     #[error(transparent)]
     Model(#[from] LmError),
+    /// A motion cannot be opened or simulated.
+    #[error(transparent)]
+    Motion(#[from] radarllm_io::Error),
     /// The simulator refused a configuration.
     #[error(transparent)]
     Synth(#[from] SynthError),

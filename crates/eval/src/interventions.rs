@@ -6,15 +6,10 @@
 
 use std::collections::BTreeMap;
 
-use radarllm_base::{Clip, Provenance, RadarConfig, seed::derive_seed};
+use radarllm_base::{Clip, RadarConfig, seed::derive_seed};
 use radarllm_inference::Captioner;
-use radarllm_motions::{parse, random_request};
-use radarllm_radar_dsp::DspOptions;
-use radarllm_synth::{
-    Method, SynthError, Synthesizer,
-    placement::{PlacementRange, draw_placement},
-    synthesizer::builtin_shape,
-};
+use radarllm_motions::random_request;
+use radarllm_synth::{SimulateOptions, simulate_motion};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -40,10 +35,6 @@ const ACTION_CHANGES: [(&str, &str); 4] = [
 ];
 /// Random motions whose captions the action classifier is fitted on.
 const N_CLASSIFIER_MOTIONS: u64 = 3000;
-/// Height of the radar above the floor, m.
-const RADAR_HEIGHT_M: f32 = 1.0;
-/// Longest motion, radar frames.
-const MAX_FRAMES: usize = 10_000;
 
 /// Which interventions are applied.
 #[derive(Clone, Debug)]
@@ -104,20 +95,7 @@ pub fn evaluate_interventions(
     let radar = RadarConfig::awr1843boost();
     let clips = motions
         .into_par_iter()
-        .map_init(
-            || None,
-            |synthesizer, (motion, seed)| {
-                let synthesizer = match synthesizer {
-                    Some(ready) => ready,
-                    None => synthesizer.insert(Synthesizer::new(
-                        &radar,
-                        Method::Fast,
-                        DspOptions::default(),
-                    )?),
-                };
-                simulate(synthesizer, motion, seed)
-            },
-        )
+        .map(|(motion, seed)| simulate(motion, &radar, seed))
         .collect::<Result<Vec<Clip>, EvalError>>()?;
     let captions = caption_clips(captioner, &clips.iter().collect::<Vec<_>>(), 1)?;
     let captions: Vec<[String; 2]> = captions
@@ -151,27 +129,14 @@ pub fn evaluate_interventions(
     Ok(InterventionReport { followed, rows })
 }
 
-/// Points of a built-in motion on boresight, 2.6 to 3.8 m away; the seed decides distance, variations and noise.
-fn simulate(synthesizer: &mut Synthesizer, motion: &str, seed: u64) -> Result<Clip, EvalError> {
-    let request = parse(motion).map_err(|e| SynthError::Config(format!("{motion}: {e}")))?;
-    let rendered = request.render(seed);
-    let range = PlacementRange {
-        distance_m: [2.6 + (seed % 100) as f32 * 0.012; 2],
-        lateral_m: 0.0,
-        heading_rad: 0.0,
-        radar_height_m: RADAR_HEIGHT_M,
+/// Simulates a built-in motion on boresight, 2.6 to 3.8 m away. The seed determines distance, variations and noise.
+fn simulate(motion: &str, radar: &RadarConfig, seed: u64) -> Result<Clip, EvalError> {
+    let options = SimulateOptions {
+        seed,
+        distance_m: 2.6 + (seed % 100) as f32 * 0.012,
+        ..SimulateOptions::default()
     };
-    let placement = draw_placement(&rendered.motion, &range, 0);
-    let shape = builtin_shape(&rendered);
-    let frames =
-        synthesizer.motion_to_points(&rendered.motion, shape, placement, MAX_FRAMES, seed)?;
-    Ok(Clip {
-        frames,
-        frame_rate_hz: synthesizer.radar().frame_rate_hz(),
-        radar_height_m: RADAR_HEIGHT_M,
-        radar: synthesizer.radar().name.clone(),
-        provenance: Provenance::simulated(motion, seed),
-    })
+    Ok(simulate_motion(motion, radar, &options)?.clip)
 }
 
 /// The `index`-th intervention: kinds take turns, motions and speeds are drawn from the seed.
@@ -241,6 +206,8 @@ fn library_classifier() -> Result<ActionClassifier, EvalError> {
 
 #[cfg(test)]
 mod tests {
+    use radarllm_motions::parse;
+
     use super::*;
 
     #[test]

@@ -1,27 +1,27 @@
-//! UDP datagrams in files of network tools: pcap and pcapng.
+//! UDP datagrams in capture files of network tools: pcap and pcapng.
 //!
-//! Read are the classic format in both byte orders with micro- and nanoseconds, and pcapng sections
-//! with enhanced and simple packet blocks; links: Ethernet (with VLAN tags), raw IP, Linux cooked
-//! (1 and 2) and BSD loopback; network: IPv4. What is not UDP over IPv4, and fragments, are counted in
-//! [`PcapReader::others`]. Sources: RFC drafts `draft-ietf-opsawg-pcap` and `-pcapng`; link type numbers
-//! of tcpdump.org. Times of packets are not used: the capture card's counters are better.
+//! Supported are the classic format in both byte orders with microseconds and nanoseconds, and pcapng sections with
+//! enhanced and simple packet blocks. Link types: Ethernet (with VLAN tags), raw IP, Linux cooked (1 and 2) and BSD
+//! loopback. Network protocol: IPv4. Fragments and packets other than UDP over IPv4 are counted in
+//! [`PcapReader::others`]. Sources: RFC drafts `draft-ietf-opsawg-pcap` and `-pcapng`; link type numbers of
+//! tcpdump.org. Packet times are not used because the counters of the capture card are more accurate.
 
 use std::io::Read;
 
 use crate::adc::{AdcError, reader::fill};
 
-/// Maximum length of a packet, bytes: tcpdump's largest.
+/// Maximum length of a packet, bytes, as in tcpdump.
 const MAX_PACKET: u32 = 262_144;
-/// Maximum length of a pcapng block, bytes; longer ones of unknown kinds are skipped without being held.
+/// Maximum length of a pcapng block, bytes. Longer blocks of unknown types are skipped without buffering.
 const MAX_BLOCK: u32 = MAX_PACKET + 65_536;
-/// Interfaces of a pcapng section.
+/// Maximum number of interfaces of a pcapng section.
 const MAX_INTERFACES: usize = 1024;
 
 /// First word of a pcapng section header, the same in both byte orders.
 const SECTION_HEADER: u32 = 0x0a0d_0d0a;
 const BYTE_ORDER_MAGIC: u32 = 0x1a2b_3c4d;
 
-/// Whether a file starts as pcap or pcapng files do.
+/// Whether a file starts like a pcap or pcapng file.
 pub fn is_magic(head: &[u8]) -> bool {
     let magic = head.first_chunk::<4>().map(|m| u32::from_le_bytes(*m));
     matches!(
@@ -30,32 +30,32 @@ pub fn is_magic(head: &[u8]) -> bool {
     )
 }
 
-/// A datagram; its bytes are in the caller's buffer.
+/// Metadata of a datagram whose bytes are in the caller's buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CapturedUdp {
-    /// Port it went to.
+    /// Destination port.
     pub destination_port: u16,
-    /// False when the recorder kept only its beginning.
+    /// False if the recorder stored only the beginning of the datagram.
     pub is_whole: bool,
 }
 
-/// How the file is laid out.
+/// Layout of the file.
 enum FileLayout {
     Classic {
         link: u32,
     },
-    /// Link types of the section's interfaces.
+    /// Link types of the interfaces of the section.
     Sections {
         links: Vec<u32>,
     },
 }
 
-/// Reads datagrams one after the other.
+/// Reads datagrams sequentially.
 pub struct PcapReader<R> {
     input: R,
     is_big_endian: bool,
     format: FileLayout,
-    /// Bytes read so far.
+    /// Number of bytes read.
     offset: u64,
     buffer: Vec<u8>,
     others: u64,
@@ -63,10 +63,10 @@ pub struct PcapReader<R> {
 }
 
 impl<R: Read> PcapReader<R> {
-    /// Reads the head of the file.
+    /// Reads the header of the file.
     ///
     /// # Errors
-    /// [`AdcError`] if it is neither pcap nor pcapng.
+    /// [`AdcError`] if the file is neither pcap nor pcapng.
     pub fn new(input: R) -> Result<Self, AdcError> {
         let mut reader = Self {
             input,
@@ -99,27 +99,27 @@ impl<R: Read> PcapReader<R> {
                 "an end",
             ));
         }
-        // The upper bits hold the length of a frame check sequence.
+        // The upper bits contain the length of a frame check sequence.
         let link = reader.word(16) & 0x0fff_ffff;
         check_link(link, 20)?;
         reader.format = FileLayout::Classic { link };
         Ok(reader)
     }
 
-    /// Packets that are not UDP over IPv4, or are fragments.
+    /// Number of packets that are fragments or not UDP over IPv4.
     pub fn others(&self) -> u64 {
         self.others
     }
 
-    /// Bytes of a last packet that is not whole: the recorder was stopped while it wrote.
+    /// Number of bytes of an incomplete last packet, which occurs if the recorder is stopped while it writes.
     pub fn cut_bytes(&self) -> usize {
         self.cut_bytes
     }
 
-    /// Puts the payload of the next datagram into `datagram`; `None` at the end.
+    /// Writes the payload of the next datagram to `datagram`; `None` at the end.
     ///
     /// # Errors
-    /// [`AdcError`] for lengths that cannot be, with their place.
+    /// [`AdcError`] with the offset of an impossible length.
     pub fn next_udp(&mut self, datagram: &mut Vec<u8>) -> Result<Option<CapturedUdp>, AdcError> {
         loop {
             let found = match &self.format {
@@ -133,7 +133,7 @@ impl<R: Read> PcapReader<R> {
             let Some(packet) = found else {
                 return Ok(None);
             };
-            // Blocks without a packet.
+            // Skips blocks that contain no packet.
             let Some((link, start, stop)) = packet else {
                 continue;
             };
@@ -148,7 +148,7 @@ impl<R: Read> PcapReader<R> {
         }
     }
 
-    /// Fills the buffer with a packet; `None` at the end.
+    /// Reads the next packet into the buffer; `None` at the end.
     fn next_classic(&mut self) -> Result<Option<()>, AdcError> {
         let start = self.offset;
         if !self.fill(16)? {
@@ -170,7 +170,8 @@ impl<R: Read> PcapReader<R> {
         Ok(Some(()))
     }
 
-    /// Fills the buffer with a block's body: link type and place of its packet, if it has one.
+    /// Reads the body of the next block into the buffer. Returns the link type and the position of its packet, if it
+    /// contains one.
     #[allow(clippy::type_complexity)]
     fn next_block(&mut self) -> Result<Option<Option<(u32, usize, usize)>>, AdcError> {
         let start = self.offset;
@@ -206,7 +207,7 @@ impl<R: Read> PcapReader<R> {
         if !is_known {
             let n = self.skip(u64::from(total) - 8)?;
             if n < u64::from(total) - 8 {
-                self.cut_bytes = 8;
+                self.cut_bytes = 8 + n as usize;
                 return Ok(None);
             }
             return Ok(Some(None));
@@ -215,7 +216,7 @@ impl<R: Read> PcapReader<R> {
             self.cut_bytes = 8 + self.buffer.len();
             return Ok(None);
         }
-        // Without the repeated length at the end.
+        // The block length is repeated at the end of the block.
         let body = self.buffer.len() - 4;
         let too_short = || AdcError::format(start + 4, "a longer block", total.to_string());
         let half = |at: usize| {
@@ -264,7 +265,8 @@ impl<R: Read> PcapReader<R> {
                     return Err(too_short());
                 }
                 let link = self.link_of(0, start + 8)?;
-                // Padded to four bytes; the original length ends the packet unless it was cut.
+                // The packet is padded to four bytes. Its original length determines its end, unless the packet was
+                // truncated.
                 let length = (self.word(0) as usize).min(body - 4);
                 Ok(Some(Some((link, 4, 4 + length))))
             }
@@ -285,7 +287,7 @@ impl<R: Read> PcapReader<R> {
         })
     }
 
-    /// Reads a section header whose first word is already read.
+    /// Reads the rest of a section header whose first word has been read.
     fn section_header(&mut self) -> Result<(), AdcError> {
         let start = self.offset - 4;
         if !self.fill(8)? {
@@ -316,12 +318,12 @@ impl<R: Read> PcapReader<R> {
         Ok(())
     }
 
-    /// Reads `n` bytes into the buffer; false if the input ends before.
+    /// Reads `n` bytes into the buffer; false if the input ends early.
     fn fill(&mut self, n: usize) -> Result<bool, AdcError> {
         fill(&mut self.input, n, &mut self.buffer, &mut self.offset)
     }
 
-    /// Passes over `n` bytes; how many there were.
+    /// Skips `n` bytes and returns the number of bytes skipped.
     fn skip(&mut self, n: u64) -> Result<u64, AdcError> {
         let skipped = std::io::copy(&mut (&mut self.input).take(n), &mut std::io::sink()).map_err(
             |source| AdcError::Read {
@@ -333,7 +335,7 @@ impl<R: Read> PcapReader<R> {
         Ok(skipped)
     }
 
-    /// The 32-bit word at `at` of the buffer, which must hold it.
+    /// Decodes the 32-bit word at offset `at` of the buffer, which must contain it.
     fn word(&self, at: usize) -> u32 {
         let b = &self.buffer;
         let bytes = [b[at], b[at + 1], b[at + 2], b[at + 3]];
@@ -371,12 +373,12 @@ fn be16(bytes: &[u8], at: usize) -> Option<u16> {
     Some(u16::from_be_bytes([pair[0], pair[1]]))
 }
 
-/// The datagram in a packet, if there is one and it is no fragment.
+/// Finds the datagram in a packet; `None` for fragments and other protocols.
 fn find_udp(link: u32, packet: &[u8]) -> Option<(CapturedUdp, &[u8])> {
     let ip = match link {
         ETHERNET => {
             let mut at = 12;
-            // VLAN tags, at most two of them.
+            // Skips at most two VLAN tags.
             for _ in 0..2 {
                 if matches!(be16(packet, at)?, 0x8100 | 0x88a8) {
                     at += 4;
@@ -392,7 +394,7 @@ fn find_udp(link: u32, packet: &[u8]) -> Option<(CapturedUdp, &[u8])> {
     let version_length = *ip.first()?;
     let header = usize::from(version_length & 0x0f) * 4;
     let (protocol, fragment) = (*ip.get(9)?, be16(ip, 6)?);
-    // More fragments, or not the first one.
+    // Rejects fragments: more fragments follow, or this is not the first one.
     if version_length >> 4 != 4 || header < 20 || protocol != 17 || fragment & 0x3fff != 0 {
         return None;
     }

@@ -6,7 +6,7 @@
 //! ```
 //! use std::path::Path;
 //!
-//! use radarllm_base::{Clip, PointFrame, RadarPoint};
+//! use radarllm_base::{Clip, Clutter, PointFrame, RadarPoint};
 //! use radarllm_inference::{Captioner, DescribeOptions, Precision};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -32,6 +32,7 @@
 //!     radar_height_m: 1.0,
 //!     radar: "awr1843boost".into(),
 //!     provenance: "recorded:csv:walk.csv".parse()?,
+//!     clutter: Clutter::Unchecked,
 //! };
 //! let described = captioner.describe(&clip, &DescribeOptions::default())?;
 //! println!("{} ({:.2})", described.caption, described.confidence);

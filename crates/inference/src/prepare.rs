@@ -7,7 +7,7 @@
 
 use std::borrow::Cow;
 
-use radarllm_base::{Clip, PointFrame, StaticClutter, TimelineError};
+use radarllm_base::{Clip, Clutter, PointFrame, StaticClutter, TimelineError};
 
 /// Radar frames per second that the model was trained on.
 pub const FRAME_RATE_HZ: f32 = 10.0;
@@ -21,8 +21,6 @@ pub const MAX_FRAME_RATE_HZ: f64 = 1000.0;
 /// Options for the preparation of a clip.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PrepareOptions {
-    /// Keep the static points of recordings.
-    pub keep_static: bool,
     /// When resampling, move points along their radial velocity to the time of their new frame.
     pub motion_compensate: bool,
 }
@@ -72,14 +70,14 @@ pub enum PrepareError {
     Timeline(#[from] TimelineError),
 }
 
-/// Prepares a clip for the model: removes the static clutter of a recording, and resamples a frame rate that differs
-/// from [`FRAME_RATE_HZ`] by more than [`RATE_TOLERANCE`].
+/// Prepares a clip for the model: removes the static clutter of an [`Clutter::Unchecked`] recording, and resamples a
+/// frame rate that differs from [`FRAME_RATE_HZ`] by more than [`RATE_TOLERANCE`].
 ///
-/// Preparing a prepared clip changes nothing. Simulated clips keep all their points, because the simulated radar has
-/// already removed static clutter.
+/// The prepared clip is [`Clutter::Settled`], and preparing it again changes nothing. Simulated clips keep all their
+/// points, because the simulated radar has already removed static clutter.
 ///
 /// ```
-/// use radarllm_base::{Clip, PointFrame};
+/// use radarllm_base::{Clip, Clutter, PointFrame};
 /// use radarllm_inference::{PrepareOptions, prepare_for_model};
 ///
 /// let frame = |i: u32| PointFrame { frame: i, time_s: f64::from(i) / 20.0, points: Vec::new() };
@@ -89,6 +87,7 @@ pub enum PrepareError {
 ///     radar_height_m: 1.0,
 ///     radar: "unknown".into(),
 ///     provenance: "recorded:csv:room.csv".parse().unwrap(),
+///     clutter: Clutter::Unchecked,
 /// };
 /// let prepared = prepare_for_model(clip, &PrepareOptions::default())?;
 /// assert_eq!(prepared.resampled_from_hz, Some(20.0));
@@ -104,9 +103,10 @@ pub fn prepare_for_model(
 ) -> Result<Prepared, PrepareError> {
     check(&clip)?;
     let mut removed_static = None;
-    if removes_static(&clip, options) {
+    if removes_static(&clip) {
         removed_static = clip.remove_static_clutter();
     }
+    clip.clutter = Clutter::Settled;
     let mut resampled_from_hz = None;
     if is_other_rate(clip.frame_rate_hz) {
         resampled_from_hz = Some(clip.frame_rate_hz);
@@ -119,26 +119,23 @@ pub fn prepare_for_model(
     })
 }
 
-/// Whether [`prepare_for_model`] would change the clip.
-pub fn needs_preparation(clip: &Clip, options: &PrepareOptions) -> bool {
-    is_other_rate(clip.frame_rate_hz)
-        || (removes_static(clip, options) && clip.static_clutter().is_some())
+/// Whether [`prepare_for_model`] would change the frames of the clip.
+pub fn needs_preparation(clip: &Clip) -> bool {
+    is_other_rate(clip.frame_rate_hz) || (removes_static(clip) && clip.static_clutter().is_some())
 }
 
 /// Returns the clip as the model reads it. It is copied only if a change is necessary.
-pub(crate) fn prepared<'a>(
-    clip: &'a Clip,
-    options: &PrepareOptions,
-) -> Result<Cow<'a, Clip>, PrepareError> {
-    if needs_preparation(clip, options) {
-        return Ok(Cow::Owned(prepare_for_model(clip.clone(), options)?.clip));
+pub(crate) fn prepared(clip: &Clip) -> Result<Cow<'_, Clip>, PrepareError> {
+    if needs_preparation(clip) {
+        let prepared = prepare_for_model(clip.clone(), &PrepareOptions::default())?;
+        return Ok(Cow::Owned(prepared.clip));
     }
     check(clip)?;
     Ok(Cow::Borrowed(clip))
 }
 
-fn removes_static(clip: &Clip, options: &PrepareOptions) -> bool {
-    !options.keep_static && !clip.provenance.is_simulated()
+fn removes_static(clip: &Clip) -> bool {
+    clip.clutter == Clutter::Unchecked && !clip.provenance.is_simulated()
 }
 
 fn is_other_rate(frame_rate_hz: f64) -> bool {
@@ -206,6 +203,7 @@ mod tests {
             radar_height_m: 1.0,
             radar: "unknown".into(),
             provenance,
+            clutter: Clutter::Unchecked,
         }
     }
 
@@ -217,6 +215,11 @@ mod tests {
         )
     }
 
+    fn settled(mut clip: Clip) -> Clip {
+        clip.clutter = Clutter::Settled;
+        clip
+    }
+
     fn prepare(clip: Clip) -> Prepared {
         prepare_for_model(clip, &PrepareOptions::default()).unwrap()
     }
@@ -225,21 +228,18 @@ mod tests {
     fn static_clutter_of_recordings_is_removed_and_of_simulations_kept() {
         let velocities = [0.0, 0.0, 0.01, 0.8];
         let prepared = prepare(recorded(10.0, &velocities));
-        assert_eq!(prepared.clip, recorded(10.0, &[0.8]));
+        assert_eq!(prepared.clip, settled(recorded(10.0, &[0.8])));
         let removed = prepared.removed_static.unwrap();
         assert_eq!((removed.n_static, removed.n_points), (30, 40));
         let simulated = clip(10.0, &velocities, Provenance::simulated("builtin:walk", 1));
         let prepared = prepare(simulated.clone());
-        assert_eq!((prepared.clip, prepared.removed_static), (simulated, None));
-        let keep = PrepareOptions {
-            keep_static: true,
-            ..Default::default()
-        };
-        let kept = prepare_for_model(recorded(10.0, &velocities), &keep).unwrap();
         assert_eq!(
-            (kept.clip, kept.removed_static),
-            (recorded(10.0, &velocities), None)
+            (prepared.clip, prepared.removed_static),
+            (settled(simulated), None)
         );
+        let all = settled(recorded(10.0, &velocities));
+        let kept = prepare(all.clone());
+        assert_eq!((kept.clip, kept.removed_static), (all, None));
     }
 
     #[test]
@@ -262,7 +262,6 @@ mod tests {
     fn motion_compensation_moves_points_to_their_new_frame() {
         let options = PrepareOptions {
             motion_compensate: true,
-            ..Default::default()
         };
         let moved = prepare_for_model(recorded(20.0, &[1.0]), &options).unwrap();
         let places: Vec<f32> = moved.clip.frames[1].points.iter().map(|p| p.y_m).collect();
@@ -281,9 +280,8 @@ mod tests {
             recorded(25.0, &[0.0, 0.8]),
             recorded(10.0, &[]),
         ] {
-            let options = PrepareOptions::default();
             let once = prepare(clip);
-            assert!(!needs_preparation(&once.clip, &options));
+            assert!(!needs_preparation(&once.clip));
             let twice = prepare(once.clip.clone());
             assert_eq!(
                 (twice.removed_static, twice.resampled_from_hz),
@@ -296,10 +294,9 @@ mod tests {
     #[test]
     fn nothing_is_copied_when_nothing_changes() {
         let good = recorded(10.0, &[0.8]);
-        let options = PrepareOptions::default();
-        assert!(matches!(prepared(&good, &options), Ok(Cow::Borrowed(_))));
+        assert!(matches!(prepared(&good), Ok(Cow::Borrowed(_))));
         let fast = recorded(20.0, &[0.8]);
-        assert!(matches!(prepared(&fast, &options), Ok(Cow::Owned(_))));
+        assert!(matches!(prepared(&fast), Ok(Cow::Owned(_))));
     }
 
     #[test]
@@ -307,9 +304,8 @@ mod tests {
         let refuse = |change: &dyn Fn(&mut Clip)| {
             let mut bad = recorded(10.0, &[0.8, 0.7]);
             change(&mut bad);
-            let options = PrepareOptions::default();
-            let by_reference = prepared(&bad, &options).map(|_| ()).unwrap_err();
-            let error = prepare_for_model(bad, &options).unwrap_err();
+            let by_reference = prepared(&bad).map(|_| ()).unwrap_err();
+            let error = prepare_for_model(bad, &PrepareOptions::default()).unwrap_err();
             // NaN is not equal to itself, so the test compares the text.
             assert_eq!(by_reference.to_string(), error.to_string());
             error

@@ -3,6 +3,7 @@
 
 use std::path::PathBuf;
 
+use radarllm_base::Clutter;
 use radarllm_formats::{Mounting, RecordingFormat, recordings::Axes, uart::Dialect};
 use radarllm_radar_dsp::DspOptions;
 use radarllm_tracking::BackgroundOptions;
@@ -165,9 +166,13 @@ impl Default for PointOptions {
 }
 
 impl PointOptions {
-    /// Returns whether static points were requested explicitly, so that no step may remove them.
-    pub fn keeps_static(&self) -> bool {
-        self.min_speed_mps.is_some()
+    /// The state of clutter in the points: settled if the slowest points to keep were requested explicitly, so that no
+    /// later step removes more.
+    pub fn clutter(&self) -> Clutter {
+        match self.min_speed_mps {
+            Some(_) => Clutter::Settled,
+            None => Clutter::Unchecked,
+        }
     }
 
     /// Refuses options about recorded points, because raw samples use the radar's own clock and axes.

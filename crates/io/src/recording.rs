@@ -6,7 +6,7 @@ use radarllm_base::{Clip, PointFrame, Provenance, RadarCube, Timeline};
 use radarllm_dataset::read_points;
 use radarllm_formats::{
     Detected, RecordingFormat,
-    adc::{AdcStats, CubeShape, FrameSource, IqAnswer, IqCheck},
+    adc::{AdcStats, CubeShape, FrameIntegrity, FrameSource, IqAnswer, IqCheck},
 };
 use radarllm_radar_dsp::{Corrector, PointExtractor};
 
@@ -139,6 +139,7 @@ pub fn read_recorded_points(
                 .unwrap_or(DEFAULT_RADAR_HEIGHT_M),
             radar,
             provenance,
+            clutter: options.points.clutter(),
         },
         notes,
     })
@@ -170,6 +171,7 @@ pub fn read_points_file(path: &Path, options: &CaptureOptions) -> Result<Recordi
                 }
                 (recorded, _) => recorded,
             },
+            clutter: options.points.clutter(),
         },
         notes,
     })
@@ -268,15 +270,18 @@ impl SampleRecording {
     /// # Errors
     /// A frame that cannot be read or corrected.
     pub fn next_cube(&mut self, cube: &mut RadarCube) -> Result<Option<u64>> {
-        let path = &self.captures[0];
-        let integrity = match self.frames.next_frame(cube) {
-            Ok(Some(integrity)) => integrity,
-            Ok(None) => return Ok(None),
-            Err(e) => return Err(Error::in_file(path, e)),
+        let Some(integrity) = self.read_frame(cube)? else {
+            return Ok(None);
         };
         cube.time_s = integrity.frame as f64 * self.radar.config.frame_period_s;
         self.corrector.apply(cube)?;
         Ok(Some(integrity.frame))
+    }
+
+    /// Reads the next frame of samples as recorded; `None` at the end.
+    fn read_frame(&mut self, cube: &mut RadarCube) -> Result<Option<FrameIntegrity>> {
+        let read = self.frames.next_frame(cube);
+        read.map_err(|e| Error::in_file(&self.captures[0], e))
     }
 
     /// Allocates a cube of the radar's shape for [`Self::next_cube`].
@@ -318,10 +323,8 @@ impl SampleRecording {
         let mut extracted = ExtractedPoints::default();
         let mut first = None;
         while extracted.frames.len() < limit {
-            let integrity = match self.frames.next_frame(&mut cube) {
-                Ok(Some(integrity)) => integrity,
-                Ok(None) => return Ok(extracted),
-                Err(e) => return Err(Error::in_file(&path, e)),
+            let Some(integrity) = self.read_frame(&mut cube)? else {
+                return Ok(extracted);
             };
             let index = integrity.frame - *first.get_or_insert(integrity.frame);
             if index >= MAX_FRAMES as u64 {
@@ -408,6 +411,7 @@ impl SampleRecording {
                     format: None,
                     path: names.join("+"),
                 },
+                clutter: self.options.points.clutter(),
             },
             notes,
         })

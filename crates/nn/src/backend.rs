@@ -114,7 +114,7 @@ pub fn captioner_from_checkpoints(
 mod tests {
     use std::ops::ControlFlow;
 
-    use radarllm_base::{Clip, Provenance, RadarPoint};
+    use radarllm_base::{Clip, Clutter, Provenance, RadarPoint};
     use radarllm_inference::lm::captioner::NO_PERSON;
     use radarllm_inference::lm::{Abstained, DescribeOptions, Description, LmPreset, templates};
     use radarllm_inference::tokenizer::TokenizerConfig;
@@ -164,6 +164,7 @@ mod tests {
             radar_height_m: 1.0,
             radar: "test".into(),
             provenance: Provenance::recorded("csv", "test.csv"),
+            clutter: Clutter::Unchecked,
         }
     }
 
@@ -317,11 +318,8 @@ mod tests {
         let together = captioner.describe_batch(&[&raw, &prepared.clip], &options);
         assert_eq!(together.unwrap(), [expected.clone(), expected.clone()]);
         assert_eq!(captioner.tokenize(&raw).unwrap(), expected.tokens);
-        let keep = DescribeOptions {
-            keep_static: true,
-            ..options
-        };
-        let kept = captioner.describe(&raw, &keep).unwrap();
+        raw.clutter = Clutter::Settled;
+        let kept = captioner.describe(&raw, &options).unwrap();
         assert_ne!(kept.tokens, expected.tokens);
     }
 

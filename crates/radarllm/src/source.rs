@@ -95,7 +95,6 @@ impl Source {
             return Err(Error::input("no input is named"));
         };
         let prepare = PrepareOptions {
-            keep_static: self.options.points.keeps_static(),
             motion_compensate: self.options.points.motion_compensate,
         };
         if self.is_motion(first)? {
@@ -194,21 +193,11 @@ impl Recording {
         prepare_for_model(self.clip.clone(), &self.prepare).map_err(Error::input)
     }
 
-    /// How clips of this recording are prepared for the model.
-    pub fn prepare_options(&self) -> PrepareOptions {
-        self.prepare
-    }
-
     /// Tracks people and returns the clip of each, prepared for the model; empty if nobody is seen.
     ///
     /// # Errors
     /// An option out of range, or a frame rate that cannot be resampled.
     pub fn track_people(&self, options: &PeopleOptions) -> Result<Vec<Person>> {
-        // Preparing removes static clutter, or keeps it because that was asked for.
-        let options = PeopleOptions {
-            keep_static: true,
-            ..options.clone()
-        };
-        Ok(track_people(self.prepared()?.clip, &options)?)
+        Ok(track_people(self.prepared()?.clip, options)?)
     }
 }

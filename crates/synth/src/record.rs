@@ -55,7 +55,7 @@ pub fn make_record(
     // the joints and the features.
     let motion = motion_on_body(&motion, builtin_body(shape)?.as_ref());
     let placement = draw_placement(&motion, &config.placement(), derive_seed(seed, "placement"));
-    let most_frames = synthesizer.frames_in(longest_s);
+    let most_frames = synthesizer.radar().frames_in(longest_s);
     let frames = synthesizer.motion_to_points(&motion, shape, placement, most_frames, seed)?;
     let frames = stored_frames(frames, synthesizer.radar().frame_rate_hz(), config, rate_hz)?;
 

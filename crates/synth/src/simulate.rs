@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use radarllm_base::{Clip, Motion, PointFrame, Provenance, RadarConfig, frames::Placement};
+use radarllm_base::{
+    Clip, Clutter, Motion, PointFrame, Provenance, RadarConfig, frames::Placement,
+};
 use radarllm_body::{loaders::load_motion_file, mesh::BodyShape, sample::canonicalize};
 use radarllm_io::{Error, ErrorKind, options::MAX_FRAMES};
 use radarllm_radar_dsp::DspOptions;
@@ -183,7 +185,7 @@ pub fn simulate_motion(
     let motion = open_motion(input, options.seed)?;
     let placement = place(&motion.motion, options.distance_m, options.radar_height_m);
     let plan = || Synthesizer::new(radar, options.method, options.processing.clone());
-    let n_frames = plan()?
+    let n_frames = radar
         .frames_in(motion.motion.duration_s())
         .clamp(1, MAX_FRAMES);
     let body = posed_builtin(&motion.motion, motion.shape, placement)?;
@@ -212,6 +214,7 @@ fn clip(
         radar_height_m: options.radar_height_m,
         radar: radar.name.clone(),
         provenance: Provenance::simulated(input, options.seed),
+        clutter: Clutter::Settled,
     }
 }
 

@@ -175,18 +175,13 @@ impl Synthesizer {
         for wall in &walls {
             scene.surfaces.push(wall);
         }
-        let n_frames = self.frames_in(motion.duration_s()).clamp(1, max_frames);
+        let n_frames = self
+            .radar
+            .frames_in(motion.duration_s())
+            .clamp(1, max_frames);
         let frames = self.scene_to_points(&scene, n_frames, seed);
         self.walls = walls;
         frames
-    }
-
-    /// Number of radar frames that fit into a duration.
-    pub fn frames_in(&self, duration_s: f64) -> usize {
-        // The small term keeps 1.0 s at 0.1 s per frame from losing a frame to rounding.
-        (duration_s / self.radar.frame_period_s + 1e-6)
-            .floor()
-            .max(0.0) as usize
     }
 
     /// Simulates a scene as points.

@@ -1,6 +1,6 @@
 //! Tracks of the people in a clip, without multipath ghosts and static clutter, and a clip for each person.
 
-use radarllm_base::{Clip, PointFrame, STATIC_SPEED_MPS, StaticClutter};
+use radarllm_base::{Clip, Clutter, PointFrame, STATIC_SPEED_MPS, StaticClutter};
 
 use crate::{
     OptionError,
@@ -15,9 +15,6 @@ pub struct PeopleOptions {
     pub max_people: Option<usize>,
     /// Remove tracks that are multipath reflections of others, together with their points.
     pub remove_ghosts: bool,
-    /// Track static points too. By default they are excluded where they are more than half of all points, because they
-    /// are clutter then.
-    pub keep_static: bool,
     /// Options of the tracker.
     pub track: TrackOptions,
 }
@@ -48,20 +45,21 @@ pub struct Person {
     pub clip: Clip,
 }
 
-/// Tracks people through frames. Multipath reflections are removed from the frames if [`PeopleOptions::remove_ghosts`]
+/// Tracks people through a clip. Multipath reflections are removed from its frames if [`PeopleOptions::remove_ghosts`]
 /// is set.
+///
+/// Static points of a [`Clutter::Unchecked`] clip are excluded from tracking, but kept in the clip, if they are more
+/// than half of all points: they are clutter then.
 ///
 /// # Errors
 /// If an option is out of range.
-pub fn find_people(
-    frames: &mut [PointFrame],
-    options: &PeopleOptions,
-) -> Result<People, OptionError> {
+pub fn find_people(clip: &mut Clip, options: &PeopleOptions) -> Result<People, OptionError> {
     let mut track_options = options.track;
-    let excluded = match options.keep_static {
-        true => None,
-        false => StaticClutter::of(frames),
+    let excluded = match clip.clutter {
+        Clutter::Settled => None,
+        Clutter::Unchecked => clip.static_clutter(),
     };
+    let frames = clip.frames.as_mut_slice();
     if excluded.is_some() {
         track_options.cluster.slowest_mps = f64::from(STATIC_SPEED_MPS);
     }
@@ -87,7 +85,7 @@ pub fn find_people(
 /// Returns the clip of each person in a clip; empty if no person is found.
 ///
 /// ```
-/// use radarllm_base::{Clip, Provenance};
+/// use radarllm_base::{Clip, Clutter, Provenance};
 /// use radarllm_tracking::{PeopleOptions, track_people};
 ///
 /// let empty = Clip {
@@ -96,6 +94,7 @@ pub fn find_people(
 ///     radar_height_m: 1.0,
 ///     radar: "iwr6843isk".into(),
 ///     provenance: Provenance::recorded("uart", "empty.dat"),
+///     clutter: Clutter::Unchecked,
 /// };
 /// assert!(track_people(empty, &PeopleOptions::default())?.is_empty());
 /// # Ok::<(), radarllm_tracking::OptionError>(())
@@ -104,7 +103,7 @@ pub fn find_people(
 /// # Errors
 /// If an option is out of range.
 pub fn track_people(mut clip: Clip, options: &PeopleOptions) -> Result<Vec<Person>, OptionError> {
-    let people = find_people(&mut clip.frames, options)?;
+    let people = find_people(&mut clip, options)?;
     Ok(people.tracks.iter().map(|t| Person::of(t, &clip)).collect())
 }
 
@@ -123,6 +122,7 @@ impl Person {
                 radar_height_m: clip.radar_height_m,
                 radar: clip.radar.clone(),
                 provenance: clip.provenance.clone(),
+                clutter: clip.clutter,
             },
         }
     }

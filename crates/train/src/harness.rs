@@ -19,6 +19,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use burn::module::{Module, ModuleMapper, Param};
@@ -228,6 +229,10 @@ pub fn seeded_network<M: Module>(
     purpose: &str,
     make: impl Fn(&Device) -> M,
 ) -> Result<M, TrainError> {
+    // The generator of a device is shared by the process: two runs that start at the same time would draw from each
+    // other's seed.
+    static GENERATOR: Mutex<()> = Mutex::new(());
+    let _generator = GENERATOR.lock().unwrap_or_else(PoisonError::into_inner);
     let device = cpu_device().autodiff();
     device.seed(derive_seed(config.seed, purpose));
     let model = make(&device);
@@ -426,7 +431,7 @@ impl Run<'_> {
             while (sum.n_batches() as u64) < config.batches_per_update() && !epoch_ended {
                 // Work is submitted to all processors before the first result is waited for.
                 let mut begun = Vec::new();
-                for (device, model) in devices.iter().zip(&models) {
+                for model in &models {
                     if epoch_ended {
                         break;
                     }
@@ -435,7 +440,6 @@ impl Run<'_> {
                         config.seed,
                         &format!("{}/batch/{}/{batch_idx}", stage.name(), self.state.epoch),
                     );
-                    device.seed(info.seed);
                     let batch = &batches[batch_idx as usize];
                     last_log.1 += batch.len();
                     let loss = stage.loss(model, batch, info)?;

@@ -206,8 +206,6 @@ pub fn run(args: &DescribeArgs) -> CliResult {
     };
     let describing = DescribeOptions {
         beam: args.beam,
-        // The whole recording is prepared before tracking: a person who stands still keeps all points.
-        keep_static: true,
         ..DescribeOptions::default()
     };
     let one = |input: &String| -> CliResult<Vec<Row>> {
@@ -251,8 +249,7 @@ fn clips_of_people(
     if !args.is_given() {
         return Ok(vec![(None, clip)]);
     }
-    // Preparing the clip has removed static clutter, or kept it as asked.
-    let found = find_people(&mut clip.frames, &args.options(true))?;
+    let found = find_people(&mut clip, &args.options())?;
     for ghost in &found.ghosts {
         eprintln!("{input}: {}", GhostReport::from(ghost));
     }

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use radarllm::{Clip, Overwrite, PointsMeta, SampleRecording, write_points};
+use radarllm_base::Clutter;
 use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
 use radarllm_formats::Detected;
 use radarllm_io::{
@@ -32,25 +33,25 @@ struct Report {
     radar: String,
     out: String,
     format: &'static str,
-    /// Frames of which bytes are missing, which are zero in the samples.
+    /// Number of frames with missing bytes, which are zero in the samples.
     damaged_frames: usize,
-    /// Frames that never came: empty in the points.
+    /// Number of lost frames, which are empty in the points file.
     lost_frames: usize,
-    /// Bytes after the last whole frame.
+    /// Number of bytes after the last complete frame.
     trailing_bytes: usize,
-    /// Counts of packets, if the recording has any.
+    /// Packet counts, if the recording consists of packets.
     transfer: Option<Transfer>,
-    /// What was noticed about the capture.
+    /// Notes on the capture for the user.
     notes: Vec<String>,
-    /// With `--people`.
+    /// Files of the people, if `--people` is given.
     #[serde(skip_serializing_if = "Option::is_none")]
     people: Option<Vec<PersonFile>>,
-    /// With `--drop-ghosts`.
+    /// Ghosts, if `--drop-ghosts` is given.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     ghosts: Vec<GhostReport>,
 }
 
-/// What happened to packets.
+/// Packet counts of a recording.
 #[derive(Serialize)]
 struct Transfer {
     packets: u64,
@@ -87,7 +88,7 @@ pub fn run(args: &ProcessArgs) -> CliResult {
     }
 }
 
-/// The flags as the library takes them.
+/// Converts the flags to options of the library.
 fn options(args: &ProcessArgs) -> CliResult<CaptureOptions> {
     let format = args
         .format
@@ -106,7 +107,7 @@ fn options(args: &ProcessArgs) -> CliResult<CaptureOptions> {
     })
 }
 
-/// Raw samples, through the signal chain.
+/// Processes raw samples with the signal chain.
 fn process_samples(
     args: &ProcessArgs,
     options: &CaptureOptions,
@@ -179,7 +180,7 @@ fn process_samples(
     Ok(())
 }
 
-/// The plots to write, named one by one or all in a folder.
+/// The plots to write: individually named ones, or all plots in a folder.
 struct PictureRequest {
     pictures: PictureArgs,
     adc_statistics: Option<PathBuf>,
@@ -200,7 +201,7 @@ impl PictureRequest {
         }
     }
 
-    /// Refuses names whose ending does not say what to write.
+    /// Checks the extensions of the file names.
     fn check(&self) -> CliResult {
         self.pictures.check()?;
         match &self.adc_statistics {
@@ -214,7 +215,7 @@ impl PictureRequest {
     }
 }
 
-/// A person's file, as scripts read it.
+/// The file of a person for the JSON output.
 #[derive(Serialize)]
 struct PersonFile {
     #[serde(flatten)]
@@ -222,7 +223,7 @@ struct PersonFile {
     out: String,
 }
 
-/// Writes all points, and with `--people` those of each person; `None` without.
+/// Writes all points and, with `--people`, those of each person. Returns `None` without `--people`.
 fn write_all(
     args: &ProcessArgs,
     clip: &Clip,
@@ -254,7 +255,7 @@ fn write_all(
     Ok(args.people.people.map(|_| files))
 }
 
-/// The file of one person's points beside the file of all.
+/// Path of the points of one person, beside the file of all points.
 fn person_path(out: &Path, id: u32) -> PathBuf {
     out.with_extension(format!("person-{id}.parquet"))
 }
@@ -275,7 +276,7 @@ fn print_people(people: Option<&[PersonFile]>, ghosts: &[GhostReport]) {
     }
 }
 
-/// The clip at the frame rate that was asked for, and the people in it.
+/// Resamples the clip to the requested frame rate and tracks the people in it.
 fn resample_and_track(
     args: &ProcessArgs,
     clip: Clip,
@@ -288,9 +289,11 @@ fn resample_and_track(
     if !args.people.is_given() {
         return Ok((clip, People::default()));
     }
-    // Static points may be people where they were asked for, and where the empty scene's were removed.
-    let keep_static = args.recording.min_speed.is_some() || args.cleaning.background.is_some();
-    let people = find_people(&mut clip.frames, &args.people.options(keep_static))?;
+    if args.cleaning.background.is_some() {
+        // Where the static points of the empty scene are removed, the remaining ones may be people.
+        clip.clutter = Clutter::Settled;
+    }
+    let people = find_people(&mut clip, &args.people.options())?;
     if let Some(excluded) = people.excluded {
         notes.push(format!(
             "{excluded}: excluded from tracking as clutter (--min-speed 0 keeps them)"
@@ -308,7 +311,7 @@ fn processing(path: &Path) -> CliResult<ProcessingFile> {
     })
 }
 
-/// Prints everything that a user should know about a recording to stderr.
+/// Prints notes on a recording to stderr.
 fn print_notes(report: &Report) {
     for note in &report.notes {
         eprintln!("note: {note}");
@@ -348,7 +351,7 @@ struct RecordedReport {
     ghosts: Vec<GhostReport>,
 }
 
-/// Points that a radar's firmware detected.
+/// Processes points that the firmware of a radar detected.
 fn process_points(
     args: &ProcessArgs,
     options: &CaptureOptions,

@@ -292,17 +292,25 @@ fn simulate_one(
             .impairments
             .resolve()
             .map_err(|e| CliError::new(format!("{input}: {e}")))?;
+        let radar = file.radar(radar);
         let plan = || {
             let chain = Synthesizer::with_simulation(
-                &file.radar(radar),
+                &radar,
                 method,
-                file.processing.resolve(radar),
+                file.processing.resolve(&radar),
                 file.sim_options(),
             );
             Ok(chain?.with_impairments(impairments))
         };
         let scene = owned.scene();
-        return run_scene(&plan, &scene, file.duration_s, args.seed, input, out, args);
+        let simulation = Simulation {
+            input,
+            radar: &radar,
+            scene: &scene,
+            duration_s: file.duration_s,
+            seed: args.seed,
+        };
+        return simulation.write(&plan, out, args);
     }
     let plan = || Synthesizer::new(radar, method, DspOptions::default());
     let motion = open_motion(input, args.seed)?;
@@ -328,128 +336,138 @@ fn simulate_one(
     // A motion's noise is its own, and the same alone and in a folder.
     let name = Path::new(input).file_stem().map(|s| s.to_string_lossy());
     let seed = derive_seed(args.seed, name.as_deref().unwrap_or(input));
-    let duration_s = motion.motion.duration_s();
-    run_scene(&plan, &scene, duration_s, seed, input, out, args)
-}
-
-fn run_scene(
-    plan: &(impl Fn() -> Result<Synthesizer, SynthError> + Sync),
-    scene: &Scene,
-    duration_s: f64,
-    seed: u64,
-    input: &str,
-    out: &Path,
-    args: &SimulateArgs,
-) -> CliResult<Done> {
-    let mut synthesizer = plan()?;
-    let n_frames = synthesizer.frames_in(duration_s).max(1);
-    if n_frames > MAX_FRAMES {
-        return Err(CliError::new(format!(
-            "{input}: {n_frames} radar frames, at most {MAX_FRAMES} are handled"
-        )));
-    }
-    let mut pictures = Pictures::new(&args.pictures);
-    let mut draw = |synthesizer: &mut Synthesizer, frame: &PointFrame| {
-        let (extractor, cube) = synthesizer.extractor();
-        pictures.push(extractor, cube, frame)
+    let simulation = Simulation {
+        input,
+        radar,
+        scene: &scene,
+        duration_s: motion.motion.duration_s(),
+        seed,
     };
-    match args.emit {
-        Emit::Points => {
-            let frames = if args.pictures.paths().next().is_none() {
-                scene_to_points_in_parallel(plan, scene, n_frames, seed)?
-            } else {
-                // Plots see the samples of every frame in order.
-                let mut frames = Vec::with_capacity(n_frames);
-                for frame_idx in 0..n_frames {
-                    synthesizer.simulate(scene, frame_idx, seed)?;
-                    let frame = synthesizer.extract(frame_idx)?;
-                    draw(&mut synthesizer, &frame)?;
-                    frames.push(frame);
-                }
-                frames
-            };
-            pictures.finish(&frames, None)?;
-            let meta = PointsMeta {
-                radar: synthesizer.radar().name.clone(),
-                source: Provenance::simulated(input, seed).to_string(),
-                seed: Some(seed),
-                version: env!("CARGO_PKG_VERSION").into(),
-                radar_height_m: Some(args.radar_height_m),
-                frame_rate_hz: synthesizer.radar().frame_rate_hz(),
-            };
-            write_points(out, &meta, &frames, Overwrite::Replace)?;
-            let points = frames.iter().map(|f| f.points.len()).sum();
-            Ok(Done {
-                frames: n_frames,
-                points,
-                out: out.into(),
-            })
+    simulation.write(&plan, out, args)
+}
+
+/// A scene that is simulated to one output.
+struct Simulation<'a> {
+    /// The input as named.
+    input: &'a str,
+    radar: &'a RadarConfig,
+    scene: &'a Scene<'a>,
+    duration_s: f64,
+    /// Seed of the noise.
+    seed: u64,
+}
+
+impl Simulation<'_> {
+    /// Simulates the scene and writes points or samples. `plan` creates the chain of one thread.
+    fn write(
+        &self,
+        plan: &(impl Fn() -> Result<Synthesizer, SynthError> + Sync),
+        out: &Path,
+        args: &SimulateArgs,
+    ) -> CliResult<Done> {
+        let n_frames = self.radar.frames_in(self.duration_s).max(1);
+        if n_frames > MAX_FRAMES {
+            return Err(CliError::new(format!(
+                "{}: {n_frames} radar frames, at most {MAX_FRAMES} are handled",
+                self.input
+            )));
         }
-        Emit::Adc => {
-            let wanted = args.pictures.paths().next().is_some();
-            let mut frames = Vec::new();
-            write_adc(
-                &mut synthesizer,
-                scene,
-                n_frames,
-                out,
-                seed,
-                |synthesizer, idx| {
-                    if !wanted {
-                        return Ok(());
+        let mut pictures = Pictures::new(&args.pictures);
+        let draws = args.pictures.paths().next().is_some();
+        let n_points = match args.emit {
+            Emit::Points => {
+                let frames = match draws {
+                    true => self.draw_each(&mut plan()?, n_frames, &mut pictures)?,
+                    false => scene_to_points_in_parallel(plan, self.scene, n_frames, self.seed)?,
+                };
+                pictures.finish(&frames, None)?;
+                let meta = PointsMeta {
+                    radar: self.radar.name.clone(),
+                    source: Provenance::simulated(self.input, self.seed).to_string(),
+                    seed: Some(self.seed),
+                    version: env!("CARGO_PKG_VERSION").into(),
+                    radar_height_m: Some(args.radar_height_m),
+                    frame_rate_hz: self.radar.frame_rate_hz(),
+                };
+                write_points(out, &meta, &frames, Overwrite::Replace)?;
+                frames.iter().map(|f| f.points.len()).sum()
+            }
+            Emit::Adc => {
+                let mut frames = Vec::new();
+                self.write_adc(&mut plan()?, n_frames, out, |synthesizer, frame_idx| {
+                    if draws {
+                        frames.push(draw(synthesizer, frame_idx, &mut pictures)?);
                     }
-                    let frame = synthesizer.extract(idx)?;
-                    draw(synthesizer, &frame)?;
-                    frames.push(frame);
                     Ok(())
-                },
-            )?;
-            pictures.finish(&frames, None)?;
-            Ok(Done {
-                frames: n_frames,
-                points: 0,
-                out: out.into(),
-            })
-        }
+                })?;
+                pictures.finish(&frames, None)?;
+                0
+            }
+        };
+        Ok(Done {
+            frames: n_frames,
+            points: n_points,
+            out: out.into(),
+        })
+    }
+
+    /// Points of all frames; plots see the samples of every frame in order.
+    fn draw_each(
+        &self,
+        synthesizer: &mut Synthesizer,
+        n_frames: usize,
+        pictures: &mut Pictures,
+    ) -> CliResult<Vec<PointFrame>> {
+        let one = |frame_idx| {
+            synthesizer.simulate(self.scene, frame_idx, self.seed)?;
+            draw(synthesizer, frame_idx, pictures)
+        };
+        (0..n_frames).map(one).collect()
+    }
+
+    /// npy complex64 `[frame, loop, tx, rx, sample]`, written frame by frame.
+    fn write_adc(
+        &self,
+        synthesizer: &mut Synthesizer,
+        n_frames: usize,
+        out: &Path,
+        mut after_frame: impl FnMut(&mut Synthesizer, usize) -> CliResult,
+    ) -> CliResult {
+        let radar = self.radar;
+        let shape = [
+            n_frames,
+            radar.n_loops,
+            radar.tx.len(),
+            radar.rx.len(),
+            radar.n_samples,
+        ]
+        .map(|n| n as u64);
+        output::write_atomic_with(out, |file| {
+            let mut buffered = BufWriter::new(file);
+            let mut npy = npyz::WriteOptions::<Complex32>::new()
+                .default_dtype()
+                .shape(&shape)
+                .writer(&mut buffered)
+                .begin_nd()?;
+            for frame_idx in 0..n_frames {
+                let cube = synthesizer.simulate(self.scene, frame_idx, self.seed)?;
+                npy.extend(cube.data.iter().copied())?;
+                after_frame(synthesizer, frame_idx)?;
+            }
+            npy.finish()?;
+            buffered.flush().map_err(|e| CliError::io(out, e))
+        })
     }
 }
 
-/// npy complex64 `[frame, loop, tx, rx, sample]`, written frame by frame.
-fn write_adc(
+/// Extracts the points of the simulated frame, and adds the frame to the plots.
+fn draw(
     synthesizer: &mut Synthesizer,
-    scene: &Scene,
-    n_frames: usize,
-    out: &Path,
-    seed: u64,
-    mut after_frame: impl FnMut(&mut Synthesizer, usize) -> CliResult,
-) -> CliResult {
-    let radar = synthesizer.radar();
-    let shape = [
-        n_frames,
-        radar.n_loops,
-        radar.tx.len(),
-        radar.rx.len(),
-        radar.n_samples,
-    ]
-    .map(|n| n as u64);
-    output::write_atomic_with(out, |file| {
-        let mut buffered = BufWriter::new(file);
-        let mut npy = npyz::WriteOptions::<Complex32>::new()
-            .default_dtype()
-            .shape(&shape)
-            .writer(&mut buffered)
-            .begin_nd()?;
-        for frame_idx in 0..n_frames {
-            npy.extend(
-                synthesizer
-                    .simulate(scene, frame_idx, seed)?
-                    .data
-                    .iter()
-                    .copied(),
-            )?;
-            after_frame(synthesizer, frame_idx)?;
-        }
-        npy.finish()?;
-        buffered.flush().map_err(|e| CliError::io(out, e))
-    })
+    frame_idx: usize,
+    pictures: &mut Pictures,
+) -> CliResult<PointFrame> {
+    let frame = synthesizer.extract(frame_idx)?;
+    let (extractor, cube) = synthesizer.extractor();
+    pictures.push(extractor, cube, &frame)?;
+    Ok(frame)
 }

@@ -25,11 +25,6 @@ pub fn run(args: &ViewArgs) -> CliResult {
     output::check_free(&args.out, args.force)?;
     let options = args.input.options()?;
     let radar_height_m = options.radar_height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M);
-    let describing = DescribeOptions {
-        // The whole recording is prepared before tracking: a person who stands still keeps all points.
-        keep_static: true,
-        ..DescribeOptions::default()
-    };
     let recording = radarllm::open(&args.input_file)
         .with_options(options)
         .with_simulation(SimulateOptions {
@@ -40,7 +35,12 @@ pub fn run(args: &ViewArgs) -> CliResult {
         .points()?;
     let clip = describe::prepared(&args.input_file, &recording)?;
     let captioner = describe::load_captioner(args.model.as_deref())?;
-    let row = describe::describe(&captioner, &args.input_file, &clip, &describing)?;
+    let row = describe::describe(
+        &captioner,
+        &args.input_file,
+        &clip,
+        &DescribeOptions::default(),
+    )?;
     write_page(&args.out, &clip, recording.performed.as_ref(), &row)?;
     output::print_line(&format!("{}: {}", args.out.display(), row.caption));
     Ok(())

@@ -12,7 +12,7 @@ use std::{
     time::Instant,
 };
 
-use radarllm_base::{Clip, Provenance};
+use radarllm_base::{Clip, Clutter, Provenance};
 use radarllm_dataset::{ClipRecord, Columns, Dataset, Split};
 use radarllm_inference::{Captioner, Description, FRAME_RATE_HZ};
 use radarllm_metrics::{
@@ -410,6 +410,7 @@ fn take_clip(record: &mut ClipRecord, frame_rate_hz: f64) -> Clip {
         radar_height_m: record.radar_height_m,
         radar: record.radar.clone(),
         provenance: Provenance::simulated(&record.id, record.seed),
+        clutter: Clutter::Settled,
     }
 }
 
@@ -452,6 +453,7 @@ pub(crate) mod tests {
                 radar_height_m: 1.0,
                 radar: "awr1843boost".into(),
                 provenance: Provenance::simulated(id, 1),
+                clutter: Clutter::Settled,
             },
             description: Description {
                 caption: "a person moves".into(),

@@ -4,7 +4,7 @@ use std::{path::Path, sync::OnceLock};
 
 use glam::{DVec3, Quat};
 use radarllm_base::{
-    Clip, Motion, PointFrame, Provenance, RadarConfig, hash::fnv_1a, materials::Substance,
+    Clip, Clutter, Motion, PointFrame, Provenance, RadarConfig, hash::fnv_1a, materials::Substance,
     seed::derive_seed,
 };
 use radarllm_body::sample::{canonicalize, crop};
@@ -170,6 +170,7 @@ impl<'a> Experiment<'a> {
                 radar_height_m: self.config.radar_height_m,
                 radar: self.radar.name.clone(),
                 provenance: Provenance::simulated(&item.motion_id, self.config.seed),
+                clutter: Clutter::Settled,
             })
             .collect();
         let described = caption_clips(self.captioner, &clips.iter().collect::<Vec<_>>(), 1)?;

@@ -16,7 +16,7 @@ use super::vocab::Vocab;
 use super::{Allowed, GenerateOptions, Generated, LmError};
 use crate::backend::{Backend, EngineBackend};
 use crate::checkpoint::Checkpoint;
-use crate::prepare::{FRAME_RATE_HZ, PrepareOptions, prepared};
+use crate::prepare::{FRAME_RATE_HZ, prepared};
 use crate::tokenizer::{Encoded, FRAMES_PER_CODE, MAX_FRAMES, RadarTokenizer};
 
 /// The caption of a clip that shows no person.
@@ -32,8 +32,6 @@ pub struct Captioner {
 pub struct DescribeOptions {
     /// Number of beams of the search; 1 is greedy.
     pub beam: usize,
-    /// Keep the static points of recordings; see [`crate::prepare_for_model`].
-    pub keep_static: bool,
     /// Minimum number of points in the median frame of a window with a person. A window with fewer points shows no
     /// person, unless its few points are close together.
     pub min_median_points: usize,
@@ -45,7 +43,6 @@ impl Default for DescribeOptions {
     fn default() -> Self {
         Self {
             beam: 1,
-            keep_static: false,
             min_median_points: 8,
             min_frames: 8,
         }
@@ -53,14 +50,6 @@ impl Default for DescribeOptions {
 }
 
 impl DescribeOptions {
-    /// How [`Captioner::describe`] prepares a clip.
-    pub fn prepare(&self) -> PrepareOptions {
-        PrepareOptions {
-            keep_static: self.keep_static,
-            motion_compensate: false,
-        }
-    }
-
     fn generate(&self) -> GenerateOptions {
         GenerateOptions {
             beam: self.beam,
@@ -183,7 +172,7 @@ impl Captioner {
         options: &DescribeOptions,
         watch: &mut Watch,
     ) -> Result<Description, LmError> {
-        let clip = prepared(clip, &options.prepare())?;
+        let clip = prepared(clip)?;
         let mut windows = Windows::of(&clip, options);
         let results = self.caption_windows(&windows.usable, options, watch)?;
         for (codes, generated, text) in results {
@@ -201,7 +190,7 @@ impl Captioner {
         clips: &[&Clip],
         options: &DescribeOptions,
     ) -> Result<Vec<Description>, LmError> {
-        let clips = clips.iter().map(|clip| prepared(clip, &options.prepare()));
+        let clips = clips.iter().map(|clip| prepared(clip));
         let clips = clips.collect::<Result<Vec<Cow<Clip>>, _>>()?;
         let mut all: Vec<Windows> = clips.iter().map(|c| Windows::of(c, options)).collect();
         let (mut owners, mut windows) = (Vec::new(), Vec::new());
@@ -222,7 +211,7 @@ impl Captioner {
     /// # Errors
     /// Those of [`Self::describe`].
     pub fn tokenize(&self, clip: &Clip) -> Result<Vec<u32>, LmError> {
-        let clip = prepared(clip, &PrepareOptions::default())?;
+        let clip = prepared(clip)?;
         let windows: Vec<_> = equal_windows(&clip.frames)
             .map(|window| (window, clip.radar_height_m))
             .collect();
@@ -244,7 +233,7 @@ impl Captioner {
         options: &DescribeOptions,
         mut on_text: impl FnMut(&str) -> ControlFlow<()>,
     ) -> Result<Option<Description>, LmError> {
-        let clip = prepared(clip, &options.prepare())?;
+        let clip = prepared(clip)?;
         let Windows {
             usable,
             mut description,

@@ -20,7 +20,7 @@ pub fn points(toml: &str) -> Vec<PointFrame> {
         file.sim_options(),
     )
     .unwrap();
-    let n_frames = synthesizer.frames_in(file.duration_s);
+    let n_frames = synthesizer.radar().frames_in(file.duration_s);
     synthesizer
         .scene_to_points(&owned.scene(), n_frames, 1)
         .unwrap()

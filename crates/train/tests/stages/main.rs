@@ -274,7 +274,7 @@ fn stopped_runs_resume_to_the_weights_of_uninterrupted_ones() {
         for tensors in ["step-00000060", "final", "best"] {
             let of = |run: &Path| Checkpoint::open(&run.join(tensors)).unwrap();
             let weights = |run: &Path| of(run).tensors(MODEL_FILE).unwrap();
-            assert_eq!(weights(&whole), weights(&out), "{tensors} after {after}");
+            assert!(weights(&whole) == weights(&out), "{tensors} after {after}");
         }
         let last = |run: &Path| all_tensors(&run.join("step-00000060"));
         assert_eq!(last(&whole), last(&out));
