@@ -59,8 +59,8 @@ pub struct Skeleton {
 pub struct Pose {
     /// Pelvis position in the world, m.
     pub root_in_world: Vec3,
-    /// Local rotation of every joint relative to its parent; identity everywhere but at the root
-    /// is the T-pose. Entry 0 turns body rest axes into world axes.
+    /// Local rotation of every joint relative to its parent. The T-pose has the identity everywhere except at the root.
+    /// Entry 0 rotates body rest axes into world axes.
     pub rotations: [Quat; N_JOINTS],
 }
 

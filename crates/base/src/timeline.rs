@@ -86,7 +86,7 @@ impl Timeline {
         }
     }
 
-    /// Puts recorded frames on a clock that starts at 0.
+    /// Assigns times to recorded frames on a clock that starts at 0.
     ///
     /// With `frame_rate_hz`, the recorder's frame number n is at the time of n periods. Without it, the time stamps are
     /// the times, and the rate is the inverse of their median step.

@@ -1,4 +1,4 @@
-//! Events of libraries on stderr, a line each.
+//! Prints the events of libraries to stderr, one per line.
 
 use std::fmt;
 
@@ -8,10 +8,10 @@ use tracing::{
     span,
 };
 
-/// Prints the messages of this project's crates from level `INFO` on, as they are. Other crates' events are left out.
+/// Prints the messages of this project's crates from level `INFO` on, unchanged. Events of other crates are ignored.
 struct Stderr;
 
-/// Prints events from here on.
+/// Starts printing events.
 pub fn to_stderr() {
     // An error means that another subscriber is already installed.
     let _ = tracing::subscriber::set_global_default(Stderr);

@@ -28,7 +28,7 @@ const STATE_DIR: &str = ".shards";
 const DATA_DIR: &str = "data";
 const MAX_SIDECAR_BYTES: u64 = 64 << 20;
 
-/// One clip to make.
+/// One clip to generate.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ItemId {
     /// Clip id; unique in the plan.
@@ -44,7 +44,7 @@ pub struct ItemId {
 pub struct BuildPlan {
     /// Name of the data set.
     pub name: String,
-    /// Version of the building program.
+    /// Version of the program that builds the data set.
     pub tool_version: String,
     /// Radar name.
     pub radar: String,
@@ -76,15 +76,15 @@ pub struct BuildOptions {
 /// State of a running build.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress {
-    /// Items of the plan.
+    /// Number of items of the plan.
     pub n_items: usize,
     /// Number of finished items, including those of kept shards and failures.
     pub n_done: usize,
-    /// Items that failed, including those of kept shards.
+    /// Number of failed items, including those of kept shards.
     pub n_failed: usize,
-    /// Shards of the plan.
+    /// Number of shards of the plan.
     pub n_shards: usize,
-    /// Shards on disk.
+    /// Number of shards on disk.
     pub n_shards_done: usize,
 }
 
@@ -99,7 +99,7 @@ pub struct BuildReport {
     pub n_made_shards: usize,
 }
 
-/// Builds the data set `plan` in `dir`, calling `make` for every item that is not there yet.
+/// Builds the data set `plan` in `dir`, calling `make` for every item that does not exist yet.
 ///
 /// The result of `make` must depend only on the item and the plan; it runs on several threads. Its errors, its
 /// panics and records that [`check_record`] rejects become [`FailedItem`]s in the manifest.
@@ -431,7 +431,7 @@ struct Work<'a> {
     plan: &'a BuildPlan,
     config_blake3: &'a str,
     shards: &'a [Shard<'a>],
-    /// (shard, item) of everything to make, in shard order.
+    /// (shard, item) of all items to generate, in shard order.
     queue: Vec<(usize, usize)>,
     next: AtomicUsize,
     slots: Vec<Mutex<Slots>>,

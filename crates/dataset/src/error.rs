@@ -27,7 +27,7 @@ pub enum DatasetError {
     Corrupt {
         /// File.
         path: PathBuf,
-        /// The decoder's message, with the offset where it is known.
+        /// The message of the decoder, with the offset if it is known.
         problem: String,
     },
     /// A column is absent or of the wrong type.

@@ -18,23 +18,23 @@ pub struct Info {
     pub frame_rate_hz: f64,
     /// Data set seed.
     pub seed: u64,
-    /// Building program's version.
+    /// Version of the program that built the data set.
     pub tool_version: String,
     /// Hash of the configuration.
     pub config_blake3: String,
-    /// Shards.
+    /// Number of shards.
     pub n_shards: usize,
     /// Size of all shards, bytes.
     pub bytes: u64,
-    /// Items that could not be generated.
+    /// Number of items that could not be generated.
     pub failed: u64,
     /// Counts of the whole data set.
     pub total: Counts,
     /// Counts by split name.
     pub splits: BTreeMap<String, Counts>,
-    /// Clips by action label.
+    /// Number of clips by action label.
     pub actions: BTreeMap<String, u64>,
-    /// Clips by source.
+    /// Number of clips by source.
     pub sources: BTreeMap<String, u64>,
     /// Licences by source.
     pub licences: Vec<SourceLicence>,
@@ -43,25 +43,25 @@ pub struct Info {
 /// Counts over a set of clips.
 #[derive(Clone, Debug, PartialEq, Default, Serialize)]
 pub struct Counts {
-    /// Clips.
+    /// Number of clips.
     pub clips: u64,
-    /// Distinct motions.
+    /// Number of distinct motions.
     pub motions: u64,
-    /// Radar time, hours.
+    /// Total radar time, hours.
     pub hours: f64,
-    /// Radar frames.
+    /// Number of radar frames.
     pub frames: u64,
-    /// Radar points.
+    /// Number of radar points.
     pub points: u64,
     /// Mean number of points per frame; 0 if there are no frames.
     pub points_per_frame: f64,
-    /// Captions, including repetitions.
+    /// Number of captions, including repetitions.
     pub captions: u64,
-    /// Distinct captions.
+    /// Number of distinct captions.
     pub distinct_captions: u64,
     /// Mean number of whitespace-separated words per caption; 0 if there are no captions.
     pub words_per_caption: f64,
-    /// Distinct lower-cased words.
+    /// Number of distinct lower-cased words.
     pub vocabulary: u64,
 }
 

@@ -72,7 +72,7 @@ pub use record::{ClipRecord, MOTION_FEATURE_DIM, Split};
 pub use shard::Columns;
 pub use validate::{Problem, validate, validate_with};
 
-/// What to do when the output is already there.
+/// What to do if the output exists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Overwrite {
     /// Fail with [`DatasetError::Exists`].

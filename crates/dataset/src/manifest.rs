@@ -41,7 +41,7 @@ pub struct ShardEntry {
     pub file: String,
     /// Split name.
     pub split: String,
-    /// Rows.
+    /// Number of rows.
     pub rows: u64,
     /// Size, bytes.
     pub bytes: u64,
@@ -60,7 +60,7 @@ pub struct Manifest {
     pub schema_version: u32,
     /// Name of the data set.
     pub name: String,
-    /// Version of the program that built it.
+    /// Version of the program that built the data set.
     pub tool_version: String,
     /// Radar name.
     pub radar: String,
@@ -70,13 +70,13 @@ pub struct Manifest {
     pub seed: u64,
     /// BLAKE3 of everything that determines the content: configuration, seed, radar, items.
     pub config_blake3: String,
-    /// Configuration the data set was built from, verbatim.
+    /// Configuration from which the data set was built, verbatim.
     pub config_toml: String,
     /// Licences by source.
     pub licences: Vec<SourceLicence>,
-    /// Clips in all shards.
+    /// Number of clips in all shards.
     pub n_clips: u64,
-    /// Items that failed, in all shards.
+    /// Number of failed items in all shards.
     pub n_failed: u64,
     /// Shards, train first.
     pub shards: Vec<ShardEntry>,

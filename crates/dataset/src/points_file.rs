@@ -54,7 +54,7 @@ pub struct PointsMeta {
     pub seed: Option<u64>,
     /// Version of the program that generated the points.
     pub version: String,
-    /// Height of the radar above the floor, m, where known.
+    /// Height of the radar above the floor, m, if known.
     pub radar_height_m: Option<f32>,
     /// Frames per second (metadata key `frame_rate`); finite and positive.
     pub frame_rate_hz: f64,

@@ -129,7 +129,7 @@ impl Matrix {
                         .fold(0.0, f32::max);
                     let (scale, factor) = (largest / 127.0, 127.0 / largest);
                     if !factor.is_finite() {
-                        continue; // Zeros, or as good as zeros.
+                        continue; // All values are zero or negligible.
                     }
                     let (panel, at) = (column / PANEL, column % PANEL);
                     scales[panel * VECTORS + at / 16].0[at % 16] = scale;

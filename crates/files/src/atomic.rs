@@ -1,8 +1,9 @@
-//! Files appear whole or not at all.
+//! Writes files atomically.
 //!
-//! The content goes to a temporary neighbour, which is synced and renamed; then the folder is synced. A crash at any
-//! moment leaves the old file, or none, under the final name. `tempfile` would do the same, but gives the finished file
-//! the rights of a secret (0600), which nobody else who shares a data set could read.
+//! The content is written to a temporary file in the same folder, which is synced and renamed; then the folder is
+//! synced. After a crash at any moment, the final name refers to the old file, to the complete new file, or to none.
+//! The crate `tempfile` would do the same, but gives the finished file the permissions 0600, which prevent other users
+//! of a shared data set from reading it.
 
 use std::convert::Infallible;
 use std::ffi::OsString;
@@ -10,25 +11,25 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// What happens to a file that is already there.
+/// What to do with an existing file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Existing {
-    /// It stays, and writing fails.
+    /// Keep it and fail.
     Refuse,
-    /// It is replaced.
+    /// Replace it.
     Replace,
 }
 
-/// Why a file was not written. `E` is what the content's own writer fails with.
+/// Reason why a file was not written. `E` is the error type of the function that writes the content.
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError<E> {
-    /// The file exists and replacing it was not asked for.
+    /// The file exists, and its replacement was not requested.
     #[error("{path}: already exists", path = path.display())]
     Exists {
         /// File.
         path: PathBuf,
     },
-    /// The operating system refused.
+    /// The operating system reported an error.
     #[error("{path}: cannot {operation}: {source}", path = path.display())]
     Io {
         /// File or folder.
@@ -43,11 +44,11 @@ pub enum WriteError<E> {
     Content(E),
 }
 
-/// Writes `path` through `write`, which gets the temporary file and need not sync it. For content that does not fit
-/// into memory, or that is made while it is written.
+/// Writes `path` through `write`, which receives the temporary file and need not sync it. Intended for content that
+/// does not fit into memory or that is generated while it is written.
 ///
 /// # Errors
-/// [`WriteError`]; the temporary file is gone then, and what was under `path` is untouched.
+/// [`WriteError`]. In that case the temporary file has been removed, and `path` is unchanged.
 pub fn write_with<E>(
     path: &Path,
     existing: Existing,
@@ -72,7 +73,7 @@ pub fn write_with<E>(
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     };
-    // The process id keeps two writers of the same name apart.
+    // The process id distinguishes temporary files of processes that write the same name.
     let mut temporary = OsString::from(".");
     temporary.push(name);
     temporary.push(format!(".{}.tmp", std::process::id()));
@@ -86,7 +87,7 @@ pub fn write_with<E>(
         sync_folder(folder).map_err(fail(folder, "sync"))
     })();
     if result.is_err() {
-        // Best effort: the error that matters is the first one.
+        // Best effort: the first error is the one to report.
         let _ = fs::remove_file(&temporary);
     }
     result
@@ -121,16 +122,16 @@ pub fn write_bytes(
     })
 }
 
-/// Whether a file's name is that of a temporary neighbour, left behind by a crash.
+/// Whether a file name is that of a temporary file, which a crash can leave behind.
 pub fn is_leftover(name: &str) -> bool {
     name.starts_with('.') && name.ends_with(".tmp")
 }
 
-/// Makes renames and removals in a folder survive a power cut.
+/// Makes renames and removals in a folder durable across a power failure.
 ///
 /// # Errors
-/// What the operating system says. Systems that cannot open a folder as a file journal their renames; nothing happens
-/// there.
+/// The error of the operating system. The function does nothing on systems that cannot open a folder as a file; these
+/// journal their renames.
 pub fn sync_folder(folder: &Path) -> io::Result<()> {
     if cfg!(unix) {
         File::open(folder)?.sync_all()?;

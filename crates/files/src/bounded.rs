@@ -1,4 +1,5 @@
-//! Small files read whole, and never more of them than expected: a device or a growing file has no end.
+//! Reads small files as a whole, up to an expected size. The limit protects against devices and growing files, which
+//! may never end.
 
 use std::fs::File;
 use std::io::Read;
@@ -7,10 +8,10 @@ use std::path::{Path, PathBuf};
 /// Maximum size of a file that people write: configurations, scenes, calibrations.
 pub const MAX_CONFIG_BYTES: u64 = 16 << 20;
 
-/// Why a file was not read whole.
+/// Reason why a file was not read.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
-    /// The operating system refused.
+    /// The operating system reported an error.
     #[error("{path}: {source}", path = path.display())]
     Io {
         /// File.
@@ -18,25 +19,25 @@ pub enum ReadError {
         /// Cause.
         source: std::io::Error,
     },
-    /// The file is larger than this kind of file gets.
+    /// The file is larger than expected for its kind.
     #[error("{path}: more than the {max_bytes} bytes that are read", path = path.display())]
     TooLarge {
         /// File.
         path: PathBuf,
-        /// Most bytes accepted.
+        /// Maximum size accepted, bytes.
         max_bytes: u64,
     },
-    /// A text file has other bytes.
+    /// A text file is not valid UTF-8.
     #[error("{path}: byte {byte}: expected UTF-8", path = path.display())]
     NotUtf8 {
         /// File.
         path: PathBuf,
-        /// Place, from 0.
+        /// Offset of the first invalid byte, from 0.
         byte: usize,
     },
 }
 
-/// All bytes of a file that has at most `max_bytes`.
+/// Reads all bytes of a file that has at most `max_bytes`.
 ///
 /// # Errors
 /// [`ReadError::Io`] and [`ReadError::TooLarge`].
@@ -60,7 +61,7 @@ pub fn read_bytes(path: &Path, max_bytes: u64) -> Result<Vec<u8>, ReadError> {
     Ok(bytes)
 }
 
-/// The text of a file that has at most `max_bytes`.
+/// Reads the text of a file that has at most `max_bytes`.
 ///
 /// # Errors
 /// [`ReadError`].

@@ -1,8 +1,8 @@
-//! What every crate does with files, once: reading NumPy arrays, writing atomically, reading no more than expected.
+//! File access that several crates share: NumPy arrays, atomic writing and bounded reading.
 //!
-//! Bytes from outside are hostile until they are checked: every reader has a limit, allocates by what is there and not by
-//! what a header claims, and says which byte is wrong. Every writer leaves the old file, or none, under the final name
-//! until the new one is whole.
+//! External bytes are untrusted until they are checked. Every reader has a size limit, allocates according to the
+//! available bytes rather than to a header, and names the invalid byte in its errors. Every writer is atomic: until the
+//! new file is complete, the old one, if any, remains under the final name.
 //!
 //! ```
 //! use radarllm_files::{atomic, bounded, npy::NpyArray};
@@ -26,7 +26,7 @@
 //! Reading order: [`bounded`], [`atomic`], [`npy`] (arrays in memory, as streams and in archives), [`literal`] (the
 //! Python literals of npy headers and calibration files).
 //!
-//! Deliberately absent: what the files mean. No other crate of the project is known here.
+//! This crate does not interpret the content of files, and depends on no other crate of the project.
 #![forbid(unsafe_code)]
 
 pub mod atomic;

@@ -1,4 +1,5 @@
-//! Python literals: headers of npy files and calibration files that were written with `repr`. Parsed, never evaluated.
+//! Python literals, as in headers of npy files and in calibration files written with `repr`. They are parsed, never
+//! evaluated.
 //!
 //! ```
 //! use radarllm_files::literal::parse_literal;
@@ -9,10 +10,10 @@
 //! # Ok::<(), radarllm_files::literal::LiteralError>(())
 //! ```
 
-/// Deepest nesting accepted; npy headers need 3, calibration files 4.
+/// Maximum nesting depth. Headers of npy files need 3, calibration files 4.
 const MAX_DEPTH: usize = 16;
 
-/// A literal. Tuples and lists are the same here.
+/// A literal. Tuples and lists are not distinguished.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Literal {
     /// `None`.
@@ -21,7 +22,7 @@ pub enum Literal {
     Bool(bool),
     /// A number; integers are exact up to 2^53.
     Number(f64),
-    /// A string without escapes beyond `\\`, `\'` and `\"`.
+    /// A string. The only escapes supported are `\\`, `\'` and `\"`.
     Text(String),
     /// `[...]` or `(...)`.
     List(Vec<Literal>),
@@ -30,7 +31,7 @@ pub enum Literal {
 }
 
 impl Literal {
-    /// The value under a text key of a dictionary.
+    /// The value of a text key of a dictionary; `None` for other literals and absent keys.
     pub fn get(&self, key: &str) -> Option<&Self> {
         let Self::Dict(entries) = self else {
             return None;
@@ -39,7 +40,7 @@ impl Literal {
         entries.iter().find(|(k, _)| is_key(k)).map(|(_, v)| v)
     }
 
-    /// The items of a list.
+    /// The items of a list; `None` for other literals.
     pub fn items(&self) -> Option<&[Self]> {
         match self {
             Self::List(items) => Some(items),
@@ -47,7 +48,7 @@ impl Literal {
         }
     }
 
-    /// A number.
+    /// The value of a number; `None` for other literals.
     pub fn number(&self) -> Option<f64> {
         match self {
             Self::Number(v) => Some(*v),
@@ -55,7 +56,7 @@ impl Literal {
         }
     }
 
-    /// A text.
+    /// The content of a string; `None` for other literals.
     pub fn text(&self) -> Option<&str> {
         match self {
             Self::Text(t) => Some(t),
@@ -64,20 +65,20 @@ impl Literal {
     }
 }
 
-/// Why a text is no literal.
+/// Reason why a text is not a literal.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("byte {byte}: expected {expected}")]
 pub struct LiteralError {
-    /// Place, from 0.
+    /// Byte offset, from 0.
     pub byte: usize,
-    /// What Python's literals ask for there.
+    /// What the syntax requires at this position.
     pub expected: &'static str,
 }
 
-/// Parses one literal that fills the text but for white space.
+/// Parses a text that consists of one literal, apart from surrounding white space.
 ///
 /// # Errors
-/// [`LiteralError`] at the first byte that does not belong; also for nesting deeper than 16.
+/// [`LiteralError`] at the first unexpected byte; also for nesting deeper than 16.
 pub fn parse_literal(text: &str) -> Result<Literal, LiteralError> {
     let mut parser = Parser {
         bytes: text.as_bytes(),
@@ -192,7 +193,7 @@ impl Parser<'_> {
             self.at += 1;
         }
         self.at += 1;
-        // Cut at ASCII quotes only, so the bytes are whole characters.
+        // The text is cut at ASCII quotes only, so no character is divided.
         Ok(Literal::Text(String::from_utf8_lossy(&out).into_owned()))
     }
 
@@ -204,7 +205,7 @@ impl Parser<'_> {
         {
             self.at += 1;
         }
-        // Python 2 wrote long integers with an L.
+        // Python 2 wrote long integers with the suffix L.
         let digits = &self.bytes[start..self.at];
         let digits = digits.strip_suffix(b"L").unwrap_or(digits);
         std::str::from_utf8(digits)

@@ -3,16 +3,15 @@
 use radarllm_base::SPEED_OF_LIGHT_MPS;
 use radarllm_base::radar_config::Antenna;
 
-/// Sign of x for rising element numbers: left to right, as [`radarllm_base::RadarConfig`] has it for
-/// the AWR1843BOOST. TI's demos compute x = +R wx / pi, which numbers elements right to left under
-/// the phase +2 pi f0 tau; the `antGeometry0` lines of its people-counting files agree. Which one is
-/// true of raw samples of a board in hand, and so whether they come out mirrored, was not checked
-/// against hardware: this constant is the one place to change.
+/// Sign of x for increasing element numbers. It is left to right, as in [`radarllm_base::RadarConfig`] for the
+/// AWR1843BOOST. TI's demos compute x = +R wx / pi, which numbers elements right to left under the phase +2 pi f0 tau;
+/// the `antGeometry0` lines of its people-counting files agree with the demos. Which of the two holds for raw samples
+/// of a given board, and thus whether they are mirrored, was not verified on hardware. This constant is the only place
+/// to change.
 ///
-/// The x that TI's firmware itself reports does point to the radar's right: in MARS (An and Ogras,
-/// 2021; IWR1443, people facing the radar) the mean x of points faster than 0.5 m/s follows the
-/// Kinect's moving wrist, the left one at +x, with a correlation of 0.85 (subject 1) and 0.75
-/// (subject 3).
+/// The x reported by TI's firmware does point to the radar's right. In MARS (An and Ogras, 2021; IWR1443, people facing
+/// the radar), the mean x of points faster than 0.5 m/s follows the Kinect's moving wrist, with the left wrist at +x,
+/// with a correlation of 0.85 (subject 1) and 0.75 (subject 3).
 const X_PER_ELEMENT: f64 = 1.0;
 
 /// A board with known antenna positions.
@@ -42,9 +41,9 @@ type Place = (i8, i8);
 /// Antennas and link budget of a board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoardFigures {
-    /// TX1, TX2, ... of the device, m.
+    /// Transmitters TX1, TX2, ... of the device, m.
     pub tx: Vec<Antenna>,
-    /// RX1, RX2, ..., m.
+    /// Receivers RX1, RX2, ..., m.
     pub rx: Vec<Antenna>,
     /// Transmit power without back-off, dBm.
     pub tx_power_dbm: f64,
@@ -104,8 +103,8 @@ impl Board {
         )
     }
 
-    /// Band the chip may transmit in, Hz (features page of the data sheets: SWRS211, SWRS212, SWRS228,
-    /// SWRS219, SWRS223, SWRS297).
+    /// Band in which the chip may transmit, Hz (features page of the data sheets: SWRS211, SWRS212, SWRS228, SWRS219,
+    /// SWRS223, SWRS297).
     pub fn band_hz(self) -> (f64, f64) {
         match self {
             Board::Iwrl6432 => (57e9, 64e9),
@@ -138,21 +137,21 @@ impl Board {
 
     /// The board's figures.
     ///
-    /// Antenna places: TI mmWave SDK 3.5 `ti/board/antenna_geometry.c` (columns and rows in half
-    /// wavelengths), which the `antGeometry` lines of the 3D people-counting files repeat; the 1443
-    /// board shares the 1843's layout (the demos use one formula for both). Half a wavelength is
-    /// taken at 77 GHz and at 62 GHz (TI SWRU585 for its 60 GHz boards).
+    /// Antenna positions: TI mmWave SDK 3.5 `ti/board/antenna_geometry.c` (columns and rows in half wavelengths), which
+    /// the `antGeometry` lines of the 3D people-counting files repeat. The 1443 board has the layout of the 1843,
+    /// because the demos use one formula for both. Half a wavelength is that at 77 GHz and at 62 GHz (TI SWRU585 for
+    /// its 60 GHz boards).
     ///
-    /// The cascade's places: the parameter modules of TI's cascade post-processing scripts (mmWave
-    /// Studio 3, `TI_Cascade_TX_position_azi` and its siblings; 76.8 GHz), whose elevations are taken
-    /// to count upwards. The IWRL6432's: TI TIDUFB9, section 3.1 (one transmitter half a wavelength
-    /// below the other and one wavelength beside it; receivers in a row).
+    /// Positions of the cascade: the parameter modules of TI's cascade post-processing scripts (mmWave Studio 3,
+    /// `TI_Cascade_TX_position_azi` and its siblings; 76.8 GHz), whose elevations are assumed to increase upwards.
+    /// Positions of the IWRL6432: TI TIDUFB9, section 3.1 (one transmitter half a wavelength below and one wavelength
+    /// beside the other; receivers in a row).
     ///
-    /// Power: 12 dBm for the 77 GHz parts and the 6843 (data sheets). Noise figure: 15 dB and 12 dB.
-    /// Gain and widths: as the reference radar for the BOOST boards; for the 60 GHz boards nominal
-    /// values (ISK about 7 dBi; AOP 5.2 dBi in TI's sensing estimator; wide elements), to be replaced
-    /// by measurements where intensity matters; so are all figures of the cascade and the IWRL6432
-    /// but their antenna places.
+    /// Power: 12 dBm for the 77 GHz parts and the 6843 (data sheets). Noise figure: 15 dB and 12 dB. Gain and widths:
+    /// those of the reference radar for the BOOST boards, and nominal values for the 60 GHz boards (ISK about 7 dBi;
+    /// AOP 5.2 dBi in TI's sensing estimator; wide elements). The nominal values should be replaced by measurements
+    /// where intensity matters. This also applies to all figures of the cascade and the IWRL6432 except their antenna
+    /// positions.
     pub fn figures(self) -> BoardFigures {
         const ROW: [Place; 4] = [(0, 0), (1, 0), (2, 0), (3, 0)];
         const THREE: [Place; 3] = [(0, 1), (2, 0), (4, 1)];
@@ -202,9 +201,9 @@ impl Board {
             _ => 77e9,
         };
         let half_m = 0.5 * SPEED_OF_LIGHT_MPS / design_hz;
-        // The lowest transmitter row is height 0, as in the reference radar.
+        // As in the reference radar, the lowest row of transmitters is at height 0.
         let lowest = tx.iter().map(|p| p.1).max().unwrap_or(0);
-        // Long arrays are centred: directions are seen from the middle of the row.
+        // Long arrays are centred, because directions refer to the middle of the row.
         let [middle_tx, middle_rx] = match self {
             Board::Awr2243Cascade => [16.0, 26.5],
             _ => [0.0; 2],
@@ -284,7 +283,7 @@ mod tests {
         columns.sort_unstable();
         columns.dedup();
         assert_eq!(columns, (0..86).collect::<Vec<_>>());
-        // Raised transmitters stand 1, 4 and 6 half wavelengths above the row.
+        // Raised transmitters are 1, 4 and 6 half wavelengths above the row.
         let mut heights: Vec<i64> =
             f.tx.iter()
                 .map(|t| (t.z_m / half_m).round() as i64)

@@ -39,16 +39,16 @@ pub enum NameError {
 /// # Ok::<(), NameError>(())
 /// ```
 ///
-/// The 77 GHz boards carry the reference chirp of [`RadarConfig::awr1843boost`]; the 60 GHz boards
-/// the chirp of TI's 6 m people-counting files (96 samples, 96 loops, 55 ms frames, TX1, TX2, TX3).
-/// The cascade has the chirp of TI's MIMO configuration script (64 loops of 12 transmitters, fired
-/// from TX12 to TX1); the IWRL6432 a short-range chirp of our own, its real samples as complex ones.
+/// The 77 GHz boards have the reference chirp of [`RadarConfig::awr1843boost`]. The 60 GHz boards have the chirp of
+/// TI's 6 m people-counting files (96 samples, 96 loops, 55 ms frames, TX1, TX2, TX3). The cascade has the chirp of
+/// TI's MIMO configuration script (64 loops of 12 transmitters, fired from TX12 to TX1). The IWRL6432 has a short-range
+/// chirp chosen by this project, with its real samples as complex ones.
 ///
 /// # Errors
 /// [`NameError`]: no name has this prefix, or several do.
 pub fn find_builtin(name: &str) -> Result<RadarConfig, NameError> {
     let name = name.to_ascii_lowercase();
-    // A full name is itself even where a longer one starts with it, as `iwr6843isk` does.
+    // A full name takes precedence over longer names that start with it, such as those that start with `iwr6843isk`.
     if let Some(radar) = by_full_name(&name) {
         return Ok(radar);
     }
@@ -74,7 +74,7 @@ fn by_full_name(name: &str) -> Option<RadarConfig> {
         "awr1642boost" => Some(with_board(RadarConfig::awr1843boost(), Board::Xwr1642Boost)),
         "iwr1443boost" => {
             let mut radar = with_board(RadarConfig::awr1843boost(), Board::Xwr1443Boost);
-            // Fire the raised transmitter last, as the reference does.
+            // The raised transmitter fires last, as in the reference radar.
             radar.tx.swap(1, 2);
             Some(radar)
         }

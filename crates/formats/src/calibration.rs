@@ -81,15 +81,15 @@ pub struct Calibration {
     pub azimuth_deg: f64,
     /// Angle of the reflector above boresight, degrees.
     pub elevation_deg: f64,
-    /// Signal over noise of the weakest channel's mean, dB.
+    /// SNR of the mean of the weakest channel, dB.
     pub snr_db: f64,
-    /// Reflector over the strongest still echo beside it, dB.
+    /// Power of the reflector relative to the strongest static echo near it, dB.
     pub above_surroundings_db: f64,
     /// Rms change of the gains between half frames.
     pub residual: f64,
-    /// Frames used.
+    /// Number of frames used.
     pub frames: usize,
-    /// Channels, receivers fastest.
+    /// Channels, with the receiver index fastest.
     pub channel: Vec<CalibratedChannel>,
 }
 
@@ -101,18 +101,18 @@ pub struct CalibratedChannel {
     pub slot: usize,
     /// Receiver, from 0.
     pub receiver: usize,
-    /// Right of the array origin, m: transmitter plus receiver.
+    /// Position to the right of the array origin, m: transmitter plus receiver.
     pub x_m: f64,
-    /// Above the array origin, m.
+    /// Position above the array origin, m.
     pub z_m: f64,
-    /// Amplitude against the channels' geometric mean, dB.
+    /// Amplitude relative to the geometric mean of the channels, dB.
     pub gain_db: f64,
-    /// Phase against the channels' mean, degrees.
+    /// Phase relative to the mean of the channels, degrees.
     pub phase_deg: f64,
 }
 
 impl CalibratedChannel {
-    /// Channels of a radar with these gains, in their order.
+    /// Channels of a radar with the given gains, in their order.
     pub fn all(radar: &RadarConfig, gains: &[Complex64]) -> Vec<Self> {
         places(radar)
             .zip(gains)

@@ -86,7 +86,7 @@ impl RecordingFormat {
         }
     }
 
-    /// The format of that [`Self::name`].
+    /// The format with the given [`Self::name`].
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|f| f.name() == name)
     }
@@ -244,11 +244,11 @@ pub fn detect(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
     }))
 }
 
-/// Detects the format of a folder from the names of its files, and of those in folders in it, with `/` between
-/// folder and file: see [`visualizer_folder`].
+/// Detects the format of a folder from the names of its files and of those in its subfolders, with `/` between folder
+/// and file: see [`visualizer_folder`].
 ///
 /// # Errors
-/// [`DetectError`] when no or several formats name their files so, or the folder holds several recordings.
+/// [`DetectError`] if no format or several formats use these names, or if the folder contains several recordings.
 pub fn detect_folder<'a>(
     names: impl IntoIterator<Item = &'a str>,
 ) -> Result<Detected, DetectError> {
@@ -292,7 +292,7 @@ pub fn detect_folder<'a>(
     }
 }
 
-/// The number in `prefixNUMBER.extension`.
+/// The number in a name of the form `prefixNUMBER.extension`.
 pub fn numbered(name: &str, prefix: &str) -> Option<u64> {
     let stem = name.rsplit_once('.')?.0;
     let digits = stem.strip_prefix(prefix)?;
@@ -302,7 +302,7 @@ pub fn numbered(name: &str, prefix: &str) -> Option<u64> {
     digits.parse().ok()
 }
 
-/// A head that ends inside a character is still text.
+/// A head that ends within a character still counts as text.
 fn trim_cut_character(head: &[u8]) -> &[u8] {
     match std::str::from_utf8(head) {
         Err(e) if e.error_len().is_none() => &head[..e.valid_up_to()],
@@ -397,7 +397,7 @@ fn short(name: &str) -> String {
     name.chars().filter(|c| !c.is_control()).take(40).collect()
 }
 
-/// Frames per second that a data set states, where its files have no clock.
+/// Frame rate stated by a data set whose files have no time stamps.
 pub fn stated_rate_hz(format: RecordingFormat) -> Option<f64> {
     match format {
         // An and Ogras, ACM TECS 2021.

@@ -12,9 +12,9 @@ use crate::{
 pub struct VisualizerFolder {
     /// [`RecordingFormat::VisualizerJson`] or [`RecordingFormat::VisualizerBinary`].
     pub format: RecordingFormat,
-    /// The folder in the given one that holds the files; empty if that one does.
+    /// Subfolder that contains the files; empty for the given folder itself.
     pub folder: String,
-    /// Number and name of each file, as given, in the order of the numbers.
+    /// Number and name of each file, in the order of the numbers.
     pub files: Vec<(u64, String)>,
 }
 
@@ -35,7 +35,7 @@ fn pattern(format: RecordingFormat) -> &'static str {
     }
 }
 
-/// Format and number of a piece, by its name without folders.
+/// Format and number of a piece, from its name without folders.
 fn piece(name: &str) -> Option<(RecordingFormat, u64)> {
     let lower = name.to_lowercase();
     let number = |prefix: &str, extension: &str| {
@@ -49,9 +49,9 @@ fn piece(name: &str) -> Option<(RecordingFormat, u64)> {
         })
 }
 
-/// Finds the recording of a TI visualizer in a folder, by the names of its files and of those in folders in it, down to
-/// `binData/<time>/`: relative to the folder, with `/` between folder and file. `None` if there is none. `format`
-/// chooses between recordings in JSON and in binary in one folder.
+/// Finds the recording of a TI visualizer from the names of the files in a folder and its subfolders, down to
+/// `binData/<time>/`. Names are relative to the folder, with `/` between folder and file. `None` if there is no
+/// recording. `format` selects between JSON and binary recordings in the same folder.
 ///
 /// ```
 /// use radarllm_formats::{RecordingFormat, visualizer_folder};
@@ -65,15 +65,16 @@ fn piece(name: &str) -> Option<(RecordingFormat, u64)> {
 /// ```
 ///
 /// # Errors
-/// [`DetectError::SeveralRecordings`] for files in several folders, [`DetectError::Ambiguous`] for both kinds in one
-/// folder, [`DetectError::Refused`] for `replay_N.json` beside other JSON files: those may be of the same kind or not.
+/// [`DetectError::SeveralRecordings`] for files in several folders, [`DetectError::Ambiguous`] for both formats in one
+/// folder, [`DetectError::Refused`] for `replay_N.json` beside other JSON files, which may or may not belong to the
+/// recording.
 pub fn visualizer_folder(
     names: &[&str],
     format: Option<RecordingFormat>,
 ) -> Result<Option<VisualizerFolder>, DetectError> {
-    /// Folders between the given one and a file: `binData` and the time.
+    /// Maximum number of folder levels above a file: `binData` and the time.
     const MAX_DEPTH: usize = 2;
-    /// Names that an error lists.
+    /// Maximum number of names listed in an error.
     const MAX_LISTED: usize = 8;
     let mut groups: BTreeMap<(&str, RecordingFormat), Vec<(u64, String)>> = BTreeMap::new();
     let mut other_json: Vec<&str> = Vec::new();
@@ -147,13 +148,13 @@ pub fn visualizer_folder(
     }
 }
 
-/// A name for an error: without control characters, and shortened.
+/// A name for an error, shortened and without control characters.
 fn shown(name: &str) -> String {
     let clean = |c: char| if c.is_control() { '?' } else { c };
     name.chars().take(80).map(clean).collect()
 }
 
-/// What macOS and editors leave behind.
+/// Whether a file was created by macOS or an editor.
 fn is_hidden(file: &str) -> bool {
     file.starts_with('.') || file.starts_with('~')
 }

@@ -2,22 +2,22 @@
 
 use radarllm_base::PointFrame;
 
-/// Angles of a mounted sensor. All zero: level, looking along y.
+/// Angles of a mounted sensor. With all angles zero, the sensor is level and looks along y.
 ///
-/// Applied in this order: roll about the boresight, tilt about the x axis, yaw about the vertical. The height
-/// above the floor is no rotation: points stay relative to the radar, and the points file stores the height.
+/// The angles are applied in this order: roll about the boresight, tilt about the x axis, yaw about the vertical. The
+/// height above the floor is not included: points remain relative to the radar, and the points file stores the height.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct Mounting {
-    /// Boresight below the horizon, rad: positive looks down.
+    /// Angle of the boresight below the horizon, rad; positive when looking down.
     pub tilt_rad: f64,
-    /// Boresight turned to the right, rad, seen from above.
+    /// Angle of the boresight to the right, rad, seen from above.
     pub yaw_rad: f64,
-    /// Right side down, rad, seen along the boresight (clockwise).
+    /// Rotation about the boresight, rad; positive when the right side is lowered (clockwise seen along the boresight).
     pub roll_rad: f64,
 }
 
 impl Mounting {
-    /// A position in the sensor's axes (x right, y along the boresight, z up), in the level ones, m.
+    /// Converts a position from the axes of the sensor (x right, y along the boresight, z up) into level axes, m.
     pub fn level(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         let (sin, cos) = self.roll_rad.sin_cos();
         let (x, z) = (x * cos + z * sin, z * cos - x * sin);
@@ -27,7 +27,7 @@ impl Mounting {
         [x * cos + y * sin, y * cos - x * sin, z]
     }
 
-    /// Rotates all points. Ranges and velocities are along the line of sight and do not change.
+    /// Rotates all points. Ranges and radial velocities do not change.
     pub fn apply(&self, frames: &mut [PointFrame]) {
         if *self == Self::default() {
             return;
@@ -49,7 +49,7 @@ mod tests {
         }
     }
 
-    /// The numbers of CONVENTIONS.md.
+    /// Checks the numbers in CONVENTIONS.md.
     #[test]
     fn tilted_turned_and_rolled_sensors_see_level_points() {
         let degrees = f64::to_radians;
@@ -67,7 +67,7 @@ mod tests {
             roll_rad: degrees(90.0),
             ..Mounting::default()
         };
-        // The sensor's right side hangs down.
+        // The right side of the sensor is lowered.
         close(rolled.level([1.0, 3.0, 0.0]), [0.0, 3.0, -1.0]);
     }
 }

@@ -1,4 +1,4 @@
-//! Radar descriptions in TOML, SI units, the names of [`RadarConfig`].
+//! Radar descriptions in TOML, in SI units and with the field names of [`RadarConfig`].
 //!
 //! ```toml
 //! base = "awr1843boost"   # optional: a built-in radar that fills what is left out
@@ -15,22 +15,22 @@ use serde::{Deserialize, Serialize};
 use crate::builtin::{BUILTIN_NAMES, NameError, find_builtin};
 use crate::span::{Places, Span};
 
-/// Why a TOML radar is refused.
+/// Reason why a TOML radar is refused.
 #[derive(Debug, thiserror::Error)]
 pub enum RadarTomlError {
-    /// Not TOML, a field of the wrong type, or a field that does not exist; the message has the line.
+    /// Invalid TOML, a field of the wrong type, or an unknown field; the message contains the line.
     #[error("{0}")]
     Syntax(String),
-    /// No such built-in radar.
+    /// There is no such built-in radar.
     #[error("base = \"{0}\" is not a built-in radar; they are {names}", names = BUILTIN_NAMES.join(", "))]
     Base(String),
-    /// The name of the built-in radar is short for several.
+    /// The name matches several built-in radars.
     #[error("base = \"{0}\" is short for several built-in radars: {names}", names = .1.join(", "))]
     AmbiguousBase(String, Vec<&'static str>),
     /// A field is missing and there is no `base` to take it from.
     #[error("field `{0}` is missing, and there is no `base` to take it from")]
     Missing(&'static str),
-    /// The radar cannot exist.
+    /// The radar is impossible.
     #[error(transparent)]
     Radar(#[from] RadarConfigError),
 }
@@ -73,10 +73,10 @@ struct Fields {
     rx: Option<Vec<Place>>,
 }
 
-/// Reads a radar.
+/// Reads a radar and checks it.
 ///
 /// # Errors
-/// See [`RadarTomlError`]; a radar that is returned has passed [`RadarConfig::validate`].
+/// See [`RadarTomlError`]. A returned radar satisfies [`RadarConfig::validate`].
 pub fn radar_from_toml(text: &str) -> Result<RadarConfig, RadarTomlError> {
     let radar = draft(text)?;
     match problems(&radar).into_iter().next() {
@@ -85,7 +85,7 @@ pub fn radar_from_toml(text: &str) -> Result<RadarConfig, RadarTomlError> {
     }
 }
 
-/// A radar as written, possible or not.
+/// Reads a radar without checking whether it is possible.
 pub(crate) fn draft(text: &str) -> Result<RadarConfig, RadarTomlError> {
     let file: Fields = toml::from_str(text).map_err(|e| RadarTomlError::Syntax(e.to_string()))?;
     let base = match &file.base {
@@ -150,7 +150,7 @@ pub(crate) fn draft(text: &str) -> Result<RadarConfig, RadarTomlError> {
     })
 }
 
-/// Why the radar cannot be used; empty if it can.
+/// Problems that prevent the use of the radar; empty if there are none.
 pub(crate) fn problems(radar: &RadarConfig) -> Vec<RadarConfigError> {
     let mut problems = radar.problems();
     let places = radar
@@ -159,7 +159,7 @@ pub(crate) fn problems(radar: &RadarConfig) -> Vec<RadarConfigError> {
         .map(|a| ("tx", a))
         .chain(radar.rx.iter().map(|a| ("rx", a)));
     for (field, antenna) in places {
-        // Ten metres is far beyond any board, and keeps products of positions finite.
+        // Ten metres exceed the size of any board, and keep products of positions finite.
         if !(antenna.x_m.abs() <= 10.0 && antenna.z_m.abs() <= 10.0) {
             problems.push(RadarConfigError {
                 radar: radar.name.clone(),
@@ -171,7 +171,7 @@ pub(crate) fn problems(radar: &RadarConfig) -> Vec<RadarConfigError> {
     problems
 }
 
-/// Where the values of a radar file stand, by key; empty if the text is no TOML.
+/// Positions of the values of a radar file by key; empty if the text is not valid TOML.
 pub(crate) fn places(text: &str) -> Places {
     const KEYS: [&str; 19] = [
         "firing",
@@ -206,7 +206,7 @@ pub(crate) fn places(text: &str) -> Places {
     places
 }
 
-/// Message and place of what makes the text no radar file.
+/// Message and position of a syntax error in a radar file.
 pub(crate) fn syntax_error(text: &str) -> Option<(String, Option<Span>)> {
     let error = toml::from_str::<Fields>(text).err()?;
     let span = error
@@ -215,10 +215,10 @@ pub(crate) fn syntax_error(text: &str) -> Option<(String, Option<Span>)> {
     Some((error.message().to_owned(), span))
 }
 
-/// Writes every field of a radar; [`radar_from_toml`] reads it back unchanged.
+/// Formats all fields of a radar. [`radar_from_toml`] restores it unchanged.
 ///
 /// # Errors
-/// [`RadarTomlError::Syntax`] if a value has no TOML form.
+/// [`RadarTomlError::Syntax`] if a value cannot be expressed in TOML.
 pub fn radar_to_toml(radar: &RadarConfig) -> Result<String, RadarTomlError> {
     let places = |antennas: &[Antenna]| {
         Some(

@@ -5,29 +5,29 @@ use crate::{
     ti_cfg::{Command, TiCfgError},
 };
 
-/// Maximum height accepted, m: chirp files of traffic monitoring state 2 m, and no file states more than the height of
-/// a lamp post.
+/// Maximum height accepted, m. Chirp files for traffic monitoring state 2 m, and no sensor is mounted above the height
+/// of a lamp post.
 const MAX_HEIGHT_M: f64 = 100.0;
-/// Maximum tilt accepted, degrees: straight up or down is 90.
+/// Maximum tilt accepted, degrees. 90 is straight up or down.
 const MAX_TILT_DEG: f64 = 180.0;
 
-/// Where the sensor of a chirp file is mounted.
+/// Mounting position of the sensor, as stated in a chirp file.
 ///
 /// TI has two forms of the command:
 ///
 /// - xWR14xx to xWR68xx: `sensorPosition HEIGHT AZIMUTH_TILT ELEVATION_TILT`, m and degrees;
 /// - xWRLxxxx and xWR6844: `sensorPosition X Y HEIGHT AZIMUTH_TILT ELEVATION_TILT`.
 ///
-/// Signs are those of TI's visualizer: it turns a point by the elevation tilt E and then the azimuth tilt A as
-/// y' = y cos E + z sin E, z' = z cos E - y sin E, x'' = x cos A + y' sin A, y'' = y' cos A - x sin A, and then adds the
-/// height to z. This is [`Mounting`] with tilt E (positive looks down) and yaw A (positive is turned to the right).
+/// Signs are those of TI's visualizer. It rotates a point by the elevation tilt E and then by the azimuth tilt A: y' =
+/// y cos E + z sin E, z' = z cos E - y sin E, x'' = x cos A + y' sin A, y'' = y' cos A - x sin A. It then adds the
+/// height to z. This equals [`Mounting`] with tilt E (positive looks down) and yaw A (positive is turned to the right).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorPosition {
-    /// Sensor above the floor, m.
+    /// Height of the sensor above the floor, m.
     pub height_m: f64,
-    /// Boresight turned to the right, rad.
+    /// Angle of the boresight to the right, rad.
     pub azimuth_tilt_rad: f64,
-    /// Boresight below the horizon, rad.
+    /// Angle of the boresight below the horizon, rad.
     pub elevation_tilt_rad: f64,
     /// False for a five-value form with an elevation tilt. Files for cabins count it upwards, while the visualizer
     /// counts it downwards, so the file alone does not determine the sign.
@@ -35,7 +35,7 @@ pub struct SensorPosition {
 }
 
 impl SensorPosition {
-    /// The last `sensorPosition` of a chirp file, of any TI device; `None` if there is none.
+    /// Reads the last `sensorPosition` of a chirp file for any TI device; `None` if there is none.
     ///
     /// ```
     /// use radarllm_formats::SensorPosition;
@@ -49,8 +49,8 @@ impl SensorPosition {
     /// ```
     ///
     /// # Errors
-    /// [`TiCfgError::Line`]: neither three nor five values, a value that is no number, a height beyond 100 m or a tilt
-    /// beyond 180 degrees.
+    /// [`TiCfgError::Line`]: neither three nor five values, a value that is not a number, a height beyond 100 m or a
+    /// tilt beyond 180 degrees.
     pub fn from_ti_cfg(text: &str) -> Result<Option<Self>, TiCfgError> {
         let mut found = None;
         for (i, raw) in text.lines().enumerate() {
@@ -135,8 +135,8 @@ mod tests {
         );
     }
 
-    /// A sensor under the ceiling that looks straight down, as in TI's overhead file (2.9 m, 90 degrees): what is 1 m
-    /// along the boresight is 1 m below it; what is "up" of the sensor lies ahead.
+    /// A ceiling sensor that looks straight down, as in TI's overhead file (2.9 m, 90 degrees). A point 1 m along the
+    /// boresight is 1 m below the sensor; the sensor's "up" points forward.
     #[test]
     fn a_positive_elevation_tilt_looks_down() {
         let mounting = of("sensorPosition 2.9 0 90").mounting();
@@ -145,7 +145,8 @@ mod tests {
         assert!(close(mounting.level([0.0, 0.0, 1.0]), [0.0, 1.0, 0.0]));
     }
 
-    /// The visualizer's rotation written out, for a tilt and a turn at once: a positive azimuth tilt looks to the right.
+    /// Compares with the visualizer's rotation for a simultaneous tilt and azimuth tilt. A positive azimuth tilt looks
+    /// to the right.
     #[test]
     fn the_rotation_is_that_of_the_visualizer() {
         let mounting = of("sensorPosition 2 20 15").mounting();

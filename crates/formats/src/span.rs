@@ -56,7 +56,7 @@ mod tests {
         assert_eq!(of(4..5), (1, 5..6));
         // The micro sign takes two bytes and one column.
         assert_eq!(of(12..14), (2, 6..8));
-        // Inside a character, over the line's end, and beyond the text.
+        // Inside a character, across the end of a line, and beyond the text.
         assert_eq!(of(7..14), (2, 1..8));
         assert_eq!(of(4..9), (1, 5..6));
         assert_eq!(of(90..99), (3, 1..2));

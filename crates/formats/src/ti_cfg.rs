@@ -1,10 +1,10 @@
-//! Chirp files of TI's mmWave SDK: one CLI command per line, `%` starts a comment.
+//! Chirp files of TI's mmWave SDK: one CLI command per line; `%` starts a comment.
 //!
-//! The reader uses the commands that determine the samples: `channelCfg`, `adcCfg`, `adcbufCfg`,
-//! `profileCfg`, `chirpCfg`, `frameCfg`, `dfeDataOutputMode`, `bpmCfg`, `clutterRemoval`,
-//! `lvdsStreamCfg`, `compRangeBiasAndRxChanPhase`, `antGeometry0/1`, `antPhaseRot`. Everything else
-//! tunes on-chip detection and is listed in [`TiCfg::unused`]. Of those, `guiMonitor` is read too: it determines the load
-//! of the serial port. [`crate::SensorPosition`] reads `sensorPosition`. Argument order: SDK 3 user guide, "Configuration (.cfg) File
+//! The reader uses the commands that determine the samples: `channelCfg`, `adcCfg`, `adcbufCfg`, `profileCfg`,
+//! `chirpCfg`, `frameCfg`, `dfeDataOutputMode`, `bpmCfg`, `clutterRemoval`, `lvdsStreamCfg`,
+//! `compRangeBiasAndRxChanPhase`, `antGeometry0/1`, `antPhaseRot`. All other commands configure on-chip detection and
+//! are listed in [`TiCfg::unused`]. `guiMonitor` is read in addition, because it determines the load of the serial
+//! port. [`crate::SensorPosition`] reads `sensorPosition`. Argument order: SDK 3 user guide, "Configuration (.cfg) File
 //! Format".
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -16,48 +16,50 @@ use radarllm_base::radar_config::{RadarConfigError, TxMultiplexing};
 use crate::boards::Board;
 use crate::span::{Places, Span};
 
-/// Maximum length of a quotation from the file in an error, characters.
+/// Maximum length of a quotation in an error, characters.
 const MAX_QUOTE: usize = 40;
-/// Chirps a device can hold.
+/// Maximum number of chirps of a device.
 const MAX_CHIRPS: u32 = 512;
 
 /// Content of a chirp file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TiCfg {
-    /// The radar; `tx` in firing order.
+    /// The radar, with `tx` in firing order.
     pub radar: RadarConfig,
     /// The board whose antennas were assumed.
     pub board: Board,
-    /// Whether the board is a guess: no `% Platform:` line and no `antGeometry` lines name it.
+    /// Whether the board is a guess because neither a `% Platform:` line nor `antGeometry` lines identify it.
     pub board_guessed: bool,
-    /// Transmitter (from 1) of every slot; with binary phase modulation both, the inverted one last.
+    /// Transmitter (from 1) of every slot. With binary phase modulation, both transmitters, of which the inverted one
+    /// is last.
     pub slots: Vec<u8>,
-    /// Receivers (from 1) in use.
+    /// Enabled receivers (from 1).
     pub receivers: Vec<u8>,
-    /// Frames to send; 0 means until stopped.
+    /// Number of frames to send; 0 means until stopped.
     pub n_frames: u32,
     /// `SampleSwap` of `adcbufCfg`: true means Q before I in the recording of SDK firmware.
     pub q_first: Option<bool>,
-    /// Whether the firmware itself removes static clutter.
+    /// Whether the firmware removes static clutter.
     pub firmware_clutter_removal: Option<bool>,
-    /// Whether raw samples go out over LVDS.
+    /// Whether raw samples are sent over LVDS.
     pub lvds_samples: Option<bool>,
-    /// Calibration: range bias, m, and (re, im) factors of the virtual channels, TX1's receivers first.
+    /// Calibration: range bias, m, and (re, im) factors of the virtual channels, starting with the receivers of TX1.
     pub calibration: Option<(f64, Vec<(f64, f64)>)>,
-    /// Sign of each virtual channel's feed (`antPhaseRot`), TX1's receivers first; empty if not given.
+    /// Sign of the feed of each virtual channel (`antPhaseRot`), starting with the receivers of TX1; empty if not
+    /// given.
     pub phase_rotation: Vec<f64>,
-    /// What TI's demo sends over its serial port, if the file has a `guiMonitor` of a known form.
+    /// Data that TI's demo sends over its serial port, if the file has a `guiMonitor` of a known form.
     pub gui_monitor: Option<GuiMonitor>,
-    /// Commands that do not shape the samples: line (from 1) and name.
+    /// Commands that do not affect the samples: line (from 1) and name.
     pub unused: Vec<(usize, String)>,
 }
 
-/// `guiMonitor`: what TI's out-of-box demo sends for every frame.
+/// `guiMonitor`: data that TI's out-of-box demo sends for every frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GuiMonitor {
     /// Points.
     pub points: bool,
-    /// Signal and noise of each point beside it.
+    /// SNR and noise of each point.
     pub side_info: bool,
     /// Range profile at zero Doppler.
     pub range_profile: bool,
@@ -71,34 +73,34 @@ pub struct GuiMonitor {
     pub stats: bool,
 }
 
-/// A chirp file as far as it could be read.
+/// The readable part of a chirp file.
 #[derive(Debug)]
 pub struct TiCfgReading {
-    /// The file, if there is nothing wrong with it.
+    /// The content, if the file has no errors.
     pub cfg: Option<TiCfg>,
-    /// All errors; empty exactly if `cfg` is present.
+    /// All errors; empty if and only if `cfg` is present.
     pub errors: Vec<TiCfgError>,
-    /// The radar as written, possible or not, if profile and frame could be read; `tx` may be empty.
+    /// The radar as written, which may be impossible, if profile and frame could be read; `tx` may be empty.
     pub draft: Option<RadarConfig>,
-    /// As in [`TiCfg`]; false where no board was looked for.
+    /// As in [`TiCfg`]; false if no board was determined.
     pub board_guessed: bool,
     /// As in [`TiCfg`].
     pub lvds_samples: Option<bool>,
     /// As in [`TiCfg`].
     pub gui_monitor: Option<GuiMonitor>,
-    /// Where the values stand: by field of [`RadarConfig`], and `lvds_samples`, `azimuth_map`,
-    /// `doppler_map`, `points` for the commands beside it.
+    /// Positions of the values: by field of [`RadarConfig`], and `lvds_samples`, `azimuth_map`, `doppler_map`, `points`
+    /// for other commands.
     pub places: Places,
 }
 
 /// Reason why a chirp file is refused.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum TiCfgError {
-    /// One argument or command is wrong.
+    /// An argument or command is wrong.
     #[error("line {line}, columns {start} to {end}: `{text}`: {problem}", start = columns.start, end = columns.end)]
     Line {
-        /// Kind of mistake in kebab case: `syntax`, `unsupported`, `tx-mask`, `undefined-chirp`,
-        /// `undefined-profile` or `antenna-geometry`.
+        /// Kind of error in kebab case: `syntax`, `unsupported`, `tx-mask`, `undefined-chirp`, `undefined-profile` or
+        /// `antenna-geometry`.
         rule: &'static str,
         /// Line, from 1.
         line: usize,
@@ -109,15 +111,15 @@ pub enum TiCfgError {
         /// What is wrong.
         problem: String,
     },
-    /// A needed command is absent.
+    /// A required command is absent.
     #[error("there is no `{0}` line")]
     Missing(&'static str),
-    /// The values are readable, but no radar can do that.
+    /// The values are readable, but the radar is impossible.
     #[error(transparent)]
     Radar(#[from] RadarConfigError),
 }
 
-/// Reads the radar of a chirp file; [`TiCfg::parse`] gives the rest of it too.
+/// Reads only the radar of a chirp file; [`TiCfg::parse`] reads the complete content.
 ///
 /// # Errors
 /// As [`TiCfg::parse`].
@@ -128,15 +130,14 @@ pub fn radar_from_ti_cfg(text: &str) -> Result<RadarConfig, TiCfgError> {
 impl TiCfg {
     /// Reads a chirp file.
     ///
-    /// `board` names the board; `None` takes it from `antGeometry` lines, or else from
-    /// `% Platform:`, or else guesses: 60 GHz is the 6843 ISK; at 77 GHz a `channelCfg` with only TX1
-    /// and TX2 enabled is the 1642 board, anything else the 1843 board.
+    /// `board` specifies the board. With `None`, it is determined from the `antGeometry` lines or from `% Platform:`.
+    /// Without these, it is guessed: 60 GHz is the 6843 ISK; at 77 GHz, a `channelCfg` with only TX1 and TX2 enabled is
+    /// the 1642 board, anything else the 1843 board.
     ///
     /// # Errors
-    /// [`TiCfgError::Line`] for anything unreadable or that a [`RadarConfig`] cannot express (advanced
-    /// frames, continuous wave, real samples, two transmitters at once but for `bpmCfg`, chirps that
-    /// differ),
-    /// [`TiCfgError::Missing`], and [`TiCfgError::Radar`] for timing that cannot be.
+    /// [`TiCfgError::Line`] for input that is unreadable or that a [`RadarConfig`] cannot express (advanced frames,
+    /// continuous wave, real samples, two simultaneous transmitters without `bpmCfg`, chirps that differ);
+    /// [`TiCfgError::Missing`]; [`TiCfgError::Radar`] for impossible timing.
     pub fn parse(text: &str, board: Option<Board>) -> Result<Self, TiCfgError> {
         let reading = Self::read(text, board);
         match (reading.errors.into_iter().next(), reading.cfg) {
@@ -145,8 +146,7 @@ impl TiCfg {
         }
     }
 
-    /// Reads a chirp file and continues after mistakes, to report all of them; otherwise as
-    /// [`Self::parse`].
+    /// Reads a chirp file and continues after errors, to report all of them; otherwise as [`Self::parse`].
     pub fn read(text: &str, board: Option<Board>) -> TiCfgReading {
         let mut file = File::default();
         let mut errors = Vec::new();
@@ -160,7 +160,7 @@ impl TiCfg {
     }
 }
 
-/// One argument with its place.
+/// An argument with its position.
 #[derive(Clone, Debug)]
 pub(crate) struct Word {
     line: usize,
@@ -194,7 +194,7 @@ impl Word {
         }
     }
 
-    /// A whole number in the range; TI writes some as `96.00`.
+    /// Parses an integer in the given range. TI writes some integers as `96.00`.
     fn whole(&self, what: &str, range: Range<u32>) -> Result<u32, TiCfgError> {
         let v = self.number(what)?;
         if v.fract() == 0.0 && v >= f64::from(range.start) && v < f64::from(range.end) {
@@ -217,7 +217,7 @@ pub(crate) struct Command {
 }
 
 impl Command {
-    /// The command of a line (numbered from 1), which may end in a comment.
+    /// Parses a line (numbered from 1), which may contain a comment.
     pub fn of_line(line: usize, raw: &str) -> Option<Self> {
         let code = raw.split_once('%').map_or(raw, |(code, _)| code);
         let mut words = split_words(line, code);
@@ -260,7 +260,7 @@ struct Profile {
     idle_s: f64,
     adc_start_s: f64,
     ramp_end_s: f64,
-    /// One byte of dB per transmitter, TX1 lowest.
+    /// Back-off of the transmitters, one byte of dB each, with TX1 in the lowest byte.
     backoff_code: u32,
     slope_hz_per_s: f64,
     n_samples: usize,
@@ -268,7 +268,7 @@ struct Profile {
     command: Command,
 }
 
-/// Arguments of `profileCfg` that become fields of the radar: index, field, meaning.
+/// Arguments of `profileCfg` that become fields of the radar: index, field, description.
 const PROFILE_FIELDS: [(usize, &str, &str); 7] = [
     (1, "start_hz", "start frequency, GHz"),
     (2, "idle_s", "idle time, us"),
@@ -283,7 +283,7 @@ const PROFILE_FIELDS: [(usize, &str, &str); 7] = [
 struct Chirp {
     profile: u32,
     profile_word: Word,
-    /// Added to start (Hz), slope (Hz/s), idle (s) and ADC start (s) of the profile.
+    /// Values that are added to start (Hz), slope (Hz/s), idle (s) and ADC start (s) of the profile.
     variation: [f64; 4],
     tx_mask: u32,
     mask_word: Word,
@@ -298,8 +298,8 @@ struct Frame {
     command: Command,
 }
 
-/// `bpmCfg` that is on: the chirp with both transmitters in phase, and the one with the second inverted.
-/// Which of the two TX2 is inverted in was not checked against a device.
+/// An enabled `bpmCfg`: the chirp with both transmitters in phase, and the chirp with the second one inverted. In which
+/// of the two chirps TX2 is inverted was not verified on a device.
 struct PhaseModulation {
     in_phase: u32,
     inverted: u32,
@@ -323,13 +323,13 @@ struct File {
     phase_rotation: Vec<f64>,
     gui_monitor: Option<GuiMonitor>,
     places: Places,
-    /// Commands of which a line could not be read: their absence is no second mistake.
+    /// Commands with an unreadable line. Their absence is not reported as a second error.
     broken: BTreeSet<String>,
     unused: Vec<(usize, String)>,
 }
 
 impl File {
-    /// Reads a line; a mistake comes with the name of the command that is now missing.
+    /// Reads a line. An error is returned with the name of the command that is missing because of it.
     fn read_line(&mut self, line: usize, raw: &str) -> Result<(), (String, TiCfgError)> {
         let comment = raw.split_once('%').map_or("", |(_, comment)| comment);
         if let Some(board) = platform_board(comment) {
@@ -414,7 +414,7 @@ impl File {
                 };
             }
             "clutterRemoval" => {
-                // Older files have no sub-frame number in front.
+                // Older files have no leading sub-frame number.
                 let index = command.args.len().saturating_sub(1).min(1);
                 self.clutter = Some(command.whole(index, "enabled", 0..2)? == 1);
             }
@@ -450,8 +450,8 @@ impl File {
         self.places.insert(key, command.span(index, what));
     }
 
-    /// SDK 2 and later put the sub-frame first and have seven arguments, SDK 1 has six. Other demos
-    /// have commands of this name with other arguments; those are ignored.
+    /// Reads a `guiMonitor`. SDK 2 and later have seven arguments that start with the sub-frame; SDK 1 has six. Other
+    /// demos have commands of this name with different arguments, which are ignored.
     fn read_gui_monitor(&mut self, command: &Command) {
         let first = match command.args.len() {
             6 => 0,
@@ -468,7 +468,7 @@ impl File {
         let [points, range, noise, azimuth, doppler, stats] = values;
         self.gui_monitor = Some(GuiMonitor {
             points: points > 0,
-            // 2 leaves the side information out.
+            // The value 2 sends points without side information.
             side_info: points == 1,
             range_profile: range > 0,
             noise_profile: noise > 0,
@@ -482,7 +482,7 @@ impl File {
     }
 
     fn read_adc_buffer(&mut self, command: &Command) -> Result<(), TiCfgError> {
-        // SDK 2 and later put the sub-frame first and have five arguments, SDK 1 has four.
+        // SDK 2 and later have five arguments that start with the sub-frame; SDK 1 has four.
         let first = usize::from(command.args.len() >= 5);
         if command.whole(first, "output format", 0..2)? != 0 {
             let problem = "samples must be complex (0), these are real";
@@ -560,7 +560,7 @@ impl File {
         };
         let n_errors = reading.errors.len();
         let (slots, common) = self.slots(frame, tx_mask, &mut reading.errors);
-        // Without a usable chirp, the only profile still determines what the chirps would be.
+        // Without a usable chirp, the first profile provides the chirp parameters.
         let profile = match &common {
             Some(chirp) => self.profiles.get(&chirp.profile),
             None => self.profiles.values().next(),
@@ -604,7 +604,7 @@ impl File {
             .iter()
             .fold(0, |mask, (slot, _)| mask | 1 << (slot - 1));
         if used != tx_mask {
-            // Fewer transmitters than are enabled: the frame leaves out their chirps.
+            // The frame omits chirps of some enabled transmitters.
             let span = frame.command.span(1, "last chirp");
             reading.places.insert("tx", span);
         }
@@ -639,7 +639,7 @@ impl File {
             elevation_half_width_rad: figures.elevation_half_width_rad,
             noise_figure_db: figures.noise_figure_db,
         };
-        // Unusable chirps have been reported; that too few are left follows from it.
+        // Errors in chirps have been reported. A lack of usable chirps follows from them and is not reported again.
         let chirps_are_wrong = reading.errors.len() > n_errors;
         reading.errors.extend(
             radar
@@ -669,8 +669,8 @@ impl File {
         reading
     }
 
-    /// Transmitter of every slot, which are the chirps that the frame really uses and not all that are
-    /// defined, with the mask that names it; and the first such chirp.
+    /// Transmitter of every slot with the argument that specifies it, and the first of these chirps. Slots are the
+    /// chirps that the frame uses, not all that are defined.
     fn slots(
         &self,
         frame: &Frame,
@@ -732,7 +732,7 @@ impl File {
             }
             common = common.or(Some(chirp));
             let transmitter = match self.phase_modulation {
-                // The first slot stands for the lower transmitter of the two, the second for the upper.
+                // The first slot represents the lower-numbered transmitter, the second slot the higher-numbered one.
                 Some(_) if !slots.is_empty() => chirp.tx_mask.ilog2(),
                 _ => chirp.tx_mask.trailing_zeros(),
             };
@@ -773,7 +773,7 @@ impl File {
         if let Some(board) = self.platform
             && board.is_60_ghz() == is_60_ghz
         {
-            // `xWR68xx` stands for three antenna layouts, so even this is a guess there.
+            // At 60 GHz, the board is a guess: `xWR68xx` comprises three antenna layouts.
             return Ok((board, is_60_ghz));
         }
         let guess = match (is_60_ghz, tx_mask) {
@@ -785,14 +785,14 @@ impl File {
     }
 }
 
-/// One line can define several chirps; its mistake is one.
+/// A line can define several chirps, but its error is reported once.
 fn push_once(errors: &mut Vec<TiCfgError>, error: TiCfgError) {
     if errors.last() != Some(&error) {
         errors.push(error);
     }
 }
 
-/// Whether `antGeometry` lines (columns and rows, both counted downwards from 0) are the board's.
+/// Whether `antGeometry` lines (columns and rows, both counting downwards from 0) match the board.
 fn has_geometry(board: Board, columns: &[f64], rows: &[f64]) -> bool {
     let figures = board.figures();
     let all: Vec<(f64, f64)> = figures
@@ -808,7 +808,7 @@ fn has_geometry(board: Board, columns: &[f64], rows: &[f64]) -> bool {
     if columns.len() != all.len() || rows.len() != all.len() {
         return false;
     }
-    // Half a wavelength at 62 GHz is 2.4 mm; a tenth of it separates any two layouts.
+    // Half a wavelength at 62 GHz is 2.4 mm; a tenth of it is a sufficient tolerance to distinguish all layouts.
     let half_m = 0.5 * radarllm_base::SPEED_OF_LIGHT_MPS / 62e9;
     (0..all.len()).all(|i| {
         let x = ((columns[0] - columns[i]) * half_m).abs() - (all[i].0 - all[0].0).abs();
@@ -817,7 +817,7 @@ fn has_geometry(board: Board, columns: &[f64], rows: &[f64]) -> bool {
     })
 }
 
-/// The board of a comment like ` Platform:xWR18xx`.
+/// Parses the board from a comment such as ` Platform:xWR18xx`.
 fn platform_board(comment: &str) -> Option<Board> {
     let (_, value) = comment.split_once("Platform:")?;
     let value = value.trim().to_ascii_lowercase();
@@ -839,12 +839,12 @@ fn number_list(command: &Command) -> Result<(Word, Vec<f64>), TiCfgError> {
     Ok((command.name.clone(), values?))
 }
 
-/// Words separated by white space, with columns counted in characters from 1.
+/// Splits a line into words separated by white space. Columns are counted in characters from 1.
 fn split_words(line: usize, code: &str) -> Vec<Word> {
     let mut words: Vec<Word> = Vec::new();
     let mut open = false;
     for (i, c) in code.chars().enumerate() {
-        // Byte order marks come from Windows editors.
+        // Windows editors insert byte order marks.
         if c.is_whitespace() || c == '\u{feff}' {
             open = false;
         } else if open && let Some(word) = words.last_mut() {

@@ -11,15 +11,16 @@ pub type Bleu = [f64; 4];
 pub enum Rules {
     /// COCO caption evaluation and nlg-eval (pycocoevalcap's `bleu_scorer`, option `closest`).
     Coco,
-    /// Tensorflow's nmt script, in HF evaluate and nlg-metricverse: shortest reference, 0 where an n has no match.
+    /// TensorFlow's NMT script, which HF evaluate and nlg-metricverse use: the brevity penalty refers to the shortest
+    /// reference, and an order without matches has precision 0.
     Nmt,
     /// As [`Rules::Nmt`], with Lin and Och's smoothing, +1 for n > 1.
     NmtSmoothed,
-    /// nltk without smoothing: a missing n counts as the smallest positive number.
+    /// nltk without smoothing: an order without matches has the smallest positive number as its precision.
     Nltk,
-    /// nltk with smoothing `method1`: a missing n counts as 0.1 matches.
+    /// nltk with smoothing `method1`: an order without matches counts as 0.1 matches.
     NltkMethod1,
-    /// sacrebleu with its `exp` smoothing (of 13a tokens, to agree with it), in 0..1.
+    /// sacrebleu with its `exp` smoothing, scaled to 0..1. It agrees with sacrebleu for 13a tokens.
     Sacrebleu,
 }
 
@@ -68,7 +69,7 @@ impl BleuStats {
             stats.guess_or_one[i] = stats.guess[i].max(1.0);
             let mut most: Vec<u32> = vec![0; candidate.counts[i].len()];
             for reference in references {
-                // Position in the candidate's list rides along as its value.
+                // The value of an n-gram is its position in the candidate's list.
                 let indexed: Vec<_> = candidate.counts[i]
                     .iter()
                     .enumerate()
@@ -123,11 +124,11 @@ impl BleuStats {
             (false, 0.0) => 0.0,
             (false, guess) => self.correct[i] / guess,
         };
-        // The logarithm of 0 makes the geometric mean 0.
+        // A precision of 0 makes the geometric mean 0, because its logarithm is negative infinity.
         geometric_means(precision).map(|mean| if mean > 0.0 { mean * penalty } else { 0.0 })
     }
 
-    /// `of_none`: precision if nothing matches; NaN means that 0.1 matches are counted instead.
+    /// `of_none` is the precision of an order without matches. NaN means that 0.1 matches are counted instead.
     fn nltk(&self, of_none: f64) -> Bleu {
         if self.correct[0] == 0.0 {
             return [0.0; 4];
@@ -159,7 +160,8 @@ impl BleuStats {
         geometric_means(|i| precisions[i]).map(|mean| mean * penalty)
     }
 
-    /// BLEU-1..4 by COCO's rules. No smoothing beyond COCO's 1e-15 and 1e-9, which keep 0/0 at about 0.
+    /// BLEU-1..4 by COCO's rules. The only smoothing is COCO's: 1e-15 is added to numerators and 1e-9 to denominators,
+    /// so that 0/0 is about 0.
     pub fn bleu(&self) -> Bleu {
         const SMALL: f64 = 1e-9;
         const TINY: f64 = 1e-15;

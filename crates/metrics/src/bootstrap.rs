@@ -1,4 +1,4 @@
-//! Percentile bootstrap over units (motions), with a seed and with the same draws for every metric.
+//! Percentile bootstrap over units (motions). It is seeded, and all metrics use the same resamples.
 
 use radarllm_base::random::SplitMix64;
 
@@ -35,7 +35,7 @@ pub fn intervals(
     intervals_of_sums(&sums, width, n_resamples, seed, statistic)
 }
 
-/// The same from sums per unit, `[unit][column]`.
+/// As [`intervals`], from sums per unit, `[unit][column]`.
 pub(crate) fn intervals_of_sums(
     sums: &[f64],
     width: usize,
@@ -111,7 +111,7 @@ fn percentile(sorted: &[f64], p: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Taken from the first release's code, because reported intervals depend on them.
+    /// Values from the first release. They must not change, because reported intervals depend on them.
     #[test]
     fn intervals_never_change() {
         let values = [0.1, 0.9, 0.4, 0.7, 0.3, 0.65];

@@ -32,7 +32,7 @@ impl Frequencies {
         }
     }
 
-    /// Logarithm of the number of items: with one item every weight is ln 1 = 0 and so is the score.
+    /// Logarithm of the number of items. With one item, every weight is ln 1 = 0, and the score is 0.
     pub fn ln_items(&self) -> f64 {
         (self.n_items.max(1) as f64).ln()
     }

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-/// Up to four word numbers, filled up with [`NONE`].
+/// Up to four word numbers, padded with [`NONE`].
 pub(crate) type Gram = [u32; 4];
 const NONE: u32 = u32::MAX;
 
@@ -17,7 +17,7 @@ impl Vocabulary {
         if let Some(&n) = self.numbers.get(word) {
             return n;
         }
-        // Fewer than 2^32 - 1 distinct words fit into memory long before this could wrap.
+        // Memory is exhausted long before there are 2^32 - 1 distinct words, so that the cast cannot wrap.
         let n = self.numbers.len() as u32;
         self.numbers.insert(word.to_string(), n);
         n

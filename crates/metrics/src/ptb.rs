@@ -46,7 +46,7 @@ pub fn ptb(text: &str) -> Vec<String> {
 
 /// The best rule so far.
 struct Best {
-    /// Number of characters read.
+    /// Number of characters read, including those that are only looked ahead at.
     seen: usize,
     /// Number of characters consumed.
     taken: usize,
@@ -61,7 +61,7 @@ impl Best {
     }
 }
 
-/// Characters taken and the token, if there is one.
+/// Returns the number of characters consumed, and the token if a rule matched.
 fn next(t: &Text) -> (usize, Option<String>) {
     let mut best = Best {
         seen: 0,
@@ -71,7 +71,7 @@ fn next(t: &Text) -> (usize, Option<String>) {
     let own = |n: usize| t.take(n);
     words(t, &mut best);
     addresses(t, &mut best);
-    // n't and 's with what precedes them already taken.
+    // n't and 's after the word before them has been consumed.
     if let Some(n) = t.contraction() {
         let followed = usize::from(!t.char(n).is_ascii_alphabetic());
         if followed == 1 {
@@ -89,7 +89,7 @@ fn next(t: &Text) -> (usize, Option<String>) {
     (best.taken, best.token)
 }
 
-/// Letters, contractions, words with apostrophes.
+/// Words of letters, contractions, and words with apostrophes.
 fn words(t: &Text, best: &mut Best) {
     let own = |n: usize| t.take(n);
     for language in ["c++", "c#", "f#"] {
@@ -139,7 +139,7 @@ fn words(t: &Text, best: &mut Best) {
             best.offer(word + n, word, || soft(&own(word)));
         }
     }
-    // does|n't: the last letter before n't is not an n.
+    // doesn't becomes does and n't. The last letter before n't is not an n.
     let run = t.count(0, |c| c.is_ascii_alphabetic() || c == SOFT_HYPHEN);
     for n in (1..=run).rev().filter(|&n| t.is_not(n)) {
         let letters = own(n);
@@ -258,21 +258,23 @@ fn numbers(t: &Text, best: &mut Best) {
     }
 }
 
-/// Abbreviations that keep their dot anywhere, also at the end of a sentence. Written with a capital: only so.
+/// Abbreviations that keep their dot anywhere, also at the end of a sentence. Those listed with a capital letter match
+/// only with the capital.
 const ABBREVIATIONS: &str = "jan feb mar apr jun jul aug sep sept oct nov dec mon tue tues wed thu thurs fri \
     ala ariz Az Ark calif colo conn ct dak Del fla ga Ill ind kan kans ky La Mass md mich minn Miss mo mont neb nev \
     okla Ore Pa penn tenn Tex va vt Wash wis wisc wyo inc co cos corp pty ppty pte ptys ltd plc rt bancorp bhd assn univ intl sys \
     tel est ext sq jr sr bros ed.d ph.d esq etc al seq bldg";
-/// The same, where another word follows as a rule.
+/// Abbreviations that another word usually follows, such as titles.
 const TITLES: &str = "mr mrs ms dr drs prof profs sen sens rep reps atty attys lt col gen messrs gov govs adm rev maj sgt cpl pvt mt ft \
     capt st ste ave pres lieut hon brig comdr cmdr pfc spc supt supts det \
     vs v alex wm jos cie a.k.a cf treas ph invt elec natl mtg mfg dept blvd rd \
     mlle mme adj adv asst assoc insp ens msgr sfc";
-/// A single letter with a dot before one of these words ends a sentence: its dot is not its own.
+/// Words that start a sentence. The dot between a single letter and one of these words ends the sentence and is not
+/// part of the letter's token.
 const SENTENCE_STARTS: &str = "About According Additionally After An A As At But Earlier He Her Here However If In It Last \
     Many More Mr. Ms. Now Once One Other Our She Since So Some Such That The Their Then There These They This We When \
     While What Yet You";
-/// Abbreviations that keep it before a number.
+/// Abbreviations that keep their dot before a number.
 const BEFORE_NUMBERS: [&str; 9] = ["ca", "fig", "figs", "prop", "no", "nos", "art", "pp", "op"];
 const COUNTRIES: [&str; 7] = [
     "Canada-U.S",
@@ -296,7 +298,7 @@ fn abbreviations(t: &Text, best: &mut Best) {
         }
     }
     let mut abbreviation = |n: usize, ends_sentences: bool| {
-        // Such an abbreviation looks ahead at two characters.
+        // An abbreviation that may end a sentence looks ahead at two characters.
         if t.char(n) == '.' && ends_sentences {
             best.offer(n + 3, n + 1, || own(n + 1));
         }
@@ -351,7 +353,7 @@ fn abbreviations(t: &Text, best: &mut Best) {
             }
         }
     }
-    // '90 at the end of a word.
+    // A year such as '90 at the end of a word.
     let is_year =
         is_apostrophe(t.char(0)) && t.char(1).is_ascii_digit() && t.char(2).is_ascii_digit();
     if is_year && (is_space(t.char(3)) || t.char(3) == '\n') {
@@ -407,7 +409,7 @@ fn marks(t: &Text, best: &mut Best) {
         _ => "",
     };
     if !bracket.is_empty() {
-        // In lower case, so that it is not dropped.
+        // In lower case, so that the token is not dropped.
         best.offer(1, 1, || bracket.to_ascii_lowercase());
     }
     let run = |mark: char| t.count(0, |c| c == mark);
@@ -493,7 +495,7 @@ fn quotes(t: &Text, best: &mut Best) {
     }
 }
 
-/// A place in a text that ends with a line end.
+/// A position in a text that ends with a line end.
 struct Text<'a> {
     s: &'a [char],
     at: usize,
@@ -510,7 +512,7 @@ impl Text<'_> {
             .collect()
     }
 
-    /// Does `text` stand here, whatever its case?
+    /// Whether `text` starts at `i`, ignoring ASCII case.
     fn has(&self, i: usize, text: &str) -> bool {
         text.chars()
             .enumerate()
@@ -523,7 +525,7 @@ impl Text<'_> {
             .map_or(0, |s| s.iter().take_while(|c| fits(**c)).count())
     }
 
-    /// One of the named character entities, `&name;`.
+    /// Length of a character entity `&name;` with one of `names`.
     fn entity(&self, names: &[&str]) -> Option<usize> {
         let name = names
             .iter()
@@ -531,7 +533,7 @@ impl Text<'_> {
         Some(name.len() + 2)
     }
 
-    /// A letter, or an accented one as an entity: its characters.
+    /// Length of a letter, which may be a character entity of an accented letter; 0 if there is none.
     fn letter(&self, i: usize) -> usize {
         if is_letter(self.char(i)) {
             return 1;
@@ -545,7 +547,7 @@ impl Text<'_> {
         accent.map_or(0, |a| a.len() + 3)
     }
 
-    /// A letter, then letters and digits.
+    /// Length of a letter followed by letters and digits.
     fn letters(&self, i: usize) -> usize {
         let mut n = 0;
         loop {
@@ -557,7 +559,8 @@ impl Text<'_> {
         }
     }
 
-    /// Letters (and digits behind them), joined by single dots, exclamation or question marks.
+    /// Length of runs of letters and digits that start with a letter, joined by single dots, exclamation marks or
+    /// question marks.
     fn word(&self, i: usize) -> usize {
         let mut n = self.letters(i);
         while n > 0 && ".!?".contains(self.char(i + n)) {
@@ -569,7 +572,7 @@ impl Text<'_> {
         n
     }
 
-    /// 's, 'm, 'd, 're, 've, 'll.
+    /// Length of 's, 'm, 'd, 're, 've or 'll.
     fn contraction(&self) -> Option<usize> {
         let n = if self.has(0, "&apos;") {
             6
@@ -589,7 +592,7 @@ impl Text<'_> {
         self.has(i, "n") && is_inner_apostrophe(self.char(i + 1)) && self.has(i + 2, "t")
     }
 
-    /// Words that hold or end with an apostrophe.
+    /// Length of the longest word that contains an apostrophe, or starts or ends with one.
     fn apostrophe_word(&self) -> Option<usize> {
         let mut longest = 0;
         let mut offer = |n: usize| longest = longest.max(n);
@@ -657,7 +660,7 @@ impl Text<'_> {
         (longest > 0).then_some(longest)
     }
 
-    /// A tag with quoted or bare attributes, or a declaration.
+    /// Length of a tag with quoted or bare attributes, or of a declaration.
     fn markup(&self) -> Option<usize> {
         if self.char(0) != '<' {
             return None;
@@ -716,7 +719,7 @@ impl Text<'_> {
         self.url_tail(scheme.len())
     }
 
-    /// At least two characters from `i`, the last not a mark that ends a sentence: the end.
+    /// End of the longest text from `i` that has at least two characters and does not end with one of `.!?{},-`.
     fn url_tail(&self, i: usize) -> Option<usize> {
         let run = self.count(i, |c| {
             !is_space(c) && !"\n\r\u{c}\"<>|()".contains(c) || c == '\u{a0}'
@@ -741,7 +744,7 @@ impl Text<'_> {
                 ends.extend((2..=top).map(|k| i + k));
             }
         }
-        // No digits, capitals or hyphens here: the original's character range takes them in.
+        // The original's character class has a range from `,` to `_`, which also excludes digits, capitals and hyphens.
         let name = |c: char| part(c) && !(','..='_').contains(&c) && !"`'$".contains(c);
         let mut i = 0;
         loop {
@@ -778,7 +781,7 @@ impl Text<'_> {
         }
         let stops = |c: char| c == ' ' || "\t\n\u{c}\r\"<>|(){}\u{a0}".contains(c);
         let run = start + self.count(start, |c| !stops(c));
-        // The last @ that has something behind it other than dots.
+        // The last @ that is followed by a character other than a dot.
         let at = (start + 1..run)
             .rev()
             .find(|&i| self.char(i) == '@' && self.char(i + 1) != '.' && i + 1 < run)?;
@@ -792,7 +795,7 @@ impl Text<'_> {
         }
     }
 
-    /// Digits with dots, commas or colons before and between them, signed.
+    /// Length of a number: digits with dots, commas or colons before and between them, and an optional sign.
     fn number(&self) -> Option<usize> {
         let sign = usize::from("+-".contains(self.char(0)));
         let digits = |i: usize| self.count(i, is_digit);
@@ -803,7 +806,7 @@ impl Text<'_> {
         (end > sign).then_some(end)
     }
 
-    /// walks/runs, half-way/full-turn.
+    /// Length of words joined by slashes, for example walks/runs and half-way/full-turn.
     fn slashed(&self) -> Option<usize> {
         let part = |from: &Ends| {
             let word = from.run(self, |c| c.is_ascii_alphanumeric());
@@ -816,7 +819,7 @@ impl Text<'_> {
         second.or(&part(&slash(&second))).longest()
     }
 
-    /// Lengths of letters joined by dots: a, a.b, a.b.c.
+    /// Possible lengths of letters joined by dots: a, a.b, a.b.c.
     fn acronyms(&self) -> Vec<usize> {
         let mut out = Vec::new();
         let mut n = 0;
@@ -875,7 +878,7 @@ impl Text<'_> {
             .map(|i| i + 1)
     }
 
-    /// Three or more dots, dots with spaces between them, an ellipsis.
+    /// Length of three or more dots, of dots separated by spaces, or of an ellipsis.
     fn dots(&self) -> Option<usize> {
         if matches!(self.char(0), '\u{85}' | '\u{2026}') {
             return Some(1);
@@ -896,7 +899,8 @@ impl Text<'_> {
         (run.max(spaced) > 0).then_some(run.max(spaced))
     }
 
-    /// half-turn, x,y-z, 1,000-fold: dots and commas before the first hyphen.
+    /// Length of a hyphenated word, for example half-turn, x,y-z or 1,000-fold. Dots and commas may occur before the
+    /// first hyphen.
     fn hyphenated(&self) -> Option<usize> {
         if !self.char(0).is_ascii_alphanumeric() {
             return None;
@@ -925,7 +929,7 @@ impl Text<'_> {
         found
     }
 
-    /// Letters and digits with hyphens or underscores, each part perhaps led by d', o' or l'.
+    /// Length of letters and digits joined by hyphens or underscores. Each part may start with d', o' or l'.
     fn thing(&self) -> Option<usize> {
         let part = |i: usize| -> usize {
             let alnum = |c: char| is_plain_letter(c) || is_digit(c);
@@ -947,7 +951,7 @@ impl Text<'_> {
         Some(end)
     }
 
-    /// R&D, A+B: capitals only.
+    /// Length of capitals joined by `&` or `+`, for example R&D and A+B.
     fn initials(&self) -> Option<usize> {
         let capitals = |i: usize| self.count(i, |c| c.is_ascii_uppercase());
         let mut end = capitals(0);
@@ -969,7 +973,7 @@ impl Text<'_> {
     }
 }
 
-/// Where a pattern with choices can end.
+/// The positions at which a pattern with alternatives can end.
 #[derive(Clone)]
 struct Ends(Vec<usize>);
 
@@ -1003,7 +1007,8 @@ impl Ends {
         self.times(t, least, most, |c| c.is_ascii_digit())
     }
 
-    /// As many as there are: what follows in our patterns never starts with what the run is made of.
+    /// Consumes whole runs. Shorter runs need not be tried, because no pattern here continues with a character of the
+    /// run's class.
     fn run(&self, t: &Text, fits: impl Fn(char) -> bool) -> Self {
         let ends = self.0.iter().map(|&i| (i, t.count(i, &fits)));
         Self(ends.filter(|(_, n)| *n > 0).map(|(i, n)| i + n).collect())
@@ -1020,7 +1025,7 @@ impl Ends {
 
 const SOFT_HYPHEN: char = '\u{ad}';
 
-/// Without soft hyphens; a token of nothing else is a hyphen.
+/// Removes soft hyphens. A token of soft hyphens alone becomes a hyphen.
 fn soft(token: &str) -> String {
     match token.replace(SOFT_HYPHEN, "") {
         empty if empty.is_empty() => "-".into(),
@@ -1028,7 +1033,7 @@ fn soft(token: &str) -> String {
     }
 }
 
-/// With quotation marks as ' and `.
+/// Replaces quotation marks by ' and `.
 fn straight(token: &str) -> String {
     let token = token.replace("&apos;", "'");
     let mut out = String::new();
@@ -1067,7 +1072,7 @@ fn is_apostrophe(c: char) -> bool {
     matches!(c, '\'' | '\u{92}' | '\u{2019}')
 }
 
-/// Also those that only stand within words by mistake.
+/// Apostrophes within words, including quotation marks that are used instead by mistake.
 fn is_inner_apostrophe(c: char) -> bool {
     is_apostrophe(c) || matches!(c, '`' | '\u{91}' | '\u{2018}' | '\u{201b}')
 }
@@ -1080,12 +1085,12 @@ fn is_inner_mark(c: char) -> bool {
     matches!(c, ',' | ';' | ':' | '\u{3001}')
 }
 
-/// Unicode's letters of the basic plane (not its letter numbers).
+/// Unicode's letters of the basic multilingual plane, without letter numbers and combining marks.
 fn is_plain_letter(c: char) -> bool {
     is_basic(c) && c.is_alphabetic() && !c.is_numeric() && !is_mark(c)
 }
 
-/// Letters, and marks that stand on or between them.
+/// Letters, soft hyphens, and marks that stand on or between letters.
 fn is_letter(c: char) -> bool {
     is_plain_letter(c)
         || c == SOFT_HYPHEN
@@ -1117,7 +1122,7 @@ fn is_digit(c: char) -> bool {
         .any(|zero| (*zero..zero + 10).contains(&u32::from(c)))
 }
 
-/// Marks and symbols that are a token by themselves.
+/// Marks and symbols that form a token by themselves.
 fn is_single_mark(c: char) -> bool {
     is_inner_mark(c)
         || matches!(

@@ -24,9 +24,9 @@ pub fn rouge_l(candidate: &[String], references: &[Vec<String>]) -> f64 {
     best(candidate, references, lcs)
 }
 
-/// COCO's ROUGE-L: precision and recall are each the best over references, possibly different
-/// ones, F with beta = 1.2. Texts are split at single spaces, so that an empty text is one empty
-/// token and two empty texts agree: a quirk of the original that is kept.
+/// COCO's ROUGE-L: F-measure with beta = 1.2. Precision and recall are each the best over the references, possibly of
+/// different ones. Texts are split at single spaces, so that an empty text is one empty token and two empty texts
+/// agree. This peculiarity of the original is kept.
 pub fn rouge_l_coco(candidate: &str, references: &[String]) -> f64 {
     const BETA_SQUARED: f64 = 1.2 * 1.2;
     let c: Vec<&str> = candidate.split(' ').collect();
@@ -49,7 +49,7 @@ fn best(
     common: impl Fn(&[String], &[String]) -> usize,
 ) -> f64 {
     let f1 = |reference: &Vec<String>| {
-        // F1 = 2 m / (|c| + |r|) for m matches; nothing matches nothing.
+        // F1 = 2 m / (|c| + |r|) for m matches. It is 0 if both texts are empty.
         let lengths = candidate.len() + reference.len();
         if lengths == 0 {
             0.0
@@ -60,7 +60,7 @@ fn best(
     references.iter().map(f1).fold(0.0, f64::max)
 }
 
-/// Length of the longest common subsequence; one row of the table at a time.
+/// Length of the longest common subsequence. Only one row of the table is stored.
 fn lcs<T: PartialEq>(a: &[T], b: &[T]) -> usize {
     let mut row = vec![0_usize; b.len() + 1];
     for x in a {

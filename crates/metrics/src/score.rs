@@ -17,7 +17,8 @@ use radarllm_base::random::SplitMix64;
 
 /// Maximum number of captions in the Self-BLEU sample.
 const SELF_BLEU_SAMPLE: usize = 1000;
-/// Maximum number of bootstrap units. If there are more motions, they are distributed over this many groups in turn.
+/// Maximum number of groups that the bootstrap resamples. It bounds memory and computing time. If there are more
+/// motions, motion n belongs to group n modulo this number.
 const MAX_GROUPS: usize = 20_000;
 /// Maximum number of words in a caption. Tokenisation and matching take time at least quadratic in the length.
 const MAX_WORDS: usize = 1000;
@@ -196,7 +197,7 @@ pub struct BootstrapInfo {
     pub unit: String,
     /// Number of motions.
     pub units: usize,
-    /// Number of groups of motions that are drawn: the motions themselves, up to 20,000.
+    /// Number of groups that are resampled: one per motion, at most 20,000.
     #[serde(default)]
     pub groups: usize,
     /// Resamples.
@@ -220,7 +221,7 @@ pub fn score(
     score_with(candidates, references, options, &Resources::default())
 }
 
-/// As `score`, with other tables for METEOR. Protocol `motiongpt` does not use them.
+/// As `score`, but with other tables for METEOR. Protocol `motiongpt` does not use them.
 ///
 /// # Errors
 /// See [`ScoreError`].
@@ -256,7 +257,7 @@ pub fn score_with(
         frequencies.add(&vocabulary.grams(&texts));
     }
     let ln_items = if is_motiongpt && items.len() == 1 {
-        // nlg-metricverse's exception for a single item.
+        // nlg-metricverse uses 1 for a single item.
         1.0
     } else {
         frequencies.ln_items()
@@ -271,7 +272,7 @@ pub fn score_with(
     let mut empty = Vec::new();
     let mut n_empty = 0;
     let mut n_empty_references = 0;
-    // Self-BLEU's items are a sample of the others: own counter and sum.
+    // Self-BLEU is computed for a sample of the items and therefore has its own count and sum.
     let sample = sample(items.len(), SELF_BLEU_SAMPLE, seed);
     let mut chosen: Vec<Grams> = Vec::with_capacity(sample.len());
     for (index, (item, unit)) in items.iter().zip(&units).enumerate() {
@@ -363,7 +364,7 @@ pub fn score_with(
     let found = bootstrap::intervals_of_sums(&sums, WIDTH, n_resamples, seed, statistic);
     let mut ci95: BTreeMap<String, Interval> =
         FIELDS.into_iter().map(str::to_string).zip(found).collect();
-    // A resample may miss Self-BLEU's sample altogether: then there is no interval.
+    // A resample can miss Self-BLEU's sample entirely. There is then no interval.
     ci95.retain(|_, interval| interval.iter().all(|v| v.is_finite()));
 
     let mut reason: BTreeMap<String, String> = [
@@ -440,8 +441,8 @@ const FIELDS: [&str; 11] = [
     "self_bleu",
     "meteor",
 ];
-/// Columns of the additive statistics: 10 of BLEU, item count, 3 ROUGE, 2 CIDEr, nltk's METEOR, Self-BLEU
-/// count and sum, those of METEOR 1.5.
+/// Number of columns of the additive statistics: 10 of BLEU, the item count, 3 of ROUGE, 2 of CIDEr, nltk's METEOR,
+/// count and sum of Self-BLEU, and those of METEOR 1.5.
 const WIDTH: usize = METEOR + MeteorStats::WIDTH;
 const COUNT: usize = 10;
 const MEAN_METEOR: usize = 16;
@@ -493,7 +494,8 @@ struct Item<'a> {
 }
 
 impl Item<'_> {
-    /// Under `motiongpt` three by repetition: one becomes a, a, a, two become a, b, a.
+    /// The references that are used. Protocol `motiongpt` repeats them until there are three: one becomes a, a, a, and
+    /// two become a, b, a.
     fn references(&self, protocol: Protocol) -> impl Iterator<Item = &str> {
         let n = match protocol {
             Protocol::MotionGpt => MOTIONGPT_REFERENCES,
@@ -575,11 +577,11 @@ fn unique<'a>(list: &'static str, ids: impl Iterator<Item = &'a String>) -> Resu
     })
 }
 
-/// `k` of `0..n` in increasing order, all if there are no more (Fisher-Yates, cut short).
+/// Draws `k` of `0..n` in increasing order, or all if there are no more than `k` (a partial Fisher-Yates shuffle).
 fn sample(n: usize, k: usize, seed: u64) -> Vec<usize> {
     let mut all: Vec<usize> = (0..n).collect();
     if n > k {
-        // Another stream than the bootstrap's, which starts from the seed itself.
+        // The bootstrap's stream starts from the seed itself. This stream must differ from it.
         let mut rng = SplitMix64::new(seed ^ 0x5e1f_b1e0);
         for i in 0..k {
             let j = i + rng.below(n - i);

@@ -66,7 +66,7 @@ pub(crate) fn self_bleu(sentences: &[Grams]) -> Vec<f64> {
     sentences.iter().enumerate().map(score).collect()
 }
 
-/// The two largest counts of an n-gram and who holds the largest.
+/// The two largest counts of an n-gram, and the index of the sentence with the largest one.
 #[derive(Default)]
 struct Top {
     holder: usize,

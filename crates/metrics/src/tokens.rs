@@ -7,18 +7,18 @@ use crate::{ptb::ptb, stem::porter};
 /// A named set of rules: tokenisation, scoring code, reference rule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, Default)]
 pub enum Protocol {
-    /// Lower case, every ASCII punctuation character to a space, split; COCO scoring code.
+    /// Lower case, ASCII punctuation characters replaced by spaces, split at white space; COCO scoring code.
     #[default]
     #[serde(rename = "plain")]
     Plain,
-    /// Only strip and split, as in nlg-eval: case and punctuation are significant.
+    /// Only stripped and split, as in nlg-eval: case and punctuation are significant.
     #[serde(rename = "nlg-eval")]
     NlgEval,
     /// Stanford PTB tokens, as the COCO caption evaluation does.
     #[serde(rename = "coco")]
     Coco,
-    /// Parity with MotionGPT's released metric code, which uses nlg-metricverse: BLEU with the shortest
-    /// reference, nltk's METEOR, three references by repetition.
+    /// Parity with MotionGPT's released metric code, which uses nlg-metricverse: BLEU with the shortest reference,
+    /// nltk's METEOR, three references by repetition.
     #[serde(rename = "motiongpt")]
     MotionGpt,
 }
@@ -83,13 +83,14 @@ pub fn raw(text: &str) -> &str {
     text.trim_matches(is_space)
 }
 
-/// nlg-metricverse's default: every one of the 32 ASCII punctuation characters to a space, split, lower case.
+/// nlg-metricverse's default: each of the 32 ASCII punctuation characters is replaced by a space, then the text is
+/// split and converted to lower case.
 pub fn nm_default(text: &str) -> Vec<String> {
     let spaced = text.replace(|c: char| c.is_ascii_punctuation(), " ");
     words(&spaced).map(str::to_lowercase).collect()
 }
 
-/// mteval-v13a as in sacrebleu, case kept.
+/// mteval-v13a tokenisation as in sacrebleu. Case is kept.
 pub fn thirteen_a(text: &str) -> Vec<String> {
     let mut text = text
         .replace("<skipped>", "")
@@ -135,7 +136,7 @@ pub fn thirteen_a(text: &str) -> Vec<String> {
     words(&spaced).map(str::to_string).collect()
 }
 
-/// Puts spaces before, between and after pairs of characters that fit; no character is in two pairs.
+/// Inserts spaces before, between and after pairs of characters that fit. No character belongs to two pairs.
 fn pairs(text: &[char], fits: impl Fn(char, char) -> bool, spaces: [bool; 3]) -> Vec<char> {
     let mut out = Vec::with_capacity(text.len() + 8);
     let mut rest = text;
@@ -160,14 +161,14 @@ fn pairs(text: &[char], fits: impl Fn(char, char) -> bool, spaces: [bool; 3]) ->
     out
 }
 
-/// Lower case, every one of the 32 ASCII punctuation characters to a space, split.
+/// Converts to lower case, replaces each of the 32 ASCII punctuation characters by a space, and splits.
 pub fn plain(text: &str) -> Vec<String> {
     let lower = text.to_lowercase();
     let spaced = lower.replace(|c: char| c.is_ascii_punctuation(), " ");
     words(&spaced).map(str::to_string).collect()
 }
 
-/// Tokens of rouge-score without stemming: lower case, runs of anything but `a-z0-9` separate.
+/// Tokens of rouge-score without stemming: lower case, separated by runs of characters other than `a-z0-9`.
 pub fn rouge_score(text: &str) -> Vec<String> {
     let lower = text.to_lowercase();
     let is_part = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit();
@@ -178,7 +179,7 @@ pub fn rouge_score(text: &str) -> Vec<String> {
         .collect()
 }
 
-/// Tokens of rouge-score with stemming: words of more than three characters by nltk's Porter stemmer.
+/// Tokens of rouge-score with stemming. Words of more than three characters are stemmed by nltk's Porter stemmer.
 pub fn rouge_score_stemmed(text: &str) -> Vec<String> {
     let stem = |word: String| if word.len() > 3 { porter(&word) } else { word };
     rouge_score(text).into_iter().map(stem).collect()

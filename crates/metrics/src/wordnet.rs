@@ -9,7 +9,7 @@ use std::sync::LazyLock;
 static TABLE: LazyLock<WordNet> =
     LazyLock::new(|| WordNet::parse(include_str!("../data/wordnet.txt")));
 
-/// Suffixes that WordNet removes, by part of speech.
+/// Suffixes of inflected forms and their replacements in base forms, by part of speech.
 const NOUN: &[(&str, &str)] = &[
     ("s", ""),
     ("ses", "s"),
@@ -32,7 +32,7 @@ const VERB: &[(&str, &str)] = &[
     ("ing", ""),
 ];
 const ADJECTIVE: &[(&str, &str)] = &[("er", ""), ("est", ""), ("er", "e"), ("est", "e")];
-/// In the order of the table's sections.
+/// The same in the order of the table's sections.
 const DETACHMENTS: [&[(&str, &str)]; 4] = [NOUN, VERB, ADJECTIVE, &[]];
 /// METEOR 1.5 has no rule for -ves.
 const METEOR_SKIPS: &str = "ves";
@@ -40,13 +40,13 @@ const PARTS: [&str; 4] = ["noun", "verb", "adj", "adv"];
 /// Section of the synsets that share a number in METEOR's jar, after the four parts of speech.
 const SHARED: usize = 4;
 
-/// The table, indexed.
+/// The indexed table.
 pub(crate) struct WordNet {
-    /// Words of each synset, a line of the table.
+    /// Words of each synset: a line of the table.
     synsets: Vec<&'static str>,
-    /// Word in lower case to (section, synset).
+    /// Maps a word in lower case to pairs of section and synset.
     entries: HashMap<Cow<'static, str>, Vec<(u8, u32)>>,
-    /// Irregular form to its bases, by part of speech: one list for each of its lines.
+    /// Maps an irregular form to its base forms, by part of speech. There is one list for each line of the table.
     exceptions: [HashMap<&'static str, Vec<Vec<&'static str>>>; 4],
 }
 
@@ -94,8 +94,8 @@ impl WordNet {
         this
     }
 
-    /// Synsets by METEOR 1.5's rule, sorted: those of the word as it stands, and those of its
-    /// bases, which are the irregular ones if there are any, else the first regular one that exists.
+    /// Sorted synsets by METEOR 1.5's rule: those of the word itself and those of its base forms. Base forms are the
+    /// irregular ones if there are any, and otherwise the first regular one that exists.
     pub fn meteor_synsets(&self, word: &str) -> Vec<u32> {
         let mut found: Vec<u32> = Vec::new();
         let mut add = |form: &str| {
@@ -136,13 +136,13 @@ impl WordNet {
             .find(|base| self.entries.contains_key(base.as_str()))
     }
 
-    /// All words of all synsets of a word, by nltk's rules: its own form and its bases in each part
-    /// of speech. Names keep their case, as nltk's do.
+    /// All words of all synsets of a word by nltk's rules: of its own form and of its base forms in each part of
+    /// speech. Names keep their case, as in nltk.
     pub fn nltk_synonyms(&self, word: &str) -> Vec<&'static str> {
         let word = word.to_lowercase();
         let mut found = Vec::new();
         for (part, detachments) in DETACHMENTS.into_iter().enumerate() {
-            // Of several lines nltk keeps the last.
+            // If a form has several lines, nltk uses the last one.
             let irregular = self.exceptions[part].get(word.as_str());
             let bases: Vec<String> = match irregular.and_then(|lines| lines.last()) {
                 Some(bases) => bases.iter().map(|b| (*b).to_string()).collect(),

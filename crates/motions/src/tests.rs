@@ -1,4 +1,4 @@
-//! Facts that every built-in motion keeps, and the particular ones of some.
+//! Properties of all built-in motions, and of some individual ones.
 
 use glam::{Quat, Vec3};
 use proptest::prelude::*;
@@ -24,8 +24,8 @@ fn track(p: &Procedural, joint: Joint) -> Vec<Vec3> {
         .collect()
 }
 
-/// Every motion alone with its defaults, with every word of every key, with extreme sizes and
-/// speeds, and random requests.
+/// Every motion alone with its defaults, with every word of every key, and with extreme sizes and speeds, and random
+/// requests.
 fn cases() -> Vec<(String, u64)> {
     let mut texts = Vec::new();
     for spec in specs() {
@@ -72,15 +72,15 @@ fn every_motion_is_finite_above_the_floor_continuous_and_within_joint_limits() {
             .flatten()
             .map(|q| q.z)
             .fold(f32::MAX, f32::min);
-        // The joint nearest to the floor is the ball of the foot, 3 cm above the sole; on tiptoe
-        // the sole stands upright, and the joint may come down to the floor itself.
+        // The joint nearest to the floor is the ball of the foot, 3 cm above the sole. On tiptoe the sole is vertical,
+        // and the joint may reach the floor itself.
         assert!(low > -0.005, "{text}: a joint at {low} m");
         worst.0 = worst.0.min(low);
         for pair in joints.windows(2) {
             for j in 0..N_JOINTS {
                 let speed = (pair[1][j] - pair[0][j]).length() * p.motion.fps as f32;
                 worst.1 = worst.1.max(speed);
-                // A professional's punch or throw reaches about 10 m/s; everyday motion less.
+                // The punch or throw of a professional reaches about 10 m/s, and everyday motions are slower.
                 assert!(speed < 12.0, "{text}: {:?} at {speed} m/s", Joint::ALL[j]);
             }
         }
@@ -88,8 +88,8 @@ fn every_motion_is_finite_above_the_floor_continuous_and_within_joint_limits() {
             for j in 0..N_JOINTS {
                 let angle = pair[0].rotations[j].angle_between(pair[1].rotations[j]);
                 worst.2 = worst.2.max(angle);
-                // 0.7 rad in 1/60 s are 2400 degrees/s, what the elbow does in an overhand throw; arms that
-                // catch a fall at twice its speed may do a fifth more.
+                // 0.7 rad in 1/60 s are 2400 degrees/s, the speed of the elbow in an overhand throw. Arms that catch a
+                // fall at twice its speed may exceed it by a fifth.
                 let most = if text == "fall?speed=2" { 0.84 } else { 0.7 };
                 assert!(
                     angle < most,
@@ -109,7 +109,8 @@ fn every_motion_is_finite_above_the_floor_continuous_and_within_joint_limits() {
                 (Joint::RightElbow, Vec3::Y),
             ] {
                 let (axis, angle) = pose.rotations[joint as usize].to_axis_angle();
-                // Hinges: only about the one axis, only the way the joint bends, at most 158 degrees.
+                // Knees and elbows are hinges: they turn only about one axis, only in the anatomical direction, and by
+                // at most 158 degrees.
                 assert!(
                     angle < 1e-3 || (axis.dot(hinge) > 0.999 && angle < 2.76),
                     "{text}: {joint:?} {axis} {angle}"
@@ -133,7 +134,7 @@ fn bones_keep_their_lengths_and_the_start_is_canonical() {
             for joint in Joint::ALL {
                 if let Some(parent) = joint.parent() {
                     let length = (joints[joint as usize] - joints[parent as usize]).length();
-                    // f32 rounding metres away from the origin.
+                    // The tolerance is the rounding of f32 metres away from the origin.
                     assert!(
                         (length - p.motion.skeleton.offsets[joint as usize].length()).abs() < 1e-4
                     );
@@ -195,7 +196,7 @@ fn walking_covers_the_distance_in_the_right_direction_at_the_asked_speed() {
         let y: Vec<f32> = track(&p, Joint::Pelvis).iter().map(|q| -q.y).collect();
         let (a, b) = (y.len() / 3, 2 * y.len() / 3);
         let mps = (y[b] - y[a]) / (b - a) as f32 * 60.0;
-        // 1.2 m/s is normal; 5 % for the speed ripple within a step.
+        // Normal speed is 1.2 m/s. The tolerance of 5 % is the speed variation within a step.
         assert!(
             (mps / (1.2 * expected) - 1.0).abs() < 0.05,
             "{speed}: {mps} m/s"
@@ -245,7 +246,7 @@ fn a_foot_on_the_floor_stays_where_it_is() {
             (Joint::RightAnkle, Joint::RightFoot),
         ] {
             let rest = (joints[0][ankle as usize].z, joints[0][ball as usize].z);
-            // Flat on the floor: both joints within 4 mm of their standing heights.
+            // A foot is flat on the floor if both joints are within 4 mm of their standing heights.
             let flat: Vec<bool> = joints
                 .iter()
                 .map(|j| {
@@ -263,8 +264,8 @@ fn a_foot_on_the_floor_stays_where_it_is() {
                     let first = joints[start][ankle as usize];
                     for j in &joints[start..end] {
                         let slide = (j[ankle as usize] - first).truncate().length();
-                        // 4 mm of height are up to 2 degrees of pitch, 5 mm of ankle travel;
-                        // side steps shuffle over the floor at the end of a swing.
+                        // 4 mm of height correspond to up to 2 degrees of pitch and 5 mm of ankle travel. In side
+                        // steps, feet slide over the floor at the end of a swing.
                         assert!(slide < 0.02, "{text}: {ankle:?} slides {slide} m in stance");
                     }
                 }
@@ -305,8 +306,8 @@ fn standing_people_are_over_their_feet() {
                 .iter()
                 .map(|f| (f.truncate() - mass.truncate()).length())
                 .fold(f32::MAX, f32::min);
-            // The trunk's middle is not the whole body's: legs and arms move it by up to 25 cm
-            // when someone kicks or touches the toes.
+            // The centre of the trunk is not that of the whole body. Legs and arms move the latter by up to 25 cm in a
+            // kick or a toe touch.
             assert!(near < 0.35, "{text}: trunk {near} m from the nearest foot");
         }
     }
@@ -373,7 +374,7 @@ fn sides_are_the_sides_asked_for() {
                 .sum()
         };
         if text.starts_with("step_over") {
-            // Both legs cross; the leading one is higher first.
+            // Both legs cross the obstacle. The leading leg is higher first.
             let high = |joint: Joint| {
                 joints
                     .iter()
@@ -382,7 +383,7 @@ fn sides_are_the_sides_asked_for() {
             };
             assert!(high(far) < high(near), "{text}");
         } else if text.starts_with("hop") {
-            // The hopping foot travels more, the lifted one stays higher.
+            // The hopping foot travels more, and the lifted foot stays higher.
             let sum = |joint: Joint| joints.iter().map(|j| j[joint as usize].z).sum::<f32>();
             assert!(sum(far) > 1.3 * sum(near), "{text}");
         } else {
@@ -475,7 +476,7 @@ fn repetitions_are_counted_in_the_motion() {
     }
 }
 
-/// How far hands travel relative to the chest, m.
+/// Distance that the hands travel relative to the chest, m.
 fn hand_travel(text: &str) -> f32 {
     let p = render(text);
     let from_chest = |joint: Joint| {
@@ -489,7 +490,8 @@ fn hand_travel(text: &str) -> f32 {
     from_chest(Joint::LeftWrist).max(from_chest(Joint::RightWrist))
 }
 
-/// A foot that stands back makes its leg the shorter one: its knee must go outward, not down.
+/// A foot that stands farther back is nearer to its hip, so that its knee bends more. That knee must move outward, not
+/// down into the floor.
 #[test]
 fn knees_stay_above_the_floor_however_people_stand() {
     for seed in 0..60 {
@@ -579,7 +581,7 @@ fn durations_are_kept() {
         match parse(text) {
             Ok(request) => {
                 let got = request.render(3).motion.duration_s();
-                // Half a frame either way.
+                // The tolerance is half a frame in both directions.
                 assert!((got - seconds).abs() < 0.01, "{text}: {got} s");
             }
             Err(e) => assert!(
@@ -768,10 +770,12 @@ fn random_requests_are_broad_and_short() {
         "while {}",
         share(overlay)
     );
-    // A quarter of the single motions with repetitions goes on, beside what is long by itself.
+    // A quarter of the single motions with repetitions continue to the time limit, in addition to those that are long
+    // anyway.
     let share_on = share(going_on);
     assert!((8.0..25.0).contains(&share_on), "{share_on} % go on");
-    // Each is expected about 2500 / 45 = 55 times, long ones less: they rarely fit with others.
+    // The expected number of each motion is about 2500 / 45 = 55. It is lower for long motions, which rarely fit with
+    // others.
     for spec in specs() {
         let count = seen.get(spec.name).copied().unwrap_or(0);
         assert!(count >= 20, "{} only {count} times", spec.name);

@@ -21,7 +21,7 @@ pub enum ProductPrecision {
 }
 
 impl ProductPrecision {
-    /// Whether a device computes in this precision; drivers differ.
+    /// Whether a device supports this precision, which depends on its driver.
     pub fn is_known_to(self, device: &Device) -> bool {
         match self {
             Self::F32 => true,

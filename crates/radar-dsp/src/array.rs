@@ -3,9 +3,9 @@
 use radarllm_base::RadarConfig;
 use radarllm_base::radar_config::Antenna;
 
-/// Positions closer than this are the same, m: a fiftieth of a millimetre, far under any spacing.
+/// Positions closer than this are treated as equal, m. The value is far below the spacing of any board.
 const SAME_M: f64 = 2e-5;
-/// Distinct spacings tried per row; boards have one or two.
+/// Maximum number of distinct spacings that are tried per row. Boards have one or two.
 const MAX_SPACINGS: usize = 16;
 
 /// One virtual element: the channel index `slot * n_rx + rx` and where it is.
@@ -21,11 +21,11 @@ pub struct Element {
 
 /// The parts of a radar's antenna array that angle estimation uses.
 ///
-/// A far target with direction cosines (u_x, u_z) adds the phase -2 pi / lambda (x u_x + z u_z) at
-/// the virtual element (x, z): nearer elements see less delay.
+/// A far target with direction cosines (u_x, u_z) adds the phase -2 pi / lambda (x u_x + z u_z) at the virtual element
+/// (x, z), because the delay is shorter at elements that are nearer to the target.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VirtualArray {
-    /// Longest uniform horizontal row, x ascending. A single element means no azimuth.
+    /// Longest uniform horizontal row, in ascending order of x. A single element means no azimuth.
     pub azimuth_row: Vec<Element>,
     /// Spacing of the row, m (0 for a single element).
     pub spacing_m: f64,
@@ -36,8 +36,9 @@ pub struct VirtualArray {
 }
 
 impl VirtualArray {
-    /// Derives the array of a valid radar: the longest uniform row (finest spacing, then lowest
-    /// height, on a tie) and, for elevation, the nearest other height (most elements on a tie).
+    /// Derives the array of a valid radar. The azimuth row is the longest uniform row; in a tie, the one with the
+    /// finest spacing and then the lowest height. The elevation row is at the nearest other height; in a tie, the one
+    /// with the most elements.
     pub fn new(radar: &RadarConfig) -> Self {
         let mut rows = rows_by_height(&radar.tx, &radar.rx);
         let mut best: Option<(usize, Vec<Element>, f64)> = None;
@@ -52,7 +53,7 @@ impl VirtualArray {
             }
         }
         let Some((row_idx, azimuth_row, spacing_m)) = best else {
-            // A valid radar has at least one antenna of each kind, so this is never reached by one.
+            // A valid radar has at least one antenna of each kind, so that this is not reached.
             return Self {
                 azimuth_row: vec![],
                 spacing_m: 0.0,
@@ -91,8 +92,8 @@ impl VirtualArray {
     }
 }
 
-/// All virtual elements in rows of equal height, lowest first; x ascending, no two at one place
-/// (the first channel wins: which one does not matter to a calibrated array).
+/// All virtual elements in rows of equal height, lowest first and with x ascending. Of several elements at one position
+/// only the first channel is kept, because the choice does not matter for a calibrated array.
 fn rows_by_height(tx: &[Antenna], rx: &[Antenna]) -> Vec<Vec<Element>> {
     let mut all = Vec::with_capacity(tx.len() * rx.len());
     for (slot, t) in tx.iter().enumerate() {
@@ -154,7 +155,7 @@ mod tests {
     fn reference_board_gives_eight_in_a_row_and_four_above() {
         let array = VirtualArray::new(&RadarConfig::awr1843boost());
         let half_m = 0.5 * radarllm_base::SPEED_OF_LIGHT_MPS / 77e9;
-        // Slots fire TX1, TX3, TX2: channels 0..8 are the row, 8..12 the raised elements.
+        // The slots transmit with TX1, TX3, TX2: channels 0..8 are the row, 8..12 the raised elements.
         let channels: Vec<_> = array.azimuth_row.iter().map(|e| e.channel).collect();
         assert_eq!(channels, [0, 1, 2, 3, 4, 5, 6, 7]);
         let raised: Vec<_> = array.elevation_row.iter().map(|e| e.channel).collect();

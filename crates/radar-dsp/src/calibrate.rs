@@ -50,8 +50,10 @@ pub struct ChannelGains {
     pub range_m: f64,
     /// Signal-to-noise ratio of the weakest channel's mean, dB.
     pub snr_db: f64,
-    /// Power ratio of the reflector to the strongest other static echo within 25 range bins, dB. Such echoes are the
-    /// main source of error in the gains. An echo 20 dB below the reflector causes an error of up to 0.1 rad.
+    /// Ratio of the reflector's power to that of the strongest other static echo within 25 range bins, dB. Echoes in
+    /// the reflector's own range bin cannot be separated from it and are the main source of error in the gains. Such an
+    /// echo 20 dB below the reflector causes a phase error of up to 0.1 rad. This ratio indicates how strong such
+    /// echoes may be.
     pub above_surroundings_db: f64,
     /// Repeatability: root of the mean of |gain / mean gain - 1|^2 over channels and half frames.
     pub residual: f64,

@@ -503,7 +503,7 @@ fn median_of(map: &[f32], n_doppler: usize, skip_notch: bool, values: &mut Vec<f
                 .select_nth_unstable_by(rank - n_low, f32::total_cmp)
                 .1
         }
-        // Of numbers there is one.
+        // Without NaN, the interval contains the median, so that this is not reached.
         None => low,
     }
 }

@@ -15,7 +15,8 @@ use crate::spectrum::signed_doppler;
 /// Minimum size of the azimuth FFT. Longer rows get at least four bins per element.
 const MIN_AZIMUTH_FFT: usize = 64;
 
-/// Steps from element to element that differ by less are one, m: their phases differ by less than rounding.
+/// Steps between elements that differ by less than this are treated as equal, m. The resulting phases differ by less
+/// than rounding.
 const SAME_STEP_M: f64 = 1e-15;
 
 /// Direction cosines of a cell.
@@ -32,7 +33,7 @@ pub struct DirectionFinder {
     array: VirtualArray,
     wavelength_m: f64,
     refine: bool,
-    /// Amplitude step of the whole spectrum; zero for none.
+    /// Quantisation step of the amplitudes of the azimuth spectrum. 0 disables quantisation.
     step: f32,
     fft: Arc<dyn Fft<f32>>,
     scratch: Vec<Complex32>,
@@ -63,7 +64,7 @@ impl DirectionFinder {
             tdm_phases: tdm_phases(
                 radar.tx.len(),
                 radar.n_loops,
-                // Decoding phase modulation brings both transmitters to one time.
+                // Decoding binary phase modulation already refers both transmitters to the same time.
                 options.compensate_tdm && radar.firing == TxMultiplexing::Tdm,
             ),
             array,
@@ -80,16 +81,16 @@ impl DirectionFinder {
         self.row.len()
     }
 
-    /// Phase advance per row element that a target at direction cosine `u_x` causes is
-    /// `-2 pi spacing / lambda * u_x`; this is its inverse.
+    /// Direction cosine `u_x` of a target that causes this phase step per row element: the inverse of
+    /// `-2 pi spacing / lambda * u_x`.
     pub fn u_x_of_phase_step(&self, step_rad: f64) -> f64 {
         -step_rad * self.wavelength_m / (TAU * self.array.spacing_m)
     }
 
     /// Direction of the strongest target in one cell.
     ///
-    /// `value(channel)` is the cell's spectrum in channel `slot * n_rx + rx`; `doppler` its signed
-    /// bin. The cosines may lie outside the unit disc: the caller decides what that means.
+    /// `value(channel)` is the cell's spectrum in channel `slot * n_rx + rx`, and `doppler` is its signed bin. The
+    /// cosines may lie outside the unit disc. The caller decides how to treat such a cell.
     pub fn direction(&mut self, doppler: i64, value: impl Fn(usize) -> Complex32) -> Direction {
         if !self.array.has_azimuth() {
             return Direction {
@@ -103,7 +104,8 @@ impl DirectionFinder {
         let mut peak = 0;
         if step > 0.0 {
             let level = |bin: usize| (spectrum[bin].norm() / step).floor();
-            // A phase that falls from element to element is a target on the right.
+            // A phase that falls from element to element corresponds to a target on the right, so that the search
+            // starts there.
             for bin in (1..n).rev() {
                 if level(bin) > level(peak) {
                     peak = bin;
@@ -127,8 +129,8 @@ impl DirectionFinder {
         Direction { u_x, u_z }
     }
 
-    /// Zero-padded FFT over the azimuth row of one cell, TDM-compensated; bin k is the phase step
-    /// 2 pi k / n per element, FFT order.
+    /// Zero-padded, TDM-compensated FFT over the azimuth row of one cell, in FFT order. Bin k corresponds to the phase
+    /// step 2 pi k / n per element.
     pub fn azimuth_spectrum(
         &mut self,
         doppler: i64,
@@ -143,7 +145,8 @@ impl DirectionFinder {
         &self.row
     }
 
-    /// Phase from the azimuth row to the elevation row, both steered to the azimuth found.
+    /// Direction cosine u_z from the phase between the azimuth row and the elevation row, both steered to the estimated
+    /// azimuth.
     fn elevation(&self, step_rad: f64, doppler: i64, value: &impl Fn(usize) -> Complex32) -> f64 {
         if !self.array.has_elevation() {
             return 0.0;
@@ -167,7 +170,8 @@ impl DirectionFinder {
         } else {
             0.0
         };
-        // From element to element, mostly by the same step: sines and cosines once instead of for every element.
+        // Most elements follow each other at the same distance, so that sine and cosine are computed once instead of
+        // for every element.
         let (mut x_m, mut step_m) = (first_m, 0.0);
         let (mut phasor, mut turn) = (Complex64::ONE, Complex64::ONE);
         let mut sum = Complex64::ZERO;
@@ -208,8 +212,8 @@ fn tdm_phases(n_slots: usize, n_loops: usize, compensate: bool) -> Vec<Complex32
         .collect()
 }
 
-/// Vertex of the parabola through three log powers at -1, 0, 1; in -0.5..=0.5 when the middle is
-/// the largest. The log of a zero-padded main lobe is nearly a parabola.
+/// Vertex of the parabola through three log powers at -1, 0, 1. It is in -0.5..=0.5 if the middle is the largest. The
+/// logarithm of a zero-padded main lobe is nearly a parabola.
 fn parabola_offset(before: f32, peak: f32, after: f32) -> f64 {
     let [a, b, c] = [before, peak, after].map(|p| f64::from(p.max(f32::MIN_POSITIVE)).ln());
     let bend = a - 2.0 * b + c;

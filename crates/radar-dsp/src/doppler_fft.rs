@@ -19,10 +19,10 @@ pub(crate) struct DopplerFft {
     level: SimdLevel,
     /// Slow-time weights of the mean to subtract; empty to keep static echoes.
     mean_weights: Vec<f32>,
-    /// One weight a loop.
+    /// One weight per loop.
     window: Vec<f32>,
     passes: Vec<Pass>,
-    /// For lengths without SIMD passes.
+    /// Used for lengths without SIMD passes.
     rows: Option<Rows>,
     spare: Vec<Cell>,
 }
@@ -149,8 +149,8 @@ impl<L: SimdF32x16> Source<L> for SlowTime<'_, L> {
     }
 }
 
-/// Output spectra, and the powers to which theirs are added. The spectra of all channels exceed the cache, and only
-/// detected cells are read again.
+/// Output spectra, and the powers to which theirs are added. The spectra are written past the cache, because those of
+/// all channels exceed it and only detected cells are read again.
 struct Measured<'a> {
     spectra: &'a mut [Cell],
     powers: &'a mut [[f32; LANES]],
@@ -224,16 +224,16 @@ mod tests {
     use super::*;
     use crate::tests::uniform;
 
-    /// Largest error of any lane against the definition in f64, relative to the largest value: of the spectra, and of
+    /// Largest error of any lane against the definition in f64, relative to the largest value, for the spectra and for
     /// the powers.
     fn errors(n: usize, level: SimdLevel) -> [f64; 2] {
-        // Every lane another signal.
+        // Each lane has a different signal.
         let mut next = uniform(1);
         let mut cell = || Cell {
             re: std::array::from_fn(|_| next()),
             im: std::array::from_fn(|_| next()),
         };
-        // Of two blocks the second is looked at; one cell lies between them.
+        // The second of two blocks is tested. One cell lies between the blocks.
         let chirps: Vec<Cell> = (0..2 * n + 1).map(|_| cell()).collect();
         let window: Vec<f32> = (0..n).map(|l| 0.5 + l as f32 / n as f32).collect();
         let mean_weights = vec![1.0 / n as f32; n - n % 2];
@@ -279,10 +279,10 @@ mod tests {
 
     #[test]
     fn every_length_equals_the_definition() {
-        // All radices alone and together, usual numbers of loops, primes that have no pass.
+        // All radices alone and combined, usual numbers of loops, and primes without a pass.
         for n in (2..=50).chain([64, 96, 100, 112, 128, 225, 251, 255, 256, 512]) {
             let errors = errors(n, SimdLevel::detect());
-            // Rounding grows with the number of passes, 6e-8 each; a power has twice the error.
+            // Rounding grows with the number of passes, by 6e-8 each. A power has twice the error.
             assert!(errors[0] < 1e-6 && errors[1] < 2e-6, "{n}: {errors:?}");
         }
     }

@@ -71,7 +71,7 @@ fn add_body<L: SimdF32x16>(sums: &mut [Cell], cells: &[Cell]) {
 }
 
 dispatch!(
-    /// The largest of powers, at least zero; NaN if one is not finite.
+    /// The largest of powers, at least zero, or NaN if one of them is not finite.
     pub(crate) fn peak => peak_body(powers: &[f32], peak: &mut f32)
 );
 
@@ -86,7 +86,7 @@ fn peak_body<L: SimdF32x16>(powers: &[f32], peak: &mut f32) {
         zeros = x.fma(zero, zeros);
     }
     *peak = largest.reduce_max();
-    // Zero times anything finite is zero, and times anything else NaN.
+    // Zero times a finite value is zero, and zero times any other value is NaN.
     let mut finite = zeros.array() == [0.0; LANES];
     for &x in rest {
         *peak = peak.max(x);
@@ -98,7 +98,7 @@ fn peak_body<L: SimdF32x16>(powers: &[f32], peak: &mut f32) {
 }
 
 dispatch!(
-    /// How many values are smaller than `limit`; up to 2^28 of them.
+    /// Number of values that are smaller than `limit`, for up to 2^28 values.
     pub(crate) fn count_below => count_below_body(values: &[f32], limit: f32, count: &mut usize)
 );
 
@@ -115,7 +115,7 @@ fn count_below_body<L: SimdF32x16>(values: &[f32], limit: f32, count: &mut usize
     }
     *count = rest.iter().filter(|x| **x < limit).count();
     for sum in sums {
-        // Whole numbers up to 2^24 a lane.
+        // The counts of a lane are exact in f32 up to 2^24.
         for n in sum.array() {
             *count += n as usize;
         }
@@ -123,7 +123,8 @@ fn count_below_body<L: SimdF32x16>(values: &[f32], limit: f32, count: &mut usize
 }
 
 dispatch!(
-    /// Turns `[doppler][bin of sixteen]` into `[bin][doppler]`, from bin `first` on, as many as `map` has room for.
+    /// Transposes `[doppler][bin of sixteen]` to `[bin][doppler]`, from bin `first` on, for as many bins as `map` has
+    /// room for.
     pub(crate) fn rows_of_bins => rows_of_bins_body(
         powers: &[[f32; LANES]], first: usize, map: &mut [f32]
     )

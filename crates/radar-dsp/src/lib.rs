@@ -60,7 +60,7 @@
 //! [`mod@array`] and [`direction`] (angle estimation), [`pictures`]. Two modules precede the chain: [`mod@correct`]
 //! (background subtraction, offset and leakage removal) and [`mod@calibrate`] (channel gains from a reflector).
 //!
-//! Deliberately absent: anything about people, files, or the origin of a cube.
+//! Out of scope: anything about people, files, or the origin of a cube.
 
 pub mod array;
 pub mod calibrate;

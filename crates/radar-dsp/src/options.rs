@@ -12,9 +12,9 @@ pub enum MapKind {
     /// D = |sum over channels of the complex values|, as in mmMesh and the RadarLLM paper. This is a beam at boresight:
     /// for the reference radar the gain is -5.6 dB at 10 degrees, with a null near 30.
     Coherent,
-    /// ln D = mean over channels of ln |.|^2, the geometric mean of the powers, as the detection
-    /// matrices of TI's demos (which add log2 magnitudes). Only with [`Detector::LogCfar`] or
-    /// [`Detector::AlwaysTopK`], whose thresholds do not presume a sum of powers.
+    /// ln D = mean over channels of ln |.|^2, the geometric mean of the powers. The detection matrices of TI's demos,
+    /// which add log2 magnitudes, are of this kind. Requires [`Detector::LogCfar`] or [`Detector::AlwaysTopK`], whose
+    /// thresholds do not assume a sum of powers.
     MeanLog,
 }
 
@@ -27,7 +27,7 @@ pub enum CfarSides {
     Both,
     /// The larger of the two sides' means: fewer false alarms at the edge of clutter.
     Greater,
-    /// The smaller: a second target on one side does not hide the first.
+    /// The smaller of the two sides' means: a second target on one side does not mask the first.
     Smaller,
 }
 
@@ -42,9 +42,9 @@ pub enum Detector {
     /// The strongest cells without a threshold. A scene without targets yields a full frame of noise.
     #[cfg_attr(feature = "serde", serde(rename = "top_k"))]
     AlwaysTopK,
-    /// Cells above a threshold over the frame's own noise floor. The floor is the median of the map,
-    /// turned into the mean by the exact law of a sum of exponentials; the threshold is the level
-    /// that noise alone exceeds in `false_alarms_per_frame` cells of the gated map, on average.
+    /// Cells above a threshold over the frame's own noise floor. The floor is the median of the map, converted to the
+    /// mean by the exact distribution of a sum of exponentials. The threshold is the level that noise alone exceeds in
+    /// `false_alarms_per_frame` cells of the gated map, on average.
     NoiseFloor {
         /// Expected number of noise cells per frame, > 0.
         false_alarms_per_frame: f64,
@@ -58,7 +58,7 @@ pub enum Detector {
         /// Probability that a noise cell passes, in (0, 0.5).
         false_alarm_probability: f64,
     },
-    /// Ordered-statistic CFAR along range: robust when a neighbour is also a target.
+    /// Ordered-statistic CFAR along range: robust if there is another target among the training cells.
     OsCfar {
         /// Guard cells on each side.
         guard: usize,
@@ -143,8 +143,8 @@ pub struct DspOptions {
     pub range_window: Window,
     /// Weights of a frame's loops.
     pub doppler_window: Window,
-    /// Length of the range FFT; samples are padded with zeros up to it, so that bins are closer than
-    /// the resolution. `None`: the number of samples. Firmware with power-of-two FFTs does this.
+    /// Length of the range FFT. Samples are zero-padded to it, so that bins are closer than the resolution, as in
+    /// firmware with power-of-two FFTs. `None` selects the number of samples.
     pub range_fft_len: Option<usize>,
     /// Minimum range, m.
     pub min_range_m: f64,
@@ -157,14 +157,13 @@ pub struct DspOptions {
     pub compensate_tdm: bool,
     /// Refine the azimuth peak between FFT bins with a parabola through the log power.
     pub refine_azimuth: bool,
-    /// Step of the azimuth spectrum's amplitudes in fixed-point firmware, per row element, as
-    /// intensity: dB relative to one squared sample unit after unnormalised FFTs. Amplitudes are cut
-    /// to whole steps before the peak is sought; of equal ones the first of the transform counts,
-    /// from boresight to the right, then from the left edge inwards. Weak cells thus pile up on
-    /// boresight. `None` keeps floating point.
+    /// Step of the azimuth spectrum's amplitudes in fixed-point firmware, per row element, as intensity: dB relative to
+    /// one squared sample unit after unnormalised FFTs. Amplitudes are truncated to whole steps before the peak search.
+    /// Of equal amplitudes, the first one is selected in the order from boresight to the right, then from the left edge
+    /// inwards. Weak cells therefore accumulate on boresight. `None` selects floating point.
     pub azimuth_step_db: Option<f64>,
-    /// Subtract the beat frequency's Doppler part from the range: v * carrier / slope, 1.3 mm per m/s
-    /// for the reference radar. Exact for constant velocity; off gives plain bin centres.
+    /// Subtract the beat frequency's Doppler part from the range: v * carrier / slope, 1.3 mm per m/s for the reference
+    /// radar. This is exact for constant velocity. Without it, ranges are bin centres.
     pub correct_range_doppler_coupling: bool,
     /// Keep only cells that are not weaker than their neighbours.
     pub peak_grouping: PeakGrouping,
@@ -198,8 +197,8 @@ impl Default for DspOptions {
 }
 
 impl DspOptions {
-    /// mmMesh's chain, which the RadarLLM paper follows: coherent map, always the 128 strongest
-    /// cells, angles and ranges at bin centres.
+    /// mmMesh's chain, which the RadarLLM paper follows: coherent map, always the 128 strongest cells, and angles and
+    /// ranges at bin centres.
     pub fn mmmesh() -> Self {
         Self {
             map: MapKind::Coherent,
@@ -211,10 +210,10 @@ impl DspOptions {
         }
     }
 
-    /// The chain of TI's out-of-box demos on xWR14xx parts: Blackman in range, Hann in Doppler, mean
-    /// of logarithms over the channels, CFAR along range in the log domain (8 training cells after 4
-    /// guard cells, the smaller side, 15 dB), angles and ranges at the bins' centres, range FFT
-    /// padded to a power of two. Peak grouping off, static clutter removed; both are commands there.
+    /// The chain of TI's out-of-box demos on xWR14xx parts: Blackman window in range, Hann window in Doppler, mean of
+    /// logarithms over the channels, CFAR along range in the log domain (8 training cells after 4 guard cells, the
+    /// smaller side, 15 dB), angles and ranges at bin centres, range FFT padded to a power of two. Peak grouping is off
+    /// and static clutter is removed; commands of the demos set both.
     pub fn ti_demo(n_samples: usize) -> Self {
         Self {
             map: MapKind::MeanLog,

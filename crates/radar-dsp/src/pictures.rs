@@ -94,9 +94,9 @@ impl PointExtractor {
         })
     }
 
-    /// Power over range and azimuth, summed over Doppler: rows are gated ranges, columns the
-    /// direction cosine x/R, ascending. TDM-compensated; the row alone has no elevation. A radar
-    /// without azimuth gives one column per FFT bin, all alike.
+    /// Power over range and azimuth, summed over Doppler. Rows are gated ranges, columns the direction cosine x/R in
+    /// ascending order. The spectrum is TDM-compensated. The azimuth row alone does not resolve elevation. A radar
+    /// without azimuth gives one column per FFT bin, all with equal values.
     ///
     /// # Errors
     /// As [`PointExtractor::extract`].
@@ -114,7 +114,7 @@ impl PointExtractor {
                 .azimuth_spectrum(doppler, |channel| spectrum.value(channel, cell));
             let row = &mut values[cell / n_doppler * n_azimuth..][..n_azimuth];
             for (k, value) in bins.iter().enumerate() {
-                // Phase steps from +pi down to -pi are x/R from left to right: the FFT is even-sized.
+                // Phase steps from +pi down to -pi correspond to x/R from left to right. The length of the FFT is even.
                 row[(n_azimuth / 2 + n_azimuth - k) % n_azimuth] += value.norm_sqr();
             }
         }
@@ -158,8 +158,8 @@ impl PointExtractor {
         })
     }
 
-    /// Mean power per chirp over range of every channel, `slot * n_rx + rx`, a row each; all bins, static targets
-    /// included.
+    /// Mean power per chirp over range of every channel, one row per channel `slot * n_rx + rx`, for all bins and with
+    /// static targets.
     ///
     /// # Errors
     /// As [`PointExtractor::extract`].
@@ -192,7 +192,7 @@ impl PointExtractor {
     }
 }
 
-/// Doppler spectrum over frames: the gated detection map summed over range, one column a frame.
+/// Doppler spectrum over frames: the gated detection map summed over range, one column per frame.
 #[derive(Clone, Debug, Default)]
 pub struct MicroDoppler {
     columns: Vec<Vec<f32>>,
@@ -201,7 +201,7 @@ pub struct MicroDoppler {
 }
 
 impl MicroDoppler {
-    /// Adds one frame; all frames of a spectrogram come from the same extractor.
+    /// Adds one frame. All frames of a spectrogram must come from the same extractor.
     ///
     /// # Errors
     /// As [`PointExtractor::extract`]; [`DspError::Shape`] when the extractor's Doppler size changed.

@@ -1,10 +1,12 @@
-//! Windowed FFTs of single rows: a chirp's range spectrum.
+//! Windowed FFTs of single rows, such as the range spectrum of a chirp. They are forward and not normalised.
 //!
-//! A row of n = 16 m numbers is m vectors of sixteen neighbours. With sample 16 a + b and bin c + m d,
-//! `exp(-j 2 pi (16 a + b)(c + m d) / n)` is `exp(-j 2 pi a c / m) exp(-j 2 pi b c / n) exp(-j 2 pi b d / 16)`: transforms
-//! over the vectors, one twiddle, and after a transposition of sixteen vectors transforms over what were the lanes.
-//! The window is applied as samples are loaded, and bins come out by sixteens, as Doppler FFTs want them. Other lengths
-//! go through `rustfft`. Forward, not normalised.
+//! A row of n = 16 m numbers consists of m vectors of sixteen neighbours. With sample index 16 a + b and bin index c +
+//! m d, `exp(-j 2 pi (16 a + b)(c + m d) / n)` is `exp(-j 2 pi a c / m) exp(-j 2 pi b c / n) exp(-j 2 pi b d / 16)`.
+//! The FFT therefore consists of transforms over the vectors (from a to c), a multiplication by twiddle factors, a
+//! transposition of sixteen vectors at a time, and transforms over the former lanes (from b to d).
+//!
+//! The window is applied when samples are loaded. Bins are written in blocks of sixteen, as the Doppler FFTs require.
+//! `rustfft` transforms other lengths than multiples of 256 with prime factors of at most 7.
 
 use std::sync::Arc;
 
@@ -20,7 +22,7 @@ use radarllm_simd::fft::{
 /// Plan and workspace.
 pub(crate) struct RowFft {
     level: SimdLevel,
-    /// One weight a sample.
+    /// One weight per sample.
     window: Vec<f32>,
     n: usize,
     plan: Plan,
@@ -34,7 +36,7 @@ enum Plan {
         twiddles: Vec<Cell>,
         work: Vec<Cell>,
         spare: Vec<Cell>,
-        /// Windowed samples with zeros after them, where there are fewer of them than bins.
+        /// Windowed samples followed by zeros, if there are fewer samples than bins.
         padded: Vec<Cell>,
     },
     Rows {
@@ -44,10 +46,10 @@ enum Plan {
     },
 }
 
-/// Rows of samples that lie `stride` numbers apart.
+/// Rows of samples that start `stride` samples apart.
 #[derive(Clone, Copy)]
 pub(crate) struct SampleRows<'a> {
-    /// From the first row's first sample on.
+    /// Samples from the first one of the first row on.
     pub data: &'a [Complex32],
     pub stride: usize,
     pub n_rows: usize,
@@ -60,8 +62,8 @@ impl SampleRows<'_> {
     }
 }
 
-/// Where spectra go: block b of row r, bins 16 b and following, to `cells[(b - first) * stride + r]` if there is such a
-/// cell, and else nowhere.
+/// Destination of spectra. Block b of row r, with the bins from 16 b on, is written to
+/// `cells[(b - first) * stride + r]`. If there is no such cell, the block is dropped.
 pub(crate) struct Blocks<'a> {
     pub cells: &'a mut [Cell],
     pub first: usize,
@@ -76,7 +78,7 @@ impl Blocks<'_> {
     }
 }
 
-/// What the vectors' plan needs.
+/// Input and workspace of the plan with vectors.
 struct Job<'a> {
     level: SimdLevel,
     samples: SampleRows<'a>,
@@ -90,7 +92,7 @@ struct Job<'a> {
 }
 
 impl RowFft {
-    /// Plans transforms of as many samples as `window` has weights, with zeros after them up to `n`.
+    /// Plans transforms of as many samples as `window` has weights, zero-padded to `n`.
     pub fn new(level: SimdLevel, window: Vec<f32>, n: usize) -> Self {
         let m = n / LANES;
         let radices = (n.is_multiple_of(LANES * LANES) && n > 0)
@@ -130,13 +132,13 @@ impl RowFft {
         }
     }
 
-    /// Blocks of a spectrum; the last may be filled up with zeros.
+    /// Number of blocks of a spectrum. The last one may be padded with zeros.
     pub fn n_blocks(&self) -> usize {
         self.n.div_ceil(LANES)
     }
 
-    /// Writes the spectra of rows of samples times the window to `out`. A sample that is not finite leaves no bin of its
-    /// row finite.
+    /// Writes the spectra of rows of samples times the window to `out`. If a sample is not finite, no bin of its row is
+    /// finite.
     ///
     /// # Panics
     /// If `samples` ends before its last row has as many samples as there are weights.
@@ -197,15 +199,15 @@ fn all_rows_body<L: SimdF32x16>(mut job: Job<'_>) {
 struct Windowed<'a> {
     samples: &'a [[Complex32; LANES]],
     window: &'a [[f32; LANES]],
-    /// The next row.
+    /// Samples of the next row, which are prefetched.
     next: &'a [[Complex32; LANES]],
 }
 
 impl<L: SimdF32x16> Source<L> for Windowed<'_> {
     #[inline(always)]
     fn at(&self, i: usize) -> C<L> {
-        // Rows may lie pages apart, where the processor does not see that one follows another: the cache is asked for
-        // the next one, bit by bit, for what is asked for at once waits for room in the queue.
+        // Rows can be pages apart, and the hardware prefetcher does not cross pages. The next row is therefore
+        // prefetched here, in small portions, because many requests at once would have to wait for room in the queue.
         if let Some(soon) = self.next.get(i) {
             prefetch(soon);
         }
@@ -233,7 +235,7 @@ fn row_body<L: SimdF32x16>(job: &mut Job<'_>, row: usize) {
         };
         all_passes::<L, _>(job.level, job.passes, source, work, spare);
     } else {
-        // Fewer samples than bins: zeros after them.
+        // If there are fewer samples than bins, zeros follow the samples.
         let padded = &mut *job.padded;
         padded.fill(Cell::ZERO);
         for ((samples, window), to) in samples.iter().zip(window).zip(&mut *padded) {
@@ -343,7 +345,7 @@ mod tests {
                 (512, 512),
                 (700, 768),
                 (1024, 1024),
-                // No passes: rustfft.
+                // Lengths without passes, which rustfft transforms.
                 (100, 100),
                 (250, 304),
                 (2816, 2816),

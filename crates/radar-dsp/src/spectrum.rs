@@ -35,11 +35,11 @@ pub struct Spectrum {
     map_kind: MapKind,
     /// Factor per Doppler index that shifts slot 1 to the time of slot 0. Empty without binary phase modulation.
     bpm_factors: Vec<Complex32>,
-    /// Windowed.
+    /// Range FFT, including the window.
     range_fft: RowFft,
     doppler_fft: DopplerFft,
     simd: SimdLevel,
-    /// One channel's chirps, `[block, loop]`, the blocks that hold gated bins.
+    /// One channel's chirps, `[block, loop]`, for the blocks that contain gated bins.
     chirps: Vec<Cell>,
     /// Cells from one block to the next in `chirps`.
     stride: usize,
@@ -145,7 +145,7 @@ impl Spectrum {
         (bin / LANES * n_loops + doppler, bin % LANES)
     }
 
-    /// Asks the cache for a cell of the map in all channels: [`Self::value`] is quicker a little later.
+    /// Prefetches a cell of the map in all channels, so that a later [`Self::value`] does not wait for memory.
     pub(crate) fn prefetch(&self, cell: usize) {
         let (place, _) = self.place(cell);
         for spectra in self.spectra.chunks_exact(self.powers.len()) {
@@ -153,7 +153,7 @@ impl Spectrum {
         }
     }
 
-    /// Works out the spectra and [`Self::map`] of a cube.
+    /// Computes the spectra and [`Self::map`] of a cube.
     ///
     /// # Errors
     /// Wrong shape, a sample that is not finite, or power beyond `f32`.
@@ -162,7 +162,7 @@ impl Spectrum {
         self.powers.fill([0.0; LANES]);
         self.coherent.fill(Cell::ZERO);
         let is_bpm = !self.bpm_factors.is_empty();
-        // What the last pass of an FFT does on its way.
+        // In this case, the last pass of the Doppler FFTs also adds the powers.
         let measure = self.map_kind == MapKind::NonCoherent && !is_bpm;
         for channel in 0..self.n_channels() {
             self.transform_chirps(cube, channel);
@@ -183,7 +183,7 @@ impl Spectrum {
         if !largest.is_nan() {
             return Ok(());
         }
-        // A sample that is not finite has left no cell of the map finite.
+        // If a sample is not finite, no cell of the map is. Samples are therefore checked before the map.
         (0..self.n_channels()).try_for_each(|channel| check_finite(cube, channel))?;
         let cell = self.map.iter().position(|p| !p.is_finite());
         let cell = cell.unwrap_or_default();
@@ -193,7 +193,7 @@ impl Spectrum {
         })
     }
 
-    /// From `chirps` to one channel of `spectra`, and to `powers` if `measure`.
+    /// Computes one channel of `spectra` from `chirps`, and adds to `powers` if `measure`.
     fn doppler_spectra(&mut self, channel: usize, measure: bool) {
         let n_channel = self.powers.len();
         let spectra = &mut self.spectra[channel * n_channel..][..n_channel];
@@ -212,7 +212,7 @@ impl Spectrum {
         }
     }
 
-    /// From the sums over all channels to the map.
+    /// Computes the map from the sums over all channels.
     fn fill_map(&mut self) {
         match self.map_kind {
             MapKind::NonCoherent => (),
@@ -235,9 +235,9 @@ impl Spectrum {
         }
     }
 
-    /// Slot spectra into transmitter spectra, both as of slot 0: with A = S1 + S2 and the later slot
-    /// B = (S1 - S2) e^{j phi}, S1 = (A + B e^{-j phi}) / 2 and S2 = (A - B e^{-j phi}) / 2. The echo of
-    /// either is as strong as in time division, the noise of two slots is averaged.
+    /// Converts the spectra of the slots to those of the transmitters, both referred to slot 0. With A = S1 + S2 and
+    /// the later slot B = (S1 - S2) e^{j phi}, S1 = (A + B e^{-j phi}) / 2 and S2 = (A - B e^{-j phi}) / 2. The echoes
+    /// are as strong as with time division, and the noise of two slots is averaged.
     fn decode_bpm(&mut self) {
         let (first, second) = self.spectra.split_at_mut(self.shape[2] * self.powers.len());
         let factors = self.bpm_factors.iter().cycle();
@@ -339,8 +339,8 @@ fn check_finite(cube: &RadarCube, channel: usize) -> Result<(), DspError> {
     Ok(())
 }
 
-/// A target in Doppler bin k gains the phase 2 pi k / (2 n_loops) in half a loop. Within a bin it is off
-/// by up to pi / (2 n_loops), which leaves -44 dB of one transmitter in the other at 128 loops.
+/// A target in Doppler bin k gains the phase 2 pi k / (2 n_loops) in half a loop. For frequencies within the bin, the
+/// error is up to pi / (2 n_loops), which leaves -44 dB of one transmitter in the other with 128 loops.
 fn bpm_factors(radar: &RadarConfig, options: &DspOptions) -> Vec<Complex32> {
     if radar.firing != TxMultiplexing::Bpm {
         return vec![];
@@ -368,7 +368,7 @@ fn range_gate(options: &DspOptions, bin_m: f64, n_range: usize) -> Result<Range<
             return Err(DspError::Option { field, problem });
         }
     }
-    // Saturating casts: a gate beyond the last bin ends there.
+    // The casts saturate. A gate beyond the last bin ends at the last bin.
     let first = (options.min_range_m / bin_m).ceil() as usize;
     let end = ((options.max_range_m / bin_m).floor() as usize)
         .saturating_add(1)
@@ -387,7 +387,7 @@ fn range_gate(options: &DspOptions, bin_m: f64, n_range: usize) -> Result<Range<
     Ok(first..end)
 }
 
-/// Weights that sum to one, or none.
+/// Slow-time weights of the mean, which sum to one. Empty for [`ClutterFilter::Off`].
 fn mean_weights(clutter: ClutterFilter, window: &[f32]) -> Vec<f32> {
     let weights: Vec<f64> = match clutter {
         ClutterFilter::Off => vec![],

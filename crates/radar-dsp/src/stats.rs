@@ -1,8 +1,8 @@
 //! Noise statistics: distributions of sums of exponentials, and the CFAR factors derived from them.
 //!
-//! |.|^2 of complex white noise is exponential; the sum over m channels is Gamma(m), here with unit
-//! mean per channel. All functions are f64 and accurate to about 1e-10, far beyond what a noise
-//! floor estimated from one frame can use.
+//! |.|^2 of complex white noise is exponential. The sum over m channels is Gamma(m), here with unit mean per channel.
+//! All functions are f64 and accurate to about 1e-10, which is far more than a noise floor estimated from one frame
+//! requires.
 
 /// P(X <= x) for X the sum of `m` unit exponentials (`m >= 1`): the regularised lower gamma function.
 pub fn gamma_cdf(m: usize, x: f64) -> f64 {
@@ -35,8 +35,8 @@ pub fn gamma_level(m: usize, tail: f64) -> f64 {
     bisect(0.0, high, |x| gamma_tail(m, x) > tail)
 }
 
-/// Factor on the *sum* of `n` training cells for cell-averaging CFAR at false-alarm probability
-/// `pfa`, every cell the sum of `m` exponentials.
+/// Factor on the *sum* of `n` training cells for cell-averaging CFAR at the false-alarm probability `pfa`, where every
+/// cell is the sum of `m` exponentials.
 ///
 /// With X ~ Gamma(m), Y ~ Gamma(m n): P(X > f Y) = I_{1/(1+f)}(m n, m), and for integer m that is
 /// sum_{i<m} C(mn - 1 + i, i) f^i (1 + f)^-(mn + i). For m = 1 it is the textbook (1 + f)^-n
@@ -60,9 +60,9 @@ pub fn ca_cfar_factor(m: usize, n: usize, pfa: f64) -> f64 {
     bisect(0.0, high, |f| tail(f) > pfa)
 }
 
-/// Factor on the `rank`-th smallest (from 1) of `n` training cells for ordered-statistic CFAR, every
-/// cell the sum of `m` exponentials: solves the integral of gamma_tail(m, f t) over the density of
-/// that order statistic. For m = 1: Rohling, IEEE Trans. AES 19 (1983), eq. (25) product form.
+/// Factor on the `rank`-th smallest (from 1) of `n` training cells for ordered-statistic CFAR, where every cell is the
+/// sum of `m` exponentials. It solves the integral of gamma_tail(m, f t) over the density of that order statistic. For
+/// m = 1: Rohling, IEEE Trans. AES 19 (1983), eq. (25), product form.
 pub fn os_cfar_factor(m: usize, n: usize, rank: usize, pfa: f64) -> f64 {
     // Density of the order statistic on a grid fine enough for the smooth integrand (Simpson).
     let high_t = gamma_level(m, 1e-12);
@@ -97,7 +97,7 @@ fn ln_binomial(n: usize, k: usize) -> f64 {
     (1..=k).map(|i| ((n - k + i) as f64 / i as f64).ln()).sum()
 }
 
-/// Smallest x in [low, high] at which the falling predicate turns false.
+/// Smallest x in [low, high] at which a predicate that changes from true to false is false.
 fn bisect(mut low: f64, mut high: f64, still_above: impl Fn(f64) -> bool) -> f64 {
     for _ in 0..60 {
         let middle = 0.5 * (low + high);

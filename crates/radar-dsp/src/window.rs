@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-/// A symmetric window of cosines, as NumPy's functions of these names.
+/// A symmetric window of cosines, as NumPy's functions with these names compute it.
 ///
 /// The periodic forms differ by under 0.1 dB in sidelobes; the symmetric ones match mmMesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,4 +1,4 @@
-//! Visible facets into [`Source`]s, sixteen at a time so that the arithmetic vectorises.
+//! Converts visible facets to [`Source`]s, sixteen at a time so that the arithmetic is vectorised.
 
 use glam::{DVec3, Vec3};
 use radarllm_base::SPEED_OF_LIGHT_MPS;
@@ -25,17 +25,17 @@ pub(crate) struct FacetJob<'a> {
     pub keys: &'a [Vec<Vec3>; N_KEYS],
     /// The surface's triangles, with indices into `keys`.
     pub triangles: &'a [[u32; 3]],
-    /// Their visible shares.
+    /// Visible shares of the triangles.
     pub coverage: &'a [f32],
-    /// What screens transmit, by facet of the whole scene.
+    /// Transmission of the screens, by facet of the whole scene.
     pub transmission: &'a ScreenTransmission,
-    /// The surface's first facet in the scene.
+    /// Index of the surface's first facet in the scene.
     pub first_facet: usize,
     /// Facets with a share above 0.
     pub visible: &'a [u32],
     /// Receives one source per visible facet, in order.
     pub out: &'a mut Vec<Source>,
-    /// Facets deeper in range than this are counted, m.
+    /// Facets with a larger extent in range are counted as too coarse, m.
     pub coarse_m: f64,
     pub n_coarse: &'a mut usize,
     /// Receives the sum of the sources' powers at the segment's centre.
@@ -53,14 +53,14 @@ type DoubleRow = [f64; BATCH];
 #[inline(always)]
 fn facet_sources_body<L: SimdF32x16>(job: FacetJob<'_>) {
     let centre = job.link.array_centre_m;
-    // [key][corner, the middle last][axis][facet], relative to the array centre.
+    // `[key][corner, with the centroid last][axis][facet]`, relative to the array centre.
     let mut points = [[[[0.0_f32; BATCH]; 3]; 4]; N_KEYS];
     let mut ranges = [[[0.0_f64; BATCH]; 4]; N_KEYS];
     for batch in job.visible.chunks(BATCH) {
         let (mut share, mut transmission, mut turns): (Row, Row, Row) =
             ([0.0; BATCH], [0.0; BATCH], [0.0; BATCH]);
         for i in 0..BATCH {
-            // A last, short batch repeats its last facet.
+            // A short last batch is filled up with copies of its last facet.
             let facet = batch[i.min(batch.len() - 1)] as usize;
             share[i] = job.coverage[facet];
             transmission[i] = job.transmission.amplitude(job.first_facet + facet);
@@ -141,8 +141,8 @@ fn facet_sources_body<L: SimdF32x16>(job: FacetJob<'_>) {
     }
 }
 
-/// Coherent and rough gains of a facet with corners relative to the array centre, sqrt(W). Free of
-/// branches, so that loops over it vectorise.
+/// Coherent and rough gains of a facet with corners relative to the array centre, sqrt(W). There are no branches, so
+/// that loops over this function are vectorised.
 #[inline(always)]
 pub(crate) fn facet_gains(
     link: &Link,
@@ -152,7 +152,7 @@ pub(crate) fn facet_gains(
 ) -> (f32, f32) {
     let normal = 0.5 * (b - a).cross(c - a);
     let middle = (a + b + c) * (1.0 / 3.0);
-    // The floor keeps 0/0 out: a facet without area has gains of 0.
+    // The lower bound avoids 0/0. A facet without area has gains of 0.
     let area = normal.length_squared().sqrt().max(1e-20);
     let area_cos = -normal.dot(middle) / middle.length_squared().sqrt();
     let (coherent, rough) = reflection.gains(area_cos, area, coverage);
@@ -160,7 +160,7 @@ pub(crate) fn facet_gains(
     (coherent * amplitude, rough * amplitude)
 }
 
-/// Makes positions relative to `centre`, adds the middles, and writes all ranges, m.
+/// Converts positions to positions relative to `centre`, adds the centroids, and writes all ranges, m.
 #[inline(always)]
 fn measure(points: &mut [[Row; 3]; 4], ranges: &mut [DoubleRow; 4], centre: DVec3) {
     for i in 0..BATCH {
@@ -197,7 +197,7 @@ struct Fit {
     turns_per_m: Row,
 }
 
-/// The arithmetic of [`RangeScale::source`], sixteen facets side by side.
+/// The arithmetic of [`RangeScale::source`] for sixteen facets.
 #[inline(always)]
 #[expect(
     clippy::needless_range_loop,

@@ -1,10 +1,12 @@
-//! The range grid's spreading kernel: `exp(j 2 pi nu n)`, `n` in -N/2..N/2, as an inverse FFT of a
-//! few cells around `M nu` on a grid of M = 1.5 N cells or a little more (a type-1 non-uniform FFT).
+//! Spreading kernel of the range grid.
 //!
-//! Kaiser-Bessel, six cells wide, beta by Beatty et al., *Rapid gridding reconstruction with a
-//! minimal oversampling ratio*, IEEE T-MI 2005, eq. 5. Aliasing is below -74 dB at the worst sample,
-//! -88 dB rms. Two cells per sample would leave -97 dB at the worst, far below the error of the
-//! slow-time interpolation, for a third more FFT and grid.
+//! A tone `exp(j 2 pi nu n)`, with `n` in -N/2..N/2, is computed as an inverse FFT of a few cells around `M nu` on a
+//! grid of M = 1.5 N cells or slightly more (a type-1 non-uniform FFT).
+//!
+//! The kernel is a Kaiser-Bessel window of six cells, with beta by Beatty et al., *Rapid gridding reconstruction with a
+//! minimal oversampling ratio*, IEEE T-MI 2005, eq. 5. Aliasing is below -74 dB at the worst sample and -88 dB rms. Two
+//! cells per sample would reduce it to -97 dB at the worst sample, far below the error of the slow-time interpolation,
+//! but would make FFT and grid a third larger.
 
 use std::f64::consts::PI;
 
@@ -12,13 +14,13 @@ use crate::slow_time::solve;
 
 /// Number of cells per source.
 pub(crate) const WIDTH: usize = 6;
-/// Half of it.
+/// Half of [`WIDTH`].
 const HALF: f64 = WIDTH as f64 / 2.0;
-/// Maximum distance of a channel from the cell for which the taps were chosen, cells. The cubics are fitted for it. The
-/// kernel is truncated this far off centre, where it is 3e-4 of its peak.
+/// Maximum distance of a channel from the position for which the taps were chosen, cells. The cubics are fitted for
+/// this distance. For such a channel, the kernel is truncated this far before its end, where it is 3e-4 of its peak.
 pub(crate) const SLACK_CELLS: f32 = 0.12;
 
-/// Grid cells for `n_samples` ADC samples: 1.5 a sample, rounded up to a size whose FFT is fast.
+/// Number of grid cells for `n_samples` ADC samples: 1.5 per sample, rounded up to a length with a fast FFT.
 pub(crate) fn grid_cells(n_samples: usize) -> usize {
     let is_smooth = |n: usize| {
         let mut rest = n;
@@ -33,12 +35,12 @@ pub(crate) fn grid_cells(n_samples: usize) -> usize {
     (min_cells..).find(|&n| is_smooth(n)).unwrap_or(min_cells)
 }
 
-/// The same limit for parabolas, which are sufficient for most sources.
+/// As [`SLACK_CELLS`], for parabolas, which are sufficient for most sources.
 pub(crate) const NARROW_CELLS: f32 = 0.04;
-/// Rows of a table: a cell's width in as many steps.
+/// Number of rows of a table, which divide the width of a cell evenly.
 const ROWS: usize = 128;
 
-/// Taps for channels about a position.
+/// Taps for channels near a position.
 #[derive(Clone, Debug)]
 pub(crate) struct Kernel {
     /// For channels within [`NARROW_CELLS`].
@@ -47,7 +49,7 @@ pub(crate) struct Kernel {
     pub wide: Taps<4>,
 }
 
-/// A table whose rows hold, for every tap, a polynomial of the offset from the row's place.
+/// A table with one polynomial for each row and tap. Its argument is the offset from the position of the row.
 #[derive(Clone, Debug)]
 pub(crate) struct Taps<const N: usize>(Vec<[[f32; N]; WIDTH]>);
 
@@ -66,8 +68,8 @@ impl<const N: usize> Taps<N> {
         Self((0..ROWS).map(row).collect())
     }
 
-    /// The taps of the cells `floor(position) - 2..` for a position with this `fraction` (0..=1); and what to add to a
-    /// channel's distance from that position, cells.
+    /// Returns the taps of the cells from `floor(position) - 2` on, for a position with this `fraction` (0..=1). Also
+    /// returns the number of cells to add to a channel's distance from that position.
     #[inline(always)]
     pub fn row(&self, fraction: f32) -> (&[[f32; N]; WIDTH], f32) {
         let rows = ROWS as f32;
@@ -78,7 +80,7 @@ impl<const N: usize> Taps<N> {
 }
 
 impl Kernel {
-    /// A kernel for `cells_per_sample` grid cells per ADC sample.
+    /// Creates a kernel for `cells_per_sample` grid cells per ADC sample.
     pub fn new(cells_per_sample: f64) -> Self {
         Self {
             narrow: Taps::new(cells_per_sample, NARROW_CELLS),
@@ -86,14 +88,14 @@ impl Kernel {
         }
     }
 
-    /// All taps for a source of which `fraction` cells lie beyond a cell's start, in f32 as the fast path has them.
+    /// Returns all taps for a source that is `fraction` cells after the start of a cell, in f32 as in the fast path.
     pub fn taps(&self, fraction: f32) -> [f32; WIDTH] {
         let (row, x) = self.wide.row(fraction);
         row.map(|c| c.iter().rev().fold(0.0, |sum, c| sum * x + c))
     }
 
-    /// Deapodisation: what to multiply sample `i` of `n_samples` (that is, n = i - n/2) by after
-    /// the inverse FFT of `m` cells.
+    /// Deapodisation factors, by which the samples are multiplied after the inverse FFT of `m` cells. Sample `i` of
+    /// `n_samples` is n = i - n_samples/2.
     pub fn deapodisation(&self, n_samples: usize, m: usize) -> Vec<f32> {
         (0..n_samples)
             .map(|i| {
@@ -113,8 +115,8 @@ impl Kernel {
     }
 }
 
-/// Kernel at `x` cells from its centre, peak 1. Beyond its support it is continued analytically, so that polynomials
-/// can fit it.
+/// The kernel at `x` cells from its centre, with a peak of 1. It is continued analytically beyond its support, so that
+/// polynomials can be fitted to it.
 fn kaiser_bessel(x: f64, cells_per_sample: f64) -> f64 {
     let s = cells_per_sample;
     let beta = PI * ((WIDTH as f64 / s * (s - 0.5)).powi(2) - 0.8).sqrt();
@@ -149,7 +151,7 @@ mod tests {
     use super::*;
     use num_complex::Complex64;
 
-    /// Gridding by hand, including a channel off the cell centre, against the exponential.
+    /// Compares gridding with the exponential, including channels off the cell centre.
     #[test]
     fn a_gridded_tone_is_a_tone() {
         let (n, m) = (256, 384);
@@ -157,7 +159,7 @@ mod tests {
         let kernel = Kernel::new(1.5);
         let correction = kernel.deapodisation(n, m);
         for step in 0..=124 {
-            // A channel up to the slack before and behind the position that the taps are chosen for.
+            // Channels up to the slack before and behind the position for which the taps are chosen.
             let v = -0.62 + 0.01 * f64::from(step);
             let chosen = v.clamp(-0.499, 0.499);
             let off = v - chosen;
@@ -179,8 +181,8 @@ mod tests {
                     sum *= f64::from(factor);
                     worst = worst.max((sum - Complex64::from_polar(1.0, t * (100.5 + v))).norm());
                 }
-                // Six taps reach 1.8e-4 at the worst sample; the tap that a channel off the centre
-                // lacks costs up to 6e-4 (a channel at the edge of the slack).
+                // Six taps reach 1.8e-4 at the worst sample. A channel at the edge of the slack lacks a tap, which
+                // costs up to 6e-4.
                 let limit = if v.abs() < 0.501 { 2e-4 } else { 7e-4 };
                 assert!(worst < limit, "{reach} {v}: {worst}");
             }

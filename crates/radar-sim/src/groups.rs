@@ -1,44 +1,47 @@
 //! Grouping of sources with similar phase curves in slow time into Doppler groups.
 //!
 //! A group's reference phase is a parabola in time. Its frequency and its ramp (the rate of the frequency) are in the
-//! middle of those of its sources. The residual phase of a source determines the nodes at which it is spread
-//! ([`crate::slow_time`]). The grids of neighbouring groups are interpolated to the larger number of nodes of a family,
-//! and only the grids of the families are interpolated to the loops. Sources are sorted along a Z curve over
-//! (frequency, ramp), on which every square of that plane is a contiguous run. Starting from the smallest squares, two
-//! neighbours are merged into one group, or one family, wherever that has the lowest cost.
+//! middle of those of its sources. The residual phase of the sources determines the number of nodes at which they are
+//! spread ([`crate::slow_time`]). The grids of neighbouring groups are interpolated to the nodes of a family, which has
+//! more of them, and only the grids of the families are interpolated to the loops.
+//!
+//! Sources are sorted along a Z curve over (frequency, ramp), on which every square of that plane is a contiguous run.
+//! Starting from the smallest squares, two neighbours are merged into one group, or one family, wherever this has the
+//! lowest cost.
 
 use crate::gridding::WIDTH;
 use crate::slow_time::Level;
 
-/// Side of the smallest squares, turns per unit of u (and per its square).
+/// Side of the smallest squares, turns per unit of u for the frequency and per unit of u squared for the ramp.
 const SIDE: f32 = 0.2;
-/// Limits of the classes of what remains beyond the parabola, turns per unit of u: near the quarter points of a walking
-/// body's facets.
+/// Class limits of the frequency deviation that remains after removal of the parabola, turns per unit of u. They are
+/// near the quartiles over the facets of a walking body.
 const RESTS: [f32; 3] = [0.15, 0.35, 0.7];
 
-/// Cycles of a source at a node, and of a group's cell in a loop: for every node, and besides. From bench_sim on Zen 4
-/// with and without each part; they choose between groups, all of which are as accurate as their levels.
+/// Costs in cycles: of a source at a node; of a grid cell in a loop for each node; and of a grid cell in a loop
+/// regardless of the nodes. They were measured with bench_sim on Zen 4 with and without each part. They only select
+/// among groupings, all of which have the accuracy of their levels.
 const NODE_CYCLES: f32 = 80.0;
 const WEIGHT_CYCLES: f32 = 1.5;
 const TURN_CYCLES: f32 = 5.0;
-/// Nodes of a family, for what its groups cost.
+/// Number of nodes of a family that is assumed when the cost of its groups is estimated.
 const FAMILY_NODES: f32 = 14.0;
 
 /// Sources of one Doppler group.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Group {
     pub grid: GroupGrid,
-    /// Range of the order.
+    /// Range of indices into [`Grouping::order`].
     pub first: usize,
     pub end: usize,
 }
 
-/// Groups that go to the loops together.
+/// Groups that are interpolated to the loops together.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Family {
-    /// Where there is one group, the group's.
+    /// Grid of the family. A family of one group has the grid of that group.
     pub grid: GroupGrid,
-    /// Range of the groups.
+    /// Range of indices into [`Grouping::groups`].
     pub first: usize,
     pub end: usize,
 }
@@ -49,29 +52,31 @@ pub(crate) struct GroupGrid {
     pub level: usize,
     /// Reference phase, turns: `turns[0] u + turns[1] u^2`.
     pub turns: [f64; 2],
-    /// Cells that may be touched.
+    /// First cell and number of the cells that sources may write.
     pub first_cell: i32,
     pub n_cells: usize,
 }
 
-/// What grouping asks of a source.
+/// The properties of a source that determine its group.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Band {
     /// Frequency at u = 0, turns per unit of u.
     pub frequency: f32,
-    /// Its change per unit of u.
+    /// Change of the frequency per unit of u.
     pub ramp: f32,
-    /// Most that frequencies of its corners and channels differ from these over |u| <= 1.
+    /// Maximum deviation of the frequencies of its corners and channels from `frequency` and `ramp` for |u| <= 1, turns
+    /// per unit of u.
     pub rest: f32,
-    /// Cells that it may touch, for all channels and |u| <= 1.
+    /// Range of the cells that it may write, for all channels and |u| <= 1.
     pub cells: [f32; 2],
 }
 
 impl Band {
-    /// Place on the curve. Within squares of eight sides, where groups form, sources are apart by what they keep
-    /// beyond any parabola: one that moves wildly would take all the others to its many nodes.
+    /// Position on the curve. Groups form within squares of eight sides. Within such a square, sources are ordered by
+    /// class of `rest` first, because a single source with a large `rest` would require many nodes for all sources of
+    /// its group.
     fn place(&self) -> u32 {
-        // Saturates far beyond any radar's speeds, which costs nodes, not accuracy.
+        // The bins saturate far beyond the speeds of radar targets. Saturation costs nodes, not accuracy.
         let bin = |x: f32| ((x * (1.0 / SIDE)).floor() as i32 + (1 << 14)).clamp(0, 0x7fff);
         let square = spaced(bin(self.frequency) as u32) << 1 | spaced(bin(self.ramp) as u32);
         let class = RESTS.iter().filter(|&&rest| self.rest > rest).count() as u32;
@@ -79,20 +84,20 @@ impl Band {
     }
 }
 
-/// Finds groups, with buffers that are reused from segment to segment.
+/// Finds groups. Buffers are reused from segment to segment.
 #[derive(Default)]
 pub(crate) struct Grouping {
     pub bands: Vec<Band>,
-    /// Place on the curve and, below, the source.
+    /// Position on the curve in the upper half, and index of the source in the lower half.
     sorting: Vec<u64>,
-    /// Sources, group by group.
+    /// Indices of the sources, group by group.
     pub order: Vec<u32>,
     pub groups: Vec<Group>,
     pub families: Vec<Family>,
 }
 
 impl Grouping {
-    /// Groups the sources of `bands`, for a segment of `n_loops` loops that lasts twice `half_s`.
+    /// Groups the sources of `bands`, for a segment of `n_loops` loops and a duration of twice `half_s`.
     pub fn group(&mut self, levels: &[Level], half_s: f64, n_loops: usize) {
         self.sorting.clear();
         self.sorting.extend(
@@ -112,7 +117,7 @@ impl Grouping {
         if !self.sorting.is_empty() {
             self.partition(&costs, 0, self.sorting.len());
         }
-        // Within a group by range, so that a few cells stay in the first-level cache.
+        // Within a group, sources are sorted by range, so that the few cells in use stay in the first-level cache.
         for group in &self.groups {
             let keys = &mut self.sorting[group.first..group.end];
             for (key, &index) in keys.iter_mut().zip(&self.order[group.first..group.end]) {
@@ -125,7 +130,8 @@ impl Grouping {
         self.order.extend(self.sorting.iter().map(|s| *s as u32));
     }
 
-    /// Groups and families of the run `first..end` at their least cost, pushed to `groups` and `families`.
+    /// Divides the run `first..end` into groups and families at the lowest cost, and appends them to `groups` and
+    /// `families`.
     fn partition(&mut self, costs: &Costs<'_>, first: usize, end: usize) -> Partition {
         let place = |i: usize| (self.sorting[i] >> 32) as u32;
         let differ = place(first) ^ place(end - 1);
@@ -137,7 +143,7 @@ impl Grouping {
             let run = Run::new(first, end, bands);
             return self.one_group(costs, run, before);
         }
-        // The square's halves part where the highest differing bit does.
+        // The highest bit in which the ends of the run differ separates the two halves of the square.
         let bit = 1 << (31 - differ.leading_zeros());
         let middle =
             first + self.sorting[first..end].partition_point(|s| (*s >> 32) as u32 & bit == 0);
@@ -171,7 +177,7 @@ impl Grouping {
         }
     }
 
-    /// Makes the run one group and one family.
+    /// Turns the run into one group and one family.
     fn one_group(&mut self, costs: &Costs<'_>, run: Run, before: (usize, usize)) -> Partition {
         let level = costs.level_of(&run);
         let grid = run.grid(level, costs);
@@ -195,14 +201,14 @@ impl Grouping {
     }
 }
 
-/// A run and what its groups and families cost.
+/// A run, and the costs of its groups and families.
 struct Partition {
     run: Run,
     groups_cycles: f32,
     families_cycles: f32,
 }
 
-/// A bit of room after every bit of the lower half.
+/// Spreads the lower sixteen bits, with a zero bit between neighbours.
 fn spaced(x: u32) -> u32 {
     let mut x = x & 0xffff;
     for (shift, mask) in [
@@ -216,7 +222,7 @@ fn spaced(x: u32) -> u32 {
     x
 }
 
-/// Low and high of what sources next to each other in the order have.
+/// Bounds of the properties of consecutive sources.
 #[derive(Clone, Copy)]
 struct Run {
     first: usize,
@@ -247,7 +253,7 @@ impl Run {
         run
     }
 
-    /// This run and the next one.
+    /// Merges this run with the next one.
     fn with(&self, next: &Self) -> Self {
         Self {
             first: self.first,
@@ -259,7 +265,7 @@ impl Run {
         }
     }
 
-    /// Most distance of a frequency from the middle one, turns per unit of u.
+    /// Maximum difference of a frequency from the middle one, turns per unit of u.
     fn half_width(&self) -> f32 {
         let half = |[low, high]: [f32; 2]| 0.5 * (high - low);
         half(self.frequency) + half(self.ramp) + self.rest
@@ -285,7 +291,7 @@ fn hull(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
     [a[0].min(b[0]), a[1].max(b[1])]
 }
 
-/// What groups cost on the levels at hand.
+/// Cost model of groups and families for the available levels.
 struct Costs<'a> {
     levels: &'a [Level],
     half_s: f32,
@@ -293,7 +299,7 @@ struct Costs<'a> {
 }
 
 impl Costs<'_> {
-    /// The cheapest level that carries the run; none where loops must be nodes.
+    /// The cheapest level whose band contains the run, or `None` if every loop must be a node.
     fn level_of(&self, run: &Run) -> Option<usize> {
         let half_width_hz = run.half_width() / self.half_s;
         let last = self.levels.len() - 1;
@@ -302,7 +308,7 @@ impl Costs<'_> {
             .position(|l| half_width_hz <= l.half_width_hz as f32)
     }
 
-    /// Cycles to spread the run as one group and to take it to a family's nodes.
+    /// Cycles to spread the run as one group and interpolate it to the nodes of a family.
     fn group(&self, run: &Run, level: Option<usize>) -> f32 {
         let n = (run.end - run.first) as f32;
         match level {
@@ -314,7 +320,7 @@ impl Costs<'_> {
         }
     }
 
-    /// Cycles to take the run as one family to the loops.
+    /// Cycles to interpolate the run as one family to the loops.
     fn family(&self, run: &Run, level: Option<usize>) -> f32 {
         level.map_or(0.0, |level| {
             interpolation(run, self.levels[level].nodes.len() as f32, self.n_loops)
@@ -336,7 +342,7 @@ mod tests {
         let levels = Level::all(128, 216e-6);
         let half_s = 0.0137;
         let mut grouping = Grouping::default();
-        // Limbs and a trunk: clouds around three places, and some that fit nowhere.
+        // Three clusters of frequencies, as of limbs and a trunk, and some outliers.
         let random = |i: usize, k: usize| ((i * 31 + k * 17 + 3) as f32 * 0.618_034).fract();
         grouping.bands = (0..500)
             .map(|i| {
@@ -391,7 +397,7 @@ mod tests {
         }
         assert_eq!(next, 500);
         assert!(seen.iter().all(|&n| n == 1));
-        // Merging pays: fewer groups than squares, fewer families than groups, more than one.
+        // Merging pays: there are fewer groups than squares, and fewer families than groups but more than two.
         let (n_groups, n_families) = (grouping.groups.len(), families.len());
         assert!(
             n_groups < 150 && n_families < n_groups && n_families > 2,

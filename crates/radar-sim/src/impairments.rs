@@ -314,8 +314,10 @@ fn lags_body<L: SimdF32x16>(samples: &[Complex32], n_samples: usize, sums: &mut 
 /// part of the walk within the delay tau (range correlation; Budge and Burt, 1993). These increments are independent
 /// from sample to sample, because tau is below the sample period. The result is therefore white, with the variance
 /// `integral over f > 0 of 2 L(f) 4 sin^2(pi f tau) df = 4 pi^2 k tau`, `L(f) = k / f^2`, times each echo's power. The
-/// sum over echoes of power times tau equals the cube's power times its mean beat frequency divided by the slope. The
-/// noise is drawn as circular noise. For a single echo the actual noise would be in quadrature.
+/// sum over echoes of power times tau equals the cube's power times its mean beat frequency divided by the slope.
+///
+/// The noise is drawn as circular noise, so that half of its power is in phase with the echo. Phase noise of a single
+/// echo would be in quadrature to it only: it changes the phase of the echo but not its amplitude.
 fn add_phase_noise(config: &RadarConfig, cube: &mut RadarCube, dbc_per_hz: f64, seed: u64) {
     let k_hz = 10_f64.powf(dbc_per_hz / 10.0) * 1e12;
     let mut sums = Lags::default();

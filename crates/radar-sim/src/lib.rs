@@ -68,9 +68,11 @@
 //!
 //! The IF signal of a path with delay tau is `a exp j[2 pi f0 tau + 2 pi S t tau - pi S tau^2]`, with `t` measured from
 //! the ramp start. The delay tau and its rate follow from the exact TX-facet-RX distances at the centre of each chirp's
-//! ADC window. Within the 58 us of one window the carrier phase turns with the moving target, which shifts the beat
-//! frequency by the equivalent of f_c v / S in range. The sweep's own part, 0.01 rad at 4.5 m/s, is neglected.
-//! TDM timing, range migration and near-field wave fronts are therefore exact.
+//! ADC window. TDM timing, range migration and near-field wave fronts are therefore exact.
+//!
+//! During an ADC window (58 us for the reference radar), the delay of a moving target changes. The resulting change of
+//! the carrier phase shifts the beat frequency, which corresponds to a range offset of f_c v / S (range-Doppler
+//! coupling). The change of the sweep term, 0.01 rad at 4.5 m/s, is neglected.
 //!
 //! # Reading order
 //!
@@ -83,7 +85,7 @@
 //! `spread` (range grid), `transform` (range FFT), [`weather`], [`noise`], and [`impairments`] (effects of real
 //! receivers, applied to a finished cube).
 //!
-//! Deliberately absent: polarisation, diffraction, and any notion of a human.
+//! Out of scope: polarisation, diffraction, and any notion of a human.
 
 mod bounce;
 pub mod error;

@@ -6,22 +6,22 @@ use crate::weather::Weather;
 use glam::{DVec3, Vec3};
 use radarllm_base::{BOLTZMANN_J_PER_K, RadarConfig, SPEED_OF_LIGHT_MPS, STANDARD_TEMPERATURE_K};
 
-/// Constants of one radar that turn sqrt(sigma) into amplitude and delay into phase.
+/// Constants of one radar that convert sqrt(sigma) to amplitude and delay to phase.
 #[derive(Clone, Debug)]
 pub struct Link {
     /// sqrt(P G G lambda^2 / (4 pi)^3): amplitude of 1 m^2 at 1 m on boresight, sqrt(W).
     pub amplitude_at_1m: f64,
     /// Frequency at the ADC sample number `n_samples / 2`, Hz.
     pub centre_hz: f64,
-    /// Its wavelength, m.
+    /// Wavelength at `centre_hz`, m.
     pub wavelength_m: f64,
     /// Half-power half-widths of one element, azimuth then elevation, rad.
     pub half_widths_rad: [f64; 2],
-    /// Mean of the mean TX and the mean RX position: ranges and angles of amplitudes refer to it.
+    /// Mean of the mean TX and the mean RX position. Amplitudes are computed from ranges and angles relative to it.
     pub array_centre_m: DVec3,
     /// Two-way amplitude attenuation by the air per metre of range, as a power of 2.
     pub air_octaves_per_m: f32,
-    /// Noise power k T0 B F, B the sample rate, W.
+    /// Noise power k T0 B F, where B is the sample rate, W.
     pub noise_w: f64,
 }
 
@@ -90,7 +90,7 @@ impl Link {
     }
 }
 
-/// Arc tangent without branches, so that loops over facets vectorise; error below 3e-7 rad.
+/// Arc tangent without branches, so that loops over facets are vectorised. The error is below 3e-7 rad.
 ///
 /// Polynomial: Abramowitz and Stegun 4.4.49.
 #[inline(always)]
@@ -121,7 +121,7 @@ pub(crate) fn arc_tangent(t: f32) -> f32 {
     angle.copysign(t)
 }
 
-/// 2^x for x <= 0 without branches, relative error below 3e-7; 2^-120 and less is 2^-120.
+/// 2^x for x <= 0 without branches. The relative error is below 3e-7. Results are not below 2^-120.
 #[inline(always)]
 pub(crate) fn exp2_of_negative(x: f32) -> f32 {
     let x = x.max(-120.0);
@@ -173,7 +173,7 @@ mod tests {
             let (se, ce) = elevation.sin_cos();
             link.amplitude(Vec3::new(s * ce, c * ce, se)) / link.amplitude(Vec3::Y)
         };
-        // Half the power each way: half the amplitude both ways.
+        // The half power on each way is half of the two-way amplitude.
         assert!((at(config.azimuth_half_width_rad as f32, 0.0) - 0.5).abs() < 1e-5);
         assert!((at(0.0, config.elevation_half_width_rad as f32) - 0.5).abs() < 1e-5);
         assert_eq!(link.amplitude(-Vec3::Y), 0.0);

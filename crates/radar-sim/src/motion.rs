@@ -12,7 +12,7 @@ use radarllm_base::{RadarConfig, SPEED_OF_LIGHT_MPS};
 
 use crate::scatter::divided_difference;
 
-/// Longest segment of a frame that one set of polynomials serves, s.
+/// Maximum duration of a segment, which one set of polynomials describes, s.
 const LONGEST_SEGMENT_S: f64 = 0.03;
 /// Maximum number of loops in a segment (bounds the workspace).
 const MAX_SEGMENT_LOOPS: usize = 128;
@@ -22,7 +22,7 @@ pub(crate) const N_KEYS: usize = 5;
 /// is half of that with equidistant times. The fifth key time is 0.
 const OUTER_U: f64 = 0.951_056_516_295_153_5;
 const INNER_U: f64 = 0.587_785_252_292_473_1;
-/// All of them.
+/// All key times, in units of `u`.
 pub(crate) const KEYS_U: [f64; N_KEYS] = [-OUTER_U, -INNER_U, 0.0, INNER_U, OUTER_U];
 
 /// A run of consecutive loops with its own visibility and polynomials. Its unit of time `u` runs
@@ -73,7 +73,7 @@ impl Segment {
         KEYS_U.map(|u| self.centre_s + self.half_s * u)
     }
 
-    /// `u` of TX slot 0 of a (fractional) loop counted from the segment's first.
+    /// `u` of TX slot 0 of a (fractional) loop, counted from the segment's first loop.
     pub fn unit_time(&self, first_chirp_s: f64, loop_coordinate: f64) -> f64 {
         (first_chirp_s + loop_coordinate * self.loop_period_s - self.centre_s) / self.half_s
     }
@@ -104,7 +104,7 @@ pub(crate) fn quartic(v: [f64; N_KEYS]) -> [f64; N_KEYS] {
     ]
 }
 
-/// What [`quartic`] multiplies odd parts (rows for u and u^3) and even parts (u^2 and u^4) by.
+/// Matrices that [`quartic`] applies to odd parts (rows for u and u^3) and even parts (rows for u^2 and u^4).
 pub(crate) const QUARTIC: [[[f64; 2]; 2]; 2] = {
     let (a2, b2) = (INNER_U * INNER_U, OUTER_U * OUTER_U);
     let d = b2 - a2;
@@ -120,7 +120,7 @@ pub(crate) const QUARTIC: [[[f64; 2]; 2]; 2] = {
     ]
 };
 
-/// Coefficients of the parabola through values at the outer keys and the middle one.
+/// Coefficients of the parabola through values at the outer key times and the middle one.
 #[inline(always)]
 pub(crate) fn parabola(v: [f32; 3]) -> [f32; 3] {
     const ODD: f32 = (0.5 / OUTER_U) as f32;
@@ -132,7 +132,7 @@ pub(crate) fn parabola(v: [f32; 3]) -> [f32; 3] {
     ]
 }
 
-/// Bound of the derivative of a polynomial without its constant, |u| <= 1.
+/// Upper bound of the derivative of a polynomial for |u| <= 1.
 #[inline(always)]
 pub(crate) fn max_slope(c: [f32; N_KEYS]) -> f32 {
     c[1].abs() + 2.0 * c[2].abs() + 3.0 * c[3].abs() + 4.0 * c[4].abs()
@@ -147,38 +147,38 @@ pub(crate) struct Source {
     pub cells: [f32; N_KEYS],
     /// Phases of the three corners relative to `turns`, turns.
     pub corners: [[f32; N_KEYS]; 3],
-    /// Bound of their derivatives, |u| <= 1.
+    /// Upper bound of their derivatives for |u| <= 1, turns per unit of u.
     pub corner_turns_per_u: f32,
     /// Gain of the physical-optics term, sqrt(W).
     pub coherent: [f32; 3],
     /// Gain of the constant-phase term, sqrt(W).
     pub rough: [f32; 3],
-    /// Bound of the amplitude's derivative, sqrt(W) per unit of u, |u| <= 1; taken with the corners as they are at
-    /// u = 0.
+    /// Upper bound of the amplitude's derivative for |u| <= 1, sqrt(W) per unit of u. The phases of the corners are
+    /// those at u = 0.
     pub change_per_u: f32,
     /// cos and sin of the constant phase.
     pub rough_phasor: [f32; 2],
-    /// Centroid relative to the array centre at the key times, m: where the receivers see it.
+    /// Apparent position of the centroid for the receivers at the key times, relative to the array centre, m.
     pub from_centre: [Vec3; N_KEYS],
-    /// Bound of its movement over its range, per unit of u: of the angle by which its direction turns, and of the
-    /// logarithm of its range.
+    /// Upper bound of its speed divided by its range, per unit of u. This bounds the rotation of its direction, rad,
+    /// and the change of the logarithm of its range.
     pub turn_rad: f32,
-    /// 1 over its range at u = 0.
+    /// Reciprocal of its range at u = 0, 1/m.
     pub per_m: f32,
-    /// x and z of the direction to it (unit vectors) as quartics.
+    /// x and z of the unit vector towards it, as quartics.
     pub direction: [[f32; N_KEYS]; 2],
-    /// Whether the channels' path differences are those of plane waves but for a constant: what the bend of the waves
-    /// changes over the segment is negligible.
+    /// Whether the channels' path differences are those of a plane wave plus a constant, that is, whether the change of
+    /// the wavefront curvature over the segment is negligible.
     pub is_flat: bool,
-    /// Bound of a channel's distance from the reference position, cells.
+    /// Upper bound of a channel's distance from the reference position, cells.
     pub reach_cells: f32,
-    /// Row of where the transmitters see it, if that is elsewhere (a path over mirrors).
+    /// Index of the transmitters' apparent positions, if these differ from the receivers' (a path over mirrors).
     pub tx_row: Option<u32>,
     /// d(phase) / d(path length) in turns per metre, the residual video phase included.
     pub turns_per_m: f32,
 }
 
-/// What turns distances into phases and cells.
+/// Constants that convert delays to phases and grid positions.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct RangeScale {
     pub centre_hz: f64,
@@ -187,8 +187,8 @@ pub(crate) struct RangeScale {
     pub cells_per_s: f64,
     /// Grid cells.
     pub n_cells: usize,
-    /// f_c / S in units of `u`. A delay that changes by tau' shifts the beat frequency by f_c tau': to
-    /// first order the cell is that of f_c / S later.
+    /// f_c / S in units of `u`. A delay that changes at a rate tau' shifts the beat frequency by f_c tau'. To first
+    /// order, the grid position is then that of a time f_c / S later.
     pub advance_u: f64,
 }
 
@@ -199,7 +199,7 @@ impl RangeScale {
         (self.centre_hz - 0.5 * self.slope_hz_per_s * tau_s) * tau_s
     }
 
-    /// Position on the range grid, folded at u = 0, of a delay's polynomial in s.
+    /// Polynomial of the position on the range grid, folded at u = 0, from that of the delay in s.
     #[inline(always)]
     pub fn cells(&self, tau_s: [f64; N_KEYS]) -> [f64; N_KEYS] {
         let [a, b, c, d, e] = tau_s.map(|c| c * self.cells_per_s);
@@ -221,8 +221,7 @@ impl RangeScale {
         self.source_between(&from_centre, &from_centre)
     }
 
-    /// A source that transmitters and receivers see in different places; [`Source::tx_row`] is left
-    /// to the caller.
+    /// A source with different apparent positions for transmitters and receivers. The caller sets [`Source::tx_row`].
     pub fn source_between(&self, tx: &[DVec3; N_KEYS], rx: &[DVec3; N_KEYS]) -> Source {
         let tau_s: [f64; N_KEYS] =
             std::array::from_fn(|k| (tx[k].length() + rx[k].length()) / SPEED_OF_LIGHT_MPS);
@@ -259,7 +258,7 @@ impl RangeScale {
 }
 
 impl Source {
-    /// Where the transmitters see it; `rows` are the frame's differing places.
+    /// Apparent positions for the transmitters. `rows` are all those of the frame that differ from the receivers'.
     #[inline(always)]
     pub fn seen_by_tx<'a>(&'a self, rows: &'a [[Vec3; N_KEYS]]) -> &'a [Vec3; N_KEYS] {
         self.tx_row
@@ -275,7 +274,7 @@ impl Source {
         (coherent + f64::from(self.rough[0]) * Complex64::new(re, im)).norm_sqr()
     }
 
-    /// Sets [`Self::change_per_u`] from the gains and a bound of the divided difference's derivative.
+    /// Sets [`Self::change_per_u`] from the gains and an upper bound of the divided difference's derivative.
     #[inline(always)]
     pub fn bound_change(&mut self, max_divided_slope: f32) {
         let slope = |c: [f32; 3]| c[1].abs() + 2.0 * c[2].abs();
@@ -284,8 +283,8 @@ impl Source {
             + slope(self.rough);
     }
 
-    /// Upper bound of the difference between the corners' frequencies and the parabola's in `turns` for |u| <= 1, turns
-    /// per unit of u.
+    /// Upper bound of the difference between the corners' frequencies and the frequency of the parabola in `turns` for
+    /// |u| <= 1, turns per unit of u.
     #[inline]
     pub fn rest_turns_per_u(&self) -> f32 {
         self.corner_turns_per_u + (3.0 * self.turns[3].abs() + 4.0 * self.turns[4].abs()) as f32

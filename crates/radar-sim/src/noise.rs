@@ -1,7 +1,7 @@
 //! White circular Gaussian noise, sixteen samples at a time.
 //!
-//! Sixteen interleaved xoshiro128++ generators (Blackman and Vigna 2021) feed Box-Muller; the
-//! largest deviate is 6.7 standard deviations.
+//! Sixteen interleaved xoshiro128++ generators (Blackman and Vigna 2021) feed the Box-Muller transform. The largest
+//! possible deviate is 6.7 standard deviations.
 
 use num_complex::Complex32;
 
@@ -10,8 +10,8 @@ use radarllm_simd::{SimdF32x16, SimdLevel, dispatch};
 
 /// A stream of complex Gaussians. The same seed gives the same stream on the same [`SimdLevel`].
 ///
-/// Aligned to cache lines: on a stack that is aligned to 16 bytes, where it was, every other process took one and a half
-/// times as long for its noise and FFTs.
+/// Aligned to cache lines. On a stack that was aligned only to 16 bytes, about half of the processes took one and a
+/// half times as long for their noise and FFTs.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub struct NoiseGenerator {
@@ -20,7 +20,7 @@ pub struct NoiseGenerator {
 }
 
 impl NoiseGenerator {
-    /// A stream of its own for every seed.
+    /// Creates the stream of a seed.
     pub fn new(seed: u64, level: SimdLevel) -> Self {
         let mut counter = seed;
         let mut state = [[0; 16]; 4];
@@ -30,7 +30,7 @@ impl NoiseGenerator {
                 // SplitMix64, as the authors recommend for seeding.
                 let z = step(&mut counter);
                 state[2 * pair][lane] = z as u32;
-                // Never the all-zero state.
+                // The generator must not start from the all-zero state.
                 state[2 * pair + 1][lane] = (z >> 32) as u32 | 1;
             }
         }
@@ -82,14 +82,14 @@ fn next(s: &mut [[u32; 16]; 4]) -> [u32; 16] {
     out
 }
 
-/// Real and imaginary parts of sixteen deviates with a mean square of `rms * rms`: Box-Muller, with polynomials that
-/// leave 1e-5 of a deviate.
+/// Real and imaginary parts of sixteen deviates with a mean square of `rms * rms`, by Box-Muller. The polynomials have
+/// errors of 1e-5 of a deviate.
 #[inline(always)]
 pub(crate) fn gaussians<L: SimdF32x16>(state: &mut [[u32; 16]; 4], rms: f32) -> (L, L) {
     let (first, second) = (next(state), next(state));
     let (mut mantissa, mut exponent, mut turns) = ([0.0; 16], [0.0; 16], [0.0; 16]);
     for i in 0..16 {
-        // u in (0, 1], of 31 bits since AVX2 converts signed integers only; split into 2^e m with m in
+        // u in (0, 1] has 31 bits, because AVX2 converts only signed integers. It is split into 2^e m with m in
         // [sqrt(1/2), sqrt 2).
         let u = (first[i] >> 1) as i32 as f32 * (1.0 / 2_147_483_648.0) + 1.0 / 4_294_967_296.0;
         let bits = u.to_bits() as i32;
@@ -114,7 +114,7 @@ pub(crate) fn gaussians<L: SimdF32x16>(state: &mut [[u32; 16]; 4], rms: f32) -> 
         .max(L::splat(0.0))
         .sqrt()
         .mul(L::splat(rms * std::f32::consts::FRAC_1_SQRT_2));
-    // sin and cos of half the angle over its square, minimax: errors of 9e-7 and 7e-6.
+    // Half the angle is pi q. Sine over q and cosine are minimax polynomials in q^2, with errors of 9e-7 and 7e-6.
     let q = L::load(&turns);
     let y = q.mul(q);
     let sin = q.mul(y.polynomial(&[3.141_589_6, -5.167_368, 2.543_604_9, -0.558_396_04]));
@@ -144,7 +144,7 @@ mod tests {
                 .sum::<f64>()
                 / n as f64
         };
-        // Five standard deviations of each estimator with n = 2^21: sqrt(var / n).
+        // Five standard deviations of each estimator, sqrt(var / n) with n = 2^21.
         let five = |variance: f64| 5.0 * (variance / n as f64).sqrt();
         assert!(mean_of(&|a, _| a).abs() < five(0.5));
         assert!(mean_of(&|_, b| b).abs() < five(0.5));
@@ -169,15 +169,15 @@ mod tests {
                 .zip(&data[lag..])
                 .map(|(a, b)| a.conj() * b)
                 .sum();
-            // Each estimate has standard deviation 1/sqrt(n); five of them.
+            // Each estimate has a standard deviation of 1/sqrt(n). The limit is five of them.
             assert!(
                 (sum / (n - lag) as f32).norm() < 5.0 / (n as f32).sqrt(),
                 "lag {lag}"
             );
         }
         radarllm_simd::any_length::forward(n).process(&mut data);
-        // Bin powers of white noise are exponential with mean n: the largest of n of them stays
-        // below ln(n) + 7 with probability 1 - 1e-3; the mean square is 2 within 5 sqrt(20 / n).
+        // Bin powers of white noise are exponential with mean n. The largest of n of them is below ln(n) + 7 (relative
+        // to the mean) with probability 1 - 1e-3. The mean square is 2 within 5 sqrt(20 / n).
         let powers: Vec<f64> = data
             .iter()
             .map(|z| f64::from(z.norm_sqr()) / n as f64)
@@ -195,8 +195,8 @@ mod tests {
         let reference = stream(1000, SimdLevel::PORTABLE);
         for level in SimdLevel::available() {
             for (a, b) in stream(1000, level).iter().zip(&reference) {
-                // A few roundings of 6e-8 on values of up to 5; near u = 1 the square root
-                // magnifies the logarithm's rounding to sqrt(1e-7).
+                // A few roundings of 6e-8 on values of up to 5. Near u = 1, the square root increases the logarithm's
+                // rounding to sqrt(1e-7).
                 assert!((a - b).norm() < 5e-4, "{a} {b}");
             }
         }

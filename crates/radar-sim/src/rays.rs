@@ -31,7 +31,8 @@ pub fn coverage_by_rays(
         .iter()
         .map(|t| t.map(|i| positions[i as usize] - centre))
         .collect();
-    // Seen from the centre: turned towards it, and before 87 degrees as in the raster.
+    // A facet is visible from the centre if it faces the centre and is within 87 degrees of boresight, as in the
+    // raster.
     let is_seen = |[a, b, c]: [Vec3; 3]| {
         (b - a).cross(c - a).dot(a) < 0.0 && [a, b, c].iter().all(|p| p.y > 0.05 * p.length())
     };
@@ -61,7 +62,8 @@ pub fn coverage_by_rays(
         for (s, t) in middles(n) {
             let point = a + (b - a) * s + (c - a) * t;
             let range_m = point.length();
-            // From the centre outwards: nearer facets only, itself left out by index.
+            // The ray starts at the centre and ends at the facet, so that it meets only nearer facets. The facet itself
+            // is excluded by its index.
             let ray = Ray::new(
                 Vec3A::ZERO,
                 (point / range_m).into(),
@@ -74,7 +76,7 @@ pub fn coverage_by_rays(
                 if opposite[index] != facet && mesh[index].intersect(ray) < ray.tmax {
                     passed *= transmission(opposite[index]);
                 }
-                // Any distance below the ray's end stops it: nothing is left to lose.
+                // Once nothing passes, the search can stop. Any distance below the ray's end stops it.
                 if passed == 0.0 { 0.0 } else { f32::INFINITY }
             });
             if passed > 0.0 {
@@ -90,7 +92,7 @@ pub fn coverage_by_rays(
     opposite.len() * n * n
 }
 
-/// Barycentric middles of the n^2 equal parts of a triangle.
+/// Barycentric coordinates of the centroids of the n^2 equal parts of a triangle.
 fn middles(n: usize) -> impl Iterator<Item = (f32, f32)> {
     let at = move |i: usize, j: usize, third: f32| {
         ((i as f32 + third) / n as f32, (j as f32 + third) / n as f32)
@@ -115,7 +117,8 @@ mod tests {
     fn the_raster_sees_what_rays_see() {
         let sphere = RigidSurface::sphere(0.3, 0.05).at(DVec3::new(0.1, 3.0, 0.0));
         let (mut positions, mut triangles, mut surfaces) = (Vec::new(), Vec::new(), Vec::new());
-        // Opaque in front of the left half, a screen before most of it, another in front of all.
+        // An opaque plate is in front of the left half, a screen in front of most of the sphere, and another screen in
+        // front of everything.
         for (surface, power_transmission) in [
             (&sphere as &dyn MovingSurface, 0.0),
             (
@@ -153,7 +156,7 @@ mod tests {
             centre: Vec3::ZERO,
         };
         coverage_by_rays(view, 24, &mut exact, &mut exact_transmission);
-        // The front screen, what is behind it alone, and behind both.
+        // Facets of the front screen, facets behind it alone, and facets behind both screens.
         for factor in [1.0, 0.8, 0.4] {
             let visible = (0..triangles.len()).filter(|&f| exact[f] > 0.0);
             let behind =
@@ -165,8 +168,8 @@ mod tests {
             let error = |f: usize| {
                 share[f] * transmission.amplitude(f) - exact[f] * exact_transmission.amplitude(f)
             };
-            // 12 samples of the raster and 24 rays across a sphere's facet: a row of either where a
-            // facet is hidden in part; most are not.
+            // A facet of the sphere is 12 raster samples or 24 rays wide. A partly hidden facet has an error of up to
+            // one row of them. Most facets are not partly hidden.
             let mean =
                 (0..triangles.len()).map(|f| error(f).abs()).sum::<f32>() / triangles.len() as f32;
             println!("{sampling:?}: {mean}");

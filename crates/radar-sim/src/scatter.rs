@@ -9,8 +9,8 @@ use radarllm_base::{Material, random::nth, seed::derive_seed};
 /// Second divided difference of `exp` at `j phi_0, j phi_1, j phi_2`: half the mean of
 /// `exp(j phi)` over a triangle on which phi is linear with these values at the corners.
 ///
-/// Gordon, *Far-field approximations to the Kirchhoff-Helmholtz representations of scattered
-/// fields*, IEEE T-AP 1975; exact vertex distances carry it into the near field.
+/// Gordon, *Far-field approximations to the Kirchhoff-Helmholtz representations of scattered fields*, IEEE T-AP 1975.
+/// Exact vertex distances extend it to the near field.
 pub fn divided_difference(mut phi: [f64; 3]) -> Complex64 {
     phi.sort_by(f64::total_cmp);
     let [a, b, c] = phi;
@@ -65,9 +65,8 @@ impl Reflection {
         self.gamma * exp2_of_negative(-self.roughness * std::f32::consts::LOG2_E * cos * cos)
     }
 
-    /// [`Self::gains`] between two directions, given the cosines of incidence and exit: the mean of
-    /// both in the coherent term and in its roughness, their product in the rough one. Equal cosines
-    /// give [`Self::gains`].
+    /// [`Self::gains`] for two different directions, given the cosines of incidence and exit. The coherent term and its
+    /// roughness use the mean of the cosines, the rough term their geometric mean. Equal cosines give [`Self::gains`].
     #[inline(always)]
     pub fn gains_between(&self, cos: [f32; 2], area: f32, coverage: f32) -> (f32, f32) {
         let mean = 0.5 * (cos[0] + cos[1]);
@@ -86,7 +85,7 @@ impl Reflection {
     pub fn gains(&self, area_cos: f32, area: f32, coverage: f32) -> (f32, f32) {
         let cos = area_cos / area;
         let smooth = exp2_of_negative(-self.roughness * std::f32::consts::LOG2_E * cos * cos);
-        // The field scales with the visible area; incoherent power scales with it.
+        // The coherent field is proportional to the visible area, and so is the incoherent power.
         let coherent = self.coherent_per_m * smooth * area_cos * coverage;
         (coherent, self.rough * (area * coverage).sqrt() * cos)
     }
@@ -100,7 +99,7 @@ pub(crate) struct FacetPhases {
 
 impl FacetPhases {
     pub fn new(seed: u64, surface_idx: usize) -> Self {
-        // The index in decimal, without an allocation: this runs in every frame.
+        // The index is written in decimal without an allocation, because this runs in every frame.
         let mut digits = [0; 20];
         let mut first = digits.len();
         let mut rest = surface_idx;
@@ -132,7 +131,7 @@ impl FacetPhases {
 mod tests {
     use super::*;
 
-    /// The definition by quadrature: the integral over the unit simplex of exp(j phi).
+    /// The definition, evaluated numerically: the integral over the unit simplex of exp(j phi).
     fn by_quadrature(phi: [f64; 3], n: usize) -> Complex64 {
         let mut sum = Complex64::ZERO;
         let h = 1.0 / n as f64;
@@ -177,7 +176,7 @@ mod tests {
         let phases = FacetPhases::new(7, 0);
         let n = 10_000;
         let mean: Complex32 = (0..n).map(|i| phases.phasor(i)).sum::<Complex32>() / n as f32;
-        // A mean of n unit phasors has rms 1/sqrt(n) = 0.01; 0.04 is four deviations.
+        // The mean of n unit phasors has an rms of 1/sqrt(n) = 0.01. The limit of 0.04 is four deviations.
         assert!(mean.norm() < 0.04, "{mean}");
         assert_eq!(phases.phasor(3), FacetPhases::new(7, 0).phasor(3));
         assert_ne!(phases.phasor(3), FacetPhases::new(7, 1).phasor(3));

@@ -3,8 +3,8 @@
 use glam::{DQuat, DVec3, Vec3};
 use radarllm_base::{Material, MovingSurface};
 
-/// A rigid mesh: at time t, `position_m + velocity_mps t + 1/2 acceleration t^2 + R(t) p`, R a
-/// rotation of `angular_velocity` t about the mesh's origin after `orientation`.
+/// A rigid mesh. At time t, vertex p is at `position_m + velocity_mps t + 1/2 acceleration t^2 + R(t) p`, where R is a
+/// rotation of `angular_velocity` t about the mesh's origin, after `orientation`.
 #[derive(Clone, Debug)]
 pub struct RigidSurface {
     vertices: Vec<DVec3>,
@@ -69,8 +69,8 @@ impl RigidSurface {
         Self::ellipsoid(DVec3::splat(radius_m), edge_m)
     }
 
-    /// An ellipsoid with half axes `radii_m` about the origin; `edge_m` as for a sphere of the
-    /// largest.
+    /// An ellipsoid with half axes `radii_m` about the origin. `edge_m` applies as for a sphere with the largest half
+    /// axis.
     pub fn ellipsoid(radii_m: DVec3, edge_m: f64) -> Self {
         let rings = segments(std::f64::consts::PI * radii_m.max_element(), edge_m).max(4);
         let around = segments(std::f64::consts::TAU * radii_m.x.max(radii_m.y), edge_m).max(6);
@@ -90,7 +90,7 @@ impl RigidSurface {
         })
     }
 
-    /// A plate in the xz plane, centred on the origin, its outside facing -y (towards the radar).
+    /// A plate in the xz plane, centred on the origin. Its outside faces -y (towards the radar).
     pub fn plate(width_m: f64, height_m: f64, edge_m: f64) -> Self {
         let (columns, rows) = (segments(width_m, edge_m), segments(height_m, edge_m));
         grid(rows, columns, |s, t| {
@@ -98,9 +98,9 @@ impl RigidSurface {
         })
     }
 
-    /// A plate in the xz plane facing -y, over `x_m` and `z_m` (low, high), whose facets are finest
-    /// around `foot` (x, z) and grow with the distance from it: a wall, whose flash comes from the
-    /// foot of the radar's perpendicular and whose far parts scatter little.
+    /// A plate in the xz plane facing -y, over `x_m` and `z_m` (low, high). Its facets are finest around `foot` (x, z)
+    /// and grow with the distance from it. This suits a wall: its specular reflection comes from the foot of the
+    /// perpendicular from the radar, and its far parts scatter little.
     ///
     /// Edges are at most `finest_m`, or an eighth of the distance from the foot along their axis.
     pub fn graded_plate(x_m: [f64; 2], z_m: [f64; 2], foot: [f64; 2], finest_m: f64) -> Self {
@@ -116,7 +116,7 @@ impl RigidSurface {
         })
     }
 
-    /// A box centred on the origin, its faces plates of the given edge.
+    /// A box centred on the origin. Its faces are plates with the given edge length.
     pub fn cuboid(size_m: DVec3, edge_m: f64) -> Self {
         use std::f64::consts::{FRAC_PI_2, PI};
         let mut all = Self::new(Vec::new(), Vec::new());
@@ -202,7 +202,7 @@ impl RigidSurface {
         all
     }
 
-    /// Two meshes as one; motion and material are the first's.
+    /// Merges two meshes. Motion and material are those of the first.
     pub fn merged(mut self, other: Self) -> Self {
         let first = self.vertices.len() as u32;
         self.vertices.extend(other.vertices);
@@ -236,7 +236,7 @@ impl MovingSurface for RigidSurface {
     }
 }
 
-/// Increasing places from low to high, a step apart that grows with the distance from `foot`.
+/// Increasing positions from low to high. The step between them grows with the distance from `foot`.
 fn graded_lines([low, high]: [f64; 2], foot: f64, finest_m: f64) -> Vec<f64> {
     const GROWTH: f64 = 0.125;
     const MAX_PLACES: usize = 4096;
@@ -250,7 +250,7 @@ fn graded_lines([low, high]: [f64; 2], foot: f64, finest_m: f64) -> Vec<f64> {
             if left <= 0.0 {
                 break;
             }
-            // The last two steps share what is left, so that none is a sliver.
+            // The last two steps share the remaining length equally, so that the last one is not very short.
             at = if left <= step {
                 end
             } else {
@@ -267,12 +267,12 @@ fn graded_lines([low, high]: [f64; 2], foot: f64, finest_m: f64) -> Vec<f64> {
 }
 
 fn segments(length_m: f64, edge_m: f64) -> usize {
-    // Clamped: a careless edge must not ask for terabytes.
+    // The limit prevents a very small edge length from requesting terabytes.
     ((length_m / edge_m).ceil().clamp(1.0, 4096.0)) as usize
 }
 
-/// Triangles of a surface over s in 0..=1 (rows, down) and t in 0..=1 (columns, to the right seen
-/// from outside); triangles without area (poles) are left out.
+/// Triangles of a surface over s in 0..=1 (rows, downwards) and t in 0..=1 (columns, to the right as seen from
+/// outside). Triangles without area, as at poles, are left out.
 fn grid(rows: usize, columns: usize, at: impl Fn(f64, f64) -> DVec3) -> RigidSurface {
     let mut vertices = Vec::new();
     for row in 0..=rows {
@@ -301,7 +301,7 @@ fn grid(rows: usize, columns: usize, at: impl Fn(f64, f64) -> DVec3) -> RigidSur
 mod tests {
     use super::*;
 
-    /// Sum of p . N over the triangles / 3: the enclosed volume if all face outwards.
+    /// Sum of p . N over the triangles divided by 3, which is the enclosed volume if all triangles face outwards.
     fn volume(mesh: &RigidSurface) -> f64 {
         let v = |i: u32| mesh.vertices[i as usize];
         mesh.triangles
@@ -313,7 +313,7 @@ mod tests {
     #[test]
     fn solids_face_outwards() {
         let sphere = RigidSurface::sphere(0.5, 0.01);
-        // Inscribed polyhedron: short of the sphere by about (edge / radius)^2 / 4.
+        // The inscribed polyhedron is smaller than the sphere by about (edge / radius)^2 / 4.
         assert!((volume(&sphere) / (4.0 / 3.0 * std::f64::consts::PI * 0.125) - 1.0).abs() < 2e-4);
         let cuboid = RigidSurface::cuboid(DVec3::new(1.0, 2.0, 3.0), 0.3);
         assert!((volume(&cuboid) - 6.0).abs() < 1e-12);

@@ -1,11 +1,11 @@
 //! The fast path: simulates a frame from scene to cube.
 //!
 //! Per segment of at most 30 ms (the whole active time of the reference radar):
-//! 1. vertices at five key times; depth raster at the middle one ([`crate::visibility`]);
-//! 2. every visible facet becomes polynomials in time: phase, range cell, gains (`motion`);
-//! 3. sources are sorted into groups of like Doppler with a few nodes in time (`slow_time`);
-//! 4. groups are spread on range grids and interpolated to the loops (`spread`);
-//! 5. one inverse FFT per chirp and receiver, plus noise (`transform`).
+//! 1. evaluate the vertices at five key times, and a depth raster at the middle one ([`crate::visibility`]);
+//! 2. fit polynomials in time to the phase, range cell and gains of every visible facet (`motion`);
+//! 3. sort the sources into groups of similar Doppler with a few nodes in time (`slow_time`);
+//! 4. spread the groups on range grids and interpolate these to the loops (`spread`);
+//! 5. compute one inverse FFT per chirp and receiver, and add noise (`transform`).
 //!
 //! Compared with [`crate::reference`], the error is more than 60 dB below the cube's peak.
 
@@ -83,7 +83,7 @@ pub struct FrameStats {
     pub n_bounces: usize,
     /// Doppler groups over all segments.
     pub n_groups: usize,
-    /// Facet evaluations in slow time over all segments: 384 per facet would be the direct method.
+    /// Facet evaluations in slow time over all segments. A direct method needs 384 per facet with the reference radar.
     pub n_nodes: usize,
     /// Mean |signal|^2 per sample, W.
     pub signal_power_w: f64,
@@ -137,7 +137,7 @@ pub struct Simulator {
     simd: SimdLevel,
     scale: RangeScale,
     segments: Vec<Segment>,
-    /// For all segments but the last, and for the last, which may be shorter.
+    /// Levels of all segments except the last, and of the last, which may be shorter.
     levels: [Vec<Level>; 2],
     kernel: Kernel,
     channels: Vec<ChannelBlock>,
@@ -146,7 +146,7 @@ pub struct Simulator {
     rain: Option<Rain>,
     range_transform: RangeTransform,
     work: Workspace,
-    /// For binary phase modulation: a plan whose transmitters have changed places, and its cube.
+    /// For binary phase modulation: a simulator with exchanged transmitters, and its cube.
     exchanged: Option<Box<(Simulator, RadarCube)>>,
 }
 
@@ -242,7 +242,7 @@ impl Simulator {
                 slope_hz_per_s: config.slope_hz_per_s,
                 cells_per_s: n_cells as f64 * config.slope_hz_per_s / config.sample_rate_hz,
                 n_cells,
-                // Every segment has its own unit of time.
+                // Set for each segment, which has its own unit of time.
                 advance_u: 0.0,
             },
             segments,
@@ -300,8 +300,9 @@ impl Simulator {
         }
     }
 
-    /// Both transmitters in both slots: every slot is the sum of a cube in which the transmitters
-    /// fire in turn and of one in which they have changed places, each with its weight.
+    /// Simulates binary phase modulation, in which both transmitters transmit in both slots. Every slot is a weighted
+    /// sum of two cubes with one transmitter per slot: one in the normal order of transmitters, one in the exchanged
+    /// order.
     fn simulate_bpm(
         &mut self,
         (exchanged, other): &mut (Simulator, RadarCube),
@@ -328,7 +329,7 @@ impl Simulator {
         {
             let slot = chirp % 2;
             let weight = |tx_idx| self.config.tx_weight(slot, tx_idx) as f32;
-            // In time division slot i is transmitter i; changed over, the other one.
+            // In the first cube, slot i has transmitter i. In the exchanged cube, it has the other one.
             let (own, changed) = (weight(slot), weight(1 - slot));
             for (a, b) in mine.iter_mut().zip(theirs) {
                 *a = *a * own + b * changed;
@@ -527,7 +528,7 @@ impl Simulator {
                 stats.n_coarse += n_coarse;
                 let middle = &work.keys[N_KEYS / 2];
                 for (&[a, b, c], &share) in triangles.iter().zip(coverage) {
-                    // Visible facets have an area.
+                    // A visible facet has an area, so that only the others need the check.
                     if share == 0.0 {
                         let a = middle[a as usize];
                         let normal = (middle[b as usize] - a).cross(middle[c as usize] - a);
@@ -632,7 +633,7 @@ impl Simulator {
     ) -> (i32, usize) {
         let work = &mut self.work;
         let levels = &self.levels[is_last];
-        // Range walk spreads a source's frequency over the sweep by half the relative bandwidth.
+        // Over the sweep, the frequency of a source varies by up to half the relative bandwidth (range migration).
         let sweep = (0.5 * self.config.sampled_bandwidth_hz() / self.link.centre_hz) as f32;
         let half_s = segment.half_s as f32;
         let cells_per_turn = (self.scale.cells_per_s / self.scale.centre_hz) as f32;
@@ -670,10 +671,10 @@ impl Simulator {
     }
 }
 
-/// Change of the waves' bend that is left out, turns.
+/// Maximum change of the wavefront curvature that is neglected, turns.
 const MAX_BEND_TURNS: f32 = 2e-4;
 
-/// Checks what a frame needs of its arguments.
+/// Checks the arguments of a frame.
 pub(crate) fn check_frame(
     config: &RadarConfig,
     scene: &Scene<'_>,

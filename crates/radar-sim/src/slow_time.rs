@@ -1,24 +1,24 @@
-//! Slow-time sampling at a few nodes: sources of similar radial velocity share Doppler groups.
+//! Slow-time sampling at a few nodes. Sources of similar radial velocity share Doppler groups.
 //!
-//! Within a group of reference phase P(t), a parabola, every source's slow-time signal times
-//! `exp(-j 2 pi P(t))` is narrow-band, so it need be spread only at a few nodes of the segment; the
-//! group's whole range grid is then interpolated to every loop and turned back by `exp(j 2 pi P(t))`.
-//! Rotation and jerk widen a source's band, which puts it on a finer level; the finest takes
-//! anything. Levels are many, so that no source is spread more often than it must.
-//! TDM slots share the nodes, each slot shifted by its own delay.
+//! Within a group with the reference phase P(t), a parabola, every source's slow-time signal times `exp(-j 2 pi P(t))`
+//! is narrow-band. It therefore has to be spread only at a few nodes of the segment. The range grid of the group is
+//! then interpolated to every loop and multiplied by `exp(j 2 pi P(t))`. Rotation and jerk widen the band of a source,
+//! which then requires a level with more nodes. In the last level every loop is a node, so that it supports any band.
+//! There are many levels, so that no source is spread more often than necessary. TDM slots share the nodes, each slot
+//! shifted by its own delay.
 //!
-//! A signal of time-bandwidth product B over an interval has about B degrees of freedom there, and a
-//! few more for every 20 dB of accuracy. Nodes spaced as Chebyshev's, denser towards the ends, come
-//! near that count and stay inside the segment, where the sources' polynomials hold. Equidistant
-//! nodes would need margins beyond both ends instead: 23 for a B of 7 rather than 15.
+//! A signal of time-bandwidth product B over an interval has about B degrees of freedom there, and a few more for every
+//! 20 dB of accuracy. Chebyshev nodes, which are denser towards the ends, come close to that number. They are inside
+//! the segment, where the sources' polynomials are valid. Equidistant nodes would need margins beyond both ends: 23
+//! nodes instead of 15 for a B of 7.
 
 use std::f64::consts::PI;
 
 /// Maximum number of nodes of a block.
 pub(crate) const MAX_NODES: usize = 32;
-/// Loops that are interpolated together.
+/// Number of loops that are interpolated together.
 pub(crate) const QUAD: usize = 4;
-/// Nodes, and the time-bandwidth product that they carry with an error below -68 dB (4e-4).
+/// Numbers of nodes, and the time-bandwidth products that they represent with an error below -68 dB (4e-4).
 const LEVELS: [(usize, f64); 21] = [
     (4, 0.445),
     (5, 0.87),
@@ -42,26 +42,26 @@ const LEVELS: [(usize, f64); 21] = [
     (30, 18.3),
     (32, 19.8),
 ];
-/// Position of the outermost nodes as a fraction of the distance from the middle to the ends.
+/// Distance of the outermost nodes from the middle of the segment, as a fraction of the distance of its ends.
 const STRETCH: f64 = 0.98;
 
 /// One density of nodes.
 pub(crate) struct Level {
-    /// Loops of one block: a source is spread, and a group interpolated, block by block.
+    /// Number of loops of a block. Sources are spread, and groups are interpolated, block by block.
     pub block_loops: usize,
     /// Half of the usable band around a group's centre, Hz.
     pub half_width_hz: f64,
     /// Loop coordinates of the nodes, counted from the block's first loop.
     pub nodes: Vec<f64>,
-    /// Weights of every node in four consecutive loops, `[loop / 4][node]`; empty where loops are
+    /// Weights of every node in four consecutive loops, `[loop / 4][node]`. Empty if the loops themselves are the
     /// nodes.
     weights: Vec<[f32; QUAD]>,
-    /// The same in the nodes of every level but the last.
+    /// The same for the nodes of every level except the last.
     between: Vec<Vec<[f32; QUAD]>>,
 }
 
 impl Level {
-    /// Levels for a segment of `n_loops` loops, coarsest first; the last takes anything.
+    /// Levels for a segment of `n_loops` loops, coarsest first. The last one supports any band.
     pub fn all(n_loops: usize, loop_period_s: f64) -> Vec<Self> {
         let usable = LEVELS.into_iter().filter(|&(n, _)| n_loops >= 2 * n);
         let all_nodes: Vec<Vec<f64>> = usable.clone().map(|(n, _)| nodes(n, n_loops)).collect();
@@ -93,12 +93,12 @@ impl Level {
             .collect()
     }
 
-    /// Whether loops are nodes, without interpolation.
+    /// Whether the loops themselves are the nodes, so that there is no interpolation.
     pub fn is_direct(&self) -> bool {
         self.weights.is_empty()
     }
 
-    /// Number of nodes for a block of `n_loops`; only blocks of loops that are nodes may be short.
+    /// Number of nodes for a block of `n_loops`. Only blocks whose loops are the nodes may be shorter than the others.
     pub fn n_nodes(&self, n_loops: usize) -> usize {
         if self.is_direct() {
             n_loops
@@ -107,7 +107,7 @@ impl Level {
         }
     }
 
-    /// Weights by node in the loops `QUAD * quad..`, or in those nodes of another level.
+    /// Weights by node for the loops from `QUAD * quad` on, or for those nodes of another level.
     pub fn weights(&self, to: Option<usize>, quad: usize) -> &[[f32; QUAD]] {
         let weights = to.map_or(&self.weights, |level| &self.between[level]);
         &weights[quad * self.nodes.len()..][..self.nodes.len()]
@@ -124,7 +124,7 @@ fn nodes(n: usize, n_loops: usize) -> Vec<f64> {
 }
 
 /// Least-squares weights that interpolate from `nodes` over the band |f| <= `half_band`, cycles per loop, to each list
-/// of `places`, loop coordinates.
+/// of `places` (loop coordinates).
 fn weights(nodes: &[f64], places: &[&[f64]], half_band: f64) -> Vec<Vec<[f32; QUAD]>> {
     let sinc = |x: f64| {
         if x == 0.0 {
@@ -140,7 +140,8 @@ fn weights(nodes: &[f64], places: &[&[f64]], half_band: f64) -> Vec<Vec<[f32; QU
         .map(|(i, &x)| {
             let to = nodes.iter().chain(places.iter().copied().flatten());
             let mut row: Vec<f64> = to.map(|y| sinc(2.0 * half_band * (x - y))).collect();
-            // Keeps the nearly singular system from buying 1e-6 of accuracy with weights of 10.
+            // Regularisation. Without it, weights of 10 would improve the accuracy of the nearly singular system by
+            // only 1e-6.
             row[i] += 1e-10;
             row
         })
@@ -157,7 +158,7 @@ fn weights(nodes: &[f64], places: &[&[f64]], half_band: f64) -> Vec<Vec<[f32; QU
                     let rows = &rows;
                     (0..n).map(move |node| {
                         std::array::from_fn(|i| {
-                            // Places beyond the last are computed and thrown away.
+                            // Positions beyond the last one are computed but not used.
                             rows[node][from + (QUAD * quad + i).min(places.len() - 1)] as f32
                         })
                     })
@@ -167,8 +168,7 @@ fn weights(nodes: &[f64], places: &[&[f64]], half_band: f64) -> Vec<Vec<[f32; QU
         .collect()
 }
 
-/// Gauss-Jordan elimination with partial pivoting: leaves the solutions in the columns beyond the
-/// square part.
+/// Gauss-Jordan elimination with partial pivoting. The columns beyond the square part become the solutions.
 pub(crate) fn solve(rows: &mut [Vec<f64>]) {
     let n = rows.len();
     for col in 0..n {
@@ -206,7 +206,7 @@ mod tests {
                 let inside = 0.0..=(n_loops - 1) as f64;
                 assert!(level.nodes.iter().all(|x| inside.contains(x)));
                 let loops: Vec<f64> = (0..n_loops).map(|l| l as f64).collect();
-                // To the loops, and to the nodes of the finest level.
+                // Interpolation to the loops, and to the nodes of the finest level.
                 let finest = levels.len() - 2;
                 for (to, places) in [(None, &loops), (Some(finest), &levels[finest].nodes)] {
                     for (k, place) in places.iter().enumerate() {

@@ -15,7 +15,6 @@
 //!
 //! Per node, the phase of a channel is the reference phase plus a quartic for the channel's path difference and TDM
 //! delay. Groups are then interpolated to the nodes of their family, and families to the loops.
-//! Groups are then interpolated to the nodes of their family, and families to the loops.
 
 use glam::Vec3;
 
@@ -40,7 +39,7 @@ pub(crate) struct ChannelBlock {
     rx_square: [f32; LANES],
     /// Delay of the lane's TDM slot, s.
     slot_s: [f32; LANES],
-    /// The same over the last slot's delay, 0..=1.
+    /// Delay of the lane's slot divided by that of the last slot, 0..=1.
     slot_share: [f32; LANES],
     /// Index of the first channel, `tx * n_rx + rx`.
     pub first: usize,
@@ -120,7 +119,7 @@ impl ChannelBlock {
 }
 
 impl Reach {
-    /// Of all channels of a radar.
+    /// Maxima over all channels of a radar.
     pub fn of(blocks: &[ChannelBlock]) -> Self {
         blocks.iter().fold(Self::default(), |reach, block| Self {
             reach_m: reach.reach_m.max(block.reach.reach_m),
@@ -149,10 +148,10 @@ impl Reach {
     pub fn cells(&self, source: &Source, cells_per_turn: f32, half_s: f32) -> f32 {
         let walk_cells = max_slope(source.cells) * self.max_slot_s / half_s;
         if source.tx_row.is_some() {
-            // Two directions: |p - a| - |p| <= |a| for each.
+            // The directions for TX and RX differ. |p - a| - |p| <= |a| holds for each.
             return source.turns_per_m * self.reach_m * cells_per_turn + walk_cells;
         }
-        // |p - a| - |p| lies within |n.a| + 2 a^2 / r, n the direction in the middle and its change.
+        // |p - a| - |p| is within |n.a| + 2 a^2 / r, where n is the direction at u = 0, plus the effect of its change.
         let [[x, ..], [z, ..]] = source.direction;
         let path_m = self.reach_x_m * x.abs()
             + self.reach_z_m * z.abs()
@@ -178,7 +177,7 @@ pub(crate) struct SpreadJob<'a> {
     pub cells_per_turn: f32,
     /// Half of the segment's length, s.
     pub half_s: f64,
-    /// u of loop 0 and per loop.
+    /// u of loop 0, and the step of u per loop.
     pub u_first: f64,
     pub u_per_loop: f64,
     pub n_loops: usize,
@@ -203,12 +202,13 @@ dispatch!(
 #[repr(C, align(64))]
 struct Nodes {
     u: NodeLanes,
-    /// Reference phase minus the group's, turns in -1/2..1/2: reduced in f64, so that f32 holds it to 3e-8 turns.
+    /// Reference phase minus that of the group, turns in -1/2..1/2. It is reduced in f64, so that f32 holds it to 3e-8
+    /// turns.
     turns: NodeLanes,
     /// Amplitude at TDM slot 0.
     re: NodeLanes,
     im: NodeLanes,
-    /// Its change up to the last slot.
+    /// Change of the amplitude up to the last slot.
     delta_re: NodeLanes,
     delta_im: NodeLanes,
     cells: NodeLanes,
@@ -216,8 +216,8 @@ struct Nodes {
 
 /// One value per node, as vectors whose lanes are nodes.
 ///
-/// With at most [`HALF_LANES`] nodes the upper half of the first vector would be idle: it then holds the same nodes at the
-/// time of the last TDM slot.
+/// With at most [`HALF_LANES`] nodes, the upper half of the first vector would be unused. It then holds the same nodes
+/// at the time of the last TDM slot.
 type NodeLanes = [[f32; LANES]; MAX_NODES / LANES];
 
 /// Half of a vector's lanes.
@@ -421,8 +421,8 @@ fn spread_group<L: SimdF32x16>(
     }
 }
 
-/// Interpolates a grid's `rows` from its nodes to the loops, or to the nodes of level `to`, turns them by a parabola
-/// and adds them to `out`, whose loops are `stride` cells apart.
+/// Interpolates a grid's `rows` from its nodes to the loops, or to the nodes of level `to`, multiplies them by the
+/// phasors of a parabola and adds them to `out`, whose loops are `stride` cells apart.
 #[inline(always)]
 fn interpolate_group<L: SimdF32x16>(
     job: &SpreadJob<'_>,
@@ -481,8 +481,9 @@ fn evaluate<L: SimdF32x16>(
     }
 }
 
-/// Change of the amplitude up to the last TDM slot. A turning facet changes between the slots of one loop (a kicking
-/// limb by 0.1 rad). It is taken as linear in between, which is off by the square of that over eight.
+/// Computes the change of the amplitude up to the last TDM slot. A rotating facet changes its phases between the slots
+/// of one loop (by 0.1 rad for a kicking limb). The change is assumed to be linear in between, with an error of an
+/// eighth of its square.
 #[inline(always)]
 fn evaluate_change<L: SimdF32x16>(
     source: &Source,
@@ -500,7 +501,7 @@ fn evaluate_change<L: SimdF32x16>(
     }
 }
 
-/// The same where [`evaluate`] has worked out the amplitude at the last slot, in the upper half of the lanes.
+/// As [`evaluate_change`], if [`evaluate`] has computed the amplitude at the last slot in the upper half of the lanes.
 #[inline(always)]
 fn slot_change_from_upper_half(nodes: &mut Nodes) {
     for node in 0..HALF_LANES {
@@ -540,8 +541,8 @@ pub(crate) fn divided_difference<L: SimdF32x16>([p, q, r]: [L; 3]) -> (L, L) {
     let inverse = L::splat(1.0).div(span.max(L::splat(1e-3)));
     let re = bc_im.sub(ab_im).mul(inverse);
     let im = ab_re.sub(bc_re).mul(inverse);
-    // Nearly equal phases: e^{j mean} (1/2 - sum (phi - mean)^2 / 48). The phasor of (a + b)/2 is
-    // at most 0.03 rad away and turned to the mean by its series.
+    // For nearly equal phases, the result is e^{j mean} (1/2 - sum (phi - mean)^2 / 48). The phasor of (a + b)/2 is at
+    // most 0.03 rad away from that of the mean and is rotated to it by a series.
     let mean = a.add(b).add(c).mul(L::splat(1.0 / 3.0));
     let turn = mean.sub(a.add(b).mul(half)).mul(tau);
     let size = deviation(a, mean)
@@ -558,8 +559,9 @@ pub(crate) fn divided_difference<L: SimdF32x16>([p, q, r]: [L; 3]) -> (L, L) {
     )
 }
 
-/// Bound of the divided difference's derivative for corners whose phases change by at most `rate` a unit of time, both
-/// in turns: its envelope, which sides of many turns make small, times the rate.
+/// Upper bound of the divided difference's derivative for corners whose phases change by at most `rate` per unit of
+/// time, both in turns. It is the product of the rate and the envelope of the divided difference, which is small if the
+/// sides are many turns long.
 #[inline(always)]
 pub(crate) fn max_divided_slope<L: SimdF32x16>([p, q, r]: [L; 3], rate: L) -> L {
     let tau = L::splat(std::f32::consts::TAU);
@@ -578,7 +580,7 @@ pub(crate) fn max_divided_slope<L: SimdF32x16>([p, q, r]: [L; 3], rate: L) -> L 
 fn first_difference<L: SimdF32x16>(a: L, b: L) -> (L, L, L, L) {
     let half = L::splat(0.5);
     let (sin, cos) = sin_cos_turns(a.add(b).mul(half));
-    // sin(x)/x of half the difference; the floor keeps 0/0 out and is exact in f32.
+    // sin(x)/x of half the difference. The lower bound avoids 0/0 and is exact in f32.
     let x = b.sub(a).mul(half).max(L::splat(1e-6));
     let sinc = sin_cos_turns(x)
         .0
@@ -601,8 +603,8 @@ fn path_difference<L: SimdF32x16>(p: Vec3, r2: f32, r: f32, x: L, z: L, square: 
     excess.div(excess.add(L::splat(r2)).sqrt().add(L::splat(r)))
 }
 
-/// [`path_difference`] as a series of e = (a^2 - 2 p.a) / r^2, a sixth of the time. For r > 40 |a|,
-/// |e| < 0.051 and the next term is 7/256 r e^5 < 1e-8 r.
+/// [`path_difference`] as a series in e = (a^2 - 2 p.a) / r^2, which takes a sixth of the time. For r > 40 |a|, |e| <
+/// 0.051 and the next term is 7/256 r e^5 < 1e-8 r.
 #[inline(always)]
 fn path_difference_far<L: SimdF32x16>(p: Vec3, r: f32, x: L, z: L, square: L) -> L {
     let inverse = 1.0 / r;
@@ -618,8 +620,8 @@ fn scaled<L: SimdF32x16>(x: L, by: f32) -> L {
     x.mul(L::splat(by))
 }
 
-/// Quartics of every channel's path difference, turns, for a source that [`Source::is_flat`]: those of its direction
-/// with the array's offsets, and the waves' bend in the middle.
+/// Quartics of every channel's path difference, turns, for a source with [`Source::is_flat`]. They are the projections
+/// of the array's offsets on its direction, plus the wavefront curvature at u = 0.
 #[inline(always)]
 fn flat_turns<L: SimdF32x16>(source: &Source, channels: &ChannelBlock) -> [L; N_KEYS] {
     let (tx_x, tx_z) = (L::load(&channels.tx_x), L::load(&channels.tx_z));
@@ -634,7 +636,7 @@ fn flat_turns<L: SimdF32x16>(source: &Source, channels: &ChannelBlock) -> [L; N_
     {
         *path = x.fma(L::splat(scale * along_x), scaled(z, scale * along_z));
     }
-    // |p - a| - |p| = -n.a + (a^2 - (n.a)^2) / 2r, n the direction.
+    // |p - a| - |p| = -n.a + (a^2 - (n.a)^2) / 2r, where n is the direction.
     let (nx, nz) = (
         L::splat(source.direction[0][0]),
         L::splat(source.direction[1][0]),
@@ -646,7 +648,7 @@ fn flat_turns<L: SimdF32x16>(source: &Source, channels: &ChannelBlock) -> [L; N_
     path
 }
 
-/// The same for any source.
+/// As [`flat_turns`], for any source.
 #[inline(always)]
 fn bent_turns<L: SimdF32x16>(
     source: &Source,
@@ -682,8 +684,8 @@ fn bent_turns<L: SimdF32x16>(
     quartic_lanes(v)
 }
 
-/// Quartics of every channel's phase relative to the reference channel's, turns: the path
-/// difference, and what the reference phase gains by the channel's TDM delay.
+/// Quartics of every channel's phase relative to the reference channel's, turns: the path difference, plus the change
+/// of the reference phase during the channel's TDM delay.
 #[inline(always)]
 fn channel_turns<L: SimdF32x16>(
     source: &Source,
@@ -696,8 +698,8 @@ fn channel_turns<L: SimdF32x16>(
     } else {
         bent_turns(source, tx_rows, channels)
     };
-    // The delay h of the lane's slot in u: P(u + h) - P(u), by its derivatives; h is at most a few
-    // per cent where it matters, and this is the exact expansion for a quartic.
+    // P(u + h) - P(u) from the derivatives of P, where h is the delay of the lane's slot in units of u. h is at most a
+    // few per cent where it matters. The expansion is exact for a quartic.
     let h = L::load(&channels.slot_s).mul(L::splat(1.0 / half_s));
     let mut p = path;
     for (p, &turns) in p.iter_mut().zip(&source.turns) {
@@ -748,10 +750,11 @@ struct Phasor {
     d: [f32; LANES],
 }
 
-/// Phasors of all channels at all nodes.
+/// Computes the phasors of all channels at all nodes.
 ///
-/// A loop of its own: sine and cosine are long chains of dependent instructions, and those of several nodes overlap only
-/// where no update of the grid, whose address depends on them, stands between.
+/// This is a separate loop, because sine and cosine are long chains of dependent instructions. The chains of several
+/// nodes overlap only if no update of the grid is between them, because the addresses of such updates depend on the
+/// nodes.
 #[inline(always)]
 fn fill_phasors<L: SimdF32x16>(
     nodes: &Nodes,
@@ -801,7 +804,7 @@ impl<'a> Batch<'a> {
         }
     }
 
-    /// Adds sources whose channels are all within the reach of `taps` of one another.
+    /// Adds sources all of whose channels are within the distance for which `taps` were fitted.
     ///
     /// The outer loop is over nodes instead of sources. Sources of a group are sorted by range, so that several
     /// consecutive ones use the same cells, whose sums remain in registers. The channels of a source share its cells
@@ -823,7 +826,7 @@ impl<'a> Batch<'a> {
                 let (position, phasor) = (cells.as_flattened()[node], &phasors[node]);
                 let cell = position.floor();
                 let (row, off) = taps.row(position - cell);
-                // The checked conversion saturates, with four more instructions in the innermost loop.
+                // A checked conversion would saturate, which takes four more instructions in the innermost loop.
                 // SAFETY: `cell` is finite and within two widths of the grid, far inside i32: the simulator refuses a
                 // segment (`SimError::TooFast`) in which a source's cells are not finite or change by half the grid for
                 // |u| <= 2, and folds their middle into the grid.
@@ -879,7 +882,7 @@ impl<'a> Batch<'a> {
     }
 }
 
-/// Writes the sums of the cells from `start`, if there are any.
+/// Writes the sums of the cells from `start` on. A `start` of `usize::MAX` means that there are none.
 #[inline(always)]
 fn store_sums<L: SimdF32x16>(sums: &[(L, L); WIDTH], start: usize, grid: &mut [Cell]) {
     if start == usize::MAX {
@@ -891,8 +894,8 @@ fn store_sums<L: SimdF32x16>(sums: &[(L, L); WIDTH], start: usize, grid: &mut [C
     }
 }
 
-/// Adds up to four loops of a group: the weighted sums of all nodes' rows, turned by `phasors`.
-/// Loops of `out` are `stride` cells apart.
+/// Adds up to four loops of a group: the weighted sums of all nodes' rows, multiplied by `phasors`. Loops of `out` are
+/// `stride` cells apart.
 #[inline(always)]
 fn interpolate_loops<L: SimdF32x16>(
     rows: &[Cell],
@@ -945,7 +948,7 @@ mod tests {
         let turn = std::f64::consts::TAU;
         for level in SimdLevel::available() {
             for step in 0..400 {
-                // Spans from 1e-5 to 5 turns, corners in every order, and equal corners.
+                // Spans from 1e-5 to 5 turns, with the corners in every order, and equal corners.
                 let size = 1e-5 * 10_f32.powf(step as f32 * 5.7 / 400.0);
                 let phi: [[f32; 16]; 3] = std::array::from_fn(|corner| {
                     std::array::from_fn(|lane| {
@@ -961,8 +964,8 @@ mod tests {
                     }));
                     let error = (f64::from(out[0][lane]) - exact.re)
                         .hypot(f64::from(out[1][lane]) - exact.im);
-                    // Worst where the quotient is 0.06 rad wide: errors of 3e-7 over 0.06, and the
-                    // series' next term 0.06^3 / 500.
+                    // The error is largest for a span of 0.06 rad: rounding errors of 3e-7 divided by 0.06, and the
+                    // next term of the series, 0.06^3 / 500.
                     assert!(error < 1e-5, "{level:?} {size} lane {lane}: {error}");
                 }
             }

@@ -1,8 +1,9 @@
 //! From the range grid to ADC samples: one inverse FFT per chirp and receiver, deapodisation, noise.
 //!
-//! Lanes are channels. A scene fills a few of the M cells, so that the transform of all M is mostly of zeros: with R
-//! parts of m = M / R >= the cells in use, sample `R q + s` is number q of the transform over m cells of
-//! `x[k] exp(j 2 pi k s / M)`. Sixteen samples at a time are then transposed to rows.
+//! Lanes are channels. A scene fills only a few of the M cells, so that most inputs of a transform over all M would be
+//! zero. The transform is therefore split into R parts of m = M / R cells, where m is at least the number of cells in
+//! use. Sample `R q + s` is number q of the transform over m cells of `x[k] exp(j 2 pi k s / M)`. Sixteen samples at a
+//! time are then transposed to rows.
 
 use num_complex::Complex32;
 
@@ -20,16 +21,16 @@ pub(crate) struct RangeTransform {
     level: SimdLevel,
     n_samples: usize,
     n_cells: usize,
-    /// For few cells first.
+    /// Plans in ascending order of the cells per part.
     plans: Vec<Plan>,
     /// (cos, sin) of `2 pi i / M`.
     roots: Vec<[f32; 2]>,
-    /// Factors by sample, sixteen at a time.
+    /// Deapodisation factors of the samples, sixteen at a time.
     deapodisation: Vec<[f32; LANES]>,
     /// `[part][cell]`: (cos, sin) of `2 pi k s / M`.
     turns: Vec<[f32; 2]>,
-    /// The cells of a part and the transform's workspace. Real and imaginary parts have changed places from here to
-    /// `spectrum`, which makes the forward transform the inverse one.
+    /// The cells of a part, and the workspace of the transform. From here to `spectrum`, real and imaginary parts are
+    /// exchanged, which turns the forward transform into the inverse one.
     part: Vec<Cell>,
     spare: Vec<Cell>,
     /// `[part][number]`.
@@ -43,7 +44,7 @@ struct Plan {
     n_parts: usize,
     part_cells: usize,
     passes: Vec<Pass>,
-    /// Where in the spectrum samples are, sixteen at a time.
+    /// Positions of the samples in the spectrum, sixteen at a time.
     places: Vec<[usize; LANES]>,
 }
 
@@ -55,7 +56,7 @@ impl RangeTransform {
         let plans: Vec<Plan> = plans
             .filter_map(|n_parts| {
                 let part_cells = n_cells / n_parts;
-                // Sample i is n = i - half; negative n sit at the end of the transform.
+                // Sample i is n = i - n_samples / 2. Negative n are at the end of the transform.
                 let place = |i: usize| {
                     let n = (i + n_cells - n_samples / 2) % n_cells;
                     n % n_parts * part_cells + n / n_parts
@@ -112,7 +113,7 @@ pub(crate) struct TransformJob<'a> {
     /// Samples of the segment's loops, `[loop][channel][sample]`.
     pub out: &'a mut [Complex32],
     pub n_channels: usize,
-    /// State of the noise generator and rms, if noise is added in this pass.
+    /// State of the noise generator and rms of the noise, if this pass adds noise.
     pub noise: Option<(&'a mut [[u32; 16]; 4], f32)>,
     /// Receives the sum of |signal|^2, noise not included.
     pub energy: &'a mut f64,
@@ -140,7 +141,8 @@ fn transform_body<L: SimdF32x16>(mut job: TransformJob<'_>) {
     } = job.transform;
     let (n_samples, m) = (*n_samples, *m);
     let ChannelBlock { first, len, .. } = *job.channels;
-    // The last plan has one part of all cells; more cells than that lie upon each other.
+    // The last plan has a single part with all cells. If more cells than that are in use, they are folded onto one
+    // another.
     let fits = |plan: &&Plan| plan.part_cells >= job.n_cells || plan.n_parts == 1;
     let Some(plan) = plans.iter().find(fits) else {
         return;
@@ -176,7 +178,8 @@ fn transform_body<L: SimdF32x16>(mut job: TransformJob<'_>) {
     }
 }
 
-/// Turns cells and puts them, real and imaginary parts exchanged, where the transform of a part wants them.
+/// Multiplies cells by phasors and stores them, with real and imaginary parts exchanged, where the transform of a part
+/// reads them.
 #[inline(always)]
 fn fill_part<L: SimdF32x16>(part: &mut [Cell], first: usize, cells: &[Cell], turns: &[[f32; 2]]) {
     let m = part.len();
@@ -185,7 +188,7 @@ fn fill_part<L: SimdF32x16>(part: &mut [Cell], first: usize, cells: &[Cell], tur
         let turned = C::<L>::load(cell).turned(turn);
         let (mut re, mut im) = (turned.im, turned.re);
         let to = &mut part[at];
-        // Cells that lie upon each other.
+        // Cells that are folded onto earlier ones.
         if i >= m {
             re = re.add(L::load(&to.re));
             im = im.add(L::load(&to.im));
@@ -195,7 +198,7 @@ fn fill_part<L: SimdF32x16>(part: &mut [Cell], first: usize, cells: &[Cell], tur
     }
 }
 
-/// Samples of the first `len` lanes, row by row; returns the sum of their squares.
+/// Writes the samples of the first `len` lanes row by row, and returns the sum of their squares.
 #[inline(always)]
 fn to_rows<L: SimdF32x16>(
     spectrum: &[Cell],
@@ -210,7 +213,7 @@ fn to_rows<L: SimdF32x16>(
     for (block, (places, factors)) in places.iter().zip(deapodisation).enumerate() {
         let (mut re, mut im) = ([zero; LANES], [zero; LANES]);
         for i in 0..LANES {
-            // They change places back.
+            // Exchanges real and imaginary parts back.
             let Cell { re: z_im, im: z_re } = &spectrum[places[i]];
             (re[i], im[i]) = (L::load(z_re), L::load(z_im));
         }
@@ -226,7 +229,7 @@ fn to_rows<L: SimdF32x16>(
     f64::from(energy.reduce_sum())
 }
 
-/// A row's samples, with noise.
+/// Writes the samples of a row, with noise if there is any.
 #[inline(always)]
 fn write_row<L: SimdF32x16>(
     row: &[Cell],
@@ -260,7 +263,8 @@ mod tests {
     use super::*;
     use crate::gridding::grid_cells;
 
-    /// Few cells, cells over the grid's end, more cells than the grid has; rows that are no multiple of sixteen.
+    /// Tests few cells, cells across the end of the grid, more cells than the grid has, and rows whose length is not a
+    /// multiple of sixteen.
     #[test]
     fn samples_are_the_inverse_transform_of_the_cells() {
         for (n_samples, first_cell, n_used) in [
@@ -318,7 +322,7 @@ mod tests {
                     let factor = f64::from(factors[sample]);
                     let error = (f64::from(found.re) - factor * re)
                         .hypot(f64::from(found.im) - factor * im);
-                    // Sums of up to 130 numbers of about 0.4, in f32; factors are below 3.
+                    // Sums of up to 130 numbers of about 0.4, in f32. The factors are below 3.
                     assert!(error < 1e-5, "{level:?} {n_samples} {i}: {error}");
                     sum += f64::from(found.norm_sqr());
                 }

@@ -393,8 +393,8 @@ impl DepthRaster {
     }
 }
 
-/// Twice the signed area in samples; counter-clockwise seen from outside is counter-clockwise with x
-/// right and z up.
+/// Twice the signed area in samples. Facets that are counter-clockwise as seen from outside are counter-clockwise with
+/// x to the right and z up.
 #[inline(always)]
 fn twice_area([a, b, c]: [[f32; 3]; 3]) -> f32 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
@@ -725,13 +725,13 @@ mod tests {
         triangles.extend(more);
         let out = shares(&positions, &triangles);
         assert_eq!(out[..2], [1.0, 1.0]);
-        // The front square covers half of the rear one's angles in each axis: a quarter of its
-        // area; two rows of 256 of sampling error.
+        // The front square covers half of the rear one's angles in each axis, which is a quarter of its area. The
+        // tolerance is two of 256 rows.
         assert!(
             (out[2] - 0.75).abs() < 2.0 / 256.0 && (out[3] - 0.75).abs() < 2.0 / 256.0,
             "{out:?}"
         );
-        // Fully hidden: the same rear square, shrunk into the shadow.
+        // The same rear square, shrunk into the shadow, is fully hidden.
         for p in &mut positions[4..] {
             p.x *= 0.4;
             p.z *= 0.4;

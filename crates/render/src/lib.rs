@@ -1,8 +1,8 @@
-//! Pictures of radar data: figures for papers, self-contained pages, drawings of bodies.
+//! Visualisation of radar data: figures for papers, self-contained HTML pages and images of bodies.
 //!
-//! Data enter as plain structs, and text or bytes leave; nothing here opens a file. [`plot`] draws figures as SVG (heat
-//! maps, point clouds, curves, histograms), [`page`] and [`report`] write HTML that loads nothing else, [`raster`] draws
-//! meshes as PNG.
+//! Inputs are plain structs; outputs are text or bytes. This crate opens no file. [`plot`] draws figures as SVG (heat
+//! maps, point clouds, curves, histograms), [`page`] and [`report`] write self-contained HTML, [`raster`] renders
+//! meshes to PNG.
 //!
 //! ```
 //! use radarllm_render::plot::{Axis, LinePlot, Series};

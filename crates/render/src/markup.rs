@@ -1,6 +1,6 @@
-//! Text and numbers inside HTML and SVG.
+//! Escapes text and formats numbers for HTML and SVG.
 
-/// Text that stays text inside elements and quoted attributes. Characters that XML 1.0 does not allow become U+FFFD.
+/// Escapes text for elements and quoted attributes. Characters that XML 1.0 does not allow become U+FFFD.
 pub(crate) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -18,7 +18,7 @@ pub(crate) fn escape(text: &str) -> String {
     out
 }
 
-/// A coordinate with at most two decimals, the same on every machine; what is not finite becomes 0.
+/// A coordinate with at most two decimals, identical on every machine; values that are not finite become 0.
 pub(crate) fn coordinate(value: f64) -> String {
     let rounded = if value.is_finite() { value } else { 0.0 };
     let text = format!("{rounded:.2}");

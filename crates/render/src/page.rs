@@ -1,6 +1,6 @@
-//! The self-contained page: points over time in 3D, the mesh beside them, the caption, a play bar.
+//! The self-contained page of a clip: points over time in 3D, the mesh beside them, the caption and a play bar.
 //!
-//! One HTML file with everything inside; it loads nothing and can be mailed or archived.
+//! The page is one HTML file that loads no other resources, so that it can be mailed or archived.
 
 use base64::prelude::{BASE64_STANDARD as STANDARD, Engine};
 use glam::Vec3;
@@ -8,12 +8,12 @@ use radarllm_base::PointFrame;
 use serde::Serialize;
 
 const TEMPLATE: &str = include_str!("page/template.html");
-/// Style that pages share.
+/// Style sheet of all pages.
 pub(crate) const STYLE: &str = include_str!("page/style.css");
-/// The player of one clip, which pages share.
+/// Script of all pages that plays one clip.
 pub(crate) const PLAYER: &str = include_str!("page/player.js");
 
-/// What a page shows.
+/// Content of a page.
 ///
 /// ```
 /// use radarllm_base::{PointFrame, RadarPoint};
@@ -32,27 +32,27 @@ pub(crate) const PLAYER: &str = include_str!("page/player.js");
 /// assert!(page.to_html().starts_with("<!doctype html>"));
 /// ```
 pub struct Page<'a> {
-    /// The sentence.
+    /// The generated caption.
     pub caption: &'a str,
-    /// Where points and sentence come from: source, model, radar, synthetic or recorded.
+    /// Origin of points and caption: source, model, radar, and whether the points are synthetic or recorded.
     pub provenance: &'a str,
-    /// Radar frames in the radar frame of reference.
+    /// Radar frames, with points in radar axes.
     pub frames: &'a [PointFrame],
     /// Radar frames per second.
     pub frame_rate_hz: f64,
     /// Height of the radar above the floor, m.
     pub radar_height_m: f32,
-    /// The body, if there is one.
+    /// The body, if it is known.
     pub mesh: Option<PageMesh<'a>>,
 }
 
-/// A body over time.
+/// A moving body.
 pub struct PageMesh<'a> {
-    /// Shown below the mesh.
+    /// Text below the mesh.
     pub label: &'a str,
     /// Vertex indices.
     pub triangles: &'a [[u32; 3]],
-    /// Radar-frame vertices, m: one vector per radar frame, all of one length.
+    /// Vertices in radar axes, m: one vector per radar frame, all of the same length.
     pub vertices: &'a [Vec<Vec3>],
 }
 
@@ -65,7 +65,7 @@ pub(crate) struct PageData<'a> {
     centre_m: [f32; 3],
     velocity_scale_mps: f32,
     intensity_db: [f32; 2],
-    /// x, y, z, velocity, intensity.
+    /// Per point: x, y, z, velocity, intensity.
     frames: Vec<Vec<[f32; 5]>>,
     mesh: Option<MeshData<'a>>,
 }
@@ -133,14 +133,14 @@ impl Page<'_> {
     }
 }
 
-/// JSON for a script block: `</script>` inside a caption must not end it.
+/// JSON for a script element. `</script>` inside a caption must not end the element.
 pub(crate) fn json_in_html(value: &impl Serialize) -> String {
     let json = serde_json::to_string(value).unwrap_or_else(|_| "null".into());
     json.replace('<', "\\u003c")
 }
 
-/// Puts texts in the places of a template, which stand there in this order. Only the template is searched,
-/// so that a text may hold anything.
+/// Replaces the placeholders of a template, which must occur in the given order. Only the template is searched, so the
+/// inserted texts may contain anything.
 pub(crate) fn fill(template: &str, parts: &[(&str, &str)]) -> String {
     let mut out =
         String::with_capacity(template.len() + parts.iter().map(|p| p.1.len()).sum::<usize>());
@@ -174,7 +174,7 @@ fn median_position(positions: impl Iterator<Item = Vec3>) -> [f32; 3] {
     })
 }
 
-/// Millimetres, clamped to +-32.767 m, little endian.
+/// Coordinates in millimetres, clamped to +-32.767 m, little-endian.
 fn int16_mm(frames: &[Vec<Vec3>]) -> Vec<u8> {
     let millimetres = |v: f32| (v * 1000.0).round().clamp(-32767.0, 32767.0) as i16;
     frames

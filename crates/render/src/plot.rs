@@ -1,19 +1,19 @@
-//! Plots as figures for papers and pages: SVG with real text, one column (85 mm) wide.
+//! Plots as figures for papers and web pages: SVG with real text, one column (85 mm) wide.
 //!
-//! A plot is a struct of plain data with `to_svg`, which always gives a figure: without data it says "no data", and values
-//! that are not finite are left out or grey. The same plot gives the same bytes. Text uses the viewer's sans-serif font, so
-//! that it can be searched and edited; one unit of the drawing is one point on paper.
+//! A plot is a struct of plain data with `to_svg`, which always succeeds. A figure without data shows "no data"; values
+//! that are not finite are omitted or grey. Equal plots give equal bytes. Text uses the viewer's sans-serif font and
+//! can therefore be searched and edited. One unit of the drawing is one point on paper.
 //!
 //! | data | plot |
 //! |---|---|
-//! | a rectangle of values: range-Doppler, micro-Doppler | [`Heatmap`] |
-//! | points with a colour each | [`ScatterPlot`]; of radar points [`point_cloud`], [`points_over_time`] |
-//! | curves, with intervals or without, and paths | [`LinePlot`] |
-//! | how often values occur | [`Histogram`] |
+//! | a matrix of values, such as a range-Doppler map or a micro-Doppler spectrogram | [`Heatmap`] |
+//! | points, each with a colour | [`ScatterPlot`]; for radar points [`point_cloud`], [`points_over_time`] |
+//! | curves with or without intervals, and paths | [`LinePlot`] |
+//! | frequencies of values | [`Histogram`] |
 //!
-//! [`Heatmap::to_png`] and [`ScatterPlot::to_png`] give the picture inside the axes alone, for programs that draw axes
-//! themselves; what its sides mean stands in its tEXt chunks. Text is not turned into pixels: that would need a font, and
-//! the result would depend on the fonts of the machine or carry one along.
+//! [`Heatmap::to_png`] and [`ScatterPlot::to_png`] give only the image inside the axes, for programs that draw axes
+//! themselves. The extents of the axes are in the tEXt chunks. Text is not rasterised, because this would require a
+//! font, either from the machine, so that the result would depend on it, or embedded.
 
 mod axis;
 mod colours;
@@ -39,26 +39,26 @@ pub use scatter_plot::{ScatterPanel, ScatterPlot};
 
 use axis::Scale;
 
-/// Why a plot cannot be made.
+/// Reason why a plot cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum PlotError {
-    /// The values do not fill the rectangle.
+    /// The number of values does not match the size of the grid.
     #[error("a grid of {n_rows} x {n_cols} needs as many values, found {found}")]
     Shape {
         /// Rows.
         n_rows: usize,
         /// Columns.
         n_cols: usize,
-        /// Values given.
+        /// Number of values.
         found: usize,
     },
-    /// The PNG encoder failed; a picture without pixels is no PNG file.
+    /// The PNG encoder failed. PNG files cannot contain an image without pixels.
     #[error("png: {0}")]
     Encode(#[from] png::EncodingError),
 }
 
-/// Text chunks of a picture: its title and, by keyword, what each axis shows from its first to its last end (left to
-/// right, bottom to top).
+/// Text chunks of an image: its title and, by keyword, the quantity and the two ends of each axis (left to right,
+/// bottom to top).
 fn png_texts<'a>(title: &str, axes: &[(&'a str, &Axis, &Scale)]) -> Vec<(&'a str, String)> {
     let mut texts = vec![("Title", title.to_owned())];
     for (keyword, axis, scale) in axes {

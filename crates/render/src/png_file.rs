@@ -1,30 +1,30 @@
-//! PNG files in memory.
+//! Encodes PNG files in memory.
 
 use base64::prelude::{BASE64_STANDARD, Engine};
 
-/// Pixels of a picture, rows from the top.
+/// Pixels of an image, rows from the top.
 pub(crate) enum Pixels<'a> {
-    /// Three bytes a pixel.
+    /// Three bytes per pixel.
     Rgb(&'a [u8]),
-    /// One byte a pixel, an index into a palette of red, green, blue.
+    /// One byte per pixel: an index into a palette of red, green and blue.
     Indexed {
         palette: &'a [[u8; 3]],
         indices: &'a [u8],
     },
 }
 
-/// Encodes a picture with text chunks of keyword and text. Characters outside Latin-1, which these chunks cannot hold,
-/// become question marks.
+/// Encodes an image with text chunks, each a keyword and a text. Characters outside Latin-1, which these chunks cannot
+/// represent, become question marks.
 ///
 /// # Errors
-/// A picture without pixels, or a size that does not fit the pixels.
+/// An image without pixels, or a size that does not match the pixels.
 pub(crate) fn encode(
     width: usize,
     height: usize,
     pixels: &Pixels,
     texts: &[(&str, String)],
 ) -> Result<Vec<u8>, png::EncodingError> {
-    // A side beyond u32 has no memory that could hold its pixels; the encoder refuses the mismatch.
+    // An image with a side beyond u32 cannot fit into memory, so the encoder rejects the mismatch.
     let side = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
     let mut out = Vec::new();
     let mut encoder = png::Encoder::new(&mut out, side(width), side(height));
@@ -51,7 +51,7 @@ pub(crate) fn encode(
     Ok(out)
 }
 
-/// The `data:` address of a PNG file, for `<image href="...">`.
+/// The `data:` URI of a PNG file, for `<image href="...">`.
 pub(crate) fn data_uri(png: &[u8]) -> String {
     format!("data:image/png;base64,{}", BASE64_STANDARD.encode(png))
 }

@@ -1,13 +1,13 @@
-//! A small software rasterizer: shaded meshes, a floor grid and stick figures to PNG.
+//! A small software rasteriser: renders shaded meshes, a floor grid and stick figures to PNG.
 //!
-//! World axes are z up, in metres. [`Scene`] collects what is drawn; [`render_mesh`] is the short
-//! way for one mesh. Pictures are 8-bit sRGB.
+//! World axes are z up, in metres. [`Scene`] collects the objects to draw; [`render_mesh`] draws a single mesh. Images
+//! are 8-bit sRGB.
 
 use glam::{Mat4, Vec3, Vec4};
 
 use crate::png_file::{self, Pixels};
 
-/// Samples per pixel and axis.
+/// Samples per pixel along each axis.
 const SUPERSAMPLING: usize = 2;
 const BACKGROUND: Vec3 = Vec3::new(0.93, 0.94, 0.96);
 const FLOOR_LINE: Vec3 = Vec3::new(0.55, 0.58, 0.62);
@@ -27,8 +27,8 @@ const STICK: Vec3 = Vec3::new(0.10, 0.35, 0.75);
 /// # Ok::<(), radarllm_render::raster::ImageError>(())
 /// ```
 ///
-/// `vertices` are in the world, m; `triangles` index them counter-clockwise from outside.
-/// Triangles with an index out of range are left out.
+/// `vertices` are in world axes, m; `triangles` index them counter-clockwise seen from outside. Triangles with an index
+/// out of range are omitted.
 pub fn render_mesh(
     vertices: &[Vec3],
     triangles: &[[u32; 3]],
@@ -41,11 +41,11 @@ pub fn render_mesh(
     scene.finish()
 }
 
-/// Draws frames of a moving mesh side by side and returns a PNG file: at most four a row, each
-/// followed sideways by the camera, all at one scale, with a stationary floor grid.
+/// Draws frames of a moving mesh side by side and returns a PNG file, with at most four frames per row. The camera
+/// follows the body sideways in each frame; the scale is the same in all frames, and the floor grid is stationary.
 ///
-/// `frames` hold world vertices, m; the viewer stands in front of a person who faces -y, half a
-/// right angle to the left of them.
+/// `frames` hold vertices in world axes, m. The viewer is in front of a person who faces -y, 0.6 rad to the left of the
+/// person.
 pub fn contact_sheet(frames: &[Vec<Vec3>], triangles: &[[u32; 3]]) -> Result<Vec<u8>, ImageError> {
     const CELL: [usize; 2] = [360, 400];
     let bounds = |vertices: &[Vec3]| {
@@ -65,7 +65,8 @@ pub fn contact_sheet(frames: &[Vec<Vec3>], triangles: &[[u32; 3]]) -> Result<Vec
         .map(|b| (b.1 - b.0).truncate().length())
         .fold(1.0, f32::max)
         .min(20.0);
-    // Half a field of 0.6 rad sees tan(0.3) of the distance; some air around the larger extent.
+    // A camera with a field of view of 0.6 rad sees tan(0.3) of its distance on each side of the axis. A margin is left
+    // around the larger extent.
     let distance_m = 0.65 * top_m.max(width_m) / 0.3f32.tan() + 0.5 * width_m.min(1.0);
     let images: Vec<Image> = frames
         .iter()
@@ -84,15 +85,15 @@ pub fn contact_sheet(frames: &[Vec<Vec3>], triangles: &[[u32; 3]]) -> Result<Vec
 pub struct Camera {
     /// Position of the eye, m.
     pub eye_m: Vec3,
-    /// Point in the middle of the picture, m.
+    /// Point at the centre of the image, m.
     pub target_m: Vec3,
-    /// Vertical opening angle, rad.
+    /// Vertical field of view, rad.
     pub field_of_view_rad: f32,
 }
 
 impl Camera {
-    /// Looks at `target_m` from a distance, an azimuth counter-clockwise from -y seen from above
-    /// (0 looks at the face of a person who faces -y, pi/2 comes from +x) and an elevation.
+    /// Looks at `target_m` from a distance, at an elevation and an azimuth that is counter-clockwise from -y seen from
+    /// above (0 is in front of a person who faces -y, pi/2 is at +x).
     pub fn orbit(target_m: Vec3, distance_m: f32, azimuth_rad: f32, elevation_rad: f32) -> Self {
         let (sin_a, cos_a) = azimuth_rad.sin_cos();
         let (sin_e, cos_e) = elevation_rad.sin_cos();
@@ -104,7 +105,7 @@ impl Camera {
         }
     }
 
-    /// Clip-space matrix for a width/height ratio.
+    /// Clip-space matrix for a ratio of width to height.
     fn clip_from_world(&self, aspect: f32) -> Mat4 {
         let forward = (self.target_m - self.eye_m).normalize_or(Vec3::Y);
         let up = if forward.z.abs() > 0.99 {
@@ -116,7 +117,7 @@ impl Camera {
         let up = right.cross(forward);
         let focal = 1.0 / (0.5 * self.field_of_view_rad).tan();
         let (x, y) = (right * (focal / aspect), up * focal);
-        // Depth z / w = far (d - near) / (d (far - near)) at distance d along the view.
+        // Depth is z / w = far (d - near) / (d (far - near)) at the distance d along the viewing direction.
         let z = forward * (FAR_M / (FAR_M - NEAR_M));
         let row = |axis: Vec3, shift: f32| axis.extend(shift - axis.dot(self.eye_m));
         let rows = [
@@ -129,30 +130,30 @@ impl Camera {
     }
 }
 
-/// Nearest distance that is drawn, m.
+/// Distance of the near plane, m.
 const NEAR_M: f32 = 0.05;
-/// Farthest, m.
+/// Distance of the far plane, m.
 const FAR_M: f32 = 100.0;
 
-/// How a mesh is lit.
+/// Shading of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shading {
-    /// One brightness per facet: shows the triangles.
+    /// Constant brightness per facet, which shows the triangles.
     Flat,
     /// Normals interpolated between vertices.
     Smooth,
 }
 
-/// An 8-bit RGB picture.
+/// An 8-bit RGB image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
     width: usize,
     height: usize,
-    /// Rows from the top, three bytes a pixel.
+    /// Rows from the top, three bytes per pixel.
     rgb: Vec<u8>,
 }
 
-/// A picture could not be encoded.
+/// An image could not be encoded.
 #[derive(Debug, thiserror::Error)]
 #[error("png of {width} x {height} pixels: {source}")]
 pub struct ImageError {
@@ -162,7 +163,7 @@ pub struct ImageError {
 }
 
 impl Image {
-    /// A picture of one colour.
+    /// An image of one colour.
     pub fn filled(width: usize, height: usize, rgb: [u8; 3]) -> Self {
         Self {
             width,
@@ -179,12 +180,12 @@ impl Image {
         self.height
     }
 
-    /// Rows from the top, three bytes a pixel.
+    /// Rows from the top, three bytes per pixel.
     pub fn rgb(&self) -> &[u8] {
         &self.rgb
     }
 
-    /// Colour of a pixel; `None` outside.
+    /// Colour of a pixel; `None` outside the image.
     pub fn pixel(&self, x: usize, y: usize) -> Option<[u8; 3]> {
         if x >= self.width || y >= self.height {
             return None;
@@ -193,10 +194,10 @@ impl Image {
         Some([self.rgb[at], self.rgb[at + 1], self.rgb[at + 2]])
     }
 
-    /// The picture as a PNG file.
+    /// The image as a PNG file.
     ///
     /// # Errors
-    /// A picture without pixels.
+    /// An image without pixels.
     pub fn to_png(&self) -> Result<Vec<u8>, ImageError> {
         let (width, height) = (self.width, self.height);
         png_file::encode(width, height, &Pixels::Rgb(&self.rgb), &[]).map_err(|source| ImageError {
@@ -206,15 +207,15 @@ impl Image {
         })
     }
 
-    /// The picture as a `data:` address, for `<image href="...">` of SVG and HTML.
+    /// The image as a `data:` URI, for `<image href="...">` in SVG and HTML.
     ///
     /// # Errors
-    /// A picture without pixels.
+    /// An image without pixels.
     pub fn to_data_uri(&self) -> Result<String, ImageError> {
         Ok(png_file::data_uri(&self.to_png()?))
     }
 
-    /// Lays pictures out in rows of `n_columns`, two pixels apart, on the size of the largest.
+    /// Arranges images in rows of `n_columns`, two pixels apart, in cells of the size of the largest image.
     pub fn contact_sheet(images: &[Image], n_columns: usize) -> Image {
         const GAP: usize = 2;
         let n_columns = n_columns.clamp(1, images.len().max(1));
@@ -240,19 +241,19 @@ impl Image {
     }
 }
 
-/// A picture in the making: colour and depth.
+/// An image under construction, with colour and depth buffers.
 pub struct Scene {
-    /// Supersampled size.
+    /// Size in samples.
     width: usize,
     height: usize,
     clip_from_world: Mat4,
     eye_m: Vec3,
     color: Vec<Vec3>,
-    /// Clip depth, 0 near to 1 far.
+    /// Depth in clip space, 0 near to 1 far.
     depth: Vec<f32>,
 }
 
-/// A vertex on its way to the screen.
+/// A vertex in clip space.
 #[derive(Clone, Copy)]
 struct Corner {
     clip: Vec4,
@@ -260,7 +261,7 @@ struct Corner {
 }
 
 impl Scene {
-    /// An empty picture of `[width, height]` pixels.
+    /// An empty scene of `[width, height]` pixels.
     pub fn new(camera: &Camera, size: [usize; 2]) -> Self {
         let (width, height) = (
             size[0].max(1) * SUPERSAMPLING,
@@ -276,7 +277,7 @@ impl Scene {
         }
     }
 
-    /// Square grid of lines on z = 0 from -`half_size_m` to +`half_size_m`.
+    /// Draws a square grid of lines on z = 0 from -`half_size_m` to +`half_size_m`.
     pub fn floor_grid(&mut self, half_size_m: f32, spacing_m: f32) {
         if !(spacing_m > 0.0 && half_size_m / spacing_m < 1000.0) {
             return;
@@ -300,8 +301,8 @@ impl Scene {
         }
     }
 
-    /// A triangle mesh, colour 0..=1 per channel. Back faces are drawn darkened and blue, so that
-    /// wrongly oriented triangles show.
+    /// Draws a triangle mesh with colours of 0..=1 per channel. Back faces are darkened and blue, so that wrongly
+    /// oriented triangles are visible.
     pub fn mesh(
         &mut self,
         vertices: &[Vec3],
@@ -345,7 +346,7 @@ impl Scene {
         }
     }
 
-    /// A stick figure: lines from `parents[i]` to joint i, in front of everything.
+    /// Draws a stick figure over everything else: lines from `parents[i]` to joint i.
     pub fn skeleton(&mut self, joints: &[Vec3], parents: &[Option<usize>]) {
         for (joint, parent) in joints.iter().zip(parents) {
             if let Some(from) = parent.and_then(|p| joints.get(p)) {
@@ -354,7 +355,7 @@ impl Scene {
         }
     }
 
-    /// Averages the samples of each pixel.
+    /// Averages the samples of each pixel and returns the image.
     pub fn finish(self) -> Image {
         let (width, height) = (self.width / SUPERSAMPLING, self.height / SUPERSAMPLING);
         let mut rgb = Vec::with_capacity(width * height * 3);
@@ -377,7 +378,7 @@ impl Scene {
         Image { width, height, rgb }
     }
 
-    /// Ambient light, a key light over the viewer's left shoulder and a weak one from above.
+    /// Brightness from ambient light, a key light over the viewer's left shoulder and a weak light from above.
     fn lambert(&self, normal: Vec3, at: Vec3) -> f32 {
         let normal = normal.normalize_or_zero();
         let to_eye = (self.eye_m - at).normalize_or(Vec3::Z);
@@ -397,7 +398,8 @@ impl Scene {
     }
 
     fn triangle(&mut self, corners: [Corner; 3], color: Vec3) {
-        // Pictures keep their distance: a triangle that reaches behind the eye is left out.
+        // Triangles that cross the near plane are omitted rather than clipped, because the camera is normally far from
+        // the mesh.
         if corners
             .iter()
             .any(|c| c.clip.w.is_nan() || c.clip.w <= NEAR_M)
@@ -435,8 +437,8 @@ impl Scene {
         }
     }
 
-    /// A line `SUPERSAMPLING` samples wide. `lift` in 0..=1 moves it towards the viewer: 1 draws it
-    /// over everything.
+    /// Draws a line of `SUPERSAMPLING` samples width. `lift` in 0..=1 moves it towards the viewer; 1 draws it over
+    /// everything else.
     fn line(&mut self, from: Vec3, to: Vec3, color: Vec3, lift: f32) {
         let (mut a, mut b) = (
             self.clip_from_world * from.extend(1.0),
@@ -452,7 +454,7 @@ impl Scene {
         }
         let (a, b) = (self.to_screen(a), self.to_screen(b));
         let n_steps = (b - a).truncate().abs().max_element().ceil();
-        // A line far longer than the picture comes from a point next to the eye plane.
+        // A line much longer than the image belongs to a point close to the plane of the eye.
         if n_steps.is_nan() || n_steps > 64.0 * (self.width + self.height) as f32 {
             return;
         }
@@ -467,9 +469,9 @@ impl Scene {
     }
 }
 
-/// Samples whose centres may lie between two coordinates.
+/// Range of samples whose centres may lie between two coordinates.
 fn pixel_range(low: f32, high: f32, size: usize) -> std::ops::Range<usize> {
-    // Float-to-int casts saturate: negative and NaN become zero.
+    // Casts from float to integer saturate: negative values and NaN become zero.
     let first = low.floor().max(0.0) as usize;
     let last = (high.ceil().max(0.0) as usize).min(size);
     first.min(last)..last
@@ -510,7 +512,7 @@ mod tests {
         let n_covered = (0..81)
             .filter(|&x| image.pixel(x, 40) != background)
             .count();
-        // 1 m at 4 m under a field of 0.6 rad: 81 * 0.5 / (4 tan 0.3) = 32.7 pixels, +-1 for edges.
+        // 1 m at 4 m with a field of view of 0.6 rad: 81 * 0.5 / (4 tan 0.3) = 32.7 pixels, +-1 for the edges.
         assert!((32..=34).contains(&n_covered), "{n_covered}");
     }
 
@@ -589,7 +591,8 @@ mod tests {
         let info = reader.next_frame(&mut rgb).expect("our own data");
         assert_eq!((info.width, info.height), (3 * 360 + 4, 400));
         let pixel = |x: usize, y: usize| &rgb[(y * info.width as usize + x) * 3..][..3];
-        // The square reaches from 0.6 to 1.4 m; the picture's middle shows 0.7 m, a little above it 0.9 m.
+        // The square extends from 0.6 to 1.4 m. The centre of the image is at 0.7 m, and the sample slightly above it
+        // at 0.9 m.
         let is_skin = |p: &[u8]| p[0] > p[2].saturating_add(5);
         assert!(is_skin(pixel(180, 150)) && is_skin(pixel(2 * 362 + 180, 150)));
         assert!(!is_skin(pixel(362 + 180, 150)));

@@ -1,5 +1,5 @@
-//! The self-contained page of an evaluation: tables, then examples with their radar points played beside
-//! the caption and the references.
+//! The self-contained page of an evaluation: tables, followed by examples that show the radar points beside the caption
+//! and the references.
 
 use crate::{
     markup::escape,
@@ -8,7 +8,7 @@ use crate::{
 
 const TEMPLATE: &str = include_str!("page/report.html");
 
-/// What the page shows, from top to bottom. All text is plain: the page escapes it.
+/// Content of the page, from top to bottom. All text is plain; the page escapes it.
 pub struct ReportPage<'a> {
     /// Heading.
     pub title: &'a str,
@@ -20,9 +20,9 @@ pub struct ReportPage<'a> {
     pub groups: Vec<Group<'a>>,
 }
 
-/// A table of texts; the first column is left-aligned.
+/// A table of text; the first column is left-aligned.
 pub struct Table {
-    /// Heading, also in the list of contents.
+    /// Heading, also used in the table of contents.
     pub title: String,
     /// A sentence below the heading.
     pub about: String,
@@ -34,7 +34,7 @@ pub struct Table {
 
 /// Examples under one heading.
 pub struct Group<'a> {
-    /// Heading, also in the list of contents.
+    /// Heading, also used in the table of contents.
     pub title: String,
     /// A sentence on how the examples were chosen.
     pub about: String,
@@ -42,15 +42,15 @@ pub struct Group<'a> {
     pub examples: Vec<Example<'a>>,
 }
 
-/// One clip: its points, what the model said and what could have been said.
+/// One clip with its points, the generated caption and the references.
 pub struct Example<'a> {
     /// The clip, its caption and its points; meshes are not shown.
     pub page: Page<'a>,
     /// Heading: id and action.
     pub heading: String,
-    /// References.
+    /// Reference captions.
     pub references: &'a [String],
-    /// Further lines: scores, the nearest training caption.
+    /// Further lines, such as scores and the nearest training caption.
     pub notes: Vec<String>,
 }
 
@@ -183,20 +183,19 @@ mod tests {
             page.to_html()
         };
         let (plain, hostile) = (html(""), html(HOSTILE));
-        // The only tags and markers are those of the page itself: as many as without the text, but
-        // for the one reference's list item.
+        // The text must not add tags or markers to those of the page. Only the list item of the one reference is added.
         let n = |text: &str, what: &str| text.matches(what).count();
         for tag in ["<script", "</script", "/*STYLE*/", "/*PLAYER*/"] {
             assert_eq!(n(&hostile, tag), n(&plain, tag), "{tag}");
         }
         assert_eq!(n(&hostile, "<"), n(&plain, "<") + 2);
         assert!(!hostile.contains("<script>alert") && hostile.contains("&lt;script&gt;alert"));
-        // Text that looks like a place of the template stays where it stands.
+        // Text that looks like a placeholder of the template is left unchanged.
         assert!(
             n(&plain, "/*DATA*/") == 0
                 && hostile.contains("/*DATA*/&lt;!--BODY--&gt;&quot;&amp;amp;")
         );
-        // The data block is JSON with everything in it.
+        // The data block is valid JSON and complete.
         let start = hostile.find("application/json\">").unwrap() + "application/json\">".len();
         let end = start + hostile[start..].find("</script>").unwrap();
         let data: serde_json::Value = serde_json::from_str(&hostile[start..end]).unwrap();

@@ -1,5 +1,5 @@
-//! FFTs of single rows of any length, by `rustfft`: planned here alone, because every crate that plans one
-//! compiles all of them.
+//! FFTs of single rows of any length, by `rustfft`. They are planned only in this module, because every crate that
+//! plans FFTs compiles all of them.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ pub fn forward(n: usize) -> Arc<dyn Fft<f32>> {
     FftPlanner::new().plan_fft_forward(n)
 }
 
-/// Its inverse, not normalised.
+/// The inverse FFT of `n` numbers, not normalised.
 pub fn inverse(n: usize) -> Arc<dyn Fft<f32>> {
     FftPlanner::new().plan_fft_inverse(n)
 }

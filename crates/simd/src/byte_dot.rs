@@ -1,8 +1,8 @@
-//! Products of bytes, for networks whose weights are bytes.
+//! Dot products of bytes, for networks with int8 weights.
 
 use crate::sealed::Sealed;
 
-/// Sixteen sums of products of bytes. Results are equal to the bit on every level, because the sums are integers.
+/// Sixteen sums of products of bytes. Results are bit-identical on every level, because the sums are integers.
 ///
 /// A kernel receives an implementation from [`SimdLevel::run_bytes`](crate::SimdLevel::run_bytes); nothing else can name
 /// one.
@@ -35,7 +35,7 @@ mod tests {
     }
     dispatch!(bytes fn dot => dot_body(w: &[u8; 64], a: [i8; 4], offset: i32) -> [f32; 16]);
 
-    /// The extremes are where the instruction that saturates would be wrong.
+    /// At these extreme values, an instruction that saturates would give a wrong result.
     #[test]
     fn products_of_bytes_are_exact_at_every_level() {
         for level in SimdLevel::available() {

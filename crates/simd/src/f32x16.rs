@@ -7,8 +7,8 @@ use crate::sealed::Sealed;
 
 /// Sixteen floats, the lanes of a vector.
 ///
-/// A kernel receives an implementation from [`SimdLevel::run`](crate::SimdLevel::run) after the processor has been asked
-/// for the instructions. Nothing else can name one:
+/// A kernel receives an implementation from [`SimdLevel::run`](crate::SimdLevel::run), after a check that the processor
+/// has the instructions. No other code can name one:
 ///
 /// ```compile_fail,E0603
 /// use radarllm_simd::SimdF32x16;
@@ -17,9 +17,10 @@ use crate::sealed::Sealed;
 /// let ones = radarllm_simd::x86::Avx512::splat(1.0);
 /// ```
 pub trait SimdF32x16: Copy + Sealed {
-    /// Whether the sixteen floats lie in one or two vector registers, rather than in an array.
+    /// Whether the sixteen floats are in one or two vector registers, not in an array.
     const HAS_VECTORS: bool = true;
-    /// Rows and vectors of a tile of a matrix product: as many sums as there are registers for.
+    /// Numbers of rows and vectors of a tile of a matrix product. They are chosen so that the sums fit into the
+    /// registers.
     const TILE: (usize, usize);
     /// `x` in every lane.
     fn splat(x: f32) -> Self;
@@ -156,8 +157,8 @@ pub trait SimdF32x16: Copy + Sealed {
 /// rounding).
 #[inline(always)]
 pub fn sin_cos_turns<L: SimdF32x16>(x: L) -> (L, L) {
-    // q in [-1/2, 1/2] turns; polynomials give the half angle (pi q in [-pi/2, pi/2]), the
-    // double-angle formulas the rest: no quadrant logic.
+    // q is in [-1/2, 1/2] turns. Polynomials give sine and cosine of half the angle (pi q in [-pi/2, pi/2]), and the
+    // double-angle formulas give those of the angle. No case distinction by quadrant is needed.
     let q = x.sub(x.round());
     let y = q.mul(q);
     // Minimax over |q| <= 1/2 of sin(pi q)/q (times q) and cos(pi q) in q^2: errors of 3e-9 and 5e-8.

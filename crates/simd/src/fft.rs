@@ -1,37 +1,38 @@
-//! FFTs of sixteen rows at once: a row to a lane, so that no butterfly shuffles lanes.
+//! FFTs of sixteen rows at once, one row per lane, so that butterflies need no shuffles.
 //!
-//! Stockham's self-sorting algorithm, decimation in frequency: one pass a factor, from one buffer to
-//! the other. Forward (`exp(-j 2 pi k n / N)`), not normalised; with real and imaginary parts exchanged before and after
-//! it is the inverse.
+//! Stockham's self-sorting algorithm with decimation in frequency: one pass per factor, from one buffer to the other.
+//! The transform is forward (`exp(-j 2 pi k n / N)`) and not normalised. Exchanging real and imaginary parts before and
+//! after it gives the inverse.
 
 use std::f32::consts::FRAC_1_SQRT_2;
 use std::f64::consts::TAU;
 
 use crate::{Cell, InstructionSet, SimdF32x16, SimdLevel, dispatch};
 
-/// One factor.
+/// The pass of one factor.
 pub struct Pass {
     radix: usize,
-    /// Distance of the butterflies' inputs and of its outputs' neighbours, cells.
+    /// Distance between the outputs of a butterfly, cells. Its inputs are `stride * n_groups` apart.
     stride: usize,
-    /// Groups of `stride` butterflies that share twiddles.
+    /// Number of groups of `stride` butterflies that share twiddle factors.
     n_groups: usize,
-    /// `[p][k - 1]` (cos, sin) of `-2 pi p k / length left`, k in 1..radix; none in the last pass.
+    /// `[p][k - 1]`: (cos, sin) of `-2 pi p k / rest`, with k in 1..radix and the length `rest` that earlier passes
+    /// have left. Empty in the last pass.
     twiddles: Vec<[f32; 2]>,
 }
 
-/// Where a pass takes numbers from.
+/// Source of the inputs of a pass.
 pub trait Source<L> {
-    /// Number `i` of every row.
+    /// Returns number `i` of every row.
     fn at(&self, i: usize) -> C<L>;
 }
 
-/// Where a pass puts them.
+/// Destination of the outputs of a pass.
 pub trait Sink<L> {
-    /// Whether only a last pass ends here.
+    /// Whether only the last pass of a transform writes here.
     const IS_LAST: bool = false;
 
-    /// Number `i` of every row becomes `z`.
+    /// Stores `z` as number `i` of every row.
     fn put(&mut self, i: usize, z: C<L>);
 }
 
@@ -49,17 +50,17 @@ impl<L: SimdF32x16> Sink<L> for &mut [Cell] {
     }
 }
 
-/// Radices whose product is `len`, largest first; `None` if a prime is too large.
+/// Radices whose product is `len`, in the order of the passes. `None` if `len` has a prime factor above 7.
 pub fn factors(len: usize, level: SimdLevel) -> Option<Vec<usize>> {
     let mut rest = len.max(1);
     let mut radices = vec![];
-    // Without vectors of their own, lanes fill all registers with a few numbers.
+    // Without vector instructions, the sixteen lanes of a few numbers already fill all registers.
     let radices_at_hand: &[usize] = match level.instruction_set() {
         InstructionSet::Portable => &[4, 2, 3, 5, 7],
         _ => &[16, 8, 4, 6, 2, 3, 5, 7],
     };
     for &radix in radices_at_hand {
-        // 16 x 2 is better done as 8 x 4.
+        // 8 x 4 is faster than 16 x 2.
         while rest.is_multiple_of(radix) && (radix, rest) != (16, 32) {
             radices.push(radix);
             rest /= radix;
@@ -74,7 +75,7 @@ pub fn root(index: usize, len: usize) -> [f32; 2] {
     [cos as f32, sin as f32]
 }
 
-/// Passes of a transform of `len` with these radices.
+/// Plans the passes of a transform of length `len` with these radices.
 pub fn passes(len: usize, radices: &[usize]) -> Vec<Pass> {
     let (mut left, mut stride) = (len, 1);
     radices
@@ -101,8 +102,8 @@ pub fn passes(len: usize, radices: &[usize]) -> Vec<Pass> {
         .collect()
 }
 
-/// All passes, from `source` to `out`; all as long as the transform, `spare` too, whose content means nothing
-/// afterwards. `level` is that of `L`.
+/// Runs all passes from `source` to `out`. `source`, `out` and `spare` have the length of the transform. The content of
+/// `spare` is unspecified afterwards. `level` is that of `L`.
 #[inline(always)]
 pub fn all_passes<L: SimdF32x16, S: Source<L>>(
     level: SimdLevel,
@@ -122,7 +123,7 @@ pub fn all_passes<L: SimdF32x16, S: Source<L>>(
     rest_passes(level, rest, from, to);
 }
 
-/// [`all_passes`] from cells.
+/// [`all_passes`] with cells as the source.
 pub fn all_cell_passes(
     level: SimdLevel,
     passes: &[Pass],
@@ -139,7 +140,7 @@ pub fn all_cell_passes(
     rest_passes(level, rest, from, to);
 }
 
-/// What the first pass writes to, and what the `rest` writes to next: the last ends in `out`.
+/// The buffers to which the first two passes write. They are chosen so that the last pass writes to `out`.
 fn buffers<'a>(
     rest: &[Pass],
     out: &'a mut [Cell],
@@ -165,7 +166,7 @@ fn rest_passes<'a>(
 }
 
 dispatch!(
-    /// A pass from buffer to buffer: one function, so that the many butterflies are compiled once.
+    /// A pass from buffer to buffer. It is a separate function, so that the many butterflies are compiled once.
     fn cell_pass => cell_pass_body(pass: &Pass, from: &[Cell], to: &mut [Cell])
 );
 
@@ -174,10 +175,10 @@ fn cell_pass_body<L: SimdF32x16>(pass: &Pass, from: &[Cell], to: &mut [Cell]) {
     run_pass::<L, _, _>(pass, from, to);
 }
 
-/// One pass.
+/// Runs one pass.
 #[inline(always)]
 pub fn run_pass<L: SimdF32x16, S: Source<L>, K: Sink<L>>(pass: &Pass, from: S, to: K) {
-    // See `factors`.
+    // `factors` uses these radices only with vector instructions.
     if L::HAS_VECTORS {
         match pass.radix {
             6 => return butterflies::<L, Dft6, S, K>(pass, from, to),
@@ -196,17 +197,18 @@ pub fn run_pass<L: SimdF32x16, S: Source<L>, K: Sink<L>>(pass: &Pass, from: S, t
     }
 }
 
-/// Butterflies over the inputs `stride * n_groups` apart, outputs turned and laid `stride` apart.
+/// Butterflies with inputs `stride * n_groups` apart. The outputs are multiplied by twiddle factors and written
+/// `stride` apart.
 #[inline(always)]
 fn butterflies<L: SimdF32x16, R: Radix<L>, S: Source<L>, K: Sink<L>>(
     pass: &Pass,
     from: S,
     mut to: K,
 ) {
-    // Where only a last pass can be, its one group's twiddles are all one.
+    // A last pass has a single group, whose twiddle factors are all one.
     let (s, m) = (pass.stride, if K::IS_LAST { 1 } else { pass.n_groups });
     for p in 0..m {
-        // So are those of the first group of every pass.
+        // The twiddle factors of the first group of every pass are also one.
         let twiddles = if p > 0 && !K::IS_LAST {
             &pass.twiddles[p * (R::N - 1)..(p + 1) * (R::N - 1)]
         } else {
@@ -226,12 +228,12 @@ fn butterflies<L: SimdF32x16, R: Radix<L>, S: Source<L>, K: Sink<L>>(
     }
 }
 
-/// The transform of a few numbers.
+/// A transform of a few numbers.
 trait Radix<L> {
     const N: usize;
 
-    /// One butterfly: inputs `first_in + k step_in`, outputs `first_out + k step_out`, all but the first turned unless
-    /// there are no twiddles.
+    /// Computes one butterfly with inputs `first_in + k step_in` and outputs `first_out + k step_out`. All outputs
+    /// except the first are multiplied by twiddle factors, unless there are none.
     fn butterfly<S: Source<L>, K: Sink<L>>(
         from: &S,
         first_in: usize,
@@ -243,7 +245,8 @@ trait Radix<L> {
     );
 }
 
-/// Written out number by number: of closures and loops over arrays in registers the compiler makes calls and copies.
+/// Written out number by number, because the compiler turns closures and loops over arrays in registers into calls and
+/// copies.
 macro_rules! radix {
     ($name:ident, $n:literal, $dft:ident, $($k:literal $z:ident)*) => {
         struct $name;
@@ -447,7 +450,7 @@ fn dft5<L: SimdF32x16>([a, b, c, d, e]: [C<L>; 5]) -> [C<L>; 5] {
     ]
 }
 
-/// Good and Thomas: 2 and 3 have no common factor, so there are no twiddles.
+/// Good-Thomas algorithm: 2 and 3 have no common factor, so that there are no twiddle factors.
 #[inline(always)]
 fn dft6<L: SimdF32x16>([a, b, c, d, e, f]: [C<L>; 6]) -> [C<L>; 6] {
     let [x0, x4, x2] = dft3([a, c, e]);

@@ -5,7 +5,7 @@ use crate::portable::{Array16, ArrayDot};
 use crate::x86::{Avx2Dot, Avx2x2, Avx512, Avx512Dot, VnniDot};
 use crate::{ByteDot, SimdF32x16};
 
-/// The name of an instruction set, whether or not this processor has it; [`SimdLevel`] is the proof that it does.
+/// The name of an instruction set, whether or not this processor has it. [`SimdLevel`] is the proof that it does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InstructionSet {
     /// AVX-512 F, DQ, BW and VL with the byte products of VNNI.
@@ -26,7 +26,7 @@ impl InstructionSet {
 
     /// Whether this processor, and the operating system, can run it.
     fn is_detected(self) -> bool {
-        // Miri interprets no vector instructions, whatever the processor below it has.
+        // Miri does not support vector instructions, whatever processor it runs on.
         if cfg!(miri) {
             return self == Self::Portable;
         }
@@ -52,9 +52,9 @@ impl InstructionSet {
     }
 }
 
-/// An instruction set that this processor has: to hold the value is the proof.
+/// An instruction set that this processor has. A value of this type is the proof.
 ///
-/// Every constructor asks the processor, so that no safe program can run an instruction that the processor lacks:
+/// Every constructor checks the processor, so that no safe program can run an instruction that the processor lacks:
 ///
 /// ```
 /// use radarllm_simd::{InstructionSet, SimdLevel};
@@ -102,7 +102,7 @@ impl SimdLevel {
         InstructionSet::ALL.into_iter().filter_map(Self::new)
     }
 
-    /// The instruction set that this processor was found to have.
+    /// The instruction set of this level.
     pub fn instruction_set(self) -> InstructionSet {
         self.0
     }
@@ -149,12 +149,12 @@ impl SimdLevel {
     }
 }
 
-/// One computation, compiled for every level; [`dispatch!`](crate::dispatch) makes one of a function.
+/// A computation that is compiled for every level. [`dispatch!`](crate::dispatch) creates one from a function.
 ///
-/// The types behind `L` have no names outside this crate. A kernel is the one place that receives them, and only a
-/// [`SimdLevel`] can hand them over: that keeps their methods, which are the level's instructions, from running elsewhere.
+/// The types behind `L` have no names outside this crate. Only a kernel receives them, and only from a [`SimdLevel`].
+/// Their methods, which are the level's instructions, therefore cannot run elsewhere.
 pub trait Kernel {
-    /// What it computes.
+    /// Result of the computation.
     type Output;
 
     /// The computation with AVX-512 F, DQ, BW and VL.
@@ -177,7 +177,7 @@ pub trait Kernel {
 
 /// As [`Kernel`], for computations that also multiply bytes.
 pub trait ByteKernel {
-    /// What it computes.
+    /// Result of the computation.
     type Output;
 
     /// The computation with AVX-512 F, DQ, BW, VL and VNNI.
@@ -207,12 +207,13 @@ pub trait ByteKernel {
 
 /// Defines `fn name(level, args)`, which runs the generic function `body::<L>(args)` compiled for `level`.
 ///
-/// With `bytes fn` in place of `fn` the body is `body::<L, D>(args)`, D a [`ByteDot`](crate::ByteDot). Lifetimes of
-/// types are written out as `'_`.
+/// With `bytes fn` in place of `fn` the body is `body::<L, D>(args)`, where D is a [`ByteDot`](crate::ByteDot).
+/// Lifetimes of types are written out as `'_`.
 ///
-/// The body, and whatever it calls with vectors, must be `#[inline(always)]`, and loop rather than call methods of
-/// iterators with closures. A function that is not inlined is compiled without the level's instructions, and in it every
-/// instruction becomes a call. `nm -C` on a binary lists such calls as functions of `core_arch`; there should be none.
+/// The body, and whatever it calls with vectors, must be `#[inline(always)]`, and must use loops instead of iterator
+/// methods with closures. A function that is not inlined is compiled without the level's instructions, and every
+/// instruction in it becomes a call. `nm -C` on a binary lists such calls as functions of `core_arch`; there should be
+/// none.
 ///
 /// ```
 /// use radarllm_simd::{SimdF32x16, SimdLevel, dispatch};
@@ -242,8 +243,8 @@ macro_rules! dispatch {
     ($(#[$meta:meta])* $vis:vis fn $name:ident => $body:ident ( $($arg:ident : $ty:ty),* $(,)? ) -> $out:ty) => {
         $(#[$meta])*
         $vis fn $name(level: $crate::SimdLevel, $($arg: $ty),*) -> $out {
-            // The functions with features take the arguments one by one: of references in a structure the compiler would
-            // not know that they do not overlap.
+            // The functions with target features take the arguments one by one. If the references were fields of a
+            // structure, the compiler would not know that they do not overlap.
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx512f,avx512dq,avx512bw,avx512vl,avx2,fma")]
             fn avx512<L: $crate::SimdF32x16>($($arg: $ty),*) -> $out {
@@ -337,7 +338,7 @@ macro_rules! dispatch {
 mod tests {
     use super::*;
 
-    /// The processor, as the operating system describes it, has the flags of every level that was found.
+    /// The operating system's description of the processor must contain the flags of every level that was found.
     #[test]
     #[cfg(all(target_arch = "x86_64", target_os = "linux"))]
     #[cfg_attr(

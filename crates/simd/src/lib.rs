@@ -27,8 +27,8 @@
 //! # FFTs
 //!
 //! [`any_length`] transforms single rows of any length. [`fft`] transforms sixteen rows at once, one row per lane, for
-//! lengths whose prime factors are at most 7; kernels can join its passes with what comes before and after them. Both are
-//! forward, `exp(-j 2 pi k n / N)`, in natural order and not normalised:
+//! lengths whose prime factors are at most 7. Kernels can combine its passes with the computations before and after
+//! them. Both are forward, `exp(-j 2 pi k n / N)`, in natural order and not normalised:
 //!
 //! ```
 //! use radarllm_simd::{Cell, SimdLevel, any_length, fft};
@@ -55,13 +55,13 @@
 //!
 //! # Soundness
 //!
-//! An instruction that the processor lacks is undefined behaviour. Two rules keep safe code from reaching one. A
-//! [`SimdLevel`] is made only by asking the processor. The vector types have no public names: a [`Kernel`] receives them
-//! as a type parameter from [`SimdLevel::run`], which has the level.
+//! Running an instruction that the processor lacks is undefined behaviour. Two rules prevent safe code from doing so. A
+//! [`SimdLevel`] can be created only by checking the processor. The vector types have no public names: a [`Kernel`]
+//! receives them as a type parameter from [`SimdLevel::run`].
 //!
 //! # Reproducibility
 //!
-//! Results are equal to the byte on one [`SimdLevel`] and equal within rounding between levels: AVX-512 and AVX2 round
+//! Results are byte-identical on one [`SimdLevel`] and equal within rounding between levels: AVX-512 and AVX2 round
 //! `a * b + c` once, the portable level twice.
 //!
 //! Reading order: [`SimdF32x16`], [`SimdLevel`] and [`dispatch!`], [`ByteDot`], [`fft`], [`any_length`].
@@ -87,14 +87,14 @@ pub use prefetch::prefetch;
 /// Number of lanes.
 pub const LANES: usize = 16;
 
-/// Keeps the vector traits to the types of this crate.
+/// Restricts implementations of the vector traits to this crate.
 mod sealed {
     pub trait Sealed {}
 }
 
-/// One complex number of sixteen rows, or channels, or bins.
+/// One complex number for each of sixteen rows, channels or bins.
 ///
-/// Aligned to a cache line: a vector that lies across two of them takes twice as long to load.
+/// Aligned to a cache line, because a vector that crosses a cache line boundary takes twice as long to load.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C, align(64))]
 pub struct Cell {

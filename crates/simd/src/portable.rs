@@ -1,4 +1,4 @@
-//! Vectors without vector instructions: arrays, compiled for whatever the build target has.
+//! Vectors without vector instructions: arrays, compiled for the build target.
 
 use num_complex::Complex32;
 

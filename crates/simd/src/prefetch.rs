@@ -1,9 +1,9 @@
-//! Asking for memory before it is needed.
+//! Prefetching of memory.
 
-/// Asks the cache for a slice that is read soon.
+/// Prefetches a slice that will be read soon.
 ///
-/// Processors follow a stream of addresses by themselves, but not over a jump to another page, where the read would wait
-/// for memory. Does nothing where there is no such instruction.
+/// The hardware prefetcher follows a stream of addresses but not a jump to another page, where the read would wait for
+/// memory. Does nothing on targets without such an instruction.
 #[inline]
 pub fn prefetch<T>(soon: &[T]) {
     // Every x86-64 processor has the instruction. Miri does not interpret it.

@@ -1,7 +1,7 @@
 //! Vectors of AVX-512 and AVX2.
 //!
-//! These types must not be named outside this crate: their methods are safe to call only on a processor that has the
-//! instructions. [`SimdLevel`](crate::SimdLevel) hands them to kernels after it has asked the processor.
+//! These types must not be named outside this crate, because their methods are safe to call only on a processor that
+//! has the instructions. [`SimdLevel`](crate::SimdLevel) passes them to kernels after it has checked the processor.
 
 use std::arch::x86_64::*;
 
@@ -25,7 +25,7 @@ macro_rules! intrinsic {
 pub(crate) struct Avx512(__m512);
 
 impl Avx512 {
-    /// Exchanges 128-bit quarters: `a`'s and `b`'s even ones, and their odd ones.
+    /// Returns the even 128-bit quarters of `a` and `b`, and the odd ones.
     #[inline(always)]
     fn quarters(a: Self, b: Self) -> (Self, Self) {
         (
@@ -38,7 +38,7 @@ impl Avx512 {
 impl Sealed for Avx512 {}
 
 impl SimdF32x16 for Avx512 {
-    // 24 sums, 4 weights, 1 activation of 32 registers.
+    // 24 sums, 4 weights and 1 activation use 29 of 32 registers.
     const TILE: (usize, usize) = (6, 4);
     #[inline(always)]
     fn splat(x: f32) -> Self {
@@ -95,8 +95,8 @@ impl SimdF32x16 for Avx512 {
     }
     #[inline(always)]
     fn transpose(rows: &mut [Self; 16]) {
-        // 4 x 4 blocks within the 128-bit quarters: afterwards vector 4 g + c holds, in quarter q,
-        // column 4 q + c of rows 4 g ..
+        // Transpose 4 x 4 blocks within the 128-bit quarters. Quarter q of vector 4 g + c then contains column 4 q + c
+        // of the four rows from 4 g on.
         let mut t = *rows;
         for g in (0..16).step_by(4) {
             let [a, b, c, d] = [rows[g].0, rows[g + 1].0, rows[g + 2].0, rows[g + 3].0];
@@ -113,7 +113,7 @@ impl SimdF32x16 for Avx512 {
             t[g + 2] = Self(intrinsic!(_mm512_castpd_ps(_mm512_unpacklo_pd(ab1, cd1))));
             t[g + 3] = Self(intrinsic!(_mm512_castpd_ps(_mm512_unpackhi_pd(ab1, cd1))));
         }
-        // Then the quarters.
+        // Then transpose the quarters.
         for c in 0..4 {
             let (even_a, odd_a) = Self::quarters(t[c], t[4 + c]);
             let (even_b, odd_b) = Self::quarters(t[8 + c], t[12 + c]);
@@ -231,7 +231,7 @@ impl Avx2x2 {
     /// Real and imaginary parts of eight complex numbers.
     #[inline(always)]
     fn split(a: __m256, b: __m256) -> (__m256, __m256) {
-        // Within 128-bit halves, then the quarters a0 b0 a1 b1 into order.
+        // The shuffle works within 128-bit halves. `order` then restores the order of the quarters a0 b0 a1 b1.
         let order = |v| {
             intrinsic!(_mm256_castpd_ps(_mm256_permute4x64_pd::<0b11_01_10_00>(
                 _mm256_castps_pd(v)
@@ -260,7 +260,7 @@ impl Avx2x2 {
 impl Sealed for Avx2x2 {}
 
 impl SimdF32x16 for Avx2x2 {
-    // 8 registers of sums, 2 of weights, 1 activation of 16.
+    // 8 sums, 2 weights and 1 activation use 11 of 16 registers.
     const TILE: (usize, usize) = (4, 1);
     #[inline(always)]
     fn splat(x: f32) -> Self {
@@ -314,7 +314,7 @@ impl SimdF32x16 for Avx2x2 {
             (blocks[0][i], blocks[1][i]) = (rows[i].0, rows[i].1);
             (blocks[2][i], blocks[3][i]) = (rows[8 + i].0, rows[8 + i].1);
         }
-        // A loop: what an iterator calls is compiled without this level's instructions unless it is inlined.
+        // A loop, because a closure of an iterator is compiled without this level's instructions unless it is inlined.
         for block in &mut blocks {
             Self::transpose_block(block);
         }
@@ -390,13 +390,13 @@ impl SimdF32x16 for Avx2x2 {
     }
 }
 
-/// Four bytes as one number, to be copied into every lane.
+/// Four bytes as one number, which is broadcast to all lanes.
 #[inline(always)]
 fn four(activation: [i8; 4]) -> i32 {
     i32::from_le_bytes(activation.map(|a| a as u8))
 }
 
-/// Sixteen sums in one register, with the instruction for products of bytes.
+/// Sixteen sums in one register, computed with the VNNI instruction for products of bytes.
 #[derive(Clone, Copy)]
 pub(crate) struct VnniDot(__m512i);
 
@@ -423,8 +423,8 @@ impl ByteDot for VnniDot {
     }
 }
 
-/// Sixteen sums in one register; bytes are widened, because the instruction that multiplies
-/// bytes without widening saturates.
+/// Sixteen sums in one register. Bytes are widened first, because the instruction that multiplies bytes directly
+/// saturates.
 #[derive(Clone, Copy)]
 pub(crate) struct Avx512Dot(__m512i);
 
@@ -440,7 +440,7 @@ impl ByteDot for Avx512Dot {
         Self(intrinsic!({
             let w = _mm512_loadu_si512(weights.as_ptr().cast());
             let a = _mm512_set1_epi32(four(activation));
-            // Bytes 0 and 2 of every four, then 1 and 3.
+            // Bytes 0 and 2 of every four, then bytes 1 and 3.
             let even_w = _mm512_and_si512(w, _mm512_set1_epi16(0xff));
             let odd_w = _mm512_srli_epi16::<8>(w);
             let even_a = _mm512_srai_epi16::<8>(_mm512_slli_epi16::<8>(a));
@@ -456,7 +456,7 @@ impl ByteDot for Avx512Dot {
     }
 }
 
-/// Sixteen sums in two registers; bytes are widened as in [`Avx512Dot`].
+/// Sixteen sums in two registers. Bytes are widened as in [`Avx512Dot`].
 #[derive(Clone, Copy)]
 pub(crate) struct Avx2Dot(__m256i, __m256i);
 

@@ -34,11 +34,11 @@ use crate::{
 /// One training of one row.
 struct Run {
     recipe: Recipe,
-    /// The data set that it learns from and is evaluated on.
+    /// Data set for training and evaluation.
     data: PathBuf,
     /// Stages in order.
     stages: Vec<RecipeStage>,
-    /// Everything that the result depends on.
+    /// All inputs of the result.
     id: String,
 }
 
@@ -141,7 +141,7 @@ fn end_if_stopped(stop: &StopToken) {
     }
 }
 
-/// `[table][row][seed]`.
+/// Expands the grid into runs: `[table][row][seed]`.
 fn plan(grid: &Grid, base: &Path) -> CliResult<Vec<Vec<Vec<Run>>>> {
     let path = base.join(&grid.base);
     let text = files::read_text(&path, MAX_CONFIG_BYTES)?;
@@ -193,7 +193,7 @@ fn plan_run(
     if !row.instruct {
         stages.pop();
     }
-    // The printed recipe has every default, so that a changed default changes the name too.
+    // The name is derived from the recipe with all defaults, so that it changes when a default changes.
     let printed: Table = recipe.to_toml()?.parse()?;
     let [data] = recipe.data.as_slice() else {
         return Err(CliError::new(format!(
@@ -251,7 +251,8 @@ fn set(table: &mut Table, key: &str, value: Value) -> CliResult {
     }
 }
 
-/// Works through `jobs`, `n` at a time, which share the cores; the first error stops what has not begun.
+/// Runs `jobs`, `n` at a time, and divides the cores equally among them. After the first error, no further job is
+/// started.
 fn side_by_side<J: Send>(
     n: usize,
     jobs: Vec<J>,
@@ -328,7 +329,7 @@ fn read_report(run: &Run) -> CliResult<serde_json::Value> {
 fn metric(report: &serde_json::Value, key: &str) -> Option<f64> {
     let model = &report["systems"][0];
     match key {
-        // Models that were evaluated before the field was renamed need not be evaluated again.
+        // The old name of the field is accepted too, so that models need not be evaluated again.
         "action_accuracy" => ["action_accuracy", "right_action"]
             .into_iter()
             .find_map(|name| model[name]["value"].as_f64()),
@@ -385,7 +386,7 @@ set = { "pretrain.sampling.text_to_radar" = 0.0 }
         assert!(same(2, Tokenizer) && same(2, Pretrain));
         assert_eq!(rows[2][0].stages, [Motion, Tokenizer, Pretrain]);
         assert!(same(3, Tokenizer) && !same(3, Pretrain) && !same(3, Instruct));
-        // Another seed shares nothing, and no two models have one folder.
+        // Runs with different seeds share no stage, and every model has its own folder.
         assert!(folder(0, 0, Motion) != folder(0, 1, Motion));
         let mut outs: Vec<_> = rows.iter().flatten().map(|r| &r.recipe.out).collect();
         outs.sort();

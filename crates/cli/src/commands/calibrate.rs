@@ -17,11 +17,12 @@ use crate::{
     output, radar_file,
 };
 
-/// Other echoes nearer than this to the reflector's strength bend the gains by 0.1 and more, dB.
+/// Minimum power of the reflector relative to other static echoes near it, dB. Below it, they change the gains by a
+/// relative 0.1 or more.
 const ALONE_DB: f64 = 20.0;
-/// What is weaker than this against another echo is that one's sidelobe as likely as a reflector, dB.
+/// Minimum power relative to another static echo, dB. Below it, the detected echo may be a sidelobe of the other one.
 const LOUDEST_DB: f64 = 3.0;
-/// Share of samples at full scale that one loud moment makes.
+/// Fraction of samples at full scale above which a channel counts as saturated. A short loud event stays below it.
 const SATURATED_SHARE: f64 = 1e-3;
 
 #[derive(Serialize)]
@@ -66,7 +67,7 @@ pub fn run(args: &CalibrateArgs) -> CliResult {
     if n_damaged > 0 {
         notes.push(format!("{n_damaged} frames with missing bytes left out"));
     }
-    // Counts of an ADC have an end; numbers of an array may be anything.
+    // Saturation is only defined for ADC counts; the values of an array may have any scale.
     if format != SampleFormat::Npy {
         for (i, channel) in stats.channels().iter().enumerate() {
             if channel.saturated > SATURATED_SHARE {

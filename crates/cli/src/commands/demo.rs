@@ -1,4 +1,4 @@
-//! `demo`: built-in motions through the whole chain with the default model.
+//! `demo`: runs built-in motions through the whole chain with the default model.
 
 use radarllm::{DescribeOptions, SimulateOptions};
 use serde::Serialize;
@@ -13,7 +13,7 @@ use crate::{
     output,
 };
 
-/// Shown without arguments: three different motions.
+/// Motions that are used if none is given.
 const MOTIONS: [&str; 3] = [
     "builtin:walk?direction=backward",
     "builtin:sit_down",
@@ -27,7 +27,7 @@ struct DemoRow {
     /// A caption that the motion's own parameters imply.
     reference: String,
     points_per_frame: f64,
-    /// The page, with --out.
+    /// Path of the page, if `--out` is given.
     #[serde(skip_serializing_if = "Option::is_none")]
     page: Option<String>,
 }

@@ -105,7 +105,7 @@ fn gpu() -> Check {
     }
 }
 
-/// Whether a graphics processor opens, and which.
+/// Whether a GPU can be opened, and its name.
 #[cfg(any(feature = "gpu", feature = "cuda"))]
 fn gpu() -> Check {
     use radarllm_nn::device::Processor;

@@ -1,4 +1,4 @@
-//! report.html of `eval`: the report's tables, and clips to look at.
+//! report.html of `eval`: the tables of the report and example clips.
 
 use radarllm_eval::captions::{
     CaptionReport, CaptionedClip,

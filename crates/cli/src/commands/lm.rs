@@ -1,4 +1,4 @@
-//! `lm`: forward pass of a checkpoint in Hugging Face's layout; adapters folded into weights.
+//! `lm`: computes the logits of a checkpoint in Hugging Face's layout, and merges adapters into weights.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use crate::{
     output,
 };
 
-/// Largest file of ids, bytes.
+/// Maximum size of a file of ids, bytes.
 const MAX_IDS_BYTES: u64 = 256 << 20;
 
 #[derive(Serialize)]
@@ -40,7 +40,7 @@ pub fn run(verb: &LmVerb) -> CliResult {
 }
 
 fn merge(model: &Path, out: &Path) -> CliResult {
-    // A folder is written as a whole, so nothing of an old one would be left: never over one.
+    // Saving replaces a folder as a whole, so the content of an existing folder would be lost.
     if out.exists() {
         return Err(
             CliError::new(format!("{} exists already", out.display())).hint("give another --out")

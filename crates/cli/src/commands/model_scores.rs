@@ -1,4 +1,4 @@
-//! BERTScore and SimCSE for `score`, by a checkpoint that the user names.
+//! BERTScore and SimCSE for `score`, computed with a checkpoint that the user specifies.
 
 use std::path::Path;
 
@@ -20,7 +20,7 @@ use crate::{
 /// A checkpoint as a sentence encoder.
 struct Checkpoint {
     encoder: TextEncoder,
-    /// How one vector is made of a sentence.
+    /// How a sentence is reduced to one vector.
     pooling: Pooling,
 }
 
@@ -47,7 +47,7 @@ impl SentenceEncoder for Checkpoint {
     }
 }
 
-/// Adds what `--bert-score` and `--sim-cse` ask for.
+/// Adds the scores that `--bert-score` and `--sim-cse` request.
 pub fn add(
     scores: &mut Scores,
     args: &ScoreArgs,

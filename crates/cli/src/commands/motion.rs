@@ -18,7 +18,7 @@ use crate::{
     output,
 };
 
-/// Largest mesh sequence written, bytes of vertices.
+/// Maximum size of a mesh sequence, bytes of vertices.
 const MAX_MESH_BYTES: usize = 4 << 30;
 
 /// Runs the command.
@@ -151,7 +151,7 @@ fn mesh(
     Ok(())
 }
 
-/// A user's SMPL-X file, or the built-in body in the motion's shape.
+/// The SMPL-X file of the user, or the built-in body with the shape of the motion.
 fn open_body(path: Option<&Path>, motion: &MotionInput) -> CliResult<Arc<dyn BodyModel>> {
     Ok(match path {
         Some(path) => Arc::new(SmplxBody::open(path, &[]).map_err(|e| {
@@ -172,8 +172,8 @@ fn posed(motion: &MotionInput, body: &dyn BodyModel, frame_idx: usize) -> Vec<Ve
     vertices
 }
 
-/// `vertices` f32 (T, V, 3), `faces` i32 (F, 3), `joints` f32 (T, J, 3), metres, world axes; `rotations`
-/// f32 (T, J, 3, 3), from a joint's axes to its parent's, the root's to the world.
+/// Encodes an npz archive: `vertices` f32 (T, V, 3), `faces` i32 (F, 3), `joints` f32 (T, J, 3), in metres and world
+/// axes; `rotations` f32 (T, J, 3, 3), from the axes of a joint to those of its parent, for the root to the world.
 fn npz(motion: &MotionInput, body: &dyn BodyModel) -> CliResult<Vec<u8>> {
     let n_frames = motion.motion.len();
     let mut zip = zip::ZipWriter::new(Cursor::new(Vec::new()));
@@ -205,7 +205,7 @@ fn npz(motion: &MotionInput, body: &dyn BodyModel) -> CliResult<Vec<u8>> {
     let rotations = motion.motion.poses.iter().flat_map(|pose| {
         let pose = pose_on_body(pose, &motion.motion.skeleton, body);
         pose.rotations.into_iter().flat_map(|rotation| {
-            // glam keeps columns, NumPy rows.
+            // glam stores matrices by column, NumPy by row.
             Mat3::from_quat(rotation).transpose().to_cols_array()
         })
     });

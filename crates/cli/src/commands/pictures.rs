@@ -74,10 +74,10 @@ impl PictureArgs {
         .collect()
     }
 
-    /// Refuses names whose ending says nothing about what to write, before anything is computed.
+    /// Checks the file names before anything is computed.
     ///
     /// # Errors
-    /// Another ending than .svg and .png, and .png for plots that are vector shapes only.
+    /// An extension other than .svg and .png, or .png for a plot that consists of vector shapes only.
     pub fn check(&self) -> CliResult {
         for (path, kind) in self.paths_and_kinds() {
             file_type(path, kind)?;
@@ -91,8 +91,7 @@ impl PictureArgs {
         self.paths().count() > from_points.into_iter().flatten().count()
     }
 
-    /// The same plots, and all others in a folder, if there is one: those made from samples and from tracks only where
-    /// there are any.
+    /// Adds all other plots to a folder, if one is given: those of samples and of tracks only if there are any.
     pub fn in_folder(&self, folder: Option<&Path>, has_samples: bool, has_people: bool) -> Self {
         let mut all = self.clone();
         let Some(folder) = folder else {
@@ -117,14 +116,14 @@ impl PictureArgs {
     }
 }
 
-/// Whether a plot has a picture inside its axes, or vector shapes only.
+/// Whether a plot contains an image or consists of vector shapes only.
 #[derive(Clone, Copy)]
 enum PlotKind {
     Picture,
     Vector,
 }
 
-/// What a path's ending asks for.
+/// File type requested by the extension of a path.
 #[derive(Clone, Copy)]
 enum FileType {
     Svg,
@@ -154,15 +153,15 @@ fn file_type(path: &Path, kind: PlotKind) -> CliResult<FileType> {
     }
 }
 
-/// Refuses a path that an ADC histogram cannot be written to.
+/// Checks that a path is suitable for an ADC histogram.
 ///
 /// # Errors
-/// Another ending than .svg.
+/// An extension other than .svg.
 pub fn check_adc_statistics(path: &Path) -> CliResult {
     file_type(path, PlotKind::Vector).map(|_| ())
 }
 
-/// Writes a plot that has a picture inside its axes.
+/// Writes a plot that contains an image, as SVG or PNG.
 fn write_plot(
     path: &Path,
     svg: impl FnOnce() -> String,
@@ -177,13 +176,13 @@ fn write_plot(
     }
 }
 
-/// Writes a plot of vector shapes.
+/// Writes a plot that consists of vector shapes.
 fn write_figure(path: &Path, svg: &str) -> CliResult {
     file_type(path, PlotKind::Vector)?;
     output::write_atomic(path, svg.as_bytes())
 }
 
-/// Values that heat maps show below their maximum, dB.
+/// Dynamic range of heat maps below their maximum, dB.
 const DEPTH_DB: f32 = 45.0;
 /// Range shown on either side of the maximum, m.
 const SHOWN_RANGE_M: f64 = 1.5;
@@ -191,17 +190,17 @@ const SHOWN_RANGE_M: f64 = 1.5;
 /// Collects frames and plots them at the end.
 pub struct Pictures<'a> {
     args: &'a PictureArgs,
-    /// Largest sum of speeds of a frame's points; the maps are of that frame.
+    /// Maximum over frames of the sum of the speeds of the points. The maps are those of that frame.
     max_movement: f32,
     range_doppler: Option<Map>,
     range_azimuth: Option<Map>,
     micro_doppler: MicroDoppler,
-    /// Sums over frames, one row for each channel.
+    /// Sums over frames, one row per channel.
     profiles: Option<Map>,
 }
 
 impl<'a> Pictures<'a> {
-    /// No frames yet.
+    /// Creates a collection without frames.
     pub fn new(args: &'a PictureArgs) -> Self {
         Self {
             args,
@@ -246,7 +245,8 @@ impl<'a> Pictures<'a> {
         Ok(())
     }
 
-    /// Writes the requested plots; `frames` are all points, `tracks` the people among them, if people were tracked.
+    /// Writes the requested plots. `frames` contain all points; `tracks` are the people among them, if people were
+    /// tracked.
     pub fn finish(self, frames: &[PointFrame], tracks: Option<&[Track]>) -> CliResult {
         let args = self.args;
         write_map(
@@ -300,7 +300,7 @@ impl<'a> Pictures<'a> {
     }
 }
 
-/// Paths from above, one line for each person, interrupted where the person was not seen.
+/// Tracks seen from above, one line per person, interrupted where the person was not detected.
 fn track_plot(tracks: &[Track]) -> LinePlot {
     let series = tracks.iter().map(|track| {
         let places = track.frames.iter().map(|frame| match frame.points[..] {
@@ -319,7 +319,7 @@ fn track_plot(tracks: &[Track]) -> LinePlot {
     }
 }
 
-/// Mean of all chirps and channels; `profiles` has one row for each channel.
+/// Mean over all chirps and channels; `profiles` has one row per channel.
 fn range_profile(profiles: &Map) -> LinePlot {
     let mut sums = vec![0.0_f32; profiles.n_cols];
     for row in profiles.values.chunks_exact(profiles.n_cols.max(1)) {
@@ -345,7 +345,7 @@ fn range_profile(profiles: &Map) -> LinePlot {
     }
 }
 
-/// Writes how often each value of the ADC occurs, with the figures of each receiver.
+/// Writes a histogram of ADC values, with the statistics of each receiver.
 pub fn write_adc_statistics(path: &Path, stats: &AdcStats) -> CliResult {
     // Bins are half octaves of 1 + |value|, see `AdcStats::histogram`; these are their edges.
     let edges = (0..=HISTOGRAM_BINS).map(|i| {
@@ -378,10 +378,10 @@ pub fn write_adc_statistics(path: &Path, stats: &AdcStats) -> CliResult {
     write_figure(path, &plot.to_svg())
 }
 
-/// Label of decibels below the maximum of a map.
+/// Label for decibels relative to the maximum of a map.
 const RELATIVE_POWER: &str = "Power relative to maximum";
 
-/// Rows of a map that are shown.
+/// Rows of a map to plot.
 #[derive(Clone, Copy)]
 enum RowRange {
     All,
@@ -427,7 +427,8 @@ fn heatmap(map: &Map, rows: RowRange, title: &str) -> Result<Heatmap, PlotError>
     })
 }
 
-/// The axis of `n` cells of a map from `first` on. Quantities begin with a capital letter, symbols stay as they are.
+/// The axis of `n` cells of a map, starting at `first`. The initial of a quantity is capitalised; a symbol is
+/// unchanged.
 fn plot_axis(axis: &radarllm_radar_dsp::Axis, first: usize, n: usize) -> Axis {
     let mut label = axis.label.to_owned();
     if !axis.label.contains('/') {

@@ -17,10 +17,10 @@ use crate::{
     radar_file::{open, unknown},
 };
 
-/// Longest piece of a source line shown, characters.
+/// Maximum length of a quotation from a source line, characters.
 const MAX_EXCERPT: usize = 100;
 
-/// Derived figures, as scripts read them.
+/// Derived figures for the JSON output.
 #[derive(Serialize)]
 struct Figures {
     name: String,
@@ -133,7 +133,7 @@ fn lint(name: &str, model: Option<&Path>, json: bool) -> CliResult {
             let findings = radarllm_formats::lint_radar_toml(&text, expected.as_ref());
             (text, findings)
         }
-        // Built-in radars have no text, and exports of mmWave Studio are not edited by hand.
+        // There is no text to quote: built-in radars have none, and exports of mmWave Studio are not edited by hand.
         _ => (
             String::new(),
             radarllm_formats::lint(&open(name)?.config, expected.as_ref()),
@@ -164,7 +164,7 @@ fn lint(name: &str, model: Option<&Path>, json: bool) -> CliResult {
     }
 }
 
-/// What a model folder, or the embedded model, was trained on. Only its configuration is read.
+/// Training data of a model folder or of the embedded model. Only the configuration is read.
 fn expectations(model: Option<&Path>) -> CliResult<Option<ModelExpectations>> {
     const CONFIG: &str = "tokenizer/config.json";
     let (bytes, place) = match model {
@@ -196,7 +196,7 @@ fn expectations(model: Option<&Path>) -> CliResult<Option<ModelExpectations>> {
     }))
 }
 
-/// A finding, as scripts read it.
+/// A finding for the JSON output.
 #[derive(Serialize)]
 struct Remark<'a> {
     field: &'a str,
@@ -206,7 +206,7 @@ struct Remark<'a> {
     line: Option<usize>,
     column: Option<usize>,
     length: Option<usize>,
-    /// Which value of which command or key.
+    /// The command or key, and which of its values.
     value: Option<&'a str>,
 }
 
@@ -230,7 +230,7 @@ fn print_finding(name: &str, text: &str, finding: &Finding) {
     let place = finding.span.as_ref().map_or(String::new(), |s| {
         format!(":{}:{}", s.line, s.columns.start)
     });
-    // Messages may quote the file.
+    // Messages may quote the file, which may contain control characters.
     let message: String = finding.message.chars().map(printable).collect();
     output::print_line(&format!(
         "{name}{place}: {}[{}]: {message}",

@@ -83,7 +83,7 @@ fn run_with(args: &RealismArgs, config: &RealismConfig, base: &Path) -> CliResul
     print(args, &report, &report::markdown(&report, &args.config))
 }
 
-/// Writes the page if asked to, prints the page or the document.
+/// Writes the page if requested, and prints the page or the JSON document.
 fn print(args: &RealismArgs, report: &impl Serialize, page: &str) -> CliResult {
     if let Some(out) = &args.out {
         output::write_atomic(out, page.as_bytes())?;

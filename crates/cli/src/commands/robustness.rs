@@ -24,7 +24,7 @@ use crate::{
     threads::on_threads,
 };
 
-/// Largest finished cell read, bytes.
+/// Maximum size of a finished cell, bytes.
 const MAX_CELL_BYTES: u64 = 256 << 20;
 
 /// Runs the command.
@@ -87,7 +87,7 @@ pub fn run(args: &RobustnessArgs) -> CliResult {
     Ok(())
 }
 
-/// Measures the cells that are missing and reads all of them.
+/// Evaluates the cells that are missing and reads all of them.
 fn cells(
     experiment: &Experiment,
     changes: &[(Change, PathBuf)],
@@ -120,7 +120,7 @@ fn cells(
     Ok(cells)
 }
 
-/// The curves of a condition that has places on an axis.
+/// Plot of a condition whose levels have positions on an axis; `None` for other conditions.
 fn plot(axis: &AxisReport) -> Option<LinePlot> {
     let curves = curves(axis);
     if curves.is_empty() {

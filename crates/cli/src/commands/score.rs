@@ -23,9 +23,9 @@ use crate::{
     output,
 };
 
-/// Longest line of a captions file.
+/// Maximum length of a line of a captions file, bytes.
 const MAX_LINE_BYTES: u64 = 16 << 20;
-/// Largest list of words or abbreviations.
+/// Maximum size of a list of words or abbreviations, bytes.
 const MAX_LIST_BYTES: u64 = 1 << 20;
 
 #[derive(Deserialize)]
@@ -40,7 +40,7 @@ struct ReferenceLine {
     texts: Vec<String>,
 }
 
-/// Text or a whole number, which mean the same.
+/// A text or an integer, which are equivalent.
 #[derive(Deserialize)]
 #[serde(untagged, expecting = "`id` must be text or a whole number")]
 enum Id {
@@ -112,7 +112,7 @@ pub fn run(args: &ScoreArgs) -> CliResult {
     output::print_json(&scores)
 }
 
-/// Reads JSON lines; blank lines are skipped. The error names the first wrong line and counts the others.
+/// Reads JSON lines and skips blank lines. The error names the first invalid line and the number of the others.
 fn read_lines<L: for<'a> Deserialize<'a>, T>(
     path: &Path,
     item: impl Fn(L) -> T,
@@ -158,7 +158,7 @@ fn read_lines<L: for<'a> Deserialize<'a>, T>(
     }
 }
 
-/// METEOR's own lists from a folder; at least one must be there.
+/// Reads METEOR's word lists from a folder, which must contain at least one of them.
 fn read_meteor_data(folder: &Path) -> CliResult<Resources> {
     let mut resources = Resources::default();
     let mut found = false;

@@ -23,7 +23,7 @@ pub fn manual() -> CliResult {
     Ok(())
 }
 
-/// The description and the options of every verb, also of verbs within verbs.
+/// Renders description and options of every verb, recursively.
 fn render_verbs(command: &clap::Command, page: &mut Vec<u8>) -> CliResult {
     for verb in command.get_subcommands().filter(|v| v.get_name() != "help") {
         let name = verb.get_bin_name().unwrap_or_default().to_uppercase();

@@ -36,7 +36,7 @@ pub fn run(args: &TrainArgs) -> CliResult {
         output::print_line(&recipe.to_toml()?);
         return Ok(());
     }
-    // Before anything is removed or written.
+    // Devices are checked before any file is removed or written.
     let devices = recipe.device.devices();
     devices.map_err(|e| processor_error("device ", &e))?;
     recipe.stop = interrupt::stop_on_ctrl_c()?;

@@ -149,7 +149,7 @@ impl TokenizerSession<'_> {
         };
         match clips.len() {
             0 => {}
-            1 => body(0), // Nothing to share: the others need not wake.
+            1 => body(0), // A single clip needs no other thread.
             _ => self.pool.run(&body),
         }
         let (_, broken) = results.into_inner().unwrap_or_else(PoisonError::into_inner);

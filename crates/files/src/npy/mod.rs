@@ -1,11 +1,13 @@
 //! NumPy arrays of numbers: in memory ([`NpyArray`]), as a stream ([`NpyStream`]) and in archives ([`Npz`]).
 //!
-//! Plain arrays and structured ones with named columns, either byte order; Fortran order is undone where values are
-//! read. Python objects are pickles, which run code when they are read: they are refused, or skipped by name.
+//! Supported are plain arrays and structured arrays with named columns, in either byte order. Arrays in Fortran order
+//! are converted to C order on access. Python objects are pickles, which can execute code when they are read. They are
+//! therefore refused; archives skip them by name.
 //!
-//! The header is parsed here and not by the crate `npyz`, which writes our arrays: that one allocates what the header's
-//! length field claims (up to 4 GiB), follows any nesting until the stack ends, and names no byte. What remains for it
-//! would be fewer lines than the checks before it, and the literals have to be parsed for calibration files anyway.
+//! The header is parsed here rather than by the crate `npyz`, which this project uses for writing. That crate allocates
+//! as many bytes as the length field declares (up to 4 GiB), does not limit the nesting depth, and reports no byte
+//! offset. The checks that would have to precede it are longer than the parser, and literals must be parsed for
+//! calibration files anyway.
 //!
 //! ```
 //! use radarllm_files::npy::{NpyArray, read_npy_header};
@@ -36,31 +38,31 @@ use std::borrow::Cow;
 
 use crate::literal::{Literal, parse_literal};
 
-/// First bytes of every npy file.
+/// Magic bytes at the start of every npy file.
 pub const NPY_MAGIC: &[u8; 6] = b"\x93NUMPY";
 
-/// Longest header read, bytes. A column takes about 20; NumPy itself warns from 10,000 on.
+/// Maximum length of a header, bytes. A column takes about 20 bytes; NumPy itself warns from 10,000 bytes on.
 pub const MAX_HEADER_BYTES: usize = 1 << 16;
-/// Most dimensions; NumPy has 64.
+/// Maximum number of dimensions, as in NumPy.
 const MAX_DIMENSIONS: usize = 64;
 
-/// What a header says. Nothing is allocated by its numbers.
+/// Content of a header. No number in it determines an allocation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NpyHeader {
-    /// Extents.
+    /// Length of each dimension.
     pub shape: Vec<u64>,
-    /// True for column-major data.
+    /// Whether the data are in Fortran order (column-major).
     pub fortran: bool,
-    /// Element: one unnamed field, or the columns of a structured array.
+    /// Fields of an element: one unnamed field, or the columns of a structured array.
     pub fields: Vec<NpyField>,
-    /// Bytes of one element.
+    /// Size of one element, bytes.
     pub item_bytes: usize,
-    /// Where the data starts, bytes.
+    /// Offset of the data, bytes.
     pub data_at: usize,
 }
 
 impl NpyHeader {
-    /// Type of the elements as NumPy writes it; of a structured array its columns' types.
+    /// Type of the elements in NumPy's notation; for a structured array, the types of its columns.
     pub fn descr(&self) -> String {
         let descr = |f: &NpyField| format!("{}{}", if f.big_endian { '>' } else { '<' }, f.code);
         match self.fields.as_slice() {
@@ -73,18 +75,18 @@ impl NpyHeader {
     }
 }
 
-/// A value within an element.
+/// A field of an element.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NpyField {
     /// Column name; empty in plain arrays.
     pub name: String,
-    /// NumPy's code, as `f4`, `c8` or `U4`.
+    /// NumPy's type code, for example `f4`, `c8` or `U4`.
     pub code: String,
-    /// True for big-endian values.
+    /// Whether values are big-endian.
     pub big_endian: bool,
-    /// Place in the element, bytes.
+    /// Offset in the element, bytes.
     pub offset: usize,
-    /// How the bytes are a real number, or the two of a complex one; `None` for texts and half floats.
+    /// Encoding of a real number, or of each part of a complex number; `None` for text and half floats.
     number: Option<Number>,
 }
 
@@ -93,13 +95,13 @@ impl NpyField {
         self.code.starts_with('c')
     }
 
-    /// How the bytes are a real number.
+    /// Encoding of the value if it is a real number.
     fn real(&self) -> Option<Number> {
         self.number.filter(|_| !self.is_complex())
     }
 }
 
-/// A kind of number.
+/// Encoding of a number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Number {
     U8,
@@ -114,22 +116,22 @@ enum Number {
     F64,
 }
 
-/// Why bytes are no array of numbers.
+/// Reason why bytes are not an array of numbers.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("byte {byte}: expected {expected}, found {found}")]
 pub struct NpyError {
-    /// Place, from 0.
+    /// Byte offset, from 0.
     pub byte: u64,
-    /// What the format asks for.
+    /// What the format requires.
     pub expected: String,
-    /// What is there, shortened, in backticks.
+    /// What was found, shortened and in backticks.
     pub found: String,
-    /// The array holds Python objects.
+    /// Whether the array contains Python objects.
     pub is_pickled: bool,
 }
 
 fn wrong(byte: usize, expected: impl Into<String>, found: &str) -> NpyError {
-    // Hostile text stays out of terminals: short, and without control characters.
+    // Untrusted text is shortened and stripped of control characters before it can reach a terminal.
     let found: String = found
         .chars()
         .take(40)
@@ -143,7 +145,8 @@ fn wrong(byte: usize, expected: impl Into<String>, found: &str) -> NpyError {
     }
 }
 
-/// Length of the header's text and where it starts, from the first bytes of a file: twelve, or all there are.
+/// Reads the length of the header text and its offset from the first twelve bytes of a file, or from all bytes of a
+/// shorter one.
 fn read_prelude(bytes: &[u8]) -> Result<(usize, usize), NpyError> {
     if !bytes.starts_with(NPY_MAGIC) {
         return Err(wrong(0, "\\x93NUMPY", "other bytes"));
@@ -172,10 +175,10 @@ fn read_prelude(bytes: &[u8]) -> Result<(usize, usize), NpyError> {
     Ok((length, start))
 }
 
-/// Reads the header of an npy file; `bytes` may end anywhere after it.
+/// Reads the header of an npy file. `bytes` may end anywhere after the header.
 ///
 /// # Errors
-/// [`NpyError`] for anything that is no npy header, and for arrays of Python objects.
+/// [`NpyError`] for an invalid header and for arrays of Python objects.
 pub fn read_npy_header(bytes: &[u8]) -> Result<NpyHeader, NpyError> {
     let (length, start) = read_prelude(bytes)?;
     let text = bytes
@@ -184,7 +187,7 @@ pub fn read_npy_header(bytes: &[u8]) -> Result<NpyHeader, NpyError> {
     parse_header(text, start)
 }
 
-/// Reads the text of a header that starts at byte `start`.
+/// Parses the text of a header, which starts at byte `start`.
 fn parse_header(text: &[u8], start: usize) -> Result<NpyHeader, NpyError> {
     let text =
         std::str::from_utf8(text).map_err(|_| wrong(start, "a header in UTF-8", "other bytes"))?;
@@ -239,7 +242,7 @@ fn whole(value: &Literal) -> Option<u64> {
     (v >= 0.0 && v.fract() == 0.0 && v < 9e15).then_some(v as u64)
 }
 
-/// A field and its size from a type string like `<f4`.
+/// Parses a type string such as `<f4`; returns the field and its size.
 fn field(name: &str, descr: &str, offset: usize, at: usize) -> Result<(NpyField, usize), NpyError> {
     let (order, code) = descr.split_at_checked(1).unwrap_or(("", descr));
     if code.starts_with('O') {
@@ -295,7 +298,7 @@ fn field(name: &str, descr: &str, offset: usize, at: usize) -> Result<(NpyField,
     Ok((field, size))
 }
 
-/// A whole array held in memory.
+/// A complete array in memory.
 #[derive(Clone, Debug)]
 pub struct NpyArray<'a> {
     /// The header.
@@ -304,10 +307,10 @@ pub struct NpyArray<'a> {
 }
 
 impl<'a> NpyArray<'a> {
-    /// Takes a file of real numbers, borrowed or owned.
+    /// Reads a file of real numbers, borrowed or owned.
     ///
     /// # Errors
-    /// As [`Self::of_any_type`]; also for texts, complex numbers and half floats.
+    /// As [`Self::of_any_type`]; also for text, complex numbers and half floats.
     pub fn new(bytes: impl Into<Cow<'a, [u8]>>) -> Result<Self, NpyError> {
         let array = Self::of_any_type(bytes)?;
         match array.header.fields.iter().find(|f| f.real().is_none()) {
@@ -320,10 +323,10 @@ impl<'a> NpyArray<'a> {
         }
     }
 
-    /// Takes a file, borrowed or owned.
+    /// Reads a file with elements of any supported type, borrowed or owned.
     ///
     /// # Errors
-    /// What [`read_npy_header`] refuses, and data of another length than the header says.
+    /// As [`read_npy_header`]; also if the length of the data differs from that in the header.
     pub fn of_any_type(bytes: impl Into<Cow<'a, [u8]>>) -> Result<Self, NpyError> {
         let bytes = bytes.into();
         let header = read_npy_header(&bytes)?;
@@ -345,24 +348,25 @@ impl<'a> NpyArray<'a> {
         Ok(Self { header, bytes })
     }
 
-    /// Extents. The data is in memory, so that every one that is not beside a zero fits.
+    /// Length of each dimension. Because the data are in memory, every length fits into `usize` unless the array is
+    /// empty.
     pub fn shape(&self) -> Vec<usize> {
         let fits = |dim: &u64| usize::try_from(*dim).unwrap_or(usize::MAX);
         self.header.shape.iter().map(fits).collect()
     }
 
-    /// Elements.
+    /// Number of elements.
     pub fn len(&self) -> usize {
         self.data().len() / self.header.item_bytes
     }
 
-    /// True when there is no element.
+    /// Whether the array has no elements.
     pub fn is_empty(&self) -> bool {
         self.data().is_empty()
     }
 
-    /// Field `field` of element `index` in C order, both within bounds, as f64; integers above 2^53 are rounded. NaN
-    /// where the field is no real number.
+    /// Field `field` of element `index` in C order as f64; both indices must be within bounds. Integers above 2^53 are
+    /// rounded. NaN if the field is not a real number.
     pub fn value(&self, index: usize, field: usize) -> f64 {
         let field = &self.header.fields[field];
         let at = self.stored_at(index) * self.header.item_bytes + field.offset;
@@ -372,12 +376,12 @@ impl<'a> NpyArray<'a> {
         }
     }
 
-    /// All values in C order; `None` for texts, complex numbers, half floats and structured arrays.
+    /// All values in C order; `None` for text, complex numbers, half floats and structured arrays.
     pub fn numbers(&self) -> Option<Vec<f64>> {
         self.numbers_as(|v| v)
     }
 
-    /// The same in single precision.
+    /// As [`Self::numbers`], in single precision.
     pub fn numbers_f32(&self) -> Option<Vec<f32>> {
         self.numbers_as(|v| v as f32)
     }
@@ -397,7 +401,7 @@ impl<'a> NpyArray<'a> {
         })
     }
 
-    /// Text of a text array, up to its first 40 characters; `None` for others.
+    /// Content of a text array, up to 40 characters; `None` for other arrays.
     pub fn text(&self) -> Option<String> {
         let [field] = self.header.fields.as_slice() else {
             return None;
@@ -417,7 +421,7 @@ impl<'a> NpyArray<'a> {
             "S" => String::from_utf8_lossy(self.data()).into_owned(),
             _ => return None,
         };
-        // Some writers put b'male' through str().
+        // Some writers converted bytes with `str()`, which gives `b'male'`.
         Some(
             text.trim_matches(['\0', ' ', '\''])
                 .trim_start_matches("b'")
@@ -431,12 +435,12 @@ impl<'a> NpyArray<'a> {
         &self.bytes[self.header.data_at..]
     }
 
-    /// Where element `index` of the C order is stored.
+    /// Storage index of the element at `index` in C order.
     fn stored_at(&self, mut index: usize) -> usize {
         if !self.header.fortran {
             return index;
         }
-        // The last axis counts fastest in `index`, the first in the file.
+        // The last axis varies fastest in `index`, the first axis in the file.
         let mut stored = 0;
         let mut stride = self.len();
         for dim in self.header.shape.iter().rev().map(|dim| *dim as usize) {
@@ -449,7 +453,7 @@ impl<'a> NpyArray<'a> {
 }
 
 impl Number {
-    /// The number at the start of `bytes`, which are long enough; integers above 2^53 are rounded.
+    /// Decodes the number at the start of `bytes`, which must be long enough. Integers above 2^53 are rounded.
     #[inline]
     fn at(self, bytes: &[u8], big_endian: bool) -> f64 {
         macro_rules! read {
@@ -482,7 +486,7 @@ impl Number {
 mod tests {
     use super::*;
 
-    /// An npy file.
+    /// Builds an npy file.
     pub fn npy(descr: &str, fortran: &str, shape: &str, data: &[u8]) -> Vec<u8> {
         let text =
             format!("{{'descr': {descr}, 'fortran_order': {fortran}, 'shape': {shape}, }}\n");
@@ -495,7 +499,7 @@ mod tests {
 
     #[test]
     fn fortran_order_is_undone() {
-        // [[[0, 1], [2, 3], [4, 5]], [[6, 7], [8, 9], [10, 11]]] with the first axis fastest.
+        // The array [[[0, 1], [2, 3], [4, 5]], [[6, 7], [8, 9], [10, 11]]] with the first axis fastest.
         let stored = [0, 6, 2, 8, 4, 10, 1, 7, 3, 9, 5, 11];
         let array = npy("'|u1'", "True", "(2, 3, 2)", &stored);
         let found = NpyArray::new(&array).unwrap().numbers().unwrap();
@@ -550,7 +554,7 @@ mod tests {
                 "{descr} {shape}"
             );
         }
-        // A length field of 4 GiB, and nesting without an end.
+        // A length field of 4 GiB, and unlimited nesting.
         let mut long = b"\x93NUMPY\x02\x00\xff\xff\xff\xff".to_vec();
         long.extend([b' '; 64]);
         assert_eq!(error(&long).byte, 8);
@@ -576,7 +580,7 @@ mod tests {
         assert_eq!(text(&npy("'|u1'", "False", "()", &[1])), None);
     }
 
-    /// Against an implementation of somebody else.
+    /// Compares with an independent implementation.
     #[test]
     fn arrays_that_npyz_writes_are_read() {
         use npyz::WriterBuilder;

@@ -1,15 +1,15 @@
-//! Arrays of an npz archive, by name.
+//! Reads arrays of an npz archive by name.
 
 use std::io::{Read, Seek};
 
 use super::{MAX_HEADER_BYTES, NpyArray, NpyError, read_npy_header, wrong};
 
-/// Largest member read, bytes: forty minutes of AMASS at 120 fps are 360 MB.
+/// Maximum size of a member, bytes. Forty minutes of AMASS at 120 frames/s are 360 MB.
 const MAX_MEMBER_BYTES: u64 = 512 << 20;
-/// Most members looked at in an archive; AMASS has about ten.
+/// Maximum number of members of an archive. AMASS has about ten.
 const MAX_MEMBERS: usize = 256;
 
-/// The wanted arrays of an archive.
+/// The requested arrays of an archive.
 #[derive(Debug)]
 pub struct Npz {
     /// Arrays with their names, in the archive's order.
@@ -18,43 +18,44 @@ pub struct Npz {
     pub skipped: Vec<Skipped>,
 }
 
-/// A member that was not read.
+/// Reason why a member was not read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Skipped {
-    /// Python objects, which are never read.
+    /// It contains Python objects, which are never read.
     Pickled(String),
-    /// An array that was not asked for.
+    /// It was not requested.
     NotNeeded(String),
-    /// Not an npy file.
+    /// It is not an npy file.
     NotAnArray(String),
 }
 
-/// Why an archive gave no arrays.
+/// Reason why an archive cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum NpzError {
     /// Not a zip archive, or one with too many members.
     #[error("expected {expected}, found {found}")]
     Archive {
-        /// What the format asks for.
+        /// What the format requires.
         expected: String,
-        /// What is there.
+        /// What was found.
         found: String,
     },
-    /// A wanted member is damaged or too large.
+    /// A requested member is damaged or too large.
     #[error("{member}: {source}")]
     Member {
         /// Name of the array.
         member: String,
-        /// What is wrong with it.
+        /// The problem with the member.
         source: NpyError,
     },
 }
 
 impl Npz {
-    /// Reads the members called `wanted`; others are only looked at to tell pickles from arrays, and not inflated.
+    /// Reads the members named in `wanted`. Of other members, only the header is decompressed, to distinguish pickles
+    /// from arrays.
     ///
     /// # Errors
-    /// [`NpzError`]. A wanted member that holds Python objects is no error: it is in [`Npz::skipped`].
+    /// [`NpzError`]. A requested member with Python objects is not an error; it is listed in [`Npz::skipped`].
     pub fn read(source: impl Read + Seek, wanted: &[&str]) -> Result<Self, NpzError> {
         let mut archive = zip::ZipArchive::new(source).map_err(|e| NpzError::Archive {
             expected: "an npz (zip) archive".into(),
@@ -81,7 +82,7 @@ impl Npz {
             };
             if !wanted.contains(&name) {
                 let mut head = Vec::new();
-                // A member that cannot be read is not needed either.
+                // A read error is ignored because this member was not requested.
                 let _ = (&mut entry)
                     .take(MAX_HEADER_BYTES as u64 + 12)
                     .read_to_end(&mut head);
@@ -97,7 +98,7 @@ impl Npz {
                 member: name.into(),
                 source,
             };
-            // The stated size may lie: the vector grows with what really comes out.
+            // The declared size is not trusted: the vector grows with the decompressed bytes.
             let mut bytes = Vec::new();
             (&mut entry)
                 .take(MAX_MEMBER_BYTES + 1)
@@ -116,13 +117,13 @@ impl Npz {
         Ok(Self { arrays, skipped })
     }
 
-    /// Takes an array out; `None` if it is absent or was skipped.
+    /// Removes an array and returns it; `None` if it is absent or was skipped.
     pub fn take(&mut self, name: &str) -> Option<NpyArray<'static>> {
         let at = self.arrays.iter().position(|(n, _)| n == name)?;
         Some(self.arrays.swap_remove(at).1)
     }
 
-    /// Names of the members that hold Python objects.
+    /// Names of the members that contain Python objects.
     pub fn pickled(&self) -> impl Iterator<Item = &str> {
         self.skipped.iter().filter_map(|member| match member {
             Skipped::Pickled(name) => Some(name.as_str()),

@@ -1,29 +1,29 @@
-//! An npy array read piece by piece: raw samples of many frames, of which memory holds one.
+//! Streams an npy array, for raw samples of many frames of which memory holds only one.
 
 use std::io::Read;
 
 use super::{NpyError, NpyHeader, Number, parse_header, read_prelude, wrong};
 
-/// Bytes read at once.
+/// Size of the read buffer, bytes.
 const CHUNK_BYTES: usize = 1 << 16;
 
-/// An open array whose elements are read in the order of the file.
+/// An open array whose elements are read in file order.
 #[derive(Debug)]
 pub struct NpyStream<R> {
     header: NpyHeader,
     number: Number,
     source: R,
-    /// Where the next element starts, bytes.
+    /// Byte offset of the next element.
     at: usize,
     chunk: Vec<u8>,
 }
 
 impl<R: Read> NpyStream<R> {
-    /// Reads the header.
+    /// Opens an array and reads its header.
     ///
     /// # Errors
-    /// [`NpyError`] for anything that is no npy header, and for element types that are neither real nor complex numbers
-    /// of 32 or 64 bits or integers.
+    /// [`NpyError`] for an invalid header, and for element types other than integers and real or complex floats of 32
+    /// or 64 bits.
     pub fn open(mut source: R) -> Result<Self, NpyError> {
         let mut head = Vec::new();
         let mut read_up_to = |len: usize, head: &mut Vec<u8>| {
@@ -34,7 +34,7 @@ impl<R: Read> NpyStream<R> {
                 .map_err(|e| wrong(head.len(), "a readable file", &e.to_string()))
         };
         read_up_to(10, &mut head)?;
-        // Later versions have two more bytes in front of the text.
+        // Later versions have a length field of four bytes instead of two.
         if head.get(6).is_some_and(|version| *version > 1) {
             read_up_to(12, &mut head)?;
         }
@@ -69,16 +69,16 @@ impl<R: Read> NpyStream<R> {
         &self.header
     }
 
-    /// Whether elements are complex.
+    /// Whether the elements are complex.
     pub fn is_complex(&self) -> bool {
         self.header.fields[0].is_complex()
     }
 
-    /// Passes the next `n` elements to `take` as real and imaginary part (0 for real arrays), and returns how many
-    /// there were: fewer than `n` at the end of the file. Memory holds 64 KiB, whatever `n` is.
+    /// Passes the next `n` elements to `take` as real and imaginary parts (0 for real arrays) and returns their number,
+    /// which is less than `n` at the end of the file. The buffer has 64 KiB, regardless of `n`.
     ///
     /// # Errors
-    /// The source's own, with the byte.
+    /// A read error of the source, with its byte offset.
     pub fn read(&mut self, n: usize, mut take: impl FnMut(f64, f64)) -> Result<usize, NpyError> {
         let item_bytes = self.header.item_bytes;
         let field = &self.header.fields[0];
@@ -160,7 +160,7 @@ mod tests {
         let mut found = Vec::new();
         stream.read(5, |re, _| found.push(re)).unwrap();
         assert_eq!(found, [-2.0]);
-        // Version 2, whose length field has four bytes.
+        // Version 2 has a length field of four bytes.
         let mut later = good.clone();
         later[6] = 2;
         later.splice(10..10, [0, 0]);

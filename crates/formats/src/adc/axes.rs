@@ -1,9 +1,9 @@
 //! Arrays of other tools: conversion into a cube from axes that are named and may be in any order.
 //!
-//! Names: `frame`, `loop`, `tx`, `chirp` (all slots of all loops in firing order; the loops alone if there
-//! is a `tx` or `virtual` axis too), `rx`, `virtual` (all receivers of the first transmitter, then of the
-//! next), `sample`, and `iq` (2: I, then Q, for arrays of real numbers). An array without `frame` is one
-//! frame; otherwise frames must be the slowest axis in memory, so that one can be read at a time.
+//! Names: `frame`, `loop`, `tx`, `chirp` (all slots of all loops in firing order, or only the loops if there is also a
+//! `tx` or `virtual` axis), `rx`, `virtual` (all receivers of the first transmitter, then of the next), `sample`, and
+//! `iq` (of length 2: I, then Q, for arrays of real numbers). An array without `frame` is one frame. Otherwise, frames
+//! must be the slowest axis in memory, so that they can be read one at a time.
 
 use num_complex::Complex32;
 use radarllm_base::RadarCube;
@@ -15,10 +15,10 @@ enum Axis {
     Frame,
     Loop,
     Tx,
-    /// Loops and slots in one.
+    /// Loops and slots combined.
     Chirp,
     Rx,
-    /// Slots and receivers in one.
+    /// Slots and receivers combined.
     Virtual,
     Sample,
     Iq,
@@ -85,11 +85,11 @@ impl AxisOrder {
         self.axes.contains(&Axis::Iq)
     }
 
-    /// Fits the axes to an array of `shape`, whose frames are those of `cube`. With `is_fortran` the first
-    /// axis is the fastest in memory.
+    /// Fits the axes to an array of `shape`, whose frames have the shape of `cube`. With `is_fortran`, the first axis
+    /// is the fastest in memory.
     ///
     /// # Errors
-    /// [`AdcError::Layout`] if the lengths are not those of the cube or frames are not the slowest axis.
+    /// [`AdcError::Layout`] if the lengths differ from those of the cube, or if frames are not the slowest axis.
     pub fn fit(
         &self,
         shape: &[u64],
@@ -136,7 +136,7 @@ impl AxisOrder {
                 cube.n_samples
             )));
         }
-        // Slowest first in memory.
+        // Sorted from the slowest to the fastest axis in memory.
         let mut axes: Vec<(Axis, u64)> = self
             .axes
             .iter()
@@ -156,7 +156,7 @@ impl AxisOrder {
                 ));
             }
         };
-        // Length and stride of the parts of [loop, tx, rx, sample] that each axis runs through.
+        // Length and stride of the parts of [loop, tx, rx, sample] that each axis comprises.
         let strides = [
             cube.n_tx * cube.n_rx * cube.n_samples,
             cube.n_rx * cube.n_samples,

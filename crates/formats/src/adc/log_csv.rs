@@ -35,7 +35,7 @@ pub struct RecordCounts {
     pub received: Option<u64>,
     /// Packets that were lost and replaced by zeros.
     pub zero_filled_packets: Option<u64>,
-    /// Their bytes.
+    /// Number of bytes of these packets.
     pub zero_filled_bytes: Option<u64>,
     /// Length of the recording, s.
     pub duration_s: Option<u64>,
@@ -103,7 +103,7 @@ impl RecordLog {
         let Some(index) = NAMES.iter().position(|n| *n == name.trim()) else {
             return Ok(());
         };
-        // A negative duration was seen of a recorder that received nothing.
+        // A recorder that received nothing was observed to write a negative duration.
         let value: i128 = value.trim().parse().map_err(|_| RecordLogError {
             line,
             name: NAMES[index],

@@ -13,8 +13,8 @@ const OFFSET_RATIO: f64 = 1.0;
 const GAIN_DB: f64 = 1.0;
 const PHASE_RAD: f64 = 0.1;
 
-/// Bins of a histogram: two an octave of 1 + |value| to either side of zero. Equal bins would put all of a healthy signal, a
-/// few hundred counts of 32767, into one.
+/// Number of bins of a histogram: two per octave of 1 + |value| on each side of zero. With uniform bins, a normal
+/// signal, which has a few hundred counts of 32767, would be in a single bin.
 pub const HISTOGRAM_BINS: usize = 2 * HISTOGRAM_SIDE + 1;
 const HISTOGRAM_SIDE: usize = 30;
 
@@ -29,7 +29,7 @@ const MIN_LOOPS: usize = 8;
 pub struct ChannelStats {
     /// Mean of I and of Q, counts.
     pub mean: [f64; 2],
-    /// Root of the mean square of I and Q together, without their means, counts.
+    /// Rms of I and Q together, without their means, counts.
     pub rms: f64,
     /// Ratio of the level of I to that of Q, dB; 0 where either is silent. Like the angle below, it uses only the part
     /// that changes from loop to loop, because leakage of a fraction of a cycle has an arbitrary phase in the I/Q
@@ -37,7 +37,7 @@ pub struct ChannelStats {
     pub gain_imbalance_db: f64,
     /// Deviation of the angle between I and Q from a right angle, rad; 0 where either is silent.
     pub phase_imbalance_rad: f64,
-    /// Fraction of all samples of which I or Q is at full scale.
+    /// Fraction of all samples in which I or Q is at full scale.
     pub saturated: f64,
     /// Number of samples received.
     pub n_samples: u64,
@@ -47,14 +47,14 @@ pub struct ChannelStats {
 struct Sums {
     n_samples: u64,
     saturated: u64,
-    /// Samples in what follows.
+    /// Number of samples in the sums below.
     n: u64,
     sum: [f64; 2],
-    /// Of I and Q together.
+    /// Sum of squares of I and Q.
     squares: f64,
     /// Squares of I and Q and their product, without the part that is constant from loop to loop.
     moving: [f64; 3],
-    /// Of I and Q values together.
+    /// Counts of I and Q values together.
     histogram: [u64; HISTOGRAM_BINS],
 }
 
@@ -72,7 +72,7 @@ impl Default for Sums {
     }
 }
 
-/// Sums over many frames.
+/// Statistics accumulated over many frames.
 #[derive(Clone)]
 pub struct AdcStats {
     full_scale: f32,
@@ -80,7 +80,8 @@ pub struct AdcStats {
 }
 
 impl AdcStats {
-    /// For `n_rx` receivers and an ADC of `bits` (12, 14 or 16), whose range is +-2^(bits - 1) counts.
+    /// Creates statistics for `n_rx` receivers and an ADC of `bits` (12, 14 or 16), whose range is +-2^(bits - 1)
+    /// counts.
     pub fn new(n_rx: usize, bits: u32) -> Self {
         Self {
             full_scale: (1_u32 << (bits.clamp(2, 16) - 1)) as f32 - 1.0,
@@ -88,7 +89,7 @@ impl AdcStats {
         }
     }
 
-    /// Adds a frame in counts; receivers beyond the planned number are left out.
+    /// Adds a frame in counts. Receivers beyond `n_rx` are ignored.
     pub fn push(&mut self, cube: &RadarCube) {
         let (n_rx, n_samples) = (cube.n_rx.max(1), cube.n_samples.max(1));
         let loop_len = cube.n_tx * n_rx * n_samples;
@@ -133,15 +134,15 @@ impl AdcStats {
         self.channels.iter().map(Sums::stats).collect()
     }
 
-    /// How many values of I and Q of a receiver lie in each of [`HISTOGRAM_BINS`], of one loop in eight where a frame has
-    /// 64 or more; `None` beyond the receivers. Bin
-    /// `HISTOGRAM_BINS / 2` is zero, the one `n` to its right holds |value| with 2 log2(1 + |value|) from n to n + 1, the
-    /// last all beyond.
+    /// Numbers of I and Q values of a receiver in each of [`HISTOGRAM_BINS`]; `None` for an unknown receiver. In frames
+    /// of 64 loops or more, one loop in eight is counted. Bin `HISTOGRAM_BINS / 2` is zero. The bin `n` places to its
+    /// right contains the values for which 2 log2(1 + |value|) is between n and n + 1; the last bin contains all larger
+    /// values.
     pub fn histogram(&self, receiver: usize) -> Option<&[u64; HISTOGRAM_BINS]> {
         Some(&self.channels.get(receiver)?.histogram)
     }
 
-    /// Describes problems in words, for reports; empty for a healthy signal.
+    /// Describes problems in words for reports; empty for a normal signal.
     pub fn problems(&self) -> Vec<String> {
         let channels = self.channels();
         let loudest = channels.iter().fold(0.0, |m: f64, c| m.max(c.rms));
@@ -186,7 +187,8 @@ impl AdcStats {
     }
 }
 
-/// The exponent of 1 + |value|, twice, and one more from sqrt(2) on: the bits of a float have both.
+/// Bin of a value: twice the exponent of 1 + |value|, plus one if the significand is at least sqrt(2). Both are read
+/// from the bits of the float.
 fn histogram_bin(value: f32) -> usize {
     const SQRT_2: u32 = std::f32::consts::SQRT_2.to_bits() & 0x7f_ffff;
     // NaN counts as zero.
@@ -201,7 +203,7 @@ fn histogram_bin(value: f32) -> usize {
 }
 
 impl Sums {
-    /// A chirp, and the part of it that is constant from loop to loop.
+    /// Adds a chirp; `still` is the part that is constant from loop to loop.
     fn add(&mut self, chirp: &[Complex32], still: &[Complex32]) {
         for (value, still) in chirp.iter().zip(still) {
             self.sum[0] += f64::from(value.re);
@@ -279,7 +281,7 @@ mod tests {
         assert!(stats.histogram(2).is_none());
     }
 
-    /// A receiver that is always at full scale is not silent, although its values do not change.
+    /// A receiver that is always at full scale is not reported as silent, although its values do not change.
     #[test]
     fn what_is_constant_at_full_scale_is_saturated() {
         let mut stats = AdcStats::new(1, 16);
@@ -297,7 +299,7 @@ mod tests {
         assert_eq!(stats.problems(), ["all channels are silent"]);
     }
 
-    /// Levels come from one loop in eight, saturation from all of them.
+    /// Levels use one loop in eight, saturation uses all loops.
     #[test]
     fn one_saturated_sample_of_many_loops_is_counted() {
         let mut stats = AdcStats::new(1, 16);

@@ -14,9 +14,9 @@ use crate::{
     ti_cfg::{TiCfg, TiCfgError},
 };
 
-/// Profiles and chirps of an export; a device holds 4 and 512.
+/// Maximum length of a list. A device has 4 profiles and 512 chirps.
 const MAX_LIST: usize = 512;
-/// Files of a setup.
+/// Maximum number of files of a setup.
 const MAX_FILES: usize = 1024;
 
 /// An error in an export.
@@ -183,8 +183,8 @@ impl StudioCapture {
         );
         let adc = rf.get("rlAdcOutCfg_t")?.get("fmt")?;
         let (bits, output) = (adc.number("b2AdcBits")?, adc.number("b2AdcOutFmt")?);
-        // 1 and 2 are complex, 0 and 3 real; real samples become an analytic signal, so that the chirps
-        // are those of a complex capture.
+        // Values 1 and 2 are complex, 0 and 3 are real. Real samples are converted to the analytic signal, so the
+        // chirps are those of a complex capture.
         let is_real = output == 0.0 || output == 3.0;
         lines.push(&adc, "adcCfg", &[bits, if is_real { 1.0 } else { output }]);
         for entry in rf.list("rlProfiles", MAX_LIST)? {
@@ -274,7 +274,7 @@ fn push_chirp(lines: &mut Lines, chirp: &Node) -> Result<(), StudioError> {
     Ok(())
 }
 
-/// Lanes, order of I and Q, and that packets hold nothing but samples.
+/// Reads the lanes and the order of I and Q, and checks that packets contain only samples.
 fn read_layout(capture: &Node, receivers: u8, is_real: bool) -> Result<SampleLayout, StudioError> {
     if let Some(path) = capture.find("rlDevDataPathCfg_t")
         && let Some(content) = path.find("transferFmtPkt0")
@@ -373,7 +373,7 @@ impl StudioSetup {
     }
 }
 
-/// The last part of a path of any system.
+/// The last component of a path of any operating system.
 fn file_name(path: &str) -> String {
     path.rsplit(['/', '\\']).next().unwrap_or_default().into()
 }

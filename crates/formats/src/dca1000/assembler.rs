@@ -26,7 +26,7 @@ pub struct AssembledFrame {
 pub struct TransferSummary {
     /// Packets passed to the assembler.
     pub packets: u64,
-    /// Lowest packet number used; above 1 the recording began in mid-stream.
+    /// Lowest packet number used. If it exceeds 1, the recording began after the start of the transfer.
     pub first_sequence: Option<u32>,
     /// Highest packet number used.
     pub last_sequence: Option<u32>,
@@ -66,8 +66,8 @@ impl Waiting {
         }
     }
 
-    /// Whether the counters of both can come from one transfer: only the last packet of a transfer is
-    /// shorter than the others.
+    /// Whether the counters of both packets can belong to one transfer, in which only the last packet is shorter than
+    /// the others.
     fn fits(&self, other: &DataPacket) -> bool {
         let steps = i64::from(other.sequence) - i64::from(self.sequence);
         let bytes = other.byte_count as i64 - self.byte_count as i64;
@@ -95,7 +95,7 @@ pub struct Assembler {
     arrived: VecDeque<bool>,
     counts: BTreeMap<u64, Counts>,
     waiting: Option<Waiting>,
-    /// Packets that held something new.
+    /// Number of packets with new data.
     used: u64,
     summary: TransferSummary,
 }
@@ -104,7 +104,7 @@ impl Assembler {
     /// For frames of `frame_bytes`.
     ///
     /// # Errors
-    /// [`AdcError::Layout`] for an empty or an immense frame.
+    /// [`AdcError::Layout`] if the frame is empty or too large.
     pub fn new(frame_bytes: usize) -> Result<Self, AdcError> {
         if !(1..=MAX_FRAME_BYTES).contains(&frame_bytes) {
             return Err(AdcError::Layout(format!(
@@ -188,7 +188,7 @@ impl Assembler {
         frames
     }
 
-    /// Makes the frame that holds byte `count` the oldest open one.
+    /// Makes the frame that contains byte `count` the oldest open one.
     fn move_to(&mut self, count: u64, frames: &mut Vec<AssembledFrame>) {
         let frame_bytes = self.frame_bytes as u64;
         let start = count - count % frame_bytes;

@@ -33,7 +33,7 @@ impl<R: Read> PcapPackets<R> {
     /// Opens the file.
     ///
     /// # Errors
-    /// [`AdcError`] if it is no pcap file.
+    /// [`AdcError`] if the file is not a pcap file.
     pub fn new(input: R) -> Result<Self, AdcError> {
         Ok(Self {
             pcap: PcapReader::new(input)?,
@@ -42,7 +42,7 @@ impl<R: Read> PcapPackets<R> {
         })
     }
 
-    /// The reader below, for its counts.
+    /// The underlying reader, for its counts.
     pub fn pcap(&self) -> &PcapReader<R> {
         &self.pcap
     }
@@ -67,7 +67,7 @@ impl<R: Read> PacketSource for PcapPackets<R> {
                 }
             }
         }
-        // Parsed twice, because a loop cannot return what it borrows.
+        // The datagram is parsed twice, because a loop cannot return a borrow of its own iteration.
         Ok(DataPacket::parse(&self.datagram).ok())
     }
 
@@ -76,7 +76,7 @@ impl<R: Read> PacketSource for PcapPackets<R> {
     }
 }
 
-/// Frames of packets.
+/// Frames assembled from packets.
 pub struct PacketFrames<S> {
     source: S,
     assembler: Assembler,
@@ -86,7 +86,7 @@ pub struct PacketFrames<S> {
 }
 
 impl<S: PacketSource> PacketFrames<S> {
-    /// Frames as `decoder` expects them.
+    /// Creates a source of frames for `decoder`.
     ///
     /// # Errors
     /// As [`Assembler::new`].

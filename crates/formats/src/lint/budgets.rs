@@ -1,45 +1,44 @@
-//! Budgets of memory, LVDS and serial port.
+//! Budgets of memory, LVDS and the serial port.
 
 use super::{ModelExpectations, Report, Severity, Subject};
 use crate::boards::Board;
 use crate::ti_cfg::GuiMonitor;
 
-/// Two 16-bit numbers a complex sample, on the chip and over LVDS, bytes.
+/// Size of a complex sample on the chip and over LVDS, bytes: two 16-bit numbers.
 const SAMPLE_BYTES: u64 = 4;
-/// Lane rate of TI's firmware and of mmWave Studio's default, bit/s.
+/// Lane rate of TI's firmware and default of mmWave Studio, bit/s.
 const LVDS_LANE_BPS: f64 = 600e6;
-/// What the DCA1000 sends over its Ethernet port with its default packet delay of 25 us and with the
-/// shortest of 5 us, bit/s. TI SPRUIJ4, "DCA1000EVM data capture card", table of packet delays; the
-/// figures were not checked against the document.
+/// Ethernet data rate of the DCA1000 with its default packet delay of 25 us and with the shortest of 5 us, bit/s. TI
+/// SPRUIJ4, "DCA1000EVM data capture card", table of packet delays; the figures were not checked against the document.
 const ETHERNET_DEFAULT_BPS: f64 = 325e6;
 const MAX_ETHERNET_BPS: f64 = 706e6;
-/// The demos' data port: 921,600 baud of ten bits a byte, bytes/s.
+/// Data port of the demos: 921,600 baud with ten bits per byte, bytes/s.
 const UART_BYTES_PER_S: f64 = 92_160.0;
-/// Frame header of TI's SDK 3 demo, bytes; a packet is padded to a multiple of 32.
+/// Frame header of TI's SDK 3 demo and maximum padding to a multiple of 32, bytes.
 const UART_HEADER_BYTES: u64 = 40 + 31;
-/// Type and length before every block, bytes.
+/// Size of type and length before every block, bytes.
 const TLV_BYTES: u64 = 8;
-/// x, y, z, velocity as f32, bytes.
+/// Size of a point, bytes: x, y, z, velocity as f32.
 const POINT_BYTES: u64 = 16;
-/// Signal and noise of a point as i16, bytes.
+/// Size of SNR and noise of a point as i16, bytes.
 const SIDE_INFO_BYTES: u64 = 4;
-/// Timing statistics, bytes.
+/// Size of the timing statistics, bytes.
 const STATS_BYTES: u64 = 24;
-/// The tokenizer's usual limit, for when no model is at hand.
+/// Usual limit of the tokenizer, used if no model is available.
 const DEFAULT_MAX_POINTS: usize = 128;
 
-/// Range bins of the demos: samples padded to a power of two.
+/// Number of range bins of the demos: samples padded to a power of two.
 fn range_bins(subject: &Subject) -> u64 {
     subject.radar.n_samples.next_power_of_two() as u64
 }
 
-/// Doppler bins of the demos: loops padded to a power of two.
+/// Number of Doppler bins of the demos: loops padded to a power of two.
 fn doppler_bins(subject: &Subject) -> u64 {
     subject.radar.n_loops.next_power_of_two() as u64
 }
 
-/// Radar cube and detection matrix of TI's demos against the chip's memory (sizes as the demo's
-/// `objectdetection.c` allocates them, TI forum thread 772813).
+/// Compares the radar cube and the detection matrix of TI's demos with the memory of the chip. Sizes are those that
+/// `objectdetection.c` of the demo allocates (TI forum thread 772813).
 pub(super) fn memory(report: &mut Report, subject: &Subject) {
     let Some(limits) = subject.board.and_then(Board::limits) else {
         return;
@@ -64,7 +63,8 @@ pub(super) fn memory(report: &mut Report, subject: &Subject) {
     }
 }
 
-/// Raw samples against the LVDS lanes while chirps run, and against Ethernet over the frame.
+/// Compares the rate of raw samples with that of the LVDS lanes during chirps, and with that of Ethernet over the
+/// frame.
 pub(super) fn lvds(report: &mut Report, subject: &Subject) {
     let Some(limits) = subject.board.and_then(Board::limits) else {
         return;
@@ -108,7 +108,7 @@ pub(super) fn lvds(report: &mut Report, subject: &Subject) {
     }
 }
 
-/// Points of TI's out-of-box demo against its serial port.
+/// Compares the points of TI's out-of-box demo with the capacity of its serial port.
 pub(super) fn uart(report: &mut Report, subject: &Subject, model: Option<&ModelExpectations>) {
     let radar = subject.radar;
     let gui = subject.gui_monitor.unwrap_or(GuiMonitor {
@@ -148,7 +148,7 @@ pub(super) fn uart(report: &mut Report, subject: &Subject, model: Option<&ModelE
     let sent = maps.iter().filter(|(on, _, _)| *on);
     let fixed: u64 = UART_HEADER_BYTES + sent.clone().map(|m| TLV_BYTES + m.2).sum::<u64>();
     let budget = UART_BYTES_PER_S * radar.frame_period_s;
-    // The finding points at the largest block, or at the frame rate if there is none.
+    // The finding refers to the largest block, or to the frame period if no block exceeds a tenth of the budget.
     let largest = sent
         .max_by_key(|m| m.2)
         .filter(|m| m.2 as f64 > 0.1 * budget);

@@ -7,18 +7,18 @@
 //! | rule | severity | meaning |
 //! |---|---|---|
 //! | `syntax`, `missing-command`, `missing-field`, `unknown-base` | error | the file cannot be read |
-//! | `unsupported` | error | readable, but no [`RadarConfig`] can express it |
-//! | `tx-mask`, `undefined-chirp`, `undefined-profile`, `antenna-geometry` | error | chirps or antennas that are not there |
-//! | `adc-window`, `frame-period`, `radar-value` | error | a radar that cannot be |
-//! | `band` | error for a known board, else warning | the ramp leaves the part's band |
-//! | `adc-rate` | error for a known board, else warning | more samples a second than the part has |
-//! | `lvds-budget` | error if the file turns the stream on, else warning or note | raw samples do not fit LVDS or Ethernet |
-//! | `l3-memory` | warning if the firmware must process, else note | the cube does not fit on the chip |
-//! | `uart-budget`, `no-points` | warning, or note where raw samples go out | points do not fit the serial port |
-//! | `duty-cycle`, `idle-time`, `adc-start` | warning | chirp timing that parts dislike |
-//! | `range-resolution`, `range-ambiguity`, `velocity-resolution`, `velocity-ambiguity`, `single-loop`, `frame-rate`, `no-azimuth`, `no-elevation` | warning | too little for describing people |
-//! | `model-frame-rate`, `model-velocity`, `model-velocity-resolution`, `model-range-resolution`, `model-array` | warning | unlike any radar the model was trained on |
-//! | `board-guessed`, `model-radar` | note | what was assumed or could not be compared |
+//! | `unsupported` | error | the file is readable, but no [`RadarConfig`] can express it |
+//! | `tx-mask`, `undefined-chirp`, `undefined-profile`, `antenna-geometry` | error | chirps or antennas that do not exist |
+//! | `adc-window`, `frame-period`, `radar-value` | error | an impossible radar |
+//! | `band` | error for a known board, else warning | the ramp leaves the band of the part |
+//! | `adc-rate` | error for a known board, else warning | the sample rate exceeds that of the part |
+//! | `lvds-budget` | error if the file enables the stream, else warning or note | raw samples exceed the rate of LVDS or Ethernet |
+//! | `l3-memory` | warning if the firmware must process, else note | the cube exceeds the memory of the chip |
+//! | `uart-budget`, `no-points` | warning, or note if raw samples are sent | points exceed the rate of the serial port, or are not sent |
+//! | `duty-cycle`, `idle-time`, `adc-start` | warning | unsuitable chirp timing |
+//! | `range-resolution`, `range-ambiguity`, `velocity-resolution`, `velocity-ambiguity`, `single-loop`, `frame-rate`, `no-azimuth`, `no-elevation` | warning | insufficient for describing people |
+//! | `model-frame-rate`, `model-velocity`, `model-velocity-resolution`, `model-range-resolution`, `model-array` | warning | different from all radars in the training data of the model |
+//! | `board-guessed`, `model-radar` | note | an assumption, or a comparison that was not possible |
 
 pub mod budgets;
 pub mod model;
@@ -59,7 +59,7 @@ impl fmt::Display for Severity {
 /// One finding.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// Field or group of [`RadarConfig`]; the command or key where a file has a mistake beside it.
+    /// Field or group of [`RadarConfig`], or the command or key if the error is not in such a field.
     pub field: String,
     /// Stable name of the rule, kebab case.
     pub rule: &'static str,
@@ -77,7 +77,7 @@ struct Subject<'a> {
     /// The board, if known or guessed.
     board: Option<Board>,
     board_guessed: bool,
-    /// Whether raw samples go out over LVDS; `None` if the description does not determine it.
+    /// Whether raw samples are sent over LVDS; `None` if the description does not determine it.
     lvds_samples: Option<bool>,
     gui_monitor: Option<GuiMonitor>,
 }
@@ -93,7 +93,7 @@ impl<'a> Subject<'a> {
         }
     }
 
-    /// Exceeding a guessed part's limit may be the guess's fault.
+    /// Severity of exceeding a limit of the part. If the board is a guess, the guess may be wrong.
     fn part_severity(&self) -> Severity {
         if self.board_guessed || self.board.is_none() {
             Severity::Warning
@@ -103,7 +103,7 @@ impl<'a> Subject<'a> {
     }
 }
 
-/// Findings up to now, and the positions of the fields in the file.
+/// Findings so far, and the positions of the fields in the file.
 #[derive(Default)]
 struct Report {
     places: Places,
@@ -111,8 +111,8 @@ struct Report {
 }
 
 impl Report {
-    /// Adds a remark on the value at `place`, which is a field of the radar or one of the reader's
-    /// other places.
+    /// Adds a finding on the value at `place`, which is a field of the radar or another position reported by the
+    /// reader.
     fn add(
         &mut self,
         severity: Severity,
@@ -143,7 +143,7 @@ impl Report {
         self.add(Severity::Error, rule, problem.field, problem.problem);
     }
 
-    /// Rules on the chirp for any radar with numbers; the rest only if nothing was wrong before.
+    /// Applies the rules on the chirp to any radar with numbers, and the other rules only if there are no findings yet.
     fn inspect(&mut self, subject: &Subject, model: Option<&ModelExpectations>) {
         let possible = self.findings.is_empty();
         if subject.board_guessed {
@@ -165,7 +165,7 @@ impl Report {
         }
     }
 
-    /// In the order of the file, what has no place last and the worst of that first.
+    /// Sorts findings by position in the file. Findings without a position are last, the most severe first.
     fn sorted(mut self) -> Vec<Finding> {
         self.findings.sort_by_key(|f| {
             let place = f.span.as_ref().map(|s| (s.line, s.columns.start));
@@ -177,7 +177,7 @@ impl Report {
 
 /// Findings about a radar meant for describing people; empty if there are none.
 ///
-/// Limits of a part are known for radars that bear a board's name ([`Board::name`]).
+/// Limits of the part are known for radars whose name is that of a board ([`Board::name`]).
 pub fn lint(radar: &RadarConfig, model: Option<&ModelExpectations>) -> Vec<Finding> {
     let mut report = Report::default();
     for problem in radar.problems() {
@@ -187,7 +187,7 @@ pub fn lint(radar: &RadarConfig, model: Option<&ModelExpectations>) -> Vec<Findi
     report.sorted()
 }
 
-/// Remarks on a chirp file of TI's SDK, with their places and in the order of the file.
+/// Findings about a chirp file of TI's SDK, with positions and in the order of the file.
 pub fn lint_ti_cfg(text: &str, model: Option<&ModelExpectations>) -> Vec<Finding> {
     let reading = TiCfg::read(text, None);
     let mut report = Report {
@@ -236,7 +236,7 @@ pub fn lint_ti_cfg(text: &str, model: Option<&ModelExpectations>) -> Vec<Finding
     report.sorted()
 }
 
-/// Remarks on a radar in our own format, with their places and in the order of the file.
+/// Findings about a radar in this project's format, with positions and in the order of the file.
 pub fn lint_radar_toml(text: &str, model: Option<&ModelExpectations>) -> Vec<Finding> {
     let mut report = Report {
         places: radar_toml::places(text),

@@ -71,7 +71,7 @@ pub(super) fn compare(report: &mut Report, radar: &RadarConfig, model: &ModelExp
     }
 }
 
-/// Rule, place and message of whatever `trained` showed a model better than `radar` will.
+/// Rule, place and message of each property in which `trained` is better than `radar`.
 fn unlike(
     report: &Report,
     radar: &RadarConfig,
@@ -112,7 +112,7 @@ fn unlike(
         );
         warn("model-range-resolution", "slope_hz_per_s", message);
     }
-    // In wavelengths, because these determine angles.
+    // Apertures are compared in wavelengths, because these determine the angular resolution.
     let aperture = |r: &RadarConfig| rules::aperture_m(r).map(|m| m / r.wavelength_m());
     let ([width, height], [trained_width, trained_height]) = (aperture(radar), aperture(trained));
     if height < 0.01 && trained_height > 0.01 {

@@ -7,11 +7,12 @@ use crate::boards::Board;
 
 /// Bands of the supported parts, Hz.
 const BANDS_HZ: [(f64, f64); 2] = [(57e9, 64e9), (76e9, 81e9)];
-/// TI's own files end at the band's edge and overshoot it by rounding, Hz.
+/// Tolerance at the edges of a band, Hz. TI's own files end at the edge and exceed it by rounding.
 const BAND_TOLERANCE_HZ: f64 = 1e6;
-/// Above this share of time on air, parts heat up and regulators ask.
+/// Maximum fraction of time on air. Above it, parts heat up and regulatory limits may be exceeded.
 const MAX_DUTY: f64 = 0.5;
-/// TI's chirp timing advice for steep ramps: synthesiser and filters settle in 3 us or more, s.
+/// Minimum ADC start, s: TI's chirp timing advice for steep ramps, because synthesiser and filters need at least 3 us
+/// to settle.
 const MIN_ADC_START_S: f64 = 3e-6;
 /// Minimum idle time after a ramp of less than this bandwidth, which the synthesiser needs to return: (Hz, s). TI
 /// SWRA553A, "Programming chirp parameters in TI radar devices", table of idle times; the figures were not checked
@@ -22,19 +23,18 @@ const RAMP_DOWN: [(f64, f64); 4] = [
     (3e9, 5e-6),
     (f64::INFINITY, 7e-6),
 ];
-/// Hands and feet of a walking or punching person reach this, m/s.
+/// Speed of the hands and feet of a walking or punching person, m/s.
 const BODY_SPEED_MPS: f64 = 3.0;
-/// A body seen in fewer than about five range bins has no shape, m.
+/// Range bin, m, above which a body covers fewer than about five bins, so that its shape is lost.
 const BODY_RANGE_BIN_M: f64 = 0.1;
-/// Coarser Doppler than this merges limbs and torso, m/s.
+/// Velocity bin, m/s, above which limbs cannot be separated from the torso.
 const BODY_VELOCITY_BIN_MPS: f64 = 0.3;
-/// A room, m.
+/// Size of a room, m.
 const ROOM_M: f64 = 3.0;
-/// Below this, gestures fall between frames, Hz.
+/// Frame rate, Hz, below which gestures fall between frames.
 const MIN_FRAME_RATE_HZ: f64 = 5.0;
 
-/// Findings about the chirp alone. The radar need not be possible; one without finite numbers is passed
-/// over.
+/// Checks the chirp alone. The radar may be impossible; a radar with numbers that are not finite is skipped.
 pub(super) fn chirp(report: &mut Report, subject: &Subject) {
     let radar = subject.radar;
     let ramp_hz = radar.slope_hz_per_s * radar.ramp_end_s;
@@ -72,7 +72,7 @@ pub(super) fn chirp(report: &mut Report, subject: &Subject) {
         ),
     };
     if !inside {
-        // The value that is to blame: a start outside the band, or a ramp that leaves it.
+        // Selects the value that causes the error: a start outside the band, or a ramp that leaves it.
         let start_is_outside = !(subject
             .board
             .map_or(BANDS_HZ.to_vec(), |b| vec![b.band_hz()]))
@@ -103,7 +103,7 @@ pub(super) fn chirp(report: &mut Report, subject: &Subject) {
         .iter()
         .find(|(below_hz, _)| ramp_hz < *below_hz)
         .map_or(0.0, |(_, s)| *s);
-    // Microseconds times 1e-6 miss their value by a rounding.
+    // The tolerance covers the rounding of microseconds multiplied by 1e-6.
     if radar.idle_s < ramp_down_s - 1e-9 {
         let message = format!(
             "idle for {:.2} us, but the synthesiser needs {:.1} us back from a ramp of {:.2} GHz",
@@ -174,7 +174,7 @@ pub(super) fn scene(report: &mut Report, radar: &RadarConfig) {
         warn("frame-rate", "frame_period_s", message);
     }
     let [width_m, height_m] = aperture_m(radar);
-    // A tenth of a millimetre: no board has antennas that close.
+    // Antennas of a board are farther apart than a tenth of a millimetre.
     if width_m < 1e-4 {
         let message = "all virtual antennas share one column: no azimuth";
         warn("no-azimuth", "rx", message.into());
@@ -185,7 +185,7 @@ pub(super) fn scene(report: &mut Report, radar: &RadarConfig) {
     }
 }
 
-/// The longer part of a chirp: what to shorten for higher speeds.
+/// The longer part of a chirp, which should be shortened to increase the maximum velocity.
 pub(super) fn slow_part(radar: &RadarConfig) -> &'static str {
     if radar.idle_s > radar.ramp_end_s {
         "idle_s"
@@ -204,7 +204,7 @@ pub(super) fn aperture_m(radar: &RadarConfig) -> [f64; 2] {
                 .fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(v), h.max(v)));
             high - low
         };
-        // Virtual places are sums, so the extents add.
+        // Positions of virtual antennas are sums, so the extents add.
         along(&radar.tx) + along(&radar.rx)
     };
     [extent(|a| a.x_m), extent(|a| a.z_m)]

@@ -1,7 +1,8 @@
 //! ROS 1 bags (format 2.0): the `sensor_msgs/PointCloud2` messages of one topic.
 //!
-//! Read front to back from any reader; the index is not needed. Chunks may be compressed (bz2, lz4). Fields are taken by
-//! the name, offset and type that every message declares: x, y, z, a velocity (`velocity`, `v`, `doppler`) and an intensity in dB (`intensity`, `snr`, `power`).
+//! The file is read from front to back, so any reader is sufficient and the index is not needed. Chunks may be
+//! compressed (bz2, lz4). Fields are read by the name, offset and type that every message declares: x, y, z, a velocity
+//! (`velocity`, `v`, `doppler`) and an intensity in dB (`intensity`, `snr`, `power`).
 
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -11,7 +12,7 @@ use super::{
     RecordingError, point,
 };
 
-/// First bytes of a bag.
+/// Magic bytes at the start of a bag.
 pub const BAG_MAGIC: &[u8; 13] = b"#ROSBAG V2.0\n";
 /// Maximum length of a record, bytes; chunks are usually 768 KiB.
 const MAX_RECORD_BYTES: u32 = 256 << 20;
@@ -25,17 +26,17 @@ pub struct Bag {
     pub topic: String,
     /// Frames in the order of the file.
     pub frames: Vec<RecordedFrame>,
-    /// Points dropped because they are NaN or out of range; clouds that are not dense contain NaN.
+    /// Points dropped because they are NaN or out of range. Clouds that are not dense contain NaN.
     pub points_dropped: u64,
-    /// Messages of other topics.
+    /// Number of messages on other topics.
     pub other_messages: u64,
 }
 
-/// Reads the clouds of a topic; without one, of the only topic that has clouds.
+/// Reads the point clouds of a topic. If no topic is given, the bag must have only one topic with point clouds.
 ///
 /// # Errors
-/// [`RecordingError`] with the byte of the file (for messages: of their record; within a compressed chunk: of the
-/// chunk): damage, no topic or several, clouds without a needed field.
+/// [`RecordingError`] with the byte offset in the file (for messages, that of their record; within a compressed chunk,
+/// that of the chunk): damage, no matching topic or several, or clouds without a required field.
 pub fn read_bag(
     mut reader: impl Read,
     topic: Option<&str>,
@@ -112,7 +113,7 @@ fn read_block(reader: &mut impl Read, at: u64) -> Result<Option<Vec<u8>>, Record
     Ok(Some(block))
 }
 
-/// A compressed chunk that must unpack to `size` bytes; what would be more is not unpacked.
+/// Decompresses a chunk, which must have `size` bytes. Surplus bytes are not decompressed.
 fn unpack(at: u64, decoder: impl Read, size: u32) -> Result<Vec<u8>, RecordingError> {
     if size > MAX_RECORD_BYTES {
         let expected = format!("a chunk of at most {MAX_RECORD_BYTES} bytes");
@@ -145,7 +146,7 @@ fn read_record(reader: &mut impl Read, at: u64) -> Result<Option<Record>, Record
     }
 }
 
-/// `name=value` fields of a record or connection header.
+/// Parses the `name=value` fields of a record or connection header.
 fn fields(at: u64, header: &[u8]) -> Result<BTreeMap<&[u8], &[u8]>, RecordingError> {
     let mut out = BTreeMap::new();
     let mut rest = header;
@@ -170,7 +171,7 @@ struct Connection {
 }
 
 struct State {
-    /// The topic asked for.
+    /// The requested topic.
     topic: Option<String>,
     axes: Axes,
     connections: BTreeMap<u32, Connection>,
@@ -284,7 +285,7 @@ impl State {
                     },
                 );
             }
-            // Bag header, index, chunk info.
+            // Bag header, index data and chunk info are not needed.
             0x03 | 0x04 | 0x06 => {}
             _ => return Err(wrong(at, "a record of a bag", &format!("op {op}"))),
         }
@@ -292,7 +293,7 @@ impl State {
     }
 }
 
-/// Reads a message front to back.
+/// Reads a message from front to back.
 struct Cursor<'a> {
     at: u64,
     rest: &'a [u8],
@@ -337,7 +338,7 @@ impl Field {
         })
     }
 
-    /// The value in a point that is long enough, which the caller has checked.
+    /// Decodes the value. The caller has checked that the point is long enough.
     fn value(self, point: &[u8], big_endian: bool) -> f64 {
         let size = self.size().unwrap_or(1);
         let mut raw = [0_u8; 8];
@@ -359,7 +360,7 @@ impl Field {
     }
 }
 
-/// Names of each value used.
+/// Accepted field names of each value.
 const FIELD_NAMES: [&[&[u8]]; 5] = [
     &[b"x"],
     &[b"y"],

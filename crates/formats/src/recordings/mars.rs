@@ -1,10 +1,10 @@
 //! Radar tables and feature maps of the MARS data set (An and Ogras, ACM TECS 2021): an IWR1443 at 10 frames/s.
 //!
-//! Comma-separated, one point a row: `Frame #, # Obj, X, Y, Z, Doppler, Intensity, Abs Time`; equal
-//! frame numbers in a row are one frame. X lateral (to the right of one who looks along Y: it follows
-//! the Kinect's), Y away from the radar, Z up, m, the radar at the origin; Doppler in m/s. Intensity
-//! is the firmware's linear peak value, taken as an amplitude: dB = 20 log10. `Abs Time` is rounded
-//! to minutes and not used.
+//! Tables are comma-separated with one point per row: `Frame #, # Obj, X, Y, Z, Doppler, Intensity, Abs Time`.
+//! Consecutive rows with equal frame numbers are one frame. X is lateral (to the right when looking along Y, because it
+//! follows that of the Kinect), Y points away from the radar, Z up, m, with the radar at the origin; Doppler is in m/s.
+//! Intensity is the firmware's linear peak value, interpreted as an amplitude: dB = 20 log10. `Abs Time` is not used
+//! because it is rounded to minutes.
 
 use super::{
     Axes, MAX_COORDINATE_M, MAX_VELOCITY_MPS, Place, RecordedFrame, RecordingError, checked_point,
@@ -12,14 +12,13 @@ use super::{
 };
 use radarllm_files::npy::NpyArray;
 
-/// Columns used, by the names of the header.
+/// Columns that are used, by their names in the header.
 const COLUMNS: [&str; 6] = ["Frame #", "X", "Y", "Z", "Doppler", "Intensity"];
 
 /// Reads a table.
 ///
 /// # Errors
-/// [`RecordingError`] for a header without a needed column, a row of another length, or a value
-/// that is no number.
+/// [`RecordingError`] for a header without a required column, a row of another length, or a value that is not a number.
 pub fn read_mars_points(text: &str) -> Result<Vec<RecordedFrame>, RecordingError> {
     let mut lines = text.lines().enumerate();
     let (_, header) = lines.next().unwrap_or_default();
@@ -75,17 +74,17 @@ pub fn read_mars_points(text: &str) -> Result<Vec<RecordedFrame>, RecordingError
     Ok(frames)
 }
 
-/// A peak of zero has no decibels; the firmware's smallest step is one.
+/// Peak value in dB. A peak of zero is treated as one, the smallest step of the firmware.
 fn peak_db(peak: f64) -> f64 {
     20.0 * peak.max(1.0).log10()
 }
 
-/// Reads the feature maps of the data set: npy of shape (frames, 8, 8, 5) or (frames, 64, 5), the last axis x, y, z,
-/// velocity, intensity as in the tables. Places of five zeros are padding and left out. Frames have no numbers and no
-/// clock: they count from 0, at 10 frames/s.
+/// Reads the feature maps of the data set: npy of shape (frames, 8, 8, 5) or (frames, 64, 5), whose last axis contains
+/// x, y, z, velocity, intensity as in the tables. Rows of five zeros are padding and are omitted. Frames have neither
+/// numbers nor time stamps: they are numbered from 0, at 10 frames/s.
 ///
 /// # Errors
-/// [`RecordingError`] for another shape, pickled arrays, or a value out of range, with the frame as row.
+/// [`RecordingError`] with the frame as row: another shape, pickled arrays, or a value out of range.
 pub fn read_mars_features(bytes: &[u8]) -> Result<Vec<RecordedFrame>, RecordingError> {
     let array = NpyArray::new(bytes)?;
     let fits = array.header.fields[0].name.is_empty()

@@ -1,9 +1,9 @@
 //! Numeric arrays of MATLAB v5 files, and recordings of MARS-like points in them.
 //!
-//! A file is a header of 128 bytes and elements, each a tag (type, length) and data; a variable is an element
-//! `miMATRIX` with elements in it, often within a zlib stream (`miCOMPRESSED`). Of classes other than numbers (cells,
-//! structures, text, sparse arrays) only the name is read. Source: MathWorks, MAT-File Format, level 5. Version 7.3
-//! is HDF5 and is refused.
+//! A file consists of a header of 128 bytes and elements, each of which has a tag (type, length) and data. A variable
+//! is an element `miMATRIX` that contains further elements; it is often compressed as a zlib stream (`miCOMPRESSED`).
+//! Variables that are not numeric (cells, structures, text, sparse arrays) are skipped; only their names are read.
+//! Version 7.3 is HDF5 and is refused. Source: MathWorks, MAT-File Format, level 5.
 
 use std::io::Read;
 
@@ -11,34 +11,34 @@ use flate2::read::ZlibDecoder;
 
 use super::{Axes, Place, RecordedFrame, RecordingError, checked_point};
 
-/// First bytes of a version 5 file.
+/// Start of a version 5 file.
 pub const MAT_MAGIC: &[u8] = b"MATLAB 5.0 MAT-file";
-/// First bytes of a version 7.3 file, before its HDF5 part.
+/// Start of a version 7.3 file, which is followed by its HDF5 part.
 pub const MAT_73_MAGIC: &[u8] = b"MATLAB 7.3 MAT-file";
-/// First bytes of an HDF5 file without MATLAB's header.
+/// Start of an HDF5 file without MATLAB's header.
 pub const HDF5_MAGIC: &[u8] = b"\x89HDF\r\n";
-/// Why version 7.3 is refused, and the way out.
+/// Error text for version 7.3, with a workaround.
 pub const MAT_73_ADVICE: &str = "a MATLAB v7.3 file (HDF5), which is not read: save it again with save(file, 'marsData', '-v7')";
-/// Frames per second of recordings that were made as MARS was.
+/// Frame rate of recordings made like those of MARS.
 pub const FRAME_RATE_HZ: f64 = 10.0;
 
-/// Name of the variable with the points.
+/// Name of the variable that contains the points.
 const VARIABLE: &str = "marsData";
-/// Smallest number other than 0 that a radar reports: its steps are of the order of a millimetre. Bytes read at the
-/// wrong place give such numbers half of the time.
+/// Smaller non-zero magnitudes are implausible, because the resolution of a radar is of the order of a millimetre.
+/// About half of the numbers that are read at a wrong offset are smaller.
 const MIN_MAGNITUDE: f64 = 1e-15;
 const HEADER_BYTES: usize = 128;
-/// Maximum length of an inflated variable, bytes: 50,000 frames of 64 points of 5 f32, 80 minutes.
+/// Maximum size of a decompressed variable, bytes: 50,000 frames of 64 points of 5 f32, 80 minutes.
 const MAX_INFLATED_BYTES: u64 = 64 << 20;
-/// Maximum number of variables looked at.
+/// Maximum number of variables in a file.
 const MAX_VARIABLES: usize = 1000;
 /// Maximum number of dimensions of an array.
 const MAX_DIMENSIONS: usize = 8;
-/// Maximum length of a variable's name, bytes: MATLAB itself allows 63.
+/// Maximum length of a variable name, bytes. MATLAB itself allows 63.
 const MAX_NAME_BYTES: usize = 255;
-/// Values of a point: x, y, z, velocity, SNR.
+/// Number of values of a point: x, y, z, velocity, SNR.
 const POINT_VALUES: usize = 5;
-/// Points of a frame, empty ones included.
+/// Number of points of a frame, including empty ones.
 const FRAME_POINTS: usize = 64;
 
 const MI_INT8: u32 = 1;
@@ -46,32 +46,32 @@ const MI_INT32: u32 = 5;
 const MI_UINT32: u32 = 6;
 const MI_MATRIX: u32 = 14;
 const MI_COMPRESSED: u32 = 15;
-/// Flag of complex arrays, in the array flags.
+/// Bit of the array flags that marks complex arrays.
 const FLAG_COMPLEX: u32 = 0x0800;
-/// double to uint64, in the array flags.
+/// Numeric classes in the array flags, from double to uint64.
 const NUMERIC_CLASSES: std::ops::RangeInclusive<u32> = 6..=15;
-/// Last class of version 5; later ones have another head.
+/// Last class of version 5. Later classes have a different header.
 const LAST_CLASS: u32 = 15;
-/// Bytes of a compressed variable that hold its head: flags, dimensions and name.
+/// Number of decompressed bytes that contain the header of a variable: flags, dimensions and name.
 const HEAD_BYTES: u64 = 1024;
 
-/// Reads a number from its bytes; true for big-endian.
+/// Decodes a number from its bytes; the flag is true for big-endian.
 type ReadNumber = fn(&[u8], bool) -> f64;
 
 /// A numeric array.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MatArray {
-    /// Lengths of the dimensions.
+    /// Length of each dimension.
     pub shape: Vec<usize>,
-    /// Values with the **first** index fastest, as MATLAB stores them.
+    /// Values with the **first** index fastest, as in MATLAB.
     pub values: Vec<f64>,
 }
 
-/// Reads one numeric, real array by its name.
+/// Reads a real numeric array by its name.
 ///
 /// # Errors
-/// [`RecordingError`] with the byte: no version 5 file, a damaged or cut element, an array that is not real numbers, no
-/// variable of that name (the message lists those that there are).
+/// [`RecordingError`] with the byte offset: not a version 5 file, a damaged or truncated element, an array that is not
+/// real and numeric, or no variable of this name (the message lists the existing ones).
 pub fn read_mat_array(bytes: &[u8], name: &str) -> Result<MatArray, RecordingError> {
     let is_big_endian = is_big_endian(bytes)?;
     let mut names = Vec::new();
@@ -103,7 +103,7 @@ pub fn read_mat_array(bytes: &[u8], name: &str) -> Result<MatArray, RecordingErr
                 Ok(array) => return Ok(array),
                 Err(other) => names.push(other),
             },
-            // Anything else on the top level is no variable.
+            // Other top-level elements are not variables.
             _ => {}
         }
     }
@@ -114,28 +114,28 @@ pub fn read_mat_array(bytes: &[u8], name: &str) -> Result<MatArray, RecordingErr
     ))
 }
 
-/// Points of a file.
+/// Points of a MATLAB file.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct MatlabRecording {
-    /// Frames; they count from 0 and have no clock: [`FRAME_RATE_HZ`] of them a second.
+    /// Frames, numbered from 0 and without time stamps. The frame rate is [`FRAME_RATE_HZ`].
     pub frames: Vec<RecordedFrame>,
-    /// Rows dropped because a torn packet left no numbers of a radar in them.
+    /// Number of rows dropped because a truncated packet left implausible numbers in them.
     pub points_dropped: u64,
-    /// Frames with such rows.
+    /// Number of frames with such rows.
     pub frames_damaged: u64,
-    /// What a user should know about it.
+    /// Notes for the user.
     pub notes: Vec<String>,
 }
 
-/// Reads points as MARS-like recorders store them: variable `marsData` of shape (frames, 64, 5), the last axis x, y, z
-/// in m (right, away from the radar, up), velocity in m/s and SNR in dB. Rows of five zeros are empty.
+/// Reads points in the format of MARS-like recorders: a variable `marsData` of shape (frames, 64, 5), whose last axis
+/// contains x, y, z in m (right, away from the radar, up), velocity in m/s and SNR in dB. Rows of five zeros are empty.
 ///
-/// Such recorders do not notice when the serial port loses bytes: the rest of the packet is then read at the wrong
-/// place. So the first row with a value that is not finite, out of range or next to nothing (but not 0) ends the points
-/// of its frame, and what is dropped is counted.
+/// Such recorders do not notice when the serial port loses bytes; the rest of the packet is then read at a wrong
+/// offset. The first row with a value that is not finite, out of range, or non-zero but implausibly small therefore
+/// ends the points of its frame. Dropped rows are counted.
 ///
 /// # Errors
-/// As [`read_mat_array`]; another shape.
+/// As [`read_mat_array`]; also for another shape.
 pub fn read_matlab_points(bytes: &[u8]) -> Result<MatlabRecording, RecordingError> {
     let array = read_mat_array(bytes, VARIABLE)?;
     let &[n_frames, FRAME_POINTS, POINT_VALUES] = array.shape.as_slice() else {
@@ -184,7 +184,7 @@ pub fn read_matlab_points(bytes: &[u8]) -> Result<MatlabRecording, RecordingErro
     Ok(recording)
 }
 
-/// Checks the header; true for a file of a big-endian machine.
+/// Checks the header. Returns true if the file is big-endian.
 fn is_big_endian(bytes: &[u8]) -> Result<bool, RecordingError> {
     let error =
         |expected: &str, found: &str| Err(RecordingError::new(Place::Byte(0), expected, found));
@@ -209,19 +209,19 @@ fn is_big_endian(bytes: &[u8]) -> Result<bool, RecordingError> {
         );
     }
     match &header[124..] {
-        // Version 0x0100, then "MI" written as a 16-bit word.
+        // Version 0x0100, followed by "MI" as a 16-bit word.
         [_, 1, b'I', b'M'] => Ok(false),
         [1, _, b'M', b'I'] => Ok(true),
         _ => error("version 1 and an endian mark in the header", "others"),
     }
 }
 
-/// Where bytes come from, for places in errors.
+/// Origin of bytes, for positions in errors.
 #[derive(Clone, Copy)]
 enum Origin {
-    /// From this byte of the file on.
+    /// The bytes start at this offset of the file.
     File(usize),
-    /// A compressed element at this byte of the file.
+    /// The bytes were decompressed from the element at this offset of the file.
     Compressed(usize),
 }
 
@@ -237,11 +237,11 @@ impl Origin {
 struct Element<'a> {
     kind: u32,
     data: &'a [u8],
-    /// Byte of the file at which `data` starts.
+    /// Offset of `data` in the file.
     at: usize,
 }
 
-/// Walks over elements that follow each other.
+/// Iterates over consecutive elements.
 struct Elements<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -262,7 +262,8 @@ impl<'a> Elements<'a> {
         };
         let tag = rest.get(..8).ok_or_else(|| cut(8))?;
         let word = u32_at(tag, 0, self.is_big_endian);
-        // Up to four bytes of data lie in the tag itself; the upper half of its first word is their number then.
+        // Data of up to four bytes are stored in the tag itself. In that case, the upper half of its first word is
+        // their length.
         let (kind, start, len): (u32, usize, usize) = match word >> 16 {
             0 => (word, 8, u32_at(tag, 4, self.is_big_endian) as usize),
             n => (word & 0xffff, 4, n as usize),
@@ -278,7 +279,7 @@ impl<'a> Elements<'a> {
         let end = start.saturating_add(len);
         let data = rest.get(start..end).ok_or_else(|| cut(end))?;
         let at = self.at + start;
-        // Data are padded to 8 bytes, but for compressed ones.
+        // All elements except compressed ones are padded to 8 bytes.
         let padded = match kind {
             MI_COMPRESSED => end,
             _ => end.next_multiple_of(8),
@@ -287,7 +288,7 @@ impl<'a> Elements<'a> {
         Ok(Some(Element { kind, data, at }))
     }
 
-    /// The next element, which must be there.
+    /// Returns the next element; an error if there is none.
     fn expect(&mut self, what: &str) -> Result<Element<'a>, RecordingError> {
         let place = self.origin.place(self.at);
         self.advance()?
@@ -295,13 +296,13 @@ impl<'a> Elements<'a> {
     }
 }
 
-/// What stands before the values of a variable.
+/// Header of a variable, which precedes its values.
 struct MatrixHead {
     name: String,
     class: u32,
     is_complex: bool,
     shape: Vec<usize>,
-    /// Length of the head, bytes.
+    /// Length of the header, bytes.
     len: usize,
 }
 
@@ -326,7 +327,7 @@ impl MatrixHead {
         let flags = u32_at(flags.data, 0, is_big_endian);
         let class = flags & 0xff;
         if class > LAST_CLASS {
-            // Objects of later versions have no dimensions here.
+            // Objects of later versions have no dimensions at this position.
             return Ok(Self {
                 name: "(an object)".into(),
                 class,
@@ -359,7 +360,7 @@ impl MatrixHead {
         })
     }
 
-    /// The values of a real numeric array, from the bytes behind the head.
+    /// Reads the values of a real numeric array from the bytes after the header.
     fn values(
         self,
         bytes: &[u8],
@@ -387,7 +388,7 @@ impl MatrixHead {
             is_big_endian,
         };
         let part = elements.expect("values")?;
-        // The numbers may be stored in a smaller type than the array's, if they fit.
+        // MATLAB stores numbers in a smaller type than that of the array if they fit.
         let (width, read): (usize, ReadNumber) = match part.kind {
             1 => (1, |b, _| f64::from(b[0] as i8)),
             2 => (1, |b, _| f64::from(b[0])),
@@ -417,7 +418,8 @@ impl MatrixHead {
     }
 }
 
-/// The array of that name in a compressed element, or the name of another one. Only the wanted one is inflated whole.
+/// The array in a compressed element if it has the requested name, and otherwise the name. Only the requested array is
+/// decompressed completely.
 fn inflated(
     element: &Element<'_>,
     name: &str,
@@ -469,7 +471,7 @@ fn u32_at(bytes: &[u8], at: usize, is_big_endian: bool) -> u32 {
         .map_or(0, |b| word(b, is_big_endian) as u32)
 }
 
-/// An unsigned number of up to eight bytes.
+/// Decodes an unsigned number of up to eight bytes.
 fn word(bytes: &[u8], is_big_endian: bool) -> u64 {
     let add = |sum: u64, byte: &u8| sum << 8 | u64::from(*byte);
     match is_big_endian {
@@ -482,7 +484,7 @@ fn word(bytes: &[u8], is_big_endian: bool) -> u64 {
 mod tests {
     use super::*;
 
-    /// An element, padded.
+    /// Builds a padded element.
     fn element(kind: u32, data: &[u8], is_big_endian: bool) -> Vec<u8> {
         let mut bytes = words(&[kind, data.len() as u32], is_big_endian);
         bytes.extend(data);
@@ -508,7 +510,7 @@ mod tests {
         bytes
     }
 
-    /// A matrix element with a name in the long form.
+    /// Builds a matrix element whose name is not stored in the tag.
     fn matrix(name: &str, class: u32, shape: &[u32], values: &[u8], be: bool) -> Vec<u8> {
         let data = [
             element(MI_UINT32, &words(&[class, 0], be), be),
@@ -559,7 +561,7 @@ mod tests {
         }
     }
 
-    /// Names and values of up to four bytes lie in the tag.
+    /// Names and values of up to four bytes are stored in the tag.
     #[test]
     fn short_elements_are_read() {
         let data = [
@@ -595,7 +597,7 @@ mod tests {
             error.expected.contains("`other`") && error.found.contains("marsData"),
             "{error}"
         );
-        // An object of a later version is passed over.
+        // An object of a later version is skipped.
         assert!(of(17, "marsData").found.contains("(an object)"));
     }
 

@@ -1,8 +1,9 @@
-//! Radar frames of mmBody (Chen et al., ACM Multimedia 2022): one `radar/frame_N.npy` a frame, of shape (points, 6):
-//! x right, y away, z up (m), velocity (m/s), amplitude, energy; an Arbe radar with thousands of points a frame.
+//! Radar frames of mmBody (Chen et al., ACM Multimedia 2022): one `radar/frame_N.npy` per frame, of shape (points, 6)
+//! with x right, y away, z up (m), velocity (m/s), amplitude, energy. The radar is an Arbe with thousands of points per
+//! frame.
 //!
-//! The page of the data set gives no unit for amplitude and energy. The amplitude is kept as written in
-//! `intensity_db`; only its order is relied on. The frame rate is not stated either: the reader has to name it.
+//! The page of the data set states no unit of amplitude and energy. The amplitude is stored unchanged in
+//! `intensity_db`; only its order is used. The frame rate is not stated either and must be specified by the user.
 
 use radarllm_base::RadarPoint;
 
@@ -15,21 +16,21 @@ use radarllm_files::{
 /// Number of points kept per frame, the strongest ones: the capacity of the radar tokenizer.
 pub const MAX_POINTS: usize = 128;
 
-/// The recording conditions that the data set separates, as words in the names of its folders.
+/// The recording conditions that the data set distinguishes, as words in its folder names.
 pub const SUBSETS: [&str; 4] = ["rain", "smoke", "lighting", "occlusion"];
 
-/// The subset in a folder path: the deepest folder one of whose words is in [`SUBSETS`] (`poor_lighting` is, `train` is
-/// not).
+/// The subset of a folder path: that of the deepest folder with a word in [`SUBSETS`]. For example, `poor_lighting` has
+/// one and `train` has none.
 pub fn subset(path: &str) -> Option<&'static str> {
     let path = path.to_lowercase();
     let mut words = path.split(|c: char| !c.is_alphanumeric()).rev();
     words.find_map(|word| SUBSETS.into_iter().find(|name| *name == word))
 }
 
-/// Reads one frame: its [`MAX_POINTS`] points of largest amplitude, strongest first.
+/// Reads one frame: the [`MAX_POINTS`] points of largest amplitude, in decreasing order.
 ///
 /// # Errors
-/// [`RecordingError`] for another shape, pickled arrays, or a value out of range, with its row.
+/// [`RecordingError`] with the row: another shape, pickled arrays, or a value out of range.
 pub fn read_mmbody_frame(bytes: &[u8]) -> Result<Vec<RadarPoint>, RecordingError> {
     let array = NpyArray::new(bytes)?;
     if !matches!(array.header.shape.as_slice(), [_, 6]) || array.header.fields.len() != 1 {
@@ -54,19 +55,19 @@ pub fn read_mmbody_frame(bytes: &[u8]) -> Result<Vec<RadarPoint>, RecordingError
     Ok(points)
 }
 
-/// A 4 x 4 matrix of `calib.txt`: from a sensor's axes to the radar's.
+/// A 4 x 4 matrix of `calib.txt`, from the axes of a sensor to those of the radar.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
-    /// Keys on the way to it, joined with `.`.
+    /// Path of keys to the matrix, joined with `.`.
     pub name: String,
     /// Rows.
     pub rows: [[f64; 4]; 4],
 }
 
-/// Reads `calib.txt`, a Python dictionary: every 4 x 4 matrix in it. It is parsed as a literal, never evaluated.
+/// Reads every 4 x 4 matrix in `calib.txt`, a Python dictionary. The text is parsed as a literal, never evaluated.
 ///
 /// # Errors
-/// [`RecordingError`] for text that is no literal, or holds no matrix.
+/// [`RecordingError`] for text that is not a literal or contains no matrix.
 pub fn read_mmbody_calibration(text: &str) -> Result<Vec<Calibration>, RecordingError> {
     let literal = parse_literal(text.trim()).map_err(|e| {
         let end = text.trim().get(e.byte..).unwrap_or("");
@@ -84,7 +85,7 @@ pub fn read_mmbody_calibration(text: &str) -> Result<Vec<Calibration>, Recording
     Ok(found)
 }
 
-/// The depth of a literal is bounded by its parser.
+/// Collects matrices recursively. The parser limits the nesting depth of a literal.
 fn collect(name: &str, literal: &Literal, found: &mut Vec<Calibration>) {
     match literal {
         Literal::Dict(entries) => {

@@ -1,8 +1,8 @@
-//! Radar frames of MM-Fi (Yang et al., NeurIPS 2023 Datasets and Benchmarks): one file a frame in a folder,
-//! `frame001.bin` (f64 little-endian) or `frame001.npy`, rows of x, y, z, Doppler, intensity.
+//! Radar frames of MM-Fi (Yang et al., NeurIPS 2023 Datasets and Benchmarks): one file per frame in a folder,
+//! `frame001.bin` (f64 little-endian) or `frame001.npy`, with rows of x, y, z, Doppler, intensity.
 //!
-//! The data set documents neither the direction of its axes nor the unit of its intensity. The caller names the axes;
-//! the intensity is taken as dB, as TI's ROS driver writes it. 10 frames/s.
+//! The data set documents neither the direction of its axes nor the unit of its intensity. The caller specifies the
+//! axes. The intensity is interpreted as dB, as in the output of TI's ROS driver. The frame rate is 10 frames/s.
 
 use radarllm_base::RadarPoint;
 
@@ -12,13 +12,13 @@ use radarllm_files::npy::{NPY_MAGIC, NpyArray};
 /// Frames per second of the data set.
 pub const FRAME_RATE_HZ: f64 = 10.0;
 
-/// Bytes of a row of a `.bin` file.
+/// Size of a row of a `.bin` file, bytes.
 const ROW_BYTES: usize = 5 * 8;
 
-/// Reads one frame, `.bin` or `.npy` by its first bytes. An empty file is a frame without points.
+/// Reads one frame; its first bytes determine whether it is `.bin` or `.npy`. An empty file is a frame without points.
 ///
 /// # Errors
-/// [`RecordingError`] with the row: a length that is no whole number of rows, another shape, values out of range.
+/// [`RecordingError`] with the row: a length that is not a whole number of rows, another shape, or values out of range.
 pub fn read_mmfi_frame(bytes: &[u8], axes: Axes) -> Result<Vec<RadarPoint>, RecordingError> {
     if bytes.starts_with(NPY_MAGIC) {
         let array = NpyArray::new(bytes)?;

@@ -47,7 +47,7 @@ pub enum Axes {
 }
 
 impl Axes {
-    /// Both, for messages.
+    /// All orientations, for messages.
     pub const ALL: [Self; 2] = [Self::RightForwardUp, Self::ForwardLeftUp];
 
     /// Name on the command line.
@@ -58,12 +58,12 @@ impl Axes {
         }
     }
 
-    /// The axes of that [`Self::name`].
+    /// The axes with the given [`Self::name`].
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|a| a.name() == name)
     }
 
-    /// A position in these axes, in the project's.
+    /// Converts a position from these axes into the project's axes.
     pub fn to_project(self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         match self {
             Self::RightForwardUp => [x, y, z],
@@ -72,7 +72,7 @@ impl Axes {
     }
 }
 
-/// Where in a recording.
+/// Position in a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
     /// Line of a text, from 1.
@@ -131,7 +131,7 @@ impl From<NpyError> for RecordingError {
     }
 }
 
-/// A finite number within +-`limit`.
+/// Parses a finite number within +-`limit`.
 fn number(line: usize, name: &str, text: &str, limit: f64) -> Result<f64, RecordingError> {
     text.trim()
         .parse::<f64>()
@@ -146,7 +146,7 @@ fn number(line: usize, name: &str, text: &str, limit: f64) -> Result<f64, Record
         })
 }
 
-/// A point of five numbers in the project's axes, each within its limit.
+/// A point from five numbers, converted into the project's axes. Each number is checked against its limit.
 fn checked_point(
     at: Place,
     axes: Axes,
@@ -160,7 +160,7 @@ fn checked_point(
         ("intensity, dB", intensity_db, MAX_INTENSITY_DB),
     ];
     for (name, value, limit) in limits {
-        // A NaN is outside every limit.
+        // NaN is out of range.
         if value.is_nan() || value.abs() > limit {
             let expected = format!("{name}, within +-{limit}");
             return Err(RecordingError::new(at, expected, &value.to_string()));

@@ -1,19 +1,20 @@
-//! Recordings in numbered pieces: their order, missing pieces, and frames that remain from the previous run.
+//! Recordings in numbered pieces: their order, missing pieces, and frames left over from the previous run.
 
-/// Frames at the start of a recording among which a fall of the frame number marks the ones before it as left over:
-/// a serial port's buffer holds a few, and a visualizer that is started late reads them first.
+/// If the frame number decreases within this many frames at the start of a recording, the frames before the decrease
+/// are left over from the previous run. The buffer of a serial port holds a few of them, and a visualizer that is
+/// started late reads them first.
 const MAX_LEFT_OVER: usize = 20;
 
-/// Why pieces do not make one recording.
+/// Reason why pieces cannot be joined to one recording.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PiecesError {
-    /// Nothing to join.
+    /// There are no pieces.
     #[error("no pieces of a recording")]
     Empty,
-    /// Two files with one number.
+    /// Two files have the same number.
     #[error("two files have the number {0}: which of them belongs to the recording is not known")]
     SameNumber(u64),
-    /// Two pieces of different recordings.
+    /// Two pieces belong to different recordings.
     #[error(
         "these are several recordings: {what} of {first} and of {second} differ; name one file, or a folder with the \
          files of one recording"
@@ -21,17 +22,17 @@ pub enum PiecesError {
     SeveralRecordings {
         /// The key that differs.
         what: &'static str,
-        /// File name of one.
+        /// File name of the first piece.
         first: String,
-        /// File name of the other.
+        /// File name of the second piece.
         second: String,
     },
 }
 
-/// Pieces with the numbers in their files' names.
+/// Pieces with the numbers in their file names.
 pub(super) type Pieces<T> = Vec<(u64, T)>;
 
-/// Pieces in the order of their numbers, and a note on those that are missing between them.
+/// Sorts pieces by number; also returns a note on missing numbers between them.
 pub(super) fn ordered<T>(
     mut pieces: Pieces<T>,
     name: impl Fn(u64) -> String,
@@ -50,7 +51,7 @@ pub(super) fn ordered<T>(
             _ => gaps.push(format!("{} to {}", name(before + 1), name(after - 1))),
         }
     }
-    /// Gaps that are listed one by one.
+    /// Maximum number of gaps that are listed individually.
     const MAX_LISTED: usize = 10;
     let n_more = gaps.len().saturating_sub(MAX_LISTED);
     gaps.truncate(MAX_LISTED);
@@ -64,8 +65,8 @@ pub(super) fn ordered<T>(
     Ok((pieces, note))
 }
 
-/// Number of frames at the start that belong to the run before, and a note that says so: those before the last fall of
-/// the frame number among the first [`MAX_LEFT_OVER`].
+/// Number of frames at the start that belong to the previous run, with a note for the user. These are the frames before
+/// the last decrease of the frame number among the first [`MAX_LEFT_OVER`].
 pub(super) fn left_over(numbers: impl Iterator<Item = u64>) -> Option<(usize, String)> {
     let first: Vec<u64> = numbers.take(MAX_LEFT_OVER + 1).collect();
     let last_old = first.windows(2).rposition(|w| w[1] < w[0])?;
@@ -119,11 +120,11 @@ mod tests {
         let count = |numbers: &[u64]| left_over(numbers.iter().copied()).map(|(n, _)| n);
         assert_eq!(count(&[900, 901, 1, 2, 3]), Some(2));
         assert_eq!(count(&[900, 7, 901, 1, 2]), Some(3));
-        // Sub-frames repeat a number; a lost frame is a jump forwards.
+        // Sub-frames repeat a number; a lost frame increases it by more than 1.
         assert_eq!(count(&[1, 1, 2, 9]), None);
         assert_eq!(count(&[]), None);
         assert_eq!(count(&[5]), None);
-        // A restart in the middle is none.
+        // A restart in the middle of the recording does not count.
         let mut late: Vec<u64> = (100..100 + MAX_LEFT_OVER as u64 + 1).collect();
         late.push(1);
         assert_eq!(count(&late), None);

@@ -1,16 +1,16 @@
-//! Text of the RadHAR data set (Singh et al., mmNets 2019): an IWR1443 at about 30 frames/s, as the
-//! ROS driver printed it.
+//! Text recordings of the RadHAR data set (Singh et al., mmNets 2019): an IWR1443 at about 30 frames/s, as printed by
+//! the ROS driver.
 //!
-//! One record a point, `key: value` lines, records end with `---`; `point_id: 0` starts a frame. The
-//! driver's axes are x forward, y to the *left* (it negates the sensor's lateral axis), z up; the data
-//! set's own page states that y points right. This reader follows the driver: x = -y and y = x. Nothing found in the
-//! recordings decides between the two.
+//! A record contains one point in `key: value` lines and ends with `---`. `point_id: 0` starts a frame. The driver's
+//! axes are x forward, y to the *left* (it negates the sensor's lateral axis) and z up, whereas the page of the data
+//! set states that y points right. This reader follows the driver: x = -y and y = x. The recordings themselves do not
+//! decide between the two.
 
 use super::{
     MAX_COORDINATE_M, MAX_VELOCITY_MPS, Place, RecordedFrame, RecordingError, number, point,
 };
 
-/// Keys used, in the order of [`Record::values`].
+/// Keys that are used, in the order of [`Record::values`].
 const KEYS: [&str; 5] = ["x", "y", "z", "velocity", "intensity"];
 
 #[derive(Default)]
@@ -25,8 +25,8 @@ struct Record {
 /// Reads a recording.
 ///
 /// # Errors
-/// [`RecordingError`] for a record without a needed key or a value that is no number. An unfinished
-/// last record is an error too: the file was cut.
+/// [`RecordingError`] for a record without a required key, or a value that is not a number. An incomplete last record
+/// is also an error, because the file was truncated.
 pub fn read_radhar_points(text: &str) -> Result<Vec<RecordedFrame>, RecordingError> {
     let mut frames: Vec<RecordedFrame> = Vec::new();
     let mut record = Record::default();

@@ -1,28 +1,30 @@
-//! Recordings of TI's visualizers in binary form: a folder of `pHistBytes_N.bin`, the bytes of the UART in pieces.
+//! Binary recordings of TI's visualizers: a folder of `pHistBytes_N.bin`, which contain consecutive pieces of the UART
+//! stream.
 
 use super::pieces::{PiecesError, left_over, ordered};
 use crate::uart::{Dialect, Guess, UartError, UartFrame, UartParser, UartReport};
 
-/// Start of the names of the pieces; the number and `.bin` follow.
+/// Prefix of the file names, which is followed by the number and `.bin`.
 pub const PREFIX: &str = "pHistBytes_";
 
-/// A recording out of its pieces.
+/// A recording, joined from its pieces.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VisualizerBinary {
-    /// Packets, without those left over from the run before; [`crate::uart::recorded_frames`] makes frames of points.
+    /// Packets, without those left over from the previous run. [`crate::uart::recorded_frames`] converts them to frames
+    /// of points.
     pub frames: Vec<UartFrame>,
-    /// Counts of everything that was parsed, left-over frames included.
+    /// Counts of all parsed data, including left-over frames.
     pub report: UartReport,
-    /// How the dialect was found, if it was guessed.
+    /// Evidence for the dialect, if it was detected rather than given.
     pub guess: Option<Guess>,
-    /// What a user should know: missing pieces, dropped frames.
+    /// Notes for the user: missing pieces, dropped frames.
     pub notes: Vec<String>,
 }
 
-/// Why a folder is no recording.
+/// Reason why a folder is not a recording.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum VisualizerBinaryError {
-    /// The pieces do not fit together.
+    /// The pieces cannot be joined.
     #[error(transparent)]
     Pieces(#[from] PiecesError),
     /// No dialect explains the bytes.
@@ -30,11 +32,11 @@ pub enum VisualizerBinaryError {
     Uart(#[from] UartError),
 }
 
-/// Joins pieces (number in the file's name, bytes) in the order of their numbers and parses the packets. A packet may
-/// start in one piece and end in the next. Packets that the next one cuts short are counted in the report.
+/// Joins pieces (number in the file name, bytes) in the order of their numbers and parses the packets. A packet may
+/// start in one piece and end in the next. Packets truncated by the next packet are counted in the report.
 ///
 /// # Errors
-/// No pieces, two with one number, or bytes that no dialect explains.
+/// No pieces, two pieces with the same number, or bytes that no dialect explains.
 pub fn read_visualizer_binary<B: AsRef<[u8]>>(
     pieces: Vec<(u64, B)>,
     dialect: Option<Dialect>,

@@ -7,7 +7,7 @@ use crate::recordings::{
     RecordingError, point,
 };
 
-/// A column used.
+/// A column that is used.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Column {
     Frame,
@@ -19,21 +19,22 @@ enum Column {
     Intensity,
 }
 
-/// How a value becomes SI.
+/// Conversion of a value to the project's unit.
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum Unit {
-    /// Times this.
+    /// Multiplication by a factor.
     Scale(f64),
-    /// An amplitude: 20 log10.
+    /// 20 log10 of an amplitude.
     Amplitude,
-    /// A power: 10 log10.
+    /// 10 log10 of a power.
     Power,
 }
 
-/// The column names of plain tables without names, in order.
+/// Columns of tables without column names, in order.
 pub const PLAIN_COLUMNS: [&str; 7] = ["frame", "t_s", "x", "y", "z", "velocity", "intensity"];
 
-/// The meaning of a column name: lower case, everything but letters and digits as one `_`, the unit behind the name.
+/// Determines the column and unit from a name. Case is ignored, and every run of other characters than letters and
+/// digits is equivalent to `_`. The unit is a suffix.
 fn meaning(name: &str) -> Option<(Column, Unit)> {
     let mut key = String::new();
     for c in name
@@ -91,22 +92,22 @@ fn meaning(name: &str) -> Option<(Column, Unit)> {
     })
 }
 
-/// True when a name means a column of points.
+/// Whether a name denotes a column of a points table.
 pub(crate) fn is_point_column(name: &str) -> bool {
     meaning(name).is_some()
 }
 
-/// Where the columns of a table are.
+/// Positions of the columns in a table.
 #[derive(Debug)]
 pub(super) struct Columns {
     places: Vec<(Column, Unit, usize)>,
 }
 
 impl Columns {
-    /// Finds the columns among the names of a table.
+    /// Finds the columns from the column names of a table.
     ///
     /// # Errors
-    /// Names what is missing, or what is there twice.
+    /// Names the missing or duplicate columns.
     pub fn find<'a>(
         place: Place,
         names: impl IntoIterator<Item = &'a str> + Clone,
@@ -148,7 +149,8 @@ impl Columns {
     }
 }
 
-/// Rows to frames: equal frame numbers (or times, where there are no numbers) in a row are one frame.
+/// Groups rows into frames. Consecutive rows with equal frame numbers (or times, if there are no numbers) are one
+/// frame.
 pub(super) struct FrameBuilder {
     columns: Columns,
     axes: Axes,
@@ -164,7 +166,7 @@ impl FrameBuilder {
         }
     }
 
-    /// Adds a row; `value` gives the number in a column of the table.
+    /// Adds a row; `value` returns the number in a column of the table.
     pub fn push(
         &mut self,
         place: Place,
@@ -232,7 +234,7 @@ impl FrameBuilder {
         Ok(())
     }
 
-    /// The frames.
+    /// Returns the frames.
     pub fn finish(self) -> Vec<RecordedFrame> {
         self.frames
     }

@@ -1,8 +1,9 @@
 //! Points in plain tables: CSV with a header, and npy with named columns or with seven unnamed ones.
 //!
-//! Columns by name, in any order; others are ignored. `frame` and `t_s` (one of the two is enough), `x, y, z` in m,
-//! `velocity` in m/s, `intensity` in dB; `x_mm`, `t_ms`, `doppler`, `snr_db`, `amplitude` and other common names are
-//! understood too: `meaning` in `columns.rs` has the list. A plain npy array has the columns of [`PLAIN_COLUMNS`].
+//! Columns are identified by name, in any order; other columns are ignored. The names are `frame` and `t_s` (one of the
+//! two is sufficient), `x, y, z` in m, `velocity` in m/s and `intensity` in dB. Common alternatives such as `x_mm`,
+//! `t_ms`, `doppler`, `snr_db` and `amplitude` are accepted; `meaning` in `columns.rs` lists them. A plain npy array
+//! has the columns of [`PLAIN_COLUMNS`].
 
 mod columns;
 
@@ -13,10 +14,10 @@ use radarllm_files::npy::NpyArray;
 
 use crate::recordings::{Axes, Place, RecordedFrame, RecordingError};
 
-/// Reads a CSV table with a header line; `,`, `;` or tab between cells, whichever the header uses.
+/// Reads a CSV table with a header line. Cells are separated by `,`, `;` or tab, whichever the header uses.
 ///
 /// # Errors
-/// [`RecordingError`] with the line: missing columns by name, rows of another length, values that are no numbers.
+/// [`RecordingError`] with the line: missing columns by name, rows of another length, or values that are not numbers.
 pub fn read_points_csv(text: &str, axes: Axes) -> Result<Vec<RecordedFrame>, RecordingError> {
     let mut lines = text.lines().enumerate();
     let (_, header) = lines.next().unwrap_or_default();
@@ -48,10 +49,10 @@ pub fn read_points_csv(text: &str, axes: Axes) -> Result<Vec<RecordedFrame>, Rec
     Ok(builder.finish())
 }
 
-/// Reads an npy table: a structured array with named columns, or a plain one of shape (rows, 7).
+/// Reads an npy table: a structured array with named columns, or a plain array of shape (rows, 7).
 ///
 /// # Errors
-/// [`RecordingError`] with the byte or the row, as for [`read_points_csv`]; pickled arrays.
+/// [`RecordingError`] with the byte or row, as for [`read_points_csv`]; also for pickled arrays.
 pub fn read_points_npy(bytes: &[u8], axes: Axes) -> Result<Vec<RecordedFrame>, RecordingError> {
     let array = NpyArray::new(bytes)?;
     let shape = array.header.shape.clone();

@@ -6,45 +6,45 @@ use super::{
     tlv::Kind,
 };
 
-/// Packets looked at.
+/// Number of packets that are examined.
 pub const GUESS_PACKETS: usize = 8;
-/// Padding at the end of a packet is shorter than this, bytes.
+/// Upper bound on the padding at the end of a packet, bytes.
 const PADDING: usize = 32;
-/// Minimum lead over the next dialect, as a share of the best score.
+/// Minimum lead over the second-best dialect, as a fraction of the best score.
 const MIN_LEAD: f32 = 0.05;
-/// Minimum mean score of a packet: a plausible header and at least a known TLV number.
+/// Minimum mean score per packet: a plausible header and at least one known TLV type.
 const MIN_SCORE: f32 = 1.25;
 
-/// How well one dialect explains the packets.
+/// Evidence for one dialect.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evidence {
     /// The dialect.
     pub dialect: Dialect,
     /// Packets with a plausible header.
     pub headers: usize,
-    /// Packets whose checksum is right, of dialects that have one.
+    /// Packets with a correct checksum, for dialects that have one.
     pub checksums: usize,
-    /// Packets whose length is the stated one.
+    /// Packets whose length equals that in the header.
     pub lengths: usize,
-    /// Packets whose TLVs end where the packet does, but for padding.
+    /// Packets whose TLVs end at the end of the packet, apart from padding.
     pub walks: usize,
-    /// Mean share of the TLVs that the dialect knows: half for the number, half for a length that fits and holds
-    /// something.
+    /// Mean fraction of known TLVs. A known type counts half; the other half requires a valid length and content.
     pub known: f32,
-    /// Sum over packets: 1 for the header, 2 each for checksum, length and walk, 2 times the share known.
+    /// Sum over packets: 1 for the header, 2 each for the checksum, the length and the end of the TLVs, and 2 times the
+    /// fraction of known TLVs.
     pub score: f32,
 }
 
-/// The dialect of a stream with the reasons.
+/// The detected dialect with the evidence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Guess {
-    /// The best.
+    /// The dialect with the highest score.
     pub dialect: Dialect,
-    /// Lead of the best over the next, 0..=1 of its score.
+    /// Lead over the second-best dialect as a fraction of the best score, 0..=1.
     pub certainty: f32,
-    /// Packets looked at.
+    /// Number of packets examined.
     pub packets: usize,
-    /// All dialects, best first.
+    /// Evidence for all dialects, best first.
     pub evidence: Vec<Evidence>,
 }
 
@@ -73,10 +73,10 @@ impl std::fmt::Display for Guess {
     }
 }
 
-/// Guesses from the first [`GUESS_PACKETS`] packets in `bytes`.
+/// Detects the dialect from the first [`GUESS_PACKETS`] packets in `bytes`.
 ///
 /// # Errors
-/// The evidence, when no dialect explains the packets or two explain them equally well; empty when there is no packet.
+/// The evidence, if no dialect explains the packets or two explain them equally well. Empty if there is no packet.
 pub fn guess(bytes: &[u8]) -> Result<Guess, Vec<Evidence>> {
     let mut spans = Vec::new();
     let mut start = find_magic(bytes);
@@ -89,7 +89,7 @@ pub fn guess(bytes: &[u8]) -> Result<Guess, Vec<Evidence>> {
         }
         start = next;
     }
-    // The last one may be cut by the end of the data; it counts only if there is no other.
+    // The last packet may be truncated by the end of the data. It is used only if it is the only one.
     if spans.len() > 1 {
         spans.pop();
     }
@@ -97,7 +97,7 @@ pub fn guess(bytes: &[u8]) -> Result<Guess, Vec<Evidence>> {
         return Err(Vec::new());
     }
     let mut evidence: Vec<Evidence> = Dialect::ALL.iter().map(|d| weigh(*d, &spans)).collect();
-    // Stable: of equals the order of `ALL`.
+    // The sort is stable: equal scores remain in the order of `ALL`.
     evidence.sort_by(|a, b| b.score.total_cmp(&a.score));
     let (best, next) = (&evidence[0], &evidence[1]);
     let certainty = if best.score > 0.0 {
@@ -151,7 +151,7 @@ fn weigh(dialect: Dialect, spans: &[(&[u8], bool)]) -> Evidence {
     e
 }
 
-/// Share of the TLVs that are known, and whether they end where the packet does.
+/// Fraction of known TLVs, and whether the TLVs end at the end of the packet.
 fn walk(dialect: Dialect, head: &Header, span: &[u8]) -> (f32, bool) {
     let body = &span[dialect.header_len()..head.total_len.min(span.len())];
     let mut steps = Walk::new(dialect, body, head.n_tlvs);

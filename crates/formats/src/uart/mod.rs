@@ -5,10 +5,11 @@
 //! packets unless it is given ([`mod@guess`]), resynchronises on the next magic after damage, and counts all dropped
 //! data in a [`UartReport`].
 //!
-//! Points are in the sensor's axes as the project has them: x right, y away, z up, m; velocity positive when receding.
-//! Whether a given board mirrors x is open: see "Board handedness" in CONVENTIONS.md. `intensity_db` is the firmware's
-//! SNR in dB: from the side info (type 7, in 0.1 dB), from type 301, or 10 log10 of the linear SNR of the people
-//! counting labs; 0 where the firmware sends none, and then counted. It is no absolute power.
+//! Points are in the axes of the sensor with the project's orientation: x right, y away, z up, m; the velocity is
+//! positive when receding. Whether a given board mirrors x is unknown: see "Handedness of boards" in CONVENTIONS.md.
+//! `intensity_db` is the SNR of the firmware in dB: from the side information (type 7, in 0.1 dB), from type 301, or 10
+//! log10 of the linear SNR of the people counting labs. If the firmware sends no SNR, the intensity is 0 and the point
+//! is counted in the report. The intensity is not an absolute power.
 
 pub mod dialect;
 pub mod guess;
@@ -33,7 +34,7 @@ pub const MAX_PACKET_BYTES: usize = 256 << 10;
 pub const MAX_TLVS: usize = 64;
 /// Maximum number of bytes kept while the dialect is being detected.
 const MAX_GUESS_BYTES: usize = 4 * MAX_PACKET_BYTES;
-/// Unknown TLV numbers counted one by one.
+/// Maximum number of unknown TLV types that are counted individually.
 const MAX_UNKNOWN_NUMBERS: usize = 32;
 
 /// One packet.
@@ -43,15 +44,15 @@ pub struct UartFrame {
     pub number: u32,
     /// Sub-frame; 0 for most configurations.
     pub subframe: u32,
-    /// CPU clock of the chip, cycles modulo 2^32, where the dialect has it.
+    /// CPU clock of the chip, cycles modulo 2^32, if the dialect reports it.
     pub cycles: Option<u32>,
-    /// False when the next packet starts before this one's stated end: only the header is used then.
+    /// False if the next packet starts before the stated end of this one. In that case, only the header is used.
     pub complete: bool,
     /// Moving points, in the firmware's order.
     pub points: Vec<RadarPoint>,
     /// Points without motion (Area Scanner).
     pub static_points: Vec<RadarPoint>,
-    /// Range profile as sent; the out-of-box demo sends log2 magnitude in steps of 1/512.
+    /// Range profile as sent. The out-of-box demo sends the log2 magnitude in steps of 1/512.
     pub range_profile: Vec<u16>,
     /// Processing times.
     pub stats: Option<Stats>,
@@ -59,10 +60,10 @@ pub struct UartFrame {
     pub temperatures: Option<Temperatures>,
     /// Tracked objects.
     pub targets: Vec<Target>,
-    /// Their vertical extents.
+    /// Vertical extents of the tracked objects.
     pub heights: Vec<TargetHeight>,
-    /// Track of every point **of the previous frame**, in the firmware's order, dropped points included; from 253 on:
-    /// no track.
+    /// Track of every point **of the previous frame**, in the firmware's order and including dropped points. Values
+    /// from 253 on mean no track.
     pub indices: Vec<u8>,
     /// Presence flags.
     pub presence: Option<u32>,
@@ -99,7 +100,7 @@ pub struct UartReport {
     pub tlvs_wrong_length: u64,
     /// Points kept.
     pub points: u64,
-    /// Points dropped for NaN or infinity.
+    /// Points dropped because of NaN or infinity.
     pub points_not_finite: u64,
     /// Points dropped because they are farther than 1 km or faster than 1 km/s.
     pub points_out_of_range: u64,
@@ -146,7 +147,7 @@ pub struct UartParser {
     dialect: Option<Dialect>,
     guess: Option<Guess>,
     buffer: Vec<u8>,
-    /// Magics seen while the dialect is unknown.
+    /// Number of magics found while the dialect is unknown.
     magics: usize,
     last_number: Option<u32>,
     report: UartReport,
@@ -182,7 +183,7 @@ impl UartParser {
     pub fn push(&mut self, bytes: &[u8]) -> Result<Vec<UartFrame>, UartError> {
         self.report.bytes += bytes.len() as u64;
         let mut frames = Vec::new();
-        // In pieces, so that the buffer stays small whatever is pushed at once.
+        // The bytes are processed in pieces, so that the buffer remains small regardless of their number.
         for piece in bytes.chunks(MAX_PACKET_BYTES) {
             let unseen = self.buffer.len().saturating_sub(MAGIC.len() - 1);
             self.buffer.extend_from_slice(piece);
@@ -261,7 +262,7 @@ impl UartParser {
             if let Some(next) = find_magic(&seen[MAGIC.len()..]) {
                 let short = MAGIC.len() + next;
                 if short < dialect.header_len() {
-                    // The header itself is cut: what was read as its end is the next packet's start.
+                    // The header itself is truncated: its end was read from the start of the next packet.
                     self.report.bad_headers += 1;
                     self.report.skipped_bytes += short as u64;
                     at += short;
@@ -295,7 +296,7 @@ impl UartParser {
     fn count_number(&mut self, number: u32) {
         if let Some(last) = self.last_number {
             match number.checked_sub(last) {
-                // The same number again is another sub-frame.
+                // A repeated number is another sub-frame.
                 Some(0 | 1) => {}
                 Some(step) => self.report.lost_frames += u64::from(step) - 1,
                 None => self.report.restarts += 1,

@@ -2,23 +2,23 @@
 
 use super::{Dialect, MAX_PACKET_BYTES, MAX_TLVS};
 
-/// Content of a header, checked.
+/// Content of a valid header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Header {
     pub number: u32,
     pub subframe: u32,
-    /// CPU clock of the chip when the packet was made, cycles, modulo 2^32.
+    /// CPU clock of the chip when the packet was generated, cycles modulo 2^32.
     pub cycles: Option<u32>,
     pub total_len: usize,
     pub n_tlvs: usize,
 }
 
-/// Why there is no packet behind a magic.
+/// Reason why no packet follows a magic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum BadHeader {
-    /// Length or number of TLVs cannot be.
+    /// The length or the number of TLVs is impossible.
     Implausible,
-    /// The words do not sum to 0xFFFF.
+    /// The checksum is wrong: the words do not sum to 0xFFFF.
     Checksum,
 }
 
@@ -30,7 +30,7 @@ fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
     Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?))
 }
 
-/// Reads the header at the start of `bytes`; `None` when there are too few.
+/// Reads the header at the start of `bytes`; `None` if there are too few bytes.
 pub(super) fn header(dialect: Dialect, bytes: &[u8]) -> Option<Result<Header, BadHeader>> {
     let words = bytes.get(..dialect.header_len())?;
     if dialect.has_checksum() && ones_complement_sum(words) != 0xFFFF {
@@ -74,7 +74,7 @@ fn ones_complement_sum(bytes: &[u8]) -> u32 {
 pub(super) enum Step<'a> {
     /// Type and payload.
     Tlv(u32, &'a [u8]),
-    /// The length leads out of the packet; nothing after it can be found. The type, if there is one.
+    /// The length exceeds the packet, so no further TLV can be located. Contains the type, if it is known.
     WrongLength(Option<u32>),
 }
 
@@ -86,7 +86,7 @@ pub(super) struct Walk<'a> {
 }
 
 impl<'a> Walk<'a> {
-    /// `body` is the packet after its header.
+    /// Creates an iterator over `body`, the packet without its header.
     pub fn new(dialect: Dialect, body: &'a [u8], n_tlvs: usize) -> Self {
         Self {
             dialect,
@@ -95,7 +95,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// What follows the TLVs walked so far: padding at the end.
+    /// The bytes after the TLVs returned so far. After the last one, this is padding.
     pub fn rest(&self) -> &'a [u8] {
         self.body
     }

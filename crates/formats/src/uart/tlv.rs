@@ -4,7 +4,7 @@ use radarllm_base::RadarPoint;
 
 use super::{Dialect, UartReport};
 
-/// Maximum coordinate, m, and maximum speed, m/s: a larger value is damaged.
+/// Maximum coordinate, m, and maximum speed, m/s. Larger values indicate damage.
 const LIMIT: f32 = 1e3;
 
 /// A tracked object.
@@ -12,11 +12,11 @@ const LIMIT: f32 = 1e3;
 pub struct Target {
     /// Track number of the firmware.
     pub id: u32,
-    /// x right, y away, z up of the sensor, m.
+    /// Position in the axes of the sensor (x right, y away, z up), m.
     pub position_m: [f32; 3],
-    /// m/s.
+    /// Velocity, m/s.
     pub velocity_mps: [f32; 3],
-    /// m/s^2.
+    /// Acceleration, m/s^2.
     pub acceleration_mps2: [f32; 3],
 }
 
@@ -34,9 +34,9 @@ pub struct TargetHeight {
 /// Processing times of the out-of-box demo (type 6).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stats {
-    /// Processing between frames, us.
+    /// Processing time between frames, us.
     pub inter_frame_processing_us: u32,
-    /// Sending the previous packet, us.
+    /// Transmission time of the previous packet, us.
     pub transmit_us: u32,
     /// Spare time between frames, us.
     pub inter_frame_margin_us: u32,
@@ -55,19 +55,19 @@ pub struct Temperatures {
     pub rx_c: [i16; 4],
     /// Transmitters 0 to 2.
     pub tx_c: [i16; 3],
-    /// Power management.
+    /// Power management block.
     pub pm_c: i16,
-    /// Digital parts.
+    /// Digital blocks.
     pub digital_c: [i16; 2],
 }
 
 /// SNR and noise of a point (type 7), 0.1 dB.
 type SideInfo = [i16; 2];
 
-/// All of one packet, before points and side info are put together.
+/// Content of one packet before SNR is assigned to points.
 #[derive(Default)]
 pub(super) struct Content {
-    /// In the firmware's order; `None` where a value was damaged. SNR in dB where the type carries it.
+    /// Points in the firmware's order with the SNR in dB, if the type contains it. `None` for a damaged point.
     pub points: Vec<Option<(RadarPoint, Option<f32>)>>,
     pub side_info: Vec<SideInfo>,
     pub static_points: Vec<Option<(RadarPoint, Option<f32>)>>,
@@ -81,22 +81,22 @@ pub(super) struct Content {
     pub presence: Option<u32>,
 }
 
-/// What a TLV is in a dialect.
+/// Meaning of a TLV in a dialect.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     /// 4 floats: x, y, z, velocity.
     CartesianPoints,
     /// 4 floats: range, azimuth, elevation, velocity.
     SphericalPoints,
-    /// The same layout as [`Self::CartesianPoints`], without motion.
+    /// Layout of [`Self::CartesianPoints`], for static points.
     StaticPoints,
     /// 4 floats: range, azimuth, velocity, SNR.
     PolarPoints,
-    /// 4 float units, then i8 azimuth, i8 velocity, u16 range, u16 SNR.
+    /// 4 floats (units), then per point i8 azimuth, i8 velocity, u16 range, u16 SNR.
     PolarCompact,
-    /// 5 float units, then i8 elevation, i8 azimuth, i16 velocity, u16 range, u16 SNR.
+    /// 5 floats (units), then per point i8 elevation, i8 azimuth, i16 velocity, u16 range, u16 SNR.
     SphericalCompact,
-    /// 4 float units and 2 u16 counts, then i16 x, y, z, velocity, u8 SNR, u8 noise.
+    /// 4 floats (units) and 2 u16 counts, then per point i16 x, y, z, velocity, u8 SNR, u8 noise.
     CartesianCompact,
     SideInfo,
     StaticSideInfo,
@@ -112,12 +112,12 @@ pub(super) enum Kind {
     Heights,
     Indices,
     Presence,
-    /// Known, and not used here: heat maps, noise profile.
+    /// Known, but not used: heat maps and the noise profile.
     Unused,
 }
 
 impl Kind {
-    /// The meaning of a number; `None` when the dialect has none.
+    /// Meaning of a TLV type; `None` if the dialect does not define it.
     pub fn of(dialect: Dialect, number: u32) -> Option<Self> {
         Some(match (dialect, number) {
             (Dialect::Sdk3, 1) => Self::CartesianPoints,
@@ -154,7 +154,7 @@ impl Kind {
         })
     }
 
-    /// Bytes before the items, and of one item.
+    /// Size of the part before the items, and of one item, bytes.
     fn layout(self) -> (usize, usize) {
         match self {
             Self::CartesianPoints
@@ -177,12 +177,12 @@ impl Kind {
         }
     }
 
-    /// True when there is exactly one, of fixed length.
+    /// Whether the payload is a single item of fixed length.
     pub fn is_single(self) -> bool {
         self.layout().1 == 0
     }
 
-    /// Units and items of a payload; `None` when its length does not fit.
+    /// Splits a payload into units and items; `None` if its length is invalid.
     pub fn split(self, payload: &[u8]) -> Option<(&[u8], std::slice::ChunksExact<'_, u8>)> {
         let (head, item) = self.layout();
         let (units, items) = payload.split_at_checked(head)?;
@@ -190,7 +190,7 @@ impl Kind {
             return None;
         }
         if self == Self::CartesianCompact {
-            // Major and minor points are counted; both are sent.
+            // The payload contains major and minor points, which are counted separately.
             let count = |at: usize| usize::from(u16::from_le_bytes([units[at], units[at + 1]]));
             if count(16) + count(18) != items.len() / item {
                 return None;
@@ -224,7 +224,7 @@ fn u16_at(item: &[u8], at: usize) -> f32 {
     f32::from(u16::from_le_bytes([item[at], item[at + 1]]))
 }
 
-/// A point, or `None` and one count more.
+/// Checks a point. Returns `None` and increments a count if a value is not finite or out of range.
 fn point(
     position_m: [f32; 3],
     velocity_mps: f32,
@@ -252,7 +252,7 @@ fn point(
     Some((point, snr_db))
 }
 
-/// Azimuth to the right and elevation upwards, rad.
+/// Cartesian position of a range, an azimuth (positive to the right) and an elevation (positive upwards), rad.
 fn from_sphere(range_m: f32, azimuth_rad: f32, elevation_rad: f32) -> [f32; 3] {
     let flat_m = range_m * elevation_rad.cos();
     [
@@ -262,7 +262,7 @@ fn from_sphere(range_m: f32, azimuth_rad: f32, elevation_rad: f32) -> [f32; 3] {
     ]
 }
 
-/// A linear power ratio in dB; `None` for zero, which has none.
+/// A linear power ratio in dB; `None` for zero.
 fn ratio_db(snr: f32) -> Option<f32> {
     (snr > 0.0).then(|| 10.0 * snr.log10())
 }
@@ -358,7 +358,7 @@ pub(super) fn decode(
             });
         }
         Kind::Temperatures => {
-            // A validity code (0 is good) and the device's time come first.
+            // The payload starts with a validity code (0 means valid) and the time of the device.
             let [invalid, _time_ms] = u32s(units);
             let at = |i: usize| i16_at(units, 8 + 2 * i);
             content.temperatures = (invalid == 0).then(|| Temperatures {
@@ -424,7 +424,7 @@ fn push_target(item: &[u8], v: [[f32; 3]; 3], content: &mut Content, report: &mu
     });
 }
 
-/// Puts SNR on points and drops the damaged ones. The side info counts only when it has one entry a point.
+/// Assigns SNR to points and removes damaged points. The side information is used only if it has one entry per point.
 pub(super) fn with_snr(
     points: Vec<Option<(RadarPoint, Option<f32>)>>,
     side_info: &[SideInfo],

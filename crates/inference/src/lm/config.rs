@@ -105,7 +105,7 @@ pub enum LmPreset {
     T5Small,
     /// FLAN-T5-small: 8 + 8 layers, 6 heads of 64, gated GELU, untied, 77 M parameters.
     FlanT5Small,
-    /// T5: 3 + 3 layers of width 128 that train on one CPU core, with the continuous bypass. GPT-2: its
+    /// T5: 3 + 3 layers of width 128, which can be trained on one CPU core, with the continuous bypass. GPT-2: its
     /// smallest published shape, 124 M parameters. Qwen2: 0.5B.
     Small,
     /// For one CPU core, with the continuous bypass. T5: 2 + 2 layers of width 64. GPT-2 and Qwen2: 3
@@ -115,7 +115,7 @@ pub enum LmPreset {
     Medium,
 }
 
-/// No published T5 comes near these limits. They prevent a hostile file from requesting terabytes.
+/// These limits are far above every published T5. They prevent a hostile file from requesting terabytes.
 const MOST_ROWS: usize = 1 << 20;
 const MOST_WIDTH: usize = 1 << 16;
 const MOST_LAYERS: usize = 128;

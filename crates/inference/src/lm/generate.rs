@@ -62,7 +62,7 @@ impl Default for GenerateOptions {
     }
 }
 
-/// Decodes every prompt on `backend`, and reports tokens to `watch` as they come.
+/// Decodes every prompt on `backend`, and reports tokens to `watch` as they are generated.
 ///
 /// # Errors
 /// If a prompt does not fit the network; [`radarllm_engine::EngineError::Cancelled`].
@@ -94,7 +94,7 @@ where
     Ok(search::search(backend, prompts, &search, watch)?)
 }
 
-/// [`decode`] that reports nothing and is never cancelled.
+/// Like [`decode`], without reporting tokens and without cancellation.
 ///
 /// # Errors
 /// If a prompt does not fit the network.

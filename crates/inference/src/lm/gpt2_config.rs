@@ -1,32 +1,32 @@
-//! Shape of a GPT-2, as its `config.json` says it.
+//! Shape of a GPT-2, with the field names of its `config.json`.
 
 use serde::{Deserialize, Serialize};
 
 use super::LmError;
 
-/// The fields of a GPT-2 `config.json` that matter here.
+/// The fields of a GPT-2 `config.json` that are used.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gpt2Config {
-    /// Embedding rows.
+    /// Number of rows of the embedding.
     pub vocab_size: usize,
-    /// Width.
+    /// Width of the residual stream.
     pub n_embd: usize,
-    /// Blocks.
+    /// Number of blocks.
     pub n_layer: usize,
-    /// Heads.
+    /// Number of attention heads.
     pub n_head: usize,
-    /// Longest sequence.
+    /// Maximum length of a sequence.
     pub n_positions: usize,
-    /// Inner width; four times the width without it.
+    /// Inner width of the feed-forward network. `None` means four times the width.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub n_inner: Option<usize>,
-    /// Added to the variance.
+    /// Epsilon that layer norm adds to the variance.
     #[serde(default = "epsilon")]
     pub layer_norm_epsilon: f64,
-    /// Only `gelu_new`, the tanh form, is known.
+    /// Activation function. Only `gelu_new`, the tanh form, is supported.
     #[serde(default = "gelu")]
     pub activation_function: String,
-    /// Dropout probability in training, here of embeddings and attention too.
+    /// Dropout probability in training, also applied to embeddings and attention.
     #[serde(default = "dropout")]
     pub resid_pdrop: f64,
     #[serde(default)]
@@ -46,7 +46,7 @@ fn dropout() -> f64 {
 }
 
 impl Gpt2Config {
-    /// A shape with 64-wide heads, or 32-wide ones below a width of 256.
+    /// Creates a shape with heads of width 64, or of width 32 below a width of 256.
     pub fn new(n_embd: usize, n_layer: usize, n_positions: usize) -> Self {
         let head_width = if n_embd < 256 { 32 } else { 64 };
         Self {
@@ -63,7 +63,7 @@ impl Gpt2Config {
         }
     }
 
-    /// Refuses what cannot be, or is not known here.
+    /// Checks that the shape is valid and supported.
     ///
     /// # Errors
     /// [`LmError::Config`].

@@ -1,12 +1,10 @@
 //! The radar-language model at inference: radar codes and words in one vocabulary, read and written by a T5.
 //!
-//! Reading order: [`config`] (shapes and presets), [`position`] (relative position buckets), [`vocab`]
-//! (ids), [`templates`] (prompts), [`card`] (a model on disk), [`generate`] (what to decode, and how),
-//! [`engine_lm`] (codes to words on packed weights), `person_gate` (is anybody there), [`captioner`] (points in,
-//! sentence out).
+//! Reading order: [`config`] (shapes and presets), [`position`] (relative position buckets), [`vocab`] (ids),
+//! [`templates`] (prompts), [`card`] (a model on disk), [`generate`] (decoding options), [`engine_lm`] (codes to words
+//! on packed weights), `person_gate` (whether a person is present), [`captioner`] (points to sentences).
 //!
-//! Deliberately absent: the networks as they are trained live in `radarllm-nn`, losses and schedules in
-//! `radarllm-train`.
+//! Out of scope: the trainable networks are in `radarllm-nn`, losses and schedules in `radarllm-train`.
 
 pub mod captioner;
 pub mod card;

@@ -7,18 +7,18 @@ const BLOCK_FRAMES: usize = 10;
 /// Maximum distance of a person's points from their centre on the floor plane, m.
 const GATE_M: f32 = 0.75;
 /// Minimum number of points near their centre per second. False alarms do not reach it: one or two per frame, spread
-/// over 6 m by 6 m, put less than one point in the gate.
+/// over 6 m by 6 m, put less than one point per second in the gate.
 const LEAST_TOGETHER: usize = 5;
 
-/// Median number of points a frame.
+/// Median number of points per frame.
 pub fn median_points(window: &[PointFrame]) -> usize {
     let mut counts: Vec<usize> = window.iter().map(|f| f.points.len()).collect();
     counts.sort_unstable();
     counts.get(counts.len() / 2).copied().unwrap_or(0)
 }
 
-/// True when in a third of the seconds most points lie around one place: radars whose firmware reports few
-/// points see people so.
+/// Returns whether most points are near one place in at least a third of the seconds. People appear in this way to
+/// radars whose firmware reports few points.
 pub fn points_stay_together(window: &[PointFrame]) -> bool {
     let blocks = window.chunks(BLOCK_FRAMES);
     let n_blocks = blocks.len();
@@ -70,7 +70,7 @@ mod tests {
         }
     }
 
-    /// One point a frame along a walk of 1 m/s is a person; five false alarms a frame anywhere are none.
+    /// One point per frame along a walk at 0.5 m/s is a person. Five false alarms per frame at random places are not.
     #[test]
     fn few_points_of_a_walker_stay_together_and_false_alarms_do_not() {
         let walker = window(60, |i| vec![at(0.3, 4.0 - 0.1 * i as f32 / 2.0)]);
@@ -86,7 +86,7 @@ mod tests {
 
     #[test]
     fn a_person_who_is_seen_in_few_seconds_is_none_and_nothing_is_nothing() {
-        // Of six seconds one.
+        // Points in one of six seconds only.
         let brief = window(60, |i| if i < 10 { vec![at(0.0, 2.0)] } else { vec![] });
         assert!(!points_stay_together(&brief));
         assert!(!points_stay_together(&window(60, |_| vec![])));

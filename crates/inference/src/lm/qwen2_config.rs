@@ -1,34 +1,34 @@
-//! Shape of a Qwen2, as its `config.json` says it.
+//! Shape of a Qwen2, with the field names of its `config.json`.
 
 use serde::{Deserialize, Serialize};
 
 use super::LmError;
 
-/// The fields of a Qwen2 `config.json` that matter here.
+/// The fields of a Qwen2 `config.json` that are used.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Qwen2Config {
-    /// Embedding rows.
+    /// Number of rows of the embedding.
     pub vocab_size: usize,
-    /// Width.
+    /// Width of the residual stream.
     pub hidden_size: usize,
-    /// Inner width of the feed-forward.
+    /// Inner width of the feed-forward network.
     pub intermediate_size: usize,
-    /// Blocks.
+    /// Number of blocks.
     pub num_hidden_layers: usize,
-    /// Query heads.
+    /// Number of query heads.
     pub num_attention_heads: usize,
-    /// Key and value heads.
+    /// Number of key and value heads.
     pub num_key_value_heads: usize,
-    /// Longest sequence.
+    /// Maximum length of a sequence.
     #[serde(default = "longest")]
     pub max_position_embeddings: usize,
-    /// Added to the mean square.
+    /// Epsilon that RMS norm adds to the mean square.
     #[serde(default = "epsilon")]
     pub rms_norm_eps: f64,
-    /// Output rows are the embedding.
+    /// Whether the output projection is tied to the embedding.
     #[serde(default)]
     pub tie_word_embeddings: bool,
-    /// Only `silu` is known.
+    /// Activation function. Only `silu` is supported.
     #[serde(default = "silu_name")]
     pub hidden_act: String,
     /// Dropout probability of attention weights in training.
@@ -36,7 +36,7 @@ pub struct Qwen2Config {
     pub attention_dropout: f64,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     rope_theta: Option<f64>,
-    /// Where newer files keep the base of the rotation.
+    /// Newer files have the base of the rotary positions here.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     rope_parameters: Option<RopeParameters>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -66,7 +66,7 @@ fn default_rope() -> String {
 }
 
 impl Qwen2Config {
-    /// A shape with tied rows; `heads` are of queries and of keys and values.
+    /// Creates a shape with tied embeddings. `heads` are the numbers of query heads and of key and value heads.
     pub fn new(hidden_size: usize, inner: usize, n_layers: usize, heads: [usize; 2]) -> Self {
         Self {
             vocab_size: 0,
@@ -87,7 +87,7 @@ impl Qwen2Config {
         }
     }
 
-    /// Refuses what cannot be, or is not known here.
+    /// Checks that the shape is valid and supported.
     ///
     /// # Errors
     /// [`LmError::Config`].

@@ -1,9 +1,8 @@
-//! Prompts: what the model is asked, in our own words.
+//! Prompts of the language model, worded by this project.
 //!
-//! A template is a prompt and an answer with the placeholders `{radar}` (codes between `/som` and
-//! `/eom` in a prompt), `{caption}`, `{seconds}` and, for continuation, `{rest}`. Prompts are short
-//! because every word costs encoder time. Captions are never quoted: quotes would become part of
-//! what the model says.
+//! A template is a prompt and an answer with the placeholders `{radar}` (codes between `/som` and `/eom` in a prompt),
+//! `{caption}`, `{seconds}` and, for continuation, `{rest}`. Prompts are short, because every word takes time in the
+//! encoder. Captions are not quoted, because the model would learn to generate the quotation marks.
 
 /// The sub-tasks of pretraining and instruction tuning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -12,9 +11,9 @@ pub enum Task {
     RadarToText,
     /// Produce the radar codes of a described motion.
     TextToRadar,
-    /// Guess how long a described motion takes.
+    /// Estimate the duration of a described motion.
     TextToLength,
-    /// Say how long the radar watched.
+    /// State the duration of a radar recording.
     RadarToLength,
     /// Continue a motion.
     Continuation,
@@ -22,8 +21,8 @@ pub enum Task {
     RadarPrediction,
 }
 
-/// The prompt of evaluation and `describe`: the first of the prompts for [`Task::RadarToText`], and
-/// the one that pretraining uses, so it is seen in every stage.
+/// The prompt of evaluation and `describe`. It is the first of the prompts for [`Task::RadarToText`] and the one that
+/// pretraining uses, so that the model sees it in every stage of training.
 pub const EVALUATION_PROMPT: &str = "describe {radar}";
 
 impl Task {
@@ -39,7 +38,7 @@ impl Task {
     pub const PRETRAINING: [Task; 3] =
         [Task::RadarPrediction, Task::RadarToText, Task::TextToRadar];
 
-    /// The placeholder that every prompt of the task holds.
+    /// The placeholder that every prompt of the task contains.
     pub fn prompt_placeholder(self) -> &'static str {
         match self {
             Task::TextToRadar | Task::TextToLength => "{caption}",
@@ -47,7 +46,7 @@ impl Task {
         }
     }
 
-    /// The answer's template.
+    /// Template of the answer.
     pub fn answer(self) -> &'static str {
         match self {
             Task::RadarToText => "{caption}",
@@ -58,7 +57,7 @@ impl Task {
         }
     }
 
-    /// The task's prompts; the first is the terse one of pretraining.
+    /// Prompts of the task. The first one is the short prompt of pretraining.
     pub fn prompts(self) -> &'static [&'static str] {
         match self {
             Task::RadarToText => RADAR_TO_TEXT,
@@ -86,7 +85,7 @@ pub enum Piece<'a> {
     Placeholder(&'a str),
 }
 
-/// Splits a template into words and placeholders; blanks around placeholders are dropped.
+/// Splits a template into words and placeholders. Spaces around placeholders are dropped.
 pub fn pieces(template: &str) -> Vec<Piece<'_>> {
     let mut out = Vec::new();
     let mut rest = template;
@@ -431,7 +430,7 @@ mod tests {
         assert_eq!(Task::RadarToText.prompts()[0], EVALUATION_PROMPT);
     }
 
-    /// No opening word may dominate: the model must not learn one wording.
+    /// No opening word may dominate, because the model would then learn a single wording.
     #[test]
     fn wordings_are_balanced() {
         let prompts = Task::RadarToText.prompts();

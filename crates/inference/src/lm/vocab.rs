@@ -1,10 +1,11 @@
 //! One vocabulary for words, masks and radar codes.
 //!
-//! Learned from captions: padding 0, end 1, unknown 2, then characters and words; after the text
-//! ids come the sentinels, the radar codes `<radar_0..K-1>`, `/som` and `/eom`. With a pretrained
-//! T5 the text and sentinel ids are its own and the radar rows follow its last embedding row; with a
-//! pretrained decoder alone (GPT-2, Qwen2) the sentinels follow it too.
-//! Text can never produce a sentinel or radar id: those rows have no spelling.
+//! A vocabulary learned from captions has padding 0, end 1 and unknown 2, followed by characters and words. After the
+//! text ids come the sentinels, the radar codes `<radar_0..K-1>`, `/som` and `/eom`. With a pretrained T5, text and
+//! sentinels keep their ids, and the radar rows follow the last row of its embedding. With a pretrained decoder-only
+//! model (GPT-2, Qwen2), the sentinels follow the last row too.
+//!
+//! Text never produces the id of a sentinel or a radar code, because these rows have no spelling.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -25,7 +26,7 @@ use crate::tokenizer::Encoded;
 pub const PAD: u32 = 0;
 /// End of a target.
 pub const EOS: u32 = 1;
-/// A character the vocabulary lacks.
+/// A character that is not in the vocabulary.
 pub const UNKNOWN: u32 = 2;
 
 /// Maximum length of a text, in bytes: far above any caption.
@@ -48,7 +49,7 @@ pub enum TextKind {
 pub struct Layout {
     /// Origin of the text ids.
     pub kind: TextKind,
-    /// Ids below are text.
+    /// Ids below this value are text.
     pub n_text: u32,
     /// Id of the first sentinel.
     pub first_sentinel: u32,
@@ -58,7 +59,7 @@ pub struct Layout {
     pub first_code: u32,
     /// Number of radar codes.
     pub n_codes: u32,
-    /// End of a target, and of a prompt.
+    /// Token that ends a target and a prompt.
     #[serde(default = "t5_end")]
     pub end: u32,
 }
@@ -306,8 +307,8 @@ impl Vocab {
         Self::new(text, layout)
     }
 
-    /// The vocabulary of a pretrained decoder alone with `n_rows` embedding rows, plus sentinels and radar
-    /// rows after them. `end` is the checkpoint's end token; `<|endoftext|>` without it.
+    /// The vocabulary of a pretrained decoder-only model with `n_rows` embedding rows, plus sentinels and radar rows
+    /// after them. `end` is the checkpoint's end token. Without it, `<|endoftext|>` is used.
     ///
     /// # Errors
     /// If special tokens are among the words, or there is no end token.
@@ -418,7 +419,7 @@ impl Vocab {
         }
     }
 
-    /// A prompt with its placeholders filled; ends with the end token.
+    /// Creates a prompt with its placeholders filled. It ends with the end token.
     ///
     /// Codes stand between `/som` and `/eom` and carry their continuous features.
     ///
@@ -477,7 +478,7 @@ impl Vocab {
     }
 }
 
-/// Joins word pieces: `##` continues a word, punctuation attaches where English writes it.
+/// Joins word pieces. `##` continues a word, and punctuation is attached as in English text.
 fn join_words(tokens: impl Iterator<Item = String>) -> String {
     let mut out = String::new();
     let mut glue = true;

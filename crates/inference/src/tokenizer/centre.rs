@@ -13,9 +13,9 @@ const NOWHERE_M: [f32; 2] = [0.0, 3.0];
 
 /// Centre of the person in every frame: x and y in the radar frame, m.
 ///
-/// Per frame the amplitude-weighted median of the points within the gate around the last centre
-/// (of all points when the person was lost), then the moving average of the configuration. Frames
-/// without points keep the last centre; frames before the first point take the first centre.
+/// For each frame, this is the amplitude-weighted median of the points within the gate around the last centre (of all
+/// points if the person was lost), followed by the moving average of the configuration. Frames without points keep the
+/// last centre. Frames before the first point have the first centre.
 pub fn track_centre(frames: &[PointFrame], config: &GroupingConfig) -> Vec<[f32; 2]> {
     let mut medians: Vec<Option<[f32; 2]>> = Vec::with_capacity(frames.len());
     let mut last: Option<[f32; 2]> = None;
@@ -33,7 +33,7 @@ pub fn track_centre(frames: &[PointFrame], config: &GroupingConfig) -> Vec<[f32;
         match median {
             Some((x, y)) => {
                 n_missed = 0;
-                // The gate follows the causal average, so that one outlier cannot drag it away.
+                // The gate follows the causal average, so that a single outlier cannot displace it far.
                 last = Some(match last {
                     Some(old) => mix(old, [x, y], config.centre_rate),
                     None => [x, y],

@@ -48,7 +48,7 @@ pub struct GroupingConfig {
     pub centre_smoothing: CentreSmoothing,
 }
 
-/// Architecture of the tokenizer network. Radar frames come at 10 per second; a step is 2 frames, a code 4.
+/// Architecture of the tokenizer network. There are 10 radar frames per second. A step has 2 frames, and a code has 4.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TokenizerConfig {
@@ -77,7 +77,7 @@ pub struct TokenizerConfig {
     pub code_dim: usize,
     /// Number of codes K.
     pub codebook_size: usize,
-    /// If false, features are passed on without quantization (ablation); codes are still assigned.
+    /// If false, features are passed on without quantization (ablation). Codes are still assigned.
     pub quantize: bool,
     /// Points predicted per masked tube.
     pub reconstruction_points: usize,
@@ -85,20 +85,20 @@ pub struct TokenizerConfig {
     pub reconstruct_velocity: bool,
     /// Width of the motion teacher's features; 0 trains without a teacher.
     pub guidance_dim: usize,
-    /// Caption words predicted in training (not in the paper); 0 predicts none.
+    /// Number of caption words that are predicted in training (not in the paper). 0 disables this task.
     pub caption_words: usize,
-    /// Codes of the motion teacher among which one is predicted in training (not in the paper); 0 predicts
-    /// none.
+    /// Number of codes of the motion teacher, one of which is predicted in training (not in the paper). 0 disables this
+    /// task.
     pub motion_codes: usize,
 }
 
-/// Longest clip, radar frames.
+/// Maximum length of a clip, radar frames.
 pub const MAX_FRAMES: usize = 96;
 /// Radar frames per code.
 pub const FRAMES_PER_CODE: usize = 4;
 /// Radar frames per step.
 pub const FRAMES_PER_STEP: usize = 2;
-/// Steps of the longest clip.
+/// Number of steps of the longest clip.
 pub const MAX_STEPS: usize = MAX_FRAMES / FRAMES_PER_STEP;
 
 impl Default for GroupingConfig {

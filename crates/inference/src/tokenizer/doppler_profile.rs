@@ -40,12 +40,12 @@ impl Sums {
         }
     }
 
-    /// ln(1 + n) / 3: 0 without points, 1.6 with the most that three frames hold.
+    /// ln(1 + n) / 3: 0 without points, and 2.0 with three frames of 128 points.
     fn count(&self) -> f32 {
         (self.n as f32).ln_1p() / 3.0
     }
 
-    /// Mean along an axis, within 4 m; 0 without points.
+    /// Mean along an axis, limited to 4 m in both directions; 0 without points.
     fn mean(&self, axis: usize) -> f32 {
         match self.weight > 0.0 {
             true => (self.at[axis] / self.weight).clamp(-4.0, 4.0),
@@ -65,10 +65,10 @@ impl Sums {
     }
 }
 
-/// Table of one step's points around `centre` (x, y, m); heights count from 1 m above the floor.
+/// Profile of one step's points around `centre` (x, y, m). Heights are relative to 1 m above the floor.
 ///
-/// Weights are linear amplitudes. Velocity classes follow one another; each lists its own six values
-/// and then its height classes.
+/// Weights are linear amplitudes. The velocity classes follow one another. Each has its own six values first and then
+/// those of its height classes.
 pub(super) fn doppler_profile<'a>(
     points: impl Iterator<Item = &'a Point>,
     centre: [f32; 2],
@@ -86,7 +86,8 @@ pub(super) fn doppler_profile<'a>(
     let mut out = [0.0; PROFILE_DIM];
     let mut slots = out.iter_mut();
     let mut write = |values: &[f32]| {
-        // The values lead: a zip led by the slots would take one more than it fills.
+        // The values are the first iterator of the zip. If the slots were first, the zip would consume one more than it
+        // fills.
         for (value, slot) in values.iter().zip(slots.by_ref()) {
             *slot = *value;
         }
@@ -139,7 +140,7 @@ mod tests {
         assert!((fast[0] - 3f32.ln() / 3.0).abs() < 1e-6);
         assert!((fast[3] - 0.4).abs() < 1e-5, "height of the arm above 1 m");
         assert!((fast[4] - 0.1).abs() < 1e-4, "spread in x");
-        // The arm's height class, 1.2 to 1.6 m, holds both points; approach classes are empty.
+        // The arm's height class, 1.2 to 1.6 m, contains both points. The approach classes are empty.
         assert!((fast[PER_VELOCITY + 3 * PER_CELL] - 3f32.ln() / 3.0).abs() < 1e-6);
         assert!(of(0)[..PER_VELOCITY].iter().all(|v| *v == 0.0));
     }

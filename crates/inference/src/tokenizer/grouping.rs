@@ -29,7 +29,7 @@ pub struct Grouped {
     pub n_codes: usize,
     /// Tubes that contain points, ordered by step, then anchor.
     pub tubes: Vec<Tube>,
-    /// Neighbours of all tubes, nearest frame order; see [`NEIGHBOUR_DIM`].
+    /// Neighbours of all tubes: those of a tube are in order of frames and then of distance. See [`NEIGHBOUR_DIM`].
     pub neighbours: Vec<[f32; NEIGHBOUR_DIM]>,
     /// Values of each step; see [`STEP_DIM`].
     pub steps: Vec<[f32; STEP_DIM]>,

@@ -1,4 +1,4 @@
-//! Radar tokenizer: points in, one code per 0.4 s out (Aggregate VQ-VAE).
+//! Radar tokenizer (Aggregate VQ-VAE): encodes points as one code per 0.4 s.
 //!
 //! ```text
 //! points --> centre --> tubes --> network --> [code, D] --> ids

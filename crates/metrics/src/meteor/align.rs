@@ -20,14 +20,14 @@ pub(super) struct Match {
     pub candidate: (usize, usize),
 }
 
-/// The chosen matches by their first word in the reference, and their chunks.
+/// The chosen matches, ordered by their first word in the reference, and the number of chunks.
 pub(super) struct Alignment {
     pub matches: Vec<Match>,
     pub chunks: usize,
 }
 
-/// Possible matches that start at each word of the reference, and by how many matches each word of
-/// candidate and reference is covered.
+/// The possible matches that start at each word of the reference, and the number of matches that cover each word of
+/// candidate and reference.
 struct Stage {
     matches: Vec<Vec<Match>>,
     candidate_coverage: Vec<u32>,
@@ -49,7 +49,7 @@ impl Stage {
         });
     }
 
-    /// Whether the match is the only one at all its words.
+    /// Whether no other match covers any of its words.
     fn is_alone(&self, m: Match) -> bool {
         range(m.candidate).all(|i| self.candidate_coverage[i] == 1)
             && range(m.reference).all(|i| self.reference_coverage[i] == 1)
@@ -146,13 +146,13 @@ fn share(a: &[u32], b: &[u32]) -> bool {
 /// The ranking criteria of a partial alignment.
 #[derive(Clone, Copy, Default)]
 struct State {
-    /// Weighted matched words, in candidate and reference: cut to an integer after each addition,
-    /// so that a single stem or synonym adds nothing.
+    /// Numbers of matched words in candidate and reference, weighted by module. Each sum is truncated to an integer
+    /// after each addition, so that a single stem or synonym adds nothing.
     weighted: [i64; 2],
     chunks: i64,
-    /// Where the last match ends in the reference.
+    /// Index of the first word of the reference that has not been processed yet.
     next: usize,
-    /// Where the last match ends in the candidate, if it touches the current word.
+    /// End of the last match in the candidate, if that match ends directly before the current word of the reference.
     last_end: Option<usize>,
     distance: i64,
 }
@@ -182,11 +182,11 @@ impl State {
 #[derive(Clone)]
 struct Path {
     state: State,
-    /// By first word in the reference: position of the chosen match in the stage's list there.
+    /// For each word of the reference, the index of the match that starts there in the stage's list, or [`NONE`].
     chosen: Vec<u32>,
-    /// Words that chosen matches cover, a bit each: those of the candidate, then those of the reference.
+    /// Bit set of the words that chosen matches cover: first those of the candidate, then those of the reference.
     used: Vec<u64>,
-    /// First bit of the reference.
+    /// Index of the first bit of the reference.
     reference_bit: usize,
 }
 
@@ -207,13 +207,13 @@ impl Path {
         (self.used[bit / 64] >> (bit % 64)) & 1 == 1
     }
 
-    /// Bits of the words of a match.
+    /// Indices of the bits of a match's words.
     fn bits(&self, m: Match) -> impl Iterator<Item = usize> + use<> {
         let reference_bit = self.reference_bit;
         range(m.candidate).chain(range(m.reference).map(move |i| reference_bit + i))
     }
 
-    /// Reserves match number `i` of its place without counting it yet.
+    /// Marks match `m`, number `i` in its list, as chosen. The ranking criteria do not change.
     fn choose(&mut self, m: Match, i: usize) {
         self.chosen[m.reference.0] = i as u32;
         for bit in self.bits(m) {
@@ -239,7 +239,8 @@ fn distance(m: Match) -> i64 {
 fn search(stage: &Stage, start: Path) -> Path {
     let mut paths = vec![start];
     for (current, list) in stage.matches.iter().enumerate() {
-        // Possible continuations: state, path, and the match that is chosen here. Only the best are copied afterwards.
+        // Candidates for the next beam: state, index of the path, and the match that is chosen here. Paths are copied
+        // only for the best candidates.
         let mut steps: Vec<(State, usize, Option<usize>)> = Vec::new();
         for (origin, path) in paths.iter().enumerate() {
             let mut state = path.state;
@@ -267,7 +268,7 @@ fn search(stage: &Stage, start: Path) -> Path {
             steps.push((state, origin, None));
         }
         if steps.is_empty() {
-            // The best path continues even if nothing fits.
+            // If no path can continue, the best one is kept unchanged.
             steps.extend(paths.first().map(|p| (p.state, 0, None)));
         }
         // Stable sort: equal elements keep the order in which they were found.
@@ -293,7 +294,7 @@ fn search(stage: &Stage, start: Path) -> Path {
     paths.into_iter().next().unwrap_or_else(|| Path::new(0, 0))
 }
 
-/// Counts the chunks of the chosen matches anew.
+/// Counts the chunks of the chosen matches.
 fn finish(chosen: &[Option<Match>]) -> Alignment {
     let mut out = Alignment {
         matches: chosen.iter().copied().flatten().collect(),

@@ -22,9 +22,9 @@ const BETA: f64 = 0.20;
 const GAMMA: f64 = 0.60;
 const DELTA: f64 = 0.75;
 
-/// Words that count as function words without METEOR's own list.
+/// Function words that are used without METEOR's own list.
 const FUNCTION_WORDS: &str = include_str!("../../data/function_words.txt");
-/// Abbreviations that keep their dot without METEOR's own list.
+/// Abbreviations that keep their dot, used without METEOR's own list.
 const ABBREVIATIONS: &str = include_str!("../../data/abbreviations.txt");
 
 /// Why a table of words or phrases cannot be read.
@@ -57,7 +57,7 @@ pub struct Resources {
 }
 
 impl Default for Resources {
-    /// The built-in tables: our function words and abbreviations, WordNet's synonyms, no paraphrases.
+    /// The built-in tables: function words and abbreviations of this project, WordNet's synonyms, no paraphrases.
     fn default() -> Self {
         Self {
             function_words: parse_words(FUNCTION_WORDS),
@@ -156,10 +156,10 @@ struct Word {
     is_function: bool,
 }
 
-/// Additive statistics of a candidate and the reference it fits best, or of a corpus.
+/// Additive statistics of a candidate and its best-scoring reference, or of a corpus.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct MeteorStats {
-    /// Words, and function words among them: candidate, reference.
+    /// Numbers of words and, below, of function words among them: `[candidate, reference]`.
     len: [f64; 2],
     function_len: [f64; 2],
     /// Matched content and function words by module: `[candidate, reference][module]`.
@@ -201,7 +201,7 @@ impl MeteorStats {
         if score.is_nan() { 0.0 } else { score.max(0.0) }
     }
 
-    /// Adds an item. The chunk of a perfect one-chunk item does not count in a corpus.
+    /// Adds an item. If the words of the item match completely in one chunk, that chunk is not counted in a corpus.
     pub fn add(&mut self, item: &Self) {
         let sums = self.columns();
         let mut total = item.corpus_columns();
@@ -218,7 +218,7 @@ impl MeteorStats {
         self.content[side].iter().chain(&self.function[side]).sum()
     }
 
-    /// As [`MeteorStats::columns`], as they add up in a corpus.
+    /// [`MeteorStats::columns`] as a contribution to corpus sums; see [`MeteorStats::add`].
     pub(crate) fn corpus_columns(&self) -> [f64; Self::WIDTH] {
         let mut item = *self;
         if self.is_one_chunk() {
@@ -249,7 +249,7 @@ impl MeteorStats {
     }
 }
 
-/// Scores sentences, and caches its word look-ups.
+/// A scorer that caches look-ups of words.
 pub struct Meteor<'a> {
     resources: &'a Resources,
     words: HashMap<String, Word>,
@@ -257,7 +257,7 @@ pub struct Meteor<'a> {
 }
 
 impl<'a> Meteor<'a> {
-    /// A scorer.
+    /// Creates a scorer.
     pub fn new(resources: &'a Resources) -> Self {
         Self {
             resources,
@@ -266,8 +266,7 @@ impl<'a> Meteor<'a> {
         }
     }
 
-    /// Statistics of a candidate with the reference that scores best, the first on a tie. All zero
-    /// without references.
+    /// Statistics of a candidate with its best-scoring reference, the first one on a tie. All zero without references.
     pub fn stats<S: AsRef<str>>(&mut self, candidate: &str, references: &[S]) -> MeteorStats {
         let candidate = normalise::tokens(candidate, self.resources);
         let mut best: Option<(f64, MeteorStats)> = None;

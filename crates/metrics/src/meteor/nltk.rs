@@ -1,4 +1,4 @@
-//! METEOR as nltk computes it: other parameters, another aligner and another corpus rule than METEOR 1.5.
+//! METEOR as nltk computes it. Its parameters, aligner and corpus rule differ from those of METEOR 1.5.
 //!
 //! Lavie and Agarwal 2007 with nltk's choices: greedy matches from the last word backwards, Porter's
 //! stemmer with nltk's extensions, and WordNet look-ups of the *stems* that were not matched.
@@ -9,7 +9,7 @@ const ALPHA: f64 = 0.9;
 const BETA: f64 = 3.0;
 const GAMMA: f64 = 0.5;
 
-/// Word and position of those not matched yet.
+/// Positions and words that have not been matched yet.
 type Left = Vec<(usize, String)>;
 
 /// Maximum score over references, 0..1. The words are already tokenised; they are compared in lower case.
@@ -56,7 +56,7 @@ fn single<S: AsRef<str>>(candidate: &[S], reference: &[S]) -> f64 {
     (1.0 - GAMMA * fragmentation.powf(BETA)) * f_mean
 }
 
-/// From the last candidate word backwards: each takes the last free reference word that fits.
+/// Matches from the last candidate word backwards. Each word takes the last unmatched reference word that fits.
 fn take_matches(
     c: &mut Left,
     r: &mut Left,

@@ -6,10 +6,10 @@
 
 use super::Resources;
 
-/// Stands for a dot that belongs to a run of dots, until the end; a noncharacter, which no text holds.
+/// Placeholder for a dot in a run of dots until tokenisation ends. It is a noncharacter, which text does not contain.
 const RUN_DOT: char = '\u{10ffff}';
 
-/// How an abbreviation keeps its dot.
+/// When an abbreviation keeps its dot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Abbreviation {
     Always,
@@ -70,7 +70,7 @@ pub(super) fn tokens(text: &str, resources: &Resources) -> Vec<String> {
     java_tokens(&out).map(str::to_string).collect()
 }
 
-/// Decides on the dot at the end of a word.
+/// Appends a word, and separates the dot at its end unless the dot belongs to the word.
 fn final_dot(out: &mut String, word: &str, next: Option<&str>, resources: &Resources) {
     let Some(stem) = word.strip_suffix('.').filter(|s| !s.is_empty()) else {
         return out.push_str(word);
@@ -109,7 +109,8 @@ fn split_dot_runs(s: &[char]) -> Vec<char> {
     out
 }
 
-/// Replaces `middle` where its neighbours fit. The right neighbour of a match is not the left one of another.
+/// Replaces `middle` where both neighbours fit. The right neighbour of one match cannot be the left neighbour of
+/// another.
 fn between(
     s: Vec<char>,
     left: impl Fn(char) -> bool,

@@ -28,8 +28,8 @@ pub struct Paraphrases {
 }
 
 impl Paraphrases {
-    /// Reads the text of the table: three lines a pair, a probability (which is not used) and two
-    /// phrases of words separated by spaces.
+    /// Reads the text of the table. Each pair takes three lines: a probability, which is not used, and two phrases of
+    /// words separated by spaces.
     ///
     /// # Errors
     /// See [`TableError`], with the line.
@@ -106,13 +106,13 @@ impl Paraphrases {
         self.n_pairs == 0
     }
 
-    /// Number of a word; `None` where no phrase has it.
+    /// Number of a word, or `None` if no phrase contains it.
     pub(super) fn word(&self, word: &str) -> Option<WordNumber> {
         self.words.get(word).copied()
     }
 
-    /// Calls `found` for all places where a left phrase is in `a` and its right one in `b`, each as first
-    /// word and length, in METEOR's order.
+    /// Calls `found` for every pair of a left phrase in `a` and its right phrase in `b`, in METEOR's order. Both are
+    /// given as first word and length.
     pub(super) fn matches(
         &self,
         a: &[Option<WordNumber>],

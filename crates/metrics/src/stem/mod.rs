@@ -12,7 +12,7 @@ fn ends_with(word: &[char], suffix: &str) -> bool {
     word.len() >= n && word[word.len() - n..].iter().copied().eq(suffix.chars())
 }
 
-/// Puts `replacement` in place of the last `n` characters.
+/// Replaces the last `n` characters by `replacement`.
 fn replace_end(word: &mut Vec<char>, n: usize, replacement: &str) {
     word.truncate(word.len().saturating_sub(n));
     word.extend(replacement.chars());

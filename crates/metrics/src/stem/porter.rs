@@ -2,7 +2,7 @@
 
 use super::{ends_with, replace_end};
 
-/// Words that the rules would spoil, and their stems.
+/// Words for which the rules would give a wrong stem, and their stems.
 const IRREGULAR: [(&str, &str); 16] = [
     ("sky", "sky"),
     ("skies", "sky"),
@@ -22,7 +22,7 @@ const IRREGULAR: [(&str, &str); 16] = [
     ("succeed", "succeed"),
 ];
 
-/// Suffix and replacement of a step, the first matching suffix decides.
+/// Suffixes and replacements of a step. The first matching suffix decides.
 type Rules = &'static [(&'static str, &'static str)];
 
 const STEP_2: Rules = &[
@@ -75,7 +75,7 @@ pub fn porter(word: &str) -> String {
     }
     step_1a(&mut w);
     step_1b(&mut w);
-    // y to i after a consonant, but not in words of two letters (an addition of nltk's).
+    // y becomes i after a consonant, but not in words of two letters (an extension of nltk).
     if let Some((&'y', stem)) = w.split_last()
         && stem.len() > 1
         && is_consonant(stem, stem.len() - 1)
@@ -100,7 +100,7 @@ pub fn porter(word: &str) -> String {
 
 fn step_1a(w: &mut Vec<char>) {
     if ends_with(w, "ies") {
-        // dies, lies, ties keep their e (an addition of nltk's).
+        // dies, lies and ties keep their e (an extension of nltk).
         let short = w.len() == 4;
         replace_end(w, 3, if short { "ie" } else { "i" });
     } else if ends_with(w, "sses") {
@@ -142,7 +142,7 @@ fn step_1b(w: &mut Vec<char>) {
 }
 
 fn step_2(w: &mut Vec<char>) {
-    // radicalli gives radical, and the step is applied to it once more (an addition of nltk's).
+    // radicalli becomes radical, and the step is applied to the result again (an extension of nltk).
     while ends_with(w, "alli") && measure(&w[..w.len() - 4]) > 0 {
         replace_end(w, 2, "");
     }
@@ -167,7 +167,7 @@ fn step_4(w: &mut Vec<char>) {
     }
 }
 
-/// The first rule whose suffix fits is applied if there is a vowel-consonant pair before it.
+/// Applies the first rule whose suffix fits, if there is a vowel-consonant pair before the suffix.
 fn by_rules(w: &mut Vec<char>, rules: Rules) {
     if let Some((suffix, replacement)) = rules.iter().find(|(s, _)| ends_with(w, s))
         && measure(&w[..w.len() - suffix.len()]) > 0
@@ -176,9 +176,9 @@ fn by_rules(w: &mut Vec<char>, rules: Rules) {
     }
 }
 
-/// y is a consonant at the start and after a vowel.
+/// y is a consonant at the start of a word and after a vowel.
 fn is_consonant(w: &[char], i: usize) -> bool {
-    // Of a run of y the first decides, and then they alternate.
+    // In a run of y, consonants and vowels alternate, beginning with the class of the first one.
     let run = w[..=i].iter().rev().take_while(|c| **c == 'y').count();
     if run == 0 {
         return !"aeiou".contains(w[i]);
@@ -195,7 +195,8 @@ fn measure(w: &[char]) -> usize {
         .count()
 }
 
-/// Consonant, vowel, consonant other than w, x, y; or a word of vowel and consonant (nltk's).
+/// Whether a word ends in consonant, vowel, and consonant other than w, x, y. A word of one vowel and one consonant
+/// counts too (an extension of nltk).
 fn ends_cvc(w: &[char]) -> bool {
     let n = w.len();
     if n == 2 {

@@ -1,4 +1,4 @@
-//! Snowball's "english" stemmer (Porter2) in its form of 2002 to 2015, which METEOR 1.5 has.
+//! Snowball's "english" stemmer (Porter2) in its form of 2002 to 2015, which METEOR 1.5 uses.
 //!
 //! Rules: snowballstem.org, "The English (Porter2) stemming algorithm".
 
@@ -24,11 +24,12 @@ const IRREGULAR: [(&str, &str); 18] = [
     ("bias", "bias"),
     ("andes", "andes"),
 ];
-/// Finished after step 1a.
+/// Words that are left as they are after step 1a.
 const INVARIANT: [&str; 8] = [
     "inning", "outing", "canning", "herring", "earring", "proceed", "exceed", "succeed",
 ];
-/// Suffix and replacement, the longest suffix decides and must lie in R1. `None`: a rule of its own.
+/// Suffixes and replacements. The longest matching suffix decides and must lie in R1. `None` marks a suffix with a rule
+/// of its own.
 const STEP_2: [(&str, Option<&str>); 24] = [
     ("ization", Some("ize")),
     ("ational", Some("ate")),
@@ -83,7 +84,7 @@ pub fn porter2(word: &str) -> String {
     if w[0] == '\'' {
         w.remove(0);
     }
-    // A y that is a consonant is written Y until the end.
+    // A y that is a consonant is written as Y until the end.
     for i in 0..w.len() {
         if w[i] == 'y' && (i == 0 || is_vowel(w[i - 1])) {
             w[i] = 'Y';
@@ -129,7 +130,8 @@ fn is_vowel(c: char) -> bool {
     "aeiouy".contains(c)
 }
 
-/// Starts of R1 and R2: after the first non-vowel that follows a vowel, and the same again from there.
+/// Starts of R1 and R2. R1 is the region after the first non-vowel that follows a vowel. R2 is determined in the same
+/// way within R1.
 fn regions(w: &[char]) -> (usize, usize) {
     let after = |from: usize| {
         let pair = (from + 1..w.len()).find(|&i| is_vowel(w[i - 1]) && !is_vowel(w[i]));
@@ -142,8 +144,8 @@ fn regions(w: &[char]) -> (usize, usize) {
     (r1, after(r1))
 }
 
-/// Does the word end in a short syllable: non-vowel, vowel, non-vowel other than w, x, Y, or is it
-/// vowel and non-vowel?
+/// Whether the word ends in a short syllable (non-vowel, vowel, non-vowel other than w, x, Y), or consists of a vowel
+/// and a non-vowel.
 fn ends_short(w: &[char]) -> bool {
     match w {
         [a, b] => is_vowel(*a) && !is_vowel(*b),
@@ -161,7 +163,7 @@ fn step_1a(w: &mut Vec<char>) {
         let short = w.len() <= 4;
         replace_end(w, 3, if short { "ie" } else { "i" });
     } else if ends_with(w, "s") && !ends_with(w, "us") && !ends_with(w, "ss") {
-        // The vowel right before the s does not count: gas and this stay.
+        // A vowel directly before the s does not count, so that gas and this remain unchanged.
         let vowel_before = w.len() > 2 && w[..w.len() - 2].iter().copied().any(is_vowel);
         if vowel_before {
             w.pop();

@@ -112,7 +112,7 @@ impl U64 {
     fn plus(self, term: u64) -> Self {
         let (term_hi, term_lo) = ((term >> 32) as u32, term as u32);
         let lo = self.lo.clone() + term_lo;
-        // A carry left the top bit where both had it, or one had it and the sum has not.
+        // The top bit has a carry if both terms have the bit, or if one of them has it and the sum does not.
         let both = self.lo.clone().bitwise_and_scalar(term_lo);
         let one = self.lo.bitwise_or_scalar(term_lo);
         let carry = both.bitwise_or(one.bitwise_and(lo.clone().bitwise_not()));

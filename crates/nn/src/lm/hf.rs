@@ -245,7 +245,7 @@ pub(crate) fn json_error(file: &Path, error: &serde_json::Error) -> LmError {
     .into()
 }
 
-/// Small files of a checkpoint: no genuine one comes near 64 MB.
+/// Reads a small file of a checkpoint. Genuine ones are far smaller than the limit of 64 MB.
 pub(crate) fn read_small(path: &Path) -> Result<Vec<u8>, LmError> {
     let io = |source| CheckpointError::Io {
         path: path.into(),

@@ -1,11 +1,10 @@
 //! Files of decoder-only networks: Hugging Face's names, shards, and PEFT's adapters.
 //!
-//! A whole model consists of `config.json`, `tokenizer.json` and `model.safetensors` (or shards with an index), so
-//! that other programs can open it. Settings that they do not support (vocabulary layout, radar) are under `radarllm`
-//! in
-//! `config.json`. A model with adapters does not copy the base: `adapter_model.safetensors` and
-//! `adapter_config.json` have PEFT's format (names: <https://huggingface.co/docs/peft/developer_guides/checkpoint>),
-//! and `radar.safetensors` contains the rows of new ids. In both forms, it also contains the radar bypass.
+//! A whole model consists of `config.json`, `tokenizer.json` and `model.safetensors` (or shards with an index), so that
+//! other programs can open it. Settings that they do not support (vocabulary layout, radar) are under `radarllm` in
+//! `config.json`. A model with adapters does not copy the base: `adapter_model.safetensors` and `adapter_config.json`
+//! have PEFT's format (names: <https://huggingface.co/docs/peft/developer_guides/checkpoint>), and `radar.safetensors`
+//! contains the rows of new ids. In both forms, it also contains the radar bypass.
 
 use std::fs;
 use std::path::{Path, PathBuf};

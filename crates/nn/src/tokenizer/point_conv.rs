@@ -75,8 +75,8 @@ impl PointConv {
 
 /// Inputs of the winners, `[NEIGHBOUR_DIM, n_tubes, C]`, found on the device of `weight`.
 ///
-/// Tubes of similar length are grouped and padded to the next power of two with their own last
-/// neighbour, which changes no maximum. This computes up to twice the neighbours' products, whatever the longest tube.
+/// Tubes of similar length are grouped and padded to the next power of two with their own last neighbour, which changes
+/// no maximum. The number of products is at most doubled, regardless of the longest tube.
 fn winners_on_gpu(batch: &ClipBatch, weight: Tensor<2>) -> Tensor<3> {
     let device = weight.device();
     let [_, width] = weight.dims();

@@ -287,7 +287,7 @@ mod tests {
         let least = reference.config.codebook_size.min(10);
         assert!(n_occurring >= least, "only {n_occurring} codes occur");
         assert!(worst < 1e-4, "{worst}, {:?}", reference.config());
-        // More than one tie in five hundred codes would be a defect that looks like ties.
+        // A rate above one tie in five hundred codes would indicate a defect rather than ties.
         assert!(500 * n_ties <= n_codes.max(500), "{n_ties} of {n_codes}");
         (worst, n_codes)
     }

@@ -1,30 +1,30 @@
-//! Axes: what they show, where a value lies on paper, which values get a number.
+//! Axes: labels, the mapping from values to positions on paper, and ticks.
 
-/// What an axis or a colour bar shows.
+/// An axis or a colour bar.
 ///
-/// A caret before a whole number raises it, in labels and units: `m/s^2`.
+/// In labels and units, a caret before an integer makes it an exponent, as in `m/s^2`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Axis {
     /// Quantity, for example "Range".
     pub label: String,
     /// Unit, for example "m"; empty for none.
     pub unit: String,
-    /// Values at the two ends; the first may be the larger one. `None` takes them from the data, and so do ends that are
-    /// equal, not finite or, on a logarithmic axis, not positive.
+    /// Values at the two ends; the first may be the larger one. The ends are taken from the data if this is `None`, or
+    /// if they are equal, not finite or, on a logarithmic axis, not positive.
     pub limits: Option<[f64; 2]>,
-    /// How values are spread over the axis.
+    /// Mapping from values to positions.
     pub scale: AxisScale,
 }
 
-/// How values are spread over an axis.
+/// Mapping from values to positions on an axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AxisScale {
-    /// Evenly.
+    /// Linear.
     #[default]
     Linear,
-    /// By their decimal logarithm; values that are not positive have no place.
+    /// Decimal logarithm; values that are not positive have no position.
     Log10,
-    /// By sign(v) log10(1 + |v|): evenly around zero, by magnitude far from it.
+    /// sign(v) log10(1 + |v|): linear near zero, logarithmic far from it.
     SignedLog,
 }
 
@@ -38,7 +38,7 @@ impl Axis {
         }
     }
 
-    /// The same axis with given ends.
+    /// The same axis with the given ends.
     pub fn with_limits(self, first: f64, last: f64) -> Self {
         Self {
             limits: Some([first, last]),
@@ -46,18 +46,18 @@ impl Axis {
         }
     }
 
-    /// The same axis with values spread otherwise.
+    /// The same axis with another mapping.
     pub fn with_scale(self, scale: AxisScale) -> Self {
         Self { scale, ..self }
     }
 
-    /// The same axis for `n` cells of equal size, the first centred at `first`, neighbours `step` apart: the ends are the
-    /// outer edges of the first and the last cell.
+    /// The same axis for `n` cells of equal size, of which the first is centred at `first` and neighbours are `step`
+    /// apart. The ends are the outer edges of the first and the last cell.
     pub fn with_cells(self, first: f64, step: f64, n: usize) -> Self {
         self.with_limits(first - 0.5 * step, first + (n as f64 - 0.5) * step)
     }
 
-    /// Label and unit as written at the axis, with a power of ten that the numbers were divided by.
+    /// Label and unit as printed at the axis, with the power of ten by which the numbers were divided.
     pub(super) fn title(&self, exponent: i32) -> String {
         let unit = match (exponent, self.unit.as_str()) {
             (0, "") => return self.label.clone(),
@@ -68,34 +68,34 @@ impl Axis {
     }
 }
 
-/// A number at an axis.
+/// A tick with its number.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Tick {
     pub value: f64,
     pub text: String,
 }
 
-/// Where the values of an axis lie on paper.
+/// Mapping from the values of an axis to positions on paper.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Scale {
     kind: AxisScale,
     /// Transformed values at the two ends.
     first: f64,
     last: f64,
-    /// Places of the two ends, pt.
+    /// Positions of the two ends, pt.
     from_pt: f64,
     to_pt: f64,
 }
 
-/// Largest magnitude of an axis's end, so that differences stay finite.
+/// Maximum magnitude of an end of an axis, so that differences remain finite.
 const LARGEST: f64 = 1e300;
 
-/// Values farther outside an axis than this many of its lengths stand there: viewers compute with small floats.
+/// Values are clamped to this many axis lengths beyond the ends, because viewers compute in single precision.
 const FARTHEST: f64 = 1e3;
 
 impl Scale {
-    /// A scale for an axis and its data, from 0 to 1 pt. Ends taken from the data are moved outwards by a share `padding`
-    /// of their distance.
+    /// The scale of an axis for its data, from 0 to 1 pt. Ends that are taken from the data are moved outwards by the
+    /// fraction `padding` of their distance.
     pub fn new(axis: &Axis, data: impl IntoIterator<Item = f64>, padding: f64) -> Self {
         let kind = axis.scale;
         let given = axis.limits.map(|ends| ends.map(|v| transform(kind, v)));
@@ -112,7 +112,7 @@ impl Scale {
         }
     }
 
-    /// The same values between other places, pt.
+    /// The same scale between other positions, pt.
     pub fn between(self, from_pt: f64, to_pt: f64) -> Self {
         Self {
             from_pt,
@@ -121,13 +121,13 @@ impl Scale {
         }
     }
 
-    /// Place of a value, pt; not a number for values without a place.
+    /// Position of a value, pt; NaN for values without a position.
     pub fn to_pt(&self, value: f64) -> f64 {
         self.from_pt + self.fraction(value) * (self.to_pt - self.from_pt)
     }
 
-    /// Where a value lies, 0 at the first end and 1 at the last, at most [`FARTHEST`] beyond them; not a number for values
-    /// without a place.
+    /// Relative position of a value, 0 at the first end and 1 at the last, clamped to [`FARTHEST`] beyond them; NaN for
+    /// values without a position.
     pub fn fraction(&self, value: f64) -> f64 {
         let value = transform(self.kind, value);
         if !value.is_finite() {
@@ -137,7 +137,7 @@ impl Scale {
         fraction.clamp(-FARTHEST, FARTHEST)
     }
 
-    /// Value at a place: the inverse of [`Scale::to_pt`].
+    /// Value at a position: the inverse of [`Scale::to_pt`].
     pub fn to_value(&self, place_pt: f64) -> f64 {
         let fraction = (place_pt - self.from_pt) / (self.to_pt - self.from_pt);
         inverse(self.kind, self.first + fraction * (self.last - self.first))
@@ -153,7 +153,7 @@ impl Scale {
         (self.last - self.first).abs()
     }
 
-    /// A linear scale around the same middle with another distance between its ends.
+    /// A linear scale with the same centre and another extent.
     pub fn with_extent(self, extent: f64) -> Self {
         let middle = 0.5 * (self.first + self.last);
         let half = 0.5 * extent * (self.last - self.first).signum();
@@ -164,7 +164,7 @@ impl Scale {
         }
     }
 
-    /// At most about `max_n` ticks and the power of ten that their numbers were divided by.
+    /// About `max_n` ticks at most, and the power of ten by which their numbers were divided.
     pub fn ticks(&self, max_n: usize) -> (Vec<Tick>, i32) {
         let max_n = max_n.clamp(2, 12);
         match self.kind {
@@ -174,7 +174,7 @@ impl Scale {
         }
     }
 
-    /// Whole decades; round numbers where there are fewer than two of them.
+    /// Ticks at whole decades, or at round numbers if there are fewer than two decades.
     fn log_ticks(&self, max_n: usize) -> (Vec<Tick>, i32) {
         let (low, high) = (self.first.min(self.last), self.first.max(self.last));
         let step = ((high - low) / (max_n + 1) as f64).ceil().max(1.0);
@@ -197,7 +197,7 @@ impl Scale {
         (ticks.collect(), 0)
     }
 
-    /// Zero and whole decades to either side.
+    /// Ticks at zero and at whole decades on both sides.
     fn signed_log_ticks(&self, max_n: usize) -> Vec<Tick> {
         let (low, high) = (self.first.min(self.last), self.first.max(self.last));
         let n_decades = high.max(0.0) + (-low).max(0.0);
@@ -244,7 +244,7 @@ fn inverse(kind: AxisScale, value: f64) -> f64 {
     }
 }
 
-/// Ends that hold all finite values; apart also where these are all equal or there is none.
+/// Distinct ends that enclose all finite values, even if these are all equal or there are none.
 fn around(values: impl Iterator<Item = f64>, kind: AxisScale, padding: f64) -> [f64; 2] {
     let (mut first, mut last) = (f64::INFINITY, f64::NEG_INFINITY);
     for v in values.filter(|v| v.is_finite()).map(clamp) {
@@ -266,21 +266,21 @@ fn around(values: impl Iterator<Item = f64>, kind: AxisScale, padding: f64) -> [
     [first - padding, last + padding].map(clamp)
 }
 
-/// `first`, `first + step` and so on up to `last`, at most `max_n`.
+/// The values `first`, `first + step`, ... up to `last`, at most `max_n`.
 fn counted(first: f64, step: f64, last: f64, max_n: usize) -> Vec<f64> {
     let values = (0..max_n).map(|i| first + i as f64 * step);
     values.take_while(|v| *v <= last).collect()
 }
 
-/// At least two ticks and about `max_n` at the most, at multiples of 1, 2 or 5 times a power of ten.
+/// At least two and about `max_n` ticks at most, at multiples of 1, 2 or 5 times a power of ten.
 fn linear_ticks(first: f64, last: f64, max_n: usize) -> (Vec<Tick>, i32) {
     let steps = (max_n..=max_n + 3).map(|n| ticks_in_steps(first, last, n));
     let mut enough = steps.skip_while(|(ticks, _)| ticks.len() < 2);
     enough.next().unwrap_or_default()
 }
 
-/// Ticks a round number apart, at least the `n`th part of the axis. Numbers of magnitudes from 100,000 and below 0.001
-/// are divided by a power of 1000.
+/// Ticks at multiples of a round step of at least the `n`th part of the axis. Numbers of 100,000 and more, or below
+/// 0.001, are divided by a power of 1000.
 fn ticks_in_steps(first: f64, last: f64, n: usize) -> (Vec<Tick>, i32) {
     let (low, high) = (first.min(last), first.max(last));
     let rough = (high - low) / n as f64;
@@ -304,7 +304,7 @@ fn ticks_in_steps(first: f64, last: f64, n: usize) -> (Vec<Tick>, i32) {
     let ticks = counted(n_first, 1.0, high / step + 1e-6, n + 2).into_iter();
     let ticks = ticks.map(|n| Tick {
         value: n * step,
-        // One factor after the other: 10^-exponent alone may be infinite.
+        // The factors are applied one after the other, because 10^-exponent alone may be infinite.
         text: number(
             n * factor * 10_f64.powf(decade - f64::from(exponent)),
             decimals,
@@ -313,7 +313,7 @@ fn ticks_in_steps(first: f64, last: f64, n: usize) -> (Vec<Tick>, i32) {
     (ticks.collect(), exponent)
 }
 
-/// A number with fixed decimals and a minus sign of full width.
+/// Formats a number with fixed decimals and a typographic minus sign.
 pub(super) fn number(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     match text.strip_prefix('-') {
@@ -347,9 +347,9 @@ mod tests {
             ticks(0.3, 0.5, 4).0,
             ["0.30", "0.35", "0.40", "0.45", "0.50"]
         );
-        // Falling axes have the same ticks.
+        // A descending axis has the same ticks.
         assert_eq!(ticks(10.0, 0.0, 5).0.len(), 6);
-        // Numbers that would be long are divided by a power of ten.
+        // Long numbers are divided by a power of ten.
         let expected = ["0", "20", "40", "60", "80", "100"].map(String::from);
         assert_eq!(ticks(0.0, 1e8, 5), (expected.to_vec(), 6));
         assert_eq!(ticks(0.0, 4e-6, 4).1, -6);
@@ -365,7 +365,7 @@ mod tests {
         };
         assert_eq!(texts(0.01, 100.0, 6), ["0.01", "0.1", "1", "10", "100"]);
         assert_eq!(texts(1e-6, 1.0, 4), ["10^-6", "10^-4", "10^-2", "10^0"]);
-        // Less than a decade: round numbers.
+        // Less than a decade gives round numbers.
         assert_eq!(texts(20.0, 60.0, 4), ["20", "30", "40", "50", "60"]);
     }
 
@@ -441,7 +441,7 @@ mod tests {
             let value = ends[0] + fraction * extent;
             let place = scale.to_pt(value);
             prop_assert!((19.999..200.001).contains(&place));
-            // Rounding of a value near `first` limits what can come back.
+            // The rounding of a value near `first` limits the accuracy of the inverse.
             let tolerance = 1e-7 * extent + 1e-9 * value.abs();
             prop_assert!((scale.to_value(place) - value).abs() < tolerance);
         }

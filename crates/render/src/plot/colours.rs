@@ -1,26 +1,26 @@
-//! Colours that stay apart in grey and for readers with colour-vision deficiency.
+//! Colour maps that remain distinguishable in greyscale and for readers with colour-vision deficiency.
 
-/// Which colours stand for values.
+/// Colour map for values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ColourMap {
-    /// Viridis: dark violet to yellow, evenly rising lightness. For magnitudes.
+    /// Viridis: dark violet to yellow with uniformly increasing lightness. For magnitudes.
     #[default]
     Viridis,
-    /// Blue, grey, red: for values to either side of zero.
+    /// Blue, grey, red: for signed values.
     BlueRed,
 }
 
-/// Colours in a palette: 254 of a map, white for where nothing is, and one for values that are not finite.
+/// Number of colours in a palette: 254 of a map, white for the background, and one for values that are not finite.
 pub(super) const N_COLOURS: usize = 256;
-/// Index of the colour of nothing.
+/// Palette index of the background.
 pub(super) const NOTHING: u8 = 254;
-/// Index of the colour of values that are not finite.
+/// Palette index of values that are not finite.
 const NOT_FINITE: u8 = 255;
-/// Largest index of a colour of the map.
+/// Largest palette index of a colour of the map.
 pub(super) const LAST: u8 = 253;
 
 impl ColourMap {
-    /// The colours of a picture whose pixels are indices.
+    /// The palette of an indexed image.
     pub(super) fn palette(self) -> [[u8; 3]; N_COLOURS] {
         let mut palette = [[255; 3]; N_COLOURS];
         for index in 0..=LAST {
@@ -30,12 +30,12 @@ impl ColourMap {
         palette
     }
 
-    /// Index of the colour of a value at 0..=1 of the map; beyond it the nearest end.
+    /// Palette index of a value at 0..=1 of the map; values beyond it get the nearest end.
     pub(super) fn index(fraction: f64) -> u8 {
         if fraction.is_nan() {
             return NOT_FINITE;
         }
-        // A cast of 0..=253.
+        // The value is in 0..=253, so the cast is exact.
         (fraction.clamp(0.0, 1.0) * f64::from(LAST)).round() as u8
     }
 
@@ -52,7 +52,7 @@ impl ColourMap {
     }
 }
 
-/// As SVG writes a colour.
+/// A colour in the hexadecimal notation of SVG.
 pub(super) fn hex([r, g, b]: [u8; 3]) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
@@ -78,7 +78,7 @@ const VIRIDIS: [[u8; 3]; 17] = [
     [253, 231, 37],
 ];
 
-/// Blue and red that differ for all kinds of colour vision; the middle is grey, which shows on white.
+/// Blue and red that are distinguishable with all kinds of colour vision. The grey middle is visible on white.
 const BLUE_RED: [[u8; 3]; 5] = [
     [0, 66, 157],
     [70, 130, 200],
@@ -87,11 +87,11 @@ const BLUE_RED: [[u8; 3]; 5] = [
     [176, 20, 40],
 ];
 
-/// Colours of series: those of Okabe and Ito (2008) that show on white.
+/// Colours of series: those of Okabe and Ito (2008) that are visible on white.
 pub(super) const SERIES: [&str; 6] = [
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9",
 ];
-/// Dashes of series, a step further whenever the colours begin anew.
+/// Dash patterns of series. The next one is used whenever the colours are exhausted.
 pub(super) const DASHES: [&str; 3] = ["", "4 1.5", "1.2 1.2"];
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! The layout that all plots share: title, panels one below the other with their axes, colour bar, legend.
+//! The layout shared by all plots: title, panels one below the other with their axes, colour bar, legend.
 
 use super::{
     axis::{Axis, Scale, Tick},
@@ -8,26 +8,26 @@ use super::{
 };
 use crate::png_file::{self, Pixels};
 
-/// Font sizes, pt: what journals ask for at the least is 6 to 8.
+/// Font sizes, pt. The minimum that journals require is 6 to 8.
 const TITLE_PT: f64 = 8.5;
 const LABEL_PT: f64 = 8.0;
 const TICK_PT: f64 = 7.0;
-/// Width of bold text over that of plain text, at most.
+/// Upper bound on the width of bold text relative to plain text.
 const BOLD: f64 = 1.1;
-/// Height of a line of text over its font size.
+/// Line height relative to the font size.
 const LINE: f64 = 1.25;
-/// White space around the figure, pt.
+/// Margin around the figure, pt.
 const MARGIN_PT: f64 = 3.0;
 const TICK_LENGTH_PT: f64 = 2.5;
-/// White space between a tick and its number, and between numbers and label, pt.
+/// Distance between a tick and its number, and between numbers and label, pt.
 const GAP_PT: f64 = 2.0;
 const BAR_WIDTH_PT: f64 = 7.0;
-/// White space between plot area and colour bar, and between panels, pt.
+/// Distance between plot area and colour bar, and between panels, pt.
 const SPACE_PT: f64 = 6.0;
-/// Line of a legend: sample of the series and space to the next entry, pt.
+/// Length of the sample of a series in the legend, and distance to the next entry, pt.
 const SAMPLE_PT: f64 = 16.0;
 const ENTRY_SPACE_PT: f64 = 10.0;
-/// Heights of a panel whose two axes have one scale, pt.
+/// Minimum and maximum height of a panel with equal scales on both axes, pt.
 const EQUAL_HEIGHTS_PT: [f64; 2] = [56.0, 170.0];
 
 const AXIS_LINE: Stroke = Stroke {
@@ -41,33 +41,33 @@ const GRID_LINE: Stroke = Stroke {
     dashes: "",
 };
 
-/// How the two axes of a plot relate.
+/// Relation between the scales of the two axes of a plot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Aspect {
-    /// Each fills its side of the plot.
+    /// Each axis fills its side of the plot.
     #[default]
     Fill,
-    /// A unit is as long on both, as on a map: axes are extended as needed. For linear axes.
+    /// A unit has the same length on both axes, as on a map; axes are extended as needed. For linear axes.
     Equal,
 }
 
 /// One pair of axes.
 pub(super) struct Panel<'a> {
-    /// Shown above it; empty for none.
+    /// Text above the panel; empty for none.
     pub heading: &'a str,
     pub x_axis: &'a Axis,
     pub y_axis: &'a Axis,
     pub x: Scale,
     pub y: Scale,
     pub aspect: Aspect,
-    /// Height of an [`Aspect::Fill`] panel, pt.
+    /// Height of a panel with [`Aspect::Fill`], pt.
     pub height_pt: f64,
     pub is_empty: bool,
-    /// Faint lines at the ticks.
+    /// Whether faint lines are drawn at the ticks.
     pub has_grid: bool,
 }
 
-/// A panel with its place on paper.
+/// A panel with its position on paper.
 pub(super) struct Placed {
     pub area: Rect,
     pub x: Scale,
@@ -80,24 +80,24 @@ impl Placed {
     }
 }
 
-/// Colours and their values, right of all panels.
+/// Colour bar, to the right of all panels.
 pub(super) struct ColourBar<'a> {
     pub axis: &'a Axis,
     pub scale: Scale,
     pub colours: ColourMap,
 }
 
-/// A figure but for what its panels show.
+/// A figure without the content of its panels.
 pub(super) struct Figure<'a> {
     pub title: &'a str,
     pub panels: Vec<Panel<'a>>,
     pub colour_bar: Option<ColourBar<'a>>,
-    /// Names of series; those without a name are left out.
+    /// Names and styles of the series; series without a name are omitted.
     pub legend: Vec<(&'a str, SeriesStyle)>,
 }
 
 impl Figure<'_> {
-    /// Draws the figure; `draw` fills each panel, by its index.
+    /// Draws the figure; `draw` fills the panel with the given index.
     pub fn to_svg(&self, draw: impl Fn(&mut Svg, usize, &Placed)) -> String {
         let mut svg = Svg::default();
         let (placed, mut bottom) = self.place();
@@ -113,7 +113,7 @@ impl Figure<'_> {
         let middle = first.left + 0.5 * first.width;
         for (i, line) in self.title_lines().iter().enumerate() {
             let half = 0.5 * BOLD * text_width(line, TITLE_PT);
-            // Over the plot, as far as the figure's edges allow.
+            // The title is centred over the plot, as far as the edges of the figure allow.
             let centre = middle
                 .min(WIDTH_PT - MARGIN_PT - half)
                 .max(MARGIN_PT + half);
@@ -149,14 +149,15 @@ impl Figure<'_> {
         svg.finish(self.title, bottom + MARGIN_PT)
     }
 
-    /// Places of the panels.
+    /// Positions of the panels.
     pub fn placed_panels(&self) -> Vec<Placed> {
         self.place().0
     }
 
-    /// Places of the panels, and where what is below them begins.
+    /// Positions of the panels, and the upper edge of whatever is below them.
     fn place(&self) -> (Vec<Placed>, f64) {
-        // Numbers at the axes depend on the size of the panels and the room for them on the numbers.
+        // The numbers at the axes depend on the size of the panels, and that size on the width of the numbers. Both are
+        // therefore computed iteratively.
         let mut left = 30.0;
         let mut right = 30.0;
         let mut placed = Vec::new();
@@ -218,7 +219,7 @@ impl Figure<'_> {
         wrapped(self.title, BOLD * TITLE_PT, WIDTH_PT - 2.0 * MARGIN_PT)
     }
 
-    /// Rows of the legend, as few as possible and about equally long, and widths of its columns.
+    /// Rows of the legend, as few as possible and of similar length, and the widths of its columns.
     fn legend_rows(&self) -> (Vec<Vec<(String, SeriesStyle)>>, Vec<f64>) {
         let room = WIDTH_PT - 2.0 * MARGIN_PT;
         let entries: Vec<(String, SeriesStyle)> = self
@@ -240,14 +241,14 @@ impl Figure<'_> {
             *n == entries.len().div_ceil(n_rows)
                 && widths(*n).iter().sum::<f64>() - ENTRY_SPACE_PT <= room
         };
-        // One column always fits. Of very many entries no row holds more than a few.
+        // One column always fits. A row has at most 20 entries.
         let n_columns = (1..=entries.len().min(20)).rev().find(fits).unwrap_or(1);
         let rows = entries.chunks(n_columns).map(<[_]>::to_vec).collect();
         (rows, widths(n_columns))
     }
 }
 
-/// Height and scales of a panel in which a unit is as long on both axes.
+/// Height and scales of a panel with equal scales on both axes.
 fn equal_scales(x: &Scale, y: &Scale, width: f64) -> (f64, Scale, Scale) {
     let [least, most] = EQUAL_HEIGHTS_PT;
     let height = (width * (y.extent() / x.extent())).clamp(least, most);
@@ -260,12 +261,12 @@ fn entry_width(name: &str) -> f64 {
     SAMPLE_PT + GAP_PT + text_width(name, TICK_PT) + ENTRY_SPACE_PT
 }
 
-/// Ticks of an upright axis.
+/// Ticks of a vertical axis.
 fn upright_ticks(scale: &Scale, height: f64) -> (Vec<Tick>, i32) {
     scale.ticks((height / 20.0) as usize)
 }
 
-/// Ticks of a level axis, so few that their numbers do not touch.
+/// Ticks of a horizontal axis, few enough that their numbers do not touch.
 fn level_ticks(scale: &Scale, width: f64) -> (Vec<Tick>, i32) {
     let mut n = (width / 24.0) as usize;
     loop {
@@ -278,7 +279,7 @@ fn level_ticks(scale: &Scale, width: f64) -> (Vec<Tick>, i32) {
     }
 }
 
-/// How far a number at the right end of a level axis sticks out, with a margin.
+/// Distance by which the last number of a horizontal axis extends beyond its right end, with a margin.
 fn beyond_right_end(placed: &Placed) -> f64 {
     let (ticks, _) = level_ticks(&placed.x, placed.area.width);
     let ends = ticks.iter().map(|t| {
@@ -288,7 +289,7 @@ fn beyond_right_end(placed: &Placed) -> f64 {
     MARGIN_PT + ends.fold(0.0, f64::max)
 }
 
-/// Room for ticks, numbers and label of an upright axis.
+/// Width of the ticks, numbers and label of a vertical axis.
 fn margin(axis: &Axis, scale: &Scale, height: f64) -> f64 {
     let (ticks, exponent) = upright_ticks(scale, height);
     let widest = ticks
@@ -370,7 +371,7 @@ impl ColourBar<'_> {
             palette: &self.colours.palette(),
             indices: &indices,
         };
-        // Encoding a column of a fixed size into memory does not fail.
+        // Encoding a column of fixed size into memory cannot fail.
         if let Ok(png) = png_file::encode(1, indices.len(), &pixels, &[]) {
             svg.image(bar, &png);
         }
@@ -396,7 +397,7 @@ impl ColourBar<'_> {
     }
 }
 
-/// SVG commands of a straight line.
+/// SVG commands of a straight line segment.
 pub(super) fn segment(from: [f64; 2], to: [f64; 2]) -> String {
     let [x1, y1, x2, y2] = [from[0], from[1], to[0], to[1]].map(crate::markup::coordinate);
     format!("M{x1} {y1}L{x2} {y2}")

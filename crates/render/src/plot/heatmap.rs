@@ -1,4 +1,4 @@
-//! Heat maps: range-Doppler, range-azimuth, micro-Doppler, detection maps.
+//! Heat maps, for example range-Doppler, range-azimuth, micro-Doppler and detection maps.
 
 use super::{
     PlotError,
@@ -11,10 +11,10 @@ use crate::png_file::{self, Pixels};
 
 /// Height of the plot, pt.
 const HEIGHT_PT: f64 = 128.0;
-/// Longest side of the picture, pixels; of larger grids each pixel shows the largest value of its cells.
+/// Maximum side of the image, pixels. In larger grids, each pixel shows the maximum of its cells.
 const MAX_SIDE: usize = 4096;
 
-/// A rectangle of values, `[row, column]`, column fastest.
+/// A matrix of values, `[row, column]`, column fastest.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Grid {
     n_rows: usize,
@@ -23,10 +23,10 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// A grid of values; it may be empty.
+    /// Creates a grid, which may be empty.
     ///
     /// # Errors
-    /// [`PlotError::Shape`] if there are not `n_rows * n_cols` values.
+    /// [`PlotError::Shape`] if the number of values is not `n_rows * n_cols`.
     pub fn new(n_rows: usize, n_cols: usize, values: Vec<f32>) -> Result<Self, PlotError> {
         if n_rows.checked_mul(n_cols) != Some(values.len()) {
             return Err(PlotError::Shape {
@@ -42,7 +42,7 @@ impl Grid {
         })
     }
 
-    /// Sides of at most [`MAX_SIDE`].
+    /// The grid reduced to sides of at most [`MAX_SIDE`].
     fn reduced(&self) -> std::borrow::Cow<'_, Self> {
         let (by_row, by_col) = (
             self.n_rows.div_ceil(MAX_SIDE),
@@ -52,7 +52,7 @@ impl Grid {
             return std::borrow::Cow::Borrowed(self);
         }
         let (n_rows, n_cols) = (self.n_rows.div_ceil(by_row), self.n_cols.div_ceil(by_col));
-        // NaN loses against any number in `f32::max`.
+        // `f32::max` ignores NaN if the other operand is a number.
         let mut values = vec![f32::NAN; n_rows * n_cols];
         for (row, cells) in self.values.chunks_exact(self.n_cols).enumerate() {
             for (col, cell) in cells.iter().enumerate() {
@@ -68,7 +68,7 @@ impl Grid {
     }
 }
 
-/// Values over two quantities, as colours.
+/// A function of two quantities, shown as colours.
 ///
 /// ```
 /// use radarllm_render::plot::{Axis, Grid, Heatmap};
@@ -87,24 +87,25 @@ impl Grid {
 /// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Heatmap {
-    /// Above the plot.
+    /// Title above the plot.
     pub title: String,
-    /// What columns mean, linear; its limits are the outer edges of the first and the last column.
+    /// Quantity of the columns, linear. The limits are the outer edges of the first and the last column.
     pub x: Axis,
-    /// What rows mean, linear; its limits are the outer edges of the first and the last row. Row 0 is at the bottom.
+    /// Quantity of the rows, linear. The limits are the outer edges of the first and the last row. Row 0 is at the
+    /// bottom.
     pub y: Axis,
-    /// The values; those that are not finite are grey.
+    /// The values. Values that are not finite are grey.
     pub values: Grid,
-    /// What values mean; values beyond its limits have the colour of the nearer end.
+    /// Quantity of the values. Values beyond the limits have the colour of the nearer end.
     pub colour_bar: Axis,
 }
 
 impl Heatmap {
-    /// The figure: axes as vector shapes around the embedded picture of [`Heatmap::to_png`].
+    /// The figure: axes as vector shapes around the embedded image of [`Heatmap::to_png`].
     pub fn to_svg(&self) -> String {
         let (x_axis, y_axis) = self.axes();
         let is_empty = self.values.values.is_empty();
-        // The picture of an empty grid has no pixels and is left out; any other one is encoded.
+        // Encoding fails only for an empty grid, whose image has no pixels and is omitted.
         let png = self.to_png().ok();
         let figure = Figure {
             title: &self.title,
@@ -133,7 +134,8 @@ impl Heatmap {
         })
     }
 
-    /// The picture alone, one pixel a cell and without text; what its sides and colours mean is in its tEXt chunks.
+    /// The image only, one pixel per cell and without text. The extents of the axes and of the colour bar are in its
+    /// tEXt chunks.
     ///
     /// # Errors
     /// [`PlotError::Encode`] for an empty grid.
@@ -161,7 +163,7 @@ impl Heatmap {
         Ok(png_file::encode(grid.n_cols, grid.n_rows, &pixels, &texts)?)
     }
 
-    /// The two axes, linear as cells are; limits that are not given are those of cell numbers from 0.
+    /// The two axes, both linear. Without limits, an axis shows cell numbers from 0.
     fn axes(&self) -> (Axis, Axis) {
         let of_cells = |axis: &Axis, n: usize| {
             let axis = axis.clone().with_scale(AxisScale::Linear);

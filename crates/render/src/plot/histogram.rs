@@ -1,4 +1,4 @@
-//! Histograms: how often values fall into bins.
+//! Histograms: frequencies of values in bins.
 
 use super::{
     axis::{Axis, Scale},
@@ -11,7 +11,7 @@ use super::{
 const HEIGHT_PT: f64 = 118.0;
 const LINE_PT: f64 = 0.9;
 
-/// How often values fall into bins: a stepped outline for each of several series.
+/// Frequencies of values in bins, drawn as one stepped outline per series.
 ///
 /// ```
 /// use radarllm_render::plot::{Axis, AxisScale, Histogram};
@@ -27,20 +27,21 @@ const LINE_PT: f64 = 0.9;
 /// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Histogram {
-    /// Above the plot.
+    /// Title above the plot.
     pub title: String,
-    /// What is counted.
+    /// Quantity that is binned.
     pub x: Axis,
-    /// How often it occurs.
+    /// Frequency.
     pub y: Axis,
-    /// Edges of the bins, rising: one more than there are bins.
+    /// Bin edges in increasing order, one more than bins.
     pub edges: Vec<f64>,
-    /// Name and a number for each bin; an empty name is left out of the legend. Numbers beyond the bins are not drawn.
+    /// Name and one value per bin for each series. An empty name is omitted from the legend. Surplus values are not
+    /// drawn.
     pub series: Vec<(String, Vec<f64>)>,
 }
 
 impl Histogram {
-    /// The figure. On a logarithmic axis empty bins are gaps.
+    /// The figure. On a logarithmic axis, empty bins are gaps.
     pub fn to_svg(&self) -> String {
         let outlines: Vec<Series> = self
             .series
@@ -54,7 +55,7 @@ impl Histogram {
             .collect();
         let points = || outlines.iter().flat_map(|s| &s.points);
         let x = Scale::new(&self.x, self.edges.iter().copied(), 0.0);
-        // Bars stand on zero where there is a zero.
+        // The vertical axis includes zero, unless it is logarithmic.
         let y = Scale::new(&self.y, points().map(|p| p.y).chain([0.0]), 0.0);
         let y = match self.y.limits {
             Some(_) => y,

@@ -1,4 +1,4 @@
-//! Curves over one pair of axes: profiles, scores with their intervals, tracks.
+//! Line plots: profiles, scores with intervals, tracks.
 
 use super::{
     axis::{Axis, Scale},
@@ -8,15 +8,15 @@ use super::{
 };
 use crate::markup::coordinate;
 
-/// Height of a plot whose axes fill it, pt.
+/// Height of a plot with [`Aspect::Fill`], pt.
 const HEIGHT_PT: f64 = 118.0;
 const LINE_PT: f64 = 1.1;
 const INTERVAL_LINE_PT: f64 = 0.7;
-/// Half the length of the bar that ends an interval, pt.
+/// Half the length of the cap of an interval, pt.
 const CAP_PT: f64 = 1.6;
-/// Distance between the intervals of neighbouring series at one place, pt.
+/// Distance between the intervals of neighbouring series at the same position, pt.
 const DODGE_PT: f64 = 3.2;
-/// Share of an axis's extent that stays free beyond the data.
+/// Margin between data and axis ends, as a fraction of the axis extent.
 const PADDING: f64 = 0.05;
 
 /// A point of a curve.
@@ -24,7 +24,7 @@ const PADDING: f64 = 0.05;
 pub struct CurvePoint {
     /// Horizontal value.
     pub x: f64,
-    /// Vertical value; one that is not finite interrupts the curve.
+    /// Vertical value; a value that is not finite interrupts the curve.
     pub y: f64,
     /// Lower and upper end of an interval around `y`.
     pub interval: Option<[f64; 2]>,
@@ -45,12 +45,12 @@ impl From<[f64; 2]> for CurvePoint {
 pub struct Series {
     /// Name in the legend; empty for none.
     pub name: String,
-    /// Its points, in the order in which they are joined.
+    /// The points, in the order in which they are connected.
     pub points: Vec<CurvePoint>,
 }
 
 impl Series {
-    /// A curve through points.
+    /// A curve through the given points.
     pub fn new(
         name: impl Into<String>,
         points: impl IntoIterator<Item = impl Into<CurvePoint>>,
@@ -62,19 +62,19 @@ impl Series {
     }
 }
 
-/// Whether the points of curves are marked.
+/// Which points of a curve have markers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Markers {
-    /// Lines only: for curves of many points.
+    /// No markers: for curves of many points.
     #[default]
     None,
-    /// A marker at every point, of another shape for each curve.
+    /// A marker at every point, with a different shape for each curve.
     EveryPoint,
     /// A marker at the first point only, which shows the direction of a path.
     FirstPoint,
 }
 
-/// Curves over one pair of axes, with a legend of those that have a name.
+/// Curves on one pair of axes, with a legend of the curves that have a name.
 ///
 /// ```
 /// use radarllm_render::plot::{Axis, CurvePoint, LinePlot, Markers, Series};
@@ -95,7 +95,7 @@ pub enum Markers {
 /// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LinePlot {
-    /// Above the plot.
+    /// Title above the plot.
     pub title: String,
     /// Horizontal axis.
     pub x: Axis,
@@ -103,9 +103,9 @@ pub struct LinePlot {
     pub y: Axis,
     /// The curves.
     pub series: Vec<Series>,
-    /// Which points are marked.
+    /// Which points have markers.
     pub markers: Markers,
-    /// Whether the axes share one scale.
+    /// Relation between the scales of the axes.
     pub aspect: Aspect,
 }
 
@@ -145,7 +145,7 @@ impl LinePlot {
         };
         figure.to_svg(|svg, _, placed| {
             for (i, series) in self.series.iter().enumerate() {
-                // Intervals of several curves at one place stand side by side.
+                // Intervals of several curves at the same position are drawn side by side.
                 let dodge = match has_intervals {
                     true => DODGE_PT * (i as f64 - 0.5 * (self.series.len() - 1) as f64),
                     false => 0.0,
@@ -182,7 +182,7 @@ fn is_place([x, y]: &[f64; 2]) -> bool {
     x.is_finite() && y.is_finite()
 }
 
-/// A curve through places, interrupted where one is missing; a place without neighbours becomes a dot.
+/// Draws a curve, interrupted where a position is missing. An isolated position becomes a dot.
 pub(super) fn draw_curve(svg: &mut Svg, places: &[[f64; 2]], style: SeriesStyle) {
     let mut commands = String::new();
     for run in places.split(|p| !is_place(p)) {
@@ -190,7 +190,7 @@ pub(super) fn draw_curve(svg: &mut Svg, places: &[[f64; 2]], style: SeriesStyle)
             .iter()
             .map(|[x, y]| format!("{} {}", coordinate(*x), coordinate(*y)))
             .collect();
-        // Long recordings have many points on one spot of the paper.
+        // In long recordings, many points coincide on paper.
         written.dedup();
         match &written[..] {
             [] => {}

@@ -9,14 +9,14 @@ use super::{
     scatter_plot::{ScatterPanel, ScatterPlot},
 };
 
-/// Smallest end of a velocity axis, m/s: noise of a still scene stays grey.
+/// Minimum end of a velocity axis, m/s, so that the noise of a static scene remains grey.
 const MIN_SPEED_MPS: f64 = 0.1;
 
-/// Share of the time of a recording that stays free before and after it.
+/// Margin before and after a recording, as a fraction of its duration.
 const TIME_PADDING: f64 = 0.02;
 
-/// Points from above (x to the right, y upwards) and from the side (y to the right, z upwards), coloured by radial
-/// velocity: blue approaches, red recedes. Points that are not finite are left out.
+/// Points seen from above (x to the right, y upwards) and from the side (y to the right, z upwards), coloured by radial
+/// velocity: blue approaches, red recedes. Points without a finite position are omitted.
 ///
 /// ```
 /// use radarllm_base::RadarPoint;
@@ -61,7 +61,7 @@ pub fn points_over_time(frames: &[PointFrame], title: &str) -> ScatterPlot {
             aspect: Aspect::Fill,
         }
     };
-    // Frames without points are part of the time that is shown.
+    // The time axis includes frames without points.
     let times = || frames.iter().map(|f| f.time_s).filter(|t| t.is_finite());
     let first = times().fold(f64::INFINITY, f64::min);
     let last = times().fold(f64::NEG_INFINITY, f64::max);

@@ -1,4 +1,4 @@
-//! Scatter plots: points with a colour each.
+//! Scatter plots: points, each with a colour.
 
 use super::{
     PlotError,
@@ -10,38 +10,38 @@ use super::{
 };
 use crate::png_file::{self, Pixels};
 
-/// Height of a panel whose axes fill it, pt.
+/// Height of a panel with [`Aspect::Fill`], pt.
 const HEIGHT_PT: f64 = 100.0;
 const RADIUS_PT: f64 = 1.2;
-/// Most points that are drawn as vector shapes; more of them become an embedded picture.
+/// Maximum number of points drawn as vector shapes. More points become an embedded image.
 const MAX_VECTOR_POINTS: usize = 20_000;
-/// Pixels of a picture per point on paper: 288 dpi.
+/// Resolution of the image, pixels per point on paper: 288 dpi.
 const PIXELS_PER_PT: f64 = 4.0;
-/// White rows between the panels of a picture, pixels.
+/// Blank rows between the panels of an image, pixels.
 const PICTURE_GAP: usize = 24;
-/// Share of an axis's extent that stays free beyond the data.
+/// Margin between data and axis ends, as a fraction of the axis extent.
 const PADDING: f64 = 0.05;
-/// Steps of colour among vector shapes, which are grouped by it.
+/// Number of colour steps of vector shapes, which are grouped by colour.
 const COLOUR_STEPS: f64 = 22.0;
 
-/// Points over one pair of axes.
+/// Points on one pair of axes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ScatterPanel {
-    /// Above the panel; empty for none.
+    /// Text above the panel; empty for none.
     pub heading: String,
     /// Horizontal axis.
     pub x: Axis,
     /// Vertical axis.
     pub y: Axis,
-    /// Horizontal value, vertical value, value of the colour. Points that are not finite are left out.
+    /// Horizontal value, vertical value and colour value of each point. Points without a finite position are omitted.
     pub points: Vec<[f64; 3]>,
-    /// Whether the axes share one scale.
+    /// Relation between the scales of the axes.
     pub aspect: Aspect,
 }
 
 /// Points coloured by a value, in panels one below the other.
 ///
-/// Points with the largest values are drawn last, with [`ColourMap::BlueRed`] those farthest from the middle.
+/// Points are drawn in increasing order of the value or, with [`ColourMap::BlueRed`], of its distance from the middle.
 ///
 /// ```
 /// use radarllm_render::plot::{Axis, ColourMap, ScatterPanel, ScatterPlot};
@@ -61,13 +61,13 @@ pub struct ScatterPanel {
 /// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ScatterPlot {
-    /// Above the panels.
+    /// Title above the panels.
     pub title: String,
     /// The panels, from top to bottom.
     pub panels: Vec<ScatterPanel>,
-    /// What colours mean.
+    /// Quantity shown by the colours.
     pub colour_bar: Axis,
-    /// Which colours.
+    /// Colour map.
     pub colours: ColourMap,
 }
 
@@ -87,14 +87,14 @@ impl ScatterPlot {
                 palette: &self.colours.palette(),
                 indices: &indices,
             };
-            // A panel has a size, and so has its picture: encoding it into memory does not fail.
+            // A panel has a positive size, so encoding its image into memory cannot fail.
             if let Ok(png) = png_file::encode(width, height, &pixels, &[]) {
                 svg.image(placed.area, &png);
             }
         })
     }
 
-    /// The panels alone, points as pixels without text; what their sides and colours mean is in tEXt chunks.
+    /// An image of the panels only, without text. The extents of the axes and of the colour bar are in its tEXt chunks.
     ///
     /// # Errors
     /// [`PlotError::Encode`] if there is no panel.
@@ -109,7 +109,7 @@ impl ScatterPlot {
             if index > 0 {
                 indices.extend(vec![NOTHING; PICTURE_GAP * width]);
             }
-            // All panels are as wide as the figure leaves room for.
+            // All panels have the same width.
             image_width = width;
             indices.extend(picture);
         }
@@ -171,7 +171,8 @@ impl ScatterPlot {
         Scale::new(&self.colour_bar, values, 0.0)
     }
 
-    /// Place and share of the colour bar of every point with a place, in the order of drawing.
+    /// Positions of the points and their relative positions on the colour bar, in drawing order. Points without a
+    /// position are omitted.
     fn placed_points(
         &self,
         index: usize,
@@ -183,7 +184,7 @@ impl ScatterPlot {
         };
         let points = panel.points.iter().map(|[x, y, value]| {
             let share = colours.fraction(*value);
-            // A point without a value is one in the middle.
+            // A point without a colour value gets the middle colour.
             let share = if share.is_nan() { 0.5 } else { share };
             (placed.at(*x, *y), share.clamp(0.0, 1.0))
         });
@@ -198,7 +199,7 @@ impl ScatterPlot {
         points
     }
 
-    /// Width, height and pixels of a panel.
+    /// Width, height and pixels of the image of a panel.
     fn picture(&self, placed: &Placed, points: &[([f64; 2], f64)]) -> (usize, usize, Vec<u8>) {
         let area = placed.area;
         let side = |pt: f64| (pt * PIXELS_PER_PT).round().max(1.0) as usize;
@@ -224,15 +225,15 @@ impl ScatterPlot {
     }
 }
 
-/// Pixels whose middle may lie within a radius.
+/// Range of pixels whose centres may lie within a radius.
 fn pixels_within(centre: f64, radius: f64, n: usize) -> std::ops::Range<usize> {
-    // Casts saturate: what lies outside gives an empty range.
+    // Casts saturate, so positions outside give an empty range.
     let first = (centre - radius).floor().max(0.0) as usize;
     let end = ((centre + radius).ceil().max(0.0) as usize).min(n);
     first.min(end)..end
 }
 
-/// Discs, one group for each run of one colour.
+/// Draws discs, one group for each run of equal colour.
 fn draw_discs(svg: &mut Svg, points: &[([f64; 2], f64)], colours: ColourMap) {
     let palette = colours.palette();
     let step = |share: f64| (share * COLOUR_STEPS).round();

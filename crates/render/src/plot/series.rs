@@ -1,4 +1,4 @@
-//! How a series is told apart from others: colour, dashes, marker.
+//! Style that distinguishes a series from others: colour, dashes, marker.
 
 use super::{
     colours::{DASHES, SERIES},
@@ -7,7 +7,7 @@ use super::{
 };
 use crate::markup::coordinate;
 
-/// Look of one of several series.
+/// Style of one of several series.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct SeriesStyle {
     index: usize,
@@ -38,7 +38,7 @@ impl SeriesStyle {
         }
     }
 
-    /// SVG commands of a marker: disc, square, triangle or diamond.
+    /// SVG commands of a marker: a disc, square, triangle or diamond.
     pub fn marker(&self, [x, y]: [f64; 2]) -> String {
         let r = MARKER_RADIUS_PT;
         let corners: &[[f64; 2]] = match self.index % 4 {
@@ -59,7 +59,7 @@ impl SeriesStyle {
         format!("M{}Z", places.collect::<Vec<_>>().join("L"))
     }
 
-    /// A short piece of the series, from a place to the right, for a legend.
+    /// Draws a short sample of the series for a legend, from a position to the right.
     pub fn draw_sample(&self, svg: &mut Svg, [x, y]: [f64; 2], length_pt: f64) {
         svg.path(&segment([x, y], [x + length_pt, y]), self.stroke());
         if self.has_markers {

@@ -1,6 +1,6 @@
 //! Vector shapes and text of a figure.
 //!
-//! One unit is one point (1/72 inch) on paper. Nothing here has an id, so that several figures can stand in one document.
+//! One unit is one point (1/72 inch) on paper. No element has an id, so several figures can be part of one document.
 
 use crate::markup::{coordinate, escape};
 use crate::png_file;
@@ -12,7 +12,7 @@ const FONTS: &str = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-se
 
 /// Colour of text and axes.
 pub(super) const INK: &str = "#222";
-/// Colour of the lines at ticks.
+/// Colour of the grid lines.
 pub(super) const GRID: &str = "#e3e3e3";
 
 /// A rectangle on paper, pt, y downwards.
@@ -34,7 +34,7 @@ impl Rect {
     }
 }
 
-/// Which part of a text stands at its place.
+/// Which part of a text is at its position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Anchor {
     Start,
@@ -42,23 +42,23 @@ pub(super) enum Anchor {
     End,
 }
 
-/// How a line is drawn.
+/// Style of a line.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stroke<'a> {
     pub colour: &'a str,
     pub width_pt: f64,
-    /// Lengths of dashes and gaps; empty for a whole line.
+    /// Lengths of dashes and gaps; empty for a solid line.
     pub dashes: &'a str,
 }
 
-/// A figure being drawn.
+/// A figure under construction.
 #[derive(Default)]
 pub(super) struct Svg {
     body: String,
 }
 
 impl Svg {
-    /// The file: a figure on white.
+    /// Returns the SVG file with a white background.
     pub fn finish(self, title: &str, height_pt: f64) -> String {
         let (width, height) = (coordinate(WIDTH_PT), coordinate(height_pt));
         format!(
@@ -72,7 +72,7 @@ impl Svg {
         )
     }
 
-    /// Text with its baseline a third of its size below `y`, so that it is centred there.
+    /// Text that is vertically centred at `y`: its baseline is 0.35 of its size below.
     pub fn text(&mut self, x: f64, y: f64, size_pt: f64, anchor: Anchor, text: &str) {
         self.styled_text(x, y, size_pt, anchor, "", text);
     }
@@ -81,7 +81,7 @@ impl Svg {
         self.styled_text(x, y, size_pt, anchor, " font-weight=\"bold\"", text);
     }
 
-    /// Text that reads upwards, centred at a place.
+    /// Text that is rotated to read upwards, centred at a position.
     pub fn upward_text(&mut self, x: f64, y: f64, size_pt: f64, text: &str) {
         let turn = format!(
             " transform=\"rotate(-90 {} {})\"",
@@ -118,7 +118,7 @@ impl Svg {
         let mut is_raised = false;
         for (part, superscript) in split_superscripts(text) {
             let part = escape(&part.replace('-', if superscript { "\u{2212}" } else { "-" }));
-            // A shift holds for all text after it, so that the text behind an exponent has to come down again.
+            // A shift applies to all following text, so the text after an exponent is shifted back.
             self.body += &match (superscript, is_raised) {
                 (true, _) => format!(
                     "<tspan dy=\"-{raise}\" font-size=\"{}\">{part}</tspan>",
@@ -132,7 +132,7 @@ impl Svg {
         self.body += "</text>\n";
     }
 
-    /// A path of SVG commands, filled with nothing.
+    /// A path of SVG commands without fill.
     pub fn path(&mut self, commands: &str, stroke: Stroke) {
         let dashes = match stroke.dashes {
             "" => String::new(),
@@ -145,7 +145,7 @@ impl Svg {
         );
     }
 
-    /// A path of SVG commands, filled.
+    /// A filled path of SVG commands.
     pub fn filled_path(&mut self, commands: &str, colour: &str) {
         self.body += &format!("<path d=\"{commands}\" fill=\"{colour}\"/>\n");
     }
@@ -175,7 +175,7 @@ impl Svg {
         self.body += "</g>\n";
     }
 
-    /// A PNG file stretched over an area, each of its pixels a rectangle.
+    /// A PNG file stretched over an area, without interpolation between pixels.
     pub fn image(&mut self, area: Rect, png: &[u8]) {
         self.body += &format!(
             "<image x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" preserveAspectRatio=\"none\" \
@@ -188,7 +188,7 @@ impl Svg {
         );
     }
 
-    /// Draws what stays inside an area; places are still those of the figure.
+    /// Clips the shapes drawn by `draw` to an area. Coordinates remain those of the figure.
     pub fn clipped(&mut self, area: Rect, draw: impl FnOnce(&mut Self)) {
         let [x, y, width, height] = [area.left, area.top, area.width, area.height].map(coordinate);
         self.body += &format!(
@@ -199,10 +199,10 @@ impl Svg {
     }
 }
 
-/// How much of what lies below a disc it hides.
+/// Opacity of a disc.
 pub(super) const DISC_OPACITY: f64 = 0.75;
 
-/// Parts of a text and whether they are exponents: whole numbers after a caret.
+/// Splits a text into parts and marks the exponents, which are integers after a caret.
 fn split_superscripts(text: &str) -> Vec<(String, bool)> {
     let mut parts = Vec::new();
     let mut plain = String::new();
@@ -225,7 +225,7 @@ fn split_superscripts(text: &str) -> Vec<(String, bool)> {
     parts
 }
 
-/// About how wide a text is in Helvetica, pt; viewers with another font differ by a few percent.
+/// Approximate width of a text in Helvetica, pt. Other fonts differ by a few percent.
 pub(super) fn text_width(text: &str, size_pt: f64) -> f64 {
     let widths = split_superscripts(text).into_iter().map(|(part, raised)| {
         let width: f64 = part.chars().map(character_width).sum();
@@ -234,7 +234,7 @@ pub(super) fn text_width(text: &str, size_pt: f64) -> f64 {
     size_pt * widths.sum::<f64>()
 }
 
-/// Advance width over font size.
+/// Advance width relative to the font size.
 fn character_width(c: char) -> f64 {
     match c {
         'i' | 'j' | 'l' | '\'' | '|' => 0.22,
@@ -247,13 +247,13 @@ fn character_width(c: char) -> f64 {
         'c' | 'k' | 's' | 'v' | 'x' | 'y' | 'z' => 0.5,
         '\u{2212}' | '+' | '<' | '>' | '=' | '~' => 0.58,
         c if c.is_ascii() => 0.556,
-        // Other scripts may be as wide as they are high.
+        // Characters of other scripts may be as wide as high.
         c if (c as u32) < 0x2000 => 0.62,
         _ => 1.0,
     }
 }
 
-/// Breaks a text between words into lines of at most a width, pt, where its words allow it.
+/// Breaks a text between words into lines of a maximum width, pt, as far as the words allow.
 pub(super) fn wrapped(text: &str, size_pt: f64, width_pt: f64) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
@@ -268,7 +268,7 @@ pub(super) fn wrapped(text: &str, size_pt: f64, width_pt: f64) -> Vec<String> {
     lines
 }
 
-/// A text shortened to a width, pt, with an ellipsis where something is missing.
+/// Shortens a text to a maximum width, pt. An ellipsis marks the omission.
 pub(super) fn shortened(text: &str, size_pt: f64, width_pt: f64) -> String {
     if text_width(text, size_pt) <= width_pt {
         return text.into();

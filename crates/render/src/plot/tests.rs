@@ -1,4 +1,5 @@
-//! Whole figures, read back: well-formed, in place, the same bytes every time, whatever the data.
+//! Tests of complete figures, which are parsed: well-formed markup, correct positions, reproducible bytes, for
+//! arbitrary data.
 
 use base64::prelude::{BASE64_STANDARD, Engine};
 use proptest::prelude::*;
@@ -6,7 +7,7 @@ use radarllm_base::{PointFrame, RadarPoint};
 
 use super::*;
 
-/// An element of a figure with its attributes and the text directly inside it.
+/// An element of a figure with its attributes and its own text.
 #[derive(Debug)]
 struct Element {
     tag: String,
@@ -25,8 +26,8 @@ impl Element {
     }
 }
 
-/// Reads a figure: every tag is closed in order, attributes are quoted and differ, text has only known entities, every
-/// number is one.
+/// Parses a figure. Checks that tags are closed in order, that attributes are quoted and unique, that text has only
+/// known entities, and that all numbers are valid.
 fn elements(svg: &str) -> Vec<Element> {
     let mut all: Vec<Element> = Vec::new();
     let mut open: Vec<usize> = Vec::new();
@@ -96,10 +97,10 @@ fn texts(svg: &str) -> Vec<String> {
     texts.map(|e| e.text.clone()).collect()
 }
 
-/// Keyword and text.
+/// Keyword and text of a chunk.
 type Chunk = (String, String);
 
-/// Width, height and RGB of a PNG file, and its text chunks.
+/// Decodes a PNG file into width, height, RGB values and text chunks.
 fn decoded(png: &[u8]) -> (usize, usize, Vec<[u8; 3]>, Vec<Chunk>) {
     let mut decoder = png::Decoder::new(std::io::Cursor::new(png));
     decoder.set_transformations(png::Transformations::EXPAND);
@@ -118,7 +119,7 @@ fn decoded(png: &[u8]) -> (usize, usize, Vec<[u8; 3]>, Vec<Chunk>) {
     )
 }
 
-/// The first picture inside a figure.
+/// The first image embedded in a figure.
 fn embedded(svg: &str) -> Vec<u8> {
     let all = elements(svg);
     let image = all.iter().find(|e| e.tag == "image").unwrap();
@@ -152,7 +153,7 @@ fn maps_put_row_zero_at_the_bottom_and_column_zero_at_the_left() {
     expected[11] = yellow;
     expected[0] = grey;
     assert_eq!(pixels, expected);
-    // Extents are the outer edges of the cells.
+    // The extents are the outer edges of the cells.
     let expected = [
         ("Title", "A map"),
         ("x-axis", "Velocity (m/s) from -1.500000 to 1.500000"),
@@ -184,7 +185,7 @@ fn ticks_of_a_figure_stand_at_the_values_they_name() {
         .split_whitespace()
         .map(|v| v.parse().unwrap())
         .collect();
-    // Text is centred: its baseline is a third of its size below the tick.
+    // Text is centred vertically: its baseline is 0.35 of its size below the tick.
     let baseline = 0.35 * 7.0;
     assert!((places[0] - tick("10", "x")).abs() < 0.011);
     assert!((places[2] - tick("30", "x")).abs() < 0.011);
@@ -204,7 +205,7 @@ fn point(x_m: f32, velocity_mps: f32) -> RadarPoint {
     }
 }
 
-/// Centres of the discs of a colour.
+/// Centres of the discs of one colour.
 fn discs(svg: &str, colour: &str) -> Vec<[f64; 2]> {
     let mut inside = "";
     let mut found = Vec::new();
@@ -227,7 +228,7 @@ const RECEDING: &str = "#b01428";
 #[test]
 fn points_to_the_right_are_drawn_to_the_right() {
     let svg = point_cloud(&[point(-1.0, -1.0), point(1.0, 1.0)], "p").to_svg();
-    // The first panel is the one from above; in that from the side both are at one place.
+    // The first panel shows the view from above. In the side view, both points are at the same position.
     let (left, right) = (discs(&svg, APPROACHING), discs(&svg, RECEDING));
     assert_eq!((left.len(), right.len()), (2, 2));
     assert!(left[0][0] + 50.0 < right[0][0] && left[0][1] == right[0][1]);
@@ -284,7 +285,7 @@ fn many_points_become_a_picture() {
     let (width, _, pixels, _) = decoded(&embedded(&svg));
     assert!(width > 600 && pixels.iter().any(|p| *p != [255; 3]));
     assert!(discs(&point_cloud(&points[..10_000], "").to_svg(), APPROACHING).len() > 10);
-    // The picture alone has both panels and says where they are.
+    // The PNG image contains both panels, and its chunks state their extents.
     let (png_width, _, _, chunks) = decoded(&plot.to_png().unwrap());
     assert_eq!(png_width, width);
     let keywords: Vec<&str> = chunks.iter().map(|(k, _)| k.as_str()).collect();
@@ -346,7 +347,7 @@ fn names_stay_text() {
         assert!(elements(&svg).iter().all(|e| e.tag != "script"));
         assert!(svg.contains("&lt;script&gt;") && svg.contains('\u{1F600}'));
     }
-    // Text chunks hold Latin-1.
+    // Text chunks are Latin-1.
     let map = Heatmap {
         title: "Fl\u{e4}che \u{2212}1 \u{1F600}".into(),
         ..map(1, 1, vec![0.0])
@@ -374,7 +375,7 @@ fn figures_without_data_say_so() {
     };
     let svg = point_cloud(&[nowhere], "").to_svg();
     assert_eq!(texts(&svg).iter().filter(|t| *t == "no data").count(), 2);
-    // One point and equal values are data.
+    // A single point and equal values are valid data.
     let one = [
         map(1, 1, vec![3.0]).to_svg(),
         map(2, 2, vec![-7.0; 4]).to_svg(),
@@ -392,7 +393,7 @@ fn figures_without_data_say_so() {
     assert!(map(0, 0, vec![]).to_png().is_err());
     assert!(Grid::new(2, 2, vec![0.0; 3]).is_err());
     assert!(Grid::new(usize::MAX, 2, vec![0.0]).is_err());
-    // The figure of no panel is a page with its title.
+    // A figure without panels still has its title.
     elements(&ScatterPlot::default().to_svg());
 }
 
@@ -425,7 +426,7 @@ fn series_are_told_apart_and_named() {
     }
 }
 
-/// Numbers of every kind that a computation may leave behind.
+/// All kinds of numbers that a computation may produce.
 fn any_number() -> impl Strategy<Value = f64> {
     prop_oneof![
         4 => -100.0_f64..100.0,

@@ -1,4 +1,4 @@
-//! Files of one recording joined: what they agree on, the order of frames, and what a user should know.
+//! Joins the files of one recording: checks that they agree, orders frames, and collects notes for the user.
 
 use radarllm_base::RadarPoint;
 
@@ -8,8 +8,8 @@ use super::{
 use crate::recordings::pieces::{PiecesError, left_over, ordered};
 use crate::sensor_position::SensorPosition;
 
-/// Demos whose display, built on the one for people tracking, turns points by the tilts and raises them by the height of
-/// `sensorPosition` in place, in the very array that is saved later.
+/// Demos whose display is based on that of people tracking. It rotates points by the tilts of `sensorPosition` and adds
+/// its height, in place, in the array that is saved later.
 const LEVELLING_DEMOS: [&str; 6] = [
     "3D People Tracking",
     "Vital Signs with People Tracking",
@@ -19,10 +19,10 @@ const LEVELLING_DEMOS: [&str; 6] = [
     "x844 Out of Box Demo",
 ];
 
-/// Joins files (number in the file's name, content) in the order of their numbers.
+/// Joins files (number in the file name, content) in the order of their numbers.
 ///
 /// # Errors
-/// No file, two with one number, or files of different recordings: another `cfg`, `demo` or `device`.
+/// No files, two files with the same number, or files of different recordings, whose `cfg`, `demo` or `device` differ.
 pub fn join_parts(parts: Vec<(u64, VisualizerPart)>) -> Result<VisualizerRecording, PiecesError> {
     let (parts, gaps) = ordered(parts, name)?;
     let mut notes: Vec<String> = gaps.into_iter().collect();
@@ -43,7 +43,7 @@ pub fn join_parts(parts: Vec<(u64, VisualizerPart)>) -> Result<VisualizerRecordi
     let levels = demo
         .as_deref()
         .is_some_and(|d| LEVELLING_DEMOS.contains(&d));
-    // The visualizer starts with no height and no tilt; without the chirp file it is unknown what it was set to.
+    // The visualizer starts without height and tilt. Without the chirp file, its settings are unknown.
     let z_above_floor = levels
         && match &sensor_position {
             Some(p) => p.height_m != 0.0,
@@ -70,7 +70,7 @@ pub fn join_parts(parts: Vec<(u64, VisualizerPart)>) -> Result<VisualizerRecordi
                 (a.frame.number, a.frame.stamp_s) == (b.frame.number, b.frame.stamp_s)
             });
         if repeats {
-            // Some versions save all frames so far in every file.
+            // Some versions save all previous frames in every file.
             n_repeated += 1;
             frames = part.frames;
             counts = part.counts;
@@ -110,7 +110,7 @@ fn name(number: u64) -> String {
     format!("{PREFIX}{number}.json")
 }
 
-/// The value that all parts which have one agree on.
+/// The value of all parts that have one; an error if they differ.
 fn common(
     parts: &[(u64, VisualizerPart)],
     what: &'static str,
@@ -134,10 +134,11 @@ fn common(
     Ok(found.map(|(_, text)| text.to_owned()))
 }
 
-/// A file is saved by the thread that reads the port, as soon as its last frame is parsed; the points of that frame are
-/// turned and raised later, by the thread that draws. Does it here if that fits the frames before it better: true if so.
+/// Rotates and raises the points of the last frame if the result agrees better with the frames before it; returns
+/// whether it did. A file is saved by the thread that reads the port, as soon as its last frame is parsed. The points
+/// of that frame are rotated and raised later, by the thread that draws, so that the file may contain them unchanged.
 fn level_last(frames: &mut [VisualizerFrame], position: &SensorPosition) -> bool {
-    /// Frames before the last one that are compared with it.
+    /// Number of frames before the last one that it is compared with.
     const N_COMPARED: usize = 10;
     let Some((last, before)) = frames.split_last_mut() else {
         return false;
@@ -158,7 +159,7 @@ fn level_last(frames: &mut [VisualizerFrame], position: &SensorPosition) -> bool
     else {
         return false;
     };
-    // Half of the height is far more than people move between frames, and the two cannot be confused above it.
+    // Half of the height is the margin, because people move far less between two frames.
     let is_raw = (levelled - known).abs() + 0.5 * position.height_m.abs() < (stored - known).abs();
     if is_raw {
         last.frame.points = level;

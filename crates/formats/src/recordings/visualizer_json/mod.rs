@@ -1,8 +1,8 @@
-//! Recordings of TI's Industrial and Applications Visualizers in JSON: a folder of `replay_N.json`, 100 frames each.
+//! JSON recordings of TI's Industrial and Applications Visualizers: a folder of `replay_N.json` with 100 frames each.
 //!
-//! A file is an object of `cfg` (the lines of the chirp file), `demo`, `device` and `data`, an array of frames
-//! `{"frameData": {..}, "timestamp": ms}`. What a frame lacks is absent from it: no `pointCloud` is a frame without
-//! points, no `frameNum` a packet that the visualizer could not parse.
+//! A file is an object with `cfg` (the lines of the chirp file), `demo`, `device` and `data`, an array of frames
+//! `{"frameData": {..}, "timestamp": ms}`. Absent keys have a meaning: a frame without `pointCloud` has no points, and
+//! one without `frameNum` is a packet that the visualizer could not parse.
 //!
 //! | key of `frameData` | rows |
 //! |---|---|
@@ -10,10 +10,10 @@
 //! | `trackData` | id, position, velocity and acceleration (x, y, z each), then more |
 //! | `heightData` | id, top, bottom |
 //!
-//! x points right, y away from the radar, z up, m; velocity is positive when receding. The SNR is a linear ratio in the
-//! demos that send compressed points (people tracking on xWR6843 and xWR1843), as in [`crate::uart`], and in dB in the
-//! others. Python writes numbers that are not finite as `NaN` and `Infinity`, which is no JSON; such points are dropped
-//! and counted, like those of a UART stream.
+//! x points right, y away from the radar, z up, m; the velocity is positive when receding. The SNR is a linear ratio in
+//! the demos that send compressed points (people tracking on xWR6843 and xWR1843), as in [`crate::uart`], and in dB in
+//! the others. Python writes numbers that are not finite as `NaN` and `Infinity`, which are not valid JSON. Such points
+//! are dropped and counted, as in a UART stream.
 
 mod join;
 mod parse;
@@ -26,7 +26,7 @@ use super::{MAX_INTENSITY_DB, RecordedFrame, RecordingError, point};
 use crate::sensor_position::SensorPosition;
 use crate::uart::{Target, TargetHeight};
 
-/// Start of the names of the pieces; the number and `.json` follow.
+/// Prefix of the file names, which is followed by the number and `.json`.
 pub const PREFIX: &str = "replay_";
 
 /// Demos that send compressed points with a linear SNR, on devices other than the low-power ones.
@@ -41,24 +41,24 @@ const LINEAR_SNR_DEMOS: [&str; 5] = [
 /// One frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VisualizerFrame {
-    /// Number of the firmware, time stamp of the PC, points.
+    /// Frame number of the firmware, time stamp of the PC, and points.
     pub frame: RecordedFrame,
     /// Tracks of the firmware, as the visualizer stored them.
     pub tracks: Vec<Target>,
-    /// Their vertical extents.
+    /// Vertical extents of the tracks.
     pub heights: Vec<TargetHeight>,
 }
 
-/// What was left out of a file, or kept with a doubt.
+/// Counts of dropped or doubtful data.
 #[derive(Clone, Debug, PartialEq, Eq, Default)]
 pub struct VisualizerCounts {
-    /// Frames with an `error` other than 0, which are kept if they have a number.
+    /// Frames with a non-zero `error`. They are kept if they have a number.
     pub frames_with_error: u64,
     /// Frames without `frameNum`, which are dropped.
     pub frames_without_number: u64,
-    /// Points of zeros: the visualizer makes room for more points than it parses.
+    /// Points that consist of zeros. The visualizer allocates more points than it parses.
     pub points_empty: u64,
-    /// Points dropped for NaN or infinity.
+    /// Points dropped because of NaN or infinity.
     pub points_not_finite: u64,
     /// Points dropped because they are farther than 1 km, faster than 1 km/s or stronger than 1000 dB.
     pub points_out_of_range: u64,
@@ -66,11 +66,11 @@ pub struct VisualizerCounts {
     pub points_without_snr: u64,
     /// Tracks and heights dropped for the same reasons as points.
     pub tracks_dropped: u64,
-    /// Where the first point that is not finite or out of range was.
+    /// Position of the first point that is not finite or out of range.
     pub first_dropped: Option<String>,
 }
 
-/// What one file holds.
+/// Content of one file.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct VisualizerPart {
     /// Text of the chirp file.
@@ -81,11 +81,11 @@ pub struct VisualizerPart {
     pub device: Option<String>,
     /// Frames in the order of the file.
     pub frames: Vec<VisualizerFrame>,
-    /// What was left out.
+    /// Counts of dropped or doubtful data.
     pub counts: VisualizerCounts,
 }
 
-/// A recording out of its files.
+/// A complete recording, joined from its files.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VisualizerRecording {
     /// Text of the chirp file.
@@ -96,18 +96,18 @@ pub struct VisualizerRecording {
     pub device: Option<String>,
     /// Height and tilt that the chirp file states.
     pub sensor_position: Option<SensorPosition>,
-    /// True if the visualizer has turned the points into level axes and raised them by the sensor's height: z is
-    /// measured from the floor then, and [`Self::lower`] takes the height off again. False if points are in the sensor's
-    /// axes.
+    /// Whether the visualizer has rotated the points into level axes and added the height of the sensor. z is then
+    /// measured from the floor, and [`Self::lower`] subtracts the height again. Otherwise, points are in the axes of
+    /// the sensor.
     pub z_above_floor: bool,
-    /// Frames, without those left over from the run before.
+    /// Frames, without those left over from the previous run.
     pub frames: Vec<VisualizerFrame>,
-    /// What a user should know: missing files, dropped frames and points, doubts.
+    /// Notes for the user: missing files, dropped frames and points, doubts.
     pub notes: Vec<String>,
 }
 
 impl VisualizerRecording {
-    /// Puts the origin of level points at the radar, which stands `height_m` above the floor. Nothing changes if
+    /// Moves the origin of level points to the radar, which is `height_m` above the floor. Does nothing if
     /// [`Self::z_above_floor`] is false.
     pub fn lower(&mut self, height_m: f64) {
         if !self.z_above_floor {
@@ -122,11 +122,12 @@ impl VisualizerRecording {
     }
 }
 
-/// Reads the text of one `replay_N.json`. Nothing is dropped at its start; [`join_parts`] does that, for one file too.
+/// Reads the text of one `replay_N.json`. Left-over frames at its start are kept; [`join_parts`] drops them, also for a
+/// single file.
 ///
 /// # Errors
-/// [`RecordingError`] with the line: no JSON, no `data`, a key of the wrong type, a row of the wrong length. The message
-/// names the frame (counted from 0) and the key.
+/// [`RecordingError`] with the line: invalid JSON, no `data`, a key of the wrong type, or a row of the wrong length.
+/// The message names the frame (from 0) and the key.
 pub fn read_visualizer_json(text: &str) -> Result<VisualizerPart, RecordingError> {
     let mut part = parse::part(text)?;
     part.finish_points();
@@ -134,8 +135,8 @@ pub fn read_visualizer_json(text: &str) -> Result<VisualizerPart, RecordingError
 }
 
 impl VisualizerPart {
-    /// Turns the SNR of all points, still as stored, into dB. It takes the names of demo and device, which may stand
-    /// behind the frames.
+    /// Converts the SNR of all points to dB. This is done after parsing because it depends on the demo and the device,
+    /// which may follow the frames in the file.
     fn finish_points(&mut self) {
         let is_low_power = |device: &str| device.to_ascii_uppercase().contains("WRL");
         let is_linear = self
@@ -166,7 +167,7 @@ impl VisualizerPart {
     }
 }
 
-/// A point at another place with its range.
+/// The point at another position, with its new range.
 fn moved(p: &RadarPoint, to: impl Fn([f64; 3]) -> [f64; 3]) -> RadarPoint {
     let position_m = to([p.x_m, p.y_m, p.z_m].map(f64::from));
     point(

@@ -1,4 +1,4 @@
-//! From JSON to frames, row by row: no tree of the file is built, and every mistake is named with its frame and key.
+//! Parses JSON into frames row by row, without building a tree of the file. Every error names its frame and key.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -12,18 +12,18 @@ use crate::recordings::{
 };
 use crate::uart::{Target, TargetHeight};
 
-/// Numbers of a row of `pointCloud`.
+/// Number of values in a row of `pointCloud`.
 const POINT_NUMBERS: usize = 7;
-/// Numbers of a row of `trackData` that are used; more may follow.
+/// Number of values in a row of `trackData` that are used; more may follow.
 const TRACK_NUMBERS: usize = 10;
-/// Numbers of a row of `heightData`.
+/// Number of values in a row of `heightData`.
 const HEIGHT_NUMBERS: usize = 3;
 /// Latest time stamp accepted, ms since 1970: the year 2286.
 const MAX_STAMP_MS: f64 = 1e13;
-/// Largest frame number accepted: the firmware counts in 32 bits.
+/// Largest frame number accepted; the firmware has a 32-bit counter.
 const MAX_NUMBER: f64 = u32::MAX as f64;
 
-/// Reads a file. The intensity of its points is the SNR as stored.
+/// Reads a file. The intensity of its points is the SNR as stored in the file.
 pub(super) fn part(text: &str) -> Result<VisualizerPart, RecordingError> {
     let text = without_nan(text.trim_start_matches('\u{feff}'));
     let mut part = VisualizerPart::default();
@@ -39,7 +39,7 @@ pub(super) fn part(text: &str) -> Result<VisualizerPart, RecordingError> {
     Ok(part)
 }
 
-/// The whole file; the result is true if it has `data`.
+/// Deserialises the whole file; the result tells whether it has `data`.
 struct FileSeed<'a> {
     part: &'a mut VisualizerPart,
 }
@@ -77,7 +77,7 @@ impl<'de> Visitor<'de> for FileSeed<'_> {
     }
 }
 
-/// A text, or lines of one; `None` for null and for what is empty.
+/// Text, or an array of lines; `None` for null and for empty text.
 struct Text {
     key: &'static str,
 }
@@ -139,7 +139,7 @@ impl<'de> Visitor<'de> for FramesSeed<'_> {
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut entries: A) -> Result<(), A::Error> {
         let VisualizerPart { frames, counts, .. } = self.part;
-        // A key that stands twice counts as Python reads it: the last one.
+        // If a key occurs twice, the last one is used, as in Python.
         frames.clear();
         *counts = VisualizerCounts::default();
         for index in 0.. {
@@ -159,7 +159,7 @@ impl<'de> Visitor<'de> for FramesSeed<'_> {
     }
 }
 
-/// One element of `data`, while it is read.
+/// One element of `data` during parsing.
 struct Entry<'a> {
     index: usize,
     counts: &'a mut VisualizerCounts,
@@ -202,7 +202,7 @@ impl<'a> Entry<'a> {
         })
     }
 
-    /// A number of the frame within limits.
+    /// A number of the frame, checked against limits.
     fn number<'de, A: MapAccess<'de>>(
         &self,
         map: &mut A,
@@ -288,7 +288,8 @@ impl<'a> Entry<'a> {
     }
 }
 
-/// A row of `pointCloud`, dropped and counted as a UART stream's points are. The intensity is the SNR as stored.
+/// Adds a row of `pointCloud`, or drops and counts it by the same rules as in a UART stream. The intensity is the SNR
+/// as stored in the file.
 fn take_point(
     points: &mut Vec<RadarPoint>,
     counts: &mut VisualizerCounts,
@@ -300,7 +301,7 @@ fn take_point(
         return;
     };
     if [x, y, velocity_mps, snr] == [0.0; 4] {
-        // z is not looked at: it may have been raised.
+        // z is ignored because the visualizer may have added the height of the sensor.
         counts.points_empty += 1;
         return;
     }
@@ -321,7 +322,7 @@ fn take_point(
         .get_or_insert_with(|| format!("row {row} of `pointCloud` of frame {frame}"));
 }
 
-/// The number of a track, which the firmware counts from 0.
+/// The number of a track. The firmware counts tracks from 0.
 fn track_id(value: f64) -> Option<u32> {
     (value >= 0.0 && value <= f64::from(u32::MAX) && value.fract() == 0.0).then_some(value as u32)
 }
@@ -413,10 +414,10 @@ impl<'de> Visitor<'de> for FrameDataSeed<'_, '_> {
 struct Rows<'a> {
     key: &'static str,
     frame: usize,
-    /// Numbers of a row that are handed on.
+    /// Number of values of a row that are passed to `take`.
     n_used: usize,
     may_be_longer: bool,
-    /// Takes the index of a row and its numbers; null is NaN.
+    /// Receives the index of a row and its numbers; null becomes NaN.
     take: &'a mut dyn FnMut(usize, &[f64]),
 }
 
@@ -515,7 +516,7 @@ impl<'de> Visitor<'de> for Row<'_, '_> {
     }
 }
 
-/// A number; null, which stands for what is not finite, is NaN.
+/// A number. Null, which replaces numbers that are not finite, becomes NaN.
 struct Number {
     key: &'static str,
     frame: usize,
@@ -557,7 +558,7 @@ impl<'de> Visitor<'de> for Number {
         Ok(f64::NAN)
     }
 }
-/// JSON with `null` for the numbers that Python writes although JSON has none: NaN, Infinity and -Infinity.
+/// Replaces NaN, Infinity and -Infinity by `null`. Python writes them although they are not valid JSON.
 fn without_nan(text: &str) -> Cow<'_, str> {
     const WORDS: [&str; 3] = ["NaN", "Infinity", "-Infinity"];
     if !WORDS.iter().any(|word| text.contains(word)) {
@@ -565,7 +566,7 @@ fn without_nan(text: &str) -> Cow<'_, str> {
     }
     let mut out = String::with_capacity(text.len());
     let mut rest = text;
-    // Outside of strings: up to the next quote or number that is none.
+    // Outside of strings, copies the text up to the next quote or invalid number.
     while let Some(at) = rest.find(['"', 'N', 'I', '-']) {
         out.push_str(&rest[..at]);
         rest = &rest[at..];
@@ -586,7 +587,7 @@ fn without_nan(text: &str) -> Cow<'_, str> {
     Cow::Owned(out)
 }
 
-/// Bytes of the string that a text starts with, both quotes included.
+/// Length of the string at the start of a text, including both quotes, bytes.
 fn string_len(text: &str) -> usize {
     let bytes = text.as_bytes();
     let mut at = 1;
@@ -600,7 +601,7 @@ fn string_len(text: &str) -> usize {
     bytes.len()
 }
 
-/// An error of the JSON reader, whose text is "PROBLEM, expected WHAT at line L column C".
+/// Converts an error of the JSON parser, whose text is "PROBLEM, expected WHAT at line L column C".
 fn json_error(error: &serde_json::Error) -> RecordingError {
     let text = error.to_string();
     let text = text
