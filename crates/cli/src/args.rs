@@ -575,14 +575,32 @@ pub struct InterventionsArgs {
     pub json: bool,
 }
 
+/// Role of recordings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum RoleName {
+    /// Recordings that may be used to choose settings.
+    Tuning,
+    /// Recordings that judge a candidate and choose nothing.
+    Judged,
+}
+
 /// `eval-recordings`.
 #[derive(Args)]
 pub struct EvalRecordingsArgs {
-    /// TOML with the activities and the words that name them.
+    /// TOML with the activities, the actions that state them, and the roles of the recordings.
     pub config: PathBuf,
-    /// Folder with one folder of recordings for each activity.
+    /// Folder with the recordings.
     #[arg(long)]
     pub recordings: PathBuf,
+    /// Which recordings are evaluated. Evaluations of judged recordings are logged.
+    #[arg(long, value_enum, default_value = "tuning")]
+    pub role: RoleName,
+    /// Log of evaluations of judged recordings.
+    #[arg(long, value_name = "FILE", default_value = "docs/results/looks.csv")]
+    pub looks: PathBuf,
+    /// Reason for evaluating judged recordings, for the log.
+    #[arg(long, value_name = "TEXT", required_if_eq("role", "judged"))]
+    pub purpose: Option<String>,
     /// Model folder; the bundled model if omitted.
     #[arg(long)]
     pub model: Option<PathBuf>,

@@ -44,7 +44,7 @@ pub use captioner::Captioner;
 pub use source::{DEFAULT_RADAR, Performed, Recording, Source, open, open_parts};
 
 pub use radarllm_base::{
-    Clip, Motion, PointFrame, Provenance, RadarConfig, RadarCube, RadarPoint, Timeline,
+    Clip, Clutter, Motion, PointFrame, Provenance, RadarConfig, RadarCube, RadarPoint, Timeline,
 };
 pub use radarllm_dataset::{
     Overwrite, PointsFile, PointsMeta, read_points, write_clip, write_points,

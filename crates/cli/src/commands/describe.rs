@@ -3,7 +3,7 @@
 use std::{path::Path, time::Instant};
 
 use radarllm::{Captioner, Clip, DescribeOptions, Precision, Recording, SimulateOptions, bundled};
-use radarllm_inference::{LmError, checkpoint::Checkpoint};
+use radarllm_inference::{LmError, Segment, checkpoint::Checkpoint};
 use radarllm_io::options::DEFAULT_RADAR_HEIGHT_M;
 use radarllm_tracking::find_people;
 use rayon::prelude::*;
@@ -47,6 +47,8 @@ pub struct Row {
     pub source: SourceReport,
     /// Model name.
     pub model: String,
+    /// The sentences with their times.
+    pub segments: Vec<Segment>,
     /// Radar tokens read.
     pub tokens: Vec<u32>,
     /// Radar frames read.
@@ -151,6 +153,7 @@ pub fn describe(
             provenance: clip.provenance.kind(),
         },
         model: captioner.name().into(),
+        segments: described.segments,
         tokens: described.tokens,
         frames: clip.frames.len(),
         clip_seconds: clip.duration_s(),
@@ -187,6 +190,15 @@ pub fn print_row(row: &Row) {
         "    [{}, radar {}, {:.1} s, confidence {:.2}, model {}{why}]",
         row.source.provenance, row.source.radar, row.clip_seconds, row.confidence, row.model
     ));
+    if row.segments.len() < 2 {
+        return;
+    }
+    for s in &row.segments {
+        output::print_line(&format!(
+            "    {:6.1} s to {:5.1} s  {} ({:.2})",
+            s.start_s, s.end_s, s.caption, s.confidence
+        ));
+    }
 }
 
 /// Runs the command.

@@ -6,6 +6,7 @@ mod capture;
 mod chain;
 mod clean;
 mod command;
+mod eval_recordings;
 mod geometry;
 mod golden;
 #[cfg(feature = "train")]

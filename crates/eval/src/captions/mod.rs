@@ -461,6 +461,7 @@ pub(crate) mod tests {
                 tokens: Vec::new(),
                 seconds: 0.0,
                 windows: 1,
+                segments: Vec::new(),
                 abstained: None,
             },
             nearest: "a person stands".into(),

@@ -7,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use radarllm_base::{Clip, PointFrame};
 use radarllm_engine::{Precision, Source, Watch, search};
+use serde::Serialize;
 
 use super::card::LmFiles;
 use super::engine_lm::EngineLm;
@@ -107,8 +108,25 @@ pub struct Description {
     pub seconds: f32,
     /// Number of windows that were described.
     pub windows: usize,
+    /// The sentences with their times, in order. Times without a person have no segment.
+    pub segments: Vec<Segment>,
     /// Reason why there is no caption; `None` if there is one.
     pub abstained: Option<Abstained>,
+}
+
+/// A part of a recording that one sentence describes.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Segment {
+    /// Start on the clock of the recording's frames, s.
+    pub start_s: f64,
+    /// End, s.
+    pub end_s: f64,
+    /// The sentence.
+    pub caption: String,
+    /// Names of the actions that the sentence states, in order; see [`radarllm_facts::parse()`].
+    pub actions: Vec<&'static str>,
+    /// exp(mean token log-probability) of the sentence, 0..=1.
+    pub confidence: f32,
 }
 
 impl Captioner {
@@ -175,8 +193,8 @@ impl Captioner {
         let clip = prepared(clip)?;
         let mut windows = Windows::of(&clip, options);
         let results = self.caption_windows(&windows.usable, options, watch)?;
-        for (codes, generated, text) in results {
-            windows.description.add(&codes, &generated, &text);
+        for (result, (frames, _)) in results.iter().zip(&windows.usable) {
+            windows.description.add(frames, result);
         }
         Ok(windows.description.finish())
     }
@@ -199,8 +217,8 @@ impl Captioner {
             windows.extend(&of_clip.usable);
         }
         let results = search::unwatched(|watch| self.caption_windows(&windows, options, watch))?;
-        for (owner, (codes, generated, text)) in owners.into_iter().zip(results) {
-            all[owner].description.add(&codes, &generated, &text);
+        for ((owner, (frames, _)), result) in owners.into_iter().zip(windows).zip(&results) {
+            all[owner].description.add(frames, result);
         }
         Ok(all.into_iter().map(|w| w.description.finish()).collect())
     }
@@ -278,8 +296,8 @@ impl Captioner {
                 Err(e) if e.is_cancelled() => return Ok(None),
                 results => results?,
             };
-            for (codes, generated, text) in results {
-                description.add(&codes, &generated, &text);
+            for result in &results {
+                description.add(window.0, result);
             }
             send(description.0.caption.trim_end_matches('.'), &mut sent);
             if cancel.load(Ordering::Relaxed) {
@@ -291,13 +309,13 @@ impl Captioner {
         Ok((!cancel.load(Ordering::Relaxed)).then_some(description))
     }
 
-    /// Codes, tokens and text of each window.
+    /// Describes each window.
     fn caption_windows(
         &self,
         windows: &[(&[PointFrame], f32)],
         options: &DescribeOptions,
         watch: &mut Watch,
-    ) -> Result<Vec<(Encoded, Generated, String)>, LmError> {
+    ) -> Result<Vec<WindowCaption>, LmError> {
         let vocab = self.backend.vocab();
         let encoded = self.backend.encode(windows)?;
         let prompts = encoded
@@ -312,7 +330,11 @@ impl Captioner {
             .zip(generated)
             .map(|(radar, generated)| {
                 let text = vocab.text(&generated.ids);
-                (radar, generated, text)
+                WindowCaption {
+                    radar,
+                    generated,
+                    text,
+                }
             })
             .collect())
     }
@@ -342,6 +364,13 @@ impl<'a> Windows<'a> {
     }
 }
 
+/// What the networks made of one window.
+struct WindowCaption {
+    radar: Encoded,
+    generated: Generated,
+    text: String,
+}
+
 /// A description that is extended window by window.
 struct Growing(Description, Sums);
 
@@ -364,20 +393,23 @@ impl Growing {
             tokens: Vec::new(),
             seconds: n_frames as f32 / FRAME_RATE_HZ,
             windows: 0,
+            segments: Vec::new(),
             abstained,
         };
         Self(description, Sums::default())
     }
 
     /// Adds the next window.
-    fn add(&mut self, radar: &Encoded, generated: &Generated, text: &str) {
+    fn add(&mut self, frames: &[PointFrame], result: &WindowCaption) {
         let Self(description, sums) = self;
-        description.tokens.extend(&radar.codes);
+        let (generated, text) = (&result.generated, result.text.as_str());
+        description.tokens.extend(&result.radar.codes);
         description.windows += 1;
+        let n_tokens = generated.ids.len() + 1;
         sums.log_prob += generated.log_prob;
-        sums.n_tokens += generated.ids.len() + 1;
-        let mean = sums.log_prob / sums.n_tokens as f32;
-        description.confidence = mean.exp().clamp(0.0, 1.0);
+        sums.n_tokens += n_tokens;
+        description.confidence = probability(sums.log_prob, sums.n_tokens);
+        description.add_segment(frames, text, probability(generated.log_prob, n_tokens));
         if text == sums.last_text || text.is_empty() {
             return;
         }
@@ -394,6 +426,47 @@ impl Growing {
     fn finish(self) -> Description {
         self.0
     }
+}
+
+impl Description {
+    /// Adds the sentence of a window; a sentence that is repeated without a gap extends the segment before.
+    fn add_segment(&mut self, frames: &[PointFrame], text: &str, confidence: f32) {
+        let (Some(first), Some(last)) = (frames.first(), frames.last()) else {
+            return;
+        };
+        if text.is_empty() {
+            return;
+        }
+        let frame_s = 1.0 / f64::from(FRAME_RATE_HZ);
+        let (start_s, end_s) = (first.time_s, last.time_s + frame_s);
+        if let Some(before) = self.segments.last_mut()
+            && before.caption == text
+            && start_s - before.end_s < 0.5 * frame_s
+        {
+            let (length_s, more_s) = (before.end_s - before.start_s, end_s - start_s);
+            let weight = (more_s / (length_s + more_s)) as f32;
+            before.confidence += weight * (confidence - before.confidence);
+            before.end_s = end_s;
+            return;
+        }
+        let clauses = radarllm_facts::parse(text);
+        self.segments.push(Segment {
+            start_s,
+            end_s,
+            caption: text.into(),
+            actions: clauses
+                .iter()
+                .flat_map(|c| &c.actions)
+                .map(|a| a.name)
+                .collect(),
+            confidence,
+        });
+    }
+}
+
+/// exp(mean log-probability of a token).
+fn probability(log_prob: f32, n_tokens: usize) -> f32 {
+    (log_prob / n_tokens as f32).exp().clamp(0.0, 1.0)
 }
 
 /// Returns the windows that may show a person, or the reason why there are none.

@@ -18,7 +18,7 @@ pub mod qwen2_config;
 pub mod templates;
 pub mod vocab;
 
-pub use captioner::{Abstained, Captioner, DescribeOptions, Description};
+pub use captioner::{Abstained, Captioner, DescribeOptions, Description, Segment};
 pub use card::{LmCard, LmFiles};
 pub use config::{Backbone, FeedForward, LmConfig, LmPreset, NetworkConfig, T5Config};
 pub use engine_lm::EngineLm;

@@ -1,0 +1,117 @@
+//! `eval-recordings`: roles, strict counts and the log of evaluations on judged recordings.
+
+use std::{fmt::Write, fs, path::Path};
+
+use radarllm_dataset::read_points;
+
+use crate::command::{json, radarllm, refused};
+
+const CONFIG: &str = r#"
+radar_height_m = 1.0
+[roles]
+tuning = ["walk/tune_*"]
+[[activity]]
+name = "walk"
+actions = ["walk"]
+"#;
+
+/// Points of a simulated walk as a CSV recording: what was recorded by a radar is not known to be simulated.
+fn recording(folder: &Path, path: &str) {
+    let points = folder.join("walk.parquet");
+    if !points.exists() {
+        let out = radarllm(&[
+            "simulate",
+            "builtin:walk?direction=backward",
+            "--out",
+            points.to_str().unwrap(),
+        ]);
+        assert!(out.status.success());
+    }
+    let mut csv = String::from("frame,x,y,z,velocity,intensity\n");
+    for frame in read_points(&points).unwrap().frames {
+        for p in frame.points {
+            let (v, i) = (p.velocity_mps, p.intensity_db);
+            writeln!(csv, "{},{},{},{},{v},{i}", frame.frame, p.x_m, p.y_m, p.z_m).unwrap();
+        }
+    }
+    let path = folder.join("recordings").join(path);
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    fs::write(path, csv).unwrap();
+}
+
+#[test]
+fn roles_separate_recordings_and_looks_at_judged_ones_are_logged() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path();
+    recording(folder, "walk/tune_1.csv");
+    recording(folder, "walk/other_1.csv");
+    recording(folder, "walk/other_2.csv");
+    recording(folder, "bow/none.csv");
+    let (config, looks) = (folder.join("config.toml"), folder.join("looks.csv"));
+    fs::write(&config, CONFIG).unwrap();
+    let recordings = folder.join("recordings");
+    let mut args = vec!["eval-recordings", config.to_str().unwrap(), "--recordings"];
+    args.extend([
+        recordings.to_str().unwrap(),
+        "--frame-rate",
+        "10",
+        "--looks",
+        looks.to_str().unwrap(),
+        "--json",
+    ]);
+
+    let report = json(&args);
+    assert_eq!(
+        (&report["role"], &report["recordings"]),
+        (&"tuning".into(), &1.into())
+    );
+    let row = &report["rows"][0];
+    assert_eq!(
+        (&row["right"], &row["stated"]),
+        (&true.into(), &"walk".into()),
+        "{row}"
+    );
+    assert_eq!(row["segments"][0]["actions"], serde_json::json!(["walk"]));
+    assert_eq!(row["segments"][0]["right"], true);
+    assert!(!looks.exists(), "tuning is not logged");
+
+    // Judged recordings need a reason, and leave a line each time.
+    args.extend(["--role", "judged"]);
+    assert!(refused(&args).contains("--purpose"));
+    args.extend(["--purpose", "test, \"quoted\""]);
+    for lines in [2, 3] {
+        assert_eq!(json(&args)["recordings"], 2);
+        let log = fs::read_to_string(&looks).unwrap();
+        assert_eq!(log.lines().count(), lines);
+        let last = log.lines().last().unwrap();
+        assert!(
+            last.contains(",2,2,0,") && last.ends_with(",\"test, \"\"quoted\"\"\""),
+            "{last}"
+        );
+    }
+}
+
+#[test]
+fn configurations_that_cannot_be_evaluated_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let config = dir.path().join("config.toml");
+    let refuse = |text: &str| {
+        fs::write(&config, text).unwrap();
+        let folder = dir.path().to_str().unwrap();
+        refused(&[
+            "eval-recordings",
+            config.to_str().unwrap(),
+            "--recordings",
+            folder,
+        ])
+    };
+    let error = refuse(&CONFIG.replace("[\"walk\"]", "[\"wlak\"]"));
+    assert!(error.contains("no action `wlak`"), "{error}");
+    let error = refuse(&CONFIG.replace("tuning =", "tunning ="));
+    assert!(error.contains("tunning"), "{error}");
+    let error = refuse(CONFIG);
+    assert!(
+        error.contains("no recordings of an activity with the role `tuning`"),
+        "{error}"
+    );
+}

@@ -1,0 +1,26 @@
+//! What a sentence about a person states: its actions, in order of time, each with side and direction.
+//!
+//! Scores and labels must depend on what a sentence means, not on its wording. "A person raises the left hand and
+//! waves" states one action, `wave`, with the left side; it does not state `raise_arms`. [`parse`] reads the sentences
+//! of the project's motion library and common words of people's own descriptions. Words that it does not know state
+//! nothing.
+//!
+//! ```
+//! use radarllm_facts::{Direction, Side, parse};
+//!
+//! let clauses = parse("a person walks backward while waving with the left hand, then sits down");
+//! assert_eq!(clauses.len(), 2);
+//! let [walk, wave] = &clauses[0].actions[..] else { panic!() };
+//! assert_eq!((walk.name, walk.direction), ("walk", Some(Direction::Backward)));
+//! assert_eq!((wave.name, wave.side), ("wave", Some(Side::Left)));
+//! assert_eq!(clauses[1].actions[0].name, "sit_down");
+//! ```
+//!
+//! Names of actions are those of the motion library (`radarllm motion list`) where it has the action.
+//!
+//! Reading order: [`parse`](mod@parse) (sentences to clauses), [`lexicon`] (words that state an action).
+
+pub mod lexicon;
+pub mod parse;
+
+pub use parse::{Action, Clause, Direction, Side, parse};
