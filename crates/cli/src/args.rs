@@ -60,6 +60,14 @@ pub enum Verb {
     ///
     /// Example: radarllm describe points.parquet "builtin:wave?side=left"
     Describe(DescribeArgs),
+    /// Teach an activity of your own by about three recordings; `describe` recognises it afterwards.
+    ///
+    /// Example: radarllm teach wheelchair --says "a person sits down in the wheelchair" a.dat b.dat c.dat
+    Teach(TeachArgs),
+    /// Forget a taught activity.
+    ///
+    /// Example: radarllm forget wheelchair
+    Forget(ForgetArgs),
     /// Captions of a split of a data set, with all metrics, intervals and baselines.
     Eval(EvalArgs),
     /// Captions of recordings in folders by activity: how many name the recorded activity?
@@ -506,6 +514,9 @@ pub struct DescribeArgs {
     /// Beam width; 1 is greedy.
     #[arg(long, default_value_t = 1)]
     pub beam: usize,
+    /// File with taught activities; the user's own if omitted and there is one.
+    #[arg(long, value_name = "FILE")]
+    pub memory: Option<PathBuf>,
     /// How to read the inputs.
     #[command(flatten)]
     pub input: InputArgs,
@@ -521,6 +532,41 @@ pub struct DescribeArgs {
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
+}
+
+/// `teach`.
+#[derive(Args)]
+pub struct TeachArgs {
+    /// Name of the activity.
+    #[arg(required_unless_present = "list")]
+    pub name: Option<String>,
+    /// Recordings of the activity and nothing else.
+    pub recordings: Vec<String>,
+    /// Sentence that describes it; that of the earlier examples if omitted.
+    #[arg(long, value_name = "SENTENCE")]
+    pub says: Option<String>,
+    /// File with taught activities; the user's own if omitted.
+    #[arg(long, value_name = "FILE")]
+    pub memory: Option<PathBuf>,
+    /// List what was taught.
+    #[arg(long, conflicts_with_all = ["name", "recordings", "says"])]
+    pub list: bool,
+    /// How to read the recordings.
+    #[command(flatten)]
+    pub input: InputArgs,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `forget`.
+#[derive(Args)]
+pub struct ForgetArgs {
+    /// Name of the activity.
+    pub name: String,
+    /// File with taught activities; the user's own if omitted.
+    #[arg(long, value_name = "FILE")]
+    pub memory: Option<PathBuf>,
 }
 
 /// `eval`.
@@ -601,6 +647,13 @@ pub struct EvalRecordingsArgs {
     /// Reason for evaluating judged recordings, for the log.
     #[arg(long, value_name = "TEXT", required_if_eq("role", "judged"))]
     pub purpose: Option<String>,
+    /// Teach every activity by this many recordings for tuning, drawn at random, and evaluate the others. Counts also
+    /// what is recognised in the recordings of each activity when all activities but this one are taught.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100))]
+    pub teach: Option<u64>,
+    /// Draws of taught recordings.
+    #[arg(long, value_name = "N", default_value_t = 3, requires = "teach")]
+    pub draws: u64,
     /// Model folder; the bundled model if omitted.
     #[arg(long)]
     pub model: Option<PathBuf>,

@@ -49,6 +49,8 @@ fn main() -> ExitCode {
         #[cfg(feature = "train")]
         Verb::Train(args) => commands::train::run(&args),
         Verb::Describe(args) => commands::describe::run(&args),
+        Verb::Teach(args) => commands::teach::run(&args),
+        Verb::Forget(args) => commands::teach::forget(&args),
         Verb::Eval(args) => commands::eval::run(&args),
         Verb::EvalRecordings(args) => commands::eval_recordings::run(&args),
         Verb::Interventions(args) => commands::interventions::run(&args),

@@ -234,7 +234,7 @@ mod tests {
         let together = captioner.describe_batch(&batch, &options).unwrap();
         assert_eq!(
             together.iter().map(|d| d.windows).collect::<Vec<_>>(),
-            [1, 3, 0]
+            [1, 8, 0]
         );
         assert_eq!(
             together.iter().map(|d| d.tokens.len()).collect::<Vec<_>>(),

@@ -3,10 +3,14 @@
 use std::path::Path;
 
 use radarllm_base::Clip;
-use radarllm_inference::{DescribeOptions, Description, Precision};
+use radarllm_inference::{
+    DescribeOptions, Description, Precision, PrepareOptions, prepare_for_model,
+};
 use radarllm_io::{Error, Result};
 
-use crate::bundled;
+use radarllm_teach::{Memory, Recogniser};
+
+use crate::{bundled, taught};
 
 /// Describes clips with a trained model.
 ///
@@ -20,6 +24,7 @@ use crate::bundled;
 pub struct Captioner {
     model: radarllm_inference::Captioner,
     name: String,
+    recogniser: Option<Recogniser>,
 }
 
 impl Captioner {
@@ -53,7 +58,18 @@ impl Captioner {
 
     /// A captioner of any backend, with its name for reports.
     pub fn new(model: radarllm_inference::Captioner, name: String) -> Self {
-        Self { model, name }
+        Self {
+            model,
+            name,
+            recogniser: None,
+        }
+    }
+
+    /// The captioner with taught activities: where one is recognised, its own sentence is used.
+    #[must_use]
+    pub fn with_memory(mut self, memory: &Memory) -> Self {
+        self.recogniser = Recogniser::new(memory);
+        self
     }
 
     /// Name of the model in reports: its folder, or `default (embedded)`.
@@ -80,6 +96,12 @@ impl Captioner {
     /// # Errors
     /// As [`Self::describe`].
     pub fn describe_with(&self, clip: &Clip, options: &DescribeOptions) -> Result<Description> {
-        self.model.describe(clip, options).map_err(Error::input)
+        let mut description = self.model.describe(clip, options).map_err(Error::input)?;
+        if let Some(recogniser) = &self.recogniser {
+            let clip = prepare_for_model(clip.clone(), &PrepareOptions::default());
+            let clip = clip.map_err(Error::input)?.clip;
+            taught::insert(&mut description, recogniser.recognise(&clip));
+        }
+        Ok(description)
     }
 }

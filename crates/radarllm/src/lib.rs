@@ -29,6 +29,7 @@
 //! | draw figures and pages | [`render`] |
 //! | track people | [`Recording::track_people`], [`track_people`] |
 //! | describe a clip, or get its tokens | [`Captioner`] |
+//! | teach activities by a few recordings | [`teach`], [`Captioner::with_memory`] |
 //! | score captions | [`metrics`] |
 //! | build and read data sets | [`synth`], [`dataset`] |
 //!
@@ -39,6 +40,7 @@
 pub mod bundled;
 mod captioner;
 mod source;
+mod taught;
 
 pub use captioner::Captioner;
 pub use source::{DEFAULT_RADAR, Performed, Recording, Source, open, open_parts};
@@ -50,7 +52,7 @@ pub use radarllm_dataset::{
     Overwrite, PointsFile, PointsMeta, read_points, write_clip, write_points,
 };
 pub use radarllm_inference::{
-    DescribeOptions, Description, Precision, PrepareOptions, Prepared, prepare_for_model,
+    DescribeOptions, Description, Precision, PrepareOptions, Prepared, Segment, prepare_for_model,
 };
 pub use radarllm_io::{
     CaptureFormat, CaptureOptions, CleaningOptions, Error, ErrorKind, IqChoice, LayoutOptions,
@@ -70,4 +72,5 @@ pub use radarllm_radar_dsp as radar_dsp;
 pub use radarllm_radar_sim as radar_sim;
 pub use radarllm_render as render;
 pub use radarllm_synth as synth;
+pub use radarllm_teach as teach;
 pub use radarllm_tracking as tracking;

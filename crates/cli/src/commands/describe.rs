@@ -11,6 +11,7 @@ use serde::Serialize;
 
 use crate::{
     args::{DecoderName, DescribeArgs},
+    commands::teach::load_memory,
     error::{CliError, CliResult},
     memory::peak_memory_mb,
     output,
@@ -190,13 +191,17 @@ pub fn print_row(row: &Row) {
         "    [{}, radar {}, {:.1} s, confidence {:.2}, model {}{why}]",
         row.source.provenance, row.source.radar, row.clip_seconds, row.confidence, row.model
     ));
-    if row.segments.len() < 2 {
+    if row.segments.len() < 2 && row.segments.iter().all(|s| s.taught.is_none()) {
         return;
     }
     for s in &row.segments {
         output::print_line(&format!(
-            "    {:6.1} s to {:5.1} s  {} ({:.2})",
-            s.start_s, s.end_s, s.caption, s.confidence
+            "    {:6.1} s to {:5.1} s  {} ({:.2}{})",
+            s.start_s,
+            s.end_s,
+            s.caption,
+            s.confidence,
+            if s.taught.is_some() { ", taught" } else { "" }
         ));
     }
 }
@@ -209,7 +214,10 @@ pub fn run(args: &DescribeArgs) -> CliResult {
             args.beam
         )));
     }
-    let captioner = load_decoder(args.model.as_deref(), args.decoder)?;
+    let mut captioner = load_decoder(args.model.as_deref(), args.decoder)?;
+    if let Some(memory) = load_memory(args.memory.as_deref())? {
+        captioner = captioner.with_memory(&memory);
+    }
     let options = args.input.options()?;
     let simulation = SimulateOptions {
         seed: args.seed,

@@ -6,12 +6,16 @@ use std::{
     time::{SystemTime, UNIX_EPOCH},
 };
 
-use radarllm::{CaptureFormat, CaptureOptions, Clip, open_radar};
-use radarllm_base::PointFrame;
+use radarllm::{
+    Captioner, CaptureFormat, CaptureOptions, Clip, DescribeOptions, PointFrame, open_radar,
+    teach::Memory,
+};
+use radarllm_base::seed::derive_seed;
 use radarllm_eval::recordings::{
     LabelledRecording, RecordingsConfig, RecordingsReport, Role, evaluate_recordings, markdown,
 };
 use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
+use serde::Serialize;
 
 use crate::{
     args::{DecoderName, EvalRecordingsArgs, RoleName},
@@ -47,43 +51,198 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
         radar_height_m: Some(config.radar_height_m),
         ..CaptureOptions::default()
     };
-    let files = labelled_files(&config, role, &args.recordings)?;
-    let recordings = files.into_iter().flat_map(|(activity, name)| {
-        let path = args.recordings.join(&name);
-        match open(&path, &options) {
-            Ok(clip) => parts(clip, config.part_s)
-                .into_iter()
-                .map(|(part, clip)| {
-                    Ok(LabelledRecording {
-                        name: format!("{name}{part}"),
-                        activity: activity.clone(),
-                        clip,
-                    })
-                })
-                .collect(),
-            Err(e) => vec![Err(e)],
-        }
-    });
+    let recordings = read_recordings(&config, role, args, &options)?;
+    let describing = DescribeOptions {
+        beam: args.beam,
+        ..DescribeOptions::default()
+    };
+    if let Some(n) = args.teach {
+        let pool = match role {
+            Role::Tuning => recordings.clone(),
+            Role::Judged => read_recordings(&config, Role::Tuning, args, &options)?,
+        };
+        let taught = Taught {
+            config: &config,
+            pool: &pool,
+            n_examples: n as usize,
+            role,
+            describing,
+        };
+        return taught.run(captioner, &recordings, args, info.fingerprint);
+    }
     let report = evaluate_recordings(
-        captioner.model(),
+        |clip| Ok::<_, CliError>(captioner.describe_with(clip, &describing)?),
         captioner.name(),
         &config,
         role,
-        args.beam,
-        recordings,
+        recordings.into_iter().map(Ok),
     )?;
     let page = markdown(&report, args.beam, &args.config.display().to_string());
     if let Some(out) = &args.out {
         output::write_atomic(out, page.as_bytes())?;
     }
     if role == Role::Judged {
-        log_look(&args.looks, args, &report, info.fingerprint)?;
+        log_look(args, &report, info.fingerprint, "")?;
     }
     if args.json {
         return output::print_json(&report);
     }
     output::print_line(&page);
     Ok(())
+}
+
+/// All recordings of a role.
+fn read_recordings(
+    config: &RecordingsConfig,
+    role: Role,
+    args: &EvalRecordingsArgs,
+    options: &CaptureOptions,
+) -> CliResult<Vec<LabelledRecording>> {
+    let mut all = Vec::new();
+    for (activity, name) in labelled_files(config, role, &args.recordings)? {
+        let clip = open(&args.recordings.join(&name), options)?;
+        all.extend(
+            parts(clip, config.part_s)
+                .into_iter()
+                .map(|(part, clip)| LabelledRecording {
+                    name: format!("{name}{part}"),
+                    activity: activity.clone(),
+                    clip,
+                }),
+        );
+    }
+    Ok(all)
+}
+
+/// An evaluation of taught activities.
+struct Taught<'a> {
+    config: &'a RecordingsConfig,
+    /// Recordings of which examples are drawn.
+    pool: &'a [LabelledRecording],
+    /// Examples of each activity.
+    n_examples: usize,
+    role: Role,
+    describing: DescribeOptions,
+}
+
+/// Counts over all draws.
+#[derive(Default, Serialize)]
+struct TaughtReport {
+    draws: u64,
+    examples: usize,
+    /// Recordings of taught activities, and how many are described right.
+    recordings: usize,
+    right: usize,
+    /// Recordings of activities that were not taught, and in how many a taught one is recognised for half of the time.
+    others: usize,
+    falsely_recognised: usize,
+}
+
+impl Taught<'_> {
+    fn run(
+        &self,
+        mut captioner: Captioner,
+        recordings: &[LabelledRecording],
+        args: &EvalRecordingsArgs,
+        fingerprint: u64,
+    ) -> CliResult {
+        let mut counts = TaughtReport {
+            draws: args.draws,
+            examples: self.n_examples,
+            ..TaughtReport::default()
+        };
+        let mut last = None;
+        for draw in 0..args.draws {
+            let left_out = self.config.activity.iter().map(|a| Some(a.name.as_str()));
+            for left_out in std::iter::once(None).chain(left_out) {
+                let (memory, examples) = self.memory(draw, left_out)?;
+                captioner = captioner.with_memory(&memory);
+                let evaluated = recordings
+                    .iter()
+                    .filter(|r| !examples.contains(&r.name.as_str()))
+                    .filter(|r| left_out.is_none_or(|name| r.activity == name))
+                    .cloned();
+                let report = evaluate_recordings(
+                    |clip| Ok::<_, CliError>(captioner.describe_with(clip, &self.describing)?),
+                    captioner.name(),
+                    self.config,
+                    self.role,
+                    evaluated.map(Ok),
+                )?;
+                if left_out.is_some() {
+                    counts.others += report.recordings;
+                    counts.falsely_recognised +=
+                        report.rows.iter().filter(|r| r.is_recognised()).count();
+                } else {
+                    counts.recordings += report.recordings;
+                    counts.right += report.right;
+                    last = Some(report);
+                }
+            }
+        }
+        let Some(mut report) = last else {
+            return Err(CliError::new("--draws 0: must be 1 or more"));
+        };
+        (report.right, report.recordings) = (counts.right, counts.recordings);
+        if self.role == Role::Judged {
+            let how = format!(
+                "taught by {} examples, {} draws: ",
+                counts.examples, counts.draws
+            );
+            log_look(args, &report, fingerprint, &how)?;
+        }
+        if args.json {
+            return output::print_json(&counts);
+        }
+        let percent = |part: usize, whole: usize| 100.0 * part as f64 / whole.max(1) as f64;
+        output::print_line(&format!(
+            "taught by {} recordings an activity, {} draws: {} of {} recordings described right ({:.1} %); a taught activity \
+             recognised in {} of {} recordings that show none of them ({:.1} %)",
+            counts.examples,
+            counts.draws,
+            counts.right,
+            counts.recordings,
+            percent(counts.right, counts.recordings),
+            counts.falsely_recognised,
+            counts.others,
+            percent(counts.falsely_recognised, counts.others)
+        ));
+        Ok(())
+    }
+
+    /// A memory of all activities but one, and the names of the recordings in it.
+    fn memory(&self, draw: u64, left_out: Option<&str>) -> CliResult<(Memory, Vec<&str>)> {
+        let mut memory = Memory::default();
+        let mut names = Vec::new();
+        for activity in self
+            .config
+            .activity
+            .iter()
+            .filter(|a| Some(a.name.as_str()) != left_out)
+        {
+            let says = activity.says.as_deref().ok_or_else(|| {
+                CliError::new(format!("activity `{}` has no `says`", activity.name))
+                    .hint("the sentence by which it is taught")
+            })?;
+            let mut drawn: Vec<&LabelledRecording> = self
+                .pool
+                .iter()
+                .filter(|r| r.activity == activity.name)
+                .collect();
+            drawn.sort_by_key(|r| derive_seed(draw, &r.name));
+            let mut n = 0;
+            for recording in drawn {
+                // A recording with too few points is refused by `teach`, and the user takes another one.
+                if n < self.n_examples
+                    && memory.teach(&activity.name, says, &recording.clip).is_ok()
+                {
+                    names.push(recording.name.as_str());
+                    n += 1;
+                }
+            }
+        }
+        Ok((memory, names))
+    }
 }
 
 /// A recording, prepared for the model.
@@ -188,11 +347,12 @@ fn today() -> String {
 
 /// Adds a line to the log of evaluations on judged recordings.
 fn log_look(
-    log: &Path,
     args: &EvalRecordingsArgs,
     report: &RecordingsReport,
     fingerprint: u64,
+    how: &str,
 ) -> CliResult {
+    let log = args.looks.as_path();
     let mut text = match log.exists() {
         true => files::read_text(log, MAX_CONFIG_BYTES)?,
         false => LOOKS_HEAD.into(),
@@ -207,7 +367,7 @@ fn log_look(
         report.recordings,
         report.false_falls.falls,
         report.false_falls.hours,
-        quoted(args.purpose.as_deref().unwrap_or("")),
+        quoted(&format!("{how}{}", args.purpose.as_deref().unwrap_or(""))),
     );
     output::write_atomic(log, text.as_bytes())?;
     eprintln!("logged in {}", log.display());

@@ -26,6 +26,7 @@ pub mod robustness;
 pub mod score;
 pub mod shell;
 pub mod simulate;
+pub mod teach;
 #[cfg(feature = "train")]
 pub mod train;
 pub mod view;

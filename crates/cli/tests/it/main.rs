@@ -14,6 +14,7 @@ mod lm;
 mod recordings;
 mod robustness;
 mod score;
+mod teach;
 mod visualizer;
 #[cfg(not(feature = "train"))]
 mod without_training;

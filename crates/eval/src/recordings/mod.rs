@@ -11,10 +11,10 @@ mod report;
 pub mod strict;
 
 use radarllm_base::Clip;
-use radarllm_inference::{Captioner, Segment};
+use radarllm_inference::{Description, Segment};
 use serde::{Deserialize, Serialize};
 
-use crate::{EvalError, captioner::caption_clips};
+use crate::EvalError;
 use calibration::Calibration;
 pub use report::markdown;
 use strict::StatedTime;
@@ -62,6 +62,16 @@ pub struct Activity {
     pub actions: Vec<String>,
     /// Patterns of paths below the folder of recordings; `NAME/*` if omitted.
     pub files: Option<Vec<String>>,
+    /// The sentence by which the activity is taught, where it is.
+    pub says: Option<String>,
+}
+
+impl RecordingRow {
+    /// Whether a taught activity was recognised in at least half of the recording.
+    pub fn is_recognised(&self) -> bool {
+        let taught = self.segments.iter().filter(|s| s.taught.is_some());
+        taught.map(|s| s.end_s - s.start_s).sum::<f64>() >= 0.5 * self.seconds
+    }
 }
 
 impl RecordingsConfig {
@@ -178,6 +188,8 @@ pub struct SegmentRow {
     pub confidence: f32,
     /// Whether the sentence alone states the recorded activity by the strict rule.
     pub right: bool,
+    /// Name of the taught activity that was recognised, if it is not the model's own sentence.
+    pub taught: Option<String>,
 }
 
 /// The recordings of one activity.
@@ -231,17 +243,16 @@ pub struct RecordingsReport {
     pub rows: Vec<RecordingRow>,
 }
 
-/// Captions recordings one after the other, as `recordings` yields them, and scores by the strict rule what the
-/// captions state. `beam` 1 is greedy.
+/// Describes recordings one after the other, as `recordings` yields them, and scores by the strict rule what the
+/// sentences state.
 ///
 /// # Errors
-/// Whatever `recordings` yields; simulated points; a clip that the model refuses.
+/// Whatever `recordings` yields; simulated points; an error of `describe`.
 pub fn evaluate_recordings<E: From<EvalError>>(
-    captioner: &Captioner,
+    describe: impl Fn(&Clip) -> Result<Description, E>,
     model: &str,
     config: &RecordingsConfig,
     role: Role,
-    beam: usize,
     recordings: impl IntoIterator<Item = Result<LabelledRecording, E>>,
 ) -> Result<RecordingsReport, E> {
     let mut rows = Vec::new();
@@ -254,18 +265,17 @@ pub fn evaluate_recordings<E: From<EvalError>>(
         if clip.provenance.is_simulated() {
             return Err(EvalError::Simulated(clip.provenance.input().into()).into());
         }
-        for description in caption_clips(captioner, &[&clip], beam)? {
-            let abstained = description.abstained.is_some();
-            let segments = &description.segments;
-            rows.push(row(
-                config,
-                &name,
-                &activity,
-                clip.duration_s(),
-                segments,
-                abstained,
-            ));
-        }
+        let description = describe(&clip)?;
+        let abstained = description.abstained.is_some();
+        let segments = &description.segments;
+        rows.push(row(
+            config,
+            &name,
+            &activity,
+            clip.duration_s(),
+            segments,
+            abstained,
+        ));
     }
     Ok(report(model.into(), config, role, rows))
 }
@@ -289,6 +299,7 @@ fn row(
             caption: segment.caption.clone(),
             actions: segment.actions.clone(),
             confidence: segment.confidence,
+            taught: segment.taught.clone(),
             right: alone.stated(&config.activity, 1.0).as_deref() == Some(activity),
         }
     });
@@ -420,6 +431,7 @@ mod tests {
                 .map(|a| a.name)
                 .collect(),
             confidence: 0.5,
+            taught: None,
         }
     }
 

@@ -7,7 +7,7 @@
 //! ```
 //! use radarllm_eval::recordings::{Activity, strict::StatedTime};
 //!
-//! let walk = Activity { name: "walk".into(), actions: vec!["walk".into()], files: None };
+//! let walk = Activity { name: "walk".into(), actions: vec!["walk".into()], files: None, says: None };
 //! let mut time = StatedTime::default();
 //! time.add("a person walks forward", 6.0);
 //! time.add("a person bows, then walks", 4.0);
@@ -109,6 +109,7 @@ mod tests {
                 name: name.into(),
                 actions: actions.iter().map(|a| (*a).into()).collect(),
                 files: None,
+                says: None,
             })
             .into()
     }
@@ -160,6 +161,7 @@ mod tests {
             name: name.into(),
             actions: vec![action.into()],
             files: None,
+            says: None,
         });
         for (sentence, expected) in [
             ("a person raises the left arm", "one arm"),

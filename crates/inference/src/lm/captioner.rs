@@ -10,6 +10,7 @@ use radarllm_engine::{Precision, Source, Watch, search};
 use serde::Serialize;
 
 use super::card::LmFiles;
+use super::consensus::{self, WindowSentence};
 use super::engine_lm::EngineLm;
 use super::person_gate::{median_points, points_stay_together};
 use super::templates::EVALUATION_PROMPT;
@@ -125,8 +126,11 @@ pub struct Segment {
     pub caption: String,
     /// Names of the actions that the sentence states, in order; see [`radarllm_facts::parse()`].
     pub actions: Vec<&'static str>,
-    /// exp(mean token log-probability) of the sentence, 0..=1.
+    /// How certain the model is, 0..=1: exp(mean token log-probability), times the share of the windows that agree.
     pub confidence: f32,
+    /// Name of the taught activity that was recognised; `None` for a sentence of the model.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub taught: Option<String>,
 }
 
 impl Captioner {
@@ -174,9 +178,9 @@ impl Captioner {
 
     /// Describes a clip of any length.
     ///
-    /// The clip is prepared as in [`crate::prepare_for_model`], and copied only if a change is necessary. Long clips
-    /// are cut into equal windows of at most 96 frames. Captions of successive windows are joined with ", then " where
-    /// they differ.
+    /// The clip is prepared as in [`crate::prepare_for_model`], and copied only if a change is necessary. A clip of at
+    /// most 96 frames is described as a whole. A longer one is described in overlapping windows, whose sentences vote
+    /// for what is stated about each 2 s; its caption summarises the segments.
     ///
     /// # Errors
     /// [`LmError::Clip`] for values that are not finite and impossible frame rates.
@@ -191,12 +195,9 @@ impl Captioner {
         watch: &mut Watch,
     ) -> Result<Description, LmError> {
         let clip = prepared(clip)?;
-        let mut windows = Windows::of(&clip, options);
-        let results = self.caption_windows(&windows.usable, options, watch)?;
-        for (result, (frames, _)) in results.iter().zip(&windows.usable) {
-            windows.description.add(frames, result);
-        }
-        Ok(windows.description.finish())
+        let windows = Windows::of(&clip, options);
+        let results = self.caption_windows(&windows.usable(), options, watch)?;
+        Ok(windows.describe(&results))
     }
 
     /// Describes many clips in one batch, which is faster than one by one. Clips are independent of one another.
@@ -210,17 +211,16 @@ impl Captioner {
     ) -> Result<Vec<Description>, LmError> {
         let clips = clips.iter().map(|clip| prepared(clip));
         let clips = clips.collect::<Result<Vec<Cow<Clip>>, _>>()?;
-        let mut all: Vec<Windows> = clips.iter().map(|c| Windows::of(c, options)).collect();
-        let (mut owners, mut windows) = (Vec::new(), Vec::new());
-        for (owner, of_clip) in all.iter().enumerate() {
-            owners.extend(std::iter::repeat_n(owner, of_clip.usable.len()));
-            windows.extend(&of_clip.usable);
-        }
-        let results = search::unwatched(|watch| self.caption_windows(&windows, options, watch))?;
-        for ((owner, (frames, _)), result) in owners.into_iter().zip(windows).zip(&results) {
-            all[owner].description.add(frames, result);
-        }
-        Ok(all.into_iter().map(|w| w.description.finish()).collect())
+        let all: Vec<Windows> = clips.iter().map(|c| Windows::of(c, options)).collect();
+        let usable: Vec<_> = all.iter().flat_map(Windows::usable).collect();
+        let results = search::unwatched(|watch| self.caption_windows(&usable, options, watch))?;
+        let mut rest = results.as_slice();
+        let describe = |windows: &Windows| {
+            let (own, others) = rest.split_at(windows.spans.len());
+            rest = others;
+            windows.describe(own)
+        };
+        Ok(all.iter().map(describe).collect())
     }
 
     /// Returns the radar tokens of all windows of a clip, one per 0.4 s. The clip is prepared as in [`Self::describe`],
@@ -238,7 +238,8 @@ impl Captioner {
     }
 
     /// Describes a clip, and calls `on_text` with each piece of the caption as soon as it is decoded. The caption is
-    /// the concatenation of the pieces. A clip without a person gives one piece, [`NO_PERSON`]. With more than one
+    /// the concatenation of the pieces. A clip without a person gives one piece, [`NO_PERSON`]. A recording of more than
+    /// one window gives one piece, because later windows change the sentences about earlier ones. With more than one
     /// beam, the caption of a window is one piece.
     ///
     /// Returns `None` if `on_text` breaks.
@@ -252,19 +253,11 @@ impl Captioner {
         mut on_text: impl FnMut(&str) -> ControlFlow<()>,
     ) -> Result<Option<Description>, LmError> {
         let clip = prepared(clip)?;
-        let Windows {
-            usable,
-            mut description,
-        } = Windows::of(&clip, options);
-        if description.0.abstained.is_some() {
-            let description = description.finish();
-            let ended = on_text(&description.caption).is_break();
-            return Ok((!ended).then_some(description));
-        }
+        let windows = Windows::of(&clip, options);
         let mut sent = String::new();
         let cancel = AtomicBool::new(false);
         let mut send = |upto: &str, sent: &mut String| {
-            // Only text that is final is reported: the next window may remove the full stop.
+            // Only text that is final is reported: the next token may change the last word.
             if let Some(piece) = upto.strip_prefix(sent.as_str())
                 && !piece.is_empty()
                 && !cancel.load(Ordering::Relaxed)
@@ -275,36 +268,25 @@ impl Captioner {
                 sent.push_str(piece);
             }
         };
-        for window in usable {
-            let mut ids = Vec::new();
-            let results = {
-                let mut watch = Watch {
-                    on_token: &mut |_, id| {
-                        // Later windows contribute only where they differ from the previous one, which is known at
-                        // their end.
-                        if description.0.windows == 0 {
-                            ids.push(id);
-                            let text = self.vocab().text(&ids);
-                            send(without_last_word(&text), &mut sent);
-                        }
-                    },
-                    cancel: &cancel,
-                };
-                self.caption_windows(&[window], options, &mut watch)
+        let mut ids = Vec::new();
+        let results = {
+            let mut watch = Watch {
+                on_token: &mut |_, id| {
+                    if windows.spans.len() == 1 {
+                        ids.push(id);
+                        let text = self.vocab().text(&ids);
+                        send(without_last_word(&text), &mut sent);
+                    }
+                },
+                cancel: &cancel,
             };
-            let results = match results {
-                Err(e) if e.is_cancelled() => return Ok(None),
-                results => results?,
-            };
-            for result in &results {
-                description.add(window.0, result);
-            }
-            send(description.0.caption.trim_end_matches('.'), &mut sent);
-            if cancel.load(Ordering::Relaxed) {
-                return Ok(None);
-            }
-        }
-        let description = description.finish();
+            self.caption_windows(&windows.usable(), options, &mut watch)
+        };
+        let results = match results {
+            Err(e) if e.is_cancelled() => return Ok(None),
+            results => results?,
+        };
+        let description = windows.describe(&results);
         send(&description.caption, &mut sent);
         Ok((!cancel.load(Ordering::Relaxed)).then_some(description))
     }
@@ -340,28 +322,9 @@ impl Captioner {
     }
 }
 
-/// Returns the text of unfinished tokens without its last word, which may still grow, and without the part that a later
-/// window may remove.
+/// Returns the text of unfinished tokens without its last word, which may still grow.
 fn without_last_word(text: &str) -> &str {
     text.rsplit_once(' ').map_or("", |(before, _)| before)
-}
-
-/// The windows of a clip that may show a person, each with the height of its radar, and the current description.
-struct Windows<'a> {
-    usable: Vec<(&'a [PointFrame], f32)>,
-    description: Growing,
-}
-
-impl<'a> Windows<'a> {
-    /// Cuts a prepared clip.
-    fn of(clip: &'a Clip, options: &DescribeOptions) -> Self {
-        let (usable, abstained) = usable_windows(&clip.frames, options);
-        let usable = usable.into_iter().map(|w| (w, clip.radar_height_m));
-        Self {
-            usable: usable.collect(),
-            description: Growing::new(clip.frames.len(), abstained),
-        }
-    }
 }
 
 /// What the networks made of one window.
@@ -371,127 +334,179 @@ struct WindowCaption {
     text: String,
 }
 
-/// A description that is extended window by window.
-struct Growing(Description, Sums);
-
-/// Of the windows so far: the last text, the sum of log-probabilities, the tokens that it counts.
-#[derive(Default)]
-struct Sums {
-    last_text: String,
-    log_prob: f32,
-    n_tokens: usize,
+impl WindowCaption {
+    /// exp(mean log-probability of a token).
+    fn confidence(&self) -> f32 {
+        let n_tokens = self.generated.ids.len() + 1;
+        (self.generated.log_prob / n_tokens as f32)
+            .exp()
+            .clamp(0.0, 1.0)
+    }
 }
 
-impl Growing {
-    fn new(n_frames: usize, abstained: Option<Abstained>) -> Self {
-        let description = Description {
-            caption: match abstained {
-                Some(_) => NO_PERSON.into(),
-                None => String::new(),
-            },
+/// The windows of a prepared clip that may show a person.
+struct Windows<'a> {
+    clip: &'a Clip,
+    /// First frame of each window, and the frame after its last one.
+    spans: Vec<(usize, usize)>,
+    abstained: Option<Abstained>,
+}
+
+impl<'a> Windows<'a> {
+    /// Cuts a prepared clip: a clip of at most [`MAX_FRAMES`] is one window, a longer one has overlapping windows.
+    fn of(clip: &'a Clip, options: &DescribeOptions) -> Self {
+        let (found, min) = (clip.frames.len(), options.min_frames.max(1));
+        let mut windows = Self {
+            clip,
+            spans: Vec::new(),
+            abstained: None,
+        };
+        if found < min {
+            windows.abstained = Some(Abstained::TooFewFrames { found, min });
+            return windows;
+        }
+        let min = options.min_median_points;
+        let mut best = 0;
+        let all: Vec<(usize, usize)> = match found <= MAX_FRAMES {
+            true => vec![(0, found)],
+            false => consensus::windows(found).collect(),
+        };
+        for (start, end) in all {
+            let frames = &clip.frames[start..end];
+            let median = median_points(frames);
+            best = best.max(median);
+            if median >= min || points_stay_together(frames) {
+                windows.spans.push((start, end));
+            }
+        }
+        if windows.spans.is_empty() {
+            windows.abstained = Some(Abstained::TooFewPoints { median: best, min });
+        }
+        windows
+    }
+
+    /// Frames of each window, with the height of the radar.
+    fn usable(&self) -> Vec<(&'a [PointFrame], f32)> {
+        let window = |&(start, end)| (&self.clip.frames[start..end], self.clip.radar_height_m);
+        self.spans.iter().map(window).collect()
+    }
+
+    /// Combines the captions of the windows.
+    fn describe(&self, results: &[WindowCaption]) -> Description {
+        let n_frames = self.clip.frames.len();
+        let mut description = Description {
+            caption: NO_PERSON.into(),
             confidence: 0.0,
             tokens: Vec::new(),
             seconds: n_frames as f32 / FRAME_RATE_HZ,
-            windows: 0,
+            windows: self.spans.len(),
             segments: Vec::new(),
-            abstained,
+            abstained: self.abstained,
         };
-        Self(description, Sums::default())
+        if self.abstained.is_some() {
+            return description;
+        }
+        description.tokens = self.tokens(results);
+        if let [only] = results
+            && n_frames <= MAX_FRAMES
+        {
+            description.caption.clone_from(&only.text);
+            description.confidence = only.confidence();
+            description.segments.push(Segment {
+                start_s: self.time_s(0),
+                end_s: self.time_s(n_frames),
+                caption: only.text.clone(),
+                actions: actions(&only.text),
+                confidence: only.confidence(),
+                taught: None,
+            });
+            return description;
+        }
+        let sentences: Vec<WindowSentence> = self
+            .spans
+            .iter()
+            .zip(results)
+            .map(|(&(start, end), result)| WindowSentence {
+                start,
+                end,
+                text: result.text.clone(),
+                confidence: result.confidence(),
+            })
+            .collect();
+        let segments = consensus::segments(&sentences, n_frames, |i| self.time_s(i));
+        description.set_segments(segments);
+        description
     }
 
-    /// Adds the next window.
-    fn add(&mut self, frames: &[PointFrame], result: &WindowCaption) {
-        let Self(description, sums) = self;
-        let (generated, text) = (&result.generated, result.text.as_str());
-        description.tokens.extend(&result.radar.codes);
-        description.windows += 1;
-        let n_tokens = generated.ids.len() + 1;
-        sums.log_prob += generated.log_prob;
-        sums.n_tokens += n_tokens;
-        description.confidence = probability(sums.log_prob, sums.n_tokens);
-        description.add_segment(frames, text, probability(generated.log_prob, n_tokens));
-        if text == sums.last_text || text.is_empty() {
-            return;
+    /// Time at which a frame begins; the frame after the last one begins when that ends.
+    fn time_s(&self, frame: usize) -> f64 {
+        let frames = &self.clip.frames;
+        match frames.get(frame) {
+            Some(frame) => frame.time_s,
+            None => frames.last().map_or(0.0, |f| f.time_s) + 1.0 / self.clip.frame_rate_hz,
         }
-        if !description.caption.is_empty() {
-            // "walks., then turns." would read badly.
-            let len = description.caption.trim_end_matches('.').len();
-            description.caption.truncate(len);
-            description.caption.push_str(", then ");
-        }
-        description.caption.push_str(text);
-        sums.last_text = text.into();
     }
 
-    fn finish(self) -> Description {
-        self.0
+    /// Codes of the windows, one per 0.4 s: where windows overlap, those of the later one.
+    fn tokens(&self, results: &[WindowCaption]) -> Vec<u32> {
+        let mut tokens = Vec::new();
+        for (i, (span, result)) in self.spans.iter().zip(results).enumerate() {
+            let own = match self.spans.get(i + 1) {
+                Some(next) => (next.0.min(span.1) - span.0).div_ceil(FRAMES_PER_CODE),
+                None => result.radar.codes.len(),
+            };
+            tokens.extend(result.radar.codes.iter().take(own));
+        }
+        tokens
     }
 }
 
 impl Description {
-    /// Adds the sentence of a window; a sentence that is repeated without a gap extends the segment before.
-    fn add_segment(&mut self, frames: &[PointFrame], text: &str, confidence: f32) {
-        let (Some(first), Some(last)) = (frames.first(), frames.last()) else {
-            return;
-        };
+    /// Sets the segments, which must be in order of time; caption and confidence follow from them.
+    pub fn set_segments(&mut self, segments: Vec<Segment>) {
+        let length_s = |s: &Segment| (s.end_s - s.start_s) as f32;
+        let total_s: f32 = segments.iter().map(length_s).sum();
+        let weighted = segments.iter().map(|s| s.confidence * length_s(s));
+        self.confidence = weighted.sum::<f32>() / total_s.max(f32::MIN_POSITIVE);
+        if !segments.is_empty() {
+            self.caption = summary(&segments);
+            self.abstained = None;
+        }
+        self.segments = segments;
+    }
+}
+
+/// Names of the actions that a sentence states, in order.
+pub fn actions(text: &str) -> Vec<&'static str> {
+    let clauses = radarllm_facts::parse(text);
+    clauses
+        .iter()
+        .flat_map(|c| &c.actions)
+        .map(|a| a.name)
+        .collect()
+}
+
+/// Number of segments that a summary names.
+const N_SUMMARY: usize = 4;
+
+/// One sentence about several segments: the longest ones, in order of time.
+fn summary(segments: &[Segment]) -> String {
+    let mut kept: Vec<&Segment> = segments.iter().collect();
+    kept.sort_by(|a, b| (b.end_s - b.start_s).total_cmp(&(a.end_s - a.start_s)));
+    kept.truncate(N_SUMMARY);
+    kept.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
+    kept.dedup_by(|a, b| a.caption == b.caption);
+    let mut text = String::new();
+    for segment in kept {
+        let caption = segment.caption.as_str();
         if text.is_empty() {
-            return;
-        }
-        let frame_s = 1.0 / f64::from(FRAME_RATE_HZ);
-        let (start_s, end_s) = (first.time_s, last.time_s + frame_s);
-        if let Some(before) = self.segments.last_mut()
-            && before.caption == text
-            && start_s - before.end_s < 0.5 * frame_s
-        {
-            let (length_s, more_s) = (before.end_s - before.start_s, end_s - start_s);
-            let weight = (more_s / (length_s + more_s)) as f32;
-            before.confidence += weight * (confidence - before.confidence);
-            before.end_s = end_s;
-            return;
-        }
-        let clauses = radarllm_facts::parse(text);
-        self.segments.push(Segment {
-            start_s,
-            end_s,
-            caption: text.into(),
-            actions: clauses
-                .iter()
-                .flat_map(|c| &c.actions)
-                .map(|a| a.name)
-                .collect(),
-            confidence,
-        });
-    }
-}
-
-/// exp(mean log-probability of a token).
-fn probability(log_prob: f32, n_tokens: usize) -> f32 {
-    (log_prob / n_tokens as f32).exp().clamp(0.0, 1.0)
-}
-
-/// Returns the windows that may show a person, or the reason why there are none.
-fn usable_windows<'a>(
-    frames: &'a [PointFrame],
-    options: &DescribeOptions,
-) -> (Vec<&'a [PointFrame]>, Option<Abstained>) {
-    let (found, min) = (frames.len(), options.min_frames.max(1));
-    if found < min {
-        return (Vec::new(), Some(Abstained::TooFewFrames { found, min }));
-    }
-    let min = options.min_median_points;
-    let mut best = 0;
-    let mut kept = Vec::new();
-    for window in equal_windows(frames) {
-        let median = median_points(window);
-        best = best.max(median);
-        if median >= min || points_stay_together(window) {
-            kept.push(window);
+            text.push_str(caption);
+        } else {
+            text.push_str(", then ");
+            text.push_str(caption.strip_prefix("a person ").unwrap_or(caption));
         }
     }
-    let abstained = kept
-        .is_empty()
-        .then_some(Abstained::TooFewPoints { median: best, min });
-    (kept, abstained)
+    text
 }
 
 /// Cuts frames into the smallest number of windows of at most [`MAX_FRAMES`]. All windows have about equal lengths, and

@@ -2,13 +2,15 @@
 //!
 //! Reading order: [`config`] (shapes and presets), [`position`] (relative position buckets), [`vocab`] (ids),
 //! [`templates`] (prompts), [`card`] (a model on disk), [`generate`] (decoding options), [`engine_lm`] (codes to words
-//! on packed weights), `person_gate` (whether a person is present), [`captioner`] (points to sentences).
+//! on packed weights), `person_gate` (whether a person is present), `consensus` (sentences of overlapping windows to segments), [`captioner`]
+//! (points to sentences).
 //!
 //! Out of scope: the trainable networks are in `radarllm-nn`, losses and schedules in `radarllm-train`.
 
 pub mod captioner;
 pub mod card;
 pub mod config;
+mod consensus;
 pub mod engine_lm;
 mod error;
 pub mod generate;
@@ -18,7 +20,7 @@ pub mod qwen2_config;
 pub mod templates;
 pub mod vocab;
 
-pub use captioner::{Abstained, Captioner, DescribeOptions, Description, Segment};
+pub use captioner::{Abstained, Captioner, DescribeOptions, Description, Segment, actions};
 pub use card::{LmCard, LmFiles};
 pub use config::{Backbone, FeedForward, LmConfig, LmPreset, NetworkConfig, T5Config};
 pub use engine_lm::EngineLm;

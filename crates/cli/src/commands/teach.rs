@@ -1,0 +1,168 @@
+//! `teach` and `forget`: activities of the user's own.
+
+use std::path::{Path, PathBuf};
+
+use radarllm::{
+    Clip,
+    teach::{Example, Memory, Taught},
+};
+use serde::Serialize;
+
+use crate::{
+    args::{ForgetArgs, TeachArgs},
+    commands::describe,
+    error::{CliError, CliResult},
+    output,
+};
+
+/// A taught activity, as scripts read it.
+#[derive(Serialize)]
+struct Row<'a> {
+    name: &'a str,
+    says: &'a str,
+    examples: Vec<ExampleRow>,
+}
+
+#[derive(Serialize)]
+struct ExampleRow {
+    source: String,
+    radar: String,
+    seconds: f64,
+    windows: usize,
+}
+
+/// The file of a memory: the one named, or the user's own.
+///
+/// # Errors
+/// No home folder, and none named.
+pub fn memory_path(named: Option<&Path>) -> CliResult<PathBuf> {
+    let from = |variable: &str| std::env::var_os(variable).filter(|v| !v.is_empty());
+    if let Some(path) = named {
+        return Ok(path.into());
+    }
+    let data = from("XDG_DATA_HOME").map(PathBuf::from);
+    let home = || from("HOME").map(|home| PathBuf::from(home).join(".local/share"));
+    match data.or_else(home) {
+        Some(folder) => Ok(folder.join("radarllm/memory.json")),
+        None => Err(CliError::new("no home folder for the memory").hint("name a file by --memory")),
+    }
+}
+
+/// The memory for descriptions: the one named, or the user's own if it exists.
+///
+/// # Errors
+/// A named file that does not exist, or a damaged one.
+pub fn load_memory(named: Option<&Path>) -> CliResult<Option<Memory>> {
+    match (named, memory_path(named)) {
+        (Some(path), _) => Ok(Some(Memory::load(path)?)),
+        (None, Ok(path)) if path.exists() => Ok(Some(Memory::load(&path)?)),
+        (None, _) => Ok(None),
+    }
+}
+
+/// Runs `teach`.
+pub fn run(args: &TeachArgs) -> CliResult {
+    let path = memory_path(args.memory.as_deref())?;
+    let mut memory = match path.exists() {
+        true => Memory::load(&path)?,
+        false => Memory::default(),
+    };
+    let Some(name) = args.name.as_deref() else {
+        return list(&path, &memory, args.json);
+    };
+    if args.recordings.is_empty() {
+        return Err(CliError::new("no recordings to learn from")
+            .hint("radarllm teach NAME --says SENTENCE RECORDING..."));
+    }
+    let known = memory.activities().iter().find(|a| a.name == name);
+    let says = match (&args.says, known) {
+        (Some(says), _) => says.clone(),
+        (None, Some(known)) => known.says.clone(),
+        (None, None) => {
+            return Err(CliError::new(format!("what is said about `{name}`?"))
+                .hint("--says \"a person sits down in the wheelchair\""));
+        }
+    };
+    let options = args.input.options()?;
+    for input in &args.recordings {
+        let recording = radarllm::open(input)
+            .with_options(options.clone())
+            .points()?;
+        let clip: Clip = describe::prepared(input, &recording)?;
+        if clip.provenance.is_simulated() {
+            eprintln!(
+                "warning: {input}: simulated points; recordings of your own radar teach more"
+            );
+        }
+        for warning in memory.teach(name, &says, &clip)? {
+            eprintln!("warning: {warning}");
+        }
+    }
+    for warning in memory.contradictions() {
+        eprintln!("warning: {warning}");
+    }
+    let taught = memory.activities().iter().find(|a| a.name == name);
+    let n_examples = taught.map_or(0, |a| a.examples.len());
+    memory.save(&path)?;
+    if args.json {
+        return list(&path, &memory, true);
+    }
+    output::print_line(&format!(
+        "{name}: {n_examples} examples in {}{}",
+        path.display(),
+        match n_examples {
+            0..=2 => "; three or more are recommended",
+            _ => "",
+        }
+    ));
+    Ok(())
+}
+
+/// Runs `forget`.
+pub fn forget(args: &ForgetArgs) -> CliResult {
+    let path = memory_path(args.memory.as_deref())?;
+    let mut memory = Memory::load(&path)?;
+    let forgotten = memory.forget(&args.name)?;
+    memory.save(&path)?;
+    output::print_line(&format!(
+        "{}: {} examples forgotten, {}",
+        forgotten.name,
+        forgotten.examples.len(),
+        path.display()
+    ));
+    Ok(())
+}
+
+fn list(path: &Path, memory: &Memory, json: bool) -> CliResult {
+    if json {
+        let rows: Vec<Row> = memory.activities().iter().map(row).collect();
+        return output::print_json(&rows);
+    }
+    if memory.activities().is_empty() {
+        output::print_line(&format!("{}: nothing was taught", path.display()));
+    }
+    for taught in memory.activities() {
+        output::print_line(&format!("{}: \"{}\"", taught.name, taught.says));
+        for example in &taught.examples {
+            output::print_line(&format!(
+                "    {} ({:.1} s, radar {})",
+                example.source, example.seconds, example.radar
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn row(taught: &Taught) -> Row<'_> {
+    let example = |e: &Example| ExampleRow {
+        source: e.source.clone(),
+        radar: e.radar.clone(),
+        seconds: e.seconds,
+        windows: e.windows.len(),
+    };
+    Row {
+        name: &taught.name,
+        says: &taught.says,
+        examples: taught.examples.iter().map(example).collect(),
+    }
+}

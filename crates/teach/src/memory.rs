@@ -1,0 +1,493 @@
+//! Examples of taught activities, and their file.
+
+use std::path::Path;
+
+use radarllm_base::Clip;
+use radarllm_files::{
+    atomic::{self, Existing},
+    bounded,
+};
+use serde::{Deserialize, Serialize};
+
+use crate::features::{N_FEATURES, windows};
+
+/// The `format` of every memory file.
+const FORMAT: &str = "radarllm memory";
+/// Version of the file and of the features in it.
+const VERSION: u32 = 1;
+/// Largest memory file, bytes: some thousand examples.
+const MAX_BYTES: u64 = 64 << 20;
+/// Most windows of one example; of a longer recording these are taken at equal distances.
+const MAX_WINDOWS: usize = 60;
+/// Longest name, characters.
+const MAX_NAME: usize = 60;
+/// Longest sentence, characters.
+const MAX_SAYS: usize = 300;
+
+/// Activities with their examples.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Memory {
+    format: String,
+    version: u32,
+    activities: Vec<Taught>,
+}
+
+/// A taught activity.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Taught {
+    /// Name.
+    pub name: String,
+    /// The sentence that describes it.
+    pub says: String,
+    /// Its recordings.
+    pub examples: Vec<Example>,
+}
+
+/// A recording of an activity, as features.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Example {
+    /// The recording.
+    pub source: String,
+    /// The radar.
+    pub radar: String,
+    /// Height of the radar above the floor, m.
+    pub radar_height_m: f32,
+    /// Length of the recording, s.
+    pub seconds: f64,
+    /// Features of its windows, `[windows][N_FEATURES]`.
+    pub windows: Vec<Vec<f32>>,
+}
+
+/// Why an example was not taken, or a file not read.
+#[derive(Debug, thiserror::Error)]
+pub enum TeachError {
+    /// The recording has no window with enough points.
+    #[error("{recording}: {points} points in {seconds:.1} s are too few to learn from")]
+    TooFewPoints {
+        /// The recording.
+        recording: String,
+        /// Number of points in it.
+        points: usize,
+        /// Its length, s.
+        seconds: f64,
+    },
+    /// A name or sentence that cannot be kept.
+    #[error("{what}: must have 1 to {most} characters, without line breaks")]
+    Text {
+        /// `name` or `says`.
+        what: &'static str,
+        /// Most characters.
+        most: usize,
+    },
+    /// The recording is an example of this or another activity already.
+    #[error("{recording} is an example of `{activity}` already")]
+    Duplicate {
+        /// The recording.
+        recording: String,
+        /// The activity that has it.
+        activity: String,
+    },
+    /// No activity of this name.
+    #[error("nothing named `{name}` was taught{}", list_of(.known))]
+    Unknown {
+        /// The name.
+        name: String,
+        /// The names in the memory.
+        known: Vec<String>,
+    },
+    /// A file that is no memory, or a damaged one.
+    #[error("{path}: {problem}")]
+    Invalid {
+        /// The file.
+        path: String,
+        /// What is wrong.
+        problem: String,
+    },
+    /// A file that cannot be read or written.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: String,
+        /// Cause.
+        source: std::io::Error,
+    },
+}
+
+fn list_of(known: &[String]) -> String {
+    match known.is_empty() {
+        true => ": the memory is empty".into(),
+        false => format!("; known are {}", known.join(", ")),
+    }
+}
+
+/// Something about an example that the user should know. The example is taken all the same.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Warning {
+    /// Other examples were recorded by another radar.
+    #[error(
+        "{recording} was recorded by radar `{found}`, other examples by `{expected}`: points of different boards differ, teach each board by itself"
+    )]
+    OtherRadar {
+        /// The recording.
+        recording: String,
+        /// Its radar.
+        found: String,
+        /// Radar of the examples before.
+        expected: String,
+    },
+    /// The sentence of an activity was replaced.
+    #[error("`{name}` said \"{before}\" before")]
+    OtherSentence {
+        /// Name of the activity.
+        name: String,
+        /// The sentence before.
+        before: String,
+    },
+    /// The points resemble another activity more than this one.
+    #[error(
+        "{recording} resembles `{other}` more than `{name}`: the examples may contradict each other"
+    )]
+    Contradiction {
+        /// The recording.
+        recording: String,
+        /// Name of the activity.
+        name: String,
+        /// The activity that it resembles.
+        other: String,
+    },
+}
+
+impl Default for Memory {
+    fn default() -> Self {
+        Self {
+            format: FORMAT.into(),
+            version: VERSION,
+            activities: Vec::new(),
+        }
+    }
+}
+
+impl Memory {
+    /// The activities, in the order in which they were taught.
+    pub fn activities(&self) -> &[Taught] {
+        &self.activities
+    }
+
+    /// Adds a prepared clip as an example of an activity.
+    ///
+    /// # Errors
+    /// Too few points, a text that cannot be kept, or a recording that is an example already. The memory is unchanged
+    /// then.
+    pub fn teach(
+        &mut self,
+        name: &str,
+        says: &str,
+        clip: &Clip,
+    ) -> Result<Vec<Warning>, TeachError> {
+        check_text("name", name, MAX_NAME)?;
+        check_text("says", says, MAX_SAYS)?;
+        let example = Example::of(clip)?;
+        let duplicate =
+            |taught: &&Taught| taught.examples.iter().any(|e| e.windows == example.windows);
+        if let Some(taught) = self.activities.iter().find(duplicate) {
+            return Err(TeachError::Duplicate {
+                recording: example.source,
+                activity: taught.name.clone(),
+            });
+        }
+        let mut warnings = Vec::new();
+        let mut others = self.activities.iter().flat_map(|a| &a.examples);
+        if let Some(other) = others.find(|e| e.radar != example.radar) {
+            warnings.push(Warning::OtherRadar {
+                recording: example.source.clone(),
+                found: example.radar.clone(),
+                expected: other.radar.clone(),
+            });
+        }
+        let index = match self.activities.iter().position(|a| a.name == name) {
+            Some(index) => index,
+            None => {
+                self.activities.push(Taught {
+                    name: name.into(),
+                    says: says.into(),
+                    examples: Vec::new(),
+                });
+                self.activities.len() - 1
+            }
+        };
+        let taught = &mut self.activities[index];
+        if taught.says != says {
+            warnings.push(Warning::OtherSentence {
+                name: name.into(),
+                before: std::mem::replace(&mut taught.says, says.into()),
+            });
+        }
+        taught.examples.push(example);
+        Ok(warnings)
+    }
+
+    /// Forgets an activity.
+    ///
+    /// # Errors
+    /// [`TeachError::Unknown`].
+    pub fn forget(&mut self, name: &str) -> Result<Taught, TeachError> {
+        match self.activities.iter().position(|a| a.name == name) {
+            Some(index) => Ok(self.activities.remove(index)),
+            None => Err(TeachError::Unknown {
+                name: name.into(),
+                known: self.activities.iter().map(|a| a.name.clone()).collect(),
+            }),
+        }
+    }
+
+    /// Reads a memory file.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or that is no memory.
+    pub fn load(path: &Path) -> Result<Self, TeachError> {
+        let invalid = |problem: String| TeachError::Invalid {
+            path: path.display().to_string(),
+            problem,
+        };
+        let text = bounded::read_text(path, MAX_BYTES).map_err(|e| invalid(e.to_string()))?;
+        let memory: Self = serde_json::from_str(&text).map_err(|e| invalid(e.to_string()))?;
+        memory.check().map_err(invalid)?;
+        Ok(memory)
+    }
+
+    /// Writes the memory. The file is replaced as a whole or not at all.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), TeachError> {
+        let io = |source| TeachError::Io {
+            path: path.display().to_string(),
+            source,
+        };
+        if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
+            std::fs::create_dir_all(folder).map_err(io)?;
+        }
+        let text = serde_json::to_string(self).map_err(|e| io(e.into()))?;
+        atomic::write_bytes(path, Existing::Replace, text.as_bytes())
+            .map_err(|e| io(std::io::Error::other(e)))
+    }
+
+    /// The memory without one example of an activity.
+    pub(crate) fn without_example(&self, name: &str, index: usize) -> Self {
+        let mut rest = self.clone();
+        for taught in rest.activities.iter_mut().filter(|a| a.name == name) {
+            taught.examples.remove(index);
+        }
+        rest
+    }
+
+    fn check(&self) -> Result<(), String> {
+        if self.format != FORMAT {
+            return Err(format!("format `{}`, expected `{FORMAT}`", self.format));
+        }
+        if self.version != VERSION {
+            return Err(format!("version {}, expected {VERSION}", self.version));
+        }
+        for (i, taught) in self.activities.iter().enumerate() {
+            if self.activities[..i]
+                .iter()
+                .any(|other| other.name == taught.name)
+            {
+                return Err(format!("`{}` occurs twice", taught.name));
+            }
+            check_text("name", &taught.name, MAX_NAME).map_err(|e| e.to_string())?;
+            check_text("says", &taught.says, MAX_SAYS).map_err(|e| e.to_string())?;
+            for example in &taught.examples {
+                let fits = |w: &Vec<f32>| w.len() == N_FEATURES && w.iter().all(|v| v.is_finite());
+                if example.windows.is_empty() || !example.windows.iter().all(fits) {
+                    return Err(format!(
+                        "`{}`, {}: expected windows of {N_FEATURES} finite numbers",
+                        taught.name, example.source
+                    ));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Example {
+    fn of(clip: &Clip) -> Result<Self, TeachError> {
+        let mut features: Vec<Vec<f32>> = windows(clip)
+            .into_iter()
+            .filter_map(|w| w.features)
+            .collect();
+        let source = clip.provenance.input().to_string();
+        if features.is_empty() {
+            return Err(TeachError::TooFewPoints {
+                recording: source,
+                points: clip.n_points(),
+                seconds: clip.duration_s(),
+            });
+        }
+        if features.len() > MAX_WINDOWS {
+            let n = features.len();
+            features = (0..MAX_WINDOWS)
+                .map(|i| features[i * n / MAX_WINDOWS].clone())
+                .collect();
+        }
+        Ok(Self {
+            source,
+            radar: clip.radar.clone(),
+            radar_height_m: clip.radar_height_m,
+            seconds: clip.duration_s(),
+            windows: features,
+        })
+    }
+}
+
+fn check_text(what: &'static str, text: &str, most: usize) -> Result<(), TeachError> {
+    let n = text.chars().count();
+    match (1..=most).contains(&n) && !text.chars().any(char::is_control) {
+        true => Ok(()),
+        false => Err(TeachError::Text { what, most }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use radarllm_base::{Clutter, PointFrame, Provenance, RadarPoint};
+
+    use super::*;
+
+    fn clip(source: &str, radar: &str, height_m: f32) -> Clip {
+        let frame = |i: u32| PointFrame {
+            frame: i,
+            time_s: f64::from(i) / 10.0,
+            points: vec![
+                RadarPoint {
+                    y_m: 2.0,
+                    z_m: height_m + 0.001 * i as f32,
+                    range_m: 2.0,
+                    ..RadarPoint::default()
+                };
+                4
+            ],
+        };
+        Clip {
+            frames: (0..100).map(frame).collect(),
+            frame_rate_hz: 10.0,
+            radar_height_m: 1.0,
+            radar: radar.into(),
+            provenance: Provenance::recorded("csv", source),
+            clutter: Clutter::Settled,
+        }
+    }
+
+    fn taught() -> Memory {
+        let mut memory = Memory::default();
+        for (source, height_m) in [("a", 0.1), ("b", 0.12), ("c", 0.09)] {
+            let warnings = memory.teach("sit", "a person sits", &clip(source, "isk", height_m));
+            assert_eq!(warnings.unwrap(), []);
+        }
+        memory
+    }
+
+    #[test]
+    fn a_memory_survives_its_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("new/memory.json");
+        taught().save(&path).unwrap();
+        assert_eq!(Memory::load(&path).unwrap(), taught());
+    }
+
+    #[test]
+    fn damaged_files_are_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("memory.json");
+        let text = serde_json::to_string(&taught()).unwrap();
+        for (damaged, expected) in [
+            (text[..text.len() / 2].to_string(), "EOF"),
+            (text.replace("radarllm memory", "other"), "format `other`"),
+            (text.replace("\"version\":1", "\"version\":9"), "version 9"),
+            (
+                text.replace("\"windows\":[[", "\"windows\":[[1.0],["),
+                "windows of 90",
+            ),
+            (text.replace("\"says\"", "\"sais\""), "sais"),
+            ("[]".into(), "expected struct"),
+        ] {
+            fs::write(&path, &damaged).unwrap();
+            let error = Memory::load(&path).unwrap_err().to_string();
+            assert!(
+                error.contains("memory.json") && error.contains(expected),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_learnt_leaves_the_memory_as_it_was() {
+        let mut memory = taught();
+        let before = memory.clone();
+        let mut empty = clip("d", "isk", 0.1);
+        empty.frames.iter_mut().for_each(|f| f.points.clear());
+        let error = memory.teach("lie", "a person lies", &empty).unwrap_err();
+        assert!(
+            matches!(error, TeachError::TooFewPoints { points: 0, .. }),
+            "{error}"
+        );
+        let error = memory
+            .teach("lie", "a person lies", &clip("a", "isk", 0.1))
+            .unwrap_err();
+        assert!(matches!(error, TeachError::Duplicate { .. }), "{error}");
+        for (name, says) in [("", "x"), ("x", ""), ("x", "two\nlines")] {
+            let error = memory
+                .teach(name, says, &clip("d", "isk", 0.2))
+                .unwrap_err();
+            assert!(matches!(error, TeachError::Text { .. }), "{error}");
+        }
+        let error = memory.forget("stand").unwrap_err().to_string();
+        assert!(
+            error.contains("`stand`") && error.contains("sit"),
+            "{error}"
+        );
+        assert_eq!(memory, before);
+        assert_eq!(memory.forget("sit").unwrap().examples.len(), 3);
+        assert_eq!(memory.activities(), []);
+    }
+
+    #[test]
+    fn another_radar_and_another_sentence_are_warned_about() {
+        let mut memory = taught();
+        let warnings = memory
+            .teach("sit", "she sits", &clip("d", "ods", 0.15))
+            .unwrap();
+        assert!(
+            matches!(warnings[0], Warning::OtherRadar { .. }),
+            "{warnings:?}"
+        );
+        assert!(
+            matches!(warnings[1], Warning::OtherSentence { .. }),
+            "{warnings:?}"
+        );
+        assert_eq!(memory.activities()[0].says, "she sits");
+    }
+
+    #[test]
+    fn examples_under_the_wrong_name_contradict() {
+        let mut memory = taught();
+        for (source, height_m) in [("d", -0.8), ("e", -0.82), ("f", -0.79)] {
+            memory
+                .teach("lie", "a person lies", &clip(source, "isk", height_m))
+                .unwrap();
+        }
+        assert_eq!(memory.contradictions(), []);
+        memory
+            .teach("lie", "a person lies", &clip("g", "isk", 0.11))
+            .unwrap();
+        let found = memory.contradictions();
+        let wrong = |w: &Warning| matches!(w, Warning::Contradiction { recording, other, .. } if recording == "g" && other == "sit");
+        assert!(found.iter().any(wrong), "{found:?}");
+    }
+}
