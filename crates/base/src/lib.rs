@@ -36,6 +36,7 @@
 
 pub mod clip;
 pub mod cube;
+pub mod disturb;
 pub mod frames;
 pub mod hash;
 pub mod materials;

@@ -647,6 +647,13 @@ pub struct EvalRecordingsArgs {
     /// Reason for evaluating judged recordings, for the log.
     #[arg(long, value_name = "TEXT", required_if_eq("role", "judged"))]
     pub purpose: Option<String>,
+    /// Instead of a model, a forest on simple features that is trained on the clips of these data sets: what their
+    /// generator teaches, without training a network.
+    #[arg(long, value_name = "DATA", num_args = 1.., conflicts_with_all = ["teach", "model"])]
+    pub proxy: Vec<PathBuf>,
+    /// Disturbed copies of every clip for the forest.
+    #[arg(long, value_name = "N", default_value_t = 5, requires = "proxy")]
+    pub proxy_copies: usize,
     /// Teach every activity by this many recordings for tuning, drawn at random, and evaluate the others. Counts also
     /// what is recognised in the recordings of each activity when all activities but this one are taught.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100))]

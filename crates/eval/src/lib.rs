@@ -56,6 +56,7 @@ mod captioner;
 pub mod captions;
 pub mod embedding_scores;
 pub mod interventions;
+pub mod proxy;
 pub mod recordings;
 pub mod robustness;
 
@@ -63,6 +64,7 @@ pub mod held_out;
 pub mod near_duplicates;
 
 pub mod classifier;
+pub mod forest;
 pub mod points;
 pub mod realism;
 

@@ -189,6 +189,23 @@ impl Actor {
         c
     }
 
+    /// Adds the sway of somebody who exercises: the pelvis wanders by `sway_m` at 0.3 to 0.9 Hz, and the trunk turns with
+    /// it. The feet stay where they are.
+    pub fn add_sway(&mut self, frames: &mut [Control], sway_m: f32) {
+        let mut wave = || {
+            let (hz, phase) = (self.dice.range(0.3, 0.9), self.dice.range(0.0, TAU));
+            move |time: f32| (TAU * hz * time + phase).sin()
+        };
+        let (across, along, turn) = (wave(), wave(), wave());
+        for (frame, c) in frames.iter_mut().enumerate() {
+            let time = (frame as f64 / FPS) as f32;
+            let sway_m = sway_m * c.balance.clamp(0.0, 1.0);
+            c.hip.x += sway_m * across(time);
+            c.hip.z += sway_m * along(time);
+            c.twist += 2.0 * sway_m * turn(time);
+        }
+    }
+
     /// Adds breathing and slow postural sway to every frame.
     pub fn add_idle(&self, frames: &mut [Control]) {
         let gentle = |time: f32, n: usize| {

@@ -50,6 +50,132 @@ pub fn random_request(rng_seed: u64) -> BuiltinRequest {
     }
 }
 
+/// Draws a request as people move rather than as a library is listed: most motions go on for longer than a window of
+/// the model, at any pace and size. [`random_request`] covers the library evenly instead.
+///
+/// More than half are single motions that go on ([`Moves::on_and_on`]); the rest are single motions, sequences and
+/// gestures combined with other motions.
+pub fn people_request(rng_seed: u64) -> Moves {
+    let mut dice = Dice::new(rng_seed, "people");
+    let kind = dice.range(0.0, 1.0);
+    let on_and_on = kind < 0.55;
+    for _ in 0..ATTEMPTS {
+        let text = match kind {
+            _ if on_and_on => going_on(&mut dice),
+            k if k < 0.8 => with_people_s_values(single(&mut dice), &mut dice),
+            k if k < 0.95 => sequence(&mut dice),
+            _ => overlay(&mut dice),
+        };
+        if let Some(request) = text.and_then(|t| parse(&t).ok())
+            && (on_and_on || request.nominal_duration_s() * TEMPO_MARGIN <= LONGEST_S)
+        {
+            return Moves { request, on_and_on };
+        }
+    }
+    Moves {
+        request: random_request(rng_seed),
+        on_and_on: false,
+    }
+}
+
+/// A request of [`people_request`].
+#[derive(Clone, Debug)]
+pub struct Moves {
+    /// The motion.
+    pub request: BuiltinRequest,
+    /// Whether it repeats one action for longer than any window, so that any part of it shows the action.
+    pub on_and_on: bool,
+}
+
+/// Repetitions of a motion that goes on. Captions count to twelve and say "many times" above.
+const MANY: [u32; 2] = [14, 24];
+
+/// Motions that people repeat for a while: exercise, locomotion in place, gestures. Nobody bows or throws on and on.
+const REPEATED: [&str; 16] = [
+    "arm_circles",
+    "circle",
+    "clap",
+    "hop",
+    "jog_in_place",
+    "jump",
+    "jumping_jack",
+    "kick",
+    "lunge",
+    "march",
+    "punch",
+    "raise_arms",
+    "side_bend",
+    "squat",
+    "twist",
+    "wave",
+];
+
+fn going_on(dice: &mut Dice) -> Option<String> {
+    let spec = any(dice, |s| REPEATED.contains(&s.name))?;
+    let mut own = keys(spec, true, dice);
+    own.retain(|(k, _)| k != "repetitions" && k != "distance_m");
+    let mut set = |key: &str, value: &str| {
+        own.retain(|(k, _)| k != key);
+        own.push((key.to_owned(), value.to_owned()));
+    };
+    // Who jumps again and again stays in place and hardly swings the arms; who boxes uses both hands.
+    match spec.name {
+        "jump" => {
+            set("direction", "up");
+            set(
+                "arms",
+                if dice.chance(0.75) {
+                    "still"
+                } else {
+                    "swinging"
+                },
+            );
+        }
+        "hop" => set("direction", "up"),
+        "punch" if dice.chance(0.7) => set("side", "both"),
+        _ => {}
+    }
+    let [few, most] = MANY;
+    let times = few + dice.index((most - few) as usize) as u32;
+    own.push(("repetitions".to_owned(), times.to_string()));
+    let mut all = globals(dice);
+    if dice.chance(0.7) {
+        let sway_m = dice.range(0.01, 0.12);
+        all.push(("sway_m".to_owned(), format!("{sway_m:.3}")));
+    }
+    let text = format!("{}?{}", spec.name, query(&[own, all]));
+    with_people_s_values(Some(text), dice)
+}
+
+/// Replaces speed and amplitude of a single motion: any pace and size, not a few steps of them.
+fn with_people_s_values(text: Option<String>, dice: &mut Dice) -> Option<String> {
+    let text = text?;
+    let (name, query) = text.split_once('?')?;
+    let spec = by_name(name)?;
+    let mut values: Vec<(String, String)> = query
+        .split('&')
+        .filter_map(|pair| pair.split_once('='))
+        .map(|(k, v)| (k.to_owned(), v.to_owned()))
+        .filter(|(k, _)| k != "speed" && k != "amplitude")
+        .collect();
+    if spec.key("speed").is_some() {
+        // Jumps with still arms rebound at 1.3 to 2.2 Hz.
+        let [low, high]: [f32; 2] = match name {
+            "jump" => [1.0, 2.0],
+            "punch" => [0.8, 2.0],
+            _ => [0.55, 1.9],
+        };
+        let speed = low * (high / low).powf(dice.range(0.0, 1.0));
+        values.push(("speed".to_owned(), format!("{speed:.2}")));
+    }
+    if spec.key("amplitude").is_some() && dice.chance(0.7) {
+        let amplitude = dice.range(0.5, 1.3);
+        values.push(("amplitude".to_owned(), format!("{amplitude:.2}")));
+    }
+    let pairs: Vec<String> = values.iter().map(|(k, v)| format!("{k}={v}")).collect();
+    Some(format!("{name}?{}", pairs.join("&")))
+}
+
 fn single(dice: &mut Dice) -> Option<String> {
     let spec = any(dice, |_| true)?;
     let mut own = keys(spec, true, dice);
@@ -162,6 +288,8 @@ fn draw(spec: &MotionSpec, key: &KeySpec, single: bool, dice: &mut Dice) -> Opti
     match (spec.name, key.name, key.kind) {
         (_, "posture", _) => dice.chance(0.15).then(|| "stooped".to_owned()),
         (_, _, KeyKind::Word { allowed, .. }) => Some(dice.pick(allowed).to_owned()),
+        // Drawn by `people_request` only.
+        ("jump", _, KeyKind::Speed) => None,
         (_, _, KeyKind::Speed) => match dice.index(4) {
             0 => number(dice.range(0.6, 0.75)),
             1 => number(dice.range(1.35, 1.6)),

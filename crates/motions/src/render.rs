@@ -50,6 +50,10 @@ impl BuiltinRequest {
         let mut actor = Actor::new(height_m, seed);
         let mut frames = self.controls(&mut actor);
         actor.add_idle(&mut frames);
+        let sway_m = self.global.number("sway_m");
+        if sway_m > 0.0 {
+            actor.add_sway(&mut frames, sway_m);
+        }
         let start = Vec3::new(frames[0].hip.x, 0.0, frames[0].hip.z);
         let heading_rad = self.global.number("heading_deg").to_radians();
         let world_from_stage = Quat::from_rotation_z(heading_rad) * world_from_rest_facing_radar();

@@ -27,6 +27,15 @@ pub const GLOBAL_KEYS: &[KeySpec] = &[
             default: 0.0,
         },
     },
+    // Amplitude of the pelvis' sway: people who exercise do not keep it still.
+    KeySpec {
+        name: "sway_m",
+        kind: KeyKind::Number {
+            min: 0.0,
+            max: 0.15,
+            default: 0.0,
+        },
+    },
 ];
 
 /// Specification of a motion that [`crate::parse`] accepts.
@@ -319,6 +328,7 @@ static SPECS: &[MotionSpec] = &[
         &[
             FIVE_WAYS,
             word("arms", &["swinging", "still"]),
+            SPEED,
             times(1),
             AMPLITUDE,
             DURATION,

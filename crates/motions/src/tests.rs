@@ -842,3 +842,52 @@ fn attributes_name_the_facts() {
             .contains(&("wave.side".to_owned(), "both".to_owned()))
     );
 }
+
+#[test]
+fn people_s_motions_are_true_sentences_and_mostly_go_on() {
+    let mut n_on = 0;
+    for seed in 0..600 {
+        let moves = crate::people_request(seed);
+        for caption in captions::captions(&moves.request, seed) {
+            if let Err(reason) = check::language(&caption) {
+                panic!("`{caption}`: {reason} ({})", moves.request);
+            }
+            if let Err(reason) = check::facts(&caption, &moves.request) {
+                panic!("`{caption}`: {reason} ({})", moves.request);
+            }
+        }
+        let length_s = moves.request.nominal_duration_s();
+        assert!(
+            moves.on_and_on || length_s <= LONGEST_S,
+            "{}",
+            moves.request
+        );
+        n_on += i32::from(moves.on_and_on);
+    }
+    assert!((270..390).contains(&n_on), "{n_on} of 600 go on");
+}
+
+/// People jump again and again at about two jumps a second.
+#[test]
+fn quick_jumps_are_low_and_follow_the_speed() {
+    let heights = |speed: f32| {
+        let p = render(&format!("jump?arms=still&repetitions=8&speed={speed}"));
+        let hips: Vec<f32> = p
+            .motion
+            .poses
+            .iter()
+            .map(|pose| pose.root_in_world.y)
+            .collect();
+        (
+            p.motion.duration_s(),
+            hips.iter().copied().fold(f32::MIN, f32::max),
+        )
+    };
+    let ((slow_s, high_m), (quick_s, low_m)) = (heights(1.0), heights(2.0));
+    let rate_hz = 8.0 / (quick_s - 0.9);
+    assert!((1.7..2.5).contains(&rate_hz), "{rate_hz} jumps a second");
+    assert!(
+        slow_s > 1.7 * quick_s && high_m > low_m,
+        "{slow_s} {quick_s} {high_m} {low_m}"
+    );
+}

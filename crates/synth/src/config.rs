@@ -11,7 +11,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     Method, SynthError, Synthesizer,
-    corpus::{Corpus, bandai_namco::BandaiNamco, procedural::ProceduralCorpus},
+    corpus::{
+        Corpus,
+        bandai_namco::BandaiNamco,
+        procedural::{Draw, ProceduralCorpus},
+    },
     impairments::ImpairmentsFile,
     placement::PlacementRange,
     processing::ProcessingFile,
@@ -36,6 +40,10 @@ pub struct DatasetConfig {
     /// Maximum clip length, in stored frames. Longer motions are cut to a window (drawn at random for training,
     /// the beginning otherwise).
     pub max_frames: usize,
+    /// Training clips of motions that go on are cut to a random length between this and the maximum, s; to the maximum
+    /// if absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shortest_part_s: Option<f64>,
     /// Stored frames per second; the radar's own rate if absent. Frames of a faster radar are joined, in the same way
     /// as when its recordings are described.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -94,6 +102,9 @@ pub enum SourceConfig {
         val: usize,
         /// Number of test motions.
         test: usize,
+        /// How motions are drawn: `library` or `people`.
+        #[serde(default, skip_serializing_if = "is_default")]
+        draw: Draw,
     },
 }
 
@@ -107,6 +118,7 @@ impl Default for DatasetConfig {
             train_variants: 1,
             shard_clips: 64,
             max_frames: 96,
+            shortest_part_s: None,
             frame_rate_hz: None,
             slowest_mps: 0.0,
             facet_edge_m: 0.02,
@@ -164,6 +176,13 @@ impl DatasetConfig {
                 return fail(format!("{name}: must be in 0..=360, found {value}"));
             }
         }
+        if let Some(part_s) = self.shortest_part_s
+            && !(1.0..=60.0).contains(&part_s)
+        {
+            return fail(format!(
+                "shortest_part_s: must be in 1..=60, found {part_s}"
+            ));
+        }
         if !BODY_FACET_EDGE_M.contains(&self.facet_edge_m) {
             return fail(format!(
                 "facet_edge_m: must be in {BODY_FACET_EDGE_M:?}, found {}",
@@ -206,7 +225,9 @@ impl DatasetConfig {
         }
         self.weather.check().map_err(SynthError::Config)?;
         for source in &self.source {
-            if let SourceConfig::Procedural { train, val, test } = source
+            if let SourceConfig::Procedural {
+                train, val, test, ..
+            } = source
                 && [train, val, test].into_iter().any(|n| *n > MAX_COUNT)
             {
                 return fail(format!(
@@ -309,9 +330,16 @@ impl DatasetConfig {
                     SourceConfig::BandaiNamco { path } => {
                         Box::new(BandaiNamco::open(&base.join(path))?)
                     }
-                    SourceConfig::Procedural { train, val, test } => {
-                        Box::new(ProceduralCorpus::new([*train, *val, *test], self.seed))
-                    }
+                    SourceConfig::Procedural {
+                        train,
+                        val,
+                        test,
+                        draw,
+                    } => Box::new(ProceduralCorpus::new(
+                        [*train, *val, *test],
+                        self.seed,
+                        *draw,
+                    )),
                 })
             })
             .collect()
@@ -337,6 +365,7 @@ mod tests {
                 train: 3,
                 val: 2,
                 test: 1,
+                draw: Draw::People,
             }],
             ..Default::default()
         };
@@ -360,6 +389,7 @@ mod tests {
             ("seed = 1", "source"),
             ("lateral_m = nan", "lateral_m"),
             ("frame_rate_hz = 0.0", "frame_rate_hz"),
+            ("shortest_part_s = 0.1", "shortest_part_s"),
             ("slowest_mps = -1.0", "slowest_mps"),
             (
                 "radar_height_m = 1.5\n[room]\n",

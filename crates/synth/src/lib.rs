@@ -16,9 +16,9 @@
 //! The same seed generates the same data set, independently of the number of threads:
 //!
 //! ```
-//! use radarllm_synth::corpus::{Corpus, procedural::ProceduralCorpus};
+//! use radarllm_synth::corpus::{Corpus, procedural::{Draw, ProceduralCorpus}};
 //!
-//! let [a, b] = [0, 1].map(|_| ProceduralCorpus::new([2, 0, 0], 5));
+//! let [a, b] = [0, 1].map(|_| ProceduralCorpus::new([2, 0, 0], 5, Draw::Library));
 //! assert_eq!(a.items()[1].captions, b.items()[1].captions);
 //! ```
 //!

@@ -45,7 +45,8 @@ pub fn make_record(
     let motion = corpus.motion(item_idx)?;
     let rate_hz = config.stored_rate_hz(synthesizer.radar())?;
     let longest_s = config.max_frames as f64 / rate_hz;
-    let motion = cut_window(&motion, item, longest_s, &mut rng);
+    let part_s = part_s(item, longest_s, config, seed);
+    let motion = cut_window(&motion, item, part_s, &mut rng);
     let shape = BodyShape {
         height_m: BODY_HEIGHTS_M[rng.random_range(0..BODY_HEIGHTS_M.len())],
         build: [Build::Slim, Build::Average, Build::Heavy][rng.random_range(0..3)],
@@ -119,6 +120,17 @@ fn motion_on_body(motion: &Motion, body: &dyn BodyModel) -> Motion {
             .iter()
             .map(|pose| pose_on_body(pose, &motion.skeleton, body))
             .collect(),
+    }
+}
+
+/// Longest part of a motion that becomes a clip, s.
+fn part_s(item: &CorpusItem, longest_s: f64, config: &DatasetConfig, seed: u64) -> f64 {
+    match config.shortest_part_s {
+        Some(shortest_s) if item.on_and_on && item.split == Split::Train => {
+            let mut rng = ChaCha8Rng::seed_from_u64(derive_seed(seed, "length"));
+            shortest_s + rng.random::<f64>() * (longest_s - shortest_s).max(0.0)
+        }
+        _ => longest_s,
     }
 }
 

@@ -25,6 +25,13 @@ pub struct AugmentConfig {
     pub velocity_mps: f32,
     /// Standard deviation of each point's position, m.
     pub position_m: f32,
+    /// Probability that the clip is disturbed, at its own pace: [`radarllm_base::disturb`].
+    #[serde(skip_serializing_if = "is_zero")]
+    pub disturb: f64,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 impl Default for AugmentConfig {
@@ -38,6 +45,7 @@ impl Default for AugmentConfig {
             intensity_db: 1.0,
             velocity_mps: 0.05,
             position_m: 0.01,
+            disturb: 0.0,
         }
     }
 }
@@ -54,6 +62,7 @@ impl AugmentConfig {
             intensity_db: 0.0,
             velocity_mps: 0.0,
             position_m: 0.0,
+            disturb: 0.0,
         }
     }
 
@@ -64,6 +73,7 @@ impl AugmentConfig {
     pub fn validate(&self) -> Result<(), String> {
         for (field, value, most) in [
             ("flip", self.flip as f32, 1.0),
+            ("disturb", self.disturb as f32, 1.0),
             ("yaw_rad", self.yaw_rad, 4.0),
             ("shift_m", self.shift_m, 10.0),
             ("dropout", self.dropout, 1.0),

@@ -10,9 +10,16 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use radarllm_base::PointFrame;
+use radarllm_base::{
+    PointFrame,
+    disturb::{Pace, disturb},
+    seed::derive_seed,
+};
 use radarllm_dataset::{ClipRecord, Columns, Dataset, Split};
-use radarllm_inference::tokenizer::{FRAMES_PER_CODE, RadarTokenizer};
+use radarllm_inference::{
+    FRAME_RATE_HZ,
+    tokenizer::{FRAMES_PER_CODE, MAX_FRAMES, RadarTokenizer},
+};
 use radarllm_nn::{device::Processors, lm::RadarLm};
 use serde::{Deserialize, Serialize};
 
@@ -69,6 +76,9 @@ pub struct Recipe {
     pub out: PathBuf,
     /// Number of simulations per training motion, the first ones; 0 uses all.
     pub simulations_per_motion: usize,
+    /// Number of disturbed copies of every training clip from which the language model learns, beside the clip itself:
+    /// [`radarllm_base::disturb`].
+    pub disturbed_copies: usize,
     /// Processors for training: `"cpu"`, `"gpu"`, `"gpu:N"`, `"cuda"`, `"cuda:N"`, or several of them, `"gpu:0,gpu:1"`.
     pub device: Processors,
     /// Settings of the motion VQ-VAE.
@@ -94,6 +104,7 @@ impl Default for Recipe {
             data: vec!["data".into()],
             out: "model".into(),
             simulations_per_motion: 0,
+            disturbed_copies: 0,
             device: Processors::default(),
             motion: MotionTrainConfig::default(),
             tokenizer: TokenizerTrainConfig::default(),
@@ -283,12 +294,10 @@ impl Recipe {
     fn lm_data(&self) -> Result<(RadarTokenizer, Vec<LmClip>, Vec<LmClip>), TrainError> {
         let dir = self.result(RecipeStage::Tokenizer)?;
         let tokenizer = RadarTokenizer::load(&dir)?;
-        let train = lm_clips(
-            &tokenizer,
-            &self.clips(Split::Train, Columns::Points)?,
-            true,
-        )?;
-        let val = lm_clips(&tokenizer, &self.clips(Split::Val, Columns::Points)?, false)?;
+        let clips = self.clips(Split::Train, Columns::Points)?;
+        let train = lm_clips(&tokenizer, &clips, true, self.disturbed_copies)?;
+        let clips = self.clips(Split::Val, Columns::Points)?;
+        let val = lm_clips(&tokenizer, &clips, false, 0)?;
         Ok((tokenizer, train, val))
     }
 }
@@ -359,7 +368,8 @@ fn keep_variants(clips: &mut Vec<ClipRecord>, n: usize) {
 /// Number of clips that are grouped and encoded at once.
 const ENCODE_CLIPS: usize = 128;
 
-/// Encodes clips and combines the variants of a motion; `flip` also encodes their mirror images.
+/// Encodes clips and combines the variants of a motion; `flip` also encodes their mirror images. The first variants of a
+/// motion are its clips, further ones are disturbed copies.
 ///
 /// # Errors
 /// If a clip cannot be encoded.
@@ -367,21 +377,24 @@ pub fn lm_clips(
     tokenizer: &RadarTokenizer,
     clips: &[ClipRecord],
     flip: bool,
+    disturbed_copies: usize,
 ) -> Result<Vec<LmClip>, TrainError> {
-    let encode = |mirrored: bool| {
+    let points = |clip: &ClipRecord, copy: usize, mirrored: bool| {
+        let mut frames = match copy {
+            0 => clip.frames.clone(),
+            _ => disturbed(clip, copy),
+        };
+        if mirrored {
+            flip_points(&mut frames);
+        }
+        frames
+    };
+    let encode = |copy: usize, mirrored: bool| {
         let mut encoded = Vec::with_capacity(clips.len());
         // Grouped clips need a hundred times as much memory as their codes, so only a few are processed at a time.
         for chunk in clips.chunks(ENCODE_CLIPS) {
-            let points: Vec<Vec<PointFrame>> = chunk
-                .iter()
-                .map(|c| {
-                    let mut frames = c.frames.clone();
-                    if mirrored {
-                        flip_points(&mut frames);
-                    }
-                    frames
-                })
-                .collect();
+            let points: Vec<Vec<PointFrame>> =
+                chunk.iter().map(|c| points(c, copy, mirrored)).collect();
             let inputs: Vec<_> = points
                 .iter()
                 .zip(chunk)
@@ -392,22 +405,41 @@ pub fn lm_clips(
         }
         Ok::<_, TrainError>(encoded)
     };
-    let encoded = encode(false)?;
-    let mirrored = if flip { encode(true)? } else { Vec::new() };
     let mut by_motion: BTreeMap<&str, LmClip> = BTreeMap::new();
-    for (index, (clip, codes)) in clips.iter().zip(encoded).enumerate() {
-        let entry = by_motion.entry(&clip.motion_id).or_insert_with(|| LmClip {
-            id: clip.motion_id.clone(),
-            action: clip.action.clone(),
-            captions: clip.captions.clone(),
-            variants: Vec::new(),
-            flipped: Vec::new(),
-            seconds: (codes.codes.len() * FRAMES_PER_CODE) as f32 / 10.0,
-        });
-        entry.variants.push(codes);
-        entry.flipped.extend(mirrored.get(index).cloned());
+    for copy in 0..=disturbed_copies {
+        let encoded = encode(copy, false)?;
+        let mirrored = if flip {
+            encode(copy, true)?
+        } else {
+            Vec::new()
+        };
+        for (index, (clip, codes)) in clips.iter().zip(encoded).enumerate() {
+            let entry = by_motion.entry(&clip.motion_id).or_insert_with(|| LmClip {
+                id: clip.motion_id.clone(),
+                action: clip.action.clone(),
+                captions: clip.captions.clone(),
+                variants: Vec::new(),
+                flipped: Vec::new(),
+                seconds: (codes.codes.len() * FRAMES_PER_CODE) as f32 / 10.0,
+            });
+            entry.variants.push(codes);
+            entry.flipped.extend(mirrored.get(index).cloned());
+        }
     }
     Ok(by_motion.into_values().collect())
+}
+
+/// A disturbed copy of a clip. A clip of which nothing would be left stays as it is.
+fn disturbed(clip: &ClipRecord, copy: usize) -> Vec<PointFrame> {
+    let pace = Pace::UpTo {
+        max_frames: MAX_FRAMES,
+    };
+    let seed = derive_seed(clip.seed, &format!("disturbed/{copy}"));
+    let frames = disturb(&clip.frames, f64::from(FRAME_RATE_HZ), pace, seed);
+    match frames.iter().all(|f| f.points.is_empty()) {
+        true => clip.frames.clone(),
+        false => frames,
+    }
 }
 
 /// Whether the folder of a stage contains a checkpoint from which it can continue.

@@ -10,7 +10,10 @@ use std::{
 };
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
-use radarllm_base::PointFrame;
+use radarllm_base::{
+    PointFrame,
+    disturb::{Pace, disturb},
+};
 use radarllm_dataset::record::ClipRecord;
 use radarllm_inference::checkpoint::NamedTensors;
 use radarllm_inference::tokenizer::encode::{TOKENIZER_KIND, TokenizerFile};
@@ -183,6 +186,10 @@ impl<'a> TokenizerStage<'a> {
         let flip = rng.random::<f64>() < self.config.augment.flip;
         if flip {
             flip_points(&mut frames);
+        }
+        if self.config.augment.disturb > 0.0 && rng.random::<f64>() < self.config.augment.disturb {
+            let rate_hz = f64::from(radarllm_inference::FRAME_RATE_HZ);
+            frames = disturb(&frames, rate_hz, Pace::Kept, rng.random());
         }
         augment_points(&mut frames, &self.config.augment, rng);
         let targets = if flip { &clip.mirrored } else { &clip.targets };

@@ -11,10 +11,13 @@ use radarllm::{
     teach::Memory,
 };
 use radarllm_base::seed::derive_seed;
+use radarllm_dataset::{Columns, Dataset, Split};
+use radarllm_eval::proxy::Proxy;
 use radarllm_eval::recordings::{
     LabelledRecording, RecordingsConfig, RecordingsReport, Role, evaluate_recordings, markdown,
 };
 use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
+use radarllm_inference::prepare::RATE_TOLERANCE;
 use serde::Serialize;
 
 use crate::{
@@ -70,25 +73,69 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
         };
         return taught.run(captioner, &recordings, args, info.fingerprint);
     }
-    let report = evaluate_recordings(
-        |clip| Ok::<_, CliError>(captioner.describe_with(clip, &describing)?),
-        captioner.name(),
-        &config,
-        role,
-        recordings.into_iter().map(Ok),
-    )?;
+    let (report, fingerprint) = match args.proxy.is_empty() {
+        true => {
+            let describe =
+                |clip: &Clip| Ok::<_, CliError>(captioner.describe_with(clip, &describing)?);
+            let recordings = recordings.into_iter().map(Ok);
+            let name = captioner.name();
+            let report = evaluate_recordings(describe, name, &config, role, recordings)?;
+            (report, info.fingerprint)
+        }
+        false => {
+            let proxy = train_proxy(args)?;
+            let describe = |clip: &Clip| Ok::<_, CliError>(proxy.describe(clip));
+            let names: Vec<String> = args.proxy.iter().map(|p| p.display().to_string()).collect();
+            let name = format!(
+                "forest on {}, {} windows",
+                names.join(", "),
+                proxy.n_windows
+            );
+            let recordings = recordings.into_iter().map(Ok);
+            (
+                evaluate_recordings(describe, &name, &config, role, recordings)?,
+                0,
+            )
+        }
+    };
     let page = markdown(&report, args.beam, &args.config.display().to_string());
     if let Some(out) = &args.out {
         output::write_atomic(out, page.as_bytes())?;
     }
     if role == Role::Judged {
-        log_look(args, &report, info.fingerprint, "")?;
+        log_look(args, &report, fingerprint, "")?;
     }
     if args.json {
         return output::print_json(&report);
     }
     output::print_line(&page);
     Ok(())
+}
+
+/// A forest on the training clips of the data sets.
+fn train_proxy(args: &EvalRecordingsArgs) -> CliResult<Proxy> {
+    let mut clips = Vec::new();
+    let mut rate_hz = None;
+    for dir in &args.proxy {
+        let data = Dataset::open(dir)?;
+        let own_hz = data.manifest().frame_rate_hz;
+        if (own_hz / rate_hz.unwrap_or(own_hz) - 1.0).abs() > RATE_TOLERANCE {
+            return Err(CliError::new(format!(
+                "{}: {own_hz} frames/s, the data sets before have another rate",
+                dir.display()
+            )));
+        }
+        rate_hz = Some(own_hz);
+        for clip in data.iter_split(Split::Train, Columns::Points) {
+            clips.push(clip?);
+        }
+    }
+    Ok(Proxy::train(
+        &clips,
+        rate_hz.unwrap_or(10.0),
+        args.proxy_copies,
+        1,
+    )?)
 }
 
 /// All recordings of a role.

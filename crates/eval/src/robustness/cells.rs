@@ -407,7 +407,11 @@ mod tests {
 
     #[test]
     fn a_turned_source_turns_what_the_radar_sees_and_nothing_else() {
-        let corpus = radarllm_synth::corpus::procedural::ProceduralCorpus::new([0, 0, 3], 5);
+        let corpus = radarllm_synth::corpus::procedural::ProceduralCorpus::new(
+            [0, 0, 3],
+            5,
+            radarllm_synth::corpus::procedural::Draw::Library,
+        );
         for item in 0..3 {
             let plain = corpus.motion(item).unwrap();
             let turned = Turned {

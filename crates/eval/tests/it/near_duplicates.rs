@@ -10,7 +10,10 @@ use radarllm_dataset::Split;
 use radarllm_eval::near_duplicates::{
     LEAK_DISTANCE, MotionClip, MotionSketch, NearestMotion, nearest_motions,
 };
-use radarllm_synth::corpus::{Corpus, procedural::ProceduralCorpus};
+use radarllm_synth::corpus::{
+    Corpus,
+    procedural::{Draw, ProceduralCorpus},
+};
 
 const TRAIN: usize = 1000;
 const TEST: usize = 100;
@@ -73,7 +76,7 @@ fn quantiles(found: &[Option<NearestMotion>]) -> (usize, String, Vec<f64>) {
 
 #[test]
 fn planted_copies_are_leaks_and_independent_motions_are_not() {
-    let corpus = ProceduralCorpus::new([TRAIN, 0, TEST], 7);
+    let corpus = ProceduralCorpus::new([TRAIN, 0, TEST], 7, Draw::Library);
     let motions = |split: Split| -> Vec<(String, Motion)> {
         let items = corpus.items().iter().enumerate();
         items

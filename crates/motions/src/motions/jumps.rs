@@ -23,6 +23,12 @@ pub fn jump(v: &Values, actor: &mut Actor) -> Vec<Control> {
     // Share of the height, length, crouch and lean of a jump with swinging arms.
     let share = if swings { 1.0 } else { 0.45 };
     let crouch_s = if swings { 0.34 } else { 0.2 };
+    // Gravity sets the time of flight: quick jumps are low. Swinging arms cannot go much faster than they do, so that only
+    // the time on the floor changes, and less.
+    let (speed, share_of_height) = match (swings, v.number("speed")) {
+        (true, speed) => (speed.sqrt(), 1.0),
+        (false, speed) => (speed, 1.0 / (speed * speed)),
+    };
     let swing = |c: &mut Control, [elevation, azimuth, far]: [f32; 3], pole: Vec3| {
         for side in (0..2).filter(|_| swings) {
             reach(c, side, elevation, azimuth, far, pole);
@@ -33,8 +39,11 @@ pub fn jump(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let mut travelled = Vec3::ZERO;
     track.hold(0.15);
     for _ in 0..v.count("repetitions") {
-        let height_m =
-            actor.a(if way == Vec3::ZERO { 0.24 } else { 0.16 }) * size * share * actor.rig.scale;
+        let height_m = actor.a(if way == Vec3::ZERO { 0.24 } else { 0.16 })
+            * size
+            * share
+            * share_of_height
+            * actor.rig.scale;
         let flight_s = flight_s(height_m);
         let length_m = actor.a(if way.x != 0.0 || way.z < 0.0 {
             0.38
@@ -45,8 +54,8 @@ pub fn jump(v: &Values, actor: &mut Actor) -> Vec<Control> {
             * actor.rig.scale;
         let from = travelled;
         travelled += way * length_m;
-        let down = actor.s(crouch_s, 1.0);
-        let dip = actor.m(0.2 + 0.08 * size) * share;
+        let down = actor.s(crouch_s, speed);
+        let dip = actor.m(0.2 + 0.08 * size) * share * share_of_height.min(1.0).sqrt();
         let arm = actor.a(0.5);
         track.to(down, |c| {
             c.hip.y = rest.hip.y - dip;
@@ -58,8 +67,8 @@ pub fn jump(v: &Values, actor: &mut Actor) -> Vec<Control> {
                 foot.pitch = -0.08;
             }
         });
-        track.hold(0.03);
-        track.to(0.22, |c| {
+        track.hold(0.03 / speed);
+        track.to(0.22 / speed, |c| {
             c.hip.y = rest.hip.y + actor.m(0.005);
             c.pitch = 0.05;
             c.flex = 0.0;
@@ -87,7 +96,7 @@ pub fn jump(v: &Values, actor: &mut Actor) -> Vec<Control> {
             swing(c, [-0.4, 0.3, 0.9], ELBOW_BACK);
             c.hip.y = rest.hip.y - actor.m(0.03);
         });
-        track.to(0.17, |c| {
+        track.to(0.17 / speed, |c| {
             c.hip.y = rest.hip.y - 0.75 * dip;
             c.pitch = rest.pitch + (0.4 - rest.pitch) * share;
             c.flex = rest.flex + (0.3 - rest.flex) * share;

@@ -19,6 +19,8 @@ pub struct CorpusItem {
     pub action: String,
     /// At least one caption.
     pub captions: Vec<String>,
+    /// Whether any part of the motion, however short, is described by the captions.
+    pub on_and_on: bool,
 }
 
 /// A source of captioned motions.

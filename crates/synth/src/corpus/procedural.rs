@@ -3,7 +3,8 @@
 use radarllm_base::{Motion, seed::derive_seed};
 use radarllm_body::sample::canonicalize;
 use radarllm_dataset::record::Split;
-use radarllm_motions::{BuiltinRequest, random_request};
+use radarllm_motions::{BuiltinRequest, Moves, people_request, random_request};
+use serde::{Deserialize, Serialize};
 
 use super::{Corpus, CorpusError, CorpusItem};
 
@@ -14,9 +15,20 @@ pub struct ProceduralCorpus {
     requests: Vec<(BuiltinRequest, u64)>,
 }
 
+/// How motions are drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Draw {
+    /// Evenly from the library, mostly as a whole: [`random_request`].
+    #[default]
+    Library,
+    /// As people move: at any pace, mostly on and on: [`people_request`].
+    People,
+}
+
 impl ProceduralCorpus {
     /// Draws `[train, val, test]` items.
-    pub fn new(counts: [usize; 3], seed: u64) -> Self {
+    pub fn new(counts: [usize; 3], seed: u64, draw: Draw) -> Self {
         let mut items = Vec::new();
         let mut requests = Vec::new();
         for (split, count, prefix) in [
@@ -27,7 +39,13 @@ impl ProceduralCorpus {
             for i in 0..count {
                 let motion_id = format!("{prefix}-{i:06}");
                 let item_seed = derive_seed(seed, &motion_id);
-                let request = random_request(item_seed);
+                let Moves { request, on_and_on } = match draw {
+                    Draw::Library => Moves {
+                        request: random_request(item_seed),
+                        on_and_on: false,
+                    },
+                    Draw::People => people_request(item_seed),
+                };
                 let rendered = request.render(item_seed);
                 items.push(CorpusItem {
                     group: motion_id.clone(),
@@ -35,6 +53,7 @@ impl ProceduralCorpus {
                     split,
                     action: rendered.action,
                     captions: rendered.captions,
+                    on_and_on,
                 });
                 requests.push((request, item_seed));
             }
