@@ -134,10 +134,12 @@ impl Training<'_> {
 
     /// The best of a few random splits of random features, by the Gini impurity.
     fn split(&self, rows: &[usize], rng: &mut SplitMix64) -> Option<(usize, f32)> {
-        let n_features = self.rows[0].len();
+        let mut features: Vec<usize> = (0..self.rows[0].len()).collect();
         let mut best: Option<(f64, usize, f32)> = None;
-        for _ in 0..self.n_candidates {
-            let feature = rng.below(n_features);
+        let mut n_tried = 0;
+        // Features that are constant here cannot split and do not count.
+        while n_tried < self.n_candidates && !features.is_empty() {
+            let feature = features.swap_remove(rng.below(features.len()));
             let values = rows.iter().map(|r| self.rows[*r][feature]);
             let low = values.clone().fold(f32::INFINITY, f32::min);
             let high = values.fold(f32::NEG_INFINITY, f32::max);
@@ -145,6 +147,7 @@ impl Training<'_> {
             if threshold <= low {
                 continue;
             }
+            n_tried += 1;
             let mut sums = [vec![0.0; self.weights.len()], vec![0.0; self.weights.len()]];
             for r in rows {
                 let label = self.labels[*r];

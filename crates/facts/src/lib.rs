@@ -1,7 +1,7 @@
 //! What a sentence about a person states: its actions, in order of time, each with side and direction.
 //!
 //! Scores and labels must depend on what a sentence means, not on its wording. "A person raises the left hand and
-//! waves" states one action, `wave`, with the left side; it does not state `raise_arms`. [`parse`] reads the sentences
+//! waves" states one action, `wave`, with the left side; it does not state `raise_arms`. [`parse()`] reads the sentences
 //! of the project's motion library and common words of people's own descriptions. Words that it does not know state
 //! nothing.
 //!

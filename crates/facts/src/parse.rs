@@ -149,6 +149,12 @@ const SUBJECTS: [&str; 7] = [
     "the figure",
 ];
 
+/// Words of counts.
+const NUMBERS: [&str; 13] = [
+    "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve",
+    "several", "many",
+];
+
 impl Clause {
     /// The clause without its subject: "a person first walks forward" becomes "walks forward".
     pub fn predicate(&self) -> &str {
@@ -159,6 +165,31 @@ impl Clause {
             }
         }
         text.strip_prefix("first ").unwrap_or(text)
+    }
+
+    /// The clause without its count: "claps three times" becomes "claps". A count is true of the time that it was counted
+    /// in, and of no longer one.
+    #[must_use]
+    pub fn without_count(&self) -> Self {
+        let words: Vec<&str> = self.text.split(' ').collect();
+        let is_number = |word: &str| NUMBERS.contains(&word);
+        let mut kept = Vec::with_capacity(words.len());
+        let mut i = 0;
+        while i < words.len() {
+            match words[i..] {
+                ["once" | "twice", ..] => i += 1,
+                [number, "times", ..] if is_number(number) => i += 2,
+                ["for", number, "steps", ..] if is_number(number) => i += 3,
+                _ => {
+                    kept.push(words[i]);
+                    i += 1;
+                }
+            }
+        }
+        Self {
+            text: kept.join(" "),
+            actions: self.actions.clone(),
+        }
     }
 
     /// The clause as a sentence of its own: "sitting down" becomes "a person is sitting down".
@@ -347,6 +378,28 @@ mod tests {
             assert_eq!(sentences(text), expected);
         }
         assert_eq!(sentences("a person is walking"), ["a person is walking"]);
+    }
+
+    #[test]
+    fn counts_can_be_left_out() {
+        for (text, expected) in [
+            ("a person claps three times", "a person claps"),
+            (
+                "a person quickly waves twice with the left hand",
+                "a person quickly waves with the left hand",
+            ),
+            (
+                "a person marches in place for eight steps",
+                "a person marches in place",
+            ),
+            ("a person jumps many times", "a person jumps"),
+            (
+                "a person steps over something",
+                "a person steps over something",
+            ),
+        ] {
+            assert_eq!(parse(text)[0].without_count().text, expected);
+        }
     }
 
     #[test]

@@ -23,6 +23,7 @@ pub(crate) const PLAYER: &str = include_str!("page/player.js");
 /// let frames = [PointFrame { points: vec![point], ..PointFrame::default() }];
 /// let page = Page {
 ///     caption: "a person walks forward",
+///     segments: Vec::new(),
 ///     provenance: "recorded radar awr1843boost",
 ///     frames: &frames,
 ///     frame_rate_hz: 10.0,
@@ -34,6 +35,8 @@ pub(crate) const PLAYER: &str = include_str!("page/player.js");
 pub struct Page<'a> {
     /// The generated caption.
     pub caption: &'a str,
+    /// Sentences with their times; listed if there are several.
+    pub segments: Vec<PageSegment<'a>>,
     /// Origin of points and caption: source, model, radar, and whether the points are synthetic or recorded.
     pub provenance: &'a str,
     /// Radar frames, with points in radar axes.
@@ -44,6 +47,19 @@ pub struct Page<'a> {
     pub radar_height_m: f32,
     /// The body, if it is known.
     pub mesh: Option<PageMesh<'a>>,
+}
+
+/// A sentence and its time, from the first frame.
+#[derive(Clone, Debug, Serialize)]
+pub struct PageSegment<'a> {
+    /// Start, s.
+    pub start_s: f64,
+    /// End, s.
+    pub end_s: f64,
+    /// The sentence.
+    pub caption: &'a str,
+    /// Confidence, 0..=1.
+    pub confidence: f32,
 }
 
 /// A moving body.
@@ -59,6 +75,7 @@ pub struct PageMesh<'a> {
 #[derive(Serialize)]
 pub(crate) struct PageData<'a> {
     caption: &'a str,
+    segments: &'a [PageSegment<'a>],
     provenance: &'a str,
     frame_rate_hz: f64,
     radar_height_m: f32,
@@ -102,6 +119,7 @@ impl Page<'_> {
         let mut intensities: Vec<f32> = points().map(|p| p.intensity_db).collect();
         PageData {
             caption: self.caption,
+            segments: &self.segments,
             provenance: self.provenance,
             frame_rate_hz: self.frame_rate_hz,
             radar_height_m: self.radar_height_m,
@@ -193,6 +211,12 @@ mod tests {
     fn a_caption_cannot_leave_the_data_block() {
         let page = Page {
             caption: "</script><script>alert(1)</script>",
+            segments: vec![PageSegment {
+                start_s: 0.0,
+                end_s: 1.0,
+                caption: "</script><script>alert(2)</script>",
+                confidence: 0.5,
+            }],
             provenance: "test",
             frames: &[],
             frame_rate_hz: 10.0,

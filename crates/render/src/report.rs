@@ -168,6 +168,7 @@ mod tests {
                     examples: vec![Example {
                         page: Page {
                             caption: hostile,
+                            segments: Vec::new(),
                             provenance: hostile,
                             frames: &[],
                             frame_rate_hz: 10.0,

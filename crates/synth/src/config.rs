@@ -17,6 +17,7 @@ use crate::{
         procedural::{Draw, ProceduralCorpus},
     },
     impairments::ImpairmentsFile,
+    objects::ObjectsFile,
     placement::PlacementRange,
     processing::ProcessingFile,
     room::{ROOM_RASTER, RoomFile},
@@ -72,6 +73,9 @@ pub struct DatasetConfig {
     /// The signal chain.
     #[serde(skip_serializing_if = "is_default")]
     pub processing: ProcessingFile,
+    /// Static objects around the person, drawn anew for each clip; none if absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub objects: Option<ObjectsFile>,
     /// Walls, floor and ceiling around radar and person; free space if absent. Its `radar_height_m` must be that of the
     /// data set.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -129,6 +133,7 @@ impl Default for DatasetConfig {
             impairments: ImpairmentsFile::default(),
             weather: WeatherFile::default(),
             processing: ProcessingFile::default(),
+            objects: None,
             room: None,
             source: Vec::new(),
         }
@@ -224,6 +229,9 @@ impl DatasetConfig {
             room.walls(77e9)?;
         }
         self.weather.check().map_err(SynthError::Config)?;
+        if let Some(objects) = &self.objects {
+            objects.check().map_err(SynthError::Config)?;
+        }
         for source in &self.source {
             if let SourceConfig::Procedural {
                 train, val, test, ..
@@ -398,6 +406,10 @@ mod tests {
             ("distance_m = [2.0, 7.0]\n[room]\n", "wall opposite"),
             ("[room]\nwalls = \"cheese\"", "cheese"),
             ("[room]\ndepth = 3.0", "depth"),
+            (
+                "[objects]\ncount = [3, 1]\nrcs_dbsm = [0.0, 1.0]\nrange_m = [1.0, 2.0]",
+                "count",
+            ),
         ] {
             let error = DatasetConfig::from_toml(text).unwrap_err().to_string();
             assert!(error.contains(word), "`{error}` should name `{word}`");

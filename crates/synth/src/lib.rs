@@ -35,6 +35,7 @@ pub mod config;
 pub mod corpus;
 pub mod impairments;
 mod obj;
+pub mod objects;
 pub mod placement;
 pub mod processing;
 pub mod record;

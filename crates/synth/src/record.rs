@@ -57,6 +57,11 @@ pub fn make_record(
     let motion = motion_on_body(&motion, builtin_body(shape)?.as_ref());
     let placement = draw_placement(&motion, &config.placement(), derive_seed(seed, "placement"));
     let most_frames = synthesizer.radar().frames_in(longest_s);
+    let objects = config.objects.as_ref().map(|objects| {
+        let height_m = f64::from(placement.radar_height_m);
+        objects.draw(height_m, derive_seed(seed, "objects"))
+    });
+    synthesizer.set_objects(objects.unwrap_or_default());
     let frames = synthesizer.motion_to_points(&motion, shape, placement, most_frames, seed)?;
     let frames = stored_frames(frames, synthesizer.radar().frame_rate_hz(), config, rate_hz)?;
 

@@ -14,7 +14,8 @@ use radarllm_body::{
 use radarllm_motions::Procedural;
 use radarllm_radar_dsp::{DspError, DspOptions, PointExtractor};
 use radarllm_radar_sim::{
-    Impairments, Noise, Scene, SimError, SimOptions, Simulator, reference, shapes::RigidSurface,
+    Impairments, Noise, PointTarget, Scene, SimError, SimOptions, Simulator, reference,
+    shapes::RigidSurface,
 };
 
 use rayon::prelude::*;
@@ -91,6 +92,7 @@ pub struct Synthesizer {
     sim: SimOptions,
     impairments: Impairments,
     walls: Vec<RigidSurface>,
+    objects: Vec<PointTarget>,
     method: Method,
     simulator: Simulator,
     extractor: PointExtractor,
@@ -125,6 +127,7 @@ impl Synthesizer {
             sim,
             impairments: Impairments::default(),
             walls: Vec::new(),
+            objects: Vec::new(),
             method,
             simulator,
             extractor,
@@ -145,6 +148,11 @@ impl Synthesizer {
     #[must_use]
     pub fn with_walls(self, walls: Vec<RigidSurface>) -> Self {
         Self { walls, ..self }
+    }
+
+    /// Sets the static objects that [`Self::motion_to_points`] simulates in addition to the body, in radar axes.
+    pub fn set_objects(&mut self, objects: Vec<PointTarget>) {
+        self.objects = objects;
     }
 
     /// The radar.
@@ -169,7 +177,7 @@ impl Synthesizer {
         let walls = std::mem::take(&mut self.walls);
         let mut scene = Scene {
             surfaces: vec![&body],
-            points: Vec::new(),
+            points: self.objects.clone(),
             noise: Noise::Thermal,
         };
         for wall in &walls {

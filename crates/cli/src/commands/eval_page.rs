@@ -21,6 +21,7 @@ pub fn html(report: &CaptionReport, clips: &[CaptionedClip]) -> String {
         Example {
             page: Page {
                 caption: &c.description.caption,
+                segments: Vec::new(),
                 provenance: &provenance[i],
                 frames: &c.clip.frames,
                 frame_rate_hz: c.clip.frame_rate_hz,

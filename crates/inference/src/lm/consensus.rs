@@ -94,7 +94,11 @@ pub(crate) fn segments(
     let segment = |run: Run| Segment {
         start_s: time_s(run.first_hop * HOP_FRAMES),
         end_s: time_s(((run.first_hop + run.n_hops) * HOP_FRAMES).min(n_frames)),
-        caption: run.clause.sentence(),
+        caption: match run.n_hops > WINDOW_FRAMES / HOP_FRAMES {
+            // What a window counted is not the count of a longer time.
+            true => run.clause.without_count().sentence(),
+            false => run.clause.sentence(),
+        },
         actions: run.clause.actions.iter().map(|a| a.name).collect(),
         confidence: run.confidence / run.n_hops as f32,
         taught: None,
@@ -229,6 +233,16 @@ mod tests {
     fn agreement_is_one_segment() {
         let walk = "a person walks forward";
         assert_eq!(told(&[walk; 5]), [(0.0, 14.0, walk.to_string())]);
+    }
+
+    #[test]
+    fn counts_of_windows_are_not_those_of_the_recording() {
+        let claps = "a person claps three times";
+        assert_eq!(told(&[claps]), [(0.0, 6.0, claps.to_string())]);
+        assert_eq!(
+            told(&[claps; 5]),
+            [(0.0, 14.0, "a person claps".to_string())]
+        );
     }
 
     #[test]

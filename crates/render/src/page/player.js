@@ -7,7 +7,7 @@ function decodeInt16(text) {
 }
 
 // Plays one clip on the elements `at`: canvases points and (where there is a mesh) mesh, a button play, a
-// slider time, a line clock. Only what is on the screen is drawn.
+// slider time, a line clock; onFrame is called with every frame that is drawn. Only what is on the screen is drawn.
 function player(clip, at) {
   const mesh = clip.mesh && { faces: clip.mesh.triangles, n: clip.mesh.n_vertices, mm: decodeInt16(clip.mesh.vertices_mm) };
   const floorZ = -clip.radar_height_m;
@@ -103,6 +103,7 @@ function player(clip, at) {
   function draw() {
     drawPoints(); drawMesh();
     at.time.value = frame;
+    if (at.onFrame) at.onFrame(frame);
     at.clock.textContent = `${(frame / clip.frame_rate_hz).toFixed(1)} s \u00b7 ${(clip.frames[frame] || []).length} points`;
   }
   function setPlaying(value) { playing = value; at.play.textContent = playing ? "Pause" : "Play"; }
