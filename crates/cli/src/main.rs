@@ -17,6 +17,7 @@ mod person_report;
 mod radar_file;
 mod recording_args;
 mod threads;
+mod user_memory;
 
 use std::{panic, process::ExitCode};
 

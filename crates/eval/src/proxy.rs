@@ -8,8 +8,8 @@ use radarllm_base::{
     disturb::{Pace, disturb},
     seed::derive_seed,
 };
-use radarllm_dataset::ClipRecord;
-use radarllm_inference::{Description, Segment, actions};
+use radarllm_dataset::{ClipRecord, Columns, Dataset, Split};
+use radarllm_inference::{Description, Segment, actions, prepare::RATE_TOLERANCE};
 use radarllm_teach::features::windows;
 
 use crate::{EvalError, forest::Forest};
@@ -25,10 +25,37 @@ pub struct Proxy {
     /// A sentence for each class.
     captions: Vec<String>,
     /// Number of windows that it was trained on.
-    pub n_windows: usize,
+    n_windows: usize,
 }
 
 impl Proxy {
+    /// Trains a forest on the training clips of data sets, each clip with `copies` disturbed copies.
+    ///
+    /// # Errors
+    /// A data set that cannot be read, or data sets of different frame rates; those of [`Self::train`].
+    pub fn of_data_sets(data: &[Dataset], copies: usize, seed: u64) -> Result<Self, EvalError> {
+        let rate_hz = data.first().map_or(10.0, |d| d.manifest().frame_rate_hz);
+        let mut clips = Vec::new();
+        for data in data {
+            let own_hz = data.manifest().frame_rate_hz;
+            if (own_hz / rate_hz - 1.0).abs() > RATE_TOLERANCE {
+                return Err(EvalError::Config(format!(
+                    "{}: {own_hz} frames/s, the first data set has {rate_hz}",
+                    data.dir().display()
+                )));
+            }
+            for clip in data.iter_split(Split::Train, Columns::Points) {
+                clips.push(clip?);
+            }
+        }
+        Self::train(&clips, rate_hz, copies, seed)
+    }
+
+    /// Name in reports.
+    pub fn name(&self) -> String {
+        format!("forest on {} simulated windows", self.n_windows)
+    }
+
     /// Trains a forest on clips of single actions at `frame_rate_hz`, each with `copies` disturbed copies.
     ///
     /// # Errors

@@ -96,8 +96,21 @@ impl Captioner {
     /// # Errors
     /// As [`Self::describe`].
     pub fn describe_with(&self, clip: &Clip, options: &DescribeOptions) -> Result<Description> {
+        self.describe_recognising(clip, options, self.recogniser.as_ref())
+    }
+
+    /// Describes a clip with other taught activities than the captioner's own.
+    ///
+    /// # Errors
+    /// As [`Self::describe`].
+    pub fn describe_recognising(
+        &self,
+        clip: &Clip,
+        options: &DescribeOptions,
+        recogniser: Option<&Recogniser>,
+    ) -> Result<Description> {
         let mut description = self.model.describe(clip, options).map_err(Error::input)?;
-        if let Some(recogniser) = &self.recogniser {
+        if let Some(recogniser) = recogniser {
             let clip = prepare_for_model(clip.clone(), &PrepareOptions::default());
             let clip = clip.map_err(Error::input)?.clip;
             taught::insert(&mut description, recogniser.recognise(&clip));

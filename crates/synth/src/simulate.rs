@@ -109,6 +109,28 @@ pub fn open_motion(input: &str, seed: u64) -> Result<MotionInput, Error> {
     })
 }
 
+/// The motion files of a folder, sorted: BVH, AMC, npz and npy.
+///
+/// # Errors
+/// A folder that cannot be read, or without a motion file.
+pub fn motion_files(folder: &Path) -> Result<Vec<String>, Error> {
+    let io = |e| Error::io(folder, &e);
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(io)? {
+        let file = entry.map_err(io)?.path();
+        let is = |extension: &str| file.extension().is_some_and(|e| e == extension);
+        if ["bvh", "amc", "npz", "npy"].into_iter().any(is) {
+            files.push(file.display().to_string());
+        }
+    }
+    if files.is_empty() {
+        let problem = "no .bvh, .amc, .npz or .npy file in this folder";
+        return Err(Error::in_file(folder, problem));
+    }
+    files.sort();
+    Ok(files)
+}
+
 fn open_builtin(input: &str, seed: u64) -> Result<MotionInput, Error> {
     let request = radarllm_motions::parse(input).map_err(|e| {
         Error::input(format!("{input}: {e}"))

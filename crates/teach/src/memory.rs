@@ -61,6 +61,30 @@ pub struct Example {
     pub windows: Vec<Vec<f32>>,
 }
 
+/// A taught activity in a list.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TaughtOverview<'a> {
+    /// Name.
+    pub name: &'a str,
+    /// The sentence that describes it.
+    pub says: &'a str,
+    /// Its recordings.
+    pub examples: Vec<ExampleOverview<'a>>,
+}
+
+/// An example in a list.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ExampleOverview<'a> {
+    /// The recording.
+    pub source: &'a str,
+    /// The radar.
+    pub radar: &'a str,
+    /// Length of the recording, s.
+    pub seconds: f64,
+    /// Number of windows.
+    pub windows: usize,
+}
+
 /// Why an example was not taken, or a file not read.
 #[derive(Debug, thiserror::Error)]
 pub enum TeachError {
@@ -229,6 +253,18 @@ impl Memory {
         Ok(warnings)
     }
 
+    /// The activities and their examples without features, for lists.
+    pub fn overview(&self) -> Vec<TaughtOverview<'_>> {
+        let activities = self.activities.iter();
+        activities
+            .map(|a| TaughtOverview {
+                name: &a.name,
+                says: &a.says,
+                examples: a.examples.iter().map(Example::overview).collect(),
+            })
+            .collect()
+    }
+
     /// Forgets an activity.
     ///
     /// # Errors
@@ -315,6 +351,15 @@ impl Memory {
 }
 
 impl Example {
+    fn overview(&self) -> ExampleOverview<'_> {
+        ExampleOverview {
+            source: &self.source,
+            radar: &self.radar,
+            seconds: self.seconds,
+            windows: self.windows.len(),
+        }
+    }
+
     fn of(clip: &Clip) -> Result<Self, TeachError> {
         let mut features: Vec<Vec<f32>> = windows(clip)
             .into_iter()

@@ -11,13 +11,13 @@ use serde::Serialize;
 
 use crate::{
     args::{DecoderName, DescribeArgs},
-    commands::teach::load_memory,
     error::{CliError, CliResult},
     memory::peak_memory_mb,
     output,
     person_report::{GhostReport, PersonReport},
     recording_args::PeopleArgs,
     threads::on_threads,
+    user_memory::load_memory,
 };
 
 /// Where a described clip comes from, as scripts read it.

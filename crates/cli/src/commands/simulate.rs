@@ -25,7 +25,7 @@ use radarllm_radar_sim::{Noise, Scene};
 use radarllm_synth::{
     Method, SynthError, Synthesizer,
     scene::{OwnedScene, SceneFile},
-    simulate::{is_builtin, place},
+    simulate::{is_builtin, motion_files, place},
     synthesizer::{posed_builtin, scene_to_points_in_parallel},
 };
 use rayon::prelude::*;
@@ -208,26 +208,9 @@ fn expand(inputs: &[String]) -> CliResult<Vec<String>> {
     let mut all = Vec::new();
     for input in inputs {
         let path = Path::new(input);
-        if !is_builtin(input) && path.is_dir() {
-            let mut files: Vec<String> = Vec::new();
-            for entry in fs::read_dir(path).map_err(|e| CliError::io(path, e))? {
-                let file = entry.map_err(|e| CliError::io(path, e))?.path();
-                let known = file
-                    .extension()
-                    .is_some_and(|e| ["bvh", "amc", "npz", "npy"].iter().any(|k| e == *k));
-                if known {
-                    files.push(file.display().to_string());
-                }
-            }
-            if files.is_empty() {
-                return Err(CliError::new(format!(
-                    "{input}: no .bvh, .amc, .npz or .npy file in this folder"
-                )));
-            }
-            files.sort();
-            all.extend(files);
-        } else {
-            all.push(input.clone());
+        match !is_builtin(input) && path.is_dir() {
+            true => all.extend(motion_files(path)?),
+            false => all.push(input.clone()),
         }
     }
     Ok(all)

@@ -1,64 +1,16 @@
 //! `teach` and `forget`: activities of the user's own.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use radarllm::{
-    Clip,
-    teach::{Example, Memory, Taught},
-};
-use serde::Serialize;
+use radarllm::{Clip, teach::Memory};
 
 use crate::{
     args::{ForgetArgs, TeachArgs},
     commands::describe,
     error::{CliError, CliResult},
     output,
+    user_memory::memory_path,
 };
-
-/// A taught activity, as scripts read it.
-#[derive(Serialize)]
-struct Row<'a> {
-    name: &'a str,
-    says: &'a str,
-    examples: Vec<ExampleRow>,
-}
-
-#[derive(Serialize)]
-struct ExampleRow {
-    source: String,
-    radar: String,
-    seconds: f64,
-    windows: usize,
-}
-
-/// The file of a memory: the one named, or the user's own.
-///
-/// # Errors
-/// No home folder, and none named.
-pub fn memory_path(named: Option<&Path>) -> CliResult<PathBuf> {
-    let from = |variable: &str| std::env::var_os(variable).filter(|v| !v.is_empty());
-    if let Some(path) = named {
-        return Ok(path.into());
-    }
-    let data = from("XDG_DATA_HOME").map(PathBuf::from);
-    let home = || from("HOME").map(|home| PathBuf::from(home).join(".local/share"));
-    match data.or_else(home) {
-        Some(folder) => Ok(folder.join("radarllm/memory.json")),
-        None => Err(CliError::new("no home folder for the memory").hint("name a file by --memory")),
-    }
-}
-
-/// The memory for descriptions: the one named, or the user's own if it exists.
-///
-/// # Errors
-/// A named file that does not exist, or a damaged one.
-pub fn load_memory(named: Option<&Path>) -> CliResult<Option<Memory>> {
-    match (named, memory_path(named)) {
-        (Some(path), _) => Ok(Some(Memory::load(path)?)),
-        (None, Ok(path)) if path.exists() => Ok(Some(Memory::load(&path)?)),
-        (None, _) => Ok(None),
-    }
-}
 
 /// Runs `teach`.
 pub fn run(args: &TeachArgs) -> CliResult {
@@ -135,8 +87,7 @@ pub fn forget(args: &ForgetArgs) -> CliResult {
 
 fn list(path: &Path, memory: &Memory, json: bool) -> CliResult {
     if json {
-        let rows: Vec<Row> = memory.activities().iter().map(row).collect();
-        return output::print_json(&rows);
+        return output::print_json(&memory.overview());
     }
     if memory.activities().is_empty() {
         output::print_line(&format!("{}: nothing was taught", path.display()));
@@ -151,18 +102,4 @@ fn list(path: &Path, memory: &Memory, json: bool) -> CliResult {
         }
     }
     Ok(())
-}
-
-fn row(taught: &Taught) -> Row<'_> {
-    let example = |e: &Example| ExampleRow {
-        source: e.source.clone(),
-        radar: e.radar.clone(),
-        seconds: e.seconds,
-        windows: e.windows.len(),
-    };
-    Row {
-        name: &taught.name,
-        says: &taught.says,
-        examples: taught.examples.iter().map(example).collect(),
-    }
 }

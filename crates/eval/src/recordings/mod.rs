@@ -7,8 +7,11 @@
 //! zero-shot. Judged recordings choose nothing, and every evaluation on them is logged ([`Role`]).
 
 pub mod calibration;
+mod files;
+mod looks;
 mod report;
 pub mod strict;
+mod taught;
 
 use radarllm_base::Clip;
 use radarllm_inference::{Description, Segment};
@@ -16,8 +19,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::EvalError;
 use calibration::Calibration;
+pub use files::{labelled_files, parts};
+pub use looks::{LOOKS_HEAD, look};
 pub use report::markdown;
 use strict::StatedTime;
+pub use taught::{TaughtReport, TeachOptions, evaluate_taught};
 
 /// The configuration file.
 #[derive(Clone, Debug, Deserialize)]
@@ -49,6 +55,16 @@ pub enum Role {
     Tuning,
     /// Judges a candidate and chooses nothing.
     Judged,
+}
+
+impl Role {
+    /// Name in configurations and reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tuning => "tuning",
+            Self::Judged => "judged",
+        }
+    }
 }
 
 /// An activity and the actions that state it.

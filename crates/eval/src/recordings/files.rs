@@ -1,0 +1,76 @@
+//! The recordings of a folder, with their activities and roles.
+
+use std::{fs, io, path::Path};
+
+use radarllm_base::{Clip, PointFrame};
+
+use super::{LabelledRecording, RecordingsConfig, Role};
+
+/// Folders are read to this depth.
+const MAX_DEPTH: usize = 4;
+
+/// Activity and path of every recording of a role, by path. Paths are relative to the folder, with `/` between names.
+///
+/// # Errors
+/// A folder that cannot be read.
+pub fn labelled_files(
+    config: &RecordingsConfig,
+    role: Role,
+    folder: &Path,
+) -> io::Result<Vec<(String, String)>> {
+    let mut names = Vec::new();
+    list(folder, "", MAX_DEPTH, &mut names)?;
+    names.sort();
+    let of_role = names
+        .into_iter()
+        .filter(|name| config.role_of(name) == role);
+    let labelled = of_role.filter_map(|name| {
+        let activity = config.activity_of(&name)?;
+        Some((activity.name.clone(), name))
+    });
+    Ok(labelled.collect())
+}
+
+fn list(folder: &Path, prefix: &str, depth: usize, names: &mut Vec<String>) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
+        let path = entry.path();
+        if path.is_file() {
+            names.push(name);
+        } else if path.is_dir() && depth > 1 {
+            list(&path, &format!("{name}/"), depth - 1, names)?;
+        }
+    }
+    Ok(())
+}
+
+/// Cuts a prepared recording into parts of equal length, as the configuration says.
+pub fn parts(
+    config: &RecordingsConfig,
+    activity: &str,
+    name: &str,
+    clip: Clip,
+) -> Vec<LabelledRecording> {
+    let Some(part_s) = config.part_s else {
+        return vec![LabelledRecording {
+            name: name.into(),
+            activity: activity.into(),
+            clip,
+        }];
+    };
+    let n_frames = ((part_s * clip.frame_rate_hz).round() as usize).max(1);
+    let part = |(i, frames): (usize, &[PointFrame])| {
+        let start_s = (i * n_frames) as f64 / clip.frame_rate_hz;
+        LabelledRecording {
+            name: format!("{name} from {start_s:.0} s"),
+            activity: activity.into(),
+            clip: Clip {
+                frames: frames.to_vec(),
+                ..clip.clone()
+            },
+        }
+    };
+    let chunks = clip.frames.chunks_exact(n_frames);
+    chunks.enumerate().map(part).collect()
+}

@@ -1,0 +1,67 @@
+//! The log of evaluations on judged recordings: every look is recorded, so that nobody can look until it fits.
+
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use super::RecordingsReport;
+
+/// Head of the log, a CSV file.
+pub const LOOKS_HEAD: &str =
+    "date,configuration,model,fingerprint,right,recordings,false falls,hours,purpose\n";
+
+/// The line of a report. `fingerprint` distinguishes models of one name.
+pub fn look(report: &RecordingsReport, config: &str, fingerprint: u64, purpose: &str) -> String {
+    let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\"").replace('\n', " "));
+    format!(
+        "{},{},{},{fingerprint:016x},{},{},{},{:.3},{}\n",
+        today(),
+        quoted(config),
+        quoted(&report.model),
+        report.right,
+        report.recordings,
+        report.false_falls.falls,
+        report.false_falls.hours,
+        quoted(purpose),
+    )
+}
+
+fn today() -> String {
+    let since = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap_or_default();
+    date((since.as_secs() / 86_400) as i64)
+}
+
+/// The date of a day since 1970-01-01, as `YYYY-MM-DD` (Hinnant, "chrono-Compatible Low-Level Date Algorithms",
+/// `civil_from_days`).
+fn date(days_since_1970: i64) -> String {
+    let days = days_since_1970 + 719_468;
+    let (era, day_of_era) = (days.div_euclid(146_097), days.rem_euclid(146_097));
+    let year_of_era =
+        (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let shifted_month = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * shifted_month + 2) / 5 + 1;
+    let month = match shifted_month < 10 {
+        true => shifted_month + 3,
+        false => shifted_month - 9,
+    };
+    let year = year_of_era + era * 400 + i64::from(month <= 2);
+    format!("{year:04}-{month:02}-{day:02}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn days_become_dates() {
+        for (day, expected) in [
+            (0, "1970-01-01"),
+            (59, "1970-03-01"),
+            (11_016, "2000-02-29"),
+            (20_780, "2026-11-23"),
+        ] {
+            assert_eq!(date(day), expected);
+        }
+    }
+}
