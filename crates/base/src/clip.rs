@@ -59,6 +59,18 @@ pub enum Clutter {
 }
 
 impl Clip {
+    /// A clip of other frames with the metadata of this one.
+    pub fn with_frames(&self, frames: Vec<PointFrame>) -> Self {
+        Self {
+            frames,
+            frame_rate_hz: self.frame_rate_hz,
+            radar_height_m: self.radar_height_m,
+            radar: self.radar.clone(),
+            provenance: self.provenance.clone(),
+            clutter: self.clutter,
+        }
+    }
+
     /// Length, s: number of frames divided by the frame rate.
     pub fn duration_s(&self) -> f64 {
         self.frames.len() as f64 / self.frame_rate_hz

@@ -124,8 +124,11 @@ pub fn needs_preparation(clip: &Clip) -> bool {
     is_other_rate(clip.frame_rate_hz) || (removes_static(clip) && clip.static_clutter().is_some())
 }
 
-/// Returns the clip as the model reads it. It is copied only if a change is necessary.
-pub(crate) fn prepared(clip: &Clip) -> Result<Cow<'_, Clip>, PrepareError> {
+/// Returns the clip as the model reads it, without motion compensation. It is copied only if a change is necessary.
+///
+/// # Errors
+/// Those of [`prepare_for_model`].
+pub fn prepared(clip: &Clip) -> Result<Cow<'_, Clip>, PrepareError> {
     if needs_preparation(clip) {
         let prepared = prepare_for_model(clip.clone(), &PrepareOptions::default())?;
         return Ok(Cow::Owned(prepared.clip));

@@ -60,7 +60,7 @@ pub mod values;
 mod tests;
 
 pub use error::BuiltinError;
-pub use random::{Moves, people_request, random_request};
+pub use random::{PeopleRequest, people_request, random_request};
 pub use render::Procedural;
 pub use request::{BuiltinRequest, parse};
 pub use spec::{MotionSpec, specs};

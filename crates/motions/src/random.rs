@@ -50,47 +50,51 @@ pub fn random_request(rng_seed: u64) -> BuiltinRequest {
     }
 }
 
-/// Draws a request as people move rather than as a library is listed: most motions go on for longer than a window of
-/// the model, at any pace and size. [`random_request`] covers the library evenly instead.
+/// Draws a request with the pace and size of people's own motions, most of them repeated for longer than a window of the
+/// model. [`random_request`] covers the library evenly instead.
 ///
-/// More than half are single motions that go on ([`Moves::on_and_on`]); the rest are single motions, sequences and
-/// gestures combined with other motions.
-pub fn people_request(rng_seed: u64) -> Moves {
+/// 55 % are continuous ([`PeopleRequest::is_continuous`]), 25 % other single motions, 15 % sequences and 5 % gestures
+/// combined with other motions.
+pub fn people_request(rng_seed: u64) -> PeopleRequest {
     let mut dice = Dice::new(rng_seed, "people");
     let kind = dice.range(0.0, 1.0);
-    let on_and_on = kind < 0.55;
+    let is_continuous = kind < 0.55;
     for _ in 0..ATTEMPTS {
         let text = match kind {
-            _ if on_and_on => going_on(&mut dice),
-            k if k < 0.8 => with_people_s_values(single(&mut dice), &mut dice),
+            _ if is_continuous => continuous(&mut dice),
+            k if k < 0.8 => with_any_pace_and_size(single(&mut dice), &mut dice),
             k if k < 0.95 => sequence(&mut dice),
             _ => overlay(&mut dice),
         };
         if let Some(request) = text.and_then(|t| parse(&t).ok())
-            && (on_and_on || request.nominal_duration_s() * TEMPO_MARGIN <= LONGEST_S)
+            && (is_continuous || request.nominal_duration_s() * TEMPO_MARGIN <= LONGEST_S)
         {
-            return Moves { request, on_and_on };
+            return PeopleRequest {
+                request,
+                is_continuous,
+            };
         }
     }
-    Moves {
+    PeopleRequest {
         request: random_request(rng_seed),
-        on_and_on: false,
+        is_continuous: false,
     }
 }
 
 /// A request of [`people_request`].
 #[derive(Clone, Debug)]
-pub struct Moves {
+pub struct PeopleRequest {
     /// The motion.
     pub request: BuiltinRequest,
     /// Whether it repeats one action for longer than any window, so that any part of it shows the action.
-    pub on_and_on: bool,
+    pub is_continuous: bool,
 }
 
-/// Repetitions of a motion that goes on. Captions count to twelve and say "many times" above.
+/// Repetitions of a continuous motion. Captions count to twelve and say "many times" above.
 const MANY: [u32; 2] = [14, 24];
 
-/// Motions that people repeat for a while: exercise, locomotion in place, gestures. Nobody bows or throws on and on.
+/// Motions that people repeat continuously: exercise, locomotion in place, gestures. People do not bow or throw
+/// continuously.
 const REPEATED: [&str; 16] = [
     "arm_circles",
     "circle",
@@ -110,7 +114,7 @@ const REPEATED: [&str; 16] = [
     "wave",
 ];
 
-fn going_on(dice: &mut Dice) -> Option<String> {
+fn continuous(dice: &mut Dice) -> Option<String> {
     let spec = any(dice, |s| REPEATED.contains(&s.name))?;
     let mut own = keys(spec, true, dice);
     own.retain(|(k, _)| k != "repetitions" && k != "distance_m");
@@ -144,11 +148,11 @@ fn going_on(dice: &mut Dice) -> Option<String> {
         all.push(("sway_m".to_owned(), format!("{sway_m:.3}")));
     }
     let text = format!("{}?{}", spec.name, query(&[own, all]));
-    with_people_s_values(Some(text), dice)
+    with_any_pace_and_size(Some(text), dice)
 }
 
-/// Replaces speed and amplitude of a single motion: any pace and size, not a few steps of them.
-fn with_people_s_values(text: Option<String>, dice: &mut Dice) -> Option<String> {
+/// Replaces speed and amplitude of a single motion by values of continuous distributions.
+fn with_any_pace_and_size(text: Option<String>, dice: &mut Dice) -> Option<String> {
     let text = text?;
     let (name, query) = text.split_once('?')?;
     let spec = by_name(name)?;

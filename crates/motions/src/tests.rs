@@ -858,11 +858,11 @@ fn people_s_motions_are_true_sentences_and_mostly_go_on() {
         }
         let length_s = moves.request.nominal_duration_s();
         assert!(
-            moves.on_and_on || length_s <= LONGEST_S,
+            moves.is_continuous || length_s <= LONGEST_S,
             "{}",
             moves.request
         );
-        n_on += i32::from(moves.on_and_on);
+        n_on += i32::from(moves.is_continuous);
     }
     assert!((270..390).contains(&n_on), "{n_on} of 600 go on");
 }

@@ -3,9 +3,7 @@
 use std::path::Path;
 
 use radarllm_base::Clip;
-use radarllm_inference::{
-    DescribeOptions, Description, Precision, PrepareOptions, prepare_for_model,
-};
+use radarllm_inference::{DescribeOptions, Description, Precision, prepare::prepared};
 use radarllm_io::{Error, Result};
 
 use radarllm_teach::{Memory, Recogniser};
@@ -109,10 +107,9 @@ impl Captioner {
         options: &DescribeOptions,
         recogniser: Option<&Recogniser>,
     ) -> Result<Description> {
-        let mut description = self.model.describe(clip, options).map_err(Error::input)?;
+        let clip = prepared(clip).map_err(Error::input)?;
+        let mut description = self.model.describe(&clip, options).map_err(Error::input)?;
         if let Some(recogniser) = recogniser {
-            let clip = prepare_for_model(clip.clone(), &PrepareOptions::default());
-            let clip = clip.map_err(Error::input)?.clip;
             taught::insert(&mut description, recogniser.recognise(&clip));
         }
         Ok(description)

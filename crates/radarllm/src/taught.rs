@@ -18,12 +18,11 @@ pub fn insert(description: &mut Description, recognised: Vec<Recognised>) {
             .into_iter()
             .flat_map(|s| without(s, start_s, end_s))
             .collect();
-        let clauses = radarllm_inference::actions(&part.says);
         segments.push(Segment {
             start_s,
             end_s,
+            actions: radarllm_inference::actions(&part.says),
             caption: part.says,
-            actions: clauses,
             confidence: part.fit,
             taught: Some(part.name),
         });

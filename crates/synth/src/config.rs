@@ -41,7 +41,7 @@ pub struct DatasetConfig {
     /// Maximum clip length, in stored frames. Longer motions are cut to a window (drawn at random for training,
     /// the beginning otherwise).
     pub max_frames: usize,
-    /// Training clips of motions that go on are cut to a random length between this and the maximum, s; to the maximum
+    /// Training clips of continuous motions are cut to a random length between this and the maximum, s; to the maximum
     /// if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shortest_part_s: Option<f64>,

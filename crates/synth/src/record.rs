@@ -131,7 +131,7 @@ fn motion_on_body(motion: &Motion, body: &dyn BodyModel) -> Motion {
 /// Longest part of a motion that becomes a clip, s.
 fn part_s(item: &CorpusItem, longest_s: f64, config: &DatasetConfig, seed: u64) -> f64 {
     match config.shortest_part_s {
-        Some(shortest_s) if item.on_and_on && item.split == Split::Train => {
+        Some(shortest_s) if item.is_continuous && item.split == Split::Train => {
             let mut rng = ChaCha8Rng::seed_from_u64(derive_seed(seed, "length"));
             shortest_s + rng.random::<f64>() * (longest_s - shortest_s).max(0.0)
         }

@@ -5,7 +5,7 @@
 //! away and towards the radar faster than [`FAST_MPS`]. Steps without points are interpolated. Every series gives its
 //! mean, standard deviation, 10 % and 90 % quantiles, and the share of its power in the five bands of [`BANDS_HZ`].
 
-use radarllm_base::{Clip, PointFrame};
+use radarllm_base::{Clip, PointFrame, RadarPoint};
 
 /// Length of a step of the series, s.
 pub const STEP_S: f64 = 0.1;
@@ -48,15 +48,16 @@ pub fn windows(clip: &Clip) -> Vec<Window> {
     let n_windows = ((seconds - length_s) / HOP_S + 1e-6).floor() as usize + 1;
     let one = |i: usize| {
         let window_start_s = start_s + i as f64 * HOP_S;
-        let inside = |f: &&PointFrame| {
-            let t = f.time_s - window_start_s;
-            t > -1e-6 && t < length_s - 1e-6
+        // Frames are in order of time.
+        let at = |t: f64| {
+            let before = |f: &PointFrame| f.time_s - window_start_s < t - 1e-6;
+            clip.frames.partition_point(before)
         };
-        let frames: Vec<&PointFrame> = clip.frames.iter().filter(inside).collect();
+        let frames = clip.frames.get(at(0.0)..at(length_s)).unwrap_or_default();
         Window {
             start_s: window_start_s,
             end_s: window_start_s + length_s,
-            features: features(&frames, window_start_s, length_s, clip.radar_height_m),
+            features: features(frames, window_start_s, length_s, clip.radar_height_m),
         }
     };
     (0..n_windows).map(one).collect()
@@ -64,7 +65,7 @@ pub fn windows(clip: &Clip) -> Vec<Window> {
 
 /// Features of frames; `None` if they have fewer than [`MIN_POINTS`] points.
 fn features(
-    frames: &[&PointFrame],
+    frames: &[PointFrame],
     start_s: f64,
     length_s: f64,
     radar_height_m: f32,
@@ -85,7 +86,7 @@ fn features(
 
 /// The ten series `[N_SERIES][steps]`; NaN where a step has no points.
 fn series(
-    frames: &[&PointFrame],
+    frames: &[PointFrame],
     start_s: f64,
     length_s: f64,
     radar_height_m: f32,
@@ -94,7 +95,7 @@ fn series(
     let range_m = median(points().map(|p| f64::from(p.range_m)).collect());
     let forward_m = median(points().map(|p| f64::from(p.y_m)).collect());
     let n_steps = ((length_s / STEP_S).round() as usize).max(1);
-    let mut steps: Vec<Vec<&radarllm_base::RadarPoint>> = vec![Vec::new(); n_steps];
+    let mut steps: Vec<Vec<&RadarPoint>> = vec![Vec::new(); n_steps];
     for frame in frames {
         let step = ((frame.time_s - start_s) / STEP_S + 1e-6) as usize;
         steps[step.min(n_steps - 1)].extend(&frame.points);
@@ -113,7 +114,7 @@ fn series(
             continue;
         }
         let n = step.len() as f64;
-        let mean = |value: &dyn Fn(&radarllm_base::RadarPoint) -> f32| {
+        let mean = |value: &dyn Fn(&RadarPoint) -> f32| {
             step.iter().map(|p| f64::from(value(p))).sum::<f64>() / n
         };
         let heights = step.iter().map(|p| f64::from(p.z_m + radar_height_m));
@@ -219,7 +220,7 @@ fn power_spectrum(values: &[f64], mean: f64) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use radarllm_base::{Clutter, Provenance, RadarPoint};
+    use radarllm_base::{Clutter, Provenance};
 
     use super::*;
 

@@ -116,14 +116,7 @@ impl Person {
             start_s,
             end_s,
             n_points: track.n_points(),
-            clip: Clip {
-                frames: track.points(&clip.frames),
-                frame_rate_hz: clip.frame_rate_hz,
-                radar_height_m: clip.radar_height_m,
-                radar: clip.radar.clone(),
-                provenance: clip.provenance.clone(),
-                clutter: clip.clutter,
-            },
+            clip: clip.with_frames(track.points(&clip.frames)),
         }
     }
 }

@@ -65,10 +65,7 @@ pub fn parts(
         LabelledRecording {
             name: format!("{name} from {start_s:.0} s"),
             activity: activity.into(),
-            clip: Clip {
-                frames: frames.to_vec(),
-                ..clip.clone()
-            },
+            clip: clip.with_frames(frames.to_vec()),
         }
     };
     let chunks = clip.frames.chunks_exact(n_frames);

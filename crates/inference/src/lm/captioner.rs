@@ -272,7 +272,7 @@ impl Captioner {
         let results = {
             let mut watch = Watch {
                 on_token: &mut |_, id| {
-                    if windows.spans.len() == 1 {
+                    if windows.is_whole() {
                         ids.push(id);
                         let text = self.vocab().text(&ids);
                         send(without_last_word(&text), &mut sent);
@@ -367,7 +367,7 @@ impl<'a> Windows<'a> {
         }
         let min = options.min_median_points;
         let mut best = 0;
-        let all: Vec<(usize, usize)> = match found <= MAX_FRAMES {
+        let all: Vec<(usize, usize)> = match windows.is_whole() {
             true => vec![(0, found)],
             false => consensus::windows(found).collect(),
         };
@@ -383,6 +383,11 @@ impl<'a> Windows<'a> {
             windows.abstained = Some(Abstained::TooFewPoints { median: best, min });
         }
         windows
+    }
+
+    /// Whether the clip is described as a whole, so that the sentence of its window is its caption.
+    fn is_whole(&self) -> bool {
+        self.clip.frames.len() <= MAX_FRAMES
     }
 
     /// Frames of each window, with the height of the radar.
@@ -408,7 +413,7 @@ impl<'a> Windows<'a> {
         }
         description.tokens = self.tokens(results);
         if let [only] = results
-            && n_frames <= MAX_FRAMES
+            && self.is_whole()
         {
             description.caption.clone_from(&only.text);
             description.confidence = only.confidence();

@@ -3,10 +3,9 @@
 //! A recording that is longer than one window is described in windows of [`WINDOW_FRAMES`] every [`HOP_FRAMES`]. Each
 //! hop is thus described by up to three windows, and these vote: a window votes for the clause of its sentence that
 //! covers the hop, with its confidence as weight. Hops of equal content are joined to segments. A segment of one hop
-//! between two equal ones is a misunderstanding and is given to its neighbours, unless it is an action that takes no
-//! longer.
+//! between two equal ones is treated as an error and merged with them, unless its action may be that short.
 
-use radarllm_facts::{Action, Clause, parse};
+use radarllm_facts::{Clause, parse};
 
 use super::captioner::Segment;
 
@@ -68,7 +67,12 @@ pub(crate) fn segments(
     n_frames: usize,
     time_s: impl Fn(usize) -> f64,
 ) -> Vec<Segment> {
-    let clauses: Vec<Vec<Clause>> = windows.iter().map(|w| parse(&w.text)).collect();
+    // A window whose sentence is empty has no vote.
+    let stated = |w: &WindowSentence| {
+        let clauses = parse(&w.text);
+        clauses.into_iter().filter(|c| !c.text.is_empty()).collect()
+    };
+    let clauses: Vec<Vec<Clause>> = windows.iter().map(stated).collect();
     let n_hops = n_frames.div_ceil(HOP_FRAMES);
     let mut runs: Vec<Run> = Vec::new();
     for hop in 0..n_hops {
@@ -145,7 +149,7 @@ fn same(a: &Clause, b: &Clause) -> bool {
         return a.text == b.text;
     }
     let names = |clause: &Clause| {
-        let mut names: Vec<&str> = clause.actions.iter().map(|a: &Action| a.name).collect();
+        let mut names: Vec<&str> = clause.actions.iter().map(|a| a.name).collect();
         names.sort_unstable();
         names
     };
@@ -192,7 +196,7 @@ fn merge_interruptions(runs: &mut Vec<Run>) {
 mod tests {
     use super::*;
 
-    fn heard(sentences: &[&str]) -> Vec<WindowSentence> {
+    fn windows_of(sentences: &[&str]) -> Vec<WindowSentence> {
         let sentence = |(i, text): (usize, &&str)| WindowSentence {
             start: i * HOP_FRAMES,
             end: i * HOP_FRAMES + WINDOW_FRAMES,
@@ -202,8 +206,8 @@ mod tests {
         sentences.iter().enumerate().map(sentence).collect()
     }
 
-    fn told(sentences: &[&str]) -> Vec<(f64, f64, String)> {
-        let windows = heard(sentences);
+    fn segments_of(sentences: &[&str]) -> Vec<(f64, f64, String)> {
+        let windows = windows_of(sentences);
         let n_frames = windows.last().unwrap().end;
         segments(&windows, n_frames, |frame| frame as f64 / 10.0)
             .into_iter()
@@ -232,22 +236,22 @@ mod tests {
     #[test]
     fn agreement_is_one_segment() {
         let walk = "a person walks forward";
-        assert_eq!(told(&[walk; 5]), [(0.0, 14.0, walk.to_string())]);
+        assert_eq!(segments_of(&[walk; 5]), [(0.0, 14.0, walk.to_string())]);
     }
 
     #[test]
     fn counts_of_windows_are_not_those_of_the_recording() {
         let claps = "a person claps three times";
-        assert_eq!(told(&[claps]), [(0.0, 6.0, claps.to_string())]);
+        assert_eq!(segments_of(&[claps]), [(0.0, 6.0, claps.to_string())]);
         assert_eq!(
-            told(&[claps; 5]),
+            segments_of(&[claps; 5]),
             [(0.0, 14.0, "a person claps".to_string())]
         );
     }
 
     #[test]
     fn one_window_that_disagrees_is_outvoted() {
-        let all = told(&[
+        let all = segments_of(&[
             "a person walks",
             "a person walks",
             "a person bows",
@@ -260,7 +264,7 @@ mod tests {
     #[test]
     fn clauses_vote_for_their_part_of_the_window() {
         // Someone walks for 6 s and sits down: windows across the change have two clauses.
-        let all = told(&[
+        let all = segments_of(&[
             "a person walks",
             "a person walks, then sits down",
             "a person walks, then sits down",
@@ -274,7 +278,7 @@ mod tests {
 
     #[test]
     fn a_fall_between_is_kept() {
-        let all = told(&[
+        let all = segments_of(&[
             "a person walks",
             "a person walks, then walks, then falls forward",
             "a person walks, then falls forward, then walks",
@@ -289,8 +293,15 @@ mod tests {
     }
 
     #[test]
+    fn empty_sentences_state_nothing() {
+        assert_eq!(segments_of(&["", ""]), []);
+        let all = segments_of(&["", "a person walks", ""]);
+        assert_eq!(all, [(2.0, 8.0, "a person walks".to_string())]);
+    }
+
+    #[test]
     fn disagreement_lowers_confidence() {
-        let windows = heard(&["a person walks", "a person bows", "a person walks"]);
+        let windows = windows_of(&["a person walks", "a person bows", "a person walks"]);
         let all = segments(&windows, 100, |frame| frame as f64 / 10.0);
         assert!(all.iter().all(|s| s.confidence <= 0.6 + 1e-6));
         assert!(all.iter().any(|s| s.confidence < 0.5));

@@ -65,7 +65,7 @@ impl BandaiNamco {
                     split: *split,
                     action: caption.content.clone(),
                     captions: caption.captions.clone(),
-                    on_and_on: false,
+                    is_continuous: false,
                 };
                 found.push((item, motion));
                 Ok(())

@@ -20,7 +20,7 @@ pub struct CorpusItem {
     /// At least one caption.
     pub captions: Vec<String>,
     /// Whether any part of the motion, however short, is described by the captions.
-    pub on_and_on: bool,
+    pub is_continuous: bool,
 }
 
 /// A source of captioned motions.

@@ -3,7 +3,7 @@
 use radarllm_base::{Motion, seed::derive_seed};
 use radarllm_body::sample::canonicalize;
 use radarllm_dataset::record::Split;
-use radarllm_motions::{BuiltinRequest, Moves, people_request, random_request};
+use radarllm_motions::{BuiltinRequest, PeopleRequest, people_request, random_request};
 use serde::{Deserialize, Serialize};
 
 use super::{Corpus, CorpusError, CorpusItem};
@@ -22,7 +22,7 @@ pub enum Draw {
     /// Evenly from the library, mostly as a whole: [`random_request`].
     #[default]
     Library,
-    /// As people move: at any pace, mostly on and on: [`people_request`].
+    /// With the pace and size of people's own motions, most of them continuous: [`people_request`].
     People,
 }
 
@@ -39,10 +39,13 @@ impl ProceduralCorpus {
             for i in 0..count {
                 let motion_id = format!("{prefix}-{i:06}");
                 let item_seed = derive_seed(seed, &motion_id);
-                let Moves { request, on_and_on } = match draw {
-                    Draw::Library => Moves {
+                let PeopleRequest {
+                    request,
+                    is_continuous,
+                } = match draw {
+                    Draw::Library => PeopleRequest {
                         request: random_request(item_seed),
-                        on_and_on: false,
+                        is_continuous: false,
                     },
                     Draw::People => people_request(item_seed),
                 };
@@ -53,7 +56,7 @@ impl ProceduralCorpus {
                     split,
                     action: rendered.action,
                     captions: rendered.captions,
-                    on_and_on,
+                    is_continuous,
                 });
                 requests.push((request, item_seed));
             }
