@@ -6,7 +6,7 @@ use glam::Vec3;
 
 use crate::control::{Arm, Control, Foot, SIDE_SIGN};
 use crate::dice::Dice;
-use crate::rig::Rig;
+use crate::rig::{Rig, smooth};
 use crate::track::FPS;
 
 /// Height of the chair seat above the floor, m. A person who is too short for it gets a lower seat.
@@ -189,20 +189,55 @@ impl Actor {
         c
     }
 
-    /// Adds the sway of somebody who exercises: the pelvis wanders by `sway_m` at 0.3 to 0.9 Hz, and the trunk turns with
-    /// it. The feet stay where they are.
-    pub fn add_sway(&mut self, frames: &mut [Control], sway_m: f32) {
+    /// Adds the sway of somebody who exercises: the trunk turns, and the returned offset of the centre of mass wanders by
+    /// `sway_m` at 0.3 to 0.9 Hz. The feet stay where they are.
+    pub fn add_sway(&mut self, frames: &mut [Control], sway_m: f32) -> Vec<Vec3> {
+        if sway_m == 0.0 {
+            return vec![Vec3::ZERO; frames.len()];
+        }
         let mut wave = || {
             let (hz, phase) = (self.dice.range(0.3, 0.9), self.dice.range(0.0, TAU));
             move |time: f32| (TAU * hz * time + phase).sin()
         };
         let (across, along, turn) = (wave(), wave(), wave());
+        let sway = |(frame, c): (usize, &mut Control)| {
+            let time = (frame as f64 / FPS) as f32;
+            c.twist += 2.0 * sway_m * c.balance.clamp(0.0, 1.0) * turn(time);
+            sway_m * Vec3::new(across(time), 0.0, along(time))
+        };
+        frames.iter_mut().enumerate().map(sway).collect()
+    }
+
+    /// Adds the small steps of somebody who exercises: the whole body wanders by up to `wander_m` at 0.2 to 0.7 Hz, mostly
+    /// along its facing, and the feet follow one after the other. The path is the same for all frames of free standing.
+    pub fn add_steps(&mut self, frames: &mut [Control], wander_m: f32) {
+        let mut wave = |share: f32| {
+            let (hz, phase) = (self.dice.range(0.2, 0.7), self.dice.range(0.0, TAU));
+            move |time: f32| share * (TAU * hz * time + phase).sin()
+        };
+        let (along, faster, across) = (wave(0.65), wave(0.35), wave(0.4));
+        let start = Vec3::new(across(0.0), 0.0, along(0.0) + faster(0.0));
+        let offset = |time: f32| {
+            wander_m * (Vec3::new(across(time), 0.0, along(time) + faster(time)) - start)
+        };
+        // Each foot moves for half of the period, the left one in the first half.
+        let period_s = self.dice.range(0.55, 0.9);
         for (frame, c) in frames.iter_mut().enumerate() {
             let time = (frame as f64 / FPS) as f32;
-            let sway_m = sway_m * c.balance.clamp(0.0, 1.0);
-            c.hip.x += sway_m * across(time);
-            c.hip.z += sway_m * along(time);
-            c.twist += 2.0 * sway_m * turn(time);
+            let weight = c.balance.clamp(0.0, 1.0);
+            c.hip += weight * offset(time);
+            for side in 0..2 {
+                let steps = time / period_s - 0.5 * side as f32;
+                let (n, phase) = (steps.floor(), steps - steps.floor());
+                // Where the body is in the middle between this step and the next one of the foot.
+                let target = |n: f32| offset(((n + 1.0 + 0.5 * side as f32) * period_s).max(0.0));
+                let (from, to) = (target(n - 1.0), target(n));
+                let done = (2.0 * phase).min(1.0);
+                let at = from.lerp(to, smooth(done));
+                let lift_m =
+                    (0.3 * from.distance(to)).min(self.m(0.05)) * 4.0 * done * (1.0 - done);
+                c.feet[side].at += weight * (at + Vec3::Y * lift_m);
+            }
         }
     }
 

@@ -26,7 +26,7 @@ pub fn random_request(rng_seed: u64) -> BuiltinRequest {
     let kind = dice.range(0.0, 1.0);
     for _ in 0..ATTEMPTS {
         let text = match kind {
-            k if k < 0.75 => single(&mut dice),
+            k if k < 0.75 => single(GOES_ON, &mut dice),
             k if k < 0.95 => sequence(&mut dice),
             _ => overlay(&mut dice),
         };
@@ -62,9 +62,13 @@ pub fn people_request(rng_seed: u64) -> PeopleRequest {
     for _ in 0..ATTEMPTS {
         let text = match kind {
             _ if is_continuous => continuous(&mut dice),
-            k if k < 0.8 => with_any_pace_and_size(single(&mut dice), &mut dice),
+            k if k < 0.8 => with_any_pace_and_size(single(0.0, &mut dice), &mut dice),
             k if k < 0.95 => sequence(&mut dice),
             _ => overlay(&mut dice),
+        };
+        let text = match is_continuous {
+            true => text,
+            false => text.and_then(|t| with_pauses(t, &mut dice)),
         };
         if let Some(request) = text.and_then(|t| parse(&t).ok())
             && (is_continuous || request.nominal_duration_s() * TEMPO_MARGIN <= LONGEST_S)
@@ -126,17 +130,29 @@ fn continuous(dice: &mut Dice) -> Option<String> {
     match spec.name {
         "jump" => {
             set("direction", "up");
-            set(
-                "arms",
-                if dice.chance(0.75) {
-                    "still"
-                } else {
-                    "swinging"
-                },
-            );
+            if dice.chance(0.85) {
+                set("arms", "still");
+                set("lean_deg", &format!("{:.0}", dice.range(0.0, 7.0)));
+            } else {
+                set("arms", "swinging");
+            }
         }
         "hop" => set("direction", "up"),
-        "punch" if dice.chance(0.7) => set("side", "both"),
+        "squat" => {
+            if dice.chance(0.7) {
+                set("arms", "still");
+            }
+            set("lean_deg", &format!("{:.0}", dice.range(2.0, 40.0)));
+        }
+        "punch" => {
+            if dice.chance(0.8) {
+                set("side", "both");
+            }
+            set("lean_deg", &format!("{:.0}", dice.range(0.0, 22.0)));
+            set("aim_deg", &format!("{:.0}", dice.range(-30.0, 8.0)));
+            set("stance_m", &format!("{:.2}", dice.range(0.1, 0.6)));
+            set("pause_s", &format!("{:.2}", dice.range(0.0, 1.2)));
+        }
         _ => {}
     }
     let [few, most] = MANY;
@@ -144,11 +160,35 @@ fn continuous(dice: &mut Dice) -> Option<String> {
     own.push(("repetitions".to_owned(), times.to_string()));
     let mut all = globals(dice);
     if dice.chance(0.7) {
-        let sway_m = dice.range(0.01, 0.12);
+        let sway_m = dice.range(0.005, 0.06);
         all.push(("sway_m".to_owned(), format!("{sway_m:.3}")));
+    }
+    // Who boxes moves to and fro; others wander a little while they repeat a motion on the spot.
+    let (share, most_m) = match spec.name {
+        "punch" => (0.8, 0.4),
+        "circle" | "march" => (0.0, 0.0),
+        _ => (0.2, 0.1),
+    };
+    if dice.chance(share) {
+        let wander_m = dice.range(0.02, most_m);
+        all.push(("wander_m".to_owned(), format!("{wander_m:.3}")));
     }
     let text = format!("{}?{}", spec.name, query(&[own, all]));
     with_any_pace_and_size(Some(text), dice)
+}
+
+/// Adds pauses before and after a motion that is not continuous: a window shows what is in it from any moment on.
+fn with_pauses(text: String, dice: &mut Dice) -> Option<String> {
+    let free_s = LONGEST_S - parse(&text).ok()?.nominal_duration_s() * TEMPO_MARGIN;
+    if free_s < 0.5 || dice.chance(0.3) {
+        return Some(text);
+    }
+    let pauses_s = dice.range(0.0, 0.98 * free_s) / TEMPO_MARGIN;
+    let before_s = dice.range(0.0, pauses_s);
+    let after_s = pauses_s - before_s;
+    Some(format!(
+        "{text}&before_s={before_s:.2}&after_s={after_s:.2}"
+    ))
 }
 
 /// Replaces speed and amplitude of a single motion by values of continuous distributions.
@@ -180,12 +220,12 @@ fn with_any_pace_and_size(text: Option<String>, dice: &mut Dice) -> Option<Strin
     Some(format!("{name}?{}", pairs.join("&")))
 }
 
-fn single(dice: &mut Dice) -> Option<String> {
+fn single(goes_on: f32, dice: &mut Dice) -> Option<String> {
     let spec = any(dice, |_| true)?;
     let mut own = keys(spec, true, dice);
     let global = globals(dice);
     let text = |own: Vec<_>| format!("{}?{}", spec.name, query(&[own, global.clone()]));
-    if spec.key("repetitions").is_none() || !dice.chance(GOES_ON) {
+    if spec.key("repetitions").is_none() || !dice.chance(goes_on) {
         return Some(text(own));
     }
     own.retain(|(k, _)| k != "repetitions");

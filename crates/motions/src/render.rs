@@ -50,14 +50,15 @@ impl BuiltinRequest {
         let mut actor = Actor::new(height_m, seed);
         let mut frames = self.controls(&mut actor);
         actor.add_idle(&mut frames);
-        let sway_m = self.global.number("sway_m");
-        if sway_m > 0.0 {
-            actor.add_sway(&mut frames, sway_m);
+        let sway = actor.add_sway(&mut frames, self.global.number("sway_m"));
+        let wander_m = self.global.number("wander_m");
+        if wander_m > 0.0 {
+            actor.add_steps(&mut frames, wander_m);
         }
         let start = Vec3::new(frames[0].hip.x, 0.0, frames[0].hip.z);
         let heading_rad = self.global.number("heading_deg").to_radians();
         let world_from_stage = Quat::from_rotation_z(heading_rad) * world_from_rest_facing_radar();
-        let frames = settle(&frames, &actor.rig);
+        let frames = settle(&frames, &sway, &actor.rig);
         let mut poses: Vec<Pose> = frames
             .iter()
             .map(|control| {
@@ -123,6 +124,11 @@ impl BuiltinRequest {
         for segment in &self.segments {
             let clip = perform_segment(segment, actor);
             join(&mut all, clip);
+        }
+        let n_frames = |key| (self.global.number(key) * FPS as f32).round() as usize;
+        if let (Some(first), Some(last)) = (all.first().copied(), all.last().copied()) {
+            all.resize(all.len() + n_frames("after_s"), last);
+            all.splice(0..0, vec![first; n_frames("before_s")]);
         }
         all
     }
@@ -196,8 +202,12 @@ fn join(all: &mut Vec<Control>, clip: Vec<Control>) {
 }
 
 /// Balances every frame and lowers the pelvis, smoothly over time, until both legs reach the feet.
-fn settle(frames: &[Control], rig: &Rig) -> Vec<Control> {
-    let settled: Vec<(Control, f32)> = frames.iter().map(|c| rig.settle(c)).collect();
+fn settle(frames: &[Control], sway: &[Vec3], rig: &Rig) -> Vec<Control> {
+    let settled: Vec<(Control, f32)> = frames
+        .iter()
+        .zip(sway)
+        .map(|(c, sway)| rig.settle(c, *sway))
+        .collect();
     // Maximum drop around each frame, averaged over the same window, so the result is never less
     // than required.
     let near =

@@ -116,7 +116,7 @@ impl Rig {
     /// Returns the control with its pelvis balanced over the feet and clear of the floor. The
     /// second value is the distance by which the pelvis must still be lowered for the legs to reach
     /// the feet on the floor, m.
-    pub fn settle(&self, control: &Control) -> (Control, f32) {
+    pub fn settle(&self, control: &Control, sway: Vec3) -> (Control, f32) {
         let mut control = *control;
         for _ in 0..2 {
             let mut lowered = control;
@@ -135,7 +135,7 @@ impl Rig {
                 foot.at + Quat::from_rotation_y(foot.yaw) * Vec3::Z * (self.ball.z * 0.35)
             };
             let goal = support(1).lerp(support(0), control.bias);
-            let shift = (goal - com) * control.balance;
+            let shift = (goal + sway - com) * control.balance;
             control.hip += Vec3::new(shift.x, 0.0, shift.z);
             let lowest = Joint::ALL
                 .iter()

@@ -36,6 +36,32 @@ pub const GLOBAL_KEYS: &[KeySpec] = &[
             default: 0.0,
         },
     },
+    // Pauses in the first and in the last pose.
+    KeySpec {
+        name: "before_s",
+        kind: KeyKind::Number {
+            min: 0.0,
+            max: 10.0,
+            default: 0.0,
+        },
+    },
+    KeySpec {
+        name: "after_s",
+        kind: KeyKind::Number {
+            min: 0.0,
+            max: 10.0,
+            default: 0.0,
+        },
+    },
+    // How far the whole body wanders in small steps: people who box or dance do not stay on the spot.
+    KeySpec {
+        name: "wander_m",
+        kind: KeyKind::Number {
+            min: 0.0,
+            max: 0.6,
+            default: 0.0,
+        },
+    },
 ];
 
 /// Specification of a motion that [`crate::parse`] accepts.
@@ -193,6 +219,10 @@ const SPEED: KeySpec = KeySpec {
 };
 const AMPLITUDE: KeySpec = number("amplitude", 0.5, 1.4, 1.0);
 const DURATION: KeySpec = optional("duration_s", 0.5, 60.0);
+// How far the trunk leans forward: people differ much more in it than in anything else they repeat.
+const LEAN: KeySpec = optional("lean_deg", 0.0, 45.0);
+// Elevation of the arm at the end of a punch.
+const AIM: KeySpec = optional("aim_deg", -40.0, 30.0);
 const ONE_SIDE: KeySpec = word("side", &["right", "left"]);
 const ANY_SIDE: KeySpec = word("side", &["right", "left", "both"]);
 const BOTH_FIRST: KeySpec = word("side", &["both", "left", "right"]);
@@ -331,6 +361,7 @@ static SPECS: &[MotionSpec] = &[
             SPEED,
             times(1),
             AMPLITUDE,
+            LEAN,
             DURATION,
         ],
     ),
@@ -376,6 +407,7 @@ static SPECS: &[MotionSpec] = &[
             SPEED,
             times(3),
             AMPLITUDE,
+            LEAN,
             DURATION,
         ],
     ),
@@ -424,6 +456,10 @@ static SPECS: &[MotionSpec] = &[
             word("style", &["straight", "hook", "uppercut"]),
             SPEED,
             times(2),
+            LEAN,
+            AIM,
+            optional("stance_m", 0.0, 0.7),
+            optional("pause_s", 0.0, 3.0),
             DURATION,
         ],
     ),

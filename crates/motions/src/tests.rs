@@ -665,7 +665,10 @@ fn bad_requests_are_refused_with_what_would_do() {
         ("walk+and+run", "joined by"),
         ("walk+then+", "no built-in motion ``"),
         ("walk?speed", "expected key=value"),
-        ("walk?sped=1", "it has: amplitude, build, direction"),
+        (
+            "walk?sped=1",
+            "it has: after_s, amplitude, before_s, build, direction",
+        ),
         ("walk?speed=quick", "slow|normal|fast"),
         ("walk?speed=NaN", "0.4..2"),
         ("walk?speed=inf", "0.4..2"),
@@ -890,4 +893,65 @@ fn quick_jumps_are_low_and_follow_the_speed() {
         slow_s > 1.7 * quick_s && high_m > low_m,
         "{slow_s} {quick_s} {high_m} {low_m}"
     );
+}
+
+#[test]
+fn who_wanders_takes_small_steps_about_the_same_place() {
+    let p = render("punch?repetitions=14&wander_m=0.3");
+    let still = render("punch?repetitions=14");
+    let spread = |p: &Procedural, joint| {
+        let z: Vec<f32> = track(p, joint).iter().map(|q| q.y).collect();
+        z.iter().copied().fold(f32::MIN, f32::max) - z.iter().copied().fold(f32::MAX, f32::min)
+    };
+    assert!(spread(&still, Joint::Pelvis) < 0.15);
+    for joint in [Joint::Pelvis, Joint::LeftAnkle, Joint::RightAnkle] {
+        let moved = spread(&p, joint);
+        assert!((0.15..0.9).contains(&moved), "{joint:?} moves by {moved} m");
+    }
+    // One foot stands while the other moves.
+    let feet = [track(&p, Joint::LeftAnkle), track(&p, Joint::RightAnkle)];
+    let speed = |side: usize, n: usize| feet[side][n].distance(feet[side][n - 1]) * 60.0;
+    let both = (1..feet[0].len()).filter(|n| speed(0, *n) > 0.2 && speed(1, *n) > 0.2);
+    let share = both.count() as f32 / feet[0].len() as f32;
+    assert!(share < 0.1, "both feet move for {share} of the time");
+}
+
+#[test]
+fn sway_moves_the_pelvis_and_not_the_feet() {
+    let p = render("clap?repetitions=20&sway_m=0.1");
+    let of = |joint| {
+        let y: Vec<f32> = track(&p, joint).iter().map(|q| q.y).collect();
+        y.iter().copied().fold(f32::MIN, f32::max) - y.iter().copied().fold(f32::MAX, f32::min)
+    };
+    assert!(of(Joint::Pelvis) > 0.1, "{}", of(Joint::Pelvis));
+    assert!(of(Joint::LeftAnkle) < 0.02, "{}", of(Joint::LeftAnkle));
+}
+
+#[test]
+fn pauses_hold_the_first_and_the_last_pose() {
+    let (plain, paused) = (
+        render("sit_down"),
+        render("sit_down?before_s=1.5&after_s=2"),
+    );
+    let extra_s = paused.motion.duration_s() - plain.motion.duration_s();
+    assert!((extra_s - 3.5).abs() < 0.02, "{extra_s}");
+    let head = track(&paused, Joint::Head);
+    let (first, last) = (&head[..85], &head[head.len() - 115..]);
+    for part in [first, last] {
+        assert!(part.iter().all(|p| p.distance(part[0]) < 0.03));
+    }
+    assert!(head[0].z - head[head.len() - 1].z > 0.3);
+    assert_eq!(plain.captions, paused.captions);
+}
+
+#[test]
+fn a_boxer_moves_the_weight_between_the_feet() {
+    let reach = |text: &str| {
+        let p = render(text);
+        let y: Vec<f32> = track(&p, Joint::Spine3).iter().map(|q| q.y).collect();
+        y.iter().copied().fold(f32::MIN, f32::max) - y.iter().copied().fold(f32::MAX, f32::min)
+    };
+    let square = reach("punch?repetitions=6&side=both");
+    let boxer = reach("punch?repetitions=6&side=both&stance_m=0.5&lean_deg=15");
+    assert!(boxer > square + 0.1, "{boxer} {square}");
 }

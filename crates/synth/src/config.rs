@@ -6,6 +6,7 @@ use std::{
 };
 
 use radarllm_base::RadarConfig;
+use radarllm_radar_dsp::Detector;
 use radarllm_radar_sim::{SimOptions, shapes::RigidSurface};
 use serde::{Deserialize, Serialize};
 
@@ -73,6 +74,9 @@ pub struct DatasetConfig {
     /// The signal chain.
     #[serde(skip_serializing_if = "is_default")]
     pub processing: ProcessingFile,
+    /// Smallest and largest change of the threshold of a `log_cfar` detector, dB; drawn for each clip.
+    #[serde(skip_serializing_if = "is_default")]
+    pub threshold_offset_db: [f64; 2],
     /// Static objects around the person, drawn anew for each clip; none if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub objects: Option<ObjectsFile>,
@@ -133,6 +137,7 @@ impl Default for DatasetConfig {
             impairments: ImpairmentsFile::default(),
             weather: WeatherFile::default(),
             processing: ProcessingFile::default(),
+            threshold_offset_db: [0.0, 0.0],
             objects: None,
             room: None,
             source: Vec::new(),
@@ -229,6 +234,15 @@ impl DatasetConfig {
             room.walls(77e9)?;
         }
         self.weather.check().map_err(SynthError::Config)?;
+        let [low, high] = self.threshold_offset_db;
+        if !(low <= high && (-60.0..=60.0).contains(&low) && (-60.0..=60.0).contains(&high)) {
+            return fail("threshold_offset_db: must be [low, high] in -60..=60".into());
+        }
+        if [low, high] != [0.0, 0.0]
+            && !matches!(self.processing.detector, Some(Detector::LogCfar { .. }))
+        {
+            return fail("threshold_offset_db: needs [processing] with a log_cfar detector".into());
+        }
         if let Some(objects) = &self.objects {
             objects.check().map_err(SynthError::Config)?;
         }
@@ -407,8 +421,8 @@ mod tests {
             ("[room]\nwalls = \"cheese\"", "cheese"),
             ("[room]\ndepth = 3.0", "depth"),
             (
-                "[objects]\ncount = [3, 1]\nrcs_dbsm = [0.0, 1.0]\nrange_m = [1.0, 2.0]",
-                "count",
+                "[objects]\nn_strong = [3, 1]\nrange_m = [1.0, 2.0]",
+                "n_strong",
             ),
         ] {
             let error = DatasetConfig::from_toml(text).unwrap_err().to_string();

@@ -7,6 +7,7 @@ use radarllm_body::{
     sample::{crop, resample},
 };
 use radarllm_dataset::record::{ClipRecord, Split};
+use radarllm_radar_dsp::Detector;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
 use crate::{
@@ -61,7 +62,17 @@ pub fn make_record(
         let height_m = f64::from(placement.radar_height_m);
         objects.draw(height_m, derive_seed(seed, "objects"))
     });
-    synthesizer.set_objects(objects.unwrap_or_default());
+    let [low_db, high_db] = config.threshold_offset_db;
+    if low_db != high_db || low_db != 0.0 {
+        let mut rng = ChaCha8Rng::seed_from_u64(derive_seed(seed, "threshold"));
+        let offset_db = low_db + (high_db - low_db) * rng.random::<f64>();
+        let mut dsp = config.processing.resolve(synthesizer.radar());
+        if let Detector::LogCfar { threshold_db, .. } = &mut dsp.detector {
+            *threshold_db += offset_db;
+        }
+        synthesizer.set_processing(dsp)?;
+    }
+    synthesizer.set_objects(objects.unwrap_or_default())?;
     let frames = synthesizer.motion_to_points(&motion, shape, placement, most_frames, seed)?;
     let frames = stored_frames(frames, synthesizer.radar().frame_rate_hz(), config, rate_hz)?;
 

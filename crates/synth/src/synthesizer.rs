@@ -92,7 +92,8 @@ pub struct Synthesizer {
     sim: SimOptions,
     impairments: Impairments,
     walls: Vec<RigidSurface>,
-    objects: Vec<PointTarget>,
+    /// Samples of what stands still, the same in every frame.
+    still: Option<RadarCube>,
     method: Method,
     simulator: Simulator,
     extractor: PointExtractor,
@@ -127,7 +128,7 @@ impl Synthesizer {
             sim,
             impairments: Impairments::default(),
             walls: Vec::new(),
-            objects: Vec::new(),
+            still: None,
             method,
             simulator,
             extractor,
@@ -150,9 +151,35 @@ impl Synthesizer {
         Self { walls, ..self }
     }
 
-    /// Sets the static objects that [`Self::motion_to_points`] simulates in addition to the body, in radar axes.
-    pub fn set_objects(&mut self, objects: Vec<PointTarget>) {
-        self.objects = objects;
+    /// Replaces the signal chain.
+    ///
+    /// # Errors
+    /// Options that do not suit the radar.
+    pub fn set_processing(&mut self, dsp: DspOptions) -> Result<(), SynthError> {
+        self.extractor = PointExtractor::new(&self.radar, dsp)?;
+        Ok(())
+    }
+
+    /// Sets the static objects that all later frames contain, in radar axes. Their samples are simulated once, by
+    /// [`Method::Fast`].
+    ///
+    /// # Errors
+    /// Objects that cannot be simulated.
+    pub fn set_objects(&mut self, objects: Vec<PointTarget>) -> Result<(), SynthError> {
+        self.still = None;
+        if objects.is_empty() {
+            return Ok(());
+        }
+        let scene = Scene {
+            points: objects,
+            noise: Noise::Off,
+            ..Scene::default()
+        };
+        let mut still = self.simulator.new_cube();
+        self.simulator
+            .simulate_frame(&scene, 0, 0.0, 0, &mut still)?;
+        self.still = Some(still);
+        Ok(())
     }
 
     /// The radar.
@@ -177,7 +204,7 @@ impl Synthesizer {
         let walls = std::mem::take(&mut self.walls);
         let mut scene = Scene {
             surfaces: vec![&body],
-            points: self.objects.clone(),
+            points: Vec::new(),
             noise: Noise::Thermal,
         };
         for wall in &walls {
@@ -229,6 +256,11 @@ impl Synthesizer {
                     .simulate_frame(scene, frame, time_s, seed, &mut self.cube)?;
             }
             Method::Reference => self.simulate_reference(scene, frame_idx, time_s, seed)?,
+        }
+        if let Some(still) = &self.still {
+            for (sample, still) in self.cube.data.iter_mut().zip(&still.data) {
+                *sample += still;
+            }
         }
         self.impairments
             .apply(&self.radar, &mut self.cube, seed, frame)?;

@@ -67,7 +67,9 @@ pub fn attributes(request: &BuiltinRequest) -> Vec<(String, String)> {
                 "side" | "direction" | "style" | "from" | "posture" | "arms" => {
                     v.word(key.name).to_owned()
                 }
-                "distance_m" | "duration_s" if !v.is_set(key.name) && v.number(key.name) == 0.0 => {
+                "distance_m" | "duration_s" | "lean_deg" | "aim_deg" | "stance_m" | "pause_s"
+                    if !v.is_set(key.name) && v.number(key.name) == 0.0 =>
+                {
                     continue;
                 }
                 other => v.number(other).to_string(),

@@ -112,7 +112,25 @@ pub fn punch(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let style = v.word("style");
+    let lean = v.given("lean_deg").map_or(0.08, f32::to_radians);
+    let aim = v.given("aim_deg").map_or(0.05, f32::to_radians);
+    let pause_s = v.given("pause_s").unwrap_or(0.1);
+    // In a boxer's stance one foot is in front of the other, and the weight moves with each punch.
+    let stance_m = v.given("stance_m").unwrap_or(0.0);
+    let lead = if stance_m > 0.0 {
+        actor.dice.index(2)
+    } else {
+        0
+    };
     let mut guard = rest;
+    guard.feet[lead].at.z += 0.5 * stance_m;
+    guard.feet[1 - lead].at.z -= 0.5 * stance_m;
+    // A bias of 1 is all weight on the left foot.
+    let bias_on_lead = |share: f32| match (stance_m > 0.0, lead) {
+        (false, _) => 0.5,
+        (true, 0) => share,
+        (true, _) => 1.0 - share,
+    };
     guard.hip.y -= actor.m(0.04);
     guard.flex += 0.12;
     for side in 0..2 {
@@ -128,6 +146,7 @@ pub fn punch(v: &Values, actor: &mut Actor) -> Vec<Control> {
         let turn = actor.a(0.5).min(0.65);
         track.to(actor.s(0.14, speed), |c| {
             c.twist = sign * 0.3 * turn;
+            c.bias = bias_on_lead(0.25);
             match style {
                 "hook" => reach(c, side, 0.0, 0.9, 0.62, ELBOW_OUT),
                 "uppercut" => reach(c, side, -0.95, 0.1, 0.6, ELBOW_BACK),
@@ -137,15 +156,16 @@ pub fn punch(v: &Values, actor: &mut Actor) -> Vec<Control> {
         track.to(actor.s(0.17, speed), |c| {
             c.twist = -sign * turn;
             c.yaw = -sign * 0.2 * turn;
-            c.pitch = rest.pitch + 0.08;
+            c.pitch = rest.pitch + lean;
+            c.bias = bias_on_lead(0.95);
             match style {
                 "hook" => reach(c, side, 0.1, -0.55, 0.7, Vec3::new(1.0, 0.0, -0.3)),
                 "uppercut" => reach(c, side, 0.55, -0.2, 0.66, Vec3::new(0.4, -1.0, 0.0)),
-                _ => reach(c, side, 0.05, 0.25, 0.98, ELBOW_DOWN),
+                _ => reach(c, side, aim, 0.25, 0.98, ELBOW_DOWN),
             }
         });
         track.to(actor.s(0.24, speed), |c| *c = guard);
-        track.hold(actor.s(0.1, speed));
+        track.hold(actor.s(pause_s, speed));
     }
     track.to(actor.s(0.5, speed), |c| *c = rest);
     track.hold(0.2);

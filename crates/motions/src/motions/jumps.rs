@@ -56,12 +56,17 @@ pub fn jump(v: &Values, actor: &mut Actor) -> Vec<Control> {
         travelled += way * length_m;
         let down = actor.s(crouch_s, speed);
         let dip = actor.m(0.2 + 0.08 * size) * share * share_of_height.min(1.0).sqrt();
+        // Who rebounds quickly stays upright. A full lean is 0.5 rad.
+        let lean = match v.given("lean_deg") {
+            Some(lean_deg) => lean_deg.to_radians() / 0.5,
+            None => share * share_of_height.min(1.0) * size.min(1.0),
+        };
         let arm = actor.a(0.5);
         track.to(down, |c| {
             c.hip.y = rest.hip.y - dip;
-            c.pitch = rest.pitch + (0.5 - rest.pitch) * share;
-            c.flex = rest.flex + (0.35 - rest.flex) * share;
-            c.nod = rest.nod + (-0.3 - rest.nod) * share;
+            c.pitch = rest.pitch + (0.5 - rest.pitch) * lean;
+            c.flex = rest.flex + (0.35 - rest.flex) * lean;
+            c.nod = rest.nod + (-0.3 - rest.nod) * lean;
             swing(c, [-1.57 - arm, 0.0, 0.96], ELBOW_BACK);
             for foot in &mut c.feet {
                 foot.pitch = -0.08;
@@ -98,8 +103,8 @@ pub fn jump(v: &Values, actor: &mut Actor) -> Vec<Control> {
         });
         track.to(0.17 / speed, |c| {
             c.hip.y = rest.hip.y - 0.75 * dip;
-            c.pitch = rest.pitch + (0.4 - rest.pitch) * share;
-            c.flex = rest.flex + (0.3 - rest.flex) * share;
+            c.pitch = rest.pitch + (0.4 - rest.pitch) * lean;
+            c.flex = rest.flex + (0.3 - rest.flex) * lean;
             swing(c, [-1.1, 0.3, 0.93], ELBOW_BACK);
             for foot in &mut c.feet {
                 foot.pitch = 0.0;

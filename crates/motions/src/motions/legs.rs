@@ -21,7 +21,8 @@ pub fn squat(v: &Values, actor: &mut Actor) -> Vec<Control> {
         let depth = actor.a(depth).clamp(0.18, 0.62);
         track.to(actor.s(0.8, speed), |c| {
             c.hip.y = rest.hip.y * (1.0 - depth);
-            c.pitch = 0.35 + 0.5 * depth;
+            let lean = v.given("lean_deg").map(f32::to_radians);
+            c.pitch = lean.unwrap_or(0.35 + 0.5 * depth);
             c.flex = 0.18;
             c.nod = -0.35;
             for side in 0..2 {

@@ -37,7 +37,12 @@ impl ProceduralCorpus {
             (Split::Test, counts[2], "test"),
         ] {
             for i in 0..count {
-                let motion_id = format!("{prefix}-{i:06}");
+                // Data sets of the same motions before different radars share ids; trainings refuse different motions
+                // of one id, so that those of another seed need their own.
+                let motion_id = match draw {
+                    Draw::Library => format!("{prefix}-{i:06}"),
+                    Draw::People => format!("people{seed}-{prefix}-{i:06}"),
+                };
                 let item_seed = derive_seed(seed, &motion_id);
                 let PeopleRequest {
                     request,

@@ -2,6 +2,7 @@
 
 mod field_of_view;
 mod noise;
+mod objects;
 mod rates;
 mod rooms;
 mod threads;
