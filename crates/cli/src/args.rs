@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use radarllm_eval::recordings::Role;
 
 use crate::{
     commands::pictures::{PICTURES_HEADING, PictureArgs},
@@ -517,6 +518,9 @@ pub struct DescribeArgs {
     /// File with taught activities; the user's own if omitted and there is one.
     #[arg(long, value_name = "FILE")]
     pub memory: Option<PathBuf>,
+    /// Choose among these activities instead of describing freely: "boxing,squats,walking".
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub choose: Vec<String>,
     /// How to read the inputs.
     #[command(flatten)]
     pub input: InputArgs,
@@ -621,15 +625,6 @@ pub struct InterventionsArgs {
     pub json: bool,
 }
 
-/// Role of recordings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum RoleName {
-    /// Recordings that may be used to choose settings.
-    Tuning,
-    /// Recordings that judge a candidate and choose nothing.
-    Judged,
-}
-
 /// `eval-recordings`.
 #[derive(Args)]
 pub struct EvalRecordingsArgs {
@@ -638,9 +633,10 @@ pub struct EvalRecordingsArgs {
     /// Folder with the recordings.
     #[arg(long)]
     pub recordings: PathBuf,
-    /// Which recordings are evaluated. Evaluations of judged recordings are logged.
-    #[arg(long, value_enum, default_value = "tuning")]
-    pub role: RoleName,
+    /// Which recordings are evaluated: those for `tuning`, which may be used to choose settings, or `judged` ones, which
+    /// choose nothing and whose evaluations are logged.
+    #[arg(long, default_value = "tuning")]
+    pub role: Role,
     /// Log of evaluations of judged recordings.
     #[arg(long, value_name = "FILE", default_value = "docs/results/looks.csv")]
     pub looks: PathBuf,
@@ -661,6 +657,9 @@ pub struct EvalRecordingsArgs {
     /// Draws of taught recordings.
     #[arg(long, value_name = "N", default_value_t = 3, requires = "teach")]
     pub draws: u64,
+    /// Choose among these activities instead of describing freely: "boxing,squats,walking".
+    #[arg(long, value_name = "LIST", value_delimiter = ',', conflicts_with_all = ["teach", "proxy"])]
+    pub choose: Vec<String>,
     /// Model folder; the bundled model if omitted.
     #[arg(long)]
     pub model: Option<PathBuf>,

@@ -218,6 +218,60 @@ pub fn search<D: DecodingBackend>(
     Ok(out)
 }
 
+/// Log-probability of every target given a source: the sum over its tokens and the end token, as [`search`] would score
+/// them. A target with a token that is not allowed has negative infinity. Targets contain neither start nor end token.
+///
+/// Beam, length penalty and maximum number of tokens of the options are ignored; `batch` limits the number of targets that
+/// are scored together.
+///
+/// # Errors
+/// If the source or an option does not fit the network, or a target is too long.
+pub fn score<D: DecodingBackend>(
+    backend: &mut D,
+    source: &Source,
+    targets: &[Vec<u32>],
+    options: &SearchOptions,
+) -> Result<Vec<f32>, D::Error> {
+    backend.check(0, source)?;
+    let mut sums = vec![0.0; targets.len()];
+    let rows = options.batch.clamp(1, 64);
+    for (targets, sums) in targets.chunks(rows).zip(sums.chunks_mut(rows)) {
+        let longest = targets.iter().map(Vec::len).max().unwrap_or(0);
+        let options = SearchOptions {
+            beam: targets.len(),
+            max_new_tokens: longest + 1,
+            ..options.clone()
+        };
+        let mask = check_options(&options, backend.vocab_size())?;
+        let mut last = Vec::with_capacity(targets.len());
+        backend.start(&[source], &options, &mut last)?;
+        let mut alive: Vec<usize> = (0..targets.len()).collect();
+        for step in 0..=longest {
+            let scores = backend.log_probs(&last, &mask);
+            let mut kept = Vec::with_capacity(alive.len());
+            for (row, scores) in scores.chunks_exact(mask.len()).enumerate() {
+                let target = alive[row];
+                let next = targets[target].get(step).copied();
+                let id = next.unwrap_or(options.end) as usize;
+                sums[target] += scores.get(id).copied().unwrap_or(f32::NEG_INFINITY);
+                if next.is_some() && sums[target].is_finite() {
+                    last[kept.len()] = id as u32;
+                    kept.push(row);
+                }
+            }
+            if kept.is_empty() {
+                break;
+            }
+            if kept.len() < alive.len() {
+                backend.keep(&kept);
+                alive = kept.iter().map(|row| alive[*row]).collect();
+                last.truncate(alive.len());
+            }
+        }
+    }
+    Ok(sums)
+}
+
 fn check_cancelled(watch: &Watch) -> Result<(), EngineError> {
     match watch.cancel.load(Ordering::Relaxed) {
         true => Err(EngineError::Cancelled),

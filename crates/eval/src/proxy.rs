@@ -113,6 +113,7 @@ impl Proxy {
             seconds: clip.duration_s() as f32,
             windows: 0,
             segments: Vec::new(),
+            choices: Vec::new(),
             abstained: None,
         };
         let rows: Vec<Vec<f32>> = windows(clip)

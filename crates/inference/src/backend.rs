@@ -4,6 +4,7 @@ use radarllm_base::PointFrame;
 use radarllm_engine::{Engine, Source, Watch};
 
 use crate::lm::config::LmConfig;
+use crate::lm::generate::score;
 use crate::lm::{EngineLm, GenerateOptions, Generated, LmError, Vocab};
 use crate::tokenizer::{EncodeError, Encoded, RadarTokenizer, TokenizerConfig};
 
@@ -29,6 +30,12 @@ pub trait Backend: Send + Sync {
         options: &GenerateOptions,
         watch: &mut Watch,
     ) -> Result<Vec<Generated>, LmError>;
+
+    /// Log-probability of each text, given as token ids, after a prompt.
+    ///
+    /// # Errors
+    /// If the prompt or a text does not fit the model.
+    fn score(&self, prompt: &Source, texts: &[Vec<u32>]) -> Result<Vec<f32>, LmError>;
 
     /// Token ids of words and radar codes.
     fn vocab(&self) -> &Vocab;
@@ -68,6 +75,12 @@ impl Backend for EngineBackend {
         let engine = self.lm.engine();
         let mut session = engine.session(threads(engine));
         self.lm.generate(&mut session, prompts, options, watch)
+    }
+
+    fn score(&self, prompt: &Source, texts: &[Vec<u32>]) -> Result<Vec<f32>, LmError> {
+        let engine = self.lm.engine();
+        let mut session = engine.session(threads(engine));
+        score(&mut session, self.lm.vocab(), prompt, texts)
     }
 
     fn vocab(&self) -> &Vocab {

@@ -64,7 +64,9 @@ pub mod prepare;
 pub mod tokenizer;
 
 pub use backend::{Backend, EngineBackend};
-pub use lm::{Captioner, DescribeOptions, Description, LmError, Precision, Segment, actions};
+pub use lm::{
+    Captioner, Chosen, DescribeOptions, Description, LmError, Precision, Segment, actions,
+};
 pub use prepare::{
     FRAME_RATE_HZ, PrepareError, PrepareOptions, Prepared, needs_preparation, prepare_for_model,
 };

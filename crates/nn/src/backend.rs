@@ -6,7 +6,7 @@ use radarllm_base::PointFrame;
 use radarllm_inference::Captioner;
 use radarllm_inference::backend::{Backend, check_pair};
 use radarllm_inference::checkpoint::Checkpoint;
-use radarllm_inference::lm::generate::decode;
+use radarllm_inference::lm::generate::{decode, score};
 use radarllm_inference::lm::{
     GenerateOptions, Generated, LmError, LmFiles, Precision, Source, Vocab, Watch,
 };
@@ -61,6 +61,13 @@ impl Backend for ReferenceBackend {
             options,
             watch,
         )
+    }
+
+    fn score(&self, prompt: &Source, texts: &[Vec<u32>]) -> Result<Vec<f32>, LmError> {
+        let options = GenerateOptions::default();
+        self.lm
+            .check_positions(std::slice::from_ref(prompt), &options)?;
+        score(&mut self.lm.decoding(), &self.lm.vocab, prompt, texts)
     }
 
     fn vocab(&self) -> &Vocab {
@@ -269,6 +276,35 @@ mod tests {
         assert_eq!(training.tokens, f32.tokens);
         assert!((training.confidence - f32.confidence).abs() < 1e-5);
         assert_eq!(int8.tokens, f32.tokens);
+    }
+
+    #[test]
+    fn a_text_scores_the_same_on_both_backends_and_as_in_the_search() {
+        let (config, net) = networks();
+        let engine = on_engine(config.clone(), &net, Precision::F32);
+        let tokenizer = ReferenceTokenizer::new(config, &net);
+        let reference = ReferenceBackend::new(tokenizer, language_model()).unwrap();
+        let training = Captioner::new(Box::new(reference));
+        let clip = clip(60, 20);
+        let described = describe(&engine, &clip);
+        let words = described.caption.split(' ').count();
+        assert!(words > 0);
+        let texts: Vec<String> = ["a person walks", "someone jumps twice", ""]
+            .map(String::from)
+            .into_iter()
+            // More texts than are scored together.
+            .chain((0..100).map(|n| format!("a person {}", "walks ".repeat(n % 7))))
+            .collect();
+        let options = DescribeOptions::default();
+        let a = engine.score_texts(&clip, &texts, &options).unwrap();
+        let b = training.score_texts(&clip, &texts, &options).unwrap();
+        assert_eq!((a.len(), a[0].len()), (1, texts.len()));
+        for (a, b) in a[0].iter().zip(&b[0]) {
+            assert!((a - b).abs() < 1e-4 && *a < 0.0, "{a} {b}");
+        }
+        // The texts differ, and the same text has the same score in another batch.
+        assert!((a[0][0] - a[0][1]).abs() > 1e-3);
+        assert!((a[0][4] - a[0][3 + 99]).abs() < 1e-5);
     }
 
     /// The model that is included in the repository, loaded from its folder by every decoder.

@@ -8,7 +8,7 @@ use radarllm_io::{Error, Result};
 
 use radarllm_teach::{Memory, Recogniser};
 
-use crate::{bundled, taught};
+use crate::{Choices, bundled, taught};
 
 /// Describes clips with a trained model.
 ///
@@ -23,6 +23,7 @@ pub struct Captioner {
     model: radarllm_inference::Captioner,
     name: String,
     recogniser: Option<Recogniser>,
+    choices: Option<Choices>,
 }
 
 impl Captioner {
@@ -60,6 +61,7 @@ impl Captioner {
             model,
             name,
             recogniser: None,
+            choices: None,
         }
     }
 
@@ -68,6 +70,16 @@ impl Captioner {
     pub fn with_memory(mut self, memory: &Memory) -> Self {
         self.recogniser = Recogniser::new(memory);
         self
+    }
+
+    /// The captioner restricted to named activities: a clip gets a sentence of the one that fits best, and the
+    /// probabilities of all.
+    #[must_use]
+    pub fn with_choices(self, choices: Choices) -> Self {
+        Self {
+            choices: Some(choices),
+            ..self
+        }
     }
 
     /// Name of the model in reports: its folder, or `default (embedded)`.
@@ -109,6 +121,9 @@ impl Captioner {
     ) -> Result<Description> {
         let clip = prepared(clip).map_err(Error::input)?;
         let mut description = self.model.describe(&clip, options).map_err(Error::input)?;
+        if let Some(choices) = &self.choices {
+            self.choose(&clip, choices, options, &mut description)?;
+        }
         if let Some(recogniser) = recogniser {
             taught::insert(&mut description, recogniser.recognise(&clip));
         }

@@ -39,10 +39,12 @@
 
 pub mod bundled;
 mod captioner;
+mod choose;
 mod source;
 mod taught;
 
 pub use captioner::Captioner;
+pub use choose::Choices;
 pub use source::{DEFAULT_RADAR, Performed, Recording, Source, open, open_parts};
 
 pub use radarllm_base::{

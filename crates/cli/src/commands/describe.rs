@@ -2,8 +2,10 @@
 
 use std::{path::Path, time::Instant};
 
-use radarllm::{Captioner, Clip, DescribeOptions, Precision, Recording, SimulateOptions, bundled};
-use radarllm_inference::{LmError, Segment, checkpoint::Checkpoint};
+use radarllm::{
+    Captioner, Choices, Clip, DescribeOptions, Precision, Recording, SimulateOptions, bundled,
+};
+use radarllm_inference::{Chosen, LmError, Segment, checkpoint::Checkpoint};
 use radarllm_io::options::DEFAULT_RADAR_HEIGHT_M;
 use radarllm_tracking::find_people;
 use rayon::prelude::*;
@@ -50,6 +52,9 @@ pub struct Row {
     pub model: String,
     /// The sentences with their times.
     pub segments: Vec<Segment>,
+    /// Activities in order of their probability, with `--choose`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub choices: Vec<Chosen>,
     /// Radar tokens read.
     pub tokens: Vec<u32>,
     /// Radar frames read.
@@ -134,6 +139,18 @@ fn backend(
     radarllm_inference::Captioner::from_checkpoints(tokenizer, lm, precision)
 }
 
+/// A captioner that chooses among activities, if any are named.
+pub fn restricted(captioner: Captioner, names: &[String]) -> CliResult<Captioner> {
+    if names.is_empty() {
+        return Ok(captioner);
+    }
+    let choices = Choices::new(names.iter().map(String::as_str))?;
+    for name in choices.unknown() {
+        eprintln!("warning: `{name}` names no action that the model learned; it is scored as text");
+    }
+    Ok(captioner.with_choices(choices))
+}
+
 /// Describes a prepared clip.
 pub fn describe(
     captioner: &Captioner,
@@ -155,6 +172,7 @@ pub fn describe(
         },
         model: captioner.name().into(),
         segments: described.segments,
+        choices: described.choices,
         tokens: described.tokens,
         frames: clip.frames.len(),
         clip_seconds: clip.duration_s(),
@@ -191,6 +209,12 @@ pub fn print_row(row: &Row) {
         "    [{}, radar {}, {:.1} s, confidence {:.2}, model {}{why}]",
         row.source.provenance, row.source.radar, row.clip_seconds, row.confidence, row.model
     ));
+    for choice in &row.choices {
+        output::print_line(&format!(
+            "    {:.2} {}",
+            choice.probability, choice.activity
+        ));
+    }
     if row.segments.len() < 2 && row.segments.iter().all(|s| s.taught.is_none()) {
         return;
     }
@@ -218,6 +242,7 @@ pub fn run(args: &DescribeArgs) -> CliResult {
     if let Some(memory) = load_memory(args.memory.as_deref())? {
         captioner = captioner.with_memory(&memory);
     }
+    captioner = restricted(captioner, &args.choose)?;
     let options = args.input.options()?;
     let simulation = SimulateOptions {
         seed: args.seed,

@@ -14,7 +14,7 @@ use radarllm_eval::{
 use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
 
 use crate::{
-    args::{DecoderName, EvalRecordingsArgs, RoleName},
+    args::{DecoderName, EvalRecordingsArgs},
     commands::{describe, model_files},
     error::{CliError, CliResult},
     output,
@@ -25,23 +25,19 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
     if let Some(out) = &args.out {
         output::check_free(out, args.force)?;
     }
-    let role = match args.role {
-        RoleName::Tuning => Role::Tuning,
-        RoleName::Judged => Role::Judged,
-    };
+    let role = args.role;
     let text = files::read_text(&args.config, MAX_CONFIG_BYTES)?;
     let config = RecordingsConfig::from_toml(&text)
         .map_err(|e| CliError::new(format!("{}: {e}", args.config.display())))?;
     let recordings = read_recordings(&config, role, args)?;
     let report = if args.proxy.is_empty() {
         let (captioner, info) = model_files::load(args.model.as_deref(), DecoderName::F32)?;
-        let (name, options) = (
-            captioner.name(),
-            DescribeOptions {
-                beam: args.beam,
-                ..DescribeOptions::default()
-            },
-        );
+        let captioner = describe::restricted(captioner, &args.choose)?;
+        let name = captioner.name();
+        let options = DescribeOptions {
+            beam: args.beam,
+            ..DescribeOptions::default()
+        };
         if let Some(n_examples) = args.teach {
             let pool = match role {
                 Role::Tuning => recordings.clone(),
@@ -71,7 +67,11 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
             |clip: &Clip| -> CliResult<_> { Ok(captioner.describe_with(clip, &options)?) };
         let recordings = recordings.into_iter().map(Ok);
         let report = evaluate_recordings(describe, name, &config, role, recordings)?;
-        log_look(args, &report, info.fingerprint, "")?;
+        let how = match args.choose.join(", ") {
+            choices if choices.is_empty() => choices,
+            choices => format!("choice of {choices}: "),
+        };
+        log_look(args, &report, info.fingerprint, &how)?;
         report
     } else {
         let data: Result<Vec<Dataset>, _> = args.proxy.iter().map(|d| Dataset::open(d)).collect();

@@ -462,6 +462,7 @@ pub(crate) mod tests {
                 seconds: 0.0,
                 windows: 1,
                 segments: Vec::new(),
+                choices: Vec::new(),
                 abstained: None,
             },
             nearest: "a person stands".into(),

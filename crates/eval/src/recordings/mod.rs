@@ -57,6 +57,17 @@ pub enum Role {
     Judged,
 }
 
+impl std::str::FromStr for Role {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        [Self::Tuning, Self::Judged]
+            .into_iter()
+            .find(|role| role.name() == name)
+            .ok_or_else(|| "a role is `tuning` or `judged`".into())
+    }
+}
+
 impl Role {
     /// Name in configurations and reports.
     pub fn name(self) -> &'static str {

@@ -1,6 +1,7 @@
 //! The captioner: generates sentences from radar points.
 
 use std::borrow::Cow;
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,7 +11,7 @@ use radarllm_engine::{Precision, Source, Watch, search};
 use serde::Serialize;
 
 use super::card::LmFiles;
-use super::consensus::{self, WindowSentence};
+use super::consensus::{self, Reading, WindowReadings};
 use super::engine_lm::EngineLm;
 use super::person_gate::{median_points, points_stay_together};
 use super::templates::EVALUATION_PROMPT;
@@ -20,6 +21,9 @@ use crate::backend::{Backend, EngineBackend};
 use crate::checkpoint::Checkpoint;
 use crate::prepare::{FRAME_RATE_HZ, prepared};
 use crate::tokenizer::{Encoded, FRAMES_PER_CODE, MAX_FRAMES, RadarTokenizer};
+
+/// The sentences of this many windows before and after a window are readings of it.
+const N_NEAR: usize = 5;
 
 /// The caption of a clip that shows no person.
 pub const NO_PERSON: &str = "no person seen";
@@ -111,8 +115,19 @@ pub struct Description {
     pub windows: usize,
     /// The sentences with their times, in order. Times without a person have no segment.
     pub segments: Vec<Segment>,
+    /// Activities in order of their probability, where the caption was chosen among named activities.
+    pub choices: Vec<Chosen>,
     /// Reason why there is no caption; `None` if there is one.
     pub abstained: Option<Abstained>,
+}
+
+/// An activity and its probability among the named ones.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Chosen {
+    /// The activity as it was named.
+    pub activity: String,
+    /// Probability among the named activities, 0..=1.
+    pub probability: f32,
 }
 
 /// A part of a recording that one sentence describes.
@@ -197,7 +212,62 @@ impl Captioner {
         let clip = prepared(clip)?;
         let windows = Windows::of(&clip, options);
         let results = self.caption_windows(&windows.usable(), options, watch)?;
-        Ok(windows.describe(&results))
+        self.description(&windows, &results)
+    }
+
+    /// Combines the captions of the windows of a clip.
+    fn description(
+        &self,
+        windows: &Windows,
+        results: &[WindowCaption],
+    ) -> Result<Description, LmError> {
+        let readings = match windows.is_whole() {
+            true => Vec::new(),
+            false => self.readings(windows, results)?,
+        };
+        Ok(windows.describe(results, &readings))
+    }
+
+    /// The readings of every window: its sentence, and the clauses of all sentences of the windows near it, with the
+    /// probabilities that the model gives them.
+    fn readings(
+        &self,
+        windows: &Windows,
+        results: &[WindowCaption],
+    ) -> Result<Vec<WindowReadings>, LmError> {
+        let vocab = self.backend.vocab();
+        let clauses_of = |result: &WindowCaption| -> Vec<String> {
+            let clauses = radarllm_facts::parse(&result.text);
+            let stating = clauses.iter().filter(|c| !c.text.is_empty());
+            stating.map(|c| c.sentence()).collect()
+        };
+        let clauses: Vec<Vec<String>> = results.iter().map(clauses_of).collect();
+        let mut all = Vec::with_capacity(results.len());
+        for (i, (result, &(start, end))) in results.iter().zip(&windows.spans).enumerate() {
+            let near = i.saturating_sub(N_NEAR)..(i + N_NEAR + 1).min(results.len());
+            let texts: BTreeSet<&String> = clauses[near]
+                .iter()
+                .flatten()
+                .chain([&result.text])
+                .collect();
+            let ids: Vec<Vec<u32>> = texts
+                .iter()
+                .map(|text| vocab.text_ids(text))
+                .collect::<Result<_, _>>()?;
+            let prompt = vocab.prompt(EVALUATION_PROMPT, Some(&result.radar), None)?;
+            let scores = self.backend.score(&prompt, &ids)?;
+            let most = scores.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+            let weights: Vec<f32> = scores.iter().map(|s| (s - most).exp()).collect();
+            let sum: f32 = weights.iter().sum();
+            let reading = |(text, weight): (&&String, &f32)| Reading::new(text, weight / sum);
+            all.push(WindowReadings {
+                start,
+                end,
+                confidence: result.confidence(),
+                readings: texts.iter().zip(&weights).map(reading).collect(),
+            });
+        }
+        Ok(all)
     }
 
     /// Describes many clips in one batch, which is faster than one by one. Clips are independent of one another.
@@ -218,9 +288,9 @@ impl Captioner {
         let describe = |windows: &Windows| {
             let (own, others) = rest.split_at(windows.spans.len());
             rest = others;
-            windows.describe(own)
+            self.description(windows, own)
         };
-        Ok(all.iter().map(describe).collect())
+        all.iter().map(describe).collect()
     }
 
     /// Returns the radar tokens of all windows of a clip, one per 0.4 s. The clip is prepared as in [`Self::describe`],
@@ -286,9 +356,37 @@ impl Captioner {
             Err(e) if e.is_cancelled() => return Ok(None),
             results => results?,
         };
-        let description = windows.describe(&results);
+        let description = self.description(&windows, &results)?;
         send(&description.caption, &mut sent);
         Ok((!cancel.load(Ordering::Relaxed)).then_some(description))
+    }
+
+    /// Log-probability of each text for each window of a clip that may show a person, in the windows of
+    /// [`Self::describe`]: `[windows][texts]`.
+    ///
+    /// # Errors
+    /// Those of [`Self::describe`], and texts with words that the model does not know.
+    pub fn score_texts(
+        &self,
+        clip: &Clip,
+        texts: &[String],
+        options: &DescribeOptions,
+    ) -> Result<Vec<Vec<f32>>, LmError> {
+        let clip = prepared(clip)?;
+        let windows = Windows::of(&clip, options);
+        let vocab = self.backend.vocab();
+        let texts = texts
+            .iter()
+            .map(|text| vocab.text_ids(text))
+            .collect::<Result<Vec<_>, _>>()?;
+        self.backend
+            .encode(&windows.usable())?
+            .iter()
+            .map(|radar| {
+                let prompt = vocab.prompt(EVALUATION_PROMPT, Some(radar), None)?;
+                self.backend.score(&prompt, &texts)
+            })
+            .collect()
     }
 
     /// Describes each window.
@@ -396,8 +494,8 @@ impl<'a> Windows<'a> {
         self.spans.iter().map(window).collect()
     }
 
-    /// Combines the captions of the windows.
-    fn describe(&self, results: &[WindowCaption]) -> Description {
+    /// Combines the captions of the windows. A clip that is described as a whole needs no readings.
+    fn describe(&self, results: &[WindowCaption], readings: &[WindowReadings]) -> Description {
         let n_frames = self.clip.frames.len();
         let mut description = Description {
             caption: NO_PERSON.into(),
@@ -406,6 +504,7 @@ impl<'a> Windows<'a> {
             seconds: n_frames as f32 / FRAME_RATE_HZ,
             windows: self.spans.len(),
             segments: Vec::new(),
+            choices: Vec::new(),
             abstained: self.abstained,
         };
         if self.abstained.is_some() {
@@ -427,18 +526,7 @@ impl<'a> Windows<'a> {
             });
             return description;
         }
-        let sentences: Vec<WindowSentence> = self
-            .spans
-            .iter()
-            .zip(results)
-            .map(|(&(start, end), result)| WindowSentence {
-                start,
-                end,
-                text: result.text.clone(),
-                confidence: result.confidence(),
-            })
-            .collect();
-        let segments = consensus::segments(&sentences, n_frames, |i| self.time_s(i));
+        let segments = consensus::segments(readings, n_frames, |i| self.time_s(i));
         description.set_segments(segments);
         description
     }

@@ -1,9 +1,10 @@
 //! The sentences of overlapping windows, combined to segments.
 //!
 //! A recording that is longer than one window is described in windows of [`WINDOW_FRAMES`] every [`HOP_FRAMES`]. Each
-//! hop is thus described by up to three windows, and these vote: a window votes for the clause of its sentence that
-//! covers the hop, with its confidence as weight. Hops of equal content are joined to segments. A segment of one hop
-//! between two equal ones is treated as an error and merged with them, unless its action may be that short.
+//! window has readings: its own sentence and those of the windows near it, with the probabilities that the model gives
+//! them for this window. Each hop is covered by up to three windows. A window votes for the clauses of its readings that
+//! cover the hop, with their probabilities as weights. The segments are the most probable sequence of clauses, in which
+//! every change has a price, so that a change must be seen in several windows (Viterbi algorithm).
 
 use radarllm_facts::{Clause, parse};
 
@@ -19,17 +20,44 @@ const SHORT: [&str; 9] = [
     "fall", "sit_down", "stand_up", "lie_down", "pick_up", "bow", "jump", "turn", "throw",
 ];
 
-/// The sentence of a window.
+/// Price of a change between hops, in units of log-probability.
+const CHANGE: f32 = 1.0;
+/// The same for a change to or from one of the [`SHORT`] actions.
+const SHORT_CHANGE: f32 = 0.3;
+/// Share of the votes that every clause has in every hop, so that one hop excludes nothing.
+const FLOOR: f32 = 0.02;
+
+/// The readings of a window.
 #[derive(Clone, Debug)]
-pub(crate) struct WindowSentence {
+pub(crate) struct WindowReadings {
     /// First frame.
     pub start: usize,
     /// Frame after the last one.
     pub end: usize,
-    /// The sentence.
-    pub text: String,
-    /// exp(mean token log-probability).
+    /// exp(mean token log-probability) of its own sentence.
     pub confidence: f32,
+    /// Sentences that may describe it.
+    pub readings: Vec<Reading>,
+}
+
+/// A sentence that may describe a window.
+#[derive(Clone, Debug)]
+pub(crate) struct Reading {
+    /// Its clauses; a sentence without any states nothing.
+    pub clauses: Vec<Clause>,
+    /// Probability among the readings of the window.
+    pub probability: f32,
+}
+
+impl Reading {
+    /// A sentence with its probability.
+    pub fn new(text: &str, probability: f32) -> Self {
+        let clauses = parse(text).into_iter().filter(|c| !c.text.is_empty());
+        Self {
+            clauses: clauses.collect(),
+            probability,
+        }
+    }
 }
 
 /// First and last frame (exclusive) of every window of a recording. All windows have [`WINDOW_FRAMES`]; the last one ends
@@ -42,105 +70,150 @@ pub(crate) fn windows(n_frames: usize) -> impl Iterator<Item = (usize, usize)> {
         .map(move |start| (start, (start + WINDOW_FRAMES).min(n_frames)))
 }
 
-/// A clause that won the vote of a hop.
-struct Elected {
-    clause: Clause,
-    /// Sum of the confidences of the windows that agree, divided by the number of windows.
-    confidence: f32,
+/// The votes for a hop.
+struct Hop<'a> {
+    /// Clauses with their weights, of every reading of every window that covers the hop.
+    votes: Vec<(&'a Clause, f32)>,
+    n_windows: usize,
 }
 
-/// A run of hops with one content.
-struct Run {
-    first_hop: usize,
-    n_hops: usize,
-    clause: Clause,
-    /// Sum over hops.
-    confidence: f32,
-    /// Confidence of the hop from which the clause was taken.
-    best: f32,
+impl Hop<'_> {
+    /// Sum of the weights for the content of a clause.
+    fn support(&self, clause: &Clause) -> f32 {
+        let agreeing = self.votes.iter().filter(|(other, _)| same(clause, other));
+        agreeing.map(|(_, weight)| weight).sum()
+    }
+
+    /// Logarithm of the share of the votes for the content of a clause.
+    fn log_share(&self, clause: &Clause) -> f32 {
+        let all: f32 = self.votes.iter().map(|(_, weight)| weight).sum();
+        (self.support(clause) / all.max(f32::MIN_POSITIVE) + FLOOR).ln()
+    }
 }
 
-/// Combines the sentences of windows to segments. `time_s` gives the time at which a frame begins; frame `n_frames` is
+/// Combines the readings of windows to segments. `time_s` gives the time at which a frame begins; frame `n_frames` is
 /// the end of the recording. Hops that no window describes have no segment.
 pub(crate) fn segments(
-    windows: &[WindowSentence],
+    windows: &[WindowReadings],
     n_frames: usize,
     time_s: impl Fn(usize) -> f64,
 ) -> Vec<Segment> {
-    // A window whose sentence is empty has no vote.
-    let stated = |w: &WindowSentence| {
-        let clauses = parse(&w.text);
-        clauses.into_iter().filter(|c| !c.text.is_empty()).collect()
-    };
-    let clauses: Vec<Vec<Clause>> = windows.iter().map(stated).collect();
     let n_hops = n_frames.div_ceil(HOP_FRAMES);
-    let mut runs: Vec<Run> = Vec::new();
-    for hop in 0..n_hops {
-        let Some(elected) = elect(hop, n_frames, windows, &clauses) else {
-            continue;
-        };
-        match runs.last_mut() {
-            Some(run)
-                if run.first_hop + run.n_hops == hop && same(&run.clause, &elected.clause) =>
-            {
-                run.add(elected);
+    let hops: Vec<Hop> = (0..n_hops).map(|h| votes(h, n_frames, windows)).collect();
+    let mut segments = Vec::new();
+    let mut first = 0;
+    for described in hops.chunk_by(|a, b| a.votes.is_empty() == b.votes.is_empty()) {
+        if !described[0].votes.is_empty() {
+            let mut start = 0;
+            let sequence = most_probable(described);
+            for run in sequence.chunk_by(|a, b| same(a, b)) {
+                let hops = &described[start..start + run.len()];
+                let (from, to) = (first + start, first + start + run.len());
+                let span_s = [from, to].map(|hop| time_s((hop * HOP_FRAMES).min(n_frames)));
+                segments.push(segment(run[0], hops, span_s));
+                start += run.len();
             }
-            _ => runs.push(Run {
-                first_hop: hop,
-                n_hops: 1,
-                confidence: elected.confidence,
-                best: elected.confidence,
-                clause: elected.clause,
-            }),
         }
+        first += described.len();
     }
-    merge_interruptions(&mut runs);
-    let segment = |run: Run| Segment {
-        start_s: time_s(run.first_hop * HOP_FRAMES),
-        end_s: time_s(((run.first_hop + run.n_hops) * HOP_FRAMES).min(n_frames)),
-        caption: match run.n_hops > WINDOW_FRAMES / HOP_FRAMES {
-            // What a window counted is not the count of a longer time.
-            true => run.clause.without_count().sentence(),
-            false => run.clause.sentence(),
-        },
-        actions: run.clause.actions.iter().map(|a| a.name).collect(),
-        confidence: run.confidence / run.n_hops as f32,
-        taught: None,
-    };
-    runs.into_iter().map(segment).collect()
+    segments
 }
 
-/// The clause with the most votes for a hop.
-fn elect(
-    hop: usize,
-    n_frames: usize,
-    windows: &[WindowSentence],
-    clauses: &[Vec<Clause>],
-) -> Option<Elected> {
+/// The votes of the windows that cover the middle of a hop.
+fn votes(hop: usize, n_frames: usize, windows: &[WindowReadings]) -> Hop<'_> {
     let start = hop * HOP_FRAMES;
     let middle = (start + (start + HOP_FRAMES).min(n_frames)) / 2;
-    let votes: Vec<(&Clause, f32)> = windows
-        .iter()
-        .zip(clauses)
-        .filter(|(w, clauses)| (w.start..w.end).contains(&middle) && !clauses.is_empty())
-        .map(|(w, clauses)| {
-            let position = (middle - w.start) * clauses.len() / (w.end - w.start);
-            (&clauses[position.min(clauses.len() - 1)], w.confidence)
-        })
-        .collect();
-    let support = |clause: &Clause| -> f32 {
-        let agreeing = votes.iter().filter(|(other, _)| same(clause, other));
-        agreeing.map(|(_, confidence)| confidence).sum()
+    let mut hop = Hop {
+        votes: Vec::new(),
+        n_windows: 0,
     };
-    // Of clauses with equal content, the most confident one.
-    let best = votes.iter().max_by(|a, b| {
-        let by_support = support(a.0).total_cmp(&support(b.0));
-        by_support.then(a.1.total_cmp(&b.1))
-    })?;
-    Some(Elected {
-        clause: best.0.clone(),
-        confidence: support(best.0) / votes.len() as f32,
-    })
+    for window in windows {
+        if !(window.start..window.end).contains(&middle) {
+            continue;
+        }
+        let stating = window.readings.iter().filter(|r| !r.clauses.is_empty());
+        let before = hop.votes.len();
+        hop.votes.extend(stating.map(|reading| {
+            let clauses = &reading.clauses;
+            let position = (middle - window.start) * clauses.len() / (window.end - window.start);
+            let weight = reading.probability * window.confidence;
+            (&clauses[position.min(clauses.len() - 1)], weight)
+        }));
+        hop.n_windows += usize::from(hop.votes.len() > before);
+    }
+    hop
+}
+
+/// The sequence of clauses with the largest sum of log-shares, less the price of changes. All hops have votes.
+fn most_probable<'a>(hops: &[Hop<'a>]) -> Vec<&'a Clause> {
+    let mut contents: Vec<&Clause> = Vec::new();
+    for (clause, _) in hops.iter().flat_map(|h| &h.votes) {
+        if !contents.iter().any(|c| same(c, clause)) {
+            contents.push(clause);
+        }
+    }
+    let price = |from: usize, to: usize| match from == to {
+        true => 0.0,
+        false if is_short(contents[from]) || is_short(contents[to]) => SHORT_CHANGE,
+        false => CHANGE,
+    };
+    let mut score: Vec<f32> = contents.iter().map(|c| hops[0].log_share(c)).collect();
+    // Content of the hop before, for each content of a hop.
+    let mut before: Vec<Vec<usize>> = Vec::new();
+    for hop in &hops[1..] {
+        let from: Vec<usize> = (0..contents.len())
+            .map(|to| {
+                let value = |from: &usize| score[*from] - price(*from, to);
+                let all = 0..contents.len();
+                all.max_by(|a, b| value(a).total_cmp(&value(b)))
+                    .unwrap_or(to)
+            })
+            .collect();
+        score = (0..contents.len())
+            .map(|to| score[from[to]] - price(from[to], to) + hop.log_share(contents[to]))
+            .collect();
+        before.push(from);
+    }
+    let best = (0..contents.len()).max_by(|a, b| score[*a].total_cmp(&score[*b]));
+    let mut at = best.unwrap_or_default();
+    let mut sequence = vec![contents[at]];
+    for from in before.iter().rev() {
+        at = from[at];
+        sequence.push(contents[at]);
+    }
+    sequence.reverse();
+    sequence
+}
+
+/// The segment of hops with one content: of the clauses with this content, that with the most votes.
+fn segment(content: &Clause, hops: &[Hop], [start_s, end_s]: [f64; 2]) -> Segment {
+    let own = || {
+        let votes = hops.iter().flat_map(|h| &h.votes);
+        votes.filter(|(clause, _)| same(clause, content))
+    };
+    let weight = |text: &str| -> f32 {
+        let equal = own().filter(|(clause, _)| clause.text == text);
+        equal.map(|(_, weight)| weight).sum()
+    };
+    let best = own().max_by(|a, b| weight(&a.0.text).total_cmp(&weight(&b.0.text)));
+    let clause = best.map_or(content, |(clause, _)| clause);
+    let confidence = |hop: &Hop| hop.support(content) / hop.n_windows.max(1) as f32;
+    Segment {
+        start_s,
+        end_s,
+        caption: match hops.len() > WINDOW_FRAMES / HOP_FRAMES {
+            // What a window counted is not the count of a longer time.
+            true => clause.without_count().sentence(),
+            false => clause.sentence(),
+        },
+        actions: clause.actions.iter().map(|a| a.name).collect(),
+        confidence: hops.iter().map(confidence).sum::<f32>() / hops.len() as f32,
+        taught: None,
+    }
+}
+
+fn is_short(clause: &Clause) -> bool {
+    clause.actions.iter().any(|a| SHORT.contains(&a.name))
 }
 
 /// Whether two clauses have the same actions. Clauses without a known action are the same only if their words are.
@@ -156,52 +229,16 @@ fn same(a: &Clause, b: &Clause) -> bool {
     names(a) == names(b)
 }
 
-impl Run {
-    fn add(&mut self, elected: Elected) {
-        self.n_hops += 1;
-        self.confidence += elected.confidence;
-        if elected.confidence > self.best {
-            self.best = elected.confidence;
-            self.clause = elected.clause;
-        }
-    }
-}
-
-/// Joins two runs of equal content that a single hop interrupts.
-fn merge_interruptions(runs: &mut Vec<Run>) {
-    let mut i = 1;
-    while i + 1 < runs.len() {
-        let (before, at, after) = (&runs[i - 1], &runs[i], &runs[i + 1]);
-        let is_short = at.clause.actions.iter().any(|a| SHORT.contains(&a.name));
-        let adjoining = before.first_hop + before.n_hops == at.first_hop
-            && at.first_hop + at.n_hops == after.first_hop;
-        if at.n_hops > 1 || is_short || !adjoining || !same(&before.clause, &after.clause) {
-            i += 1;
-            continue;
-        }
-        let after = runs.remove(i + 1);
-        // The interrupting hop contributes time, but no confidence.
-        let interruption = runs.remove(i);
-        let before = &mut runs[i - 1];
-        before.n_hops += interruption.n_hops + after.n_hops;
-        before.confidence += after.confidence;
-        if after.best > before.best {
-            before.best = after.best;
-            before.clause = after.clause;
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn windows_of(sentences: &[&str]) -> Vec<WindowSentence> {
-        let sentence = |(i, text): (usize, &&str)| WindowSentence {
+    fn windows_of(sentences: &[&str]) -> Vec<WindowReadings> {
+        let sentence = |(i, text): (usize, &&str)| WindowReadings {
             start: i * HOP_FRAMES,
             end: i * HOP_FRAMES + WINDOW_FRAMES,
-            text: (*text).into(),
             confidence: 0.6,
+            readings: vec![Reading::new(text, 1.0)],
         };
         sentences.iter().enumerate().map(sentence).collect()
     }

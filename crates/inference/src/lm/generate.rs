@@ -25,6 +25,13 @@ impl Allowed {
         }
     }
 
+    /// For each output row, whether its id may be produced.
+    fn ids(self, layout: &Layout) -> Vec<bool> {
+        (0..self.n_rows(layout) as u32)
+            .map(|id| self.permits(id, layout))
+            .collect()
+    }
+
     /// Returns whether an id may be produced.
     pub fn permits(self, id: u32, layout: &Layout) -> bool {
         id == layout.end
@@ -48,6 +55,20 @@ pub struct GenerateOptions {
     pub allowed: Allowed,
     /// Sequences decoded together.
     pub batch: usize,
+}
+
+impl GenerateOptions {
+    fn search<'a>(&self, layout: &Layout, allowed: &'a [bool]) -> SearchOptions<'a> {
+        SearchOptions {
+            max_new_tokens: self.max_new_tokens.clamp(1, 512),
+            beam: self.beam.clamp(1, 64),
+            length_penalty: self.length_penalty,
+            batch: self.batch,
+            start: PAD,
+            end: layout.end,
+            allowed,
+        }
+    }
 }
 
 impl Default for GenerateOptions {
@@ -77,21 +98,29 @@ where
     D: search::DecodingBackend,
     LmError: From<D::Error>,
 {
-    let layout = vocab.layout();
-    let n_rows = options.allowed.n_rows(layout) as u32;
-    let allowed: Vec<bool> = (0..n_rows)
-        .map(|id| options.allowed.permits(id, layout))
-        .collect();
-    let search = SearchOptions {
-        max_new_tokens: options.max_new_tokens.clamp(1, 512),
-        beam: options.beam.clamp(1, 64),
-        length_penalty: options.length_penalty,
-        batch: options.batch,
-        start: PAD,
-        end: layout.end,
-        allowed: &allowed,
-    };
-    Ok(search::search(backend, prompts, &search, watch)?)
+    let allowed = options.allowed.ids(vocab.layout());
+    let options = options.search(vocab.layout(), &allowed);
+    Ok(search::search(backend, prompts, &options, watch)?)
+}
+
+/// Log-probability of each text, given as token ids, after a prompt: see [`search::score`].
+///
+/// # Errors
+/// If the prompt or a text does not fit the network.
+pub fn score<D>(
+    backend: &mut D,
+    vocab: &Vocab,
+    prompt: &Source,
+    texts: &[Vec<u32>],
+) -> Result<Vec<f32>, LmError>
+where
+    D: search::DecodingBackend,
+    LmError: From<D::Error>,
+{
+    let allowed = Allowed::Text.ids(vocab.layout());
+    let options = GenerateOptions::default();
+    let options = options.search(vocab.layout(), &allowed);
+    Ok(search::score(backend, prompt, texts, &options)?)
 }
 
 /// Like [`decode`], without reporting tokens and without cancellation.

@@ -20,7 +20,7 @@ pub mod qwen2_config;
 pub mod templates;
 pub mod vocab;
 
-pub use captioner::{Abstained, Captioner, DescribeOptions, Description, Segment, actions};
+pub use captioner::{Abstained, Captioner, Chosen, DescribeOptions, Description, Segment, actions};
 pub use card::{LmCard, LmFiles};
 pub use config::{Backbone, FeedForward, LmConfig, LmPreset, NetworkConfig, T5Config};
 pub use engine_lm::EngineLm;

