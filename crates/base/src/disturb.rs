@@ -17,7 +17,7 @@ const HEIGHT_SCALE: f32 = 0.15;
 /// Largest error of the elevation angle, rad: heights shift with the range.
 const ELEVATION_RAD: f32 = 0.12;
 /// Largest error of the radar's height, m.
-const HEIGHT_M: f32 = 0.1;
+const HEIGHT_M: f32 = 0.3;
 /// The pace changes by a factor between these.
 const PACE: [f32; 2] = [0.75, 1.33];
 /// Mean number of ghosts in a clip.

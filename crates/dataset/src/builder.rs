@@ -56,6 +56,8 @@ pub struct BuildPlan {
     pub config_toml: String,
     /// Licences by source.
     pub licences: Vec<SourceLicence>,
+    /// Motions of the sources that are left out.
+    pub skipped: Vec<FailedItem>,
     /// Maximum number of clips per shard, 1..=100,000. Memory contains about one shard per thread.
     pub shard_size: usize,
     /// Clips, in order.
@@ -149,6 +151,7 @@ pub fn build<E: std::fmt::Display>(
         config_blake3,
         config_toml: plan.config_toml.clone(),
         licences: plan.licences.clone(),
+        skipped: plan.skipped.clone(),
         n_clips: entries.iter().map(|e| e.rows).sum(),
         n_failed: entries.iter().map(|e| e.failed.len() as u64).sum(),
         shards: entries,

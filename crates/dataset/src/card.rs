@@ -51,6 +51,13 @@ pub(crate) fn dataset_card(manifest: &Manifest) -> String {
             manifest.n_failed
         );
     }
+    if !manifest.skipped.is_empty() {
+        let _ = writeln!(
+            text,
+            "\n{} motions of the sources are left out; manifest.json says why.",
+            manifest.skipped.len()
+        );
+    }
     text.push_str(
         "\n## Columns\n\n\
          `points`: per radar frame a list of `[x, y, z, range, velocity, intensity]` in m, m/s and dB; \

@@ -74,6 +74,9 @@ pub struct Manifest {
     pub config_toml: String,
     /// Licences by source.
     pub licences: Vec<SourceLicence>,
+    /// Motions of the sources that are left out, with the reasons.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub skipped: Vec<FailedItem>,
     /// Number of clips in all shards.
     pub n_clips: u64,
     /// Number of failed items in all shards.

@@ -139,6 +139,7 @@ impl Proxy {
                 actions: actions(&self.captions[best]),
                 confidence: sum[best],
                 taught: None,
+                guess: None,
             }]);
         }
         description

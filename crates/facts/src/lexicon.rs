@@ -115,6 +115,8 @@ pub const PATTERNS: &[Pattern] = &[
     ),
     p("circle", "walk* circle*"),
     p("circle", "walk* counterclockwise|clockwise"),
+    p("pace", "walk* back|up|to +and +forth|down|fro"),
+    p("pace", "paces|pacing|paced"),
     p("limp", "walk* limp"),
     p("limp", "limp*"),
     p("limp", "hobbl*"),

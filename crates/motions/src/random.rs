@@ -13,6 +13,8 @@ const TEMPO_MARGIN: f32 = 1.07;
 /// Share of single repeated motions that continue for the full length allowed for a request. People
 /// exercise for longer than the input window of the model.
 const GOES_ON: f32 = 0.25;
+/// Motions of [`people_request`] alone.
+const OF_PEOPLE: [&str; 1] = ["pace"];
 /// Maximum number of draws before a plain walk is returned; in practice a tenth of them always
 /// suffices.
 const ATTEMPTS: u64 = 200;
@@ -99,7 +101,7 @@ const MANY: [u32; 2] = [14, 24];
 
 /// Motions that people repeat continuously: exercise, locomotion in place, gestures. People do not bow or throw
 /// continuously.
-const REPEATED: [&str; 16] = [
+const REPEATED: [&str; 17] = [
     "arm_circles",
     "circle",
     "clap",
@@ -110,6 +112,7 @@ const REPEATED: [&str; 16] = [
     "kick",
     "lunge",
     "march",
+    "pace",
     "punch",
     "raise_arms",
     "side_bend",
@@ -119,7 +122,7 @@ const REPEATED: [&str; 16] = [
 ];
 
 fn continuous(dice: &mut Dice) -> Option<String> {
-    let spec = any(dice, |s| REPEATED.contains(&s.name))?;
+    let spec = by_name(dice.pick(&REPEATED))?;
     let mut own = keys(spec, true, dice);
     own.retain(|(k, _)| k != "repetitions" && k != "distance_m");
     let mut set = |key: &str, value: &str| {
@@ -166,7 +169,7 @@ fn continuous(dice: &mut Dice) -> Option<String> {
     // Who boxes moves to and fro; others wander a little while they repeat a motion on the spot.
     let (share, most_m) = match spec.name {
         "punch" => (0.8, 0.4),
-        "circle" | "march" => (0.0, 0.0),
+        "circle" | "march" | "pace" => (0.0, 0.0),
         _ => (0.2, 0.1),
     };
     if dice.chance(share) {
@@ -303,7 +306,10 @@ fn overlay(dice: &mut Dice) -> Option<String> {
 }
 
 fn any(dice: &mut Dice, fits: impl Fn(&MotionSpec) -> bool) -> Option<&'static MotionSpec> {
-    let candidates: Vec<&'static MotionSpec> = specs().iter().filter(|s| fits(s)).collect();
+    let candidates: Vec<&'static MotionSpec> = specs()
+        .iter()
+        .filter(|s| !OF_PEOPLE.contains(&s.name) && fits(s))
+        .collect();
     (!candidates.is_empty()).then(|| dice.pick(&candidates))
 }
 
@@ -363,6 +369,7 @@ fn draw(spec: &MotionSpec, key: &KeySpec, single: bool, dice: &mut Dice) -> Opti
             .chance(0.35)
             .then(|| format!("{:.2}", dice.range(1.2, 2.5))),
         ("turn", "angle_deg", _) => Some(dice.pick(&["90", "180", "180", "270", "360"]).to_owned()),
+        ("pace", "distance_m", _) => number(dice.range(0.6, 3.0)),
         ("circle", "radius_m", _) => number(dice.range(0.45, 1.2)),
         ("stand_still" | "sit_still", "duration_s", _) => {
             number(dice.range(2.0, if single { 6.0 } else { 4.0 }))

@@ -305,6 +305,18 @@ static SPECS: &[MotionSpec] = &[
         ],
     ),
     carrier(
+        "pace",
+        "walks back and forth",
+        &[
+            SPEED,
+            number("distance_m", 0.5, 10.0, 1.6),
+            times(2),
+            AMPLITUDE,
+            POSTURE,
+            DURATION,
+        ],
+    ),
+    carrier(
         "side_step",
         "steps sideways without turning",
         &[

@@ -3,12 +3,13 @@
 use std::path::Path;
 
 use radarllm_base::Clip;
+use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
 use radarllm_inference::{DescribeOptions, Description, Precision, prepare::prepared};
 use radarllm_io::{Error, Result};
 
 use radarllm_teach::{Memory, Recogniser};
 
-use crate::{Choices, bundled, taught};
+use crate::{Choices, RecordedConfidence, bundled, taught};
 
 /// Describes clips with a trained model.
 ///
@@ -24,6 +25,7 @@ pub struct Captioner {
     name: String,
     recogniser: Option<Recogniser>,
     choices: Option<Choices>,
+    confidence: Option<RecordedConfidence>,
 }
 
 impl Captioner {
@@ -40,7 +42,8 @@ impl Captioner {
     /// # Errors
     /// If the library was built without it.
     pub fn bundled_with(precision: Precision) -> Result<Self> {
-        Ok(Self::new(bundled::load(precision)?, bundled::NAME.into()))
+        let model = Self::new(bundled::load(precision)?, bundled::NAME.into());
+        model.with_confidence_of(None)
     }
 
     /// A model folder made by training.
@@ -52,7 +55,36 @@ impl Captioner {
             Error::in_file(folder, e)
                 .with_hint("`model` wants a folder made by `radarllm train all`")
         })?;
-        Ok(Self::new(model, folder.display().to_string()))
+        Self::new(model, folder.display().to_string()).with_confidence_of(Some(folder))
+    }
+
+    /// The captioner with the calibrated confidence of a model folder, or of the bundled model, if it has one
+    /// ([`RecordedConfidence::FILE`]).
+    ///
+    /// # Errors
+    /// A damaged file.
+    pub fn with_confidence_of(mut self, folder: Option<&Path>) -> Result<Self> {
+        let read = |folder: &Path| -> Result<Option<String>> {
+            let path = folder.join(RecordedConfidence::FILE);
+            match path.exists() {
+                true => bounded::read_text(&path, MAX_CONFIG_BYTES)
+                    .map(Some)
+                    .map_err(|e| Error::in_file(&path, e)),
+                false => Ok(None),
+            }
+        };
+        let text = match folder {
+            Some(folder) => read(folder)?,
+            None => bundled::file(RecordedConfidence::FILE)
+                .map(|bytes| String::from_utf8_lossy(bytes).into_owned()),
+        };
+        let path = folder.unwrap_or(Path::new("models/default"));
+        let parse = |text: &String| {
+            RecordedConfidence::from_toml(text)
+                .map_err(|e| Error::in_file(&path.join(RecordedConfidence::FILE), e))
+        };
+        self.confidence = text.as_ref().map(parse).transpose()?;
+        Ok(self)
     }
 
     /// A captioner of any backend, with its name for reports.
@@ -62,6 +94,7 @@ impl Captioner {
             name,
             recogniser: None,
             choices: None,
+            confidence: None,
         }
     }
 
@@ -121,8 +154,10 @@ impl Captioner {
     ) -> Result<Description> {
         let clip = prepared(clip).map_err(Error::input)?;
         let mut description = self.model.describe(&clip, options).map_err(Error::input)?;
-        if let Some(choices) = &self.choices {
-            self.choose(&clip, choices, options, &mut description)?;
+        match (&self.choices, &self.confidence) {
+            (Some(choices), _) => self.choose(&clip, choices, options, &mut description)?,
+            (None, Some(confidence)) => confidence.apply(&clip, &mut description),
+            (None, None) => {}
         }
         if let Some(recogniser) = recogniser {
             taught::insert(&mut description, recogniser.recognise(&clip));

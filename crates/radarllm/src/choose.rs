@@ -141,6 +141,7 @@ impl Captioner {
                 caption,
                 confidence: probability,
                 taught: None,
+                guess: None,
             };
             description.set_segments(vec![segment]);
         }

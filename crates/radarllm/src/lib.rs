@@ -40,11 +40,13 @@
 pub mod bundled;
 mod captioner;
 mod choose;
+mod confidence;
 mod source;
 mod taught;
 
 pub use captioner::Captioner;
 pub use choose::Choices;
+pub use confidence::RecordedConfidence;
 pub use source::{DEFAULT_RADAR, Performed, Recording, Source, open, open_parts};
 
 pub use radarllm_base::{

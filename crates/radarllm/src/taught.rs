@@ -25,6 +25,7 @@ pub fn insert(description: &mut Description, recognised: Vec<Recognised>) {
             caption: part.says,
             confidence: part.fit,
             taught: Some(part.name),
+            guess: None,
         });
     }
     segments.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
@@ -59,6 +60,7 @@ mod tests {
             actions: vec!["walk"],
             confidence: 0.5,
             taught: None,
+            guess: None,
         }
     }
 

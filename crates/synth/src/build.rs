@@ -75,6 +75,7 @@ pub fn build(
                 attribution: c.attribution().into(),
             })
             .collect(),
+        skipped: corpora.iter().flat_map(|c| c.skipped().to_vec()).collect(),
     };
     let pool: Mutex<Vec<Synthesizer>> = Mutex::default();
     let take = || pool.lock().unwrap_or_else(PoisonError::into_inner).pop();

@@ -83,6 +83,7 @@ fn build(
         return output::print_json(&serde_json::json!({
             "clips": manifest.n_clips,
             "failed": manifest.n_failed,
+            "skipped": manifest.skipped.len(),
             "shards": manifest.shards.len(),
             "shards_made": report.n_made_shards,
             "seconds": started.elapsed().as_secs_f64(),
@@ -96,6 +97,9 @@ fn build(
         report.n_made_shards,
         manifest.n_failed
     ));
+    for skipped in &manifest.skipped {
+        eprintln!("left out: {}: {}", skipped.id, skipped.reason);
+    }
     for failed in manifest.shards.iter().flat_map(|s| &s.failed) {
         eprintln!("failed: {}: {}", failed.id, failed.reason);
     }

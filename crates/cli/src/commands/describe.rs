@@ -105,7 +105,7 @@ pub fn load_decoder(model: Option<&Path>, decoder: DecoderName) -> CliResult<Cap
     if decoder == DecoderName::Int8 {
         name += ", int8";
     }
-    Ok(Captioner::new(loaded, name))
+    Ok(Captioner::new(loaded, name).with_confidence_of(model)?)
 }
 
 /// A captioner on what a decoder names. The inference engine runs T5 only; a build with training runs other language
@@ -215,17 +215,19 @@ pub fn print_row(row: &Row) {
             choice.probability, choice.activity
         ));
     }
-    if row.segments.len() < 2 && row.segments.iter().all(|s| s.taught.is_none()) {
+    let is_plain = |s: &Segment| s.taught.is_none() && s.guess.is_none();
+    if row.segments.len() < 2 && row.segments.iter().all(is_plain) {
         return;
     }
     for s in &row.segments {
+        let why = match (&s.taught, &s.guess) {
+            (Some(_), _) => ", taught".into(),
+            (None, Some(guess)) => format!(", perhaps {guess}"),
+            (None, None) => String::new(),
+        };
         output::print_line(&format!(
-            "    {:6.1} s to {:5.1} s  {} ({:.2}{})",
-            s.start_s,
-            s.end_s,
-            s.caption,
-            s.confidence,
-            if s.taught.is_some() { ", taught" } else { "" }
+            "    {:6.1} s to {:5.1} s  {} ({:.2}{why})",
+            s.start_s, s.end_s, s.caption, s.confidence
         ));
     }
 }

@@ -93,6 +93,7 @@ pub fn plan(n_items: usize) -> BuildPlan {
         frame_rate_hz: 10.0,
         seed: 7,
         config_toml: "variants = 2\n".into(),
+        skipped: Vec::new(),
         licences: vec![SourceLicence {
             source: "procedural".into(),
             licence: "MIT OR Apache-2.0".into(),

@@ -213,7 +213,10 @@ pub struct SegmentRow {
     pub actions: Vec<&'static str>,
     /// Confidence of the model, 0..=1.
     pub confidence: f32,
-    /// Whether the sentence alone states the recorded activity by the strict rule.
+    /// The sentence of the model, where it was too uncertain to be stated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub guess: Option<String>,
+    /// Whether the sentence alone, or the guess if there is one, states the recorded activity by the strict rule.
     pub right: bool,
     /// Name of the taught activity that was recognised, if it is not the model's own sentence.
     pub taught: Option<String>,
@@ -319,7 +322,7 @@ fn row(
     let segments = segments.iter().map(|segment| {
         whole.add(&segment.caption, segment.end_s - segment.start_s);
         let mut alone = StatedTime::default();
-        alone.add(&segment.caption, 1.0);
+        alone.add(segment.guess.as_ref().unwrap_or(&segment.caption), 1.0);
         SegmentRow {
             start_s: segment.start_s,
             end_s: segment.end_s,
@@ -327,6 +330,7 @@ fn row(
             actions: segment.actions.clone(),
             confidence: segment.confidence,
             taught: segment.taught.clone(),
+            guess: segment.guess.clone(),
             right: alone.stated(&config.activity, 1.0).as_deref() == Some(activity),
         }
     });
@@ -459,6 +463,7 @@ mod tests {
                 .collect(),
             confidence: 0.5,
             taught: None,
+            guess: None,
         }
     }
 

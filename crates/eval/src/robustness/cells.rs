@@ -341,15 +341,15 @@ struct Turned<'a> {
 }
 
 impl Corpus for Turned<'_> {
-    fn name(&self) -> &'static str {
+    fn name(&self) -> &str {
         self.corpus.name()
     }
 
-    fn licence(&self) -> &'static str {
+    fn licence(&self) -> &str {
         self.corpus.licence()
     }
 
-    fn attribution(&self) -> &'static str {
+    fn attribution(&self) -> &str {
         self.corpus.attribution()
     }
 

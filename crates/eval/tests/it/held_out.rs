@@ -21,6 +21,7 @@ fn plan() -> BuildPlan {
         frame_rate_hz: 10.0,
         seed: 7,
         config_toml: String::new(),
+        skipped: Vec::new(),
         licences: vec![SourceLicence {
             source: "procedural".into(),
             licence: "MIT OR Apache-2.0".into(),

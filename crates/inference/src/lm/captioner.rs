@@ -146,6 +146,9 @@ pub struct Segment {
     /// Name of the taught activity that was recognised; `None` for a sentence of the model.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub taught: Option<String>,
+    /// The sentence of the model, where it was too uncertain to be the caption.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub guess: Option<String>,
 }
 
 impl Captioner {
@@ -523,6 +526,7 @@ impl<'a> Windows<'a> {
                 actions: actions(&only.text),
                 confidence: only.confidence(),
                 taught: None,
+                guess: None,
             });
             return description;
         }

@@ -23,6 +23,7 @@ pub enum Counting {
 pub fn counting(name: &str, v: &Values) -> Counting {
     match name {
         "wave" | "arm_circles" | "jog_in_place" => Counting::Sometimes,
+        "pace" => Counting::Never,
         "march" if v.number("distance_m") >= 0.3 => Counting::Never,
         "march" if v.is_set("duration_s") && !v.is_set("repetitions") => Counting::Never,
         "march" => Counting::Steps,
@@ -72,7 +73,7 @@ fn with_extent(name: &str, v: &Values) -> Vec<&'static str> {
 pub fn paces(name: &str) -> bool {
     matches!(
         name,
-        "walk" | "run" | "circle" | "march" | "limp" | "side_step" | "jog_in_place"
+        "walk" | "run" | "circle" | "pace" | "march" | "limp" | "side_step" | "jog_in_place"
     )
 }
 
@@ -188,6 +189,11 @@ pub fn clauses(name: &str, v: &Values) -> Vec<String> {
             "[run] in place",
             "[run] on the spot",
             "[jog] on the spot",
+        ],
+        ("pace", _) => vec![
+            "[walk] back and forth",
+            "[walk] up and down",
+            "[walk] to and fro",
         ],
         ("limp", _) => vec![
             "[limp] forward with a hurt {side} leg",

@@ -1,6 +1,6 @@
 //! Stepping motions, implemented as parameter sets for [`Gait`].
 
-use std::f32::consts::TAU;
+use std::f32::consts::{PI, TAU};
 
 use glam::Vec3;
 
@@ -101,6 +101,46 @@ pub fn circle(v: &Values, actor: &mut Actor) -> Vec<Control> {
             radius_m * angle.sin(),
         );
         (place, sign * angle)
+    })
+}
+
+/// Walks back and forth: straight lines with tight turns at their ends.
+pub fn back_and_forth(v: &Values, actor: &mut Actor) -> Vec<Control> {
+    let line_m = v.number("distance_m");
+    let laps = v.count("repetitions") as f32;
+    let speed = v.speed();
+    let radius_m = actor.m(0.22);
+    let (lap_m, curve_m) = (2.0 * (line_m + PI * radius_m), PI * radius_m);
+    // Each turn is to the left or to the right, and all of one person are alike.
+    let sign = if actor.dice.chance(0.5) { 1.0 } else { -1.0 };
+    let mut gait = Gait::walk(actor, speed);
+    let size = v.amplitude() * if actor.stoop > 0.0 { 0.8 } else { 1.0 };
+    gait.arm *= 0.8 * size;
+    gait.lift_m *= v.amplitude();
+    gait.strike *= 0.7 * size;
+    gait.toe_off *= 0.7;
+    gait.step_s *= (0.85 * size).sqrt();
+    gait.first = usize::from(sign < 0.0);
+    let cruise = 0.8 * WALK_MPS * actor.rig.scale.sqrt() * speed;
+    gait.plan(lap_m * laps, cruise);
+    gait.perform(actor, &|p| {
+        let along_m = lap_m * laps * p;
+        let lap = (along_m / lap_m).floor();
+        let at_m = along_m - lap * lap_m;
+        let side = |angle: f32| sign * radius_m * (1.0 - angle.cos());
+        let (x_m, z_m, angle) = if at_m < line_m {
+            (0.0, at_m, 0.0)
+        } else if at_m < line_m + curve_m {
+            let angle = (at_m - line_m) / radius_m;
+            (side(angle), line_m + radius_m * angle.sin(), angle)
+        } else if at_m < 2.0 * line_m + curve_m {
+            let back_m = at_m - line_m - curve_m;
+            (2.0 * sign * radius_m, line_m - back_m, PI)
+        } else {
+            let angle = PI + (at_m - 2.0 * line_m - curve_m) / radius_m;
+            (side(angle), radius_m * angle.sin(), angle)
+        };
+        (Vec3::new(x_m, 0.0, z_m), sign * (angle + TAU * lap))
     })
 }
 

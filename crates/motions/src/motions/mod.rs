@@ -45,6 +45,7 @@ pub fn perform(name: &str, v: &Values, actor: &mut Actor) -> Vec<Control> {
         "run" => locomotion::run(v, actor),
         "turn" => locomotion::turn(v, actor),
         "circle" => locomotion::circle(v, actor),
+        "pace" => locomotion::back_and_forth(v, actor),
         "side_step" => locomotion::side_step(v, actor),
         "march" => locomotion::march(v, actor),
         "jog_in_place" => locomotion::jog_in_place(v, actor),

@@ -85,15 +85,15 @@ impl BandaiNamco {
 }
 
 impl Corpus for BandaiNamco {
-    fn name(&self) -> &'static str {
+    fn name(&self) -> &str {
         "bandai-namco"
     }
 
-    fn licence(&self) -> &'static str {
+    fn licence(&self) -> &str {
         "CC BY-NC 4.0 (non-commercial)"
     }
 
-    fn attribution(&self) -> &'static str {
+    fn attribution(&self) -> &str {
         "Bandai-Namco-Research-Motiondataset; Kobayashi et al., arXiv:2306.08861"
     }
 

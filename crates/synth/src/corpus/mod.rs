@@ -1,10 +1,11 @@
 //! Captioned motions: the list of available items and how to load each.
 
 pub mod bandai_namco;
+pub mod files;
 pub mod procedural;
 
 use radarllm_base::Motion;
-use radarllm_dataset::record::Split;
+use radarllm_dataset::{FailedItem, record::Split};
 
 /// A captioned motion, without the motion itself.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,13 +27,17 @@ pub struct CorpusItem {
 /// A source of captioned motions.
 pub trait Corpus: Send + Sync {
     /// Name recorded with every clip.
-    fn name(&self) -> &'static str;
+    fn name(&self) -> &str;
     /// Licence line for the manifest.
-    fn licence(&self) -> &'static str;
+    fn licence(&self) -> &str;
     /// Attribution or citation; empty if there is none.
-    fn attribution(&self) -> &'static str;
+    fn attribution(&self) -> &str;
     /// All items, in a fixed order.
     fn items(&self) -> &[CorpusItem];
+    /// Motions that are left out, with the reasons.
+    fn skipped(&self) -> &[FailedItem] {
+        &[]
+    }
     /// The canonical motion (first pose at the origin facing the radar) of an item.
     ///
     /// # Errors

@@ -71,15 +71,15 @@ impl ProceduralCorpus {
 }
 
 impl Corpus for ProceduralCorpus {
-    fn name(&self) -> &'static str {
+    fn name(&self) -> &str {
         "procedural"
     }
 
-    fn licence(&self) -> &'static str {
+    fn licence(&self) -> &str {
         "MIT OR Apache-2.0"
     }
 
-    fn attribution(&self) -> &'static str {
+    fn attribution(&self) -> &str {
         "procedural motions of the RadarLLM project"
     }
 

@@ -1,0 +1,234 @@
+//! Confidence in sentences about recorded radar, and what is stated where it is low.
+//!
+//! A model that learned from simulated radar is too sure of itself on recordings. A logistic function that was fitted on
+//! recordings with known activities turns its confidence into the probability that a sentence is right (Platt, 1999).
+//! Where that is low, the description states only what the points show: whether somebody moves on the spot or about.
+
+use radarllm_base::{Clip, PointFrame};
+use radarllm_inference::{Description, Segment};
+use radarllm_io::{Error, Result};
+use serde::Deserialize;
+
+/// Distance between places of one person, m, above which the person moves about.
+const ABOUT_M: f32 = 1.0;
+/// Share of the seconds on either side of the distance.
+const OUTSIDE: f32 = 0.1;
+
+/// The probability that a sentence about a recording is right, given the confidence of the model.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RecordedConfidence {
+    /// Change of the log-odds of the probability with those of the confidence.
+    slope: f32,
+    /// Log-odds of the probability at a confidence of one half.
+    offset: f32,
+    /// Sentences with a smaller probability are not stated.
+    unsure_below: f32,
+}
+
+impl RecordedConfidence {
+    /// File in the folder of a model.
+    pub const FILE: &str = "confidence.toml";
+
+    /// Reads the file of a model.
+    ///
+    /// # Errors
+    /// TOML errors, missing keys, and values that are no probability or not finite.
+    pub fn from_toml(text: &str) -> Result<Self> {
+        let file: Self = toml::from_str(text).map_err(|e| Error::input(e.to_string()))?;
+        let is_valid = file.slope.is_finite()
+            && file.slope >= 0.0
+            && file.offset.is_finite()
+            && (0.0..=1.0).contains(&file.unsure_below);
+        match is_valid {
+            true => Ok(file),
+            false => Err(Error::input(
+                "`slope` must be at least 0, `offset` finite and `unsure_below` in 0..=1",
+            )),
+        }
+    }
+
+    /// Probability that a sentence with this confidence is right.
+    fn probability(&self, confidence: f32) -> f32 {
+        let p = confidence.clamp(1e-6, 1.0 - 1e-6);
+        let log_odds = self.offset + self.slope * (p / (1.0 - p)).ln();
+        1.0 / (1.0 + (-log_odds).exp())
+    }
+
+    /// Replaces the confidences of a description of a recorded clip, and the sentences that are too uncertain.
+    pub(crate) fn apply(&self, clip: &Clip, description: &mut Description) {
+        if clip.provenance.is_simulated() || description.abstained.is_some() {
+            return;
+        }
+        let mut stated: Vec<Segment> = Vec::new();
+        for mut segment in std::mem::take(&mut description.segments) {
+            segment.confidence = self.probability(segment.confidence);
+            if segment.confidence < self.unsure_below {
+                let sentence = visible(&clip.frames, segment.start_s, segment.end_s);
+                let guess = std::mem::replace(&mut segment.caption, sentence.into());
+                segment.actions.clear();
+                segment.guess = Some(guess);
+            }
+            match stated.last_mut() {
+                Some(last)
+                    if last.guess.is_some()
+                        && last.caption == segment.caption
+                        && last.end_s == segment.start_s =>
+                {
+                    // The guess of the longer part stands for both.
+                    let (first_s, second_s) =
+                        (last.end_s - last.start_s, segment.end_s - segment.start_s);
+                    let weight = (second_s / (first_s + second_s)) as f32;
+                    last.confidence += weight * (segment.confidence - last.confidence);
+                    last.end_s = segment.end_s;
+                    if second_s > first_s {
+                        last.guess = segment.guess;
+                    }
+                }
+                _ => stated.push(segment),
+            }
+        }
+        description.set_segments(stated);
+    }
+}
+
+/// What the points of a time show of any motion.
+fn visible(frames: &[PointFrame], start_s: f64, end_s: f64) -> &'static str {
+    let inside = |f: &&PointFrame| (start_s..end_s).contains(&f.time_s);
+    let mut seconds: Vec<Vec<[f32; 2]>> = Vec::new();
+    for frame in frames.iter().filter(inside) {
+        let second = (frame.time_s - start_s) as usize;
+        while seconds.len() <= second {
+            seconds.push(Vec::new());
+        }
+        seconds[second].extend(frame.points.iter().map(|p| [p.x_m, p.y_m]));
+    }
+    // The middle of the points of each second that has more than single ones.
+    let places: Vec<[f32; 2]> = seconds
+        .iter()
+        .filter(|points| points.len() >= 3)
+        .map(|points| [0, 1].map(|axis| quantile(points.iter().map(|p| p[axis]), 0.5)))
+        .collect();
+    let extent = |axis: usize| {
+        let values = || places.iter().map(|p| p[axis]);
+        quantile(values(), 1.0 - OUTSIDE) - quantile(values(), OUTSIDE)
+    };
+    match extent(0).hypot(extent(1)) > ABOUT_M {
+        true => "a person moves about",
+        false => "a person moves on the spot",
+    }
+}
+
+/// Quantile of values without interpolation; 0 without values.
+fn quantile(values: impl Iterator<Item = f32>, share: f32) -> f32 {
+    let mut values: Vec<f32> = values.collect();
+    values.sort_by(f32::total_cmp);
+    let last = values.len().saturating_sub(1);
+    values
+        .get((share * last as f32).round() as usize)
+        .copied()
+        .unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use radarllm_base::{Clutter, RadarPoint};
+
+    use super::*;
+
+    fn clip(speed_mps: f32, provenance: &str) -> Clip {
+        let frame = |i: u32| {
+            let y_m = 2.0 + speed_mps * i as f32 / 10.0;
+            let point = RadarPoint {
+                y_m,
+                range_m: y_m,
+                ..RadarPoint::default()
+            };
+            PointFrame {
+                frame: i,
+                time_s: f64::from(i) / 10.0,
+                points: vec![point; 5],
+            }
+        };
+        Clip {
+            frame_rate_hz: 10.0,
+            frames: (0..100).map(frame).collect(),
+            radar: "test".into(),
+            radar_height_m: 1.0,
+            provenance: provenance.parse().unwrap(),
+            clutter: Clutter::default(),
+        }
+    }
+
+    fn described(confidences: &[f32]) -> Description {
+        let segment = |(i, confidence): (usize, &f32)| Segment {
+            start_s: 5.0 * i as f64,
+            end_s: 5.0 * (i + 1) as f64,
+            caption: format!("a person squats {i}"),
+            actions: vec!["squat"],
+            confidence: *confidence,
+            taught: None,
+            guess: None,
+        };
+        let mut description = Description {
+            caption: String::new(),
+            confidence: 0.0,
+            tokens: Vec::new(),
+            seconds: 10.0,
+            windows: 1,
+            segments: Vec::new(),
+            choices: Vec::new(),
+            abstained: None,
+        };
+        description.set_segments(confidences.iter().enumerate().map(segment).collect());
+        description
+    }
+
+    const FILE: &str = "slope = 2.0\noffset = -1.0\nunsure_below = 0.25\n";
+
+    #[test]
+    fn uncertain_sentences_are_not_stated() {
+        let confidence = RecordedConfidence::from_toml(FILE).unwrap();
+        assert!((confidence.probability(0.5) - 1.0 / (1.0 + 1.0_f32.exp())).abs() < 1e-6);
+        let mut description = described(&[0.8, 0.3]);
+        confidence.apply(&clip(0.0, "recorded:uart:x"), &mut description);
+        let [sure, unsure] = &description.segments[..] else {
+            panic!("{description:?}")
+        };
+        assert_eq!(
+            (sure.caption.as_str(), &sure.guess),
+            ("a person squats 0", &None)
+        );
+        assert_eq!(unsure.caption, "a person moves on the spot");
+        assert_eq!(unsure.guess.as_deref(), Some("a person squats 1"));
+        assert!(unsure.actions.is_empty() && unsure.confidence < 0.25);
+
+        let mut description = described(&[0.3, 0.3]);
+        confidence.apply(&clip(0.4, "recorded:uart:x"), &mut description);
+        assert_eq!(description.caption, "a person moves about");
+        assert_eq!(description.segments.len(), 1);
+    }
+
+    #[test]
+    fn simulated_clips_keep_the_confidence_of_the_model() {
+        let confidence = RecordedConfidence::from_toml(FILE).unwrap();
+        let mut description = described(&[0.8, 0.3]);
+        let before = description.clone();
+        confidence.apply(&clip(0.0, "simulated:builtin:walk"), &mut description);
+        assert_eq!(description, before);
+    }
+
+    #[test]
+    fn files_with_other_contents_are_refused() {
+        for wrong in [
+            "",
+            "slope = 1.0",
+            "slope = -1.0\noffset = 0.0\nunsure_below = 0.2",
+            "slope = 1.0\noffset = nan\nunsure_below = 0.2",
+            "slope = 1.0\noffset = 0.0\nunsure_below = 2.0",
+            "slope = 1.0\noffset = 0.0\nunsure_below = 0.2\nmore = 1",
+        ] {
+            assert!(RecordedConfidence::from_toml(wrong).is_err(), "{wrong}");
+        }
+    }
+}
