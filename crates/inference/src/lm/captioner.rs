@@ -23,7 +23,7 @@ use crate::prepare::{FRAME_RATE_HZ, prepared};
 use crate::tokenizer::{Encoded, FRAMES_PER_CODE, MAX_FRAMES, RadarTokenizer};
 
 /// The sentences of this many windows before and after a window are readings of it.
-const N_NEAR: usize = 5;
+const N_NEAR: usize = 7;
 
 /// The caption of a clip that shows no person.
 pub const NO_PERSON: &str = "no person seen";
@@ -470,7 +470,7 @@ impl<'a> Windows<'a> {
         let mut best = 0;
         let all: Vec<(usize, usize)> = match windows.is_whole() {
             true => vec![(0, found)],
-            false => consensus::windows(found).collect(),
+            false => consensus::windows(found),
         };
         for (start, end) in all {
             let frames = &clip.frames[start..end];

@@ -1,18 +1,19 @@
 //! The sentences of overlapping windows, combined to segments.
 //!
-//! A recording that is longer than one window is described in windows of [`WINDOW_FRAMES`] every [`HOP_FRAMES`]. Each
-//! window has readings: its own sentence and those of the windows near it, with the probabilities that the model gives
-//! them for this window. Each hop is covered by up to three windows. A window votes for the clauses of its readings that
-//! cover the hop, with their probabilities as weights. The segments are the most probable sequence of clauses, in which
+//! A recording that is longer than one window is described in the windows of [`WINDOWS`]: short ones show changes, long
+//! ones more of what goes on. Each window has readings: its own sentence and those of the windows near it, with the
+//! probabilities that the model gives them for this window. Each hop of [`HOP_FRAMES`] is covered by up to six windows. A
+//! window votes for the clauses of its readings that cover the hop, with their probabilities as weights. The segments are the most probable sequence of clauses, in which
 //! every change has a price, so that a change must be seen in several windows (Viterbi algorithm).
 
 use radarllm_facts::{Clause, parse};
 
 use super::captioner::Segment;
+use crate::tokenizer::MAX_FRAMES;
 
-/// Length of a window, frames: 6 s.
-pub const WINDOW_FRAMES: usize = 60;
-/// Distance of two windows, frames: 2 s.
+/// Length and distance of windows, frames: 6 s every 2 s, and 9.6 s every 4 s.
+pub const WINDOWS: [(usize, usize); 2] = [(60, HOP_FRAMES), (MAX_FRAMES, 2 * HOP_FRAMES)];
+/// Resolution of the segments, frames: 2 s.
 pub const HOP_FRAMES: usize = 20;
 
 /// Actions that may take less than two hops.
@@ -60,14 +61,17 @@ impl Reading {
     }
 }
 
-/// First and last frame (exclusive) of every window of a recording. All windows have [`WINDOW_FRAMES`]; the last one ends
-/// with the recording.
-pub(crate) fn windows(n_frames: usize) -> impl Iterator<Item = (usize, usize)> {
-    let last = n_frames.saturating_sub(WINDOW_FRAMES);
-    (0..last)
-        .step_by(HOP_FRAMES)
-        .chain([last])
-        .map(move |start| (start, (start + WINDOW_FRAMES).min(n_frames)))
+/// First and last frame (exclusive) of every window of a recording, in order. The last window of each length ends with
+/// the recording.
+pub(crate) fn windows(n_frames: usize) -> Vec<(usize, usize)> {
+    let mut all: Vec<(usize, usize)> = Vec::new();
+    for (length, distance) in WINDOWS {
+        let last = n_frames.saturating_sub(length);
+        let starts = (0..last).step_by(distance).chain([last]);
+        all.extend(starts.map(|start| (start, (start + length).min(n_frames))));
+    }
+    all.sort_unstable();
+    all
 }
 
 /// The votes for a hop.
@@ -201,7 +205,7 @@ fn segment(content: &Clause, hops: &[Hop], [start_s, end_s]: [f64; 2]) -> Segmen
     Segment {
         start_s,
         end_s,
-        caption: match hops.len() > WINDOW_FRAMES / HOP_FRAMES {
+        caption: match hops.len() * HOP_FRAMES > MAX_FRAMES {
             // What a window counted is not the count of a longer time.
             true => clause.without_count().sentence(),
             false => clause.sentence(),
@@ -237,7 +241,7 @@ mod tests {
     fn windows_of(sentences: &[&str]) -> Vec<WindowReadings> {
         let sentence = |(i, text): (usize, &&str)| WindowReadings {
             start: i * HOP_FRAMES,
-            end: i * HOP_FRAMES + WINDOW_FRAMES,
+            end: i * HOP_FRAMES + WINDOWS[0].0,
             confidence: 0.6,
             readings: vec![Reading::new(text, 1.0)],
         };
@@ -255,19 +259,18 @@ mod tests {
 
     #[test]
     fn windows_cover_every_frame() {
-        for n in [61, 97, 100, 119, 120, 121, 601] {
-            let all: Vec<_> = windows(n).collect();
-            assert_eq!(all[0].0, 0, "{n}");
-            assert_eq!(all.last().unwrap().1, n, "{n}");
-            assert!(
-                all.iter().all(|(start, end)| end - start == WINDOW_FRAMES),
-                "{n}"
-            );
-            assert!(
-                all.windows(2)
-                    .all(|w| w[1].0 > w[0].0 && w[1].0 - w[0].0 <= HOP_FRAMES),
-                "{n}"
-            );
+        for n in [97, 100, 119, 120, 121, 601] {
+            let all = windows(n);
+            assert!(all.is_sorted(), "{n}");
+            for (length, distance) in WINDOWS {
+                let own: Vec<_> = all.iter().filter(|(a, b)| b - a == length).collect();
+                assert_eq!((own[0].0, own[own.len() - 1].1), (0, n), "{n}");
+                assert!(
+                    own.windows(2)
+                        .all(|w| w[1].0 > w[0].0 && w[1].0 - w[0].0 <= distance),
+                    "{n}"
+                );
+            }
         }
     }
 
