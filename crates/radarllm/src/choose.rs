@@ -106,24 +106,24 @@ impl Captioner {
         let texts: Vec<String> = activities.iter().flat_map(|(_, s)| s.clone()).collect();
         let scored = self.model().score_texts(clip, &texts, options);
         let windows = scored.map_err(Error::input)?;
-        // Windows overlap and err alike, so that their evidence is averaged instead of added.
-        let mut evidence = vec![0.0_f32; activities.len()];
+        // Windows overlap and err alike, so that their probabilities are averaged instead of multiplied.
+        let mut probability = vec![0.0_f32; activities.len()];
         let mut sums = vec![0.0_f32; texts.len()];
         for window in &windows {
             let mut rest = &window[..];
-            for ((_, sentences), evidence) in activities.iter().zip(&mut evidence) {
+            let mut evidence = Vec::with_capacity(activities.len());
+            for (_, sentences) in activities {
                 let (own, others) = rest.split_at(sentences.len());
-                *evidence += log_mean_exp(own) / windows.len() as f32;
+                evidence.push(log_mean_exp(own));
                 rest = others;
+            }
+            let total = log_mean_exp(&evidence) + (evidence.len() as f32).ln();
+            for (probability, evidence) in probability.iter_mut().zip(evidence) {
+                *probability += (evidence - total).exp() / windows.len() as f32;
             }
             sums.iter_mut().zip(window).for_each(|(s, p)| *s += p);
         }
-        let total = log_mean_exp(&evidence) + (evidence.len() as f32).ln();
-        let mut chosen: Vec<(usize, f32)> = evidence
-            .iter()
-            .map(|e| (e - total).exp())
-            .enumerate()
-            .collect();
+        let mut chosen: Vec<(usize, f32)> = probability.into_iter().enumerate().collect();
         chosen.sort_by(|a, b| b.1.total_cmp(&a.1));
         let (best, probability) = chosen[0];
         let first: usize = activities[..best].iter().map(|(_, s)| s.len()).sum();
