@@ -241,7 +241,7 @@ mod tests {
         let together = captioner.describe_batch(&batch, &options).unwrap();
         assert_eq!(
             together.iter().map(|d| d.windows).collect::<Vec<_>>(),
-            [1, 8, 0]
+            [1, 12, 0]
         );
         assert_eq!(
             together.iter().map(|d| d.tokens.len()).collect::<Vec<_>>(),
@@ -365,7 +365,7 @@ mod tests {
         let engine = Captioner::load(&dir, Precision::F32).unwrap();
         let mut long = clip(60, 40);
         long.frames.extend(clip(150, 20).frames);
-        // A recording of several windows, of which one shows a person.
+        // A recording of several windows, of which the first short one and the first long one show a person.
         let mut leaves = clip(120, 40);
         leaves.frames[20..]
             .iter_mut()
@@ -373,7 +373,7 @@ mod tests {
         let described = engine
             .describe(&leaves, &DescribeOptions::default())
             .unwrap();
-        assert_eq!(described.windows, 1);
+        assert_eq!(described.windows, 2);
         for beam in [1, 3] {
             let options = DescribeOptions {
                 beam,

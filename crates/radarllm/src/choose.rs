@@ -82,9 +82,11 @@ impl Choices {
     }
 }
 
-/// Whether an action is the wanted one, with its side and direction if they are given.
+/// Whether an action is the wanted one, with its side and direction if they are given. Walking without a direction is
+/// also walking back and forth or in a circle.
 fn states(stated: &Action, wanted: &Action) -> bool {
-    stated.name == wanted.name
+    let is_walking = wanted.name == "walk" && wanted.direction.is_none();
+    (stated.name == wanted.name || is_walking && ["pace", "circle"].contains(&stated.name))
         && (wanted.side.is_none() || stated.side == wanted.side)
         && (wanted.direction.is_none() || stated.direction == wanted.direction)
 }
@@ -182,8 +184,14 @@ mod tests {
         let names = ["punch", "jumping_jack", "jump", "squat", "walk", "wave"];
         for ((activity, sentences), name) in choices.activities.iter().zip(names) {
             assert!(sentences.len() >= 8, "{activity}: {sentences:?}");
+            let names = match name {
+                "walk" => &["walk", "pace", "circle"][..],
+                _ => &[name],
+            };
             assert!(
-                sentences.iter().all(|s| actions(s) == [name]),
+                sentences
+                    .iter()
+                    .all(|s| matches!(&actions(s)[..], [a] if names.contains(a))),
                 "{activity}: {sentences:?}"
             );
         }
