@@ -63,7 +63,7 @@ pub fn make_record(
         objects.draw(height_m, derive_seed(seed, "objects"))
     });
     let [low_db, high_db] = config.threshold_offset_db;
-    if low_db != high_db || low_db != 0.0 {
+    if config.threshold_offset_db != [0.0, 0.0] {
         let mut rng = ChaCha8Rng::seed_from_u64(derive_seed(seed, "threshold"));
         let offset_db = low_db + (high_db - low_db) * rng.random::<f64>();
         let mut dsp = config.processing.resolve(synthesizer.radar());

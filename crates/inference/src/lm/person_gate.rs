@@ -12,7 +12,7 @@ const LEAST_TOGETHER: usize = 5;
 
 /// Minimum number of points of a window in one place, where fewer than [`LEAST_TOGETHER`] come in a second. Firmware with
 /// a high threshold reports as few of people who exercise in place.
-const LEAST_IN_PLACE: usize = 10;
+const LEAST_IN_PLACE: usize = 11;
 /// Minimum share of them near their centre. Of false alarms, about 5 % are.
 const SHARE_IN_PLACE: f32 = 0.7;
 
@@ -113,7 +113,7 @@ mod tests {
     #[test]
     fn a_person_who_is_seen_in_few_seconds_is_none_and_nothing_is_nothing() {
         // Points in one of six seconds only.
-        let brief = window(60, |i| if i < 9 { vec![at(0.0, 2.0)] } else { vec![] });
+        let brief = window(60, |i| if i < 10 { vec![at(0.0, 2.0)] } else { vec![] });
         assert!(!points_stay_together(&brief));
         assert!(!points_stay_together(&window(60, |_| vec![])));
         assert!(!points_stay_together(&[]));

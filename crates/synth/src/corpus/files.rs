@@ -110,12 +110,13 @@ impl MotionFiles {
                 })
             })
             .collect();
+        let skipped = unlabelled(&folder, &lines)?;
         let mut corpus = Self {
             config: config.clone(),
             folder,
             items: Vec::new(),
             lines: Vec::new(),
-            skipped: unlabelled(&base.join(&config.path), &lines)?,
+            skipped,
         };
         let mut ids = HashSet::new();
         let mut contents: HashMap<u64, String> = HashMap::new();
@@ -316,11 +317,14 @@ fn unlabelled(folder: &Path, lines: &[CaptionLine]) -> Result<Vec<FailedItem>, C
     let mut open = vec![folder.to_path_buf()];
     while let Some(at) = open.pop() {
         for entry in fs::read_dir(&at).map_err(io_error(&at))? {
-            let path = entry.map_err(io_error(&at))?.path();
+            let entry = entry.map_err(io_error(&at))?;
+            let path = entry.path();
+            // The type of a link is not that of its target, so that links cannot form circles.
+            let is_folder = entry.file_type().map_err(io_error(&at))?.is_dir();
             let is_motion = path
                 .extension()
                 .is_some_and(|e| EXTENSIONS.iter().any(|known| e == *known));
-            if path.is_dir() {
+            if is_folder {
                 open.push(path);
             } else if is_motion && !named.contains(&path) {
                 let id = path.strip_prefix(folder).unwrap_or(&path);
