@@ -41,7 +41,7 @@
 //! # Ok::<(), radarllm_teach::TeachError>(())
 //! ```
 //!
-//! Reading order: [`features`] (a window of points to 90 numbers), [`memory`] (examples and their file), [`recogniser`]
+//! Reading order: [`features`] (a window of points to 126 numbers), [`memory`] (examples and their file), [`recogniser`]
 //! (what fits, and what does not).
 
 pub mod features;

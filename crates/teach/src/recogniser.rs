@@ -3,7 +3,7 @@
 //! Windows are compared as running means of [`N_MEAN`] windows, because the mean of an activity over ten seconds varies
 //! less than a single window. The distance of a mean to an activity is the Mahalanobis distance with the covariance of
 //! windows within activities, pooled over all of them and shrunk towards a multiple of the identity, because a few
-//! recordings do not determine 90 x 90 numbers (regularised discriminant analysis, Friedman, JASA 1989).
+//! recordings do not determine 126 x 126 numbers (regularised discriminant analysis, Friedman, JASA 1989).
 //!
 //! An activity is recognised only if the distance is not much larger than that of examples to their own activities,
 //! each compared with the others. Without this limit a memory of two activities would recognise one of them in
