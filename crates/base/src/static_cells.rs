@@ -14,36 +14,55 @@ const EDGE_M: f32 = 0.3;
 const SHARE: f32 = 1.0 / 3.0;
 /// Points of a static cell with a smaller speed are static, m/s: one Doppler bin of radars that resolve slow motion.
 const SLOW_MPS: f32 = 0.2;
+/// Share of the frames with points in the Doppler bins beside zero above which these are leakage of the static echo, for
+/// bins that are wider than [`SLOW_MPS`]. A person who moves in a cell leaves such points in fewer frames.
+const LEAK_SHARE: f32 = 2.0 / 3.0;
+/// Fewer frames do not tell leakage from a person.
+const MIN_FRAMES: usize = 20;
+/// Rounding of recorded speeds.
+const ROUNDING: f32 = 1.1;
 
 /// Cells of 0.3 m that have points below [`STATIC_SPEED_MPS`] in more than a third of the frames.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct StaticCells(HashSet<[i32; 3]>);
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StaticCells {
+    cells: HashSet<[i32; 3]>,
+    /// Those whose echo leaks into the Doppler bins beside zero in most frames.
+    leaking: HashSet<[i32; 3]>,
+    /// Largest speed in the Doppler bins beside zero, m/s; 0 if all points are static.
+    one_bin_mps: f32,
+}
 
 impl StaticCells {
     /// Finds the static cells of a recording.
     pub fn of(frames: &[PointFrame]) -> Self {
-        let mut counts: HashMap<[i32; 3], usize> = HashMap::new();
-        let mut seen = HashSet::new();
-        for frame in frames {
-            seen.clear();
-            for point in frame.points.iter().filter(|p| is_still(p)) {
-                let cell = cell(point);
-                if seen.insert(cell) {
-                    *counts.entry(cell).or_default() += 1;
-                }
-            }
+        let speeds = frames
+            .iter()
+            .flat_map(|f| &f.points)
+            .filter(|p| !is_still(p))
+            .map(|p| p.velocity_mps.abs());
+        let one_bin_mps = match speeds.fold(f32::INFINITY, f32::min) {
+            f32::INFINITY => 0.0,
+            slowest_mps => slowest_mps * ROUNDING,
+        };
+        let cells = held(frames, SHARE, is_still);
+        let is_beside_zero = |p: &RadarPoint| !is_still(p) && p.velocity_mps.abs() <= one_bin_mps;
+        let mut leaking = held(frames, LEAK_SHARE, is_beside_zero);
+        leaking.retain(|cell| cells.contains(cell) && frames.len() >= MIN_FRAMES);
+        Self {
+            cells,
+            leaking,
+            one_bin_mps,
         }
-        let least = SHARE * frames.len() as f32;
-        let cells = counts.into_iter().filter(|(_, n)| *n as f32 > least);
-        Self(cells.map(|(cell, _)| cell).collect())
     }
 
-    /// Whether a point is static: slower than [`STATIC_SPEED_MPS`], or slow and in a static cell.
+    /// Whether a point is static: slower than [`STATIC_SPEED_MPS`], or slow and in a static cell, or in the Doppler bins
+    /// beside zero of a cell that leaks into them.
     pub fn is_static(&self, point: &RadarPoint) -> bool {
+        let speed_mps = point.velocity_mps.abs();
+        let is_in = |cells: &HashSet<[i32; 3]>| !cells.is_empty() && cells.contains(&cell(point));
         is_still(point)
-            || (point.velocity_mps.abs() < SLOW_MPS
-                && !self.0.is_empty()
-                && self.0.contains(&cell(point)))
+            || (speed_mps < SLOW_MPS && is_in(&self.cells))
+            || (speed_mps <= self.one_bin_mps && is_in(&self.leaking))
     }
 
     /// Removes the static points.
@@ -52,6 +71,28 @@ impl StaticCells {
             frame.points.retain(|p| !self.is_static(p));
         }
     }
+}
+
+/// Cells with points of a kind in more than a share of the frames.
+fn held(
+    frames: &[PointFrame],
+    share: f32,
+    is_counted: impl Fn(&RadarPoint) -> bool,
+) -> HashSet<[i32; 3]> {
+    let mut counts: HashMap<[i32; 3], usize> = HashMap::new();
+    let mut seen = HashSet::new();
+    for frame in frames {
+        seen.clear();
+        for point in frame.points.iter().filter(|p| is_counted(p)) {
+            let cell = cell(point);
+            if seen.insert(cell) {
+                *counts.entry(cell).or_default() += 1;
+            }
+        }
+    }
+    let least = share * frames.len() as f32;
+    let cells = counts.into_iter().filter(|(_, n)| *n as f32 > least);
+    cells.map(|(cell, _)| cell).collect()
 }
 
 fn is_still(point: &RadarPoint) -> bool {
@@ -100,6 +141,29 @@ mod tests {
         }
     }
 
+    /// A radar with Doppler bins of 0.5 m/s: a wall that leaks in every frame, and somebody in place who moves in every
+    /// other frame.
+    #[test]
+    fn wide_bins_beside_zero_are_leakage_where_they_are_always_held() {
+        let frame = |i: u32| PointFrame {
+            frame: i,
+            time_s: f64::from(i) / 10.0,
+            points: vec![
+                point(1.0, 0.0),
+                point(1.0, 0.5),
+                point(1.0, 1.0),
+                point(-1.0, 0.0),
+                point(-1.0, if i % 2 == 0 { -0.5 } else { 1.0 }),
+            ],
+        };
+        let mut frames: Vec<PointFrame> = (0..20).map(frame).collect();
+        StaticCells::of(&frames).remove(&mut frames);
+        for (i, frame) in frames.iter().enumerate() {
+            let person = point(-1.0, if i % 2 == 0 { -0.5 } else { 1.0 });
+            assert_eq!(frame.points, [point(1.0, 1.0), person]);
+        }
+    }
+
     #[test]
     fn without_static_points_everything_stays() {
         let frame = PointFrame {
@@ -110,7 +174,8 @@ mod tests {
         let before = frames.clone();
         let cells = StaticCells::of(&frames);
         cells.remove(&mut frames);
-        assert_eq!((cells, frames), (StaticCells::default(), before));
+        assert!(cells.cells.is_empty());
+        assert_eq!(frames, before);
         StaticCells::of(&[]).remove(&mut []);
     }
 }
