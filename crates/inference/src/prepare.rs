@@ -73,8 +73,8 @@ pub enum PrepareError {
 /// Prepares a clip for the model: removes the static clutter of an [`Clutter::Unchecked`] recording, and resamples a
 /// frame rate that differs from [`FRAME_RATE_HZ`] by more than [`RATE_TOLERANCE`].
 ///
-/// The prepared clip is [`Clutter::Settled`], and preparing it again changes nothing. Simulated clips keep all their
-/// points, because the simulated radar has already removed static clutter.
+/// The prepared clip is [`Clutter::Settled`], and preparing it again changes nothing. The points of the
+/// project's own chain are hardly ever static, so that simulated clips lose some only if their firmware reports the room.
 ///
 /// ```
 /// use radarllm_base::{Clip, Clutter, PointFrame};
@@ -138,7 +138,7 @@ pub fn prepared(clip: &Clip) -> Result<Cow<'_, Clip>, PrepareError> {
 }
 
 fn removes_static(clip: &Clip) -> bool {
-    clip.clutter == Clutter::Unchecked && !clip.provenance.is_simulated()
+    clip.clutter == Clutter::Unchecked
 }
 
 fn is_other_rate(frame_rate_hz: f64) -> bool {
@@ -228,18 +228,21 @@ mod tests {
     }
 
     #[test]
-    fn static_clutter_of_recordings_is_removed_and_of_simulations_kept() {
+    fn static_clutter_is_removed_unless_it_is_settled() {
         let velocities = [0.0, 0.0, 0.01, 0.8];
         let prepared = prepare(recorded(10.0, &velocities));
         assert_eq!(prepared.clip, settled(recorded(10.0, &[0.8])));
         let removed = prepared.removed_static.unwrap();
         assert_eq!((removed.n_static, removed.n_points), (30, 40));
-        let simulated = clip(10.0, &velocities, Provenance::simulated("builtin:walk", 1));
-        let prepared = prepare(simulated.clone());
-        assert_eq!(
-            (prepared.clip, prepared.removed_static),
-            (settled(simulated), None)
-        );
+        // Simulated firmware may report the room, too; the project's own chain reports few static points.
+        let simulated =
+            |velocities: &[f32]| clip(10.0, velocities, Provenance::simulated("builtin:walk", 1));
+        let prepared = prepare(simulated(&velocities));
+        assert_eq!(prepared.clip, settled(simulated(&[0.8])));
+        let mostly_moving = [0.0, 0.3, 0.8];
+        let prepared = prepare(simulated(&mostly_moving));
+        assert_eq!(prepared.clip, settled(simulated(&mostly_moving)));
+        assert_eq!(prepared.removed_static, None);
         let all = settled(recorded(10.0, &velocities));
         let kept = prepare(all.clone());
         assert_eq!((kept.clip, kept.removed_static), (all, None));
