@@ -153,13 +153,13 @@ mod tests {
                 point(1.0, 0.5),
                 point(1.0, 1.0),
                 point(-1.0, 0.0),
-                point(-1.0, if i % 2 == 0 { -0.5 } else { 1.0 }),
+                point(-1.0, if i.is_multiple_of(2) { -0.5 } else { 1.0 }),
             ],
         };
         let mut frames: Vec<PointFrame> = (0..20).map(frame).collect();
         StaticCells::of(&frames).remove(&mut frames);
         for (i, frame) in frames.iter().enumerate() {
-            let person = point(-1.0, if i % 2 == 0 { -0.5 } else { 1.0 });
+            let person = point(-1.0, if i.is_multiple_of(2) { -0.5 } else { 1.0 });
             assert_eq!(frame.points, [point(1.0, 1.0), person]);
         }
     }
