@@ -124,8 +124,9 @@ impl Clip {
         if std::mem::replace(&mut self.clutter, Clutter::Settled) == Clutter::Settled {
             return None;
         }
-        let clutter = self.static_clutter()?;
-        StaticCells::of(&self.frames).remove(&mut self.frames);
+        let cells = StaticCells::of(&self.frames);
+        let clutter = cells.clutter(&self.frames)?;
+        cells.remove(&mut self.frames);
         Some(clutter)
     }
 }
@@ -142,11 +143,7 @@ pub struct StaticClutter {
 impl StaticClutter {
     /// Counts static points. Returns `None` if they are no more than half of all points.
     pub fn of(frames: &[PointFrame]) -> Option<Self> {
-        let points = || frames.iter().flat_map(|f| &f.points);
-        let cells = StaticCells::of(frames);
-        let n_static = points().filter(|p| cells.is_static(p)).count();
-        let n_points = points().count();
-        (2 * n_static > n_points).then_some(Self { n_static, n_points })
+        StaticCells::of(frames).clutter(frames)
     }
 }
 

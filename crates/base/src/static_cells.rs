@@ -4,19 +4,22 @@
 //! one Doppler bin to either side, through the main lobe of the Doppler window. These points do not move, although their
 //! speed is not zero. A recording shows where they are: their places have static points in most of its frames.
 
-use std::collections::{HashMap, HashSet};
+use std::{
+    collections::{HashMap, HashSet},
+    hash::Hash,
+};
 
-use crate::{PointFrame, RadarPoint, STATIC_SPEED_MPS};
+use crate::{PointFrame, RadarPoint, STATIC_SPEED_MPS, StaticClutter};
 
 /// Edge of a cell, m.
 const EDGE_M: f32 = 0.3;
 /// Share of the frames with static points above which a cell is static.
-const SHARE: f32 = 1.0 / 3.0;
+const SHARE: f64 = 1.0 / 3.0;
 /// Points of a static cell with a smaller speed are static, m/s: one Doppler bin of radars that resolve slow motion.
 const SLOW_MPS: f32 = 0.2;
 /// Share of the frames with points in the Doppler bins beside zero above which these are leakage of the static echo, for
 /// bins that are wider than [`SLOW_MPS`]. A person who moves in a cell leaves such points in fewer frames.
-const LEAK_SHARE: f32 = 2.0 / 3.0;
+const LEAK_SHARE: f64 = 2.0 / 3.0;
 /// Fewer frames do not tell leakage from a person.
 const MIN_FRAMES: usize = 20;
 /// Rounding of recorded speeds.
@@ -44,10 +47,14 @@ impl StaticCells {
             f32::INFINITY => 0.0,
             slowest_mps => slowest_mps * ROUNDING,
         };
-        let cells = held(frames, SHARE, is_still);
+        let cells = held_cells(frames, SHARE, |p| is_still(p).then(|| cell(p)));
         let is_beside_zero = |p: &RadarPoint| !is_still(p) && p.velocity_mps.abs() <= one_bin_mps;
-        let mut leaking = held(frames, LEAK_SHARE, is_beside_zero);
-        leaking.retain(|cell| cells.contains(cell) && frames.len() >= MIN_FRAMES);
+        let leaking_cell =
+            |p: &RadarPoint| Some(cell(p)).filter(|c| is_beside_zero(p) && cells.contains(c));
+        let leaking = match frames.len() < MIN_FRAMES {
+            true => HashSet::new(),
+            false => held_cells(frames, LEAK_SHARE, leaking_cell),
+        };
         Self {
             cells,
             leaking,
@@ -59,10 +66,17 @@ impl StaticCells {
     /// beside zero of a cell that leaks into them.
     pub fn is_static(&self, point: &RadarPoint) -> bool {
         let speed_mps = point.velocity_mps.abs();
-        let is_in = |cells: &HashSet<[i32; 3]>| !cells.is_empty() && cells.contains(&cell(point));
         is_still(point)
-            || (speed_mps < SLOW_MPS && is_in(&self.cells))
-            || (speed_mps <= self.one_bin_mps && is_in(&self.leaking))
+            || (speed_mps < SLOW_MPS && self.cells.contains(&cell(point)))
+            || (speed_mps <= self.one_bin_mps && self.leaking.contains(&cell(point)))
+    }
+
+    /// Counts the static points of the frames. Returns `None` if they are no more than half of all points.
+    pub fn clutter(&self, frames: &[PointFrame]) -> Option<StaticClutter> {
+        let points = || frames.iter().flat_map(|f| &f.points);
+        let n_static = points().filter(|p| self.is_static(p)).count();
+        let n_points = points().count();
+        (2 * n_static > n_points).then_some(StaticClutter { n_static, n_points })
     }
 
     /// Removes the static points.
@@ -73,26 +87,25 @@ impl StaticCells {
     }
 }
 
-/// Cells with points of a kind in more than a share of the frames.
-fn held(
+/// Cells that have points in more than a share of the frames. `cell` is the cell of a point that counts.
+pub fn held_cells<C: Copy + Eq + Hash>(
     frames: &[PointFrame],
-    share: f32,
-    is_counted: impl Fn(&RadarPoint) -> bool,
-) -> HashSet<[i32; 3]> {
-    let mut counts: HashMap<[i32; 3], usize> = HashMap::new();
+    share: f64,
+    cell: impl Fn(&RadarPoint) -> Option<C>,
+) -> HashSet<C> {
+    let mut counts: HashMap<C, usize> = HashMap::new();
     let mut seen = HashSet::new();
     for frame in frames {
         seen.clear();
-        for point in frame.points.iter().filter(|p| is_counted(p)) {
-            let cell = cell(point);
+        for cell in frame.points.iter().filter_map(&cell) {
             if seen.insert(cell) {
                 *counts.entry(cell).or_default() += 1;
             }
         }
     }
-    let least = share * frames.len() as f32;
-    let cells = counts.into_iter().filter(|(_, n)| *n as f32 > least);
-    cells.map(|(cell, _)| cell).collect()
+    let least = share * frames.len() as f64;
+    let held = counts.into_iter().filter(|(_, n)| *n as f64 > least);
+    held.map(|(cell, _)| cell).collect()
 }
 
 fn is_still(point: &RadarPoint) -> bool {

@@ -253,6 +253,12 @@ impl Command {
     pub fn whole(&self, index: usize, what: &str, range: Range<u32>) -> Result<u32, TiCfgError> {
         self.arg(index, what)?.whole(what, range)
     }
+
+    /// Whether `clutterRemoval` enables it. Older files have no leading sub-frame number.
+    pub fn clutter_removal(&self) -> Result<bool, TiCfgError> {
+        let index = self.args.len().saturating_sub(1).min(1);
+        Ok(self.whole(index, "enabled", 0..2)? == 1)
+    }
 }
 
 struct Profile {
@@ -414,9 +420,7 @@ impl File {
                 };
             }
             "clutterRemoval" => {
-                // Older files have no leading sub-frame number.
-                let index = command.args.len().saturating_sub(1).min(1);
-                self.clutter = Some(command.whole(index, "enabled", 0..2)? == 1);
+                self.clutter = Some(command.clutter_removal()?);
             }
             "lvdsStreamCfg" => {
                 self.lvds = Some(command.whole(2, "data format", 0..8)? == 1);

@@ -68,30 +68,30 @@ impl TiDetection {
     /// [`TiCfgError::Line`] for values out of range, and for `cfarCfg` in the forms of SDK 1 and 2, whose thresholds
     /// have another unit; [`TiCfgError::Missing`] if `cfarCfg` is absent for range or Doppler.
     pub fn from_ti_cfg(text: &str) -> Result<Self, TiCfgError> {
-        let mut cfar = [None; 2];
-        let (mut clutter_removal, mut limits) = (false, [None; 2]);
-        let (mut azimuth_deg, mut elevation_deg) = (None, None);
+        let (mut cfar, mut limits, mut angles_deg) = ([None; 2], [None; 2], [None; 2]);
+        let mut clutter_removal = false;
         for (i, raw) in text.lines().enumerate() {
             let Some(command) = Command::of_line(i + 1, raw) else {
                 continue;
             };
             match command.name.text.as_str() {
-                "flushCfg" => (cfar, clutter_removal, limits) = ([None; 2], false, [None; 2]),
+                "flushCfg" => {
+                    (cfar, limits, angles_deg) = ([None; 2], [None; 2], [None; 2]);
+                    clutter_removal = false;
+                }
                 "cfarCfg" => {
                     let (direction, pass) = read_cfar(&command)?;
                     cfar[direction] = Some(pass);
                 }
                 "clutterRemoval" => {
-                    let index = command.args.len().saturating_sub(1).min(1);
-                    clutter_removal = command.whole(index, "enabled", 0..2)? == 1;
+                    clutter_removal = command.clutter_removal()?;
                 }
                 "cfarFovCfg" => {
                     let direction = command.whole(1, "direction", 0..2)? as usize;
                     limits[direction] = Some(interval(&command, 2)?);
                 }
                 "aoaFovCfg" => {
-                    azimuth_deg = Some(interval(&command, 1)?);
-                    elevation_deg = Some(interval(&command, 3)?);
+                    angles_deg = [interval(&command, 1)?, interval(&command, 3)?].map(Some);
                 }
                 _ => {}
             }
@@ -105,8 +105,8 @@ impl TiDetection {
             clutter_removal,
             range_m: limits[0],
             velocity_mps: limits[1],
-            azimuth_deg,
-            elevation_deg,
+            azimuth_deg: angles_deg[0],
+            elevation_deg: angles_deg[1],
         })
     }
 }
@@ -190,6 +190,17 @@ mod tests {
                 azimuth_deg: Some([-80.0, 70.0]),
                 elevation_deg: Some([-20.0, 30.0]),
             }
+        );
+    }
+
+    #[test]
+    fn flush_cfg_discards_all_commands_before_it() {
+        let before =
+            "clutterRemoval -1 1\naoaFovCfg -1 -80 70 -20 30\ncfarFovCfg -1 0 0.2 8.92\nflushCfg\n";
+        let after = format!("{RANGE}{DOPPLER}");
+        assert_eq!(
+            TiDetection::from_ti_cfg(&format!("{before}{after}")),
+            TiDetection::from_ti_cfg(&after)
         );
     }
 

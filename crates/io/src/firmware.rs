@@ -27,7 +27,7 @@ impl OutOfBoxFirmware {
     /// Reads the detection commands of a radar's chirp configuration.
     ///
     /// # Errors
-    /// A radar that is no chirp configuration, and detection commands that are absent or malformed.
+    /// A radar that is no chirp configuration, and detection commands that are absent, malformed or not modelled.
     pub fn of(radar: &OpenedRadar) -> Result<Self> {
         let RadarSource::TiCfg(text) = &radar.source else {
             return Err(Error::input(
@@ -36,6 +36,11 @@ impl OutOfBoxFirmware {
         };
         let detection = TiDetection::from_ti_cfg(text).map_err(Error::input)?;
         let (range, doppler) = (detection.range_cfar, detection.doppler_cfar);
+        if range.is_cyclic || !doppler.is_cyclic || doppler.mode != TiCfarMode::Both {
+            return Err(Error::input(
+                "`cfarCfg` is modelled as the demo's own files state it: along range without wrapping around (cyclic mode 0), along Doppler with wrapping around (cyclic mode 1) and the mean of both sides (averaging mode 0)",
+            ));
+        }
         let mut chain = DspOptions::ti_demo(radar.config.n_samples);
         chain.detector = Detector::LogCfar {
             guard: range.guard,
@@ -141,6 +146,23 @@ mod tests {
         };
         firmware.limit(&mut frame);
         assert_eq!(frame.points, [kept]);
+    }
+
+    #[test]
+    fn passes_of_cfar_that_are_not_modelled_are_refused() {
+        for (stated, other) in [
+            ("cfarCfg -1 0 2 8 4 3 0", "cfarCfg -1 0 2 8 4 3 1"),
+            ("cfarCfg -1 1 0 4 2 3 1", "cfarCfg -1 1 0 4 2 3 0"),
+            ("cfarCfg -1 1 0 4 2 3 1", "cfarCfg -1 1 2 4 2 3 1"),
+        ] {
+            let radar =
+                open_radar_text(Path::new("demo.cfg"), &CFG.replace(stated, other)).unwrap();
+            let error = OutOfBoxFirmware::of(&radar).unwrap_err();
+            assert!(
+                error.to_string().contains("cyclic mode"),
+                "{other}: {error}"
+            );
+        }
     }
 
     #[test]

@@ -24,7 +24,8 @@
 //!
 //! Reading order: [`recording`] (any recording to points), [`options`], [`radar`] (radar descriptions), [`points`]
 //! (formats of points), `visualizer` (folders of TI's visualizers), [`samples`] and [`layout`] (raw samples),
-//! `npy_cubes`, [`cleaning`] (background and leakage), [`firmware`] (the signal chain of a board's own firmware), [`serial`], [`udp`], [`error`].
+//! `npy_cubes`, [`cleaning`] (background and leakage), [`firmware`] (the signal chain of a board's own firmware),
+//! [`serial`], [`udp`], [`error`].
 
 pub mod cleaning;
 pub mod error;

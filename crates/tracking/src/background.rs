@@ -1,8 +1,8 @@
 //! Background subtraction: removes the points that the empty room also produces.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashSet;
 
-use radarllm_base::{PointFrame, RadarPoint};
+use radarllm_base::{PointFrame, RadarPoint, static_cells::held_cells};
 
 use crate::{OptionError, within};
 
@@ -45,22 +45,10 @@ impl PointBackground {
         within("cell_m", options.cell_m, 0.01, 10.0, "0.01 to 10 m")?;
         within("cell_mps", options.cell_mps, 0.01, 10.0, "0.01 to 10 m/s")?;
         within("share", options.share, 0.0, 1.0, "0 to 1")?;
-        let mut counts: HashMap<[i32; 4], usize> = HashMap::new();
-        let mut seen = HashSet::new();
-        for frame in frames {
-            seen.clear();
-            for point in &frame.points {
-                let cell = cell(&options, point);
-                if seen.insert(cell) {
-                    *counts.entry(cell).or_default() += 1;
-                }
-            }
-        }
-        let least = options.share * frames.len() as f64;
-        let cells = counts.into_iter().filter(|(_, n)| *n as f64 > least);
+        let cells = held_cells(frames, options.share, |p| Some(cell(&options, p)));
         Ok(Self {
             options,
-            cells: cells.map(|(cell, _)| cell).collect(),
+            cells,
             n_frames: frames.len(),
         })
     }

@@ -54,13 +54,17 @@ pub struct Person {
 /// # Errors
 /// If an option is out of range.
 pub fn find_people(clip: &mut Clip, options: &PeopleOptions) -> Result<People, OptionError> {
-    let excluded = match clip.clutter {
-        Clutter::Settled => None,
-        Clutter::Unchecked => clip.static_clutter(),
-    };
     let frames = clip.frames.as_mut_slice();
+    let (cells, excluded) = match clip.clutter {
+        Clutter::Settled => (StaticCells::default(), None),
+        Clutter::Unchecked => {
+            let cells = StaticCells::of(frames);
+            let excluded = cells.clutter(frames);
+            (cells, excluded)
+        }
+    };
     let mut tracks = match excluded {
-        Some(_) => track_moving(frames, &options.track)?,
+        Some(_) => track_moving(frames, &cells, &options.track)?,
         None => track(frames, &options.track)?,
     };
     let mut ghosts = Vec::new();
@@ -82,8 +86,11 @@ pub fn find_people(clip: &mut Clip, options: &PeopleOptions) -> Result<People, O
 }
 
 /// Tracks people by the points that are not static. The indices of the tracks are those of all points.
-fn track_moving(frames: &[PointFrame], options: &TrackOptions) -> Result<Vec<Track>, OptionError> {
-    let cells = StaticCells::of(frames);
+fn track_moving(
+    frames: &[PointFrame],
+    cells: &StaticCells,
+    options: &TrackOptions,
+) -> Result<Vec<Track>, OptionError> {
     let moving: Vec<Vec<u32>> = frames
         .iter()
         .map(|frame| {

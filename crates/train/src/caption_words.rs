@@ -85,20 +85,26 @@ impl CaptionWords {
         targets
     }
 
-    /// Binary cross-entropy per clip, summed over words, nats.
+    /// Rows of the words "left" and "right".
+    pub fn sides(&self) -> Vec<usize> {
+        let rows = ["left", "right"].map(|side| self.index.get(side).copied());
+        rows.into_iter().flatten().collect()
+    }
+
+    /// Binary cross-entropy of each word of each clip, nats.
     ///
     /// # Shapes
     /// - `logits`: `[codes of all clips, words]`, clip by clip, without the prior
     /// - `n_codes`: codes of each clip, each at least 1
     /// - `targets`: `[clip][word]` flattened
-    /// - returns: `[1]`
-    pub fn loss(
+    /// - returns: `[clips, words]`
+    pub fn losses(
         &self,
         logits: Tensor<2>,
         n_codes: &[usize],
         targets: Vec<f32>,
         device: &Device,
-    ) -> Tensor<1> {
+    ) -> Tensor<2> {
         let (n_clips, n_words) = (n_codes.len(), self.len());
         let longest = n_codes.iter().copied().max().unwrap_or(1);
         let (mut rows, mut bias) = (Vec::new(), Vec::new());
@@ -124,7 +130,7 @@ impl CaptionWords {
         // -t ln s(x) - (1 - t) ln(1 - s(x)) = max(x, 0) - x t + ln(1 + exp(-|x|)). The last term is -ln s(|x|), and
         // s(|x|) is at least 0.5.
         let tail = sigmoid(x.clone().abs()).log();
-        (x.clone().clamp_min(0.0) - x * t - tail).sum() / n_clips.max(1) as f64
+        x.clone().clamp_min(0.0) - x * t - tail
     }
 }
 
@@ -196,7 +202,7 @@ mod tests {
             }
         }
         let logits = Tensor::<2>::from_data(TensorData::new(flat, [4, n]), &device);
-        let loss = words.loss(logits, &n_codes, targets, &device);
+        let loss = words.losses(logits, &n_codes, targets, &device).sum() / 2.0;
         let found = f64::from(loss.into_scalar::<f32>());
         assert!(
             (found - expected).abs() < 1e-4 * expected,

@@ -266,17 +266,15 @@ impl<'a> TokenizerStage<'a> {
                 Some(quantized) => vec![z, quantized],
                 None => vec![z],
             };
+        let [words, sides] = self.word_losses(model, &predictors, samples, &device);
         let terms = [
             (
                 ["guidance", "guidance_codes"],
                 loss.guidance_weight,
                 self.guidance(model, &predictors, samples, &device),
             ),
-            (
-                ["words", "words_codes"],
-                loss.words_weight,
-                self.word_loss(model, &predictors, samples, &device),
-            ),
+            (["words", "words_codes"], loss.words_weight, words),
+            (["sides", "sides_codes"], loss.sides_weight, sides),
             (
                 ["motion_code", "motion_code_codes"],
                 loss.motion_codes_weight,
@@ -367,27 +365,36 @@ impl<'a> TokenizerStage<'a> {
             .collect()
     }
 
-    /// Cross-entropy of the caption words for each of `predictors`; empty without words.
-    fn word_loss(
+    /// Cross-entropy per clip of the caption words, and of those that name a side, for each of `predictors`; empty without
+    /// such words.
+    fn word_losses(
         &self,
         model: &TokenizerNet,
         predictors: &[Tensor<2>],
         samples: &[Sample],
         device: &Device,
-    ) -> Vec<Tensor<1>> {
+    ) -> [Vec<Tensor<1>>; 2] {
         let Some(words) = &self.words else {
-            return Vec::new();
+            return Default::default();
         };
         let n_codes: Vec<usize> = samples.iter().map(|s| s.grouped.n_codes).collect();
         let targets: Vec<f32> = samples
             .iter()
             .flat_map(|s| s.targets.words.clone())
             .collect();
-        predictors
+        let losses: Vec<Tensor<2>> = predictors
             .iter()
             .filter_map(|features| model.word_logits(features.clone()))
-            .map(|logits| words.loss(logits, &n_codes, targets.clone(), device))
-            .collect()
+            .map(|logits| words.losses(logits, &n_codes, targets.clone(), device))
+            .collect();
+        let per_clip = |losses: Tensor<2>| losses.sum() / samples.len().max(1) as f64;
+        let sides = words.sides();
+        let of_sides = losses.iter().filter(|_| !sides.is_empty()).map(|losses| {
+            let rows = indices(sides.iter().map(|row| *row as i64), device);
+            per_clip(losses.clone().select(1, rows))
+        });
+        let of_sides = of_sides.collect();
+        [losses.into_iter().map(per_clip).collect(), of_sides]
     }
 
     /// Cross-entropy of the teacher's codes for each of `predictors`; empty if no code is known.
@@ -600,6 +607,7 @@ impl Stage for TokenizerStage<'_> {
         let score = if self.codebook.is_initialised() && !self.val.is_empty() {
             loss.guidance_weight * codes_or_features("guidance_codes", "guidance")
                 + loss.words_weight * codes_or_features("words_codes", "words")
+                + loss.sides_weight * codes_or_features("sides_codes", "sides")
                 + loss.motion_codes_weight * codes_or_features("motion_code_codes", "motion_code")
                 + 0.1 * loss.reconstruction_weight * value("reconstruction")
                 + loss.commit_weight * value("commit")

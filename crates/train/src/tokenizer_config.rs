@@ -64,6 +64,8 @@ pub struct TokenizerLossConfig {
     pub guidance_on: GuidanceOn,
     /// Weight of the caption words (see [`crate::caption_words`]); 0 disables them (paper).
     pub words_weight: f64,
+    /// Additional weight of the words "left" and "right"; 0 treats them as any other word (paper: no caption words).
+    pub sides_weight: f64,
     /// Weight of the cross-entropy of the motion teacher's code for each radar code; 0 disables it (paper).
     pub motion_codes_weight: f64,
     /// Weight of the commitment loss.
@@ -85,6 +87,7 @@ impl Default for TokenizerLossConfig {
             guidance_weight: 1.0,
             guidance_on: GuidanceOn::FeaturesAndCodes,
             words_weight: 0.05,
+            sides_weight: 0.0,
             motion_codes_weight: 0.0,
             commit_weight: 0.02,
             codebook_update: CodebookUpdate::MovingAverage,
@@ -145,6 +148,7 @@ impl TokenizerTrainConfig {
                 chamfer: ChamferSide::TargetToPrediction,
                 guidance_on: GuidanceOn::Features,
                 words_weight: 0.0,
+                sides_weight: 0.0,
                 commit_weight: 1.0,
                 codebook_update: CodebookUpdate::Gradient,
                 ..TokenizerLossConfig::default()
@@ -184,6 +188,7 @@ impl TokenizerTrainConfig {
             ("loss.reconstruction_weight", loss.reconstruction_weight),
             ("loss.guidance_weight", loss.guidance_weight),
             ("loss.words_weight", loss.words_weight),
+            ("loss.sides_weight", loss.sides_weight),
             ("loss.motion_codes_weight", loss.motion_codes_weight),
             ("loss.commit_weight", loss.commit_weight),
         ] {
