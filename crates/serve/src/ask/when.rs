@@ -282,9 +282,13 @@ fn day_and_part(
             None => iso_date(word)?,
         },
     };
-    let part = part_at(i + 1);
-    let n_words = i + 1 - start + usize::from(part.is_some());
-    Some((day, part, n_words))
+    // "Monday morning", "Monday in the morning", "Monday at night".
+    let part = [&[][..], &["in", "the"], &["at"]]
+        .into_iter()
+        .filter(|before| at(words, i + 1, before))
+        .find_map(|before| Some((part_at(i + 1 + before.len())?, before.len() + 1)));
+    let (part, n_part) = part.map_or((None, 0), |(part, n)| (Some(part), n));
+    Some((day, part, i + 1 - start + n_part))
 }
 
 /// `2026-11-20` to a day.

@@ -103,9 +103,9 @@ impl Store {
     /// the range, events in it, and points from it. `from_ms` belongs to the range, `to_ms` does not.
     ///
     /// Afterwards the bytes are neither in the database nor in its write-ahead log: the rows are overwritten, the
-    /// full-text index is built anew, the database is rewritten, and the log is emptied. This needs free space on the
-    /// disk for twice the database. Blocks that the file system gave to nobody since are its own affair, and so are
-    /// backups.
+    /// full-text index is built anew, the database is rewritten, and the log is emptied. This needs free space for twice
+    /// the database, partly in the folder for temporary files, where SQLite puts a copy of the remaining rows and removes
+    /// it. Blocks that the file system freed are its own affair, and so are backups.
     ///
     /// # Errors
     /// [`StoreError::Invalid`] for an empty range, [`StoreError::LogInUse`] if a reader prevents the log from being

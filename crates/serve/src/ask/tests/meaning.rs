@@ -147,6 +147,18 @@ fn questions_have_their_meaning() {
             "2026-11-16 00:00 to 2026-11-17 00:00",
         ),
         (
+            "Did she fall on Tuesday in the morning?",
+            Did,
+            "fall",
+            "2026-11-17 04:00 to 2026-11-17 12:00",
+        ),
+        (
+            "Did she get up on 2026-11-20 at night?",
+            Did,
+            "stand_up",
+            "2026-11-20 20:00 to 2026-11-21 08:00",
+        ),
+        (
             "Did she fall on Tuesday morning?",
             Did,
             "fall",

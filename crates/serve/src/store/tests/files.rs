@@ -114,6 +114,31 @@ fn a_lock_of_another_program_is_a_clear_error() {
 }
 
 #[test]
+fn a_full_disk_is_a_clear_error_and_passes() {
+    let (_dir, mut store) = new_store();
+    let write = |store: &mut Store| {
+        store.write(|b| {
+            for i in 0..200 {
+                let caption = format!("{i}{}", "a long caption ".repeat(100));
+                b.insert_activity(&activity(NOW_MS, NOW_MS, "walk", &caption), &origin())?;
+            }
+            Ok(())
+        })
+    };
+    let limit = |store: &Store, pages: u32| {
+        let sql = format!("PRAGMA max_page_count = {pages}");
+        store.timeline.connection.execute_batch(&sql).unwrap();
+    };
+    limit(&store, 40);
+    let error = write(&mut store).unwrap_err();
+    assert!(matches!(error, StoreError::Full { .. }), "{error}");
+    assert_eq!(ids(store.timeline(), &ActivityQuery::default()), NO_IDS);
+    limit(&store, 4_000);
+    write(&mut store).unwrap();
+    store.check_integrity().unwrap();
+}
+
+#[test]
 fn newer_and_foreign_databases_are_refused_and_unchanged() {
     let (dir, store) = new_store();
     drop(store);
