@@ -1,0 +1,326 @@
+//! Tables of questions.
+
+use super::*;
+
+#[test]
+fn questions_have_their_meaning() {
+    use Kind::*;
+    const ALWAYS: &str = "always to now";
+    const TODAY: &str = "2026-11-23 00:00 to now";
+    const YESTERDAY: &str = "2026-11-22 00:00 to 2026-11-23 00:00";
+    const LAST_NIGHT: &str = "2026-11-22 20:00 to 2026-11-23 08:00";
+    for (question, kind, actions, when) in [
+        ("When did she last get up?", Last, "stand_up", ALWAYS),
+        ("when did she last fall?", Last, "fall", ALWAYS),
+        (
+            "How often did she get up today?",
+            HowOften,
+            "stand_up",
+            TODAY,
+        ),
+        ("how often has he got up today", HowOften, "stand_up", TODAY),
+        (
+            "How many times did anyone sit down yesterday?",
+            HowOften,
+            "sit_down",
+            YESTERDAY,
+        ),
+        ("When was the last time someone fell?", Last, "fall", ALWAYS),
+        ("last fall", Last, "fall", ALWAYS),
+        (
+            "LAST TIME SHE WALKED",
+            Last,
+            "walk pace circle limp",
+            ALWAYS,
+        ),
+        (
+            "When did she first get up this morning?",
+            First,
+            "stand_up",
+            "2026-11-23 04:00 to 2026-11-23 12:00",
+        ),
+        (
+            "What time did he first stand up today?",
+            First,
+            "stand_up",
+            TODAY,
+        ),
+        (
+            "When did she get up last night?",
+            When,
+            "stand_up",
+            LAST_NIGHT,
+        ),
+        (
+            "When did she last get up last night?",
+            Last,
+            "stand_up",
+            LAST_NIGHT,
+        ),
+        (
+            "Did she get up yesterday night?",
+            Did,
+            "stand_up",
+            "2026-11-22 20:00 to 2026-11-23 08:00",
+        ),
+        ("Did anybody fall?", Did, "fall", ALWAYS),
+        ("Did she ever fall over?", Did, "fall", ALWAYS),
+        (
+            "Has anyone fallen since 07:30?",
+            Did,
+            "fall",
+            "2026-11-23 07:30 to now",
+        ),
+        (
+            "has anyone fallen since 7:30 am",
+            Did,
+            "fall",
+            "2026-11-23 07:30 to now",
+        ),
+        (
+            "Has anyone fallen since 22:00?",
+            Did,
+            "fall",
+            "2026-11-22 22:00 to now",
+        ),
+        (
+            "Has anyone fallen since 10 p.m.?",
+            Did,
+            "fall",
+            "2026-11-22 22:00 to now",
+        ),
+        ("did she fall since 12am", Did, "fall", TODAY),
+        (
+            "did she fall since noon",
+            Did,
+            "fall",
+            "2026-11-23 12:00 to now",
+        ),
+        ("did she fall since midnight", Did, "fall", TODAY),
+        (
+            "did she fall since 7 o'clock",
+            Did,
+            "fall",
+            "2026-11-23 07:00 to now",
+        ),
+        (
+            "did she fall since yesterday",
+            Did,
+            "fall",
+            "2026-11-22 00:00 to now",
+        ),
+        (
+            "did she fall since yesterday evening",
+            Did,
+            "fall",
+            "2026-11-22 18:00 to now",
+        ),
+        (
+            "did she fall since Friday?",
+            Did,
+            "fall",
+            "2026-11-20 00:00 to now",
+        ),
+        (
+            "did she fall since 2026-11-01",
+            Did,
+            "fall",
+            "2026-11-01 00:00 to now",
+        ),
+        (
+            "Did she fall on 2026-11-20?",
+            Did,
+            "fall",
+            "2026-11-20 00:00 to 2026-11-21 00:00",
+        ),
+        (
+            "Did she fall on Friday?",
+            Did,
+            "fall",
+            "2026-11-20 00:00 to 2026-11-21 00:00",
+        ),
+        ("Did she fall on Monday?", Did, "fall", TODAY),
+        (
+            "Did she fall last Monday?",
+            Did,
+            "fall",
+            "2026-11-16 00:00 to 2026-11-17 00:00",
+        ),
+        (
+            "Did she fall on Tuesday in the morning?",
+            Did,
+            "fall",
+            "2026-11-17 04:00 to 2026-11-17 12:00",
+        ),
+        (
+            "Did she get up on 2026-11-20 at night?",
+            Did,
+            "stand_up",
+            "2026-11-20 20:00 to 2026-11-21 08:00",
+        ),
+        (
+            "Did she fall on Tuesday morning?",
+            Did,
+            "fall",
+            "2026-11-17 04:00 to 2026-11-17 12:00",
+        ),
+        (
+            "How often did she fall in the last 3 hours?",
+            HowOften,
+            "fall",
+            "2026-11-23 15:38 to now",
+        ),
+        (
+            "How often did she fall in the past hour?",
+            HowOften,
+            "fall",
+            "2026-11-23 17:38 to now",
+        ),
+        (
+            "how often did she fall within the last two days",
+            HowOften,
+            "fall",
+            "2026-11-21 18:38 to now",
+        ),
+        (
+            "how often did she fall in the last week",
+            HowOften,
+            "fall",
+            "2026-11-16 18:38 to now",
+        ),
+        (
+            "how often did she fall last week",
+            HowOften,
+            "fall",
+            "2026-11-16 00:00 to 2026-11-23 00:00",
+        ),
+        ("how often did she fall this week", HowOften, "fall", TODAY),
+        (
+            "How long did she sit today?",
+            HowLong,
+            "sit_still sit_down",
+            TODAY,
+        ),
+        (
+            "how long was he lying down yesterday",
+            HowLong,
+            "lie_down",
+            YESTERDAY,
+        ),
+        (
+            "How much time did they spend walking this afternoon?",
+            HowLong,
+            "walk pace circle limp",
+            "2026-11-23 12:00 to 2026-11-23 18:00",
+        ),
+        (
+            "How long ago did she last get up?",
+            Last,
+            "stand_up",
+            ALWAYS,
+        ),
+        (
+            "how long has it been since she drank",
+            Last,
+            "drink",
+            ALWAYS,
+        ),
+        (
+            "When did she get out of bed today?",
+            When,
+            "stand_up",
+            TODAY,
+        ),
+        (
+            "Was she kneeling this evening?",
+            Did,
+            "kneel",
+            "2026-11-23 18:00 to now",
+        ),
+        (
+            "did he or she wave tonight",
+            Did,
+            "wave",
+            "2026-11-23 18:00 to now",
+        ),
+        (
+            "Did she walk or run yesterday morning?",
+            Did,
+            "walk run pace circle limp",
+            "2026-11-22 04:00 to 2026-11-22 12:00",
+        ),
+        ("when did she pick something up", When, "pick_up", ALWAYS),
+        (
+            "when did she raise a hand and wave today",
+            When,
+            "wave",
+            TODAY,
+        ),
+        ("Yesterday, did she jump?", Did, "jump", YESTERDAY),
+    ] {
+        let understood = match what::understand(question, &CLOCK) {
+            Ok(understood) => understood,
+            Err(e) => panic!("{question}: {e:?}"),
+        };
+        assert_eq!(understood.what.kind, kind, "{question}");
+        assert_eq!(understood.what.actions.join(" "), actions, "{question}");
+        assert_eq!(range(&understood.when), when, "{question}");
+        assert!(
+            understood.ignored.is_empty(),
+            "{question}: {:?}",
+            understood.ignored
+        );
+    }
+}
+
+#[test]
+fn questions_outside_the_grammar_are_refused_and_not_guessed() {
+    let action = "it names no known action";
+    let time = "it names a time in words that are not known";
+    let several = "it asks for several things";
+    let combination = "it names a combination of actions";
+    let negation = "it asks for what did not happen, or for what is usual";
+    let kind = "it does not ask when, how often, how long or whether";
+    for (question, why) in [
+        ("", kind),
+        ("?", kind),
+        ("get up", kind),
+        ("Is she walking?", kind),
+        ("What did she do today?", kind),
+        ("Why did she fall?", kind),
+        ("when did she eat", action),
+        ("When did she fall asleep?", action),
+        ("did she turn on the light", action),
+        ("When did she not get up?", negation),
+        ("Didn\u{2019}t she get up?", negation),
+        ("When does she usually get up?", negation),
+        ("when did she stop walking", negation),
+        ("did nobody fall", negation),
+        ("did she fall at 07:30", time),
+        ("did she fall before noon", time),
+        ("did she fall since breakfast", time),
+        ("did she fall twice", time),
+        ("did she get up 3 times", time),
+        ("did she fall on 2026-02-30", time),
+        ("did she fall on 20 November", time),
+        ("did she fall in the last 99999999999999999999 hours", time),
+        ("did she fall since 25:00", time),
+        ("did she fall since 7:60", time),
+        ("did she fall since 13 pm", time),
+        ("did she fall yesterday or today", time),
+        ("did she fall last year", time),
+        ("did she fall after getting up", time),
+        ("did she walk and sit down", combination),
+        ("did she walk while waving", time),
+        ("how long did she last sit", several),
+        ("when did who fall", several),
+        ("how often and when did she fall", several),
+        ("did she fall next", several),
+        ("did she fall tomorrow", time),
+        ("did she fall on 2026-12-24", "its time has not begun"),
+        (&"when ".repeat(41), "it has too many words"),
+    ] {
+        let refused = what::understand(question, &CLOCK).map(|u| format!("{u:?}"));
+        assert_eq!(refused.map_err(|e| e.why), Err(why), "{question}");
+    }
+}

@@ -1,0 +1,138 @@
+//! Days, dates and times of day.
+//!
+//! Days are counted from 1970-01-01. Local time is UTC and an offset that the caller gives; this crate knows no time
+//! zones and reads no clock.
+
+/// Milliseconds of a day.
+pub(crate) const DAY_MS: i64 = 86_400_000;
+/// Milliseconds of an hour.
+pub(crate) const HOUR_MS: i64 = 3_600_000;
+/// Milliseconds of a minute.
+pub(crate) const MINUTE_MS: i64 = 60_000;
+
+/// Names of the days of the week, from Monday.
+pub(crate) const WEEKDAYS: [&str; 7] = [
+    "Monday",
+    "Tuesday",
+    "Wednesday",
+    "Thursday",
+    "Friday",
+    "Saturday",
+    "Sunday",
+];
+
+/// A date of the Gregorian calendar.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Date {
+    pub year: i64,
+    pub month: i64,
+    pub day: i64,
+}
+
+/// The date of a day (Hinnant, "chrono-Compatible Low-Level Date Algorithms", `civil_from_days`).
+pub(crate) fn date(days_since_1970: i64) -> Date {
+    let days = days_since_1970 + 719_468;
+    let (era, day_of_era) = (days.div_euclid(146_097), days.rem_euclid(146_097));
+    let year_of_era =
+        (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let shifted_month = (5 * day_of_year + 2) / 153;
+    let month = match shifted_month < 10 {
+        true => shifted_month + 3,
+        false => shifted_month - 9,
+    };
+    Date {
+        year: year_of_era + era * 400 + i64::from(month <= 2),
+        month,
+        day: day_of_year - (153 * shifted_month + 2) / 5 + 1,
+    }
+}
+
+/// The day of a date from 1970 to 9999, or `None` if there is no such date (same source, `days_from_civil`).
+pub(crate) fn day(wanted: Date) -> Option<i64> {
+    let Date { year, month, day } = wanted;
+    if !(1970..=9999).contains(&year) || !(1..=12).contains(&month) || !(1..=31).contains(&day) {
+        return None;
+    }
+    let shifted_year = year - i64::from(month <= 2);
+    let (era, year_of_era) = (shifted_year.div_euclid(400), shifted_year.rem_euclid(400));
+    let shifted_month = (month + 9) % 12;
+    let day_of_year = (153 * shifted_month + 2) / 5 + day - 1;
+    let day_of_era = year_of_era * 365 + year_of_era / 4 - year_of_era / 100 + day_of_year;
+    let days = era * 146_097 + day_of_era - 719_468;
+    (date(days) == wanted).then_some(days)
+}
+
+/// Index into [`WEEKDAYS`]. 1970-01-01 was a Thursday.
+pub(crate) fn weekday(days_since_1970: i64) -> usize {
+    // In 0..7.
+    (days_since_1970 + 3).rem_euclid(7) as usize
+}
+
+/// A date as `2026-11-20`.
+pub(crate) fn date_text(days_since_1970: i64) -> String {
+    let Date { year, month, day } = date(days_since_1970);
+    format!("{year:04}-{month:02}-{day:02}")
+}
+
+/// A time in UTC as `20261120T143005Z`, for file names.
+pub(crate) fn compact_utc(ms: i64) -> String {
+    let Date { year, month, day } = date(ms.div_euclid(DAY_MS));
+    let s = ms.rem_euclid(DAY_MS) / 1_000;
+    let (hour, minute, second) = (s / 3_600, s / 60 % 60, s % 60);
+    format!("{year:04}{month:02}{day:02}T{hour:02}{minute:02}{second:02}Z")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn days_become_dates_and_dates_days() {
+        for (days, text) in [
+            (0, "1970-01-01"),
+            (59, "1970-03-01"),
+            (11_016, "2000-02-29"),
+            (20_780, "2026-11-23"),
+            (2_932_896, "9999-12-31"),
+        ] {
+            assert_eq!(date_text(days), text);
+        }
+        for days in (0..2_932_897).step_by(37).chain(0..3_000) {
+            assert_eq!(day(date(days)), Some(days));
+        }
+    }
+
+    #[test]
+    fn dates_that_do_not_exist_have_no_day() {
+        for (year, month, d) in [
+            (2026, 2, 29),
+            (2100, 2, 29),
+            (2026, 4, 31),
+            (2026, 13, 1),
+            (2026, 0, 1),
+            (2026, 1, 0),
+            (1969, 12, 31),
+            (10_000, 1, 1),
+        ] {
+            let wanted = Date {
+                year,
+                month,
+                day: d,
+            };
+            assert_eq!(day(wanted), None, "{wanted:?}");
+        }
+    }
+
+    #[test]
+    fn days_of_the_week_and_stamps() {
+        // 2026-11-23 is a Monday.
+        assert_eq!(WEEKDAYS[weekday(20_780)], "Monday");
+        assert_eq!(WEEKDAYS[weekday(0)], "Thursday");
+        assert_eq!(
+            compact_utc(20_780 * DAY_MS + 63_492_987),
+            "20261123T173812Z"
+        );
+        assert!(!compact_utc(i64::MIN).is_empty() && !compact_utc(i64::MAX).is_empty());
+    }
+}
