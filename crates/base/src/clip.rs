@@ -3,7 +3,7 @@
 use std::{convert::Infallible, fmt, str::FromStr};
 
 use crate::{
-    PointFrame,
+    PointFrame, StaticCells,
     timeline::{Timeline, TimelineError},
 };
 
@@ -125,9 +125,7 @@ impl Clip {
             return None;
         }
         let clutter = self.static_clutter()?;
-        self.frames
-            .iter_mut()
-            .for_each(|f| f.remove_slower_than(STATIC_SPEED_MPS));
+        StaticCells::of(&self.frames).remove(&mut self.frames);
         Some(clutter)
     }
 }
@@ -135,7 +133,7 @@ impl Clip {
 /// Share of static points in frames of which more than half of the points are static.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StaticClutter {
-    /// Points slower than [`STATIC_SPEED_MPS`].
+    /// Static points: [`StaticCells::is_static`].
     pub n_static: usize,
     /// All points.
     pub n_points: usize,
@@ -145,9 +143,8 @@ impl StaticClutter {
     /// Counts static points. Returns `None` if they are no more than half of all points.
     pub fn of(frames: &[PointFrame]) -> Option<Self> {
         let points = || frames.iter().flat_map(|f| &f.points);
-        let n_static = points()
-            .filter(|p| p.velocity_mps.abs() < STATIC_SPEED_MPS)
-            .count();
+        let cells = StaticCells::of(frames);
+        let n_static = points().filter(|p| cells.is_static(p)).count();
         let n_points = points().count();
         (2 * n_static > n_points).then_some(Self { n_static, n_points })
     }

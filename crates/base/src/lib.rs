@@ -31,7 +31,7 @@
 //! Reading order: [`frames`] (axes), [`skeleton`] (the 22 joints, [`Motion`]), [`surface`] (the simulator's view of the
 //! world), [`materials`] (reflectivity of materials), [`radar_config`] (description of a radar), [`cube`] (raw
 //! samples), [`points`] (input of the tokenizer), [`clip`] (points with their frame rate, radar and provenance),
-//! [`timeline`] (recorded frames with times), [`seed`], [`random`] and [`hash`] (reproducible random numbers,
+//! [`static_cells`] (what stands still), [`timeline`] (recorded frames with times), [`seed`], [`random`] and [`hash`] (reproducible random numbers,
 //! fingerprints).
 
 pub mod clip;
@@ -45,6 +45,7 @@ pub mod radar_config;
 pub mod random;
 pub mod seed;
 pub mod skeleton;
+pub mod static_cells;
 pub mod surface;
 pub mod timeline;
 
@@ -53,6 +54,7 @@ pub use cube::RadarCube;
 pub use points::{PointFrame, RadarPoint};
 pub use radar_config::RadarConfig;
 pub use skeleton::{Joint, Motion, Pose, Skeleton};
+pub use static_cells::StaticCells;
 pub use surface::{Material, MovingSurface};
 pub use timeline::{RecordedFrame, Timeline, TimelineError};
 

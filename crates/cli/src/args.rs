@@ -277,6 +277,17 @@ pub enum Emit {
     Adc,
 }
 
+/// Whose signal chain `simulate` applies.
+#[derive(Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum Firmware {
+    /// This project's chain, which removes static clutter.
+    #[default]
+    None,
+    /// TI's out-of-box demo of SDK 3, as the chirp configuration sets it up: both passes of CFAR, clutter removal and
+    /// field of view. Where it reports static echoes, a motion is surrounded by random objects.
+    OutOfBox,
+}
+
 /// `simulate`.
 #[derive(Args)]
 pub struct SimulateArgs {
@@ -292,6 +303,9 @@ pub struct SimulateArgs {
     /// What to compute.
     #[arg(long, value_enum, default_value = "points")]
     pub emit: Emit,
+    /// Signal chain of the points: this project's, or that of the board's own firmware (for a TI .cfg).
+    #[arg(long, value_enum, default_value_t)]
+    pub firmware: Firmware,
     /// Use the exact direct sum, which is hundreds of times slower.
     #[arg(long)]
     pub reference: bool,

@@ -61,7 +61,7 @@
 //!
 //! | to parse | modules |
 //! |---|---|
-//! | a radar | [`ti_cfg`] (chirp files of TI's SDK), [`radar_toml`] (the project's format), [`builtin`] (by name), [`boards`] (places of antennas), [`mod@lint`] (errors and warnings), [`span`] (places in files) |
+//! | a radar | [`ti_cfg`] (chirp files of TI's SDK), [`ti_detection`] (their on-chip detection), [`radar_toml`] (the project's format), [`builtin`] (by name), [`boards`] (places of antennas), [`mod@lint`] (errors and warnings), [`span`] (places in files) |
 //! | how it is mounted and calibrated | [`sensor_position`], [`mounting`] (into the project's axes), [`calibration`] (channel gains) |
 //! | raw samples | [`adc`], [`dca1000`] and [`pcap`] (packets) |
 //! | recorded points | [`recordings`] (data sets, bags, visualizers, MATLAB), [`tables`] (CSV, npy), [`uart`] (what a board sends) |
@@ -83,6 +83,7 @@ pub mod sensor_position;
 pub mod span;
 pub mod tables;
 pub mod ti_cfg;
+pub mod ti_detection;
 pub mod uart;
 
 pub use adc::{
@@ -100,4 +101,5 @@ pub use recordings::{RecordingError, read_mars_points, read_radhar_points};
 pub use sensor_position::SensorPosition;
 pub use span::Span;
 pub use ti_cfg::{TiCfg, TiCfgError, radar_from_ti_cfg};
+pub use ti_detection::TiDetection;
 pub use uart::{UartError, UartParser, UartReport};

@@ -4,7 +4,7 @@
 //! `chirpCfg`, `frameCfg`, `dfeDataOutputMode`, `bpmCfg`, `clutterRemoval`, `lvdsStreamCfg`,
 //! `compRangeBiasAndRxChanPhase`, `antGeometry0/1`, `antPhaseRot`. All other commands configure on-chip detection and
 //! are listed in [`TiCfg::unused`]. `guiMonitor` is read in addition, because it determines the load of the serial
-//! port. [`crate::SensorPosition`] reads `sensorPosition`. Argument order: SDK 3 user guide, "Configuration (.cfg) File
+//! port. [`crate::SensorPosition`] reads `sensorPosition`, [`crate::TiDetection`] the detection. Argument order: SDK 3 user guide, "Configuration (.cfg) File
 //! Format".
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -246,11 +246,11 @@ impl Command {
         }
     }
 
-    fn number(&self, index: usize, what: &str) -> Result<f64, TiCfgError> {
+    pub fn number(&self, index: usize, what: &str) -> Result<f64, TiCfgError> {
         self.arg(index, what)?.number(what)
     }
 
-    fn whole(&self, index: usize, what: &str, range: Range<u32>) -> Result<u32, TiCfgError> {
+    pub fn whole(&self, index: usize, what: &str, range: Range<u32>) -> Result<u32, TiCfgError> {
         self.arg(index, what)?.whole(what, range)
     }
 }

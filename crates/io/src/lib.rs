@@ -24,10 +24,11 @@
 //!
 //! Reading order: [`recording`] (any recording to points), [`options`], [`radar`] (radar descriptions), [`points`]
 //! (formats of points), `visualizer` (folders of TI's visualizers), [`samples`] and [`layout`] (raw samples),
-//! `npy_cubes`, [`cleaning`] (background and leakage), [`serial`], [`udp`], [`error`].
+//! `npy_cubes`, [`cleaning`] (background and leakage), [`firmware`] (the signal chain of a board's own firmware), [`serial`], [`udp`], [`error`].
 
 pub mod cleaning;
 pub mod error;
+pub mod firmware;
 pub mod layout;
 mod npy_cubes;
 pub mod options;
@@ -40,6 +41,7 @@ pub mod udp;
 mod visualizer;
 
 pub use error::{Error, ErrorKind, Result};
+pub use firmware::OutOfBoxFirmware;
 pub use npy_cubes::NpyFrames;
 pub use options::{
     CaptureFormat, CaptureOptions, CellOptions, CleaningOptions, IqChoice, LayoutOptions,

@@ -43,6 +43,18 @@ impl Dice {
         items[self.index(items.len())]
     }
 
+    /// An item drawn with a probability proportional to its positive weight; `None` for an empty list.
+    pub fn weighted<T: Copy>(&mut self, items: &[T], weight: impl Fn(&T) -> f32) -> Option<T> {
+        let mut left = self.range(0.0, items.iter().map(&weight).sum());
+        let is_drawn = |item: &&T| {
+            left -= weight(item);
+            left < 0.0
+        };
+        let drawn = items.iter().find(is_drawn);
+        // The sum of rounded weights may end below the drawn number.
+        drawn.or(items.last()).copied()
+    }
+
     /// Returns true with the given probability.
     pub fn chance(&mut self, probability: f32) -> bool {
         self.range(0.0, 1.0) < probability

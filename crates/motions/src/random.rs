@@ -14,7 +14,7 @@ const TEMPO_MARGIN: f32 = 1.07;
 /// exercise for longer than the input window of the model.
 const GOES_ON: f32 = 0.25;
 /// Motions of [`people_request`] alone.
-const OF_PEOPLE: [&str; 1] = ["pace"];
+const OF_PEOPLE: [&str; 2] = ["leg_raise", "pace"];
 /// Maximum number of draws before a plain walk is returned; in practice a tenth of them always
 /// suffices.
 const ATTEMPTS: u64 = 200;
@@ -28,8 +28,8 @@ pub fn random_request(rng_seed: u64) -> BuiltinRequest {
     let kind = dice.range(0.0, 1.0);
     for _ in 0..ATTEMPTS {
         let text = match kind {
-            k if k < 0.75 => single(GOES_ON, &mut dice),
-            k if k < 0.95 => sequence(&mut dice),
+            k if k < 0.75 => single(Shares::Even, GOES_ON, &mut dice),
+            k if k < 0.95 => sequence(Shares::Even, &mut dice),
             _ => overlay(&mut dice),
         };
         // Parsing the text checks seams, contradictions and ranges in one place.
@@ -64,8 +64,10 @@ pub fn people_request(rng_seed: u64) -> PeopleRequest {
     for _ in 0..ATTEMPTS {
         let text = match kind {
             _ if is_continuous => continuous(&mut dice),
-            k if k < 0.8 => with_any_pace_and_size(single(0.0, &mut dice), &mut dice),
-            k if k < 0.95 => sequence(&mut dice),
+            k if k < 0.8 => {
+                with_any_pace_and_size(single(Shares::Everyday, 0.0, &mut dice), &mut dice)
+            }
+            k if k < 0.95 => sequence(Shares::Everyday, &mut dice),
             _ => overlay(&mut dice),
         };
         let text = match is_continuous {
@@ -100,31 +102,36 @@ pub struct PeopleRequest {
 const MANY: [u32; 2] = [14, 24];
 
 /// Motions that people repeat continuously: exercise, locomotion in place, gestures. People do not bow or throw
-/// continuously.
-const REPEATED: [&str; 17] = [
-    "arm_circles",
-    "circle",
-    "clap",
-    "hop",
-    "jog_in_place",
-    "jump",
-    "jumping_jack",
-    "kick",
-    "lunge",
-    "march",
-    "pace",
-    "punch",
-    "raise_arms",
-    "side_bend",
-    "squat",
-    "twist",
-    "wave",
+/// continuously. The number is how often each is drawn: exercises that most people know are more frequent than others.
+const REPEATED: [(&str, f32); 18] = [
+    ("arm_circles", 1.0),
+    ("circle", 1.0),
+    ("clap", 1.0),
+    ("hop", 0.6),
+    ("jog_in_place", 1.0),
+    ("jump", 1.5),
+    ("jumping_jack", 1.8),
+    ("kick", 0.8),
+    ("leg_raise", 0.8),
+    ("lunge", 0.9),
+    ("march", 1.0),
+    ("pace", 1.2),
+    ("punch", 1.5),
+    ("raise_arms", 1.4),
+    ("side_bend", 1.0),
+    ("squat", 1.8),
+    ("twist", 0.8),
+    ("wave", 1.2),
 ];
 
 fn continuous(dice: &mut Dice) -> Option<String> {
-    let spec = by_name(dice.pick(&REPEATED))?;
+    let (name, _) = dice.weighted(&REPEATED, |(_, share)| *share)?;
+    let spec = by_name(name)?;
     let mut own = keys(spec, true, dice);
     own.retain(|(k, _)| k != "repetitions" && k != "distance_m");
+    let is_sideways = own
+        .iter()
+        .any(|(k, v)| k == "direction" && (v == "left" || v == "right"));
     let mut set = |key: &str, value: &str| {
         own.retain(|(k, _)| k != key);
         own.push((key.to_owned(), value.to_owned()));
@@ -147,6 +154,12 @@ fn continuous(dice: &mut Dice) -> Option<String> {
             }
             set("lean_deg", &format!("{:.0}", dice.range(2.0, 40.0)));
         }
+        // People exercise with their feet apart, and lower and raise the body only.
+        // Without a step, a lunge backward is a lunge forward with the other leg.
+        "lunge" if !is_sideways && dice.chance(0.6) => {
+            set("feet", "in_place");
+            set("direction", "forward");
+        }
         "punch" => {
             if dice.chance(0.8) {
                 set("side", "both");
@@ -162,8 +175,15 @@ fn continuous(dice: &mut Dice) -> Option<String> {
     let times = few + dice.index((most - few) as usize) as u32;
     own.push(("repetitions".to_owned(), times.to_string()));
     let mut all = globals(dice);
-    if dice.chance(0.7) {
-        let sway_m = dice.range(0.005, 0.06);
+    // Those who move their arms or one leg stand firmly.
+    let (share, most_m) = match spec.name {
+        "arm_circles" | "clap" | "leg_raise" | "lunge" | "raise_arms" | "side_bend" | "wave" => {
+            (0.4, 0.02)
+        }
+        _ => (0.7, 0.06),
+    };
+    if dice.chance(share) {
+        let sway_m = dice.range(0.005, most_m);
         all.push(("sway_m".to_owned(), format!("{sway_m:.3}")));
     }
     // Who boxes moves to and fro; others wander a little while they repeat a motion on the spot.
@@ -210,6 +230,9 @@ fn with_any_pace_and_size(text: Option<String>, dice: &mut Dice) -> Option<Strin
         let [low, high]: [f32; 2] = match name {
             "jump" => [1.0, 2.0],
             "punch" => [0.8, 2.0],
+            "leg_raise" => [0.5, 1.5],
+            "lunge" | "raise_arms" => [0.38, 1.4],
+            "arm_circles" | "side_bend" | "twist" => [0.45, 1.6],
             _ => [0.55, 1.9],
         };
         let speed = low * (high / low).powf(dice.range(0.0, 1.0));
@@ -223,8 +246,29 @@ fn with_any_pace_and_size(text: Option<String>, dice: &mut Dice) -> Option<Strin
     Some(format!("{name}?{}", pairs.join("&")))
 }
 
-fn single(goes_on: f32, dice: &mut Dice) -> Option<String> {
-    let spec = any(dice, |_| true)?;
+/// How often each motion is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Shares {
+    /// All motions equally often.
+    Even,
+    /// As in everyday life: [`everyday`].
+    Everyday,
+}
+
+/// How much more often than others a motion occurs in everyday life.
+fn everyday(name: &str) -> f32 {
+    match name {
+        "walk" => 5.0,
+        "pick_up" | "run" | "sit_down" | "stand_up" | "turn" => 2.0,
+        "fall" => 1.5,
+        "toe_touch" => 0.6,
+        "limp" => 0.4,
+        _ => 1.0,
+    }
+}
+
+fn single(shares: Shares, goes_on: f32, dice: &mut Dice) -> Option<String> {
+    let spec = any(shares, dice, |_| true)?;
     let mut own = keys(spec, true, dice);
     let global = globals(dice);
     let text = |own: Vec<_>| format!("{}?{}", spec.name, query(&[own, global.clone()]));
@@ -242,16 +286,16 @@ fn single(goes_on: f32, dice: &mut Dice) -> Option<String> {
     Some(with(2 + more.max(0.0) as u32))
 }
 
-fn sequence(dice: &mut Dice) -> Option<String> {
+fn sequence(shares: Shares, dice: &mut Dice) -> Option<String> {
     let standing = |s: &MotionSpec| s.starts == Posture::Standing;
     // Stand-up motions need a preceding seated or lying posture, so these pairs get a share of
     // their own.
     let (first, second) = match dice.index(12) {
         0 => (by_name("sit_down")?, by_name("stand_up")?),
-        1 => (by_name("stand_up")?, any(dice, standing)?),
+        1 => (by_name("stand_up")?, any(shares, dice, standing)?),
         2 => (by_name("lie_down")?, by_name("stand_up")?),
         3 => (by_name("fall")?, by_name("stand_up")?),
-        _ => (any(dice, standing)?, any(dice, standing)?),
+        _ => (any(shares, dice, standing)?, any(shares, dice, standing)?),
     };
     if first.name == second.name {
         return None;
@@ -273,8 +317,8 @@ fn sequence(dice: &mut Dice) -> Option<String> {
 }
 
 fn overlay(dice: &mut Dice) -> Option<String> {
-    let base = any(dice, |s| s.carries)?;
-    let gesture = any(dice, |s| s.overlays)?;
+    let base = any(Shares::Even, dice, |s| s.carries)?;
+    let gesture = any(Shares::Even, dice, |s| s.overlays)?;
     let named = |spec: &'static MotionSpec, dice: &mut Dice| {
         keys(spec, false, dice)
             .iter()
@@ -305,12 +349,18 @@ fn overlay(dice: &mut Dice) -> Option<String> {
     (0.45..=1.05).contains(&ratio).then_some(text)
 }
 
-fn any(dice: &mut Dice, fits: impl Fn(&MotionSpec) -> bool) -> Option<&'static MotionSpec> {
-    let candidates: Vec<&'static MotionSpec> = specs()
-        .iter()
-        .filter(|s| !OF_PEOPLE.contains(&s.name) && fits(s))
-        .collect();
-    (!candidates.is_empty()).then(|| dice.pick(&candidates))
+fn any(
+    shares: Shares,
+    dice: &mut Dice,
+    fits: impl Fn(&MotionSpec) -> bool,
+) -> Option<&'static MotionSpec> {
+    let is_allowed =
+        |s: &&MotionSpec| (shares == Shares::Everyday || !OF_PEOPLE.contains(&s.name)) && fits(s);
+    let candidates: Vec<&'static MotionSpec> = specs().iter().filter(is_allowed).collect();
+    match shares {
+        Shares::Even => (!candidates.is_empty()).then(|| dice.pick(&candidates)),
+        Shares::Everyday => dice.weighted(&candidates, |s| everyday(s.name)),
+    }
 }
 
 fn by_name(name: &str) -> Option<&'static MotionSpec> {
@@ -336,6 +386,8 @@ fn keys(spec: &'static MotionSpec, single: bool, dice: &mut Dice) -> Vec<(String
 fn draw(spec: &MotionSpec, key: &KeySpec, single: bool, dice: &mut Dice) -> Option<String> {
     let number = |x: f32| Some(format!("{:.2}", x));
     match (spec.name, key.name, key.kind) {
+        // Set by `people_request` only.
+        ("lunge", "feet", _) => None,
         (_, "posture", _) => dice.chance(0.15).then(|| "stooped".to_owned()),
         (_, _, KeyKind::Word { allowed, .. }) => Some(dice.pick(allowed).to_owned()),
         // Drawn by `people_request` only.

@@ -430,8 +430,29 @@ static SPECS: &[MotionSpec] = &[
     ),
     motion(
         "lunge",
-        "steps into a lunge and back",
-        &[ONE_SIDE, FOUR_WAYS, SPEED, times(1), AMPLITUDE, DURATION],
+        "steps into a lunge and back, or lowers and raises the body with the feet in place",
+        &[
+            ONE_SIDE,
+            FOUR_WAYS,
+            word("feet", &["stepping", "in_place"]),
+            SPEED,
+            times(1),
+            AMPLITUDE,
+            DURATION,
+        ],
+    ),
+    motion(
+        "leg_raise",
+        "raises one straight leg and lowers it, alone or with the arm of that side",
+        &[
+            ONE_SIDE,
+            word("direction", &["sideways", "forward", "backward"]),
+            word("arm", &["still", "raised"]),
+            SPEED,
+            times(1),
+            AMPLITUDE,
+            DURATION,
+        ],
     ),
     motion(
         "kick",

@@ -347,6 +347,12 @@ fn sides_are_the_sides_asked_for() {
             Joint::LeftAnkle,
         ),
         ("kick?direction=left", Joint::LeftAnkle, Joint::RightAnkle),
+        ("leg_raise?side=left", Joint::LeftAnkle, Joint::RightAnkle),
+        (
+            "leg_raise?side=right&direction=forward&arm=raised",
+            Joint::RightWrist,
+            Joint::LeftWrist,
+        ),
         ("hop?side=right", Joint::LeftAnkle, Joint::RightAnkle),
         ("balance?side=left", Joint::RightAnkle, Joint::LeftAnkle),
         ("step_over?side=left", Joint::LeftAnkle, Joint::RightAnkle),
@@ -780,10 +786,47 @@ fn random_requests_are_broad_and_short() {
     assert!((8.0..25.0).contains(&share_on), "{share_on} % go on");
     // The expected number of each motion is about 2500 / 45 = 55. It is lower for long motions, which rarely fit with
     // others.
-    for spec in specs().iter().filter(|s| s.name != "pace") {
+    for spec in specs()
+        .iter()
+        .filter(|s| !["leg_raise", "pace"].contains(&s.name))
+    {
         let count = seen.get(spec.name).copied().unwrap_or(0);
         assert!(count >= 20, "{} only {count} times", spec.name);
     }
+}
+
+#[test]
+fn a_lunge_with_the_feet_in_place_steps_once() {
+    let far_m = |text: &str| {
+        let joints = render(text).motion.joints_in_world();
+        let at = |i: usize| joints[i][Joint::RightAnkle as usize].truncate();
+        let middle = joints.len() / 2;
+        let from_start = |i: usize| (at(i) - at(0)).length();
+        let nearest = (middle - 40..middle + 40)
+            .map(from_start)
+            .fold(f32::MAX, f32::min);
+        (nearest, from_start(joints.len() - 1))
+    };
+    // Four repetitions at 20 frames per second take more than 80 frames.
+    let (stepping_m, end_m) = far_m("lunge?side=right&repetitions=4");
+    assert!(stepping_m < 0.05 && end_m < 0.05, "{stepping_m} {end_m}");
+    let (in_place_m, end_m) = far_m("lunge?side=right&repetitions=4&feet=in_place");
+    assert!(in_place_m > 0.5 && end_m < 0.05, "{in_place_m} {end_m}");
+}
+
+#[test]
+fn everyday_motions_are_drawn_more_often() {
+    let mut seen = std::collections::HashMap::new();
+    for seed in 0..4000 {
+        let drawn = people_request(seed);
+        for part in drawn.request.parts().filter(|_| !drawn.is_continuous) {
+            *seen.entry(part.spec.name).or_insert(0) += 1;
+        }
+    }
+    let times = |name: &str| seen.get(name).copied().unwrap_or(0);
+    assert!(times("walk") > 5 * times("limp"), "{seen:?}");
+    assert!(times("pick_up") > 2 * times("toe_touch"), "{seen:?}");
+    assert!(times("leg_raise") > 20, "{seen:?}");
 }
 
 #[test]

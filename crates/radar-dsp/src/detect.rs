@@ -4,7 +4,9 @@ use radarllm_simd::{LANES, SimdLevel};
 
 use crate::error::DspError;
 use crate::kernels::{count_below, peak};
-use crate::options::{CfarSides, ClutterFilter, Detector, DspOptions, MapKind, PeakGrouping};
+use crate::options::{
+    CfarSides, ClutterFilter, Detector, DopplerCfar, DspOptions, MapKind, PeakGrouping,
+};
 use crate::stats::{ca_cfar_factor, gamma_level, os_cfar_factor};
 
 /// Maximum number of training cells per side. It bounds the computing time for an unreasonable option.
@@ -16,6 +18,7 @@ pub struct Selector {
     n_doppler: usize,
     plan: Plan,
     dynamic_range: Option<f32>,
+    doppler_cfar: Option<DopplerCfar>,
     peak_grouping: PeakGrouping,
     /// Whether to skip column 0 and its neighbours, which carry less noise after the slow-time mean is removed.
     skip_notch: bool,
@@ -191,11 +194,15 @@ impl Selector {
                 });
             }
         };
+        if let Some(cfar) = &options.doppler_cfar {
+            check_doppler_cfar(n_doppler, cfar)?;
+        }
         Ok(Self {
             n_range,
             n_doppler,
             plan,
             dynamic_range,
+            doppler_cfar: options.doppler_cfar,
             peak_grouping: options.peak_grouping,
             skip_notch: options.clutter != ClutterFilter::Off && n_doppler > 8,
             candidates: Vec::with_capacity(n_cells),
@@ -315,6 +322,13 @@ impl Selector {
                 }
             }
         }
+        if let Some(cfar) = self.doppler_cfar {
+            let n_doppler = self.n_doppler;
+            self.candidates.retain(|&cell| {
+                let (row, d) = (cell as usize / n_doppler, cell as usize % n_doppler);
+                passes_doppler(&map[row * n_doppler..][..n_doppler], d, &cfar)
+            });
+        }
         // Steps in range and Doppler to the neighbours that are compared.
         let [range, doppler] = match self.peak_grouping {
             PeakGrouping::Off => [0, 0],
@@ -357,6 +371,39 @@ fn check_cfar(n_range: usize, guard: usize, train: usize) -> Result<(), DspError
         });
     }
     Ok(())
+}
+
+fn check_doppler_cfar(n_doppler: usize, cfar: &DopplerCfar) -> Result<(), DspError> {
+    let used = cfar.guard.saturating_add(cfar.train).saturating_mul(2);
+    let problem = if cfar.train == 0 || used >= n_doppler {
+        format!(
+            "needs at least one training cell a side, and fewer than {n_doppler} training and guard cells in all, \
+             found {} and {} a side",
+            cfar.train, cfar.guard
+        )
+    } else if !(cfar.threshold_db.is_finite() && cfar.threshold_db > 0.0) {
+        format!(
+            "threshold_db must be finite and positive, found {}",
+            cfar.threshold_db
+        )
+    } else {
+        return Ok(());
+    };
+    Err(DspError::Option {
+        field: "doppler_cfar",
+        problem,
+    })
+}
+
+/// Whether a cell of a row of Doppler bins exceeds the mean of its training cells by the threshold, in logarithms. The
+/// row is cyclic.
+fn passes_doppler(row: &[f32], d: usize, cfar: &DopplerCfar) -> bool {
+    let n = row.len();
+    let ln_at = |bin: usize| row[bin % n].max(f32::MIN_POSITIVE).ln();
+    let sides = (cfar.guard + 1..=cfar.guard + cfar.train).map(|k| ln_at(d + k) + ln_at(d + n - k));
+    let mean = sides.sum::<f32>() / (2 * cfar.train) as f32;
+    let threshold_ln = (cfar.threshold_db / 10.0 * std::f64::consts::LN_10) as f32;
+    ln_at(d) > mean + threshold_ln
 }
 
 fn check_probability(pfa: f64) -> Result<(), DspError> {

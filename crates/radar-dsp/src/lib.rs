@@ -85,7 +85,8 @@ pub use correct::{Background, Corrections, Corrector, EmptyRoom};
 pub use error::DspError;
 pub use extractor::PointExtractor;
 pub use options::{
-    CfarSides, ClutterFilter, Detector, DspOptions, ImpossibleDirection, MapKind, PeakGrouping,
+    CfarSides, ClutterFilter, Detector, DopplerCfar, DspOptions, ImpossibleDirection, MapKind,
+    PeakGrouping,
 };
 pub use pictures::{Axis, Map, MicroDoppler};
 pub use window::Window;

@@ -84,6 +84,20 @@ pub enum Detector {
     },
 }
 
+/// A second CFAR of detected cells, along Doppler, which is cyclic, over the logarithms of the map. Firmware of TI's
+/// SDK passes cells through both.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct DopplerCfar {
+    /// Guard cells on each side.
+    pub guard: usize,
+    /// Training cells on each side.
+    pub train: usize,
+    /// Threshold over the mean of the training cells of both sides, dB, positive.
+    pub threshold_db: f64,
+}
+
 /// The neighbours than which a detected cell must not be weaker. Firmware uses this to keep one point per local maximum
 /// of the map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -165,6 +179,8 @@ pub struct DspOptions {
     /// Subtract the beat frequency's Doppler part from the range: v * carrier / slope, 1.3 mm per m/s for the reference
     /// radar. This is exact for constant velocity. Without it, ranges are bin centres.
     pub correct_range_doppler_coupling: bool,
+    /// Second CFAR of the detected cells, along Doppler.
+    pub doppler_cfar: Option<DopplerCfar>,
     /// Keep only cells that are not weaker than their neighbours.
     pub peak_grouping: PeakGrouping,
     /// Cells with impossible directions.
@@ -190,6 +206,7 @@ impl Default for DspOptions {
             refine_azimuth: true,
             azimuth_step_db: None,
             correct_range_doppler_coupling: true,
+            doppler_cfar: None,
             peak_grouping: PeakGrouping::Off,
             impossible_direction: ImpossibleDirection::Drop,
         }

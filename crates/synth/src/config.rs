@@ -55,6 +55,10 @@ pub struct DatasetConfig {
     /// which are removed from their recordings too.
     #[serde(skip_serializing_if = "is_default")]
     pub slowest_mps: f32,
+    /// Whether static points are removed as from a recording ([`radarllm_base::StaticCells`]). This is for firmware that
+    /// reports the static surroundings with a fine Doppler resolution.
+    #[serde(skip_serializing_if = "is_default")]
+    pub remove_static_cells: bool,
     /// Maximum facet edge length of the simulated body, m. 0.02 is radar grade. 0.03 halves the number of facets
     /// and is good enough where the rough-surface term dominates, as on clothed bodies.
     pub facet_edge_m: f32,
@@ -132,6 +136,7 @@ impl Default for DatasetConfig {
             shortest_part_s: None,
             frame_rate_hz: None,
             slowest_mps: 0.0,
+            remove_static_cells: false,
             facet_edge_m: 0.02,
             distance_m: placement.distance_m,
             lateral_m: placement.lateral_m,

@@ -48,6 +48,14 @@ impl Default for ObjectsFile {
 }
 
 impl ObjectsFile {
+    /// Surroundings of a living room: weak clutter and a dozen strong objects.
+    pub fn furnished() -> Self {
+        Self {
+            n_strong: [12, 12],
+            ..Self::default()
+        }
+    }
+
     /// Checks that the values are finite and ordered.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! The `[processing]` table of scenes and data sets: the signal chain from cube to points.
 
 use radarllm_base::RadarConfig;
-use radarllm_radar_dsp::{ClutterFilter, Detector, DspOptions, MapKind, PeakGrouping};
+use radarllm_radar_dsp::{ClutterFilter, Detector, DopplerCfar, DspOptions, MapKind, PeakGrouping};
 use serde::{Deserialize, Serialize};
 
 /// Source of the values that the table does not specify.
@@ -27,6 +27,8 @@ pub struct ProcessingFile {
     pub map: Option<MapKind>,
     /// Cell selection.
     pub detector: Option<Detector>,
+    /// Second CFAR of the detected cells, along Doppler.
+    pub doppler_cfar: Option<DopplerCfar>,
     /// Maximum number of points per frame.
     pub max_points: Option<usize>,
     /// Minimum range kept, m.
@@ -68,6 +70,7 @@ impl ProcessingFile {
         };
         out.map = self.map.unwrap_or(out.map);
         out.detector = self.detector.unwrap_or(out.detector);
+        out.doppler_cfar = self.doppler_cfar.or(out.doppler_cfar);
         out.clutter = self.clutter.unwrap_or(out.clutter);
         out.max_points = self.max_points.unwrap_or(out.max_points);
         out.min_range_m = self.min_range_m.unwrap_or(out.min_range_m);

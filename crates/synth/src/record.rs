@@ -1,6 +1,6 @@
 //! A pure function from (corpus item, variant, seed) to a [`ClipRecord`].
 
-use radarllm_base::{Motion, PointFrame, Timeline, seed::derive_seed};
+use radarllm_base::{Motion, PointFrame, StaticCells, Timeline, seed::derive_seed};
 use radarllm_body::{
     features::humanml3d_features,
     mesh::{BodyModel, BodyShape, Build, pose_on_body},
@@ -70,6 +70,9 @@ pub fn make_record(
         if let Detector::LogCfar { threshold_db, .. } = &mut dsp.detector {
             *threshold_db += offset_db;
         }
+        if let Some(cfar) = &mut dsp.doppler_cfar {
+            cfar.threshold_db += offset_db;
+        }
         synthesizer.set_processing(dsp)?;
     }
     synthesizer.set_objects(objects.unwrap_or_default())?;
@@ -107,6 +110,9 @@ fn stored_frames(
     config: &DatasetConfig,
     rate_hz: f64,
 ) -> Result<Vec<PointFrame>, SynthError> {
+    if config.remove_static_cells {
+        StaticCells::of(&frames).remove(&mut frames);
+    }
     if config.slowest_mps > 0.0 {
         for frame in &mut frames {
             frame.remove_slower_than(config.slowest_mps);

@@ -1,8 +1,9 @@
-//! Features of a window of points: level, spread and spectrum of ten time series.
+//! Features of a window of points: level, spread and spectrum of fourteen time series.
 //!
 //! The series are sampled at [`STEP_S`]: number of points, their mean, lowest and highest height, mean range and mean
-//! forward distance relative to the window's medians, mean velocity, mean speed, and the numbers of points that move
-//! away and towards the radar faster than [`FAST_MPS`]. Steps without points are interpolated. Every series gives its
+//! forward distance relative to the window's medians, mean velocity, mean speed, the numbers of points that move away
+//! and towards the radar faster than [`FAST_MPS`], and mean, lowest and highest value and spread of the lateral position
+//! relative to the window's median. Steps without points are interpolated. Every series gives its
 //! mean, standard deviation, 10 % and 90 % quantiles, and the share of its power in the five bands of [`BANDS_HZ`].
 
 use radarllm_base::{Clip, PointFrame, RadarPoint};
@@ -19,10 +20,12 @@ pub const FAST_MPS: f32 = 0.7;
 pub const BANDS_HZ: [[f64; 2]; 5] = [[0.2, 0.45], [0.45, 0.8], [0.8, 1.4], [1.4, 2.5], [2.5, 5.0]];
 /// Points at the length of this transform give the spectrum.
 const N_TRANSFORM: usize = 256;
-const N_SERIES: usize = 10;
+const N_SERIES: usize = 14;
 const N_PER_SERIES: usize = 4 + BANDS_HZ.len();
 /// Number of features of a window.
 pub const N_FEATURES: usize = N_SERIES * N_PER_SERIES;
+/// Number of features without those of the lateral position, which come last.
+pub const N_WITHOUT_LATERAL: usize = 10 * N_PER_SERIES;
 /// Windows with fewer points have no features.
 pub const MIN_POINTS: usize = 5;
 
@@ -84,7 +87,7 @@ fn features(
     )
 }
 
-/// The ten series `[N_SERIES][steps]`; NaN where a step has no points.
+/// The series `[N_SERIES][steps]`; NaN where a step has no points.
 fn series(
     frames: &[PointFrame],
     start_s: f64,
@@ -94,6 +97,7 @@ fn series(
     let points = || frames.iter().flat_map(|f| &f.points);
     let range_m = median(points().map(|p| f64::from(p.range_m)).collect());
     let forward_m = median(points().map(|p| f64::from(p.y_m)).collect());
+    let lateral_m = median(points().map(|p| f64::from(p.x_m)).collect());
     let n_steps = ((length_s / STEP_S).round() as usize).max(1);
     let mut steps: Vec<Vec<&RadarPoint>> = vec![Vec::new(); n_steps];
     for frame in frames {
@@ -125,6 +129,12 @@ fn series(
         series[5][i] = mean(&|p| p.y_m) - forward_m;
         series[6][i] = mean(&|p| p.velocity_mps);
         series[7][i] = mean(&|p| p.velocity_mps.abs());
+        let lateral = step.iter().map(|p| f64::from(p.x_m) - lateral_m);
+        series[10][i] = lateral.clone().sum::<f64>() / n;
+        series[11][i] = lateral.clone().fold(f64::INFINITY, f64::min);
+        series[12][i] = lateral.clone().fold(f64::NEG_INFINITY, f64::max);
+        let square = lateral.map(|x| (x - series[10][i]).powi(2));
+        series[13][i] = (square.sum::<f64>() / n).sqrt();
     }
     series
 }
@@ -278,6 +288,37 @@ mod tests {
             // A constant series has no power.
             assert!(features[4..9].iter().all(|v| *v == 0.0));
         }
+    }
+
+    #[test]
+    fn only_lateral_features_tell_both_sides_from_one() {
+        let lateral = |places: [f32; 5]| {
+            let mut clip = clip(6.7, 1.0);
+            for frame in &mut clip.frames {
+                for (point, x_m) in frame.points.iter_mut().zip(places) {
+                    point.x_m = x_m;
+                }
+            }
+            windows(&clip)[0].features.clone().unwrap()
+        };
+        let (one, both) = (
+            lateral([0.0, 0.0, 0.0, 0.6, 0.6]),
+            lateral([-0.6, -0.6, 0.0, 0.6, 0.6]),
+        );
+        assert_eq!(one[..N_WITHOUT_LATERAL], both[..N_WITHOUT_LATERAL]);
+        // Mean, lowest, highest and spread; the first feature of each is its mean.
+        let means = |f: &[f32]| [10, 11, 12, 13].map(|s| f[s * N_PER_SERIES]);
+        let close = |a: [f32; 4], b: [f32; 4]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4);
+        assert!(
+            close(means(&one), [0.24, 0.0, 0.6, 0.293_94]),
+            "{:?}",
+            means(&one)
+        );
+        assert!(
+            close(means(&both), [0.0, -0.6, 0.6, 0.536_66]),
+            "{:?}",
+            means(&both)
+        );
     }
 
     #[test]

@@ -14,7 +14,7 @@ use crate::features::{N_FEATURES, windows};
 /// The `format` of every memory file.
 const FORMAT: &str = "radarllm memory";
 /// Version of the file and of the features in it.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// Largest memory file, bytes: some thousand examples.
 const MAX_BYTES: u64 = 64 << 20;
 /// Most windows of one example; of a longer recording these are taken at equal distances.
@@ -325,7 +325,10 @@ impl Memory {
             return Err(format!("format `{}`, expected `{FORMAT}`", self.format));
         }
         if self.version != VERSION {
-            return Err(format!("version {}, expected {VERSION}", self.version));
+            return Err(format!(
+                "version {}, expected {VERSION}; delete it and teach the activities again",
+                self.version
+            ));
         }
         for (i, taught) in self.activities.iter().enumerate() {
             if self.activities[..i]
@@ -454,10 +457,10 @@ mod tests {
         for (damaged, expected) in [
             (text[..text.len() / 2].to_string(), "EOF"),
             (text.replace("radarllm memory", "other"), "format `other`"),
-            (text.replace("\"version\":1", "\"version\":9"), "version 9"),
+            (text.replace("\"version\":2", "\"version\":9"), "version 9"),
             (
                 text.replace("\"windows\":[[", "\"windows\":[[1.0],["),
-                "windows of 90",
+                "windows of 126",
             ),
             (text.replace("\"says\"", "\"sais\""), "sais"),
             ("[]".into(), "expected struct"),

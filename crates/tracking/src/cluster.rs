@@ -22,8 +22,6 @@ pub struct ClusterOptions {
     pub velocity_mps: f64,
     /// Minimum number of neighbours, the point itself included, that makes a point a core point.
     pub min_points: usize,
-    /// Minimum speed of clustered points, m/s. Slower points belong to the surroundings, which some firmware reports.
-    pub slowest_mps: f64,
 }
 
 impl Default for ClusterOptions {
@@ -33,7 +31,6 @@ impl Default for ClusterOptions {
             height_m: 1.0,
             velocity_mps: 1.5,
             min_points: 3,
-            slowest_mps: 0.0,
         }
     }
 }
@@ -53,7 +50,6 @@ impl ClusterOptions {
             100.0,
             "0.01 to 100 m/s",
         )?;
-        within("slowest_mps", self.slowest_mps, 0.0, 100.0, "0 to 100 m/s")?;
         within(
             "min_points",
             self.min_points as f64,
@@ -112,11 +108,10 @@ impl Cluster {
 /// Clusters are ordered by their first core point.
 pub fn clusters(points: &[RadarPoint], options: &ClusterOptions) -> Vec<Cluster> {
     let points = &points[..points.len().min(MAX_POINTS)];
-    let is_slow = |p: &RadarPoint| f64::from(p.velocity_mps.abs()) < options.slowest_mps;
-    let mut taken: Vec<bool> = points.iter().map(is_slow).collect();
+    let mut taken = vec![false; points.len()];
     let neighbours = |i: usize| -> Vec<usize> {
         (0..points.len())
-            .filter(|&j| !is_slow(&points[j]) && options.are_neighbours(&points[i], &points[j]))
+            .filter(|&j| options.are_neighbours(&points[i], &points[j]))
             .collect()
     };
     let mut found = Vec::new();
@@ -178,12 +173,6 @@ mod tests {
         // Points 0 and 3 are connected only through the core point between them.
         assert_eq!(members, [&[0, 2, 3][..], &[4, 5, 6]]);
         assert!((found[0].place_m[0] - 0.4).abs() < 1e-6 && found[1].velocity_mps == -2.0);
-        // Without the slowest of them, the first three points are too few for a cluster.
-        let still = ClusterOptions {
-            slowest_mps: 0.25,
-            ..options
-        };
-        assert_eq!(clusters(&points, &still)[0].points, [4, 5, 6]);
         assert!(clusters(&[], &options).is_empty());
         assert!(clusters(&points[..2], &options).is_empty());
     }

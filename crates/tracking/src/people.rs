@@ -1,6 +1,6 @@
 //! Tracks of the people in a clip, without multipath ghosts and static clutter, and a clip for each person.
 
-use radarllm_base::{Clip, Clutter, PointFrame, STATIC_SPEED_MPS, StaticClutter};
+use radarllm_base::{Clip, Clutter, PointFrame, StaticCells, StaticClutter};
 
 use crate::{
     OptionError,
@@ -54,16 +54,15 @@ pub struct Person {
 /// # Errors
 /// If an option is out of range.
 pub fn find_people(clip: &mut Clip, options: &PeopleOptions) -> Result<People, OptionError> {
-    let mut track_options = options.track;
     let excluded = match clip.clutter {
         Clutter::Settled => None,
         Clutter::Unchecked => clip.static_clutter(),
     };
     let frames = clip.frames.as_mut_slice();
-    if excluded.is_some() {
-        track_options.cluster.slowest_mps = f64::from(STATIC_SPEED_MPS);
-    }
-    let mut tracks = track(frames, &track_options)?;
+    let mut tracks = match excluded {
+        Some(_) => track_moving(frames, &options.track)?,
+        None => track(frames, &options.track)?,
+    };
     let mut ghosts = Vec::new();
     if options.remove_ghosts {
         ghosts = find_ghosts(&tracks, frames);
@@ -80,6 +79,33 @@ pub fn find_people(clip: &mut Clip, options: &PeopleOptions) -> Result<People, O
         ghosts,
         excluded,
     })
+}
+
+/// Tracks people by the points that are not static. The indices of the tracks are those of all points.
+fn track_moving(frames: &[PointFrame], options: &TrackOptions) -> Result<Vec<Track>, OptionError> {
+    let cells = StaticCells::of(frames);
+    let moving: Vec<Vec<u32>> = frames
+        .iter()
+        .map(|frame| {
+            let all = (0_u32..).zip(&frame.points);
+            let kept = all.filter(|(_, p)| !cells.is_static(p));
+            kept.map(|(i, _)| i).collect()
+        })
+        .collect();
+    let without: Vec<PointFrame> = frames
+        .iter()
+        .zip(&moving)
+        .map(|(frame, kept)| PointFrame {
+            points: kept.iter().map(|i| frame.points[*i as usize]).collect(),
+            ..*frame
+        })
+        .collect();
+    let mut tracks = track(&without, options)?;
+    for at in tracks.iter_mut().flat_map(|t| &mut t.frames) {
+        let kept = &moving[at.frame];
+        at.points.iter_mut().for_each(|i| *i = kept[*i as usize]);
+    }
+    Ok(tracks)
 }
 
 /// Returns the clip of each person in a clip; empty if no person is found.
@@ -171,5 +197,53 @@ fn remove_ghosts(ghosts: &[Ghost], tracks: &mut Vec<Track>, frames: &mut [PointF
             index += 1;
             !removed.contains(&(index - 1))
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use radarllm_base::{Provenance, RadarPoint};
+
+    use super::*;
+
+    /// A wall that fills three Doppler bins, and a person in front of it.
+    #[test]
+    fn static_cells_are_no_people_and_points_keep_their_indices() {
+        let at = |x_m: f32, y_m: f32, velocity_mps: f32| RadarPoint {
+            x_m,
+            y_m,
+            velocity_mps,
+            ..RadarPoint::default()
+        };
+        let frame = |i: u32| {
+            let y_m = 2.0 + 0.06 * i as f32;
+            let wall = [-0.13, 0.0, 0.13].map(|v| at(1.6, 4.0, v));
+            let person = [0.5, 0.6, 0.7].map(|v| at(-0.5, y_m, v));
+            PointFrame {
+                frame: i,
+                time_s: f64::from(i) / 10.0,
+                points: [wall, wall, person].concat(),
+            }
+        };
+        let mut clip = Clip {
+            frames: (0..40).map(frame).collect(),
+            frame_rate_hz: 10.0,
+            radar_height_m: 1.0,
+            radar: "unknown".into(),
+            provenance: Provenance::recorded("uart", "room.dat"),
+            clutter: Clutter::Unchecked,
+        };
+        let people = find_people(&mut clip, &PeopleOptions::default()).unwrap();
+        assert_eq!(people.excluded.map(|e| e.n_static), Some(240));
+        let [person] = &people.tracks[..] else {
+            panic!("{:?}", people.tracks)
+        };
+        assert!(person.frames.iter().any(|f| f.points == [6, 7, 8]));
+        assert!(
+            person
+                .frames
+                .iter()
+                .all(|f| f.points.iter().all(|i| *i >= 6))
+        );
     }
 }

@@ -177,7 +177,7 @@ impl Track {
 /// Detects people and tracks them.
 ///
 /// The steps for each frame are:
-/// - Points are clustered. Points slower than [`ClusterOptions::slowest_mps`] are ignored.
+/// - Points are clustered.
 /// - A Kalman filter with a constant-velocity model predicts the position of every person.
 /// - Data association assigns clusters to confirmed tracks so that the sum of squared Mahalanobis distances is minimal.
 ///   No assignment is made outside the 99 % gate.

@@ -43,7 +43,7 @@ pub struct Row {
     /// Why there is no sentence, when there is none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// exp(mean log-probability of the words), 0..1; 0 when nothing was described.
+    /// Mean of the confidences of the segments, 0..1; 0 when nothing was described.
     pub confidence: f32,
     /// The input and its provenance.
     #[serde(flatten)]

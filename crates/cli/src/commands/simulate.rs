@@ -20,10 +20,11 @@ use radarllm_body::{
 use radarllm_dataset::{Overwrite, PointsMeta, write_points};
 use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
 use radarllm_formats::Severity;
-use radarllm_io::options::MAX_FRAMES;
+use radarllm_io::{OutOfBoxFirmware, options::MAX_FRAMES};
 use radarllm_radar_sim::{Noise, Scene};
 use radarllm_synth::{
     Method, SynthError, Synthesizer,
+    objects::ObjectsFile,
     scene::{OwnedScene, SceneFile},
     simulate::{is_builtin, motion_files, place},
     synthesizer::{posed_builtin, scene_to_points_in_parallel},
@@ -32,7 +33,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::{
-    args::{Emit, SimulateArgs},
+    args::{Emit, Firmware, SimulateArgs},
     commands::pictures::Pictures,
     error::{CliError, CliResult},
     output, radar_file,
@@ -71,7 +72,16 @@ struct Done {
 
 /// Runs the command.
 pub fn run(args: &SimulateArgs) -> CliResult {
-    let radar = radar_file::open(&args.radar)?.config;
+    let radar = radar_file::open(&args.radar)?;
+    let firmware = match (args.firmware, args.emit) {
+        (Firmware::None, _) => None,
+        (Firmware::OutOfBox, Emit::Points) => Some(OutOfBoxFirmware::of(&radar)?),
+        (Firmware::OutOfBox, Emit::Adc) => {
+            return Err(CliError::new("firmware reports points, not samples")
+                .hint("leave out --firmware or --emit adc"));
+        }
+    };
+    let radar = radar.config;
     // Radars with warnings are simulated all the same, and the warnings are printed.
     let findings = radarllm_formats::lint(&radar, None);
     for finding in findings.iter().filter(|f| f.severity != Severity::Note) {
@@ -106,7 +116,7 @@ pub fn run(args: &SimulateArgs) -> CliResult {
     let results: Vec<CliResult<Done>> = on_threads(args.threads, || {
         jobs.par_iter()
             .map(|(input, out)| {
-                let result = simulate_one(input, out, &radar, args);
+                let result = simulate_one(input, out, &radar, firmware.as_ref(), args);
                 progress.one_more();
                 result
             })
@@ -257,6 +267,7 @@ fn simulate_one(
     input: &str,
     out: &Path,
     radar: &RadarConfig,
+    firmware: Option<&OutOfBoxFirmware>,
     args: &SimulateArgs,
 ) -> CliResult<Done> {
     let method = if args.reference {
@@ -280,7 +291,7 @@ fn simulate_one(
             let chain = Synthesizer::with_simulation(
                 &radar,
                 method,
-                file.processing.resolve(&radar),
+                firmware.map_or_else(|| file.processing.resolve(&radar), |f| f.chain.clone()),
                 file.sim_options(),
             );
             Ok(chain?.with_impairments(impairments))
@@ -289,13 +300,13 @@ fn simulate_one(
         let simulation = Simulation {
             input,
             radar: &radar,
+            firmware,
             scene: &scene,
             duration_s: file.duration_s,
             seed: args.seed,
         };
         return simulation.write(&plan, out, args);
     }
-    let plan = || Synthesizer::new(radar, method, DspOptions::default());
     let motion = open_motion(input, args.seed)?;
     let placement = place(&motion.motion, args.distance_m, args.radar_height_m);
     let body = match &args.body {
@@ -319,9 +330,23 @@ fn simulate_one(
     // A motion's noise is its own, and the same alone and in a folder.
     let name = Path::new(input).file_stem().map(|s| s.to_string_lossy());
     let seed = derive_seed(args.seed, name.as_deref().unwrap_or(input));
+    let objects = match firmware {
+        Some(firmware) if firmware.reports_surroundings() => {
+            let height_m = f64::from(args.radar_height_m);
+            ObjectsFile::furnished().draw(height_m, derive_seed(seed, "objects"))
+        }
+        _ => Vec::new(),
+    };
+    let plan = || {
+        let chain = firmware.map_or_else(DspOptions::default, |f| f.chain.clone());
+        let mut synthesizer = Synthesizer::new(radar, method, chain)?;
+        synthesizer.set_objects(objects.clone())?;
+        Ok(synthesizer)
+    };
     let simulation = Simulation {
         input,
         radar,
+        firmware,
         scene: &scene,
         duration_s: motion.motion.duration_s(),
         seed,
@@ -334,6 +359,7 @@ struct Simulation<'a> {
     /// The input as named.
     input: &'a str,
     radar: &'a RadarConfig,
+    firmware: Option<&'a OutOfBoxFirmware>,
     scene: &'a Scene<'a>,
     duration_s: f64,
     /// Seed of the noise.
@@ -359,10 +385,13 @@ impl Simulation<'_> {
         let draws = args.pictures.paths().next().is_some();
         let n_points = match args.emit {
             Emit::Points => {
-                let frames = match draws {
+                let mut frames = match draws {
                     true => self.draw_each(&mut plan()?, n_frames, &mut pictures)?,
                     false => scene_to_points_in_parallel(plan, self.scene, n_frames, self.seed)?,
                 };
+                if let Some(firmware) = self.firmware {
+                    frames.iter_mut().for_each(|f| firmware.limit(f));
+                }
                 pictures.finish(&frames, None)?;
                 let meta = PointsMeta {
                     radar: self.radar.name.clone(),

@@ -433,3 +433,60 @@ fn captions_follow_interventions_whatever_the_verb_is_called() {
     let earlier = json(&["edits", "--count", "3", "--threads", "1", "--json"]);
     assert_eq!(earlier, report);
 }
+
+/// A chirp of ±1 m/s with both passes of CFAR, as TI's visualizer writes it.
+const DEMO_CFG: &str = "% Platform:xWR68xx\nchannelCfg 15 7 0\nadcCfg 2 1\n\
+    profileCfg 0 60.25 355 6 58 0 0 60 1 224 4500 0 0 30\nchirpCfg 0 0 0 0 0 0 0 1\n\
+    chirpCfg 1 1 0 0 0 0 0 4\nchirpCfg 2 2 0 0 0 0 0 2\nframeCfg 0 2 16 0 100 1 0\n\
+    cfarCfg -1 0 2 8 4 3 0 15 0\ncfarCfg -1 1 0 4 2 3 1 15 0\ncfarFovCfg -1 1 -0.8 0.8\n";
+
+#[test]
+fn out_of_box_firmware_reports_the_room_unless_it_removes_clutter() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let simulate = |name: &str, cfg: &str| {
+        fs::write(path("demo.cfg"), cfg).unwrap();
+        let out = path(name);
+        let (cfg, walk) = (path("demo.cfg"), "builtin:walk?distance_m=1.2");
+        let args = [
+            "simulate",
+            walk,
+            "--radar",
+            &cfg,
+            "--firmware",
+            "out-of-box",
+        ];
+        json(&[&args[..], &["--out", &out, "--json"]].concat());
+        radarllm_dataset::read_points(std::path::Path::new(&out))
+            .unwrap()
+            .frames
+    };
+    let room = simulate("room.parquet", DEMO_CFG);
+    let quiet = simulate("quiet.parquet", &format!("{DEMO_CFG}clutterRemoval -1 1\n"));
+    let count = |frames: &[radarllm_base::PointFrame], of: fn(f32) -> bool| {
+        let points = frames.iter().flat_map(|f| &f.points);
+        points.filter(|p| of(p.velocity_mps.abs())).count()
+    };
+    let all = |_| true;
+    let is_static = |speed| speed < 0.05;
+    // Without clutter, only what folds to zero is left: limbs at twice the largest speed.
+    let (in_room, without) = (count(&room, is_static), count(&quiet, is_static));
+    assert!(
+        in_room > 5 * room.len() && without < 3 * quiet.len(),
+        "{in_room} {without}"
+    );
+    for frames in [&room, &quiet] {
+        // Someone walks at more than 1 m/s, which folds; the field of view ends at 0.8 m/s.
+        assert!(count(frames, |speed| (0.2..=0.8).contains(&speed)) > frames.len());
+        assert_eq!(count(frames, |speed| speed <= 0.8), count(frames, all));
+    }
+
+    let out = path("refused.parquet");
+    let builtin = ["simulate", "builtin:walk", "--radar", "awr1843boost"];
+    let refused =
+        |more: &[&str]| crate::command::refused(&[&builtin[..], more, &["--out", &out]].concat());
+    let message = refused(&["--firmware", "out-of-box"]);
+    assert!(message.contains(".cfg"), "{message}");
+    let message = refused(&["--firmware", "out-of-box", "--emit", "adc"]);
+    assert!(message.contains("points, not samples"), "{message}");
+}

@@ -105,7 +105,7 @@ impl std::fmt::Display for Abstained {
 pub struct Description {
     /// The sentence; exactly [`NO_PERSON`] when [`Self::abstained`] is set.
     pub caption: String,
-    /// exp(mean token log-probability) over all windows, 0..=1; 0 when abstained.
+    /// Mean of the confidences of the segments, weighted by their durations, 0..=1; 0 when abstained.
     pub confidence: f32,
     /// Radar tokens of all windows, one per 0.4 s.
     pub tokens: Vec<u32>,
@@ -141,7 +141,8 @@ pub struct Segment {
     pub caption: String,
     /// Names of the actions that the sentence states, in order; see [`radarllm_facts::parse()`].
     pub actions: Vec<&'static str>,
-    /// How certain the model is, 0..=1: exp(mean token log-probability), times the share of the windows that agree.
+    /// How certain the model is, 0..=1. For one window: exp(mean token log-probability). For more: the probability of
+    /// these actions among the readings of the windows, averaged over windows.
     pub confidence: f32,
     /// Name of the taught activity that was recognised; `None` for a sentence of the model.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -266,7 +267,6 @@ impl Captioner {
             all.push(WindowReadings {
                 start,
                 end,
-                confidence: result.confidence(),
                 readings: texts.iter().zip(&weights).map(reading).collect(),
             });
         }

@@ -35,8 +35,6 @@ pub(crate) struct WindowReadings {
     pub start: usize,
     /// Frame after the last one.
     pub end: usize,
-    /// exp(mean token log-probability) of its own sentence.
-    pub confidence: f32,
     /// Sentences that may describe it.
     pub readings: Vec<Reading>,
 }
@@ -140,8 +138,10 @@ fn votes(hop: usize, n_frames: usize, windows: &[WindowReadings]) -> Hop<'_> {
         hop.votes.extend(stating.map(|reading| {
             let clauses = &reading.clauses;
             let position = (middle - window.start) * clauses.len() / (window.end - window.start);
-            let weight = reading.probability * window.confidence;
-            (&clauses[position.min(clauses.len() - 1)], weight)
+            (
+                &clauses[position.min(clauses.len() - 1)],
+                reading.probability,
+            )
         }));
         hop.n_windows += usize::from(hop.votes.len() > before);
     }
@@ -242,7 +242,6 @@ mod tests {
         let sentence = |(i, text): (usize, &&str)| WindowReadings {
             start: i * HOP_FRAMES,
             end: i * HOP_FRAMES + WINDOWS[0].0,
-            confidence: 0.6,
             readings: vec![Reading::new(text, 1.0)],
         };
         sentences.iter().enumerate().map(sentence).collect()
@@ -344,7 +343,10 @@ mod tests {
     fn disagreement_lowers_confidence() {
         let windows = windows_of(&["a person walks", "a person bows", "a person walks"]);
         let all = segments(&windows, 100, |frame| frame as f64 / 10.0);
-        assert!(all.iter().all(|s| s.confidence <= 0.6 + 1e-6));
-        assert!(all.iter().any(|s| s.confidence < 0.5));
+        assert!(all.iter().any(|s| s.confidence < 0.8));
+        let agreed = segments(&windows_of(&["a person walks"; 3]), 100, |f| {
+            f as f64 / 10.0
+        });
+        assert!(agreed.iter().all(|s| (s.confidence - 1.0).abs() < 1e-6));
     }
 }

@@ -343,6 +343,16 @@ pub fn clauses(name: &str, v: &Values) -> Vec<String> {
             "[kick] {the} {side} leg {way}",
             "[swing] {the} {side} leg {way} in a kick",
         ],
+        ("leg_raise", _) if v.word("arm") == "raised" => vec![
+            "[raise] {the} {side} arm and leg {way}",
+            "[lift] {the} {side} arm and leg {way}",
+            "[raise] {the} {side} leg {way} together with {the} {side} arm",
+        ],
+        ("leg_raise", _) => vec![
+            "[raise] {the} {side} leg {way}",
+            "[lift] {the} {side} leg {way}",
+            "[lift] {the} straight {side} leg {way} and [lower] it",
+        ],
         ("balance", _) => vec![
             "[balance] on the {side} leg",
             "[stand] on the {side} leg",

@@ -46,16 +46,16 @@ pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
 pub fn raise_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
-    let jitter = 0.06 * actor.dice.bell();
+    // People raise their arms to any height, seldom straight, and between the front and the side.
+    let up = actor.dice.range(0.0, 1.0);
+    let stretched = actor.dice.range(0.62, 0.975);
     let (elevation, azimuth) = match v.word("style") {
-        "forward" => (0.02 + jitter, 0.03),
-        "sideways" => (0.02 + jitter, 1.48),
-        _ => (
-            1.4 + 0.5 * jitter,
-            if actor.dice.chance(0.5) { 0.1 } else { 1.3 },
-        ),
+        "forward" => (-0.15 + 0.5 * up, 0.03 + 0.15 * actor.dice.bell()),
+        "sideways" => (-0.15 + 0.6 * up, 1.4 + 0.15 * actor.dice.bell()),
+        _ => (0.85 + 0.58 * up, actor.dice.range(0.1, 1.4)),
     };
-    let pole = match (elevation > 1.0, azimuth > 1.0) {
+    let is_overhead = v.word("style") == "overhead";
+    let pole = match (is_overhead, azimuth > 0.7) {
         (true, true) => ELBOW_SIDE,
         (true, false) => ELBOW_UP,
         _ => ELBOW_DOWN,
@@ -65,10 +65,10 @@ pub fn raise_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
     for n in 0..v.count("repetitions") {
         track.to(actor.s(0.85, speed), |c| {
             for side in v.sides() {
-                reach(c, *side, elevation, azimuth, 0.975, pole);
+                reach(c, *side, elevation, azimuth, stretched, pole);
                 c.arms[*side].flex = 0.0;
             }
-            c.flex = rest.flex - if elevation > 1.0 { 0.06 } else { 0.0 };
+            c.flex = rest.flex - if is_overhead { 0.06 } else { 0.0 };
         });
         track.hold(actor.s(0.35, speed));
         track.to(actor.s(0.8, speed), |c| *c = rest);

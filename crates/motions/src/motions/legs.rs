@@ -59,24 +59,37 @@ pub fn lunge(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let size = v.amplitude();
     let mut track = Track::new(rest);
     track.hold(0.1);
-    for _ in 0..v.count("repetitions") {
+    let in_place = v.word("feet") == "in_place";
+    // Many hardly lower the body, and hold their hands in front of the chest.
+    let depth = actor.dice.range(0.4, 1.05);
+    let (elevation, azimuth, stretched) = match actor.dice.chance(0.5) {
+        true => (-0.3, -0.2, 0.5),
+        false => (-0.9, 0.35, 0.72),
+    };
+    let times = v.count("repetitions");
+    for n in 0..times {
+        // With the feet in place only the first repetition steps out and only the last one steps back.
+        let (steps_out, steps_back) = (!in_place || n == 0, !in_place || n + 1 == times);
         let length_m =
             actor.a(if sideways { 0.62 } else { 0.78 }) * size.clamp(0.6, 1.15) * actor.rig.scale;
-        let sink_m = actor.a(if sideways { 0.24 } else { 0.3 }) * size * actor.rig.scale;
-        track.to(actor.s(0.38, speed), |c| {
-            c.bias = weight_off(side);
-            c.feet[side].at = rest.feet[side].at + way * (0.5 * length_m) + Vec3::Y * actor.m(0.1);
-            c.feet[side].pitch = if way.z > 0.0 { 0.1 } else { -0.4 };
-        });
-        track.to(actor.s(0.34, speed), |c| {
-            c.bias = if side == 0 { 0.4 } else { 0.6 };
-            c.feet[side].at = rest.feet[side].at + way * length_m;
-            c.feet[side].pitch = if way.z < 0.0 { -0.55 } else { 0.0 };
-            if way.z > 0.0 {
-                c.feet[other].pitch = -0.35;
-            }
-            c.hip.y = rest.hip.y - 0.4 * sink_m;
-        });
+        let sink_m = actor.a(if sideways { 0.24 } else { 0.3 }) * depth * size * actor.rig.scale;
+        if steps_out {
+            track.to(actor.s(0.38, speed), |c| {
+                c.bias = weight_off(side);
+                c.feet[side].at =
+                    rest.feet[side].at + way * (0.5 * length_m) + Vec3::Y * actor.m(0.1);
+                c.feet[side].pitch = if way.z > 0.0 { 0.1 } else { -0.4 };
+            });
+            track.to(actor.s(0.34, speed), |c| {
+                c.bias = if side == 0 { 0.4 } else { 0.6 };
+                c.feet[side].at = rest.feet[side].at + way * length_m;
+                c.feet[side].pitch = if way.z < 0.0 { -0.55 } else { 0.0 };
+                if way.z > 0.0 {
+                    c.feet[other].pitch = -0.35;
+                }
+                c.hip.y = rest.hip.y - 0.4 * sink_m;
+            });
+        }
         track.to(actor.s(0.5, speed), |c| {
             c.hip.y = rest.hip.y - sink_m;
             c.pitch = if sideways { 0.4 } else { 0.1 };
@@ -94,7 +107,7 @@ pub fn lunge(v: &Values, actor: &mut Actor) -> Vec<Control> {
                 c.feet[side].pitch = -0.95;
             }
             for s in 0..2 {
-                reach(c, s, -0.9, 0.35, 0.72, ELBOW_BACK);
+                reach(c, s, elevation, azimuth, stretched, ELBOW_BACK);
             }
         });
         track.hold(actor.s(0.15, speed));
@@ -104,16 +117,18 @@ pub fn lunge(v: &Values, actor: &mut Actor) -> Vec<Control> {
             c.feet[other].pitch = if way.z > 0.0 { -0.35 } else { 0.0 };
             c.pitch = 0.1;
         });
-        track.to(actor.s(0.3, speed), |c| {
-            c.bias = weight_off(side);
-            c.hip.y = rest.hip.y;
-            c.feet[side].at =
-                rest.feet[side].at + way * (0.45 * length_m) + Vec3::Y * actor.m(0.09);
-            c.feet[side].pitch = -0.2;
-            c.feet[other].pitch = 0.0;
-        });
-        track.to(actor.s(0.4, speed), |c| *c = rest);
-        track.hold(0.08);
+        if steps_back {
+            track.to(actor.s(0.3, speed), |c| {
+                c.bias = weight_off(side);
+                c.hip.y = rest.hip.y;
+                c.feet[side].at =
+                    rest.feet[side].at + way * (0.45 * length_m) + Vec3::Y * actor.m(0.09);
+                c.feet[side].pitch = -0.2;
+                c.feet[other].pitch = 0.0;
+            });
+            track.to(actor.s(0.4, speed), |c| *c = rest);
+            track.hold(0.08);
+        }
     }
     track.hold(0.15);
     film(&track, actor)
@@ -199,6 +214,61 @@ pub fn kick(v: &Values, actor: &mut Actor) -> Vec<Control> {
         c.feet[side].at = rest.feet[side].at;
         c.feet[side].pitch = 0.0;
     });
+    track.to(actor.s(0.4, speed), |c| *c = rest);
+    track.hold(0.2);
+    film(&track, actor)
+}
+
+/// Raises one straight leg and lowers it, alone or with the arm of that side.
+pub fn leg_raise(v: &Values, actor: &mut Actor) -> Vec<Control> {
+    let rest = actor.standing();
+    let speed = v.speed();
+    let side = v.sides()[0];
+    let other = 1 - side;
+    let sign = SIDE_SIGN[side];
+    let direction = v.word("direction");
+    let arm_up = actor.dice.range(0.0, 0.9);
+    let stretched = actor.dice.range(0.65, 0.95);
+    let mut track = Track::new(rest);
+    let mut ready = rest;
+    ready.bias = weight_off(side);
+    track.to(actor.s(0.4, speed), |c| *c = ready);
+    for n in 0..v.count("repetitions") {
+        let size = v.amplitude() * actor.a(1.0).clamp(0.85, 1.15);
+        let goal = match direction {
+            "forward" => Vec3::new(0.0, 0.24 * size, 0.46),
+            "backward" => Vec3::new(0.0, 0.2 * size, -0.44),
+            _ => Vec3::new(0.46 * sign, 0.24 * size, 0.03),
+        };
+        track.to(actor.s(0.85, speed), |c| {
+            c.feet[side].at = rest.feet[side].at + goal * actor.rig.scale;
+            match direction {
+                "forward" => {
+                    c.feet[side].pitch = 0.3;
+                    c.pitch = rest.pitch - 0.08 * size;
+                }
+                "backward" => {
+                    c.feet[side].pitch = -0.8;
+                    c.pitch = rest.pitch + 0.25 * size;
+                }
+                _ => {
+                    c.feet[side].roll = 0.3 * sign;
+                    c.roll = 0.14 * sign * size;
+                    c.side = -0.06 * sign;
+                }
+            }
+            if v.word("arm") == "raised" {
+                let azimuth = if direction == "sideways" { 1.4 } else { 0.2 };
+                reach(c, side, arm_up, azimuth, stretched, ELBOW_DOWN);
+                reach(c, other, -1.1, 0.4, 0.85, ELBOW_BACK);
+            }
+        });
+        track.hold(actor.s(0.15, speed));
+        track.to(actor.s(0.85, speed), |c| *c = ready);
+        if n + 1 < v.count("repetitions") {
+            track.hold(actor.s(0.1, speed));
+        }
+    }
     track.to(actor.s(0.4, speed), |c| *c = rest);
     track.hold(0.2);
     film(&track, actor)

@@ -66,6 +66,7 @@ pub fn perform(name: &str, v: &Values, actor: &mut Actor) -> Vec<Control> {
         "squat" => legs::squat(v, actor),
         "lunge" => legs::lunge(v, actor),
         "kick" => legs::kick(v, actor),
+        "leg_raise" => legs::leg_raise(v, actor),
         "balance" => legs::balance(v, actor),
         "wave" => arms::wave(v, actor),
         "raise_arms" => arms::raise_arms(v, actor),

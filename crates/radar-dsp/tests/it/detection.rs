@@ -3,8 +3,8 @@
 use radarllm_base::{RadarConfig, RadarCube};
 use radarllm_radar_dsp::detect::Selector;
 use radarllm_radar_dsp::{
-    CfarSides, ClutterFilter, Detector, DspOptions, ImpossibleDirection, MapKind, PeakGrouping,
-    PointExtractor,
+    CfarSides, ClutterFilter, Detector, DopplerCfar, DspError, DspOptions, ImpossibleDirection,
+    MapKind, PeakGrouping, PointExtractor,
 };
 
 use crate::synthetic::{Random, Target, add_noise, cube};
@@ -374,4 +374,58 @@ fn peak_grouping_keeps_the_tops_in_the_direction_asked_for() {
     );
     // All eight: 7 lies beside 0 across the edge of the columns, 14 below 10.
     assert_eq!(kept(PeakGrouping::Both), [0, 10, 16]);
+}
+
+/// 3 x 16 maps, range by Doppler: the second pass is cyclic, compares with the mean of both sides in decibels, and rejects
+/// what is as wide as its window.
+#[test]
+fn the_second_pass_along_doppler_masks_extended_targets() {
+    let select = |map: &[f32], doppler_cfar| {
+        let options = DspOptions {
+            detector: Detector::AlwaysTopK,
+            doppler_cfar: Some(doppler_cfar),
+            ..DspOptions::default()
+        };
+        let mut selector = Selector::new(3, 16, 12, &options)?;
+        let mut cells = selector.select(map).to_vec();
+        cells.sort_unstable();
+        Ok::<_, DspError>(cells)
+    };
+    let cfar = DopplerCfar {
+        guard: 2,
+        train: 4,
+        threshold_db: 15.0,
+    };
+    let mut map = [1.0_f32; 48];
+    // 15.1 and 14.9 dB above the floor, at the edge of the row and in another row.
+    map[0] = 10_f32.powf(1.51);
+    map[16 + 8] = 10_f32.powf(1.49);
+    // A person over twelve bins, 40 dB above the floor. The training cells hold the person, too: only where all four of
+    // one side are free is the mean below 25 dB.
+    map[32..44].fill(10_f32.powf(4.0));
+    assert_eq!(select(&map, cfar).unwrap(), [0, 34, 41]);
+    // One strong training cell of eight raises the mean of the decibels by an eighth of its level.
+    let level_db = |db: f32| 10_f32.powf(db / 10.0);
+    let mut map = [1.0_f32; 48];
+    map[0] = level_db(19.9);
+    map[13] = level_db(40.0);
+    assert_eq!(select(&map, cfar).unwrap(), [13]);
+    map[0] = level_db(20.1);
+    assert_eq!(select(&map, cfar).unwrap(), [0, 13]);
+
+    for wrong in [
+        DopplerCfar { train: 0, ..cfar },
+        DopplerCfar { train: 6, ..cfar },
+        DopplerCfar {
+            guard: usize::MAX,
+            ..cfar
+        },
+        DopplerCfar {
+            threshold_db: f64::NAN,
+            ..cfar
+        },
+    ] {
+        let error = select(&map, wrong).unwrap_err().to_string();
+        assert!(error.contains("doppler_cfar"), "{error}");
+    }
 }
