@@ -22,6 +22,7 @@ use radarllm_facts::parse;
 
 use crate::clock::MAX_GAP_S;
 use crate::options::{OptionError, has_passed, is_over, within};
+use crate::store::{Activity, Growth};
 
 /// Longest row, s: half of the longest activity of the memory.
 pub const MAX_ROW_S: f64 = 43_200.0;
@@ -160,6 +161,38 @@ pub struct Row {
     pub n_points: u32,
     /// Whether the row may still grow.
     pub is_open: bool,
+}
+
+impl Row {
+    /// The row as the memory keeps it. `utc_ms` gives the time of day of a time of the stream, for example
+    /// [`StreamClock::utc_ms`](crate::clock::StreamClock::utc_ms).
+    pub fn activity(&self, utc_ms: impl Fn(f64) -> i64) -> Activity {
+        let start_ms = utc_ms(self.start_s);
+        Activity {
+            start_ms,
+            end_ms: utc_ms(self.end_s).max(start_ms),
+            person: self.person,
+            action: self.action.clone(),
+            caption: self.told.caption.clone(),
+            confidence: self.told.confidence,
+            windows: self.n_windows,
+            points: self.n_points,
+            place_m: self.told.place_m,
+        }
+    }
+
+    /// What changes in the memory when the row is reported again. The end is not before the one that was kept,
+    /// `kept_end_ms`, also if the time of day went back meanwhile.
+    pub fn growth(&self, kept_end_ms: i64, utc_ms: impl Fn(f64) -> i64) -> Growth {
+        Growth {
+            end_ms: utc_ms(self.end_s).max(kept_end_ms),
+            caption: self.told.caption.clone(),
+            confidence: self.told.confidence,
+            windows: self.n_windows,
+            points: self.n_points,
+            place_m: self.told.place_m,
+        }
+    }
 }
 
 /// Labels and rows of all people.
@@ -436,14 +469,15 @@ impl Run {
 
 impl Samples {
     fn push(&mut self, number: u32, told: &Told) {
-        if number % self.stride() != 0 {
+        if !number.is_multiple_of(self.stride()) {
             return;
         }
         self.kept.push((number, told.clone()));
         if self.kept.len() > MAX_TOLD {
             self.doublings += 1;
             let stride = self.stride();
-            self.kept.retain(|(number, _)| number % stride == 0);
+            self.kept
+                .retain(|(number, _)| number.is_multiple_of(stride));
         }
     }
 
@@ -564,6 +598,20 @@ mod tests {
         assert_eq!(found[2].told.caption, "window 2");
         assert_eq!((found[2].n_windows, found[2].n_points), (5, 500));
         assert_eq!(found[0].told.caption, "window 1");
+    }
+
+    #[test]
+    fn rows_have_the_time_of_day_in_the_memory() {
+        let found = rows(&["w", "w", "w", "w", "w"]);
+        let utc_ms = |t_s: f64| 1_000_000 + (t_s * 1e3) as i64;
+        let activity = found[0].activity(utc_ms);
+        assert_eq!((activity.start_ms, activity.end_ms), (1_000_000, 1_012_000));
+        assert_eq!((activity.windows, activity.points), (4, 400));
+        let growth = found[1].growth(activity.end_ms, utc_ms);
+        assert_eq!((growth.end_ms, growth.windows), (1_014_000, 5));
+        // An hour back: the row does not shrink.
+        let back_ms = |t_s: f64| utc_ms(t_s) - 3_600_000;
+        assert_eq!(found[1].growth(activity.end_ms, back_ms).end_ms, 1_012_000);
     }
 
     #[test]
