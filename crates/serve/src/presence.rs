@@ -164,6 +164,16 @@ impl PresenceMonitor {
         self.update(before, left)
     }
 
+    /// A person is known to be there at `t_s` though unseen, for example because of a fall that has not ended: the hold
+    /// time of this person starts again.
+    pub fn hold(&mut self, t_s: f64, person: u32) {
+        for missing in self.missing.iter_mut().filter(|m| m.person == person) {
+            if t_s.is_finite() {
+                missing.since_s = missing.since_s.max(t_s);
+            }
+        }
+    }
+
     /// Forgets everybody, as after the radar was silent: what happened meanwhile is unknown.
     pub fn reset(&mut self) -> PresenceUpdate {
         let before = self.presence;
@@ -357,6 +367,27 @@ mod tests {
         run(&mut monitor, [61, 80], &[person(4, ROOM, 0.0)]);
         run(&mut monitor, [80, 90], &[person(4, DOOR, 0.0)]);
         assert_eq!(monitor.push(9.0, &[]).presence, Presence::Absent);
+    }
+
+    #[test]
+    fn who_fell_is_held_until_the_fall_ends() {
+        let mut monitor = monitor();
+        run(&mut monitor, [0, 20], &[person(1, ROOM, 0.0)]);
+        for i in 20..1_000 {
+            let t_s = f64::from(i) * 0.1;
+            for nothing in [f64::NAN, f64::INFINITY] {
+                monitor.hold(nothing, 1);
+            }
+            monitor.hold(t_s, 1);
+            monitor.hold(t_s, 2);
+            assert_eq!(monitor.push(t_s, &[]).presence, Presence::Held);
+        }
+        // 30 s after the last time, in frame 999.
+        let found = run(&mut monitor, [1_000, 1_500], &[]);
+        assert_eq!(found, [(1_299, Presence::Absent)]);
+        // Who is absent stays so.
+        monitor.hold(151.0, 1);
+        assert_eq!(monitor.push(151.0, &[]).presence, Presence::Absent);
     }
 
     #[test]
