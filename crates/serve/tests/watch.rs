@@ -38,7 +38,11 @@ fn points(t_s: f32) -> Vec<RadarPoint> {
         10.0..10.7 => body(middle, 1.7 - 2.0 * (t_s - 10.0), 12),
         10.7..12.0 => body(middle, 0.3, 10),
         // Hardly anything moves.
-        12.0..50.0 => body(middle, 0.2, u32::from((t_s * 10.0) as u32 % 9 == 0)),
+        12.0..50.0 => body(
+            middle,
+            0.2,
+            u32::from(((t_s * 10.0) as u32).is_multiple_of(9)),
+        ),
         50.0..52.0 => body(middle, 0.3 + 0.7 * (t_s - 50.0), 12),
         52.0..56.0 => body(middle, 1.7, 12),
         56.0..59.0 => body(between(1.0 - (t_s - 56.0) / 3.0), 1.7, 12),
@@ -46,8 +50,11 @@ fn points(t_s: f32) -> Vec<RadarPoint> {
     }
 }
 
-/// Changes of presence and of falls, with their times, s, rounded.
-fn watch(kinds: &[ZoneKind]) -> (Vec<(i64, Presence)>, Vec<(i64, FallState)>) {
+/// Changes, with their times, s, rounded.
+type Changes<T> = Vec<(i64, T)>;
+
+/// Changes of presence and of falls.
+fn watch(kinds: &[ZoneKind]) -> (Changes<Presence>, Changes<FallState>) {
     let zone = |&kind| Zone {
         name: format!("{kind:?}"),
         kind,
