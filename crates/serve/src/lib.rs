@@ -42,16 +42,25 @@
 //! # }
 //! ```
 //!
-//! Reading order: [`store`] (the database), [`ask`](mod@ask) (questions), [`points`] (points as bytes), [`error`].
+//! Reading order: [`store`] (the database), [`ask`](mod@ask) (questions), [`points`] (points as bytes), [`error`];
+//! [`clock`] (frames to times), [`people`] and [`zones`] (what enters), [`presence`], [`falls`], [`activities`]
+//! (windows to labels and rows), [`options`].
 //!
 //! Deliberately absent: threads, the network and the clock. The caller gives the present time and the offset of the
 //! local time. Nobody is identified: a person is the number of a track.
 
+pub mod activities;
 pub mod ask;
 mod civil;
+pub mod clock;
 pub mod error;
+pub mod falls;
+pub mod options;
+pub mod people;
 pub mod points;
+pub mod presence;
 pub mod store;
+pub mod zones;
 
 pub use ask::{Answer, Clock, ask};
 pub use error::StoreError;

@@ -2,7 +2,7 @@
 //!
 //! The input is [`PointFrame`](radarllm_base::PointFrame)s of any radar, simulated or recorded. The points of the empty
 //! scene are removed ([`background`]). The output is [`Track`]s: which points belong to one person, and from which
-//! frame to which. [`track_people`] performs all steps for a clip.
+//! frame to which. [`track_people`] performs all steps for a clip; [`Tracker`] takes one frame after the other.
 //!
 //! Reading order: [`people`] (a clip to one clip per person), [`background`], [`mod@cluster`] (points of a frame that
 //! belong to one body), [`assignment`] (data association: clusters to tracks), [`kalman`] (prediction of a track's
@@ -22,7 +22,7 @@ pub use background::{BackgroundOptions, PointBackground};
 pub use cluster::{Cluster, ClusterOptions, clusters};
 pub use ghosts::{Ghost, GhostPath, find_ghosts};
 pub use people::{People, PeopleOptions, Person, find_people, track_people};
-pub use tracker::{Track, TrackFrame, TrackOptions, track};
+pub use tracker::{LiveTrack, Track, TrackFrame, TrackOptions, Tracker, track};
 
 /// An option that is out of range.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -174,7 +174,30 @@ impl Track {
     }
 }
 
-/// Detects people and tracks them.
+/// A person in the newest frame of a stream.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LiveTrack {
+    /// Number of the person, from 1, in the order in which people were confirmed.
+    pub id: u32,
+    /// Estimated position, m, to the right of the radar and away from it.
+    pub place_m: [f64; 2],
+    /// Estimated velocity, m/s.
+    pub velocity_mps: [f64; 2],
+    /// Indices of this person's points in the frame; empty if the person is not detected in it.
+    pub points: Vec<u32>,
+}
+
+impl LiveTrack {
+    /// The points of this person in the frame that was pushed.
+    pub fn points_of(&self, frame: &PointFrame) -> Vec<RadarPoint> {
+        let indices = self.points.iter();
+        indices
+            .filter_map(|i| frame.points.get(*i as usize).copied())
+            .collect()
+    }
+}
+
+/// Detects people and tracks them, one frame at a time.
 ///
 /// The steps for each frame are:
 /// - Points are clustered.
@@ -188,22 +211,73 @@ impl Track {
 /// radial velocity. Such a share changes its track little. Only the person to whom the cluster is assigned counts as
 /// detected, so two people who remain a single cluster become one track.
 ///
-/// The result does not contain tracks that were never confirmed, nor the frames of a track after its last points. A
-/// person who disappears and is detected again keeps the track number if the match is unambiguous: within `rejoin_s`
-/// and `rejoin_m`, no other person disappeared there and no other person appears there.
-///
-/// # Errors
-/// If an option is out of range.
-pub fn track(frames: &[PointFrame], options: &TrackOptions) -> Result<Vec<Track>, OptionError> {
-    options.validate()?;
-    let mut live: Vec<Live> = Vec::new();
-    let mut done: Vec<Live> = Vec::new();
-    let mut last_s: Option<f64> = None;
-    for (index, frame) in frames.iter().enumerate() {
-        let dt_s = last_s.map_or(0.0, |last_s| (frame.time_s - last_s).max(0.0));
-        last_s = Some(frame.time_s);
+/// A person has a number from confirmation on and keeps it. Whoever disappeared and is confirmed again has the former
+/// number if the match is unambiguous by what is known at that moment; [`track`] also knows what comes later, so that
+/// the two may number people differently. Memory does not grow with time.
+#[derive(Clone, Debug)]
+pub struct Tracker {
+    options: TrackOptions,
+    live: Vec<Live>,
+    /// People with a number who disappeared and may return.
+    vanished: Vec<Path>,
+    n_frames: usize,
+    n_started: u64,
+    n_people: u32,
+    last_s: Option<f64>,
+}
+
+impl Tracker {
+    /// A tracker that has seen nothing yet.
+    ///
+    /// # Errors
+    /// If an option is out of range.
+    pub fn new(options: TrackOptions) -> Result<Self, OptionError> {
+        options.validate()?;
+        Ok(Self {
+            options,
+            live: Vec::new(),
+            vanished: Vec::new(),
+            n_frames: 0,
+            n_started: 0,
+            n_people: 0,
+            last_s: None,
+        })
+    }
+
+    /// Tracks people into the next frame. Returns those who are confirmed, also those who are not detected in this frame
+    /// but were so within [`TrackOptions::coast_s`].
+    pub fn push(&mut self, frame: &PointFrame) -> Vec<LiveTrack> {
+        self.step(frame);
+        self.number();
+        self.forget(frame.time_s);
+        let people = self.live.iter();
+        people
+            .filter_map(|one| {
+                Some(LiveTrack {
+                    id: one.path.id?,
+                    place_m: one.now.place_m,
+                    velocity_mps: one.now.velocity_mps,
+                    points: one.now.points.clone(),
+                })
+            })
+            .collect()
+    }
+
+    fn step(&mut self, frame: &PointFrame) {
+        let options = &self.options;
+        let live = &mut self.live;
+        let at = Sight {
+            frame: self.n_frames,
+            time_s: frame.time_s,
+            place_m: [0.0; 2],
+        };
+        self.n_frames += 1;
+        let dt_s = self
+            .last_s
+            .map_or(0.0, |last_s| (frame.time_s - last_s).max(0.0));
+        self.last_s = Some(frame.time_s);
         let found = clusters(&frame.points, &options.cluster);
-        for one in &mut live {
+        for one in &mut *live {
             one.predict(dt_s, options);
         }
         let mut free: Vec<usize> = (0..found.len()).collect();
@@ -213,33 +287,125 @@ pub fn track(frames: &[PointFrame], options: &TrackOptions) -> Result<Vec<Track>
             let who: Vec<usize> = (0..live.len())
                 .filter(|&i| live[i].is_person(options) == people)
                 .collect();
-            for (i, cluster) in associate(&live, &who, &found, &free, options) {
+            for (i, cluster) in associate(live, &who, &found, &free, options) {
                 given[i] = Some(cluster);
             }
             free.retain(|c| !given.contains(&Some(*c)));
         }
-        let shares = shares(&live, &given, &found, &frame.points, options);
+        let shares = shares(live, &given, &found, &frame.points, options);
         for (i, one) in live.iter_mut().enumerate() {
             match (&shares[i], given[i]) {
-                (Some(share), owned) => one.share(index, share, owned.is_some(), options),
-                (None, Some(cluster)) => one.see(index, &found[cluster], &frame.points, options),
-                (None, None) => one.miss(index),
+                (Some(share), owned) => one.share(at, share, owned.is_some(), options),
+                (None, Some(cluster)) => one.see(at, &found[cluster], &frame.points, options),
+                (None, None) => one.miss(at),
             }
         }
-        let (stay, end) = live.into_iter().partition(|one: &Live| one.lives(options));
-        live = stay;
-        done.extend(end);
+        let vanished = &mut self.vanished;
+        live.retain(|one| {
+            let lives = one.lives(options);
+            if !lives && one.path.id.is_some() {
+                vanished.push(one.path);
+            }
+            lives
+        });
         for cluster in free {
-            live.push(Live::new(index, &found[cluster], &frame.points, options));
+            let number = self.n_started;
+            live.push(Live::new(
+                number,
+                at,
+                &found[cluster],
+                &frame.points,
+                options,
+            ));
+            self.n_started += 1;
         }
     }
-    done.extend(live);
-    let mut tracks: Vec<Track> = done
+
+    /// Gives numbers to those who have just been confirmed.
+    fn number(&mut self) {
+        let is_new = |one: &Live| one.path.id.is_none() && one.is_person(&self.options);
+        let new: Vec<usize> = (0..self.live.len())
+            .filter(|&i| is_new(&self.live[i]))
+            .collect();
+        if new.is_empty() {
+            return;
+        }
+        // Everybody known, those with a new number last. Nobody who is tracked has ended.
+        let mut paths: Vec<Path> = self.vanished.clone();
+        paths.extend(self.live.iter().filter_map(|one| {
+            let is_known = one.path.id.is_some() || is_new(one);
+            is_known.then_some(one.path)
+        }));
+        let n_vanished = self.vanished.len();
+        let mut taken = Vec::new();
+        for i in new {
+            let path = self.live[i].path;
+            let mut before =
+                (0..n_vanished).filter(|&v| paths[v].is_followed_by(&path, &self.options));
+            let only = before.next().filter(|&v| {
+                let after = paths
+                    .iter()
+                    .filter(|p| paths[v].is_followed_by(p, &self.options));
+                before.next().is_none() && after.count() == 1
+            });
+            self.live[i].path.id = match only {
+                Some(v) => {
+                    taken.push(paths[v].id);
+                    paths[v].id
+                }
+                None => {
+                    self.n_people = self.n_people.saturating_add(1);
+                    Some(self.n_people)
+                }
+            };
+        }
+        self.vanished.retain(|path| !taken.contains(&path.id));
+    }
+
+    /// Forgets those who cannot return any more: for everybody who appears now it is too late, and nobody who appeared
+    /// in time is still to be confirmed.
+    fn forget(&mut self, time_s: f64) {
+        let (live, options) = (&self.live, &self.options);
+        self.vanished.retain(|path| {
+            time_s - path.last.time_s <= options.rejoin_s
+                || live
+                    .iter()
+                    .any(|one| one.path.id.is_none() && path.is_followed_by(&one.path, options))
+        });
+    }
+}
+
+/// Detects people and tracks them through a recording: [`Tracker`], and what is known at the end.
+///
+/// The result does not contain tracks that were never confirmed, nor the frames of a track after its last points. A
+/// person who disappears and is detected again keeps the track number if the match is unambiguous: within `rejoin_s`
+/// and `rejoin_m`, no other person disappeared there and no other person appears there.
+///
+/// # Errors
+/// If an option is out of range.
+pub fn track(frames: &[PointFrame], options: &TrackOptions) -> Result<Vec<Track>, OptionError> {
+    let mut tracker = Tracker::new(*options)?;
+    // Frames of every track, by the number of its start, and whether it was confirmed.
+    let mut histories: Vec<(Vec<TrackFrame>, bool)> = Vec::new();
+    for frame in frames {
+        tracker.push(frame);
+        // A track that ended with this frame had no points of its own in it.
+        for one in &tracker.live {
+            let number = one.number as usize;
+            if number >= histories.len() {
+                histories.resize_with(number + 1, Default::default);
+            }
+            let (history, is_person) = &mut histories[number];
+            history.push(one.now.clone());
+            *is_person = one.is_person(options);
+        }
+    }
+    let mut tracks: Vec<Track> = histories
         .into_iter()
-        .filter(|one| one.is_person(options))
-        .map(|one| Track {
+        .filter(|(_, is_person)| *is_person)
+        .map(|(history, _)| Track {
             id: 0,
-            frames: one.until_last_seen(),
+            frames: until_last_seen(history),
         })
         .filter(|track| !track.frames.is_empty())
         .collect();
@@ -249,6 +415,13 @@ pub fn track(frames: &[PointFrame], options: &TrackOptions) -> Result<Vec<Track>
         track.id = i as u32 + 1;
     }
     Ok(tracks)
+}
+
+fn until_last_seen(mut frames: Vec<TrackFrame>) -> Vec<TrackFrame> {
+    let is_seen = |f: &TrackFrame| !f.points.is_empty() && !f.is_shared;
+    let end = frames.iter().rposition(is_seen).map_or(0, |i| i + 1);
+    frames.truncate(end);
+    frames
 }
 
 /// Joins the tracks of a person before and after a gap. `tracks` are sorted by their start.
@@ -293,10 +466,43 @@ fn rejoin(tracks: Vec<Track>, frames: &[PointFrame], options: &TrackOptions) -> 
     joined
 }
 
+/// When and where a person was detected.
+#[derive(Clone, Copy, Debug)]
+struct Sight {
+    frame: usize,
+    time_s: f64,
+    place_m: [f64; 2],
+}
+
+/// The ends of a track.
+#[derive(Clone, Copy, Debug)]
+struct Path {
+    /// Number of the person, from confirmation on.
+    id: Option<u32>,
+    first: Sight,
+    last: Sight,
+}
+
+impl Path {
+    /// Whether the other track may be the continuation of this one after a gap.
+    fn is_followed_by(&self, later: &Self, options: &TrackOptions) -> bool {
+        let (end, start) = (&self.last, &later.first);
+        let [dx, dy] = [0, 1].map(|i| start.place_m[i] - end.place_m[i]);
+        end.frame < start.frame
+            && start.time_s - end.time_s <= options.rejoin_s
+            && dx.hypot(dy) <= options.rejoin_m
+    }
+}
+
 /// State of a track while it is being tracked.
+#[derive(Clone, Debug)]
 struct Live {
+    /// Number of tracks that were started before, tentative ones included.
+    number: u64,
     estimate: Estimate,
-    frames: Vec<TrackFrame>,
+    path: Path,
+    /// The newest frame.
+    now: TrackFrame,
     n_seen: usize,
     n_moving: usize,
     /// Time since the first cluster, and until the last one, s.
@@ -306,10 +512,28 @@ struct Live {
 }
 
 impl Live {
-    fn new(frame: usize, cluster: &Cluster, points: &[RadarPoint], options: &TrackOptions) -> Self {
+    fn new(
+        number: u64,
+        at: Sight,
+        cluster: &Cluster,
+        points: &[RadarPoint],
+        options: &TrackOptions,
+    ) -> Self {
         let mut one = Self {
+            number,
             estimate: Estimate::new(cluster.place_m, options.sigma_m, FIRST_SIGMA_MPS),
-            frames: Vec::new(),
+            path: Path {
+                id: None,
+                first: at,
+                last: at,
+            },
+            now: TrackFrame {
+                frame: at.frame,
+                place_m: cluster.place_m,
+                velocity_mps: [0.0; 2],
+                points: Vec::new(),
+                is_shared: false,
+            },
             n_seen: 0,
             n_moving: 0,
             age_s: 0.0,
@@ -319,7 +543,8 @@ impl Live {
         one.estimate
             .update_velocity(cluster.velocity_mps, SIGMA_MPS);
         one.count(cluster, points, options);
-        one.write(frame, cluster.points.clone(), false);
+        one.write(at, cluster.points.clone(), false);
+        one.path.first = one.path.last;
         one
     }
 
@@ -359,31 +584,25 @@ impl Live {
         self.seen_s = self.age_s;
     }
 
-    fn see(
-        &mut self,
-        frame: usize,
-        cluster: &Cluster,
-        points: &[RadarPoint],
-        options: &TrackOptions,
-    ) {
+    fn see(&mut self, at: Sight, cluster: &Cluster, points: &[RadarPoint], options: &TrackOptions) {
         self.estimate.update_place(cluster.place_m, options.sigma_m);
         self.learn_velocity(cluster.velocity_mps);
         self.count(cluster, points, options);
-        self.write(frame, cluster.points.clone(), false);
+        self.write(at, cluster.points.clone(), false);
     }
 
-    fn share(&mut self, frame: usize, share: &Cluster, is_owner: bool, options: &TrackOptions) {
+    fn share(&mut self, at: Sight, share: &Cluster, is_owner: bool, options: &TrackOptions) {
         let sigma_m = options.sigma_m.hypot(SHARED_SIGMA_M);
         self.estimate.update_place(share.place_m, sigma_m);
         self.learn_velocity(share.velocity_mps);
         if is_owner {
             self.unseen_s = 0.0;
         }
-        self.write(frame, share.points.clone(), !is_owner);
+        self.write(at, share.points.clone(), !is_owner);
     }
 
-    fn miss(&mut self, frame: usize) {
-        self.write(frame, Vec::new(), false);
+    fn miss(&mut self, at: Sight) {
+        self.write(at, Vec::new(), false);
     }
 
     /// Updates the velocity. A measurement far from the velocity that the positions imply is ignored: it is that of a
@@ -394,15 +613,21 @@ impl Live {
         }
     }
 
-    fn write(&mut self, frame: usize, points: Vec<u32>, is_shared: bool) {
+    fn write(&mut self, at: Sight, points: Vec<u32>, is_shared: bool) {
         let [x, y, vx, vy] = self.estimate.mean;
-        self.frames.push(TrackFrame {
-            frame,
+        if !points.is_empty() && !is_shared {
+            self.path.last = Sight {
+                place_m: [x, y],
+                ..at
+            };
+        }
+        self.now = TrackFrame {
+            frame: at.frame,
             place_m: [x, y],
             velocity_mps: [vx, vy],
             points,
             is_shared,
-        });
+        };
     }
 
     /// Association cost of a cluster; `None` if the cluster is outside the gate.
@@ -414,13 +639,6 @@ impl Live {
             .estimate
             .velocity_distance(cluster.velocity_mps, SIGMA_MPS);
         (place < GATE).then_some(place + velocity.min(VELOCITY_COST))
-    }
-
-    fn until_last_seen(mut self) -> Vec<TrackFrame> {
-        let is_seen = |f: &TrackFrame| !f.points.is_empty() && !f.is_shared;
-        let end = self.frames.iter().rposition(is_seen).map_or(0, |i| i + 1);
-        self.frames.truncate(end);
-        self.frames
     }
 }
 

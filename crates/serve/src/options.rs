@@ -1,0 +1,43 @@
+//! Options that are numbers, and comparisons of times.
+
+/// An option that is out of range.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("option `{field}`: expected {expected}, found {found}")]
+pub struct OptionError {
+    /// Name of the option.
+    pub field: &'static str,
+    /// Permitted values.
+    pub expected: &'static str,
+    /// Value found.
+    pub found: f64,
+}
+
+/// Returns an error for a value outside `low..=high`.
+pub(crate) fn within(
+    field: &'static str,
+    found: f64,
+    [low, high]: [f64; 2],
+    expected: &'static str,
+) -> Result<(), OptionError> {
+    match (low..=high).contains(&found) {
+        true => Ok(()),
+        false => Err(OptionError {
+            field,
+            expected,
+            found,
+        }),
+    }
+}
+
+/// Times are multiples of a frame period as `f64`; within a microsecond two of them are equal.
+const ROUNDING_S: f64 = 1e-6;
+
+/// Whether at least `duration_s` have passed since `from_s`.
+pub(crate) fn has_passed(from_s: f64, now_s: f64, duration_s: f64) -> bool {
+    now_s - from_s >= duration_s - ROUNDING_S
+}
+
+/// Whether more than `duration_s` have passed since `from_s`.
+pub(crate) fn is_over(from_s: f64, now_s: f64, duration_s: f64) -> bool {
+    now_s - from_s > duration_s + ROUNDING_S
+}
