@@ -48,8 +48,10 @@
 //! local time. Nobody is identified: a person is the number of a track.
 
 pub mod ask;
+pub mod bus;
 mod civil;
 pub mod error;
+pub mod messages;
 pub mod points;
 pub mod store;
 
