@@ -51,9 +51,12 @@ pub mod ask;
 pub mod bus;
 mod civil;
 pub mod error;
+pub mod http;
 pub mod messages;
+pub mod metrics;
 pub mod points;
 pub mod store;
+pub mod vitals;
 
 pub use ask::{Answer, Clock, ask};
 pub use error::StoreError;
