@@ -21,7 +21,11 @@ use super::history::{self, AskParameters, ForgetParameters, HistoryParameters, M
 use super::{MAX_BODY_BYTES, MAX_LISTENERS, Sources, events};
 
 const PAGE: &str = include_str!("../page/live.html");
-const SCRIPT: &str = include_str!("../page/live.js");
+const SCRIPT: &str = concat!(
+    include_str!("../page/scene.js"),
+    include_str!("../page/timeline.js"),
+    include_str!("../page/live.js"),
+);
 const STYLE: &str = include_str!("../page/live.css");
 /// The text format of Prometheus.
 const PROMETHEUS: &str = "text/plain; version=0.0.4; charset=utf-8";
