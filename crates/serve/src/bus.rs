@@ -54,6 +54,13 @@ struct Inner {
     is_closed: bool,
 }
 
+/// A `hello` before it is text.
+struct Snapshot {
+    seq: u64,
+    stamp: Stamp,
+    hello: Box<Hello>,
+}
+
 #[derive(Debug, Default)]
 struct Counts {
     published: [AtomicU64; Body::TYPES.len()],
@@ -124,13 +131,19 @@ impl Bus {
 
     /// A new reader. It gets `hello` first and then every message.
     pub fn subscribe(&self) -> Reader {
-        let inner = &mut *self.shared.lock();
         let queue = Arc::new(Queue::default());
-        match inner.is_closed {
-            true => queue.close(),
-            false => {
-                queue.push(&inner.hello());
+        let snapshot = {
+            let inner = &mut *self.shared.lock();
+            if !inner.is_closed {
                 inner.queues.push(Arc::clone(&queue));
+            }
+            (!inner.is_closed).then(|| inner.snapshot())
+        };
+        // The text is made while others publish. Nobody reads the queue before it is returned.
+        match snapshot {
+            None => queue.close(),
+            Some(snapshot) => {
+                queue.push_first(snapshot.published());
                 self.shared.counts.published[0].fetch_add(1, Ordering::Relaxed);
             }
         }
@@ -142,7 +155,8 @@ impl Bus {
 
     /// The state of everything, as it is told to a new reader.
     pub fn hello(&self) -> Arc<Published> {
-        self.shared.lock().hello()
+        let snapshot = self.shared.lock().snapshot();
+        snapshot.published()
     }
 
     /// What does not change.
@@ -154,7 +168,7 @@ impl Bus {
     pub fn forget(&self, from_ms: i64, to_ms: i64) {
         let inner = &mut *self.shared.lock();
         inner.state.forget(from_ms, to_ms);
-        let hello = inner.hello();
+        let hello = inner.snapshot().published();
         inner.send(&hello, &self.shared.counts);
     }
 
@@ -187,10 +201,12 @@ impl Shared {
 }
 
 impl Inner {
-    fn hello(&self) -> Arc<Published> {
-        let hello: Hello = self.state.hello();
-        let body = Body::Hello(Box::new(hello));
-        Arc::new(Published::new(self.seq, self.stamp, body))
+    fn snapshot(&self) -> Snapshot {
+        Snapshot {
+            seq: self.seq,
+            stamp: self.stamp,
+            hello: Box::new(self.state.hello()),
+        }
     }
 
     fn send(&mut self, published: &Arc<Published>, counts: &Counts) {
@@ -204,6 +220,13 @@ impl Inner {
             }
             !pushed.is_closed
         });
+    }
+}
+
+impl Snapshot {
+    fn published(self) -> Arc<Published> {
+        let body = Body::Hello(self.hello);
+        Arc::new(Published::new(self.seq, self.stamp, body))
     }
 }
 

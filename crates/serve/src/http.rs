@@ -12,7 +12,7 @@
 //! | `GET /api/state` | the `hello` message |
 //! | `GET /api/history?from&to&person&action&q&limit&before` | activities and events, newest first; times in milliseconds since 1970 |
 //! | `DELETE /api/history?from&to` | forgets a range of time |
-//! | `GET /api/ask?q` | the [answer](crate::ask) to a question |
+//! | `GET /api/ask?q` | the [answer](crate::Answer) to a question |
 //! | `GET /api/activity/ID/points` | the points of an activity |
 //! | `GET /api/bug-bundle` | what a report of a fault should have, without sentences |
 //! | `GET /metrics` | counters in the text format of Prometheus |
@@ -57,6 +57,9 @@ pub const MAX_CONNECTIONS: usize = 128;
 pub const MAX_BODY_BYTES: usize = 16 << 10;
 /// Threads that read the memory.
 const MAX_READING_THREADS: usize = 2;
+/// Most requests that wait for these threads. Work of a client that went away is done all the same, so that its amount
+/// must not follow the number of requests.
+const MAX_READING: usize = 8;
 /// How long the server waits for its connections when it stops.
 const STOP_TIME: Duration = Duration::from_secs(2);
 

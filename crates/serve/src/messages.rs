@@ -74,7 +74,7 @@ pub enum Body {
 }
 
 impl Body {
-    /// Names of all types, in the order of [`index`](Self::index).
+    /// Names of all types, as in the member `type`.
     pub const TYPES: [&str; 8] = [
         "hello", "frame", "now", "activity", "presence", "fall", "health", "lag",
     ];

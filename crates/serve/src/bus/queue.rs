@@ -70,6 +70,11 @@ impl Queue {
         pushed
     }
 
+    /// Adds a message before all others, beyond the limit if need be.
+    pub(super) fn push_first(&self, message: Arc<Published>) {
+        self.lock().messages.push_front(message);
+    }
+
     /// Ends the queue after the messages that wait in it.
     pub(super) fn close(&self) {
         let mut waiting = self.lock();

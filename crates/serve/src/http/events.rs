@@ -5,7 +5,7 @@ use std::pin::Pin;
 use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
-use axum::http::{HeaderValue, StatusCode, header};
+use axum::http::{HeaderValue, StatusCode};
 use axum::response::IntoResponse;
 use axum::response::sse::{Event, KeepAlive, Sse};
 use futures_core::Stream;
@@ -64,8 +64,7 @@ pub(super) fn live(app: &App) -> Result<Answer, Refused> {
         .keep_alive(KeepAlive::new().interval(KEEP_ALIVE))
         .into_response();
     // For proxies that collect answers.
-    let headers = answer.headers_mut();
-    headers.insert("x-accel-buffering", HeaderValue::from_static("no"));
-    headers.remove(header::CACHE_CONTROL);
+    let value = HeaderValue::from_static("no");
+    answer.headers_mut().insert("x-accel-buffering", value);
     Ok(answer)
 }

@@ -208,9 +208,16 @@ async fn blocking<T: Send + 'static>(
     app: &Arc<App>,
     work: impl FnOnce(&App) -> Result<T, Refused> + Send + 'static,
 ) -> Result<T, Refused> {
-    let app = Arc::clone(app);
-    let failed = |_| Refused::new(StatusCode::INTERNAL_SERVER_ERROR, "the work failed");
-    tokio::task::spawn_blocking(move || work(&app))
-        .await
-        .map_err(failed)?
+    let failed = || Refused::new(StatusCode::INTERNAL_SERVER_ERROR, "the work failed");
+    let place = Arc::clone(&app.reading).acquire_owned().await;
+    let (app, place) = (Arc::clone(app), place.map_err(|_| failed())?);
+    let work = move || {
+        let result = work(&app);
+        drop(place);
+        result
+    };
+    match tokio::task::spawn_blocking(work).await {
+        Ok(result) => result,
+        Err(_) => Err(failed()),
+    }
 }

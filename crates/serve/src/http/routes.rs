@@ -18,7 +18,7 @@ use tokio::time::timeout;
 use super::answer::{Answer, Refused, either, json, text};
 use super::guard::Guard;
 use super::history::{self, AskParameters, ForgetParameters, HistoryParameters, Memory};
-use super::{MAX_BODY_BYTES, MAX_LISTENERS, Sources, events};
+use super::{MAX_BODY_BYTES, MAX_LISTENERS, MAX_READING, Sources, events};
 
 const PAGE: &str = include_str!("../page/live.html");
 const SCRIPT: &str = concat!(
@@ -37,6 +37,8 @@ pub(super) struct App {
     pub memory: Memory,
     /// Places for listeners.
     pub listeners: Arc<Semaphore>,
+    /// Places for those who read the memory.
+    pub reading: Arc<Semaphore>,
     pub patience: Duration,
     pub stopping: watch::Receiver<bool>,
 }
@@ -56,6 +58,7 @@ impl App {
             memory: Memory::new(sources.database.clone()),
             sources,
             listeners: Arc::new(Semaphore::new(MAX_LISTENERS)),
+            reading: Arc::new(Semaphore::new(MAX_READING)),
             patience,
             stopping,
         }

@@ -2,6 +2,7 @@
 
 mod client;
 mod listeners;
+mod page;
 mod timeline;
 mod visitors;
 

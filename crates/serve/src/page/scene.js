@@ -18,12 +18,12 @@ function decodePoints(text) {
 
 // Draws a room on a canvas. It is drawn when something changes, and at most once for each frame of the screen.
 function makeScene(canvas) {
-  const camera = { yaw: 0.5, pitch: 0.42, distance: 7.5 };
+  const camera = { yaw: 0.5, pitch: 0.42, distance: 8 };
   let about = { radar_height_m: 1, zones: [], synthetic: false }, frames = [], colours = {}, isAsked = false;
 
   function readColours() {
     const style = getComputedStyle(document.documentElement);
-    for (const name of ["ink", "dim", "grid", "still", "near", "far", "radar", "mark-ground"]) colours[name] = style.getPropertyValue(`--${name}`).trim();
+    for (const name of ["ink", "dim", "grid", "still", "near", "far", "radar", "mark", "mark-ground"]) colours[name] = style.getPropertyValue(`--${name}`).trim();
   }
 
   // The camera looks at the middle of the room; x is right of the radar, y away from it, z up.
@@ -109,8 +109,10 @@ function makeScene(canvas) {
     const newest = frames[frames.length - 1];
     if (newest) { drawPoints(g, project, w, newest.t_s); drawPeople(g, project, floor, newest); }
     if (about.synthetic) {
-      g.fillStyle = colours["mark-ground"]; g.font = `bold ${Math.round(16 * scale)}px system-ui, sans-serif`;
-      g.fillText("SIMULATED", 12 * scale, 26 * scale);
+      const text = "SIMULATED";
+      g.font = `bold ${Math.round(15 * scale)}px system-ui, sans-serif`;
+      g.fillStyle = colours["mark-ground"]; g.fillRect(10 * scale, 10 * scale, g.measureText(text).width + 16 * scale, 24 * scale);
+      g.fillStyle = colours.mark; g.fillText(text, 18 * scale, 27 * scale);
     }
   }
 
