@@ -1,5 +1,5 @@
 //! The live page with a scripted room, to look at without a radar:
-//! `cargo run --release -p radarllm-serve --example live_page [ADDRESS]`.
+//! `cargo run --release -p radarllm-serve --example live_page [ADDRESS [TOKEN]]`.
 //!
 //! Nothing here is measured or simulated by the virtual radar: a few points circle around a walking figure, and sentences
 //! come from a list. Everything is marked as simulated. After half a minute the figure falls; it gets up later.
@@ -10,7 +10,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use radarllm_base::RadarPoint;
 use radarllm_serve::bus::Bus;
-use radarllm_serve::http::{Forget, Options, Server, Sources};
+use radarllm_serve::http::{Forget, Options, Server, Sources, Token};
 use radarllm_serve::messages::{
     About, Body, Fall, FallState, Frame, Health, Now, Person, Presence, PresenceState, SourceState,
     Stamp, Zone,
@@ -36,6 +36,11 @@ const SCENE_FRAMES: usize = 60;
 fn main() -> Result<(), Box<dyn Error>> {
     let address = std::env::args().nth(1);
     let address = address.as_deref().unwrap_or("127.0.0.1:8741").parse()?;
+    let mut options = Options::new(address);
+    options.token = std::env::args()
+        .nth(2)
+        .map(|t| Token::new(&t))
+        .transpose()?;
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("live.db");
     let store = Arc::new(Mutex::new(Store::open(&path, now_ms())?.store));
@@ -58,7 +63,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             offset_s: 0,
         }),
     };
-    let server = Server::start(Options::new(address), sources)?;
+    let server = Server::start(options, sources)?;
     println!("http://{}/", server.address());
     for n in 0.. {
         let stamp = Stamp {

@@ -134,10 +134,13 @@ impl Bus {
         let queue = Arc::new(Queue::default());
         let snapshot = {
             let inner = &mut *self.shared.lock();
-            if !inner.is_closed {
-                inner.queues.push(Arc::clone(&queue));
+            match inner.is_closed {
+                true => None,
+                false => {
+                    inner.queues.push(Arc::clone(&queue));
+                    Some(inner.snapshot())
+                }
             }
-            (!inner.is_closed).then(|| inner.snapshot())
         };
         // The text is made while others publish. Nobody reads the queue before it is returned.
         match snapshot {
