@@ -21,7 +21,7 @@ use radarllm_serve::vitals::Vitals;
 use radarllm_serve::{Clock, StoreError};
 
 const FRAME_PERIOD: Duration = Duration::from_millis(100);
-const RADAR_HEIGHT_M: f32 = 1.2;
+const RADAR_HEIGHT_M: f32 = 1.25;
 /// What the figure does in turn, for 6 s each.
 const SCRIPT: [(&str, &str); 6] = [
     ("walk", "a person walks in a circle"),

@@ -43,7 +43,8 @@ function makeTimeline() {
     const what = element("span", row.kind ? "what event" : "what", row.kind ? words(row.kind) : row.caption || words(row.action));
     if (row.origin.synthetic) what.append(" ", simulated());
     const seconds = row.kind ? "" : `${Math.max(1, Math.round((row.end_ms - row.start_ms) / 1000))} s`;
-    const notes = [row.person == null ? "" : `person ${row.person}`, seconds].filter(Boolean).join(" \u00b7 ");
+    const sure = row.confidence == null ? "" : `${Math.round(100 * row.confidence)} %`;
+    const notes = [row.person == null ? "" : `person ${row.person}`, seconds, sure].filter(Boolean).join(" \u00b7 ");
     const made = element("li", "", time, element("span", "dim", notes), what);
     made.title = [row.kind ? "" : words(row.action), percent(row.confidence), row.origin.source, row.origin.radar, `model ${row.origin.model}`].filter(Boolean).join(" \u00b7 ");
     return made;
