@@ -1,4 +1,4 @@
-//! The memory of a running radar, and questions about it.
+//! The memory of a running radar, questions about it, and the server that shows both while frames arrive.
 //!
 //! Activities (what a person did, from when to when, as an action and a sentence) and events (presence, falls, the state
 //! of the radar) enter. Rows by time, person, action and words leave, and answers to questions such as "how often did
@@ -42,24 +42,30 @@
 //! # }
 //! ```
 //!
-//! Reading order: [`store`] (the database), [`ask`](mod@ask) (questions), [`points`] (points as bytes), [`error`];
-//! [`clock`] (frames to times), [`people`] and [`zones`] (what enters), [`presence`], [`falls`], [`activities`]
-//! (windows to labels and rows), [`options`].
+//! Reading order: [`clock`] (frames to times), [`people`] and [`zones`] (what enters), [`presence`], [`falls`],
+//! [`activities`] (windows to labels and rows), [`options`]; [`store`] (the database), [`ask`](mod@ask) (questions),
+//! [`points`] (points as bytes); [`messages`] (what listeners are told), [`bus`] (how it reaches them), [`http`] (the
+//! server and its page), [`metrics`] and [`vitals`] (counters and signs of life); [`error`].
 //!
-//! Deliberately absent: threads, the network and the clock. The caller gives the present time and the offset of the
-//! local time. Nobody is identified: a person is the number of a track.
+//! Deliberately absent: the clock. The caller gives the present time and the offset of the local time. Only [`http`] has
+//! a thread and the network. Nobody is identified: a person is the number of a track.
 
 pub mod activities;
 pub mod ask;
+pub mod bus;
 mod civil;
 pub mod clock;
 pub mod error;
 pub mod falls;
+pub mod http;
+pub mod messages;
+pub mod metrics;
 pub mod options;
 pub mod people;
 pub mod points;
 pub mod presence;
 pub mod store;
+pub mod vitals;
 pub mod zones;
 
 pub use ask::{Answer, Clock, ask};

@@ -133,6 +133,14 @@ pub fn decode(blob: &[u8]) -> Result<Vec<FramePoints>, PointsError> {
     Ok(frames)
 }
 
+/// The bytes of the points of one frame without a header, ten a point, and the number of points that were left out
+/// because they have no such form or come after `most`.
+pub(crate) fn frame_bytes(points: &[RadarPoint], most: usize) -> (Vec<u8>, usize) {
+    let packed: Vec<[i16; 5]> = points.iter().filter_map(pack).take(most).collect();
+    let bytes = packed.iter().flatten().flat_map(|v| v.to_le_bytes());
+    (bytes.collect(), points.len() - packed.len())
+}
+
 /// The five numbers of a point, or `None` if one does not fit.
 fn pack(p: &RadarPoint) -> Option<[i16; 5]> {
     let scaled = [

@@ -34,6 +34,7 @@ const VERBS: &[Verb] = &[
     ("kick", "kick", "kicked"),
     ("kneel", "kneel", "knelt"),
     ("knock", "knock", "knocked"),
+    ("leg_raise", "raise a leg", "raised a leg"),
     ("lie_down", "lie down", "lay down"),
     ("lie_still", "lie", "lay"),
     ("limp", "limp", "limped"),

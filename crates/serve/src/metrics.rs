@@ -1,0 +1,263 @@
+//! Counters of a running radar, in the text format of Prometheus.
+
+use std::fmt::Write as _;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use crate::bus::BusCounts;
+use crate::messages::{About, Body};
+
+/// Counters that every stage raises.
+#[derive(Debug, Default)]
+pub struct Metrics {
+    /// Frames that were used.
+    pub frames_used: Counter,
+    /// Frames that the radar sent and that did not arrive.
+    pub frames_lost: Counter,
+    /// Frames that arrived and were dropped because a queue was full.
+    pub frames_dropped: Counter,
+    /// Windows in which the model abstained.
+    pub abstained: Counter,
+    /// Windows that were replaced by a newer one before the model described them.
+    pub windows_overwritten: Counter,
+    /// Rows that the store could not keep.
+    pub store_failures: Counter,
+    /// Connections that were opened again after the radar was silent.
+    pub reconnects: Counter,
+    sentences: Counter,
+    sentence_ns: Counter,
+    /// Answers by the hundreds of their status, from 100 to 500.
+    responses: [Counter; 5],
+    /// Connections that were refused because there were too many.
+    pub connections_refused: Counter,
+}
+
+/// A number that only rises.
+#[derive(Debug, Default)]
+pub struct Counter(AtomicU64);
+
+impl Counter {
+    /// Adds to the number.
+    pub fn add(&self, n: u64) {
+        self.0.fetch_add(n, Ordering::Relaxed);
+    }
+
+    /// The number.
+    pub fn get(&self) -> u64 {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+impl Metrics {
+    /// Counts a sentence and the time that the model took for it.
+    pub fn described(&self, time: Duration) {
+        self.sentences.add(1);
+        self.sentence_ns
+            .add(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));
+    }
+
+    /// Counts an answer of the server.
+    pub(crate) fn responded(&self, status: u16) {
+        let hundreds = usize::from(status / 100);
+        if let Some(counter) = hundreds.checked_sub(1).and_then(|i| self.responses.get(i)) {
+            counter.add(1);
+        }
+    }
+
+    /// All numbers in the text format of Prometheus.
+    pub fn to_text(&self, about: &About, bus: &BusCounts, n_problems: usize) -> String {
+        let mut page = Page(String::with_capacity(4_096));
+        page.family(
+            "radarllm_info",
+            "gauge",
+            "Provenance of what this program tells.",
+        );
+        let origin = &about.origin;
+        page.labelled(
+            "radarllm_info",
+            &[
+                ("name", &about.name),
+                ("radar", &origin.radar),
+                ("model", &origin.model),
+                ("version", &origin.version),
+                ("synthetic", &origin.synthetic.to_string()),
+            ],
+            1.0,
+        );
+        page.one(
+            "radarllm_problems",
+            "gauge",
+            "Present problems, as on /healthz.",
+            n_problems as u64,
+        );
+        page.family(
+            "radarllm_frames_total",
+            "counter",
+            "Frames of the radar by fate.",
+        );
+        for (fate, counter) in [
+            ("used", &self.frames_used),
+            ("lost", &self.frames_lost),
+            ("dropped", &self.frames_dropped),
+        ] {
+            let n = counter.get() as f64;
+            page.labelled("radarllm_frames_total", &[("fate", fate)], n);
+        }
+        page.family(
+            "radarllm_caption_seconds",
+            "summary",
+            "Time that the model took for a sentence.",
+        );
+        page.sample(
+            "radarllm_caption_seconds_sum",
+            self.sentence_ns.get() as f64 * 1e-9,
+        );
+        page.sample(
+            "radarllm_caption_seconds_count",
+            self.sentences.get() as f64,
+        );
+        for (name, help, counter) in [
+            (
+                "radarllm_abstained_total",
+                "Windows in which the model abstained.",
+                &self.abstained,
+            ),
+            (
+                "radarllm_windows_overwritten_total",
+                "Windows that a newer one replaced before they were described.",
+                &self.windows_overwritten,
+            ),
+            (
+                "radarllm_store_failures_total",
+                "Rows that could not be kept.",
+                &self.store_failures,
+            ),
+            (
+                "radarllm_reconnects_total",
+                "Connections to the radar that were opened again.",
+                &self.reconnects,
+            ),
+            (
+                "radarllm_http_connections_refused_total",
+                "Connections that were refused because there were too many.",
+                &self.connections_refused,
+            ),
+        ] {
+            page.one(name, "counter", help, counter.get());
+        }
+        page.family(
+            "radarllm_http_responses_total",
+            "counter",
+            "Answers of the HTTP server by class.",
+        );
+        for (class, counter) in ["1xx", "2xx", "3xx", "4xx", "5xx"]
+            .iter()
+            .zip(&self.responses)
+        {
+            let n = counter.get() as f64;
+            page.labelled("radarllm_http_responses_total", &[("class", class)], n);
+        }
+        page.bus(bus);
+        page.0
+    }
+}
+
+struct Page(String);
+
+impl Page {
+    fn bus(&mut self, bus: &BusCounts) {
+        self.family(
+            "radarllm_messages_total",
+            "counter",
+            "Messages to listeners by type.",
+        );
+        for (kind, n) in Body::TYPES.iter().zip(bus.published) {
+            self.labelled("radarllm_messages_total", &[("type", kind)], n as f64);
+        }
+        self.one(
+            "radarllm_listeners",
+            "gauge",
+            "Listeners at present.",
+            bus.readers as u64,
+        );
+        self.one(
+            "radarllm_listener_frames_dropped_total",
+            "counter",
+            "Frames that slow listeners lost.",
+            bus.frames_dropped,
+        );
+        self.one(
+            "radarllm_listeners_closed_total",
+            "counter",
+            "Listeners that were closed because they were too slow.",
+            bus.readers_closed,
+        );
+    }
+
+    fn family(&mut self, name: &str, kind: &str, help: &str) {
+        // Writing to a string does not fail.
+        let _ = write!(self.0, "# HELP {name} {help}\n# TYPE {name} {kind}\n");
+    }
+
+    fn one(&mut self, name: &str, kind: &str, help: &str, n: u64) {
+        self.family(name, kind, help);
+        self.sample(name, n as f64);
+    }
+
+    fn sample(&mut self, name: &str, value: f64) {
+        let _ = writeln!(self.0, "{name} {value}");
+    }
+
+    fn labelled(&mut self, name: &str, labels: &[(&str, &str)], value: f64) {
+        let labels: Vec<String> = labels
+            .iter()
+            .map(|(key, value)| format!("{key}=\"{}\"", escape(value)))
+            .collect();
+        let _ = writeln!(self.0, "{name}{{{}}} {value}", labels.join(","));
+    }
+}
+
+fn escape(value: &str) -> String {
+    value
+        .replace('\\', "\\\\")
+        .replace('"', "\\\"")
+        .replace('\n', "\\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bus::Bus;
+    use crate::bus::tests::about;
+
+    #[test]
+    fn every_sample_belongs_to_a_described_family() {
+        let metrics = Metrics::default();
+        metrics.frames_used.add(3);
+        metrics.described(Duration::from_millis(250));
+        metrics.responded(404);
+        metrics.responded(999);
+        let mut about = about();
+        about.name = "a \"b\"\n\\c".into();
+        let text = metrics.to_text(&about, &Bus::new(about.clone()).counts(), 2);
+        let mut family = "";
+        for line in text.lines() {
+            if let Some(rest) = line.strip_prefix("# HELP ") {
+                family = rest.split(' ').next().unwrap();
+            } else if !line.starts_with('#') {
+                assert!(line.starts_with(family), "{line} after {family}");
+                let value = line.rsplit(' ').next().unwrap();
+                assert!(value.parse::<f64>().is_ok(), "{line}");
+            }
+        }
+        for wanted in [
+            "radarllm_frames_total{fate=\"used\"} 3\n",
+            "radarllm_caption_seconds_sum 0.25\n",
+            "radarllm_http_responses_total{class=\"4xx\"} 1\n",
+            "radarllm_problems 2\n",
+            "name=\"a \\\"b\\\"\\n\\\\c\"",
+        ] {
+            assert!(text.contains(wanted), "{wanted} in {text}");
+        }
+    }
+}
