@@ -42,7 +42,8 @@
 //! # }
 //! ```
 //!
-//! Reading order: [`clock`] (frames to times), [`people`] and [`zones`] (what enters), [`presence`], [`falls`],
+//! Reading order: [`pipeline`] (one frame in, messages and records out), [`queue`] (frames before it), [`keeper`] (the
+//! thread that writes into the memory); [`clock`] (frames to times), [`people`] and [`zones`] (what enters), [`presence`], [`falls`],
 //! [`activities`] (windows to labels and rows), [`options`]; [`store`] (the database), [`ask`](mod@ask) (questions),
 //! [`points`] (points as bytes); [`messages`] (what listeners are told), [`bus`] (how it reaches them), [`http`] (the
 //! server and its page), [`metrics`] and [`vitals`] (counters and signs of life); [`error`].
@@ -58,12 +59,15 @@ pub mod clock;
 pub mod error;
 pub mod falls;
 pub mod http;
+pub mod keeper;
 pub mod messages;
 pub mod metrics;
 pub mod options;
 pub mod people;
+pub mod pipeline;
 pub mod points;
 pub mod presence;
+pub mod queue;
 pub mod store;
 pub mod vitals;
 pub mod zones;

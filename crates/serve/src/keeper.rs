@@ -1,0 +1,276 @@
+//! The thread that writes into the memory.
+//!
+//! The pipeline never waits for a disk. What it wants to be kept goes through a queue to this thread, which also
+//! publishes the rows of the timeline, because they have their numbers from the database. While the database cannot be
+//! written, rows are published with negative numbers and not kept; this is counted, and writing is tried again after a
+//! minute.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use crate::bus::Bus;
+use crate::error::StoreError;
+use crate::http::Forget;
+use crate::messages::{Body, Stamp};
+use crate::metrics::Metrics;
+use crate::pipeline::Output;
+use crate::store::{Activity, ActivityRow, Event, Growth, Origin, Retention, Store};
+
+/// Rows and events that may wait.
+const QUEUE: usize = 1_024;
+/// Time between two attempts to write after a failure.
+const RETRY: Duration = Duration::from_secs(60);
+/// Time between two prunings.
+const PRUNE: Duration = Duration::from_secs(3_600);
+/// How often the thread looks whether something is to be done.
+const TICK: Duration = Duration::from_millis(200);
+/// Rows that may still grow and whose numbers are remembered.
+const MAX_OPEN_ROWS: usize = 1_024;
+
+enum Record {
+    Row(Stamp, u64, Activity),
+    Event(Event),
+}
+
+/// The writing thread. It ends, with everything written, when this is dropped.
+pub struct Keeper {
+    sender: Option<SyncSender<Record>>,
+    thread: Option<JoinHandle<()>>,
+    store: Option<Arc<Mutex<Store>>>,
+    bus: Arc<Bus>,
+    metrics: Arc<Metrics>,
+}
+
+impl Keeper {
+    /// Starts the thread. Without a store, rows are published only.
+    ///
+    /// # Errors
+    /// If the system has no thread to give.
+    pub fn start(
+        store: Option<Store>,
+        retention: Retention,
+        bus: Arc<Bus>,
+        metrics: Arc<Metrics>,
+    ) -> std::io::Result<Self> {
+        let store = store.map(|store| Arc::new(Mutex::new(store)));
+        let (sender, receiver) = sync_channel(QUEUE);
+        let writer = Writer {
+            store: store.clone(),
+            retention,
+            origin: bus.about().origin,
+            bus: Arc::clone(&bus),
+            metrics: Arc::clone(&metrics),
+            known: BTreeMap::new(),
+            failed: None,
+            pruned: None,
+        };
+        let thread = std::thread::Builder::new()
+            .name("radarllm-store".into())
+            .spawn(move || writer.run(&receiver))?;
+        Ok(Self {
+            sender: Some(sender),
+            thread: Some(thread),
+            store,
+            bus,
+            metrics,
+        })
+    }
+
+    /// Publishes messages, and hands over what is to be kept. It never waits.
+    pub fn take(&self, output: Output) {
+        let record = match output {
+            Output::Message(stamp, body) => return self.bus.publish(stamp, body),
+            Output::Row {
+                stamp,
+                row,
+                activity,
+            } => Record::Row(stamp, row, activity),
+            Output::Event(event) => Record::Event(event),
+        };
+        let Some(sender) = &self.sender else {
+            return;
+        };
+        if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = sender.try_send(record)
+        {
+            self.metrics.store_failures.add(1);
+        }
+    }
+
+    /// How the HTTP server forgets; `None` without a store.
+    pub fn forget(&self) -> Option<Forget> {
+        let store = Arc::clone(self.store.as_ref()?);
+        Some(Arc::new(move |from_ms, to_ms| {
+            lock(&store).forget(Some(from_ms), to_ms)
+        }))
+    }
+}
+
+impl Drop for Keeper {
+    fn drop(&mut self) {
+        drop(self.sender.take());
+        if let Some(thread) = self.thread.take() {
+            // A panic of the thread was printed by it.
+            let _ = thread.join();
+        }
+    }
+}
+
+struct Writer {
+    store: Option<Arc<Mutex<Store>>>,
+    retention: Retention,
+    origin: Origin,
+    bus: Arc<Bus>,
+    metrics: Arc<Metrics>,
+    /// Number in the database and end of the rows that may still grow, by the pipeline's number.
+    known: BTreeMap<u64, (i64, i64)>,
+    failed: Option<Instant>,
+    pruned: Option<Instant>,
+}
+
+impl Writer {
+    fn run(mut self, receiver: &Receiver<Record>) {
+        loop {
+            match receiver.recv_timeout(TICK) {
+                Ok(first) => {
+                    let mut records = vec![first];
+                    records.extend(receiver.try_iter());
+                    self.write(records);
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+            self.prune();
+        }
+        if let Some(store) = &self.store {
+            // A checkpoint that does not succeed is made when the database is opened next.
+            let _ = lock(store).checkpoint();
+        }
+    }
+
+    fn write(&mut self, records: Vec<Record>) {
+        let is_off = self.failed.is_some_and(|at| at.elapsed() < RETRY);
+        let ids = match &self.store {
+            Some(store) if !is_off => {
+                let (known, origin) = (&mut self.known, &self.origin);
+                lock(store).write(|batch| {
+                    let mut ids = Vec::new();
+                    for record in &records {
+                        match record {
+                            Record::Row(_, row, activity) => {
+                                ids.push(keep_row(batch, known, *row, activity, origin)?);
+                            }
+                            Record::Event(event) => {
+                                batch.insert_event(event, origin)?;
+                            }
+                        }
+                    }
+                    Ok(ids)
+                })
+            }
+            Some(_) => {
+                self.metrics.store_failures.add(records.len() as u64);
+                Ok(Vec::new())
+            }
+            None => Ok(Vec::new()),
+        };
+        let mut ids = match ids {
+            Ok(ids) => {
+                if !is_off {
+                    self.failed = None;
+                }
+                ids.into_iter()
+            }
+            Err(_) => {
+                self.metrics.store_failures.add(records.len() as u64);
+                self.failed = Some(Instant::now());
+                self.known.clear();
+                Vec::new().into_iter()
+            }
+        };
+        while self.known.len() > MAX_OPEN_ROWS {
+            self.known.pop_first();
+        }
+        for record in records {
+            if let Record::Row(stamp, row, activity) = record {
+                let id = ids.next();
+                let row = ActivityRow {
+                    id: id.unwrap_or(-i64::try_from(row).unwrap_or(i64::MAX)),
+                    activity,
+                    origin: self.origin.clone(),
+                };
+                self.bus.publish(stamp, Body::Activity(Box::new(row)));
+            }
+        }
+    }
+
+    fn prune(&mut self) {
+        let Some(store) = &self.store else {
+            return;
+        };
+        if self.pruned.is_some_and(|at| at.elapsed() < PRUNE) {
+            return;
+        }
+        self.pruned = Some(Instant::now());
+        let mut store = lock(store);
+        let pruned = store.prune(now_ms(), &self.retention);
+        if pruned.and_then(|_| store.checkpoint()).is_err() {
+            self.metrics.store_failures.add(1);
+        }
+    }
+}
+
+/// Adds a row, or lets it grow. Returns its number in the database.
+fn keep_row(
+    batch: &crate::store::Batch<'_>,
+    known: &mut BTreeMap<u64, (i64, i64)>,
+    row: u64,
+    activity: &Activity,
+    origin: &Origin,
+) -> Result<i64, StoreError> {
+    if let Some((id, kept_end_ms)) = known.get_mut(&row) {
+        let growth = Growth {
+            end_ms: activity.end_ms.max(*kept_end_ms),
+            caption: activity.caption.clone(),
+            confidence: activity.confidence,
+            windows: activity.windows,
+            points: activity.points,
+            place_m: activity.place_m,
+        };
+        match batch.extend_activity(*id, &growth) {
+            Ok(()) => {
+                *kept_end_ms = growth.end_ms;
+                return Ok(*id);
+            }
+            // It was forgotten meanwhile.
+            Err(StoreError::Missing { .. }) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    let id = batch.insert_activity(activity, origin)?;
+    known.insert(row, (id, activity.end_ms));
+    Ok(id)
+}
+
+/// Opens the memory at a path.
+///
+/// # Errors
+/// As [`Store::open`].
+pub fn open(path: &Path) -> Result<(Store, Option<PathBuf>), StoreError> {
+    let opened = Store::open(path, now_ms())?;
+    Ok((opened.store, opened.set_aside.map(|file| file.path)))
+}
+
+/// The time of the computer, milliseconds since 1970 in UTC.
+pub fn now_ms() -> i64 {
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    now.map_or(0, |d| i64::try_from(d.as_millis()).unwrap_or(i64::MAX))
+}
+
+/// A panic of another thread while it held the lock leaves a database that is complete.
+fn lock(store: &Mutex<Store>) -> MutexGuard<'_, Store> {
+    store.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,516 @@
+//! The pipeline of a running radar: one frame in, messages and records out.
+//!
+//! | step | by |
+//! |---|---|
+//! | time of the frame | [`StreamClock`] |
+//! | static points of the room are removed | [`surroundings`] |
+//! | people are tracked | [`radarllm_tracking::Tracker`] |
+//! | presence, falls | [`PresenceMonitor`], [`FallMonitor`] |
+//! | every 2 s, the last 6 s of each person are described | [`windows`], [`Describe`] |
+//! | labels and rows of the timeline | [`Activities`] |
+//!
+//! The pipeline has neither threads nor files and does not read the clock of the computer, so that a recording gives the
+//! same rows at any speed. A sentence is computed between two frames: it takes some ten milliseconds, for which frames
+//! wait in the queue before the pipeline. When they wait too long, the caller leaves windows out ([`Pipeline::frame`]).
+
+pub mod surroundings;
+#[cfg(test)]
+mod tests;
+pub mod windows;
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use radarllm_base::{Clip, Clutter, PointFrame, Provenance};
+use radarllm_tracking::{LiveTrack, TrackOptions, Tracker};
+
+use crate::activities::{Activities, ActivityOptions, Label, Row, Told, WindowReading};
+use crate::clock::{StreamClock, Tick};
+use crate::falls::{FallEvent, FallMonitor, FallOptions, FallState};
+use crate::messages::{self, Body, Frame, Health, Now, PresenceState, SourceState, Stamp};
+use crate::metrics::Metrics;
+use crate::options::{OptionError, within};
+use crate::people::PersonFrame;
+use crate::presence::{Presence, PresenceMonitor, PresenceOptions, PresenceUpdate};
+use crate::store::{Activity, Event, EventKind};
+use crate::zones::Zones;
+
+use surroundings::Surroundings;
+use windows::{Window, WindowOptions, Windows};
+
+/// Time between two messages about the health, s.
+const HEALTH_S: f64 = 5.0;
+
+/// Writes a sentence about the points of a person.
+pub trait Describe: Send {
+    /// Describes a window: frames of one person's points, without static clutter.
+    fn describe(&mut self, clip: &Clip) -> Described;
+}
+
+/// What was written about a window.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Described {
+    /// A sentence.
+    Sentence {
+        /// The sentence.
+        caption: String,
+        /// Actions of its clauses, in order of time.
+        actions: Vec<String>,
+        /// Its confidence, 0 to 1.
+        confidence: f64,
+    },
+    /// The model abstained.
+    Abstained {
+        /// Why.
+        reason: String,
+    },
+}
+
+/// The radar of a stream.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StreamInfo {
+    /// Time between two frames, s.
+    pub frame_period_s: f64,
+    /// Height of the radar above the floor, m.
+    pub radar_height_m: f64,
+    /// Name of the radar.
+    pub radar: String,
+    /// Provenance of the points.
+    pub provenance: Provenance,
+    /// Whether the points may contain static clutter.
+    pub clutter: Clutter,
+}
+
+/// Options of the pipeline.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PipelineOptions {
+    /// Options of the tracker.
+    pub track: TrackOptions,
+    /// Options of presence.
+    pub presence: PresenceOptions,
+    /// Options of falls.
+    pub falls: FallOptions,
+    /// Options of labels and rows.
+    pub activities: ActivityOptions,
+    /// Options of the windows.
+    pub windows: WindowOptions,
+    /// Zones of the room.
+    pub zones: Zones,
+}
+
+impl PipelineOptions {
+    /// The default options for a radar at a height above the floor, m.
+    pub fn new(radar_height_m: f64) -> Self {
+        Self {
+            track: TrackOptions::default(),
+            presence: PresenceOptions::default(),
+            falls: FallOptions::new(radar_height_m),
+            activities: ActivityOptions::default(),
+            windows: WindowOptions::default(),
+            zones: Zones::default(),
+        }
+    }
+}
+
+/// When a frame arrived.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Arrival {
+    /// By the clock of the computer, milliseconds since 1970 in UTC.
+    At(i64),
+    /// In a replay whose first frame was at this time, milliseconds since 1970 in UTC.
+    Replayed(i64),
+}
+
+/// What the pipeline has to tell.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Output {
+    /// A message for listeners.
+    Message(Stamp, Body),
+    /// A row of the timeline, which is new or has grown.
+    Row {
+        /// When it was known.
+        stamp: Stamp,
+        /// Number of the row, from 1.
+        row: u64,
+        /// The row.
+        activity: Activity,
+    },
+    /// Something that happened at one moment.
+    Event(Event),
+}
+
+/// The state of a running radar.
+pub struct Pipeline {
+    stream: StreamInfo,
+    clock: StreamClock,
+    surroundings: Surroundings,
+    tracker: Tracker,
+    presence: PresenceMonitor,
+    falls: FallMonitor,
+    activities: Activities,
+    windows: Windows,
+    zones: Zones,
+    describe: Box<dyn Describe>,
+    metrics: Arc<Metrics>,
+    source: SourceState,
+    /// Number of the last frame.
+    last_number: Option<u32>,
+    /// Whether a message says that nobody is there.
+    is_nobody_told: bool,
+    health_at_s: f64,
+    stamp: Stamp,
+}
+
+impl Pipeline {
+    /// A pipeline that has seen nothing yet.
+    ///
+    /// # Errors
+    /// If an option is out of range.
+    pub fn new(
+        stream: StreamInfo,
+        options: &PipelineOptions,
+        describe: Box<dyn Describe>,
+        metrics: Arc<Metrics>,
+    ) -> Result<Self, OptionError> {
+        within(
+            "radar_height_m",
+            stream.radar_height_m,
+            [-100.0, 100.0],
+            "-100 to 100 m",
+        )?;
+        let track = options.track;
+        let tracker = Tracker::new(track).map_err(|e| OptionError {
+            field: e.field,
+            expected: e.expected,
+            found: e.found,
+        })?;
+        Ok(Self {
+            clock: StreamClock::new(stream.frame_period_s)?,
+            surroundings: Surroundings::new(stream.clutter),
+            tracker,
+            presence: PresenceMonitor::new(options.presence, options.zones.clone())?,
+            falls: FallMonitor::new(options.falls, options.zones.clone())?,
+            activities: Activities::new(options.activities)?,
+            windows: Windows::new(options.windows)?,
+            zones: options.zones.clone(),
+            describe,
+            metrics,
+            source: SourceState::Ok,
+            last_number: None,
+            is_nobody_told: false,
+            health_at_s: f64::NEG_INFINITY,
+            stamp: Stamp {
+                utc_ms: 0,
+                t_s: 0.0,
+            },
+            stream,
+        })
+    }
+
+    /// The next frame of the radar. Where `may_describe` is false, its windows are left out and counted.
+    pub fn frame(
+        &mut self,
+        frame: PointFrame,
+        arrival: Arrival,
+        may_describe: bool,
+    ) -> Vec<Output> {
+        let number = u64::from(frame.frame);
+        let tick = match arrival {
+            Arrival::At(now_ms) => self.clock.frame(number, now_ms),
+            Arrival::Replayed(start_ms) => self.clock.replayed(number, start_ms),
+        };
+        self.stamp = Stamp {
+            utc_ms: tick.utc_ms,
+            t_s: tick.t_s,
+        };
+        self.count(frame.frame);
+        let mut out = self.gaps(&tick);
+        let mut frame = PointFrame {
+            time_s: tick.t_s,
+            ..frame
+        };
+        self.surroundings.clean(&mut frame);
+        let tracks = self.tracker.push(&frame);
+        let people: Vec<PersonFrame> = tracks
+            .iter()
+            .map(|track| PersonFrame {
+                person: track.id,
+                place_m: track.place_m,
+                points: track.points_of(&frame),
+            })
+            .collect();
+        for fall in self.falls.open() {
+            self.presence.hold(tick.t_s, fall.person);
+        }
+        let update = self.presence.push(tick.t_s, &people);
+        self.presence_changed(&update, &mut out);
+        let events = self.falls.push(tick.t_s, &people, &update.left);
+        out.extend(events.iter().flat_map(|event| self.fall(event)));
+        out.push(self.frame_message(&frame, &tracks));
+        for gone in self.windows.push(&frame, &people) {
+            let rows = self.activities.end_person(gone);
+            out.extend(self.rows(&rows));
+        }
+        if self.windows.is_due(tick.t_s) {
+            self.describe_people(may_describe, &mut out);
+        }
+        if update.n_tracked > 0 {
+            self.is_nobody_told = false;
+        } else if !std::mem::replace(&mut self.is_nobody_told, true) {
+            out.push(self.message(Body::Now(self.now(None, None, Label::Nobody.name()))));
+        }
+        if tick.t_s - self.health_at_s >= HEALTH_S || self.source != SourceState::Ok {
+            self.source = SourceState::Ok;
+            out.push(self.health());
+        }
+        out
+    }
+
+    /// The radar is silent. Rows end: what happens meanwhile is unknown.
+    pub fn lost(&mut self, now_ms: i64, reason: &str) -> Vec<Output> {
+        self.stamp.utc_ms = self.stamp.utc_ms.max(now_ms);
+        self.source = SourceState::Lost;
+        let mut out = self.end_windows();
+        let update = self.presence.reset();
+        self.presence_changed(&update, &mut out);
+        let data = serde_json::json!({ "reason": reason });
+        out.push(self.event(EventKind::SourceLost, None, Some(data)));
+        out.push(self.health());
+        out
+    }
+
+    /// The radar is connected again. Frames follow.
+    pub fn back(&mut self, now_ms: i64) -> Vec<Output> {
+        self.stamp.utc_ms = self.stamp.utc_ms.max(now_ms);
+        vec![self.event(EventKind::SourceBack, None, None)]
+    }
+
+    /// The end of the stream: describes what is left, and ends all rows.
+    pub fn end(&mut self) -> Vec<Output> {
+        let mut out = Vec::new();
+        if self.windows.is_partly_new() {
+            self.describe_people(true, &mut out);
+        }
+        out.extend(self.end_windows());
+        out.push(self.health());
+        out
+    }
+
+    /// Ends a fall on a user's word. Returns whether there was such a fall.
+    pub fn acknowledge(&mut self, fall: u64) -> bool {
+        self.falls.acknowledge(fall)
+    }
+
+    /// Counts the frame, and those that are missing before it.
+    fn count(&mut self, number: u32) {
+        let expected = self.last_number.and_then(|last| last.checked_add(1));
+        if let Some(lost) = expected.and_then(|expected| number.checked_sub(expected)) {
+            self.metrics.frames_lost.add(lost.into());
+        }
+        self.last_number = Some(number);
+        self.metrics.frames_used.add(1);
+    }
+
+    fn gaps(&mut self, tick: &Tick) -> Vec<Output> {
+        let mut out = Vec::new();
+        if let Some(step_ms) = tick.step_ms {
+            let data = serde_json::json!({ "step_ms": step_ms });
+            out.push(self.event(EventKind::ClockStep, None, Some(data)));
+        }
+        if tick.is_after_gap {
+            out.extend(self.end_windows());
+        }
+        out
+    }
+
+    fn end_windows(&mut self) -> Vec<Output> {
+        self.windows.clear();
+        let rows = self.activities.end_all();
+        self.rows(&rows)
+    }
+
+    fn describe_people(&mut self, may_describe: bool, out: &mut Vec<Output>) {
+        for window in self.windows.take() {
+            if !self.zones.counts(window.place_m) {
+                continue;
+            }
+            if !may_describe {
+                self.metrics.windows_overwritten.add(1);
+                continue;
+            }
+            self.describe_person(&window, out);
+        }
+    }
+
+    fn describe_person(&mut self, window: &Window, out: &mut Vec<Output>) {
+        let clip = Clip {
+            frames: window.frames.clone(),
+            frame_rate_hz: 1.0 / self.stream.frame_period_s,
+            radar_height_m: self.stream.radar_height_m as f32,
+            radar: self.stream.radar.clone(),
+            provenance: self.stream.provenance.clone(),
+            clutter: Clutter::Settled,
+        };
+        let began = Instant::now();
+        let described = self.describe.describe(&clip);
+        self.metrics.described(began.elapsed());
+        let (told, actions, reason) = match described {
+            Described::Sentence {
+                caption,
+                actions,
+                confidence,
+            } => {
+                let told = Told {
+                    caption,
+                    confidence: Some(confidence.clamp(0.0, 1.0)),
+                    place_m: Some(window.place_m),
+                };
+                (Some(told), actions, None)
+            }
+            Described::Abstained { reason } => {
+                self.metrics.abstained.add(1);
+                (None, Vec::new(), Some(reason))
+            }
+        };
+        let reading = WindowReading {
+            person: window.person,
+            start_s: window.start_s(),
+            end_s: window.end_s(),
+            told,
+            actions,
+            n_points: window.n_points(),
+        };
+        let rows = self.activities.push(&reading);
+        out.extend(self.rows(&rows));
+        let last = reading.actions.last();
+        let fall = last.and_then(|action| self.falls.label(reading.person, action));
+        out.extend(fall.iter().flat_map(|event| self.fall(event)));
+        let label = self.activities.label(reading.person, reading.end_s);
+        let now = self.now(Some(&reading), reason, label.name());
+        out.push(self.message(Body::Now(now)));
+    }
+
+    fn now(&self, reading: Option<&WindowReading>, reason: Option<String>, label: &str) -> Now {
+        let told = reading.and_then(|r| r.told.as_ref());
+        Now {
+            person: reading.map(|r| r.person),
+            caption: told.map(|t| t.caption.clone()),
+            label: label.into(),
+            confidence: told.and_then(|t| t.confidence),
+            window_s: reading.map_or(0.0, |r| r.end_s - r.start_s),
+            reason,
+            provisional: true,
+            synthetic: self.is_synthetic(),
+        }
+    }
+
+    fn rows(&self, rows: &[Row]) -> Vec<Output> {
+        let utc_ms = |t_s: f64| self.clock.utc_ms(t_s).unwrap_or(self.stamp.utc_ms);
+        let rows = rows.iter().map(|row| Output::Row {
+            stamp: self.stamp,
+            row: row.row,
+            activity: row.activity(utc_ms),
+        });
+        rows.collect()
+    }
+
+    fn presence_changed(&self, update: &PresenceUpdate, out: &mut Vec<Output>) {
+        if !update.has_changed {
+            return;
+        }
+        let n_people = update.n_tracked + update.n_held;
+        let (state, kind, why) = match update.presence {
+            Presence::Absent => (PresenceState::Absent, Some(EventKind::Absent), None),
+            Presence::Present => (
+                PresenceState::Present,
+                Some(EventKind::Present),
+                Some(format!("people who are tracked: {}", update.n_tracked)),
+            ),
+            Presence::Held => (
+                PresenceState::Held,
+                None,
+                Some("somebody was seen shortly before and has not left through a door".into()),
+            ),
+        };
+        let presence = messages::Presence {
+            state,
+            people: u32::try_from(n_people).unwrap_or(u32::MAX),
+            why,
+        };
+        out.push(self.message(Body::Presence(presence)));
+        out.extend(kind.map(|kind| self.event(kind, None, None)));
+    }
+
+    fn fall(&self, event: &FallEvent) -> [Output; 2] {
+        let state = match event.state {
+            FallState::Suspected => messages::FallState::Suspected,
+            FallState::Confirmed => messages::FallState::Confirmed,
+            FallState::Dismissed => messages::FallState::Dismissed,
+            FallState::Recovered => messages::FallState::Recovered,
+        };
+        let message = messages::Fall {
+            id: event.fall,
+            state,
+            person: Some(event.person),
+            dwell_s: event.dwell_s,
+            synthetic: self.is_synthetic(),
+        };
+        let data = serde_json::json!({
+            "fall": event.fall,
+            "dwell_s": event.dwell_s,
+            "place_m": event.place_m,
+        });
+        [
+            self.message(Body::Fall(message)),
+            self.event(event.state.event_kind(), Some(event.person), Some(data)),
+        ]
+    }
+
+    fn frame_message(&self, frame: &PointFrame, tracks: &[LiveTrack]) -> Output {
+        let person = |track: &LiveTrack| messages::Person {
+            id: track.id,
+            x_m: track.place_m[0],
+            y_m: track.place_m[1],
+            vx_mps: track.velocity_mps[0],
+            vy_mps: track.velocity_mps[1],
+            height_m: self.falls.height_m(track.id),
+        };
+        let people = tracks.iter().map(person).collect();
+        self.message(Body::Frame(Frame::new(&frame.points, people)))
+    }
+
+    fn health(&mut self) -> Output {
+        self.health_at_s = self.stamp.t_s;
+        let windows_left_out = self.metrics.windows_overwritten.get();
+        self.message(Body::Health(Health {
+            source: self.source,
+            degraded: (windows_left_out > 0).then(|| "captions".into()),
+            frames_used: self.metrics.frames_used.get(),
+            frames_lost: self.metrics.frames_lost.get(),
+            frames_dropped: self.metrics.frames_dropped.get(),
+            problems: Vec::new(),
+        }))
+    }
+
+    fn event(
+        &self,
+        kind: EventKind,
+        person: Option<u32>,
+        data: Option<serde_json::Value>,
+    ) -> Output {
+        Output::Event(Event {
+            at_ms: self.stamp.utc_ms,
+            kind,
+            person,
+            data,
+        })
+    }
+
+    fn message(&self, body: Body) -> Output {
+        Output::Message(self.stamp, body)
+    }
+
+    fn is_synthetic(&self) -> bool {
+        self.stream.provenance.is_simulated()
+    }
+}

@@ -1,0 +1,257 @@
+use std::sync::Mutex;
+
+use radarllm_base::RadarPoint;
+
+use super::*;
+
+const START_MS: i64 = 1_795_455_492_000;
+
+/// States the height of the person, and remembers the clips.
+#[derive(Default)]
+struct ByHeight(Arc<Mutex<Vec<Clip>>>);
+
+impl Describe for ByHeight {
+    fn describe(&mut self, clip: &Clip) -> Described {
+        self.0.lock().unwrap().push(clip.clone());
+        let heights = clip.frames.iter().flat_map(|f| &f.points).map(|p| p.z_m);
+        let highest_m = heights.fold(f32::NEG_INFINITY, f32::max);
+        if !highest_m.is_finite() {
+            return Described::Abstained {
+                reason: "no points".into(),
+            };
+        }
+        let is_up = clip.frames.iter().rev().take(20).any(|f| {
+            let mut points = f.points.iter();
+            points.any(|p| p.z_m > 0.0)
+        });
+        let (caption, action) = match is_up {
+            true => ("a person walks", "walk"),
+            false => ("a person lies on the floor", "lie_still"),
+        };
+        Described::Sentence {
+            caption: caption.into(),
+            actions: vec![action.into()],
+            confidence: 0.7,
+        }
+    }
+}
+
+fn stream() -> StreamInfo {
+    StreamInfo {
+        frame_period_s: 0.1,
+        radar_height_m: 1.0,
+        radar: "test".into(),
+        provenance: Provenance::simulated("builtin:walk", 1),
+        clutter: Clutter::Settled,
+    }
+}
+
+/// A column of points that move, from the floor to a height.
+fn body(x_m: f32, height_m: f32) -> Vec<RadarPoint> {
+    let point = |i: u32| RadarPoint {
+        x_m,
+        y_m: 2.5,
+        z_m: height_m * (i + 1) as f32 / 12.0 - 1.0,
+        range_m: 2.5,
+        velocity_mps: 0.5,
+        intensity_db: 20.0,
+    };
+    (0..12).map(point).collect()
+}
+
+/// Somebody walks from 1 s on, falls at 20 s, lies until 50 s, gets up, and is gone from 60 s on.
+fn points(n: u32) -> Vec<RadarPoint> {
+    let t_s = n as f32 / 10.0;
+    match t_s {
+        1.0..20.0 => body(0.4 * (t_s * 0.5).sin(), 1.7),
+        20.0..20.7 => body(0.0, 1.7 - 2.0 * (t_s - 20.0)),
+        20.7..50.0 => body(0.0, 0.3),
+        50.0..51.0 => body(0.0, 0.3 + 1.4 * (t_s - 50.0)),
+        51.0..60.0 => body(0.0, 1.7),
+        _ => Vec::new(),
+    }
+}
+
+fn frame(n: u32) -> PointFrame {
+    PointFrame {
+        frame: n,
+        time_s: 0.0,
+        points: points(n),
+    }
+}
+
+struct Run {
+    outputs: Vec<Output>,
+    clips: Vec<Clip>,
+    metrics: Arc<Metrics>,
+}
+
+fn run(numbers: impl Iterator<Item = u32>, arrival: impl Fn(u32) -> Arrival) -> Run {
+    let describer = ByHeight::default();
+    let clips = Arc::clone(&describer.0);
+    let metrics = Arc::new(Metrics::default());
+    let options = PipelineOptions::new(1.0);
+    let mut pipeline = Pipeline::new(
+        stream(),
+        &options,
+        Box::new(describer),
+        Arc::clone(&metrics),
+    )
+    .unwrap();
+    let mut outputs: Vec<Output> = numbers
+        .flat_map(|n| pipeline.frame(frame(n), arrival(n), true))
+        .collect();
+    outputs.extend(pipeline.end());
+    let clips = clips.lock().unwrap().clone();
+    Run {
+        outputs,
+        clips,
+        metrics,
+    }
+}
+
+fn events(outputs: &[Output]) -> Vec<(i64, EventKind)> {
+    let event = |output: &Output| match output {
+        Output::Event(event) => Some(((event.at_ms - START_MS) / 1_000, event.kind)),
+        _ => None,
+    };
+    outputs.iter().filter_map(event).collect()
+}
+
+/// The last state of every row: action, start and end, s.
+fn rows(outputs: &[Output]) -> Vec<(String, f64, f64)> {
+    let mut rows = std::collections::BTreeMap::new();
+    for output in outputs {
+        if let Output::Row { row, activity, .. } = output {
+            let s = |ms: i64| (ms - START_MS) as f64 / 1e3;
+            let state = (
+                activity.action.clone(),
+                s(activity.start_ms),
+                s(activity.end_ms),
+            );
+            rows.insert(*row, state);
+        }
+    }
+    rows.into_values().collect()
+}
+
+#[test]
+fn a_stream_becomes_presence_falls_and_rows() {
+    let run = run(0..1_000, |_| Arrival::Replayed(START_MS));
+    let expected = [
+        EventKind::Present,
+        EventKind::Suspected,
+        EventKind::Confirmed,
+        EventKind::Recovered,
+        EventKind::Absent,
+    ];
+    let found = events(&run.outputs);
+    let kinds: Vec<EventKind> = found.iter().map(|(_, kind)| *kind).collect();
+    assert_eq!(kinds, expected, "{found:?}");
+    assert!((20..=21).contains(&found[1].0), "{found:?}");
+    assert!((40..=41).contains(&found[2].0), "{found:?}");
+    let rows = rows(&run.outputs);
+    let actions: Vec<&str> = rows.iter().map(|r| r.0.as_str()).collect();
+    assert_eq!(actions, ["walk", "lie_still", "walk"], "{rows:?}");
+    assert!(
+        rows[0].1 < 3.0 && (18.0..25.0).contains(&rows[0].2),
+        "{rows:?}"
+    );
+    assert!(rows[2].1 > 44.0 && rows[2].2 > 58.0, "{rows:?}");
+    // The first sentence comes within 10 s of the person.
+    let first = run.outputs.iter().find_map(|output| match output {
+        Output::Message(stamp, Body::Now(now)) if now.caption.is_some() => Some(stamp.t_s),
+        _ => None,
+    });
+    assert!(first.is_some_and(|t_s| t_s < 8.0), "{first:?}");
+    assert_eq!(run.metrics.frames_used.get(), 1_000);
+    assert_eq!(run.metrics.frames_lost.get(), 0);
+    // Windows hold one person's points at the rate of the radar.
+    let full = &run.clips[2];
+    assert_eq!((full.frames.len(), full.frame_rate_hz), (60, 10.0));
+    assert_eq!(full.clutter, Clutter::Settled);
+    assert!(full.frames.iter().all(|f| f.points.len() == 12));
+}
+
+#[test]
+fn arrival_times_change_no_row() {
+    let replayed = run(0..1_000, |_| Arrival::Replayed(START_MS));
+    // Frames that arrive in bursts of five, up to half a second late.
+    let bursts = run(0..1_000, |n| {
+        Arrival::At(START_MS + i64::from(n / 5 * 5 + 5) * 100)
+    });
+    let spans = |run: &Run| -> Vec<(String, i64)> {
+        let rows = rows(&run.outputs);
+        let span = |(action, start_s, end_s): (String, f64, f64)| {
+            (action, ((end_s - start_s) * 1e3).round() as i64)
+        };
+        rows.into_iter().map(span).collect()
+    };
+    assert_eq!(spans(&bursts), spans(&replayed));
+    assert_eq!(bursts.clips, replayed.clips);
+}
+
+#[test]
+fn lost_frames_are_counted_and_a_gap_ends_rows() {
+    let numbers = (0..100).chain(105..150).chain(190..290);
+    let run = run(numbers, |_| Arrival::Replayed(START_MS));
+    assert_eq!(run.metrics.frames_lost.get(), 5 + 40);
+    let ends: Vec<f64> = rows(&run.outputs).iter().map(|r| r.2).collect();
+    assert!(ends.len() >= 2, "{ends:?}");
+    assert!(ends[0] <= 15.0, "{ends:?}");
+}
+
+#[test]
+fn a_silent_radar_ends_rows_and_presence() {
+    let metrics = Arc::new(Metrics::default());
+    let options = PipelineOptions::new(1.0);
+    let describer = Box::new(ByHeight::default());
+    let mut pipeline = Pipeline::new(stream(), &options, describer, metrics).unwrap();
+    let at_ms = |n: u32| START_MS + i64::from(n) * 100;
+    let mut outputs = Vec::new();
+    for n in 0..100 {
+        outputs.extend(pipeline.frame(frame(n), Arrival::At(at_ms(n)), true));
+    }
+    let lost = pipeline.lost(at_ms(150), "unplugged");
+    assert!(lost.iter().any(|o| matches!(o, Output::Row { .. })));
+    let state = |outputs: &[Output]| {
+        outputs.iter().rev().find_map(|output| match output {
+            Output::Message(_, Body::Health(health)) => Some(health.source),
+            _ => None,
+        })
+    };
+    assert_eq!(state(&lost), Some(SourceState::Lost));
+    outputs.extend(lost);
+    outputs.extend(pipeline.back(at_ms(200)));
+    let after = pipeline.frame(frame(0), Arrival::At(at_ms(201)), true);
+    assert_eq!(state(&after), Some(SourceState::Ok));
+    outputs.extend(after);
+    let kinds: Vec<EventKind> = events(&outputs).iter().map(|(_, kind)| *kind).collect();
+    let expected = [
+        EventKind::Present,
+        EventKind::Absent,
+        EventKind::SourceLost,
+        EventKind::SourceBack,
+    ];
+    assert_eq!(kinds, expected);
+}
+
+#[test]
+fn windows_are_left_out_and_counted_where_frames_wait() {
+    let metrics = Arc::new(Metrics::default());
+    let options = PipelineOptions::new(1.0);
+    let describer = ByHeight::default();
+    let clips = Arc::clone(&describer.0);
+    let mut pipeline = Pipeline::new(
+        stream(),
+        &options,
+        Box::new(describer),
+        Arc::clone(&metrics),
+    )
+    .unwrap();
+    for n in 0..100 {
+        pipeline.frame(frame(n), Arrival::Replayed(START_MS), false);
+    }
+    assert!(clips.lock().unwrap().is_empty());
+    assert_eq!(metrics.windows_overwritten.get(), 2);
+}
