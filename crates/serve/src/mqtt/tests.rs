@@ -1,4 +1,5 @@
 mod broker;
+mod mosquitto;
 
 use std::net::TcpListener;
 use std::time::Instant;
