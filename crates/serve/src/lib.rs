@@ -46,10 +46,11 @@
 //! thread that writes into the memory); [`clock`] (frames to times), [`people`] and [`zones`] (what enters), [`presence`], [`falls`],
 //! [`activities`] (windows to labels and rows), [`options`]; [`store`] (the database), [`ask`](mod@ask) (questions),
 //! [`points`] (points as bytes); [`messages`] (what listeners are told), [`bus`] (how it reaches them), [`http`] (the
-//! server and its page), [`metrics`] and [`vitals`] (counters and signs of life); [`error`].
+//! server and its page), [`mqtt`] (the messages on a broker, for Home Assistant), [`metrics`] and [`vitals`] (counters
+//! and signs of life); [`error`].
 //!
-//! Deliberately absent: the clock. The caller gives the present time and the offset of the local time. Only [`http`] has
-//! a thread and the network. Nobody is identified: a person is the number of a track.
+//! Deliberately absent: the clock. The caller gives the present time and the offset of the local time. Only [`http`] and
+//! [`mqtt`] have a thread and the network. Nobody is identified: a person is the number of a track.
 
 pub mod activities;
 pub mod ask;
@@ -62,6 +63,7 @@ pub mod http;
 pub mod keeper;
 pub mod messages;
 pub mod metrics;
+pub mod mqtt;
 pub mod options;
 pub mod people;
 pub mod pipeline;
