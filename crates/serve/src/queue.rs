@@ -116,6 +116,11 @@ impl FrameQueue {
         self.when_full == WhenFull::DropOldest && self.lock().items.len() > QUEUE_FRAMES / 2
     }
 
+    /// Whether the queue was closed.
+    pub fn is_closed(&self) -> bool {
+        self.lock().is_closed
+    }
+
     /// Closes the queue: sources that wait go on, and what is left is discarded.
     pub fn close(&self) {
         let mut state = self.lock();

@@ -1,0 +1,228 @@
+//! Sources of frames, each on a thread of its own.
+
+use std::sync::Arc;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use radarllm::{Clip, Error, Recording, Result};
+use radarllm_base::{Clutter, PointFrame, Provenance};
+use radarllm_serve::keeper::now_ms;
+use radarllm_serve::pipeline::{Arrival, StreamInfo};
+use radarllm_serve::queue::{FrameQueue, Item, WhenFull};
+use radarllm_serve::vitals::Vitals;
+
+use crate::room::{Room, RoomOptions};
+
+/// Longest time for which a source sleeps before it looks whether it is still wanted.
+const NAP: Duration = Duration::from_millis(50);
+
+/// How fast a recording is replayed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Speed {
+    /// As many times as fast as it was recorded.
+    Times(f64),
+    /// As fast as the pipeline is.
+    Max,
+}
+
+/// Where frames come from.
+pub struct Input {
+    /// Name of the source, as in the memory.
+    pub(crate) name: String,
+    pub(crate) stream: StreamInfo,
+    kind: Kind,
+}
+
+enum Kind {
+    Replay {
+        clip: Clip,
+        speed: Speed,
+        repeats: bool,
+    },
+    Room(Box<Room>),
+}
+
+impl Input {
+    /// A recording, which is replayed.
+    ///
+    /// # Errors
+    /// A recording without frames, one without a frame rate, and a speed that is not positive.
+    pub fn replay(name: &str, recording: Recording, speed: Speed, repeats: bool) -> Result<Self> {
+        let clip = recording.clip;
+        if clip.frames.is_empty() {
+            return Err(Error::input(format!("{name}: the recording has no frames")));
+        }
+        if let Speed::Times(times) = speed
+            && !(times.is_finite() && (0.01..=1_000.0).contains(&times))
+        {
+            return Err(Error::input(format!(
+                "the speed must be 0.01 to 1000 or `max`, found {times}"
+            )));
+        }
+        let stream = StreamInfo {
+            frame_period_s: 1.0 / clip.frame_rate_hz,
+            radar_height_m: clip.radar_height_m.into(),
+            radar: clip.radar.clone(),
+            provenance: clip.provenance.clone(),
+            clutter: clip.clutter,
+        };
+        Ok(Self {
+            name: name.into(),
+            stream,
+            kind: Kind::Replay {
+                clip,
+                speed,
+                repeats,
+            },
+        })
+    }
+
+    /// The simulated room. Everything that comes from it is marked as simulated.
+    ///
+    /// # Errors
+    /// A radar that cannot be simulated.
+    pub fn room(options: &RoomOptions) -> Result<Self> {
+        let room = Room::new(options)?;
+        let stream = StreamInfo {
+            frame_period_s: room.frame_period_s(),
+            radar_height_m: room.radar_height_m(),
+            radar: room.radar().into(),
+            provenance: Provenance::simulated("sim:", options.seed),
+            clutter: Clutter::Settled,
+        };
+        Ok(Self {
+            name: "sim:".into(),
+            stream,
+            kind: Kind::Room(Box::new(room)),
+        })
+    }
+
+    /// What the queue behind this source does when it is full.
+    pub(crate) fn when_full(&self) -> WhenFull {
+        match self.kind {
+            Kind::Replay { .. } => WhenFull::Wait,
+            Kind::Room(_) => WhenFull::DropOldest,
+        }
+    }
+
+    /// Puts frames into the queue until there are no more or the queue is closed.
+    pub(crate) fn run(self, queue: &FrameQueue, vitals: &Arc<Vitals>) {
+        let period_s = self.stream.frame_period_s;
+        match self.kind {
+            Kind::Replay {
+                clip,
+                speed,
+                repeats,
+            } => replay(&clip, speed, repeats, period_s, queue, vitals),
+            Kind::Room(room) => run_room(*room, period_s, queue, vitals),
+        }
+        queue.push(Item::End);
+    }
+}
+
+fn replay(
+    clip: &Clip,
+    speed: Speed,
+    repeats: bool,
+    period_s: f64,
+    queue: &FrameQueue,
+    vitals: &Vitals,
+) {
+    let start_ms = now_ms();
+    let began = Instant::now();
+    let numbers = numbers(clip, period_s);
+    let length = numbers.last().map_or(1, |last| last + 1);
+    let mut first = 0u32;
+    loop {
+        for (number, frame) in numbers.iter().zip(&clip.frames) {
+            let number = first.saturating_add(*number);
+            if let Speed::Times(times) = speed {
+                let due_s = f64::from(number) * period_s / times;
+                if !sleep_until(began, due_s, queue) {
+                    return;
+                }
+            }
+            vitals.frame();
+            let frame = PointFrame {
+                frame: number,
+                ..frame.clone()
+            };
+            if !queue.push(Item::Frame(frame, Arrival::Replayed(start_ms))) {
+                return;
+            }
+        }
+        // A gap of more than 2 s, so that nothing reaches from the end to the beginning.
+        let pause = (3.0 / period_s).ceil() as u32;
+        first = first.saturating_add(length).saturating_add(pause);
+        if !repeats {
+            return;
+        }
+    }
+}
+
+/// Numbers of the frames from 0, by their times: frames that the recording lacks stay gaps.
+fn numbers(clip: &Clip, period_s: f64) -> Vec<u32> {
+    let first_s = clip.frames.first().map_or(0.0, |f| f.time_s);
+    let mut next = 0;
+    let number = |frame: &PointFrame| {
+        let number = ((frame.time_s - first_s) / period_s).round() as u32;
+        let number = number.max(next);
+        next = number + 1;
+        number
+    };
+    clip.frames.iter().map(number).collect()
+}
+
+fn run_room(room: Room, period_s: f64, queue: &FrameQueue, vitals: &Vitals) {
+    let began = Instant::now();
+    for (number, points) in (0u32..).zip(room.frames()) {
+        if !sleep_until(began, f64::from(number) * period_s, queue) {
+            return;
+        }
+        vitals.frame();
+        let frame = PointFrame {
+            frame: number,
+            time_s: 0.0,
+            points,
+        };
+        if !queue.push(Item::Frame(frame, Arrival::At(now_ms()))) {
+            return;
+        }
+    }
+}
+
+/// Sleeps until a time after `began`. Returns false if the queue was closed meanwhile.
+fn sleep_until(began: Instant, due_s: f64, queue: &FrameQueue) -> bool {
+    loop {
+        if queue.is_closed() {
+            return false;
+        }
+        let left_s = due_s - began.elapsed().as_secs_f64();
+        if left_s <= 0.0 {
+            return true;
+        }
+        thread::sleep(NAP.min(Duration::from_secs_f64(left_s)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_that_a_recording_lacks_stay_gaps() {
+        let frame = |time_s: f64| PointFrame {
+            time_s,
+            ..PointFrame::default()
+        };
+        let clip = Clip {
+            frames: [5.0, 5.1, 5.11, 5.5, 5.6].map(frame).to_vec(),
+            frame_rate_hz: 10.0,
+            radar_height_m: 1.0,
+            radar: "test".into(),
+            provenance: Provenance::recorded("csv", "test.csv"),
+            clutter: Clutter::Settled,
+        };
+        assert_eq!(numbers(&clip, 0.1), [0, 1, 2, 5, 6]);
+    }
+}

@@ -1,0 +1,336 @@
+//! A running radar, put together.
+
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use radarllm::{Captioner, Error, Result};
+use radarllm_base::Provenance;
+use radarllm_serve::Clock;
+use radarllm_serve::bus::{Bus, Reader};
+use radarllm_serve::http::{self, Server, Sources, Token};
+use radarllm_serve::keeper::{self, Keeper, now_ms};
+use radarllm_serve::messages::{self, About};
+use radarllm_serve::metrics::Metrics;
+use radarllm_serve::mqtt::{self, Publisher};
+use radarllm_serve::pipeline::{Pipeline, PipelineOptions};
+use radarllm_serve::queue::{FrameQueue, Item};
+use radarllm_serve::store::{Origin, Retention};
+use radarllm_serve::vitals::Vitals;
+use radarllm_serve::zones::Zones;
+
+use crate::captions::{Captions, actions};
+use crate::input::Input;
+use crate::local_time;
+use crate::zones::kind_name;
+
+/// Port of the page.
+pub const PORT: u16 = 8_741;
+/// Longest name, bytes.
+const MAX_NAME: usize = 32;
+/// How often the pipeline reports that it lives while no frame arrives.
+const STEP: Duration = Duration::from_millis(200);
+
+/// The page and its server.
+#[derive(Clone, Debug)]
+pub struct Page {
+    /// Address. One that is not loopback needs a token.
+    pub address: SocketAddr,
+    /// Secret of those who may look.
+    pub token: Option<Token>,
+    /// Names under which the server is reached, beside loopback and its address.
+    pub allow_hosts: Vec<String>,
+    /// Origins whose pages may show this one in a frame.
+    pub allow_frames: Vec<String>,
+}
+
+impl Default for Page {
+    fn default() -> Self {
+        Self {
+            address: SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), PORT),
+            token: None,
+            allow_hosts: Vec::new(),
+            allow_frames: Vec::new(),
+        }
+    }
+}
+
+/// An MQTT broker.
+#[derive(Clone, Debug)]
+pub struct Broker {
+    /// Address.
+    pub address: mqtt::Address,
+    /// User name.
+    pub user: Option<String>,
+    /// Password.
+    pub password: Option<mqtt::Password>,
+    /// First part of the topics of discovery.
+    pub discovery_prefix: String,
+    /// Whether a simulated radar may be published.
+    pub allow_synthetic: bool,
+}
+
+/// Options of a running radar.
+#[derive(Clone, Debug)]
+pub struct LiveOptions {
+    /// Name of this radar: `[a-z0-9_]{1,32}`.
+    pub name: String,
+    /// The page; `None` for none.
+    pub page: Option<Page>,
+    /// The database; `None` keeps nothing.
+    pub database: Option<PathBuf>,
+    /// What the database keeps for how long.
+    pub retention: Retention,
+    /// The broker; `None` for none.
+    pub broker: Option<Broker>,
+    /// Zones of the room.
+    pub zones: Zones,
+    /// Time for which occupancy is held while nobody is tracked, s.
+    pub occupancy_hold_s: f64,
+    /// Time for which a person must not rise before a fall is confirmed, s.
+    pub fall_dwell_s: f64,
+    /// Height below which somebody is down, m above the floor.
+    pub fall_height_m: f64,
+}
+
+impl Default for LiveOptions {
+    fn default() -> Self {
+        let pipeline = PipelineOptions::new(1.0);
+        Self {
+            name: "radar".into(),
+            page: Some(Page::default()),
+            database: None,
+            retention: Retention::default(),
+            broker: None,
+            zones: Zones::default(),
+            occupancy_hold_s: pipeline.presence.occupancy_hold_s,
+            fall_dwell_s: pipeline.falls.fall_dwell_s,
+            fall_height_m: pipeline.falls.fall_height_m,
+        }
+    }
+}
+
+/// A running radar. When it is dropped, the last windows are described, everything is written, and the broker hears
+/// `offline`.
+pub struct Live {
+    queue: Arc<FrameQueue>,
+    bus: Arc<Bus>,
+    metrics: Arc<Metrics>,
+    is_over: Arc<AtomicBool>,
+    pipeline: Option<JoinHandle<()>>,
+    source: Option<JoinHandle<()>>,
+    publisher: Option<Publisher>,
+    server: Option<Server>,
+    /// Where a damaged database was moved.
+    damaged_database: Option<PathBuf>,
+}
+
+impl Live {
+    /// Starts all threads.
+    ///
+    /// # Errors
+    /// Options out of range, a database that cannot be opened, an address on which one cannot listen, an address other
+    /// than loopback without a token, and a broker for a simulated radar that is not allowed.
+    pub fn start(input: Input, captioner: Captioner, options: LiveOptions) -> Result<Self> {
+        check_name(&options.name)?;
+        let stream = input.stream.clone();
+        let mut pipeline_options = PipelineOptions::new(stream.radar_height_m);
+        pipeline_options.zones = options.zones.clone();
+        pipeline_options.presence.occupancy_hold_s = options.occupancy_hold_s;
+        pipeline_options.falls.fall_dwell_s = options.fall_dwell_s;
+        pipeline_options.falls.fall_height_m = options.fall_height_m;
+        let about = about(&input, captioner.name(), &options);
+        let (metrics, bus) = (Arc::<Metrics>::default(), Arc::new(Bus::new(about)));
+        let vitals = Arc::new(Vitals::new(Duration::from_secs_f64(stream.frame_period_s)));
+        let pipeline = Pipeline::new(
+            stream,
+            &pipeline_options,
+            Box::new(Captions(captioner)),
+            Arc::clone(&metrics),
+        )
+        .map_err(Error::input)?;
+        let (store, damaged_database) = match &options.database {
+            Some(path) => {
+                let (store, damaged) = keeper::open(path).map_err(Error::input)?;
+                (Some(store), damaged)
+            }
+            None => (None, None),
+        };
+        let keeper = Keeper::start(
+            store,
+            options.retention,
+            Arc::clone(&bus),
+            Arc::clone(&metrics),
+        )
+        .map_err(Error::input)?;
+        let server = match &options.page {
+            Some(page) => {
+                let mut server = http::Options::new(page.address);
+                server.token = page.token.clone();
+                server.allow_hosts = page.allow_hosts.clone();
+                server.allow_frames = page.allow_frames.clone();
+                let sources = Sources {
+                    bus: Arc::clone(&bus),
+                    metrics: Arc::clone(&metrics),
+                    vitals: Arc::clone(&vitals),
+                    database: options.database.clone(),
+                    forget: keeper.forget(),
+                    clock: Arc::new(clock),
+                };
+                Some(Server::start(server, sources).map_err(Error::input)?)
+            }
+            None => None,
+        };
+        let publisher = match &options.broker {
+            Some(broker) => Some(publish(broker, &bus)?),
+            None => None,
+        };
+        let queue = Arc::new(FrameQueue::new(input.when_full(), Arc::clone(&metrics)));
+        let is_over = Arc::new(AtomicBool::new(false));
+        let pipeline = {
+            let (queue, vitals) = (Arc::clone(&queue), Arc::clone(&vitals));
+            let is_over = Arc::clone(&is_over);
+            spawn("radarllm-pipeline", move || {
+                run_pipeline(pipeline, &queue, &keeper, &vitals);
+                // Everything is written before the radar counts as over.
+                drop(keeper);
+                is_over.store(true, Ordering::Release);
+            })?
+        };
+        let source = {
+            let queue = Arc::clone(&queue);
+            spawn("radarllm-source", move || input.run(&queue, &vitals))?
+        };
+        Ok(Self {
+            queue,
+            bus,
+            metrics,
+            is_over,
+            pipeline: Some(pipeline),
+            source: Some(source),
+            publisher,
+            server,
+            damaged_database,
+        })
+    }
+
+    /// The address of the page, with the port that the operating system chose if none was asked for.
+    pub fn address(&self) -> Option<SocketAddr> {
+        self.server.as_ref().map(Server::address)
+    }
+
+    /// A new reader of all messages.
+    pub fn subscribe(&self) -> Reader {
+        self.bus.subscribe()
+    }
+
+    /// The counters.
+    pub fn metrics(&self) -> &Metrics {
+        &self.metrics
+    }
+
+    /// Where a damaged database was moved when a new one was made.
+    pub fn damaged_database(&self) -> Option<&PathBuf> {
+        self.damaged_database.as_ref()
+    }
+
+    /// Whether the source has ended and everything of it was described and written.
+    pub fn is_over(&self) -> bool {
+        self.is_over.load(Ordering::Acquire)
+    }
+}
+
+impl Drop for Live {
+    fn drop(&mut self) {
+        self.queue.close();
+        for thread in [self.source.take(), self.pipeline.take()] {
+            if let Some(thread) = thread {
+                // A panic of the thread was printed by it.
+                let _ = thread.join();
+            }
+        }
+        if let Some(publisher) = self.publisher.take() {
+            publisher.stop();
+        }
+        self.bus.close();
+        drop(self.server.take());
+    }
+}
+
+fn run_pipeline(mut pipeline: Pipeline, queue: &FrameQueue, keeper: &Keeper, vitals: &Vitals) {
+    loop {
+        let outputs = match queue.pop(STEP) {
+            Some(Item::Frame(frame, arrival)) => pipeline.frame(frame, arrival, !queue.is_late()),
+            Some(Item::Lost { at_ms, reason }) => pipeline.lost(at_ms, &reason),
+            Some(Item::Back { at_ms }) => pipeline.back(at_ms),
+            Some(Item::End) => break,
+            None if queue.is_closed() => break,
+            None => Vec::new(),
+        };
+        vitals.step();
+        outputs.into_iter().for_each(|output| keeper.take(output));
+    }
+    pipeline
+        .end()
+        .into_iter()
+        .for_each(|output| keeper.take(output));
+}
+
+fn about(input: &Input, model: &str, options: &LiveOptions) -> About {
+    let stream = &input.stream;
+    let zone = |zone: &radarllm_serve::zones::Zone| messages::Zone {
+        name: zone.name.clone(),
+        kind: kind_name(zone.kind).into(),
+        polygon_m: zone.polygon_m.clone(),
+    };
+    About {
+        name: options.name.clone(),
+        origin: Origin {
+            source: input.name.clone(),
+            radar: stream.radar.clone(),
+            model: model.into(),
+            decoder: "greedy".into(),
+            version: env!("CARGO_PKG_VERSION").into(),
+            synthetic: matches!(stream.provenance, Provenance::Simulated { .. }),
+        },
+        radar_height_m: stream.radar_height_m,
+        frame_period_s: stream.frame_period_s,
+        zones: options.zones.all().iter().map(zone).collect(),
+    }
+}
+
+fn publish(broker: &Broker, bus: &Arc<Bus>) -> Result<Publisher> {
+    let mut options = mqtt::Options::new(broker.address.clone());
+    options.user = broker.user.clone();
+    options.password = broker.password.clone();
+    options.discovery_prefix = broker.discovery_prefix.clone();
+    options.allow_synthetic = broker.allow_synthetic;
+    options.actions = actions();
+    Publisher::start(options, Arc::clone(bus)).map_err(Error::input)
+}
+
+fn check_name(name: &str) -> Result<()> {
+    let is_safe = |b: u8| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'_';
+    match (1..=MAX_NAME).contains(&name.len()) && name.bytes().all(is_safe) {
+        true => Ok(()),
+        false => Err(Error::input(format!(
+            "the name of a radar has 1 to {MAX_NAME} characters of a-z, 0-9 and _, found `{name}`"
+        ))),
+    }
+}
+
+fn clock() -> Clock {
+    let now_ms = now_ms();
+    Clock {
+        now_ms,
+        offset_s: local_time::offset_s(now_ms),
+    }
+}
+
+fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>> {
+    let thread = thread::Builder::new().name(name.into());
+    thread.spawn(run).map_err(Error::input)
+}
