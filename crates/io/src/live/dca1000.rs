@@ -1,0 +1,1 @@
+//! A DCA1000 capture card on the network.

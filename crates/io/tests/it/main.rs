@@ -1,0 +1,8 @@
+//! Running radars: boards on pseudo-terminals, cards on the loopback network.
+#![cfg(target_os = "linux")]
+
+mod fake_board;
+#[allow(dead_code)]
+#[path = "../../../formats/tests/it/make_uart.rs"]
+mod make_uart;
+mod ti_board;
