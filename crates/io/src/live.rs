@@ -7,19 +7,22 @@
 //! Frame numbers are those of the radar, counted from the first frame received, as in a recording. Lost frames leave
 //! gaps. Numbers never fall back: after an interruption they go on by the time that has passed.
 //!
-//! Reading order: this module, `numbers` (frame numbers that only grow), `placing` (mounting), [`ti_board`] with `cli`
-//! (its command line), [`dca1000`].
+//! Reading order: this module, `numbers` (frame numbers that only grow), `placing` (mounting), `output` (events),
+//! [`ti_board`] with `cli` (its command line), [`dca1000`] with `card` (its commands).
 
+mod card;
 mod cli;
 pub mod dca1000;
 mod numbers;
+mod output;
 mod placing;
 pub mod ti_board;
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use radarllm_base::{Clutter, PointFrame};
 
+pub use dca1000::{Dca1000, DcaOptions};
 pub use ti_board::{TiBoard, TiBoardOptions};
 
 use crate::error::Result;
@@ -83,7 +86,7 @@ pub struct LiveCounts {
     pub reconnects: u64,
     /// Datagrams of other senders, or that are no packets.
     pub foreign_datagrams: u64,
-    /// Lines of the chirp file that the board refused after a reconnection.
+    /// Lines of the chirp file that the board refused after an interruption, or commands that the card refused.
     pub refused_lines: u64,
 }
 
@@ -112,4 +115,11 @@ impl Default for LiveTimeouts {
             reopen_max: Duration::from_secs(8),
         }
     }
+}
+
+/// The end of a wait. A timeout that no clock can hold ends after a day; the caller waits again.
+fn deadline(timeout: Duration) -> Instant {
+    let now = Instant::now();
+    now.checked_add(timeout)
+        .unwrap_or(now + Duration::from_secs(86_400))
 }

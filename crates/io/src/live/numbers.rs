@@ -55,7 +55,8 @@ impl<T> Numbers<T> {
             return out.into_iter().flatten();
         }
         if let Some((held, held_item)) = self.held.take() {
-            if follows(held, number) {
+            // A number that fits both belongs to the nearer one.
+            if follows(held, number) && (held > last || !follows(last, number)) {
                 // The held number was right: a restart, whose frames follow on, or many lost frames.
                 let jump = match held.checked_sub(last) {
                     Some(step) if step > 0 => self.step(step),

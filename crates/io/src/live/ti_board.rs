@@ -1,14 +1,13 @@
 //! A board with a demo of TI on serial ports: sends it the chirp file, reads its packets, survives unplugging.
 
 use std::{
-    collections::VecDeque,
     io::{ErrorKind, Read as _},
     path::{Path, PathBuf},
     sync::Arc,
     time::{Duration, Instant},
 };
 
-use radarllm_base::{PointFrame, Provenance, RadarPoint, RecordedFrame, TimelineError};
+use radarllm_base::{Provenance, RecordedFrame, TimelineError};
 use radarllm_formats::{
     Mounting, RecordingFormat, UartError, UartParser,
     uart::{Dialect, Guess, SubframeJoiner, UartFrame},
@@ -17,7 +16,8 @@ use radarllm_formats::{
 use super::{
     LiveAbout, LiveCounts, LiveEvent, LiveSource, LiveTimeouts,
     cli::{self, CliError, Sending},
-    numbers::Numbers,
+    deadline,
+    output::{Clock, Output},
     placing::Placing,
 };
 use crate::{
@@ -56,8 +56,6 @@ pub struct TiBoard {
     timeouts: LiveTimeouts,
     about: LiveAbout,
     notes: Vec<String>,
-    frame_rate_hz: f64,
-    placing: Placing,
     /// Whether a frame waits for sub-frames until the next packet. Chirp files that can be read have none.
     waits_for_subframes: bool,
 
@@ -68,24 +66,18 @@ pub struct TiBoard {
     joiner: SubframeJoiner,
     /// The radar's number of the frame that was given out last.
     last_number: Option<u64>,
-    numbers: Numbers<Vec<RadarPoint>>,
-    events: VecDeque<LiveEvent>,
+    output: Output,
     piece: Vec<u8>,
 
-    is_lost: bool,
+    /// The chirp file was sent again since the last packet.
     was_sent_again: bool,
-    /// The stream was interrupted since the last frame.
-    is_interrupted: bool,
-    /// Time of the last frame.
-    last_frame: Option<Instant>,
     /// Time of the last packet, or of opening.
     last_packet: Instant,
     /// Time since which the open port is silent: the last packet, or the end of a chirp file.
     silent_since: Instant,
     /// Bytes received since the last packet.
     unread_bytes: u64,
-    reopen_delay: Duration,
-    counts: LiveCounts,
+    refused_lines: u64,
     /// Searches for packets in the streams before the present one.
     earlier_searches: u64,
 }
@@ -168,9 +160,10 @@ impl TiBoard {
         if let Some(cli) = &cli {
             send_whole(cli, &port, &timeouts)?;
         }
+        let placing = Placing::new(points, mounting, frame_rate_hz, background)?;
         let now = Instant::now();
         Ok(Self {
-            placing: Placing::new(points, mounting, frame_rate_hz, background)?,
+            output: Output::new(Clock::RateHz(frame_rate_hz), placing, &timeouts),
             baud: points.baud,
             dialect: points.dialect,
             parser: UartParser::new(points.dialect),
@@ -179,23 +172,16 @@ impl TiBoard {
             timeouts,
             about,
             notes,
-            frame_rate_hz,
             waits_for_subframes: cfg.is_none(),
             link: Link::Open { data: port },
             joiner: SubframeJoiner::default(),
             last_number: None,
-            numbers: Numbers::default(),
-            events: VecDeque::new(),
             piece: vec![0; PIECE_BYTES],
-            is_lost: false,
             was_sent_again: false,
-            is_interrupted: false,
-            last_frame: None,
             last_packet: now,
             silent_since: now,
             unread_bytes: 0,
-            reopen_delay: timeouts.reopen_first,
-            counts: LiveCounts::default(),
+            refused_lines: 0,
             earlier_searches: 0,
         })
     }
@@ -242,7 +228,7 @@ impl TiBoard {
     fn step_sending(&mut self, data: Terminal, mut sending: Sending, until: Instant) {
         let lost_at = self.lost_at();
         if lost_at.is_some_and(|at| Instant::now() >= at) {
-            self.tell_lost(&self.silence());
+            self.output.lose(self.data.display(), &self.silence());
         }
         let until = lost_at.map_or(until, |at| at.min(until));
         match sending.step(until) {
@@ -253,7 +239,7 @@ impl TiBoard {
             }
             Err(error) => {
                 if matches!(error, CliError::Refused { .. }) {
-                    self.counts.refused_lines += 1;
+                    self.refused_lines += 1;
                 }
                 self.lose(&error.to_string());
             }
@@ -300,7 +286,7 @@ impl TiBoard {
     /// When the board counts as lost.
     fn lost_at(&self) -> Option<Instant> {
         let at = self.last_packet.checked_add(self.timeouts.lost);
-        at.filter(|_| !self.is_lost)
+        at.filter(|_| !self.output.is_lost())
     }
 
     fn act_on_silence(&mut self) {
@@ -324,7 +310,7 @@ impl TiBoard {
         } else if is_due(self.close_at()) {
             self.lose(&self.silence());
         } else if is_due(self.lost_at()) {
-            self.tell_lost(&self.silence());
+            self.output.lose(self.data.display(), &self.silence());
         }
     }
 
@@ -340,22 +326,12 @@ impl TiBoard {
         }
     }
 
-    fn tell_lost(&mut self, reason: &str) {
-        self.is_interrupted = true;
-        if !std::mem::replace(&mut self.is_lost, true) {
-            let reason = format!("{}: {reason}", self.data.display());
-            self.events.push_back(LiveEvent::Lost { reason });
-        }
-    }
-
     /// Closes the ports, to be opened again later.
     fn lose(&mut self, reason: &str) {
         self.end_stream();
-        self.tell_lost(reason);
+        self.output.lose(self.data.display(), reason);
         self.was_sent_again = false;
-        let now = Instant::now();
-        let reopen_at = now.checked_add(self.reopen_delay).unwrap_or(now);
-        self.reopen_delay = (2 * self.reopen_delay).min(self.timeouts.reopen_max);
+        let reopen_at = self.output.next_try();
         self.link = Link::Closed { reopen_at };
     }
 
@@ -376,7 +352,7 @@ impl TiBoard {
         if let Some(frame) = self.joiner.finish() {
             self.give(frame);
         }
-        self.is_interrupted = true;
+        self.output.interrupt();
         self.unread_bytes = 0;
     }
 
@@ -432,52 +408,28 @@ impl TiBoard {
                 true => None,
                 false => self.joiner.finish(),
             };
-            ended.into_iter().chain(last).for_each(|f| self.give(f));
+            for frame in ended.into_iter().chain(last) {
+                self.give(frame);
+            }
         }
     }
 
-    /// Numbers and places a frame.
     fn give(&mut self, frame: RecordedFrame) {
-        let now = Instant::now();
-        if std::mem::take(&mut self.is_interrupted)
-            && let Some(last) = self.last_frame
-        {
-            let passed = now.saturating_duration_since(last).as_secs_f64() * self.frame_rate_hz;
-            self.numbers.interrupt(passed.round() as u64);
-        }
-        self.last_frame = Some(now);
         self.last_number = Some(frame.number);
-        for (at, points) in self.numbers.push(frame.number, frame.points) {
-            if std::mem::take(&mut self.is_lost) {
-                self.counts.reconnects += 1;
-                self.events.push_back(LiveEvent::Back);
-            }
-            self.reopen_delay = self.timeouts.reopen_first;
-            self.counts.frames += 1;
-            let frame = self.placing.apply(PointFrame {
-                frame: u32::try_from(at).unwrap_or(u32::MAX),
-                time_s: at as f64 / self.frame_rate_hz,
-                points,
-            });
-            self.events.push_back(LiveEvent::Frame(frame));
-        }
+        self.output.give(frame.number, frame.points);
     }
 }
 
 impl LiveSource for TiBoard {
     fn next(&mut self, timeout: Duration) -> Result<Option<LiveEvent>> {
-        let start = Instant::now();
-        // A timeout that no clock can hold is a day; the caller calls again.
-        let until = start
-            .checked_add(timeout)
-            .unwrap_or(start + Duration::from_secs(86_400));
+        let until = deadline(timeout);
         loop {
-            if let Some(event) = self.events.pop_front() {
+            if let Some(event) = self.output.next_event() {
                 return Ok(Some(event));
             }
             self.step(until)?;
             if Instant::now() >= until {
-                return Ok(self.events.pop_front());
+                return Ok(self.output.next_event());
             }
         }
     }
@@ -487,12 +439,12 @@ impl LiveSource for TiBoard {
     }
 
     fn counts(&self) -> LiveCounts {
+        let counts = self.output.counts();
+        let searches = self.earlier_searches + self.parser.report().resynchronisations;
         LiveCounts {
-            lost_frames: self.numbers.lost,
-            resynchronisations: self.earlier_searches
-                + self.parser.report().resynchronisations
-                + self.numbers.unconfirmed,
-            ..self.counts
+            resynchronisations: searches + counts.resynchronisations,
+            refused_lines: self.refused_lines,
+            ..counts
         }
     }
 }

@@ -16,10 +16,7 @@ use std::{
 
 use radarllm_formats::uart::Dialect;
 
-use crate::make_uart;
-
-/// Maximum time that a test waits for anything.
-pub const PATIENCE: Duration = Duration::from_secs(20);
+use crate::{events::PATIENCE, make_uart};
 
 /// One pseudo-terminal in raw mode.
 pub struct Pty {

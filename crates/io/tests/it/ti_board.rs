@@ -12,12 +12,13 @@ use radarllm_base::PointFrame;
 use radarllm_formats::{Mounting, uart::Dialect};
 use radarllm_io::{
     CaptureFormat, CaptureOptions, PointOptions,
-    live::{LiveEvent, LiveSource, LiveTimeouts, TiBoard, TiBoardOptions},
+    live::{LiveEvent, LiveSource as _, LiveTimeouts, TiBoard, TiBoardOptions},
     open_radar, open_radar_text, read_recording,
 };
 
 use crate::{
-    fake_board::{Behaviour, FakeBoard, PATIENCE, Pty},
+    events::{PATIENCE, event, frame, frames_until_lost, lost},
+    fake_board::{Behaviour, FakeBoard, Pty},
     make_uart,
 };
 
@@ -51,43 +52,6 @@ fn board_on(fake: &FakeBoard, timeouts: LiveTimeouts) -> radarllm_io::Result<TiB
         capture: capture(),
         timeouts,
     })
-}
-
-/// The next event, or a failed test.
-fn event(source: &mut dyn LiveSource) -> LiveEvent {
-    let end = Instant::now() + PATIENCE;
-    while Instant::now() < end {
-        if let Some(event) = source.next(Duration::from_millis(100)).unwrap() {
-            return event;
-        }
-    }
-    panic!("no event; {:?}", source.counts());
-}
-
-fn frame(source: &mut dyn LiveSource) -> PointFrame {
-    match event(source) {
-        LiveEvent::Frame(frame) => frame,
-        other => panic!("{other:?} instead of a frame"),
-    }
-}
-
-fn lost(source: &mut dyn LiveSource) -> String {
-    match event(source) {
-        LiveEvent::Lost { reason } => reason,
-        other => panic!("{other:?} instead of a loss"),
-    }
-}
-
-/// Frames until the source is lost.
-fn frames_until_lost(source: &mut dyn LiveSource) -> (Vec<PointFrame>, String) {
-    let mut frames = Vec::new();
-    loop {
-        match event(source) {
-            LiveEvent::Frame(frame) => frames.push(frame),
-            LiveEvent::Lost { reason } => return (frames, reason),
-            other => panic!("{other:?}"),
-        }
-    }
 }
 
 fn file_frames(bytes: &[u8], options: &CaptureOptions) -> Vec<PointFrame> {
