@@ -108,10 +108,11 @@ impl Terminal {
         Ok(Self { file })
     }
 
-    /// Waits at most `timeout` for bytes. Returns true if a read does not wait: for bytes, an end or an error.
+    /// Waits at most `timeout` for bytes. Returns true if there is something to read: bytes, an end or an error. False
+    /// means silence.
     ///
     /// # Errors
-    /// An error of the system.
+    /// An error of the system, [`io::ErrorKind::Interrupted`] among them.
     pub fn wait(&self, timeout: Duration) -> io::Result<bool> {
         self.poll(libc::POLLIN, timeout)
     }
@@ -127,11 +128,7 @@ impl Terminal {
         let millis = timeout.as_nanos().div_ceil(1_000_000);
         let millis = libc::c_int::try_from(millis).unwrap_or(libc::c_int::MAX);
         // SAFETY: `request` is one initialised pollfd and outlives the call.
-        match check(unsafe { libc::poll(&raw mut request, 1, millis) }) {
-            Ok(n) => Ok(n > 0),
-            Err(e) if e.kind() == io::ErrorKind::Interrupted => Ok(false),
-            Err(e) => Err(e),
-        }
+        Ok(check(unsafe { libc::poll(&raw mut request, 1, millis) })? > 0)
     }
 
     /// Discards the bytes that were received and not yet read.
@@ -160,7 +157,10 @@ impl Terminal {
                     if left.is_zero() {
                         return Err(io::ErrorKind::TimedOut.into());
                     }
-                    self.poll(libc::POLLOUT, left)?;
+                    match self.poll(libc::POLLOUT, left) {
+                        Err(e) if e.kind() != io::ErrorKind::Interrupted => return Err(e),
+                        _ => {}
+                    }
                 }
                 Err(e) => return Err(e),
             }

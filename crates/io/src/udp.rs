@@ -37,6 +37,7 @@ const BUFFER_BYTES: usize = 1467;
 struct Shared {
     skipped: AtomicU64,
     overruns: AtomicU64,
+    forgets_sender: AtomicBool,
     is_over: AtomicBool,
 }
 
@@ -125,6 +126,11 @@ impl UdpPackets {
         }
     }
 
+    /// The next sender becomes the card, unless the card's address is known.
+    pub fn forget_sender(&self) {
+        self.shared.forgets_sender.store(true, Ordering::Relaxed);
+    }
+
     /// Number of packets that were lost because they arrived faster than they were processed.
     pub fn overruns(&self) -> u64 {
         self.shared.overruns.load(Ordering::Relaxed)
@@ -174,14 +180,18 @@ fn enlarge_system_buffer(_socket: &UdpSocket) -> Option<usize> {
 /// Moves packets of the card, or of the first sender, from the socket to the queue.
 fn receive(
     socket: &UdpSocket,
-    mut card: Option<IpAddr>,
+    known_card: Option<IpAddr>,
     sender: &SyncSender<io::Result<Vec<u8>>>,
     shared: &Shared,
 ) {
     let mut buffer = [0; BUFFER_BYTES];
+    let mut card = known_card;
     while !shared.is_over.load(Ordering::Relaxed) {
         let received = match socket.recv_from(&mut buffer) {
             Ok((length, from)) => {
+                if shared.forgets_sender.swap(false, Ordering::Relaxed) {
+                    card = known_card;
+                }
                 let is_ours = card.is_none_or(|card| card == from.ip());
                 if !is_ours || DataPacket::parse(&buffer[..length]).is_err() {
                     shared.skipped.fetch_add(1, Ordering::Relaxed);

@@ -143,10 +143,12 @@ impl Sending {
                 return Ok(false);
             }
             let left = until.min(*deadline).saturating_duration_since(now);
-            if !self.port.wait(left).map_err(CliError::Port)? {
-                continue;
-            }
-            match self.port.read(&mut piece) {
+            let read = match self.port.wait(left) {
+                Ok(false) => continue,
+                Ok(true) => self.port.read(&mut piece),
+                Err(e) => Err(e),
+            };
+            match read {
                 Ok(0) => return Err(CliError::Port(ErrorKind::UnexpectedEof.into())),
                 Ok(n) => answer.extend_from_slice(&piece[..n]),
                 Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}

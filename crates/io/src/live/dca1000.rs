@@ -9,7 +9,7 @@ use std::{
 use radarllm_base::{Provenance, RadarCube};
 use radarllm_formats::{
     adc::{CubeShape, FrameDecoder, LvdsLanes, SampleLayout},
-    dca1000::FrameBuilder,
+    dca1000::{FrameBuilder, TransferSummary},
 };
 use radarllm_radar_dsp::{Corrector, PointExtractor};
 
@@ -224,27 +224,31 @@ impl Dca1000 {
         let wait = lost_at.map_or(until, |at| at.min(until));
         match packets.receive(wait.saturating_duration_since(now)) {
             Ok(Some(packet)) => {
-                let late_before = self.builder.summary().late;
+                let before = self.builder.summary();
+                let (late, unused) = (before.late, n_unused(before));
                 self.builder.push(&packet);
                 self.builder.take_complete();
-                self.last_packet = Instant::now();
-                self.n_late = match self.builder.summary().late > late_before {
+                let after = self.builder.summary();
+                self.n_late = match after.late > late {
                     true => self.n_late + 1,
                     false => 0,
                 };
+                if n_unused(after) == unused {
+                    self.last_packet = Instant::now();
+                }
                 self.give_ready()?;
                 if self.n_late >= LATE_PACKETS {
                     self.n_restarts += 1;
                     self.end_transfer()?;
                 }
             }
-            Ok(None) => {
-                if lost_at.is_some_and(|at| Instant::now() >= at) {
-                    let seconds = self.timeouts.lost.as_secs_f64();
-                    self.lose(&format!("no packets for {seconds} s"))?;
-                }
-            }
-            Err(error) => self.close(&error.to_string())?,
+            Ok(None) => {}
+            Err(error) => return self.close(&error.to_string()),
+        }
+        let lost_at = self.last_packet.checked_add(self.timeouts.lost);
+        if !self.output.is_lost() && lost_at.is_some_and(|at| Instant::now() >= at) {
+            let seconds = self.timeouts.lost.as_secs_f64();
+            self.lose(&format!("no packets of a card for {seconds} s"))?;
         }
         Ok(())
     }
@@ -256,6 +260,9 @@ impl Dca1000 {
             self.setup = Some(Setup::Waiting { start_at });
         }
         self.output.lose(self.input.display(), reason);
+        if let Link::Open(packets) = &self.link {
+            packets.forget_sender();
+        }
         Ok(())
     }
 
@@ -375,6 +382,11 @@ fn start_whole(
     let mut starting = Starting::open(card, here, lanes, timeouts.answer)?;
     while !starting.step(Instant::now() + timeouts.answer)? {}
     Ok(())
+}
+
+/// Number of packets that added nothing to a frame.
+fn n_unused(summary: &TransferSummary) -> u64 {
+    summary.late + summary.refused + summary.duplicates
 }
 
 fn bind(input: &Path, address: SocketAddr, card: Option<IpAddr>) -> Result<UdpPackets> {

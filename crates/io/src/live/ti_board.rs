@@ -10,7 +10,7 @@ use std::{
 use radarllm_base::{Provenance, RecordedFrame, TimelineError};
 use radarllm_formats::{
     Mounting, RecordingFormat, UartError, UartParser,
-    uart::{Dialect, Guess, SubframeJoiner, UartFrame},
+    uart::{Dialect, SubframeJoiner, UartFrame},
 };
 
 use super::{
@@ -265,6 +265,10 @@ impl TiBoard {
                 Err(e) => self.lose(&e.to_string()),
             },
             Ok(false) => self.link = Link::Open { data },
+            Err(e) if e.kind() == ErrorKind::Interrupted => {
+                self.link = Link::Open { data };
+                return Ok(());
+            }
             Err(e) => self.lose(&e.to_string()),
         }
         self.act_on_silence();
@@ -339,11 +343,11 @@ impl TiBoard {
     fn end_stream(&mut self) {
         let parser = std::mem::replace(&mut self.parser, UartParser::new(None));
         let n_searches = parser.report().resynchronisations;
-        // Bytes that do not show their dialect are no frames.
+        // Bytes that do not show their dialect are no frames. The few packets of a short stream do not determine the
+        // dialect of the next one.
         match parser.finish() {
-            Ok((packets, report, guess)) => {
+            Ok((packets, report, _)) => {
                 self.earlier_searches += report.resynchronisations;
-                self.learn(guess.as_ref());
                 self.receive(packets);
             }
             Err(_) => self.earlier_searches += n_searches,
@@ -354,13 +358,6 @@ impl TiBoard {
         }
         self.output.interrupt();
         self.unread_bytes = 0;
-    }
-
-    fn learn(&mut self, guess: Option<&Guess>) {
-        if let (Some(guess), None) = (guess, self.dialect) {
-            self.dialect = Some(guess.dialect);
-            self.notes.push(format!("dialect {guess}"));
-        }
     }
 
     /// Parses the first `n` bytes of the piece.
@@ -377,8 +374,10 @@ impl TiBoard {
                     self.was_sent_again = false;
                     self.unread_bytes = 0;
                 }
-                let guess = self.parser.guess().cloned();
-                self.learn(guess.as_ref());
+                if let (Some(guess), None) = (self.parser.guess(), self.dialect) {
+                    self.dialect = Some(guess.dialect);
+                    self.notes.push(format!("dialect {guess}"));
+                }
                 self.receive(packets);
             }
             Err(UartError::NoPacket(_)) => {

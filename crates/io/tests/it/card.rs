@@ -137,7 +137,10 @@ fn lost_packets_are_placed_by_the_byte_count() {
     let mut card = open(None, Duration::from_millis(300));
     send(CARD, &card, &packets);
     let (found, reason) = frames_until_lost(&mut card);
-    assert!(reason.contains("no packets for 0.3 s"), "{reason}");
+    assert!(
+        reason.contains("no packets of a card for 0.3 s"),
+        "{reason}"
+    );
     let recorded = file_frames(&packets);
     let numbers: Vec<u32> = found.iter().map(|f| f.frame).collect();
     let expected: Vec<PointFrame> = recorded
@@ -190,6 +193,26 @@ fn a_silent_card_is_lost_once() {
     assert!(lost(&mut card).contains("udp:127.0.0.1:0"));
     assert_eq!(card.next(Duration::from_millis(150)).unwrap(), None);
     assert_eq!(card.counts().reconnects, 0);
+}
+
+#[test]
+fn a_sender_without_usable_packets_makes_room_for_the_card() {
+    let packets = datagrams(3);
+    let mut card = open(None, Duration::from_millis(200));
+    // Datagrams of the right length, whose counters fit no others.
+    let noise: Vec<Vec<u8>> = (0..5_u32)
+        .map(|i| made::datagram(i * 1000, u64::from(i * i) << 30, &[7; 100]))
+        .collect();
+    send(FOREIGN, &card, &noise);
+    lost(&mut card);
+    send(CARD, &card, &packets);
+    assert_eq!(event(&mut card), LiveEvent::Back);
+    let points: Vec<_> = (0..3).map(|_| frame(&mut card).points).collect();
+    let expected: Vec<_> = file_frames(&packets)
+        .into_iter()
+        .map(|f| f.points)
+        .collect();
+    assert_eq!(points, expected);
 }
 
 #[test]
