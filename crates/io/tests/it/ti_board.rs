@@ -141,6 +141,57 @@ fn pieces_of_any_size_give_the_frames_of_the_file() {
     }
 }
 
+/// Every hundredth byte or so is wrong: lengths, types, numbers, points.
+#[test]
+fn damaged_packets_move_no_other_frame() {
+    let dialect = Dialect::Sdk3;
+    let n_packets = 400;
+    let mut state = 3_u32;
+    let mut random = move || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 16) as usize
+    };
+    let mut bytes = make_uart::stream(dialect, n_packets);
+    let mut at = random() % 200;
+    while at < bytes.len() {
+        bytes[at] ^= 1 << (random() % 8);
+        at += 1 + random() % 200;
+    }
+    let mut pty = Pty::new();
+    let mut options = capture();
+    options.points.dialect = Some(dialect);
+    let mut board = TiBoard::open(TiBoardOptions {
+        data: pty.path.clone(),
+        cli: None,
+        capture: options,
+        timeouts: patient(),
+    })
+    .unwrap();
+    let writer = thread::spawn(move || {
+        assert!(pty.write(&bytes, &AtomicBool::new(false)));
+        pty
+    });
+    let end = Instant::now() + PATIENCE;
+    let mut numbers: Vec<u32> = Vec::new();
+    loop {
+        assert!(Instant::now() < end);
+        let is_written = writer.is_finished();
+        match board.next(Duration::from_millis(50)).unwrap() {
+            Some(LiveEvent::Frame(frame)) => numbers.push(frame.frame),
+            Some(other) => panic!("{other:?}"),
+            None if is_written => break,
+            None => {}
+        }
+    }
+    assert!(numbers.windows(2).all(|w| w[0] < w[1]), "{numbers:?}");
+    assert!(numbers.len() > 150, "{}", numbers.len());
+    assert!(numbers.iter().all(|n| *n < n_packets + 50), "{numbers:?}");
+    let counts = board.counts();
+    assert_eq!(counts.frames, numbers.len() as u64);
+    assert!(counts.resynchronisations > 20, "{counts:?}");
+    drop(writer.join().unwrap());
+}
+
 #[test]
 fn short_streams_are_read_when_they_end() {
     let mut pty = Pty::new();
