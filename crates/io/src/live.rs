@@ -7,6 +7,35 @@
 //! Frame numbers are those of the radar, counted from the first frame received, as in a recording. Lost frames leave
 //! gaps. Numbers never fall back: after an interruption they go on by the time that has passed.
 //!
+//! ```no_run
+//! use std::time::Duration;
+//!
+//! use radarllm_io::{
+//!     CaptureOptions,
+//!     live::{LiveEvent, LiveSource, TiBoard, TiBoardOptions},
+//!     open_radar,
+//! };
+//!
+//! let mut board = TiBoard::open(TiBoardOptions {
+//!     data: "/dev/ttyACM1".into(),
+//!     cli: Some("/dev/ttyACM0".into()),
+//!     capture: CaptureOptions {
+//!         radar: Some(open_radar("profile.cfg")?),
+//!         ..CaptureOptions::default()
+//!     },
+//!     ..TiBoardOptions::default()
+//! })?;
+//! while let Some(event) = board.next(Duration::from_secs(10))? {
+//!     match event {
+//!         LiveEvent::Frame(frame) => println!("{:.1} s: {} points", frame.time_s, frame.points.len()),
+//!         LiveEvent::Lost { reason } => println!("lost: {reason}"),
+//!         LiveEvent::Back => println!("back"),
+//!         LiveEvent::End => break,
+//!     }
+//! }
+//! # Ok::<(), radarllm_io::Error>(())
+//! ```
+//!
 //! Reading order: this module, `numbers` (frame numbers that only grow), `placing` (mounting), `output` (events),
 //! [`ti_board`] with `cli` (its command line), [`dca1000`] with `card` (its commands).
 

@@ -143,33 +143,41 @@ impl Drop for UdpPackets {
     }
 }
 
-/// Asks for a large buffer, so that no packet is lost while the thread waits for the processor. Returns the size that
-/// the system granted.
+/// Asks for a large buffer, unless there is one, so that no packet is lost while the thread waits for the processor.
+/// Returns the size that the system granted.
 #[cfg(target_os = "linux")]
 fn enlarge_system_buffer(socket: &UdpSocket) -> Option<usize> {
     use std::os::fd::AsRawFd as _;
-    let wanted = libc::c_int::try_from(SYSTEM_BUFFER_BYTES).ok()?;
-    let mut granted: libc::c_int = 0;
-    let mut length = size_of::<libc::c_int>() as libc::socklen_t;
-    // SAFETY: the socket is open; both values are integers of the stated length and outlive the calls.
-    let result = unsafe {
-        libc::setsockopt(
-            socket.as_raw_fd(),
-            libc::SOL_SOCKET,
-            libc::SO_RCVBUF,
-            (&raw const wanted).cast(),
-            length,
-        );
-        libc::getsockopt(
-            socket.as_raw_fd(),
-            libc::SOL_SOCKET,
-            libc::SO_RCVBUF,
-            (&raw mut granted).cast(),
-            &raw mut length,
-        )
+    let granted = || {
+        let mut size: libc::c_int = 0;
+        let mut length = size_of::<libc::c_int>() as libc::socklen_t;
+        // SAFETY: the socket is open; the value is an integer of the stated length and outlives the call.
+        let result = unsafe {
+            libc::getsockopt(
+                socket.as_raw_fd(),
+                libc::SOL_SOCKET,
+                libc::SO_RCVBUF,
+                (&raw mut size).cast(),
+                &raw mut length,
+            )
+        };
+        // Linux reports twice the usable size.
+        (result == 0).then(|| usize::try_from(size).unwrap_or(0) / 2)
     };
-    // Linux reports twice the usable size.
-    (result == 0).then(|| usize::try_from(granted).unwrap_or(0) / 2)
+    if granted().is_some_and(|size| size < SYSTEM_BUFFER_BYTES) {
+        let wanted = SYSTEM_BUFFER_BYTES as libc::c_int;
+        // SAFETY: as above.
+        unsafe {
+            libc::setsockopt(
+                socket.as_raw_fd(),
+                libc::SOL_SOCKET,
+                libc::SO_RCVBUF,
+                (&raw const wanted).cast(),
+                size_of::<libc::c_int>() as libc::socklen_t,
+            );
+        }
+    }
+    granted()
 }
 
 #[cfg(not(target_os = "linux"))]

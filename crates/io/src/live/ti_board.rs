@@ -34,6 +34,9 @@ use crate::{
 /// Maximum number of bytes read at once.
 const PIECE_BYTES: usize = 16 << 10;
 
+/// Time between two calls of the caller that counts as silence of the board. During a longer one, nobody listened.
+const MAX_PAUSE: Duration = Duration::from_secs(1);
+
 /// Options of a [`TiBoard`].
 #[derive(Clone, Debug, Default)]
 pub struct TiBoardOptions {
@@ -75,6 +78,8 @@ pub struct TiBoard {
     last_packet: Instant,
     /// Time since which the open port is silent: the last packet, or the end of a chirp file.
     silent_since: Instant,
+    /// End of the caller's last wait.
+    listened_until: Instant,
     /// Bytes received since the last packet.
     unread_bytes: u64,
     refused_lines: u64,
@@ -180,6 +185,7 @@ impl TiBoard {
             was_sent_again: false,
             last_packet: now,
             silent_since: now,
+            listened_until: now,
             unread_bytes: 0,
             refused_lines: 0,
             earlier_searches: 0,
@@ -189,6 +195,15 @@ impl TiBoard {
     /// Notes for the user: mounting angles, and the dialect once it is detected.
     pub fn notes(&self) -> &[String] {
         &self.notes
+    }
+
+    /// A caller that was busy for long finds the bytes of that time in the system's buffer, so it was no silence.
+    fn leave_out_pause(&mut self) {
+        let pause = Instant::now().saturating_duration_since(self.listened_until);
+        if pause > MAX_PAUSE {
+            self.last_packet += pause;
+            self.silent_since += pause;
+        }
     }
 
     /// Does what is due, waiting until `until` at most.
@@ -422,15 +437,17 @@ impl TiBoard {
 impl LiveSource for TiBoard {
     fn next(&mut self, timeout: Duration) -> Result<Option<LiveEvent>> {
         let until = deadline(timeout);
-        loop {
-            if let Some(event) = self.output.next_event() {
-                return Ok(Some(event));
-            }
+        self.leave_out_pause();
+        let mut event = self.output.next_event();
+        while event.is_none() {
             self.step(until)?;
+            event = self.output.next_event();
             if Instant::now() >= until {
-                return Ok(self.output.next_event());
+                break;
             }
         }
+        self.listened_until = Instant::now();
+        Ok(event)
     }
 
     fn about(&self) -> LiveAbout {

@@ -382,6 +382,31 @@ fn a_silent_board_gets_the_chirp_file_again_and_is_lost_if_that_does_not_help() 
 }
 
 #[test]
+fn a_busy_caller_is_no_silence() {
+    let mut pty = Pty::new();
+    let mut board = TiBoard::open(TiBoardOptions {
+        data: pty.path.clone(),
+        cli: None,
+        capture: capture(),
+        timeouts: LiveTimeouts {
+            lost: Duration::from_millis(1200),
+            ..patient()
+        },
+    })
+    .unwrap();
+    // Half a packet, a caller that is busy for longer than the board may be silent, and the rest.
+    let bytes = make_uart::stream(Dialect::Sdk3, 12);
+    assert!(pty.write(&bytes[..500], &AtomicBool::new(false)));
+    assert_eq!(board.next(Duration::from_millis(20)).unwrap(), None);
+    assert!(pty.write(&bytes[500..510], &AtomicBool::new(false)));
+    thread::sleep(Duration::from_millis(1500));
+    assert_eq!(board.next(Duration::from_millis(20)).unwrap(), None);
+    assert!(pty.write(&bytes[510..], &AtomicBool::new(false)));
+    let numbers: Vec<u32> = (0..12).map(|_| frame(&mut board).frame).collect();
+    assert_eq!(numbers, (0..12).collect::<Vec<u32>>());
+}
+
+#[test]
 fn bytes_without_a_packet_hint_at_the_baud_rate() {
     let mut pty = Pty::new();
     assert!(pty.write(&[0x55; 3000], &AtomicBool::new(false)));
