@@ -82,9 +82,29 @@ pub(crate) fn remove_background(
     options: &CaptureOptions,
     notes: &mut Vec<String>,
 ) -> Result {
+    let (Some(background), Some(path)) = (point_background(options)?, &options.cleaning.background)
+    else {
+        return Ok(());
+    };
+    let n_points: usize = frames.iter().map(|f| f.points.len()).sum();
+    let n_removed = background.remove(frames);
+    notes.push(format!(
+        "background: {} cells of {} frames of {}; {n_removed} of {n_points} points removed",
+        background.n_cells(),
+        background.n_frames,
+        path.display()
+    ));
+    Ok(())
+}
+
+/// Learns the cells of the empty scene that the options name.
+///
+/// # Errors
+/// Options that apply only to raw samples, and a recording that cannot be read.
+pub(crate) fn point_background(options: &CaptureOptions) -> Result<Option<PointBackground>> {
     options.cleaning.check_for_points()?;
     let Some(path) = &options.cleaning.background else {
-        return Ok(());
+        return Ok(None);
     };
     let named = match options.format {
         Some(CaptureFormat::Format(format)) => Some(format),
@@ -107,16 +127,7 @@ pub(crate) fn remove_background(
         }
     };
     let cells = options.cleaning.background_cells.resolve();
-    let background = PointBackground::learn(&empty, cells)?;
-    let n_points: usize = frames.iter().map(|f| f.points.len()).sum();
-    let n_removed = background.remove(frames);
-    notes.push(format!(
-        "background: {} cells of {} frames of {}; {n_removed} of {n_points} points removed",
-        background.n_cells(),
-        background.n_frames,
-        path.display()
-    ));
-    Ok(())
+    Ok(Some(PointBackground::learn(&empty, cells)?))
 }
 
 /// Computes the mean of the frames of an empty scene.

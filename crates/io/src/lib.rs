@@ -25,12 +25,13 @@
 //! Reading order: [`recording`] (any recording to points), [`options`], [`radar`] (radar descriptions), [`points`]
 //! (formats of points), `visualizer` (folders of TI's visualizers), [`samples`] and [`layout`] (raw samples),
 //! `npy_cubes`, [`cleaning`] (background and leakage), [`firmware`] (the signal chain of a board's own firmware),
-//! [`serial`], [`udp`], [`error`].
+//! [`serial`], [`udp`], [`mod@live`] (radars while they run), [`error`].
 
 pub mod cleaning;
 pub mod error;
 pub mod firmware;
 pub mod layout;
+pub mod live;
 mod npy_cubes;
 pub mod options;
 pub mod points;

@@ -227,7 +227,7 @@ fn axes(format: RecordingFormat, options: &PointOptions) -> Result<Axes> {
 }
 
 /// The radar of a data set, or the one named by the caller.
-fn radar_name(format: RecordingFormat, radar: Option<&OpenedRadar>) -> String {
+pub(crate) fn radar_name(format: RecordingFormat, radar: Option<&OpenedRadar>) -> String {
     if let Some(radar) = radar {
         return radar.config.name.clone();
     }
@@ -269,7 +269,7 @@ fn timeline(
 
 /// Returns the mounting angles: those of the options if any is set, otherwise those of the chirp file, which adds a
 /// note.
-fn mounting(
+pub(crate) fn mounting(
     options: &PointOptions,
     position: Option<SensorPosition>,
     notes: &mut Vec<String>,
@@ -302,24 +302,47 @@ fn mounting(
 /// Removes slow points, accumulates frames and rotates points into level axes, according to the options. The strongest
 /// points come first.
 pub(crate) fn place(
-    mut timeline: Timeline,
+    timeline: Timeline,
     options: &PointOptions,
     mounting: Mounting,
 ) -> Result<Timeline> {
-    let min_speed_mps = options.min_speed()?;
-    let n_accumulated = options.n_accumulated()?;
+    Ok(place_with(timeline, &Placement::new(options, mounting)?))
+}
+
+/// What [`place`] does, with checked options.
+#[derive(Clone, Debug)]
+pub(crate) struct Placement {
+    min_speed_mps: f32,
+    pub n_accumulated: usize,
+    motion_compensate: bool,
+    mounting: Mounting,
+}
+
+impl Placement {
+    pub fn new(options: &PointOptions, mounting: Mounting) -> Result<Self> {
+        Ok(Self {
+            min_speed_mps: options.min_speed()?,
+            n_accumulated: options.n_accumulated()?,
+            motion_compensate: options.motion_compensate,
+            mounting,
+        })
+    }
+}
+
+/// [`place`] with checked options.
+pub(crate) fn place_with(mut timeline: Timeline, placement: &Placement) -> Timeline {
     for frame in &mut timeline.frames {
-        frame.remove_slower_than(min_speed_mps);
+        frame.remove_slower_than(placement.min_speed_mps);
     }
-    if n_accumulated > 1 {
-        timeline = timeline.accumulate(n_accumulated, options.motion_compensate);
+    if placement.n_accumulated > 1 {
+        timeline = timeline.accumulate(placement.n_accumulated, placement.motion_compensate);
     }
-    mounting.apply(&mut timeline.frames);
+    placement.mounting.apply(&mut timeline.frames);
     timeline
         .frames
         .iter_mut()
         .for_each(PointFrame::sort_by_intensity);
-    Ok(timeline)
+    timeline
 }
 
 fn read_whole(path: &Path) -> Result<Vec<u8>> {

@@ -3,6 +3,7 @@
 use std::{
     io::{self, Read},
     path::Path,
+    time::{Duration, Instant},
 };
 
 /// Returns true for a character device.
@@ -19,48 +20,70 @@ pub fn is_port(path: &Path) -> bool {
     }
 }
 
-/// An open port that reports its end after a time limit.
-pub struct Port {
+/// A terminal device in raw mode whose reads and writes never wait; [`Terminal::wait`] waits.
+pub struct Terminal {
     #[cfg(target_os = "linux")]
     file: std::fs::File,
-    #[cfg(target_os = "linux")]
-    end: std::time::Instant,
 }
 
 #[cfg(not(target_os = "linux"))]
-impl Port {
+impl Terminal {
     /// Serial ports are not supported on this system.
     ///
     /// # Errors
     /// Always.
-    pub fn open(_path: &Path, _baud: u32, _seconds: f64) -> io::Result<Self> {
+    pub fn open(_path: &Path, _baud: u32) -> io::Result<Self> {
         Err(io::Error::new(
             io::ErrorKind::Unsupported,
             "serial ports are opened on Linux only; set the port raw with stty, record it with cat, and read the file",
         ))
     }
+
+    /// Never called, because no terminal can be opened.
+    ///
+    /// # Errors
+    /// Always.
+    pub fn wait(&self, _timeout: Duration) -> io::Result<bool> {
+        Err(io::ErrorKind::Unsupported.into())
+    }
+
+    /// Never called, because no terminal can be opened.
+    ///
+    /// # Errors
+    /// Always.
+    pub fn discard_input(&self) -> io::Result<()> {
+        Err(io::ErrorKind::Unsupported.into())
+    }
+
+    /// Never called, because no terminal can be opened.
+    ///
+    /// # Errors
+    /// Always.
+    pub fn write_until(&mut self, _bytes: &[u8], _deadline: Instant) -> io::Result<()> {
+        Err(io::ErrorKind::Unsupported.into())
+    }
 }
 
 #[cfg(not(target_os = "linux"))]
-impl Read for Port {
+impl Read for Terminal {
     fn read(&mut self, _buffer: &mut [u8]) -> io::Result<usize> {
         Ok(0)
     }
 }
 
 #[cfg(target_os = "linux")]
-impl Port {
+impl Terminal {
     /// Opens a terminal device in raw mode (8 data bits, no parity, one stop bit, no flow control).
     ///
     /// # Errors
     /// A device that is not a terminal, an unsupported baud rate, or an error of the system.
-    pub fn open(path: &Path, baud: u32, seconds: f64) -> io::Result<Self> {
+    pub fn open(path: &Path, baud: u32) -> io::Result<Self> {
         use std::os::{fd::AsRawFd as _, unix::fs::OpenOptionsExt as _};
         let speed = speed(baud).ok_or_else(|| {
             let problem = format!("no baud rate {baud}: 9600 to 3000000 in the usual steps");
             io::Error::new(io::ErrorKind::InvalidInput, problem)
         })?;
-        // The port does not become the controlling terminal of this process, and opening does not wait for a carrier.
+        // The port does not become the controlling terminal of this process, and nothing waits for a carrier.
         let file = std::fs::OpenOptions::new()
             .read(true)
             .write(true)
@@ -75,36 +98,120 @@ impl Port {
         unsafe { libc::cfmakeraw(&mut settings) };
         settings.c_cflag |= libc::CLOCAL | libc::CREAD;
         settings.c_cflag &= !(libc::CRTSCTS | libc::CSTOPB | libc::PARENB);
-        // A read returns the available bytes after a tenth of a second at the latest.
-        settings.c_cc[libc::VMIN] = 0;
-        settings.c_cc[libc::VTIME] = 1;
+        // With a minimum of one byte, a read of 0 bytes means that the device is gone, and never that it is silent.
+        settings.c_cc[libc::VMIN] = 1;
+        settings.c_cc[libc::VTIME] = 0;
         // SAFETY: `settings` is an initialised termios and `speed` one of the system's constants.
         check(unsafe { libc::cfsetspeed(&mut settings, speed) })?;
         // SAFETY: `fd` is open and `settings` is initialised.
         check(unsafe { libc::tcsetattr(fd, libc::TCSANOW, &settings) })?;
-        // SAFETY: `fd` is open; these two calls take and return flags only.
-        let flags = check(unsafe { libc::fcntl(fd, libc::F_GETFL) })?;
-        // SAFETY: as above.
-        check(unsafe { libc::fcntl(fd, libc::F_SETFL, flags & !libc::O_NONBLOCK) })?;
-        let time = std::time::Duration::from_secs_f64(seconds);
-        Ok(Self {
-            file,
-            end: std::time::Instant::now() + time,
-        })
+        Ok(Self { file })
+    }
+
+    /// Waits at most `timeout` for bytes. Returns true if there is something to read: bytes, an end or an error. False
+    /// means silence.
+    ///
+    /// # Errors
+    /// An error of the system, [`io::ErrorKind::Interrupted`] among them.
+    pub fn wait(&self, timeout: Duration) -> io::Result<bool> {
+        self.poll(libc::POLLIN, timeout)
+    }
+
+    fn poll(&self, events: libc::c_short, timeout: Duration) -> io::Result<bool> {
+        use std::os::fd::AsRawFd as _;
+        let mut request = libc::pollfd {
+            fd: self.file.as_raw_fd(),
+            events,
+            revents: 0,
+        };
+        // Rounded up, so that a caller with a deadline does not spin during the last millisecond.
+        let millis = timeout.as_nanos().div_ceil(1_000_000);
+        let millis = libc::c_int::try_from(millis).unwrap_or(libc::c_int::MAX);
+        // SAFETY: `request` is one initialised pollfd and outlives the call.
+        Ok(check(unsafe { libc::poll(&raw mut request, 1, millis) })? > 0)
+    }
+
+    /// Discards the bytes that were received and not yet read.
+    ///
+    /// # Errors
+    /// An error of the system.
+    pub fn discard_input(&self) -> io::Result<()> {
+        use std::os::fd::AsRawFd as _;
+        // SAFETY: the descriptor is open; the call takes a constant only.
+        check(unsafe { libc::tcflush(self.file.as_raw_fd(), libc::TCIFLUSH) })?;
+        Ok(())
+    }
+
+    /// Writes all bytes before `deadline`.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::TimedOut`] after the deadline, or an error of the system.
+    pub fn write_until(&mut self, mut bytes: &[u8], deadline: Instant) -> io::Result<()> {
+        use std::io::Write as _;
+        while !bytes.is_empty() {
+            match self.file.write(bytes) {
+                Ok(n) => bytes = &bytes[n..],
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+                Err(e) if e.kind() == io::ErrorKind::WouldBlock => {
+                    let left = deadline.saturating_duration_since(Instant::now());
+                    if left.is_zero() {
+                        return Err(io::ErrorKind::TimedOut.into());
+                    }
+                    match self.poll(libc::POLLOUT, left) {
+                        Err(e) if e.kind() != io::ErrorKind::Interrupted => return Err(e),
+                        _ => {}
+                    }
+                }
+                Err(e) => return Err(e),
+            }
+        }
+        Ok(())
     }
 }
 
 #[cfg(target_os = "linux")]
+impl Read for Terminal {
+    /// Reads the bytes that are there; [`io::ErrorKind::WouldBlock`] if there are none, 0 if the device is gone.
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        self.file.read(buffer)
+    }
+}
+
+/// An open port that reports its end after a time limit, or when the device is gone.
+pub struct Port {
+    terminal: Terminal,
+    end: Instant,
+}
+
+impl Port {
+    /// Opens a terminal device in raw mode.
+    ///
+    /// # Errors
+    /// Those of [`Terminal::open`].
+    pub fn open(path: &Path, baud: u32, seconds: f64) -> io::Result<Self> {
+        Ok(Self {
+            terminal: Terminal::open(path, baud)?,
+            end: Instant::now() + Duration::from_secs_f64(seconds),
+        })
+    }
+}
+
 impl Read for Port {
     /// Waits for bytes. Returns 0 when the time is over.
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        while std::time::Instant::now() < self.end {
-            match self.file.read(buffer) {
-                Ok(0) => {}
+        loop {
+            let left = self.end.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return Ok(0);
+            }
+            if !self.terminal.wait(left)? {
+                continue;
+            }
+            match self.terminal.read(buffer) {
+                Err(e) if e.kind() == io::ErrorKind::WouldBlock => {}
                 other => return other,
             }
         }
-        Ok(0)
     }
 }
 

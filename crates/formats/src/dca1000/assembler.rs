@@ -167,6 +167,18 @@ impl Assembler {
         frames
     }
 
+    /// Returns the oldest open frames of which every byte has arrived, without waiting for the packets after them. A
+    /// second copy of one of their packets is then counted as late.
+    pub fn take_complete(&mut self) -> Vec<AssembledFrame> {
+        let mut frames = Vec::new();
+        while self.data.len() >= self.frame_bytes
+            && self.arrived.range(..self.frame_bytes).all(|a| *a)
+        {
+            self.close_oldest(&mut frames);
+        }
+        frames
+    }
+
     /// Ends the transfer and returns the frames that are complete or that later packets have passed. The bytes of an
     /// incomplete last frame are counted in [`TransferSummary::trailing_bytes`].
     pub fn finish(&mut self) -> Vec<AssembledFrame> {

@@ -6,7 +6,7 @@
 //! length in between ([`records`]); network tools write them as pcap ([`crate::pcap`]).
 //!
 //! Reading order: this module (packets), [`assembler`] (packets into frames), [`source`] (sources of packets, and
-//! [`PacketFrames`], which combines a source with the assembler), [`records`]. Source: TI SPRUIJ4 "DCA1000EVM Data
+//! [`FrameBuilder`] and [`PacketFrames`], which decode what the assembler joins), [`records`]. Source: TI SPRUIJ4 "DCA1000EVM Data
 //! Capture Card", section on the Ethernet data format.
 
 pub mod assembler;
@@ -15,7 +15,7 @@ pub mod source;
 
 pub use assembler::{AssembledFrame, Assembler, TransferSummary};
 pub use records::{RecordReader, starts_with_record};
-pub use source::{PacketFrames, PacketSource, PcapPackets};
+pub use source::{FrameBuilder, PacketFrames, PacketSource, PcapPackets};
 
 /// UDP port of the samples.
 pub const DATA_PORT: u16 = 4098;

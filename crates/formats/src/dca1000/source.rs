@@ -76,12 +76,63 @@ impl<R: Read> PacketSource for PcapPackets<R> {
     }
 }
 
-/// Frames assembled from packets.
-pub struct PacketFrames<S> {
-    source: S,
+/// Frames decoded from packets that the caller adds one by one.
+pub struct FrameBuilder {
     assembler: Assembler,
     decoder: FrameDecoder,
     ready: VecDeque<AssembledFrame>,
+}
+
+impl FrameBuilder {
+    /// Creates a builder of frames for `decoder`.
+    ///
+    /// # Errors
+    /// As [`Assembler::new`].
+    pub fn new(decoder: FrameDecoder) -> Result<Self, AdcError> {
+        Ok(Self {
+            assembler: Assembler::new(decoder.frame_bytes())?,
+            decoder,
+            ready: VecDeque::new(),
+        })
+    }
+
+    /// Statistics of the transfer up to now.
+    pub fn summary(&self) -> &TransferSummary {
+        self.assembler.summary()
+    }
+
+    /// Adds a packet. Frames that cannot receive further data are ready afterwards.
+    pub fn push(&mut self, packet: &DataPacket) {
+        self.ready.extend(self.assembler.push(packet));
+    }
+
+    /// Makes frames ready of which every byte has arrived: [`Assembler::take_complete`].
+    pub fn take_complete(&mut self) {
+        self.ready.extend(self.assembler.take_complete());
+    }
+
+    /// Ends the transfer: [`Assembler::finish`].
+    pub fn finish(&mut self) {
+        self.ready.extend(self.assembler.finish());
+    }
+
+    /// Decodes the oldest frame that is ready.
+    ///
+    /// # Errors
+    /// A cube of another shape than the decoder's.
+    pub fn next_ready(&mut self, cube: &mut RadarCube) -> Result<Option<FrameIntegrity>, AdcError> {
+        let Some(frame) = self.ready.pop_front() else {
+            return Ok(None);
+        };
+        self.decoder.decode(&frame.bytes, cube)?;
+        Ok(Some(frame.integrity))
+    }
+}
+
+/// Frames assembled from the packets of a source.
+pub struct PacketFrames<S> {
+    source: S,
+    builder: FrameBuilder,
     is_finished: bool,
 }
 
@@ -93,16 +144,14 @@ impl<S: PacketSource> PacketFrames<S> {
     pub fn new(source: S, decoder: FrameDecoder) -> Result<Self, AdcError> {
         Ok(Self {
             source,
-            assembler: Assembler::new(decoder.frame_bytes())?,
-            decoder,
-            ready: VecDeque::new(),
+            builder: FrameBuilder::new(decoder)?,
             is_finished: false,
         })
     }
 
     /// Statistics of the transfer up to now.
     pub fn summary(&self) -> &TransferSummary {
-        self.assembler.summary()
+        self.builder.summary()
     }
 
     /// Source of the packets.
@@ -114,18 +163,17 @@ impl<S: PacketSource> PacketFrames<S> {
 impl<S: PacketSource> FrameSource for PacketFrames<S> {
     fn next_frame(&mut self, cube: &mut RadarCube) -> Result<Option<FrameIntegrity>, AdcError> {
         loop {
-            if let Some(frame) = self.ready.pop_front() {
-                self.decoder.decode(&frame.bytes, cube)?;
-                return Ok(Some(frame.integrity));
+            if let Some(integrity) = self.builder.next_ready(cube)? {
+                return Ok(Some(integrity));
             }
             if self.is_finished {
                 return Ok(None);
             }
             match self.source.next_packet()? {
-                Some(packet) => self.ready.extend(self.assembler.push(&packet)),
+                Some(packet) => self.builder.push(&packet),
                 None => {
                     self.is_finished = true;
-                    self.ready.extend(self.assembler.finish());
+                    self.builder.finish();
                 }
             }
         }

@@ -80,6 +80,9 @@ pub struct UartReport {
     pub skipped_bytes: u64,
     /// Bytes of the unfinished packet at the end.
     pub trailing_bytes: u64,
+    /// Searches for the next packet after the first one: after foreign bytes, a bad header or a truncated packet.
+    /// Damage without a whole packet in between is one search.
+    pub resynchronisations: u64,
     /// Complete packets.
     pub packets: u64,
     /// Packets truncated by the magic of the next one.
@@ -150,6 +153,8 @@ pub struct UartParser {
     /// Number of magics found while the dialect is unknown.
     magics: usize,
     last_number: Option<u32>,
+    /// False from damage to the next complete packet, and before the first one.
+    is_synchronised: bool,
     report: UartReport,
 }
 
@@ -162,6 +167,7 @@ impl UartParser {
             buffer: Vec::new(),
             magics: 0,
             last_number: None,
+            is_synchronised: false,
             report: UartReport::default(),
         }
     }
@@ -169,6 +175,16 @@ impl UartParser {
     /// Returns the counts up to now.
     pub fn report(&self) -> &UartReport {
         &self.report
+    }
+
+    /// Returns the dialect, once it is known.
+    pub fn dialect(&self) -> Option<Dialect> {
+        self.dialect
+    }
+
+    /// Returns the number of packets that began while the dialect was unknown.
+    pub fn n_begun(&self) -> usize {
+        self.magics
     }
 
     /// Returns how the dialect was detected, if it was not given.
@@ -238,11 +254,11 @@ impl UartParser {
                 // The last 7 bytes may be the start of a magic.
                 let keep = (buffer.len() - at).min(MAGIC.len() - 1);
                 let gap = buffer.len() - at - keep;
-                self.report.skipped_bytes += gap as u64;
+                self.skip(gap);
                 at += gap;
                 break;
             };
-            self.report.skipped_bytes += gap as u64;
+            self.skip(gap);
             at += gap;
             let rest = &buffer[at..];
             let head = match header(dialect, rest) {
@@ -253,7 +269,7 @@ impl UartParser {
                         BadHeader::Implausible => self.report.bad_headers += 1,
                         BadHeader::Checksum => self.report.bad_checksums += 1,
                     }
-                    self.report.skipped_bytes += MAGIC.len() as u64;
+                    self.skip(MAGIC.len());
                     at += MAGIC.len();
                     continue;
                 }
@@ -264,11 +280,12 @@ impl UartParser {
                 if short < dialect.header_len() {
                     // The header itself is truncated: its end was read from the start of the next packet.
                     self.report.bad_headers += 1;
-                    self.report.skipped_bytes += short as u64;
+                    self.skip(short);
                     at += short;
                     continue;
                 }
                 self.report.short_packets += 1;
+                self.count_search();
                 self.report.packet_bytes += short as u64;
                 at += short;
                 self.count_number(head.number);
@@ -284,6 +301,7 @@ impl UartParser {
                 break;
             }
             self.report.packets += 1;
+            self.is_synchronised = true;
             self.report.packet_bytes += head.total_len as u64;
             at += head.total_len;
             self.count_number(head.number);
@@ -291,6 +309,19 @@ impl UartParser {
         }
         self.buffer = buffer;
         self.buffer.drain(..at);
+    }
+
+    /// Counts bytes that belong to no packet.
+    fn skip(&mut self, n_bytes: usize) {
+        if n_bytes > 0 {
+            self.report.skipped_bytes += n_bytes as u64;
+            self.count_search();
+        }
+    }
+
+    fn count_search(&mut self) {
+        self.report.resynchronisations += u64::from(self.is_synchronised);
+        self.is_synchronised = false;
     }
 
     fn count_number(&mut self, number: u32) {
@@ -356,20 +387,44 @@ impl UartParser {
 /// Moving and static points of complete packets, with sub-frames of one number combined. Truncated packets are omitted:
 /// they are lost frames, not empty ones.
 pub fn recorded_frames(frames: Vec<UartFrame>) -> Vec<RecordedFrame> {
-    let mut out: Vec<RecordedFrame> = Vec::new();
-    for frame in frames.into_iter().filter(|f| f.complete) {
+    let mut joiner = SubframeJoiner::default();
+    let mut out: Vec<RecordedFrame> = frames.into_iter().filter_map(|f| joiner.push(f)).collect();
+    out.extend(joiner.finish());
+    out
+}
+
+/// [`recorded_frames`] for packets that arrive one by one.
+#[derive(Debug, Default)]
+pub struct SubframeJoiner {
+    /// The frame that the next packet may still extend.
+    open: Option<RecordedFrame>,
+}
+
+impl SubframeJoiner {
+    /// Adds a packet and returns the frame that it ends: the one before, unless the packet is a sub-frame of it.
+    pub fn push(&mut self, frame: UartFrame) -> Option<RecordedFrame> {
+        if !frame.complete {
+            return None;
+        }
         let number = u64::from(frame.number);
         let points = frame.points.into_iter().chain(frame.static_points);
-        match out.last_mut() {
-            Some(last) if last.number == number && frame.subframe > 0 => last.points.extend(points),
-            _ => out.push(RecordedFrame {
+        match &mut self.open {
+            Some(open) if open.number == number && frame.subframe > 0 => {
+                open.points.extend(points);
+                None
+            }
+            open => open.replace(RecordedFrame {
                 number,
                 stamp_s: None,
                 points: points.collect(),
             }),
         }
     }
-    out
+
+    /// Returns the last frame. It does not wait for further sub-frames.
+    pub fn finish(&mut self) -> Option<RecordedFrame> {
+        self.open.take()
+    }
 }
 
 fn find_magic(bytes: &[u8]) -> Option<usize> {

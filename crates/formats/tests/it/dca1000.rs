@@ -352,3 +352,39 @@ fn other_traffic_is_counted_and_left_out() {
     assert!(error(&long).starts_with("byte 32: expected the length of a packet"));
     assert!(error(b"RIFF....").starts_with("byte 0: expected the first bytes"));
 }
+
+#[test]
+fn complete_frames_need_no_packets_after_them() {
+    let stream = stream(5000);
+    let packets = datagrams(&stream, 700);
+    let mut assembler = Assembler::new(1000).unwrap();
+    let mut frames = Vec::new();
+    let mut n_given = Vec::new();
+    for (i, p) in packets.iter().enumerate() {
+        // One packet of the fourth frame arrives last.
+        if i != 5 {
+            assert!(assembler.push(&DataPacket::parse(p).unwrap()).is_empty());
+            frames.extend(assembler.take_complete());
+            n_given.push(frames.len());
+        }
+    }
+    // The first packet waits for the second to confirm it.
+    assert_eq!(n_given, [0, 1, 2, 2, 3, 3, 3]);
+    assert!(
+        assembler
+            .push(&DataPacket::parse(&packets[5]).unwrap())
+            .is_empty()
+    );
+    frames.extend(assembler.take_complete());
+    assert_eq!(frames.len(), 5);
+    check_bytes(&frames, &stream);
+    assert!(assembler.finish().is_empty());
+    assert_eq!(assembler.summary().trailing_bytes, 0);
+    assert_eq!(
+        (
+            assembler.summary().frames,
+            assembler.summary().damaged_frames
+        ),
+        (5, 0)
+    );
+}

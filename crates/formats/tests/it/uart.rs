@@ -6,7 +6,7 @@ use radarllm_formats::uart::{
 };
 
 use crate::{
-    make::{floats, packet, stream, words},
+    make::{floats, one_point, packet, stream, words},
     shared_data::shared_file,
 };
 
@@ -342,5 +342,44 @@ proptest! {
         let (_, report) = read(Some(Dialect::ALL[which]), &bytes).unwrap();
         adds_up(&report);
         let _ = read(None, &bytes);
+    }
+}
+
+/// Foreign bytes, a truncated packet and a bad header, in pieces of any size.
+#[test]
+fn searches_are_counted_alike_for_pieces_of_any_size() {
+    let dialect = Dialect::Sdk3;
+    let numbered = |n| packet(dialect, n, &one_point(dialect));
+    let mut bytes = vec![9; 50];
+    for n in 0..12 {
+        match n {
+            3 => bytes.extend([0xFF; 100]),
+            5 => bytes.extend(&numbered(n)[..60]),
+            // Damage without a whole packet in between is one search.
+            7 => {
+                bytes.extend(&numbered(n)[..45]);
+                bytes.extend([1; 9]);
+                bytes.extend(&numbered(n)[..9]);
+            }
+            _ => {}
+        }
+        bytes.extend(numbered(n));
+    }
+    let mut whole = None;
+    for size in [1, 2, 7, 64, 1000, bytes.len()] {
+        let mut parser = UartParser::new(Some(dialect));
+        let mut frames = Vec::new();
+        for piece in bytes.chunks(size) {
+            frames.extend(parser.push(piece).unwrap());
+        }
+        assert_eq!(parser.dialect(), Some(dialect));
+        assert_eq!(parser.report().resynchronisations, 3, "{size}");
+        let (last, report, _) = parser.finish().unwrap();
+        frames.extend(last);
+        adds_up(&report);
+        assert_eq!(
+            whole.get_or_insert((frames.clone(), report.clone())),
+            &(frames, report)
+        );
     }
 }

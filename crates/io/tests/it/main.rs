@@ -1,0 +1,12 @@
+//! Running radars: boards on pseudo-terminals, cards on the loopback network.
+#![cfg(target_os = "linux")]
+
+mod card;
+mod events;
+mod fake_board;
+#[allow(dead_code)]
+#[path = "../../../formats/tests/it/made.rs"]
+mod made;
+#[path = "../../../formats/tests/it/make_uart.rs"]
+mod make_uart;
+mod ti_board;
