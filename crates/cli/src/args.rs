@@ -7,6 +7,7 @@ use radarllm_eval::recordings::Role;
 
 use crate::{
     commands::pictures::{PICTURES_HEADING, PictureArgs},
+    live_args::{AskArgs, LiveArgs},
     recording_args::{CleaningArgs, InputArgs, LayoutArgs, PeopleArgs, RecordingArgs},
 };
 
@@ -69,6 +70,16 @@ pub enum Verb {
     ///
     /// Example: radarllm forget wheelchair
     Forget(ForgetArgs),
+    /// Describe what a radar sees while it happens, on a page, over MQTT and in a memory.
+    ///
+    /// Example: radarllm live /dev/ttyACM1 --cli-port /dev/ttyACM0 --radar profile.cfg --db live.db
+    ///
+    /// Example: radarllm live sim:
+    Live(Box<LiveArgs>),
+    /// Answer a question about what `live` saw.
+    ///
+    /// Example: radarllm ask "when did she last get up?" --db live.db
+    Ask(AskArgs),
     /// Captions of a split of a data set, with all metrics, intervals and baselines.
     Eval(EvalArgs),
     /// Captions of recordings in folders by activity: how many name the recorded activity?

@@ -9,6 +9,7 @@ mod commands;
 mod error;
 #[cfg(feature = "train")]
 mod interrupt;
+mod live_args;
 #[cfg(feature = "train")]
 mod log;
 mod memory;
@@ -52,6 +53,8 @@ fn main() -> ExitCode {
         Verb::Describe(args) => commands::describe::run(&args),
         Verb::Teach(args) => commands::teach::run(&args),
         Verb::Forget(args) => commands::teach::forget(&args),
+        Verb::Live(args) => commands::live::run(&args),
+        Verb::Ask(args) => commands::live::answer(&args),
         Verb::Eval(args) => commands::eval::run(&args),
         Verb::EvalRecordings(args) => commands::eval_recordings::run(&args),
         Verb::Interventions(args) => commands::interventions::run(&args),

@@ -6,7 +6,9 @@ use std::time::{Duration, Instant};
 
 use radarllm::{Clip, Error, Recording, Result};
 use radarllm_base::{Clutter, PointFrame, Provenance};
+use radarllm_io::live::{LiveEvent, LiveSource};
 use radarllm_serve::keeper::now_ms;
+use radarllm_serve::metrics::Metrics;
 use radarllm_serve::pipeline::{Arrival, StreamInfo};
 use radarllm_serve::queue::{FrameQueue, Item, WhenFull};
 use radarllm_serve::vitals::Vitals;
@@ -15,6 +17,8 @@ use crate::room::{Room, RoomOptions};
 
 /// Longest time for which a source sleeps before it looks whether it is still wanted.
 const NAP: Duration = Duration::from_millis(50);
+/// Longest time for which a radar is waited for before the source looks whether it is still wanted.
+const WAIT: Duration = Duration::from_millis(200);
 
 /// How fast a recording is replayed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,9 +44,30 @@ enum Kind {
         repeats: bool,
     },
     Room(Box<Room>),
+    Radar(Box<dyn LiveSource>),
 }
 
 impl Input {
+    /// A running radar.
+    ///
+    /// # Errors
+    /// A provenance that is none.
+    pub fn radar(name: &str, source: Box<dyn LiveSource>) -> Result<Self> {
+        let about = source.about();
+        let stream = StreamInfo {
+            frame_period_s: about.frame_period_s,
+            radar_height_m: about.radar_height_m.into(),
+            radar: about.radar,
+            provenance: about.provenance.parse().map_err(Error::input)?,
+            clutter: about.clutter,
+        };
+        Ok(Self {
+            name: name.into(),
+            stream,
+            kind: Kind::Radar(source),
+        })
+    }
+
     /// A recording, which is replayed.
     ///
     /// # Errors
@@ -101,22 +126,38 @@ impl Input {
     pub(crate) fn when_full(&self) -> WhenFull {
         match self.kind {
             Kind::Replay { .. } => WhenFull::Wait,
-            Kind::Room(_) => WhenFull::DropOldest,
+            Kind::Room(_) | Kind::Radar(_) => WhenFull::DropOldest,
         }
     }
 
     /// Puts frames into the queue until there are no more or the queue is closed.
-    pub(crate) fn run(self, queue: &FrameQueue, vitals: &Arc<Vitals>) {
+    ///
+    /// # Errors
+    /// What waiting for a radar cannot repair.
+    pub(crate) fn run(
+        self,
+        queue: &FrameQueue,
+        vitals: &Arc<Vitals>,
+        metrics: &Metrics,
+    ) -> Result<()> {
         let period_s = self.stream.frame_period_s;
-        match self.kind {
+        let ended = match self.kind {
             Kind::Replay {
                 clip,
                 speed,
                 repeats,
-            } => replay(&clip, speed, repeats, period_s, queue, vitals),
-            Kind::Room(room) => run_room(*room, period_s, queue, vitals),
-        }
+            } => {
+                replay(&clip, speed, repeats, period_s, queue, vitals);
+                Ok(())
+            }
+            Kind::Room(room) => {
+                run_room(*room, period_s, queue, vitals);
+                Ok(())
+            }
+            Kind::Radar(source) => run_radar(source, queue, vitals, metrics),
+        };
         queue.push(Item::End);
+        ended
     }
 }
 
@@ -189,6 +230,37 @@ fn run_room(room: Room, period_s: f64, queue: &FrameQueue, vitals: &Vitals) {
             return;
         }
     }
+}
+
+fn run_radar(
+    mut source: Box<dyn LiveSource>,
+    queue: &FrameQueue,
+    vitals: &Vitals,
+    metrics: &Metrics,
+) -> Result<()> {
+    let mut n_reconnects = 0;
+    while !queue.is_closed() {
+        let at_ms = now_ms();
+        let item = match source.next(WAIT)? {
+            None => continue,
+            Some(LiveEvent::End) => return Ok(()),
+            Some(LiveEvent::Frame(frame)) => {
+                vitals.frame();
+                Item::Frame(frame, Arrival::At(now_ms()))
+            }
+            Some(LiveEvent::Lost { reason }) => Item::Lost { at_ms, reason },
+            Some(LiveEvent::Back) => {
+                let reconnects = source.counts().reconnects;
+                metrics.reconnects.add(reconnects - n_reconnects);
+                n_reconnects = reconnects;
+                Item::Back { at_ms }
+            }
+        };
+        if !queue.push(item) {
+            return Ok(());
+        }
+    }
+    Ok(())
 }
 
 /// Sleeps until a time after `began`. Returns false if the queue was closed meanwhile.

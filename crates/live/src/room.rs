@@ -12,23 +12,21 @@ use radarllm_io::open_radar;
 use radarllm_synth::simulate_motion;
 
 /// What the person does in turn, unless it is time to fall.
-const SCENES: [&str; 12] = [
-    "walk?direction=forward",
-    "wave?side=left",
-    "squat",
-    "sit_down",
-    "stand_up",
-    "clap",
-    "walk?direction=backward",
-    "jumping_jack",
-    "pick_up",
-    "punch",
-    "bow",
-    "raise_arms",
+const SCENES: [&str; 10] = [
+    "pace?repetitions=2",
+    "wave?side=left&repetitions=6",
+    "squat?repetitions=4",
+    "walk+then+sit_down",
+    "stand_up+then+walk",
+    "clap?repetitions=10",
+    "jumping_jack?repetitions=6",
+    "walk+then+pick_up",
+    "punch?repetitions=8",
+    "raise_arms?repetitions=3",
 ];
-const FALL: &str = "fall";
+const FALL: &str = "pace+then+fall?pace.repetitions=1";
 /// Time between two scenes, s.
-const PAUSE_S: f64 = 2.5;
+const PAUSE_S: f64 = 1.5;
 /// Time on the floor after a fall, s: longer than the dwell after which a fall is confirmed.
 const LYING_S: f64 = 30.0;
 /// Scenes that wait.
@@ -210,7 +208,10 @@ mod tests {
     #[test]
     fn all_scenes_are_motions() {
         for scene in SCENES.iter().chain([&FALL]) {
-            open_motion(&format!("builtin:{scene}"), 1).unwrap();
+            let motion = open_motion(&format!("builtin:{scene}"), 1).unwrap().motion;
+            // Long enough for a sentence.
+            let seconds = motion.poses.len() as f64 / motion.fps;
+            assert!((4.5..20.0).contains(&seconds), "{scene}: {seconds} s");
         }
     }
 
@@ -241,7 +242,7 @@ mod tests {
         assert!(
             scenes
                 .iter()
-                .all(|(falls, n)| *n == if *falls { 300 } else { 25 })
+                .all(|(falls, n)| *n == if *falls { 300 } else { 15 })
         );
         let bad = RoomOptions {
             fall_every_s: Some(0.0),

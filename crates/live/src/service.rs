@@ -2,8 +2,8 @@
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
@@ -120,6 +120,8 @@ pub struct Live {
     bus: Arc<Bus>,
     metrics: Arc<Metrics>,
     is_over: Arc<AtomicBool>,
+    /// Why the source has ended, if it did so by an error.
+    problem: Arc<Mutex<Option<Error>>>,
     pipeline: Option<JoinHandle<()>>,
     source: Option<JoinHandle<()>>,
     publisher: Option<Publisher>,
@@ -190,6 +192,7 @@ impl Live {
         };
         let queue = Arc::new(FrameQueue::new(input.when_full(), Arc::clone(&metrics)));
         let is_over = Arc::new(AtomicBool::new(false));
+        let problem = Arc::new(Mutex::new(None));
         let pipeline = {
             let (queue, vitals) = (Arc::clone(&queue), Arc::clone(&vitals));
             let is_over = Arc::clone(&is_over);
@@ -201,14 +204,19 @@ impl Live {
             })?
         };
         let source = {
-            let queue = Arc::clone(&queue);
-            spawn("radarllm-source", move || input.run(&queue, &vitals))?
+            let (queue, metrics) = (Arc::clone(&queue), Arc::clone(&metrics));
+            let problem = Arc::clone(&problem);
+            spawn("radarllm-source", move || {
+                let ended = input.run(&queue, &vitals, &metrics);
+                *lock(&problem) = ended.err();
+            })?
         };
         Ok(Self {
             queue,
             bus,
             metrics,
             is_over,
+            problem,
             pipeline: Some(pipeline),
             source: Some(source),
             publisher,
@@ -241,6 +249,16 @@ impl Live {
     pub fn is_over(&self) -> bool {
         self.is_over.load(Ordering::Acquire)
     }
+
+    /// Why the source has ended, if it did so by an error; once.
+    pub fn take_problem(&self) -> Option<Error> {
+        lock(&self.problem).take()
+    }
+}
+
+/// A panic of another thread while it held the lock leaves a value that is complete.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Drop for Live {

@@ -152,57 +152,56 @@ impl Writer {
     }
 
     fn write(&mut self, records: Vec<Record>) {
-        let is_off = self.failed.is_some_and(|at| at.elapsed() < RETRY);
-        let ids = match &self.store {
-            Some(store) if !is_off => {
-                let (known, origin) = (&mut self.known, &self.origin);
-                lock(store).write(|batch| {
-                    let mut ids = Vec::new();
-                    for record in &records {
-                        match record {
-                            Record::Row(_, row, activity) => {
-                                ids.push(keep_row(batch, known, *row, activity, origin)?);
-                            }
-                            Record::Event(event) => {
-                                batch.insert_event(event, origin)?;
-                            }
-                        }
-                    }
-                    Ok(ids)
-                })
-            }
-            Some(_) => {
-                self.metrics.store_failures.add(records.len() as u64);
-                Ok(Vec::new())
-            }
-            None => Ok(Vec::new()),
-        };
-        let mut ids = match ids {
-            Ok(ids) => {
-                if !is_off {
-                    self.failed = None;
-                }
-                ids.into_iter()
-            }
-            Err(_) => {
-                self.metrics.store_failures.add(records.len() as u64);
-                self.failed = Some(Instant::now());
-                self.known.clear();
-                Vec::new().into_iter()
-            }
-        };
-        while self.known.len() > MAX_OPEN_ROWS {
-            self.known.pop_first();
-        }
-        for record in records {
+        let ids = self.keep(&records);
+        for (record, id) in records.into_iter().zip(ids) {
             if let Record::Row(stamp, row, activity) = record {
-                let id = ids.next();
                 let row = ActivityRow {
                     id: id.unwrap_or(-i64::try_from(row).unwrap_or(i64::MAX)),
                     activity,
                     origin: self.origin.clone(),
                 };
                 self.bus.publish(stamp, Body::Activity(Box::new(row)));
+            }
+        }
+    }
+
+    /// Writes records in one transaction. Returns the number of each in the database; `None` for what is not kept.
+    fn keep(&mut self, records: &[Record]) -> Vec<Option<i64>> {
+        let not_kept = vec![None; records.len()];
+        let Some(store) = &self.store else {
+            return not_kept;
+        };
+        if self.failed.is_some_and(|at| at.elapsed() < RETRY) {
+            self.metrics.store_failures.add(records.len() as u64);
+            return not_kept;
+        }
+        let before = self.known.clone();
+        let (known, origin) = (&mut self.known, &self.origin);
+        let kept = lock(store).write(|batch| {
+            let ids = records.iter().map(|record| match record {
+                Record::Row(_, row, activity) => keep_row(batch, known, *row, activity, origin),
+                Record::Event(event) => batch.insert_event(event, origin),
+            });
+            ids.map(|id| id.map(Some)).collect()
+        });
+        while self.known.len() > MAX_OPEN_ROWS {
+            self.known.pop_first();
+        }
+        match kept {
+            Ok(ids) => {
+                self.failed = None;
+                ids
+            }
+            Err(error) => {
+                self.known = before;
+                let is_invalid = matches!(error, StoreError::Invalid { .. });
+                if is_invalid && records.len() > 1 {
+                    // One of them cannot be kept; the others can.
+                    return records.chunks(1).flat_map(|one| self.keep(one)).collect();
+                }
+                self.metrics.store_failures.add(records.len() as u64);
+                self.failed = (!is_invalid).then(Instant::now);
+                not_kept
             }
         }
     }
@@ -273,4 +272,116 @@ pub fn now_ms() -> i64 {
 /// A panic of another thread while it held the lock leaves a database that is complete.
 fn lock(store: &Mutex<Store>) -> MutexGuard<'_, Store> {
     store.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::messages::About;
+    use crate::store::{ActivityQuery, EventKind, Timeline};
+
+    use super::*;
+
+    const START_MS: i64 = 1_795_455_492_000;
+
+    fn bus() -> Arc<Bus> {
+        Arc::new(Bus::new(About {
+            name: "lounge".into(),
+            origin: Origin {
+                source: "test:".into(),
+                radar: "test".into(),
+                model: "none".into(),
+                decoder: "greedy".into(),
+                version: "0".into(),
+                synthetic: true,
+            },
+            radar_height_m: 1.0,
+            frame_period_s: 0.1,
+            zones: Vec::new(),
+        }))
+    }
+
+    fn row(row: u64, end_s: i64, caption: &str) -> Output {
+        Output::Row {
+            stamp: Stamp {
+                utc_ms: START_MS + end_s * 1_000,
+                t_s: end_s as f64,
+            },
+            row,
+            activity: Activity {
+                start_ms: START_MS,
+                end_ms: START_MS + end_s * 1_000,
+                person: 1,
+                action: "walk".into(),
+                caption: caption.into(),
+                confidence: Some(0.5),
+                windows: 1,
+                points: 100,
+                place_m: None,
+            },
+        }
+    }
+
+    /// Numbers of the rows that were published.
+    fn published(reader: &crate::bus::Reader) -> Vec<i64> {
+        let next = || reader.recv_timeout(Duration::from_secs(10)).ok();
+        let messages = std::iter::from_fn(next).map(|message| {
+            let message: serde_json::Value = serde_json::from_str(&message.json).unwrap();
+            message["id"].as_i64()
+        });
+        messages.flatten().collect()
+    }
+
+    #[test]
+    fn rows_grow_and_keep_their_numbers() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("live.db");
+        let (bus, metrics) = (bus(), Arc::new(Metrics::default()));
+        let reader = bus.subscribe();
+        let (store, damaged) = open(&path).unwrap();
+        assert_eq!(damaged, None);
+        let retention = Retention {
+            activities_ms: i64::MAX / 4,
+            ..Retention::default()
+        };
+        let keeper = Keeper::start(
+            Some(store),
+            retention,
+            Arc::clone(&bus),
+            Arc::clone(&metrics),
+        )
+        .unwrap();
+        keeper.take(row(1, 4, "a person walks"));
+        keeper.take(row(2, 5, &"x".repeat(10_000)));
+        keeper.take(row(1, 9, "a person walks"));
+        keeper.take(Output::Event(Event {
+            at_ms: START_MS,
+            kind: EventKind::Present,
+            person: None,
+            data: None,
+        }));
+        drop(keeper);
+        bus.close();
+        assert_eq!(published(&reader), [1, -2, 1]);
+        assert_eq!(metrics.store_failures.get(), 1);
+        let timeline = Timeline::open(&path).unwrap();
+        let page = timeline
+            .activities(&ActivityQuery::default(), None, 10)
+            .unwrap();
+        let ends: Vec<i64> = page.rows.iter().map(|r| r.activity.end_ms).collect();
+        assert_eq!(ends, [START_MS + 9_000]);
+        assert_eq!(timeline.oldest_ms().unwrap(), Some(START_MS));
+    }
+
+    #[test]
+    fn without_a_store_rows_are_published_only() {
+        let bus = bus();
+        let reader = bus.subscribe();
+        let keeper =
+            Keeper::start(None, Retention::default(), Arc::clone(&bus), Arc::default()).unwrap();
+        assert!(keeper.forget().is_none());
+        keeper.take(row(3, 4, "a person walks"));
+        drop(keeper);
+        bus.close();
+        assert_eq!(published(&reader), [-3]);
+    }
 }

@@ -26,7 +26,7 @@ impl Default for WindowOptions {
         Self {
             window_s: 6.0,
             stride_s: 2.0,
-            least_s: 4.0,
+            least_s: 3.0,
         }
     }
 }

@@ -1,0 +1,229 @@
+//! `live` and `ask`: a running radar, and questions about what it saw.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Duration,
+};
+
+use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
+use radarllm_io::{
+    live::{Dca1000, DcaOptions, LiveSource, TiBoard, TiBoardOptions},
+    serial, udp,
+};
+use radarllm_live::{
+    Broker, Input, Live, LiveOptions, Page, Speed, local_time, room::RoomOptions, zones,
+};
+use radarllm_serve::{
+    Clock, Timeline, ask, bus::Silence, http::Token, keeper::now_ms, mqtt::Password,
+    store::Retention,
+};
+
+use crate::{
+    commands::describe::load_decoder,
+    error::{CliError, CliResult},
+    live_args::{AskArgs, LiveArgs},
+    output,
+    user_memory::load_memory,
+};
+
+const DAY_MS: i64 = 86_400_000;
+
+/// Runs a radar until it ends or until Ctrl-C.
+pub fn run(args: &LiveArgs) -> CliResult {
+    let stop = Arc::new(AtomicBool::new(false));
+    let stopping = Arc::clone(&stop);
+    ctrlc::set_handler(move || stopping.store(true, Ordering::Release))
+        .map_err(|e| CliError::new(format!("Ctrl-C: {e}")))?;
+    let mut captioner = load_decoder(args.model.as_deref(), args.decoder)?;
+    if let Some(memory) = load_memory(args.memory.as_deref())? {
+        captioner = captioner.with_memory(&memory);
+    }
+    let options = options(args)?;
+    let live = Live::start(input(args)?, captioner, options)?;
+    if let Some(moved) = live.damaged_database() {
+        eprintln!(
+            "warning: the database was damaged; it is now {}, and a new one was begun",
+            moved.display()
+        );
+    }
+    if let Some(address) = live.address() {
+        eprintln!("http://{address}/");
+    }
+    let messages = live.subscribe();
+    while !stop.load(Ordering::Acquire) {
+        match messages.recv_timeout(Duration::from_millis(200)) {
+            Ok(message) => print(&message.json, args.json),
+            Err(Silence::Closed) => break,
+            Err(Silence::Timeout) if live.is_over() => break,
+            Err(Silence::Timeout) => {}
+        }
+    }
+    match live.take_problem() {
+        Some(problem) => Err(problem.into()),
+        None => Ok(()),
+    }
+}
+
+/// Answers a question about what was seen.
+pub fn answer(args: &AskArgs) -> CliResult {
+    let path = database(args.db.as_deref()).ok_or_else(|| {
+        CliError::new("no database is named").hint("--db wants the file that `live --db` writes")
+    })?;
+    let timeline = Timeline::open(&path).map_err(CliError::new)?;
+    let now_ms = now_ms();
+    let clock = Clock {
+        now_ms,
+        offset_s: local_time::offset_s(now_ms),
+    };
+    let answer = ask(&timeline, &args.question, clock).map_err(CliError::new)?;
+    match args.json {
+        true => output::print_json(&answer),
+        false => {
+            output::print_line(&answer.answer);
+            Ok(())
+        }
+    }
+}
+
+fn input(args: &LiveArgs) -> CliResult<Input> {
+    let name = args.inputs[0].to_string_lossy().into_owned();
+    if name == "sim:" {
+        let defaults = RoomOptions::default();
+        return Ok(Input::room(&RoomOptions {
+            radar: args.input.radar.clone().unwrap_or(defaults.radar),
+            seed: args.sim_seed,
+            fall_every_s: args.sim_fall_every,
+        })?);
+    }
+    let capture = args.input.options()?;
+    let source: Box<dyn LiveSource> = if serial::is_port(&args.inputs[0]) {
+        Box::new(TiBoard::open(TiBoardOptions {
+            data: args.inputs[0].clone(),
+            cli: args.cli_port.clone(),
+            capture,
+            ..TiBoardOptions::default()
+        })?)
+    } else if udp::address(&name).is_some() {
+        Box::new(Dca1000::open(DcaOptions {
+            input: name.clone(),
+            card: args.dca,
+            configure: args.dca.is_some(),
+            capture,
+            ..DcaOptions::default()
+        })?)
+    } else {
+        let speed = match args.speed.as_str() {
+            "max" => Speed::Max,
+            times => Speed::Times(times.parse().map_err(|_| {
+                CliError::new(format!(
+                    "--speed: expected a number or `max`, found `{times}`"
+                ))
+            })?),
+        };
+        let recording = radarllm::open_parts(&args.inputs).with_options(capture);
+        return Ok(Input::replay(
+            &name,
+            recording.points()?,
+            speed,
+            args.repeats,
+        )?);
+    };
+    Ok(Input::radar(&name, source)?)
+}
+
+fn options(args: &LiveArgs) -> CliResult<LiveOptions> {
+    let page = Page {
+        address: args.http,
+        token: match &args.token_file {
+            Some(path) => Some(Token::new(&read(path)?).map_err(CliError::new)?),
+            None => None,
+        },
+        allow_hosts: args.allow_host.clone(),
+        allow_frames: args.allow_frame.clone(),
+    };
+    let broker = match &args.mqtt {
+        Some(url) => Some(Broker {
+            address: url.parse().map_err(CliError::new)?,
+            user: args.mqtt_user.clone(),
+            password: match &args.mqtt_password_file {
+                Some(path) => Some(Password::new(&read(path)?)),
+                None => None,
+            },
+            discovery_prefix: args.discovery_prefix.clone(),
+            allow_synthetic: args.mqtt_simulated,
+        }),
+        None => None,
+    };
+    Ok(LiveOptions {
+        name: args.name.clone(),
+        page: (!args.no_http).then_some(page),
+        database: database(args.db.as_deref()),
+        retention: Retention {
+            activities_ms: i64::from(args.keep_captions) * DAY_MS,
+            events_ms: i64::from(args.keep_events) * DAY_MS,
+            max_bytes: u64::from(args.db_max_mb) << 20,
+            ..Retention::default()
+        },
+        broker,
+        zones: match &args.zones {
+            Some(path) => zones::parse(path, &read(path)?)?,
+            None => Default::default(),
+        },
+        occupancy_hold_s: args.occupancy_hold,
+        fall_dwell_s: args.fall_dwell,
+        fall_height_m: args.fall_height,
+    })
+}
+
+/// The database that is named, or that of the service.
+fn database(named: Option<&Path>) -> Option<PathBuf> {
+    let of_service = || {
+        let folder = std::env::var_os("STATE_DIRECTORY").filter(|v| !v.is_empty())?;
+        Some(PathBuf::from(folder).join("live.db"))
+    };
+    named.map(PathBuf::from).or_else(of_service)
+}
+
+fn read(path: &Path) -> CliResult<String> {
+    bounded::read_text(path, MAX_CONFIG_BYTES)
+        .map_err(|e| CliError::new(format!("{}: {e}", path.display())))
+}
+
+/// Prints a message: sentences and falls, or everything but points as JSON.
+fn print(json: &str, as_json: bool) {
+    let message: serde_json::Value = serde_json::from_str(json).unwrap_or_default();
+    let text = |key: &str| message[key].as_str().unwrap_or_default().to_owned();
+    let kind = text("type");
+    if as_json {
+        if kind != "frame" {
+            output::print_line(json);
+        }
+        return;
+    }
+    let simulated = match message["synthetic"].as_bool() {
+        Some(true) => "SIMULATED ",
+        _ => "",
+    };
+    let (utc, person) = (text("utc"), &message["person"]);
+    match (kind.as_str(), message["caption"].as_str()) {
+        ("now", Some(caption)) => {
+            let confidence = message["confidence"].as_f64().unwrap_or_default();
+            output::print_line(&format!(
+                "{utc} {simulated}person {person}: {caption} ({confidence:.2})"
+            ));
+        }
+        ("fall", _) => {
+            let state = text("state");
+            output::print_line(&format!("{utc} {simulated}person {person}: fall {state}"));
+        }
+        ("presence", _) => {
+            let state = text("state");
+            output::print_line(&format!("{utc} {simulated}room: {state}"));
+        }
+        _ => {}
+    }
+}

@@ -1,0 +1,136 @@
+//! A recording through everything: rows of the memory, the page, questions.
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use radarllm::Captioner;
+use radarllm_live::{Input, Live, LiveOptions, Page, Speed};
+use radarllm_serve::store::{ActivityQuery, ActivityRow};
+use radarllm_serve::{Clock, Timeline, ask, keeper::now_ms};
+
+const DEADLINE: Duration = Duration::from_secs(120);
+
+fn options(database: Option<&Path>) -> LiveOptions {
+    let page = Page {
+        address: ([127, 0, 0, 1], 0).into(),
+        ..Page::default()
+    };
+    LiveOptions {
+        name: "lounge".into(),
+        page: Some(page),
+        database: database.map(Path::to_path_buf),
+        ..LiveOptions::default()
+    }
+}
+
+fn squats(speed: Speed, repeats: bool) -> Input {
+    let source = radarllm::open("builtin:squat?repetitions=6");
+    Input::replay("squats", source.points().unwrap(), speed, repeats).unwrap()
+}
+
+fn wait_until(what: &str, is_so: impl Fn() -> bool) {
+    let began = Instant::now();
+    while !is_so() {
+        assert!(began.elapsed() < DEADLINE, "{what}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+fn rows_of(speed: Speed) -> Vec<ActivityRow> {
+    let folder = tempfile::tempdir().unwrap();
+    let database = folder.path().join("live.db");
+    let captioner = Captioner::bundled().unwrap();
+    let live = Live::start(squats(speed, false), captioner, options(Some(&database))).unwrap();
+    wait_until("the recording ends", || live.is_over());
+    drop(live);
+    let timeline = Timeline::open(&database).unwrap();
+    let page = timeline
+        .activities(&ActivityQuery::default(), None, 100)
+        .unwrap();
+    let clock = Clock {
+        now_ms: now_ms(),
+        offset_s: 0,
+    };
+    let answer = ask(&timeline, "did anybody squat today?", clock).unwrap();
+    assert!(answer.answer.contains("squatted"), "{}", answer.answer);
+    assert!(answer.answer.contains("simulat"), "{}", answer.answer);
+    page.rows
+}
+
+#[test]
+fn rows_do_not_depend_on_the_speed() {
+    let fast = rows_of(Speed::Max);
+    let slow = rows_of(Speed::Times(20.0));
+    let parts = |rows: &[ActivityRow]| -> Vec<(i64, String, String, Option<f64>, u32)> {
+        let part = |row: &ActivityRow| {
+            let a = &row.activity;
+            let length_ms = a.end_ms - a.start_ms;
+            (
+                length_ms,
+                a.action.clone(),
+                a.caption.clone(),
+                a.confidence,
+                a.windows,
+            )
+        };
+        rows.iter().map(part).collect()
+    };
+    assert!(!fast.is_empty());
+    assert_eq!(parts(&fast), parts(&slow));
+    assert!(fast.iter().any(|row| row.activity.action == "squat"));
+    assert!(fast.iter().all(|row| row.origin.synthetic));
+}
+
+/// The answer of the server to a request, head and body.
+fn get(live: &Live, path: &str, host: &str) -> String {
+    let mut stream = TcpStream::connect(live.address().unwrap()).unwrap();
+    stream.set_read_timeout(Some(DEADLINE)).unwrap();
+    let request = format!("GET {path} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n");
+    stream.write_all(request.as_bytes()).unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    answer
+}
+
+#[test]
+fn the_page_shows_what_is_seen_and_refuses_strangers() {
+    let captioner = Captioner::bundled().unwrap();
+    let live = Live::start(squats(Speed::Times(20.0), true), captioner, options(None)).unwrap();
+    let host = live.address().unwrap().to_string();
+    let page = get(&live, "/", &host);
+    assert!(page.starts_with("HTTP/1.1 200") && page.contains("live.js"));
+    assert!(get(&live, "/", "evil.example").starts_with("HTTP/1.1 421"));
+    wait_until("a sentence is told", || {
+        get(&live, "/api/state", &host).contains("a person squats")
+    });
+    let metrics = get(&live, "/metrics", &host);
+    assert!(metrics.contains("radarllm_frames_total"), "{metrics}");
+    assert!(get(&live, "/healthz", &host).starts_with("HTTP/1.1 200"));
+    let began = Instant::now();
+    drop(live);
+    assert!(began.elapsed() < Duration::from_secs(5));
+}
+
+#[test]
+fn an_open_address_wants_a_token_and_names_are_checked() {
+    let start = |options| {
+        let captioner = Captioner::bundled().unwrap();
+        let live = Live::start(squats(Speed::Max, false), captioner, options);
+        live.err().map(|e| e.to_string()).unwrap_or_default()
+    };
+    let open = LiveOptions {
+        page: Some(Page {
+            address: ([0, 0, 0, 0], 0).into(),
+            ..Page::default()
+        }),
+        ..LiveOptions::default()
+    };
+    assert!(start(open).contains("token"));
+    let named = LiveOptions {
+        name: "Living room".into(),
+        ..options(None)
+    };
+    assert!(start(named).contains("a-z"));
+}
