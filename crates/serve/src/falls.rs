@@ -35,7 +35,7 @@ const LEAST_POINTS: usize = 8;
 /// Quantile of the heights that is the height of a person. The largest heights are noise of the elevation angle.
 const QUANTILE: f64 = 0.9;
 /// Height above which a person is up before a fall, m.
-const HIGH_M: f64 = 1.0;
+pub const HIGH_M: f64 = 1.0;
 /// Longest time from [`HIGH_M`] to the second low frame, s.
 const DROP_S: f64 = 1.5;
 /// Height above which a person has risen, m.
