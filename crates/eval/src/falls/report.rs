@@ -16,7 +16,7 @@ use crate::table::Table;
 type Condition = (&'static str, fn(&TrialRow) -> Option<String>);
 
 /// The conditions of the tables.
-const CONDITIONS: [Condition; 9] = [
+const CONDITIONS: [Condition; 10] = [
     ("all", |_| Some("all".into())),
     ("motion", |row| Some(row.trial.kind.clone())),
     ("speed", |row| row.trial.speed.map(|v| v.to_string())),
@@ -24,6 +24,12 @@ const CONDITIONS: [Condition; 9] = [
     ("radar", |row| Some(row.trial.radar.clone())),
     ("height of the radar", |row| {
         Some(format!("{} m", row.trial.radar_height_m))
+    }),
+    ("radar and its height", |row| {
+        Some(format!(
+            "{}, {} m",
+            row.trial.radar, row.trial.radar_height_m
+        ))
     }),
     ("distance", |row| {
         Some(format!("{} m", row.trial.distance_m))

@@ -121,9 +121,9 @@ pub(super) fn why_missed(truth: TrueFall, seen: &[Seen], fall_height_m: f64) -> 
         })
     };
     let after_onset = |s: &&Seen| s.t_s >= truth.onset_s && !s.people.is_empty();
-    if !near.iter().any(|s| after_onset(s)) {
+    if !near.iter().any(after_onset) {
         Missed::NotTracked
-    } else if !near.iter().any(|s| is_up(s)) {
+    } else if !near.iter().any(is_up) {
         Missed::NotSeenUp
     } else if !near.windows(2).any(stays_low) {
         Missed::NotSeenDown
