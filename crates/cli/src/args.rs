@@ -86,6 +86,10 @@ pub enum Verb {
     ///
     /// Example: radarllm eval-recordings configs/recorded-radhar.toml --recordings radhar
     EvalRecordings(EvalRecordingsArgs),
+    /// Simulate falls and what looks like falls: how many does a running radar notice, and how often is it wrong?
+    ///
+    /// Example: radarllm eval-falls configs/falls.toml --recordings configs/recorded-radhar.toml radhar
+    EvalFalls(EvalFallsArgs),
     /// Change one parameter of a built-in motion and count how often the caption follows.
     ///
     /// Example: radarllm interventions --count 120
@@ -706,6 +710,23 @@ pub struct EvalRecordingsArgs {
     /// Replace an existing report.
     #[arg(long)]
     pub force: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `eval-falls`.
+#[derive(Args)]
+pub struct EvalFallsArgs {
+    /// TOML with radars, places, people, falls and other motions.
+    pub config: PathBuf,
+    /// Also count false alarms in recordings without falls: a configuration of `eval-recordings` and its folder. Only
+    /// recordings for tuning are read. May be repeated.
+    #[arg(long, num_args = 2, value_names = ["CONFIG", "DIR"])]
+    pub recordings: Vec<PathBuf>,
+    /// Threads of the simulation; all cores if omitted.
+    #[arg(long)]
+    pub threads: Option<usize>,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,

@@ -57,6 +57,7 @@ fn main() -> ExitCode {
         Verb::Ask(args) => commands::live::answer(&args),
         Verb::Eval(args) => commands::eval::run(&args),
         Verb::EvalRecordings(args) => commands::eval_recordings::run(&args),
+        Verb::EvalFalls(args) => commands::eval_falls::run(&args),
         Verb::Interventions(args) => commands::interventions::run(&args),
         Verb::Score(args) => commands::score::run(&args),
         Verb::View(args) => commands::view::run(&args),

@@ -35,6 +35,7 @@
 //! | Do they stay right under noise, distance, rain? | [`robustness`] |
 //! | Does a caption follow its cause? | [`interventions`] |
 //! | Do captions of recorded radar name the activity? | [`recordings`] |
+//! | Does a running radar notice falls, and how often is it wrong? | [`falls`] |
 //! | Which part of the model contributes how much? | [`ablation`] |
 //! | How similar are captions and references to a sentence encoder? | [`embedding_scores`] |
 //! | Are test motions in the training split? | [`held_out`], [`near_duplicates`] |
@@ -55,6 +56,7 @@ pub mod ablation;
 mod captioner;
 pub mod captions;
 pub mod embedding_scores;
+pub mod falls;
 pub mod interventions;
 pub mod proxy;
 pub mod recordings;

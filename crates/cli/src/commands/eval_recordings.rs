@@ -1,5 +1,7 @@
 //! `eval-recordings`: do captions of recorded radar state the recorded activity?
 
+use std::path::Path;
+
 use radarllm::{
     CaptureFormat, CaptureOptions, Clip, DescribeOptions, open_radar, teach::Recogniser,
 };
@@ -29,7 +31,16 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
     let text = files::read_text(&args.config, MAX_CONFIG_BYTES)?;
     let config = RecordingsConfig::from_toml(&text)
         .map_err(|e| CliError::new(format!("{}: {e}", args.config.display())))?;
-    let recordings = read_recordings(&config, role, args)?;
+    let format = args.format.as_deref().map(CaptureFormat::from_name);
+    let options = CaptureOptions {
+        radar: args.radar.as_deref().map(open_radar).transpose()?,
+        format: format.transpose()?,
+        points: args.recording.options()?,
+        radar_height_m: Some(config.radar_height_m),
+        ..CaptureOptions::default()
+    };
+    let read = |role| read_recordings(&config, role, &args.recordings, &options);
+    let recordings = read(role)?;
     let report = if args.proxy.is_empty() {
         let (captioner, info) = model_files::load(args.model.as_deref(), DecoderName::F32)?;
         let captioner = describe::restricted(captioner, &args.choose)?;
@@ -41,7 +52,7 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
         if let Some(n_examples) = args.teach {
             let pool = match role {
                 Role::Tuning => recordings.clone(),
-                Role::Judged => read_recordings(&config, Role::Tuning, args)?,
+                Role::Judged => read(Role::Tuning)?,
             };
             let describe = |memory: &_, clip: &Clip| -> CliResult<_> {
                 let recogniser = Recogniser::new(memory);
@@ -94,20 +105,12 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
 }
 
 /// All recordings of a role, prepared for the model.
-fn read_recordings(
+pub fn read_recordings(
     config: &RecordingsConfig,
     role: Role,
-    args: &EvalRecordingsArgs,
+    folder: &Path,
+    options: &CaptureOptions,
 ) -> CliResult<Vec<LabelledRecording>> {
-    let format = args.format.as_deref().map(CaptureFormat::from_name);
-    let options = CaptureOptions {
-        radar: args.radar.as_deref().map(open_radar).transpose()?,
-        format: format.transpose()?,
-        points: args.recording.options()?,
-        radar_height_m: Some(config.radar_height_m),
-        ..CaptureOptions::default()
-    };
-    let folder = &args.recordings;
     let files = labelled_files(config, role, folder).map_err(|e| CliError::io(folder, e))?;
     if files.is_empty() {
         return Err(CliError::new(format!(

@@ -8,6 +8,7 @@ pub mod demo;
 pub mod describe;
 pub mod doctor;
 pub mod eval;
+pub mod eval_falls;
 pub mod eval_page;
 pub mod eval_recordings;
 pub mod interventions;

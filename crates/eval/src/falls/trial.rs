@@ -1,0 +1,158 @@
+//! One trial: a motion in front of a virtual radar, watched frame by frame.
+
+use radarllm_base::Motion;
+use radarllm_radar_sim::{Noise, Scene};
+use radarllm_synth::{
+    SynthError, Synthesizer, open_motion,
+    placement::{PlacementRange, draw_placement},
+    synthesizer::posed_builtin,
+};
+use serde::Serialize;
+
+use super::{
+    plan::{FRAME_PERIOD_S, FallPlan, OpenRadar, Trial, fall_options},
+    score::{LATEST_S, Missed, Score, TrueFall, score, why_missed},
+    watch::{Seen, Watch},
+};
+use crate::EvalError;
+
+/// Time that is simulated after the end of the motion in any case, s. No suspicion by height can begin later, because the
+/// monitor must have seen the person up at most 1.5 s before.
+const REST_S: f64 = 4.0;
+/// Time that the pose after the motion is repeated from, s: a little less than the request holds it.
+const LOOP_S: f64 = 9.0;
+
+/// A trial and its result.
+#[derive(Clone, Debug, Serialize)]
+pub struct TrialRow {
+    /// Motion and conditions.
+    #[serde(flatten)]
+    pub trial: Trial,
+    /// When the person falls, if it is a fall.
+    pub truth: Option<TrueFall>,
+    /// Simulated time, s.
+    pub seconds: f64,
+    /// Mean number of points a frame.
+    pub points_per_frame: f64,
+    /// What the monitor said.
+    pub score: Score,
+    /// Why a fall was missed.
+    pub missed: Option<Missed>,
+    /// Heights, m above the floor, from 2 s before the onset to 3 s after the impact of a missed fall, with their times,
+    /// s; `null` where a tracked person has too few points.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub heights: Vec<(f64, Vec<Option<f64>>)>,
+}
+
+impl TrialRow {
+    /// Time from the impact to the suspicion, s; negative before the impact.
+    pub fn delay_s(&self) -> Option<f64> {
+        Some(self.score.suspected_s? - self.truth?.impact_s)
+    }
+}
+
+/// Simulates and watches a trial. Frames are simulated until nothing can change any more: [`REST_S`] after the motion, and
+/// as long as a suspicion is undecided.
+pub(super) fn run(
+    plan: &FallPlan,
+    trial: &Trial,
+    is_fall: bool,
+    radar: &OpenRadar,
+    synthesizer: &mut Synthesizer,
+) -> Result<TrialRow, EvalError> {
+    let input = open_motion(&trial.request, trial.seed)?;
+    let mut shape = input.shape;
+    shape.facet_edge_m = plan.facet_edge_m;
+    let mut motion = input.motion;
+    let truth = is_fall.then(|| TrueFall::of(&motion));
+    let range = PlacementRange {
+        distance_m: [trial.distance_m; 2],
+        lateral_m: plan.lateral_m,
+        heading_rad: 0.0,
+        radar_height_m: trial.radar_height_m,
+    };
+    let placement = draw_placement(&motion, &range, trial.seed);
+    let held_s = f64::from(super::plan::AFTER_S);
+    let rest_s = motion.duration_s() - held_s + REST_S;
+    let options = fall_options(trial.radar_height_m);
+    let longest_s = rest_s + options.fall_dwell_s + 1.0;
+    hold(&mut motion, longest_s);
+    let fail = |source: SynthError| EvalError::Simulation {
+        what: format!("{}: {}", trial.radar, trial.request),
+        source,
+    };
+    let body = posed_builtin(&motion, shape, placement).map_err(fail)?;
+    let scene = Scene {
+        surfaces: vec![&body],
+        points: Vec::new(),
+        noise: Noise::Thermal,
+    };
+    let mut watch = Watch::new(trial.radar_height_m)?;
+    let (mut seen, mut n_points): (Vec<Seen>, usize) = (Vec::new(), 0);
+    let frames = |seconds: f64| (seconds / FRAME_PERIOD_S).ceil() as usize;
+    while seen.len() < frames(rest_s) || (watch.is_undecided() && seen.len() < frames(longest_s)) {
+        let simulated = synthesizer.simulate(&scene, seen.len(), trial.seed);
+        simulated.map_err(fail)?;
+        let mut frame = synthesizer.extract(seen.len()).map_err(fail)?;
+        if let Some(firmware) = &radar.firmware {
+            firmware.limit(&mut frame);
+        }
+        n_points += frame.points.len();
+        seen.push(watch.push(&frame));
+    }
+    let score = score(truth, &watch.events);
+    let missed_fall = truth.filter(|_| score.suspected_s.is_none());
+    let heights = |truth: TrueFall| {
+        let range = truth.onset_s - 2.0..=truth.impact_s + LATEST_S;
+        let near = seen.iter().filter(|s| range.contains(&s.t_s));
+        near.map(|s| (s.t_s, s.people.iter().map(|(_, h)| *h).collect()))
+            .collect()
+    };
+    Ok(TrialRow {
+        trial: trial.clone(),
+        truth,
+        seconds: seen.len() as f64 * FRAME_PERIOD_S,
+        points_per_frame: n_points as f64 / seen.len() as f64,
+        missed: missed_fall.map(|truth| why_missed(truth, &seen, options.fall_height_m)),
+        heights: missed_fall.map(heights).unwrap_or_default(),
+        score,
+    })
+}
+
+/// Prolongs a motion: its last seconds, in which somebody only breathes, backwards and forwards in turn.
+fn hold(motion: &mut Motion, until_s: f64) {
+    let n_loop = ((LOOP_S * motion.fps) as usize).min(motion.poses.len() - 1);
+    let n = (until_s * motion.fps).ceil() as usize;
+    while motion.poses.len() < n {
+        let end = motion.poses.len() - 1;
+        let back = motion.poses[end - n_loop..end].to_vec();
+        motion.poses.extend(back.into_iter().rev());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_held_motion_is_continuous_and_stays_where_it_is() {
+        let render = |after_s: f64| {
+            let request = format!("fall?direction=left&after_s={after_s}");
+            radarllm_motions::parse(&request).unwrap().render(3).motion
+        };
+        let mut motion = render(10.0);
+        let before = motion.clone();
+        hold(&mut motion, 40.0);
+        assert!(motion.duration_s() >= 39.9);
+        assert_eq!(motion.poses[..before.poses.len()], before.poses);
+        let n = before.poses.len();
+        let last = &before.poses[n - 1];
+        for pair in motion.poses[n - 1..].windows(2) {
+            let step_m = pair[0].root_in_world.distance(pair[1].root_in_world);
+            let away_m = pair[1].root_in_world.distance(last.root_in_world);
+            assert!(step_m < 0.002 && away_m < 0.05, "{step_m} {away_m}");
+            let turn = pair[0].rotations[3].angle_between(pair[1].rotations[3]);
+            assert!(turn < 0.01, "{turn}");
+        }
+    }
+}
