@@ -169,10 +169,17 @@ fn replay(
     queue: &FrameQueue,
     vitals: &Vitals,
 ) {
-    let start_ms = now_ms();
     let began = Instant::now();
     let numbers = numbers(clip, period_s);
     let length = numbers.last().map_or(1, |last| last + 1);
+    // A replay that is faster than the recording begins in the past, so that none of it is in the future.
+    let length_s = f64::from(length) * period_s;
+    let replay_s = match speed {
+        Speed::Times(times) => length_s / times,
+        Speed::Max => 0.0,
+    };
+    let ahead_s = (length_s - replay_s).max(0.0);
+    let start_ms = now_ms().saturating_sub((ahead_s * 1e3).round() as i64);
     let mut first = 0u32;
     loop {
         for (number, frame) in numbers.iter().zip(&clip.frames) {

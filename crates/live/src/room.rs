@@ -14,7 +14,7 @@ use radarllm_synth::simulate_motion;
 /// What the person does in turn, unless it is time to fall.
 const SCENES: [&str; 10] = [
     "pace?repetitions=2",
-    "wave?side=left&repetitions=6",
+    "wave?side=left&repetitions=8",
     "squat?repetitions=4",
     "walk+then+sit_down",
     "stand_up+then+walk",

@@ -155,8 +155,9 @@ pub struct Pipeline {
     source: SourceState,
     /// Number of the last frame.
     last_number: Option<u32>,
-    /// Whether a message says that nobody is there.
+    /// Whether the newest message says that nobody is there.
     is_nobody_told: bool,
+    is_occupied: bool,
     health_at_s: f64,
     stamp: Stamp,
 }
@@ -198,6 +199,7 @@ impl Pipeline {
             source: SourceState::Ok,
             last_number: None,
             is_nobody_told: false,
+            is_occupied: false,
             health_at_s: f64::NEG_INFINITY,
             stamp: Stamp {
                 utc_ms: 0,
@@ -254,10 +256,15 @@ impl Pipeline {
         if self.windows.is_due(tick.t_s) {
             self.describe_people(may_describe, &mut out);
         }
-        if update.n_tracked > 0 {
-            self.is_nobody_told = false;
+        if let Some(somebody) = people.first() {
+            if std::mem::replace(&mut self.is_nobody_told, false) {
+                let reason = Some("no window has ended yet".into());
+                let now = self.now(Some(somebody.person), None, reason, Label::Unsure.name());
+                out.push(self.message(Body::Now(now)));
+            }
         } else if !std::mem::replace(&mut self.is_nobody_told, true) {
-            out.push(self.message(Body::Now(self.now(None, None, Label::Nobody.name()))));
+            let now = self.now(None, None, None, Label::Nobody.name());
+            out.push(self.message(Body::Now(now)));
         }
         if tick.t_s - self.health_at_s >= HEALTH_S || self.source != SourceState::Ok {
             self.source = SourceState::Ok;
@@ -386,14 +393,20 @@ impl Pipeline {
         let fall = last.and_then(|action| self.falls.label(reading.person, action));
         out.extend(fall.iter().flat_map(|event| self.fall(event)));
         let label = self.activities.label(reading.person, reading.end_s);
-        let now = self.now(Some(&reading), reason, label.name());
+        let now = self.now(Some(reading.person), Some(&reading), reason, label.name());
         out.push(self.message(Body::Now(now)));
     }
 
-    fn now(&self, reading: Option<&WindowReading>, reason: Option<String>, label: &str) -> Now {
+    fn now(
+        &self,
+        person: Option<u32>,
+        reading: Option<&WindowReading>,
+        reason: Option<String>,
+        label: &str,
+    ) -> Now {
         let told = reading.and_then(|r| r.told.as_ref());
         Now {
-            person: reading.map(|r| r.person),
+            person,
             caption: told.map(|t| t.caption.clone()),
             label: label.into(),
             confidence: told.and_then(|t| t.confidence),
@@ -414,21 +427,21 @@ impl Pipeline {
         rows.collect()
     }
 
-    fn presence_changed(&self, update: &PresenceUpdate, out: &mut Vec<Output>) {
+    fn presence_changed(&mut self, update: &PresenceUpdate, out: &mut Vec<Output>) {
         if !update.has_changed {
             return;
         }
+        let is_occupied = update.presence.is_occupied();
+        let was_occupied = std::mem::replace(&mut self.is_occupied, is_occupied);
         let n_people = update.n_tracked + update.n_held;
-        let (state, kind, why) = match update.presence {
-            Presence::Absent => (PresenceState::Absent, Some(EventKind::Absent), None),
+        let (state, why) = match update.presence {
+            Presence::Absent => (PresenceState::Absent, None),
             Presence::Present => (
                 PresenceState::Present,
-                Some(EventKind::Present),
                 Some(format!("people who are tracked: {}", update.n_tracked)),
             ),
             Presence::Held => (
                 PresenceState::Held,
-                None,
                 Some("somebody was seen shortly before and has not left through a door".into()),
             ),
         };
@@ -438,7 +451,13 @@ impl Pipeline {
             why,
         };
         out.push(self.message(Body::Presence(presence)));
-        out.extend(kind.map(|kind| self.event(kind, None, None)));
+        if is_occupied != was_occupied {
+            let kind = match is_occupied {
+                true => EventKind::Present,
+                false => EventKind::Absent,
+            };
+            out.push(self.event(kind, None, None));
+        }
     }
 
     fn fall(&self, event: &FallEvent) -> [Output; 2] {
