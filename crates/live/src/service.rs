@@ -264,11 +264,12 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl Drop for Live {
     fn drop(&mut self) {
         self.queue.close();
-        for thread in [self.source.take(), self.pipeline.take()] {
-            if let Some(thread) = thread {
-                // A panic of the thread was printed by it.
-                let _ = thread.join();
-            }
+        for thread in [self.source.take(), self.pipeline.take()]
+            .into_iter()
+            .flatten()
+        {
+            // A panic of the thread was printed by it.
+            let _ = thread.join();
         }
         if let Some(publisher) = self.publisher.take() {
             publisher.stop();

@@ -9,6 +9,7 @@ mod command;
 mod eval_recordings;
 mod geometry;
 mod golden;
+mod live;
 #[cfg(feature = "train")]
 mod lm;
 mod recordings;

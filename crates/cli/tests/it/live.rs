@@ -1,0 +1,80 @@
+//! `live` and `ask`.
+
+use serde_json::Value;
+
+use crate::command::{json, radarllm, refused};
+
+/// Messages of a replay as fast as possible.
+fn replay(input: &str, more: &[&str]) -> Vec<Value> {
+    let args = [
+        "live",
+        input,
+        "--speed",
+        "max",
+        "--http",
+        "127.0.0.1:0",
+        "--json",
+    ];
+    let out = radarllm(&[&args, more].concat());
+    let stderr = String::from_utf8_lossy(&out.stderr);
+    assert!(out.status.success(), "{stderr}");
+    assert!(stderr.contains("http://127.0.0.1:"), "{stderr}");
+    let lines = String::from_utf8(out.stdout).unwrap();
+    lines
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect()
+}
+
+fn of_type<'a>(messages: &'a [Value], kind: &str) -> Vec<&'a Value> {
+    messages.iter().filter(|m| m["type"] == kind).collect()
+}
+
+#[test]
+fn a_recording_is_told_while_it_runs_and_remembered() {
+    let dir = tempfile::tempdir().unwrap();
+    let database = dir.path().join("live.db");
+    let database = database.to_str().unwrap();
+    let input = "builtin:squat?repetitions=6";
+    let messages = replay(input, &["--db", database]);
+    assert!(of_type(&messages, "frame").is_empty());
+    let now = of_type(&messages, "now");
+    let squats = |m: &&Value| {
+        let caption = m["caption"].as_str().unwrap_or_default();
+        caption.contains("squat") && m["synthetic"] == true
+    };
+    assert!(now.iter().any(squats), "{now:?}");
+    let rows = of_type(&messages, "activity");
+    assert!(rows.iter().any(|row| row["action"] == "squat"), "{rows:?}");
+    let again = replay(input, &[]);
+    let captions = |messages: &[Value]| -> Vec<String> {
+        let now = of_type(messages, "now");
+        now.iter().map(|m| m["caption"].to_string()).collect()
+    };
+    assert_eq!(captions(&messages), captions(&again));
+    let answer = json(&[
+        "ask",
+        "how often did she squat today?",
+        "--db",
+        database,
+        "--json",
+    ]);
+    assert_eq!(
+        answer["answer"].as_str().unwrap().find("Someone squatted"),
+        Some(0)
+    );
+}
+
+#[test]
+fn what_cannot_run_is_refused() {
+    let live = |more: &[&str]| refused(&[&["live", "sim:"], more].concat());
+    assert!(live(&["--http", "0.0.0.0:0"]).contains("token"));
+    assert!(live(&["--name", "Living room"]).contains("a-z"));
+    let broker = live(&["--http", "127.0.0.1:0", "--mqtt", "mqtt://127.0.0.1:1"]);
+    assert!(broker.contains("simulated"), "{broker}");
+    let input = "builtin:squat?repetitions=6";
+    assert!(refused(&["live", input, "--speed", "fast"]).contains("--speed"));
+    assert!(refused(&["live", "no-such-recording.dat"]).contains("no-such-recording.dat"));
+    let asked = refused(&["ask", "when did she last get up?", "--db", "no-such.db"]);
+    assert!(asked.contains("no-such.db"), "{asked}");
+}
