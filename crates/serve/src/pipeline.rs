@@ -6,7 +6,7 @@
 //! | static points of the room are removed | [`surroundings`] |
 //! | people are tracked | [`radarllm_tracking::Tracker`] |
 //! | presence, falls | [`PresenceMonitor`], [`FallMonitor`] |
-//! | every 2 s, the last 6 s of each person are described | [`windows`], [`Describe`] |
+//! | every 2 s, the last 6 s of each person are described; one person has all points | [`windows`], [`Describe`] |
 //! | labels and rows of the timeline | [`Activities`] |
 //!
 //! The pipeline has neither threads nor files and does not read the clock of the computer, so that a recording gives the
@@ -43,7 +43,7 @@ const HEALTH_S: f64 = 5.0;
 
 /// Writes a sentence about the points of a person.
 pub trait Describe: Send {
-    /// Describes a window: frames of one person's points, without static clutter.
+    /// Describes a window of one person, without static clutter.
     fn describe(&mut self, clip: &Clip) -> Described;
 }
 
@@ -231,7 +231,9 @@ impl Pipeline {
             time_s: tick.t_s,
             ..frame
         };
-        self.surroundings.clean(&mut frame);
+        if self.surroundings.clean(&mut frame) {
+            self.windows.remove(|p| self.surroundings.is_static(p));
+        }
         let tracks = self.tracker.push(&frame);
         let people: Vec<PersonFrame> = tracks
             .iter()
@@ -249,7 +251,8 @@ impl Pipeline {
         let events = self.falls.push(tick.t_s, &people, &update.left);
         out.extend(events.iter().flat_map(|event| self.fall(event)));
         out.push(self.frame_message(&frame, &tracks));
-        for gone in self.windows.push(&frame, &people) {
+        let is_occupied = update.presence.is_occupied();
+        for gone in self.windows.push(&frame, &people, is_occupied) {
             let rows = self.activities.end_person(gone);
             out.extend(self.rows(&rows));
         }
@@ -262,7 +265,8 @@ impl Pipeline {
                 let now = self.now(Some(somebody.person), None, reason, Label::Unsure.name());
                 out.push(self.message(Body::Now(now)));
             }
-        } else if !std::mem::replace(&mut self.is_nobody_told, true) {
+        } else if !self.windows.is_lingering() && !std::mem::replace(&mut self.is_nobody_told, true)
+        {
             let now = self.now(None, None, None, Label::Nobody.name());
             out.push(self.message(Body::Now(now)));
         }

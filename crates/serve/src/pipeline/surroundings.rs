@@ -2,16 +2,16 @@
 //!
 //! A recording is judged as a whole ([`radarllm_base::static_cells`]). A stream is judged by its last minute: static
 //! points are removed from when they are more than half of all points until they are fewer than three tenths. The cells
-//! are found anew every 2 s. Nothing is removed in the first 10 s.
+//! are found anew every 2 s. Nothing is removed in the first 2 s.
 
 use std::collections::VecDeque;
 
-use radarllm_base::{Clutter, PointFrame, static_cells::StaticCells};
+use radarllm_base::{Clutter, PointFrame, RadarPoint, static_cells::StaticCells};
 
 /// Time over which the room is judged, s.
 const JUDGED_S: f64 = 60.0;
 /// Time before the first judgement, s.
-const FIRST_S: f64 = 10.0;
+const FIRST_S: f64 = 2.0;
 /// Time between two judgements, s.
 const EVERY_S: f64 = 2.0;
 /// Share of static points above which they are removed.
@@ -52,11 +52,18 @@ impl Surroundings {
         self.is_removing
     }
 
-    /// Removes the static points of the next frame, if they are clutter.
-    pub fn clean(&mut self, frame: &mut PointFrame) {
+    /// Whether a point is static.
+    pub fn is_static(&self, point: &RadarPoint) -> bool {
+        self.cells.is_static(point)
+    }
+
+    /// Removes the static points of the next frame, if they are clutter. Returns whether this has just begun, so that
+    /// frames before it still have theirs.
+    pub fn clean(&mut self, frame: &mut PointFrame) -> bool {
         if !self.is_checked {
-            return;
+            return false;
         }
+        let was_removing = self.is_removing;
         let t_s = frame.time_s;
         self.remember(frame.clone());
         let first_s = *self.first_s.get_or_insert(t_s);
@@ -66,6 +73,7 @@ impl Surroundings {
         if self.is_removing {
             frame.points.retain(|p| !self.cells.is_static(p));
         }
+        self.is_removing && !was_removing
     }
 
     fn remember(&mut self, frame: PointFrame) {
@@ -94,8 +102,6 @@ impl Surroundings {
 
 #[cfg(test)]
 mod tests {
-    use radarllm_base::RadarPoint;
-
     use super::*;
 
     /// A frame with a chair, which does not move, and somebody who does.
@@ -124,10 +130,11 @@ mod tests {
     #[test]
     fn static_points_are_removed_while_they_are_most_points() {
         let mut surroundings = Surroundings::new(Clutter::Unchecked);
-        for n in 0..100 {
+        for n in 0..20 {
             assert_eq!(kept(&mut surroundings, n, 8), 12, "{n}");
         }
-        for n in 100..700 {
+        assert!(surroundings.clean(&mut frame(20, 8, 4)));
+        for n in 21..700 {
             assert_eq!(kept(&mut surroundings, n, 8), 4, "{n}");
         }
         // Three of seven points: fewer than one half, more than three tenths.

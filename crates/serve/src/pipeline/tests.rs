@@ -20,7 +20,8 @@ impl Describe for ByHeight {
                 reason: "no points".into(),
             };
         }
-        let is_up = clip.frames.iter().rev().take(20).any(|f| {
+        let seen = clip.frames.iter().filter(|f| !f.points.is_empty());
+        let is_up = seen.rev().take(20).any(|f| {
             let mut points = f.points.iter();
             points.any(|p| p.z_m > 0.0)
         });

@@ -1,8 +1,11 @@
 //! The last seconds of each person's points.
+//!
+//! While one person is there, all points of the room are this person's: a tracker misses some of them, and loses who moves
+//! little. Two people and more have the points of their tracks.
 
 use std::collections::{BTreeMap, VecDeque};
 
-use radarllm_base::PointFrame;
+use radarllm_base::{PointFrame, RadarPoint};
 
 use crate::options::{OptionError, within};
 use crate::people::PersonFrame;
@@ -65,6 +68,12 @@ impl Window {
 pub struct Windows {
     options: WindowOptions,
     people: BTreeMap<u32, Track>,
+    /// All points of the last seconds.
+    room: VecDeque<PointFrame>,
+    /// Whoever is not tracked any more, but has not left: number of the track, and where it ended.
+    lingering: Option<(u32, [f64; 2])>,
+    /// Whether somebody has been there for long enough for a window.
+    is_settled: bool,
     /// Number of the last stride that was described.
     stride: Option<f64>,
     /// Whether frames came after the last windows were taken.
@@ -89,31 +98,61 @@ impl Windows {
         Ok(Self {
             options,
             people: BTreeMap::new(),
+            room: VecDeque::new(),
+            lingering: None,
+            is_settled: false,
             stride: None,
             is_partly_new: false,
         })
     }
 
-    /// The points of the people who are tracked in the next frame. Returns those who are not tracked any more.
-    pub fn push(&mut self, frame: &PointFrame, people: &[PersonFrame]) -> Vec<u32> {
+    /// The points of the next frame, and of the people who are tracked in it. `is_occupied` tells whether somebody is in
+    /// the room, also if nobody is tracked. Returns those who are gone.
+    pub fn push(
+        &mut self,
+        frame: &PointFrame,
+        people: &[PersonFrame],
+        is_occupied: bool,
+    ) -> Vec<u32> {
         let oldest_s = frame.time_s - self.options.window_s + ROUNDING_S;
+        keep(&mut self.room, frame.clone(), oldest_s);
         for person in people {
             let track = self.people.entry(person.person).or_default();
             track.place_m = person.place_m;
-            track.frames.push_back(PointFrame {
+            let own = PointFrame {
                 frame: frame.frame,
                 time_s: frame.time_s,
                 points: person.points.clone(),
-            });
-            while track.frames.front().is_some_and(|f| f.time_s < oldest_s) {
-                track.frames.pop_front();
-            }
+            };
+            keep(&mut track.frames, own, oldest_s);
+            self.is_settled |= self.options.least_s - ROUNDING_S <= length_s(&track.frames);
         }
         self.is_partly_new |= !people.is_empty();
         let is_gone = |id: &u32| people.iter().all(|p| p.person != *id);
-        let gone: Vec<u32> = self.people.keys().copied().filter(is_gone).collect();
+        let ended = self.people.iter().filter(|(id, _)| is_gone(id));
+        let mut ended: Vec<(u32, [f64; 2])> = ended.map(|(id, t)| (*id, t.place_m)).collect();
         self.people.retain(|id, _| !is_gone(id));
-        gone
+        ended.extend(self.lingering.take().filter(|(id, _)| is_gone(id)));
+        if people.is_empty() && is_occupied {
+            // Of several, the newest: the last one in the room.
+            ended.sort_by_key(|(id, _)| *id);
+            self.lingering = ended.pop();
+        }
+        self.is_settled &= is_occupied || !people.is_empty();
+        ended.into_iter().map(|(id, _)| id).collect()
+    }
+
+    /// Removes points from the last seconds.
+    pub fn remove(&mut self, is_removed: impl Fn(&RadarPoint) -> bool) {
+        let tracks = self.people.values_mut().flat_map(|t| &mut t.frames);
+        for frame in tracks.chain(&mut self.room) {
+            frame.points.retain(|p| !is_removed(p));
+        }
+    }
+
+    /// Whether somebody is in the room who is not tracked.
+    pub fn is_lingering(&self) -> bool {
+        self.lingering.is_some()
     }
 
     /// Whether windows end with the frame at `t_s`: the first one in every stride of the stream.
@@ -127,37 +166,68 @@ impl Windows {
         self.is_partly_new
     }
 
-    /// The windows that end with the last frame, of all who have been tracked for long enough.
+    /// The windows that end with the last frame, of all who have been there for long enough.
     pub fn take(&mut self) -> Vec<Window> {
         self.is_partly_new = false;
-        let windows = self.people.iter().map(|(person, track)| Window {
-            person: *person,
-            frames: track.frames.iter().cloned().collect(),
-            place_m: track.place_m,
-        });
-        windows
-            .filter(|w| w.end_s() - w.start_s() >= self.options.least_s - ROUNDING_S)
-            .collect()
+        let tracked = self.people.iter().map(|(id, track)| (*id, track.place_m));
+        let mut there = tracked.chain(self.lingering);
+        let windows: Vec<Window> = match (there.next(), there.next()) {
+            (Some((person, place_m)), None) if self.is_settled => {
+                let frames = self.room.iter().cloned().collect();
+                vec![Window {
+                    person,
+                    frames,
+                    place_m,
+                }]
+            }
+            (_, None) => Vec::new(),
+            _ => {
+                let window = |(person, track): (&u32, &Track)| Window {
+                    person: *person,
+                    frames: track.frames.iter().cloned().collect(),
+                    place_m: track.place_m,
+                };
+                self.people.iter().map(window).collect()
+            }
+        };
+        let is_long = |w: &Window| w.end_s() - w.start_s() >= self.options.least_s - ROUNDING_S;
+        windows.into_iter().filter(is_long).collect()
     }
 
     /// Forgets everybody.
     pub fn clear(&mut self) {
         self.people.clear();
+        self.room.clear();
+        self.lingering = None;
+        self.is_settled = false;
         self.is_partly_new = false;
     }
 }
 
+/// Adds a frame, and removes those before a time.
+fn keep(frames: &mut VecDeque<PointFrame>, frame: PointFrame, oldest_s: f64) {
+    frames.push_back(frame);
+    while frames.front().is_some_and(|f| f.time_s < oldest_s) {
+        frames.pop_front();
+    }
+}
+
+/// Time from the first to the last frame, s.
+fn length_s(frames: &VecDeque<PointFrame>) -> f64 {
+    let ends = frames.front().zip(frames.back());
+    ends.map_or(0.0, |(first, last)| last.time_s - first.time_s)
+}
+
 #[cfg(test)]
 mod tests {
-    use radarllm_base::RadarPoint;
-
     use super::*;
 
+    /// A frame with five points.
     fn frame(n: u32) -> PointFrame {
         PointFrame {
             frame: n,
             time_s: f64::from(n) / 10.0,
-            points: Vec::new(),
+            points: vec![RadarPoint::default(); 5],
         }
     }
 
@@ -174,7 +244,7 @@ mod tests {
         let mut windows = Windows::new(WindowOptions::default()).unwrap();
         let mut found = Vec::new();
         for n in 0..121 {
-            let gone = windows.push(&frame(n), &[person(1, 3)]);
+            let gone = windows.push(&frame(n), &[person(1, 3)], true);
             assert!(gone.is_empty());
             if windows.is_due(f64::from(n) / 10.0) {
                 found.extend(windows.take());
@@ -192,22 +262,56 @@ mod tests {
             (6.1, 12.0, 60),
         ];
         assert_eq!(spans, expected);
-        assert_eq!((found[1].n_points(), found[1].place_m), (180, [0.5, 2.0]));
+        // One person has all points of the room.
+        assert_eq!((found[1].n_points(), found[1].place_m), (300, [0.5, 2.0]));
         assert!(!windows.is_partly_new());
     }
 
     #[test]
-    fn whoever_is_not_tracked_any_more_is_forgotten() {
+    fn two_people_have_their_own_points() {
         let mut windows = Windows::new(WindowOptions::default()).unwrap();
         for n in 0..50 {
-            windows.push(&frame(n), &[person(1, 3), person(2, 0)]);
+            windows.push(&frame(n), &[person(1, 3), person(2, 0)], true);
         }
-        assert_eq!(windows.take().len(), 2);
-        assert_eq!(windows.push(&frame(50), &[person(2, 0)]), [1]);
+        let both = windows.take();
+        let points: Vec<(u32, u32)> = both.iter().map(|w| (w.person, w.n_points())).collect();
+        assert_eq!(points, [(1, 150), (2, 0)]);
+        assert_eq!(windows.push(&frame(50), &[person(2, 0)], true), [1]);
         assert!(windows.is_partly_new());
         let left = windows.take();
-        assert_eq!((left.len(), left[0].person, left[0].n_points()), (1, 2, 0));
+        assert_eq!((left.len(), left[0].person), (1, 2));
+        windows.remove(|_| true);
+        assert_eq!(windows.take()[0].n_points(), 0);
         windows.clear();
+        assert!(windows.take().is_empty());
+    }
+
+    #[test]
+    fn whoever_is_lost_but_has_not_left_is_described_further() {
+        let mut windows = Windows::new(WindowOptions::default()).unwrap();
+        // Tracked for 2.9 s: too short for a window.
+        for n in 0..30 {
+            windows.push(&frame(n), &[person(1, 3)], true);
+        }
+        assert!(windows.take().is_empty());
+        for n in 30..40 {
+            windows.push(&frame(n), &[person(1, 3)], true);
+        }
+        for n in 40..60 {
+            assert!(windows.push(&frame(n), &[], true).is_empty());
+            assert!(windows.is_lingering());
+        }
+        let window = &windows.take()[0];
+        assert_eq!((window.person, window.n_points()), (1, 300));
+        // Found again under the same number, then lost and found under another one.
+        assert!(windows.push(&frame(60), &[person(1, 3)], true).is_empty());
+        assert!(!windows.is_lingering());
+        assert_eq!(windows.take()[0].person, 1);
+        assert!(windows.push(&frame(61), &[], true).is_empty());
+        assert_eq!(windows.push(&frame(62), &[person(2, 3)], true), [1]);
+        assert_eq!(windows.take()[0].person, 2);
+        // Gone.
+        assert_eq!(windows.push(&frame(63), &[], false), [2]);
         assert!(windows.take().is_empty());
     }
 
