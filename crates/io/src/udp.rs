@@ -208,14 +208,7 @@ fn receive(
                 card = Some(from.ip());
                 Ok(buffer[..length].to_vec())
             }
-            Err(e)
-                if matches!(
-                    e.kind(),
-                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
-                ) =>
-            {
-                continue;
-            }
+            Err(e) if is_quiet(&e) => continue,
             Err(e) => Err(e),
         };
         let is_error = received.is_err();
@@ -251,4 +244,9 @@ impl PacketSource for UdpPackets {
     fn skipped(&self) -> u64 {
         self.shared.skipped.load(Ordering::Relaxed)
     }
+}
+/// Whether a socket only had nothing to read within its time limit.
+pub(crate) fn is_quiet(error: &io::Error) -> bool {
+    use ErrorKind::{Interrupted, TimedOut, WouldBlock};
+    matches!(error.kind(), WouldBlock | TimedOut | Interrupted)
 }

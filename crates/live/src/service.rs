@@ -20,6 +20,7 @@ use radarllm_serve::pipeline::{Pipeline, PipelineOptions};
 use radarllm_serve::queue::{FrameQueue, Item};
 use radarllm_serve::store::{Origin, Retention};
 use radarllm_serve::vitals::Vitals;
+use radarllm_serve::watch::WatchOptions;
 use radarllm_serve::zones::Zones;
 
 use crate::captions::{Captions, actions};
@@ -29,8 +30,6 @@ use crate::zones::kind_name;
 
 /// Port of the page.
 pub const PORT: u16 = 8_741;
-/// Longest name, bytes.
-const MAX_NAME: usize = 32;
 /// How often the pipeline reports that it lives while no frame arrives.
 const STEP: Duration = Duration::from_millis(200);
 
@@ -98,7 +97,7 @@ pub struct LiveOptions {
 
 impl Default for LiveOptions {
     fn default() -> Self {
-        let pipeline = PipelineOptions::new(1.0);
+        let watch = WatchOptions::new(1.0);
         Self {
             name: "radar".into(),
             page: Some(Page::default()),
@@ -106,9 +105,9 @@ impl Default for LiveOptions {
             retention: Retention::default(),
             broker: None,
             zones: Zones::default(),
-            occupancy_hold_s: pipeline.presence.occupancy_hold_s,
-            fall_dwell_s: pipeline.falls.fall_dwell_s,
-            fall_height_m: pipeline.falls.fall_height_m,
+            occupancy_hold_s: watch.presence.occupancy_hold_s,
+            fall_dwell_s: watch.falls.fall_dwell_s,
+            fall_height_m: watch.falls.fall_height_m,
         }
     }
 }
@@ -137,13 +136,13 @@ impl Live {
     /// Options out of range, a database that cannot be opened, an address on which one cannot listen, an address other
     /// than loopback without a token, and a broker for a simulated radar that is not allowed.
     pub fn start(input: Input, captioner: Captioner, options: LiveOptions) -> Result<Self> {
-        check_name(&options.name)?;
+        mqtt::validate_name(&options.name).map_err(Error::input)?;
         let stream = input.stream.clone();
         let mut pipeline_options = PipelineOptions::new(stream.radar_height_m);
-        pipeline_options.zones = options.zones.clone();
-        pipeline_options.presence.occupancy_hold_s = options.occupancy_hold_s;
-        pipeline_options.falls.fall_dwell_s = options.fall_dwell_s;
-        pipeline_options.falls.fall_height_m = options.fall_height_m;
+        pipeline_options.watch.zones = options.zones.clone();
+        pipeline_options.watch.presence.occupancy_hold_s = options.occupancy_hold_s;
+        pipeline_options.watch.falls.fall_dwell_s = options.fall_dwell_s;
+        pipeline_options.watch.falls.fall_height_m = options.fall_height_m;
         let about = about(&input, captioner.name(), &options);
         let (metrics, bus) = (Arc::<Metrics>::default(), Arc::new(Bus::new(about)));
         let vitals = Arc::new(Vitals::new(Duration::from_secs_f64(stream.frame_period_s)));
@@ -329,16 +328,6 @@ fn publish(broker: &Broker, bus: &Arc<Bus>) -> Result<Publisher> {
     options.allow_synthetic = broker.allow_synthetic;
     options.actions = actions();
     Publisher::start(options, Arc::clone(bus)).map_err(Error::input)
-}
-
-fn check_name(name: &str) -> Result<()> {
-    let is_safe = |b: u8| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'_';
-    match (1..=MAX_NAME).contains(&name.len()) && name.bytes().all(is_safe) {
-        true => Ok(()),
-        false => Err(Error::input(format!(
-            "the name of a radar has 1 to {MAX_NAME} characters of a-z, 0-9 and _, found `{name}`"
-        ))),
-    }
 }
 
 fn clock() -> Clock {

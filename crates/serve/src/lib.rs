@@ -43,7 +43,7 @@
 //! ```
 //!
 //! Reading order: [`pipeline`] (one frame in, messages and records out), [`queue`] (frames before it), [`keeper`] (the
-//! thread that writes into the memory); [`clock`] (frames to times), [`people`] and [`zones`] (what enters), [`presence`], [`falls`],
+//! thread that writes into the memory); [`clock`] (frames to times), [`people`] and [`zones`] (what enters), [`presence`], [`falls`] and [`watch`] (both behind the tracker),
 //! [`activities`] (windows to labels and rows), [`options`]; [`store`] (the database), [`ask`](mod@ask) (questions),
 //! [`points`] (points as bytes); [`messages`] (what listeners are told), [`bus`] (how it reaches them), [`http`] (the
 //! server and its page), [`mqtt`] (the messages on a broker, for Home Assistant), [`metrics`] and [`vitals`] (counters
@@ -72,6 +72,7 @@ pub mod presence;
 pub mod queue;
 pub mod store;
 pub mod vitals;
+pub mod watch;
 pub mod zones;
 
 pub use ask::{Answer, Clock, ask};

@@ -65,7 +65,7 @@ use serde::Serialize;
 use tokio::sync::watch;
 
 pub use error::MqttError;
-pub use options::{Address, Options, Password};
+pub use options::{Address, Options, Password, validate_name};
 
 use crate::bus::Bus;
 use discovery::Topics;

@@ -1,16 +1,6 @@
 //! Options that are numbers, and comparisons of times.
 
-/// An option that is out of range.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("option `{field}`: expected {expected}, found {found}")]
-pub struct OptionError {
-    /// Name of the option.
-    pub field: &'static str,
-    /// Permitted values.
-    pub expected: &'static str,
-    /// Value found.
-    pub found: f64,
-}
+pub use radarllm_tracking::OptionError;
 
 /// Returns an error for a value outside `low..=high`.
 pub(crate) fn within(

@@ -4,8 +4,7 @@
 //! |---|---|
 //! | time of the frame | [`StreamClock`] |
 //! | static points of the room are removed | [`surroundings`] |
-//! | people are tracked | [`radarllm_tracking::Tracker`] |
-//! | presence, falls | [`PresenceMonitor`], [`FallMonitor`] |
+//! | people are tracked; presence, falls | [`Watch`] |
 //! | every 2 s, the last 6 s of each person are described; one person has all points | [`windows`], [`Describe`] |
 //! | labels and rows of the timeline | [`Activities`] |
 //!
@@ -22,17 +21,17 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use radarllm_base::{Clip, Clutter, PointFrame, Provenance};
-use radarllm_tracking::{LiveTrack, TrackOptions, Tracker};
+use radarllm_tracking::LiveTrack;
 
 use crate::activities::{Activities, ActivityOptions, Label, Row, Told, WindowReading};
 use crate::clock::{StreamClock, Tick};
-use crate::falls::{FallEvent, FallMonitor, FallOptions, FallState};
+use crate::falls::{FallEvent, FallState};
 use crate::messages::{self, Body, Frame, Health, Now, PresenceState, SourceState, Stamp};
 use crate::metrics::Metrics;
 use crate::options::{OptionError, within};
-use crate::people::PersonFrame;
-use crate::presence::{Presence, PresenceMonitor, PresenceOptions, PresenceUpdate};
+use crate::presence::{Presence, PresenceUpdate};
 use crate::store::{Activity, Event, EventKind};
+use crate::watch::{Watch, WatchOptions};
 use crate::zones::Zones;
 
 use surroundings::Surroundings;
@@ -84,30 +83,21 @@ pub struct StreamInfo {
 /// Options of the pipeline.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PipelineOptions {
-    /// Options of the tracker.
-    pub track: TrackOptions,
-    /// Options of presence.
-    pub presence: PresenceOptions,
-    /// Options of falls.
-    pub falls: FallOptions,
+    /// Options of tracker, presence and falls, and the zones of the room.
+    pub watch: WatchOptions,
     /// Options of labels and rows.
     pub activities: ActivityOptions,
     /// Options of the windows.
     pub windows: WindowOptions,
-    /// Zones of the room.
-    pub zones: Zones,
 }
 
 impl PipelineOptions {
     /// The default options for a radar at a height above the floor, m.
     pub fn new(radar_height_m: f64) -> Self {
         Self {
-            track: TrackOptions::default(),
-            presence: PresenceOptions::default(),
-            falls: FallOptions::new(radar_height_m),
+            watch: WatchOptions::new(radar_height_m),
             activities: ActivityOptions::default(),
             windows: WindowOptions::default(),
-            zones: Zones::default(),
         }
     }
 }
@@ -144,9 +134,7 @@ pub struct Pipeline {
     stream: StreamInfo,
     clock: StreamClock,
     surroundings: Surroundings,
-    tracker: Tracker,
-    presence: PresenceMonitor,
-    falls: FallMonitor,
+    watch: Watch,
     activities: Activities,
     windows: Windows,
     zones: Zones,
@@ -179,21 +167,13 @@ impl Pipeline {
             [-100.0, 100.0],
             "-100 to 100 m",
         )?;
-        let track = options.track;
-        let tracker = Tracker::new(track).map_err(|e| OptionError {
-            field: e.field,
-            expected: e.expected,
-            found: e.found,
-        })?;
         Ok(Self {
             clock: StreamClock::new(stream.frame_period_s)?,
             surroundings: Surroundings::new(stream.clutter),
-            tracker,
-            presence: PresenceMonitor::new(options.presence, options.zones.clone())?,
-            falls: FallMonitor::new(options.falls, options.zones.clone())?,
+            watch: Watch::new(&options.watch)?,
             activities: Activities::new(options.activities)?,
             windows: Windows::new(options.windows)?,
-            zones: options.zones.clone(),
+            zones: options.watch.zones.clone(),
             describe,
             metrics,
             source: SourceState::Ok,
@@ -234,32 +214,19 @@ impl Pipeline {
         if self.surroundings.clean(&mut frame) {
             self.windows.remove(|p| self.surroundings.is_static(p));
         }
-        let tracks = self.tracker.push(&frame);
-        let people: Vec<PersonFrame> = tracks
-            .iter()
-            .map(|track| PersonFrame {
-                person: track.id,
-                place_m: track.place_m,
-                points: track.points_of(&frame),
-            })
-            .collect();
-        for fall in self.falls.open() {
-            self.presence.hold(tick.t_s, fall.person);
-        }
-        let update = self.presence.push(tick.t_s, &people);
-        self.presence_changed(&update, &mut out);
-        let events = self.falls.push(tick.t_s, &people, &update.left);
-        out.extend(events.iter().flat_map(|event| self.fall(event)));
-        out.push(self.frame_message(&frame, &tracks));
-        let is_occupied = update.presence.is_occupied();
-        for gone in self.windows.push(&frame, &people, is_occupied) {
+        let seen = self.watch.push(&frame);
+        self.presence_changed(&seen.presence, &mut out);
+        out.extend(seen.falls.iter().flat_map(|event| self.fall(event)));
+        out.push(self.frame_message(&frame, &seen.tracks));
+        let is_occupied = seen.presence.presence.is_occupied();
+        for gone in self.windows.push(&frame, &seen.people, is_occupied) {
             let rows = self.activities.end_person(gone);
             out.extend(self.rows(&rows));
         }
         if self.windows.is_due(tick.t_s) {
             self.describe_people(may_describe, &mut out);
         }
-        if let Some(somebody) = people.first() {
+        if let Some(somebody) = seen.people.first() {
             if std::mem::replace(&mut self.is_nobody_told, false) {
                 let reason = Some("no window has ended yet".into());
                 let now = self.now(Some(somebody.person), None, reason, Label::Unsure.name());
@@ -282,7 +249,7 @@ impl Pipeline {
         self.stamp.utc_ms = self.stamp.utc_ms.max(now_ms);
         self.source = SourceState::Lost;
         let mut out = self.end_windows();
-        let update = self.presence.reset();
+        let update = self.watch.reset_presence();
         self.presence_changed(&update, &mut out);
         let data = serde_json::json!({ "reason": reason });
         out.push(self.event(EventKind::SourceLost, None, Some(data)));
@@ -309,7 +276,7 @@ impl Pipeline {
 
     /// Ends a fall on a user's word. Returns whether there was such a fall.
     pub fn acknowledge(&mut self, fall: u64) -> bool {
-        self.falls.acknowledge(fall)
+        self.watch.acknowledge(fall)
     }
 
     /// Counts the frame, and those that are missing before it.
@@ -349,13 +316,14 @@ impl Pipeline {
                 self.metrics.windows_overwritten.add(1);
                 continue;
             }
-            self.describe_person(&window, out);
+            self.describe_person(window, out);
         }
     }
 
-    fn describe_person(&mut self, window: &Window, out: &mut Vec<Output>) {
+    fn describe_person(&mut self, window: Window, out: &mut Vec<Output>) {
+        let (start_s, end_s, n_points) = (window.start_s(), window.end_s(), window.n_points());
         let clip = Clip {
-            frames: window.frames.clone(),
+            frames: window.frames,
             frame_rate_hz: 1.0 / self.stream.frame_period_s,
             radar_height_m: self.stream.radar_height_m as f32,
             radar: self.stream.radar.clone(),
@@ -385,16 +353,16 @@ impl Pipeline {
         };
         let reading = WindowReading {
             person: window.person,
-            start_s: window.start_s(),
-            end_s: window.end_s(),
+            start_s,
+            end_s,
             told,
             actions,
-            n_points: window.n_points(),
+            n_points,
         };
         let rows = self.activities.push(&reading);
         out.extend(self.rows(&rows));
         let last = reading.actions.last();
-        let fall = last.and_then(|action| self.falls.label(reading.person, action));
+        let fall = last.and_then(|action| self.watch.label(reading.person, action));
         out.extend(fall.iter().flat_map(|event| self.fall(event)));
         let label = self.activities.label(reading.person, reading.end_s);
         let now = self.now(Some(reading.person), Some(&reading), reason, label.name());
@@ -496,7 +464,7 @@ impl Pipeline {
             y_m: track.place_m[1],
             vx_mps: track.velocity_mps[0],
             vy_mps: track.velocity_mps[1],
-            height_m: self.falls.height_m(track.id),
+            height_m: self.watch.height_m(track.id),
         };
         let people = tracks.iter().map(person).collect();
         self.message(Body::Frame(Frame::new(&frame.points, people)))

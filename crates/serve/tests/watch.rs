@@ -2,11 +2,10 @@
 
 use radarllm_base::{PointFrame, RadarPoint};
 use radarllm_serve::clock::StreamClock;
-use radarllm_serve::falls::{FallMonitor, FallOptions, FallState};
-use radarllm_serve::people::PersonFrame;
-use radarllm_serve::presence::{Presence, PresenceMonitor, PresenceOptions};
+use radarllm_serve::falls::FallState;
+use radarllm_serve::presence::Presence;
+use radarllm_serve::watch::{Watch, WatchOptions};
 use radarllm_serve::zones::{Zone, ZoneKind, Zones};
-use radarllm_tracking::{TrackOptions, Tracker};
 
 /// Height of the radar, m.
 const RADAR_M: f32 = 1.0;
@@ -62,9 +61,11 @@ fn watch(kinds: &[ZoneKind]) -> (Changes<Presence>, Changes<FallState>) {
     };
     let zones = Zones::new(kinds.iter().map(zone).collect()).unwrap();
     let mut clock = StreamClock::new(0.1).unwrap();
-    let mut tracker = Tracker::new(TrackOptions::default()).unwrap();
-    let mut presence = PresenceMonitor::new(PresenceOptions::default(), zones.clone()).unwrap();
-    let mut falls = FallMonitor::new(FallOptions::new(f64::from(RADAR_M)), zones).unwrap();
+    let options = WatchOptions {
+        zones,
+        ..WatchOptions::new(f64::from(RADAR_M))
+    };
+    let mut watch = Watch::new(&options).unwrap();
     let (mut changes, mut fallen) = (Vec::new(), Vec::new());
     for n in 0..1_200u32 {
         let tick = clock.replayed(u64::from(n), START_MS);
@@ -73,25 +74,12 @@ fn watch(kinds: &[ZoneKind]) -> (Changes<Presence>, Changes<FallState>) {
             time_s: tick.t_s,
             points: points(n as f32 / 10.0),
         };
-        let people: Vec<PersonFrame> = tracker
-            .push(&frame)
-            .iter()
-            .map(|one| PersonFrame {
-                person: one.id,
-                place_m: one.place_m,
-                points: one.points_of(&frame),
-            })
-            .collect();
-        for fall in falls.open() {
-            presence.hold(tick.t_s, fall.person);
-        }
-        let update = presence.push(tick.t_s, &people);
+        let seen = watch.push(&frame);
         let at_s = tick.t_s.round() as i64;
-        if update.has_changed {
-            changes.push((at_s, update.presence));
+        if seen.presence.has_changed {
+            changes.push((at_s, seen.presence.presence));
         }
-        let events = falls.push(tick.t_s, &people, &update.left);
-        fallen.extend(events.iter().map(|event| (at_s, event.state)));
+        fallen.extend(seen.falls.iter().map(|event| (at_s, event.state)));
     }
     (changes, fallen)
 }

@@ -139,7 +139,7 @@ fn options(args: &LiveArgs) -> CliResult<LiveOptions> {
     let page = Page {
         address: args.http,
         token: match &args.token_file {
-            Some(path) => Some(Token::new(&read(path)?).map_err(CliError::new)?),
+            Some(path) => Some(Token::new(&bounded::read_text(path, MAX_CONFIG_BYTES)?).map_err(CliError::new)?),
             None => None,
         },
         allow_hosts: args.allow_host.clone(),
@@ -150,7 +150,7 @@ fn options(args: &LiveArgs) -> CliResult<LiveOptions> {
             address: url.parse().map_err(CliError::new)?,
             user: args.mqtt_user.clone(),
             password: match &args.mqtt_password_file {
-                Some(path) => Some(Password::new(&read(path)?)),
+                Some(path) => Some(Password::new(&bounded::read_text(path, MAX_CONFIG_BYTES)?)),
                 None => None,
             },
             discovery_prefix: args.discovery_prefix.clone(),
@@ -170,7 +170,7 @@ fn options(args: &LiveArgs) -> CliResult<LiveOptions> {
         },
         broker,
         zones: match &args.zones {
-            Some(path) => zones::parse(path, &read(path)?)?,
+            Some(path) => zones::parse(path, &bounded::read_text(path, MAX_CONFIG_BYTES)?)?,
             None => Default::default(),
         },
         occupancy_hold_s: args.occupancy_hold,
@@ -186,11 +186,6 @@ fn database(named: Option<&Path>) -> Option<PathBuf> {
         Some(PathBuf::from(folder).join("live.db"))
     };
     named.map(PathBuf::from).or_else(of_service)
-}
-
-fn read(path: &Path) -> CliResult<String> {
-    bounded::read_text(path, MAX_CONFIG_BYTES)
-        .map_err(|e| CliError::new(format!("{}: {e}", path.display())))
 }
 
 /// Prints a message: sentences and falls, or everything but points as JSON.

@@ -4,7 +4,7 @@ use radarllm_base::Clip;
 use radarllm_serve::falls::FallState;
 use serde::Serialize;
 
-use super::{counts::DailyRate, watch::Watch};
+use super::{counts::DailyRate, watch::WatchedRoom};
 use crate::{
     EvalError,
     recordings::{LabelledRecording, RecordingsConfig, Role},
@@ -76,7 +76,7 @@ pub fn recording_alarms(
     })
 }
 
-fn watch(clip: &Clip) -> Result<Watch, EvalError> {
+fn watch(clip: &Clip) -> Result<WatchedRoom, EvalError> {
     if clip.provenance.is_simulated() {
         return Err(EvalError::Simulated(clip.provenance.input().into()));
     }
@@ -87,7 +87,7 @@ fn watch(clip: &Clip) -> Result<Watch, EvalError> {
             clip.frame_rate_hz
         )));
     }
-    let mut watch = Watch::new(clip.radar_height_m)?;
+    let mut watch = WatchedRoom::new(clip.radar_height_m)?;
     for frame in &clip.frames {
         watch.push(frame);
     }

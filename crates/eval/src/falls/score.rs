@@ -4,7 +4,7 @@ use radarllm_base::Motion;
 use radarllm_serve::falls::{FallEvent, FallState, HIGH_M};
 use serde::Serialize;
 
-use super::watch::Seen;
+use super::watch::Heights;
 
 /// Longest time after the impact at which a suspicion is that of the fall, s.
 pub(super) const LATEST_S: f64 = 3.0;
@@ -105,22 +105,22 @@ impl Missed {
 }
 
 /// Why a fall was missed, from what was seen.
-pub(super) fn why_missed(truth: TrueFall, seen: &[Seen], fall_height_m: f64) -> Missed {
+pub(super) fn why_missed(truth: TrueFall, seen: &[Heights], fall_height_m: f64) -> Missed {
     let from_s = truth.onset_s - 1.5;
-    let near: Vec<&Seen> = seen
+    let near: Vec<&Heights> = seen
         .iter()
         .filter(|s| (from_s..=truth.impact_s + LATEST_S).contains(&s.t_s))
         .collect();
-    let heights = |s: &Seen| s.people.clone().into_iter();
-    let is_up = |s: &&Seen| heights(s).any(|(_, h)| h.is_some_and(|h| h > HIGH_M));
+    let heights = |s: &Heights| s.people.clone().into_iter();
+    let is_up = |s: &&Heights| heights(s).any(|(_, h)| h.is_some_and(|h| h > HIGH_M));
     let is_low = |h: Option<f64>| h.is_some_and(|h| h < fall_height_m);
-    let stays_low = |pair: &[&Seen]| {
+    let stays_low = |pair: &[&Heights]| {
         heights(pair[0]).any(|(person, h)| {
             let later = heights(pair[1]).find(|(other, _)| *other == person);
             is_low(h) && later.is_some_and(|(_, h)| is_low(h))
         })
     };
-    let after_onset = |s: &&Seen| s.t_s >= truth.onset_s && !s.people.is_empty();
+    let after_onset = |s: &&Heights| s.t_s >= truth.onset_s && !s.people.is_empty();
     if !near.iter().any(after_onset) {
         Missed::NotTracked
     } else if !near.iter().any(is_up) {
@@ -189,8 +189,8 @@ mod tests {
         assert_eq!(score(Some(TRUTH), &[]), Score::default());
     }
 
-    fn seen(heights: &[(f64, u32, Option<f64>)]) -> Vec<Seen> {
-        let one = |&(t_s, person, height): &(f64, u32, Option<f64>)| Seen {
+    fn seen(heights: &[(f64, u32, Option<f64>)]) -> Vec<Heights> {
+        let one = |&(t_s, person, height): &(f64, u32, Option<f64>)| Heights {
             t_s,
             people: vec![(person, height)],
         };

@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::{
     plan::{FRAME_PERIOD_S, FallPlan, OpenRadar, Trial, fall_options},
     score::{LATEST_S, Missed, Score, TrueFall, score, why_missed},
-    watch::{Seen, Watch},
+    watch::{Heights, WatchedRoom},
 };
 use crate::EvalError;
 
@@ -87,8 +87,8 @@ pub(super) fn run(
         points: Vec::new(),
         noise: Noise::Thermal,
     };
-    let mut watch = Watch::new(trial.radar_height_m)?;
-    let (mut seen, mut n_points): (Vec<Seen>, usize) = (Vec::new(), 0);
+    let mut watch = WatchedRoom::new(trial.radar_height_m)?;
+    let (mut seen, mut n_points): (Vec<Heights>, usize) = (Vec::new(), 0);
     let frames = |seconds: f64| (seconds / FRAME_PERIOD_S).ceil() as usize;
     while seen.len() < frames(rest_s) || (watch.is_undecided() && seen.len() < frames(longest_s)) {
         let simulated = synthesizer.simulate(&scene, seen.len(), trial.seed);

@@ -1,84 +1,63 @@
-//! Frames through tracker, presence and falls, as a running radar does it, without a model.
+//! Frames through the watch of a running radar, without a model.
 
 use radarllm_base::PointFrame;
-use radarllm_serve::{
-    falls::{FallEvent, FallMonitor},
-    people::PersonFrame,
-    presence::{PresenceMonitor, PresenceOptions},
-    zones::Zones,
-};
-use radarllm_tracking::{TrackOptions, Tracker};
+use radarllm_serve::falls::FallEvent;
+use radarllm_serve::watch::{Watch, WatchOptions};
 
-use super::plan::{FRAME_PERIOD_S, fall_options};
+use super::plan::FRAME_PERIOD_S;
 use crate::EvalError;
 
 /// Heights of the tracked people in a frame.
 #[derive(Clone, Debug)]
-pub(super) struct Seen {
+pub(super) struct Heights {
     /// Time of the frame, s.
     pub t_s: f64,
     /// Everybody who is tracked: number and height above the floor, m, if there are enough points.
     pub people: Vec<(u32, Option<f64>)>,
 }
 
-/// Watches a room without doors and zones.
-pub(super) struct Watch {
-    tracker: Tracker,
-    presence: PresenceMonitor,
-    falls: FallMonitor,
+/// A watched room, with what happened in it.
+pub(super) struct WatchedRoom {
+    watch: Watch,
     n_frames: u32,
     /// Events so far.
     pub events: Vec<FallEvent>,
 }
 
-impl Watch {
+impl WatchedRoom {
+    /// A room without zones, watched with the default options of `live`.
     pub fn new(radar_height_m: f32) -> Result<Self, EvalError> {
-        let config = |problem: String| EvalError::Config(problem);
-        let zones = Zones::default;
-        let presence = PresenceMonitor::new(PresenceOptions::default(), zones());
-        let falls = FallMonitor::new(fall_options(radar_height_m), zones());
+        let options = WatchOptions::new(f64::from(radar_height_m));
+        let config = |e: radarllm_serve::options::OptionError| EvalError::Config(e.to_string());
         Ok(Self {
-            tracker: Tracker::new(TrackOptions::default()).map_err(|e| config(e.to_string()))?,
-            presence: presence.map_err(|e| config(e.to_string()))?,
-            falls: falls.map_err(|e| config(e.to_string()))?,
+            watch: Watch::new(&options).map_err(config)?,
             n_frames: 0,
             events: Vec::new(),
         })
     }
 
     /// The points of the next frame.
-    pub fn push(&mut self, frame: &PointFrame) -> Seen {
+    pub fn push(&mut self, frame: &PointFrame) -> Heights {
         let t_s = f64::from(self.n_frames) * FRAME_PERIOD_S;
-        let frame = PointFrame {
+        let seen = self.watch.push(&PointFrame {
             frame: self.n_frames,
             time_s: t_s,
             points: frame.points.clone(),
-        };
+        });
         self.n_frames += 1;
-        let tracks = self.tracker.push(&frame);
-        let people: Vec<PersonFrame> = tracks
-            .iter()
-            .map(|one| PersonFrame {
-                person: one.id,
-                place_m: one.place_m,
-                points: one.points_of(&frame),
-            })
-            .collect();
-        for fall in self.falls.open() {
-            self.presence.hold(t_s, fall.person);
-        }
-        let update = self.presence.push(t_s, &people);
-        let events = self.falls.push(t_s, &people, &update.left);
-        self.events.extend(events);
-        let height = |one: &PersonFrame| (one.person, self.falls.height_m(one.person));
-        Seen {
+        self.events.extend(seen.falls);
+        let height = |id: u32| (id, self.watch.height_m(id));
+        Heights {
             t_s,
-            people: people.iter().map(height).collect(),
+            people: seen.people.iter().map(|one| height(one.person)).collect(),
         }
     }
 
     /// Whether a fall is suspected, but neither confirmed nor ended.
     pub fn is_undecided(&self) -> bool {
-        self.falls.open().iter().any(|fall| !fall.is_confirmed)
+        self.watch
+            .open_falls()
+            .iter()
+            .any(|fall| !fall.is_confirmed)
     }
 }

@@ -12,6 +12,8 @@ use std::{
 
 use radarllm_formats::{adc::LvdsLanes, dca1000::HEADER_BYTES, dca1000::MAX_PAYLOAD};
 
+use crate::udp::is_quiet;
+
 /// UDP port of the commands.
 pub(super) const CONTROL_PORT: u16 = 4096;
 const HEAD: [u8; 2] = [0x5A, 0xA5];
@@ -93,14 +95,7 @@ impl Starting {
             let mut answer = [0; ANSWER_BYTES + 1];
             let n = match self.socket.recv(&mut answer) {
                 Ok(n) => n,
-                Err(e)
-                    if matches!(
-                        e.kind(),
-                        ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
-                    ) =>
-                {
-                    continue;
-                }
+                Err(e) if is_quiet(&e) => continue,
                 Err(e) => return Err(failed(e.kind(), e.to_string())),
             };
             match answer[..n] {

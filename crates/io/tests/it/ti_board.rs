@@ -54,6 +54,17 @@ fn board_on(fake: &FakeBoard, timeouts: LiveTimeouts) -> radarllm_io::Result<TiB
     })
 }
 
+/// A board of which only the data port is used.
+fn open_data_port(pty: &Pty, capture: CaptureOptions) -> TiBoard {
+    let options = TiBoardOptions {
+        data: pty.path.clone(),
+        cli: None,
+        capture,
+        timeouts: patient(),
+    };
+    TiBoard::open(options).unwrap()
+}
+
 fn file_frames(bytes: &[u8], options: &CaptureOptions) -> Vec<PointFrame> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("uart.dat");
@@ -109,13 +120,7 @@ fn pieces_of_any_size_give_the_frames_of_the_file() {
         assert!(expected.len() > 30 && expected.iter().any(|f| !f.points.is_empty()));
 
         let mut pty = Pty::new();
-        let mut board = TiBoard::open(TiBoardOptions {
-            data: pty.path.clone(),
-            cli: None,
-            capture: options,
-            timeouts: patient(),
-        })
-        .unwrap();
+        let mut board = open_data_port(&pty, options);
         let sent = bytes.clone();
         let writer = thread::spawn(move || {
             let mut state = 7_u32 + i as u32;
@@ -160,13 +165,7 @@ fn damaged_packets_move_no_other_frame() {
     let mut pty = Pty::new();
     let mut options = capture();
     options.points.dialect = Some(dialect);
-    let mut board = TiBoard::open(TiBoardOptions {
-        data: pty.path.clone(),
-        cli: None,
-        capture: options,
-        timeouts: patient(),
-    })
-    .unwrap();
+    let mut board = open_data_port(&pty, options);
     let writer = thread::spawn(move || {
         assert!(pty.write(&bytes, &AtomicBool::new(false)));
         pty

@@ -192,7 +192,10 @@ impl Options {
 }
 
 /// Checks the name of a radar, which is part of topics and of the numbers of entities.
-pub(super) fn validate_name(name: &str) -> Result<(), MqttError> {
+///
+/// # Errors
+/// [`MqttError::Name`].
+pub fn validate_name(name: &str) -> Result<(), MqttError> {
     let is_safe = |b: u8| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'_';
     match (1..=MAX_NAME).contains(&name.len()) && name.bytes().all(is_safe) {
         true => Ok(()),
