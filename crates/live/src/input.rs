@@ -13,6 +13,7 @@ use radarllm_serve::pipeline::{Arrival, StreamInfo};
 use radarllm_serve::queue::{FrameQueue, Item, WhenFull};
 use radarllm_serve::vitals::Vitals;
 
+use crate::resample::Resampler;
 use crate::room::{Room, RoomOptions};
 
 /// Longest time for which a source sleeps before it looks whether it is still wanted.
@@ -33,7 +34,10 @@ pub enum Speed {
 pub struct Input {
     /// Name of the source, as in the memory.
     pub(crate) name: String,
+    /// The stream behind the resampler.
     pub(crate) stream: StreamInfo,
+    /// Time between two frames of the source, s.
+    source_period_s: f64,
     kind: Kind,
 }
 
@@ -48,6 +52,20 @@ enum Kind {
 }
 
 impl Input {
+    fn new(name: &str, source: StreamInfo, kind: Kind) -> Self {
+        let source_period_s = source.frame_period_s;
+        let stream = StreamInfo {
+            frame_period_s: Resampler::new(source_period_s).period_s(),
+            ..source
+        };
+        Self {
+            name: name.into(),
+            stream,
+            source_period_s,
+            kind,
+        }
+    }
+
     /// A running radar.
     ///
     /// # Errors
@@ -61,11 +79,7 @@ impl Input {
             provenance: about.provenance.parse().map_err(Error::input)?,
             clutter: about.clutter,
         };
-        Ok(Self {
-            name: name.into(),
-            stream,
-            kind: Kind::Radar(source),
-        })
+        Ok(Self::new(name, stream, Kind::Radar(source)))
     }
 
     /// A recording, which is replayed.
@@ -91,15 +105,12 @@ impl Input {
             provenance: clip.provenance.clone(),
             clutter: clip.clutter,
         };
-        Ok(Self {
-            name: name.into(),
-            stream,
-            kind: Kind::Replay {
-                clip,
-                speed,
-                repeats,
-            },
-        })
+        let kind = Kind::Replay {
+            clip,
+            speed,
+            repeats,
+        };
+        Ok(Self::new(name, stream, kind))
     }
 
     /// The simulated room. Everything that comes from it is marked as simulated.
@@ -115,11 +126,7 @@ impl Input {
             provenance: Provenance::simulated("sim:", options.seed),
             clutter: Clutter::Settled,
         };
-        Ok(Self {
-            name: "sim:".into(),
-            stream,
-            kind: Kind::Room(Box::new(room)),
-        })
+        Ok(Self::new("sim:", stream, Kind::Room(Box::new(room))))
     }
 
     /// What the queue behind this source does when it is full.
@@ -140,35 +147,60 @@ impl Input {
         vitals: &Arc<Vitals>,
         metrics: &Metrics,
     ) -> Result<()> {
-        let period_s = self.stream.frame_period_s;
+        let period_s = self.source_period_s;
+        let mut sink = Sink {
+            resampler: Resampler::new(period_s),
+            queue,
+            vitals,
+        };
         let ended = match self.kind {
             Kind::Replay {
                 clip,
                 speed,
                 repeats,
             } => {
-                replay(&clip, speed, repeats, period_s, queue, vitals);
+                replay(&clip, speed, repeats, period_s, &mut sink);
                 Ok(())
             }
             Kind::Room(room) => {
-                run_room(*room, period_s, queue, vitals);
+                run_room(*room, period_s, &mut sink);
                 Ok(())
             }
-            Kind::Radar(source) => run_radar(source, queue, vitals, metrics),
+            Kind::Radar(source) => run_radar(source, &mut sink, metrics),
         };
-        queue.push(Item::End);
+        sink.other(Item::End);
         ended
     }
 }
 
-fn replay(
-    clip: &Clip,
-    speed: Speed,
-    repeats: bool,
-    period_s: f64,
-    queue: &FrameQueue,
-    vitals: &Vitals,
-) {
+/// The queue, with a resampler before it.
+struct Sink<'a> {
+    resampler: Resampler,
+    queue: &'a FrameQueue,
+    vitals: &'a Vitals,
+}
+
+impl Sink<'_> {
+    /// A frame of the source. Returns false if nothing more is wanted.
+    fn frame(&mut self, frame: PointFrame, arrival: Arrival) -> bool {
+        self.vitals.frame();
+        let complete = self.resampler.push(frame, arrival);
+        self.push(complete)
+    }
+
+    /// Something else. Returns false if nothing more is wanted.
+    fn other(&mut self, item: Item) -> bool {
+        let last = self.resampler.end();
+        self.push(last) && self.queue.push(item)
+    }
+
+    fn push(&self, frames: impl IntoIterator<Item = (PointFrame, Arrival)>) -> bool {
+        let mut frames = frames.into_iter();
+        frames.all(|(frame, arrival)| self.queue.push(Item::Frame(frame, arrival)))
+    }
+}
+
+fn replay(clip: &Clip, speed: Speed, repeats: bool, period_s: f64, sink: &mut Sink) {
     let began = Instant::now();
     let numbers = numbers(clip, period_s);
     let length = numbers.last().map_or(1, |last| last + 1);
@@ -186,16 +218,15 @@ fn replay(
             let number = first.saturating_add(*number);
             if let Speed::Times(times) = speed {
                 let due_s = f64::from(number) * period_s / times;
-                if !sleep_until(began, due_s, queue) {
+                if !sleep_until(began, due_s, sink.queue) {
                     return;
                 }
             }
-            vitals.frame();
             let frame = PointFrame {
                 frame: number,
                 ..frame.clone()
             };
-            if !queue.push(Item::Frame(frame, Arrival::Replayed(start_ms))) {
+            if !sink.frame(frame, Arrival::Replayed(start_ms)) {
                 return;
             }
         }
@@ -221,49 +252,40 @@ fn numbers(clip: &Clip, period_s: f64) -> Vec<u32> {
     clip.frames.iter().map(number).collect()
 }
 
-fn run_room(room: Room, period_s: f64, queue: &FrameQueue, vitals: &Vitals) {
+fn run_room(room: Room, period_s: f64, sink: &mut Sink) {
     let began = Instant::now();
     for (number, points) in (0u32..).zip(room.frames()) {
-        if !sleep_until(began, f64::from(number) * period_s, queue) {
+        if !sleep_until(began, f64::from(number) * period_s, sink.queue) {
             return;
         }
-        vitals.frame();
         let frame = PointFrame {
             frame: number,
             time_s: 0.0,
             points,
         };
-        if !queue.push(Item::Frame(frame, Arrival::At(now_ms()))) {
+        if !sink.frame(frame, Arrival::At(now_ms())) {
             return;
         }
     }
 }
 
-fn run_radar(
-    mut source: Box<dyn LiveSource>,
-    queue: &FrameQueue,
-    vitals: &Vitals,
-    metrics: &Metrics,
-) -> Result<()> {
+fn run_radar(mut source: Box<dyn LiveSource>, sink: &mut Sink, metrics: &Metrics) -> Result<()> {
     let mut n_reconnects = 0;
-    while !queue.is_closed() {
+    while !sink.queue.is_closed() {
         let at_ms = now_ms();
-        let item = match source.next(WAIT)? {
+        let is_wanted = match source.next(WAIT)? {
             None => continue,
             Some(LiveEvent::End) => return Ok(()),
-            Some(LiveEvent::Frame(frame)) => {
-                vitals.frame();
-                Item::Frame(frame, Arrival::At(now_ms()))
-            }
-            Some(LiveEvent::Lost { reason }) => Item::Lost { at_ms, reason },
+            Some(LiveEvent::Frame(frame)) => sink.frame(frame, Arrival::At(now_ms())),
+            Some(LiveEvent::Lost { reason }) => sink.other(Item::Lost { at_ms, reason }),
             Some(LiveEvent::Back) => {
                 let reconnects = source.counts().reconnects;
                 metrics.reconnects.add(reconnects - n_reconnects);
                 n_reconnects = reconnects;
-                Item::Back { at_ms }
+                sink.other(Item::Back { at_ms })
             }
         };
-        if !queue.push(item) {
+        if !is_wanted {
             return Ok(());
         }
     }

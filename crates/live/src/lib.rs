@@ -29,6 +29,7 @@
 pub mod captions;
 pub mod input;
 pub mod local_time;
+mod resample;
 pub mod room;
 pub mod service;
 pub mod zones;

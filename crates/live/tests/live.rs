@@ -132,5 +132,5 @@ fn an_open_address_wants_a_token_and_names_are_checked() {
         name: "Living room".into(),
         ..options(None)
     };
-    assert!(start(named).contains("a-z"));
+    assert!(start(named).contains("a to z"));
 }

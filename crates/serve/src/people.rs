@@ -2,6 +2,10 @@
 
 use radarllm_base::RadarPoint;
 
+/// Number of a person who cannot be tracked: too few points a frame, which stay together over seconds. Tracks are numbered
+/// from 1.
+pub const UNTRACKED: u32 = 0;
+
 /// A tracked person in one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PersonFrame {

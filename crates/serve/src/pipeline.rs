@@ -29,6 +29,7 @@ use crate::falls::{FallEvent, FallState};
 use crate::messages::{self, Body, Frame, Health, Now, PresenceState, SourceState, Stamp};
 use crate::metrics::Metrics;
 use crate::options::{OptionError, within};
+use crate::people::UNTRACKED;
 use crate::presence::{Presence, PresenceUpdate};
 use crate::store::{Activity, Event, EventKind};
 use crate::watch::{Watch, WatchOptions};
@@ -145,6 +146,8 @@ pub struct Pipeline {
     last_number: Option<u32>,
     /// Whether the newest message says that nobody is there.
     is_nobody_told: bool,
+    /// Whether the last window showed somebody who is not tracked.
+    is_untracked_there: bool,
     is_occupied: bool,
     health_at_s: f64,
     stamp: Stamp,
@@ -179,6 +182,7 @@ impl Pipeline {
             source: SourceState::Ok,
             last_number: None,
             is_nobody_told: false,
+            is_untracked_there: false,
             is_occupied: false,
             health_at_s: f64::NEG_INFINITY,
             stamp: Stamp {
@@ -223,6 +227,10 @@ impl Pipeline {
             let rows = self.activities.end_person(gone);
             out.extend(self.rows(&rows));
         }
+        if !seen.people.is_empty() && std::mem::take(&mut self.is_untracked_there) {
+            let rows = self.activities.end_person(UNTRACKED);
+            out.extend(self.rows(&rows));
+        }
         if self.windows.is_due(tick.t_s) {
             self.describe_people(may_describe, &mut out);
         }
@@ -232,7 +240,9 @@ impl Pipeline {
                 let now = self.now(Some(somebody.person), None, reason, Label::Unsure.name());
                 out.push(self.message(Body::Now(now)));
             }
-        } else if !self.windows.is_lingering() && !std::mem::replace(&mut self.is_nobody_told, true)
+        } else if !self.windows.is_lingering()
+            && !self.is_untracked_there
+            && !std::mem::replace(&mut self.is_nobody_told, true)
         {
             let now = self.now(None, None, None, Label::Nobody.name());
             out.push(self.message(Body::Now(now)));
@@ -303,6 +313,7 @@ impl Pipeline {
 
     fn end_windows(&mut self) -> Vec<Output> {
         self.windows.clear();
+        self.is_untracked_there = false;
         let rows = self.activities.end_all();
         self.rows(&rows)
     }
@@ -333,6 +344,19 @@ impl Pipeline {
         let began = Instant::now();
         let described = self.describe.describe(&clip);
         self.metrics.described(began.elapsed());
+        if window.person == UNTRACKED {
+            // The model abstains from points that do not stay together: then nobody is there.
+            let is_there = matches!(described, Described::Sentence { .. });
+            self.is_untracked_there = is_there;
+            if !is_there {
+                let rows = self.activities.end_person(UNTRACKED);
+                out.extend(self.rows(&rows));
+                return;
+            }
+            self.is_nobody_told = false;
+            let update = self.watch.notice(end_s, window.place_m);
+            self.presence_changed(&update, out);
+        }
         let (told, actions, reason) = match described {
             Described::Sentence {
                 caption,

@@ -5,6 +5,7 @@
 //! | absent | present | somebody has been tracked for `occupancy_on_s` |
 //! | present | held | nobody is tracked any more, and somebody did not leave through a door |
 //! | held | present | somebody is tracked again |
+//! | absent | held | points of somebody stay together, though nobody can be tracked |
 //! | held | absent | `occupancy_hold_s` have passed since nobody is tracked |
 //! | present | absent | everybody left through a door |
 //!
@@ -15,7 +16,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::options::{OptionError, has_passed, within};
-use crate::people::PersonFrame;
+use crate::people::{PersonFrame, UNTRACKED};
 use crate::zones::Zones;
 
 /// Most people who are remembered after they disappeared. A room of a radar has fewer.
@@ -174,6 +175,24 @@ impl PresenceMonitor {
         }
     }
 
+    /// Points of somebody stay together at `t_s`, though nobody is tracked: somebody is there, for the hold time.
+    pub fn notice(&mut self, t_s: f64, place_m: [f64; 2]) -> PresenceUpdate {
+        let before = self.presence;
+        if t_s.is_finite() && self.zones.counts(place_m) {
+            self.now_s = self.now_s.max(t_s);
+            self.missing.retain(|m| m.person != UNTRACKED);
+            self.missing.push(Missing {
+                person: UNTRACKED,
+                since_s: self.now_s,
+                seen_m: place_m,
+            });
+            if !before.is_occupied() {
+                self.presence = Presence::Held;
+            }
+        }
+        self.update(before, Vec::new())
+    }
+
     /// Forgets everybody, as after the radar was silent: what happened meanwhile is unknown.
     pub fn reset(&mut self) -> PresenceUpdate {
         let before = self.presence;
@@ -313,6 +332,29 @@ mod tests {
         assert_eq!(monitor.presence(), Presence::Held);
         let update = monitor.push(31.9, &[person(2, ROOM, 0.0)]);
         assert_eq!((update.presence, update.n_held), (Presence::Present, 0));
+    }
+
+    #[test]
+    fn who_cannot_be_tracked_is_held() {
+        let mut monitor = monitor();
+        run(&mut monitor, [0, 10], &[]);
+        let update = monitor.notice(1.0, ROOM);
+        assert_eq!(
+            (update.presence, update.has_changed),
+            (Presence::Held, true)
+        );
+        run(&mut monitor, [10, 30], &[]);
+        let update = monitor.notice(3.0, ROOM);
+        assert_eq!((update.has_changed, update.n_held), (false, 1));
+        // Thirty seconds after the last notice, unless the same person is tracked.
+        let found = run(&mut monitor, [30, 340], &[]);
+        assert_eq!(found, [(330, Presence::Absent)]);
+        monitor.notice(34.0, ROOM);
+        let update = monitor.push(34.1, &[person(1, ROOM, 0.0)]);
+        assert_eq!((update.presence, update.n_held), (Presence::Present, 0));
+        // A fan in a zone that does not count.
+        let mut monitor = self::monitor();
+        assert_eq!(monitor.notice(1.0, [-1.5, 4.5]).presence, Presence::Absent);
     }
 
     #[test]

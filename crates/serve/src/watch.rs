@@ -95,6 +95,11 @@ impl Watch {
         }
     }
 
+    /// Points of somebody stay together at `t_s`, though nobody is tracked.
+    pub fn notice(&mut self, t_s: f64, place_m: [f64; 2]) -> PresenceUpdate {
+        self.presence.notice(t_s, place_m)
+    }
+
     /// A sentence states an action of a person. Returns the fall that is suspected because of it.
     pub fn label(&mut self, person: u32, action: &str) -> Option<FallEvent> {
         self.falls.label(person, action)

@@ -57,7 +57,7 @@ function showNow() {
   shownNow = text;
   const blocks = told.map(now => {
     const said = element("p", "said", now.caption || words(now.label));
-    const notes = [now.person == null ? "" : `person ${now.person}`, now.caption ? words(now.label) : now.reason, percent(now.confidence), `last ${now.window_s} s`, "provisional"];
+    const notes = [who(now.person), now.caption ? words(now.label) : now.reason, percent(now.confidence), `last ${now.window_s} s`, "provisional"];
     const note = element("p", "small dim", notes.filter(Boolean).join(" \u00b7 "));
     if (now.synthetic) note.append(" ", simulated());
     return element("div", "", said, note);

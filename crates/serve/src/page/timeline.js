@@ -13,6 +13,7 @@ function element(name, className, ...children) {
 }
 const simulated = () => element("strong", "simulated", "SIMULATED");
 const percent = confidence => confidence == null ? "" : `confidence ${Math.round(100 * confidence)} %`;
+const who = person => person == null ? "" : person === 0 ? "not tracked" : `person ${person}`;
 const words = name => name.replaceAll("_", " ");
 
 async function askServer(path, parameters, method = "GET") {
@@ -44,7 +45,7 @@ function makeTimeline() {
     if (row.origin.synthetic) what.append(" ", simulated());
     const seconds = row.kind ? "" : `${Math.max(1, Math.round((row.end_ms - row.start_ms) / 1000))} s`;
     const sure = row.confidence == null ? "" : `${Math.round(100 * row.confidence)} %`;
-    const notes = [row.person == null ? "" : `person ${row.person}`, seconds, sure].filter(Boolean).join(" \u00b7 ");
+    const notes = [who(row.person), seconds, sure].filter(Boolean).join(" \u00b7 ");
     const made = element("li", "", time, element("span", "dim", notes), what);
     made.title = [row.kind ? "" : words(row.action), percent(row.confidence), row.origin.source, row.origin.radar, `model ${row.origin.model}`].filter(Boolean).join(" \u00b7 ");
     return made;

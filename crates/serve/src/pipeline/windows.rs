@@ -1,14 +1,15 @@
 //! The last seconds of each person's points.
 //!
 //! While one person is there, all points of the room are this person's: a tracker misses some of them, and loses who moves
-//! little. Two people and more have the points of their tracks.
+//! little. Two people and more have the points of their tracks. While nobody is tracked, all points of the room may be those
+//! of somebody who moves too little for a track; whether they are is decided by whoever describes them.
 
 use std::collections::{BTreeMap, VecDeque};
 
 use radarllm_base::{PointFrame, RadarPoint};
 
 use crate::options::{OptionError, within};
-use crate::people::PersonFrame;
+use crate::people::{PersonFrame, UNTRACKED};
 
 /// Rounding of times of frames, s.
 const ROUNDING_S: f64 = 1e-6;
@@ -37,7 +38,7 @@ impl Default for WindowOptions {
 /// A person's points over a window.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Window {
-    /// Number of the track.
+    /// Number of the track, or [`UNTRACKED`].
     pub person: u32,
     /// All frames of the window, with this person's points; without points where the person was not detected.
     pub frames: Vec<PointFrame>,
@@ -127,7 +128,7 @@ impl Windows {
             keep(&mut track.frames, own, oldest_s);
             self.is_settled |= self.options.least_s - ROUNDING_S <= length_s(&track.frames);
         }
-        self.is_partly_new |= !people.is_empty();
+        self.is_partly_new |= !people.is_empty() || !frame.points.is_empty();
         let is_gone = |id: &u32| people.iter().all(|p| p.person != *id);
         let ended = self.people.iter().filter(|(id, _)| is_gone(id));
         let mut ended: Vec<(u32, [f64; 2])> = ended.map(|(id, t)| (*id, t.place_m)).collect();
@@ -139,6 +140,10 @@ impl Windows {
             self.lingering = ended.pop();
         }
         self.is_settled &= is_occupied || !people.is_empty();
+        if !is_occupied && people.is_empty() && !ended.is_empty() {
+            // Whoever has left must not be described as somebody who is there untracked.
+            self.room.clear();
+        }
         ended.into_iter().map(|(id, _)| id).collect()
     }
 
@@ -161,7 +166,7 @@ impl Windows {
         self.stride.replace(stride) != Some(stride)
     }
 
-    /// Whether somebody was seen after the last windows were taken.
+    /// Whether there were points after the last windows were taken.
     pub fn is_partly_new(&self) -> bool {
         self.is_partly_new
     }
@@ -180,7 +185,8 @@ impl Windows {
                     place_m,
                 }]
             }
-            (_, None) => Vec::new(),
+            (Some(_), None) => Vec::new(),
+            (None, _) => self.untracked().into_iter().collect(),
             _ => {
                 let window = |(person, track): (&u32, &Track)| Window {
                     person: *person,
@@ -192,6 +198,21 @@ impl Windows {
         };
         let is_long = |w: &Window| w.end_s() - w.start_s() >= self.options.least_s - ROUNDING_S;
         windows.into_iter().filter(is_long).collect()
+    }
+
+    /// All points of the room, as those of somebody who cannot be tracked, if there are any.
+    fn untracked(&self) -> Option<Window> {
+        let middle = |axis: fn(&RadarPoint) -> f32| {
+            let points = self.room.iter().flat_map(|f| &f.points);
+            let mut values: Vec<f32> = points.map(axis).collect();
+            values.sort_by(f32::total_cmp);
+            values.get(values.len() / 2).copied().map(f64::from)
+        };
+        Some(Window {
+            person: UNTRACKED,
+            place_m: [middle(|p| p.x_m)?, middle(|p| p.y_m)?],
+            frames: self.room.iter().cloned().collect(),
+        })
     }
 
     /// Forgets everybody.
@@ -312,6 +333,38 @@ mod tests {
         assert_eq!(windows.take()[0].person, 2);
         // Gone.
         assert_eq!(windows.push(&frame(63), &[], false), [2]);
+        assert!(windows.take().is_empty());
+    }
+
+    #[test]
+    fn while_nobody_is_tracked_the_points_of_the_room_may_be_somebody() {
+        let mut windows = Windows::new(WindowOptions::default()).unwrap();
+        let at = |n: u32| {
+            let mut frame = frame(n);
+            for (i, point) in (0u8..).zip(&mut frame.points) {
+                (point.x_m, point.y_m) = (f32::from(i), 2.0);
+            }
+            frame
+        };
+        for n in 0..30 {
+            windows.push(&at(n), &[], false);
+        }
+        // Shorter than a window may be.
+        assert!(windows.take().is_empty());
+        for n in 30..50 {
+            windows.push(&at(n), &[], false);
+        }
+        let window = &windows.take()[0];
+        assert_eq!((window.person, window.n_points()), (UNTRACKED, 250));
+        assert_eq!(window.place_m, [2.0, 2.0]);
+        // Without points there is no window.
+        windows.remove(|_| true);
+        assert!(windows.take().is_empty());
+        // What belonged to a person who left is not somebody else's.
+        for n in 50..80 {
+            windows.push(&at(n), &[person(1, 3)], true);
+        }
+        assert_eq!(windows.push(&at(80), &[], false), [1]);
         assert!(windows.take().is_empty());
     }
 
