@@ -20,8 +20,8 @@
 //! # Ok::<(), radarllm_body::mesh::BodyError>(())
 //! ```
 //!
-//! Motions are resampled by splines, and a rate that no motion has is refused:
 //! Motions are resampled with cubic splines. A frame rate outside the supported range is rejected:
+//!
 //! ```
 //! use radarllm_base::{Motion, Pose};
 //! use radarllm_body::{canonical_skeleton, sample::resample};
@@ -35,10 +35,11 @@
 //!
 //! Reading order: [`proportions`] (the T-pose), [`loaders`] (files), [`retarget`] (other
 //! skeletons to SMPL-X), [`sample`] (interpolation between frames), [`features`] (HumanML3D
-//! vectors), [`mesh`].
+//! vectors), [`gait`] (frame rates that cannot be right), [`mesh`].
 
 pub mod error;
 pub mod features;
+pub mod gait;
 mod ik;
 pub mod loaders;
 pub mod mesh;

@@ -242,6 +242,34 @@ fn channel_of(name: &[u8]) -> Option<Channel> {
     }
 }
 
+/// Restores the thorax of the CMU database's conversion to BVH for MotionBuilder, which lost the bone: `Neck` and both
+/// shoulders lie in `Spine1`, and the trunk is 11 to 12 cm too short. In the database's own skeletons the thorax is as
+/// long as the bone below it within 4 %, and points in its direction. Returns a warning if there was something to restore.
+pub(crate) fn restore_thorax(source: &mut SourceMotion) -> Option<String> {
+    let joints = &mut source.joints;
+    let named = |name: &str, parent: Option<usize>| {
+        let mut all = joints.iter();
+        all.position(|j| j.name.eq_ignore_ascii_case(name) && j.parent == parent)
+    };
+    let back = joints
+        .iter()
+        .position(|j| j.name.eq_ignore_ascii_case("LowerBack"))?;
+    let spine = named("Spine", Some(back))?;
+    let thorax = named("Spine1", Some(spine))?;
+    let above = ["Neck", "LeftShoulder", "RightShoulder"].map(|name| named(name, Some(thorax)));
+    let [Some(neck), Some(left), Some(right)] = above else {
+        return None;
+    };
+    let (above, bone) = ([neck, left, right], joints[thorax].offset);
+    if bone == Vec3::ZERO || above.iter().any(|j| joints[*j].offset != Vec3::ZERO) {
+        return None;
+    }
+    for joint in above {
+        joints[joint].offset = bone;
+    }
+    Some("the thorax bone is missing: restored with the length of the bone below it".into())
+}
+
 /// Frames per second, rounded to a whole number if it is within 0.05 %. Files print few digits
 /// (`0.0333333`), and 29.97 fps differs from 30 by 0.1 %.
 fn fps_from_frame_time(frame_time_s: f64) -> Option<f64> {

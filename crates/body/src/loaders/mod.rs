@@ -131,7 +131,8 @@ pub fn load_motion_file(path: &Path) -> Result<LoadedMotion, MotionError> {
 
 /// Reads a motion from `bytes`. `path` names the file in messages, and its extension distinguishes
 /// AMC from ASF. A second file is opened for AMC only: the ASF of the same subject (for
-/// `01_02.amc`: `01_02.asf` or `01.asf`).
+/// `01_02.amc`: `01_02.asf` or `01.asf`), else the only ASF of the folder, else that whose name
+/// begins like the AMC's.
 ///
 /// # Errors
 /// [`MotionError`], never a panic, for any content.
@@ -166,7 +167,8 @@ pub fn load_motion(path: &Path, bytes: &[u8]) -> Result<LoadedMotion, MotionErro
         return kinect::load_kinect(&file, text);
     }
     if starts(b"HIERARCHY") || extension == "bvh" {
-        let (source, mut skipped, mut warnings) = bvh::parse_bvh(&file, bytes)?;
+        let (mut source, mut skipped, mut warnings) = bvh::parse_bvh(&file, bytes)?;
+        warnings.extend(bvh::restore_thorax(&mut source));
         let result = retarget(&file, &source, None)?;
         skipped.extend(result.skipped);
         warnings.extend(result.warnings);
@@ -237,8 +239,11 @@ fn load_named_asf_amc(
     ))
 }
 
+/// Most files of a folder that are looked at for a skeleton.
+const MAX_FOLDER_FILES: usize = 10_000;
+
 /// Finds the skeleton beside an AMC file: the same name, or otherwise the part before the first
-/// `_`.
+/// `_`, or otherwise the only skeleton of the folder or the one with the longest common prefix.
 fn find_asf(amc: &Path) -> Result<(PathBuf, Vec<u8>), MotionError> {
     let stem = amc
         .file_stem()
@@ -257,10 +262,55 @@ fn find_asf(amc: &Path) -> Result<(PathBuf, Vec<u8>), MotionError> {
         }
     }
     tried.dedup();
+    let all = skeletons_beside(amc);
+    if let Some(candidate) = most_alike(&all, &stem) {
+        let bytes = read_capped(candidate)?;
+        return Ok((candidate.clone(), bytes));
+    }
+    if !all.is_empty() {
+        tried.push(format!("one of the {} others", all.len()));
+    }
     Err(MotionError::MissingSkeleton {
         file: amc.display().to_string(),
         looked_for: tried.join(", "),
     })
+}
+
+/// All ASF files in the folder of a file, by name.
+fn skeletons_beside(amc: &Path) -> Vec<PathBuf> {
+    let folder = match amc.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return Vec::new();
+    };
+    let paths = entries.take(MAX_FOLDER_FILES).flatten().map(|e| e.path());
+    let is_asf = |path: &PathBuf| {
+        let extension = path.extension();
+        extension.is_some_and(|e| e.eq_ignore_ascii_case("asf")) && path.is_file()
+    };
+    let mut found: Vec<PathBuf> = paths.filter(is_asf).collect();
+    found.sort();
+    found
+}
+
+/// The only skeleton, or the one whose name has the longest common prefix with `stem`.
+fn most_alike<'a>(skeletons: &'a [PathBuf], stem: &str) -> Option<&'a PathBuf> {
+    if let [only] = skeletons {
+        return Some(only);
+    }
+    let common = |path: &PathBuf| {
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        let pairs = name.chars().zip(stem.chars());
+        pairs.take_while(|(a, b)| a == b).count()
+    };
+    let longest = skeletons.iter().map(common).max().filter(|n| *n > 0)?;
+    let mut alike = skeletons.iter().filter(|path| common(path) == longest);
+    match (alike.next(), alike.next()) {
+        (Some(one), None) => Some(one),
+        _ => None,
+    }
 }
 
 /// The array of an npy file.

@@ -51,7 +51,7 @@ const FOOT: &[&str] = &[
     "foot",
 ];
 const SHOULDER: &[&str] = &[
-    "upperarm", "uparm", "humerus", "armupper", "arm", "shoulder",
+    "upperarm", "uparm", "humerus", "armupper", "arm", "shoulder", "shldr",
 ];
 const ELBOW: &[&str] = &[
     "elbow", "forearm", "lowerarm", "lowarm", "radius", "armlower",
@@ -283,6 +283,8 @@ mod tests {
             ("LeftForeArm", Side::Left, "forearm"),
             ("rightfoot", Side::Right, "foot"),
             ("leg", Side::Middle, "leg"),
+            ("rShldr", Side::Right, "shldr"),
+            ("lThigh", Side::Left, "thigh"),
             ("lowerneck", Side::Middle, "lowerneck"),
             ("root", Side::Middle, "root"),
         ] {

@@ -928,3 +928,63 @@ fn unpacked_recordings_load_and_keep_their_joint_positions() {
         bad.iter().take(20).collect::<Vec<_>>()
     );
 }
+
+/// The trunk of the CMU database's conversion for MotionBuilder, in its names, with the offset of the joints above `Spine1`.
+fn motionbuilder_trunk(above: &str) -> String {
+    let joint = |name: &str, offset: &str, inner: &str| {
+        format!(
+            "JOINT {name}\n{{\nOFFSET {offset}\nCHANNELS 3 Zrotation Yrotation Xrotation\n{inner}}}\n"
+        )
+    };
+    let end = "End Site\n{\nOFFSET 0 1 0\n}\n";
+    let top: String = ["Neck", "LeftShoulder", "RightShoulder"]
+        .map(|name| joint(name, above, end))
+        .concat();
+    let spine = joint("Spine", "0 2 0", &joint("Spine1", "0.1 2.1 0", &top));
+    format!(
+        "HIERARCHY\nROOT Hips\n{{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Yrotation Xrotation\n{}}}\n\
+         MOTION\nFrames: 1\nFrame Time: 0.1\n{}\n",
+        joint("LowerBack", "0 0 0", &spine),
+        "0 ".repeat(21)
+    )
+}
+
+#[test]
+fn a_missing_thorax_is_restored() {
+    let offsets = |above: &str| {
+        let text = motionbuilder_trunk(above);
+        let (mut source, ..) = bvh::parse_bvh("trunk.bvh", text.as_bytes()).unwrap();
+        let warning = bvh::restore_thorax(&mut source);
+        let offsets: Vec<Vec3> = source.joints[4..].iter().map(|j| j.offset).collect();
+        (offsets, warning.is_some())
+    };
+    assert_eq!(offsets("0 0 0"), (vec![Vec3::new(0.1, 2.1, 0.0); 3], true));
+    // A trunk that is complete stays as it is.
+    assert_eq!(
+        offsets("0 0.5 0"),
+        (vec![Vec3::new(0.0, 0.5, 0.0); 3], false)
+    );
+}
+
+#[test]
+fn the_skeleton_of_an_amc_is_found_by_name_and_never_guessed() {
+    let (asf, amc) = person_asf_amc(4);
+    let load = |skeletons: &[&str], motion: &str| {
+        let folder = tempfile::tempdir().unwrap();
+        for name in skeletons {
+            std::fs::write(folder.path().join(name), &asf).unwrap();
+        }
+        let path = folder.path().join(motion);
+        std::fs::write(&path, &amc).unwrap();
+        load_motion_file(&path).map_err(|e| e.to_string())
+    };
+    // The name, the subject, the only one, the one that begins alike.
+    assert!(load(&["01_02.asf", "other.asf"], "01_02.amc").is_ok());
+    assert!(load(&["01.asf", "other.asf"], "01_02.amc").is_ok());
+    assert!(load(&["skeleton.ASF"], "walk.amc").is_ok());
+    assert!(load(&["HDM_bd.asf", "HDM_mm.asf"], "HDM_bd_cartwheel_01.amc").is_ok());
+    for skeletons in [&[][..], &["a.asf", "b.asf"], &["HDM_bd.asf", "HDM_bk.asf"]] {
+        let error = load(skeletons, "HDM_b_01.amc").unwrap_err();
+        assert!(error.contains("HDM_b_01.asf"), "{error}");
+    }
+}
