@@ -35,8 +35,9 @@
 //!
 //! Reading order: [`proportions`] (the T-pose), [`loaders`] (files), [`retarget`] (other
 //! skeletons to SMPL-X), [`sample`] (interpolation between frames), [`features`] (HumanML3D
-//! vectors), [`gait`] (frame rates that cannot be right), [`mesh`].
+//! vectors), [`gait`] (frame rates that cannot be right), [`despike`] (glitches of motion capture), [`mesh`].
 
+pub mod despike;
 pub mod error;
 pub mod features;
 pub mod gait;

@@ -18,6 +18,7 @@ use std::{
 
 use radarllm_base::{Motion, seed::derive_seed};
 use radarllm_body::{
+    despike::despike,
     gait::Gait,
     loaders::{MAX_FILE_BYTES, load_motion},
     sample::{canonicalize, crop, mirror},
@@ -329,6 +330,7 @@ fn part(folder: &Path, line: &CaptionLine) -> Result<(Motion, u64), String> {
         ));
     }
     let mut motion = crop(&motion, start_s + skipped_s, end_s);
+    despike(&mut motion)?;
     if line.mirror {
         motion = mirror(&motion);
     }
