@@ -6,8 +6,8 @@
 //! folder.
 //!
 //! Parts that cannot be used are skipped and named in the manifest: files that are missing or broken, parts without a
-//! sentence or with an unknown split, parts that are too short, that occur twice, or in which nobody moves although the
-//! sentence says that a person walks.
+//! sentence or with an unknown split, parts that are too short, that occur twice, in which nobody moves although the
+//! sentence says that a person walks, or whose walk shows a wrong frame rate.
 
 use std::{
     collections::{HashMap, HashSet},
@@ -18,8 +18,9 @@ use std::{
 
 use radarllm_base::{Motion, seed::derive_seed};
 use radarllm_body::{
+    gait::Gait,
     loaders::{MAX_FILE_BYTES, load_motion},
-    sample::{canonicalize, crop},
+    sample::{canonicalize, crop, mirror},
 };
 use radarllm_dataset::{FailedItem, record::Split};
 use radarllm_files::bounded::{read_bytes, read_text};
@@ -34,6 +35,8 @@ const MAX_TEXT_BYTES: u64 = 256 << 20;
 const SHORTEST_S: f64 = 1.0;
 /// Who walks or runs moves by at least this distance, m.
 const LEAST_WAY_M: f32 = 0.3;
+/// Standing heights of people, m.
+const HEIGHTS_M: std::ops::RangeInclusive<f32> = 1.0..=2.3;
 /// Extensions of motion files.
 const EXTENSIONS: [&str; 4] = ["bvh", "amc", "npz", "npy"];
 
@@ -78,11 +81,27 @@ pub struct CaptionLine {
     /// Frames at the start of the file that are no motion, for example a T-pose.
     #[serde(default)]
     pub skip_frames: usize,
+    /// Whether the motion is mirrored; the sentences are those about the mirrored motion.
+    #[serde(default)]
+    pub mirror: bool,
+}
+
+/// What is told about a source of motions.
+#[derive(Clone, Debug)]
+pub(super) struct Terms {
+    /// Name of the corpus.
+    pub name: &'static str,
+    /// Licence of motions and sentences.
+    pub licence: String,
+    /// Attribution.
+    pub attribution: String,
+    /// Whether one part of a motion may occur with several ids.
+    pub may_repeat: bool,
 }
 
 /// Motion files with sentences.
 pub struct MotionFiles {
-    config: FilesConfig,
+    terms: Terms,
     folder: PathBuf,
     items: Vec<CorpusItem>,
     lines: Vec<CaptionLine>,
@@ -101,6 +120,24 @@ impl MotionFiles {
             true => read_texts(&captions, &folder)?,
             false => read_lines(&captions)?,
         };
+        let skipped = unlabelled(&folder, &lines)?;
+        let terms = Terms {
+            name: "files",
+            licence: config.licence.clone(),
+            attribution: config.attribution.clone(),
+            may_repeat: false,
+        };
+        Self::from_lines(terms, &captions, folder, lines, skipped)
+    }
+
+    /// Checks the motion of every line. `origin` is where the lines are from, for errors.
+    pub(super) fn from_lines(
+        terms: Terms,
+        origin: &Path,
+        folder: PathBuf,
+        lines: Vec<CaptionLine>,
+        skipped: Vec<FailedItem>,
+    ) -> Result<Self, CorpusError> {
         let checked: Vec<Result<(CorpusItem, u64), FailedItem>> = lines
             .par_iter()
             .map(|line| {
@@ -110,9 +147,8 @@ impl MotionFiles {
                 })
             })
             .collect();
-        let skipped = unlabelled(&folder, &lines)?;
         let mut corpus = Self {
-            config: config.clone(),
+            terms,
             folder,
             items: Vec::new(),
             lines: Vec::new(),
@@ -128,7 +164,8 @@ impl MotionFiles {
                     continue;
                 }
             };
-            let repeats = match contents.get(&content) {
+            let same = contents.get(&content).filter(|_| !corpus.terms.may_repeat);
+            let repeats = match same {
                 Some(other) => Some(format!("the same motion as `{other}`")),
                 None if ids.contains(&item.motion_id) => Some("the second with this id".into()),
                 None => None,
@@ -149,7 +186,7 @@ impl MotionFiles {
             let first = corpus.skipped.first();
             let why = first.map_or(String::new(), |s| format!(": {}: {}", s.id, s.reason));
             return Err(CorpusError::Format {
-                path: captions.display().to_string(),
+                path: origin.display().to_string(),
                 line: 0,
                 problem: format!("no usable motion, {} skipped{why}", corpus.skipped.len()),
             });
@@ -160,15 +197,15 @@ impl MotionFiles {
 
 impl Corpus for MotionFiles {
     fn name(&self) -> &str {
-        "files"
+        self.terms.name
     }
 
     fn licence(&self) -> &str {
-        &self.config.licence
+        &self.terms.licence
     }
 
     fn attribution(&self) -> &str {
-        &self.config.attribution
+        &self.terms.attribution
     }
 
     fn items(&self) -> &[CorpusItem] {
@@ -239,6 +276,11 @@ fn checked(folder: &Path, line: &CaptionLine) -> Result<(CorpusItem, u64), Strin
             "`{first}` states `{only}`, but the pelvis moves by {way_m:.2} m"
         ));
     }
+    if let [only @ ("walk" | "run" | "pace")] = actions[..]
+        && let Some(problem) = Gait::of(&motion).and_then(|gait| gait.problem())
+    {
+        return Err(format!("`{first}` states `{only}`, but {problem}"));
+    }
     let action = match (&line.action, actions.is_empty()) {
         (Some(action), _) => action.clone(),
         (None, false) => actions.join(" then "),
@@ -262,10 +304,15 @@ fn part(folder: &Path, line: &CaptionLine) -> Result<(Motion, u64), String> {
     let mut hasher = DefaultHasher::new();
     bytes.hash(&mut hasher);
     let (start_s, end_s) = (line.start_s.unwrap_or(0.0), line.end_s);
-    (start_s.to_bits(), end_s.map(f64::to_bits)).hash(&mut hasher);
-    let mut motion = load_motion(&path, &bytes)
-        .map_err(|e| e.to_string())?
-        .motion;
+    (start_s.to_bits(), end_s.map(f64::to_bits), line.mirror).hash(&mut hasher);
+    let loaded = load_motion(&path, &bytes).map_err(|e| e.to_string())?;
+    if !HEIGHTS_M.contains(&loaded.height_m) {
+        return Err(format!(
+            "a person of {:.2} m: is the unit wrong?",
+            loaded.height_m
+        ));
+    }
+    let mut motion = loaded.motion;
     if let Some(fps) = line.fps {
         if !(1.0..=1000.0).contains(&fps) {
             return Err(format!("fps {fps}: must be in 1..=1000"));
@@ -282,6 +329,9 @@ fn part(folder: &Path, line: &CaptionLine) -> Result<(Motion, u64), String> {
         ));
     }
     let mut motion = crop(&motion, start_s + skipped_s, end_s);
+    if line.mirror {
+        motion = mirror(&motion);
+    }
     canonicalize(&mut motion);
     Ok((motion, hasher.finish()))
 }
@@ -385,18 +435,11 @@ fn read_texts(texts: &Path, folder: &Path) -> Result<Vec<CaptionLine>, CorpusErr
             };
             let mut parts: Vec<CaptionLine> = vec![whole];
             // A text that is missing leaves its motion without a sentence, which is reported with the motion.
-            let text = if path.exists() {
-                text_of(&path)?
-            } else {
-                String::new()
+            let sentences = match path.exists() {
+                true => read_humanml3d_text(&path)?,
+                false => Vec::new(),
             };
-            for (i, line) in text.lines().enumerate() {
-                let (caption, [start_s, end_s]) =
-                    humanml3d_line(line).ok_or_else(|| CorpusError::Format {
-                        path: path.display().to_string(),
-                        line: i + 1,
-                        problem: "expected `sentence#tokens#start#end`".into(),
-                    })?;
+            for (caption, [start_s, end_s]) in sentences {
                 let is_whole = start_s == 0.0 && end_s == 0.0;
                 let same = parts.iter_mut().find(|p| {
                     (p.start_s, p.end_s) == (Some(start_s), Some(end_s))
@@ -422,6 +465,19 @@ fn read_texts(texts: &Path, folder: &Path) -> Result<Vec<CaptionLine>, CorpusErr
     Ok(lines)
 }
 
+/// The sentences of a text of HumanML3D, each with start and end, s; both times are 0 for the whole motion.
+pub(super) fn read_humanml3d_text(path: &Path) -> Result<Vec<(String, [f64; 2])>, CorpusError> {
+    let text = text_of(path)?;
+    let sentence = |(i, line): (usize, &str)| {
+        humanml3d_line(line).ok_or_else(|| CorpusError::Format {
+            path: path.display().to_string(),
+            line: i + 1,
+            problem: "expected `sentence#tokens#start#end`".into(),
+        })
+    };
+    text.lines().enumerate().map(sentence).collect()
+}
+
 /// Sentence, start and end of a line; both times are 0 for the whole motion.
 fn humanml3d_line(line: &str) -> Option<(String, [f64; 2])> {
     let mut fields = line.rsplitn(4, '#');
@@ -435,7 +491,7 @@ fn humanml3d_line(line: &str) -> Option<(String, [f64; 2])> {
     Some((fields.next()?.trim().into(), [start_s, end_s]))
 }
 
-fn text_of(path: &Path) -> Result<String, CorpusError> {
+pub(super) fn text_of(path: &Path) -> Result<String, CorpusError> {
     read_text(path, MAX_TEXT_BYTES).map_err(|e| CorpusError::Format {
         path: path.display().to_string(),
         line: 0,
@@ -443,17 +499,17 @@ fn text_of(path: &Path) -> Result<String, CorpusError> {
     })
 }
 
-fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> CorpusError {
+pub(super) fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> CorpusError {
     let path = path.display().to_string();
     move |source| CorpusError::Io { path, source }
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     /// A BVH file of a figure that moves forward by `way_m` in `n_frames` at 10 frames/s.
-    fn bvh(n_frames: usize, way_m: f32) -> String {
+    pub fn bvh(n_frames: usize, way_m: f32) -> String {
         let mut text = String::from(
             "HIERARCHY\nROOT Hips\n{\nOFFSET 0 0 0\nCHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation\n",
         );

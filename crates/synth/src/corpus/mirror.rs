@@ -1,0 +1,121 @@
+//! Sentences about mirrored motions.
+
+/// Words after `right` that make it an adverb of time or place: "right away", "right after", "right in front".
+const NOT_A_SIDE: [&str; 7] = ["away", "after", "before", "now", "then", "next", "in"];
+
+/// Exchanges left and right, clockwise and counterclockwise.
+///
+/// ```
+/// use radarllm_synth::corpus::mirror::swap_sides;
+///
+/// let text = "A person raises the Left hand, turns counter-clockwise and right away bows.";
+/// assert_eq!(swap_sides(text), "A person raises the Right hand, turns clockwise and right away bows.");
+/// ```
+pub fn swap_sides(text: &str) -> String {
+    let words = words(text);
+    let mut out = String::with_capacity(text.len() + 16);
+    let mut at = 0;
+    let mut i = 0;
+    while i < words.len() {
+        let (start, word) = words[i];
+        let lower = word.to_lowercase();
+        out.push_str(&text[at..start]);
+        at = start + word.len();
+        let next = words.get(i + 1).map(|(_, word)| word.to_lowercase());
+        let next = next.as_deref().unwrap_or_default();
+        let is_against = matches!(lower.as_str(), "counter" | "anti");
+        if is_against && next == "clockwise" {
+            // Two words or one with a hyphen.
+            let (start, second) = words[i + 1];
+            at = start + second.len();
+            out.push_str(&in_case_of(word, "clockwise"));
+            i += 2;
+            continue;
+        }
+        let is_side = !(lower == "right" && NOT_A_SIDE.contains(&next));
+        out.push_str(&match lower.as_str() {
+            "counterclockwise" | "anticlockwise" => in_case_of(word, "clockwise"),
+            "clockwise" => in_case_of(word, "counterclockwise"),
+            other => match swapped(other).filter(|_| is_side) {
+                Some(other) => in_case_of(word, &other),
+                None => word.into(),
+            },
+        });
+        i += 1;
+    }
+    out.push_str(&text[at..]);
+    out
+}
+
+/// Runs of letters with their offsets, bytes.
+fn words(text: &str) -> Vec<(usize, &str)> {
+    let mut words = Vec::new();
+    let mut start = None;
+    for (i, c) in text.char_indices() {
+        match (c.is_alphabetic(), start) {
+            (true, None) => start = Some(i),
+            (false, Some(from)) => {
+                words.push((from, &text[from..i]));
+                start = None;
+            }
+            _ => {}
+        }
+    }
+    words.extend(start.map(|from| (from, &text[from..])));
+    words
+}
+
+/// The word of the other side: `left`, `lefthand`, `leftward`; not `leftover`, `rightly`.
+fn swapped(lower: &str) -> Option<String> {
+    let (side, other) = match lower.starts_with("left") {
+        true => ("left", "right"),
+        false => ("right", "left"),
+    };
+    let rest = lower.strip_prefix(side)?;
+    let part = ["", "s", "ward", "wards", "hand", "handed", "most", "side"];
+    let limb = ["arm", "leg", "foot", "knee"];
+    let is_known = part.contains(&rest) || limb.contains(&rest);
+    is_known.then(|| format!("{other}{rest}"))
+}
+
+/// A word with the capitals of another: none, the first letter, or all.
+fn in_case_of(like: &str, word: &str) -> String {
+    let mut letters = like.chars();
+    let first = letters.next().is_some_and(char::is_uppercase);
+    let second = letters.next().is_some_and(char::is_uppercase);
+    match (first, second) {
+        (true, true) => word.to_uppercase(),
+        (true, false) => word[..1].to_uppercase() + &word[1..],
+        _ => word.into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sides_and_turns_are_exchanged() {
+        for (text, mirrored) in [
+            ("walks left, then right.", "walks right, then left."),
+            ("LEFT leg; Rightward step", "RIGHT leg; Leftward step"),
+            ("turns anti clockwise", "turns clockwise"),
+            ("turns Clockwise twice", "turns Counterclockwise twice"),
+            (
+                "moves right in front of a wall",
+                "moves right in front of a wall",
+            ),
+            ("stands upright, leftovers", "stands upright, leftovers"),
+            ("", ""),
+            ("ein Fuß links", "ein Fuß links"),
+        ] {
+            assert_eq!(swap_sides(text), mirrored);
+        }
+    }
+
+    #[test]
+    fn mirroring_twice_gives_the_same_sentence() {
+        let text = "a person kicks with the left foot and turns counterclockwise to the right";
+        assert_eq!(swap_sides(&swap_sides(text)), text);
+    }
+}
