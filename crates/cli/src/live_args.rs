@@ -2,13 +2,16 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, Subcommand};
 
 use crate::{args::DecoderName, recording_args::InputArgs};
 
 /// `live`.
 #[derive(Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct LiveArgs {
+    #[command(subcommand)]
+    pub verb: Option<LiveVerb>,
     /// A serial port, `udp:PORT` for a DCA1000, a recording of any format to replay, or `sim:` for a simulated room.
     #[arg(required = true)]
     pub inputs: Vec<PathBuf>,
@@ -100,6 +103,30 @@ pub struct LiveArgs {
     #[arg(long)]
     pub mqtt_simulated: bool,
     /// Print every message but points as a line of JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What is done to the memory of `live`.
+#[derive(Subcommand)]
+pub enum LiveVerb {
+    /// Delete what was seen before a date from the database, while `live` does not run. (A file of this name is
+    /// ./forget.)
+    ///
+    /// Example: radarllm live forget --before 2026-11-01 --db live.db
+    Forget(LiveForgetArgs),
+}
+
+/// `live forget`.
+#[derive(Args)]
+pub struct LiveForgetArgs {
+    /// First date that is kept, YYYY-MM-DD in local time, or `now` to delete everything.
+    #[arg(long, value_name = "DATE")]
+    pub before: String,
+    /// Database of `live`; live.db in $STATE_DIRECTORY if omitted.
+    #[arg(long, value_name = "FILE")]
+    pub db: Option<PathBuf>,
+    /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
 }

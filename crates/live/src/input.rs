@@ -253,8 +253,12 @@ fn numbers(clip: &Clip, period_s: f64) -> Vec<u32> {
 }
 
 fn run_room(room: Room, period_s: f64, sink: &mut Sink) {
+    let mut frames = room.frames();
+    // The first scene is simulated before time begins, so that no frame comes before its time.
+    let mut next = frames.next();
     let began = Instant::now();
-    for (number, points) in (0u32..).zip(room.frames()) {
+    let mut number = 0;
+    while let Some(points) = next {
         if !sleep_until(began, f64::from(number) * period_s, sink.queue) {
             return;
         }
@@ -266,7 +270,16 @@ fn run_room(room: Room, period_s: f64, sink: &mut Sink) {
         if !sink.frame(frame, Arrival::At(now_ms())) {
             return;
         }
+        next = frames.next();
+        number = next_number(number, began.elapsed().as_secs_f64() / period_s);
     }
+}
+
+/// Number of the frame after one, when so many periods have passed. A simulation that is late leaves a gap, as a radar
+/// whose frames are lost: frames in a burst would not be of the present.
+fn next_number(number: u32, periods: f64) -> u32 {
+    // The conversion saturates.
+    number.saturating_add(1).max(periods as u32)
 }
 
 fn run_radar(mut source: Box<dyn LiveSource>, sink: &mut Sink, metrics: &Metrics) -> Result<()> {
@@ -309,6 +322,13 @@ fn sleep_until(began: Instant, due_s: f64, queue: &FrameQueue) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_late_simulation_leaves_a_gap_and_no_burst() {
+        assert_eq!(next_number(7, 7.2), 8);
+        assert_eq!(next_number(7, 8.9), 8);
+        assert_eq!(next_number(7, 42.5), 42);
+    }
 
     #[test]
     fn frames_that_a_recording_lacks_stay_gaps() {

@@ -24,11 +24,12 @@
 //! ```
 //!
 //! Reading order: [`service`] (everything put together), [`input`] (sources of frames), [`room`] (the simulated room),
-//! [`captions`] (the model), [`zones`], [`local_time`].
+//! [`captions`] (the model), [`zones`], [`local_time`], [`notify`] (systemd).
 
 pub mod captions;
 pub mod input;
 pub mod local_time;
+pub mod notify;
 mod resample;
 pub mod room;
 pub mod service;

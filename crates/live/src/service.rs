@@ -3,6 +3,7 @@
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
@@ -32,6 +33,8 @@ use crate::zones::kind_name;
 pub const PORT: u16 = 8_741;
 /// How often the pipeline reports that it lives while no frame arrives.
 const STEP: Duration = Duration::from_millis(200);
+/// Falls that were acknowledged and wait for the next frame. More are refused.
+const MAX_ACKNOWLEDGED: usize = 64;
 
 /// The page and its server.
 #[derive(Clone, Debug)]
@@ -118,6 +121,7 @@ pub struct Live {
     queue: Arc<FrameQueue>,
     bus: Arc<Bus>,
     metrics: Arc<Metrics>,
+    vitals: Arc<Vitals>,
     is_over: Arc<AtomicBool>,
     /// Why the source has ended, if it did so by an error.
     problem: Arc<Mutex<Option<Error>>>,
@@ -167,6 +171,11 @@ impl Live {
             Arc::clone(&metrics),
         )
         .map_err(Error::input)?;
+        let publisher = match &options.broker {
+            Some(broker) => Some(publish(broker, &bus)?),
+            None => None,
+        };
+        let (acknowledge, acknowledged) = sync_channel(MAX_ACKNOWLEDGED);
         let server = match &options.page {
             Some(page) => {
                 let mut server = http::Options::new(page.address);
@@ -179,14 +188,12 @@ impl Live {
                     vitals: Arc::clone(&vitals),
                     database: options.database.clone(),
                     forget: keeper.forget(),
+                    broker: publisher.as_ref().map(Publisher::status),
+                    acknowledge: Some(Arc::new(move |fall| acknowledge.try_send(fall).is_ok())),
                     clock: Arc::new(clock),
                 };
                 Some(Server::start(server, sources).map_err(Error::input)?)
             }
-            None => None,
-        };
-        let publisher = match &options.broker {
-            Some(broker) => Some(publish(broker, &bus)?),
             None => None,
         };
         let queue = Arc::new(FrameQueue::new(input.when_full(), Arc::clone(&metrics)));
@@ -196,7 +203,7 @@ impl Live {
             let (queue, vitals) = (Arc::clone(&queue), Arc::clone(&vitals));
             let is_over = Arc::clone(&is_over);
             spawn("radarllm-pipeline", move || {
-                run_pipeline(pipeline, &queue, &keeper, &vitals);
+                run_pipeline(pipeline, &queue, &acknowledged, &keeper, &vitals);
                 // Everything is written before the radar counts as over.
                 drop(keeper);
                 is_over.store(true, Ordering::Release);
@@ -204,6 +211,7 @@ impl Live {
         };
         let source = {
             let (queue, metrics) = (Arc::clone(&queue), Arc::clone(&metrics));
+            let vitals = Arc::clone(&vitals);
             let problem = Arc::clone(&problem);
             spawn("radarllm-source", move || {
                 let ended = input.run(&queue, &vitals, &metrics);
@@ -214,6 +222,7 @@ impl Live {
             queue,
             bus,
             metrics,
+            vitals,
             is_over,
             problem,
             pipeline: Some(pipeline),
@@ -237,6 +246,17 @@ impl Live {
     /// The counters.
     pub fn metrics(&self) -> &Metrics {
         &self.metrics
+    }
+
+    /// Why the broker is not connected, if there is one and it is not.
+    pub fn broker_problem(&self) -> Option<String> {
+        self.publisher.as_ref()?.problem()
+    }
+
+    /// Whether the pipeline moves. A silent radar does not stop it; a supervisor should start a program anew that has
+    /// stopped.
+    pub fn is_moving(&self) -> bool {
+        self.vitals.is_moving()
     }
 
     /// Where a damaged database was moved when a new one was made.
@@ -278,8 +298,18 @@ impl Drop for Live {
     }
 }
 
-fn run_pipeline(mut pipeline: Pipeline, queue: &FrameQueue, keeper: &Keeper, vitals: &Vitals) {
+fn run_pipeline(
+    mut pipeline: Pipeline,
+    queue: &FrameQueue,
+    acknowledged: &Receiver<u64>,
+    keeper: &Keeper,
+    vitals: &Vitals,
+) {
     loop {
+        for fall in acknowledged.try_iter() {
+            let outputs = pipeline.acknowledge(fall);
+            outputs.into_iter().for_each(|output| keeper.take(output));
+        }
         let outputs = match queue.pop(STEP) {
             Some(Item::Frame(frame, arrival)) => pipeline.frame(frame, arrival, !queue.is_late()),
             Some(Item::Lost { at_ms, reason }) => pipeline.lost(at_ms, &reason),

@@ -167,6 +167,11 @@ impl Bus {
         self.shared.lock().state.about().clone()
     }
 
+    /// Whether a fall is suspected or confirmed, and not over.
+    pub fn has_fall(&self, id: u64) -> bool {
+        self.shared.lock().state.has_fall(id)
+    }
+
     /// Forgets activities and sentences that overlap with a range of time, and tells all readers the state without them.
     pub fn forget(&self, from_ms: i64, to_ms: i64) {
         let inner = &mut *self.shared.lock();

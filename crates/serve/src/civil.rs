@@ -69,6 +69,22 @@ pub(crate) fn weekday(days_since_1970: i64) -> usize {
     (days_since_1970 + 3).rem_euclid(7) as usize
 }
 
+/// The beginning of a date from 1970 to 9999 in UTC, milliseconds since 1970; `None` for what is no date such as
+/// `2026-11-20`.
+pub fn midnight_ms(date: &str) -> Option<i64> {
+    let is_number = |part: &&str| part.bytes().all(|b| b.is_ascii_digit());
+    let mut parts = date.splitn(3, '-').filter(is_number);
+    let mut part = |n_digits| parts.next().filter(|p| p.len() == n_digits)?.parse().ok();
+    let (year, month) = (part(4)?, part(2)?);
+    let day_of_month = part(2)?;
+    let wanted = Date {
+        year,
+        month,
+        day: day_of_month,
+    };
+    Some(day(wanted)? * DAY_MS)
+}
+
 /// A date as `2026-11-20`.
 pub(crate) fn date_text(days_since_1970: i64) -> String {
     let Date { year, month, day } = date(days_since_1970);
@@ -121,6 +137,26 @@ mod tests {
                 day: d,
             };
             assert_eq!(day(wanted), None, "{wanted:?}");
+        }
+    }
+
+    #[test]
+    fn dates_begin_at_midnight_and_what_is_none_has_no_beginning() {
+        assert_eq!(midnight_ms("1970-01-02"), Some(DAY_MS));
+        assert_eq!(midnight_ms("2026-11-23"), Some(20_780 * DAY_MS));
+        for none in [
+            "",
+            "today",
+            "2026-02-29",
+            "2026-11",
+            "2026-11-2",
+            "26-11-23",
+            "2026-11-23T00:00",
+            "+026-11-23",
+            "2026--1-23",
+            "2026-11-23-",
+        ] {
+            assert_eq!(midnight_ms(none), None, "{none}");
         }
     }
 

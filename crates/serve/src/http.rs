@@ -14,6 +14,7 @@
 //! | `DELETE /api/history?from&to` | forgets a range of time |
 //! | `GET /api/ask?q` | the [answer](crate::Answer) to a question |
 //! | `GET /api/activity/ID/points` | the points of an activity |
+//! | `POST /api/falls/ID/acknowledge` | ends a fall on a user's word; all listeners hear of it |
 //! | `GET /api/bug-bundle` | what a report of a fault should have, without sentences |
 //! | `GET /metrics` | counters in the text format of Prometheus |
 //! | `GET /healthz` | 200, or 503 with reasons |
@@ -44,6 +45,7 @@ use crate::ask::Clock;
 use crate::bus::Bus;
 use crate::error::StoreError;
 use crate::metrics::Metrics;
+use crate::mqtt::Status;
 use crate::store::Deleted;
 use crate::vitals::Vitals;
 use guard::Guard;
@@ -95,6 +97,8 @@ impl Options {
 pub type ReadClock = Arc<dyn Fn() -> Clock + Send + Sync>;
 /// What the server calls to forget the range of time from the first to before the second, milliseconds since 1970 in UTC.
 pub type Forget = Arc<dyn Fn(i64, i64) -> Result<Deleted, StoreError> + Send + Sync>;
+/// What the server calls to end the fall of a number. It returns false if too many such calls wait.
+pub type Acknowledge = Arc<dyn Fn(u64) -> bool + Send + Sync>;
 
 /// What the server shows.
 #[derive(Clone)]
@@ -109,6 +113,10 @@ pub struct Sources {
     pub database: Option<PathBuf>,
     /// How to forget, if there is a database. It is called on a thread that may wait.
     pub forget: Option<Forget>,
+    /// The MQTT broker, if there is one.
+    pub broker: Option<Status>,
+    /// How to end a fall, if falls are watched. It does not wait.
+    pub acknowledge: Option<Acknowledge>,
     /// The clock.
     pub clock: ReadClock,
 }

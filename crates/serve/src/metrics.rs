@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use crate::bus::BusCounts;
 use crate::messages::{About, Body};
+use crate::mqtt;
 
 /// Counters that every stage raises.
 #[derive(Debug, Default)]
@@ -65,7 +66,13 @@ impl Metrics {
     }
 
     /// All numbers in the text format of Prometheus.
-    pub fn to_text(&self, about: &About, bus: &BusCounts, n_problems: usize) -> String {
+    pub fn to_text(
+        &self,
+        about: &About,
+        bus: &BusCounts,
+        broker: Option<&mqtt::Counts>,
+        n_problems: usize,
+    ) -> String {
         let mut page = Page(String::with_capacity(4_096));
         page.family(
             "radarllm_info",
@@ -158,6 +165,9 @@ impl Metrics {
             page.labelled("radarllm_http_responses_total", &[("class", class)], n);
         }
         page.bus(bus);
+        if let Some(broker) = broker {
+            page.broker(broker);
+        }
         page.0
     }
 }
@@ -192,6 +202,34 @@ impl Page {
             "Listeners that were closed because they were too slow.",
             bus.readers_closed,
         );
+    }
+
+    fn broker(&mut self, broker: &mqtt::Counts) {
+        self.one(
+            "radarllm_broker_connected",
+            "gauge",
+            "Whether the MQTT broker is connected.",
+            broker.connected.into(),
+        );
+        for (name, help, n) in [
+            (
+                "radarllm_broker_reconnects_total",
+                "Connections to the MQTT broker after the first one.",
+                broker.reconnects,
+            ),
+            (
+                "radarllm_broker_messages_total",
+                "Messages that the MQTT broker acknowledged.",
+                broker.published,
+            ),
+            (
+                "radarllm_broker_messages_dropped_total",
+                "Messages that were too old, too many or not allowed for the MQTT broker.",
+                broker.dropped,
+            ),
+        ] {
+            self.one(name, "counter", help, n);
+        }
     }
 
     fn family(&mut self, name: &str, kind: &str, help: &str) {
@@ -239,7 +277,16 @@ mod tests {
         metrics.responded(999);
         let mut about = about();
         about.name = "a \"b\"\n\\c".into();
-        let text = metrics.to_text(&about, &Bus::new(about.clone()).counts(), 2);
+        let broker = mqtt::Counts {
+            connected: true,
+            reconnects: 4,
+            published: 5,
+            dropped: 6,
+            status_ignored: false,
+        };
+        let bus = Bus::new(about.clone()).counts();
+        let text = metrics.to_text(&about, &bus, Some(&broker), 2);
+        assert!(!metrics.to_text(&about, &bus, None, 2).contains("broker"));
         let mut family = "";
         for line in text.lines() {
             if let Some(rest) = line.strip_prefix("# HELP ") {
@@ -255,6 +302,8 @@ mod tests {
             "radarllm_caption_seconds_sum 0.25\n",
             "radarllm_http_responses_total{class=\"4xx\"} 1\n",
             "radarllm_problems 2\n",
+            "radarllm_broker_connected 1\n",
+            "radarllm_broker_messages_dropped_total 6\n",
             "name=\"a \\\"b\\\"\\n\\\\c\"",
         ] {
             assert!(text.contains(wanted), "{wanted} in {text}");

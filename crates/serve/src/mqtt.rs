@@ -92,6 +92,30 @@ pub struct Counts {
     pub status_ignored: bool,
 }
 
+/// What happens between this program and the broker, for those who show it.
+#[derive(Clone, Debug)]
+pub struct Status(Arc<Shared>);
+
+impl Status {
+    /// What happened so far.
+    pub fn counts(&self) -> Counts {
+        let shared = &self.0;
+        let connections = shared.connections.load(Ordering::Relaxed);
+        Counts {
+            connected: shared.is_connected.load(Ordering::Relaxed),
+            reconnects: connections.saturating_sub(1),
+            published: shared.published.load(Ordering::Relaxed),
+            dropped: shared.dropped.load(Ordering::Relaxed),
+            status_ignored: shared.is_status_ignored.load(Ordering::Relaxed),
+        }
+    }
+
+    /// Why the last connection or the last attempt failed, in words, while there is no connection.
+    pub fn problem(&self) -> Option<String> {
+        self.0.problem()
+    }
+}
+
 /// Publishes the live messages. It stops when this is dropped.
 #[derive(Debug)]
 pub struct Publisher {
@@ -154,22 +178,19 @@ impl Publisher {
         })
     }
 
+    /// What happens between this program and the broker.
+    pub fn status(&self) -> Status {
+        Status(Arc::clone(&self.shared))
+    }
+
     /// What happened so far.
     pub fn counts(&self) -> Counts {
-        let shared = &self.shared;
-        let connections = shared.connections.load(Ordering::Relaxed);
-        Counts {
-            connected: shared.is_connected.load(Ordering::Relaxed),
-            reconnects: connections.saturating_sub(1),
-            published: shared.published.load(Ordering::Relaxed),
-            dropped: shared.dropped.load(Ordering::Relaxed),
-            status_ignored: shared.is_status_ignored.load(Ordering::Relaxed),
-        }
+        self.status().counts()
     }
 
     /// Why the last connection or the last attempt failed, in words, while there is no connection.
     pub fn problem(&self) -> Option<String> {
-        self.shared.problem()
+        self.status().problem()
     }
 
     /// Publishes `offline` and stops, within two seconds. Returns whether the broker took it; if not, it publishes the

@@ -284,9 +284,36 @@ impl Pipeline {
         out
     }
 
-    /// Ends a fall on a user's word. Returns whether there was such a fall.
-    pub fn acknowledge(&mut self, fall: u64) -> bool {
-        self.watch.acknowledge(fall)
+    /// Ends a fall on a user's word: one that is suspected is dismissed, one that is confirmed has recovered. Tells
+    /// nothing if there is no such fall.
+    pub fn acknowledge(&mut self, fall: u64) -> Vec<Output> {
+        let open = self
+            .watch
+            .open_falls()
+            .iter()
+            .find(|open| open.fall == fall);
+        let Some(open) = open.cloned().filter(|_| self.watch.acknowledge(fall)) else {
+            return Vec::new();
+        };
+        let state = match open.is_confirmed {
+            true => FallState::Recovered,
+            false => FallState::Dismissed,
+        };
+        let at_s = self.stamp.t_s;
+        let [message, mut event] = self.fall(&FallEvent {
+            fall,
+            person: open.person,
+            state,
+            at_s,
+            dwell_s: at_s - open.since_s,
+            place_m: open.place_m,
+        });
+        if let Output::Event(event) = &mut event
+            && let Some(data) = &mut event.data
+        {
+            data["acknowledged"] = true.into();
+        }
+        vec![message, event]
     }
 
     /// Counts the frame, and those that are missing before it.

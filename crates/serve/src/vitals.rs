@@ -40,25 +40,29 @@ impl Vitals {
             .store(self.elapsed_ms(), Ordering::Relaxed);
     }
 
+    /// Whether the pipeline finished a step in the last seconds. A silent radar does not stop it.
+    pub fn is_moving(&self) -> bool {
+        self.is_moving_at(self.elapsed_ms())
+    }
+
+    fn is_moving_at(&self, elapsed_ms: u64) -> bool {
+        since(&self.last_step_ms, elapsed_ms) <= STUCK
+    }
+
     /// Present problems in words; none if all is well.
     pub fn problems(&self) -> Vec<String> {
         self.problems_at(self.elapsed_ms())
     }
 
     fn problems_at(&self, elapsed_ms: u64) -> Vec<String> {
-        let since = |last: &AtomicU64| {
-            let ms = elapsed_ms.saturating_sub(last.load(Ordering::Relaxed));
-            Duration::from_millis(ms)
-        };
         let mut problems = Vec::new();
-        let silence = since(&self.last_frame_ms);
+        let silence = since(&self.last_frame_ms, elapsed_ms);
         if silence > SILENCE.saturating_add(self.frame_period.saturating_mul(3)) {
             let s = silence.as_secs();
             problems.push(format!("no frame arrived from the radar for {s} s"));
         }
-        let stuck = since(&self.last_step_ms);
-        if stuck > STUCK {
-            let s = stuck.as_secs();
+        if !self.is_moving_at(elapsed_ms) {
+            let s = since(&self.last_step_ms, elapsed_ms).as_secs();
             problems.push(format!("the pipeline has been stuck for {s} s"));
         }
         problems
@@ -67,6 +71,10 @@ impl Vitals {
     fn elapsed_ms(&self) -> u64 {
         u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
+}
+
+fn since(last_ms: &AtomicU64, elapsed_ms: u64) -> Duration {
+    Duration::from_millis(elapsed_ms.saturating_sub(last_ms.load(Ordering::Relaxed)))
 }
 
 #[cfg(test)]
@@ -82,6 +90,7 @@ mod tests {
             ["no frame arrived from the radar for 2 s"]
         );
         assert_eq!(vitals.problems_at(5_001).len(), 2);
+        assert!(vitals.is_moving_at(5_000) && !vitals.is_moving_at(5_001));
         vitals.frame();
         vitals.step();
         assert!(vitals.problems().is_empty());

@@ -1,4 +1,4 @@
-//! `live` and `ask`: a running radar, and questions about what it saw.
+//! `live` and `ask`: a running radar, questions about what it saw, and forgetting it.
 
 use std::{
     path::{Path, PathBuf},
@@ -15,25 +15,38 @@ use radarllm_io::{
     serial, udp,
 };
 use radarllm_live::{
-    Broker, Input, Live, LiveOptions, Page, Speed, local_time, room::RoomOptions, zones,
+    Broker, Input, Live, LiveOptions, Page, Speed, local_time, notify::Supervisor,
+    room::RoomOptions, zones,
 };
 use radarllm_serve::{
-    Clock, Timeline, ask, bus::Silence, http::Token, keeper::now_ms, mqtt::Password,
-    store::Retention,
+    Clock, Store, StoreError, Timeline, ask,
+    bus::Silence,
+    http::Token,
+    keeper::now_ms,
+    midnight_ms,
+    mqtt::Password,
+    store::{Deleted, Retention},
 };
 
 use crate::{
     commands::describe::load_decoder,
     error::{CliError, CliResult},
-    live_args::{AskArgs, LiveArgs},
+    live_args::{AskArgs, LiveArgs, LiveForgetArgs, LiveVerb},
     output,
     user_memory::load_memory,
 };
 
 const DAY_MS: i64 = 86_400_000;
 
-/// Runs a radar until it ends or until Ctrl-C.
+/// Runs a radar until it ends or until Ctrl-C, or deletes from its memory.
 pub fn run(args: &LiveArgs) -> CliResult {
+    match &args.verb {
+        Some(LiveVerb::Forget(args)) => forget(args),
+        None => watch(args),
+    }
+}
+
+fn watch(args: &LiveArgs) -> CliResult {
     let stop = Arc::new(AtomicBool::new(false));
     let stopping = Arc::clone(&stop);
     ctrlc::set_handler(move || stopping.store(true, Ordering::Release))
@@ -54,6 +67,9 @@ pub fn run(args: &LiveArgs) -> CliResult {
         eprintln!("http://{address}/");
     }
     let messages = live.subscribe();
+    let mut supervisor = Supervisor::from_environment();
+    supervisor.ready();
+    let mut broker_problem = None;
     while !stop.load(Ordering::Acquire) {
         match messages.recv_timeout(Duration::from_millis(200)) {
             Ok(message) => print(&message.json, args.json),
@@ -61,18 +77,75 @@ pub fn run(args: &LiveArgs) -> CliResult {
             Err(Silence::Timeout) if live.is_over() => break,
             Err(Silence::Timeout) => {}
         }
+        let problem = live.broker_problem();
+        if problem != broker_problem {
+            match &problem {
+                Some(problem) => eprintln!("warning: the broker cannot be used: {problem}"),
+                None => eprintln!("the broker is connected again"),
+            }
+            broker_problem = problem;
+        }
+        if live.is_moving() {
+            supervisor.alive();
+        }
     }
+    supervisor.stopping();
     match live.take_problem() {
         Some(problem) => Err(problem.into()),
         None => Ok(()),
     }
 }
 
+/// Deletes what was seen before a date.
+fn forget(args: &LiveForgetArgs) -> CliResult {
+    let path = existing_database(args.db.as_deref())?;
+    let before_ms = match args.before.as_str() {
+        "now" => now_ms(),
+        date => {
+            let utc_ms = midnight_ms(date).ok_or_else(|| {
+                CliError::new(format!("--before: `{date}` is no date"))
+                    .hint("write it as 2026-11-01, or `now` for everything")
+            })?;
+            utc_ms - 1_000 * i64::from(local_time::offset_s(utc_ms))
+        }
+    };
+    // A store that is opened is created where there is none; a wrong name must not make a database.
+    Timeline::open(&path).map_err(CliError::new)?;
+    let opened = Store::open(&path, now_ms()).map_err(|error| {
+        let is_locked = matches!(error, StoreError::Locked { .. });
+        let error = CliError::new(error);
+        match is_locked {
+            true => error.hint("stop `live` first, or use `Forget this range` on its page"),
+            false => error,
+        }
+    })?;
+    if let Some(damaged) = opened.set_aside {
+        return Err(CliError::new(format!(
+            "the database is damaged ({}); it is now {}",
+            damaged.problem,
+            damaged.path.display()
+        ))
+        .hint("delete that file to forget what it holds"));
+    }
+    let mut store = opened.store;
+    let deleted = store.forget(None, before_ms).map_err(CliError::new)?;
+    match args.json {
+        true => output::print_json(&deleted),
+        false => {
+            let Deleted {
+                activities, events, ..
+            } = deleted;
+            output::print_line(&format!(
+                "forgot {activities} activities and {events} events"
+            ));
+            Ok(())
+        }
+    }
+}
+
 /// Answers a question about what was seen.
 pub fn answer(args: &AskArgs) -> CliResult {
-    let path = database(args.db.as_deref()).ok_or_else(|| {
-        CliError::new("no database is named").hint("--db wants the file that `live --db` writes")
-    })?;
+    let path = existing_database(args.db.as_deref())?;
     let timeline = Timeline::open(&path).map_err(CliError::new)?;
     let now_ms = now_ms();
     let clock = Clock {
@@ -139,7 +212,9 @@ fn options(args: &LiveArgs) -> CliResult<LiveOptions> {
     let page = Page {
         address: args.http,
         token: match &args.token_file {
-            Some(path) => Some(Token::new(&bounded::read_text(path, MAX_CONFIG_BYTES)?).map_err(CliError::new)?),
+            Some(path) => Some(
+                Token::new(&bounded::read_text(path, MAX_CONFIG_BYTES)?).map_err(CliError::new)?,
+            ),
             None => None,
         },
         allow_hosts: args.allow_host.clone(),
@@ -186,6 +261,12 @@ fn database(named: Option<&Path>) -> Option<PathBuf> {
         Some(PathBuf::from(folder).join("live.db"))
     };
     named.map(PathBuf::from).or_else(of_service)
+}
+
+fn existing_database(named: Option<&Path>) -> CliResult<PathBuf> {
+    database(named).ok_or_else(|| {
+        CliError::new("no database is named").hint("--db wants the file that `live --db` writes")
+    })
 }
 
 /// Prints a message: sentences and falls, or everything but points as JSON.

@@ -69,7 +69,7 @@ fn a_recording_is_told_while_it_runs_and_remembered() {
 fn what_cannot_run_is_refused() {
     let live = |more: &[&str]| refused(&[&["live", "sim:"], more].concat());
     assert!(live(&["--http", "0.0.0.0:0"]).contains("token"));
-    assert!(live(&["--name", "Living room"]).contains("a-z"));
+    assert!(live(&["--name", "Living room"]).contains("a to z"));
     let broker = live(&["--http", "127.0.0.1:0", "--mqtt", "mqtt://127.0.0.1:1"]);
     assert!(broker.contains("simulated"), "{broker}");
     let input = "builtin:squat?repetitions=6";

@@ -10,6 +10,7 @@ mod eval_recordings;
 mod geometry;
 mod golden;
 mod live;
+mod live_outside;
 #[cfg(feature = "train")]
 mod lm;
 mod recordings;

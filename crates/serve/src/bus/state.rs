@@ -43,6 +43,11 @@ impl State {
         &self.about
     }
 
+    /// Whether a fall is suspected or confirmed, and not over.
+    pub(super) fn has_fall(&self, id: u64) -> bool {
+        self.falls.contains_key(&id)
+    }
+
     /// Takes a message into account.
     pub(super) fn update(&mut self, stamp: Stamp, body: &Body) {
         let oldest_ms = stamp.utc_ms.saturating_sub(NOW_MS);

@@ -10,7 +10,7 @@ use axum::extract::{Path, Query, State};
 use axum::http::header::CONTENT_LENGTH;
 use axum::http::{HeaderMap, Request, StatusCode};
 use axum::middleware::{self, Next};
-use axum::routing::get;
+use axum::routing::{get, post};
 use serde_json::json;
 use tokio::sync::{Semaphore, watch};
 use tokio::time::timeout;
@@ -19,6 +19,7 @@ use super::answer::{Answer, Refused, either, json, text};
 use super::guard::Guard;
 use super::history::{self, AskParameters, ForgetParameters, HistoryParameters, Memory};
 use super::{MAX_BODY_BYTES, MAX_LISTENERS, MAX_READING, Sources, events};
+use crate::mqtt::Status;
 
 const PAGE: &str = include_str!("../page/live.html");
 const SCRIPT: &str = concat!(
@@ -69,9 +70,18 @@ impl App {
             bus,
             metrics,
             vitals,
+            broker,
             ..
         } = &self.sources;
-        metrics.to_text(&bus.about(), &bus.counts(), vitals.problems().len())
+        let broker = broker.as_ref().map(Status::counts);
+        let n_problems = vitals.problems().len();
+        metrics.to_text(&bus.about(), &bus.counts(), broker.as_ref(), n_problems)
+    }
+
+    /// Whether the broker is connected, and why not; null without one. It is no reason to start the program anew.
+    fn broker(&self) -> serde_json::Value {
+        let status = |broker: &Status| json!({ "connected": broker.counts().connected, "problem": broker.problem() });
+        self.sources.broker.as_ref().map(status).into()
     }
 }
 
@@ -91,6 +101,7 @@ pub(super) fn router(app: Arc<App>) -> Router {
         .route("/api/history", get(read_history).delete(forget))
         .route("/api/ask", get(ask))
         .route("/api/activity/{id}/points", get(points))
+        .route("/api/falls/{id}/acknowledge", post(acknowledge))
         .route("/api/bug-bundle", get(bug_bundle))
         .route("/metrics", get(metrics))
         .route("/healthz", get(healthz))
@@ -180,6 +191,22 @@ async fn points(State(app): Shared, Path(id): Path<String>) -> Answer {
     either(history::points(&app, &id).await)
 }
 
+/// Hands the fall to the pipeline, which ends it with its next frame.
+async fn acknowledge(State(app): Shared, Path(id): Path<String>) -> Answer {
+    let known = id.parse().ok().filter(|id| app.sources.bus.has_fall(*id));
+    let (Some(fall), Some(acknowledge)) = (known, &app.sources.acknowledge) else {
+        let why = "there is no such fall, or it is over";
+        return Refused::new(StatusCode::NOT_FOUND, why).answer();
+    };
+    match acknowledge(fall) {
+        true => json(StatusCode::ACCEPTED, &json!({ "acknowledged": fall })),
+        false => {
+            let why = "too many falls are being acknowledged; try again";
+            Refused::new(StatusCode::SERVICE_UNAVAILABLE, why).answer()
+        }
+    }
+}
+
 async fn metrics(State(app): Shared) -> Answer {
     text(StatusCode::OK, PROMETHEUS, app.metrics_text())
 }
@@ -192,7 +219,7 @@ async fn healthz(State(app): Shared) -> Answer {
     };
     json(
         status,
-        &json!({ "ok": problems.is_empty(), "problems": problems }),
+        &json!({ "ok": problems.is_empty(), "problems": problems, "broker": app.broker() }),
     )
 }
 
@@ -209,6 +236,7 @@ async fn bug_bundle(State(app): Shared) -> Answer {
         "n_zones": about.zones.len(),
         "has_memory": app.sources.database.is_some(),
         "problems": app.sources.vitals.problems(),
+        "broker": app.broker(),
         "metrics": app.metrics_text(),
     });
     json(StatusCode::OK, &bundle)

@@ -23,6 +23,8 @@ pub(super) struct Fixture {
     pub bus: Arc<Bus>,
     pub vitals: Arc<Vitals>,
     pub metrics: Arc<Metrics>,
+    /// Numbers of falls that were acknowledged.
+    pub acknowledged: Receiver<u64>,
 }
 
 pub(super) fn loopback() -> Options {
@@ -43,12 +45,15 @@ pub(super) fn with_memory(options: Options, memory: Option<(&Path, Store)>) -> F
         let store = Mutex::new(store);
         Arc::new(move |from_ms, to_ms| store.lock().unwrap().forget(Some(from_ms), to_ms))
     });
+    let (acknowledge, acknowledged) = channel();
     let sources = Sources {
         bus: Arc::clone(&bus),
         metrics: Arc::clone(&metrics),
         vitals: Arc::clone(&vitals),
         database,
         forget,
+        broker: None,
+        acknowledge: Some(Arc::new(move |fall| acknowledge.send(fall).is_ok())),
         clock: Arc::new(|| Clock {
             now_ms: NOW_MS,
             offset_s: 0,
@@ -59,6 +64,7 @@ pub(super) fn with_memory(options: Options, memory: Option<(&Path, Store)>) -> F
         bus,
         vitals,
         metrics,
+        acknowledged,
     }
 }
 

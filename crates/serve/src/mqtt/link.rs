@@ -155,7 +155,7 @@ async fn poll(mut events: EventLoop, sender: Sender<LinkEvent>) {
             Ok(Event::Incoming(_) | Event::Outgoing(_)) => continue,
             Err(error) => {
                 let lost = LinkEvent::Lost {
-                    reason: error.to_string().chars().take(MAX_REASON).collect(),
+                    reason: reason(&error),
                     oversized: is_oversized(&error),
                 };
                 // The owner may be gone.
@@ -167,6 +167,13 @@ async fn poll(mut events: EventLoop, sender: Sender<LinkEvent>) {
             return;
         }
     }
+}
+
+/// The error in words, short and fit for a terminal.
+fn reason(error: &ConnectionError) -> String {
+    let text = error.to_string();
+    let plain = text.chars().filter(|c| !c.is_control());
+    plain.take(MAX_REASON).collect()
 }
 
 fn is_oversized(error: &ConnectionError) -> bool {

@@ -251,7 +251,10 @@ impl Room {
         if !self.is_occupied() {
             return LABELS[0];
         }
+        let is_held = |presence: &Presence| presence.state == PresenceState::Held;
         match self.chosen(now).map(|one| &one.what.label[..]) {
+            // Who is held says nothing new for as long as nobody is tracked.
+            None if self.presence.as_ref().is_some_and(is_held) => "unseen",
             None => "unsure",
             // Somebody is held who is not tracked.
             Some("nobody") => "unseen",
@@ -505,6 +508,8 @@ mod tests {
         room.now += NOW_TIME;
         assert_eq!(room.activity(), "walk");
         room.now += Duration::from_millis(1);
+        assert_eq!(room.activity(), "unseen");
+        room.present(PresenceState::Present, 1);
         assert_eq!(room.activity(), "unsure");
         assert_eq!(room.caption()["caption"], Value::Null);
         assert_eq!(room.caption()["radar"], "awr1843boost");

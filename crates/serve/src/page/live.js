@@ -1,8 +1,6 @@
 const QUIET_MS = 3000; // After so long without a frame the picture is old.
 const COME_BACK_MS = 5000; // A refused connection is tried again after this time.
 const NOW_MS = 15000; // A sentence that is not renewed is not the newest one for ever.
-const SAME_FALL_MS = 5000; // Messages about one fall agree on its time to this.
-const ACKNOWLEDGED = "radarllm-acknowledged";
 
 // The token came with the address; the cookie has it now.
 if (location.search) history.replaceState(null, "", location.pathname);
@@ -10,16 +8,14 @@ if (location.search) history.replaceState(null, "", location.pathname);
 const scene = makeScene(byId("scene"));
 const timeline = makeTimeline();
 const falls = new Map(), sentences = new Map();
-let hello = null, lastFrameAt = 0, isLinked = false, presence = null, health = null;
-let acknowledged = {};
-try { acknowledged = JSON.parse(localStorage.getItem(ACKNOWLEDGED)) || {}; } catch { /* Nothing was acknowledged. */ }
+let hello = null, lastFrameAt = 0, isLinked = false, presence = null, health = null, shownFall = null;
 
 function meet(message) {
   hello = message;
   const { name, source, radar, model, decoder, version, synthetic } = message;
   byId("name").textContent = name;
   for (const mark of document.querySelectorAll("[data-simulated]")) mark.hidden = !synthetic;
-  byId("provenance").textContent = `${synthetic ? "Simulated" : "Recorded"} points of ${radar} from ${source}; sentences by model ${model} (${decoder}), version ${version}.`;
+  byId("provenance").textContent = `${synthetic ? "Simulated" : "Recorded"} points of ${radar} (source ${source}); sentences by model ${model} (${decoder}), version ${version}.`;
   scene.describe(message); scene.clear();
   falls.clear(); sentences.clear();
   for (const fall of message.falls) hearFall(fall, Date.parse(message.utc));
@@ -57,7 +53,7 @@ function showNow() {
   shownNow = text;
   const blocks = told.map(now => {
     const said = element("p", "said", now.caption || words(now.label));
-    const notes = [who(now.person), now.caption ? words(now.label) : now.reason, percent(now.confidence), `last ${now.window_s} s`, "provisional"];
+    const notes = [who(now.person), now.caption ? words(now.label) : now.reason, percent(now.confidence), now.window_s ? `last ${now.window_s.toFixed(1)} s` : "", "provisional"];
     const note = element("p", "small dim", notes.filter(Boolean).join(" \u00b7 "));
     if (now.synthetic) note.append(" ", simulated());
     return element("div", "", said, note);
@@ -71,29 +67,31 @@ function hearFall(fall, serverNow_ms) {
   const told_ms = Date.parse(fall.utc), down_ms = told_ms - 1000 * fall.dwell_s;
   falls.set(fall.id, { ...fall, down_ms, downAt: performance.now() - (serverNow_ms - down_ms) });
 }
-// A confirmed fall is told although the suspicion was acknowledged. Numbers begin anew with the program, times do not.
-const keyOfFall = fall => `${fall.state} ${fall.id}`;
-const isAcknowledged = fall => acknowledged[keyOfFall(fall)] > fall.down_ms;
 const dwellText = seconds => `${Math.floor(seconds / 60)} min ${String(Math.floor(seconds % 60)).padStart(2, "0")} s`;
 
 function showAlarm() {
-  const open = [...falls.values()].filter(f => !isAcknowledged(f));
-  const fall = open.find(f => f.state === "confirmed") || open[0], alarm = byId("alarm");
+  const open = [...falls.values()], fall = open.find(f => f.state === "confirmed") || open[0] || null, alarm = byId("alarm");
   document.title = `${fall ? "Fall! " : ""}${hello && hello.synthetic ? "SIMULATED " : ""}${hello ? hello.name : "RadarLLM"}`;
+  if (!fall || !shownFall || fall.id !== shownFall.id) byId("alarm-problem").textContent = "";
+  shownFall = fall;
+  // The button must not lose the focus to nothing.
+  if (!fall && alarm.contains(document.activeElement)) byId("timeline").focus({ preventScroll: true });
   alarm.hidden = !fall;
   if (!fall) return;
   alarm.className = fall.state;
-  const who = fall.person == null ? "Somebody" : `Person ${fall.person}`;
-  const text = fall.state === "confirmed" ? `${who} fell and has not got up.` : `${who} may have fallen.`;
+  const name = fall.person == null ? "Somebody" : `Person ${fall.person}`, isConfirmed = fall.state === "confirmed";
+  const text = isConfirmed ? `${name} fell and has not got up.` : `${name} may have fallen.`;
   if (byId("alarm-text").textContent !== text) byId("alarm-text").textContent = text;
+  byId("acknowledge").textContent = isConfirmed ? "Acknowledge" : "Not a fall";
   byId("dwell").textContent = `Down for ${dwellText(Math.max(0, (performance.now() - fall.downAt) / 1000))}.`;
 }
-byId("acknowledge").addEventListener("click", () => {
-  for (const fall of falls.values()) acknowledged[keyOfFall(fall)] = fall.down_ms + SAME_FALL_MS;
-  acknowledged = Object.fromEntries(Object.entries(acknowledged).slice(-50));
-  try { localStorage.setItem(ACKNOWLEDGED, JSON.stringify(acknowledged)); } catch { /* It holds until the page is closed. */ }
-  showAlarm();
-  byId("timeline").focus({ preventScroll: true });
+// The fall ends for all who look: the server tells them, and this page as well.
+byId("acknowledge").addEventListener("click", async () => {
+  if (!shownFall) return;
+  const { id } = shownFall;
+  try { await askServer(`/api/falls/${id}/acknowledge`, {}, "POST"); } catch (error) {
+    if (error.status === 404) { falls.delete(id); showAlarm(); } else byId("alarm-problem").textContent = `Not acknowledged: ${error.message}.`;
+  }
 });
 
 function showPresence() {

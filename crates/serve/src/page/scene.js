@@ -18,7 +18,7 @@ function decodePoints(text) {
 
 // Draws a room on a canvas. It is drawn when something changes, and at most once for each frame of the screen.
 function makeScene(canvas) {
-  const camera = { yaw: 0.5, pitch: 0.42, distance: 8 };
+  const camera = { yaw: 0.5, pitch: 0.42, distance: 9 };
   let about = { radar_height_m: 1, zones: [], synthetic: false }, frames = [], colours = {}, isAsked = false;
 
   function readColours() {
@@ -28,7 +28,7 @@ function makeScene(canvas) {
 
   // The camera looks at the middle of the room; x is right of the radar, y away from it, z up.
   function projector(w, h) {
-    const f = 1.15 * Math.min(w, h), target = [0, 2.8, 0.8 - about.radar_height_m];
+    const f = 1.15 * Math.min(w, h), target = [0, 2.8, 0.6 - about.radar_height_m];
     const cy = Math.cos(camera.yaw), sy = Math.sin(camera.yaw), cp = Math.cos(camera.pitch), sp = Math.sin(camera.pitch);
     return (x, y, z) => {
       const dx = x - target[0], dy = y - target[1], dz = z - target[2];

@@ -2,6 +2,13 @@ const MAX_ROWS = 500; // Rows on the page.
 const PAGE_ROWS = 100; // Rows of one request.
 const REFRESH_MS = 4000;
 
+const EVENTS = {
+  present: "somebody is there", absent: "nobody is there any more",
+  suspected: "fall suspected", confirmed: "fall confirmed", dismissed: "fall dismissed", recovered: "recovered from the fall",
+  source_lost: "the radar is silent", source_back: "the radar is heard again", clock_step: "the clock was set",
+};
+const eventText = row => row.data && row.data.acknowledged ? "fall acknowledged" : EVENTS[row.kind] || words(row.kind);
+
 const byId = id => document.getElementById(id);
 
 // An element with a class and children; texts are inserted as texts, never as HTML.
@@ -41,7 +48,7 @@ function makeTimeline() {
   function item(row) {
     const time = element("time", "", clockText(timeOf(row)));
     time.dateTime = new Date(timeOf(row)).toISOString();
-    const what = element("span", row.kind ? "what event" : "what", row.kind ? words(row.kind) : row.caption || words(row.action));
+    const what = element("span", !row.kind ? "what" : ["suspected", "confirmed"].includes(row.kind) ? "what event fall" : "what event", row.kind ? eventText(row) : row.caption || words(row.action));
     if (row.origin.synthetic) what.append(" ", simulated());
     const seconds = row.kind ? "" : `${Math.max(1, Math.round((row.end_ms - row.start_ms) / 1000))} s`;
     const sure = row.confidence == null ? "" : `${Math.round(100 * row.confidence)} %`;

@@ -1,10 +1,11 @@
 //! Listeners to the live messages.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use super::client::Listener;
 use super::*;
-use crate::messages::{Body, Frame, Now, Stamp};
+use crate::messages::{Body, Frame, Health, Now, SourceState, Stamp};
 
 /// A frame message of 55 kB, so that the buffers of the operating system fill up soon.
 fn large_frame() -> Frame {
@@ -24,6 +25,17 @@ fn now() -> Now {
         reason: None,
         provisional: true,
         synthetic: true,
+    }
+}
+
+fn health() -> Health {
+    Health {
+        source: SourceState::Ok,
+        degraded: None,
+        frames_used: 1,
+        frames_lost: 0,
+        frames_dropped: 0,
+        problems: Vec::new(),
     }
 }
 
@@ -62,39 +74,49 @@ fn a_stalled_listener_loses_frames_alone_and_the_33rd_is_refused() {
     assert!(listeners.iter().all(|listener| listener.status == 200));
     assert_eq!(Listener::new(address).status, 503);
 
-    // The first listener takes nothing; the others read on threads of their own.
-    let n_messages = 200;
+    // The first listener takes nothing; the others read on threads of their own and count what they have.
     let stalled = listeners.remove(0);
     let bus = &fixture.bus;
+    let read: Vec<AtomicUsize> = listeners.iter().map(|_| AtomicUsize::new(0)).collect();
     std::thread::scope(|scope| {
         let reading: Vec<_> = listeners
             .iter_mut()
-            .map(|listener| {
-                scope.spawn(|| {
+            .zip(&read)
+            .map(|(listener, read)| {
+                scope.spawn(move || {
                     let (mut n_frames, mut n_now, mut n_lags) = (0, 0, 0);
-                    while n_frames + n_now < n_messages + n_messages / 10 {
+                    loop {
                         match listener.next().unwrap().at.what {
                             Body::Frame(_) => n_frames += 1,
                             Body::Now(_) => n_now += 1,
                             Body::Lag(_) => n_lags += 1,
+                            Body::Health(_) => return (n_frames, n_now, n_lags),
                             _ => {}
                         }
+                        read.store(n_frames + n_now, Ordering::Relaxed);
                     }
-                    (n_frames, n_now, n_lags)
                 })
             })
             .collect();
-        for n in 0..n_messages {
-            // A message is published when the readers have room, as at the pace of a radar.
+        // A message is published when those who read have most of the former ones, until the stalled one has lost some.
+        let (mut n_frames, mut n_now) = (0, 0);
+        while bus.counts().frames_dropped == 0 {
+            wait_for("the others read", || {
+                let have =
+                    |read: &AtomicUsize| read.load(Ordering::Relaxed) + 16 > n_frames + n_now;
+                read.iter().all(have)
+            });
             bus.publish(Stamp::default(), Body::Frame(large_frame()));
-            if n % 10 == 0 {
+            n_frames += 1;
+            if n_frames % 10 == 0 {
                 bus.publish(Stamp::default(), Body::Now(now()));
+                n_now += 1;
             }
-            std::thread::sleep(Duration::from_millis(8));
         }
+        bus.publish(Stamp::default(), Body::Health(health()));
         for (i, reader) in reading.into_iter().enumerate() {
             let counts = reader.join().unwrap();
-            assert_eq!(counts, (n_messages, n_messages / 10, 0), "listener {i}");
+            assert_eq!(counts, (n_frames, n_now, 0), "listener {i}");
         }
     });
     assert!(bus.counts().frames_dropped > 0);

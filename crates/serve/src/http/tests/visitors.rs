@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use super::client::{connect, read_reply, send};
 use super::*;
+use crate::messages::{Body, Fall, FallState, Stamp};
 
 #[test]
 fn the_page_is_served_with_headers_that_keep_others_out() {
@@ -161,6 +162,56 @@ fn a_token_is_asked_for_everywhere_and_becomes_a_cookie() {
 }
 
 #[test]
+fn falls_are_acknowledged_by_those_who_may_ask() {
+    let mut options = loopback();
+    options.token = Some(Token::new(TOKEN).unwrap());
+    let fixture = fixture(options);
+    let fall = |id, state| {
+        let fall = Fall {
+            id,
+            state,
+            person: Some(1),
+            dwell_s: 3.0,
+            synthetic: true,
+        };
+        fixture.bus.publish(Stamp::default(), Body::Fall(fall));
+    };
+    fall(7, FallState::Suspected);
+    fall(8, FallState::Confirmed);
+    fall(9, FallState::Confirmed);
+    fall(9, FallState::Recovered);
+    let bearer = format!("Authorization: Bearer {TOKEN}\r\n");
+    let status = |method, id: &str, lines: &str| {
+        let target = format!("/api/falls/{id}/acknowledge");
+        fixture.ask(method, &target, lines).status
+    };
+    assert_eq!(status("POST", "7", ""), 401);
+    let foreign = format!("{bearer}Origin: http://evil.example\r\n");
+    assert_eq!(status("POST", "7", &foreign), 403);
+    let foreign = format!("{bearer}Sec-Fetch-Site: cross-site\r\n");
+    assert_eq!(status("POST", "7", &foreign), 403);
+    // A link or a picture can only get.
+    assert_eq!(status("GET", "7", &bearer), 405);
+    for unknown in ["9", "10", "-7", "x", "18446744073709551616", "7%00"] {
+        assert_eq!(status("POST", unknown, &bearer), 404, "{unknown}");
+    }
+    assert_eq!(fixture.acknowledged.try_iter().count(), 0);
+    assert_eq!(status("POST", "7", &bearer), 202);
+    assert_eq!(status("POST", "8", &bearer), 202);
+    let acknowledged: Vec<u64> = fixture.acknowledged.try_iter().collect();
+    assert_eq!(acknowledged, [7, 8]);
+    // Too many wait: the pipeline is gone.
+    drop(fixture.acknowledged);
+    let target = "/api/falls/7/acknowledge";
+    let request = format!(
+        "POST {target} HTTP/1.1\r\nHost: {}\r\n{bearer}Connection: close\r\n\r\n",
+        fixture.server.address()
+    );
+    let address = fixture.server.address();
+    assert_eq!(send(address, request.as_bytes()).status, 503);
+}
+
+#[test]
 fn servers_that_anybody_could_ask_do_not_start() {
     let start = |options: Options| {
         let about = about();
@@ -170,6 +221,8 @@ fn servers_that_anybody_could_ask_do_not_start() {
             vitals: Arc::new(Vitals::new(Duration::from_millis(100))),
             database: None,
             forget: None,
+            broker: None,
+            acknowledge: None,
             clock: Arc::new(|| Clock {
                 now_ms: NOW_MS,
                 offset_s: 0,
