@@ -68,5 +68,6 @@ pub use lm::{
     Captioner, Chosen, DescribeOptions, Description, LmError, Precision, Segment, actions,
 };
 pub use prepare::{
-    FRAME_RATE_HZ, PrepareError, PrepareOptions, Prepared, RATE_TOLERANCE, needs_preparation, prepare_for_model,
+    FRAME_RATE_HZ, PrepareError, PrepareOptions, Prepared, RATE_TOLERANCE, needs_preparation,
+    prepare_for_model,
 };
