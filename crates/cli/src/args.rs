@@ -431,16 +431,57 @@ pub struct ProcessArgs {
 #[derive(Subcommand)]
 pub enum DatasetVerb {
     /// Build a data set from motions with captions: Parquet shards. Run it again to resume.
+    ///
+    /// With --shard, several processes or machines that share the folder build a part each, and `dataset finish` completes
+    /// the data set.
+    ///
+    /// Example: radarllm dataset build configs/default-data.toml --out work/data
+    ///
+    /// Example: radarllm dataset build configs/default-data.toml --out work/data --shard 3/8
     Build {
         /// Configuration (TOML); see docs/dataset.md.
         config: PathBuf,
         /// Folder of the data set.
         #[arg(long)]
         out: PathBuf,
+        /// Build only this part of the shards, for example 3/8: the third of eight parts.
+        #[arg(long, value_name = "PART/PARTS", conflicts_with = "force")]
+        shard: Option<Part>,
         /// Threads; all cores if omitted.
         #[arg(long)]
         threads: Option<usize>,
         /// Replace another data set in the folder.
+        #[arg(long)]
+        force: bool,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Complete a data set whose parts were built with --shard. Exit code 1 if shards are missing, which are named.
+    ///
+    /// Example: radarllm dataset finish configs/default-data.toml --out work/data
+    Finish {
+        /// Configuration (TOML) of the parts.
+        config: PathBuf,
+        /// Folder of the data set.
+        #[arg(long)]
+        out: PathBuf,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Copy a finished data set to a folder for the Hugging Face Hub: card, manifest and shards, with their hashes checked.
+    ///
+    /// Nothing is uploaded: `huggingface_hub.upload_folder` or git does that.
+    ///
+    /// Example: radarllm dataset export work/data --to hub
+    Export {
+        /// Folder of the data set.
+        dir: PathBuf,
+        /// Folder of the copy.
+        #[arg(long)]
+        to: PathBuf,
+        /// Replace the data set in an existing copy; its other files stay.
         #[arg(long)]
         force: bool,
         /// Print one JSON document.
@@ -463,6 +504,32 @@ pub enum DatasetVerb {
         #[arg(long)]
         json: bool,
     },
+}
+
+/// One of several parts of equal size, numbered from 1: `3/8`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Part {
+    /// In `1..=of`.
+    pub number: usize,
+    /// Number of parts.
+    pub of: usize,
+}
+
+impl std::str::FromStr for Part {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers = text
+            .split_once('/')
+            .map(|(number, of)| (number.parse::<usize>(), of.parse::<usize>()));
+        match numbers {
+            Some((Ok(number), Ok(of))) if (1..=of).contains(&number) => Ok(Self { number, of }),
+            Some((Ok(_), Ok(of))) if of > 0 => {
+                Err(format!("parts are numbered from 1/{of} to {of}/{of}"))
+            }
+            _ => Err("expected a part and the number of parts, for example 3/8".into()),
+        }
+    }
 }
 
 /// Stages of `train`.

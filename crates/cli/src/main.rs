@@ -1,29 +1,6 @@
-//! The `radarllm` command.
-//!
-//! Exit codes: 0 done, 1 the user can fix it (cause and `hint:` on stderr), 2 unexpected, 130 interrupted.
+//! The binary of the `radarllm` command.
 
-// Commands that are not part of a build are listed all the same.
-#[cfg_attr(not(feature = "train"), allow(dead_code))]
-mod args;
-mod commands;
-mod error;
-#[cfg(feature = "train")]
-mod interrupt;
-mod live_args;
-#[cfg(feature = "train")]
-mod log;
-mod memory;
-mod output;
-mod person_report;
-mod radar_file;
-mod recording_args;
-mod threads;
-mod user_memory;
-
-use std::{panic, process::ExitCode};
-
-use args::{Cli, Verb};
-use clap::Parser;
+use std::process::ExitCode;
 
 /// burn frees and asks for large tensors all the time; an allocator that keeps pages is worth
 /// about a third of the training time there.
@@ -31,66 +8,5 @@ use clap::Parser;
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
-        Ok(cli) => cli,
-        Err(error) => {
-            let _ = error.print();
-            // clap's own exit code for a usage error is 2. Here the code 1 denotes errors that the user can fix.
-            return ExitCode::from(u8::from(error.use_stderr()));
-        }
-    };
-    #[cfg(feature = "train")]
-    log::to_stderr();
-    let outcome = panic::catch_unwind(|| match cli.verb {
-        Verb::Demo(args) => commands::demo::run(&args),
-        Verb::Motion(verb) => commands::motion::run(&verb),
-        Verb::Radar(verb) => commands::radar::run(&verb),
-        Verb::Simulate(args) => commands::simulate::run(&args),
-        Verb::Process(args) => commands::process::run(&args),
-        Verb::Dataset(verb) => commands::dataset::run(&verb),
-        #[cfg(feature = "train")]
-        Verb::Train(args) => commands::train::run(&args),
-        Verb::Describe(args) => commands::describe::run(&args),
-        Verb::Teach(args) => commands::teach::run(&args),
-        Verb::Forget(args) => commands::teach::forget(&args),
-        Verb::Live(args) => commands::live::run(&args),
-        Verb::Ask(args) => commands::live::answer(&args),
-        Verb::Eval(args) => commands::eval::run(&args),
-        Verb::EvalRecordings(args) => commands::eval_recordings::run(&args),
-        Verb::EvalFalls(args) => commands::eval_falls::run(&args),
-        Verb::Interventions(args) => commands::interventions::run(&args),
-        Verb::Score(args) => commands::score::run(&args),
-        Verb::View(args) => commands::view::run(&args),
-        Verb::Realism(args) => commands::realism::run(&args),
-        #[cfg(feature = "train")]
-        Verb::Ablate(args) => commands::ablate::run(&args),
-        Verb::Robustness(args) => commands::robustness::run(&args),
-        #[cfg(feature = "train")]
-        Verb::Lm(verb) => commands::lm::run(&verb),
-        #[cfg(not(feature = "train"))]
-        Verb::Train(_) => Err(error::needs_training("`train`")),
-        #[cfg(not(feature = "train"))]
-        Verb::Ablate(_) => Err(error::needs_training("`ablate`")),
-        #[cfg(not(feature = "train"))]
-        Verb::Lm(_) => Err(error::needs_training("`lm`")),
-        Verb::Doctor(args) => commands::doctor::run(&args),
-        Verb::Completions { shell } => commands::shell::completions(shell),
-        Verb::Man => commands::shell::manual(),
-    });
-    match outcome {
-        Ok(Ok(())) => ExitCode::SUCCESS,
-        Ok(Err(error)) => {
-            eprintln!("error: {}", error.cause);
-            if let Some(hint) = error.hint {
-                eprintln!("hint: {hint}");
-            }
-            ExitCode::from(1)
-        }
-        Err(_) => {
-            eprintln!(
-                "error: this is a bug of radarllm, not of your input; the lines above say where"
-            );
-            ExitCode::from(2)
-        }
-    }
+    ExitCode::from(radarllm_cli::run(std::env::args_os()))
 }

@@ -3,7 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use crate::manifest::ShardEntry;
-use crate::shard::ShardReader;
+use arrow_array::RecordBatch;
+use arrow_schema::SchemaRef;
+
+use crate::shard::{self, BatchReader, ShardReader};
 use crate::{ClipRecord, Columns, DatasetError, Manifest, Split, check_record};
 
 /// An opened data set. Its manifest has been read and checked; its shards have not been read yet.
@@ -57,6 +60,17 @@ impl Dataset {
         self.iter_split(split, Columns::All).collect()
     }
 
+    /// Iterates over the rows of a split as Arrow batches, with one row group in memory at a time.
+    pub fn iter_batches(&self, split: Split) -> BatchIter {
+        let mut shards: Vec<PathBuf> = self.shards(split).map(|s| s.path(&self.dir)).collect();
+        shards.reverse();
+        BatchIter {
+            shards,
+            open: None,
+            failed: false,
+        }
+    }
+
     /// Iterates over the clips of a split, with one row group in memory at a time.
     pub fn iter_split(&self, split: Split, columns: Columns) -> ClipIter {
         let mut shards: Vec<(PathBuf, u64)> = self
@@ -71,6 +85,50 @@ impl Dataset {
             open: None,
             failed: false,
         }
+    }
+}
+
+/// Streams the rows of a split as Arrow batches of at most 32 clips, without looking at the values. The iterator ends
+/// after an error.
+pub struct BatchIter {
+    /// Remaining shards, last first.
+    shards: Vec<PathBuf>,
+    open: Option<BatchReader>,
+    failed: bool,
+}
+
+impl BatchIter {
+    /// Columns of every batch: see [`crate::shard`].
+    pub fn schema() -> SchemaRef {
+        shard::schema()
+    }
+
+    fn advance(&mut self) -> Result<Option<RecordBatch>, DatasetError> {
+        loop {
+            if let Some(reader) = &mut self.open {
+                if let Some(batch) = reader.next_batch()? {
+                    return Ok(Some(batch));
+                }
+                self.open = None;
+            }
+            let Some(path) = self.shards.pop() else {
+                return Ok(None);
+            };
+            self.open = Some(BatchReader::open(&path)?);
+        }
+    }
+}
+
+impl Iterator for BatchIter {
+    type Item = Result<RecordBatch, DatasetError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.failed {
+            return None;
+        }
+        let item = self.advance().transpose();
+        self.failed = matches!(item, Some(Err(_)));
+        item
     }
 }
 

@@ -98,18 +98,80 @@ pub enum DatasetError {
         /// The content of the directory.
         problem: String,
     },
+    /// Nothing may be copied to the directory, whatever the options.
+    #[error("{dir}: {problem}; hint: choose another folder", dir = dir.display())]
+    Target {
+        /// Directory.
+        dir: PathBuf,
+        /// Why it is refused.
+        problem: String,
+    },
+    /// A file that bears the name of a shard does not belong to the data set.
+    #[error("{path}: not a shard of this data set, but readers would take it for one; hint: remove it", path = path.display())]
+    Stray {
+        /// File.
+        path: PathBuf,
+    },
     /// The directory contains something that is not a data set.
     #[error("{dir}: not empty and not a data set; hint: choose another directory", dir = dir.display())]
     NotADataset {
         /// Directory.
         dir: PathBuf,
     },
-    /// Another process builds in the same directory.
-    #[error("{dir}: another build is running in this directory", dir = dir.display())]
+    /// The build was stopped before it was complete.
+    #[error("{dir}: stopped before it was complete; the next build goes on from here", dir = dir.display())]
+    Interrupted {
+        /// Directory.
+        dir: PathBuf,
+    },
+    /// No build was begun in the directory.
+    #[error("{dir}: not prepared for a build", dir = dir.display())]
+    NotPrepared {
+        /// Directory.
+        dir: PathBuf,
+    },
+    /// The directory was prepared by a process that this one does not agree with.
+    #[error("{dir}: {problem}; hint: all processes of a build need the same program, the same configuration and processors with the same instructions", dir = dir.display())]
+    Disagreement {
+        /// Directory.
+        dir: PathBuf,
+        /// What differs.
+        problem: String,
+    },
+    /// Shards are missing or damaged, so that the data set cannot be finished.
+    #[error("{dir}: {} of {n_shards} shards are missing or damaged: {}; hint: build them, the others are kept", missing.len(), first_names(missing), dir = dir.display())]
+    Incomplete {
+        /// Directory.
+        dir: PathBuf,
+        /// Names of the shards, such as `train-00000-of-00002`.
+        missing: Vec<String>,
+        /// Number of shards of the data set.
+        n_shards: usize,
+    },
+    /// The file system of the directory lacks what is needed to write safely.
+    #[error("{dir}: {problem}; hint: choose a folder on a file system with locks and renames (a local disk, NFS, Lustre with `flock`); what `radarllm dataset export` copies there can be uploaded", dir = dir.display())]
+    Unsuitable {
+        /// Directory.
+        dir: PathBuf,
+        /// What it lacks.
+        problem: String,
+    },
+    /// Another process builds in the same directory or exports to it.
+    #[error("{dir}: another process is working in this directory", dir = dir.display())]
     Locked {
         /// Directory.
         dir: PathBuf,
     },
+}
+
+/// The first names of a list and the number of the others.
+fn first_names(names: &[String]) -> String {
+    const MAX_NAMES: usize = 20;
+    let mut text = names[..names.len().min(MAX_NAMES)].join(", ");
+    if names.len() > MAX_NAMES {
+        text.push_str(&format!(" and {} more", names.len() - MAX_NAMES));
+    }
+    text
 }
 
 impl DatasetError {

@@ -30,8 +30,8 @@
 //! ```
 //!
 //! Reading order: [`record`] (one clip), [`points_file`] (one recording's points), [`shard`] (the
-//! columns of the archive), [`builder`] (resumable building), [`dataset`] (reading), [`info`],
-//! [`mod@validate`].
+//! columns of the archive), [`builder`] (resumable building by one or more processes), [`dataset`] (reading),
+//! [`info`], [`mod@validate`], [`mod@export`] (a copy for the Hugging Face Hub).
 //!
 //! Layout of a data set directory:
 //!
@@ -39,7 +39,7 @@
 //! manifest.json                      what is in it: written last, so its presence means complete
 //! README.md                          data set card, generated from the manifest
 //! data/train-00000-of-00002.parquet  shards, one row a clip
-//! .shards/                           what a build needs to resume: plan, one sidecar a shard
+//! .shards/                           what a build needs to resume: plan, one sidecar a shard, lock
 //! ```
 #![forbid(unsafe_code)]
 
@@ -50,6 +50,7 @@ pub mod shard;
 
 pub mod builder;
 pub mod dataset;
+pub mod export;
 pub mod info;
 pub mod manifest;
 pub mod validate;
@@ -58,16 +59,26 @@ mod atomic;
 mod card;
 mod check;
 mod error;
+mod file_system;
+mod folder;
 mod guard;
+mod plan;
 mod split;
+mod work;
 
-pub use builder::{BuildOptions, BuildPlan, BuildReport, ItemId, Progress, build};
+pub use builder::{
+    BuildOptions, BuildPlan, BuildReport, Builder, BuiltShards, ItemId, Progress, build,
+};
 pub use check::check_record;
-pub use dataset::{ClipIter, Dataset};
+pub use dataset::{BatchIter, ClipIter, Dataset};
 pub use error::DatasetError;
+pub use export::export;
 pub use info::Info;
-pub use manifest::{FailedItem, Manifest, SourceLicence};
-pub use points_file::{PointsFile, PointsMeta, read_points, write_clip, write_points};
+pub use manifest::{FailedItem, Manifest, ShardEntry, SourceLicence};
+pub use points_file::{
+    PointsFile, PointsMeta, points_from_batches, points_to_batch, read_points, write_clip,
+    write_points,
+};
 pub use record::{ClipRecord, MOTION_FEATURE_DIM, Split};
 pub use shard::Columns;
 pub use validate::{Problem, validate, validate_with};

@@ -23,6 +23,17 @@ pub struct SourceLicence {
     pub licence: String,
     /// Attribution, location of the source, and changes.
     pub attribution: String,
+    /// Whether the radar points of this source are simulated. Not stored where it is true, as in all data sets so far.
+    #[serde(default = "yes", skip_serializing_if = "is_true")]
+    pub synthetic: bool,
+}
+
+fn yes() -> bool {
+    true
+}
+
+fn is_true(value: &bool) -> bool {
+    *value
 }
 
 /// An item that could not be generated.

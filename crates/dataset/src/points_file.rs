@@ -108,37 +108,10 @@ pub fn write_points(
     overwrite: Overwrite,
 ) -> Result<(), DatasetError> {
     check_frames(path, meta, frames)?;
-    let n_frames = frames.last().map_or(0, |f| u64::from(f.frame) + 1);
-    let t0_s = frames
-        .first()
-        .map_or(0.0, |f| f.time_s - f64::from(f.frame) / meta.frame_rate_hz);
-
-    let mut metadata = vec![
-        KeyValue::new("radar".to_string(), meta.radar.clone()),
-        KeyValue::new("source".to_string(), meta.source.clone()),
-        KeyValue::new("version".to_string(), meta.version.clone()),
-        KeyValue::new("n_frames".to_string(), n_frames.to_string()),
-        KeyValue::new("frame_rate".to_string(), meta.frame_rate_hz.to_string()),
-        KeyValue::new("t0_s".to_string(), t0_s.to_string()),
-        KeyValue::new(
-            "axes".to_string(),
-            "x right, y away from the radar, z up; metres; velocity positive when receding"
-                .to_string(),
-        ),
-    ];
-    if let Some(seed) = meta.seed {
-        metadata.push(KeyValue::new("seed".to_string(), seed.to_string()));
-    }
-    if let Some(height_m) = meta.radar_height_m {
-        metadata.push(KeyValue::new(
-            "radar_height_m".to_string(),
-            height_m.to_string(),
-        ));
-    }
-    let missing = missing_frames(frames);
-    if !missing.is_empty() {
-        metadata.push(KeyValue::new("missing_frames".to_string(), missing));
-    }
+    let metadata = metadata_of(meta, frames)
+        .into_iter()
+        .map(|(key, value)| KeyValue::new(key.to_string(), value))
+        .collect();
     let properties = WriterProperties::builder()
         .set_created_by(format!("radarllm-dataset {}", env!("CARGO_PKG_VERSION")))
         .set_compression(Compression::SNAPPY)
@@ -154,6 +127,56 @@ pub fn write_points(
         writer.close().map_err(corrupt)?;
         Ok(())
     })
+}
+
+/// The points of frames as one Arrow batch with the columns of a points file. The metadata of its schema is that of
+/// [`write_points`], so that [`points_from_batches`] restores frames without points.
+///
+/// # Errors
+/// Frames that [`write_points`] would refuse.
+pub fn points_to_batch(
+    meta: &PointsMeta,
+    frames: &[PointFrame],
+) -> Result<RecordBatch, DatasetError> {
+    let name = Path::new("points");
+    check_frames(name, meta, frames)?;
+    let corrupt = |e: arrow_schema::ArrowError| DatasetError::corrupt(name, e);
+    let batch = points_batch(frames).map_err(corrupt)?;
+    let metadata: HashMap<String, String> = metadata_of(meta, frames)
+        .into_iter()
+        .map(|(key, value)| (key.to_string(), value))
+        .collect();
+    let schema = batch.schema().as_ref().clone().with_metadata(metadata);
+    batch.with_schema(Arc::new(schema)).map_err(corrupt)
+}
+
+/// Points from Arrow batches with the columns of a points file, of any program. `metadata` is that of their schema, or
+/// what the caller states instead. `name` takes the place of the file in errors.
+///
+/// # Errors
+/// As [`read_points`].
+pub fn points_from_batches(
+    name: &Path,
+    metadata: &HashMap<String, String>,
+    batches: impl IntoIterator<Item = Result<RecordBatch, arrow_schema::ArrowError>>,
+) -> Result<PointsFile, DatasetError> {
+    let mut frames: Vec<PointFrame> = Vec::new();
+    let mut n_rows = 0_u64;
+    for batch in batches {
+        let batch = batch.map_err(|e| DatasetError::corrupt(name, e))?;
+        let found = n_rows + batch.num_rows() as u64;
+        if found > LIMITS.rows {
+            return Err(DatasetError::Limit {
+                path: name.into(),
+                what: "number of points".into(),
+                found,
+                most: LIMITS.rows,
+            });
+        }
+        append_batch(name, &batch, n_rows, &mut frames)?;
+        n_rows = found;
+    }
+    complete(name, metadata, frames)
 }
 
 /// Reads a points file, written by this crate or any Parquet file with the same columns (integers and doubles are
@@ -205,6 +228,37 @@ pub fn read_points(path: &Path) -> Result<PointsFile, DatasetError> {
         )?;
     }
     complete(path, &metadata, frames)
+}
+
+/// The metadata of points: see [`write_points`].
+fn metadata_of(meta: &PointsMeta, frames: &[PointFrame]) -> Vec<(&'static str, String)> {
+    let n_frames = frames.last().map_or(0, |f| u64::from(f.frame) + 1);
+    let t0_s = frames
+        .first()
+        .map_or(0.0, |f| f.time_s - f64::from(f.frame) / meta.frame_rate_hz);
+    let mut metadata = vec![
+        ("radar", meta.radar.clone()),
+        ("source", meta.source.clone()),
+        ("version", meta.version.clone()),
+        ("n_frames", n_frames.to_string()),
+        ("frame_rate", meta.frame_rate_hz.to_string()),
+        ("t0_s", t0_s.to_string()),
+        (
+            "axes",
+            "x right, y away from the radar, z up; metres; velocity positive when receding".into(),
+        ),
+    ];
+    if let Some(seed) = meta.seed {
+        metadata.push(("seed", seed.to_string()));
+    }
+    if let Some(height_m) = meta.radar_height_m {
+        metadata.push(("radar_height_m", height_m.to_string()));
+    }
+    let missing = missing_frames(frames);
+    if !missing.is_empty() {
+        metadata.push(("missing_frames", missing));
+    }
+    metadata
 }
 
 fn check_frames(path: &Path, meta: &PointsMeta, frames: &[PointFrame]) -> Result<(), DatasetError> {

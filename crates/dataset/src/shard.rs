@@ -179,6 +179,43 @@ impl Iterator for ShardReader {
     }
 }
 
+/// Streams the rows of one shard as Arrow batches with the columns of [`schema`].
+pub(crate) struct BatchReader {
+    path: PathBuf,
+    reader: ParquetRecordBatchReader,
+}
+
+impl BatchReader {
+    pub fn open(path: &Path) -> Result<Self, DatasetError> {
+        let (reader, _) = open_projected(path, |_| true)?;
+        Ok(Self {
+            path: path.into(),
+            reader,
+        })
+    }
+
+    /// The next batch; `None` at the end.
+    pub fn next_batch(&mut self) -> Result<Option<RecordBatch>, DatasetError> {
+        let (path, reader) = (&self.path, &mut self.reader);
+        let Some(batch) = guard::isolated(path, || next_batch(path, reader))? else {
+            return Ok(None);
+        };
+        // The columns of the file may be in another order, and its schema may have metadata.
+        let columns = schema()
+            .fields()
+            .iter()
+            .map(|field| {
+                let column = batch.column_by_name(field.name()).cloned();
+                column.ok_or_else(|| {
+                    DatasetError::corrupt(path, format!("no column `{}`", field.name()))
+                })
+            })
+            .collect::<Result<Vec<ArrayRef>, _>>()?;
+        let batch = RecordBatch::try_new(schema(), columns);
+        batch.map(Some).map_err(|e| DatasetError::corrupt(path, e))
+    }
+}
+
 /// Reads the [`ClipSummary`] of every clip of a shard.
 pub(crate) fn read_summaries(path: &Path) -> Result<Vec<ClipSummary>, DatasetError> {
     let wanted = [
@@ -235,7 +272,8 @@ fn fixed(kind: DataType, length: i32) -> DataType {
     DataType::FixedSizeList(element(kind), length)
 }
 
-fn schema() -> SchemaRef {
+/// The columns of a shard.
+pub(crate) fn schema() -> SchemaRef {
     let field = |name: &str, kind| Field::new(name, kind, false);
     Arc::new(Schema::new(vec![
         field("id", DataType::Utf8),

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use radarllm_metrics::{
     Candidate, Protocol, Reference, Scores,
     bootstrap::{mean_interval, units_of_ids},
-    embedding::{BertScore, Idf, Sentence, bert_score, cosine},
+    embedding::{BertScore, Idf, Padding, Sentence, bert_score, cosine, padding},
 };
 
 use crate::{EvalError, interval::N_RESAMPLES};
@@ -189,6 +189,7 @@ fn bert_scores(
             .encode(texts, options.layer)
             .map_err(EvalError::Encoder)
     };
+    let mut paddings = paddings(encoder, items)?.into_iter();
     let mut out = Vec::with_capacity(items.len());
     for chunk in items.chunks(CHUNK) {
         let candidates = encode(&texts(chunk, |item| vec![item.candidate]))?;
@@ -209,6 +210,7 @@ fn bert_scores(
                         weights: &reference_weights,
                     },
                     encoder.width(),
+                    paddings.next().unwrap_or_default(),
                 )?);
             }
             let best = BertScore::best(scores).unwrap_or_default();
@@ -217,6 +219,26 @@ fn bert_scores(
         }
     }
     Ok(out)
+}
+
+/// The padding of all pairs of a candidate and a reference, in the order in which bert_score compares them: item by item,
+/// reference by reference.
+fn paddings(encoder: &dyn SentenceEncoder, items: &[Item]) -> Result<Vec<Padding>, EvalError> {
+    let n_tokens = |texts: &[String]| -> Result<Vec<usize>, EvalError> {
+        let ids = encoder.ids(texts).map_err(EvalError::Encoder)?;
+        Ok(ids.iter().map(Vec::len).collect())
+    };
+    let mut lengths = Vec::with_capacity(items.len());
+    for chunk in items.chunks(CHUNK) {
+        let candidates = n_tokens(&texts(chunk, |item| vec![item.candidate]))?;
+        let references = n_tokens(&texts(chunk, |item| item.references.clone()))?;
+        let mut references = references.into_iter();
+        for (item, candidate) in chunk.iter().zip(candidates) {
+            let own = references.by_ref().take(item.references.len());
+            lengths.extend(own.map(|reference| (candidate, reference)));
+        }
+    }
+    Ok(padding(&lengths))
 }
 
 fn similarities(encoder: &dyn SentenceEncoder, items: &[Item]) -> Result<Vec<f64>, EvalError> {

@@ -18,9 +18,25 @@
 //!
 //! Names of actions are those of the motion library (`radarllm motion list`) where it has the action.
 //!
-//! Reading order: [`parse`](mod@parse) (sentences to clauses), [`lexicon`] (words that state an action).
+//! [`facts()`] adds the subject; the notation of [`Facts`] is one line.
+//!
+//! Reading order: [`action`] (what can be stated), [`parse`](mod@parse) (sentences to clauses), [`lexicon`] (words that
+//! state an action), [`words`] (spelling), `attributes` (what else the words state), [`write`](mod@write) (facts to
+//! sentences), [`inflect`] (verb forms), [`score`] (facts beside facts), [`attach`] (whether a sentence may describe a
+//! motion).
 
+pub mod action;
+pub mod attach;
+mod attributes;
+pub mod inflect;
 pub mod lexicon;
 pub mod parse;
+pub mod score;
+pub mod words;
+pub mod write;
 
-pub use parse::{Action, Clause, Direction, Side, parse};
+pub use action::{
+    Action, BodyPart, Count, Direction, Duration, Extent, Facts, Height, Kind, Manner, Path,
+    Posture, Side, Subject, Tempo,
+};
+pub use parse::{Clause, facts, parse};

@@ -1,6 +1,11 @@
 //! Sentences to clauses.
 
-use crate::lexicon::{MAX_GAP, PATTERNS};
+use crate::{
+    action::{Action, Facts, Subject},
+    attributes,
+    lexicon::{IDIOMS, MAX_GAP, PATTERNS},
+    words::{Word, words},
+};
 
 /// A part of a sentence that covers one stretch of time.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -10,43 +15,6 @@ pub struct Clause {
     /// The actions that happen in this stretch, in the order in which they are named. Several happen at once
     /// ("walks while waving"). Empty if no action is recognised.
     pub actions: Vec<Action>,
-}
-
-/// An action with its attributes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Action {
-    /// Name, for example `sit_down`.
-    pub name: &'static str,
-    /// The acting side of the body, if the sentence states it.
-    pub side: Option<Side>,
-    /// The direction, if the sentence states it.
-    pub direction: Option<Direction>,
-}
-
-/// The acting side of the body.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Side {
-    /// The person's left.
-    Left,
-    /// The person's right.
-    Right,
-    /// Both sides.
-    Both,
-}
-
-/// A direction as seen by the person.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Direction {
-    /// To the front.
-    Forward,
-    /// To the back.
-    Backward,
-    /// To the left; also counterclockwise.
-    Left,
-    /// To the right; also clockwise.
-    Right,
-    /// Up.
-    Up,
 }
 
 /// Words between which one clause ends and the next begins. Longer ones stand before their parts.
@@ -61,11 +29,6 @@ const SEPARATORS: [&str; 8] = [
     ". ",
 ];
 
-/// Parts of the body whose side is the acting side.
-const LIMBS: [&str; 12] = [
-    "hand", "hands", "arm", "arms", "fist", "fists", "leg", "legs", "foot", "feet", "knee", "ear",
-];
-
 /// Returns the clauses of a sentence in order of time. "After sitting, a person waves" and "a person sits before
 /// waving" both state `sit` first. A sentence without a known word has one clause without actions.
 pub fn parse(sentence: &str) -> Vec<Clause> {
@@ -75,11 +38,83 @@ pub fn parse(sentence: &str) -> Vec<Clause> {
     for separator in SEPARATORS {
         parts = parts.iter().flat_map(|p| p.split(separator)).collect();
     }
-    parts
+    let mut clauses: Vec<Clause> = parts
         .into_iter()
         .flat_map(in_order_of_time)
         .map(clause)
-        .collect()
+        .collect();
+    for i in 1..clauses.len() {
+        let (before, rest) = clauses.split_at_mut(i);
+        if let (Some(last), [own, ..]) = (before[i - 1].actions.last(), rest)
+            && own.actions.is_empty()
+        {
+            own.actions.extend(elided(last, &own.text));
+        }
+    }
+    clauses
+}
+
+/// What a sentence states: its subject, and its actions by stretch of time.
+///
+/// ```
+/// use radarllm_facts::facts;
+///
+/// let stated = facts("A man slowly takes four steps back, then waves twice with his left hand.");
+/// assert_eq!(
+///     stated.to_string(),
+///     "man: walk backward x4 slow; wave hand left x2"
+/// );
+/// ```
+pub fn facts(sentence: &str) -> Facts {
+    let clauses = parse(sentence);
+    Facts {
+        subject: subject(&words(&sentence.to_lowercase())),
+        stretches: clauses
+            .into_iter()
+            .map(|clause| clause.actions)
+            .filter(|actions| !actions.is_empty())
+            .collect(),
+    }
+}
+
+/// The first word that names somebody.
+fn subject(words: &[Word]) -> Option<Subject> {
+    words.iter().find_map(|word| {
+        Some(match word.text.as_str() {
+            "person" | "someone" | "somebody" | "human" | "subject" | "individual" | "they"
+            | "people" | "user" | "actor" | "performer" | "walker" | "dancer" | "participant"
+            | "model" | "player" => Subject::Person,
+            "man" | "he" | "guy" | "boy" | "male" | "gentleman" => Subject::Man,
+            "woman" | "she" | "girl" | "lady" | "female" => Subject::Woman,
+            "figure" | "sim" | "toon" | "character" | "stickman" | "animation" | "mannequin"
+            | "avatar" | "robot" => Subject::Figure,
+            _ => return None,
+        })
+    })
+}
+
+/// The action before, repeated without its verb: "walks to the left, then to the right".
+fn elided(last: &Action, text: &str) -> Option<Action> {
+    let words = words(text);
+    let words: Vec<&str> = words.iter().map(|w| w.text.as_str()).collect();
+    let mut action = Action::named(last.name);
+    attributes::fill(&mut action, &words, 0);
+    let starts_with_way = words.first().is_some_and(|w| {
+        matches!(
+            *w,
+            "to" | "back" | "backward" | "backwards" | "forward" | "left" | "right" | "the"
+        )
+    });
+    let says_way =
+        action.direction.is_some() || action.side.is_some_and(|side| Some(side) != last.side);
+    (starts_with_way && says_way).then_some(action)
+}
+
+/// Whether two actions of one name state different values of the same kind, so that they are two.
+fn contradicts(a: &Action, b: &Action) -> bool {
+    let differ = |x: Option<u8>, y: Option<u8>| matches!((x, y), (Some(x), Some(y)) if x != y);
+    differ(a.side.map(|s| s as u8), b.side.map(|s| s as u8))
+        || differ(a.direction.map(|d| d as u8), b.direction.map(|d| d as u8))
 }
 
 /// Splits at "before" and "after".
@@ -87,48 +122,156 @@ fn in_order_of_time(part: &str) -> Vec<&str> {
     if let Some(rest) = part.strip_prefix("after ")
         && let Some((first, second)) = rest.split_once(',')
     {
-        return vec![first, second];
+        // "After squatting, pausing and rising, a person waves": the comma before the subject.
+        let starts = |text: &str| SUBJECTS.iter().any(|s| text.trim_start().starts_with(s));
+        let commas = rest.match_indices(',').map(|(at, _)| rest.split_at(at));
+        let mut before_subject = commas.filter(|(_, second)| starts(&second[1..]));
+        return match before_subject.next() {
+            Some((first, second)) => vec![first, &second[1..]],
+            None => vec![first, second],
+        };
     }
     if let Some((first, second)) = part.split_once(" before ") {
         return vec![first, second];
     }
     match part.split_once(" after ") {
-        // "Faces to the left after a quarter turn" is one action.
-        Some((second, first)) if !first.ends_with("turn") => vec![first, second],
+        // "Sits and after a few seconds gets up."
+        Some((_, second)) if is_lapse(second) && second.split(' ').count() < 6 => vec![part],
+        Some((first, second)) if is_lapse(second) => vec![first, second],
+        // "Faces to the left after a quarter turn" is one action, also if more words follow.
+        Some((second, first))
+            if first.ends_with("turn")
+                || first.starts_with("a quarter turn") && second.contains(" faces ") =>
+        {
+            vec![part]
+        }
+        Some((second, first)) => vec![first, second],
         _ => vec![part],
     }
 }
 
+/// Whether a text begins with a lapse of time or way rather than with an action.
+fn is_lapse(text: &str) -> bool {
+    let words: Vec<&str> = text.split_whitespace().take(5).collect();
+    let unit = |w: &&str| {
+        let w = w.trim_end_matches([',', '.']);
+        matches!(
+            w,
+            "second" | "seconds" | "moment" | "moments" | "while" | "steps" | "time"
+        )
+    };
+    matches!(words.first(), Some(&("which" | "that" | "this"))) || words.iter().any(unit)
+}
+
+/// Words before a verb that belong to it: "and slowly starts to walk".
+fn leads(word: &str) -> bool {
+    word.len() > 4 && word.ends_with("ly")
+        || matches!(
+            word,
+            "also"
+                | "starts"
+                | "begins"
+                | "starting"
+                | "to"
+                | "is"
+                | "are"
+                | "he"
+                | "she"
+                | "they"
+                | "it"
+                | "person"
+                | "man"
+                | "a"
+                | "the"
+                | "continues"
+                | "finally"
+                | "again"
+                | "immediately"
+                | "proceeds"
+                | "his"
+                | "her"
+                | "their"
+                | "its"
+                | "left"
+                | "right"
+                | "both"
+                | "quick"
+                | "slow"
+                | "first"
+                | "this"
+                | "then"
+        )
+}
+
+/// Where the words of an action begin: before its adverbs, after the "and" or the comma before them.
+fn beginning(words: &[Word], start: usize, after: usize) -> usize {
+    let mut at = start;
+    while at > after {
+        if words[at].after_comma || words[at - 1].text == "and" {
+            return at;
+        }
+        if !leads(&words[at - 1].text) {
+            break;
+        }
+        at -= 1;
+    }
+    // Without a boundary only adverbs move over.
+    while at < start && !words[at].text.ends_with("ly") {
+        at += 1;
+    }
+    at
+}
+
 fn clause(text: &str) -> Clause {
     let mut actions: Vec<Action> = Vec::new();
-    for part in text.split(" while ") {
-        let words: Vec<&str> = part
-            .split(|c: char| c.is_whitespace() || c == ',')
-            .map(|w| w.trim_matches(|c: char| !c.is_alphanumeric()))
-            .filter(|w| !w.is_empty())
-            .collect();
-        let mut found: Vec<(usize, &'static str)> = Vec::new();
+    for part in text.split(" while ").flat_map(|p| p.split(" whilst ")) {
+        let words = words(part);
+        let texts: Vec<&str> = words.iter().map(|w| w.text.as_str()).collect();
+        // First and last word of each action, and its name.
+        let mut found: Vec<(usize, usize, &'static str)> = Vec::new();
         let mut used = vec![false; words.len()];
-        for pattern in PATTERNS {
-            while let Some(at) = find(&words, &used, pattern.words) {
+        for idiom in IDIOMS {
+            while let Some(at) = find(&texts, &used, idiom) {
                 at.iter().for_each(|i| used[*i] = true);
-                if found.iter().all(|(_, name)| *name != pattern.action) {
-                    found.push((at[0], pattern.action));
-                }
             }
         }
+        for pattern in PATTERNS {
+            let wanted = match pattern.words.strip_prefix('?') {
+                Some(_) if !found.is_empty() => continue,
+                Some(wanted) => wanted,
+                None => pattern.words,
+            };
+            while let Some(at) = find(&texts, &used, wanted) {
+                at.iter().for_each(|i| used[*i] = true);
+                let end = at.last().copied().unwrap_or_default();
+                found.push((at[0], end, pattern.action));
+            }
+        }
+        // "Without bending the knees" states no bending.
+        found.retain(|(start, ..)| !matches!(texts[..*start], [.., "without" | "not" | "never"]));
         found.sort_unstable();
-        for (i, (start, name)) in found.iter().enumerate() {
+        for (i, (start, _, name)) in found.iter().enumerate() {
             // Attributes stand between an action and the next one. Those before the first belong to it.
-            let from = if i == 0 { 0 } else { *start };
-            let to = found.get(i + 1).map_or(words.len(), |next| next.0);
-            let own = &words[from..to];
-            if actions.iter().all(|a| a.name != *name) {
-                actions.push(Action {
-                    name,
-                    side: side(own),
-                    direction: direction(own),
-                });
+            let from = match i {
+                0 => 0,
+                _ => beginning(&words, *start, found[i - 1].0 + 1),
+            };
+            let to = found
+                .get(i + 1)
+                .map_or(words.len(), |next| beginning(&words, next.0, start + 1));
+            let own = &texts[from..to.max(start + 1)];
+            let mut action = Action::named(name);
+            attributes::fill(&mut action, own, start - from);
+            let arms_are_held = action.name == "hold" && action.posture.is_some();
+            match actions.last_mut() {
+                // "Walks, holding the arms out".
+                Some(last) if arms_are_held && last.posture.is_none() => {
+                    last.posture = action.posture;
+                }
+                Some(last) if last.name == *name && !contradicts(last, &action) => {
+                    last.merge(&action);
+                }
+                _ => actions.push(action),
             }
         }
     }
@@ -236,47 +379,10 @@ fn matches(word: &str, alternatives: &str) -> bool {
     })
 }
 
-fn side(words: &[&str]) -> Option<Side> {
-    let with_limb = |side: &str| {
-        words.iter().enumerate().any(|(i, w)| {
-            *w == side
-                && words[i + 1..]
-                    .iter()
-                    .take(2)
-                    .any(|next| LIMBS.contains(next))
-        })
-    };
-    let alternating = words.contains(&"alternating");
-    match (with_limb("left"), with_limb("right")) {
-        _ if with_limb("both") || alternating => Some(Side::Both),
-        (true, true) => Some(Side::Both),
-        (true, false) => Some(Side::Left),
-        (false, true) => Some(Side::Right),
-        (false, false) => None,
-    }
-}
-
-fn direction(words: &[&str]) -> Option<Direction> {
-    let to_the = |side: &str| words.windows(3).any(|w| w == ["to", "the", side]);
-    for (i, word) in words.iter().enumerate() {
-        let direction = match *word {
-            "forward" | "forwards" | "ahead" => Direction::Forward,
-            "backward" | "backwards" | "reverse" => Direction::Backward,
-            "counterclockwise" | "anticlockwise" => Direction::Left,
-            "clockwise" => Direction::Right,
-            "upward" | "upwards" | "overhead" => Direction::Up,
-            "to" if to_the("left") && words.get(i + 2) == Some(&"left") => Direction::Left,
-            "to" if to_the("right") && words.get(i + 2) == Some(&"right") => Direction::Right,
-            _ => continue,
-        };
-        return Some(direction);
-    }
-    None
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Direction, Side};
 
     fn names(sentence: &str) -> Vec<Vec<&'static str>> {
         let clauses = parse(sentence);
@@ -335,6 +441,18 @@ mod tests {
         ] {
             assert_eq!(names(sentence), two, "{sentence}");
         }
+        let turns = parse("the person faces to the right after a quarter turn hunched over");
+        let [
+            Action {
+                name: "turn",
+                direction,
+                ..
+            },
+        ] = turns[0].actions[..]
+        else {
+            panic!("{turns:?}")
+        };
+        assert_eq!((turns.len(), direction), (1, Some(Direction::Right)));
         assert_eq!(
             names("a person walks while waving both hands, then kicks, and finally bows"),
             [vec!["walk", "wave"], vec!["kick"], vec!["bow"]]
@@ -354,8 +472,12 @@ mod tests {
         assert_eq!((wave.side, wave.direction), (Some(Side::Left), None));
         let turn = &parse("a person spins around to the right")[0].actions[0];
         assert_eq!((turn.side, turn.direction), (None, Some(Direction::Right)));
-        let hook = &parse("a person throws hooks with alternating hands")[0].actions[0];
-        assert_eq!(hook.side, Some(Side::Both));
+        for both in [
+            "a person throws hooks with alternating hands",
+            "a person throws punches with the left and right hand two times",
+        ] {
+            assert_eq!(parse(both)[0].actions[0].side, Some(Side::Both), "{both}");
+        }
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The sentences of the motion library are understood as they were meant.
 
 use radarllm_base::seed::derive_seed;
-use radarllm_facts::parse;
+use radarllm_facts::{Kind, facts, parse, score::FactScores, score::compare};
 use radarllm_motions::random_request;
 
 /// Sentences that state another action than the motion's own name, in the field's and the everyday sense of the words.
@@ -46,4 +46,30 @@ fn actions_of_library_captions_are_recognised() {
     }
     let share = f64::from(n_right) / f64::from(n_all);
     assert!(share > 0.99, "{share:.4}\n{}", wrong.join("\n"));
+}
+
+#[test]
+fn library_captions_do_not_contradict_their_motions() {
+    let mut scores = FactScores::default();
+    for index in 0..1000 {
+        let request = random_request(derive_seed(index, "attributes"));
+        let motion = request.facts();
+        for caption in request.captions(index) {
+            let found = compare(&facts(&caption), &motion);
+            assert!(
+                found.contradictions.is_empty(),
+                "{motion}: {caption}: {:?}",
+                found.contradictions
+            );
+            scores.add(&found);
+        }
+    }
+    // Sides, directions and tempos are stated, so that they could have been contradicted.
+    for kind in [Kind::Side, Kind::Direction, Kind::Tempo, Kind::Count] {
+        assert!(
+            scores.of(kind).common > 300,
+            "{kind:?} {:?}",
+            scores.of(kind)
+        );
+    }
 }

@@ -6,8 +6,9 @@
 //! of a shared data set from reading it.
 
 use std::convert::Infallible;
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::fs::{self, File};
+use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -73,13 +74,9 @@ pub fn write_with<E>(
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     };
-    // The process id distinguishes temporary files of processes that write the same name.
-    let mut temporary = OsString::from(".");
-    temporary.push(name);
-    temporary.push(format!(".{}.tmp", std::process::id()));
-    let temporary = folder.join(temporary);
+    let temporary = folder.join(temporary_name(name));
     let result = (|| {
-        let mut file = File::create(&temporary).map_err(fail(&temporary, "create"))?;
+        let mut file = File::create_new(&temporary).map_err(fail(&temporary, "create"))?;
         write(&mut file).map_err(WriteError::Content)?;
         file.sync_all().map_err(fail(&temporary, "sync"))?;
         drop(file);
@@ -122,6 +119,34 @@ pub fn write_bytes(
     })
 }
 
+/// A name for a temporary file beside `name` that no other process and no other thread uses, also not on another machine
+/// that shares the folder: `.NAME.HOST.PID.RANDOM.tmp`. Host and process tell whose file a crash left behind; containers
+/// may agree in both, so that the random part is needed.
+pub fn temporary_name(name: &OsStr) -> OsString {
+    // File systems limit names to 255 bytes; host, process and random part need up to 60.
+    const MAX_NAME_CHARS: usize = 48;
+    let name: String = name
+        .to_string_lossy()
+        .chars()
+        .take(MAX_NAME_CHARS)
+        .collect();
+    let random = RandomState::new().build_hasher().finish();
+    let process = std::process::id();
+    format!(".{name}.{}.{process}.{random:016x}.tmp", host_name()).into()
+}
+
+/// Name of this machine or container, of at most 24 letters, digits and hyphens.
+fn host_name() -> String {
+    const MAX_CHARS: usize = 24;
+    // The kernel's name on Linux; elsewhere the variables that shells and services set.
+    let name = fs::read_to_string("/proc/sys/kernel/hostname")
+        .or_else(|_| std::env::var("HOSTNAME"))
+        .or_else(|_| std::env::var("COMPUTERNAME"))
+        .unwrap_or_else(|_| "host".into());
+    let clean = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
+    name.trim().chars().take(MAX_CHARS).map(clean).collect()
+}
+
 /// Whether a file name is that of a temporary file, which a crash can leave behind.
 pub fn is_leftover(name: &str) -> bool {
     name.starts_with('.') && name.ends_with(".tmp")
@@ -161,6 +186,29 @@ mod tests {
         write_bytes(&path, Existing::Replace, b"two").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"two");
         assert_eq!(names(dir.path()), ["a.bin"]);
+    }
+
+    #[test]
+    fn temporary_names_differ_name_their_process_and_fit() {
+        let long = "é".repeat(127);
+        for name in ["train-00000-of-00002.parquet", &long] {
+            let [a, b] = [0, 1].map(|_| temporary_name(OsStr::new(name)).into_string().unwrap());
+            assert_ne!(a, b);
+            assert!(is_leftover(&a) && a.len() <= 200, "{a}");
+            let parts: Vec<&str> = a.rsplit('.').collect();
+            assert_eq!(parts[2], std::process::id().to_string(), "{a}");
+            let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+            if !host.trim().is_empty()
+                && host.trim().bytes().all(|b| b.is_ascii_alphanumeric())
+                && host.len() <= 24
+            {
+                assert_eq!(parts[3], host.trim(), "{a}");
+            }
+        }
+        // A file of 254 bytes can be written, although its temporary name contains more than the name.
+        let dir = tempfile::tempdir().unwrap();
+        write_bytes(&dir.path().join(&long), Existing::Refuse, b"x").unwrap();
+        assert_eq!(names(dir.path()), [long]);
     }
 
     #[test]

@@ -5,6 +5,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use radarllm_dataset::DatasetError;
+
 /// Kind of an error, for programs that handle kinds differently.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ErrorKind {
@@ -151,13 +153,40 @@ input_errors!(
     radarllm_tracking::OptionError,
 );
 
-impl From<radarllm_dataset::DatasetError> for Error {
-    fn from(error: radarllm_dataset::DatasetError) -> Self {
-        let kind = match &error {
-            radarllm_dataset::DatasetError::Exists { .. } => ErrorKind::Exists,
-            _ => ErrorKind::Input,
+impl From<DatasetError> for Error {
+    fn from(error: DatasetError) -> Self {
+        let (kind, path) = match &error {
+            DatasetError::Exists { path } => (ErrorKind::Exists, Some(path)),
+            DatasetError::Locked { dir } => (ErrorKind::Locked, Some(dir)),
+            DatasetError::Interrupted { dir } => (ErrorKind::Interrupted, Some(dir)),
+            DatasetError::Foreign { dir, .. }
+            | DatasetError::Target { dir, .. }
+            | DatasetError::NotADataset { dir } => (ErrorKind::Exists, Some(dir)),
+            DatasetError::Unsuitable { dir, .. } => (ErrorKind::Unsupported, Some(dir)),
+            DatasetError::NotPrepared { dir } => (ErrorKind::NotFound, Some(dir)),
+            DatasetError::Disagreement { dir, .. } | DatasetError::Incomplete { dir, .. } => {
+                (ErrorKind::Input, Some(dir))
+            }
+            DatasetError::Io { path, source, .. } => (Self::io(path, source).kind, Some(path)),
+            DatasetError::Corrupt { path, .. }
+            | DatasetError::Column { path, .. }
+            | DatasetError::Value { path, .. }
+            | DatasetError::Limit { path, .. }
+            | DatasetError::Metadata { path, .. }
+            | DatasetError::Stray { path } => (ErrorKind::Input, Some(path)),
+            _ => (ErrorKind::Input, None),
         };
-        Self::input(error).of_kind(kind)
+        let text = error.to_string();
+        // Errors of data sets end with their hint.
+        let (message, hint) = match text.split_once("; hint: ") {
+            Some((message, hint)) => (message, Some(hint.to_string())),
+            None => (text.as_str(), None),
+        };
+        Self {
+            path: path.cloned(),
+            hint,
+            ..Self::input(message).of_kind(kind)
+        }
     }
 }
 

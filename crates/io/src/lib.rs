@@ -44,7 +44,7 @@ mod visualizer;
 
 pub use error::{Error, ErrorKind, Result};
 pub use firmware::OutOfBoxFirmware;
-pub use npy_cubes::NpyFrames;
+pub use npy_cubes::{ArrayDecoder, NpyFrames};
 pub use options::{
     CaptureFormat, CaptureOptions, CellOptions, CleaningOptions, IqChoice, LayoutOptions,
     PointOptions,

@@ -16,49 +16,50 @@ fn open_npy(path: &Path) -> Result<NpyStream<BufReader<File>>> {
     NpyStream::open(BufReader::new(file)).map_err(|e| Error::in_file(path, e))
 }
 
-/// Frames of an npy array. Memory holds one frame, regardless of the size that the file declares.
-pub struct NpyFrames {
-    numbers: NpyStream<BufReader<File>>,
+/// The numbers of an array, frame by frame, to cubes: the same for arrays in files and in memory.
+#[derive(Clone, Debug)]
+pub struct ArrayDecoder {
     layout: FrameLayout,
-    buffer: Vec<Complex32>,
-    next: u64,
-    /// Whether the numbers are unsigned words; known after the first frame.
+    is_real: bool,
+    /// Whether complex numbers are unsigned words; known after the first frame.
     words: Option<bool>,
 }
 
-impl NpyFrames {
-    /// Opens an array whose axes are `axes`, or `frame,loop,tx,rx,sample`.
+impl ArrayDecoder {
+    /// A decoder of arrays of `shape`, whose axes are `axes`, or `frame,loop,tx,rx,sample`. `code` is the NumPy code of
+    /// the elements: `c8`, `c16`, `i2`, `u2`, `f4` or `f8`. `name` takes the place of the file in errors.
     ///
     /// # Errors
-    /// A file that is not an npy array, or one whose shape does not fit the radar.
-    pub fn open(path: &Path, radar: &RadarConfig, axes: Option<&str>) -> Result<Self> {
+    /// A shape that does not fit the radar, or other elements.
+    pub fn new(
+        name: &Path,
+        shape: &[u64],
+        is_fortran: bool,
+        code: &str,
+        radar: &RadarConfig,
+        axes: Option<&str>,
+    ) -> Result<Self> {
         let order = AxisOrder::parse(axes.unwrap_or("frame,loop,tx,rx,sample"))
             .map_err(|e| Error::input(e).with_hint("`axes` frame,chirp,rx,sample, for example"))?;
-        let numbers = open_npy(path)?;
-        let header = numbers.header();
         let layout = order
-            .fit(&header.shape, header.fortran, CubeShape::of(radar))
+            .fit(shape, is_fortran, CubeShape::of(radar))
             .map_err(|e| {
-                Error::in_file(path, e).with_hint(format!(
+                Error::in_file(name, e).with_hint(format!(
                     "`radar` is the radar that recorded the file (here {}), `axes` the order of its axes",
                     radar.name
                 ))
             })?;
-        let code = header.fields[0].code.as_str();
         if !matches!(code, "c8" | "c16" | "i2" | "u2" | "f4" | "f8") {
             return Err(Error::in_file(
-                path,
+                name,
                 format!(
-                    "elements {}, expected complex64, complex128, int16, uint16, float32 or float64",
-                    header.descr()
+                    "elements {code}, expected complex64, complex128, int16, uint16, float32 or float64"
                 ),
             ));
         }
         Ok(Self {
-            numbers,
             layout,
-            buffer: Vec::new(),
-            next: 0,
+            is_real: !code.starts_with('c'),
             words: None,
         })
     }
@@ -68,9 +69,70 @@ impl NpyFrames {
         self.layout.n_frames()
     }
 
+    /// Number of elements of a frame.
+    pub fn n_numbers(&self) -> usize {
+        self.layout.n_numbers()
+    }
+
     /// Whether the numbers were unsigned words and were converted to signed ones; known after the first frame.
     pub fn were_words(&self) -> bool {
         self.words == Some(true)
+    }
+
+    /// Fills a cube from the numbers of a frame in the order of memory. Elements `u2` must have been read as signed.
+    ///
+    /// # Errors
+    /// A wrong number of elements, or complex numbers with an axis `iq`.
+    pub fn decode(
+        &mut self,
+        numbers: &mut [Complex32],
+        cube: &mut RadarCube,
+    ) -> std::result::Result<(), AdcError> {
+        let is_real = self.is_real;
+        let are_words = *self
+            .words
+            .get_or_insert_with(|| !is_real && axes::are_unsigned_words(numbers));
+        if are_words {
+            axes::sign_words(numbers)?;
+        }
+        self.layout.fill(numbers, is_real, cube)
+    }
+}
+
+/// Frames of an npy array. Memory holds one frame, regardless of the size that the file declares.
+pub struct NpyFrames {
+    numbers: NpyStream<BufReader<File>>,
+    decoder: ArrayDecoder,
+    buffer: Vec<Complex32>,
+    next: u64,
+}
+
+impl NpyFrames {
+    /// Opens an array whose axes are `axes`, or `frame,loop,tx,rx,sample`.
+    ///
+    /// # Errors
+    /// A file that is not an npy array, or one whose shape does not fit the radar.
+    pub fn open(path: &Path, radar: &RadarConfig, axes: Option<&str>) -> Result<Self> {
+        let numbers = open_npy(path)?;
+        let header = numbers.header();
+        let code = header.fields[0].code.as_str();
+        let decoder = ArrayDecoder::new(path, &header.shape, header.fortran, code, radar, axes)?;
+        Ok(Self {
+            numbers,
+            decoder,
+            buffer: Vec::new(),
+            next: 0,
+        })
+    }
+
+    /// Number of frames of the array.
+    pub fn n_frames(&self) -> u64 {
+        self.decoder.n_frames()
+    }
+
+    /// Whether the numbers were unsigned words and were converted to signed ones; known after the first frame.
+    pub fn were_words(&self) -> bool {
+        self.decoder.were_words()
     }
 }
 
@@ -79,12 +141,11 @@ impl FrameSource for NpyFrames {
         &mut self,
         cube: &mut RadarCube,
     ) -> std::result::Result<Option<FrameIntegrity>, AdcError> {
-        if self.next == self.layout.n_frames() {
+        if self.next == self.decoder.n_frames() {
             return Ok(None);
         }
-        let n = self.layout.n_numbers();
+        let n = self.decoder.n_numbers();
         self.buffer.clear();
-        let is_real = !self.numbers.is_complex();
         // Samples are signed. Recorders that declare them as unsigned write the same bits.
         let is_unsigned = self.numbers.header().fields[0].code == "u2";
         let found = self.numbers.read(n, |re, im| {
@@ -100,18 +161,12 @@ impl FrameSource for NpyFrames {
                 return Err(AdcError::Layout(format!(
                     "frame {}, number {found}: expected {n} numbers in each of {} frames, found the end",
                     self.next,
-                    self.layout.n_frames()
+                    self.decoder.n_frames()
                 )));
             }
             Ok(_) => {}
         }
-        let are_words = *self
-            .words
-            .get_or_insert_with(|| !is_real && axes::are_unsigned_words(&self.buffer));
-        if are_words {
-            axes::sign_words(&mut self.buffer)?;
-        }
-        self.layout.fill(&self.buffer, is_real, cube)?;
+        self.decoder.decode(&mut self.buffer, cube)?;
         let integrity = FrameIntegrity {
             frame: self.next,
             ..FrameIntegrity::default()

@@ -10,7 +10,7 @@ use radarllm_io::live::{LiveEvent, LiveSource};
 use radarllm_serve::keeper::now_ms;
 use radarllm_serve::metrics::Metrics;
 use radarllm_serve::pipeline::{Arrival, StreamInfo};
-use radarllm_serve::queue::{FrameQueue, Item, WhenFull};
+use radarllm_serve::queue::{FrameQueue, Item, QueuedFrame, WhenFull};
 use radarllm_serve::vitals::Vitals;
 
 use crate::resample::Resampler;
@@ -20,6 +20,9 @@ use crate::room::{Room, RoomOptions};
 const NAP: Duration = Duration::from_millis(50);
 /// Longest time for which a radar is waited for before the source looks whether it is still wanted.
 const WAIT: Duration = Duration::from_millis(200);
+
+/// Reads the time of day, milliseconds since 1970 in UTC.
+pub type ReadTime = Arc<dyn Fn() -> i64 + Send + Sync>;
 
 /// How fast a recording is replayed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,6 +41,8 @@ pub struct Input {
     pub(crate) stream: StreamInfo,
     /// Time between two frames of the source, s.
     source_period_s: f64,
+    /// The time at which frames arrive.
+    now_ms: ReadTime,
     kind: Kind,
 }
 
@@ -62,8 +67,16 @@ impl Input {
             name: name.into(),
             stream,
             source_period_s,
+            now_ms: Arc::new(now_ms),
             kind,
         }
+    }
+
+    /// The same input by another clock than that of the computer, for radars that run faster than time passes. A replay
+    /// has the time of its recording.
+    #[must_use]
+    pub fn with_clock(self, now_ms: ReadTime) -> Self {
+        Self { now_ms, ..self }
     }
 
     /// A running radar.
@@ -163,10 +176,10 @@ impl Input {
                 Ok(())
             }
             Kind::Room(room) => {
-                run_room(*room, period_s, &mut sink);
+                run_room(*room, period_s, &mut sink, &self.now_ms);
                 Ok(())
             }
-            Kind::Radar(source) => run_radar(source, &mut sink, metrics),
+            Kind::Radar(source) => run_radar(source, &mut sink, metrics, &self.now_ms),
         };
         sink.other(Item::End);
         ended
@@ -184,6 +197,7 @@ impl Sink<'_> {
     /// A frame of the source. Returns false if nothing more is wanted.
     fn frame(&mut self, frame: PointFrame, arrival: Arrival) -> bool {
         self.vitals.frame();
+        self.queue.arrived(frame.frame);
         let complete = self.resampler.push(frame, arrival);
         self.push(complete)
     }
@@ -191,12 +205,17 @@ impl Sink<'_> {
     /// Something else. Returns false if nothing more is wanted.
     fn other(&mut self, item: Item) -> bool {
         let last = self.resampler.end();
-        self.push(last) && self.queue.push(item)
+        self.push(last);
+        self.queue.push(item)
     }
 
-    fn push(&self, frames: impl IntoIterator<Item = (PointFrame, Arrival)>) -> bool {
-        let mut frames = frames.into_iter();
-        frames.all(|(frame, arrival)| self.queue.push(Item::Frame(frame, arrival)))
+    /// Every frame is pushed, also after the queue was closed: it counts them.
+    fn push(&self, frames: impl IntoIterator<Item = QueuedFrame>) -> bool {
+        let mut is_wanted = true;
+        for frame in frames {
+            is_wanted &= self.queue.push(Item::Frame(frame));
+        }
+        is_wanted
     }
 }
 
@@ -252,9 +271,9 @@ fn numbers(clip: &Clip, period_s: f64) -> Vec<u32> {
     clip.frames.iter().map(number).collect()
 }
 
-fn run_room(room: Room, period_s: f64, sink: &mut Sink) {
+fn run_room(room: Room, period_s: f64, sink: &mut Sink, now_ms: &ReadTime) {
     let mut frames = room.frames();
-    // The first scene is simulated before time begins, so that no frame comes before its time.
+    // Time begins when the first frame is simulated, so that no frame comes after its time from the beginning.
     let mut next = frames.next();
     let began = Instant::now();
     let mut number = 0;
@@ -282,7 +301,12 @@ fn next_number(number: u32, periods: f64) -> u32 {
     number.saturating_add(1).max(periods as u32)
 }
 
-fn run_radar(mut source: Box<dyn LiveSource>, sink: &mut Sink, metrics: &Metrics) -> Result<()> {
+fn run_radar(
+    mut source: Box<dyn LiveSource>,
+    sink: &mut Sink,
+    metrics: &Metrics,
+    now_ms: &ReadTime,
+) -> Result<()> {
     let mut n_reconnects = 0;
     while !sink.queue.is_closed() {
         let at_ms = now_ms();
@@ -328,6 +352,51 @@ mod tests {
         assert_eq!(next_number(7, 7.2), 8);
         assert_eq!(next_number(7, 8.9), 8);
         assert_eq!(next_number(7, 42.5), 42);
+    }
+
+    #[test]
+    fn every_frame_of_a_fast_radar_has_one_fate() {
+        let metrics = Arc::new(Metrics::default());
+        let queue = FrameQueue::new(WhenFull::DropOldest, Arc::clone(&metrics));
+        let vitals = Vitals::new(Duration::from_millis(100));
+        let mut sink = Sink {
+            resampler: Resampler::new(1.0 / 30.0),
+            queue: &queue,
+            vitals: &vitals,
+        };
+        let mut frame = |number: u32| {
+            let frame = PointFrame {
+                frame: number,
+                ..PointFrame::default()
+            };
+            sink.frame(frame, Arrival::At(i64::from(number)))
+        };
+        let counts = || {
+            let lost = metrics.frames_lost.get();
+            (
+                metrics.frames_used.get(),
+                lost,
+                metrics.frames_dropped.get(),
+            )
+        };
+        // Merged by threes, but for the first two. Every eleventh frame does not arrive.
+        let is_sent = |n: &u32| n % 11 != 5;
+        assert!((0..302).filter(is_sent).all(&mut frame));
+        // Of 101 merged frames the oldest 37 found no room: 110 frames, of which 10 did not arrive.
+        assert_eq!(counts(), (0, 27, 100));
+        let first = queue.pop(Duration::ZERO);
+        assert!(matches!(first, Some(Item::Frame(queued)) if queued.frame.frame == 37));
+        assert_eq!(counts(), (3, 27, 100));
+        // Two frames wait to be merged, and one comes too late.
+        assert!(frame(302) && frame(303));
+        queue.close();
+        assert!(!frame(304));
+        let (used, lost, dropped) = counts();
+        assert_eq!(used + lost + dropped, 305);
+        // What waits to be merged is dropped at the end.
+        assert!(frame(305) && !sink.other(Item::End));
+        let (used, lost, dropped) = counts();
+        assert_eq!(used + lost + dropped, 306);
     }
 
     #[test]

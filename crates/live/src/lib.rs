@@ -35,5 +35,5 @@ pub mod room;
 pub mod service;
 pub mod zones;
 
-pub use input::{Input, Speed};
+pub use input::{Input, ReadTime, Speed};
 pub use service::{Broker, Live, LiveOptions, Page};

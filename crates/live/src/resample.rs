@@ -6,6 +6,7 @@
 use radarllm::PointFrame;
 use radarllm::inference::{FRAME_RATE_HZ, RATE_TOLERANCE};
 use radarllm_serve::pipeline::Arrival;
+use radarllm_serve::queue::QueuedFrame;
 
 /// Rounding of times in frame periods: a frame in the middle between two is not placed by the rounding of its time.
 const ROUNDING: f64 = 1e-6;
@@ -17,7 +18,7 @@ pub(crate) struct Resampler {
     source_period_s: f64,
     period_s: f64,
     /// The frame that more frames of the source may belong to.
-    open: Option<(PointFrame, Arrival)>,
+    open: Option<QueuedFrame>,
 }
 
 impl Resampler {
@@ -43,17 +44,22 @@ impl Resampler {
 
     /// The next frame of the source. Returns the frames that are complete: none while more of the source belong to one,
     /// two if the source skipped the end of one.
-    pub fn push(&mut self, frame: PointFrame, arrival: Arrival) -> Vec<(PointFrame, Arrival)> {
+    pub fn push(&mut self, frame: PointFrame, arrival: Arrival) -> Vec<QueuedFrame> {
         if self.period_s == self.source_period_s {
-            return vec![(frame, arrival)];
+            return vec![QueuedFrame {
+                frame,
+                arrival,
+                n_merged: 1,
+            }];
         }
         let number = self.merged_number(frame.frame);
         let is_last = self.merged_number(frame.frame.saturating_add(1)) != number;
         let mut complete = Vec::new();
         match &mut self.open {
-            Some((open, open_arrival)) if open.frame == number => {
-                open.points.extend(frame.points);
-                *open_arrival = arrival;
+            Some(open) if open.frame.frame == number => {
+                open.frame.points.extend(frame.points);
+                open.arrival = arrival;
+                open.n_merged += 1;
             }
             _ => {
                 let merged = PointFrame {
@@ -61,7 +67,12 @@ impl Resampler {
                     time_s: f64::from(number) * self.period_s,
                     points: frame.points,
                 };
-                complete.extend(self.open.replace((merged, arrival)));
+                complete.extend(self.end());
+                self.open = Some(QueuedFrame {
+                    frame: merged,
+                    arrival,
+                    n_merged: 1,
+                });
             }
         }
         if is_last {
@@ -71,10 +82,10 @@ impl Resampler {
     }
 
     /// The last frame, when no more frames belong to it.
-    pub fn end(&mut self) -> Option<(PointFrame, Arrival)> {
-        let (mut frame, arrival) = self.open.take()?;
-        frame.sort_by_intensity();
-        Some((frame, arrival))
+    pub fn end(&mut self) -> Option<QueuedFrame> {
+        let mut queued = self.open.take()?;
+        queued.frame.sort_by_intensity();
+        Some(queued)
     }
 
     /// Number of the merged frame that a frame of the source belongs to: the nearest one, of two the later one.
@@ -104,12 +115,17 @@ mod tests {
     fn merged(rate_hz: f64, numbers: &[u32]) -> Vec<PointFrame> {
         let mut resampler = Resampler::new(1.0 / rate_hz);
         let arrival = |n: u32| Arrival::At(i64::from(n));
-        let mut out: Vec<(PointFrame, Arrival)> = numbers
+        let mut out: Vec<QueuedFrame> = numbers
             .iter()
             .flat_map(|&n| resampler.push(frame(n), arrival(n)))
             .collect();
         out.extend(resampler.end());
-        out.into_iter().map(|(frame, _)| frame).collect()
+        let is_counted = |merged: &QueuedFrame| {
+            // Two points a frame of the source.
+            merged.frame.points.len() == 2 * merged.n_merged as usize
+        };
+        assert!(out.iter().all(is_counted));
+        out.into_iter().map(|merged| merged.frame).collect()
     }
 
     #[test]
@@ -156,8 +172,11 @@ mod tests {
         // Frame 10 is lost, which would have completed the frame of 9.
         assert!(resampler.push(frame(9), Arrival::At(1)).is_empty());
         let complete = resampler.push(frame(13), Arrival::At(2));
-        let found: Vec<(u32, Arrival)> = complete.iter().map(|(f, a)| (f.frame, *a)).collect();
-        assert_eq!(found, [(3, Arrival::At(1)), (4, Arrival::At(2))]);
+        let found: Vec<(u32, Arrival, u32)> = complete
+            .iter()
+            .map(|merged| (merged.frame.frame, merged.arrival, merged.n_merged))
+            .collect();
+        assert_eq!(found, [(3, Arrival::At(1), 1), (4, Arrival::At(2), 1)]);
     }
 
     #[test]

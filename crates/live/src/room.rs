@@ -1,15 +1,20 @@
 //! A simulated room: a person who does one thing after another before the virtual radar.
 //!
 //! Every scene is a built-in motion, simulated with physics and noise as `radarllm simulate` does. Between scenes the
-//! person stands still, which the radar does not see. Scenes are simulated ahead of time on a thread of their own.
+//! person stands still, which the radar does not see. Frames are simulated one after the other on a thread of their own, a
+//! few seconds ahead: the room begins after the first frame, and holds one frame of raw samples and one body.
 
-use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 
-use radarllm::{Error, Result, SimulateOptions, radar_dsp::DspOptions};
+use radarllm::{Error, Result, SimulateOptions, radar_dsp::DspOptions, radar_sim};
 use radarllm_base::{RadarConfig, RadarPoint, seed};
 use radarllm_io::open_radar;
-use radarllm_synth::simulate_motion;
+use radarllm_synth::{
+    Synthesizer,
+    simulate::{open_motion, place},
+    synthesizer::posed_builtin,
+};
 
 /// What the person does in turn, unless it is time to fall.
 const SCENES: [&str; 10] = [
@@ -29,8 +34,8 @@ const FALL: &str = "pace+then+fall?pace.repetitions=1";
 const PAUSE_S: f64 = 1.5;
 /// Time on the floor after a fall, s: longer than the dwell after which a fall is confirmed.
 const LYING_S: f64 = 30.0;
-/// Scenes that wait.
-const AHEAD: usize = 2;
+/// Frames that wait.
+const AHEAD: usize = 50;
 
 /// Options of the simulated room.
 #[derive(Clone, Debug, PartialEq)]
@@ -101,37 +106,63 @@ impl Room {
         &self.radar_name
     }
 
-    /// Points of one frame after the other, without end.
+    /// Points of one frame after the other, without end, or until the radar cannot be simulated.
     pub fn frames(self) -> Frames {
-        let (sender, scenes) = sync_channel(AHEAD);
+        let (sender, points) = sync_channel(AHEAD);
         // The thread ends when the receiver is dropped.
-        thread::spawn(move || {
-            let mut script = Script::new(&self.options);
-            loop {
-                let scene = self.simulate(&script.next(self.frame_period_s()));
-                script.passed_s += scene.len() as f64 * self.frame_period_s();
-                if sender.send(scene).is_err() {
-                    return;
-                }
-            }
-        });
-        Frames {
-            scenes,
-            scene: Vec::new().into_iter(),
+        thread::spawn(move || self.simulate(&sender));
+        Frames { points }
+    }
+
+    /// Simulates until nobody receives any more.
+    fn simulate(&self, sender: &SyncSender<Vec<RadarPoint>>) -> Result {
+        let simulation = &self.simulation;
+        let processing = simulation.processing.clone();
+        let mut synthesizer = Synthesizer::new(&self.radar, simulation.method, processing)?;
+        let mut script = Script::new(&self.options);
+        loop {
+            let scene = script.next(self.frame_period_s());
+            let n_frames = match self.simulate_scene(&scene, &mut synthesizer, sender)? {
+                Some(n_frames) => n_frames,
+                None => return Ok(()),
+            };
+            script.passed_s += n_frames as f64 * self.frame_period_s();
         }
     }
 
-    fn simulate(&self, scene: &Scene) -> Vec<Vec<RadarPoint>> {
-        let options = SimulateOptions {
-            seed: scene.seed,
-            ..self.simulation.clone()
+    /// Simulates a scene with its pause. Returns the number of its frames, or `None` if nobody receives them any more.
+    fn simulate_scene(
+        &self,
+        scene: &Scene,
+        synthesizer: &mut Synthesizer,
+        sender: &SyncSender<Vec<RadarPoint>>,
+    ) -> Result<Option<usize>> {
+        let simulation = &self.simulation;
+        let input = open_motion(&format!("builtin:{}", scene.motion), scene.seed)?;
+        let n_frames = self.radar.frames_in(input.motion.duration_s()).max(1);
+        let at = place(
+            &input.motion,
+            simulation.distance_m,
+            simulation.radar_height_m,
+        );
+        let body = posed_builtin(&input.motion, input.shape, at)?;
+        let surfaces = radar_sim::Scene {
+            surfaces: vec![&body],
+            points: Vec::new(),
+            noise: radar_sim::Noise::Thermal,
         };
-        let input = format!("builtin:{}", scene.motion);
-        // The motions are those of the list above, which a test simulates.
-        let clip = simulate_motion(&input, &self.radar, &options).map(|s| s.clip.frames);
-        let frames = clip.unwrap_or_default().into_iter().map(|f| f.points);
-        let pause = std::iter::repeat_n(Vec::new(), scene.n_pause);
-        frames.chain(pause).collect()
+        for n in 0..n_frames + scene.n_pause {
+            let points = if n < n_frames {
+                synthesizer.simulate(&surfaces, n, scene.seed)?;
+                synthesizer.extract(n)?.points
+            } else {
+                Vec::new()
+            };
+            if sender.send(points).is_err() {
+                return Ok(None);
+            }
+        }
+        Ok(Some(n_frames + scene.n_pause))
     }
 }
 
@@ -182,27 +213,19 @@ impl Script {
 
 /// Points of the frames of a room.
 pub struct Frames {
-    scenes: Receiver<Vec<Vec<RadarPoint>>>,
-    scene: std::vec::IntoIter<Vec<RadarPoint>>,
+    points: Receiver<Vec<RadarPoint>>,
 }
 
 impl Iterator for Frames {
     type Item = Vec<RadarPoint>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        loop {
-            if let Some(points) = self.scene.next() {
-                return Some(points);
-            }
-            self.scene = self.scenes.recv().ok()?.into_iter();
-        }
+        self.points.recv().ok()
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use radarllm_synth::simulate::open_motion;
-
     use super::*;
 
     #[test]
@@ -222,6 +245,18 @@ mod tests {
         let frames: Vec<Vec<RadarPoint>> = room.frames().take(60).collect();
         let n_points: usize = frames.iter().map(Vec::len).sum();
         assert!(n_points > 600, "{n_points}");
+        // They are those of `radarllm simulate`.
+        let options = SimulateOptions {
+            seed: seed::derive_seed(1, "room/0"),
+            ..SimulateOptions::default()
+        };
+        let radar = open_radar(radarllm::DEFAULT_RADAR).unwrap().config;
+        let input = format!("builtin:{}", SCENES[0]);
+        let clip = radarllm_synth::simulate_motion(&input, &radar, &options)
+            .unwrap()
+            .clip;
+        let expected = clip.frames.into_iter().map(|f| f.points);
+        assert!(frames.into_iter().eq(expected.take(60)));
     }
 
     #[test]

@@ -311,7 +311,9 @@ fn run_pipeline(
             outputs.into_iter().for_each(|output| keeper.take(output));
         }
         let outputs = match queue.pop(STEP) {
-            Some(Item::Frame(frame, arrival)) => pipeline.frame(frame, arrival, !queue.is_late()),
+            Some(Item::Frame(queued)) => {
+                pipeline.frame(queued.frame, queued.arrival, !queue.is_late())
+            }
             Some(Item::Lost { at_ms, reason }) => pipeline.lost(at_ms, &reason),
             Some(Item::Back { at_ms }) => pipeline.back(at_ms),
             Some(Item::End) => break,

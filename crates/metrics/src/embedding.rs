@@ -1,13 +1,41 @@
 //! Arithmetic of BERTScore and SimCSE over the embeddings of an encoder (bert_score 0.3.13's rules).
 //!
-//! The encoder, the choice of its layer and its tokenizer are not in this module. bert_score pads a batch with zeros,
-//! so that a word whose best similarity is negative counts 0 if its batch contains a longer sentence. This
-//! implementation does not pad, which equals bert_score with a batch of one.
+//! The encoder, the choice of its layer and its tokenizer are not in this module. bert_score compares [`BATCH`] pairs at
+//! once and pads their sentences to equal lengths with positions whose similarity to every token is 0. A token that is
+//! similar to nothing, with a negative best similarity, then counts 0 if the sentence opposite is not the longest of
+//! its batch. [`padding`] says which sentences of which pairs are padded.
 
 use std::collections::{HashMap, HashSet};
 
 /// Number of tokens of an empty sentence: the two special tokens at its ends.
 const SPECIAL_TOKENS: usize = 2;
+
+/// Pairs that bert_score compares at once if it is not told otherwise.
+pub const BATCH: usize = 64;
+
+/// Which sentences of a pair are shorter than the longest one of their side in the batch.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Padding {
+    /// The candidate is padded: it offers a similarity of 0 to every token of the reference.
+    pub candidate: bool,
+    /// The same for the reference.
+    pub reference: bool,
+}
+
+/// The padding of pairs in the order in which they are compared, from the numbers of tokens of their candidates and
+/// references.
+pub fn padding(lengths: &[(usize, usize)]) -> Vec<Padding> {
+    let of_batch = |batch: &[(usize, usize)]| {
+        let longest = |side: fn(&(usize, usize)) -> usize| batch.iter().map(side).max();
+        let (candidate, reference) = (longest(|l| l.0), longest(|l| l.1));
+        let padded = |l: &(usize, usize)| Padding {
+            candidate: Some(l.0) < candidate,
+            reference: Some(l.1) < reference,
+        };
+        batch.iter().map(padded).collect::<Vec<_>>()
+    };
+    lengths.chunks(BATCH).flat_map(of_batch).collect()
+}
 
 /// Why embeddings cannot be compared.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -61,7 +89,7 @@ impl BertScore {
     }
 }
 
-/// BERTScore of one candidate and one reference. A sentence that consists only of special tokens gives 0. So do
+/// BERTScore of one candidate and one reference, with the padding of their batch. A sentence that consists only of special tokens gives 0. So do
 /// weights that are all 0, for which bert_score gives NaN precision and recall.
 ///
 /// # Errors
@@ -70,6 +98,7 @@ pub fn bert_score(
     candidate: Sentence,
     reference: Sentence,
     dimension: usize,
+    padding: Padding,
 ) -> Result<BertScore, EmbeddingError> {
     let c = normalised(candidate, dimension)?;
     let r = normalised(reference, dimension)?;
@@ -77,18 +106,21 @@ pub fn bert_score(
         return Ok(BertScore::default());
     }
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
-    let best = |a: &[f64], others: &[f64]| {
+    let best = |a: &[f64], others: &[f64], are_padded: bool| {
         let similarities = others.chunks_exact(dimension).map(|b| dot(a, b));
-        similarities.fold(f64::NEG_INFINITY, f64::max)
+        let least = if are_padded { 0.0 } else { f64::NEG_INFINITY };
+        similarities.fold(least, f64::max)
     };
-    let weighted = |side: &[f64], others: &[f64], weights: &[f64]| {
+    let weighted = |side: &[f64], weights: &[f64], others: &[f64], are_padded: bool| {
         let total: f64 = weights.iter().sum();
         let tokens = side.chunks_exact(dimension).zip(weights);
-        let sum: f64 = tokens.map(|(token, w)| w * best(token, others)).sum();
+        let sum: f64 = tokens
+            .map(|(token, w)| w * best(token, others, are_padded))
+            .sum();
         if total == 0.0 { 0.0 } else { sum / total }
     };
-    let precision = weighted(&c, &r, candidate.weights);
-    let recall = weighted(&r, &c, reference.weights);
+    let precision = weighted(&c, candidate.weights, &r, padding.reference);
+    let recall = weighted(&r, reference.weights, &c, padding.candidate);
     let f1 = 2.0 * precision * recall / (precision + recall);
     Ok(BertScore {
         precision,

@@ -46,6 +46,7 @@ mod captions;
 mod control;
 mod dice;
 pub mod error;
+mod facts;
 mod gait;
 mod motions;
 pub mod random;

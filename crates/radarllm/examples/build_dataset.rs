@@ -5,9 +5,9 @@
 use std::path::Path;
 
 use radarllm::{
-    Error, Overwrite,
+    DatasetPlan, Error, Overwrite,
     dataset::{BuildOptions, Dataset, Split},
-    synth::{build::build, config::DatasetConfig},
+    synth::config::DatasetConfig,
 };
 
 const CONFIG: &str = r#"
@@ -21,13 +21,13 @@ test = 1
 
 fn main() -> Result<(), Error> {
     let folder = std::env::args().nth(1).unwrap_or("small-data".into());
-    let config = DatasetConfig::from_toml(CONFIG)?;
+    let plan = DatasetPlan::new(DatasetConfig::from_toml(CONFIG)?, Path::new(""))?;
     let options = BuildOptions {
         threads: 2,
         overwrite: Overwrite::Refuse,
         retry_failed: false,
     };
-    build(&config, Path::new(""), folder.as_ref(), options, |_| ())?;
+    plan.build(folder.as_ref(), options, |_| (), &|| false)?;
     for clip in Dataset::open(folder.as_ref())?.read_split(Split::Train)? {
         println!("{}: {}", clip.id, clip.captions[0]);
     }

@@ -31,7 +31,8 @@
 //! | describe a clip, or get its tokens | [`Captioner`] |
 //! | teach activities by a few recordings | [`teach`], [`Captioner::with_memory`] |
 //! | score captions | [`metrics`] |
-//! | build and read data sets | [`synth`], [`dataset`] |
+//! | build data sets, on one machine or on several | [`DatasetPlan`] |
+//! | read data sets | [`dataset`] |
 //!
 //! Everything is re-exported from the crates below, which can be used alone. Only [`Captioner`] and [`Source`] are
 //! types of this crate: they join the model that comes with the library, recordings and the virtual radar. Errors are
@@ -41,19 +42,22 @@ pub mod bundled;
 mod captioner;
 mod choose;
 mod confidence;
+mod page;
 mod source;
 mod taught;
 
 pub use captioner::Captioner;
 pub use choose::Choices;
 pub use confidence::RecordedConfidence;
+pub use page::page_segments;
 pub use source::{DEFAULT_RADAR, Performed, Recording, Source, open, open_parts};
 
 pub use radarllm_base::{
     Clip, Clutter, Motion, PointFrame, Provenance, RadarConfig, RadarCube, RadarPoint, Timeline,
 };
 pub use radarllm_dataset::{
-    Overwrite, PointsFile, PointsMeta, read_points, write_clip, write_points,
+    Overwrite, PointsFile, PointsMeta, points_from_batches, points_to_batch, read_points,
+    write_clip, write_points,
 };
 pub use radarllm_inference::{
     DescribeOptions, Description, Precision, PrepareOptions, Prepared, Segment, prepare_for_model,
@@ -64,11 +68,13 @@ pub use radarllm_io::{
 };
 pub use radarllm_radar_dsp::{DspOptions, PointExtractor};
 pub use radarllm_synth::{
-    MotionInput, SimulateOptions, SimulatedClip, open_motion, simulate_motion,
+    DatasetPlan, MotionInput, SimulateOptions, SimulatedClip, SimulatedCubes, open_motion,
+    simulate_cubes, simulate_motion, simulate_motion_until,
 };
 pub use radarllm_tracking::{PeopleOptions, Person, track_people};
 
 pub use radarllm_dataset as dataset;
+pub use radarllm_facts as facts;
 pub use radarllm_inference as inference;
 pub use radarllm_io as io;
 pub use radarllm_metrics as metrics;

@@ -8,7 +8,9 @@ use radarllm_io::{
     CaptureFormat, CaptureOptions, Error, OpenedRadar, RecordingKind, Result, open_radar,
     points::identify, recording_kind,
 };
-use radarllm_synth::{MotionInput, SimulateOptions, simulate::is_builtin, simulate_motion};
+use radarllm_synth::{
+    MotionInput, SimulateOptions, SimulatedClip, simulate::is_builtin, simulate_motion,
+};
 use radarllm_tracking::{PeopleOptions, Person, track_people};
 
 /// Radar that simulates motions, and that recorded complex npy arrays, where none is named.
@@ -101,15 +103,7 @@ impl Source {
             let radar = self.radar_or_default()?;
             let input = first.to_string_lossy();
             let simulated = simulate_motion(&input, &radar.config, &self.simulation)?;
-            return Ok(Recording {
-                clip: simulated.clip,
-                notes: Vec::new(),
-                performed: Some(Performed {
-                    motion: simulated.motion,
-                    placement: simulated.placement,
-                }),
-                prepare,
-            });
+            return Ok(Recording::simulated(simulated, prepare));
         }
         let mut options = self.options.clone();
         if options.radar.is_none() && self.is_npy_samples(&options)? {
@@ -185,6 +179,27 @@ pub struct Recording {
 }
 
 impl Recording {
+    /// A recording of a clip from elsewhere: a program's own radar, an array, a data set.
+    pub fn new(clip: Clip, notes: Vec<String>, prepare: PrepareOptions) -> Self {
+        Self {
+            clip,
+            notes,
+            performed: None,
+            prepare,
+        }
+    }
+
+    /// A motion that was simulated.
+    pub fn simulated(simulated: SimulatedClip, prepare: PrepareOptions) -> Self {
+        Self {
+            performed: Some(Performed {
+                motion: simulated.motion,
+                placement: simulated.placement,
+            }),
+            ..Self::new(simulated.clip, Vec::new(), prepare)
+        }
+    }
+
     /// The clip as the model expects it: at the model's frame rate and, of a recording, without static clutter.
     ///
     /// # Errors

@@ -38,7 +38,7 @@ const MAX_TOLD: usize = 64;
 /// Options of labels and rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ActivityOptions {
-    /// Fewest windows that must state an action for a row.
+    /// Fewest windows that must state an action for a row, unless it is certain.
     pub least_windows: u32,
     /// Time for which a label stays while windows do not agree, s.
     pub label_hold_s: f64,
@@ -87,6 +87,8 @@ pub struct WindowReading {
     pub told: Option<Told>,
     /// Actions of the clauses of the sentence, in order of time.
     pub actions: Vec<String>,
+    /// Those of the actions that something else than the sentence shows as well: for their rows one window is enough.
+    pub certain: Vec<String>,
     /// Number of the person's points.
     pub n_points: u32,
 }
@@ -229,6 +231,7 @@ struct Run {
     n_windows: u32,
     n_points: u32,
     n_missing: u32,
+    is_certain: bool,
     told: Samples,
 }
 
@@ -282,6 +285,19 @@ impl Activities {
             .iter_mut()
             .filter(|run| run.n_missing == 0 && run.goes_on());
         rows.extend(grown.filter_map(|run| run.report(reading.person, true, options, n_rows)));
+        rows
+    }
+
+    /// Somebody has another number from now on, as after a track was lost: what the person does goes on. Rows of a former
+    /// person of this number end.
+    pub fn rename(&mut self, person: u32, number: u32) -> Vec<Row> {
+        if person == number || !self.people.contains_key(&person) {
+            return Vec::new();
+        }
+        let rows = self.end_person(number);
+        if let Some(known) = self.people.remove(&person) {
+            self.people.insert(number, known);
+        }
         rows
     }
 
@@ -407,6 +423,7 @@ impl Run {
             n_windows: 0,
             n_points: 0,
             n_missing: 0,
+            is_certain: false,
             told: Samples::default(),
         };
         run.extend(reading, told);
@@ -419,6 +436,7 @@ impl Run {
         self.n_windows += 1;
         self.n_points = self.n_points.saturating_add(reading.n_points);
         self.n_missing = 0;
+        self.is_certain |= reading.certain.contains(&self.action);
     }
 
     fn is_too_long(&self, reading: &WindowReading) -> bool {
@@ -444,7 +462,7 @@ impl Run {
         options: &ActivityOptions,
         n_rows: &mut u64,
     ) -> Option<Row> {
-        if self.n_windows < options.least_windows {
+        if self.n_windows < options.least_windows && !self.is_certain {
             return None;
         }
         let told = self.told.middle(self.n_windows)?.clone();
@@ -511,6 +529,7 @@ mod tests {
                 place_m: Some([0.0, 2.0]),
             }),
             actions: actions.iter().map(|a| (*a).to_string()).collect(),
+            certain: Vec::new(),
             n_points: 100,
         }
     }
@@ -627,11 +646,36 @@ mod tests {
         let found = activities.end_all();
         assert_eq!(found.len(), 1);
         assert_eq!((&found[0].action[..], found[0].row), ("b", 1));
+        // Unless something else shows it.
+        let mut activities = Activities::new(options).unwrap();
+        activities.push(&WindowReading {
+            certain: vec!["a".into()],
+            ..reading(0, &["a", "b"])
+        });
+        let found = activities.end_all();
+        assert_eq!((found.len(), &found[0].action[..]), (1, "a"));
         let options = ActivityOptions {
             least_windows: 0,
             ..options
         };
         assert_eq!(Activities::new(options).unwrap_err().field, "least_windows");
+    }
+
+    #[test]
+    fn another_number_is_the_same_person() {
+        let mut activities = activities();
+        activities.push(&reading(0, &["w"]));
+        assert!(activities.rename(1, 1).is_empty() && activities.rename(5, 1).is_empty());
+        assert!(activities.rename(1, 2).is_empty());
+        let second = WindowReading {
+            person: 2,
+            ..reading(1, &["w"])
+        };
+        assert!(activities.push(&second).is_empty());
+        assert_eq!(activities.label(2, second.end_s).name(), "w");
+        let found = activities.end_all();
+        assert_eq!(found.len(), 1);
+        assert_eq!((found[0].person, found[0].n_windows), (2, 2));
     }
 
     #[test]

@@ -29,23 +29,23 @@ use crate::store::EventKind;
 use crate::zones::Zones;
 
 /// Time over which points are collected, s.
-const POINTS_S: f64 = 0.3;
+pub(crate) const POINTS_S: f64 = 0.3;
 /// Fewest points that have a height.
-const LEAST_POINTS: usize = 8;
+pub(crate) const LEAST_POINTS: usize = 8;
 /// Quantile of the heights that is the height of a person. The largest heights are noise of the elevation angle.
 const QUANTILE: f64 = 0.9;
 /// Height above which a person is up before a fall, m.
 pub const HIGH_M: f64 = 1.0;
 /// Longest time from [`HIGH_M`] to the second low frame, s.
-const DROP_S: f64 = 1.5;
+pub(crate) const DROP_S: f64 = 1.5;
 /// Height above which a person has risen, m.
-const RISEN_M: f64 = 0.9;
+pub(crate) const RISEN_M: f64 = 0.9;
 /// Time above [`RISEN_M`], s.
 const RISE_S: f64 = 1.0;
 /// Longest time without a height within [`RISE_S`], s: that of a few frames with too few points.
 const RISE_GAP_S: f64 = 0.5;
 /// Height below which the model's word `fall` counts, m, and below which a person who is not seen any more has fallen.
-const SUNK_M: f64 = 0.7;
+pub(crate) const SUNK_M: f64 = 0.7;
 /// Time without a height after which a person is not seen any more, s.
 const UNSEEN_S: f64 = 0.5;
 /// Oldest height that counts for the model's word, s: the distance of two windows.
@@ -60,7 +60,7 @@ const MEMORY_S: f64 = 10.0;
 /// Most falls that have not ended. If there are more, the oldest one is dropped.
 pub const MAX_OPEN: usize = 64;
 /// The model's word.
-const FALL: &str = "fall";
+pub(crate) const FALL: &str = "fall";
 
 /// Options of falls.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -285,9 +285,16 @@ impl FallMonitor {
 
     /// Ends a fall on a user's word. Returns whether there was such a fall.
     pub fn acknowledge(&mut self, fall: u64) -> bool {
-        let before = self.open.len();
-        self.open.retain(|open| open.fall != fall);
-        self.open.len() < before
+        let Some(at) = self.open.iter().position(|open| open.fall == fall) else {
+            return false;
+        };
+        let ended = self.open.remove(at);
+        if let Some(body) = self.bodies.get_mut(&ended.person) {
+            body.ended_s = Some(self.now_s);
+            // Otherwise the same drop would be suspected again in the next frame.
+            body.high_s = None;
+        }
+        true
     }
 
     fn is_open(&self, person: u32) -> bool {
@@ -462,7 +469,7 @@ impl Body {
 }
 
 /// The [`QUANTILE`] of at least [`LEAST_POINTS`] values, interpolated between its neighbours.
-fn quantile(mut values: Vec<f64>) -> Option<f64> {
+pub(crate) fn quantile(mut values: Vec<f64>) -> Option<f64> {
     if values.len() < LEAST_POINTS {
         return None;
     }
@@ -747,6 +754,28 @@ mod tests {
         assert_eq!(scene.monitor.label(1, "fall"), None);
         scene.at(0.6, 1);
         assert!(scene.monitor.label(1, "fall").is_some());
+    }
+
+    #[test]
+    fn a_fall_that_a_user_ended_at_once_is_not_suspected_again() {
+        let mut scene = Scene::new();
+        scene.fall();
+        assert!(scene.monitor.acknowledge(1));
+        // Still within 1.5 s of the drop, and still down.
+        assert!(scene.at(0.2, 58).is_empty());
+        // The windows of the first 6 s may contain the former fall.
+        assert_eq!(scene.monitor.label(1, "fall"), None);
+        scene.at(0.2, 5);
+        assert!(scene.monitor.label(1, "fall").is_some());
+        // Whoever rises and falls again is suspected again.
+        let mut scene = Scene::new();
+        scene.fall();
+        assert!(scene.monitor.acknowledge(1));
+        scene.frames(&[], 3);
+        scene.fall();
+        // Nobody is remembered who is not tracked any more.
+        scene.frames(&[], 150);
+        assert!(scene.monitor.acknowledge(2) && !scene.monitor.acknowledge(2));
     }
 
     #[test]

@@ -66,6 +66,7 @@ impl Keeper {
             metrics: Arc::clone(&metrics),
             known: BTreeMap::new(),
             failed: None,
+            retry: RETRY,
             pruned: None,
         };
         let thread = std::thread::Builder::new()
@@ -128,6 +129,8 @@ struct Writer {
     /// Number in the database and end of the rows that may still grow, by the pipeline's number.
     known: BTreeMap<u64, (i64, i64)>,
     failed: Option<Instant>,
+    /// Time between two attempts to write after a failure.
+    retry: Duration,
     pruned: Option<Instant>,
 }
 
@@ -171,7 +174,7 @@ impl Writer {
         let Some(store) = &self.store else {
             return not_kept;
         };
-        if self.failed.is_some_and(|at| at.elapsed() < RETRY) {
+        if self.failed.is_some_and(|at| at.elapsed() < self.retry) {
             self.metrics.store_failures.add(records.len() as u64);
             return not_kept;
         }
@@ -370,6 +373,103 @@ mod tests {
         let ends: Vec<i64> = page.rows.iter().map(|r| r.activity.end_ms).collect();
         assert_eq!(ends, [START_MS + 9_000]);
         assert_eq!(timeline.oldest_ms().unwrap(), Some(START_MS));
+    }
+
+    /// A writer that tries again after 50 ms, and what it publishes.
+    fn writer(path: &Path) -> (Writer, crate::bus::Reader) {
+        let bus = bus();
+        let reader = bus.subscribe();
+        let (store, _) = open(path).unwrap();
+        let writer = Writer {
+            store: Some(Arc::new(Mutex::new(store))),
+            retention: Retention::default(),
+            origin: bus.about().origin,
+            bus,
+            metrics: Arc::default(),
+            known: BTreeMap::new(),
+            failed: None,
+            retry: Duration::from_millis(50),
+            pruned: None,
+        };
+        (writer, reader)
+    }
+
+    fn records(outputs: &[Output]) -> Vec<Record> {
+        let record = |output: &Output| match output.clone() {
+            Output::Row {
+                stamp,
+                row,
+                activity,
+            } => Some(Record::Row(stamp, row, activity)),
+            Output::Event(event) => Some(Record::Event(event)),
+            Output::Message(..) => None,
+        };
+        outputs.iter().filter_map(record).collect()
+    }
+
+    /// A row is told with a negative number and counted while writing fails, nothing is tried before it is time, and
+    /// everything before and after is kept.
+    fn survives(path: &Path, fail: impl FnOnce(&Writer), heal: impl FnOnce(&Writer)) {
+        let (mut writer, reader) = writer(path);
+        let (metrics, bus) = (Arc::clone(&writer.metrics), Arc::clone(&writer.bus));
+        writer.write(records(&[row(1, 4, "a person walks")]));
+        fail(&writer);
+        let long = "a person walks far ".repeat(100);
+        let many: Vec<Output> = (10..40).map(|n| row(n, 5, &long)).collect();
+        writer.write(records(&many));
+        assert_eq!(metrics.store_failures.get(), 30);
+        heal(&writer);
+        writer.retry = Duration::from_secs(3_600);
+        writer.write(records(&[row(2, 6, "a person sits down")]));
+        assert_eq!(metrics.store_failures.get(), 31);
+        writer.retry = Duration::ZERO;
+        // A row that was kept grows, and one that was not is kept from now on.
+        writer.write(records(&[
+            row(1, 9, "a person walks"),
+            row(2, 9, "a person sits down"),
+        ]));
+        assert_eq!(metrics.store_failures.get(), 31);
+        let store = lock(writer.store.as_ref().unwrap());
+        store.check_integrity().unwrap();
+        drop(store);
+        drop(writer);
+        bus.close();
+        let told = published(&reader);
+        assert!(told[1..32].iter().all(|id| *id < 0), "{told:?}");
+        assert_eq!((told[0], &told[32..]), (1, &[1, 2][..]));
+        let page = Timeline::open(path)
+            .unwrap()
+            .activities(&ActivityQuery::default(), None, 10)
+            .unwrap();
+        assert_eq!(page.rows.len(), 2);
+    }
+
+    #[test]
+    fn a_full_disk_is_counted_and_tried_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let limit = |pages: u32| {
+            move |writer: &Writer| {
+                let store = lock(writer.store.as_ref().unwrap());
+                store.limit_pages(pages);
+            }
+        };
+        survives(&folder.path().join("live.db"), limit(1), limit(100_000));
+    }
+
+    #[test]
+    fn a_database_that_another_program_locks_is_counted_and_tried_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("live.db");
+        let other = std::cell::OnceCell::new();
+        survives(
+            &path,
+            |_| {
+                let connection = rusqlite::Connection::open(&path).unwrap();
+                connection.execute_batch("BEGIN IMMEDIATE").unwrap();
+                other.set(connection).unwrap();
+            },
+            |_| other.get().unwrap().execute_batch("ROLLBACK").unwrap(),
+        );
     }
 
     #[test]

@@ -6,12 +6,16 @@
 //! | static points of the room are removed | [`surroundings`] |
 //! | people are tracked; presence, falls | [`Watch`] |
 //! | every 2 s, the last 6 s of each person are described; one person has all points | [`windows`], [`Describe`] |
+//! | falls and rising are believed if the heights permit them | [`heights`] |
 //! | labels and rows of the timeline | [`Activities`] |
 //!
 //! The pipeline has neither threads nor files and does not read the clock of the computer, so that a recording gives the
 //! same rows at any speed. A sentence is computed between two frames: it takes some ten milliseconds, for which frames
-//! wait in the queue before the pipeline. When they wait too long, the caller leaves windows out ([`Pipeline::frame`]).
+//! wait in the queue before the pipeline. When they wait too long, the caller leaves windows out ([`Pipeline::frame`]);
+//! when this happens often, there are fewer windows ([`pace`]).
 
+pub mod heights;
+pub mod pace;
 pub mod surroundings;
 #[cfg(test)]
 mod tests;
@@ -35,6 +39,8 @@ use crate::store::{Activity, Event, EventKind};
 use crate::watch::{Watch, WatchOptions};
 use crate::zones::Zones;
 
+use heights::Heights;
+use pace::Pace;
 use surroundings::Surroundings;
 use windows::{Window, WindowOptions, Windows};
 
@@ -93,11 +99,15 @@ pub struct PipelineOptions {
 }
 
 impl PipelineOptions {
-    /// The default options for a radar at a height above the floor, m.
+    /// The default options for a radar at a height above the floor, m. All that lasts for less than 4 s is in two windows
+    /// at least, so that a row needs two.
     pub fn new(radar_height_m: f64) -> Self {
         Self {
             watch: WatchOptions::new(radar_height_m),
-            activities: ActivityOptions::default(),
+            activities: ActivityOptions {
+                least_windows: 2,
+                ..ActivityOptions::default()
+            },
             windows: WindowOptions::default(),
         }
     }
@@ -138,12 +148,11 @@ pub struct Pipeline {
     watch: Watch,
     activities: Activities,
     windows: Windows,
+    pace: Pace,
     zones: Zones,
     describe: Box<dyn Describe>,
     metrics: Arc<Metrics>,
     source: SourceState,
-    /// Number of the last frame.
-    last_number: Option<u32>,
     /// Whether the newest message says that nobody is there.
     is_nobody_told: bool,
     /// Whether the last window showed somebody who is not tracked.
@@ -176,11 +185,11 @@ impl Pipeline {
             watch: Watch::new(&options.watch)?,
             activities: Activities::new(options.activities)?,
             windows: Windows::new(options.windows)?,
+            pace: Pace::new(options.windows.stride_s),
             zones: options.watch.zones.clone(),
             describe,
             metrics,
             source: SourceState::Ok,
-            last_number: None,
             is_nobody_told: false,
             is_untracked_there: false,
             is_occupied: false,
@@ -209,7 +218,6 @@ impl Pipeline {
             utc_ms: tick.utc_ms,
             t_s: tick.t_s,
         };
-        self.count(frame.frame);
         let mut out = self.gaps(&tick);
         let mut frame = PointFrame {
             time_s: tick.t_s,
@@ -223,13 +231,24 @@ impl Pipeline {
         out.extend(seen.falls.iter().flat_map(|event| self.fall(event)));
         out.push(self.frame_message(&frame, &seen.tracks));
         let is_occupied = seen.presence.presence.is_occupied();
-        for gone in self.windows.push(&frame, &seen.people, is_occupied) {
-            let rows = self.activities.end_person(gone);
+        let gone = self.windows.push(&frame, &seen.people, is_occupied);
+        for person in gone.ended {
+            let rows = self.activities.end_person(person);
+            out.extend(self.rows(&rows));
+        }
+        if let Some([person, number]) = gone.renamed {
+            let rows = self.activities.rename(person, number);
             out.extend(self.rows(&rows));
         }
         if !seen.people.is_empty() && std::mem::take(&mut self.is_untracked_there) {
-            let rows = self.activities.end_person(UNTRACKED);
+            let rows = match &seen.people[..] {
+                [one] if gone.renamed.is_none() => self.activities.rename(UNTRACKED, one.person),
+                _ => self.activities.end_person(UNTRACKED),
+            };
             out.extend(self.rows(&rows));
+        }
+        if self.pace.judge(tick.t_s) {
+            self.windows.set_stride(self.pace.stride_s(), tick.t_s);
         }
         if self.windows.is_due(tick.t_s) {
             self.describe_people(may_describe, &mut out);
@@ -316,16 +335,6 @@ impl Pipeline {
         vec![message, event]
     }
 
-    /// Counts the frame, and those that are missing before it.
-    fn count(&mut self, number: u32) {
-        let expected = self.last_number.and_then(|last| last.checked_add(1));
-        if let Some(lost) = expected.and_then(|expected| number.checked_sub(expected)) {
-            self.metrics.frames_lost.add(lost.into());
-        }
-        self.last_number = Some(number);
-        self.metrics.frames_used.add(1);
-    }
-
     fn gaps(&mut self, tick: &Tick) -> Vec<Output> {
         let mut out = Vec::new();
         if let Some(step_ms) = tick.step_ms {
@@ -350,6 +359,7 @@ impl Pipeline {
             if !self.zones.counts(window.place_m) {
                 continue;
             }
+            self.pace.count(may_describe);
             if !may_describe {
                 self.metrics.windows_overwritten.add(1);
                 continue;
@@ -384,7 +394,7 @@ impl Pipeline {
             let update = self.watch.notice(end_s, window.place_m);
             self.presence_changed(&update, out);
         }
-        let (told, actions, reason) = match described {
+        let (told, mut actions, reason) = match described {
             Described::Sentence {
                 caption,
                 actions,
@@ -402,11 +412,16 @@ impl Pipeline {
                 (None, Vec::new(), Some(reason))
             }
         };
+        let heights = Heights::of(&clip.frames, self.stream.radar_height_m);
+        actions.retain(|action| heights.permit(action));
+        // Where the stride is longer, what happens may be in one window only.
+        let is_shown = |action: &&String| self.pace.is_degraded() || heights.show(action);
         let reading = WindowReading {
             person: window.person,
             start_s,
             end_s,
             told,
+            certain: actions.iter().filter(is_shown).cloned().collect(),
             actions,
             n_points,
         };
@@ -523,10 +538,9 @@ impl Pipeline {
 
     fn health(&mut self) -> Output {
         self.health_at_s = self.stamp.t_s;
-        let windows_left_out = self.metrics.windows_overwritten.get();
         self.message(Body::Health(Health {
             source: self.source,
-            degraded: (windows_left_out > 0).then(|| "captions".into()),
+            degraded: self.pace.is_degraded().then(|| "captions".into()),
             frames_used: self.metrics.frames_used.get(),
             frames_lost: self.metrics.frames_lost.get(),
             frames_dropped: self.metrics.frames_dropped.get(),

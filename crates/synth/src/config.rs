@@ -357,10 +357,19 @@ impl DatasetConfig {
     /// # Errors
     /// A source that cannot be read.
     pub fn open_sources(&self, base: &Path) -> Result<Vec<Box<dyn Corpus>>, SynthError> {
+        self.open_sources_until(base, &|| false)
+    }
+
+    /// As [`Self::open_sources`], but ends early once `stop` returns `true`: thousands of built-in motions take seconds.
+    pub(crate) fn open_sources_until(
+        &self,
+        base: &Path,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Vec<Box<dyn Corpus>>, SynthError> {
         self.source
             .iter()
             .map(|source| -> Result<Box<dyn Corpus>, SynthError> {
-                Ok(match source {
+                let corpus: Box<dyn Corpus> = match source {
                     SourceConfig::BandaiNamco { path } => {
                         Box::new(BandaiNamco::open(&base.join(path))?)
                     }
@@ -371,12 +380,17 @@ impl DatasetConfig {
                         val,
                         test,
                         draw,
-                    } => Box::new(ProceduralCorpus::new(
+                    } => Box::new(ProceduralCorpus::new_until(
                         [*train, *val, *test],
                         self.seed,
                         *draw,
+                        stop,
                     )),
-                })
+                };
+                match stop() {
+                    true => Err(SynthError::Interrupted),
+                    false => Ok(corpus),
+                }
             })
             .collect()
     }

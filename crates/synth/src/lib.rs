@@ -30,6 +30,7 @@
 //!
 //! This crate contains no models, and it never silently substitutes missing input.
 
+mod arithmetic;
 pub mod build;
 pub mod config;
 pub mod corpus;
@@ -45,7 +46,9 @@ pub mod simulate;
 pub mod synthesizer;
 pub mod weather;
 
+pub use build::DatasetPlan;
 pub use simulate::{
-    MotionInfo, MotionInput, SimulateOptions, SimulatedClip, open_motion, simulate_motion,
+    MotionInfo, MotionInput, SimulateOptions, SimulatedClip, SimulatedCubes, open_motion,
+    simulate_cubes, simulate_motion, simulate_motion_until,
 };
 pub use synthesizer::{Method, SynthError, Synthesizer};

@@ -3,9 +3,14 @@
 use std::path::Path;
 
 use radarllm_base::{
-    Clip, Clutter, Motion, PointFrame, Provenance, RadarConfig, frames::Placement,
+    Clip, Clutter, Motion, PointFrame, Provenance, RadarConfig, RadarCube, frames::Placement,
+    seed::derive_seed,
 };
-use radarllm_body::{loaders::load_motion_file, mesh::BodyShape, sample::canonicalize};
+use radarllm_body::{
+    loaders::load_motion_file,
+    mesh::{BodyShape, PosedBody},
+    sample::canonicalize,
+};
 use radarllm_io::{Error, ErrorKind, options::MAX_FRAMES};
 use radarllm_radar_dsp::DspOptions;
 use radarllm_radar_sim::{Noise, Scene};
@@ -14,7 +19,7 @@ use serde::Serialize;
 use crate::{
     Method, SynthError, Synthesizer,
     placement::{PlacementRange, draw_placement},
-    synthesizer::{builtin_shape, posed_builtin, scene_to_points_in_parallel},
+    synthesizer::{builtin_shape, posed_builtin, scene_to_points_until},
 };
 
 /// A motion, the body that performs it, and information from its file or its parameters.
@@ -170,6 +175,25 @@ pub struct SimulateOptions {
     pub processing: DspOptions,
     /// The fast simulator or the direct sum.
     pub method: Method,
+    /// Draw the noise with [`noise_seed`] instead of the seed itself, so that the motions of a folder differ in their
+    /// noise, and a motion has the same noise alone and in a folder.
+    pub own_noise: bool,
+}
+
+impl SimulateOptions {
+    /// Seed of the noise of an input.
+    fn noise_seed(&self, input: &str) -> u64 {
+        match self.own_noise {
+            true => noise_seed(input, self.seed),
+            false => self.seed,
+        }
+    }
+}
+
+/// Seed of a motion's own noise: it depends on the seed and on the name of the motion, not on its folder.
+pub fn noise_seed(input: &str, seed: u64) -> u64 {
+    let name = Path::new(input).file_stem().map(|s| s.to_string_lossy());
+    derive_seed(seed, name.as_deref().unwrap_or(input))
 }
 
 impl Default for SimulateOptions {
@@ -180,6 +204,7 @@ impl Default for SimulateOptions {
             radar_height_m: 1.0,
             processing: DspOptions::default(),
             method: Method::Fast,
+            own_noise: false,
         }
     }
 }
@@ -204,6 +229,19 @@ pub fn simulate_motion(
     radar: &RadarConfig,
     options: &SimulateOptions,
 ) -> Result<SimulatedClip, Error> {
+    simulate_motion_until(input, radar, options, &|| false)
+}
+
+/// As [`simulate_motion`], but ends early once `stop` returns `true`, which is asked before every frame.
+///
+/// # Errors
+/// As [`simulate_motion`]; an error of kind [`ErrorKind::Interrupted`] if it was stopped.
+pub fn simulate_motion_until(
+    input: &str,
+    radar: &RadarConfig,
+    options: &SimulateOptions,
+    stop: &(dyn Fn() -> bool + Sync),
+) -> Result<SimulatedClip, Error> {
     let motion = open_motion(input, options.seed)?;
     let placement = place(&motion.motion, options.distance_m, options.radar_height_m);
     let plan = || Synthesizer::new(radar, options.method, options.processing.clone());
@@ -216,26 +254,76 @@ pub fn simulate_motion(
         points: Vec::new(),
         noise: Noise::Thermal,
     };
-    let frames = scene_to_points_in_parallel(plan, &scene, n_frames, options.seed)?;
+    let seed = options.noise_seed(input);
+    let frames = scene_to_points_until(plan, &scene, n_frames, seed, stop)?;
     Ok(SimulatedClip {
-        clip: clip(frames, input, radar, options),
+        clip: clip(frames, input, radar, options.radar_height_m, seed),
         motion,
         placement,
     })
+}
+
+/// Raw samples of a motion before a radar, one frame after the other: those from which [`simulate_motion`] makes points.
+///
+/// # Errors
+/// As [`simulate_motion`].
+pub fn simulate_cubes(
+    input: &str,
+    radar: &RadarConfig,
+    options: &SimulateOptions,
+) -> Result<SimulatedCubes, Error> {
+    let motion = open_motion(input, options.seed)?;
+    let placement = place(&motion.motion, options.distance_m, options.radar_height_m);
+    let n_frames = radar.frames_in(motion.motion.duration_s());
+    Ok(SimulatedCubes {
+        n_frames: n_frames.clamp(1, MAX_FRAMES),
+        body: posed_builtin(&motion.motion, motion.shape, placement)?,
+        synthesizer: Synthesizer::new(radar, options.method, options.processing.clone())?,
+        next: 0,
+        seed: options.noise_seed(input),
+    })
+}
+
+/// Iterator over the frames of [`simulate_cubes`].
+pub struct SimulatedCubes {
+    body: PosedBody,
+    synthesizer: Synthesizer,
+    n_frames: usize,
+    next: usize,
+    seed: u64,
+}
+
+impl Iterator for SimulatedCubes {
+    type Item = Result<RadarCube, Error>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.next == self.n_frames {
+            return None;
+        }
+        let scene = Scene {
+            surfaces: vec![&self.body],
+            points: Vec::new(),
+            noise: Noise::Thermal,
+        };
+        let cube = self.synthesizer.simulate(&scene, self.next, self.seed);
+        self.next += 1;
+        Some(cube.cloned().map_err(Error::from))
+    }
 }
 
 fn clip(
     frames: Vec<PointFrame>,
     input: &str,
     radar: &RadarConfig,
-    options: &SimulateOptions,
+    radar_height_m: f32,
+    seed: u64,
 ) -> Clip {
     Clip {
         frames,
         frame_rate_hz: radar.frame_rate_hz(),
-        radar_height_m: options.radar_height_m,
+        radar_height_m,
         radar: radar.name.clone(),
-        provenance: Provenance::simulated(input, options.seed),
+        provenance: Provenance::simulated(input, seed),
         clutter: Clutter::Settled,
     }
 }
@@ -256,6 +344,7 @@ impl From<SynthError> for Error {
         match error {
             SynthError::Radar(error) => error,
             SynthError::Dataset(error) => error.into(),
+            SynthError::Interrupted => Self::input(error).of_kind(ErrorKind::Interrupted),
             other => Self::input(other),
         }
     }

@@ -43,6 +43,9 @@ pub enum SynthError {
     /// The signal chain returned an error.
     #[error("signal chain: {0}")]
     Dsp(#[from] DspError),
+    /// The caller stopped the work.
+    #[error("stopped")]
+    Interrupted,
     /// The data set returned an error.
     #[error(transparent)]
     Dataset(#[from] radarllm_dataset::DatasetError),
@@ -321,9 +324,7 @@ impl Synthesizer {
     }
 }
 
-/// Simulates the first frames of a scene on all threads of the current pool. `plan` creates the chain of one thread.
-///
-/// The points do not depend on the number of threads: a frame depends only on its number and the seed.
+/// Simulates the first frames of a scene, as [`scene_to_points_until`] does.
 ///
 /// # Errors
 /// A chain that cannot be planned, or a frame that cannot be simulated or processed.
@@ -332,6 +333,24 @@ pub fn scene_to_points_in_parallel(
     scene: &Scene,
     n_frames: usize,
     seed: u64,
+) -> Result<Vec<PointFrame>, SynthError> {
+    scene_to_points_until(plan, scene, n_frames, seed, &|| false)
+}
+
+/// Simulates the first frames of a scene on all threads of the current pool. `plan` creates the chain of one thread.
+///
+/// The points do not depend on the number of threads: a frame depends only on its number and the seed.
+///
+/// `stop` is asked before every frame and ends the work when it returns `true`.
+///
+/// # Errors
+/// A chain that cannot be planned, a frame that cannot be simulated or processed, or [`SynthError::Interrupted`].
+pub fn scene_to_points_until(
+    plan: impl Fn() -> Result<Synthesizer, SynthError> + Sync,
+    scene: &Scene,
+    n_frames: usize,
+    seed: u64,
+    stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<Vec<PointFrame>, SynthError> {
     // One piece for each thread: planning a chain takes milliseconds.
     let frames_per_thread = n_frames.div_ceil(rayon::current_num_threads()).max(1);
@@ -343,6 +362,9 @@ pub fn scene_to_points_in_parallel(
             let mut synthesizer = plan()?;
             (first..(first + frames_per_thread).min(n_frames))
                 .map(|frame_idx| {
+                    if stop() {
+                        return Err(SynthError::Interrupted);
+                    }
                     synthesizer.simulate(scene, frame_idx, seed)?;
                     synthesizer.extract(frame_idx)
                 })

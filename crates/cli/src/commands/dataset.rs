@@ -1,4 +1,4 @@
-//! `dataset build|info|validate`.
+//! `dataset build|finish|export|info|validate`.
 
 use std::{
     path::Path,
@@ -6,14 +6,14 @@ use std::{
     time::{Duration, Instant},
 };
 
-use radarllm_dataset::{Dataset, Overwrite, builder::BuildOptions};
+use radarllm::{
+    DatasetPlan, Error,
+    dataset::{self, BuildOptions, Dataset, Overwrite, Progress, ShardEntry},
+};
 use radarllm_eval::held_out::validate_with_held_out;
-use radarllm_synth::{build, config::DatasetConfig};
-
-use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
 
 use crate::{
-    args::DatasetVerb,
+    args::{DatasetVerb, Part},
     error::{CliError, CliResult},
     output, threads,
 };
@@ -27,57 +27,46 @@ pub fn run(verb: &DatasetVerb) -> CliResult {
         DatasetVerb::Build {
             config,
             out,
+            shard,
             threads,
             force,
             json,
-        } => build(config, out, *threads, *force, *json),
+        } => {
+            let plan = DatasetPlan::open(config)?;
+            let options = BuildOptions {
+                threads: threads::threads(*threads),
+                overwrite: overwrite(*force),
+                retry_failed: false,
+            };
+            match shard {
+                Some(part) => build_part(&plan, out, *part, options, *json),
+                None => build(&plan, out, options, *json),
+            }
+        }
+        DatasetVerb::Finish { config, out, json } => {
+            finish(&DatasetPlan::open(config)?, out, *json)
+        }
+        DatasetVerb::Export {
+            dir,
+            to,
+            force,
+            json,
+        } => export(dir, to, overwrite(*force), *json),
         DatasetVerb::Info { dir, json } => info(dir, *json),
         DatasetVerb::Validate { dir, json } => validate(dir, *json),
     }
 }
 
-fn build(
-    config_path: &Path,
-    out: &Path,
-    threads: Option<usize>,
-    force: bool,
-    json: bool,
-) -> CliResult {
-    let text = files::read_text(config_path, MAX_CONFIG_BYTES)?;
-    let config = DatasetConfig::from_toml(&text)
-        .map_err(|e| CliError::new(format!("{}: {e}", config_path.display())))?;
-    let base = config_path.parent().unwrap_or(Path::new(""));
-    let options = BuildOptions {
-        threads: threads::threads(threads),
-        overwrite: if force {
-            Overwrite::Replace
-        } else {
-            Overwrite::Refuse
-        },
-        retry_failed: false,
-    };
+fn overwrite(force: bool) -> Overwrite {
+    match force {
+        true => Overwrite::Replace,
+        false => Overwrite::Refuse,
+    }
+}
+
+fn build(plan: &DatasetPlan, out: &Path, options: BuildOptions, json: bool) -> CliResult {
     let started = Instant::now();
-    let last_line = Mutex::new(Instant::now());
-    let report = build::build(&config, base, out, options, |progress| {
-        let mut last = last_line.lock().unwrap_or_else(PoisonError::into_inner);
-        if last.elapsed() < PROGRESS_EVERY {
-            return;
-        }
-        *last = Instant::now();
-        let seconds = started.elapsed().as_secs_f64();
-        let left_s =
-            seconds / progress.n_done.max(1) as f64 * (progress.n_items - progress.n_done) as f64;
-        eprintln!(
-            "{} of {} clips, {} failed, {} of {} shards, {:.1} clips/s, about {:.0} min left",
-            progress.n_done,
-            progress.n_items,
-            progress.n_failed,
-            progress.n_shards_done,
-            progress.n_shards,
-            progress.n_done as f64 / seconds,
-            left_s / 60.0
-        );
-    })?;
+    let report = plan.build(out, options, progress_lines(started), &|| false)?;
     let manifest = &report.manifest;
     if json {
         return output::print_json(&serde_json::json!({
@@ -100,10 +89,116 @@ fn build(
     for skipped in &manifest.skipped {
         eprintln!("left out: {}: {}", skipped.id, skipped.reason);
     }
-    for failed in manifest.shards.iter().flat_map(|s| &s.failed) {
+    print_failed(&manifest.shards);
+    Ok(())
+}
+
+/// Builds the shards of one part, in a folder that whichever process comes first prepares.
+fn build_part(
+    plan: &DatasetPlan,
+    out: &Path,
+    part: Part,
+    options: BuildOptions,
+    json: bool,
+) -> CliResult {
+    let started = Instant::now();
+    let shards = plan.part(part.number, part.of)?;
+    plan.prepare_once(out)?;
+    let built = plan.build_shards(out, shards, options, progress_lines(started), &|| false)?;
+    let entries = &built.entries;
+    let n_clips: u64 = entries.iter().map(|e| e.rows).sum();
+    let n_failed: usize = entries.iter().map(|e| e.failed.len()).sum();
+    let n_made = entries.len() - built.n_kept;
+    if json {
+        return output::print_json(&serde_json::json!({
+            "part": part.number,
+            "parts": part.of,
+            "clips": n_clips,
+            "failed": n_failed,
+            "shards": entries.len(),
+            "shards_made": n_made,
+            "seconds": started.elapsed().as_secs_f64(),
+        }));
+    }
+    output::print_line(&format!(
+        "{}: part {} of {}: {n_clips} clips in {} shards ({n_made} made now), {n_failed} failed",
+        out.display(),
+        part.number,
+        part.of,
+        entries.len(),
+    ));
+    print_failed(entries);
+    Ok(())
+}
+
+fn finish(plan: &DatasetPlan, out: &Path, json: bool) -> CliResult {
+    let manifest = plan.finish(out)?;
+    if json {
+        return output::print_json(&serde_json::json!({
+            "clips": manifest.n_clips,
+            "failed": manifest.n_failed,
+            "skipped": manifest.skipped.len(),
+            "shards": manifest.shards.len(),
+        }));
+    }
+    output::print_line(&format!(
+        "{}: {} clips in {} shards, {} failed",
+        out.display(),
+        manifest.n_clips,
+        manifest.shards.len(),
+        manifest.n_failed
+    ));
+    Ok(())
+}
+
+fn export(dir: &Path, to: &Path, overwrite: Overwrite, json: bool) -> CliResult {
+    let manifest = dataset::export(dir, to, overwrite).map_err(Error::from)?;
+    let bytes: u64 = manifest.shards.iter().map(|s| s.bytes).sum();
+    if json {
+        return output::print_json(&serde_json::json!({
+            "clips": manifest.n_clips,
+            "shards": manifest.shards.len(),
+            "bytes": bytes,
+        }));
+    }
+    output::print_line(&format!(
+        "{}: {} clips in {} shards, {bytes} bytes",
+        to.display(),
+        manifest.n_clips,
+        manifest.shards.len(),
+    ));
+    Ok(())
+}
+
+/// Prints a line from time to time.
+fn progress_lines(started: Instant) -> impl Fn(Progress) + Sync {
+    let last_line = Mutex::new(Instant::now());
+    move |progress| {
+        let mut last = last_line.lock().unwrap_or_else(PoisonError::into_inner);
+        if last.elapsed() < PROGRESS_EVERY {
+            return;
+        }
+        *last = Instant::now();
+        let seconds = started.elapsed().as_secs_f64();
+        let left_s =
+            seconds / progress.n_done.max(1) as f64 * (progress.n_items - progress.n_done) as f64;
+        eprintln!(
+            "{} of {} clips, {} failed, {} of {} shards, {:.1} clips/s, about {:.0} min left",
+            progress.n_done,
+            progress.n_items,
+            progress.n_failed,
+            progress.n_shards_done,
+            progress.n_shards,
+            progress.n_done as f64 / seconds,
+            left_s / 60.0
+        );
+    }
+}
+
+fn print_failed(shards: &[ShardEntry]) {
+    for failed in shards.iter().flat_map(|s| &s.failed) {
         eprintln!("failed: {}: {}", failed.id, failed.reason);
     }
-    Ok(())
 }
 
 fn info(dir: &Path, json: bool) -> CliResult {

@@ -11,6 +11,7 @@ pub mod eval;
 pub mod eval_falls;
 pub mod eval_page;
 pub mod eval_recordings;
+pub mod fact_scores;
 pub mod interventions;
 pub mod live;
 #[cfg(feature = "train")]

@@ -8,17 +8,17 @@ use std::{
 
 use flate2::read::GzDecoder;
 use radarllm_metrics::{
-    Candidate, Protocol, Reference, ScoreOptions,
+    Candidate, Protocol, Reference, ScoreOptions, Scores,
     meteor::{Paraphrases, Resources},
     score_with,
 };
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 #[cfg(feature = "train")]
 use crate::commands::model_scores;
 use crate::{
     args::ScoreArgs,
-    commands::pose_scores,
+    commands::{fact_scores, pose_scores},
     error::{CliError, CliResult},
     output,
 };
@@ -38,6 +38,14 @@ struct CandidateLine {
 struct ReferenceLine {
     id: Id,
     texts: Vec<String>,
+}
+
+/// What the command prints.
+#[derive(Serialize)]
+struct WithFacts {
+    #[serde(flatten)]
+    scores: Scores,
+    facts: fact_scores::FactBlock,
 }
 
 /// A text or an integer, which are equivalent.
@@ -109,7 +117,10 @@ pub fn run(args: &ScoreArgs) -> CliResult {
     let mut scores = score_with(&candidates, &references, &options, &resources)?;
     #[cfg(feature = "train")]
     model_scores::add(&mut scores, args, &candidates, &references)?;
-    output::print_json(&scores)
+    output::print_json(&WithFacts {
+        scores,
+        facts: fact_scores::block(&candidates, &references),
+    })
 }
 
 /// Reads JSON lines and skips blank lines. The error names the first invalid line and the number of the others.

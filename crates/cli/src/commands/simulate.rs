@@ -26,7 +26,7 @@ use radarllm_synth::{
     Method, SynthError, Synthesizer,
     objects::ObjectsFile,
     scene::{OwnedScene, SceneFile},
-    simulate::{is_builtin, motion_files, place},
+    simulate::{is_builtin, motion_files, noise_seed, place},
     synthesizer::{posed_builtin, scene_to_points_in_parallel},
 };
 use rayon::prelude::*;
@@ -327,9 +327,7 @@ fn simulate_one(
         points: Vec::new(),
         noise: Noise::Thermal,
     };
-    // A motion's noise is its own, and the same alone and in a folder.
-    let name = Path::new(input).file_stem().map(|s| s.to_string_lossy());
-    let seed = derive_seed(args.seed, name.as_deref().unwrap_or(input));
+    let seed = noise_seed(input, args.seed);
     let objects = match firmware {
         Some(firmware) if firmware.reports_surroundings() => {
             let height_m = f64::from(args.radar_height_m);

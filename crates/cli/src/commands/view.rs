@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use glam::Vec3;
-use radarllm::{Clip, DescribeOptions, Performed, Segment, SimulateOptions};
+use radarllm::{Clip, DescribeOptions, Performed, SimulateOptions, page_segments};
 use radarllm_base::MovingSurface;
 use radarllm_body::mesh::BodyShape;
 use radarllm_io::options::DEFAULT_RADAR_HEIGHT_M;
-use radarllm_render::page::{Page, PageMesh, PageSegment};
+use radarllm_render::page::{Page, PageMesh};
 use radarllm_synth::synthesizer::posed_builtin;
 
 use crate::{
@@ -46,17 +46,6 @@ pub fn run(args: &ViewArgs) -> CliResult {
     Ok(())
 }
 
-/// A segment with times from the first frame of the clip.
-fn page_segment<'a>(segment: &'a Segment, clip: &Clip) -> PageSegment<'a> {
-    let first_s = clip.frames.first().map_or(0.0, |f| f.time_s);
-    PageSegment {
-        start_s: segment.start_s - first_s,
-        end_s: segment.end_s - first_s,
-        caption: &segment.caption,
-        confidence: segment.confidence,
-    }
-}
-
 /// Writes the page of a described clip, with the body if its motion was simulated just now.
 pub fn write_page(path: &Path, clip: &Clip, performed: Option<&Performed>, row: &Row) -> CliResult {
     let provenance = format!(
@@ -87,7 +76,7 @@ pub fn write_page(path: &Path, clip: &Clip, performed: Option<&Performed>, row: 
         .unwrap_or_default();
     let page = Page {
         caption: &row.caption,
-        segments: row.segments.iter().map(|s| page_segment(s, clip)).collect(),
+        segments: page_segments(&row.segments, clip),
         provenance: &provenance,
         frames: &clip.frames,
         frame_rate_hz: clip.frame_rate_hz,

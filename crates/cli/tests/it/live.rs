@@ -1,5 +1,11 @@
 //! `live` and `ask`.
 
+use std::{
+    io::{BufRead, BufReader},
+    process::{Command, Stdio},
+    time::{Duration, Instant},
+};
+
 use serde_json::Value;
 
 use crate::command::{json, radarllm, refused};
@@ -77,4 +83,44 @@ fn what_cannot_run_is_refused() {
     assert!(refused(&["live", "no-such-recording.dat"]).contains("no-such-recording.dat"));
     let asked = refused(&["ask", "when did she last get up?", "--db", "no-such.db"]);
     assert!(asked.contains("no-such.db"), "{asked}");
+}
+
+#[test]
+fn a_signal_ends_it_within_five_seconds_with_everything_written() {
+    let dir = tempfile::tempdir().unwrap();
+    for signal in [libc::SIGTERM, libc::SIGINT] {
+        let database = dir.path().join(format!("{signal}.db"));
+        let database = database.to_str().unwrap();
+        let input = "builtin:squat?repetitions=6";
+        let mut live = Command::new(env!("CARGO_BIN_EXE_radarllm"))
+            .args(["live", input, "--speed", "5", "--loop", "--json"])
+            .args(["--http", "127.0.0.1:0", "--db", database])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(live.stdout.take().unwrap()).lines();
+        let is_row = |line: &str| line.contains("\"type\":\"activity\"");
+        assert!(lines.any(|line| is_row(&line.unwrap())));
+        let began = Instant::now();
+        // SAFETY: the process was started above and is not waited for before.
+        assert_eq!(unsafe { libc::kill(live.id() as libc::pid_t, signal) }, 0);
+        // What is printed until the end makes room for the messages.
+        assert!(lines.all(|line| line.is_ok()));
+        let status = live.wait().unwrap();
+        assert_eq!(status.code(), Some(0), "signal {signal}");
+        assert!(
+            began.elapsed() < Duration::from_secs(5),
+            "{:?}",
+            began.elapsed()
+        );
+        let answer = json(&[
+            "ask",
+            "how often did she squat?",
+            "--db",
+            database,
+            "--json",
+        ]);
+        assert!(answer["count"].as_u64().unwrap() > 0, "{answer}");
+    }
 }

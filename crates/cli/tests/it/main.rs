@@ -6,6 +6,7 @@ mod capture;
 mod chain;
 mod clean;
 mod command;
+mod dataset;
 mod eval_recordings;
 mod geometry;
 mod golden;

@@ -152,6 +152,35 @@ fn every_protocol_gives_every_value() {
     assert_eq!(scores["empty_references"], 1);
 }
 
+#[test]
+fn facts_are_compared_and_contradictions_counted() {
+    let files = Files::new(
+        concat!(
+            "{\"id\":1,\"text\":\"a person waves three times with the left hand\"}\n",
+            "{\"id\":2,\"text\":\"a person walks forward, then sits down\"}\n"
+        ),
+        concat!(
+            "{\"id\":1,\"texts\":[\"somebody sits\",\"a man waves with his right hand\"]}\n",
+            "{\"id\":2,\"texts\":[\"a person walks backward\"]}\n"
+        ),
+    );
+    let facts = &files.scores(&[])["facts"];
+    let row = |kind: &str| {
+        let row = &facts["by_kind"][kind];
+        ["common", "candidate", "reference"].map(|field| row[field].as_u64().unwrap())
+    };
+    assert_eq!(row("action"), [2, 3, 2]);
+    assert_eq!(row("side"), [0, 1, 1]);
+    assert_eq!(row("count"), [0, 1, 0]);
+    assert_eq!(row("subject"), [1, 2, 2]);
+    assert_eq!(facts["by_kind"]["action"]["precision"], 2.0 / 3.0);
+    assert!(facts["by_kind"]["count"]["recall"].is_null());
+    assert_eq!(
+        facts["contradictions"],
+        serde_json::json!({"direction": 1, "side": 1})
+    );
+}
+
 /// METEOR as pycocoevalcap runs it, with all the data of its jar, which are LGPL and not part of this
 /// repository: RADARLLM_METEOR_DATA names a folder made as docs/metrics.md says.
 #[test]

@@ -1,7 +1,8 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use radarllm_dataset::{
-    Columns, Dataset, DatasetError, ItemId, Overwrite, Progress, Split, build, validate,
+    BatchIter, Columns, Dataset, DatasetError, ItemId, Overwrite, Progress, Split, build,
+    builder::Builder, validate,
 };
 
 use crate::support::{clip, make, options, plan, tree};
@@ -35,6 +36,15 @@ fn what_was_built_is_read_back_exactly_and_is_valid() {
             assert!(light.joints.is_empty() && light.motion_features.is_empty());
         }
         assert_eq!(light.len(), expected.len());
+        let rows: usize = dataset
+            .iter_batches(split)
+            .map(|batch| {
+                let batch = batch.unwrap();
+                assert_eq!(batch.schema(), BatchIter::schema());
+                batch.num_rows()
+            })
+            .sum();
+        assert_eq!(rows, expected.len());
     }
     assert_eq!(validate(dir.path()).unwrap(), []);
 
@@ -79,6 +89,26 @@ fn shards_with_several_row_groups_keep_their_order() {
             .unwrap(),
         expected
     );
+}
+
+#[test]
+fn a_stopped_build_goes_on_where_it_stopped() {
+    let plan = plan(60);
+    let [whole, stopped] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    build(whole.path(), &plan, options(1), make, |_| {}).unwrap();
+    // After 30 of 60 items: some shards are complete, one is not.
+    let n_asked = AtomicUsize::new(0);
+    let stop = || n_asked.fetch_add(1, Ordering::Relaxed) >= 30;
+    let builder = Builder::new(plan.clone()).unwrap();
+    let found = builder.build(stopped.path(), options(1), make, |_| {}, &stop);
+    assert!(
+        matches!(found, Err(DatasetError::Interrupted { .. })),
+        "{found:?}"
+    );
+    assert!(Dataset::open(stopped.path()).is_err());
+    let report = build(stopped.path(), &plan, options(1), make, |_| {}).unwrap();
+    assert!(report.n_kept_shards > 0 && report.n_made_shards > 0);
+    assert!(tree(whole.path()) == tree(stopped.path()));
 }
 
 #[test]

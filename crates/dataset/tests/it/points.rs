@@ -3,7 +3,10 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, Float32Array, Float64Array, Int64Array, RecordBatch};
 use parquet::arrow::ArrowWriter;
 use radarllm_base::{PointFrame, RadarPoint};
-use radarllm_dataset::{DatasetError, Overwrite, PointsMeta, read_points, write_points};
+use radarllm_dataset::{
+    DatasetError, Overwrite, PointsMeta, points_from_batches, points_to_batch, read_points,
+    write_points,
+};
 
 use crate::support::{Draw, frames};
 
@@ -36,6 +39,20 @@ fn round_trip_keeps_everything_even_empty_and_lost_frames() {
         }
         write_points(&path, &meta(), &frames, Overwrite::Refuse).unwrap();
         let found = read_points(&path).unwrap();
+        // The same as Arrow batches, in two pieces.
+        let batch = points_to_batch(&meta(), &frames).unwrap();
+        let (half, schema) = (batch.num_rows() / 2, batch.schema());
+        let pieces = [
+            batch.slice(0, half),
+            batch.slice(half, batch.num_rows() - half),
+        ];
+        let metadata = schema.metadata().iter();
+        let metadata = metadata
+            .map(|(k, v)| (k.to_string(), v.to_string()))
+            .collect();
+        let name = std::path::Path::new("table");
+        let batches = points_from_batches(name, &metadata, pieces.map(Ok)).unwrap();
+        assert_eq!(batches, found);
         assert_eq!(found.meta, meta());
         assert_eq!(found.frames.len(), frames.len());
         for (a, b) in found.frames.iter().zip(&frames) {

@@ -89,6 +89,7 @@ pub fn plan(n_items: usize) -> BuildPlan {
     BuildPlan {
         name: "test".into(),
         tool_version: "0".into(),
+        arithmetic: "test".into(),
         radar: "awr1843boost".into(),
         frame_rate_hz: 10.0,
         seed: 7,
@@ -98,6 +99,7 @@ pub fn plan(n_items: usize) -> BuildPlan {
             source: "procedural".into(),
             licence: "MIT OR Apache-2.0".into(),
             attribution: "made here".into(),
+            synthetic: true,
         }],
         shard_size: 8,
         items: (0..n_items)

@@ -17,6 +17,7 @@ fn plan() -> BuildPlan {
     BuildPlan {
         name: "test".into(),
         tool_version: "0".into(),
+        arithmetic: "test".into(),
         radar: "awr1843boost".into(),
         frame_rate_hz: 10.0,
         seed: 7,
@@ -26,6 +27,7 @@ fn plan() -> BuildPlan {
             source: "procedural".into(),
             licence: "MIT OR Apache-2.0".into(),
             attribution: "made here".into(),
+            synthetic: true,
         }],
         shard_size: 8,
         // Two variants of a motion share its split.

@@ -36,6 +36,23 @@ for lengths in [(3, 3), (4, 6), (7, 3), (2, 5), (5, 2), (2, 2), (8, 8), (12, 9),
     p, r_, f = utils.greedy_cos_idf(*batch(r, rw), *batch(c, cw))
     pairs.append({"candidate": c.flatten().tolist(), "candidate_weights": cw, "reference": r.flatten().tolist(), "reference_weights": rw, "score": [float(p), float(r_), float(f)]})
 
+# The same pairs as bert_score compares them: 70 in batches of 64, padded.
+stats = {f"{side}{i}": (torch.tensor(p[side]).double().reshape(-1, DIMENSION), torch.tensor(p[side + "_weights"], dtype=torch.double)) for i, p in enumerate(pairs) for side in ("candidate", "reference")}
+utils.get_bert_embedding = lambda batch, *_, **__: padded(batch)
+
+
+def padded(names):
+    lengths = [len(stats[n][1]) for n in names]
+    pad = torch.nn.utils.rnn.pad_sequence
+    embeddings = pad([stats[n][0] for n in names], batch_first=True)
+    masks = torch.tensor([[int(k < n) for k in range(max(lengths))] for n in lengths])
+    return embeddings, masks, pad([stats[n][1] for n in names], batch_first=True)
+
+
+names = [i % len(pairs) for i in range(70)]
+p_r_f = utils.bert_cos_score_idf(torch.nn.Linear(1, 1), [f"reference{i}" for i in names], [f"candidate{i}" for i in names], None, None, device="cpu")
+batches = p_r_f.double().tolist()
+
 utils.sent_encode = lambda tokenizer, ids: ids
 documents = [[0, 5, 6, 6, 2], [0, 5, 2], [0, 7, 8, 5, 2], [0, 5, 2], [0, 2]]
 idf = utils.get_idf_dict(documents, None, nthreads=0)
@@ -46,6 +63,7 @@ json.dump(
         "versions": {p: version(p) for p in ["bert_score", "torch", "transformers"]},
         "dimension": DIMENSION,
         "pairs": pairs,
+        "batches": batches,
         "documents": documents,
         "idf": {str(i): idf[i] for i in [0, 2, 5, 6, 7, 99]},
         "vectors": [v.tolist() for v in vectors],

@@ -2,13 +2,15 @@
 
 use std::collections::BTreeMap;
 
-use radarllm_metrics::embedding::{BertScore, Idf, Sentence, bert_score, cosine};
+use radarllm_metrics::embedding::{BertScore, Idf, Padding, Sentence, bert_score, cosine, padding};
 use serde::Deserialize;
 
 #[derive(Deserialize)]
 struct Goldens {
     dimension: usize,
     pairs: Vec<Pair>,
+    /// Score of every pair of `pairs` where all of them, over and over, are compared in batches of 64.
+    batches: Vec<[f64; 3]>,
     documents: Vec<Vec<u32>>,
     idf: BTreeMap<u32, f64>,
     vectors: Vec<Vec<f32>>,
@@ -24,6 +26,22 @@ struct Pair {
     score: [f64; 3],
 }
 
+impl Pair {
+    fn candidate(&self) -> Sentence<'_> {
+        Sentence {
+            embeddings: &self.candidate,
+            weights: &self.candidate_weights,
+        }
+    }
+
+    fn reference(&self) -> Sentence<'_> {
+        Sentence {
+            embeddings: &self.reference,
+            weights: &self.reference_weights,
+        }
+    }
+}
+
 #[test]
 fn agrees_with_bert_score() {
     let goldens: Goldens =
@@ -35,15 +53,8 @@ fn agrees_with_bert_score() {
     };
     assert_eq!(goldens.pairs.len(), 9);
     for p in &goldens.pairs {
-        let candidate = Sentence {
-            embeddings: &p.candidate,
-            weights: &p.candidate_weights,
-        };
-        let reference = Sentence {
-            embeddings: &p.reference,
-            weights: &p.reference_weights,
-        };
-        let found = bert_score(candidate, reference, goldens.dimension).unwrap();
+        let alone = Padding::default();
+        let found = bert_score(p.candidate(), p.reference(), goldens.dimension, alone).unwrap();
         compare(found.precision, p.score[0]);
         compare(found.recall, p.score[1]);
         compare(found.f1, p.score[2]);
@@ -55,6 +66,20 @@ fn agrees_with_bert_score() {
     for (pair, expected) in goldens.vectors.windows(2).zip(&goldens.cosines) {
         compare(cosine(&pair[0], &pair[1]).unwrap(), *expected);
     }
+    let pairs: Vec<&Pair> = goldens.pairs.iter().cycle().take(70).collect();
+    let lengths = |p: &&Pair| (p.candidate_weights.len(), p.reference_weights.len());
+    let lengths: Vec<(usize, usize)> = pairs.iter().map(lengths).collect();
+    let mut n_changed = 0;
+    assert_eq!(goldens.batches.len(), 70);
+    for ((p, padding), expected) in pairs.iter().zip(padding(&lengths)).zip(&goldens.batches) {
+        let found = bert_score(p.candidate(), p.reference(), goldens.dimension, padding).unwrap();
+        compare(found.precision, expected[0]);
+        compare(found.recall, expected[1]);
+        compare(found.f1, expected[2]);
+        n_changed += usize::from((found.f1 - p.score[2]).abs() > 1e-6);
+    }
+    // Padding matters only to tokens that are similar to nothing.
+    assert!(n_changed > 0 && n_changed < 70, "{n_changed}");
     println!("largest difference {largest:.1e}");
 }
 
@@ -73,6 +98,28 @@ fn references_and_baseline_act_on_each_value_by_itself() {
 }
 
 #[test]
+fn the_longest_sentence_of_each_side_of_a_batch_is_not_padded() {
+    let padded = |candidate, reference| Padding {
+        candidate,
+        reference,
+    };
+    let found = padding(&[(3, 9), (5, 4), (5, 9)]);
+    assert_eq!(
+        found,
+        [
+            padded(true, false),
+            padded(false, true),
+            padded(false, false)
+        ]
+    );
+    // The 65th pair is in a batch of its own.
+    let mut lengths = vec![(7, 7); 64];
+    lengths.push((3, 3));
+    assert_eq!(padding(&lengths), [Padding::default(); 65]);
+    assert!(padding(&[]).is_empty());
+}
+
+#[test]
 fn broken_embeddings_are_errors() {
     let weights = [0.0, 1.0, 0.0];
     let sentence = |embeddings| Sentence {
@@ -80,7 +127,8 @@ fn broken_embeddings_are_errors() {
         weights: &weights,
     };
     let good = [1.0, 0.0, 0.0, 1.0, 1.0, 1.0];
-    assert!(bert_score(sentence(&good), sentence(&good), 2).is_ok());
+    let score = |a, b, dimension| bert_score(a, b, dimension, Padding::default());
+    assert!(score(sentence(&good), sentence(&good), 2).is_ok());
     for (bad, dimension) in [
         (&good[..5], 2),
         (&good[..], 0),
@@ -88,7 +136,7 @@ fn broken_embeddings_are_errors() {
         (&[1.0, 0.0, f32::NAN, 1.0, 1.0, 1.0][..], 2),
         (&[1.0, 0.0, 0.0, 0.0, 1.0, 1.0][..], 2),
     ] {
-        assert!(bert_score(sentence(bad), sentence(&good), dimension).is_err());
+        assert!(score(sentence(bad), sentence(&good), dimension).is_err());
     }
     assert!(
         cosine(&[1.0], &[1.0, 2.0]).is_err()

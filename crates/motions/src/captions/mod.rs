@@ -1,10 +1,9 @@
 //! Captions and attributes. They are generated from the parameters of the motion, so they match it.
 //!
 //! A clause is a template of [`phrases`] with an adverb of speed and a count. Clauses are joined by
-//! "then", "before", "after" or "while"; [`verbs`] inflects the verbs.
+//! "then", "before", "after" or "while"; [`radarllm_facts::inflect`] inflects the verbs.
 
 mod phrases;
-mod verbs;
 
 #[cfg(test)]
 pub mod check;
@@ -14,7 +13,7 @@ use crate::motions;
 use crate::request::{BuiltinRequest, Part, Segment};
 use crate::values::Values;
 use phrases::Counting;
-use verbs::{Form, inflect};
+use radarllm_facts::inflect::{Form, inflect};
 
 const SUBJECTS: &[&str] = &[
     "a person",

@@ -84,31 +84,20 @@ fn frame(n: u32) -> PointFrame {
 struct Run {
     outputs: Vec<Output>,
     clips: Vec<Clip>,
-    metrics: Arc<Metrics>,
 }
 
 fn run(numbers: impl Iterator<Item = u32>, arrival: impl Fn(u32) -> Arrival) -> Run {
     let describer = ByHeight::default();
     let clips = Arc::clone(&describer.0);
-    let metrics = Arc::new(Metrics::default());
     let options = PipelineOptions::new(1.0);
-    let mut pipeline = Pipeline::new(
-        stream(),
-        &options,
-        Box::new(describer),
-        Arc::clone(&metrics),
-    )
-    .unwrap();
+    let mut pipeline =
+        Pipeline::new(stream(), &options, Box::new(describer), Arc::default()).unwrap();
     let mut outputs: Vec<Output> = numbers
         .flat_map(|n| pipeline.frame(frame(n), arrival(n), true))
         .collect();
     outputs.extend(pipeline.end());
     let clips = clips.lock().unwrap().clone();
-    Run {
-        outputs,
-        clips,
-        metrics,
-    }
+    Run { outputs, clips }
 }
 
 fn events(outputs: &[Output]) -> Vec<(i64, EventKind)> {
@@ -165,8 +154,6 @@ fn a_stream_becomes_presence_falls_and_rows() {
         _ => None,
     });
     assert!(first.is_some_and(|t_s| t_s < 8.0), "{first:?}");
-    assert_eq!(run.metrics.frames_used.get(), 1_000);
-    assert_eq!(run.metrics.frames_lost.get(), 0);
     // Windows hold one person's points at the rate of the radar.
     let full = &run.clips[2];
     assert_eq!((full.frames.len(), full.frame_rate_hz), (60, 10.0));
@@ -193,13 +180,47 @@ fn arrival_times_change_no_row() {
 }
 
 #[test]
-fn lost_frames_are_counted_and_a_gap_ends_rows() {
+fn a_gap_ends_rows() {
     let numbers = (0..100).chain(105..150).chain(190..290);
     let run = run(numbers, |_| Arrival::Replayed(START_MS));
-    assert_eq!(run.metrics.frames_lost.get(), 5 + 40);
     let ends: Vec<f64> = rows(&run.outputs).iter().map(|r| r.2).collect();
     assert!(ends.len() >= 2, "{ends:?}");
     assert!(ends[0] <= 15.0, "{ends:?}");
+}
+
+#[test]
+fn clocks_that_jump_and_computers_that_sleep_are_told_and_lose_nothing() {
+    let changes = |events: &[(i64, EventKind)], kind: EventKind| {
+        let of_kind = events.iter().filter(|(_, k)| *k == kind);
+        of_kind.count()
+    };
+    // From 15 s on the clock of the computer is an hour ahead, or behind, or the computer slept for ten minutes, of which
+    // no frame is known. The person falls at 20 s.
+    for jump_ms in [3_600_000, -3_600_000, 600_000] {
+        let at = |n: u32| START_MS + i64::from(n) * 100 + if n < 150 { 0 } else { jump_ms };
+        let run = run(0..1_000, |n| Arrival::At(at(n)));
+        let found = events(&run.outputs);
+        assert_eq!(changes(&found, EventKind::ClockStep), 1, "{found:?}");
+        for kind in [
+            EventKind::Suspected,
+            EventKind::Confirmed,
+            EventKind::Recovered,
+        ] {
+            assert_eq!(changes(&found, kind), 1, "{kind:?}: {found:?}");
+        }
+        let confirmed = found.iter().find(|(_, kind)| *kind == EventKind::Confirmed);
+        let at_s = confirmed.unwrap().0 - jump_ms / 1_000;
+        assert!((40..=41).contains(&at_s), "{found:?}");
+        let is_frame = |output: &&Output| matches!(output, Output::Message(_, Body::Frame(_)));
+        assert_eq!(run.outputs.iter().filter(is_frame).count(), 1_000);
+        // Nothing reaches over the gap, and no row ends before it begins.
+        let rows = rows(&run.outputs);
+        assert!(rows.len() >= 3, "{rows:?}");
+        assert!(
+            rows.iter().all(|r| r.2 >= r.1 && r.2 - r.1 < 40.0),
+            "{rows:?}"
+        );
+    }
 }
 
 #[test]
@@ -235,6 +256,45 @@ fn a_silent_radar_ends_rows_and_presence() {
         EventKind::SourceBack,
     ];
     assert_eq!(kinds, expected);
+}
+
+#[test]
+fn a_computer_that_is_too_slow_has_fewer_windows_until_it_is_fast_again() {
+    let options = PipelineOptions::new(1.0);
+    let describer = ByHeight::default();
+    let clips = Arc::clone(&describer.0);
+    let metrics = Arc::new(Metrics::default());
+    let counts = Arc::clone(&metrics);
+    let mut pipeline = Pipeline::new(stream(), &options, Box::new(describer), metrics).unwrap();
+    let (mut degraded, mut events) = (Vec::new(), 0);
+    for n in 0..3_000u32 {
+        let standing = PointFrame {
+            points: body(0.4 * (n as f32 * 0.05).sin(), 1.7),
+            ..frame(n)
+        };
+        // Too slow for the first minute.
+        let outputs = pipeline.frame(standing, Arrival::Replayed(START_MS), n >= 600);
+        for output in outputs {
+            match output {
+                Output::Message(stamp, Body::Health(health)) => {
+                    degraded.extend(health.degraded.map(|what| (stamp.t_s, what)));
+                }
+                Output::Message(_, Body::Frame(f)) => events += usize::from(!f.people.is_empty()),
+                _ => {}
+            }
+        }
+    }
+    assert_eq!(counts.windows_overwritten.get(), 28);
+    let times: Vec<f64> = degraded.iter().map(|(t_s, _)| *t_s).collect();
+    // Every 4 s in the second minute, every 2 s from the third on.
+    assert!(degraded.iter().all(|(_, what)| what == "captions"));
+    assert!(times.first().is_some_and(|t_s| (60.0..66.0).contains(t_s)));
+    assert!(times.last().is_some_and(|t_s| (114.0..120.0).contains(t_s)));
+    let n_clips = clips.lock().unwrap().len();
+    // From 64 s to 116 s, and from 122 s to 298 s.
+    assert_eq!(n_clips, 14 + 89);
+    // People are tracked all the time.
+    assert!(events > 2_950, "{events}");
 }
 
 #[test]

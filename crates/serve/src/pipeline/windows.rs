@@ -64,6 +64,16 @@ impl Window {
     }
 }
 
+/// Who is not tracked any more.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Gone {
+    /// People who are gone.
+    pub ended: Vec<u32>,
+    /// Somebody who was alone in the room and lost, and the number of whoever appeared then, alone as well: the same
+    /// person.
+    pub renamed: Option<[u32; 2]>,
+}
+
 /// The last seconds of everybody.
 #[derive(Debug)]
 pub struct Windows {
@@ -108,13 +118,8 @@ impl Windows {
     }
 
     /// The points of the next frame, and of the people who are tracked in it. `is_occupied` tells whether somebody is in
-    /// the room, also if nobody is tracked. Returns those who are gone.
-    pub fn push(
-        &mut self,
-        frame: &PointFrame,
-        people: &[PersonFrame],
-        is_occupied: bool,
-    ) -> Vec<u32> {
+    /// the room, also if nobody is tracked. Returns who is gone.
+    pub fn push(&mut self, frame: &PointFrame, people: &[PersonFrame], is_occupied: bool) -> Gone {
         let oldest_s = frame.time_s - self.options.window_s + ROUNDING_S;
         keep(&mut self.room, frame.clone(), oldest_s);
         for person in people {
@@ -133,7 +138,12 @@ impl Windows {
         let ended = self.people.iter().filter(|(id, _)| is_gone(id));
         let mut ended: Vec<(u32, [f64; 2])> = ended.map(|(id, t)| (*id, t.place_m)).collect();
         self.people.retain(|id, _| !is_gone(id));
-        ended.extend(self.lingering.take().filter(|(id, _)| is_gone(id)));
+        let lost = self.lingering.take().filter(|(id, _)| is_gone(id));
+        let renamed = match (lost, people) {
+            (Some((person, _)), [one]) => Some([person, one.person]),
+            _ => None,
+        };
+        ended.extend(lost.filter(|_| renamed.is_none()));
         if people.is_empty() && is_occupied {
             // Of several, the newest: the last one in the room.
             ended.sort_by_key(|(id, _)| *id);
@@ -144,7 +154,10 @@ impl Windows {
             // Whoever has left must not be described as somebody who is there untracked.
             self.room.clear();
         }
-        ended.into_iter().map(|(id, _)| id).collect()
+        Gone {
+            ended: ended.into_iter().map(|(id, _)| id).collect(),
+            renamed,
+        }
     }
 
     /// Removes points from the last seconds.
@@ -162,8 +175,18 @@ impl Windows {
 
     /// Whether windows end with the frame at `t_s`: the first one in every stride of the stream.
     pub fn is_due(&mut self, t_s: f64) -> bool {
-        let stride = ((t_s + ROUNDING_S) / self.options.stride_s).floor();
+        let stride = self.stride_at(t_s);
         self.stride.replace(stride) != Some(stride)
+    }
+
+    /// Changes the time between the starts of two windows, s. The next windows end with the next stride after `t_s`.
+    pub fn set_stride(&mut self, stride_s: f64, t_s: f64) {
+        self.options.stride_s = stride_s;
+        self.stride = Some(self.stride_at(t_s));
+    }
+
+    fn stride_at(&self, t_s: f64) -> f64 {
+        ((t_s + ROUNDING_S) / self.options.stride_s).floor()
     }
 
     /// Whether there were points after the last windows were taken.
@@ -265,7 +288,7 @@ mod tests {
         let mut windows = Windows::new(WindowOptions::default()).unwrap();
         let mut found = Vec::new();
         for n in 0..121 {
-            let gone = windows.push(&frame(n), &[person(1, 3)], true);
+            let gone = windows.push(&frame(n), &[person(1, 3)], true).ended;
             assert!(gone.is_empty());
             if windows.is_due(f64::from(n) / 10.0) {
                 found.extend(windows.take());
@@ -297,7 +320,7 @@ mod tests {
         let both = windows.take();
         let points: Vec<(u32, u32)> = both.iter().map(|w| (w.person, w.n_points())).collect();
         assert_eq!(points, [(1, 150), (2, 0)]);
-        assert_eq!(windows.push(&frame(50), &[person(2, 0)], true), [1]);
+        assert_eq!(windows.push(&frame(50), &[person(2, 0)], true).ended, [1]);
         assert!(windows.is_partly_new());
         let left = windows.take();
         assert_eq!((left.len(), left[0].person), (1, 2));
@@ -319,20 +342,23 @@ mod tests {
             windows.push(&frame(n), &[person(1, 3)], true);
         }
         for n in 40..60 {
-            assert!(windows.push(&frame(n), &[], true).is_empty());
+            assert_eq!(windows.push(&frame(n), &[], true), Gone::default());
             assert!(windows.is_lingering());
         }
         let window = &windows.take()[0];
         assert_eq!((window.person, window.n_points()), (1, 300));
         // Found again under the same number, then lost and found under another one.
-        assert!(windows.push(&frame(60), &[person(1, 3)], true).is_empty());
+        let same = windows.push(&frame(60), &[person(1, 3)], true);
+        assert_eq!(same, Gone::default());
         assert!(!windows.is_lingering());
         assert_eq!(windows.take()[0].person, 1);
-        assert!(windows.push(&frame(61), &[], true).is_empty());
-        assert_eq!(windows.push(&frame(62), &[person(2, 3)], true), [1]);
+        assert_eq!(windows.push(&frame(61), &[], true), Gone::default());
+        // Alone as the one before: the same person.
+        let new = windows.push(&frame(62), &[person(2, 3)], true);
+        assert_eq!((new.ended, new.renamed), (Vec::new(), Some([1, 2])));
         assert_eq!(windows.take()[0].person, 2);
         // Gone.
-        assert_eq!(windows.push(&frame(63), &[], false), [2]);
+        assert_eq!(windows.push(&frame(63), &[], false).ended, [2]);
         assert!(windows.take().is_empty());
     }
 
@@ -364,7 +390,7 @@ mod tests {
         for n in 50..80 {
             windows.push(&at(n), &[person(1, 3)], true);
         }
-        assert_eq!(windows.push(&at(80), &[], false), [1]);
+        assert_eq!(windows.push(&at(80), &[], false).ended, [1]);
         assert!(windows.take().is_empty());
     }
 

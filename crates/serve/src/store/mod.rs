@@ -93,6 +93,13 @@ impl Store {
         &self.timeline
     }
 
+    /// Limits the database to a number of pages, so that it behaves as on a full disk.
+    #[cfg(test)]
+    pub(crate) fn limit_pages(&self, pages: u32) {
+        let sql = format!("PRAGMA max_page_count = {pages}");
+        self.timeline.connection.execute_batch(&sql).unwrap();
+    }
+
     /// Writes in one transaction. If `work` fails, nothing of it is kept.
     ///
     /// # Errors

@@ -29,6 +29,17 @@ pub enum Draw {
 impl ProceduralCorpus {
     /// Draws `[train, val, test]` items.
     pub fn new(counts: [usize; 3], seed: u64, draw: Draw) -> Self {
+        Self::new_until(counts, seed, draw, &|| false)
+    }
+
+    /// As [`Self::new`], but ends early once `stop` returns `true`, which is asked before every motion. The corpus lacks
+    /// motions then.
+    pub(crate) fn new_until(
+        counts: [usize; 3],
+        seed: u64,
+        draw: Draw,
+        stop: &(dyn Fn() -> bool + Sync),
+    ) -> Self {
         let mut items = Vec::new();
         let mut requests = Vec::new();
         for (split, count, prefix) in [
@@ -36,7 +47,7 @@ impl ProceduralCorpus {
             (Split::Val, counts[1], "val"),
             (Split::Test, counts[2], "test"),
         ] {
-            for i in 0..count {
+            for i in (0..count).take_while(|_| !stop()) {
                 // Data sets of the same motions before different radars share ids; trainings refuse different motions
                 // of one id, so that those of another seed need their own.
                 let motion_id = match draw {

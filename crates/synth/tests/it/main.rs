@@ -10,7 +10,7 @@ mod threads;
 use std::path::Path;
 
 use radarllm_dataset::{BuildOptions, ClipRecord, Dataset, Overwrite, Split};
-use radarllm_synth::{build::build, config::DatasetConfig};
+use radarllm_synth::{DatasetPlan, config::DatasetConfig};
 
 /// Training clips of the data set that a configuration describes.
 fn train_clips(config: &str, threads: usize) -> Vec<ClipRecord> {
@@ -21,7 +21,9 @@ fn train_clips(config: &str, threads: usize) -> Vec<ClipRecord> {
         overwrite: Overwrite::Refuse,
         retry_failed: false,
     };
-    build(&config, Path::new(""), folder.path(), options, |_| ()).unwrap();
+    let plan = DatasetPlan::new(config, Path::new("")).unwrap();
+    plan.build(folder.path(), options, |_| (), &|| false)
+        .unwrap();
     let dataset = Dataset::open(folder.path()).unwrap();
     dataset.read_split(Split::Train).unwrap()
 }

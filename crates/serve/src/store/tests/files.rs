@@ -125,15 +125,11 @@ fn a_full_disk_is_a_clear_error_and_passes() {
             Ok(())
         })
     };
-    let limit = |store: &Store, pages: u32| {
-        let sql = format!("PRAGMA max_page_count = {pages}");
-        store.timeline.connection.execute_batch(&sql).unwrap();
-    };
-    limit(&store, 40);
+    store.limit_pages(40);
     let error = write(&mut store).unwrap_err();
     assert!(matches!(error, StoreError::Full { .. }), "{error}");
     assert_eq!(ids(store.timeline(), &ActivityQuery::default()), NO_IDS);
-    limit(&store, 4_000);
+    store.limit_pages(4_000);
     write(&mut store).unwrap();
     store.check_integrity().unwrap();
 }

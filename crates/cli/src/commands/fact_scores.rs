@@ -1,0 +1,69 @@
+//! `score`: the facts of candidates beside those of their references.
+
+use std::collections::{BTreeMap, HashMap};
+
+use radarllm::facts::{
+    Kind,
+    score::{Tally, score},
+};
+use radarllm_metrics::{Candidate, Reference};
+use serde::Serialize;
+
+/// Precision and recall of facts.
+#[derive(Serialize)]
+pub struct FactBlock {
+    /// All kinds but the subject together.
+    all: Row,
+    by_kind: BTreeMap<&'static str, Row>,
+    /// Facts that exclude what the reference states, by kind: left for right, forward for backward, once for many.
+    contradictions: BTreeMap<&'static str, usize>,
+    rules: &'static str,
+}
+
+#[derive(Serialize)]
+struct Row {
+    common: usize,
+    candidate: usize,
+    reference: usize,
+    precision: Option<f64>,
+    recall: Option<f64>,
+    f1: Option<f64>,
+}
+
+impl From<Tally> for Row {
+    fn from(tally: Tally) -> Self {
+        Self {
+            common: tally.common,
+            candidate: tally.candidate,
+            reference: tally.reference,
+            precision: tally.precision(),
+            recall: tally.recall(),
+            f1: tally.f1(),
+        }
+    }
+}
+
+/// Compares every candidate with that of its references which agrees most. Candidates have references of the same id.
+pub fn block(candidates: &[Candidate], references: &[Reference]) -> FactBlock {
+    let texts: HashMap<&str, &[String]> = references
+        .iter()
+        .map(|reference| (reference.id.as_str(), &reference.texts[..]))
+        .collect();
+    let scores = score(candidates.iter().map(|candidate| {
+        let own = texts.get(candidate.id.as_str());
+        (candidate.text.as_str(), own.copied().unwrap_or_default())
+    }));
+    FactBlock {
+        all: scores.all().into(),
+        by_kind: Kind::ALL
+            .into_iter()
+            .map(|kind| (kind.name(), scores.of(kind).into()))
+            .collect(),
+        contradictions: scores
+            .contradictions
+            .iter()
+            .map(|(kind, n)| (kind.name(), *n))
+            .collect(),
+        rules: "facts of both sides by the parser of radarllm-facts; of all references of an item, the one that agrees most",
+    }
+}

@@ -1,0 +1,367 @@
+//! `DatasetPlan` and `Dataset`.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::{Mutex, PoisonError},
+    time::Instant,
+};
+
+use arrow_array::RecordBatchIterator;
+use numpy::{PyArray1, PyArray3, PyArrayMethods};
+use pyo3::{
+    prelude::*,
+    types::{PyCapsule, PyDict},
+};
+use radarllm::{
+    Clip, Clutter, DatasetPlan, Error, Overwrite, Provenance, Result,
+    dataset::{BatchIter, BuildOptions, ClipIter, ClipRecord, Columns, Dataset, Split, validate},
+    synth::config::DatasetConfig,
+};
+use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
+
+use crate::{
+    arrow, errors,
+    options::check_range,
+    points::PyPoints,
+    score::to_python,
+    work::{self, on_threads},
+};
+
+/// Most threads of a build, as in the library.
+const MAX_THREADS: usize = 1024;
+/// Joints of a pose, and coordinates of a joint.
+const POSE: [usize; 2] = [22, 3];
+
+/// The configuration of a data set, a TOML file as in `configs/default-data.toml`.
+#[pyclass(frozen, name = "DatasetPlan", module = "radarllm")]
+pub struct PyDatasetPlan {
+    path: PathBuf,
+    config: DatasetConfig,
+}
+
+#[pymethods]
+impl PyDatasetPlan {
+    #[new]
+    fn new(path: PathBuf) -> PyResult<Self> {
+        let read = || -> Result<DatasetConfig> {
+            let text = bounded::read_text(&path, MAX_CONFIG_BYTES)?;
+            DatasetConfig::from_toml(&text).map_err(|e| Error::in_file(&path, e))
+        };
+        let config = read().map_err(errors::to_py)?;
+        Ok(Self { path, config })
+    }
+
+    /// Name of the data set.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.config.name
+    }
+
+    /// Builds the data set in the folder `out`, or goes on with a build that was interrupted.
+    ///
+    /// The bytes do not depend on `threads`, which are as many as cores if None. Another data set in the folder is
+    /// refused, unless `overwrite` is true. `retry_failed` also builds shards with failed clips again. Ctrl-C leaves
+    /// complete shards only.
+    ///
+    /// Returns the numbers that `radarllm dataset build --json` prints: clips, failed, skipped, shards, shards_made and
+    /// seconds.
+    #[pyo3(signature = (out, *, threads=None, overwrite=false, retry_failed=false))]
+    fn build<'py>(
+        &self,
+        py: Python<'py>,
+        out: PathBuf,
+        threads: Option<usize>,
+        overwrite: bool,
+        retry_failed: bool,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+        let threads = threads.unwrap_or_else(cores);
+        check_range("threads", threads, 1..=MAX_THREADS).map_err(errors::to_py)?;
+        let options = BuildOptions {
+            threads,
+            overwrite: match overwrite {
+                true => Overwrite::Replace,
+                false => Overwrite::Refuse,
+            },
+            retry_failed,
+        };
+        let base = self.path.parent().unwrap_or(Path::new(""));
+        let started = Instant::now();
+        let report = work::run(py, |stop| {
+            on_threads(None, || {
+                let is_stopped = || stop.is_set();
+                let plan = DatasetPlan::new_until(self.config.clone(), base, &is_stopped)?;
+                plan.build(&out, options, |_| (), &is_stopped)
+            })
+        })?;
+        let manifest = &report.manifest;
+        let numbers = PyDict::new(py);
+        numbers.set_item("clips", manifest.n_clips)?;
+        numbers.set_item("failed", manifest.n_failed)?;
+        numbers.set_item("skipped", manifest.skipped.len())?;
+        numbers.set_item("shards", manifest.shards.len())?;
+        numbers.set_item("shards_made", report.n_made_shards)?;
+        numbers.set_item("seconds", started.elapsed().as_secs_f64())?;
+        Ok(numbers)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("DatasetPlan({:?})", self.path.display().to_string())
+    }
+}
+
+/// A finished radar-text data set in a folder.
+///
+/// `split("train")`, `split("val")` and `split("test")` give its clips. `close()`, or the end of a `with` block, ends the
+/// use.
+#[pyclass(frozen, name = "Dataset", module = "radarllm")]
+pub struct PyDataset(Mutex<Option<Dataset>>);
+
+impl PyDataset {
+    fn dataset(&self) -> PyResult<Dataset> {
+        let dataset = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        dataset.clone().ok_or_else(|| {
+            errors::input_with_hint(
+                "this data set is closed",
+                "use it within its `with` block, or open it again",
+            )
+        })
+    }
+}
+
+#[pymethods]
+impl PyDataset {
+    #[new]
+    fn new(folder: PathBuf) -> PyResult<Self> {
+        let opened = Dataset::open(&folder).map_err(|e| {
+            errors::to_py(Error::from(e).with_hint(
+                "a folder that `DatasetPlan.build` or `radarllm dataset build` finished",
+            ))
+        })?;
+        Ok(Self(Mutex::new(Some(opened))))
+    }
+
+    /// Name of the data set.
+    #[getter]
+    fn name(&self) -> PyResult<String> {
+        Ok(self.dataset()?.manifest().name.clone())
+    }
+
+    /// Name of the radar.
+    #[getter]
+    fn radar(&self) -> PyResult<String> {
+        Ok(self.dataset()?.manifest().radar.clone())
+    }
+
+    /// Frames per second, Hz.
+    #[getter]
+    fn frame_rate_hz(&self) -> PyResult<f64> {
+        Ok(self.dataset()?.manifest().frame_rate_hz)
+    }
+
+    /// Counts of clips, frames, points and captions, as `radarllm dataset info` prints them.
+    fn info<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let dataset = self.dataset()?;
+        let info = work::run(py, |_| Ok(dataset.info()?))?;
+        to_python(py, &info)
+    }
+
+    /// Reads everything and returns the problems found: hashes, sizes, values, ids, splits. An empty list is good.
+    fn validate(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        let dataset = self.dataset()?;
+        let problems = work::run(py, |_| Ok(validate(dataset.dir())?))?;
+        let line = |p: radarllm::dataset::Problem| {
+            let id = p.id.map(|id| format!(": {id}")).unwrap_or_default();
+            format!("{}{id}: {}", p.file, p.problem)
+        };
+        Ok(problems.into_iter().map(line).collect())
+    }
+
+    /// The clips of a split: "train", "val" or "test".
+    fn split(&self, name: &str) -> PyResult<PySplit> {
+        let split = Split::from_name(name).ok_or_else(|| {
+            errors::input_with_hint(format!("split {name:?}: unknown"), "train, val or test")
+        })?;
+        Ok(PySplit {
+            dataset: self.dataset()?,
+            split,
+        })
+    }
+
+    /// Whether `close` was called.
+    #[getter]
+    fn closed(&self) -> bool {
+        self.dataset().is_err()
+    }
+
+    /// Ends the use of the data set; may be called again.
+    fn close(&self) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+
+    fn __enter__(this: PyRef<'_, Self>) -> PyResult<PyRef<'_, Self>> {
+        this.dataset()?;
+        Ok(this)
+    }
+
+    fn __exit__(
+        &self,
+        _kind: &Bound<'_, PyAny>,
+        _error: &Bound<'_, PyAny>,
+        _trace: &Bound<'_, PyAny>,
+    ) {
+        self.close();
+    }
+
+    fn __repr__(&self) -> String {
+        match self.dataset() {
+            Ok(dataset) => format!("Dataset({:?})", dataset.dir().display().to_string()),
+            Err(_) => "Dataset(closed)".into(),
+        }
+    }
+}
+
+/// The clips of a split. Iterating reads one after the other; any Arrow library reads the rows:
+/// `pyarrow.table(split)`, or `pyarrow.RecordBatchReader.from_stream(split)` for one batch after the other.
+#[pyclass(frozen, name = "Split", module = "radarllm")]
+pub struct PySplit {
+    dataset: Dataset,
+    split: Split,
+}
+
+#[pymethods]
+impl PySplit {
+    /// Name of the split.
+    #[getter]
+    fn name(&self) -> &'static str {
+        self.split.name()
+    }
+
+    fn __len__(&self) -> usize {
+        usize::try_from(self.dataset.n_clips(self.split)).unwrap_or(usize::MAX)
+    }
+
+    fn __iter__(&self) -> PyClips {
+        PyClips {
+            clips: Mutex::new(Some(self.dataset.iter_split(self.split, Columns::All))),
+            frame_rate_hz: self.dataset.manifest().frame_rate_hz,
+        }
+    }
+
+    #[pyo3(signature = (requested_schema=None))]
+    fn __arrow_c_stream__<'py>(
+        &self,
+        py: Python<'py>,
+        requested_schema: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyCapsule>> {
+        // The protocol allows a producer to keep its own types where it cannot convert.
+        let _ = requested_schema;
+        let batches = self.dataset.iter_batches(self.split);
+        let external = |e| arrow_schema::ArrowError::ExternalError(Box::new(e));
+        let batches = batches.map(move |batch| batch.map_err(external));
+        arrow::capsule(
+            py,
+            Box::new(RecordBatchIterator::new(batches, BatchIter::schema())),
+        )
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Split({}, {} clips)", self.split.name(), self.__len__())
+    }
+}
+
+/// Iterator over the clips of a split.
+#[pyclass(frozen, name = "Clips", module = "radarllm")]
+pub struct PyClips {
+    clips: Mutex<Option<ClipIter>>,
+    frame_rate_hz: f64,
+}
+
+#[pymethods]
+impl PyClips {
+    fn __iter__(this: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        this
+    }
+
+    fn __next__(&self, py: Python<'_>) -> PyResult<Option<PyClip>> {
+        // Taken out while it works: a lock that is held without the interpreter's own could block both.
+        let taken = self
+            .clips
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        let Some(mut clips) = taken else {
+            return Err(errors::input("this iterator is in use by another thread"));
+        };
+        let (clips, found) = work::run(py, move |_| {
+            let found = clips.next().transpose();
+            Ok((clips, found))
+        })?;
+        *self.clips.lock().unwrap_or_else(PoisonError::into_inner) = Some(clips);
+        let record = found.map_err(|e| errors::to_py(e.into()))?;
+        record
+            .map(|record| PyClip::new(py, record, self.frame_rate_hz))
+            .transpose()
+    }
+}
+
+/// One simulation or recording of one motion with its captions.
+#[pyclass(frozen, get_all, name = "Clip", module = "radarllm")]
+pub struct PyClip {
+    /// Unique in the data set.
+    id: String,
+    /// The motion; all variants of it share it.
+    motion_id: String,
+    /// Group of motions that are in the same split.
+    group: String,
+    /// "train", "val" or "test".
+    split: &'static str,
+    /// Action label.
+    action: String,
+    /// Reference captions.
+    captions: Vec<String>,
+    /// Source of the motion.
+    source: String,
+    /// The points.
+    points: Py<PyPoints>,
+    /// Rate of `joints`, 1/s.
+    motion_fps: f32,
+    /// Joints of the body in the radar's axes, m: float32, shape (n_poses, 22, 3); no poses where they are unknown.
+    joints: Py<PyArray3<f32>>,
+}
+
+impl PyClip {
+    fn new(py: Python<'_>, record: ClipRecord, frame_rate_hz: f64) -> PyResult<Self> {
+        let joints: Vec<f32> = record.joints.iter().flatten().flatten().copied().collect();
+        let shape = [record.joints.len(), POSE[0], POSE[1]];
+        let points = PyPoints::from(Clip {
+            frames: record.frames,
+            frame_rate_hz,
+            radar_height_m: record.radar_height_m,
+            radar: record.radar,
+            // Clips of data sets are simulated, without clutter.
+            provenance: Provenance::simulated(&record.id, record.seed),
+            clutter: Clutter::Settled,
+        });
+        Ok(Self {
+            points: Py::new(py, points)?,
+            joints: PyArray1::from_vec(py, joints).reshape(shape)?.unbind(),
+            id: record.id,
+            motion_id: record.motion_id,
+            group: record.group,
+            split: record.split.name(),
+            action: record.action,
+            captions: record.captions,
+            source: record.source,
+            motion_fps: record.motion_fps,
+        })
+    }
+}
+
+#[pymethods]
+impl PyClip {
+    fn __repr__(&self) -> String {
+        let caption = self.captions.first().map_or("", String::as_str);
+        format!("Clip({:?}, {caption:?})", self.id)
+    }
+}
