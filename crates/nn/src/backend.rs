@@ -6,6 +6,7 @@ use radarllm_base::PointFrame;
 use radarllm_inference::Captioner;
 use radarllm_inference::backend::{Backend, check_pair};
 use radarllm_inference::checkpoint::Checkpoint;
+use radarllm_inference::lm::ensemble::member_folders;
 use radarllm_inference::lm::generate::{decode, score};
 use radarllm_inference::lm::{
     GenerateOptions, Generated, LmError, LmFiles, Precision, Source, Vocab, Watch,
@@ -81,13 +82,20 @@ impl Backend for ReferenceBackend {
     }
 }
 
-/// Loads `dir/tokenizer` and `dir/lm` with the training implementation; see [`Captioner::load`] for the engine.
+/// Loads `dir/tokenizer` and `dir/lm`, and the further members of an ensemble, with the training implementation; see [`Captioner::load`] for the engine.
 ///
 /// # Errors
 /// If either is missing or damaged, or if they do not fit together.
 pub fn load_reference_captioner(dir: &Path) -> Result<Captioner, LmError> {
-    let open = |part: &str| Checkpoint::open(&dir.join(part));
-    reference_captioner(&open("tokenizer")?, open("lm")?)
+    let load = |dir: &Path| {
+        let open = |part: &str| Checkpoint::open(&dir.join(part));
+        reference_captioner(&open("tokenizer")?, open("lm")?)
+    };
+    let mut captioner = load(dir)?;
+    for folder in &member_folders(dir)[1..] {
+        captioner = captioner.join(load(folder)?);
+    }
+    Ok(captioner)
 }
 
 /// As [`load_reference_captioner`], from opened checkpoints.
@@ -363,6 +371,8 @@ mod tests {
     fn a_streamed_caption_is_the_caption_and_can_be_stopped() {
         let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/default");
         let engine = Captioner::load(&dir, Precision::F32).unwrap();
+        let member = Captioner::load(&dir.join("member-2"), Precision::F32).unwrap();
+        assert!(engine.n_params() > member.n_params());
         let mut long = clip(60, 40);
         long.frames.extend(clip(150, 20).frames);
         // A recording of several windows, of which the first short one and the first long one show a person.
@@ -374,7 +384,8 @@ mod tests {
             .describe(&leaves, &DescribeOptions::default())
             .unwrap();
         assert_eq!(described.windows, 2);
-        for beam in [1, 3] {
+        for (engine, beam) in [(&engine, 1), (&member, 1), (&member, 3)] {
+            let is_single = engine.n_params() == member.n_params();
             let options = DescribeOptions {
                 beam,
                 ..Default::default()
@@ -388,8 +399,11 @@ mod tests {
                 let expected = engine.describe(clip, &options).unwrap();
                 assert_eq!(pieces.concat(), expected.caption);
                 let n_words = expected.caption.split(' ').count();
-                if clip.frames.len() == 60 && beam == 1 {
+                if clip.frames.len() == 60 && beam == 1 && is_single {
                     assert!(pieces.len() > n_words / 2, "{pieces:?}");
+                }
+                if !is_single {
+                    assert_eq!(pieces.len(), 1, "the members decide at the end");
                 }
                 assert_eq!(streamed.unwrap(), Some(expected));
                 let mut n_pieces = 0;

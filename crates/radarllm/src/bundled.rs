@@ -20,12 +20,17 @@ macro_rules! model_file {
 
 /// The files that inference reads, by their path in the model's folder. Of the language model's two sets of weights,
 /// only the one that its `config.json` names is here; the other serves further training.
-static FILES: [(&str, &[u8]); 5] = [
+static FILES: [(&str, &[u8]); 10] = [
     model_file!("lm/average.safetensors"),
     model_file!("lm/config.json"),
     model_file!("lm/tokenizer.json"),
     model_file!("tokenizer/config.json"),
     model_file!("tokenizer/model.safetensors"),
+    model_file!("member-2/lm/average.safetensors"),
+    model_file!("member-2/lm/config.json"),
+    model_file!("member-2/lm/tokenizer.json"),
+    model_file!("member-2/tokenizer/config.json"),
+    model_file!("member-2/tokenizer/model.safetensors"),
 ];
 
 /// A file of the bundled model, by its path in the model's folder.
@@ -36,13 +41,9 @@ pub fn file(path: &str) -> Option<&'static [u8]> {
         .map(|(_, bytes)| *bytes)
 }
 
-/// Name and contents of the bundled files in a folder of the model, sorted by name.
-pub fn files(folder: &str) -> Vec<(&'static str, &'static [u8])> {
-    let inside = |(path, bytes): &(&'static str, &'static [u8])| {
-        let name = path.strip_prefix(folder)?.strip_prefix('/')?;
-        Some((name, *bytes))
-    };
-    FILES.iter().filter_map(inside).collect()
+/// Path in the model's folder and contents of the bundled files.
+pub fn files() -> &'static [(&'static str, &'static [u8])] {
+    &FILES
 }
 
 /// Loads the bundled model, straight from the program's own bytes.
@@ -50,19 +51,27 @@ pub fn files(folder: &str) -> Vec<(&'static str, &'static [u8])> {
 /// # Errors
 /// If the files do not belong together, which a test excludes.
 pub fn load(precision: Precision) -> Result<Captioner> {
-    let (tokenizer, lm) = checkpoints();
-    Captioner::from_checkpoints(&tokenizer, lm, precision).map_err(Error::input)
+    let load = |(tokenizer, lm): (Checkpoint, Checkpoint)| {
+        Captioner::from_checkpoints(&tokenizer, lm, precision).map_err(Error::input)
+    };
+    let [first, second] = members();
+    Ok(load(first)?.join(load(second)?))
 }
 
-/// The checkpoints of the bundled tokenizer and language model.
-pub fn checkpoints() -> (Checkpoint, Checkpoint) {
-    (checkpoint("tokenizer"), checkpoint("lm"))
+/// The checkpoints of the tokenizer and the language model of each member of the ensemble.
+pub fn members() -> [(Checkpoint, Checkpoint); 2] {
+    ["", "member-2/"].map(|member| {
+        let part = |part: &str| checkpoint(&format!("{member}{part}"));
+        (part("tokenizer"), part("lm"))
+    })
 }
 
 fn checkpoint(part: &str) -> Checkpoint {
-    let named = files(part)
-        .into_iter()
-        .map(|(name, bytes)| (name.to_string(), bytes));
+    let inside = |(path, bytes): &(&'static str, &'static [u8])| {
+        let name = path.strip_prefix(part)?.strip_prefix('/')?;
+        Some((name.to_string(), *bytes))
+    };
+    let named = FILES.iter().filter_map(inside);
     Checkpoint::carried(&Path::new("models/default").join(part), named)
 }
 
@@ -77,6 +86,8 @@ mod tests {
         for (part, weights) in [
             ("tokenizer", "model.safetensors"),
             ("lm", "average.safetensors"),
+            ("member-2/tokenizer", "model.safetensors"),
+            ("member-2/lm", "average.safetensors"),
         ] {
             let written = Checkpoint::open(&folder.join(part)).unwrap();
             let bundled = checkpoint(part);
@@ -93,8 +104,11 @@ mod tests {
 
     #[test]
     fn the_bundled_weights_are_those_that_the_configuration_names() {
-        let config = String::from_utf8(file("lm/config.json").unwrap().to_vec()).unwrap();
-        assert!(config.contains(r#""weights": "average.safetensors""#));
+        for lm in ["lm", "member-2/lm"] {
+            let config = file(&format!("{lm}/config.json")).unwrap();
+            let config = String::from_utf8(config.to_vec()).unwrap();
+            assert!(config.contains(r#""weights": "average.safetensors""#));
+        }
     }
 
     #[test]

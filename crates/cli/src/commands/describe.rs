@@ -1,11 +1,16 @@
 //! `describe`: generates sentences from recordings, points files or motions.
 
-use std::{path::Path, time::Instant};
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 use radarllm::{
     Captioner, Choices, Clip, DescribeOptions, Precision, Recording, SimulateOptions, bundled,
 };
-use radarllm_inference::{Chosen, LmError, Segment, checkpoint::Checkpoint};
+use radarllm_inference::{
+    Chosen, LmError, Segment, checkpoint::Checkpoint, lm::ensemble::member_folders,
+};
 use radarllm_io::options::DEFAULT_RADAR_HEIGHT_M;
 use radarllm_tracking::find_people;
 use rayon::prelude::*;
@@ -84,13 +89,16 @@ pub fn load_decoder(model: Option<&Path>, decoder: DecoderName) -> CliResult<Cap
     }
     let (loaded, mut name) = match model {
         None => {
-            let (tokenizer, lm) = bundled::checkpoints();
-            (backend(&tokenizer, lm, decoder)?, bundled::NAME.to_string())
+            let loaded = joined(bundled::members().into_iter().map(Ok), decoder)?;
+            (loaded, bundled::NAME.to_string())
         }
         Some(path) => {
-            let open = |part: &str| Checkpoint::open(&path.join(part));
-            let load = || backend(&open("tokenizer")?, open("lm")?, decoder);
-            let loaded = load().map_err(|e| {
+            let open = |folder: PathBuf| {
+                let open = |part: &str| Checkpoint::open(&folder.join(part));
+                Ok((open("tokenizer")?, open("lm")?))
+            };
+            let loaded = joined(member_folders(path).into_iter().map(open), decoder);
+            let loaded = loaded.map_err(|e| {
                 let hint = match e {
                     LmError::NotT5 { .. } => {
                         "`--decoder f32` in a build with the feature `train` runs other language models"
@@ -106,6 +114,23 @@ pub fn load_decoder(model: Option<&Path>, decoder: DecoderName) -> CliResult<Cap
         name += ", int8";
     }
     Ok(Captioner::new(loaded, name).with_confidence_of(model)?)
+}
+
+/// The members of a model, which describe together.
+fn joined(
+    members: impl Iterator<Item = Result<(Checkpoint, Checkpoint), LmError>>,
+    decoder: DecoderName,
+) -> Result<radarllm_inference::Captioner, LmError> {
+    let mut captioners = members.map(|member| {
+        let (tokenizer, lm) = member?;
+        backend(&tokenizer, lm, decoder)
+    });
+    let none = || LmError::Config {
+        field: "members",
+        problem: "none".into(),
+    };
+    let first = captioners.next().ok_or_else(none)??;
+    captioners.try_fold(first, |all, member| Ok(all.join(member?)))
 }
 
 /// A captioner on what a decoder names. The inference engine runs T5 only; a build with training runs other language

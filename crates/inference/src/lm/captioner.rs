@@ -7,16 +7,16 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use radarllm_base::{Clip, PointFrame};
-use radarllm_engine::{Precision, Source, Watch, search};
+use radarllm_engine::{Precision, Watch, search};
 use serde::Serialize;
 
 use super::card::LmFiles;
 use super::consensus::{self, Reading, WindowReadings};
 use super::engine_lm::EngineLm;
+use super::ensemble::{Ensemble, Sentence, member_folders};
 use super::person_gate::{median_points, points_stay_together};
-use super::templates::EVALUATION_PROMPT;
 use super::vocab::Vocab;
-use super::{Allowed, GenerateOptions, Generated, LmError};
+use super::{Allowed, GenerateOptions, LmError};
 use crate::backend::{Backend, EngineBackend};
 use crate::checkpoint::Checkpoint;
 use crate::prepare::{FRAME_RATE_HZ, prepared};
@@ -28,9 +28,9 @@ const N_NEAR: usize = 7;
 /// The caption of a clip that shows no person.
 pub const NO_PERSON: &str = "no person seen";
 
-/// A radar tokenizer and a language model, loaded and ready for inference.
+/// A radar tokenizer and a language model, or several pairs that describe together, loaded and ready for inference.
 pub struct Captioner {
-    backend: Box<dyn Backend>,
+    ensemble: Ensemble,
 }
 
 /// Options for the description of a clip.
@@ -153,7 +153,8 @@ pub struct Segment {
 }
 
 impl Captioner {
-    /// Loads `dir/tokenizer` and `dir/lm` for the inference engine.
+    /// Loads `dir/tokenizer` and `dir/lm` for the inference engine, and those of the further members of an ensemble; see
+    /// [`member_folders`].
     ///
     /// With [`Precision::Int8`] the weights of the language model are quantized to bytes. This is faster for large
     /// models and occasionally changes a word. The radar tokenizer is always computed in f32.
@@ -161,8 +162,15 @@ impl Captioner {
     /// # Errors
     /// If either is missing or damaged, or they do not belong together.
     pub fn load(dir: &Path, precision: Precision) -> Result<Self, LmError> {
-        let open = |part: &str| Checkpoint::open(&dir.join(part));
-        Self::from_checkpoints(&open("tokenizer")?, open("lm")?, precision)
+        let open = |dir: &Path| {
+            let open = |part: &str| Checkpoint::open(&dir.join(part));
+            Self::from_checkpoints(&open("tokenizer")?, open("lm")?, precision)
+        };
+        let mut captioner = open(dir)?;
+        for folder in &member_folders(dir)[1..] {
+            captioner = captioner.join(open(folder)?);
+        }
+        Ok(captioner)
     }
 
     /// Packs the networks of two checkpoints for the inference engine.
@@ -182,17 +190,27 @@ impl Captioner {
 
     /// Creates a captioner on any backend.
     pub fn new(backend: Box<dyn Backend>) -> Self {
-        Self { backend }
+        Self {
+            ensemble: Ensemble::new(backend),
+        }
     }
 
-    /// Number of weights of both networks.
+    /// An ensemble of the members of both captioners: the sentences are those that all members together find most
+    /// probable. The radar tokens are those of the first member.
+    #[must_use]
+    pub fn join(mut self, other: Self) -> Self {
+        self.ensemble.join(other.ensemble);
+        self
+    }
+
+    /// Number of weights of all networks.
     pub fn n_params(&self) -> usize {
-        self.backend.n_params()
+        self.ensemble.n_params()
     }
 
     /// Ids of words.
     pub fn vocab(&self) -> &Vocab {
-        self.backend.vocab()
+        self.ensemble.first().vocab()
     }
 
     /// Describes a clip of any length.
@@ -239,9 +257,8 @@ impl Captioner {
         windows: &Windows,
         results: &[WindowCaption],
     ) -> Result<Vec<WindowReadings>, LmError> {
-        let vocab = self.backend.vocab();
         let clauses_of = |result: &WindowCaption| -> Vec<String> {
-            let clauses = radarllm_facts::parse(&result.text);
+            let clauses = radarllm_facts::parse(&result.sentence.text);
             let stating = clauses.iter().filter(|c| !c.text.is_empty());
             stating.map(|c| c.sentence()).collect()
         };
@@ -252,22 +269,15 @@ impl Captioner {
             let texts: BTreeSet<&String> = clauses[near]
                 .iter()
                 .flatten()
-                .chain([&result.text])
+                .chain([&result.sentence.text])
                 .collect();
-            let ids: Vec<Vec<u32>> = texts
-                .iter()
-                .map(|text| vocab.text_ids(text))
-                .collect::<Result<_, _>>()?;
-            let prompt = vocab.prompt(EVALUATION_PROMPT, Some(&result.radar), None)?;
-            let scores = self.backend.score(&prompt, &ids)?;
-            let most = scores.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-            let weights: Vec<f32> = scores.iter().map(|s| (s - most).exp()).collect();
-            let sum: f32 = weights.iter().sum();
-            let reading = |(text, weight): (&&String, &f32)| Reading::new(text, weight / sum);
+            let texts: Vec<&String> = texts.into_iter().collect();
+            let probabilities = self.ensemble.probabilities(&result.radar, &texts)?;
+            let readings = texts.iter().zip(probabilities);
             all.push(WindowReadings {
                 start,
                 end,
-                readings: texts.iter().zip(&weights).map(reading).collect(),
+                readings: readings.map(|(text, p)| Reading::new(text, p)).collect(),
             });
         }
         Ok(all)
@@ -306,14 +316,14 @@ impl Captioner {
         let windows: Vec<_> = equal_windows(&clip.frames)
             .map(|window| (window, clip.radar_height_m))
             .collect();
-        let encoded = self.backend.encode(&windows)?;
+        let encoded = self.ensemble.first().encode(&windows)?;
         Ok(encoded.into_iter().flat_map(|e| e.codes).collect())
     }
 
     /// Describes a clip, and calls `on_text` with each piece of the caption as soon as it is decoded. The caption is
     /// the concatenation of the pieces. A clip without a person gives one piece, [`NO_PERSON`]. A recording of more than
     /// one window gives one piece, because later windows change the sentences about earlier ones. With more than one
-    /// beam, the caption of a window is one piece.
+    /// beam, and of an ensemble, the caption of a window is one piece.
     ///
     /// Returns `None` if `on_text` breaks.
     ///
@@ -364,7 +374,7 @@ impl Captioner {
         Ok((!cancel.load(Ordering::Relaxed)).then_some(description))
     }
 
-    /// Log-probability of each text for each window of a clip that may show a person, in the windows of
+    /// Log-probability of each text, averaged over the members of an ensemble, for each window of a clip that may show a person, in the windows of
     /// [`Self::describe`]: `[windows][texts]`.
     ///
     /// # Errors
@@ -377,19 +387,9 @@ impl Captioner {
     ) -> Result<Vec<Vec<f32>>, LmError> {
         let clip = prepared(clip)?;
         let windows = Windows::of(&clip, options);
-        let vocab = self.backend.vocab();
-        let texts = texts
-            .iter()
-            .map(|text| vocab.text_ids(text))
-            .collect::<Result<Vec<_>, _>>()?;
-        self.backend
-            .encode(&windows.usable())?
-            .iter()
-            .map(|radar| {
-                let prompt = vocab.prompt(EVALUATION_PROMPT, Some(radar), None)?;
-                self.backend.score(&prompt, &texts)
-            })
-            .collect()
+        let encoded = self.ensemble.encode(&windows.usable())?;
+        let log_probs = |radar: &Vec<Encoded>| self.ensemble.mean_log_probs(radar, texts);
+        encoded.iter().map(log_probs).collect()
     }
 
     /// Describes each window.
@@ -399,26 +399,13 @@ impl Captioner {
         options: &DescribeOptions,
         watch: &mut Watch,
     ) -> Result<Vec<WindowCaption>, LmError> {
-        let vocab = self.backend.vocab();
-        let encoded = self.backend.encode(windows)?;
-        let prompts = encoded
-            .iter()
-            .map(|radar| vocab.prompt(EVALUATION_PROMPT, Some(radar), None))
-            .collect::<Result<Vec<Source>, _>>()?;
-        let generated = self
-            .backend
-            .generate(&prompts, &options.generate(), watch)?;
-        Ok(encoded
-            .into_iter()
-            .zip(generated)
-            .map(|(radar, generated)| {
-                let text = vocab.text(&generated.ids);
-                WindowCaption {
-                    radar,
-                    generated,
-                    text,
-                }
-            })
+        let encoded = self.ensemble.encode(windows)?;
+        let sentences = self
+            .ensemble
+            .sentences(&encoded, &options.generate(), watch)?;
+        let captions = encoded.into_iter().zip(sentences);
+        Ok(captions
+            .map(|(radar, sentence)| WindowCaption { radar, sentence })
             .collect())
     }
 }
@@ -430,18 +417,15 @@ fn without_last_word(text: &str) -> &str {
 
 /// What the networks made of one window.
 struct WindowCaption {
-    radar: Encoded,
-    generated: Generated,
-    text: String,
+    /// Codes and features by each member of the ensemble.
+    radar: Vec<Encoded>,
+    sentence: Sentence,
 }
 
 impl WindowCaption {
-    /// exp(mean log-probability of a token).
-    fn confidence(&self) -> f32 {
-        let n_tokens = self.generated.ids.len() + 1;
-        (self.generated.log_prob / n_tokens as f32)
-            .exp()
-            .clamp(0.0, 1.0)
+    /// Codes by the first member.
+    fn codes(&self) -> &[u32] {
+        self.radar.first().map_or(&[], |radar| &radar.codes)
     }
 }
 
@@ -517,14 +501,15 @@ impl<'a> Windows<'a> {
         if let [only] = results
             && self.is_whole()
         {
-            description.caption.clone_from(&only.text);
-            description.confidence = only.confidence();
+            let Sentence { text, confidence } = &only.sentence;
+            description.caption.clone_from(text);
+            description.confidence = *confidence;
             description.segments.push(Segment {
                 start_s: self.time_s(0),
                 end_s: self.time_s(n_frames),
-                caption: only.text.clone(),
-                actions: actions(&only.text),
-                confidence: only.confidence(),
+                caption: text.clone(),
+                actions: actions(text),
+                confidence: *confidence,
                 taught: None,
                 guess: None,
             });
@@ -550,9 +535,9 @@ impl<'a> Windows<'a> {
         for (i, (span, result)) in self.spans.iter().zip(results).enumerate() {
             let own = match self.spans.get(i + 1) {
                 Some(next) => (next.0.min(span.1) - span.0).div_ceil(FRAMES_PER_CODE),
-                None => result.radar.codes.len(),
+                None => result.codes().len(),
             };
-            tokens.extend(result.radar.codes.iter().take(own));
+            tokens.extend(result.codes().iter().take(own));
         }
         tokens
     }

@@ -2,7 +2,7 @@
 //!
 //! Reading order: [`config`] (shapes and presets), [`position`] (relative position buckets), [`vocab`] (ids),
 //! [`templates`] (prompts), [`card`] (a model on disk), [`generate`] (decoding options), [`engine_lm`] (codes to words
-//! on packed weights), `person_gate` (whether a person is present), `consensus` (sentences of overlapping windows to segments), [`captioner`]
+//! on packed weights), [`ensemble`] (several models together), `person_gate` (whether a person is present), `consensus` (sentences of overlapping windows to segments), [`captioner`]
 //! (points to sentences).
 //!
 //! Out of scope: the trainable networks are in `radarllm-nn`, losses and schedules in `radarllm-train`.
@@ -12,6 +12,7 @@ pub mod card;
 pub mod config;
 mod consensus;
 pub mod engine_lm;
+pub mod ensemble;
 mod error;
 pub mod generate;
 pub mod gpt2_config;
