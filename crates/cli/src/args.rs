@@ -726,7 +726,7 @@ pub struct InterventionsArgs {
 pub struct EvalRecordingsArgs {
     /// TOML with the activities, the actions that state them, and the roles of the recordings.
     pub config: PathBuf,
-    /// Folder with the recordings.
+    /// Folder with the recordings, or a data set where the configuration says `simulated = true`.
     #[arg(long)]
     pub recordings: PathBuf,
     /// Which recordings are evaluated: those for `tuning`, which may be used to choose settings, or `judged` ones, which

@@ -100,7 +100,8 @@ impl DatasetPlan {
         let mut places: HashMap<String, (usize, usize, usize)> = HashMap::new();
         let mut items = Vec::new();
         for (corpus_idx, corpus) in corpora.iter().enumerate() {
-            for (item_idx, item) in corpus.items().iter().enumerate() {
+            let items_of_splits = corpus.items().iter().enumerate();
+            for (item_idx, item) in items_of_splits.filter(|(_, item)| config.builds(item.split)) {
                 let variants = if item.split == Split::Train {
                     config.train_variants
                 } else {

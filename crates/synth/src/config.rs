@@ -6,6 +6,7 @@ use std::{
 };
 
 use radarllm_base::RadarConfig;
+use radarllm_dataset::Split;
 use radarllm_radar_dsp::Detector;
 use radarllm_radar_sim::{SimOptions, shapes::RigidSurface};
 use serde::{Deserialize, Serialize};
@@ -39,6 +40,9 @@ pub struct DatasetConfig {
     pub radar: String,
     /// Number of simulations of every training motion; validation and test motions get one each.
     pub train_variants: usize,
+    /// Names of the splits that are built; all of them if absent.
+    #[serde(skip_serializing_if = "is_default")]
+    pub splits: Option<Vec<String>>,
     /// Clips per Parquet shard.
     pub shard_clips: usize,
     /// Maximum clip length, in stored frames. Longer motions are cut to a window (drawn at random for training,
@@ -135,6 +139,7 @@ impl Default for DatasetConfig {
             seed: 1,
             radar: "awr1843boost".into(),
             train_variants: 1,
+            splits: None,
             shard_clips: 64,
             max_frames: 96,
             shortest_part_s: None,
@@ -184,6 +189,13 @@ impl DatasetConfig {
         ] {
             if value == 0 || value > MAX_COUNT {
                 return fail(format!("{name}: must be in 1..={MAX_COUNT}, found {value}"));
+            }
+        }
+        for name in self.splits.iter().flatten() {
+            if Split::from_name(name).is_none() {
+                return fail(format!(
+                    "splits: no split `{name}`, but train, val and test"
+                ));
             }
         }
         for (name, value) in [
@@ -276,6 +288,12 @@ impl DatasetConfig {
             );
         }
         Ok(())
+    }
+
+    /// Whether the clips of a split are built.
+    pub fn builds(&self, split: Split) -> bool {
+        let names = self.splits.as_ref();
+        names.is_none_or(|names| names.iter().any(|name| name == split.name()))
     }
 
     /// The placement settings.

@@ -10,7 +10,8 @@ use radarllm_eval::{
     proxy::Proxy,
     recordings::{
         LOOKS_HEAD, LabelledRecording, RecordingsConfig, RecordingsReport, Role, TeachOptions,
-        evaluate_recordings, evaluate_taught, labelled_files, look, markdown, parts,
+        evaluate_recordings, evaluate_taught, labelled_clips, labelled_files, look, markdown,
+        parts,
     },
 };
 use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
@@ -111,14 +112,25 @@ pub fn read_recordings(
     folder: &Path,
     options: &CaptureOptions,
 ) -> CliResult<Vec<LabelledRecording>> {
-    let files = labelled_files(config, role, folder).map_err(|e| CliError::io(folder, e))?;
-    if files.is_empty() {
-        return Err(CliError::new(format!(
+    let none = || {
+        CliError::new(format!(
             "{}: no recordings of an activity with the role `{}`",
             folder.display(),
             role.name()
         ))
-        .hint("the configuration names activities, their files and the files for tuning"));
+        .hint("the configuration names activities, their files and the files for tuning")
+    };
+    if config.simulated {
+        let clips = labelled_clips(config, role, &Dataset::open(folder)?)?;
+        return if clips.is_empty() {
+            Err(none())
+        } else {
+            Ok(clips)
+        };
+    }
+    let files = labelled_files(config, role, folder).map_err(|e| CliError::io(folder, e))?;
+    if files.is_empty() {
+        return Err(none());
     }
     let mut all = Vec::new();
     for (activity, name) in files {

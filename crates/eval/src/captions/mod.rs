@@ -403,7 +403,7 @@ fn read(data: &Dataset, split: Split) -> Result<Vec<ClipRecord>, EvalError> {
 }
 
 /// Moves the points out of a data set's clip. Clips of data sets are simulated.
-fn take_clip(record: &mut ClipRecord, frame_rate_hz: f64) -> Clip {
+pub(crate) fn take_clip(record: &mut ClipRecord, frame_rate_hz: f64) -> Clip {
     Clip {
         frames: std::mem::take(&mut record.frames),
         frame_rate_hz,

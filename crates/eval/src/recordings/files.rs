@@ -1,10 +1,12 @@
 //! The recordings of a folder, with their activities and roles.
 
-use std::{fs, io, path::Path};
+use std::{collections::BTreeMap, fs, io, path::Path};
 
 use radarllm_base::{Clip, PointFrame};
+use radarllm_dataset::{Columns, Dataset, Split};
 
 use super::{LabelledRecording, RecordingsConfig, Role};
+use crate::{EvalError, captions::take_clip};
 
 /// Folders are read to this depth.
 const MAX_DEPTH: usize = 4;
@@ -43,6 +45,39 @@ fn list(folder: &Path, prefix: &str, depth: usize, names: &mut Vec<String>) -> i
         }
     }
     Ok(())
+}
+
+/// The clips of a role in a data set, with their activities, by split and motion. Their names are `SPLIT/MOTION`; one
+/// variant of every motion is taken.
+///
+/// # Errors
+/// A data set that cannot be read.
+pub fn labelled_clips(
+    config: &RecordingsConfig,
+    role: Role,
+    data: &Dataset,
+) -> Result<Vec<LabelledRecording>, EvalError> {
+    let rate_hz = data.manifest().frame_rate_hz;
+    let mut labelled: BTreeMap<String, LabelledRecording> = BTreeMap::new();
+    for split in Split::ALL {
+        for record in data.iter_split(split, Columns::Points) {
+            let mut record = record?;
+            let name = format!("{}/{}", split.name(), record.motion_id);
+            if config.role_of(&name) != role || labelled.contains_key(&name) {
+                continue;
+            }
+            let Some(activity) = config.activity_of(&name) else {
+                continue;
+            };
+            let clip = LabelledRecording {
+                name: name.clone(),
+                activity: activity.name.clone(),
+                clip: take_clip(&mut record, rate_hz),
+            };
+            labelled.insert(name, clip);
+        }
+    }
+    Ok(labelled.into_values().collect())
 }
 
 /// Cuts a prepared recording into parts of equal length, as the configuration says.

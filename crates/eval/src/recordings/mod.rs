@@ -13,13 +13,15 @@ mod report;
 pub mod strict;
 mod taught;
 
+use std::collections::BTreeMap;
+
 use radarllm_base::Clip;
 use radarllm_inference::{Description, Segment};
 use serde::{Deserialize, Serialize};
 
 use crate::EvalError;
 use calibration::Calibration;
-pub use files::{labelled_files, parts};
+pub use files::{labelled_clips, labelled_files, parts};
 pub use looks::{LOOKS_HEAD, look};
 pub use report::markdown;
 use strict::StatedTime;
@@ -29,8 +31,12 @@ pub use taught::{TaughtReport, TeachOptions, evaluate_taught};
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordingsConfig {
-    /// Height of the radar above the floor, m.
+    /// Height of the radar above the floor, m. Clips of a data set have their own.
     pub radar_height_m: f32,
+    /// The recordings are the clips of a data set: motion capture of people through the virtual radar. Their paths are
+    /// `SPLIT/MOTION`.
+    #[serde(default)]
+    pub simulated: bool,
     /// Cut recordings into parts of this length, s; a shorter rest is left out. Not cut if omitted.
     pub part_s: Option<f64>,
     /// Roles of the recordings.
@@ -89,8 +95,24 @@ pub struct Activity {
     pub actions: Vec<String>,
     /// Patterns of paths below the folder of recordings; `NAME/*` if omitted.
     pub files: Option<Vec<String>>,
+    /// Patterns of the paths of recordings with a side of the body or of the direction, by side. Sides do not decide
+    /// whether a recording is described right, but are counted beside that.
+    #[serde(default)]
+    pub sides: BTreeMap<ActivitySide, Vec<String>>,
     /// The sentence by which the activity is taught, where it is.
     pub says: Option<String>,
+}
+
+/// A side of the body or of a direction.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ActivitySide {
+    /// Left.
+    Left,
+    /// Right.
+    Right,
+    /// Both sides of the body.
+    Both,
 }
 
 impl RecordingRow {
@@ -143,6 +165,13 @@ impl RecordingsConfig {
                 .strip_prefix(&activity.name)
                 .is_some_and(|rest| rest.starts_with('/')),
         })
+    }
+
+    /// The side of a recording of an activity, by its path.
+    fn side_of(&self, activity: &Activity, path: &str) -> Option<ActivitySide> {
+        let fits = |patterns: &Vec<String>| patterns.iter().any(|p| matches_pattern(path, p));
+        let (side, _) = activity.sides.iter().find(|(_, patterns)| fits(patterns))?;
+        Some(*side)
     }
 
     /// The role of a recording, by its path.
@@ -198,6 +227,9 @@ pub struct RecordingRow {
     pub stated: Option<String>,
     /// Whether that is the recorded activity.
     pub right: bool,
+    /// Whether the side is right, too, if the activity has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub side_right: Option<bool>,
 }
 
 /// A sentence and its time.
@@ -233,6 +265,9 @@ pub struct ActivityReport {
     pub abstained: usize,
     /// Recordings described right.
     pub right: usize,
+    /// Those among them whose side is right or that have none, if the activity has sides.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub with_side: Option<usize>,
     /// Recordings described as each activity, in the order of the configuration.
     pub confusion: Vec<usize>,
     /// Recordings described as another action.
@@ -263,6 +298,9 @@ pub struct RecordingsReport {
     pub recordings: usize,
     /// Recordings described right.
     pub right: usize,
+    /// Recordings described right, and with the right side where they have one; `None` if no activity has sides.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub right_with_side: Option<usize>,
     /// False falls.
     pub false_falls: FalseFalls,
     /// Confidence of sentences against whether they are right.
@@ -292,7 +330,7 @@ pub fn evaluate_recordings<E: From<EvalError>>(
             activity,
             clip,
         } = recording?;
-        if clip.provenance.is_simulated() {
+        if clip.provenance.is_simulated() && !config.simulated {
             return Err(EvalError::Simulated(clip.provenance.input().into()).into());
         }
         let description = describe(&clip)?;
@@ -337,6 +375,8 @@ fn row(
     let segments = segments.collect();
     let stated = whole.stated(&config.activity, seconds);
     let own = config.activity.iter().find(|a| a.name == activity);
+    let right = stated.as_deref() == Some(activity);
+    let side = own.and_then(|a| Some((a, config.side_of(a, name)?)));
     RecordingRow {
         recording: name.into(),
         activity: activity.into(),
@@ -344,7 +384,8 @@ fn row(
         segments,
         abstained,
         own_share: own.map_or(0.0, |a| whole.of(a) / seconds.max(f64::MIN_POSITIVE)),
-        right: stated.as_deref() == Some(activity),
+        side_right: side.map(|(a, side)| right && whole.has_side(a, side)),
+        right,
         stated,
     }
 }
@@ -365,12 +406,19 @@ fn report(
             recordings: own().count(),
             abstained: own().filter(|r| r.abstained).count(),
             right: own().filter(|r| r.right).count(),
+            with_side: (!activity.sides.is_empty()).then(|| {
+                own()
+                    .filter(|r| r.right && r.side_right != Some(false))
+                    .count()
+            }),
             other: own().count() - none - confusion.iter().sum::<usize>(),
             confusion,
             none,
         }
     };
     let activities: Vec<ActivityReport> = config.activity.iter().map(of_activity).collect();
+    let has_sides = activities.iter().any(|a| a.with_side.is_some());
+    let with_side = activities.iter().map(|a| a.with_side.unwrap_or(a.right));
     let segments: Vec<(f64, bool)> = rows
         .iter()
         .flat_map(|r| &r.segments)
@@ -382,6 +430,7 @@ fn report(
         radar_height_m: config.radar_height_m,
         recordings: rows.len(),
         right: activities.iter().map(|a| a.right).sum(),
+        right_with_side: has_sides.then(|| with_side.sum()),
         false_falls: false_falls(config, &rows),
         calibration: Calibration::of(&segments),
         activities,
@@ -465,6 +514,43 @@ mod tests {
             taught: None,
             guess: None,
         }
+    }
+
+    #[test]
+    fn sides_are_counted_beside_actions() {
+        let text = CONFIG.replace(
+            "actions = [\"walk\", \"circle\"]",
+            "actions = [\"walk\", \"circle\"]\nsides = { left = [\"*left*\"] }",
+        );
+        let config = RecordingsConfig::from_toml(&text).unwrap();
+        let row = |activity: &str, name: &str, caption: &str| {
+            let segments = [segment(0.0, 1.0, caption)];
+            super::row(&config, name, activity, 1.0, &segments, false)
+        };
+        let rows = vec![
+            row(
+                "walk",
+                "walk-left/1",
+                "a person walks in a circle to the left",
+            ),
+            row(
+                "walk",
+                "walk-left/2",
+                "a person walks in a circle to the right",
+            ),
+            row("walk", "walk-left/3", "a person walks"),
+            row("walk", "walk/4", "a person walks"),
+            row("squat", "left/5", "a person walks to the left"),
+        ];
+        let sides: Vec<Option<bool>> = rows.iter().map(|r| r.side_right).collect();
+        assert_eq!(sides, [Some(true), Some(false), Some(false), None, None]);
+        let report = report(String::new(), &config, Role::Tuning, rows);
+        assert_eq!((report.right, report.right_with_side), (4, Some(2)));
+        let page = markdown(&report, 1, "c.toml");
+        assert!(
+            page.contains("2 (40.0 %) are described with the right side"),
+            "{page}"
+        );
     }
 
     #[test]

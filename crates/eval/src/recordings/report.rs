@@ -15,10 +15,16 @@ pub fn markdown(report: &RecordingsReport, beam: usize, config: &str) -> String 
         Role::Judged => "judged recordings, which chose nothing",
     };
     let falls = report.false_falls;
+    let with_side = report.right_with_side.map_or(String::new(), |right| {
+        format!(
+            " {right} ({:.1} %) are described with the right side, too, where they have one.",
+            percent(right, report.recordings)
+        )
+    });
     let mut page = format!(
         "Model {}, beam {beam}, configuration {config}, radar {} m above the floor, {role}. **{} of {} recordings ({:.1} %) \
          are described right.** A recording is described right if its sentences state the activity at least half of the \
-         time and no other action as long.\n\n{}\n\
+         time and no other action as long.{with_side}\n\n{}\n\
          Recordings (row) by what their sentences state (column):\n\n{}\n\
          False falls: {} in {:.2} h of recordings without a fall ({}).\n",
         report.model,
@@ -55,6 +61,7 @@ fn counts(report: &RecordingsReport) -> Table {
         "activity",
         "recordings",
         "described right",
+        "with the right side",
         "without caption",
     ];
     let mut table = Table::new("", "", &head);
@@ -63,6 +70,7 @@ fn counts(report: &RecordingsReport) -> Table {
             a.activity.clone(),
             a.recordings.to_string(),
             format!("{} ({:.1} %)", a.right, percent(a.right, a.recordings)),
+            a.with_side.map_or(String::new(), |n| n.to_string()),
             a.abstained.to_string(),
         ]);
     }

@@ -7,7 +7,7 @@
 //! ```
 //! use radarllm_eval::recordings::{Activity, strict::StatedTime};
 //!
-//! let walk = Activity { name: "walk".into(), actions: vec!["walk".into()], files: None, says: None };
+//! let walk = Activity { name: "walk".into(), actions: vec!["walk".into()], files: None, sides: Default::default(), says: None };
 //! let mut time = StatedTime::default();
 //! time.add("a person walks forward", 6.0);
 //! time.add("a person bows, then walks", 4.0);
@@ -21,7 +21,7 @@ use std::collections::BTreeMap;
 
 use radarllm_facts::{Action, Direction, Side, parse};
 
-use super::Activity;
+use super::{Activity, ActivitySide};
 
 /// Time for which sentences state each action, s.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -49,6 +49,20 @@ impl StatedTime {
             .sum()
     }
 
+    /// Whether the sentences state the side of an activity, for longer than any other side.
+    pub fn has_side(&self, activity: &Activity, side: ActivitySide) -> bool {
+        let (mut own, mut other) = (0.0, 0.0);
+        let times = self.of_action.iter();
+        for (action, time) in times.filter(|(action, _)| activity.is_stated_by(action)) {
+            match ActivitySide::of(action) {
+                Some(stated) if stated == side => own += time,
+                Some(_) => other += time,
+                None => {}
+            }
+        }
+        own > other
+    }
+
     /// The activity, or the name of an action of no activity, that covers at least half of `seconds` and more than any
     /// other; `None` if there is none.
     pub fn stated(&self, activities: &[Activity], seconds: f64) -> Option<String> {
@@ -72,6 +86,18 @@ impl StatedTime {
         // Sums of thirds of seconds are not exact.
         let slack = 1e-6 * seconds;
         (most + slack >= 0.5 * seconds && most > second + slack).then(|| name.to_string())
+    }
+}
+
+impl ActivitySide {
+    /// The side of the body or of the direction that an action states.
+    fn of(action: &Action) -> Option<Self> {
+        match (action.side, action.direction) {
+            (Some(Side::Left), _) | (None, Some(Direction::Left)) => Some(Self::Left),
+            (Some(Side::Right), _) | (None, Some(Direction::Right)) => Some(Self::Right),
+            (Some(Side::Both), _) => Some(Self::Both),
+            _ => None,
+        }
     }
 }
 
@@ -109,6 +135,7 @@ mod tests {
                 name: name.into(),
                 actions: actions.iter().map(|a| (*a).into()).collect(),
                 files: None,
+                sides: BTreeMap::new(),
                 says: None,
             })
             .into()
@@ -161,6 +188,7 @@ mod tests {
             name: name.into(),
             actions: vec![action.into()],
             files: None,
+            sides: BTreeMap::new(),
             says: None,
         });
         for (sentence, expected) in [
@@ -173,6 +201,36 @@ mod tests {
             assert_eq!(
                 time.stated(&arms, 1.0).as_deref(),
                 Some(expected),
+                "{sentence}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_side_is_stated_by_a_limb_or_by_a_direction() {
+        let turning = Activity {
+            name: "turning left".into(),
+            actions: vec!["walk".into(), "turn".into(), "raise_arms".into()],
+            files: None,
+            sides: BTreeMap::new(),
+            says: None,
+        };
+        for (sentence, expected) in [
+            ("a person walks forward, then turns to the left", true),
+            ("a person raises the left arm", true),
+            ("a person walks forward", false),
+            ("a person turns to the right", false),
+            ("a person raises both arms", false),
+            // As long as the other side is no answer.
+            ("a person turns to the left, then turns to the right", false),
+            // Another action's side is none of this activity.
+            ("a person kicks with the left leg", false),
+        ] {
+            let mut time = StatedTime::default();
+            time.add(sentence, 1.0);
+            assert_eq!(
+                time.has_side(&turning, ActivitySide::Left),
+                expected,
                 "{sentence}"
             );
         }
