@@ -14,14 +14,49 @@ impl BuiltinRequest {
     /// The facts of the motion: its actions with everything that the values of the request determine. Nobody is named.
     pub fn facts(&self) -> Facts {
         let height_m = self.global.number("height_m");
-        let stretches = self.segments.iter().map(|segment| {
+        let stretches = self.segments.iter().flat_map(|segment| {
+            if segment.base.spec.name == "walk_turn" {
+                return walk_and_turn(&segment.base, height_m);
+            }
             let parts = std::iter::once(&segment.base).chain(&segment.overlay);
-            parts.filter_map(|part| action(part, height_m)).collect()
+            vec![parts.filter_map(|part| action(part, height_m)).collect()]
         });
         Facts {
             subject: None,
             stretches: stretches.collect(),
         }
+    }
+}
+
+/// The actions of "walks forward, then turns left", one after the other.
+fn walk_and_turn(part: &Part, height_m: f32) -> Vec<Vec<Action>> {
+    let stooped = (part.values.word("posture") == "stooped").then_some(Posture::Stooped);
+    let named = |name| lexicon::name(name).map(Action::named);
+    let walk = named("walk").map(|walk| Action {
+        direction: Some(Direction::Forward),
+        tempo: Some(tempo(part, height_m)),
+        posture: stooped,
+        ..walk
+    });
+    let turn = named("turn").map(|turn| Action {
+        direction: Some(match part.values.word("direction") {
+            "left" => Direction::Left,
+            _ => Direction::Right,
+        }),
+        ..turn
+    });
+    [walk, turn]
+        .into_iter()
+        .flatten()
+        .map(|action| vec![action])
+        .collect()
+}
+
+fn tempo(part: &Part, height_m: f32) -> Tempo {
+    match speed_word(part, height_m) {
+        "slow" => Tempo::Slow,
+        "fast" => Tempo::Fast,
+        _ => Tempo::Moderate,
     }
 }
 
@@ -58,14 +93,7 @@ fn action(part: &Part, height_m: f32) -> Option<Action> {
         .filter(|_| !matches!(action.name, "pace" | "circle"))
         .and_then(|n| u16::try_from(n).ok())
         .map(Count::Exactly);
-    action.tempo = part
-        .spec
-        .key("speed")
-        .map(|_| match speed_word(part, height_m) {
-            "slow" => Tempo::Slow,
-            "fast" => Tempo::Fast,
-            _ => Tempo::Moderate,
-        });
+    action.tempo = part.spec.key("speed").map(|_| tempo(part, height_m));
     action.extent = match action.name {
         // Angles between the named ones are not known to a reader.
         "turn" => Some(Extent::Degrees(v.number("angle_deg").round() as u16)),

@@ -14,7 +14,7 @@ const TEMPO_MARGIN: f32 = 1.07;
 /// exercise for longer than the input window of the model.
 const GOES_ON: f32 = 0.25;
 /// Motions of [`people_request`] alone.
-const OF_PEOPLE: [&str; 2] = ["leg_raise", "pace"];
+const OF_PEOPLE: [&str; 3] = ["leg_raise", "pace", "walk_turn"];
 /// Maximum number of draws before a plain walk is returned; in practice a tenth of them always
 /// suffices.
 const ATTEMPTS: u64 = 200;
@@ -103,7 +103,9 @@ const MANY: [u32; 2] = [14, 24];
 
 /// Motions that people repeat continuously: exercise, locomotion in place, gestures. People do not bow or throw
 /// continuously. The number is how often each is drawn: exercises that most people know are more frequent than others.
-const REPEATED: [(&str, f32); 18] = [
+///
+/// Walking and running are not repeated, but go on for as long as there is room.
+const REPEATED: [(&str, f32); 20] = [
     ("arm_circles", 1.0),
     ("circle", 1.0),
     ("clap", 1.0),
@@ -118,10 +120,12 @@ const REPEATED: [(&str, f32); 18] = [
     ("pace", 1.2),
     ("punch", 1.5),
     ("raise_arms", 1.4),
+    ("run", 0.7),
     ("side_bend", 1.0),
     ("squat", 1.8),
     ("twist", 0.8),
-    ("wave", 1.2),
+    ("walk", 2.0),
+    ("wave", 1.4),
 ];
 
 fn continuous(dice: &mut Dice) -> Option<String> {
@@ -154,6 +158,9 @@ fn continuous(dice: &mut Dice) -> Option<String> {
             }
             set("lean_deg", &format!("{:.0}", dice.range(2.0, 40.0)));
         }
+        "lunge" if is_sideways && dice.chance(0.4) => set("feet", "in_place"),
+        // Longer than a window of 9.6 s, or as far as the room is long.
+        "walk" | "run" => set("distance_m", &format!("{:.1}", dice.range(3.5, 7.0))),
         // People exercise with their feet apart, and lower and raise the body only.
         // Without a step, a lunge backward is a lunge forward with the other leg.
         "lunge" if !is_sideways && dice.chance(0.6) => {
@@ -171,9 +178,11 @@ fn continuous(dice: &mut Dice) -> Option<String> {
         }
         _ => {}
     }
-    let [few, most] = MANY;
-    let times = few + dice.index((most - few) as usize) as u32;
-    own.push(("repetitions".to_owned(), times.to_string()));
+    if spec.key("repetitions").is_some() {
+        let [few, most] = MANY;
+        let times = few + dice.index((most - few) as usize) as u32;
+        own.push(("repetitions".to_owned(), times.to_string()));
+    }
     let mut all = globals(dice);
     // Those who move their arms or one leg stand firmly.
     let (share, most_m) = match spec.name {
@@ -189,7 +198,7 @@ fn continuous(dice: &mut Dice) -> Option<String> {
     // Who boxes moves to and fro; others wander a little while they repeat a motion on the spot.
     let (share, most_m) = match spec.name {
         "punch" => (0.8, 0.4),
-        "circle" | "march" | "pace" => (0.0, 0.0),
+        "circle" | "march" | "pace" | "run" | "walk" => (0.0, 0.0),
         _ => (0.2, 0.1),
     };
     if dice.chance(share) {
@@ -231,7 +240,13 @@ fn with_any_pace_and_size(text: Option<String>, dice: &mut Dice) -> Option<Strin
             "jump" => [1.0, 2.0],
             "punch" => [0.8, 2.0],
             "leg_raise" => [0.5, 1.5],
-            "lunge" | "raise_arms" => [0.38, 1.4],
+            "lunge" => [0.38, 1.4],
+            // An arm may be raised once in a second.
+            "raise_arms" => [0.38, 2.0],
+            // Running is faster than walking.
+            "run" => [0.75, 1.7],
+            "walk" | "walk_turn" | "pace" => [0.45, 1.6],
+            "wave" => [0.4, 1.9],
             "arm_circles" | "side_bend" | "twist" => [0.45, 1.6],
             _ => [0.55, 1.9],
         };
@@ -259,10 +274,12 @@ enum Shares {
 fn everyday(name: &str) -> f32 {
     match name {
         "walk" => 5.0,
+        "walk_turn" => 4.0,
+        "raise_arms" | "wave" => 3.0,
         "pick_up" | "run" | "sit_down" | "stand_up" | "turn" => 2.0,
         "fall" => 1.5,
         "toe_touch" => 0.6,
-        "limp" => 0.4,
+        "limp" => 0.3,
         _ => 1.0,
     }
 }
@@ -392,6 +409,11 @@ fn draw(spec: &MotionSpec, key: &KeySpec, single: bool, dice: &mut Dice) -> Opti
         (_, _, KeyKind::Word { allowed, .. }) => Some(dice.pick(allowed).to_owned()),
         // Drawn by `people_request` only.
         ("jump", _, KeyKind::Speed) => None,
+        ("run", _, KeyKind::Speed) => match dice.index(4) {
+            0 => number(dice.range(0.75, 0.8)),
+            1 => number(dice.range(1.35, 1.6)),
+            _ => number(dice.range(0.9, 1.1)),
+        },
         (_, _, KeyKind::Speed) => match dice.index(4) {
             0 => number(dice.range(0.6, 0.75)),
             1 => number(dice.range(1.35, 1.6)),
@@ -422,6 +444,8 @@ fn draw(spec: &MotionSpec, key: &KeySpec, single: bool, dice: &mut Dice) -> Opti
             .then(|| format!("{:.2}", dice.range(1.2, 2.5))),
         ("turn", "angle_deg", _) => Some(dice.pick(&["90", "180", "180", "270", "360"]).to_owned()),
         ("pace", "distance_m", _) => number(dice.range(0.6, 3.0)),
+        ("walk_turn", "distance_m", _) => number(dice.range(2.0, if single { 7.0 } else { 3.0 })),
+        ("walk_turn", "angle_deg", _) => number(dice.range(50.0, 180.0)),
         ("circle", "radius_m", _) => number(dice.range(0.45, 1.2)),
         ("stand_still" | "sit_still", "duration_s", _) => {
             number(dice.range(2.0, if single { 6.0 } else { 4.0 }))

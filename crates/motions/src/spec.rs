@@ -316,6 +316,19 @@ static SPECS: &[MotionSpec] = &[
             DURATION,
         ],
     ),
+    motion(
+        "walk_turn",
+        "walks, turns while walking and walks on",
+        &[
+            LEFT_RIGHT,
+            number("angle_deg", 45.0, 180.0, 90.0),
+            SPEED,
+            number("distance_m", 1.0, 20.0, 4.0),
+            AMPLITUDE,
+            POSTURE,
+            DURATION,
+        ],
+    ),
     carrier(
         "side_step",
         "steps sideways without turning",

@@ -788,7 +788,7 @@ fn random_requests_are_broad_and_short() {
     // others.
     for spec in specs()
         .iter()
-        .filter(|s| !["leg_raise", "pace"].contains(&s.name))
+        .filter(|s| !["leg_raise", "pace", "walk_turn"].contains(&s.name))
     {
         let count = seen.get(spec.name).copied().unwrap_or(0);
         assert!(count >= 20, "{} only {count} times", spec.name);

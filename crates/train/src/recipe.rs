@@ -26,7 +26,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     data::flip_points,
     harness::{self, Ending, StopToken, TrainError},
-    lm::{LmClip, LmTrainConfig, instruct, pretrain},
+    lm::{LmClip, LmTrainConfig, instruct, pretrain, pretrain_further},
     motion::{self, MotionTrainConfig},
     tokenizer::{self, TokenizerTrainConfig},
 };
@@ -53,6 +53,11 @@ impl RecipeStage {
         Self::Instruct,
     ];
 
+    /// Whether the tokenizer of the model depends on this stage.
+    fn shapes_tokenizer(self) -> bool {
+        matches!(self, Self::Motion | Self::Tokenizer)
+    }
+
     /// Name of the stage and of its folder.
     pub fn name(self) -> &'static str {
         match self {
@@ -74,6 +79,9 @@ pub struct Recipe {
     pub data: Vec<PathBuf>,
     /// Folder for checkpoints, logs and the finished model, relative to the configuration file.
     pub out: PathBuf,
+    /// Folder of a model (`tokenizer/` and `lm/`) with which the training goes on, relative to the configuration file: its
+    /// tokenizer is kept, and [`RecipeStage::Pretrain`] continues with its language model and vocabulary.
+    pub start: Option<PathBuf>,
     /// Number of simulations per training motion, the first ones; 0 uses all.
     pub simulations_per_motion: usize,
     /// Number of disturbed copies of every training clip from which the language model learns, beside the clip itself:
@@ -103,6 +111,7 @@ impl Default for Recipe {
         Self {
             data: vec!["data".into()],
             out: "model".into(),
+            start: None,
             simulations_per_motion: 0,
             disturbed_copies: 0,
             device: Processors::default(),
@@ -158,6 +167,7 @@ impl Recipe {
             *data = base.join(&data);
         }
         recipe.out = base.join(&recipe.out);
+        recipe.start = recipe.start.map(|start| base.join(start));
         for lm in [&mut recipe.pretrain, &mut recipe.instruct] {
             lm.hf_folder = lm.hf_folder.take().map(|folder| base.join(folder));
         }
@@ -176,6 +186,12 @@ impl Recipe {
     pub fn stage_dir(&self, stage: RecipeStage) -> PathBuf {
         let elsewhere = self.stage_folders.get(stage.name());
         elsewhere.map_or_else(|| self.out.join(stage.name()), PathBuf::clone)
+    }
+
+    /// The stages of this recipe, in order: without motion and tokenizer if it goes on with a model.
+    pub fn stages(&self) -> Vec<RecipeStage> {
+        let has = |stage: &RecipeStage| self.start.is_none() || !stage.shapes_tokenizer();
+        RecipeStage::ALL.into_iter().filter(has).collect()
     }
 
     /// Whether a stage has written a checkpoint for later stages: its best one, or its last one.
@@ -203,6 +219,15 @@ impl Recipe {
         ] {
             run.processors = self.device.clone();
             run.stop = self.stop.clone();
+        }
+        if self.start.is_some() && stage.shapes_tokenizer() {
+            return Err(TrainError::Config {
+                field: "start".into(),
+                problem: format!(
+                    "keeps the tokenizer of a model, so there is no stage `{}`",
+                    stage.name()
+                ),
+            });
         }
         // A stage that was never started, or was stopped before its first checkpoint, starts from the beginning.
         let starts_afresh = resume && !has_checkpoint(&out);
@@ -235,8 +260,17 @@ impl Recipe {
             }
             RecipeStage::Pretrain => {
                 let (tokenizer, train, val) = self.lm_data()?;
-                let n_codes = tokenizer.config().codebook_size;
-                pretrain(&recipe.pretrain, n_codes, &train, &val, &out, resume)?.ending
+                match &self.start {
+                    Some(start) => {
+                        let lm = RadarLm::load(&start.join("lm"), &harness::cpu_device())?;
+                        pretrain_further(&recipe.pretrain, lm, &train, &val, &out, resume)?
+                    }
+                    None => {
+                        let n_codes = tokenizer.config().codebook_size;
+                        pretrain(&recipe.pretrain, n_codes, &train, &val, &out, resume)?
+                    }
+                }
+                .ending
             }
             RecipeStage::Instruct => {
                 let start = self.result(RecipeStage::Pretrain)?;
@@ -265,6 +299,9 @@ impl Recipe {
 
     /// Checkpoint of a finished stage: the best one by validation, or the last one.
     fn result(&self, stage: RecipeStage) -> Result<PathBuf, TrainError> {
+        if let (Some(start), RecipeStage::Tokenizer) = (&self.start, stage) {
+            return Ok(start.join("tokenizer"));
+        }
         let out = self.stage_dir(stage);
         ["best", "final"]
             .iter()

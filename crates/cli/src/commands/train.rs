@@ -45,7 +45,7 @@ pub fn run(args: &TrainArgs) -> CliResult {
         Stage::Tokenizer => vec![RecipeStage::Tokenizer],
         Stage::Pretrain => vec![RecipeStage::Pretrain],
         Stage::Instruct => vec![RecipeStage::Instruct],
-        Stage::All => RecipeStage::ALL.to_vec(),
+        Stage::All => recipe.stages(),
     };
     for stage in stages {
         let folder = recipe.out.join(stage.name());

@@ -73,7 +73,15 @@ fn with_extent(name: &str, v: &Values) -> Vec<&'static str> {
 pub fn paces(name: &str) -> bool {
     matches!(
         name,
-        "walk" | "run" | "circle" | "pace" | "march" | "limp" | "side_step" | "jog_in_place"
+        "walk"
+            | "walk_turn"
+            | "run"
+            | "circle"
+            | "pace"
+            | "march"
+            | "limp"
+            | "side_step"
+            | "jog_in_place"
     )
 }
 
@@ -195,6 +203,18 @@ pub fn clauses(name: &str, v: &Values) -> Vec<String> {
             "[walk] up and down",
             "[walk] to and fro",
         ],
+        ("walk_turn", _) => match v.number("angle_deg") {
+            a if a >= 150.0 => vec![
+                "[walk] forward, then [turn] around {way}",
+                "[walk] ahead and then [turn] around {way}",
+                "[walk] and then [turn] back {way}",
+            ],
+            _ => vec![
+                "[walk] forward, then [turn] {way}",
+                "[walk] ahead and then [turn] {way}",
+                "[walk] and then [turn] {way}",
+            ],
+        },
         ("limp", _) => vec![
             "[limp] forward with a hurt {side} leg",
             "[limp] forward, sparing the {side} leg",

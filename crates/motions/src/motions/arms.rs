@@ -15,7 +15,9 @@ pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let swing = actor.a(0.26) * v.amplitude();
-    let height = 0.72 + 0.12 * actor.dice.bell();
+    // From shoulder height to above the head, with the elbow bent more or less.
+    let height = 0.62 + 0.4 * actor.dice.bell();
+    let stretched = 0.68 + 0.14 * actor.dice.bell();
     let mut track = Track::new(rest);
     track.hold(0.1);
     let pose = |c: &mut Control, lean: f32| {
@@ -25,7 +27,7 @@ pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
                 *side,
                 height - 0.12 * lean,
                 1.1 + swing * lean,
-                0.70,
+                stretched,
                 ELBOW_OUT,
             );
             c.arms[*side].deviate = -0.35 * lean;

@@ -60,6 +60,15 @@ pub fn lunge(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let mut track = Track::new(rest);
     track.hold(0.1);
     let in_place = v.word("feet") == "in_place";
+    // With the feet in place, the front foot is also beside the other one, and the body moves over it.
+    let aside = match in_place && way.z > 0.0 {
+        true => actor.dice.range(0.0, 1.05),
+        false => 0.0,
+    };
+    let way = match aside > 0.0 {
+        true => Vec3::new(SIDE_SIGN[side] * aside.sin(), 0.0, aside.cos()),
+        false => way,
+    };
     // Many hardly lower the body, and hold their hands in front of the chest.
     let depth = actor.dice.range(0.4, 1.05);
     let (elevation, azimuth, stretched) = match actor.dice.chance(0.5) {
@@ -99,7 +108,8 @@ pub fn lunge(v: &Values, actor: &mut Actor) -> Vec<Control> {
             c.bias = match (sideways, side) {
                 (true, 0) => 0.78,
                 (true, _) => 0.22,
-                _ => 0.5,
+                (false, 0) => 0.5 + 0.25 * aside.sin(),
+                (false, _) => 0.5 - 0.25 * aside.sin(),
             };
             if way.z > 0.0 {
                 c.feet[other].pitch = -0.9;

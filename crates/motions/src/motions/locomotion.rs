@@ -144,6 +144,42 @@ pub fn back_and_forth(v: &Values, actor: &mut Actor) -> Vec<Control> {
     })
 }
 
+/// Walks along two straight lines with a curve between them.
+pub fn walk_turn(v: &Values, actor: &mut Actor) -> Vec<Control> {
+    let distance_m = v.number("distance_m");
+    let angle = v.number("angle_deg").to_radians();
+    let sign = towards(v.word("direction")).x;
+    let speed = v.speed();
+    // The sharper the turn, the tighter the curve; people turn around within a step or two.
+    let bend_m = actor.dice.range(0.25, 0.9) / angle.max(1.0);
+    let radius_m = actor.m(bend_m);
+    let curve_m = angle * radius_m;
+    let before_m = actor.dice.range(0.35, 0.65) * (distance_m - curve_m).max(0.6);
+    let after_m = (distance_m - curve_m - before_m).max(0.3);
+    let mut gait = Gait::walk(actor, speed);
+    let size = v.amplitude() * if actor.stoop > 0.0 { 0.8 } else { 1.0 };
+    gait.arm *= size;
+    gait.lift_m *= v.amplitude();
+    gait.strike *= size;
+    gait.toe_off *= 0.85;
+    gait.step_s *= size.sqrt();
+    gait.first = usize::from(sign < 0.0);
+    let total_m = before_m + curve_m + after_m;
+    gait.plan(total_m, 0.95 * WALK_MPS * actor.rig.scale.sqrt() * speed);
+    gait.perform(actor, &|p| {
+        let along_m = total_m * p;
+        let turned = ((along_m - before_m) / radius_m).clamp(0.0, angle);
+        let straight_m = along_m - turned * radius_m;
+        let (first_m, second_m) = (straight_m.min(before_m), (straight_m - before_m).max(0.0));
+        let place = Vec3::new(
+            sign * (radius_m * (1.0 - turned.cos()) + second_m * turned.sin()),
+            0.0,
+            first_m + radius_m * turned.sin() + second_m * turned.cos(),
+        );
+        (place, sign * turned)
+    })
+}
+
 /// Steps to the side without crossing the feet.
 pub fn side_step(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let distance_m = v.number("distance_m");

@@ -46,6 +46,7 @@ pub fn perform(name: &str, v: &Values, actor: &mut Actor) -> Vec<Control> {
         "turn" => locomotion::turn(v, actor),
         "circle" => locomotion::circle(v, actor),
         "pace" => locomotion::back_and_forth(v, actor),
+        "walk_turn" => locomotion::walk_turn(v, actor),
         "side_step" => locomotion::side_step(v, actor),
         "march" => locomotion::march(v, actor),
         "jog_in_place" => locomotion::jog_in_place(v, actor),

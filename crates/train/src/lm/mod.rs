@@ -20,4 +20,4 @@ mod tests;
 pub(crate) use clip::word_spans;
 pub use clip::{LmClip, swap_sides};
 pub use config::{LmTrainConfig, TaskWeights};
-pub use stage::{LmOutcome, instruct, pretrain};
+pub use stage::{LmOutcome, instruct, pretrain, pretrain_further};

@@ -128,6 +128,23 @@ pub fn pretrain(
     train(config, lm, LmStageKind::Pretrain, clips, val, out, resume)
 }
 
+/// Pretrains a model that was trained before on further clips, with its own vocabulary: new words are spelled.
+///
+/// # Errors
+/// See [`TrainError`]. Clips are checked before any file is written.
+pub fn pretrain_further(
+    config: &LmTrainConfig,
+    start: RadarLm,
+    clips: &[LmClip],
+    val: &[LmClip],
+    out: &Path,
+    resume: bool,
+) -> Result<LmOutcome, TrainError> {
+    config.validate()?;
+    let kind = LmStageKind::Pretrain;
+    train(config, start, kind, clips, val, out, resume)
+}
+
 /// Fine-tunes a pretrained model on prompt templates and sub-tasks.
 ///
 /// # Errors
