@@ -535,6 +535,24 @@ mod tests {
     }
 
     #[test]
+    fn a_recipe_with_a_start_keeps_its_tokenizer() {
+        let recipe = Recipe::from_toml("start = \"x\"", Path::new("b")).unwrap();
+        assert_eq!(
+            recipe.stages(),
+            [RecipeStage::Pretrain, RecipeStage::Instruct]
+        );
+        assert_eq!(
+            recipe.result(RecipeStage::Tokenizer).unwrap(),
+            Path::new("b/x/tokenizer")
+        );
+        for stage in [RecipeStage::Motion, RecipeStage::Tokenizer] {
+            let refused = recipe.run(stage, false).unwrap_err().to_string();
+            assert!(refused.contains("start"), "{refused}");
+        }
+        assert_eq!(Recipe::default().stages(), RecipeStage::ALL);
+    }
+
+    #[test]
     fn variants_of_a_motion_say_the_same() {
         let clip = |variant: u32, radar: &str, caption: &str| ClipRecord {
             id: format!("walk-7#{variant}"),

@@ -24,7 +24,7 @@ use super::config::LmTrainConfig;
 use super::examples::{ExampleMaker, Item, LmStageKind};
 use super::loss::cross_entropy;
 use super::stage::LmStage;
-use super::{LmOutcome, instruct, pretrain};
+use super::{LmOutcome, instruct, pretrain, pretrain_further};
 use crate::adamw::{AdamW, AdamWConfig, GradientSum, ParamRule};
 use crate::harness::{Ending, LoopConfig, Stage, StepInfo, cpu_device};
 
@@ -151,6 +151,15 @@ fn eight_clips_are_learned_word_for_word_and_tuning_keeps_them() {
     for beam in [1, 4] {
         assert_eq!(captions(&lm, &clips, beam), expected, "beam {beam}");
     }
+    // Further training begins with these weights and these words.
+    let mut hardly = config.clone();
+    hardly.run.learning_rate = 1e-9;
+    hardly.run.max_steps = 2;
+    let same = RadarLm::load(&outcome.checkpoint, &cpu_device()).unwrap();
+    let further = pretrain_further(&hardly, same, &clips, &[], &dir.join("further"), false);
+    let further = RadarLm::load(&further.unwrap().checkpoint, &cpu_device()).unwrap();
+    assert_eq!(captions(&further, &clips, 1), expected);
+    assert_eq!(further.vocab.layout(), lm.vocab.layout());
     // The confidence is a probability, and is high if every caption has been memorised.
     let source = lm.describe_prompt(&clips[0].variants[0]).unwrap();
     let sure = lm
