@@ -169,7 +169,7 @@ fn tokenizer_overfits_a_tiny_batch_and_encodes() {
 #[test]
 fn the_paper_preset_trains_a_tokenizer_of_its_size() {
     let dir = scratch("paper");
-    let clips = synthetic::clips(1, 96, 128);
+    let clips = synthetic::clips(1, 48, 128);
     let recipe = Recipe::of(Preset::Paper);
     let mut motion = recipe.motion;
     motion.run = steps(6);
