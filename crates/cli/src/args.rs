@@ -61,7 +61,13 @@ pub enum Verb {
     /// Describe recordings, points files or motions in sentences.
     ///
     /// Example: radarllm describe points.parquet "builtin:wave?side=left"
+    ///
+    /// Example: radarllm describe walk.parquet --instruct "Where does the person go?" --model work/model/model
     Describe(DescribeArgs),
+    /// Generate the radar points of a sentence, with a model that learned to do so.
+    ///
+    /// Example: radarllm generate "a person walks forward and waves" --model work/model/model --out walk.parquet --view walk.html
+    Generate(GenerateArgs),
     /// Teach an activity of your own by about three recordings; `describe` recognises it afterwards.
     ///
     /// Example: radarllm teach wheelchair --says "a person sits down in the wheelchair" a.dat b.dat c.dat
@@ -532,6 +538,15 @@ impl std::str::FromStr for Part {
     }
 }
 
+/// Values of the keys that a training configuration does not set.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum, Debug)]
+pub enum Preset {
+    /// Networks for CPU cores, with this project's additions to the paper.
+    Small,
+    /// Sizes, losses, batches, learning rates and epochs of the paper.
+    Paper,
+}
+
 /// Stages of `train`.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum, Debug)]
 pub enum Stage {
@@ -543,7 +558,9 @@ pub enum Stage {
     Pretrain,
     /// Instruction tuning.
     Instruct,
-    /// Every stage in order.
+    /// The decoder of radar codes, which `radarllm generate` needs.
+    Points,
+    /// Every stage in order; `points` only if the configuration has a table [points].
     All,
 }
 
@@ -556,6 +573,9 @@ pub struct TrainArgs {
     /// Training configuration (TOML).
     #[arg(required_unless_present = "print_config")]
     pub config: Option<PathBuf>,
+    /// Values of the keys that the configuration does not set, instead of those of its own preset.
+    #[arg(long, value_enum)]
+    pub preset: Option<Preset>,
     /// Continue from the last checkpoint; finished stages are kept.
     #[arg(long)]
     pub resume: bool,
@@ -617,6 +637,10 @@ pub struct DescribeArgs {
     /// Choose among these activities instead of describing freely: "boxing,squats,walking".
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub choose: Vec<String>,
+    /// Follow this instruction instead of describing: a question or request about the motion, its length or its
+    /// continuation, in words like those of instruction tuning. The model must have been tuned.
+    #[arg(long, value_name = "TEXT", conflicts_with_all = ["choose", "memory"])]
+    pub instruct: Option<String>,
     /// How to read the inputs.
     #[command(flatten)]
     pub input: InputArgs,
@@ -629,6 +653,37 @@ pub struct DescribeArgs {
     /// Seed of simulated inputs.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `generate`.
+#[derive(Args)]
+pub struct GenerateArgs {
+    /// The sentence.
+    pub text: String,
+    /// Output file of points, Parquet. Their source says that a model generated them.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Also write a page with the points and what the model says of them, HTML.
+    #[arg(long, value_name = "PAGE.html")]
+    pub view: Option<PathBuf>,
+    /// Model folder. The bundled model did not learn to generate.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Decoder of the language model.
+    #[arg(long, value_enum, default_value = "f32")]
+    pub decoder: DecoderName,
+    /// Beam width; 1 is greedy.
+    #[arg(long, default_value_t = 1)]
+    pub beam: usize,
+    /// Height of the radar above the floor, m.
+    #[arg(long, default_value_t = 1.0)]
+    pub radar_height_m: f32,
+    /// Replace existing files.
+    #[arg(long)]
+    pub force: bool,
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,
@@ -690,6 +745,13 @@ pub struct EvalArgs {
     /// Beam width; 1 is greedy.
     #[arg(long, default_value_t = 1)]
     pub beam: usize,
+    /// Instead of captions: generate radar from the captions of N motions, and describe what was generated. The folder
+    /// gets round-trip.json, round-trip.md and round-trip.jsonl.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..=1_000_000))]
+    pub round_trip: Option<u64>,
+    /// Sentence encoders.
+    #[command(flatten)]
+    pub encoders: EncoderArgs,
     /// Seed of bootstrap and shuffling.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -799,6 +861,37 @@ pub struct EvalFallsArgs {
     pub json: bool,
 }
 
+/// Sentence encoders for BERTScore and SimCSE (feature `train`).
+#[derive(Args)]
+pub struct EncoderArgs {
+    /// BERT or RoBERTa folder (config.json, model.safetensors, tokenizer.json) for BERTScore. Protocol
+    /// motiongpt weights words by idf, the others do not.
+    #[arg(long, value_name = "DIR")]
+    pub bert_score: Option<PathBuf>,
+    /// Layer for BERTScore, 17 for roberta-large, 6 for all-MiniLM-L6-v2.
+    #[arg(long, requires = "bert_score")]
+    pub layer: Option<usize>,
+    /// F1 baseline that rescales BERTScore, 0.83122575 for layer 17 of roberta-large.
+    #[arg(long, value_name = "F1", requires = "bert_score")]
+    pub bert_baseline: Option<f64>,
+    /// BERT or RoBERTa folder for SimCSE.
+    #[arg(long, value_name = "DIR")]
+    pub sim_cse: Option<PathBuf>,
+    /// Pooling for SimCSE: pooler (supervised), cls (unsupervised) or mean.
+    #[arg(long, requires = "sim_cse")]
+    pub pooling: Option<String>,
+    /// Device for BERT and RoBERTa: cpu (default), gpu, gpu:N, cuda or cuda:N (docs/training-on-gpus.md).
+    #[arg(long)]
+    pub device: Option<String>,
+}
+
+impl EncoderArgs {
+    /// Whether an encoder is named.
+    pub fn are_given(&self) -> bool {
+        self.bert_score.is_some() || self.sim_cse.is_some()
+    }
+}
+
 /// `score`.
 #[derive(Args)]
 pub struct ScoreArgs {
@@ -823,25 +916,9 @@ pub struct ScoreArgs {
     /// The first two are in its jar, the third lies beside it. The built-in lists replace missing files (docs/metrics.md).
     #[arg(long, value_name = "DIR")]
     pub meteor_data: Option<PathBuf>,
-    /// BERT or RoBERTa folder (config.json, model.safetensors, tokenizer.json) for BERTScore. Protocol
-    /// motiongpt weights words by idf, the others do not.
-    #[arg(long, value_name = "DIR")]
-    pub bert_score: Option<PathBuf>,
-    /// Layer for BERTScore, 17 for roberta-large.
-    #[arg(long, requires = "bert_score")]
-    pub layer: Option<usize>,
-    /// F1 baseline that rescales BERTScore, 0.83122575 for layer 17 of roberta-large.
-    #[arg(long, value_name = "F1", requires = "bert_score")]
-    pub bert_baseline: Option<f64>,
-    /// BERT or RoBERTa folder for SimCSE.
-    #[arg(long, value_name = "DIR")]
-    pub sim_cse: Option<PathBuf>,
-    /// Pooling for SimCSE: pooler (supervised), cls (unsupervised) or mean.
-    #[arg(long, requires = "sim_cse")]
-    pub pooling: Option<String>,
-    /// Device for BERT and RoBERTa: cpu (default), gpu, gpu:N, cuda or cuda:N (docs/training-on-gpus.md).
-    #[arg(long)]
-    pub device: Option<String>,
+    /// Sentence encoders.
+    #[command(flatten)]
+    pub encoders: EncoderArgs,
     /// Seed of the bootstrap.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,

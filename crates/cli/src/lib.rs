@@ -48,6 +48,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
         #[cfg(feature = "train")]
         Verb::Train(args) => commands::train::run(&args),
         Verb::Describe(args) => commands::describe::run(&args),
+        Verb::Generate(args) => commands::generate::run(&args),
         Verb::Teach(args) => commands::teach::run(&args),
         Verb::Forget(args) => commands::teach::forget(&args),
         Verb::Live(args) => commands::live::run(&args),

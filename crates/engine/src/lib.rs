@@ -1,5 +1,5 @@
-//! Runs the trained networks on a CPU without a learning framework: the radar tokenizer, and the T5 encoder-decoder
-//! that generates sentences.
+//! Runs the trained networks on a CPU without a learning framework: the radar tokenizer, the decoder of its codes, and
+//! the T5 encoder-decoder that generates sentences.
 //!
 //! Weights are packed once for the processor in use, as f32 or as int8. Many sessions on many threads then share them.
 //!
@@ -80,7 +80,7 @@
 //! The vector instructions are chosen once per engine ([`SimdLevel`]): AVX-512 with VNNI, AVX-512, AVX2, or portable
 //! code. Sentences depend neither on the number of threads nor on the other members of the batch.
 //!
-//! Reading order: [`tokenizer`] (tubes of points to codes); for the T5, [`weights`] (names and shapes), [`Engine`]
+//! Reading order: [`tokenizer`] (tubes of points to codes); [`point_decoder`] (codes to points); for the T5, [`weights`] (names and shapes), [`Engine`]
 //! (packed weights), [`Session`] (buffers and threads of one caller) and [`search`](mod@search) (greedy and beam
 //! search, also used by other networks). Internal modules: `matrix` (matrix products), `rows` (norms, attention,
 //! softmax) and `pool` (threads).
@@ -91,6 +91,7 @@
 mod error;
 mod matrix;
 mod network;
+pub mod point_decoder;
 mod pool;
 pub mod position;
 mod rows;

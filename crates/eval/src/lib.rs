@@ -37,6 +37,7 @@
 //! | Do captions of recorded radar name the activity? | [`recordings`] |
 //! | Does a running radar notice falls, and how often is it wrong? | [`falls`] |
 //! | Which part of the model contributes how much? | [`ablation`] |
+//! | Does a model describe what it generated from a sentence? | [`mod@round_trip`] |
 //! | How similar are captions and references to a sentence encoder? | [`embedding_scores`] |
 //! | Are test motions in the training split? | [`held_out`], [`near_duplicates`] |
 //! | How similar are simulated and recorded points? | [`realism`], [`points`], [`classifier`] |
@@ -61,6 +62,7 @@ pub mod interventions;
 pub mod proxy;
 pub mod recordings;
 pub mod robustness;
+pub mod round_trip;
 
 pub mod held_out;
 pub mod near_duplicates;

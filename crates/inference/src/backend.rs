@@ -5,7 +5,7 @@ use radarllm_engine::{Engine, Source, Watch};
 
 use crate::lm::config::LmConfig;
 use crate::lm::generate::score;
-use crate::lm::{EngineLm, GenerateOptions, Generated, LmError, Vocab};
+use crate::lm::{EngineLm, GenerateOptions, Generated, Learned, LmError, Vocab};
 use crate::tokenizer::{EncodeError, Encoded, RadarTokenizer, TokenizerConfig};
 
 /// A radar tokenizer and a language model that belong together, independent of how they are computed.
@@ -42,6 +42,11 @@ pub trait Backend: Send + Sync {
 
     /// Number of weights of both networks.
     fn n_params(&self) -> usize;
+
+    /// What the language model was trained to do, if it is known.
+    fn learned(&self) -> Option<&Learned> {
+        None
+    }
 }
 
 /// A backend on the inference engine: packed weights, without a learning framework.
@@ -89,6 +94,10 @@ impl Backend for EngineBackend {
 
     fn n_params(&self) -> usize {
         self.tokenizer.n_params() + self.lm.n_params()
+    }
+
+    fn learned(&self) -> Option<&Learned> {
+        self.lm.learned()
     }
 }
 

@@ -9,7 +9,7 @@ use radarllm_inference::checkpoint::Checkpoint;
 use radarllm_inference::lm::ensemble::member_folders;
 use radarllm_inference::lm::generate::{decode, score};
 use radarllm_inference::lm::{
-    GenerateOptions, Generated, LmError, LmFiles, Precision, Source, Vocab, Watch,
+    GenerateOptions, Generated, Learned, LmError, LmFiles, Precision, Source, Vocab, Watch,
 };
 use radarllm_inference::tokenizer::{EncodeError, Encoded};
 
@@ -79,6 +79,10 @@ impl Backend for ReferenceBackend {
         let weights = collect_params(&self.lm.net);
         let n_lm: usize = weights.values().map(|t| t.values.len()).sum();
         self.tokenizer.n_params() + n_lm
+    }
+
+    fn learned(&self) -> Option<&Learned> {
+        self.lm.learned.as_ref()
     }
 }
 

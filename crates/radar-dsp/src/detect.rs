@@ -4,9 +4,7 @@ use radarllm_simd::{LANES, SimdLevel};
 
 use crate::error::DspError;
 use crate::kernels::{count_below, peak};
-use crate::options::{
-    CfarSides, ClutterFilter, Detector, DopplerCfar, DspOptions, MapKind, PeakGrouping,
-};
+use crate::options::{CfarSides, Detector, DopplerCfar, DspOptions, MapKind, PeakGrouping};
 use crate::stats::{ca_cfar_factor, gamma_level, os_cfar_factor};
 
 /// Maximum number of training cells per side. It bounds the computing time for an unreasonable option.
@@ -204,7 +202,7 @@ impl Selector {
             dynamic_range,
             doppler_cfar: options.doppler_cfar,
             peak_grouping: options.peak_grouping,
-            skip_notch: options.clutter != ClutterFilter::Off && n_doppler > 8,
+            skip_notch: options.clutter.removes_static() && n_doppler > 8,
             candidates: Vec::with_capacity(n_cells),
             values: Vec::with_capacity(n_cells.max(2 * MAX_TRAIN)),
             noise_floor: None,

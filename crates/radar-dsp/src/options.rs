@@ -114,7 +114,8 @@ pub enum PeakGrouping {
     Both,
 }
 
-/// How static echoes are removed from each (tx, rx, range) before the Doppler window.
+/// How clutter is removed: static echoes from each (tx, rx, range) before the Doppler window, or what all receivers have in
+/// common.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
@@ -128,6 +129,17 @@ pub enum ClutterFilter {
     /// Subtract the mean weighted by the Doppler window. Also exact for static targets. The ghost is only the window's
     /// sidelobe (under -42 dB), but targets one bin from zero lose 1.8 dB.
     WeightedMean,
+    /// Subtract the mean over the receivers of a transmitter from each cell of the range-Doppler spectra: the formula that
+    /// the RadarLLM paper prints. It removes no static echo as such, but echoes of any speed from the direction in which
+    /// the receivers' phases are equal, and requires two receivers.
+    ReceiverMean,
+}
+
+impl ClutterFilter {
+    /// Whether static echoes are removed, whatever their direction.
+    pub fn removes_static(self) -> bool {
+        matches!(self, Self::Mean | Self::WeightedMean)
+    }
 }
 
 /// Treatment of a cell whose estimated direction cosines cannot belong to a unit vector with y >= 0 (x^2 + z^2 > R^2).
@@ -224,6 +236,18 @@ impl DspOptions {
             refine_azimuth: false,
             correct_range_doppler_coupling: false,
             ..Self::default()
+        }
+    }
+
+    /// The chain as the RadarLLM paper prints it: the mean over the receivers is subtracted from the range-Doppler spectra,
+    /// and the 128 strongest cells of what remains are points, with angles and ranges at bin centres. The channels are
+    /// combined by their powers, because the sum of values from which their mean was subtracted is zero. Angles are
+    /// estimated as in the other chains: those that the paper prints are functions of the velocity.
+    pub fn paper() -> Self {
+        Self {
+            map: MapKind::NonCoherent,
+            clutter: ClutterFilter::ReceiverMean,
+            ..Self::mmmesh()
         }
     }
 

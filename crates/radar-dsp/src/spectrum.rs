@@ -33,6 +33,7 @@ pub struct Spectrum {
     /// Range bins inside the range gate.
     pub gate: Range<usize>,
     map_kind: MapKind,
+    subtract_receiver_mean: bool,
     /// Factor per Doppler index that shifts slot 1 to the time of slot 0. Empty without binary phase modulation.
     bpm_factors: Vec<Complex32>,
     /// Range FFT, including the window.
@@ -69,11 +70,17 @@ impl Spectrum {
     /// [`DspError::Option`] if the range gate holds no bin, or clutter removal has a single loop.
     pub fn new(radar: &RadarConfig, options: &DspOptions) -> Result<Self, DspError> {
         let (n_loops, n_samples) = (radar.n_loops, radar.n_samples);
-        if options.clutter != ClutterFilter::Off && n_loops < 2 {
+        if options.clutter.removes_static() && n_loops < 2 {
             return Err(DspError::Option {
                 field: "clutter",
                 problem: "the radar has a single loop per frame: nothing can be seen to move"
                     .into(),
+            });
+        }
+        if options.clutter == ClutterFilter::ReceiverMean && radar.rx.len() < 2 {
+            return Err(DspError::Option {
+                field: "clutter",
+                problem: "`receiver_mean` leaves nothing of a radar with a single receiver".into(),
             });
         }
         let n_range = options.range_fft_len.unwrap_or(n_samples);
@@ -104,6 +111,7 @@ impl Spectrum {
             n_range,
             range_step_m,
             map_kind: options.map,
+            subtract_receiver_mean: options.clutter == ClutterFilter::ReceiverMean,
             bpm_factors: bpm_factors(radar, options),
             range_fft,
             doppler_fft: DopplerFft::new(
@@ -162,17 +170,24 @@ impl Spectrum {
         self.powers.fill([0.0; LANES]);
         self.coherent.fill(Cell::ZERO);
         let is_bpm = !self.bpm_factors.is_empty();
+        // Both need the spectra of several channels before the powers are known.
+        let is_joint = is_bpm || self.subtract_receiver_mean;
         // In this case, the last pass of the Doppler FFTs also adds the powers.
-        let measure = self.map_kind == MapKind::NonCoherent && !is_bpm;
+        let measure = self.map_kind == MapKind::NonCoherent && !is_joint;
         for channel in 0..self.n_channels() {
             self.transform_chirps(cube, channel);
             self.doppler_spectra(channel, measure);
-            if !measure && !is_bpm {
+            if !measure && !is_joint {
                 self.add_to_powers(channel);
             }
         }
         if is_bpm {
             self.decode_bpm();
+        }
+        if self.subtract_receiver_mean {
+            self.subtract_mean_over_receivers();
+        }
+        if is_joint {
             for channel in 0..self.n_channels() {
                 self.add_to_powers(channel);
             }
@@ -248,6 +263,31 @@ impl Spectrum {
                 let (one, other) = ((sum + difference) * 0.5, (sum - difference) * 0.5);
                 (a.re[i], a.im[i]) = (one.re, one.im);
                 (b.re[i], b.im[i]) = (other.re, other.im);
+            }
+        }
+    }
+
+    /// Subtracts the mean over the receivers of each transmitter from each cell.
+    fn subtract_mean_over_receivers(&mut self) {
+        let (n_rx, n_channel) = (self.shape[2], self.powers.len());
+        let share = 1.0 / n_rx as f32;
+        for of_transmitter in self.spectra.chunks_exact_mut(n_rx * n_channel) {
+            for place in 0..n_channel {
+                let mut mean = Cell::ZERO;
+                for rx in 0..n_rx {
+                    let cell = &of_transmitter[rx * n_channel + place];
+                    for i in 0..LANES {
+                        mean.re[i] += cell.re[i] * share;
+                        mean.im[i] += cell.im[i] * share;
+                    }
+                }
+                for rx in 0..n_rx {
+                    let cell = &mut of_transmitter[rx * n_channel + place];
+                    for i in 0..LANES {
+                        cell.re[i] -= mean.re[i];
+                        cell.im[i] -= mean.im[i];
+                    }
+                }
             }
         }
     }
@@ -387,10 +427,10 @@ fn range_gate(options: &DspOptions, bin_m: f64, n_range: usize) -> Result<Range<
     Ok(first..end)
 }
 
-/// Slow-time weights of the mean, which sum to one. Empty for [`ClutterFilter::Off`].
+/// Slow-time weights of the mean, which sum to one. Empty for filters that do not remove static echoes.
 fn mean_weights(clutter: ClutterFilter, window: &[f32]) -> Vec<f32> {
     let weights: Vec<f64> = match clutter {
-        ClutterFilter::Off => vec![],
+        ClutterFilter::Off | ClutterFilter::ReceiverMean => vec![],
         ClutterFilter::Mean => vec![1.0; window.len()],
         ClutterFilter::WeightedMean => window.iter().map(|w| f64::from(*w)).collect(),
     };

@@ -25,6 +25,7 @@ use crate::{
     placement::PlacementRange,
     processing::ProcessingFile,
     room::{ROOM_RASTER, RoomFile},
+    scene::NoiseFile,
     weather::WeatherFile,
 };
 
@@ -78,6 +79,9 @@ pub struct DatasetConfig {
     /// Receiver impairments; none if absent.
     #[serde(skip_serializing_if = "is_default")]
     pub impairments: ImpairmentsFile,
+    /// Receiver noise; the radar's thermal noise if absent.
+    #[serde(skip_serializing_if = "is_default")]
+    pub noise: NoiseFile,
     /// Rain and smoke; clear air if absent.
     #[serde(skip_serializing_if = "is_default")]
     pub weather: WeatherFile,
@@ -152,6 +156,7 @@ impl Default for DatasetConfig {
             heading_deg: placement.heading_rad.to_degrees(),
             radar_height_m: placement.radar_height_m,
             impairments: ImpairmentsFile::default(),
+            noise: NoiseFile::default(),
             weather: WeatherFile::default(),
             processing: ProcessingFile::default(),
             threshold_offset_db: [0.0, 0.0],
@@ -237,6 +242,7 @@ impl DatasetConfig {
             ));
         }
         self.impairments.resolve().map_err(SynthError::Config)?;
+        self.noise.check().map_err(SynthError::Config)?;
         if let Some(room) = &self.room {
             let own_m = f64::from(self.radar_height_m);
             if (room.radar_height_m - own_m).abs() > 1e-6 {
@@ -349,8 +355,12 @@ impl DatasetConfig {
         };
         walls.extend(surfaces);
         let dsp = self.processing.resolve(radar);
-        let synthesizer = Synthesizer::with_simulation(radar, Method::Fast, dsp, sim)?;
-        Ok(synthesizer.with_impairments(impairments).with_walls(walls))
+        let radar = self.noise.radar(radar);
+        let synthesizer = Synthesizer::with_simulation(&radar, Method::Fast, dsp, sim)?;
+        Ok(synthesizer
+            .with_impairments(impairments)
+            .with_walls(walls)
+            .with_noise(self.noise.resolve()))
     }
 
     /// Number of stored frames per second.
@@ -456,6 +466,8 @@ mod tests {
             ("[weather]\nrain_mm_per_h = nan", "rain_mm_per_h"),
             ("seed = 1", "source"),
             ("lateral_m = nan", "lateral_m"),
+            ("[noise]\nsnr_db = nan", "snr_db"),
+            ("[noise]\nsnr_db = 10.0\nnone = true", "exclude"),
             ("frame_rate_hz = 0.0", "frame_rate_hz"),
             ("shortest_part_s = 0.1", "shortest_part_s"),
             ("slowest_mps = -1.0", "slowest_mps"),

@@ -13,6 +13,8 @@ pub enum ChainPreset {
     Default,
     /// [`DspOptions::mmmesh`]: coherent sum, always the strongest cells, bin centres.
     Mmmesh,
+    /// [`DspOptions::paper`]: clutter removal and selection as the RadarLLM paper prints them.
+    Paper,
     /// [`DspOptions::ti_demo`]: the out-of-box demo of TI's xWR14xx parts.
     TiDemo,
 }
@@ -66,6 +68,7 @@ impl ProcessingFile {
         let mut out = match self.preset {
             ChainPreset::Default => DspOptions::default(),
             ChainPreset::Mmmesh => DspOptions::mmmesh(),
+            ChainPreset::Paper => DspOptions::paper(),
             ChainPreset::TiDemo => DspOptions::ti_demo(radar.n_samples),
         };
         out.map = self.map.unwrap_or(out.map);
@@ -97,6 +100,9 @@ mod tests {
             resolve("preset = \"mmmesh\"").unwrap(),
             DspOptions::mmmesh()
         );
+        assert_eq!(resolve("preset = \"paper\"").unwrap(), DspOptions::paper());
+        let filter = resolve("clutter = \"receiver_mean\"").unwrap().clutter;
+        assert_eq!(filter, ClutterFilter::ReceiverMean);
         let options = resolve(
             "compensate_tdm = false\nmax_points = 64\nclutter = \"off\"\n\
              detector = { kind = \"os_cfar\", guard = 2, train = 8, rank = 0.75, false_alarm_probability = 1e-4 }",

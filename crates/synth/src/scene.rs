@@ -8,7 +8,7 @@ use radarllm_base::{
 };
 use radarllm_body::{loaders::load_motion_file, mesh::BodyShape, sample::canonicalize};
 use radarllm_radar_sim::{Noise, PointTarget, Scene, SimOptions, shapes::RigidSurface};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::{
     SynthError,
@@ -98,17 +98,67 @@ pub struct Target {
     pub file: Option<String>,
 }
 
-/// The `[noise]` table.
-#[derive(Clone, Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// The `[noise]` table of scenes and data sets; thermal noise of the radar's noise figure if it is absent.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct NoiseFile {
     /// No noise at all.
-    #[serde(default)]
     pub none: bool,
-    /// Signal-to-noise ratio, dB: the noise is this far below the signal.
+    /// Signal-to-noise ratio, dB: the noise is this far below the mean power of the frame's samples (equation S2 of the
+    /// RadarLLM paper).
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub snr_db: Option<f64>,
     /// Noise figure that replaces the radar's own, dB.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_figure_db: Option<f64>,
+}
+
+/// Permitted signal-to-noise ratios and noise figures, dB: far more than any radar has.
+const NOISE_DB: std::ops::RangeInclusive<f64> = -100.0..=200.0;
+
+impl NoiseFile {
+    /// Checks that at most one kind of noise is named, and its value.
+    ///
+    /// # Errors
+    /// What is wrong, with the key.
+    pub fn check(&self) -> Result<(), String> {
+        let kinds = [
+            self.none,
+            self.snr_db.is_some(),
+            self.noise_figure_db.is_some(),
+        ];
+        if kinds.into_iter().filter(|set| *set).count() > 1 {
+            return Err("[noise]: none, snr_db and noise_figure_db exclude one another".into());
+        }
+        for (key, value) in [
+            ("snr_db", self.snr_db),
+            ("noise_figure_db", self.noise_figure_db),
+        ] {
+            if let Some(value) = value.filter(|value| !NOISE_DB.contains(value)) {
+                return Err(format!(
+                    "[noise] {key}: must be in {NOISE_DB:?}, found {value}"
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// The radar with the noise figure of the table, if specified.
+    pub fn radar(&self, radar: &RadarConfig) -> RadarConfig {
+        RadarConfig {
+            noise_figure_db: self.noise_figure_db.unwrap_or(radar.noise_figure_db),
+            ..radar.clone()
+        }
+    }
+
+    /// The simulator's noise.
+    pub fn resolve(&self) -> Noise {
+        match (self.none, self.snr_db) {
+            (true, _) => Noise::Off,
+            (false, Some(snr_db)) => Noise::SnrDb(snr_db),
+            (false, None) => Noise::Thermal,
+        }
+    }
 }
 
 /// Maximum duration of a scene, s.
@@ -140,26 +190,13 @@ impl SceneFile {
                 "[weather] rain_mm_per_h and [room]: it does not rain indoors".into(),
             ));
         }
-        let noise = &file.noise;
-        let kinds = [
-            noise.none,
-            noise.snr_db.is_some(),
-            noise.noise_figure_db.is_some(),
-        ];
-        if kinds.into_iter().filter(|set| *set).count() > 1 {
-            return Err(SynthError::Config(
-                "[noise]: none, snr_db and noise_figure_db exclude one another".into(),
-            ));
-        }
+        file.noise.check().map_err(SynthError::Config)?;
         Ok(file)
     }
 
     /// The radar with the noise figure of `[noise]`, if specified.
     pub fn radar(&self, radar: &RadarConfig) -> RadarConfig {
-        RadarConfig {
-            noise_figure_db: self.noise.noise_figure_db.unwrap_or(radar.noise_figure_db),
-            ..radar.clone()
-        }
+        self.noise.radar(radar)
     }
 
     /// The simulator's options for this scene.
@@ -190,15 +227,10 @@ impl OwnedScene {
     /// # Errors
     /// Unknown kinds, missing or impossible values, with the target's number.
     pub fn open(file: &SceneFile, base: &Path, frequency_hz: f64) -> Result<Self, SynthError> {
-        let noise = match (file.noise.none, file.noise.snr_db) {
-            (true, _) => Noise::Off,
-            (false, Some(snr_db)) => Noise::SnrDb(snr_db),
-            (false, None) => Noise::Thermal,
-        };
         let mut scene = Self {
             surfaces: Vec::new(),
             points: Vec::new(),
-            noise,
+            noise: file.noise.resolve(),
         };
         for (index, target) in file.target.iter().enumerate() {
             let fail = |problem| {

@@ -95,6 +95,8 @@ pub struct Synthesizer {
     sim: SimOptions,
     impairments: Impairments,
     walls: Vec<RigidSurface>,
+    /// Noise of [`Self::motion_to_points`].
+    noise: Noise,
     /// Samples of what stands still, the same in every frame.
     still: Option<RadarCube>,
     method: Method,
@@ -131,6 +133,7 @@ impl Synthesizer {
             sim,
             impairments: Impairments::default(),
             walls: Vec::new(),
+            noise: Noise::Thermal,
             still: None,
             method,
             simulator,
@@ -152,6 +155,12 @@ impl Synthesizer {
     #[must_use]
     pub fn with_walls(self, walls: Vec<RigidSurface>) -> Self {
         Self { walls, ..self }
+    }
+
+    /// The same chain with other noise in [`Self::motion_to_points`] than the radar's thermal noise.
+    #[must_use]
+    pub fn with_noise(self, noise: Noise) -> Self {
+        Self { noise, ..self }
     }
 
     /// Replaces the signal chain.
@@ -208,7 +217,7 @@ impl Synthesizer {
         let mut scene = Scene {
             surfaces: vec![&body],
             points: Vec::new(),
-            noise: Noise::Thermal,
+            noise: self.noise,
         };
         for wall in &walls {
             scene.surfaces.push(wall);

@@ -29,7 +29,7 @@
 //! The crate prints nothing. Progress is reported as events of the crate `tracing`, whose messages are complete lines.
 //!
 //! Reading order: [`harness`] (training loop), [`adamw`] (optimiser), [`data`] (batches and augmentation), [`motion`]
-//! and [`tokenizer`] (stages), [`lm`] (language-model stages).
+//! [`tokenizer`] and [`points`] (stages), [`lm`] (language-model stages).
 
 pub mod adamw;
 mod average;
@@ -44,6 +44,7 @@ mod log;
 mod loop_config;
 mod loss_scale;
 pub mod motion;
+pub mod points;
 pub mod recipe;
 mod stop;
 pub mod tokenizer;

@@ -72,6 +72,15 @@ impl Default for MotionTrainConfig {
 }
 
 impl MotionTrainConfig {
+    /// A teacher of the width of the paper's codes.
+    pub fn paper() -> Self {
+        Self {
+            batch_size: 16,
+            model: MotionVqVaeConfig::paper(),
+            ..Self::default()
+        }
+    }
+
     /// Checks every field.
     ///
     /// # Errors

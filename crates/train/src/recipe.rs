@@ -1,8 +1,8 @@
 //! All stages of the training of a model, in order, configured by one TOML file.
 //!
-//! `motion -> tokenizer -> pretrain -> instruct`. Each stage reads the results of earlier stages from the output folder
-//! of the recipe. The last stage writes `model/` (`tokenizer/` and `lm/`), the folder that
-//! [`radarllm_inference::lm::Captioner::load`] opens.
+//! `motion -> tokenizer -> pretrain -> instruct`, and optionally `points` after the tokenizer. Each stage reads the
+//! results of earlier stages from the output folder of the recipe. The last stage writes `model/` (`tokenizer/` and
+//! `lm/`), the folder that [`radarllm_inference::lm::Captioner::load`] opens.
 
 use std::{
     collections::BTreeMap,
@@ -18,7 +18,8 @@ use radarllm_base::{
 use radarllm_dataset::{ClipRecord, Columns, Dataset, Split};
 use radarllm_inference::{
     FRAME_RATE_HZ,
-    tokenizer::{FRAMES_PER_CODE, MAX_FRAMES, RadarTokenizer},
+    checkpoint::Checkpoint,
+    tokenizer::{FRAMES_PER_CODE, MAX_FRAMES, RadarTokenizer, points::tokenizer_hash},
 };
 use radarllm_nn::{device::Processors, lm::RadarLm};
 use serde::{Deserialize, Serialize};
@@ -28,6 +29,7 @@ use crate::{
     harness::{self, Ending, StopToken, TrainError},
     lm::{LmClip, LmTrainConfig, instruct, pretrain, pretrain_further},
     motion::{self, MotionTrainConfig},
+    points::{self, PointsTrainConfig},
     tokenizer::{self, TokenizerTrainConfig},
 };
 
@@ -42,10 +44,12 @@ pub enum RecipeStage {
     Pretrain,
     /// Instruction tuning of the language model.
     Instruct,
+    /// The decoder of radar codes, which only generation needs.
+    Points,
 }
 
 impl RecipeStage {
-    /// All stages, in order.
+    /// The stages of a model that describes, in order.
     pub const ALL: [Self; 4] = [
         Self::Motion,
         Self::Tokenizer,
@@ -65,7 +69,39 @@ impl RecipeStage {
             Self::Tokenizer => "tokenizer",
             Self::Pretrain => "pretrain",
             Self::Instruct => "instruct",
+            Self::Points => "points",
         }
+    }
+}
+
+/// The values of all keys that a recipe does not set.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Preset {
+    /// Networks of 2 million weights that two CPU cores train in an hour, with this project's additions to the paper.
+    #[default]
+    Small,
+    /// Sizes, losses, batches, learning rates and epochs of the paper: 81 anchors, 512 codes of width 512, T5-small.
+    Paper,
+}
+
+impl Preset {
+    /// Name in recipes and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Small => "small",
+            Self::Paper => "paper",
+        }
+    }
+}
+
+impl std::str::FromStr for Preset {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let all = [Self::Small, Self::Paper];
+        let found = all.into_iter().find(|preset| preset.name() == text);
+        found.ok_or_else(|| format!("`{text}`: expected small or paper"))
     }
 }
 
@@ -73,6 +109,8 @@ impl RecipeStage {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Recipe {
+    /// Values of the keys that the file does not set.
+    pub preset: Preset,
     /// Data set folder or folders, relative to the configuration file. Clips of one motion in several data sets are
     /// variants of each other: the same motion, measured by several radars.
     #[serde(with = "one_or_many")]
@@ -97,6 +135,10 @@ pub struct Recipe {
     pub pretrain: LmTrainConfig,
     /// Settings of instruction tuning.
     pub instruct: LmTrainConfig,
+    /// Settings of the decoder of radar codes, with which `radarllm generate` makes points; none is trained if the table
+    /// is absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub points: Option<PointsTrainConfig>,
     /// Stops a stage early; see [`StopToken`].
     #[serde(skip)]
     pub stop: StopToken,
@@ -109,6 +151,7 @@ pub struct Recipe {
 impl Default for Recipe {
     fn default() -> Self {
         Self {
+            preset: Preset::Small,
             data: vec!["data".into()],
             out: "model".into(),
             start: None,
@@ -119,6 +162,7 @@ impl Default for Recipe {
             tokenizer: TokenizerTrainConfig::default(),
             pretrain: LmTrainConfig::small(),
             instruct: LmTrainConfig::small().for_instruction(),
+            points: None,
             stop: StopToken::default(),
             stage_folders: BTreeMap::new(),
         }
@@ -126,20 +170,58 @@ impl Default for Recipe {
 }
 
 impl Recipe {
+    /// The recipe of a preset.
+    pub fn of(preset: Preset) -> Self {
+        match preset {
+            Preset::Small => Self::default(),
+            Preset::Paper => Self {
+                preset,
+                motion: MotionTrainConfig::paper(),
+                tokenizer: TokenizerTrainConfig::paper(),
+                pretrain: LmTrainConfig::paper(),
+                instruct: LmTrainConfig::paper().for_instruction(),
+                ..Self::default()
+            },
+        }
+    }
+
     /// Reads a recipe. Relative paths are resolved against `base`.
     ///
     /// # Errors
     /// TOML errors with their position; values out of range with their name.
     pub fn from_toml(text: &str, base: &Path) -> Result<Self, TrainError> {
+        Self::from_toml_with(text, base, None)
+    }
+
+    /// As [`Self::from_toml`], with another preset than that of the file. Keys that the file sets keep their values.
+    ///
+    /// # Errors
+    /// As [`Self::from_toml`].
+    pub fn from_toml_with(
+        text: &str,
+        base: &Path,
+        preset: Option<Preset>,
+    ) -> Result<Self, TrainError> {
         let problem = |e: toml::de::Error| TrainError::Config {
             field: "file".into(),
             problem: e.to_string(),
         };
+        // Also the recipes of other presets are read this way first, because only then do errors contain a position.
         let mut recipe: Self = toml::from_str(text).map_err(problem)?;
+        let preset = preset.unwrap_or(recipe.preset);
+        if preset != Preset::Small {
+            let mut all = toml::Table::try_from(Self::of(preset))?;
+            overlay(&mut all, toml::from_str(text).map_err(problem)?);
+            recipe = all.try_into().map_err(problem)?;
+        }
+        recipe.preset = preset;
         recipe.motion.validate()?;
         recipe.tokenizer.validate()?;
         recipe.pretrain.validate()?;
         recipe.instruct.validate()?;
+        if let Some(points) = &recipe.points {
+            points.validate()?;
+        }
         // Instruction tuning continues with the network from pretraining.
         let tuned = &recipe.instruct;
         for (field, is_set) in [
@@ -188,10 +270,16 @@ impl Recipe {
         elsewhere.map_or_else(|| self.out.join(stage.name()), PathBuf::clone)
     }
 
-    /// The stages of this recipe, in order: without motion and tokenizer if it goes on with a model.
+    /// The stages of this recipe, in order: without motion and tokenizer if it goes on with a model, and with the decoder
+    /// of radar codes, which needs the tokenizer only, if that is configured.
     pub fn stages(&self) -> Vec<RecipeStage> {
         let has = |stage: &RecipeStage| self.start.is_none() || !stage.shapes_tokenizer();
-        RecipeStage::ALL.into_iter().filter(has).collect()
+        let mut stages: Vec<_> = RecipeStage::ALL.into_iter().filter(has).collect();
+        if self.points.is_some() {
+            let after = stages.iter().filter(|stage| stage.shapes_tokenizer());
+            stages.insert(after.count(), RecipeStage::Points);
+        }
+        stages
     }
 
     /// Whether a stage has written a checkpoint for later stages: its best one, or its last one.
@@ -211,11 +299,13 @@ impl Recipe {
     pub fn run(&self, stage: RecipeStage, resume: bool) -> Result<bool, TrainError> {
         let out = self.stage_dir(stage);
         let mut recipe = self.clone();
+        let mut points = recipe.points.take().unwrap_or_default();
         for run in [
             &mut recipe.motion.run,
             &mut recipe.tokenizer.run,
             &mut recipe.pretrain.run,
             &mut recipe.instruct.run,
+            &mut points.run,
         ] {
             run.processors = self.device.clone();
             run.stop = self.stop.clone();
@@ -282,6 +372,19 @@ impl Recipe {
                 }
                 ending
             }
+            RecipeStage::Points => {
+                let start = Checkpoint::open(&self.result(RecipeStage::Tokenizer)?)?;
+                let tokenizer = RadarTokenizer::from_checkpoint(&start)?;
+                let train = self.clips(Split::Train, Columns::Points)?;
+                let val = self.clips(Split::Val, Columns::Points)?;
+                let hash = tokenizer_hash(&start)?;
+                let ending =
+                    points::train(&points, &tokenizer, &hash, &train, &val, &out, resume)?.ending;
+                if ending != Ending::Stopped && self.model_dir().is_dir() {
+                    self.add_points()?;
+                }
+                ending
+            }
         };
         Ok(ending != Ending::Stopped)
     }
@@ -294,7 +397,18 @@ impl Recipe {
         for (stage, name) in [(RecipeStage::Tokenizer, "tokenizer"), (lm, "lm")] {
             copy_files(&self.result(stage)?, &self.model_dir().join(name))?;
         }
-        Ok(())
+        // A decoder of earlier codes would not fit this tokenizer.
+        let _ = fs::remove_dir_all(self.model_dir().join(POINTS));
+        match self.is_finished(RecipeStage::Points) {
+            true => self.add_points(),
+            false => Ok(()),
+        }
+    }
+
+    /// Copies the decoder of radar codes into the folder that inference opens.
+    fn add_points(&self) -> Result<(), TrainError> {
+        let from = self.result(RecipeStage::Points)?;
+        copy_files(&from, &self.model_dir().join(POINTS))
     }
 
     /// Checkpoint of a finished stage: the best one by validation, or the last one.
@@ -336,6 +450,18 @@ impl Recipe {
         let clips = self.clips(Split::Val, Columns::Points)?;
         let val = lm_clips(&tokenizer, &clips, false, 0)?;
         Ok((tokenizer, train, val))
+    }
+}
+
+/// Replaces the values of `all` by those of `file`, key by key.
+fn overlay(all: &mut toml::Table, file: toml::Table) {
+    for (key, value) in file {
+        match (all.get_mut(&key), value) {
+            (Some(toml::Value::Table(all)), toml::Value::Table(file)) => overlay(all, file),
+            (_, value) => {
+                all.insert(key, value);
+            }
+        }
     }
 }
 
@@ -401,6 +527,9 @@ fn keep_variants(clips: &mut Vec<ClipRecord>, n: usize) {
         *kept <= n
     });
 }
+
+/// Name of the decoder's folder in a model.
+const POINTS: &str = "points";
 
 /// Number of clips that are grouped and encoded at once.
 const ENCODE_CLIPS: usize = 128;
@@ -507,6 +636,8 @@ fn copy_files(from: &Path, to: &Path) -> Result<(), TrainError> {
 
 #[cfg(test)]
 mod tests {
+    use radarllm_inference::lm::LmPreset;
+
     use super::*;
 
     #[test]
@@ -514,6 +645,48 @@ mod tests {
         let recipe = Recipe::default();
         let text = recipe.to_toml().unwrap();
         assert_eq!(Recipe::from_toml(&text, Path::new("")).unwrap(), recipe);
+    }
+
+    #[test]
+    fn presets_give_the_keys_that_a_recipe_does_not_set() {
+        let read = |text: &str, preset| Recipe::from_toml_with(text, Path::new(""), preset);
+        let text = "preset = \"paper\"\ndata = \"x\"\n[pretrain.loop]\nmax_steps = 7\n[tokenizer]\naugment = { flip = 0.5 }";
+        let recipe = read(text, None).unwrap();
+        let mut expected = Recipe::of(Preset::Paper);
+        expected.data = vec!["x".into()];
+        expected.pretrain.run.max_steps = 7;
+        expected.tokenizer.augment.flip = 0.5;
+        assert_eq!(recipe, expected);
+        assert_eq!(recipe.tokenizer.model.n_anchors(), 81);
+        let model = &recipe.tokenizer.model;
+        assert_eq!((model.codebook_size, model.code_dim), (512, 512));
+        assert_eq!(recipe.pretrain.preset, LmPreset::T5Small);
+        assert_eq!(
+            (recipe.pretrain.batch, recipe.pretrain.run.epochs),
+            (16, 300)
+        );
+        assert_eq!(recipe.instruct.run.epochs, 100);
+        // It reads back as it is printed, and the command line decides.
+        let printed = recipe.to_toml().unwrap();
+        assert_eq!(read(&printed, None).unwrap(), recipe);
+        assert_eq!(read("data = \"x\"\n[pretrain.loop]\nmax_steps = 7\n[tokenizer]\naugment = { flip = 0.5 }", Some(Preset::Paper)).unwrap(), recipe);
+        let small = read(text, Some(Preset::Small)).unwrap();
+        assert_eq!(
+            (small.preset, small.tokenizer.model.n_anchors()),
+            (Preset::Small, 54)
+        );
+        assert_eq!(small.pretrain.run.max_steps, 7);
+        let unknown = read("preset = \"huge\"", None).unwrap_err().to_string();
+        assert!(
+            unknown.contains("huge") && unknown.contains("paper"),
+            "{unknown}"
+        );
+        let slip = read("preset = \"paper\"\n[pretrain]\nbach = 3", None)
+            .unwrap_err()
+            .to_string();
+        assert!(slip.contains("bach") && slip.contains('3'), "{slip}");
+        assert_eq!("paper".parse(), Ok(Preset::Paper));
+        assert!("big".parse::<Preset>().is_err());
     }
 
     #[test]

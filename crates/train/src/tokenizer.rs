@@ -17,10 +17,10 @@ use radarllm_base::{
 use radarllm_dataset::record::ClipRecord;
 use radarllm_inference::checkpoint::NamedTensors;
 use radarllm_inference::tokenizer::encode::{TOKENIZER_KIND, TokenizerFile};
-use radarllm_inference::tokenizer::grouping::{Grouped, group};
+use radarllm_inference::tokenizer::grouping::{Grouped, MaskedClip, group, group_masked};
 use radarllm_inference::tokenizer::{FRAMES_PER_CODE, MAX_FRAMES, TokenizerConfig};
 use radarllm_nn::motion_vqvae::{MOTION_DIM, MotionTeacher, mirror_motion_features};
-use radarllm_nn::tokenizer::batch::ClipBatch;
+use radarllm_nn::tokenizer::batch::{ClipBatch, ClipInput};
 use radarllm_nn::tokenizer::codebook::{EmaCodebook, code_usage, nearest_codes};
 use radarllm_nn::tokenizer::network::TokenizerNet;
 use rand::rngs::ChaCha8Rng;
@@ -32,7 +32,7 @@ use crate::data::{augment_points, flip_points, plan_batches, shuffle};
 use crate::harness::{self, Outcome, Stage, StepInfo, StepLoss, TrainError, Validation};
 use crate::lm::loss::cross_entropy;
 pub use crate::tokenizer_config::{
-    CodebookUpdate, GuidanceOn, Reconstruct, TokenizerLossConfig, TokenizerTrainConfig,
+    CodebookUpdate, GuidanceOn, Hides, Reconstruct, TokenizerLossConfig, TokenizerTrainConfig,
 };
 
 /// Trains the tokenizer and writes checkpoints to `out_dir`.
@@ -125,6 +125,23 @@ struct Sample {
     grouped: Grouped,
     targets: Supervision,
     masked: Vec<bool>,
+    /// What the mask leaves and hides, if it hides points.
+    parts: Option<MaskedClip>,
+}
+
+impl Sample {
+    fn input(&self) -> ClipInput<'_> {
+        ClipInput {
+            clip: &self.grouped,
+            masked: &self.masked,
+            parts: self.parts.as_ref(),
+        }
+    }
+
+    fn unmask(&mut self) {
+        self.masked.fill(false);
+        self.parts = None;
+    }
 }
 
 struct TokenizerStage<'a> {
@@ -209,21 +226,28 @@ impl<'a> TokenizerStage<'a> {
         let n_anchors = self.config.model.n_anchors();
         let mut masked = vec![false; n_anchors];
         let n_masked = (self.config.loss.mask_ratio * n_anchors as f64).floor() as usize;
+        let mut parts = None;
         if rng.random::<f64>() < self.config.loss.masked_clips {
             masked[..n_masked].fill(true);
             shuffle(&mut masked, rng);
+            let hides = self.config.loss.hides;
+            if n_masked > 0 && hides != Hides::Tubes {
+                let grouping = &self.config.model.grouping;
+                let divided = group_masked(frames, clip.radar_height_m, grouping, &masked, hides);
+                parts = Some(divided.map_err(|e| TrainError::clip(clip.id, e))?);
+            }
         }
         Ok(Sample {
             grouped,
             targets,
             masked,
+            parts,
         })
     }
 
     fn losses(&self, model: &TokenizerNet, samples: &[Sample], rng: &mut ChaCha8Rng) -> Losses {
-        let grouped: Vec<&Grouped> = samples.iter().map(|s| &s.grouped).collect();
-        let masked: Vec<Vec<bool>> = samples.iter().map(|s| s.masked.clone()).collect();
-        let batch = ClipBatch::new(&self.config.model, &grouped, &masked);
+        let inputs: Vec<ClipInput> = samples.iter().map(Sample::input).collect();
+        let batch = ClipBatch::new(&self.config.model, &inputs);
         let device = model.codebook.val().device();
         let output = model.forward(&batch);
         let number = |t: &Tensor<1>| f64::from(t.clone().into_scalar::<f32>());
@@ -462,7 +486,10 @@ impl<'a> TokenizerStage<'a> {
         let mut targets = vec![0.0f32; chosen.len() * most * dim];
         let mut valid = vec![0.0f32; chosen.len() * most];
         for (row, (_, clip, tube)) in chosen.iter().enumerate() {
-            let grouped = &samples[*clip].grouped;
+            let grouped = match loss.reconstruct {
+                Reconstruct::Masked => samples[*clip].input().hidden(),
+                Reconstruct::All | Reconstruct::Nothing => &samples[*clip].grouped,
+            };
             let tube = &grouped.tubes[*tube];
             let mut points: Vec<usize> = (tube.start as usize..tube.end as usize).collect();
             if points.len() > most {
@@ -575,7 +602,7 @@ impl Stage for TokenizerStage<'_> {
             let masked = self.losses(model, &samples, &mut rng);
             let mut parts = masked.parts;
             // Codes and guidance as in inference, without masks.
-            samples.iter_mut().for_each(|s| s.masked.fill(false));
+            samples.iter_mut().for_each(Sample::unmask);
             let plain = self.losses(model, &samples, &mut rng);
             parts.retain(|(name, _)| *name == "reconstruction");
             parts.extend(

@@ -1,6 +1,7 @@
 //! Settings of the stage `tokenizer`.
 
 use radarllm_inference::tokenizer::TokenizerConfig;
+pub use radarllm_inference::tokenizer::grouping::Hides;
 use radarllm_nn::tokenizer::codebook::CodebookConfig;
 use serde::{Deserialize, Serialize};
 
@@ -48,6 +49,8 @@ pub struct TokenizerLossConfig {
     pub mask_ratio: f64,
     /// Share of the clips that is masked at all. Inference uses no mask, so some clips are trained without one.
     pub masked_clips: f64,
+    /// Which points a mask hides: `tubes`, `nearest` or `reach`; see [`Hides`].
+    pub hides: Hides,
     /// Which tubes are reconstructed.
     pub reconstruct: Reconstruct,
     /// Chamfer distance: one-sided or symmetric.
@@ -79,6 +82,7 @@ impl Default for TokenizerLossConfig {
         Self {
             mask_ratio: 0.5,
             masked_clips: 0.5,
+            hides: Hides::Nearest,
             reconstruct: Reconstruct::Masked,
             chamfer: ChamferSide::Symmetric,
             tubes_per_clip: 48,

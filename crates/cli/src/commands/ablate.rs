@@ -109,6 +109,7 @@ pub fn run(args: &AblateArgs) -> CliResult {
             DecoderName::F32,
             &run.data,
             &options,
+            &|_, _, _| Ok(()),
         )
         .map(|_| ())
     })?;

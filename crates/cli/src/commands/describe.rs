@@ -9,7 +9,9 @@ use radarllm::{
     Captioner, Choices, Clip, DescribeOptions, Precision, Recording, SimulateOptions, bundled,
 };
 use radarllm_inference::{
-    Chosen, LmError, Segment, checkpoint::Checkpoint, lm::ensemble::member_folders,
+    Chosen, LmError, Segment,
+    checkpoint::Checkpoint,
+    lm::{AnswerPart, Instruction, ensemble::member_folders},
 };
 use radarllm_io::options::DEFAULT_RADAR_HEIGHT_M;
 use radarllm_tracking::find_people;
@@ -18,6 +20,7 @@ use serde::Serialize;
 
 use crate::{
     args::{DecoderName, DescribeArgs},
+    commands::generate,
     error::{CliError, CliResult},
     memory::peak_memory_mb,
     output,
@@ -176,6 +179,15 @@ pub fn restricted(captioner: Captioner, names: &[String]) -> CliResult<Captioner
     Ok(captioner.with_choices(choices))
 }
 
+fn source_of(input: &str, clip: &Clip) -> SourceReport {
+    SourceReport {
+        source: input.into(),
+        radar: clip.radar.clone(),
+        synthetic: clip.provenance.is_simulated(),
+        provenance: clip.provenance.kind(),
+    }
+}
+
 /// Describes a prepared clip.
 pub fn describe(
     captioner: &Captioner,
@@ -189,12 +201,7 @@ pub fn describe(
         caption: described.caption,
         reason: described.abstained.map(|why| why.to_string()),
         confidence: described.confidence,
-        source: SourceReport {
-            source: input.into(),
-            radar: clip.radar.clone(),
-            synthetic: clip.provenance.is_simulated(),
-            provenance: clip.provenance.kind(),
-        },
+        source: source_of(input, clip),
         model: captioner.name().into(),
         segments: described.segments,
         choices: described.choices,
@@ -257,14 +264,91 @@ pub fn print_row(row: &Row) {
     }
 }
 
+/// Refuses a number of beams that the search does not have.
+pub fn check_beam(beam: usize) -> CliResult {
+    match beam {
+        1..=64 => Ok(()),
+        _ => Err(CliError::new(format!("--beam {beam}: must be in 1..=64"))),
+    }
+}
+
+/// The answer to an instruction about one input, as scripts read it.
+#[derive(Serialize)]
+struct AnswerRow {
+    /// The input and its provenance.
+    #[serde(flatten)]
+    source: SourceReport,
+    /// Model name.
+    model: String,
+    /// The instruction.
+    instruction: String,
+    /// Task that was understood.
+    task: &'static str,
+    /// Wording of instruction tuning that is most like the instruction.
+    nearest_wording: &'static str,
+    /// Likeness to it, 0..1; 1 for the same words.
+    likeness: f32,
+    /// Answers in order of time.
+    answers: Vec<AnswerPart>,
+    /// The person, with `--people`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    person: Option<PersonReport>,
+}
+
+/// Follows an instruction about a prepared clip.
+fn answer(
+    captioner: &Captioner,
+    input: &str,
+    clip: &Clip,
+    text: &str,
+    instruction: &Instruction,
+    options: &DescribeOptions,
+) -> CliResult<AnswerRow> {
+    let answer = captioner.model().answer(clip, instruction, options);
+    let answer = answer.map_err(|e| generate::not_learned(captioner.name(), e))?;
+    Ok(AnswerRow {
+        source: source_of(input, clip),
+        model: captioner.name().into(),
+        instruction: text.into(),
+        task: answer.task.name(),
+        nearest_wording: instruction.nearest(),
+        likeness: instruction.likeness(),
+        answers: answer.parts,
+        person: None,
+    })
+}
+
+/// Prints an answer for people.
+fn print_answer(row: &AnswerRow) {
+    output::print_line(&row.source.source);
+    let several = row.answers.len() > 1;
+    for part in &row.answers {
+        let when = match several {
+            true => format!("{:6.1} s to {:5.1} s  ", part.start_s, part.end_s),
+            false => String::new(),
+        };
+        let what = match part.codes.len() {
+            0 => part.text.clone(),
+            n => format!("{n} more radar tokens: {:?}", part.codes),
+        };
+        output::print_line(&format!("    {when}{what} ({:.2})", part.confidence));
+    }
+    output::print_line(&format!(
+        "    [{}, radar {}, model {}; task {}, most like `{}`]",
+        row.source.provenance, row.source.radar, row.model, row.task, row.nearest_wording
+    ));
+}
+
 /// Runs the command.
 pub fn run(args: &DescribeArgs) -> CliResult {
-    if !(1..=64).contains(&args.beam) {
-        return Err(CliError::new(format!(
-            "--beam {}: must be in 1..=64",
-            args.beam
-        )));
-    }
+    check_beam(args.beam)?;
+    let instruction = args.instruct.as_deref().map(|text| {
+        let parsed = Instruction::parse(text);
+        parsed.map(|instruction| (text, instruction))
+    });
+    let instruction = instruction
+        .transpose()
+        .map_err(|e| CliError::new(format!("--instruct: {e}")))?;
     let mut captioner = load_decoder(args.model.as_deref(), args.decoder)?;
     if let Some(memory) = load_memory(args.memory.as_deref())? {
         captioner = captioner.with_memory(&memory);
@@ -280,13 +364,37 @@ pub fn run(args: &DescribeArgs) -> CliResult {
         beam: args.beam,
         ..DescribeOptions::default()
     };
-    let one = |input: &String| -> CliResult<Vec<Row>> {
+    let clips_of = |input: &String| {
         let recording = radarllm::open(input)
             .with_options(options.clone())
             .with_simulation(simulation.clone())
             .points()?;
-        let clip = prepared(input, &recording)?;
-        clips_of_people(input, clip, &args.people)?
+        clips_of_people(input, prepared(input, &recording)?, &args.people)
+    };
+    if let Some((text, instruction)) = &instruction {
+        let one = |input: &String| -> CliResult<Vec<AnswerRow>> {
+            clips_of(input)?
+                .into_iter()
+                .map(|(person, clip)| {
+                    let row = answer(&captioner, input, &clip, text, instruction, &describing)?;
+                    Ok(AnswerRow { person, ..row })
+                })
+                .collect()
+        };
+        let answered: Vec<CliResult<Vec<AnswerRow>>> =
+            on_threads(args.threads, || args.inputs.par_iter().map(one).collect())?;
+        let mut rows = Vec::new();
+        for answered in answered {
+            rows.extend(answered?);
+        }
+        if args.json {
+            return output::print_json(&rows);
+        }
+        rows.iter().for_each(print_answer);
+        return Ok(());
+    }
+    let one = |input: &String| -> CliResult<Vec<Row>> {
+        clips_of(input)?
             .into_iter()
             .map(|(person, clip)| {
                 let row = describe(&captioner, input, &clip, &describing)?;

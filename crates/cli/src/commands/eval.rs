@@ -3,13 +3,20 @@
 use std::path::Path;
 
 use radarllm_dataset::{Dataset, Split};
-use radarllm_eval::captions::{
-    CaptionReport, CaptionedClip, EvaluationOptions, evaluate_captions, report::markdown,
+use radarllm_eval::{
+    EvalError,
+    captions::{
+        AddScores, CaptionReport, CaptionedClip, EvaluationOptions, evaluate_captions_with,
+        report::markdown,
+    },
+    round_trip::{self, RoundTripOptions, evaluate_round_trip},
 };
+use radarllm_inference::lm::templates::Task;
+use radarllm_metrics::{Candidate, Reference, Scores};
 
 use crate::{
-    args::{DecoderName, EvalArgs},
-    commands::{eval_page, model_files},
+    args::{DecoderName, EncoderArgs, EvalArgs},
+    commands::{describe, eval_page, generate, model_files},
     error::{CliError, CliResult},
     memory::peak_memory_mb,
     output,
@@ -17,23 +24,84 @@ use crate::{
 
 /// Runs the command.
 pub fn run(args: &EvalArgs) -> CliResult {
+    if let Some(count) = args.round_trip {
+        return round_trip(args, count as usize);
+    }
     output::check_free(&args.out.join("report.json"), args.force)?;
     let options = EvaluationOptions {
         split: split(&args.split)?,
         beam: args.beam,
         seed: args.seed,
     };
+    let adding = adder(&args.encoders, args.seed)?;
     let report = evaluate_into(
         &args.out,
         args.model.as_deref(),
         args.decoder,
         &args.data,
         &options,
+        adding.as_ref(),
     )?;
     if args.json {
         return output::print_json(&report);
     }
     output::print_line(markdown(&report).trim_end());
+    Ok(())
+}
+
+/// Further scores of captions.
+type Adder = Box<dyn Fn(&mut Scores, &[Candidate], &[Reference]) -> Result<(), EvalError>>;
+
+/// What the named sentence encoders add to the scores of captions; nothing without any.
+fn adder(args: &EncoderArgs, seed: u64) -> CliResult<Adder> {
+    #[cfg(feature = "train")]
+    if let Some(encoders) = crate::commands::model_scores::Encoders::open(args)? {
+        return Ok(Box::new(move |scores, candidates, references| {
+            encoders.add(scores, candidates, references, seed)
+        }));
+    }
+    #[cfg(not(feature = "train"))]
+    if args.are_given() {
+        return Err(crate::error::needs_training("--bert-score or --sim-cse"));
+    }
+    let _ = (args, seed);
+    Ok(Box::new(|_, _, _| Ok(())))
+}
+
+/// Generates radar from captions, describes it, and writes round-trip.jsonl, round-trip.md and round-trip.json.
+fn round_trip(args: &EvalArgs, count: usize) -> CliResult {
+    output::check_free(&args.out.join("round-trip.json"), args.force)?;
+    describe::check_beam(args.beam)?;
+    let options = RoundTripOptions {
+        split: split(&args.split)?,
+        count,
+        beam: args.beam,
+        seed: args.seed,
+    };
+    let captioner = describe::load_decoder(args.model.as_deref(), args.decoder)?;
+    let name = captioner.name();
+    // Said before anything is read: most models did not learn to generate.
+    let learned = captioner.model().require(Task::TextToRadar, false);
+    learned.map_err(|e| generate::not_learned(name, e))?;
+    let decoder = generate::points_decoder(args.model.as_deref())?;
+    let data = Dataset::open(&args.data)?;
+    let points = |codes: &[u32], text: &str| Ok(generate::clip_of(&decoder, codes, text, name)?);
+    let (report, lines) = evaluate_round_trip(captioner.model(), name, points, &data, &options)?;
+    let text = round_trip::markdown(&report, &lines);
+    let write =
+        |name: &str, text: &str| output::write_atomic(&args.out.join(name), text.as_bytes());
+    let mut json_lines = String::new();
+    for line in &lines {
+        json_lines += &serde_json::to_string(line)?;
+        json_lines.push('\n');
+    }
+    write("round-trip.jsonl", &json_lines)?;
+    write("round-trip.md", &text)?;
+    write("round-trip.json", &serde_json::to_string_pretty(&report)?)?;
+    if args.json {
+        return output::print_json(&report);
+    }
+    output::print_line(text.trim_end());
     Ok(())
 }
 
@@ -50,10 +118,12 @@ pub fn evaluate_into(
     decoder: DecoderName,
     data: &Path,
     options: &EvaluationOptions,
+    add: AddScores,
 ) -> CliResult<CaptionReport> {
     let (captioner, model) = model_files::load(model, decoder)?;
     let data = Dataset::open(data)?;
-    let (mut report, clips) = evaluate_captions(captioner.model(), &model, &data, options)?;
+    let (mut report, clips) =
+        evaluate_captions_with(captioner.model(), &model, &data, options, add)?;
     report.peak_memory_mb = peak_memory_mb();
     let write = |name: &str, text: &str| output::write_atomic(&out.join(name), text.as_bytes());
     write("captions.jsonl", &json_lines(&clips)?)?;

@@ -12,6 +12,7 @@ pub mod eval_falls;
 pub mod eval_page;
 pub mod eval_recordings;
 pub mod fact_scores;
+pub mod generate;
 pub mod interventions;
 pub mod live;
 #[cfg(feature = "train")]

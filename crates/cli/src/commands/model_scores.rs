@@ -1,9 +1,13 @@
-//! BERTScore and SimCSE for `score`, computed with a checkpoint that the user specifies.
+//! BERTScore and SimCSE for `score` and `eval`, computed with a checkpoint that the user specifies.
 
 use std::path::Path;
 
-use radarllm_eval::embedding_scores::{
-    BertScoreOptions, EncodedSentence, EncoderResult, SentenceEncoder, add_bert_score, add_sim_cse,
+use radarllm_eval::{
+    EvalError,
+    embedding_scores::{
+        BertScoreOptions, EncodedSentence, EncoderResult, SentenceEncoder, add_bert_score,
+        add_sim_cse,
+    },
 };
 use radarllm_metrics::{Candidate, Reference, Scores};
 use radarllm_nn::{
@@ -13,13 +17,15 @@ use radarllm_nn::{
 };
 
 use crate::{
-    args::ScoreArgs,
+    args::EncoderArgs,
     error::{CliError, CliResult, processor_error},
 };
 
 /// A checkpoint as a sentence encoder.
 struct Checkpoint {
     encoder: TextEncoder,
+    /// Folder of the checkpoint, its name in reports.
+    name: String,
     /// How a sentence is reduced to one vector.
     pooling: Pooling,
 }
@@ -47,50 +53,75 @@ impl SentenceEncoder for Checkpoint {
     }
 }
 
-/// Adds the scores that `--bert-score` and `--sim-cse` request.
-pub fn add(
-    scores: &mut Scores,
-    args: &ScoreArgs,
-    candidates: &[Candidate],
-    references: &[Reference],
-) -> CliResult {
-    if args.bert_score.is_none() && args.sim_cse.is_none() {
-        return Ok(());
-    }
-    let device = args.device.as_deref().unwrap_or("cpu").parse::<Processor>();
-    let device = device.and_then(Processor::device);
-    let device = device.map_err(|e| processor_error("--device: ", &e))?;
-    let captions = (candidates, references);
-    if let Some(dir) = &args.bert_score {
-        let layer = args.layer.ok_or_else(|| {
-            CliError::new("--bert-score needs --layer")
-                .hint("17 for roberta-large, 9 for bert-base-uncased")
-        })?;
-        let encoder = open(dir, &device, Pooling::Cls)?;
-        let options = BertScoreOptions {
-            layer,
-            baseline: args.bert_baseline,
+/// The encoders of a command, opened once.
+pub struct Encoders {
+    bert_score: Option<(Checkpoint, BertScoreOptions)>,
+    /// With the name of the pooling.
+    sim_cse: Option<(Checkpoint, String)>,
+}
+
+impl Encoders {
+    /// Opens what `--bert-score` and `--sim-cse` name; `None` without either.
+    pub fn open(args: &EncoderArgs) -> CliResult<Option<Self>> {
+        if !args.are_given() {
+            return Ok(None);
+        }
+        let device = args.device.as_deref().unwrap_or("cpu").parse::<Processor>();
+        let device = device.and_then(Processor::device);
+        let device = device.map_err(|e| processor_error("--device: ", &e))?;
+        let mut encoders = Self {
+            bert_score: None,
+            sim_cse: None,
         };
-        let name = dir.display().to_string();
-        add_bert_score(scores, captions, &encoder, &name, &options, args.seed)?;
+        if let Some(dir) = &args.bert_score {
+            let layer = args.layer.ok_or_else(|| {
+                CliError::new("--bert-score needs --layer")
+                    .hint("17 for roberta-large, 9 for bert-base-uncased, 6 for all-MiniLM-L6-v2")
+            })?;
+            let options = BertScoreOptions {
+                layer,
+                baseline: args.bert_baseline,
+            };
+            encoders.bert_score = Some((open(dir, &device, Pooling::Cls)?, options));
+        }
+        if let Some(dir) = &args.sim_cse {
+            let name = args.pooling.as_deref().ok_or_else(|| {
+                CliError::new("--sim-cse needs --pooling").hint("pooler (supervised), cls or mean")
+            })?;
+            let pooling = Pooling::from_name(name).ok_or_else(|| {
+                CliError::new(format!("--pooling {name}: unknown")).hint("pooler, cls or mean")
+            })?;
+            encoders.sim_cse = Some((open(dir, &device, pooling)?, name.into()));
+        }
+        Ok(Some(encoders))
     }
-    if let Some(dir) = &args.sim_cse {
-        let name = args.pooling.as_deref().ok_or_else(|| {
-            CliError::new("--sim-cse needs --pooling").hint("pooler (supervised), cls or mean")
-        })?;
-        let pooling = Pooling::from_name(name).ok_or_else(|| {
-            CliError::new(format!("--pooling {name}: unknown")).hint("pooler, cls or mean")
-        })?;
-        let encoder = open(dir, &device, pooling)?;
-        let checkpoint = dir.display().to_string();
-        add_sim_cse(scores, captions, &encoder, &checkpoint, name, args.seed)?;
+
+    /// Adds their scores to those of the same captions.
+    pub fn add(
+        &self,
+        scores: &mut Scores,
+        candidates: &[Candidate],
+        references: &[Reference],
+        seed: u64,
+    ) -> Result<(), EvalError> {
+        let captions = (candidates, references);
+        if let Some((encoder, options)) = &self.bert_score {
+            add_bert_score(scores, captions, encoder, &encoder.name, options, seed)?;
+        }
+        if let Some((encoder, pooling)) = &self.sim_cse {
+            add_sim_cse(scores, captions, encoder, &encoder.name, pooling, seed)?;
+        }
+        Ok(())
     }
-    Ok(())
 }
 
 fn open(dir: &Path, device: &Device, pooling: Pooling) -> CliResult<Checkpoint> {
     let encoder = TextEncoder::open(dir, device).map_err(|e| {
         CliError::new(e).hint("a folder with config.json, model.safetensors and tokenizer.json")
     })?;
-    Ok(Checkpoint { encoder, pooling })
+    Ok(Checkpoint {
+        encoder,
+        name: dir.display().to_string(),
+        pooling,
+    })
 }

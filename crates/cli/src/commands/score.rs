@@ -71,8 +71,8 @@ pub fn run(args: &ScoreArgs) -> CliResult {
     if args.pose {
         return pose_scores::run(&args.candidates, &args.references);
     }
-    let with_model = args.bert_score.is_some() || args.sim_cse.is_some();
-    if args.device.is_some() && !with_model {
+    let with_model = args.encoders.are_given();
+    if args.encoders.device.is_some() && !with_model {
         return Err(
             CliError::new("--device: only --bert-score and --sim-cse compute on a device")
                 .hint("leave it out, or name a checkpoint"),
@@ -116,7 +116,9 @@ pub fn run(args: &ScoreArgs) -> CliResult {
     )]
     let mut scores = score_with(&candidates, &references, &options, &resources)?;
     #[cfg(feature = "train")]
-    model_scores::add(&mut scores, args, &candidates, &references)?;
+    if let Some(encoders) = model_scores::Encoders::open(&args.encoders)? {
+        encoders.add(&mut scores, &candidates, &references, args.seed)?;
+    }
     output::print_json(&WithFacts {
         scores,
         facts: fact_scores::block(&candidates, &references),

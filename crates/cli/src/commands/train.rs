@@ -2,12 +2,12 @@
 
 use std::{fs, path::Path};
 
-use radarllm_train::recipe::{Recipe, RecipeStage};
+use radarllm_train::recipe::{Preset, Recipe, RecipeStage};
 
 use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
 
 use crate::{
-    args::{Stage, TrainArgs},
+    args::{self, Stage, TrainArgs},
     error::{CliError, CliResult, processor_error},
     interrupt,
     memory::peak_memory_mb,
@@ -18,12 +18,13 @@ use crate::{
 /// Runs the command.
 pub fn run(args: &TrainArgs) -> CliResult {
     let Some(path) = &args.config else {
-        output::print_line(&Recipe::default().to_toml()?);
+        let preset = args.preset.map(preset).unwrap_or_default();
+        output::print_line(&Recipe::of(preset).to_toml()?);
         return Ok(());
     };
     let text = files::read_text(path, MAX_CONFIG_BYTES)?;
     let base = path.parent().unwrap_or(Path::new(""));
-    let mut recipe = Recipe::from_toml(&text, base).map_err(|e| {
+    let mut recipe = Recipe::from_toml_with(&text, base, args.preset.map(preset)).map_err(|e| {
         CliError::new(format!("{}: {e}", path.display()))
             .hint("`radarllm train all --print-config` prints every key")
     })?;
@@ -45,6 +46,7 @@ pub fn run(args: &TrainArgs) -> CliResult {
         Stage::Tokenizer => vec![RecipeStage::Tokenizer],
         Stage::Pretrain => vec![RecipeStage::Pretrain],
         Stage::Instruct => vec![RecipeStage::Instruct],
+        Stage::Points => vec![RecipeStage::Points],
         Stage::All => recipe.stages(),
     };
     for stage in stages {
@@ -71,4 +73,12 @@ pub fn run(args: &TrainArgs) -> CliResult {
     }
     output::print_line(&recipe.out.display().to_string());
     Ok(())
+}
+
+/// The preset of the library.
+fn preset(name: args::Preset) -> Preset {
+    match name {
+        args::Preset::Small => Preset::Small,
+        args::Preset::Paper => Preset::Paper,
+    }
 }

@@ -159,12 +159,17 @@ fn every_stage_trains_resumes_and_is_evaluated() {
         batch = 8
         [pretrain.loop]
         epochs = 0
-        max_steps = 10
+        max_steps = 60
         [instruct]
         batch = 8
         [instruct.loop]
         epochs = 0
         max_steps = 5
+        [points]
+        model = { points = 16, width = 8, hidden = 32 }
+        [points.loop]
+        epochs = 0
+        max_steps = 20
         "#,
     )
     .unwrap();
@@ -248,6 +253,8 @@ fn every_stage_trains_resumes_and_is_evaluated() {
         4
     );
 
+    uses_what_was_tuned(&model, &path);
+
     // A decoder alone on the same tokenizer.
     fs::create_dir(path("alone")).unwrap();
     for stage in ["motion", "tokenizer"] {
@@ -308,6 +315,146 @@ fn every_stage_trains_resumes_and_is_evaluated() {
     fs::write(&weights, &bytes[..bytes.len() / 2]).unwrap();
     let stderr = crate::command::refused(&["describe", "builtin:clap", "--model", &model]);
     assert!(stderr.contains("model.safetensors"), "{stderr}");
+}
+
+/// Instructions, generation and round trips with a model that learned all tasks, if briefly.
+#[cfg(feature = "train")]
+fn uses_what_was_tuned(model: &str, path: &dyn Fn(&str) -> String) {
+    let card: serde_json::Value =
+        serde_json::from_slice(&fs::read(format!("{model}/lm/config.json")).unwrap()).unwrap();
+    assert_eq!(card["learned"]["pretrained"].as_array().unwrap().len(), 3);
+    assert_eq!(card["learned"]["tuned"].as_array().unwrap().len(), 5);
+
+    let ask = |text: &str| {
+        json(&[
+            "describe",
+            "builtin:walk",
+            "--model",
+            model,
+            "--instruct",
+            text,
+            "--json",
+        ])
+    };
+    let rows = ask("Where does the person go?");
+    assert_eq!(rows[0]["task"], "radar_to_text");
+    assert!(rows[0]["likeness"].as_f64().unwrap() < 1.0);
+    assert!(rows[0]["answers"][0]["text"].is_string(), "{rows}");
+    let rows = ask("how many seconds does it last?");
+    assert_eq!(rows[0]["task"], "radar_to_length");
+    let rows = ask("continue the motion");
+    assert_eq!(rows[0]["task"], "continuation");
+    let codes = rows[0]["answers"][0]["codes"].as_array();
+    assert!(codes.is_none_or(|codes| codes.iter().all(|c| c.as_u64().unwrap() < 8)));
+    let strange = [
+        "describe",
+        "builtin:walk",
+        "--model",
+        model,
+        "--instruct",
+        "green ideas",
+    ];
+    let problem = crate::command::refused(&strange);
+    assert!(problem.contains("like none"), "{problem}");
+
+    let (points, page) = (path("generated.parquet"), path("generated.html"));
+    let text = "a person walks forward and waves";
+    let arguments = [
+        "generate", text, "--model", model, "--out", &points, "--view", &page, "--json",
+    ];
+    let generated = json(&arguments);
+    let tokens = generated["tokens"].as_array().unwrap().len();
+    assert!((1..=24).contains(&tokens), "{generated}");
+    assert_eq!(generated["frames"].as_u64().unwrap() as usize, 4 * tokens);
+    assert!(crate::command::refused(&arguments).contains("exists already"));
+    assert!(fs::read_to_string(&page).unwrap().contains(text));
+    // The file says where its points come from, and is described as any other.
+    let rows = json(&["describe", &points, "--model", model, "--json"]);
+    assert_eq!(rows[0]["provenance"], "simulated");
+    assert_eq!(rows[0]["caption"], generated["described"]["caption"]);
+    let nothing = [
+        "generate",
+        "?!",
+        "--model",
+        model,
+        "--out",
+        &path("no.parquet"),
+    ];
+    assert!(crate::command::refused(&nothing).contains("no words"));
+
+    let (data, out) = (path("data"), path("round-trip"));
+    let trips = [
+        "eval",
+        "--model",
+        model,
+        "--data",
+        &data,
+        "--out",
+        &out,
+        "--round-trip",
+        "3",
+        "--json",
+    ];
+    let report = json(&trips);
+    assert_eq!(report["sentences"], 3);
+    let names: Vec<&str> = report["systems"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|s| s["name"].as_str().unwrap())
+        .collect();
+    assert_eq!(names, ["generated", "shuffled", "nearest", "data"]);
+    let lines = fs::read_to_string(format!("{out}/round-trip.jsonl")).unwrap();
+    assert_eq!(lines.lines().count(), 3);
+    assert!(
+        fs::read_to_string(format!("{out}/round-trip.md"))
+            .unwrap()
+            .contains("same actions")
+    );
+
+    // Without the decoder, or with that of other codes, nothing is generated.
+    let (decoder, aside) = (format!("{model}/points"), path("aside"));
+    fs::rename(&decoder, &aside).unwrap();
+    let again = [
+        "generate",
+        text,
+        "--model",
+        model,
+        "--out",
+        &path("no.parquet"),
+    ];
+    let problem = crate::command::refused(&again);
+    assert!(
+        problem.contains("no decoder") && problem.contains("train points"),
+        "{problem}"
+    );
+    fs::rename(&aside, &decoder).unwrap();
+}
+
+/// The bundled model learned radar to text alone, and says so instead of generating nonsense.
+#[test]
+fn the_bundled_model_refuses_what_it_did_not_learn() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("walk.parquet");
+    let problem =
+        crate::command::refused(&["generate", "a person walks", "--out", out.to_str().unwrap()]);
+    for part in ["did not learn text_to_radar", "hint:", "[points]"] {
+        assert!(problem.contains(part), "{problem}");
+    }
+    assert!(!out.exists());
+    let problem = crate::command::refused(&[
+        "describe",
+        "builtin:walk",
+        "--instruct",
+        "Where does the person go?",
+    ]);
+    for part in [
+        "did not learn radar_to_text in other words",
+        "no record",
+        "`instruct`",
+    ] {
+        assert!(problem.contains(part), "{problem}");
+    }
 }
 
 /// Ctrl-C in a training that runs: it ends by itself with exit code 130, and resumed it ends where it would have ended.

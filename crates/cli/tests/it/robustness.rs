@@ -35,6 +35,7 @@ fn cells_are_made_once_and_scored_against_the_unchanged_one() {
     for field in [
         "bleu_1",
         "rouge_l",
+        "meteor",
         "cider_d",
         "action_accuracy",
         "points_per_frame",

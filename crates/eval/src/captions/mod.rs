@@ -12,7 +12,7 @@ use std::{
     time::Instant,
 };
 
-use radarllm_base::{Clip, Clutter, Provenance};
+use radarllm_base::{Clip, Clutter, PointFrame, Provenance};
 use radarllm_dataset::{ClipRecord, Columns, Dataset, Split};
 use radarllm_inference::{Captioner, Description, FRAME_RATE_HZ};
 use radarllm_metrics::{
@@ -206,6 +206,24 @@ pub fn evaluate_captions(
     data: &Dataset,
     options: &EvaluationOptions,
 ) -> Result<(CaptionReport, Vec<CaptionedClip>), EvalError> {
+    evaluate_captions_with(captioner, model, data, options, &|_, _, _| Ok(()))
+}
+
+/// Adds scores of the same captions that need more than the captions, such as those of a sentence encoder.
+pub type AddScores<'a> =
+    &'a dyn Fn(&mut Scores, &[Candidate], &[Reference]) -> Result<(), EvalError>;
+
+/// As [`evaluate_captions`], with further scores of every system.
+///
+/// # Errors
+/// As [`evaluate_captions`], and those of `add`.
+pub fn evaluate_captions_with(
+    captioner: &Captioner,
+    model: &ModelInfo,
+    data: &Dataset,
+    options: &EvaluationOptions,
+    add: AddScores,
+) -> Result<(CaptionReport, Vec<CaptionedClip>), EvalError> {
     let EvaluationOptions { split, beam, seed } = *options;
     // The model was trained on the frames of a data set one by one, whatever their rate.
     let frame_rate_hz = f64::from(FRAME_RATE_HZ);
@@ -219,7 +237,12 @@ pub fn evaluate_captions(
     }
     let classifier = ActionClassifier::fit(&captions_with_actions(&train))
         .ok_or_else(|| EvalError::Empty("the training captions hold no words".into()))?;
-    let nearest = nearest_captions(&train, &records)?;
+    let nearest = nearest_captions(
+        &train,
+        records
+            .iter()
+            .map(|r| (r.frames.as_slice(), r.radar_height_m)),
+    )?;
     let train_captions: Vec<&str> = train
         .iter()
         .flat_map(|c| &c.captions)
@@ -265,7 +288,7 @@ pub fn evaluate_captions(
         .ok_or_else(|| EvalError::Empty("a single clip cannot be shuffled".into()))?;
     let shuffled: Vec<&str> = order.iter().map(|&i| texts[i]).collect();
     let nearest: Vec<&str> = captioned.iter().map(|c| c.nearest.as_str()).collect();
-    let scorer = Scorer::new(&captioned, &classifier, seed);
+    let scorer = Scorer::new(&captioned, &classifier, seed, add);
     let systems = vec![
         scorer.system("model", "the model on its own radar", &texts)?,
         scorer.system(
@@ -327,10 +350,16 @@ struct Scorer<'a> {
     references: Vec<Reference>,
     units: Vec<usize>,
     seed: u64,
+    add: AddScores<'a>,
 }
 
 impl<'a> Scorer<'a> {
-    fn new(clips: &'a [CaptionedClip], classifier: &'a ActionClassifier, seed: u64) -> Self {
+    fn new(
+        clips: &'a [CaptionedClip],
+        classifier: &'a ActionClassifier,
+        seed: u64,
+        add: AddScores<'a>,
+    ) -> Self {
         let references = clips.iter().map(|c| Reference {
             id: c.id.clone(),
             texts: c.references.clone(),
@@ -341,6 +370,7 @@ impl<'a> Scorer<'a> {
             references: references.collect(),
             units: units_of_ids(clips.iter().map(|c| c.id.as_str())),
             seed,
+            add,
         }
     }
 
@@ -366,10 +396,12 @@ impl<'a> Scorer<'a> {
             max_references: MAX_REFERENCES,
             ..ScoreOptions::default()
         };
+        let mut scores = score(&candidates, &self.references, &options)?;
+        (self.add)(&mut scores, &candidates, &self.references)?;
         Ok(System {
             name,
             what,
-            scores: score(&candidates, &self.references, &options)?,
+            scores,
             action_accuracy: mean(&correct, &self.units, self.seed)?,
         })
     }
@@ -391,7 +423,7 @@ fn best_rouge_l(candidate: &str, references: &[String]) -> f64 {
 }
 
 /// A split without what evaluation does not need; one variant of each motion, but for training.
-fn read(data: &Dataset, split: Split) -> Result<Vec<ClipRecord>, EvalError> {
+pub(crate) fn read(data: &Dataset, split: Split) -> Result<Vec<ClipRecord>, EvalError> {
     let mut clips: Vec<ClipRecord> = data
         .iter_split(split, Columns::Points)
         .collect::<Result<_, _>>()?;
@@ -425,14 +457,20 @@ fn captions_with_actions(clips: &[ClipRecord]) -> Vec<(&str, &str)> {
         .collect()
 }
 
-/// The first caption of the training clip with the nearest descriptor.
-fn nearest_captions(train: &[ClipRecord], clips: &[ClipRecord]) -> Result<Vec<String>, EvalError> {
-    let describe = |c: &ClipRecord| descriptor(&c.frames, c.radar_height_m);
-    let train_vectors: Vec<Vec<f32>> = train.iter().map(describe).collect();
+/// The first caption of the training clip with the nearest descriptor, for each clip: its frames and the height of its
+/// radar.
+pub(crate) fn nearest_captions<'a>(
+    train: &[ClipRecord],
+    clips: impl Iterator<Item = (&'a [PointFrame], f32)>,
+) -> Result<Vec<String>, EvalError> {
+    let of_training = |c: &ClipRecord| descriptor(&c.frames, c.radar_height_m);
+    let train_vectors: Vec<Vec<f32>> = train.iter().map(of_training).collect();
     let neighbours = NearestNeighbour::fit(&train_vectors)?;
     clips
-        .iter()
-        .map(|c| Ok(train[neighbours.nearest(&describe(c))?].captions[0].clone()))
+        .map(|(frames, height_m)| {
+            let nearest = neighbours.nearest(&descriptor(frames, height_m))?;
+            Ok(train[nearest].captions[0].clone())
+        })
         .collect()
 }
 

@@ -33,30 +33,35 @@ pub fn summary(report: &CaptionReport) -> Vec<String> {
 
 /// All tables of the report.
 pub fn tables(report: &CaptionReport) -> Vec<Table> {
+    let encoders: Vec<&'static str> = encoder_columns(report);
+    let mut head = vec![
+        "system",
+        "BLEU-1",
+        "BLEU-4",
+        "ROUGE-1",
+        "ROUGE-L",
+        "METEOR",
+        "CIDEr-D",
+        "action accuracy",
+    ];
+    head.extend(&encoders);
     let mut scores = Table::new(
         "Scores",
         format!(
             "Protocol {}, at most {} references for each of {} clips. Values are multiplied by 100, except CIDEr-D; 95 % \
              bootstrap intervals over motions. Action accuracy: the share of captions in which a naive Bayes classifier, \
              fitted on training captions, recognises the clip's action; on the references of this split it is {:.1} %. \
-             METEOR 1.5 with exact, stem and WordNet matches. BERTScore and SimCSE were not computed.",
+             METEOR 1.5 with exact, stem and WordNet matches. {}",
             report.protocol,
             report.max_references,
             report.clips,
-            report.action_accuracy_on_references * 100.0
+            report.action_accuracy_on_references * 100.0,
+            encoder_rules(report)
         ),
-        &[
-            "system",
-            "BLEU-1",
-            "BLEU-4",
-            "ROUGE-1",
-            "ROUGE-L",
-            "METEOR",
-            "CIDEr-D",
-            "action accuracy",
-        ],
+        &head,
     );
-    scores.rows = report.systems.iter().map(system_row).collect();
+    let row = |system| system_row(system, &encoders);
+    scores.rows = report.systems.iter().map(row).collect();
     let mut tables = vec![
         scores,
         slices(
@@ -125,8 +130,36 @@ pub fn markdown(report: &CaptionReport) -> String {
     text
 }
 
+const BERT_SCORE: &str = "BERTScore";
+const SIM_CSE: &str = "SimCSE";
+
+/// Columns of the metrics that were computed with a sentence encoder.
+fn encoder_columns(report: &CaptionReport) -> Vec<&'static str> {
+    let Some(system) = report.systems.first() else {
+        return Vec::new();
+    };
+    let bert = system.scores.bert_score.map(|_| BERT_SCORE);
+    let sim = system.scores.sim_cse.map(|_| SIM_CSE);
+    bert.into_iter().chain(sim).collect()
+}
+
+/// With which weights these metrics were computed, or that they were not.
+fn encoder_rules(report: &CaptionReport) -> String {
+    let rules = |name: &str, rules: Option<&String>| match rules {
+        Some(rules) => format!("{name}: {rules}."),
+        None => format!("{name} was not computed."),
+    };
+    let scores = report.systems.first().map(|system| &system.scores);
+    let bert = scores.and_then(|s| s.bert_score_rules.as_ref());
+    let sim = scores.and_then(|s| s.sim_cse_rules.as_ref());
+    if bert.is_none() && sim.is_none() {
+        return "BERTScore and SimCSE were not computed.".into();
+    }
+    format!("{} {}", rules(BERT_SCORE, bert), rules(SIM_CSE, sim))
+}
+
 /// Metrics of a system with intervals.
-fn system_row(system: &System) -> Vec<String> {
+fn system_row(system: &System, encoders: &[&str]) -> Vec<String> {
     let s = &system.scores;
     let mut row = vec![system.what.to_string()];
     for (name, value) in [
@@ -140,6 +173,14 @@ fn system_row(system: &System) -> Vec<String> {
     }
     row.push(Estimate::of_metric(s, "cider_d", s.cider_d).to_text(1.0, 3));
     row.push(system.action_accuracy.to_text(100.0, 1));
+    for name in encoders {
+        let (metric, value) = match *name {
+            BERT_SCORE => ("bert_score", s.bert_score),
+            _ => ("sim_cse", s.sim_cse),
+        };
+        let value = value.unwrap_or(f64::NAN);
+        row.push(Estimate::of_metric(s, metric, value).to_text(100.0, 1));
+    }
     row
 }
 

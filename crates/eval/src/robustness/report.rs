@@ -22,6 +22,8 @@ pub struct ScoredCell {
     pub bleu_1: Estimate,
     /// ROUGE-L, 0..=1.
     pub rouge_l: Estimate,
+    /// METEOR, 0..=1.
+    pub meteor: Estimate,
     /// CIDEr-D.
     pub cider_d: Estimate,
     /// Share of captions in which the action classifier recognises the clip's action, 0..=1.
@@ -214,6 +216,7 @@ impl Scorer<'_> {
             x: change.x(),
             bleu_1: Estimate::of_metric(&scores, "bleu_1", scores.bleu_1),
             rouge_l: Estimate::of_metric(&scores, "rouge_l", scores.rouge_l),
+            meteor: Estimate::of_metric(&scores, "meteor", scores.meteor.unwrap_or(f64::NAN)),
             cider_d: Estimate::of_metric(&scores, "cider_d", scores.cider_d),
             action_accuracy: mean(&correct)?,
             action_accuracy_change: mean(&differences)?,
@@ -247,6 +250,7 @@ pub fn markdown(report: &RobustnessReport) -> String {
                 "condition",
                 "BLEU-1",
                 "ROUGE-L",
+                "METEOR",
                 "CIDEr-D",
                 "action accuracy",
                 "change",
@@ -279,6 +283,7 @@ fn row(cell: &ScoredCell) -> Vec<String> {
         cell.condition.clone(),
         cell.bleu_1.to_text(100.0, 1),
         cell.rouge_l.to_text(100.0, 1),
+        cell.meteor.to_text(100.0, 1),
         cell.cider_d.to_text(1.0, 2),
         cell.action_accuracy.to_text(100.0, 1),
         change,

@@ -10,13 +10,16 @@ use radarllm_base::{Clip, PointFrame};
 use radarllm_engine::{Precision, Watch, search};
 use serde::Serialize;
 
-use super::card::LmFiles;
+use super::card::{Learned, LmFiles};
 use super::consensus::{self, Reading, WindowReadings};
 use super::engine_lm::EngineLm;
 use super::ensemble::{Ensemble, Sentence, member_folders};
 use super::person_gate::{median_points, points_stay_together};
+use super::templates::Task;
 use super::vocab::Vocab;
-use super::{Allowed, GenerateOptions, LmError};
+use super::{
+    Allowed, GenerateOptions, Generated, InputError, Instruction, LmError, Source, Unlearned,
+};
 use crate::backend::{Backend, EngineBackend};
 use crate::checkpoint::Checkpoint;
 use crate::prepare::{FRAME_RATE_HZ, prepared};
@@ -128,6 +131,31 @@ pub struct Chosen {
     pub activity: String,
     /// Probability among the named activities, 0..=1.
     pub probability: f32,
+}
+
+/// The answer to an instruction about a clip.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Answer {
+    /// Task that was asked for.
+    pub task: Task,
+    /// Answers in order of time.
+    pub parts: Vec<AnswerPart>,
+}
+
+/// The answer about a window of a clip.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct AnswerPart {
+    /// Start on the clock of the recording's frames, s.
+    pub start_s: f64,
+    /// End, s.
+    pub end_s: f64,
+    /// The answer in words, [`NO_PERSON`] if the window shows none; empty if the answer is in radar codes.
+    pub text: String,
+    /// Radar codes of a continuation, one per 0.4 s.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub codes: Vec<u32>,
+    /// exp(mean token log-probability), 0..=1.
+    pub confidence: f32,
 }
 
 /// A part of a recording that one sentence describes.
@@ -374,6 +402,138 @@ impl Captioner {
         Ok((!cancel.load(Ordering::Relaxed)).then_some(description))
     }
 
+    /// What the language model was trained to do, if its files say so; of an ensemble, the first member.
+    pub fn learned(&self) -> Option<&Learned> {
+        self.ensemble.first().learned()
+    }
+
+    /// Checks that the model was trained on a task; with `tuned`, in the words of all templates.
+    ///
+    /// # Errors
+    /// [`LmError::NotLearned`].
+    pub fn require(&self, task: Task, tuned: bool) -> Result<(), LmError> {
+        let why = match self.learned() {
+            None => Unlearned::NoRecord,
+            Some(learned) if !learned.knows(task) => Unlearned::Never,
+            Some(learned) if tuned && !learned.tuned.contains(&task) => Unlearned::NotTuned,
+            Some(_) => return Ok(()),
+        };
+        Err(LmError::NotLearned { task, tuned, why })
+    }
+
+    /// Follows an instruction about a clip. A clip longer than [`MAX_FRAMES`] has one answer for each of its windows,
+    /// which have about equal lengths. Of an ensemble, the first member answers.
+    ///
+    /// # Errors
+    /// Those of [`Self::describe`]; [`LmError::NotLearned`] if the model was not tuned for the task.
+    pub fn answer(
+        &self,
+        clip: &Clip,
+        instruction: &Instruction,
+        options: &DescribeOptions,
+    ) -> Result<Answer, LmError> {
+        let task = instruction.task();
+        self.require(task, !instruction.is_of_pretraining())?;
+        let clip = prepared(clip)?;
+        let model = self.ensemble.first();
+        let times = Windows::of(&clip, options);
+        let has_person = |window: &[PointFrame]| {
+            window.len() >= options.min_frames.max(1)
+                && (median_points(window) >= options.min_median_points
+                    || points_stay_together(window))
+        };
+        let windows: Vec<&[PointFrame]> = equal_windows(&clip.frames).collect();
+        let seen: Vec<(&[PointFrame], f32)> = windows
+            .iter()
+            .filter(|window| has_person(window))
+            .map(|window| (*window, clip.radar_height_m))
+            .collect();
+        let prompts: Vec<Source> = model
+            .encode(&seen)?
+            .iter()
+            .map(|radar| {
+                model
+                    .vocab()
+                    .prompt(instruction.prompt(), Some(radar), None)
+            })
+            .collect::<Result<_, _>>()?;
+        let generating = GenerateOptions {
+            allowed: match task {
+                Task::Continuation => Allowed::Radar,
+                _ => Allowed::Text,
+            },
+            ..options.generate()
+        };
+        let generated = search::unwatched(|watch| model.generate(&prompts, &generating, watch))?;
+        let mut generated = generated.into_iter();
+        let (mut parts, mut start) = (Vec::with_capacity(windows.len()), 0);
+        for window in windows {
+            let end = start + window.len();
+            let mut part = AnswerPart {
+                start_s: times.time_s(start),
+                end_s: times.time_s(end),
+                text: NO_PERSON.into(),
+                codes: Vec::new(),
+                confidence: 0.0,
+            };
+            if has_person(window)
+                && let Some(generated) = generated.next()
+            {
+                part.text = model.vocab().text(&generated.ids);
+                part.codes = codes_of(model.vocab(), &generated.ids);
+                part.confidence = generated.confidence;
+            }
+            parts.push(part);
+            start = end;
+        }
+        Ok(Answer { task, parts })
+    }
+
+    /// Generates the radar codes of sentences: what a radar would see if they were true, one code per 0.4 s. The codes
+    /// belong to the tokenizer of the first member of an ensemble.
+    ///
+    /// # Errors
+    /// [`LmError::NotLearned`] if the model was not trained to do so; [`InputError::Sentence`] if a sentence has no word,
+    /// or the model generates no code for it.
+    pub fn codes_of_sentences(
+        &self,
+        sentences: &[&str],
+        beam: usize,
+    ) -> Result<Vec<Vec<u32>>, LmError> {
+        self.require(Task::TextToRadar, false)?;
+        let vocab = self.vocab();
+        let refused = |index: usize, problem: &str| {
+            let problem = problem.into();
+            LmError::from(InputError::Sentence { index, problem })
+        };
+        let mut prompts = Vec::with_capacity(sentences.len());
+        for (index, sentence) in sentences.iter().enumerate() {
+            if !sentence.chars().any(char::is_alphanumeric) {
+                return Err(refused(index, "it has no words"));
+            }
+            let template = Task::TextToRadar.prompts()[0];
+            prompts.push(vocab.prompt(template, None, Some(sentence))?);
+        }
+        let options = GenerateOptions {
+            // The codes of the longest window, and the end token.
+            max_new_tokens: MAX_FRAMES / FRAMES_PER_CODE + 1,
+            beam,
+            allowed: Allowed::Radar,
+            ..Default::default()
+        };
+        let model = self.ensemble.first();
+        let generated = search::unwatched(|watch| model.generate(&prompts, &options, watch))?;
+        let of = |(index, generated): (usize, Generated)| {
+            let mut codes = codes_of(vocab, &generated.ids);
+            codes.truncate(MAX_FRAMES / FRAMES_PER_CODE);
+            match codes.is_empty() {
+                true => Err(refused(index, "the model generated no radar code for it")),
+                false => Ok(codes),
+            }
+        };
+        generated.into_iter().enumerate().map(of).collect()
+    }
+
     /// Log-probability of each text, averaged over the members of an ensemble, for each window of a clip that may show a person, in the windows of
     /// [`Self::describe`]: `[windows][texts]`.
     ///
@@ -408,6 +568,12 @@ impl Captioner {
             .map(|(radar, sentence)| WindowCaption { radar, sentence })
             .collect())
     }
+}
+
+/// The radar codes among token ids.
+fn codes_of(vocab: &Vocab, ids: &[u32]) -> Vec<u32> {
+    let layout = vocab.layout();
+    ids.iter().filter_map(|id| layout.code_of(*id)).collect()
 }
 
 /// Returns the text of unfinished tokens without its last word, which may still grow.

@@ -1,11 +1,13 @@
 //! Files of a language model: `config.json`, `tokenizer.json` and the weights file that the configuration names.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
 use super::LmError;
 use super::config::LmConfig;
+use super::templates::Task;
 use super::vocab::{Layout, Vocab};
 use crate::checkpoint::{CONFIG_FILE, Checkpoint, CheckpointError, MODEL_FILE, NamedTensors};
 
@@ -27,6 +29,26 @@ pub struct LmCard {
     /// For a model with adapters: the base model to which they belong.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub base_blake3: Option<String>,
+    /// What the model was trained to do; `None` for models that were trained before this was recorded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub learned: Option<Learned>,
+}
+
+/// Tasks of whose examples a language model learned, as its training recorded them.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Learned {
+    /// Tasks of pretraining, which always asks in the same words.
+    pub pretrained: BTreeSet<Task>,
+    /// Tasks of instruction tuning, which asks in the words of all templates.
+    pub tuned: BTreeSet<Task>,
+}
+
+impl Learned {
+    /// Whether the model was trained on the task in any stage.
+    pub fn knows(&self, task: Task) -> bool {
+        self.pretrained.contains(&task) || self.tuned.contains(&task)
+    }
 }
 
 impl LmCard {

@@ -5,7 +5,7 @@ use std::path::Path;
 use radarllm_engine::{Engine, Precision, Session, Shape, Source, Watch};
 
 use super::LmError;
-use super::card::LmFiles;
+use super::card::{Learned, LmFiles};
 use super::config::{FeedForward, LmConfig};
 use super::generate::{GenerateOptions, Generated, decode};
 use super::vocab::Vocab;
@@ -51,6 +51,7 @@ pub struct EngineLm {
     vocab: Vocab,
     engine: Engine,
     n_params: usize,
+    learned: Option<Learned>,
 }
 
 impl EngineLm {
@@ -69,7 +70,11 @@ impl EngineLm {
     pub fn from_files(files: LmFiles, precision: Precision) -> Result<Self, LmError> {
         files.card.lm.require_engine_shape()?;
         let (weights, path) = files.t5_weights()?;
-        Self::from_weights(files.card.lm, files.vocab, weights, precision, &path)
+        let lm = Self::from_weights(files.card.lm, files.vocab, weights, precision, &path)?;
+        Ok(Self {
+            learned: files.card.learned,
+            ..lm
+        })
     }
 
     /// Packs named weights. Errors contain `file`.
@@ -92,6 +97,7 @@ impl EngineLm {
             vocab,
             engine,
             n_params,
+            learned: None,
         })
     }
 
@@ -108,6 +114,11 @@ impl EngineLm {
     /// The packed weights.
     pub fn engine(&self) -> &Engine {
         &self.engine
+    }
+
+    /// What the model was trained to do, if its files say so.
+    pub fn learned(&self) -> Option<&Learned> {
+        self.learned.as_ref()
     }
 
     /// Number of weights.

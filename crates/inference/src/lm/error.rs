@@ -2,6 +2,7 @@
 
 use radarllm_engine::EngineError;
 
+use super::templates::Task;
 use crate::checkpoint::CheckpointError;
 use crate::prepare::PrepareError;
 use crate::tokenizer::EncodeError;
@@ -38,6 +39,16 @@ pub enum LmError {
     /// The inference engine refused weights, an input or an option.
     #[error(transparent)]
     Engine(#[from] EngineError),
+    /// The model was not trained on a task, or not in the words in which it was asked.
+    #[error("the model did not learn {}{}: {why}", task.name(), in_words(*tuned))]
+    NotLearned {
+        /// The task.
+        task: Task,
+        /// Whether it was asked in other words than those of pretraining.
+        tuned: bool,
+        /// What its files say about it.
+        why: Unlearned,
+    },
     /// The radar tokenizer failed.
     #[error("radar tokenizer: {0}")]
     RadarTokenizer(#[from] EncodeError),
@@ -48,6 +59,27 @@ impl LmError {
     pub fn is_cancelled(&self) -> bool {
         matches!(self, Self::Engine(EngineError::Cancelled))
     }
+}
+
+fn in_words(tuned: bool) -> &'static str {
+    match tuned {
+        true => " in other words than those of pretraining",
+        false => "",
+    }
+}
+
+/// Reasons why a model did not learn a task.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Unlearned {
+    /// The model's files do not say on which tasks it was trained.
+    #[error("its config.json has no record of its tasks (`learned`)")]
+    NoRecord,
+    /// The task is not among those of its training.
+    #[error("no example of its training had this task")]
+    Never,
+    /// The task was trained in the words of pretraining only.
+    #[error("it was not tuned on instructions of this task")]
+    NotTuned,
 }
 
 /// Reasons why an input does not fit a language model.
@@ -66,6 +98,20 @@ pub enum InputError {
     Placeholder {
         /// The placeholder.
         name: String,
+    },
+    /// An instruction that cannot be followed.
+    #[error("instruction: {problem}")]
+    Instruction {
+        /// What is wrong.
+        problem: String,
+    },
+    /// A sentence for which radar codes cannot be generated.
+    #[error("sentence {index}: {problem}")]
+    Sentence {
+        /// Index among the sentences.
+        index: usize,
+        /// What is wrong.
+        problem: String,
     },
     /// A radar code beyond the codebook.
     #[error("radar code {code} is beyond the codebook of {n_codes}")]

@@ -16,16 +16,21 @@ pub mod ensemble;
 mod error;
 pub mod generate;
 pub mod gpt2_config;
+pub mod instruction;
 mod person_gate;
 pub mod qwen2_config;
 pub mod templates;
 pub mod vocab;
 
-pub use captioner::{Abstained, Captioner, Chosen, DescribeOptions, Description, Segment, actions};
-pub use card::{LmCard, LmFiles};
+pub use captioner::{
+    Abstained, Answer, AnswerPart, Captioner, Chosen, DescribeOptions, Description, Segment,
+    actions,
+};
+pub use card::{Learned, LmCard, LmFiles};
 pub use config::{Backbone, FeedForward, LmConfig, LmPreset, NetworkConfig, T5Config};
 pub use engine_lm::EngineLm;
-pub use error::{InputError, LmError};
+pub use error::{InputError, LmError, Unlearned};
 pub use generate::{Allowed, GenerateOptions, Generated};
+pub use instruction::Instruction;
 pub use radarllm_engine::{Precision, Source, Watch, position};
 pub use vocab::Vocab;

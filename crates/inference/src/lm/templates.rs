@@ -4,8 +4,11 @@
 //! `{caption}`, `{seconds}` and, for continuation, `{rest}`. Prompts are short, because every word takes time in the
 //! encoder. Captions are not quoted, because the model would learn to generate the quotation marks.
 
+use serde::{Deserialize, Serialize};
+
 /// The sub-tasks of pretraining and instruction tuning.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Task {
     /// Describe a motion: the main task.
     RadarToText,
@@ -37,6 +40,18 @@ impl Task {
     /// Tasks of pretraining.
     pub const PRETRAINING: [Task; 3] =
         [Task::RadarPrediction, Task::RadarToText, Task::TextToRadar];
+
+    /// Name of the task, as in the keys of a recipe.
+    pub fn name(self) -> &'static str {
+        match self {
+            Task::RadarToText => "radar_to_text",
+            Task::TextToRadar => "text_to_radar",
+            Task::TextToLength => "text_to_length",
+            Task::RadarToLength => "radar_to_length",
+            Task::Continuation => "continuation",
+            Task::RadarPrediction => "radar_prediction",
+        }
+    }
 
     /// The placeholder that every prompt of the task contains.
     pub fn prompt_placeholder(self) -> &'static str {

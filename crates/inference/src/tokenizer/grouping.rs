@@ -4,6 +4,7 @@
 //! stride 2, padding [1, 0]) that are within the radius of the anchor. Only tubes with points are listed.
 
 use radarllm_base::PointFrame;
+use serde::{Deserialize, Serialize};
 
 use super::centre::track_centre;
 use super::config::{AnchorMode, FRAMES_PER_CODE, FRAMES_PER_STEP, GroupingConfig, MAX_FRAMES};
@@ -12,7 +13,7 @@ use super::doppler_profile::{PROFILE_DIM, doppler_profile};
 pub use radarllm_engine::tokenizer::{NEIGHBOUR_DIM, STEP_DIM, TUBE_DIM, Tube};
 
 /// Scale of the range, m: ranges are divided by it.
-const RANGE_SCALE_M: f32 = 3.0;
+pub(super) const RANGE_SCALE_M: f32 = 3.0;
 /// Scale of the velocities, m/s: velocities are divided by it.
 const VELOCITY_SCALE_MPS: f32 = 2.0;
 /// Scale of the relative intensity, dB: intensities are divided by it.
@@ -95,95 +96,221 @@ pub fn group(
     radar_height_m: f32,
     config: &GroupingConfig,
 ) -> Result<Grouped, GroupingError> {
-    check(frames, radar_height_m)?;
-    let points: Vec<Vec<Point>> = clip_points(frames, radar_height_m, config.max_points);
-    let centres = track_centre(frames, config);
-    let n_steps = frames.len().div_ceil(FRAMES_PER_STEP);
-    let n_anchors: usize = config.counts.iter().product();
-    let template = template_anchors(config);
-    let mut grouped = Grouped {
-        n_steps,
-        n_codes: frames.len().div_ceil(FRAMES_PER_CODE),
-        tubes: Vec::new(),
-        neighbours: Vec::new(),
-        steps: Vec::with_capacity(n_steps),
-        profiles: Vec::with_capacity(n_steps),
-        anchors: Vec::new(),
-        n_points_used: 0,
-    };
-    let mut used: Vec<Vec<bool>> = points.iter().map(|p| vec![false; p.len()]).collect();
-    let mut near: Vec<(f32, usize)> = Vec::new();
-    for step in 0..n_steps {
-        let middle = step * FRAMES_PER_STEP;
-        let centre = centres[middle];
+    let clip = PlacedClip::new(frames, radar_height_m, config)?;
+    Ok(clip.group(config, |_, _| true))
+}
+
+/// Which points of a clip a mask of anchors hides.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Hides {
+    /// None: the masked anchors' tubes are left out, but nearly all of their points are also in tubes of visible anchors,
+    /// because tubes overlap about tenfold.
+    Tubes,
+    /// The points whose nearest anchor is masked, at a step that contains them.
+    Nearest,
+    /// All points within the radius of a masked anchor, at a step that contains them. With half of the anchors masked
+    /// almost no point remains.
+    Reach,
+}
+
+/// A clip with masked anchors, divided into what a mask leaves and what it hides.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MaskedClip {
+    /// Tubes and step values of the visible points alone.
+    pub visible: Grouped,
+    /// Tubes of the hidden points alone.
+    pub hidden: Grouped,
+}
+
+/// Groups a clip whose anchors are masked where `masked[anchor]` is true. A point is either in tubes of
+/// [`MaskedClip::visible`] or in tubes of [`MaskedClip::hidden`]. The anchors, the centres and the Doppler profiles of
+/// both are those of all points: anchors and centres are the frame of reference in which points are reconstructed.
+///
+/// # Errors
+/// As [`group`].
+pub fn group_masked(
+    frames: &[PointFrame],
+    radar_height_m: f32,
+    config: &GroupingConfig,
+    masked: &[bool],
+    hides: Hides,
+) -> Result<MaskedClip, GroupingError> {
+    let clip = PlacedClip::new(frames, radar_height_m, config)?;
+    let hidden = clip.hidden(config, masked, hides);
+    Ok(MaskedClip {
+        visible: clip.group(config, |frame, point| !hidden[frame][point]),
+        hidden: clip.group(config, |frame, point| hidden[frame][point]),
+    })
+}
+
+/// The points of a clip with the anchors of every step.
+struct PlacedClip {
+    points: Vec<Vec<Point>>,
+    centres: Vec<[f32; 2]>,
+    /// Anchors relative to the centre and the floor, for every step of farthest-point sampling; otherwise the template
+    /// alone.
+    anchors: Vec<Vec<[f32; 3]>>,
+}
+
+impl PlacedClip {
+    fn new(
+        frames: &[PointFrame],
+        radar_height_m: f32,
+        config: &GroupingConfig,
+    ) -> Result<Self, GroupingError> {
+        check(frames, radar_height_m)?;
+        let points: Vec<Vec<Point>> = clip_points(frames, radar_height_m, config.max_points);
+        let centres = track_centre(frames, config);
         let anchors = match config.anchors {
-            AnchorMode::Template => None,
-            AnchorMode::FarthestPoint => Some(farthest_points(&points[middle], centre, n_anchors)),
+            AnchorMode::Template => vec![template_anchors(config)],
+            AnchorMode::FarthestPoint => {
+                let n_anchors = config.counts.iter().product();
+                let middles = (0..frames.len()).step_by(FRAMES_PER_STEP);
+                let sampled = |i: usize| farthest_points(&points[i], centres[i], n_anchors);
+                middles.map(sampled).collect()
+            }
         };
-        let window = middle.saturating_sub(1)..(middle + 2).min(frames.len());
-        let places = anchors.as_deref().unwrap_or(&template);
-        for (anchor, place) in places.iter().enumerate() {
-            let at = [centre[0] + place[0], centre[1] + place[1], place[2]];
-            let start = grouped.neighbours.len();
-            let (mut n_in_radius, mut velocity_sum) = (0usize, 0.0f32);
-            for frame_idx in window.clone() {
-                near.clear();
-                for (i, p) in points[frame_idx].iter().enumerate() {
-                    let d = [p.at[0] - at[0], p.at[1] - at[1], p.at[2] - at[2]];
-                    let square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
-                    if square <= config.radius_m * config.radius_m {
-                        near.push((square, i));
+        Ok(Self {
+            points,
+            centres,
+            anchors,
+        })
+    }
+
+    fn n_steps(&self) -> usize {
+        self.points.len().div_ceil(FRAMES_PER_STEP)
+    }
+
+    /// Frames of a step.
+    fn window(&self, step: usize) -> std::ops::Range<usize> {
+        let middle = step * FRAMES_PER_STEP;
+        middle.saturating_sub(1)..(middle + 2).min(self.points.len())
+    }
+
+    /// Positions of the anchors of a step, m.
+    fn places(&self, step: usize) -> impl Iterator<Item = [f32; 3]> {
+        let centre = self.centres[step * FRAMES_PER_STEP];
+        let anchors = self.anchors.get(step).unwrap_or(&self.anchors[0]);
+        let place = move |a: &[f32; 3]| [centre[0] + a[0], centre[1] + a[1], a[2]];
+        anchors.iter().map(place)
+    }
+
+    /// Whether each point of each frame is hidden.
+    fn hidden(&self, config: &GroupingConfig, masked: &[bool], hides: Hides) -> Vec<Vec<bool>> {
+        let is_masked = |anchor: usize| masked.get(anchor).copied() == Some(true);
+        let mut hidden: Vec<Vec<bool>> = self.points.iter().map(|p| vec![false; p.len()]).collect();
+        let reach = config.radius_m * config.radius_m;
+        for step in 0..self.n_steps() {
+            let places: Vec<[f32; 3]> = self.places(step).collect();
+            for frame in self.window(step) {
+                for (point, hidden) in self.points[frame].iter().zip(&mut hidden[frame]) {
+                    let squares = places.iter().map(|at| squared_distance(point.at, *at));
+                    *hidden |= match hides {
+                        Hides::Tubes => false,
+                        Hides::Nearest => {
+                            let nearest = squares.enumerate().min_by(|a, b| a.1.total_cmp(&b.1));
+                            nearest.is_some_and(|(anchor, _)| is_masked(anchor))
+                        }
+                        Hides::Reach => squares
+                            .enumerate()
+                            .any(|(anchor, square)| square <= reach && is_masked(anchor)),
+                    };
+                }
+            }
+        }
+        hidden
+    }
+
+    /// Groups the points that `keeps` of their frame and number.
+    fn group(&self, config: &GroupingConfig, keeps: impl Fn(usize, usize) -> bool) -> Grouped {
+        let Self {
+            points, centres, ..
+        } = self;
+        let n_anchors: usize = config.counts.iter().product();
+        let n_steps = self.n_steps();
+        let mut grouped = Grouped {
+            n_steps,
+            n_codes: points.len().div_ceil(FRAMES_PER_CODE),
+            tubes: Vec::new(),
+            neighbours: Vec::new(),
+            steps: Vec::with_capacity(n_steps),
+            profiles: Vec::with_capacity(n_steps),
+            anchors: Vec::new(),
+            n_points_used: 0,
+        };
+        let mut used: Vec<Vec<bool>> = points.iter().map(|p| vec![false; p.len()]).collect();
+        let mut near: Vec<(f32, usize)> = Vec::new();
+        for step in 0..n_steps {
+            let middle = step * FRAMES_PER_STEP;
+            let window = self.window(step);
+            for (anchor, at) in self.places(step).enumerate() {
+                let start = grouped.neighbours.len();
+                let (mut n_in_radius, mut velocity_sum) = (0usize, 0.0f32);
+                for frame_idx in window.clone() {
+                    near.clear();
+                    for (i, p) in points[frame_idx].iter().enumerate() {
+                        let square = squared_distance(p.at, at);
+                        if square <= config.radius_m * config.radius_m && keeps(frame_idx, i) {
+                            near.push((square, i));
+                        }
+                    }
+                    n_in_radius += near.len();
+                    // In a tie the stronger point, which comes first, is used.
+                    near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+                    near.truncate(config.k_per_frame);
+                    for &(_, i) in &near {
+                        let p = &points[frame_idx][i];
+                        used[frame_idx][i] = true;
+                        velocity_sum += p.velocity;
+                        let relative = |axis: usize| (p.at[axis] - at[axis]) / config.radius_m;
+                        grouped.neighbours.push([
+                            relative(0),
+                            relative(1),
+                            relative(2),
+                            frame_idx as f32 - middle as f32,
+                            p.range,
+                            p.velocity,
+                            p.intensity,
+                        ]);
                     }
                 }
-                n_in_radius += near.len();
-                // In a tie the stronger point, which comes first, is used.
-                near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-                near.truncate(config.k_per_frame);
-                for &(_, i) in &near {
-                    let p = &points[frame_idx][i];
-                    used[frame_idx][i] = true;
-                    velocity_sum += p.velocity;
-                    let relative = |axis: usize| (p.at[axis] - at[axis]) / config.radius_m;
-                    grouped.neighbours.push([
-                        relative(0),
-                        relative(1),
-                        relative(2),
-                        frame_idx as f32 - middle as f32,
-                        p.range,
-                        p.velocity,
-                        p.intensity,
-                    ]);
+                let end = grouped.neighbours.len();
+                if end > start {
+                    grouped.tubes.push(Tube {
+                        step: step as u32,
+                        anchor: anchor as u32,
+                        start: start as u32,
+                        end: end as u32,
+                        statistics: [
+                            (n_in_radius as f32).ln_1p() / 3.0,
+                            velocity_sum / (end - start) as f32,
+                        ],
+                    });
                 }
             }
-            let end = grouped.neighbours.len();
-            if end > start {
-                grouped.tubes.push(Tube {
-                    step: step as u32,
-                    anchor: anchor as u32,
-                    start: start as u32,
-                    end: end as u32,
-                    statistics: [
-                        (n_in_radius as f32).ln_1p() / 3.0,
-                        velocity_sum / (end - start) as f32,
-                    ],
-                });
+            if config.anchors == AnchorMode::FarthestPoint {
+                let mut sampled = self.anchors[step].clone();
+                sampled.resize(n_anchors, [0.0; 3]);
+                grouped.anchors.extend(sampled);
             }
+            let seen = points[window.clone()].iter().flatten();
+            let profile = doppler_profile(seen, centres[middle]);
+            grouped.profiles.push(profile);
+            let values = step_features(points, centres, window, middle, &keeps);
+            grouped.steps.push(values);
         }
-        if let Some(mut sampled) = anchors {
-            sampled.resize(n_anchors, [0.0; 3]);
-            grouped.anchors.extend(sampled);
+        if config.anchors == AnchorMode::Template {
+            grouped.anchors.clone_from(&self.anchors[0]);
         }
-        let seen = points[window.clone()].iter().flatten();
-        grouped.profiles.push(doppler_profile(seen, centre));
+        grouped.n_points_used = used.iter().flatten().filter(|u| **u).count();
         grouped
-            .steps
-            .push(step_features(&points, &centres, window, middle));
     }
-    if config.anchors == AnchorMode::Template {
-        grouped.anchors = template;
-    }
-    grouped.n_points_used = used.iter().flatten().filter(|u| **u).count();
-    Ok(grouped)
+}
+
+fn squared_distance(a: [f32; 3], b: [f32; 3]) -> f32 {
+    let d = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+    d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
 }
 
 /// A point above the floor with scaled features.
@@ -264,15 +391,20 @@ fn step_features(
     centres: &[[f32; 2]],
     window: std::ops::Range<usize>,
     middle: usize,
+    keeps: impl Fn(usize, usize) -> bool,
 ) -> [f32; STEP_DIM] {
     let before = middle.saturating_sub(FRAMES_PER_STEP);
     let after = (middle + FRAMES_PER_STEP).min(centres.len() - 1);
     let elapsed_s = ((after - before) as f32 * FRAME_PERIOD_S).max(FRAME_PERIOD_S);
     let speed = |axis: usize| (centres[after][axis] - centres[before][axis]) / elapsed_s;
-    let n: usize = window.clone().map(|f| points[f].len()).sum();
-    let velocity: f32 = window
-        .flat_map(|f| points[f].iter().map(|p| p.velocity))
-        .sum();
+    let (mut n, mut velocity) = (0usize, 0.0f32);
+    for frame in window {
+        let kept = points[frame].iter().enumerate();
+        for (_, p) in kept.filter(|(i, _)| keeps(frame, *i)) {
+            n += 1;
+            velocity += p.velocity;
+        }
+    }
     [
         (centres[middle][0] / RANGE_SCALE_M).clamp(-4.0, 4.0),
         (centres[middle][1] / RANGE_SCALE_M - 1.0).clamp(-4.0, 4.0),
@@ -421,6 +553,121 @@ mod tests {
             // Centres differ by rounding of sums near 4 m, divided by the radius.
             assert!(p.iter().zip(q).all(|(u, v)| (u - v).abs() < 1e-5));
         }
+    }
+
+    /// A person who walks sideways: points on the surface of a body, `n` in a frame.
+    fn walking(n: usize) -> Vec<PointFrame> {
+        let frame = |f: usize| {
+            let points = (0..n).map(|i| {
+                let t = (f * n + i) as f32;
+                let wave = |rate: f32| (t * rate).sin();
+                let x = 0.05 * f as f32 - 1.0 + 0.35 * wave(2.399);
+                let mut p = point(x, 3.0 + 0.25 * wave(1.713), 0.85 * wave(0.917) - 0.1);
+                p.velocity_mps = wave(0.31);
+                p
+            });
+            PointFrame {
+                points: points.collect(),
+                ..Default::default()
+            }
+        };
+        (0..40).map(frame).collect()
+    }
+
+    /// Share of the points in tubes of masked anchors that are in no tube of a visible anchor, and share of all points in
+    /// any tube that are still in a tube of a visible anchor. Every second anchor is masked, in a random order.
+    fn shares(config: &GroupingConfig, n_points: usize, hides: Hides) -> (f64, f64) {
+        let frames = walking(n_points);
+        let n_anchors: usize = config.counts.iter().product();
+        let mut order: Vec<usize> = (0..n_anchors).collect();
+        order.sort_by_key(|a| (a * 7919) % 104_729 % 97);
+        let mut masked = vec![false; n_anchors];
+        order[..n_anchors / 2]
+            .iter()
+            .for_each(|a| masked[*a] = true);
+        let clip = PlacedClip::new(&frames, 1.0, config).unwrap();
+        let hidden = clip.hidden(config, &masked, hides);
+        let reach = config.radius_m * config.radius_m;
+        let (mut in_masked, mut unseen, mut all, mut seen) = (0.0, 0.0, 0.0, 0.0);
+        for (frame, points) in clip.points.iter().enumerate() {
+            for (i, p) in points.iter().enumerate() {
+                let mut reached = [false; 2];
+                for step in (0..clip.n_steps()).filter(|s| clip.window(*s).contains(&frame)) {
+                    let places = clip.places(step).zip(&masked);
+                    for (_, masked) in places.filter(|(at, _)| squared_distance(p.at, *at) <= reach)
+                    {
+                        reached[usize::from(*masked)] = true;
+                    }
+                }
+                let visible = reached[0] && !hidden[frame][i];
+                all += f64::from(u8::from(reached[0] || reached[1]));
+                seen += f64::from(u8::from(visible));
+                in_masked += f64::from(u8::from(reached[1]));
+                unseen += f64::from(u8::from(reached[1] && !visible));
+            }
+        }
+        (unseen / in_masked, seen / all)
+    }
+
+    /// `cargo test -p radarllm-inference masks -- --nocapture` prints the shares that docs/ablations.md quotes.
+    #[test]
+    fn masks_hide_half_of_the_points_and_not_almost_none_or_all() {
+        let paper = super::super::config::TokenizerConfig::paper().grouping;
+        for (name, config, n_points) in [
+            ("small, 12 points a frame", GroupingConfig::default(), 12),
+            ("paper, 128 points a frame", paper, 128),
+        ] {
+            let [tubes, nearest, reach] =
+                [Hides::Tubes, Hides::Nearest, Hides::Reach].map(|hides| {
+                    let (unseen, seen) = shares(&config, n_points, hides);
+                    println!(
+                        "{name}, {hides:?}: {:.3} hidden, {:.3} visible",
+                        unseen, seen
+                    );
+                    (unseen, seen)
+                });
+            assert!(tubes.0 < 0.05 && tubes.1 > 0.95, "{name}: {tubes:?}");
+            assert!((0.35..0.75).contains(&nearest.0), "{name}: {nearest:?}");
+            assert!((0.25..0.65).contains(&nearest.1), "{name}: {nearest:?}");
+            assert!(reach.0 > 0.99 && reach.1 < 0.05, "{name}: {reach:?}");
+        }
+    }
+
+    #[test]
+    fn a_point_is_visible_or_hidden_and_never_both() {
+        let config = GroupingConfig {
+            // So many neighbours that none is left out.
+            k_per_frame: 128,
+            ..GroupingConfig::default()
+        };
+        let frames = walking(12);
+        let n_anchors = 54;
+        let masked: Vec<bool> = (0..n_anchors).map(|a| a % 2 == 0).collect();
+        let whole = group(&frames, 1.0, &config).unwrap();
+        for hides in [Hides::Tubes, Hides::Nearest, Hides::Reach] {
+            let parts = group_masked(&frames, 1.0, &config, &masked, hides).unwrap();
+            let n_used = parts.visible.n_points_used + parts.hidden.n_points_used;
+            assert_eq!(n_used, whole.n_points_used, "{hides:?}");
+            let n_neighbours = parts.visible.neighbours.len() + parts.hidden.neighbours.len();
+            assert_eq!(n_neighbours, whole.neighbours.len(), "{hides:?}");
+            for (step, (visible, all)) in parts.visible.steps.iter().zip(&whole.steps).enumerate() {
+                // The centre and its speed stay; the number of points and their velocity are those of the visible ones.
+                assert_eq!(visible[..4], all[..4], "{hides:?}, step {step}");
+                assert!(visible[4] <= all[4], "{hides:?}, step {step}");
+            }
+            match hides {
+                Hides::Tubes => assert_eq!(parts.visible, whole),
+                _ => assert!(parts.visible.steps != whole.steps),
+            }
+            // No visible point is in a masked tube.
+            if hides == Hides::Reach {
+                let masked = |t: &&Tube| masked[t.anchor as usize];
+                assert_eq!(parts.visible.tubes.iter().filter(masked).count(), 0);
+            }
+        }
+        let none = group_masked(&frames, 1.0, &config, &[], Hides::Nearest).unwrap();
+        assert_eq!(none.visible, whole);
+        assert!(none.hidden.tubes.is_empty());
     }
 
     #[test]

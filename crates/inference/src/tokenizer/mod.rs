@@ -6,13 +6,14 @@
 //! ```
 //!
 //! Reading order: [`config`] (sizes), [`centre`], [`grouping`] and [`doppler_profile`] (plain arithmetic on points),
-//! [`encode`] (a trained network on the engine). The trainable network is in `radarllm-nn`.
+//! [`encode`] (a trained network on the engine), [`points`] (codes back to points). The trainable network is in `radarllm-nn`.
 
 pub mod centre;
 pub mod config;
 pub mod doppler_profile;
 pub mod encode;
 pub mod grouping;
+pub mod points;
 
 pub use config::{FRAMES_PER_CODE, MAX_FRAMES, TokenizerConfig};
 pub use encode::{EncodeError, Encoded, RadarTokenizer};

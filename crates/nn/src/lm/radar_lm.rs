@@ -21,7 +21,7 @@ use crate::pretrained::layers::LoraConfig;
 use radarllm_inference::checkpoint::{
     CONFIG_FILE, Checkpoint, CheckpointError, CheckpointFiles, HostTensor, MODEL_FILE, NamedTensors,
 };
-use radarllm_inference::lm::card::{LmCard, LmFiles, TEXT_TOKENIZER_FILE};
+use radarllm_inference::lm::card::{Learned, LmCard, LmFiles, TEXT_TOKENIZER_FILE};
 use radarllm_inference::lm::config::{LmConfig, NetworkConfig};
 use radarllm_inference::lm::templates::EVALUATION_PROMPT;
 use radarllm_inference::lm::vocab::Vocab;
@@ -68,6 +68,8 @@ pub struct RadarLm {
     pub config: LmConfig,
     /// Adapters of a network whose other weights are frozen.
     pub adapters: Option<Adapters>,
+    /// What the model was trained to do, if it is known.
+    pub learned: Option<Learned>,
 }
 
 /// A model card as `config.json`. For a decoder-only network, it contains Hugging Face's fields, and the others under
@@ -111,6 +113,7 @@ impl RadarLm {
             vocab,
             config,
             adapters: None,
+            learned: None,
         })
     }
 
@@ -181,6 +184,7 @@ impl RadarLm {
             vocab,
             config,
             adapters,
+            learned: None,
         })
     }
 
@@ -231,6 +235,7 @@ impl RadarLm {
             vocab,
             config,
             adapters: None,
+            learned: None,
         })
     }
 
@@ -259,6 +264,7 @@ impl RadarLm {
             vocab: files.vocab,
             config: files.card.lm,
             adapters,
+            learned: files.card.learned,
         })
     }
 
@@ -282,6 +288,7 @@ impl RadarLm {
             vocab: self.vocab.layout().clone(),
             weights: weights.into(),
             base_blake3: self.adapters.as_ref().map(|a| a.base_blake3.clone()),
+            learned: self.learned.clone(),
         }
     }
 

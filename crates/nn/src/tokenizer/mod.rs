@@ -6,7 +6,7 @@
 //! ```
 //!
 //! Reading order: [`batch`] (batches of clips), [`point_conv`], [`attention`], [`network`], [`codebook`],
-//! [`reference`](mod@reference) (points to codes by this network). Reconstruction and guidance losses are in
+//! [`reference`](mod@reference) (points to codes by this network), [`points`] (codes to points). Reconstruction and guidance losses are in
 //! `radarllm-train`.
 
 pub mod attention;
@@ -14,6 +14,7 @@ pub mod batch;
 pub mod codebook;
 pub mod network;
 pub mod point_conv;
+pub mod points;
 pub mod reference;
 
 pub use reference::{ReferenceTokenizer, pack};

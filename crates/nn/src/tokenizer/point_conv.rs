@@ -145,6 +145,7 @@ fn winners(batch: &ClipBatch, weight: &[f32], width: usize) -> (Vec<f32>, Vec<u3
 
 #[cfg(test)]
 mod tests {
+    use super::super::batch::ClipInput;
     use super::*;
     use radarllm_inference::tokenizer::config::TokenizerConfig;
     use radarllm_inference::tokenizer::doppler_profile::PROFILE_DIM;
@@ -174,7 +175,7 @@ mod tests {
             anchors: vec![[0.0; 3]; 54],
             n_points_used: 9,
         };
-        let batch = ClipBatch::new(&TokenizerConfig::small(), &[&grouped], &[]);
+        let batch = ClipBatch::new(&TokenizerConfig::small(), &[ClipInput::whole(&grouped)]);
         let device = Device::flex().autodiff();
         device.seed(7);
         let conv = PointConv::new(16, &device);

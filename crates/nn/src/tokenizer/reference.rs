@@ -7,7 +7,7 @@ use burn::module::Module;
 use burn::tensor::Device;
 use radarllm_base::PointFrame;
 
-use super::batch::ClipBatch;
+use super::batch::{ClipBatch, ClipInput};
 use super::codebook::nearest_codes;
 use super::network::TokenizerNet;
 use crate::params::{collect_params, load_model};
@@ -96,18 +96,19 @@ impl ReferenceTokenizer {
         let dim = self.config.code_dim;
         let mut out: Vec<Option<Encoded>> = vec![None; clips.len()];
         for chunk in order.chunks(BATCH) {
-            let members: Vec<&Grouped> = chunk.iter().map(|i| clips[*i]).collect();
-            let batch = ClipBatch::new(&self.config, &members, &[]);
+            let members: Vec<ClipInput> =
+                chunk.iter().map(|i| ClipInput::whole(clips[*i])).collect();
+            let batch = ClipBatch::new(&self.config, &members);
             let features = self.net.forward(&batch).features.into_data();
             let features: Vec<f32> = features.try_into_vec().unwrap_or_default();
             let stride = batch.codes_per_clip() * dim;
             for ((&clip, own), grouped) in chunk.iter().zip(features.chunks(stride)).zip(&members) {
-                let own = own[..grouped.n_codes * dim].to_vec();
+                let own = own[..grouped.clip.n_codes * dim].to_vec();
                 if !own.iter().all(|v| v.is_finite()) {
                     return Err(EncodeError::NotFinite { clip });
                 }
                 let codes = nearest_codes(&own, &self.codebook, dim);
-                let n_points_used = grouped.n_points_used;
+                let n_points_used = grouped.clip.n_points_used;
                 out[clip] = Some(Encoded {
                     codes,
                     features: own,

@@ -33,6 +33,7 @@ fn spectra_equal_the_naive_transform_for_odd_and_even_sizes() {
             ClutterFilter::Off,
             ClutterFilter::Mean,
             ClutterFilter::WeightedMean,
+            ClutterFilter::ReceiverMean,
         ] {
             let options = DspOptions {
                 clutter,
@@ -44,35 +45,48 @@ fn spectra_equal_the_naive_transform_for_odd_and_even_sizes() {
                 Window::Hamming.weights(n_samples),
                 Window::Hamming.weights(n_loops),
             );
+            // One channel's spectrum of a range bin, without what is subtracted from all receivers.
+            let of_channel = |channel: usize, r: usize| -> Vec<Complex64> {
+                let slow: Vec<Complex64> = (0..n_loops)
+                    .map(|l| {
+                        let x = cube.chirp(l, channel / 4, channel % 4);
+                        (0..n_samples)
+                            .map(|n| {
+                                let turn = -TAU * (r * n) as f64 / n_samples as f64;
+                                let v = x[n] * wr[n];
+                                Complex64::new(v.re.into(), v.im.into()) * Complex64::cis(turn)
+                            })
+                            .sum()
+                    })
+                    .collect();
+                let weight = |l: usize| match clutter {
+                    ClutterFilter::Off | ClutterFilter::ReceiverMean => 0.0,
+                    ClutterFilter::Mean => 1.0 / n_loops as f64,
+                    ClutterFilter::WeightedMean => {
+                        f64::from(wd[l]) / wd.iter().map(|w| f64::from(*w)).sum::<f64>()
+                    }
+                };
+                let mean: Complex64 = (0..n_loops).map(|l| slow[l] * weight(l)).sum();
+                let at = |d: usize| -> Complex64 {
+                    let turn = |l: usize| -TAU * (d * l) as f64 / n_loops as f64;
+                    (0..n_loops)
+                        .map(|l| (slow[l] - mean) * f64::from(wd[l]) * Complex64::cis(turn(l)))
+                        .sum()
+                };
+                (0..n_loops).map(at).collect()
+            };
             for channel in [0, 5, 11] {
                 for r in 0..n_samples {
-                    let slow: Vec<Complex64> = (0..n_loops)
-                        .map(|l| {
-                            let x = cube.chirp(l, channel / 4, channel % 4);
-                            (0..n_samples)
-                                .map(|n| {
-                                    let turn = -TAU * (r * n) as f64 / n_samples as f64;
-                                    let v = x[n] * wr[n];
-                                    Complex64::new(v.re.into(), v.im.into()) * Complex64::cis(turn)
-                                })
-                                .sum()
-                        })
-                        .collect();
-                    let weight = |l: usize| match clutter {
-                        ClutterFilter::Off => 0.0,
-                        ClutterFilter::Mean => 1.0 / n_loops as f64,
-                        ClutterFilter::WeightedMean => {
-                            f64::from(wd[l]) / wd.iter().map(|w| f64::from(*w)).sum::<f64>()
+                    let mut expected = of_channel(channel, r);
+                    if clutter == ClutterFilter::ReceiverMean {
+                        for rx in 0..4 {
+                            let other = of_channel(channel / 4 * 4 + rx, r);
+                            for (value, other) in expected.iter_mut().zip(other) {
+                                *value -= other / 4.0;
+                            }
                         }
-                    };
-                    let mean: Complex64 = (0..n_loops).map(|l| slow[l] * weight(l)).sum();
-                    for d in 0..n_loops {
-                        let expected: Complex64 = (0..n_loops)
-                            .map(|l| {
-                                let turn = -TAU * (d * l) as f64 / n_loops as f64;
-                                (slow[l] - mean) * f64::from(wd[l]) * Complex64::cis(turn)
-                            })
-                            .sum();
+                    }
+                    for (d, expected) in expected.into_iter().enumerate() {
                         let found = spectrum.value(channel, r * n_loops + d);
                         let error =
                             (Complex64::new(found.re.into(), found.im.into()) - expected).norm();

@@ -3,7 +3,7 @@
 use radarllm_base::{BOLTZMANN_J_PER_K, RadarConfig};
 use radarllm_radar_dsp::{Detector, DspOptions, ImpossibleDirection, Window};
 use radarllm_radar_sim::Scene;
-use radarllm_synth::{Method, Synthesizer};
+use radarllm_synth::{Method, Synthesizer, config::DatasetConfig, record::make_record};
 
 /// k T0 B F through both windows, and the number of false alarms that was asked for.
 #[test]
@@ -51,4 +51,33 @@ fn noise_floor_and_false_alarms_are_those_of_k_t_b_f() {
         // takes 1/128 of the noise away around zero velocity.
         assert!((ratio - 1.0).abs() < 0.015, "{noise_figure_db} dB: {ratio}");
     }
+}
+
+/// Equation S2 of the RadarLLM paper in the configuration of a data set, and the paper's chain beside it.
+#[test]
+fn data_sets_have_noise_of_a_signal_to_noise_ratio_and_the_papers_chain() {
+    let record = |tables: &str| {
+        let text = format!(
+            "facet_edge_m = 0.05\nmax_frames = 3\n{tables}\n[[source]]\nkind = \"procedural\"\ntrain = 1\nval = 0\ntest = 0\n"
+        );
+        let config = DatasetConfig::from_toml(&text).unwrap();
+        let radar = config.open_radar(std::path::Path::new("")).unwrap();
+        let mut chain = config.synthesizer(&radar).unwrap();
+        let sources = config.open_sources(std::path::Path::new("")).unwrap();
+        let record = make_record(&mut chain, sources[0].as_ref(), 0, 0, &config).unwrap();
+        (record, chain.extractor().0.noise_floor())
+    };
+    let (thermal, _) = record("");
+    let (weak, weak_floor) = record("[noise]\nsnr_db = -10.0");
+    let (strong, strong_floor) = record("[noise]\nsnr_db = -30.0");
+    assert_eq!(thermal.motion_features, weak.motion_features);
+    assert!(thermal.frames != weak.frames && weak.frames != strong.frames);
+    // The noise is the same random numbers with 20 dB more power. The floor, a median, contains little of the person.
+    let ratio = strong_floor.unwrap() / weak_floor.unwrap();
+    assert!((ratio / 100.0 - 1.0).abs() < 0.02, "{ratio}");
+    let (printed, floor) = record("[noise]\nsnr_db = 20.0\n[processing]\npreset = \"paper\"");
+    assert_eq!(floor, None);
+    assert!(printed.frames.iter().all(|f| f.points.len() == 128));
+    let (figure, _) = record("[noise]\nnoise_figure_db = 40.0");
+    assert!(figure.frames != thermal.frames);
 }

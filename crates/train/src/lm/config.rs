@@ -8,6 +8,7 @@ use radarllm_nn::precision::ProductPrecision;
 use radarllm_nn::pretrained::LoraConfig;
 use serde::{Deserialize, Serialize};
 
+use super::examples::LmStageKind;
 use crate::adamw::AdamWConfig;
 use crate::harness::{LoopConfig, TrainError};
 
@@ -86,6 +87,11 @@ pub struct LmTrainConfig {
     pub samples_per_clip: usize,
     /// Number of captions per training motion, the first ones; 0 uses all.
     pub captions_per_motion: usize,
+    /// Probability that an example's caption is replaced by a sentence that is written from the caption's facts, another
+    /// one each time ([`radarllm_facts::write`]); 0 uses the captions as they are. A caption without a known action stays
+    /// as it is.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub rewrite_captions: f64,
     /// Relative sampling frequency of each task.
     pub sampling: TaskWeights,
     /// Factor on the loss of each task (the paper's lambdas).
@@ -118,6 +124,10 @@ pub struct LmTrainConfig {
     pub run: LoopConfig,
 }
 
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
 impl Default for LmTrainConfig {
     fn default() -> Self {
         Self::small()
@@ -139,6 +149,7 @@ impl LmTrainConfig {
             batch: 32,
             samples_per_clip: 0,
             captions_per_motion: 0,
+            rewrite_captions: 0.0,
             sampling: TaskWeights::default(),
             lambda: TaskWeights::default(),
             label_smoothing: 0.1,
@@ -202,6 +213,12 @@ impl LmTrainConfig {
         self
     }
 
+    /// Tasks of a stage that have examples with a loss.
+    pub fn trained_tasks(&self, kind: LmStageKind) -> impl Iterator<Item = Task> {
+        let tasks = kind.tasks().iter().copied();
+        tasks.filter(|task| self.sampling.of(*task) > 0.0 && self.lambda.of(*task) > 0.0)
+    }
+
     /// Returns the configuration of the network.
     ///
     /// # Errors
@@ -260,6 +277,9 @@ impl LmTrainConfig {
             if !(0.0..1.0).contains(&share) {
                 return fail(field, "must be in 0..1");
             }
+        }
+        if !(0.0..=1.0).contains(&self.rewrite_captions) {
+            return fail("rewrite_captions", "must be in 0..=1");
         }
         if !(self.mask_share > 0.0 && self.mask_share < 1.0) {
             return fail("mask_share", "must be above 0 and below 1");

@@ -5,6 +5,7 @@ use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 
 use radarllm_base::random::normal_polar_f32;
+use radarllm_facts::{Facts, facts, write::Writer};
 use radarllm_inference::lm::templates::{Piece, Task, pieces};
 use radarllm_inference::lm::{InputError, LmError, Source, Vocab};
 use radarllm_inference::tokenizer::Encoded;
@@ -23,7 +24,8 @@ pub enum LmStageKind {
 }
 
 impl LmStageKind {
-    fn tasks(self) -> &'static [Task] {
+    /// Tasks of the stage.
+    pub fn tasks(self) -> &'static [Task] {
         match self {
             Self::Pretrain => &Task::PRETRAINING,
             Self::Instruct => &Task::INSTRUCTION,
@@ -124,6 +126,9 @@ pub struct ExampleMaker {
     /// Per entry of [`TASKS`].
     prompts: Vec<Vec<Prompt>>,
     kind: LmStageKind,
+    /// Per clip and caption: its facts and those of its mirror image; empty if captions are used as they are.
+    facts: Vec<Vec<[Facts; 2]>>,
+    writer: Writer,
 }
 
 fn seconds_text(seconds: f32) -> String {
@@ -175,7 +180,45 @@ impl ExampleMaker {
             lengths,
             prompts,
             kind,
+            facts: Vec::new(),
+            writer: Writer::new(),
         })
+    }
+
+    /// Reads the facts of all captions, so that [`Self::example`] can write others.
+    pub fn read_facts(&mut self) {
+        let both = |text: &String| [facts(text), facts(&swap_sides(text))];
+        let of_clip = |clip: &LmClip| clip.captions.iter().take(MOST).map(both).collect();
+        self.facts = self.clips.iter().map(of_clip).collect();
+    }
+
+    /// A sentence that is written from the facts of an item's caption, as often as the settings say. `None` for the
+    /// caption itself.
+    fn rewritten(
+        &self,
+        vocab: &Vocab,
+        config: &LmTrainConfig,
+        item: &Item,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<Option<Vec<u32>>, LmError> {
+        let has_caption = matches!(
+            item.task,
+            Task::RadarToText | Task::TextToRadar | Task::TextToLength
+        );
+        if !has_caption
+            || config.rewrite_captions == 0.0
+            || !rng.random_bool(config.rewrite_captions)
+        {
+            return Ok(None);
+        }
+        let seed = rng.random();
+        let facts = self
+            .facts
+            .get(item.clip)
+            .and_then(|of| of.get(item.caption));
+        let facts = facts.map(|both| &both[usize::from(item.flipped)]);
+        let written = facts.and_then(|facts| write_anew(&self.writer, facts, seed));
+        written.map(|text| vocab.text_ids(&text)).transpose()
     }
 
     /// Keeps the first `n` captions of every clip, and at least one.
@@ -308,7 +351,10 @@ impl ExampleMaker {
         let codes = vocab.radar_ids(&encoded.codes)?;
         let dim = encoded.features.len() / codes.len().max(1);
         let prompt = &self.prompts_of(item.task)[item.prompt];
-        let caption = &self.captions[item.clip][item.caption][usize::from(item.flipped)];
+        let written = self.rewritten(vocab, config, item, rng)?;
+        let caption = written
+            .as_ref()
+            .unwrap_or(&self.captions[item.clip][item.caption][usize::from(item.flipped)]);
         let mut source = Source::default();
         let mut target = Vec::new();
         source.ids.extend(&prompt.before);
@@ -393,6 +439,27 @@ impl ExampleMaker {
             task: item.task,
         })
     }
+}
+
+/// A sentence about facts; `None` if they hold no action or no wording is known.
+fn write_anew(writer: &Writer, facts: &Facts, seed: u64) -> Option<String> {
+    facts.actions().next()?;
+    writer.write(facts, seed).map(|written| written.text)
+}
+
+/// Sentences that are written from the facts of captions, for their words: `n` of each.
+pub fn samples_of_writing<'a>(
+    captions: impl Iterator<Item = &'a str>,
+    n: u64,
+) -> impl Iterator<Item = String> {
+    let writer = Writer::new();
+    captions.flat_map(move |caption| {
+        let facts = facts(caption);
+        let written: Vec<String> = (0..n)
+            .filter_map(|seed| write_anew(&writer, &facts, seed))
+            .collect();
+        written
+    })
 }
 
 /// A standard normal number (Box-Muller).

@@ -24,12 +24,15 @@ use rand::rngs::ChaCha8Rng;
 use super::clip::{LmClip, swap_sides};
 use super::config::LmTrainConfig;
 use super::contrast::{contrast, mean_rows};
-use super::examples::{Example, ExampleMaker, Item, LmStageKind};
+use super::examples::{Example, ExampleMaker, Item, LmStageKind, samples_of_writing};
 use super::loss::cross_entropy;
 use crate::average::WeightAverage;
 use crate::harness::{
     Ending, Outcome, Stage, StepInfo, StepLoss, TrainError, Validation, cpu_device, run,
 };
+
+/// Sentences that are written from a caption for the words of the vocabulary, if captions are written anew.
+const N_WRITTEN: u64 = 8;
 
 /// Result of a language-model stage.
 #[derive(Debug)]
@@ -115,6 +118,13 @@ pub fn pretrain(
                 .map(|c| swap_sides(c))
                 .collect();
             let captions = clips.iter().flat_map(|c| &c.captions).chain(&mirrored);
+            let written: Vec<String> = match config.rewrite_captions > 0.0 {
+                true => {
+                    samples_of_writing(captions.clone().map(String::as_str), N_WRITTEN).collect()
+                }
+                false => Vec::new(),
+            };
+            let captions = captions.chain(&written);
             let vocab = Vocab::learn(
                 captions.map(String::as_str),
                 all_text(),
@@ -234,9 +244,19 @@ impl LmStage {
         let maker =
             |clips: &[LmClip]| ExampleMaker::new(&lm.vocab, lm.config.code_dim, clips, kind);
         let (mut train, val) = (maker(clips)?, maker(val)?);
+        if config.rewrite_captions > 0.0 {
+            train.read_facts();
+        }
         if config.captions_per_motion > 0 {
             train.keep_captions(config.captions_per_motion);
         }
+        let mut lm = lm;
+        let learned = lm.learned.get_or_insert_default();
+        match kind {
+            LmStageKind::Pretrain => &mut learned.pretrained,
+            LmStageKind::Instruct => &mut learned.tuned,
+        }
+        .extend(config.trained_tasks(kind));
         let average = (config.average_decay > 0.0)
             .then(|| collect_some_params(&lm.net, &|path| lm.is_trained(path)))
             .map(WeightAverage::new);
@@ -485,6 +505,7 @@ impl Stage for LmStage {
             drop_code: 0.0,
             replace_code: 0.0,
             feature_noise: 0.0,
+            rewrite_captions: 0.0,
             ..self.config.clone()
         };
         let mut items = Vec::new();

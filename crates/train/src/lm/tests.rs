@@ -8,7 +8,7 @@ use radarllm_inference::checkpoint::{Checkpoint, HostTensor, MODEL_FILE, NamedTe
 use radarllm_inference::lm::Source;
 use radarllm_inference::lm::templates::{Task, all_text};
 use radarllm_inference::lm::vocab::EOS;
-use radarllm_inference::lm::{Backbone, GenerateOptions, LmPreset, Vocab};
+use radarllm_inference::lm::{Backbone, FeedForward, GenerateOptions, LmPreset, Vocab};
 use radarllm_inference::tokenizer::Encoded;
 use radarllm_nn::lm::RadarLm;
 use radarllm_nn::lm::TrainingPass;
@@ -21,12 +21,13 @@ use rand::{RngExt, SeedableRng};
 
 use super::clip::LmClip;
 use super::config::LmTrainConfig;
-use super::examples::{ExampleMaker, Item, LmStageKind};
+use super::examples::{ExampleMaker, Item, LmStageKind, samples_of_writing};
 use super::loss::cross_entropy;
 use super::stage::LmStage;
 use super::{LmOutcome, instruct, pretrain, pretrain_further};
 use crate::adamw::{AdamW, AdamWConfig, GradientSum, ParamRule};
 use crate::harness::{Ending, LoopConfig, Stage, StepInfo, cpu_device};
+use crate::recipe::{Preset, Recipe};
 
 const N_CODES: usize = 16;
 const CODE_DIM: usize = 8;
@@ -177,6 +178,162 @@ fn eight_clips_are_learned_word_for_word_and_tuning_keeps_them() {
     let lm = RadarLm::load(&outcome.checkpoint, &cpu_device()).unwrap();
     assert_eq!(captions(&lm, &clips, 1), expected, "after tuning");
     std::fs::remove_dir_all(dir).unwrap();
+}
+
+/// T5-small, the paper's: one update of a batch that holds every pretraining task.
+#[test]
+fn the_paper_preset_trains_a_language_model_of_its_size() {
+    let recipe = Recipe::of(Preset::Paper);
+    let mut config = recipe.pretrain;
+    config.batch = 6;
+    let clips = toy_clips(6, 512, 512);
+    let captions = clips.iter().flat_map(|c| &c.captions).map(String::as_str);
+    let shape = config.lm_config(512, 512).unwrap();
+    assert!(!shape.bypass);
+    let vocab = Vocab::learn(
+        captions,
+        all_text(),
+        shape.max_text_vocab,
+        shape.n_sentinels,
+        512,
+    );
+    let lm = RadarLm::new(shape, vocab.unwrap(), 1, &cpu_device()).unwrap();
+    let t5 = lm.config.t5().unwrap().clone();
+    assert_eq!(
+        (t5.n_encoder_layers, t5.n_decoder_layers, t5.n_heads),
+        (6, 6, 8)
+    );
+    assert_eq!(
+        (t5.d_model, t5.d_ff, t5.feed_forward),
+        (512, 2048, FeedForward::Relu)
+    );
+    // T5-small has 60.5 M weights, 16.4 M of which are 32,128 rows of its vocabulary.
+    let n_rows = t5.vocab_size;
+    let n: usize = collect_params(&lm.net)
+        .values()
+        .map(|t| t.values.len())
+        .sum();
+    assert_eq!(n - n_rows * 512, 60_506_624 - 32_128 * 512);
+    let (mut stage, net) = LmStage::new(&config, lm, LmStageKind::Pretrain, &clips, &[]).unwrap();
+    let task = |task, clip| Item {
+        clip,
+        task,
+        variant: 0,
+        flipped: false,
+        caption: 0,
+        prompt: 0,
+    };
+    let batch: Vec<usize> = (0..6)
+        .map(|i| task(Task::PRETRAINING[i % 3], i).pack())
+        .collect();
+    let before = stage.loss(&net, &batch, FIRST_STEP).unwrap().total;
+    let before_value = before.clone().into_scalar::<f32>();
+    let mut sum = GradientSum::default();
+    sum.add(&net, before.backward());
+    let norm = sum.norm();
+    let rule = |_: &str, shape: &[usize]| ParamRule::by_shape(shape);
+    let run = &config.run;
+    let net = AdamW::default().step(&run.adamw, run.learning_rate, &rule, net, sum, norm);
+    // The same batch with the same dropout is more probable after the update.
+    let after = stage
+        .loss(&net, &batch, FIRST_STEP)
+        .unwrap()
+        .total
+        .into_scalar::<f32>();
+    assert!(
+        after < before_value && after.is_finite(),
+        "{before_value} -> {after}"
+    );
+}
+
+#[test]
+fn a_model_records_the_tasks_that_it_learned() {
+    let clips = toy_clips(4, N_CODES, CODE_DIM);
+    let dir = scratch("learned");
+    let learned = |config: &LmTrainConfig, start: Option<RadarLm>, name: &str| {
+        let out = dir.join(name);
+        let outcome = match start {
+            None => pretrain(config, N_CODES, &clips, &[], &out, false),
+            Some(lm) => instruct(config, lm, &clips, &[], &out, false),
+        };
+        RadarLm::load(&outcome.unwrap().checkpoint, &cpu_device()).unwrap()
+    };
+    let mut config = exact_config(bare_loop(1));
+    config.sampling.text_to_radar = 0.0;
+    config.lambda.radar_prediction = 0.0;
+    let lm = learned(&config, None, "pretrained");
+    let only = |task| BTreeSet::from([task]);
+    let record = lm.learned.clone().unwrap();
+    assert_eq!(record.pretrained, only(Task::RadarToText));
+    assert!(record.tuned.is_empty() && !record.knows(Task::TextToRadar));
+    let mut config = exact_config(bare_loop(1));
+    config.sampling.continuation = 0.0;
+    let record = learned(&config, Some(lm), "tuned").learned.unwrap();
+    assert_eq!(record.pretrained, only(Task::RadarToText));
+    let tuned = [
+        Task::RadarToText,
+        Task::TextToRadar,
+        Task::TextToLength,
+        Task::RadarToLength,
+    ];
+    assert_eq!(record.tuned, BTreeSet::from(tuned));
+    assert!(record.knows(Task::TextToRadar) && !record.knows(Task::Continuation));
+    std::fs::remove_dir_all(dir).unwrap();
+}
+
+#[test]
+fn captions_are_written_anew_from_their_facts() {
+    let clips = toy_clips(8, N_CODES, CODE_DIM);
+    let config = LmTrainConfig {
+        rewrite_captions: 1.0,
+        ..exact_config(bare_loop(1))
+    };
+    let written: Vec<String> = clips
+        .iter()
+        .flat_map(|c| samples_of_writing(c.captions.iter().map(String::as_str), 8))
+        .collect();
+    let texts = clips.iter().flat_map(|c| &c.captions).chain(&written);
+    let vocab = Vocab::learn(texts.map(String::as_str), all_text(), 900, 4, N_CODES).unwrap();
+    let mut maker = ExampleMaker::new(&vocab, CODE_DIM, &clips, LmStageKind::Pretrain).unwrap();
+    maker.read_facts();
+    let rng = &mut ChaCha8Rng::seed_from_u64(4);
+    let mut different = BTreeSet::new();
+    for (clip, record) in clips.iter().enumerate() {
+        let item = Item {
+            clip,
+            task: Task::RadarToText,
+            variant: 0,
+            flipped: false,
+            caption: 0,
+            prompt: 0,
+        };
+        let known = radarllm_facts::facts(&record.captions[0]);
+        let known: Vec<&str> = known.actions().map(|a| a.name).collect();
+        for _ in 0..6 {
+            let target = maker.example(&vocab, &config, &item, rng).unwrap().target;
+            assert!(ends(&target));
+            let text = vocab.text(&target);
+            // The sentence may leave actions out, but states no other ones and in no other order.
+            let stated = radarllm_facts::facts(&text);
+            let mut rest = known.iter();
+            for action in stated.actions() {
+                assert!(
+                    rest.any(|name| *name == action.name),
+                    "{text:?} of {:?}",
+                    record.captions[0]
+                );
+            }
+            assert!(stated.actions().next().is_some(), "{text}");
+            different.insert(text);
+        }
+        let own = LmTrainConfig {
+            rewrite_captions: 0.0,
+            ..config.clone()
+        };
+        let target = maker.example(&vocab, &own, &item, rng).unwrap().target;
+        assert_eq!(vocab.text(&target), record.captions[0]);
+    }
+    assert!(different.len() > 16, "{different:?}");
 }
 
 /// Matrix products of these sizes, single and batched, are divided among the threads.

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use radarllm_base::PointFrame;
 use radarllm_inference::checkpoint::{Checkpoint, MODEL_FILE, NamedTensors};
 use radarllm_inference::tokenizer::config::{AnchorMode, GroupingConfig};
+use radarllm_inference::tokenizer::points::{PointDecoder, PointsConfig, tokenizer_hash};
 use radarllm_inference::tokenizer::{RadarTokenizer, TokenizerConfig};
 use radarllm_nn::motion_vqvae::{MotionTeacher, MotionVqVaeConfig};
 use radarllm_nn::tokenizer::codebook::CodebookConfig;
@@ -16,6 +17,8 @@ use radarllm_train::chamfer::ChamferSide;
 use radarllm_train::data::AugmentConfig;
 use radarllm_train::harness::{Ending, LoopConfig, StopToken, TrainError};
 use radarllm_train::motion::{self, MotionTrainConfig};
+use radarllm_train::points::{self, PointsTrainConfig};
+use radarllm_train::recipe::{Preset, Recipe};
 use radarllm_train::tokenizer::{
     self, CodebookUpdate, GuidanceOn, Reconstruct, TokenizerLossConfig, TokenizerTrainConfig,
 };
@@ -159,6 +162,116 @@ fn tokenizer_overfits_a_tiny_batch_and_encodes() {
     assert_eq!(encoded.codes.len(), 2);
     assert!(encoded.codes.iter().all(|c| *c < 16));
     assert!(encoded.n_points_used > 0);
+    fs::remove_dir_all(dir).unwrap();
+}
+
+/// The paper's tokenizer at its own size, guided by a teacher of its width: one update.
+#[test]
+fn the_paper_preset_trains_a_tokenizer_of_its_size() {
+    let dir = scratch("paper");
+    let clips = synthetic::clips(1, 48, 128);
+    let recipe = Recipe::of(Preset::Paper);
+    let mut motion = recipe.motion;
+    motion.run = steps(6);
+    motion.batch_size = 1;
+    motion.codebook = tiny_codebook();
+    motion.model.codebook_size = 8;
+    let outcome = motion::train(&motion, &clips, &[], &dir.join("motion"), false).unwrap();
+    let teacher = motion::load_teacher(&outcome.checkpoint).unwrap();
+    let mut config = recipe.tokenizer;
+    config.batch_size = 1;
+    config.run = steps(1);
+    let out = dir.join("tokenizer");
+    let error = tokenizer::train(&config, &clips, &[], Some(&teacher), &out, false).err();
+    // One update of one clip gives too few features for a codebook of 512, which is said after it.
+    assert!(
+        matches!(error, Some(TrainError::Codebook { .. })),
+        "{error:?}"
+    );
+    for part in ["reconstruction", "guidance"] {
+        let loss = logged(&out, part);
+        assert!(
+            loss.len() == 1 && loss[0] > 0.0 && loss[0].is_finite(),
+            "{part}: {loss:?}"
+        );
+    }
+    let trained = RadarTokenizer::load(&out.join("final")).unwrap();
+    let model = trained.config();
+    assert_eq!((model.n_anchors(), model.width, model.layers), (81, 256, 4));
+    assert_eq!(
+        (model.codebook_size, model.code_dim, model.guidance_dim),
+        (512, 512, 512)
+    );
+    let n = trained.n_params();
+    assert!((3_000_000..13_000_000).contains(&n), "{n}");
+    fs::remove_dir_all(dir).unwrap();
+}
+
+/// The codes of two clips give their points back, and only to the tokenizer that made them.
+#[test]
+fn points_are_decoded_from_the_codes_of_their_tokenizer() {
+    let dir = scratch("points");
+    let clips = synthetic::clips(2, 16, 12);
+    let out = dir.join("tokenizer");
+    let tokenizer = tokenizer::train(&tiny_tokenizer(40), &clips, &clips, None, &out, false);
+    let checkpoint = Checkpoint::open(&tokenizer.unwrap().checkpoint).unwrap();
+    let tokenizer = RadarTokenizer::from_checkpoint(&checkpoint).unwrap();
+    let hash = tokenizer_hash(&checkpoint).unwrap();
+    let config = PointsTrainConfig {
+        model: PointsConfig {
+            points: 16,
+            width: 16,
+            hidden: 64,
+            ..PointsConfig::default()
+        },
+        run: steps(300),
+        ..PointsTrainConfig::default()
+    };
+    let out = dir.join("points");
+    let outcome = points::train(&config, &tokenizer, &hash, &clips, &clips, &out, false).unwrap();
+    let chamfer = logged(&out, "chamfer");
+    let (first, last) = (chamfer[0], chamfer[chamfer.len() - 1]);
+    assert!(last < first / 5.0, "{first} -> {last}");
+
+    let decoder = PointDecoder::load(&outcome.checkpoint, &checkpoint).unwrap();
+    let codes = tokenizer.encode(&clips[0].frames, 1.0).unwrap().codes;
+    let clip = decoder.decode(&codes, 1.0, "a test").unwrap();
+    assert_eq!(clip.frames.len(), 16);
+    assert!(clip.provenance.is_simulated() && clip.provenance.input() == "a test");
+    let middle = |frames: &[PointFrame]| {
+        let points = || frames.iter().flat_map(|f| &f.points);
+        let n = points().count() as f32;
+        [
+            points().map(|p| p.x_m).sum::<f32>() / n,
+            points().map(|p| p.y_m).sum::<f32>() / n,
+            points().map(|p| p.z_m).sum::<f32>() / n,
+        ]
+    };
+    let (found, expected) = (middle(&clip.frames), middle(&clips[0].frames));
+    for (a, b) in found.iter().zip(expected) {
+        // The points of a frame are up to 1 m from their middle.
+        assert!((a - b).abs() < 0.2, "{found:?}, {expected:?}");
+    }
+    let n: usize = clip.frames.iter().map(|f| f.points.len()).sum();
+    assert!(
+        (8 * 16..=16 * 16).contains(&n),
+        "{n} points for 12 in each of 16 frames"
+    );
+    let beyond = decoder
+        .decode(&[16], 1.0, "a test")
+        .unwrap_err()
+        .to_string();
+    assert!(beyond.contains("code 16"), "{beyond}");
+
+    let other = dir.join("other");
+    let config = tiny_tokenizer(10);
+    let other = tokenizer::train(&config, &clips, &clips, None, &other, false).unwrap();
+    let other = Checkpoint::open(&other.checkpoint).unwrap();
+    let error = PointDecoder::load(&outcome.checkpoint, &other)
+        .err()
+        .unwrap();
+    assert!(error.to_string().contains("tokenizer_blake3"), "{error}");
+    assert!(PointDecoder::load(checkpoint.dir(), &checkpoint).is_err());
     fs::remove_dir_all(dir).unwrap();
 }
 
