@@ -10,7 +10,7 @@ use radarllm_base::{
 };
 use radarllm_dataset::{ClipRecord, Columns, Dataset, Split};
 use radarllm_inference::{Description, Segment, actions, prepare::RATE_TOLERANCE};
-use radarllm_teach::features::{N_WITHOUT_LATERAL, windows};
+use radarllm_teach::features::windows;
 
 use crate::{EvalError, forest::Forest};
 
@@ -88,8 +88,7 @@ impl Proxy {
                 });
             for copy in 0..=copies {
                 let clip = clip(record, frame_rate_hz, copy, seed);
-                for mut features in windows(&clip).into_iter().filter_map(|w| w.features) {
-                    features.truncate(N_WITHOUT_LATERAL);
+                for features in windows(&clip).into_iter().filter_map(|w| w.features) {
                     rows.push(features);
                     labels.push(class);
                 }

@@ -1,9 +1,11 @@
-//! Features of a window of points: level, spread and spectrum of fourteen time series.
+//! Features of a window of points: level, spread and spectrum of ten time series.
+//!
+//! A forest compares boards with the simulator by them (crate `eval`); taught activities have features of their own
+//! ([`crate::shape`]).
 //!
 //! The series are sampled at [`STEP_S`]: number of points, their mean, lowest and highest height, mean range and mean
-//! forward distance relative to the window's medians, mean velocity, mean speed, the numbers of points that move away
-//! and towards the radar faster than [`FAST_MPS`], and mean, lowest and highest value and spread of the lateral position
-//! relative to the window's median. Steps without points are interpolated. Every series gives its
+//! forward distance relative to the window's medians, mean velocity, mean speed, and the numbers of points that move away
+//! and towards the radar faster than [`FAST_MPS`]. Steps without points are interpolated. Every series gives its
 //! mean, standard deviation, 10 % and 90 % quantiles, and the share of its power in the five bands of [`BANDS_HZ`].
 
 use radarllm_base::{Clip, PointFrame, RadarPoint};
@@ -19,13 +21,11 @@ pub const FAST_MPS: f32 = 0.7;
 /// Edges of the spectral bands, Hz: slow sway, slow exercise, walking rhythm, fast exercise, jitter.
 pub const BANDS_HZ: [[f64; 2]; 5] = [[0.2, 0.45], [0.45, 0.8], [0.8, 1.4], [1.4, 2.5], [2.5, 5.0]];
 /// Points at the length of this transform give the spectrum.
-const N_TRANSFORM: usize = 256;
-const N_SERIES: usize = 14;
+pub(crate) const N_TRANSFORM: usize = 256;
+const N_SERIES: usize = 10;
 const N_PER_SERIES: usize = 4 + BANDS_HZ.len();
 /// Number of features of a window.
 pub const N_FEATURES: usize = N_SERIES * N_PER_SERIES;
-/// Number of features without those of the lateral position, which come last.
-pub const N_WITHOUT_LATERAL: usize = 10 * N_PER_SERIES;
 /// Windows with fewer points have no features.
 pub const MIN_POINTS: usize = 5;
 
@@ -36,12 +36,24 @@ pub struct Window {
     pub start_s: f64,
     /// End, s.
     pub end_s: f64,
-    /// The features, `[N_FEATURES]`; `None` for a window with fewer than [`MIN_POINTS`] points.
+    /// The features; `None` for a window with fewer than [`MIN_POINTS`] points.
     pub features: Option<Vec<f32>>,
 }
 
-/// The windows of a clip, in order.
+/// The windows of a clip with their [`N_FEATURES`] features, in order.
 pub fn windows(clip: &Clip) -> Vec<Window> {
+    let height_m = clip.radar_height_m;
+    windows_with(clip, |frames, start_s, length_s| {
+        features(frames, start_s, length_s, height_m)
+    })
+}
+
+/// The windows of a clip, in order. `features` has the frames, the start and the length of a window, s; a window with
+/// fewer than [`MIN_POINTS`] points has none.
+pub(crate) fn windows_with(
+    clip: &Clip,
+    features: impl Fn(&[PointFrame], f64, f64) -> Vec<f32>,
+) -> Vec<Window> {
     let Some(first) = clip.frames.first() else {
         return Vec::new();
     };
@@ -57,34 +69,34 @@ pub fn windows(clip: &Clip) -> Vec<Window> {
             clip.frames.partition_point(before)
         };
         let frames = clip.frames.get(at(0.0)..at(length_s)).unwrap_or_default();
+        let n_points: usize = frames.iter().map(|f| f.points.len()).sum();
         Window {
             start_s: window_start_s,
             end_s: window_start_s + length_s,
-            features: features(frames, window_start_s, length_s, clip.radar_height_m),
+            features: (n_points >= MIN_POINTS).then(|| features(frames, window_start_s, length_s)),
         }
     };
     (0..n_windows).map(one).collect()
 }
 
-/// Features of frames; `None` if they have fewer than [`MIN_POINTS`] points.
-fn features(
-    frames: &[PointFrame],
-    start_s: f64,
-    length_s: f64,
-    radar_height_m: f32,
-) -> Option<Vec<f32>> {
-    let n_points: usize = frames.iter().map(|f| f.points.len()).sum();
-    if n_points < MIN_POINTS {
-        return None;
-    }
+fn features(frames: &[PointFrame], start_s: f64, length_s: f64, radar_height_m: f32) -> Vec<f32> {
     let series = series(frames, start_s, length_s, radar_height_m);
-    Some(
-        series
-            .iter()
-            .flat_map(|s| of_series(s))
-            .map(|v| v as f32)
-            .collect(),
-    )
+    series
+        .iter()
+        .flat_map(|s| of_series(s))
+        .map(|v| v as f32)
+        .collect()
+}
+
+/// The points of each step of [`STEP_S`].
+pub(crate) fn steps(frames: &[PointFrame], start_s: f64, length_s: f64) -> Vec<Vec<&RadarPoint>> {
+    let n_steps = ((length_s / STEP_S).round() as usize).max(1);
+    let mut steps: Vec<Vec<&RadarPoint>> = vec![Vec::new(); n_steps];
+    for frame in frames {
+        let step = ((frame.time_s - start_s) / STEP_S + 1e-6) as usize;
+        steps[step.min(n_steps - 1)].extend(&frame.points);
+    }
+    steps
 }
 
 /// The series `[N_SERIES][steps]`; NaN where a step has no points.
@@ -97,14 +109,8 @@ fn series(
     let points = || frames.iter().flat_map(|f| &f.points);
     let range_m = median(points().map(|p| f64::from(p.range_m)).collect());
     let forward_m = median(points().map(|p| f64::from(p.y_m)).collect());
-    let lateral_m = median(points().map(|p| f64::from(p.x_m)).collect());
-    let n_steps = ((length_s / STEP_S).round() as usize).max(1);
-    let mut steps: Vec<Vec<&RadarPoint>> = vec![Vec::new(); n_steps];
-    for frame in frames {
-        let step = ((frame.time_s - start_s) / STEP_S + 1e-6) as usize;
-        steps[step.min(n_steps - 1)].extend(&frame.points);
-    }
-    let mut series = vec![vec![f64::NAN; n_steps]; N_SERIES];
+    let steps = steps(frames, start_s, length_s);
+    let mut series = vec![vec![f64::NAN; steps.len()]; N_SERIES];
     for (i, step) in steps.iter().enumerate() {
         series[0][i] = step.len() as f64;
         let fast = |sign: f32| {
@@ -129,12 +135,6 @@ fn series(
         series[5][i] = mean(&|p| p.y_m) - forward_m;
         series[6][i] = mean(&|p| p.velocity_mps);
         series[7][i] = mean(&|p| p.velocity_mps.abs());
-        let lateral = step.iter().map(|p| f64::from(p.x_m) - lateral_m);
-        series[10][i] = lateral.clone().sum::<f64>() / n;
-        series[11][i] = lateral.clone().fold(f64::INFINITY, f64::min);
-        series[12][i] = lateral.clone().fold(f64::NEG_INFINITY, f64::max);
-        let square = lateral.map(|x| (x - series[10][i]).powi(2));
-        series[13][i] = (square.sum::<f64>() / n).sqrt();
     }
     series
 }
@@ -176,7 +176,7 @@ fn of_series(series: &[f64]) -> [f64; N_PER_SERIES] {
 }
 
 /// Missing values by linear interpolation; the first and the last value are held at the ends.
-fn interpolated(series: &[f64]) -> Vec<f64> {
+pub(crate) fn interpolated(series: &[f64]) -> Vec<f64> {
     let known: Vec<(usize, f64)> = series
         .iter()
         .copied()
@@ -196,7 +196,7 @@ fn interpolated(series: &[f64]) -> Vec<f64> {
 }
 
 /// Quantile of sorted values with linear interpolation.
-fn quantile(sorted: &[f64], q: f64) -> f64 {
+pub(crate) fn quantile(sorted: &[f64], q: f64) -> f64 {
     let position = q * (sorted.len() - 1) as f64;
     let (below, share) = (position.floor() as usize, position.fract());
     let above = (below + 1).min(sorted.len() - 1);
@@ -204,7 +204,7 @@ fn quantile(sorted: &[f64], q: f64) -> f64 {
 }
 
 /// Squared magnitudes of the bins of a transform of length [`N_TRANSFORM`] after a Hann window, without the mean.
-fn power_spectrum(values: &[f64], mean: f64) -> Vec<f64> {
+pub(crate) fn power_spectrum(values: &[f64], mean: f64) -> Vec<f64> {
     let n = values.len();
     let hann = |i: usize| match n {
         1 => 1.0,
@@ -288,37 +288,6 @@ mod tests {
             // A constant series has no power.
             assert!(features[4..9].iter().all(|v| *v == 0.0));
         }
-    }
-
-    #[test]
-    fn only_lateral_features_tell_both_sides_from_one() {
-        let lateral = |places: [f32; 5]| {
-            let mut clip = clip(6.7, 1.0);
-            for frame in &mut clip.frames {
-                for (point, x_m) in frame.points.iter_mut().zip(places) {
-                    point.x_m = x_m;
-                }
-            }
-            windows(&clip)[0].features.clone().unwrap()
-        };
-        let (one, both) = (
-            lateral([0.0, 0.0, 0.0, 0.6, 0.6]),
-            lateral([-0.6, -0.6, 0.0, 0.6, 0.6]),
-        );
-        assert_eq!(one[..N_WITHOUT_LATERAL], both[..N_WITHOUT_LATERAL]);
-        // Mean, lowest, highest and spread; the first feature of each is its mean.
-        let means = |f: &[f32]| [10, 11, 12, 13].map(|s| f[s * N_PER_SERIES]);
-        let close = |a: [f32; 4], b: [f32; 4]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4);
-        assert!(
-            close(means(&one), [0.24, 0.0, 0.6, 0.293_94]),
-            "{:?}",
-            means(&one)
-        );
-        assert!(
-            close(means(&both), [0.0, -0.6, 0.6, 0.536_66]),
-            "{:?}",
-            means(&both)
-        );
     }
 
     #[test]

@@ -41,12 +41,13 @@
 //! # Ok::<(), radarllm_teach::TeachError>(())
 //! ```
 //!
-//! Reading order: [`features`] (a window of points to 126 numbers), [`memory`] (examples and their file), [`recogniser`]
-//! (what fits, and what does not).
+//! Reading order: [`shape`] (a window of points to 309 numbers), [`memory`] (examples and their file), [`recogniser`] (what
+//! fits, and what does not). [`features`] are simpler numbers of a window, for forests.
 
 pub mod features;
 pub mod memory;
 pub mod recogniser;
+pub mod shape;
 
 pub use memory::{Example, Memory, Taught, TeachError, Warning};
 pub use recogniser::{Recognised, Recogniser};

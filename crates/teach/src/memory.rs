@@ -9,12 +9,12 @@ use radarllm_files::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::features::{N_FEATURES, windows};
+use crate::shape::{N_FEATURES, windows};
 
 /// The `format` of every memory file.
 const FORMAT: &str = "radarllm memory";
 /// Version of the file and of the features in it.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// Largest memory file, bytes: some thousand examples.
 const MAX_BYTES: u64 = 64 << 20;
 /// Most windows of one example; of a longer recording these are taken at equal distances.
@@ -457,10 +457,10 @@ mod tests {
         for (damaged, expected) in [
             (text[..text.len() / 2].to_string(), "EOF"),
             (text.replace("radarllm memory", "other"), "format `other`"),
-            (text.replace("\"version\":2", "\"version\":9"), "version 9"),
+            (text.replace("\"version\":3", "\"version\":9"), "version 9"),
             (
                 text.replace("\"windows\":[[", "\"windows\":[[1.0],["),
-                "windows of 126",
+                "windows of 309",
             ),
             (text.replace("\"says\"", "\"sais\""), "sais"),
             ("[]".into(), "expected struct"),

@@ -1,33 +1,37 @@
 //! What fits the examples, and what does not.
 //!
 //! Windows are compared as running means of [`N_MEAN`] windows, because the mean of an activity over ten seconds varies
-//! less than a single window. The distance of a mean to an activity is the Mahalanobis distance with the covariance of
-//! windows within activities, pooled over all of them and shrunk towards a multiple of the identity, because a few
-//! recordings do not determine 126 x 126 numbers (regularised discriminant analysis, Friedman, JASA 1989).
+//! less than a single window. The distance of a mean to an activity is the Mahalanobis distance to its nearest example.
+//! The covariance is that of windows within activities, of the movements as they are and to the other side (which side
+//! moves differs within an activity like the person does), pooled over all activities and shrunk towards a multiple of the
+//! identity, because a few recordings do not determine 309 x 309 numbers (regularised discriminant analysis, Friedman,
+//! JASA 1989).
 //!
-//! An activity is recognised only if the distance is not much larger than that of examples to their own activities,
-//! each compared with the others. Without this limit a memory of two activities would recognise one of them in
-//! everything. The limit is common to all activities, because three examples do not determine one for each.
+//! An activity is recognised only if the distance is not much larger than that of examples to the others of their own
+//! activity, and the less so, the nearer a second activity is: the distance is multiplied by its ratio to the distance of
+//! the second activity. Without this limit a memory of two activities would recognise one of them in everything. The limit
+//! is common to all activities, because three examples do not determine one for each.
 //!
-//! The constants were chosen on half A of RadHAR (docs/results/recorded.md), by teaching four of its five activities and
-//! counting what was recognised in the fifth.
+//! The constants were chosen on half A of RadHAR and subjects 1 and 2 of MARS (docs/results/teaching.md), by teaching all
+//! activities but one and counting what was recognised in its recordings and in those of the others.
 
 use radarllm_base::Clip;
 
 use crate::{
-    features::{N_FEATURES, Window, windows},
+    features::Window,
     memory::{Memory, Warning},
+    shape::{N_FEATURES, mirrored, windows},
 };
 
 /// Windows of a running mean.
 pub const N_MEAN: usize = 15;
 /// Weight of the identity in the pooled covariance.
-const SHRINKAGE: f64 = 0.9;
+const SHRINKAGE: f64 = 0.6;
 /// Standardised features are limited to this many standard deviations.
 const LIMIT: f64 = 6.0;
-/// An activity is recognised up to this multiple of the largest distance of its examples, in the mean of all
-/// activities.
-const MARGIN: f64 = 1.4;
+/// An activity is recognised up to this multiple of the largest distance of its examples to their nearest ones, in the
+/// mean of all activities.
+const MARGIN: f64 = 1.6;
 
 /// A part of a recording in which a taught activity is recognised.
 #[derive(Clone, Debug, PartialEq)]
@@ -58,7 +62,15 @@ pub struct Recogniser {
 struct Known {
     name: String,
     says: String,
-    mean: Vec<f64>,
+    /// Means of the windows of each example, whitened.
+    examples: Vec<Vec<f64>>,
+}
+
+/// An activity and how far a mean of windows is from it.
+struct Nearest<'a> {
+    known: &'a Known,
+    /// Distance, times its ratio to the distance of the second activity.
+    distance: f64,
 }
 
 impl Recogniser {
@@ -75,48 +87,49 @@ impl Recogniser {
         }
         let (mean, scale) = standardisation(&all);
         let standardised = |w: &[f32]| standardise(w, &mean, &scale);
-        // Mean of each example: [activity][example].
-        let examples: Vec<Vec<Vec<f64>>> = taught
-            .iter()
-            .map(|a| {
-                let of = |e: &crate::Example| mean_of(e.windows.iter().map(|w| standardised(w)));
-                a.examples.iter().map(of).collect()
-            })
-            .collect();
-        let means: Vec<Vec<f64>> = examples
-            .iter()
-            .map(|e| mean_of(e.iter().cloned()))
-            .collect();
+        let other_side = |w: &Vec<f32>| standardise(&mirrored(w), &mean, &scale);
         let mut covariance = vec![0.0; N_FEATURES * N_FEATURES];
-        for (activity, mean) in taught.iter().zip(&means) {
-            for window in activity.examples.iter().flat_map(|e| &e.windows) {
-                let centred: Vec<f64> = standardised(window)
-                    .iter()
-                    .zip(mean)
-                    .map(|(v, m)| v - m)
-                    .collect();
-                add_outer_product(&mut covariance, &centred);
-            }
+        for activity in taught {
+            let windows = || activity.examples.iter().map(|e| e.windows.iter());
+            add_scatter(
+                &mut covariance,
+                windows().map(|w| w.map(|w| standardised(w)).collect()),
+            );
+            add_scatter(
+                &mut covariance,
+                windows().map(|w| w.map(other_side).collect()),
+            );
         }
-        covariance.iter_mut().for_each(|v| *v /= all.len() as f64);
-        let factor = cholesky(&shrunk(covariance));
+        let n = 2 * all.len();
+        covariance.iter_mut().for_each(|v| *v /= n as f64);
         let mut recogniser = Self {
-            mean: mean.clone(),
-            scale: scale.clone(),
-            factor,
+            factor: cholesky(&shrunk(covariance)),
+            mean,
+            scale,
             activities: Vec::new(),
             limit: 0.0,
         };
-        let spreads: Vec<f64> = examples
+        let known = taught.iter().map(|a| Known {
+            name: a.name.clone(),
+            says: a.says.clone(),
+            examples: a
+                .examples
+                .iter()
+                .map(|e| recogniser.mean_of(&e.windows))
+                .collect(),
+        });
+        recogniser.activities = known.collect();
+        let spreads: Vec<f64> = recogniser
+            .activities
             .iter()
-            .filter_map(|means| recogniser.spread(means))
+            .filter_map(Known::spread)
             .collect();
         // Single examples have no spread of their own: that of their windows stands for it.
         let of_windows = || {
             let distance = |w: &&Vec<f32>| {
-                let window = standardised(w);
-                let distances = means.iter().map(|mean| recogniser.distance(&window, mean));
-                distances.fold(f64::INFINITY, f64::min)
+                recogniser
+                    .nearest(&recogniser.mean_of(&[(*w).clone()]))
+                    .map_or(0.0, |n| n.distance)
             };
             all.iter().map(distance).sum::<f64>() / all.len() as f64
         };
@@ -125,23 +138,7 @@ impl Recogniser {
                 true => of_windows(),
                 false => spreads.iter().sum::<f64>() / spreads.len() as f64,
             };
-        let known = taught.iter().zip(means).map(|(taught, mean)| Known {
-            name: taught.name.clone(),
-            says: taught.says.clone(),
-            mean,
-        });
-        recogniser.activities = known.collect();
         Some(recogniser)
-    }
-
-    /// Largest distance of an example to the mean of the others; `None` for fewer than two examples.
-    fn spread(&self, means: &[Vec<f64>]) -> Option<f64> {
-        let left_out = |i: usize| {
-            let others = means.iter().enumerate().filter(|(j, _)| *j != i);
-            let rest = mean_of(others.map(|(_, m)| m.clone()));
-            self.distance(&means[i], &rest)
-        };
-        (means.len() > 1).then(|| (0..means.len()).map(left_out).fold(0.0, f64::max))
     }
 
     /// Parts of a prepared clip in which taught activities are recognised, in order of time.
@@ -163,8 +160,8 @@ impl Recogniser {
             if around.is_empty() {
                 continue;
             }
-            let mean = mean_of(around.into_iter().cloned());
-            let Some((known, distance)) = self.nearest(&mean) else {
+            let mean = self.whitened(&mean_of(around.into_iter().cloned()));
+            let Some(Nearest { known, distance }) = self.nearest(&mean) else {
                 continue;
             };
             if distance > self.limit {
@@ -189,25 +186,56 @@ impl Recogniser {
         parts
     }
 
-    /// The nearest activity.
-    fn nearest(&self, mean: &[f64]) -> Option<(&Known, f64)> {
-        let distances = self
-            .activities
-            .iter()
-            .map(|a| (a, self.distance(mean, &a.mean)));
-        distances.min_by(|a, b| a.1.total_cmp(&b.1))
+    /// The nearest activity of a whitened mean of windows.
+    fn nearest(&self, mean: &[f64]) -> Option<Nearest<'_>> {
+        let of = |known| (known, Known::distance(known, mean));
+        let mut distances: Vec<(&Known, f64)> = self.activities.iter().map(of).collect();
+        distances.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let (known, distance) = *distances.first()?;
+        let second = distances.get(1).map_or(distance, |d| d.1);
+        let ratio = distance / second.max(f64::MIN_POSITIVE);
+        Some(Nearest {
+            known,
+            distance: distance * ratio.min(1.0),
+        })
     }
 
-    /// Mahalanobis distance.
-    fn distance(&self, a: &[f64], b: &[f64]) -> f64 {
-        // |L^-1 (a - b)| by forward substitution.
+    /// Whitened mean of windows.
+    fn mean_of(&self, windows: &[Vec<f32>]) -> Vec<f64> {
+        let standardised = windows
+            .iter()
+            .map(|w| standardise(w, &self.mean, &self.scale));
+        self.whitened(&mean_of(standardised))
+    }
+
+    /// Standardised features such that distances are Mahalanobis distances: L^-1 x by forward substitution.
+    fn whitened(&self, x: &[f64]) -> Vec<f64> {
         let mut solved = vec![0.0; N_FEATURES];
         for i in 0..N_FEATURES {
             let row = &self.factor[i * N_FEATURES..][..=i];
             let known: f64 = row[..i].iter().zip(&solved).map(|(l, x)| l * x).sum();
-            solved[i] = (a[i] - b[i] - known) / row[i];
+            solved[i] = (x[i] - known) / row[i];
         }
-        solved.iter().map(|x| x * x).sum::<f64>().sqrt()
+        solved
+    }
+}
+
+impl Known {
+    /// Distance to the nearest example.
+    fn distance(&self, mean: &[f64]) -> f64 {
+        let all = self.examples.iter().map(|e| distance(e, mean));
+        all.fold(f64::INFINITY, f64::min)
+    }
+
+    /// Largest distance of an example to the nearest other one; `None` for fewer than two examples.
+    fn spread(&self) -> Option<f64> {
+        let of = |i: usize| {
+            let others = self.examples.iter().enumerate().filter(|(j, _)| *j != i);
+            let all = others.map(|(_, e)| distance(e, &self.examples[i]));
+            all.fold(f64::INFINITY, f64::min)
+        };
+        let n = self.examples.len();
+        (n > 1).then(|| (0..n).map(of).fold(0.0, f64::max))
     }
 }
 
@@ -224,16 +252,14 @@ impl Memory {
                 let Some(recogniser) = Recogniser::new(&without) else {
                     continue;
                 };
-                let windows = example.windows.iter();
-                let mean =
-                    mean_of(windows.map(|w| standardise(w, &recogniser.mean, &recogniser.scale)));
-                if let Some((nearest, _)) = recogniser.nearest(&mean)
-                    && nearest.name != taught.name
+                let mean = recogniser.mean_of(&example.windows);
+                if let Some(nearest) = recogniser.nearest(&mean)
+                    && nearest.known.name != taught.name
                 {
                     found.push(Warning::Contradiction {
                         recording: example.source.clone(),
                         name: taught.name.clone(),
-                        other: nearest.name.clone(),
+                        other: nearest.known.name.clone(),
                     });
                 }
             }
@@ -292,15 +318,28 @@ fn mean_of(rows: impl Iterator<Item = Vec<f64>>) -> Vec<f64> {
     sum
 }
 
-fn add_outer_product(matrix: &mut [f64], row: &[f64]) {
-    for (i, a) in row.iter().enumerate() {
-        for (out, b) in matrix[i * N_FEATURES..][..N_FEATURES].iter_mut().zip(row) {
-            *out += a * b;
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    let squares = a.iter().zip(b).map(|(a, b)| (a - b).powi(2));
+    squares.sum::<f64>().sqrt()
+}
+
+/// Adds the products of the windows of an activity's examples without the activity's mean, in which every example
+/// counts alike. Only the lower triangle is filled.
+fn add_scatter(matrix: &mut [f64], examples: impl Iterator<Item = Vec<Vec<f64>>>) {
+    let examples: Vec<Vec<Vec<f64>>> = examples.collect();
+    let mean = mean_of(examples.iter().map(|e| mean_of(e.iter().cloned())));
+    for window in examples.iter().flatten() {
+        let centred: Vec<f64> = window.iter().zip(&mean).map(|(v, m)| v - m).collect();
+        for (i, a) in centred.iter().enumerate() {
+            let row = &mut matrix[i * N_FEATURES..][..=i];
+            row.iter_mut()
+                .zip(&centred)
+                .for_each(|(out, b)| *out += a * b);
         }
     }
 }
 
-/// The covariance, shrunk towards its mean variance times the identity. It is positive definite.
+/// The lower triangle of a covariance, shrunk towards its mean variance times the identity. It is positive definite.
 fn shrunk(mut covariance: Vec<f64>) -> Vec<f64> {
     let trace: f64 = (0..N_FEATURES)
         .map(|i| covariance[i * N_FEATURES + i])
