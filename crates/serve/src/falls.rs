@@ -185,6 +185,8 @@ pub struct FallMonitor {
     n_falls: u64,
     /// Largest number of a person so far.
     newest: Option<u32>,
+    /// Falls that a user ended a short time ago: where, and when, s.
+    acknowledged: VecDeque<([f64; 2], f64)>,
 }
 
 /// What is remembered of a tracked person.
@@ -202,6 +204,9 @@ struct Body {
     tracked_s: f64,
     /// End of the last fall.
     ended_s: Option<f64>,
+    /// A user ended a fall of this person, who has not risen since. Whoever is down cannot fall.
+    must_rise: bool,
+    rise: Option<Rise>,
 }
 
 impl FallMonitor {
@@ -219,6 +224,7 @@ impl FallMonitor {
             open: Vec::new(),
             n_falls: 0,
             newest: None,
+            acknowledged: VecDeque::new(),
         })
     }
 
@@ -252,8 +258,12 @@ impl FallMonitor {
         for one in people {
             if self.zones.counts(one.place_m) {
                 self.recognise(one, people);
+                let was_acknowledged = || {
+                    let mut places = self.acknowledged.iter();
+                    places.any(|(place_m, _)| is_near(*place_m, one.place_m))
+                };
                 let body = self.bodies.entry(one.person);
-                body.or_insert_with(|| Body::new(one.place_m))
+                body.or_insert_with(|| Body::new(one.place_m, was_acknowledged()))
                     .see(now_s, one, floor_m);
             } else if let Some(body) = self.bodies.get_mut(&one.person) {
                 // Whoever disappears into an ignored place, such as a bed, has not fallen.
@@ -264,6 +274,8 @@ impl FallMonitor {
         self.follow(left, &mut events);
         self.bodies
             .retain(|_, body| !is_over(body.tracked_s, now_s, MEMORY_S));
+        self.acknowledged
+            .retain(|(_, at_s)| !is_over(*at_s, now_s, MEMORY_S));
         events
     }
 
@@ -278,12 +290,14 @@ impl FallMonitor {
             && height_m < SUNK_M
             && !is_over(at_s, self.now_s, LABEL_AGE_S)
             && is_rested
+            && !body.must_rise
             && !self.is_open(person);
         let place_m = body.place_m;
         counts.then(|| self.begin(person, place_m))
     }
 
-    /// Ends a fall on a user's word. Returns whether there was such a fall.
+    /// Ends a fall on a user's word. Returns whether there was such a fall. The person is not suspected again before they
+    /// have risen, even if the tracker gives them a new number.
     pub fn acknowledge(&mut self, fall: u64) -> bool {
         let Some(at) = self.open.iter().position(|open| open.fall == fall) else {
             return false;
@@ -291,9 +305,13 @@ impl FallMonitor {
         let ended = self.open.remove(at);
         if let Some(body) = self.bodies.get_mut(&ended.person) {
             body.ended_s = Some(self.now_s);
-            // Otherwise the same drop would be suspected again in the next frame.
-            body.high_s = None;
+            body.must_rise = true;
+            body.rise = None;
         }
+        if self.acknowledged.len() >= MAX_OPEN {
+            self.acknowledged.pop_front();
+        }
+        self.acknowledged.push_back((ended.place_m, self.now_s));
         true
     }
 
@@ -307,11 +325,10 @@ impl FallMonitor {
             return;
         }
         self.newest = Some(one.person);
-        let is_near = |fall: &Fall| {
-            let [dx, dy] = [0, 1].map(|i| fall.place_m[i] - one.place_m[i]);
-            dx.hypot(dy) <= SAME_PLACE_M && people.iter().all(|p| p.person != fall.person)
+        let is_unseen_here = |fall: &Fall| {
+            is_near(fall.place_m, one.place_m) && people.iter().all(|p| p.person != fall.person)
         };
-        let mut near = self.open.iter_mut().filter(|fall| is_near(fall));
+        let mut near = self.open.iter_mut().filter(|fall| is_unseen_here(fall));
         if let (Some(fall), None) = (near.next(), near.next()) {
             fall.person = one.person;
             fall.rise = None;
@@ -331,10 +348,8 @@ impl FallMonitor {
             body.was_low = is_low;
             if body.has_sunk_and_vanished(now_s) {
                 fallen.push((person, body.place_m));
-                // Once for every time the person was up.
-                body.high_s = None;
             }
-            if body.height_m.is_some_and(|h| h > HIGH_M) {
+            if body.height_m.is_some_and(|h| h > HIGH_M) && !body.must_rise {
                 body.high_s = Some(now_s);
             }
         }
@@ -347,6 +362,10 @@ impl FallMonitor {
 
     fn begin(&mut self, person: u32, place_m: [f64; 2]) -> FallEvent {
         self.n_falls += 1;
+        if let Some(body) = self.bodies.get_mut(&person) {
+            // One suspicion for every time the person was up.
+            body.high_s = None;
+        }
         let fall = Fall {
             fall: self.n_falls,
             person,
@@ -369,10 +388,11 @@ impl FallMonitor {
         let dwell_s = self.options.fall_dwell_s;
         self.open.retain_mut(|fall| {
             let body = bodies.get_mut(&fall.person);
-            fall.rise(body.as_ref().and_then(|body| body.height_m), now_s);
+            let height_m = body.as_ref().and_then(|body| body.height_m);
+            fall.rise = Rise::next(fall.rise, height_m, now_s);
             // Whoever fell in a door disappears there without having left.
             let has_left = left.contains(&fall.person) && !zones.is_door(fall.place_m);
-            if fall.has_risen() || has_left {
+            if fall.rise.is_some_and(|rise| rise.is_complete()) || has_left {
                 let state = match fall.is_confirmed {
                     true => FallState::Recovered,
                     false => FallState::Dismissed,
@@ -403,29 +423,35 @@ impl Fall {
             place_m: self.place_m,
         }
     }
+}
 
-    fn rise(&mut self, height_m: Option<f64>, now_s: f64) {
-        let rise = self
-            .rise
-            .filter(|rise| !is_over(rise.until_s, now_s, RISE_GAP_S));
-        self.rise = match height_m {
-            Some(h) if h > RISEN_M => Some(Rise {
+impl Rise {
+    /// The rise after the height in the next frame.
+    fn next(rise: Option<Self>, height_m: Option<f64>, now_s: f64) -> Option<Self> {
+        let rise = rise.filter(|rise| !is_over(rise.until_s, now_s, RISE_GAP_S));
+        match height_m {
+            Some(h) if h > RISEN_M => Some(Self {
                 since_s: rise.map_or(now_s, |rise| rise.since_s),
                 until_s: now_s,
             }),
             Some(_) => None,
             None => rise,
-        };
+        }
     }
 
-    fn has_risen(&self) -> bool {
-        self.rise
-            .is_some_and(|rise| has_passed(rise.since_s, rise.until_s, RISE_S))
+    fn is_complete(&self) -> bool {
+        has_passed(self.since_s, self.until_s, RISE_S)
     }
 }
 
+/// Whether two places may be of the same person.
+fn is_near(a_m: [f64; 2], b_m: [f64; 2]) -> bool {
+    let [dx, dy] = [0, 1].map(|i| a_m[i] - b_m[i]);
+    dx.hypot(dy) <= SAME_PLACE_M
+}
+
 impl Body {
-    fn new(place_m: [f64; 2]) -> Self {
+    fn new(place_m: [f64; 2], must_rise: bool) -> Self {
         Self {
             recent: VecDeque::new(),
             height_m: None,
@@ -435,6 +461,8 @@ impl Body {
             high_s: None,
             tracked_s: 0.0,
             ended_s: None,
+            must_rise,
+            rise: None,
         }
     }
 
@@ -462,6 +490,10 @@ impl Body {
         self.height_m = quantile(all.copied().collect());
         if let Some(h) = self.height_m {
             self.last = Some((h, now_s));
+        }
+        if self.must_rise {
+            self.rise = Rise::next(self.rise, self.height_m, now_s);
+            self.must_rise = !self.rise.is_some_and(|rise| rise.is_complete());
         }
         self.place_m = one.place_m;
         self.tracked_s = now_s;
@@ -763,10 +795,27 @@ mod tests {
         assert!(scene.monitor.acknowledge(1));
         // Still within 1.5 s of the drop, and still down.
         assert!(scene.at(0.2, 58).is_empty());
-        // The windows of the first 6 s may contain the former fall.
+        // Whoever is down does not fall, whatever the model says.
+        scene.at(0.2, 30);
         assert_eq!(scene.monitor.label(1, "fall"), None);
-        scene.at(0.2, 5);
-        assert!(scene.monitor.label(1, "fall").is_some());
+        // Noise of a few frames is no rising, neither of the same number nor of a new one at the same place.
+        for number in [1, 2] {
+            for _ in 0..3 {
+                scene.frames(&[at_height(number, 1.5)], 3);
+                assert!(scene.frames(&[at_height(number, 0.2)], 8).is_empty());
+                scene.frames(&[unseen(number, PLACE)], 3);
+            }
+        }
+        // The former number, after the tracker has given a new one: it sank and is not seen any more.
+        let mut scene = Scene::new();
+        scene.fall();
+        assert!(scene.monitor.acknowledge(1));
+        assert!(scene.frames(&[at_height(2, 0.2)], 50).is_empty());
+        // The same without a user's word.
+        let mut scene = Scene::new();
+        scene.fall();
+        assert!(scene.frames(&[at_height(2, 0.2)], 50).is_empty());
+        assert_eq!(scene.monitor.open()[0].person, 2);
         // Whoever rises and falls again is suspected again.
         let mut scene = Scene::new();
         scene.fall();
