@@ -57,6 +57,9 @@ const LABEL_REST_S: f64 = 6.0;
 const SAME_PLACE_M: f64 = 1.0;
 /// Time for which a person is remembered who is not tracked any more, s; longer than [`DROP_S`] and [`LABEL_AGE_S`].
 const MEMORY_S: f64 = 10.0;
+/// Time for which the place of a fall is remembered that a user ended, s. Whoever is tracked anew there must have been up
+/// for [`RISE_S`] before a fall counts, which costs somebody else who comes by nothing.
+const ACKNOWLEDGED_S: f64 = 600.0;
 /// Most falls that have not ended. If there are more, the oldest one is dropped.
 pub const MAX_OPEN: usize = 64;
 /// The model's word.
@@ -275,7 +278,7 @@ impl FallMonitor {
         self.bodies
             .retain(|_, body| !is_over(body.tracked_s, now_s, MEMORY_S));
         self.acknowledged
-            .retain(|(_, at_s)| !is_over(*at_s, now_s, MEMORY_S));
+            .retain(|(_, at_s)| !is_over(*at_s, now_s, ACKNOWLEDGED_S));
         events
     }
 
