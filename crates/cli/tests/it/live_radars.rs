@@ -331,6 +331,7 @@ fn a_replay_says_what_describe_says_of_each_window_at_any_speed() {
         };
         radarllm_dataset::write_clip(&window, &cut, radarllm_dataset::Overwrite::Replace).unwrap();
         let described = json(&["describe", text(&window), "--json"]);
+        let described = &described[0];
         assert_eq!(described["caption"], caption, "{start_s} s to {end_s} s");
         let difference =
             described["confidence"].as_f64().unwrap() - message["confidence"].as_f64().unwrap();
