@@ -849,10 +849,23 @@ pub struct EvalRecordingsArgs {
 pub struct EvalFallsArgs {
     /// TOML with radars, places, people, falls and other motions.
     pub config: PathBuf,
-    /// Also count false alarms in recordings without falls: a configuration of `eval-recordings` and its folder. Only
-    /// recordings for tuning are read. May be repeated.
+    /// Also count false alarms in recordings without falls: a configuration of `eval-recordings` and its folder. May be
+    /// repeated.
     #[arg(long, num_args = 2, value_names = ["CONFIG", "DIR"])]
     pub recordings: Vec<PathBuf>,
+    /// Which recordings are read: those for `tuning`, which may be used to choose settings, or `judged` ones, which choose
+    /// nothing and whose evaluations are logged. May be repeated.
+    #[arg(long, default_value = "tuning", requires = "recordings")]
+    pub role: Vec<Role>,
+    /// Log of evaluations of judged recordings.
+    #[arg(long, value_name = "FILE", default_value = "docs/results/looks.csv")]
+    pub looks: PathBuf,
+    /// Reason for evaluating judged recordings, for the log.
+    #[arg(long, value_name = "TEXT", required_if_eq("role", "judged"))]
+    pub purpose: Option<String>,
+    /// Simulate nothing: only count false alarms in recordings.
+    #[arg(long, requires = "recordings")]
+    pub recordings_only: bool,
     /// Threads of the simulation; all cores if omitted.
     #[arg(long)]
     pub threads: Option<usize>,

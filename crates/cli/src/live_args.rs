@@ -78,6 +78,19 @@ pub struct LiveArgs {
     /// File with zones of the room: [[zone]] with name, kind (room, ignore or door) and polygon_m.
     #[arg(long, value_name = "FILE")]
     pub zones: Option<PathBuf>,
+    /// Length of the windows that are described, s: 1 to 9.6.
+    #[arg(long, value_name = "S", default_value_t = 6.0)]
+    pub window: f64,
+    /// Time between the starts of two windows, s.
+    #[arg(long, value_name = "S", default_value_t = 2.0)]
+    pub stride: f64,
+    /// Learn the empty room for this long at the start, 300 s at most: what moves there, such as a fan or a curtain, is
+    /// removed from then on. Nobody is seen meanwhile. See also --background.
+    #[arg(long, value_name = "S", default_value_t = 0.0)]
+    pub learn_empty: f64,
+    /// Time for which somebody must be tracked before the room counts as occupied, s.
+    #[arg(long, value_name = "S", default_value_t = 1.0)]
+    pub occupancy_on: f64,
     /// Time for which the room counts as occupied while nobody is seen, s.
     #[arg(long, value_name = "S", default_value_t = 30.0)]
     pub occupancy_hold: f64,
@@ -102,6 +115,10 @@ pub struct LiveArgs {
     /// Publish a simulated radar, too.
     #[arg(long)]
     pub mqtt_simulated: bool,
+    /// Print no sentences. What is printed may be kept by others, such as the journal of systemd, where forgetting does
+    /// not reach it.
+    #[arg(long, conflicts_with = "json")]
+    pub quiet: bool,
     /// Print every message but points as a line of JSON.
     #[arg(long)]
     pub json: bool,

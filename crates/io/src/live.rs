@@ -85,6 +85,11 @@ pub trait LiveSource: Send {
 
     /// What was received and dropped up to now.
     fn counts(&self) -> LiveCounts;
+
+    /// Notes for the user: mounting angles, layout, a buffer of the system that is too small.
+    fn notes(&self) -> &[String] {
+        &[]
+    }
 }
 
 /// Metadata of the frames of a source, as in a [`Clip`](radarllm_base::Clip).

@@ -39,6 +39,7 @@ pub struct Input {
     pub(crate) name: String,
     /// The stream behind the resampler.
     pub(crate) stream: StreamInfo,
+    notes: Vec<String>,
     /// Time between two frames of the source, s.
     source_period_s: f64,
     /// The time at which frames arrive.
@@ -66,6 +67,7 @@ impl Input {
         Self {
             name: name.into(),
             stream,
+            notes: Vec::new(),
             source_period_s,
             now_ms: Arc::new(now_ms),
             kind,
@@ -79,11 +81,17 @@ impl Input {
         Self { now_ms, ..self }
     }
 
+    /// Notes for the user: how the format was detected, mounting angles, a buffer of the system that is too small.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
     /// A running radar.
     ///
     /// # Errors
     /// A provenance that is none.
     pub fn radar(name: &str, source: Box<dyn LiveSource>) -> Result<Self> {
+        let notes = source.notes().to_vec();
         let about = source.about();
         let stream = StreamInfo {
             frame_period_s: about.frame_period_s,
@@ -92,7 +100,10 @@ impl Input {
             provenance: about.provenance.parse().map_err(Error::input)?,
             clutter: about.clutter,
         };
-        Ok(Self::new(name, stream, Kind::Radar(source)))
+        Ok(Self {
+            notes,
+            ..Self::new(name, stream, Kind::Radar(source))
+        })
     }
 
     /// A recording, which is replayed.
@@ -100,7 +111,7 @@ impl Input {
     /// # Errors
     /// A recording without frames, one without a frame rate, and a speed that is not positive.
     pub fn replay(name: &str, recording: Recording, speed: Speed, repeats: bool) -> Result<Self> {
-        let clip = recording.clip;
+        let (clip, notes) = (recording.clip, recording.notes);
         if clip.frames.is_empty() {
             return Err(Error::input(format!("{name}: the recording has no frames")));
         }
@@ -123,7 +134,10 @@ impl Input {
             speed,
             repeats,
         };
-        Ok(Self::new(name, stream, kind))
+        Ok(Self {
+            notes,
+            ..Self::new(name, stream, kind)
+        })
     }
 
     /// The simulated room. Everything that comes from it is marked as simulated.
@@ -307,20 +321,24 @@ fn run_radar(
     metrics: &Metrics,
     now_ms: &ReadTime,
 ) -> Result<()> {
-    let mut n_reconnects = 0;
     while !sink.queue.is_closed() {
         let at_ms = now_ms();
-        let is_wanted = match source.next(WAIT)? {
+        let event = source.next(WAIT)?;
+        let counts = source.counts();
+        for (counter, n) in [
+            (&metrics.reconnects, counts.reconnects),
+            (&metrics.foreign_datagrams, counts.foreign_datagrams),
+            (&metrics.refused_lines, counts.refused_lines),
+            (&metrics.resynchronisations, counts.resynchronisations),
+        ] {
+            counter.raise_to(n);
+        }
+        let is_wanted = match event {
             None => continue,
             Some(LiveEvent::End) => return Ok(()),
             Some(LiveEvent::Frame(frame)) => sink.frame(frame, Arrival::At(now_ms())),
             Some(LiveEvent::Lost { reason }) => sink.other(Item::Lost { at_ms, reason }),
-            Some(LiveEvent::Back) => {
-                let reconnects = source.counts().reconnects;
-                metrics.reconnects.add(reconnects - n_reconnects);
-                n_reconnects = reconnects;
-                sink.other(Item::Back { at_ms })
-            }
+            Some(LiveEvent::Back) => sink.other(Item::Back { at_ms }),
         };
         if !is_wanted {
             return Ok(());

@@ -21,7 +21,6 @@ use radarllm_serve::pipeline::{Pipeline, PipelineOptions};
 use radarllm_serve::queue::{FrameQueue, Item};
 use radarllm_serve::store::{Origin, Retention};
 use radarllm_serve::vitals::Vitals;
-use radarllm_serve::watch::WatchOptions;
 use radarllm_serve::zones::Zones;
 
 use crate::captions::{Captions, actions};
@@ -90,6 +89,14 @@ pub struct LiveOptions {
     pub broker: Option<Broker>,
     /// Zones of the room.
     pub zones: Zones,
+    /// Length of the windows that are described, s.
+    pub window_s: f64,
+    /// Time between the starts of two windows, s.
+    pub stride_s: f64,
+    /// Time in which the empty room is learnt, s; 0 to learn nothing.
+    pub learn_empty_s: f64,
+    /// Time for which somebody must be tracked before the room counts as occupied, s.
+    pub occupancy_on_s: f64,
     /// Time for which occupancy is held while nobody is tracked, s.
     pub occupancy_hold_s: f64,
     /// Time for which a person must not rise before a fall is confirmed, s.
@@ -100,7 +107,12 @@ pub struct LiveOptions {
 
 impl Default for LiveOptions {
     fn default() -> Self {
-        let watch = WatchOptions::new(1.0);
+        let PipelineOptions {
+            watch,
+            windows,
+            learn_empty_s,
+            ..
+        } = PipelineOptions::new(1.0);
         Self {
             name: "radar".into(),
             page: Some(Page::default()),
@@ -108,6 +120,10 @@ impl Default for LiveOptions {
             retention: Retention::default(),
             broker: None,
             zones: Zones::default(),
+            window_s: windows.window_s,
+            stride_s: windows.stride_s,
+            learn_empty_s,
+            occupancy_on_s: watch.presence.occupancy_on_s,
             occupancy_hold_s: watch.presence.occupancy_hold_s,
             fall_dwell_s: watch.falls.fall_dwell_s,
             fall_height_m: watch.falls.fall_height_m,
@@ -144,6 +160,17 @@ impl Live {
         let stream = input.stream.clone();
         let mut pipeline_options = PipelineOptions::new(stream.radar_height_m);
         pipeline_options.watch.zones = options.zones.clone();
+        if options.stride_s > options.window_s {
+            let [stride_s, window_s] = [options.stride_s, options.window_s];
+            return Err(Error::input(format!(
+                "the stride of {stride_s} s is longer than the window of {window_s} s, so that nobody would be described in between"
+            )));
+        }
+        pipeline_options.windows.window_s = options.window_s;
+        pipeline_options.windows.least_s = options.window_s.min(pipeline_options.windows.least_s);
+        pipeline_options.windows.stride_s = options.stride_s;
+        pipeline_options.learn_empty_s = options.learn_empty_s;
+        pipeline_options.watch.presence.occupancy_on_s = options.occupancy_on_s;
         pipeline_options.watch.presence.occupancy_hold_s = options.occupancy_hold_s;
         pipeline_options.watch.falls.fall_dwell_s = options.fall_dwell_s;
         pipeline_options.watch.falls.fall_height_m = options.fall_height_m;
@@ -164,17 +191,18 @@ impl Live {
             }
             None => (None, None),
         };
+        let publisher = match &options.broker {
+            Some(broker) => Some(publish(broker, &bus)?),
+            None => None,
+        };
         let keeper = Keeper::start(
             store,
             options.retention,
             Arc::clone(&bus),
             Arc::clone(&metrics),
+            publisher.as_ref().map(Publisher::status),
         )
         .map_err(Error::input)?;
-        let publisher = match &options.broker {
-            Some(broker) => Some(publish(broker, &bus)?),
-            None => None,
-        };
         let (acknowledge, acknowledged) = sync_channel(MAX_ACKNOWLEDGED);
         let server = match &options.page {
             Some(page) => {
@@ -251,6 +279,11 @@ impl Live {
     /// Why the broker is not connected, if there is one and it is not.
     pub fn broker_problem(&self) -> Option<String> {
         self.publisher.as_ref()?.problem()
+    }
+
+    /// Why the memory cannot be written, if there is one and it cannot.
+    pub fn memory_problem(&self) -> Option<String> {
+        self.metrics.store_problem()
     }
 
     /// Whether the pipeline moves. A silent radar does not stop it; a supervisor should start a program anew that has

@@ -2,10 +2,10 @@
 //!
 //! The pipeline never waits for a disk. What it wants to be kept goes through a queue to this thread, which also
 //! publishes the rows of the timeline, because they have their numbers from the database. While the database cannot be
-//! written, rows are published with negative numbers and not kept; this is counted, and writing is tried again after a
-//! minute.
+//! written, rows are published with negative numbers and not kept; this is counted and told with the health, and writing is
+//! tried again after a minute. Events such as falls wait until then, and are written with the time at which they happened.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -17,11 +17,14 @@ use crate::error::StoreError;
 use crate::http::Forget;
 use crate::messages::{Body, Stamp};
 use crate::metrics::Metrics;
+use crate::mqtt::Status;
 use crate::pipeline::Output;
 use crate::store::{Activity, ActivityRow, Event, Growth, Origin, Retention, Store};
 
 /// Rows and events that may wait.
 const QUEUE: usize = 1_024;
+/// Events that wait until the database can be written again. Of more, the oldest ones are given up and counted.
+const MAX_WAITING_EVENTS: usize = 1_024;
 /// Time between two attempts to write after a failure.
 const RETRY: Duration = Duration::from_secs(60);
 /// Time between two prunings.
@@ -41,12 +44,16 @@ pub struct Keeper {
     sender: Option<SyncSender<Record>>,
     thread: Option<JoinHandle<()>>,
     store: Option<Arc<Mutex<Store>>>,
+    /// Events that could not be written.
+    waiting: Arc<Mutex<VecDeque<Event>>>,
     bus: Arc<Bus>,
     metrics: Arc<Metrics>,
+    broker: Option<Status>,
 }
 
 impl Keeper {
-    /// Starts the thread. Without a store, rows are published only.
+    /// Starts the thread. Without a store, rows are published only. Problems of the store and of the broker are added to
+    /// the health.
     ///
     /// # Errors
     /// If the system has no thread to give.
@@ -55,9 +62,11 @@ impl Keeper {
         retention: Retention,
         bus: Arc<Bus>,
         metrics: Arc<Metrics>,
+        broker: Option<Status>,
     ) -> std::io::Result<Self> {
         let store = store.map(|store| Arc::new(Mutex::new(store)));
         let (sender, receiver) = sync_channel(QUEUE);
+        let waiting = Arc::<Mutex<VecDeque<Event>>>::default();
         let writer = Writer {
             store: store.clone(),
             retention,
@@ -65,6 +74,7 @@ impl Keeper {
             bus: Arc::clone(&bus),
             metrics: Arc::clone(&metrics),
             known: BTreeMap::new(),
+            waiting: Arc::clone(&waiting),
             failed: None,
             retry: RETRY,
             pruned: None,
@@ -76,15 +86,25 @@ impl Keeper {
             sender: Some(sender),
             thread: Some(thread),
             store,
+            waiting,
             bus,
             metrics,
+            broker,
         })
     }
 
     /// Publishes messages, and hands over what is to be kept. It never waits.
     pub fn take(&self, output: Output) {
         let record = match output {
-            Output::Message(stamp, body) => return self.bus.publish(stamp, body),
+            Output::Message(stamp, mut body) => {
+                if let Body::Health(health) = &mut body {
+                    health.problems.extend(self.metrics.store_problem());
+                    let problem = self.broker.as_ref().and_then(Status::problem);
+                    let told = |p| format!("the broker cannot be used: {p}");
+                    health.problems.extend(problem.map(told));
+                }
+                return self.bus.publish(stamp, body);
+            }
             Output::Row {
                 stamp,
                 row,
@@ -104,7 +124,9 @@ impl Keeper {
     /// How the HTTP server forgets; `None` without a store.
     pub fn forget(&self) -> Option<Forget> {
         let store = Arc::clone(self.store.as_ref()?);
+        let waiting = Arc::clone(&self.waiting);
         Some(Arc::new(move |from_ms, to_ms| {
+            lock(&waiting).retain(|event| !(from_ms..to_ms).contains(&event.at_ms));
             lock(&store).forget(Some(from_ms), to_ms)
         }))
     }
@@ -128,6 +150,8 @@ struct Writer {
     metrics: Arc<Metrics>,
     /// Number in the database and end of the rows that may still grow, by the pipeline's number.
     known: BTreeMap<u64, (i64, i64)>,
+    /// Events that could not be written.
+    waiting: Arc<Mutex<VecDeque<Event>>>,
     failed: Option<Instant>,
     /// Time between two attempts to write after a failure.
     retry: Duration,
@@ -146,8 +170,15 @@ impl Writer {
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
             }
+            self.catch_up();
             self.prune();
         }
+        // The last attempt, also if it is not time yet.
+        self.failed = None;
+        self.catch_up();
+        self.metrics
+            .store_failures
+            .add(lock(&self.waiting).len() as u64);
         if let Some(store) = &self.store {
             // A checkpoint that does not succeed is made when the database is opened next.
             let _ = lock(store).checkpoint();
@@ -168,19 +199,89 @@ impl Writer {
         }
     }
 
-    /// Writes records in one transaction. Returns the number of each in the database; `None` for what is not kept.
-    fn keep(&mut self, records: &[Record]) -> Vec<Option<i64>> {
-        let not_kept = vec![None; records.len()];
-        let Some(store) = &self.store else {
-            return not_kept;
+    /// Writes events that wait, if it is time to try again. Returns whether writing may go on.
+    fn catch_up(&mut self) -> bool {
+        let Some(store) = self.store.clone() else {
+            return false;
         };
         if self.failed.is_some_and(|at| at.elapsed() < self.retry) {
-            self.metrics.store_failures.add(records.len() as u64);
+            return false;
+        }
+        let origin = &self.origin;
+        let mut waiting = lock(&self.waiting);
+        while !waiting.is_empty() {
+            let all: Vec<Event> = waiting.iter().cloned().collect();
+            let insert = |events: &[Event]| {
+                lock(&store).write(|batch| {
+                    let mut events = events.iter();
+                    events.try_for_each(|event| batch.insert_event(event, origin).map(drop))
+                })
+            };
+            match insert(&all) {
+                Ok(()) => {
+                    waiting.clear();
+                    self.failed = None;
+                    self.metrics.set_store_problem(None);
+                }
+                // One of them cannot be kept; the others can.
+                Err(StoreError::Invalid { .. }) => match insert(&all[..1]) {
+                    Ok(()) => drop(waiting.pop_front()),
+                    Err(StoreError::Invalid { .. }) => {
+                        waiting.pop_front();
+                        self.metrics.store_failures.add(1);
+                    }
+                    Err(error) => {
+                        drop(waiting);
+                        self.fail(&error);
+                        return false;
+                    }
+                },
+                Err(error) => {
+                    drop(waiting);
+                    self.fail(&error);
+                    return false;
+                }
+            }
+        }
+        true
+    }
+
+    /// Remembers that the database cannot be written.
+    fn fail(&mut self, error: &StoreError) {
+        self.failed = Some(Instant::now());
+        let problem = format!("the memory cannot be written: {error}");
+        self.metrics.set_store_problem(Some(problem));
+    }
+
+    /// Lets the events among records wait, and counts the others.
+    fn put_off(&self, records: &[Record]) {
+        let mut waiting = lock(&self.waiting);
+        for record in records {
+            match record {
+                Record::Event(event) => waiting.push_back(event.clone()),
+                Record::Row(..) => self.metrics.store_failures.add(1),
+            }
+        }
+        while waiting.len() > MAX_WAITING_EVENTS {
+            waiting.pop_front();
+            self.metrics.store_failures.add(1);
+        }
+    }
+
+    /// Writes records in one transaction, after the events that wait. Returns the number of each in the database; `None`
+    /// for what is not kept.
+    fn keep(&mut self, records: &[Record]) -> Vec<Option<i64>> {
+        let not_kept = vec![None; records.len()];
+        let Some(store) = self.store.clone() else {
+            return not_kept;
+        };
+        if !self.catch_up() {
+            self.put_off(records);
             return not_kept;
         }
         let before = self.known.clone();
         let (known, origin) = (&mut self.known, &self.origin);
-        let kept = lock(store).write(|batch| {
+        let kept = lock(&store).write(|batch| {
             let ids = records.iter().map(|record| match record {
                 Record::Row(_, row, activity) => keep_row(batch, known, *row, activity, origin),
                 Record::Event(event) => batch.insert_event(event, origin),
@@ -193,6 +294,7 @@ impl Writer {
         match kept {
             Ok(ids) => {
                 self.failed = None;
+                self.metrics.set_store_problem(None);
                 ids
             }
             Err(error) => {
@@ -202,8 +304,12 @@ impl Writer {
                     // One of them cannot be kept; the others can.
                     return records.chunks(1).flat_map(|one| self.keep(one)).collect();
                 }
-                self.metrics.store_failures.add(records.len() as u64);
-                self.failed = (!is_invalid).then(Instant::now);
+                if is_invalid {
+                    self.metrics.store_failures.add(records.len() as u64);
+                } else {
+                    self.put_off(records);
+                    self.fail(&error);
+                }
                 not_kept
             }
         }
@@ -272,15 +378,15 @@ pub fn now_ms() -> i64 {
     now.map_or(0, |d| i64::try_from(d.as_millis()).unwrap_or(i64::MAX))
 }
 
-/// A panic of another thread while it held the lock leaves a database that is complete.
-fn lock(store: &Mutex<Store>) -> MutexGuard<'_, Store> {
-    store.lock().unwrap_or_else(PoisonError::into_inner)
+/// A panic of another thread while it held the lock leaves a database and a list that are complete.
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
 mod tests {
     use crate::messages::About;
-    use crate::store::{ActivityQuery, EventKind, Timeline};
+    use crate::store::{ActivityQuery, EventKind, EventQuery, Timeline};
 
     use super::*;
 
@@ -351,6 +457,7 @@ mod tests {
             retention,
             Arc::clone(&bus),
             Arc::clone(&metrics),
+            None,
         )
         .unwrap();
         keeper.take(row(1, 4, "a person walks"));
@@ -387,6 +494,7 @@ mod tests {
             bus,
             metrics: Arc::default(),
             known: BTreeMap::new(),
+            waiting: Arc::default(),
             failed: None,
             retry: Duration::from_millis(50),
             pruned: None,
@@ -408,27 +516,52 @@ mod tests {
     }
 
     /// A row is told with a negative number and counted while writing fails, nothing is tried before it is time, and
-    /// everything before and after is kept.
+    /// everything before and after is kept, and every event. The problem is told as long as it lasts.
     fn survives(path: &Path, fail: impl FnOnce(&Writer), heal: impl FnOnce(&Writer)) {
         let (mut writer, reader) = writer(path);
         let (metrics, bus) = (Arc::clone(&writer.metrics), Arc::clone(&writer.bus));
         writer.write(records(&[row(1, 4, "a person walks")]));
         fail(&writer);
         let long = "a person walks far ".repeat(100);
-        let many: Vec<Output> = (10..40).map(|n| row(n, 5, &long)).collect();
+        let mut many: Vec<Output> = (10..40).map(|n| row(n, 5, &long)).collect();
+        let fall = |kind, at_s: i64| {
+            Output::Event(Event {
+                at_ms: START_MS + 1_000 * at_s,
+                kind,
+                person: Some(1),
+                data: None,
+            })
+        };
+        many.push(fall(EventKind::Suspected, 5));
+        assert_eq!(metrics.store_problem(), None);
         writer.write(records(&many));
         assert_eq!(metrics.store_failures.get(), 30);
+        let problem = metrics.store_problem().unwrap();
+        assert!(
+            problem.starts_with("the memory cannot be written: "),
+            "{problem}"
+        );
         heal(&writer);
         writer.retry = Duration::from_secs(3_600);
         writer.write(records(&[row(2, 6, "a person sits down")]));
-        assert_eq!(metrics.store_failures.get(), 31);
+        writer.write(records(&[fall(EventKind::Confirmed, 25)]));
+        writer.catch_up();
+        assert_eq!(
+            (metrics.store_failures.get(), lock(&writer.waiting).len()),
+            (31, 2)
+        );
+        assert!(metrics.store_problem().is_some());
         writer.retry = Duration::ZERO;
         // A row that was kept grows, and one that was not is kept from now on.
         writer.write(records(&[
             row(1, 9, "a person walks"),
             row(2, 9, "a person sits down"),
         ]));
-        assert_eq!(metrics.store_failures.get(), 31);
+        assert_eq!(
+            (metrics.store_failures.get(), lock(&writer.waiting).len()),
+            (31, 0)
+        );
+        assert_eq!(metrics.store_problem(), None);
         let store = lock(writer.store.as_ref().unwrap());
         store.check_integrity().unwrap();
         drop(store);
@@ -442,6 +575,19 @@ mod tests {
             .activities(&ActivityQuery::default(), None, 10)
             .unwrap();
         assert_eq!(page.rows.len(), 2);
+        let events = Timeline::open(path).unwrap();
+        let events = events.events(&EventQuery::default(), None, 10).unwrap();
+        let mut kinds: Vec<_> = events
+            .rows
+            .iter()
+            .map(|r| (r.event.at_ms, r.event.kind))
+            .collect();
+        kinds.sort_by_key(|(at_ms, _)| *at_ms);
+        let expected = [
+            (START_MS + 5_000, EventKind::Suspected),
+            (START_MS + 25_000, EventKind::Confirmed),
+        ];
+        assert_eq!(kinds, expected);
     }
 
     #[test]
@@ -476,8 +622,14 @@ mod tests {
     fn without_a_store_rows_are_published_only() {
         let bus = bus();
         let reader = bus.subscribe();
-        let keeper =
-            Keeper::start(None, Retention::default(), Arc::clone(&bus), Arc::default()).unwrap();
+        let keeper = Keeper::start(
+            None,
+            Retention::default(),
+            Arc::clone(&bus),
+            Arc::default(),
+            None,
+        )
+        .unwrap();
         assert!(keeper.forget().is_none());
         keeper.take(row(3, 4, "a person walks"));
         drop(keeper);

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use crate::bus::BusCounts;
@@ -23,8 +24,16 @@ pub struct Metrics {
     pub windows_overwritten: Counter,
     /// Rows that the store could not keep.
     pub store_failures: Counter,
+    /// Why the store cannot be written at present.
+    store_problem: Mutex<Option<String>>,
     /// Connections that were opened again after the radar was silent.
     pub reconnects: Counter,
+    /// Datagrams of other senders than the capture card, or that are no packets of one.
+    pub foreign_datagrams: Counter,
+    /// Lines of the chirp file, or commands to the capture card, that were refused after an interruption.
+    pub refused_lines: Counter,
+    /// Searches for the next packet in a damaged stream.
+    pub resynchronisations: Counter,
     sentences: Counter,
     sentence_ns: Counter,
     /// Answers by the hundreds of their status, from 100 to 500.
@@ -43,6 +52,11 @@ impl Counter {
         self.0.fetch_add(n, Ordering::Relaxed);
     }
 
+    /// Raises the number to one that is counted elsewhere.
+    pub fn raise_to(&self, n: u64) {
+        self.0.fetch_max(n, Ordering::Relaxed);
+    }
+
     /// The number.
     pub fn get(&self) -> u64 {
         self.0.load(Ordering::Relaxed)
@@ -55,6 +69,23 @@ impl Metrics {
         self.sentences.add(1);
         self.sentence_ns
             .add(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));
+    }
+
+    /// Remembers why the store cannot be written; `None` when it can be written again.
+    pub(crate) fn set_store_problem(&self, problem: Option<String>) {
+        *self.lock_store_problem() = problem;
+    }
+
+    /// Why the store cannot be written at present.
+    pub fn store_problem(&self) -> Option<String> {
+        self.lock_store_problem().clone()
+    }
+
+    /// A panic of another thread while it held the lock leaves a text that is complete.
+    fn lock_store_problem(&self) -> std::sync::MutexGuard<'_, Option<String>> {
+        self.store_problem
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Counts an answer of the server.
@@ -140,6 +171,21 @@ impl Metrics {
                 &self.store_failures,
             ),
             (
+                "radarllm_foreign_datagrams_total",
+                "Datagrams of other senders than the capture card, or that are no packets of one.",
+                &self.foreign_datagrams,
+            ),
+            (
+                "radarllm_refused_lines_total",
+                "Lines of the chirp file, or commands to the capture card, that were refused after an interruption.",
+                &self.refused_lines,
+            ),
+            (
+                "radarllm_resynchronisations_total",
+                "Searches for the next packet in a damaged stream.",
+                &self.resynchronisations,
+            ),
+            (
                 "radarllm_reconnects_total",
                 "Connections to the radar that were opened again.",
                 &self.reconnects,
@@ -152,6 +198,12 @@ impl Metrics {
         ] {
             page.one(name, "counter", help, counter.get());
         }
+        page.one(
+            "radarllm_store_problem",
+            "gauge",
+            "Whether the memory cannot be written at present.",
+            self.store_problem().is_some().into(),
+        );
         page.family(
             "radarllm_http_responses_total",
             "counter",
@@ -275,6 +327,9 @@ mod tests {
         metrics.described(Duration::from_millis(250));
         metrics.responded(404);
         metrics.responded(999);
+        metrics.foreign_datagrams.raise_to(7);
+        metrics.foreign_datagrams.raise_to(5);
+        metrics.set_store_problem(Some("a full disk".into()));
         let mut about = about();
         about.name = "a \"b\"\n\\c".into();
         let broker = mqtt::Counts {
@@ -302,6 +357,8 @@ mod tests {
             "radarllm_caption_seconds_sum 0.25\n",
             "radarllm_http_responses_total{class=\"4xx\"} 1\n",
             "radarllm_problems 2\n",
+            "radarllm_foreign_datagrams_total 7\n",
+            "radarllm_store_problem 1\n",
             "radarllm_broker_connected 1\n",
             "radarllm_broker_messages_dropped_total 6\n",
             "name=\"a \\\"b\\\"\\n\\\\c\"",

@@ -3,6 +3,7 @@
 //! | step | by |
 //! |---|---|
 //! | time of the frame | [`StreamClock`] |
+//! | points of the empty room are removed, if it is learnt first | [`empty`] |
 //! | static points of the room are removed | [`surroundings`] |
 //! | people are tracked; presence, falls | [`Watch`] |
 //! | every 2 s, the last 6 s of each person are described; one person has all points | [`windows`], [`Describe`] |
@@ -14,6 +15,7 @@
 //! wait in the queue before the pipeline. When they wait too long, the caller leaves windows out ([`Pipeline::frame`]);
 //! when this happens often, there are fewer windows ([`pace`]).
 
+pub mod empty;
 pub mod heights;
 pub mod pace;
 pub mod surroundings;
@@ -39,6 +41,7 @@ use crate::store::{Activity, Event, EventKind};
 use crate::watch::{Watch, WatchOptions};
 use crate::zones::Zones;
 
+use empty::EmptyRoom;
 use heights::Heights;
 use pace::Pace;
 use surroundings::Surroundings;
@@ -96,6 +99,8 @@ pub struct PipelineOptions {
     pub activities: ActivityOptions,
     /// Options of the windows.
     pub windows: WindowOptions,
+    /// Time in which the empty room is learnt, s; 0 to learn nothing.
+    pub learn_empty_s: f64,
 }
 
 impl PipelineOptions {
@@ -109,6 +114,7 @@ impl PipelineOptions {
                 ..ActivityOptions::default()
             },
             windows: WindowOptions::default(),
+            learn_empty_s: 0.0,
         }
     }
 }
@@ -144,6 +150,7 @@ pub enum Output {
 pub struct Pipeline {
     stream: StreamInfo,
     clock: StreamClock,
+    empty: EmptyRoom,
     surroundings: Surroundings,
     watch: Watch,
     activities: Activities,
@@ -181,6 +188,7 @@ impl Pipeline {
         )?;
         Ok(Self {
             clock: StreamClock::new(stream.frame_period_s)?,
+            empty: EmptyRoom::new(options.learn_empty_s)?,
             surroundings: Surroundings::new(stream.clutter),
             watch: Watch::new(&options.watch)?,
             activities: Activities::new(options.activities)?,
@@ -223,6 +231,7 @@ impl Pipeline {
             time_s: tick.t_s,
             ..frame
         };
+        self.empty.clean(&mut frame);
         if self.surroundings.clean(&mut frame) {
             self.windows.remove(|p| self.surroundings.is_static(p));
         }
@@ -544,7 +553,7 @@ impl Pipeline {
             frames_used: self.metrics.frames_used.get(),
             frames_lost: self.metrics.frames_lost.get(),
             frames_dropped: self.metrics.frames_dropped.get(),
-            problems: Vec::new(),
+            problems: self.empty.problem(self.stamp.t_s).into_iter().collect(),
         }))
     }
 

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use radarllm::CaptureOptions;
 use radarllm_eval::{
-    falls::{FallPlan, evaluate_falls, recording_alarms},
-    recordings::{RecordingsConfig, Role},
+    falls::{FallPlan, FallReport, RecordingAlarms, evaluate_falls, recording_alarms},
+    recordings::{LOOKS_HEAD, RecordingsConfig, Role, labelled_files, look_for_falls},
 };
 use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
 
@@ -34,16 +34,48 @@ pub fn run(args: &EvalFallsArgs) -> CliResult {
             radar_height_m: Some(config.radar_height_m),
             ..CaptureOptions::default()
         };
-        let recordings = read_recordings(&config, Role::Tuning, &pair[1], &options)?;
-        let name = pair[0].display().to_string();
-        recorded.push(recording_alarms(&name, &config, Role::Tuning, &recordings)?);
+        for &role in &args.role {
+            // A set may have recordings of one role only.
+            let files = labelled_files(&config, role, &pair[1]);
+            let is_none = files.is_ok_and(|files| files.is_empty());
+            if is_none && args.role.len() > 1 {
+                continue;
+            }
+            let recordings = read_recordings(&config, role, &pair[1], &options)?;
+            let name = pair[0].display().to_string();
+            recorded.push(recording_alarms(&name, &config, role, &recordings)?);
+        }
     }
+    log_looks(args, &recorded)?;
     let base = args.config.parent().unwrap_or(Path::new(""));
-    let mut report = on_threads(args.threads, || evaluate_falls(&plan, base))??;
+    let mut report = match args.recordings_only {
+        true => FallReport::without_trials(&plan),
+        false => on_threads(args.threads, || evaluate_falls(&plan, base))??,
+    };
     report.recordings = recorded;
     if args.json {
         return output::print_json(&report);
     }
     output::print_line(&report.to_markdown());
+    Ok(())
+}
+
+/// Adds a line to the log of evaluations for every set of judged recordings.
+fn log_looks(args: &EvalFallsArgs, recorded: &[RecordingAlarms]) -> CliResult {
+    let is_judged = |alarms: &&RecordingAlarms| alarms.role == Role::Judged;
+    let purpose = args.purpose.as_deref().unwrap_or_default();
+    let lines = recorded.iter().filter(is_judged);
+    let lines: Vec<String> = lines.map(|a| look_for_falls(a, purpose)).collect();
+    if lines.is_empty() {
+        return Ok(());
+    }
+    let log = args.looks.as_path();
+    let mut text = match log.exists() {
+        true => files::read_text(log, MAX_CONFIG_BYTES)?,
+        false => LOOKS_HEAD.into(),
+    };
+    text.extend(lines);
+    output::write_atomic(log, text.as_bytes())?;
+    eprintln!("logged in {}", log.display());
     Ok(())
 }

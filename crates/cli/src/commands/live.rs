@@ -56,7 +56,11 @@ fn watch(args: &LiveArgs) -> CliResult {
         captioner = captioner.with_memory(&memory);
     }
     let options = options(args)?;
-    let live = Live::start(input(args)?, captioner, options)?;
+    let input = input(args)?;
+    for note in input.notes() {
+        eprintln!("{}: {note}", args.inputs[0].display());
+    }
+    let live = Live::start(input, captioner, options)?;
     if let Some(moved) = live.damaged_database() {
         eprintln!(
             "warning: the database was damaged; it is now {}, and a new one was begun",
@@ -69,9 +73,10 @@ fn watch(args: &LiveArgs) -> CliResult {
     let messages = live.subscribe();
     let mut supervisor = Supervisor::from_environment();
     supervisor.ready();
-    let mut broker_problem = None;
+    let (mut broker_problem, mut memory_problem) = (None, None);
     while !stop.load(Ordering::Acquire) {
         match messages.recv_timeout(Duration::from_millis(200)) {
+            Ok(_) if args.quiet => {}
             Ok(message) => print(&message.json, args.json),
             Err(Silence::Closed) => break,
             Err(Silence::Timeout) if live.is_over() => break,
@@ -84,6 +89,14 @@ fn watch(args: &LiveArgs) -> CliResult {
                 None => eprintln!("the broker is connected again"),
             }
             broker_problem = problem;
+        }
+        let problem = live.memory_problem();
+        if problem != memory_problem {
+            match &problem {
+                Some(problem) => eprintln!("warning: {problem}; it is tried again every minute"),
+                None => eprintln!("the memory can be written again"),
+            }
+            memory_problem = problem;
         }
         if live.is_moving() {
             supervisor.alive();
@@ -248,6 +261,10 @@ fn options(args: &LiveArgs) -> CliResult<LiveOptions> {
             Some(path) => zones::parse(path, &bounded::read_text(path, MAX_CONFIG_BYTES)?)?,
             None => Default::default(),
         },
+        window_s: args.window,
+        stride_s: args.stride,
+        learn_empty_s: args.learn_empty,
+        occupancy_on_s: args.occupancy_on,
         occupancy_hold_s: args.occupancy_hold,
         fall_dwell_s: args.fall_dwell,
         fall_height_m: args.fall_height,

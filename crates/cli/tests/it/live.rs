@@ -52,6 +52,13 @@ fn a_recording_is_told_while_it_runs_and_remembered() {
     assert!(now.iter().any(squats), "{now:?}");
     let rows = of_type(&messages, "activity");
     assert!(rows.iter().any(|row| row["action"] == "squat"), "{rows:?}");
+    // With --quiet nothing is printed that others could keep.
+    let quiet = ["live", input, "--speed", "max", "--no-http", "--quiet"];
+    let quiet = radarllm(&quiet);
+    assert!(
+        quiet.status.success() && quiet.stdout.is_empty(),
+        "{quiet:?}"
+    );
     let again = replay(input, &[]);
     let captions = |messages: &[Value]| -> Vec<String> {
         let now = of_type(messages, "now");

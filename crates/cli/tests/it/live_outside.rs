@@ -26,14 +26,14 @@ const CAPTION: &str = "radarllm/lounge/caption";
 const FALL: &str = "radarllm/lounge/fall";
 
 /// A program and the lines that it prints. It is killed when this is dropped.
-struct Program {
-    child: Child,
+pub struct Program {
+    pub child: Child,
     lines: Arc<Mutex<Vec<String>>>,
 }
 
 impl Program {
     /// Starts a program and listens to its standard error, or to its standard output. `None` if it is not installed.
-    fn start(command: &mut Command, listen_to_stderr: bool) -> Option<Self> {
+    pub fn start(command: &mut Command, listen_to_stderr: bool) -> Option<Self> {
         command.stdin(Stdio::null());
         match listen_to_stderr {
             true => command.stdout(Stdio::null()).stderr(Stdio::piped()),
@@ -59,11 +59,11 @@ impl Program {
         Some(Self { child, lines })
     }
 
-    fn lines(&self) -> Vec<String> {
+    pub fn lines(&self) -> Vec<String> {
         self.lines.lock().unwrap().clone()
     }
 
-    fn signal(&self, signal: i32) {
+    pub fn signal(&self, signal: i32) {
         let pid = i32::try_from(self.child.id()).unwrap();
         // SAFETY: kill takes no memory; the process is a child that was not waited for.
         assert_eq!(unsafe { libc::kill(pid, signal) }, 0);
@@ -77,7 +77,7 @@ impl Drop for Program {
     }
 }
 
-fn wait_for<T>(what: &str, mut check: impl FnMut() -> Option<T>) -> T {
+pub fn wait_for<T>(what: &str, mut check: impl FnMut() -> Option<T>) -> T {
     let end = Instant::now() + DEADLINE;
     loop {
         if let Some(found) = check() {
@@ -98,7 +98,13 @@ fn live(more: &[&str], environment: &[(&str, &str)]) -> Program {
 }
 
 /// Asks the server of `live`; the body of its answer.
-fn get(live: &Program, target: &str) -> String {
+pub fn get(live: &Program, target: &str) -> String {
+    let answer = get_all(live, target);
+    answer.split_once("\r\n\r\n").unwrap().1.to_string()
+}
+
+/// Asks the server of `live`; its answer with the head.
+pub fn get_all(live: &Program, target: &str) -> String {
     let host = wait_for("the address of the page", || {
         let lines = live.lines();
         let line = lines.iter().find_map(|l| l.strip_prefix("http://"))?;
@@ -109,7 +115,7 @@ fn get(live: &Program, target: &str) -> String {
     stream.write_all(request.as_bytes()).unwrap();
     let mut answer = String::new();
     stream.read_to_string(&mut answer).unwrap();
-    answer.split_once("\r\n\r\n").unwrap().1.to_string()
+    answer
 }
 
 fn free_port() -> u16 {

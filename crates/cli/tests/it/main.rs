@@ -12,6 +12,8 @@ mod geometry;
 mod golden;
 mod live;
 mod live_outside;
+#[cfg(target_os = "linux")]
+mod live_radars;
 #[cfg(feature = "train")]
 mod lm;
 mod recordings;
@@ -21,6 +23,24 @@ mod teach;
 mod visualizer;
 #[cfg(not(feature = "train"))]
 mod without_training;
+
+/// Boards on pseudo-terminals, and a broker, are those of the tests of their crates.
+#[cfg(target_os = "linux")]
+#[allow(dead_code)]
+#[path = "../../../serve/src/mqtt/tests/broker.rs"]
+mod broker;
+#[cfg(target_os = "linux")]
+#[allow(dead_code)]
+#[path = "../../../io/tests/it/events.rs"]
+mod events;
+#[cfg(target_os = "linux")]
+#[allow(dead_code)]
+#[path = "../../../io/tests/it/fake_board.rs"]
+mod fake_board;
+#[cfg(target_os = "linux")]
+#[allow(dead_code)]
+#[path = "../../../formats/tests/it/make_uart.rs"]
+mod make_uart;
 
 /// Captures are made as the capture crate's own tests make them.
 #[allow(dead_code)]

@@ -20,7 +20,9 @@ use rayon::prelude::*;
 
 use crate::EvalError;
 pub use counts::{DailyRate, Proportion};
-pub use plan::{Before, FRAME_PERIOD_S, FallPlan, MotionFile, PersonFile, RadarFile, Trial};
+pub use plan::{
+    Before, FRAME_PERIOD_S, FallPlan, MotionFile, MountingFile, PersonFile, RadarFile, Trial,
+};
 pub use recordings::{RecordingAlarms, recording_alarms};
 pub use report::{FallCounts, FallReport, OtherCounts};
 pub use score::{Missed, Score, TrueFall};
@@ -73,7 +75,11 @@ mod tests {
             .replacen("speed = [0.7, 1.0, 1.4]", "speed = [1.0]", 1)
             .replacen("other_repeats = 2", "other_repeats = 1", 1)
             .replacen("heading_deg = [0, 90, 180]", "heading_deg = [0]", 1)
-            .replacen("radar_height_m = [1.0, 1.5]", "radar_height_m = [1.0]", 1);
+            .replacen(
+                "[[mounting]]\n        height_m = 1.5\n        tilt_deg = 10",
+                "",
+                1,
+            );
         let plan = FallPlan::from_toml(&text).unwrap();
         let report = evaluate_falls(&plan, Path::new("")).unwrap();
         let [fall, bow] = &report.rows[..] else {

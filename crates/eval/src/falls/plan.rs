@@ -29,8 +29,8 @@ pub struct FallPlan {
     pub other_repeats: usize,
     /// Longest edge of the body's facets, m.
     pub facet_edge_m: f32,
-    /// Heights of the radar above the floor, m.
-    pub radar_height_m: Vec<f32>,
+    /// How the radar is mounted.
+    pub mounting: Vec<MountingFile>,
     /// Distances of the middle of the path from the radar along boresight, m.
     pub distance_m: Vec<f32>,
     /// Largest sideways offset of the middle of the path, m.
@@ -57,6 +57,17 @@ pub struct Before {
     pub name: String,
     /// Built-in motions, whose keys have the prefix of their motion: `walk?walk.distance_m=1.5`.
     pub motion: String,
+}
+
+/// How a radar is mounted on the wall.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MountingFile {
+    /// Height above the floor, m.
+    pub height_m: f32,
+    /// Angle of the boresight below the horizon, degrees.
+    #[serde(default)]
+    pub tilt_deg: f32,
 }
 
 /// A person.
@@ -110,6 +121,8 @@ pub struct Trial {
     pub radar: String,
     /// Height of the radar above the floor, m.
     pub radar_height_m: f32,
+    /// Angle of its boresight below the horizon, degrees.
+    pub tilt_deg: f32,
     /// Distance of the middle of the path, m.
     pub distance_m: f32,
     /// Heading of the first pose, degrees.
@@ -134,7 +147,7 @@ impl FallPlan {
     fn check(&self) -> Result<(), EvalError> {
         let fail = |problem: String| Err(EvalError::Config(problem));
         for (list, n) in [
-            ("radar_height_m", self.radar_height_m.len()),
+            ("mounting", self.mounting.len()),
             ("distance_m", self.distance_m.len()),
             ("heading_deg", self.heading_deg.len()),
             ("before", self.before.len()),
@@ -151,8 +164,11 @@ impl FallPlan {
         if !(0.0..=3.0).contains(&self.lateral_m) {
             return fail("lateral_m: must be 0 to 3".into());
         }
+        let heights_m = self.mounting.iter().map(|m| m.height_m).collect();
+        let tilts_deg = self.mounting.iter().map(|m| m.tilt_deg).collect();
         for (name, values, range) in [
-            ("radar_height_m", &self.radar_height_m, 0.1..=4.0),
+            ("height_m of a mounting", &heights_m, 0.1..=4.0),
+            ("tilt_deg", &tilts_deg, -90.0..=90.0),
             ("distance_m", &self.distance_m, 1.0..=20.0),
             ("heading_deg", &self.heading_deg, -360.0..=360.0),
         ] {
@@ -203,7 +219,7 @@ impl FallPlan {
             let seed = derive_seed(self.seed, &format!("{group}/{condition}"));
             balanced(cells.len(), n_values, seed)
         };
-        let heights = draw("radar_height_m", self.radar_height_m.len());
+        let mountings = draw("mounting", self.mounting.len());
         let distances = draw("distance_m", self.distance_m.len());
         let headings = draw("heading_deg", self.heading_deg.len());
         let people = draw("person", self.person.len());
@@ -218,7 +234,8 @@ impl FallPlan {
                 before: before.name.clone(),
                 request: compose(&before.motion, motion, *speed, person, heading_deg),
                 radar: radar.name.clone(),
-                radar_height_m: self.radar_height_m[heights[i]],
+                radar_height_m: self.mounting[mountings[i]].height_m,
+                tilt_deg: self.mounting[mountings[i]].tilt_deg,
                 distance_m: self.distance_m[distances[i]],
                 heading_deg,
                 person: format!("{} m, {}", person.height_m, person.build),
@@ -311,10 +328,14 @@ pub(super) mod tests {
         fall_repeats = 1
         other_repeats = 2
         facet_edge_m = 0.04
-        radar_height_m = [1.0, 1.5]
         distance_m = [2.5]
         lateral_m = 0.0
         heading_deg = [0, 90, 180]
+        [[mounting]]
+        height_m = 1.0
+        [[mounting]]
+        height_m = 1.5
+        tilt_deg = 10
         [[before]]
         name = "walk"
         motion = "walk?walk.distance_m=1.5"
@@ -368,6 +389,8 @@ pub(super) mod tests {
                 "heading_deg",
             ),
             ("distance_m = [2.5]", "distance_m = [0.2]", "distance_m"),
+            ("height_m = 1.5", "height_m = 0.0", "height_m"),
+            ("tilt_deg = 10", "tilt_deg = 91", "tilt_deg"),
             ("motion = \"bow\"", "motion = \"bown\"", "bown"),
             ("fall_repeats = 1", "fall_repeats = 0", "fall_repeats"),
             ("lateral_m = 0.0", "lateral_m = nan", "lateral_m"),

@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::{
     counts::{DailyRate, Proportion, median},
+    plan::FallPlan,
     recordings::RecordingAlarms,
     score::Missed,
     trial::TrialRow,
@@ -22,14 +23,9 @@ const CONDITIONS: [Condition; 10] = [
     ("speed", |row| row.trial.speed.map(|v| v.to_string())),
     ("before", |row| Some(row.trial.before.clone())),
     ("radar", |row| Some(row.trial.radar.clone())),
-    ("height of the radar", |row| {
-        Some(format!("{} m", row.trial.radar_height_m))
-    }),
-    ("radar and its height", |row| {
-        Some(format!(
-            "{}, {} m",
-            row.trial.radar, row.trial.radar_height_m
-        ))
+    ("mounting", |row| Some(mounting(row))),
+    ("radar and mounting", |row| {
+        Some(format!("{}, {}", row.trial.radar, mounting(row)))
     }),
     ("distance", |row| {
         Some(format!("{} m", row.trial.distance_m))
@@ -120,8 +116,16 @@ impl FallReport {
         }
     }
 
+    /// A report of a plan without any trial, for recordings alone.
+    pub fn without_trials(plan: &FallPlan) -> Self {
+        Self::new(plan.seed, Vec::new())
+    }
+
     /// The report as Markdown.
     pub fn to_markdown(&self) -> String {
+        if self.rows.is_empty() {
+            return recording_table(&self.recordings).to_markdown();
+        }
         let missed = |(reason, n): (&Missed, &usize)| format!("{n} x {}", reason.label());
         let missed: Vec<String> = self.missed.iter().map(missed).collect();
         let missed = match missed.is_empty() {
@@ -142,6 +146,15 @@ impl FallReport {
             page += &format!("\nRecordings without falls:\n\n{table}");
         }
         page
+    }
+}
+
+/// How the radar of a trial is mounted, in words.
+fn mounting(row: &TrialRow) -> String {
+    let height_m = row.trial.radar_height_m;
+    match row.trial.tilt_deg {
+        0.0 => format!("{height_m} m, level"),
+        tilt_deg => format!("{height_m} m, tilted by {tilt_deg} degrees"),
     }
 }
 
@@ -281,6 +294,16 @@ fn recording_table(recordings: &[RecordingAlarms]) -> Table {
             row.undecided.to_string(),
         ]);
     }
+    let sum = |of: fn(&RecordingAlarms) -> usize| recordings.iter().map(of).sum::<usize>();
+    let hours = recordings.iter().map(|row| row.suspected.hours).sum();
+    table.rows.push(vec![
+        "all".into(),
+        String::new(),
+        sum(|row| row.recordings).to_string(),
+        DailyRate::new(sum(|row| row.suspected.n), hours).to_text(),
+        DailyRate::new(sum(|row| row.confirmed.n), hours).to_text(),
+        sum(|row| row.undecided).to_string(),
+    ]);
     table
 }
 
@@ -288,7 +311,7 @@ fn recording_table(recordings: &[RecordingAlarms]) -> Table {
 mod tests {
     use super::*;
     use crate::falls::{
-        plan::{FallPlan, Trial, tests::PLAN},
+        plan::{Trial, tests::PLAN},
         score::{Score, TrueFall},
     };
 
@@ -361,5 +384,20 @@ mod tests {
         ] {
             assert!(page.contains(part), "{part}: {page}");
         }
+        // Recordings alone, with their sum.
+        let alarms = |n_suspected: usize, hours: f64| RecordingAlarms {
+            config: "c.toml".into(),
+            role: crate::recordings::Role::Tuning,
+            recordings: 4,
+            suspected: DailyRate::new(n_suspected, hours),
+            confirmed: DailyRate::new(0, hours),
+            undecided: 0,
+            alarms: Vec::new(),
+        };
+        let mut report = FallReport::without_trials(&FallPlan::from_toml(PLAN).unwrap());
+        report.recordings = vec![alarms(1, 0.25), alarms(2, 0.75)];
+        let page = report.to_markdown();
+        assert!(page.contains("| all |  | 8 | 3 in 1.00 h"), "{page}");
+        assert!(!page.contains("Simulated"), "{page}");
     }
 }

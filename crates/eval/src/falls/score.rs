@@ -99,7 +99,7 @@ impl Missed {
             Self::NotTracked => "nobody was tracked",
             Self::NotSeenUp => "no height above 1.0 m just before",
             Self::NotSeenDown => "no two successive heights below 0.5 m",
-            Self::TooLate => "more than 1.5 s between the two, or another track",
+            Self::TooLate => "too long between the two, or another track",
         }
     }
 }

@@ -1,6 +1,8 @@
 //! One trial: a motion in front of a virtual radar, watched frame by frame.
 
-use radarllm_base::Motion;
+use glam::{Quat, Vec3};
+use radarllm_base::{Material, Motion, MovingSurface};
+use radarllm_formats::Mounting;
 use radarllm_radar_sim::{Noise, Scene};
 use radarllm_synth::{
     SynthError, Synthesizer, open_motion,
@@ -82,6 +84,12 @@ pub(super) fn run(
         source,
     };
     let body = posed_builtin(&motion, shape, placement).map_err(fail)?;
+    let tilt_rad = trial.tilt_deg.to_radians();
+    let body = Tilted::new(&body, tilt_rad);
+    let mounting = Mounting {
+        tilt_rad: tilt_rad.into(),
+        ..Mounting::default()
+    };
     let scene = Scene {
         surfaces: vec![&body],
         points: Vec::new(),
@@ -97,6 +105,7 @@ pub(super) fn run(
         if let Some(firmware) = &radar.firmware {
             firmware.limit(&mut frame);
         }
+        mounting.apply(std::slice::from_mut(&mut frame));
         n_points += frame.points.len();
         seen.push(watch.push(&frame));
     }
@@ -119,6 +128,47 @@ pub(super) fn run(
     })
 }
 
+/// A surface as a radar sees it that looks down.
+struct Tilted<'a> {
+    level: &'a dyn MovingSurface,
+    sensor_from_level: Quat,
+}
+
+impl<'a> Tilted<'a> {
+    /// `tilt_rad` is the angle of the boresight below the horizon.
+    fn new(level: &'a dyn MovingSurface, tilt_rad: f32) -> Self {
+        Self {
+            level,
+            sensor_from_level: Quat::from_rotation_x(tilt_rad),
+        }
+    }
+}
+
+impl MovingSurface for Tilted<'_> {
+    fn triangles(&self) -> &[[u32; 3]] {
+        self.level.triangles()
+    }
+
+    fn n_vertices(&self) -> usize {
+        self.level.n_vertices()
+    }
+
+    fn positions_at(&self, time_s: f64, out: &mut [Vec3]) {
+        self.positions_at_times(&[time_s], &mut [out]);
+    }
+
+    fn positions_at_times(&self, times_s: &[f64], out: &mut [&mut [Vec3]]) {
+        self.level.positions_at_times(times_s, out);
+        for position in out.iter_mut().flat_map(|one| one.iter_mut()) {
+            *position = self.sensor_from_level * *position;
+        }
+    }
+
+    fn material(&self) -> Material {
+        self.level.material()
+    }
+}
+
 /// Prolongs a motion: its last seconds, in which somebody only breathes, backwards and forwards in turn.
 fn hold(motion: &mut Motion, until_s: f64) {
     let n_loop = ((LOOP_S * motion.fps) as usize).min(motion.poses.len() - 1);
@@ -133,6 +183,46 @@ fn hold(motion: &mut Motion, until_s: f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    struct OnePoint(Vec3);
+
+    impl MovingSurface for OnePoint {
+        fn triangles(&self) -> &[[u32; 3]] {
+            &[]
+        }
+
+        fn n_vertices(&self) -> usize {
+            1
+        }
+
+        fn positions_at(&self, _: f64, out: &mut [Vec3]) {
+            out[0] = self.0;
+        }
+
+        fn material(&self) -> Material {
+            Material::PEC
+        }
+    }
+
+    /// What a tilted radar sees is where it was when the mounting angles of `live` are applied to it.
+    #[test]
+    fn a_tilted_radar_looks_down() {
+        let level = Vec3::new(0.4, 2.898, -0.776);
+        let mut seen = [Vec3::ZERO];
+        Tilted::new(&OnePoint(level), 15_f32.to_radians()).positions_at(0.0, &mut seen);
+        // CONVENTIONS.md: 3 m along a boresight that is tilted by 15 degrees.
+        assert!(
+            seen[0].distance(Vec3::new(0.4, 3.0, 0.0)) < 1e-3,
+            "{seen:?}"
+        );
+        let mounting = Mounting {
+            tilt_rad: 15_f64.to_radians(),
+            ..Mounting::default()
+        };
+        let back = mounting.level(seen[0].to_array().map(f64::from));
+        let back = Vec3::from_array(back.map(|v| v as f32));
+        assert!(back.distance(level) < 1e-5, "{back}");
+    }
 
     #[test]
     fn a_held_motion_is_continuous_and_stays_where_it_is() {

@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 use crate::EvalError;
 use calibration::Calibration;
 pub use files::{labelled_clips, labelled_files, parts};
-pub use looks::{LOOKS_HEAD, look};
+pub use looks::{LOOKS_HEAD, look, look_for_falls};
 pub use report::markdown;
 use strict::StatedTime;
 pub use taught::{TaughtReport, TeachOptions, evaluate_taught};

@@ -190,11 +190,6 @@ impl Dca1000 {
         })
     }
 
-    /// Notes for the user: layout, background, the size of the system's buffer.
-    pub fn notes(&self) -> &[String] {
-        &self.notes
-    }
-
     /// Local address at which packets are received.
     pub fn local_address(&self) -> SocketAddr {
         self.address
@@ -369,6 +364,10 @@ impl LiveSource for Dca1000 {
             refused_lines: self.n_refused,
             ..counts
         }
+    }
+
+    fn notes(&self) -> &[String] {
+        &self.notes
     }
 }
 

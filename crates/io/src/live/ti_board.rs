@@ -192,11 +192,6 @@ impl TiBoard {
         })
     }
 
-    /// Notes for the user: mounting angles, and the dialect once it is detected.
-    pub fn notes(&self) -> &[String] {
-        &self.notes
-    }
-
     /// A caller that was busy for long finds the bytes of that time in the system's buffer, so it was no silence.
     fn leave_out_pause(&mut self) {
         let pause = Instant::now().saturating_duration_since(self.listened_until);
@@ -462,6 +457,10 @@ impl LiveSource for TiBoard {
             refused_lines: self.refused_lines,
             ..counts
         }
+    }
+
+    fn notes(&self) -> &[String] {
+        &self.notes
     }
 }
 

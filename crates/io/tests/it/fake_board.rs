@@ -95,6 +95,10 @@ pub struct Behaviour {
     pub first_number: u32,
     /// Number of packets after each `sensorStart`.
     pub n_packets: u32,
+    /// Content of the n-th packet after `sensorStart`, n from 0.
+    pub content: fn(u32) -> Vec<(u32, Vec<u8>)>,
+    /// Time between two packets.
+    pub pause: Duration,
 }
 
 impl Default for Behaviour {
@@ -103,6 +107,8 @@ impl Default for Behaviour {
             answer: |command, _| format!("{command}\r\nDone\n\rmmwDemo:/>"),
             first_number: 1,
             n_packets: 20,
+            content: |_| make_uart::one_point(Dialect::Sdk3),
+            pause: Duration::ZERO,
         }
     }
 }
@@ -191,12 +197,12 @@ fn run(
         }
         if command == "sensorStart" && answer.contains("Done") {
             for n in 0..behaviour.n_packets {
-                let dialect = Dialect::Sdk3;
                 let number = behaviour.first_number + n;
-                let packet = make_uart::packet(dialect, number, &make_uart::one_point(dialect));
+                let packet = make_uart::packet(Dialect::Sdk3, number, &(behaviour.content)(n));
                 if !data.write(&packet, is_over) {
                     return;
                 }
+                thread::sleep(behaviour.pause);
             }
         }
     }

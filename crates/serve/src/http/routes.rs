@@ -85,6 +85,15 @@ impl App {
     }
 }
 
+impl App {
+    /// Whether the memory can be written, and why not; null without one. It is no reason to start the program anew.
+    fn store(&self) -> serde_json::Value {
+        let problem = self.sources.metrics.store_problem();
+        let status = json!({ "written": problem.is_none(), "problem": problem });
+        self.sources.database.as_ref().map(|_| status).into()
+    }
+}
+
 /// The routes, behind the checks that hold for all of them.
 pub(super) fn router(app: Arc<App>) -> Router {
     let page = || async { text(StatusCode::OK, "text/html; charset=utf-8", PAGE) };
@@ -219,7 +228,12 @@ async fn healthz(State(app): Shared) -> Answer {
     };
     json(
         status,
-        &json!({ "ok": problems.is_empty(), "problems": problems, "broker": app.broker() }),
+        &json!({
+            "ok": problems.is_empty(),
+            "problems": problems,
+            "broker": app.broker(),
+            "memory": app.store(),
+        }),
     )
 }
 
@@ -237,6 +251,7 @@ async fn bug_bundle(State(app): Shared) -> Answer {
         "has_memory": app.sources.database.is_some(),
         "problems": app.sources.vitals.problems(),
         "broker": app.broker(),
+        "memory": app.store(),
         "metrics": app.metrics_text(),
     });
     json(StatusCode::OK, &bundle)

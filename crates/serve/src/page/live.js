@@ -43,6 +43,7 @@ function hearNow(now) {
   sentences.set(now.person, { now, heardAt: performance.now() });
 }
 
+const NOTHING = { nobody: "Nobody is there.", unseen: "Somebody is there, but too little is seen for a sentence.", unsure: "Somebody is there; no sentence yet." };
 let shownNow = "";
 function showNow() {
   for (const [person, { heardAt }] of sentences) if (performance.now() - heardAt > NOW_MS) sentences.delete(person);
@@ -52,7 +53,7 @@ function showNow() {
   if (text === shownNow) return;
   shownNow = text;
   const blocks = told.map(now => {
-    const said = element("p", "said", now.caption || words(now.label));
+    const said = element("p", "said", now.caption || NOTHING[now.label] || words(now.label));
     const notes = [who(now.person), now.caption ? words(now.label) : now.reason, percent(now.confidence), now.window_s ? `last ${now.window_s.toFixed(1)} s` : "", "provisional"];
     const note = element("p", "small dim", notes.filter(Boolean).join(" \u00b7 "));
     if (now.synthetic) note.append(" ", simulated());

@@ -13,7 +13,7 @@
 
 use radarllm_base::PointFrame;
 
-use crate::falls::{DROP_S, FALL, HIGH_M, LEAST_POINTS, POINTS_S, RISEN_M, SUNK_M, quantile};
+use crate::falls::{FALL, HIGH_M, LEAST_POINTS, POINTS_S, RISEN_M, SINK_S, SUNK_M, quantile};
 use crate::options::{has_passed, is_over};
 
 /// Time for which somebody must be up before a fall, s. The noise of the few points of somebody who lies is shorter.
@@ -91,7 +91,7 @@ impl Heights {
                 up_s = Some(t_s);
             }
             let is_low = height_m.is_some_and(|h| h < SUNK_M);
-            is_low && up_s.is_some_and(|up_s| !is_over(up_s, t_s, DROP_S))
+            is_low && up_s.is_some_and(|up_s| !is_over(up_s, t_s, SINK_S))
         })
     }
 
