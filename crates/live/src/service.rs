@@ -156,6 +156,18 @@ impl Live {
     /// Options out of range, a database that cannot be opened, an address on which one cannot listen, an address other
     /// than loopback without a token, and a broker for a simulated radar that is not allowed.
     pub fn start(input: Input, captioner: Captioner, options: LiveOptions) -> Result<Self> {
+        Self::start_and_listen(input, captioner, options).map(|(live, _)| live)
+    }
+
+    /// As [`Self::start`], with a reader of all messages from the first one on.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn start_and_listen(
+        input: Input,
+        captioner: Captioner,
+        options: LiveOptions,
+    ) -> Result<(Self, Reader)> {
         mqtt::validate_name(&options.name).map_err(Error::input)?;
         let stream = input.stream.clone();
         let mut pipeline_options = PipelineOptions::new(stream.radar_height_m);
@@ -224,6 +236,7 @@ impl Live {
             }
             None => None,
         };
+        let messages = bus.subscribe();
         let queue = Arc::new(FrameQueue::new(input.when_full(), Arc::clone(&metrics)));
         let is_over = Arc::new(AtomicBool::new(false));
         let problem = Arc::new(Mutex::new(None));
@@ -246,7 +259,7 @@ impl Live {
                 *lock(&problem) = ended.err();
             })?
         };
-        Ok(Self {
+        let live = Self {
             queue,
             bus,
             metrics,
@@ -258,7 +271,8 @@ impl Live {
             publisher,
             server,
             damaged_database,
-        })
+        };
+        Ok((live, messages))
     }
 
     /// The address of the page, with the port that the operating system chose if none was asked for.

@@ -60,7 +60,7 @@ fn watch(args: &LiveArgs) -> CliResult {
     for note in input.notes() {
         eprintln!("{}: {note}", args.inputs[0].display());
     }
-    let live = Live::start(input, captioner, options)?;
+    let (live, messages) = Live::start_and_listen(input, captioner, options)?;
     if let Some(moved) = live.damaged_database() {
         eprintln!(
             "warning: the database was damaged; it is now {}, and a new one was begun",
@@ -70,7 +70,6 @@ fn watch(args: &LiveArgs) -> CliResult {
     if let Some(address) = live.address() {
         eprintln!("http://{address}/");
     }
-    let messages = live.subscribe();
     let mut supervisor = Supervisor::from_environment();
     supervisor.ready();
     let (mut broker_problem, mut memory_problem) = (None, None);
