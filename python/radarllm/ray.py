@@ -17,6 +17,7 @@ import functools
 import hashlib
 import json
 import os
+import secrets
 import shutil
 import time
 from collections.abc import Callable
@@ -338,7 +339,8 @@ def _read_part(parts: Path, number: int, piece: tuple[int, int, int]) -> bytes |
 
 def _write(path: Path, content: bytes) -> None:
     """Write a file whole or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.uname().nodename}.{os.getpid()}.tmp")
+    # As the files of data sets: host and process tell whose file a crash left behind, containers may agree in both.
+    temporary = path.with_name(f".{path.name}.{os.uname().nodename}.{os.getpid()}.{secrets.token_hex(8)}.tmp")
     with temporary.open("wb") as file:
         file.write(content)
         file.flush()
