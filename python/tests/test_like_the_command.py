@@ -77,6 +77,7 @@ def test_motion_files(kind, run, described, model, tmp_path):
     assert rounded(without_time(sentence.to_dict())) == rounded(without_time(row))
 
 
+# A file of points is described and not processed.
 RECORDINGS = ["uart", "npy", "npy axes", "adc", "pcap", "radhar", "mars", "bag", "points", "csv"]
 
 
@@ -84,12 +85,16 @@ RECORDINGS = ["uart", "npy", "npy axes", "adc", "pcap", "radhar", "mars", "bag",
 def test_recordings(name, files, run, described, model, tmp_path):
     path, keywords, flags = files[name]
     ours, theirs = tmp_path / "ours.parquet", tmp_path / "theirs.parquet"
-    report = json.loads(run("process", path, *flags, "--out", theirs, "--json"))
+    if name == "points":
+        theirs.write_bytes(path.read_bytes())
+    else:
+        report = json.loads(run("process", path, *flags, "--out", theirs, "--json"))
     with rl.open_capture(path, **keywords) as capture:
         points = capture.points()
         points.write(ours)
         assert ours.read_bytes() == theirs.read_bytes()
-        assert {**capture.report, "out": 0} == {**report, "out": 0}
+        if name != "points":
+            assert {**capture.report, "out": 0} == {**report, "out": 0}
         assert points.n_points > 0
         if name in ("npy", "npy axes", "adc"):
             arrays = rl.process(list(capture), radar=keywords["radar"], synthetic=False, source=str(path))
