@@ -12,6 +12,7 @@ is a keyword. Errors are ``Error`` (a ``ValueError``) with ``hint`` and ``path``
 ``FileNotFoundError``, existing outputs ``FileExistsError``.
 """
 
+from ._batches import Batch, batches
 from ._capture import open_capture
 from ._errors import Bug, Error, ExistsError, NotFoundError
 from ._native import (
@@ -37,6 +38,7 @@ from ._native import (
 )
 
 __all__ = [
+    "Batch",
     "Bug",
     "Capture",
     "Clip",
@@ -56,6 +58,7 @@ __all__ = [
     "Sentence",
     "Split",
     "__version__",
+    "batches",
     "open_capture",
     "people",
     "process",

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import recordings
 
 import radarllm as rl
 
@@ -125,6 +126,27 @@ def files(tmp_path_factory, cubes, walk) -> dict[str, tuple[Path, dict, list]]:
         {"radar": "iwr6843isk", "iq": "i-first", "lanes": 2},
         ["--radar", "iwr6843isk", "--iq", "i-first", "--lanes", "2"],
     )
+
+    path = folder / "adc.pcap"
+    path.write_bytes(recordings.pcap(words.tobytes()))
+    made["pcap"] = (path, made["adc"][1], made["adc"][2])
+
+    frames = [walk.frame(number) for number in range(len(walk))]
+    path = folder / "walk.txt"
+    path.write_text(recordings.radhar(frames))
+    made["radhar"] = (path, {}, [])
+
+    path = folder / "mars.csv"
+    path.write_text(recordings.mars(frames))
+    made["mars"] = (path, {}, [])
+
+    path = folder / "walk.bag"
+    path.write_bytes(recordings.bag(frames))
+    made["bag"] = (path, {}, [])
+
+    path = folder / "walk.parquet"
+    walk.write(path)
+    made["points"] = (path, {}, [])
 
     path = folder / "points.csv"
     rows = ["frame,x,y,z,velocity,intensity"]

@@ -103,3 +103,74 @@ def test_splits_are_arrow_streams(folder):
 
     shards = sorted((folder / "data").glob("train-*.parquet"))
     assert pa.concat_tables([pq.read_table(s) for s in shards]).to_pylist() == table.to_pylist()
+
+
+def files_of(folder):
+    # The lock is empty; everything else is compared.
+    return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file() and p.name != "lock"}
+
+
+def build_shard(plan, out, shard):
+    return plan.build_shard(out, shard)
+
+
+def test_several_processes_build_the_bytes_of_one(folder, tmp_path):
+    import multiprocessing
+    import pickle
+
+    plan = rl.DatasetPlan(folder.parent / "plan.toml")
+    assert (plan.n_clips, plan.n_shards, len(plan.fingerprint)) == (5, 3, 64)
+    out = tmp_path / "out"
+    with pytest.raises(FileNotFoundError, match="not prepared"):
+        plan.build_shard(out, 0)
+    plan.prepare(out)
+    # Objects that travel to other processes are the same plan, also without the file.
+    again = pickle.loads(pickle.dumps(plan))
+    assert again.fingerprint == plan.fingerprint
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        made = pool.starmap_async(build_shard, [(plan, out, 2), (plan, out, 0)]).get(timeout=300)
+    assert [entry["split"] for entry in made] == ["test", "train"] and all(entry["made"] for entry in made)
+    with pytest.raises(rl.Error, match="1 of 3 shards are missing or damaged: val-00000-of-00001") as raised:
+        plan.finish(out)
+    assert raised.value.hint and not (out / "manifest.json").exists()
+    entry = plan.build_shard(out, 1, threads=2)
+    assert (entry["rows"], entry["failed"], len(entry["ids"])) == (1, [], 1)
+    assert not plan.build_shard(out, 1)["made"]
+    assert plan.finish(out) == {"clips": 5, "failed": 0, "skipped": 0, "shards": 3}
+    assert files_of(out) == files_of(folder)
+
+
+def test_steps_that_do_not_fit_are_refused(folder, tmp_path):
+    import fcntl
+
+    plan = rl.DatasetPlan(folder.parent / "plan.toml")
+    plan.prepare(tmp_path / "out")
+    with pytest.raises(rl.Error, match="no shard 3"):
+        plan.build_shard(tmp_path / "out", 3)
+    with pytest.raises(OverflowError):
+        plan.build_shard(tmp_path / "out", -1)
+    with pytest.raises(rl.Error, match="`threads` 0"):
+        plan.build_shard(tmp_path / "out", 0, threads=0)
+    for wrong in (-1.0, float("nan"), float("inf")):
+        with pytest.raises(rl.Error, match="`wait_s`"):
+            plan.prepare(tmp_path / "out", wait_s=wrong)
+    with pytest.raises(rl.Error, match="an address and not a folder") as raised:
+        plan.prepare("s3://bucket/data")
+    assert "export" in raised.value.hint
+    # Another configuration in the same folder.
+    other = tmp_path / "other.toml"
+    other.write_text((folder.parent / "plan.toml").read_text().replace("train = 3", "train = 2"))
+    with pytest.raises(rl.Error, match="another configuration") as raised:
+        rl.DatasetPlan(other).build_shard(tmp_path / "out", 0)
+    assert "the same configuration" in raised.value.hint
+    # Another version of the package.
+    record = tmp_path / "out/.shards/plan.json"
+    record.write_text(record.read_text().replace(f'"{rl.__version__}"', '"0.0.1"'))
+    with pytest.raises(rl.Error, match="begun by version 0.0.1") as raised:
+        plan.build_shard(tmp_path / "out", 0)
+    assert "the same program" in raised.value.hint
+    with open(tmp_path / "out/.shards/lock") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(rl.Error, match="another process is working"):
+            plan.finish(tmp_path / "out", wait_s=0.2)
+    assert not list((tmp_path / "out/data").iterdir())

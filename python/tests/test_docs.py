@@ -66,10 +66,13 @@ def test_the_notebook_runs(tmp_path):
         assert pages, f"{path.name} shows no page"
 
 
-def test_the_stubs_fit():
+def test_the_stubs_fit(tmp_path):
     pytest.importorskip("mypy", reason="mypy is not installed")
+    # These modules are Python, without stubs of their own, and need what the package does not install.
+    allowed = tmp_path / "allowed"
+    allowed.write_text("radarllm\\.(torch|ray)(\\..*)?\n")
     done = subprocess.run(
-        [sys.executable, "-m", "mypy.stubtest", "radarllm"],
+        [sys.executable, "-m", "mypy.stubtest", "radarllm", "--ignore-unused-allowlist", "--allowlist", str(allowed)],
         capture_output=True,
         text=True,
         timeout=600,

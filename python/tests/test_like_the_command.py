@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+import recordings
 
 import radarllm as rl
 
@@ -57,30 +58,45 @@ def test_simulated_motions(motion, run, described, model, tmp_path):
     assert rounded(without_time(sentence.to_dict())) == rounded(without_time(row))
 
 
-def test_motion_files(run, described, model, tmp_path):
-    run("motion", "mesh", "builtin:walk", "--out", tmp_path / "mesh.npz")
-    x, y, z = np.moveaxis(np.load(tmp_path / "mesh.npz")["joints"][:, :22], -1, 0)
-    path = tmp_path / "take.npy"
-    # HumanML3D's joints have y up.
-    np.save(path, np.stack([x, z, -y], axis=-1).astype("f4"))
-    theirs = tmp_path / "theirs.parquet"
+@pytest.mark.parametrize("kind", ["bvh", "npy"])
+def test_motion_files(kind, run, described, model, tmp_path):
+    path = tmp_path / f"take.{kind}"
+    if kind == "bvh":
+        path.write_text(recordings.bvh())
+    else:
+        run("motion", "mesh", "builtin:walk", "--out", tmp_path / "mesh.npz")
+        x, y, z = np.moveaxis(np.load(tmp_path / "mesh.npz")["joints"][:, :22], -1, 0)
+        # HumanML3D's joints have y up.
+        np.save(path, np.stack([x, z, -y], axis=-1).astype("f4"))
+    ours, theirs = tmp_path / "ours.parquet", tmp_path / "theirs.parquet"
     run("simulate", path, "--out", theirs)
-    rl.simulate(path, own_noise=True).write(tmp_path / "ours.parquet")
-    assert (tmp_path / "ours.parquet").read_bytes() == theirs.read_bytes()
-    assert model.describe(rl.simulate(path)).caption == described(path)["caption"]
+    rl.simulate(path, own_noise=True).write(ours)
+    assert ours.read_bytes() == theirs.read_bytes()
+    row = described(path)
+    sentence = model.describe(rl.simulate(path))
+    assert rounded(without_time(sentence.to_dict())) == rounded(without_time(row))
 
 
-@pytest.mark.parametrize("name", ["uart", "npy", "npy axes", "adc", "csv"])
+# A file of points is described and not processed.
+RECORDINGS = ["uart", "npy", "npy axes", "adc", "pcap", "radhar", "mars", "bag", "points", "csv"]
+
+
+@pytest.mark.parametrize("name", RECORDINGS)
 def test_recordings(name, files, run, described, model, tmp_path):
     path, keywords, flags = files[name]
     ours, theirs = tmp_path / "ours.parquet", tmp_path / "theirs.parquet"
-    report = json.loads(run("process", path, *flags, "--out", theirs, "--json"))
+    if name == "points":
+        theirs.write_bytes(path.read_bytes())
+    else:
+        report = json.loads(run("process", path, *flags, "--out", theirs, "--json"))
     with rl.open_capture(path, **keywords) as capture:
         points = capture.points()
         points.write(ours)
         assert ours.read_bytes() == theirs.read_bytes()
-        assert {**capture.report, "out": 0} == {**report, "out": 0}
-        if name.startswith("npy") or name == "adc":
+        if name != "points":
+            assert {**capture.report, "out": 0} == {**report, "out": 0}
+        assert points.n_points > 0
+        if name in ("npy", "npy axes", "adc"):
             arrays = rl.process(list(capture), radar=keywords["radar"], synthetic=False, source=str(path))
             arrays.write(ours, overwrite=True)
             assert ours.read_bytes() == theirs.read_bytes()

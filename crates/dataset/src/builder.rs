@@ -100,6 +100,11 @@ impl Builder {
         self.shards.len()
     }
 
+    /// Hash of the plan, which the manifest records as `config_blake3`.
+    pub fn fingerprint(&self) -> &str {
+        &self.config_blake3
+    }
+
     /// First step: makes `dir` the folder of this data set, or of its build that was begun before.
     ///
     /// # Errors

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::manifest::ShardEntry;
+use crate::manifest::{MANIFEST_NAME, ShardEntry, hash_file};
 use arrow_array::RecordBatch;
 use arrow_schema::SchemaRef;
 
@@ -14,6 +14,7 @@ use crate::{ClipRecord, Columns, DatasetError, Manifest, Split, check_record};
 pub struct Dataset {
     dir: PathBuf,
     manifest: Manifest,
+    checks_hashes: bool,
 }
 
 impl Dataset {
@@ -26,7 +27,15 @@ impl Dataset {
         Ok(Self {
             dir: dir.into(),
             manifest,
+            checks_hashes: false,
         })
+    }
+
+    /// Compares the bytes of every shard with the manifest before its rows are read, each time that it is read.
+    #[must_use]
+    pub fn checking_hashes(mut self) -> Self {
+        self.checks_hashes = true;
+        self
     }
 
     /// Directory.
@@ -62,45 +71,142 @@ impl Dataset {
 
     /// Iterates over the rows of a split as Arrow batches, with one row group in memory at a time.
     pub fn iter_batches(&self, split: Split) -> BatchIter {
-        let mut shards: Vec<PathBuf> = self.shards(split).map(|s| s.path(&self.dir)).collect();
-        shards.reverse();
-        BatchIter {
-            shards,
-            open: None,
-            failed: false,
-        }
+        self.batches_of(self.shards(split), Columns::All)
+    }
+
+    /// As [`Self::iter_batches`], for one shard, with only the columns that are asked for.
+    ///
+    /// # Errors
+    /// A shard that the split does not have; they are numbered from 0.
+    pub fn iter_shard_batches(
+        &self,
+        split: Split,
+        shard: usize,
+        columns: Columns,
+    ) -> Result<BatchIter, DatasetError> {
+        let entry = self.shard(split, shard)?;
+        Ok(self.batches_of([entry], columns))
     }
 
     /// Iterates over the clips of a split, with one row group in memory at a time.
     pub fn iter_split(&self, split: Split, columns: Columns) -> ClipIter {
-        let mut shards: Vec<(PathBuf, u64)> = self
-            .shards(split)
-            .map(|s| (s.path(&self.dir), s.rows))
-            .collect();
-        shards.reverse();
-        ClipIter {
-            split,
+        self.clips_of(self.shards(split), split, columns)
+    }
+
+    /// As [`Self::iter_split`], for one shard.
+    ///
+    /// # Errors
+    /// A shard that the split does not have; they are numbered from 0.
+    pub fn iter_shard(
+        &self,
+        split: Split,
+        shard: usize,
+        columns: Columns,
+    ) -> Result<ClipIter, DatasetError> {
+        let entry = self.shard(split, shard)?;
+        Ok(self.clips_of([entry], split, columns))
+    }
+
+    fn shard(&self, split: Split, shard: usize) -> Result<&ShardEntry, DatasetError> {
+        let found = self.shards(split).nth(shard);
+        found.ok_or_else(|| DatasetError::Metadata {
+            path: self.dir.join(MANIFEST_NAME),
+            field: "shards".into(),
+            problem: format!(
+                "{split} has no shard {shard}: it has {}, numbered from 0",
+                self.shards(split).count()
+            ),
+        })
+    }
+
+    fn batches_of<'a>(
+        &self,
+        entries: impl IntoIterator<Item = &'a ShardEntry>,
+        columns: Columns,
+    ) -> BatchIter {
+        BatchIter {
             columns,
-            shards,
+            shards: self.files(entries),
             open: None,
             failed: false,
         }
     }
+
+    fn clips_of<'a>(
+        &self,
+        entries: impl IntoIterator<Item = &'a ShardEntry>,
+        split: Split,
+        columns: Columns,
+    ) -> ClipIter {
+        ClipIter {
+            split,
+            columns,
+            shards: self.files(entries),
+            open: None,
+            failed: false,
+        }
+    }
+
+    /// The files of shards, last first.
+    fn files<'a>(&self, entries: impl IntoIterator<Item = &'a ShardEntry>) -> Vec<ShardFile> {
+        let file = |entry: &ShardEntry| ShardFile {
+            path: entry.path(&self.dir),
+            rows: entry.rows,
+            hash: self
+                .checks_hashes
+                .then(|| (entry.blake3.clone(), entry.bytes)),
+        };
+        let mut files: Vec<ShardFile> = entries.into_iter().map(file).collect();
+        files.reverse();
+        files
+    }
 }
+
+/// A shard that is to be read.
+struct ShardFile {
+    path: PathBuf,
+    /// Rows by the manifest.
+    rows: u64,
+    /// BLAKE3 and length by the manifest, where they are to be compared.
+    hash: Option<(String, u64)>,
+}
+
+impl ShardFile {
+    fn check_hash(&self) -> Result<(), DatasetError> {
+        let Some((blake3, bytes)) = &self.hash else {
+            return Ok(());
+        };
+        let (found, found_bytes) = hash_file(&self.path)?;
+        if found_bytes != *bytes {
+            let problem = format!("{found_bytes} bytes, the manifest says {bytes}{REPAIR}");
+            return Err(DatasetError::corrupt(&self.path, problem));
+        }
+        if found != *blake3 {
+            let problem = format!("BLAKE3 is {found}, the manifest says {blake3}{REPAIR}");
+            return Err(DatasetError::corrupt(&self.path, problem));
+        }
+        Ok(())
+    }
+}
+
+/// How to replace a shard that was changed.
+const REPAIR: &str =
+    "; hint: copy the data set again, or build it again, which replaces this shard";
 
 /// Streams the rows of a split as Arrow batches of at most 32 clips, without looking at the values. The iterator ends
 /// after an error.
 pub struct BatchIter {
+    columns: Columns,
     /// Remaining shards, last first.
-    shards: Vec<PathBuf>,
+    shards: Vec<ShardFile>,
     open: Option<BatchReader>,
     failed: bool,
 }
 
 impl BatchIter {
-    /// Columns of every batch: see [`crate::shard`].
+    /// Columns of every batch, unless fewer were asked for: see [`crate::shard`].
     pub fn schema() -> SchemaRef {
-        shard::schema()
+        shard::schema(Columns::All)
     }
 
     fn advance(&mut self) -> Result<Option<RecordBatch>, DatasetError> {
@@ -111,10 +217,11 @@ impl BatchIter {
                 }
                 self.open = None;
             }
-            let Some(path) = self.shards.pop() else {
+            let Some(file) = self.shards.pop() else {
                 return Ok(None);
             };
-            self.open = Some(BatchReader::open(&path)?);
+            file.check_hash()?;
+            self.open = Some(BatchReader::open(&file.path, self.columns)?);
         }
     }
 }
@@ -136,8 +243,8 @@ impl Iterator for BatchIter {
 pub struct ClipIter {
     split: Split,
     columns: Columns,
-    /// Remaining shards with their number of rows, last first.
-    shards: Vec<(PathBuf, u64)>,
+    /// Remaining shards, last first.
+    shards: Vec<ShardFile>,
     open: Option<ShardReader>,
     failed: bool,
 }
@@ -160,13 +267,15 @@ impl ClipIter {
                 }
                 self.open = None;
             }
-            let Some((path, rows)) = self.shards.pop() else {
+            let Some(file) = self.shards.pop() else {
                 return Ok(None);
             };
-            let reader = ShardReader::open(&path, self.columns)?;
-            if reader.n_rows() != rows {
-                let problem = format!("{} rows, but the manifest says {rows}", reader.n_rows());
-                return Err(DatasetError::corrupt(&path, problem));
+            file.check_hash()?;
+            let reader = ShardReader::open(&file.path, self.columns)?;
+            if reader.n_rows() != file.rows {
+                let (found, rows) = (reader.n_rows(), file.rows);
+                let problem = format!("{found} rows, but the manifest says {rows}");
+                return Err(DatasetError::corrupt(&file.path, problem));
             }
             self.open = Some(reader);
         }

@@ -103,8 +103,8 @@ pub(crate) fn write_shard(
         let leaf = leaf_path(column);
         properties = properties.set_column_dictionary_enabled(leaf, false);
     }
-    let mut writer =
-        ArrowWriter::try_new(file, schema(), Some(properties.build())).map_err(corrupt)?;
+    let mut writer = ArrowWriter::try_new(file, schema(Columns::All), Some(properties.build()))
+        .map_err(corrupt)?;
     for clips in records.chunks(ROW_GROUP_CLIPS) {
         let batch = batch_of(clips).map_err(|e| DatasetError::corrupt(path, e))?;
         writer.write(&batch).map_err(corrupt)?;
@@ -126,17 +126,22 @@ pub struct ShardReader {
     failed: bool,
 }
 
+impl Columns {
+    fn has(self, name: &str) -> bool {
+        match self {
+            Self::All => true,
+            Self::Points => !["joints", "motion_features"].contains(&name),
+        }
+    }
+}
+
 impl ShardReader {
     /// Opens a shard.
     ///
     /// # Errors
     /// Missing or unexpected columns, sizes beyond the limits, damaged bytes.
     pub fn open(path: &Path, columns: Columns) -> Result<Self, DatasetError> {
-        let skipped: &[&str] = match columns {
-            Columns::All => &[],
-            Columns::Points => &["joints", "motion_features"],
-        };
-        let (reader, n_rows) = open_projected(path, |name| !skipped.contains(&name))?;
+        let (reader, n_rows) = open_projected(path, |name| columns.has(name))?;
         Ok(Self {
             path: path.into(),
             reader,
@@ -182,14 +187,16 @@ impl Iterator for ShardReader {
 /// Streams the rows of one shard as Arrow batches with the columns of [`schema`].
 pub(crate) struct BatchReader {
     path: PathBuf,
+    columns: Columns,
     reader: ParquetRecordBatchReader,
 }
 
 impl BatchReader {
-    pub fn open(path: &Path) -> Result<Self, DatasetError> {
-        let (reader, _) = open_projected(path, |_| true)?;
+    pub fn open(path: &Path, columns: Columns) -> Result<Self, DatasetError> {
+        let (reader, _) = open_projected(path, |name| columns.has(name))?;
         Ok(Self {
             path: path.into(),
+            columns,
             reader,
         })
     }
@@ -201,7 +208,8 @@ impl BatchReader {
             return Ok(None);
         };
         // The columns of the file may be in another order, and its schema may have metadata.
-        let columns = schema()
+        let schema = schema(self.columns);
+        let columns = schema
             .fields()
             .iter()
             .map(|field| {
@@ -211,7 +219,7 @@ impl BatchReader {
                 })
             })
             .collect::<Result<Vec<ArrayRef>, _>>()?;
-        let batch = RecordBatch::try_new(schema(), columns);
+        let batch = RecordBatch::try_new(schema, columns);
         batch.map(Some).map_err(|e| DatasetError::corrupt(path, e))
     }
 }
@@ -272,10 +280,10 @@ fn fixed(kind: DataType, length: i32) -> DataType {
     DataType::FixedSizeList(element(kind), length)
 }
 
-/// The columns of a shard.
-pub(crate) fn schema() -> SchemaRef {
+/// The columns of a shard that are asked for.
+pub(crate) fn schema(columns: Columns) -> SchemaRef {
     let field = |name: &str, kind| Field::new(name, kind, false);
-    Arc::new(Schema::new(vec![
+    let mut fields = vec![
         field("id", DataType::Utf8),
         field("motion_id", DataType::Utf8),
         field("group", DataType::Utf8),
@@ -301,7 +309,9 @@ pub(crate) fn schema() -> SchemaRef {
             "motion_features",
             list(fixed(DataType::Float32, MOTION_FEATURE_DIM as i32)),
         ),
-    ]))
+    ];
+    fields.retain(|field| columns.has(field.name()));
+    Arc::new(Schema::new(fields))
 }
 
 /// Parquet path of a nested column's only leaf.
@@ -383,7 +393,7 @@ fn batch_of(clips: &[ClipRecord]) -> Result<RecordBatch, arrow_schema::ArrowErro
     }
 
     RecordBatch::try_new(
-        schema(),
+        schema(Columns::All),
         vec![
             text(|c| &c.id),
             text(|c| &c.motion_id),
@@ -418,7 +428,7 @@ fn open_projected(
     path: &Path,
     wanted: impl Fn(&str) -> bool,
 ) -> Result<(ParquetRecordBatchReader, u64), DatasetError> {
-    let builder = guard::open(path, LIMITS, Some(schema()))?;
+    let builder = guard::open(path, LIMITS, Some(schema(Columns::All)))?;
     let n_rows = builder.metadata().file_metadata().num_rows().max(0) as u64;
     let reader = guard::isolated(path, || {
         let columns = (0..)
@@ -466,7 +476,7 @@ impl<'a> Access<'a> {
     }
 
     fn wrong(&self, name: &str, found: &str) -> DatasetError {
-        let expected = schema()
+        let expected = schema(Columns::All)
             .field_with_name(name)
             .map_or_else(|_| name.into(), |f| f.data_type().to_string());
         DatasetError::Column {

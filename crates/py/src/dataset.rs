@@ -2,8 +2,9 @@
 
 use std::{
     path::{Path, PathBuf},
-    sync::{Mutex, PoisonError},
-    time::Instant,
+    sync::{Mutex, OnceLock, PoisonError},
+    thread,
+    time::{Duration, Instant},
 };
 
 use arrow_array::RecordBatchIterator;
@@ -13,48 +14,109 @@ use pyo3::{
     types::{PyCapsule, PyDict},
 };
 use radarllm::{
-    Clip, Clutter, DatasetPlan, Error, Overwrite, Provenance, Result,
-    dataset::{BatchIter, BuildOptions, ClipIter, ClipRecord, Columns, Dataset, Split, validate},
+    Clip, Clutter, DatasetPlan, Error, ErrorKind, Overwrite, Provenance, Result,
+    dataset::{
+        BatchIter, BuildOptions, ClipIter, ClipRecord, Columns, Dataset, Manifest, Split, validate,
+    },
     synth::config::DatasetConfig,
 };
 use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
 
 use crate::{
-    arrow, errors,
+    arrow,
+    clip_points::PyClipPoints,
+    errors,
     options::check_range,
     points::PyPoints,
     score::to_python,
-    work::{self, on_threads},
+    work::{self, Stop, on_threads},
 };
 
 /// Most threads of a build, as in the library.
 const MAX_THREADS: usize = 1024;
+/// Time between two attempts to have a folder alone.
+const LOCK_POLL: Duration = Duration::from_millis(50);
 /// Joints of a pose, and coordinates of a joint.
 const POSE: [usize; 2] = [22, 3];
 
 /// The configuration of a data set, a TOML file as in `configs/default-data.toml`.
+///
+/// `build` does everything in this process. To use several processes or machines that share a folder, one calls
+/// `prepare`, then any of them `build_shard`, and at the end one `finish`; the bytes are the same. `radarllm.ray.build`
+/// does this on a Ray cluster.
 #[pyclass(frozen, name = "DatasetPlan", module = "radarllm")]
 pub struct PyDatasetPlan {
     path: PathBuf,
+    text: String,
     config: DatasetConfig,
+    /// The sources, opened once: thousands of motions take seconds.
+    plan: OnceLock<DatasetPlan>,
+}
+
+impl PyDatasetPlan {
+    fn parse(path: PathBuf, text: String) -> Result<Self> {
+        let config = DatasetConfig::from_toml(&text).map_err(|e| Error::in_file(&path, e))?;
+        Ok(Self {
+            path,
+            text,
+            config,
+            plan: OnceLock::new(),
+        })
+    }
+
+    fn plan(&self, is_stopped: &(dyn Fn() -> bool + Sync)) -> Result<&DatasetPlan> {
+        if let Some(plan) = self.plan.get() {
+            return Ok(plan);
+        }
+        let base = self.path.parent().unwrap_or(Path::new(""));
+        let config = self.config.clone();
+        let opened = on_threads(None, || {
+            Ok(DatasetPlan::new_until(config, base, is_stopped)?)
+        })?;
+        Ok(self.plan.get_or_init(|| opened))
+    }
+
+    /// Opens the sources and reads something of the plan.
+    fn of_plan<T: Send>(
+        &self,
+        py: Python<'_>,
+        read: impl FnOnce(&DatasetPlan) -> T + Send,
+    ) -> PyResult<T> {
+        work::run(py, |stop| self.plan(&|| stop.is_set()).map(read))
+    }
 }
 
 #[pymethods]
 impl PyDatasetPlan {
     #[new]
     fn new(path: PathBuf) -> PyResult<Self> {
-        let read = || -> Result<DatasetConfig> {
-            let text = bounded::read_text(&path, MAX_CONFIG_BYTES)?;
-            DatasetConfig::from_toml(&text).map_err(|e| Error::in_file(&path, e))
-        };
-        let config = read().map_err(errors::to_py)?;
-        Ok(Self { path, config })
+        let read = || Self::parse(path.clone(), bounded::read_text(&path, MAX_CONFIG_BYTES)?);
+        read().map_err(errors::to_py)
     }
 
     /// Name of the data set.
     #[getter]
     fn name(&self) -> &str {
         &self.config.name
+    }
+
+    /// Number of clips that are asked for. Opens the sources, which takes seconds for thousands of motions.
+    #[getter]
+    fn n_clips(&self, py: Python<'_>) -> PyResult<usize> {
+        self.of_plan(py, DatasetPlan::n_clips)
+    }
+
+    /// Number of shards. They are numbered from 0, those of the training split first. Opens the sources.
+    #[getter]
+    fn n_shards(&self, py: Python<'_>) -> PyResult<usize> {
+        self.of_plan(py, DatasetPlan::n_shards)
+    }
+
+    /// Hash of everything that determines the content: processes with the same one build the same data set. Opens the
+    /// sources.
+    #[getter]
+    fn fingerprint(&self, py: Python<'_>) -> PyResult<String> {
+        self.of_plan(py, |plan| plan.fingerprint().to_string())
     }
 
     /// Builds the data set in the folder `out`, or goes on with a build that was interrupted.
@@ -74,35 +136,95 @@ impl PyDatasetPlan {
         overwrite: bool,
         retry_failed: bool,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-        let threads = threads.unwrap_or_else(cores);
-        check_range("threads", threads, 1..=MAX_THREADS).map_err(errors::to_py)?;
-        let options = BuildOptions {
-            threads,
-            overwrite: match overwrite {
-                true => Overwrite::Replace,
-                false => Overwrite::Refuse,
-            },
-            retry_failed,
-        };
-        let base = self.path.parent().unwrap_or(Path::new(""));
+        let options = build_options(threads, overwrite, retry_failed)?;
         let started = Instant::now();
         let report = work::run(py, |stop| {
-            on_threads(None, || {
-                let is_stopped = || stop.is_set();
-                let plan = DatasetPlan::new_until(self.config.clone(), base, &is_stopped)?;
-                plan.build(&out, options, |_| (), &is_stopped)
-            })
+            let is_stopped = || stop.is_set();
+            let plan = self.plan(&is_stopped)?;
+            plan.build(&out, options, |_| (), &is_stopped)
         })?;
-        let manifest = &report.manifest;
-        let numbers = PyDict::new(py);
-        numbers.set_item("clips", manifest.n_clips)?;
-        numbers.set_item("failed", manifest.n_failed)?;
-        numbers.set_item("skipped", manifest.skipped.len())?;
-        numbers.set_item("shards", manifest.shards.len())?;
+        let numbers = numbers(py, &report.manifest)?;
         numbers.set_item("shards_made", report.n_made_shards)?;
         numbers.set_item("seconds", started.elapsed().as_secs_f64())?;
         Ok(numbers)
+    }
+
+    /// First step of a build by several processes: makes `out` the folder of this data set, or of its build that was
+    /// begun before. Nobody else may work in the folder at that time; if somebody does, waits `wait_s` seconds for the
+    /// end of that.
+    ///
+    /// Another data set in the folder is refused, unless `overwrite` is true, and so is an object store.
+    #[pyo3(signature = (out, *, overwrite=false, wait_s=0.0))]
+    fn prepare(&self, py: Python<'_>, out: PathBuf, overwrite: bool, wait_s: f64) -> PyResult<()> {
+        let wait = duration("wait_s", wait_s)?;
+        work::run(py, |stop| {
+            let plan = self.plan(&|| stop.is_set())?;
+            alone(stop, wait, || plan.prepare(&out, on_existing(overwrite)))
+        })
+    }
+
+    /// Second step: builds one shard in a prepared folder, or keeps it if it is there and its hash fits. Any number of
+    /// processes may do this at the same time.
+    ///
+    /// A folder that was prepared with another configuration, by another version of this package or on a machine that
+    /// rounds differently is refused. Ctrl-C leaves no file of an incomplete shard under its final name.
+    ///
+    /// Returns file, split, rows, bytes, blake3, ids, failed (clips that could not be made, with the reason) and made
+    /// (false if the shard was kept).
+    #[pyo3(signature = (out, shard, *, threads=1))]
+    fn build_shard<'py>(
+        &self,
+        py: Python<'py>,
+        out: PathBuf,
+        shard: usize,
+        threads: usize,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let options = build_options(Some(threads), false, false)?;
+        let (entry, made) = work::run(py, |stop| {
+            let is_stopped = || stop.is_set();
+            let plan = self.plan(&is_stopped)?;
+            let built = plan.build_shards(&out, [shard], options, |_| (), &is_stopped)?;
+            let entry = built.entries.into_iter().next();
+            let entry =
+                entry.ok_or_else(|| Error::input(format!("shard {shard} was not built")))?;
+            Ok((entry, built.n_kept == 0))
+        })?;
+        let entry = to_python(py, &entry)?;
+        entry.set_item("made", made)?;
+        Ok(entry)
+    }
+
+    /// Last step: reads every hash again and writes the card and the manifest. Nobody else may work in the folder at
+    /// that time; if somebody does, waits `wait_s` seconds for the end of that.
+    ///
+    /// Missing and damaged shards are named in the error. Returns clips, failed, skipped and shards.
+    #[pyo3(signature = (out, *, wait_s=0.0))]
+    fn finish<'py>(
+        &self,
+        py: Python<'py>,
+        out: PathBuf,
+        wait_s: f64,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let wait = duration("wait_s", wait_s)?;
+        let manifest = work::run(py, |stop| {
+            let plan = self.plan(&|| stop.is_set())?;
+            alone(stop, wait, || plan.finish(&out))
+        })?;
+        numbers(py, &manifest)
+    }
+
+    /// Makes a plan from the text of its file, on another machine where only its sources need to exist.
+    #[staticmethod]
+    fn _restore(path: PathBuf, text: String) -> PyResult<Self> {
+        Self::parse(path, text).map_err(errors::to_py)
+    }
+
+    fn __reduce__<'py>(
+        this: &Bound<'py, Self>,
+    ) -> PyResult<(Bound<'py, PyAny>, (PathBuf, String))> {
+        let restore = this.get_type().getattr("_restore")?;
+        let path = std::path::absolute(&this.get().path)?;
+        Ok((restore, (path, this.get().text.clone())))
     }
 
     fn __repr__(&self) -> String {
@@ -110,10 +232,60 @@ impl PyDatasetPlan {
     }
 }
 
+fn duration(name: &str, seconds: f64) -> PyResult<Duration> {
+    Duration::try_from_secs_f64(seconds)
+        .map_err(|_| errors::input(format!("`{name}` {seconds}: must be 0 or more seconds")))
+}
+
+/// Does what needs the folder alone, again and again while another process is in it.
+fn alone<T>(stop: &Stop, wait: Duration, attempt: impl Fn() -> Result<T>) -> Result<T> {
+    let started = Instant::now();
+    loop {
+        match attempt() {
+            Err(e) if e.kind == ErrorKind::Locked && started.elapsed() < wait => {
+                stop.check()?;
+                thread::sleep(LOCK_POLL);
+            }
+            outcome => return outcome,
+        }
+    }
+}
+
+fn on_existing(overwrite: bool) -> Overwrite {
+    match overwrite {
+        true => Overwrite::Replace,
+        false => Overwrite::Refuse,
+    }
+}
+
+fn build_options(
+    threads: Option<usize>,
+    overwrite: bool,
+    retry_failed: bool,
+) -> PyResult<BuildOptions> {
+    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = threads.unwrap_or_else(cores);
+    check_range("threads", threads, 1..=MAX_THREADS).map_err(errors::to_py)?;
+    Ok(BuildOptions {
+        threads,
+        overwrite: on_existing(overwrite),
+        retry_failed,
+    })
+}
+
+fn numbers<'py>(py: Python<'py>, manifest: &Manifest) -> PyResult<Bound<'py, PyDict>> {
+    let numbers = PyDict::new(py);
+    numbers.set_item("clips", manifest.n_clips)?;
+    numbers.set_item("failed", manifest.n_failed)?;
+    numbers.set_item("skipped", manifest.skipped.len())?;
+    numbers.set_item("shards", manifest.shards.len())?;
+    Ok(numbers)
+}
+
 /// A finished radar-text data set in a folder.
 ///
-/// `split("train")`, `split("val")` and `split("test")` give its clips. `close()`, or the end of a `with` block, ends the
-/// use.
+/// `split("train")`, `split("val")` and `split("test")` give its clips. A shard whose bytes are not those of the manifest is
+/// refused when it is read. `close()`, or the end of a `with` block, ends the use.
 #[pyclass(frozen, name = "Dataset", module = "radarllm")]
 pub struct PyDataset(Mutex<Option<Dataset>>);
 
@@ -138,7 +310,7 @@ impl PyDataset {
                 "a folder that `DatasetPlan.build` or `radarllm dataset build` finished",
             ))
         })?;
-        Ok(Self(Mutex::new(Some(opened))))
+        Ok(Self(Mutex::new(Some(opened.checking_hashes()))))
     }
 
     /// Name of the data set.
@@ -242,10 +414,35 @@ impl PySplit {
     }
 
     fn __iter__(&self) -> PyClips {
-        PyClips {
-            clips: Mutex::new(Some(self.dataset.iter_split(self.split, Columns::All))),
-            frame_rate_hz: self.dataset.manifest().frame_rate_hz,
-        }
+        self.clips(self.dataset.iter_split(self.split, Columns::All))
+    }
+
+    /// Number of clips of each shard, and its hash by the manifest.
+    #[getter]
+    fn _shards(&self) -> Vec<(u64, String)> {
+        let shards = self.dataset.shards(self.split);
+        shards.map(|s| (s.rows, s.blake3.clone())).collect()
+    }
+
+    /// The clips of one shard, without their joints.
+    fn _shard_clips(&self, shard: usize) -> PyResult<PyClips> {
+        let clips = self.dataset.iter_shard(self.split, shard, Columns::Points);
+        Ok(self.clips(clips.map_err(|e| errors::to_py(e.into()))?))
+    }
+
+    /// The points of one shard, in pieces of at most 32 clips.
+    fn _shard_points(&self, py: Python<'_>, shard: usize) -> PyResult<Vec<PyClipPoints>> {
+        work::run(py, |stop| {
+            let batches = self
+                .dataset
+                .iter_shard_batches(self.split, shard, Columns::Points)?;
+            batches
+                .map(|batch| {
+                    stop.check()?;
+                    PyClipPoints::new(batch?)
+                })
+                .collect()
+        })
     }
 
     #[pyo3(signature = (requested_schema=None))]
@@ -267,6 +464,15 @@ impl PySplit {
 
     fn __repr__(&self) -> String {
         format!("Split({}, {} clips)", self.split.name(), self.__len__())
+    }
+}
+
+impl PySplit {
+    fn clips(&self, clips: ClipIter) -> PyClips {
+        PyClips {
+            clips: Mutex::new(Some(clips)),
+            frame_rate_hz: self.dataset.manifest().frame_rate_hz,
+        }
     }
 }
 

@@ -8,6 +8,7 @@
 
 mod arrow;
 mod capture;
+mod clip_points;
 mod command;
 mod dataset;
 mod errors;
@@ -42,6 +43,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<dataset::PySplit>()?;
     module.add_class::<dataset::PyClips>()?;
     module.add_class::<dataset::PyClip>()?;
+    module.add_class::<clip_points::PyClipPoints>()?;
     module.add_function(wrap_pyfunction!(command::command, module)?)?;
     module.add_function(wrap_pyfunction!(simulate::simulate, module)?)?;
     module.add_function(wrap_pyfunction!(process::process, module)?)?;

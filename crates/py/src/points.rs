@@ -128,7 +128,7 @@ impl PyPoints {
 ///
 /// # Safety
 /// `owner` must keep `values` in place and unchanged as long as it lives.
-unsafe fn view<'py, T: numpy::Element>(
+pub unsafe fn view<'py, T: numpy::Element>(
     values: &[T],
     owner: Bound<'py, PyAny>,
 ) -> Bound<'py, PyArray1<T>> {

@@ -172,6 +172,11 @@ impl DatasetPlan {
         self.builder.n_shards()
     }
 
+    /// Hash of everything that determines the content: two processes with the same one build the same data set.
+    pub fn fingerprint(&self) -> &str {
+        self.builder.fingerprint()
+    }
+
     /// Numbers of the shards of one of `n_parts` parts of equal size; parts are numbered from 1. A part has no shards
     /// where there are more parts than shards.
     ///
