@@ -79,6 +79,9 @@ INTERRUPTED = """
 import os, signal, sys, threading, time
 import radarllm as rl
 
+# A program that a script started in the background ignores the signal.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 def interrupt():
     # After the work has begun, also on a machine that is busy with other things.
     time.sleep(1.0)

@@ -5,7 +5,7 @@ use pyo3::{
     types::{PyDict, PyDictMethods, PyString},
 };
 use radarllm::{
-    Error,
+    CaptionScores, Error,
     metrics::{Candidate, Protocol, Reference, ScoreOptions, score as score_all},
 };
 use serde::Serialize;
@@ -79,7 +79,8 @@ pub fn score<'py>(
         seed,
     };
     let scores = work::run(py, |_| {
-        score_all(&candidates, &references, &options).map_err(Error::input)
+        let scores = score_all(&candidates, &references, &options).map_err(Error::input)?;
+        Ok(CaptionScores::new(scores, &candidates, &references))
     })?;
     to_python(py, &scores)
 }

@@ -30,7 +30,7 @@
 //! | track people | [`Recording::track_people`], [`track_people`] |
 //! | describe a clip, or get its tokens | [`Captioner`] |
 //! | teach activities by a few recordings | [`teach`], [`Captioner::with_memory`] |
-//! | score captions | [`metrics`] |
+//! | score captions | [`metrics`], [`CaptionScores`] |
 //! | build data sets, on one machine or on several | [`DatasetPlan`] |
 //! | read data sets | [`dataset`] |
 //!
@@ -43,6 +43,7 @@ mod captioner;
 mod choose;
 mod confidence;
 mod page;
+mod score;
 mod source;
 mod taught;
 
@@ -50,6 +51,7 @@ pub use captioner::Captioner;
 pub use choose::Choices;
 pub use confidence::RecordedConfidence;
 pub use page::page_segments;
+pub use score::{CaptionScores, FactBlock};
 pub use source::{DEFAULT_RADAR, Performed, Recording, Source, open, open_parts};
 
 pub use radarllm_base::{

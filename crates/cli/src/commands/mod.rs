@@ -11,7 +11,6 @@ pub mod eval;
 pub mod eval_falls;
 pub mod eval_page;
 pub mod eval_recordings;
-pub mod fact_scores;
 pub mod generate;
 pub mod interventions;
 pub mod live;

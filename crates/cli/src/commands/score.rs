@@ -7,18 +7,19 @@ use std::{
 };
 
 use flate2::read::GzDecoder;
+use radarllm::CaptionScores;
 use radarllm_metrics::{
-    Candidate, Protocol, Reference, ScoreOptions, Scores,
+    Candidate, Protocol, Reference, ScoreOptions,
     meteor::{Paraphrases, Resources},
     score_with,
 };
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
 #[cfg(feature = "train")]
 use crate::commands::model_scores;
 use crate::{
     args::ScoreArgs,
-    commands::{fact_scores, pose_scores},
+    commands::pose_scores,
     error::{CliError, CliResult},
     output,
 };
@@ -38,14 +39,6 @@ struct CandidateLine {
 struct ReferenceLine {
     id: Id,
     texts: Vec<String>,
-}
-
-/// What the command prints.
-#[derive(Serialize)]
-struct WithFacts {
-    #[serde(flatten)]
-    scores: Scores,
-    facts: fact_scores::FactBlock,
 }
 
 /// A text or an integer, which are equivalent.
@@ -119,10 +112,7 @@ pub fn run(args: &ScoreArgs) -> CliResult {
     if let Some(encoders) = model_scores::Encoders::open(&args.encoders)? {
         encoders.add(&mut scores, &candidates, &references, args.seed)?;
     }
-    output::print_json(&WithFacts {
-        scores,
-        facts: fact_scores::block(&candidates, &references),
-    })
+    output::print_json(&CaptionScores::new(scores, &candidates, &references))
 }
 
 /// Reads JSON lines and skips blank lines. The error names the first invalid line and the number of the others.

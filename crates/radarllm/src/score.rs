@@ -1,13 +1,33 @@
-//! `score`: the facts of candidates beside those of their references.
+//! Caption metrics and, beside them, the facts of candidates and of their references.
 
 use std::collections::{BTreeMap, HashMap};
 
-use radarllm::facts::{
+use radarllm_facts::{
     Kind,
     score::{Tally, score},
 };
-use radarllm_metrics::{Candidate, Reference};
+use radarllm_metrics::{Candidate, Reference, Scores};
 use serde::Serialize;
+
+/// Scores of captions, as the command `score` prints them.
+#[derive(Serialize)]
+pub struct CaptionScores {
+    /// Caption metrics.
+    #[serde(flatten)]
+    pub scores: Scores,
+    /// Facts.
+    pub facts: FactBlock,
+}
+
+impl CaptionScores {
+    /// Scores of these candidates and references, with their facts.
+    pub fn new(scores: Scores, candidates: &[Candidate], references: &[Reference]) -> Self {
+        Self {
+            scores,
+            facts: block(candidates, references),
+        }
+    }
+}
 
 /// Precision and recall of facts.
 #[derive(Serialize)]
@@ -44,7 +64,7 @@ impl From<Tally> for Row {
 }
 
 /// Compares every candidate with that of its references which agrees most. Candidates have references of the same id.
-pub fn block(candidates: &[Candidate], references: &[Reference]) -> FactBlock {
+fn block(candidates: &[Candidate], references: &[Reference]) -> FactBlock {
     let texts: HashMap<&str, &[String]> = references
         .iter()
         .map(|reference| (reference.id.as_str(), &reference.texts[..]))
