@@ -6,7 +6,7 @@
 //!
 //! - where the points lie: square roots of the shares of points in cells of lateral place and height, of lateral place
 //!   and velocity, and of height and velocity;
-//! - which parts move together: correlations of ten series ([`N_SERIES`]), at once and half a second apart. Correlations
+//! - which parts move together: correlations of ten series (`N_SERIES`), at once and half a second apart. Correlations
 //!   have no scale: large and small people, wide and narrow movements have the same;
 //! - how far they move: logarithms of spreads and of steps, distances of the outer deciles from the median, extents;
 //! - how fast the movement repeats: square roots of the shares of power in eight bands;
