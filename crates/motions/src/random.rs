@@ -104,7 +104,7 @@ const MANY: [u32; 2] = [14, 24];
 /// Motions that people repeat continuously: exercise, locomotion in place, gestures. People do not bow or throw
 /// continuously. The number is how often each is drawn: exercises that most people know are more frequent than others.
 ///
-/// Walking and running are not repeated, but go on for as long as there is room.
+/// Walking and running have no repetitions: any part of a long way shows them.
 const REPEATED: [(&str, f32); 20] = [
     ("arm_circles", 1.0),
     ("circle", 1.0),
@@ -159,7 +159,7 @@ fn continuous(dice: &mut Dice) -> Option<String> {
             set("lean_deg", &format!("{:.0}", dice.range(2.0, 40.0)));
         }
         "lunge" if is_sideways && dice.chance(0.4) => set("feet", "in_place"),
-        // Longer than a window of 9.6 s, or as far as the room is long.
+        // As far as a room is long.
         "walk" | "run" => set("distance_m", &format!("{:.1}", dice.range(3.5, 7.0))),
         // People exercise with their feet apart, and lower and raise the body only.
         // Without a step, a lunge backward is a lunge forward with the other leg.
