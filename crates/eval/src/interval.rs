@@ -50,6 +50,25 @@ impl Estimate {
         Self::with_interval(value, interval.unwrap_or([f64::NAN; 2]))
     }
 
+    /// Cells of a table with caption metrics and their intervals: CIDEr-D in its own scale, the others multiplied by 100.
+    pub(crate) fn cells(scores: &Scores, names: &[&str]) -> Vec<String> {
+        let cell = |name: &&str| {
+            let (value, scale, digits) = match *name {
+                "bleu_1" => (scores.bleu_1, 100.0, 1),
+                "bleu_4" => (scores.bleu_4, 100.0, 1),
+                "rouge_1" => (scores.rouge_1, 100.0, 1),
+                "rouge_l" => (scores.rouge_l, 100.0, 1),
+                "meteor" => (scores.meteor.unwrap_or(f64::NAN), 100.0, 1),
+                "cider_d" => (scores.cider_d, 1.0, 3),
+                "bert_score" => (scores.bert_score.unwrap_or(f64::NAN), 100.0, 1),
+                "sim_cse" => (scores.sim_cse.unwrap_or(f64::NAN), 100.0, 1),
+                other => unreachable!("no caption metric {other}"),
+            };
+            Self::of_metric(scores, name, value).to_text(scale, digits)
+        };
+        names.iter().map(cell).collect()
+    }
+
     fn with_interval(value: f64, [low, high]: Interval) -> Self {
         Self { value, low, high }
     }

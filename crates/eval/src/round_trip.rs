@@ -328,15 +328,10 @@ pub fn markdown(report: &RoundTripReport, lines: &[RoundTripLine]) -> String {
     for system in &report.systems {
         let s = &system.scores;
         let mut row = vec![system.what.to_string()];
-        for (name, value) in [
-            ("bleu_1", s.bleu_1),
-            ("bleu_4", s.bleu_4),
-            ("rouge_l", s.rouge_l),
-            ("meteor", s.meteor.unwrap_or(f64::NAN)),
-        ] {
-            row.push(Estimate::of_metric(s, name, value).to_text(100.0, 1));
-        }
-        row.push(Estimate::of_metric(s, "cider_d", s.cider_d).to_text(1.0, 3));
+        row.extend(Estimate::cells(
+            s,
+            &["bleu_1", "bleu_4", "rouge_l", "meteor", "cider_d"],
+        ));
         row.push(system.same_actions.to_text(100.0, 1));
         let f1 = system.facts.f1.map(|f1| format!("{:.1}", f1 * 100.0));
         row.push(f1.unwrap_or_default());

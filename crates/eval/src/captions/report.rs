@@ -162,25 +162,18 @@ fn encoder_rules(report: &CaptionReport) -> String {
 fn system_row(system: &System, encoders: &[&str]) -> Vec<String> {
     let s = &system.scores;
     let mut row = vec![system.what.to_string()];
-    for (name, value) in [
-        ("bleu_1", s.bleu_1),
-        ("bleu_4", s.bleu_4),
-        ("rouge_1", s.rouge_1),
-        ("rouge_l", s.rouge_l),
-        ("meteor", s.meteor.unwrap_or(f64::NAN)),
-    ] {
-        row.push(Estimate::of_metric(s, name, value).to_text(100.0, 1));
-    }
-    row.push(Estimate::of_metric(s, "cider_d", s.cider_d).to_text(1.0, 3));
+    row.extend(Estimate::cells(
+        s,
+        &[
+            "bleu_1", "bleu_4", "rouge_1", "rouge_l", "meteor", "cider_d",
+        ],
+    ));
     row.push(system.action_accuracy.to_text(100.0, 1));
-    for name in encoders {
-        let (metric, value) = match *name {
-            BERT_SCORE => ("bert_score", s.bert_score),
-            _ => ("sim_cse", s.sim_cse),
-        };
-        let value = value.unwrap_or(f64::NAN);
-        row.push(Estimate::of_metric(s, metric, value).to_text(100.0, 1));
-    }
+    let metrics = encoders.iter().map(|name| match *name {
+        BERT_SCORE => "bert_score",
+        _ => "sim_cse",
+    });
+    row.extend(Estimate::cells(s, &metrics.collect::<Vec<_>>()));
     row
 }
 
