@@ -24,6 +24,9 @@ pub struct LiveArgs {
     /// How fast a recording is replayed: times its own speed, or `max`.
     #[arg(long, default_value = "1")]
     pub speed: String,
+    /// When the first frame of a recording was recorded, such as 2026-11-20T08:00:00Z; a replay ends now if omitted.
+    #[arg(long, value_name = "UTC")]
+    pub start: Option<String>,
     /// Replay the recording again and again.
     #[arg(long = "loop")]
     pub repeats: bool,

@@ -52,6 +52,8 @@ enum Kind {
         clip: Clip,
         speed: Speed,
         repeats: bool,
+        /// Time of day of the first frame, milliseconds since 1970 in UTC.
+        start_ms: Option<i64>,
     },
     Room(Box<Room>),
     Radar(Box<dyn LiveSource>),
@@ -79,6 +81,24 @@ impl Input {
     #[must_use]
     pub fn with_clock(self, now_ms: ReadTime) -> Self {
         Self { now_ms, ..self }
+    }
+
+    /// A replay whose first frame was recorded at this time of day, milliseconds since 1970 in UTC. Without it, a replay
+    /// ends now, or later if it is slower than the recording.
+    ///
+    /// # Errors
+    /// An input that is no replay.
+    pub fn starting_at(mut self, utc_ms: i64) -> Result<Self> {
+        match &mut self.kind {
+            Kind::Replay { start_ms, .. } => *start_ms = Some(utc_ms),
+            Kind::Room(_) | Kind::Radar(_) => {
+                return Err(Error::input(format!(
+                    "{}: only a recording has a start",
+                    self.name
+                )));
+            }
+        }
+        Ok(self)
     }
 
     /// Notes for the user: how the format was detected, mounting angles, a buffer of the system that is too small.
@@ -133,6 +153,7 @@ impl Input {
             clip,
             speed,
             repeats,
+            start_ms: None,
         };
         Ok(Self {
             notes,
@@ -185,8 +206,9 @@ impl Input {
                 clip,
                 speed,
                 repeats,
+                start_ms,
             } => {
-                replay(&clip, speed, repeats, period_s, &mut sink);
+                replay(&clip, speed, repeats, start_ms, period_s, &mut sink);
                 Ok(())
             }
             Kind::Room(room) => {
@@ -233,7 +255,14 @@ impl Sink<'_> {
     }
 }
 
-fn replay(clip: &Clip, speed: Speed, repeats: bool, period_s: f64, sink: &mut Sink) {
+fn replay(
+    clip: &Clip,
+    speed: Speed,
+    repeats: bool,
+    start_ms: Option<i64>,
+    period_s: f64,
+    sink: &mut Sink,
+) {
     let began = Instant::now();
     let numbers = numbers(clip, period_s);
     let length = numbers.last().map_or(1, |last| last + 1);
@@ -244,7 +273,8 @@ fn replay(clip: &Clip, speed: Speed, repeats: bool, period_s: f64, sink: &mut Si
         Speed::Max => 0.0,
     };
     let ahead_s = (length_s - replay_s).max(0.0);
-    let start_ms = now_ms().saturating_sub((ahead_s * 1e3).round() as i64);
+    let start_ms =
+        start_ms.unwrap_or_else(|| now_ms().saturating_sub((ahead_s * 1e3).round() as i64));
     let mut first = 0u32;
     loop {
         for (number, frame) in numbers.iter().zip(&clip.frames) {

@@ -60,6 +60,30 @@ fn rows_of(speed: Speed) -> Vec<ActivityRow> {
 }
 
 #[test]
+fn a_replay_has_the_time_of_its_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = folder.path().join("live.db");
+    let start_ms = 1_700_000_000_000;
+    let input = squats(Speed::Max, false).starting_at(start_ms).unwrap();
+    let captioner = Captioner::bundled().unwrap();
+    let live = Live::start(input, captioner, options(Some(&database))).unwrap();
+    wait_until("the recording ends", || live.is_over());
+    drop(live);
+    let timeline = Timeline::open(&database).unwrap();
+    let rows = timeline
+        .activities(&ActivityQuery::default(), None, 100)
+        .unwrap()
+        .rows;
+    assert!(!rows.is_empty());
+    for row in rows {
+        let since_start_ms = row.activity.start_ms - start_ms;
+        assert!((0..30_000).contains(&since_start_ms), "{since_start_ms}");
+    }
+    let room = Input::room(&radarllm_live::room::RoomOptions::default()).unwrap();
+    assert!(room.starting_at(start_ms).is_err());
+}
+
+#[test]
 fn rows_do_not_depend_on_the_speed() {
     let fast = rows_of(Speed::Max);
     let slow = rows_of(Speed::Times(20.0));

@@ -85,6 +85,23 @@ pub fn midnight_ms(date: &str) -> Option<i64> {
     Some(day(wanted)? * DAY_MS)
 }
 
+/// A time in UTC such as `2026-11-20T14:30:05Z`, milliseconds since 1970; `None` for what is no such time.
+pub fn utc_ms(time: &str) -> Option<i64> {
+    let (date, time) = time.strip_suffix('Z')?.split_once('T')?;
+    let mut parts = time.split(':');
+    let mut part = |limit: i64| {
+        let digits = parts
+            .next()
+            .filter(|p| p.len() == 2 && p.bytes().all(|b| b.is_ascii_digit()))?;
+        digits.parse().ok().filter(|value| *value < limit)
+    };
+    let (hours, minutes, seconds): (i64, i64, i64) = (part(24)?, part(60)?, part(60)?);
+    if parts.next().is_some() {
+        return None;
+    }
+    Some(midnight_ms(date)? + hours * HOUR_MS + minutes * MINUTE_MS + seconds * 1_000)
+}
+
 /// A date as `2026-11-20`.
 pub(crate) fn date_text(days_since_1970: i64) -> String {
     let Date { year, month, day } = date(days_since_1970);
@@ -137,6 +154,29 @@ mod tests {
                 day: d,
             };
             assert_eq!(day(wanted), None, "{wanted:?}");
+        }
+    }
+
+    #[test]
+    fn times_in_utc_are_read_and_others_are_not() {
+        assert_eq!(
+            utc_ms("2026-11-23T17:38:12Z"),
+            Some(20_780 * DAY_MS + 63_492_000)
+        );
+        assert_eq!(utc_ms("1970-01-01T00:00:00Z"), Some(0));
+        for none in [
+            "2026-11-23",
+            "2026-11-23T17:38:12",
+            "2026-11-23 17:38:12Z",
+            "2026-11-23T17:38Z",
+            "2026-11-23T24:00:00Z",
+            "2026-11-23T17:60:00Z",
+            "2026-11-23T7:38:12Z",
+            "2026-11-23T+7:38:12Z",
+            "2026-11-23T17:38:12:00Z",
+            "2026-02-29T00:00:00Z",
+        ] {
+            assert_eq!(utc_ms(none), None, "{none}");
         }
     }
 

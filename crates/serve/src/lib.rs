@@ -76,6 +76,6 @@ pub mod watch;
 pub mod zones;
 
 pub use ask::{Answer, Clock, ask};
-pub use civil::midnight_ms;
+pub use civil::{midnight_ms, utc_ms};
 pub use error::StoreError;
 pub use store::{Store, Timeline};

@@ -26,6 +26,7 @@ use radarllm_serve::{
     midnight_ms,
     mqtt::Password,
     store::{Deleted, Retention},
+    utc_ms,
 };
 
 use crate::{
@@ -175,6 +176,18 @@ pub fn answer(args: &AskArgs) -> CliResult {
 }
 
 fn input(args: &LiveArgs) -> CliResult<Input> {
+    let input = source(args)?;
+    let Some(start) = &args.start else {
+        return Ok(input);
+    };
+    let start_ms = utc_ms(start).ok_or_else(|| {
+        CliError::new(format!("--start: `{start}` is no time in UTC"))
+            .hint("write it as 2026-11-20T08:00:00Z")
+    })?;
+    Ok(input.starting_at(start_ms)?)
+}
+
+fn source(args: &LiveArgs) -> CliResult<Input> {
     let name = args.inputs[0].to_string_lossy().into_owned();
     if name == "sim:" {
         let defaults = RoomOptions::default();
