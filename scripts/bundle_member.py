@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
-"""The mean of the weights of two language models, of which one was trained further from the other.
+"""A member of the bundled model from a model and a further training of its language model.
 
     pip install numpy safetensors blake3
-    scripts/mean_weights.py START/lm FURTHER/lm OUT/lm --share 0.5
+    scripts/bundle_member.py START FURTHER/pretrain/final OUT --share 0.5
 
-`--share` is the weight of FURTHER. OUT gets the configuration and the vocabulary of START; it must not exist.
+START is a model (tokenizer/ and lm/); the second argument is the language model that was trained further from it.
+OUT gets the tokenizer of START, and a language model whose weights are the mean of both, with the weight `--share` of
+the further one. Weights are written as F16, half the size of F32. OUT must not exist.
 """
 
 import argparse
@@ -16,33 +18,51 @@ import numpy as np
 from blake3 import blake3
 from safetensors.numpy import load_file, save_file
 
-WEIGHTS = "average.safetensors"
-KEPT = ["config.json", "tokenizer.json"]
+LM_WEIGHTS = "average.safetensors"
+TOKENIZER_WEIGHTS = "model.safetensors"
 
 
-def main(start, further, out, share):
-    before, after = load_file(start / WEIGHTS), load_file(further / WEIGHTS)
+def mean(start, further, share):
+    before, after = load_file(start / LM_WEIGHTS), load_file(further / LM_WEIGHTS)
     shapes = [{name: array.shape for name, array in weights.items()} for weights in (before, after)]
     if shapes[0] != shapes[1]:
         raise SystemExit(f"{start} and {further} are networks of different shapes")
     if (start / "tokenizer.json").read_bytes() != (further / "tokenizer.json").read_bytes():
         raise SystemExit(f"{start} and {further} have different words")
-    mean = {}
-    for name, array in before.items():
-        exact = (1.0 - share) * array.astype(np.float64) + share * after[name].astype(np.float64)
-        mean[name] = exact.astype(array.dtype)
+    return {
+        name: (1.0 - share) * array.astype(np.float64) + share * after[name].astype(np.float64)
+        for name, array in before.items()
+    }
+
+
+def halves(weights):
+    converted = {name: array.astype(np.float16) for name, array in weights.items()}
+    for name, array in converted.items():
+        if not np.isfinite(array).all():
+            raise SystemExit(f"{name}: a weight is beyond the range of F16")
+    return converted
+
+
+def write(folder, source, kept, weights_name, weights):
+    """Writes one of the two folders of a model, with the checksums of its files."""
+    folder.mkdir(parents=True)
+    for name in kept:
+        shutil.copy(source / name, folder / name)
+    save_file(halves(weights), folder / weights_name)
+    checksums = {}
+    for name in sorted([weights_name, *kept]):
+        content = (folder / name).read_bytes()
+        checksums[name] = {"bytes": len(content), "blake3": blake3(content).hexdigest()}
+    (folder / "checksums.json").write_text(json.dumps(checksums, indent=2), encoding="utf-8")
+
+
+def main(start, further, out, share):
     # Everything appears under its final name at once.
     new = out.with_name(out.name + ".tmp")
-    out.parent.mkdir(parents=True, exist_ok=True)
-    new.mkdir()
-    for name in KEPT:
-        shutil.copy(start / name, new / name)
-    save_file(mean, new / WEIGHTS)
-    checksums = {}
-    for name in sorted([WEIGHTS, *KEPT]):
-        content = (new / name).read_bytes()
-        checksums[name] = {"bytes": len(content), "blake3": blake3(content).hexdigest()}
-    (new / "checksums.json").write_text(json.dumps(checksums, indent=2), encoding="utf-8")
+    lm = mean(start / "lm", further, share)
+    write(new / "lm", start / "lm", ["config.json", "tokenizer.json"], LM_WEIGHTS, lm)
+    tokenizer = load_file(start / "tokenizer" / TOKENIZER_WEIGHTS)
+    write(new / "tokenizer", start / "tokenizer", ["config.json"], TOKENIZER_WEIGHTS, tokenizer)
     new.rename(out)
 
 

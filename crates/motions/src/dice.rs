@@ -24,6 +24,11 @@ impl Dice {
         low + (high - low) * self.0.uniform_f32()
     }
 
+    /// Uniform in the logarithm, in `low..high`, both above 0.
+    pub fn log_range(&mut self, low: f32, high: f32) -> f32 {
+        low * (high / low).powf(self.range(0.0, 1.0))
+    }
+
     /// Bell-shaped distribution around zero, within -1..1, with a standard deviation of about 0.33.
     pub fn bell(&mut self) -> f32 {
         (self.range(-1.0, 1.0) + self.range(-1.0, 1.0) + self.range(-1.0, 1.0)) / 3.0

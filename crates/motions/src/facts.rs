@@ -74,6 +74,7 @@ fn action(part: &Part, height_m: f32) -> Option<Action> {
         "wave" | "salute" | "knock" | "throw" | "pick_up" | "drink" | "answer_phone" | "punch" => {
             Some(BodyPart::Hand)
         }
+        "raise_arms" if v.word("style") == "hand" => Some(BodyPart::Hand),
         "raise_arms" | "arm_circles" | "point" => Some(BodyPart::Arm),
         "kick" | "balance" | "leg_raise" | "hop" => Some(BodyPart::Leg),
         _ => None,

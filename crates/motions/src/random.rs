@@ -55,22 +55,24 @@ pub fn random_request(rng_seed: u64) -> BuiltinRequest {
 /// Draws a request with the pace and size of people's own motions, most of them repeated for longer than a window of the
 /// model. [`random_request`] covers the library evenly instead.
 ///
-/// 55 % are continuous ([`PeopleRequest::is_continuous`]), 25 % other single motions, 15 % sequences and 5 % gestures
-/// combined with other motions.
+/// 50 % are continuous ([`PeopleRequest::is_continuous`]), 20 % are short motions that people make once, without a pause
+/// before and after, 13 % other single motions, 13 % sequences and 4 % gestures combined with other motions.
 pub fn people_request(rng_seed: u64) -> PeopleRequest {
     let mut dice = Dice::new(rng_seed, "people");
     let kind = dice.range(0.0, 1.0);
-    let is_continuous = kind < 0.55;
+    let is_continuous = kind < 0.5;
+    let is_short = (0.5..0.7).contains(&kind);
     for _ in 0..ATTEMPTS {
         let text = match kind {
             _ if is_continuous => continuous(&mut dice),
-            k if k < 0.8 => {
+            _ if is_short => once(&mut dice),
+            k if k < 0.83 => {
                 with_any_pace_and_size(single(Shares::Everyday, 0.0, &mut dice), &mut dice)
             }
-            k if k < 0.95 => sequence(Shares::Everyday, &mut dice),
+            k if k < 0.96 => sequence(Shares::Everyday, &mut dice),
             _ => overlay(&mut dice),
         };
-        let text = match is_continuous {
+        let text = match is_continuous || is_short {
             true => text,
             false => text.and_then(|t| with_pauses(t, &mut dice)),
         };
@@ -115,14 +117,14 @@ const REPEATED: [(&str, f32); 20] = [
     ("jumping_jack", 1.8),
     ("kick", 0.8),
     ("leg_raise", 0.8),
-    ("lunge", 0.9),
+    ("lunge", 1.4),
     ("march", 1.0),
     ("pace", 1.2),
     ("punch", 1.5),
     ("raise_arms", 1.4),
     ("run", 0.7),
     ("side_bend", 1.0),
-    ("squat", 1.8),
+    ("squat", 2.2),
     ("twist", 0.8),
     ("walk", 2.0),
     ("wave", 1.4),
@@ -158,7 +160,7 @@ fn continuous(dice: &mut Dice) -> Option<String> {
             }
             set("lean_deg", &format!("{:.0}", dice.range(2.0, 40.0)));
         }
-        "lunge" if is_sideways && dice.chance(0.4) => set("feet", "in_place"),
+        "lunge" if is_sideways && dice.chance(0.6) => set("feet", "in_place"),
         // As far as a room is long.
         "walk" | "run" => set("distance_m", &format!("{:.1}", dice.range(3.5, 7.0))),
         // People exercise with their feet apart, and lower and raise the body only.
@@ -178,6 +180,7 @@ fn continuous(dice: &mut Dice) -> Option<String> {
         }
         _ => {}
     }
+    set_hold(spec, &mut own, 0.5, 1.0, dice);
     if spec.key("repetitions").is_some() {
         let [few, most] = MANY;
         let times = few + dice.index((most - few) as usize) as u32;
@@ -207,6 +210,63 @@ fn continuous(dice: &mut Dice) -> Option<String> {
     }
     let text = format!("{}?{}", spec.name, query(&[own, all]));
     with_any_pace_and_size(Some(text), dice)
+}
+
+/// Motions that take a few seconds and are made once, and how often each is drawn.
+const ONCE: [(&str, f32); 15] = [
+    ("answer_phone", 0.4),
+    ("bow", 0.6),
+    ("clap", 0.6),
+    ("drink", 0.6),
+    ("fall", 0.6),
+    ("knock", 0.6),
+    ("pick_up", 0.6),
+    ("point", 0.6),
+    ("raise_arms", 5.0),
+    ("salute", 0.6),
+    ("sit_down", 0.6),
+    ("stand_up", 0.6),
+    ("turn", 1.0),
+    ("walk_turn", 4.0),
+    ("wave", 2.5),
+];
+
+/// A short motion from its beginning to its end.
+fn once(dice: &mut Dice) -> Option<String> {
+    let (name, _) = dice.weighted(&ONCE, |(_, share)| *share)?;
+    let spec = by_name(name)?;
+    let mut own = keys(spec, true, dice);
+    if spec.name == "raise_arms" {
+        let times = if dice.chance(0.8) {
+            1
+        } else {
+            2 + dice.index(2)
+        };
+        own.retain(|(k, _)| k != "repetitions" && k != "style");
+        own.push(("repetitions".to_owned(), times.to_string()));
+        let style = dice.pick(&[
+            "hand", "hand", "hand", "overhead", "overhead", "forward", "sideways",
+        ]);
+        own.push(("style".to_owned(), style.to_owned()));
+    }
+    set_hold(spec, &mut own, 0.9, 2.2, dice);
+    let text = format!("{}?{}", spec.name, query(&[own, globals(dice)]));
+    with_any_pace_and_size(Some(text), dice)
+}
+
+/// People hold up what they raised as long as they like.
+fn set_hold(
+    spec: &MotionSpec,
+    own: &mut Vec<(String, String)>,
+    share: f32,
+    longest_s: f32,
+    dice: &mut Dice,
+) {
+    if spec.key("hold_s").is_some() && dice.chance(share) {
+        let hold_s = dice.range(0.0, longest_s);
+        own.retain(|(k, _)| k != "hold_s");
+        own.push(("hold_s".to_owned(), format!("{hold_s:.2}")));
+    }
 }
 
 /// Adds pauses before and after a motion that is not continuous: a window shows what is in it from any moment on.
@@ -240,9 +300,9 @@ fn with_any_pace_and_size(text: Option<String>, dice: &mut Dice) -> Option<Strin
             "jump" => [1.0, 2.0],
             "punch" => [0.8, 2.0],
             "leg_raise" => [0.5, 1.5],
-            "lunge" => [0.38, 1.4],
-            // An arm may be raised once in a second.
-            "raise_arms" => [0.38, 2.0],
+            "lunge" => [0.45, 1.4],
+            // An arm is up within 0.35 to 1.5 s.
+            "raise_arms" => [0.42, 1.9],
             // Running is faster than walking.
             "run" => [0.75, 1.7],
             "walk" | "walk_turn" | "pace" => [0.45, 1.6],
@@ -250,7 +310,7 @@ fn with_any_pace_and_size(text: Option<String>, dice: &mut Dice) -> Option<Strin
             "arm_circles" | "side_bend" | "twist" => [0.45, 1.6],
             _ => [0.55, 1.9],
         };
-        let speed = low * (high / low).powf(dice.range(0.0, 1.0));
+        let speed = dice.log_range(low, high);
         values.push(("speed".to_owned(), format!("{speed:.2}")));
     }
     if spec.key("amplitude").is_some() && dice.chance(0.7) {

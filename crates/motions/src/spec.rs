@@ -483,9 +483,10 @@ static SPECS: &[MotionSpec] = &[
         "raises one arm or both and lowers again",
         &[
             BOTH_FIRST,
-            word("style", &["overhead", "forward", "sideways"]),
+            word("style", &["overhead", "forward", "sideways", "hand"]),
             SPEED,
             times(1),
+            optional("hold_s", 0.0, 3.0),
             DURATION,
         ],
     ),

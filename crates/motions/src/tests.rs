@@ -335,7 +335,7 @@ fn sides_are_the_sides_asked_for() {
         let above = |wrist: Joint| {
             joints
                 .iter()
-                .any(|j| j[wrist as usize].z > j[Joint::Head as usize].z)
+                .any(|j| j[wrist as usize].z > j[Joint::Spine3 as usize].z)
         };
         assert!(above(up) && !above(down), "{text}");
     }

@@ -67,6 +67,7 @@ pub fn attributes(request: &BuiltinRequest) -> Vec<(String, String)> {
                     v.word(key.name).to_owned()
                 }
                 "distance_m" | "duration_s" | "lean_deg" | "aim_deg" | "stance_m" | "pause_s"
+                | "hold_s"
                     if !v.is_set(key.name) && v.number(key.name) == 0.0 =>
                 {
                     continue;

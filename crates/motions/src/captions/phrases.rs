@@ -392,6 +392,18 @@ pub fn clauses(name: &str, v: &Values) -> Vec<String> {
             "[greet] with a wave of the {side} hand",
         ],
         ("raise_arms", _) => match (v.word("style"), both) {
+            ("hand", true) => vec![
+                "[raise] both hands",
+                "[raise] both hands and [lower] them",
+                "[lift] both hands",
+                "[put] both hands up",
+            ],
+            ("hand", false) => vec![
+                "[raise] {the} {side} hand",
+                "[raise] {the} {side} hand and [lower] it",
+                "[lift] {the} {side} hand",
+                "[put] {the} {side} hand up",
+            ],
             ("forward", true) => vec![
                 "[raise] both arms forward",
                 "[lift] both arms in front",

@@ -15,9 +15,17 @@ pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let swing = actor.a(0.26) * v.amplitude();
-    // From shoulder height to above the head, with the elbow bent more or less.
-    let height = 0.62 + 0.4 * actor.dice.bell();
-    let stretched = 0.68 + 0.14 * actor.dice.bell();
+    // From below the shoulder to above the head: the higher the hand, the straighter the arm.
+    let up = actor.dice.range(0.0, 1.0);
+    let height = -0.3 + 1.4 * up;
+    let stretched = (0.4 + 0.48 * up + 0.15 * actor.dice.bell()).clamp(0.34, 0.97);
+    let outward = actor.dice.range(0.3, 1.2);
+    // Some move the whole arm up and down, most the forearm from side to side.
+    let rise = if actor.dice.chance(0.3) {
+        actor.dice.range(0.15, 0.45)
+    } else {
+        0.12
+    };
     let mut track = Track::new(rest);
     track.hold(0.1);
     let pose = |c: &mut Control, lean: f32| {
@@ -25,8 +33,8 @@ pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
             reach(
                 c,
                 *side,
-                height - 0.12 * lean,
-                1.1 + swing * lean,
+                height - rise * lean,
+                outward + swing * lean,
                 stretched,
                 ELBOW_OUT,
             );
@@ -44,20 +52,26 @@ pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
     film(&track, actor)
 }
 
-/// Raises straight arms and lowers them.
+/// Raises arms and lowers them.
 pub fn raise_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     // People raise their arms to any height, seldom straight, and between the front and the side.
     let up = actor.dice.range(0.0, 1.0);
-    let stretched = actor.dice.range(0.62, 0.975);
+    // The higher a hand is put up, the straighter the arm.
+    let stretched = match v.word("style") {
+        "hand" => (0.36 + 0.55 * up + 0.15 * actor.dice.bell()).clamp(0.3, 0.975),
+        _ => actor.dice.range(0.62, 0.975),
+    };
+    let hold_s = v.given("hold_s").unwrap_or(0.35);
     let (elevation, azimuth) = match v.word("style") {
         "forward" => (-0.15 + 0.5 * up, 0.03 + 0.15 * actor.dice.bell()),
         "sideways" => (-0.15 + 0.6 * up, 1.4 + 0.15 * actor.dice.bell()),
+        "hand" => (-0.35 + 1.8 * up, actor.dice.range(0.0, 1.45)),
         _ => (0.85 + 0.58 * up, actor.dice.range(0.1, 1.4)),
     };
     let is_overhead = v.word("style") == "overhead";
-    let pole = match (is_overhead, azimuth > 0.7) {
+    let pole = match (is_overhead || elevation > 0.85, azimuth > 0.7) {
         (true, true) => ELBOW_SIDE,
         (true, false) => ELBOW_UP,
         _ => ELBOW_DOWN,
@@ -65,15 +79,16 @@ pub fn raise_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let mut track = Track::new(rest);
     track.hold(0.1);
     for n in 0..v.count("repetitions") {
-        track.to(actor.s(0.85, speed), |c| {
+        track.to(actor.s(0.65, speed), |c| {
             for side in v.sides() {
                 reach(c, *side, elevation, azimuth, stretched, pole);
                 c.arms[*side].flex = 0.0;
             }
             c.flex = rest.flex - if is_overhead { 0.06 } else { 0.0 };
         });
-        track.hold(actor.s(0.35, speed));
-        track.to(actor.s(0.8, speed), |c| *c = rest);
+        // How long the arms stay up does not depend on how fast they are moved.
+        track.hold(hold_s);
+        track.to(actor.s(0.65, speed), |c| *c = rest);
         if n + 1 < v.count("repetitions") {
             track.hold(actor.s(0.1, speed));
         }

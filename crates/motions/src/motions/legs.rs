@@ -69,11 +69,24 @@ pub fn lunge(v: &Values, actor: &mut Actor) -> Vec<Control> {
         true => Vec3::new(SIDE_SIGN[side] * aside.sin(), 0.0, aside.cos()),
         false => way,
     };
-    // Many hardly lower the body, and hold their hands in front of the chest.
-    let depth = actor.dice.range(0.4, 1.05);
-    let (elevation, azimuth, stretched) = match actor.dice.chance(0.5) {
-        true => (-0.3, -0.2, 0.5),
-        false => (-0.9, 0.35, 0.72),
+    // Many hardly lower the body. Some hold their hands in front of the chest, others let the arms hang.
+    let depth = actor.dice.range(0.35, 1.05);
+    let arms = match actor.dice.index(3) {
+        0 => Some((-0.3, -0.2, 0.5)),
+        1 => Some((-0.9, 0.35, 0.72)),
+        _ => None,
+    };
+    // The deeper somebody goes to the side, the more the trunk leans.
+    let lean = if sideways {
+        actor.dice.range(0.2, 1.0) * depth
+    } else {
+        1.0
+    };
+    // Who does not step takes more time for each repetition.
+    let slower = if in_place {
+        actor.dice.range(1.0, 2.0)
+    } else {
+        1.0
     };
     let times = v.count("repetitions");
     for n in 0..times {
@@ -99,10 +112,10 @@ pub fn lunge(v: &Values, actor: &mut Actor) -> Vec<Control> {
                 c.hip.y = rest.hip.y - 0.4 * sink_m;
             });
         }
-        track.to(actor.s(0.5, speed), |c| {
+        track.to(actor.s(0.5 * slower, speed), |c| {
             c.hip.y = rest.hip.y - sink_m;
-            c.pitch = if sideways { 0.4 } else { 0.1 };
-            c.flex = if sideways { 0.25 } else { 0.08 };
+            c.pitch = if sideways { 0.4 * lean } else { 0.1 };
+            c.flex = if sideways { 0.25 * lean } else { 0.08 };
             // In a sideways lunge the weight shifts over the bent leg; otherwise it remains between
             // the feet.
             c.bias = match (sideways, side) {
@@ -116,12 +129,14 @@ pub fn lunge(v: &Values, actor: &mut Actor) -> Vec<Control> {
             } else if way.z < 0.0 {
                 c.feet[side].pitch = -0.95;
             }
-            for s in 0..2 {
-                reach(c, s, elevation, azimuth, stretched, ELBOW_BACK);
+            if let Some((elevation, azimuth, stretched)) = arms {
+                for s in 0..2 {
+                    reach(c, s, elevation, azimuth, stretched, ELBOW_BACK);
+                }
             }
         });
-        track.hold(actor.s(0.15, speed));
-        track.to(actor.s(0.42, speed), |c| {
+        track.hold(actor.s(0.15 * slower, speed));
+        track.to(actor.s(0.42 * slower, speed), |c| {
             c.hip.y = rest.hip.y - 0.35 * sink_m;
             c.bias = if side == 0 { 0.3 } else { 0.7 };
             c.feet[other].pitch = if way.z > 0.0 { -0.35 } else { 0.0 };

@@ -150,9 +150,9 @@ pub fn walk_turn(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let angle = v.number("angle_deg").to_radians();
     let sign = towards(v.word("direction")).x;
     let speed = v.speed();
-    // The sharper the turn, the tighter the curve; people turn around within a step or two.
-    let bend_m = actor.dice.range(0.25, 0.9) / angle.max(1.0);
-    let radius_m = actor.m(bend_m);
+    // Some turn within one step, others along a curve of 2 m.
+    let bend_m = actor.dice.log_range(0.25, 2.2);
+    let radius_m = actor.m(bend_m / angle.max(1.0));
     let curve_m = angle * radius_m;
     let before_m = actor.dice.range(0.35, 0.65) * (distance_m - curve_m).max(0.6);
     let after_m = (distance_m - curve_m - before_m).max(0.3);

@@ -65,13 +65,13 @@ impl ProceduralCorpus {
                     },
                     Draw::People => people_request(item_seed),
                 };
-                let rendered = request.render(item_seed);
+                // Motions are rendered when their clips are made: every process opens the whole plan.
                 items.push(CorpusItem {
                     group: motion_id.clone(),
                     motion_id,
                     split,
-                    action: rendered.action,
-                    captions: rendered.captions,
+                    action: request.action(),
+                    captions: request.captions(item_seed),
                     is_continuous,
                 });
                 requests.push((request, item_seed));
