@@ -117,7 +117,7 @@ const REPEATED: [(&str, f32); 20] = [
     ("jumping_jack", 1.8),
     ("kick", 0.8),
     ("leg_raise", 0.8),
-    ("lunge", 1.4),
+    ("lunge", 0.9),
     ("march", 1.0),
     ("pace", 1.2),
     ("punch", 1.5),
@@ -306,7 +306,7 @@ fn with_any_pace_and_size(text: Option<String>, dice: &mut Dice) -> Option<Strin
             // Running is faster than walking.
             "run" => [0.75, 1.7],
             "walk" | "walk_turn" | "pace" => [0.45, 1.6],
-            "wave" => [0.4, 1.9],
+            "wave" => [0.55, 1.9],
             "arm_circles" | "side_bend" | "twist" => [0.45, 1.6],
             _ => [0.55, 1.9],
         };

@@ -15,17 +15,9 @@ pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let swing = actor.a(0.26) * v.amplitude();
-    // From below the shoulder to above the head: the higher the hand, the straighter the arm.
-    let up = actor.dice.range(0.0, 1.0);
-    let height = -0.3 + 1.4 * up;
-    let stretched = (0.4 + 0.48 * up + 0.15 * actor.dice.bell()).clamp(0.34, 0.97);
-    let outward = actor.dice.range(0.3, 1.2);
-    // Some move the whole arm up and down, most the forearm from side to side.
-    let rise = if actor.dice.chance(0.3) {
-        actor.dice.range(0.15, 0.45)
-    } else {
-        0.12
-    };
+    // From shoulder height to above the head, with the elbow bent more or less.
+    let height = 0.62 + 0.4 * actor.dice.bell();
+    let stretched = 0.68 + 0.14 * actor.dice.bell();
     let mut track = Track::new(rest);
     track.hold(0.1);
     let pose = |c: &mut Control, lean: f32| {
@@ -33,8 +25,8 @@ pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
             reach(
                 c,
                 *side,
-                height - rise * lean,
-                outward + swing * lean,
+                height - 0.12 * lean,
+                1.1 + swing * lean,
                 stretched,
                 ELBOW_OUT,
             );
