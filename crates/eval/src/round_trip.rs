@@ -5,10 +5,10 @@
 //! The captions of the nearest training clips show the same without the model's own reading.
 //! The model's descriptions of the data set's own radar of the same motions show what agreement can be expected.
 
-use radarllm_base::{Clip, random::SplitMix64};
+use radarllm_base::{Clip, PointFrame, random::SplitMix64};
 use radarllm_dataset::{ClipRecord, Columns, Dataset, Split};
 use radarllm_facts::score::{FactScores, score as fact_scores};
-use radarllm_inference::{Captioner, Description, FRAME_RATE_HZ};
+use radarllm_inference::{Captioner, Description, FRAME_RATE_HZ, tokenizer::FRAMES_PER_CODE};
 use radarllm_metrics::{
     Candidate, Reference, ScoreOptions, Scores, bootstrap::units_of_ids, score,
 };
@@ -91,7 +91,9 @@ pub struct RoundTripReport {
     pub model: String,
     /// Sentences that were generated from.
     pub sentences: usize,
-    /// Generated clips in which the model sees no person.
+    /// Sentences for which the model generated no radar code. Their clips have no points.
+    pub empty: usize,
+    /// Generated clips in which the model sees no person, with those of `empty`.
     pub abstained: usize,
     /// Mean length of the generated clips, s.
     pub mean_seconds: f64,
@@ -130,16 +132,24 @@ pub fn evaluate_round_trip(
     let sentences: Vec<&str> = records.iter().map(|r| r.captions[0].as_str()).collect();
     let codes = captioner.codes_of_sentences(&sentences, beam)?;
     let generated = codes.iter().zip(&sentences);
-    let generated = generated.map(|(codes, sentence)| points(codes, sentence));
-    let generated = generated.collect::<Result<Vec<Clip>, _>>()?;
+    let generated = generated.map(|(codes, sentence)| match codes.is_empty() {
+        true => Ok(None),
+        false => points(codes, sentence).map(Some),
+    });
+    let generated = generated.collect::<Result<Vec<Option<Clip>>, EvalError>>()?;
     let describe = |clips: &[Clip]| -> Result<Vec<Description>, EvalError> {
         caption_clips(captioner, &clips.iter().collect::<Vec<_>>(), beam)
     };
-    let described = describe(&generated)?;
     let recorded: Vec<Clip> = records
         .iter_mut()
         .map(|r| take_clip(r, f64::from(FRAME_RATE_HZ)))
         .collect();
+    let generated: Vec<Clip> = generated
+        .into_iter()
+        .zip(&recorded)
+        .map(|(generated, recorded)| generated.unwrap_or_else(|| without_points(recorded)))
+        .collect();
+    let described = describe(&generated)?;
     let of_data = describe(&recorded)?;
     let order = shuffled_assignment(records.len(), seed)
         .ok_or_else(|| EvalError::Empty("a single sentence cannot be shuffled".into()))?;
@@ -194,6 +204,7 @@ pub fn evaluate_round_trip(
         split: split.to_string(),
         model: model.into(),
         sentences: records.len(),
+        empty: codes.iter().filter(|codes| codes.is_empty()).count(),
         abstained: described.iter().filter(|d| d.abstained.is_some()).count(),
         mean_seconds: generated.iter().map(Clip::duration_s).sum::<f64>() / n,
         seed,
@@ -215,6 +226,19 @@ pub fn evaluate_round_trip(
             described_data: data_texts[i].clone(),
         });
     Ok((report, lines.collect()))
+}
+
+/// The time of one radar code without any point, before the radar of a clip.
+fn without_points(recorded: &Clip) -> Clip {
+    let frame = |i: u32| PointFrame {
+        frame: i,
+        time_s: f64::from(i) / f64::from(FRAME_RATE_HZ),
+        points: Vec::new(),
+    };
+    Clip {
+        frames: (0..FRAMES_PER_CODE as u32).map(frame).collect(),
+        ..recorded.clone()
+    }
 }
 
 /// One clip of each of at most `count` motions, drawn at random, in the order of the data set.
@@ -367,13 +391,14 @@ pub fn markdown(report: &RoundTripReport, lines: &[RoundTripLine]) -> String {
         .collect();
     let mut text = format!(
         "# Round trips of `{}`, split `{}`\n\nModel {}: radar was generated from {} sentences and described. The generated \
-         clips are {:.1} s long on average; in {} of them the model sees no person.\n",
+         clips are {:.1} s long on average; in {} of them the model sees no person, {} of which have no radar code.\n",
         report.data,
         report.split,
         report.model,
         report.sentences,
         report.mean_seconds,
-        report.abstained
+        report.abstained,
+        report.empty
     );
     for table in [scores, shown] {
         text += &format!(

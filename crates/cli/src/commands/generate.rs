@@ -59,6 +59,14 @@ pub fn run(args: &GenerateArgs) -> CliResult {
     let captioner = load_decoder(args.model.as_deref(), args.decoder)?;
     let mut codes = codes(&captioner, &[&args.text], args.beam)?;
     let tokens = codes.pop().unwrap_or_default();
+    if tokens.is_empty() {
+        return Err(CliError::new(format!(
+            "model {}: it generated no radar token for `{}`",
+            captioner.name(),
+            args.text
+        ))
+        .hint("a sentence like those that the model was trained on, or --beam 4"));
+    }
     let decoder = points_decoder(args.model.as_deref())?;
     let origin = origin(&args.text, captioner.name());
     let clip = decoder.decode(&tokens, args.radar_height_m, &origin)?;

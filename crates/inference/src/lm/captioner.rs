@@ -490,11 +490,10 @@ impl Captioner {
     }
 
     /// Generates the radar codes of sentences: what a radar would see if they were true, one code per 0.4 s. The codes
-    /// belong to the tokenizer of the first member of an ensemble.
+    /// belong to the tokenizer of the first member of an ensemble. A sentence for which the model ends at once has none.
     ///
     /// # Errors
-    /// [`LmError::NotLearned`] if the model was not trained to do so; [`InputError::Sentence`] if a sentence has no word,
-    /// or the model generates no code for it.
+    /// [`LmError::NotLearned`] if the model was not trained to do so; [`InputError::Sentence`] if a sentence has no word.
     pub fn codes_of_sentences(
         &self,
         sentences: &[&str],
@@ -502,14 +501,11 @@ impl Captioner {
     ) -> Result<Vec<Vec<u32>>, LmError> {
         self.require(Task::TextToRadar, false)?;
         let vocab = self.vocab();
-        let refused = |index: usize, problem: &str| {
-            let problem = problem.into();
-            LmError::from(InputError::Sentence { index, problem })
-        };
         let mut prompts = Vec::with_capacity(sentences.len());
         for (index, sentence) in sentences.iter().enumerate() {
             if !sentence.chars().any(char::is_alphanumeric) {
-                return Err(refused(index, "it has no words"));
+                let problem = "it has no words".into();
+                return Err(InputError::Sentence { index, problem }.into());
             }
             let template = Task::TextToRadar.prompts()[0];
             prompts.push(vocab.prompt(template, None, Some(sentence))?);
@@ -523,15 +519,12 @@ impl Captioner {
         };
         let model = self.ensemble.first();
         let generated = search::unwatched(|watch| model.generate(&prompts, &options, watch))?;
-        let of = |(index, generated): (usize, Generated)| {
+        let of = |generated: Generated| {
             let mut codes = codes_of(vocab, &generated.ids);
             codes.truncate(MAX_FRAMES / FRAMES_PER_CODE);
-            match codes.is_empty() {
-                true => Err(refused(index, "the model generated no radar code for it")),
-                false => Ok(codes),
-            }
+            codes
         };
-        generated.into_iter().enumerate().map(of).collect()
+        Ok(generated.into_iter().map(of).collect())
     }
 
     /// Log-probability of each text, averaged over the members of an ensemble, for each window of a clip that may show a person, in the windows of
