@@ -163,17 +163,19 @@ def test_a_fork_of_a_fork():
     assert child(1) == 0
 
 
+class Motions:
+    """A data set of PyTorch. Processes that are spawned find it by its name in this module."""
+
+    def __len__(self):
+        return 6
+
+    def __getitem__(self, index):
+        return rl.simulate(MOTION, seed=index).n_points
+
+
 def test_loaders_of_torch_by_fork_and_spawn():
     torch = pytest.importorskip("torch", reason="torch is not installed")
     data = torch.utils.data
-
-    class Motions(data.Dataset):
-        def __len__(self):
-            return 6
-
-        def __getitem__(self, index):
-            return rl.simulate(MOTION, seed=index).n_points
-
     expected = None
     for method in ("fork", "spawn"):
         loader = data.DataLoader(Motions(), batch_size=2, num_workers=2, multiprocessing_context=method)
