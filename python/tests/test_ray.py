@@ -77,7 +77,7 @@ def test_the_bytes_are_those_of_one_process(cluster, plan, theirs, tmp_path):
 
 
 def kill_in_mid_write(folder: Path, of: str, killed: list[int], stop: threading.Event) -> None:
-    """SIGKILL the process that writes a file of this name: its number is in the name of the temporary file."""
+    """SIGKILL the process that writes a file whose name begins so: its number is in the name of the temporary file."""
     while not killed and not stop.is_set():
         try:
             names = os.listdir(folder)
@@ -223,7 +223,8 @@ def test_sentences_are_those_of_one_process(cluster, theirs, lines, tmp_path):
 def test_a_killed_worker_loses_no_sentence(cluster, theirs, lines, tmp_path):
     out = tmp_path / "captions.jsonl"
     parts = tmp_path / "captions.jsonl.parts"
-    killed_worker(parts, "000005", lambda: rr.describe(theirs, split="train", out=out, batch=1))
+    # Any of the parts: the write of a small one is over in no time.
+    killed_worker(parts, "0", lambda: rr.describe(theirs, split="train", out=out, batch=1))
     assert read(out) == lines and not parts.exists()
 
 
