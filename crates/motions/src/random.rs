@@ -124,7 +124,7 @@ const REPEATED: [(&str, f32); 20] = [
     ("raise_arms", 1.4),
     ("run", 0.7),
     ("side_bend", 1.0),
-    ("squat", 2.2),
+    ("squat", 1.8),
     ("twist", 0.8),
     ("walk", 2.0),
     ("wave", 1.4),
@@ -160,7 +160,7 @@ fn continuous(dice: &mut Dice) -> Option<String> {
             }
             set("lean_deg", &format!("{:.0}", dice.range(2.0, 40.0)));
         }
-        "lunge" if is_sideways && dice.chance(0.6) => set("feet", "in_place"),
+        "lunge" if is_sideways && dice.chance(0.4) => set("feet", "in_place"),
         // As far as a room is long.
         "walk" | "run" => set("distance_m", &format!("{:.1}", dice.range(3.5, 7.0))),
         // People exercise with their feet apart, and lower and raise the body only.
@@ -301,8 +301,8 @@ fn with_any_pace_and_size(text: Option<String>, dice: &mut Dice) -> Option<Strin
             "punch" => [0.8, 2.0],
             "leg_raise" => [0.5, 1.5],
             "lunge" => [0.45, 1.4],
-            // An arm is up within 0.35 to 1.5 s.
-            "raise_arms" => [0.42, 1.9],
+            // An arm is up within 0.4 to 2.1 s.
+            "raise_arms" => [0.4, 2.0],
             // Running is faster than walking.
             "run" => [0.75, 1.7],
             "walk" | "walk_turn" | "pace" => [0.45, 1.6],

@@ -71,7 +71,7 @@ pub fn raise_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let mut track = Track::new(rest);
     track.hold(0.1);
     for n in 0..v.count("repetitions") {
-        track.to(actor.s(0.65, speed), |c| {
+        track.to(actor.s(0.85, speed), |c| {
             for side in v.sides() {
                 reach(c, *side, elevation, azimuth, stretched, pole);
                 c.arms[*side].flex = 0.0;
@@ -80,7 +80,7 @@ pub fn raise_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
         });
         // How long the arms stay up does not depend on how fast they are moved.
         track.hold(hold_s);
-        track.to(actor.s(0.65, speed), |c| *c = rest);
+        track.to(actor.s(0.8, speed), |c| *c = rest);
         if n + 1 < v.count("repetitions") {
             track.hold(actor.s(0.1, speed));
         }
