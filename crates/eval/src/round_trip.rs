@@ -129,26 +129,21 @@ pub fn evaluate_round_trip(
             records.len()
         )));
     }
-    let sentences: Vec<&str> = records.iter().map(|r| r.captions[0].as_str()).collect();
-    let codes = captioner.codes_of_sentences(&sentences, beam)?;
-    let generated = codes.iter().zip(&sentences);
-    let generated = generated.map(|(codes, sentence)| match codes.is_empty() {
-        true => Ok(None),
-        false => points(codes, sentence).map(Some),
-    });
-    let generated = generated.collect::<Result<Vec<Option<Clip>>, EvalError>>()?;
-    let describe = |clips: &[Clip]| -> Result<Vec<Description>, EvalError> {
-        caption_clips(captioner, &clips.iter().collect::<Vec<_>>(), beam)
-    };
     let recorded: Vec<Clip> = records
         .iter_mut()
         .map(|r| take_clip(r, f64::from(FRAME_RATE_HZ)))
         .collect();
-    let generated: Vec<Clip> = generated
-        .into_iter()
-        .zip(&recorded)
-        .map(|(generated, recorded)| generated.unwrap_or_else(|| without_points(recorded)))
-        .collect();
+    let sentences: Vec<&str> = records.iter().map(|r| r.captions[0].as_str()).collect();
+    let codes = captioner.codes_of_sentences(&sentences, beam)?;
+    let generated = codes.iter().zip(&sentences).zip(&recorded);
+    let generated = generated.map(|((codes, sentence), recorded)| match codes.is_empty() {
+        true => Ok(without_points(recorded)),
+        false => points(codes, sentence),
+    });
+    let generated = generated.collect::<Result<Vec<Clip>, _>>()?;
+    let describe = |clips: &[Clip]| -> Result<Vec<Description>, EvalError> {
+        caption_clips(captioner, &clips.iter().collect::<Vec<_>>(), beam)
+    };
     let described = describe(&generated)?;
     let of_data = describe(&recorded)?;
     let order = shuffled_assignment(records.len(), seed)

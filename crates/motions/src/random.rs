@@ -131,17 +131,12 @@ const REPEATED: [(&str, f32); 20] = [
 ];
 
 fn continuous(dice: &mut Dice) -> Option<String> {
-    let (name, _) = dice.weighted(&REPEATED, |(_, share)| *share)?;
-    let spec = by_name(name)?;
-    let mut own = keys(spec, true, dice);
+    let (spec, mut own) = drawn(&REPEATED, dice)?;
     own.retain(|(k, _)| k != "repetitions" && k != "distance_m");
     let is_sideways = own
         .iter()
         .any(|(k, v)| k == "direction" && (v == "left" || v == "right"));
-    let mut set = |key: &str, value: &str| {
-        own.retain(|(k, _)| k != key);
-        own.push((key.to_owned(), value.to_owned()));
-    };
+    let mut set = |key: &str, value: &str| set_key(&mut own, key, value);
     // Who jumps again and again stays in place and hardly swings the arms; who boxes uses both hands.
     match spec.name {
         "jump" => {
@@ -184,7 +179,7 @@ fn continuous(dice: &mut Dice) -> Option<String> {
     if spec.key("repetitions").is_some() {
         let [few, most] = MANY;
         let times = few + dice.index((most - few) as usize) as u32;
-        own.push(("repetitions".to_owned(), times.to_string()));
+        set_key(&mut own, "repetitions", &times.to_string());
     }
     let mut all = globals(dice);
     // Those who move their arms or one leg stand firmly.
@@ -233,25 +228,38 @@ const ONCE: [(&str, f32); 15] = [
 
 /// A short motion from its beginning to its end.
 fn once(dice: &mut Dice) -> Option<String> {
-    let (name, _) = dice.weighted(&ONCE, |(_, share)| *share)?;
-    let spec = by_name(name)?;
-    let mut own = keys(spec, true, dice);
+    let (spec, mut own) = drawn(&ONCE, dice)?;
     if spec.name == "raise_arms" {
         let times = if dice.chance(0.8) {
             1
         } else {
             2 + dice.index(2)
         };
-        own.retain(|(k, _)| k != "repetitions" && k != "style");
-        own.push(("repetitions".to_owned(), times.to_string()));
+        set_key(&mut own, "repetitions", &times.to_string());
         let style = dice.pick(&[
             "hand", "hand", "hand", "overhead", "overhead", "forward", "sideways",
         ]);
-        own.push(("style".to_owned(), style.to_owned()));
+        set_key(&mut own, "style", style);
     }
     set_hold(spec, &mut own, 0.9, 2.2, dice);
     let text = format!("{}?{}", spec.name, query(&[own, globals(dice)]));
     with_any_pace_and_size(Some(text), dice)
+}
+
+/// A motion of a table of names and shares, with its drawn keys.
+fn drawn(
+    table: &[(&'static str, f32)],
+    dice: &mut Dice,
+) -> Option<(&'static MotionSpec, Vec<(String, String)>)> {
+    let (name, _) = dice.weighted(table, |(_, share)| *share)?;
+    let spec = by_name(name)?;
+    Some((spec, keys(spec, true, dice)))
+}
+
+/// Sets a key, in place of its drawn value if it has one.
+fn set_key(own: &mut Vec<(String, String)>, key: &str, value: &str) {
+    own.retain(|(k, _)| k != key);
+    own.push((key.to_owned(), value.to_owned()));
 }
 
 /// People hold up what they raised as long as they like.
@@ -264,8 +272,7 @@ fn set_hold(
 ) {
     if spec.key("hold_s").is_some() && dice.chance(share) {
         let hold_s = dice.range(0.0, longest_s);
-        own.retain(|(k, _)| k != "hold_s");
-        own.push(("hold_s".to_owned(), format!("{hold_s:.2}")));
+        set_key(own, "hold_s", &format!("{hold_s:.2}"));
     }
 }
 

@@ -63,7 +63,7 @@ pub fn raise_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
         _ => (0.85 + 0.58 * up, actor.dice.range(0.1, 1.4)),
     };
     let is_overhead = v.word("style") == "overhead";
-    let pole = match (is_overhead || elevation > 0.85, azimuth > 0.7) {
+    let pole = match (elevation >= 0.85, azimuth > 0.7) {
         (true, true) => ELBOW_SIDE,
         (true, false) => ELBOW_UP,
         _ => ELBOW_DOWN,
