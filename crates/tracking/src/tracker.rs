@@ -430,9 +430,12 @@ fn rejoin(tracks: Vec<Track>, frames: &[PointFrame], options: &TrackOptions) -> 
         let (Some(end), Some(start)) = (before.frames.last(), after.frames.first()) else {
             return false;
         };
-        let gap_s = frames[start.frame].time_s - frames[end.frame].time_s;
-        let [dx, dy] = [0, 1].map(|i| start.place_m[i] - end.place_m[i]);
-        end.frame < start.frame && gap_s <= options.rejoin_s && dx.hypot(dy) <= options.rejoin_m
+        let sight = |at: &TrackFrame| Sight {
+            frame: at.frame,
+            time_s: frames[at.frame].time_s,
+            place_m: at.place_m,
+        };
+        sight(start).may_continue(&sight(end), options)
     };
     // Returns the track for which `fits` holds if it is the only one.
     let only = |fits: &dyn Fn(&Track) -> bool| {
@@ -474,6 +477,18 @@ struct Sight {
     place_m: [f64; 2],
 }
 
+impl Sight {
+    /// Whether a track that begins here may continue one that ended at `end`.
+    fn may_continue(&self, end: &Self, options: &TrackOptions) -> bool {
+        let [dx, dy] = [0, 1].map(|i| self.place_m[i] - end.place_m[i]);
+        // Without rejoining, not even a gap of 0 s is bridged: the times of two frames may be equal.
+        options.rejoin_s > 0.0
+            && end.frame < self.frame
+            && self.time_s - end.time_s <= options.rejoin_s
+            && dx.hypot(dy) <= options.rejoin_m
+    }
+}
+
 /// The ends of a track.
 #[derive(Clone, Copy, Debug)]
 struct Path {
@@ -486,11 +501,7 @@ struct Path {
 impl Path {
     /// Whether the other track may be the continuation of this one after a gap.
     fn is_followed_by(&self, later: &Self, options: &TrackOptions) -> bool {
-        let (end, start) = (&self.last, &later.first);
-        let [dx, dy] = [0, 1].map(|i| start.place_m[i] - end.place_m[i]);
-        end.frame < start.frame
-            && start.time_s - end.time_s <= options.rejoin_s
-            && dx.hypot(dy) <= options.rejoin_m
+        later.first.may_continue(&self.last, options)
     }
 }
 

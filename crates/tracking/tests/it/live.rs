@@ -204,6 +204,27 @@ fn a_number_is_given_at_confirmation_and_found_again_after_a_gap() {
 }
 
 #[test]
+fn without_rejoining_not_even_frames_of_equal_time_are_one_track() {
+    let appear = |i: u32| match i {
+        0..20 => vec![[0.0, 2.0 + 0.05 * i as f32]],
+        _ => vec![[2.0, 3.0 + 0.05 * (i - 20) as f32]],
+    };
+    let mut frames = appearances(50, appear);
+    for frame in &mut frames[20..] {
+        frame.time_s -= 0.1;
+    }
+    assert_eq!(frames[19].time_s, frames[20].time_s);
+    for (rejoin_s, n) in [(0.0, 2), (10.0, 1)] {
+        let options = TrackOptions {
+            rejoin_s,
+            rejoin_m: 3.0,
+            ..TrackOptions::default()
+        };
+        assert_eq!(track(&frames, &options).unwrap().len(), n, "{rejoin_s} s");
+    }
+}
+
+#[test]
 fn a_day_of_frames_does_not_grow_the_tracker() {
     // 24 h at 10 Hz: a person who paces for 20 s, hides for 20 s and comes back elsewhere.
     let mut tracker = Tracker::new(TrackOptions::default()).unwrap();
