@@ -9,7 +9,7 @@ use radarllm_io::{Error, Result};
 
 use radarllm_teach::{Memory, Recogniser};
 
-use crate::{Choices, RecordedConfidence, bundled, taught};
+use crate::{Choices, RecordedConfidence, bundled, insert_taught};
 
 /// Describes clips with a trained model.
 ///
@@ -139,19 +139,6 @@ impl Captioner {
     /// # Errors
     /// As [`Self::describe`].
     pub fn describe_with(&self, clip: &Clip, options: &DescribeOptions) -> Result<Description> {
-        self.describe_recognising(clip, options, self.recogniser.as_ref())
-    }
-
-    /// Describes a clip with other taught activities than the captioner's own.
-    ///
-    /// # Errors
-    /// As [`Self::describe`].
-    pub fn describe_recognising(
-        &self,
-        clip: &Clip,
-        options: &DescribeOptions,
-        recogniser: Option<&Recogniser>,
-    ) -> Result<Description> {
         let clip = prepared(clip).map_err(Error::input)?;
         let mut description = self.model.describe(&clip, options).map_err(Error::input)?;
         match (&self.choices, &self.confidence) {
@@ -159,8 +146,8 @@ impl Captioner {
             (None, Some(confidence)) => confidence.apply(&clip, &mut description),
             (None, None) => {}
         }
-        if let Some(recogniser) = recogniser {
-            taught::insert(&mut description, recogniser.recognise(&clip));
+        if let Some(recogniser) = &self.recogniser {
+            insert_taught(&mut description, &clip, recogniser);
         }
         Ok(description)
     }

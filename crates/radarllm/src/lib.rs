@@ -53,6 +53,7 @@ pub use confidence::RecordedConfidence;
 pub use page::page_segments;
 pub use score::{CaptionScores, FactBlock};
 pub use source::{DEFAULT_RADAR, Performed, Recording, Source, open, open_parts};
+pub use taught::insert_taught;
 
 pub use radarllm_base::{
     Clip, Clutter, Motion, PointFrame, Provenance, RadarConfig, RadarCube, RadarPoint, Timeline,

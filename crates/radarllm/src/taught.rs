@@ -1,13 +1,16 @@
 //! Descriptions with taught activities in them.
 
+use radarllm_base::Clip;
 use radarllm_inference::{Description, Segment};
-use radarllm_teach::Recognised;
+use radarllm_teach::Recogniser;
 
 /// What is left of a segment beside a taught one is kept if it is at least this long, s.
 const MIN_REST_S: f64 = 1.0;
 
-/// Replaces what a description says about the times in which taught activities were recognised.
-pub fn insert(description: &mut Description, recognised: Vec<Recognised>) {
+/// Replaces what the description of a clip says about the times in which taught activities are recognised. The clip is
+/// prepared for the model.
+pub fn insert_taught(description: &mut Description, clip: &Clip, recogniser: &Recogniser) {
+    let recognised = recogniser.recognise(clip);
     if recognised.is_empty() {
         return;
     }

@@ -2,9 +2,7 @@
 
 use std::path::Path;
 
-use radarllm::{
-    CaptureFormat, CaptureOptions, Clip, DescribeOptions, open_radar, teach::Recogniser,
-};
+use radarllm::{CaptureFormat, CaptureOptions, Clip, DescribeOptions, open_radar};
 use radarllm_dataset::Dataset;
 use radarllm_eval::{
     proxy::Proxy,
@@ -50,22 +48,27 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
             beam: args.beam,
             ..DescribeOptions::default()
         };
+        let describe =
+            |clip: &Clip| -> CliResult<_> { Ok(captioner.describe_with(clip, &options)?) };
         if let Some(n_examples) = args.teach {
             let pool = match role {
                 Role::Tuning => recordings.clone(),
                 Role::Judged => read(Role::Tuning)?,
-            };
-            let describe = |memory: &_, clip: &Clip| -> CliResult<_> {
-                let recogniser = Recogniser::new(memory);
-                Ok(captioner.describe_recognising(clip, &options, recogniser.as_ref())?)
             };
             let teaching = TeachOptions {
                 n_examples: n_examples as usize,
                 draws: args.draws,
                 role,
             };
-            let (counts, mut last) =
-                evaluate_taught(describe, name, &config, &teaching, &pool, &recordings)?;
+            let (counts, mut last) = evaluate_taught(
+                describe,
+                radarllm::insert_taught,
+                name,
+                &config,
+                &teaching,
+                &pool,
+                &recordings,
+            )?;
             (last.right, last.recordings) = (counts.right, counts.recordings);
             let how = format!("taught by {n_examples} examples, {} draws: ", args.draws);
             log_look(args, &last, info.fingerprint, &how)?;
@@ -75,8 +78,6 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
             output::print_line(&counts.to_text());
             return Ok(());
         }
-        let describe =
-            |clip: &Clip| -> CliResult<_> { Ok(captioner.describe_with(clip, &options)?) };
         let recordings = recordings.into_iter().map(Ok);
         let report = evaluate_recordings(describe, name, &config, role, recordings)?;
         let how = match args.choose.join(", ") {

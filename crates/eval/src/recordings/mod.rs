@@ -325,27 +325,42 @@ pub fn evaluate_recordings<E: From<EvalError>>(
 ) -> Result<RecordingsReport, E> {
     let mut rows = Vec::new();
     for recording in recordings {
-        let LabelledRecording {
-            name,
-            activity,
-            clip,
-        } = recording?;
-        if clip.provenance.is_simulated() && !config.simulated {
-            return Err(EvalError::Simulated(clip.provenance.input().into()).into());
-        }
-        let description = describe(&clip)?;
-        let abstained = description.abstained.is_some();
-        let segments = &description.segments;
-        rows.push(row(
-            config,
-            &name,
-            &activity,
-            clip.duration_s(),
-            segments,
-            abstained,
-        ));
+        let recording = recording?;
+        check_recorded(config, &recording.clip)?;
+        let description = describe(&recording.clip)?;
+        rows.push(described(config, &recording, &description));
     }
     Ok(report(model.into(), config, role, rows))
+}
+
+/// Refuses simulated points, unless the configuration is about them.
+fn check_recorded(config: &RecordingsConfig, clip: &Clip) -> Result<(), EvalError> {
+    match clip.provenance.is_simulated() && !config.simulated {
+        true => Err(EvalError::Simulated(clip.provenance.input().into())),
+        false => Ok(()),
+    }
+}
+
+/// A recording and its description.
+fn described(
+    config: &RecordingsConfig,
+    recording: &LabelledRecording,
+    description: &Description,
+) -> RecordingRow {
+    let LabelledRecording {
+        name,
+        activity,
+        clip,
+    } = recording;
+    let abstained = description.abstained.is_some();
+    row(
+        config,
+        name,
+        activity,
+        clip.duration_s(),
+        &description.segments,
+        abstained,
+    )
 }
 
 fn row(

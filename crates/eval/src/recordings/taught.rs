@@ -2,10 +2,12 @@
 
 use radarllm_base::{Clip, seed::derive_seed};
 use radarllm_inference::Description;
-use radarllm_teach::Memory;
+use radarllm_teach::{Memory, Recogniser};
 use serde::Serialize;
 
-use super::{LabelledRecording, RecordingsConfig, RecordingsReport, Role, evaluate_recordings};
+use super::{
+    LabelledRecording, RecordingsConfig, RecordingsReport, Role, check_recorded, described, report,
+};
 use crate::EvalError;
 
 /// How activities are taught.
@@ -39,13 +41,15 @@ pub struct TaughtReport {
 /// Teaches every activity by examples of `pool`, drawn at random, and evaluates the recordings that are no examples.
 /// Then each activity in turn is left out of the teaching, and its recordings are evaluated.
 ///
-/// `describe` describes a clip with a memory. Also returns the report of the last draw in which all activities were
-/// taught.
+/// `describe` describes a clip without a memory, once for each recording; `recognise` replaces what a description says
+/// about the times in which a taught activity is recognised. Also returns the report of the last draw in which all
+/// activities were taught.
 ///
 /// # Errors
-/// An activity without a sentence, no draws, or an error of `describe`.
+/// An activity without a sentence, no draws, simulated points, or an error of `describe`.
 pub fn evaluate_taught<E: From<EvalError>>(
-    describe: impl Fn(&Memory, &Clip) -> Result<Description, E>,
+    describe: impl Fn(&Clip) -> Result<Description, E>,
+    recognise: impl Fn(&mut Description, &Clip, &Recogniser),
     model: &str,
     config: &RecordingsConfig,
     options: &TeachOptions,
@@ -57,19 +61,30 @@ pub fn evaluate_taught<E: From<EvalError>>(
         examples: options.n_examples,
         ..TaughtReport::default()
     };
+    let descriptions = recordings.iter().map(|recording| {
+        check_recorded(config, &recording.clip)?;
+        describe(&recording.clip)
+    });
+    let descriptions = descriptions.collect::<Result<Vec<Description>, E>>()?;
     let mut last = None;
     for draw in 0..options.draws {
         let left_out = config.activity.iter().map(|a| Some(a.name.as_str()));
         for left_out in std::iter::once(None).chain(left_out) {
             let (memory, examples) = memory(config, pool, options.n_examples, draw, left_out)?;
+            let recogniser = Recogniser::new(&memory);
             let evaluated = recordings
                 .iter()
-                .filter(|r| !examples.contains(&r.name.as_str()))
-                .filter(|r| left_out.is_none_or(|name| r.activity == name))
-                .cloned();
-            let describe = |clip: &Clip| describe(&memory, clip);
-            let evaluated = evaluated.map(Ok);
-            let report = evaluate_recordings(describe, model, config, options.role, evaluated)?;
+                .zip(&descriptions)
+                .filter(|(r, _)| !examples.contains(&r.name.as_str()))
+                .filter(|(r, _)| left_out.is_none_or(|name| r.activity == name));
+            let rows = evaluated.map(|(recording, description)| {
+                let mut description = description.clone();
+                if let Some(recogniser) = &recogniser {
+                    recognise(&mut description, &recording.clip, recogniser);
+                }
+                described(config, recording, &description)
+            });
+            let report = report(model.into(), config, options.role, rows.collect());
             if left_out.is_some() {
                 counts.others += report.recordings;
                 counts.falsely_recognised +=
