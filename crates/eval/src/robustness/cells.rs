@@ -187,14 +187,16 @@ impl<'a> Experiment<'a> {
     fn simulate(&self, change: &Change) -> Result<Vec<Vec<PointFrame>>, EvalError> {
         let mut config = self.config.clone();
         let mut radar = self.radar.clone();
-        let mut heading_rad = None;
+        let mut of_motion = None;
         match change {
             Change::ExtraNoiseDb(extra) => radar.noise_figure_db += extra,
             Change::DistanceM(distance) => config.distance_m = [*distance; 2],
             Change::HeadingDeg(heading) => {
                 config.heading_deg = 0.0;
-                heading_rad = Some(heading.to_radians());
+                of_motion = Some(MotionChange::HeadingRad(heading.to_radians()));
             }
+            Change::Tempo(factor) => of_motion = Some(MotionChange::Tempo(*factor)),
+            Change::Size(factor) => of_motion = Some(MotionChange::Size(*factor)),
             Change::Radar(name) => {
                 radar = RadarConfig {
                     // The model measures time in frames.
@@ -244,12 +246,12 @@ impl<'a> Experiment<'a> {
                         None => synthesizer.insert(plan()?),
                     };
                     let corpus = self.corpora[source].as_ref();
-                    let record = match heading_rad {
+                    let record = match of_motion {
                         None => make_record(synthesizer, corpus, item, 0, &config),
-                        Some(heading_rad) => {
-                            let corpus = Turned {
+                        Some(change) => {
+                            let corpus = Changed {
                                 corpus,
-                                heading_rad,
+                                change,
                                 max_s,
                             };
                             make_record(synthesizer, &corpus, item, 0, &config)
@@ -332,15 +334,26 @@ fn change_points(frames: &[PointFrame], change: &Change, seed: u64) -> Vec<Point
     frames
 }
 
-/// A source whose motions begin with a given heading.
-struct Turned<'a> {
+/// A change of the motions.
+#[derive(Clone, Copy, Debug)]
+enum MotionChange {
+    /// Heading of the first pose, rad; 0 faces the radar.
+    HeadingRad(f32),
+    /// Speed as a multiple of the motion's own.
+    Tempo(f64),
+    /// Size of body and way as a multiple of the person's own.
+    Size(f32),
+}
+
+/// A source with changed motions.
+struct Changed<'a> {
     corpus: &'a dyn Corpus,
-    heading_rad: f32,
-    /// Longer motions are cut first: cutting faces them to the radar again.
+    change: MotionChange,
+    /// Longer motions are cut before they are turned: cutting faces them to the radar again.
     max_s: f64,
 }
 
-impl Corpus for Turned<'_> {
+impl Corpus for Changed<'_> {
     fn name(&self) -> &str {
         self.corpus.name()
     }
@@ -359,14 +372,30 @@ impl Corpus for Turned<'_> {
 
     fn motion(&self, item_idx: usize) -> Result<Motion, CorpusError> {
         let mut motion = self.corpus.motion(item_idx)?;
-        if motion.duration_s() > self.max_s {
-            motion = crop(&motion, 0.0, self.max_s);
-            canonicalize(&mut motion);
-        }
-        let turn = Quat::from_rotation_z(self.heading_rad);
-        for pose in &mut motion.poses {
-            pose.root_in_world = turn * pose.root_in_world;
-            pose.rotations[0] = (turn * pose.rotations[0]).normalize();
+        match self.change {
+            MotionChange::HeadingRad(heading_rad) => {
+                if motion.duration_s() > self.max_s {
+                    motion = crop(&motion, 0.0, self.max_s);
+                    canonicalize(&mut motion);
+                }
+                let turn = Quat::from_rotation_z(heading_rad);
+                for pose in &mut motion.poses {
+                    pose.root_in_world = turn * pose.root_in_world;
+                    pose.rotations[0] = (turn * pose.rotations[0]).normalize();
+                }
+            }
+            MotionChange::Tempo(factor) => motion.fps *= factor,
+            MotionChange::Size(factor) => {
+                motion
+                    .skeleton
+                    .offsets
+                    .iter_mut()
+                    .for_each(|o| *o *= factor);
+                motion
+                    .poses
+                    .iter_mut()
+                    .for_each(|p| p.root_in_world *= factor);
+            }
         }
         Ok(motion)
     }
@@ -406,21 +435,32 @@ mod tests {
     }
 
     #[test]
-    fn a_turned_source_turns_what_the_radar_sees_and_nothing_else() {
+    fn motions_are_turned_sped_up_and_scaled() {
         let corpus = radarllm_synth::corpus::procedural::ProceduralCorpus::new(
             [0, 0, 3],
             5,
             radarllm_synth::corpus::procedural::Draw::Library,
         );
-        for item in 0..3 {
-            let plain = corpus.motion(item).unwrap();
-            let turned = Turned {
+        let changed = |item, change| {
+            let changed = Changed {
                 corpus: &corpus,
-                heading_rad: std::f32::consts::FRAC_PI_2,
+                change,
                 max_s: 1000.0,
             };
-            let turned = turned.motion(item).unwrap();
-            let (a, b) = (plain.joints_in_world(), turned.joints_in_world());
+            changed.motion(item).unwrap()
+        };
+        for item in 0..3 {
+            let plain = corpus.motion(item).unwrap();
+            let a = plain.joints_in_world();
+            let quick = changed(item, MotionChange::Tempo(2.0));
+            assert!((quick.duration_s() * 2.0 - plain.duration_s()).abs() < 1e-9);
+            assert_eq!(quick.joints_in_world(), a);
+            let small = changed(item, MotionChange::Size(0.5)).joints_in_world();
+            for (p, q) in a.iter().flatten().zip(small.iter().flatten()) {
+                assert!((*p * 0.5).distance(*q) < 1e-4, "{p} {q}");
+            }
+            let quarter = MotionChange::HeadingRad(std::f32::consts::FRAC_PI_2);
+            let b = changed(item, quarter).joints_in_world();
             for (p, q) in a.iter().flatten().zip(b.iter().flatten()) {
                 // A quarter turn counter-clockwise: x becomes y.
                 let expected = glam::Vec3::new(-p.y, p.x, p.z);

@@ -67,6 +67,16 @@ pub enum Axis {
         /// Values.
         heading_deg: Vec<f32>,
     },
+    /// Speed of the motion as a multiple of its own.
+    Tempo {
+        /// Values.
+        factor: Vec<f64>,
+    },
+    /// Size of the body, and of its way, as a multiple of its own.
+    Size {
+        /// Values.
+        factor: Vec<f32>,
+    },
     /// Strongest points kept of each frame.
     Points {
         /// Values.
@@ -120,6 +130,10 @@ pub enum Change {
     DistanceM(f32),
     /// Heading of the first pose, degrees.
     HeadingDeg(f32),
+    /// Speed of the motion as a multiple of its own.
+    Tempo(f64),
+    /// Size of the body, and of its way, as a multiple of its own.
+    Size(f32),
     /// Strongest points kept of each frame.
     AtMostPoints(usize),
     /// Probability that a frame comes without points.
@@ -147,6 +161,8 @@ impl Change {
             Self::ExtraNoiseDb(v) => format!("{v} dB more noise"),
             Self::DistanceM(v) => format!("{v} m"),
             Self::HeadingDeg(v) => format!("{v} degrees"),
+            Self::Tempo(v) => format!("{v} times as fast"),
+            Self::Size(v) => format!("{v} times as large"),
             Self::AtMostPoints(v) => format!("{v} points"),
             Self::FrameLoss(v) => format!("{} % of frames empty", v * 100.0),
             Self::Radar(name) => name.clone(),
@@ -160,10 +176,11 @@ impl Change {
     pub fn x(&self) -> Option<f64> {
         match self {
             Self::ExtraNoiseDb(v)
+            | Self::Tempo(v)
             | Self::FrameLoss(v)
             | Self::RainMmPerH(v)
             | Self::SmokeGPerM3(v) => Some(*v),
-            Self::DistanceM(v) | Self::HeadingDeg(v) => Some(f64::from(*v)),
+            Self::DistanceM(v) | Self::HeadingDeg(v) | Self::Size(v) => Some(f64::from(*v)),
             Self::AtMostPoints(v) => Some(*v as f64),
             Self::Nothing | Self::Radar(_) | Self::Screen(_) => None,
         }
@@ -177,6 +194,8 @@ impl Axis {
             Self::Noise { .. } => "noise",
             Self::Distance { .. } => "distance",
             Self::Aspect { .. } => "aspect",
+            Self::Tempo { .. } => "tempo",
+            Self::Size { .. } => "size",
             Self::Points { .. } => "points",
             Self::FrameLoss { .. } => "frame-loss",
             Self::Radar { .. } => "radar",
@@ -192,6 +211,8 @@ impl Axis {
             Self::Noise { .. } => "thermal noise above the radar's own, dB",
             Self::Distance { .. } => "distance of the path's middle, m",
             Self::Aspect { .. } => "heading of the first pose, degrees (0 faces the radar)",
+            Self::Tempo { .. } => "speed of the motion as a multiple of its own",
+            Self::Size { .. } => "size of the body and its way as a multiple of its own",
             Self::Points { .. } => "strongest points kept of each frame",
             Self::FrameLoss { .. } => "share of frames that come without points",
             Self::Radar { .. } => "radar, at the frame rate of the base",
@@ -210,6 +231,8 @@ impl Axis {
             Self::Noise { extra_db } => all(extra_db, Change::ExtraNoiseDb),
             Self::Distance { distance_m } => all(distance_m, Change::DistanceM),
             Self::Aspect { heading_deg } => all(heading_deg, Change::HeadingDeg),
+            Self::Tempo { factor } => all(factor, Change::Tempo),
+            Self::Size { factor } => all(factor, Change::Size),
             Self::Points { at_most } => all(at_most, Change::AtMostPoints),
             Self::FrameLoss { probability } => all(probability, Change::FrameLoss),
             Self::Radar { radars } => all(radars, Change::Radar),
@@ -226,6 +249,7 @@ impl Axis {
             | Self::FrameLoss { .. }
             | Self::Rain { .. }
             | Self::Smoke { .. } => Some(0.0),
+            Self::Tempo { .. } | Self::Size { .. } => Some(1.0),
             _ => None,
         }
     }
@@ -256,6 +280,7 @@ fn check(plan: &Plan) -> Result<(), String> {
                 Change::ExtraNoiseDb(_) => 0.0..=100.0,
                 Change::DistanceM(_) => 0.5..=100.0,
                 Change::HeadingDeg(_) => -360.0..=360.0,
+                Change::Tempo(_) | Change::Size(_) => 0.25..=4.0,
                 Change::AtMostPoints(_) => 1.0..=1e6,
                 Change::FrameLoss(_) => 0.0..=1.0,
                 Change::RainMmPerH(_) => 0.0..=200.0,
@@ -307,6 +332,8 @@ mod tests {
             ("kind = \"noise\"\nextra_db = [-3.0]", "-3"),
             ("kind = \"rain\"\nrain_mm_per_h = [nan]", "rain"),
             ("kind = \"points\"\nat_most = [0]", "points"),
+            ("kind = \"tempo\"\nfactor = [0.0]", "tempo"),
+            ("kind = \"size\"\nfactor = [nan]", "size"),
             ("kind = \"frame-loss\"\nprobability = [1.5]", "frame-loss"),
             (
                 "kind = \"screen\"\nscreens = [{ material = \"cheese\", thickness_m = 0.01 }]",
