@@ -189,7 +189,7 @@ impl DirectionFinder {
 
     /// TDM compensation: slot i fires i chirps later, and a target in Doppler bin k accumulates the phase 2 pi k i /
     /// (slots * loops) until then. This function removes it.
-    fn tdm_phase(&self, channel: usize, doppler: i64) -> Complex32 {
+    pub(crate) fn tdm_phase(&self, channel: usize, doppler: i64) -> Complex32 {
         let slot = channel / self.n_rx;
         let index = doppler.rem_euclid(self.n_loops as i64) as usize;
         self.tdm_phases[slot * self.n_loops + index]

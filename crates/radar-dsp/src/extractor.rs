@@ -3,6 +3,7 @@
 use radarllm_base::{PointFrame, RadarConfig, RadarCube, RadarPoint};
 
 use crate::array::VirtualArray;
+use crate::capon::CaponDetector;
 use crate::detect::Selector;
 use crate::direction::DirectionFinder;
 use crate::error::DspError;
@@ -31,6 +32,7 @@ pub struct PointExtractor {
     pub(crate) spectrum: Spectrum,
     pub(crate) directions: DirectionFinder,
     selector: Selector,
+    capon: Option<CaponDetector>,
 }
 
 impl PointExtractor {
@@ -65,12 +67,16 @@ impl PointExtractor {
             });
         }
         let directions = DirectionFinder::new(radar, &options);
+        let capon = options.capon.as_ref();
+        let capon = capon.map(|capon| CaponDetector::new(radar, capon));
+        let capon = capon.transpose()?;
         Ok(Self {
             radar: radar.clone(),
             options,
             spectrum,
             directions,
             selector,
+            capon,
         })
     }
 
@@ -80,7 +86,7 @@ impl PointExtractor {
     ///   Doppler bin, positive when receding, relative to [`RadarConfig::carrier_hz`]. Both refer to the middle of the
     ///   frame's active time. `time_s` is the time of the first chirp, taken from the cube.
     /// - x = R u_x, z = R u_z, y = sqrt(R^2 - x^2 - z^2): targets are assumed to be in front of the radar.
-    /// - intensity: 10 log10 D, with D of [`MapKind`] and unnormalised FFTs. It is relative to a D of one squared
+    /// - intensity: with [`DspOptions::capon`] the ratio to the noise along range in dB, otherwise 10 log10 D, with D of [`MapKind`] and unnormalised FFTs. It is relative to a D of one squared
     ///   sample unit (non-coherent) or one sample unit (coherent, the paper's 10 log10 |D|).
     /// - `frame` is the cube's time in frame periods, rounded.
     ///
@@ -88,6 +94,19 @@ impl PointExtractor {
     /// Returns an error for a cube of another shape, or with values that are not finite.
     pub fn extract(&mut self, cube: &RadarCube) -> Result<PointFrame, DspError> {
         self.spectrum.run(cube)?;
+        let frame = (cube.time_s / self.radar.frame_period_s).round() as u32;
+        if let Some(capon) = &mut self.capon {
+            return Ok(PointFrame {
+                frame,
+                time_s: cube.time_s,
+                points: capon.points(
+                    &self.spectrum,
+                    &self.directions,
+                    self.radar.velocity_resolution_mps(),
+                    self.options.max_points,
+                ),
+            });
+        }
         let n_loops = self.spectrum.n_doppler();
         let map = &self.spectrum.map;
         let candidates = self.selector.select(map);
@@ -123,7 +142,6 @@ impl PointExtractor {
             }
             rest = tail;
         }
-        let frame = (cube.time_s / self.radar.frame_period_s).round() as u32;
         Ok(PointFrame {
             frame,
             time_s: cube.time_s,

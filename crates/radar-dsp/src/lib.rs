@@ -57,13 +57,14 @@
 //! array and the detection threshold. [`PointExtractor::extract`] then allocates nothing but its result.
 //!
 //! Reading order: [`extractor`] (the chain), [`options`], [`spectrum`] (range and Doppler), [`detect`] (detection),
-//! [`mod@array`] and [`direction`] (angle estimation), [`pictures`]. Two modules precede the chain: [`mod@correct`]
+//! [`mod@array`] and [`direction`] (angle estimation), [`capon`] (detection of another firmware), [`pictures`]. Two modules precede the chain: [`mod@correct`]
 //! (background subtraction, offset and leakage removal) and [`mod@calibrate`] (channel gains from a reflector).
 //!
 //! Out of scope: anything about people, files, or the origin of a cube.
 
 pub mod array;
 pub mod calibrate;
+pub mod capon;
 pub mod correct;
 pub mod detect;
 pub mod direction;
@@ -81,6 +82,7 @@ mod row_fft;
 
 pub use array::VirtualArray;
 pub use calibrate::{CalibrateError, ChannelGains, CornerCalibrator, Reflector};
+pub use capon::{CaponDetection, CaponScan, MapCfar};
 pub use correct::{Background, Corrections, Corrector, EmptyRoom};
 pub use error::DspError;
 pub use extractor::PointExtractor;

@@ -1,6 +1,6 @@
 //! Options of the signal chain, with their defaults.
 
-use crate::window::Window;
+use crate::{capon::CaponDetection, window::Window};
 
 /// How the channels (twelve for the reference radar) are combined into one detection map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -197,6 +197,9 @@ pub struct DspOptions {
     pub peak_grouping: PeakGrouping,
     /// Cells with impossible directions.
     pub impossible_direction: ImpossibleDirection,
+    /// Detection on a Capon map of range and azimuth instead of the range-Doppler map. Map, detector, passes after it,
+    /// peak grouping and the options of the angle estimation other than `compensate_tdm` are then ignored.
+    pub capon: Option<CaponDetection>,
 }
 
 impl Default for DspOptions {
@@ -221,6 +224,7 @@ impl Default for DspOptions {
             doppler_cfar: None,
             peak_grouping: PeakGrouping::Off,
             impossible_direction: ImpossibleDirection::Drop,
+            capon: None,
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Checks of the whole chain on cubes evaluated from the signal model.
 
 mod calibrate;
+mod capon;
 mod clutter;
 mod correct;
 mod detection;
