@@ -226,6 +226,14 @@ impl Provenance {
         }
     }
 
+    /// Name of the recording's format, where known.
+    pub fn format(&self) -> Option<&str> {
+        match self {
+            Self::Simulated { .. } => None,
+            Self::Recorded { format, .. } => format.as_deref(),
+        }
+    }
+
     /// Seed of the simulation; `None` for recordings.
     pub fn seed(&self) -> Option<u64> {
         match self {

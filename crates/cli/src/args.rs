@@ -307,6 +307,9 @@ pub enum Firmware {
     /// TI's out-of-box demo of SDK 3, as the chirp configuration sets it up: both passes of CFAR, clutter removal and
     /// field of view. Where it reports static echoes, a motion is surrounded by random objects.
     OutOfBox,
+    /// TI's 3D people tracking for the xWR6843, as the chirp configuration sets it up: Capon map of range and azimuth,
+    /// two passes of CFAR, elevation by a second Capon spectrum. Only what moves is reported.
+    PeopleTracking,
 }
 
 /// `simulate`.

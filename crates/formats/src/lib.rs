@@ -101,5 +101,5 @@ pub use recordings::{RecordingError, read_mars_points, read_radhar_points};
 pub use sensor_position::SensorPosition;
 pub use span::Span;
 pub use ti_cfg::{TiCfg, TiCfgError, radar_from_ti_cfg};
-pub use ti_detection::TiDetection;
+pub use ti_detection::{TiDetection, TiPeopleDetection};
 pub use uart::{UartError, UartParser, UartReport};

@@ -1,4 +1,4 @@
-//! On-chip detection of TI's out-of-box demo, as a chirp file of SDK 3 states it.
+//! On-chip detection of TI's out-of-box demo and of its 3D people tracking, as a chirp file of SDK 3 states it.
 
 use crate::ti_cfg::{Command, TiCfgError};
 
@@ -111,6 +111,149 @@ impl TiDetection {
     }
 }
 
+/// Commands of a chirp file that determine which points TI's 3D people tracking reports of somebody who moves. Argument
+/// order: the demo's "3D people counting demo: configuration details".
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TiPeopleDetection {
+    /// `dynamicRACfarCfg`: the pass along range.
+    pub range_cfar: TiMapCfar,
+    /// The same: the pass along azimuth.
+    pub azimuth_cfar: TiMapCfar,
+    /// The same: smallest power relative to the strongest azimuth of the range bin, 0..=1.
+    pub sidelobe: f64,
+    /// The same: whether the pass along azimuth is made.
+    pub second_pass: bool,
+    /// `dynamicRangeAngleCfg`: step of azimuth, degrees.
+    pub azimuth_step_deg: f64,
+    /// The same: addition to the diagonal of the covariance, relative.
+    pub azimuth_loading: f64,
+    /// The same: whether the phase between transmitters is corrected for motion.
+    pub compensates_motion: bool,
+    /// `dynamic2DAngleCfg`: step of elevation, degrees.
+    pub elevation_step_deg: f64,
+    /// The same: addition to the diagonal of the covariance, relative.
+    pub elevation_loading: f64,
+    /// `fovCfg`: largest azimuth and elevation to either side, degrees.
+    pub fov_deg: [f64; 2],
+}
+
+/// A CFAR pass over the powers of a range-azimuth map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TiMapCfar {
+    /// Cells at the lower and the upper end that are not searched.
+    pub skip: [usize; 2],
+    /// Training cells on each side.
+    pub train: usize,
+    /// Guard cells on each side.
+    pub guard: usize,
+    /// Smallest ratio to the noise.
+    pub threshold: f64,
+}
+
+impl TiPeopleDetection {
+    /// Reads the detection commands of a chirp file. The last of equal commands applies.
+    ///
+    /// # Errors
+    /// [`TiCfgError::Line`] for values out of range, and for a static detection that is switched on, which is not read;
+    /// [`TiCfgError::Missing`] if a command is absent.
+    pub fn from_ti_cfg(text: &str) -> Result<Self, TiCfgError> {
+        let (mut cfar, mut azimuth, mut elevation, mut fov) = (None, None, None, None);
+        for (i, raw) in text.lines().enumerate() {
+            let Some(command) = Command::of_line(i + 1, raw) else {
+                continue;
+            };
+            match command.name.text.as_str() {
+                "flushCfg" => (cfar, azimuth, elevation, fov) = (None, None, None, None),
+                "dynamicRACfarCfg" => cfar = Some(read_map_cfar(&command)?),
+                "dynamicRangeAngleCfg" => {
+                    azimuth = Some((
+                        within(&command, 1, "step, degrees", [0.1, 45.0])?,
+                        within(&command, 2, "diagonal loading", [1e-9, 100.0])?,
+                        command.whole(4, "Doppler compensation", 0..2)? == 1,
+                    ));
+                }
+                "dynamic2DAngleCfg" => {
+                    elevation = Some((
+                        within(&command, 1, "step, degrees", [0.1, 45.0])?,
+                        within(&command, 2, "diagonal loading", [1e-9, 100.0])?,
+                    ));
+                }
+                "staticRangeAngleCfg" => {
+                    if command.whole(1, "enabled", 0..2)? == 1 {
+                        return Err(command.args[1].error(
+                            "static detection is switched on, which is not read: only points of moving people are",
+                        ));
+                    }
+                }
+                "fovCfg" => {
+                    fov = Some([
+                        within(&command, 1, "azimuth, degrees", [1.0, 89.0])?,
+                        within(&command, 2, "elevation, degrees", [1.0, 89.0])?,
+                    ]);
+                }
+                _ => {}
+            }
+        }
+        let (range_cfar, azimuth_cfar, sidelobe, second_pass) =
+            cfar.ok_or(TiCfgError::Missing("dynamicRACfarCfg"))?;
+        let (azimuth_step_deg, azimuth_loading, compensates_motion) =
+            azimuth.ok_or(TiCfgError::Missing("dynamicRangeAngleCfg"))?;
+        let (elevation_step_deg, elevation_loading) =
+            elevation.ok_or(TiCfgError::Missing("dynamic2DAngleCfg"))?;
+        Ok(Self {
+            range_cfar,
+            azimuth_cfar,
+            sidelobe,
+            second_pass,
+            azimuth_step_deg,
+            azimuth_loading,
+            compensates_motion,
+            elevation_step_deg,
+            elevation_loading,
+            fov_deg: fov.ok_or(TiCfgError::Missing("fovCfg"))?,
+        })
+    }
+}
+
+/// The passes along range and azimuth, the limit for sidelobes, and whether the second pass is made.
+fn read_map_cfar(command: &Command) -> Result<(TiMapCfar, TiMapCfar, f64, bool), TiCfgError> {
+    let cells = |index, what| -> Result<usize, TiCfgError> {
+        Ok(command.whole(index, what, 0..256)? as usize)
+    };
+    let pass = |skip: usize, axis: usize| -> Result<TiMapCfar, TiCfgError> {
+        let train = command.whole(5 + axis, "training cells", 1..256)?;
+        Ok(TiMapCfar {
+            skip: [
+                cells(skip, "cells skipped at the start")?,
+                cells(skip + 1, "cells skipped at the end")?,
+            ],
+            train: train as usize,
+            guard: cells(7 + axis, "guard cells")?,
+            threshold: within(command, 9 + axis, "threshold", [1e-3, 1e5])?,
+        })
+    };
+    Ok((
+        pass(1, 0)?,
+        pass(3, 1)?,
+        within(command, 11, "sidelobe level", [0.0, 1.0])?,
+        command.whole(12, "second pass", 0..2)? == 1,
+    ))
+}
+
+/// A number in an interval.
+fn within(
+    command: &Command,
+    index: usize,
+    what: &str,
+    [low, high]: [f64; 2],
+) -> Result<f64, TiCfgError> {
+    let value = command.number(index, what)?;
+    match (low..=high).contains(&value) {
+        true => Ok(value),
+        false => Err(command.args[index].error(format!("{what} must be in {low}..={high}"))),
+    }
+}
+
 /// The direction (0 is range, 1 is Doppler) and the pass of a `cfarCfg`.
 fn read_cfar(command: &Command) -> Result<(usize, TiCfar), TiCfgError> {
     if command.args.len() != 9 {
@@ -191,6 +334,54 @@ mod tests {
                 elevation_deg: Some([-20.0, 30.0]),
             }
         );
+    }
+
+    /// Detection of 3D people tracking with made-up numbers.
+    const PEOPLE: &str = "dynamicRACfarCfg -1 3 5 1 2 9 11 4 7 6.00 7.50 0.35 1 1\n\
+        dynamicRangeAngleCfg -1 1.5 0.002 1 0\ndynamic2DAngleCfg -1 3 0.05 1 0 1 0.30 0.85 8.00\n\
+        staticRangeAngleCfg -1 0 8 8\nfovCfg -1 65 25\n";
+
+    #[test]
+    fn commands_of_people_tracking_are_read() {
+        let found = TiPeopleDetection::from_ti_cfg(PEOPLE).unwrap();
+        let expected = TiPeopleDetection {
+            range_cfar: TiMapCfar {
+                skip: [3, 5],
+                train: 9,
+                guard: 4,
+                threshold: 6.0,
+            },
+            azimuth_cfar: TiMapCfar {
+                skip: [1, 2],
+                train: 11,
+                guard: 7,
+                threshold: 7.5,
+            },
+            sidelobe: 0.35,
+            second_pass: true,
+            azimuth_step_deg: 1.5,
+            azimuth_loading: 0.002,
+            compensates_motion: false,
+            elevation_step_deg: 3.0,
+            elevation_loading: 0.05,
+            fov_deg: [65.0, 25.0],
+        };
+        assert_eq!(found, expected);
+        for (from, to, problem) in [
+            ("fovCfg -1 65 25", "", "no `fovCfg`"),
+            ("7.50 0.35", "nan 0.35", "must be a number"),
+            ("-1 3 5 1 2 9 11", "-1 3 5 1 2 0 11", "training cells"),
+            ("0.35 1 1", "1.35 1 1", "sidelobe level must be in 0..=1"),
+            ("fovCfg -1 65 25", "fovCfg -1 65", "argument 3"),
+            (
+                "staticRangeAngleCfg -1 0",
+                "staticRangeAngleCfg -1 1",
+                "static detection",
+            ),
+        ] {
+            let error = TiPeopleDetection::from_ti_cfg(&PEOPLE.replace(from, to)).unwrap_err();
+            assert!(error.to_string().contains(problem), "{to}: {error}");
+        }
     }
 
     #[test]

@@ -1,9 +1,13 @@
 //! The signal chain of a radar's own firmware, from its chirp configuration.
 
 use radarllm_base::PointFrame;
-use radarllm_formats::{TiDetection, ti_detection::TiCfarMode};
+use radarllm_formats::{
+    TiDetection, TiPeopleDetection,
+    ti_detection::{TiCfarMode, TiMapCfar},
+};
 use radarllm_radar_dsp::{
-    CfarSides, ClutterFilter, Detector, DopplerCfar, DspOptions, PeakGrouping,
+    CaponDetection, CaponScan, CfarSides, ClutterFilter, Detector, DopplerCfar, DspOptions,
+    MapCfar, PeakGrouping, Window,
 };
 
 use crate::{
@@ -11,29 +15,36 @@ use crate::{
     radar::{OpenedRadar, RadarSource},
 };
 
-/// What TI's out-of-box demo of SDK 3 does with samples: both passes of CFAR, removal of clutter and limits of the field
-/// of view as the chirp configuration states them.
-///
-/// Not modelled: the fixed-point arithmetic of range and Doppler FFT, the limit of the serial port, multi-object beam
-/// forming and extended velocity.
+/// Step of azimuth and elevation in the points of 3D people tracking, rad.
+const PEOPLE_ANGLE_STEP_RAD: f64 = 0.01;
+
+/// What the firmware of a TI board does with samples, as its chirp configuration states it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct OutOfBoxFirmware {
+pub struct TiFirmware {
     /// The signal chain.
     pub chain: DspOptions,
-    detection: TiDetection,
+    view: FieldOfView,
+    reports_static: bool,
 }
 
-impl OutOfBoxFirmware {
-    /// Reads the detection commands of a radar's chirp configuration.
+/// Limits of the reported points; `None` is no limit.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct FieldOfView {
+    velocity_mps: Option<[f64; 2]>,
+    azimuth_deg: Option<[f64; 2]>,
+    elevation_deg: Option<[f64; 2]>,
+}
+
+impl TiFirmware {
+    /// TI's out-of-box demo of SDK 3: both passes of CFAR, removal of clutter and limits of the field of view.
+    ///
+    /// Not modelled: the fixed-point arithmetic of range and Doppler FFT, the limit of the serial port, multi-object beam
+    /// forming and extended velocity.
     ///
     /// # Errors
     /// A radar that is no chirp configuration, and detection commands that are absent, malformed or not modelled.
-    pub fn of(radar: &OpenedRadar) -> Result<Self> {
-        let RadarSource::TiCfg(text) = &radar.source else {
-            return Err(Error::input(
-                "the out-of-box firmware is configured by a TI .cfg file, and this radar is not one",
-            ));
-        };
+    pub fn out_of_box(radar: &OpenedRadar) -> Result<Self> {
+        let text = chirp_configuration(radar, "out-of-box")?;
         let detection = TiDetection::from_ti_cfg(text).map_err(Error::input)?;
         let (range, doppler) = (detection.range_cfar, detection.doppler_cfar);
         if range.is_cyclic || !doppler.is_cyclic || doppler.mode != TiCfarMode::Both {
@@ -71,12 +82,71 @@ impl OutOfBoxFirmware {
             chain.min_range_m = nearest_m.max(0.0);
             chain.max_range_m = farthest_m.min(chain.max_range_m);
         }
-        Ok(Self { chain, detection })
+        Ok(Self {
+            chain,
+            view: FieldOfView {
+                velocity_mps: detection.velocity_mps,
+                azimuth_deg: detection.azimuth_deg,
+                elevation_deg: detection.elevation_deg,
+            },
+            reports_static: !detection.clutter_removal,
+        })
+    }
+
+    /// TI's 3D people tracking for the xWR6843: mean removed, Capon map of range and azimuth with two passes of CFAR,
+    /// elevation by a second Capon spectrum, angles in steps of 0.01 rad.
+    ///
+    /// Not modelled: the fixed-point arithmetic, detection of static people, several elevations of one cell, the
+    /// tracker, and the order in which points are dropped where the serial port is too slow. The noise of both passes is
+    /// taken as the smaller of both sides.
+    ///
+    /// # Errors
+    /// As [`Self::out_of_box`].
+    pub fn people_tracking(radar: &OpenedRadar) -> Result<Self> {
+        let text = chirp_configuration(radar, "people-tracking")?;
+        let detection = TiPeopleDetection::from_ti_cfg(text).map_err(Error::input)?;
+        let pass = |cfar: TiMapCfar| MapCfar {
+            skip: cfar.skip,
+            train: cfar.train,
+            guard: cfar.guard,
+            threshold: cfar.threshold,
+        };
+        let [azimuth_deg, elevation_deg] = detection.fov_deg;
+        let chain = DspOptions {
+            clutter: ClutterFilter::Mean,
+            range_window: Window::Hann,
+            doppler_window: Window::Hann,
+            range_fft_len: Some(radar.config.n_samples.next_power_of_two()),
+            compensate_tdm: detection.compensates_motion,
+            correct_range_doppler_coupling: false,
+            capon: Some(CaponDetection {
+                azimuth: CaponScan {
+                    limit_deg: azimuth_deg,
+                    step_deg: detection.azimuth_step_deg,
+                    loading: detection.azimuth_loading,
+                },
+                elevation: Some(CaponScan {
+                    limit_deg: elevation_deg,
+                    step_deg: detection.elevation_step_deg,
+                    loading: detection.elevation_loading,
+                }),
+                range_cfar: pass(detection.range_cfar),
+                azimuth_cfar: detection.second_pass.then(|| pass(detection.azimuth_cfar)),
+                sidelobe: detection.sidelobe,
+                angle_step_rad: PEOPLE_ANGLE_STEP_RAD,
+            }),
+            ..DspOptions::default()
+        };
+        Ok(Self {
+            chain,
+            view: FieldOfView::default(),
+            reports_static: false,
+        })
     }
 
     /// Whether static echoes are reported.
     pub fn reports_surroundings(&self) -> bool {
-        !self.detection.clutter_removal
+        self.reports_static
     }
 
     /// Removes the points outside the field of view.
@@ -88,10 +158,20 @@ impl OutOfBoxFirmware {
         frame.points.retain(|p| {
             let azimuth_deg = p.x_m.atan2(p.y_m).to_degrees();
             let elevation_deg = p.z_m.atan2(p.x_m.hypot(p.y_m)).to_degrees();
-            inside(p.velocity_mps, self.detection.velocity_mps)
-                && inside(azimuth_deg, self.detection.azimuth_deg)
-                && inside(elevation_deg, self.detection.elevation_deg)
+            inside(p.velocity_mps, self.view.velocity_mps)
+                && inside(azimuth_deg, self.view.azimuth_deg)
+                && inside(elevation_deg, self.view.elevation_deg)
         });
+    }
+}
+
+/// Text of the chirp configuration of a radar.
+fn chirp_configuration<'a>(radar: &'a OpenedRadar, firmware: &str) -> Result<&'a str> {
+    match &radar.source {
+        RadarSource::TiCfg(text) => Ok(text),
+        _ => Err(Error::input(format!(
+            "the {firmware} firmware is configured by a TI .cfg file, and this radar is not one"
+        ))),
     }
 }
 
@@ -112,7 +192,7 @@ mod tests {
     #[test]
     fn the_chain_and_the_field_of_view_are_those_of_the_file() {
         let radar = open_radar_text(Path::new("demo.cfg"), CFG).unwrap();
-        let firmware = OutOfBoxFirmware::of(&radar).unwrap();
+        let firmware = TiFirmware::out_of_box(&radar).unwrap();
         assert!(firmware.reports_surroundings());
         let chain = &firmware.chain;
         assert_eq!(
@@ -157,7 +237,7 @@ mod tests {
         ] {
             let radar =
                 open_radar_text(Path::new("demo.cfg"), &CFG.replace(stated, other)).unwrap();
-            let error = OutOfBoxFirmware::of(&radar).unwrap_err();
+            let error = TiFirmware::out_of_box(&radar).unwrap_err();
             assert!(
                 error.to_string().contains("cyclic mode"),
                 "{other}: {error}"
@@ -166,12 +246,32 @@ mod tests {
     }
 
     #[test]
+    fn people_tracking_is_read_from_its_own_commands() {
+        let (chirps, _) = CFG.split_once("cfarCfg").unwrap();
+        let text = format!(
+            "{chirps}dynamicRACfarCfg -1 4 4 2 2 8 12 4 8 5.00 8.00 0.40 0 1\n\
+             dynamicRangeAngleCfg -1 0.75 0.0010 1 0\ndynamic2DAngleCfg -1 1.5 0.0300 1 0 1 0.30 0.85 8.00\n\
+             fovCfg -1 70.0 20.0\n"
+        );
+        let radar = open_radar_text(Path::new("people.cfg"), &text).unwrap();
+        let firmware = TiFirmware::people_tracking(&radar).unwrap();
+        assert!(!firmware.reports_surroundings());
+        let capon = firmware.chain.capon.unwrap();
+        assert_eq!((capon.azimuth.limit_deg, capon.azimuth_cfar), (70.0, None));
+        assert_eq!(capon.range_cfar.threshold, 5.0);
+        assert!(!firmware.chain.compensate_tdm);
+        let demo = open_radar_text(Path::new("demo.cfg"), CFG).unwrap();
+        let error = TiFirmware::people_tracking(&demo).unwrap_err();
+        assert!(error.to_string().contains("dynamicRACfarCfg"), "{error}");
+    }
+
+    #[test]
     fn radars_without_detection_commands_are_refused() {
-        let error = OutOfBoxFirmware::of(&open_radar("awr1843boost").unwrap()).unwrap_err();
+        let error = TiFirmware::out_of_box(&open_radar("awr1843boost").unwrap()).unwrap_err();
         assert!(error.to_string().contains("TI .cfg"), "{error}");
         let (bare, _) = CFG.split_once("cfarCfg").unwrap();
         let radar = open_radar_text(Path::new("demo.cfg"), bare).unwrap();
-        let error = OutOfBoxFirmware::of(&radar).unwrap_err();
+        let error = TiFirmware::out_of_box(&radar).unwrap_err();
         assert!(error.to_string().contains("cfarCfg"), "{error}");
     }
 }

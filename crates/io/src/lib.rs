@@ -43,7 +43,7 @@ pub mod udp;
 mod visualizer;
 
 pub use error::{Error, ErrorKind, Result};
-pub use firmware::OutOfBoxFirmware;
+pub use firmware::TiFirmware;
 pub use npy_cubes::{ArrayDecoder, NpyFrames};
 pub use options::{
     CaptureFormat, CaptureOptions, CellOptions, CleaningOptions, IqChoice, LayoutOptions,

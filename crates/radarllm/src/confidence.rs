@@ -4,6 +4,8 @@
 //! recordings with known activities turns its confidence into the probability that a sentence is right (Platt, 1999).
 //! Where that is low, the description states only what the points show: whether somebody moves on the spot or about.
 
+use std::collections::BTreeMap;
+
 use radarllm_base::{Clip, PointFrame};
 use radarllm_inference::{Description, Segment};
 use radarllm_io::{Error, Result};
@@ -15,15 +17,43 @@ const ABOUT_M: f32 = 1.0;
 const OUTSIDE: f32 = 0.1;
 
 /// The probability that a sentence about a recording is right, given the confidence of the model.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+///
+/// How often a confident sentence is right differs between boards and their firmwares. What was fitted on recordings of
+/// one format, in which one firmware's points are recorded, holds for that format; all others have what was fitted on a
+/// board for which nothing was tuned.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordedConfidence {
+    /// Sentences with a smaller probability are not stated.
+    unsure_below: f32,
+    /// For formats without an entry of their own.
+    others: Logistic,
+    /// By the name of the recording's format ([`radarllm_base::Provenance::format`]).
+    #[serde(default)]
+    formats: BTreeMap<String, Logistic>,
+}
+
+/// A logistic function of the log-odds of a confidence.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Logistic {
     /// Change of the log-odds of the probability with those of the confidence.
     slope: f32,
     /// Log-odds of the probability at a confidence of one half.
     offset: f32,
-    /// Sentences with a smaller probability are not stated.
-    unsure_below: f32,
+}
+
+impl Logistic {
+    fn is_valid(&self) -> bool {
+        self.slope.is_finite() && self.slope >= 0.0 && self.offset.is_finite()
+    }
+
+    /// Probability that a sentence with this confidence is right.
+    fn probability(&self, confidence: f32) -> f32 {
+        let p = confidence.clamp(1e-6, 1.0 - 1e-6);
+        let log_odds = self.offset + self.slope * (p / (1.0 - p)).ln();
+        1.0 / (1.0 + (-log_odds).exp())
+    }
 }
 
 impl RecordedConfidence {
@@ -36,10 +66,9 @@ impl RecordedConfidence {
     /// TOML errors, missing keys, and values that are no probability or not finite.
     pub fn from_toml(text: &str) -> Result<Self> {
         let file: Self = toml::from_str(text).map_err(|e| Error::input(e.to_string()))?;
-        let is_valid = file.slope.is_finite()
-            && file.slope >= 0.0
-            && file.offset.is_finite()
-            && (0.0..=1.0).contains(&file.unsure_below);
+        let is_valid = (0.0..=1.0).contains(&file.unsure_below)
+            && file.others.is_valid()
+            && file.formats.values().all(Logistic::is_valid);
         match is_valid {
             true => Ok(file),
             false => Err(Error::input(
@@ -48,11 +77,10 @@ impl RecordedConfidence {
         }
     }
 
-    /// Probability that a sentence with this confidence is right.
-    fn probability(&self, confidence: f32) -> f32 {
-        let p = confidence.clamp(1e-6, 1.0 - 1e-6);
-        let log_odds = self.offset + self.slope * (p / (1.0 - p)).ln();
-        1.0 / (1.0 + (-log_odds).exp())
+    /// What was fitted for recordings like this clip.
+    fn of(&self, clip: &Clip) -> &Logistic {
+        let own = clip.provenance.format().and_then(|f| self.formats.get(f));
+        own.unwrap_or(&self.others)
     }
 
     /// Replaces the confidences of a description of a recorded clip, and the sentences that are too uncertain.
@@ -60,9 +88,10 @@ impl RecordedConfidence {
         if clip.provenance.is_simulated() || description.abstained.is_some() {
             return;
         }
+        let fitted = self.of(clip);
         let mut stated: Vec<Segment> = Vec::new();
         for mut segment in std::mem::take(&mut description.segments) {
-            segment.confidence = self.probability(segment.confidence);
+            segment.confidence = fitted.probability(segment.confidence);
             if segment.confidence < self.unsure_below {
                 let sentence = visible(&clip.frames, segment.start_s, segment.end_s);
                 let guess = std::mem::replace(&mut segment.caption, sentence.into());
@@ -184,12 +213,13 @@ mod tests {
         description
     }
 
-    const FILE: &str = "slope = 2.0\noffset = -1.0\nunsure_below = 0.25\n";
+    const FILE: &str = "unsure_below = 0.25\n[others]\nslope = 2.0\noffset = -1.0\n\
+        [formats.radhar]\nslope = 1.0\noffset = 0.0\n";
 
     #[test]
     fn uncertain_sentences_are_not_stated() {
         let confidence = RecordedConfidence::from_toml(FILE).unwrap();
-        assert!((confidence.probability(0.5) - 1.0 / (1.0 + 1.0_f32.exp())).abs() < 1e-6);
+        assert!((confidence.others.probability(0.5) - 1.0 / (1.0 + 1.0_f32.exp())).abs() < 1e-6);
         let mut description = described(&[0.8, 0.3]);
         confidence.apply(&clip(0.0, "recorded:uart:x"), &mut description);
         let [sure, unsure] = &description.segments[..] else {
@@ -210,6 +240,21 @@ mod tests {
     }
 
     #[test]
+    fn formats_have_their_own_function() {
+        let confidence = RecordedConfidence::from_toml(FILE).unwrap();
+        for (provenance, expected) in [
+            ("recorded:radhar:x", 0.5),
+            ("recorded:uart:x", 1.0 / (1.0 + 1.0_f32.exp())),
+            ("recorded:x", 1.0 / (1.0 + 1.0_f32.exp())),
+        ] {
+            let mut description = described(&[0.5]);
+            confidence.apply(&clip(0.0, provenance), &mut description);
+            let found = description.segments[0].confidence;
+            assert!((found - expected).abs() < 1e-6, "{provenance}: {found}");
+        }
+    }
+
+    #[test]
     fn simulated_clips_keep_the_confidence_of_the_model() {
         let confidence = RecordedConfidence::from_toml(FILE).unwrap();
         let mut description = described(&[0.8, 0.3]);
@@ -222,11 +267,13 @@ mod tests {
     fn files_with_other_contents_are_refused() {
         for wrong in [
             "",
-            "slope = 1.0",
-            "slope = -1.0\noffset = 0.0\nunsure_below = 0.2",
-            "slope = 1.0\noffset = nan\nunsure_below = 0.2",
-            "slope = 1.0\noffset = 0.0\nunsure_below = 2.0",
-            "slope = 1.0\noffset = 0.0\nunsure_below = 0.2\nmore = 1",
+            "unsure_below = 0.2",
+            "unsure_below = 0.2\n[others]\nslope = 1.0",
+            "unsure_below = 0.2\n[others]\nslope = -1.0\noffset = 0.0",
+            "unsure_below = 0.2\n[others]\nslope = 1.0\noffset = nan",
+            "unsure_below = 2.0\n[others]\nslope = 1.0\noffset = 0.0",
+            "unsure_below = 0.2\nmore = 1\n[others]\nslope = 1.0\noffset = 0.0",
+            "unsure_below = 0.2\n[others]\nslope = 1.0\noffset = 0.0\n[formats.uart]\nslope = inf\noffset = 0.0",
         ] {
             assert!(RecordedConfidence::from_toml(wrong).is_err(), "{wrong}");
         }

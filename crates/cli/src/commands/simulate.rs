@@ -20,7 +20,7 @@ use radarllm_body::{
 use radarllm_dataset::{Overwrite, PointsMeta, write_points};
 use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
 use radarllm_formats::Severity;
-use radarllm_io::{OutOfBoxFirmware, options::MAX_FRAMES};
+use radarllm_io::{TiFirmware, options::MAX_FRAMES};
 use radarllm_radar_sim::{Noise, Scene};
 use radarllm_synth::{
     Method, SynthError, Synthesizer,
@@ -75,8 +75,9 @@ pub fn run(args: &SimulateArgs) -> CliResult {
     let radar = radar_file::open(&args.radar)?;
     let firmware = match (args.firmware, args.emit) {
         (Firmware::None, _) => None,
-        (Firmware::OutOfBox, Emit::Points) => Some(OutOfBoxFirmware::of(&radar)?),
-        (Firmware::OutOfBox, Emit::Adc) => {
+        (Firmware::OutOfBox, Emit::Points) => Some(TiFirmware::out_of_box(&radar)?),
+        (Firmware::PeopleTracking, Emit::Points) => Some(TiFirmware::people_tracking(&radar)?),
+        (Firmware::OutOfBox | Firmware::PeopleTracking, Emit::Adc) => {
             return Err(CliError::new("firmware reports points, not samples")
                 .hint("leave out --firmware or --emit adc"));
         }
@@ -267,7 +268,7 @@ fn simulate_one(
     input: &str,
     out: &Path,
     radar: &RadarConfig,
-    firmware: Option<&OutOfBoxFirmware>,
+    firmware: Option<&TiFirmware>,
     args: &SimulateArgs,
 ) -> CliResult<Done> {
     let method = if args.reference {
@@ -357,7 +358,7 @@ struct Simulation<'a> {
     /// The input as named.
     input: &'a str,
     radar: &'a RadarConfig,
-    firmware: Option<&'a OutOfBoxFirmware>,
+    firmware: Option<&'a TiFirmware>,
     scene: &'a Scene<'a>,
     duration_s: f64,
     /// Seed of the noise.

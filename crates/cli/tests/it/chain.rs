@@ -582,6 +582,38 @@ fn captions_follow_interventions_whatever_the_verb_is_called() {
 }
 
 /// A chirp of ±1 m/s with both passes of CFAR, as TI's visualizer writes it.
+#[test]
+fn people_tracking_firmware_reports_a_few_points_of_who_moves_and_none_of_who_sits() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (chirps, _) = DEMO_CFG.split_once("cfarCfg").unwrap();
+    let cfg = format!(
+        "{chirps}dynamicRACfarCfg -1 4 4 2 2 8 12 4 8 5.0 8.0 0.4 1 1\ndynamicRangeAngleCfg -1 0.75 0.001 1 0\n\
+         dynamic2DAngleCfg -1 1.5 0.03 1 0 1 0.3 0.85 8.0\nfovCfg -1 70 20\n"
+    );
+    fs::write(path("people.cfg"), cfg).unwrap();
+    let points_a_frame = |motion: &str| {
+        let (cfg, out) = (path("people.cfg"), path("points.parquet"));
+        let args = [
+            "simulate",
+            motion,
+            "--radar",
+            &cfg,
+            "--firmware",
+            "people-tracking",
+        ];
+        json(&[&args[..], &["--out", &out, "--force", "--json"]].concat());
+        let frames = radarllm_dataset::read_points(std::path::Path::new(&out))
+            .unwrap()
+            .frames;
+        let n: usize = frames.iter().map(|f| f.points.len()).sum();
+        n as f64 / frames.len() as f64
+    };
+    let walks = points_a_frame("builtin:walk?distance_m=1.2");
+    let sits = points_a_frame("builtin:sit_still");
+    assert!((1.0..30.0).contains(&walks) && sits < 0.5, "{walks} {sits}");
+}
+
 const DEMO_CFG: &str = "% Platform:xWR68xx\nchannelCfg 15 7 0\nadcCfg 2 1\n\
     profileCfg 0 60.25 355 6 58 0 0 60 1 224 4500 0 0 30\nchirpCfg 0 0 0 0 0 0 0 1\n\
     chirpCfg 1 1 0 0 0 0 0 4\nchirpCfg 2 2 0 0 0 0 0 2\nframeCfg 0 2 16 0 100 1 0\n\
@@ -632,8 +664,10 @@ fn out_of_box_firmware_reports_the_room_unless_it_removes_clutter() {
     let builtin = ["simulate", "builtin:walk", "--radar", "awr1843boost"];
     let refused =
         |more: &[&str]| crate::command::refused(&[&builtin[..], more, &["--out", &out]].concat());
-    let message = refused(&["--firmware", "out-of-box"]);
-    assert!(message.contains(".cfg"), "{message}");
+    for firmware in ["out-of-box", "people-tracking"] {
+        let message = refused(&["--firmware", firmware]);
+        assert!(message.contains(".cfg"), "{message}");
+    }
     let message = refused(&["--firmware", "out-of-box", "--emit", "adc"]);
     assert!(message.contains("points, not samples"), "{message}");
 }

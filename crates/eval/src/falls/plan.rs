@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use radarllm_base::{RadarConfig, seed::derive_seed};
-use radarllm_io::OutOfBoxFirmware;
+use radarllm_io::TiFirmware;
 use radarllm_radar_dsp::DspOptions;
 use radarllm_serve::falls::FallOptions;
 use radarllm_synth::{Method, SynthError, Synthesizer};
@@ -252,7 +252,7 @@ impl FallPlan {
         let file = file.ok_or_else(unknown)?;
         let opened = radarllm_io::open_radar_in(&file.radar, base)?;
         let firmware = match file.out_of_box {
-            true => Some(OutOfBoxFirmware::of(&opened)?),
+            true => Some(TiFirmware::out_of_box(&opened)?),
             false => None,
         };
         if firmware.as_ref().is_some_and(|f| f.reports_surroundings()) {
@@ -272,7 +272,7 @@ impl FallPlan {
 /// A radar, ready to simulate.
 pub(super) struct OpenRadar {
     config: RadarConfig,
-    pub(super) firmware: Option<OutOfBoxFirmware>,
+    pub(super) firmware: Option<TiFirmware>,
 }
 
 impl OpenRadar {
