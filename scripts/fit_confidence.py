@@ -16,6 +16,8 @@ import numpy as np
 from sklearn.linear_model import LogisticRegression
 
 N_BINS = 10
+# NEAREST of crates/radarllm/src/confidence.rs.
+NEAREST = 0.01
 
 
 def expected_error(probability, right):
@@ -27,9 +29,10 @@ def main(path):
     with open(path, encoding="utf-8") as file:
         report = json.load(file)
     segments = [segment for row in report["rows"] for segment in row["segments"] if segment["taught"] is None]
-    confidence = np.clip([s["confidence"] for s in segments], 1e-6, 1 - 1e-6)
+    confidence = np.array([s["confidence"] for s in segments])
     right = np.array([s["right"] for s in segments])
-    log_odds = np.log(confidence / (1 - confidence))[:, None]
+    limited = np.clip(confidence, NEAREST, 1 - NEAREST)
+    log_odds = np.log(limited / (1 - limited))[:, None]
     fitted = LogisticRegression(C=10.0).fit(log_odds, right)
     print(f"slope = {fitted.coef_[0, 0]:.2f}\noffset = {fitted.intercept_[0]:.2f}")
     before, after = (expected_error(p, right) for p in (confidence, fitted.predict_proba(log_odds)[:, 1]))

@@ -20,7 +20,8 @@ macro_rules! model_file {
 
 /// The files that inference reads, by their path in the model's folder. Of the language model's two sets of weights,
 /// only the one that its `config.json` names is here; the other serves further training.
-static FILES: [(&str, &[u8]); 10] = [
+static FILES: [(&str, &[u8]); 11] = [
+    model_file!("confidence.toml"),
     model_file!("lm/average.safetensors"),
     model_file!("lm/config.json"),
     model_file!("lm/tokenizer.json"),

@@ -13,6 +13,8 @@ use serde::Deserialize;
 
 /// Distance between places of one person, m, above which the person moves about.
 const ABOUT_M: f32 = 1.0;
+/// Confidences nearer to 0 or 1 count as this far from it: windows of a recording agree also where they err.
+const NEAREST: f32 = 0.01;
 /// Share of the seconds on either side of the distance.
 const OUTSIDE: f32 = 0.1;
 
@@ -50,7 +52,7 @@ impl Logistic {
 
     /// Probability that a sentence with this confidence is right.
     fn probability(&self, confidence: f32) -> f32 {
-        let p = confidence.clamp(1e-6, 1.0 - 1e-6);
+        let p = confidence.clamp(NEAREST, 1.0 - NEAREST);
         let log_odds = self.offset + self.slope * (p / (1.0 - p)).ln();
         1.0 / (1.0 + (-log_odds).exp())
     }
