@@ -21,18 +21,29 @@ const OUTSIDE: f32 = 0.1;
 /// The probability that a sentence about a recording is right, given the confidence of the model.
 ///
 /// How often a confident sentence is right differs between boards and their firmwares. What was fitted on recordings of
-/// one format, in which one firmware's points are recorded, holds for that format; all others have what was fitted on a
-/// board for which nothing was tuned.
+/// one format, in which one firmware's points are recorded, holds for that format; all others have what was fitted on
+/// recordings of another board.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordedConfidence {
     /// Sentences with a smaller probability are not stated.
     unsure_below: f32,
     /// For formats without an entry of their own.
-    others: Logistic,
+    others: Fitted,
     /// By the name of the recording's format ([`radarllm_base::Provenance::format`]).
     #[serde(default)]
-    formats: BTreeMap<String, Logistic>,
+    formats: BTreeMap<String, Fitted>,
+}
+
+/// What was fitted on the recordings of one board. The confidence of a sentence about one window is another quantity than
+/// that of a sentence about many ([`Segment::confidence`]).
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Fitted {
+    /// For clips of one window.
+    window: Logistic,
+    /// For longer ones.
+    recording: Logistic,
 }
 
 /// A logistic function of the log-odds of a confidence.
@@ -43,6 +54,12 @@ struct Logistic {
     slope: f32,
     /// Log-odds of the probability at a confidence of one half.
     offset: f32,
+}
+
+impl Fitted {
+    fn is_valid(&self) -> bool {
+        self.window.is_valid() && self.recording.is_valid()
+    }
 }
 
 impl Logistic {
@@ -69,8 +86,11 @@ impl RecordedConfidence {
     pub fn from_toml(text: &str) -> Result<Self> {
         let file: Self = toml::from_str(text).map_err(|e| Error::input(e.to_string()))?;
         let is_valid = (0.0..=1.0).contains(&file.unsure_below)
-            && file.others.is_valid()
-            && file.formats.values().all(Logistic::is_valid);
+            && file
+                .formats
+                .values()
+                .chain([&file.others])
+                .all(Fitted::is_valid);
         match is_valid {
             true => Ok(file),
             false => Err(Error::input(
@@ -79,10 +99,14 @@ impl RecordedConfidence {
         }
     }
 
-    /// What was fitted for recordings like this clip.
-    fn of(&self, clip: &Clip) -> &Logistic {
+    /// What was fitted for recordings like this clip, which is described in a number of windows.
+    fn of(&self, clip: &Clip, n_windows: usize) -> Logistic {
         let own = clip.provenance.format().and_then(|f| self.formats.get(f));
-        own.unwrap_or(&self.others)
+        let fitted = own.unwrap_or(&self.others);
+        match n_windows > 1 {
+            true => fitted.recording,
+            false => fitted.window,
+        }
     }
 
     /// Replaces the confidences of a description of a recorded clip, and the sentences that are too uncertain.
@@ -90,7 +114,7 @@ impl RecordedConfidence {
         if clip.provenance.is_simulated() || description.abstained.is_some() {
             return;
         }
-        let fitted = self.of(clip);
+        let fitted = self.of(clip, description.windows);
         let mut stated: Vec<Segment> = Vec::new();
         for mut segment in std::mem::take(&mut description.segments) {
             segment.confidence = fitted.probability(segment.confidence);
@@ -215,13 +239,16 @@ mod tests {
         description
     }
 
-    const FILE: &str = "unsure_below = 0.25\n[others]\nslope = 2.0\noffset = -1.0\n\
-        [formats.radhar]\nslope = 1.0\noffset = 0.0\n";
+    const FILE: &str = "unsure_below = 0.25\n[others]\nwindow = { slope = 2.0, offset = -1.0 }\n\
+        recording = { slope = 1.0, offset = 1.0 }\n[formats.radhar]\nwindow = { slope = 1.0, offset = 0.0 }\n\
+        recording = { slope = 1.0, offset = 0.0 }\n";
 
     #[test]
     fn uncertain_sentences_are_not_stated() {
         let confidence = RecordedConfidence::from_toml(FILE).unwrap();
-        assert!((confidence.others.probability(0.5) - 1.0 / (1.0 + 1.0_f32.exp())).abs() < 1e-6);
+        assert!(
+            (confidence.others.window.probability(0.5) - 1.0 / (1.0 + 1.0_f32.exp())).abs() < 1e-6
+        );
         let mut description = described(&[0.8, 0.3]);
         confidence.apply(&clip(0.0, "recorded:uart:x"), &mut description);
         let [sure, unsure] = &description.segments[..] else {
@@ -242,14 +269,17 @@ mod tests {
     }
 
     #[test]
-    fn formats_have_their_own_function() {
+    fn formats_and_longer_recordings_have_their_own_functions() {
         let confidence = RecordedConfidence::from_toml(FILE).unwrap();
-        for (provenance, expected) in [
-            ("recorded:radhar:x", 0.5),
-            ("recorded:uart:x", 1.0 / (1.0 + 1.0_f32.exp())),
-            ("recorded:x", 1.0 / (1.0 + 1.0_f32.exp())),
+        let logistic = |log_odds: f32| 1.0 / (1.0 + (-log_odds).exp());
+        for (provenance, n_windows, expected) in [
+            ("recorded:radhar:x", 1, 0.5),
+            ("recorded:uart:x", 1, logistic(-1.0)),
+            ("recorded:uart:x", 2, logistic(1.0)),
+            ("recorded:x", 1, logistic(-1.0)),
         ] {
             let mut description = described(&[0.5]);
+            description.windows = n_windows;
             confidence.apply(&clip(0.0, provenance), &mut description);
             let found = description.segments[0].confidence;
             assert!((found - expected).abs() < 1e-6, "{provenance}: {found}");
@@ -267,17 +297,22 @@ mod tests {
 
     #[test]
     fn files_with_other_contents_are_refused() {
+        let with = |change: &str, to: &str| {
+            assert!(FILE.contains(change));
+            FILE.replacen(change, to, 1)
+        };
         for wrong in [
-            "",
-            "unsure_below = 0.2",
-            "unsure_below = 0.2\n[others]\nslope = 1.0",
-            "unsure_below = 0.2\n[others]\nslope = -1.0\noffset = 0.0",
-            "unsure_below = 0.2\n[others]\nslope = 1.0\noffset = nan",
-            "unsure_below = 2.0\n[others]\nslope = 1.0\noffset = 0.0",
-            "unsure_below = 0.2\nmore = 1\n[others]\nslope = 1.0\noffset = 0.0",
-            "unsure_below = 0.2\n[others]\nslope = 1.0\noffset = 0.0\n[formats.uart]\nslope = inf\noffset = 0.0",
+            String::new(),
+            "unsure_below = 0.25".into(),
+            with("slope = 2.0, ", ""),
+            with("slope = 2.0", "slope = -1.0"),
+            with("offset = -1.0", "offset = nan"),
+            with("recording = { slope = 1.0, offset = 1.0 }\n", ""),
+            with("unsure_below = 0.25", "unsure_below = 2.0"),
+            with("unsure_below", "more = 1\nunsure_below"),
+            with("offset = 0.0", "offset = inf"),
         ] {
-            assert!(RecordedConfidence::from_toml(wrong).is_err(), "{wrong}");
+            assert!(RecordedConfidence::from_toml(&wrong).is_err(), "{wrong}");
         }
     }
 }

@@ -68,6 +68,9 @@ pub struct DatasetConfig {
     /// Maximum facet edge length of the simulated body, m. 0.02 is radar grade. 0.03 halves the number of facets
     /// and is good enough where the rough-surface term dominates, as on clothed bodies.
     pub facet_edge_m: f32,
+    /// Standing heights of which each clip's person has one, m; those of four adults if absent.
+    #[serde(skip_serializing_if = "is_default")]
+    pub body_heights_m: Option<Vec<f32>>,
     /// Placement: distance of the path's middle, m.
     pub distance_m: [f32; 2],
     /// Placement: sideways offset, m, drawn from +- this value.
@@ -151,6 +154,7 @@ impl Default for DatasetConfig {
             slowest_mps: 0.0,
             remove_static_cells: false,
             facet_edge_m: 0.02,
+            body_heights_m: None,
             distance_m: placement.distance_m,
             lateral_m: placement.lateral_m,
             heading_deg: placement.heading_rad.to_degrees(),
@@ -166,6 +170,11 @@ impl Default for DatasetConfig {
         }
     }
 }
+
+/// Permitted standing heights of a simulated body, m.
+const BODY_HEIGHT_M: RangeInclusive<f32> = 1.0..=2.0;
+/// Most heights of a data set: each body is polygonised once and kept in memory.
+const MAX_BODIES: usize = 8;
 
 /// Permitted values of the maximum facet edge length of a simulated body, m: from a hundred thousand facets to a body
 /// without hands.
@@ -227,6 +236,17 @@ impl DatasetConfig {
                 "facet_edge_m: must be in {BODY_FACET_EDGE_M:?}, found {}",
                 self.facet_edge_m
             ));
+        }
+        if let Some(heights_m) = &self.body_heights_m {
+            let is_valid = |height_m: &f32| BODY_HEIGHT_M.contains(height_m);
+            if heights_m.is_empty()
+                || heights_m.len() > MAX_BODIES
+                || !heights_m.iter().all(is_valid)
+            {
+                return fail(format!(
+                    "body_heights_m: must be 1 to {MAX_BODIES} heights in {BODY_HEIGHT_M:?}, found {heights_m:?}"
+                ));
+            }
         }
         if let Some(rate_hz) = self.frame_rate_hz
             && !(0.5..=1000.0).contains(&rate_hz)

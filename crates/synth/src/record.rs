@@ -48,8 +48,9 @@ pub fn make_record(
     let longest_s = config.max_frames as f64 / rate_hz;
     let part_s = part_s(item, longest_s, config, seed);
     let motion = cut_window(&motion, item, part_s, &mut rng);
+    let heights_m = config.body_heights_m.as_deref().unwrap_or(&BODY_HEIGHTS_M);
     let shape = BodyShape {
-        height_m: BODY_HEIGHTS_M[rng.random_range(0..BODY_HEIGHTS_M.len())],
+        height_m: heights_m[rng.random_range(0..heights_m.len())],
         build: [Build::Slim, Build::Average, Build::Heavy][rng.random_range(0..3)],
         facet_edge_m: config.facet_edge_m,
     };

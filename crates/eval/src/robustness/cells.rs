@@ -196,7 +196,8 @@ impl<'a> Experiment<'a> {
                 of_motion = Some(MotionChange::HeadingRad(heading.to_radians()));
             }
             Change::Tempo(factor) => of_motion = Some(MotionChange::Tempo(*factor)),
-            Change::Size(factor) => of_motion = Some(MotionChange::Size(*factor)),
+            // As many as there are by default, so that the draws of a clip are the same.
+            Change::BodyHeightM(height_m) => config.body_heights_m = Some(vec![*height_m; 4]),
             Change::Radar(name) => {
                 radar = RadarConfig {
                     // The model measures time in frames.
@@ -341,8 +342,6 @@ enum MotionChange {
     HeadingRad(f32),
     /// Speed as a multiple of the motion's own.
     Tempo(f64),
-    /// Size of body and way as a multiple of the person's own.
-    Size(f32),
 }
 
 /// A source with changed motions.
@@ -385,17 +384,6 @@ impl Corpus for Changed<'_> {
                 }
             }
             MotionChange::Tempo(factor) => motion.fps *= factor,
-            MotionChange::Size(factor) => {
-                motion
-                    .skeleton
-                    .offsets
-                    .iter_mut()
-                    .for_each(|o| *o *= factor);
-                motion
-                    .poses
-                    .iter_mut()
-                    .for_each(|p| p.root_in_world *= factor);
-            }
         }
         Ok(motion)
     }
@@ -435,7 +423,7 @@ mod tests {
     }
 
     #[test]
-    fn motions_are_turned_sped_up_and_scaled() {
+    fn motions_are_turned_and_sped_up() {
         let corpus = radarllm_synth::corpus::procedural::ProceduralCorpus::new(
             [0, 0, 3],
             5,
@@ -455,10 +443,6 @@ mod tests {
             let quick = changed(item, MotionChange::Tempo(2.0));
             assert!((quick.duration_s() * 2.0 - plain.duration_s()).abs() < 1e-9);
             assert_eq!(quick.joints_in_world(), a);
-            let small = changed(item, MotionChange::Size(0.5)).joints_in_world();
-            for (p, q) in a.iter().flatten().zip(small.iter().flatten()) {
-                assert!((*p * 0.5).distance(*q) < 1e-4, "{p} {q}");
-            }
             let quarter = MotionChange::HeadingRad(std::f32::consts::FRAC_PI_2);
             let b = changed(item, quarter).joints_in_world();
             for (p, q) in a.iter().flatten().zip(b.iter().flatten()) {

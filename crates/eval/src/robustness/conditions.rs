@@ -72,10 +72,10 @@ pub enum Axis {
         /// Values.
         factor: Vec<f64>,
     },
-    /// Size of the body, and of its way, as a multiple of its own.
-    Size {
+    /// Standing height of the person, m.
+    BodyHeight {
         /// Values.
-        factor: Vec<f32>,
+        height_m: Vec<f32>,
     },
     /// Strongest points kept of each frame.
     Points {
@@ -132,8 +132,8 @@ pub enum Change {
     HeadingDeg(f32),
     /// Speed of the motion as a multiple of its own.
     Tempo(f64),
-    /// Size of the body, and of its way, as a multiple of its own.
-    Size(f32),
+    /// Standing height of the person, m.
+    BodyHeightM(f32),
     /// Strongest points kept of each frame.
     AtMostPoints(usize),
     /// Probability that a frame comes without points.
@@ -162,7 +162,7 @@ impl Change {
             Self::DistanceM(v) => format!("{v} m"),
             Self::HeadingDeg(v) => format!("{v} degrees"),
             Self::Tempo(v) => format!("{v} times as fast"),
-            Self::Size(v) => format!("{v} times as large"),
+            Self::BodyHeightM(v) => format!("{v} m tall"),
             Self::AtMostPoints(v) => format!("{v} points"),
             Self::FrameLoss(v) => format!("{} % of frames empty", v * 100.0),
             Self::Radar(name) => name.clone(),
@@ -180,7 +180,7 @@ impl Change {
             | Self::FrameLoss(v)
             | Self::RainMmPerH(v)
             | Self::SmokeGPerM3(v) => Some(*v),
-            Self::DistanceM(v) | Self::HeadingDeg(v) | Self::Size(v) => Some(f64::from(*v)),
+            Self::DistanceM(v) | Self::HeadingDeg(v) | Self::BodyHeightM(v) => Some(f64::from(*v)),
             Self::AtMostPoints(v) => Some(*v as f64),
             Self::Nothing | Self::Radar(_) | Self::Screen(_) => None,
         }
@@ -195,7 +195,7 @@ impl Axis {
             Self::Distance { .. } => "distance",
             Self::Aspect { .. } => "aspect",
             Self::Tempo { .. } => "tempo",
-            Self::Size { .. } => "size",
+            Self::BodyHeight { .. } => "body-height",
             Self::Points { .. } => "points",
             Self::FrameLoss { .. } => "frame-loss",
             Self::Radar { .. } => "radar",
@@ -212,7 +212,7 @@ impl Axis {
             Self::Distance { .. } => "distance of the path's middle, m",
             Self::Aspect { .. } => "heading of the first pose, degrees (0 faces the radar)",
             Self::Tempo { .. } => "speed of the motion as a multiple of its own",
-            Self::Size { .. } => "size of the body and its way as a multiple of its own",
+            Self::BodyHeight { .. } => "standing height of the person, m",
             Self::Points { .. } => "strongest points kept of each frame",
             Self::FrameLoss { .. } => "share of frames that come without points",
             Self::Radar { .. } => "radar, at the frame rate of the base",
@@ -232,7 +232,7 @@ impl Axis {
             Self::Distance { distance_m } => all(distance_m, Change::DistanceM),
             Self::Aspect { heading_deg } => all(heading_deg, Change::HeadingDeg),
             Self::Tempo { factor } => all(factor, Change::Tempo),
-            Self::Size { factor } => all(factor, Change::Size),
+            Self::BodyHeight { height_m } => all(height_m, Change::BodyHeightM),
             Self::Points { at_most } => all(at_most, Change::AtMostPoints),
             Self::FrameLoss { probability } => all(probability, Change::FrameLoss),
             Self::Radar { radars } => all(radars, Change::Radar),
@@ -249,7 +249,7 @@ impl Axis {
             | Self::FrameLoss { .. }
             | Self::Rain { .. }
             | Self::Smoke { .. } => Some(0.0),
-            Self::Tempo { .. } | Self::Size { .. } => Some(1.0),
+            Self::Tempo { .. } => Some(1.0),
             _ => None,
         }
     }
@@ -280,7 +280,8 @@ fn check(plan: &Plan) -> Result<(), String> {
                 Change::ExtraNoiseDb(_) => 0.0..=100.0,
                 Change::DistanceM(_) => 0.5..=100.0,
                 Change::HeadingDeg(_) => -360.0..=360.0,
-                Change::Tempo(_) | Change::Size(_) => 0.25..=4.0,
+                Change::Tempo(_) => 0.25..=4.0,
+                Change::BodyHeightM(_) => 1.0..=2.0,
                 Change::AtMostPoints(_) => 1.0..=1e6,
                 Change::FrameLoss(_) => 0.0..=1.0,
                 Change::RainMmPerH(_) => 0.0..=200.0,
@@ -333,7 +334,7 @@ mod tests {
             ("kind = \"rain\"\nrain_mm_per_h = [nan]", "rain"),
             ("kind = \"points\"\nat_most = [0]", "points"),
             ("kind = \"tempo\"\nfactor = [0.0]", "tempo"),
-            ("kind = \"size\"\nfactor = [nan]", "size"),
+            ("kind = \"body-height\"\nheight_m = [nan]", "body-height"),
             ("kind = \"frame-loss\"\nprobability = [1.5]", "frame-loss"),
             (
                 "kind = \"screen\"\nscreens = [{ material = \"cheese\", thickness_m = 0.01 }]",
