@@ -111,8 +111,8 @@ impl TiDetection {
     }
 }
 
-/// Commands of a chirp file that determine which points TI's 3D people tracking reports of somebody who moves. Argument
-/// order: the demo's "3D people counting demo: configuration details".
+/// Commands of a chirp file that determine which points TI's 3D people tracking reports of somebody who moves. The order
+/// of the arguments is that in which the demo's command line reads them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TiPeopleDetection {
     /// `dynamicRACfarCfg`: the pass along range.
@@ -127,8 +127,6 @@ pub struct TiPeopleDetection {
     pub azimuth_step_deg: f64,
     /// The same: addition to the diagonal of the covariance, relative.
     pub azimuth_loading: f64,
-    /// The same: whether the phase between transmitters is corrected for motion.
-    pub compensates_motion: bool,
     /// `dynamic2DAngleCfg`: step of elevation, degrees.
     pub elevation_step_deg: f64,
     /// The same: addition to the diagonal of the covariance, relative.
@@ -166,10 +164,14 @@ impl TiPeopleDetection {
                 "flushCfg" => (cfar, azimuth, elevation, fov) = (None, None, None, None),
                 "dynamicRACfarCfg" => cfar = Some(read_map_cfar(&command)?),
                 "dynamicRangeAngleCfg" => {
+                    if command.whole(3, "detection method", 0..256)? > 1 {
+                        return Err(command.args[3].error(
+                            "only detection methods 0 and 1 are read, which search elevation at the azimuth of the map",
+                        ));
+                    }
                     azimuth = Some((
                         within(&command, 1, "step, degrees", [0.1, 45.0])?,
                         within(&command, 2, "diagonal loading", [1e-9, 100.0])?,
-                        command.whole(4, "Doppler compensation", 0..2)? == 1,
                     ));
                 }
                 "dynamic2DAngleCfg" => {
@@ -196,7 +198,7 @@ impl TiPeopleDetection {
         }
         let (range_cfar, azimuth_cfar, sidelobe, second_pass) =
             cfar.ok_or(TiCfgError::Missing("dynamicRACfarCfg"))?;
-        let (azimuth_step_deg, azimuth_loading, compensates_motion) =
+        let (azimuth_step_deg, azimuth_loading) =
             azimuth.ok_or(TiCfgError::Missing("dynamicRangeAngleCfg"))?;
         let (elevation_step_deg, elevation_loading) =
             elevation.ok_or(TiCfgError::Missing("dynamic2DAngleCfg"))?;
@@ -207,7 +209,6 @@ impl TiPeopleDetection {
             second_pass,
             azimuth_step_deg,
             azimuth_loading,
-            compensates_motion,
             elevation_step_deg,
             elevation_loading,
             fov_deg: fov.ok_or(TiCfgError::Missing("fovCfg"))?,
@@ -361,7 +362,6 @@ mod tests {
             second_pass: true,
             azimuth_step_deg: 1.5,
             azimuth_loading: 0.002,
-            compensates_motion: false,
             elevation_step_deg: 3.0,
             elevation_loading: 0.05,
             fov_deg: [65.0, 25.0],
@@ -373,6 +373,7 @@ mod tests {
             ("-1 3 5 1 2 9 11", "-1 3 5 1 2 0 11", "training cells"),
             ("0.35 1 1", "1.35 1 1", "sidelobe level must be in 0..=1"),
             ("fovCfg -1 65 25", "fovCfg -1 65", "argument 3"),
+            ("0.002 1 0", "0.002 2 0", "detection methods 0 and 1"),
             (
                 "staticRangeAngleCfg -1 0",
                 "staticRangeAngleCfg -1 1",

@@ -97,8 +97,9 @@ impl TiFirmware {
     /// elevation by a second Capon spectrum, angles in steps of 0.01 rad.
     ///
     /// Not modelled: the fixed-point arithmetic, detection of static people, several elevations of one cell, the
-    /// tracker, and the order in which points are dropped where the serial port is too slow. The noise of both passes is
-    /// taken as the smaller of both sides.
+    /// tracker, and the order in which points are dropped where the serial port is too slow. Assumed: the noise of both
+    /// passes is the smaller of both sides, thresholds are ratios of powers, and the phases between transmitters are not
+    /// corrected for motion. No recording of this firmware was compared.
     ///
     /// # Errors
     /// As [`Self::out_of_box`].
@@ -117,7 +118,7 @@ impl TiFirmware {
             range_window: Window::Hann,
             doppler_window: Window::Hann,
             range_fft_len: Some(radar.config.n_samples.next_power_of_two()),
-            compensate_tdm: detection.compensates_motion,
+            compensate_tdm: false,
             correct_range_doppler_coupling: false,
             capon: Some(CaponDetection {
                 azimuth: CaponScan {
@@ -259,7 +260,6 @@ mod tests {
         let capon = firmware.chain.capon.unwrap();
         assert_eq!((capon.azimuth.limit_deg, capon.azimuth_cfar), (70.0, None));
         assert_eq!(capon.range_cfar.threshold, 5.0);
-        assert!(!firmware.chain.compensate_tdm);
         let demo = open_radar_text(Path::new("demo.cfg"), CFG).unwrap();
         let error = TiFirmware::people_tracking(&demo).unwrap_err();
         assert!(error.to_string().contains("dynamicRACfarCfg"), "{error}");
