@@ -180,12 +180,10 @@ impl TiPeopleDetection {
                         within(&command, 2, "diagonal loading", [1e-9, 100.0])?,
                     ));
                 }
-                "staticRangeAngleCfg" => {
-                    if command.whole(1, "enabled", 0..2)? == 1 {
-                        return Err(command.args[1].error(
-                            "static detection is switched on, which is not read: only points of moving people are",
-                        ));
-                    }
+                "staticRangeAngleCfg" if command.whole(1, "enabled", 0..2)? == 1 => {
+                    return Err(command.args[1].error(
+                        "static detection is switched on, which is not read: only points of moving people are",
+                    ));
                 }
                 "fovCfg" => {
                     fov = Some([
