@@ -92,20 +92,24 @@ impl VirtualArray {
     }
 }
 
+/// The virtual element of every channel, in the order of the channels.
+pub(crate) fn elements(tx: &[Antenna], rx: &[Antenna]) -> Vec<Element> {
+    let of_slot = |(slot, t): (usize, &Antenna)| {
+        let (x_m, z_m) = (t.x_m, t.z_m);
+        let of = move |(r, receiver): (usize, &Antenna)| Element {
+            channel: slot * rx.len() + r,
+            x_m: x_m + receiver.x_m,
+            z_m: z_m + receiver.z_m,
+        };
+        rx.iter().enumerate().map(of)
+    };
+    tx.iter().enumerate().flat_map(of_slot).collect()
+}
+
 /// All virtual elements in rows of equal height, lowest first and with x ascending. Of several elements at one position
 /// only the first channel is kept, because the choice does not matter for a calibrated array.
 fn rows_by_height(tx: &[Antenna], rx: &[Antenna]) -> Vec<Vec<Element>> {
-    let mut all = Vec::with_capacity(tx.len() * rx.len());
-    for (slot, t) in tx.iter().enumerate() {
-        for (r, receiver) in rx.iter().enumerate() {
-            let channel = slot * rx.len() + r;
-            all.push(Element {
-                channel,
-                x_m: t.x_m + receiver.x_m,
-                z_m: t.z_m + receiver.z_m,
-            });
-        }
-    }
+    let mut all = elements(tx, rx);
     all.sort_by(|a, b| a.z_m.total_cmp(&b.z_m).then(a.x_m.total_cmp(&b.x_m)));
     let mut rows: Vec<Vec<Element>> = Vec::new();
     for element in all {

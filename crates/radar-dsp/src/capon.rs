@@ -16,7 +16,7 @@ use num_complex::Complex64;
 use radarllm_base::{RadarConfig, RadarPoint};
 
 use crate::{
-    array::{Element, VirtualArray},
+    array::{Element, VirtualArray, elements},
     direction::DirectionFinder,
     error::DspError,
     spectrum::{Spectrum, signed_doppler},
@@ -95,6 +95,8 @@ pub(crate) struct CaponDetector {
     all: Vec<Element>,
     /// Direction cosines `u_x` of the map's azimuths, from the left.
     azimuths: Vec<f64>,
+    /// Steering vectors of the azimuth row for them.
+    steering: Vec<Vec<Complex64>>,
     /// Elevations, rad.
     elevations_rad: Vec<f64>,
     /// Powers `[range bin of the gate][azimuth]`.
@@ -143,31 +145,22 @@ impl CaponDetector {
         if !array.has_azimuth() {
             return fail("the radar does not measure azimuth");
         }
-        let mut all = array.azimuth_row.clone();
-        for (slot, tx) in radar.tx.iter().enumerate() {
-            for (i, rx) in radar.rx.iter().enumerate() {
-                let channel = slot * radar.rx.len() + i;
-                if all.iter().all(|e| e.channel != channel) {
-                    all.push(Element {
-                        channel,
-                        x_m: tx.x_m + rx.x_m,
-                        z_m: tx.z_m + rx.z_m,
-                    });
-                }
-            }
-        }
         let angles = |scan: CaponScan| {
             let n = (scan.limit_deg / scan.step_deg).floor() as i32;
             (-n..=n).map(move |i| (f64::from(i) * scan.step_deg).to_radians())
         };
         let elevation = options.elevation.filter(|_| array.has_elevation());
+        let wavelength_m = radar.wavelength_m();
+        let azimuths: Vec<f64> = angles(options.azimuth).map(f64::sin).collect();
+        let of_row = |u_x: &f64| steering(wavelength_m, &array.azimuth_row, *u_x, 0.0);
         Ok(Self {
             options: options.clone(),
-            wavelength_m: radar.wavelength_m(),
-            azimuths: angles(options.azimuth).map(f64::sin).collect(),
+            wavelength_m,
+            steering: azimuths.iter().map(of_row).collect(),
+            azimuths,
             elevations_rad: elevation.map_or_else(|| vec![0.0], |scan| angles(scan).collect()),
             row: array.azimuth_row,
-            all,
+            all: elements(&radar.tx, &radar.rx),
             map: Vec::new(),
         })
     }
@@ -216,11 +209,6 @@ impl CaponDetector {
     }
 
     fn fill_map(&mut self, frame: &Frame) {
-        let steering: Vec<Vec<Complex64>> = self
-            .azimuths
-            .iter()
-            .map(|u_x| self.steering(&self.row, *u_x, 0.0))
-            .collect();
         self.map.clear();
         for bin in 0..frame.spectrum.gate.len() {
             let inverse = frame.inverse(bin, &self.row, self.options.azimuth.loading);
@@ -228,7 +216,7 @@ impl CaponDetector {
                 Some(inverse) => 1.0 / quadratic(inverse, a).max(f64::MIN_POSITIVE),
                 None => 0.0,
             };
-            self.map.extend(steering.iter().map(power));
+            self.map.extend(self.steering.iter().map(power));
         }
     }
 
@@ -248,7 +236,7 @@ impl CaponDetector {
             .loading;
         let inverse = frame.inverse(bin, &self.all, loading)?;
         let elevations = self.elevations_rad.iter().map(|elevation_rad| {
-            let a = self.steering(&self.all, u_x, elevation_rad.sin());
+            let a = steering(self.wavelength_m, &self.all, u_x, elevation_rad.sin());
             (*elevation_rad, quadratic(&inverse, &a), a)
         });
         let (elevation_rad, _, a) = elevations.min_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -279,13 +267,12 @@ impl CaponDetector {
             intensity_db: (10.0 * ratio.log10()) as f32,
         })
     }
+}
 
-    /// Phases of a far echo at the antennas; see [`VirtualArray`].
-    fn steering(&self, elements: &[Element], u_x: f64, u_z: f64) -> Vec<Complex64> {
-        let of =
-            |e: &Element| Complex64::cis(-TAU / self.wavelength_m * (e.x_m * u_x + e.z_m * u_z));
-        elements.iter().map(of).collect()
-    }
+/// Phases of a far echo at the antennas; see [`VirtualArray`].
+fn steering(wavelength_m: f64, elements: &[Element], u_x: f64, u_z: f64) -> Vec<Complex64> {
+    let of = |e: &Element| Complex64::cis(-TAU / wavelength_m * (e.x_m * u_x + e.z_m * u_z));
+    elements.iter().map(of).collect()
 }
 
 /// The spectra of a frame.

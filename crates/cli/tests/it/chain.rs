@@ -581,7 +581,6 @@ fn captions_follow_interventions_whatever_the_verb_is_called() {
     assert_eq!(earlier, report);
 }
 
-/// A chirp of ±1 m/s with both passes of CFAR, as TI's visualizer writes it.
 #[test]
 fn people_tracking_firmware_reports_some_points_of_who_moves_and_fewer_of_who_sits() {
     let folder = tempfile::tempdir().unwrap();
@@ -617,6 +616,7 @@ fn people_tracking_firmware_reports_some_points_of_who_moves_and_fewer_of_who_si
     );
 }
 
+/// A chirp of ±1 m/s with both passes of CFAR, as TI's visualizer writes it.
 const DEMO_CFG: &str = "% Platform:xWR68xx\nchannelCfg 15 7 0\nadcCfg 2 1\n\
     profileCfg 0 60.25 355 6 58 0 0 60 1 224 4500 0 0 30\nchirpCfg 0 0 0 0 0 0 0 1\n\
     chirpCfg 1 1 0 0 0 0 0 4\nchirpCfg 2 2 0 0 0 0 0 2\nframeCfg 0 2 16 0 100 1 0\n\

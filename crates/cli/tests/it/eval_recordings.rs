@@ -75,7 +75,7 @@ fn roles_separate_recordings_and_looks_at_judged_ones_are_logged() {
     let segment = &row["segments"][0];
     let sentence = [&segment["guess"], &segment["caption"]];
     let sentence = sentence.iter().find_map(|text| text.as_str()).unwrap();
-    assert!(sentence.contains("walk"), "{sentence}");
+    assert_eq!(radarllm::inference::actions(sentence), ["walk"]);
     assert_eq!(segment["right"], true);
     assert!(!looks.exists(), "tuning is not logged");
 
