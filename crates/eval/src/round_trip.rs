@@ -7,7 +7,6 @@
 
 use radarllm_base::{Clip, PointFrame, random::SplitMix64};
 use radarllm_dataset::{ClipRecord, Columns, Dataset, Split};
-use radarllm_facts::score::{FactScores, score as fact_scores};
 use radarllm_inference::{Captioner, Description, FRAME_RATE_HZ, tokenizer::FRAMES_PER_CODE};
 use radarllm_metrics::{
     Candidate, Reference, ScoreOptions, Scores, bootstrap::units_of_ids, score,
@@ -18,7 +17,7 @@ use crate::{
     Estimate, EvalError,
     baselines::shuffled_assignment,
     captioner::caption_clips,
-    captions::{MAX_REFERENCES, nearest_captions, read, take_clip},
+    captions::{MAX_REFERENCES, facts::FactCounts, nearest_captions, read, take_clip},
     table::Table,
 };
 
@@ -48,19 +47,6 @@ pub struct RoundTripSystem {
     pub facts: FactCounts,
     /// Share of descriptions that state exactly the actions of the sentence, in order, 0..=1.
     pub same_actions: Estimate,
-}
-
-/// Facts of descriptions beside those of captions.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct FactCounts {
-    /// Share of the descriptions' facts that the captions state.
-    pub precision: Option<f64>,
-    /// Share of the captions' facts that the descriptions state.
-    pub recall: Option<f64>,
-    /// Harmonic mean of both.
-    pub f1: Option<f64>,
-    /// Facts that exclude what the captions state, such as left for right.
-    pub contradictions: usize,
 }
 
 /// A sentence, and what was described of it.
@@ -290,12 +276,6 @@ fn system(
         max_references: MAX_REFERENCES,
         ..ScoreOptions::default()
     };
-    let facts: FactScores = fact_scores(
-        texts
-            .iter()
-            .zip(records)
-            .map(|(text, record)| (text.as_str(), &record.captions[..])),
-    );
     let actions = radarllm_inference::actions;
     let same: Vec<f64> = texts
         .iter()
@@ -303,17 +283,16 @@ fn system(
         .map(|(text, record)| f64::from(u8::from(actions(text) == actions(&record.captions[0]))))
         .collect();
     let units = units_of_ids(records.iter().map(|r| r.id.as_str()));
-    let all = facts.all();
     Ok(RoundTripSystem {
         name,
         what,
         scores: score(&candidates, &references, &options)?,
-        facts: FactCounts {
-            precision: all.precision(),
-            recall: all.recall(),
-            f1: all.f1(),
-            contradictions: facts.contradictions.values().sum(),
-        },
+        facts: FactCounts::of(
+            texts
+                .iter()
+                .zip(records)
+                .map(|(text, record)| (text.as_str(), &record.captions[..])),
+        ),
         same_actions: Estimate::of_mean(&same, &units, seed)
             .ok_or_else(|| EvalError::Empty("no descriptions to score".into()))?,
     })

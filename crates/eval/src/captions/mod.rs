@@ -4,6 +4,7 @@
 //! three baselines on the same clips. [`report`] writes tables and Markdown, [`examples`] chooses clips to look at.
 
 pub mod examples;
+pub mod facts;
 pub mod report;
 mod slices;
 
@@ -61,6 +62,8 @@ pub struct System {
     pub what: &'static str,
     /// Caption metrics.
     pub scores: Scores,
+    /// Facts of the captions beside those of the references.
+    pub facts: facts::FactCounts,
     /// Share of captions in which the action classifier recognises the clip's action, 0..=1.
     pub action_accuracy: Estimate,
 }
@@ -125,6 +128,10 @@ pub struct CaptionReport {
     pub by_length: Vec<Slice>,
     /// By number of actions in the clip, where the label shows it (built-in motions).
     pub by_n_actions: Vec<Slice>,
+    /// Facts of the captions by kind.
+    pub facts: Vec<facts::FactsOfKind>,
+    /// By what no training caption states.
+    pub held_out: Vec<facts::HeldOutSlice>,
     /// Most frequent first.
     pub confusions: Vec<Confusion>,
     /// Parameters of the model.
@@ -331,6 +338,8 @@ pub fn evaluate_captions_with(
         action_accuracy_by_action: slices::by_action(&captioned),
         by_length: slices::by_length(&captioned, seed)?,
         by_n_actions: slices::by_n_actions(&captioned, seed)?,
+        facts: facts::by_kind(&captioned),
+        held_out: facts::held_out(&captioned, &train_captions, seed)?,
         confusions: slices::confusions(&captioned),
         parameters: captioner.n_params(),
         model_bytes: model.bytes,
@@ -402,6 +411,7 @@ impl<'a> Scorer<'a> {
             name,
             what,
             scores,
+            facts: facts::FactCounts::of(pairs().map(|(c, text)| (*text, counted(&c.references)))),
             action_accuracy: mean(&correct, &self.units, self.seed)?,
         })
     }
@@ -412,11 +422,15 @@ fn mean(values: &[f64], units: &[usize], seed: u64) -> Result<Estimate, EvalErro
         .ok_or_else(|| EvalError::Empty("no captions to score".into()))
 }
 
+/// The references that count.
+fn counted(references: &[String]) -> &[String] {
+    &references[..references.len().min(MAX_REFERENCES)]
+}
+
 /// ROUGE-L of one caption, 0..=1, the best of the counted references: what the corpus value averages.
 fn best_rouge_l(candidate: &str, references: &[String]) -> f64 {
-    let references: Vec<Vec<String>> = references
+    let references: Vec<Vec<String>> = counted(references)
         .iter()
-        .take(MAX_REFERENCES)
         .map(|text| tokens::rouge_score(text))
         .collect();
     rouge_l(&tokens::rouge_score(candidate), &references)

@@ -1,6 +1,9 @@
 //! A caption report as tables and as Markdown.
 
-use super::{CaptionReport, Slice, System};
+use super::{
+    CaptionReport, Slice, System,
+    facts::{FactCounts, FactsOfKind, HeldOutSlice},
+};
 use crate::{Estimate, table::Table};
 
 /// Model, data and speed, a line each.
@@ -43,6 +46,9 @@ pub fn tables(report: &CaptionReport) -> Vec<Table> {
         "METEOR",
         "CIDEr-D",
         "action accuracy",
+        "facts precision",
+        "facts recall",
+        "contradictions",
     ];
     head.extend(&encoders);
     let mut scores = Table::new(
@@ -51,7 +57,7 @@ pub fn tables(report: &CaptionReport) -> Vec<Table> {
             "Protocol {}, at most {} references for each of {} clips. Values are multiplied by 100, except CIDEr-D; 95 % \
              bootstrap intervals over motions. Action accuracy: the share of captions in which a naive Bayes classifier, \
              fitted on training captions, recognises the clip's action; on the references of this split it is {:.1} %. \
-             METEOR 1.5 with exact, stem and WordNet matches. {}",
+             METEOR 1.5 with exact, stem and WordNet matches. Facts: actions with their attributes, as a parser reads them. {}",
             report.protocol,
             report.max_references,
             report.clips,
@@ -92,6 +98,8 @@ pub fn tables(report: &CaptionReport) -> Vec<Table> {
         ]);
     }
     tables.push(by_action);
+    tables.push(facts_by_kind(&report.facts));
+    tables.push(held_out(&report.held_out));
     if !report.confusions.is_empty() {
         let mut confusions = Table::new(
             "Confusions",
@@ -169,12 +177,91 @@ fn system_row(system: &System, encoders: &[&str]) -> Vec<String> {
         ],
     ));
     row.push(system.action_accuracy.to_text(100.0, 1));
+    row.extend(fact_cells(&system.facts));
     let metrics = encoders.iter().map(|name| match *name {
         BERT_SCORE => "bert_score",
         _ => "sim_cse",
     });
     row.extend(Estimate::cells(s, &metrics.collect::<Vec<_>>()));
     row
+}
+
+/// Precision, recall and contradictions.
+fn fact_cells(facts: &FactCounts) -> [String; 3] {
+    [
+        percent(facts.precision),
+        percent(facts.recall),
+        facts.contradictions.to_string(),
+    ]
+}
+
+fn percent(share: Option<f64>) -> String {
+    share.map_or_else(|| "-".into(), |share| format!("{:.1}", share * 100.0))
+}
+
+/// Facts of the model's captions by kind.
+fn facts_by_kind(rows: &[FactsOfKind]) -> Table {
+    let mut table = Table::new(
+        "Facts by kind",
+        "Facts of the model's captions beside the references that agree with them most. A contradiction excludes what the \
+         reference states: left for right, once for several times.",
+        &[
+            "kind",
+            "stated",
+            "right",
+            "in references",
+            "precision %",
+            "recall %",
+            "contradictions",
+        ],
+    );
+    let share = |part: usize, all: usize| (all > 0).then(|| part as f64 / all as f64);
+    let row = |row: &FactsOfKind| {
+        vec![
+            row.kind.to_string(),
+            row.stated.to_string(),
+            row.right.to_string(),
+            row.in_references.to_string(),
+            percent(share(row.right, row.stated)),
+            percent(share(row.right, row.in_references)),
+            row.contradictions.to_string(),
+        ]
+    };
+    table.rows = rows.iter().map(row).collect();
+    table
+}
+
+/// The model's captions of clips of which no training caption tells.
+fn held_out(slices: &[HeldOutSlice]) -> Table {
+    let mut table = Table::new(
+        "What no training caption states",
+        "The model by what is new about a clip: clips are told from one another by what their references state and no \
+         training caption of this data set does. New wording is counted beside the others. Values are multiplied by 100, \
+         with 95 % intervals.",
+        &[
+            "new about the clip",
+            "clips",
+            "same actions",
+            "facts precision",
+            "facts recall",
+            "contradictions",
+            "ROUGE-L",
+            "mean confidence",
+        ],
+    );
+    let row = |slice: &HeldOutSlice| {
+        let mut row = vec![
+            slice.name.to_string(),
+            slice.clips.to_string(),
+            slice.same_actions.to_text(100.0, 1),
+        ];
+        row.extend(fact_cells(&slice.facts));
+        row.push(slice.rouge_l.to_text(100.0, 1));
+        row.push(format!("{:.2}", slice.confidence));
+        row
+    };
+    table.rows = slices.iter().map(row).collect();
+    table
 }
 
 fn slices(title: &str, about: &str, first: &str, slices: &[Slice]) -> Table {

@@ -234,7 +234,7 @@ mod tests {
             let encoded = Encoded {
                 codes: vec![1],
                 features: vec![0.0],
-                n_points_used: 1,
+                ..Encoded::default()
             };
             Ok(vec![encoded; windows.len()])
         }

@@ -1,7 +1,8 @@
 //! One vocabulary for words, masks and radar codes.
 //!
 //! A vocabulary learned from captions has padding 0, end 1 and unknown 2, followed by characters and words. After the
-//! text ids come the sentinels, the radar codes `<radar_0..K-1>`, `/som` and `/eom`. With a pretrained T5, text and
+//! text ids come the sentinels, the radar codes `<radar_0..K-1>`, `/som` and `/eom`, and the context tokens if the model is
+//! told the context. With a pretrained T5, text and
 //! sentinels keep their ids, and the radar rows follow the last row of its embedding. With a pretrained decoder-only
 //! model (GPT-2, Qwen2), the sentinels follow the last row too.
 //!
@@ -20,7 +21,7 @@ use tokenizers::tokenizer::{
 
 use super::templates::{Piece, pieces};
 use super::{InputError, LmError};
-use crate::tokenizer::Encoded;
+use crate::tokenizer::{Encoded, context::N_CONTEXT};
 
 /// Padding, and the decoder's start token.
 pub const PAD: u32 = 0;
@@ -59,9 +60,16 @@ pub struct Layout {
     pub first_code: u32,
     /// Number of radar codes.
     pub n_codes: u32,
+    /// Number of context tokens ([`crate::tokenizer::context`]): 0 for a model that is not told the context.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub n_context: u32,
     /// Token that ends a target and a prompt.
     #[serde(default = "t5_end")]
     pub end: u32,
+}
+
+fn is_zero(n: &u32) -> bool {
+    *n == 0
 }
 
 fn t5_end() -> u32 {
@@ -79,9 +87,14 @@ impl Layout {
         self.som() + 1
     }
 
+    /// Id of a context token.
+    pub fn context(&self, token: u32) -> u32 {
+        self.eom() + 1 + token
+    }
+
     /// Number of rows of the embedding.
     pub fn size(&self) -> usize {
-        self.eom() as usize + 1
+        self.context(self.n_context) as usize
     }
 
     /// Id of a sentinel, counted from 0.
@@ -147,6 +160,9 @@ impl Layout {
         }
         if self.n_codes == 0 || self.n_codes > 1 << 20 || self.first_code > 1 << 21 {
             return problem("n_codes", "out of range");
+        }
+        if self.n_context != 0 && self.n_context != N_CONTEXT as u32 {
+            return problem("n_context", "is not that of this version");
         }
         Ok(())
     }
@@ -269,6 +285,7 @@ impl Vocab {
             n_sentinels: n_sentinels as u32,
             first_code: n_text + n_sentinels as u32,
             n_codes: n_codes as u32,
+            n_context: 0,
             end: EOS,
         };
         Self::new(text, layout)
@@ -302,6 +319,7 @@ impl Vocab {
             n_sentinels,
             first_code: n_rows as u32,
             n_codes: n_codes as u32,
+            n_context: 0,
             end: EOS,
         };
         Self::new(text, layout)
@@ -349,6 +367,7 @@ impl Vocab {
             n_sentinels: n_sentinels as u32,
             first_code: n_rows.saturating_add(n_sentinels as u32),
             n_codes: n_codes as u32,
+            n_context: 0,
             end,
         };
         Self::new(text, layout)
@@ -368,6 +387,13 @@ impl Vocab {
     fn new(text: Tokenizer, layout: Layout) -> Result<Self, LmError> {
         layout.validate()?;
         Ok(Self { text, layout })
+    }
+
+    /// The vocabulary with context tokens after all others.
+    #[must_use]
+    pub fn with_context(mut self) -> Self {
+        self.layout.n_context = N_CONTEXT as u32;
+        self
     }
 
     /// Layout of the token ids.
@@ -450,7 +476,7 @@ impl Vocab {
         Ok(source)
     }
 
-    /// Appends codes between markers, with their features.
+    /// Appends codes between markers, with their features, and the context.
     ///
     /// # Errors
     /// If a code is beyond the codebook or features do not fit codes.
@@ -462,7 +488,18 @@ impl Vocab {
         }
         source.features.extend_from_slice(&radar.features);
         source.ids.push(self.layout.eom());
+        source.ids.extend(self.context_ids(radar));
         Ok(())
+    }
+
+    /// Ids of a clip's context; none if the model is not told the context.
+    pub fn context_ids(&self, radar: &Encoded) -> impl Iterator<Item = u32> {
+        let layout = &self.layout;
+        let told = match layout.n_context {
+            0 => &[],
+            _ => radar.context.as_slice(),
+        };
+        told.iter().map(|token| layout.context(*token))
     }
 
     /// Ids of radar codes.
@@ -581,12 +618,46 @@ mod tests {
     }
 
     #[test]
+    fn a_context_follows_the_codes_of_a_model_that_is_told_it() {
+        let (without, with) = (vocab(), vocab().with_context());
+        let radar = Encoded {
+            codes: vec![5],
+            features: vec![1.0],
+            context: [1, 17, 34, 51, 68, 80, 89],
+            ..Encoded::default()
+        };
+        let template = "what does {radar} show?";
+        let plain = without.prompt(template, Some(&radar), None).unwrap();
+        let told = with.prompt(template, Some(&radar), None).unwrap();
+        let (l, n) = (with.layout(), plain.ids.len());
+        assert_eq!(l.size(), without.layout().size() + N_CONTEXT);
+        let eom = told.ids.iter().position(|id| *id == l.eom()).unwrap();
+        let context = radar.context.map(|token| l.context(token));
+        assert_eq!(told.ids[eom + 1..][..context.len()], context);
+        assert_eq!(told.ids.len(), n + context.len());
+        assert_eq!(told.feature_positions, plain.feature_positions);
+        // The files of a model without context do not mention it; a model with another context is refused.
+        let json = serde_json::to_value(without.layout()).unwrap();
+        assert!(json.get("n_context").is_none());
+        assert_eq!(
+            serde_json::from_value::<Layout>(json).unwrap(),
+            *without.layout()
+        );
+        let other = Layout {
+            n_context: 3,
+            ..l.clone()
+        };
+        let text = with.tokenizer_json().unwrap();
+        assert!(Vocab::from_parts(text.as_bytes(), other).is_err());
+    }
+
+    #[test]
     fn prompts_carry_features_at_their_codes() {
         let vocab = vocab();
         let radar = Encoded {
             codes: vec![5, 0],
             features: vec![1.0, 2.0, 3.0, 4.0],
-            n_points_used: 0,
+            ..Encoded::default()
         };
         let source = vocab
             .prompt("what does {radar} show?", Some(&radar), None)
@@ -599,7 +670,7 @@ mod tests {
         let bad = Encoded {
             codes: vec![8],
             features: vec![0.0, 0.0],
-            n_points_used: 0,
+            ..Encoded::default()
         };
         assert!(vocab.prompt("describe {radar}", Some(&bad), None).is_err());
         assert!(vocab.prompt("describe {radar}", None, None).is_err());

@@ -8,6 +8,7 @@ use radarllm_engine::{EngineError, tokenizer as engine};
 use serde::{Deserialize, Serialize};
 
 use super::config::{MAX_STEPS, TokenizerConfig};
+use super::context::CONTEXT_LEN;
 use super::doppler_profile::PROFILE_DIM;
 use super::grouping::{Grouped, GroupingError, group};
 use crate::checkpoint::{CONFIG_FILE, Checkpoint, CheckpointError, MODEL_FILE, NamedTensors};
@@ -29,7 +30,7 @@ pub struct TokenizerFile {
 }
 
 /// Codes of one clip.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Encoded {
     /// One code per four frames (0.4 s). The last code may cover fewer.
     pub codes: Vec<u32>,
@@ -37,6 +38,8 @@ pub struct Encoded {
     pub features: Vec<f32>,
     /// Number of points within the radius of an anchor.
     pub n_points_used: usize,
+    /// Tempo and board; see [`super::context`].
+    pub context: [u32; CONTEXT_LEN],
 }
 
 /// Reasons why a clip cannot be encoded.
@@ -227,6 +230,7 @@ impl RadarTokenizer {
             codes: codes.codes,
             features: codes.features,
             n_points_used: clip.n_points_used,
+            context: clip.context,
         };
         Ok(out.into_iter().zip(clips).map(encoded).collect())
     }

@@ -5,11 +5,12 @@
 //!           (centre)  (grouping)  (radarllm-engine)
 //! ```
 //!
-//! Reading order: [`config`] (sizes), [`centre`], [`grouping`] and [`doppler_profile`] (plain arithmetic on points),
+//! Reading order: [`config`] (sizes), [`centre`], [`grouping`], [`doppler_profile`] and [`context`] (plain arithmetic on points),
 //! [`encode`] (a trained network on the engine), [`points`] (codes back to points). The trainable network is in `radarllm-nn`.
 
 pub mod centre;
 pub mod config;
+pub mod context;
 pub mod doppler_profile;
 pub mod encode;
 pub mod grouping;

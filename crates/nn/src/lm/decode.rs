@@ -228,7 +228,7 @@ mod tests {
                 let encoded = Encoded {
                     codes,
                     features,
-                    n_points_used: 0,
+                    ..Encoded::default()
                 };
                 lm.describe_prompt(&encoded).unwrap()
             })

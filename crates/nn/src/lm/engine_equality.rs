@@ -63,7 +63,7 @@ fn prompts(lm: &RadarLm, n: usize, seed: u64) -> Vec<Source> {
             let radar = Encoded {
                 codes,
                 features,
-                n_points_used: 0,
+                ..Encoded::default()
             };
             lm.describe_prompt(&radar).unwrap()
         })

@@ -592,7 +592,7 @@ mod tests {
         let radar = Encoded {
             codes: vec![1, 7],
             features: vec![0.5; 8],
-            n_points_used: 0,
+            ..Encoded::default()
         };
         let source = lm.describe_prompt(&radar).unwrap();
         assert_eq!(source.ids, [3, 48, 41, 47, 49, 1]);

@@ -596,7 +596,7 @@ pub(super) mod tests {
         Encoded {
             codes: (0..n).map(|i| (i * 3 + n) % 4).collect(),
             features: (0..n * 2).map(|i| (i as f32 * 0.7).sin()).collect(),
-            n_points_used: 0,
+            ..Encoded::default()
         }
     }
 

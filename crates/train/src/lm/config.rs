@@ -68,6 +68,9 @@ pub struct LmTrainConfig {
     pub preset: LmPreset,
     /// Overrides whether the network has a continuous bypass, which the preset defines.
     pub bypass: Option<bool>,
+    /// A new network is told the context of a clip ([`radarllm_inference::tokenizer::context`]).
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub context: bool,
     /// Overrides whether the input and output embeddings of a new T5 are tied. With tied embeddings, the logits change
     /// `d_model^0.5` times more slowly at the same learning rate.
     pub tie_embeddings: Option<bool>,
@@ -111,7 +114,7 @@ pub struct LmTrainConfig {
     pub mask_span: f64,
     /// Probability that an input code is replaced by a random one and its feature is dropped.
     pub replace_code: f64,
-    /// Probability that an input code is dropped.
+    /// Probability that an input code, or a token of the context, is dropped.
     pub drop_code: f64,
     /// Standard deviation of the noise added to features, relative to their rms.
     pub feature_noise: f64,
@@ -141,6 +144,7 @@ impl LmTrainConfig {
             backbone: Backbone::T5,
             preset: LmPreset::Small,
             bypass: None,
+            context: false,
             tie_embeddings: None,
             dropout: None,
             hf_folder: None,
@@ -260,6 +264,9 @@ impl LmTrainConfig {
             && (self.backbone != Backbone::T5 || self.hf_folder.is_some())
         {
             return fail("tie_embeddings", "is a choice for a new t5 only");
+        }
+        if self.context && self.hf_folder.is_some() {
+            return fail("context", "is a choice for a new network only");
         }
         if self.batch == 0 || self.batch > 65_536 {
             return fail("batch", "must be in 1..=65536");

@@ -382,11 +382,19 @@ impl ExampleMaker {
                 source.features.extend_from_slice(feature);
             }
         };
+        let end_radar = |source: &mut Source, rng: &mut ChaCha8Rng| {
+            source.ids.push(layout.eom());
+            for id in vocab.context_ids(encoded) {
+                if config.drop_code == 0.0 || !rng.random_bool(config.drop_code) {
+                    source.ids.push(id);
+                }
+            }
+        };
         match item.task {
             Task::RadarToText | Task::RadarToLength => {
                 source.ids.push(layout.som());
                 (0..codes.len()).for_each(|i| push(&mut source, i, rng));
-                source.ids.push(layout.eom());
+                end_radar(&mut source, rng);
                 let answer = if item.task == Task::RadarToText {
                     caption
                 } else {
@@ -406,7 +414,7 @@ impl ExampleMaker {
                 let cut = rng.random_range(1..codes.len().max(2)).min(codes.len());
                 source.ids.push(layout.som());
                 (0..cut).for_each(|i| push(&mut source, i, rng));
-                source.ids.push(layout.eom());
+                end_radar(&mut source, rng);
                 target.extend(&codes[cut..]);
             }
             Task::RadarPrediction => {
@@ -427,7 +435,7 @@ impl ExampleMaker {
                     at = end;
                 }
                 (at..codes.len()).for_each(|i| push(&mut source, i, rng));
-                source.ids.push(layout.eom());
+                end_radar(&mut source, rng);
             }
         }
         source.ids.extend(&prompt.after);

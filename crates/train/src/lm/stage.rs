@@ -125,13 +125,16 @@ pub fn pretrain(
                 false => Vec::new(),
             };
             let captions = captions.chain(&written);
-            let vocab = Vocab::learn(
+            let mut vocab = Vocab::learn(
                 captions.map(String::as_str),
                 all_text(),
                 shape.max_text_vocab,
                 shape.n_sentinels,
                 n_codes,
             )?;
+            if config.context {
+                vocab = vocab.with_context();
+            }
             RadarLm::new(shape, vocab, config.run.seed, &device)?
         }
     };

@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use burn::module::Module;
 use radarllm_inference::checkpoint::{Checkpoint, HostTensor, MODEL_FILE, NamedTensors};
 use radarllm_inference::lm::Source;
-use radarllm_inference::lm::templates::{Task, all_text};
+use radarllm_inference::lm::templates::{EVALUATION_PROMPT, Task, all_text};
 use radarllm_inference::lm::vocab::EOS;
 use radarllm_inference::lm::{Backbone, FeedForward, GenerateOptions, LmPreset, Vocab};
-use radarllm_inference::tokenizer::Encoded;
+use radarllm_inference::tokenizer::{Encoded, context::CONTEXT_LEN};
 use radarllm_nn::lm::RadarLm;
 use radarllm_nn::lm::TrainingPass;
 use radarllm_nn::lm::{RadarT5, SourceBatch};
@@ -56,7 +56,7 @@ fn toy_clips(n: usize, n_codes: usize, code_dim: usize) -> Vec<LmClip> {
         Encoded {
             codes,
             features,
-            n_points_used: 0,
+            ..Encoded::default()
         }
     };
     (0..n)
@@ -897,6 +897,47 @@ fn every_example_ends_and_radar_prediction_restores_the_codes() {
     }
 }
 
+#[test]
+fn a_model_that_is_told_the_context_reads_the_same_prompt_in_training_and_use() {
+    let mut clips = toy_clips(4, N_CODES, CODE_DIM);
+    for clip in &mut clips {
+        clip.variants[0].context = [3, 20, 40, 60, 70, 80, 88];
+    }
+    let config = exact_config(bare_loop(1));
+    let rng = &mut ChaCha8Rng::seed_from_u64(3);
+    for vocab in [vocab(&clips), vocab(&clips).with_context()] {
+        let maker = ExampleMaker::new(&vocab, CODE_DIM, &clips, LmStageKind::Pretrain).unwrap();
+        let items = (0..20).flat_map(|seed| maker.draw_epoch(&config, seed));
+        let mut n = 0;
+        for item in items.filter(|item| item.task == Task::RadarToText) {
+            let learned = maker.example(&vocab, &config, &item, rng).unwrap();
+            let radar = &clips[item.clip].variants[0];
+            let used = vocab.prompt(EVALUATION_PROMPT, Some(radar), None).unwrap();
+            assert_eq!(learned.source, used);
+            n += 1;
+        }
+        assert!(n > 0);
+    }
+    let dropping = LmTrainConfig {
+        drop_code: 0.5,
+        ..config
+    };
+    let vocab = vocab(&clips).with_context();
+    let maker = ExampleMaker::new(&vocab, CODE_DIM, &clips, LmStageKind::Pretrain).unwrap();
+    let first = vocab.layout().context(0);
+    let (mut n_kept, mut n_all) = (0, 0);
+    for item in (0..20).flat_map(|seed| maker.draw_epoch(&dropping, seed)) {
+        let example = maker.example(&vocab, &dropping, &item, rng).unwrap();
+        n_kept += example.source.ids.iter().filter(|id| **id >= first).count();
+        n_all += match item.task {
+            Task::TextToRadar => 0,
+            _ => CONTEXT_LEN,
+        };
+    }
+    let share = n_kept as f64 / n_all as f64;
+    assert!((0.4..0.6).contains(&share), "{share}");
+}
+
 /// Padding to the longest sequence of the batch must not change the loss of a sequence.
 #[test]
 fn loss_of_a_batch_is_the_mean_over_its_tokens() {
@@ -1152,7 +1193,7 @@ fn noisy_clips(n: usize, seed: u64) -> Vec<LmClip> {
                 variants: vec![Encoded {
                     codes,
                     features,
-                    n_points_used: 0,
+                    ..Encoded::default()
                 }],
                 flipped: Vec::new(),
                 seconds: len as f32 * 0.4,

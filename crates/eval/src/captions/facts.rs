@@ -1,0 +1,299 @@
+//! The model's captions by what they state: facts of each kind, and the clips of which no training caption tells.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use radarllm_facts::{
+    Action, Kind, facts,
+    score::{FactScores, score},
+};
+use radarllm_metrics::bootstrap::units_of_ids;
+use serde::Serialize;
+
+use super::{CaptionedClip, counted, mean};
+use crate::{Estimate, EvalError};
+
+/// Facts of captions beside those of references.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct FactCounts {
+    /// Share of the captions' facts that the references state.
+    pub precision: Option<f64>,
+    /// Share of the references' facts that the captions state.
+    pub recall: Option<f64>,
+    /// Harmonic mean of both.
+    pub f1: Option<f64>,
+    /// Facts that exclude what the references state, such as left for right.
+    pub contradictions: usize,
+}
+
+impl FactCounts {
+    /// Facts of captions, each beside those references of it that agree with it most.
+    pub fn of<'a>(pairs: impl IntoIterator<Item = (&'a str, &'a [String])>) -> Self {
+        let scores = score(pairs);
+        let all = scores.all();
+        Self {
+            precision: all.precision(),
+            recall: all.recall(),
+            f1: all.f1(),
+            contradictions: scores.contradictions.values().sum(),
+        }
+    }
+}
+
+/// Facts of one kind in the model's captions.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct FactsOfKind {
+    /// Name of the kind.
+    pub kind: &'static str,
+    /// Facts of the captions.
+    pub stated: usize,
+    /// Those of them that the references state.
+    pub right: usize,
+    /// Facts of the references.
+    pub in_references: usize,
+    /// Facts that exclude what the references state.
+    pub contradictions: usize,
+}
+
+/// The model on clips that resemble training clips to some degree.
+#[derive(Clone, Debug, Serialize)]
+pub struct HeldOutSlice {
+    /// What is new about the clips.
+    pub name: &'static str,
+    /// Clips in it.
+    pub clips: usize,
+    /// Share of captions with exactly the actions of one of the references, in order, 0..=1.
+    pub same_actions: Estimate,
+    /// Facts of the captions.
+    pub facts: FactCounts,
+    /// Mean ROUGE-L of the captions, 0..=1.
+    pub rouge_l: Estimate,
+    /// Mean confidence of the captions, 0..=1.
+    pub confidence: f64,
+}
+
+fn pair(clip: &CaptionedClip) -> (&str, &[String]) {
+    (&clip.description.caption, counted(&clip.references))
+}
+
+/// Facts by kind; kinds that occur on neither side are left out.
+pub fn by_kind(clips: &[CaptionedClip]) -> Vec<FactsOfKind> {
+    let scores: FactScores = score(clips.iter().map(pair));
+    let of_kind = |kind: Kind| {
+        let tally = scores.of(kind);
+        FactsOfKind {
+            kind: kind.name(),
+            stated: tally.candidate,
+            right: tally.common,
+            in_references: tally.reference,
+            contradictions: scores.contradictions.get(&kind).copied().unwrap_or(0),
+        }
+    };
+    let rows = Kind::ALL.into_iter().map(of_kind);
+    rows.filter(|row| row.stated + row.in_references > 0)
+        .collect()
+}
+
+/// Slices of what no training caption states, the most familiar first. Clips may be in several: what is new about the
+/// motion, and whether the wording is new.
+pub fn held_out(
+    clips: &[CaptionedClip],
+    train_captions: &[&str],
+    seed: u64,
+) -> Result<Vec<HeldOutSlice>, EvalError> {
+    let known = Known::of(train_captions);
+    let mut slices: BTreeMap<&'static str, Vec<&CaptionedClip>> = BTreeMap::new();
+    for clip in clips {
+        slices.entry(known.novelty(clip)).or_default().push(clip);
+        if !counted(&clip.references)
+            .iter()
+            .any(|text| known.texts.contains(text.as_str()))
+        {
+            slices.entry(NEW_WORDING).or_default().push(clip);
+        }
+    }
+    let names = [
+        NOTHING_NEW,
+        NEW_ATTRIBUTES,
+        NEW_COMBINATION,
+        NEW_ACTION,
+        NEW_WORDING,
+    ];
+    let found = names
+        .into_iter()
+        .filter_map(|name| slices.remove(name).map(|members| (name, members)));
+    found
+        .map(|(name, members)| slice(name, &members, seed))
+        .collect()
+}
+
+const NOTHING_NEW: &str = "none of the following";
+const NEW_ATTRIBUTES: &str = "an action with new attributes";
+const NEW_COMBINATION: &str = "a new combination of actions";
+const NEW_ACTION: &str = "a new action";
+const NEW_WORDING: &str = "new wording only or also";
+
+fn slice(
+    name: &'static str,
+    members: &[&CaptionedClip],
+    seed: u64,
+) -> Result<HeldOutSlice, EvalError> {
+    let units = units_of_ids(members.iter().map(|c| c.id.as_str()));
+    let actions = radarllm_inference::actions;
+    let is_same = |c: &&CaptionedClip| {
+        let stated = actions(&c.description.caption);
+        let same = counted(&c.references)
+            .iter()
+            .any(|text| actions(text) == stated);
+        f64::from(u8::from(same))
+    };
+    let same: Vec<f64> = members.iter().map(is_same).collect();
+    let rouge_l: Vec<f64> = members.iter().map(|c| c.rouge_l).collect();
+    let confidences = members.iter().map(|c| f64::from(c.description.confidence));
+    Ok(HeldOutSlice {
+        name,
+        clips: members.len(),
+        same_actions: mean(&same, &units, seed)?,
+        facts: FactCounts::of(members.iter().map(|c| pair(c))),
+        rouge_l: mean(&rouge_l, &units, seed)?,
+        confidence: confidences.sum::<f64>() / members.len() as f64,
+    })
+}
+
+/// What the training captions state.
+struct Known<'a> {
+    texts: BTreeSet<&'a str>,
+    actions: BTreeSet<&'static str>,
+    /// Names of the actions of a caption, in order.
+    combinations: BTreeSet<Vec<&'static str>>,
+    attributes: BTreeSet<(&'static str, Vec<String>)>,
+}
+
+impl<'a> Known<'a> {
+    fn of(captions: &[&'a str]) -> Self {
+        let texts: BTreeSet<&'a str> = captions.iter().copied().collect();
+        let mut known = Self {
+            texts: BTreeSet::new(),
+            actions: BTreeSet::new(),
+            combinations: BTreeSet::new(),
+            attributes: BTreeSet::new(),
+        };
+        for text in &texts {
+            let facts = facts(text);
+            known.combinations.insert(names(facts.actions()));
+            for action in facts.actions() {
+                known.actions.insert(action.name);
+                known.attributes.insert(with_attributes(action));
+            }
+        }
+        known.texts = texts;
+        known
+    }
+
+    /// The most that is new about the motion of a clip by any of its references.
+    fn novelty(&self, clip: &CaptionedClip) -> &'static str {
+        let all: Vec<_> = counted(&clip.references)
+            .iter()
+            .map(|text| facts(text))
+            .collect();
+        let any_action = |is_new: &dyn Fn(&Action) -> bool| {
+            all.iter().flat_map(|facts| facts.actions()).any(is_new)
+        };
+        if any_action(&|a| !self.actions.contains(a.name)) {
+            return NEW_ACTION;
+        }
+        let mut combinations = all.iter().map(|facts| names(facts.actions()));
+        if combinations.any(|of| !self.combinations.contains(&of)) {
+            return NEW_COMBINATION;
+        }
+        match any_action(&|a| !self.attributes.contains(&with_attributes(a))) {
+            true => NEW_ATTRIBUTES,
+            false => NOTHING_NEW,
+        }
+    }
+}
+
+fn names<'f>(actions: impl Iterator<Item = &'f Action>) -> Vec<&'static str> {
+    actions.map(|a| a.name).collect()
+}
+
+/// An action with all that is stated of it but how often and how long: those are numbers that seldom agree.
+fn with_attributes(action: &Action) -> (&'static str, Vec<String>) {
+    let attributes = action.attributes().into_iter();
+    let kept = attributes.filter(|(kind, _)| !matches!(kind, Kind::Count | Kind::Duration));
+    (action.name, kept.map(|(_, word)| word).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::captions::tests::captioned;
+
+    fn clip(id: &str, caption: &str, references: &[&str]) -> CaptionedClip {
+        let mut clip = captioned(id, "any", None);
+        clip.description.caption = caption.into();
+        clip.references = references.iter().map(|text| (*text).into()).collect();
+        clip
+    }
+
+    #[test]
+    fn what_is_new_about_a_clip_is_told_by_its_references() {
+        let train = [
+            "a person walks forward",
+            "a person walks forward, then sits down",
+            "a person waves with the left hand",
+            "someone waves with the right hand twice",
+        ];
+        let says = "a person walks forward";
+        let clips = [
+            clip("a#0", says, &["a person walks forward"]),
+            clip(
+                "b#0",
+                says,
+                &["a person waves with the left hand three times"],
+            ),
+            clip("c#0", says, &["a person walks backward"]),
+            clip("d#0", says, &["a person sits down, then walks forward"]),
+            clip("e#0", says, &["a person kneels"]),
+        ];
+        let slices = held_out(&clips, &train, 1).unwrap();
+        let rows: Vec<(&str, usize, f64)> = slices
+            .iter()
+            .map(|s| (s.name, s.clips, s.same_actions.value))
+            .collect();
+        assert_eq!(
+            rows,
+            [
+                (NOTHING_NEW, 2, 0.5),
+                (NEW_ATTRIBUTES, 1, 1.0),
+                (NEW_COMBINATION, 1, 0.0),
+                (NEW_ACTION, 1, 0.0),
+                (NEW_WORDING, 4, 0.25),
+            ]
+        );
+        assert_eq!(slices[1].facts.contradictions, 1, "forward for backward");
+    }
+
+    #[test]
+    fn facts_are_counted_by_kind() {
+        let clips = [
+            clip(
+                "a#0",
+                "a person waves with the left hand",
+                &["a person waves with the right hand"],
+            ),
+            clip("b#0", "a person walks", &["a person walks slowly"]),
+        ];
+        let rows = by_kind(&clips);
+        let of = |kind: &str| rows.iter().find(|row| row.kind == kind).unwrap();
+        let action = of("action");
+        assert_eq!(
+            (action.stated, action.right, action.in_references),
+            (2, 2, 2)
+        );
+        let side = of("side");
+        assert_eq!((side.stated, side.right, side.contradictions), (1, 0, 1));
+        let tempo = of("tempo");
+        assert_eq!((tempo.stated, tempo.in_references), (0, 1));
+        assert!(rows.iter().all(|row| row.kind != "posture"));
+    }
+}
