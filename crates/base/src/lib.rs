@@ -31,7 +31,7 @@
 //! Reading order: [`frames`] (axes), [`skeleton`] (the 22 joints, [`Motion`]), [`surface`] (the simulator's view of the
 //! world), [`materials`] (reflectivity of materials), [`radar_config`] (description of a radar), [`cube`] (raw
 //! samples), [`points`] (input of the tokenizer), [`clip`] (points with their frame rate, radar and provenance),
-//! [`static_cells`] (what stands still), [`timeline`] (recorded frames with times), [`seed`], [`random`] and [`hash`]
+//! [`static_cells`] (what stands still), [`timeline`] (recorded frames with times), [`series`] (values with gaps), [`seed`], [`random`] and [`hash`]
 //! (reproducible random numbers, fingerprints).
 
 pub mod clip;
@@ -44,6 +44,7 @@ pub mod points;
 pub mod radar_config;
 pub mod random;
 pub mod seed;
+pub mod series;
 pub mod skeleton;
 pub mod static_cells;
 pub mod surface;

@@ -8,7 +8,7 @@
 //! and towards the radar faster than [`FAST_MPS`]. Steps without points are interpolated. Every series gives its
 //! mean, standard deviation, 10 % and 90 % quantiles, and the share of its power in the five bands of [`BANDS_HZ`].
 
-use radarllm_base::{Clip, PointFrame, RadarPoint};
+use radarllm_base::{Clip, PointFrame, RadarPoint, series::interpolated};
 
 /// Length of a step of the series, s.
 pub const STEP_S: f64 = 0.1;
@@ -173,26 +173,6 @@ fn of_series(series: &[f64]) -> [f64; N_PER_SERIES] {
         *out = above(low, high) / total;
     }
     out
-}
-
-/// Missing values by linear interpolation; the first and the last value are held at the ends.
-pub(crate) fn interpolated(series: &[f64]) -> Vec<f64> {
-    let known: Vec<(usize, f64)> = series
-        .iter()
-        .copied()
-        .enumerate()
-        .filter(|(_, v)| v.is_finite())
-        .collect();
-    let at = |i: usize| {
-        let next = known.partition_point(|(k, _)| *k < i);
-        match (next.checked_sub(1).map(|p| known[p]), known.get(next)) {
-            (_, Some(&(k, v))) if k == i => v,
-            (Some((a, x)), Some(&(b, y))) => x + (y - x) * (i - a) as f64 / (b - a) as f64,
-            (Some((_, v)), None) | (None, Some(&(_, v))) => v,
-            (None, None) => 0.0,
-        }
-    };
-    (0..series.len()).map(at).collect()
 }
 
 /// Quantile of sorted values with linear interpolation.

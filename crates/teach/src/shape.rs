@@ -17,11 +17,9 @@
 //!
 //! [`mirrored`] turns the features of a movement into those of the same movement to the other side.
 
-use radarllm_base::{Clip, PointFrame, RadarPoint};
+use radarllm_base::{Clip, PointFrame, RadarPoint, series::interpolated};
 
-use crate::features::{
-    N_TRANSFORM, STEP_S, Window, interpolated, power_spectrum, quantile, steps, windows_with,
-};
+use crate::features::{N_TRANSFORM, STEP_S, Window, power_spectrum, quantile, steps, windows_with};
 
 /// Edges of the cells of lateral place, m from the median.
 const LATERAL_M: [f32; 8] = [-0.75, -0.5, -0.3, -0.12, 0.12, 0.3, 0.5, 0.75];

@@ -19,7 +19,10 @@ use radarllm_dataset::{ClipRecord, Columns, Dataset, Split};
 use radarllm_inference::{
     FRAME_RATE_HZ,
     checkpoint::Checkpoint,
-    tokenizer::{FRAMES_PER_CODE, MAX_FRAMES, RadarTokenizer, points::tokenizer_hash},
+    tokenizer::{
+        Encoded, FRAMES_PER_CODE, MAX_FRAMES, RadarTokenizer, context::context,
+        points::tokenizer_hash,
+    },
 };
 use radarllm_nn::{device::Processors, lm::RadarLm};
 use serde::{Deserialize, Serialize};
@@ -567,7 +570,15 @@ pub fn lm_clips(
                 .map(|(f, c)| (f.as_slice(), c.radar_height_m))
                 .collect();
             let codes = tokenizer.encode_batch(&inputs)?;
-            encoded.extend(codes);
+            encoded.extend(
+                codes
+                    .into_iter()
+                    .zip(&points)
+                    .map(|(codes, frames)| Encoded {
+                        context: Some(context(frames)),
+                        ..codes
+                    }),
+            );
         }
         Ok::<_, TrainError>(encoded)
     };

@@ -56,7 +56,7 @@ pub struct FactsOfKind {
 
 /// The model on clips that resemble training clips to some degree.
 #[derive(Clone, Debug, Serialize)]
-pub struct HeldOutSlice {
+pub struct NoveltySlice {
     /// What is new about the clips.
     pub name: &'static str,
     /// Clips in it.
@@ -93,13 +93,13 @@ pub fn by_kind(clips: &[CaptionedClip]) -> Vec<FactsOfKind> {
         .collect()
 }
 
-/// Slices of what no training caption states, the most familiar first. Clips may be in several: what is new about the
-/// motion, and whether the wording is new.
-pub fn held_out(
+/// Slices by what no training caption states, the most familiar first. A clip is in one slice by its motion, and also in
+/// the last one if none of its references is a training caption.
+pub fn by_novelty(
     clips: &[CaptionedClip],
     train_captions: &[&str],
     seed: u64,
-) -> Result<Vec<HeldOutSlice>, EvalError> {
+) -> Result<Vec<NoveltySlice>, EvalError> {
     let known = Known::of(train_captions);
     let mut slices: BTreeMap<&'static str, Vec<&CaptionedClip>> = BTreeMap::new();
     for clip in clips {
@@ -130,13 +130,13 @@ const NOTHING_NEW: &str = "none of the following";
 const NEW_ATTRIBUTES: &str = "an action with new attributes";
 const NEW_COMBINATION: &str = "a new combination of actions";
 const NEW_ACTION: &str = "a new action";
-const NEW_WORDING: &str = "new wording only or also";
+const NEW_WORDING: &str = "new wording, whatever else is new";
 
 fn slice(
     name: &'static str,
     members: &[&CaptionedClip],
     seed: u64,
-) -> Result<HeldOutSlice, EvalError> {
+) -> Result<NoveltySlice, EvalError> {
     let units = units_of_ids(members.iter().map(|c| c.id.as_str()));
     let actions = radarllm_inference::actions;
     let is_same = |c: &&CaptionedClip| {
@@ -149,7 +149,7 @@ fn slice(
     let same: Vec<f64> = members.iter().map(is_same).collect();
     let rouge_l: Vec<f64> = members.iter().map(|c| c.rouge_l).collect();
     let confidences = members.iter().map(|c| f64::from(c.description.confidence));
-    Ok(HeldOutSlice {
+    Ok(NoveltySlice {
         name,
         clips: members.len(),
         same_actions: mean(&same, &units, seed)?,
@@ -160,6 +160,7 @@ fn slice(
 }
 
 /// What the training captions state.
+#[derive(Default)]
 struct Known<'a> {
     texts: BTreeSet<&'a str>,
     actions: BTreeSet<&'static str>,
@@ -170,14 +171,11 @@ struct Known<'a> {
 
 impl<'a> Known<'a> {
     fn of(captions: &[&'a str]) -> Self {
-        let texts: BTreeSet<&'a str> = captions.iter().copied().collect();
-        let mut known = Self {
-            texts: BTreeSet::new(),
-            actions: BTreeSet::new(),
-            combinations: BTreeSet::new(),
-            attributes: BTreeSet::new(),
-        };
-        for text in &texts {
+        let mut known = Self::default();
+        for &text in captions {
+            if !known.texts.insert(text) {
+                continue;
+            }
             let facts = facts(text);
             known.combinations.insert(names(facts.actions()));
             for action in facts.actions() {
@@ -185,7 +183,6 @@ impl<'a> Known<'a> {
                 known.attributes.insert(with_attributes(action));
             }
         }
-        known.texts = texts;
         known
     }
 
@@ -255,7 +252,7 @@ mod tests {
             clip("d#0", says, &["a person sits down, then walks forward"]),
             clip("e#0", says, &["a person kneels"]),
         ];
-        let slices = held_out(&clips, &train, 1).unwrap();
+        let slices = by_novelty(&clips, &train, 1).unwrap();
         let rows: Vec<(&str, usize, f64)> = slices
             .iter()
             .map(|s| (s.name, s.clips, s.same_actions.value))

@@ -131,7 +131,7 @@ pub struct CaptionReport {
     /// Facts of the captions by kind.
     pub facts: Vec<facts::FactsOfKind>,
     /// By what no training caption states.
-    pub held_out: Vec<facts::HeldOutSlice>,
+    pub by_novelty: Vec<facts::NoveltySlice>,
     /// Most frequent first.
     pub confusions: Vec<Confusion>,
     /// Parameters of the model.
@@ -339,7 +339,7 @@ pub fn evaluate_captions_with(
         by_length: slices::by_length(&captioned, seed)?,
         by_n_actions: slices::by_n_actions(&captioned, seed)?,
         facts: facts::by_kind(&captioned),
-        held_out: facts::held_out(&captioned, &train_captions, seed)?,
+        by_novelty: facts::by_novelty(&captioned, &train_captions, seed)?,
         confusions: slices::confusions(&captioned),
         parameters: captioner.n_params(),
         model_bytes: model.bytes,

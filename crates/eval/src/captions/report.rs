@@ -2,7 +2,7 @@
 
 use super::{
     CaptionReport, Slice, System,
-    facts::{FactCounts, FactsOfKind, HeldOutSlice},
+    facts::{FactCounts, FactsOfKind, NoveltySlice},
 };
 use crate::{Estimate, table::Table};
 
@@ -99,7 +99,7 @@ pub fn tables(report: &CaptionReport) -> Vec<Table> {
     }
     tables.push(by_action);
     tables.push(facts_by_kind(&report.facts));
-    tables.push(held_out(&report.held_out));
+    tables.push(by_novelty(&report.by_novelty));
     if !report.confusions.is_empty() {
         let mut confusions = Table::new(
             "Confusions",
@@ -232,12 +232,12 @@ fn facts_by_kind(rows: &[FactsOfKind]) -> Table {
 }
 
 /// The model's captions of clips of which no training caption tells.
-fn held_out(slices: &[HeldOutSlice]) -> Table {
+fn by_novelty(slices: &[NoveltySlice]) -> Table {
     let mut table = Table::new(
         "What no training caption states",
-        "The model by what is new about a clip: clips are told from one another by what their references state and no \
-         training caption of this data set does. New wording is counted beside the others. Values are multiplied by 100, \
-         with 95 % intervals.",
+        "The model's captions by what is new about a clip: something that its references state and no training caption of \
+         this data set states. Clips whose references are no training captions, word for word, are also counted in the \
+         last row. Values are multiplied by 100, except the confidence; 95 % intervals.",
         &[
             "new about the clip",
             "clips",
@@ -249,7 +249,7 @@ fn held_out(slices: &[HeldOutSlice]) -> Table {
             "mean confidence",
         ],
     );
-    let row = |slice: &HeldOutSlice| {
+    let row = |slice: &NoveltySlice| {
         let mut row = vec![
             slice.name.to_string(),
             slice.clips.to_string(),

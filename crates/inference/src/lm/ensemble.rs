@@ -12,7 +12,7 @@ use radarllm_engine::{Source, Watch};
 use super::templates::EVALUATION_PROMPT;
 use super::{GenerateOptions, LmError, Vocab};
 use crate::backend::Backend;
-use crate::tokenizer::Encoded;
+use crate::tokenizer::{Encoded, context::context};
 
 /// Most members of an ensemble.
 const MAX_MEMBERS: usize = 8;
@@ -68,7 +68,11 @@ impl Ensemble {
     pub fn encode(&self, windows: &[(&[PointFrame], f32)]) -> Result<Vec<Vec<Encoded>>, LmError> {
         let mut all: Vec<Vec<Encoded>> = vec![Vec::new(); windows.len()];
         for member in &self.members {
-            let encoded = member.encode(windows)?;
+            let mut encoded = member.encode(windows)?;
+            if member.vocab().is_told_context() {
+                let measured = encoded.iter_mut().zip(windows);
+                measured.for_each(|(e, (frames, _))| e.context = Some(context(frames)));
+            }
             all.iter_mut().zip(encoded).for_each(|(w, e)| w.push(e));
         }
         Ok(all)

@@ -85,6 +85,9 @@ pub enum Unlearned {
 /// Reasons why an input does not fit a language model.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InputError {
+    /// A prompt needs the context of its clip.
+    #[error("the model is told the context of a clip, which was not measured")]
+    NoContext,
     /// A text longer than any caption.
     #[error("text of {found} bytes, at most {max}")]
     TextTooLong {

@@ -479,7 +479,7 @@ impl Vocab {
     /// Appends codes between markers, with their features, and the context.
     ///
     /// # Errors
-    /// If a code is beyond the codebook or features do not fit codes.
+    /// If a code is beyond the codebook, features do not fit codes, or the context is missing.
     pub fn push_radar(&self, source: &mut Source, radar: &Encoded) -> Result<(), LmError> {
         source.ids.push(self.layout.som());
         for code in self.radar_ids(&radar.codes)? {
@@ -488,18 +488,25 @@ impl Vocab {
         }
         source.features.extend_from_slice(&radar.features);
         source.ids.push(self.layout.eom());
-        source.ids.extend(self.context_ids(radar));
+        source.ids.extend(self.context_ids(radar)?);
         Ok(())
     }
 
+    /// Whether prompts with radar codes contain the context of the clip.
+    pub fn is_told_context(&self) -> bool {
+        self.layout.n_context > 0
+    }
+
     /// Ids of a clip's context; none if the model is not told the context.
-    pub fn context_ids(&self, radar: &Encoded) -> impl Iterator<Item = u32> {
-        let layout = &self.layout;
-        let told = match layout.n_context {
-            0 => &[],
-            _ => radar.context.as_slice(),
-        };
-        told.iter().map(|token| layout.context(*token))
+    ///
+    /// # Errors
+    /// If the model is told the context and it was not measured.
+    pub fn context_ids(&self, radar: &Encoded) -> Result<Vec<u32>, LmError> {
+        if !self.is_told_context() {
+            return Ok(Vec::new());
+        }
+        let context = radar.context.ok_or(InputError::NoContext)?;
+        Ok(context.map(|token| self.layout.context(token)).to_vec())
     }
 
     /// Ids of radar codes.
@@ -623,7 +630,7 @@ mod tests {
         let radar = Encoded {
             codes: vec![5],
             features: vec![1.0],
-            context: [1, 17, 34, 51, 68, 80, 89],
+            context: Some([1, 17, 34, 51, 68, 80, 89]),
             ..Encoded::default()
         };
         let template = "what does {radar} show?";
@@ -632,10 +639,15 @@ mod tests {
         let (l, n) = (with.layout(), plain.ids.len());
         assert_eq!(l.size(), without.layout().size() + N_CONTEXT);
         let eom = told.ids.iter().position(|id| *id == l.eom()).unwrap();
-        let context = radar.context.map(|token| l.context(token));
+        let context = radar.context.unwrap().map(|token| l.context(token));
         assert_eq!(told.ids[eom + 1..][..context.len()], context);
         assert_eq!(told.ids.len(), n + context.len());
         assert_eq!(told.feature_positions, plain.feature_positions);
+        let not_measured = Encoded {
+            context: None,
+            ..radar.clone()
+        };
+        assert!(with.prompt(template, Some(&not_measured), None).is_err());
         // The files of a model without context do not mention it; a model with another context is refused.
         let json = serde_json::to_value(without.layout()).unwrap();
         assert!(json.get("n_context").is_none());

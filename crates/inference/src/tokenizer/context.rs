@@ -7,6 +7,8 @@
 
 use std::f32::consts::PI;
 
+use radarllm_base::{PointFrame, RadarPoint, series::interpolated};
+
 /// Radar frame period, s.
 const FRAME_PERIOD_S: f32 = 0.1;
 
@@ -42,29 +44,23 @@ pub const CONTEXT_LEN: usize = N_SERIES + 3;
 /// Number of different context tokens.
 pub const N_CONTEXT: usize = N_SERIES * N_TEMPO + N_VELOCITY_STEPS + N_DENSITIES + N_EMPTY;
 
-/// A point as the context sees it.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct SeenPoint {
-    pub height_m: f32,
-    pub range_m: f32,
-    pub velocity_mps: f32,
-}
-
-/// The context of frames at ten per second: tokens below [`N_CONTEXT`], each kind at its own place.
-pub(super) fn context(frames: &[Vec<SeenPoint>]) -> [u32; CONTEXT_LEN] {
+/// The context of frames at ten per second: tokens below [`N_CONTEXT`], each kind at its own place. Which frame of
+/// reference heights have does not matter.
+pub fn context(frames: &[PointFrame]) -> [u32; CONTEXT_LEN] {
     let mut tokens = [0; CONTEXT_LEN];
     for (i, values) in series(frames).iter().enumerate() {
         let tempo = tempo(values, LEAST_DEVIATION[i]);
         tokens[i] = i * N_TEMPO + tempo;
     }
     let board = N_SERIES * N_TEMPO;
-    let velocities: Vec<f32> = frames.iter().flatten().map(|p| p.velocity_mps).collect();
+    let points = || frames.iter().flat_map(|f| &f.points);
+    let velocities: Vec<f32> = points().map(|p| p.velocity_mps).collect();
     let step = match velocity_step_mps(&velocities) {
         Some(step_mps) => bin(step_mps, &VELOCITY_STEP_EDGES_MPS),
         None => N_VELOCITY_STEPS - 1,
     };
     tokens[N_SERIES] = board + step;
-    let mut counts: Vec<usize> = frames.iter().map(Vec::len).collect();
+    let mut counts: Vec<usize> = frames.iter().map(|f| f.points.len()).collect();
     counts.sort_unstable();
     let median = counts.get(counts.len() / 2).copied().unwrap_or(0);
     let density = bin(median as f32, &DENSITY_EDGES);
@@ -81,41 +77,30 @@ fn bin(value: f32, edges: &[f32]) -> usize {
 }
 
 /// The time series. Frames without points have velocity 0 and the height and range between those of their neighbours.
-fn series(frames: &[Vec<SeenPoint>]) -> [Vec<f32>; N_SERIES] {
-    let mean = |frame: &[SeenPoint], of: fn(&SeenPoint) -> f32| {
-        let sum: f32 = frame.iter().map(of).sum();
-        (!frame.is_empty()).then(|| sum / frame.len() as f32)
+fn series(frames: &[PointFrame]) -> [Vec<f32>; N_SERIES] {
+    // NaN without points.
+    let means = |of: fn(&RadarPoint) -> f32| {
+        let mean =
+            move |f: &PointFrame| f.points.iter().map(of).sum::<f32>() / f.points.len() as f32;
+        frames.iter().map(mean)
     };
-    let means = |of: fn(&SeenPoint) -> f32| frames.iter().map(move |frame| mean(frame, of));
+    let filled = |of| {
+        let values: Vec<f64> = means(of).map(f64::from).collect();
+        interpolated(&values)
+            .into_iter()
+            .map(|v| v as f32)
+            .collect()
+    };
+    let velocities = means(|p| p.velocity_mps).map(|v| if v.is_nan() { 0.0 } else { v });
     [
-        frames.iter().map(|f| (f.len() as f32).ln_1p()).collect(),
-        interpolated(means(|p| p.height_m).collect()),
-        interpolated(means(|p| p.range_m).collect()),
-        means(|p| p.velocity_mps)
-            .map(|v| v.unwrap_or(0.0))
+        frames
+            .iter()
+            .map(|f| (f.points.len() as f32).ln_1p())
             .collect(),
+        filled(|p| p.z_m),
+        filled(|p| p.range_m),
+        velocities.collect(),
     ]
-}
-
-/// Fills gaps linearly, and those at either end with the nearest value; zeros without any value.
-fn interpolated(values: Vec<Option<f32>>) -> Vec<f32> {
-    let known: Vec<(usize, f32)> = values
-        .iter()
-        .enumerate()
-        .filter_map(|(i, value)| value.map(|v| (i, v)))
-        .collect();
-    let at = |i: usize| {
-        let after = known.partition_point(|(k, _)| *k < i);
-        match (after.checked_sub(1).map(|b| known[b]), known.get(after)) {
-            (_, Some(&(k, v))) if k == i => v,
-            (Some((a, from)), Some(&(b, to))) => {
-                from + (to - from) * (i - a) as f32 / (b - a) as f32
-            }
-            (Some((_, v)), None) | (None, Some(&(_, v))) => v,
-            (None, None) => 0.0,
-        }
-    };
-    (0..values.len()).map(at).collect()
 }
 
 /// Token of the main rate of a series: 0 without one.
@@ -135,8 +120,7 @@ fn main_rate_hz(values: &[f32], least_deviation: f32) -> Option<(f32, f32)> {
     let residuals = without_trend(values);
     let n = residuals.len() as f32;
     let variance = residuals.iter().map(|v| v * v).sum::<f32>() / n.max(1.0);
-    // Written so that NaN fails the check.
-    if !(variance.sqrt() >= least_deviation) {
+    if variance.sqrt() < least_deviation {
         return None;
     }
     let seconds = n * FRAME_PERIOD_S;
@@ -219,19 +203,27 @@ fn velocity_step_mps(velocities: &[f32]) -> Option<f32> {
 mod tests {
     use super::*;
 
-    fn still(height_m: f32, range_m: f32, velocity_mps: f32) -> SeenPoint {
-        SeenPoint {
-            height_m,
+    fn still(z_m: f32, range_m: f32, velocity_mps: f32) -> RadarPoint {
+        RadarPoint {
+            z_m,
             range_m,
             velocity_mps,
+            ..RadarPoint::default()
+        }
+    }
+
+    fn frame(points: Vec<RadarPoint>) -> PointFrame {
+        PointFrame {
+            points,
+            ..PointFrame::default()
         }
     }
 
     /// Frames of one point whose height swings at a rate.
-    fn swings(n_frames: usize, rate_hz: f32) -> Vec<Vec<SeenPoint>> {
+    fn swings(n_frames: usize, rate_hz: f32) -> Vec<PointFrame> {
         let phase = |i: usize| 2.0 * PI * rate_hz * i as f32 * FRAME_PERIOD_S;
         (0..n_frames)
-            .map(|i| vec![still(1.0 + 0.2 * phase(i).sin(), 2.0, 0.0)])
+            .map(|i| frame(vec![still(1.0 + 0.2 * phase(i).sin(), 2.0, 0.0)]))
             .collect()
     }
 
@@ -267,7 +259,7 @@ mod tests {
 
     #[test]
     fn a_slow_drift_has_no_rate() {
-        let drift = |i: usize| vec![still(0.5 + 0.01 * i as f32, 2.0, 0.1)];
+        let drift = |i: usize| frame(vec![still(0.5 + 0.01 * i as f32, 2.0, 0.1)]);
         let tokens = context(&(0..96).map(drift).collect::<Vec<_>>());
         assert_eq!(height_rate(tokens[1]), None);
     }
@@ -277,8 +269,8 @@ mod tests {
         let mut rng = radarllm_base::random::SplitMix64::new(5);
         let mut n_clear = 0;
         for _ in 0..200 {
-            let frames: Vec<Vec<SeenPoint>> = (0..96)
-                .map(|_| vec![still(rng.uniform_f32(), 2.0, 0.0)])
+            let frames: Vec<PointFrame> = (0..96)
+                .map(|_| frame(vec![still(rng.uniform_f32(), 2.0, 0.0)]))
                 .collect();
             n_clear += usize::from(height_rate(context(&frames)[1]).is_some());
         }
@@ -306,10 +298,10 @@ mod tests {
         let mut all = vec![
             swings(60, 1.0),
             swings(8, 1.0),
-            vec![vec![]; 30],
-            vec![vec![]],
+            vec![frame(vec![]); 30],
+            vec![frame(vec![])],
         ];
-        all.push(vec![vec![still(1.0, 2.0, 0.4); 200]; 96]);
+        all.push(vec![frame(vec![still(1.0, 2.0, 0.4); 200]); 96]);
         for frames in all {
             let tokens = context(&frames);
             let kinds = tokens.map(|token| match token as usize {

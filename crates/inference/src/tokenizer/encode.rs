@@ -38,8 +38,9 @@ pub struct Encoded {
     pub features: Vec<f32>,
     /// Number of points within the radius of an anchor.
     pub n_points_used: usize,
-    /// Tempo and board; see [`super::context`].
-    pub context: [u32; CONTEXT_LEN],
+    /// Tempo and board ([`super::context`]), which a tokenizer does not measure: a model that is told the context needs
+    /// them.
+    pub context: Option<[u32; CONTEXT_LEN]>,
 }
 
 /// Reasons why a clip cannot be encoded.
@@ -230,7 +231,7 @@ impl RadarTokenizer {
             codes: codes.codes,
             features: codes.features,
             n_points_used: clip.n_points_used,
-            context: clip.context,
+            context: None,
         };
         Ok(out.into_iter().zip(clips).map(encoded).collect())
     }

@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 
 use super::centre::track_centre;
 use super::config::{AnchorMode, FRAMES_PER_CODE, FRAMES_PER_STEP, GroupingConfig, MAX_FRAMES};
-use super::context::{self, CONTEXT_LEN, SeenPoint};
 use super::doppler_profile::{PROFILE_DIM, doppler_profile};
 
 pub use radarllm_engine::tokenizer::{NEIGHBOUR_DIM, STEP_DIM, TUBE_DIM, Tube};
@@ -42,8 +41,6 @@ pub struct Grouped {
     pub anchors: Vec<[f32; 3]>,
     /// Number of points that belong to at least one tube.
     pub n_points_used: usize,
-    /// Tempo and board of all points; see [`super::context`].
-    pub context: [u32; CONTEXT_LEN],
 }
 
 /// Reasons why points cannot be grouped.
@@ -181,21 +178,6 @@ impl PlacedClip {
         })
     }
 
-    /// The context of all points.
-    fn context(&self) -> [u32; CONTEXT_LEN] {
-        let seen = |p: &Point| SeenPoint {
-            height_m: p.at[2],
-            range_m: (p.range + 1.0) * RANGE_SCALE_M,
-            velocity_mps: p.velocity_mps(),
-        };
-        let frames = self.points.iter();
-        context::context(
-            &frames
-                .map(|f| f.iter().map(seen).collect())
-                .collect::<Vec<_>>(),
-        )
-    }
-
     fn n_steps(&self) -> usize {
         self.points.len().div_ceil(FRAMES_PER_STEP)
     }
@@ -256,7 +238,6 @@ impl PlacedClip {
             profiles: Vec::with_capacity(n_steps),
             anchors: Vec::new(),
             n_points_used: 0,
-            context: self.context(),
         };
         let mut used: Vec<Vec<bool>> = points.iter().map(|p| vec![false; p.len()]).collect();
         let mut near: Vec<(f32, usize)> = Vec::new();

@@ -174,7 +174,6 @@ mod tests {
             profiles: vec![[0.0; PROFILE_DIM]],
             anchors: vec![[0.0; 3]; 54],
             n_points_used: 9,
-            context: Default::default(),
         };
         let batch = ClipBatch::new(&TokenizerConfig::small(), &[ClipInput::whole(&grouped)]);
         let device = Device::flex().autodiff();

@@ -108,11 +108,12 @@ impl ReferenceTokenizer {
                     return Err(EncodeError::NotFinite { clip });
                 }
                 let codes = nearest_codes(&own, &self.codebook, dim);
+                let n_points_used = grouped.clip.n_points_used;
                 out[clip] = Some(Encoded {
                     codes,
                     features: own,
-                    n_points_used: grouped.clip.n_points_used,
-                    context: grouped.clip.context,
+                    n_points_used,
+                    context: None,
                 });
             }
         }

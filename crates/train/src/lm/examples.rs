@@ -338,7 +338,7 @@ impl ExampleMaker {
     /// Builds an example. Codes are augmented as the settings define.
     ///
     /// # Errors
-    /// If a code is outside the codebook.
+    /// If a code is outside the codebook, or the context is missing.
     pub fn example(
         &self,
         vocab: &Vocab,
@@ -382,9 +382,10 @@ impl ExampleMaker {
                 source.features.extend_from_slice(feature);
             }
         };
+        let context = vocab.context_ids(encoded)?;
         let end_radar = |source: &mut Source, rng: &mut ChaCha8Rng| {
             source.ids.push(layout.eom());
-            for id in vocab.context_ids(encoded) {
+            for &id in &context {
                 if config.drop_code == 0.0 || !rng.random_bool(config.drop_code) {
                     source.ids.push(id);
                 }
@@ -489,6 +490,7 @@ fn check_clip(vocab: &Vocab, code_dim: usize, clip: &LmClip) -> Result<(), LmErr
     }
     for encoded in clip.variants.iter().chain(&clip.flipped) {
         vocab.radar_ids(&encoded.codes)?;
+        vocab.context_ids(encoded)?;
         if encoded.codes.is_empty() || encoded.codes.len() > 1024 {
             return fail(format!("{} codes, expected 1..=1024", encoded.codes.len()));
         }
