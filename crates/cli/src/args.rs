@@ -497,6 +497,13 @@ pub enum DatasetVerb {
         #[arg(long)]
         json: bool,
     },
+    /// Build a data set of recorded radar: recordings for tuning, with the sentences of their activities or with those of a
+    /// model.
+    ///
+    /// A model that learns from recordings is no longer zero-shot. Judged recordings are never read.
+    ///
+    /// Example: radarllm dataset recordings configs/recorded-radhar.toml --recordings radhar --out work/recorded-radhar
+    Recordings(DatasetRecordingsArgs),
     /// Print clips, hours, actions and points per frame of a data set.
     Info {
         /// Folder of the data set.
@@ -513,6 +520,44 @@ pub enum DatasetVerb {
         #[arg(long)]
         json: bool,
     },
+}
+
+/// `dataset recordings`.
+#[derive(Args)]
+pub struct DatasetRecordingsArgs {
+    /// TOML with the activities, the sentence `says` of each, and the roles of the recordings.
+    pub config: PathBuf,
+    /// Folder with the recordings.
+    #[arg(long)]
+    pub recordings: PathBuf,
+    /// Folder of the data set.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Captions are what a model says about the recordings, instead of the sentences of their activities: adaptation without
+    /// labels.
+    #[arg(long)]
+    pub by_model: bool,
+    /// Model folder; the bundled model if omitted.
+    #[arg(long, requires = "by_model")]
+    pub model: Option<PathBuf>,
+    /// Sentences of the model with less confidence are left out, 0 to 1.
+    #[arg(long, default_value_t = 0.6, requires = "by_model")]
+    pub min_confidence: f32,
+    /// Radar that recorded them: a built-in name, a TI .cfg or a radar .toml.
+    #[arg(long)]
+    pub radar: Option<String>,
+    /// uart, radhar, mars, mmbody, mmfi, csv, npy-points or bag; detected if omitted.
+    #[arg(long)]
+    pub format: Option<String>,
+    /// Recorded points.
+    #[command(flatten)]
+    pub recording: RecordingArgs,
+    /// Replace another data set in the folder.
+    #[arg(long)]
+    pub force: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// One of several parts of equal size, numbered from 1: `3/8`.

@@ -79,7 +79,7 @@ pub use points_file::{
     PointsFile, PointsMeta, points_from_batches, points_to_batch, read_points, write_clip,
     write_points,
 };
-pub use record::{ClipRecord, MOTION_FEATURE_DIM, Split};
+pub use record::{ClipRecord, MOTION_FEATURE_DIM, RECORDINGS, Split};
 pub use shard::Columns;
 pub use validate::{Problem, validate, validate_with};
 

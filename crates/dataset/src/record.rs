@@ -16,6 +16,9 @@ pub enum Split {
 /// Width of a HumanML3D motion feature vector.
 pub const MOTION_FEATURE_DIM: usize = 263;
 
+/// [`ClipRecord::source`] of recorded radar.
+pub const RECORDINGS: &str = "recordings";
+
 /// One simulation (or recording) of one captioned motion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClipRecord {

@@ -331,7 +331,7 @@ pub fn markdown(report: &RoundTripReport, lines: &[RoundTripLine]) -> String {
             &["bleu_1", "bleu_4", "rouge_l", "meteor", "cider_d"],
         ));
         row.push(system.same_actions.to_text(100.0, 1));
-        let f1 = system.facts.f1.map(|f1| format!("{:.1}", f1 * 100.0));
+        let f1 = system.facts.all.f1().map(|f1| format!("{:.1}", f1 * 100.0));
         row.push(f1.unwrap_or_default());
         row.push(system.facts.contradictions.to_string());
         scores.rows.push(row);

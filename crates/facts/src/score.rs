@@ -16,9 +16,11 @@
 
 use std::collections::BTreeMap;
 
+use serde::{Serialize, Serializer, ser::SerializeStruct};
+
 use crate::action::{Action, Count, Direction, Extent, Facts, Kind, Side, Tempo};
 
-/// How many facts of a kind two sides state, and how many they share.
+/// How many facts of a kind two sides state, and how many they share. Serialized with precision, recall and F1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
     /// Facts that both state.
@@ -49,6 +51,19 @@ impl Tally {
         self.common += other.common;
         self.candidate += other.candidate;
         self.reference += other.reference;
+    }
+}
+
+impl Serialize for Tally {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut row = serializer.serialize_struct("Tally", 6)?;
+        row.serialize_field("common", &self.common)?;
+        row.serialize_field("candidate", &self.candidate)?;
+        row.serialize_field("reference", &self.reference)?;
+        row.serialize_field("precision", &self.precision())?;
+        row.serialize_field("recall", &self.recall())?;
+        row.serialize_field("f1", &self.f1())?;
+        row.end()
     }
 }
 

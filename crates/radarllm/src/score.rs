@@ -33,34 +33,11 @@ impl CaptionScores {
 #[derive(Serialize)]
 pub struct FactBlock {
     /// All kinds but the subject together.
-    all: Row,
-    by_kind: BTreeMap<&'static str, Row>,
+    all: Tally,
+    by_kind: BTreeMap<&'static str, Tally>,
     /// Facts that exclude what the reference states, by kind: left for right, forward for backward, once for many.
     contradictions: BTreeMap<&'static str, usize>,
     rules: &'static str,
-}
-
-#[derive(Serialize)]
-struct Row {
-    common: usize,
-    candidate: usize,
-    reference: usize,
-    precision: Option<f64>,
-    recall: Option<f64>,
-    f1: Option<f64>,
-}
-
-impl From<Tally> for Row {
-    fn from(tally: Tally) -> Self {
-        Self {
-            common: tally.common,
-            candidate: tally.candidate,
-            reference: tally.reference,
-            precision: tally.precision(),
-            recall: tally.recall(),
-            f1: tally.f1(),
-        }
-    }
 }
 
 /// Compares every candidate with that of its references which agrees most. Candidates have references of the same id.
@@ -74,10 +51,10 @@ fn block(candidates: &[Candidate], references: &[Reference]) -> FactBlock {
         (candidate.text.as_str(), own.copied().unwrap_or_default())
     }));
     FactBlock {
-        all: scores.all().into(),
+        all: scores.all(),
         by_kind: Kind::ALL
             .into_iter()
-            .map(|kind| (kind.name(), scores.of(kind).into()))
+            .map(|kind| (kind.name(), scores.of(kind)))
             .collect(),
         contradictions: scores
             .contradictions

@@ -16,10 +16,12 @@
 //! The same seed generates the same data set, independently of the number of threads:
 //!
 //! ```
-//! use radarllm_synth::corpus::{Corpus, procedural::{Draw, ProceduralCorpus}};
+//! use radarllm_synth::corpus::{Corpus, procedural::{ProceduralConfig, ProceduralCorpus}};
 //!
-//! let [a, b] = [0, 1].map(|_| ProceduralCorpus::new([2, 0, 0], 5, Draw::Library));
+//! let config = ProceduralConfig { train: 2, ..Default::default() };
+//! let [a, b] = [ProceduralCorpus::new(&config, 5)?, ProceduralCorpus::new(&config, 5)?];
 //! assert_eq!(a.items()[1].captions, b.items()[1].captions);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
 //! Reading order: [`placement`] (position of the person), [`synthesizer`] (a motion to points), [`simulate`] (a motion

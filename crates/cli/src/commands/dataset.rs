@@ -10,10 +10,14 @@ use radarllm::{
     DatasetPlan, Error,
     dataset::{self, BuildOptions, Dataset, Overwrite, Progress, ShardEntry},
 };
-use radarllm_eval::held_out::validate_with_held_out;
+use radarllm_eval::{
+    held_out::validate_with_held_out,
+    recordings::{Role, training},
+};
 
 use crate::{
-    args::{DatasetVerb, Part},
+    args::{DatasetRecordingsArgs, DatasetVerb, DecoderName, Part},
+    commands::{describe, eval_recordings},
     error::{CliError, CliResult},
     output, threads,
 };
@@ -52,9 +56,73 @@ pub fn run(verb: &DatasetVerb) -> CliResult {
             force,
             json,
         } => export(dir, to, overwrite(*force), *json),
+        DatasetVerb::Recordings(args) => recordings(args),
         DatasetVerb::Info { dir, json } => info(dir, *json),
         DatasetVerb::Validate { dir, json } => validate(dir, *json),
     }
+}
+
+/// `dataset recordings`: recordings for tuning with sentences.
+fn recordings(args: &DatasetRecordingsArgs) -> CliResult {
+    if !(0.0..=1.0).contains(&args.min_confidence) {
+        return Err(CliError::new(format!(
+            "--min-confidence: must be in 0..=1, found {}",
+            args.min_confidence
+        )));
+    }
+    let config = eval_recordings::read_config(&args.config)?;
+    let options = eval_recordings::capture_options(
+        &config,
+        args.radar.as_deref(),
+        args.format.as_deref(),
+        &args.recording,
+    )?;
+    let all = eval_recordings::read_recordings(&config, Role::Tuning, &args.recordings, &options)?;
+    if config.simulated {
+        return Err(CliError::new(format!(
+            "{}: its recordings are simulated and already a data set",
+            args.config.display()
+        )));
+    }
+    let mut clips = Vec::new();
+    let sentences = if args.by_model {
+        let captioner = describe::load_decoder(args.model.as_deref(), DecoderName::F32)?;
+        for recording in &all {
+            let description = captioner.describe(&recording.clip)?;
+            let stretches =
+                training::by_model(&recording.clip, &description.segments, args.min_confidence);
+            clips.extend(training::clips(recording, &stretches));
+        }
+        format!(
+            "sentences of the model {} with confidence {} or more, which may be wrong",
+            captioner.name(),
+            args.min_confidence
+        )
+    } else {
+        for recording in &all {
+            let stretches = training::by_activity(&config, recording)?;
+            clips.extend(training::clips(recording, &stretches));
+        }
+        format!("sentences of the activities of {}", args.config.display())
+    };
+    let seconds: f64 = all.iter().map(|r| r.clip.duration_s()).sum();
+    let rate_hz = all.first().map_or(10.0, |r| r.clip.frame_rate_hz);
+    let report = training::write(&args.out, clips, rate_hz, &sentences, overwrite(args.force))?;
+    let n_clips = report.manifest.n_clips;
+    if args.json {
+        return output::print_json(&serde_json::json!({
+            "recordings": all.len(),
+            "seconds": seconds,
+            "clips": n_clips,
+            "sentences": sentences,
+        }));
+    }
+    output::print_line(&format!(
+        "{}: {n_clips} clips of {} recordings for tuning ({seconds:.0} s); {sentences}",
+        args.out.display(),
+        all.len()
+    ));
+    Ok(())
 }
 
 fn overwrite(force: bool) -> Overwrite {

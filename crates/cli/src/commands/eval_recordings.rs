@@ -19,6 +19,7 @@ use crate::{
     commands::{describe, model_files},
     error::{CliError, CliResult},
     output,
+    recording_args::RecordingArgs,
 };
 
 /// Runs the command.
@@ -27,17 +28,13 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
         output::check_free(out, args.force)?;
     }
     let role = args.role;
-    let text = files::read_text(&args.config, MAX_CONFIG_BYTES)?;
-    let config = RecordingsConfig::from_toml(&text)
-        .map_err(|e| CliError::new(format!("{}: {e}", args.config.display())))?;
-    let format = args.format.as_deref().map(CaptureFormat::from_name);
-    let options = CaptureOptions {
-        radar: args.radar.as_deref().map(open_radar).transpose()?,
-        format: format.transpose()?,
-        points: args.recording.options()?,
-        radar_height_m: Some(config.radar_height_m),
-        ..CaptureOptions::default()
-    };
+    let config = read_config(&args.config)?;
+    let options = capture_options(
+        &config,
+        args.radar.as_deref(),
+        args.format.as_deref(),
+        &args.recording,
+    )?;
     let read = |role| read_recordings(&config, role, &args.recordings, &options);
     let recordings = read(role)?;
     let report = if args.proxy.is_empty() {
@@ -104,6 +101,29 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
     }
     output::print_line(&page);
     Ok(())
+}
+
+/// Reads the configuration of recordings.
+pub fn read_config(path: &Path) -> CliResult<RecordingsConfig> {
+    let text = files::read_text(path, MAX_CONFIG_BYTES)?;
+    RecordingsConfig::from_toml(&text)
+        .map_err(|e| CliError::new(format!("{}: {e}", path.display())))
+}
+
+/// How the recordings of a configuration are read.
+pub fn capture_options(
+    config: &RecordingsConfig,
+    radar: Option<&str>,
+    format: Option<&str>,
+    recording: &RecordingArgs,
+) -> CliResult<CaptureOptions> {
+    Ok(CaptureOptions {
+        radar: radar.map(open_radar).transpose()?,
+        format: format.map(CaptureFormat::from_name).transpose()?,
+        points: recording.options()?,
+        radar_height_m: Some(config.radar_height_m),
+        ..CaptureOptions::default()
+    })
 }
 
 /// All recordings of a role, prepared for the model.

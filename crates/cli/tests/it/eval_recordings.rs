@@ -2,7 +2,7 @@
 
 use std::{fmt::Write, fs, path::Path};
 
-use radarllm_dataset::read_points;
+use radarllm_dataset::{ClipRecord, Columns, Dataset, Split, read_points};
 
 use crate::command::{json, radarllm, refused};
 
@@ -118,4 +118,76 @@ fn configurations_that_cannot_be_evaluated_are_refused() {
         error.contains("no recordings of an activity with the role `tuning`"),
         "{error}"
     );
+}
+
+#[test]
+fn recordings_for_tuning_become_a_data_set() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path();
+    recording(folder, "walk/tune_1.csv");
+    recording(folder, "walk/other_1.csv");
+    let config = folder.join("config.toml");
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let (recordings, labelled, own) = (path("recordings"), path("labelled"), path("own"));
+    let args = |out: &str, more: &[&str]| -> Vec<String> {
+        let first = ["dataset", "recordings", config.to_str().unwrap()];
+        let rest = [
+            "--recordings",
+            &recordings,
+            "--frame-rate",
+            "10",
+            "--out",
+            out,
+        ];
+        let all = first.iter().chain(&rest).chain(more);
+        all.map(ToString::to_string).collect()
+    };
+    let refuse = |out: &str, more: &[&str]| {
+        let args = args(out, more);
+        let args: Vec<&str> = args.iter().map(String::as_str).collect();
+        refused(&args)
+    };
+    let build = |out: &str, more: &[&str]| {
+        let args = args(out, &[more, &["--json"]].concat());
+        let args: Vec<&str> = args.iter().map(String::as_str).collect();
+        json(&args)
+    };
+
+    fs::write(&config, CONFIG).unwrap();
+    let error = refuse(&labelled, &[]);
+    assert!(error.contains("activity `walk`: no `says`"), "{error}");
+    assert!(refuse(&own, &["--by-model", "--min-confidence", "1.5"]).contains("--min-confidence"));
+    assert!(refuse(&own, &["--min-confidence", "0.5"]).contains("--by-model"));
+    assert!(!Path::new(&labelled).exists() && !Path::new(&own).exists());
+
+    fs::write(&config, format!("{CONFIG}says = \"a person walks\"\n")).unwrap();
+    let report = build(&labelled, &[]);
+    assert_eq!(report["recordings"], 1, "judged recordings are not read");
+    let data = Dataset::open(labelled.as_ref()).unwrap();
+    let clips: Vec<ClipRecord> = Split::ALL
+        .iter()
+        .flat_map(|split| data.iter_split(*split, Columns::All))
+        .map(Result::unwrap)
+        .collect();
+    assert_eq!(report["clips"], clips.len());
+    assert!(!clips.is_empty());
+    for clip in &clips {
+        assert_eq!(
+            (clip.group.as_str(), clip.action.as_str()),
+            ("walk/tune_1.csv", "walk")
+        );
+        assert_eq!(
+            (&clip.source[..], &clip.captions),
+            ("recordings", &vec!["a person walks".into()])
+        );
+    }
+    // Another content needs --force, the same one is kept.
+    assert_eq!(build(&labelled, &[]), report);
+    let by_model = ["--by-model", "--min-confidence", "0"];
+    assert!(refuse(&labelled, &by_model).contains("--force"));
+
+    let report = build(&own, &by_model);
+    let sentences = report["sentences"].as_str().unwrap();
+    assert!(sentences.contains("may be wrong"), "{sentences}");
+    assert!(report["clips"].as_u64().unwrap() > 0);
 }

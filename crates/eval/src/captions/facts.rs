@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use radarllm_facts::{
     Action, Kind, facts,
-    score::{FactScores, score},
+    score::{FactScores, Tally, score},
 };
 use radarllm_metrics::bootstrap::units_of_ids;
 use serde::Serialize;
@@ -15,12 +15,9 @@ use crate::{Estimate, EvalError};
 /// Facts of captions beside those of references.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct FactCounts {
-    /// Share of the captions' facts that the references state.
-    pub precision: Option<f64>,
-    /// Share of the references' facts that the captions state.
-    pub recall: Option<f64>,
-    /// Harmonic mean of both.
-    pub f1: Option<f64>,
+    /// All kinds but the subject.
+    #[serde(flatten)]
+    pub all: Tally,
     /// Facts that exclude what the references state, such as left for right.
     pub contradictions: usize,
 }
@@ -29,11 +26,8 @@ impl FactCounts {
     /// Facts of captions, each beside those references of it that agree with it most.
     pub fn of<'a>(pairs: impl IntoIterator<Item = (&'a str, &'a [String])>) -> Self {
         let scores = score(pairs);
-        let all = scores.all();
         Self {
-            precision: all.precision(),
-            recall: all.recall(),
-            f1: all.f1(),
+            all: scores.all(),
             contradictions: scores.contradictions.values().sum(),
         }
     }
@@ -44,12 +38,9 @@ impl FactCounts {
 pub struct FactsOfKind {
     /// Name of the kind.
     pub kind: &'static str,
-    /// Facts of the captions.
-    pub stated: usize,
-    /// Those of them that the references state.
-    pub right: usize,
-    /// Facts of the references.
-    pub in_references: usize,
+    /// Those of the captions, of the references, and of both.
+    #[serde(flatten)]
+    pub tally: Tally,
     /// Facts that exclude what the references state.
     pub contradictions: usize,
 }
@@ -82,14 +73,12 @@ pub fn by_kind(clips: &[CaptionedClip]) -> Vec<FactsOfKind> {
         let tally = scores.of(kind);
         FactsOfKind {
             kind: kind.name(),
-            stated: tally.candidate,
-            right: tally.common,
-            in_references: tally.reference,
+            tally,
             contradictions: scores.contradictions.get(&kind).copied().unwrap_or(0),
         }
     };
     let rows = Kind::ALL.into_iter().map(of_kind);
-    rows.filter(|row| row.stated + row.in_references > 0)
+    rows.filter(|row| row.tally.candidate + row.tally.reference > 0)
         .collect()
 }
 
@@ -283,14 +272,19 @@ mod tests {
         let rows = by_kind(&clips);
         let of = |kind: &str| rows.iter().find(|row| row.kind == kind).unwrap();
         let action = of("action");
-        assert_eq!(
-            (action.stated, action.right, action.in_references),
-            (2, 2, 2)
-        );
+        let two = Tally {
+            common: 2,
+            candidate: 2,
+            reference: 2,
+        };
+        assert_eq!(action.tally, two);
         let side = of("side");
-        assert_eq!((side.stated, side.right, side.contradictions), (1, 0, 1));
+        assert_eq!(
+            (side.tally.candidate, side.tally.common, side.contradictions),
+            (1, 0, 1)
+        );
         let tempo = of("tempo");
-        assert_eq!((tempo.stated, tempo.in_references), (0, 1));
+        assert_eq!((tempo.tally.candidate, tempo.tally.reference), (0, 1));
         assert!(rows.iter().all(|row| row.kind != "posture"));
     }
 }

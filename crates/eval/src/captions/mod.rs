@@ -14,7 +14,7 @@ use std::{
 };
 
 use radarllm_base::{Clip, Clutter, PointFrame, Provenance};
-use radarllm_dataset::{ClipRecord, Columns, Dataset, Split};
+use radarllm_dataset::{ClipRecord, Columns, Dataset, RECORDINGS, Split};
 use radarllm_inference::{Captioner, Description, FRAME_RATE_HZ};
 use radarllm_metrics::{
     Candidate, Reference, ScoreOptions, Scores, bootstrap::units_of_ids, rouge::rouge_l, score,
@@ -455,7 +455,10 @@ pub(crate) fn take_clip(record: &mut ClipRecord, frame_rate_hz: f64) -> Clip {
         frame_rate_hz,
         radar_height_m: record.radar_height_m,
         radar: record.radar.clone(),
-        provenance: Provenance::simulated(&record.id, record.seed),
+        provenance: match record.source == RECORDINGS {
+            true => Provenance::recorded("dataset", &record.id),
+            false => Provenance::simulated(&record.id, record.seed),
+        },
         clutter: Clutter::Settled,
     }
 }

@@ -189,8 +189,8 @@ fn system_row(system: &System, encoders: &[&str]) -> Vec<String> {
 /// Precision, recall and contradictions.
 fn fact_cells(facts: &FactCounts) -> [String; 3] {
     [
-        percent(facts.precision),
-        percent(facts.recall),
+        percent(facts.all.precision()),
+        percent(facts.all.recall()),
         facts.contradictions.to_string(),
     ]
 }
@@ -215,15 +215,15 @@ fn facts_by_kind(rows: &[FactsOfKind]) -> Table {
             "contradictions",
         ],
     );
-    let share = |part: usize, all: usize| (all > 0).then(|| part as f64 / all as f64);
     let row = |row: &FactsOfKind| {
+        let tally = row.tally;
         vec![
             row.kind.to_string(),
-            row.stated.to_string(),
-            row.right.to_string(),
-            row.in_references.to_string(),
-            percent(share(row.right, row.stated)),
-            percent(share(row.right, row.in_references)),
+            tally.candidate.to_string(),
+            tally.common.to_string(),
+            tally.reference.to_string(),
+            percent(tally.precision()),
+            percent(tally.recall()),
             row.contradictions.to_string(),
         ]
     };

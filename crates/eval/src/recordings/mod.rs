@@ -12,6 +12,7 @@ mod looks;
 mod report;
 pub mod strict;
 mod taught;
+pub mod training;
 
 use std::collections::BTreeMap;
 

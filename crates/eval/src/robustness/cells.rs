@@ -424,11 +424,12 @@ mod tests {
 
     #[test]
     fn motions_are_turned_and_sped_up() {
-        let corpus = radarllm_synth::corpus::procedural::ProceduralCorpus::new(
-            [0, 0, 3],
-            5,
-            radarllm_synth::corpus::procedural::Draw::Library,
-        );
+        use radarllm_synth::corpus::procedural::{ProceduralConfig, ProceduralCorpus};
+        let config = ProceduralConfig {
+            test: 3,
+            ..Default::default()
+        };
+        let corpus = ProceduralCorpus::new(&config, 5).unwrap();
         let changed = |item, change| {
             let changed = Changed {
                 corpus: &corpus,

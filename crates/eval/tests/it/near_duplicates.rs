@@ -12,7 +12,7 @@ use radarllm_eval::near_duplicates::{
 };
 use radarllm_synth::corpus::{
     Corpus,
-    procedural::{Draw, ProceduralCorpus},
+    procedural::{ProceduralConfig, ProceduralCorpus},
 };
 
 const TRAIN: usize = 1000;
@@ -76,7 +76,12 @@ fn quantiles(found: &[Option<NearestMotion>]) -> (usize, String, Vec<f64>) {
 
 #[test]
 fn planted_copies_are_leaks_and_independent_motions_are_not() {
-    let corpus = ProceduralCorpus::new([TRAIN, 0, TEST], 7, Draw::Library);
+    let config = ProceduralConfig {
+        train: TRAIN,
+        test: TEST,
+        ..Default::default()
+    };
+    let corpus = ProceduralCorpus::new(&config, 7).unwrap();
     let motions = |split: Split| -> Vec<(String, Motion)> {
         let items = corpus.items().iter().enumerate();
         items
