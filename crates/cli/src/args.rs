@@ -503,7 +503,7 @@ pub enum DatasetVerb {
     /// A model that learns from recordings is no longer zero-shot. Judged recordings are never read.
     ///
     /// Example: radarllm dataset recordings configs/recorded-radhar.toml --recordings radhar --out work/recorded-radhar
-    Recordings(DatasetRecordingsArgs),
+    Recordings(Box<DatasetRecordingsArgs>),
     /// Print clips, hours, actions and points per frame of a data set.
     Info {
         /// Folder of the data set.

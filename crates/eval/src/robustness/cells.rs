@@ -4,8 +4,8 @@ use std::{path::Path, sync::OnceLock};
 
 use glam::{DVec3, Quat};
 use radarllm_base::{
-    Clip, Clutter, Motion, PointFrame, Provenance, RadarConfig, hash::fnv_1a, materials::Substance,
-    seed::derive_seed,
+    Clip, Clutter, Motion, PointFrame, Provenance, RadarConfig, RadarPoint, hash::fnv_1a,
+    materials::Substance, seed::derive_seed,
 };
 use radarllm_body::sample::{canonicalize, crop};
 use radarllm_dataset::Split;
@@ -18,6 +18,7 @@ use radarllm_synth::{
     record::make_record,
     synthesizer::open_radar,
 };
+use radarllm_tracking::{OptionError, PeopleOptions, Person, track_people};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -32,6 +33,8 @@ const SCREEN_HALF_WIDTH_M: f64 = 0.8;
 const SCREEN_HALF_HEIGHT_M: f64 = 0.6;
 /// Finest facets of a screen, m.
 const SCREEN_FACET_M: f64 = 0.02;
+/// Most points of a frame, as radars of the data sets report.
+const MAX_POINTS: usize = 128;
 /// Depth raster of a scene that a screen fills, as for rooms: twice the default, which keeps the body
 /// as finely sampled as in free space.
 const SCREEN_RASTER: usize = 640;
@@ -140,7 +143,7 @@ impl<'a> Experiment<'a> {
     /// # Errors
     /// A clip that cannot be simulated, or that the model refuses.
     pub fn measure(&self, change: &Change) -> Result<Cell, EvalError> {
-        let points = if change.is_of_points() || *change == Change::Nothing {
+        let points = if change.is_of_points() {
             let unchanged = match self.unchanged.get() {
                 Some(ready) => ready,
                 None => {
@@ -148,20 +151,24 @@ impl<'a> Experiment<'a> {
                     self.unchanged.get_or_init(|| made)
                 }
             };
-            unchanged
-                .iter()
-                .zip(self.items())
-                .map(|(frames, item)| {
+            let n = unchanged.len();
+            let of_clip = |(i, item): (usize, &CorpusItem)| match change {
+                Change::SecondPersonDeg(apart_deg) => {
+                    let other = &unchanged[(i + n / 2) % n];
+                    with_second_person(&unchanged[i], other, *apart_deg)
+                }
+                _ => {
                     let seed = derive_seed(self.config.seed, &item.motion_id);
-                    change_points(frames, change, seed)
-                })
-                .collect()
+                    change_points(&unchanged[i], change, seed)
+                }
+            };
+            self.items().enumerate().map(of_clip).collect()
         } else {
             self.simulate(change)?
         };
         let n_frames: usize = points.iter().map(Vec::len).sum();
         let n_points: usize = points.iter().flatten().map(|f| f.points.len()).sum();
-        let clips: Vec<Clip> = points
+        let mut clips: Vec<Clip> = points
             .into_iter()
             .zip(self.items())
             .map(|(frames, item)| Clip {
@@ -173,6 +180,11 @@ impl<'a> Experiment<'a> {
                 clutter: Clutter::Settled,
             })
             .collect();
+        if let (true, Some(unchanged)) = (change.is_tracked(), self.unchanged.get()) {
+            for (clip, own) in clips.iter_mut().zip(unchanged) {
+                *clip = tracked_person(clip, own).map_err(|e| EvalError::Config(e.to_string()))?;
+            }
+        }
         let described = caption_clips(self.captioner, &clips.iter().collect::<Vec<_>>(), 1)?;
         Ok(Cell {
             condition: change.label(),
@@ -213,6 +225,8 @@ impl<'a> Experiment<'a> {
             Change::Nothing
             | Change::AtMostPoints(_)
             | Change::FrameLoss(_)
+            | Change::Tracked
+            | Change::SecondPersonDeg(_)
             | Change::Screen(_) => {}
         }
         if (radar.frame_rate_hz() / f64::from(FRAME_RATE_HZ) - 1.0).abs() > 0.05 {
@@ -308,6 +322,56 @@ fn sheet(screen: &ScreenFile, frequency_hz: f64) -> Result<RigidSurface, EvalErr
     )
     .at(DVec3::Y * SCREEN_M)
     .of(substance.slab(frequency_hz, screen.thickness_m)))
+}
+
+/// The points of two people: the second one turned about the radar, which keeps ranges and velocities exact. Neither masks
+/// the other; a frame keeps its strongest points.
+fn with_second_person(own: &[PointFrame], other: &[PointFrame], apart_deg: f64) -> Vec<PointFrame> {
+    let (sin, cos) = (apart_deg.to_radians() as f32).sin_cos();
+    let mut frames = own.to_vec();
+    for (frame, other) in frames.iter_mut().zip(other) {
+        let turned = other.points.iter().map(|p| RadarPoint {
+            x_m: cos * p.x_m - sin * p.y_m,
+            y_m: sin * p.x_m + cos * p.y_m,
+            ..*p
+        });
+        frame.points.extend(turned);
+        frame.sort_by_intensity();
+        frame.points.truncate(MAX_POINTS);
+    }
+    frames
+}
+
+/// The track that has most points of a person, as `describe --people auto` finds it; without points if there is none.
+fn tracked_person(clip: &Clip, own: &[PointFrame]) -> Result<Clip, OptionError> {
+    let people = track_people(clip.clone(), &PeopleOptions::default())?;
+    let own_points = |person: &Person| -> usize {
+        let of_frame = |frame: &PointFrame| {
+            let of_person = own.iter().find(|f| f.frame == frame.frame);
+            let of_person = of_person.map_or(&[][..], |f| &f.points);
+            frame
+                .points
+                .iter()
+                .filter(|p| of_person.contains(p))
+                .count()
+        };
+        person.clip.frames.iter().map(of_frame).sum()
+    };
+    let counted = people
+        .into_iter()
+        .map(|person| (own_points(&person), person));
+    let most = counted.filter(|(n, _)| *n > 0).max_by_key(|(n, _)| *n);
+    let nobody = || {
+        clip.with_frames(
+            own.iter()
+                .map(|f| PointFrame {
+                    points: Vec::new(),
+                    ..*f
+                })
+                .collect(),
+        )
+    };
+    Ok(most.map_or_else(nobody, |(_, person)| person.clip))
 }
 
 /// The unchanged points with fewer points or frames.
@@ -420,6 +484,62 @@ mod tests {
         assert!(few.len().abs_diff(100) < 45 && many.len().abs_diff(250) < 56);
         assert!(few.iter().all(|i| many.contains(i)));
         assert!(lost(0.0).is_empty() && lost(1.0).len() == 500);
+    }
+
+    #[test]
+    fn the_person_is_found_beside_another() {
+        // Two people who step from one foot to the other at 3 m, with three points each.
+        let person = |x_m: f32| -> Vec<PointFrame> {
+            let frame = |i: u32| {
+                let sway_m = 0.1 * (i as f32 * 0.6).sin();
+                let point = |j: u32| {
+                    let (x_m, y_m) = (x_m + sway_m, 3.0 + 0.1 * j as f32);
+                    RadarPoint {
+                        x_m,
+                        y_m,
+                        z_m: 0.3 * j as f32,
+                        range_m: x_m.hypot(y_m),
+                        velocity_mps: 0.3,
+                        intensity_db: (10 * j) as f32,
+                    }
+                };
+                PointFrame {
+                    frame: i,
+                    time_s: f64::from(i) / 10.0,
+                    points: (0..3).map(point).collect(),
+                }
+            };
+            (0..60).map(frame).collect()
+        };
+        let own = person(0.0);
+        let both = with_second_person(&own, &person(0.0), 40.0);
+        assert!(both.iter().all(|frame| frame.points.len() == 6));
+        for (frame, own) in both.iter().zip(&own) {
+            let turned: Vec<&RadarPoint> = frame
+                .points
+                .iter()
+                .filter(|p| !own.points.contains(p))
+                .collect();
+            assert_eq!(turned.len(), 3);
+            // To the left, with the same range and velocity.
+            assert!(turned.iter().all(|p| p.x_m < -1.0));
+            let range_m = |p: &RadarPoint| p.x_m.hypot(p.y_m);
+            assert!(turned.iter().all(|p| (range_m(p) - p.range_m).abs() < 1e-5));
+        }
+        let clip = Clip {
+            frames: both,
+            frame_rate_hz: 10.0,
+            radar_height_m: 1.0,
+            radar: "board".into(),
+            provenance: Provenance::simulated("test", 1),
+            clutter: Clutter::Settled,
+        };
+        let found = tracked_person(&clip, &own).unwrap();
+        let points = found.frames.iter().flat_map(|f| &f.points);
+        assert!(points.clone().all(|p| p.x_m > -0.5) && points.count() > 120);
+        // Nobody is found where the person has no points.
+        let nobody = tracked_person(&clip.with_frames(own.clone()), &person(9.0)).unwrap();
+        assert_eq!((nobody.frames.len(), nobody.n_points()), (60, 0));
     }
 
     #[test]

@@ -87,6 +87,12 @@ pub enum Axis {
         /// Values.
         probability: Vec<f64>,
     },
+    /// A second person, who performs the motion of another clip. Both are tracked and described apart, beginning with the
+    /// person alone.
+    SecondPerson {
+        /// Angle between both, seen from the radar, degrees.
+        apart_deg: Vec<f64>,
+    },
     /// Built-in radars or radar files.
     Radar {
         /// Values.
@@ -138,6 +144,10 @@ pub enum Change {
     AtMostPoints(usize),
     /// Probability that a frame comes without points.
     FrameLoss(f64),
+    /// The person alone, tracked as if there were others.
+    Tracked,
+    /// A second person at this angle, seen from the radar, degrees.
+    SecondPersonDeg(f64),
     /// Another radar.
     Radar(String),
     /// Rain, mm/h.
@@ -151,7 +161,15 @@ pub enum Change {
 impl Change {
     /// Whether the points are made from the unchanged points rather than simulated.
     pub(super) fn is_of_points(&self) -> bool {
-        matches!(self, Self::AtMostPoints(_) | Self::FrameLoss(_))
+        match self {
+            Self::Nothing | Self::AtMostPoints(_) | Self::FrameLoss(_) => true,
+            _ => self.is_tracked(),
+        }
+    }
+
+    /// Whether people are tracked and described apart.
+    pub(super) fn is_tracked(&self) -> bool {
+        matches!(self, Self::Tracked | Self::SecondPersonDeg(_))
     }
 
     /// In words.
@@ -165,6 +183,8 @@ impl Change {
             Self::BodyHeightM(v) => format!("{v} m tall"),
             Self::AtMostPoints(v) => format!("{v} points"),
             Self::FrameLoss(v) => format!("{} % of frames empty", v * 100.0),
+            Self::Tracked => "alone, tracked".into(),
+            Self::SecondPersonDeg(v) => format!("another person {v} degrees apart"),
             Self::Radar(name) => name.clone(),
             Self::RainMmPerH(v) => format!("{v} mm/h"),
             Self::SmokeGPerM3(v) => format!("{v} g/m^3"),
@@ -178,11 +198,12 @@ impl Change {
             Self::ExtraNoiseDb(v)
             | Self::Tempo(v)
             | Self::FrameLoss(v)
+            | Self::SecondPersonDeg(v)
             | Self::RainMmPerH(v)
             | Self::SmokeGPerM3(v) => Some(*v),
             Self::DistanceM(v) | Self::HeadingDeg(v) | Self::BodyHeightM(v) => Some(f64::from(*v)),
             Self::AtMostPoints(v) => Some(*v as f64),
-            Self::Nothing | Self::Radar(_) | Self::Screen(_) => None,
+            Self::Nothing | Self::Tracked | Self::Radar(_) | Self::Screen(_) => None,
         }
     }
 }
@@ -198,6 +219,7 @@ impl Axis {
             Self::BodyHeight { .. } => "body-height",
             Self::Points { .. } => "points",
             Self::FrameLoss { .. } => "frame-loss",
+            Self::SecondPerson { .. } => "second-person",
             Self::Radar { .. } => "radar",
             Self::Rain { .. } => "rain",
             Self::Smoke { .. } => "smoke",
@@ -215,6 +237,9 @@ impl Axis {
             Self::BodyHeight { .. } => "standing height of the person, m",
             Self::Points { .. } => "strongest points kept of each frame",
             Self::FrameLoss { .. } => "share of frames that come without points",
+            Self::SecondPerson { .. } => {
+                "angle to a second person, seen from the radar, degrees; both tracked"
+            }
             Self::Radar { .. } => "radar, at the frame rate of the base",
             Self::Rain { .. } => "rain on the whole path, mm/h",
             Self::Smoke { .. } => "smoke on the whole path, g/m^3",
@@ -235,6 +260,12 @@ impl Axis {
             Self::BodyHeight { height_m } => all(height_m, Change::BodyHeightM),
             Self::Points { at_most } => all(at_most, Change::AtMostPoints),
             Self::FrameLoss { probability } => all(probability, Change::FrameLoss),
+            Self::SecondPerson { apart_deg } if apart_deg.is_empty() => Vec::new(),
+            Self::SecondPerson { apart_deg } => {
+                let mut changes = vec![Change::Tracked];
+                changes.extend(all(apart_deg, Change::SecondPersonDeg));
+                changes
+            }
             Self::Radar { radars } => all(radars, Change::Radar),
             Self::Rain { rain_mm_per_h } => all(rain_mm_per_h, Change::RainMmPerH),
             Self::Smoke { smoke_g_per_m3 } => all(smoke_g_per_m3, Change::SmokeGPerM3),
@@ -284,6 +315,7 @@ fn check(plan: &Plan) -> Result<(), String> {
                 Change::BodyHeightM(_) => 1.0..=2.0,
                 Change::AtMostPoints(_) => 1.0..=1e6,
                 Change::FrameLoss(_) => 0.0..=1.0,
+                Change::SecondPersonDeg(_) => 1.0..=180.0,
                 Change::RainMmPerH(_) => 0.0..=200.0,
                 Change::SmokeGPerM3(_) => 0.0..=100.0,
                 Change::Screen(ref screen) => {
@@ -302,7 +334,7 @@ fn check(plan: &Plan) -> Result<(), String> {
                     }
                     continue;
                 }
-                Change::Nothing | Change::Radar(_) => continue,
+                Change::Nothing | Change::Tracked | Change::Radar(_) => continue,
             };
             if !change.x().is_some_and(|x| range.contains(&x)) {
                 return Err(format!(
@@ -335,6 +367,11 @@ mod tests {
             ("kind = \"points\"\nat_most = [0]", "points"),
             ("kind = \"tempo\"\nfactor = [0.0]", "tempo"),
             ("kind = \"body-height\"\nheight_m = [nan]", "body-height"),
+            (
+                "kind = \"second-person\"\napart_deg = [0.0]",
+                "second-person",
+            ),
+            ("kind = \"second-person\"\napart_deg = []", "no values"),
             ("kind = \"frame-loss\"\nprobability = [1.5]", "frame-loss"),
             (
                 "kind = \"screen\"\nscreens = [{ material = \"cheese\", thickness_m = 0.01 }]",
