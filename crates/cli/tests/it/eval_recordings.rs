@@ -17,14 +17,13 @@ actions = ["walk"]
 
 /// Points of a simulated walk as a CSV recording: what was recorded by a radar is not known to be simulated.
 fn recording(folder: &Path, path: &str) {
-    let points = folder.join("walk.parquet");
+    recording_of("builtin:walk?direction=backward", folder, path);
+}
+
+fn recording_of(motion: &str, folder: &Path, path: &str) {
+    let points = folder.join("points.parquet");
     if !points.exists() {
-        let out = radarllm(&[
-            "simulate",
-            "builtin:walk?direction=backward",
-            "--out",
-            points.to_str().unwrap(),
-        ]);
+        let out = radarllm(&["simulate", motion, "--out", points.to_str().unwrap()]);
         assert!(out.status.success());
     }
     let mut csv = String::from("frame,x,y,z,velocity,intensity\n");
@@ -124,8 +123,10 @@ fn configurations_that_cannot_be_evaluated_are_refused() {
 fn recordings_for_tuning_become_a_data_set() {
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path();
-    recording(folder, "walk/tune_1.csv");
-    recording(folder, "walk/other_1.csv");
+    let squats = "builtin:squat?repetitions=4";
+    recording_of(squats, folder, "squat/tune_1.csv");
+    recording_of(squats, folder, "squat/other_1.csv");
+    let text = CONFIG.replace("walk", "squat");
     let config = folder.join("config.toml");
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
     let (recordings, labelled, own) = (path("recordings"), path("labelled"), path("own"));
@@ -153,14 +154,14 @@ fn recordings_for_tuning_become_a_data_set() {
         json(&args)
     };
 
-    fs::write(&config, CONFIG).unwrap();
+    fs::write(&config, &text).unwrap();
     let error = refuse(&labelled, &[]);
-    assert!(error.contains("activity `walk`: no `says`"), "{error}");
+    assert!(error.contains("activity `squat`: no `says`"), "{error}");
     assert!(refuse(&own, &["--by-model", "--min-confidence", "1.5"]).contains("--min-confidence"));
     assert!(refuse(&own, &["--min-confidence", "0.5"]).contains("--by-model"));
     assert!(!Path::new(&labelled).exists() && !Path::new(&own).exists());
 
-    fs::write(&config, format!("{CONFIG}says = \"a person walks\"\n")).unwrap();
+    fs::write(&config, format!("{text}says = \"a person squats\"\n")).unwrap();
     let report = build(&labelled, &[]);
     assert_eq!(report["recordings"], 1, "judged recordings are not read");
     let data = Dataset::open(labelled.as_ref()).unwrap();
@@ -174,11 +175,11 @@ fn recordings_for_tuning_become_a_data_set() {
     for clip in &clips {
         assert_eq!(
             (clip.group.as_str(), clip.action.as_str()),
-            ("walk/tune_1.csv", "walk")
+            ("squat/tune_1.csv", "squat")
         );
         assert_eq!(
             (&clip.source[..], &clip.captions),
-            ("recordings", &vec!["a person walks".into()])
+            ("recordings", &vec!["a person squats".into()])
         );
     }
     // Another content needs --force, the same one is kept.
