@@ -522,14 +522,31 @@ pub enum DatasetVerb {
     },
 }
 
+/// Recordings of known activities, for `eval-recordings` and `dataset recordings`.
+#[derive(Args)]
+pub struct LabelledArgs {
+    /// TOML with the activities, the actions that state them, and the roles of the recordings.
+    pub config: PathBuf,
+    /// Folder with the recordings, or a data set where the configuration says `simulated = true`.
+    #[arg(long)]
+    pub recordings: PathBuf,
+    /// Radar that recorded them: a built-in name, a TI .cfg or a radar .toml.
+    #[arg(long)]
+    pub radar: Option<String>,
+    /// uart, radhar, mars, mmbody, mmfi, csv, npy-points or bag; detected if omitted.
+    #[arg(long)]
+    pub format: Option<String>,
+    /// Recorded points.
+    #[command(flatten)]
+    pub recording: RecordingArgs,
+}
+
 /// `dataset recordings`.
 #[derive(Args)]
 pub struct DatasetRecordingsArgs {
-    /// TOML with the activities, the sentence `says` of each, and the roles of the recordings.
-    pub config: PathBuf,
-    /// Folder with the recordings.
-    #[arg(long)]
-    pub recordings: PathBuf,
+    /// Recordings; their activities need the sentence `says` unless --by-model is given.
+    #[command(flatten)]
+    pub labelled: LabelledArgs,
     /// Folder of the data set.
     #[arg(long)]
     pub out: PathBuf,
@@ -543,15 +560,6 @@ pub struct DatasetRecordingsArgs {
     /// Sentences of the model with less confidence are left out, 0 to 1.
     #[arg(long, default_value_t = 0.6, requires = "by_model")]
     pub min_confidence: f32,
-    /// Radar that recorded them: a built-in name, a TI .cfg or a radar .toml.
-    #[arg(long)]
-    pub radar: Option<String>,
-    /// uart, radhar, mars, mmbody, mmfi, csv, npy-points or bag; detected if omitted.
-    #[arg(long)]
-    pub format: Option<String>,
-    /// Recorded points.
-    #[command(flatten)]
-    pub recording: RecordingArgs,
     /// Replace another data set in the folder.
     #[arg(long)]
     pub force: bool,
@@ -834,11 +842,9 @@ pub struct InterventionsArgs {
 /// `eval-recordings`.
 #[derive(Args)]
 pub struct EvalRecordingsArgs {
-    /// TOML with the activities, the actions that state them, and the roles of the recordings.
-    pub config: PathBuf,
-    /// Folder with the recordings, or a data set where the configuration says `simulated = true`.
-    #[arg(long)]
-    pub recordings: PathBuf,
+    /// Recordings.
+    #[command(flatten)]
+    pub labelled: LabelledArgs,
     /// Which recordings are evaluated: those for `tuning`, which may be used to choose settings, or `judged` ones, which
     /// choose nothing and whose evaluations are logged.
     #[arg(long, default_value = "tuning")]
@@ -869,15 +875,6 @@ pub struct EvalRecordingsArgs {
     /// Model folder; the bundled model if omitted.
     #[arg(long)]
     pub model: Option<PathBuf>,
-    /// Radar that recorded them: a built-in name, a TI .cfg or a radar .toml.
-    #[arg(long)]
-    pub radar: Option<String>,
-    /// uart, radhar, mars, mmbody, mmfi, csv, npy-points or bag; detected if omitted.
-    #[arg(long)]
-    pub format: Option<String>,
-    /// Recorded points.
-    #[command(flatten)]
-    pub recording: RecordingArgs,
     /// Beams of the language model.
     #[arg(long, default_value_t = 1)]
     pub beam: usize,

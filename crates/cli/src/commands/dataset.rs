@@ -70,20 +70,16 @@ fn recordings(args: &DatasetRecordingsArgs) -> CliResult {
             args.min_confidence
         )));
     }
-    let config = eval_recordings::read_config(&args.config)?;
-    let options = eval_recordings::capture_options(
-        &config,
-        args.radar.as_deref(),
-        args.format.as_deref(),
-        &args.recording,
-    )?;
-    let all = eval_recordings::read_recordings(&config, Role::Tuning, &args.recordings, &options)?;
+    let config_name = args.labelled.config.display();
+    let config = eval_recordings::read_config(&args.labelled)?;
     if config.simulated {
         return Err(CliError::new(format!(
-            "{}: its recordings are simulated and already a data set",
-            args.config.display()
+            "{config_name}: its recordings are simulated and already a data set"
         )));
     }
+    let options = eval_recordings::capture_options(&config, &args.labelled)?;
+    let folder = args.labelled.recordings.as_path();
+    let all = eval_recordings::read_recordings(&config, Role::Tuning, folder, &options)?;
     let mut clips = Vec::new();
     let sentences = if args.by_model {
         let captioner = describe::load_decoder(args.model.as_deref(), DecoderName::F32)?;
@@ -103,7 +99,7 @@ fn recordings(args: &DatasetRecordingsArgs) -> CliResult {
             let stretches = training::by_activity(&config, recording)?;
             clips.extend(training::clips(recording, &stretches));
         }
-        format!("sentences of the activities of {}", args.config.display())
+        format!("sentences of the activities of {config_name}")
     };
     let seconds: f64 = all.iter().map(|r| r.clip.duration_s()).sum();
     let rate_hz = all.first().map_or(10.0, |r| r.clip.frame_rate_hz);

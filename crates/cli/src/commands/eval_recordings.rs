@@ -15,11 +15,10 @@ use radarllm_eval::{
 use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
 
 use crate::{
-    args::{DecoderName, EvalRecordingsArgs},
+    args::{DecoderName, EvalRecordingsArgs, LabelledArgs},
     commands::{describe, model_files},
     error::{CliError, CliResult},
     output,
-    recording_args::RecordingArgs,
 };
 
 /// Runs the command.
@@ -28,14 +27,10 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
         output::check_free(out, args.force)?;
     }
     let role = args.role;
-    let config = read_config(&args.config)?;
-    let options = capture_options(
-        &config,
-        args.radar.as_deref(),
-        args.format.as_deref(),
-        &args.recording,
-    )?;
-    let read = |role| read_recordings(&config, role, &args.recordings, &options);
+    let config = read_config(&args.labelled)?;
+    let options = capture_options(&config, &args.labelled)?;
+    let folder = args.labelled.recordings.as_path();
+    let read = |role| read_recordings(&config, role, folder, &options);
     let recordings = read(role)?;
     let report = if args.proxy.is_empty() {
         let (captioner, info) = model_files::load(args.model.as_deref(), DecoderName::F32)?;
@@ -92,7 +87,11 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
         log_look(args, &report, 0, "")?;
         report
     };
-    let page = markdown(&report, args.beam, &args.config.display().to_string());
+    let page = markdown(
+        &report,
+        args.beam,
+        &args.labelled.config.display().to_string(),
+    );
     if let Some(out) = &args.out {
         output::write_atomic(out, page.as_bytes())?;
     }
@@ -104,23 +103,23 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
 }
 
 /// Reads the configuration of recordings.
-pub fn read_config(path: &Path) -> CliResult<RecordingsConfig> {
-    let text = files::read_text(path, MAX_CONFIG_BYTES)?;
+pub fn read_config(args: &LabelledArgs) -> CliResult<RecordingsConfig> {
+    let text = files::read_text(&args.config, MAX_CONFIG_BYTES)?;
     RecordingsConfig::from_toml(&text)
-        .map_err(|e| CliError::new(format!("{}: {e}", path.display())))
+        .map_err(|e| CliError::new(format!("{}: {e}", args.config.display())))
 }
 
 /// How the recordings of a configuration are read.
 pub fn capture_options(
     config: &RecordingsConfig,
-    radar: Option<&str>,
-    format: Option<&str>,
-    recording: &RecordingArgs,
+    args: &LabelledArgs,
 ) -> CliResult<CaptureOptions> {
     Ok(CaptureOptions {
-        radar: radar.map(open_radar).transpose()?,
-        format: format.map(CaptureFormat::from_name).transpose()?,
-        points: recording.options()?,
+        radar: args.radar.as_deref().map(open_radar).transpose()?,
+        format: (args.format.as_deref())
+            .map(CaptureFormat::from_name)
+            .transpose()?,
+        points: args.recording.options()?,
         radar_height_m: Some(config.radar_height_m),
         ..CaptureOptions::default()
     })
@@ -183,7 +182,7 @@ fn log_look(
     let purpose = format!("{how}{}", args.purpose.as_deref().unwrap_or(""));
     text += &look(
         report,
-        &args.config.display().to_string(),
+        &args.labelled.config.display().to_string(),
         fingerprint,
         &purpose,
     );

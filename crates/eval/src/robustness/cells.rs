@@ -361,16 +361,11 @@ fn tracked_person(clip: &Clip, own: &[PointFrame]) -> Result<Clip, OptionError> 
         .into_iter()
         .map(|person| (own_points(&person), person));
     let most = counted.filter(|(n, _)| *n > 0).max_by_key(|(n, _)| *n);
-    let nobody = || {
-        clip.with_frames(
-            own.iter()
-                .map(|f| PointFrame {
-                    points: Vec::new(),
-                    ..*f
-                })
-                .collect(),
-        )
+    let without_points = |f: &PointFrame| PointFrame {
+        points: Vec::new(),
+        ..*f
     };
+    let nobody = || clip.with_frames(own.iter().map(without_points).collect());
     Ok(most.map_or_else(nobody, |(_, person)| person.clip))
 }
 
