@@ -104,21 +104,17 @@ fn splice(first: &Part, second: &Part, id: &str) -> Option<ClipRecord> {
         points: frame.points.iter().map(|p| moved(*p, from, to)).collect(),
     });
     let frames: Vec<PointFrame> = a.iter().cloned().chain(moved).collect();
-    let pairs = first.captions.iter().zip(&second.captions).enumerate();
-    let caption =
-        |(i, ((text, _), (_, predicate))): (usize, (&(&str, String), &(&str, String)))| {
-            let text = text.trim_end_matches('.');
-            match i % 2 {
-                0 => format!("{text}, then {predicate}"),
-                _ => format!("{text} and then {predicate}"),
-            }
-        };
+    let pairs = first.captions.iter().zip(&second.captions);
+    let joined = pairs.zip([", then", " and then"].iter().cycle());
+    let captions = joined.map(|(((text, _), (_, predicate)), then)| {
+        format!("{}{then} {predicate}", text.trim_end_matches('.'))
+    });
     Some(ClipRecord {
         id: format!("{id}#0"),
         motion_id: id.into(),
         group: id.into(),
         action: format!("{} then {}", first.clip.action, second.clip.action),
-        captions: pairs.map(caption).collect(),
+        captions: captions.collect(),
         frames,
         joints: Vec::new(),
         motion_features: Vec::new(),
