@@ -46,7 +46,6 @@ mod loss_scale;
 pub mod motion;
 pub mod points;
 pub mod recipe;
-mod splice;
 mod stop;
 pub mod tokenizer;
 mod tokenizer_config;

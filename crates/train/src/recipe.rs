@@ -33,7 +33,6 @@ use crate::{
     lm::{LmClip, LmTrainConfig, instruct, pretrain, pretrain_further},
     motion::{self, MotionTrainConfig},
     points::{self, PointsTrainConfig},
-    splice::spliced,
     tokenizer::{self, TokenizerTrainConfig},
 };
 
@@ -129,9 +128,6 @@ pub struct Recipe {
     /// Number of disturbed copies of every training clip from which the language model learns, beside the clip itself:
     /// [`radarllm_base::disturb`].
     pub disturbed_copies: usize,
-    /// Number of training clips of two actions for the language model that are made of two clips of one action each, as a
-    /// multiple of the number of training clips.
-    pub spliced: f32,
     /// Processors for training: `"cpu"`, `"gpu"`, `"gpu:N"`, `"cuda"`, `"cuda:N"`, or several of them, `"gpu:0,gpu:1"`.
     pub device: Processors,
     /// Settings of the motion VQ-VAE.
@@ -164,7 +160,6 @@ impl Default for Recipe {
             start: None,
             simulations_per_motion: 0,
             disturbed_copies: 0,
-            spliced: 0.0,
             device: Processors::default(),
             motion: MotionTrainConfig::default(),
             tokenizer: TokenizerTrainConfig::default(),
@@ -453,15 +448,7 @@ impl Recipe {
     fn lm_data(&self) -> Result<(RadarTokenizer, Vec<LmClip>, Vec<LmClip>), TrainError> {
         let dir = self.result(RecipeStage::Tokenizer)?;
         let tokenizer = RadarTokenizer::load(&dir)?;
-        let mut clips = self.clips(Split::Train, Columns::Points)?;
-        if !(0.0..=10.0).contains(&self.spliced) {
-            return Err(TrainError::Config {
-                field: "spliced".into(),
-                problem: format!("must be in 0..=10, found {}", self.spliced),
-            });
-        }
-        let n_spliced = (self.spliced * clips.len() as f32) as usize;
-        clips.extend(spliced(&clips, n_spliced, 1));
+        let clips = self.clips(Split::Train, Columns::Points)?;
         let train = lm_clips(&tokenizer, &clips, true, self.disturbed_copies)?;
         let clips = self.clips(Split::Val, Columns::Points)?;
         let val = lm_clips(&tokenizer, &clips, false, 0)?;
