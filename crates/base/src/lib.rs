@@ -31,8 +31,8 @@
 //! Reading order: [`frames`] (axes), [`skeleton`] (the 22 joints, [`Motion`]), [`surface`] (the simulator's view of the
 //! world), [`materials`] (reflectivity of materials), [`radar_config`] (description of a radar), [`cube`] (raw
 //! samples), [`points`] (input of the tokenizer), [`clip`] (points with their frame rate, radar and provenance),
-//! [`static_cells`] (what stands still), [`timeline`] (recorded frames with times), [`series`] (values with gaps), [`seed`], [`random`] and [`hash`]
-//! (reproducible random numbers, fingerprints).
+//! [`static_cells`] (what stands still), [`timeline`] (recorded frames with times), [`series`] (values with
+//! gaps), [`seed`], [`random`] and [`hash`] (reproducible random numbers, fingerprints).
 
 pub mod clip;
 pub mod cube;

@@ -71,7 +71,7 @@ fn recordings(args: &DatasetRecordingsArgs) -> CliResult {
         )));
     }
     let config_name = args.labelled.config.display();
-    let config = eval_recordings::read_config(&args.labelled)?;
+    let config = eval_recordings::read_config(&args.labelled.config)?;
     if config.simulated {
         return Err(CliError::new(format!(
             "{config_name}: its recordings are simulated and already a data set"

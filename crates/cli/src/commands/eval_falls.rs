@@ -11,7 +11,7 @@ use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
 
 use crate::{
     args::EvalFallsArgs,
-    commands::eval_recordings::read_recordings,
+    commands::eval_recordings::{read_config, read_recordings},
     error::{CliError, CliResult},
     output,
     threads::on_threads,
@@ -19,16 +19,14 @@ use crate::{
 
 /// Runs the command.
 pub fn run(args: &EvalFallsArgs) -> CliResult {
-    let naming = |path: &Path, e| CliError::new(format!("{}: {e}", path.display()));
     let text = files::read_text(&args.config, MAX_CONFIG_BYTES)?;
-    let plan = FallPlan::from_toml(&text).map_err(|e| naming(&args.config, e))?;
+    let plan = FallPlan::from_toml(&text)
+        .map_err(|e| CliError::new(format!("{}: {e}", args.config.display())))?;
     let mut recorded = Vec::new();
     for pair in args.recordings.chunks_exact(2) {
-        let text = files::read_text(&pair[0], MAX_CONFIG_BYTES)?;
-        let config = RecordingsConfig::from_toml(&text).map_err(|e| naming(&pair[0], e))?;
         let config = RecordingsConfig {
             part_s: None,
-            ..config
+            ..read_config(&pair[0])?
         };
         let options = CaptureOptions {
             radar_height_m: Some(config.radar_height_m),

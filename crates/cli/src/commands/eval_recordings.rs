@@ -27,7 +27,7 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
         output::check_free(out, args.force)?;
     }
     let role = args.role;
-    let config = read_config(&args.labelled)?;
+    let config = read_config(&args.labelled.config)?;
     let options = capture_options(&config, &args.labelled)?;
     let folder = args.labelled.recordings.as_path();
     let read = |role| read_recordings(&config, role, folder, &options);
@@ -103,10 +103,10 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
 }
 
 /// Reads the configuration of recordings.
-pub fn read_config(args: &LabelledArgs) -> CliResult<RecordingsConfig> {
-    let text = files::read_text(&args.config, MAX_CONFIG_BYTES)?;
+pub fn read_config(path: &Path) -> CliResult<RecordingsConfig> {
+    let text = files::read_text(path, MAX_CONFIG_BYTES)?;
     RecordingsConfig::from_toml(&text)
-        .map_err(|e| CliError::new(format!("{}: {e}", args.config.display())))
+        .map_err(|e| CliError::new(format!("{}: {e}", path.display())))
 }
 
 /// How the recordings of a configuration are read.

@@ -193,9 +193,14 @@ fn hash(clips: &[ClipRecord]) -> u64 {
     for clip in clips {
         hash.write(clip.id.as_bytes());
         hash.write(clip.captions[0].as_bytes());
-        for point in clip.frames.iter().flat_map(|frame| &frame.points) {
-            for value in [point.x_m, point.y_m, point.z_m, point.velocity_mps] {
-                hash.write(&value.to_le_bytes());
+        hash.write(clip.radar.as_bytes());
+        hash.write(&clip.radar_height_m.to_le_bytes());
+        for frame in &clip.frames {
+            hash.write(&frame.time_s.to_le_bytes());
+            for p in &frame.points {
+                for value in [p.x_m, p.y_m, p.z_m, p.velocity_mps, p.intensity_db] {
+                    hash.write(&value.to_le_bytes());
+                }
             }
         }
     }
@@ -336,6 +341,10 @@ mod tests {
         assert!(all.chunks(2).all(|parts| parts[0].split == parts[1].split));
         // Other recordings are another data set, and none are none.
         assert!(save(&names[..2], Overwrite::Refuse).is_err());
+        let mut higher = of(&names);
+        higher.iter_mut().for_each(|clip| clip.radar_height_m = 1.5);
+        let sentences = "sentences of the activities";
+        assert!(write(&out, higher, 10.0, sentences, Overwrite::Refuse).is_err());
         let few = save(&names[..2], Overwrite::Replace).unwrap();
         assert_eq!(few.manifest.n_clips, 2);
         let error = save(&[], Overwrite::Replace).unwrap_err().to_string();

@@ -376,9 +376,7 @@ fn change_points(frames: &[PointFrame], change: &Change, seed: u64) -> Vec<Point
         match change {
             Change::AtMostPoints(max) => {
                 // Stable, so that equally strong points stay in the order of the signal chain.
-                frame
-                    .points
-                    .sort_by(|a, b| b.intensity_db.total_cmp(&a.intensity_db));
+                frame.sort_by_intensity();
                 frame.points.truncate(*max);
             }
             Change::FrameLoss(probability) => {
