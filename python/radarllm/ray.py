@@ -85,7 +85,7 @@ def describe(
     split: str = "test",
     model: StrPath | None = None,
     precision: Literal["f32", "int8"] = "f32",
-    beam: int = 1,
+    beam: int | None = None,
     batch: int = 64,
     max_retries: int = 3,
     overwrite: bool = False,
@@ -105,7 +105,7 @@ def describe(
     :param split: "train", "val" or "test"
     :param model: folder of a model, which all nodes share; the one in this package if None
     :param precision: "f32" or "int8"
-    :param beam: beams of the search; 1 is greedy
+    :param beam: beams of a search for the most probable sentence, 1 being greedy; None: a vote among drawn sentences
     :param batch: most clips of a task
     :param max_retries: how often a part is tried again
     :param overwrite: replace the file, or parts of another call
@@ -243,7 +243,7 @@ class _DescribePart:
         job: dict[str, Any],
         model: str | None,
         precision: Literal["f32", "int8"],
-        beam: int,
+        beam: int | None,
         attempts: int,
     ) -> None:
         self.folder = folder

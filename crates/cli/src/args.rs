@@ -684,9 +684,9 @@ pub struct DescribeArgs {
     /// Decoder of the language model.
     #[arg(long, value_enum, default_value = "f32")]
     pub decoder: DecoderName,
-    /// Beam width; 1 is greedy.
-    #[arg(long, default_value_t = 1)]
-    pub beam: usize,
+    /// Search for the most probable sentence with N beams (1 is greedy) instead of a vote among drawn sentences.
+    #[arg(long, value_name = "N")]
+    pub beam: Option<usize>,
     /// File with taught activities; the user's own if omitted and there is one.
     #[arg(long, value_name = "FILE")]
     pub memory: Option<PathBuf>,
@@ -798,9 +798,9 @@ pub struct EvalArgs {
     /// Decoder of the language model.
     #[arg(long, value_enum, default_value = "f32")]
     pub decoder: DecoderName,
-    /// Beam width; 1 is greedy.
-    #[arg(long, default_value_t = 1)]
-    pub beam: usize,
+    /// Search for the most probable sentence with N beams (1 is greedy) instead of a vote among drawn sentences.
+    #[arg(long, value_name = "N")]
+    pub beam: Option<usize>,
     /// Instead of captions: generate radar from the captions of N motions, and describe what was generated. The folder
     /// gets round-trip.json, round-trip.md and round-trip.jsonl.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..=1_000_000))]
@@ -875,9 +875,9 @@ pub struct EvalRecordingsArgs {
     /// Model folder; the bundled model if omitted.
     #[arg(long)]
     pub model: Option<PathBuf>,
-    /// Beams of the language model.
-    #[arg(long, default_value_t = 1)]
-    pub beam: usize,
+    /// Search for the most probable sentence with N beams (1 is greedy) instead of a vote among drawn sentences.
+    #[arg(long, value_name = "N")]
+    pub beam: Option<usize>,
     /// Also write the report to this Markdown file.
     #[arg(long)]
     pub out: Option<PathBuf>,

@@ -1,4 +1,4 @@
-//! Greedy and beam search over any network that provides log-probabilities of the next token.
+//! Greedy search, beam search and draws over any network that provides log-probabilities of the next token.
 //!
 //! [`DecodingBackend`] is the interface that a network implements. A [`Session`] of this engine implements it, and so
 //! do the networks of `radarllm-nn`. Scores are log-probabilities among the allowed tokens only, so that tokens that a
@@ -200,7 +200,7 @@ pub fn search<D: DecodingBackend>(
     let mut out = vec![Generated::default(); sources.len()];
     for chunk in order.chunks(batch) {
         let picked: Vec<&Source> = chunk.iter().map(|i| &sources[*i]).collect();
-        check_cancelled(watch)?;
+        check_cancelled(watch.cancel)?;
         let mut last = Vec::with_capacity(chunk.len() * options.beam);
         backend.start(&picked, options, &mut last)?;
         let results = if options.beam == 1 {
@@ -272,8 +272,113 @@ pub fn score<D: DecodingBackend>(
     Ok(sums)
 }
 
-fn check_cancelled(watch: &Watch) -> Result<(), EngineError> {
-    match watch.cancel.load(Ordering::Relaxed) {
+/// Draws `n` sequences for every source from the distribution of the network: `[sources][n]`.
+///
+/// Arithmetic sampling (Vilnis et al., 2023, arXiv:2210.15458): all sequences, in the order of their ids, divide the
+/// interval from 0 to 1 in parts as long as their probabilities, and draw `k` is the sequence at `(k + 0.5) / n`. Draws are
+/// the same each time, and the share of the draws of any set of sequences that are neighbours in this order differs from its
+/// probability by at most `1 / n`.
+///
+/// Beam and length penalty of the options are ignored; `batch` limits the number of draws that are decoded together.
+///
+/// # Errors
+/// If a source or an option does not fit the network; [`EngineError::Cancelled`] if `cancel` is set.
+pub fn draw<D: DecodingBackend>(
+    backend: &mut D,
+    sources: &[Source],
+    n: usize,
+    options: &SearchOptions,
+    cancel: &AtomicBool,
+) -> Result<Vec<Vec<Generated>>, D::Error> {
+    let options = SearchOptions {
+        beam: n,
+        ..options.clone()
+    };
+    let mask = check_options(&options, backend.vocab_size())?;
+    for (index, source) in sources.iter().enumerate() {
+        backend.check(index, source)?;
+    }
+    let mut out = Vec::with_capacity(sources.len());
+    for chunk in sources.chunks((options.batch / n).clamp(1, 1024)) {
+        let picked: Vec<&Source> = chunk.iter().collect();
+        check_cancelled(cancel)?;
+        let mut last = Vec::with_capacity(chunk.len() * n);
+        backend.start(&picked, &options, &mut last)?;
+        let draws = draws(backend, chunk.len() * n, last, &options, &mask, cancel)?;
+        out.extend(draws.chunks(n).map(<[Generated]>::to_vec));
+    }
+    Ok(out)
+}
+
+/// One draw from each of `n` rows, `options.beam` of which belong to each source.
+fn draws<D: DecodingBackend>(
+    backend: &mut D,
+    n: usize,
+    mut last: Vec<u32>,
+    options: &SearchOptions,
+    mask: &[f32],
+    cancel: &AtomicBool,
+) -> Result<Vec<Generated>, D::Error> {
+    let (per_source, steps) = (options.beam, options.max_new_tokens);
+    // For each draw: its tokens, their log-probabilities' sum and number, its place in the interval of its prefix.
+    let mut out: Vec<(Vec<u32>, f32, usize)> = vec![(Vec::new(), 0.0, 0); n];
+    let place = |k: usize| ((k % per_source) as f64 + 0.5) / per_source as f64;
+    let mut places: Vec<f64> = (0..n).map(place).collect();
+    let mut alive: Vec<usize> = (0..n).collect();
+    for step in 0..steps {
+        check_cancelled(cancel)?;
+        let mut kept = Vec::with_capacity(alive.len());
+        let scores = backend.log_probs(&last, mask);
+        for (row, scores) in scores.chunks_exact(mask.len()).enumerate() {
+            let draw = alive[row];
+            let (id, score) =
+                at_place(scores, &mut places[draw]).unwrap_or((options.end, f32::NEG_INFINITY));
+            let (ids, sum, scored) = &mut out[draw];
+            *sum += score;
+            *scored += 1;
+            if id != options.end {
+                ids.push(id);
+                last[kept.len()] = id;
+                kept.push(row);
+            }
+        }
+        if kept.is_empty() || step + 1 == steps {
+            break;
+        }
+        if kept.len() < alive.len() {
+            backend.keep(&kept);
+            alive = kept.iter().map(|row| alive[*row]).collect();
+            last.truncate(alive.len());
+        }
+    }
+    let generated = out.into_iter();
+    Ok(generated
+        .map(|(ids, sum, scored)| Generated::new(ids, sum, scored))
+        .collect())
+}
+
+/// The id whose part of the interval from 0 to 1 contains `place`, and its score. `place` becomes the place within that
+/// part. None if no score is finite.
+fn at_place(scores: &[f32], place: &mut f64) -> Option<(u32, f32)> {
+    let possible = scores.iter().enumerate().filter(|(_, s)| s.is_finite());
+    let mut begin = 0.0;
+    let mut found = None;
+    for (id, score) in possible {
+        let probability = f64::from(score.exp());
+        found = Some((id as u32, *score));
+        if *place < begin + probability {
+            *place = (*place - begin) / probability;
+            return found;
+        }
+        begin += probability;
+    }
+    // Probabilities may add up to a little less than 1.
+    *place = 0.5;
+    found
+}
+
+fn check_cancelled(cancel: &AtomicBool) -> Result<(), EngineError> {
+    match cancel.load(Ordering::Relaxed) {
         true => Err(EngineError::Cancelled),
         false => Ok(()),
     }
@@ -321,7 +426,7 @@ fn greedy<D: DecodingBackend>(
     let mut kept = Vec::with_capacity(n);
     // The code below does not allocate.
     for step in 0..steps {
-        check_cancelled(watch)?;
+        check_cancelled(watch.cancel)?;
         kept.clear();
         let scores = backend.log_probs(&last, mask);
         for (row, scores) in scores.chunks_exact(mask.len()).enumerate() {
@@ -451,7 +556,7 @@ fn beam<D: DecodingBackend>(
     let mut best = Vec::with_capacity(2 * width);
     // The code below does not allocate.
     for step in 0..steps {
-        check_cancelled(watch)?;
+        check_cancelled(watch.cancel)?;
         let scores = backend.log_probs(&last, mask);
         parents.clear();
         last.clear();
@@ -589,6 +694,126 @@ const BLOCK: usize = 256;
 mod tests {
     use super::*;
     use crate::tests::Random;
+
+    #[test]
+    fn places_divide_the_interval_by_the_probabilities() {
+        let log = |p: f32| p.ln();
+        // The second id is forbidden; the probabilities add up to a little less than 1.
+        let scores = [log(0.25), f32::NEG_INFINITY, log(0.5), log(0.2499)];
+        let at = |mut place: f64| {
+            let (id, score) = at_place(&scores, &mut place).unwrap();
+            assert_eq!(score, scores[id as usize]);
+            (id, (place * 100.0).round())
+        };
+        assert_eq!(at(0.0), (0, 0.0));
+        assert_eq!(at(0.125), (0, 50.0));
+        assert_eq!(at(0.26), (2, 2.0));
+        assert_eq!(at(0.7499), (2, 100.0));
+        assert_eq!(at(0.875), (3, 50.0));
+        assert_eq!(at(0.99999), (3, 50.0), "beyond the last part");
+        assert_eq!(at_place(&[f32::NEG_INFINITY, f32::NAN], &mut 0.5), None);
+    }
+
+    /// A network of two tokens and the end token 0, whose next token depends on the last one.
+    struct Chain {
+        probabilities: [[f32; 3]; 3],
+        n_rows: usize,
+        out: Vec<f32>,
+    }
+
+    impl DecodingBackend for Chain {
+        type Error = EngineError;
+
+        fn vocab_size(&self) -> usize {
+            16
+        }
+
+        fn check(&self, _index: usize, _source: &Source) -> Result<(), EngineError> {
+            Ok(())
+        }
+
+        fn start(
+            &mut self,
+            sources: &[&Source],
+            options: &SearchOptions,
+            last: &mut Vec<u32>,
+        ) -> Result<(), EngineError> {
+            self.n_rows = sources.len() * options.beam;
+            last.resize(self.n_rows, options.start);
+            Ok(())
+        }
+
+        fn log_probs(&mut self, last: &[u32], mask: &[f32]) -> &[f32] {
+            assert_eq!(last.len(), self.n_rows);
+            self.out = vec![f32::NEG_INFINITY; last.len() * mask.len()];
+            for (row, id) in self.out.chunks_exact_mut(mask.len()).zip(last) {
+                let next = self.probabilities[*id as usize];
+                row.iter_mut().zip(next).for_each(|(out, p)| *out = p.ln());
+            }
+            &self.out
+        }
+
+        fn keep(&mut self, rows: &[usize]) {
+            self.n_rows = rows.len();
+        }
+    }
+
+    #[test]
+    fn shares_of_draws_are_the_probabilities_of_sequences() {
+        let mut chain = Chain {
+            probabilities: [[0.0, 0.7, 0.3], [0.6, 0.0, 0.4], [0.5, 0.25, 0.25]],
+            n_rows: 0,
+            out: Vec::new(),
+        };
+        let options = |max_new_tokens| SearchOptions {
+            max_new_tokens,
+            beam: 1,
+            length_penalty: 1.0,
+            batch: 50,
+            start: 0,
+            end: 0,
+            allowed: &[true; 3],
+        };
+        let sources = vec![Source::default(); 3];
+        let go = AtomicBool::new(false);
+        let all = draw(&mut chain, &sources, 40, &options(12), &go).unwrap();
+        assert_eq!(all.iter().map(Vec::len).collect::<Vec<_>>(), [40; 3]);
+        assert!(
+            all.iter().all(|draws| draws == &all[0]),
+            "sources are alike"
+        );
+        for (ids, probability) in [
+            (&[1][..], 0.7 * 0.6),
+            (&[2], 0.3 * 0.5),
+            (&[1, 2], 0.7 * 0.4 * 0.5),
+            (&[2, 1], 0.3 * 0.25 * 0.6),
+        ] {
+            let own: Vec<&Generated> = all[0].iter().filter(|g| g.ids == ids).collect();
+            let share = own.len() as f32 / 40.0;
+            assert!(
+                (share - probability).abs() <= 1.0 / 40.0,
+                "{ids:?}: {share}"
+            );
+            let log_prob = own[0].log_prob;
+            assert!((log_prob - f32::ln(probability)).abs() < 1e-5, "{ids:?}");
+        }
+        // The limit ends a sequence.
+        let short = draw(&mut chain, &sources[..1], 40, &options(2), &go).unwrap();
+        assert!(short[0].iter().all(|g| g.ids.len() <= 2));
+        let none: [Source; 0] = [];
+        assert!(
+            draw(&mut chain, &none, 4, &options(2), &go)
+                .unwrap()
+                .is_empty()
+        );
+        let stop = AtomicBool::new(true);
+        let stopped = draw(&mut chain, &sources, 4, &options(2), &stop);
+        assert!(matches!(stopped, Err(EngineError::Cancelled)));
+        for n in [0, 65] {
+            let refused = draw(&mut chain, &sources, n, &options(2), &go);
+            assert!(matches!(refused, Err(EngineError::Option { .. })), "{n}");
+        }
+    }
 
     #[test]
     fn the_largest_are_those_of_sorting() {

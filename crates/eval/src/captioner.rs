@@ -1,6 +1,7 @@
 //! The model under evaluation. All modules of this crate ask for captions here.
 
 use radarllm_base::Clip;
+use radarllm_inference::lm::captioner::N_DRAWS;
 use radarllm_inference::{Captioner, DescribeOptions, Description};
 
 use crate::EvalError;
@@ -18,11 +19,19 @@ pub struct ModelInfo {
     pub fingerprint: u64,
 }
 
-/// Captions of clips, in their order; `beam` 1 is greedy.
+/// How sentences are decided, in words.
+pub(crate) fn decision(beam: Option<usize>) -> String {
+    match beam {
+        None => format!("vote of {N_DRAWS} draws"),
+        Some(n) => format!("beam {n}"),
+    }
+}
+
+/// Captions of clips, in their order; with `beam` as in [`DescribeOptions`].
 pub(crate) fn caption_clips(
     captioner: &Captioner,
     clips: &[&Clip],
-    beam: usize,
+    beam: Option<usize>,
 ) -> Result<Vec<Description>, EvalError> {
     let options = DescribeOptions {
         beam,

@@ -97,7 +97,7 @@ pub fn evaluate_interventions(
         .into_par_iter()
         .map(|(motion, seed)| simulate(motion, &radar, seed))
         .collect::<Result<Vec<Clip>, EvalError>>()?;
-    let captions = caption_clips(captioner, &clips.iter().collect::<Vec<_>>(), 1)?;
+    let captions = caption_clips(captioner, &clips.iter().collect::<Vec<_>>(), None)?;
     let captions: Vec<[String; 2]> = captions
         .chunks_exact(2)
         .map(|pair| [0, 1].map(|i| pair[i].caption.clone()))

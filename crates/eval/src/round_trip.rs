@@ -28,8 +28,8 @@ pub struct RoundTripOptions {
     pub split: Split,
     /// Number of sentences, drawn at random: the first caption of each motion.
     pub count: usize,
-    /// Beams of the language model; 1 is greedy.
-    pub beam: usize,
+    /// As [`DescribeOptions::beam`](radarllm_inference::DescribeOptions::beam); codes are generated greedily without it.
+    pub beam: Option<usize>,
     /// Seed of the draw, of the shuffling and of the bootstrap.
     pub seed: u64,
 }
@@ -120,7 +120,7 @@ pub fn evaluate_round_trip(
         .map(|r| take_clip(r, f64::from(FRAME_RATE_HZ)))
         .collect();
     let sentences: Vec<&str> = records.iter().map(|r| r.captions[0].as_str()).collect();
-    let codes = captioner.codes_of_sentences(&sentences, beam)?;
+    let codes = captioner.codes_of_sentences(&sentences, beam.unwrap_or(1))?;
     let generated = codes.iter().zip(&sentences).zip(&recorded);
     let generated = generated.map(|((codes, sentence), recorded)| match codes.is_empty() {
         true => Ok(without_points(recorded)),

@@ -1,10 +1,12 @@
 //! Backends that run the networks of a captioner.
 
+use std::sync::atomic::AtomicBool;
+
 use radarllm_base::PointFrame;
 use radarllm_engine::{Engine, Source, Watch};
 
 use crate::lm::config::LmConfig;
-use crate::lm::generate::score;
+use crate::lm::generate::{draw, score};
 use crate::lm::{EngineLm, GenerateOptions, Generated, Learned, LmError, Vocab};
 use crate::tokenizer::{EncodeError, Encoded, RadarTokenizer, TokenizerConfig};
 
@@ -30,6 +32,18 @@ pub trait Backend: Send + Sync {
         options: &GenerateOptions,
         watch: &mut Watch,
     ) -> Result<Vec<Generated>, LmError>;
+
+    /// Draws `n` sequences for every prompt, `[prompts][n]`: see [`radarllm_engine::search::draw`].
+    ///
+    /// # Errors
+    /// As [`Self::generate`].
+    fn draw(
+        &self,
+        prompts: &[Source],
+        n: usize,
+        options: &GenerateOptions,
+        cancel: &AtomicBool,
+    ) -> Result<Vec<Vec<Generated>>, LmError>;
 
     /// Log-probability of each text, given as token ids, after a prompt.
     ///
@@ -80,6 +94,18 @@ impl Backend for EngineBackend {
         let engine = self.lm.engine();
         let mut session = engine.session(threads(engine));
         self.lm.generate(&mut session, prompts, options, watch)
+    }
+
+    fn draw(
+        &self,
+        prompts: &[Source],
+        n: usize,
+        options: &GenerateOptions,
+        cancel: &AtomicBool,
+    ) -> Result<Vec<Vec<Generated>>, LmError> {
+        let engine = self.lm.engine();
+        let mut session = engine.session(threads(engine));
+        draw(&mut session, self.lm.vocab(), prompts, n, options, cancel)
     }
 
     fn score(&self, prompt: &Source, texts: &[Vec<u32>]) -> Result<Vec<f32>, LmError> {

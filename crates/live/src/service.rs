@@ -389,7 +389,7 @@ fn about(input: &Input, model: &str, options: &LiveOptions) -> About {
             source: input.name.clone(),
             radar: stream.radar.clone(),
             model: model.into(),
-            decoder: "greedy".into(),
+            decoder: "vote".into(),
             version: env!("CARGO_PKG_VERSION").into(),
             synthetic: matches!(stream.provenance, Provenance::Simulated { .. }),
         },

@@ -65,7 +65,7 @@ pub fn people_request(rng_seed: u64) -> PeopleRequest {
     for _ in 0..ATTEMPTS {
         let text = match kind {
             _ if is_continuous => continuous(&mut dice),
-            _ if is_short => once(&mut dice),
+            _ if is_short => once(1, &mut dice),
             k if k < 0.83 => {
                 with_any_pace_and_size(single(Shares::Everyday, 0.0, &mut dice), &mut dice)
             }
@@ -89,6 +89,27 @@ pub fn people_request(rng_seed: u64) -> PeopleRequest {
         request: random_request(rng_seed),
         is_continuous: false,
     }
+}
+
+/// Draws a short motion that people make once, such as raising a hand, half of them with pauses before and after. Of
+/// [`people_request`], a fifth are such motions, without pauses.
+pub fn once_request(rng_seed: u64) -> BuiltinRequest {
+    let mut dice = Dice::new(rng_seed, "once");
+    let has_pauses = dice.chance(0.5);
+    for _ in 0..ATTEMPTS {
+        // Who moves a hand to and fro only once might as well raise it.
+        let text = once(2, &mut dice);
+        let text = match has_pauses {
+            true => text.and_then(|t| with_pauses(t, &mut dice)),
+            false => text,
+        };
+        if let Some(request) = text.and_then(|t| parse(&t).ok())
+            && request.nominal_duration_s() * TEMPO_MARGIN <= LONGEST_S
+        {
+            return request;
+        }
+    }
+    random_request(rng_seed)
 }
 
 /// A request of [`people_request`].
@@ -226,9 +247,16 @@ const ONCE: [(&str, f32); 15] = [
     ("wave", 2.5),
 ];
 
-/// A short motion from its beginning to its end.
-fn once(dice: &mut Dice) -> Option<String> {
+/// A short motion from its beginning to its end; who waves moves the hand to and fro at least `fewest_waves` times.
+fn once(fewest_waves: usize, dice: &mut Dice) -> Option<String> {
     let (spec, mut own) = drawn(&ONCE, dice)?;
+    let few = |(k, v): &(String, String)| {
+        k == "repetitions" && v.parse().is_ok_and(|n: usize| n < fewest_waves)
+    };
+    if spec.name == "wave" && own.iter().any(few) {
+        let times = fewest_waves + dice.index(4);
+        set_key(&mut own, "repetitions", &times.to_string());
+    }
     if spec.name == "raise_arms" {
         let times = if dice.chance(0.8) {
             1

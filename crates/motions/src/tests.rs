@@ -999,3 +999,23 @@ fn a_boxer_moves_the_weight_between_the_feet() {
     let boxer = reach("punch?repetitions=6&side=both&stance_m=0.5&lean_deg=15");
     assert!(boxer > square + 0.1, "{boxer} {square}");
 }
+
+#[test]
+fn motions_made_once_are_short_and_waves_have_two_swings_or_more() {
+    let (mut n_paused, mut n_raised, mut n_waves) = (0, 0, 0);
+    for seed in 0..400 {
+        let request = crate::once_request(seed);
+        assert_eq!(request.segments.len(), 1, "{request}");
+        assert!(request.nominal_duration_s() <= crate::random::LONGEST_S);
+        assert_eq!(request.to_string(), crate::once_request(seed).to_string());
+        let text = request.to_string();
+        n_paused += usize::from(text.contains("before_s="));
+        n_raised += usize::from(text.starts_with("builtin:raise_arms"));
+        if text.starts_with("builtin:wave") {
+            n_waves += 1;
+            assert!(!text.contains("repetitions=1&"), "{text}");
+        }
+    }
+    assert!((100..250).contains(&n_paused), "{n_paused}");
+    assert!(n_raised > 80 && n_waves > 30, "{n_raised} {n_waves}");
+}

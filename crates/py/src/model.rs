@@ -144,17 +144,19 @@ impl PyModel {
 
     /// Describes what the person does: a `Sentence` for `Points`, a list for a list.
     ///
-    /// Points at another frame rate are resampled and static clutter of recordings is left out. `beam` is the number of
-    /// beams of the search; 1 is greedy. A list is described on `threads` threads, all cores if None, with the same result.
-    #[pyo3(signature = (points, *, beam=1, threads=None))]
+    /// Points at another frame rate are resampled and static clutter of recordings is left out. With `beam`, the most
+    /// probable sentence is searched for with that many beams, 1 being greedy, instead of a vote among drawn sentences. A list is described on `threads` threads, all cores if None, with the same result.
+    #[pyo3(signature = (points, *, beam=None, threads=None))]
     fn describe<'py>(
         &self,
         py: Python<'py>,
         points: PointsArgument<'py>,
-        beam: usize,
+        beam: Option<usize>,
         threads: Option<usize>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        check_range("beam", beam, 1..=MAX_BEAM).map_err(errors::to_py)?;
+        if let Some(beam) = beam {
+            check_range("beam", beam, 1..=MAX_BEAM).map_err(errors::to_py)?;
+        }
         let options = DescribeOptions {
             beam,
             ..DescribeOptions::default()

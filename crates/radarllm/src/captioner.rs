@@ -125,7 +125,7 @@ impl Captioner {
         &self.model
     }
 
-    /// Describes a clip greedily. The clip is prepared for the model: resampled to its frame rate and, if recorded,
+    /// Describes a clip by a vote of drawn sentences. The clip is prepared for the model: resampled to its frame rate and, if recorded,
     /// without static clutter.
     ///
     /// # Errors

@@ -265,10 +265,10 @@ pub fn print_row(row: &Row) {
 }
 
 /// Refuses a number of beams that the search does not have.
-pub fn check_beam(beam: usize) -> CliResult {
+pub fn check_beam(beam: Option<usize>) -> CliResult {
     match beam {
-        1..=64 => Ok(()),
-        _ => Err(CliError::new(format!("--beam {beam}: must be in 1..=64"))),
+        None | Some(1..=64) => Ok(()),
+        Some(beam) => Err(CliError::new(format!("--beam {beam}: must be in 1..=64"))),
     }
 }
 

@@ -23,6 +23,7 @@ use crate::{
 
 /// Runs the command.
 pub fn run(args: &EvalRecordingsArgs) -> CliResult {
+    describe::check_beam(args.beam)?;
     if let Some(out) = &args.out {
         output::check_free(out, args.force)?;
     }

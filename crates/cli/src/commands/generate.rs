@@ -45,7 +45,7 @@ struct Generated<'a> {
 
 /// Runs the command.
 pub fn run(args: &GenerateArgs) -> CliResult {
-    super::describe::check_beam(args.beam)?;
+    super::describe::check_beam(Some(args.beam))?;
     if !(args.radar_height_m > 0.0 && args.radar_height_m < 20.0) {
         return Err(CliError::new(format!(
             "--radar-height-m {}: must be above 0 and below 20",

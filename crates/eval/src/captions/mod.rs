@@ -37,8 +37,8 @@ pub const MAX_REFERENCES: usize = 3;
 pub struct EvaluationOptions {
     /// Split to describe.
     pub split: Split,
-    /// Beams of the language model; 1 is greedy.
-    pub beam: usize,
+    /// As [`DescribeOptions::beam`](radarllm_inference::DescribeOptions::beam).
+    pub beam: Option<usize>,
     /// Seed of the bootstrap and of the shuffled baseline.
     pub seed: u64,
 }
@@ -47,7 +47,7 @@ impl Default for EvaluationOptions {
     fn default() -> Self {
         Self {
             split: Split::Test,
-            beam: 1,
+            beam: None,
             seed: 1,
         }
     }
@@ -113,8 +113,8 @@ pub struct CaptionReport {
     pub abstained: usize,
     /// Training clips, from which baselines and action classifier are made.
     pub train_clips: usize,
-    /// Beams of the language model.
-    pub beam: usize,
+    /// Beams of the search for a sentence; none for a vote.
+    pub beam: Option<usize>,
     /// Seed of bootstrap and shuffling.
     pub seed: u64,
     /// The model, then the baselines.

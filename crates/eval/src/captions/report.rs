@@ -4,20 +4,20 @@ use super::{
     CaptionReport, Slice, System,
     facts::{FactCounts, FactsOfKind, NoveltySlice},
 };
-use crate::{Estimate, table::Table};
+use crate::{Estimate, captioner::decision, table::Table};
 
 /// Model, data and speed, a line each.
 pub fn summary(report: &CaptionReport) -> Vec<String> {
     let mut lines = vec![
         format!(
-            "Model {}: {:.2} M parameters, {:.2} MB on disk, decoder {}, beam {}. {} clips, one of each motion; {} of them \
+            "Model {}: {:.2} M parameters, {:.2} MB on disk, decoder {}, {}. {} clips, one of each motion; {} of them \
              without a caption because they have too few points or frames. Baselines and action classifier are made from {} \
              training clips.",
             report.model,
             report.parameters as f64 / 1e6,
             report.model_bytes as f64 / 1e6,
             report.decoder,
-            report.beam,
+            decision(report.beam),
             report.clips,
             report.abstained,
             report.train_clips

@@ -102,6 +102,9 @@ pub struct Activity {
     pub sides: BTreeMap<ActivitySide, Vec<String>>,
     /// The sentence by which the activity is taught, where it is.
     pub says: Option<String>,
+    /// The sentence about recordings of a side, instead of `says`, in data sets of recordings.
+    #[serde(default)]
+    pub says_of_side: BTreeMap<ActivitySide, String>,
 }
 
 /// A side of the body or of a direction.
@@ -114,6 +117,11 @@ pub enum ActivitySide {
     Right,
     /// Both sides of the body.
     Both,
+}
+
+/// The path of a recording by its name, which may be that of a part: [`files::parts`].
+fn file_of(name: &str) -> &str {
+    name.split_once(" from ").map_or(name, |(path, _)| path)
 }
 
 impl RecordingRow {
@@ -168,8 +176,9 @@ impl RecordingsConfig {
         })
     }
 
-    /// The side of a recording of an activity, by its path.
-    fn side_of(&self, activity: &Activity, path: &str) -> Option<ActivitySide> {
+    /// The side of a recording of an activity, or of a part of one, by its name.
+    fn side_of(&self, activity: &Activity, name: &str) -> Option<ActivitySide> {
+        let path = file_of(name);
         let fits = |patterns: &Vec<String>| patterns.iter().any(|p| matches_pattern(path, p));
         let (side, _) = activity.sides.iter().find(|(_, patterns)| fits(patterns))?;
         Some(*side)
@@ -562,7 +571,7 @@ mod tests {
         assert_eq!(sides, [Some(true), Some(false), Some(false), None, None]);
         let report = report(String::new(), &config, Role::Tuning, rows);
         assert_eq!((report.right, report.right_with_side), (4, Some(2)));
-        let page = markdown(&report, 1, "c.toml");
+        let page = markdown(&report, None, "c.toml");
         assert!(
             page.contains("2 (40.0 %) are described with the right side"),
             "{page}"
@@ -604,7 +613,7 @@ mod tests {
         );
         assert_eq!(report.false_falls.falls, 1);
         assert!((report.false_falls.hours - 50.0 / 3600.0).abs() < 1e-9);
-        let page = markdown(&report, 1, "c.toml");
+        let page = markdown(&report, None, "c.toml");
         assert!(page.contains("1 of 5 recordings (20.0 %)"), "{page}");
     }
 }

@@ -3,13 +3,13 @@
 use radarllm_base::seed::derive_seed;
 
 use super::{RecordingRow, RecordingsReport, Role, calibration::Calibration};
-use crate::table::Table;
+use crate::{captioner::decision, table::Table};
 
 /// Sentences shown in the text form of a report.
 const N_SHOWN: usize = 20;
 
 /// The report as Markdown; `config` names the configuration.
-pub fn markdown(report: &RecordingsReport, beam: usize, config: &str) -> String {
+pub fn markdown(report: &RecordingsReport, beam: Option<usize>, config: &str) -> String {
     let role = match report.role {
         Role::Tuning => "recordings for tuning",
         Role::Judged => "judged recordings, which chose nothing",
@@ -22,12 +22,13 @@ pub fn markdown(report: &RecordingsReport, beam: usize, config: &str) -> String 
         )
     });
     let mut page = format!(
-        "Model {}, beam {beam}, configuration {config}, radar {} m above the floor, {role}. **{} of {} recordings ({:.1} %) \
+        "Model {}, {}, configuration {config}, radar {} m above the floor, {role}. **{} of {} recordings ({:.1} %) \
          are described right.** A recording is described right if its sentences state the activity at least half of the \
          time and no other action as long.{with_side}\n\n{}\n\
          Recordings (row) by what their sentences state (column):\n\n{}\n\
          False falls: {} in {:.2} h of recordings without a fall ({}).\n",
         report.model,
+        decision(beam),
         report.radar_height_m,
         report.right,
         report.recordings,

@@ -7,7 +7,8 @@
 //! ```
 //! use radarllm_eval::recordings::{Activity, strict::StatedTime};
 //!
-//! let walk = Activity { name: "walk".into(), actions: vec!["walk".into()], files: None, sides: Default::default(), says: None };
+//! let walk = Activity { name: "walk".into(), actions: vec!["walk".into()], files: None, sides: Default::default(), says: None,
+//!     says_of_side: Default::default() };
 //! let mut time = StatedTime::default();
 //! time.add("a person walks forward", 6.0);
 //! time.add("a person bows, then walks", 4.0);
@@ -137,6 +138,7 @@ mod tests {
                 files: None,
                 sides: BTreeMap::new(),
                 says: None,
+                says_of_side: BTreeMap::new(),
             })
             .into()
     }
@@ -190,6 +192,7 @@ mod tests {
             files: None,
             sides: BTreeMap::new(),
             says: None,
+            says_of_side: BTreeMap::new(),
         });
         for (sentence, expected) in [
             ("a person raises the left arm", "one arm"),
@@ -214,6 +217,7 @@ mod tests {
             files: None,
             sides: BTreeMap::new(),
             says: None,
+            says_of_side: BTreeMap::new(),
         };
         for (sentence, expected) in [
             ("a person walks forward, then turns to the left", true),

@@ -12,7 +12,7 @@ use radarllm_dataset::{
 };
 use radarllm_inference::{Segment, lm::WINDOWS};
 
-use super::{LabelledRecording, RecordingsConfig, Role};
+use super::{LabelledRecording, RecordingsConfig, Role, file_of};
 use crate::EvalError;
 
 /// One in so many recordings is for validation.
@@ -41,9 +41,14 @@ pub fn by_activity(
     config: &RecordingsConfig,
     recording: &LabelledRecording,
 ) -> Result<Vec<Stretch>, EvalError> {
-    let own = config.activity.iter();
-    let own = own.filter(|a| a.name == recording.activity);
-    let says = own.filter_map(|a| a.says.clone()).next().ok_or_else(|| {
+    let mut own = config.activity.iter();
+    let own = own.find(|a| a.name == recording.activity);
+    let says = own.and_then(|activity| {
+        let side = config.side_of(activity, &recording.name);
+        let of_side = side.and_then(|side| activity.says_of_side.get(&side));
+        of_side.or(activity.says.as_ref()).cloned()
+    });
+    let says = says.ok_or_else(|| {
         let problem = format!("activity `{}`: no `says`", recording.activity);
         EvalError::Config(problem)
     })?;
@@ -106,13 +111,13 @@ fn record(
     caption: &str,
 ) -> ClipRecord {
     // Parts of one recording are of one group.
-    let name = &recording.name;
-    let group = name.split_once(" from ").map_or(name.as_str(), |(g, _)| g);
+    let (name, group) = (&recording.name, file_of(&recording.name));
     let split = match derive_seed(1, group).is_multiple_of(VALIDATION) {
         true => Split::Val,
         false => Split::Train,
     };
     let motion_id = format!("{name}@{start}+{}", frames.len());
+    let seed = derive_seed(1, &motion_id);
     ClipRecord {
         id: format!("{motion_id}#0"),
         motion_id,
@@ -123,7 +128,7 @@ fn record(
         source: RECORDINGS.into(),
         radar: recording.clip.radar.clone(),
         radar_height_m: recording.clip.radar_height_m,
-        seed: 0,
+        seed,
         frames: frames.to_vec(),
         motion_fps: 20.0,
         joints: Vec::new(),
@@ -194,6 +199,7 @@ fn hash(clips: &[ClipRecord]) -> u64 {
         hash.write(clip.id.as_bytes());
         hash.write(clip.captions[0].as_bytes());
         hash.write(clip.radar.as_bytes());
+        hash.write(&clip.seed.to_le_bytes());
         hash.write(&clip.radar_height_m.to_le_bytes());
         for frame in &clip.frames {
             hash.write(&frame.time_s.to_le_bytes());
@@ -243,6 +249,31 @@ mod tests {
             end,
             caption: "a person walks".into(),
         }
+    }
+
+    #[test]
+    fn recordings_of_a_side_and_their_parts_have_the_sentence_of_the_side() {
+        let config = RecordingsConfig::from_toml(
+            "radar_height_m = 1.0\nroles = { tuning = [] }\n[[activity]]\nname = \"walk\"\nactions = [\"walk\"]\nsays = \"a person turns\"\n\
+             sides = { left = [\"*/l.csv\"], right = [\"*/r.csv\"] }\n\
+             says_of_side = { left = \"a person turns left\" }\n",
+        )
+        .unwrap();
+        let said = |name: &str| {
+            let stretches = by_activity(&config, &recording(name, 30)).unwrap();
+            assert_eq!((stretches[0].start, stretches[0].end), (0, 30));
+            stretches[0].caption.clone()
+        };
+        for name in ["walk/l.csv", "walk/l.csv from 19 s"] {
+            assert_eq!(said(name), "a person turns left");
+        }
+        for name in ["walk/r.csv", "walk/other.csv"] {
+            assert_eq!(said(name), "a person turns");
+        }
+        let mut unsaid = config.clone();
+        unsaid.activity[0].says = None;
+        let error = by_activity(&unsaid, &recording("walk/r.csv", 30)).unwrap_err();
+        assert!(error.to_string().contains("no `says`"), "{error}");
     }
 
     #[test]

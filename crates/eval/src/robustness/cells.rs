@@ -185,7 +185,7 @@ impl<'a> Experiment<'a> {
                 *clip = tracked_person(clip, own).map_err(|e| EvalError::Config(e.to_string()))?;
             }
         }
-        let described = caption_clips(self.captioner, &clips.iter().collect::<Vec<_>>(), 1)?;
+        let described = caption_clips(self.captioner, &clips.iter().collect::<Vec<_>>(), None)?;
         Ok(Cell {
             condition: change.label(),
             ids: self.ids(),

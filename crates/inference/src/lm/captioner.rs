@@ -28,6 +28,9 @@ use crate::tokenizer::{Encoded, FRAMES_PER_CODE, MAX_FRAMES, RadarTokenizer};
 /// The sentences of this many windows before and after a window are readings of it.
 const N_NEAR: usize = 7;
 
+/// Sentences that each model of an ensemble draws for a window, to vote for what is stated.
+pub const N_DRAWS: usize = 16;
+
 /// The caption of a clip that shows no person.
 pub const NO_PERSON: &str = "no person seen";
 
@@ -39,8 +42,9 @@ pub struct Captioner {
 /// Options for the description of a clip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DescribeOptions {
-    /// Number of beams of the search; 1 is greedy.
-    pub beam: usize,
+    /// Number of beams of a search for the most probable sentence; 1 is greedy. `None` is a vote of [`N_DRAWS`] sentences
+    /// drawn from each model.
+    pub beam: Option<usize>,
     /// Minimum number of points in the median frame of a window with a person. A window with fewer points shows no
     /// person, unless its few points are close together.
     pub min_median_points: usize,
@@ -51,7 +55,7 @@ pub struct DescribeOptions {
 impl Default for DescribeOptions {
     fn default() -> Self {
         Self {
-            beam: 1,
+            beam: None,
             min_median_points: 8,
             min_frames: 8,
         }
@@ -61,7 +65,7 @@ impl Default for DescribeOptions {
 impl DescribeOptions {
     fn generate(&self) -> GenerateOptions {
         GenerateOptions {
-            beam: self.beam,
+            beam: self.beam.unwrap_or(1),
             allowed: Allowed::Text,
             ..Default::default()
         }
@@ -169,8 +173,9 @@ pub struct Segment {
     pub caption: String,
     /// Names of the actions that the sentence states, in order; see [`radarllm_facts::parse()`].
     pub actions: Vec<&'static str>,
-    /// How certain the model is, 0..=1. For one window: exp(mean token log-probability). For more: the probability of
-    /// these actions among the readings of the windows, averaged over windows.
+    /// How certain the model is, 0..=1. For one window: the share of the drawn sentences that state these actions, or
+    /// exp(mean token log-probability) of a sentence that was searched for. For more: the probability of these actions
+    /// among the readings of the windows, averaged over windows.
     pub confidence: f32,
     /// Name of the taught activity that was recognised; `None` for a sentence of the model.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -350,8 +355,8 @@ impl Captioner {
 
     /// Describes a clip, and calls `on_text` with each piece of the caption as soon as it is decoded. The caption is
     /// the concatenation of the pieces. A clip without a person gives one piece, [`NO_PERSON`]. A recording of more than
-    /// one window gives one piece, because later windows change the sentences about earlier ones. With more than one
-    /// beam, and of an ensemble, the caption of a window is one piece.
+    /// one window gives one piece, because later windows change the sentences about earlier ones. Only the greedy
+    /// search of a single model gives the caption of a window in pieces.
     ///
     /// Returns `None` if `on_text` breaks.
     ///
@@ -553,9 +558,11 @@ impl Captioner {
         watch: &mut Watch,
     ) -> Result<Vec<WindowCaption>, LmError> {
         let encoded = self.ensemble.encode(windows)?;
-        let sentences = self
-            .ensemble
-            .sentences(&encoded, &options.generate(), watch)?;
+        let (ensemble, generating) = (&self.ensemble, options.generate());
+        let sentences = match options.beam {
+            Some(_) => ensemble.sentences(&encoded, &generating, watch)?,
+            None => ensemble.voted(&encoded, N_DRAWS, &generating, watch.cancel)?,
+        };
         let captions = encoded.into_iter().zip(sentences);
         Ok(captions
             .map(|(radar, sentence)| WindowCaption { radar, sentence })

@@ -3,11 +3,13 @@
 //! Models that were trained differently err differently. Each member encodes a window with its own radar tokenizer and
 //! generates its own sentence; what is stated is decided by the probabilities that all members give to all sentences.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 
 use radarllm_base::PointFrame;
 use radarllm_engine::{Source, Watch};
+use radarllm_facts::{Clause, Direction, Side};
 
 use super::templates::EVALUATION_PROMPT;
 use super::{GenerateOptions, LmError, Vocab};
@@ -34,7 +36,8 @@ pub(crate) struct Ensemble {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Sentence {
     pub text: String,
-    /// exp(mean log-probability of a token), 0..=1, where the log-probability of several members is their mean.
+    /// exp(mean log-probability of a token), 0..=1, where the log-probability of several members is their mean; of a
+    /// vote, the share of the draws that state the same actions.
     pub confidence: f32,
 }
 
@@ -113,28 +116,76 @@ impl Ensemble {
         elected.map(|(radar, all)| self.elect(radar, all)).collect()
     }
 
-    /// The best of the sentences of the members.
-    fn elect(&self, radar: &[Encoded], mut candidates: Vec<Sentence>) -> Result<Sentence, LmError> {
-        if !self.is_single() {
-            let texts: BTreeSet<String> = candidates.into_iter().map(|c| c.text).collect();
-            let texts: Vec<&String> = texts.iter().collect();
-            let log_probs = self.mean_log_probs(radar, &texts)?;
-            candidates = Vec::with_capacity(texts.len());
-            for (text, log_prob) in texts.into_iter().zip(log_probs) {
-                let n_tokens = self.first().vocab().text_ids(text)?.len();
-                candidates.push(Sentence {
-                    text: text.clone(),
-                    confidence: per_token(log_prob, n_tokens),
-                });
+    /// The sentence about each encoded window by a vote of `n` draws from each member: of the draws that state the most
+    /// frequent actions, and of these the most frequent sides and directions, the sentence with the highest mean
+    /// log-probability of a token. Its confidence is the share of the draws that state these actions.
+    ///
+    /// The most probable sentence alone would prefer actions that have few wordings: what is said in many ways has little
+    /// probability in each.
+    pub fn voted(
+        &self,
+        windows: &[Vec<Encoded>],
+        n: usize,
+        options: &GenerateOptions,
+        cancel: &AtomicBool,
+    ) -> Result<Vec<Sentence>, LmError> {
+        let mut ballots: Vec<BTreeMap<String, usize>> = vec![BTreeMap::new(); windows.len()];
+        for (i, member) in self.members.iter().enumerate() {
+            let prompts: Vec<Source> = windows
+                .iter()
+                .map(|radar| prompt(member.vocab(), &radar[i]))
+                .collect::<Result<_, _>>()?;
+            let draws = member.draw(&prompts, n, options, cancel)?;
+            for (ballots, draws) in ballots.iter_mut().zip(draws) {
+                for draw in draws {
+                    *ballots.entry(member.vocab().text(&draw.ids)).or_default() += 1;
+                }
             }
         }
-        let best = candidates
-            .into_iter()
-            .max_by(|a, b| a.confidence.total_cmp(&b.confidence));
-        Ok(best.unwrap_or(Sentence {
-            text: String::new(),
-            confidence: 0.0,
-        }))
+        let votes = windows.iter().zip(ballots);
+        votes
+            .map(|(radar, votes)| self.count(radar, votes))
+            .collect()
+    }
+
+    /// The sentence that a vote elects.
+    fn count(
+        &self,
+        radar: &[Encoded],
+        votes: BTreeMap<String, usize>,
+    ) -> Result<Sentence, LmError> {
+        let n: usize = votes.values().sum();
+        let votes: Vec<(String, usize)> = votes.into_iter().collect();
+        let (same_actions, n_agreeing) = most_frequent(votes, actions_stated);
+        let (same_sides, _) = most_frequent(same_actions, sides_stated);
+        let texts = same_sides.into_iter().map(|(text, _)| text).collect();
+        let best = most_confident(self.scored(radar, texts)?);
+        let confidence = n_agreeing as f32 / n.max(1) as f32;
+        Ok(Sentence { confidence, ..best })
+    }
+
+    /// The best of the sentences of the members.
+    fn elect(&self, radar: &[Encoded], candidates: Vec<Sentence>) -> Result<Sentence, LmError> {
+        if self.is_single() {
+            return Ok(most_confident(candidates));
+        }
+        let texts: BTreeSet<String> = candidates.into_iter().map(|c| c.text).collect();
+        let texts: Vec<String> = texts.into_iter().collect();
+        Ok(most_confident(self.scored(radar, texts)?))
+    }
+
+    /// Texts with their probability by all members.
+    fn scored(&self, radar: &[Encoded], texts: Vec<String>) -> Result<Vec<Sentence>, LmError> {
+        let log_probs = self.mean_log_probs(radar, &texts)?;
+        let mut all = Vec::with_capacity(texts.len());
+        for (text, log_prob) in texts.into_iter().zip(log_probs) {
+            let n_tokens = self.first().vocab().text_ids(&text)?.len();
+            all.push(Sentence {
+                text,
+                confidence: per_token(log_prob, n_tokens),
+            });
+        }
+        Ok(all)
     }
 
     /// Log-probability of each text for an encoded window, averaged over the members.
@@ -176,8 +227,55 @@ impl Ensemble {
     }
 }
 
+/// Sentences, each with the number of its draws.
+type Votes = Vec<(String, usize)>;
+
+/// The sentences with the content that most draws have, and the number of these draws.
+fn most_frequent<K: Ord>(votes: Votes, content: impl Fn(&str) -> K) -> (Votes, usize) {
+    let mut groups: BTreeMap<K, Votes> = BTreeMap::new();
+    for (text, n) in votes {
+        groups.entry(content(&text)).or_default().push((text, n));
+    }
+    let n_votes = |votes: &Votes| votes.iter().map(|(_, n)| n).sum::<usize>();
+    let groups = groups.into_values().map(|votes| (n_votes(&votes), votes));
+    let (n, votes) = groups.max_by_key(|(n, _)| *n).unwrap_or_default();
+    (votes, n)
+}
+
+/// Names of the actions of each clause; the words of a clause that states none.
+fn actions_stated(text: &str) -> Vec<Vec<String>> {
+    let clauses = radarllm_facts::parse(text);
+    let names = |clause: &Clause| match clause.actions.is_empty() {
+        true => vec![clause.text.clone()],
+        false => {
+            let mut names: Vec<String> = clause.actions.iter().map(|a| a.name.to_owned()).collect();
+            names.sort_unstable();
+            names
+        }
+    };
+    clauses.iter().map(names).collect()
+}
+
+/// Sides and directions of the actions, in order.
+fn sides_stated(text: &str) -> Vec<(Option<Side>, Option<Direction>)> {
+    let clauses = radarllm_facts::parse(text);
+    let actions = clauses.iter().flat_map(|c| &c.actions);
+    actions.map(|a| (a.side, a.direction)).collect()
+}
+
 fn prompt(vocab: &Vocab, radar: &Encoded) -> Result<Source, LmError> {
     vocab.prompt(EVALUATION_PROMPT, Some(radar), None)
+}
+
+/// The sentence with the highest confidence, empty if there is none.
+fn most_confident(sentences: Vec<Sentence>) -> Sentence {
+    let best = sentences
+        .into_iter()
+        .max_by(|a, b| a.confidence.total_cmp(&b.confidence));
+    best.unwrap_or(Sentence {
+        text: String::new(),
+        confidence: 0.0,
+    })
 }
 
 /// exp(mean log-probability) of `n_tokens` and the end token.
@@ -214,11 +312,12 @@ mod tests {
     const WALKS: &str = "a person walks";
     const JUMPS: &str = "a person jumps up and down";
 
-    /// A model with one sentence and fixed probabilities of texts.
+    /// A model with one sentence, fixed probabilities of texts, and fixed draws.
     struct Fixed {
         vocab: Vocab,
         says: &'static str,
         log_probs: HashMap<&'static str, f32>,
+        draws: Vec<&'static str>,
     }
 
     impl Fixed {
@@ -229,6 +328,21 @@ mod tests {
                 vocab: vocab.unwrap(),
                 says,
                 log_probs: log_probs.into(),
+                draws: Vec::new(),
+            })
+        }
+
+        /// A model that draws sentences; the first are the more probable ones.
+        fn drawing(draws: &[&'static str]) -> Box<dyn Backend> {
+            let vocab = Vocab::learn(draws.iter().copied(), templates::all_text(), 500, 4, 8);
+            let log_probs = draws.iter().rev().enumerate();
+            Box::new(Self {
+                vocab: vocab.unwrap(),
+                says: draws[0],
+                log_probs: log_probs
+                    .map(|(i, text)| (*text, i as f32 - 20.0))
+                    .collect(),
+                draws: draws.to_vec(),
             })
         }
     }
@@ -254,6 +368,22 @@ mod tests {
             let n_scored = ids.len() + 1;
             let generated = Generated::new(ids, self.log_probs[self.says], n_scored);
             Ok(vec![generated; prompts.len()])
+        }
+
+        fn draw(
+            &self,
+            prompts: &[Source],
+            n: usize,
+            _options: &GenerateOptions,
+            _cancel: &AtomicBool,
+        ) -> Result<Vec<Vec<Generated>>, LmError> {
+            let texts = self.draws.iter().cycle().take(n);
+            let draws = texts.map(|text| {
+                let ids = self.vocab.text_ids(text)?;
+                Ok(Generated::new(ids, self.log_probs[text], 1))
+            });
+            let draws = draws.collect::<Result<Vec<_>, LmError>>()?;
+            Ok(vec![draws; prompts.len()])
         }
 
         fn score(&self, _prompt: &Source, texts: &[Vec<u32>]) -> Result<Vec<f32>, LmError> {
@@ -306,6 +436,42 @@ mod tests {
         let (alone, n_tokens) = sentence(&Ensemble::new(unsure()));
         assert_eq!((alone.text.as_str(), n_tokens), (WALKS, 1));
         assert!((alone.confidence - (-0.2_f32).exp()).abs() < 1e-6);
+    }
+
+    #[test]
+    fn the_actions_of_most_draws_are_stated_however_they_are_worded() {
+        // Each wording of raising is less probable than the wave.
+        let texts = [
+            "a person waves with the left hand",
+            "a person raises the left arm",
+            "a person lifts the left arm",
+            "a person waves with the left hand",
+            "a person raises the left hand",
+            "a person raises the right arm",
+        ];
+        let vote = |members: &[&[&'static str]], n: usize| {
+            let mut members = members
+                .iter()
+                .map(|draws| Ensemble::new(Fixed::drawing(draws)));
+            let mut all = members.next().unwrap();
+            members.for_each(|other| all.join(other));
+            let frames = [PointFrame::default()];
+            let encoded = all.encode(&[(&frames, 1.0), (&frames, 1.0)]).unwrap();
+            let sentences = all.voted(&encoded, n, &GenerateOptions::default(), &false.into());
+            let sentences = sentences.unwrap();
+            assert_eq!(sentences[0], sentences[1]);
+            sentences[0].clone()
+        };
+        for members in [&[&texts[..]][..], &[&texts, &texts]] {
+            let sentence = vote(members, 6);
+            // The most probable wording with the side of most of them.
+            assert_eq!(sentence.text, "a person raises the left arm");
+            assert!((sentence.confidence - 4.0 / 6.0).abs() < 1e-6);
+        }
+        // Words without a known action are their own content.
+        let unknown = ["a person ponders", "a person walks", "a person ponders"];
+        assert_eq!(vote(&[&unknown], 3).text, "a person ponders");
+        assert_eq!(vote(&[&unknown], 1).confidence, 1.0);
     }
 
     #[test]

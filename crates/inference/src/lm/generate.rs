@@ -1,6 +1,8 @@
 //! Decoding options: allowed tokens, maximum length and number of beams. The engine and the trainable networks share
 //! them.
 
+use std::sync::atomic::AtomicBool;
+
 pub use radarllm_engine::Generated;
 use radarllm_engine::{SearchOptions, Source, search};
 
@@ -101,6 +103,27 @@ where
     let allowed = options.allowed.ids(vocab.layout());
     let options = options.search(vocab.layout(), &allowed);
     Ok(search::search(backend, prompts, &options, watch)?)
+}
+
+/// Draws `n` sequences for every prompt: see [`search::draw`].
+///
+/// # Errors
+/// If a prompt does not fit the network; [`radarllm_engine::EngineError::Cancelled`].
+pub fn draw<D>(
+    backend: &mut D,
+    vocab: &Vocab,
+    prompts: &[Source],
+    n: usize,
+    options: &GenerateOptions,
+    cancel: &AtomicBool,
+) -> Result<Vec<Vec<Generated>>, LmError>
+where
+    D: search::DecodingBackend,
+    LmError: From<D::Error>,
+{
+    let allowed = options.allowed.ids(vocab.layout());
+    let options = options.search(vocab.layout(), &allowed);
+    Ok(search::draw(backend, prompts, n, &options, cancel)?)
 }
 
 /// Log-probability of each text, given as token ids, after a prompt: see [`search::score`].

@@ -32,7 +32,7 @@ pub struct Origin {
     pub radar: String,
     /// The model that wrote the caption.
     pub model: String,
-    /// How the model's words were chosen, for example `greedy`.
+    /// How the model's words were chosen, for example `vote`.
     pub decoder: String,
     /// Version of the program.
     pub version: String,

@@ -4,7 +4,9 @@ use radarllm_base::{Motion, seed::derive_seed};
 use radarllm_body::sample::canonicalize;
 use radarllm_dataset::record::Split;
 use radarllm_facts::{Facts, facts, score::compare};
-use radarllm_motions::{BuiltinRequest, PeopleRequest, people_request, random_request};
+use radarllm_motions::{
+    BuiltinRequest, PeopleRequest, once_request, people_request, random_request,
+};
 use serde::{Deserialize, Serialize};
 
 use super::{Corpus, CorpusError, CorpusItem};
@@ -60,6 +62,8 @@ pub enum Draw {
     Library,
     /// With the pace and size of people's own motions, most of them continuous: [`people_request`].
     People,
+    /// Short motions that people make once, such as raising a hand: [`once_request`].
+    Once,
 }
 
 impl Draw {
@@ -98,6 +102,7 @@ impl ProceduralCorpus {
                 let motion_id = match config.draw {
                     Draw::Library => format!("{prefix}-{i:06}"),
                     Draw::People => format!("people{seed}-{prefix}-{i:06}"),
+                    Draw::Once => format!("once{seed}-{prefix}-{i:06}"),
                 };
                 let held_out = match split {
                     Split::Test => &[][..],
@@ -145,6 +150,10 @@ fn draw(how: Draw, id: &str, seed: u64, held_out: &[Facts]) -> Option<(PeopleReq
                 is_continuous: false,
             },
             Draw::People => people_request(item_seed),
+            Draw::Once => PeopleRequest {
+                request: once_request(item_seed),
+                is_continuous: false,
+            },
         };
         let is_held_out = !held_out.is_empty()
             && drawn.request.captions(item_seed).iter().any(|text| {
