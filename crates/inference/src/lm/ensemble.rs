@@ -1,7 +1,8 @@
 //! Models that describe together: an ensemble.
 //!
 //! Models that were trained differently err differently. Each member encodes a window with its own radar tokenizer and
-//! generates its own sentence; what is stated is decided by the probabilities that all members give to all sentences.
+//! draws its own sentences, whose actions are counted like votes; or each searches for one sentence, and the probabilities
+//! that all members give to all of them decide.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
