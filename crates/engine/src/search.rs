@@ -314,47 +314,21 @@ pub fn draw<D: DecodingBackend>(
 fn draws<D: DecodingBackend>(
     backend: &mut D,
     n: usize,
-    mut last: Vec<u32>,
+    last: Vec<u32>,
     options: &SearchOptions,
     mask: &[f32],
     cancel: &AtomicBool,
 ) -> Result<Vec<Generated>, D::Error> {
-    let (per_source, steps) = (options.beam, options.max_new_tokens);
-    // For each draw: its tokens, their log-probabilities' sum and number, its place in the interval of its prefix.
-    let mut out: Vec<(Vec<u32>, f32, usize)> = vec![(Vec::new(), 0.0, 0); n];
+    let per_source = options.beam;
+    // For each draw, its place in the interval of the tokens so far.
     let place = |k: usize| ((k % per_source) as f64 + 0.5) / per_source as f64;
     let mut places: Vec<f64> = (0..n).map(place).collect();
-    let mut alive: Vec<usize> = (0..n).collect();
-    for step in 0..steps {
-        check_cancelled(cancel)?;
-        let mut kept = Vec::with_capacity(alive.len());
-        let scores = backend.log_probs(&last, mask);
-        for (row, scores) in scores.chunks_exact(mask.len()).enumerate() {
-            let draw = alive[row];
-            let (id, score) =
-                at_place(scores, &mut places[draw]).unwrap_or((options.end, f32::NEG_INFINITY));
-            let (ids, sum, scored) = &mut out[draw];
-            *sum += score;
-            *scored += 1;
-            if id != options.end {
-                ids.push(id);
-                last[kept.len()] = id;
-                kept.push(row);
-            }
-        }
-        if kept.is_empty() || step + 1 == steps {
-            break;
-        }
-        if kept.len() < alive.len() {
-            backend.keep(&kept);
-            alive = kept.iter().map(|row| alive[*row]).collect();
-            last.truncate(alive.len());
-        }
-    }
-    let generated = out.into_iter();
-    Ok(generated
-        .map(|(ids, sum, scored)| Generated::new(ids, sum, scored))
-        .collect())
+    let pick = |draw: usize, scores: &[f32]| at_place(scores, &mut places[draw]);
+    let mut silent = Watch {
+        on_token: &mut |_, _| {},
+        cancel,
+    };
+    token_by_token(backend, n, last, options, mask, &mut silent, pick)
 }
 
 /// The id whose part of the interval from 0 to 1 contains `place`, and its score. `place` becomes the place within that
@@ -411,13 +385,33 @@ fn check_options(options: &SearchOptions, vocab_size: usize) -> Result<Vec<f32>,
 fn greedy<D: DecodingBackend>(
     backend: &mut D,
     chunk: &[usize],
-    mut last: Vec<u32>,
+    last: Vec<u32>,
     options: &SearchOptions,
     mask: &[f32],
     watch: &mut Watch,
 ) -> Result<Vec<Generated>, D::Error> {
-    let (n, steps) = (chunk.len(), options.max_new_tokens);
     let level = backend.level();
+    let pick = |_: usize, scores: &[f32]| argmax(level, scores).map(|(id, s)| (id as u32, s));
+    let on_token = &mut *watch.on_token;
+    let mut watch = Watch {
+        on_token: &mut |row, id| on_token(chunk[row], id),
+        cancel: watch.cancel,
+    };
+    token_by_token(backend, chunk.len(), last, options, mask, &mut watch, pick)
+}
+
+/// Continues `n` sentences by the token that `pick` chooses from the scores of each, until all of them end or are as long
+/// as they may be. If it chooses none, because no score is finite (weights whose sums overflow), the sentence ends.
+fn token_by_token<D: DecodingBackend>(
+    backend: &mut D,
+    n: usize,
+    mut last: Vec<u32>,
+    options: &SearchOptions,
+    mask: &[f32],
+    watch: &mut Watch,
+    mut pick: impl FnMut(usize, &[f32]) -> Option<(u32, f32)>,
+) -> Result<Vec<Generated>, D::Error> {
+    let steps = options.max_new_tokens;
     // For each sentence: tokens, sum of log-probabilities, number of scored tokens.
     let mut out: Vec<(Vec<u32>, f32, usize)> = (0..n)
         .map(|_| (Vec::with_capacity(steps), 0.0, 0))
@@ -430,17 +424,14 @@ fn greedy<D: DecodingBackend>(
         kept.clear();
         let scores = backend.log_probs(&last, mask);
         for (row, scores) in scores.chunks_exact(mask.len()).enumerate() {
-            // If no score is finite (weights whose sums overflow), the sentence ends.
-            let (id, score) = argmax(level, scores)
-                .map_or((options.end, f32::NEG_INFINITY), |(id, score)| {
-                    (id as u32, score)
-                });
-            let (ids, sum, scored) = &mut out[alive[row]];
+            let sentence = alive[row];
+            let (id, score) = pick(sentence, scores).unwrap_or((options.end, f32::NEG_INFINITY));
+            let (ids, sum, scored) = &mut out[sentence];
             *sum += score;
             *scored += 1;
             if id != options.end {
                 ids.push(id);
-                (watch.on_token)(chunk[alive[row]], id);
+                (watch.on_token)(sentence, id);
                 last[kept.len()] = id;
                 kept.push(row);
             }

@@ -46,7 +46,9 @@ fn simulated_points_are_tracked_and_described() {
     assert!(text.starts_with("person 1: "), "{text}");
     assert_eq!(text.lines().count(), 1, "{text}");
     let text = run("describe_recording", &[&points]);
-    assert!(text.contains("walks") || text.contains("steps"), "{text}");
+    let stated = radarllm::inference::lm::captioner::actions(&text);
+    assert_eq!(stated, ["walk"], "{text}");
+    assert!(text.contains("backward"), "{text}");
     fs::remove_dir_all(folder).unwrap();
 }
 

@@ -223,15 +223,15 @@ fn is_short(clause: &Clause) -> bool {
 
 /// Whether two clauses have the same actions. Clauses without a known action are the same only if their words are.
 fn same(a: &Clause, b: &Clause) -> bool {
-    if a.actions.is_empty() || b.actions.is_empty() {
-        return a.text == b.text;
-    }
-    let names = |clause: &Clause| {
-        let mut names: Vec<&str> = clause.actions.iter().map(|a| a.name).collect();
-        names.sort_unstable();
-        names
-    };
-    names(a) == names(b)
+    content(a) == content(b)
+}
+
+/// The names of a clause's actions in alphabetical order, and the words of a clause without a known action.
+pub(super) fn content(clause: &Clause) -> (Vec<&'static str>, Option<&str>) {
+    let mut names: Vec<&str> = clause.actions.iter().map(|a| a.name).collect();
+    names.sort_unstable();
+    let words = names.is_empty().then_some(clause.text.as_str());
+    (names, words)
 }
 
 #[cfg(test)]

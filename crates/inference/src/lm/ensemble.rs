@@ -10,8 +10,9 @@ use std::sync::atomic::AtomicBool;
 
 use radarllm_base::PointFrame;
 use radarllm_engine::{Source, Watch};
-use radarllm_facts::{Clause, Direction, Side};
+use radarllm_facts::{Direction, Side};
 
+use super::consensus::content;
 use super::templates::EVALUATION_PROMPT;
 use super::{GenerateOptions, LmError, Vocab};
 use crate::backend::Backend;
@@ -243,18 +244,13 @@ fn most_frequent<K: Ord>(votes: Votes, content: impl Fn(&str) -> K) -> (Votes, u
     (votes, n)
 }
 
-/// Names of the actions of each clause; the words of a clause that states none.
-fn actions_stated(text: &str) -> Vec<Vec<String>> {
+/// What each clause states: [`content`].
+fn actions_stated(text: &str) -> Vec<(Vec<&'static str>, Option<String>)> {
     let clauses = radarllm_facts::parse(text);
-    let names = |clause: &Clause| match clause.actions.is_empty() {
-        true => vec![clause.text.clone()],
-        false => {
-            let mut names: Vec<String> = clause.actions.iter().map(|a| a.name.to_owned()).collect();
-            names.sort_unstable();
-            names
-        }
-    };
-    clauses.iter().map(names).collect()
+    let stated = clauses.iter().map(content);
+    stated
+        .map(|(names, words)| (names, words.map(String::from)))
+        .collect()
 }
 
 /// Sides and directions of the actions, in order.
