@@ -5,11 +5,13 @@
 
 `cmu-index.csv` has the columns `trial` and `description`, the database's own index; `files.csv` has `trial`, `file`,
 `kind`, `true_fps` and `skip_first_frames`. OUT holds the files that `files.csv` names. Only descriptions that say one
-thing get a sentence; of these, the part before a comma is the gait, and the part after it a turn.
+thing get a sentence; of these, the part before a comma is the gait, and the part after it a turn. Turns are also
+mirrored, and straight walks and runs are bent to either side, because the database has few turns.
 """
 
 import csv
 import json
+import random
 import re
 import sys
 
@@ -20,20 +22,44 @@ GAITS = {
     "run/jog": ["runs forward", "jogs forward", "runs straight ahead"],
     "forward jump": ["jumps forward", "leaps forward"],
 }
+# Angles of bent paths, degrees.
+BENDS_DEG = (50, 140)
 TURN = re.compile(r"(?:veer|90-degree) (left|right)(?: turn)?")
 
 
-def sentences(description):
-    """Sentences for a description; none if it says anything else."""
+def with_turn(ways, turn):
+    """Sentences for a gait that turns to a side."""
+    ends = [f", then turns {turn}", f" and then turns to the {turn}", f", then turns to the {turn}"]
+    return [way.replace(" straight", "") + end for way, end in zip(ways, ends)]
+
+
+def parts(description):
+    """Sentences for a gait and the side to which it turns, if any; no sentences if it says anything else."""
     gait, *rest = (part.strip() for part in description.lower().split(","))
     ways = GAITS.get(gait)
     turn = TURN.fullmatch(rest[0]) if rest else None
     if ways is None or len(rest) > 1 or (rest and turn is None):
-        return []
+        return [], None
+    return [f"a person {way}" for way in ways], turn and turn[1]
+
+
+def clips(trial, description):
+    """What is made of a trial: sentences with the fields that say how."""
+    ways, turn = parts(description)
+    if not ways:
+        return
     if turn:
-        ends = [f", then turns {turn[1]}", f" and then turns to the {turn[1]}", f", then turns to the {turn[1]}"]
-        ways = [way.replace(" straight", "") + end for way, end in zip(ways, ends)]
-    return [f"a person {way}" for way in ways]
+        other = {"left": "right", "right": "left"}[turn]
+        yield {"captions": with_turn(ways, turn)}
+        yield {"captions": with_turn(ways, other), "id": f"{trial}-mirrored", "mirror": True}
+        return
+    yield {"captions": ways}
+    if "jump" in description.lower():
+        return
+    draw = random.Random(trial)
+    for turn, sign in (("left", 1), ("right", -1)):
+        bend_deg = sign * draw.randint(*BENDS_DEG)
+        yield {"captions": with_turn(ways, turn), "id": f"{trial}-{turn}", "bend_deg": bend_deg}
 
 
 def main(index, files, out):
@@ -42,18 +68,18 @@ def main(index, files, out):
     n = 0
     with open(files, newline="", encoding="utf-8") as table, open(out, "w", encoding="utf-8") as lines:
         for row in csv.DictReader(table):
-            captions = sentences(descriptions.get(row["trial"], ""))
-            if captions and row["kind"] == "amc":
-                clip = {
+            if row["kind"] != "amc":
+                continue
+            for clip in clips(row["trial"], descriptions.get(row["trial"], "")):
+                clip |= {
                     "file": row["file"],
-                    "captions": captions,
                     "split": "train",
                     "fps": float(row["true_fps"]),
                     "skip_frames": int(row["skip_first_frames"]),
                 }
                 lines.write(json.dumps(clip) + "\n")
                 n += 1
-    print(out, n, "motions")
+    print(out, n, "clips")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 //! Interpolation between frames and operations on whole motions.
 
 use crate::proportions::{SOLE_BELOW_FOOT, standing_height_m};
-use glam::{Quat, Vec3, Vec4};
+use glam::{Quat, Vec2, Vec3, Vec4};
 use radarllm_base::skeleton::N_JOINTS;
 use radarllm_base::{Joint, Motion, Pose, Skeleton};
 
@@ -268,6 +268,101 @@ pub fn mirror(motion: &Motion) -> Motion {
     }
 }
 
+/// Shortest way whose path can be bent, m.
+pub const SHORTEST_BENT_M: f32 = 1.5;
+/// Largest distance of the pelvis from the line between the ends of a path that counts as straight, as a share of its
+/// length.
+const STRAIGHT: f32 = 0.15;
+
+/// A path that cannot be bent.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum PathError {
+    /// The ends are too close to each other.
+    #[error(
+        "the pelvis moves by {way_m:.2} m, at least {SHORTEST_BENT_M} m are needed to bend its path"
+    )]
+    Short {
+        /// Distance between first and last pelvis position on the floor, m.
+        way_m: f32,
+    },
+    /// The path is not straight.
+    #[error("the path is not straight: {aside_m:.2} m beside a line of {way_m:.2} m")]
+    Curved {
+        /// Largest distance from the line between the ends, m.
+        aside_m: f32,
+        /// Distance between the ends, m.
+        way_m: f32,
+    },
+}
+
+/// Bends a straight path to the left by `angle_rad`, or to the right if it is negative: who walked straight ahead turns
+/// in the middle, within a third of the way, at most 2 m (path editing; Gleicher, 2001).
+///
+/// Every pose is moved and turned as a whole, so that the gait stays as it was recorded. Feet on the floor slide by what
+/// the path turns during a step.
+///
+/// # Errors
+/// [`PathError`] for a path that is short or not straight.
+pub fn bend_path(motion: &Motion, angle_rad: f32) -> Result<Motion, PathError> {
+    let place = |pose: &Pose| pose.root_in_world.truncate();
+    let ends = motion.poses.first().zip(motion.poses.last());
+    let (start, end) = ends.map_or((Vec2::ZERO, Vec2::ZERO), |(a, b)| (place(a), place(b)));
+    let way_m = start.distance(end);
+    // NaN is short, too.
+    if way_m.is_nan() || way_m < SHORTEST_BENT_M {
+        return Err(PathError::Short { way_m });
+    }
+    let ahead = (end - start) / way_m;
+    // Distance along the line and to the left of it, m.
+    let along = |at: Vec2| (at - start).dot(ahead);
+    let beside = |at: Vec2| ahead.perp_dot(at - start);
+    let aside_m = motion
+        .poses
+        .iter()
+        .map(|pose| beside(place(pose)).abs())
+        .fold(0.0, f32::max);
+    if aside_m > STRAIGHT * way_m {
+        return Err(PathError::Curved { aside_m, way_m });
+    }
+    let curve_m = (way_m / 3.0).min(2.0);
+    let before_m = 0.5 * (way_m - curve_m);
+    let radius_m = curve_m / angle_rad;
+    // Place and direction of the bent path after `s` m, in a frame that looks ahead from the start.
+    let bent = |s: f32| {
+        let turned = angle_rad * ((s - before_m) / curve_m).clamp(0.0, 1.0);
+        let (first_m, last_m) = (s.min(before_m), (s - before_m - curve_m).max(0.0));
+        // Chord of the arc; a straight path has no radius.
+        let (sin_m, cos_m) = match angle_rad == 0.0 {
+            true => ((s - before_m).clamp(0.0, curve_m), 0.0),
+            false => (radius_m * turned.sin(), radius_m * (1.0 - turned.cos())),
+        };
+        let on = Vec2::new(first_m + sin_m, cos_m) + last_m * Vec2::from_angle(turned);
+        (on, turned)
+    };
+    let poses = motion
+        .poses
+        .iter()
+        .map(|pose| {
+            let at = place(pose);
+            let (on, turned) = bent(along(at));
+            let on = on + beside(at) * Vec2::from_angle(turned).perp();
+            let moved = start + ahead.rotate(on);
+            let turn = Quat::from_rotation_z(turned);
+            let mut rotations = pose.rotations;
+            rotations[0] = (turn * rotations[0]).normalize();
+            Pose {
+                root_in_world: moved.extend(pose.root_in_world.z),
+                rotations,
+            }
+        })
+        .collect();
+    Ok(Motion {
+        fps: motion.fps,
+        skeleton: motion.skeleton.clone(),
+        poses,
+    })
+}
+
 /// The corresponding joint on the other side of the body.
 pub fn opposite(joint: Joint) -> Joint {
     use Joint::*;
@@ -396,6 +491,63 @@ mod tests {
             skeleton: canonical_skeleton(1.72),
             poses: vec![pose; n],
         }
+    }
+
+    /// A walk of 4 m along x within 4 s, with a sway of 3 cm.
+    fn walking() -> Motion {
+        let mut motion = still(121, 30.0);
+        for (t, pose) in motion.poses.iter_mut().enumerate() {
+            let time_s = t as f32 / 30.0;
+            pose.root_in_world.x += time_s;
+            pose.root_in_world.y += 0.03 * (TAU as f32 * time_s).sin();
+        }
+        motion
+    }
+
+    #[test]
+    fn a_bent_path_keeps_its_length_and_turns_by_the_angle() {
+        let motion = walking();
+        let direction = |m: &Motion, i: usize| {
+            let step = m.poses[i + 30].root_in_world - m.poses[i].root_in_world;
+            step.y.atan2(step.x)
+        };
+        for angle in [-2.0_f32, -0.6, 0.0, 1.2, 3.0] {
+            let bent = bend_path(&motion, angle).unwrap();
+            let turned = direction(&bent, 90) - direction(&bent, 0);
+            assert!((turned - angle).abs() < 1e-3, "{turned} for {angle}");
+            // Positive is to the left, as seen from above with z up.
+            let aside_m = bent.poses[120].root_in_world.y - bent.poses[0].root_in_world.y;
+            assert!(aside_m * angle >= -1e-6, "{aside_m} for {angle}");
+            for (i, pair) in bent.poses.windows(2).enumerate() {
+                let step_m = pair[0].root_in_world.distance(pair[1].root_in_world);
+                let own = &motion.poses[i..=i + 1];
+                let own_m = own[0].root_in_world.distance(own[1].root_in_world);
+                assert!((step_m / own_m - 1.0).abs() < 0.15, "{step_m} for {own_m}");
+            }
+            let yaw = bent.poses[120].rotations[0] * motion.poses[120].rotations[0].inverse();
+            assert!(yaw.angle_between(Quat::from_rotation_z(angle)) < 1e-3);
+        }
+        let same = bend_path(&motion, 0.0).unwrap();
+        assert!(
+            same.poses
+                .iter()
+                .zip(&motion.poses)
+                .all(|(a, b)| { a.root_in_world.distance(b.root_in_world) < 1e-5 })
+        );
+    }
+
+    #[test]
+    fn short_and_curved_paths_are_not_bent() {
+        let short = bend_path(&still(30, 30.0), 1.0);
+        assert_eq!(short, Err(PathError::Short { way_m: 0.0 }));
+        let curved = bend_path(&bend_path(&walking(), 2.0).unwrap(), 1.0);
+        assert!(
+            matches!(curved, Err(PathError::Curved { .. })),
+            "{curved:?}"
+        );
+        let mut lost = walking();
+        lost.poses[120].root_in_world.x = f32::NAN;
+        assert!(bend_path(&lost, 1.0).is_err());
     }
 
     /// A 2 Hz oscillation of the shoulder and the root at 30 fps.

@@ -21,7 +21,7 @@ use radarllm_body::{
     despike::despike,
     gait::Gait,
     loaders::{MAX_FILE_BYTES, load_motion},
-    sample::{canonicalize, crop, mirror},
+    sample::{bend_path, canonicalize, crop, mirror},
 };
 use radarllm_dataset::{FailedItem, record::Split};
 use radarllm_files::bounded::{read_bytes, read_text};
@@ -85,6 +85,9 @@ pub struct CaptionLine {
     /// Whether the motion is mirrored; the sentences are those about the mirrored motion.
     #[serde(default)]
     pub mirror: bool,
+    /// Angle by which the path, which must be straight, is bent in its middle, degrees; positive is to the left. The
+    /// sentences are those about the bent path.
+    pub bend_deg: Option<f64>,
 }
 
 /// What is told about a source of motions.
@@ -306,6 +309,9 @@ fn part(folder: &Path, line: &CaptionLine) -> Result<(Motion, u64), String> {
     bytes.hash(&mut hasher);
     let (start_s, end_s) = (line.start_s.unwrap_or(0.0), line.end_s);
     (start_s.to_bits(), end_s.map(f64::to_bits), line.mirror).hash(&mut hasher);
+    if let Some(bend_deg) = line.bend_deg {
+        bend_deg.to_bits().hash(&mut hasher);
+    }
     let loaded = load_motion(&path, &bytes).map_err(|e| e.to_string())?;
     if !HEIGHTS_M.contains(&loaded.height_m) {
         return Err(format!(
@@ -333,6 +339,12 @@ fn part(folder: &Path, line: &CaptionLine) -> Result<(Motion, u64), String> {
     despike(&mut motion)?;
     if line.mirror {
         motion = mirror(&motion);
+    }
+    if let Some(bend_deg) = line.bend_deg {
+        if !(-180.0..=180.0).contains(&bend_deg) {
+            return Err(format!("bend_deg {bend_deg}: must be in -180..=180"));
+        }
+        motion = bend_path(&motion, bend_deg.to_radians() as f32).map_err(|e| e.to_string())?;
     }
     canonicalize(&mut motion);
     Ok((motion, hasher.finish()))
@@ -586,6 +598,9 @@ pub(super) mod tests {
             r#"{"file": "b/2.bvh", "captions": ["a person waves"], "split": "exam"}"#,
             r#"{"file": "b/2.bvh", "captions": ["a person waves"], "end_s": 0.5}"#,
             r#"{"file": "b/2.bvh", "captions": ["a person waves"], "id": "wave", "action": "greet", "group": "g"}"#,
+            r#"{"file": "a/1.bvh", "captions": ["a person walks, then turns left"], "id": "left", "bend_deg": 90.0}"#,
+            r#"{"file": "a/1.bvh", "captions": ["a person walks"], "id": "round", "bend_deg": 270.0}"#,
+            r#"{"file": "b/2.bvh", "captions": ["a person turns left"], "id": "spot", "bend_deg": 90.0}"#,
         ];
         let dir = folder(&[
             ("captions.jsonl", lines.join("\n")),
@@ -605,7 +620,8 @@ pub(super) mod tests {
             [
                 ("a/1", "walk", "a"),
                 ("a/1@2", "walk", "a"),
-                ("wave", "greet", "g")
+                ("wave", "greet", "g"),
+                ("left", "walk then turn", "a"),
             ]
         );
         assert!((corpus.motion(0).unwrap().duration_s() - 6.0).abs() < 0.11);
@@ -624,13 +640,15 @@ pub(super) mod tests {
             ("still", "moves by 0.00 m"),
             ("b/2", "unknown split `exam`"),
             ("b/2", "at least 1 s"),
+            ("round", "bend_deg 270: must be in -180..=180"),
+            ("spot", "moves by 0.00 m"),
         ] {
             assert!(
                 skipped.iter().any(|s| s.0 == id && s.1.contains(word)),
                 "{id} {word}: {skipped:?}"
             );
         }
-        assert_eq!(skipped.len(), 8);
+        assert_eq!(skipped.len(), 10);
     }
 
     #[test]
