@@ -91,11 +91,11 @@ pub fn people_request(rng_seed: u64) -> PeopleRequest {
     }
 }
 
-/// Draws a short motion that people make once, such as raising a hand, half of them with pauses before and after. Of
+/// Draws a short motion that people make once, such as raising a hand, a third of them with pauses before and after. Of
 /// [`people_request`], a fifth are such motions, without pauses.
 pub fn once_request(rng_seed: u64) -> BuiltinRequest {
     let mut dice = Dice::new(rng_seed, "once");
-    let has_pauses = dice.chance(0.5);
+    let has_pauses = dice.chance(0.35);
     for _ in 0..ATTEMPTS {
         // Who moves a hand to and fro only once might as well raise it.
         let text = once(2, &mut dice);
@@ -110,6 +110,36 @@ pub fn once_request(rng_seed: u64) -> BuiltinRequest {
         }
     }
     random_request(rng_seed)
+}
+
+/// Draws two motions in sequence, as often as they occur in everyday life, a third of them with pauses before and after.
+pub fn pair_request(rng_seed: u64) -> BuiltinRequest {
+    let mut dice = Dice::new(rng_seed, "pair");
+    let has_pauses = dice.chance(0.35);
+    let sway_m = drawn_sway_m(&mut dice);
+    for _ in 0..ATTEMPTS {
+        let text = sequence(Shares::Everyday, &mut dice).map(|mut text| {
+            if let Some(sway_m) = sway_m {
+                text += &format!("&sway_m={sway_m:.3}");
+            }
+            text
+        });
+        let text = match has_pauses {
+            true => text.and_then(|t| with_pauses(t, &mut dice)),
+            false => text,
+        };
+        if let Some(request) = text.and_then(|t| parse(&t).ok())
+            && request.nominal_duration_s() * TEMPO_MARGIN <= LONGEST_S
+        {
+            return request;
+        }
+    }
+    random_request(rng_seed)
+}
+
+/// Sway of people who do not exercise, m: the pelvis of those who raise an arm moves at 0.01 to 0.12 m/s.
+fn drawn_sway_m(dice: &mut Dice) -> Option<f32> {
+    dice.chance(0.7).then(|| dice.log_range(0.004, 0.05))
 }
 
 /// A request of [`people_request`].
@@ -270,7 +300,11 @@ fn once(fewest_waves: usize, dice: &mut Dice) -> Option<String> {
         set_key(&mut own, "style", style);
     }
     set_hold(spec, &mut own, 0.9, 2.2, dice);
-    let text = format!("{}?{}", spec.name, query(&[own, globals(dice)]));
+    let mut all = globals(dice);
+    if let Some(sway_m) = drawn_sway_m(dice) {
+        all.push(("sway_m".to_owned(), format!("{sway_m:.3}")));
+    }
+    let text = format!("{}?{}", spec.name, query(&[own, all]));
     with_any_pace_and_size(Some(text), dice)
 }
 
@@ -336,12 +370,12 @@ fn with_any_pace_and_size(text: Option<String>, dice: &mut Dice) -> Option<Strin
             "punch" => [0.8, 2.0],
             "leg_raise" => [0.5, 1.5],
             "lunge" => [0.45, 1.4],
-            // An arm is up within 0.4 to 2.1 s.
-            "raise_arms" => [0.4, 2.0],
+            // An arm is up within 0.3 to 2.1 s.
+            "raise_arms" => [0.4, 2.6],
             // Running is faster than walking.
             "run" => [0.75, 1.7],
             "walk" | "walk_turn" | "pace" => [0.45, 1.6],
-            "wave" => [0.55, 1.9],
+            "wave" => [0.4, 1.8],
             "arm_circles" | "side_bend" | "twist" => [0.45, 1.6],
             _ => [0.55, 1.9],
         };

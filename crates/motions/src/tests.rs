@@ -1016,6 +1016,19 @@ fn motions_made_once_are_short_and_waves_have_two_swings_or_more() {
             assert!(!text.contains("repetitions=1&"), "{text}");
         }
     }
-    assert!((100..250).contains(&n_paused), "{n_paused}");
+    assert!((60..160).contains(&n_paused), "{n_paused}");
     assert!(n_raised > 80 && n_waves > 30, "{n_raised} {n_waves}");
+}
+
+#[test]
+fn pairs_are_two_motions_that_fit_into_a_window() {
+    let mut actions = std::collections::BTreeSet::new();
+    for seed in 0..300 {
+        let request = crate::pair_request(seed);
+        assert_eq!(request.segments.len(), 2, "{request}");
+        assert!(request.nominal_duration_s() <= crate::random::LONGEST_S);
+        assert_eq!(request.to_string(), crate::pair_request(seed).to_string());
+        actions.insert(request.action());
+    }
+    assert!(actions.len() > 150, "{} pairs", actions.len());
 }

@@ -355,7 +355,13 @@ impl Recipe {
                 let (tokenizer, train, val) = self.lm_data()?;
                 match &self.start {
                     Some(start) => {
-                        let lm = RadarLm::load(&start.join("lm"), &harness::cpu_device())?;
+                        let (dir, device) = (start.join("lm"), harness::cpu_device());
+                        let lm = match recipe.pretrain.context {
+                            true => {
+                                RadarLm::load_with_context(&dir, recipe.pretrain.run.seed, &device)?
+                            }
+                            false => RadarLm::load(&dir, &device)?,
+                        };
                         pretrain_further(&recipe.pretrain, lm, &train, &val, &out, resume)?
                     }
                     None => {

@@ -450,8 +450,8 @@ fn the_bundled_model_refuses_what_it_did_not_learn() {
     ]);
     for part in [
         "did not learn radar_to_text in other words",
-        "no record",
-        "`instruct`",
+        "it was not tuned on instructions of this task",
+        "`radarllm train instruct RECIPE`",
     ] {
         assert!(problem.contains(part), "{problem}");
     }

@@ -630,7 +630,7 @@ mod tests {
         let radar = Encoded {
             codes: vec![5],
             features: vec![1.0],
-            context: Some([1, 17, 34, 51, 68, 80, 89]),
+            context: Some(std::array::from_fn(|i| [1, 17, 34, 51, 68, 80, 89][i % 7])),
             ..Encoded::default()
         };
         let template = "what does {radar} show?";

@@ -1,4 +1,5 @@
-//! What a window shows as a whole, as tokens: the tempo of its motion and properties of its board.
+//! What a window shows as a whole, as tokens: the tempo of its motion, properties of its board, and where in the person
+//! the motion is.
 //!
 //! A code covers 0.4 s, so rates are spread over many codes, and the language model would have to learn a spectrum. The
 //! context states them: the main rate of four time series of the points. It also states what differs between boards, so
@@ -8,6 +9,8 @@
 use std::f32::consts::PI;
 
 use radarllm_base::{PointFrame, RadarPoint, series::interpolated};
+
+use super::layout::{N_LAYOUT, N_LAYOUT_TOKENS, layout};
 
 /// Radar frame period, s.
 const FRAME_PERIOD_S: f32 = 0.1;
@@ -40,9 +43,11 @@ const EMPTY_EDGES: [f32; 4] = [0.01, 0.1, 0.3, 0.6];
 const N_EMPTY: usize = EMPTY_EDGES.len() + 1;
 
 /// Number of tokens of a context.
-pub const CONTEXT_LEN: usize = N_SERIES + 3;
+pub const CONTEXT_LEN: usize = N_SERIES + 3 + N_LAYOUT;
+/// Number of different tokens of tempo and board.
+const N_WHOLE: usize = N_SERIES * N_TEMPO + N_VELOCITY_STEPS + N_DENSITIES + N_EMPTY;
 /// Number of different context tokens.
-pub const N_CONTEXT: usize = N_SERIES * N_TEMPO + N_VELOCITY_STEPS + N_DENSITIES + N_EMPTY;
+pub const N_CONTEXT: usize = N_WHOLE + N_LAYOUT_TOKENS;
 
 /// The context of frames at ten per second: tokens below [`N_CONTEXT`], each kind at its own place. Which frame of
 /// reference heights have does not matter.
@@ -68,11 +73,14 @@ pub fn context(frames: &[PointFrame]) -> [u32; CONTEXT_LEN] {
     let n_empty = counts.partition_point(|n| *n == 0);
     let empty = bin(n_empty as f32 / counts.len().max(1) as f32, &EMPTY_EDGES);
     tokens[N_SERIES + 2] = board + N_VELOCITY_STEPS + N_DENSITIES + empty;
+    for (token, own) in tokens[N_SERIES + 3..].iter_mut().zip(layout(frames)) {
+        *token = N_WHOLE + own;
+    }
     tokens.map(|token| token as u32)
 }
 
 /// Index of the bin of a value: the number of edges that it is not below.
-fn bin(value: f32, edges: &[f32]) -> usize {
+pub(super) fn bin(value: f32, edges: &[f32]) -> usize {
     edges.partition_point(|edge| *edge <= value)
 }
 
@@ -304,14 +312,18 @@ mod tests {
         all.push(vec![frame(vec![still(1.0, 2.0, 0.4); 200]); 96]);
         for frames in all {
             let tokens = context(&frames);
-            let kinds = tokens.map(|token| match token as usize {
+            let (whole, layout) = tokens.split_at(N_SERIES + 3);
+            let kind = |token: &u32| match *token as usize {
                 t if t < N_SERIES * N_TEMPO => t / N_TEMPO,
                 t if t < N_SERIES * N_TEMPO + N_VELOCITY_STEPS => N_SERIES,
-                t if t < N_CONTEXT - N_EMPTY => N_SERIES + 1,
-                t if t < N_CONTEXT => N_SERIES + 2,
+                t if t < N_WHOLE - N_EMPTY => N_SERIES + 1,
+                t if t < N_WHOLE => N_SERIES + 2,
                 _ => usize::MAX,
-            });
-            assert_eq!(kinds.to_vec(), (0..CONTEXT_LEN).collect::<Vec<_>>());
+            };
+            let kinds: Vec<usize> = whole.iter().map(kind).collect();
+            assert_eq!(kinds, (0..N_SERIES + 3).collect::<Vec<_>>());
+            let is_layout = |t: &u32| (N_WHOLE..N_CONTEXT).contains(&(*t as usize));
+            assert!(layout.len() == N_LAYOUT && layout.iter().all(is_layout));
         }
     }
 }

@@ -14,6 +14,7 @@ pub mod context;
 pub mod doppler_profile;
 pub mod encode;
 pub mod grouping;
+mod layout;
 pub mod points;
 
 pub use config::{FRAMES_PER_CODE, MAX_FRAMES, TokenizerConfig};

@@ -10,14 +10,57 @@ use crate::control::{Control, SIDE_SIGN};
 use crate::track::Track;
 use crate::values::Values;
 
+/// How the rest of the body takes part in a gesture: nobody moves an arm alone.
+struct Involvement {
+    flex: f32,
+    side: f32,
+    twist: f32,
+    nod: f32,
+    /// Elevation and azimuth of an arm that the gesture does not name, rad.
+    other_arm: [f32; 2],
+}
+
+impl Involvement {
+    fn draw(actor: &mut Actor) -> Self {
+        let dice = &mut actor.dice;
+        // Some move little but the arm, others much.
+        let share = dice.range(0.0, 1.0);
+        Self {
+            flex: -0.1 * share * dice.bell(),
+            side: 0.12 * share * dice.bell(),
+            twist: 0.25 * share * dice.bell(),
+            nod: 0.2 * share * dice.bell(),
+            other_arm: [
+                0.4 * share * dice.range(0.0, 1.0),
+                0.5 * share * dice.bell(),
+            ],
+        }
+    }
+
+    /// Adds the share of the rest of the body to a pose of the arms `named`.
+    fn apply(&self, c: &mut Control, rest: &Control, named: &[usize]) {
+        c.flex = rest.flex + self.flex;
+        c.side = rest.side + self.side;
+        c.twist = rest.twist + self.twist;
+        c.nod = rest.nod + self.nod;
+        for side in (0..2).filter(|side| !named.contains(side)) {
+            c.arms[side].elevation = rest.arms[side].elevation + self.other_arm[0];
+            c.arms[side].azimuth = rest.arms[side].azimuth + self.other_arm[1];
+        }
+    }
+}
+
 /// Waves a raised hand.
 pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
-    let swing = actor.a(0.26) * v.amplitude();
-    // From shoulder height to above the head, with the elbow bent more or less.
-    let height = 0.62 + 0.4 * actor.dice.bell();
-    let stretched = 0.68 + 0.14 * actor.dice.bell();
+    // Some move the forearm, others little more than the hand.
+    let swing = actor.a(0.26) * v.amplitude() * actor.dice.log_range(0.4, 1.0);
+    // From shoulder height to above the head; the higher the hand, the straighter the arm.
+    let up = actor.dice.range(0.0, 1.0);
+    let height = -0.05 + 1.2 * up;
+    let stretched = (0.5 + 0.35 * up + 0.14 * actor.dice.bell()).clamp(0.4, 0.95);
+    let body = Involvement::draw(actor);
     let mut track = Track::new(rest);
     track.hold(0.1);
     let pose = |c: &mut Control, lean: f32| {
@@ -33,6 +76,7 @@ pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
             c.arms[*side].deviate = -0.35 * lean;
             c.arms[*side].flex = 0.0;
         }
+        body.apply(c, &rest, v.sides());
     };
     track.to(actor.s(0.6, speed), |c| pose(c, -0.6));
     for _ in 0..v.count("repetitions") {
@@ -48,13 +92,14 @@ pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
 pub fn raise_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
-    // People raise their arms to any height, seldom straight, and between the front and the side.
-    let up = actor.dice.range(0.0, 1.0);
+    // People raise their arms to any height, mostly above the head, and between the front and the side.
+    let up = actor.dice.range(0.0, 1.0).sqrt();
     // The higher a hand is put up, the straighter the arm.
     let stretched = match v.word("style") {
         "hand" => (0.36 + 0.55 * up + 0.15 * actor.dice.bell()).clamp(0.3, 0.975),
         _ => actor.dice.range(0.62, 0.975),
     };
+    let body = Involvement::draw(actor);
     let hold_s = v.given("hold_s").unwrap_or(0.35);
     let (elevation, azimuth) = match v.word("style") {
         "forward" => (-0.15 + 0.5 * up, 0.03 + 0.15 * actor.dice.bell()),
@@ -76,7 +121,8 @@ pub fn raise_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
                 reach(c, *side, elevation, azimuth, stretched, pole);
                 c.arms[*side].flex = 0.0;
             }
-            c.flex = rest.flex - if is_overhead { 0.06 } else { 0.0 };
+            body.apply(c, &rest, v.sides());
+            c.flex -= if is_overhead { 0.06 } else { 0.0 };
         });
         // How long the arms stay up does not depend on how fast they are moved.
         track.hold(hold_s);

@@ -7,7 +7,7 @@ use radarllm_engine::{Precision, Source};
 use radarllm_inference::lm::generate::{Allowed, GenerateOptions, Generated, decode_all};
 use radarllm_inference::lm::vocab::{EOS, PAD, Vocab};
 use radarllm_inference::lm::{EngineLm, LmPreset, NetworkConfig, templates};
-use radarllm_inference::tokenizer::Encoded;
+use radarllm_inference::tokenizer::{Encoded, context::context};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 
@@ -63,6 +63,7 @@ fn prompts(lm: &RadarLm, n: usize, seed: u64) -> Vec<Source> {
             let radar = Encoded {
                 codes,
                 features,
+                context: Some(context(&[])),
                 ..Encoded::default()
             };
             lm.describe_prompt(&radar).unwrap()

@@ -201,24 +201,14 @@ impl RadarLm {
         let vocab = Vocab::extend_pretrained(&json, t5.vocab_size, n_codes)?;
         let old_rows = t5.vocab_size;
         t5.vocab_size = vocab.layout().size();
-        let rng = &mut ChaCha8Rng::seed_from_u64(seed);
-        for name in ["shared", "head"] {
-            let Some(tensor) = tensors.get_mut(name) else {
-                continue;
-            };
-            if tensor.shape != [old_rows, t5.d_model] {
-                continue; // Reported with both shapes below.
-            }
-            let n = tensor.values.len() as f32;
-            let spread = (tensor.values.iter().map(|v| v * v).sum::<f32>() / n).sqrt();
-            // Uniform random numbers of that standard deviation.
-            let half_width = spread * 3f32.sqrt();
-            let new = (t5.vocab_size - old_rows) * t5.d_model;
-            tensor
-                .values
-                .extend((0..new).map(|_| (2.0 * rng.random::<f32>() - 1.0) * half_width));
-            tensor.shape[0] = t5.vocab_size;
-        }
+        let names = ["shared", "head"];
+        add_rows(
+            &mut tensors,
+            names,
+            [old_rows, t5.vocab_size],
+            t5.d_model,
+            seed,
+        );
         let config = LmConfig {
             max_text_vocab: vocab.layout().n_text as usize,
             n_sentinels: vocab.layout().n_sentinels as usize,
@@ -245,6 +235,39 @@ impl RadarLm {
     /// If a file is missing or damaged, or weights do not fit the configuration.
     pub fn load(dir: &Path, device: &Device) -> Result<Self, LmError> {
         Self::from_files(LmFiles::of(Checkpoint::open(dir)?)?, device)
+    }
+
+    /// Opens a checkpoint of a T5 whose vocabulary lacks the tokens of the context, and adds rows for them, drawn with
+    /// the standard deviation of the existing ones. A model that has them stays as it is.
+    ///
+    /// # Errors
+    /// As [`Self::load`]; a pretrained decoder has no context.
+    pub fn load_with_context(dir: &Path, seed: u64, device: &Device) -> Result<Self, LmError> {
+        let mut files = LmFiles::of(Checkpoint::open(dir)?)?;
+        if files.vocab.layout().n_context > 0 {
+            return Self::from_files(files, device);
+        }
+        let NetworkConfig::T5(shape) = &mut files.card.lm.network else {
+            return Err(LmError::Config {
+                field: "context",
+                problem: "a pretrained decoder has none".into(),
+            });
+        };
+        files.vocab = files.vocab.with_context();
+        files.card.vocab = files.vocab.layout().clone();
+        let rows = [shape.vocab_size, files.vocab.layout().size()];
+        shape.vocab_size = rows[1];
+        let d_model = shape.d_model;
+        let (mut tensors, path) = files.t5_weights()?;
+        let names = ["t5.shared", "t5.head"];
+        add_rows(&mut tensors, names, rows, d_model, seed);
+        Ok(Self {
+            net: RadarNet::T5(load_net(&files.card.lm, tensors, device, &path)?),
+            vocab: files.vocab,
+            config: files.card.lm,
+            adapters: None,
+            learned: files.card.learned,
+        })
     }
 
     /// Builds the network of a checkpoint.
@@ -462,6 +485,34 @@ fn load_decoder(
     let net = RadarDecoder::new(decoder, &card.lm, 0, device);
     let net = net.load_from(checkpoint, true)?;
     Ok((RadarNet::Decoder(net), Some(adapters)))
+}
+
+/// Extends matrices of `d_model` columns from `before` to `after` rows by uniform random numbers with the standard
+/// deviation of the existing ones. Matrices of another shape stay; loading reports them with both shapes.
+fn add_rows(
+    tensors: &mut NamedTensors,
+    names: [&str; 2],
+    [before, after]: [usize; 2],
+    d_model: usize,
+    seed: u64,
+) {
+    let rng = &mut ChaCha8Rng::seed_from_u64(seed);
+    for name in names {
+        let Some(tensor) = tensors.get_mut(name) else {
+            continue;
+        };
+        if tensor.shape != [before, d_model] {
+            continue;
+        }
+        let n = tensor.values.len() as f32;
+        let spread = (tensor.values.iter().map(|v| v * v).sum::<f32>() / n).sqrt();
+        let half_width = spread * 3f32.sqrt();
+        let new = (after - before) * d_model;
+        tensor
+            .values
+            .extend((0..new).map(|_| (2.0 * rng.random::<f32>() - 1.0) * half_width));
+        tensor.shape[0] = after;
+    }
 }
 
 /// Builds a network from named parameters.

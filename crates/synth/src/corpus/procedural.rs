@@ -5,7 +5,7 @@ use radarllm_body::sample::canonicalize;
 use radarllm_dataset::record::Split;
 use radarllm_facts::{Facts, facts, score::compare};
 use radarllm_motions::{
-    BuiltinRequest, PeopleRequest, once_request, people_request, random_request,
+    BuiltinRequest, PeopleRequest, once_request, pair_request, people_request, random_request,
 };
 use serde::{Deserialize, Serialize};
 
@@ -64,6 +64,8 @@ pub enum Draw {
     People,
     /// Short motions that people make once, such as raising a hand: [`once_request`].
     Once,
+    /// Two motions in sequence: [`pair_request`].
+    Pairs,
 }
 
 impl Draw {
@@ -103,6 +105,7 @@ impl ProceduralCorpus {
                     Draw::Library => format!("{prefix}-{i:06}"),
                     Draw::People => format!("people{seed}-{prefix}-{i:06}"),
                     Draw::Once => format!("once{seed}-{prefix}-{i:06}"),
+                    Draw::Pairs => format!("pairs{seed}-{prefix}-{i:06}"),
                 };
                 let held_out = match split {
                     Split::Test => &[][..],
@@ -144,16 +147,15 @@ fn draw(how: Draw, id: &str, seed: u64, held_out: &[Facts]) -> Option<(PeopleReq
             0 => derive_seed(seed, id),
             _ => derive_seed(seed, &format!("{id}, draw {n}")),
         };
+        let not_continuous = |request| PeopleRequest {
+            request,
+            is_continuous: false,
+        };
         let drawn = match how {
-            Draw::Library => PeopleRequest {
-                request: random_request(item_seed),
-                is_continuous: false,
-            },
+            Draw::Library => not_continuous(random_request(item_seed)),
             Draw::People => people_request(item_seed),
-            Draw::Once => PeopleRequest {
-                request: once_request(item_seed),
-                is_continuous: false,
-            },
+            Draw::Once => not_continuous(once_request(item_seed)),
+            Draw::Pairs => not_continuous(pair_request(item_seed)),
         };
         let is_held_out = !held_out.is_empty()
             && drawn.request.captions(item_seed).iter().any(|text| {

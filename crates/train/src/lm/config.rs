@@ -68,7 +68,8 @@ pub struct LmTrainConfig {
     pub preset: LmPreset,
     /// Overrides whether the network has a continuous bypass, which the preset defines.
     pub bypass: Option<bool>,
-    /// A new network is told the context of a clip ([`radarllm_inference::tokenizer::context`]).
+    /// The network is told the context of a clip ([`radarllm_inference::tokenizer::context`]). A T5 that was trained
+    /// without gets new rows for it.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub context: bool,
     /// Overrides whether the input and output embeddings of a new T5 are tied. With tied embeddings, the logits change
@@ -266,7 +267,7 @@ impl LmTrainConfig {
             return fail("tie_embeddings", "is a choice for a new t5 only");
         }
         if self.context && self.hf_folder.is_some() {
-            return fail("context", "is a choice for a new network only");
+            return fail("context", "is no choice for a pretrained network");
         }
         if self.batch == 0 || self.batch > 65_536 {
             return fail("batch", "must be in 1..=65536");

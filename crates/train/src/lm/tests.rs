@@ -901,7 +901,8 @@ fn every_example_ends_and_radar_prediction_restores_the_codes() {
 fn a_model_that_is_told_the_context_reads_the_same_prompt_in_training_and_use() {
     let mut clips = toy_clips(4, N_CODES, CODE_DIM);
     for clip in &mut clips {
-        clip.variants[0].context = Some([3, 20, 40, 60, 70, 80, 88]);
+        clip.variants[0].context =
+            Some(std::array::from_fn(|i| [3, 20, 40, 60, 70, 80, 88][i % 7]));
     }
     let config = exact_config(bare_loop(1));
     let rng = &mut ChaCha8Rng::seed_from_u64(3);
