@@ -2,7 +2,7 @@
 //! the path of the body, and the duration.
 //!
 //! The codes describe groups of points over 0.4 s. Which arm moves shows in offsets of 0.1 to 0.4 m that single groups
-//! hardly show; a forest on these values, trained on simulated clips alone, tells left, right and both arms apart in 131
+//! hardly show; a forest on such values, trained on simulated clips alone, tells left, right and both arms apart in 131
 //! of 161 clips of real people's motions.
 
 use radarllm_base::{PointFrame, RadarPoint};
@@ -201,7 +201,7 @@ mod tests {
                 x_m: hand_m,
                 y_m: 2.9,
                 z_m: 0.5 + 0.05 * k as f32,
-                velocity_mps: if i % 2 == 0 { 0.8 } else { -0.8 },
+                velocity_mps: if i.is_multiple_of(2) { 0.8 } else { -0.8 },
                 ..RadarPoint::default()
             }));
             PointFrame {
