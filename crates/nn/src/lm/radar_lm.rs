@@ -650,6 +650,43 @@ mod tests {
         assert!(lm.generate(&[source], &Default::default()).is_ok());
     }
 
+    #[test]
+    fn a_model_gains_rows_for_the_context_and_keeps_its_own() {
+        let texts = ["a person walks"];
+        let vocab = Vocab::learn(texts.into_iter(), templates::all_text(), 600, 4, 8).unwrap();
+        let shape = radarllm_inference::lm::LmPreset::Small.config(8, 4);
+        let lm = RadarLm::new(shape, vocab, 1, &Device::flex()).unwrap();
+        let dir = std::env::temp_dir().join(format!("radarllm-lm-told-{}", std::process::id()));
+        let (first, second) = (dir.join("without"), dir.join("with"));
+        std::fs::create_dir_all(&dir).unwrap();
+        let write = |lm: &RadarLm, dir: &Path| {
+            let mut files = CheckpointFiles::default();
+            lm.add_to(&mut files).unwrap();
+            files.write(dir).unwrap();
+        };
+        write(&lm, &first);
+        let told = RadarLm::load_with_context(&first, 1, &Device::flex()).unwrap();
+        let (old, new) = (lm.vocab.layout(), told.vocab.layout());
+        assert!(!lm.vocab.is_told_context() && told.vocab.is_told_context());
+        assert!(new.size() > old.size());
+        let [before, after] = [&lm, &told].map(|lm| collect_params(lm.net.t5().unwrap()));
+        for (name, tensor) in &before {
+            let found = &after[name];
+            assert_eq!(found.values[..tensor.values.len()], tensor.values, "{name}");
+            if name.ends_with("shared") || name.ends_with("head") {
+                assert_eq!(found.shape[0], new.size());
+            } else {
+                assert_eq!(found.shape, tensor.shape, "{name}");
+            }
+        }
+        // A model that has the rows is loaded as it is.
+        write(&told, &second);
+        let again = RadarLm::load_with_context(&second, 2, &Device::flex()).unwrap();
+        let again = collect_params(again.net.t5().unwrap());
+        assert!(after.iter().all(|(name, t)| again[name].values == t.values));
+        std::fs::remove_dir_all(&dir).unwrap();
+    }
+
     fn t5(card: &mut LmCard) -> &mut T5Config {
         let NetworkConfig::T5(t5) = &mut card.lm.network else {
             panic!("not a T5");
