@@ -6,7 +6,8 @@
 
 START is a model (tokenizer/ and lm/); the second argument is the language model that was trained further from it.
 OUT gets the tokenizer of START, and a language model whose weights are the mean of both, with the weight `--share` of
-the further one. Rows that only the further one has, those of the tokens of the context, are taken as they are. Weights are written as F16, half the size of F32. OUT must not exist.
+the further one. Rows that only the further one has, those of the tokens of the context, are taken as they are. Weights
+are written as F16, half the size of F32. OUT must not exist.
 """
 
 import argparse
@@ -24,7 +25,8 @@ TOKENIZER_WEIGHTS = "model.safetensors"
 
 def mean(start, further, share):
     before, after = load_file(start / LM_WEIGHTS), load_file(further / LM_WEIGHTS)
-    for name in ("t5.shared", "t5.head"):
+    # A network with tied embeddings has no head.
+    for name in before.keys() & after.keys() & {"t5.shared", "t5.head"}:
         before[name] = np.concatenate([before[name], after[name][len(before[name]) :]])
     shapes = [{name: array.shape for name, array in weights.items()} for weights in (before, after)]
     if shapes[0] != shapes[1]:

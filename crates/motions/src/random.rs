@@ -15,6 +15,8 @@ const TEMPO_MARGIN: f32 = 1.07;
 const GOES_ON: f32 = 0.25;
 /// Motions of [`people_request`] alone.
 const OF_PEOPLE: [&str; 3] = ["leg_raise", "pace", "walk_turn"];
+/// Share of motions made once, and of pairs, with pauses before and after.
+const PAUSED: f32 = 0.35;
 /// Maximum number of draws before a plain walk is returned; in practice a tenth of them always
 /// suffices.
 const ATTEMPTS: u64 = 200;
@@ -95,46 +97,38 @@ pub fn people_request(rng_seed: u64) -> PeopleRequest {
 /// [`people_request`], a fifth are such motions, without pauses.
 pub fn once_request(rng_seed: u64) -> BuiltinRequest {
     let mut dice = Dice::new(rng_seed, "once");
-    let has_pauses = dice.chance(0.35);
-    for _ in 0..ATTEMPTS {
-        // Who moves a hand to and fro only once might as well raise it.
-        let text = once(2, &mut dice);
-        let text = match has_pauses {
-            true => text.and_then(|t| with_pauses(t, &mut dice)),
-            false => text,
-        };
-        if let Some(request) = text.and_then(|t| parse(&t).ok())
-            && request.nominal_duration_s() * TEMPO_MARGIN <= LONGEST_S
-        {
-            return request;
-        }
-    }
-    random_request(rng_seed)
+    let has_pauses = dice.chance(PAUSED);
+    // Who moves a hand to and fro only once might as well raise it.
+    first_that_fits(&mut dice, has_pauses, |dice| once(2, dice))
+        .unwrap_or_else(|| random_request(rng_seed))
 }
 
 /// Draws two motions in sequence, as often as they occur in everyday life, a third of them with pauses before and after.
 pub fn pair_request(rng_seed: u64) -> BuiltinRequest {
     let mut dice = Dice::new(rng_seed, "pair");
-    let has_pauses = dice.chance(0.35);
-    let sway_m = drawn_sway_m(&mut dice);
-    for _ in 0..ATTEMPTS {
-        let text = sequence(Shares::Everyday, &mut dice).map(|mut text| {
-            if let Some(sway_m) = sway_m {
-                text += &format!("&sway_m={sway_m:.3}");
-            }
-            text
-        });
+    let has_pauses = dice.chance(PAUSED);
+    let sway = drawn_sway_m(&mut dice).map_or(String::new(), |m| format!("&sway_m={m:.3}"));
+    first_that_fits(&mut dice, has_pauses, |dice| {
+        Some(sequence(Shares::Everyday, dice)? + &sway)
+    })
+    .unwrap_or_else(|| random_request(rng_seed))
+}
+
+/// The first drawn request that is valid and, with pauses before and after it if asked for, not longer than a window.
+fn first_that_fits(
+    dice: &mut Dice,
+    has_pauses: bool,
+    draw: impl Fn(&mut Dice) -> Option<String>,
+) -> Option<BuiltinRequest> {
+    (0..ATTEMPTS).find_map(|_| {
+        let text = draw(dice)?;
         let text = match has_pauses {
-            true => text.and_then(|t| with_pauses(t, &mut dice)),
+            true => with_pauses(text, dice)?,
             false => text,
         };
-        if let Some(request) = text.and_then(|t| parse(&t).ok())
-            && request.nominal_duration_s() * TEMPO_MARGIN <= LONGEST_S
-        {
-            return request;
-        }
-    }
-    random_request(rng_seed)
+        let request = parse(&text).ok()?;
+        (request.nominal_duration_s() * TEMPO_MARGIN <= LONGEST_S).then_some(request)
+    })
 }
 
 /// Sway of people who do not exercise, m: the pelvis of those who raise an arm moves at 0.01 to 0.12 m/s.

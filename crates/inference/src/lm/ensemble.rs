@@ -72,11 +72,17 @@ impl Ensemble {
     /// Encodes windows, each with the height of its radar: `[windows][members]`.
     pub fn encode(&self, windows: &[(&[PointFrame], f32)]) -> Result<Vec<Vec<Encoded>>, LmError> {
         let mut all: Vec<Vec<Encoded>> = vec![Vec::new(); windows.len()];
+        // The same for all members.
+        let is_told = |member: &dyn Backend| member.vocab().is_told_context();
+        let contexts: Vec<_> = match self.members.iter().any(|m| is_told(m.as_ref())) {
+            true => windows.iter().map(|(frames, _)| context(frames)).collect(),
+            false => Vec::new(),
+        };
         for member in &self.members {
             let mut encoded = member.encode(windows)?;
-            if member.vocab().is_told_context() {
-                let measured = encoded.iter_mut().zip(windows);
-                measured.for_each(|(e, (frames, _))| e.context = Some(context(frames)));
+            if is_told(member.as_ref()) {
+                let measured = encoded.iter_mut().zip(&contexts);
+                measured.for_each(|(e, context)| e.context = Some(*context));
             }
             all.iter_mut().zip(encoded).for_each(|(w, e)| w.push(e));
         }

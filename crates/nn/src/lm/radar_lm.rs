@@ -650,12 +650,16 @@ mod tests {
         assert!(lm.generate(&[source], &Default::default()).is_ok());
     }
 
-    #[test]
-    fn a_model_gains_rows_for_the_context_and_keeps_its_own() {
+    fn small() -> RadarLm {
         let texts = ["a person walks"];
         let vocab = Vocab::learn(texts.into_iter(), templates::all_text(), 600, 4, 8).unwrap();
         let shape = radarllm_inference::lm::LmPreset::Small.config(8, 4);
-        let lm = RadarLm::new(shape, vocab, 1, &Device::flex()).unwrap();
+        RadarLm::new(shape, vocab, 1, &Device::flex()).unwrap()
+    }
+
+    #[test]
+    fn a_model_gains_rows_for_the_context_and_keeps_its_own() {
+        let lm = small();
         let dir = std::env::temp_dir().join(format!("radarllm-lm-told-{}", std::process::id()));
         let (first, second) = (dir.join("without"), dir.join("with"));
         std::fs::create_dir_all(&dir).unwrap();
@@ -696,10 +700,7 @@ mod tests {
 
     #[test]
     fn damaged_models_are_errors() {
-        let texts = ["a person walks"];
-        let vocab = Vocab::learn(texts.into_iter(), templates::all_text(), 600, 4, 8).unwrap();
-        let shape = radarllm_inference::lm::LmPreset::Small.config(8, 4);
-        let lm = RadarLm::new(shape, vocab, 1, &Device::flex()).unwrap();
+        let lm = small();
         let dir = std::env::temp_dir().join(format!("radarllm-lm-bad-{}", std::process::id()));
         let card = |change: &dyn Fn(&mut LmCard)| {
             let mut files = CheckpointFiles::default();
