@@ -28,6 +28,8 @@ def expected_error(probability, right):
 def main(path):
     with open(path, encoding="utf-8") as file:
         report = json.load(file)
+    if report["role"] != "tuning":
+        sys.exit(f"{path}: not recordings for tuning")
     segments = [segment for row in report["rows"] for segment in row["segments"] if segment["taught"] is None]
     confidence = np.array([s["confidence"] for s in segments])
     right = np.array([s["right"] for s in segments])

@@ -41,4 +41,13 @@ impl PointFrame {
         self.points
             .retain(|p| p.velocity_mps.abs() >= min_speed_mps);
     }
+
+    /// Mirrors the points across the radar's vertical plane (x to -x). Range and radial velocity do not change.
+    ///
+    /// In a sentence about the points, left and right, and clockwise and counterclockwise, must be exchanged.
+    pub fn mirror(&mut self) {
+        for point in &mut self.points {
+            point.x_m = -point.x_m;
+        }
+    }
 }

@@ -22,14 +22,15 @@
 //!
 //! Reading order: [`action`] (what can be stated), [`parse`](mod@parse) (sentences to clauses), [`lexicon`] (words that
 //! state an action), [`words`] (spelling), `attributes` (what else the words state), [`write`](mod@write) (facts to
-//! sentences), [`inflect`] (verb forms), [`score`] (facts beside facts), [`attach`] (whether a sentence may describe a
-//! motion).
+//! sentences), [`inflect`] (verb forms), `mirror` (left and right exchanged), [`score`] (facts beside facts), [`attach`]
+//! (whether a sentence may describe a motion).
 
 pub mod action;
 pub mod attach;
 mod attributes;
 pub mod inflect;
 pub mod lexicon;
+mod mirror;
 pub mod parse;
 pub mod score;
 pub mod words;
@@ -39,4 +40,5 @@ pub use action::{
     Action, BodyPart, Count, Direction, Duration, Extent, Facts, Height, Kind, Manner, Path,
     Posture, Side, Subject, Tempo,
 };
+pub use mirror::swap_sides;
 pub use parse::{Clause, facts, parse};

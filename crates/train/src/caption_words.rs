@@ -9,8 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use burn::tensor::activation::sigmoid;
 use burn::tensor::{Device, Int, Tensor, TensorData};
-
-use crate::lm::{swap_sides, word_spans};
+use radarllm_facts::swap_sides;
 
 /// Minimum share of motions in which a word occurs. Rarer words are left out because they have too few examples.
 const RAREST: f64 = 0.004;
@@ -142,9 +141,9 @@ fn shares(captions: &[String], mirrored: bool) -> BTreeMap<String, f64> {
             true => swap_sides(caption).to_lowercase(),
             false => caption.to_lowercase(),
         };
-        let words: BTreeSet<&str> = word_spans(&caption)
-            .into_iter()
-            .map(|(start, end)| &caption[start..end])
+        let words: BTreeSet<&str> = caption
+            .split(|c: char| !c.is_alphabetic())
+            .filter(|word| !word.is_empty())
             .collect();
         for word in words {
             *out.entry(word.to_owned()).or_insert(0.0) += 1.0 / captions.len() as f64;

@@ -92,16 +92,7 @@ impl AugmentConfig {
     }
 }
 
-/// Mirrors a clip across the radar's vertical plane (x to -x). Range and radial velocity do not change.
-///
-/// In a caption of the clip, left and right, and clockwise and counter-clockwise, must be exchanged.
-pub fn flip_points(frames: &mut [PointFrame]) {
-    for point in frames.iter_mut().flat_map(|f| &mut f.points) {
-        point.x_m = -point.x_m;
-    }
-}
-
-/// Applies all random augmentation except the flip, which also changes the labels (see [`flip_points`]).
+/// Applies all random augmentation except the flip, which also changes the labels (see [`PointFrame::mirror`]).
 pub fn augment_points(frames: &mut [PointFrame], config: &AugmentConfig, rng: &mut ChaCha8Rng) {
     let symmetric = |rng: &mut ChaCha8Rng, most: f32| {
         if most > 0.0 {
@@ -206,9 +197,9 @@ mod tests {
     #[test]
     fn flipping_twice_is_the_identity() {
         let mut flipped = clip();
-        flip_points(&mut flipped);
+        flipped.iter_mut().for_each(PointFrame::mirror);
         assert_eq!(flipped[0].points[0].x_m, 0.5);
-        flip_points(&mut flipped);
+        flipped.iter_mut().for_each(PointFrame::mirror);
         assert_eq!(flipped, clip());
     }
 

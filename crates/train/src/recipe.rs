@@ -28,7 +28,6 @@ use radarllm_nn::{device::Processors, lm::RadarLm};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    data::flip_points,
     harness::{self, Ending, StopToken, TrainError},
     lm::{LmClip, LmTrainConfig, instruct, pretrain, pretrain_further},
     motion::{self, MotionTrainConfig},
@@ -560,7 +559,7 @@ pub fn lm_clips(
             _ => disturbed(clip, copy),
         };
         if mirrored {
-            flip_points(&mut frames);
+            frames.iter_mut().for_each(PointFrame::mirror);
         }
         frames
     };

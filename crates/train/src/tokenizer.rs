@@ -28,7 +28,7 @@ use rand::{RngExt, SeedableRng};
 
 use crate::caption_words::CaptionWords;
 use crate::chamfer::chamfer;
-use crate::data::{augment_points, flip_points, plan_batches, shuffle};
+use crate::data::{augment_points, plan_batches, shuffle};
 use crate::harness::{self, Outcome, Stage, StepInfo, StepLoss, TrainError, Validation};
 use crate::lm::loss::cross_entropy;
 pub use crate::tokenizer_config::{
@@ -202,7 +202,7 @@ impl<'a> TokenizerStage<'a> {
         let mut frames = clip.frames[start..end].to_vec();
         let flip = rng.random::<f64>() < self.config.augment.flip;
         if flip {
-            flip_points(&mut frames);
+            frames.iter_mut().for_each(PointFrame::mirror);
         }
         if self.config.augment.disturb > 0.0 && rng.random::<f64>() < self.config.augment.disturb {
             let rate_hz = f64::from(radarllm_inference::FRAME_RATE_HZ);

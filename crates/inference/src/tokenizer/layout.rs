@@ -235,9 +235,7 @@ mod tests {
     fn mirrored_points_have_mirrored_tokens() {
         let frames = gesture(0.35);
         let mut mirrored = frames.clone();
-        for point in mirrored.iter_mut().flat_map(|f| &mut f.points) {
-            point.x_m = -point.x_m;
-        }
+        mirrored.iter_mut().for_each(PointFrame::mirror);
         let (a, b) = (layout(&frames), layout(&mirrored));
         for i in 0..4 {
             let [a, b] = [a[i], b[i]].map(|t| t - i * N_OFFSET_BINS);

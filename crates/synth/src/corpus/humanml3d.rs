@@ -19,11 +19,11 @@ use std::{
 };
 
 use radarllm_dataset::{FailedItem, record::Split};
+use radarllm_facts::swap_sides;
 use serde::{Deserialize, Serialize};
 
 use super::CorpusError;
 use super::files::{CaptionLine, MotionFiles, Terms, io_error, read_humanml3d_text, text_of};
-use super::mirror::swap_sides;
 
 /// Frames per second of the data set's frame numbers.
 const FRAME_RATE_HZ: f64 = 20.0;

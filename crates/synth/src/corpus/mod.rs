@@ -3,7 +3,6 @@
 pub mod bandai_namco;
 pub mod files;
 pub mod humanml3d;
-pub mod mirror;
 pub mod procedural;
 
 use radarllm_base::Motion;

@@ -5,12 +5,12 @@ use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 
 use radarllm_base::random::normal_polar_f32;
-use radarllm_facts::{Facts, facts, write::Writer};
+use radarllm_facts::{Facts, facts, swap_sides, write::Writer};
 use radarllm_inference::lm::templates::{Piece, Task, pieces};
 use radarllm_inference::lm::{InputError, LmError, Source, Vocab};
 use radarllm_inference::tokenizer::Encoded;
 
-use super::clip::{LmClip, swap_sides};
+use super::clip::LmClip;
 use super::config::LmTrainConfig;
 use super::corrupt::choose_spans;
 

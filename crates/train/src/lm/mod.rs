@@ -4,7 +4,7 @@
 //! The loss covers targets only, never prompts or padding. Captions are used unchanged. Batches contain sequences of
 //! similar length.
 //!
-//! Reading order: [`clip`] (data and mirroring), [`corrupt`] (span masking), [`examples`] (tasks to token sequences),
+//! Reading order: [`clip`] (data), [`corrupt`] (span masking), [`examples`] (tasks to token sequences),
 //! [`loss`], [`contrast`] (contrastive loss of codes and captions), [`stage`] (the two stages).
 
 pub mod clip;
@@ -17,7 +17,6 @@ pub mod stage;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use clip::word_spans;
-pub use clip::{LmClip, swap_sides};
+pub use clip::LmClip;
 pub use config::{LmTrainConfig, TaskWeights};
 pub use stage::{LmOutcome, instruct, pretrain, pretrain_further};

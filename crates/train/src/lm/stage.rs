@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use burn::module::Module;
 use burn::tensor::{Tensor, TensorData};
+use radarllm_facts::swap_sides;
 use radarllm_inference::checkpoint::{
     Checkpoint, CheckpointFiles, HostTensor, MODEL_FILE, NamedTensors,
 };
@@ -21,7 +22,7 @@ use radarllm_nn::precision::ProductPrecision;
 use rand::SeedableRng;
 use rand::rngs::ChaCha8Rng;
 
-use super::clip::{LmClip, swap_sides};
+use super::clip::LmClip;
 use super::config::LmTrainConfig;
 use super::contrast::{contrast, mean_rows};
 use super::examples::{Example, ExampleMaker, Item, LmStageKind, samples_of_writing};

@@ -1,12 +1,18 @@
 //! Sentences about mirrored motions.
 
-/// Words after `right` that make it an adverb of time or place: "right away", "right after", "right in front".
-const NOT_A_SIDE: [&str; 7] = ["away", "after", "before", "now", "then", "next", "in"];
+/// Words after `right` that make it an adverb or an angle: "right away", "right next to a wall", "a right angle".
+const NOT_A_SIDE: [&str; 9] = [
+    "away", "after", "before", "now", "next", "here", "angle", "angles", "angled",
+];
 
-/// Exchanges left and right, clockwise and counterclockwise.
+/// The sentence about the mirrored motion: left and right, clockwise and counterclockwise are exchanged.
+///
+/// Only whole words are exchanged ("upright" is unchanged), and both parts of hyphenated ones, because a right-handed
+/// throw is left-handed in the mirror image. Two exchanges give the same sentence, except that "counter-clockwise" and
+/// "anticlockwise" become "counterclockwise".
 ///
 /// ```
-/// use radarllm_synth::corpus::mirror::swap_sides;
+/// use radarllm_facts::swap_sides;
 ///
 /// let text = "A person raises the Left hand, turns counter-clockwise and right away bows.";
 /// assert_eq!(swap_sides(text), "A person raises the Right hand, turns clockwise and right away bows.");
@@ -21,8 +27,8 @@ pub fn swap_sides(text: &str) -> String {
         let lower = word.to_lowercase();
         out.push_str(&text[at..start]);
         at = start + word.len();
-        let next = words.get(i + 1).map(|(_, word)| word.to_lowercase());
-        let next = next.as_deref().unwrap_or_default();
+        let lower_at = |i: usize| words.get(i).map(|(_, word)| word.to_lowercase());
+        let next = lower_at(i + 1).unwrap_or_default();
         let is_against = matches!(lower.as_str(), "counter" | "anti");
         if is_against && next == "clockwise" {
             // Two words or one with a hyphen.
@@ -32,7 +38,10 @@ pub fn swap_sides(text: &str) -> String {
             i += 2;
             continue;
         }
-        let is_side = !(lower == "right" && NOT_A_SIDE.contains(&next));
+        let is_adverb = NOT_A_SIDE.contains(&next.as_str())
+            || (next == "in" && lower_at(i + 2).is_some_and(|word| word == "front"))
+            || (i > 0 && lower_at(i - 1).is_some_and(|word| word == "all"));
+        let is_side = !(lower == "right" && is_adverb);
         out.push_str(&match lower.as_str() {
             "counterclockwise" | "anticlockwise" => in_case_of(word, "clockwise"),
             "clockwise" => in_case_of(word, "counterclockwise"),
@@ -101,11 +110,24 @@ mod tests {
             ("LEFT leg; Rightward step", "RIGHT leg; Leftward step"),
             ("turns anti clockwise", "turns clockwise"),
             ("turns Clockwise twice", "turns Counterclockwise twice"),
+            ("walks counter-clockwise twice", "walks clockwise twice"),
+            ("walks anticlockwise", "walks clockwise"),
+            (
+                "a right-handed throw to the left",
+                "a left-handed throw to the right",
+            ),
+            (
+                "turns right, right in a circle",
+                "turns left, left in a circle",
+            ),
             (
                 "moves right in front of a wall",
                 "moves right in front of a wall",
             ),
+            ("sits right away, all right", "sits right away, all right"),
+            ("bends at a right angle", "bends at a right angle"),
             ("stands upright, leftovers", "stands upright, leftovers"),
+            ("brightly", "brightly"),
             ("", ""),
             ("ein Fuß links", "ein Fuß links"),
         ] {
@@ -115,7 +137,12 @@ mod tests {
 
     #[test]
     fn mirroring_twice_gives_the_same_sentence() {
-        let text = "a person kicks with the left foot and turns counterclockwise to the right";
-        assert_eq!(swap_sides(&swap_sides(text)), text);
+        for text in [
+            "a person kicks with the left foot and turns counterclockwise to the right",
+            "é left ünïcödé right",
+            "counterclockwise",
+        ] {
+            assert_eq!(swap_sides(&swap_sides(text)), text);
+        }
     }
 }
