@@ -991,7 +991,7 @@ pub struct ViewArgs {
     /// Recording of any format, points file, motion file or builtin:NAME?key=value.
     #[arg(value_name = "INPUT")]
     pub input_file: String,
-    /// Output page, HTML.
+    /// Output: a page with the points in motion (.html), or a figure of the points over time with the sentences (.svg).
     #[arg(long)]
     pub out: PathBuf,
     /// Model folder; the bundled model if omitted.

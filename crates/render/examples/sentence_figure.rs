@@ -67,6 +67,7 @@ fn main() -> Result<()> {
         panels: vec![panel],
         colour_bar: Axis::new("Radial velocity", "m/s").with_limits(-4.0, 4.0),
         colours: ColourMap::BlueRed,
+        ..ScatterPlot::default()
     };
     let plot = plot.to_svg().replacen("<svg ", "<svg x=\"300\" ", 1);
     let (sentence, source) = (sentence.trim(), source.trim());

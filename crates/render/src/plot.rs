@@ -7,7 +7,7 @@
 //! | data | plot |
 //! |---|---|
 //! | a matrix of values, such as a range-Doppler map or a micro-Doppler spectrogram | [`Heatmap`] |
-//! | points, each with a colour | [`ScatterPlot`]; for radar points [`point_cloud`], [`points_over_time`] |
+//! | points, each with a colour | [`ScatterPlot`]; for radar points [`point_cloud`], [`points_over_time`], [`timeline`] |
 //! | curves with or without intervals, and paths | [`LinePlot`] |
 //! | frequencies of values | [`Histogram`] |
 //!
@@ -34,8 +34,8 @@ pub use figure::Aspect;
 pub use heatmap::{Grid, Heatmap};
 pub use histogram::Histogram;
 pub use line_plot::{CurvePoint, LinePlot, Markers, Series};
-pub use radar_points::{point_cloud, points_over_time};
-pub use scatter_plot::{ScatterPanel, ScatterPlot};
+pub use radar_points::{point_cloud, points_over_time, timeline};
+pub use scatter_plot::{ScatterPanel, ScatterPlot, Span};
 
 use axis::Scale;
 

@@ -1,4 +1,4 @@
-//! `view`: one self-contained page.
+//! `view`: one self-contained page, or a figure of the timeline.
 
 use std::path::Path;
 
@@ -8,6 +8,7 @@ use radarllm_base::MovingSurface;
 use radarllm_body::mesh::BodyShape;
 use radarllm_io::options::DEFAULT_RADAR_HEIGHT_M;
 use radarllm_render::page::{Page, PageMesh};
+use radarllm_render::plot::{Span, timeline};
 use radarllm_synth::synthesizer::posed_builtin;
 
 use crate::{
@@ -41,9 +42,27 @@ pub fn run(args: &ViewArgs) -> CliResult {
         &clip,
         &DescribeOptions::default(),
     )?;
-    write_page(&args.out, &clip, recording.performed.as_ref(), &row)?;
+    match args.out.extension().is_some_and(|e| e == "svg") {
+        true => write_timeline(&args.out, &clip, &row)?,
+        false => write_page(&args.out, &clip, recording.performed.as_ref(), &row)?,
+    }
     output::print_line(&format!("{}: {}", args.out.display(), row.caption));
     Ok(())
+}
+
+/// Writes a figure of the points of a described clip over time, with its sentences.
+fn write_timeline(path: &Path, clip: &Clip, row: &Row) -> CliResult {
+    let said = row.segments.iter().map(|s| Span {
+        from: s.start_s,
+        to: s.end_s,
+        text: format!(
+            "{:.1}-{:.1} s: {} ({:.2})",
+            s.start_s, s.end_s, s.caption, s.confidence
+        ),
+    });
+    let title = format!("{} ({})", row.source.source, row.source.provenance);
+    let plot = timeline(&clip.frames, said.collect(), &title);
+    output::write_atomic(path, plot.to_svg().as_bytes())
 }
 
 /// Writes the page of a described clip, with the body if its motion was simulated just now.

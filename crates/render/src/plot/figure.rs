@@ -1,4 +1,4 @@
-//! The layout shared by all plots: title, panels one below the other with their axes, colour bar, legend.
+//! The layout shared by all plots: title, panels one below the other with their axes, colour bar, legend, notes.
 
 use super::{
     axis::{Axis, Scale, Tick},
@@ -94,6 +94,8 @@ pub(super) struct Figure<'a> {
     pub colour_bar: Option<ColourBar<'a>>,
     /// Names and styles of the series; series without a name are omitted.
     pub legend: Vec<(&'a str, SeriesStyle)>,
+    /// Texts below everything else.
+    pub notes: Vec<String>,
 }
 
 impl Figure<'_> {
@@ -144,6 +146,12 @@ impl Figure<'_> {
                 svg.text(x + SAMPLE_PT + GAP_PT, y, TICK_PT, Anchor::Start, name);
                 x += width;
             }
+            bottom += LINE * TICK_PT;
+        }
+        let room = WIDTH_PT - 2.0 * MARGIN_PT;
+        for line in self.notes.iter().flat_map(|n| wrapped(n, TICK_PT, room)) {
+            let y = bottom + 0.5 * LINE * TICK_PT;
+            svg.text(MARGIN_PT, y, TICK_PT, Anchor::Start, &line);
             bottom += LINE * TICK_PT;
         }
         svg.finish(self.title, bottom + MARGIN_PT)
@@ -216,7 +224,12 @@ impl Figure<'_> {
     }
 
     fn title_lines(&self) -> Vec<String> {
-        wrapped(self.title, BOLD * TITLE_PT, WIDTH_PT - 2.0 * MARGIN_PT)
+        let room = WIDTH_PT - 2.0 * MARGIN_PT;
+        let lines = wrapped(self.title, BOLD * TITLE_PT, room).into_iter();
+        // A word may be wider than the figure.
+        lines
+            .map(|line| shortened(&line, BOLD * TITLE_PT, room))
+            .collect()
     }
 
     /// Rows of the legend, as few as possible and of similar length, and the widths of its columns.

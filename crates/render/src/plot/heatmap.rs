@@ -126,6 +126,7 @@ impl Heatmap {
                 colours: ColourMap::Viridis,
             }),
             legend: Vec::new(),
+            notes: Vec::new(),
         };
         figure.to_svg(|svg, _, placed| {
             if let Some(png) = &png {

@@ -86,6 +86,7 @@ impl Histogram {
                 .enumerate()
                 .map(|(i, s)| (s.name.as_str(), style(i)))
                 .collect(),
+            notes: Vec::new(),
         };
         figure.to_svg(|svg, _, placed| {
             for (i, outline) in outlines.iter().enumerate() {

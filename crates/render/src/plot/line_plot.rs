@@ -142,6 +142,7 @@ impl LinePlot {
                 .enumerate()
                 .map(|(i, s)| (s.name.as_str(), style(i)))
                 .collect(),
+            notes: Vec::new(),
         };
         figure.to_svg(|svg, _, placed| {
             for (i, series) in self.series.iter().enumerate() {

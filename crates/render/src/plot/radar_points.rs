@@ -6,7 +6,7 @@ use super::{
     axis::Axis,
     colours::ColourMap,
     figure::Aspect,
-    scatter_plot::{ScatterPanel, ScatterPlot},
+    scatter_plot::{ScatterPanel, ScatterPlot, Span},
 };
 
 /// Minimum end of a velocity axis, m/s, so that the noise of a static scene remains grey.
@@ -48,6 +48,26 @@ pub fn point_cloud(points: &[RadarPoint], title: &str) -> ScatterPlot {
 
 /// Range and x (to the right of the radar) of points over time, coloured as in [`point_cloud`].
 pub fn points_over_time(frames: &[PointFrame], title: &str) -> ScatterPlot {
+    over_time(frames, title, &[RANGE, ACROSS])
+}
+
+/// Range, x and z (above the radar) of points over time with what is said of them, coloured as in [`point_cloud`].
+pub fn timeline(frames: &[PointFrame], said: Vec<Span>, title: &str) -> ScatterPlot {
+    ScatterPlot {
+        spans: said,
+        ..over_time(frames, title, &[RANGE, ACROSS, UP])
+    }
+}
+
+/// A coordinate of a point with its name.
+type Coordinate = (&'static str, fn(&RadarPoint) -> f32);
+
+const RANGE: Coordinate = ("Range", |p| p.range_m);
+const ACROSS: Coordinate = ("x", |p| p.x_m);
+const UP: Coordinate = ("z", |p| p.z_m);
+
+/// Coordinates of points over time, each in its own panel.
+fn over_time(frames: &[PointFrame], title: &str, coordinates: &[Coordinate]) -> ScatterPlot {
     let panel = |label: &str, time: Axis, value: fn(&RadarPoint) -> f32| {
         let points = frames.iter().flat_map(|frame| {
             let at = |p| [frame.time_s, f64::from(value(p)), f64::from(p.velocity_mps)];
@@ -69,11 +89,16 @@ pub fn points_over_time(frames: &[PointFrame], title: &str) -> ScatterPlot {
     let time = |label: &str, unit: &str| {
         Axis::new(label, unit).with_limits(first - padding, last + padding)
     };
-    let panels = vec![
-        panel("Range", time("", ""), |p| p.range_m),
-        panel("x", time("Time", "s"), |p| p.x_m),
-    ];
-    coloured_by_velocity(title, panels)
+    let lowest = coordinates.len().saturating_sub(1);
+    let panels = coordinates.iter().enumerate().map(|(i, (label, value))| {
+        let axis = if i == lowest {
+            time("Time", "s")
+        } else {
+            time("", "")
+        };
+        panel(label, axis, *value)
+    });
+    coloured_by_velocity(title, panels.collect())
 }
 
 fn coloured_by_velocity(title: &str, panels: Vec<ScatterPanel>) -> ScatterPlot {
@@ -86,5 +111,6 @@ fn coloured_by_velocity(title: &str, panels: Vec<ScatterPanel>) -> ScatterPlot {
         panels,
         colour_bar: Axis::new("Radial velocity", "m/s").with_limits(-fastest, fastest),
         colours: ColourMap::BlueRed,
+        ..ScatterPlot::default()
     }
 }

@@ -4,15 +4,23 @@ use super::{
     PlotError,
     axis::{Axis, Scale},
     colours::{ColourMap, LAST, NOTHING, hex},
-    figure::{Aspect, ColourBar, Figure, Panel, Placed},
+    figure::{Aspect, ColourBar, Figure, Panel, Placed, segment},
     png_texts,
-    svg::Svg,
+    svg::{Anchor, INK, Stroke, Svg, text_width},
 };
 use crate::png_file::{self, Pixels};
 
 /// Height of a panel with [`Aspect::Fill`], pt.
 const HEIGHT_PT: f64 = 100.0;
 const RADIUS_PT: f64 = 1.2;
+/// Font size of the numbers of spans, pt.
+const NUMBER_PT: f64 = 7.0;
+/// Line between spans.
+const BORDER: Stroke = Stroke {
+    colour: INK,
+    width_pt: 0.5,
+    dashes: "2 1.5",
+};
 /// Maximum number of points drawn as vector shapes. More points become an embedded image.
 const MAX_VECTOR_POINTS: usize = 20_000;
 /// Resolution of the image, pixels per point on paper: 288 dpi.
@@ -39,6 +47,17 @@ pub struct ScatterPanel {
     pub aspect: Aspect,
 }
 
+/// A part of the horizontal axis and what is said of it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Span {
+    /// Where it begins, in units of the axis.
+    pub from: f64,
+    /// Where it ends.
+    pub to: f64,
+    /// What is said of it.
+    pub text: String,
+}
+
 /// Points coloured by a value, in panels one below the other.
 ///
 /// Points are drawn in increasing order of the value or, with [`ColourMap::BlueRed`], of its distance from the middle.
@@ -56,6 +75,7 @@ pub struct ScatterPanel {
 ///     }],
 ///     colour_bar: Axis::new("Radial velocity", "m/s").with_limits(-2.0, 2.0),
 ///     colours: ColourMap::BlueRed,
+///     ..ScatterPlot::default()
 /// };
 /// assert_eq!(plot.to_svg().matches("<circle").count(), 2);
 /// ```
@@ -65,6 +85,9 @@ pub struct ScatterPlot {
     pub title: String,
     /// The panels, from top to bottom.
     pub panels: Vec<ScatterPanel>,
+    /// Parts of the horizontal axis: lines between them in all panels, their numbers in the first panel, and their texts
+    /// below the figure. For SVG only.
+    pub spans: Vec<Span>,
     /// Quantity shown by the colours.
     pub colour_bar: Axis,
     /// Colour map.
@@ -80,6 +103,7 @@ impl ScatterPlot {
             let points = self.placed_points(index, placed, &colours);
             if n_points <= MAX_VECTOR_POINTS {
                 draw_discs(svg, &points, self.colours);
+                self.draw_spans(svg, index, placed);
                 return;
             }
             let (width, height, indices) = self.picture(placed, &points);
@@ -91,7 +115,28 @@ impl ScatterPlot {
             if let Ok(png) = png_file::encode(width, height, &pixels, &[]) {
                 svg.image(placed.area, &png);
             }
+            self.draw_spans(svg, index, placed);
         })
+    }
+
+    /// Draws a line between every two spans, and into the first panel their numbers, as far as they are wide enough.
+    fn draw_spans(&self, svg: &mut Svg, index: usize, placed: &Placed) {
+        let [top, bottom] = [placed.area.top, placed.area.bottom()];
+        for span in self.spans.iter().skip(1) {
+            let x = placed.x.to_pt(span.from);
+            svg.path(&segment([x, top], [x, bottom]), BORDER);
+        }
+        if index > 0 {
+            return;
+        }
+        for (i, span) in self.spans.iter().enumerate() {
+            let [left, right] = [span.from, span.to].map(|x| placed.x.to_pt(x));
+            let number = (i + 1).to_string();
+            if text_width(&number, NUMBER_PT) <= right - left {
+                let (x, y) = (0.5 * (left + right), placed.area.top + NUMBER_PT);
+                svg.bold_text(x, y, NUMBER_PT, Anchor::Middle, &number);
+            }
+        }
     }
 
     /// An image of the panels only, without text. The extents of the axes and of the colour bar are in its tEXt chunks.
@@ -163,7 +208,16 @@ impl ScatterPlot {
                 colours: self.colours,
             }),
             legend: Vec::new(),
+            notes: self.notes(),
         }
+    }
+
+    /// The texts of the spans with their numbers.
+    fn notes(&self) -> Vec<String> {
+        let numbered = self.spans.iter().enumerate();
+        numbered
+            .map(|(i, span)| format!("{} {}", i + 1, span.text))
+            .collect()
     }
 
     fn colour_scale(&self) -> Scale {

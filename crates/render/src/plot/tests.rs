@@ -253,6 +253,42 @@ fn later_points_are_drawn_to_the_right_and_farther_ones_higher() {
 }
 
 #[test]
+fn a_timeline_parts_numbers_and_lists_what_is_said() {
+    let frames: Vec<PointFrame> = (0..=10)
+        .map(|i| PointFrame {
+            time_s: f64::from(i),
+            points: vec![point(0.1, 1.0)],
+            ..PointFrame::default()
+        })
+        .collect();
+    let said = |from, to, text: &str| Span {
+        from,
+        to,
+        text: text.into(),
+    };
+    let spans = vec![
+        said(0.0, 5.0, "a person walks"),
+        said(5.0, 10.0, "a person <falls>"),
+        said(10.0, 10.01, "a person lies"),
+    ];
+    let svg = timeline(&frames, spans, "t").to_svg();
+    let all = elements(&svg);
+    let texts: Vec<String> = all.iter().map(|e| e.text.clone()).collect();
+    // The third is too short for its number, and is listed all the same.
+    assert!(texts.contains(&"1".into()) && texts.contains(&"2".into()));
+    for line in [
+        "1 a person walks",
+        "2 a person &lt;falls&gt;",
+        "3 a person lies",
+    ] {
+        assert!(svg.contains(&format!(">{line}</text>")), "{line}");
+    }
+    // Two borders in each of the three panels.
+    let borders = all.iter().filter(|e| !e.attribute("stroke-dasharray").is_empty());
+    assert_eq!(borders.count(), 6);
+}
+
+#[test]
 fn a_unit_of_a_map_is_as_long_on_both_axes() {
     let plot = LinePlot {
         x: Axis::new("x", "m"),
