@@ -33,6 +33,8 @@ pub struct RecordedConfidence {
     /// By the name of the recording's format ([`radarllm_base::Provenance::format`]).
     #[serde(default)]
     formats: BTreeMap<String, Fitted>,
+    /// For simulated clips, whose sentences are stated however probable they are; the model's own confidence if absent.
+    simulated: Option<Fitted>,
 }
 
 /// What was fitted on the recordings of one board. The confidence of a sentence about one window is another quantity than
@@ -90,6 +92,7 @@ impl RecordedConfidence {
                 .formats
                 .values()
                 .chain([&file.others])
+                .chain(&file.simulated)
                 .all(Fitted::is_valid);
         match is_valid {
             true => Ok(file),
@@ -99,26 +102,35 @@ impl RecordedConfidence {
         }
     }
 
-    /// What was fitted for recordings like this clip, which is described in a number of windows.
-    fn of(&self, clip: &Clip, n_windows: usize) -> Logistic {
-        let own = clip.provenance.format().and_then(|f| self.formats.get(f));
-        let fitted = own.unwrap_or(&self.others);
-        match n_windows > 1 {
+    /// What was fitted for clips like this one, which is described in a number of windows.
+    fn of(&self, clip: &Clip, n_windows: usize) -> Option<Logistic> {
+        let recorded = || {
+            let own = clip.provenance.format().and_then(|f| self.formats.get(f));
+            own.unwrap_or(&self.others)
+        };
+        let fitted = match clip.provenance.is_simulated() {
+            true => self.simulated.as_ref()?,
+            false => recorded(),
+        };
+        Some(match n_windows > 1 {
             true => fitted.recording,
             false => fitted.window,
-        }
+        })
     }
 
-    /// Replaces the confidences of a description of a recorded clip, and the sentences that are too uncertain.
+    /// Replaces the confidences of a description, and the sentences about a recording that are too uncertain.
     pub(crate) fn apply(&self, clip: &Clip, description: &mut Description) {
-        if clip.provenance.is_simulated() || description.abstained.is_some() {
+        let Some(fitted) = self.of(clip, description.windows) else {
+            return;
+        };
+        if description.abstained.is_some() {
             return;
         }
-        let fitted = self.of(clip, description.windows);
+        let is_recorded = !clip.provenance.is_simulated();
         let mut stated: Vec<Segment> = Vec::new();
         for mut segment in std::mem::take(&mut description.segments) {
             segment.confidence = fitted.probability(segment.confidence);
-            if segment.confidence < self.unsure_below {
+            if is_recorded && segment.confidence < self.unsure_below {
                 let sentence = visible(&clip.frames, segment.start_s, segment.end_s);
                 let guess = std::mem::replace(&mut segment.caption, sentence.into());
                 segment.actions.clear();
@@ -287,12 +299,22 @@ mod tests {
     }
 
     #[test]
-    fn simulated_clips_keep_the_confidence_of_the_model() {
+    fn simulated_clips_keep_their_sentences() {
+        let simulated = clip(0.0, "simulated:builtin:walk");
+        let before = described(&[0.5, 0.1]);
+        let mut description = before.clone();
         let confidence = RecordedConfidence::from_toml(FILE).unwrap();
-        let mut description = described(&[0.8, 0.3]);
-        let before = description.clone();
-        confidence.apply(&clip(0.0, "simulated:builtin:walk"), &mut description);
+        confidence.apply(&simulated, &mut description);
         assert_eq!(description, before);
+
+        let fitted = "[simulated]\nwindow = { slope = 1.0, offset = -3.0 }\n\
+            recording = { slope = 1.0, offset = 0.0 }\n";
+        let confidence = RecordedConfidence::from_toml(&format!("{FILE}{fitted}")).unwrap();
+        confidence.apply(&simulated, &mut description);
+        let captions = description.segments.iter().map(|s| s.caption.as_str());
+        let unchanged = before.segments.iter().map(|s| s.caption.as_str());
+        assert!(captions.eq(unchanged));
+        assert!(description.segments.iter().all(|s| s.confidence < 0.05));
     }
 
     #[test]
