@@ -6,7 +6,8 @@
 `cmu-index.csv` has the columns `trial` and `description`, the database's own index; `files.csv` has `trial`, `file`,
 `kind`, `true_fps` and `skip_first_frames`. OUT holds the files that `files.csv` names. Only descriptions that say one
 thing get a sentence; of these, the part before a comma is the gait, and the part after it a turn. Turns are also
-mirrored, and straight walks and runs are bent to either side, because the database has few turns.
+mirrored, and straight walks and runs are bent to either side, because the database has few turns; a slight bend is
+still called straight.
 """
 
 import csv
@@ -22,8 +23,9 @@ GAITS = {
     "run/jog": ["runs forward", "jogs forward", "runs straight ahead"],
     "forward jump": ["jumps forward", "leaps forward"],
 }
-# Angles of bent paths, degrees.
+# Angles of bent paths, degrees, and of paths that are called straight all the same.
 BENDS_DEG = (50, 140)
+STRAIGHT_DEG = (4, 20)
 TURN = re.compile(r"(?:veer|90-degree) (left|right)(?: turn)?")
 
 
@@ -57,9 +59,12 @@ def clips(trial, description):
     if "jump" in description.lower():
         return
     draw = random.Random(trial)
-    for turn, sign in (("left", 1), ("right", -1)):
+    bends = [("left", 1), ("right", -1)]
+    for turn, sign in bends:
         bend_deg = sign * draw.randint(*BENDS_DEG)
         yield {"captions": with_turn(ways, turn), "id": f"{trial}-{turn}", "bend_deg": bend_deg}
+    _, sign = draw.choice(bends)
+    yield {"captions": ways, "id": f"{trial}-straight", "bend_deg": sign * draw.randint(*STRAIGHT_DEG)}
 
 
 def main(index, files, out):

@@ -18,6 +18,10 @@ struct Involvement {
     nod: f32,
     /// Elevation and azimuth of an arm that the gesture does not name, rad.
     other_arm: [f32; 2],
+    /// Bend of the knees from which a lively person springs up with the arms, m; 0 for others.
+    crouch_m: f32,
+    /// Time for raising the arms, as a share of what others take.
+    raising_time: f32,
 }
 
 impl Involvement {
@@ -25,6 +29,10 @@ impl Involvement {
         let dice = &mut actor.dice;
         // Some move little but the arm, others much.
         let share = dice.range(0.0, 1.0);
+        let (crouch_m, raising_time) = match dice.chance(0.3) {
+            true => (dice.range(0.03, 0.13), dice.log_range(0.35, 0.9)),
+            false => (0.0, 1.0),
+        };
         Self {
             flex: -0.1 * share * dice.bell(),
             side: 0.12 * share * dice.bell(),
@@ -34,11 +42,22 @@ impl Involvement {
                 0.4 * share * dice.range(0.0, 1.0),
                 0.5 * share * dice.bell(),
             ],
+            crouch_m,
+            raising_time,
         }
+    }
+
+    /// The pose before the arms are raised.
+    fn before(&self, rest: &Control) -> Control {
+        let mut c = *rest;
+        c.hip.y -= self.crouch_m;
+        c.flex += self.crouch_m;
+        c
     }
 
     /// Adds the share of the rest of the body to a pose of the arms `named`.
     fn apply(&self, c: &mut Control, rest: &Control, named: &[usize]) {
+        c.hip = rest.hip;
         c.flex = rest.flex + self.flex;
         c.side = rest.side + self.side;
         c.twist = rest.twist + self.twist;
@@ -61,7 +80,7 @@ pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let height = -0.05 + 1.2 * up;
     let stretched = (0.5 + 0.35 * up + 0.14 * actor.dice.bell()).clamp(0.4, 0.95);
     let body = Involvement::draw(actor);
-    let mut track = Track::new(rest);
+    let mut track = Track::new(body.before(&rest));
     track.hold(0.1);
     let pose = |c: &mut Control, lean: f32| {
         for side in v.sides() {
@@ -78,7 +97,8 @@ pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
         }
         body.apply(c, &rest, v.sides());
     };
-    track.to(actor.s(0.6, speed), |c| pose(c, -0.6));
+    let raising_s = body.raising_time * actor.s(0.6, speed);
+    track.to(raising_s, |c| pose(c, -0.6));
     for _ in 0..v.count("repetitions") {
         track.to(actor.s(0.24, speed), |c| pose(c, 1.0));
         track.to(actor.s(0.24, speed), |c| pose(c, -1.0));
@@ -113,10 +133,11 @@ pub fn raise_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
         (true, false) => ELBOW_UP,
         _ => ELBOW_DOWN,
     };
-    let mut track = Track::new(rest);
+    let mut track = Track::new(body.before(&rest));
     track.hold(0.1);
     for n in 0..v.count("repetitions") {
-        track.to(actor.s(0.85, speed), |c| {
+        let raising_s = body.raising_time * actor.s(0.85, speed);
+        track.to(raising_s, |c| {
             for side in v.sides() {
                 reach(c, *side, elevation, azimuth, stretched, pole);
                 c.arms[*side].flex = 0.0;
