@@ -127,8 +127,13 @@ pub fn raise_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
         "hand" => (-0.35 + 1.8 * up, actor.dice.range(0.0, 1.45)),
         _ => (0.85 + 0.58 * up, actor.dice.range(0.1, 1.4)),
     };
+    // A raised hand may be above the head instead of the shoulder.
+    let azimuth = match elevation > 1.1 && actor.dice.chance(0.45) {
+        true => -actor.dice.range(0.3, 1.5),
+        false => azimuth,
+    };
     let is_overhead = v.word("style") == "overhead";
-    let pole = match (elevation >= 0.85, azimuth > 0.7) {
+    let pole = match (elevation >= 0.85, !(0.0..=0.7).contains(&azimuth)) {
         (true, true) => ELBOW_SIDE,
         (true, false) => ELBOW_UP,
         _ => ELBOW_DOWN,

@@ -284,7 +284,9 @@ fn a_timeline_parts_numbers_and_lists_what_is_said() {
         assert!(svg.contains(&format!(">{line}</text>")), "{line}");
     }
     // Two borders in each of the three panels.
-    let borders = all.iter().filter(|e| !e.attribute("stroke-dasharray").is_empty());
+    let borders = all
+        .iter()
+        .filter(|e| !e.attribute("stroke-dasharray").is_empty());
     assert_eq!(borders.count(), 6);
 }
 
