@@ -10,6 +10,9 @@ use crate::control::{Control, SIDE_SIGN};
 use crate::track::Track;
 use crate::values::Values;
 
+/// Time in which lively people raise a hand above the head, s.
+const FASTEST_RAISE_S: f32 = 0.3;
+
 /// How the rest of the body takes part in a gesture: nobody moves an arm alone.
 struct Involvement {
     flex: f32,
@@ -45,6 +48,11 @@ impl Involvement {
             crouch_m,
             raising_time,
         }
+    }
+
+    /// Time for raising the arms, s, which takes others `others_s`.
+    fn raising_s(&self, others_s: f32) -> f32 {
+        (self.raising_time * others_s).max(others_s.min(FASTEST_RAISE_S))
     }
 
     /// The pose before the arms are raised.
@@ -97,7 +105,7 @@ pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
         }
         body.apply(c, &rest, v.sides());
     };
-    let raising_s = body.raising_time * actor.s(0.6, speed);
+    let raising_s = body.raising_s(actor.s(0.6, speed));
     track.to(raising_s, |c| pose(c, -0.6));
     for _ in 0..v.count("repetitions") {
         track.to(actor.s(0.24, speed), |c| pose(c, 1.0));
@@ -133,7 +141,7 @@ pub fn raise_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
         false => azimuth,
     };
     let is_overhead = v.word("style") == "overhead";
-    let pole = match (elevation >= 0.85, !(0.0..=0.7).contains(&azimuth)) {
+    let pole = match (elevation >= 0.85, azimuth > 0.7) {
         (true, true) => ELBOW_SIDE,
         (true, false) => ELBOW_UP,
         _ => ELBOW_DOWN,
@@ -141,7 +149,7 @@ pub fn raise_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let mut track = Track::new(body.before(&rest));
     track.hold(0.1);
     for n in 0..v.count("repetitions") {
-        let raising_s = body.raising_time * actor.s(0.85, speed);
+        let raising_s = body.raising_s(actor.s(0.85, speed));
         track.to(raising_s, |c| {
             for side in v.sides() {
                 reach(c, *side, elevation, azimuth, stretched, pole);
