@@ -29,6 +29,7 @@ pub fn swap_sides(text: &str) -> String {
         at = start + word.len();
         let lower_at = |i: usize| words.get(i).map(|(_, word)| word.to_lowercase());
         let next = lower_at(i + 1).unwrap_or_default();
+        let next_at = words.get(i + 1).map_or(text.len(), |(start, _)| *start);
         let is_against = matches!(lower.as_str(), "counter" | "anti");
         if is_against && next == "clockwise" {
             // Two words or one with a hyphen.
@@ -38,8 +39,10 @@ pub fn swap_sides(text: &str) -> String {
             i += 2;
             continue;
         }
-        let is_adverb = NOT_A_SIDE.contains(&next.as_str())
-            || (next == "in" && lower_at(i + 2).is_some_and(|word| word == "front"))
+        // "turns right, now left": with more than a space between, the next word belongs to another phrase.
+        let is_adverb = (&text[at..next_at] == " "
+            && (NOT_A_SIDE.contains(&next.as_str())
+                || (next == "in" && lower_at(i + 2).is_some_and(|word| word == "front"))))
             || (i > 0 && lower_at(i - 1).is_some_and(|word| word == "all"));
         let is_side = !(lower == "right" && is_adverb);
         out.push_str(&match lower.as_str() {
@@ -106,7 +109,19 @@ mod tests {
     #[test]
     fn sides_and_turns_are_exchanged() {
         for (text, mirrored) in [
+            ("a man raises his left arm", "a man raises his right arm"),
             ("walks left, then right.", "walks right, then left."),
+            ("turns right, then LEFT.", "turns left, then RIGHT."),
+            ("turns right then left", "turns left then right"),
+            ("turns right, now left", "turns left, now right"),
+            ("Left foot, right foot", "Right foot, left foot"),
+            ("steps leftwards", "steps rightwards"),
+            ("walks clockwise", "walks counterclockwise"),
+            ("walks counter clockwise", "walks clockwise"),
+            (
+                "stands upright and sits right away",
+                "stands upright and sits right away",
+            ),
             ("LEFT leg; Rightward step", "RIGHT leg; Leftward step"),
             ("turns anti clockwise", "turns clockwise"),
             ("turns Clockwise twice", "turns Counterclockwise twice"),

@@ -50,7 +50,7 @@ impl Involvement {
         }
     }
 
-    /// Time for raising the arms, s, which takes others `others_s`.
+    /// Time for raising the arms, s; others take `others_s`.
     fn raising_s(&self, others_s: f32) -> f32 {
         (self.raising_time * others_s).max(others_s.min(FASTEST_RAISE_S))
     }
