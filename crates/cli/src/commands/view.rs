@@ -14,15 +14,38 @@ use radarllm_synth::synthesizer::posed_builtin;
 use crate::{
     args::ViewArgs,
     commands::describe::{self, Row},
-    error::CliResult,
+    error::{CliError, CliResult},
     output,
 };
 
 /// Facet size of the drawn body, m: the coarsest there is, for a page of a few MB.
 const DRAWN_FACET_EDGE_M: f32 = 0.05;
 
+/// What is written, by the extension of its path.
+#[derive(Clone, Copy)]
+enum Kind {
+    Page,
+    Figure,
+}
+
+impl Kind {
+    fn of(path: &Path) -> CliResult<Self> {
+        let extension = path.extension().and_then(|e| e.to_str());
+        match extension.unwrap_or_default().to_lowercase().as_str() {
+            "html" | "htm" => Ok(Self::Page),
+            "svg" => Ok(Self::Figure),
+            _ => Err(
+                CliError::new(format!("{}: unknown file type of a view", path.display())).hint(
+                    "end the name in .html for a page with the points in motion, or in .svg for a figure",
+                ),
+            ),
+        }
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &ViewArgs) -> CliResult {
+    let kind = Kind::of(&args.out)?;
     output::check_free(&args.out, args.force)?;
     let options = args.input.options()?;
     let radar_height_m = options.radar_height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M);
@@ -42,9 +65,9 @@ pub fn run(args: &ViewArgs) -> CliResult {
         &clip,
         &DescribeOptions::default(),
     )?;
-    match args.out.extension().is_some_and(|e| e == "svg") {
-        true => write_timeline(&args.out, &clip, &row)?,
-        false => write_page(&args.out, &clip, recording.performed.as_ref(), &row)?,
+    match kind {
+        Kind::Page => write_page(&args.out, &clip, recording.performed.as_ref(), &row)?,
+        Kind::Figure => write_timeline(&args.out, &clip, &row)?,
     }
     output::print_line(&format!("{}: {}", args.out.display(), row.caption));
     Ok(())

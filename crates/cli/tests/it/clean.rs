@@ -407,6 +407,17 @@ fn what_stands_still_is_nobody_where_it_is_most_of_a_recording() {
         said.trim_end(),
         format!("{page}: {}", row["caption"].as_str().unwrap())
     );
+    // So does a figure; other extensions are refused before anything is computed.
+    let figure = room.at("figure.SVG");
+    assert!(
+        radarllm(&["view", &taken, "--out", &figure])
+            .status
+            .success()
+    );
+    let svg = fs::read_to_string(&figure).unwrap();
+    assert!(svg.starts_with("<svg") && svg.contains(row["caption"].as_str().unwrap()));
+    let told = refused(&["view", &taken, "--out", &room.at("figure.png")]);
+    assert!(told.contains("figure.png: unknown file type") && told.contains(".svg"));
 }
 
 #[test]
