@@ -369,7 +369,7 @@ fn with_any_pace_and_size(text: Option<String>, dice: &mut Dice) -> Option<Strin
             // Running is faster than walking.
             "run" => [0.75, 1.7],
             "walk" | "walk_turn" | "pace" => [0.45, 1.6],
-            "wave" => [0.4, 1.8],
+            "wave" => [0.35, 1.8],
             "arm_circles" | "side_bend" | "twist" => [0.45, 1.6],
             _ => [0.55, 1.9],
         };

@@ -1,6 +1,6 @@
 //! Arm gestures. All of them can be combined with walking or standing.
 
-use std::f32::consts::FRAC_PI_2;
+use std::f32::consts::{FRAC_PI_2, PI};
 
 use glam::Vec3;
 
@@ -82,11 +82,18 @@ pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     // Some move the forearm, others little more than the hand.
-    let swing = actor.a(0.26) * v.amplitude() * actor.dice.log_range(0.4, 1.0);
+    let swing = actor.a(0.26) * v.amplitude() * actor.dice.log_range(0.4, 1.5);
+    // In front of the shoulder, beside it or between.
+    let azimuth = actor.dice.range(0.0, 1.25);
     // From shoulder height to above the head; the higher the hand, the straighter the arm.
     let up = actor.dice.range(0.0, 1.0);
     let height = -0.05 + 1.2 * up;
     let stretched = (0.5 + 0.35 * up + 0.14 * actor.dice.bell()).clamp(0.4, 0.95);
+    let pole = if azimuth + height < 0.9 {
+        ELBOW_DOWN
+    } else {
+        ELBOW_OUT
+    };
     let body = Involvement::draw(actor);
     let mut track = Track::new(body.before(&rest));
     track.hold(0.1);
@@ -96,9 +103,9 @@ pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
                 c,
                 *side,
                 height - 0.12 * lean,
-                1.1 + swing * lean,
+                azimuth + swing * lean,
                 stretched,
-                ELBOW_OUT,
+                pole,
             );
             c.arms[*side].deviate = -0.35 * lean;
             c.arms[*side].flex = 0.0;
@@ -135,10 +142,15 @@ pub fn raise_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
         "hand" => (-0.35 + 1.8 * up, actor.dice.range(0.0, 1.45)),
         _ => (0.85 + 0.58 * up, actor.dice.range(0.1, 1.4)),
     };
-    // A raised hand may be above the head instead of the shoulder.
-    let azimuth = match elevation > 1.1 && actor.dice.chance(0.45) {
-        true => -actor.dice.range(0.3, 1.5),
-        false => azimuth,
+    // A raised hand may be above the head instead of the shoulder. Most people swing it out to the side and past the
+    // vertical, others up the middle.
+    let (elevation, azimuth) = match elevation > 1.1 {
+        true => match actor.dice.range(0.0, 1.0) {
+            0.0..0.15 => (elevation, -actor.dice.range(0.3, 1.5)),
+            0.15..0.5 => (PI - elevation, azimuth),
+            _ => (elevation, azimuth),
+        },
+        false => (elevation, azimuth),
     };
     let is_overhead = v.word("style") == "overhead";
     let pole = match (elevation >= 0.85, azimuth > 0.7) {
