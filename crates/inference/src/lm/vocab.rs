@@ -161,8 +161,8 @@ impl Layout {
         if self.n_codes == 0 || self.n_codes > 1 << 20 || self.first_code > 1 << 21 {
             return problem("n_codes", "out of range");
         }
-        if self.n_context != 0 && self.n_context != N_CONTEXT as u32 {
-            return problem("n_context", "is not that of this version");
+        if self.n_context > N_CONTEXT as u32 {
+            return problem("n_context", "is larger than that of this version");
         }
         Ok(())
     }
@@ -497,7 +497,8 @@ impl Vocab {
         self.layout.n_context > 0
     }
 
-    /// Ids of a clip's context; none if the model is not told the context.
+    /// Ids of a clip's context; none if the model is not told the context, and the first ones if it is of an earlier
+    /// version, which stated less.
     ///
     /// # Errors
     /// If the model is told the context and it was not measured.
@@ -506,7 +507,12 @@ impl Vocab {
             return Ok(Vec::new());
         }
         let context = radar.context.ok_or(InputError::NoContext)?;
-        Ok(context.map(|token| self.layout.context(token)).to_vec())
+        let known = |token: &u32| *token < self.layout.n_context;
+        Ok(context
+            .into_iter()
+            .filter(known)
+            .map(|token| self.layout.context(token))
+            .collect())
     }
 
     /// Ids of radar codes.
@@ -648,19 +654,31 @@ mod tests {
             ..radar.clone()
         };
         assert!(with.prompt(template, Some(&not_measured), None).is_err());
-        // The files of a model without context do not mention it; a model with another context is refused.
+        // The files of a model without context do not mention it; a model with a larger context is refused.
         let json = serde_json::to_value(without.layout()).unwrap();
         assert!(json.get("n_context").is_none());
         assert_eq!(
             serde_json::from_value::<Layout>(json).unwrap(),
             *without.layout()
         );
-        let other = Layout {
-            n_context: 3,
-            ..l.clone()
+        let of_size = |n_context: u32| {
+            let text = with.tokenizer_json().unwrap();
+            let layout = Layout {
+                n_context,
+                ..l.clone()
+            };
+            Vocab::from_parts(text.as_bytes(), layout)
         };
-        let text = with.tokenizer_json().unwrap();
-        assert!(Vocab::from_parts(text.as_bytes(), other).is_err());
+        assert!(of_size(l.n_context + 1).is_err());
+        // One that knows fewer tokens is told those.
+        let earlier = of_size(70).unwrap().context_ids(&radar).unwrap();
+        assert!(
+            earlier
+                .iter()
+                .all(|id| (*id as usize) < l.context(70) as usize)
+        );
+        let known = radar.context.unwrap().iter().filter(|t| **t < 70).count();
+        assert!(earlier.len() == known && known < context.len());
     }
 
     #[test]

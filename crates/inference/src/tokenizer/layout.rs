@@ -1,9 +1,9 @@
 //! Where in a person the motion is: offsets of the fast, the high and the outermost points from the middle of the body,
-//! the path of the body, and the duration.
+//! the path of the body, the duration, and what the points of four bands of height do.
 //!
 //! The codes describe groups of points over 0.4 s. Which arm moves shows in offsets of 0.1 to 0.4 m that single groups
-//! hardly show; a forest on such values, trained on simulated clips alone, tells left, right and both arms apart in 131
-//! of 161 clips of real people's motions.
+//! hardly show. Trees that learn such values of simulated clips alone tell left, right and both arms apart in 140 of 161
+//! clips of real people's motions with the offsets, and in 159 with the bands.
 
 use radarllm_base::{PointFrame, RadarPoint};
 
@@ -21,126 +21,229 @@ const HIGH: f32 = 0.1;
 const FAST_OF_HIGH: f32 = 0.3;
 /// Share of the points beyond each of the outermost ones.
 const OUTERMOST: f32 = 0.03;
+/// Shares of the points, sorted by height, between which the bands of height are: about the legs, the trunk, the shoulders,
+/// and the head with raised hands.
+const BANDS: [[f32; 2]; 4] = [[0.0, 0.3], [0.5, 0.7], [0.7, 0.85], [0.85, 1.0]];
+/// Shares of the points below the heights that are stated.
+const HEIGHTS: [f32; 5] = [0.03, 0.25, 0.75, 0.9, 0.97];
 
-/// Edges between absolute lateral offsets, m, each for both signs.
-const OFFSET_EDGES_M: [f32; 10] = [0.03, 0.06, 0.1, 0.15, 0.2, 0.26, 0.33, 0.42, 0.55, 0.75];
-/// Edges between absolute lengths of paths, m, each for both signs.
-const PATH_EDGES_M: [f32; 5] = [0.1, 0.25, 0.5, 1.0, 2.0];
-/// Edges between durations, s.
-const DURATION_EDGES_S: [f32; 9] = [1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0];
+/// What a value is, which decides its bins.
+#[derive(Clone, Copy)]
+enum Kind {
+    /// Horizontal offset from the middle of the body, m.
+    Offset,
+    /// Length of a path, m.
+    Path,
+    /// s.
+    Duration,
+    /// m/s.
+    Speed,
+    /// Distance from the median height, m.
+    Height,
+}
+
+impl Kind {
+    /// Edges between the bins.
+    const fn edges(self) -> &'static [f32] {
+        match self {
+            Self::Offset => &[0.03, 0.06, 0.1, 0.15, 0.2, 0.26, 0.33, 0.42, 0.55, 0.75],
+            Self::Path => &[0.1, 0.25, 0.5, 1.0, 2.0],
+            Self::Duration => &[1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0],
+            Self::Speed => &[
+                0.08, 0.12, 0.17, 0.23, 0.3, 0.38, 0.48, 0.6, 0.75, 0.95, 1.2, 1.6,
+            ],
+            Self::Height => &[
+                0.06, 0.1, 0.15, 0.2, 0.26, 0.33, 0.42, 0.52, 0.63, 0.76, 0.9, 1.1,
+            ],
+        }
+    }
+
+    /// Whether negative values have bins of their own.
+    const fn is_signed(self) -> bool {
+        matches!(self, Self::Offset | Self::Path)
+    }
+
+    const fn n_bins(self) -> usize {
+        let n = self.edges().len();
+        if self.is_signed() { 2 * n + 1 } else { n + 1 }
+    }
+
+    /// Index of the bin of a value: of both signs, the bin about 0 is in the middle, and mirrored values have mirrored bins.
+    fn bin(self, value: f32) -> usize {
+        let (edges, n) = (self.edges(), bin(value.abs(), self.edges()));
+        match (self.is_signed(), value < 0.0) {
+            (false, _) => n,
+            (true, false) => edges.len() + n,
+            (true, true) => edges.len() - n,
+        }
+    }
+}
 
 /// Lateral offsets of the points: of the fast ones, of the high ones, of the fast high ones, of the upper half weighted
 /// by the square of the speed, and of the outermost ones to the right and to the left.
 const N_OFFSETS: usize = 6;
-const N_OFFSET_BINS: usize = 2 * OFFSET_EDGES_M.len() + 1;
 /// Paths: across, along, and how far the middle of the path is beside its ends.
 const N_PATHS: usize = 3;
-const N_PATH_BINS: usize = 2 * PATH_EDGES_M.len() + 1;
+/// Of each band: the quartiles of the lateral offsets, the mean offset along the line of sight, and the mean speed.
+const BAND: [Kind; 4] = [Kind::Offset, Kind::Offset, Kind::Offset, Kind::Speed];
 
 /// Number of layout values.
-pub const N_LAYOUT: usize = N_OFFSETS + N_PATHS + 1;
+pub const N_LAYOUT: usize = N_OFFSETS + N_PATHS + 1 + BANDS.len() * BAND.len() + HEIGHTS.len();
+/// What each layout value is. Models of earlier versions are told the first ones.
+const KINDS: [Kind; N_LAYOUT] = kinds();
 /// Number of different layout tokens.
-pub const N_LAYOUT_TOKENS: usize =
-    N_OFFSETS * N_OFFSET_BINS + N_PATHS * N_PATH_BINS + DURATION_EDGES_S.len() + 1;
+pub const N_LAYOUT_TOKENS: usize = first_token(N_LAYOUT);
+
+const fn kinds() -> [Kind; N_LAYOUT] {
+    let mut kinds = [Kind::Height; N_LAYOUT];
+    let mut i = 0;
+    while i < N_LAYOUT - HEIGHTS.len() {
+        kinds[i] = if i < N_OFFSETS {
+            Kind::Offset
+        } else if i < N_OFFSETS + N_PATHS {
+            Kind::Path
+        } else if i == N_OFFSETS + N_PATHS {
+            Kind::Duration
+        } else {
+            BAND[(i - N_OFFSETS - N_PATHS - 1) % BAND.len()]
+        };
+        i += 1;
+    }
+    kinds
+}
+
+/// The first token of a value: the number of bins of the values before it.
+const fn first_token(value: usize) -> usize {
+    let (mut first, mut i) = (0, 0);
+    while i < value {
+        first += KINDS[i].n_bins();
+        i += 1;
+    }
+    first
+}
 
 /// Tokens below [`N_LAYOUT_TOKENS`] of frames at ten per second, each value at its own place.
 pub fn layout(frames: &[PointFrame]) -> [usize; N_LAYOUT] {
-    let mut tokens = [0; N_LAYOUT];
-    let measured = Measured::of(frames);
-    let mut first = 0;
-    for (i, offset_m) in measured.offsets_m.iter().enumerate() {
-        tokens[i] = first + signed_bin(*offset_m, &OFFSET_EDGES_M);
-        first += N_OFFSET_BINS;
-    }
-    for (i, path_m) in measured.paths_m.iter().enumerate() {
-        tokens[N_OFFSETS + i] = first + signed_bin(*path_m, &PATH_EDGES_M);
-        first += N_PATH_BINS;
-    }
-    let duration_s = frames.len() as f32 * FRAME_PERIOD_S;
-    tokens[N_OFFSETS + N_PATHS] = first + bin(duration_s, &DURATION_EDGES_S);
-    tokens
+    let values = values(frames);
+    std::array::from_fn(|i| first_token(i) + KINDS[i].bin(values[i]))
 }
 
-/// Index of a bin of values of both signs: the bin about 0 is in the middle, and mirrored values have mirrored bins.
-fn signed_bin(value: f32, edges: &[f32]) -> usize {
-    let n = bin(value.abs(), edges);
-    match value < 0.0 {
-        true => edges.len() - n,
-        false => edges.len() + n,
-    }
+/// A point and its offset from the middle of the body at that time: across the line of sight, to the right, and along it.
+struct Placed<'a> {
+    across_m: f32,
+    along_m: f32,
+    point: &'a RadarPoint,
 }
 
-/// What [`layout`] states, m; zeros without points.
-#[derive(Debug, Default)]
-struct Measured {
-    offsets_m: [f32; N_OFFSETS],
-    paths_m: [f32; N_PATHS],
-}
-
-impl Measured {
-    fn of(frames: &[PointFrame]) -> Self {
-        let Some(middles) = middles(frames) else {
-            return Self::default();
+/// The layout values of frames; without points, zeros but for the duration.
+fn values(frames: &[PointFrame]) -> [f32; N_LAYOUT] {
+    let mut values = [0.0; N_LAYOUT];
+    let (offsets, rest) = values.split_at_mut(N_OFFSETS);
+    let (paths, rest) = rest.split_at_mut(N_PATHS);
+    let (duration, rest) = rest.split_at_mut(1);
+    let (bands, heights) = rest.split_at_mut(BANDS.len() * BAND.len());
+    duration[0] = frames.len() as f32 * FRAME_PERIOD_S;
+    if let Some(middles) = middles(frames) {
+        let mut points = placed(frames, &middles);
+        points.sort_by(|a, b| a.point.z_m.total_cmp(&b.point.z_m));
+        offsets.copy_from_slice(&offsets_m(&points));
+        paths.copy_from_slice(&paths_m(&middles));
+        for (values, [from, to]) in bands.chunks_exact_mut(BAND.len()).zip(BANDS) {
+            let index = |share: f32| (share * points.len() as f32) as usize;
+            values.copy_from_slice(&band(&points[index(from)..index(to).min(points.len())]));
+        }
+        let height_m = |share: f32| {
+            points[(share * (points.len() - 1) as f32) as usize]
+                .point
+                .z_m
         };
-        // Offset from the middle of the body at that time, and the point.
-        let points: Vec<(f32, &RadarPoint)> = frames
-            .iter()
-            .zip(&middles)
-            .flat_map(|(frame, [x_m, _])| frame.points.iter().map(move |p| (p.x_m - x_m, p)))
-            .collect();
-        let speed = |(_, p): &&(f32, &RadarPoint)| p.velocity_mps.abs();
-        let least = |share: f32, of: &dyn Fn(&(f32, &RadarPoint)) -> f32| {
-            quantile(points.iter().map(of).collect(), 1.0 - share)
-        };
-        let fast_mps = least(FAST, &|p| speed(&p));
-        let high_m = least(HIGH, &|(_, p)| p.z_m);
-        let upper_m = least(0.5, &|(_, p)| p.z_m);
-        let of_high_mps = least(FAST_OF_HIGH, &|p| speed(&p));
-        let mean = |is_one: &dyn Fn(&&(f32, &RadarPoint)) -> bool| {
-            let (sum, n) = points
-                .iter()
-                .filter(is_one)
-                .fold((0.0, 0.0f32), |(sum, n), (offset_m, _)| {
-                    (sum + offset_m, n + 1.0)
-                });
-            sum / n.max(1.0)
-        };
-        let (moment, weight) = points.iter().filter(|(_, p)| p.z_m > upper_m).fold(
-            (0.0, 0.0f32),
-            |(moment, weight), (offset_m, p)| {
-                let square = p.velocity_mps * p.velocity_mps;
-                (moment + square * offset_m, weight + square)
-            },
-        );
-        let outermost = |share| {
-            quantile(
-                points.iter().map(|(offset_m, _)| *offset_m).collect(),
-                share,
-            )
-        };
-        let third = (frames.len() / 3).max(1);
-        let part = |range: std::ops::Range<usize>, axis: usize| {
-            quantile(middles[range].iter().map(|m| m[axis]).collect(), 0.5)
-        };
-        let n = middles.len();
-        let ends = |axis| (part(0..third, axis), part(n - third..n, axis));
-        let ((start_x_m, end_x_m), (start_y_m, end_y_m)) = (ends(0), ends(1));
-        let bow_m = match n > 2 * third {
-            true => part(third..n - third, 0) - 0.5 * (start_x_m + end_x_m),
-            false => 0.0,
-        };
-        Self {
-            offsets_m: [
-                mean(&|p| speed(p) >= fast_mps),
-                mean(&|(_, p)| p.z_m >= high_m),
-                mean(&|p| p.1.z_m >= high_m && speed(p) >= of_high_mps),
-                moment / weight.max(1e-6),
-                outermost(1.0 - OUTERMOST),
-                outermost(OUTERMOST),
-            ],
-            paths_m: [end_x_m - start_x_m, end_y_m - start_y_m, bow_m],
+        for (value, share) in heights.iter_mut().zip(HEIGHTS) {
+            *value = height_m(share) - height_m(0.5);
         }
     }
+    values
+}
+
+fn placed<'a>(frames: &'a [PointFrame], middles: &[[f32; 2]]) -> Vec<Placed<'a>> {
+    let mut all = Vec::with_capacity(frames.iter().map(|f| f.points.len()).sum());
+    for (frame, [x_m, y_m]) in frames.iter().zip(middles) {
+        // Unit vector along the line of sight; ahead for a person above or below the radar.
+        let range_m = x_m.hypot(*y_m);
+        let (sin, cos) = match range_m > 1e-3 {
+            true => (x_m / range_m, y_m / range_m),
+            false => (0.0, 1.0),
+        };
+        all.extend(frame.points.iter().map(|point| {
+            let (dx, dy) = (point.x_m - x_m, point.y_m - y_m);
+            Placed {
+                across_m: dx * cos - dy * sin,
+                along_m: dx * sin + dy * cos,
+                point,
+            }
+        }));
+    }
+    all
+}
+
+/// The offsets of all points, sorted by height.
+fn offsets_m(points: &[Placed]) -> [f32; N_OFFSETS] {
+    let speed = |p: &Placed| p.point.velocity_mps.abs();
+    let fast_mps = quantile(points.iter().map(speed).collect(), 1.0 - FAST);
+    let fast_of_high_mps = quantile(points.iter().map(speed).collect(), 1.0 - FAST_OF_HIGH);
+    let high_m = quantile(points.iter().map(|p| p.point.z_m).collect(), 1.0 - HIGH);
+    let upper_m = quantile(points.iter().map(|p| p.point.z_m).collect(), 0.5);
+    let across = |is_one: &dyn Fn(&Placed) -> bool| {
+        mean(points.iter().filter(|p| is_one(p)).map(|p| p.across_m))
+    };
+    let (moment, weight) = points.iter().filter(|p| p.point.z_m > upper_m).fold(
+        (0.0, 0.0f32),
+        |(moment, weight), p| {
+            let square = p.point.velocity_mps * p.point.velocity_mps;
+            (moment + square * p.across_m, weight + square)
+        },
+    );
+    let outermost = |share| quantile(points.iter().map(|p| p.across_m).collect(), share);
+    [
+        across(&|p| speed(p) >= fast_mps),
+        across(&|p| p.point.z_m >= high_m),
+        across(&|p| p.point.z_m >= high_m && speed(p) >= fast_of_high_mps),
+        moment / weight.max(1e-6),
+        outermost(1.0 - OUTERMOST),
+        outermost(OUTERMOST),
+    ]
+}
+
+/// The paths of the middle of the body.
+fn paths_m(middles: &[[f32; 2]]) -> [f32; N_PATHS] {
+    let n = middles.len();
+    let third = (n / 3).max(1);
+    let part = |range: std::ops::Range<usize>, axis: usize| {
+        quantile(middles[range].iter().map(|m| m[axis]).collect(), 0.5)
+    };
+    let ends = |axis| (part(0..third, axis), part(n - third..n, axis));
+    let ((start_x_m, end_x_m), (start_y_m, end_y_m)) = (ends(0), ends(1));
+    let bow_m = match n > 2 * third {
+        true => part(third..n - third, 0) - 0.5 * (start_x_m + end_x_m),
+        false => 0.0,
+    };
+    [end_x_m - start_x_m, end_y_m - start_y_m, bow_m]
+}
+
+/// The values of a band's points.
+fn band(points: &[Placed]) -> [f32; BAND.len()] {
+    let across = |share| quantile(points.iter().map(|p| p.across_m).collect(), share);
+    [
+        across(0.25),
+        across(0.75),
+        mean(points.iter().map(|p| p.along_m)),
+        mean(points.iter().map(|p| p.point.velocity_mps.abs())),
+    ]
+}
+
+/// 0 without values.
+fn mean(values: impl Iterator<Item = f32>) -> f32 {
+    let (sum, n) = values.fold((0.0, 0.0f32), |(sum, n), value| (sum + value, n + 1.0));
+    sum / n.max(1.0)
 }
 
 /// Middle of the body in each frame, x and y, m: the median of the points of neighbouring frames, or the nearest earlier
@@ -214,7 +317,7 @@ mod tests {
 
     #[test]
     fn the_side_of_a_moving_hand_is_stated() {
-        let zero = OFFSET_EDGES_M.len();
+        let zero = Kind::Offset.edges().len();
         for (hand_m, is_beyond) in [
             (-0.4, std::cmp::Ordering::Less),
             (0.4, std::cmp::Ordering::Greater),
@@ -223,7 +326,7 @@ mod tests {
             // Fast, high, fast high and weighted points are those of the hand.
             for (i, token) in tokens[..4].iter().enumerate() {
                 assert_eq!(
-                    (token - i * N_OFFSET_BINS).cmp(&zero),
+                    (token - first_token(i)).cmp(&zero),
                     is_beyond,
                     "{i} {hand_m}"
                 );
@@ -237,10 +340,21 @@ mod tests {
         let mut mirrored = frames.clone();
         mirrored.iter_mut().for_each(PointFrame::mirror);
         let (a, b) = (layout(&frames), layout(&mirrored));
-        for i in 0..4 {
-            let [a, b] = [a[i], b[i]].map(|t| t - i * N_OFFSET_BINS);
-            // The middle is the lower of two medians in one of both.
-            assert!((a + b).abs_diff(N_OFFSET_BINS - 1) <= 1, "{a} {b}");
+        // The middle and quartiles are the lower of two in one of both.
+        for (a_i, b_i) in [(0, 0), (1, 1), (2, 2), (3, 3), (22, 23), (23, 22)] {
+            let bins = [(a[a_i], a_i), (b[b_i], b_i)].map(|(token, i)| token - first_token(i));
+            let middles = Kind::Offset.n_bins() - 1;
+            assert!(
+                bins.iter().sum::<usize>().abs_diff(middles) <= 1,
+                "{bins:?}"
+            );
+        }
+        // What is along the line of sight, speeds and heights stay.
+        for i in [24, 25]
+            .into_iter()
+            .chain(N_LAYOUT - HEIGHTS.len()..N_LAYOUT)
+        {
+            assert!(a[i].abs_diff(b[i]) <= 1, "{i}: {} {}", a[i], b[i]);
         }
     }
 
@@ -255,11 +369,40 @@ mod tests {
             ..PointFrame::default()
         };
         let frames: Vec<PointFrame> = (0..60).map(walk).collect();
-        let measured = Measured::of(&frames);
-        assert!((measured.paths_m[0] - 2.0).abs() < 0.1, "{measured:?}");
-        assert!((measured.paths_m[1] + 1.2).abs() < 0.1, "{measured:?}");
-        assert!(measured.paths_m[2].abs() < 0.05, "{measured:?}");
-        assert!(measured.offsets_m.iter().all(|m| m.abs() < 0.1));
+        let values = values(&frames);
+        let (offsets_m, paths_m) = values.split_at(N_OFFSETS);
+        assert!((paths_m[0] - 2.0).abs() < 0.1, "{values:?}");
+        assert!((paths_m[1] + 1.2).abs() < 0.1, "{values:?}");
+        assert!(paths_m[2].abs() < 0.05, "{values:?}");
+        assert!(offsets_m.iter().all(|m| m.abs() < 0.1));
+    }
+
+    /// Offsets are those across the line of sight, wherever the person is.
+    #[test]
+    fn a_person_aside_has_the_same_offsets() {
+        let ahead = gesture(0.35);
+        let (sin, cos) = 0.6f32.sin_cos();
+        let mut aside = ahead.clone();
+        for p in aside.iter_mut().flat_map(|f| &mut f.points) {
+            (p.x_m, p.y_m) = (p.x_m * cos + p.y_m * sin, p.y_m * cos - p.x_m * sin);
+        }
+        let (a, b) = (values(&ahead), values(&aside));
+        for i in (0..N_OFFSETS).chain(N_OFFSETS + N_PATHS..N_LAYOUT) {
+            assert!((a[i] - b[i]).abs() < 0.05, "{i}: {} {}", a[i], b[i]);
+        }
+    }
+
+    #[test]
+    fn bands_state_where_their_points_are() {
+        let values = values(&gesture(0.35));
+        let bands = &values[N_OFFSETS + N_PATHS + 1..];
+        // The points of the hand are the highest fifth.
+        let [legs, head] = [0, 3].map(|b| &bands[b * BAND.len()..][..BAND.len()]);
+        assert!(head[0] > 0.25 && head[1] < 0.4, "{head:?}");
+        assert!((head[2] + 0.1).abs() < 0.02 && (head[3] - 0.8).abs() < 1e-3);
+        assert!(legs[0] < 0.0 && legs[1] > 0.0 && legs[3] < 0.06, "{legs:?}");
+        let heights_m = &bands[BANDS.len() * BAND.len()..];
+        assert!(heights_m.is_sorted() && heights_m[1] < 0.0 && heights_m[4] > 0.5);
     }
 
     #[test]
@@ -268,8 +411,8 @@ mod tests {
         for frames in [Vec::new(), empty, gesture(0.4), gesture(-9.0)] {
             let tokens = layout(&frames);
             assert!(tokens.is_sorted() && tokens[N_LAYOUT - 1] < N_LAYOUT_TOKENS);
-            for (i, token) in tokens[..N_OFFSETS].iter().enumerate() {
-                assert_eq!(token / N_OFFSET_BINS, i);
+            for (i, token) in tokens.iter().enumerate() {
+                assert!((first_token(i)..first_token(i + 1)).contains(token));
             }
         }
     }

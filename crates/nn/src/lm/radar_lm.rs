@@ -26,7 +26,7 @@ use radarllm_inference::lm::config::{LmConfig, NetworkConfig};
 use radarllm_inference::lm::templates::EVALUATION_PROMPT;
 use radarllm_inference::lm::vocab::Vocab;
 use radarllm_inference::lm::{EngineLm, InputError, LmError, Precision, Source};
-use radarllm_inference::tokenizer::Encoded;
+use radarllm_inference::tokenizer::{Encoded, context::N_CONTEXT};
 
 /// Number of sentinels of a pretrained decoder, which has none of its own; the presets have the same number.
 const DECODER_SENTINELS: usize = 32;
@@ -237,14 +237,14 @@ impl RadarLm {
         Self::from_files(LmFiles::of(Checkpoint::open(dir)?)?, device)
     }
 
-    /// Opens a checkpoint of a T5 whose vocabulary lacks the tokens of the context, and adds rows for them, drawn with
-    /// the standard deviation of the existing ones. A model that has them stays as it is.
+    /// Opens a checkpoint of a T5 whose vocabulary lacks tokens of the context, and adds rows for them, drawn with the
+    /// standard deviation of the existing ones. A model that has them all stays as it is.
     ///
     /// # Errors
     /// As [`Self::load`]; a pretrained decoder has no context.
     pub fn load_with_context(dir: &Path, seed: u64, device: &Device) -> Result<Self, LmError> {
         let mut files = LmFiles::of(Checkpoint::open(dir)?)?;
-        if files.vocab.layout().n_context > 0 {
+        if files.vocab.layout().n_context == N_CONTEXT as u32 {
             return Self::from_files(files, device);
         }
         let NetworkConfig::T5(shape) = &mut files.card.lm.network else {
