@@ -258,7 +258,8 @@ pub struct SegmentRow {
     /// The sentence of the model, where it was too uncertain to be stated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guess: Option<String>,
-    /// Whether the sentence alone, or the guess if there is one, states the recorded activity by the strict rule.
+    /// Whether the sentence alone, or the guess if there is one, states the recorded activity by the strict rule, and its
+    /// side if it has one.
     pub right: bool,
     /// Name of the taught activity that was recognised, if it is not the model's own sentence.
     pub taught: Option<String>,
@@ -381,11 +382,14 @@ fn row(
     segments: &[Segment],
     abstained: bool,
 ) -> RecordingRow {
+    let own = config.activity.iter().find(|a| a.name == activity);
+    let side = own.and_then(|a| Some((a, config.side_of(a, name)?)));
     let mut whole = StatedTime::default();
     let segments = segments.iter().map(|segment| {
         whole.add(&segment.caption, segment.end_s - segment.start_s);
         let mut alone = StatedTime::default();
         alone.add(segment.guess.as_ref().unwrap_or(&segment.caption), 1.0);
+        let is_own = alone.stated(&config.activity, 1.0).as_deref() == Some(activity);
         SegmentRow {
             start_s: segment.start_s,
             end_s: segment.end_s,
@@ -394,14 +398,12 @@ fn row(
             confidence: segment.confidence,
             taught: segment.taught.clone(),
             guess: segment.guess.clone(),
-            right: alone.stated(&config.activity, 1.0).as_deref() == Some(activity),
+            right: is_own && side.is_none_or(|(a, side)| alone.has_side(a, side)),
         }
     });
     let segments = segments.collect();
     let stated = whole.stated(&config.activity, seconds);
-    let own = config.activity.iter().find(|a| a.name == activity);
     let right = stated.as_deref() == Some(activity);
-    let side = own.and_then(|a| Some((a, config.side_of(a, name)?)));
     RecordingRow {
         recording: name.into(),
         activity: activity.into(),
