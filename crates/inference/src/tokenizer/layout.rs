@@ -2,8 +2,8 @@
 //! the path of the body, the duration, and what the points of four bands of height do.
 //!
 //! The codes describe groups of points over 0.4 s. Which arm moves shows in offsets of 0.1 to 0.4 m that single groups
-//! hardly show. Trees that learn such values of simulated clips alone tell left, right and both arms apart in 140 of 161
-//! clips of real people's motions with the offsets, and in 159 with the bands.
+//! hardly show. Trees that learn such values of simulated clips alone tell left, right and both arms apart in 117 of 161
+//! clips of real people's motions with the offsets, and in 159 with the bands (docs/validation/sides.py).
 
 use radarllm_base::{PointFrame, RadarPoint};
 
