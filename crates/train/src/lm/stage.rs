@@ -34,6 +34,26 @@ use crate::harness::{
 
 /// Sentences that are written from a caption for the words of the vocabulary, if captions are written anew.
 const N_WRITTEN: u64 = 8;
+/// Words that name a side ([`LmTrainConfig::side_words_weight`]).
+const SIDE_WORDS: &str = "left right both";
+
+/// Target tokens of examples, and the factors on their losses: that of the task, and for `side_words` that of the words.
+pub(super) fn weighted_targets(
+    config: &LmTrainConfig,
+    examples: &[Example],
+    side_words: &[u32],
+) -> (Vec<u32>, Vec<f32>) {
+    let weighted = |example: &Example| {
+        let lambda = config.lambda.of(example.task);
+        let weight = move |id: u32| match side_words.contains(&id) {
+            true => (lambda * config.side_words_weight) as f32,
+            false => lambda as f32,
+        };
+        let target = example.target.clone();
+        target.into_iter().map(move |id| (id, weight(id)))
+    };
+    examples.iter().flat_map(weighted).unzip()
+}
 
 /// Result of a language-model stage.
 #[derive(Debug)]
@@ -298,12 +318,11 @@ impl LmStage {
         smoothing: f64,
         training: Option<&mut TrainingPass>,
     ) -> Result<Losses, TrainError> {
-        let (mut targets, mut weights) = (Vec::new(), Vec::new());
-        for example in examples {
-            targets.extend(&example.target);
-            let lambda = self.config.lambda.of(example.task) as f32;
-            weights.extend(std::iter::repeat_n(lambda, example.target.len()));
-        }
+        let side_words = match training.is_some() && self.config.side_words_weight != 1.0 {
+            true => self.lm.vocab.text_ids(SIDE_WORDS)?,
+            false => Vec::new(),
+        };
+        let (targets, weights) = weighted_targets(&self.config, examples, &side_words);
         let n_rows = self.lm.config.network.vocab_size();
         let code_dim = self.lm.config.code_dim;
         let mut contrast = None;
