@@ -185,13 +185,13 @@ fn placed<'a>(frames: &'a [PointFrame], middles: &[[f32; 2]]) -> Vec<Placed<'a>>
     all
 }
 
-/// The offsets of all points, sorted by height.
+/// The offsets of all points, which are sorted by height and at least one.
 fn offsets_m(points: &[Placed]) -> [f32; N_OFFSETS] {
     let speed = |p: &Placed| p.point.velocity_mps.abs();
     let fast_mps = quantile(points.iter().map(speed).collect(), 1.0 - FAST);
     let fast_of_high_mps = quantile(points.iter().map(speed).collect(), 1.0 - FAST_OF_HIGH);
-    let high_m = quantile(points.iter().map(|p| p.point.z_m).collect(), 1.0 - HIGH);
-    let upper_m = quantile(points.iter().map(|p| p.point.z_m).collect(), 0.5);
+    let height_m = |share| points[rank(share, points.len() - 1)].point.z_m;
+    let (high_m, upper_m) = (height_m(1.0 - HIGH), height_m(0.5));
     let across = |is_one: &dyn Fn(&Placed) -> bool| {
         mean(points.iter().filter(|p| is_one(p)).map(|p| p.across_m))
     };
@@ -276,10 +276,14 @@ fn quantile(mut values: Vec<f32>, share: f32) -> f32 {
     let Some(last) = values.len().checked_sub(1) else {
         return 0.0;
     };
-    let at = (share * last as f32).round() as usize;
     *values
-        .select_nth_unstable_by(at.min(last), f32::total_cmp)
+        .select_nth_unstable_by(rank(share, last), f32::total_cmp)
         .1
+}
+
+/// Index of the value below which a share of sorted values is, of which `last` is the last index.
+fn rank(share: f32, last: usize) -> usize {
+    ((share * last as f32).round() as usize).min(last)
 }
 
 #[cfg(test)]

@@ -43,16 +43,21 @@ pub(super) fn weighted_targets(
     examples: &[Example],
     side_words: &[u32],
 ) -> (Vec<u32>, Vec<f32>) {
-    let weighted = |example: &Example| {
+    let (mut targets, mut weights) = (Vec::new(), Vec::new());
+    for example in examples {
         let lambda = config.lambda.of(example.task);
-        let weight = move |id: u32| match side_words.contains(&id) {
-            true => (lambda * config.side_words_weight) as f32,
-            false => lambda as f32,
-        };
-        let target = example.target.clone();
-        target.into_iter().map(move |id| (id, weight(id)))
-    };
-    examples.iter().flat_map(weighted).unzip()
+        targets.extend(&example.target);
+        weights.extend(
+            example
+                .target
+                .iter()
+                .map(|id| match side_words.contains(id) {
+                    true => (lambda * config.side_words_weight) as f32,
+                    false => lambda as f32,
+                }),
+        );
+    }
+    (targets, weights)
 }
 
 /// Result of a language-model stage.
