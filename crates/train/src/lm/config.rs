@@ -100,9 +100,6 @@ pub struct LmTrainConfig {
     pub sampling: TaskWeights,
     /// Factor on the loss of each task (the paper's lambdas).
     pub lambda: TaskWeights,
-    /// Factor on the loss of the words that name a side, `left`, `right` and `both`, in training: one word in ten, which
-    /// the others outweigh.
-    pub side_words_weight: f64,
     /// Label smoothing: share of the target probability that is spread over the whole vocabulary.
     pub label_smoothing: f64,
     /// Weight of the contrastive loss between the encoder's states of a clip's codes and of its caption
@@ -160,7 +157,6 @@ impl LmTrainConfig {
             rewrite_captions: 0.0,
             sampling: TaskWeights::default(),
             lambda: TaskWeights::default(),
-            side_words_weight: 1.0,
             label_smoothing: 0.1,
             contrastive_weight: 0.0,
             contrastive_temperature: 0.1,
@@ -272,9 +268,6 @@ impl LmTrainConfig {
         }
         if self.context && self.hf_folder.is_some() {
             return fail("context", "is no choice for a pretrained network");
-        }
-        if !(0.0..=100.0).contains(&self.side_words_weight) {
-            return fail("side_words_weight", "must be in 0..=100");
         }
         if self.batch == 0 || self.batch > 65_536 {
             return fail("batch", "must be in 1..=65536");

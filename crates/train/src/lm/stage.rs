@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use burn::module::Module;
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::{Device, Tensor, TensorData};
 use radarllm_facts::swap_sides;
 use radarllm_inference::checkpoint::{
     Checkpoint, CheckpointFiles, HostTensor, MODEL_FILE, NamedTensors,
@@ -14,6 +14,7 @@ use radarllm_inference::lm::vocab::PAD;
 use radarllm_inference::lm::{GenerateOptions, Source, Vocab};
 use radarllm_metrics::rouge::rouge_l;
 use radarllm_metrics::tokens::rouge_score;
+use radarllm_nn::device::{is_cpu, length_step};
 use radarllm_nn::lm::radar_lm::card_to_json;
 use radarllm_nn::lm::t5::EncoderOutput;
 use radarllm_nn::lm::{RadarLm, RadarNet, RadarT5, SourceBatch, TrainingPass};
@@ -34,30 +35,31 @@ use crate::harness::{
 
 /// Sentences that are written from a caption for the words of the vocabulary, if captions are written anew.
 const N_WRITTEN: u64 = 8;
-/// Words that name a side ([`LmTrainConfig::side_words_weight`]).
-const SIDE_WORDS: &str = "left right both";
 
-/// Target tokens of examples, and the factors on their losses: that of the task, and for `side_words` that of the words.
+/// Target tokens of examples, each padded to `length` if it is shorter, and the factors on their losses: that of the task,
+/// and 0 for padding.
 pub(super) fn weighted_targets(
     config: &LmTrainConfig,
     examples: &[Example],
-    side_words: &[u32],
+    length: usize,
 ) -> (Vec<u32>, Vec<f32>) {
     let (mut targets, mut weights) = (Vec::new(), Vec::new());
     for example in examples {
-        let lambda = config.lambda.of(example.task);
+        let n = example.target.len();
+        let padded = n.max(length);
         targets.extend(&example.target);
-        weights.extend(
-            example
-                .target
-                .iter()
-                .map(|id| match side_words.contains(id) {
-                    true => (lambda * config.side_words_weight) as f32,
-                    false => lambda as f32,
-                }),
-        );
+        targets.resize(targets.len() + padded - n, PAD);
+        let lambda = config.lambda.of(example.task) as f32;
+        weights.resize(weights.len() + n, lambda);
+        weights.resize(weights.len() + padded - n, 0.0);
     }
     (targets, weights)
+}
+
+/// The length to which the targets of a T5 are padded for the decoder.
+fn target_length(examples: &[Example], device: &Device) -> usize {
+    let longest = examples.iter().map(|e| e.target.len()).max().unwrap_or(1);
+    longest.next_multiple_of(length_step(device))
 }
 
 /// Result of a language-model stage.
@@ -323,11 +325,12 @@ impl LmStage {
         smoothing: f64,
         training: Option<&mut TrainingPass>,
     ) -> Result<Losses, TrainError> {
-        let side_words = match training.is_some() && self.config.side_words_weight != 1.0 {
-            true => self.lm.vocab.text_ids(SIDE_WORDS)?,
-            false => Vec::new(),
+        // On a GPU, padding enters the loss with the weight 0, because the number of tokens would be another shape.
+        let length = match net {
+            RadarNet::T5(net) if !is_cpu(&net.device()) => target_length(examples, &net.device()),
+            _ => 0,
         };
-        let (targets, weights) = weighted_targets(&self.config, examples, &side_words);
+        let (targets, weights) = weighted_targets(&self.config, examples, length);
         let n_rows = self.lm.config.network.vocab_size();
         let code_dim = self.lm.config.code_dim;
         let mut contrast = None;
@@ -406,14 +409,14 @@ impl LmStage {
     }
 }
 
-/// Decoder states of the target tokens of all examples, concatenated.
+/// Decoder states of the target tokens of all examples, concatenated; on a GPU of the padding, too.
 fn target_states(
     net: &RadarT5,
     encoded: &EncoderOutput,
     examples: &[Example],
     training: Option<&mut TrainingPass>,
 ) -> Tensor<2> {
-    let length = examples.iter().map(|e| e.target.len()).max().unwrap_or(1);
+    let length = target_length(examples, &encoded.states.device());
     let mut decoder = vec![PAD; examples.len() * length];
     let mut rows = Vec::new();
     for (i, example) in examples.iter().enumerate() {
@@ -423,7 +426,7 @@ fn target_states(
         rows.extend((i * length..i * length + n).map(|r| r as i32));
     }
     let states = net.decode(encoded, &decoder, length, training);
-    if rows.len() == decoder.len() {
+    if rows.len() == decoder.len() || !is_cpu(&states.device()) {
         return states;
     }
     // Only target tokens enter the output layer, so padding adds neither computing time nor loss.

@@ -1226,11 +1226,8 @@ fn default_settings_generalise_on_noisy_codes() {
 }
 
 #[test]
-fn words_of_a_side_have_their_own_weight() {
-    let mut config = LmTrainConfig {
-        side_words_weight: 4.0,
-        ..LmTrainConfig::small()
-    };
+fn padding_has_no_weight() {
+    let mut config = LmTrainConfig::small();
     config.lambda.continuation = 0.5;
     let example = |task, target: &[u32]| Example {
         source: Source::default(),
@@ -1241,12 +1238,10 @@ fn words_of_a_side_have_their_own_weight() {
         example(Task::RadarToText, &[5, 7, 9]),
         example(Task::Continuation, &[7, 8]),
     ];
-    let (targets, weights) = weighted_targets(&config, &examples, &[7]);
+    let (targets, weights) = weighted_targets(&config, &examples, 0);
     assert_eq!(targets, [5, 7, 9, 7, 8]);
-    assert_eq!(weights, [1.0, 4.0, 1.0, 2.0, 0.5]);
-    let (_, alike) = weighted_targets(&config, &examples, &[]);
-    assert_eq!(alike, [1.0, 1.0, 1.0, 0.5, 0.5]);
-    config.side_words_weight = f64::NAN;
-    let error = config.validate().unwrap_err().to_string();
-    assert!(error.contains("side_words_weight"), "{error}");
+    assert_eq!(weights, [1.0, 1.0, 1.0, 0.5, 0.5]);
+    let (targets, weights) = weighted_targets(&config, &examples, 4);
+    assert_eq!(targets, [5, 7, 9, 0, 7, 8, 0, 0]);
+    assert_eq!(weights, [1.0, 1.0, 1.0, 0.0, 0.5, 0.5, 0.0, 0.0]);
 }
