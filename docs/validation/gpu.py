@@ -3,8 +3,8 @@
     python docs/validation/gpu.py RADARLLM [DEVICE [FOLDER]]
 
 RADARLLM is a program built with the feature `gpu` or `cuda`, DEVICE what `train --device` takes (`gpu`), FOLDER where the data set and the
-trainings go (`work/gpu`). The same seeds give the same batches and weights, and nothing is dropped out, so the losses differ by rounding alone;
-prints the largest relative differences, and fails above 1e-3. On a software driver compiling the kernels takes minutes a stage; CUBECL_AUTOTUNE_LEVEL=minimal helps.
+trainings go (`work/gpu`). The same seeds give the same batches, weights and dropout, so the losses differ by rounding alone; prints the largest
+relative differences, and fails above 1e-3. On a software driver compiling the kernels takes minutes a stage; CUBECL_AUTOTUNE_LEVEL=minimal helps.
 """
 
 import json
@@ -44,7 +44,6 @@ codebook = {{ init_after = 2, init_inputs_per_code = 1 }}
 [pretrain]
 preset = "tiny"
 batch = 4
-dropout = 0.0
 [instruct]
 batch = 4
 """

@@ -114,12 +114,6 @@ pub enum ProcessorError {
     },
 }
 
-/// Lengths of sequences are padded to a multiple of this number. On a GPU, kernels are compiled and compared for each new
-/// shape, which takes seconds, so few shapes are better than short ones.
-pub fn length_step(device: &Device) -> usize {
-    if is_cpu(device) { 1 } else { 32 }
-}
-
 /// Whether tensors on a device are in host memory, where loops over them need no copy.
 pub fn is_cpu(device: &Device) -> bool {
     *device == Device::flex()

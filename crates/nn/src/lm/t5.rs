@@ -15,7 +15,6 @@ use rand::{RngExt, SeedableRng};
 
 use super::pass::{ForwardPass, TrainingPass};
 use super::rows::{HIDDEN, Rows, ids_1d};
-use crate::device::length_step;
 use crate::precision::{Product, ProductPrecision};
 use radarllm_inference::lm::config::{FeedForward, LmConfig, T5Config};
 use radarllm_inference::lm::position::bucket_table;
@@ -135,7 +134,7 @@ pub struct SourceBatch {
 }
 
 impl SourceBatch {
-    /// Pads `sources` to the longest, on a GPU to a multiple of [`length_step`], and moves them to the device.
+    /// Pads `sources` to the longest and moves them to the device.
     ///
     /// Padding uses id 0 and is masked in attention. Features are scaled to unit mean square
     /// here, so that the bypass does not depend on the radar tokenizer's scale. `sources` must not
@@ -148,8 +147,6 @@ impl SourceBatch {
             .max()
             .unwrap_or(0)
             .max(1);
-        let step = length_step(device);
-        let length = length.next_multiple_of(step);
         let mut ids = vec![0_i32; batch * length];
         let mut hidden = vec![HIDDEN; batch * length];
         let (mut rows, mut features) = (Vec::new(), Vec::new());
@@ -161,14 +158,10 @@ impl SourceBatch {
             hidden[start..start + source.ids.len()].fill(0.0);
             push_features(source, code_dim, start, &mut rows, &mut features);
         }
-        if step > 1 && !rows.is_empty() {
-            // Zeros that are added to the first row.
-            rows.resize(rows.len().next_multiple_of(batch * step / 2), 0);
-            features.resize(rows.len() * code_dim, 0.0);
-        }
         let features = features_tensor(rows, features, code_dim, device);
-        let has_padding = step > 1 || hidden.iter().any(|h| *h != 0.0);
-        let hidden = has_padding
+        let hidden = hidden
+            .iter()
+            .any(|h| *h != 0.0)
             .then(|| Tensor::from_data(TensorData::new(hidden, [batch, 1, 1, length]), device));
         Self {
             batch,

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use burn::module::Module;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Tensor, TensorData};
 use radarllm_facts::swap_sides;
 use radarllm_inference::checkpoint::{
     Checkpoint, CheckpointFiles, HostTensor, MODEL_FILE, NamedTensors,
@@ -14,7 +14,6 @@ use radarllm_inference::lm::vocab::PAD;
 use radarllm_inference::lm::{GenerateOptions, Source, Vocab};
 use radarllm_metrics::rouge::rouge_l;
 use radarllm_metrics::tokens::rouge_score;
-use radarllm_nn::device::{is_cpu, length_step};
 use radarllm_nn::lm::radar_lm::card_to_json;
 use radarllm_nn::lm::t5::EncoderOutput;
 use radarllm_nn::lm::{RadarLm, RadarNet, RadarT5, SourceBatch, TrainingPass};
@@ -35,32 +34,6 @@ use crate::harness::{
 
 /// Sentences that are written from a caption for the words of the vocabulary, if captions are written anew.
 const N_WRITTEN: u64 = 8;
-
-/// Target tokens of examples, each padded to `length` if it is shorter, and the factors on their losses: that of the task,
-/// and 0 for padding.
-pub(super) fn weighted_targets(
-    config: &LmTrainConfig,
-    examples: &[Example],
-    length: usize,
-) -> (Vec<u32>, Vec<f32>) {
-    let (mut targets, mut weights) = (Vec::new(), Vec::new());
-    for example in examples {
-        let n = example.target.len();
-        let padded = n.max(length);
-        targets.extend(&example.target);
-        targets.resize(targets.len() + padded - n, PAD);
-        let lambda = config.lambda.of(example.task) as f32;
-        weights.resize(weights.len() + n, lambda);
-        weights.resize(weights.len() + padded - n, 0.0);
-    }
-    (targets, weights)
-}
-
-/// The length to which the targets of a T5 are padded for the decoder.
-fn target_length(examples: &[Example], device: &Device) -> usize {
-    let longest = examples.iter().map(|e| e.target.len()).max().unwrap_or(1);
-    longest.next_multiple_of(length_step(device))
-}
 
 /// Result of a language-model stage.
 #[derive(Debug)]
@@ -325,12 +298,12 @@ impl LmStage {
         smoothing: f64,
         training: Option<&mut TrainingPass>,
     ) -> Result<Losses, TrainError> {
-        // On a GPU, padding enters the loss with the weight 0, because the number of tokens would be another shape.
-        let length = match net {
-            RadarNet::T5(net) if !is_cpu(&net.device()) => target_length(examples, &net.device()),
-            _ => 0,
-        };
-        let (targets, weights) = weighted_targets(&self.config, examples, length);
+        let (mut targets, mut weights) = (Vec::new(), Vec::new());
+        for example in examples {
+            targets.extend(&example.target);
+            let lambda = self.config.lambda.of(example.task) as f32;
+            weights.extend(std::iter::repeat_n(lambda, example.target.len()));
+        }
         let n_rows = self.lm.config.network.vocab_size();
         let code_dim = self.lm.config.code_dim;
         let mut contrast = None;
@@ -409,14 +382,14 @@ impl LmStage {
     }
 }
 
-/// Decoder states of the target tokens of all examples, concatenated; on a GPU of the padding, too.
+/// Decoder states of the target tokens of all examples, concatenated.
 fn target_states(
     net: &RadarT5,
     encoded: &EncoderOutput,
     examples: &[Example],
     training: Option<&mut TrainingPass>,
 ) -> Tensor<2> {
-    let length = target_length(examples, &encoded.states.device());
+    let length = examples.iter().map(|e| e.target.len()).max().unwrap_or(1);
     let mut decoder = vec![PAD; examples.len() * length];
     let mut rows = Vec::new();
     for (i, example) in examples.iter().enumerate() {
@@ -426,7 +399,7 @@ fn target_states(
         rows.extend((i * length..i * length + n).map(|r| r as i32));
     }
     let states = net.decode(encoded, &decoder, length, training);
-    if rows.len() == decoder.len() || !is_cpu(&states.device()) {
+    if rows.len() == decoder.len() {
         return states;
     }
     // Only target tokens enter the output layer, so padding adds neither computing time nor loss.

@@ -21,9 +21,9 @@ use rand::{RngExt, SeedableRng};
 
 use super::clip::LmClip;
 use super::config::LmTrainConfig;
-use super::examples::{Example, ExampleMaker, Item, LmStageKind, samples_of_writing};
+use super::examples::{ExampleMaker, Item, LmStageKind, samples_of_writing};
 use super::loss::cross_entropy;
-use super::stage::{LmStage, weighted_targets};
+use super::stage::LmStage;
 use super::{LmOutcome, instruct, pretrain, pretrain_further};
 use crate::adamw::{AdamW, AdamWConfig, GradientSum, ParamRule};
 use crate::harness::{Ending, LoopConfig, Stage, StepInfo, cpu_device};
@@ -1223,25 +1223,4 @@ fn default_settings_generalise_on_noisy_codes() {
     // Two captions are equally likely, so only the kind can be learned. A few clips may be too noisy.
     assert!(right * 10 >= val.len() * 9, "{right} of {}", val.len());
     std::fs::remove_dir_all(dir).unwrap();
-}
-
-#[test]
-fn padding_has_no_weight() {
-    let mut config = LmTrainConfig::small();
-    config.lambda.continuation = 0.5;
-    let example = |task, target: &[u32]| Example {
-        source: Source::default(),
-        target: target.to_vec(),
-        task,
-    };
-    let examples = [
-        example(Task::RadarToText, &[5, 7, 9]),
-        example(Task::Continuation, &[7, 8]),
-    ];
-    let (targets, weights) = weighted_targets(&config, &examples, 0);
-    assert_eq!(targets, [5, 7, 9, 7, 8]);
-    assert_eq!(weights, [1.0, 1.0, 1.0, 0.5, 0.5]);
-    let (targets, weights) = weighted_targets(&config, &examples, 4);
-    assert_eq!(targets, [5, 7, 9, 0, 7, 8, 0, 0]);
-    assert_eq!(weights, [1.0, 1.0, 1.0, 0.0, 0.5, 0.5, 0.0, 0.0]);
 }
