@@ -109,14 +109,14 @@ impl Clip {
         })
     }
 
-    /// Counts the static points, which are slower than [`STATIC_SPEED_MPS`]. Returns `Some` only if they are more than
-    /// half of all points: in that case, the clip shows static clutter rather than a person.
+    /// Counts the static points. Returns `Some` only if the clip shows static clutter rather than a person:
+    /// [`StaticCells::clutter`].
     pub fn static_clutter(&self) -> Option<StaticClutter> {
         StaticClutter::of(&self.frames)
     }
 
-    /// Removes the static points of an [`Clutter::Unchecked`] clip if they are more than half of all points, and
-    /// returns their number. Afterwards the clip is [`Clutter::Settled`].
+    /// Removes the static points of an [`Clutter::Unchecked`] clip if they are more than half of all points or the radar reports the
+    /// coupling between its antennas, and returns their number. Afterwards the clip is [`Clutter::Settled`].
     ///
     /// Models are trained on radars that remove static clutter from their samples. Firmware that does not remove it
     /// reports little else.
@@ -131,7 +131,7 @@ impl Clip {
     }
 }
 
-/// Share of static points in frames of which more than half of the points are static.
+/// Share of static points in frames that show static clutter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StaticClutter {
     /// Static points: [`StaticCells::is_static`].
@@ -141,7 +141,7 @@ pub struct StaticClutter {
 }
 
 impl StaticClutter {
-    /// Counts static points. Returns `None` if they are no more than half of all points.
+    /// Counts static points. Returns `None` if they are no clutter: [`StaticCells::clutter`].
     pub fn of(frames: &[PointFrame]) -> Option<Self> {
         StaticCells::of(frames).clutter(frames)
     }

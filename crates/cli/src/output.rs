@@ -34,6 +34,18 @@ pub fn check_free(path: &Path, force: bool) -> CliResult {
     Ok(())
 }
 
+/// Refuses a path of another extension than that of what will be written there: readers go by it.
+pub fn check_extension(path: &Path, extension: &str) -> CliResult {
+    if path.extension().is_some_and(|e| e == extension) {
+        return Ok(());
+    }
+    Err(CliError::new(format!(
+        "{}: the output is a .{extension} file",
+        path.display()
+    ))
+    .hint(format!("end the name in .{extension}")))
+}
+
 /// Writes a file atomically; missing parent folders are created.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> CliResult {
     write_atomic_with(path, |file| {

@@ -88,7 +88,7 @@ pub struct RecordingArgs {
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     pub roll_deg: f64,
     /// Remove points slower than this, m/s. Without it, `describe` removes static points where they are more than half
-    /// of a recording; 0 keeps all points.
+    /// of a recording, or where antenna coupling is reported; 0 keeps all points.
     #[arg(long, value_name = "MPS", alias = "slowest")]
     pub min_speed: Option<f32>,
     /// Accumulate this many frames into each, for radars that report few points.

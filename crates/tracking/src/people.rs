@@ -48,8 +48,8 @@ pub struct Person {
 /// Tracks people through a clip. Multipath reflections are removed from its frames if [`PeopleOptions::remove_ghosts`]
 /// is set.
 ///
-/// Static points of a [`Clutter::Unchecked`] clip are excluded from tracking, but kept in the clip, if they are more
-/// than half of all points: they are clutter then.
+/// Static points of a [`Clutter::Unchecked`] clip are excluded from tracking, but kept in the clip, if they are
+/// clutter: [`StaticCells::clutter`].
 ///
 /// # Errors
 /// If an option is out of range.

@@ -52,6 +52,7 @@ pub fn run(args: &GenerateArgs) -> CliResult {
             args.radar_height_m
         )));
     }
+    output::check_extension(&args.out, "parquet")?;
     output::check_free(&args.out, args.force)?;
     if let Some(page) = &args.view {
         output::check_free(page, args.force)?;

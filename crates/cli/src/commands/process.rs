@@ -70,6 +70,7 @@ pub fn run(args: &ProcessArgs) -> CliResult {
     let has_samples = matches!(kind, RecordingKind::Samples(_));
     let plots = PictureRequest::of(args, has_samples);
     plots.check()?;
+    output::check_extension(&args.out, "parquet")?;
     for path in std::iter::once(&args.out).chain(plots.paths()) {
         output::check_free(path, args.force)?;
     }

@@ -229,13 +229,14 @@ fn expand(inputs: &[String]) -> CliResult<Vec<String>> {
 
 /// One output per input: the file itself for one, files in a folder for several.
 fn outputs(inputs: &[String], args: &SimulateArgs) -> CliResult<Vec<PathBuf>> {
-    if let [_] = inputs {
-        return Ok(vec![args.out.clone()]);
-    }
     let extension = match args.emit {
         Emit::Points => "parquet",
         Emit::Adc => "npy",
     };
+    if let [_] = inputs {
+        output::check_extension(&args.out, extension)?;
+        return Ok(vec![args.out.clone()]);
+    }
     fs::create_dir_all(&args.out).map_err(|e| CliError::io(&args.out, e))?;
     let mut names: Vec<PathBuf> = Vec::new();
     let mut taken: HashSet<PathBuf> = HashSet::new();

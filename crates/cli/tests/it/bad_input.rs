@@ -133,6 +133,25 @@ fn broken_points_models_and_configurations_are_refused() {
 }
 
 #[test]
+fn points_and_samples_are_written_under_their_own_extension_only() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
+    for (emit, name, extension) in [
+        ("points", "walk.npz", ".parquet"),
+        ("points", "walk", ".parquet"),
+        ("adc", "walk.parquet", ".npy"),
+    ] {
+        let motion = "builtin:clap?duration_s=1";
+        let stderr = refused(&["simulate", motion, "--emit", emit, "--out", &path(name)]);
+        assert!(
+            stderr.contains(name) && stderr.contains(extension),
+            "{stderr}"
+        );
+    }
+    no_leftovers(folder.path(), 0);
+}
+
+#[test]
 fn nothing_is_overwritten_without_force() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("kept.parquet");
@@ -204,14 +223,14 @@ fn scenes_that_cannot_be_are_refused_with_file_and_place() {
             format!("duration_s = 0.1\nmax_bounces = 1\n[[target]]\n{target}\n"),
         )
         .unwrap();
-        for emit in ["points", "adc"] {
+        for (emit, out) in [("points", "out.parquet"), ("adc", "out.npy")] {
             let stderr = refused(&[
                 "simulate",
                 &path("scene.toml"),
                 "--emit",
                 emit,
                 "--out",
-                &path("out"),
+                &path(out),
             ]);
             assert!(
                 stderr.contains("scene.toml") && stderr.contains(word),
@@ -224,7 +243,12 @@ fn scenes_that_cannot_be_are_refused_with_file_and_place() {
         ("duration_s = 1e9\n", "duration_s"),
     ] {
         fs::write(path("scene.toml"), text).unwrap();
-        let stderr = refused(&["simulate", &path("scene.toml"), "--out", &path("out")]);
+        let stderr = refused(&[
+            "simulate",
+            &path("scene.toml"),
+            "--out",
+            &path("out.parquet"),
+        ]);
         assert!(
             stderr.contains("scene.toml") && stderr.contains(word),
             "{stderr}"
@@ -258,7 +282,7 @@ fn radars_that_cannot_be_are_refused_and_odd_ones_are_said_to_be() {
             "--radar",
             &path("radar.toml"),
             "--out",
-            &path("out"),
+            &path("out.parquet"),
         ]);
         assert!(stderr.contains(word), "{fields}: {stderr}");
         let lint = format!("`radarllm radar lint {}`", path("radar.toml"));
@@ -280,7 +304,7 @@ fn radars_that_cannot_be_are_refused_and_odd_ones_are_said_to_be() {
             "--radar",
             &path("radar.toml"),
             "--out",
-            &path("out"),
+            &path("out.parquet"),
             "--force",
         ]);
         let stderr = String::from_utf8_lossy(&done.stderr);

@@ -1,4 +1,5 @@
-//! Static clutter of a running radar: what stands still is removed while it is most of what the radar reports.
+//! Static clutter of a running radar: what stands still is removed while it is most of what the radar reports,
+//! and while the radar reports the coupling between its antennas.
 //!
 //! A recording is judged as a whole ([`radarllm_base::static_cells`]). A stream is judged by its last minute: static
 //! points are removed from when they are more than half of all points until they are fewer than three tenths. The cells
@@ -96,7 +97,8 @@ impl Surroundings {
         let points = frames.iter().flat_map(|f| &f.points);
         let n_static = points.filter(|p| self.cells.is_static(p)).count();
         let share = n_static as f64 / self.n_points.max(1) as f64;
-        self.is_removing = share > if self.is_removing { OFF } else { ON };
+        let least = if self.is_removing { OFF } else { ON };
+        self.is_removing = share > least || self.cells.reports_coupling();
     }
 }
 
