@@ -17,7 +17,11 @@ use crate::{
     Estimate, EvalError,
     baselines::shuffled_assignment,
     captioner::caption_clips,
-    captions::{MAX_REFERENCES, facts::FactCounts, nearest_captions, read, take_clip},
+    captions::{
+        MAX_REFERENCES,
+        facts::{FactCounts, same_actions},
+        nearest_captions, read, take_clip,
+    },
     table::Table,
 };
 
@@ -276,11 +280,10 @@ fn system(
         max_references: MAX_REFERENCES,
         ..ScoreOptions::default()
     };
-    let actions = radarllm_inference::actions;
     let same: Vec<f64> = texts
         .iter()
         .zip(records)
-        .map(|(text, record)| f64::from(u8::from(actions(text) == actions(&record.captions[0]))))
+        .map(|(text, record)| same_actions(text, &record.captions[..1]))
         .collect();
     let units = units_of_ids(records.iter().map(|r| r.id.as_str()));
     Ok(RoundTripSystem {

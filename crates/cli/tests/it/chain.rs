@@ -233,10 +233,7 @@ fn every_stage_trains_resumes_and_is_evaluated() {
     assert!(report["model_bytes"].as_u64().unwrap() > 4 * report["parameters"].as_u64().unwrap());
     let page = fs::read_to_string(path("report/report.html")).unwrap();
     // Best, median and worst are the same four clips, and every action has one.
-    let actions = report["action_accuracy_by_action"]
-        .as_object()
-        .unwrap()
-        .len();
+    let actions = report["by_action"].as_array().unwrap().len();
     assert_eq!(page.matches("class=\"example\"").count(), 12 + actions);
     let names: Vec<_> = report["systems"]
         .as_array()

@@ -62,6 +62,14 @@ pub struct NoveltySlice {
     pub confidence: f64,
 }
 
+/// 1 if a caption states exactly the actions of one of the counted references, in order, and else 0.
+pub fn same_actions(caption: &str, references: &[String]) -> f64 {
+    let actions = radarllm_inference::actions;
+    let stated = actions(caption);
+    let mut references = counted(references).iter();
+    f64::from(u8::from(references.any(|text| actions(text) == stated)))
+}
+
 fn pair(clip: &CaptionedClip) -> (&str, &[String]) {
     (&clip.description.caption, counted(&clip.references))
 }
@@ -127,15 +135,10 @@ fn slice(
     seed: u64,
 ) -> Result<NoveltySlice, EvalError> {
     let units = units_of_ids(members.iter().map(|c| c.id.as_str()));
-    let actions = radarllm_inference::actions;
-    let is_same = |c: &&CaptionedClip| {
-        let stated = actions(&c.description.caption);
-        let same = counted(&c.references)
-            .iter()
-            .any(|text| actions(text) == stated);
-        f64::from(u8::from(same))
-    };
-    let same: Vec<f64> = members.iter().map(is_same).collect();
+    let same: Vec<f64> = members
+        .iter()
+        .map(|c| same_actions(&c.description.caption, &c.references))
+        .collect();
     let rouge_l: Vec<f64> = members.iter().map(|c| c.rouge_l).collect();
     let confidences = members.iter().map(|c| f64::from(c.description.confidence));
     Ok(NoveltySlice {

@@ -8,10 +8,7 @@ pub mod facts;
 pub mod report;
 mod slices;
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    time::Instant,
-};
+use std::{collections::BTreeSet, time::Instant};
 
 use radarllm_base::{Clip, Clutter, PointFrame, Provenance};
 use radarllm_dataset::{ClipRecord, Columns, Dataset, RECORDINGS, Split};
@@ -66,6 +63,8 @@ pub struct System {
     pub facts: facts::FactCounts,
     /// Share of captions in which the action classifier recognises the clip's action, 0..=1.
     pub action_accuracy: Estimate,
+    /// Share of captions with exactly the actions of one of the references, in order, 0..=1.
+    pub same_actions: Estimate,
 }
 
 /// The model on a part of the split.
@@ -77,6 +76,8 @@ pub struct Slice {
     pub clips: usize,
     /// Share of captions in which the action classifier recognises the clip's action, 0..=1.
     pub action_accuracy: Estimate,
+    /// Share of captions with exactly the actions of one of the references, in order, 0..=1.
+    pub same_actions: Estimate,
     /// Mean ROUGE-L of the captions, 0..=1.
     pub rouge_l: Estimate,
 }
@@ -122,8 +123,8 @@ pub struct CaptionReport {
     /// Share of this split's reference captions that are classified as their action: the highest action accuracy that
     /// captions like the references can reach.
     pub action_accuracy_on_references: f64,
-    /// Clips and action accuracy of the model by action.
-    pub action_accuracy_by_action: BTreeMap<String, (usize, f64)>,
+    /// By action.
+    pub by_action: Vec<Slice>,
     /// By length of the clip.
     pub by_length: Vec<Slice>,
     /// By number of actions in the clip, where the label shows it (built-in motions).
@@ -335,7 +336,7 @@ pub fn evaluate_captions_with(
         seed,
         systems,
         action_accuracy_on_references: classifier.accuracy(&references).unwrap_or(f64::NAN),
-        action_accuracy_by_action: slices::by_action(&captioned),
+        by_action: slices::by_action(&captioned, seed)?,
         by_length: slices::by_length(&captioned, seed)?,
         by_n_actions: slices::by_n_actions(&captioned, seed)?,
         facts: facts::by_kind(&captioned),
@@ -400,6 +401,9 @@ impl<'a> Scorer<'a> {
             .map(|(c, text)| self.classifier.classify(text) == Some(&c.action))
             .map(|correct| f64::from(u8::from(correct)))
             .collect();
+        let same: Vec<f64> = pairs()
+            .map(|(c, text)| facts::same_actions(text, &c.references))
+            .collect();
         let options = ScoreOptions {
             seed: self.seed,
             max_references: MAX_REFERENCES,
@@ -413,6 +417,7 @@ impl<'a> Scorer<'a> {
             scores,
             facts: facts::FactCounts::of(pairs().map(|(c, text)| (*text, counted(&c.references)))),
             action_accuracy: mean(&correct, &self.units, self.seed)?,
+            same_actions: mean(&same, &self.units, self.seed)?,
         })
     }
 }

@@ -46,6 +46,7 @@ pub fn tables(report: &CaptionReport) -> Vec<Table> {
         "METEOR",
         "CIDEr-D",
         "action accuracy",
+        "same actions",
         "facts precision",
         "facts recall",
         "contradictions",
@@ -56,8 +57,8 @@ pub fn tables(report: &CaptionReport) -> Vec<Table> {
         format!(
             "Protocol {}, at most {} references for each of {} clips. Values are multiplied by 100, except CIDEr-D; 95 % \
              bootstrap intervals over motions. Action accuracy: the share of captions in which a naive Bayes classifier, \
-             fitted on training captions, recognises the clip's action; on the references of this split it is {:.1} %. \
-             METEOR 1.5 with exact, stem and WordNet matches. Facts: actions with their attributes, as a parser reads them. {}",
+             fitted on training captions, recognises the clip's action; on the references of this split it is {:.1} %. Same actions: the share of \
+             captions that state exactly the actions of one of the references, in order. METEOR 1.5 with exact, stem and WordNet matches. Facts: actions with their attributes, as a parser reads them. {}",
             report.protocol,
             report.max_references,
             report.clips,
@@ -85,19 +86,12 @@ pub fn tables(report: &CaptionReport) -> Vec<Table> {
             &report.by_n_actions,
         ));
     }
-    let mut by_action = Table::new(
+    tables.push(slices(
         "By action",
-        "Clips of each action, and the share of their captions in which it is recognised.",
-        &["action", "clips", "action accuracy %"],
-    );
-    for (action, (clips, accuracy)) in &report.action_accuracy_by_action {
-        by_action.rows.push(vec![
-            action.clone(),
-            clips.to_string(),
-            format!("{:.0}", accuracy * 100.0),
-        ]);
-    }
-    tables.push(by_action);
+        "The model by action. Values are multiplied by 100, with 95 % intervals.",
+        "action",
+        &report.by_action,
+    ));
     tables.push(facts_by_kind(&report.facts));
     tables.push(by_novelty(&report.by_novelty));
     if !report.confusions.is_empty() {
@@ -177,6 +171,7 @@ fn system_row(system: &System, encoders: &[&str]) -> Vec<String> {
         ],
     ));
     row.push(system.action_accuracy.to_text(100.0, 1));
+    row.push(system.same_actions.to_text(100.0, 1));
     row.extend(fact_cells(&system.facts));
     let metrics = encoders.iter().map(|name| match *name {
         BERT_SCORE => "bert_score",
@@ -268,13 +263,14 @@ fn slices(title: &str, about: &str, first: &str, slices: &[Slice]) -> Table {
     let mut table = Table::new(
         title,
         about,
-        &[first, "clips", "action accuracy", "ROUGE-L"],
+        &[first, "clips", "action accuracy", "same actions", "ROUGE-L"],
     );
     let row = |slice: &Slice| {
         vec![
             slice.name.clone(),
             slice.clips.to_string(),
             slice.action_accuracy.to_text(100.0, 1),
+            slice.same_actions.to_text(100.0, 1),
             slice.rouge_l.to_text(100.0, 1),
         ]
     };

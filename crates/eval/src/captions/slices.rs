@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use radarllm_metrics::bootstrap::units_of_ids;
 
-use super::{CaptionedClip, Confusion, Slice, mean};
+use super::{CaptionedClip, Confusion, Slice, facts::same_actions, mean};
 use crate::EvalError;
 
 /// Edges of the bins of clip lengths, s.
@@ -12,25 +12,19 @@ const LENGTH_EDGES_S: [f64; 4] = [2.0, 4.0, 6.0, 8.0];
 /// Confusions that are listed.
 const MAX_CONFUSIONS: usize = 30;
 
-/// Clips and action accuracy by action.
-pub fn by_action(clips: &[CaptionedClip]) -> BTreeMap<String, (usize, f64)> {
-    let mut by_action: BTreeMap<String, (usize, f64)> = BTreeMap::new();
-    for clip in clips {
-        let entry = by_action.entry(clip.action.clone()).or_default();
-        entry.0 += 1;
-        entry.1 += f64::from(u8::from(clip.is_action_correct()));
-    }
-    for (count, accuracy) in by_action.values_mut() {
-        *accuracy /= *count as f64;
-    }
-    by_action
+/// Slices by action.
+pub fn by_action(clips: &[CaptionedClip], seed: u64) -> Result<Vec<Slice>, EvalError> {
+    slices(clips, seed, String::clone, |c| Some(c.action.clone()))
 }
 
 /// Slices by length of the clip.
 pub fn by_length(clips: &[CaptionedClip], seed: u64) -> Result<Vec<Slice>, EvalError> {
-    slices(clips, seed, length_name, |c| {
-        Some(length_bin(c.clip.duration_s()))
-    })
+    slices(
+        clips,
+        seed,
+        |bin| length_name(*bin),
+        |c| Some(length_bin(c.clip.duration_s())),
+    )
 }
 
 /// Slices by number of actions in the clip.
@@ -39,29 +33,34 @@ pub fn by_n_actions(clips: &[CaptionedClip], seed: u64) -> Result<Vec<Slice>, Ev
 }
 
 /// One slice for every key; clips without a key are left out.
-fn slices(
+fn slices<K: Ord>(
     clips: &[CaptionedClip],
     seed: u64,
-    name: impl Fn(usize) -> String,
-    key: impl Fn(&CaptionedClip) -> Option<usize>,
+    name: impl Fn(&K) -> String,
+    key: impl Fn(&CaptionedClip) -> Option<K>,
 ) -> Result<Vec<Slice>, EvalError> {
-    let mut groups: BTreeMap<usize, Vec<&CaptionedClip>> = BTreeMap::new();
+    let mut groups: BTreeMap<K, Vec<&CaptionedClip>> = BTreeMap::new();
     for clip in clips {
         if let Some(key) = key(clip) {
             groups.entry(key).or_default().push(clip);
         }
     }
-    let slice = |(key, members): (usize, Vec<&CaptionedClip>)| {
+    let slice = |(key, members): (K, Vec<&CaptionedClip>)| {
         let units = units_of_ids(members.iter().map(|c| c.id.as_str()));
         let correct: Vec<f64> = members
             .iter()
             .map(|c| f64::from(u8::from(c.is_action_correct())))
             .collect();
+        let same: Vec<f64> = members
+            .iter()
+            .map(|c| same_actions(&c.description.caption, &c.references))
+            .collect();
         let rouge_l: Vec<f64> = members.iter().map(|c| c.rouge_l).collect();
         Ok(Slice {
-            name: name(key),
+            name: name(&key),
             clips: members.len(),
             action_accuracy: mean(&correct, &units, seed)?,
+            same_actions: mean(&same, &units, seed)?,
             rouge_l: mean(&rouge_l, &units, seed)?,
         })
     };
@@ -157,6 +156,33 @@ mod tests {
             .map(|c| (c.action.as_str(), c.named.as_deref(), c.clips))
             .collect();
         assert_eq!(rows, [("sit", Some("walk"), 2), ("walk", None, 1)]);
-        assert_eq!(by_action(&clips)["walk"], (2, 0.5));
+        let rows = by_action(&clips, 1).unwrap();
+        let rows: Vec<_> = rows
+            .iter()
+            .map(|s| (s.name.as_str(), s.clips, s.action_accuracy.value))
+            .collect();
+        assert_eq!(rows, [("sit", 2, 0.0), ("walk", 2, 0.5)]);
+    }
+
+    /// The classifier has its own view; the facts of the sentence decide whether its actions are the reference's.
+    #[test]
+    fn same_actions_are_those_of_a_reference_in_order() {
+        let clip = |id: &str, caption: &str| {
+            let mut clip = captioned(id, "sit_down then wave", None);
+            clip.description.caption = caption.into();
+            clip.references = vec!["a person sits down, then waves".into()];
+            clip
+        };
+        let clips = [
+            clip(
+                "a#0",
+                "someone takes a seat and then waves with the left hand",
+            ),
+            clip("b#0", "a person waves, then sits down"),
+            clip("c#0", "a person sits down"),
+            clip("d#0", ""),
+        ];
+        let rows = by_action(&clips, 1).unwrap();
+        assert_eq!(rows[0].same_actions.value, 0.25);
     }
 }
