@@ -8,7 +8,7 @@ use serde_json::{Value, from_str, from_value};
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
-const INPUT: &str = "builtin:kick";
+const INPUT: &str = "builtin:throw";
 /// Distances from the radar and heights that are shown, m.
 const EXTENT_M: [[f64; 2]; 2] = [[1.8, 4.0], [-0.1, 1.9]];
 
