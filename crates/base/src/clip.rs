@@ -115,8 +115,8 @@ impl Clip {
         StaticClutter::of(&self.frames)
     }
 
-    /// Removes the static points of an [`Clutter::Unchecked`] clip if they are more than half of all points or the radar reports the
-    /// coupling between its antennas, and returns their number. Afterwards the clip is [`Clutter::Settled`].
+    /// Removes the static points of an [`Clutter::Unchecked`] clip if they are more than half of all points or the radar
+    /// reports the coupling between its antennas, and returns their number. Afterwards the clip is [`Clutter::Settled`].
     ///
     /// Models are trained on radars that remove static clutter from their samples. Firmware that does not remove it
     /// reports little else.

@@ -83,7 +83,10 @@ fn write_timeline(path: &Path, clip: &Clip, row: &Row) -> CliResult {
             s.start_s, s.end_s, s.caption, s.confidence
         ),
     });
-    let title = format!("{} ({})", row.source.source, row.source.provenance);
+    // The folders of a path would make the title wider than the figure.
+    let source = Path::new(&row.source.source);
+    let name = source.file_name().unwrap_or(source.as_os_str());
+    let title = format!("{} ({})", name.to_string_lossy(), row.source.provenance);
     let plot = timeline(&clip.frames, said.collect(), &title);
     output::write_atomic(path, plot.to_svg().as_bytes())
 }

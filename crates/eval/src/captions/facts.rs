@@ -62,12 +62,14 @@ pub struct NoveltySlice {
     pub confidence: f64,
 }
 
-/// 1 if a caption states exactly the actions of one of the counted references, in order, and else 0.
+/// 1 if a caption states exactly the actions of one of the counted references, in order, and else 0. A caption without an
+/// action that the parser knows states none.
 pub fn same_actions(caption: &str, references: &[String]) -> f64 {
     let actions = radarllm_inference::actions;
     let stated = actions(caption);
     let mut references = counted(references).iter();
-    f64::from(u8::from(references.any(|text| actions(text) == stated)))
+    let is_same = !stated.is_empty() && references.any(|text| actions(text) == stated);
+    f64::from(u8::from(is_same))
 }
 
 fn pair(clip: &CaptionedClip) -> (&str, &[String]) {

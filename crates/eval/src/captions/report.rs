@@ -57,8 +57,10 @@ pub fn tables(report: &CaptionReport) -> Vec<Table> {
         format!(
             "Protocol {}, at most {} references for each of {} clips. Values are multiplied by 100, except CIDEr-D; 95 % \
              bootstrap intervals over motions. Action accuracy: the share of captions in which a naive Bayes classifier, \
-             fitted on training captions, recognises the clip's action; on the references of this split it is {:.1} %. Same actions: the share of \
-             captions that state exactly the actions of one of the references, in order. METEOR 1.5 with exact, stem and WordNet matches. Facts: actions with their attributes, as a parser reads them. {}",
+             fitted on training captions, recognises the clip's action; on the references of this split it is {:.1} %. \
+             Same actions: the share of captions that state exactly the actions of one of the references, in order. \
+             METEOR 1.5 with exact, stem and WordNet matches. Facts: actions with their attributes, as a parser reads \
+             them. {}",
             report.protocol,
             report.max_references,
             report.clips,

@@ -184,5 +184,7 @@ mod tests {
         ];
         let rows = by_action(&clips, 1).unwrap();
         assert_eq!(rows[0].same_actions.value, 0.25);
+        // Words without a known action agree on nothing.
+        assert_eq!(same_actions("hm", &["hm".into()]), 0.0);
     }
 }
