@@ -74,16 +74,23 @@ impl Outcome {
     }
 }
 
-/// A scratch folder in which the program runs with relative names, so that sources read the same everywhere.
+/// A scratch folder in which the program runs with relative names, so that sources read the same everywhere. It is a folder
+/// within one of its own: the program also looks for a radar's .cfg in the folder above a recording.
 struct Scratch(tempfile::TempDir);
 
 impl Scratch {
     fn new() -> Self {
-        Self(tempfile::tempdir().unwrap())
+        let scratch = Self(tempfile::tempdir().unwrap());
+        fs::create_dir(scratch.folder()).unwrap();
+        scratch
+    }
+
+    fn folder(&self) -> PathBuf {
+        self.0.path().join("here")
     }
 
     fn at(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
+        self.folder().join(name)
     }
 
     fn write(&self, name: &str, bytes: impl AsRef<[u8]>) {
@@ -97,7 +104,7 @@ impl Scratch {
         let output = Command::new(env!("CARGO_BIN_EXE_radarllm"))
             .args(args)
             .arg("--json")
-            .current_dir(self.0.path())
+            .current_dir(self.folder())
             .output()
             .expect("the binary runs");
         assert!(
