@@ -21,6 +21,11 @@ pub enum Processor {
     Gpu(Option<usize>),
     /// `"cuda"`: the first NVIDIA GPU. `"cuda:1"`: an NVIDIA GPU by number, from 0. The GPU is used through CUDA.
     Cuda(Option<usize>),
+    /// `"libtorch-cpu"`: the CPU through PyTorch's library.
+    LibTorchCpu,
+    /// `"libtorch"`: the first NVIDIA GPU. `"libtorch:1"`: an NVIDIA GPU by number, from 0. The GPU is used through
+    /// PyTorch's library.
+    LibTorch(Option<usize>),
 }
 
 /// One or more devices, for example `"gpu:0,gpu:1"`. The first stores the weights; each computes one batch of an
@@ -93,7 +98,8 @@ impl From<Processors> for String {
 pub enum ProcessorError {
     /// Not the name of a device.
     #[error(
-        "`{0}` is no processor: `cpu`, `gpu`, `gpu:N` for the dedicated one with number N, from 0, `cuda` or `cuda:N`"
+        "`{0}` is no processor: `cpu`, `gpu`, `gpu:N` for the dedicated one with number N, from 0, `cuda`, `cuda:N`, \
+         `libtorch`, `libtorch:N` or `libtorch-cpu`"
     )]
     Name(String),
     /// The program was built without the feature that the processor needs.
@@ -156,6 +162,7 @@ impl Processor {
             },
             Self::Gpu(number) => open_gpu(number)?,
             Self::Cuda(number) => open_cuda(number)?,
+            Self::LibTorchCpu | Self::LibTorch(_) => open_libtorch(self)?,
         };
         open.insert(self, opened.clone());
         Ok((opened, true))
@@ -219,6 +226,41 @@ fn open_cuda(number: Option<usize>) -> Result<Opened, ProcessorError> {
     Ok(Opened { device, name })
 }
 
+#[cfg(not(feature = "libtorch"))]
+fn open_libtorch(processor: Processor) -> Result<Opened, ProcessorError> {
+    Err(ProcessorError::NotBuilt {
+        processor,
+        feature: "libtorch",
+    })
+}
+
+// The framework intends to remove this backend. Until its own kernels for GPUs are as fast for small networks, no
+// other one serves the purpose.
+#[cfg(feature = "libtorch")]
+#[allow(deprecated)]
+fn open_libtorch(processor: Processor) -> Result<Opened, ProcessorError> {
+    let Processor::LibTorch(number) = processor else {
+        return Ok(Opened {
+            device: Device::libtorch(),
+            name: "CPU through LibTorch".into(),
+        });
+    };
+    let number = number.unwrap_or(0);
+    let n_gpus = usize::try_from(tch::Cuda::device_count()).unwrap_or(0);
+    if number >= n_gpus {
+        return Err(ProcessorError::Unavailable {
+            processor,
+            message: format!(
+                "LibTorch finds {n_gpus} NVIDIA GPUs; it must be a build for CUDA, and the driver must be installed"
+            ),
+        });
+    }
+    Ok(Opened {
+        device: Device::libtorch_cuda(number),
+        name: format!("CUDA {number} through LibTorch"),
+    })
+}
+
 impl fmt::Display for Processor {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -227,6 +269,9 @@ impl fmt::Display for Processor {
             Self::Gpu(Some(number)) => write!(f, "gpu:{number}"),
             Self::Cuda(None) => f.write_str("cuda"),
             Self::Cuda(Some(number)) => write!(f, "cuda:{number}"),
+            Self::LibTorchCpu => f.write_str("libtorch-cpu"),
+            Self::LibTorch(None) => f.write_str("libtorch"),
+            Self::LibTorch(Some(number)) => write!(f, "libtorch:{number}"),
         }
     }
 }
@@ -246,6 +291,8 @@ impl FromStr for Processor {
             ("cpu", None) => Ok(Self::Cpu),
             ("gpu", number) => Ok(Self::Gpu(number)),
             ("cuda", number) => Ok(Self::Cuda(number)),
+            ("libtorch-cpu", None) => Ok(Self::LibTorchCpu),
+            ("libtorch", number) => Ok(Self::LibTorch(number)),
             _ => Err(ProcessorError::Name(name.into())),
         }
     }
@@ -263,12 +310,24 @@ mod tests {
             ("gpu:2", Processor::Gpu(Some(2))),
             ("cuda", Processor::Cuda(None)),
             ("cuda:1", Processor::Cuda(Some(1))),
+            ("libtorch-cpu", Processor::LibTorchCpu),
+            ("libtorch", Processor::LibTorch(None)),
+            ("libtorch:3", Processor::LibTorch(Some(3))),
         ] {
             assert_eq!(name.parse::<Processor>().unwrap(), processor);
             assert_eq!(processor.to_string(), name);
         }
         for name in [
-            "", "GPU", "rocm", "gpu:", "gpu:-1", "gpu:x", "cpu:0", "cuda:",
+            "",
+            "GPU",
+            "rocm",
+            "gpu:",
+            "gpu:-1",
+            "gpu:x",
+            "cpu:0",
+            "cuda:",
+            "libtorch:",
+            "libtorch-cpu:0",
         ] {
             let error = name.parse::<Processor>().unwrap_err();
             assert!(matches!(error, ProcessorError::Name(_)), "{name}: {error}");
@@ -287,25 +346,29 @@ mod tests {
         }
     }
 
-    #[cfg(not(feature = "gpu"))]
+    /// Each feature that is not compiled in is named by the error.
     #[test]
-    fn a_program_without_graphics_processors_says_so() {
-        let error = Processor::Gpu(None).device().unwrap_err();
-        let feature = "gpu";
-        assert!(
-            matches!(error, ProcessorError::NotBuilt { feature: f, .. } if f == feature),
-            "{error}"
-        );
-    }
-
-    #[cfg(not(feature = "cuda"))]
-    #[test]
-    fn a_program_without_cuda_says_so() {
-        let error = Processor::Cuda(Some(1)).device().unwrap_err();
-        let feature = "cuda";
-        assert!(
-            matches!(error, ProcessorError::NotBuilt { feature: f, .. } if f == feature),
-            "{error}"
-        );
+    fn a_program_without_a_backend_says_so() {
+        let backends = [
+            (cfg!(feature = "gpu"), Processor::Gpu(None), "gpu"),
+            (cfg!(feature = "cuda"), Processor::Cuda(Some(1)), "cuda"),
+            (
+                cfg!(feature = "libtorch"),
+                Processor::LibTorchCpu,
+                "libtorch",
+            ),
+            (
+                cfg!(feature = "libtorch"),
+                Processor::LibTorch(None),
+                "libtorch",
+            ),
+        ];
+        for (_, processor, feature) in backends.into_iter().filter(|backend| !backend.0) {
+            let error = processor.device().unwrap_err();
+            assert!(
+                matches!(error, ProcessorError::NotBuilt { feature: f, .. } if f == feature),
+                "{error}"
+            );
+        }
     }
 }

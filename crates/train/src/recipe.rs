@@ -127,7 +127,8 @@ pub struct Recipe {
     /// Number of disturbed copies of every training clip from which the language model learns, beside the clip itself:
     /// [`radarllm_base::disturb`].
     pub disturbed_copies: usize,
-    /// Processors for training: `"cpu"`, `"gpu"`, `"gpu:N"`, `"cuda"`, `"cuda:N"`, or several of them, `"gpu:0,gpu:1"`.
+    /// Processors for training: `"cpu"`, `"gpu"`, `"gpu:N"`, `"cuda"`, `"cuda:N"`, `"libtorch"`, `"libtorch:N"`,
+    /// `"libtorch-cpu"`, or several of them, `"gpu:0,gpu:1"`.
     pub device: Processors,
     /// Settings of the motion VQ-VAE.
     pub motion: MotionTrainConfig,
@@ -241,6 +242,13 @@ impl Recipe {
                 });
             }
         }
+        if !tuned.sentences.is_empty() {
+            return Err(TrainError::Config {
+                field: "instruct.sentences".into(),
+                problem: "sentences are a task of pretraining: set `sentences` in [pretrain]"
+                    .into(),
+            });
+        }
         if recipe.data.is_empty() {
             return Err(TrainError::Config {
                 field: "data".into(),
@@ -254,6 +262,9 @@ impl Recipe {
         recipe.start = recipe.start.map(|start| base.join(start));
         for lm in [&mut recipe.pretrain, &mut recipe.instruct] {
             lm.hf_folder = lm.hf_folder.take().map(|folder| base.join(folder));
+            for path in &mut lm.sentences {
+                *path = base.join(&path);
+            }
         }
         Ok(recipe)
     }
@@ -351,7 +362,7 @@ impl Recipe {
                 .ending
             }
             RecipeStage::Pretrain => {
-                let (tokenizer, train, val) = self.lm_data()?;
+                let (tokenizer, train, val) = self.lm_data(self.pretrain.flip)?;
                 match &self.start {
                     Some(start) => {
                         let (dir, device) = (start.join("lm"), harness::cpu_device());
@@ -373,7 +384,7 @@ impl Recipe {
             RecipeStage::Instruct => {
                 let start = self.result(RecipeStage::Pretrain)?;
                 let lm = RadarLm::load(&start, &harness::cpu_device())?;
-                let (_, train, val) = self.lm_data()?;
+                let (_, train, val) = self.lm_data(self.instruct.flip)?;
                 let ending = instruct(&recipe.instruct, lm, &train, &val, &out, resume)?.ending;
                 if ending != Ending::Stopped {
                     self.assemble(RecipeStage::Instruct)?;
@@ -450,11 +461,14 @@ impl Recipe {
         Ok(clips)
     }
 
-    fn lm_data(&self) -> Result<(RadarTokenizer, Vec<LmClip>, Vec<LmClip>), TrainError> {
+    fn lm_data(
+        &self,
+        flip: bool,
+    ) -> Result<(RadarTokenizer, Vec<LmClip>, Vec<LmClip>), TrainError> {
         let dir = self.result(RecipeStage::Tokenizer)?;
         let tokenizer = RadarTokenizer::load(&dir)?;
         let clips = self.clips(Split::Train, Columns::Points)?;
-        let train = lm_clips(&tokenizer, &clips, true, self.disturbed_copies)?;
+        let train = lm_clips(&tokenizer, &clips, flip, self.disturbed_copies)?;
         let clips = self.clips(Split::Val, Columns::Points)?;
         let val = lm_clips(&tokenizer, &clips, false, 0)?;
         Ok((tokenizer, train, val))

@@ -25,6 +25,7 @@ use radarllm_nn::tokenizer::codebook::{EmaCodebook, code_usage, nearest_codes};
 use radarllm_nn::tokenizer::network::TokenizerNet;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
+use rayon::prelude::*;
 
 use crate::caption_words::CaptionWords;
 use crate::chamfer::chamfer;
@@ -120,6 +121,17 @@ impl Supervision {
     }
 }
 
+/// A clip as it is drawn for a batch, before its points are grouped.
+struct Draft<'a> {
+    clip: &'a Clip<'a>,
+    frames: Vec<PointFrame>,
+    targets: Supervision,
+    /// Per anchor: whether its trajectory is masked.
+    masked: Vec<bool>,
+    /// Whether the mask divides the points.
+    hides_points: bool,
+}
+
 /// A clip in a batch.
 struct Sample {
     grouped: Grouped,
@@ -193,7 +205,7 @@ impl<'a> TokenizerStage<'a> {
         })
     }
 
-    fn training_sample(&self, clip: &Clip, rng: &mut ChaCha8Rng) -> Result<Sample, TrainError> {
+    fn draw<'s>(&self, clip: &'s Clip, rng: &mut ChaCha8Rng) -> Draft<'s> {
         // Long clips are cropped at code boundaries, so that radar and motion remain aligned.
         let spare = clip.frames.len().saturating_sub(MAX_FRAMES) / FRAMES_PER_CODE;
         let first_code = rng.random_range(0..=spare);
@@ -211,38 +223,53 @@ impl<'a> TokenizerStage<'a> {
         augment_points(&mut frames, &self.config.augment, rng);
         let targets = if flip { &clip.mirrored } else { &clip.targets };
         let targets = targets.after_codes(first_code, self.config.model.guidance_dim);
-        self.sample(clip, &frames, targets, rng)
+        self.masked_draft(clip, frames, targets, rng)
     }
 
-    fn sample(
+    /// Draws a mask.
+    fn masked_draft<'s>(
         &self,
-        clip: &Clip,
-        frames: &[PointFrame],
+        clip: &'s Clip,
+        frames: Vec<PointFrame>,
         targets: Supervision,
         rng: &mut ChaCha8Rng,
-    ) -> Result<Sample, TrainError> {
-        let grouped = group(frames, clip.radar_height_m, &self.config.model.grouping)
-            .map_err(|e| TrainError::clip(clip.id, e))?;
+    ) -> Draft<'s> {
         let n_anchors = self.config.model.n_anchors();
         let mut masked = vec![false; n_anchors];
         let n_masked = (self.config.loss.mask_ratio * n_anchors as f64).floor() as usize;
-        let mut parts = None;
-        if rng.random::<f64>() < self.config.loss.masked_clips {
+        let has_mask = rng.random::<f64>() < self.config.loss.masked_clips;
+        if has_mask {
             masked[..n_masked].fill(true);
             shuffle(&mut masked, rng);
-            let hides = self.config.loss.hides;
-            if n_masked > 0 && hides != Hides::Tubes {
-                let grouping = &self.config.model.grouping;
-                let divided = group_masked(frames, clip.radar_height_m, grouping, &masked, hides);
-                parts = Some(divided.map_err(|e| TrainError::clip(clip.id, e))?);
-            }
         }
-        Ok(Sample {
-            grouped,
+        Draft {
+            clip,
+            frames,
             targets,
+            hides_points: has_mask && n_masked > 0 && self.config.loss.hides != Hides::Tubes,
             masked,
-            parts,
-        })
+        }
+    }
+
+    /// Groups the points of clips, one by one on all cores: at the paper's size this takes longer than a GPU takes for the
+    /// rest of an update.
+    fn samples(&self, drafts: Vec<Draft>) -> Result<Vec<Sample>, TrainError> {
+        let grouping = &self.config.model.grouping;
+        let sample = |draft: Draft| {
+            let (frames, height_m) = (&draft.frames, draft.clip.radar_height_m);
+            let fail = |e| TrainError::clip(draft.clip.id, e);
+            let hides = self.config.loss.hides;
+            let parts = draft
+                .hides_points
+                .then(|| group_masked(frames, height_m, grouping, &draft.masked, hides));
+            Ok(Sample {
+                grouped: group(frames, height_m, grouping).map_err(fail)?,
+                targets: draft.targets,
+                parts: parts.transpose().map_err(fail)?,
+                masked: draft.masked,
+            })
+        };
+        drafts.into_par_iter().map(sample).collect()
     }
 
     fn losses(&self, model: &TokenizerNet, samples: &[Sample], rng: &mut ChaCha8Rng) -> Losses {
@@ -544,10 +571,9 @@ impl Stage for TokenizerStage<'_> {
         info: StepInfo,
     ) -> Result<StepLoss, TrainError> {
         let mut rng = ChaCha8Rng::seed_from_u64(info.seed);
-        let mut samples = Vec::with_capacity(batch.len());
-        for &i in batch {
-            samples.push(self.training_sample(&self.train[i], &mut rng)?);
-        }
+        let clips = batch.iter().map(|i| &self.train[*i]);
+        let drafts = clips.map(|clip| self.draw(clip, &mut rng)).collect();
+        let samples = self.samples(drafts)?;
         let mut losses = self.losses(model, &samples, &mut rng);
         let usage = code_usage(&losses.codes, self.config.model.codebook_size);
         losses.parts.push(("batch_perplexity", usage.perplexity));
@@ -593,11 +619,11 @@ impl Stage for TokenizerStage<'_> {
         let mut order: Vec<&Clip> = self.val.iter().collect();
         order.sort_by_key(|c| c.frames.len());
         for chunk in order.chunks(self.config.batch_size) {
-            let mut samples = Vec::with_capacity(chunk.len());
-            for clip in chunk {
-                let frames = &clip.frames[..clip.frames.len().min(MAX_FRAMES)];
-                samples.push(self.sample(clip, frames, clip.targets.clone(), &mut rng)?);
-            }
+            let drafts = chunk.iter().map(|clip| {
+                let frames = clip.frames[..clip.frames.len().min(MAX_FRAMES)].to_vec();
+                self.masked_draft(clip, frames, clip.targets.clone(), &mut rng)
+            });
+            let mut samples = self.samples(drafts.collect())?;
             let n = samples.len() as f64;
             let masked = self.losses(model, &samples, &mut rng);
             let mut parts = masked.parts;

@@ -96,7 +96,7 @@ fn training() -> Check {
     }
 }
 
-#[cfg(not(any(feature = "gpu", feature = "cuda")))]
+#[cfg(not(any(feature = "gpu", feature = "cuda", feature = "libtorch")))]
 fn gpu() -> Check {
     Check {
         feature: "GPU training",
@@ -106,13 +106,16 @@ fn gpu() -> Check {
 }
 
 /// Whether a GPU can be opened, and its name.
-#[cfg(any(feature = "gpu", feature = "cuda"))]
+#[cfg(any(feature = "gpu", feature = "cuda", feature = "libtorch"))]
 fn gpu() -> Check {
     use radarllm_nn::device::Processor;
 
-    let processor = match cfg!(feature = "gpu") {
-        true => Processor::Gpu(None),
-        false => Processor::Cuda(None),
+    let processor = if cfg!(feature = "gpu") {
+        Processor::Gpu(None)
+    } else if cfg!(feature = "cuda") {
+        Processor::Cuda(None)
+    } else {
+        Processor::LibTorch(None)
     };
     let (ok, detail) = match processor.name() {
         Ok(name) => (true, format!("--device {processor}: {name}")),

@@ -22,6 +22,8 @@ pub enum Task {
     Continuation,
     /// Restore masked spans of codes (pretraining only).
     RadarPrediction,
+    /// Restore masked spans of a sentence (pretraining only, with sentences that have no motion).
+    TextPrediction,
 }
 
 /// The prompt of evaluation and `describe`. It is the first of the prompts for [`Task::RadarToText`] and the one that
@@ -38,8 +40,12 @@ impl Task {
         Task::Continuation,
     ];
     /// Tasks of pretraining.
-    pub const PRETRAINING: [Task; 3] =
-        [Task::RadarPrediction, Task::RadarToText, Task::TextToRadar];
+    pub const PRETRAINING: [Task; 4] = [
+        Task::RadarPrediction,
+        Task::RadarToText,
+        Task::TextToRadar,
+        Task::TextPrediction,
+    ];
 
     /// Name of the task, as in the keys of a recipe.
     pub fn name(self) -> &'static str {
@@ -50,13 +56,14 @@ impl Task {
             Task::RadarToLength => "radar_to_length",
             Task::Continuation => "continuation",
             Task::RadarPrediction => "radar_prediction",
+            Task::TextPrediction => "text_prediction",
         }
     }
 
     /// The placeholder that every prompt of the task contains.
     pub fn prompt_placeholder(self) -> &'static str {
         match self {
-            Task::TextToRadar | Task::TextToLength => "{caption}",
+            Task::TextToRadar | Task::TextToLength | Task::TextPrediction => "{caption}",
             _ => "{radar}",
         }
     }
@@ -68,7 +75,7 @@ impl Task {
             Task::TextToRadar => "{radar}",
             Task::TextToLength | Task::RadarToLength => "{seconds} seconds",
             Task::Continuation => "{rest}",
-            Task::RadarPrediction => "{spans}",
+            Task::RadarPrediction | Task::TextPrediction => "{spans}",
         }
     }
 
@@ -81,13 +88,16 @@ impl Task {
             Task::RadarToLength => RADAR_TO_LENGTH,
             Task::Continuation => CONTINUATION,
             Task::RadarPrediction => RADAR_PREDICTION,
+            Task::TextPrediction => TEXT_PREDICTION,
         }
     }
 }
 
 /// All words that prompts and answers use, for the vocabulary.
 pub fn all_text() -> impl Iterator<Item = &'static str> {
-    let tasks = [Task::RadarPrediction].into_iter().chain(Task::INSTRUCTION);
+    let tasks = [Task::RadarPrediction, Task::TextPrediction]
+        .into_iter()
+        .chain(Task::INSTRUCTION);
     tasks.flat_map(|task| task.prompts().iter().copied().chain([task.answer()]))
 }
 
@@ -123,6 +133,8 @@ pub fn pieces(template: &str) -> Vec<Piece<'_>> {
 }
 
 const RADAR_PREDICTION: &[&str] = &["fill {radar}"];
+
+const TEXT_PREDICTION: &[&str] = &["fill {caption}"];
 
 const RADAR_TO_TEXT: &[&str] = &[
     EVALUATION_PROMPT,
@@ -409,7 +421,7 @@ mod tests {
 
     #[test]
     fn every_prompt_holds_its_placeholder_once_and_no_quotes() {
-        for task in Task::INSTRUCTION.into_iter().chain([Task::RadarPrediction]) {
+        for task in Task::INSTRUCTION.into_iter().chain(Task::PRETRAINING) {
             let unique: BTreeSet<_> = task.prompts().iter().collect();
             assert_eq!(
                 unique.len(),

@@ -1,7 +1,7 @@
 //! Dropout whose masks are generated from an explicit seed. A resumed run draws the same masks as an uninterrupted
 //! run, and a GPU draws the same masks as the CPU.
 
-use burn::tensor::{DType, Device, Int, Tensor, TensorData};
+use burn::tensor::{DType, Device, Int, IntDType, Tensor, TensorData};
 
 use crate::device::is_cpu;
 use radarllm_base::random::{INCREMENT, MIX_FACTORS, step};
@@ -9,15 +9,34 @@ use radarllm_base::random::{INCREMENT, MIX_FACTORS, step};
 /// Number of elements that share a draw: 16 random bits each, so probabilities are rounded to 1/65536.
 const SHARE: usize = 4;
 
+/// Number of draws that a GPU makes at once, for many masks: a draw takes dozens of kernels, whatever its size.
+const AHEAD: usize = 1 << 20;
+
 /// Generator of dropout masks from an explicit seed.
 pub struct DropoutRng {
     state: u64,
+    /// What a GPU has drawn from `state` on.
+    ahead: Option<Ahead>,
+}
+
+/// Elements of masks that were drawn on a GPU and are not used yet.
+struct Ahead {
+    /// 0 or `1 / (1 - p)`, `[n_draws * SHARE]`.
+    elements: Tensor<1>,
+    device: Device,
+    threshold: u32,
+    /// Number of draws that earlier masks took.
+    n_used: usize,
+    n_draws: usize,
 }
 
 impl DropoutRng {
     /// A generator with the given seed.
     pub fn new(seed: u64) -> Self {
-        Self { state: seed }
+        Self {
+            state: seed,
+            ahead: None,
+        }
     }
 
     /// 0 with probability `p`, else `1 / (1 - p)`.
@@ -31,16 +50,41 @@ impl DropoutRng {
         let threshold = (p * 65536.0).round() as u32;
         let keep = (1.0 / (1.0 - p)) as f32;
         let mask = if is_cpu(device) {
-            Tensor::from_data(
-                TensorData::new(self.on_cpu(len, threshold, keep), shape),
-                device,
-            )
+            let elements = TensorData::new(self.on_cpu(len, threshold, keep), [len]);
+            Tensor::<1>::from_data(elements, device)
         } else {
-            self.on_gpu(len, threshold, keep, device).reshape(shape)
+            self.from_ahead(len, threshold, keep, device)
         };
+        self.advance(len);
+        mask.reshape(shape)
+    }
+
+    /// Moves the state beyond the draws of `len` elements.
+    fn advance(&mut self, len: usize) {
         let n_draws = len.div_ceil(SHARE) as u64;
         self.state = self.state.wrapping_add(INCREMENT.wrapping_mul(n_draws));
-        mask
+    }
+
+    /// `len` elements of what a GPU has drawn, or draws now.
+    fn from_ahead(&mut self, len: usize, threshold: u32, keep: f32, device: &Device) -> Tensor<1> {
+        let n_draws = len.div_ceil(SHARE);
+        let fits = |a: &Ahead| {
+            a.device == *device && a.threshold == threshold && a.n_draws - a.n_used >= n_draws
+        };
+        let mut ahead = self.ahead.take().filter(fits).unwrap_or_else(|| {
+            let n_draws = n_draws.max(AHEAD);
+            Ahead {
+                elements: self.on_gpu(n_draws, threshold, keep, device),
+                device: device.clone(),
+                threshold,
+                n_used: 0,
+                n_draws,
+            }
+        });
+        let elements = (ahead.elements.clone()).narrow(0, ahead.n_used * SHARE, len);
+        ahead.n_used += n_draws;
+        self.ahead = Some(ahead);
+        elements
     }
 
     fn on_cpu(&self, len: usize, threshold: u32, keep: f32) -> Vec<f32> {
@@ -58,10 +102,17 @@ impl DropoutRng {
         out
     }
 
-    /// Generates the same numbers on the GPU. A mask is as large as the tensor that it is applied to, and would
-    /// otherwise be the largest part of the data that is transferred to the GPU.
-    fn on_gpu(&self, len: usize, threshold: u32, keep: f32, device: &Device) -> Tensor<1> {
-        let n_draws = len.div_ceil(SHARE);
+    /// Generates the same numbers on the GPU, `[n_draws * SHARE]`. A mask is as large as the tensor that it is applied to,
+    /// and would otherwise be the largest part of the data that is transferred to the GPU.
+    fn on_gpu(&self, n_draws: usize, threshold: u32, keep: f32, device: &Device) -> Tensor<1> {
+        // Backends without unsigned numbers have 64-bit ones.
+        match device.supports_dtype(IntDType::U32) {
+            true => self.in_halves(n_draws, threshold, keep, device),
+            false => self.in_64_bits(n_draws, threshold, keep, device),
+        }
+    }
+
+    fn in_halves(&self, n_draws: usize, threshold: u32, keep: f32, device: &Device) -> Tensor<1> {
         let range = 1..n_draws as i64 + 1;
         let lo = Tensor::<1, Int>::arange(range, (device, DType::U32));
         let hi = lo.zeros_like();
@@ -78,8 +129,26 @@ impl DropoutRng {
             high_half(z.hi),
         ];
         let kept = parts.map(|bits| bits.greater_equal_elem(threshold).float() * keep);
-        let mask = Tensor::stack::<2>(kept.to_vec(), 1);
-        mask.reshape([n_draws * SHARE]).narrow(0, 0, len)
+        Tensor::stack::<2>(kept.to_vec(), 1).reshape([n_draws * SHARE])
+    }
+
+    fn in_64_bits(&self, n_draws: usize, threshold: u32, keep: f32, device: &Device) -> Tensor<1> {
+        // Shifts of signed numbers repeat the sign, which is cut off.
+        let shifted = |z: &Tensor<1, Int>, n: i64| {
+            let bits = i64::MAX >> (n - 1);
+            (z.clone().bitwise_right_shift_scalar(n)).bitwise_and_scalar(bits)
+        };
+        let xor_shifted = |z: Tensor<1, Int>, n: i64| z.clone().bitwise_xor(shifted(&z, n));
+        let range = 1..n_draws as i64 + 1;
+        let n = Tensor::<1, Int>::arange(range, (device, DType::I64));
+        let z = n * INCREMENT.cast_signed() + self.state.cast_signed();
+        let z = xor_shifted(z, 30) * MIX_FACTORS[0].cast_signed();
+        let z = xor_shifted(z, 27) * MIX_FACTORS[1].cast_signed();
+        let z = xor_shifted(z, 31);
+        let parts = (0..SHARE as i64)
+            .map(|i| (z.clone().bitwise_right_shift_scalar(16 * i)).bitwise_and_scalar(0xffff_i64));
+        let bits = Tensor::stack::<2>(parts.collect(), 1).reshape([n_draws * SHARE]);
+        bits.greater_equal_elem(threshold).float() * keep
     }
 }
 
@@ -136,17 +205,43 @@ impl U64 {
 mod tests {
     use super::*;
 
-    /// Draws the masks as on a GPU, but with tensors on the CPU.
+    /// Draws the masks as on GPUs, but with tensors on the CPU.
     #[test]
     fn tensors_draw_what_loops_draw() {
         for seed in [0, 1, 0xffff_ffff, 0x8000_0000_8000_0000, u64::MAX] {
             let rng = DropoutRng::new(seed);
-            let loops = rng.on_cpu(4_099, 6_554, 1.25);
-            let tensors = rng.on_gpu(4_099, 6_554, 1.25, &Device::flex());
-            assert_eq!(tensors.into_data().try_into_vec::<f32>().unwrap(), loops);
+            let loops = rng.on_cpu(4_100, 6_554, 1.25);
+            let halves = rng.in_halves(1_025, 6_554, 1.25, &Device::flex());
+            let whole = rng.in_64_bits(1_025, 6_554, 1.25, &Device::flex());
+            assert_eq!(halves.into_data().try_into_vec::<f32>().unwrap(), loops);
+            assert_eq!(whole.into_data().try_into_vec::<f32>().unwrap(), loops);
             let dropped = loops.iter().filter(|v| **v == 0.0).count();
-            // A tenth of 4,099; the tolerance is five standard deviations of 19.
+            // A tenth of 4,100; the tolerance is five standard deviations of 19.
             assert!((315..505).contains(&dropped), "{dropped}");
+        }
+    }
+
+    /// Masks that share a draw of a GPU are those that are drawn one by one, also where the draw ends or the probability
+    /// changes.
+    #[test]
+    fn masks_that_are_drawn_ahead_do_not_change() {
+        let device = Device::flex();
+        let read = |t: Tensor<1>| t.into_data().try_into_vec::<f32>().unwrap();
+        let (mut together, mut alone) = (DropoutRng::new(7), DropoutRng::new(7));
+        for (len, p) in [
+            (10, 0.5),
+            (9, 0.5),
+            (6, 0.125),
+            (4_000_000, 0.125),
+            (1_000_000, 0.125),
+            (3, 0.5),
+        ] {
+            let expected = read(alone.mask([len], p, &device));
+            let threshold = (p * 65536.0) as u32;
+            let keep = (1.0 / (1.0 - p)) as f32;
+            let found = read(together.from_ahead(len, threshold, keep, &device));
+            together.advance(len);
+            assert!(found == expected, "{len} {p}");
         }
     }
 

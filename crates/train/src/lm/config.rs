@@ -28,6 +28,9 @@ pub struct TaskWeights {
     pub radar_to_length: f64,
     /// The remaining codes of a motion from its first ones; instruction tuning only.
     pub continuation: f64,
+    /// Span masking on [`LmTrainConfig::sentences`]; pretraining only, and only if there are any.
+    #[serde(skip_serializing_if = "is_one")]
+    pub text_prediction: f64,
 }
 
 impl Default for TaskWeights {
@@ -39,6 +42,7 @@ impl Default for TaskWeights {
             text_to_length: 1.0,
             radar_to_length: 1.0,
             continuation: 1.0,
+            text_prediction: 1.0,
         }
     }
 }
@@ -53,6 +57,7 @@ impl TaskWeights {
             Task::TextToLength => self.text_to_length,
             Task::RadarToLength => self.radar_to_length,
             Task::Continuation => self.continuation,
+            Task::TextPrediction => self.text_prediction,
         }
     }
 }
@@ -96,6 +101,10 @@ pub struct LmTrainConfig {
     /// as it is.
     #[serde(skip_serializing_if = "is_zero")]
     pub rewrite_captions: f64,
+    /// Files of sentences without motions, from which the language model learns to complete masked sentences: UTF-8 text
+    /// with a sentence on each line ([`super::sentences`]). Pretraining only.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub sentences: Vec<PathBuf>,
     /// Relative sampling frequency of each task.
     pub sampling: TaskWeights,
     /// Factor on the loss of each task (the paper's lambdas).
@@ -109,9 +118,10 @@ pub struct LmTrainConfig {
     pub contrastive_temperature: f64,
     /// Trains half of the examples on the mirrored clip, with left and right exchanged in the caption.
     pub flip: bool,
-    /// Share of codes masked in radar prediction.
+    /// Share of codes masked in radar prediction, and least share of words masked in sentences: their share is drawn
+    /// between this and 1, so that the decoder learns to repair sentences and to write them.
     pub mask_share: f64,
-    /// Mean length of a masked span, codes.
+    /// Mean length of a masked span, codes or words.
     pub mask_span: f64,
     /// Probability that an input code is replaced by a random one and its feature is dropped.
     pub replace_code: f64,
@@ -130,6 +140,10 @@ pub struct LmTrainConfig {
 
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
+}
+
+fn is_one(value: &f64) -> bool {
+    *value == 1.0
 }
 
 impl Default for LmTrainConfig {
@@ -155,6 +169,7 @@ impl LmTrainConfig {
             samples_per_clip: 0,
             captions_per_motion: 0,
             rewrite_captions: 0.0,
+            sentences: Vec::new(),
             sampling: TaskWeights::default(),
             lambda: TaskWeights::default(),
             label_smoothing: 0.1,
@@ -221,7 +236,10 @@ impl LmTrainConfig {
     /// Tasks of a stage that have examples with a loss.
     pub fn trained_tasks(&self, kind: LmStageKind) -> impl Iterator<Item = Task> {
         let tasks = kind.tasks().iter().copied();
-        tasks.filter(|task| self.sampling.of(*task) > 0.0 && self.lambda.of(*task) > 0.0)
+        tasks.filter(|task| {
+            let has_examples = *task != Task::TextPrediction || !self.sentences.is_empty();
+            has_examples && self.sampling.of(*task) > 0.0 && self.lambda.of(*task) > 0.0
+        })
     }
 
     /// Returns the configuration of the network.
@@ -309,7 +327,7 @@ impl LmTrainConfig {
             return fail("feature_noise", "must be finite and not negative");
         }
         for (field, weights) in [("sampling", &self.sampling), ("lambda", &self.lambda)] {
-            let all = Task::INSTRUCTION.into_iter().chain([Task::RadarPrediction]);
+            let all = Task::INSTRUCTION.into_iter().chain(Task::PRETRAINING);
             if !all
                 .map(|t| weights.of(t))
                 .all(|w| w.is_finite() && w >= 0.0)

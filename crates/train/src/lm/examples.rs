@@ -17,7 +17,7 @@ use super::corrupt::choose_spans;
 /// Kind of stage. Pretraining uses the first prompt of a task, instruction tuning uses any.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LmStageKind {
-    /// Radar prediction, radar to text, text to radar.
+    /// Radar prediction, radar to text, text to radar, and text prediction if there are sentences.
     Pretrain,
     /// Prompt templates and sub-tasks.
     Instruct,
@@ -36,7 +36,7 @@ impl LmStageKind {
 /// Definition of one training example. It can be packed into a number, by which the training loop refers to items.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Item {
-    /// Index of the clip.
+    /// Index of the clip, or of the sentence in [`Task::TextPrediction`].
     pub clip: usize,
     /// The task.
     pub task: Task,
@@ -50,13 +50,14 @@ pub struct Item {
     pub prompt: usize,
 }
 
-const TASKS: [Task; 6] = [
+const TASKS: [Task; 7] = [
     Task::RadarToText,
     Task::TextToRadar,
     Task::TextToLength,
     Task::RadarToLength,
     Task::Continuation,
     Task::RadarPrediction,
+    Task::TextPrediction,
 ];
 
 /// Maximum number of variants or captions of a clip that are used: they must fit their bits of an item number.
@@ -126,6 +127,8 @@ pub struct ExampleMaker {
     /// Per entry of [`TASKS`].
     prompts: Vec<Vec<Prompt>>,
     kind: LmStageKind,
+    /// Ids of sentences without motions.
+    sentences: Vec<Vec<u32>>,
     /// Per clip and caption: its facts and those of its mirror image; empty if captions are used as they are.
     facts: Vec<Vec<[Facts; 2]>>,
     writer: Writer,
@@ -180,9 +183,21 @@ impl ExampleMaker {
             lengths,
             prompts,
             kind,
+            sentences: Vec::new(),
             facts: Vec::new(),
             writer: Writer::new(),
         })
+    }
+
+    /// Adds sentences without motions, for text prediction.
+    ///
+    /// # Errors
+    /// If a sentence cannot be encoded.
+    pub fn add_sentences(&mut self, vocab: &Vocab, sentences: &[String]) -> Result<(), LmError> {
+        for sentence in sentences {
+            self.sentences.push(vocab.text_ids(sentence)?);
+        }
+        Ok(())
     }
 
     /// Reads the facts of all captions, so that [`Self::example`] can write others.
@@ -252,7 +267,11 @@ impl ExampleMaker {
     pub fn draw_epoch(&self, config: &LmTrainConfig, seed: u64) -> Vec<Item> {
         let rng = &mut ChaCha8Rng::seed_from_u64(seed);
         let tasks = self.kind.tasks();
-        let shares: Vec<f64> = tasks.iter().map(|t| config.sampling.of(*t)).collect();
+        let share = |task: &Task| match task {
+            Task::TextPrediction if self.sentences.is_empty() => 0.0,
+            task => config.sampling.of(*task),
+        };
+        let shares: Vec<f64> = tasks.iter().map(share).collect();
         let total: f64 = shares.iter().sum();
         let mut items = Vec::new();
         for (i, clip) in self.clips.iter().enumerate() {
@@ -273,6 +292,17 @@ impl ExampleMaker {
                         break;
                     }
                     left -= share;
+                }
+                if task == Task::TextPrediction {
+                    items.push(Item {
+                        clip: rng.random_range(0..self.sentences.len()),
+                        task,
+                        variant: 0,
+                        flipped: false,
+                        caption: 0,
+                        prompt: 0,
+                    });
+                    continue;
                 }
                 let flipped = config.flip && !clip.flipped.is_empty() && rng.random::<bool>();
                 let pool = if flipped {
@@ -321,6 +351,10 @@ impl ExampleMaker {
 
     /// Approximate (target, source) length of an item, tokens.
     fn lengths_of(&self, item: &Item) -> (usize, usize) {
+        if item.task == Task::TextPrediction {
+            let words = self.sentences[item.clip].len();
+            return (words / 2, words);
+        }
         let codes = self.encoded(item).codes.len();
         let text = self.captions[item.clip][item.caption][0].len();
         let prompt = &self.prompts_of(item.task)[item.prompt];
@@ -332,6 +366,42 @@ impl ExampleMaker {
             Task::RadarToLength => (4, words + codes),
             Task::Continuation => (codes / 2, words + codes / 2),
             Task::RadarPrediction => (codes / 4, words + codes),
+            Task::TextPrediction => (text, text),
+        }
+    }
+
+    /// An example of text prediction: a sentence with masked spans, and the spans.
+    fn sentence_example(
+        &self,
+        vocab: &Vocab,
+        config: &LmTrainConfig,
+        sentence: usize,
+        rng: &mut ChaCha8Rng,
+    ) -> Example {
+        let layout = vocab.layout();
+        let prompt = &self.prompts_of(Task::TextPrediction)[0];
+        let ids = &self.sentences[sentence];
+        let share = rng.random_range(config.mask_share..1.0);
+        let spans = choose_spans(rng, ids.len(), share, config.mask_span);
+        let (mut source, mut target) = (Source::default(), Vec::new());
+        source.ids.extend(&prompt.before);
+        let mut at = 0;
+        for ((start, end), k) in spans.into_iter().zip(0..layout.n_sentinels) {
+            let sentinel = layout.sentinel(k);
+            source.ids.extend(&ids[at..start]);
+            source.ids.push(sentinel);
+            target.push(sentinel);
+            target.extend(&ids[start..end]);
+            at = end;
+        }
+        source.ids.extend(&ids[at..]);
+        source.ids.extend(&prompt.after);
+        source.ids.push(layout.end);
+        target.push(layout.end);
+        Example {
+            source,
+            target,
+            task: Task::TextPrediction,
         }
     }
 
@@ -346,6 +416,9 @@ impl ExampleMaker {
         item: &Item,
         rng: &mut ChaCha8Rng,
     ) -> Result<Example, LmError> {
+        if item.task == Task::TextPrediction {
+            return Ok(self.sentence_example(vocab, config, item.clip, rng));
+        }
         let layout = vocab.layout();
         let encoded = self.encoded(item);
         let codes = vocab.radar_ids(&encoded.codes)?;
@@ -438,6 +511,8 @@ impl ExampleMaker {
                 (at..codes.len()).for_each(|i| push(&mut source, i, rng));
                 end_radar(&mut source, rng);
             }
+            // Has no clip; see above.
+            Task::TextPrediction => {}
         }
         source.ids.extend(&prompt.after);
         source.ids.push(layout.end);

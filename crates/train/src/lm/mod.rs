@@ -4,8 +4,8 @@
 //! The loss covers targets only, never prompts or padding. Captions are used unchanged. Batches contain sequences of
 //! similar length.
 //!
-//! Reading order: [`clip`] (data), [`corrupt`] (span masking), [`examples`] (tasks to token sequences),
-//! [`loss`], [`contrast`] (contrastive loss of codes and captions), [`stage`] (the two stages).
+//! Reading order: [`clip`] (data), [`corrupt`] (span masking), [`sentences`] (text without motions),
+//! [`examples`] (tasks to token sequences), [`loss`], [`contrast`] (contrastive loss of codes and captions), [`stage`] (the two stages).
 
 pub mod clip;
 pub mod config;
@@ -13,6 +13,7 @@ pub mod contrast;
 pub mod corrupt;
 pub mod examples;
 pub mod loss;
+pub mod sentences;
 pub mod stage;
 #[cfg(test)]
 mod tests;

@@ -27,6 +27,7 @@ use super::config::LmTrainConfig;
 use super::contrast::{contrast, mean_rows};
 use super::examples::{Example, ExampleMaker, Item, LmStageKind, samples_of_writing};
 use super::loss::cross_entropy;
+use super::sentences::read_sentences;
 use crate::average::WeightAverage;
 use crate::harness::{
     Ending, Outcome, Stage, StepInfo, StepLoss, TrainError, Validation, cpu_device, run,
@@ -53,7 +54,7 @@ pub struct LmOutcome {
 /// Pretrains a language model on radar prediction, radar to text and text to radar.
 ///
 /// Training starts from `config.hf_folder` if it is given. Otherwise it starts from a new network of the preset, whose
-/// vocabulary is built from `clips` (and their mirrored captions). `n_codes` is the size of the radar codebook. Without
+/// vocabulary is built from `clips` (and their mirrored captions) and from `config.sentences`. `n_codes` is the size of the radar codebook. Without
 /// `val`, the result is the last weights.
 ///
 /// # Errors
@@ -125,7 +126,8 @@ pub fn pretrain(
                 }
                 false => Vec::new(),
             };
-            let captions = captions.chain(&written);
+            let sentences = read_sentences(&config.sentences)?;
+            let captions = captions.chain(&written).chain(&sentences);
             let mut vocab = Vocab::learn(
                 captions.map(String::as_str),
                 all_text(),
@@ -251,6 +253,7 @@ impl LmStage {
         if config.rewrite_captions > 0.0 {
             train.read_facts();
         }
+        train.add_sentences(&lm.vocab, &read_sentences(&config.sentences)?)?;
         if config.captions_per_motion > 0 {
             train.keep_captions(config.captions_per_motion);
         }
@@ -429,10 +432,14 @@ impl Stage for LmStage {
 
     fn ids(&self, batch: &[usize]) -> Vec<String> {
         let clips = self.train.clips();
-        batch
-            .iter()
-            .filter_map(|n| Some(clips.get(Item::unpack(*n).clip)?.id.clone()))
-            .collect()
+        let id = |n: &usize| {
+            let item = Item::unpack(*n);
+            match item.task {
+                Task::TextPrediction => Some(format!("sentence {}", item.clip + 1)),
+                _ => Some(clips.get(item.clip)?.id.clone()),
+            }
+        };
+        batch.iter().filter_map(id).collect()
     }
 
     fn loss(

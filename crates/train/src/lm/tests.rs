@@ -831,7 +831,7 @@ fn vocab(clips: &[LmClip]) -> Vocab {
 
 #[test]
 fn items_pack_into_numbers_and_back() {
-    for task in Task::INSTRUCTION.into_iter().chain([Task::RadarPrediction]) {
+    for task in Task::INSTRUCTION.into_iter().chain(Task::PRETRAINING) {
         for (clip, variant, flipped, caption, prompt) in [
             (0, 0, false, 0, 0),
             (1_000_000, 255, true, 255, 511),
@@ -895,6 +895,100 @@ fn every_example_ends_and_radar_prediction_restores_the_codes() {
         let expected = if kind == LmStageKind::Pretrain { 3 } else { 5 };
         assert_eq!(tasks.len(), expected);
     }
+}
+
+/// Replacing each sentinel by its span restores the sentence, and sentences are drawn as often as their weight says.
+#[test]
+fn text_prediction_restores_sentences() {
+    let clips = toy_clips(16, N_CODES, CODE_DIM);
+    let vocab = vocab(&clips);
+    let layout = vocab.layout();
+    let sentences = [
+        "a person walks forward slowly and then sits down on a chair",
+        "waves",
+        "someone turns",
+    ];
+    let mut config = exact_config(bare_loop(1));
+    config.sampling.text_prediction = 3.0;
+    let mut maker = ExampleMaker::new(&vocab, CODE_DIM, &clips, LmStageKind::Pretrain).unwrap();
+    maker
+        .add_sentences(&vocab, &sentences.map(String::from))
+        .unwrap();
+    let rng = &mut ChaCha8Rng::seed_from_u64(3);
+    let fill = vocab.text_ids("fill").unwrap();
+    let (mut shares, mut n_all, mut drawn) = (Vec::new(), 0, [0; 3]);
+    for item in (0..40).flat_map(|seed| maker.draw_epoch(&config, seed)) {
+        n_all += 1;
+        if item.task != Task::TextPrediction {
+            continue;
+        }
+        drawn[item.clip] += 1;
+        let example = maker.example(&vocab, &config, &item, rng).unwrap();
+        assert!(ends(&example.target) && ends(&example.source.ids));
+        assert!(example.source.feature_positions.is_empty());
+        let source = &example.source.ids[..example.source.ids.len() - 1];
+        let (prompt, source) = source.split_at(fill.len());
+        assert_eq!(prompt, fill);
+        let is_sentinel = |id: &u32| (0..layout.n_sentinels).any(|k| layout.sentinel(k) == *id);
+        let (mut restored, mut n_masked) = (Vec::new(), 0);
+        for id in source {
+            if is_sentinel(id) {
+                let at = example.target.iter().position(|t| t == id).unwrap();
+                let end = |t: &&u32| !is_sentinel(t) && **t != layout.end;
+                let span: Vec<u32> = example.target[at + 1..]
+                    .iter()
+                    .take_while(end)
+                    .copied()
+                    .collect();
+                n_masked += span.len();
+                restored.extend(span);
+            } else {
+                restored.push(*id);
+            }
+        }
+        assert_eq!(restored, vocab.text_ids(sentences[item.clip]).unwrap());
+        if item.clip == 0 {
+            shares.push(n_masked as f64 / restored.len() as f64);
+        }
+    }
+    let n_text: usize = drawn.iter().sum();
+    // Three of six parts of the sampling weights.
+    let share = n_text as f64 / f64::from(n_all);
+    assert!((0.4..0.6).contains(&share), "{share}");
+    assert!(drawn.iter().all(|n| *n > n_text / 5), "{drawn:?}");
+    let (least, most) = shares
+        .iter()
+        .fold((1.0_f64, 0.0_f64), |(a, b), s| (a.min(*s), b.max(*s)));
+    assert!(least < 0.3 && most > 0.7, "{least} to {most}");
+}
+
+/// Sentences add words to the vocabulary and a task to the record of what was learned; other stages refuse them.
+#[test]
+fn a_model_learns_from_sentences_without_motions() {
+    let clips = toy_clips(4, N_CODES, CODE_DIM);
+    let dir = scratch("with-sentences");
+    std::fs::create_dir_all(&dir).unwrap();
+    let file = dir.join("sentences.txt");
+    std::fs::write(&file, "a juggler juggles\nsomebody yawns and stretches\n").unwrap();
+    let mut config = exact_config(bare_loop(4));
+    config.sentences = vec![file];
+    let learned = |config: &LmTrainConfig, name: &str| {
+        let outcome = pretrain(config, N_CODES, &clips, &[], &dir.join(name), false).unwrap();
+        RadarLm::load(&outcome.checkpoint, &cpu_device()).unwrap()
+    };
+    let with = learned(&config, "with");
+    assert_eq!(with.vocab.text_ids("juggles").unwrap().len(), 1);
+    let pretrained = with.learned.unwrap().pretrained;
+    assert!(pretrained.contains(&Task::TextPrediction), "{pretrained:?}");
+    config.sentences.clear();
+    let without = learned(&config, "without");
+    assert!(without.vocab.text_ids("juggles").unwrap().len() > 1);
+    let pretrained = without.learned.unwrap().pretrained;
+    assert!(
+        !pretrained.contains(&Task::TextPrediction),
+        "{pretrained:?}"
+    );
+    std::fs::remove_dir_all(dir).unwrap();
 }
 
 #[test]
