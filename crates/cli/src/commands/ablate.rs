@@ -34,7 +34,7 @@ use crate::{
 /// One training of one row.
 struct Run {
     recipe: Recipe,
-    /// Data set for training and evaluation.
+    /// Data set for evaluation: the first of those that the recipe trains on.
     data: PathBuf,
     /// Stages in order.
     stages: Vec<RecipeStage>,
@@ -198,15 +198,14 @@ fn plan_run(
     }
     // The name is derived from the recipe with all defaults, so that it changes when a default changes.
     let printed: Table = recipe.to_toml()?.parse()?;
-    let [data] = recipe.data.as_slice() else {
-        return Err(CliError::new(format!(
-            "data: {} data sets, but rows are evaluated on one",
-            recipe.data.len()
-        )));
-    };
+    let all: Vec<String> = recipe
+        .data
+        .iter()
+        .map(|data| data.display().to_string())
+        .collect();
     let mut depends_on = format!(
         "{}, simulations of a motion: {}",
-        data.display(),
+        all.join(", "),
         recipe.simulations_per_motion
     );
     let mut id = String::new();
@@ -226,7 +225,11 @@ fn plan_run(
         recipe.stage_folders.insert(stage.name(), out.join(&id));
     }
     recipe.out = out.join(format!("model-{id}"));
-    let data = data.clone();
+    let data = recipe
+        .data
+        .first()
+        .cloned()
+        .ok_or_else(|| CliError::new("data: names no data set"))?;
     Ok(Run {
         recipe,
         data,
@@ -400,6 +403,28 @@ set = { "pretrain.sampling.text_to_radar" = 0.0 }
         assert_eq!(
             (recipe.tokenizer.run.max_steps, recipe.tokenizer.run.seed),
             (3, 2)
+        );
+    }
+
+    #[test]
+    fn rows_learn_all_data_sets_and_are_evaluated_on_the_first() {
+        let of = |data: &str| {
+            let dir = tempfile::tempdir().unwrap();
+            fs::write(dir.path().join("model.toml"), format!("data = {data}\n")).unwrap();
+            let grid = Grid::from_toml(GRID).unwrap();
+            let run = plan(&grid, dir.path())
+                .unwrap()
+                .remove(0)
+                .remove(0)
+                .remove(0);
+            let name = |path: &PathBuf| path.file_name().unwrap().to_str().unwrap().to_string();
+            let all: Vec<_> = run.recipe.data.iter().map(name).collect();
+            (name(&run.data), all)
+        };
+        assert_eq!(of(r#""a""#), ("a".into(), vec!["a".into()]));
+        assert_eq!(
+            of(r#"["a", "b"]"#),
+            ("a".into(), vec!["a".into(), "b".into()])
         );
     }
 
