@@ -2,7 +2,7 @@
 
     python docs/validation/gpu.py RADARLLM [DEVICE [FOLDER]]
 
-RADARLLM is a program built with the feature `gpu` or `cuda`, DEVICE what `train --device` takes (`gpu`), FOLDER where the data set and the
+RADARLLM is a program built with the feature `gpu`, `libtorch` or `cuda`, DEVICE what `train --device` takes (`gpu`), FOLDER where the data set and the
 trainings go (`work/gpu`). The same seeds give the same batches, weights and dropout, so the losses differ by rounding alone; prints the largest
 relative differences, and fails above 1e-3. On a software driver compiling the kernels takes minutes a stage; CUBECL_AUTOTUNE_LEVEL=minimal helps.
 """

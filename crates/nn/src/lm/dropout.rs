@@ -53,7 +53,7 @@ impl DropoutRng {
             let elements = TensorData::new(self.on_cpu(len, threshold, keep), [len]);
             Tensor::<1>::from_data(elements, device)
         } else {
-            self.from_ahead(len, threshold, keep, device)
+            self.take_ahead(len, threshold, keep, device)
         };
         self.advance(len);
         mask.reshape(shape)
@@ -66,7 +66,7 @@ impl DropoutRng {
     }
 
     /// `len` elements of what a GPU has drawn, or draws now.
-    fn from_ahead(&mut self, len: usize, threshold: u32, keep: f32, device: &Device) -> Tensor<1> {
+    fn take_ahead(&mut self, len: usize, threshold: u32, keep: f32, device: &Device) -> Tensor<1> {
         let n_draws = len.div_ceil(SHARE);
         let fits = |a: &Ahead| {
             a.device == *device && a.threshold == threshold && a.n_draws - a.n_used >= n_draws
@@ -239,7 +239,7 @@ mod tests {
             let expected = read(alone.mask([len], p, &device));
             let threshold = (p * 65536.0) as u32;
             let keep = (1.0 / (1.0 - p)) as f32;
-            let found = read(together.from_ahead(len, threshold, keep, &device));
+            let found = read(together.take_ahead(len, threshold, keep, &device));
             together.advance(len);
             assert!(found == expected, "{len} {p}");
         }

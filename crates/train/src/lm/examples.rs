@@ -351,6 +351,7 @@ impl ExampleMaker {
 
     /// Approximate (target, source) length of an item, tokens.
     fn lengths_of(&self, item: &Item) -> (usize, usize) {
+        // A sentence has no clip.
         if item.task == Task::TextPrediction {
             let words = self.sentences[item.clip].len();
             return (words / 2, words);
@@ -360,13 +361,12 @@ impl ExampleMaker {
         let prompt = &self.prompts_of(item.task)[item.prompt];
         let words = prompt.before.len() + prompt.after.len();
         match item.task {
-            Task::RadarToText => (text, words + codes),
+            Task::RadarToText | Task::TextPrediction => (text, words + codes),
             Task::TextToRadar => (codes, words + text),
             Task::TextToLength => (4, words + text),
             Task::RadarToLength => (4, words + codes),
             Task::Continuation => (codes / 2, words + codes / 2),
             Task::RadarPrediction => (codes / 4, words + codes),
-            Task::TextPrediction => (text, text),
         }
     }
 
@@ -511,7 +511,7 @@ impl ExampleMaker {
                 (at..codes.len()).for_each(|i| push(&mut source, i, rng));
                 end_radar(&mut source, rng);
             }
-            // Has no clip; see above.
+            // Has no clip and is made above.
             Task::TextPrediction => {}
         }
         source.ids.extend(&prompt.after);
