@@ -792,6 +792,7 @@ mod tests {
             "tie_embeddings = false",
             "dropout = 0.2",
             "from = \"x\"",
+            "sentences = [\"x\"]",
         ] {
             let error = Recipe::from_toml(&format!("[instruct]\n{slip}"), Path::new(""));
             let error = error.unwrap_err().to_string();

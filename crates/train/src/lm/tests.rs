@@ -962,7 +962,7 @@ fn text_prediction_restores_sentences() {
     assert!(least < 0.3 && most > 0.7, "{least} to {most}");
 }
 
-/// Sentences add words to the vocabulary and a task to the record of what was learned; other stages refuse them.
+/// Sentences add words to the vocabulary and a task to the record of what was learned.
 #[test]
 fn a_model_learns_from_sentences_without_motions() {
     let clips = toy_clips(4, N_CODES, CODE_DIM);
