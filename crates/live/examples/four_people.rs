@@ -61,8 +61,7 @@ fn main() -> Result {
     let input = Input::replay("four people", recording, Speed::Times(1.0), false)?;
     let captioner = Captioner::bundled()?;
     let before_s = processor_s();
-    let live = Live::start(input, captioner, options)?;
-    let messages = live.subscribe();
+    let (live, messages) = Live::start_and_listen(input, captioner, options)?;
     let (mut n_sentences, mut most_people) = (0, 0);
     while !live.is_over() {
         let Ok(message) = messages.recv_timeout(Duration::from_millis(200)) else {

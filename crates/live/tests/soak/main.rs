@@ -41,6 +41,8 @@ use watcher::Watcher;
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 const DAY_MS: i64 = 86_400_000;
+/// Longest time between two messages. The end, when everything is written, takes seconds; the disk is full for a minute.
+const LONGEST_SILENCE: Duration = Duration::from_secs(180);
 /// Two runs at once would measure each other.
 static ONE: Mutex<()> = Mutex::new(());
 
@@ -142,10 +144,12 @@ fn run(run: &Run, database: &Path) -> Outcome {
         }),
         ..LiveOptions::default()
     };
-    let live = Live::start(input, Captioner::bundled().unwrap(), options).unwrap();
+    // From the first message on: the radar waits until it is told that its frames were seen.
+    let captioner = Captioner::bundled().unwrap();
+    let (live, messages) = Live::start_and_listen(input, captioner, options).unwrap();
     let viewer = Viewer::start(live.address().unwrap());
-    let messages = live.subscribe();
     let began = Instant::now();
+    let mut heard_at = began;
     let mut watcher = Watcher::default();
     let mut figures = Figures::new(database);
     let mut full_at = script
@@ -156,8 +160,10 @@ fn run(run: &Run, database: &Path) -> Outcome {
     let mut n_broker_losses = 0;
     while !live.is_over() {
         let Ok(message) = messages.recv_timeout(Duration::from_millis(200)) else {
+            assert!(heard_at.elapsed() < LONGEST_SILENCE, "nothing is told");
             continue;
         };
+        heard_at = Instant::now();
         let Some(frame) = watcher.take(&message.json) else {
             continue;
         };
