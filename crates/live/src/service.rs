@@ -1,8 +1,9 @@
 //! A running radar, put together.
 
+use std::any::Any;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::panic::resume_unwind;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
@@ -138,7 +139,6 @@ pub struct Live {
     bus: Arc<Bus>,
     metrics: Arc<Metrics>,
     vitals: Arc<Vitals>,
-    is_over: Arc<AtomicBool>,
     /// Why the source has ended, if it did so by an error.
     problem: Arc<Mutex<Option<Error>>>,
     pipeline: Option<JoinHandle<()>>,
@@ -238,16 +238,13 @@ impl Live {
         };
         let messages = bus.subscribe();
         let queue = Arc::new(FrameQueue::new(input.when_full(), Arc::clone(&metrics)));
-        let is_over = Arc::new(AtomicBool::new(false));
         let problem = Arc::new(Mutex::new(None));
         let pipeline = {
             let (queue, vitals) = (Arc::clone(&queue), Arc::clone(&vitals));
-            let is_over = Arc::clone(&is_over);
+            // The keeper is dropped with the thread's last values, so that everything is written before the thread counts as
+            // finished, also after a panic.
             spawn("radarllm-pipeline", move || {
                 run_pipeline(pipeline, &queue, &acknowledged, &keeper, &vitals);
-                // Everything is written before the radar counts as over.
-                drop(keeper);
-                is_over.store(true, Ordering::Release);
             })?
         };
         let source = {
@@ -255,6 +252,7 @@ impl Live {
             let vitals = Arc::clone(&vitals);
             let problem = Arc::clone(&problem);
             spawn("radarllm-source", move || {
+                let _end = EndOnPanic(Arc::clone(&queue));
                 let ended = input.run(&queue, &vitals, &metrics);
                 *lock(&problem) = ended.err();
             })?
@@ -264,7 +262,6 @@ impl Live {
             bus,
             metrics,
             vitals,
-            is_over,
             problem,
             pipeline: Some(pipeline),
             source: Some(source),
@@ -311,14 +308,51 @@ impl Live {
         self.damaged_database.as_ref()
     }
 
-    /// Whether the source has ended and everything of it was described and written.
+    /// Whether the source has ended and everything of it was described and written, or a thread panicked.
     pub fn is_over(&self) -> bool {
-        self.is_over.load(Ordering::Acquire)
+        self.pipeline.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
-    /// Why the source has ended, if it did so by an error; once.
-    pub fn take_problem(&self) -> Option<Error> {
-        lock(&self.problem).take()
+    /// Stops, as when this is dropped.
+    ///
+    /// # Errors
+    /// Why the source has ended, if it did so by an error.
+    ///
+    /// # Panics
+    /// If the source or the pipeline panicked.
+    pub fn stop(mut self) -> Result<()> {
+        if let Some(panic) = self.end() {
+            resume_unwind(panic);
+        }
+        match lock(&self.problem).take() {
+            Some(problem) => Err(problem),
+            None => Ok(()),
+        }
+    }
+
+    /// Ends all threads. Returns the panic of one.
+    fn end(&mut self) -> Option<Box<dyn Any + Send>> {
+        self.queue.close();
+        let threads = [self.source.take(), self.pipeline.take()];
+        let panics = threads.into_iter().flatten().map(JoinHandle::join);
+        let panics: Vec<_> = panics.filter_map(|joined| joined.err()).collect();
+        if let Some(publisher) = self.publisher.take() {
+            publisher.stop();
+        }
+        self.bus.close();
+        drop(self.server.take());
+        panics.into_iter().next()
+    }
+}
+
+/// Ends the stream if the thread of the source panics, so that nobody waits for its frames.
+struct EndOnPanic(Arc<FrameQueue>);
+
+impl Drop for EndOnPanic {
+    fn drop(&mut self) {
+        if thread::panicking() {
+            self.0.push(Item::End);
+        }
     }
 }
 
@@ -329,19 +363,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Drop for Live {
     fn drop(&mut self) {
-        self.queue.close();
-        for thread in [self.source.take(), self.pipeline.take()]
-            .into_iter()
-            .flatten()
-        {
-            // A panic of the thread was printed by it.
-            let _ = thread.join();
-        }
-        if let Some(publisher) = self.publisher.take() {
-            publisher.stop();
-        }
-        self.bus.close();
-        drop(self.server.take());
+        // A panic of a thread was printed by it.
+        self.end();
     }
 }
 

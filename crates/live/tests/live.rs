@@ -5,7 +5,8 @@ use std::net::TcpStream;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use radarllm::Captioner;
+use radarllm::{Captioner, Clutter, DEFAULT_RADAR, Provenance};
+use radarllm_io::live::{LiveAbout, LiveCounts, LiveEvent, LiveSource};
 use radarllm_live::{Input, Live, LiveOptions, Page, Speed};
 use radarllm_serve::store::{ActivityQuery, ActivityRow};
 use radarllm_serve::{Clock, Timeline, ask, keeper::now_ms};
@@ -157,4 +158,37 @@ fn an_open_address_wants_a_token_and_names_are_checked() {
         ..options(None)
     };
     assert!(start(named).contains("a to z"));
+}
+
+/// A radar whose driver has a bug.
+struct Faulty;
+
+impl LiveSource for Faulty {
+    fn next(&mut self, _timeout: Duration) -> radarllm::Result<Option<LiveEvent>> {
+        panic!("wanted")
+    }
+
+    fn about(&self) -> LiveAbout {
+        LiveAbout {
+            frame_period_s: 0.1,
+            radar: DEFAULT_RADAR.into(),
+            radar_height_m: 1.0,
+            clutter: Clutter::Settled,
+            provenance: Provenance::simulated("faulty", 0).to_string(),
+        }
+    }
+
+    fn counts(&self) -> LiveCounts {
+        LiveCounts::default()
+    }
+}
+
+#[test]
+fn a_panic_of_a_thread_ends_the_radar_and_reaches_the_caller() {
+    let input = Input::radar("faulty", Box::new(Faulty)).unwrap();
+    let live = Live::start(input, Captioner::bundled().unwrap(), options(None)).unwrap();
+    wait_until("the radar ends", || live.is_over());
+    let stopped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| live.stop()));
+    let panic = stopped.unwrap_err();
+    assert_eq!(panic.downcast_ref(), Some(&"wanted"));
 }

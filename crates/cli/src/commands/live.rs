@@ -103,10 +103,7 @@ fn watch(args: &LiveArgs) -> CliResult {
         }
     }
     supervisor.stopping();
-    match live.take_problem() {
-        Some(problem) => Err(problem.into()),
-        None => Ok(()),
-    }
+    Ok(live.stop()?)
 }
 
 /// Deletes what was seen before a date.
