@@ -334,14 +334,13 @@ impl Live {
     fn end(&mut self) -> Option<Box<dyn Any + Send>> {
         self.queue.close();
         let threads = [self.source.take(), self.pipeline.take()];
-        let panics = threads.into_iter().flatten().map(JoinHandle::join);
-        let panics: Vec<_> = panics.filter_map(|joined| joined.err()).collect();
+        let [source, pipeline] = threads.map(|thread| thread?.join().err());
         if let Some(publisher) = self.publisher.take() {
             publisher.stop();
         }
         self.bus.close();
         drop(self.server.take());
-        panics.into_iter().next()
+        source.or(pipeline)
     }
 }
 
