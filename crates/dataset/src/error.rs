@@ -16,6 +16,12 @@ pub enum DatasetError {
         /// Cause.
         source: std::io::Error,
     },
+    /// This build reads no Parquet.
+    #[error("{path}: this program was built without the feature `parquet`", path = path.display())]
+    WithoutParquet {
+        /// File.
+        path: PathBuf,
+    },
     /// The output exists and its replacement was not requested.
     #[error("{path}: already exists; hint: --force replaces it", path = path.display())]
     Exists {
@@ -174,6 +180,7 @@ fn first_names(names: &[String]) -> String {
     text
 }
 
+#[cfg(feature = "parquet")]
 impl DatasetError {
     /// Shorthand for `map_err`.
     pub(crate) fn io(

@@ -33,6 +33,9 @@
 //! columns of the archive), [`builder`] (resumable building by one or more processes), [`dataset`] (reading),
 //! [`info`], [`mod@validate`], [`mod@export`] (a copy for the Hugging Face Hub).
 //!
+//! The feature `parquet`, on by default, reads and writes files. Without it there are the types alone, and
+//! [`read_points`] is an error, so that a program that only simulates and describes is built in half the time.
+//!
 //! Layout of a data set directory:
 //!
 //! ```text
@@ -45,45 +48,76 @@
 
 pub mod record;
 
+mod points;
+#[cfg(feature = "parquet")]
 pub mod points_file;
+#[cfg(feature = "parquet")]
 pub mod shard;
+#[cfg(not(feature = "parquet"))]
+mod without_parquet;
 
+#[cfg(feature = "parquet")]
 pub mod builder;
+#[cfg(feature = "parquet")]
 pub mod dataset;
+#[cfg(feature = "parquet")]
 pub mod export;
+#[cfg(feature = "parquet")]
 pub mod info;
+#[cfg(feature = "parquet")]
 pub mod manifest;
+#[cfg(feature = "parquet")]
 pub mod validate;
 
+#[cfg(feature = "parquet")]
 mod atomic;
+#[cfg(feature = "parquet")]
 mod card;
+#[cfg(feature = "parquet")]
 mod check;
 mod error;
+#[cfg(feature = "parquet")]
 mod file_system;
+#[cfg(feature = "parquet")]
 mod folder;
+#[cfg(feature = "parquet")]
 mod guard;
+#[cfg(feature = "parquet")]
 mod plan;
 mod split;
+#[cfg(feature = "parquet")]
 mod work;
 
+#[cfg(feature = "parquet")]
 pub use builder::{
     BuildOptions, BuildPlan, BuildReport, Builder, BuiltShards, ItemId, Progress, build,
 };
+#[cfg(feature = "parquet")]
 pub use check::check_record;
+#[cfg(feature = "parquet")]
 pub use dataset::{BatchIter, ClipIter, Dataset};
 pub use error::DatasetError;
+#[cfg(feature = "parquet")]
 pub use export::export;
+#[cfg(feature = "parquet")]
 pub use info::Info;
-pub use manifest::{FailedItem, Manifest, ShardEntry, SourceLicence};
+#[cfg(feature = "parquet")]
+pub use manifest::{Manifest, ShardEntry, SourceLicence};
+pub use points::{PointsFile, PointsMeta};
+#[cfg(feature = "parquet")]
 pub use points_file::{
-    PointsFile, PointsMeta, points_from_batches, points_to_batch, read_points, write_clip,
-    write_points,
+    points_from_batches, points_to_batch, read_points, write_clip, write_points,
 };
-pub use record::{ClipRecord, MOTION_FEATURE_DIM, RECORDINGS, Split};
+pub use record::{ClipRecord, FailedItem, MOTION_FEATURE_DIM, RECORDINGS, Split};
+#[cfg(feature = "parquet")]
 pub use shard::Columns;
+#[cfg(feature = "parquet")]
 pub use validate::{Problem, validate, validate_with};
+#[cfg(not(feature = "parquet"))]
+pub use without_parquet::read_points;
 
 /// What to do if the output exists.
+#[cfg(feature = "parquet")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Overwrite {
     /// Fail with [`DatasetError::Exists`].

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::{DatasetError, Split};
+use crate::{DatasetError, FailedItem, Split};
 
 /// Version of the directory layout, the columns and this file.
 pub const SCHEMA_VERSION: u32 = 1;
@@ -34,15 +34,6 @@ fn yes() -> bool {
 
 fn is_true(value: &bool) -> bool {
     *value
-}
-
-/// An item that could not be generated.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct FailedItem {
-    /// Id of the requested clip.
-    pub id: String,
-    /// Why it is not in the data set.
-    pub reason: String,
 }
 
 /// One shard.

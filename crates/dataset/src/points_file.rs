@@ -21,7 +21,7 @@ use radarllm_base::{Clip, PointFrame, RadarPoint};
 
 use crate::atomic::write_atomic;
 use crate::guard::{self, Limits};
-use crate::{DatasetError, Overwrite};
+use crate::{DatasetError, Overwrite, PointsFile, PointsMeta};
 
 /// Limits of one points file. Half an hour at 10 frames/s with 1,000 points per frame is 18 M points.
 const LIMITS: Limits = Limits {
@@ -42,47 +42,6 @@ const VALUE_COLUMNS: [&str; 6] = [
 ];
 /// Rows decoded at a time.
 const BATCH_ROWS: usize = 8192;
-
-/// Properties of a whole points file, stored as key-value metadata under the field names.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PointsMeta {
-    /// Radar name; `unknown` if the file does not specify it.
-    pub radar: String,
-    /// Where the points came from, for example `simulated:builtin:walk` or `recorded:dca1000`.
-    pub source: String,
-    /// Seed of the simulation; `None` for recordings.
-    pub seed: Option<u64>,
-    /// Version of the program that generated the points.
-    pub version: String,
-    /// Height of the radar above the floor, m, if known.
-    pub radar_height_m: Option<f32>,
-    /// Frames per second (metadata key `frame_rate`); finite and positive.
-    pub frame_rate_hz: f64,
-}
-
-impl PointsMeta {
-    /// The metadata of a clip, with the version of this library.
-    pub fn of(clip: &Clip) -> Self {
-        Self {
-            radar: clip.radar.clone(),
-            source: clip.provenance.to_string(),
-            seed: clip.provenance.seed(),
-            version: env!("CARGO_PKG_VERSION").into(),
-            radar_height_m: Some(clip.radar_height_m),
-            frame_rate_hz: clip.frame_rate_hz,
-        }
-    }
-}
-
-/// A points file in memory.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PointsFile {
-    /// Provenance and timing.
-    pub meta: PointsMeta,
-    /// Frames in order. Frames in which nothing was detected are present and empty; frames that
-    /// the recording lost are absent.
-    pub frames: Vec<PointFrame>,
-}
 
 /// Writes a clip as a points file, atomically.
 ///

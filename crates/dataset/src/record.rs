@@ -1,6 +1,7 @@
 //! One clip of a radar-text data set.
 
 use radarllm_base::PointFrame;
+use serde::{Deserialize, Serialize};
 
 /// The part of the data set that a clip belongs to. Splits are made by group, never by clip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -50,4 +51,13 @@ pub struct ClipRecord {
     pub joints: Vec<[[f32; 3]; 22]>,
     /// HumanML3D features, `[motion frame][263]` flattened; empty when unknown.
     pub motion_features: Vec<f32>,
+}
+
+/// An item that could not be generated.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FailedItem {
+    /// Id of the requested clip.
+    pub id: String,
+    /// Why it is not in the data set.
+    pub reason: String,
 }

@@ -16,6 +16,7 @@ use radarllm_inference::tokenizer::{EncodeError, Encoded};
 
 use crate::Device;
 use crate::lm::RadarLm;
+use crate::lm::text::read_files;
 use crate::params::collect_params;
 use crate::tokenizer::ReferenceTokenizer;
 
@@ -120,7 +121,7 @@ pub fn load_reference_captioner(dir: &Path) -> Result<Captioner, LmError> {
 /// # Errors
 /// As [`load_reference_captioner`].
 pub fn reference_captioner(tokenizer: &Checkpoint, lm: Checkpoint) -> Result<Captioner, LmError> {
-    let backend = ReferenceBackend::from_checkpoints(tokenizer, LmFiles::of(lm)?)?;
+    let backend = ReferenceBackend::from_checkpoints(tokenizer, read_files(lm)?)?;
     Ok(Captioner::new(Box::new(backend)))
 }
 
@@ -134,12 +135,12 @@ pub fn captioner_from_checkpoints(
     lm: Checkpoint,
     precision: Precision,
 ) -> Result<Captioner, LmError> {
-    let files = LmFiles::of(lm)?;
+    let files = read_files(lm)?;
     if precision == Precision::F32 && !files.is_t5() {
         let backend = ReferenceBackend::from_checkpoints(tokenizer, files)?;
         return Ok(Captioner::new(Box::new(backend)));
     }
-    Captioner::from_checkpoints(tokenizer, files.checkpoint, precision)
+    Captioner::from_files(tokenizer, files, precision)
 }
 
 #[cfg(test)]

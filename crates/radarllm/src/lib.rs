@@ -58,10 +58,11 @@ pub use taught::insert_taught;
 pub use radarllm_base::{
     Clip, Clutter, Motion, PointFrame, Provenance, RadarConfig, RadarCube, RadarPoint, Timeline,
 };
+#[cfg(feature = "parquet")]
 pub use radarllm_dataset::{
-    Overwrite, PointsFile, PointsMeta, points_from_batches, points_to_batch, read_points,
-    write_clip, write_points,
+    Overwrite, points_from_batches, points_to_batch, write_clip, write_points,
 };
+pub use radarllm_dataset::{PointsFile, PointsMeta, read_points};
 pub use radarllm_inference::{
     DescribeOptions, Description, Precision, PrepareOptions, Prepared, Segment, prepare_for_model,
 };
@@ -70,9 +71,11 @@ pub use radarllm_io::{
     OpenedRadar, PointOptions, Result, SampleRecording, open_radar,
 };
 pub use radarllm_radar_dsp::{DspOptions, PointExtractor};
+#[cfg(feature = "parquet")]
+pub use radarllm_synth::DatasetPlan;
 pub use radarllm_synth::{
-    DatasetPlan, MotionInput, SimulateOptions, SimulatedClip, SimulatedCubes, open_motion,
-    simulate_cubes, simulate_motion, simulate_motion_until,
+    MotionInput, SimulateOptions, SimulatedClip, SimulatedCubes, open_motion, simulate_cubes,
+    simulate_motion, simulate_motion_until,
 };
 pub use radarllm_tracking::{PeopleOptions, Person, track_people};
 

@@ -27,3 +27,5 @@ pub mod plot;
 mod png_file;
 pub mod raster;
 pub mod report;
+
+pub use png_file::PngError;

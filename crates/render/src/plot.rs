@@ -39,6 +39,8 @@ pub use scatter_plot::{ScatterPanel, ScatterPlot, Span};
 
 use axis::Scale;
 
+use crate::PngError;
+
 /// Reason why a plot cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum PlotError {
@@ -52,9 +54,9 @@ pub enum PlotError {
         /// Number of values.
         found: usize,
     },
-    /// The PNG encoder failed. PNG files cannot contain an image without pixels.
+    /// The image cannot be a PNG file, for example because it has no pixels.
     #[error("png: {0}")]
-    Encode(#[from] png::EncodingError),
+    Encode(#[from] PngError),
 }
 
 /// Text chunks of an image: its title and, by keyword, the quantity and the two ends of each axis (left to right,

@@ -5,6 +5,7 @@
 
 use glam::{Mat4, Vec3, Vec4};
 
+use crate::PngError;
 use crate::png_file::{self, Pixels};
 
 /// Samples per pixel along each axis.
@@ -159,7 +160,7 @@ pub struct Image {
 pub struct ImageError {
     width: usize,
     height: usize,
-    source: png::EncodingError,
+    source: PngError,
 }
 
 impl Image {
@@ -480,6 +481,7 @@ fn pixel_range(low: f32, high: f32, size: usize) -> std::ops::Range<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::png_file::tests::decoded;
 
     fn camera() -> Camera {
         Camera::orbit(Vec3::new(0.0, 0.0, 1.0), 4.0, 0.0, 0.0)
@@ -568,12 +570,8 @@ mod tests {
         let mut image = Image::filled(5, 3, [10, 20, 30]);
         image.rgb[3..6].copy_from_slice(&[200, 100, 50]);
         let bytes = image.to_png().expect("memory does not fail");
-        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes))
-            .read_info()
-            .expect("our own header");
-        let mut rgb = vec![0; reader.output_buffer_size().expect("small")];
-        reader.next_frame(&mut rgb).expect("our own data");
-        assert_eq!(rgb, image.rgb);
+        let (_, _, rgb) = decoded(&bytes);
+        assert_eq!(rgb.as_flattened(), image.rgb);
     }
 
     #[test]
@@ -584,16 +582,12 @@ mod tests {
             square(3.0, 0.4).to_vec(),
         ];
         let png = contact_sheet(&frames, &FACES).expect("memory does not fail");
-        let mut reader = png::Decoder::new(std::io::Cursor::new(png))
-            .read_info()
-            .expect("our own header");
-        let mut rgb = vec![0; reader.output_buffer_size().expect("small")];
-        let info = reader.next_frame(&mut rgb).expect("our own data");
-        assert_eq!((info.width, info.height), (3 * 360 + 4, 400));
-        let pixel = |x: usize, y: usize| &rgb[(y * info.width as usize + x) * 3..][..3];
+        let (width, height, rgb) = decoded(&png);
+        assert_eq!((width, height), (3 * 360 + 4, 400));
+        let pixel = |x: usize, y: usize| rgb[y * width + x];
         // The square extends from 0.6 to 1.4 m. The centre of the image is at 0.7 m, and the sample slightly above it
         // at 0.9 m.
-        let is_skin = |p: &[u8]| p[0] > p[2].saturating_add(5);
+        let is_skin = |p: [u8; 3]| p[0] > p[2].saturating_add(5);
         assert!(is_skin(pixel(180, 150)) && is_skin(pixel(2 * 362 + 180, 150)));
         assert!(!is_skin(pixel(362 + 180, 150)));
     }

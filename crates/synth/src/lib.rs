@@ -33,6 +33,7 @@
 //! This crate contains no models, and it never silently substitutes missing input.
 
 mod arithmetic;
+#[cfg(feature = "parquet")]
 pub mod build;
 pub mod config;
 pub mod corpus;
@@ -48,6 +49,7 @@ pub mod simulate;
 pub mod synthesizer;
 pub mod weather;
 
+#[cfg(feature = "parquet")]
 pub use build::DatasetPlan;
 pub use simulate::{
     MotionInfo, MotionInput, SimulateOptions, SimulatedClip, SimulatedCubes, open_motion,

@@ -560,7 +560,7 @@ impl RawModel {
 mod tests {
     use super::*;
     use glam::{DMat3, DVec3, Quat};
-    use npyz::WriterBuilder;
+    use radarllm_files::npy::{NpyElement, NpyWriter};
     use std::io::{Cursor, Write};
 
     const N_VERTICES: usize = 150;
@@ -669,16 +669,16 @@ mod tests {
             }
             zip.start_file(format!("{name}.npy"), options)
                 .expect("memory");
-            let shape: Vec<u64> = array.shape.iter().map(|&n| n as u64).collect();
+            let shape = &array.shape;
             let mut bytes = Vec::new();
             match name {
-                "f" => write_npy(&mut bytes, &shape, array.values.iter().map(|&v| v as u32)),
+                "f" => write_npy(&mut bytes, shape, array.values.iter().map(|&v| v as u32)),
                 "kintree_table" => {
-                    write_npy(&mut bytes, &shape, array.values.iter().map(|&v| v as i64))
+                    write_npy(&mut bytes, shape, array.values.iter().map(|&v| v as i64))
                 }
                 _ => write_npy(
                     &mut bytes,
-                    &shape,
+                    shape,
                     array.values.iter().map(|&v| f64::from(v)),
                 ),
             }
@@ -694,17 +694,12 @@ mod tests {
         zip.finish().expect("memory").into_inner()
     }
 
-    fn write_npy<T: npyz::AutoSerialize + Clone>(
+    fn write_npy<T: NpyElement>(
         to: &mut Vec<u8>,
-        shape: &[u64],
+        shape: &[usize],
         values: impl Iterator<Item = T>,
     ) {
-        let mut writer = npyz::WriteOptions::new()
-            .default_dtype()
-            .shape(shape)
-            .writer(to)
-            .begin_nd()
-            .expect("memory");
+        let mut writer = NpyWriter::new(to, shape).expect("memory");
         writer.extend(values).expect("memory");
         writer.finish().expect("memory");
     }

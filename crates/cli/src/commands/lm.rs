@@ -2,8 +2,7 @@
 
 use std::path::Path;
 
-use npyz::WriterBuilder;
-use radarllm_files::bounded as files;
+use radarllm_files::{bounded as files, npy::NpyWriter};
 use radarllm_nn::Device;
 use radarllm_nn::lm::RadarLm;
 use radarllm_nn::pretrained::{ModelInput, Pretrained};
@@ -70,11 +69,7 @@ fn logits(weights: &Path, ids: &Path, out: &Path, force: bool, json: bool) -> Cl
         .logits(&input, &device)
         .map_err(|e| CliError::new(format!("{}: {e}", ids.display())))?;
     let mut npy = Vec::new();
-    let mut writer = npyz::WriteOptions::new()
-        .default_dtype()
-        .shape(&shape.map(|n| n as u64))
-        .writer(&mut npy)
-        .begin_nd()?;
+    let mut writer = NpyWriter::new(&mut npy, &shape)?;
     writer.extend(values)?;
     writer.finish()?;
     output::write_atomic(out, &npy)?;

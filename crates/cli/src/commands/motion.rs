@@ -7,9 +7,9 @@ use std::{
 };
 
 use glam::{Mat3, Vec3};
-use npyz::WriterBuilder;
 use radarllm::{MotionInput, open_motion};
 use radarllm_body::mesh::{BodyModel, BuiltinBody, SmplxBody, pose_on_body};
+use radarllm_files::npy::{NpyElement, NpyWriter};
 use serde::Serialize;
 
 use crate::{
@@ -219,7 +219,7 @@ fn npz(motion: &MotionInput, body: &dyn BodyModel) -> CliResult<Vec<u8>> {
 }
 
 /// Adds `name.npy` to an npz archive.
-fn array<T: npyz::AutoSerialize>(
+fn array<T: NpyElement>(
     zip: &mut zip::ZipWriter<Cursor<Vec<u8>>>,
     name: &str,
     shape: &[usize],
@@ -227,16 +227,9 @@ fn array<T: npyz::AutoSerialize>(
 ) -> CliResult {
     let options = zip::write::SimpleFileOptions::default().large_file(true);
     zip.start_file(format!("{name}.npy"), options)?;
-    let shape: Vec<u64> = shape.iter().map(|n| *n as u64).collect();
-    let mut npy = Vec::new();
-    let mut writer = npyz::WriteOptions::new()
-        .default_dtype()
-        .shape(&shape)
-        .writer(&mut npy)
-        .begin_nd()?;
+    let mut writer = NpyWriter::new(zip, shape)?;
     writer.extend(values)?;
     writer.finish()?;
-    zip.write_all(&npy)?;
     Ok(())
 }
 

@@ -9,8 +9,6 @@ use std::{
     time::Instant,
 };
 
-use npyz::WriterBuilder;
-use num_complex::Complex32;
 use radarllm::{DspOptions, open_motion};
 use radarllm_base::{PointFrame, Provenance, RadarConfig, SPEED_OF_LIGHT_MPS, seed::derive_seed};
 use radarllm_body::{
@@ -18,7 +16,10 @@ use radarllm_body::{
     mesh::{BodyModel, PosedBody, SmplxBody, clothed_skin},
 };
 use radarllm_dataset::{Overwrite, PointsMeta, write_points};
-use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
+use radarllm_files::{
+    bounded::{self, MAX_CONFIG_BYTES},
+    npy::NpyWriter,
+};
 use radarllm_formats::Severity;
 use radarllm_io::{TiFirmware, options::MAX_FRAMES};
 use radarllm_radar_sim::{Noise, Scene};
@@ -452,18 +453,13 @@ impl Simulation<'_> {
             radar.tx.len(),
             radar.rx.len(),
             radar.n_samples,
-        ]
-        .map(|n| n as u64);
+        ];
         output::write_atomic_with(out, |file| {
             let mut buffered = BufWriter::new(file);
-            let mut npy = npyz::WriteOptions::<Complex32>::new()
-                .default_dtype()
-                .shape(&shape)
-                .writer(&mut buffered)
-                .begin_nd()?;
+            let mut npy = NpyWriter::new(&mut buffered, &shape)?;
             for frame_idx in 0..n_frames {
                 let cube = synthesizer.simulate(self.scene, frame_idx, self.seed)?;
-                npy.extend(cube.data.iter().copied())?;
+                npy.extend(cube.data.iter().map(|c| [c.re, c.im]))?;
                 after_frame(synthesizer, frame_idx)?;
             }
             npy.finish()?;

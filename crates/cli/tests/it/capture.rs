@@ -11,6 +11,7 @@ use std::{
 use num_complex::{Complex32, Complex64};
 use radarllm_base::{RadarConfig, RadarCube, RadarPoint};
 use radarllm_dataset::read_points;
+use radarllm_files::npy::NpyStream;
 use radarllm_formats::{
     adc::{CubeShape, SampleLayout},
     radar_to_toml,
@@ -71,8 +72,13 @@ fn recording() -> Recording {
         &npy,
         "--json",
     ]);
-    let file = npyz::NpyFile::new(BufReader::new(fs::File::open(&npy).unwrap())).unwrap();
-    let samples: Vec<Complex32> = file.into_vec().unwrap();
+    let mut samples = Vec::new();
+    NpyStream::open(fs::File::open(&npy).unwrap())
+        .unwrap()
+        .read(usize::MAX / 16, |re, im| {
+            samples.push(Complex32::new(re as f32, im as f32));
+        })
+        .unwrap();
     let peak = samples
         .iter()
         .fold(0.0_f32, |m, v| m.max(v.re.abs()).max(v.im.abs()));

@@ -2,6 +2,8 @@
 
 use std::{fs, path::Path};
 
+use radarllm_files::npy::NpyArray;
+
 use crate::command::{json, refused};
 
 /// `config.json` and `model.safetensors` of a tiny network; its golden file carries both.
@@ -77,8 +79,8 @@ fn logits_and_hidden_states_are_written() {
         ];
         let report = json(&arguments);
         assert_eq!(report["shape"], serde_json::json!(shape), "{golden}");
-        let npy = npyz::NpyFile::new(fs::File::open(&out).unwrap()).unwrap();
-        let values: Vec<f32> = npy.into_vec().unwrap();
+        let npy = NpyArray::new(fs::read(&out).unwrap()).unwrap();
+        let values = npy.numbers_f32().unwrap();
         assert_eq!(values.len(), shape.iter().product::<usize>());
         assert!(values.iter().all(|v| v.is_finite()));
         // A second time: refused without --force.

@@ -1,10 +1,11 @@
-//! NumPy arrays of numbers: in memory ([`NpyArray`]), as a stream ([`NpyStream`]) and in archives ([`Npz`]).
+//! NumPy arrays of numbers: in memory ([`NpyArray`]), as a stream ([`NpyStream`]), in archives ([`Npz`]), and written
+//! ([`NpyWriter`]).
 //!
 //! Supported are plain arrays and structured arrays with named columns, in either byte order. Arrays in Fortran order
 //! are converted to C order on access. Python objects are pickles, which can execute code when they are read. They are
 //! therefore refused; archives skip them by name.
 //!
-//! The header is parsed here rather than by the crate `npyz`, which this project uses for writing. That crate allocates
+//! The header is parsed here rather than by the crate `npyz`. That crate allocates
 //! as many bytes as the length field declares (up to 4 GiB), does not limit the nesting depth, and reports no byte
 //! offset. The checks that would have to precede it are longer than the parser, and literals must be parsed for
 //! calibration files anyway.
@@ -30,9 +31,11 @@
 
 mod npz;
 mod stream;
+mod write;
 
 pub use npz::{Npz, NpzError, Skipped};
 pub use stream::NpyStream;
+pub use write::{NpyElement, NpyWriter};
 
 use std::borrow::Cow;
 
@@ -578,24 +581,5 @@ mod tests {
             Some("male")
         );
         assert_eq!(text(&npy("'|u1'", "False", "()", &[1])), None);
-    }
-
-    /// Compares with an independent implementation.
-    #[test]
-    fn arrays_that_npyz_writes_are_read() {
-        use npyz::WriterBuilder;
-        let mut bytes = Vec::new();
-        let mut writer = npyz::WriteOptions::<f32>::new()
-            .default_dtype()
-            .shape(&[2, 2])
-            .order(npyz::Order::Fortran)
-            .writer(&mut bytes)
-            .begin_nd()
-            .unwrap();
-        writer.extend([1.0, 3.0, 2.0, 4.0]).unwrap();
-        writer.finish().unwrap();
-        let array = NpyArray::new(&bytes).unwrap();
-        assert_eq!(array.shape(), [2, 2]);
-        assert_eq!(array.numbers_f32(), Some(vec![1.0, 2.0, 3.0, 4.0]));
     }
 }

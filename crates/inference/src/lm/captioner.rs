@@ -215,7 +215,18 @@ impl Captioner {
         lm: Checkpoint,
         precision: Precision,
     ) -> Result<Self, LmError> {
-        let lm = LmFiles::of(lm)?;
+        Self::from_files(tokenizer, LmFiles::of(lm)?, precision)
+    }
+
+    /// As [`Self::from_checkpoints`], with the files of the language model.
+    ///
+    /// # Errors
+    /// As [`Self::from_checkpoints`].
+    pub fn from_files(
+        tokenizer: &Checkpoint,
+        lm: LmFiles,
+        precision: Precision,
+    ) -> Result<Self, LmError> {
         let tokenizer = RadarTokenizer::from_checkpoint(tokenizer)?;
         let backend = EngineBackend::new(tokenizer, EngineLm::from_files(lm, precision)?)?;
         Ok(Self::new(Box::new(backend)))

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::LmError;
 use super::config::LmConfig;
 use super::templates::Task;
-use super::vocab::{Layout, Vocab};
+use super::vocab::{Layout, ReadPretrainedText, Vocab};
 use crate::checkpoint::{CONFIG_FILE, Checkpoint, CheckpointError, MODEL_FILE, NamedTensors};
 
 /// Name of the text tokenizer's file.
@@ -90,11 +90,23 @@ impl LmFiles {
     /// Reads all files except the weights.
     ///
     /// # Errors
-    /// If a file is missing or damaged, or the configuration is invalid.
+    /// If a file is missing or damaged, or the configuration is invalid; [`LmError::PretrainedText`].
     pub fn of(checkpoint: Checkpoint) -> Result<Self, LmError> {
+        Self::of_any(checkpoint, None)
+    }
+
+    /// As [`Self::of`], also for the text tokenizer of a pretrained language model, which `read` reads.
+    ///
+    /// # Errors
+    /// As [`Self::of`].
+    pub fn of_any(
+        checkpoint: Checkpoint,
+        read: Option<ReadPretrainedText>,
+    ) -> Result<Self, LmError> {
         let card = LmCard::read(&checkpoint)?;
         card.lm.validate()?;
-        let vocab = Vocab::from_parts(&checkpoint.bytes(TEXT_TOKENIZER_FILE)?, card.vocab.clone())?;
+        let json = checkpoint.bytes(TEXT_TOKENIZER_FILE)?;
+        let vocab = Vocab::from_parts(&json, card.vocab.clone(), read)?;
         if card.lm.network.vocab_size() != vocab.layout().size() {
             let problem = format!(
                 "{} rows for a vocabulary of {}",

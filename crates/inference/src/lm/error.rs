@@ -30,6 +30,11 @@ pub enum LmError {
     /// The text tokenizer refused its file or its input.
     #[error("text tokenizer: {0}")]
     Tokenizer(#[source] Box<dyn std::error::Error + Send + Sync>),
+    /// The text tokenizer of a pretrained language model, which a program without training does not read.
+    #[error(
+        "the language model has the text tokenizer of a pretrained one, which this build does not read"
+    )]
+    PretrainedText,
     /// An input that does not fit the model.
     #[error("language model input: {0}")]
     Input(#[from] InputError),

@@ -9,17 +9,13 @@
 //! Text never produces the id of a sentinel or a radar code, because these rows have no spelling.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use radarllm_engine::Source;
 use serde::{Deserialize, Serialize};
-use tokenizers::Tokenizer;
-use tokenizers::normalizers::bert::BertNormalizer;
-use tokenizers::pre_tokenizers::bert::BertPreTokenizer;
-use tokenizers::tokenizer::{
-    NormalizedString, Normalizer, OffsetReferential, OffsetType, PreTokenizedString, PreTokenizer,
-};
 
 use super::templates::{Piece, pieces};
+use super::word_piece::{WordPiece, words};
 use super::{InputError, LmError};
 use crate::tokenizer::{Encoded, context::N_CONTEXT};
 
@@ -168,36 +164,39 @@ impl Layout {
     }
 }
 
+/// The text tokenizer of a pretrained language model. `radarllm-nn` implements it on the crate `tokenizers`, which only
+/// builds with training link.
+pub trait PretrainedText: Send + Sync {
+    /// Ids of a text, without special tokens.
+    ///
+    /// # Errors
+    /// If the tokenizer refuses the text.
+    fn encode(&self, text: &str) -> Result<Vec<u32>, LmError>;
+
+    /// The text of ids.
+    fn decode(&self, ids: &[u32]) -> String;
+
+    /// `tokenizer.json`.
+    ///
+    /// # Errors
+    /// If it cannot be serialized as JSON.
+    fn to_json(&self) -> Result<String, LmError>;
+}
+
+/// Reads `tokenizer.json` of a pretrained language model.
+pub type ReadPretrainedText = fn(&[u8]) -> Result<Arc<dyn PretrainedText>, LmError>;
+
 /// Text, sentinels, codes and markers.
 #[derive(Clone)]
 pub struct Vocab {
-    text: Tokenizer,
+    text: Text,
     layout: Layout,
 }
 
-/// An error of the text tokenizer.
-pub fn text_error(error: tokenizers::Error) -> LmError {
-    LmError::Tokenizer(error)
-}
-
-fn normalizer() -> BertNormalizer {
-    // Lower case, no accents, no control characters.
-    BertNormalizer::new(true, false, Some(true), true)
-}
-
-/// Words and punctuation marks of a text, as the learned tokenizer sees them.
-fn words(text: &str) -> Result<Vec<String>, LmError> {
-    let mut normal = NormalizedString::from(text);
-    normalizer().normalize(&mut normal).map_err(text_error)?;
-    let mut split = PreTokenizedString::from(normal);
-    BertPreTokenizer
-        .pre_tokenize(&mut split)
-        .map_err(text_error)?;
-    let splits = split.get_splits(OffsetReferential::Normalized, OffsetType::Byte);
-    Ok(splits
-        .into_iter()
-        .map(|(word, _, _)| word.to_string())
-        .collect())
+#[derive(Clone)]
+enum Text {
+    Learned(Arc<WordPiece>),
+    Pretrained(Arc<dyn PretrainedText>),
 }
 
 impl Vocab {
@@ -208,7 +207,7 @@ impl Vocab {
     /// known parts, down to characters.
     ///
     /// # Errors
-    /// If a text cannot be normalised or `max_text` cannot hold the `always` words and characters.
+    /// If `max_text` cannot hold the `always` words and characters.
     pub fn learn<'a, 'b>(
         captions: impl Iterator<Item = &'a str>,
         always: impl Iterator<Item = &'b str>,
@@ -219,14 +218,14 @@ impl Vocab {
         let mut counts = BTreeMap::<String, usize>::new();
         let mut fixed = BTreeSet::new();
         for caption in captions {
-            for word in words(caption)? {
+            for word in words(caption) {
                 *counts.entry(word).or_default() += 1;
             }
         }
         for text in always {
             for piece in pieces(text) {
                 if let Piece::Words(text) = piece {
-                    fixed.extend(words(text)?);
+                    fixed.extend(words(text));
                 }
             }
         }
@@ -267,17 +266,7 @@ impl Vocab {
             len = push(word);
         }
         let n_text = list.len() as u32;
-        let ids: BTreeMap<String, u32> = list.into_iter().zip(0..).collect();
-        let json = serde_json::json!({
-            "version": "1.0", "truncation": null, "padding": null, "added_tokens": [],
-            "normalizer": normalizer(), "pre_tokenizer": {"type": "BertPreTokenizer"},
-            "post_processor": null, "decoder": null,
-            "model": {
-                "type": "WordPiece", "unk_token": "<unk>", "continuing_subword_prefix": "##",
-                "max_input_chars_per_word": 100, "vocab": ids,
-            },
-        });
-        let text = Tokenizer::from_bytes(json.to_string()).map_err(text_error)?;
+        let text = Text::Learned(Arc::new(WordPiece::new(list)?));
         let layout = Layout {
             kind: TextKind::Learned,
             n_text,
@@ -291,100 +280,34 @@ impl Vocab {
         Self::new(text, layout)
     }
 
-    /// The vocabulary of a pretrained T5 with `n_rows` embedding rows, plus radar rows after them.
+    /// The vocabulary of a pretrained language model, whose layout begins with the ids of its text.
     ///
     /// # Errors
-    /// If the tokenizer is not that of T5, which must contain `<pad>` 0, `</s>` 1 and `<extra_id_0>`.
-    pub fn extend_pretrained(
+    /// If the layout is invalid.
+    pub fn pretrained(text: Arc<dyn PretrainedText>, layout: Layout) -> Result<Self, LmError> {
+        Self::new(Text::Pretrained(text), layout)
+    }
+
+    /// Reads a vocabulary from its two files. That of a pretrained language model needs `read`.
+    ///
+    /// # Errors
+    /// If the tokenizer cannot be parsed or the layout is invalid; [`LmError::PretrainedText`] without `read`.
+    pub fn from_parts(
         tokenizer_json: &[u8],
-        n_rows: usize,
-        n_codes: usize,
+        layout: Layout,
+        read: Option<ReadPretrainedText>,
     ) -> Result<Self, LmError> {
-        let text = Tokenizer::from_bytes(tokenizer_json).map_err(text_error)?;
-        let id = |token: &str| text.token_to_id(token);
-        let mut n_sentinels = 0;
-        while id(&format!("<extra_id_{n_sentinels}>")).is_some() && n_sentinels < 1000 {
-            n_sentinels += 1;
-        }
-        let first = id("<extra_id_0>");
-        let (Some(first_sentinel), Some(PAD), Some(EOS)) = (first, id("<pad>"), id("</s>")) else {
-            return Err(LmError::Tokenizer(
-                "not a T5 tokenizer: <pad> must be 0, </s> 1, and <extra_id_0> must exist".into(),
-            ));
-        };
-        let layout = Layout {
-            kind: TextKind::Pretrained,
-            n_text: (first_sentinel + 1).saturating_sub(n_sentinels),
-            first_sentinel,
-            n_sentinels,
-            first_code: n_rows as u32,
-            n_codes: n_codes as u32,
-            n_context: 0,
-            end: EOS,
+        let text = match (layout.kind, read) {
+            (TextKind::Learned, _) => {
+                Text::Learned(Arc::new(WordPiece::from_json(tokenizer_json)?))
+            }
+            (_, Some(read)) => Text::Pretrained(read(tokenizer_json)?),
+            (_, None) => return Err(LmError::PretrainedText),
         };
         Self::new(text, layout)
     }
 
-    /// The vocabulary of a pretrained decoder-only model with `n_rows` embedding rows, plus sentinels and radar rows
-    /// after them. `end` is the checkpoint's end token. Without it, `<|endoftext|>` is used.
-    ///
-    /// # Errors
-    /// If special tokens are among the words, or there is no end token.
-    pub fn extend_decoder(
-        tokenizer_json: &[u8],
-        n_rows: usize,
-        end: Option<u32>,
-        n_sentinels: usize,
-        n_codes: usize,
-    ) -> Result<Self, LmError> {
-        let text = Tokenizer::from_bytes(tokenizer_json).map_err(text_error)?;
-        let added = text.get_added_tokens_decoder();
-        let special = added.iter().filter(|(_, token)| token.special);
-        let n_text = special.map(|(id, _)| *id).min();
-        let end = end.or_else(|| text.token_to_id("<|endoftext|>"));
-        let Some(n_text) = n_text else {
-            return Err(LmError::Tokenizer(
-                "tokenizer.json marks no token as special, so words cannot be told from others"
-                    .into(),
-            ));
-        };
-        let Some(end) = end else {
-            return Err(LmError::Tokenizer(
-                "no end token: neither eos_token_id in config.json nor <|endoftext|>".into(),
-            ));
-        };
-        let n_rows = u32::try_from(n_rows).unwrap_or(u32::MAX);
-        if !(n_text..n_rows).contains(&end) {
-            let problem = format!(
-                "the end token {end} must be one of the special tokens, {n_text}..{n_rows}"
-            );
-            return Err(LmError::Tokenizer(problem.into()));
-        }
-        let layout = Layout {
-            kind: TextKind::Decoder,
-            n_text,
-            first_sentinel: n_rows,
-            n_sentinels: n_sentinels as u32,
-            first_code: n_rows.saturating_add(n_sentinels as u32),
-            n_codes: n_codes as u32,
-            n_context: 0,
-            end,
-        };
-        Self::new(text, layout)
-    }
-
-    /// Reads a vocabulary from its two files.
-    ///
-    /// # Errors
-    /// If the tokenizer cannot be parsed or the layout is invalid.
-    pub fn from_parts(tokenizer_json: &[u8], layout: Layout) -> Result<Self, LmError> {
-        Self::new(
-            Tokenizer::from_bytes(tokenizer_json).map_err(text_error)?,
-            layout,
-        )
-    }
-
-    fn new(text: Tokenizer, layout: Layout) -> Result<Self, LmError> {
+    fn new(text: Text, layout: Layout) -> Result<Self, LmError> {
         layout.validate()?;
         Ok(Self { text, layout })
     }
@@ -406,7 +329,10 @@ impl Vocab {
     /// # Errors
     /// If it cannot be serialized as JSON.
     pub fn tokenizer_json(&self) -> Result<String, LmError> {
-        self.text.to_string(true).map_err(text_error)
+        match &self.text {
+            Text::Learned(text) => text.to_json(),
+            Text::Pretrained(text) => text.to_json(),
+        }
     }
 
     /// Encodes a text as ids, without an end token. Ids beyond the text rows become [`UNKNOWN`], or are dropped if a
@@ -419,12 +345,15 @@ impl Vocab {
             let (found, max) = (text.len(), MAX_TEXT_BYTES);
             return Err(InputError::TextTooLong { found, max }.into());
         }
-        let encoding = self.text.encode_fast(text, false).map_err(text_error)?;
+        let ids = match &self.text {
+            Text::Learned(words) => words.encode(text),
+            Text::Pretrained(pieces) => pieces.encode(text)?,
+        };
         let n_text = self.layout.n_text;
         let unknown = (self.layout.kind != TextKind::Decoder).then_some(UNKNOWN);
-        let ids = encoding.get_ids().iter();
         Ok(ids
-            .filter_map(|id| if *id < n_text { Some(*id) } else { unknown })
+            .into_iter()
+            .filter_map(|id| if id < n_text { Some(id) } else { unknown })
             .collect())
     }
 
@@ -435,13 +364,9 @@ impl Vocab {
             .copied()
             .filter(|id| self.layout.is_word(*id))
             .collect();
-        match self.layout.kind {
-            TextKind::Pretrained | TextKind::Decoder => {
-                self.text.decode(&kept, true).unwrap_or_default()
-            }
-            TextKind::Learned => {
-                join_words(kept.iter().filter_map(|id| self.text.id_to_token(*id)))
-            }
+        match &self.text {
+            Text::Pretrained(text) => text.decode(&kept),
+            Text::Learned(text) => join_words(kept.iter().filter_map(|id| text.token(*id))),
         }
     }
 
@@ -529,7 +454,7 @@ impl Vocab {
 }
 
 /// Joins word pieces. `##` continues a word, and punctuation is attached as in English text.
-fn join_words(tokens: impl Iterator<Item = String>) -> String {
+fn join_words<'a>(tokens: impl Iterator<Item = &'a str>) -> String {
     let mut out = String::new();
     let mut glue = true;
     for token in tokens {
@@ -538,15 +463,12 @@ fn join_words(tokens: impl Iterator<Item = String>) -> String {
             glue = false;
             continue;
         }
-        let attaches = matches!(
-            token.as_str(),
-            "." | "," | ";" | ":" | "!" | "?" | ")" | "%"
-        );
-        let links = matches!(token.as_str(), "-" | "'" | "/");
+        let attaches = matches!(token, "." | "," | ";" | ":" | "!" | "?" | ")" | "%");
+        let links = matches!(token, "-" | "'" | "/");
         if !(glue || attaches || links) {
             out.push(' ');
         }
-        out.push_str(&token);
+        out.push_str(token);
         glue = links || token == "(";
     }
     out
@@ -615,19 +537,26 @@ mod tests {
     fn files_bring_back_the_same_vocabulary() {
         let vocab = vocab();
         let json = vocab.tokenizer_json().unwrap();
-        let back = Vocab::from_parts(json.as_bytes(), vocab.layout().clone()).unwrap();
+        let back = Vocab::from_parts(json.as_bytes(), vocab.layout().clone(), None).unwrap();
         for caption in CAPTIONS {
             assert_eq!(
                 vocab.text_ids(caption).unwrap(),
                 back.text_ids(caption).unwrap()
             );
         }
-        assert!(Vocab::from_parts(b"{}", vocab.layout().clone()).is_err());
+        assert!(Vocab::from_parts(b"{}", vocab.layout().clone(), None).is_err());
         let bad = Layout {
             first_code: 0,
             ..vocab.layout().clone()
         };
-        assert!(Vocab::from_parts(json.as_bytes(), bad).is_err());
+        assert!(Vocab::from_parts(json.as_bytes(), bad, None).is_err());
+        // The tokenizer of a pretrained model is not read without what reads it.
+        let pretrained = Layout {
+            kind: TextKind::Pretrained,
+            ..vocab.layout().clone()
+        };
+        let refused = Vocab::from_parts(json.as_bytes(), pretrained, None);
+        assert!(matches!(refused, Err(LmError::PretrainedText)));
     }
 
     #[test]
@@ -667,7 +596,7 @@ mod tests {
                 n_context,
                 ..l.clone()
             };
-            Vocab::from_parts(text.as_bytes(), layout)
+            Vocab::from_parts(text.as_bytes(), layout, None)
         };
         assert!(of_size(l.n_context + 1).is_err());
         // One that knows fewer tokens is told those.

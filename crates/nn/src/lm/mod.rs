@@ -13,6 +13,7 @@ pub(crate) mod pass;
 pub mod radar_lm;
 pub(crate) mod rows;
 pub mod t5;
+pub mod text;
 
 pub use dropout::DropoutRng;
 pub use pass::TrainingPass;

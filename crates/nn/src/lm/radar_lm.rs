@@ -12,6 +12,7 @@ use serde::Deserialize;
 use super::hf;
 use super::t5::RadarT5;
 use super::t5::T5;
+use super::text::{extend_decoder, extend_pretrained, read_files};
 use crate::params::{collect_params, load_model, load_params};
 use crate::pretrained::decoder::{DecoderOnlyNet, RadarDecoder};
 use crate::pretrained::decoder_files::{
@@ -155,7 +156,7 @@ impl RadarLm {
         let mut decoder = base.decoder;
         let mut network = decoder.config();
         let n_rows = network.vocab_size();
-        let vocab = Vocab::extend_decoder(&json, n_rows, base.end, DECODER_SENTINELS, n_codes)?;
+        let vocab = extend_decoder(&json, n_rows, base.end, DECODER_SENTINELS, n_codes)?;
         network.set_vocab_size(vocab.layout().size());
         let config = LmConfig {
             network,
@@ -198,7 +199,7 @@ impl RadarLm {
     ) -> Result<Self, LmError> {
         let (mut t5, mut tensors) = hf::read_folder(dir)?;
         let json = hf::read_small(&dir.join(TEXT_TOKENIZER_FILE))?;
-        let vocab = Vocab::extend_pretrained(&json, t5.vocab_size, n_codes)?;
+        let vocab = extend_pretrained(&json, t5.vocab_size, n_codes)?;
         let old_rows = t5.vocab_size;
         t5.vocab_size = vocab.layout().size();
         let names = ["shared", "head"];
@@ -234,7 +235,7 @@ impl RadarLm {
     /// # Errors
     /// If a file is missing or damaged, or weights do not fit the configuration.
     pub fn load(dir: &Path, device: &Device) -> Result<Self, LmError> {
-        Self::from_files(LmFiles::of(Checkpoint::open(dir)?)?, device)
+        Self::from_files(read_files(Checkpoint::open(dir)?)?, device)
     }
 
     /// Opens a checkpoint of a T5 whose vocabulary lacks tokens of the context, and adds rows for them, drawn with the
@@ -243,7 +244,7 @@ impl RadarLm {
     /// # Errors
     /// As [`Self::load`]; a pretrained decoder has no context.
     pub fn load_with_context(dir: &Path, seed: u64, device: &Device) -> Result<Self, LmError> {
-        let mut files = LmFiles::of(Checkpoint::open(dir)?)?;
+        let mut files = read_files(Checkpoint::open(dir)?)?;
         if files.vocab.layout().n_context == N_CONTEXT as u32 {
             return Self::from_files(files, device);
         }

@@ -12,7 +12,7 @@ use super::bert::Bert;
 use super::folder::Pretrained;
 use crate::lm::hf::{read, read_small};
 use crate::lm::rows::Rows;
-use radarllm_inference::lm::vocab::text_error;
+use crate::lm::text::text_error;
 use radarllm_inference::lm::{InputError, LmError};
 
 /// Maximum sentence length, tokens. Longer sentences are truncated, as BERTScore does.

@@ -102,21 +102,19 @@ type Chunk = (String, String);
 
 /// Decodes a PNG file into width, height, RGB values and text chunks.
 fn decoded(png: &[u8]) -> (usize, usize, Vec<[u8; 3]>, Vec<Chunk>) {
-    let mut decoder = png::Decoder::new(std::io::Cursor::new(png));
-    decoder.set_transformations(png::Transformations::EXPAND);
-    let mut reader = decoder.read_info().unwrap();
-    let mut data = vec![0; reader.output_buffer_size().unwrap()];
-    let info = reader.next_frame(&mut data).unwrap();
-    let chunks = &reader.info().uncompressed_latin1_text;
-    let chunks = chunks.iter().map(|c| (c.keyword.clone(), c.text.clone()));
-    let chunks = chunks.collect();
-    let (pixels, _) = data.as_chunks::<3>();
-    (
-        info.width as usize,
-        info.height as usize,
-        pixels.to_vec(),
-        chunks,
-    )
+    let (width, height, pixels) = crate::png_file::tests::decoded(png);
+    let mut chunks = Vec::new();
+    let mut rest = &png[8..];
+    while let Some((head, data)) = rest.split_at_checked(8) {
+        let length = u32::from_be_bytes(head[..4].try_into().unwrap()) as usize;
+        if &head[4..] == b"tEXt" {
+            let latin_1: String = data[..length].iter().copied().map(char::from).collect();
+            let (keyword, text) = latin_1.split_once('\0').unwrap();
+            chunks.push((keyword.into(), text.into()));
+        }
+        rest = &data[length + 4..];
+    }
+    (width, height, pixels, chunks)
 }
 
 /// The first image embedded in a figure.

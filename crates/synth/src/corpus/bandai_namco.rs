@@ -1,24 +1,23 @@
 //! The Bandai-Namco Research motion data sets 1 and 2 with captions.
 //!
-//! The folder holds `dataset-*.tar.zst` (BVH files inside), `captions.jsonl`
-//! (`clip, content, style, captions`) and `splits.csv` (`clip,split,group`). Archives are read as
-//! they are; nothing is unpacked to disk.
+//! The folder holds the BVH files, in folders of any depth, `captions.jsonl` (`clip, content, style, captions`) and
+//! `splits.csv` (`clip,split,group`).
 
 use std::{
-    collections::HashMap,
+    collections::{HashMap, hash_map::Entry},
     fs,
-    io::{BufReader, Read},
     path::{Path, PathBuf},
 };
 
 use radarllm_base::Motion;
 use radarllm_body::{loaders::load_motion, sample::canonicalize};
 use radarllm_dataset::record::Split;
+use radarllm_files::bounded;
 use serde::Deserialize;
 
-use super::{Corpus, CorpusError, CorpusItem};
+use super::{Corpus, CorpusError, CorpusItem, files_below, io_error};
 
-/// Largest BVH file accepted from an archive, bytes (the largest real one has 6 MB).
+/// Largest BVH file that is read, bytes (the largest real one has 6 MB).
 const MAX_BVH_BYTES: u64 = 64 << 20;
 
 /// Captioned clips of the two data sets.
@@ -44,38 +43,50 @@ impl BandaiNamco {
         let captions = read_captions(&folder.join("captions.jsonl"))?;
         let splits = read_splits(&folder.join("splits.csv"))?;
         let mut found: Vec<(CorpusItem, Motion)> = Vec::new();
-        for archive in archives(folder)? {
-            read_archive(&archive, |clip, path, bytes| {
-                let (Some(caption), Some((split, group))) = (captions.get(clip), splits.get(clip))
-                else {
-                    return Err(CorpusError::Motion {
-                        id: clip.into(),
-                        problem: "has no line in captions.jsonl or splits.csv".into(),
-                    });
-                };
-                let loaded = load_motion(path, bytes).map_err(|e| CorpusError::Motion {
-                    id: clip.into(),
-                    problem: e.to_string(),
-                })?;
-                let mut motion = loaded.motion;
-                canonicalize(&mut motion);
-                let item = CorpusItem {
-                    motion_id: clip.into(),
-                    group: group.clone(),
-                    split: *split,
-                    action: caption.content.clone(),
-                    captions: caption.captions.clone(),
-                    is_continuous: false,
-                };
-                found.push((item, motion));
-                Ok(())
-            })?;
+        let mut paths: HashMap<String, PathBuf> = HashMap::new();
+        for path in files_below(folder)? {
+            if path.extension().is_none_or(|e| e != "bvh") {
+                continue;
+            }
+            let stem = path.file_stem().unwrap_or_default();
+            let clip = stem.to_string_lossy().into_owned();
+            let problem = |problem: String| CorpusError::Motion {
+                id: clip.clone(),
+                problem,
+            };
+            let (Some(caption), Some((split, group))) = (captions.get(&clip), splits.get(&clip))
+            else {
+                return Err(problem(
+                    "has no line in captions.jsonl or splits.csv".into(),
+                ));
+            };
+            match paths.entry(clip.clone()) {
+                Entry::Vacant(free) => free.insert(path.clone()),
+                Entry::Occupied(other) => {
+                    let (one, other) = (path.display(), other.get().display());
+                    return Err(problem(format!("has two files, {other} and {one}")));
+                }
+            };
+            let bytes =
+                bounded::read_bytes(&path, MAX_BVH_BYTES).map_err(|e| problem(e.to_string()))?;
+            let loaded = load_motion(&path, &bytes).map_err(|e| problem(e.to_string()))?;
+            let mut motion = loaded.motion;
+            canonicalize(&mut motion);
+            let item = CorpusItem {
+                motion_id: clip,
+                group: group.clone(),
+                split: *split,
+                action: caption.content.clone(),
+                captions: caption.captions.clone(),
+                is_continuous: false,
+            };
+            found.push((item, motion));
         }
         if found.is_empty() {
             return Err(CorpusError::Format {
                 path: folder.display().to_string(),
                 line: 0,
-                problem: "no dataset-*.tar.zst with BVH files in this folder".into(),
+                problem: "no BVH file in this folder or below; archives must be unpacked".into(),
             });
         }
         found.sort_by(|a, b| a.0.motion_id.cmp(&b.0.motion_id));
@@ -104,70 +115,6 @@ impl Corpus for BandaiNamco {
     fn motion(&self, item_idx: usize) -> Result<Motion, CorpusError> {
         Ok(self.motions[item_idx].clone())
     }
-}
-
-fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> CorpusError {
-    let path = path.display().to_string();
-    move |source| CorpusError::Io { path, source }
-}
-
-fn archives(folder: &Path) -> Result<Vec<PathBuf>, CorpusError> {
-    let mut paths = Vec::new();
-    for entry in fs::read_dir(folder).map_err(io_error(folder))? {
-        let path = entry.map_err(io_error(folder))?.path();
-        let name = path
-            .file_name()
-            .map(|n| n.to_string_lossy().into_owned())
-            .unwrap_or_default();
-        if name.starts_with("dataset-") && name.ends_with(".tar.zst") {
-            paths.push(path);
-        }
-    }
-    paths.sort();
-    Ok(paths)
-}
-
-/// Calls `each(clip name, path inside the archive, bytes)` for every BVH file of an archive.
-fn read_archive(
-    archive: &Path,
-    mut each: impl FnMut(&str, &Path, &[u8]) -> Result<(), CorpusError>,
-) -> Result<(), CorpusError> {
-    let file = fs::File::open(archive).map_err(io_error(archive))?;
-    let decoder = ruzstd::decoding::StreamingDecoder::new(BufReader::new(file)).map_err(|e| {
-        CorpusError::Format {
-            path: archive.display().to_string(),
-            line: 0,
-            problem: format!("not a zstd stream: {e}"),
-        }
-    })?;
-    let mut tar = tar::Archive::new(decoder);
-    for entry in tar.entries().map_err(io_error(archive))? {
-        let mut entry = entry.map_err(io_error(archive))?;
-        let path = entry.path().map_err(io_error(archive))?.into_owned();
-        if path.extension().is_none_or(|e| e != "bvh") {
-            continue;
-        }
-        let size = entry.size();
-        if size > MAX_BVH_BYTES {
-            return Err(CorpusError::Format {
-                path: format!("{}:{}", archive.display(), path.display()),
-                line: 0,
-                problem: format!("{size} bytes, more than the {MAX_BVH_BYTES} accepted"),
-            });
-        }
-        let mut bytes = Vec::new();
-        entry
-            .by_ref()
-            .take(MAX_BVH_BYTES)
-            .read_to_end(&mut bytes)
-            .map_err(io_error(archive))?;
-        let clip = path
-            .file_stem()
-            .map(|s| s.to_string_lossy().into_owned())
-            .unwrap_or_default();
-        each(&clip, &path, &bytes)?;
-    }
-    Ok(())
 }
 
 fn read_captions(path: &Path) -> Result<HashMap<String, CaptionLine>, CorpusError> {
@@ -213,4 +160,43 @@ fn read_splits(path: &Path) -> Result<HashMap<String, (Split, String)>, CorpusEr
         splits.insert(clip.to_string(), (split, group.to_string()));
     }
     Ok(splits)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::files::tests::bvh;
+    use super::*;
+
+    #[test]
+    fn clips_below_the_folder_are_items_in_order_of_their_names() {
+        let dir = tempfile::tempdir().unwrap();
+        let put = |name: &str, text: &str| {
+            let path = dir.path().join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        };
+        let problem = || {
+            let opened = BandaiNamco::open(dir.path());
+            opened.map(|_| ()).unwrap_err().to_string()
+        };
+        let line = |clip: &str| {
+            format!(r#"{{"clip": "{clip}", "content": "walk", "captions": ["a person walks"]}}"#)
+        };
+        put("captions.jsonl", &[line("b_1"), line("a_2")].join("\n"));
+        put("splits.csv", "clip,split,group\nb_1,train,b\na_2,test,a\n");
+        assert!(problem().contains("archives must be unpacked"));
+        put("data/deep/b_1.bvh", &bvh(20, 2.0));
+        put("data/a_2.bvh", &bvh(20, 1.0));
+        put("data/notes.txt", "none");
+        let corpus = BandaiNamco::open(dir.path()).unwrap();
+        let ids: Vec<&str> = corpus.items().iter().map(|i| &*i.motion_id).collect();
+        assert_eq!(ids, ["a_2", "b_1"]);
+        assert_eq!(corpus.items()[0].split, Split::Test);
+        put("more/b_1.bvh", &bvh(20, 2.0));
+        assert!(problem().contains("`b_1`: has two files"));
+        put("more/b_1.bvh", "HIERARCHY");
+        put("more/c_3.bvh", &bvh(20, 2.0));
+        fs::remove_file(dir.path().join("more/b_1.bvh")).unwrap();
+        assert!(problem().contains("`c_3`: has no line in captions.jsonl"));
+    }
 }

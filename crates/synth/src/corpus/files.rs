@@ -11,7 +11,6 @@
 
 use std::{
     collections::{HashMap, HashSet},
-    fs,
     hash::{DefaultHasher, Hash, Hasher},
     path::{Path, PathBuf},
 };
@@ -28,7 +27,7 @@ use radarllm_files::bounded::{read_bytes, read_text};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::{Corpus, CorpusError, CorpusItem};
+use super::{Corpus, CorpusError, CorpusItem, files_below};
 
 /// Largest file with sentences, bytes.
 const MAX_TEXT_BYTES: u64 = 256 << 20;
@@ -378,25 +377,16 @@ fn id_of(line: &CaptionLine) -> String {
 fn unlabelled(folder: &Path, lines: &[CaptionLine]) -> Result<Vec<FailedItem>, CorpusError> {
     let named: HashSet<PathBuf> = lines.iter().map(|l| folder.join(&l.file)).collect();
     let mut found = Vec::new();
-    let mut open = vec![folder.to_path_buf()];
-    while let Some(at) = open.pop() {
-        for entry in fs::read_dir(&at).map_err(io_error(&at))? {
-            let entry = entry.map_err(io_error(&at))?;
-            let path = entry.path();
-            // The type of a link is not that of its target, so that links cannot form circles.
-            let is_folder = entry.file_type().map_err(io_error(&at))?.is_dir();
-            let is_motion = path
-                .extension()
-                .is_some_and(|e| EXTENSIONS.iter().any(|known| e == *known));
-            if is_folder {
-                open.push(path);
-            } else if is_motion && !named.contains(&path) {
-                let id = path.strip_prefix(folder).unwrap_or(&path);
-                found.push(FailedItem {
-                    id: id.display().to_string(),
-                    reason: "no sentence".into(),
-                });
-            }
+    for path in files_below(folder)? {
+        let is_motion = path
+            .extension()
+            .is_some_and(|e| EXTENSIONS.iter().any(|known| e == *known));
+        if is_motion && !named.contains(&path) {
+            let id = path.strip_prefix(folder).unwrap_or(&path);
+            found.push(FailedItem {
+                id: id.display().to_string(),
+                reason: "no sentence".into(),
+            });
         }
     }
     found.sort_by(|a, b| a.id.cmp(&b.id));
@@ -513,13 +503,10 @@ pub(super) fn text_of(path: &Path) -> Result<String, CorpusError> {
     })
 }
 
-pub(super) fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> CorpusError {
-    let path = path.display().to_string();
-    move |source| CorpusError::Io { path, source }
-}
-
 #[cfg(test)]
 pub(super) mod tests {
+    use std::fs;
+
     use super::*;
 
     /// A BVH file of a figure that moves forward by `way_m` in `n_frames` at 10 frames/s.

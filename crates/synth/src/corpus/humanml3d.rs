@@ -14,7 +14,6 @@
 
 use std::{
     collections::HashMap,
-    fs,
     path::{Path, PathBuf},
 };
 
@@ -22,8 +21,8 @@ use radarllm_dataset::{FailedItem, record::Split};
 use radarllm_facts::swap_sides;
 use serde::{Deserialize, Serialize};
 
-use super::CorpusError;
-use super::files::{CaptionLine, MotionFiles, Terms, io_error, read_humanml3d_text, text_of};
+use super::files::{CaptionLine, MotionFiles, Terms, read_humanml3d_text, text_of};
+use super::{CorpusError, files_below};
 
 /// Frames per second of the data set's frame numbers.
 const FRAME_RATE_HZ: f64 = 20.0;
@@ -35,8 +34,6 @@ const LEAD_IN_S: [(&str, f64); 5] = [
     ("MPI_Limits/", 1.0),
     ("Transitions_mocap/", 0.5),
 ];
-/// Deepest folder below `motions` that is looked at.
-const MAX_DEPTH: usize = 8;
 
 /// `kind = "humanml3d"` of a data set configuration. Paths are relative to the configuration file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -353,27 +350,16 @@ fn plain(source_path: &str) -> Result<&str, String> {
 /// Files of CMU's trials by their names. An AMC is preferred to a BVH.
 fn cmu_files(folder: &Path) -> Result<HashMap<String, PathBuf>, CorpusError> {
     let mut found: HashMap<String, PathBuf> = HashMap::new();
-    let mut open = vec![(folder.to_path_buf(), 0)];
-    while let Some((at, depth)) = open.pop() {
-        for entry in fs::read_dir(&at).map_err(io_error(&at))? {
-            let entry = entry.map_err(io_error(&at))?;
-            let path = entry.path();
-            if entry.file_type().map_err(io_error(&at))?.is_dir() {
-                if depth < MAX_DEPTH {
-                    open.push((path, depth + 1));
-                }
-                continue;
-            }
-            let extension = path.extension().unwrap_or_default().to_string_lossy();
-            let is_amc = extension.eq_ignore_ascii_case("amc");
-            if !is_amc && !extension.eq_ignore_ascii_case("bvh") {
-                continue;
-            }
-            let trial = path.file_stem().unwrap_or_default();
-            let trial = trial.to_string_lossy().into_owned();
-            if is_amc || !found.contains_key(&trial) {
-                found.insert(trial, path);
-            }
+    for path in files_below(folder)? {
+        let extension = path.extension().unwrap_or_default().to_string_lossy();
+        let is_amc = extension.eq_ignore_ascii_case("amc");
+        if !is_amc && !extension.eq_ignore_ascii_case("bvh") {
+            continue;
+        }
+        let trial = path.file_stem().unwrap_or_default();
+        let trial = trial.to_string_lossy().into_owned();
+        if is_amc || !found.contains_key(&trial) {
+            found.insert(trial, path);
         }
     }
     Ok(found)
@@ -420,6 +406,8 @@ fn format_error(path: &Path, line: usize, problem: String) -> CorpusError {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
     use crate::corpus::Corpus;
     use crate::corpus::files::tests::bvh;

@@ -5,6 +5,9 @@ pub mod files;
 pub mod humanml3d;
 pub mod procedural;
 
+use std::fs;
+use std::path::{Path, PathBuf};
+
 use radarllm_base::Motion;
 use radarllm_dataset::{FailedItem, record::Split};
 
@@ -75,4 +78,27 @@ pub enum CorpusError {
         /// What is wrong.
         problem: String,
     },
+}
+
+pub(crate) fn io_error(path: &Path) -> impl FnOnce(std::io::Error) -> CorpusError {
+    let path = path.display().to_string();
+    move |source| CorpusError::Io { path, source }
+}
+
+/// All files in a folder and below, sorted.
+fn files_below(folder: &Path) -> Result<Vec<PathBuf>, CorpusError> {
+    let mut found = Vec::new();
+    let mut open = vec![folder.to_path_buf()];
+    while let Some(at) = open.pop() {
+        for entry in fs::read_dir(&at).map_err(io_error(&at))? {
+            let entry = entry.map_err(io_error(&at))?;
+            // The type of a link is not that of its target, so that links cannot form circles.
+            match entry.file_type().map_err(io_error(&at))?.is_dir() {
+                true => open.push(entry.path()),
+                false => found.push(entry.path()),
+            }
+        }
+    }
+    found.sort();
+    Ok(found)
 }

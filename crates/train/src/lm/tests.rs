@@ -1236,7 +1236,7 @@ fn speed_of_the_small_preset() {
 
 fn vocab_of(lm: &RadarLm) -> Vocab {
     let json = lm.vocab.tokenizer_json().unwrap();
-    Vocab::from_parts(json.as_bytes(), lm.vocab.layout().clone()).unwrap()
+    Vocab::from_parts(json.as_bytes(), lm.vocab.layout().clone(), None).unwrap()
 }
 
 /// Clips of `n_actions` kinds: noisy features around a mean of the kind, codes that follow the feature, two captions
