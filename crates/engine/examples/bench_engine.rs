@@ -6,7 +6,7 @@
 //!
 //! Times are those on the CPU where the system tells them and there is one thread.
 //!
-//! FOLDER holds `config.json` and `model.safetensors` of a T5 as `docs/results/ctranslate2.py` writes
+//! FOLDER holds `config.json` and `model.safetensors` of a T5 as `studies/ctranslate2.py` writes
 //! them, so that both programs run the same weights; without it they are drawn at random.
 
 #[path = "../tests/support/mod.rs"]

@@ -1,7 +1,7 @@
 //! Time of a training step of the T5-small shape: 16 sequences of 96 in and 40 out, dropout 0.1, AdamW.
 //!
 //! `cargo run --release -p radarllm-train --example t5_step [steps [device [f32|bf16|f16]]]`, with `--features gpu` for
-//! graphics processors; docs/results/pytorch_step.py does the same in PyTorch.
+//! graphics processors; studies/pytorch_step.py does the same in PyTorch.
 
 use std::error::Error;
 use std::time::Instant;
