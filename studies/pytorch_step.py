@@ -3,7 +3,7 @@
     pip install torch transformers
     python pytorch_step.py [steps [threads [cpu|cuda [f32|bf16]]]]
 
-The example `t5_step` of crates/train does the same; docs/results/training.md has the figures.
+The bench `t5_step` of crates/train does the same; docs/results/training.md has the figures.
 """
 
 import statistics

@@ -1,7 +1,7 @@
 //! What the visible shares of facets cost and leave of error in the cube: rasters of several kinds and
 //! sizes against 256 rays a facet, for the built-in body in free space and in a room.
 //!
-//! `cargo run --release -p radarllm-radar-sim --example bench_visibility`
+//! `cargo bench -p radarllm-radar-sim --bench bench_visibility`
 
 use std::{error::Error, sync::Arc};
 

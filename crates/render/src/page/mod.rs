@@ -7,11 +7,11 @@ use glam::Vec3;
 use radarllm_base::PointFrame;
 use serde::Serialize;
 
-const TEMPLATE: &str = include_str!("page/template.html");
+const TEMPLATE: &str = include_str!("template.html");
 /// Style sheet of all pages.
-pub(crate) const STYLE: &str = include_str!("page/style.css");
+pub(crate) const STYLE: &str = include_str!("style.css");
 /// Script of all pages that plays one clip.
-pub(crate) const PLAYER: &str = include_str!("page/player.js");
+pub(crate) const PLAYER: &str = include_str!("player.js");
 
 /// Content of a page.
 ///

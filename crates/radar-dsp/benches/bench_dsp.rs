@@ -1,6 +1,6 @@
 //! Frames per second of the chain on the reference radar, one core: noise plus 40 movers.
 //!
-//! `cargo run --release -p radarllm-radar-dsp --example bench [-- NAME]`, NAME one of its lines.
+//! `cargo bench -p radarllm-radar-dsp --bench bench_dsp [-- NAME]`, NAME one of its lines.
 
 use std::time::Instant;
 
@@ -14,7 +14,7 @@ const N_FRAMES: usize = 1000;
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let radar = RadarConfig::awr1843boost();
     let cube = busy_cube(&radar);
-    let only = std::env::args().nth(1);
+    let only = std::env::args().skip(1).find(|a| a != "--bench");
     for (name, options) in [
         ("default", DspOptions::default()),
         ("mmmesh", DspOptions::mmmesh()),

@@ -5,7 +5,7 @@
 //! chain of its own; then loops of four frames by the direct sum, for its time and for what the fast path is off. Times are of one
 //! run on whatever else the machine does: the best frame and the processor time are less sensitive to neighbours.
 //!
-//! `cargo run --release -p radarllm-radar-sim --example bench_sim [frames [longest facet edge, m]]`
+//! `cargo bench -p radarllm-radar-sim --bench bench_sim [-- frames [longest facet edge, m]]`
 
 use std::{error::Error, sync::Arc, time::Instant};
 
@@ -54,7 +54,7 @@ impl Run {
 }
 
 fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
-    let mut args = std::env::args().skip(1);
+    let mut args = std::env::args().skip(1).filter(|a| a != "--bench");
     let n_frames: usize = args.next().map_or(Ok(200), |a| a.parse())?;
     let facet_edge_m: f32 = args.next().map_or(Ok(0.02), |a| a.parse())?;
     let config = RadarConfig::awr1843boost();

@@ -1,6 +1,6 @@
 //! Time of a tokenizer training step: 40-frame clips of 100 points, one thread.
 //!
-//! `cargo run --release -p radarllm-train --example tokenizer_step [batch_size] [steps]`
+//! `cargo bench -p radarllm-train --bench tokenizer_step [-- batch_size [steps]]`
 
 #[path = "../tests/stages/synthetic.rs"]
 mod synthetic;

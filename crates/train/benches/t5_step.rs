@@ -1,6 +1,6 @@
 //! Time of a training step of the T5-small shape: 16 sequences of 96 in and 40 out, dropout 0.1, AdamW.
 //!
-//! `cargo run --release -p radarllm-train --example t5_step [steps [device [f32|bf16|f16]]]`, with `--features gpu` for
+//! `cargo bench -p radarllm-train --bench t5_step [-- steps [device [f32|bf16|f16]]]`, with `--features gpu` for
 //! graphics processors; studies/pytorch_step.py does the same in PyTorch.
 
 use std::error::Error;
@@ -25,7 +25,7 @@ const SOURCE: usize = 96;
 const TARGET: usize = 40;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let mut args = std::env::args().skip(1);
+    let mut args = std::env::args().skip(1).filter(|a| a != "--bench");
     let n_steps: u64 = args.next().map_or(Ok(8), |a| a.parse())?;
     let processor: Processor = args.next().map_or(Ok(Processor::Cpu), |a| a.parse())?;
     let precision = match args.next().as_deref() {

@@ -1,6 +1,6 @@
 //! Time and memory of `score` on files of JSON lines, for tests/goldens/timing.py.
 //!
-//!     cargo run --release -p radarllm-metrics --example score_speed -- c.jsonl r.jsonl plain
+//!     cargo bench -p radarllm-metrics --bench score_speed -- $PWD/c.jsonl $PWD/r.jsonl plain
 
 use std::{error::Error, fs::File, io::BufRead, io::BufReader, time::Instant};
 
@@ -22,7 +22,11 @@ fn peak_memory_mb() -> Option<f64> {
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let args: Vec<String> = std::env::args().skip(1).collect();
+    // Cargo adds `--bench`.
+    let args: Vec<String> = std::env::args()
+        .skip(1)
+        .filter(|a| a != "--bench")
+        .collect();
     let [candidates, references, protocol] = &args[..] else {
         return Err("expected: candidates.jsonl references.jsonl protocol".into());
     };
