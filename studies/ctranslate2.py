@@ -6,8 +6,8 @@
 Times are those on the CPU, of all threads.
 
 Writes FOLDER/config.json and FOLDER/model.safetensors (Hugging Face layout, weights from a fixed seed)
-and the converted model beside them, unless they are there. The example `bench` of crates/engine reads
-the same folder; docs/results/engine.md has the figures.
+and the converted model beside them, unless they are there. The bench `bench_engine` of crates/engine
+reads the same folder; docs/results/engine.md has the figures.
 """
 
 import json

@@ -3,7 +3,7 @@
     python mars_heights.py DIR      # DIR/subjectN/timesplit/{radar,kinect}_data_{validate,test}.csv
 
 Both are in the axes of the radar. For each frame, the median height of the points is compared with the mean height of
-the joints. Only subject 1 is read: subject 3 is judged, and subject 2 has no radar files of this form.
+the joints. Only subject 1 is read: subject 3 is for testing, and subject 2 has no radar files of this form.
 """
 
 import csv

@@ -5,9 +5,9 @@
     studies/sides.py work/people-once work/captured-people
 
 The first argument is a data set of procedural motions, from whose training split the trees learn; the second one has the
-Bandai-Namco clips, of which those for tuning (validation split) are named. Prints how many are named right with the values
+Bandai-Namco clips, of which those of the validation split are named. Prints how many are named right with the values
 of crates/inference/src/tokenizer/layout.rs, without and with its bands of height, and with the motion (raising or waving)
-beside the side. The last lines learn from the clips for tuning themselves, all styles but the one that is named.
+beside the side. The last lines learn from the validation clips themselves, all styles but the one that is named.
 """
 
 import pathlib
