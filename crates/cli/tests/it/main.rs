@@ -10,6 +10,7 @@ mod dataset;
 mod eval_recordings;
 mod geometry;
 mod golden;
+mod headline;
 mod links;
 mod live;
 mod live_outside;
