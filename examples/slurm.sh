@@ -1,8 +1,8 @@
 #!/bin/bash
 # Builds a data set with eight tasks of a Slurm array, which share the folder OUT.
 #
-#   job=$(sbatch --parsable examples/slurm.sh configs/default-data.toml /shared/data)
-#   sbatch --dependency="afterok:$job" --wrap "radarllm dataset finish configs/default-data.toml --out /shared/data"
+#   job=$(sbatch --parsable examples/slurm.sh configs/data/default-data.toml /shared/data)
+#   sbatch --dependency="afterok:$job" --wrap "radarllm dataset finish configs/data/default-data.toml --out /shared/data"
 #
 # A task that failed or was killed can be submitted again (`sbatch --array=3 ...`): complete shards are kept.
 #SBATCH --job-name=radarllm-data

@@ -1,4 +1,4 @@
-"""Measures what docs/python.md promises in seconds: `python measure.py [DATA_SET]`, with the package installed.
+"""Measures what docs/guides/python.md promises in seconds: `python measure.py [DATA_SET]`, with the package installed.
 
 It prints one line for each promise. Run it when nothing else runs on the machine.
 """

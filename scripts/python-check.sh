@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # What continuous integration leaves out of the Python package, because it takes long or needs large packages: the wheel in
 # an empty environment of each Python, PyTorch, Ray, Hugging Face datasets without the network, and measurements. It prints
-# what docs/python.md lists under "What was verified".
+# what docs/guides/python.md lists under "What was verified".
 #
 #   scripts/python-check.sh [STEP ...]
 #
@@ -118,14 +118,14 @@ step_train() {
 
 step_scaling() {
     full
-    "$work/full/bin/python" docs/results/scaling.py
+    "$work/full/bin/python" studies/scaling.py
 }
 
 step_side-by-side() {
     [ -x "$work/xwr/bin/python" ] || python3 -m venv "$work/xwr"
     "$work/xwr/bin/pip" install --quiet xwr==0.5.1
     "$work/xwr/bin/pip" install --quiet --no-deps --force-reinstall dist/radarllm-*.whl
-    "$work/xwr/bin/python" docs/results/side_by_side.py
+    "$work/xwr/bin/python" studies/side_by_side.py
 }
 
 [ $# -gt 0 ] || set -- wheel empty tests torch ray datasets measure train scaling side-by-side

@@ -46,8 +46,8 @@ def blocks(page: str) -> list[str]:
     return [b.split("```")[0] for b in (ROOT / page).read_text().split("```python\n")[1:]]
 
 
-@pytest.mark.skipif(not (ROOT / "docs/python.md").exists(), reason="no documentation beside the tests")
-@pytest.mark.parametrize("page", ["README.md", "docs/python.md"])
+@pytest.mark.skipif(not (ROOT / "docs/guides/python.md").exists(), reason="no documentation beside the tests")
+@pytest.mark.parametrize("page", ["README.md", "docs/guides/python.md"])
 def test_blocks_of_the_documentation(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (block, *_) = blocks(page)

@@ -90,11 +90,11 @@ pub enum Verb {
     Eval(EvalArgs),
     /// Captions of recordings in folders by activity: how many name the recorded activity?
     ///
-    /// Example: radarllm eval-recordings configs/recorded-radhar.toml --recordings radhar
+    /// Example: radarllm eval-recordings configs/eval/recorded-radhar.toml --recordings radhar
     EvalRecordings(EvalRecordingsArgs),
     /// Simulate falls and what looks like falls: how many does a running radar notice, and how often is it wrong?
     ///
-    /// Example: radarllm eval-falls configs/falls.toml --recordings configs/recorded-radhar.toml radhar
+    /// Example: radarllm eval-falls configs/eval/falls.toml --recordings configs/eval/recorded-radhar.toml radhar
     EvalFalls(EvalFallsArgs),
     /// Change one parameter of a built-in motion and count how often the caption follows.
     ///
@@ -111,15 +111,15 @@ pub enum Verb {
     View(ViewArgs),
     /// Compare simulated with recorded points of the same movements: how realistic is the virtual radar?
     ///
-    /// Example: radarllm realism configs/realism-mars.toml --recordings mars
+    /// Example: radarllm realism configs/eval/realism-mars.toml --recordings mars
     Realism(RealismArgs),
     /// Train and evaluate a grid of changed configurations, and print its tables.
     ///
-    /// Example: radarllm ablate configs/mocap-ablation.toml
+    /// Example: radarllm ablate configs/train/mocap-ablation.toml
     Ablate(AblateArgs),
     /// Captions of the same motions under noise, distance, rain and other conditions, as tables and curves.
     ///
-    /// Example: radarllm robustness configs/robustness.toml --out robustness
+    /// Example: radarllm robustness configs/eval/robustness.toml --out robustness
     Robustness(RobustnessArgs),
     /// Run pretrained language models: T5, GPT-2, Qwen2, BERT, RoBERTa.
     #[command(subcommand)]
@@ -444,11 +444,11 @@ pub enum DatasetVerb {
     /// With --shard, several processes or machines that share the folder build a part each, and `dataset finish` completes
     /// the data set.
     ///
-    /// Example: radarllm dataset build configs/default-data.toml --out work/data
+    /// Example: radarllm dataset build configs/data/default-data.toml --out work/data
     ///
-    /// Example: radarllm dataset build configs/default-data.toml --out work/data --shard 3/8
+    /// Example: radarllm dataset build configs/data/default-data.toml --out work/data --shard 3/8
     Build {
-        /// Configuration (TOML); see docs/dataset.md.
+        /// Configuration (TOML); see docs/guides/dataset.md.
         config: PathBuf,
         /// Folder of the data set.
         #[arg(long)]
@@ -468,7 +468,7 @@ pub enum DatasetVerb {
     },
     /// Complete a data set whose parts were built with --shard. Exit code 1 if shards are missing, which are named.
     ///
-    /// Example: radarllm dataset finish configs/default-data.toml --out work/data
+    /// Example: radarllm dataset finish configs/data/default-data.toml --out work/data
     Finish {
         /// Configuration (TOML) of the parts.
         config: PathBuf,
@@ -502,7 +502,7 @@ pub enum DatasetVerb {
     ///
     /// A model that learns from recordings is no longer zero-shot. Judged recordings are never read.
     ///
-    /// Example: radarllm dataset recordings configs/recorded-radhar.toml --recordings radhar --out work/recorded-radhar
+    /// Example: radarllm dataset recordings configs/eval/recorded-radhar.toml --recordings radhar --out work/recorded-radhar
     Recordings(Box<DatasetRecordingsArgs>),
     /// Print clips, hours, actions and points per frame of a data set.
     Info {
@@ -642,7 +642,7 @@ pub struct TrainArgs {
     #[arg(long)]
     pub force: bool,
     /// Device instead of the configuration's: cpu, gpu, gpu:N, cuda, cuda:N, or several, as gpu:0,gpu:1
-    /// (docs/training-on-gpus.md).
+    /// (docs/guides/training-on-gpus.md).
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
     /// Threads of a training on the CPU; the result does not depend on their number; all cores if omitted.
@@ -938,7 +938,7 @@ pub struct EncoderArgs {
     /// Pooling for SimCSE: pooler (supervised), cls (unsupervised) or mean.
     #[arg(long, requires = "sim_cse")]
     pub pooling: Option<String>,
-    /// Device for BERT and RoBERTa: cpu (default), gpu, gpu:N, cuda or cuda:N (docs/training-on-gpus.md).
+    /// Device for BERT and RoBERTa: cpu (default), gpu, gpu:N, cuda or cuda:N (docs/guides/training-on-gpus.md).
     #[arg(long)]
     pub device: Option<String>,
 }
@@ -971,7 +971,7 @@ pub struct ScoreArgs {
     pub max_references: usize,
     /// METEOR's own data: function/english.words, nonbreaking/english.prefixes, data/paraphrase-en.gz.
     ///
-    /// The first two are in its jar, the third lies beside it. The built-in lists replace missing files (docs/metrics.md).
+    /// The first two are in its jar, the third lies beside it. The built-in lists replace missing files (docs/reference/metrics.md).
     #[arg(long, value_name = "DIR")]
     pub meteor_data: Option<PathBuf>,
     /// Sentence encoders.
@@ -1011,7 +1011,7 @@ pub struct ViewArgs {
 /// `ablate`.
 #[derive(Args)]
 pub struct AblateArgs {
-    /// The grid: base recipe, seeds, tables and rows; see docs/ablations.md.
+    /// The grid: base recipe, seeds, tables and rows; see docs/guides/ablations.md.
     pub config: PathBuf,
     /// Number of trainings that run at the same time and share the cores.
     #[arg(long, default_value_t = 1)]
@@ -1027,7 +1027,7 @@ pub struct AblateArgs {
 /// `robustness`.
 #[derive(Args)]
 pub struct RobustnessArgs {
-    /// Data set configuration, number of motions and conditions; see docs/robustness.md.
+    /// Data set configuration, number of motions and conditions; see docs/guides/robustness.md.
     pub config: PathBuf,
     /// Folder for robustness.json, robustness.md, curves and finished cells, which are kept.
     #[arg(long)]
@@ -1095,7 +1095,7 @@ pub enum LmVerb {
 /// `realism`.
 #[derive(Args)]
 pub struct RealismArgs {
-    /// Radar, signal chain and impairments; see docs/realism.md.
+    /// Radar, signal chain and impairments; see docs/results/realism.md.
     pub config: PathBuf,
     /// Folder of recordings: NAME.parquet with a scene file NAME.toml that describes what happened, or the MARS data set, subjectN/timesplit/{radar,kinect}_data_PART.csv.
     #[arg(long)]

@@ -77,7 +77,7 @@ fn main() -> std::io::Result<()> {
           Number of zero filled packets - 1\nNumber of zero filled bytes - 1456\nDuration(sec) - 5\n",
     )?;
     write("ti_cfg", "clean", made::CLEAN_CFG.as_bytes())?;
-    let radar = include_str!("../../../configs/iwr1443-radhar.toml");
+    let radar = include_str!("../../../configs/radars/iwr1443-radhar.toml");
     write("radar_toml", "radar", radar.as_bytes())?;
     let channel = "radar = \"awr1843boost\"\n[[channel]]\ngain_db = 0.5\nphase_deg = -12.5\n";
     write("radar_toml", "calibration", channel.as_bytes())?;

@@ -39,7 +39,7 @@ const LOCK_POLL: Duration = Duration::from_millis(50);
 /// Joints of a pose, and coordinates of a joint.
 const POSE: [usize; 2] = [22, 3];
 
-/// The configuration of a data set, a TOML file as in `configs/default-data.toml`.
+/// The configuration of a data set, a TOML file as in `configs/data/default-data.toml`.
 ///
 /// `build` does everything in this process. To use several processes or machines that share a folder, one calls
 /// `prepare`, then any of them `build_shard`, and at the end one `finish`; the bytes are the same. `radarllm.ray.build`

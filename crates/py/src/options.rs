@@ -37,7 +37,8 @@ pub fn check_range(name: &str, value: usize, range: std::ops::RangeInclusive<usi
 pub fn processing(path: &Path) -> Result<ProcessingFile> {
     let text = bounded::read_text(path, MAX_CONFIG_BYTES)?;
     ProcessingFile::from_toml(&text).map_err(|e| {
-        Error::in_file(path, e).with_hint("docs/scenes.md lists the fields of [processing]")
+        Error::in_file(path, e)
+            .with_hint("docs/reference/scenes.md lists the fields of [processing]")
     })
 }
 

@@ -15,7 +15,7 @@
 //! - Screens (facets that transmit) do not write the depth buffer. Their samples are kept in a list and multiplied in
 //!   afterwards, from near to far.
 //!
-//! `examples/bench_sim.rs` measures the sampling error and the computing time.
+//! `benches/bench_sim.rs` measures the sampling error and the computing time.
 
 use std::ops::Range;
 

@@ -53,7 +53,8 @@ pub fn run(args: &AblateArgs) -> CliResult {
     let base = args.config.parent().unwrap_or(Path::new(""));
     let text = files::read_text(&args.config, MAX_CONFIG_BYTES)?;
     let grid = Grid::from_toml(&text).map_err(|e| {
-        CliError::new(format!("{}: {e}", args.config.display())).hint("see docs/ablations.md")
+        CliError::new(format!("{}: {e}", args.config.display()))
+            .hint("see docs/guides/ablations.md")
     })?;
     let mut plan = plan(&grid, base)?;
     let stop = interrupt::stop_on_ctrl_c()?;

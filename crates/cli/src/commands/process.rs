@@ -308,7 +308,7 @@ fn processing(path: &Path) -> CliResult<ProcessingFile> {
     let text = bounded::read_text(path, MAX_CONFIG_BYTES)?;
     ProcessingFile::from_toml(&text).map_err(|e| {
         CliError::new(format!("{}: {e}", path.display()))
-            .hint("docs/scenes.md lists the fields of [processing]")
+            .hint("docs/reference/scenes.md lists the fields of [processing]")
     })
 }
 

@@ -31,7 +31,8 @@ const MAX_CELL_BYTES: u64 = 256 << 20;
 pub fn run(args: &RobustnessArgs) -> CliResult {
     let base = args.config.parent().unwrap_or(Path::new(""));
     let problem = |e: EvalError| {
-        CliError::new(format!("{}: {e}", args.config.display())).hint("see docs/robustness.md")
+        CliError::new(format!("{}: {e}", args.config.display()))
+            .hint("see docs/guides/robustness.md")
     };
     let text = files::read_text(&args.config, MAX_CONFIG_BYTES)?;
     let plan = Plan::from_toml(&text).map_err(problem)?;

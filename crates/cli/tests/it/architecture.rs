@@ -167,10 +167,10 @@ fn every_entry_point_of_the_map_exists() {
     assert!(seen > 5, "the map names its files");
 }
 
-/// docs/validation.md: every test it names is one, every scene it names is there, and none is left out.
+/// docs/concepts/validation.md: every test it names is one, every scene it names is there, and none is left out.
 #[test]
 fn the_table_of_closed_forms_names_tests_and_scenes_that_exist() {
-    let text = fs::read_to_string(root().join("docs/validation.md")).unwrap();
+    let text = fs::read_to_string(root().join("docs/concepts/validation.md")).unwrap();
     let mut tests = String::new();
     for folder in ["radar-sim", "radar-dsp", "synth"] {
         for entry in fs::read_dir(root().join("crates").join(folder).join("tests/it")).unwrap() {
@@ -195,7 +195,7 @@ fn the_table_of_closed_forms_names_tests_and_scenes_that_exist() {
             scenes.insert(scene.trim_matches('`').to_string());
         }
     }
-    let files: BTreeSet<String> = fs::read_dir(root().join("docs/validation"))
+    let files: BTreeSet<String> = fs::read_dir(root().join("studies/closed-forms"))
         .unwrap()
         .map(|e| e.unwrap().file_name().into_string().unwrap())
         .filter(|name| name.ends_with(".toml"))

@@ -10,6 +10,8 @@ mod dataset;
 mod eval_recordings;
 mod geometry;
 mod golden;
+mod headline;
+mod links;
 mod live;
 mod live_outside;
 #[cfg(target_os = "linux")]

@@ -182,7 +182,7 @@ fn facts_are_compared_and_contradictions_counted() {
 }
 
 /// METEOR as pycocoevalcap runs it, with all the data of its jar, which are LGPL and not part of this
-/// repository: RADARLLM_METEOR_DATA names a folder made as docs/metrics.md says.
+/// repository: RADARLLM_METEOR_DATA names a folder made as docs/reference/metrics.md says.
 #[test]
 fn meteor_with_its_own_data_is_that_of_the_jar() {
     let Some(folder) = std::env::var_os("RADARLLM_METEOR_DATA") else {

@@ -11,7 +11,7 @@
 //!
 //! **Threshold.** Procedural motions are the hard case, because one program performs them all: a test fall
 //! differs from the nearest of a thousand training falls by little more than a degree. [`LEAK_DISTANCE`] lies
-//! between the two distributions of docs/dataset.md. Noise of up to 4 mm on every coordinate still
+//! between the two distributions of docs/guides/dataset.md. Noise of up to 4 mm on every coordinate still
 //! lies below it. Noise of 2 cm lies far above: such a copy cannot be distinguished from another performance.
 //!
 //! **Search.** The cost of comparing all pairs at all shifts grows with the square of the data. Instead, the most

@@ -4,7 +4,7 @@
 //! [`mars`] reads recordings with joints, [`pairs`] a user's own with scenes, [`mod@replay`] simulates
 //! them, [`mod@compare`] compares both, [`activities`] does so where only the activity is known, [`mod@calibrate`]
 //! estimates values of the configuration ([`RealismConfig`]) from recordings, [`report`] writes the tables: see
-//! docs/realism.md.
+//! docs/results/realism.md.
 //!
 //! Simulations run on the threads of the rayon pool from which they are called, with the same bytes for any number of
 //! threads.
@@ -128,7 +128,7 @@ pub struct RealismConfig {
     pub joints_origin_m: [f32; 3],
     /// Rms speed of the standing body's sway, m/s, which joints of a camera do not show: without it a
     /// person at rest vanishes with the static clutter. Quiet standing has about 0.01 (centre of
-    /// pressure; see docs/realism.md).
+    /// pressure; see docs/results/realism.md).
     pub sway_mps: f32,
     /// Added to z / range of the simulated points: what a phase difference between the rows of an
     /// uncalibrated board does.

@@ -7,7 +7,7 @@
 //! direction (offset, drift, noise) are equal on both sides.
 //!
 //! Limits: without leakage, a scene whose only strong target is in the far half of the range appears swapped. The
-//! weighting was chosen with two recorded frames of undocumented order (docs/captures.md) and was not tested with
+//! weighting was chosen with two recorded frames of undocumented order (docs/guides/captures.md) and was not tested with
 //! captures of known order. The verdict reports the size of the difference and the fraction of chirps that show it.
 
 use std::sync::Arc;

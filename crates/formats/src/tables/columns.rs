@@ -143,7 +143,10 @@ impl Columns {
         let names: Vec<&str> = names.into_iter().take(20).collect();
         Err(RecordingError::new(
             place,
-            format!("columns {} (see docs/recordings.md)", missing.join(", ")),
+            format!(
+                "columns {} (see docs/guides/recordings.md)",
+                missing.join(", ")
+            ),
             &names.join(","),
         ))
     }

@@ -609,7 +609,7 @@ mod tests {
         (unseen / in_masked, seen / all)
     }
 
-    /// `cargo test -p radarllm-inference masks -- --nocapture` prints the shares that docs/ablations.md quotes.
+    /// `cargo test -p radarllm-inference masks -- --nocapture` prints the shares that docs/guides/ablations.md quotes.
     #[test]
     fn masks_hide_half_of_the_points_and_not_almost_none_or_all() {
         let paper = super::super::config::TokenizerConfig::paper().grouping;

@@ -3,7 +3,7 @@
 //!
 //! The codes describe groups of points over 0.4 s. Which arm moves shows in offsets of 0.1 to 0.4 m that single groups
 //! hardly show. Trees that learn such values of simulated clips alone tell left, right and both arms apart in 117 of 161
-//! clips of real people's motions with the offsets, and in 159 with the bands (docs/validation/sides.py).
+//! clips of real people's motions with the offsets, and in 159 with the bands (studies/sides.py).
 
 use radarllm_base::{PointFrame, RadarPoint};
 

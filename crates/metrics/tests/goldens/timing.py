@@ -1,7 +1,7 @@
 """Times `score` and the Python packages on the same captions in the same run.
 
-    cargo build --release -p radarllm-metrics --example score_speed
-    python timing.py 100000 target/release/examples/score_speed FOLDER [--no-packages]
+    cargo bench --no-run -p radarllm-metrics --bench score_speed    # prints PROGRAM
+    python timing.py 100000 PROGRAM FOLDER [--no-packages]
 
 Writes c.jsonl and r.jsonl into FOLDER. The packages are those of captions.py: pycocoevalcap with its Java
 tokenizer and METEOR (4 matchers, its own data), rouge-score. Self-BLEU and intervals have no counterpart there.

@@ -9,7 +9,7 @@
 //!
 //! Tests cover logits and hidden states against the reference implementations on small networks with random
 //! weights (`tests/goldens/make_hf.py`, `make_lora.py`), merged and unmerged adapters, damaged and hostile files,
-//! decoding with and without a cache, and training steps. docs/backbones.md has the details.
+//! decoding with and without a cache, and training steps. docs/reference/backbones.md has the details.
 //!
 //! No published pretrained weights were ever loaded. Networks with the shapes of `gpt2`, `Qwen2-0.5B` and
 //! `roberta-large` were built, but their published files were not read. Their tokenizers and their file layouts
