@@ -31,7 +31,7 @@ pub struct Cli {
 /// All verbs.
 #[derive(Subcommand)]
 pub enum Verb {
-    /// Simulate built-in motions and describe them with the bundled model.
+    /// Describe built-in motions and the recording of a simulated board with the bundled model.
     ///
     /// Example: radarllm demo
     Demo(DemoArgs),
@@ -154,7 +154,7 @@ pub struct DemoArgs {
     /// Also write points and pages into this folder.
     #[arg(long)]
     pub out: Option<PathBuf>,
-    /// Motions to show instead of the three defaults.
+    /// Motions to show instead of the default motions and the recording.
     #[arg(value_name = "BUILTIN")]
     pub motions: Vec<String>,
     /// Model folder; the bundled model if omitted.

@@ -138,6 +138,7 @@ impl Proxy {
                 caption: self.captions[best].clone(),
                 actions: actions(&self.captions[best]),
                 confidence: sum[best],
+                side_confidence: None,
                 taught: None,
                 guess: None,
             }]);

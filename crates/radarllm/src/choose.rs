@@ -142,6 +142,7 @@ impl Captioner {
                 actions: actions(&caption),
                 caption,
                 confidence: probability,
+                side_confidence: None,
                 taught: None,
                 guess: None,
             };

@@ -34,6 +34,7 @@ pub struct RecordedConfidence {
     #[serde(default)]
     formats: BTreeMap<String, Fitted>,
     /// For simulated clips, whose sentences are stated however probable they are; the model's own confidence if absent.
+    /// The confidence that was fitted contains that of the side ([`Segment::side_confidence`]).
     simulated: Option<Fitted>,
 }
 
@@ -129,7 +130,12 @@ impl RecordedConfidence {
         let is_recorded = !clip.provenance.is_simulated();
         let mut stated: Vec<Segment> = Vec::new();
         for mut segment in std::mem::take(&mut description.segments) {
-            segment.confidence = fitted.probability(segment.confidence);
+            // A sentence of a simulated clip is right only if its side is: `[simulated]` was fitted so.
+            let side = match is_recorded {
+                true => 1.0,
+                false => segment.side_confidence.unwrap_or(1.0),
+            };
+            segment.confidence = fitted.probability(side * segment.confidence);
             if is_recorded && segment.confidence < self.unsure_below {
                 let sentence = visible(&clip.frames, segment.start_s, segment.end_s);
                 let guess = std::mem::replace(&mut segment.caption, sentence.into());
@@ -234,6 +240,7 @@ mod tests {
             caption: format!("a person squats {i}"),
             actions: vec!["squat"],
             confidence: *confidence,
+            side_confidence: None,
             taught: None,
             guess: None,
         };
@@ -315,6 +322,24 @@ mod tests {
         let unchanged = before.segments.iter().map(|s| s.caption.as_str());
         assert!(captions.eq(unchanged));
         assert!(description.segments.iter().all(|s| s.confidence < 0.05));
+    }
+
+    #[test]
+    fn the_side_counts_for_simulated_clips_alone() {
+        let fitted = "[simulated]\nwindow = { slope = 1.0, offset = 0.0 }\n\
+            recording = { slope = 1.0, offset = 0.0 }\n";
+        let confidence = RecordedConfidence::from_toml(&format!("{FILE}{fitted}")).unwrap();
+        for (provenance, side_confidence, expected) in [
+            ("simulated:builtin:wave", Some(0.5), 0.4),
+            ("simulated:builtin:wave", None, 0.8),
+            ("recorded:radhar:x", Some(0.5), 0.8),
+        ] {
+            let mut description = described(&[0.8]);
+            description.segments[0].side_confidence = side_confidence;
+            confidence.apply(&clip(0.0, provenance), &mut description);
+            let found = description.segments[0].confidence;
+            assert!((found - expected).abs() < 1e-6, "{provenance}: {found}");
+        }
     }
 
     #[test]

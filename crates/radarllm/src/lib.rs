@@ -29,6 +29,7 @@
 //! | draw figures and pages | [`render`] |
 //! | track people | [`Recording::track_people`], [`track_people`] |
 //! | describe a clip, or get its tokens | [`Captioner`] |
+//! | judge a sentence by what was performed | [`Verdict`] |
 //! | teach activities by a few recordings | [`teach`], [`Captioner::with_memory`] |
 //! | score captions | [`metrics`], [`CaptionScores`] |
 //! | build data sets, on one machine or on several | [`DatasetPlan`] |
@@ -46,6 +47,7 @@ mod page;
 mod score;
 mod source;
 mod taught;
+mod verdict;
 
 pub use captioner::Captioner;
 pub use choose::Choices;
@@ -54,6 +56,7 @@ pub use page::page_segments;
 pub use score::{CaptionScores, FactBlock};
 pub use source::{DEFAULT_RADAR, Performed, Recording, Source, open, open_parts};
 pub use taught::insert_taught;
+pub use verdict::Verdict;
 
 pub use radarllm_base::{
     Clip, Clutter, Motion, PointFrame, Provenance, RadarConfig, RadarCube, RadarPoint, Timeline,

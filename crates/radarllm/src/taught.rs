@@ -27,6 +27,7 @@ pub fn insert_taught(description: &mut Description, clip: &Clip, recogniser: &Re
             actions: radarllm_inference::actions(&part.says),
             caption: part.says,
             confidence: part.fit,
+            side_confidence: None,
             taught: Some(part.name),
             guess: None,
         });
@@ -62,6 +63,7 @@ mod tests {
             caption: "a person walks".into(),
             actions: vec!["walk"],
             confidence: 0.5,
+            side_confidence: None,
             taught: None,
             guess: None,
         }

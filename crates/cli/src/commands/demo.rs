@@ -1,7 +1,9 @@
-//! `demo`: runs built-in motions through the whole chain with the default model.
+//! `demo`: built-in motions and the recording of a simulated board, through the whole chain with the default model.
 
-use radarllm::{DescribeOptions, SimulateOptions};
-use serde::Serialize;
+use radarllm::{
+    Captioner, DescribeOptions, PeopleOptions, Recording, Segment, SimulateOptions, Verdict,
+};
+use serde::{Serialize, Serializer};
 
 use crate::{
     args::DemoArgs,
@@ -9,7 +11,7 @@ use crate::{
         describe::{self, Row},
         view,
     },
-    error::CliResult,
+    error::{CliError, CliResult},
     output,
 };
 
@@ -20,70 +22,227 @@ const MOTIONS: [&str; 3] = [
     "builtin:wave?side=left",
 ];
 
+/// A file of the recording that the example `demo` of the library reads, too.
+macro_rules! recording_file {
+    ($extension:literal) => {
+        include_bytes!(concat!(
+            "../../../radarllm/examples/recordings/simulated-uart.",
+            $extension
+        ))
+    };
+}
+
+/// The stream of the board's serial port, and its chirp configuration.
+const STREAM: (&str, &[u8]) = ("simulated-uart.dat", recording_file!("dat"));
+const CHIRPS: (&str, &[u8]) = ("simulated-uart.cfg", recording_file!("cfg"));
+/// What the person of the recording did: first and last second, sentence.
+const PERFORMED: &[u8] = recording_file!("txt");
+
 #[derive(Serialize)]
 struct DemoRow {
     #[serde(flatten)]
     described: Row,
-    /// A caption that the motion's own parameters imply.
-    reference: String,
+    /// Whether this is a recording of a simulated board.
+    simulated_board: bool,
+    /// The parts of the sentence, each beside what was performed.
+    parts: Vec<Part>,
     points_per_frame: f64,
     /// Path of the page, if `--out` is given.
     #[serde(skip_serializing_if = "Option::is_none")]
     page: Option<String>,
 }
 
+/// A sentence and what was performed for most of its time.
+#[derive(Serialize)]
+struct Part {
+    start_s: f64,
+    end_s: f64,
+    performed: String,
+    described: String,
+    confidence: f32,
+    /// `right`, or what is wrong.
+    #[serde(serialize_with = "as_text")]
+    verdict: Verdict,
+}
+
+fn as_text<S: Serializer>(verdict: &Verdict, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(verdict)
+}
+
 /// Runs the command.
 pub fn run(args: &DemoArgs) -> CliResult {
-    let motions: Vec<&str> = if args.motions.is_empty() {
-        MOTIONS.to_vec()
-    } else {
-        args.motions.iter().map(String::as_str).collect()
-    };
     let captioner = describe::load_captioner(args.model.as_deref())?;
+    let mut rows = Vec::new();
+    let motions: Vec<&str> = match args.motions.is_empty() {
+        true => MOTIONS.to_vec(),
+        false => args.motions.iter().map(String::as_str).collect(),
+    };
+    let say = |text: &str| {
+        if !args.json {
+            output::print_line(text);
+        }
+    };
+    say("Motions before a simulated radar; the model sees nothing but the points.\n");
     let simulation = SimulateOptions {
         seed: args.seed,
         ..SimulateOptions::default()
     };
-    let mut rows = Vec::new();
-    for (index, motion) in motions.iter().enumerate() {
+    for motion in motions {
         let recording = radarllm::open(motion)
             .with_simulation(simulation.clone())
             .points()?;
-        let clip = &recording.clip;
-        let described = describe::describe(&captioner, motion, clip, &DescribeOptions::default())?;
-        let performed = recording.performed.as_ref();
-        let reference = performed
-            .and_then(|p| p.motion.info.captions.first().cloned())
+        let captions = recording
+            .performed
+            .as_ref()
+            .map(|p| &p.motion.info.captions);
+        let caption = captions
+            .and_then(|c| c.first().cloned())
             .unwrap_or_default();
-        let page = match &args.out {
-            Some(folder) => {
-                let path = folder.join(format!("demo-{}.html", index + 1));
-                output::check_free(&path, args.force)?;
-                view::write_page(&path, clip, performed, &described)?;
-                Some(path.display().to_string())
-            }
-            None => None,
-        };
-        let row = DemoRow {
-            points_per_frame: clip.points_per_frame(),
-            described,
-            reference,
-            page,
-        };
-        if !args.json {
-            describe::print_row(&row.described);
-            output::print_line(&format!(
-                "    what was performed: {} ({:.0} points a frame)",
-                row.reference, row.points_per_frame
-            ));
-            if let Some(page) = &row.page {
-                output::print_line(&format!("    page: {page}"));
-            }
-        }
+        let row = row(&captioner, motion, &recording, args, rows.len(), |_, _| {
+            caption.clone()
+        })?;
         rows.push(row);
+    }
+    if args.motions.is_empty() {
+        say(
+            "One minute before a board. The board is simulated, too: simulated-uart.dat is what the serial port of an\n\
+             AWR1843BOOST with out-of-box firmware would send. The model knows no recording of this firmware, so its\n\
+             confidence is set low.\n",
+        );
+        let performed = String::from_utf8_lossy(PERFORMED);
+        let recording = recorded()?;
+        let row = row(
+            &captioner,
+            STREAM.0,
+            &recording,
+            args,
+            rows.len(),
+            |from, to| performed_in(&performed, from, to),
+        )?;
+        rows.push(DemoRow {
+            simulated_board: true,
+            ..row
+        });
     }
     if args.json {
         return output::print_json(&rows);
     }
+    let verdicts = || rows.iter().flat_map(|row| &row.parts).map(|p| p.verdict);
+    let n_right = verdicts().filter(|v| *v == Verdict::Right).count();
+    output::print_line(&format!(
+        "{n_right} of {} sentences are right.",
+        verdicts().count()
+    ));
     Ok(())
+}
+
+/// The one person of the recording.
+fn recorded() -> CliResult<Recording> {
+    let folder = std::env::temp_dir().join(format!("radarllm-demo-{}", std::process::id()));
+    let read = || -> CliResult<Recording> {
+        std::fs::create_dir_all(&folder)
+            .map_err(|e| CliError::new(format!("{}: {e}", folder.display())))?;
+        let [stream, chirps] = [STREAM, CHIRPS].map(|(name, bytes)| (folder.join(name), bytes));
+        for (path, bytes) in [&stream, &chirps] {
+            output::write_atomic(path, bytes)?;
+        }
+        let source = radarllm::open(&stream.0).radar(&chirps.0.display().to_string())?;
+        Ok(source.points()?)
+    };
+    let recording = read();
+    // What is left in the folder of temporary files does no harm.
+    let _ = std::fs::remove_dir_all(&folder);
+    let mut recording = recording?;
+    let one_person = PeopleOptions {
+        max_people: Some(1),
+        ..PeopleOptions::default()
+    };
+    if let Some(person) = recording.track_people(&one_person)?.into_iter().next() {
+        recording.clip = person.clip;
+    }
+    Ok(recording)
+}
+
+/// Describes a recording, writes its page and prints both; `performed` gives what was done between two times, s.
+fn row(
+    captioner: &Captioner,
+    name: &str,
+    recording: &Recording,
+    args: &DemoArgs,
+    index: usize,
+    performed: impl Fn(f64, f64) -> String,
+) -> CliResult<DemoRow> {
+    let clip = &recording.clip;
+    let described = describe::describe(captioner, name, clip, &DescribeOptions::default())?;
+    let part = |segment: &Segment| {
+        let performed = performed(segment.start_s, segment.end_s);
+        Part {
+            start_s: segment.start_s,
+            end_s: segment.end_s,
+            verdict: Verdict::of(&segment.caption, &performed),
+            performed,
+            described: segment.caption.clone(),
+            confidence: segment.confidence,
+        }
+    };
+    let parts: Vec<Part> = described.segments.iter().map(part).collect();
+    let page = match &args.out {
+        Some(folder) => {
+            let path = folder.join(format!("demo-{}.html", index + 1));
+            output::check_free(&path, args.force)?;
+            view::write_page(&path, clip, recording.performed.as_ref(), &described)?;
+            Some(path.display().to_string())
+        }
+        None => None,
+    };
+    let row = DemoRow {
+        points_per_frame: clip.points_per_frame(),
+        simulated_board: false,
+        described,
+        parts,
+        page,
+    };
+    if !args.json {
+        print(&row);
+    }
+    Ok(row)
+}
+
+fn print(row: &DemoRow) {
+    output::print_line(&format!(
+        "{} ({:.0} points a frame)",
+        row.described.source.source, row.points_per_frame
+    ));
+    if row.parts.is_empty() {
+        output::print_line(&format!("    {}", row.described.caption));
+    }
+    for part in &row.parts {
+        let times = format!("{:.0} to {:.0} s", part.start_s, part.end_s);
+        output::print_line(&format!("    {times:<11} performed: {}", part.performed));
+        output::print_line(&format!("                described: {}", part.described));
+        output::print_line(&format!(
+            "                {}, confidence {:.2}",
+            part.verdict, part.confidence
+        ));
+    }
+    if let Some(page) = &row.page {
+        output::print_line(&format!("    page: {page}"));
+    }
+    output::print_line("");
+}
+
+/// What was done for most of a time: the lines of `text` are first second, last second, sentence.
+fn performed_in(text: &str, start_s: f64, end_s: f64) -> String {
+    let shared_s = |line: &&str| {
+        let mut seconds = line
+            .split(' ')
+            .map(|word| word.parse::<f64>().unwrap_or(0.0));
+        let (from_s, to_s) = (seconds.next().unwrap_or(0.0), seconds.next().unwrap_or(0.0));
+        f64::min(to_s, end_s) - f64::max(from_s, start_s)
+    };
+    let best = text
+        .lines()
+        .max_by(|a, b| shared_s(a).total_cmp(&shared_s(b)));
+    let sentence = best.and_then(|line| line.splitn(3, ' ').nth(2));
+    sentence.unwrap_or_default().into()
 }

@@ -107,21 +107,34 @@ fn a_data_set_is_the_same_whatever_the_thread_count() {
 }
 
 #[test]
-fn demo_prints_three_different_sentences_with_provenance() {
+fn demo_describes_motions_and_the_recording_of_a_simulated_board() {
     let demo = json(&["demo", "--json"]);
     let rows = demo.as_array().unwrap();
-    assert_eq!(rows.len(), 3);
-    let captions: std::collections::BTreeSet<_> = rows
-        .iter()
-        .map(|r| r["caption"].as_str().unwrap())
-        .collect();
-    assert_eq!(captions.len(), 3, "{captions:?}");
-    for row in rows {
+    let (board, motions) = rows.split_last().unwrap();
+    assert_eq!(motions.len(), 3);
+    for row in motions {
         assert_eq!(row["synthetic"], true);
-        assert!(row["confidence"].as_f64().unwrap() > 0.0);
+        assert_eq!(row["simulated_board"], false);
         assert!(row["source"].as_str().unwrap().starts_with("builtin:"));
+        assert_eq!(row["parts"][0]["verdict"], "right", "{row}");
         assert!(row["model"].as_str().is_some());
     }
+    // What the program reads says `recorded`; the demo says what it is.
+    assert_eq!(board["provenance"], "recorded");
+    assert_eq!(board["simulated_board"], true);
+    assert_eq!(board["source"], "simulated-uart.dat");
+    let parts = board["parts"].as_array().unwrap();
+    let performed: std::collections::BTreeSet<_> = parts
+        .iter()
+        .map(|part| part["performed"].as_str().unwrap())
+        .collect();
+    assert_eq!(performed.len(), 4, "{parts:?}");
+    for row in rows {
+        assert!(row["confidence"].as_f64().unwrap() > 0.0);
+    }
+
+    let one = json(&["demo", "builtin:squat", "--json"]);
+    assert_eq!(one.as_array().unwrap().len(), 1);
 }
 
 /// A few updates of every stage on a few clips: not a good model, but the whole path from a data

@@ -538,6 +538,7 @@ mod tests {
                 .map(|a| a.name)
                 .collect(),
             confidence: 0.5,
+            side_confidence: None,
             taught: None,
             guess: None,
         }

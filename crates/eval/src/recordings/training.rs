@@ -285,6 +285,7 @@ mod tests {
             caption: "a person walks".into(),
             actions: vec!["walk"],
             confidence,
+            side_confidence: None,
             taught: None,
             guess: None,
         };

@@ -177,6 +177,10 @@ pub struct Segment {
     /// exp(mean token log-probability) of a sentence that was searched for. For more: the probability of these actions
     /// among the readings of the windows, averaged over windows.
     pub confidence: f32,
+    /// Probability of the stated sides among the sides of the drawn sentences that state these actions, 0..=1. `None` if
+    /// the sentence states no side, is about more than one window or was not drawn.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub side_confidence: Option<f32>,
     /// Name of the taught activity that was recognised; `None` for a sentence of the model.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub taught: Option<String>,
@@ -678,7 +682,11 @@ impl<'a> Windows<'a> {
         if let [only] = results
             && self.is_whole()
         {
-            let Sentence { text, confidence } = &only.sentence;
+            let Sentence {
+                text,
+                confidence,
+                side_confidence,
+            } = &only.sentence;
             description.caption.clone_from(text);
             description.confidence = *confidence;
             description.segments.push(Segment {
@@ -687,6 +695,7 @@ impl<'a> Windows<'a> {
                 caption: text.clone(),
                 actions: actions(text),
                 confidence: *confidence,
+                side_confidence: *side_confidence,
                 taught: None,
                 guess: None,
             });

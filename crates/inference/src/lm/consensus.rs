@@ -212,6 +212,7 @@ fn segment(content: &Clause, hops: &[Hop], [start_s, end_s]: [f64; 2]) -> Segmen
         },
         actions: clause.actions.iter().map(|a| a.name).collect(),
         confidence: hops.iter().map(confidence).sum::<f32>() / hops.len() as f32,
+        side_confidence: None,
         taught: None,
         guess: None,
     }

@@ -10,7 +10,7 @@ use std::sync::atomic::AtomicBool;
 
 use radarllm_base::PointFrame;
 use radarllm_engine::{Source, Watch};
-use radarllm_facts::{Direction, Side};
+use radarllm_facts::{Action, Direction, Side};
 
 use super::consensus::content;
 use super::templates::EVALUATION_PROMPT;
@@ -41,6 +41,9 @@ pub(crate) struct Sentence {
     /// exp(mean log-probability of a token), 0..=1, where the log-probability of several members is their mean; of a
     /// vote, the share of the draws that state the same actions.
     pub confidence: f32,
+    /// Probability of the stated sides among the sides that drawn sentences with the same actions state, 0..=1. `None` if
+    /// the sentence states no side or was searched for.
+    pub side_confidence: Option<f32>,
 }
 
 impl Ensemble {
@@ -117,6 +120,7 @@ impl Ensemble {
                 candidates.push(Sentence {
                     text: member.vocab().text(&generated.ids),
                     confidence: per_token(generated.log_prob, generated.ids.len()),
+                    side_confidence: None,
                 });
             }
         }
@@ -124,12 +128,15 @@ impl Ensemble {
         elected.map(|(radar, all)| self.elect(radar, all)).collect()
     }
 
-    /// The sentence about each encoded window by a vote of `n` draws from each member: of the draws that state the most
-    /// frequent actions, and of these the most frequent sides and directions, the sentence with the highest mean
-    /// log-probability of a token. Its confidence is the share of the draws that state these actions.
+    /// The sentence about each encoded window by a vote of `n` draws from each member. The actions are those of most draws.
+    /// Of the sentences with these actions, the sides are those with the largest sum of probabilities, the directions
+    /// then those of most draws, and the sentence is the one with the highest mean log-probability of a token. Its
+    /// confidence is the share of the draws that state these actions.
     ///
-    /// The most probable sentence alone would prefer actions that have few wordings: what is said in many ways has little
-    /// probability in each.
+    /// The most probable sentence alone would prefer what has few wordings: what is said in many ways has little
+    /// probability in each. For the same reason sides are decided before directions: "punches with the left fist" is said
+    /// with "forward", "upward" and without either, "with both fists" is not. Sides are decided by probabilities and not by
+    /// numbers of draws, because these are few, and odd ones would count as much as others.
     pub fn voted(
         &self,
         windows: &[Vec<Encoded>],
@@ -165,11 +172,39 @@ impl Ensemble {
         let n: usize = votes.values().sum();
         let votes: Vec<(String, usize)> = votes.into_iter().collect();
         let (same_actions, n_agreeing) = most_frequent(votes, actions_stated);
-        let (same_sides, _) = most_frequent(same_actions, sides_stated);
-        let texts = same_sides.into_iter().map(|(text, _)| text).collect();
-        let best = most_confident(self.scored(radar, texts)?);
+        let (texts, numbers): (Vec<String>, Vec<usize>) = same_actions.into_iter().unzip();
+        let log_probs = self.log_probs(radar, &texts)?;
+        let members: Vec<Vec<f32>> = log_probs.iter().map(|of| among_each_other(of)).collect();
+        let (probabilities, log_probs) = (mean(&members), mean(&log_probs));
+        let drawn = texts.into_iter().zip(numbers).enumerate();
+        let drawn = drawn.map(|(i, (text, n))| Drawn {
+            text,
+            n,
+            probability: probabilities[i],
+            log_prob: log_probs[i],
+        });
+        let (same_sides, side_confidence) =
+            heaviest(drawn.collect(), sides_stated, |d| d.probability);
+        let states_side = |drawn: &Drawn| sides_stated(&drawn.text).iter().any(Option::is_some);
+        let side_confidence = same_sides
+            .first()
+            .is_some_and(states_side)
+            .then_some(side_confidence);
+        let (same_directions, _) = heaviest(same_sides, directions_stated, |d| d.n as f32);
+        let mut sentences = Vec::with_capacity(same_directions.len());
+        for drawn in same_directions {
+            let n_tokens = self.first().vocab().text_ids(&drawn.text)?.len();
+            sentences.push(Sentence {
+                confidence: per_token(drawn.log_prob, n_tokens),
+                text: drawn.text,
+                side_confidence,
+            });
+        }
         let confidence = n_agreeing as f32 / n.max(1) as f32;
-        Ok(Sentence { confidence, ..best })
+        Ok(Sentence {
+            confidence,
+            ..most_confident(sentences)
+        })
     }
 
     /// The best of the sentences of the members.
@@ -191,6 +226,7 @@ impl Ensemble {
             all.push(Sentence {
                 text,
                 confidence: per_token(log_prob, n_tokens),
+                side_confidence: None,
             });
         }
         Ok(all)
@@ -250,6 +286,35 @@ fn most_frequent<K: Ord>(votes: Votes, content: impl Fn(&str) -> K) -> (Votes, u
     (votes, n)
 }
 
+/// A drawn sentence.
+struct Drawn {
+    text: String,
+    /// Number of its draws.
+    n: usize,
+    /// Probability among the drawn sentences with the same actions, averaged over the members.
+    probability: f32,
+    /// Log-probability, averaged over the members.
+    log_prob: f32,
+}
+
+/// The sentences with the content that has the largest sum of weights, and its share of all weights.
+fn heaviest<K: Ord>(
+    drawn: Vec<Drawn>,
+    content: impl Fn(&str) -> K,
+    weight: impl Fn(&Drawn) -> f32,
+) -> (Vec<Drawn>, f32) {
+    let total: f32 = drawn.iter().map(&weight).sum();
+    let mut groups: BTreeMap<K, Vec<Drawn>> = BTreeMap::new();
+    for one in drawn {
+        groups.entry(content(&one.text)).or_default().push(one);
+    }
+    let sum = |group: &Vec<Drawn>| group.iter().map(&weight).sum::<f32>();
+    let groups = groups.into_values().map(|group| (sum(&group), group));
+    let heaviest = groups.max_by(|a, b| a.0.total_cmp(&b.0));
+    let (sum, group) = heaviest.unwrap_or_default();
+    (group, sum / total.max(f32::MIN_POSITIVE))
+}
+
 /// What each clause states: [`content`].
 fn actions_stated(text: &str) -> Vec<(Vec<&'static str>, Option<String>)> {
     let clauses = radarllm_facts::parse(text);
@@ -259,11 +324,19 @@ fn actions_stated(text: &str) -> Vec<(Vec<&'static str>, Option<String>)> {
         .collect()
 }
 
-/// Sides and directions of the actions, in order.
-fn sides_stated(text: &str) -> Vec<(Option<Side>, Option<Direction>)> {
+/// Sides of the actions, in order.
+fn sides_stated(text: &str) -> Vec<Option<Side>> {
+    stated(text, |action| action.side)
+}
+
+/// Directions of the actions, in order.
+fn directions_stated(text: &str) -> Vec<Option<Direction>> {
+    stated(text, |action| action.direction)
+}
+
+fn stated<K>(text: &str, of: impl Fn(&Action) -> K) -> Vec<K> {
     let clauses = radarllm_facts::parse(text);
-    let actions = clauses.iter().flat_map(|c| &c.actions);
-    actions.map(|a| (a.side, a.direction)).collect()
+    clauses.iter().flat_map(|c| &c.actions).map(of).collect()
 }
 
 fn prompt(vocab: &Vocab, radar: &Encoded) -> Result<Source, LmError> {
@@ -278,6 +351,7 @@ fn most_confident(sentences: Vec<Sentence>) -> Sentence {
     best.unwrap_or(Sentence {
         text: String::new(),
         confidence: 0.0,
+        side_confidence: None,
     })
 }
 
@@ -475,6 +549,40 @@ mod tests {
         let unknown = ["a person ponders", "a person walks", "a person ponders"];
         assert_eq!(vote(&[&unknown], 3).text, "a person ponders");
         assert_eq!(vote(&[&unknown], 1).confidence, 1.0);
+    }
+
+    #[test]
+    fn a_side_that_is_said_with_many_directions_is_stated() {
+        const BOTH: &str = "a person punches with both fists";
+        const LEFT: [&str; 3] = [
+            "a person punches forward with the left fist",
+            "a person punches upward with the left fist",
+            "a person punches with the left fist",
+        ];
+        let draws = [BOTH, BOTH, BOTH, LEFT[0], LEFT[1], LEFT[2], LEFT[0]];
+        let vocab = Vocab::learn(draws.into_iter(), templates::all_text(), 500, 4, 8);
+        let log_probs = [
+            (BOTH, -4.0),
+            (LEFT[0], -4.1),
+            (LEFT[1], -4.5),
+            (LEFT[2], -5.0),
+        ];
+        let model = Ensemble::new(Box::new(Fixed {
+            vocab: vocab.unwrap(),
+            says: BOTH,
+            log_probs: log_probs.into(),
+            draws: draws.to_vec(),
+        }));
+        let frames = [PointFrame::default()];
+        let encoded = model.encode(&[(&frames, 1.0)]).unwrap();
+        let options = GenerateOptions::default();
+        let sentences = model.voted(&encoded, draws.len(), &options, &false.into());
+        let sentence = sentences.unwrap().remove(0);
+        assert_eq!(sentence.text, LEFT[0]);
+        assert_eq!(sentence.confidence, 1.0, "all draws punch");
+        let sum = |texts: &[(&str, f32)]| texts.iter().map(|(_, p)| p.exp()).sum::<f32>();
+        let expected = sum(&log_probs[1..]) / sum(&log_probs);
+        assert!((sentence.side_confidence.unwrap() - expected).abs() < 1e-6);
     }
 
     #[test]
