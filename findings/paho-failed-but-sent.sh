@@ -7,7 +7,7 @@
 # Why it matters: a program that announces falls and repeats what failed announces every fall twice, minutes late; one
 # that trusts QoS 0 alike loses it.
 # What to do: decide by QoS, not by the return code, and put an id and a time into the payload. Here: the client
-# is rumqttc, and after each connection the present state is published (crates/serve/src/mqtt/session.rs).
+# is rumqttc, and after each connection the present state is published (crates/live/src/mqtt/session.rs).
 source "$(dirname "$0")/lib.sh"
 install paho-mqtt==2.2.0
 observe <<'PYTHON'

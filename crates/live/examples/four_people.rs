@@ -12,7 +12,7 @@ use std::time::Duration;
 use radarllm::radar_sim::{Noise, Scene};
 use radarllm::{Captioner, Clip, DEFAULT_RADAR, DspOptions, Error, Result};
 use radarllm_base::{Clutter, Provenance, frames::Placement};
-use radarllm_live::{Input, Live, LiveOptions, Page, Speed};
+use radarllm_live::{Input, Live, LiveOptions, Speed, http};
 use radarllm_synth::synthesizer::{posed_builtin, scene_to_points_in_parallel};
 use radarllm_synth::{Method, Synthesizer, open_motion};
 
@@ -51,10 +51,7 @@ fn main() -> Result {
     let folder = std::env::temp_dir().join(format!("four_people-{}", std::process::id()));
     std::fs::create_dir_all(&folder).map_err(Error::input)?;
     let options = LiveOptions {
-        page: Some(Page {
-            address: ([127, 0, 0, 1], 0).into(),
-            ..Page::default()
-        }),
+        page: Some(http::Options::new(([127, 0, 0, 1], 0).into())),
         database: Some(folder.join("live.db")),
         ..LiveOptions::default()
     };

@@ -1,10 +1,8 @@
 //! The model as the pipeline uses it.
 
 use radarllm::{Captioner, Clip};
-use radarllm_serve::{
-    activities::actions_of,
-    pipeline::{Describe, Described},
-};
+use radarllm_monitor::activities::actions_of;
+use radarllm_monitor::pipeline::{Describe, Described};
 
 /// Describes windows with a trained model.
 pub struct Captions(pub Captioner);
@@ -22,8 +20,8 @@ impl Describe for Captions {
                     caption: description.caption,
                 },
             },
-            Err(error) => Described::Abstained {
-                reason: error.to_string(),
+            Err(error) => Described::Failed {
+                error: error.to_string(),
             },
         }
     }
@@ -36,4 +34,34 @@ pub fn actions() -> Vec<String> {
     actions.sort();
     actions.dedup();
     actions
+}
+
+#[cfg(test)]
+mod tests {
+    use radarllm::{Clutter, Provenance};
+    use radarllm_base::{PointFrame, RadarPoint};
+
+    use super::*;
+
+    #[test]
+    fn an_error_of_the_model_is_no_abstention() {
+        let frame = PointFrame {
+            frame: 0,
+            time_s: 0.0,
+            points: vec![RadarPoint::default()],
+        };
+        let clip = Clip {
+            frames: vec![frame; 60],
+            frame_rate_hz: f64::NAN,
+            radar_height_m: 1.0,
+            radar: "test".into(),
+            provenance: Provenance::simulated("test", 0),
+            clutter: Clutter::Settled,
+        };
+        let described = Captions(Captioner::bundled().unwrap()).describe(&clip);
+        assert!(
+            matches!(&described, Described::Failed { error } if !error.is_empty()),
+            "{described:?}"
+        );
+    }
 }

@@ -7,12 +7,12 @@ use std::time::{Duration, Instant};
 use radarllm::{Clip, Error, Recording, Result};
 use radarllm_base::{Clutter, PointFrame, Provenance};
 use radarllm_io::live::{LiveEvent, LiveSource};
-use radarllm_serve::keeper::now_ms;
-use radarllm_serve::metrics::Metrics;
-use radarllm_serve::pipeline::{Arrival, StreamInfo};
-use radarllm_serve::queue::{FrameQueue, Item, QueuedFrame, WhenFull};
-use radarllm_serve::vitals::Vitals;
+use radarllm_monitor::liveness::Liveness;
+use radarllm_monitor::pipeline::{Arrival, StreamInfo};
+use radarllm_monitor::queue::{FrameQueue, Item, QueuedFrame, WhenFull};
 
+use crate::local_time::now_ms;
+use crate::metrics::Metrics;
 use crate::resample::Resampler;
 use crate::room::{Room, RoomOptions};
 
@@ -192,14 +192,14 @@ impl Input {
     pub(crate) fn run(
         self,
         queue: &FrameQueue,
-        vitals: &Arc<Vitals>,
+        liveness: &Arc<Liveness>,
         metrics: &Metrics,
     ) -> Result<()> {
         let period_s = self.source_period_s;
         let mut sink = Sink {
             resampler: Resampler::new(period_s),
             queue,
-            vitals,
+            liveness,
         };
         let ended = match self.kind {
             Kind::Replay {
@@ -226,13 +226,13 @@ impl Input {
 struct Sink<'a> {
     resampler: Resampler,
     queue: &'a FrameQueue,
-    vitals: &'a Vitals,
+    liveness: &'a Liveness,
 }
 
 impl Sink<'_> {
     /// A frame of the source. Returns false if nothing more is wanted.
     fn frame(&mut self, frame: PointFrame, arrival: Arrival) -> bool {
-        self.vitals.frame();
+        self.liveness.frame_arrived();
         self.queue.arrived(frame.frame);
         let complete = self.resampler.push(frame, arrival);
         self.push(complete)
@@ -405,12 +405,12 @@ mod tests {
     #[test]
     fn every_frame_of_a_fast_radar_has_one_fate() {
         let metrics = Arc::new(Metrics::default());
-        let queue = FrameQueue::new(WhenFull::DropOldest, Arc::clone(&metrics));
-        let vitals = Vitals::new(Duration::from_millis(100));
+        let queue = FrameQueue::new(WhenFull::DropOldest, Arc::clone(&metrics.monitor));
+        let liveness = Liveness::new(Duration::from_millis(100));
         let mut sink = Sink {
             resampler: Resampler::new(1.0 / 30.0),
             queue: &queue,
-            vitals: &vitals,
+            liveness: &liveness,
         };
         let mut frame = |number: u32| {
             let frame = PointFrame {
@@ -420,11 +420,11 @@ mod tests {
             sink.frame(frame, Arrival::At(i64::from(number)))
         };
         let counts = || {
-            let lost = metrics.frames_lost.get();
+            let lost = metrics.monitor.frames_lost.get();
             (
-                metrics.frames_used.get(),
+                metrics.monitor.frames_used.get(),
                 lost,
-                metrics.frames_dropped.get(),
+                metrics.monitor.frames_dropped.get(),
             )
         };
         // Merged by threes, but for the first two. Every eleventh frame does not arrive.

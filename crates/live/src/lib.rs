@@ -3,10 +3,10 @@
 //! | thread | does |
 //! |---|---|
 //! | source | waits for frames of a recording, a board or the simulated room, and puts them into a queue |
-//! | pipeline | tracks, watches and describes ([`radarllm_serve::pipeline`]) |
-//! | store | writes rows and events ([`radarllm_serve::keeper`]) |
-//! | server | the page and the messages ([`radarllm_serve::http`]) |
-//! | broker | MQTT ([`radarllm_serve::mqtt`]) |
+//! | pipeline | tracks, watches and describes ([`radarllm_monitor::pipeline`]) |
+//! | store | writes rows and events ([`store_writer`]) |
+//! | server | the page and the messages ([`http`]) |
+//! | broker | MQTT ([`mqtt`]) |
 //!
 //! ```no_run
 //! use radarllm_live::{Input, Live, LiveOptions, Speed};
@@ -24,16 +24,26 @@
 //! ```
 //!
 //! Reading order: [`service`] (everything put together), [`input`] (sources of frames), [`room`] (the simulated room),
-//! [`captions`] (the model), [`zones`], [`local_time`], [`notify`] (systemd).
+//! [`captions`] (the model), [`bus`] (how messages reach listeners), [`http`] (the server and its page), [`mqtt`] (the
+//! messages on a broker, for Home Assistant), [`store_writer`] (the thread that writes into the memory), [`metrics`]
+//! (counters as text), [`zones`], [`local_time`], [`notify`] (systemd).
+//!
+//! Presence, falls and rows are in `radarllm-monitor`, the database and questions in `radarllm-memory`. Threads, the clock
+//! and network servers are here only.
 
+pub mod bus;
 pub mod captions;
+pub mod http;
 pub mod input;
 pub mod local_time;
+pub mod metrics;
+pub mod mqtt;
 pub mod notify;
 mod resample;
 pub mod room;
 pub mod service;
+pub mod store_writer;
 pub mod zones;
 
 pub use input::{Input, ReadTime, Speed};
-pub use service::{Broker, Live, LiveOptions, Page};
+pub use service::{Live, LiveOptions};

@@ -1,4 +1,10 @@
-//! The time zone of the computer.
+//! The clock and the time zone of the computer.
+
+/// The present time, milliseconds since 1970 in UTC.
+pub fn now_ms() -> i64 {
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    now.map_or(0, |d| i64::try_from(d.as_millis()).unwrap_or(i64::MAX))
+}
 
 /// Offset of the local time from UTC at a time, s east of Greenwich; 0 where the system does not know.
 pub fn offset_s(utc_ms: i64) -> i32 {

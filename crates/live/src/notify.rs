@@ -1,18 +1,18 @@
-//! What systemd is told: that the service is ready, alive, and about to stop.
+//! What systemd is notified of: that the service is ready, alive, and about to stop.
 //!
 //! The protocol is that of `sd_notify(3)`: a datagram with assignments to the socket that `$NOTIFY_SOCKET` names. A name
 //! that begins with `@` is one of the abstract name space of Linux.
 
 use std::time::{Duration, Instant};
 
-/// The supervisor of this process, if it has one that wants to be told.
+/// The supervisor of this process, if it has one that wants to be notified.
 #[derive(Debug)]
 pub struct Supervisor {
     #[cfg(unix)]
     socket: Option<std::os::unix::net::UnixDatagram>,
     /// Time between two signs of life: half of what the supervisor permits.
     interval: Option<Duration>,
-    told: Option<Instant>,
+    notified: Option<Instant>,
 }
 
 impl Supervisor {
@@ -29,7 +29,7 @@ impl Supervisor {
             #[cfg(unix)]
             socket: connect(&text("NOTIFY_SOCKET")).ok(),
             interval,
-            told: None,
+            notified: None,
         }
     }
 
@@ -40,11 +40,13 @@ impl Supervisor {
 
     /// The service is alive. To be called more often than the supervisor wants to hear of it; most calls send nothing.
     pub fn alive(&mut self) {
-        let is_due = |told: Instant, interval| told.elapsed() >= interval;
+        let is_due = |notified: Instant, interval| notified.elapsed() >= interval;
         if let Some(interval) = self.interval
-            && self.told.is_none_or(|told| is_due(told, interval))
+            && self
+                .notified
+                .is_none_or(|notified| is_due(notified, interval))
         {
-            self.told = Some(Instant::now());
+            self.notified = Some(Instant::now());
             self.send("WATCHDOG=1");
         }
     }

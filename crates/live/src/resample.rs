@@ -5,8 +5,8 @@
 
 use radarllm::PointFrame;
 use radarllm::inference::{FRAME_RATE_HZ, RATE_TOLERANCE};
-use radarllm_serve::pipeline::Arrival;
-use radarllm_serve::queue::QueuedFrame;
+use radarllm_monitor::pipeline::Arrival;
+use radarllm_monitor::queue::QueuedFrame;
 
 /// Rounding of times in frame periods: a frame in the middle between two is not placed by the rounding of its time.
 const ROUNDING: f64 = 1e-6;
@@ -97,8 +97,9 @@ impl Resampler {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use radarllm::{RadarPoint, Timeline};
+
+    use super::*;
 
     fn frame(number: u32) -> PointFrame {
         let point = RadarPoint {

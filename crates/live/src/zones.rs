@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use radarllm::{Error, Result};
-use radarllm_serve::zones::{Zone, ZoneKind, Zones};
+use radarllm_monitor::zones::{Zone, ZoneKind, Zones};
 use serde::Deserialize;
 
 #[derive(Deserialize)]

@@ -7,17 +7,16 @@ use std::time::{Duration, Instant};
 
 use radarllm::{Captioner, Clutter, DEFAULT_RADAR, Provenance};
 use radarllm_io::live::{LiveAbout, LiveCounts, LiveEvent, LiveSource};
-use radarllm_live::{Input, Live, LiveOptions, Page, Speed};
-use radarllm_serve::store::{ActivityQuery, ActivityRow};
-use radarllm_serve::{Clock, Timeline, ask, keeper::now_ms};
+use radarllm_live::local_time::now_ms;
+use radarllm_live::{Input, Live, LiveOptions, Speed, http};
+use radarllm_memory::store::ActivityQuery;
+use radarllm_memory::{Clock, Timeline, ask};
+use radarllm_monitor::rows::ActivityRow;
 
 const DEADLINE: Duration = Duration::from_secs(120);
 
 fn options(database: Option<&Path>) -> LiveOptions {
-    let page = Page {
-        address: ([127, 0, 0, 1], 0).into(),
-        ..Page::default()
-    };
+    let page = http::Options::new(([127, 0, 0, 1], 0).into());
     LiveOptions {
         name: "lounge".into(),
         page: Some(page),
@@ -146,10 +145,7 @@ fn an_open_address_wants_a_token_and_names_are_checked() {
         live.err().map(|e| e.to_string()).unwrap_or_default()
     };
     let open = LiveOptions {
-        page: Some(Page {
-            address: ([0, 0, 0, 0], 0).into(),
-            ..Page::default()
-        }),
+        page: Some(http::Options::new(([0, 0, 0, 0], 0).into())),
         ..LiveOptions::default()
     };
     assert!(start(open).contains("token"));

@@ -15,18 +15,25 @@ use radarllm_io::{
     serial, udp,
 };
 use radarllm_live::{
-    Broker, Input, Live, LiveOptions, Page, Speed, local_time, notify::Supervisor,
-    room::RoomOptions, zones,
-};
-use radarllm_serve::{
-    Clock, Store, StoreError, Timeline, ask,
+    Input, Live, LiveOptions, Speed,
     bus::Silence,
-    http::Token,
-    keeper::now_ms,
-    midnight_ms,
-    mqtt::Password,
+    http::{self, Token},
+    local_time::{self, now_ms},
+    mqtt::{self, Password},
+    notify::Supervisor,
+    room::RoomOptions,
+    zones,
+};
+use radarllm_memory::{
+    Clock, Store, StoreError, Timeline, ask,
     store::{Deleted, Retention},
-    utc_ms,
+};
+use radarllm_monitor::{
+    civil::{midnight_ms, utc_ms},
+    falls::FallOptions,
+    pipeline::{PipelineOptions, windows::WindowOptions},
+    presence::PresenceOptions,
+    watch::WatchOptions,
 };
 
 use crate::{
@@ -74,6 +81,7 @@ fn watch(args: &LiveArgs) -> CliResult {
     let mut supervisor = Supervisor::from_environment();
     supervisor.ready();
     let (mut broker_problem, mut memory_problem) = (None, None);
+    let mut is_model_reported = false;
     while !stop.load(Ordering::Acquire) {
         match messages.recv_timeout(Duration::from_millis(200)) {
             Ok(_) if args.quiet => {}
@@ -97,6 +105,11 @@ fn watch(args: &LiveArgs) -> CliResult {
                 None => eprintln!("the memory can be written again"),
             }
             memory_problem = problem;
+        }
+        // Once: a model that fails in every other window would fill the journal.
+        if let Some(problem) = live.model_problem().filter(|_| !is_model_reported) {
+            eprintln!("warning: {problem}; /healthz and /metrics count further errors");
+            is_model_reported = true;
         }
         if live.is_moving() {
             supervisor.alive();
@@ -231,32 +244,30 @@ fn source(args: &LiveArgs) -> CliResult<Input> {
 }
 
 fn options(args: &LiveArgs) -> CliResult<LiveOptions> {
-    let page = Page {
-        address: args.http,
-        token: match &args.token_file {
-            Some(path) => Some(
-                Token::new(&bounded::read_text(path, MAX_CONFIG_BYTES)?).map_err(CliError::new)?,
-            ),
-            None => None,
-        },
+    let read = |path| bounded::read_text(path, MAX_CONFIG_BYTES);
+    let token = |path| Token::new(&read(path)?).map_err(CliError::new);
+    let page = http::Options {
+        token: args.token_file.as_deref().map(token).transpose()?,
         allow_hosts: args.allow_host.clone(),
         allow_frames: args.allow_frame.clone(),
+        ..http::Options::new(args.http)
     };
     let broker = match &args.mqtt {
-        Some(url) => Some(Broker {
-            address: url.parse().map_err(CliError::new)?,
+        Some(url) => Some(mqtt::Options {
             user: args.mqtt_user.clone(),
             password: match &args.mqtt_password_file {
-                Some(path) => Some(Password::new(&bounded::read_text(path, MAX_CONFIG_BYTES)?)),
+                Some(path) => Some(Password::new(&read(path)?)),
                 None => None,
             },
             discovery_prefix: args.discovery_prefix.clone(),
             allow_synthetic: args.mqtt_simulated,
+            ..mqtt::Options::new(url.parse().map_err(CliError::new)?)
         }),
         None => None,
     };
     Ok(LiveOptions {
         name: args.name.clone(),
+        pipeline: pipeline_options(args)?,
         page: (!args.no_http).then_some(page),
         database: database(args.db.as_deref()),
         retention: Retention {
@@ -266,17 +277,33 @@ fn options(args: &LiveArgs) -> CliResult<LiveOptions> {
             ..Retention::default()
         },
         broker,
-        zones: match &args.zones {
-            Some(path) => zones::parse(path, &bounded::read_text(path, MAX_CONFIG_BYTES)?)?,
-            None => Default::default(),
+    })
+}
+
+fn pipeline_options(args: &LiveArgs) -> CliResult<PipelineOptions> {
+    Ok(PipelineOptions {
+        watch: WatchOptions {
+            presence: PresenceOptions {
+                occupancy_on_s: args.occupancy_on,
+                occupancy_hold_s: args.occupancy_hold,
+            },
+            falls: FallOptions {
+                fall_dwell_s: args.fall_dwell,
+                fall_height_m: args.fall_height,
+            },
+            zones: match &args.zones {
+                Some(path) => zones::parse(path, &bounded::read_text(path, MAX_CONFIG_BYTES)?)?,
+                None => Default::default(),
+            },
+            ..WatchOptions::default()
         },
-        window_s: args.window,
-        stride_s: args.stride,
+        windows: WindowOptions {
+            window_s: args.window,
+            stride_s: args.stride,
+            ..WindowOptions::default()
+        },
         learn_empty_s: args.learn_empty,
-        occupancy_on_s: args.occupancy_on,
-        occupancy_hold_s: args.occupancy_hold,
-        fall_dwell_s: args.fall_dwell,
-        fall_height_m: args.fall_height,
+        ..PipelineOptions::default()
     })
 }
 

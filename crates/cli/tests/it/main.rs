@@ -29,7 +29,7 @@ mod without_training;
 /// Boards on pseudo-terminals, and a broker, are those of the tests of their crates.
 #[cfg(target_os = "linux")]
 #[allow(dead_code)]
-#[path = "../../../serve/src/mqtt/tests/broker.rs"]
+#[path = "../../../live/src/mqtt/tests/broker.rs"]
 mod broker;
 #[cfg(target_os = "linux")]
 #[allow(dead_code)]

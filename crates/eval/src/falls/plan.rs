@@ -5,7 +5,6 @@ use std::path::Path;
 use radarllm_base::{RadarConfig, seed::derive_seed};
 use radarllm_io::TiFirmware;
 use radarllm_radar_dsp::DspOptions;
-use radarllm_serve::falls::FallOptions;
 use radarllm_synth::{Method, SynthError, Synthesizer};
 use serde::{Deserialize, Serialize};
 
@@ -281,11 +280,6 @@ impl OpenRadar {
         let chain = self.firmware.as_ref().map_or_else(own, |f| f.chain.clone());
         Synthesizer::new(&self.config, Method::Fast, chain)
     }
-}
-
-/// The options of a monitor below a radar: those of `live` that are not changed.
-pub(super) fn fall_options(radar_height_m: f32) -> FallOptions {
-    FallOptions::new(f64::from(radar_height_m))
 }
 
 /// `n` numbers below `n_values`, each equally often as far as `n` allows, in an order drawn from the seed.

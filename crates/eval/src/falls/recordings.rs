@@ -1,7 +1,7 @@
 //! False alarms in recordings without falls.
 
 use radarllm_base::Clip;
-use radarllm_serve::falls::FallState;
+use radarllm_monitor::falls::FallState;
 use serde::Serialize;
 
 use super::{counts::DailyRate, watch::WatchedRoom};

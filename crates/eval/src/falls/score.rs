@@ -1,7 +1,7 @@
 //! Events against the truth.
 
 use radarllm_base::Motion;
-use radarllm_serve::falls::{FallEvent, FallState, HIGH_M};
+use radarllm_monitor::falls::{FallEvent, FallState, HIGH_M};
 use serde::Serialize;
 
 use super::watch::Heights;

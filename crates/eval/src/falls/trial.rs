@@ -3,6 +3,7 @@
 use glam::{Quat, Vec3};
 use radarllm_base::{Material, Motion, MovingSurface};
 use radarllm_formats::Mounting;
+use radarllm_monitor::falls::FallOptions;
 use radarllm_radar_sim::{Noise, Scene};
 use radarllm_synth::{
     SynthError, Synthesizer, open_motion,
@@ -12,7 +13,7 @@ use radarllm_synth::{
 use serde::Serialize;
 
 use super::{
-    plan::{FRAME_PERIOD_S, FallPlan, OpenRadar, Trial, fall_options},
+    plan::{FRAME_PERIOD_S, FallPlan, OpenRadar, Trial},
     score::{LATEST_S, Missed, Score, TrueFall, score, why_missed},
     watch::{Heights, WatchedRoom},
 };
@@ -76,7 +77,8 @@ pub(super) fn run(
     let placement = draw_placement(&motion, &range, trial.seed);
     let held_s = f64::from(super::plan::AFTER_S);
     let rest_s = motion.duration_s() - held_s + REST_S;
-    let options = fall_options(trial.radar_height_m);
+    // Those of `live` that are not changed.
+    let options = FallOptions::default();
     let longest_s = rest_s + options.fall_dwell_s + 1.0;
     hold(&mut motion, longest_s);
     let fail = |source: SynthError| EvalError::Simulation {

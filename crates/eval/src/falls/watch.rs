@@ -1,8 +1,8 @@
 //! Frames through the watch of a running radar, without a model.
 
 use radarllm_base::PointFrame;
-use radarllm_serve::falls::FallEvent;
-use radarllm_serve::watch::{Watch, WatchOptions};
+use radarllm_monitor::falls::FallEvent;
+use radarllm_monitor::watch::{Watch, WatchOptions};
 
 use super::plan::FRAME_PERIOD_S;
 use crate::EvalError;
@@ -27,10 +27,10 @@ pub(super) struct WatchedRoom {
 impl WatchedRoom {
     /// A room without zones, watched with the default options of `live`.
     pub fn new(radar_height_m: f32) -> Result<Self, EvalError> {
-        let options = WatchOptions::new(f64::from(radar_height_m));
-        let config = |e: radarllm_serve::options::OptionError| EvalError::Config(e.to_string());
+        let options = WatchOptions::default();
+        let config = |e: radarllm_monitor::options::OptionError| EvalError::Config(e.to_string());
         Ok(Self {
-            watch: Watch::new(&options).map_err(config)?,
+            watch: Watch::new(&options, radar_height_m.into()).map_err(config)?,
             n_frames: 0,
             events: Vec::new(),
         })

@@ -5,7 +5,7 @@ use std::net::{SocketAddr, TcpStream};
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 
-use radarllm_serve::metrics::Metrics;
+use radarllm_live::metrics::Metrics;
 
 use crate::script::frames;
 
@@ -65,14 +65,14 @@ impl Figures {
 
     pub fn count(&mut self, metrics: &Metrics) {
         self.frames = [
-            metrics.frames_used.get(),
-            metrics.frames_lost.get(),
-            metrics.frames_dropped.get(),
+            metrics.monitor.frames_used.get(),
+            metrics.monitor.frames_lost.get(),
+            metrics.monitor.frames_dropped.get(),
         ];
         self.store_failures = metrics.store_failures.get();
         self.reconnects = metrics.reconnects.get();
-        self.windows_left_out = metrics.windows_overwritten.get();
-        self.abstained = metrics.abstained.get();
+        self.windows_left_out = metrics.monitor.windows_overwritten.get();
+        self.abstained = metrics.monitor.abstained.get();
     }
 
     pub fn print(&self) {

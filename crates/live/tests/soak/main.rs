@@ -14,7 +14,7 @@
 
 // The tests of MQTT use more of it.
 #[allow(dead_code)]
-#[path = "../../../serve/src/mqtt/tests/broker.rs"]
+#[path = "../../src/mqtt/tests/broker.rs"]
 mod broker;
 mod figures;
 mod motions;
@@ -27,10 +27,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use radarllm::Captioner;
-use radarllm_live::{Broker, Input, Live, LiveOptions, Page};
-use radarllm_serve::keeper::now_ms;
-use radarllm_serve::store::{ActivityQuery, ActivityRow, Store};
-use radarllm_serve::{Answer, Clock, ask};
+use radarllm_live::local_time::now_ms;
+use radarllm_live::{Input, Live, LiveOptions, http, mqtt};
+use radarllm_memory::store::{ActivityQuery, Store};
+use radarllm_memory::{Answer, Clock, ask};
+use radarllm_monitor::rows::ActivityRow;
 
 use figures::{Figures, Viewer};
 use script::{Plan, Progress, Radar, Script, frames};
@@ -130,17 +131,11 @@ fn run(run: &Run, database: &Path) -> Outcome {
     let address = broker.as_ref().unwrap().address;
     let options = LiveOptions {
         name: "soak".into(),
-        page: Some(Page {
-            address: ([127, 0, 0, 1], 0).into(),
-            ..Page::default()
-        }),
+        page: Some(http::Options::new(([127, 0, 0, 1], 0).into())),
         database: Some(database.into()),
-        broker: Some(Broker {
-            address: address.to_string().parse().unwrap(),
-            user: None,
-            password: None,
-            discovery_prefix: "homeassistant".into(),
+        broker: Some(mqtt::Options {
             allow_synthetic: true,
+            ..mqtt::Options::new(address.to_string().parse().unwrap())
         }),
         ..LiveOptions::default()
     };

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use radarllm_serve::messages::{Body, FallState, Message, PresenceState};
+use radarllm_monitor::messages::{Body, FallState, Message, PresenceState};
 
 use crate::broker;
 use crate::script::{Script, frames};

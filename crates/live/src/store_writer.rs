@@ -1,0 +1,637 @@
+//! The thread that writes into the memory.
+//!
+//! The pipeline never waits for a disk. What it wants to be kept goes through a queue to this thread, which also
+//! publishes the rows of the timeline, because they have their numbers from the database. While the database cannot be
+//! written, rows are published with negative numbers and not kept; this is counted and reported with the health, and writing is
+//! tried again after a minute. Events such as falls wait until then, and are written with the time at which they happened.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use radarllm_memory::StoreError;
+use radarllm_memory::store::{Retention, Store};
+use radarllm_monitor::messages::{Body, Stamp};
+use radarllm_monitor::pipeline::Output;
+use radarllm_monitor::rows::{Activity, ActivityRow, Event, Growth, Origin};
+
+use crate::bus::Bus;
+use crate::http::Forget;
+use crate::local_time::now_ms;
+use crate::metrics::Metrics;
+use crate::mqtt::Status;
+
+/// Rows and events that may wait.
+const QUEUE: usize = 1_024;
+/// Events that wait until the database can be written again. Of more, the oldest ones are given up and counted.
+const MAX_WAITING_EVENTS: usize = 1_024;
+/// Time between two attempts to write after a failure.
+const RETRY: Duration = Duration::from_secs(60);
+/// Time between two prunings.
+const PRUNE: Duration = Duration::from_secs(3_600);
+/// How often the thread looks whether something is to be done.
+const TICK: Duration = Duration::from_millis(200);
+/// Rows that may still grow and whose numbers are remembered.
+const MAX_OPEN_ROWS: usize = 1_024;
+
+enum Record {
+    Row(Stamp, u64, Activity),
+    Event(Event),
+}
+
+/// The writing thread. It ends, with everything written, when this is dropped.
+pub struct StoreWriter {
+    sender: Option<SyncSender<Record>>,
+    thread: Option<JoinHandle<()>>,
+    store: Option<Arc<Mutex<Store>>>,
+    /// Events that could not be written.
+    waiting: Arc<Mutex<VecDeque<Event>>>,
+    bus: Arc<Bus>,
+    metrics: Arc<Metrics>,
+    broker: Option<Status>,
+}
+
+impl StoreWriter {
+    /// Starts the thread. Without a store, rows are published only. Problems of the store and of the broker are added to
+    /// the health.
+    ///
+    /// # Errors
+    /// If the system has no thread to give.
+    pub fn start(
+        store: Option<Store>,
+        retention: Retention,
+        bus: Arc<Bus>,
+        metrics: Arc<Metrics>,
+        broker: Option<Status>,
+    ) -> std::io::Result<Self> {
+        let store = store.map(|store| Arc::new(Mutex::new(store)));
+        let (sender, receiver) = sync_channel(QUEUE);
+        let waiting = Arc::<Mutex<VecDeque<Event>>>::default();
+        let writer = Writer {
+            store: store.clone(),
+            retention,
+            origin: bus.about().origin,
+            bus: Arc::clone(&bus),
+            metrics: Arc::clone(&metrics),
+            known: BTreeMap::new(),
+            waiting: Arc::clone(&waiting),
+            failed: None,
+            retry: RETRY,
+            pruned: None,
+        };
+        let thread = std::thread::Builder::new()
+            .name("radarllm-store".into())
+            .spawn(move || writer.run(&receiver))?;
+        Ok(Self {
+            sender: Some(sender),
+            thread: Some(thread),
+            store,
+            waiting,
+            bus,
+            metrics,
+            broker,
+        })
+    }
+
+    /// Publishes messages, and hands over what is to be kept. It never waits.
+    pub fn accept(&self, output: Output) {
+        let record = match output {
+            Output::Message(stamp, mut body) => {
+                if let Body::Health(health) = &mut body {
+                    health.problems.extend(self.metrics.store_problem.get());
+                    let problem = self.broker.as_ref().and_then(Status::problem);
+                    let in_words = |p| format!("the broker cannot be used: {p}");
+                    health.problems.extend(problem.map(in_words));
+                }
+                return self.bus.publish(stamp, body);
+            }
+            Output::Row {
+                stamp,
+                row,
+                activity,
+            } => Record::Row(stamp, row, activity),
+            Output::Event(event) => Record::Event(event),
+        };
+        let Some(sender) = &self.sender else {
+            return;
+        };
+        if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = sender.try_send(record)
+        {
+            self.metrics.store_failures.add(1);
+        }
+    }
+
+    /// How the HTTP server forgets; `None` without a store.
+    pub fn forget(&self) -> Option<Forget> {
+        let store = Arc::clone(self.store.as_ref()?);
+        let waiting = Arc::clone(&self.waiting);
+        Some(Arc::new(move |from_ms, to_ms| {
+            lock(&waiting).retain(|event| !(from_ms..to_ms).contains(&event.at_ms));
+            lock(&store).forget(Some(from_ms), to_ms)
+        }))
+    }
+}
+
+impl Drop for StoreWriter {
+    fn drop(&mut self) {
+        drop(self.sender.take());
+        if let Some(thread) = self.thread.take() {
+            // A panic of the thread was printed by it.
+            let _ = thread.join();
+        }
+    }
+}
+
+struct Writer {
+    store: Option<Arc<Mutex<Store>>>,
+    retention: Retention,
+    origin: Origin,
+    bus: Arc<Bus>,
+    metrics: Arc<Metrics>,
+    /// Number in the database and end of the rows that may still grow, by the pipeline's number.
+    known: BTreeMap<u64, (i64, i64)>,
+    /// Events that could not be written.
+    waiting: Arc<Mutex<VecDeque<Event>>>,
+    failed: Option<Instant>,
+    /// Time between two attempts to write after a failure.
+    retry: Duration,
+    pruned: Option<Instant>,
+}
+
+impl Writer {
+    fn run(mut self, receiver: &Receiver<Record>) {
+        loop {
+            match receiver.recv_timeout(TICK) {
+                Ok(first) => {
+                    let mut records = vec![first];
+                    records.extend(receiver.try_iter());
+                    self.write(records);
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+            self.catch_up();
+            self.prune();
+        }
+        // The last attempt, also if it is not time yet.
+        self.failed = None;
+        self.catch_up();
+        self.metrics
+            .store_failures
+            .add(lock(&self.waiting).len() as u64);
+        if let Some(store) = &self.store {
+            // A checkpoint that does not succeed is made when the database is opened next.
+            let _ = lock(store).checkpoint();
+        }
+    }
+
+    fn write(&mut self, records: Vec<Record>) {
+        let ids = self.keep(&records);
+        for (record, id) in records.into_iter().zip(ids) {
+            if let Record::Row(stamp, row, activity) = record {
+                let row = ActivityRow {
+                    id: id.unwrap_or(-i64::try_from(row).unwrap_or(i64::MAX)),
+                    activity,
+                    origin: self.origin.clone(),
+                };
+                self.bus.publish(stamp, Body::Activity(Box::new(row)));
+            }
+        }
+    }
+
+    /// Writes events that wait, if it is time to try again. Returns whether writing may go on.
+    fn catch_up(&mut self) -> bool {
+        let Some(store) = self.store.clone() else {
+            return false;
+        };
+        if self.failed.is_some_and(|at| at.elapsed() < self.retry) {
+            return false;
+        }
+        let origin = &self.origin;
+        let mut waiting = lock(&self.waiting);
+        while !waiting.is_empty() {
+            let all: Vec<Event> = waiting.iter().cloned().collect();
+            let insert = |events: &[Event]| {
+                lock(&store).write(|batch| {
+                    let mut events = events.iter();
+                    events.try_for_each(|event| batch.insert_event(event, origin).map(drop))
+                })
+            };
+            match insert(&all) {
+                Ok(()) => {
+                    waiting.clear();
+                    self.failed = None;
+                    self.metrics.store_problem.set(None);
+                }
+                // One of them cannot be kept; the others can.
+                Err(StoreError::Invalid { .. }) => match insert(&all[..1]) {
+                    Ok(()) => drop(waiting.pop_front()),
+                    Err(StoreError::Invalid { .. }) => {
+                        waiting.pop_front();
+                        self.metrics.store_failures.add(1);
+                    }
+                    Err(error) => {
+                        drop(waiting);
+                        self.fail(&error);
+                        return false;
+                    }
+                },
+                Err(error) => {
+                    drop(waiting);
+                    self.fail(&error);
+                    return false;
+                }
+            }
+        }
+        true
+    }
+
+    /// Remembers that the database cannot be written.
+    fn fail(&mut self, error: &StoreError) {
+        self.failed = Some(Instant::now());
+        let problem = format!("the memory cannot be written: {error}");
+        self.metrics.store_problem.set(Some(problem));
+    }
+
+    /// Lets the events among records wait, and counts the others.
+    fn put_off(&self, records: &[Record]) {
+        let mut waiting = lock(&self.waiting);
+        for record in records {
+            match record {
+                Record::Event(event) => waiting.push_back(event.clone()),
+                Record::Row(..) => self.metrics.store_failures.add(1),
+            }
+        }
+        while waiting.len() > MAX_WAITING_EVENTS {
+            waiting.pop_front();
+            self.metrics.store_failures.add(1);
+        }
+    }
+
+    /// Writes records in one transaction, after the events that wait. Returns the number of each in the database; `None`
+    /// for what is not kept.
+    fn keep(&mut self, records: &[Record]) -> Vec<Option<i64>> {
+        let not_kept = vec![None; records.len()];
+        let Some(store) = self.store.clone() else {
+            return not_kept;
+        };
+        if !self.catch_up() {
+            self.put_off(records);
+            return not_kept;
+        }
+        let before = self.known.clone();
+        let (known, origin) = (&mut self.known, &self.origin);
+        let kept = lock(&store).write(|batch| {
+            let ids = records.iter().map(|record| match record {
+                Record::Row(_, row, activity) => keep_row(batch, known, *row, activity, origin),
+                Record::Event(event) => batch.insert_event(event, origin),
+            });
+            ids.map(|id| id.map(Some)).collect()
+        });
+        while self.known.len() > MAX_OPEN_ROWS {
+            self.known.pop_first();
+        }
+        match kept {
+            Ok(ids) => {
+                self.failed = None;
+                self.metrics.store_problem.set(None);
+                ids
+            }
+            Err(error) => {
+                self.known = before;
+                let is_invalid = matches!(error, StoreError::Invalid { .. });
+                if is_invalid && records.len() > 1 {
+                    // One of them cannot be kept; the others can.
+                    return records.chunks(1).flat_map(|one| self.keep(one)).collect();
+                }
+                if is_invalid {
+                    self.metrics.store_failures.add(records.len() as u64);
+                } else {
+                    self.put_off(records);
+                    self.fail(&error);
+                }
+                not_kept
+            }
+        }
+    }
+
+    fn prune(&mut self) {
+        let Some(store) = &self.store else {
+            return;
+        };
+        if self.pruned.is_some_and(|at| at.elapsed() < PRUNE) {
+            return;
+        }
+        self.pruned = Some(Instant::now());
+        let mut store = lock(store);
+        let pruned = store.prune(now_ms(), &self.retention);
+        if pruned.and_then(|_| store.checkpoint()).is_err() {
+            self.metrics.store_failures.add(1);
+        }
+    }
+}
+
+/// Adds a row, or lets it grow. Returns its number in the database.
+fn keep_row(
+    batch: &radarllm_memory::store::Batch<'_>,
+    known: &mut BTreeMap<u64, (i64, i64)>,
+    row: u64,
+    activity: &Activity,
+    origin: &Origin,
+) -> Result<i64, StoreError> {
+    if let Some((id, kept_end_ms)) = known.get_mut(&row) {
+        let growth = Growth {
+            end_ms: activity.end_ms.max(*kept_end_ms),
+            caption: activity.caption.clone(),
+            confidence: activity.confidence,
+            windows: activity.windows,
+            points: activity.points,
+            place_m: activity.place_m,
+        };
+        match batch.extend_activity(*id, &growth) {
+            Ok(()) => {
+                *kept_end_ms = growth.end_ms;
+                return Ok(*id);
+            }
+            // It was forgotten meanwhile.
+            Err(StoreError::Missing { .. }) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    let id = batch.insert_activity(activity, origin)?;
+    known.insert(row, (id, activity.end_ms));
+    Ok(id)
+}
+
+/// Opens the memory at a path.
+///
+/// # Errors
+/// As [`Store::open`].
+pub fn open(path: &Path) -> Result<(Store, Option<PathBuf>), StoreError> {
+    let opened = Store::open(path, now_ms())?;
+    Ok((opened.store, opened.set_aside.map(|file| file.path)))
+}
+
+/// A panic of another thread while it held the lock leaves a database and a list that are complete.
+fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use radarllm_memory::store::{ActivityQuery, EventQuery, Timeline};
+    use radarllm_monitor::messages::About;
+    use radarllm_monitor::rows::EventKind;
+
+    use super::*;
+
+    const START_MS: i64 = 1_795_455_492_000;
+
+    fn bus() -> Arc<Bus> {
+        Arc::new(Bus::new(About {
+            name: "lounge".into(),
+            origin: Origin {
+                source: "test:".into(),
+                radar: "test".into(),
+                model: "none".into(),
+                decoder: "greedy".into(),
+                version: "0".into(),
+                synthetic: true,
+            },
+            radar_height_m: 1.0,
+            frame_period_s: 0.1,
+            zones: Vec::new(),
+        }))
+    }
+
+    fn row(row: u64, end_s: i64, caption: &str) -> Output {
+        Output::Row {
+            stamp: Stamp {
+                utc_ms: START_MS + end_s * 1_000,
+                t_s: end_s as f64,
+            },
+            row,
+            activity: Activity {
+                start_ms: START_MS,
+                end_ms: START_MS + end_s * 1_000,
+                person: 1,
+                action: "walk".into(),
+                caption: caption.into(),
+                confidence: Some(0.5),
+                windows: 1,
+                points: 100,
+                place_m: None,
+            },
+        }
+    }
+
+    /// Numbers of the rows that were published.
+    fn published(reader: &crate::bus::Reader) -> Vec<i64> {
+        let next = || reader.recv_timeout(Duration::from_secs(10)).ok();
+        let messages = std::iter::from_fn(next).map(|message| {
+            let message: serde_json::Value = serde_json::from_str(&message.json).unwrap();
+            message["id"].as_i64()
+        });
+        messages.flatten().collect()
+    }
+
+    #[test]
+    fn rows_grow_and_keep_their_numbers() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("live.db");
+        let (bus, metrics) = (bus(), Arc::new(Metrics::default()));
+        let reader = bus.subscribe();
+        let (store, damaged) = open(&path).unwrap();
+        assert_eq!(damaged, None);
+        let retention = Retention {
+            activities_ms: i64::MAX / 4,
+            ..Retention::default()
+        };
+        let store_writer = StoreWriter::start(
+            Some(store),
+            retention,
+            Arc::clone(&bus),
+            Arc::clone(&metrics),
+            None,
+        )
+        .unwrap();
+        store_writer.accept(row(1, 4, "a person walks"));
+        store_writer.accept(row(2, 5, &"x".repeat(10_000)));
+        store_writer.accept(row(1, 9, "a person walks"));
+        store_writer.accept(Output::Event(Event {
+            at_ms: START_MS,
+            kind: EventKind::Present,
+            person: None,
+            data: None,
+        }));
+        drop(store_writer);
+        bus.close();
+        assert_eq!(published(&reader), [1, -2, 1]);
+        assert_eq!(metrics.store_failures.get(), 1);
+        let timeline = Timeline::open(&path).unwrap();
+        let page = timeline
+            .activities(&ActivityQuery::default(), None, 10)
+            .unwrap();
+        let ends: Vec<i64> = page.rows.iter().map(|r| r.activity.end_ms).collect();
+        assert_eq!(ends, [START_MS + 9_000]);
+        assert_eq!(timeline.oldest_ms().unwrap(), Some(START_MS));
+    }
+
+    /// A writer that tries again after 50 ms, and what it publishes.
+    fn writer(path: &Path) -> (Writer, crate::bus::Reader) {
+        let bus = bus();
+        let reader = bus.subscribe();
+        let (store, _) = open(path).unwrap();
+        let writer = Writer {
+            store: Some(Arc::new(Mutex::new(store))),
+            retention: Retention::default(),
+            origin: bus.about().origin,
+            bus,
+            metrics: Arc::default(),
+            known: BTreeMap::new(),
+            waiting: Arc::default(),
+            failed: None,
+            retry: Duration::from_millis(50),
+            pruned: None,
+        };
+        (writer, reader)
+    }
+
+    fn records(outputs: &[Output]) -> Vec<Record> {
+        let record = |output: &Output| match output.clone() {
+            Output::Row {
+                stamp,
+                row,
+                activity,
+            } => Some(Record::Row(stamp, row, activity)),
+            Output::Event(event) => Some(Record::Event(event)),
+            Output::Message(..) => None,
+        };
+        outputs.iter().filter_map(record).collect()
+    }
+
+    /// A row is published with a negative number and counted while writing fails, nothing is tried before it is time, and
+    /// everything before and after is kept, and every event. The problem is reported as long as it lasts.
+    fn survives(path: &Path, fail: impl FnOnce(&Writer), heal: impl FnOnce(&Writer)) {
+        let (mut writer, reader) = writer(path);
+        let (metrics, bus) = (Arc::clone(&writer.metrics), Arc::clone(&writer.bus));
+        writer.write(records(&[row(1, 4, "a person walks")]));
+        fail(&writer);
+        let long = "a person walks far ".repeat(100);
+        let mut many: Vec<Output> = (10..40).map(|n| row(n, 5, &long)).collect();
+        let fall = |kind, at_s: i64| {
+            Output::Event(Event {
+                at_ms: START_MS + 1_000 * at_s,
+                kind,
+                person: Some(1),
+                data: None,
+            })
+        };
+        many.push(fall(EventKind::Suspected, 5));
+        assert_eq!(metrics.store_problem.get(), None);
+        writer.write(records(&many));
+        assert_eq!(metrics.store_failures.get(), 30);
+        let problem = metrics.store_problem.get().unwrap();
+        assert!(
+            problem.starts_with("the memory cannot be written: "),
+            "{problem}"
+        );
+        heal(&writer);
+        writer.retry = Duration::from_secs(3_600);
+        writer.write(records(&[row(2, 6, "a person sits down")]));
+        writer.write(records(&[fall(EventKind::Confirmed, 25)]));
+        writer.catch_up();
+        assert_eq!(
+            (metrics.store_failures.get(), lock(&writer.waiting).len()),
+            (31, 2)
+        );
+        assert!(metrics.store_problem.get().is_some());
+        writer.retry = Duration::ZERO;
+        // A row that was kept grows, and one that was not is kept from now on.
+        writer.write(records(&[
+            row(1, 9, "a person walks"),
+            row(2, 9, "a person sits down"),
+        ]));
+        assert_eq!(
+            (metrics.store_failures.get(), lock(&writer.waiting).len()),
+            (31, 0)
+        );
+        assert_eq!(metrics.store_problem.get(), None);
+        let store = lock(writer.store.as_ref().unwrap());
+        store.check_integrity().unwrap();
+        drop(store);
+        drop(writer);
+        bus.close();
+        let ids = published(&reader);
+        assert!(ids[1..32].iter().all(|id| *id < 0), "{ids:?}");
+        assert_eq!((ids[0], &ids[32..]), (1, &[1, 2][..]));
+        let page = Timeline::open(path)
+            .unwrap()
+            .activities(&ActivityQuery::default(), None, 10)
+            .unwrap();
+        assert_eq!(page.rows.len(), 2);
+        let events = Timeline::open(path).unwrap();
+        let events = events.events(&EventQuery::default(), None, 10).unwrap();
+        let mut kinds: Vec<_> = events
+            .rows
+            .iter()
+            .map(|r| (r.event.at_ms, r.event.kind))
+            .collect();
+        kinds.sort_by_key(|(at_ms, _)| *at_ms);
+        let expected = [
+            (START_MS + 5_000, EventKind::Suspected),
+            (START_MS + 25_000, EventKind::Confirmed),
+        ];
+        assert_eq!(kinds, expected);
+    }
+
+    #[test]
+    fn a_full_disk_is_counted_and_tried_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let limit = |pages: u32| {
+            move |writer: &Writer| {
+                let store = lock(writer.store.as_ref().unwrap());
+                store.limit_pages(pages).unwrap();
+            }
+        };
+        survives(&folder.path().join("live.db"), limit(1), limit(100_000));
+    }
+
+    #[test]
+    fn a_database_that_another_program_locks_is_counted_and_tried_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("live.db");
+        let other = std::cell::OnceCell::new();
+        survives(
+            &path,
+            |_| {
+                let connection = rusqlite::Connection::open(&path).unwrap();
+                connection.execute_batch("BEGIN IMMEDIATE").unwrap();
+                other.set(connection).unwrap();
+            },
+            |_| other.get().unwrap().execute_batch("ROLLBACK").unwrap(),
+        );
+    }
+
+    #[test]
+    fn without_a_store_rows_are_published_only() {
+        let bus = bus();
+        let reader = bus.subscribe();
+        let store_writer = StoreWriter::start(
+            None,
+            Retention::default(),
+            Arc::clone(&bus),
+            Arc::default(),
+            None,
+        )
+        .unwrap();
+        assert!(store_writer.forget().is_none());
+        store_writer.accept(row(3, 4, "a person walks"));
+        drop(store_writer);
+        bus.close();
+        assert_eq!(published(&reader), [-3]);
+    }
+}

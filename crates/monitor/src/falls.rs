@@ -1,0 +1,930 @@
+//! Falls, by the height of a person's points. This is not a medical device.
+//!
+//! The height of a person is the 90 % quantile of the heights above the floor of the points of the last 0.3 s, of which
+//! there must be eight.
+//!
+//! | from | to | when |
+//! |---|---|---|
+//! | – | suspected | the height was below `fall_height_m` in two successive frames, within 1.0 s after it was above 1.0 m |
+//! | – | suspected | the height was below 0.7 m, within 1.5 s after it was above 1.0 m, and has been unknown for 0.5 s since |
+//! | – | suspected | the model says `fall`, and the height is below 0.7 m |
+//! | suspected | dismissed | the person rose: the height was above 0.9 m for 1 s, or the person left through a door |
+//! | suspected | confirmed | `fall_dwell_s` have passed |
+//! | confirmed | recovered | the person rose |
+//!
+//! Whoever is unseen counts as down, because a person who lies has 0 to 6 points a frame. For the same reason many who
+//! fall are not seen any more before they are seen below `fall_height_m`, most of all by a radar that is high up. A person
+//! who was not tracked while lying has a new number afterwards: whoever is new and appears within 1 m of where somebody
+//! lies unseen is that person. Points of a helper who bends over somebody may count as those of the fallen person, who
+//! then seems to rise.
+//!
+//! Heights and times are from falls of the simulator. `docs/results/falls.md` has recall, delay and false alarms for other
+//! simulated falls and for recordings without falls; nobody has fallen in front of a real radar for it.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use crate::options::{OptionError, has_passed, is_over, within};
+use crate::people::PersonFrame;
+use crate::rows::EventKind;
+use crate::zones::Zones;
+
+/// Time over which points are collected, s.
+pub(crate) const POINTS_S: f64 = 0.3;
+/// Fewest points that have a height.
+pub(crate) const MIN_POINTS: usize = 8;
+/// Quantile of the heights that is the height of a person. The largest heights are noise of the elevation angle.
+const QUANTILE: f64 = 0.9;
+/// Height above which a person is up before a fall, m.
+pub const HIGH_M: f64 = 1.0;
+/// Longest time from [`HIGH_M`] to the second low frame, s. A fall passes through this half metre within a fraction of a
+/// second; who lies down sits on the floor on the way, and needs longer. The points of the last 0.3 s delay both heights.
+/// `docs/results/falls.md` compares limits.
+pub(crate) const DROP_S: f64 = 1.0;
+/// Longest time from [`HIGH_M`] to the last height of somebody who is not seen any more, s.
+pub(crate) const SINK_S: f64 = 1.5;
+/// Height above which a person has risen, m.
+pub(crate) const RISEN_M: f64 = 0.9;
+/// Time above [`RISEN_M`], s.
+const RISE_S: f64 = 1.0;
+/// Longest time without a height within [`RISE_S`], s: that of a few frames with too few points.
+const RISE_GAP_S: f64 = 0.5;
+/// Height below which the model's word `fall` counts, m, and below which a person who is not seen any more has fallen.
+pub(crate) const SUNK_M: f64 = 0.7;
+/// Time without a height after which a person is not seen any more, s.
+const UNSEEN_S: f64 = 0.5;
+/// Oldest height that counts for the model's word, s: the distance of two windows.
+const LABEL_AGE_S: f64 = 2.0;
+/// Time after the end of a fall for which the model's word does not count, s: the length of a window, which may still
+/// contain the former fall.
+const LABEL_REST_S: f64 = 6.0;
+/// Largest distance of a new person from where somebody lies unseen, m: the length of a body is twice that.
+const SAME_PLACE_M: f64 = 1.0;
+/// Time for which a person is remembered who is not tracked any more, s; longer than [`SINK_S`] and [`LABEL_AGE_S`].
+const MEMORY_S: f64 = 10.0;
+/// Time for which the place of a fall is remembered that a user ended, s. Whoever is tracked anew there must have been up
+/// for [`RISE_S`] before a fall counts, which costs somebody else who comes by nothing.
+const ACKNOWLEDGED_S: f64 = 600.0;
+/// Most falls that have not ended. If there are more, the oldest one is dropped.
+pub const MAX_OPEN: usize = 64;
+/// The model's word.
+pub(crate) const FALL: &str = "fall";
+
+/// Options of falls.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FallOptions {
+    /// Height below which somebody is down, m above the floor.
+    pub fall_height_m: f64,
+    /// Time for which a person must not rise before a fall is confirmed, s.
+    pub fall_dwell_s: f64,
+}
+
+impl Default for FallOptions {
+    /// A height of 0.5 m and a dwell of 20 s.
+    fn default() -> Self {
+        Self {
+            fall_height_m: 0.5,
+            fall_dwell_s: 20.0,
+        }
+    }
+}
+
+impl FallOptions {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// Names the first field that is out of range.
+    pub fn validate(&self) -> Result<(), OptionError> {
+        within(
+            "fall_height_m",
+            self.fall_height_m,
+            [0.1, RISEN_M],
+            "0.1 to 0.9 m",
+        )?;
+        within(
+            "fall_dwell_s",
+            self.fall_dwell_s,
+            [1.0, 3_600.0],
+            "1 to 3600 s",
+        )
+    }
+}
+
+/// What is known about a fall.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FallState {
+    /// Somebody may have fallen.
+    Suspected,
+    /// The person has not risen for the dwell time.
+    Confirmed,
+    /// The person rose within the dwell time.
+    Dismissed,
+    /// The person rose later.
+    Recovered,
+}
+
+impl FallState {
+    /// The kind of event that the memory keeps.
+    pub fn event_kind(self) -> EventKind {
+        match self {
+            Self::Suspected => EventKind::Suspected,
+            Self::Confirmed => EventKind::Confirmed,
+            Self::Dismissed => EventKind::Dismissed,
+            Self::Recovered => EventKind::Recovered,
+        }
+    }
+}
+
+/// A change of a fall.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FallEvent {
+    /// Number of the fall, from 1.
+    pub fall: u64,
+    /// Number of the person, at present.
+    pub person: u32,
+    /// The new state.
+    pub state: FallState,
+    /// Time of the change, s.
+    pub at_s: f64,
+    /// Time since the fall was suspected, s.
+    pub dwell_s: f64,
+    /// Where the person fell, m.
+    pub place_m: [f64; 2],
+}
+
+/// A fall that has not ended.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fall {
+    /// Number of the fall, from 1.
+    pub fall: u64,
+    /// Number of the person, at present.
+    pub person: u32,
+    /// Whether it is confirmed, or only suspected.
+    pub is_confirmed: bool,
+    /// Time at which it was suspected, s.
+    pub since_s: f64,
+    /// Where the person fell, m.
+    pub place_m: [f64; 2],
+    rise: Option<Rise>,
+}
+
+/// A height above [`RISEN_M`] from one time to another.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Rise {
+    since_s: f64,
+    until_s: f64,
+}
+
+/// Watches for falls, frame by frame.
+#[derive(Clone, Debug)]
+pub struct FallMonitor {
+    options: FallOptions,
+    /// Height of the radar above the floor, m.
+    radar_height_m: f64,
+    zones: Zones,
+    now_s: f64,
+    bodies: BTreeMap<u32, Body>,
+    open: Vec<Fall>,
+    n_falls: u64,
+    /// Largest number of a person so far.
+    newest: Option<u32>,
+    /// Falls that a user ended a short time ago: where, and when, s.
+    acknowledged: VecDeque<([f64; 2], f64)>,
+}
+
+/// What is remembered of a tracked person.
+#[derive(Clone, Debug)]
+struct Body {
+    /// Heights of the points of the last [`POINTS_S`], with the times of their frames.
+    recent: VecDeque<(f64, Vec<f64>)>,
+    /// Height in this frame.
+    height_m: Option<f64>,
+    /// The last height, and its time.
+    last: Option<(f64, f64)>,
+    place_m: [f64; 2],
+    was_low: bool,
+    high_s: Option<f64>,
+    tracked_s: f64,
+    /// End of the last fall.
+    ended_s: Option<f64>,
+    /// A user ended a fall of this person, who has not risen since. Whoever is down cannot fall.
+    must_rise: bool,
+    rise: Option<Rise>,
+}
+
+impl FallMonitor {
+    /// Nobody has fallen yet.
+    ///
+    /// # Errors
+    /// If an option is out of range.
+    pub fn new(
+        options: FallOptions,
+        radar_height_m: f64,
+        zones: Zones,
+    ) -> Result<Self, OptionError> {
+        options.validate()?;
+        within(
+            "radar_height_m",
+            radar_height_m,
+            [-10.0, 100.0],
+            "-10 to 100 m",
+        )?;
+        Ok(Self {
+            options,
+            radar_height_m,
+            zones,
+            now_s: 0.0,
+            bodies: BTreeMap::new(),
+            open: Vec::new(),
+            n_falls: 0,
+            newest: None,
+            acknowledged: VecDeque::new(),
+        })
+    }
+
+    /// Falls that have not ended.
+    pub fn open(&self) -> &[Fall] {
+        &self.open
+    }
+
+    /// Whether somebody has fallen and not risen.
+    pub fn has_fallen(&self) -> bool {
+        self.open.iter().any(|fall| fall.is_confirmed)
+    }
+
+    /// Height of a person in the last frame, m above the floor, if enough points were seen.
+    pub fn height_m(&self, person: u32) -> Option<f64> {
+        self.bodies.get(&person)?.height_m
+    }
+
+    /// The tracked people of the next frame, at `t_s`, and those who have just left through a door. A frame whose time is
+    /// no number changes nothing; time does not go back. Frames without people must be pushed as well. While a radar is
+    /// silent, time passes and nobody rises.
+    pub fn push(&mut self, t_s: f64, people: &[PersonFrame], left: &[u32]) -> Vec<FallEvent> {
+        if !t_s.is_finite() {
+            return Vec::new();
+        }
+        self.now_s = self.now_s.max(t_s);
+        let (now_s, floor_m) = (self.now_s, -self.radar_height_m);
+        for body in self.bodies.values_mut() {
+            body.height_m = None;
+        }
+        for one in people {
+            if self.zones.counts(one.place_m) {
+                self.recognise(one, people);
+                let was_acknowledged = || {
+                    let mut places = self.acknowledged.iter();
+                    places.any(|(place_m, _)| is_near(*place_m, one.place_m))
+                };
+                let body = self.bodies.entry(one.person);
+                body.or_insert_with(|| Body::new(one.place_m, was_acknowledged()))
+                    .see(now_s, one, floor_m);
+            } else if let Some(body) = self.bodies.get_mut(&one.person) {
+                // Whoever disappears into an ignored place, such as a bed, has not fallen.
+                body.high_s = None;
+            }
+        }
+        let mut events = self.suspect();
+        self.follow(left, &mut events);
+        self.bodies
+            .retain(|_, body| !is_over(body.tracked_s, now_s, MEMORY_S));
+        self.acknowledged
+            .retain(|(_, at_s)| !is_over(*at_s, now_s, ACKNOWLEDGED_S));
+        events
+    }
+
+    /// The model named a person's action in a window that has just ended.
+    pub fn label(&mut self, person: u32, action: &str) -> Option<FallEvent> {
+        let body = self.bodies.get(&person)?;
+        let (height_m, at_s) = body.last?;
+        let is_rested = body
+            .ended_s
+            .is_none_or(|end_s| is_over(end_s, self.now_s, LABEL_REST_S));
+        let counts = action == FALL
+            && height_m < SUNK_M
+            && !is_over(at_s, self.now_s, LABEL_AGE_S)
+            && is_rested
+            && !body.must_rise
+            && !self.is_open(person);
+        let place_m = body.place_m;
+        counts.then(|| self.begin(person, place_m))
+    }
+
+    /// Ends a fall on a user's word. Returns whether there was such a fall. The person is not suspected again before they
+    /// have risen, even if the tracker gives them a new number.
+    pub fn acknowledge(&mut self, fall: u64) -> bool {
+        let Some(at) = self.open.iter().position(|open| open.fall == fall) else {
+            return false;
+        };
+        let ended = self.open.remove(at);
+        if let Some(body) = self.bodies.get_mut(&ended.person) {
+            body.ended_s = Some(self.now_s);
+            body.must_rise = true;
+            body.rise = None;
+        }
+        if self.acknowledged.len() >= MAX_OPEN {
+            self.acknowledged.pop_front();
+        }
+        self.acknowledged.push_back((ended.place_m, self.now_s));
+        true
+    }
+
+    fn is_open(&self, person: u32) -> bool {
+        self.open.iter().any(|fall| fall.person == person)
+    }
+
+    /// A new person who appears where somebody lies unseen is that person.
+    fn recognise(&mut self, one: &PersonFrame, people: &[PersonFrame]) {
+        if self.newest.is_some_and(|newest| one.person <= newest) {
+            return;
+        }
+        self.newest = Some(one.person);
+        let is_unseen_here = |fall: &Fall| {
+            is_near(fall.place_m, one.place_m) && people.iter().all(|p| p.person != fall.person)
+        };
+        let mut near = self.open.iter_mut().filter(|fall| is_unseen_here(fall));
+        if let (Some(fall), None) = (near.next(), near.next()) {
+            fall.person = one.person;
+            fall.rise = None;
+        }
+    }
+
+    /// Suspects falls by height.
+    fn suspect(&mut self) -> Vec<FallEvent> {
+        let (now_s, low_m) = (self.now_s, self.options.fall_height_m);
+        let mut fallen = Vec::new();
+        for (&person, body) in &mut self.bodies {
+            let is_low = body.height_m.is_some_and(|h| h < low_m);
+            let dropped = |high_s: f64| !is_over(high_s, now_s, DROP_S);
+            if is_low && body.was_low && body.high_s.is_some_and(dropped) {
+                fallen.push((person, body.place_m));
+            }
+            body.was_low = is_low;
+            if body.has_sunk_and_vanished(now_s) {
+                fallen.push((person, body.place_m));
+            }
+            if body.height_m.is_some_and(|h| h > HIGH_M) && !body.must_rise {
+                body.high_s = Some(now_s);
+            }
+        }
+        fallen.retain(|(person, _)| !self.is_open(*person));
+        fallen
+            .into_iter()
+            .map(|(person, place_m)| self.begin(person, place_m))
+            .collect()
+    }
+
+    fn begin(&mut self, person: u32, place_m: [f64; 2]) -> FallEvent {
+        self.n_falls += 1;
+        if let Some(body) = self.bodies.get_mut(&person) {
+            // One suspicion for every time the person was up.
+            body.high_s = None;
+        }
+        let fall = Fall {
+            fall: self.n_falls,
+            person,
+            is_confirmed: false,
+            since_s: self.now_s,
+            place_m,
+            rise: None,
+        };
+        let event = fall.event(FallState::Suspected, self.now_s);
+        if self.open.len() >= MAX_OPEN {
+            self.open.remove(0);
+        }
+        self.open.push(fall);
+        event
+    }
+
+    /// Confirms falls and ends them.
+    fn follow(&mut self, left: &[u32], events: &mut Vec<FallEvent>) {
+        let (now_s, bodies, zones) = (self.now_s, &mut self.bodies, &self.zones);
+        let dwell_s = self.options.fall_dwell_s;
+        self.open.retain_mut(|fall| {
+            let body = bodies.get_mut(&fall.person);
+            let height_m = body.as_ref().and_then(|body| body.height_m);
+            fall.rise = Rise::next(fall.rise, height_m, now_s);
+            // Whoever fell in a door disappears there without having left.
+            let has_left = left.contains(&fall.person) && !zones.is_door(fall.place_m);
+            if fall.rise.is_some_and(|rise| rise.is_complete()) || has_left {
+                let state = match fall.is_confirmed {
+                    true => FallState::Recovered,
+                    false => FallState::Dismissed,
+                };
+                events.push(fall.event(state, now_s));
+                if let Some(body) = body {
+                    body.ended_s = Some(now_s);
+                }
+                return false;
+            }
+            if !fall.is_confirmed && has_passed(fall.since_s, now_s, dwell_s) {
+                fall.is_confirmed = true;
+                events.push(fall.event(FallState::Confirmed, now_s));
+            }
+            true
+        });
+    }
+}
+
+impl Fall {
+    fn event(&self, state: FallState, now_s: f64) -> FallEvent {
+        FallEvent {
+            fall: self.fall,
+            person: self.person,
+            state,
+            at_s: now_s,
+            dwell_s: now_s - self.since_s,
+            place_m: self.place_m,
+        }
+    }
+}
+
+impl Rise {
+    /// The rise after the height in the next frame.
+    fn next(rise: Option<Self>, height_m: Option<f64>, now_s: f64) -> Option<Self> {
+        let rise = rise.filter(|rise| !is_over(rise.until_s, now_s, RISE_GAP_S));
+        match height_m {
+            Some(h) if h > RISEN_M => Some(Self {
+                since_s: rise.map_or(now_s, |rise| rise.since_s),
+                until_s: now_s,
+            }),
+            Some(_) => None,
+            None => rise,
+        }
+    }
+
+    fn is_complete(&self) -> bool {
+        has_passed(self.since_s, self.until_s, RISE_S)
+    }
+}
+
+/// Whether two places may be of the same person.
+fn is_near(a_m: [f64; 2], b_m: [f64; 2]) -> bool {
+    let [dx, dy] = [0, 1].map(|i| a_m[i] - b_m[i]);
+    dx.hypot(dy) <= SAME_PLACE_M
+}
+
+impl Body {
+    fn new(place_m: [f64; 2], must_rise: bool) -> Self {
+        Self {
+            recent: VecDeque::new(),
+            height_m: None,
+            last: None,
+            place_m,
+            was_low: false,
+            high_s: None,
+            tracked_s: 0.0,
+            ended_s: None,
+            must_rise,
+            rise: None,
+        }
+    }
+
+    /// Whether the height was below [`SUNK_M`] soon after [`HIGH_M`], and has been unknown since.
+    fn has_sunk_and_vanished(&self, now_s: f64) -> bool {
+        let (Some((height_m, at_s)), Some(high_s)) = (self.last, self.high_s) else {
+            return false;
+        };
+        self.height_m.is_none()
+            && height_m < SUNK_M
+            && !is_over(high_s, at_s, SINK_S)
+            && has_passed(at_s, now_s, UNSEEN_S)
+    }
+
+    fn see(&mut self, now_s: f64, one: &PersonFrame, floor_m: f64) {
+        let heights = one.points.iter().map(|p| f64::from(p.z_m) - floor_m);
+        let heights = heights.filter(|h| h.is_finite()).collect();
+        self.recent.push_back((now_s, heights));
+        while let Some((at_s, _)) = self.recent.front()
+            && has_passed(*at_s, now_s, POINTS_S)
+        {
+            self.recent.pop_front();
+        }
+        let all = self.recent.iter().flat_map(|(_, heights)| heights);
+        self.height_m = quantile(all.copied().collect());
+        if let Some(h) = self.height_m {
+            self.last = Some((h, now_s));
+        }
+        if self.must_rise {
+            self.rise = Rise::next(self.rise, self.height_m, now_s);
+            self.must_rise = !self.rise.is_some_and(|rise| rise.is_complete());
+        }
+        self.place_m = one.place_m;
+        self.tracked_s = now_s;
+    }
+}
+
+/// The [`QUANTILE`] of at least [`MIN_POINTS`] values, interpolated between its neighbours.
+pub(crate) fn quantile(mut values: Vec<f64>) -> Option<f64> {
+    if values.len() < MIN_POINTS {
+        return None;
+    }
+    values.sort_by(f64::total_cmp);
+    let at = QUANTILE * (values.len() - 1) as f64;
+    let below = *values.get(at as usize)?;
+    let above = *values.get(at.ceil() as usize)?;
+    Some(below + at.fract() * (above - below))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::people::tests::{person, unseen};
+    use crate::zones::ZoneKind;
+    use crate::zones::tests::rectangle;
+
+    const PLACE: [f64; 2] = [0.0, 2.0];
+    /// Height of the radar, m.
+    const RADAR_M: f64 = 1.0;
+
+    /// Pushes frames at 10 Hz and remembers the number of the next one.
+    struct Scene {
+        monitor: FallMonitor,
+        frame: u32,
+    }
+
+    impl Scene {
+        fn new() -> Self {
+            Self::with(Vec::new())
+        }
+
+        fn with(zones: Vec<crate::zones::Zone>) -> Self {
+            let zones = Zones::new(zones).unwrap();
+            let monitor = FallMonitor::new(FallOptions::default(), RADAR_M, zones).unwrap();
+            Self { monitor, frame: 0 }
+        }
+
+        fn push(&mut self, people: &[PersonFrame], left: &[u32]) -> Vec<FallEvent> {
+            let t_s = f64::from(self.frame) * 0.1;
+            self.frame += 1;
+            self.monitor.push(t_s, people, left)
+        }
+
+        /// Frames of person 1 at a height above the floor. Returns the states with the numbers of their frames.
+        fn at(&mut self, height_m: f32, n_frames: u32) -> Vec<(u32, FallState)> {
+            let people = [at_height(1, height_m)];
+            self.frames(&people, n_frames)
+        }
+
+        fn frames(&mut self, people: &[PersonFrame], n_frames: u32) -> Vec<(u32, FallState)> {
+            let mut found = Vec::new();
+            for _ in 0..n_frames {
+                let frame = self.frame;
+                let events = self.push(people, &[]);
+                found.extend(events.into_iter().map(|e| (frame, e.state)));
+            }
+            found
+        }
+
+        /// Three frames to forget the points of before.
+        fn fall(&mut self) {
+            self.at(1.5, 10);
+            let found = self.at(0.2, 5);
+            // At the third frame no point from above is left; the fourth is the second low one.
+            assert_eq!(found, [(self.frame - 2, FallState::Suspected)]);
+        }
+    }
+
+    fn at_height(number: u32, height_m: f32) -> PersonFrame {
+        person(number, PLACE, height_m - RADAR_M as f32)
+    }
+
+    #[test]
+    fn the_height_is_the_quantile_of_eight_points_of_three_frames() {
+        let mut scene = Scene::new();
+        let frame = |heights: &[f32]| {
+            let mut one = at_height(1, 0.0);
+            let point = one.points[0];
+            let with = |h: &f32| radarllm_base::RadarPoint {
+                z_m: h - 1.0,
+                ..point
+            };
+            one.points = heights.iter().map(with).collect();
+            one
+        };
+        let mut height = |heights: &[f32]| {
+            scene.push(&[frame(heights)], &[]);
+            scene.monitor.height_m(1)
+        };
+        assert_eq!(height(&[0.1, 0.2, 0.3]), None);
+        assert_eq!(height(&[0.4, 0.5, f32::NAN, 0.6, f32::INFINITY]), None);
+        // Eight: 0.1 to 0.8, of which the quantile is 0.7 + 0.3 x 0.1.
+        let found = height(&[0.7, 0.8]).unwrap();
+        assert!((found - 0.73).abs() < 1e-6, "{found}");
+        // The first frame is 0.3 s old.
+        assert_eq!(height(&[0.9]), None);
+        assert_eq!(height(&[]), None);
+        assert_eq!(height(&[1.0; 8]), Some(1.0));
+        assert_eq!(scene.monitor.height_m(7), None);
+    }
+
+    #[test]
+    fn two_successive_low_frames_within_the_time_are_a_suspicion() {
+        // High until frame 9, then unknown, then low. The second low frame may be 1.0 s after the last high one.
+        let drop = |n_unknown: u32| {
+            let mut scene = Scene::new();
+            scene.at(1.1, 10);
+            scene.frames(&[], n_unknown);
+            scene.at(0.49, 20)
+        };
+        // With 8 frames between, the low ones are 9 and 10 frames after the last high one.
+        assert_eq!(drop(8), [(19, FallState::Suspected)]);
+        assert!(drop(9).is_empty());
+        // A frame without a height, or one that is not low, between two low ones.
+        let mut scene = Scene::new();
+        scene.at(1.1, 10);
+        scene.frames(&[], 3);
+        for _ in 0..4 {
+            assert!(scene.at(0.2, 1).is_empty());
+            assert!(scene.frames(&[], 3).is_empty());
+        }
+    }
+
+    #[test]
+    fn who_sinks_fast_and_is_not_seen_any_more_is_suspected() {
+        // The frame after the last one with a height, and the suspicions.
+        let sink = |height_m: f32, n_between: u32, n_low: u32| {
+            let mut scene = Scene::new();
+            scene.at(1.25, 10);
+            scene.frames(&[], n_between);
+            let low = scene.frame;
+            assert!(scene.at(height_m, n_low).is_empty());
+            let found = scene.frames(&[], 100);
+            (low + n_low, found)
+        };
+        // Half a second after the last height.
+        let (end, found) = sink(0.625, 3, 2);
+        assert_eq!(found, [(end + 4, FallState::Suspected)]);
+        // Not low enough, not fast enough.
+        assert!(sink(0.75, 3, 2).1.is_empty());
+        assert!(sink(0.625, 3, 13).1.is_empty());
+        assert!(sink(0.625, 14, 2).1.is_empty());
+        // Seen again in time.
+        let mut scene = Scene::new();
+        scene.at(1.25, 10);
+        scene.frames(&[], 3);
+        for _ in 0..4 {
+            assert!(scene.at(0.625, 1).is_empty());
+            assert!(scene.frames(&[], 4).is_empty());
+        }
+        // A fall that a user has ended does not begin again.
+        let mut scene = Scene::new();
+        scene.at(1.25, 10);
+        scene.frames(&[], 3);
+        scene.at(0.625, 2);
+        assert_eq!(scene.frames(&[], 10).len(), 1);
+        assert!(scene.monitor.acknowledge(1));
+        assert!(scene.frames(&[], 10).is_empty());
+        // Into an ignored place.
+        let bed = rectangle(ZoneKind::Ignore, [-0.5, 2.5], [0.5, 3.5]);
+        let mut scene = Scene::with(vec![bed]);
+        scene.at(1.25, 10);
+        scene.frames(&[], 3);
+        scene.at(0.625, 2);
+        scene.frames(&[person(1, [0.0, 3.0], -0.375)], 5);
+        assert!(scene.frames(&[], 100).is_empty());
+    }
+
+    #[test]
+    fn heights_at_the_limits_are_not_beyond_them() {
+        // Binary fractions, so that the sums are exact; limits of 0.5 and 1.0 m.
+        let run = |high_m: f32, low_m: f32| {
+            let mut scene = Scene::new();
+            scene.at(high_m, 10);
+            scene.frames(&[], 3);
+            scene.at(low_m, 10).len()
+        };
+        assert_eq!(run(1.125, 0.375), 1);
+        assert_eq!(run(1.0, 0.375), 0);
+        assert_eq!(run(1.125, 0.5), 0);
+    }
+
+    #[test]
+    fn a_fall_is_confirmed_after_the_dwell_and_recovered_later() {
+        let mut scene = Scene::new();
+        scene.fall();
+        let since = scene.frame - 2;
+        // Unseen, and not tracked: down.
+        let found = scene.frames(&[unseen(1, PLACE)], 20);
+        assert!(found.is_empty());
+        let found = scene.frames(&[], 300);
+        assert_eq!(found, [(since + 200, FallState::Confirmed)]);
+        assert!(scene.monitor.has_fallen());
+        // Up for a second: from the first frame above 0.9 m on, which is the first one with points.
+        let up = scene.frame;
+        assert_eq!(scene.at(1.0, 20), [(up + 10, FallState::Recovered)]);
+        assert!(!scene.monitor.has_fallen() && scene.monitor.open().is_empty());
+    }
+
+    #[test]
+    fn who_rises_within_the_dwell_is_dismissed() {
+        let mut scene = Scene::new();
+        scene.fall();
+        scene.frames(&[], 10);
+        // 0.9 m itself, and less than a second above it, are not up.
+        assert!(scene.at(0.875, 30).is_empty());
+        // Eight frames, and two more that contain points of the eighth.
+        assert!(scene.at(1.25, 8).is_empty());
+        assert!(scene.at(0.875, 5).is_empty());
+        scene.frames(&[], 3);
+        let up = scene.frame;
+        assert_eq!(scene.at(1.25, 11), [(up + 10, FallState::Dismissed)]);
+        // A few frames without points do not count against it; many do.
+        let mut scene = Scene::new();
+        scene.fall();
+        scene.frames(&[], 3);
+        let up = scene.frame;
+        scene.at(1.25, 4);
+        scene.frames(&[], 4);
+        assert_eq!(scene.at(1.25, 4), [(up + 10, FallState::Dismissed)]);
+        let mut scene = Scene::new();
+        scene.fall();
+        scene.frames(&[], 3);
+        scene.at(1.25, 4);
+        scene.frames(&[], 5);
+        assert!(scene.at(1.25, 8).is_empty());
+    }
+
+    #[test]
+    fn rising_at_the_end_of_the_dwell_is_in_time() {
+        let run = |n_down: u32| {
+            let mut scene = Scene::new();
+            scene.fall();
+            let since = scene.frame - 2;
+            scene.frames(&[], n_down);
+            let found = scene.at(1.25, 30);
+            found
+                .into_iter()
+                .map(|(at, state)| (at - since, state))
+                .collect::<Vec<_>>()
+        };
+        // Frame 200 after the suspicion is 20 s after it.
+        assert_eq!(run(188), [(200, FallState::Dismissed)]);
+        assert_eq!(
+            run(189),
+            [(200, FallState::Confirmed), (201, FallState::Recovered)]
+        );
+    }
+
+    #[test]
+    fn the_word_of_the_model_counts_below_seventy_centimetres() {
+        let mut scene = Scene::new();
+        // Slowly down: no suspicion by height.
+        assert!(scene.at(0.6, 30).is_empty());
+        assert_eq!(scene.monitor.label(1, "lie_down"), None);
+        assert_eq!(scene.monitor.label(2, "fall"), None);
+        let event = scene.monitor.label(1, "fall").unwrap();
+        assert_eq!(
+            (event.state, event.fall, event.person),
+            (FallState::Suspected, 1, 1)
+        );
+        assert_eq!(
+            scene.monitor.label(1, "fall"),
+            None,
+            "the fall is known already"
+        );
+        assert!(scene.monitor.acknowledge(1) && !scene.monitor.acknowledge(1));
+        // Not when the person is higher, nor when the height is old.
+        let mut scene = Scene::new();
+        scene.at(0.75, 30);
+        assert_eq!(scene.monitor.label(1, "fall"), None);
+        scene.at(0.6, 30);
+        scene.frames(&[unseen(1, PLACE)], 23);
+        assert_eq!(scene.monitor.label(1, "fall"), None);
+        // Not of a window that still contains a fall that has ended.
+        let mut scene = Scene::new();
+        scene.fall();
+        scene.frames(&[], 3);
+        assert_eq!(scene.at(1.25, 11).len(), 1);
+        scene.at(0.6, 60);
+        assert_eq!(scene.monitor.label(1, "fall"), None);
+        scene.at(0.6, 1);
+        assert!(scene.monitor.label(1, "fall").is_some());
+    }
+
+    #[test]
+    fn a_fall_that_a_user_ended_at_once_is_not_suspected_again() {
+        let mut scene = Scene::new();
+        scene.fall();
+        assert!(scene.monitor.acknowledge(1));
+        // Still within a second of the drop, and still down.
+        assert!(scene.at(0.2, 58).is_empty());
+        // Whoever is down does not fall, whatever the model says.
+        scene.at(0.2, 30);
+        assert_eq!(scene.monitor.label(1, "fall"), None);
+        // Noise of a few frames is no rising, neither of the same number nor of a new one at the same place.
+        for number in [1, 2] {
+            for _ in 0..3 {
+                scene.frames(&[at_height(number, 1.5)], 3);
+                assert!(scene.frames(&[at_height(number, 0.2)], 8).is_empty());
+                scene.frames(&[unseen(number, PLACE)], 3);
+            }
+        }
+        // The former number, after the tracker has given a new one: it sank and is not seen any more.
+        let mut scene = Scene::new();
+        scene.fall();
+        assert!(scene.monitor.acknowledge(1));
+        assert!(scene.frames(&[at_height(2, 0.2)], 50).is_empty());
+        // The same without a user's word.
+        let mut scene = Scene::new();
+        scene.fall();
+        assert!(scene.frames(&[at_height(2, 0.2)], 50).is_empty());
+        assert_eq!(scene.monitor.open()[0].person, 2);
+        // Whoever rises and falls again is suspected again.
+        let mut scene = Scene::new();
+        scene.fall();
+        assert!(scene.monitor.acknowledge(1));
+        scene.frames(&[], 3);
+        scene.fall();
+        // Nobody is remembered who is not tracked any more.
+        scene.frames(&[], 150);
+        assert!(scene.monitor.acknowledge(2) && !scene.monitor.acknowledge(2));
+    }
+
+    #[test]
+    fn who_leaves_through_a_door_has_risen_but_not_who_fell_in_it() {
+        let mut scene = Scene::new();
+        scene.fall();
+        let events = scene.push(&[], &[1]);
+        assert_eq!(events[0].state, FallState::Dismissed);
+        let door = rectangle(ZoneKind::Door, [-0.5, 1.5], [0.5, 2.5]);
+        let mut scene = Scene::with(vec![door]);
+        scene.fall();
+        assert!(scene.push(&[], &[1]).is_empty());
+        assert_eq!(scene.frames(&[], 250).len(), 1);
+    }
+
+    #[test]
+    fn who_gets_up_with_a_new_number_has_recovered_but_a_helper_is_somebody_else() {
+        let mut scene = Scene::new();
+        scene.fall();
+        scene.frames(&[], 250);
+        // A helper appears 3 m away and comes near.
+        let helper = |y: f64| person(2, [0.0, y], 0.5);
+        scene.frames(&[helper(5.0)], 10);
+        assert!(scene.frames(&[helper(2.2)], 30).is_empty());
+        // Lost and found again near the fallen person, with the former number.
+        scene.frames(&[], 150);
+        assert!(scene.frames(&[helper(2.2)], 30).is_empty());
+        let up = scene.frame;
+        let found = scene.frames(&[helper(3.0), at_height(3, 1.5)], 30);
+        assert_eq!(found, [(up + 10, FallState::Recovered)]);
+        // The event speaks of the new number.
+        assert!(scene.monitor.open().is_empty());
+    }
+
+    #[test]
+    fn ignored_places_have_no_falls_and_empty_frames_no_heights() {
+        let bed = rectangle(ZoneKind::Ignore, [-0.5, 1.5], [0.5, 2.5]);
+        let mut scene = Scene::with(vec![bed]);
+        scene.at(1.5, 10);
+        assert!(scene.at(0.2, 300).is_empty());
+        let mut scene = Scene::new();
+        assert!(scene.frames(&[], 100).is_empty());
+        let nowhere = person(1, [f64::NAN; 2], 0.5);
+        assert!(scene.frames(&[nowhere], 10).is_empty());
+        assert!(
+            scene
+                .monitor
+                .push(f64::NAN, &[at_height(1, 1.5)], &[])
+                .is_empty()
+        );
+        assert!(scene.monitor.bodies.is_empty());
+        let mut nan = at_height(1, 1.5);
+        nan.points.iter_mut().for_each(|p| p.z_m = f32::NAN);
+        scene.frames(&[nan], 10);
+        assert_eq!(scene.monitor.height_m(1), None);
+        for wrong in [f64::NAN, 0.95, 0.0] {
+            let options = FallOptions {
+                fall_height_m: wrong,
+                ..FallOptions::default()
+            };
+            let error = FallMonitor::new(options, RADAR_M, Zones::default()).unwrap_err();
+            assert_eq!(error.field, "fall_height_m");
+        }
+    }
+
+    #[test]
+    fn a_day_of_frames_does_not_grow_the_monitor() {
+        let mut scene = Scene::new();
+        let mut n_suspected = 0;
+        // Every 20 s somebody new falls 3 m from the last one, is not seen any more and never gets up.
+        for turn in 0..4_320u32 {
+            let at = |height_m: f32| {
+                let mut one = at_height(turn + 1, height_m);
+                one.place_m = [3.0 * f64::from(turn % 100), 2.0];
+                [one]
+            };
+            scene.frames(&at(1.5), 10);
+            let found = scene.frames(&at(0.2), 10);
+            n_suspected += found
+                .iter()
+                .filter(|(_, s)| *s == FallState::Suspected)
+                .count();
+            scene.frames(&[], 180);
+            let monitor = &scene.monitor;
+            assert!(monitor.bodies.len() <= 1 && monitor.open.len() <= MAX_OPEN);
+            assert!(monitor.bodies.values().all(|b| b.recent.len() <= 4));
+        }
+        assert_eq!(n_suspected, 4_320);
+    }
+}

@@ -1,0 +1,376 @@
+use std::sync::Mutex;
+
+use radarllm_base::RadarPoint;
+
+use super::*;
+
+const START_MS: i64 = 1_795_455_492_000;
+
+/// States the height of the person, and remembers the clips.
+#[derive(Default)]
+struct ByHeight(Arc<Mutex<Vec<Clip>>>);
+
+impl Describe for ByHeight {
+    fn describe(&mut self, clip: &Clip) -> Described {
+        self.0.lock().unwrap().push(clip.clone());
+        let heights = clip.frames.iter().flat_map(|f| &f.points).map(|p| p.z_m);
+        let highest_m = heights.fold(f32::NEG_INFINITY, f32::max);
+        if !highest_m.is_finite() {
+            return Described::Abstained {
+                reason: "no points".into(),
+            };
+        }
+        let seen = clip.frames.iter().filter(|f| !f.points.is_empty());
+        let is_up = seen.rev().take(20).any(|f| {
+            let mut points = f.points.iter();
+            points.any(|p| p.z_m > 0.0)
+        });
+        let (caption, action) = match is_up {
+            true => ("a person walks", "walk"),
+            false => ("a person lies on the floor", "lie_still"),
+        };
+        Described::Sentence {
+            caption: caption.into(),
+            actions: vec![action.into()],
+            confidence: 0.7,
+        }
+    }
+}
+
+fn stream() -> StreamInfo {
+    StreamInfo {
+        frame_period_s: 0.1,
+        radar_height_m: 1.0,
+        radar: "test".into(),
+        provenance: Provenance::simulated("builtin:walk", 1),
+        clutter: Clutter::Settled,
+    }
+}
+
+/// A column of points that move, from the floor to a height.
+fn body(x_m: f32, height_m: f32) -> Vec<RadarPoint> {
+    let point = |i: u32| RadarPoint {
+        x_m,
+        y_m: 2.5,
+        z_m: height_m * (i + 1) as f32 / 12.0 - 1.0,
+        range_m: 2.5,
+        velocity_mps: 0.5,
+        intensity_db: 20.0,
+    };
+    (0..12).map(point).collect()
+}
+
+/// Somebody walks from 1 s on, falls at 20 s, lies until 50 s, gets up, and is gone from 60 s on.
+fn points(n: u32) -> Vec<RadarPoint> {
+    let t_s = n as f32 / 10.0;
+    match t_s {
+        1.0..20.0 => body(0.4 * (t_s * 0.5).sin(), 1.7),
+        20.0..20.7 => body(0.0, 1.7 - 2.0 * (t_s - 20.0)),
+        20.7..50.0 => body(0.0, 0.3),
+        50.0..51.0 => body(0.0, 0.3 + 1.4 * (t_s - 50.0)),
+        51.0..60.0 => body(0.0, 1.7),
+        _ => Vec::new(),
+    }
+}
+
+fn frame(n: u32) -> PointFrame {
+    PointFrame {
+        frame: n,
+        time_s: 0.0,
+        points: points(n),
+    }
+}
+
+struct Run {
+    outputs: Vec<Output>,
+    clips: Vec<Clip>,
+}
+
+fn run(numbers: impl Iterator<Item = u32>, arrival: impl Fn(u32) -> Arrival) -> Run {
+    let describer = ByHeight::default();
+    let clips = Arc::clone(&describer.0);
+    let options = PipelineOptions::default();
+    let mut pipeline =
+        Pipeline::new(stream(), &options, Box::new(describer), Arc::default()).unwrap();
+    let mut outputs: Vec<Output> = numbers
+        .flat_map(|n| pipeline.push_frame(frame(n), arrival(n), true))
+        .collect();
+    outputs.extend(pipeline.finish());
+    let clips = clips.lock().unwrap().clone();
+    Run { outputs, clips }
+}
+
+fn events(outputs: &[Output]) -> Vec<(i64, EventKind)> {
+    let event = |output: &Output| match output {
+        Output::Event(event) => Some(((event.at_ms - START_MS) / 1_000, event.kind)),
+        _ => None,
+    };
+    outputs.iter().filter_map(event).collect()
+}
+
+/// The last state of every row: action, start and end, s.
+fn rows(outputs: &[Output]) -> Vec<(String, f64, f64)> {
+    let mut rows = std::collections::BTreeMap::new();
+    for output in outputs {
+        if let Output::Row { row, activity, .. } = output {
+            let s = |ms: i64| (ms - START_MS) as f64 / 1e3;
+            let state = (
+                activity.action.clone(),
+                s(activity.start_ms),
+                s(activity.end_ms),
+            );
+            rows.insert(*row, state);
+        }
+    }
+    rows.into_values().collect()
+}
+
+#[test]
+fn a_stream_becomes_presence_falls_and_rows() {
+    let run = run(0..1_000, |_| Arrival::Replayed(START_MS));
+    let expected = [
+        EventKind::Present,
+        EventKind::Suspected,
+        EventKind::Confirmed,
+        EventKind::Recovered,
+        EventKind::Absent,
+    ];
+    let found = events(&run.outputs);
+    let kinds: Vec<EventKind> = found.iter().map(|(_, kind)| *kind).collect();
+    assert_eq!(kinds, expected, "{found:?}");
+    assert!((20..=21).contains(&found[1].0), "{found:?}");
+    assert!((40..=41).contains(&found[2].0), "{found:?}");
+    let rows = rows(&run.outputs);
+    let actions: Vec<&str> = rows.iter().map(|r| r.0.as_str()).collect();
+    assert_eq!(actions, ["walk", "lie_still", "walk"], "{rows:?}");
+    assert!(
+        rows[0].1 < 3.0 && (18.0..25.0).contains(&rows[0].2),
+        "{rows:?}"
+    );
+    assert!(rows[2].1 > 44.0 && rows[2].2 > 58.0, "{rows:?}");
+    // The first sentence comes within 10 s of the person.
+    let first = run.outputs.iter().find_map(|output| match output {
+        Output::Message(stamp, Body::Now(now)) if now.caption.is_some() => Some(stamp.t_s),
+        _ => None,
+    });
+    assert!(first.is_some_and(|t_s| t_s < 8.0), "{first:?}");
+    // Windows hold one person's points at the rate of the radar.
+    let full = &run.clips[2];
+    assert_eq!((full.frames.len(), full.frame_rate_hz), (60, 10.0));
+    assert_eq!(full.clutter, Clutter::Settled);
+    assert!(full.frames.iter().all(|f| f.points.len() == 12));
+}
+
+#[test]
+fn arrival_times_change_no_row() {
+    let replayed = run(0..1_000, |_| Arrival::Replayed(START_MS));
+    // Frames that arrive in bursts of five, up to half a second late.
+    let bursts = run(0..1_000, |n| {
+        Arrival::At(START_MS + i64::from(n / 5 * 5 + 5) * 100)
+    });
+    let spans = |run: &Run| -> Vec<(String, i64)> {
+        let rows = rows(&run.outputs);
+        let span = |(action, start_s, end_s): (String, f64, f64)| {
+            (action, ((end_s - start_s) * 1e3).round() as i64)
+        };
+        rows.into_iter().map(span).collect()
+    };
+    assert_eq!(spans(&bursts), spans(&replayed));
+    assert_eq!(bursts.clips, replayed.clips);
+}
+
+#[test]
+fn a_gap_ends_rows() {
+    let numbers = (0..100).chain(105..150).chain(190..290);
+    let run = run(numbers, |_| Arrival::Replayed(START_MS));
+    let ends: Vec<f64> = rows(&run.outputs).iter().map(|r| r.2).collect();
+    assert!(ends.len() >= 2, "{ends:?}");
+    assert!(ends[0] <= 15.0, "{ends:?}");
+}
+
+#[test]
+fn clocks_that_jump_and_computers_that_sleep_are_told_and_lose_nothing() {
+    let changes = |events: &[(i64, EventKind)], kind: EventKind| {
+        let of_kind = events.iter().filter(|(_, k)| *k == kind);
+        of_kind.count()
+    };
+    // From 15 s on the clock of the computer is an hour ahead, or behind, or the computer slept for ten minutes, of which
+    // no frame is known. The person falls at 20 s.
+    for jump_ms in [3_600_000, -3_600_000, 600_000] {
+        let at = |n: u32| START_MS + i64::from(n) * 100 + if n < 150 { 0 } else { jump_ms };
+        let run = run(0..1_000, |n| Arrival::At(at(n)));
+        let found = events(&run.outputs);
+        assert_eq!(changes(&found, EventKind::ClockStep), 1, "{found:?}");
+        for kind in [
+            EventKind::Suspected,
+            EventKind::Confirmed,
+            EventKind::Recovered,
+        ] {
+            assert_eq!(changes(&found, kind), 1, "{kind:?}: {found:?}");
+        }
+        let confirmed = found.iter().find(|(_, kind)| *kind == EventKind::Confirmed);
+        let at_s = confirmed.unwrap().0 - jump_ms / 1_000;
+        assert!((40..=41).contains(&at_s), "{found:?}");
+        let is_frame = |output: &&Output| matches!(output, Output::Message(_, Body::Frame(_)));
+        assert_eq!(run.outputs.iter().filter(is_frame).count(), 1_000);
+        // Nothing reaches over the gap, and no row ends before it begins.
+        let rows = rows(&run.outputs);
+        assert!(rows.len() >= 3, "{rows:?}");
+        assert!(
+            rows.iter().all(|r| r.2 >= r.1 && r.2 - r.1 < 40.0),
+            "{rows:?}"
+        );
+    }
+}
+
+#[test]
+fn a_silent_radar_ends_rows_and_presence() {
+    let counters = Arc::new(Counters::default());
+    let options = PipelineOptions::default();
+    let describer = Box::new(ByHeight::default());
+    let mut pipeline = Pipeline::new(stream(), &options, describer, counters).unwrap();
+    let at_ms = |n: u32| START_MS + i64::from(n) * 100;
+    let mut outputs = Vec::new();
+    for n in 0..100 {
+        outputs.extend(pipeline.push_frame(frame(n), Arrival::At(at_ms(n)), true));
+    }
+    let lost = pipeline.source_lost(at_ms(150), "unplugged");
+    assert!(lost.iter().any(|o| matches!(o, Output::Row { .. })));
+    let state = |outputs: &[Output]| {
+        outputs.iter().rev().find_map(|output| match output {
+            Output::Message(_, Body::Health(health)) => Some(health.source),
+            _ => None,
+        })
+    };
+    assert_eq!(state(&lost), Some(SourceState::Lost));
+    outputs.extend(lost);
+    outputs.extend(pipeline.source_back(at_ms(200)));
+    let after = pipeline.push_frame(frame(0), Arrival::At(at_ms(201)), true);
+    assert_eq!(state(&after), Some(SourceState::Ok));
+    outputs.extend(after);
+    let kinds: Vec<EventKind> = events(&outputs).iter().map(|(_, kind)| *kind).collect();
+    let expected = [
+        EventKind::Present,
+        EventKind::Absent,
+        EventKind::SourceLost,
+        EventKind::SourceBack,
+    ];
+    assert_eq!(kinds, expected);
+}
+
+#[test]
+fn a_computer_that_is_too_slow_has_fewer_windows_until_it_is_fast_again() {
+    let options = PipelineOptions::default();
+    let describer = ByHeight::default();
+    let clips = Arc::clone(&describer.0);
+    let counters = Arc::new(Counters::default());
+    let counts = Arc::clone(&counters);
+    let mut pipeline = Pipeline::new(stream(), &options, Box::new(describer), counters).unwrap();
+    let (mut degraded, mut events) = (Vec::new(), 0);
+    for n in 0..3_000u32 {
+        let standing = PointFrame {
+            points: body(0.4 * (n as f32 * 0.05).sin(), 1.7),
+            ..frame(n)
+        };
+        // Too slow for the first minute.
+        let outputs = pipeline.push_frame(standing, Arrival::Replayed(START_MS), n >= 600);
+        for output in outputs {
+            match output {
+                Output::Message(stamp, Body::Health(health)) => {
+                    degraded.extend(health.degraded.map(|what| (stamp.t_s, what)));
+                }
+                Output::Message(_, Body::Frame(f)) => events += usize::from(!f.people.is_empty()),
+                _ => {}
+            }
+        }
+    }
+    assert_eq!(counts.windows_overwritten.get(), 28);
+    let times: Vec<f64> = degraded.iter().map(|(t_s, _)| *t_s).collect();
+    // Every 4 s in the second minute, every 2 s from the third on.
+    assert!(degraded.iter().all(|(_, what)| what == "captions"));
+    assert!(times.first().is_some_and(|t_s| (60.0..66.0).contains(t_s)));
+    assert!(times.last().is_some_and(|t_s| (114.0..120.0).contains(t_s)));
+    let n_clips = clips.lock().unwrap().len();
+    // From 64 s to 116 s, and from 122 s to 298 s.
+    assert_eq!(n_clips, 14 + 89);
+    // People are tracked all the time.
+    assert!(events > 2_950, "{events}");
+}
+
+#[test]
+fn windows_are_left_out_and_counted_where_frames_wait() {
+    let counters = Arc::new(Counters::default());
+    let options = PipelineOptions::default();
+    let describer = ByHeight::default();
+    let clips = Arc::clone(&describer.0);
+    let mut pipeline = Pipeline::new(
+        stream(),
+        &options,
+        Box::new(describer),
+        Arc::clone(&counters),
+    )
+    .unwrap();
+    for n in 0..100 {
+        pipeline.push_frame(frame(n), Arrival::Replayed(START_MS), false);
+    }
+    assert!(clips.lock().unwrap().is_empty());
+    assert_eq!(counters.windows_overwritten.get(), 2);
+}
+
+/// A model that cannot be used for its first windows.
+struct Recovering {
+    n_failures: u32,
+}
+
+impl Describe for Recovering {
+    fn describe(&mut self, _: &Clip) -> Described {
+        match self.n_failures.checked_sub(1) {
+            Some(left) => {
+                self.n_failures = left;
+                Described::Failed {
+                    error: "no weights".into(),
+                }
+            }
+            None => Described::Sentence {
+                caption: "a person walks".into(),
+                actions: vec!["walk".into()],
+                confidence: 0.7,
+            },
+        }
+    }
+}
+
+#[test]
+fn a_model_that_fails_is_counted_and_reported_until_it_describes_again() {
+    let counters = Arc::new(Counters::default());
+    let model = Box::new(Recovering { n_failures: 5 });
+    let options = PipelineOptions::default();
+    let mut pipeline = Pipeline::new(stream(), &options, model, Arc::clone(&counters)).unwrap();
+    let (mut problems, mut reasons) = (Vec::new(), Vec::new());
+    for n in 0..300 {
+        let walking = PointFrame {
+            points: body(0.4 * (n as f32 * 0.05).sin(), 1.7),
+            ..frame(n)
+        };
+        for output in pipeline.push_frame(walking, Arrival::Replayed(START_MS), true) {
+            match output {
+                Output::Message(_, Body::Health(health)) => problems.push(health.problems),
+                Output::Message(_, Body::Now(now)) if now.window_s > 0.0 => {
+                    reasons.push(now.reason);
+                }
+                _ => {}
+            }
+        }
+    }
+    let failed = "the model failed: no weights";
+    assert_eq!(
+        (counters.model_errors.get(), counters.abstained.get()),
+        (5, 0)
+    );
+    assert!(reasons[..5].iter().all(|r| r.as_deref() == Some(failed)));
+    assert!(reasons.len() > 10 && reasons[5..].iter().all(Option::is_none));
+    // Every 5 s; the last failure is before 15 s.
+    assert!(problems.iter().any(|p| *p == [failed]), "{problems:?}");
+    assert!(problems.last().is_some_and(Vec::is_empty), "{problems:?}");
+    assert_eq!(counters.model_problem.get(), None);
+}

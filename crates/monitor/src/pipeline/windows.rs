@@ -1,0 +1,417 @@
+//! The last seconds of each person's points.
+//!
+//! While one person is there, all points of the room are this person's: a tracker misses some of them, and loses who moves
+//! little. Two people and more have the points of their tracks. While nobody is tracked, all points of the room may be those
+//! of somebody who moves too little for a track; whether they are is decided by whoever describes them.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use radarllm_base::{PointFrame, RadarPoint};
+
+use crate::options::{OptionError, within};
+use crate::people::{PersonFrame, UNTRACKED};
+
+/// Rounding of times of frames, s.
+const ROUNDING_S: f64 = 1e-6;
+
+/// Options of windows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WindowOptions {
+    /// Length of a window, s.
+    pub window_s: f64,
+    /// Time between the starts of two windows, s.
+    pub stride_s: f64,
+    /// Time for which a person is tracked before the first window, s; the length of a window if that is less.
+    pub min_tracked_s: f64,
+}
+
+impl Default for WindowOptions {
+    fn default() -> Self {
+        Self {
+            window_s: 6.0,
+            stride_s: 2.0,
+            min_tracked_s: 3.0,
+        }
+    }
+}
+
+/// A person's points over a window.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Window {
+    /// Number of the track, or [`UNTRACKED`].
+    pub person: u32,
+    /// All frames of the window, with this person's points; without points where the person was not detected.
+    pub frames: Vec<PointFrame>,
+    /// Where the person is, m, to the right of the radar and away from it.
+    pub place_m: [f64; 2],
+}
+
+impl Window {
+    /// Time of the first frame, s.
+    pub fn start_s(&self) -> f64 {
+        self.frames.first().map_or(0.0, |f| f.time_s)
+    }
+
+    /// Time of the last frame, s.
+    pub fn end_s(&self) -> f64 {
+        self.frames.last().map_or(0.0, |f| f.time_s)
+    }
+
+    /// Number of points.
+    pub fn n_points(&self) -> u32 {
+        let n = self.frames.iter().map(|f| f.points.len()).sum::<usize>();
+        u32::try_from(n).unwrap_or(u32::MAX)
+    }
+}
+
+/// Changes of the tracks from one frame to the next.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct TrackChanges {
+    /// People who are not tracked any more.
+    pub ended: Vec<u32>,
+    /// Somebody who was alone in the room and lost, and the number of whoever appeared then, alone as well: the same
+    /// person.
+    pub renamed: Option<[u32; 2]>,
+}
+
+/// The last seconds of everybody.
+#[derive(Debug)]
+pub struct Windows {
+    options: WindowOptions,
+    people: BTreeMap<u32, Track>,
+    /// All points of the last seconds.
+    room: VecDeque<PointFrame>,
+    /// Whoever is not tracked any more, but has not left: number of the track, and where it ended.
+    lingering: Option<(u32, [f64; 2])>,
+    /// Whether somebody has been there for long enough for a window.
+    is_settled: bool,
+    /// Number of the last stride that was described.
+    stride: Option<f64>,
+    /// Whether frames came after the last windows were taken.
+    is_partly_new: bool,
+}
+
+#[derive(Debug, Default)]
+struct Track {
+    frames: VecDeque<PointFrame>,
+    place_m: [f64; 2],
+}
+
+impl Windows {
+    /// Nobody has been seen.
+    ///
+    /// # Errors
+    /// If an option is out of range.
+    pub fn new(mut options: WindowOptions) -> Result<Self, OptionError> {
+        within("window_s", options.window_s, [1.0, 9.6], "1 to 9.6 s")?;
+        within("stride_s", options.stride_s, [0.1, 60.0], "0.1 to 60 s")?;
+        within(
+            "min_tracked_s",
+            options.min_tracked_s,
+            [0.0, 9.6],
+            "0 to 9.6 s",
+        )?;
+        options.min_tracked_s = options.min_tracked_s.min(options.window_s);
+        Ok(Self {
+            options,
+            people: BTreeMap::new(),
+            room: VecDeque::new(),
+            lingering: None,
+            is_settled: false,
+            stride: None,
+            is_partly_new: false,
+        })
+    }
+
+    /// The points of the next frame, and of the people who are tracked in it. `is_occupied` tells whether somebody is in
+    /// the room, also if nobody is tracked. Returns whose tracks changed.
+    pub fn push(
+        &mut self,
+        frame: &PointFrame,
+        people: &[PersonFrame],
+        is_occupied: bool,
+    ) -> TrackChanges {
+        let oldest_s = frame.time_s - self.options.window_s + ROUNDING_S;
+        keep(&mut self.room, frame.clone(), oldest_s);
+        for person in people {
+            let track = self.people.entry(person.person).or_default();
+            track.place_m = person.place_m;
+            let own = PointFrame {
+                frame: frame.frame,
+                time_s: frame.time_s,
+                points: person.points.clone(),
+            };
+            keep(&mut track.frames, own, oldest_s);
+            self.is_settled |= self.options.min_tracked_s - ROUNDING_S <= length_s(&track.frames);
+        }
+        self.is_partly_new |= !people.is_empty() || !frame.points.is_empty();
+        let is_gone = |id: &u32| people.iter().all(|p| p.person != *id);
+        let ended = self.people.iter().filter(|(id, _)| is_gone(id));
+        let mut ended: Vec<(u32, [f64; 2])> = ended.map(|(id, t)| (*id, t.place_m)).collect();
+        self.people.retain(|id, _| !is_gone(id));
+        let lost = self.lingering.take().filter(|(id, _)| is_gone(id));
+        let renamed = match (lost, people) {
+            (Some((person, _)), [one]) => Some([person, one.person]),
+            _ => None,
+        };
+        ended.extend(lost.filter(|_| renamed.is_none()));
+        if people.is_empty() && is_occupied {
+            // Of several, the newest: the last one in the room.
+            ended.sort_by_key(|(id, _)| *id);
+            self.lingering = ended.pop();
+        }
+        self.is_settled &= is_occupied || !people.is_empty();
+        if !is_occupied && people.is_empty() && !ended.is_empty() {
+            // Whoever has left must not be described as somebody who is there untracked.
+            self.room.clear();
+        }
+        TrackChanges {
+            ended: ended.into_iter().map(|(id, _)| id).collect(),
+            renamed,
+        }
+    }
+
+    /// Removes points from the last seconds.
+    pub fn remove(&mut self, is_removed: impl Fn(&RadarPoint) -> bool) {
+        let tracks = self.people.values_mut().flat_map(|t| &mut t.frames);
+        for frame in tracks.chain(&mut self.room) {
+            frame.points.retain(|p| !is_removed(p));
+        }
+    }
+
+    /// Whether somebody is in the room who is not tracked.
+    pub fn is_lingering(&self) -> bool {
+        self.lingering.is_some()
+    }
+
+    /// Whether windows end with the frame at `t_s`: the first one in every stride of the stream.
+    pub fn is_due(&mut self, t_s: f64) -> bool {
+        let stride = self.stride_at(t_s);
+        self.stride.replace(stride) != Some(stride)
+    }
+
+    /// Changes the time between the starts of two windows, s. The next windows end with the next stride after `t_s`.
+    pub fn set_stride(&mut self, stride_s: f64, t_s: f64) {
+        self.options.stride_s = stride_s;
+        self.stride = Some(self.stride_at(t_s));
+    }
+
+    fn stride_at(&self, t_s: f64) -> f64 {
+        ((t_s + ROUNDING_S) / self.options.stride_s).floor()
+    }
+
+    /// Whether there were points after the last windows were taken.
+    pub fn is_partly_new(&self) -> bool {
+        self.is_partly_new
+    }
+
+    /// The windows that end with the last frame, of all who have been there for long enough.
+    pub fn take(&mut self) -> Vec<Window> {
+        self.is_partly_new = false;
+        let tracked = self.people.iter().map(|(id, track)| (*id, track.place_m));
+        let mut there = tracked.chain(self.lingering);
+        let windows: Vec<Window> = match (there.next(), there.next()) {
+            (Some((person, place_m)), None) if self.is_settled => {
+                let frames = self.room.iter().cloned().collect();
+                vec![Window {
+                    person,
+                    frames,
+                    place_m,
+                }]
+            }
+            (Some(_), None) => Vec::new(),
+            (None, _) => self.untracked().into_iter().collect(),
+            _ => {
+                let window = |(person, track): (&u32, &Track)| Window {
+                    person: *person,
+                    frames: track.frames.iter().cloned().collect(),
+                    place_m: track.place_m,
+                };
+                self.people.iter().map(window).collect()
+            }
+        };
+        let is_long =
+            |w: &Window| w.end_s() - w.start_s() >= self.options.min_tracked_s - ROUNDING_S;
+        windows.into_iter().filter(is_long).collect()
+    }
+
+    /// All points of the room, as those of somebody who cannot be tracked, if there are any.
+    fn untracked(&self) -> Option<Window> {
+        let middle = |axis: fn(&RadarPoint) -> f32| {
+            let points = self.room.iter().flat_map(|f| &f.points);
+            let mut values: Vec<f32> = points.map(axis).collect();
+            values.sort_by(f32::total_cmp);
+            values.get(values.len() / 2).copied().map(f64::from)
+        };
+        Some(Window {
+            person: UNTRACKED,
+            place_m: [middle(|p| p.x_m)?, middle(|p| p.y_m)?],
+            frames: self.room.iter().cloned().collect(),
+        })
+    }
+
+    /// Forgets everybody.
+    pub fn clear(&mut self) {
+        self.people.clear();
+        self.room.clear();
+        self.lingering = None;
+        self.is_settled = false;
+        self.is_partly_new = false;
+    }
+}
+
+/// Adds a frame, and removes those before a time.
+fn keep(frames: &mut VecDeque<PointFrame>, frame: PointFrame, oldest_s: f64) {
+    frames.push_back(frame);
+    while frames.front().is_some_and(|f| f.time_s < oldest_s) {
+        frames.pop_front();
+    }
+}
+
+/// Time from the first to the last frame, s.
+fn length_s(frames: &VecDeque<PointFrame>) -> f64 {
+    let ends = frames.front().zip(frames.back());
+    ends.map_or(0.0, |(first, last)| last.time_s - first.time_s)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A frame with five points.
+    fn frame(n: u32) -> PointFrame {
+        PointFrame {
+            frame: n,
+            time_s: f64::from(n) / 10.0,
+            points: vec![RadarPoint::default(); 5],
+        }
+    }
+
+    fn person(person: u32, n_points: usize) -> PersonFrame {
+        PersonFrame {
+            person,
+            place_m: [0.5, 2.0],
+            points: vec![RadarPoint::default(); n_points],
+        }
+    }
+
+    #[test]
+    fn windows_are_six_seconds_long_and_begin_every_two() {
+        let mut windows = Windows::new(WindowOptions::default()).unwrap();
+        let mut found = Vec::new();
+        for n in 0..121 {
+            let gone = windows.push(&frame(n), &[person(1, 3)], true).ended;
+            assert!(gone.is_empty());
+            if windows.is_due(f64::from(n) / 10.0) {
+                found.extend(windows.take());
+            }
+        }
+        let spans: Vec<(f64, f64, usize)> = found
+            .iter()
+            .map(|w| (w.start_s(), w.end_s(), w.frames.len()))
+            .collect();
+        let expected = [
+            (0.0, 4.0, 41),
+            (0.1, 6.0, 60),
+            (2.1, 8.0, 60),
+            (4.1, 10.0, 60),
+            (6.1, 12.0, 60),
+        ];
+        assert_eq!(spans, expected);
+        // One person has all points of the room.
+        assert_eq!((found[1].n_points(), found[1].place_m), (300, [0.5, 2.0]));
+        assert!(!windows.is_partly_new());
+    }
+
+    #[test]
+    fn two_people_have_their_own_points() {
+        let mut windows = Windows::new(WindowOptions::default()).unwrap();
+        for n in 0..50 {
+            windows.push(&frame(n), &[person(1, 3), person(2, 0)], true);
+        }
+        let both = windows.take();
+        let points: Vec<(u32, u32)> = both.iter().map(|w| (w.person, w.n_points())).collect();
+        assert_eq!(points, [(1, 150), (2, 0)]);
+        assert_eq!(windows.push(&frame(50), &[person(2, 0)], true).ended, [1]);
+        assert!(windows.is_partly_new());
+        let left = windows.take();
+        assert_eq!((left.len(), left[0].person), (1, 2));
+        windows.remove(|_| true);
+        assert_eq!(windows.take()[0].n_points(), 0);
+        windows.clear();
+        assert!(windows.take().is_empty());
+    }
+
+    #[test]
+    fn whoever_is_lost_but_has_not_left_is_described_further() {
+        let mut windows = Windows::new(WindowOptions::default()).unwrap();
+        // Tracked for 2.9 s: too short for a window.
+        for n in 0..30 {
+            windows.push(&frame(n), &[person(1, 3)], true);
+        }
+        assert!(windows.take().is_empty());
+        for n in 30..40 {
+            windows.push(&frame(n), &[person(1, 3)], true);
+        }
+        for n in 40..60 {
+            assert_eq!(windows.push(&frame(n), &[], true), TrackChanges::default());
+            assert!(windows.is_lingering());
+        }
+        let window = &windows.take()[0];
+        assert_eq!((window.person, window.n_points()), (1, 300));
+        // Found again under the same number, then lost and found under another one.
+        let same = windows.push(&frame(60), &[person(1, 3)], true);
+        assert_eq!(same, TrackChanges::default());
+        assert!(!windows.is_lingering());
+        assert_eq!(windows.take()[0].person, 1);
+        assert_eq!(windows.push(&frame(61), &[], true), TrackChanges::default());
+        // Alone as the one before: the same person.
+        let new = windows.push(&frame(62), &[person(2, 3)], true);
+        assert_eq!((new.ended, new.renamed), (Vec::new(), Some([1, 2])));
+        assert_eq!(windows.take()[0].person, 2);
+        // Gone.
+        assert_eq!(windows.push(&frame(63), &[], false).ended, [2]);
+        assert!(windows.take().is_empty());
+    }
+
+    #[test]
+    fn while_nobody_is_tracked_the_points_of_the_room_may_be_somebody() {
+        let mut windows = Windows::new(WindowOptions::default()).unwrap();
+        let at = |n: u32| {
+            let mut frame = frame(n);
+            for (i, point) in (0u8..).zip(&mut frame.points) {
+                (point.x_m, point.y_m) = (f32::from(i), 2.0);
+            }
+            frame
+        };
+        for n in 0..30 {
+            windows.push(&at(n), &[], false);
+        }
+        // Shorter than a window may be.
+        assert!(windows.take().is_empty());
+        for n in 30..50 {
+            windows.push(&at(n), &[], false);
+        }
+        let window = &windows.take()[0];
+        assert_eq!((window.person, window.n_points()), (UNTRACKED, 250));
+        assert_eq!(window.place_m, [2.0, 2.0]);
+        // Without points there is no window.
+        windows.remove(|_| true);
+        assert!(windows.take().is_empty());
+        // What belonged to a person who left is not somebody else's.
+        for n in 50..80 {
+            windows.push(&at(n), &[person(1, 3)], true);
+        }
+        assert_eq!(windows.push(&at(80), &[], false).ended, [1]);
+        assert!(windows.take().is_empty());
+    }
+
+    #[test]
+    fn options_are_checked() {
+        let long = WindowOptions {
+            window_s: 10.0,
+            ..WindowOptions::default()
+        };
+        assert_eq!(Windows::new(long).unwrap_err().field, "window_s");
+    }
+}

@@ -1,0 +1,115 @@
+//! Who is there, and who fell: tracker, presence and falls, frame by frame.
+//!
+//! A running radar and the evaluation of falls watch a room with this type, so that what is measured is what runs.
+
+use radarllm_base::PointFrame;
+use radarllm_tracking::{LiveTrack, TrackOptions, Tracker};
+
+use crate::falls::{Fall, FallEvent, FallMonitor, FallOptions};
+use crate::options::OptionError;
+use crate::people::PersonFrame;
+use crate::presence::{PresenceMonitor, PresenceOptions, PresenceUpdate};
+use crate::zones::Zones;
+
+/// Options of tracker, presence and falls.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct WatchOptions {
+    /// Options of the tracker.
+    pub track: TrackOptions,
+    /// Options of presence.
+    pub presence: PresenceOptions,
+    /// Options of falls.
+    pub falls: FallOptions,
+    /// Zones of the room.
+    pub zones: Zones,
+}
+
+/// What was seen in a frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Seen {
+    /// Confirmed tracks.
+    pub tracks: Vec<LiveTrack>,
+    /// The people of these tracks, with their points.
+    pub people: Vec<PersonFrame>,
+    /// Whether somebody is there.
+    pub presence: PresenceUpdate,
+    /// Falls that began, were confirmed or ended.
+    pub falls: Vec<FallEvent>,
+}
+
+/// Watches a room.
+#[derive(Debug)]
+pub struct Watch {
+    tracker: Tracker,
+    presence: PresenceMonitor,
+    falls: FallMonitor,
+}
+
+impl Watch {
+    /// A room in which nobody has been seen yet, with a radar at a height above the floor, m.
+    ///
+    /// # Errors
+    /// If an option is out of range.
+    pub fn new(options: &WatchOptions, radar_height_m: f64) -> Result<Self, OptionError> {
+        let zones = &options.zones;
+        Ok(Self {
+            tracker: Tracker::new(options.track)?,
+            presence: PresenceMonitor::new(options.presence, zones.clone())?,
+            falls: FallMonitor::new(options.falls, radar_height_m, zones.clone())?,
+        })
+    }
+
+    /// The next frame, without static points of the room.
+    pub fn push(&mut self, frame: &PointFrame) -> Seen {
+        let t_s = frame.time_s;
+        let tracks = self.tracker.push(frame);
+        let person = |track: &LiveTrack| PersonFrame {
+            person: track.id,
+            place_m: track.place_m,
+            points: track.points_of(frame),
+        };
+        let people: Vec<PersonFrame> = tracks.iter().map(person).collect();
+        // Who lies on the floor is hardly detected, but is there.
+        for fall in self.falls.open() {
+            self.presence.hold(t_s, fall.person);
+        }
+        let presence = self.presence.push(t_s, &people);
+        let falls = self.falls.push(t_s, &people, &presence.left);
+        Seen {
+            tracks,
+            people,
+            presence,
+            falls,
+        }
+    }
+
+    /// Points of somebody stay together at `t_s`, though nobody is tracked.
+    pub fn notice(&mut self, t_s: f64, place_m: [f64; 2]) -> PresenceUpdate {
+        self.presence.notice(t_s, place_m)
+    }
+
+    /// A sentence states an action of a person. Returns the fall that is suspected because of it.
+    pub fn label(&mut self, person: u32, action: &str) -> Option<FallEvent> {
+        self.falls.label(person, action)
+    }
+
+    /// Ends a fall on a user's word. Returns whether there was such a fall.
+    pub fn acknowledge(&mut self, fall: u64) -> bool {
+        self.falls.acknowledge(fall)
+    }
+
+    /// Falls that have not ended.
+    pub fn open_falls(&self) -> &[Fall] {
+        self.falls.open()
+    }
+
+    /// Height of a person above the floor, m, if there are enough points for it.
+    pub fn height_m(&self, person: u32) -> Option<f64> {
+        self.falls.height_m(person)
+    }
+
+    /// The radar is silent: whether somebody is there is unknown from now on.
+    pub fn reset_presence(&mut self) -> PresenceUpdate {
+        self.presence.reset()
+    }
+}
