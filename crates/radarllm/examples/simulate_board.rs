@@ -1,7 +1,7 @@
 //! Simulates a board that watches a minute of exercise, and writes the stream of its serial port.
 //!
 //! The points are those of TI's out-of-box firmware as `simulate --firmware out-of-box` models it. Made
-//! `recordings/simulated-uart.dat`, which the demo reads:
+//! `crates/demo/recording/simulated-uart.dat`, which the demo reads:
 //!
 //! `cargo run --release -p radarllm --example simulate_board -- RADAR.cfg OUT.dat`
 
@@ -11,7 +11,7 @@ use radarllm::synth::synthesizer::{posed_builtin, scene_to_points_in_parallel};
 use radarllm::synth::{Method, Synthesizer};
 use radarllm::{Error, PointFrame, io::TiFirmware};
 
-/// What the person does, and for how many seconds each. `recordings/simulated-uart.txt` has the same list.
+/// What the person does, and for how many seconds each. `simulated-uart.txt` of the demo has the same list.
 const MINUTE: &str = "builtin:pace+then+squat+then+jumping_jack+then+punch\
     ?pace.duration_s=16&pace.repetitions=3\
     &squat.duration_s=14&squat.repetitions=5\

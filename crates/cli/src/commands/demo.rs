@@ -3,6 +3,7 @@
 use radarllm::{
     Captioner, DescribeOptions, PeopleOptions, Recording, Segment, SimulateOptions, Verdict,
 };
+use radarllm_demo::{BOARD, CHIRPS, MOTIONS, STREAM, performed_in};
 use serde::{Serialize, Serializer};
 
 use crate::{
@@ -14,29 +15,6 @@ use crate::{
     error::{CliError, CliResult},
     output,
 };
-
-/// Motions that are used if none is given.
-const MOTIONS: [&str; 3] = [
-    "builtin:walk?direction=backward",
-    "builtin:sit_down",
-    "builtin:wave?side=left",
-];
-
-/// A file of the recording that the example `demo` of the library reads, too.
-macro_rules! recording_file {
-    ($extension:literal) => {
-        include_bytes!(concat!(
-            "../../../radarllm/examples/recordings/simulated-uart.",
-            $extension
-        ))
-    };
-}
-
-/// The stream of the board's serial port, and its chirp configuration.
-const STREAM: (&str, &[u8]) = ("simulated-uart.dat", recording_file!("dat"));
-const CHIRPS: (&str, &[u8]) = ("simulated-uart.cfg", recording_file!("cfg"));
-/// What the person of the recording did: first and last second, sentence.
-const PERFORMED: &[u8] = recording_file!("txt");
 
 #[derive(Serialize)]
 struct DemoRow {
@@ -82,7 +60,7 @@ pub fn run(args: &DemoArgs) -> CliResult {
             output::print_line(text);
         }
     };
-    say("Motions before a simulated radar; the model sees nothing but the points.\n");
+    say("Motions in front of a simulated radar; the model sees nothing but the points.\n");
     let simulation = SimulateOptions {
         seed: args.seed,
         ..SimulateOptions::default()
@@ -104,12 +82,7 @@ pub fn run(args: &DemoArgs) -> CliResult {
         rows.push(row);
     }
     if args.motions.is_empty() {
-        say(
-            "One minute before a board. The board is simulated, too: simulated-uart.dat is what the serial port of an\n\
-             AWR1843BOOST with out-of-box firmware would send. The model knows no recording of this firmware, so its\n\
-             confidence is set low.\n",
-        );
-        let performed = String::from_utf8_lossy(PERFORMED);
+        say(BOARD);
         let recording = recorded()?;
         let row = row(
             &captioner,
@@ -117,7 +90,7 @@ pub fn run(args: &DemoArgs) -> CliResult {
             &recording,
             args,
             rows.len(),
-            |from, to| performed_in(&performed, from, to),
+            |from, to| performed_in(from, to).into(),
         )?;
         rows.push(DemoRow {
             simulated_board: true,
@@ -229,20 +202,4 @@ fn print(row: &DemoRow) {
         output::print_line(&format!("    page: {page}"));
     }
     output::print_line("");
-}
-
-/// What was done for most of a time: the lines of `text` are first second, last second, sentence.
-fn performed_in(text: &str, start_s: f64, end_s: f64) -> String {
-    let shared_s = |line: &&str| {
-        let mut seconds = line
-            .split(' ')
-            .map(|word| word.parse::<f64>().unwrap_or(0.0));
-        let (from_s, to_s) = (seconds.next().unwrap_or(0.0), seconds.next().unwrap_or(0.0));
-        f64::min(to_s, end_s) - f64::max(from_s, start_s)
-    };
-    let best = text
-        .lines()
-        .max_by(|a, b| shared_s(a).total_cmp(&shared_s(b)));
-    let sentence = best.and_then(|line| line.splitn(3, ' ').nth(2));
-    sentence.unwrap_or_default().into()
 }
