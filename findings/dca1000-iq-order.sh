@@ -7,7 +7,7 @@
 # and Doppler and angle change sign with it. Neither library notices, and nothing in the file says which it is.
 # Why it matters: a file recorded with one program and read with the other still shows a sharp target, at a wrong place.
 # What to do: keep the order with the recording (`sample_swap=True` in xwr for mmWave Studio's I first). Here: `--iq` is
-# required and checked against the leakage near range zero (docs/captures.md, "I/Q order").
+# required and checked against the leakage near range zero (docs/guides/captures.md, "I/Q order").
 source "$(dirname "$0")/lib.sh"
 install numpy==1.26.4 scipy==1.13.1 scikit-learn==1.5.2 openradar==1.0.1 xwr==0.5.1
 observe <<'PYTHON'

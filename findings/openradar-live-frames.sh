@@ -8,7 +8,7 @@
 # away, though it is the first of the next, so that frame is skipped. No packet was lost here; `lost_packets` says -1.
 # Why it matters: half of the frame rate is gone, and chirps drift through the cube: after three frames every receiver
 # has samples of another. Frames of a power of two bytes are never whole packets of 1456.
-# What to do: place packets by the byte counter, as radarllm does (docs/captures.md, "Packet loss"), or record first.
+# What to do: place packets by the byte counter, as radarllm does (docs/guides/captures.md, "Packet loss"), or record first.
 source "$(dirname "$0")/lib.sh"
 install numpy==1.26.4 scipy==1.13.1 scikit-learn==1.5.2 openradar==1.0.1
 observe <<'PYTHON'

@@ -7,7 +7,7 @@
 # a half. `exclusive=False` counts them.
 # Why it matters: counts and orders of repeated words ("steps left and steps left") are what a radar caption is
 # about, and both packages are cited as ROUGE.
-# What to do: use `rouge-score`. Here: `rouge_1` and `rouge_l` are those of rouge-score (docs/metrics.md).
+# What to do: use `rouge-score`. Here: `rouge_1` and `rouge_l` are those of rouge-score (docs/reference/metrics.md).
 source "$(dirname "$0")/lib.sh"
 install numpy==2.4.6 rouge==1.0.1 rouge-score==0.1.2 pycocoevalcap==1.2
 observe <<'PYTHON'

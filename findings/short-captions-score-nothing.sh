@@ -7,7 +7,7 @@
 # frequencies come from the references: all n-grams of the only item are in every document.
 # Why it matters: motion captions are short ("a person falls"), and papers print these numbers side by side.
 # What to do: compare only corpora, name the rules, and never report CIDEr of a single clip. Here: rules have names
-# (docs/metrics.md, "Protocols"), and COCO's values are reproduced to 1e-9, the small ones too.
+# (docs/reference/metrics.md, "Protocols"), and COCO's values are reproduced to 1e-9, the small ones too.
 source "$(dirname "$0")/lib.sh"
 install numpy==2.4.6 pycocoevalcap==1.2 nltk==3.10.4 sacrebleu==2.6.0
 observe <<'PYTHON'

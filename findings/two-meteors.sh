@@ -7,7 +7,7 @@
 # sentence of one word has 0.5 in nltk, and three words have 0.98, because a single chunk is still punished.
 # Why it matters: motion papers print either one as "METEOR"; their values can't be compared, and nltk's hardly
 # punishes exchanged sides.
-# What to do: name the implementation. Here: protocol `motiongpt` has nltk's, the others 1.5 (docs/metrics.md), and
+# What to do: name the implementation. Here: protocol `motiongpt` has nltk's, the others 1.5 (docs/reference/metrics.md), and
 # confused sides are counted by `facts.contradictions`.
 source "$(dirname "$0")/lib.sh"
 need java
