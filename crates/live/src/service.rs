@@ -168,7 +168,7 @@ impl Live {
         captioner: Captioner,
         options: LiveOptions,
     ) -> Result<(Self, Reader)> {
-        mqtt::validate_name(&options.name).map_err(Error::input)?;
+        mqtt::validate_name(&options.name).map_err(Error::wrap)?;
         let stream = input.stream.clone();
         let mut pipeline_options = PipelineOptions::new(stream.radar_height_m);
         pipeline_options.watch.zones = options.zones.clone();
@@ -195,10 +195,10 @@ impl Live {
             Box::new(Captions(captioner)),
             Arc::clone(&metrics),
         )
-        .map_err(Error::input)?;
+        .map_err(Error::wrap)?;
         let (store, damaged_database) = match &options.database {
             Some(path) => {
-                let (store, damaged) = keeper::open(path).map_err(Error::input)?;
+                let (store, damaged) = keeper::open(path).map_err(Error::wrap)?;
                 (Some(store), damaged)
             }
             None => (None, None),
@@ -214,7 +214,7 @@ impl Live {
             Arc::clone(&metrics),
             publisher.as_ref().map(Publisher::status),
         )
-        .map_err(Error::input)?;
+        .map_err(Error::wrap)?;
         let (acknowledge, acknowledged) = sync_channel(MAX_ACKNOWLEDGED);
         let server = match &options.page {
             Some(page) => {
@@ -232,7 +232,7 @@ impl Live {
                     acknowledge: Some(Arc::new(move |fall| acknowledge.try_send(fall).is_ok())),
                     clock: Arc::new(clock),
                 };
-                Some(Server::start(server, sources).map_err(Error::input)?)
+                Some(Server::start(server, sources).map_err(Error::wrap)?)
             }
             None => None,
         };
@@ -428,7 +428,7 @@ fn publish(broker: &Broker, bus: &Arc<Bus>) -> Result<Publisher> {
     options.discovery_prefix = broker.discovery_prefix.clone();
     options.allow_synthetic = broker.allow_synthetic;
     options.actions = actions();
-    Publisher::start(options, Arc::clone(bus)).map_err(Error::input)
+    Publisher::start(options, Arc::clone(bus)).map_err(Error::wrap)
 }
 
 fn clock() -> Clock {
@@ -441,5 +441,5 @@ fn clock() -> Clock {
 
 fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>> {
     let thread = thread::Builder::new().name(name.into());
-    thread.spawn(run).map_err(Error::input)
+    thread.spawn(run).map_err(Error::wrap)
 }

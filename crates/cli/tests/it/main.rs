@@ -10,6 +10,7 @@ mod dataset;
 mod eval_recordings;
 mod geometry;
 mod golden;
+mod keywords;
 mod live;
 mod live_outside;
 #[cfg(target_os = "linux")]
