@@ -32,7 +32,8 @@
 //! world), [`materials`] (reflectivity of materials), [`radar_config`] (description of a radar), [`cube`] (raw
 //! samples), [`points`] (input of the tokenizer), [`clip`] (points with their frame rate, radar and provenance),
 //! [`static_cells`] (what stands still), [`timeline`] (recorded frames with times), [`series`] (values with
-//! gaps), [`seed`], [`random`] and [`hash`] (reproducible random numbers, fingerprints).
+//! gaps), [`seed`], [`random`] and [`hash`] (reproducible random numbers, fingerprints), [`mod@message`] (messages that
+//! name options).
 
 pub mod clip;
 pub mod cube;
@@ -40,6 +41,7 @@ pub mod disturb;
 pub mod frames;
 pub mod hash;
 pub mod materials;
+pub mod message;
 pub mod points;
 pub mod radar_config;
 pub mod random;
@@ -52,6 +54,7 @@ pub mod timeline;
 
 pub use clip::{Clip, Clutter, Provenance, STATIC_SPEED_MPS, StaticClutter};
 pub use cube::RadarCube;
+pub use message::{Message, Piece};
 pub use points::{PointFrame, RadarPoint};
 pub use radar_config::RadarConfig;
 pub use skeleton::{Joint, Motion, Pose, Skeleton};

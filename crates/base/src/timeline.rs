@@ -19,6 +19,7 @@ pub const MAX_FRAMES: u64 = 200_000;
 
 /// Why frames cannot be assigned times.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum TimelineError {
     /// There are neither time stamps nor a frame rate.
     #[error("the recording has no clock: its frame rate must be named")]

@@ -4,6 +4,7 @@
 ///
 /// Every variant carries the file's name as given by the caller.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum MotionError {
     /// The file could not be opened or read.
     #[error("{file}: {source}")]

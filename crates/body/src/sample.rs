@@ -276,6 +276,7 @@ const STRAIGHT: f32 = 0.15;
 
 /// A path that cannot be bent.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum PathError {
     /// The ends are too close to each other.
     #[error(

@@ -82,6 +82,10 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
             if let Some(hint) = error.hint {
                 eprintln!("hint: {hint}");
             }
+            if error.is_bug {
+                eprintln!("this is a bug of radarllm, not of your input");
+                return 2;
+            }
             1
         }
         Err(_) => {

@@ -178,20 +178,23 @@ impl ShardFile {
         };
         let (found, found_bytes) = hash_file(&self.path)?;
         if found_bytes != *bytes {
-            let problem = format!("{found_bytes} bytes, the manifest says {bytes}{REPAIR}");
-            return Err(DatasetError::corrupt(&self.path, problem));
+            let problem = format!("{found_bytes} bytes, the manifest says {bytes}");
+            return Err(self.changed(problem));
         }
         if found != *blake3 {
-            let problem = format!("BLAKE3 is {found}, the manifest says {blake3}{REPAIR}");
-            return Err(DatasetError::corrupt(&self.path, problem));
+            let problem = format!("BLAKE3 is {found}, the manifest says {blake3}");
+            return Err(self.changed(problem));
         }
         Ok(())
     }
-}
 
-/// How to replace a shard that was changed.
-const REPAIR: &str =
-    "; hint: copy the data set again, or build it again, which replaces this shard";
+    fn changed(&self, problem: String) -> DatasetError {
+        DatasetError::Changed {
+            path: self.path.clone(),
+            problem,
+        }
+    }
+}
 
 /// Streams the rows of a split as Arrow batches of at most 32 clips, without looking at the values. The iterator ends
 /// after an error.

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use radarllm_base::message::{Message, option, text};
+
 /// Why a data set or points file could not be read or written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -23,7 +25,7 @@ pub enum DatasetError {
         path: PathBuf,
     },
     /// The output exists and its replacement was not requested.
-    #[error("{path}: already exists; hint: --force replaces it", path = path.display())]
+    #[error("{path}: already exists", path = path.display())]
     Exists {
         /// Existing output.
         path: PathBuf,
@@ -34,6 +36,14 @@ pub enum DatasetError {
         /// File.
         path: PathBuf,
         /// The message of the decoder, with the offset if it is known.
+        problem: String,
+    },
+    /// The bytes of a shard are not those that the manifest lists.
+    #[error("{path}: damaged or not the expected format: {problem}", path = path.display())]
+    Changed {
+        /// Shard.
+        path: PathBuf,
+        /// What differs from the manifest.
         problem: String,
     },
     /// A column is absent or of the wrong type.
@@ -97,7 +107,7 @@ pub enum DatasetError {
         problem: String,
     },
     /// The directory holds another data set.
-    #[error("{dir}: {problem}; hint: choose another directory, or --force starts over", dir = dir.display())]
+    #[error("{dir}: {problem}", dir = dir.display())]
     Foreign {
         /// Directory.
         dir: PathBuf,
@@ -105,7 +115,7 @@ pub enum DatasetError {
         problem: String,
     },
     /// Nothing may be copied to the directory, whatever the options.
-    #[error("{dir}: {problem}; hint: choose another folder", dir = dir.display())]
+    #[error("{dir}: {problem}", dir = dir.display())]
     Target {
         /// Directory.
         dir: PathBuf,
@@ -113,13 +123,13 @@ pub enum DatasetError {
         problem: String,
     },
     /// A file that bears the name of a shard does not belong to the data set.
-    #[error("{path}: not a shard of this data set, but readers would take it for one; hint: remove it", path = path.display())]
+    #[error("{path}: not a shard of this data set, but readers would take it for one", path = path.display())]
     Stray {
         /// File.
         path: PathBuf,
     },
     /// The directory contains something that is not a data set.
-    #[error("{dir}: not empty and not a data set; hint: choose another directory", dir = dir.display())]
+    #[error("{dir}: not empty and not a data set", dir = dir.display())]
     NotADataset {
         /// Directory.
         dir: PathBuf,
@@ -137,7 +147,7 @@ pub enum DatasetError {
         dir: PathBuf,
     },
     /// The directory was prepared by a process that this one does not agree with.
-    #[error("{dir}: {problem}; hint: all processes of a build need the same program, the same configuration and processors with the same instructions", dir = dir.display())]
+    #[error("{dir}: {problem}", dir = dir.display())]
     Disagreement {
         /// Directory.
         dir: PathBuf,
@@ -145,7 +155,7 @@ pub enum DatasetError {
         problem: String,
     },
     /// Shards are missing or damaged, so that the data set cannot be finished.
-    #[error("{dir}: {} of {n_shards} shards are missing or damaged: {}; hint: build them, the others are kept", missing.len(), first_names(missing), dir = dir.display())]
+    #[error("{dir}: {} of {n_shards} shards are missing or damaged: {}", missing.len(), first_names(missing), dir = dir.display())]
     Incomplete {
         /// Directory.
         dir: PathBuf,
@@ -155,7 +165,7 @@ pub enum DatasetError {
         n_shards: usize,
     },
     /// The file system of the directory lacks what is needed to write safely.
-    #[error("{dir}: {problem}; hint: choose a folder on a file system with locks and renames (a local disk, NFS, Lustre with `flock`); what `radarllm dataset export` copies there can be uploaded", dir = dir.display())]
+    #[error("{dir}: {problem}", dir = dir.display())]
     Unsuitable {
         /// Directory.
         dir: PathBuf,
@@ -182,6 +192,30 @@ fn first_names(names: &[String]) -> String {
 
 #[cfg(feature = "parquet")]
 impl DatasetError {
+    /// How the user can resolve the error.
+    pub fn hint(&self) -> Option<Message> {
+        Some(match self {
+            Self::Exists { .. } => option("overwrite").text(" replaces it"),
+            Self::Changed { .. } => {
+                text("copy the data set again, or build it again, which replaces this shard")
+            }
+            Self::Foreign { .. } => text("choose another directory, or ")
+                .option("overwrite")
+                .text(" starts over"),
+            Self::Target { .. } => text("choose another folder"),
+            Self::Stray { .. } => text("remove it"),
+            Self::NotADataset { .. } => text("choose another directory"),
+            Self::Disagreement { .. } => text(
+                "all processes of a build need the same program, the same configuration and processors with the same instructions",
+            ),
+            Self::Incomplete { .. } => text("build them, the others are kept"),
+            Self::Unsuitable { .. } => text(
+                "choose a folder on a file system with locks and renames (a local disk, NFS, Lustre with `flock`); what `radarllm dataset export` copies there can be uploaded",
+            ),
+            _ => return None,
+        })
+    }
+
     /// Shorthand for `map_err`.
     pub(crate) fn io(
         path: &std::path::Path,

@@ -2,6 +2,7 @@
 
 /// Errors in weights, inputs and options.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum EngineError {
     /// The shape is invalid.
     #[error("engine: {field}: {problem}")]

@@ -9,6 +9,7 @@ use crate::{baselines::DescriptorError, pose::PoseError};
 
 /// Why an evaluation has no report.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum EvalError {
     /// A value of a configuration, with its name and what is expected.
     #[error("{0}")]
@@ -47,7 +48,7 @@ pub enum EvalError {
         source: PoseError,
     },
     /// The data set cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Dataset(#[from] DatasetError),
     /// Captions cannot be scored.
     #[error(transparent)]
@@ -65,9 +66,9 @@ pub enum EvalError {
     #[error(transparent)]
     Model(#[from] LmError),
     /// A motion cannot be opened or simulated.
-    #[error(transparent)]
+    #[error("{0}")]
     Motion(#[from] radarllm_io::Error),
     /// The simulator refused a configuration.
-    #[error(transparent)]
+    #[error("{0}")]
     Synth(#[from] SynthError),
 }

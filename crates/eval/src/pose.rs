@@ -7,6 +7,7 @@
 
 /// Why two poses cannot be compared.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum PoseError {
     /// Different numbers of things.
     #[error("{candidate} in the candidate, {reference} in the reference")]

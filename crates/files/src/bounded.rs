@@ -10,6 +10,7 @@ pub const MAX_CONFIG_BYTES: u64 = 16 << 20;
 
 /// Reason why a file was not read.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ReadError {
     /// The operating system reported an error.
     #[error("{path}: {source}", path = path.display())]

@@ -18,6 +18,7 @@ pub const BUILTIN_NAMES: [&str; 8] = [
 
 /// Reasons why a name does not identify a built-in radar.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum NameError {
     /// No built-in radar has a name with this prefix.
     #[error("no built-in radar is called so; they are {}", BUILTIN_NAMES.join(", "))]

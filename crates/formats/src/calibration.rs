@@ -31,6 +31,7 @@ const MAX_GAIN_DB: f64 = 40.0;
 
 /// Reasons why a calibration cannot be used.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum CalibrationError {
     /// Not TOML, a field of the wrong type, missing or unknown; the message has the line.
     #[error("{0}")]

@@ -103,6 +103,7 @@ pub struct Detected {
 
 /// Reasons why a format cannot be detected.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum DetectError {
     /// Several formats are possible.
     #[error("the format is not clear ({reason}); it can be {}", list(.choices))]

@@ -17,6 +17,7 @@ use crate::span::{Places, Span};
 
 /// Reason why a TOML radar is refused.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum RadarTomlError {
     /// Invalid TOML, a field of the wrong type, or an unknown field; the message contains the line.
     #[error("{0}")]

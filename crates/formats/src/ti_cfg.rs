@@ -95,6 +95,7 @@ pub struct TiCfgReading {
 
 /// Reason why a chirp file is refused.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[non_exhaustive]
 pub enum TiCfgError {
     /// An argument or command is wrong.
     #[error("line {line}, columns {start} to {end}: `{text}`: {problem}", start = columns.start, end = columns.end)]

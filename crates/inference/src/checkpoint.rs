@@ -43,6 +43,7 @@ const PIECE_BYTES: usize = 1 << 16;
 
 /// Reasons why a checkpoint cannot be written or read.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum CheckpointError {
     /// The file system reported an error.
     #[error("{path}: {source}")]

@@ -38,6 +38,7 @@ pub struct Prepared {
 
 /// Reasons why the model cannot read a clip.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum PrepareError {
     /// The frame rate is outside the range of real radars.
     #[error("a frame rate of {found_hz} Hz: expected more than 0, at most {MAX_FRAME_RATE_HZ}")]

@@ -45,13 +45,11 @@ pub fn corrector(
     };
     let channel_gains = match &options.calibration {
         Some(path) => {
-            let wrong = |e: &dyn std::fmt::Display| {
-                Error::in_file(path, e)
-                    .with_hint("`radarllm radar calibrate` makes such files, one for each radar")
-            };
+            let hint = "`radarllm radar calibrate` makes such files, one for each radar";
+            let wrong = |e| Error::wrap_in_file(path, e).with_hint(hint);
             let text = bounded::read_text(path, MAX_CONFIG_BYTES)?;
-            let calibration = Calibration::from_toml(&text).map_err(|e| wrong(&e))?;
-            calibration.gains(&radar.config).map_err(|e| wrong(&e))?
+            let calibration = Calibration::from_toml(&text).map_err(wrong)?;
+            calibration.gains(&radar.config).map_err(wrong)?
         }
         None => Vec::new(),
     };
@@ -110,7 +108,7 @@ pub(crate) fn point_background(options: &CaptureOptions) -> Result<Option<PointB
         Some(CaptureFormat::Format(format)) => Some(format),
         _ => None,
     };
-    let detected = points::identify(path, named)?.map_err(|e| detect_error(path, &e))?;
+    let detected = points::identify(path, named)?.map_err(|e| detect_error(path, e))?;
     let empty = match detected.format {
         RecordingFormat::Points => read_points(path)?.frames,
         RecordingFormat::Adc | RecordingFormat::Dca1000 => {
@@ -193,7 +191,7 @@ pub fn each_whole_frame(
             }
             Ok(Some(_)) => n_damaged += 1,
             Ok(None) => break,
-            Err(e) => return Err(Error::in_file(path, e)),
+            Err(e) => return Err(Error::wrap_in_file(path, e)),
         }
     }
     Ok(n_damaged)

@@ -45,7 +45,7 @@ impl TiFirmware {
     /// A radar that is no chirp configuration, and detection commands that are absent, malformed or not modelled.
     pub fn out_of_box(radar: &OpenedRadar) -> Result<Self> {
         let text = chirp_configuration(radar, "out-of-box")?;
-        let detection = TiDetection::from_ti_cfg(text).map_err(Error::input)?;
+        let detection = TiDetection::from_ti_cfg(text).map_err(Error::wrap)?;
         let (range, doppler) = (detection.range_cfar, detection.doppler_cfar);
         if range.is_cyclic || !doppler.is_cyclic || doppler.mode != TiCfarMode::Both {
             return Err(Error::input(
@@ -105,7 +105,7 @@ impl TiFirmware {
     /// As [`Self::out_of_box`].
     pub fn people_tracking(radar: &OpenedRadar) -> Result<Self> {
         let text = chirp_configuration(radar, "people-tracking")?;
-        let detection = TiPeopleDetection::from_ti_cfg(text).map_err(Error::input)?;
+        let detection = TiPeopleDetection::from_ti_cfg(text).map_err(Error::wrap)?;
         let pass = |cfar: TiMapCfar| MapCfar {
             skip: cfar.skip,
             train: cfar.train,

@@ -6,7 +6,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use radarllm_base::RadarConfig;
+use radarllm_base::{
+    RadarConfig,
+    message::{option, text},
+};
 use radarllm_formats::{
     Board, Severity,
     adc::{
@@ -109,7 +112,7 @@ pub fn choose_layout(
     if format == SampleFormat::Adc {
         let mut n_bytes = 0_u64;
         for path in captures {
-            let file = std::fs::metadata(path).map_err(|e| Error::io(path, &e))?;
+            let file = std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
             n_bytes = n_bytes.saturating_add(file.len());
         }
         for finding in check_capture(radar, n_bytes, tried) {
@@ -119,7 +122,14 @@ pub fn choose_layout(
                     captures[0].display(),
                     finding.message
                 ))
-                .with_hint("`radar`, `lanes` and `real` define the size of a frame"));
+                .with_hint(
+                    option("radar")
+                        .text(", ")
+                        .option("lanes")
+                        .text(" and ")
+                        .option("real")
+                        .text(" define the size of a frame"),
+                ));
             }
             notes.push(finding.message);
         }
@@ -134,8 +144,14 @@ pub fn choose_layout(
     };
     if format == SampleFormat::Udp {
         if named.is_none() {
-            return Err(Error::input("live packets need the order of I and Q")
-                .with_hint("`iq` i-first or `iq` q-first"));
+            return Err(
+                Error::input("live packets need the order of I and Q").with_hint(
+                    option("iq")
+                        .text(" i-first or ")
+                        .option("iq")
+                        .text(" q-first"),
+                ),
+            );
         }
         return Ok(ChosenLayout {
             layout: tried,
@@ -181,22 +197,25 @@ pub fn choose_layout(
                 explain(order, &verdict)
             ))
             .with_hint(
-                "`iq` i-first (mmWave Studio) or `iq` q-first (SDK firmware with SampleSwap 1)",
+                option("iq")
+                    .text(" i-first (mmWave Studio) or ")
+                    .option("iq")
+                    .text(" q-first (SDK firmware with SampleSwap 1)"),
             ));
         }
         (None, None, _) => {
-            return Err(Error::input(format!(
-                "`iq` is needed: recorders differ in which of I and Q they write first; here {}",
+            return Err(Error::input(option("iq").text(format!(
+                " is needed: recorders differ in which of I and Q they write first; here {}",
                 explain(order, &verdict)
-            ))
-            .with_hint(format!(
-                "`iq` i-first (mmWave Studio), q-first (SDK firmware with SampleSwap 1) or auto{}",
+            )))
+            .with_hint(option("iq").text(format!(
+                " i-first (mmWave Studio), q-first (SDK firmware with SampleSwap 1) or auto{}",
                 match opened.hints.q_first {
                     Some(true) => "; adcbufCfg says SampleSwap 1",
                     Some(false) => "; adcbufCfg says SampleSwap 0",
                     None => "",
                 }
-            )));
+            ))));
         }
     };
     Ok(ChosenLayout {
@@ -242,7 +261,7 @@ fn judge(
         match frames.next_frame(&mut cube) {
             Ok(Some(_)) => check.push(&cube),
             Ok(None) => break,
-            Err(e) => return Err(Error::in_file(&captures[0], e)),
+            Err(e) => return Err(Error::wrap_in_file(&captures[0], e)),
         }
     }
     Ok(check.verdict())
@@ -264,7 +283,10 @@ fn lanes(
         (None, None) => {
             let cause = format!("the lanes of radar `{}` are not known", radar.name);
             return Err(Error::input(cause).with_hint(
-                "`lanes` 4 for xWR12xx and 14xx, `lanes` 2 for xWR16xx, 18xx and 68xx",
+                option("lanes")
+                    .text(" 4 for xWR12xx and 14xx, ")
+                    .option("lanes")
+                    .text(" 2 for xWR16xx, 18xx and 68xx"),
             ));
         }
     };
@@ -281,12 +303,18 @@ fn lanes(
                         "four lanes, {} receivers: which of the four are on?",
                         radar.rx.len()
                     ))
-                    .with_hint("a TI .cfg or an export of mmWave Studio as `radar` says so"));
+                    .with_hint(
+                        text("a TI .cfg or an export of mmWave Studio as ")
+                            .option("radar")
+                            .text(" says so"),
+                    ));
                 }
             };
             Ok(LvdsLanes::Four { receivers: mask })
         }
-        n => Err(Error::input(format!("`lanes` {n}: devices have 2 or 4"))),
+        n => Err(Error::input(
+            option("lanes").text(format!(" {n}: devices have 2 or 4")),
+        )),
     }
 }
 
@@ -306,9 +334,9 @@ pub fn log_notes(capture: &Path) -> Result<Vec<String>> {
     let mut bytes = Vec::new();
     file.take(MAX_LOG_BYTES)
         .read_to_end(&mut bytes)
-        .map_err(|e| Error::io(&path, &e))?;
+        .map_err(|e| Error::io(&path, e))?;
     let log = RecordLog::parse(&String::from_utf8_lossy(&bytes))
-        .map_err(|e| Error::input(format!("{}: {e}", path.display())))?;
+        .map_err(|e| Error::wrap_in_file(&path, e))?;
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     Ok(log
         .problems()

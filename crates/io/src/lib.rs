@@ -1,7 +1,7 @@
 //! Opens recordings of any radar, radar descriptions, serial ports and sockets.
 //!
 //! The input is a path. The output is a [`Clip`](radarllm_base::Clip) of points, a cube of raw samples or a radar, or
-//! an [`Error`] with kind, message, hint and path. This is the only crate with sockets and serial ports, and the only
+//! an [`Error`] with kind, message, hint, path and source. This is the only crate with sockets and serial ports, and the only
 //! one that opens recordings. The parsers of their bytes are in `radarllm-formats`. This crate prints nothing, parses
 //! no command line and has no global state.
 //!

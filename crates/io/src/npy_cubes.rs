@@ -3,7 +3,7 @@
 use std::{fs::File, io::BufReader, path::Path};
 
 use num_complex::Complex32;
-use radarllm_base::{RadarConfig, RadarCube};
+use radarllm_base::{RadarConfig, RadarCube, message::option};
 use radarllm_files::npy::NpyStream;
 use radarllm_formats::adc::{
     AdcError, AxisOrder, CubeShape, FrameIntegrity, FrameLayout, FrameSource, axes,
@@ -12,8 +12,8 @@ use radarllm_formats::adc::{
 use crate::error::{Error, Result};
 
 fn open_npy(path: &Path) -> Result<NpyStream<BufReader<File>>> {
-    let file = File::open(path).map_err(|e| Error::io(path, &e))?;
-    NpyStream::open(BufReader::new(file)).map_err(|e| Error::in_file(path, e))
+    let file = File::open(path).map_err(|e| Error::io(path, e))?;
+    NpyStream::open(BufReader::new(file)).map_err(|e| Error::wrap_in_file(path, e))
 }
 
 /// The numbers of an array, frame by frame, to cubes: the same for arrays in files and in memory.
@@ -39,15 +39,22 @@ impl ArrayDecoder {
         radar: &RadarConfig,
         axes: Option<&str>,
     ) -> Result<Self> {
-        let order = AxisOrder::parse(axes.unwrap_or("frame,loop,tx,rx,sample"))
-            .map_err(|e| Error::input(e).with_hint("`axes` frame,chirp,rx,sample, for example"))?;
+        let order = AxisOrder::parse(axes.unwrap_or("frame,loop,tx,rx,sample")).map_err(|e| {
+            let hint = option("axes").text(" frame,chirp,rx,sample, for example");
+            Error::wrap(e).with_hint(hint)
+        })?;
         let layout = order
             .fit(shape, is_fortran, CubeShape::of(radar))
             .map_err(|e| {
-                Error::in_file(name, e).with_hint(format!(
-                    "`radar` is the radar that recorded the file (here {}), `axes` the order of its axes",
-                    radar.name
-                ))
+                let radar = &radar.name;
+                Error::wrap_in_file(name, e).with_hint(
+                    option("radar")
+                        .text(format!(
+                            " is the radar that recorded the file (here {radar}), "
+                        ))
+                        .option("axes")
+                        .text(" the order of its axes"),
+                )
             })?;
         if !matches!(code, "c8" | "c16" | "i2" | "u2" | "f4" | "f8") {
             return Err(Error::in_file(

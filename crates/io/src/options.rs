@@ -3,7 +3,10 @@
 
 use std::path::PathBuf;
 
-use radarllm_base::Clutter;
+use radarllm_base::{
+    Clutter, Message,
+    message::{option, text},
+};
 use radarllm_formats::{Mounting, RecordingFormat, recordings::Axes, uart::Dialect};
 use radarllm_radar_dsp::DspOptions;
 use radarllm_tracking::BackgroundOptions;
@@ -69,7 +72,7 @@ impl CaptureFormat {
             .map(Self::Format)
             .ok_or_else(|| {
                 let names: Vec<&str> = RecordingFormat::ALL.iter().map(|f| f.name()).collect();
-                Error::input(format!("`format` {name}: no such format"))
+                Error::input(option("format").text(format!(" {name}: no such format")))
                     .with_hint(format!("one of {}, npy", names.join(", ")))
             })
     }
@@ -229,7 +232,9 @@ impl PointOptions {
         if (0.0..=MAX_MIN_SPEED_MPS).contains(&min_speed_mps) {
             Ok(min_speed_mps)
         } else {
-            Err(Error::input("`min_speed`: expected 0 to 100 m/s"))
+            Err(Error::input(
+                option("min_speed").text(": expected 0 to 100 m/s"),
+            ))
         }
     }
 
@@ -238,9 +243,9 @@ impl PointOptions {
         if (1..=MAX_ACCUMULATE).contains(&self.accumulate) {
             Ok(self.accumulate)
         } else {
-            Err(Error::input(format!(
-                "`accumulate`: expected 1 to {MAX_ACCUMULATE} frames"
-            )))
+            Err(Error::input(
+                option("accumulate").text(format!(": expected 1 to {MAX_ACCUMULATE} frames")),
+            ))
         }
     }
 
@@ -253,9 +258,7 @@ impl PointOptions {
         {
             Ok(m)
         } else {
-            Err(Error::input(
-                "`tilt_deg`, `yaw_deg`, `roll_deg`: must be finite",
-            ))
+            Err(Error::input(mounting_angles().text(": must be finite")))
         }
     }
 
@@ -264,7 +267,11 @@ impl PointOptions {
         self.seconds
             .filter(|s| *s > 0.0 && *s <= MAX_LISTEN_S)
             .ok_or_else(|| {
-                Error::input("a serial port has no end: `seconds` is needed, at most a day")
+                Error::input(
+                    text("a serial port has no end: ")
+                        .option("seconds")
+                        .text(" is needed, at most a day"),
+                )
             })
     }
 }
@@ -345,9 +352,18 @@ pub const NEEDS_SAMPLES: &str = "needs raw samples; this capture holds points";
 ///
 /// # Errors
 /// If one of the options is set.
-pub fn refuse_options(options: &[(&str, bool)], why: &str) -> Result {
+pub fn refuse_options(options: &[(&'static str, bool)], why: &str) -> Result {
     match options.iter().find(|(_, is_given)| *is_given) {
-        Some((option, _)) => Err(Error::input(format!("`{option}` {why}"))),
+        Some((name, _)) => Err(Error::input(option(name).text(format!(" {why}")))),
         None => Ok(()),
     }
+}
+
+/// The options of the mounting angles, as the beginning of a message.
+pub(crate) fn mounting_angles() -> Message {
+    option("tilt_deg")
+        .text(", ")
+        .option("yaw_deg")
+        .text(", ")
+        .option("roll_deg")
 }

@@ -8,6 +8,7 @@ use std::{
 
 use radarllm_base::{
     PointFrame, Provenance, RadarPoint, RecordedFrame, Timeline, TimelineError,
+    message::{option, text},
     timeline::MAX_FRAMES,
 };
 use radarllm_files::{bounded, npy::NPY_MAGIC};
@@ -24,7 +25,7 @@ use radarllm_formats::{
 
 use crate::{
     error::{Error, Result},
-    options::PointOptions,
+    options::{PointOptions, mounting_angles},
     radar::OpenedRadar,
     serial, visualizer,
 };
@@ -61,7 +62,7 @@ pub fn identify(
         let reason = "as named".into();
         return Ok(Ok(Detected { format, reason }));
     }
-    let info = fs::metadata(path).map_err(|e| Error::io(path, &e))?;
+    let info = fs::metadata(path).map_err(|e| Error::io(path, e))?;
     if info.is_dir() {
         let names = visualizer::file_names(&frames_folder(path))?;
         return Ok(detect_folder(names.iter().map(String::as_str)));
@@ -73,20 +74,20 @@ pub fn identify(
     }
     if !info.is_file() {
         return Err(Error::in_file(path, "a pipe can be read only once")
-            .with_hint("`format` names its format"));
+            .with_hint(option("format").text(" names its format")));
     }
     let mut head = Vec::new();
     File::open(path)
         .and_then(|file| file.take(HEAD_BYTES as u64).read_to_end(&mut head))
-        .map_err(|e| Error::io(path, &e))?;
+        .map_err(|e| Error::io(path, e))?;
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     Ok(detect(&name, &head))
 }
 
 /// Turns an error of detection into one with the name of the file and a hint.
-pub fn detect_error(path: &Path, error: &DetectError) -> Error {
+pub fn detect_error(path: &Path, error: DetectError) -> Error {
     let names = RecordingFormat::ALL.map(RecordingFormat::name).join(", ");
-    Error::in_file(path, error).with_hint(format!("`format` names it: {names}"))
+    Error::wrap_in_file(path, error).with_hint(option("format").text(format!(" names it: {names}")))
 }
 
 /// Opens a recording of points whose format is known.
@@ -113,25 +114,24 @@ pub fn open_points(
     let mut opened = radar.cloned();
     let mut is_level = false;
     let mut position = None;
-    let wrong = |e: String| Error::in_file(path, e);
     let frames = match format {
         RecordingFormat::Uart => uart(path, options, &mut notes)?,
         RecordingFormat::RadHar => {
-            read_radhar_points(&read_text(path)?).map_err(|e| wrong(e.to_string()))?
+            read_radhar_points(&read_text(path)?).map_err(|e| Error::wrap_in_file(path, e))?
         }
         RecordingFormat::Mars => mars(path)?,
         RecordingFormat::Csv => {
-            read_points_csv(&read_text(path)?, axes).map_err(|e| wrong(e.to_string()))?
+            read_points_csv(&read_text(path)?, axes).map_err(|e| Error::wrap_in_file(path, e))?
         }
         RecordingFormat::NpyPoints => {
-            read_points_npy(&read_whole(path)?, axes).map_err(|e| wrong(e.to_string()))?
+            read_points_npy(&read_whole(path)?, axes).map_err(|e| Error::wrap_in_file(path, e))?
         }
         RecordingFormat::Bag => {
-            let file = File::open(path).map_err(|e| Error::io(path, &e))?;
+            let file = File::open(path).map_err(|e| Error::io(path, e))?;
             let bag =
                 read_bag(BufReader::new(file), options.topic.as_deref(), axes).map_err(|e| {
-                    wrong(e.to_string())
-                        .with_hint("`topic` names one of several topics with clouds")
+                    Error::wrap_in_file(path, e)
+                        .with_hint(option("topic").text(" names one of several topics with clouds"))
                 })?;
             notes.push(format!(
                 "topic {}, {} points dropped (NaN or beyond belief)",
@@ -145,7 +145,7 @@ pub fn open_points(
         RecordingFormat::MmBody => folder_of_frames(path, "frame_", read_mmbody_frame)?,
         RecordingFormat::Mat => {
             let recording =
-                read_matlab_points(&read_whole(path)?).map_err(|e| wrong(e.to_string()))?;
+                read_matlab_points(&read_whole(path)?).map_err(|e| Error::wrap_in_file(path, e))?;
             notes.extend(recording.notes);
             recording.frames
         }
@@ -160,14 +160,17 @@ pub fn open_points(
             recording.frames
         }
         RecordingFormat::Adc | RecordingFormat::Dca1000 | RecordingFormat::Points => {
-            return Err(wrong(format!("{} holds no recorded points", format.name())));
+            return Err(Error::in_file(
+                path,
+                format!("{} holds no recorded points", format.name()),
+            ));
         }
     };
     if frames.is_empty() {
-        return Err(wrong(format!(
-            "no frame that can be used; {}",
-            notes.join("; ")
-        )));
+        return Err(Error::in_file(
+            path,
+            format!("no frame that can be used; {}", notes.join("; ")),
+        ));
     }
     if opened.is_none() && from_firmware {
         opened = visualizer::radar_beside(path, &mut notes)?;
@@ -177,9 +180,10 @@ pub fn open_points(
     let timeline = timeline(path, format, frames, radar, options)?;
     let mounting = match is_level {
         true if options.mounting()? != Mounting::default() => {
-            return Err(wrong(
-                "`tilt_deg`, `yaw_deg`, `roll_deg`: the visualizer has turned these points into level axes already"
-                    .into(),
+            return Err(Error::in_file(
+                path,
+                mounting_angles()
+                    .text(": the visualizer has turned these points into level axes already"),
             ));
         }
         true => Mounting::default(),
@@ -215,12 +219,13 @@ fn axes(format: RecordingFormat, options: &PointOptions) -> Result<Axes> {
     match format {
         // Properties that the data set does not document are not guessed.
         RecordingFormat::MmFi => Err(Error::input(
-            "MM-Fi does not say which way its axes point: `orientation` is needed",
+            text("MM-Fi does not say which way its axes point: ")
+                .option("orientation")
+                .text(" is needed"),
         )
-        .with_hint(format!(
-            "`orientation` {}",
-            Axes::ALL.map(Axes::name).join(" or ")
-        ))),
+        .with_hint(
+            option("orientation").text(format!(" {}", Axes::ALL.map(Axes::name).join(" or "))),
+        )),
         RecordingFormat::Bag => Ok(Axes::ForwardLeftUp),
         _ => Ok(Axes::RightForwardUp),
     }
@@ -256,12 +261,16 @@ fn timeline(
         (None, None) => stated_rate_hz(format),
     };
     let timeline = Timeline::new(frames, frame_rate_hz).map_err(|e| {
-        let error = Error::in_file(path, &e);
-        match e {
-            TimelineError::NoRate => {
-                error.with_hint("`frame_rate` HZ, or `radar` with the chirp file of the recording")
-            }
-            _ => error,
+        let has_no_rate = matches!(e, TimelineError::NoRate);
+        let error = Error::wrap_in_file(path, e);
+        match has_no_rate {
+            true => error.with_hint(
+                option("frame_rate")
+                    .text(" HZ, or ")
+                    .option("radar")
+                    .text(" with the chirp file of the recording"),
+            ),
+            false => error,
         }
     })?;
     Ok(timeline)
@@ -360,7 +369,7 @@ fn mars(path: &Path) -> Result<Vec<RecordedFrame>> {
     } else {
         read_mars_points(&read_text(path)?)
     };
-    frames.map_err(|e| Error::in_file(path, e))
+    frames.map_err(|e| Error::wrap_in_file(path, e))
 }
 
 /// Returns the subfolder `radar/` of a sequence, or the folder itself.
@@ -375,8 +384,8 @@ fn frames_folder(path: &Path) -> PathBuf {
 
 fn file_names(folder: &Path) -> Result<Vec<String>> {
     let mut names = Vec::new();
-    for entry in fs::read_dir(folder).map_err(|e| Error::io(folder, &e))? {
-        let entry = entry.map_err(|e| Error::io(folder, &e))?;
+    for entry in fs::read_dir(folder).map_err(|e| Error::io(folder, e))? {
+        let entry = entry.map_err(|e| Error::io(folder, e))?;
         // A name that is not valid text is not the name of a frame.
         if let Ok(name) = entry.file_name().into_string() {
             names.push(name);
@@ -386,7 +395,7 @@ fn file_names(folder: &Path) -> Result<Vec<String>> {
 }
 
 /// Returns the frames of a folder by the numbers in their names. Each file is one frame.
-fn folder_of_frames<E: std::fmt::Display>(
+fn folder_of_frames<E: std::error::Error + Send + Sync + 'static>(
     path: &Path,
     prefix: &str,
     read: impl Fn(&[u8]) -> std::result::Result<Vec<RadarPoint>, E>,
@@ -420,11 +429,11 @@ fn folder_of_frames<E: std::fmt::Display>(
         )));
     }
     if files.len() as u64 > MAX_FRAMES {
-        return Err(Error::input(TimelineError::TooLong(files.len() as u64)));
+        return Err(Error::wrap(TimelineError::TooLong(files.len() as u64)));
     }
     let mut frames = Vec::with_capacity(files.len());
     for (number, file) in files {
-        let points = read(&read_whole(&file)?).map_err(|e| Error::in_file(&file, e))?;
+        let points = read(&read_whole(&file)?).map_err(|e| Error::wrap_in_file(&file, e))?;
         frames.push(RecordedFrame {
             number,
             stamp_s: None,
@@ -442,11 +451,12 @@ fn uart(
 ) -> Result<Vec<RecordedFrame>> {
     let mut source: Box<dyn Read> = if serial::is_port(path) {
         let seconds = options.listening_time_s()?;
-        Box::new(serial::Port::open(path, options.baud, seconds).map_err(|e| Error::io(path, &e))?)
+        Box::new(serial::Port::open(path, options.baud, seconds).map_err(|e| Error::io(path, e))?)
     } else {
-        Box::new(File::open(path).map_err(|e| Error::io(path, &e))?)
+        Box::new(File::open(path).map_err(|e| Error::io(path, e))?)
     };
-    let wrong = |e: UartError| Error::in_file(path, e).with_hint("`dialect` names it");
+    let wrong =
+        |e: UartError| Error::wrap_in_file(path, e).with_hint(option("dialect").text(" names it"));
     let mut parser = UartParser::new(options.dialect);
     let mut frames = Vec::new();
     let mut piece = vec![0; PIECE_BYTES];
@@ -455,11 +465,11 @@ fn uart(
             Ok(0) => break,
             Ok(n) => n,
             Err(e) if e.kind() == std::io::ErrorKind::Interrupted => continue,
-            Err(e) => return Err(Error::io(path, &e)),
+            Err(e) => return Err(Error::io(path, e)),
         };
         frames.extend(parser.push(&piece[..n]).map_err(wrong)?);
         if frames.len() as u64 > MAX_FRAMES {
-            return Err(Error::input(TimelineError::TooLong(frames.len() as u64)));
+            return Err(Error::wrap(TimelineError::TooLong(frames.len() as u64)));
         }
     }
     let (last, report, guess) = parser.finish().map_err(wrong)?;

@@ -64,9 +64,8 @@ pub struct LayoutHints {
 /// # Errors
 /// A text that is malformed, or a radar that is physically impossible.
 pub fn open_radar_text(path: &Path, text: &str) -> Result<OpenedRadar> {
-    let fail = |problem: &dyn std::fmt::Display| malformed(path, problem);
-    let cfg = TiCfg::parse(text, None).map_err(|e| fail(&e))?;
-    cfg.radar.validate().map_err(|e| fail(&e))?;
+    let cfg = TiCfg::parse(text, None).map_err(|e| unusable(path, e))?;
+    cfg.radar.validate().map_err(|e| unusable(path, e))?;
     Ok(OpenedRadar {
         config: cfg.radar,
         hints: LayoutHints {
@@ -74,7 +73,7 @@ pub fn open_radar_text(path: &Path, text: &str) -> Result<OpenedRadar> {
             receivers: Some(cfg.receivers),
             q_first: cfg.q_first,
         },
-        position: SensorPosition::from_ti_cfg(text).map_err(|e| fail(&e))?,
+        position: SensorPosition::from_ti_cfg(text).map_err(|e| unusable(path, e))?,
         source: RadarSource::TiCfg(text.into()),
     })
 }
@@ -102,7 +101,6 @@ pub fn open_radar(name_or_file: &str) -> Result<OpenedRadar> {
 /// Those of [`open_radar`].
 pub fn open_radar_in(name_or_file: &str, base: &Path) -> Result<OpenedRadar> {
     let path = base.join(name_or_file);
-    let fail = |problem: &dyn std::fmt::Display| malformed(&path, problem);
     let opened = match read_text(name_or_file, base)? {
         RadarText::BuiltIn(config) => {
             return Ok(OpenedRadar {
@@ -114,13 +112,13 @@ pub fn open_radar_in(name_or_file: &str, base: &Path) -> Result<OpenedRadar> {
         }
         RadarText::TiCfg(text) => return open_radar_text(&path, &text),
         RadarText::Toml(text) => OpenedRadar {
-            config: radar_from_toml(&text).map_err(|e| fail(&e))?,
+            config: radar_from_toml(&text).map_err(|e| unusable(&path, e))?,
             source: RadarSource::Toml(text),
             hints: LayoutHints::default(),
             position: None,
         },
         RadarText::Studio { text, board } => {
-            let capture = StudioCapture::parse(&text, board).map_err(|e| fail(&e))?;
+            let capture = StudioCapture::parse(&text, board).map_err(|e| unusable(&path, e))?;
             OpenedRadar {
                 config: capture.radar,
                 source: RadarSource::Studio,
@@ -132,7 +130,7 @@ pub fn open_radar_in(name_or_file: &str, base: &Path) -> Result<OpenedRadar> {
             }
         }
     };
-    opened.config.validate().map_err(|e| fail(&e))?;
+    opened.config.validate().map_err(|e| unusable(&path, e))?;
     Ok(opened)
 }
 
@@ -149,20 +147,27 @@ pub fn read_radar_text(name_or_file: &str) -> Result<Option<RadarSource>> {
     })
 }
 
-fn malformed(path: &Path, problem: &dyn std::fmt::Display) -> Error {
+fn malformed(path: &Path, problem: &str) -> Error {
     Error {
         path: Some(path.into()),
         ..Error::input(format!("radar: {}: {problem}", path.display()))
     }
 }
 
+fn unusable(path: &Path, error: impl std::error::Error + Send + Sync + 'static) -> Error {
+    malformed(path, &error.to_string()).caused_by(error)
+}
+
 fn read_text(name: &str, base: &Path) -> Result<RadarText> {
     match find_builtin(name) {
         Ok(radar) => return Ok(RadarText::BuiltIn(radar.into())),
         Err(error @ NameError::Ambiguous(_)) => {
-            return Err(Error::input(format!("radar: {error}")).of_kind(ErrorKind::NotFound));
+            return Err(Error::input(format!("radar: {error}"))
+                .caused_by(error)
+                .of_kind(ErrorKind::NotFound));
         }
-        Err(NameError::Unknown) => {}
+        // The name may be that of a file.
+        Err(_) => {}
     }
     let path = base.join(name);
     let extension = path
@@ -182,9 +187,9 @@ fn read_text(name: &str, base: &Path) -> Result<RadarText> {
         "json" => match StudioSetup::parse(&text) {
             // A setup file names the device and the file beside it that contains the chirps.
             Ok(setup) => {
-                let config = setup.config.ok_or_else(|| {
-                    malformed(&path, &"configUsed, the *.mmwave.json, is missing")
-                })?;
+                let config = setup
+                    .config
+                    .ok_or_else(|| malformed(&path, "configUsed, the *.mmwave.json, is missing"))?;
                 RadarText::Studio {
                     text: read_file(&path.with_file_name(config))?,
                     board: setup.board,
@@ -197,10 +202,7 @@ fn read_text(name: &str, base: &Path) -> Result<RadarText> {
 }
 
 fn read_file(path: &Path) -> Result<String> {
-    let fail = |e: std::io::Error| {
-        let kind = Error::io(path, &e).kind;
-        malformed(path, &e).of_kind(kind)
-    };
+    let fail = |e: std::io::Error| unusable(path, e);
     let file = File::open(path).map_err(fail)?;
     let mut text = String::new();
     file.take(MAX_RADAR_FILE_BYTES + 1)

@@ -2,7 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use radarllm_base::{Clip, PointFrame, Provenance, RadarCube, Timeline};
+use radarllm_base::{
+    Clip, PointFrame, Provenance, RadarCube, Timeline,
+    message::{option, text},
+};
 use radarllm_dataset::read_points;
 use radarllm_formats::{
     Detected, RecordingFormat,
@@ -14,7 +17,7 @@ use crate::{
     cleaning,
     error::{Error, Result},
     layout::open_samples,
-    options::{CaptureFormat, CaptureOptions, DEFAULT_RADAR_HEIGHT_M, MAX_FRAMES},
+    options::{CaptureFormat, CaptureOptions, DEFAULT_RADAR_HEIGHT_M, MAX_FRAMES, NEEDS_SAMPLES},
     points::{RecordedPoints, detect_error, identify, open_points, place},
     radar::OpenedRadar,
     samples::{SampleFormat, SampleFrames, sample_format},
@@ -55,7 +58,7 @@ pub fn recording_kind(captures: &[PathBuf], options: &CaptureOptions) -> Result<
         Some(CaptureFormat::Format(format)) => Some(format),
         _ => None,
     };
-    let detected = identify(first, named)?.map_err(|e| detect_error(first, &e))?;
+    let detected = identify(first, named)?.map_err(|e| detect_error(first, e))?;
     match detected.format {
         RecordingFormat::Adc | RecordingFormat::Dca1000 => {
             sample_format(captures, options.format).map(RecordingKind::Samples)
@@ -111,14 +114,11 @@ pub fn read_recorded_points(
     options: &CaptureOptions,
 ) -> Result<Recording> {
     if options.processing.is_some() || options.max_frames.is_some() {
-        let option = match options.processing {
-            Some(_) => "processing",
-            None => "frames",
+        let given = match options.processing {
+            Some(_) => option("processing"),
+            None => option("frames"),
         };
-        return Err(Error::input(format!(
-            "`{option}` {}",
-            crate::options::NEEDS_SAMPLES
-        )));
+        return Err(Error::input(given.text(format!(" {NEEDS_SAMPLES}"))));
     }
     let path = only_path(captures)?;
     let RecordedPoints {
@@ -212,7 +212,8 @@ impl SampleRecording {
         options: &CaptureOptions,
     ) -> Result<Self> {
         let radar = options.radar.clone().ok_or_else(|| {
-            Error::input("raw samples need `radar`").with_hint("the radar that recorded them")
+            Error::input(text("raw samples need ").option("radar"))
+                .with_hint("the radar that recorded them")
         })?;
         options.points.check_for_samples()?;
         let mut notes = Vec::new();
@@ -281,7 +282,7 @@ impl SampleRecording {
     /// Reads the next frame of samples as recorded; `None` at the end.
     fn read_frame(&mut self, cube: &mut RadarCube) -> Result<Option<FrameIntegrity>> {
         let read = self.frames.next_frame(cube);
-        read.map_err(|e| Error::in_file(&self.captures[0], e))
+        read.map_err(|e| Error::wrap_in_file(&self.captures[0], e))
     }
 
     /// Allocates a cube of the radar's shape for [`Self::next_cube`].
@@ -309,7 +310,7 @@ impl SampleRecording {
                 &path,
                 format!("{n} frames, at most {MAX_FRAMES} are handled"),
             )
-            .with_hint("`frames` N reads only the first ones")
+            .with_hint(option("frames").text(" N reads only the first ones"))
         };
         if let SampleFrames::Npy(npy) = &self.frames
             && max_frames.is_none()
@@ -346,7 +347,7 @@ impl SampleRecording {
             let mut frame = self
                 .extractor
                 .extract(&cube)
-                .map_err(|e| Error::in_file(&path, format!("frame {index}: {e}")))?;
+                .map_err(|e| Error::in_file(&path, format!("frame {index}: {e}")).caused_by(e))?;
             frame.frame = index as u32;
             each(&mut self.extractor, &cube, &frame)?;
             extracted.frames.push(frame);

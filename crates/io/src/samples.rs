@@ -6,7 +6,7 @@ use std::{
     path::PathBuf,
 };
 
-use radarllm_base::{RadarConfig, RadarCube};
+use radarllm_base::{RadarConfig, RadarCube, message::option};
 use radarllm_formats::{
     RecordingFormat,
     adc::{
@@ -68,7 +68,7 @@ pub fn sample_format(captures: &[PathBuf], named: Option<CaptureFormat>) -> Resu
     let mut start = Vec::new();
     File::open(first)
         .and_then(|file| file.take(16).read_to_end(&mut start))
-        .map_err(|e| Error::io(first, &e))?;
+        .map_err(|e| Error::io(first, e))?;
     let found = if start.starts_with(b"\x93NUMPY") {
         Some(SampleFormat::Npy)
     } else if starts_with_record(&start) {
@@ -79,25 +79,28 @@ pub fn sample_format(captures: &[PathBuf], named: Option<CaptureFormat>) -> Resu
         None
     };
     let unlike = |format: &str| Error::in_file(first, format!("does not begin like {format}"));
+    let format_reads = |read: &'static str| option("format").text(read);
     match (named, found) {
         (Some(CaptureFormat::Npy), Some(SampleFormat::Npy)) => Ok(SampleFormat::Npy),
         (Some(CaptureFormat::Npy), _) => Err(unlike("an npy file")),
         (Some(CaptureFormat::Format(RecordingFormat::Adc)), found) => match found {
             Some(SampleFormat::Npy) => {
-                Err(unlike("raw words, but an npy file").with_hint("`format` npy reads it"))
+                Err(unlike("raw words, but an npy file").with_hint(format_reads(" npy reads it")))
             }
             Some(SampleFormat::Records) => Ok(SampleFormat::Records),
             _ => Ok(SampleFormat::Adc),
         },
         (Some(CaptureFormat::Format(RecordingFormat::Dca1000)), found) => match found {
             Some(format @ (SampleFormat::Records | SampleFormat::Pcap)) => Ok(format),
-            _ => Err(unlike("packets: neither pcap nor records")
-                .with_hint("`format` adc reads adc_data.bin; udp:PORT listens to the card")),
+            _ => Err(
+                unlike("packets: neither pcap nor records").with_hint(format_reads(
+                    " adc reads adc_data.bin; udp:PORT listens to the card",
+                )),
+            ),
         },
-        (Some(other), _) => Err(Error::input(format!(
-            "`format` {}: not a format of raw samples",
-            other.name()
-        ))
+        (Some(other), _) => Err(Error::input(
+            option("format").text(format!(" {}: not a format of raw samples", other.name())),
+        )
         .with_hint("adc, dca1000 and npy are")),
         (None, Some(format)) => Ok(format),
         (None, None) => match first.extension().and_then(|e| e.to_str()) {
@@ -106,7 +109,7 @@ pub fn sample_format(captures: &[PathBuf], named: Option<CaptureFormat>) -> Resu
                 first,
                 "neither npy nor pcap nor records of packets, and not named .bin",
             )
-            .with_hint("`format` adc reads any file as raw words")),
+            .with_hint(format_reads(" adc reads any file as raw words"))),
         },
     }
 }
@@ -131,7 +134,7 @@ pub type Input = BufReader<Chained<File>>;
 fn open_files(captures: &[PathBuf]) -> Result<Input> {
     let mut files = Vec::new();
     for path in captures {
-        files.push(File::open(path).map_err(|e| Error::io(path, &e))?);
+        files.push(File::open(path).map_err(|e| Error::io(path, e))?);
     }
     Ok(BufReader::with_capacity(1 << 18, Chained::new(files)))
 }
@@ -176,8 +179,7 @@ impl SampleFrames {
                 let address = udp::address(&input)
                     .ok_or_else(|| Error::input(format!("{input}: no address")))?
                     .map_err(Error::input)?;
-                let packets =
-                    UdpPackets::bind(address).map_err(|e| Error::input(format!("{input}: {e}")))?;
+                let packets = UdpPackets::bind(address).map_err(|e| Error::io(&captures[0], e))?;
                 Self::Udp(PacketFrames::new(packets, decoder)?)
             }
             SampleFormat::Npy => return Err(Error::input("an npy array has no raw words")),

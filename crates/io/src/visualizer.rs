@@ -5,7 +5,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use radarllm_base::RecordedFrame;
+use radarllm_base::{
+    RecordedFrame,
+    message::{option, text},
+};
 use radarllm_files::bounded;
 use radarllm_formats::{
     CfgChoice, RecordingFormat, SensorPosition, choose_cfg,
@@ -37,8 +40,8 @@ pub(crate) fn file_names(folder: &Path) -> Result<Vec<String>> {
 }
 
 fn list(folder: &Path, prefix: &str, depth: usize, names: &mut Vec<String>) -> Result {
-    for entry in fs::read_dir(folder).map_err(|e| Error::io(folder, &e))? {
-        let entry = entry.map_err(|e| Error::io(folder, &e))?;
+    for entry in fs::read_dir(folder).map_err(|e| Error::io(folder, e))? {
+        let entry = entry.map_err(|e| Error::io(folder, e))?;
         // A name that is not valid text is not the name of a recording's file.
         let Ok(name) = entry.file_name().into_string() else {
             continue;
@@ -85,7 +88,7 @@ fn pieces(path: &Path, format: RecordingFormat) -> Result<Vec<(u64, PathBuf)>> {
     let names = file_names(path)?;
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let folder = visualizer_folder(&names, Some(format))
-        .map_err(|e| detect_error(path, &e))?
+        .map_err(|e| detect_error(path, e))?
         .ok_or_else(|| Error::in_file(path, format!("no files of format {}", format.name())))?;
     let piece = |(number, name): (u64, String)| (number, path.join(name));
     Ok(folder.files.into_iter().map(piece).collect())
@@ -96,10 +99,10 @@ pub(crate) fn read_json(path: &Path, notes: &mut Vec<String>) -> Result<Visualiz
     let mut parts = Vec::new();
     for (number, file) in pieces(path, RecordingFormat::VisualizerJson)? {
         let text = bounded::read_text(&file, MAX_FILE_BYTES)?;
-        let part = read_visualizer_json(&text).map_err(|e| Error::in_file(&file, e))?;
+        let part = read_visualizer_json(&text).map_err(|e| Error::wrap_in_file(&file, e))?;
         parts.push((number, part));
     }
-    let mut recording = join_parts(parts).map_err(|e| Error::in_file(path, e))?;
+    let mut recording = join_parts(parts).map_err(|e| Error::wrap_in_file(path, e))?;
     notes.append(&mut recording.notes);
     let is_level = recording.z_above_floor;
     let position = recording.sensor_position;
@@ -145,7 +148,7 @@ pub(crate) fn read_binary(
         pieces_read.push((number, bounded::read_bytes(&file, MAX_FILE_BYTES)?));
     }
     let recording = read_visualizer_binary(pieces_read, dialect)
-        .map_err(|e| Error::in_file(path, e).with_hint("`dialect` names it"))?;
+        .map_err(|e| Error::wrap_in_file(path, e).with_hint(option("dialect").text(" names it")))?;
     if let Some(guess) = recording.guess {
         notes.push(format!("dialect {guess}"));
     }
@@ -196,9 +199,13 @@ pub(crate) fn radar_beside(path: &Path, notes: &mut Vec<String>) -> Result<Optio
         }
         CfgChoice::One { name, is_in_parent } => {
             let file = place(is_in_parent).join(name);
-            let text = bounded::read_text(&file, bounded::MAX_CONFIG_BYTES)?;
-            let radar = open_radar_text(&file, &text).map_err(|e| {
-                e.with_hint("this chirp file lies beside the recording; `radar` names another one")
+            let cfg = bounded::read_text(&file, bounded::MAX_CONFIG_BYTES)?;
+            let radar = open_radar_text(&file, &cfg).map_err(|e| {
+                e.with_hint(
+                    text("this chirp file lies beside the recording; ")
+                        .option("radar")
+                        .text(" names another one"),
+                )
             })?;
             notes.push(format!("radar by {}, beside the recording", file.display()));
             Ok(Some(radar))

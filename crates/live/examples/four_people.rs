@@ -49,7 +49,7 @@ fn main() -> Result {
     let mut recording = radarllm::open("builtin:stand_still?duration_s=0.5").points()?;
     recording.clip = clip;
     let folder = std::env::temp_dir().join(format!("four_people-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).map_err(Error::input)?;
+    std::fs::create_dir_all(&folder).map_err(Error::wrap)?;
     let options = LiveOptions {
         page: Some(http::Options::new(([127, 0, 0, 1], 0).into())),
         database: Some(folder.join("live.db")),
@@ -78,7 +78,7 @@ fn main() -> Result {
         100.0 * used_s / length_s
     );
     drop(live);
-    std::fs::remove_dir_all(&folder).map_err(Error::input)
+    std::fs::remove_dir_all(&folder).map_err(Error::wrap)
 }
 
 /// The four people, simulated together: who stands before another one hides that one.

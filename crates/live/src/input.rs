@@ -117,7 +117,7 @@ impl Input {
             frame_period_s: about.frame_period_s,
             radar_height_m: about.radar_height_m.into(),
             radar: about.radar,
-            provenance: about.provenance.parse().map_err(Error::input)?,
+            provenance: about.provenance.parse().map_err(Error::wrap)?,
             clutter: about.clutter,
         };
         Ok(Self {

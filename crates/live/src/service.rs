@@ -100,7 +100,7 @@ impl Live {
         captioner: Captioner,
         options: LiveOptions,
     ) -> Result<(Self, Reader)> {
-        mqtt::validate_name(&options.name).map_err(Error::input)?;
+        mqtt::validate_name(&options.name).map_err(Error::wrap)?;
         let stream = input.stream.clone();
         let [stride_s, window_s] = [
             options.pipeline.windows.stride_s,
@@ -122,10 +122,10 @@ impl Live {
             Box::new(Captions(captioner)),
             Arc::clone(&metrics.monitor),
         )
-        .map_err(Error::input)?;
+        .map_err(Error::wrap)?;
         let (store, damaged_database) = match &options.database {
             Some(path) => {
-                let (store, damaged) = store_writer::open(path).map_err(Error::input)?;
+                let (store, damaged) = store_writer::open(path).map_err(Error::wrap)?;
                 (Some(store), damaged)
             }
             None => (None, None),
@@ -145,7 +145,7 @@ impl Live {
             Arc::clone(&metrics),
             publisher.as_ref().map(Publisher::status),
         )
-        .map_err(Error::input)?;
+        .map_err(Error::wrap)?;
         let (acknowledge, acknowledged) = sync_channel(MAX_ACKNOWLEDGED);
         let server = match options.page {
             Some(page) => {
@@ -159,7 +159,7 @@ impl Live {
                     acknowledge: Some(Arc::new(move |fall| acknowledge.try_send(fall).is_ok())),
                     clock: Arc::new(clock),
                 };
-                Some(Server::start(page, sources).map_err(Error::input)?)
+                Some(Server::start(page, sources).map_err(Error::wrap)?)
             }
             None => None,
         };
@@ -373,5 +373,5 @@ fn clock() -> Clock {
 
 fn spawn(name: &str, run: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>> {
     let thread = thread::Builder::new().name(name.into());
-    thread.spawn(run).map_err(Error::input)
+    thread.spawn(run).map_err(Error::wrap)
 }

@@ -42,7 +42,7 @@ enum Kind {
 /// # Errors
 /// Text that is no such file, and polygons that are none.
 pub fn parse(path: &Path, text: &str) -> Result<Zones> {
-    let file: ZonesFile = toml::from_str(text).map_err(|e| Error::in_file(path, e))?;
+    let file: ZonesFile = toml::from_str(text).map_err(|e| Error::wrap_in_file(path, e))?;
     let zone = |entry: ZoneEntry| Zone {
         name: entry.name,
         kind: match entry.kind {
@@ -52,7 +52,7 @@ pub fn parse(path: &Path, text: &str) -> Result<Zones> {
         },
         polygon_m: entry.polygon_m,
     };
-    Zones::new(file.zone.into_iter().map(zone).collect()).map_err(|e| Error::in_file(path, e))
+    Zones::new(file.zone.into_iter().map(zone).collect()).map_err(|e| Error::wrap_in_file(path, e))
 }
 
 /// The name of a kind of zone in messages.

@@ -2,6 +2,7 @@
 
 /// A request that does not describe a valid built-in motion.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum BuiltinError {
     /// The request contains no motion name between the prefix and the keys.
     #[error("no motion named; write for example `builtin:walk?speed=slow`")]

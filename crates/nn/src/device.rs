@@ -95,6 +95,7 @@ impl From<Processors> for String {
 
 /// Why a device cannot be used.
 #[derive(Debug, Error)]
+#[non_exhaustive]
 pub enum ProcessorError {
     /// Not the name of a device.
     #[error(

@@ -16,7 +16,7 @@ use radarllm::{
         recording_kind, udp,
     },
 };
-use radarllm_base::RadarCube;
+use radarllm_base::{RadarCube, message::option};
 use serde_json::json;
 
 use crate::{
@@ -63,7 +63,7 @@ impl Opened {
     ) -> Result<Self> {
         if let Some(path) = inputs.iter().find(|path| is_missing(path)) {
             let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
-            return Err(Error::io(path, &missing));
+            return Err(Error::io(path, missing));
         }
         let kind = recording_kind(&inputs, &options)?;
         set_chain(&mut options, chain)?;
@@ -200,7 +200,9 @@ fn set_chain(options: &mut CaptureOptions, chain: Option<&Path>) -> Result {
         return Ok(());
     };
     let Some(radar) = &options.radar else {
-        return Err(Error::input("`processing` needs `radar`"));
+        return Err(Error::input(
+            option("processing").text(" needs ").option("radar"),
+        ));
     };
     options.processing = Some(processing(path)?.resolve(&radar.config));
     Ok(())

@@ -55,7 +55,7 @@ pub struct PyDatasetPlan {
 
 impl PyDatasetPlan {
     fn parse(path: PathBuf, text: String) -> Result<Self> {
-        let config = DatasetConfig::from_toml(&text).map_err(|e| Error::in_file(&path, e))?;
+        let config = DatasetConfig::from_toml(&text).map_err(|e| Error::wrap_in_file(&path, e))?;
         Ok(Self {
             path,
             text,
@@ -185,8 +185,7 @@ impl PyDatasetPlan {
             let plan = self.plan(&is_stopped)?;
             let built = plan.build_shards(&out, [shard], options, |_| (), &is_stopped)?;
             let entry = built.entries.into_iter().next();
-            let entry =
-                entry.ok_or_else(|| Error::input(format!("shard {shard} was not built")))?;
+            let entry = entry.ok_or_else(|| Error::bug(format!("shard {shard} was not built")))?;
             Ok((entry, built.n_kept == 0))
         })?;
         let entry = to_python(py, &entry)?;

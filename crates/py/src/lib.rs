@@ -13,6 +13,7 @@ mod command;
 mod dataset;
 mod errors;
 mod html;
+mod keywords;
 mod memory;
 mod model;
 mod options;

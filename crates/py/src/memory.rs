@@ -36,9 +36,9 @@ impl PyMemory {
 pub fn load(path: &std::path::Path) -> Result<teach::Memory> {
     if !path.exists() {
         let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
-        return Err(Error::io(path, &missing));
+        return Err(Error::io(path, missing));
     }
-    teach::Memory::load(path).map_err(Error::input)
+    teach::Memory::load(path).map_err(Error::wrap)
 }
 
 #[pymethods]
@@ -79,7 +79,7 @@ impl PyMemory {
         let mut memory = self.copy();
         let (memory, warnings) = work::run(py, |_| {
             let clip = recording.prepared()?.clip;
-            let taught = memory.teach(name, &says, &clip).map_err(Error::input)?;
+            let taught = memory.teach(name, &says, &clip).map_err(Error::wrap)?;
             let all = taught.iter().map(ToString::to_string);
             let warnings: Vec<String> = all
                 .chain(memory.contradictions().iter().map(ToString::to_string))

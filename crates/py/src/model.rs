@@ -106,7 +106,7 @@ impl PyModel {
                 None => Captioner::bundled_with(precision)?,
                 Some(folder) if !folder.exists() => {
                     let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
-                    return Err(Error::io(folder, &missing));
+                    return Err(Error::io(folder, missing));
                 }
                 Some(folder) => Captioner::load(folder, precision)?,
             };
@@ -177,7 +177,7 @@ impl PyModel {
     ) -> PyResult<Bound<'py, PyAny>> {
         let tokens = self.each(py, &points, threads, |recording| {
             let clip = recording.prepared()?.clip;
-            self.captioner.model().tokenize(&clip).map_err(Error::input)
+            self.captioner.model().tokenize(&clip).map_err(Error::wrap)
         })?;
         let arrays = tokens
             .into_iter()

@@ -37,7 +37,7 @@ pub fn check_range(name: &str, value: usize, range: std::ops::RangeInclusive<usi
 pub fn processing(path: &Path) -> Result<ProcessingFile> {
     let text = bounded::read_text(path, MAX_CONFIG_BYTES)?;
     ProcessingFile::from_toml(&text).map_err(|e| {
-        Error::in_file(path, e)
+        Error::wrap_in_file(path, e)
             .with_hint("docs/reference/scenes.md lists the fields of [processing]")
     })
 }
@@ -142,5 +142,5 @@ impl CaptureKeywords {
 }
 
 fn unknown(option: &str, name: &str, known: impl std::fmt::Display) -> Error {
-    Error::input(format!("`{option}` {name}: unknown")).with_hint(known)
+    Error::input(format!("`{option}` {name}: unknown")).with_hint(known.to_string())
 }

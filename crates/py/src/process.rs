@@ -201,9 +201,10 @@ impl Chain {
         let (cube, extractor) = (&mut self.cube, &mut self.extractor);
         cube.time_s = index as f64 * self.radar.frame_period_s;
         let mut points = work::run(py, |_| {
-            let wrong = |e: &dyn std::fmt::Display| Error::input(format!("frame {index}: {e}"));
-            decoder.decode(&mut numbers, cube).map_err(|e| wrong(&e))?;
-            extractor.extract(cube).map_err(|e| wrong(&e))
+            let decoded = decoder.decode(&mut numbers, cube);
+            decoded.map_err(|e| Error::input(format!("frame {index}: {e}")).caused_by(e))?;
+            let extracted = extractor.extract(cube);
+            extracted.map_err(|e| Error::input(format!("frame {index}: {e}")).caused_by(e))
         })?;
         points.frame = index as u32;
         self.frames.push(points);

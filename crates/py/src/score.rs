@@ -79,7 +79,7 @@ pub fn score<'py>(
         seed,
     };
     let scores = work::run(py, |_| {
-        let scores = score_all(&candidates, &references, &options).map_err(Error::input)?;
+        let scores = score_all(&candidates, &references, &options).map_err(Error::wrap)?;
         Ok(CaptionScores::new(scores, &candidates, &references))
     })?;
     to_python(py, &scores)

@@ -113,7 +113,7 @@ fn new_pool(threads: usize) -> Result<rayon::ThreadPool> {
         .num_threads(threads)
         .stack_size(STACK_BYTES)
         .build()
-        .map_err(Error::input)
+        .map_err(Error::wrap)
 }
 
 /// The threads of one process.

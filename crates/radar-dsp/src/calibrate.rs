@@ -63,6 +63,7 @@ pub struct ChannelGains {
 
 /// Reasons for which a calibration fails.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[non_exhaustive]
 pub enum CalibrateError {
     /// A cube or an option is invalid.
     #[error(transparent)]

@@ -4,6 +4,7 @@ use radarllm_base::radar_config::RadarConfigError;
 
 /// Errors of this crate.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[non_exhaustive]
 pub enum DspError {
     /// The radar configuration is invalid.
     #[error(transparent)]

@@ -4,6 +4,7 @@ use radarllm_base::radar_config::RadarConfigError;
 
 /// Errors of planning and of simulating a frame. Indices count from 0 in the scene's order.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[non_exhaustive]
 pub enum SimError {
     /// The radar configuration is invalid.
     #[error(transparent)]

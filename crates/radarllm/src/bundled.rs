@@ -53,7 +53,7 @@ pub fn files() -> &'static [(&'static str, &'static [u8])] {
 /// If the files do not belong together, which a test excludes.
 pub fn load(precision: Precision) -> Result<Captioner> {
     let load = |(tokenizer, lm): (Checkpoint, Checkpoint)| {
-        Captioner::from_checkpoints(&tokenizer, lm, precision).map_err(Error::input)
+        Captioner::from_checkpoints(&tokenizer, lm, precision).map_err(Error::wrap)
     };
     let [first, second] = members();
     Ok(load(first)?.join(load(second)?))

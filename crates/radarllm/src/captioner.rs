@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use radarllm_base::Clip;
+use radarllm_base::{Clip, message::option};
 use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
 use radarllm_inference::{DescribeOptions, Description, Precision, prepare::prepared};
 use radarllm_io::{Error, Result};
@@ -52,8 +52,8 @@ impl Captioner {
     /// A folder that is incomplete or damaged.
     pub fn load(folder: &Path, precision: Precision) -> Result<Self> {
         let model = radarllm_inference::Captioner::load(folder, precision).map_err(|e| {
-            Error::in_file(folder, e)
-                .with_hint("`model` wants a folder made by `radarllm train all`")
+            Error::wrap_in_file(folder, e)
+                .with_hint(option("model").text(" wants a folder made by `radarllm train all`"))
         })?;
         Self::new(model, folder.display().to_string()).with_confidence_of(Some(folder))
     }
@@ -69,7 +69,7 @@ impl Captioner {
             match path.exists() {
                 true => bounded::read_text(&path, MAX_CONFIG_BYTES)
                     .map(Some)
-                    .map_err(|e| Error::in_file(&path, e)),
+                    .map_err(|e| Error::wrap_in_file(&path, e)),
                 false => Ok(None),
             }
         };
@@ -81,7 +81,7 @@ impl Captioner {
         let path = folder.unwrap_or(Path::new("models/default"));
         let parse = |text: &String| {
             RecordedConfidence::from_toml(text)
-                .map_err(|e| Error::in_file(&path.join(RecordedConfidence::FILE), e))
+                .map_err(|e| Error::wrap_in_file(&path.join(RecordedConfidence::FILE), e))
         };
         self.confidence = text.as_ref().map(parse).transpose()?;
         Ok(self)
@@ -139,8 +139,8 @@ impl Captioner {
     /// # Errors
     /// As [`Self::describe`].
     pub fn describe_with(&self, clip: &Clip, options: &DescribeOptions) -> Result<Description> {
-        let clip = prepared(clip).map_err(Error::input)?;
-        let mut description = self.model.describe(&clip, options).map_err(Error::input)?;
+        let clip = prepared(clip).map_err(Error::wrap)?;
+        let mut description = self.model.describe(&clip, options).map_err(Error::wrap)?;
         match (&self.choices, &self.confidence) {
             (Some(choices), _) => self.choose(&clip, choices, options, &mut description)?,
             (None, Some(confidence)) => confidence.apply(&clip, &mut description),

@@ -87,7 +87,7 @@ impl RecordedConfidence {
     /// # Errors
     /// TOML errors, missing keys, and values that are no probability or not finite.
     pub fn from_toml(text: &str) -> Result<Self> {
-        let file: Self = toml::from_str(text).map_err(|e| Error::input(e.to_string()))?;
+        let file: Self = toml::from_str(text).map_err(Error::wrap)?;
         let is_valid = (0.0..=1.0).contains(&file.unsure_below)
             && file
                 .formats

@@ -37,7 +37,7 @@
 //!
 //! Everything is re-exported from the crates below, which can be used alone. Only [`Captioner`] and [`Source`] are
 //! types of this crate: they join the model that comes with the library, recordings and the virtual radar. Errors are
-//! [`Error`]s with kind, message, hint and path. Nothing here prints, keeps global state, parses a command line or chooses an allocator.
+//! [`Error`]s with kind, message, hint, path and source. Nothing here prints, keeps global state, parses a command line or chooses an allocator.
 
 pub mod bundled;
 mod captioner;
@@ -59,7 +59,8 @@ pub use taught::insert_taught;
 pub use verdict::Verdict;
 
 pub use radarllm_base::{
-    Clip, Clutter, Motion, PointFrame, Provenance, RadarConfig, RadarCube, RadarPoint, Timeline,
+    Clip, Clutter, Message, Motion, Piece, PointFrame, Provenance, RadarConfig, RadarCube,
+    RadarPoint, Timeline,
 };
 #[cfg(feature = "parquet")]
 pub use radarllm_dataset::{

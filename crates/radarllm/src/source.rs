@@ -205,7 +205,7 @@ impl Recording {
     /// # Errors
     /// A frame rate that cannot be resampled.
     pub fn prepared(&self) -> Result<Prepared> {
-        prepare_for_model(self.clip.clone(), &self.prepare).map_err(Error::input)
+        prepare_for_model(self.clip.clone(), &self.prepare).map_err(Error::wrap)
     }
 
     /// Tracks people and returns the clip of each, prepared for the model; empty if nobody is seen.

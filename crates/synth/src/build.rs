@@ -74,7 +74,7 @@ impl DatasetPlan {
     /// A configuration, source or radar that cannot be used.
     pub fn open(path: &Path) -> Result<Self> {
         let text = bounded::read_text(path, MAX_CONFIG_BYTES)?;
-        let config = DatasetConfig::from_toml(&text).map_err(|e| Error::in_file(path, e))?;
+        let config = DatasetConfig::from_toml(&text).map_err(|e| Error::wrap_in_file(path, e))?;
         Ok(Self::new(config, path.parent().unwrap_or(Path::new("")))?)
     }
 
@@ -224,7 +224,7 @@ impl DatasetPlan {
         };
         let built = self.build_shards(dir, [shard], options, |_| (), &|| false)?;
         let entry = built.entries.into_iter().next();
-        entry.ok_or_else(|| Error::input(format!("shard {shard} was not built")))
+        entry.ok_or_else(|| Error::bug(format!("shard {shard} was not built")))
     }
 
     /// As [`Self::build_shard`], for several shards whose clips share the threads. `stop` is asked before every clip and

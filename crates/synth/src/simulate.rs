@@ -85,7 +85,7 @@ pub fn open_motion(input: &str, seed: u64) -> Result<MotionInput, Error> {
             true => ErrorKind::Input,
             false => ErrorKind::NotFound,
         };
-        Error::input(e).of_kind(kind).naming(path).with_hint(
+        Error::wrap(e).of_kind(kind).naming(path).with_hint(
             "motions: .bvh, .amc (with its .asf), AMASS .npz, HumanML3D .npy, or builtin:NAME",
         )
     })?;
@@ -119,7 +119,7 @@ pub fn open_motion(input: &str, seed: u64) -> Result<MotionInput, Error> {
 /// # Errors
 /// A folder that cannot be read, or without a motion file.
 pub fn motion_files(folder: &Path) -> Result<Vec<String>, Error> {
-    let io = |e| Error::io(folder, &e);
+    let io = |e| Error::io(folder, e);
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(io)? {
         let file = entry.map_err(io)?.path();
@@ -139,6 +139,7 @@ pub fn motion_files(folder: &Path) -> Result<Vec<String>, Error> {
 fn open_builtin(input: &str, seed: u64) -> Result<MotionInput, Error> {
     let request = radarllm_motions::parse(input).map_err(|e| {
         Error::input(format!("{input}: {e}"))
+            .caused_by(e)
             .with_hint("`radarllm motion list` prints all motions with their keys")
     })?;
     let rendered = request.render(seed);
@@ -344,8 +345,8 @@ impl From<SynthError> for Error {
         match error {
             SynthError::Radar(error) => error,
             SynthError::Dataset(error) => error.into(),
-            SynthError::Interrupted => Self::input(error).of_kind(ErrorKind::Interrupted),
-            other => Self::input(other),
+            SynthError::Interrupted => Self::wrap(error).of_kind(ErrorKind::Interrupted),
+            other => Self::wrap(other),
         }
     }
 }

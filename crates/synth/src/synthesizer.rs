@@ -24,15 +24,16 @@ use crate::corpus::CorpusError;
 
 /// Why a record cannot be computed.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum SynthError {
     /// The data set configuration is invalid.
     #[error("configuration: {0}")]
     Config(String),
     /// The radar description is invalid.
-    #[error(transparent)]
+    #[error("{0}")]
     Radar(#[from] radarllm_io::Error),
     /// A source of motions is invalid.
-    #[error(transparent)]
+    #[error("{0}")]
     Corpus(#[from] CorpusError),
     /// The body cannot be generated.
     #[error("body: {0}")]
@@ -47,7 +48,7 @@ pub enum SynthError {
     #[error("stopped")]
     Interrupted,
     /// The data set returned an error.
-    #[error(transparent)]
+    #[error("{0}")]
     Dataset(#[from] radarllm_dataset::DatasetError),
 }
 

@@ -87,6 +87,7 @@ pub struct ExampleOverview<'a> {
 
 /// Why an example was not taken, or a file not read.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum TeachError {
     /// The recording has no window with enough points.
     #[error("{recording}: {points} points in {seconds:.1} s are too few to learn from")]

@@ -9,6 +9,7 @@ use radarllm_inference::tokenizer::EncodeError;
 
 /// Error that stopped training.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum TrainError {
     /// A setting is invalid.
     #[error("{field}: {problem}")]

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 /// A body could not be generated or read.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum BodyError {
     /// The height is outside the range supported by the built-in body.
     #[error("a body of {height_m} m: heights from 1.0 to 2.0 m are supported")]

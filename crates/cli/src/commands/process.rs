@@ -120,11 +120,8 @@ fn process_samples(
         eprintln!("listening at {address}");
     }
     let mut pictures = Pictures::new(&plots.pictures);
-    let extracted = samples.extract_points(|extractor, cube, frame| {
-        pictures
-            .push(extractor, cube, frame)
-            .map_err(|e| radarllm::Error::input(e.cause))
-    })?;
+    let extracted = samples
+        .extract_points(|extractor, cube, frame| Ok(pictures.push(extractor, cube, frame)?))?;
     let (damaged_frames, lost_frames) = (extracted.n_damaged, extracted.n_lost);
     let trailing_bytes = samples.trailing_bytes();
     let transfer = samples.frames().transfer().map(|(t, skipped)| Transfer {
@@ -169,7 +166,8 @@ fn process_samples(
         people: files,
         ghosts: people.ghosts.iter().map(GhostReport::from).collect(),
     };
-    print_notes(&report);
+    print_notes(&report.notes);
+    print_losses(&report);
     if args.json {
         return output::print_json(&report);
     }
@@ -313,10 +311,14 @@ fn processing(path: &Path) -> CliResult<ProcessingFile> {
 }
 
 /// Prints notes on a recording to stderr.
-fn print_notes(report: &Report) {
-    for note in &report.notes {
+fn print_notes(notes: &[String]) {
+    for note in notes {
         eprintln!("note: {note}");
     }
+}
+
+/// Prints what is missing in the samples to stderr.
+fn print_losses(report: &Report) {
     if report.damaged_frames + report.lost_frames > 0 {
         eprintln!(
             "note: {} frames have missing bytes (zero in the samples), {} never came (empty in the points)",
@@ -383,11 +385,9 @@ fn process_points(
         people: files,
         ghosts: people.ghosts.iter().map(GhostReport::from).collect(),
     };
+    print_notes(&report.notes);
     if args.json {
         return output::print_json(&report);
-    }
-    for note in &report.notes {
-        output::print_line(note);
     }
     output::print_line(&format!(
         "{}: {} frames at {:.2} Hz, {:.1} points a frame",

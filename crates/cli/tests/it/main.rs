@@ -11,6 +11,7 @@ mod eval_recordings;
 mod geometry;
 mod golden;
 mod headline;
+mod keywords;
 mod links;
 mod live;
 mod live_outside;

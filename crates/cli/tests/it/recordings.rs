@@ -160,6 +160,31 @@ fn every_format_becomes_a_points_file_that_says_recorded() {
     }
 }
 
+/// Results on stdout, everything else on stderr: a script that reads the first line gets the result.
+#[test]
+fn notes_on_points_go_to_stderr() {
+    let dir = tempfile::tempdir().unwrap();
+    let (input, out) = (dir.path().join("uart.dat"), dir.path().join("p.parquet"));
+    fs::write(&input, [packet(8), packet(9), packet(11)].concat()).unwrap();
+    let run = |verb: &[&str]| {
+        let output = radarllm(&[verb, &["--radar", "awr1843boost"]].concat());
+        let [stdout, stderr] =
+            [&output.stdout, &output.stderr].map(|b| String::from_utf8_lossy(b).into_owned());
+        assert!(output.status.success(), "{stderr}");
+        // Both verbs note which dialect the packets have.
+        assert!(stderr.contains("dialect"), "{verb:?}: {stderr}");
+        assert!(!stdout.contains("dialect"), "{verb:?}: {stdout}");
+        stdout
+    };
+    let stdout = run(&["process", text(&input), "--out", text(&out)]);
+    let result = format!("{}: 3 frames at 10.00 Hz", out.display());
+    assert!(stdout.starts_with(&result), "{stdout}");
+    assert_eq!(stdout.lines().count(), 1, "{stdout}");
+    run(&["describe", text(&input)]);
+    let page = dir.path().join("p.html");
+    run(&["view", text(&input), "--out", text(&page)]);
+}
+
 #[test]
 fn options_of_place_and_time_do_what_they_say() {
     let dir = tempfile::tempdir().unwrap();

@@ -218,7 +218,10 @@ fn another_configuration_or_foreign_files_are_refused() {
     plan_b.config_toml = "variants = 3\n".into();
     let error = build(dir.path(), &plan_b, options(1), make, |_| {}).unwrap_err();
     assert!(matches!(error, DatasetError::Foreign { .. }), "{error}");
-    assert!(error.to_string().contains("--force"));
+    assert_eq!(
+        error.hint().unwrap().to_string(),
+        "choose another directory, or `overwrite` starts over"
+    );
     assert_eq!(
         Dataset::open(dir.path()).unwrap().manifest().config_toml,
         plan_a.config_toml
@@ -234,7 +237,7 @@ fn another_configuration_or_foreign_files_are_refused() {
     );
     assert_eq!(validate(dir.path()).unwrap(), []);
 
-    // Even --force does not touch a directory that is something else.
+    // Even `Overwrite::Replace` does not touch a directory that is something else.
     let other = tempfile::tempdir().unwrap();
     std::fs::write(other.path().join("thesis.tex"), "x").unwrap();
     let error = build(other.path(), &plan_a, force, make, |_| {}).unwrap_err();

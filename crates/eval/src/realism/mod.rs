@@ -37,6 +37,7 @@ pub use replay::replay;
 
 /// Why recordings and simulation cannot be compared.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum RealismError {
     /// A file of the recording is unreadable or malformed.
     #[error("{file}: {problem}")]
@@ -53,7 +54,7 @@ pub enum RealismError {
     #[error(transparent)]
     Motion(#[from] MotionError),
     /// The chain refused.
-    #[error(transparent)]
+    #[error("{0}")]
     Synth(#[from] SynthError),
 }
 

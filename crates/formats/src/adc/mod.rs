@@ -28,6 +28,7 @@ pub use studio::{StudioCapture, StudioError, StudioSetup};
 
 /// Reasons why raw samples cannot be read.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum AdcError {
     /// The radar and the layout are incompatible.
     #[error("{0}")]

@@ -7,6 +7,7 @@ const MAX_LEFT_OVER: usize = 20;
 
 /// Reason why pieces cannot be joined to one recording.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum PiecesError {
     /// There are no pieces.
     #[error("no pieces of a recording")]

@@ -23,6 +23,7 @@ pub struct VisualizerBinary {
 
 /// Reason why a folder is not a recording.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum VisualizerBinaryError {
     /// The pieces cannot be joined.
     #[error(transparent)]

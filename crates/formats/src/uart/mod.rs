@@ -123,6 +123,7 @@ pub struct UartReport {
 
 /// Reason why a stream cannot be read: its dialect cannot be detected.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum UartError {
     /// The bytes contain no magic.
     #[error("no UART packet in {0} bytes: expected the magic 02 01 04 03 06 05 08 07")]

@@ -9,6 +9,7 @@ use crate::tokenizer::EncodeError;
 
 /// Errors in the files, the vocabulary and the inputs of the language model.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum LmError {
     /// A checkpoint file is missing, damaged or does not fit.
     #[error(transparent)]
@@ -89,6 +90,7 @@ pub enum Unlearned {
 
 /// Reasons why an input does not fit a language model.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum InputError {
     /// A prompt needs the context of its clip.
     #[error("the model is told the context of a clip, which was not measured")]

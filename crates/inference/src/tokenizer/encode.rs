@@ -45,6 +45,7 @@ pub struct Encoded {
 
 /// Reasons why a clip cannot be encoded.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[non_exhaustive]
 pub enum EncodeError {
     /// The points of the clip are invalid.
     #[error("clip {clip}: {source}")]

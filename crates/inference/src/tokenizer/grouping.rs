@@ -45,6 +45,7 @@ pub struct Grouped {
 
 /// Reasons why points cannot be grouped.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[non_exhaustive]
 pub enum GroupingError {
     /// The clip has no frame.
     #[error("no radar frame")]

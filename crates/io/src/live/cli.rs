@@ -64,6 +64,15 @@ impl fmt::Display for CliError {
     }
 }
 
+impl std::error::Error for CliError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Port(error) => Some(error),
+            Self::Refused { .. } => None,
+        }
+    }
+}
+
 /// A chirp file on its way to the board.
 pub(super) struct Sending {
     port: Terminal,

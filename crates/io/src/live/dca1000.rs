@@ -6,7 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use radarllm_base::{Provenance, RadarCube};
+use radarllm_base::{Provenance, RadarCube, message::text};
 use radarllm_formats::{
     adc::{CubeShape, FrameDecoder, LvdsLanes, SampleLayout},
     dca1000::{FrameBuilder, TransferSummary},
@@ -109,7 +109,8 @@ impl Dca1000 {
             .map_err(Error::input)?;
         let input = PathBuf::from(input);
         let radar = capture.radar.as_ref().ok_or_else(|| {
-            Error::input("raw samples need `radar`").with_hint("the radar that sends them")
+            Error::input(text("raw samples need ").option("radar"))
+                .with_hint("the radar that sends them")
         })?;
         let points = &capture.points;
         points.check_for_samples()?;
@@ -152,7 +153,7 @@ impl Dca1000 {
         };
         if let Some([card, here]) = control {
             start_whole(card, here, chosen.layout.lanes, &timeouts)
-                .map_err(|e| Error::input(format!("the card at {card}: {e}")))?;
+                .map_err(|e| Error::input(format!("the card at {card}: {e}")).caused_by(e))?;
         }
         let placing = Placing::new(points, points.mounting()?, config.frame_rate_hz(), None)?;
         Ok(Self {
@@ -211,7 +212,7 @@ impl Dca1000 {
             Link::Closed { .. } => {
                 match bind(&self.input, self.address, self.card) {
                     Ok(packets) => self.link = Link::Open(packets),
-                    Err(error) => self.close(&error.message)?,
+                    Err(error) => self.close(&error.to_string())?,
                 }
                 return Ok(());
             }
@@ -389,5 +390,5 @@ fn n_unused(summary: &TransferSummary) -> u64 {
 }
 
 fn bind(input: &Path, address: SocketAddr, card: Option<IpAddr>) -> Result<UdpPackets> {
-    UdpPackets::bind_for(address, card).map_err(|e| Error::io(input, &e))
+    UdpPackets::bind_for(address, card).map_err(|e| Error::io(input, e))
 }

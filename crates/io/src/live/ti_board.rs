@@ -7,7 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use radarllm_base::{Provenance, RecordedFrame, TimelineError};
+use radarllm_base::{Provenance, RecordedFrame, TimelineError, message::option};
 use radarllm_formats::{
     Mounting, RecordingFormat, UartError, UartParser,
     uart::{Dialect, SubframeJoiner, UartFrame},
@@ -129,11 +129,18 @@ impl TiBoard {
             .frame_rate_hz
             .or_else(|| radar.map(|r| r.config.frame_rate_hz()))
             .ok_or_else(|| {
-                Error::in_file(&data, TimelineError::NoRate)
-                    .with_hint("`frame_rate` HZ, or `radar` with the chirp file of the board")
+                Error::wrap_in_file(&data, TimelineError::NoRate).with_hint(
+                    option("frame_rate")
+                        .text(" HZ, or ")
+                        .option("radar")
+                        .text(" with the chirp file of the board"),
+                )
             })?;
         if !(frame_rate_hz > 0.0 && frame_rate_hz <= 1000.0) {
-            return Err(Error::in_file(&data, TimelineError::Rate(frame_rate_hz)));
+            return Err(Error::wrap_in_file(
+                &data,
+                TimelineError::Rate(frame_rate_hz),
+            ));
         }
         let cfg = radar.and_then(|r| match &r.source {
             RadarSource::TiCfg(text) => Some(text.as_str()),
@@ -161,7 +168,7 @@ impl TiBoard {
             provenance: Provenance::recorded(RecordingFormat::Uart.name(), data.display())
                 .to_string(),
         };
-        let port = Terminal::open(&data, points.baud).map_err(|e| Error::io(&data, &e))?;
+        let port = Terminal::open(&data, points.baud).map_err(|e| Error::io(&data, e))?;
         if let Some(cli) = &cli {
             send_whole(cli, &port, &timeouts)?;
         }
@@ -395,7 +402,8 @@ impl TiBoard {
                 self.lose(&self.silence());
             }
             Err(error) => {
-                return Err(Error::in_file(&self.data, error).with_hint("`dialect` names it"));
+                return Err(Error::wrap_in_file(&self.data, error)
+                    .with_hint(option("dialect").text(" names it")));
             }
         }
         Ok(())
@@ -494,7 +502,7 @@ fn commands_for(path: &Path, data: &Path, cfg: Option<&str>) -> Result<Arc<[cli:
     }
     let Some(cfg) = cfg else {
         return Err(Error::in_file(path, "there is no chirp file to send")
-            .with_hint("`radar` with the .cfg of the board"));
+            .with_hint(option("radar").text(" with the .cfg of the board")));
     };
     Ok(cli::commands(cfg).into())
 }
@@ -504,17 +512,17 @@ fn send_whole(cli: &Cli, data: &Terminal, timeouts: &LiveTimeouts) -> Result {
     // Packets of an earlier run are not part of this one.
     data.discard_input()
         .and_then(|()| cli.send(timeouts))
-        .map_err(|e| Error::io(&cli.path, &e))
+        .map_err(|e| Error::io(&cli.path, e))
         .and_then(|mut sending| {
             loop {
                 match sending.step(Instant::now() + timeouts.answer) {
                     Ok(true) => return Ok(()),
                     Ok(false) => {}
-                    Err(CliError::Port(e)) => return Err(Error::io(&cli.path, &e)),
+                    Err(CliError::Port(e)) => return Err(Error::io(&cli.path, e)),
                     Err(error) => {
-                        return Err(Error::in_file(&cli.path, error).with_hint(
-                            "`radar` must be the .cfg of the demo that runs on the board; a reset of the board clears its state",
-                        ));
+                        return Err(Error::wrap_in_file(&cli.path, error).with_hint(option("radar").text(
+                            " must be the .cfg of the demo that runs on the board; a reset of the board clears its state",
+                        )));
                     }
                 }
             }

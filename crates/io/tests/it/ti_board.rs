@@ -257,7 +257,7 @@ fn a_refused_line_is_named_with_the_words_of_the_board() {
         "{}: line 5 of the chirp file, `channelCfg 15 7 0`: Error: Invalid usage of the CLI command; Error -1",
         fake.cli.display()
     );
-    assert_eq!(error.message, expected);
+    assert_eq!(error.to_string(), expected);
     assert!(error.hint.is_some());
     assert_eq!(fake.commands().len(), 3);
 
@@ -282,7 +282,7 @@ fn a_refused_line_is_named_with_the_words_of_the_board() {
         });
         let error = board_on(&fake, impatient).err().unwrap();
         let text = format!("line 2 of the chirp file, `sensorStop`: {words}");
-        assert!(error.message.contains(&text), "{error}");
+        assert!(error.to_string().contains(&text), "{error}");
     }
 }
 

@@ -31,6 +31,7 @@ pub struct MotionFile {
 
 /// Why a motion cannot be encoded.
 #[derive(Debug, thiserror::Error, PartialEq)]
+#[non_exhaustive]
 pub enum MotionError {
     /// The length is not a whole, positive number of frames.
     #[error("motion features: {found} values are not a positive multiple of {MOTION_DIM}")]

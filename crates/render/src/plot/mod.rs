@@ -43,6 +43,7 @@ use crate::PngError;
 
 /// Reason why a plot cannot be made.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum PlotError {
     /// The number of values does not match the size of the grid.
     #[error("a grid of {n_rows} x {n_cols} needs as many values, found {found}")]

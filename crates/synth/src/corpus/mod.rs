@@ -51,6 +51,7 @@ pub trait Corpus: Send + Sync {
 
 /// Why a corpus or one of its motions cannot be used.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum CorpusError {
     /// A file cannot be read.
     #[error("{path}: {source}")]
