@@ -135,7 +135,7 @@ impl Live {
                 actions: actions(),
                 ..broker
             };
-            Publisher::start(broker, Arc::clone(&bus)).map_err(Error::input)
+            Publisher::start(broker, Arc::clone(&bus)).map_err(Error::wrap)
         };
         let publisher = options.broker.map(publish).transpose()?;
         let writer = StoreWriter::start(
