@@ -5,7 +5,7 @@
 #
 # Needs Rust and maturin (`pip install maturin`). With ziglang (`pip install ziglang`) the wheel runs on any Linux with
 # glibc 2.28 or newer; without it, on those with the glibc of this machine. TARGET names another target of rustup, for
-# example aarch64-unknown-linux-gnu. SIMD is chosen at run time, so one wheel serves all processors of a target.
+# example aarch64-unknown-linux-gnu. FEATURES=train adds training to the command of the package. SIMD is chosen at run time, so one wheel serves all processors of a target.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 out=${1:-dist}
@@ -15,7 +15,10 @@ if ! command -v maturin >/dev/null; then
     echo "hint: pip install maturin" >&2
     exit 1
 fi
-options=(--release --out "$out")
+options=(--release --locked --out "$out")
+if [ -n "${FEATURES:-}" ]; then
+    options+=(--features "$FEATURES")
+fi
 if [ -n "${TARGET:-}" ]; then
     options+=(--target "$TARGET")
 fi

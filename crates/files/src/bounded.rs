@@ -38,6 +38,34 @@ pub enum ReadError {
     },
 }
 
+impl ReadError {
+    /// The error as one of the operating system, for errors that name the file themselves.
+    pub fn into_io(self) -> std::io::Error {
+        match self {
+            Self::Io { source, .. } => source,
+            Self::TooLarge { max_bytes, .. } => std::io::Error::new(
+                std::io::ErrorKind::FileTooLarge,
+                format!("more than the {max_bytes} bytes that are read"),
+            ),
+            Self::NotUtf8 { byte, .. } => std::io::Error::new(
+                std::io::ErrorKind::InvalidData,
+                format!("byte {byte}: expected UTF-8"),
+            ),
+        }
+    }
+}
+
+/// Opens a file that is read piece by piece. The caller bounds what it keeps.
+///
+/// # Errors
+/// [`ReadError::Io`].
+pub fn open(path: &Path) -> Result<File, ReadError> {
+    File::open(path).map_err(|source| ReadError::Io {
+        path: path.into(),
+        source,
+    })
+}
+
 /// Reads all bytes of a file that has at most `max_bytes`.
 ///
 /// # Errors

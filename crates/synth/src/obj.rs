@@ -5,12 +5,12 @@
 //! surfaces and keywords that OBJ does not define are errors, because ignoring them would change the mesh.
 
 use std::{
-    fs::File,
     io::{BufRead, BufReader, Read},
     path::Path,
 };
 
 use glam::DVec3;
+use radarllm_files::bounded;
 use radarllm_radar_sim::shapes::RigidSurface;
 
 /// Maximum line length, continuation lines included, bytes: a polygon of some thousand corners.
@@ -50,7 +50,7 @@ const PASSED_OVER: [&str; 21] = [
 /// # Errors
 /// File, line and the expected content.
 pub(crate) fn read_obj(path: &Path, max_facets: usize) -> Result<RigidSurface, String> {
-    let file = File::open(path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let file = bounded::open(path).map_err(|e| e.to_string())?;
     parse(BufReader::with_capacity(1 << 18, file), max_facets)
         .map_err(|problem| format!("{}: {problem}", path.display()))
 }

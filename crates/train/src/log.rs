@@ -55,7 +55,8 @@ impl Log {
             path: path.into(),
             source,
         };
-        let text = fs::read_to_string(&self.lines).map_err(|e| io(&self.lines, e))?;
+        let text = bounded::read_text(&self.lines, MAX_LOG_BYTES)
+            .map_err(|e| io(&self.lines, e.into_io()))?;
         let kept: Vec<(&str, Map<String, Value>)> = text
             .lines()
             .filter_map(|line| Some((line, serde_json::from_str(line).ok()?)))
@@ -70,8 +71,11 @@ impl Log {
         for (_, line) in &kept {
             records.extend(event(line, begin_s + seconds(line)));
         }
-        fs::write(&self.lines, lines).map_err(|e| io(&self.lines, e))?;
-        fs::write(&self.events, records).map_err(|e| io(&self.events, e))
+        for (path, bytes) in [(&self.lines, lines.as_bytes()), (&self.events, &records)] {
+            atomic::write(path, bytes, Existing::Replace)
+                .map_err(|e| io(path, std::io::Error::other(e)))?;
+        }
+        Ok(())
     }
 
     /// Removes the log.

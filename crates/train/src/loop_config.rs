@@ -1,8 +1,8 @@
 //! Settings of the training loop, and reading of settings files.
 
-use std::fs;
 use std::path::Path;
 
+use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
 use radarllm_nn::device::Processors;
 use serde::{Deserialize, Serialize};
 
@@ -183,9 +183,9 @@ pub fn print_config<T: Serialize + Default>() -> Result<String, TrainError> {
 /// # Errors
 /// If the file cannot be read or its contents do not fit.
 pub fn read_config<T: for<'de> Deserialize<'de>>(path: &Path) -> Result<T, TrainError> {
-    let text = fs::read_to_string(path).map_err(|source| TrainError::Io {
+    let text = bounded::read_text(path, MAX_CONFIG_BYTES).map_err(|e| TrainError::Io {
         path: path.into(),
-        source,
+        source: e.into_io(),
     })?;
     toml::from_str(&text).map_err(|e| TrainError::ConfigFile {
         path: path.into(),

@@ -16,6 +16,7 @@ use crate::error::{MotionError, excerpt};
 use crate::proportions::standing_height_m;
 use crate::retarget::retarget;
 use radarllm_base::Motion;
+use radarllm_files::bounded;
 use radarllm_files::npy::{NPY_MAGIC, NpyArray, Npz, NpzError, Skipped};
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
@@ -367,7 +368,7 @@ fn read_capped(path: &Path) -> Result<Vec<u8>, MotionError> {
     };
     let size_bytes = std::fs::metadata(path).map_err(io)?.len();
     check_size(&file, size_bytes, MAX_FILE_BYTES)?;
-    std::fs::read(path).map_err(io)
+    bounded::read_bytes(path, MAX_FILE_BYTES).map_err(|e| io(e.into_io()))
 }
 
 fn check_size(file: &str, size_bytes: u64, limit_bytes: u64) -> Result<(), MotionError> {

@@ -10,6 +10,7 @@ use super::{BodyError, BodyModel};
 use glam::{Affine3A, Mat3, Vec3};
 use radarllm_base::skeleton::N_JOINTS;
 use radarllm_base::{Joint, Pose, Skeleton};
+use radarllm_files::bounded;
 use radarllm_files::npy::{NpyArray, Npz, NpzError};
 use std::io::{Read, Seek};
 use std::path::Path;
@@ -49,9 +50,9 @@ impl SmplxBody {
     /// Any [`BodyError`] except the two of the built-in body. A file whose required members are
     /// pickled is rejected with the names of these members.
     pub fn open(path: &Path, betas: &[f32]) -> Result<Self, BodyError> {
-        let file = std::fs::File::open(path).map_err(|source| BodyError::Io {
+        let file = bounded::open(path).map_err(|e| BodyError::Io {
             path: path.into(),
-            source,
+            source: e.into_io(),
         })?;
         let name = path
             .file_stem()

@@ -5,10 +5,10 @@
 //! stores them as `[in, out]`.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
 use std::path::Path;
 
 use burn::tensor::{Device, Tensor};
+use radarllm_files::bounded::{self, ReadError};
 use serde::Deserialize;
 
 use super::t5::T5;
@@ -247,21 +247,11 @@ pub(crate) fn json_error(file: &Path, error: &serde_json::Error) -> LmError {
 
 /// Reads a small file of a checkpoint. Genuine ones are far smaller than the limit of 64 MB.
 pub(crate) fn read_small(path: &Path) -> Result<Vec<u8>, LmError> {
-    let io = |source| CheckpointError::Io {
+    let io = |e: ReadError| CheckpointError::Io {
         path: path.into(),
-        source,
+        source: e.into_io(),
     };
-    let found = fs::metadata(path).map_err(io)?.len();
-    let limit = 64 << 20;
-    if found > limit {
-        return Err(CheckpointError::TooLarge {
-            path: path.into(),
-            found,
-            limit,
-        }
-        .into());
-    }
-    Ok(fs::read(path).map_err(io)?)
+    Ok(bounded::read_bytes(path, 64 << 20).map_err(io)?)
 }
 
 #[derive(Deserialize)]
@@ -396,6 +386,8 @@ mod tests {
     use crate::params::collect_params;
     use radarllm_engine::Source;
     use radarllm_inference::checkpoint::{CheckpointFiles, HostTensor, read_safetensors};
+    use std::fs;
+
     use radarllm_inference::lm::{LmConfig, LmPreset, NetworkConfig};
 
     fn golden(name: &str) -> (T5Config, NamedTensors, std::path::PathBuf) {

@@ -5,7 +5,6 @@
 
 use std::{
     collections::{HashMap, hash_map::Entry},
-    fs,
     path::{Path, PathBuf},
 };
 
@@ -15,7 +14,8 @@ use radarllm_dataset::record::Split;
 use radarllm_files::bounded;
 use serde::Deserialize;
 
-use super::{Corpus, CorpusError, CorpusItem, files_below, io_error};
+use super::files::text_of;
+use super::{Corpus, CorpusError, CorpusItem, files_below};
 
 /// Largest BVH file that is read, bytes (the largest real one has 6 MB).
 const MAX_BVH_BYTES: u64 = 64 << 20;
@@ -118,7 +118,7 @@ impl Corpus for BandaiNamco {
 }
 
 fn read_captions(path: &Path) -> Result<HashMap<String, CaptionLine>, CorpusError> {
-    let text = fs::read_to_string(path).map_err(io_error(path))?;
+    let text = text_of(path)?;
     let mut captions = HashMap::new();
     for (line_idx, line) in text.lines().enumerate() {
         let problem = |problem: String| CorpusError::Format {
@@ -136,7 +136,7 @@ fn read_captions(path: &Path) -> Result<HashMap<String, CaptionLine>, CorpusErro
 }
 
 fn read_splits(path: &Path) -> Result<HashMap<String, (Split, String)>, CorpusError> {
-    let text = fs::read_to_string(path).map_err(io_error(path))?;
+    let text = text_of(path)?;
     let mut splits = HashMap::new();
     for (line_idx, line) in text.lines().enumerate().skip(1) {
         let problem = |problem: String| CorpusError::Format {
@@ -164,6 +164,8 @@ fn read_splits(path: &Path) -> Result<HashMap<String, (Split, String)>, CorpusEr
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::super::files::tests::bvh;
     use super::*;
 

@@ -2,10 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
+use radarllm_files::bounded;
+
 use crate::harness::TrainError;
 
 /// Most bytes of a file of sentences; all sentences of HumanML3D have 3 MB.
-const MOST_BYTES: u64 = 1 << 28;
+const MAX_BYTES: u64 = 1 << 28;
 
 /// Reads files of sentences: UTF-8 text with a sentence on each line. Empty lines are left out.
 ///
@@ -36,15 +38,7 @@ pub fn read_sentences(files: &[PathBuf]) -> Result<Vec<String>, TrainError> {
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, TrainError> {
-    let of_file = |e: std::io::Error| problem(path, e.to_string());
-    let n_bytes = std::fs::metadata(path).map_err(of_file)?.len();
-    if n_bytes > MOST_BYTES {
-        return Err(problem(
-            path,
-            format!("{n_bytes} bytes, at most {MOST_BYTES}"),
-        ));
-    }
-    std::fs::read(path).map_err(of_file)
+    bounded::read_bytes(path, MAX_BYTES).map_err(|e| problem(path, e.into_io().to_string()))
 }
 
 fn problem(path: &Path, problem: String) -> TrainError {
