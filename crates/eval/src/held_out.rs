@@ -5,6 +5,7 @@
 
 use std::path::Path;
 
+use radarllm_base::stats::quantile_nearest;
 use radarllm_dataset::{
     ClipRecord, DatasetError, Problem, Split, manifest::MANIFEST_NAME, validate_with,
 };
@@ -95,13 +96,15 @@ impl Motions {
                 });
             }
         }
-        distances.sort_by(f64::total_cmp);
-        let at = |q: f64| distances[((distances.len() - 1) as f64 * q).round() as usize];
+        let at = |q: f64| quantile_nearest(distances.iter().copied(), q);
         HeldOut {
             judged: distances.len(),
             not_judged: self.n_held_out - distances.len(),
             leak_distance: LEAK_DISTANCE,
-            distances: (!distances.is_empty()).then(|| [at(0.0), at(0.05), at(0.5)]),
+            distances: match [at(0.0), at(0.05), at(0.5)] {
+                [Some(min), Some(low), Some(median)] => Some([min, low, median]),
+                _ => None,
+            },
         }
     }
 }

@@ -8,6 +8,7 @@
 //! and towards the radar faster than [`FAST_MPS`]. Steps without points are interpolated. Every series gives its
 //! mean, standard deviation, 10 % and 90 % quantiles, and the share of its power in the five bands of [`BANDS_HZ`].
 
+use radarllm_base::stats::{median_upper, quantile_linear};
 use radarllm_base::{Clip, PointFrame, RadarPoint, series::interpolated};
 
 /// Length of a step of the series, s.
@@ -107,8 +108,8 @@ fn series(
     radar_height_m: f32,
 ) -> Vec<Vec<f64>> {
     let points = || frames.iter().flat_map(|f| &f.points);
-    let range_m = median(points().map(|p| f64::from(p.range_m)).collect());
-    let forward_m = median(points().map(|p| f64::from(p.y_m)).collect());
+    let range_m = median_upper(points().map(|p| f64::from(p.range_m))).unwrap_or_default();
+    let forward_m = median_upper(points().map(|p| f64::from(p.y_m))).unwrap_or_default();
     let steps = steps(frames, start_s, length_s);
     let mut series = vec![vec![f64::NAN; steps.len()]; N_SERIES];
     for (i, step) in steps.iter().enumerate() {
@@ -137,11 +138,6 @@ fn series(
         series[7][i] = mean(&|p| p.velocity_mps.abs());
     }
     series
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or_default()
 }
 
 /// Mean, standard deviation, quantiles and shares of power of one series; zeros if fewer than three steps have a value.
@@ -175,12 +171,9 @@ fn of_series(series: &[f64]) -> [f64; N_PER_SERIES] {
     out
 }
 
-/// Quantile of sorted values with linear interpolation.
-pub(crate) fn quantile(sorted: &[f64], q: f64) -> f64 {
-    let position = q * (sorted.len() - 1) as f64;
-    let (below, share) = (position.floor() as usize, position.fract());
-    let above = (below + 1).min(sorted.len() - 1);
-    sorted[below] + share * (sorted[above] - sorted[below])
+/// Quantile of sorted values; 0 without values.
+pub(crate) fn quantile(sorted: &[f64], share: f64) -> f64 {
+    quantile_linear(sorted, share).unwrap_or_default()
 }
 
 /// Squared magnitudes of the bins of a transform of length [`N_TRANSFORM`] after a Hann window, without the mean.

@@ -1,6 +1,6 @@
 //! Clustering of the points of a frame: DBSCAN over position and radial velocity.
 
-use radarllm_base::RadarPoint;
+use radarllm_base::{RadarPoint, stats::median_upper};
 
 use crate::{OptionError, within};
 
@@ -92,8 +92,7 @@ impl Cluster {
             place_m[1] += f64::from(point.y_m) / n;
             velocities.push(point.velocity_mps);
         }
-        velocities.sort_by(f32::total_cmp);
-        let velocity_mps = f64::from(*velocities.get(velocities.len() / 2)?);
+        let velocity_mps = f64::from(median_upper(velocities)?);
         Some(Self {
             points: indices,
             place_m,

@@ -139,17 +139,6 @@ fn limit(is_below: impl Fn(f64) -> bool, n: usize) -> f64 {
     0.5 * (low + high)
 }
 
-/// Median of some values; the mean of the two in the middle of an even number.
-pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    let n = values.len();
-    let upper = *values.get(n / 2)?;
-    match n % 2 {
-        0 => Some(0.5 * (values[n / 2 - 1] + upper)),
-        _ => Some(upper),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -196,12 +185,5 @@ mod tests {
         assert_eq!((none.low_per_day, none.high_per_day), (0.0, 144.0));
         assert!(DailyRate::new(0, 0.0).high_per_day.is_infinite());
         assert_eq!(DailyRate::new(1, 0.0).to_text(), "no time");
-    }
-
-    #[test]
-    fn the_median_is_in_the_middle() {
-        assert_eq!(median(Vec::new()), None);
-        assert_eq!(median(vec![3.0, 1.0, 2.0]), Some(2.0));
-        assert_eq!(median(vec![4.0, 1.0, 2.0, 3.0]), Some(2.5));
     }
 }

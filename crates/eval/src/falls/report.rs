@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use radarllm_base::stats::median_mean;
 use serde::Serialize;
 
 use super::{
-    counts::{DailyRate, Proportion, median},
+    counts::{DailyRate, Proportion},
     plan::FallPlan,
     recordings::RecordingAlarms,
     score::Missed,
@@ -192,7 +193,7 @@ fn fall_counts(condition: &'static str, value: String, rows: &[&TrialRow]) -> Fa
         suspected: proportion(|row| row.score.suspected_s.is_some()),
         confirmed: proportion(|row| row.score.confirmed_s.is_some()),
         max_delay_s: delays.iter().copied().reduce(f64::max),
-        median_delay_s: median(delays),
+        median_delay_s: median_mean(delays),
         false_suspected: sum(|row| row.score.false_suspected),
         false_confirmed: sum(|row| row.score.false_confirmed),
         repeated: sum(|row| row.score.repeated),

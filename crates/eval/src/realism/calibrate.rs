@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use radarllm_base::{PointFrame, RadarPoint};
+use radarllm_base::{PointFrame, RadarPoint, stats::median_upper};
 use radarllm_radar_dsp::Detector;
 use radarllm_synth::synthesizer::open_radar;
 
@@ -134,21 +134,18 @@ fn means(config: &RealismConfig, frames: &[PointFrame]) -> Result<Means, Realism
         config.crop(&mut frame);
         kept.extend(frame.points);
     }
-    if kept.is_empty() {
-        return Err(RealismError::NoPoints);
-    }
     let n = kept.len() as f64;
     let mean = |value: &dyn Fn(&RadarPoint) -> f64| kept.iter().map(value).sum::<f64>() / n;
     let per_range =
         |v: f32, p: &RadarPoint| f64::from(v) / f64::from(p.range_m).max(f64::MIN_POSITIVE);
-    let mut intensities: Vec<f32> = kept.iter().map(|p| p.intensity_db).collect();
-    intensities.sort_unstable_by(f32::total_cmp);
+    let median_db =
+        median_upper(kept.iter().map(|p| p.intensity_db)).ok_or(RealismError::NoPoints)?;
     Ok(Means {
         per_frame: n / frames.len() as f64,
         range_m: mean(&|p| f64::from(p.range_m)),
         u_x: mean(&|p| per_range(p.x_m, p)),
         u_z: mean(&|p| per_range(p.z_m, p)),
         on_boresight: mean(&|p| f64::from(u8::from(p.x_m == 0.0))),
-        median_db: f64::from(intensities[intensities.len() / 2]),
+        median_db: f64::from(median_db),
     })
 }

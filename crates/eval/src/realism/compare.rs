@@ -1,5 +1,6 @@
 //! The table: distributions, Chamfer distance, and a classifier trained on simulated points.
 
+use radarllm_base::stats::{median_upper, quantile_nearest};
 use radarllm_base::{PointFrame, RadarPoint};
 use serde::Serialize;
 
@@ -194,10 +195,8 @@ fn row(
 
 /// 5th, 50th and 95th; `None` without values.
 fn percentiles(values: &[f64]) -> Option<[f64; 3]> {
-    let mut sorted = values.to_vec();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let last = sorted.len().checked_sub(1)?;
-    Some([0.05, 0.5, 0.95].map(|q| sorted[(q * last as f64).round() as usize]))
+    let at = |q: f64| quantile_nearest(values.iter().copied(), q);
+    Some([at(0.05)?, at(0.5)?, at(0.95)?])
 }
 
 fn places(frame: &PointFrame) -> Vec<[f32; 3]> {
@@ -224,12 +223,8 @@ const SPEEDS_MPS: [f32; 4] = [0.2, 0.9, 1.5, 2.5];
 /// relative to the median x: square roots of shares; then mean and deviation of the counts; then
 /// shares by speed.
 fn features(window: &[PointFrame]) -> Vec<f64> {
-    let mut xs: Vec<f32> = window
-        .iter()
-        .flat_map(|f| f.points.iter().map(|p| p.x_m))
-        .collect();
-    xs.sort_unstable_by(f32::total_cmp);
-    let middle_x = xs.get(xs.len() / 2).copied().unwrap_or_default();
+    let xs = window.iter().flat_map(|f| f.points.iter().map(|p| p.x_m));
+    let middle_x = median_upper(xs).unwrap_or_default();
     let cell = |v: f32| {
         let share = (v + GRID_HALF_M) / (2.0 * GRID_HALF_M);
         ((share * GRID as f32).floor().max(0.0) as usize).min(GRID - 1)
