@@ -10,9 +10,8 @@ use radarllm_base::{
 };
 use radarllm_dataset::{ClipRecord, Columns, Dataset, Split};
 use radarllm_inference::{Description, Segment, actions, prepare::RATE_TOLERANCE};
-use radarllm_teach::features::windows;
 
-use crate::{EvalError, forest::Forest};
+use crate::{EvalError, features::windows, forest::Forest};
 
 /// Trees of the forest.
 const N_TREES: usize = 300;

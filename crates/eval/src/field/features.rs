@@ -1,7 +1,5 @@
-//! Features of a window of points: level, spread and spectrum of ten time series.
-//!
-//! A forest compares boards with the simulator by them (crate `eval`); taught activities have features of their own
-//! ([`crate::shape`]).
+//! Features of a window of points, by which a forest compares boards with the simulator: level, spread and spectrum of ten
+//! time series.
 //!
 //! The series are sampled at [`STEP_S`]: number of points, their mean, lowest and highest height, mean range and mean
 //! forward distance relative to the window's medians, mean velocity, mean speed, and the numbers of points that move away
@@ -10,36 +8,16 @@
 
 use radarllm_base::stats::{median_upper, quantile_linear};
 use radarllm_base::{Clip, PointFrame, RadarPoint, series::interpolated};
+use radarllm_teach::windows::{N_TRANSFORM, STEP_S, Window, power_spectrum, steps, windows_with};
 
-/// Length of a step of the series, s.
-pub const STEP_S: f64 = 0.1;
-/// Length of a window, s. A shorter recording is one window.
-pub const WINDOW_S: f64 = 6.7;
-/// Distance of two windows, s.
-pub const HOP_S: f64 = 1.0;
 /// Points with a larger radial speed count as fast, m/s.
 pub const FAST_MPS: f32 = 0.7;
 /// Edges of the spectral bands, Hz: slow sway, slow exercise, walking rhythm, fast exercise, jitter.
 pub const BANDS_HZ: [[f64; 2]; 5] = [[0.2, 0.45], [0.45, 0.8], [0.8, 1.4], [1.4, 2.5], [2.5, 5.0]];
-/// Points at the length of this transform give the spectrum.
-pub(crate) const N_TRANSFORM: usize = 256;
 const N_SERIES: usize = 10;
 const N_PER_SERIES: usize = 4 + BANDS_HZ.len();
 /// Number of features of a window.
 pub const N_FEATURES: usize = N_SERIES * N_PER_SERIES;
-/// Windows with fewer points have no features.
-pub const MIN_POINTS: usize = 5;
-
-/// A window and its features.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Window {
-    /// Start on the clock of the recording's frames, s.
-    pub start_s: f64,
-    /// End, s.
-    pub end_s: f64,
-    /// The features; `None` for a window with fewer than [`MIN_POINTS`] points.
-    pub features: Option<Vec<f32>>,
-}
 
 /// The windows of a clip with their [`N_FEATURES`] features, in order.
 pub fn windows(clip: &Clip) -> Vec<Window> {
@@ -49,37 +27,6 @@ pub fn windows(clip: &Clip) -> Vec<Window> {
     })
 }
 
-/// The windows of a clip, in order. `features` has the frames, the start and the length of a window, s; a window with
-/// fewer than [`MIN_POINTS`] points has none.
-pub(crate) fn windows_with(
-    clip: &Clip,
-    features: impl Fn(&[PointFrame], f64, f64) -> Vec<f32>,
-) -> Vec<Window> {
-    let Some(first) = clip.frames.first() else {
-        return Vec::new();
-    };
-    let start_s = first.time_s;
-    let seconds = clip.duration_s();
-    let length_s = WINDOW_S.min(seconds);
-    let n_windows = ((seconds - length_s) / HOP_S + 1e-6).floor() as usize + 1;
-    let one = |i: usize| {
-        let window_start_s = start_s + i as f64 * HOP_S;
-        // Frames are in order of time.
-        let at = |t: f64| {
-            let before = |f: &PointFrame| f.time_s - window_start_s < t - 1e-6;
-            clip.frames.partition_point(before)
-        };
-        let frames = clip.frames.get(at(0.0)..at(length_s)).unwrap_or_default();
-        let n_points: usize = frames.iter().map(|f| f.points.len()).sum();
-        Window {
-            start_s: window_start_s,
-            end_s: window_start_s + length_s,
-            features: (n_points >= MIN_POINTS).then(|| features(frames, window_start_s, length_s)),
-        }
-    };
-    (0..n_windows).map(one).collect()
-}
-
 fn features(frames: &[PointFrame], start_s: f64, length_s: f64, radar_height_m: f32) -> Vec<f32> {
     let series = series(frames, start_s, length_s, radar_height_m);
     series
@@ -87,17 +34,6 @@ fn features(frames: &[PointFrame], start_s: f64, length_s: f64, radar_height_m: 
         .flat_map(|s| of_series(s))
         .map(|v| v as f32)
         .collect()
-}
-
-/// The points of each step of [`STEP_S`].
-pub(crate) fn steps(frames: &[PointFrame], start_s: f64, length_s: f64) -> Vec<Vec<&RadarPoint>> {
-    let n_steps = ((length_s / STEP_S).round() as usize).max(1);
-    let mut steps: Vec<Vec<&RadarPoint>> = vec![Vec::new(); n_steps];
-    for frame in frames {
-        let step = ((frame.time_s - start_s) / STEP_S + 1e-6) as usize;
-        steps[step.min(n_steps - 1)].extend(&frame.points);
-    }
-    steps
 }
 
 /// The series `[N_SERIES][steps]`; NaN where a step has no points.
@@ -154,8 +90,8 @@ fn of_series(series: &[f64]) -> [f64; N_PER_SERIES] {
     sorted.sort_by(f64::total_cmp);
     out[0] = mean;
     out[1] = variance.sqrt();
-    out[2] = quantile(&sorted, 0.1);
-    out[3] = quantile(&sorted, 0.9);
+    out[2] = quantile_linear(&sorted, 0.1).unwrap_or_default();
+    out[3] = quantile_linear(&sorted, 0.9).unwrap_or_default();
     let power = power_spectrum(&values, mean);
     let hz = |bin: usize| bin as f64 / (N_TRANSFORM as f64 * STEP_S);
     let above = |low: f64, high: f64| {
@@ -171,39 +107,10 @@ fn of_series(series: &[f64]) -> [f64; N_PER_SERIES] {
     out
 }
 
-/// Quantile of sorted values; 0 without values.
-pub(crate) fn quantile(sorted: &[f64], share: f64) -> f64 {
-    quantile_linear(sorted, share).unwrap_or_default()
-}
-
-/// Squared magnitudes of the bins of a transform of length [`N_TRANSFORM`] after a Hann window, without the mean.
-pub(crate) fn power_spectrum(values: &[f64], mean: f64) -> Vec<f64> {
-    let n = values.len();
-    let hann = |i: usize| match n {
-        1 => 1.0,
-        _ => 0.5 - 0.5 * (std::f64::consts::TAU * i as f64 / (n - 1) as f64).cos(),
-    };
-    let windowed: Vec<f64> = values
-        .iter()
-        .enumerate()
-        .map(|(i, v)| (v - mean) * hann(i))
-        .collect();
-    let turn = std::f64::consts::TAU / N_TRANSFORM as f64;
-    let bin = |k: usize| {
-        let (mut re, mut im) = (0.0, 0.0);
-        for (i, v) in windowed.iter().enumerate() {
-            let (sin, cos) = (turn * (k * i % N_TRANSFORM) as f64).sin_cos();
-            re += v * cos;
-            im -= v * sin;
-        }
-        re * re + im * im
-    };
-    (0..=N_TRANSFORM / 2).map(bin).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use radarllm_base::{Clutter, Provenance};
+    use radarllm_teach::windows::MIN_POINTS;
 
     use super::*;
 
