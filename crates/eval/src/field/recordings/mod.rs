@@ -149,9 +149,7 @@ impl RecordingsConfig {
             let known = |action: &&String| {
                 let mut words = action.split(' ');
                 let name = words.next().unwrap_or_default();
-                radarllm_facts::lexicon::PATTERNS
-                    .iter()
-                    .any(|p| p.action == name)
+                radarllm_facts::tables::stated_actions().any(|action| action == name)
                     && words.all(|word| strict::ATTRIBUTES.contains(&word))
             };
             if let Some(unknown) = activity.actions.iter().find(|action| !known(action)) {
