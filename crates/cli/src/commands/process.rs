@@ -134,7 +134,9 @@ fn process_samples(
         skipped,
     });
     let stats = samples.stats().clone();
-    let radarllm_io::Recording { clip, mut notes } = samples.into_recording(extracted)?;
+    let radarllm_io::Recording {
+        clip, mut notes, ..
+    } = samples.into_recording(extracted)?;
     let (clip, people) = resample_and_track(args, clip, &mut notes)?;
     let tracks = args.people.is_given().then_some(&people.tracks[..]);
     pictures.finish(&clip.frames, tracks)?;
