@@ -5,6 +5,7 @@ use std::{
     time::Instant,
 };
 
+use clap::Args;
 use radarllm::{
     Captioner, Choices, Clip, DescribeOptions, Precision, Recording, SimulateOptions, bundled,
 };
@@ -19,16 +20,58 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::{
-    args::{DecoderName, DescribeArgs},
     commands::generate,
     error::{CliError, CliResult},
     memory::peak_memory_mb,
+    model_args::DecoderName,
     output,
     person_report::{GhostReport, PersonReport},
-    recording_args::PeopleArgs,
+    recording_args::{InputArgs, PeopleArgs},
     threads::on_threads,
     user_memory::load_memory,
 };
+
+/// `describe`.
+#[derive(Args)]
+pub struct DescribeArgs {
+    /// Recordings of any format, points files, motion files or builtin:NAME?key=value.
+    #[arg(required = true)]
+    pub inputs: Vec<String>,
+    /// Model folder; the bundled model if omitted.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Decoder of the language model.
+    #[arg(long, value_enum, default_value = "f32")]
+    pub decoder: DecoderName,
+    /// Search for the most probable sentence with N beams (1 is greedy) instead of a vote among drawn sentences.
+    #[arg(long, value_name = "N")]
+    pub beam: Option<usize>,
+    /// File with taught activities; the user's own if omitted and there is one.
+    #[arg(long, value_name = "FILE")]
+    pub memory: Option<PathBuf>,
+    /// Choose among these activities instead of describing freely: "boxing,squats,walking".
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub choose: Vec<String>,
+    /// Follow this instruction instead of describing: a question or request about the motion, its length or its
+    /// continuation, in words like those of instruction tuning. The model must have been tuned.
+    #[arg(long, value_name = "TEXT", conflicts_with_all = ["choose", "memory"])]
+    pub instruct: Option<String>,
+    /// How to read the inputs.
+    #[command(flatten)]
+    pub input: InputArgs,
+    /// Tracking of people: one sentence for each, with the track's number and time.
+    #[command(flatten)]
+    pub people: PeopleArgs,
+    /// Threads; all cores if omitted.
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Seed of simulated inputs.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// Where a described clip comes from, as scripts read it.
 #[derive(Clone, Debug, Serialize)]

@@ -1,7 +1,8 @@
-//! `eval`: captions of a split with all metrics, intervals and baselines.
+//! `eval captions`: captions of a split with all metrics, intervals and baselines.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use clap::Args;
 use radarllm_dataset::{Dataset, Split};
 use radarllm_eval::{
     EvalError,
@@ -14,16 +15,56 @@ use radarllm_eval::{
 use radarllm_inference::lm::templates::Task;
 use radarllm_metrics::{Candidate, Reference, Scores};
 
+use super::page;
 use crate::{
-    args::{DecoderName, EncoderArgs, EvalArgs},
-    commands::{describe, eval_page, generate, model_files},
+    commands::{describe, generate, model_files},
     error::{CliError, CliResult},
     memory::peak_memory_mb,
+    model_args::{DecoderName, EncoderArgs},
     output,
 };
 
+/// `eval captions`.
+#[derive(Args)]
+pub struct CaptionsArgs {
+    /// Model folder; the bundled model if omitted.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Data set folder.
+    #[arg(long)]
+    pub data: PathBuf,
+    /// Split to describe.
+    #[arg(long, default_value = "test")]
+    pub split: String,
+    /// Folder for report.json, report.md, report.html and captions.jsonl.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Decoder of the language model.
+    #[arg(long, value_enum, default_value = "f32")]
+    pub decoder: DecoderName,
+    /// Search for the most probable sentence with N beams (1 is greedy) instead of a vote among drawn sentences.
+    #[arg(long, value_name = "N")]
+    pub beam: Option<usize>,
+    /// Instead of captions: generate radar from the captions of N motions, and describe what was generated. The folder
+    /// gets round-trip.json, round-trip.md and round-trip.jsonl.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..=1_000_000))]
+    pub round_trip: Option<u64>,
+    /// Sentence encoders.
+    #[command(flatten)]
+    pub encoders: EncoderArgs,
+    /// Seed of bootstrap and shuffling.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Replace an earlier report.
+    #[arg(long)]
+    pub force: bool,
+    /// Print the report as JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// Runs the command.
-pub fn run(args: &EvalArgs) -> CliResult {
+pub fn run(args: &CaptionsArgs) -> CliResult {
     if let Some(count) = args.round_trip {
         return round_trip(args, count as usize);
     }
@@ -69,7 +110,7 @@ fn adder(args: &EncoderArgs, seed: u64) -> CliResult<Adder> {
 }
 
 /// Generates radar from captions, describes it, and writes round-trip.jsonl, round-trip.md and round-trip.json.
-fn round_trip(args: &EvalArgs, count: usize) -> CliResult {
+fn round_trip(args: &CaptionsArgs, count: usize) -> CliResult {
     output::check_free(&args.out.join("round-trip.json"), args.force)?;
     describe::check_beam(args.beam)?;
     let options = RoundTripOptions {
@@ -128,7 +169,7 @@ pub fn evaluate_into(
     let write = |name: &str, text: &str| output::write_atomic(&out.join(name), text.as_bytes());
     write("captions.jsonl", &json_lines(&clips)?)?;
     write("report.md", &markdown(&report))?;
-    write("report.html", &eval_page::html(&report, &clips))?;
+    write("report.html", &page::html(&report, &clips))?;
     write("report.json", &serde_json::to_string_pretty(&report)?)?;
     Ok(report)
 }

@@ -1,5 +1,7 @@
 //! `live` and `ask`: a running radar, questions about what it saw, and forgetting it.
 
+mod args;
+
 use std::{
     path::{Path, PathBuf},
     sync::{
@@ -39,10 +41,12 @@ use radarllm_monitor::{
 use crate::{
     commands::describe::load_decoder,
     error::{CliError, CliResult},
-    live_args::{AskArgs, LiveArgs, LiveForgetArgs, LiveVerb},
     output,
     user_memory::load_memory,
 };
+
+pub use args::{AskArgs, LiveArgs};
+use args::{LiveForgetArgs, LiveVerb};
 
 const DAY_MS: i64 = 86_400_000;
 

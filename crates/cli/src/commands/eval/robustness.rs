@@ -1,10 +1,11 @@
-//! `robustness`: captions of the same motions under changed conditions. Finished cells are kept in `--out`.
+//! `eval robustness`: captions of the same motions under changed conditions. Finished cells are kept in `--out`.
 
 use std::{
     path::{Path, PathBuf},
     time::Instant,
 };
 
+use clap::Args;
 use radarllm_eval::{
     EvalError,
     robustness::{
@@ -17,12 +18,43 @@ use radarllm_render::plot::{self, CurvePoint, LinePlot, Markers, Series};
 use radarllm_synth::config::DatasetConfig;
 
 use crate::{
-    args::RobustnessArgs,
     commands::model_files,
     error::{CliError, CliResult},
+    model_args::DecoderName,
     output,
     threads::on_threads,
 };
+
+/// `eval robustness`.
+#[derive(Args)]
+pub struct RobustnessArgs {
+    /// Data set configuration, number of motions and conditions; see docs/guides/robustness.md.
+    pub config: PathBuf,
+    /// Folder for robustness.json, robustness.md, curves and finished cells, which are kept.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Model folder; the bundled model if omitted.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Decoder of the language model.
+    #[arg(long, value_enum, default_value = "f32")]
+    pub decoder: DecoderName,
+    /// Seed of the bootstrap.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Threads of the simulation; all cores if omitted.
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Print finished and missing cells, and exit.
+    #[arg(long)]
+    pub plan: bool,
+    /// Compute finished cells again.
+    #[arg(long)]
+    pub force: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// Maximum size of a finished cell, bytes.
 const MAX_CELL_BYTES: u64 = 256 << 20;

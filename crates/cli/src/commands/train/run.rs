@@ -6,8 +6,8 @@ use radarllm_train::recipe::{Preset, Recipe, RecipeStage};
 
 use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
 
+use super::{Stage, TrainArgs};
 use crate::{
-    args::{self, Stage, TrainArgs},
     error::{CliError, CliResult, processor_error},
     interrupt,
     memory::peak_memory_mb,
@@ -76,9 +76,9 @@ pub fn run(args: &TrainArgs) -> CliResult {
 }
 
 /// The preset of the library.
-fn preset(name: args::Preset) -> Preset {
+fn preset(name: super::Preset) -> Preset {
     match name {
-        args::Preset::Small => Preset::Small,
-        args::Preset::Paper => Preset::Paper,
+        super::Preset::Small => Preset::Small,
+        super::Preset::Paper => Preset::Paper,
     }
 }

@@ -1,10 +1,31 @@
-//! `interventions`: changes one parameter of a built-in motion and checks whether the caption follows.
+//! `eval interventions`: changes one parameter of a built-in motion and checks whether the caption follows.
 
+use std::path::PathBuf;
+
+use clap::Args;
 use radarllm_eval::interventions::{InterventionOptions, evaluate_interventions};
 
-use crate::{
-    args::InterventionsArgs, commands::describe, error::CliResult, output, threads::on_threads,
-};
+use crate::{commands::describe, error::CliResult, output, threads::on_threads};
+
+/// `eval interventions`.
+#[derive(Args)]
+pub struct InterventionsArgs {
+    /// Model folder; the bundled model if omitted.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Number of interventions: side, direction and action take turns.
+    #[arg(long, default_value_t = 60)]
+    pub count: usize,
+    /// Seed of motions, placement and noise.
+    #[arg(long, default_value_t = 1000)]
+    pub seed: u64,
+    /// Threads of the simulation; all cores if omitted.
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// Runs the command.
 pub fn run(args: &InterventionsArgs) -> CliResult {

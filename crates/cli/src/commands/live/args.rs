@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
-use crate::{args::DecoderName, recording_args::InputArgs};
+use crate::{model_args::DecoderName, recording_args::InputArgs};
 
 /// `live`.
 #[derive(Args)]

@@ -1,7 +1,8 @@
-//! `eval-recordings`: do captions of recorded radar state the recorded activity?
+//! `eval recordings`: do captions of recorded radar state the recorded activity?
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use clap::Args;
 use radarllm::{CaptureFormat, CaptureOptions, Clip, DescribeOptions, open_radar};
 use radarllm_dataset::Dataset;
 use radarllm_eval::{
@@ -15,11 +16,62 @@ use radarllm_eval::{
 use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
 
 use crate::{
-    args::{DecoderName, EvalRecordingsArgs, LabelledArgs},
     commands::{describe, model_files},
     error::{CliError, CliResult},
+    model_args::DecoderName,
     output,
+    recording_args::LabelledArgs,
 };
+
+/// `eval recordings`.
+#[derive(Args)]
+pub struct EvalRecordingsArgs {
+    /// Recordings.
+    #[command(flatten)]
+    pub labelled: LabelledArgs,
+    /// Which recordings are evaluated: those for `tuning`, which may be used to choose settings, or `judged` ones, which
+    /// choose nothing and whose evaluations are logged.
+    #[arg(long, default_value = "tuning")]
+    pub role: Role,
+    /// Log of evaluations of judged recordings.
+    #[arg(long, value_name = "FILE", default_value = "docs/results/looks.csv")]
+    pub looks: PathBuf,
+    /// Reason for evaluating judged recordings, for the log.
+    #[arg(long, value_name = "TEXT", required_if_eq("role", "judged"))]
+    pub purpose: Option<String>,
+    /// Instead of a model, a forest on simple features that is trained on the clips of these data sets: what their
+    /// generator teaches, without training a network.
+    #[arg(long, value_name = "DATA", num_args = 1.., conflicts_with_all = ["teach", "model"])]
+    pub proxy: Vec<PathBuf>,
+    /// Disturbed copies of every clip for the forest.
+    #[arg(long, value_name = "N", default_value_t = 5, requires = "proxy")]
+    pub proxy_copies: usize,
+    /// Teach every activity by this many recordings for tuning, drawn at random, and evaluate the others. Counts also
+    /// what is recognised in the recordings of each activity when all activities but this one are taught.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100))]
+    pub teach: Option<u64>,
+    /// Draws of taught recordings.
+    #[arg(long, value_name = "N", default_value_t = 3, requires = "teach")]
+    pub draws: u64,
+    /// Choose among these activities instead of describing freely: "boxing,squats,walking".
+    #[arg(long, value_name = "LIST", value_delimiter = ',', conflicts_with_all = ["teach", "proxy"])]
+    pub choose: Vec<String>,
+    /// Model folder; the bundled model if omitted.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Search for the most probable sentence with N beams (1 is greedy) instead of a vote among drawn sentences.
+    #[arg(long, value_name = "N")]
+    pub beam: Option<usize>,
+    /// Also write the report to this Markdown file.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Replace an existing report.
+    #[arg(long)]
+    pub force: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// Runs the command.
 pub fn run(args: &EvalRecordingsArgs) -> CliResult {

@@ -1,7 +1,8 @@
-//! `realism`: compares simulated with recorded points of the same movements.
+//! `eval realism`: compares simulated with recorded points of the same movements.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use clap::Args;
 use radarllm_eval::realism::{
     RealismConfig, calibrate, compare, compare_activities, mars, pairs, replay, report,
 };
@@ -11,10 +12,38 @@ use serde::Serialize;
 use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
 
 use crate::{
-    args::RealismArgs,
     error::{CliError, CliResult},
     output, threads,
 };
+
+/// `eval realism`.
+#[derive(Args)]
+pub struct RealismArgs {
+    /// Radar, signal chain and impairments; see docs/results/realism.md.
+    pub config: PathBuf,
+    /// Folder of recordings: NAME.parquet with a scene file NAME.toml that describes what happened, or the MARS data set, subjectN/timesplit/{radar,kinect}_data_PART.csv.
+    #[arg(long)]
+    pub recordings: PathBuf,
+    /// Use only this part (MARS: train, validate or test; own recordings: NAME). May be repeated.
+    #[arg(long)]
+    pub part: Vec<String>,
+    /// Estimate threshold, elevation bias, origin and azimuth step from the recordings, and write the configuration with
+    /// them to this file. It must be in the folder of the radar file that it names.
+    #[arg(long, value_name = "OUT.toml", conflicts_with_all = ["out", "json"])]
+    pub calibrate: Option<PathBuf>,
+    /// Also write the report into this Markdown file.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Replace an existing report.
+    #[arg(long)]
+    pub force: bool,
+    /// Threads; all cores if omitted.
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// Runs the command.
 pub fn run(args: &RealismArgs) -> CliResult {

@@ -1,7 +1,8 @@
-//! `eval-falls`: how many falls are noticed, how late, and how often is there a false alarm?
+//! `eval falls`: how many falls are noticed, how late, and how often is there a false alarm?
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use clap::Args;
 use radarllm::CaptureOptions;
 use radarllm_eval::{
     falls::{FallPlan, FallReport, RecordingAlarms, evaluate_falls, recording_alarms},
@@ -9,13 +10,42 @@ use radarllm_eval::{
 };
 use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
 
+use super::recordings::{read_config, read_recordings};
 use crate::{
-    args::EvalFallsArgs,
-    commands::eval_recordings::{read_config, read_recordings},
     error::{CliError, CliResult},
     output,
     threads::on_threads,
 };
+
+/// `eval falls`.
+#[derive(Args)]
+pub struct EvalFallsArgs {
+    /// TOML with radars, places, people, falls and other motions.
+    pub config: PathBuf,
+    /// Also count false alarms in recordings without falls: a configuration of `eval recordings` and its folder. May be
+    /// repeated.
+    #[arg(long, num_args = 2, value_names = ["CONFIG", "DIR"])]
+    pub recordings: Vec<PathBuf>,
+    /// Which recordings are read: those for `tuning`, which may be used to choose settings, or `judged` ones, which choose
+    /// nothing and whose evaluations are logged. May be repeated.
+    #[arg(long, default_value = "tuning", requires = "recordings")]
+    pub role: Vec<Role>,
+    /// Log of evaluations of judged recordings.
+    #[arg(long, value_name = "FILE", default_value = "docs/results/looks.csv")]
+    pub looks: PathBuf,
+    /// Reason for evaluating judged recordings, for the log.
+    #[arg(long, value_name = "TEXT", required_if_eq("role", "judged"))]
+    pub purpose: Option<String>,
+    /// Simulate nothing: only count false alarms in recordings.
+    #[arg(long, requires = "recordings")]
+    pub recordings_only: bool,
+    /// Threads of the simulation; all cores if omitted.
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// Runs the command.
 pub fn run(args: &EvalFallsArgs) -> CliResult {

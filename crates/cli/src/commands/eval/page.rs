@@ -1,4 +1,4 @@
-//! report.html of `eval`: the tables of the report and example clips.
+//! report.html of `eval captions`: the tables of the report and example clips.
 
 use radarllm_eval::captions::{
     CaptionReport, CaptionedClip,

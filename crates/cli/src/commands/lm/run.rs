@@ -8,8 +8,8 @@ use radarllm_nn::lm::RadarLm;
 use radarllm_nn::pretrained::{ModelInput, Pretrained};
 use serde::Serialize;
 
+use super::LmVerb;
 use crate::{
-    args::LmVerb,
     error::{CliError, CliResult},
     output,
 };

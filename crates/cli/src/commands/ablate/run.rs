@@ -24,11 +24,13 @@ use radarllm_train::{
 };
 use toml::{Table, Value};
 
+use super::AblateArgs;
 use crate::{
-    args::{AblateArgs, DecoderName},
-    commands::eval,
+    commands::eval::captions,
     error::{CliError, CliResult},
-    interrupt, output, threads,
+    interrupt,
+    model_args::DecoderName,
+    output, threads,
 };
 
 /// One training of one row.
@@ -90,7 +92,7 @@ pub fn run(args: &AblateArgs) -> CliResult {
         end_if_stopped(&stop);
     }
     let options = EvaluationOptions {
-        split: eval::split(&grid.split)?,
+        split: captions::split(&grid.split)?,
         // Greedy, so that rows of different dates are decided alike.
         beam: Some(1),
         ..EvaluationOptions::default()
@@ -106,7 +108,7 @@ pub fn run(args: &AblateArgs) -> CliResult {
         }
         let last = *run.stages.last().unwrap_or(&RecipeStage::Instruct);
         run.recipe.assemble(last)?;
-        eval::evaluate_into(
+        captions::evaluate_into(
             &run.report(),
             Some(&run.recipe.model_dir()),
             DecoderName::F32,
