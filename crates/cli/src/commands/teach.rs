@@ -6,7 +6,7 @@ use clap::Args;
 use radarllm::{Clip, teach::Memory};
 
 use crate::{
-    commands::describe,
+    commands::describe::{self, Detail},
     error::{CliError, CliResult},
     output,
     recording_args::InputArgs,
@@ -76,7 +76,7 @@ pub fn run(args: &TeachArgs) -> CliResult {
         let recording = radarllm::open(input)
             .with_options(options.clone())
             .points()?;
-        let clip: Clip = describe::prepared(input, &recording)?;
+        let clip: Clip = describe::prepared(input, &recording, Detail::All)?;
         if clip.provenance.is_simulated() {
             eprintln!(
                 "warning: {input}: simulated points; recordings of your own radar teach more"

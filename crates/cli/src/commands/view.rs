@@ -13,7 +13,7 @@ use radarllm_render::plot::{Span, timeline};
 use radarllm_synth::synthesizer::posed_builtin;
 
 use crate::{
-    commands::describe::{self, Row},
+    commands::describe::{self, Detail, Row},
     error::{CliError, CliResult},
     output,
     recording_args::InputArgs,
@@ -81,7 +81,7 @@ pub fn run(args: &ViewArgs) -> CliResult {
             ..SimulateOptions::default()
         })
         .points()?;
-    let clip = describe::prepared(&args.input_file, &recording)?;
+    let clip = describe::prepared(&args.input_file, &recording, Detail::All)?;
     let captioner = describe::load_captioner(args.model.as_deref())?;
     let row = describe::describe(
         &captioner,

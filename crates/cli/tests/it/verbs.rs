@@ -1,4 +1,4 @@
-//! Names of verbs.
+//! Names of verbs, and what `describe` prints for people.
 
 use crate::command::{radarllm, refused};
 
@@ -49,4 +49,28 @@ fn flags_after_eval_are_those_of_captions() {
     );
     assert!(former.contains("no such folder"), "{former}");
     assert!(refused(&["eval", "--data", "x"]).contains("--out"));
+}
+
+#[test]
+fn a_description_is_a_line_about_the_source_and_the_sentence() {
+    let input = "builtin:walk?direction=backward";
+    let plain = radarllm(&["describe", input]);
+    let text = String::from_utf8(plain.stdout).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!(lines.len(), 2, "{text}");
+    let source = format!("{input}: simulated, radar awr1843boost, ");
+    assert!(
+        lines[0].starts_with(&source) && lines[0].ends_with(" s"),
+        "{text}"
+    );
+    assert!(
+        lines[1].starts_with("    ") && lines[1].ends_with(')'),
+        "{text}"
+    );
+    let detailed = stdout(&["describe", input, "-v"]);
+    assert!(detailed.starts_with(&text), "{detailed}");
+    assert!(
+        detailed.contains("[model default (embedded), confidence 0."),
+        "{detailed}"
+    );
 }

@@ -16,7 +16,10 @@ use radarllm_eval::{
 use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
 
 use crate::{
-    commands::{describe, model_files},
+    commands::{
+        describe::{self, Detail},
+        model_files,
+    },
     error::{CliError, CliResult},
     model_args::DecoderName,
     output,
@@ -211,7 +214,7 @@ pub fn read_recordings(
         let recording = radarllm::open(&path)
             .with_options(options.clone())
             .points()?;
-        let clip = describe::prepared(&path.display().to_string(), &recording)?;
+        let clip = describe::prepared(&path.display().to_string(), &recording, Detail::All)?;
         all.extend(parts(config, &activity, &name, clip));
     }
     Ok(all)
