@@ -2,7 +2,7 @@
 """Fits the probability that a sentence about a recording is right to the confidence of a model.
 
     pip install scikit-learn
-    radarllm eval-recordings CONFIG --recordings DIR --model MODEL --json > report.json
+    radarllm eval recordings CONFIG --recordings DIR --model MODEL --json > report.json
     scripts/fit_confidence.py report.json [report.json ...]
 
 MODEL is without confidence.toml, so that the reports have the model's own confidences. Every report, and so every board,

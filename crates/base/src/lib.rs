@@ -32,8 +32,8 @@
 //! world), [`materials`] (reflectivity of materials), [`radar_config`] (description of a radar), [`cube`] (raw
 //! samples), [`points`] (input of the tokenizer), [`clip`] (points with their frame rate, radar and provenance),
 //! [`static_cells`] (what stands still), [`timeline`] (recorded frames with times), [`series`] (values with
-//! gaps), [`seed`], [`random`] and [`hash`] (reproducible random numbers, fingerprints), [`mod@message`] (messages that
-//! name options).
+//! gaps), [`stats`] (medians and quantiles), [`options`] (numbers within limits), [`seed`], [`random`] and [`hash`]
+//! (reproducible random numbers, fingerprints), [`mod@message`] (messages that name options).
 
 pub mod clip;
 pub mod cube;
@@ -42,6 +42,7 @@ pub mod frames;
 pub mod hash;
 pub mod materials;
 pub mod message;
+pub mod options;
 pub mod points;
 pub mod radar_config;
 pub mod random;
@@ -49,6 +50,7 @@ pub mod seed;
 pub mod series;
 pub mod skeleton;
 pub mod static_cells;
+pub mod stats;
 pub mod surface;
 pub mod timeline;
 

@@ -6,6 +6,7 @@
 
 use glam::{Vec2, Vec3};
 use radarllm_base::skeleton::N_JOINTS;
+use radarllm_base::stats::median_upper;
 use radarllm_base::{Joint, Motion};
 
 use crate::sample::resample;
@@ -69,14 +70,13 @@ impl Gait {
                 None => last = Some((i, is_left)),
             }
         }
-        let median = |mut values: Vec<f32>| {
-            values.sort_by(f32::total_cmp);
-            values[values.len() / 2]
-        };
-        (steps.len() >= LEAST_STEPS).then(|| Self {
+        if steps.len() < LEAST_STEPS {
+            return None;
+        }
+        Some(Self {
             n_steps: steps.len(),
-            step_m: median(steps.iter().map(|s| s.0).collect()),
-            step_s: median(steps.iter().map(|s| s.1).collect()),
+            step_m: median_upper(steps.iter().map(|s| s.0))?,
+            step_s: median_upper(steps.iter().map(|s| s.1))?,
         })
     }
 

@@ -3,17 +3,16 @@
 //! Exit codes: 0 done, 1 the user can fix it (cause and `hint:` on stderr), 2 unexpected, 130 interrupted. The allocator
 //! is absent: the binary chooses it, because the process of a Python package belongs to others too.
 
-// Commands that are not part of a build are listed all the same.
-#[cfg_attr(not(feature = "train"), allow(dead_code))]
 mod args;
 mod commands;
 mod error;
 #[cfg(feature = "train")]
 mod interrupt;
-mod live_args;
 #[cfg(feature = "train")]
 mod log;
 mod memory;
+#[cfg_attr(not(feature = "train"), allow(dead_code))]
+mod model_args;
 mod output;
 mod person_report;
 mod radar_file;
@@ -28,7 +27,7 @@ use clap::Parser;
 
 /// Runs the command with these arguments, of which the first is the name of the program, and returns the exit code.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
-    let cli = match Cli::try_parse_from(args) {
+    let cli = match Cli::try_parse_from(commands::eval::with_verb(args)) {
         Ok(cli) => cli,
         Err(error) => {
             let _ = error.print();
@@ -45,7 +44,6 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
         Verb::Simulate(args) => commands::simulate::run(&args),
         Verb::Process(args) => commands::process::run(&args),
         Verb::Dataset(verb) => commands::dataset::run(&verb),
-        #[cfg(feature = "train")]
         Verb::Train(args) => commands::train::run(&args),
         Verb::Describe(args) => commands::describe::run(&args),
         Verb::Generate(args) => commands::generate::run(&args),
@@ -53,24 +51,12 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
         Verb::Forget(args) => commands::teach::forget(&args),
         Verb::Live(args) => commands::live::run(&args),
         Verb::Ask(args) => commands::live::answer(&args),
-        Verb::Eval(args) => commands::eval::run(&args),
-        Verb::EvalRecordings(args) => commands::eval_recordings::run(&args),
-        Verb::EvalFalls(args) => commands::eval_falls::run(&args),
-        Verb::Interventions(args) => commands::interventions::run(&args),
+        Verb::Eval(verb) => commands::eval::run(&verb),
+        Verb::FormerEval(verb) => commands::eval::run(&verb.into()),
         Verb::Score(args) => commands::score::run(&args),
         Verb::View(args) => commands::view::run(&args),
-        Verb::Realism(args) => commands::realism::run(&args),
-        #[cfg(feature = "train")]
         Verb::Ablate(args) => commands::ablate::run(&args),
-        Verb::Robustness(args) => commands::robustness::run(&args),
-        #[cfg(feature = "train")]
         Verb::Lm(verb) => commands::lm::run(&verb),
-        #[cfg(not(feature = "train"))]
-        Verb::Train(_) => Err(error::needs_training("`train`")),
-        #[cfg(not(feature = "train"))]
-        Verb::Ablate(_) => Err(error::needs_training("`ablate`")),
-        #[cfg(not(feature = "train"))]
-        Verb::Lm(_) => Err(error::needs_training("`lm`")),
         Verb::Doctor(args) => commands::doctor::run(&args),
         Verb::Completions { shell } => commands::shell::completions(shell),
         Verb::Man => commands::shell::manual(),

@@ -267,3 +267,22 @@ impl PeopleArgs {
         }
     }
 }
+
+/// Recordings of known activities, for `eval recordings` and `dataset recordings`.
+#[derive(Args)]
+pub struct LabelledArgs {
+    /// TOML with the activities, the actions that state them, and the roles of the recordings.
+    pub config: PathBuf,
+    /// Folder with the recordings, or a data set where the configuration says `simulated = true`.
+    #[arg(long)]
+    pub recordings: PathBuf,
+    /// Radar that recorded them: a built-in name, a TI .cfg or a radar .toml.
+    #[arg(long)]
+    pub radar: Option<String>,
+    /// uart, radhar, mars, mmbody, mmfi, csv, npy-points or bag; detected if omitted.
+    #[arg(long)]
+    pub format: Option<String>,
+    /// Recorded points.
+    #[command(flatten)]
+    pub recording: RecordingArgs,
+}

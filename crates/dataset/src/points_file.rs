@@ -17,7 +17,7 @@ use parquet::arrow::ArrowWriter;
 use parquet::basic::Compression;
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
-use radarllm_base::{Clip, PointFrame, RadarPoint};
+use radarllm_base::{Clip, PointFrame, RadarPoint, stats::median_upper};
 
 use crate::atomic::write_atomic;
 use crate::guard::{self, Limits};
@@ -636,11 +636,9 @@ fn complete(
 
 /// Median of the ratio of frame number steps to time steps, 1/s.
 fn rate_from_times(frames: &[PointFrame]) -> Option<f64> {
-    let mut rates: Vec<f64> = frames
+    let rates = frames
         .windows(2)
         .map(|w| f64::from(w[1].frame - w[0].frame) / (w[1].time_s - w[0].time_s))
-        .filter(|r| r.is_finite() && *r > 0.0)
-        .collect();
-    rates.sort_by(f64::total_cmp);
-    rates.get(rates.len() / 2).copied()
+        .filter(|r| r.is_finite() && *r > 0.0);
+    median_upper(rates)
 }

@@ -11,7 +11,9 @@ const RECORDING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/recording/simulate
 fn main() -> Result<(), Error> {
     let captioner = Captioner::bundled()?;
     let mut verdicts = Vec::new();
-    println!("Three motions in front of a simulated radar; the model sees nothing but the points.\n");
+    println!(
+        "Three motions in front of a simulated radar; the model sees nothing but the points.\n"
+    );
     for motion in MOTIONS {
         let recording = radarllm::open(motion).points()?;
         let described = captioner.describe(&recording.clip)?;

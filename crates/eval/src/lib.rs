@@ -27,19 +27,25 @@
 //! assert_eq!(accuracy(&[majority; 4]).value, 0.25);
 //! ```
 //!
-//! Reading order: [`interval`] (estimates), [`baselines`] with [`mod@descriptor`], [`action`] (action accuracy).
+//! Reading order: [`interval`] (estimates), [`baselines`] with [`mod@descriptor`], [`action`] (action accuracy). The
+//! questions lie in four folders:
 //!
 //! | question | module |
 //! |---|---|
-//! | How good are the captions of a data set's split? | [`captions`] |
+//! | [`captions`]: simulated clips | |
+//! | How good are the captions of a data set's split? | [`mod@captions`] itself |
 //! | Do they stay right under noise, distance, rain? | [`robustness`] |
 //! | Does a caption follow its cause? | [`interventions`] |
-//! | Do captions of recorded radar name the activity? | [`recordings`] |
-//! | Does a running radar notice falls, and how often is it wrong? | [`falls`] |
 //! | Which part of the model contributes how much? | [`ablation`] |
 //! | Does a model describe what it generated from a sentence? | [`mod@round_trip`] |
 //! | How similar are captions and references to a sentence encoder? | [`embedding_scores`] |
+//! | [`field`]: recordings, and a radar that runs | |
+//! | Do captions of recorded radar name the activity? | [`recordings`] |
+//! | Would a network learn it from these clips? | [`proxy`], with [`features`] and [`forest`] |
+//! | Does a running radar notice falls, and how often is it wrong? | [`falls`] |
+//! | [`data`]: data sets | |
 //! | Are test motions in the training split? | [`held_out`], [`near_duplicates`] |
+//! | [`simulator`]: the virtual radar and the body | |
 //! | How similar are simulated and recorded points? | [`realism`], [`points`], [`classifier`] |
 //! | How far is an estimated body from the true one? | [`pose_report`], [`mod@pose`] |
 //!
@@ -47,36 +53,23 @@
 //! a file. Caption metrics are in `radarllm-metrics`.
 #![forbid(unsafe_code)]
 
-pub mod interval;
-
-pub mod action;
-pub mod baselines;
-pub mod descriptor;
-
-pub mod ablation;
-mod captioner;
 pub mod captions;
-pub mod embedding_scores;
-pub mod falls;
-pub mod interventions;
-pub mod proxy;
-pub mod recordings;
-pub mod robustness;
-pub mod round_trip;
+pub mod data;
+pub mod field;
+pub mod interval;
+pub mod simulator;
 
-pub mod held_out;
-pub mod near_duplicates;
-
-pub mod classifier;
-pub mod forest;
-pub mod points;
-pub mod realism;
-
-pub mod pose;
-pub mod pose_report;
-
+mod captioner;
 mod error;
 mod table;
+
+pub use captions::{
+    ablation, action, baselines, descriptor, embedding_scores, interventions, robustness,
+    round_trip,
+};
+pub use data::{held_out, near_duplicates};
+pub use field::{falls, features, forest, proxy, recordings};
+pub use simulator::{classifier, points, pose, pose_report, realism};
 
 pub use action::ActionClassifier;
 pub use captioner::ModelInfo;

@@ -21,7 +21,7 @@
 //! [`facts()`] adds the subject; the notation of [`Facts`] is one line.
 //!
 //! Reading order: [`action`] (what can be stated), [`parse`](mod@parse) (sentences to clauses), [`lexicon`] (words that
-//! state an action), [`words`] (spelling), `attributes` (what else the words state), [`write`](mod@write) (facts to
+//! state an action), [`tables`] (the words of actions as data), [`words`] (spelling), `attributes` (what else the words state), [`write`](mod@write) (facts to
 //! sentences), [`inflect`] (verb forms), `mirror` (left and right exchanged), [`score`] (facts beside facts), [`attach`]
 //! (whether a sentence may describe a motion).
 
@@ -33,6 +33,7 @@ pub mod lexicon;
 mod mirror;
 pub mod parse;
 pub mod score;
+pub mod tables;
 pub mod words;
 pub mod write;
 

@@ -3,7 +3,7 @@
 use crate::{
     action::{Action, Facts, Subject},
     attributes,
-    lexicon::{IDIOMS, MAX_GAP, PATTERNS},
+    lexicon::{MAX_GAP, idioms, patterns},
     words::{Word, words},
 };
 
@@ -230,12 +230,12 @@ fn clause(text: &str) -> Clause {
         // First and last word of each action, and its name.
         let mut found: Vec<(usize, usize, &'static str)> = Vec::new();
         let mut used = vec![false; words.len()];
-        for idiom in IDIOMS {
+        for idiom in idioms() {
             while let Some(at) = find(&texts, &used, idiom) {
                 at.iter().for_each(|i| used[*i] = true);
             }
         }
-        for pattern in PATTERNS {
+        for pattern in patterns() {
             let wanted = match pattern.words.strip_prefix('?') {
                 Some(_) if !found.is_empty() => continue,
                 Some(wanted) => wanted,

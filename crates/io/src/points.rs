@@ -48,6 +48,8 @@ pub struct RecordedPoints {
     pub radar_height_m: Option<f32>,
     /// Notes for the user: how the format was detected, which data were dropped.
     pub notes: Vec<String>,
+    /// What a user should know before trusting the points, a sentence each.
+    pub warnings: Vec<String>,
 }
 
 /// Returns the format of a recording, as named or as detected.
@@ -102,6 +104,7 @@ pub fn open_points(
 ) -> Result<RecordedPoints> {
     let format = detected.format;
     let mut notes = vec![format!("format {} ({})", format.name(), detected.reason)];
+    let mut warnings = Vec::new();
     options.check_for_format(format)?;
     let axes = axes(format, options)?;
     let from_firmware = [
@@ -115,7 +118,7 @@ pub fn open_points(
     let mut is_level = false;
     let mut position = None;
     let frames = match format {
-        RecordingFormat::Uart => uart(path, options, &mut notes)?,
+        RecordingFormat::Uart => uart(path, options, &mut notes, &mut warnings)?,
         RecordingFormat::RadHar => {
             read_radhar_points(&read_text(path)?).map_err(|e| Error::wrap_in_file(path, e))?
         }
@@ -150,7 +153,7 @@ pub fn open_points(
             recording.frames
         }
         RecordingFormat::VisualizerBinary => {
-            visualizer::read_binary(path, options.dialect, &mut notes)?
+            visualizer::read_binary(path, options.dialect, &mut notes, &mut warnings)?
         }
         RecordingFormat::VisualizerJson => {
             let recording = visualizer::read_json(path, &mut notes)?;
@@ -173,7 +176,11 @@ pub fn open_points(
         ));
     }
     if opened.is_none() && from_firmware {
+        let n_notes = notes.len();
         opened = visualizer::radar_beside(path, &mut notes)?;
+        if opened.is_none() {
+            warnings.extend_from_slice(&notes[n_notes..]);
+        }
     }
     let radar = opened.as_ref();
     let position = position.or_else(|| radar?.position);
@@ -187,14 +194,24 @@ pub fn open_points(
             ));
         }
         true => Mounting::default(),
-        false => mounting(options, position.filter(|_| from_firmware), &mut notes)?,
+        false => {
+            let n_notes = notes.len();
+            let mounting = mounting(options, position.filter(|_| from_firmware), &mut notes)?;
+            // Angles of the chirp file that are not used.
+            if mounting == options.mounting()? {
+                warnings.extend_from_slice(&notes[n_notes..]);
+            }
+            mounting
+        }
     };
     let timeline = place(timeline, options, mounting)?;
     if timeline.restarts > 0 {
-        notes.push(format!(
+        let restarts = format!(
             "frame numbers went back {} times: the frames follow on",
             timeline.restarts
-        ));
+        );
+        warnings.push(restarts.clone());
+        notes.push(restarts);
     }
     let subset = (format == RecordingFormat::MmBody)
         .then(|| mmbody::subset(&path.to_string_lossy()))
@@ -209,6 +226,7 @@ pub fn open_points(
             .map(|p| p.height_m as f32),
         provenance: Provenance::recorded(&format_name, path.display()),
         notes,
+        warnings,
     })
 }
 
@@ -448,6 +466,7 @@ fn uart(
     path: &Path,
     options: &PointOptions,
     notes: &mut Vec<String>,
+    warnings: &mut Vec<String>,
 ) -> Result<Vec<RecordedFrame>> {
     let mut source: Box<dyn Read> = if serial::is_port(path) {
         let seconds = options.listening_time_s()?;
@@ -478,7 +497,22 @@ fn uart(
         notes.push(format!("dialect {guess}"));
     }
     notes.push(counts(&report));
+    warnings.extend(problems(&report));
     Ok(recorded_frames(frames))
+}
+
+/// What a stream lacks, in the words of a user; nothing if it is whole.
+pub(crate) fn problems(r: &UartReport) -> Vec<String> {
+    let damaged = r.short_packets + r.bad_headers + r.bad_checksums;
+    let unusable = r.points_not_finite + r.points_out_of_range;
+    let lines = [
+        (damaged, "packets are damaged"),
+        (r.lost_frames, "frames were lost"),
+        (r.tlvs_wrong_length, "blocks of data have a wrong length"),
+        (unusable, "points are impossible and were left out"),
+    ];
+    let lines = lines.into_iter().filter(|(n, _)| *n > 0);
+    lines.map(|(n, what)| format!("{n} {what}")).collect()
 }
 
 pub(crate) fn counts(r: &UartReport) -> String {

@@ -75,6 +75,8 @@ pub struct Recording {
     pub clip: Clip,
     /// Notes for the user: how the format was detected, which data were dropped.
     pub notes: Vec<String>,
+    /// What a user should know before trusting the points, a sentence each.
+    pub warnings: Vec<String>,
 }
 
 /// Opens any recording and returns its points.
@@ -127,6 +129,7 @@ pub fn read_recorded_points(
         provenance,
         radar_height_m,
         mut notes,
+        warnings,
     } = open_points(path, detected, options.radar.as_ref(), &options.points)?;
     cleaning::remove_background(&mut timeline.frames, options, &mut notes)?;
     Ok(Recording {
@@ -142,6 +145,7 @@ pub fn read_recorded_points(
             clutter: options.points.clutter(),
         },
         notes,
+        warnings,
     })
 }
 
@@ -174,6 +178,7 @@ pub fn read_points_file(path: &Path, options: &CaptureOptions) -> Result<Recordi
             clutter: options.points.clutter(),
         },
         notes,
+        warnings: Vec::new(),
     })
 }
 
@@ -361,14 +366,21 @@ impl SampleRecording {
     /// Notes for the user up to now: layout, background, signal health, lost packets.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = self.notes.clone();
-        self.health.report(&self.frames, &mut notes);
+        notes.extend(self.warnings());
+        notes
+    }
+
+    /// The notes of which a user should know before trusting the points: signal health, lost packets.
+    pub fn warnings(&self) -> Vec<String> {
+        let mut warnings = Vec::new();
+        self.health.report(&self.frames, &mut warnings);
         if self.frames.overruns() > 0 {
-            notes.push(format!(
+            warnings.push(format!(
                 "{} packets came faster than they were processed",
                 self.frames.overruns()
             ));
         }
-        notes
+        warnings
     }
 
     /// Returns the extracted points as a recording.
@@ -387,7 +399,7 @@ impl SampleRecording {
                 ),
             ));
         }
-        let notes = self.notes();
+        let (notes, warnings) = (self.notes(), self.warnings());
         let timeline = Timeline::from_frames(extracted.frames, radar.frame_rate_hz());
         let timeline = place(
             timeline,
@@ -415,6 +427,7 @@ impl SampleRecording {
                 clutter: self.options.points.clutter(),
             },
             notes,
+            warnings,
         })
     }
 }

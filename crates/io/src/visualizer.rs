@@ -23,7 +23,7 @@ use radarllm_formats::{
 
 use crate::{
     error::{Error, Result},
-    points::{MAX_FILE_BYTES, counts, detect_error},
+    points::{MAX_FILE_BYTES, counts, detect_error, problems},
     radar::{OpenedRadar, open_radar_text},
 };
 
@@ -142,6 +142,7 @@ pub(crate) fn read_binary(
     path: &Path,
     dialect: Option<Dialect>,
     notes: &mut Vec<String>,
+    warnings: &mut Vec<String>,
 ) -> Result<Vec<RecordedFrame>> {
     let mut pieces_read = Vec::new();
     for (number, file) in pieces(path, RecordingFormat::VisualizerBinary)? {
@@ -153,6 +154,7 @@ pub(crate) fn read_binary(
         notes.push(format!("dialect {guess}"));
     }
     notes.push(counts(&recording.report));
+    warnings.extend(problems(&recording.report));
     notes.extend(recording.notes);
     Ok(recorded_frames(recording.frames))
 }

@@ -29,11 +29,8 @@ impl Describe for Captions {
 
 /// All actions that a sentence can state, in alphabetical order.
 pub fn actions() -> Vec<String> {
-    let patterns = radarllm_facts::lexicon::PATTERNS.iter();
-    let mut actions: Vec<String> = patterns.map(|p| p.action.to_string()).collect();
-    actions.sort();
-    actions.dedup();
-    actions
+    let actions = radarllm_facts::tables::stated_actions();
+    actions.map(str::to_string).collect()
 }
 
 #[cfg(test)]

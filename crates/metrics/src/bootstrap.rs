@@ -1,6 +1,7 @@
 //! Percentile bootstrap over units (motions). It is seeded, and all metrics use the same resamples.
 
 use radarllm_base::random::SplitMix64;
+use radarllm_base::stats::quantile_linear;
 
 /// Lower and upper bound.
 pub type Interval = [f64; 2];
@@ -65,7 +66,7 @@ pub(crate) fn intervals_of_sums(
         .into_iter()
         .map(|mut sample| {
             sample.sort_unstable_by(f64::total_cmp);
-            [percentile(&sample, 0.025), percentile(&sample, 0.975)]
+            [0.025, 0.975].map(|share| quantile_linear(&sample, share).unwrap_or(f64::NAN))
         })
         .collect()
 }
@@ -94,17 +95,6 @@ pub fn units_of_ids<'a>(ids: impl IntoIterator<Item = &'a str>) -> Vec<usize> {
             *numbers.entry(motion).or_insert(next)
         })
         .collect()
-}
-
-/// Percentile of a sorted sample, with linear interpolation; NaN for an empty sample.
-fn percentile(sorted: &[f64], p: f64) -> f64 {
-    let Some(last) = sorted.len().checked_sub(1) else {
-        return f64::NAN;
-    };
-    let at = p * last as f64;
-    let below = at.floor() as usize;
-    let above = (below + 1).min(last);
-    sorted[below] + (at - below as f64) * (sorted[above] - sorted[below])
 }
 
 #[cfg(test)]

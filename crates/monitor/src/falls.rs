@@ -23,6 +23,8 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use radarllm_base::stats::quantile_linear;
+
 use crate::options::{OptionError, has_passed, is_over, within};
 use crate::people::PersonFrame;
 use crate::rows::EventKind;
@@ -519,10 +521,7 @@ pub(crate) fn quantile(mut values: Vec<f64>) -> Option<f64> {
         return None;
     }
     values.sort_by(f64::total_cmp);
-    let at = QUANTILE * (values.len() - 1) as f64;
-    let below = *values.get(at as usize)?;
-    let above = *values.get(at.ceil() as usize)?;
-    Some(below + at.fract() * (above - below))
+    quantile_linear(&values, QUANTILE)
 }
 
 #[cfg(test)]

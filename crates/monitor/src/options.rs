@@ -1,23 +1,7 @@
 //! Options that are numbers, and comparisons of times.
 
-pub use radarllm_tracking::OptionError;
-
-/// Returns an error for a value outside `low..=high`.
-pub(crate) fn within(
-    field: &'static str,
-    found: f64,
-    [low, high]: [f64; 2],
-    expected: &'static str,
-) -> Result<(), OptionError> {
-    match (low..=high).contains(&found) {
-        true => Ok(()),
-        false => Err(OptionError {
-            field,
-            expected,
-            found,
-        }),
-    }
-}
+pub use radarllm_base::options::OptionError;
+pub(crate) use radarllm_base::options::within;
 
 /// Times are multiples of a frame period as `f64`; within a microsecond two of them are equal.
 const ROUNDING_S: f64 = 1e-6;

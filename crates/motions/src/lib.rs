@@ -65,8 +65,3 @@ pub use random::{PeopleRequest, once_request, pair_request, people_request, rand
 pub use render::Procedural;
 pub use request::{BuiltinRequest, parse};
 pub use spec::{MotionSpec, specs};
-
-/// Names of all built-in motions.
-pub fn motion_names() -> Vec<&'static str> {
-    specs().iter().map(|s| s.name).collect()
-}

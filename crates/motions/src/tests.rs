@@ -4,6 +4,7 @@ use glam::{Quat, Vec3};
 use proptest::prelude::*;
 use radarllm_base::Joint;
 use radarllm_base::skeleton::N_JOINTS;
+use radarllm_facts::tables::{Expected, caption_rows};
 
 use crate::captions::check;
 use crate::random::LONGEST_S;
@@ -859,6 +860,30 @@ fn captions_are_clean_english_and_say_what_the_motion_does() {
             if let Err(reason) = check::facts(&caption, &request) {
                 panic!("`{caption}`: {reason} ({request})");
             }
+        }
+    }
+}
+
+#[test]
+fn captions_test_values_that_their_motions_have() {
+    for spec in specs() {
+        let name = spec.name;
+        assert!(
+            caption_rows(name).any(|row| row.tests.is_empty()),
+            "{name}: no caption that always holds"
+        );
+        for test in caption_rows(name).flat_map(|row| &row.tests) {
+            let key = spec
+                .key(test.key)
+                .unwrap_or_else(|| panic!("{name}: no key `{}`", test.key));
+            let fits = match (&test.is, key.kind) {
+                (Expected::Word(words), KeyKind::Word { allowed, .. }) => {
+                    words.iter().all(|word| allowed.contains(word))
+                }
+                (Expected::Word(_), _) | (_, KeyKind::Word { .. }) => false,
+                _ => true,
+            };
+            assert!(fits, "{name}: {test:?}");
         }
     }
 }

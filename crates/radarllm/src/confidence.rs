@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use radarllm_base::{Clip, PointFrame};
+use radarllm_base::{Clip, PointFrame, stats::quantile_nearest};
 use radarllm_inference::{Description, Segment};
 use radarllm_io::{Error, Result};
 use serde::Deserialize;
@@ -194,13 +194,7 @@ fn visible(frames: &[PointFrame], start_s: f64, end_s: f64) -> &'static str {
 
 /// Quantile of values without interpolation; 0 without values.
 fn quantile(values: impl Iterator<Item = f32>, share: f32) -> f32 {
-    let mut values: Vec<f32> = values.collect();
-    values.sort_by(f32::total_cmp);
-    let last = values.len().saturating_sub(1);
-    values
-        .get((share * last as f32).round() as usize)
-        .copied()
-        .unwrap_or_default()
+    quantile_nearest(values, share).unwrap_or_default()
 }
 
 #[cfg(test)]

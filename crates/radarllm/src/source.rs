@@ -113,6 +113,7 @@ impl Source {
         Ok(Recording {
             clip: recording.clip,
             notes: recording.notes,
+            warnings: recording.warnings,
             performed: None,
             prepare,
         })
@@ -173,6 +174,8 @@ pub struct Recording {
     pub clip: Clip,
     /// Notes for the user: how the format was detected, what was dropped.
     pub notes: Vec<String>,
+    /// What a user should know before trusting the points, a sentence each.
+    pub warnings: Vec<String>,
     /// The motion, if the points were simulated just now.
     pub performed: Option<Performed>,
     prepare: PrepareOptions,
@@ -184,6 +187,7 @@ impl Recording {
         Self {
             clip,
             notes,
+            warnings: Vec::new(),
             performed: None,
             prepare,
         }

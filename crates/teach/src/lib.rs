@@ -42,12 +42,12 @@
 //! ```
 //!
 //! Reading order: [`shape`] (a window of points to 309 numbers), [`memory`] (examples and their file), [`recogniser`] (what
-//! fits, and what does not). [`features`] are simpler numbers of a window, for forests.
+//! fits, and what does not), [`windows`] (how a recording is divided).
 
-pub mod features;
 pub mod memory;
 pub mod recogniser;
 pub mod shape;
+pub mod windows;
 
 pub use memory::{Example, Memory, Taught, TeachError, Warning};
 pub use recogniser::{Recognised, Recogniser};

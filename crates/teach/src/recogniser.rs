@@ -19,9 +19,9 @@
 use radarllm_base::Clip;
 
 use crate::{
-    features::Window,
     memory::{Memory, Warning},
     shape::{N_FEATURES, mirrored, windows},
+    windows::Window,
 };
 
 /// Windows of a running mean.

@@ -17,9 +17,10 @@
 //!
 //! [`mirrored`] turns the features of a movement into those of the same movement to the other side.
 
+use radarllm_base::stats::quantile_linear;
 use radarllm_base::{Clip, PointFrame, RadarPoint, series::interpolated};
 
-use crate::features::{N_TRANSFORM, STEP_S, Window, power_spectrum, quantile, steps, windows_with};
+use crate::windows::{N_TRANSFORM, STEP_S, Window, power_spectrum, steps, windows_with};
 
 /// Edges of the cells of lateral place, m from the median.
 const LATERAL_M: [f32; 8] = [-0.75, -0.5, -0.3, -0.12, 0.12, 0.3, 0.5, 0.75];
@@ -269,6 +270,11 @@ fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
     let mean = values.iter().sum::<f64>() / n;
     let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
     (mean, (squares / n).sqrt())
+}
+
+/// 0 without values.
+fn quantile(sorted: &[f64], share: f64) -> f64 {
+    quantile_linear(sorted, share).unwrap_or_default()
 }
 
 fn sorted(mut values: Vec<f64>) -> Vec<f64> {

@@ -2,9 +2,9 @@
 
 use std::collections::HashSet;
 
-use radarllm_base::{PointFrame, RadarPoint, static_cells::held_cells};
+use radarllm_base::{PointFrame, RadarPoint, options::within, static_cells::held_cells};
 
-use crate::{OptionError, within};
+use crate::OptionError;
 
 /// Options of the background model of an empty room.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,9 +42,9 @@ impl PointBackground {
     /// # Errors
     /// If a cell size or the share (0 to 1) is out of range.
     pub fn learn(frames: &[PointFrame], options: BackgroundOptions) -> Result<Self, OptionError> {
-        within("cell_m", options.cell_m, 0.01, 10.0, "0.01 to 10 m")?;
-        within("cell_mps", options.cell_mps, 0.01, 10.0, "0.01 to 10 m/s")?;
-        within("share", options.share, 0.0, 1.0, "0 to 1")?;
+        within("cell_m", options.cell_m, [0.01, 10.0], "0.01 to 10 m")?;
+        within("cell_mps", options.cell_mps, [0.01, 10.0], "0.01 to 10 m/s")?;
+        within("share", options.share, [0.0, 1.0], "0 to 1")?;
         let cells = held_cells(frames, options.share, |p| Some(cell(&options, p)));
         Ok(Self {
             options,

@@ -1,8 +1,8 @@
 //! Clustering of the points of a frame: DBSCAN over position and radial velocity.
 
-use radarllm_base::RadarPoint;
+use radarllm_base::{RadarPoint, options::within, stats::median_upper};
 
-use crate::{OptionError, within};
+use crate::OptionError;
 
 /// Maximum number of points of a frame that are clustered, the strongest ones. The run time grows with the square of
 /// this number.
@@ -41,20 +41,18 @@ impl ClusterOptions {
     /// # Errors
     /// Names the first field that is out of range.
     pub fn validate(&self) -> Result<(), OptionError> {
-        within("place_m", self.place_m, 0.01, 10.0, "0.01 to 10 m")?;
-        within("height_m", self.height_m, 0.01, 100.0, "0.01 to 100 m")?;
+        within("place_m", self.place_m, [0.01, 10.0], "0.01 to 10 m")?;
+        within("height_m", self.height_m, [0.01, 100.0], "0.01 to 100 m")?;
         within(
             "velocity_mps",
             self.velocity_mps,
-            0.01,
-            100.0,
+            [0.01, 100.0],
             "0.01 to 100 m/s",
         )?;
         within(
             "min_points",
             self.min_points as f64,
-            1.0,
-            1000.0,
+            [1.0, 1000.0],
             "1 to 1000",
         )
     }
@@ -92,8 +90,7 @@ impl Cluster {
             place_m[1] += f64::from(point.y_m) / n;
             velocities.push(point.velocity_mps);
         }
-        velocities.sort_by(f32::total_cmp);
-        let velocity_mps = f64::from(*velocities.get(velocities.len() / 2)?);
+        let velocity_mps = f64::from(median_upper(velocities)?);
         Some(Self {
             points: indices,
             place_m,

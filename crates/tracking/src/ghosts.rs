@@ -11,7 +11,7 @@
 
 use std::f64::consts::PI;
 
-use radarllm_base::{PointFrame, RadarPoint};
+use radarllm_base::{PointFrame, RadarPoint, stats::median_upper};
 
 use crate::tracker::{Track, TrackFrame};
 
@@ -136,9 +136,7 @@ fn compare(person: &Track, ghost: &Track, frames: &[PointFrame]) -> Option<Ghost
         .iter()
         .map(|p| range([p.person_m[0] - start[0], p.person_m[1] - start[1]]))
         .fold(0.0, f64::max);
-    let mut losses: Vec<f64> = pairs.iter().map(|p| p.loss_db).collect();
-    losses.sort_by(f64::total_cmp);
-    let loss_db = losses[losses.len() / 2];
+    let loss_db = median_upper(pairs.iter().map(|p| p.loss_db))?;
     if (n_farther as f64) < FARTHER_SHARE * pairs.len() as f64
         || way_m < MIN_PATH_M
         || loss_db < MIN_LOSS_DB
@@ -194,9 +192,7 @@ fn seen(at: &TrackFrame, frame: &PointFrame) -> Option<Seen> {
         .filter_map(|i| frame.points.get(*i as usize))
         .collect();
     let median = |value: fn(&RadarPoint) -> f32| {
-        let mut values: Vec<f32> = points.iter().map(|p| value(p)).collect();
-        values.sort_by(f32::total_cmp);
-        values.get(values.len() / 2).map(|v| f64::from(*v))
+        median_upper(points.iter().map(|p| value(p))).map(f64::from)
     };
     let range_m = median(|p| p.range_m)?.max(0.1);
     let power: f64 = points

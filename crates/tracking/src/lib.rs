@@ -22,35 +22,5 @@ pub use background::{BackgroundOptions, PointBackground};
 pub use cluster::{Cluster, ClusterOptions, clusters};
 pub use ghosts::{Ghost, GhostPath, find_ghosts};
 pub use people::{People, PeopleOptions, Person, find_people, track_people};
+pub use radarllm_base::options::OptionError;
 pub use tracker::{LiveTrack, Track, TrackFrame, TrackOptions, Tracker, track};
-
-/// An option that is out of range.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("option `{field}`: expected {expected}, found {found}")]
-pub struct OptionError {
-    /// Name of the option.
-    pub field: &'static str,
-    /// Permitted values.
-    pub expected: &'static str,
-    /// Value found.
-    pub found: f64,
-}
-
-/// Returns an error for a value outside `low..=high`.
-pub(crate) fn within(
-    field: &'static str,
-    found: f64,
-    low: f64,
-    high: f64,
-    expected: &'static str,
-) -> Result<(), OptionError> {
-    if (low..=high).contains(&found) {
-        Ok(())
-    } else {
-        Err(OptionError {
-            field,
-            expected,
-            found,
-        })
-    }
-}

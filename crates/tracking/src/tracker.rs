@@ -1,11 +1,11 @@
 //! Multi-target tracking over time: clusters to tracks.
 
-use radarllm_base::{PointFrame, RadarPoint};
+use radarllm_base::{PointFrame, RadarPoint, options::within};
 
+use crate::OptionError;
 use crate::assignment::assign;
 use crate::cluster::{Cluster, ClusterOptions, clusters};
 use crate::kalman::Estimate;
-use crate::{OptionError, within};
 
 /// Gate of the data association: 99 % of a person's measurements of position on the floor are within this squared
 /// Mahalanobis distance (chi-squared with two degrees of freedom).
@@ -89,16 +89,15 @@ impl TrackOptions {
             ("fade_s", self.fade_s),
             ("rejoin_m", self.rejoin_m),
         ] {
-            within(field, value, 1e-3, 1e3, "0.001 to 1000")?;
+            within(field, value, [1e-3, 1e3], "0.001 to 1000")?;
         }
-        within("confirm_s", self.confirm_s, 0.0, 1e3, "0 to 1000")?;
-        within("rejoin_s", self.rejoin_s, 0.0, 1e3, "0 to 1000")?;
-        within("moving_mps", self.moving_mps, 0.0, 100.0, "0 to 100 m/s")?;
+        within("confirm_s", self.confirm_s, [0.0, 1e3], "0 to 1000")?;
+        within("rejoin_s", self.rejoin_s, [0.0, 1e3], "0 to 1000")?;
+        within("moving_mps", self.moving_mps, [0.0, 100.0], "0 to 100 m/s")?;
         within(
             "confirm_frames",
             self.confirm_frames as f64,
-            1.0,
-            1e6,
+            [1.0, 1e6],
             "at least 1",
         )
     }

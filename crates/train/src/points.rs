@@ -7,7 +7,7 @@
 use std::path::Path;
 
 use burn::tensor::{Int, Tensor, TensorData};
-use radarllm_base::PointFrame;
+use radarllm_base::{PointFrame, stats::median_upper};
 use radarllm_dataset::record::ClipRecord;
 use radarllm_inference::tokenizer::points::{
     POINT_DIM, POINTS_KIND, PointsConfig, PointsFile, scaled_count, scaled_point,
@@ -152,12 +152,10 @@ fn clips(tokenizer: &RadarTokenizer, records: &[ClipRecord]) -> Result<Vec<Clip>
             .collect();
         let encoded = tokenizer.encode_batch(&inputs)?;
         for ((record, (frames, height_m)), encoded) in chunk.iter().zip(&inputs).zip(encoded) {
-            let mut db: Vec<f32> = frames
+            let db = frames
                 .iter()
-                .flat_map(|f| f.points.iter().map(|p| p.intensity_db))
-                .collect();
-            db.sort_by(f32::total_cmp);
-            let median_db = db.get(db.len() / 2).copied().unwrap_or(0.0);
+                .flat_map(|f| f.points.iter().map(|p| p.intensity_db));
+            let median_db = median_upper(db).unwrap_or(0.0);
             let scaled = |f: &PointFrame| {
                 let points = f.points.iter();
                 points

@@ -21,6 +21,7 @@ use crate::sample::ground;
 use glam::{Quat, Vec3};
 use radarllm_base::frames::world_from_rest_facing_radar;
 use radarllm_base::skeleton::N_JOINTS;
+use radarllm_base::stats::median_upper;
 use radarllm_base::{Joint, Motion, Pose, Skeleton};
 
 /// Number of frames evaluated to determine axes, lengths and unit, spread evenly over the motion.
@@ -217,12 +218,8 @@ pub fn motion_from_positions(
         (Joint::RightKnee, Joint::RightAnkle),
     ]
     .map(|(a, b)| {
-        median(
-            probes
-                .iter()
-                .map(|p| p[a as usize].distance(p[b as usize]))
-                .collect(),
-        )
+        let lengths_m = probes.iter().map(|p| p[a as usize].distance(p[b as usize]));
+        median_upper(lengths_m).unwrap_or(0.0)
     });
     let height_m = (legs_m.iter().sum::<f32>() * 0.5 / units::LEG_SHARE).clamp(0.3, 3.0);
     let canonical = canonical_skeleton(height_m);
@@ -451,16 +448,11 @@ fn bone_vector(vectors: impl Iterator<Item = Vec3>, fallback: Vec3) -> Vec3 {
     let sum: Vec3 = vectors.iter().copied().sum();
     match (sum / vectors.len().max(1) as f32).try_normalize() {
         Some(direction) if !vectors.is_empty() => {
-            direction * median(vectors.iter().map(|v| v.length()).collect())
+            direction * median_upper(vectors.iter().map(|v| v.length())).unwrap_or(0.0)
         }
         // A bone of zero length would have no direction.
         _ => fallback * 0.01,
     }
-}
-
-fn median(mut values: Vec<f32>) -> f32 {
-    values.sort_by(f32::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Up to `count` frame indices spread evenly over `n_frames`.

@@ -1,5 +1,8 @@
 //! `radar calibrate`: gains of the virtual channels from a corner reflector.
 
+use std::path::PathBuf;
+
+use clap::Args;
 use radarllm_base::Provenance;
 use radarllm_formats::{Calibration, adc::AdcStats, calibration::CalibratedChannel};
 use radarllm_io::{
@@ -12,10 +15,51 @@ use radarllm_radar_dsp::{CornerCalibrator, Reflector};
 use serde::Serialize;
 
 use crate::{
-    args::CalibrateArgs,
     error::{CliError, CliResult},
     output, radar_file,
+    recording_args::LayoutArgs,
 };
+
+/// `radar calibrate`.
+#[derive(Args)]
+pub struct CalibrateArgs {
+    /// Raw samples of a static corner reflector, in any format that `process` reads.
+    #[arg(required = true)]
+    pub capture: Vec<PathBuf>,
+    /// Radar: a built-in name, a TI .cfg, an export of mmWave Studio (.json) or a radar .toml.
+    #[arg(long)]
+    pub radar: String,
+    /// Distance of the reflector, m. Its echo is searched within --search-m of it.
+    #[arg(long)]
+    pub range_m: f64,
+    /// Half-width of the search interval around --range-m, m.
+    #[arg(long, default_value_t = 0.3)]
+    pub search_m: f64,
+    /// Direction of the reflector, degrees to the right of boresight.
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    pub azimuth_deg: f64,
+    /// Direction of the reflector, degrees above boresight.
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+    pub elevation_deg: f64,
+    /// Output file with the channel gains, TOML.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// adc, dca1000 or npy; detected if omitted.
+    #[arg(long)]
+    pub format: Option<String>,
+    /// Sample layout of a raw capture.
+    #[command(flatten)]
+    pub layout: LayoutArgs,
+    /// Recording of the same scene without the reflector, whose mean is subtracted.
+    #[arg(long, value_name = "EMPTY")]
+    pub background: Option<PathBuf>,
+    /// Replace an existing file.
+    #[arg(long)]
+    pub force: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// Minimum power of the reflector relative to other static echoes near it, dB. Below it, they change the gains by a
 /// relative 0.1 or more.

@@ -1,11 +1,12 @@
 //! `dataset build|finish|export|info|validate`.
 
 use std::{
-    path::Path,
+    path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
     time::{Duration, Instant},
 };
 
+use clap::{Args, Subcommand};
 use radarllm::{
     DatasetPlan, Error,
     dataset::{self, BuildOptions, Dataset, Overwrite, Progress, ShardEntry},
@@ -16,11 +17,152 @@ use radarllm_eval::{
 };
 
 use crate::{
-    args::{DatasetRecordingsArgs, DatasetVerb, DecoderName, Part},
-    commands::{describe, eval_recordings},
+    commands::{describe, eval::recordings},
     error::{CliError, CliResult},
-    output, threads,
+    model_args::DecoderName,
+    output,
+    recording_args::LabelledArgs,
+    threads,
 };
+
+/// `dataset ...`.
+#[derive(Subcommand)]
+pub enum DatasetVerb {
+    /// Build a data set from motions with captions: Parquet shards. Run it again to resume.
+    ///
+    /// With --shard, several processes or machines that share the folder build a part each, and `dataset finish` completes
+    /// the data set.
+    ///
+    /// Example: radarllm dataset build configs/data/default-data.toml --out work/data
+    ///
+    /// Example: radarllm dataset build configs/data/default-data.toml --out work/data --shard 3/8
+    Build {
+        /// Configuration (TOML); see docs/guides/dataset.md.
+        config: PathBuf,
+        /// Folder of the data set.
+        #[arg(long)]
+        out: PathBuf,
+        /// Build only this part of the shards, for example 3/8: the third of eight parts.
+        #[arg(long, value_name = "PART/PARTS", conflicts_with = "force")]
+        shard: Option<Part>,
+        /// Threads; all cores if omitted.
+        #[arg(long)]
+        threads: Option<usize>,
+        /// Replace another data set in the folder.
+        #[arg(long)]
+        force: bool,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Complete a data set whose parts were built with --shard. Exit code 1 if shards are missing, which are named.
+    ///
+    /// Example: radarllm dataset finish configs/data/default-data.toml --out work/data
+    Finish {
+        /// Configuration (TOML) of the parts.
+        config: PathBuf,
+        /// Folder of the data set.
+        #[arg(long)]
+        out: PathBuf,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Copy a finished data set to a folder for the Hugging Face Hub: card, manifest and shards, with their hashes checked.
+    ///
+    /// Nothing is uploaded: `huggingface_hub.upload_folder` or git does that.
+    ///
+    /// Example: radarllm dataset export work/data --to hub
+    Export {
+        /// Folder of the data set.
+        dir: PathBuf,
+        /// Folder of the copy.
+        #[arg(long)]
+        to: PathBuf,
+        /// Replace the data set in an existing copy; its other files stay.
+        #[arg(long)]
+        force: bool,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Build a data set of recorded radar: recordings for tuning, with the sentences of their activities or with those of a
+    /// model.
+    ///
+    /// A model that learns from recordings is no longer zero-shot. Judged recordings are never read.
+    ///
+    /// Example: radarllm dataset recordings configs/eval/recorded-radhar.toml --recordings radhar --out work/recorded-radhar
+    Recordings(Box<DatasetRecordingsArgs>),
+    /// Print clips, hours, actions and points per frame of a data set.
+    Info {
+        /// Folder of the data set.
+        dir: PathBuf,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Check hashes, rows, values and leakage between splits. Exit code 1 if there is a problem.
+    Validate {
+        /// Folder of the data set.
+        dir: PathBuf,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+/// `dataset recordings`.
+#[derive(Args)]
+pub struct DatasetRecordingsArgs {
+    /// Recordings; their activities need the sentence `says` unless --by-model is given.
+    #[command(flatten)]
+    pub labelled: LabelledArgs,
+    /// Folder of the data set.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Captions are what a model says about the recordings, instead of the sentences of their activities: adaptation without
+    /// labels.
+    #[arg(long)]
+    pub by_model: bool,
+    /// Model folder; the bundled model if omitted.
+    #[arg(long, requires = "by_model")]
+    pub model: Option<PathBuf>,
+    /// Sentences of the model with less confidence are left out, 0 to 1.
+    #[arg(long, default_value_t = 0.6, requires = "by_model")]
+    pub min_confidence: f32,
+    /// Replace another data set in the folder.
+    #[arg(long)]
+    pub force: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// One of several parts of equal size, numbered from 1: `3/8`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Part {
+    /// In `1..=of`.
+    pub number: usize,
+    /// Number of parts.
+    pub of: usize,
+}
+
+impl std::str::FromStr for Part {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers = text
+            .split_once('/')
+            .map(|(number, of)| (number.parse::<usize>(), of.parse::<usize>()));
+        match numbers {
+            Some((Ok(number), Ok(of))) if (1..=of).contains(&number) => Ok(Self { number, of }),
+            Some((Ok(_), Ok(of))) if of > 0 => {
+                Err(format!("parts are numbered from 1/{of} to {of}/{of}"))
+            }
+            _ => Err("expected a part and the number of parts, for example 3/8".into()),
+        }
+    }
+}
 
 /// Time between progress lines.
 const PROGRESS_EVERY: Duration = Duration::from_secs(5);
@@ -71,15 +213,15 @@ fn recordings(args: &DatasetRecordingsArgs) -> CliResult {
         )));
     }
     let config_name = args.labelled.config.display();
-    let config = eval_recordings::read_config(&args.labelled.config)?;
+    let config = recordings::read_config(&args.labelled.config)?;
     if config.simulated {
         return Err(CliError::new(format!(
             "{config_name}: its recordings are simulated and already a data set"
         )));
     }
-    let options = eval_recordings::capture_options(&config, &args.labelled)?;
+    let options = recordings::capture_options(&config, &args.labelled)?;
     let folder = args.labelled.recordings.as_path();
-    let all = eval_recordings::read_recordings(&config, Role::Tuning, folder, &options)?;
+    let all = recordings::read_recordings(&config, Role::Tuning, folder, &options)?;
     let mut clips = Vec::new();
     let sentences = if args.by_model {
         let captioner = describe::load_decoder(args.model.as_deref(), DecoderName::F32)?;

@@ -1,5 +1,8 @@
 //! `demo`: built-in motions and the recording of a simulated board, through the whole chain with the default model.
 
+use std::path::PathBuf;
+
+use clap::Args;
 use radarllm::{
     Captioner, DescribeOptions, PeopleOptions, Recording, Segment, SimulateOptions, Verdict,
 };
@@ -7,7 +10,6 @@ use radarllm_demo::{BOARD, CHIRPS, MOTIONS, STREAM, performed_in};
 use serde::{Serialize, Serializer};
 
 use crate::{
-    args::DemoArgs,
     commands::{
         describe::{self, Row},
         view,
@@ -15,6 +17,29 @@ use crate::{
     error::{CliError, CliResult},
     output,
 };
+
+/// `demo`.
+#[derive(Args)]
+pub struct DemoArgs {
+    /// Also write points and pages into this folder.
+    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Motions to show instead of the default motions and the recording.
+    #[arg(value_name = "BUILTIN")]
+    pub motions: Vec<String>,
+    /// Model folder; the bundled model if omitted.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Seed of placement, motion variations and noise.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Replace files in --out.
+    #[arg(long)]
+    pub force: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
 
 #[derive(Serialize)]
 struct DemoRow {

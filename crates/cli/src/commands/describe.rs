@@ -5,6 +5,7 @@ use std::{
     time::Instant,
 };
 
+use clap::Args;
 use radarllm::{
     Captioner, Choices, Clip, DescribeOptions, Precision, Recording, SimulateOptions, bundled,
 };
@@ -19,16 +20,70 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::{
-    args::{DecoderName, DescribeArgs},
     commands::generate,
     error::{CliError, CliResult},
     memory::peak_memory_mb,
+    model_args::DecoderName,
     output,
     person_report::{GhostReport, PersonReport},
-    recording_args::PeopleArgs,
+    recording_args::{InputArgs, PeopleArgs},
     threads::on_threads,
     user_memory::load_memory,
 };
+
+/// `describe`.
+#[derive(Args)]
+pub struct DescribeArgs {
+    /// Recordings of any format, points files, motion files or builtin:NAME?key=value.
+    #[arg(required = true)]
+    pub inputs: Vec<String>,
+    /// Model folder; the bundled model if omitted.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Decoder of the language model.
+    #[arg(long, value_enum, default_value = "f32")]
+    pub decoder: DecoderName,
+    /// Search for the most probable sentence with N beams (1 is greedy) instead of a vote among drawn sentences.
+    #[arg(long, value_name = "N")]
+    pub beam: Option<usize>,
+    /// File with taught activities; the user's own if omitted and there is one.
+    #[arg(long, value_name = "FILE")]
+    pub memory: Option<PathBuf>,
+    /// Choose among these activities instead of describing freely: "boxing,squats,walking".
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub choose: Vec<String>,
+    /// Follow this instruction instead of describing: a question or request about the motion, its length or its
+    /// continuation, in words like those of instruction tuning. The model must have been tuned.
+    #[arg(long, value_name = "TEXT", conflicts_with_all = ["choose", "memory"])]
+    pub instruct: Option<String>,
+    /// How to read the inputs.
+    #[command(flatten)]
+    pub input: InputArgs,
+    /// Tracking of people: one sentence for each, with the track's number and time.
+    #[command(flatten)]
+    pub people: PeopleArgs,
+    /// Threads; all cores if omitted.
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Seed of simulated inputs.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Print also how the input was read, byte by byte, and how the sentences were made.
+    #[arg(short, long)]
+    pub verbose: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// How much is printed about an input.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Detail {
+    /// What a user should know before trusting the result.
+    Warnings,
+    /// Also how the input was read, and how the result was made.
+    All,
+}
 
 /// Where a described clip comes from, as scripts read it.
 #[derive(Clone, Debug, Serialize)]
@@ -215,9 +270,14 @@ pub fn describe(
 }
 
 /// The clip of a recording as the model expects it; what was done to it goes to stderr.
-pub fn prepared(input: &str, recording: &Recording) -> CliResult<Clip> {
-    for note in &recording.notes {
-        eprintln!("{input}: {note}");
+pub fn prepared(input: &str, recording: &Recording, detail: Detail) -> CliResult<Clip> {
+    // Notes include the reasons of the warnings, with all counts.
+    let (mark, lines) = match detail {
+        Detail::Warnings => ("warning: ", &recording.warnings),
+        Detail::All => ("", &recording.notes),
+    };
+    for line in lines {
+        eprintln!("{mark}{input}: {line}");
     }
     let prepared = recording.prepared()?;
     if let Some(clutter) = prepared.removed_static {
@@ -226,42 +286,56 @@ pub fn prepared(input: &str, recording: &Recording) -> CliResult<Clip> {
     Ok(prepared.clip)
 }
 
-/// Prints a row for people.
-pub fn print_row(row: &Row) {
+/// Prints a row for people: a line about the source, then the sentences.
+pub fn print_row(row: &Row, detail: Detail) {
     let who = row.person.as_ref().map_or(String::new(), |p| {
-        format!(" (person {}, {:.1} s to {:.1} s)", p.id, p.start_s, p.end_s)
+        format!(
+            ", person {} from {:.1} s to {:.1} s",
+            p.id, p.start_s, p.end_s
+        )
     });
-    output::print_line(&format!("{}{who}\n    {}", row.source.source, row.caption));
-    let why = row
-        .reason
-        .as_ref()
-        .map(|r| format!("; {r}"))
-        .unwrap_or_default();
     output::print_line(&format!(
-        "    [{}, radar {}, {:.1} s, confidence {:.2}, model {}{why}]",
-        row.source.provenance, row.source.radar, row.clip_seconds, row.confidence, row.model
+        "{}: {}, radar {}, {:.1} s{who}",
+        row.source.source, row.source.provenance, row.source.radar, row.clip_seconds
     ));
+    let is_plain = |s: &Segment| s.taught.is_none() && s.guess.is_none();
+    if row.segments.len() < 2 && row.segments.iter().all(is_plain) {
+        let remark = match &row.reason {
+            Some(reason) => format!(": {reason}"),
+            None => format!(" ({:.2})", row.confidence),
+        };
+        output::print_line(&format!("    {}{remark}", row.caption));
+    } else {
+        row.segments.iter().for_each(print_segment);
+    }
     for choice in &row.choices {
         output::print_line(&format!(
             "    {:.2} {}",
             choice.probability, choice.activity
         ));
     }
-    let is_plain = |s: &Segment| s.taught.is_none() && s.guess.is_none();
-    if row.segments.len() < 2 && row.segments.iter().all(is_plain) {
-        return;
-    }
-    for s in &row.segments {
-        let why = match (&s.taught, &s.guess) {
-            (Some(_), _) => ", taught".into(),
-            (None, Some(guess)) => format!(", perhaps {guess}"),
-            (None, None) => String::new(),
-        };
+    if detail == Detail::All {
         output::print_line(&format!(
-            "    {:6.1} s to {:5.1} s  {} ({:.2}{why})",
-            s.start_s, s.end_s, s.caption, s.confidence
+            "    [model {}, confidence {:.2}, {} frames, {} tokens, {:.2} s]",
+            row.model,
+            row.confidence,
+            row.frames,
+            row.tokens.len(),
+            row.seconds
         ));
     }
+}
+
+fn print_segment(s: &Segment) {
+    let why = match (&s.taught, &s.guess) {
+        (Some(_), _) => ", taught".into(),
+        (None, Some(guess)) => format!(", perhaps {guess}"),
+        (None, None) => String::new(),
+    };
+    output::print_line(&format!(
+        "    {:6.1} s to {:5.1} s  {} ({:.2}{why})",
+        s.start_s, s.end_s, s.caption, s.confidence
+    ));
 }
 
 /// Refuses a number of beams that the search does not have.
@@ -364,12 +438,17 @@ pub fn run(args: &DescribeArgs) -> CliResult {
         beam: args.beam,
         ..DescribeOptions::default()
     };
+    let detail = match args.verbose {
+        true => Detail::All,
+        false => Detail::Warnings,
+    };
     let clips_of = |input: &String| {
         let recording = radarllm::open(input)
             .with_options(options.clone())
             .with_simulation(simulation.clone())
             .points()?;
-        clips_of_people(input, prepared(input, &recording)?, &args.people)
+        let clip = prepared(input, &recording, detail)?;
+        clips_of_people(input, clip, &args.people)
     };
     if let Some((text, instruction)) = &instruction {
         let one = |input: &String| -> CliResult<Vec<AnswerRow>> {
@@ -408,7 +487,7 @@ pub fn run(args: &DescribeArgs) -> CliResult {
     for row in described {
         for row in row? {
             if !args.json {
-                print_row(&row);
+                print_row(&row, detail);
             }
             rows.push(row);
         }

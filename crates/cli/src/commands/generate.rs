@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use clap::Args;
 use radarllm::{Captioner, Clip, DescribeOptions, bundled};
 use radarllm_dataset::{Overwrite, points_file::write_clip};
 use radarllm_inference::{
@@ -12,14 +13,45 @@ use radarllm_inference::{
 use serde::Serialize;
 
 use crate::{
-    args::GenerateArgs,
     commands::{
         describe::{self, Row, load_decoder},
         view::write_page,
     },
     error::{CliError, CliResult},
+    model_args::DecoderName,
     output,
 };
+
+/// `generate`.
+#[derive(Args)]
+pub struct GenerateArgs {
+    /// The sentence.
+    pub text: String,
+    /// Output file of points, Parquet. Their source says that a model generated them.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Also write a page with the points and what the model says of them, HTML.
+    #[arg(long, value_name = "PAGE.html")]
+    pub view: Option<PathBuf>,
+    /// Model folder. The bundled model did not learn to generate.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Decoder of the language model.
+    #[arg(long, value_enum, default_value = "f32")]
+    pub decoder: DecoderName,
+    /// Beam width; 1 is greedy.
+    #[arg(long, default_value_t = 1)]
+    pub beam: usize,
+    /// Height of the radar above the floor, m.
+    #[arg(long, default_value_t = 1.0)]
+    pub radar_height_m: f32,
+    /// Replace existing files.
+    #[arg(long)]
+    pub force: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// Folder of the decoder of radar codes in a model.
 const POINTS: &str = "points";

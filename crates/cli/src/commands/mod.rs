@@ -1,6 +1,7 @@
-//! One file per command.
+//! One file or folder per command, with its arguments.
 
-#[cfg(feature = "train")]
+// Builds without training list its commands all the same, and parse their arguments.
+#[cfg_attr(not(feature = "train"), allow(dead_code))]
 pub mod ablate;
 pub mod calibrate;
 pub mod dataset;
@@ -8,13 +9,9 @@ pub mod demo;
 pub mod describe;
 pub mod doctor;
 pub mod eval;
-pub mod eval_falls;
-pub mod eval_page;
-pub mod eval_recordings;
 pub mod generate;
-pub mod interventions;
 pub mod live;
-#[cfg(feature = "train")]
+#[cfg_attr(not(feature = "train"), allow(dead_code))]
 pub mod lm;
 pub mod model_files;
 #[cfg(feature = "train")]
@@ -24,12 +21,10 @@ pub mod pictures;
 pub mod pose_scores;
 pub mod process;
 pub mod radar;
-pub mod realism;
-pub mod robustness;
 pub mod score;
 pub mod shell;
 pub mod simulate;
 pub mod teach;
-#[cfg(feature = "train")]
+#[cfg_attr(not(feature = "train"), allow(dead_code))]
 pub mod train;
 pub mod view;

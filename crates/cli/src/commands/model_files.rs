@@ -8,9 +8,9 @@ use radarllm_eval::ModelInfo;
 use radarllm_inference::lm::ensemble::member_folders;
 
 use crate::{
-    args::DecoderName,
     commands::describe,
     error::{CliError, CliResult},
+    model_args::DecoderName,
 };
 
 /// Loads a model for a decoder, with the facts that reports repeat.

@@ -17,8 +17,8 @@ use radarllm_nn::{
 };
 
 use crate::{
-    args::EncoderArgs,
     error::{CliError, CliResult, processor_error},
+    model_args::EncoderArgs,
 };
 
 /// A checkpoint as a sentence encoder.

@@ -2,10 +2,11 @@
 
 use std::{
     io::{Cursor, Write},
-    path::Path,
+    path::{Path, PathBuf},
     sync::Arc,
 };
 
+use clap::Subcommand;
 use glam::{Mat3, Vec3};
 use radarllm::{MotionInput, open_motion};
 use radarllm_body::mesh::{BodyModel, BuiltinBody, SmplxBody, pose_on_body};
@@ -13,10 +14,51 @@ use radarllm_files::npy::{NpyElement, NpyWriter};
 use serde::Serialize;
 
 use crate::{
-    args::MotionVerb,
     error::{CliError, CliResult},
     output,
 };
+
+/// `motion ...`.
+#[derive(Subcommand)]
+pub enum MotionVerb {
+    /// Print format, length, unit and skipped data of a motion.
+    Info {
+        /// BVH, AMC (with its ASF), AMASS npz, HumanML3D npy, or builtin:NAME?key=value.
+        input: String,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+        /// Seed of the variations of a built-in motion.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+    },
+    /// Write the moving body as npz (vertices, faces, joints, rotations), obj (first pose) or png (contact sheet).
+    Mesh {
+        /// Motion file or builtin:NAME?key=value.
+        input: String,
+        /// F.npz, F.obj or F.png.
+        #[arg(long)]
+        out: PathBuf,
+        /// A user's own SMPL-X .npz; the built-in body if omitted.
+        #[arg(long)]
+        body: Option<PathBuf>,
+        /// Replace an existing file.
+        #[arg(long)]
+        force: bool,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+        /// Seed of the variations of a built-in motion.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+    },
+    /// List the built-in motions with their keys.
+    List {
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+}
 
 /// Maximum size of a mesh sequence, bytes of vertices.
 const MAX_MESH_BYTES: usize = 4 << 30;

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use clap::Args;
 use radarllm::{Clip, Overwrite, PointsMeta, SampleRecording, write_points};
 use radarllm_base::Clutter;
 use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
@@ -17,13 +18,74 @@ use radarllm_tracking::{People, find_people};
 use serde::Serialize;
 
 use crate::{
-    args::ProcessArgs,
-    commands::pictures::{self, PictureArgs, Pictures},
+    commands::pictures::{self, PICTURES_HEADING, PictureArgs, Pictures},
     error::{CliError, CliResult},
     output,
     person_report::{GhostReport, PersonReport},
     radar_file,
+    recording_args::{CleaningArgs, LayoutArgs, PeopleArgs, RecordingArgs},
 };
+
+/// `process`.
+#[derive(Args)]
+pub struct ProcessArgs {
+    /// Raw words (adc_data.bin), records or pcap of a DCA1000, npy, where several files are parts of one
+    /// recording; UART stream or port, data set file or folder, ROS bag, points table. `udp:4098` or
+    /// `udp:ADDRESS:PORT` listens to a capture card.
+    #[arg(required = true)]
+    pub capture: Vec<PathBuf>,
+    /// Radar that recorded it: a built-in name, a TI .cfg, an export of mmWave Studio (.json) or a radar .toml. Required
+    /// for raw samples.
+    #[arg(long)]
+    pub radar: Option<String>,
+    /// Output file of points, Parquet.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Raw samples: adc, dca1000 or npy; points: uart, visualizer-json, visualizer-binary, radhar, mars, mmbody, mmfi,
+    /// mat, csv, npy-points or bag; detected if omitted.
+    #[arg(long)]
+    pub format: Option<String>,
+    /// Sample layout of a raw capture.
+    #[command(flatten)]
+    pub layout: LayoutArgs,
+    /// Read only this many frames of raw samples.
+    #[arg(long)]
+    pub frames: Option<usize>,
+    /// Signal processing of raw samples: a TOML file with a `[processing]` table, such as a scene or a data set
+    /// configuration; the default chain if omitted.
+    #[arg(long, value_name = "F.toml")]
+    pub processing: Option<PathBuf>,
+    /// Frame rate of the points file, frames/s; that of the recording if omitted.
+    #[arg(long, value_name = "HZ")]
+    pub resample: Option<f64>,
+    /// Recorded points.
+    #[command(flatten)]
+    pub recording: RecordingArgs,
+    /// Background and leakage removal.
+    #[command(flatten)]
+    pub cleaning: CleaningArgs,
+    /// Tracking of people. The points of each person are written to OUT.person-1.parquet and so on.
+    #[command(flatten)]
+    pub people: PeopleArgs,
+    /// Plots to write.
+    #[command(flatten)]
+    pub pictures: PictureArgs,
+    /// Histogram of ADC values with saturation, offset and I/Q balance of each receiver, of raw samples; .svg.
+    #[arg(long, value_name = "F.svg", help_heading = PICTURES_HEADING)]
+    pub adc_statistics: Option<PathBuf>,
+    /// Folder for all plots that the capture allows, as .svg.
+    #[arg(long, value_name = "DIR", help_heading = PICTURES_HEADING)]
+    pub all_pictures: Option<PathBuf>,
+    /// Height of the radar above the floor, m; 1 m if omitted and the recording does not give it.
+    #[arg(long)]
+    pub radar_height_m: Option<f32>,
+    /// Replace an existing file.
+    #[arg(long)]
+    pub force: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
 
 #[derive(Serialize)]
 struct Report {
@@ -134,7 +196,9 @@ fn process_samples(
         skipped,
     });
     let stats = samples.stats().clone();
-    let radarllm_io::Recording { clip, mut notes } = samples.into_recording(extracted)?;
+    let radarllm_io::Recording {
+        clip, mut notes, ..
+    } = samples.into_recording(extracted)?;
     let (clip, people) = resample_and_track(args, clip, &mut notes)?;
     let tracks = args.people.is_given().then_some(&people.tracks[..]);
     pictures.finish(&clip.frames, tracks)?;

@@ -1,7 +1,11 @@
 //! `radar list|show|lint`.
 
-use std::{fs, path::Path};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
+use clap::Subcommand;
 use radarllm::bundled;
 use radarllm_base::{RadarConfig, radar_config::TxMultiplexing};
 use radarllm_formats::{Finding, ModelExpectations, Severity, Span};
@@ -10,12 +14,47 @@ use radarllm_io::{RadarSource, read_radar_text};
 use serde::Serialize;
 
 use crate::{
-    args::RadarVerb,
-    commands::calibrate,
+    args::JsonFlag,
+    commands::calibrate::{self, CalibrateArgs},
     error::{CliError, CliResult},
     output,
     radar_file::{open, unknown},
 };
+
+/// `radar ...`.
+#[derive(Subcommand)]
+pub enum RadarVerb {
+    /// List the built-in radars.
+    List(JsonFlag),
+    /// Print the derived figures of a radar.
+    Show {
+        /// Radar: a built-in name, a TI .cfg or a radar .toml.
+        radar: String,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Check a radar: timing, data-rate and memory budgets, suitability for people, agreement with a model's training
+    /// data.
+    ///
+    /// Example: radarllm radar lint profile.cfg
+    ///
+    /// Exit code 1 if anything is an error, 0 if there are only warnings and notes.
+    Lint {
+        /// Radar: a built-in name, a TI .cfg or a radar .toml.
+        radar: String,
+        /// Model folder to compare with; the bundled model if omitted.
+        #[arg(long)]
+        model: Option<PathBuf>,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Estimate the gains of the virtual channels from raw samples of a corner reflector, for `process --calibration`.
+    ///
+    /// Example: radarllm radar calibrate corner.bin --radar awr1843boost --iq i-first --range-m 3 --out cal.toml
+    Calibrate(CalibrateArgs),
+}
 
 /// Maximum length of a quotation from a source line, characters.
 const MAX_EXCERPT: usize = 100;

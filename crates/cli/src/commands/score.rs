@@ -3,9 +3,10 @@
 use std::{
     fs::File,
     io::{BufRead, BufReader, Read},
-    path::Path,
+    path::{Path, PathBuf},
 };
 
+use clap::Args;
 use flate2::read::GzDecoder;
 use radarllm::CaptionScores;
 use radarllm_metrics::{
@@ -18,11 +19,46 @@ use serde::Deserialize;
 #[cfg(feature = "train")]
 use crate::commands::model_scores;
 use crate::{
-    args::ScoreArgs,
     commands::pose_scores,
     error::{CliError, CliResult},
+    model_args::EncoderArgs,
     output,
 };
+
+/// `score`.
+#[derive(Args)]
+pub struct ScoreArgs {
+    /// Candidates, JSON Lines {"id", "text"}; with --pose the estimated body.
+    #[arg(long)]
+    pub candidates: PathBuf,
+    /// References, JSON Lines {"id", "texts": [...]}; with --pose the true body.
+    #[arg(long)]
+    pub references: PathBuf,
+    /// Compare bodies instead of captions: npz as `motion mesh` writes it, or npy of joints (T, J, 3) or
+    /// rotations (T, J, 3, 3).
+    #[arg(long, conflicts_with_all = ["protocol", "max_references", "meteor_data", "bert_score", "layer", "sim_cse", "pooling", "device", "seed"])]
+    pub pose: bool,
+    /// plain, nlg-eval, coco or motiongpt.
+    #[arg(long, default_value = "plain")]
+    pub protocol: String,
+    /// References used per item; 0 means all. The protocol motiongpt always uses 3.
+    #[arg(long, default_value_t = 3)]
+    pub max_references: usize,
+    /// METEOR's own data: function/english.words, nonbreaking/english.prefixes, data/paraphrase-en.gz.
+    ///
+    /// The first two are in its jar, the third lies beside it. The built-in lists replace missing files (docs/reference/metrics.md).
+    #[arg(long, value_name = "DIR")]
+    pub meteor_data: Option<PathBuf>,
+    /// Sentence encoders.
+    #[command(flatten)]
+    pub encoders: EncoderArgs,
+    /// Seed of the bootstrap.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Print one JSON document, which is also the default.
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// Maximum length of a line of a captions file, bytes.
 const MAX_LINE_BYTES: u64 = 16 << 20;

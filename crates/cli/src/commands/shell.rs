@@ -25,7 +25,8 @@ pub fn manual() -> CliResult {
 
 /// Renders description and options of every verb, recursively.
 fn render_verbs(command: &clap::Command, page: &mut Vec<u8>) -> CliResult {
-    for verb in command.get_subcommands().filter(|v| v.get_name() != "help") {
+    let is_shown = |verb: &&clap::Command| verb.get_name() != "help" && !verb.is_hide_set();
+    for verb in command.get_subcommands().filter(is_shown) {
         let name = verb.get_bin_name().unwrap_or_default().to_uppercase();
         page.extend(format!(".SH \"{name}\"\n").bytes());
         let section = clap_mangen::Man::new(verb.clone());

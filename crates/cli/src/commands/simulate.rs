@@ -9,6 +9,7 @@ use std::{
     time::Instant,
 };
 
+use clap::{Args, ValueEnum};
 use radarllm::{DspOptions, open_motion};
 use radarllm_base::{PointFrame, Provenance, RadarConfig, SPEED_OF_LIGHT_MPS, seed::derive_seed};
 use radarllm_body::{
@@ -34,12 +35,97 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::{
-    args::{Emit, Firmware, SimulateArgs},
-    commands::pictures::Pictures,
+    commands::pictures::{PictureArgs, Pictures},
     error::{CliError, CliResult},
     output, radar_file,
     threads::on_threads,
 };
+
+/// What `simulate` writes.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Emit {
+    /// Radar points: Parquet, one row per point.
+    Points,
+    /// Raw samples: npy complex64 `[frame, loop, tx, rx, sample]`.
+    Adc,
+}
+
+/// Whose signal chain `simulate` applies.
+#[derive(Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum Firmware {
+    /// This project's chain, which removes static clutter.
+    #[default]
+    None,
+    /// TI's out-of-box demo of SDK 3, as the chirp configuration sets it up: both passes of CFAR, clutter removal and
+    /// field of view. Where it reports static echoes, a motion is surrounded by random objects.
+    OutOfBox,
+    /// TI's 3D people tracking for the xWR6843, as the chirp configuration sets it up: Capon map of range and azimuth,
+    /// two passes of CFAR, elevation by a second Capon spectrum. Only what moves is reported.
+    PeopleTracking,
+}
+
+/// `simulate`.
+#[derive(Args)]
+pub struct SimulateArgs {
+    /// Motion files, folders of them, builtin:NAME?key=value, or one scene .toml.
+    #[arg(required = true)]
+    pub inputs: Vec<String>,
+    /// Radar: a built-in name, a TI .cfg or a radar .toml.
+    #[arg(long, default_value = "awr1843boost")]
+    pub radar: String,
+    /// Output file, or a folder for several inputs.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// What to compute.
+    #[arg(long, value_enum, default_value = "points")]
+    pub emit: Emit,
+    /// Signal chain of the points: this project's, or that of the board's own firmware (for a TI .cfg).
+    #[arg(long, value_enum, default_value_t)]
+    pub firmware: Firmware,
+    /// Use the exact direct sum, which is hundreds of times slower.
+    #[arg(long)]
+    pub reference: bool,
+    /// Plots to write.
+    #[command(flatten)]
+    pub pictures: PictureArgs,
+    /// A user's own SMPL-X .npz; the built-in body if omitted.
+    #[arg(long)]
+    pub body: Option<PathBuf>,
+    /// Distance from the radar to the middle of the motion's path, m.
+    #[arg(long, default_value_t = 3.0)]
+    pub distance_m: f32,
+    /// Height of the radar above the floor, m.
+    #[arg(long, default_value_t = 1.0)]
+    pub radar_height_m: f32,
+    /// Seed of noise and motion variations.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Process only every N-th input, starting with the I-th, to divide a folder among machines.
+    #[arg(long, value_name = "I/N", value_parser = shard)]
+    pub shard: Option<(usize, usize)>,
+    /// Threads; all cores if omitted.
+    #[arg(long)]
+    pub threads: Option<usize>,
+    /// Skip inputs whose output exists.
+    #[arg(long, conflicts_with = "force")]
+    pub resume: bool,
+    /// Replace existing files.
+    #[arg(long)]
+    pub force: bool,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `2/5`: the second of five parts.
+fn shard(text: &str) -> Result<(usize, usize), String> {
+    let parts = text.split_once('/');
+    let number = |t: &str| t.parse::<usize>().ok();
+    match parts.and_then(|(i, n)| number(i).zip(number(n))) {
+        Some((i, n)) if (1..=n).contains(&i) => Ok((i, n)),
+        _ => Err("must be I/N with 1 <= I <= N, as in 2/5".into()),
+    }
+}
 
 /// Seconds between lines of progress.
 const PROGRESS_EVERY_S: u64 = 5;

@@ -1,16 +1,52 @@
 //! `teach` and `forget`: activities of the user's own.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use clap::Args;
 use radarllm::{Clip, teach::Memory};
 
 use crate::{
-    args::{ForgetArgs, TeachArgs},
-    commands::describe,
+    commands::describe::{self, Detail},
     error::{CliError, CliResult},
     output,
+    recording_args::InputArgs,
     user_memory::memory_path,
 };
+
+/// `teach`.
+#[derive(Args)]
+pub struct TeachArgs {
+    /// Name of the activity.
+    #[arg(required_unless_present = "list")]
+    pub name: Option<String>,
+    /// Recordings of the activity and nothing else.
+    pub recordings: Vec<String>,
+    /// Sentence that describes it; that of the earlier examples if omitted.
+    #[arg(long, value_name = "SENTENCE")]
+    pub says: Option<String>,
+    /// File with taught activities; the user's own if omitted.
+    #[arg(long, value_name = "FILE")]
+    pub memory: Option<PathBuf>,
+    /// List what was taught.
+    #[arg(long, conflicts_with_all = ["name", "recordings", "says"])]
+    pub list: bool,
+    /// How to read the recordings.
+    #[command(flatten)]
+    pub input: InputArgs,
+    /// Print one JSON document.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `forget`.
+#[derive(Args)]
+pub struct ForgetArgs {
+    /// Name of the activity.
+    pub name: String,
+    /// File with taught activities; the user's own if omitted.
+    #[arg(long, value_name = "FILE")]
+    pub memory: Option<PathBuf>,
+}
 
 /// Runs `teach`.
 pub fn run(args: &TeachArgs) -> CliResult {
@@ -40,7 +76,7 @@ pub fn run(args: &TeachArgs) -> CliResult {
         let recording = radarllm::open(input)
             .with_options(options.clone())
             .points()?;
-        let clip: Clip = describe::prepared(input, &recording)?;
+        let clip: Clip = describe::prepared(input, &recording, Detail::All)?;
         if clip.provenance.is_simulated() {
             eprintln!(
                 "warning: {input}: simulated points; recordings of your own radar teach more"

@@ -1,7 +1,8 @@
 //! `view`: one self-contained page, or a figure of the timeline.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use clap::Args;
 use glam::Vec3;
 use radarllm::{Clip, DescribeOptions, Performed, SimulateOptions, page_segments};
 use radarllm_base::MovingSurface;
@@ -12,11 +13,34 @@ use radarllm_render::plot::{Span, timeline};
 use radarllm_synth::synthesizer::posed_builtin;
 
 use crate::{
-    args::ViewArgs,
-    commands::describe::{self, Row},
+    commands::describe::{self, Detail, Row},
     error::{CliError, CliResult},
     output,
+    recording_args::InputArgs,
 };
+
+/// `view`.
+#[derive(Args)]
+pub struct ViewArgs {
+    /// Recording of any format, points file, motion file or builtin:NAME?key=value.
+    #[arg(value_name = "INPUT")]
+    pub input_file: String,
+    /// Output: a page with the points in motion (.html), or a figure of the points over time with the sentences (.svg).
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Model folder; the bundled model if omitted.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// How to read the input.
+    #[command(flatten)]
+    pub input: InputArgs,
+    /// Seed of simulated inputs.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Replace an existing file.
+    #[arg(long)]
+    pub force: bool,
+}
 
 /// Facet size of the drawn body, m: the coarsest there is, for a page of a few MB.
 const DRAWN_FACET_EDGE_M: f32 = 0.05;
@@ -57,7 +81,7 @@ pub fn run(args: &ViewArgs) -> CliResult {
             ..SimulateOptions::default()
         })
         .points()?;
-    let clip = describe::prepared(&args.input_file, &recording)?;
+    let clip = describe::prepared(&args.input_file, &recording, Detail::All)?;
     let captioner = describe::load_captioner(args.model.as_deref())?;
     let row = describe::describe(
         &captioner,

@@ -23,6 +23,7 @@ mod recordings;
 mod robustness;
 mod score;
 mod teach;
+mod verbs;
 mod visualizer;
 #[cfg(not(feature = "train"))]
 mod without_training;

@@ -1,11 +1,20 @@
 //! How good are a model's captions of a data set's split?
 //!
 //! [`evaluate_captions`] describes every motion of a split once and scores the captions against the references, beside
-//! three baselines on the same clips. [`report`] writes tables and Markdown, [`examples`] chooses clips to look at.
+//! three baselines on the same clips. [`report`] writes tables and Markdown, [`examples`] chooses clips to look at. The
+//! other questions about captions of simulated clips are beside it.
 
+pub mod ablation;
+pub mod action;
+pub mod baselines;
+pub mod descriptor;
+pub mod embedding_scores;
 pub mod examples;
 pub mod facts;
+pub mod interventions;
 pub mod report;
+pub mod robustness;
+pub mod round_trip;
 mod slices;
 
 use std::{collections::BTreeSet, time::Instant};

@@ -25,6 +25,7 @@ use crate::{
         Side, Subject, Tempo,
     },
     inflect::{Form, inflect},
+    tables,
     words::number_word,
 };
 
@@ -293,17 +294,11 @@ impl Pen<'_> {
     /// A noun phrase of the acting part of the body.
     fn limb(&mut self, action: &Action) -> String {
         let part = action.body_part.unwrap_or(match action.name {
-            "leg_raise" | "swing_leg" | "move_legs" | "bend_knees" | "cross_legs" | "kick"
-            | "lunge" | "balance" | "hop" | "step_over" | "stomp" | "limp" => BodyPart::Leg,
-            "kneel" => BodyPart::Knee,
-            "turn" | "walk" | "run" | "jump" | "circle" => BodyPart::Foot,
             "twist" | "stretch" => match action.side {
                 Some(_) => BodyPart::Arm,
                 None => BodyPart::Torso,
             },
-            "raise_arms" | "lower_arms" | "swing_arms" | "cross_arms" | "arm_circles"
-            | "bend_arms" | "reach" | "uncross_arms" | "flap" | "flex" => BodyPart::Arm,
-            _ => BodyPart::Hand,
+            name => tables::action_words(name).map_or(BodyPart::Hand, |words| words.limb),
         });
         let (one, many) = match part {
             BodyPart::Hand => ("hand", "hands"),
@@ -332,7 +327,10 @@ impl Pen<'_> {
         let things: Vec<&str> = phrases::THINGS.lines().collect();
         let thing = self.pick(&things).to_string();
         let phrase = match self.chance(0.35) {
-            true => format!("{} {thing}", self.pick(phrases::ADJECTIVES)),
+            true => {
+                let adjectives: Vec<&str> = phrases::ADJECTIVES.lines().collect();
+                format!("{} {thing}", self.pick(&adjectives))
+            }
             false => thing,
         };
         let vowel = phrase.starts_with(['a', 'e', 'i', 'o', 'u']);
@@ -346,7 +344,7 @@ impl Pen<'_> {
 
     /// One action with its attributes, its verbs inflected.
     fn phrase(&mut self, action: &Action, form: Form) -> Option<String> {
-        let verbs = phrases::verbs(action.name);
+        let verbs = &tables::action_words(action.name)?.phrases;
         if verbs.is_empty() {
             return None;
         }
@@ -413,7 +411,7 @@ impl Pen<'_> {
             action.tempo.map(|t| self.tempo(t)),
             action
                 .manner
-                .map(|m| self.pick(phrases::manner(m.word())).to_string()),
+                .map(|m| self.pick(tables::adverbs(m.word())).to_string()),
         ];
         for adverb in adverbs.into_iter().flatten() {
             let is_word = !adverb.contains(' ') && adverb.ends_with("ly");

@@ -1,6 +1,6 @@
 //! Detects whether a person is present: many points per frame, or few points that are close together.
 
-use radarllm_base::PointFrame;
+use radarllm_base::{PointFrame, stats::median_upper};
 
 /// Number of frames that are analysed together: one second.
 const BLOCK_FRAMES: usize = 10;
@@ -18,9 +18,7 @@ const SHARE_IN_PLACE: f32 = 0.7;
 
 /// Median number of points per frame.
 pub fn median_points(window: &[PointFrame]) -> usize {
-    let mut counts: Vec<usize> = window.iter().map(|f| f.points.len()).collect();
-    counts.sort_unstable();
-    counts.get(counts.len() / 2).copied().unwrap_or(0)
+    median_upper(window.iter().map(|f| f.points.len())).unwrap_or(0)
 }
 
 /// Returns whether most points are near one place in at least a third of the seconds, or nearly all are near one place in
@@ -42,19 +40,13 @@ pub fn points_stay_together(window: &[PointFrame]) -> bool {
 fn near_centre(frames: &[PointFrame]) -> (usize, usize) {
     let points = || frames.iter().flat_map(|f| &f.points);
     let (Some(x_m), Some(y_m)) = (
-        median(points().map(|p| p.x_m)),
-        median(points().map(|p| p.y_m)),
+        median_upper(points().map(|p| p.x_m)),
+        median_upper(points().map(|p| p.y_m)),
     ) else {
         return (0, 0);
     };
     let near = points().filter(|p| (p.x_m - x_m).hypot(p.y_m - y_m) <= GATE_M);
     (near.count(), points().count())
-}
-
-fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
-    let mut values: Vec<f32> = values.collect();
-    values.sort_by(f32::total_cmp);
-    values.get(values.len() / 2).copied()
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 //! A tube is one anchor at one step. It contains the points of the step's three frames (2s - 1, 2s, 2s + 1: temporal
 //! stride 2, padding [1, 0]) that are within the radius of the anchor. Only tubes with points are listed.
 
-use radarllm_base::PointFrame;
+use radarllm_base::{PointFrame, stats::median_upper};
 use serde::{Deserialize, Serialize};
 
 use super::centre::track_centre;
@@ -369,12 +369,10 @@ fn check(frames: &[PointFrame], radar_height_m: f32) -> Result<(), GroupingError
 fn clip_points(frames: &[PointFrame], radar_height_m: f32, max_points: usize) -> Vec<Vec<Point>> {
     let kept = |f: &PointFrame| f.points.len().min(max_points);
     // Intensities of different radars and gains differ by a constant, so only differences are used.
-    let mut db: Vec<f32> = frames
+    let db = frames
         .iter()
-        .flat_map(|f| f.points[..kept(f)].iter().map(|p| p.intensity_db))
-        .collect();
-    db.sort_by(f32::total_cmp);
-    let median_db = db.get(db.len() / 2).copied().unwrap_or(0.0);
+        .flat_map(|f| f.points[..kept(f)].iter().map(|p| p.intensity_db));
+    let median_db = median_upper(db).unwrap_or(0.0);
     let point = |p: &radarllm_base::RadarPoint| Point {
         at: [p.x_m, p.y_m, p.z_m + radar_height_m],
         range: (p.range_m / RANGE_SCALE_M - 1.0).clamp(-4.0, 4.0),

@@ -5,6 +5,7 @@
 //! hardly show. Trees that learn such values of simulated clips alone tell left, right and both arms apart in 117 of 161
 //! clips of real people's motions with the offsets, and in 159 with the bands (studies/sides.py).
 
+use radarllm_base::stats::{quantile_nearest, rank_nearest};
 use radarllm_base::{PointFrame, RadarPoint};
 
 use super::context::bin;
@@ -188,9 +189,9 @@ fn placed<'a>(frames: &'a [PointFrame], middles: &[[f32; 2]]) -> Vec<Placed<'a>>
 /// The offsets of all points, which are sorted by height and at least one.
 fn offsets_m(points: &[Placed]) -> [f32; N_OFFSETS] {
     let speed = |p: &Placed| p.point.velocity_mps.abs();
-    let fast_mps = quantile(points.iter().map(speed).collect(), 1.0 - FAST);
-    let fast_of_high_mps = quantile(points.iter().map(speed).collect(), 1.0 - FAST_OF_HIGH);
-    let height_m = |share| points[rank(share, points.len() - 1)].point.z_m;
+    let fast_mps = quantile(points.iter().map(speed), 1.0 - FAST);
+    let fast_of_high_mps = quantile(points.iter().map(speed), 1.0 - FAST_OF_HIGH);
+    let height_m = |share| points[rank_nearest(share, points.len() - 1)].point.z_m;
     let (high_m, upper_m) = (height_m(1.0 - HIGH), height_m(0.5));
     let across = |is_one: &dyn Fn(&Placed) -> bool| {
         mean(points.iter().filter(|p| is_one(p)).map(|p| p.across_m))
@@ -202,7 +203,7 @@ fn offsets_m(points: &[Placed]) -> [f32; N_OFFSETS] {
             (moment + square * p.across_m, weight + square)
         },
     );
-    let outermost = |share| quantile(points.iter().map(|p| p.across_m).collect(), share);
+    let outermost = |share| quantile(points.iter().map(|p| p.across_m), share);
     [
         across(&|p| speed(p) >= fast_mps),
         across(&|p| p.point.z_m >= high_m),
@@ -218,7 +219,7 @@ fn paths_m(middles: &[[f32; 2]]) -> [f32; N_PATHS] {
     let n = middles.len();
     let third = (n / 3).max(1);
     let part = |range: std::ops::Range<usize>, axis: usize| {
-        quantile(middles[range].iter().map(|m| m[axis]).collect(), 0.5)
+        quantile(middles[range].iter().map(|m| m[axis]), 0.5)
     };
     let ends = |axis| (part(0..third, axis), part(n - third..n, axis));
     let ((start_x_m, end_x_m), (start_y_m, end_y_m)) = (ends(0), ends(1));
@@ -231,7 +232,7 @@ fn paths_m(middles: &[[f32; 2]]) -> [f32; N_PATHS] {
 
 /// The values of a band's points.
 fn band(points: &[Placed]) -> [f32; BAND.len()] {
-    let across = |share| quantile(points.iter().map(|p| p.across_m).collect(), share);
+    let across = |share| quantile(points.iter().map(|p| p.across_m), share);
     [
         across(0.25),
         across(0.75),
@@ -255,8 +256,8 @@ fn middles(frames: &[PointFrame]) -> Option<Vec<[f32; 2]>> {
             let points = || frames[near.clone()].iter().flat_map(|f| &f.points);
             points().next()?;
             Some([
-                quantile(points().map(|p| p.x_m).collect(), 0.5),
-                quantile(points().map(|p| p.y_m).collect(), 0.5),
+                quantile(points().map(|p| p.x_m), 0.5),
+                quantile(points().map(|p| p.y_m), 0.5),
             ])
         })
         .collect();
@@ -272,18 +273,8 @@ fn middles(frames: &[PointFrame]) -> Option<Vec<[f32; 2]>> {
 }
 
 /// The value below which a share of the values is; 0 without values.
-fn quantile(mut values: Vec<f32>, share: f32) -> f32 {
-    let Some(last) = values.len().checked_sub(1) else {
-        return 0.0;
-    };
-    *values
-        .select_nth_unstable_by(rank(share, last), f32::total_cmp)
-        .1
-}
-
-/// Index of the value below which a share of sorted values is, of which `last` is the last index.
-fn rank(share: f32, last: usize) -> usize {
-    ((share * last as f32).round() as usize).min(last)
+fn quantile(values: impl Iterator<Item = f32>, share: f32) -> f32 {
+    quantile_nearest(values, share).unwrap_or(0.0)
 }
 
 #[cfg(test)]

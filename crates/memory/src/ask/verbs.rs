@@ -1,152 +1,8 @@
 //! Actions to verbs and verbs to actions.
 
-use radarllm_facts::parse;
+use radarllm_facts::{parse, tables::action_words};
 
 use super::words::is_filler;
-
-/// Name of an action, its infinitive and its past tense.
-type Verb = (&'static str, &'static str, &'static str);
-
-const VERBS: &[Verb] = &[
-    ("answer_phone", "answer the phone", "answered the phone"),
-    ("arm_circles", "circle the arms", "circled the arms"),
-    ("balance", "balance on one leg", "balanced on one leg"),
-    ("bend", "bend", "bent"),
-    ("bend_arms", "bend the arms", "bent the arms"),
-    ("bend_knees", "bend the knees", "bent the knees"),
-    ("bow", "bow", "bowed"),
-    ("bump", "bump into something", "bumped into something"),
-    ("carry", "carry something", "carried something"),
-    ("catch", "catch something", "caught something"),
-    ("circle", "walk in a circle", "walked in a circle"),
-    ("clap", "clap", "clapped"),
-    ("clench", "clench the fists", "clenched the fists"),
-    ("climb", "climb", "climbed"),
-    ("close", "close something", "closed something"),
-    ("cough", "cough", "coughed"),
-    ("crawl", "crawl", "crawled"),
-    ("cross_arms", "cross the arms", "crossed the arms"),
-    ("cross_legs", "cross the legs", "crossed the legs"),
-    ("crouch", "crouch", "crouched"),
-    ("cut", "cut something", "cut something"),
-    ("dance", "dance", "danced"),
-    ("defend", "defend", "defended"),
-    ("dig", "dig", "dug"),
-    ("dodge", "dodge", "dodged"),
-    ("drag", "drag something", "dragged something"),
-    ("dribble", "dribble", "dribbled"),
-    ("drink", "drink", "drank"),
-    ("exercise", "exercise", "exercised"),
-    ("fall", "fall", "fell"),
-    ("fight", "fight", "fought"),
-    ("flap", "flap", "flapped"),
-    ("flex", "flex", "flexed"),
-    ("flip", "do a flip", "did a flip"),
-    ("gesture", "gesture", "gestured"),
-    ("grab", "grab something", "grabbed something"),
-    ("greet", "greet somebody", "greeted somebody"),
-    (
-        "hands_on_hips",
-        "put the hands on the hips",
-        "put the hands on the hips",
-    ),
-    ("handstand", "do a handstand", "did a handstand"),
-    ("hit", "hit something", "hit something"),
-    ("hold", "hold something", "held something"),
-    ("hop", "hop", "hopped"),
-    ("imitate", "imitate somebody", "imitated somebody"),
-    ("jog_in_place", "jog in place", "jogged in place"),
-    ("join_hands", "clasp the hands", "clasped the hands"),
-    ("jump", "jump", "jumped"),
-    ("jump_rope", "jump rope", "jumped rope"),
-    ("jumping_jack", "do jumping jacks", "did jumping jacks"),
-    ("kick", "kick", "kicked"),
-    ("kneel", "kneel", "knelt"),
-    ("knock", "knock", "knocked"),
-    ("laugh", "laugh", "laughed"),
-    ("lean", "lean", "leaned"),
-    ("leg_raise", "raise a leg", "raised a leg"),
-    ("lie_down", "lie down", "lay down"),
-    ("lie_still", "lie", "lay"),
-    ("limp", "limp", "limped"),
-    ("look", "look around", "looked around"),
-    ("lower_arms", "lower the arms", "lowered the arms"),
-    ("lunge", "lunge", "lunged"),
-    ("march", "march", "marched"),
-    ("martial_arts", "do martial arts", "did martial arts"),
-    ("move_arms", "move the arms", "moved the arms"),
-    ("move_hips", "move the hips", "moved the hips"),
-    ("move_legs", "move the legs", "moved the legs"),
-    ("move_object", "move something", "moved something"),
-    ("nod", "nod", "nodded"),
-    ("open", "open something", "opened something"),
-    ("open_door", "open a door", "opened a door"),
-    ("pace", "walk back and forth", "walked back and forth"),
-    ("pick_up", "pick something up", "picked something up"),
-    ("place", "put something down", "put something down"),
-    (
-        "play_instrument",
-        "play an instrument",
-        "played an instrument",
-    ),
-    ("point", "point", "pointed"),
-    ("pose", "pose", "posed"),
-    ("pour", "pour something", "poured something"),
-    ("pull", "pull", "pulled"),
-    ("punch", "punch", "punched"),
-    ("push", "push", "pushed"),
-    ("push_up", "do push ups", "did push ups"),
-    ("pushed", "be pushed", "was pushed"),
-    ("raise_arms", "raise the arms", "raised the arms"),
-    ("reach", "reach", "reached"),
-    ("recover", "recover", "recovered"),
-    ("return", "return", "returned"),
-    ("roll", "roll", "rolled"),
-    ("row", "row", "rowed"),
-    ("rub", "rub something", "rubbed something"),
-    ("run", "run", "ran"),
-    ("salute", "salute", "saluted"),
-    ("scratch", "scratch", "scratched"),
-    ("shake", "shake something", "shook something"),
-    ("shake_hands", "shake hands", "shook hands"),
-    ("shake_head", "shake the head", "shook the head"),
-    ("shoot", "shoot", "shot"),
-    ("shout", "shout", "shouted"),
-    ("shrug", "shrug", "shrugged"),
-    ("side_bend", "bend sideways", "bent sideways"),
-    ("side_step", "step sideways", "stepped sideways"),
-    ("sit_down", "sit down", "sat down"),
-    ("sit_still", "sit", "sat"),
-    ("sit_up", "do sit ups", "did sit ups"),
-    ("skip", "skip", "skipped"),
-    ("slide", "slide", "slid"),
-    ("squat", "squat", "squatted"),
-    ("stand_still", "stand", "stood"),
-    ("stand_up", "get up", "got up"),
-    ("step_over", "step over something", "stepped over something"),
-    ("stir", "stir something", "stirred something"),
-    ("stomp", "stomp", "stomped"),
-    ("stop", "stop", "stopped"),
-    ("stretch", "stretch", "stretched"),
-    ("stumble", "stumble", "stumbled"),
-    ("sway", "sway", "swayed"),
-    ("swim", "swim", "swam"),
-    ("swing_arms", "swing the arms", "swung the arms"),
-    ("swing_leg", "swing a leg", "swung a leg"),
-    ("talk", "talk", "talked"),
-    ("throw", "throw", "threw"),
-    ("tie_shoes", "tie the shoes", "tied the shoes"),
-    ("toe_touch", "touch the toes", "touched the toes"),
-    ("touch", "touch something", "touched something"),
-    ("turn", "turn", "turned"),
-    ("twist", "twist", "twisted"),
-    ("type", "type", "typed"),
-    ("uncross_arms", "uncross the arms", "uncrossed the arms"),
-    ("walk", "walk", "walked"),
-    ("wave", "wave", "waved"),
-    ("wipe", "wipe something", "wiped something"),
-    ("write", "write", "wrote"),
-];
 
 /// Actions that a verb names besides the one of the lexicon: who sits has sat down, who paces walks.
 const INCLUDED: [(&str, &[&str]); 3] = [
@@ -308,27 +164,23 @@ fn has_other_meaning(words: &[&str]) -> bool {
 
 /// The infinitive of an action: "get up".
 pub(super) fn infinitive(action: &str) -> String {
-    match find(action) {
-        Some((_, infinitive, _)) => infinitive.to_string(),
+    match action_words(action).and_then(|words| words.infinitive) {
+        Some(infinitive) => infinitive.to_string(),
         None => format!("do \u{201c}{}\u{201d}", action.replace('_', " ")),
     }
 }
 
 /// The past tense of an action: "got up".
 pub(super) fn past(action: &str) -> String {
-    match find(action) {
-        Some((.., past)) => past.to_string(),
+    match action_words(action).and_then(|words| words.past) {
+        Some(past) => past.to_string(),
         None => format!("did \u{201c}{}\u{201d}", action.replace('_', " ")),
     }
 }
 
-fn find(action: &str) -> Option<&'static Verb> {
-    VERBS.iter().find(|(name, ..)| *name == action)
-}
-
 #[cfg(test)]
 mod tests {
-    use radarllm_facts::lexicon::PATTERNS;
+    use radarllm_facts::tables::all_actions;
 
     use super::*;
 
@@ -337,19 +189,14 @@ mod tests {
     }
 
     #[test]
-    fn every_action_of_the_lexicon_has_a_verb_and_the_verb_names_it() {
-        for pattern in PATTERNS {
-            let (name, infinitive, past) = find(pattern.action).expect(pattern.action);
-            for form in [infinitive, past] {
+    fn the_verbs_of_every_action_name_it() {
+        for action in all_actions() {
+            for form in [action.infinitive, action.past].into_iter().flatten() {
                 let found = named(form).unwrap_or_else(|e| panic!("{form}: {e:?}"));
-                assert_eq!(found.actions[0], *name, "{form}");
+                assert_eq!(found.actions[0], action.name, "{form}");
                 assert_eq!(found.n_asked, 1, "{form}");
             }
         }
-        for (name, ..) in VERBS {
-            assert!(PATTERNS.iter().any(|p| p.action == *name), "{name}");
-        }
-        assert!(VERBS.is_sorted());
     }
 
     #[test]

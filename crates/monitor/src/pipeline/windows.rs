@@ -6,7 +6,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use radarllm_base::{PointFrame, RadarPoint};
+use radarllm_base::{PointFrame, RadarPoint, stats::median_upper};
 
 use crate::options::{OptionError, within};
 use crate::people::{PersonFrame, UNTRACKED};
@@ -239,9 +239,7 @@ impl Windows {
     fn untracked(&self) -> Option<Window> {
         let middle = |axis: fn(&RadarPoint) -> f32| {
             let points = self.room.iter().flat_map(|f| &f.points);
-            let mut values: Vec<f32> = points.map(axis).collect();
-            values.sort_by(f32::total_cmp);
-            values.get(values.len() / 2).copied().map(f64::from)
+            median_upper(points.map(axis)).map(f64::from)
         };
         Some(Window {
             person: UNTRACKED,

@@ -4,7 +4,7 @@
 
 use base64::prelude::{BASE64_STANDARD as STANDARD, Engine};
 use glam::Vec3;
-use radarllm_base::PointFrame;
+use radarllm_base::{PointFrame, stats::quantile_lower};
 use serde::Serialize;
 
 const TEMPLATE: &str = include_str!("template.html");
@@ -115,8 +115,7 @@ impl Page<'_> {
             None => median_position(points().map(|p| Vec3::new(p.x_m, p.y_m, p.z_m))),
         };
         centre_m[2] = 0.9 - self.radar_height_m;
-        let mut speeds: Vec<f32> = points().map(|p| p.velocity_mps.abs()).collect();
-        let mut intensities: Vec<f32> = points().map(|p| p.intensity_db).collect();
+        let intensity_db = |share| quantile(points().map(|p| p.intensity_db), share);
         PageData {
             caption: self.caption,
             segments: &self.segments,
@@ -124,11 +123,8 @@ impl Page<'_> {
             frame_rate_hz: self.frame_rate_hz,
             radar_height_m: self.radar_height_m,
             centre_m,
-            velocity_scale_mps: quantile(&mut speeds, 0.95).max(0.5),
-            intensity_db: [
-                quantile(&mut intensities, 0.02),
-                quantile(&mut intensities, 0.98),
-            ],
+            velocity_scale_mps: quantile(points().map(|p| p.velocity_mps.abs()), 0.95).max(0.5),
+            intensity_db: [intensity_db(0.02), intensity_db(0.98)],
             frames: self
                 .frames
                 .iter()
@@ -176,20 +172,14 @@ fn round_mm(value: f32) -> f32 {
     (value * 1000.0).round() / 1000.0
 }
 
-fn quantile(values: &mut [f32], q: f32) -> f32 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    values.sort_by(f32::total_cmp);
-    values[((values.len() - 1) as f32 * q) as usize]
+/// 0 without values.
+fn quantile(values: impl Iterator<Item = f32>, share: f32) -> f32 {
+    quantile_lower(values, share).unwrap_or(0.0)
 }
 
 fn median_position(positions: impl Iterator<Item = Vec3>) -> [f32; 3] {
     let positions: Vec<Vec3> = positions.collect();
-    [0, 1, 2].map(|axis| {
-        let mut values: Vec<f32> = positions.iter().map(|p| p[axis]).collect();
-        quantile(&mut values, 0.5)
-    })
+    [0, 1, 2].map(|axis| quantile(positions.iter().map(|p| p[axis]), 0.5))
 }
 
 /// Coordinates in millimetres, clamped to +-32.767 m, little-endian.

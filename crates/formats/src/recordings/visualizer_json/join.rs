@@ -1,6 +1,6 @@
 //! Joins the files of one recording: checks that they agree, orders frames, and collects notes for the user.
 
-use radarllm_base::RadarPoint;
+use radarllm_base::{RadarPoint, stats::median_upper};
 
 use super::{
     PREFIX, VisualizerCounts, VisualizerFrame, VisualizerPart, VisualizerRecording, moved,
@@ -168,9 +168,7 @@ fn level_last(frames: &mut [VisualizerFrame], position: &SensorPosition) -> bool
 }
 
 fn median_z<'a>(points: impl IntoIterator<Item = &'a RadarPoint>) -> Option<f64> {
-    let mut z: Vec<f32> = points.into_iter().map(|p| p.z_m).collect();
-    z.sort_by(f32::total_cmp);
-    z.get(z.len() / 2).map(|z| f64::from(*z))
+    median_upper(points.into_iter().map(|p| p.z_m)).map(f64::from)
 }
 
 impl VisualizerCounts {

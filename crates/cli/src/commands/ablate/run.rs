@@ -1,0 +1,459 @@
+//! `ablate`: trains and evaluates a grid of modified recipes. This module contains the training. The crate `eval`,
+//! which needs no learning framework, creates the tables.
+//!
+//! The folder of a stage is named by all inputs of its result. Rows that agree up to a stage therefore share it, and a
+//! grid that is restarted continues where it stopped.
+
+use std::{
+    collections::BTreeMap,
+    fmt::Write as _,
+    fs,
+    path::{Path, PathBuf},
+    sync::Mutex,
+};
+
+use radarllm_base::hash::fnv_1a;
+use radarllm_eval::{
+    ablation::{Grid, GridRow, GridTable, TableReport, markdown},
+    captions::EvaluationOptions,
+};
+use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
+use radarllm_train::{
+    harness::StopToken,
+    recipe::{Recipe, RecipeStage},
+};
+use toml::{Table, Value};
+
+use super::AblateArgs;
+use crate::{
+    commands::eval::captions,
+    error::{CliError, CliResult},
+    interrupt,
+    model_args::DecoderName,
+    output, threads,
+};
+
+/// One training of one row.
+struct Run {
+    recipe: Recipe,
+    /// Data set for evaluation: the first of those that the recipe trains on.
+    data: PathBuf,
+    /// Stages in order.
+    stages: Vec<RecipeStage>,
+    /// All inputs of the result.
+    id: String,
+}
+
+impl Run {
+    fn report(&self) -> PathBuf {
+        self.recipe.out.join("report")
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &AblateArgs) -> CliResult {
+    let base = args.config.parent().unwrap_or(Path::new(""));
+    let text = files::read_text(&args.config, MAX_CONFIG_BYTES)?;
+    let grid = Grid::from_toml(&text).map_err(|e| {
+        CliError::new(format!("{}: {e}", args.config.display()))
+            .hint("see docs/guides/ablations.md")
+    })?;
+    let mut plan = plan(&grid, base)?;
+    let stop = interrupt::stop_on_ctrl_c()?;
+    for run in plan.iter_mut().flatten().flatten() {
+        run.recipe.stop = stop.clone();
+    }
+    let unique: BTreeMap<&str, &Run> = plan
+        .iter()
+        .flatten()
+        .flatten()
+        .map(|run| (run.id.as_str(), run))
+        .collect();
+    if args.plan {
+        return print_plan(&unique);
+    }
+    for stage in RecipeStage::ALL {
+        // One job per folder: rows that share a stage train it once.
+        let jobs: BTreeMap<PathBuf, &Run> = unique
+            .values()
+            .filter(|run| run.stages.contains(&stage) && !run.recipe.is_finished(stage))
+            .map(|run| (run.recipe.stage_dir(stage), *run))
+            .collect();
+        side_by_side(args.jobs, jobs.into_iter().collect(), |(folder, run)| {
+            if stop.is_stopped() {
+                return Ok(());
+            }
+            eprintln!("{}: {}", stage.name(), folder.display());
+            if !run.recipe.run(stage, true)? {
+                eprintln!("{}: stopped early", folder.display());
+            }
+            Ok(())
+        })?;
+        end_if_stopped(&stop);
+    }
+    let options = EvaluationOptions {
+        split: captions::split(&grid.split)?,
+        // Greedy, so that rows of different dates are decided alike.
+        beam: Some(1),
+        ..EvaluationOptions::default()
+    };
+    let missing: Vec<&Run> = unique
+        .values()
+        .filter(|run| !run.report().join("report.json").is_file())
+        .copied()
+        .collect();
+    side_by_side(args.jobs, missing, |run| {
+        if stop.is_stopped() {
+            return Ok(());
+        }
+        let last = *run.stages.last().unwrap_or(&RecipeStage::Instruct);
+        run.recipe.assemble(last)?;
+        captions::evaluate_into(
+            &run.report(),
+            Some(&run.recipe.model_dir()),
+            DecoderName::F32,
+            &run.data,
+            &options,
+            &|_, _, _| Ok(()),
+        )
+        .map(|_| ())
+    })?;
+    end_if_stopped(&stop);
+    let tables = grid
+        .tables
+        .iter()
+        .zip(&plan)
+        .map(|(table, rows)| table_report(&grid, table, rows))
+        .collect::<CliResult<Vec<_>>>()?;
+    let markdown = markdown(&grid, &tables)?;
+    let out = base.join(&grid.out);
+    output::write_atomic(
+        &out.join("ablation.json"),
+        serde_json::to_string_pretty(&tables)?.as_bytes(),
+    )?;
+    output::write_atomic(&out.join("ablation.md"), markdown.as_bytes())?;
+    if args.json {
+        return output::print_json(&tables);
+    }
+    output::print_line(markdown.trim_end());
+    Ok(())
+}
+
+/// Ends the program after Ctrl-C.
+fn end_if_stopped(stop: &StopToken) {
+    if stop.is_stopped() {
+        output::print_line("stopped early; the same command continues from here");
+        interrupt::exit();
+    }
+}
+
+/// Expands the grid into runs: `[table][row][seed]`.
+fn plan(grid: &Grid, base: &Path) -> CliResult<Vec<Vec<Vec<Run>>>> {
+    let path = base.join(&grid.base);
+    let text = files::read_text(&path, MAX_CONFIG_BYTES)?;
+    let recipe: Table = text
+        .parse()
+        .map_err(|e| CliError::new(format!("{}: {e}", path.display())))?;
+    let recipe_base = path.parent().unwrap_or(Path::new(""));
+    let out = base.join(&grid.out);
+    let rows_of = |table: &GridTable| -> CliResult<Vec<Vec<Run>>> {
+        table
+            .rows
+            .iter()
+            .map(|row| {
+                grid.seeds
+                    .iter()
+                    .map(|&seed| {
+                        plan_run(grid, row, seed, &recipe, recipe_base, &out)
+                            .map_err(|e| CliError::new(format!("row `{}`: {}", row.name, e.cause)))
+                    })
+                    .collect()
+            })
+            .collect()
+    };
+    grid.tables.iter().map(rows_of).collect()
+}
+
+fn plan_run(
+    grid: &Grid,
+    row: &GridRow,
+    seed: u64,
+    recipe: &Table,
+    recipe_base: &Path,
+    out: &Path,
+) -> CliResult<Run> {
+    let mut changed = recipe.clone();
+    for (key, value) in grid.common.iter().chain(&row.set) {
+        set(&mut changed, key, value.clone())?;
+    }
+    for stage in RecipeStage::ALL {
+        let seed = i64::try_from(seed)?;
+        set(
+            &mut changed,
+            &format!("{}.loop.seed", stage.name()),
+            Value::Integer(seed),
+        )?;
+    }
+    let mut recipe = Recipe::from_toml(&toml::to_string(&changed)?, recipe_base)?;
+    let mut stages = RecipeStage::ALL.to_vec();
+    if !row.instruct {
+        stages.pop();
+    }
+    // The name is derived from the recipe with all defaults, so that it changes when a default changes.
+    let printed: Table = recipe.to_toml()?.parse()?;
+    let all: Vec<String> = recipe
+        .data
+        .iter()
+        .map(|data| data.display().to_string())
+        .collect();
+    let mut depends_on = format!(
+        "{}, simulations of a motion: {}",
+        all.join(", "),
+        recipe.simulations_per_motion
+    );
+    let mut id = String::new();
+    for &stage in &stages {
+        let part = printed.get(stage.name()).map(ToString::to_string);
+        write!(
+            depends_on,
+            "\n[{}] {}",
+            stage.name(),
+            part.unwrap_or_default()
+        )?;
+        id = format!(
+            "{}-{seed}-{:016x}",
+            stage.name(),
+            fnv_1a(depends_on.as_bytes())
+        );
+        recipe.stage_folders.insert(stage.name(), out.join(&id));
+    }
+    recipe.out = out.join(format!("model-{id}"));
+    let data = recipe
+        .data
+        .first()
+        .cloned()
+        .ok_or_else(|| CliError::new("data: names no data set"))?;
+    Ok(Run {
+        recipe,
+        data,
+        stages,
+        id,
+    })
+}
+
+/// Sets a dotted key; missing parent tables are created.
+fn set(table: &mut Table, key: &str, value: Value) -> CliResult {
+    match key.split_once('.') {
+        None => {
+            table.insert(key.into(), value);
+            Ok(())
+        }
+        Some((first, rest)) => {
+            let inner = table
+                .entry(first)
+                .or_insert_with(|| Value::Table(Table::new()));
+            match inner.as_table_mut() {
+                Some(inner) => set(inner, rest, value),
+                None => Err(CliError::new(format!("{key}: `{first}` is no table"))),
+            }
+        }
+    }
+}
+
+/// Runs `jobs`, `n` at a time, and divides the cores equally among them. After the first error, no further job is
+/// started.
+fn side_by_side<J: Send>(
+    n: usize,
+    jobs: Vec<J>,
+    work: impl Fn(J) -> CliResult + Sync,
+) -> CliResult {
+    let n = n.max(1);
+    let threads_each = (threads::threads(None) / n).max(1);
+    let queue = Mutex::new((jobs.into_iter(), None));
+    std::thread::scope(|scope| {
+        for _ in 0..n {
+            scope.spawn(|| {
+                loop {
+                    let job = {
+                        let mut queue = queue.lock().unwrap_or_else(|e| e.into_inner());
+                        if queue.1.is_some() {
+                            return;
+                        }
+                        queue.0.next()
+                    };
+                    let Some(job) = job else { return };
+                    let result = threads::on_threads(Some(threads_each), || work(job));
+                    if let Err(error) = result.and_then(|result| result) {
+                        let mut queue = queue.lock().unwrap_or_else(|e| e.into_inner());
+                        queue.1.get_or_insert(error);
+                    }
+                }
+            });
+        }
+    });
+    match queue.into_inner().unwrap_or_else(|e| e.into_inner()).1 {
+        None => Ok(()),
+        Some(error) => Err(error),
+    }
+}
+
+fn print_plan(unique: &BTreeMap<&str, &Run>) -> CliResult {
+    let mut stages = BTreeMap::new();
+    for run in unique.values() {
+        for &stage in &run.stages {
+            let folder = run.recipe.stage_dir(stage);
+            stages.insert(folder, run.recipe.is_finished(stage));
+        }
+    }
+    for (folder, finished) in &stages {
+        let state = if *finished { "done " } else { "to do" };
+        output::print_line(&format!("{state}  {}", folder.display()));
+    }
+    let done = stages.values().filter(|done| **done).count();
+    output::print_line(&format!(
+        "{} models; {} stages, {done} done",
+        unique.len(),
+        stages.len()
+    ));
+    Ok(())
+}
+
+fn table_report(grid: &Grid, table: &GridTable, rows: &[Vec<Run>]) -> CliResult<TableReport> {
+    let reports = rows
+        .iter()
+        .map(|runs| runs.iter().map(read_report).collect())
+        .collect::<CliResult<Vec<Vec<serde_json::Value>>>>()?;
+    Ok(table.report(&grid.seeds, |row, seed, key| {
+        metric(&reports[row][seed], key)
+    }))
+}
+
+fn read_report(run: &Run) -> CliResult<serde_json::Value> {
+    let path = run.report().join("report.json");
+    let bytes = fs::read(&path).map_err(|e| CliError::io(&path, e))?;
+    Ok(serde_json::from_slice(&bytes)?)
+}
+
+/// A metric of the model on its own radar; `None` where it was not computed.
+fn metric(report: &serde_json::Value, key: &str) -> Option<f64> {
+    let model = &report["systems"][0];
+    match key {
+        // The old name of the field is accepted too, so that models need not be evaluated again.
+        "action_accuracy" => ["action_accuracy", "right_action"]
+            .into_iter()
+            .find_map(|name| model[name]["value"].as_f64()),
+        _ => model["scores"][key].as_f64(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GRID: &str = r#"
+base = "model.toml"
+out = "grid"
+seeds = [1, 2]
+common = { "tokenizer.loop.max_steps" = 3 }
+
+[[table]]
+title = "Parts"
+columns = ["bleu_1", "meteor"]
+
+[[table.row]]
+name = "whole"
+reported = { bleu_1 = 48.0, meteor = 33.7 }
+doubted = { meteor = "differs elsewhere." }
+
+[[table.row]]
+name = "one codebook"
+set = { "tokenizer.model.codebook_size" = 64 }
+
+[[table.row]]
+name = "whole again, untuned"
+instruct = false
+
+[[table.row]]
+name = "one task"
+set = { "pretrain.sampling.text_to_radar" = 0.0 }
+"#;
+
+    fn planned() -> Vec<Vec<Run>> {
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join("model.toml"), "data = \"data\"\n").unwrap();
+        let grid = Grid::from_toml(GRID).unwrap();
+        plan(&grid, dir.path()).unwrap().remove(0)
+    }
+
+    #[test]
+    fn rows_share_the_stages_in_which_they_agree() {
+        let rows = planned();
+        let folder = |row: usize, seed: usize, stage| rows[row][seed].recipe.stage_dir(stage);
+        let same = |row: usize, stage| folder(row, 0, stage) == folder(0, 0, stage);
+        use RecipeStage::{Instruct, Motion, Pretrain, Tokenizer};
+        assert!(same(1, Motion) && !same(1, Tokenizer) && !same(1, Pretrain));
+        assert!(same(2, Tokenizer) && same(2, Pretrain));
+        assert_eq!(rows[2][0].stages, [Motion, Tokenizer, Pretrain]);
+        assert!(same(3, Tokenizer) && !same(3, Pretrain) && !same(3, Instruct));
+        // Runs with different seeds share no stage, and every model has its own folder.
+        assert!(folder(0, 0, Motion) != folder(0, 1, Motion));
+        let mut outs: Vec<_> = rows.iter().flatten().map(|r| &r.recipe.out).collect();
+        outs.sort();
+        outs.dedup();
+        assert_eq!(outs.len(), 8);
+        let recipe = &rows[1][1].recipe;
+        assert_eq!(recipe.tokenizer.model.codebook_size, 64);
+        assert_eq!(
+            (recipe.tokenizer.run.max_steps, recipe.tokenizer.run.seed),
+            (3, 2)
+        );
+    }
+
+    #[test]
+    fn rows_learn_all_data_sets_and_are_evaluated_on_the_first() {
+        let of = |data: &str| {
+            let dir = tempfile::tempdir().unwrap();
+            fs::write(dir.path().join("model.toml"), format!("data = {data}\n")).unwrap();
+            let grid = Grid::from_toml(GRID).unwrap();
+            let run = plan(&grid, dir.path())
+                .unwrap()
+                .remove(0)
+                .remove(0)
+                .remove(0);
+            let name = |path: &PathBuf| path.file_name().unwrap().to_str().unwrap().to_string();
+            let all: Vec<_> = run.recipe.data.iter().map(name).collect();
+            (name(&run.data), all)
+        };
+        assert_eq!(of(r#""a""#), ("a".into(), vec!["a".into()]));
+        assert_eq!(
+            of(r#"["a", "b"]"#),
+            ("a".into(), vec!["a".into(), "b".into()])
+        );
+    }
+
+    #[test]
+    fn slips_in_a_grid_are_named() {
+        let bad = GRID.replace("codebook_size\" = 64", "codebook_sise\" = 64");
+        let dir = tempfile::tempdir().unwrap();
+        fs::write(dir.path().join("model.toml"), "").unwrap();
+        let grid = Grid::from_toml(&bad).unwrap();
+        let Err(error) = plan(&grid, dir.path()) else {
+            panic!("a wrong key was taken");
+        };
+        assert!(error.cause.contains("one codebook") && error.cause.contains("codebook_sise"));
+    }
+
+    #[test]
+    fn metrics_are_found_in_reports_of_either_name() {
+        let report = |field: &str| {
+            serde_json::json!({"systems": [{
+                "scores": {"bleu_1": 0.5, "meteor": null}, field: {"value": 0.25}
+            }]})
+        };
+        for field in ["action_accuracy", "right_action"] {
+            assert_eq!(metric(&report(field), "bleu_1"), Some(0.5));
+            assert_eq!(metric(&report(field), "meteor"), None);
+            assert_eq!(metric(&report(field), "action_accuracy"), Some(0.25));
+        }
+    }
+}

@@ -1,0 +1,184 @@
+//! `eval captions`: captions of a split with all metrics, intervals and baselines.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use radarllm_dataset::{Dataset, Split};
+use radarllm_eval::{
+    EvalError,
+    captions::{
+        AddScores, CaptionReport, CaptionedClip, EvaluationOptions, evaluate_captions_with,
+        report::markdown,
+    },
+    round_trip::{self, RoundTripOptions, evaluate_round_trip},
+};
+use radarllm_inference::lm::templates::Task;
+use radarllm_metrics::{Candidate, Reference, Scores};
+
+use super::page;
+use crate::{
+    commands::{describe, generate, model_files},
+    error::{CliError, CliResult},
+    memory::peak_memory_mb,
+    model_args::{DecoderName, EncoderArgs},
+    output,
+};
+
+/// `eval captions`.
+#[derive(Args)]
+pub struct CaptionsArgs {
+    /// Model folder; the bundled model if omitted.
+    #[arg(long)]
+    pub model: Option<PathBuf>,
+    /// Data set folder.
+    #[arg(long)]
+    pub data: PathBuf,
+    /// Split to describe.
+    #[arg(long, default_value = "test")]
+    pub split: String,
+    /// Folder for report.json, report.md, report.html and captions.jsonl.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Decoder of the language model.
+    #[arg(long, value_enum, default_value = "f32")]
+    pub decoder: DecoderName,
+    /// Search for the most probable sentence with N beams (1 is greedy) instead of a vote among drawn sentences.
+    #[arg(long, value_name = "N")]
+    pub beam: Option<usize>,
+    /// Instead of captions: generate radar from the captions of N motions, and describe what was generated. The folder
+    /// gets round-trip.json, round-trip.md and round-trip.jsonl.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(2..=1_000_000))]
+    pub round_trip: Option<u64>,
+    /// Sentence encoders.
+    #[command(flatten)]
+    pub encoders: EncoderArgs,
+    /// Seed of bootstrap and shuffling.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Replace an earlier report.
+    #[arg(long)]
+    pub force: bool,
+    /// Print the report as JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &CaptionsArgs) -> CliResult {
+    if let Some(count) = args.round_trip {
+        return round_trip(args, count as usize);
+    }
+    output::check_free(&args.out.join("report.json"), args.force)?;
+    let options = EvaluationOptions {
+        split: split(&args.split)?,
+        beam: args.beam,
+        seed: args.seed,
+    };
+    let adding = adder(&args.encoders, args.seed)?;
+    let report = evaluate_into(
+        &args.out,
+        args.model.as_deref(),
+        args.decoder,
+        &args.data,
+        &options,
+        adding.as_ref(),
+    )?;
+    if args.json {
+        return output::print_json(&report);
+    }
+    output::print_line(markdown(&report).trim_end());
+    Ok(())
+}
+
+/// Further scores of captions.
+type Adder = Box<dyn Fn(&mut Scores, &[Candidate], &[Reference]) -> Result<(), EvalError>>;
+
+/// What the named sentence encoders add to the scores of captions; nothing without any.
+fn adder(args: &EncoderArgs, seed: u64) -> CliResult<Adder> {
+    #[cfg(feature = "train")]
+    if let Some(encoders) = crate::commands::model_scores::Encoders::open(args)? {
+        return Ok(Box::new(move |scores, candidates, references| {
+            encoders.add(scores, candidates, references, seed)
+        }));
+    }
+    #[cfg(not(feature = "train"))]
+    if args.are_given() {
+        return Err(crate::error::needs_training("--bert-score or --sim-cse"));
+    }
+    let _ = (args, seed);
+    Ok(Box::new(|_, _, _| Ok(())))
+}
+
+/// Generates radar from captions, describes it, and writes round-trip.jsonl, round-trip.md and round-trip.json.
+fn round_trip(args: &CaptionsArgs, count: usize) -> CliResult {
+    output::check_free(&args.out.join("round-trip.json"), args.force)?;
+    describe::check_beam(args.beam)?;
+    let options = RoundTripOptions {
+        split: split(&args.split)?,
+        count,
+        beam: args.beam,
+        seed: args.seed,
+    };
+    let captioner = describe::load_decoder(args.model.as_deref(), args.decoder)?;
+    let name = captioner.name();
+    // Said before anything is read: most models did not learn to generate.
+    let learned = captioner.model().require(Task::TextToRadar, false);
+    learned.map_err(|e| generate::not_learned(name, e))?;
+    let decoder = generate::points_decoder(args.model.as_deref())?;
+    let data = Dataset::open(&args.data)?;
+    let points = |codes: &[u32], text: &str| Ok(generate::clip_of(&decoder, codes, text, name)?);
+    let (report, lines) = evaluate_round_trip(captioner.model(), name, points, &data, &options)?;
+    let text = round_trip::markdown(&report, &lines);
+    let write =
+        |name: &str, text: &str| output::write_atomic(&args.out.join(name), text.as_bytes());
+    let mut json_lines = String::new();
+    for line in &lines {
+        json_lines += &serde_json::to_string(line)?;
+        json_lines.push('\n');
+    }
+    write("round-trip.jsonl", &json_lines)?;
+    write("round-trip.md", &text)?;
+    write("round-trip.json", &serde_json::to_string_pretty(&report)?)?;
+    if args.json {
+        return output::print_json(&report);
+    }
+    output::print_line(text.trim_end());
+    Ok(())
+}
+
+/// A split by its name.
+pub fn split(name: &str) -> CliResult<Split> {
+    Split::from_name(name)
+        .ok_or_else(|| CliError::new(format!("--split {name}: unknown")).hint("train, val or test"))
+}
+
+/// Evaluates a model and writes captions.jsonl, report.md, report.html and report.json.
+pub fn evaluate_into(
+    out: &Path,
+    model: Option<&Path>,
+    decoder: DecoderName,
+    data: &Path,
+    options: &EvaluationOptions,
+    add: AddScores,
+) -> CliResult<CaptionReport> {
+    let (captioner, model) = model_files::load(model, decoder)?;
+    let data = Dataset::open(data)?;
+    let (mut report, clips) =
+        evaluate_captions_with(captioner.model(), &model, &data, options, add)?;
+    report.peak_memory_mb = peak_memory_mb();
+    let write = |name: &str, text: &str| output::write_atomic(&out.join(name), text.as_bytes());
+    write("captions.jsonl", &json_lines(&clips)?)?;
+    write("report.md", &markdown(&report))?;
+    write("report.html", &page::html(&report, &clips))?;
+    write("report.json", &serde_json::to_string_pretty(&report)?)?;
+    Ok(report)
+}
+
+fn json_lines(clips: &[CaptionedClip]) -> CliResult<String> {
+    let mut lines = String::new();
+    for clip in clips {
+        lines += &serde_json::to_string(&clip.line())?;
+        lines.push('\n');
+    }
+    Ok(lines)
+}

@@ -1,0 +1,57 @@
+//! `lm`: pretrained language models. Builds without training have its arguments alone.
+
+#[cfg(feature = "train")]
+mod run;
+
+use std::path::PathBuf;
+
+use clap::Subcommand;
+
+#[cfg(feature = "train")]
+pub use run::run;
+
+#[cfg(not(feature = "train"))]
+use crate::error::{CliResult, needs_training};
+
+/// `lm ...`.
+#[derive(Subcommand)]
+pub enum LmVerb {
+    /// Run a forward pass: logits, or the last hidden states of BERT and RoBERTa.
+    ///
+    /// Example: radarllm lm logits --weights gpt2 --ids ids.json --out logits.npy
+    Logits {
+        /// Folder with config.json and model.safetensors (single or sharded).
+        #[arg(long)]
+        weights: PathBuf,
+        /// JSON `{"input_ids": [[..]], "decoder_input_ids": [[..]]}`, rows of equal length;
+        /// optional `attention_mask` of the same shape (1 token, 0 padding).
+        #[arg(long)]
+        ids: PathBuf,
+        /// npy f32 `[batch, step, vocab]`, or `[batch, step, width]` of hidden states.
+        #[arg(long)]
+        out: PathBuf,
+        /// Replace an existing file.
+        #[arg(long)]
+        force: bool,
+        /// Print one JSON document.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Merge the adapters of a trained GPT-2 or Qwen2 into its weights, for programs without adapter support.
+    ///
+    /// Example: radarllm lm merge --model work/model/model/lm --out merged
+    Merge {
+        /// Folder of the language model: adapter_config.json and adapter_model.safetensors.
+        #[arg(long)]
+        model: PathBuf,
+        /// New folder: config.json, tokenizer.json, model.safetensors.
+        #[arg(long)]
+        out: PathBuf,
+    },
+}
+
+/// Says that this build has no training.
+#[cfg(not(feature = "train"))]
+pub fn run(_: &LmVerb) -> CliResult {
+    Err(needs_training("`lm`"))
+}

@@ -1,0 +1,103 @@
+//! `lm`: computes the logits of a checkpoint in Hugging Face's layout, and merges adapters into weights.
+
+use std::path::Path;
+
+use radarllm_files::{bounded as files, npy::NpyWriter};
+use radarllm_nn::Device;
+use radarllm_nn::lm::RadarLm;
+use radarllm_nn::pretrained::{ModelInput, Pretrained};
+use serde::Serialize;
+
+use super::LmVerb;
+use crate::{
+    error::{CliError, CliResult},
+    output,
+};
+
+/// Maximum size of a file of ids, bytes.
+const MAX_IDS_BYTES: u64 = 256 << 20;
+
+#[derive(Serialize)]
+struct Report {
+    architecture: &'static str,
+    output: &'static str,
+    shape: [usize; 3],
+}
+
+/// Runs the command.
+pub fn run(verb: &LmVerb) -> CliResult {
+    match verb {
+        LmVerb::Logits {
+            weights,
+            ids,
+            out,
+            force,
+            json,
+        } => logits(weights, ids, out, *force, *json),
+        LmVerb::Merge { model, out } => merge(model, out),
+    }
+}
+
+fn merge(model: &Path, out: &Path) -> CliResult {
+    // Saving replaces a folder as a whole, so the content of an existing folder would be lost.
+    if out.exists() {
+        return Err(
+            CliError::new(format!("{} exists already", out.display())).hint("give another --out")
+        );
+    }
+    let mut lm = RadarLm::load(model, &Device::flex())
+        .map_err(|e| CliError::new(e).hint("--model wants the `lm` folder of a trained model"))?;
+    if lm.adapters.is_none() {
+        return Err(
+            CliError::new(format!("{}: has no adapters", model.display()))
+                .hint("a model trained whole needs no merging"),
+        );
+    }
+    lm.merge();
+    lm.save(out)?;
+    output::print_line(&out.display().to_string());
+    Ok(())
+}
+
+fn logits(weights: &Path, ids: &Path, out: &Path, force: bool, json: bool) -> CliResult {
+    output::check_free(out, force)?;
+    let input = read_ids(ids)?;
+    let device = Device::flex();
+    let network = Pretrained::open(weights, &device)
+        .map_err(|e| CliError::new(e).hint("a folder with config.json and model.safetensors"))?;
+    let (values, shape) = network
+        .logits(&input, &device)
+        .map_err(|e| CliError::new(format!("{}: {e}", ids.display())))?;
+    let mut npy = Vec::new();
+    let mut writer = NpyWriter::new(&mut npy, &shape)?;
+    writer.extend(values)?;
+    writer.finish()?;
+    output::write_atomic(out, &npy)?;
+    let report = Report {
+        architecture: network.architecture(),
+        output: match network {
+            Pretrained::Bert(_) => "hidden states",
+            _ => "logits",
+        },
+        shape,
+    };
+    if json {
+        return output::print_json(&report);
+    }
+    output::print_line(&format!(
+        "{}: {} {:?} -> {}",
+        report.architecture,
+        report.output,
+        report.shape,
+        out.display()
+    ));
+    Ok(())
+}
+
+fn read_ids(path: &Path) -> CliResult<ModelInput> {
+    let bytes = files::read_bytes(path, MAX_IDS_BYTES)?;
+    serde_json::from_slice(&bytes).map_err(|e| {
+        CliError::new(format!("{}: {e}", path.display()))
+            .hint(r#"{"input_ids": [[..]], "decoder_input_ids": [[..]], "attention_mask": [[..]]}, the last two where needed"#)
+    })
+}

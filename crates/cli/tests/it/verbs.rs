@@ -1,0 +1,76 @@
+//! Names of verbs, and what `describe` prints for people.
+
+use crate::command::{radarllm, refused};
+
+fn stdout(args: &[&str]) -> String {
+    let output = radarllm(args);
+    assert!(output.status.success(), "{args:?}: {output:?}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Flags and arguments of a help text, without the lines about the verb itself.
+fn flags_of(args: &[&str]) -> Vec<String> {
+    let help = stdout(args);
+    let (_, flags) = help.split_once("Arguments:").unwrap_or_else(|| {
+        help.split_once("Options:")
+            .unwrap_or_else(|| panic!("{args:?}: {help}"))
+    });
+    flags.lines().map(str::to_string).collect()
+}
+
+#[test]
+fn verbs_of_eval_keep_their_former_names() {
+    for (former, now) in [
+        ("eval-recordings", "recordings"),
+        ("eval-falls", "falls"),
+        ("interventions", "interventions"),
+        ("edits", "interventions"),
+        ("robustness", "robustness"),
+        ("realism", "realism"),
+    ] {
+        let flags = flags_of(&[former, "--help"]);
+        assert_eq!(flags, flags_of(&["eval", now, "--help"]), "{former}");
+        assert!(flags.len() > 5, "{former}: {flags:?}");
+        // Only the new name is shown.
+        let verbs = stdout(&["--help"]);
+        let lists = |verb: &str| verbs.lines().any(|l| l.trim_start().starts_with(verb));
+        assert!(lists("eval ") && !lists(former), "{verbs}");
+        assert!(stdout(&["eval", "--help"]).contains(&format!("  {now} ")));
+    }
+}
+
+#[test]
+fn flags_after_eval_are_those_of_captions() {
+    let rest = ["--data", "no such folder", "--out", "nowhere"];
+    let former = refused(&[&["eval"], &rest[..]].concat());
+    assert_eq!(
+        former,
+        refused(&[&["eval", "captions"], &rest[..]].concat())
+    );
+    assert!(former.contains("no such folder"), "{former}");
+    assert!(refused(&["eval", "--data", "x"]).contains("--out"));
+}
+
+#[test]
+fn a_description_is_a_line_about_the_source_and_the_sentence() {
+    let input = "builtin:walk?direction=backward";
+    let plain = radarllm(&["describe", input]);
+    let text = String::from_utf8(plain.stdout).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!(lines.len(), 2, "{text}");
+    let source = format!("{input}: simulated, radar awr1843boost, ");
+    assert!(
+        lines[0].starts_with(&source) && lines[0].ends_with(" s"),
+        "{text}"
+    );
+    assert!(
+        lines[1].starts_with("    ") && lines[1].ends_with(')'),
+        "{text}"
+    );
+    let detailed = stdout(&["describe", input, "-v"]);
+    assert!(detailed.starts_with(&text), "{detailed}");
+    assert!(
+        detailed.contains("[model default (embedded), confidence 0."),
+        "{detailed}"
+    );
+}

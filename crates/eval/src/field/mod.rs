@@ -1,0 +1,7 @@
+//! Recordings, and a radar that runs: does a model name what people did, and does it notice falls?
+
+pub mod falls;
+pub mod features;
+pub mod forest;
+pub mod proxy;
+pub mod recordings;
