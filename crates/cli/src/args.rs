@@ -7,9 +7,7 @@ use crate::commands::{
     dataset::DatasetVerb,
     demo::DemoArgs,
     describe::DescribeArgs,
-    eval::{EvalVerb, FormerVerb},
     generate::GenerateArgs,
-    live::{AskArgs, LiveArgs},
     lm::LmVerb,
     motion::MotionVerb,
     process::ProcessArgs,
@@ -20,6 +18,11 @@ use crate::commands::{
     train::TrainArgs,
     view::ViewArgs,
 };
+
+#[cfg(feature = "eval")]
+use crate::commands::eval::{EvalVerb, FormerVerb};
+#[cfg(feature = "live")]
+use crate::commands::live::{AskArgs, LiveArgs};
 
 /// Turns millimetre-wave radar into language.
 ///
@@ -86,21 +89,25 @@ pub enum Verb {
     ///
     /// Example: radarllm forget wheelchair
     Forget(ForgetArgs),
+    #[cfg(feature = "live")]
     /// Describe what a radar sees while it happens, on a page, over MQTT and in a memory.
     ///
     /// Example: radarllm live /dev/ttyACM1 --cli-port /dev/ttyACM0 --radar profile.cfg --db live.db
     ///
     /// Example: radarllm live sim:
     Live(Box<LiveArgs>),
+    #[cfg(feature = "live")]
     /// Answer a question about what `live` saw.
     ///
     /// Example: radarllm ask "when did she last get up?" --db live.db
     Ask(AskArgs),
+    #[cfg(feature = "eval")]
     /// Ask questions of a model or of the virtual radar: captions, recordings, falls, interventions, robustness, realism.
     ///
     /// Example: radarllm eval captions --data work/data --out work/report
     #[command(subcommand)]
     Eval(EvalVerb),
+    #[cfg(feature = "eval")]
     #[command(flatten)]
     FormerEval(FormerVerb),
     /// Compute caption metrics, or errors of estimated bodies.

@@ -201,6 +201,7 @@ mod tests {
         let errors = [
             CliError::from(exists()),
             CliError::from(Error::from(exists())),
+            #[cfg(feature = "eval")]
             CliError::from(radarllm_eval::EvalError::from(exists())),
             CliError::from(radarllm_synth::SynthError::from(exists())),
         ];

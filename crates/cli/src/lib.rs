@@ -27,7 +27,9 @@ use clap::Parser;
 
 /// Runs the command with these arguments, of which the first is the name of the program, and returns the exit code.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
-    let cli = match Cli::try_parse_from(commands::eval::with_verb(args)) {
+    #[cfg(feature = "eval")]
+    let args = commands::eval::with_verb(args);
+    let cli = match Cli::try_parse_from(args) {
         Ok(cli) => cli,
         Err(error) => {
             let _ = error.print();
@@ -49,9 +51,13 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
         Verb::Generate(args) => commands::generate::run(&args),
         Verb::Teach(args) => commands::teach::run(&args),
         Verb::Forget(args) => commands::teach::forget(&args),
+        #[cfg(feature = "live")]
         Verb::Live(args) => commands::live::run(&args),
+        #[cfg(feature = "live")]
         Verb::Ask(args) => commands::live::answer(&args),
+        #[cfg(feature = "eval")]
         Verb::Eval(verb) => commands::eval::run(&verb),
+        #[cfg(feature = "eval")]
         Verb::FormerEval(verb) => commands::eval::run(&verb.into()),
         Verb::Score(args) => commands::score::run(&args),
         Verb::View(args) => commands::view::run(&args),

@@ -5,11 +5,15 @@ use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use radarllm_files::atomic::{self, Existing};
+use radarllm_files::bounded;
 use serde_json::{Map, Value};
 
 use crate::error::TrainError;
 use crate::event_file;
 
+/// Maximum size of a log, bytes: a line of 200 bytes for each of five million updates.
+const MAX_LOG_BYTES: u64 = 1 << 30;
 const LOG_FILE: &str = "log.jsonl";
 /// TensorBoard reads files whose names contain `tfevents`.
 const EVENT_FILE: &str = "events.out.tfevents.radarllm";
@@ -72,7 +76,7 @@ impl Log {
             records.extend(event(line, begin_s + seconds(line)));
         }
         for (path, bytes) in [(&self.lines, lines.as_bytes()), (&self.events, &records)] {
-            atomic::write(path, bytes, Existing::Replace)
+            atomic::write_bytes(path, Existing::Replace, bytes)
                 .map_err(|e| io(path, std::io::Error::other(e)))?;
         }
         Ok(())

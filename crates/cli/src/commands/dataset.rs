@@ -11,18 +11,21 @@ use radarllm::{
     DatasetPlan, Error,
     dataset::{self, BuildOptions, Dataset, Overwrite, Progress, ShardEntry},
 };
+#[cfg(feature = "eval")]
 use radarllm_eval::{
     held_out::validate_with_held_out,
     recordings::{Role, training},
 };
 
+#[cfg(feature = "eval")]
 use crate::{
     commands::{describe, eval::recordings},
-    error::{CliError, CliResult},
     model_args::DecoderName,
-    output,
     recording_args::LabelledArgs,
-    threads,
+};
+use crate::{
+    error::{CliError, CliResult},
+    output, threads,
 };
 
 /// `dataset ...`.
@@ -86,6 +89,7 @@ pub enum DatasetVerb {
         #[arg(long)]
         json: bool,
     },
+    #[cfg(feature = "eval")]
     /// Build a data set of recorded radar: recordings for tuning, with the sentences of their activities or with those of a
     /// model.
     ///
@@ -101,6 +105,7 @@ pub enum DatasetVerb {
         #[arg(long)]
         json: bool,
     },
+    #[cfg(feature = "eval")]
     /// Check hashes, rows, values and leakage between splits. Exit code 1 if there is a problem.
     Validate {
         /// Folder of the data set.
@@ -111,6 +116,7 @@ pub enum DatasetVerb {
     },
 }
 
+#[cfg(feature = "eval")]
 /// `dataset recordings`.
 #[derive(Args)]
 pub struct DatasetRecordingsArgs {
@@ -198,12 +204,15 @@ pub fn run(verb: &DatasetVerb) -> CliResult {
             force,
             json,
         } => export(dir, to, overwrite(*force), *json),
+        #[cfg(feature = "eval")]
         DatasetVerb::Recordings(args) => recordings(args),
         DatasetVerb::Info { dir, json } => info(dir, *json),
+        #[cfg(feature = "eval")]
         DatasetVerb::Validate { dir, json } => validate(dir, *json),
     }
 }
 
+#[cfg(feature = "eval")]
 /// `dataset recordings`: recordings for tuning with sentences.
 fn recordings(args: &DatasetRecordingsArgs) -> CliResult {
     if !(0.0..=1.0).contains(&args.min_confidence) {
@@ -416,6 +425,7 @@ fn info(dir: &Path, json: bool) -> CliResult {
     Ok(())
 }
 
+#[cfg(feature = "eval")]
 fn validate(dir: &Path, json: bool) -> CliResult {
     let found = validate_with_held_out(dir)?;
     let lines: Vec<String> = found

@@ -8,16 +8,20 @@ pub mod dataset;
 pub mod demo;
 pub mod describe;
 pub mod doctor;
+#[cfg(feature = "eval")]
 pub mod eval;
 pub mod generate;
+#[cfg(feature = "live")]
 pub mod live;
 #[cfg_attr(not(feature = "train"), allow(dead_code))]
 pub mod lm;
+#[cfg(feature = "eval")]
 pub mod model_files;
 #[cfg(feature = "train")]
 pub mod model_scores;
 pub mod motion;
 pub mod pictures;
+#[cfg(feature = "eval")]
 pub mod pose_scores;
 pub mod process;
 pub mod radar;

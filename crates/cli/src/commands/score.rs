@@ -18,8 +18,9 @@ use serde::Deserialize;
 
 #[cfg(feature = "train")]
 use crate::commands::model_scores;
+#[cfg(feature = "eval")]
+use crate::commands::pose_scores;
 use crate::{
-    commands::pose_scores,
     error::{CliError, CliResult},
     model_args::EncoderArgs,
     output,
@@ -98,7 +99,13 @@ impl Id {
 pub fn run(args: &ScoreArgs) -> CliResult {
     let _ = args.json;
     if args.pose {
+        #[cfg(feature = "eval")]
         return pose_scores::run(&args.candidates, &args.references);
+        #[cfg(not(feature = "eval"))]
+        return Err(CliError::new(
+            "--pose needs a build with the feature `eval`, which this binary lacks",
+        )
+        .hint("cargo build --release --locked -p radarllm-cli --features eval"));
     }
     let with_model = args.encoders.are_given();
     if args.encoders.device.is_some() && !with_model {
