@@ -7,7 +7,7 @@ macro_rules! joints {
         /// The 22 body joints of SMPL-X, in its order. `joint as usize` is the index.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
         #[repr(u8)]
-        pub enum Joint { $($name),* }
+        pub enum Joint { $(#[doc = concat!("`", $text, "` of SMPL-X.")] $name),* }
         impl Joint {
             /// All joints, parents before children.
             pub const ALL: [Joint; N_JOINTS] = [$(Joint::$name),*];

@@ -2,6 +2,8 @@
 //!
 //! `cargo run --release --locked -p radarllm-demo`
 
+#![expect(clippy::print_stdout, reason = "a demo prints")]
+
 use radarllm::{Captioner, Error, PeopleOptions, Verdict};
 use radarllm_demo::{BOARD, MOTIONS, performed_in};
 

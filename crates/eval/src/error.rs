@@ -26,7 +26,7 @@ pub enum EvalError {
         /// Condition and motion.
         what: String,
         /// Cause.
-        source: SynthError,
+        source: Box<SynthError>,
     },
     /// Arrays of an estimated body that do not fit those of the true one.
     #[error("{problem}")]

@@ -27,6 +27,11 @@
 //! Python literals of npy headers and calibration files).
 //!
 //! This crate does not interpret the content of files, and depends on no other crate of the project.
+
+#![allow(
+    clippy::disallowed_methods,
+    reason = "this crate opens files for the others"
+)]
 #![forbid(unsafe_code)]
 
 pub mod atomic;

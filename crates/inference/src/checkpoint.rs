@@ -11,6 +11,11 @@
 //! final name. A process that is killed at any moment leaves either the old checkpoint or the new one. Opening verifies
 //! every checksum. Loading checks names, shapes and types, and that every value is finite.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "checkpoints are files; weights are too large to be read at once"
+)]
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::{Cursor, Read, Seek, SeekFrom, Write};

@@ -173,10 +173,12 @@ impl Image {
         }
     }
 
+    /// Pixels of a row.
     pub fn width(&self) -> usize {
         self.width
     }
 
+    /// Number of rows.
     pub fn height(&self) -> usize {
         self.height
     }

@@ -21,6 +21,7 @@ const BIND_ARM_DROP_RAD: f32 = 0.60;
 pub struct BodyShape {
     /// Standing height, m, 1.0..=2.0.
     pub height_m: f32,
+    /// Width of the trunk and thickness of the limbs.
     pub build: Build,
     /// Maximum edge length of a facet in the bind pose, m, 0.008..=0.05. The default 0.02 gives
     /// about 17,000 facets for an average adult.
@@ -40,8 +41,11 @@ impl Default for BodyShape {
 /// Girth of trunk and limbs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Build {
+    /// Narrow trunk and thin limbs.
     Slim,
+    /// Between the two others.
     Average,
+    /// Wide trunk and thick limbs.
     Heavy,
 }
 

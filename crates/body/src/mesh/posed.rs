@@ -23,6 +23,7 @@ pub struct PosedBody {
 }
 
 impl PosedBody {
+    /// A body that performs a motion at a place.
     pub fn new(
         body: Arc<dyn BodyModel>,
         sampler: MotionSampler,

@@ -275,9 +275,9 @@ impl<'a> Experiment<'a> {
                     let motion = &corpus.items()[item].motion_id;
                     record
                         .map(|record| record.frames)
-                        .map_err(|source| EvalError::Simulation {
+                        .map_err(|e| EvalError::Simulation {
                             what: format!("{}: {motion}", change.label()),
-                            source,
+                            source: e.into(),
                         })
                 },
             )

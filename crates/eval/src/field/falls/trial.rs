@@ -83,7 +83,7 @@ pub(super) fn run(
     hold(&mut motion, longest_s);
     let fail = |source: SynthError| EvalError::Simulation {
         what: format!("{}: {}", trial.radar, trial.request),
-        source,
+        source: source.into(),
     };
     let body = posed_builtin(&motion, shape, placement).map_err(fail)?;
     let tilt_rad = trial.tilt_deg.to_radians();
