@@ -10,7 +10,7 @@
 //! use radarllm_inference::{Captioner, DescribeOptions, Precision};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! let model = Path::new("../../models/default");
+//! let model = Path::new("../model-default/weights");
 //! let captioner = Captioner::load(model, Precision::F32)?;
 //!
 //! // Four seconds of a recording at 20 frames per second: thirty points around a body that walks away.
@@ -63,7 +63,7 @@ pub mod lm;
 pub mod prepare;
 pub mod tokenizer;
 
-pub use backend::{Backend, EngineBackend};
+pub use backend::{Backend, EngineBackend, LoadBackend};
 pub use lm::{
     Captioner, Chosen, DescribeOptions, Description, LmError, Precision, Segment, actions,
 };

@@ -1,13 +1,11 @@
 //! The training implementation of the networks as a backend for the captioner of `radarllm-inference`.
 
-use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use radarllm_base::PointFrame;
-use radarllm_inference::Captioner;
-use radarllm_inference::backend::{Backend, check_pair};
+use radarllm_inference::backend::{Backend, EngineBackend, check_pair};
 use radarllm_inference::checkpoint::Checkpoint;
-use radarllm_inference::lm::ensemble::member_folders;
+use radarllm_inference::lm::ensemble::Member;
 use radarllm_inference::lm::generate::{decode, draw, score};
 use radarllm_inference::lm::{
     GenerateOptions, Generated, Learned, LmError, LmFiles, Precision, Source, Vocab, Watch,
@@ -100,58 +98,43 @@ impl Backend for ReferenceBackend {
     }
 }
 
-/// Loads `dir/tokenizer` and `dir/lm`, and the further members of an ensemble, with the training implementation; see [`Captioner::load`] for the engine.
+/// Loads a member on the networks as they are trained, which compute in f32 whatever the precision. It is the
+/// [`LoadBackend`](radarllm_inference::backend::LoadBackend) of this implementation.
 ///
 /// # Errors
-/// If either is missing or damaged, or if they do not fit together.
-pub fn load_reference_captioner(dir: &Path) -> Result<Captioner, LmError> {
-    let load = |dir: &Path| {
-        let open = |part: &str| Checkpoint::open(&dir.join(part));
-        reference_captioner(&open("tokenizer")?, open("lm")?)
-    };
-    let mut captioner = load(dir)?;
-    for folder in &member_folders(dir)[1..] {
-        captioner = captioner.join(load(folder)?);
-    }
-    Ok(captioner)
+/// If a file is missing or damaged, or if the networks do not fit together.
+pub fn load_reference(member: Member, _: Precision) -> Result<Box<dyn Backend>, LmError> {
+    let lm = read_files(member.lm)?;
+    let backend = ReferenceBackend::from_checkpoints(&member.tokenizer, lm)?;
+    Ok(Box::new(backend))
 }
 
-/// As [`load_reference_captioner`], from opened checkpoints.
+/// Loads a member of any architecture: on the inference engine if the engine supports the language model, and otherwise
+/// as [`load_reference`].
 ///
 /// # Errors
-/// As [`load_reference_captioner`].
-pub fn reference_captioner(tokenizer: &Checkpoint, lm: Checkpoint) -> Result<Captioner, LmError> {
-    let backend = ReferenceBackend::from_checkpoints(tokenizer, read_files(lm)?)?;
-    Ok(Captioner::new(Box::new(backend)))
-}
-
-/// A captioner for any checkpoint. It uses the inference engine if the engine supports the language model, and
-/// otherwise the training implementation of the networks, which computes in f32.
-///
-/// # Errors
-/// As [`Captioner::from_checkpoints`]; [`LmError::NotT5`] for a decoder-only network and [`Precision::Int8`].
-pub fn captioner_from_checkpoints(
-    tokenizer: &Checkpoint,
-    lm: Checkpoint,
-    precision: Precision,
-) -> Result<Captioner, LmError> {
-    let files = read_files(lm)?;
-    if precision == Precision::F32 && !files.is_t5() {
-        let backend = ReferenceBackend::from_checkpoints(tokenizer, files)?;
-        return Ok(Captioner::new(Box::new(backend)));
+/// As [`EngineBackend::from_files`]; [`LmError::NotT5`] for a decoder-only network and [`Precision::Int8`].
+pub fn load_any(member: Member, precision: Precision) -> Result<Box<dyn Backend>, LmError> {
+    let lm = read_files(member.lm)?;
+    if precision == Precision::F32 && !lm.is_t5() {
+        let backend = ReferenceBackend::from_checkpoints(&member.tokenizer, lm)?;
+        return Ok(Box::new(backend));
     }
-    Captioner::from_files(tokenizer, files, precision)
+    let backend = EngineBackend::from_files(&member.tokenizer, lm, precision)?;
+    Ok(Box::new(backend))
 }
 
 #[cfg(test)]
 mod tests {
     use std::ops::ControlFlow;
+    use std::path::Path;
 
     use radarllm_base::{Clip, Clutter, Provenance, RadarPoint};
     use radarllm_inference::lm::captioner::{NO_PERSON, actions};
+    use radarllm_inference::lm::ensemble::open_members;
     use radarllm_inference::lm::{Abstained, DescribeOptions, Description, LmPreset, templates};
     use radarllm_inference::tokenizer::TokenizerConfig;
-    use radarllm_inference::{EngineBackend, PrepareError};
+    use radarllm_inference::{Captioner, PrepareError};
 
     use super::*;
     use crate::tokenizer::network::TokenizerNet;
@@ -336,10 +319,11 @@ mod tests {
     /// The model that is included in the repository, loaded from its folder by every decoder.
     #[test]
     fn folders_load_for_every_decoder() {
-        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/default");
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../model-default/weights");
         let clip = clip(60, 40);
         let f32 = Captioner::load(&dir, Precision::F32).unwrap();
-        let training = load_reference_captioner(&dir).unwrap();
+        let members = open_members(&dir).unwrap();
+        let training = Captioner::from_members(members, Precision::F32, load_reference).unwrap();
         assert_eq!(f32.n_params(), training.n_params());
         let searching = DescribeOptions {
             beam: Some(1),
@@ -369,7 +353,7 @@ mod tests {
     /// Clips at another rate, or full of clutter, give the same description as clips that were prepared beforehand.
     #[test]
     fn clips_are_prepared_before_they_are_described() {
-        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/default");
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../model-default/weights");
         let captioner = Captioner::load(&dir, Precision::F32).unwrap();
         let mut raw = clip(120, 40);
         raw.frame_rate_hz = 20.0;
@@ -395,7 +379,7 @@ mod tests {
 
     #[test]
     fn a_streamed_caption_is_the_caption_and_can_be_stopped() {
-        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/default");
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../model-default/weights");
         let engine = Captioner::load(&dir, Precision::F32).unwrap();
         let member = Captioner::load(&dir.join("member-2"), Precision::F32).unwrap();
         assert!(engine.n_params() > member.n_params());

@@ -28,21 +28,22 @@
 //! | raw samples to points | [`SampleRecording`], [`PointExtractor`] |
 //! | draw figures and pages | [`render`] |
 //! | track people | [`Recording::track_people`], [`track_people`] |
-//! | describe a clip, or get its tokens | [`Captioner`] |
+//! | describe a clip | [`Captioner`] |
+//! | open a trained model, get tokens, scores of sentences or its card | [`Model`] |
 //! | judge a sentence by what was performed | [`Verdict`] |
 //! | teach activities by a few recordings | [`teach`], [`Captioner::with_memory`] |
 //! | score captions | [`metrics`], [`CaptionScores`] |
 //! | build data sets, on one machine or on several | [`DatasetPlan`] |
 //! | read data sets | [`dataset`] |
 //!
-//! Everything is re-exported from the crates below, which can be used alone. Only [`Captioner`] and [`Source`] are
-//! types of this crate: they join the model that comes with the library, recordings and the virtual radar. Errors are
+//! Everything is re-exported from the crates below, which can be used alone. Only [`Model`], [`Captioner`] and [`Source`]
+//! are types of this crate: they join the model that comes with the library, recordings and the virtual radar. Errors are
 //! [`Error`]s with kind, message, hint, path and source. Nothing here prints, keeps global state, parses a command line or chooses an allocator.
 
-pub mod bundled;
 mod captioner;
 mod choose;
 mod confidence;
+mod model;
 mod page;
 mod score;
 mod source;
@@ -52,6 +53,7 @@ mod verdict;
 pub use captioner::Captioner;
 pub use choose::Choices;
 pub use confidence::RecordedConfidence;
+pub use model::{Fingerprint, Model, ModelFiles, ModelOptions};
 pub use page::page_segments;
 pub use score::{CaptionScores, FactBlock};
 pub use source::{DEFAULT_RADAR, Performed, Recording, Source, open, open_parts};

@@ -15,6 +15,8 @@ use crate::{
         view,
     },
     error::{CliError, CliResult},
+    model,
+    model_args::DecoderName,
     output,
 };
 
@@ -74,7 +76,7 @@ fn as_text<S: Serializer>(verdict: &Verdict, serializer: S) -> Result<S::Ok, S::
 
 /// Runs the command.
 pub fn run(args: &DemoArgs) -> CliResult {
-    let captioner = describe::load_captioner(args.model.as_deref())?;
+    let captioner = model::captioner(args.model.as_deref(), DecoderName::F32)?;
     let mut rows = Vec::new();
     let motions: Vec<&str> = match args.motions.is_empty() {
         true => MOTIONS.to_vec(),

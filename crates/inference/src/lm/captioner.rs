@@ -10,20 +10,18 @@ use radarllm_base::{Clip, PointFrame};
 use radarllm_engine::{Precision, Watch, search};
 use serde::Serialize;
 
-use super::card::{Learned, LmFiles};
+use super::card::Learned;
 use super::consensus::{self, Reading, WindowReadings};
-use super::engine_lm::EngineLm;
-use super::ensemble::{Ensemble, Sentence, member_folders};
+use super::ensemble::{Ensemble, Member, Sentence, open_members};
 use super::person_gate::{median_points, points_stay_together};
 use super::templates::Task;
 use super::vocab::Vocab;
 use super::{
     Allowed, GenerateOptions, Generated, InputError, Instruction, LmError, Source, Unlearned,
 };
-use crate::backend::{Backend, EngineBackend};
-use crate::checkpoint::Checkpoint;
+use crate::backend::{Backend, LoadBackend, load_engine};
 use crate::prepare::{FRAME_RATE_HZ, prepared};
-use crate::tokenizer::{Encoded, FRAMES_PER_CODE, MAX_FRAMES, RadarTokenizer};
+use crate::tokenizer::{Encoded, FRAMES_PER_CODE, MAX_FRAMES};
 
 /// The sentences of this many windows before and after a window are readings of it.
 const N_NEAR: usize = 7;
@@ -190,50 +188,35 @@ pub struct Segment {
 }
 
 impl Captioner {
-    /// Loads `dir/tokenizer` and `dir/lm` for the inference engine, and those of the further members of an ensemble; see
-    /// [`member_folders`].
+    /// Loads the model in a folder, with all members of an ensemble, for the inference engine; see [`open_members`].
     ///
     /// With [`Precision::Int8`] the weights of the language model are quantized to bytes. This is faster for large
     /// models and occasionally changes a word. The radar tokenizer is always computed in f32.
     ///
     /// # Errors
-    /// If either is missing or damaged, or they do not belong together.
+    /// If either is missing or damaged, or they do not belong together; [`LmError::NotT5`] if a language model has another
+    /// architecture.
     pub fn load(dir: &Path, precision: Precision) -> Result<Self, LmError> {
-        let open = |dir: &Path| {
-            let open = |part: &str| Checkpoint::open(&dir.join(part));
-            Self::from_checkpoints(&open("tokenizer")?, open("lm")?, precision)
+        Self::from_members(open_members(dir)?, precision, load_engine)
+    }
+
+    /// Loads the networks of every member on a backend, which [`load_engine`] or `radarllm-nn` creates. The members
+    /// describe together.
+    ///
+    /// # Errors
+    /// Those of [`Self::load`]; [`LmError::Config`] without a member.
+    pub fn from_members(
+        members: impl IntoIterator<Item = Member>,
+        precision: Precision,
+        load: LoadBackend,
+    ) -> Result<Self, LmError> {
+        let mut backends = members.into_iter().map(|member| load(member, precision));
+        let none = || LmError::Config {
+            field: "members",
+            problem: "none".into(),
         };
-        let mut captioner = open(dir)?;
-        for folder in &member_folders(dir)[1..] {
-            captioner = captioner.join(open(folder)?);
-        }
-        Ok(captioner)
-    }
-
-    /// Packs the networks of two checkpoints for the inference engine.
-    ///
-    /// # Errors
-    /// Those of [`Self::load`]; [`LmError::NotT5`] if the language model has another architecture.
-    pub fn from_checkpoints(
-        tokenizer: &Checkpoint,
-        lm: Checkpoint,
-        precision: Precision,
-    ) -> Result<Self, LmError> {
-        Self::from_files(tokenizer, LmFiles::of(lm)?, precision)
-    }
-
-    /// As [`Self::from_checkpoints`], with the files of the language model.
-    ///
-    /// # Errors
-    /// As [`Self::from_checkpoints`].
-    pub fn from_files(
-        tokenizer: &Checkpoint,
-        lm: LmFiles,
-        precision: Precision,
-    ) -> Result<Self, LmError> {
-        let tokenizer = RadarTokenizer::from_checkpoint(tokenizer)?;
-        let backend = EngineBackend::new(tokenizer, EngineLm::from_files(lm, precision)?)?;
-        Ok(Self::new(Box::new(backend)))
+        let first = Self::new(backends.next().ok_or_else(none)??);
+        backends.try_fold(first, |all, backend| Ok(all.join(Self::new(backend?))))
     }
 
     /// Creates a captioner on any backend.
