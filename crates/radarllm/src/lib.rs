@@ -24,7 +24,7 @@
 //! | to do | use |
 //! |---|---|
 //! | open any recording or motion | [`open`], [`Source`], [`CaptureOptions`] |
-//! | simulate a motion for a radar | [`open_radar`], [`simulate_motion`] |
+//! | simulate a motion or a scene for a radar | [`open_radar`], [`simulate_motion`], [`simulate_cubes`], [`Simulation`] |
 //! | raw samples to points | [`SampleRecording`], [`PointExtractor`] |
 //! | draw figures and pages | [`render`] |
 //! | track people | [`Recording::track_people`], [`track_people`] |
@@ -56,7 +56,7 @@ pub use confidence::RecordedConfidence;
 pub use model::{Fingerprint, Model, ModelFiles, ModelOptions};
 pub use page::page_segments;
 pub use score::{CaptionScores, FactBlock};
-pub use source::{DEFAULT_RADAR, Performed, Recording, Source, open, open_parts};
+pub use source::{DEFAULT_RADAR, Recording, Source, open, open_parts};
 pub use taught::insert_taught;
 pub use verdict::Verdict;
 
@@ -74,14 +74,14 @@ pub use radarllm_inference::{
 };
 pub use radarllm_io::{
     CaptureFormat, CaptureOptions, CleaningOptions, Error, ErrorKind, IqChoice, LayoutOptions,
-    OpenedRadar, PointOptions, Result, SampleRecording, open_radar,
+    OpenedRadar, PointOptions, Result, SampleRecording, TiFirmware, open_radar,
 };
 pub use radarllm_radar_dsp::{DspOptions, PointExtractor};
 #[cfg(feature = "parquet")]
 pub use radarllm_synth::DatasetPlan;
 pub use radarllm_synth::{
-    MotionInput, SimulateOptions, SimulatedClip, SimulatedCubes, open_motion, simulate_cubes,
-    simulate_motion, simulate_motion_until,
+    MotionInput, Performed, SimulateOptions, SimulatedClip, SimulatedCubes, Simulation,
+    open_motion, simulate_cubes, simulate_motion, simulate_motion_until,
 };
 pub use radarllm_tracking::{PeopleOptions, Person, track_people};
 

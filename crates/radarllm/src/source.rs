@@ -2,21 +2,21 @@
 
 use std::path::{Path, PathBuf};
 
-use radarllm_base::{Clip, frames::Placement};
+use radarllm_base::Clip;
 use radarllm_inference::{PrepareOptions, Prepared, prepare_for_model};
 use radarllm_io::{
     CaptureFormat, CaptureOptions, Error, OpenedRadar, RecordingKind, Result, open_radar,
     points::identify, recording_kind,
 };
 use radarllm_synth::{
-    MotionInput, SimulateOptions, SimulatedClip, simulate::is_builtin, simulate_motion,
+    Performed, SimulateOptions, SimulatedClip, simulate::is_builtin, simulate_motion,
 };
 use radarllm_tracking::{PeopleOptions, Person, track_people};
 
 /// Radar that simulates motions, and that recorded complex npy arrays, where none is named.
 pub const DEFAULT_RADAR: &str = "awr1843boost";
-/// Extensions that only motions have.
-const MOTION_EXTENSIONS: [&str; 4] = ["bvh", "amc", "asf", "npz"];
+/// Extensions that only motions and scenes have.
+const MOTION_EXTENSIONS: [&str; 5] = ["bvh", "amc", "asf", "npz", "toml"];
 
 /// An input that is about to be opened; see [`open`].
 #[derive(Clone, Debug)]
@@ -26,7 +26,7 @@ pub struct Source {
     simulation: SimulateOptions,
 }
 
-/// Names an input: a recording of any format, a points file, a motion file or a built-in motion
+/// Names an input: a recording of any format, a points file, a motion file, a scene file or a built-in motion
 /// (`builtin:NAME?key=value`). Nothing is read until [`Source::points`].
 ///
 /// ```
@@ -158,15 +158,6 @@ impl Source {
     }
 }
 
-/// A motion that was simulated, and where.
-#[derive(Clone, Debug)]
-pub struct Performed {
-    /// The motion and the body that performs it.
-    pub motion: MotionInput,
-    /// Where the person stands in front of the radar.
-    pub placement: Placement,
-}
-
 /// Points of an input, with everything needed to track, describe or draw them.
 #[derive(Clone, Debug)]
 pub struct Recording {
@@ -196,10 +187,7 @@ impl Recording {
     /// A motion that was simulated.
     pub fn simulated(simulated: SimulatedClip, prepare: PrepareOptions) -> Self {
         Self {
-            performed: Some(Performed {
-                motion: simulated.motion,
-                placement: simulated.placement,
-            }),
+            performed: simulated.performed,
             ..Self::new(simulated.clip, Vec::new(), prepare)
         }
     }
