@@ -134,7 +134,7 @@ mod tests {
     use radarllm_inference::lm::ensemble::open_members;
     use radarllm_inference::lm::{Abstained, DescribeOptions, Description, LmPreset, templates};
     use radarllm_inference::tokenizer::TokenizerConfig;
-    use radarllm_inference::{Captioner, PrepareError};
+    use radarllm_inference::{Captioner, PrepareError, PreparedClip};
 
     use super::*;
     use crate::tokenizer::network::TokenizerNet;
@@ -186,8 +186,12 @@ mod tests {
 
     fn describe(captioner: &Captioner, clip: &Clip) -> Description {
         captioner
-            .describe(clip, &DescribeOptions::default())
+            .describe(&prepared(clip), &DescribeOptions::default())
             .unwrap()
+    }
+
+    fn prepared(clip: &Clip) -> PreparedClip<'_> {
+        PreparedClip::of(clip).unwrap()
     }
 
     fn frames(n: usize, n_points: usize) -> Vec<PointFrame> {
@@ -245,7 +249,8 @@ mod tests {
     fn long_recordings_are_described_window_by_window() {
         let captioner = captioner();
         let clips = [clip(40, 20), clip(200, 20), clip(3, 20)];
-        let batch: Vec<&Clip> = clips.iter().collect();
+        let batch: Vec<PreparedClip> = clips.iter().map(prepared).collect();
+        let batch: Vec<&PreparedClip> = batch.iter().collect();
         let options = DescribeOptions::default();
         let together = captioner.describe_batch(&batch, &options).unwrap();
         assert_eq!(
@@ -275,7 +280,8 @@ mod tests {
             beam: Some(2),
             ..Default::default()
         };
-        let describe = |captioner: Captioner| captioner.describe(&clip, &options).unwrap();
+        let prepared = prepared(&clip);
+        let describe = |captioner: Captioner| captioner.describe(&prepared, &options).unwrap();
         let f32 = describe(on_engine(config.clone(), &net, Precision::F32));
         let int8 = describe(on_engine(config.clone(), &net, Precision::Int8));
         let tokenizer = ReferenceTokenizer::new(config, &net);
@@ -305,6 +311,7 @@ mod tests {
             .chain((0..100).map(|n| format!("a person {}", "walks ".repeat(n % 7))))
             .collect();
         let options = DescribeOptions::default();
+        let clip = prepared(&clip);
         let a = engine.score_texts(&clip, &texts, &options).unwrap();
         let b = training.score_texts(&clip, &texts, &options).unwrap();
         assert_eq!((a.len(), a[0].len()), (1, texts.len()));
@@ -333,7 +340,8 @@ mod tests {
         let (a, b) = (describe(&f32, &clip), describe(&training, &clip));
         assert_eq!(actions(&a.caption), actions(&b.caption));
         assert!((a.confidence - b.confidence).abs() < 0.1);
-        let [f32, training] = [f32, training].map(|c| c.describe(&clip, &searching).unwrap());
+        let [f32, training] =
+            [f32, training].map(|c| c.describe(&prepared(&clip), &searching).unwrap());
         assert_eq!(
             (&f32.caption, &f32.tokens),
             (&training.caption, &training.tokens)
@@ -345,9 +353,8 @@ mod tests {
     fn values_that_are_not_numbers_are_errors() {
         let mut clip = clip(20, 20);
         clip.frames[3].points[0].x_m = f32::NAN;
-        let error = captioner().describe(&clip, &DescribeOptions::default());
         let expected = PrepareError::NotFinite { frame: 3, point: 0 };
-        assert!(matches!(error, Err(LmError::Clip(e)) if e == expected));
+        assert_eq!(PreparedClip::of(&clip), Err(expected));
     }
 
     /// Clips at another rate, or full of clutter, give the same description as clips that were prepared beforehand.
@@ -363,17 +370,20 @@ mod tests {
                 .iter_mut()
                 .for_each(|p| p.velocity_mps = 0.0);
         }
-        let prepared = radarllm_inference::prepare_for_model(raw.clone(), &Default::default());
-        let prepared = prepared.unwrap();
-        assert!(prepared.removed_static.is_some() && prepared.resampled_from_hz.is_some());
+        let changed = radarllm_inference::prepare_for_model(raw.clone(), &Default::default());
+        let changed = changed.unwrap();
+        assert!(changed.removed_static.is_some() && changed.resampled_from_hz.is_some());
         let options = DescribeOptions::default();
-        let expected = describe(&captioner, &prepared.clip);
+        let expected = describe(&captioner, &changed.clip);
         assert_eq!(describe(&captioner, &raw), expected);
-        let together = captioner.describe_batch(&[&raw, &prepared.clip], &options);
+        let together = captioner.describe_batch(&[&prepared(&raw), &changed.clip], &options);
         assert_eq!(together.unwrap(), [expected.clone(), expected.clone()]);
-        assert_eq!(captioner.tokenize(&raw).unwrap(), expected.tokens);
+        assert_eq!(
+            captioner.tokenize(&prepared(&raw)).unwrap(),
+            expected.tokens
+        );
         raw.clutter = Clutter::Settled;
-        let kept = captioner.describe(&raw, &options).unwrap();
+        let kept = captioner.describe(&prepared(&raw), &options).unwrap();
         assert_ne!(kept.tokens, expected.tokens);
     }
 
@@ -391,7 +401,7 @@ mod tests {
             .iter_mut()
             .for_each(|f| f.points.clear());
         let described = engine
-            .describe(&leaves, &DescribeOptions::default())
+            .describe(&prepared(&leaves), &DescribeOptions::default())
             .unwrap();
         assert_eq!(described.windows, 2);
         for (engine, beam) in [(&engine, 1), (&member, 1), (&member, 3)] {
@@ -401,6 +411,7 @@ mod tests {
                 ..Default::default()
             };
             for clip in [&clip(60, 40), &long, &leaves, &clip(3, 3)] {
+                let clip = &prepared(clip);
                 let mut pieces = Vec::new();
                 let streamed = engine.describe_streaming(clip, &options, |piece| {
                     pieces.push(piece.to_string());

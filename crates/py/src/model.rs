@@ -237,7 +237,7 @@ impl Sentence {
     ) -> Result<Self> {
         let clip = recording.prepared()?.clip;
         let started = Instant::now();
-        let described = captioner.describe_with(&clip, options)?;
+        let described = captioner.describe_prepared(&clip, options)?;
         Ok(Self {
             described,
             model: captioner.name().into(),

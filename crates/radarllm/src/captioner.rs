@@ -1,7 +1,7 @@
 //! The captioner: a clip in, a sentence out.
 
 use radarllm_base::Clip;
-use radarllm_inference::{DescribeOptions, Description, prepare::prepared};
+use radarllm_inference::{DescribeOptions, Description, PreparedClip};
 use radarllm_io::{Error, Result};
 
 use radarllm_teach::{Memory, Recogniser};
@@ -82,16 +82,28 @@ impl Captioner {
     /// # Errors
     /// As [`Self::describe`].
     pub fn describe_with(&self, clip: &Clip, options: &DescribeOptions) -> Result<Description> {
-        let clip = prepared(clip).map_err(Error::wrap)?;
-        let described = self.model.networks().describe(&clip, options);
+        let clip = PreparedClip::of(clip).map_err(Error::wrap)?;
+        self.describe_prepared(&clip, options)
+    }
+
+    /// Describes a clip that is prepared already, by [`crate::Recording::prepared`] for example.
+    ///
+    /// # Errors
+    /// What the networks refuse.
+    pub fn describe_prepared(
+        &self,
+        clip: &PreparedClip,
+        options: &DescribeOptions,
+    ) -> Result<Description> {
+        let described = self.model.networks().describe(clip, options);
         let mut description = described.map_err(Error::wrap)?;
         match (&self.choices, self.model.confidence()) {
-            (Some(choices), _) => self.choose(&clip, choices, options, &mut description)?,
-            (None, Some(confidence)) => confidence.apply(&clip, &mut description),
+            (Some(choices), _) => self.choose(clip, choices, options, &mut description)?,
+            (None, Some(confidence)) => confidence.apply(clip, &mut description),
             (None, None) => {}
         }
         if let Some(recogniser) = &self.recogniser {
-            insert_taught(&mut description, &clip, recogniser);
+            insert_taught(&mut description, clip, recogniser);
         }
         Ok(description)
     }

@@ -70,7 +70,8 @@ pub use radarllm_dataset::{
 };
 pub use radarllm_dataset::{PointsFile, PointsMeta, read_points};
 pub use radarllm_inference::{
-    DescribeOptions, Description, Precision, PrepareOptions, Prepared, Segment, prepare_for_model,
+    DescribeOptions, Description, Precision, PrepareOptions, Prepared, PreparedClip, Segment,
+    prepare_for_model,
 };
 pub use radarllm_io::{
     CaptureFormat, CaptureOptions, CleaningOptions, Error, ErrorKind, IqChoice, LayoutOptions,

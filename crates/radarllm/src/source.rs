@@ -205,6 +205,6 @@ impl Recording {
     /// # Errors
     /// An option out of range, or a frame rate that cannot be resampled.
     pub fn track_people(&self, options: &PeopleOptions) -> Result<Vec<Person>> {
-        Ok(track_people(self.prepared()?.clip, options)?)
+        Ok(track_people(self.prepared()?.clip.into_clip(), options)?)
     }
 }

@@ -173,7 +173,8 @@ fn row(
     performed: impl Fn(f64, f64) -> String,
 ) -> CliResult<DemoRow> {
     let clip = &recording.clip;
-    let described = describe::describe(captioner, name, clip, &DescribeOptions::default())?;
+    let prepared = recording.prepared()?.clip;
+    let described = describe::describe(captioner, name, &prepared, &DescribeOptions::default())?;
     let part = |segment: &Segment| {
         let performed = performed(segment.start_s, segment.end_s);
         Part {

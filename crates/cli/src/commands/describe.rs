@@ -3,7 +3,10 @@
 use std::{path::PathBuf, time::Instant};
 
 use clap::Args;
-use radarllm::{Captioner, Clip, DescribeOptions, Recording, SimulateOptions};
+use radarllm::{
+    Captioner, Clip, DescribeOptions, PrepareOptions, PreparedClip, Recording, SimulateOptions,
+    prepare_for_model,
+};
 use radarllm_inference::{
     Chosen, Segment,
     lm::{AnswerPart, Instruction},
@@ -138,15 +141,15 @@ fn source_of(input: &str, clip: &Clip) -> SourceReport {
     }
 }
 
-/// Describes a prepared clip.
+/// Describes a clip.
 pub fn describe(
     captioner: &Captioner,
     input: &str,
-    clip: &Clip,
+    clip: &PreparedClip,
     options: &DescribeOptions,
 ) -> CliResult<Row> {
     let started = Instant::now();
-    let described = captioner.describe_with(clip, options)?;
+    let described = captioner.describe_prepared(clip, options)?;
     Ok(Row {
         caption: described.caption,
         reason: described.abstained.map(|why| why.to_string()),
@@ -165,7 +168,11 @@ pub fn describe(
 }
 
 /// The clip of a recording as the model expects it; what was done to it goes to stderr.
-pub fn prepared(input: &str, recording: &Recording, detail: Detail) -> CliResult<Clip> {
+pub fn prepared(
+    input: &str,
+    recording: &Recording,
+    detail: Detail,
+) -> CliResult<PreparedClip<'static>> {
     // Notes include the reasons of the warnings, with all counts.
     let (mark, lines) = match detail {
         Detail::Warnings => ("warning: ", &recording.warnings),
@@ -264,11 +271,11 @@ struct AnswerRow {
     person: Option<PersonReport>,
 }
 
-/// Follows an instruction about a prepared clip.
+/// Follows an instruction about a clip.
 fn answer(
     captioner: &Captioner,
     input: &str,
-    clip: &Clip,
+    clip: &PreparedClip,
     text: &str,
     instruction: &Instruction,
     options: &DescribeOptions,
@@ -400,26 +407,29 @@ pub fn run(args: &DescribeArgs) -> CliResult {
 /// is the clip without points.
 fn clips_of_people(
     input: &str,
-    mut clip: Clip,
+    clip: PreparedClip<'static>,
     args: &PeopleArgs,
-) -> CliResult<Vec<(Option<PersonReport>, Clip)>> {
+) -> CliResult<Vec<(Option<PersonReport>, PreparedClip<'static>)>> {
     if !args.is_given() {
         return Ok(vec![(None, clip)]);
     }
+    let mut clip = clip.into_clip();
     let found = find_people(&mut clip, &args.options())?;
+    let prepare =
+        |clip| -> CliResult<_> { Ok(prepare_for_model(clip, &PrepareOptions::default())?.clip) };
     for ghost in &found.ghosts {
         eprintln!("{input}: {}", GhostReport::from(ghost));
     }
     if args.people.is_none() {
-        return Ok(vec![(None, clip)]);
+        return Ok(vec![(None, prepare(clip)?)]);
     }
     if found.tracks.is_empty() {
         clip.frames.iter_mut().for_each(|f| f.points.clear());
-        return Ok(vec![(None, clip)]);
+        return Ok(vec![(None, prepare(clip)?)]);
     }
     let person = |track| {
         let person = radarllm::Person::of(track, &clip);
-        (Some(PersonReport::from(&person)), person.clip)
+        Ok((Some(PersonReport::from(&person)), prepare(person.clip)?))
     };
-    Ok(found.tracks.iter().map(person).collect())
+    found.tracks.iter().map(person).collect()
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use radarllm::{Captioner, Clip, DescribeOptions};
+use radarllm::{Captioner, Clip, DescribeOptions, PreparedClip};
 use radarllm_dataset::{Overwrite, points_file::write_clip};
 use radarllm_inference::{
     lm::{LmError, Unlearned, templates::Task},
@@ -100,7 +100,13 @@ pub fn run(args: &GenerateArgs) -> CliResult {
     let decoder = captioner.model().points()?;
     let origin = origin(&args.text, captioner.name());
     let clip = decoder.decode(&tokens, args.radar_height_m, &origin)?;
-    let described = describe::describe(&captioner, &args.text, &clip, &DescribeOptions::default())?;
+    let prepared = PreparedClip::of(&clip)?;
+    let described = describe::describe(
+        &captioner,
+        &args.text,
+        &prepared,
+        &DescribeOptions::default(),
+    )?;
     write_clip(&args.out, &clip, Overwrite::Replace)?;
     if let Some(page) = &args.view {
         write_page(page, &clip, None, &described)?;

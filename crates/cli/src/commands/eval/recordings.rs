@@ -214,7 +214,7 @@ pub fn read_recordings(
             .with_options(options.clone())
             .points()?;
         let clip = describe::prepared(&path.display().to_string(), &recording, Detail::All)?;
-        all.extend(parts(config, &activity, &name, clip));
+        all.extend(parts(config, &activity, &name, clip.into_clip()));
     }
     Ok(all)
 }
