@@ -24,8 +24,9 @@ use crate::{
     cleaning,
     error::{Error, Result},
     layout::choose_layout,
+    opened::Opened,
     options::{CaptureOptions, DEFAULT_RADAR_HEIGHT_M, refuse_options},
-    samples::SampleFormat,
+    samples::SampleFiles,
     udp::{self, SYSTEM_BUFFER_BYTES, UdpPackets},
 };
 
@@ -130,7 +131,8 @@ impl Dca1000 {
         let config = &radar.config;
         let extractor = PointExtractor::new(config, cleaning::chain(&capture.cleaning, dsp))?;
         let inputs = std::slice::from_ref(&input);
-        let chosen = choose_layout(SampleFormat::Udp, inputs, radar, &capture.layout)?;
+        let files = SampleFiles::new(Opened::samples(inputs, None)?)?;
+        let chosen = choose_layout(&files, radar, &capture.layout)?;
         notes.extend(chosen.notes);
         let shape = CubeShape::of(config);
         let packets = bind(&input, address, card)?;
