@@ -6,7 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use radarllm_base::{Provenance, RadarCube, message::text};
+use radarllm_base::{Provenance, RadarCube, SourceInfo, message::text};
 use radarllm_formats::{
     adc::{CubeShape, FrameDecoder, LvdsLanes, SampleLayout},
     dca1000::{FrameBuilder, TransferSummary},
@@ -14,7 +14,7 @@ use radarllm_formats::{
 use radarllm_radar_dsp::{Corrector, PointExtractor};
 
 use super::{
-    LiveAbout, LiveCounts, LiveEvent, LiveSource, LiveTimeouts,
+    LiveCounts, LiveEvent, LiveSource, LiveTimeouts,
     card::{CONTROL_PORT, Starting},
     deadline,
     output::{Clock, Output},
@@ -56,7 +56,7 @@ pub struct Dca1000 {
     /// Addresses of the commands: the card's and ours. `None` if the card is not configured by us.
     control: Option<[SocketAddr; 2]>,
     timeouts: LiveTimeouts,
-    about: LiveAbout,
+    about: SourceInfo,
     notes: Vec<String>,
     shape: CubeShape,
     layout: SampleLayout,
@@ -163,7 +163,7 @@ impl Dca1000 {
             card,
             control,
             timeouts,
-            about: LiveAbout {
+            about: SourceInfo {
                 frame_period_s: config.frame_period_s,
                 radar: config.name.clone(),
                 radar_height_m: capture.radar_height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M),
@@ -171,8 +171,7 @@ impl Dca1000 {
                 provenance: Provenance::Recorded {
                     format: None,
                     path: input.display().to_string(),
-                }
-                .to_string(),
+                },
             },
             input,
             notes,
@@ -355,7 +354,7 @@ impl LiveSource for Dca1000 {
         }
     }
 
-    fn about(&self) -> LiveAbout {
+    fn about(&self) -> SourceInfo {
         self.about.clone()
     }
 

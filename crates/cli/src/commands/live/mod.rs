@@ -243,7 +243,7 @@ fn source(args: &LiveArgs) -> CliResult<Input> {
             args.repeats,
         )?);
     };
-    Ok(Input::radar(&name, source)?)
+    Ok(Input::radar(&name, source))
 }
 
 fn options(args: &LiveArgs) -> CliResult<LiveOptions> {
