@@ -370,6 +370,9 @@ def simulate(
     radar_height_m: float = 1.0,
     own_noise: bool = False,
     processing: _StrPath | None = None,
+    firmware: Literal["out-of-box", "people-tracking"] | None = None,
+    body: _StrPath | None = None,
+    objects: _StrPath | None = None,
     emit: Literal["points"] = "points",
     threads: int | None = None,
 ) -> Points: ...
@@ -383,6 +386,8 @@ def simulate(
     radar_height_m: float = 1.0,
     own_noise: bool = False,
     processing: _StrPath | None = None,
+    body: _StrPath | None = None,
+    objects: _StrPath | None = None,
     emit: Literal["cubes"],
     threads: int | None = None,
 ) -> Cubes: ...

@@ -45,6 +45,21 @@ pub struct Clip {
     pub clutter: Clutter,
 }
 
+/// What is known about frames of points, whether they come from a running radar or are a [`Clip`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct SourceInfo {
+    /// Name of the radar; `unknown` if no source specifies it.
+    pub radar: String,
+    /// Height of the radar above the floor, m.
+    pub radar_height_m: f32,
+    /// Time between two frames, s.
+    pub frame_period_s: f64,
+    /// Whether static clutter may still be among the points.
+    pub clutter: Clutter,
+    /// Where the points come from.
+    pub provenance: Provenance,
+}
+
 /// Whether static clutter may be among the points of a clip.
 ///
 /// The clip carries this state so that clutter removal is decided once. A person who lies still has mostly static
@@ -68,6 +83,17 @@ impl Clip {
             radar: self.radar.clone(),
             provenance: self.provenance.clone(),
             clutter: self.clutter,
+        }
+    }
+
+    /// What is known about the frames.
+    pub fn source_info(&self) -> SourceInfo {
+        SourceInfo {
+            radar: self.radar.clone(),
+            radar_height_m: self.radar_height_m,
+            frame_period_s: 1.0 / self.frame_rate_hz,
+            clutter: self.clutter,
+            provenance: self.provenance.clone(),
         }
     }
 

@@ -54,7 +54,7 @@ pub mod stats;
 pub mod surface;
 pub mod timeline;
 
-pub use clip::{Clip, Clutter, Provenance, STATIC_SPEED_MPS, StaticClutter};
+pub use clip::{Clip, Clutter, Provenance, STATIC_SPEED_MPS, SourceInfo, StaticClutter};
 pub use cube::RadarCube;
 pub use message::{Message, Piece};
 pub use points::{PointFrame, RadarPoint};

@@ -11,6 +11,7 @@ mod interrupt;
 #[cfg(feature = "train")]
 mod log;
 mod memory;
+mod model;
 #[cfg_attr(not(feature = "train"), allow(dead_code))]
 mod model_args;
 mod output;

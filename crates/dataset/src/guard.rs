@@ -47,7 +47,17 @@ pub(crate) fn open(
     limits: Limits,
     schema: Option<SchemaRef>,
 ) -> Result<ParquetRecordBatchReaderBuilder<File>, DatasetError> {
-    let mut file = File::open(path).map_err(DatasetError::io(path, "open"))?;
+    let file = File::open(path).map_err(DatasetError::io(path, "open"))?;
+    open_file(path, file, limits, schema)
+}
+
+/// As [`open`], from a file that is open; `path` names it in errors.
+pub(crate) fn open_file(
+    path: &Path,
+    mut file: File,
+    limits: Limits,
+    schema: Option<SchemaRef>,
+) -> Result<ParquetRecordBatchReaderBuilder<File>, DatasetError> {
     let info = file.metadata().map_err(DatasetError::io(path, "open"))?;
     if !info.is_file() {
         return Err(DatasetError::corrupt(path, "not a regular file"));

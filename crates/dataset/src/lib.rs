@@ -111,7 +111,7 @@ pub use manifest::{Manifest, ShardEntry, SourceLicence};
 pub use points::{PointsFile, PointsMeta};
 #[cfg(feature = "parquet")]
 pub use points_file::{
-    points_from_batches, points_to_batch, read_points, write_clip, write_points,
+    points_from_batches, points_to_batch, read_points, read_points_from, write_clip, write_points,
 };
 pub use record::{ClipRecord, FailedItem, MOTION_FEATURE_DIM, RECORDINGS, Split};
 #[cfg(feature = "parquet")]
@@ -119,7 +119,7 @@ pub use shard::Columns;
 #[cfg(feature = "parquet")]
 pub use validate::{Problem, validate, validate_with};
 #[cfg(not(feature = "parquet"))]
-pub use without_parquet::read_points;
+pub use without_parquet::{read_points, read_points_from};
 
 /// What to do if the output exists.
 #[cfg(feature = "parquet")]

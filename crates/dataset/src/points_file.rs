@@ -5,6 +5,7 @@
 //! the whole file are in the key-value metadata, see [`PointsMeta`].
 
 use std::collections::HashMap;
+use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -146,7 +147,16 @@ pub fn points_from_batches(
 /// are not finite, frame numbers that decrease, different times within a frame, sizes beyond the
 /// limits, damaged bytes. The function never panics on file content.
 pub fn read_points(path: &Path) -> Result<PointsFile, DatasetError> {
-    let builder = guard::open(path, LIMITS, None)?;
+    let file = File::open(path).map_err(DatasetError::io(path, "open"))?;
+    read_points_from(file, path)
+}
+
+/// As [`read_points`], from a file that is open; `path` names it in errors.
+///
+/// # Errors
+/// As [`read_points`].
+pub fn read_points_from(file: File, path: &Path) -> Result<PointsFile, DatasetError> {
+    let builder = guard::open_file(path, file, LIMITS, None)?;
     let metadata: HashMap<String, String> = builder
         .metadata()
         .file_metadata()

@@ -2,7 +2,7 @@
 
 use radarllm_base::Clip;
 use radarllm_inference::lm::captioner::N_DRAWS;
-use radarllm_inference::{Captioner, DescribeOptions, Description};
+use radarllm_inference::{Captioner, DescribeOptions, Description, LmError, PreparedClip};
 
 use crate::EvalError;
 
@@ -37,5 +37,9 @@ pub(crate) fn caption_clips(
         beam,
         ..DescribeOptions::default()
     };
-    Ok(captioner.describe_batch(clips, &options)?)
+    let prepared = clips.iter().map(|clip| PreparedClip::of(clip));
+    let prepared = prepared.collect::<Result<Vec<_>, _>>();
+    let prepared = prepared.map_err(LmError::from)?;
+    let prepared: Vec<&PreparedClip> = prepared.iter().collect();
+    Ok(captioner.describe_batch(&prepared, &options)?)
 }

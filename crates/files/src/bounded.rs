@@ -71,12 +71,21 @@ pub fn open(path: &Path) -> Result<File, ReadError> {
 /// # Errors
 /// [`ReadError::Io`] and [`ReadError::TooLarge`].
 pub fn read_bytes(path: &Path, max_bytes: u64) -> Result<Vec<u8>, ReadError> {
+    let file = File::open(path).map_err(|source| ReadError::Io {
+        path: path.into(),
+        source,
+    })?;
+    read_bytes_from(file, path, max_bytes)
+}
+
+/// As [`read_bytes`], from a file that is open; `path` names it in errors.
+///
+/// # Errors
+/// [`ReadError::Io`] and [`ReadError::TooLarge`].
+pub fn read_bytes_from(file: impl Read, path: &Path, max_bytes: u64) -> Result<Vec<u8>, ReadError> {
     let mut bytes = Vec::new();
-    File::open(path)
-        .and_then(|file| {
-            file.take(max_bytes.saturating_add(1))
-                .read_to_end(&mut bytes)
-        })
+    file.take(max_bytes.saturating_add(1))
+        .read_to_end(&mut bytes)
         .map_err(|source| ReadError::Io {
             path: path.into(),
             source,
@@ -95,7 +104,15 @@ pub fn read_bytes(path: &Path, max_bytes: u64) -> Result<Vec<u8>, ReadError> {
 /// # Errors
 /// [`ReadError`].
 pub fn read_text(path: &Path, max_bytes: u64) -> Result<String, ReadError> {
-    String::from_utf8(read_bytes(path, max_bytes)?).map_err(|e| ReadError::NotUtf8 {
+    text_of(read_bytes(path, max_bytes)?, path)
+}
+
+/// The text of bytes; `path` names them in errors.
+///
+/// # Errors
+/// [`ReadError::NotUtf8`].
+pub fn text_of(bytes: Vec<u8>, path: &Path) -> Result<String, ReadError> {
+    String::from_utf8(bytes).map_err(|e| ReadError::NotUtf8 {
         path: path.into(),
         byte: e.utf8_error().valid_up_to(),
     })

@@ -92,6 +92,50 @@ impl RecordingFormat {
     }
 }
 
+/// Storage format of raw samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SampleFormat {
+    /// A NumPy array.
+    Npy,
+    /// Sample words without packets: `adc_data.bin`.
+    Adc,
+    /// DCA1000 packets in a file, each preceded by a header of 14 bytes.
+    Records,
+    /// DCA1000 packets in a pcap or pcapng file.
+    Pcap,
+    /// DCA1000 packets from the network.
+    Udp,
+}
+
+impl SampleFormat {
+    /// Number of bytes at the start of a file that [`Self::of_start`] uses.
+    pub const HEAD_BYTES: usize = 16;
+
+    /// Name of the format for reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Npy => "npy",
+            Self::Adc => "adc",
+            Self::Records => "dca1000 records",
+            Self::Pcap => "dca1000 pcap",
+            Self::Udp => "dca1000 live",
+        }
+    }
+
+    /// The format of a file that begins so. Raw words have no beginning of their own.
+    pub fn of_start(start: &[u8]) -> Option<Self> {
+        if start.starts_with(NPY_MAGIC) {
+            Some(Self::Npy)
+        } else if starts_with_record(start) {
+            Some(Self::Records)
+        } else if pcap::is_magic(start) {
+            Some(Self::Pcap)
+        } else {
+            None
+        }
+    }
+}
+
 /// A format with the reason for its detection.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Detected {
@@ -177,14 +221,13 @@ pub fn detect(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
     {
         return Err(DetectError::Refused(matlab::MAT_73_ADVICE.into()));
     }
-    if starts_with_record(head) {
-        return sure(
-            RecordingFormat::Dca1000,
-            "the numbers before a capture card's first packet",
-        );
-    }
-    if pcap::is_magic(head) {
-        return sure(RecordingFormat::Dca1000, "a pcap file");
+    let packets = match SampleFormat::of_start(head) {
+        Some(SampleFormat::Records) => Some("the numbers before a capture card's first packet"),
+        Some(SampleFormat::Pcap) => Some("a pcap file"),
+        _ => None,
+    };
+    if let Some(reason) = packets {
+        return sure(RecordingFormat::Dca1000, reason);
     }
     if head.starts_with(b"PK\x03\x04") {
         return Err(DetectError::Unknown("a zip archive".into()));

@@ -92,7 +92,7 @@ pub use adc::{
 pub use boards::Board;
 pub use builtin::{BUILTIN_NAMES, NameError, builtin_radar, builtin_radars, find_builtin};
 pub use calibration::{CalibratedChannel, Calibration, CalibrationError};
-pub use detect::{DetectError, Detected, RecordingFormat, detect};
+pub use detect::{DetectError, Detected, RecordingFormat, SampleFormat, detect};
 pub use folder::{CfgChoice, VisualizerFolder, choose_cfg, visualizer_folder};
 pub use lint::{Finding, ModelExpectations, Severity, lint, lint_radar_toml, lint_ti_cfg};
 pub use mounting::Mounting;

@@ -3,11 +3,13 @@
 use std::sync::atomic::AtomicBool;
 
 use radarllm_base::PointFrame;
-use radarllm_engine::{Engine, Source, Watch};
+use radarllm_engine::{Engine, Precision, Source, Watch};
 
+use crate::checkpoint::Checkpoint;
 use crate::lm::config::LmConfig;
+use crate::lm::ensemble::Member;
 use crate::lm::generate::{draw, score};
-use crate::lm::{EngineLm, GenerateOptions, Generated, Learned, LmError, Vocab};
+use crate::lm::{EngineLm, GenerateOptions, Generated, Learned, LmError, LmFiles, Vocab};
 use crate::tokenizer::{EncodeError, Encoded, RadarTokenizer, TokenizerConfig};
 
 /// A radar tokenizer and a language model that belong together, independent of how they are computed.
@@ -78,6 +80,35 @@ impl EngineBackend {
         check_pair(tokenizer.config(), lm.config())?;
         Ok(Self { tokenizer, lm })
     }
+
+    /// Packs the networks of the files of both.
+    ///
+    /// # Errors
+    /// If a file is missing or damaged, or they do not belong together; [`LmError::NotT5`] if the language model has
+    /// another architecture.
+    pub fn from_files(
+        tokenizer: &Checkpoint,
+        lm: LmFiles,
+        precision: Precision,
+    ) -> Result<Self, LmError> {
+        let tokenizer = RadarTokenizer::from_checkpoint(tokenizer)?;
+        Self::new(tokenizer, EngineLm::from_files(lm, precision)?)
+    }
+}
+
+/// Loads the networks of a model, or of a member of an ensemble, on a backend. A [`Precision`] that the backend does not
+/// have is an error or is computed exactly, as the backend says.
+pub type LoadBackend = fn(Member, Precision) -> Result<Box<dyn Backend>, LmError>;
+
+/// Packs the networks of a member for the inference engine.
+///
+/// # Errors
+/// If a file is missing or damaged, or they do not belong together; [`LmError::NotT5`] if the language model has another
+/// architecture.
+pub fn load_engine(member: Member, precision: Precision) -> Result<Box<dyn Backend>, LmError> {
+    let lm = LmFiles::of(member.lm)?;
+    let backend = EngineBackend::from_files(&member.tokenizer, lm, precision)?;
+    Ok(Box::new(backend))
 }
 
 impl Backend for EngineBackend {

@@ -303,6 +303,29 @@ fn write_synced(path: &Path, bytes: &[u8]) -> Result<(), CheckpointError> {
     file.sync_all().map_err(io_error(path))
 }
 
+/// Calls `visit` with path and contents of every plain file in a directory, in order of their names, whatever its
+/// checksums say.
+///
+/// # Errors
+/// If the directory or a file cannot be read.
+pub fn visit_files(
+    dir: &Path,
+    visit: &mut impl FnMut(&Path, &[u8]),
+) -> Result<(), CheckpointError> {
+    let entries = fs::read_dir(dir).map_err(io_error(dir))?;
+    let mut paths = entries
+        .map(|entry| entry.map(|e| e.path()))
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(io_error(dir))?;
+    paths.retain(|path| path.is_file());
+    paths.sort();
+    for path in paths {
+        let bytes = fs::read(&path).map_err(io_error(&path))?;
+        visit(&path, &bytes);
+    }
+    Ok(())
+}
+
 /// An opened checkpoint: a directory whose checksums were verified, or files embedded in the program.
 #[derive(Debug)]
 pub struct Checkpoint {

@@ -7,10 +7,10 @@
 //! use std::path::Path;
 //!
 //! use radarllm_base::{Clip, Clutter, PointFrame, RadarPoint};
-//! use radarllm_inference::{Captioner, DescribeOptions, Precision};
+//! use radarllm_inference::{Captioner, DescribeOptions, Precision, PreparedClip};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! let model = Path::new("../../models/default");
+//! let model = Path::new("../model-default/weights");
 //! let captioner = Captioner::load(model, Precision::F32)?;
 //!
 //! // Four seconds of a recording at 20 frames per second: thirty points around a body that walks away.
@@ -34,6 +34,7 @@
 //!     provenance: "recorded:csv:walk.csv".parse()?,
 //!     clutter: Clutter::Unchecked,
 //! };
+//! let clip = PreparedClip::of(&clip)?;
 //! let described = captioner.describe(&clip, &DescribeOptions::default())?;
 //! println!("{} ({:.2})", described.caption, described.confidence);
 //! assert_eq!(described.abstained, None);
@@ -44,10 +45,9 @@
 //!
 //! # What the model expects
 //!
-//! The model was trained on simulated radars at [`FRAME_RATE_HZ`] that remove static clutter. [`Captioner::describe`]
-//! prepares every clip accordingly: it resamples other frame rates, removes static clutter from recordings, and
-//! refuses values that are not finite. [`prepare_for_model`] is the same preparation on its own, and reports what it
-//! changed.
+//! The model was trained on simulated radars at [`FRAME_RATE_HZ`] that remove static clutter. A [`PreparedClip`] is
+//! such a clip: other frame rates are resampled, static clutter is removed from recordings, and values that are not
+//! finite are refused. [`prepare_for_model`] also reports what it changed.
 //!
 //! # Map
 //!
@@ -63,11 +63,11 @@ pub mod lm;
 pub mod prepare;
 pub mod tokenizer;
 
-pub use backend::{Backend, EngineBackend};
+pub use backend::{Backend, EngineBackend, LoadBackend};
 pub use lm::{
     Captioner, Chosen, DescribeOptions, Description, LmError, Precision, Segment, actions,
 };
 pub use prepare::{
-    FRAME_RATE_HZ, PrepareError, PrepareOptions, Prepared, RATE_TOLERANCE, needs_preparation,
+    FRAME_RATE_HZ, PrepareError, PrepareOptions, Prepared, PreparedClip, RATE_TOLERANCE,
     prepare_for_model,
 };

@@ -5,7 +5,7 @@
 //! mostly static points. Both differences are corrected here, in one place, so that no caller silently gets a wrong
 //! sentence.
 
-use std::borrow::Cow;
+use std::{borrow::Cow, ops::Deref};
 
 use radarllm_base::{Clip, Clutter, PointFrame, StaticClutter, TimelineError};
 
@@ -25,11 +25,46 @@ pub struct PrepareOptions {
     pub motion_compensate: bool,
 }
 
+/// A clip that the model can read: all values are finite, the frame rate is [`FRAME_RATE_HZ`] within [`RATE_TOLERANCE`],
+/// and static clutter is removed. Whoever has one need not look at its points again.
+///
+/// It is a copy only where a change was necessary.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PreparedClip<'a>(Cow<'a, Clip>);
+
+impl<'a> PreparedClip<'a> {
+    /// Prepares a clip without motion compensation; see [`prepare_for_model`].
+    ///
+    /// # Errors
+    /// Those of [`prepare_for_model`].
+    pub fn of(clip: &'a Clip) -> Result<Self, PrepareError> {
+        if needs_preparation(clip) {
+            let prepared = prepare_for_model(clip.clone(), &PrepareOptions::default())?;
+            return Ok(prepared.clip);
+        }
+        check(clip)?;
+        Ok(Self(Cow::Borrowed(clip)))
+    }
+
+    /// The clip, copied if it is somebody else's.
+    pub fn into_clip(self) -> Clip {
+        self.0.into_owned()
+    }
+}
+
+impl Deref for PreparedClip<'_> {
+    type Target = Clip;
+
+    fn deref(&self) -> &Clip {
+        &self.0
+    }
+}
+
 /// A clip that the model can read, and a record of the changes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prepared {
-    /// The clip, at [`FRAME_RATE_HZ`] within [`RATE_TOLERANCE`].
-    pub clip: Clip,
+    /// The clip.
+    pub clip: PreparedClip<'static>,
     /// The static clutter that was removed.
     pub removed_static: Option<StaticClutter>,
     /// The frame rate before resampling, Hz, if the clip was resampled.
@@ -114,28 +149,15 @@ pub fn prepare_for_model(
         clip = clip.resample(f64::from(FRAME_RATE_HZ), options.motion_compensate)?;
     }
     Ok(Prepared {
-        clip,
+        clip: PreparedClip(Cow::Owned(clip)),
         removed_static,
         resampled_from_hz,
     })
 }
 
 /// Whether [`prepare_for_model`] would change the frames of the clip.
-pub fn needs_preparation(clip: &Clip) -> bool {
+fn needs_preparation(clip: &Clip) -> bool {
     is_other_rate(clip.frame_rate_hz) || (removes_static(clip) && clip.static_clutter().is_some())
-}
-
-/// Returns the clip as the model reads it, without motion compensation. It is copied only if a change is necessary.
-///
-/// # Errors
-/// Those of [`prepare_for_model`].
-pub fn prepared(clip: &Clip) -> Result<Cow<'_, Clip>, PrepareError> {
-    if needs_preparation(clip) {
-        let prepared = prepare_for_model(clip.clone(), &PrepareOptions::default())?;
-        return Ok(Cow::Owned(prepared.clip));
-    }
-    check(clip)?;
-    Ok(Cow::Borrowed(clip))
 }
 
 fn removes_static(clip: &Clip) -> bool {
@@ -232,21 +254,21 @@ mod tests {
     fn static_clutter_is_removed_unless_it_is_settled() {
         let velocities = [0.0, 0.0, 0.01, 0.8];
         let prepared = prepare(recorded(10.0, &velocities));
-        assert_eq!(prepared.clip, settled(recorded(10.0, &[0.8])));
+        assert_eq!(*prepared.clip, settled(recorded(10.0, &[0.8])));
         let removed = prepared.removed_static.unwrap();
         assert_eq!((removed.n_static, removed.n_points), (30, 40));
         // Simulated firmware may report the room, too; the project's own chain reports few static points.
         let simulated =
             |velocities: &[f32]| clip(10.0, velocities, Provenance::simulated("builtin:walk", 1));
         let prepared = prepare(simulated(&velocities));
-        assert_eq!(prepared.clip, settled(simulated(&[0.8])));
+        assert_eq!(*prepared.clip, settled(simulated(&[0.8])));
         let mostly_moving = [0.0, 0.3, 0.8];
         let prepared = prepare(simulated(&mostly_moving));
-        assert_eq!(prepared.clip, settled(simulated(&mostly_moving)));
+        assert_eq!(*prepared.clip, settled(simulated(&mostly_moving)));
         assert_eq!(prepared.removed_static, None);
         let all = settled(recorded(10.0, &velocities));
         let kept = prepare(all.clone());
-        assert_eq!((kept.clip, kept.removed_static), (all, None));
+        assert_eq!((kept.clip.into_clip(), kept.removed_static), (all, None));
     }
 
     #[test]
@@ -289,7 +311,7 @@ mod tests {
         ] {
             let once = prepare(clip);
             assert!(!needs_preparation(&once.clip));
-            let twice = prepare(once.clip.clone());
+            let twice = prepare(once.clip.clone().into_clip());
             assert_eq!(
                 (twice.removed_static, twice.resampled_from_hz),
                 (None, None)
@@ -301,9 +323,12 @@ mod tests {
     #[test]
     fn nothing_is_copied_when_nothing_changes() {
         let good = recorded(10.0, &[0.8]);
-        assert!(matches!(prepared(&good), Ok(Cow::Borrowed(_))));
+        assert!(matches!(
+            PreparedClip::of(&good).unwrap().0,
+            Cow::Borrowed(_)
+        ));
         let fast = recorded(20.0, &[0.8]);
-        assert!(matches!(prepared(&fast), Ok(Cow::Owned(_))));
+        assert!(matches!(PreparedClip::of(&fast).unwrap().0, Cow::Owned(_)));
     }
 
     #[test]
@@ -311,7 +336,7 @@ mod tests {
         let refuse = |change: &dyn Fn(&mut Clip)| {
             let mut bad = recorded(10.0, &[0.8, 0.7]);
             change(&mut bad);
-            let by_reference = prepared(&bad).map(|_| ()).unwrap_err();
+            let by_reference = PreparedClip::of(&bad).map(|_| ()).unwrap_err();
             let error = prepare_for_model(bad, &PrepareOptions::default()).unwrap_err();
             // NaN is not equal to itself, so the test compares the text.
             assert_eq!(by_reference.to_string(), error.to_string());

@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use radarllm_base::{PointFrame, RadarConfig, RadarCube};
-use radarllm_dataset::read_points;
+use radarllm_dataset::read_points_from;
 use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
 use radarllm_formats::{
-    Calibration, RecordingFormat,
+    Calibration,
     adc::{CubeShape, FrameSource},
 };
 use radarllm_radar_dsp::{
@@ -17,10 +17,11 @@ use radarllm_tracking::PointBackground;
 use crate::{
     error::{Error, Result},
     layout::open_samples,
+    opened::{Opened, RecordingKind},
     options::{CaptureFormat, CaptureOptions, CleaningOptions, LayoutOptions, MAX_FRAMES},
-    points::{self, detect_error},
+    points,
     radar::OpenedRadar,
-    samples::{SampleFrames, sample_format},
+    samples::SampleFrames,
 };
 
 /// Residual above which the user is warned, in dB: that of the empty scene's own frames after subtraction.
@@ -108,18 +109,22 @@ pub(crate) fn point_background(options: &CaptureOptions) -> Result<Option<PointB
         Some(CaptureFormat::Format(format)) => Some(format),
         _ => None,
     };
-    let detected = points::identify(path, named)?.map_err(|e| detect_error(path, e))?;
-    let empty = match detected.format {
-        RecordingFormat::Points => read_points(path)?.frames,
-        RecordingFormat::Adc | RecordingFormat::Dca1000 => {
+    let as_named = CaptureOptions {
+        format: named.map(CaptureFormat::Format),
+        ..CaptureOptions::default()
+    };
+    let mut opened = Opened::open(std::slice::from_ref(path), &as_named)?;
+    let empty = match opened.kind() {
+        RecordingKind::PointsFile => read_points_from(opened.take_first()?, path)?.frames,
+        RecordingKind::Samples(_) => {
             return Err(Error::in_file(
                 path,
                 "raw samples, but the capture holds points",
             ));
         }
-        _ => {
+        RecordingKind::Points(_) => {
             let radar = options.radar.as_ref();
-            points::open_points(path, &detected, radar, &options.points)?
+            points::open_points(opened, radar, &options.points)?
                 .timeline
                 .frames
         }
@@ -137,9 +142,9 @@ fn mean_background(
     notes: &mut Vec<String>,
 ) -> Result<Background> {
     let captures = std::slice::from_ref(path);
-    let format = sample_format(captures, format)?;
+    let opened = Opened::samples(captures, format)?;
     let mut remarks = Vec::new();
-    let mut frames = open_samples(format, captures, radar, layout, &mut remarks)?;
+    let mut frames = open_samples(opened, radar, layout, &mut remarks)?;
     notes.extend(remarks.into_iter().map(|n| format!("background: {n}")));
     let mut room = EmptyRoom::new(&radar.config);
     let n_damaged = each_whole_frame(

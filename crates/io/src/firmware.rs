@@ -1,6 +1,6 @@
 //! The signal chain of a radar's own firmware, from its chirp configuration.
 
-use radarllm_base::PointFrame;
+use radarllm_base::{PointFrame, message::option};
 use radarllm_formats::{
     TiDetection, TiPeopleDetection,
     ti_detection::{TiCfarMode, TiMapCfar},
@@ -36,6 +36,24 @@ struct FieldOfView {
 }
 
 impl TiFirmware {
+    /// Names of the modelled firmwares.
+    pub const NAMES: [&str; 2] = ["out-of-box", "people-tracking"];
+
+    /// The firmware of one of [`Self::NAMES`].
+    ///
+    /// # Errors
+    /// An unknown name, and those of [`Self::out_of_box`].
+    pub fn from_name(name: &str, radar: &OpenedRadar) -> Result<Self> {
+        match name {
+            "out-of-box" => Self::out_of_box(radar),
+            "people-tracking" => Self::people_tracking(radar),
+            other => Err(
+                Error::input(option("firmware").text(format!(" {other:?}: unknown")))
+                    .with_hint(Self::NAMES.join(" or ")),
+            ),
+        }
+    }
+
     /// TI's out-of-box demo of SDK 3: both passes of CFAR, removal of clutter and limits of the field of view.
     ///
     /// Not modelled: the fixed-point arithmetic of range and Doppler FFT, the limit of the serial port, multi-object beam

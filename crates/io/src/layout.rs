@@ -1,17 +1,13 @@
 //! Determines the layout of raw samples from the options, the radar's description and the samples themselves.
 
-use std::{
-    fs::File,
-    io::Read,
-    path::{Path, PathBuf},
-};
+use std::{fs::File, io::Read, path::Path};
 
 use radarllm_base::{
     RadarConfig,
     message::{option, text},
 };
 use radarllm_formats::{
-    Board, Severity,
+    Board, SampleFormat, Severity,
     adc::{
         CubeShape, FrameSource, IqAnswer, IqCheck, IqOrder, IqVerdict, LvdsLanes, RecordLog,
         SampleKind, SampleLayout, check_capture,
@@ -20,9 +16,10 @@ use radarllm_formats::{
 
 use crate::{
     error::{Error, Result},
+    opened::Opened,
     options::{IqChoice, LayoutOptions},
     radar::OpenedRadar,
-    samples::{SampleFormat, SampleFrames},
+    samples::{SampleFiles, SampleFrames},
 };
 
 /// Number of frames from which the order of I and Q is judged.
@@ -47,16 +44,16 @@ pub struct ChosenLayout {
 /// # Errors
 /// A file that cannot be read, or a layout that neither the options nor the radar's description determine.
 pub fn open_samples(
-    format: SampleFormat,
-    captures: &[PathBuf],
+    opened: Opened,
     radar: &OpenedRadar,
     options: &LayoutOptions,
     notes: &mut Vec<String>,
 ) -> Result<SampleFrames> {
-    if format == SampleFormat::Npy {
-        return SampleFrames::open_npy(captures, &radar.config, options.axes.as_deref());
+    let files = SampleFiles::new(opened)?;
+    if files.format() == SampleFormat::Npy {
+        return SampleFrames::open_npy(&files, &radar.config, options.axes.as_deref());
     }
-    let chosen = choose_layout(format, captures, radar, options)?;
+    let chosen = choose_layout(&files, radar, options)?;
     notes.extend(chosen.notes);
     if let (SampleKind::Complex { order }, Some(verdict)) = (chosen.layout.data, chosen.verdict) {
         notes.push(format!(
@@ -65,15 +62,10 @@ pub fn open_samples(
             explain(chosen.tried, &verdict)
         ));
     }
-    if format != SampleFormat::Udp {
-        notes.extend(log_notes(&captures[0])?);
+    if files.format() != SampleFormat::Udp {
+        notes.extend(log_notes(files.path())?);
     }
-    SampleFrames::open_raw(
-        format,
-        captures,
-        CubeShape::of(&radar.config),
-        chosen.layout,
-    )
+    SampleFrames::open_raw(&files, CubeShape::of(&radar.config), chosen.layout)
 }
 
 /// Determines the layout of a raw capture before the capture is processed.
@@ -84,11 +76,11 @@ pub fn open_samples(
 /// # Errors
 /// A layout that cannot be determined, or a file that does not fit it.
 pub fn choose_layout(
-    format: SampleFormat,
-    captures: &[PathBuf],
+    files: &SampleFiles,
     opened: &OpenedRadar,
     options: &LayoutOptions,
 ) -> Result<ChosenLayout> {
+    let format = files.format();
     let radar = &opened.config;
     let studio = opened.hints.layout;
     let lanes = lanes(
@@ -110,16 +102,11 @@ pub fn choose_layout(
     };
     let mut notes = Vec::new();
     if format == SampleFormat::Adc {
-        let mut n_bytes = 0_u64;
-        for path in captures {
-            let file = std::fs::metadata(path).map_err(|e| Error::io(path, e))?;
-            n_bytes = n_bytes.saturating_add(file.len());
-        }
-        for finding in check_capture(radar, n_bytes, tried) {
+        for finding in check_capture(radar, files.n_bytes()?, tried) {
             if finding.severity == Severity::Error {
                 return Err(Error::input(format!(
                     "{}: {}",
-                    captures[0].display(),
+                    files.path().display(),
                     finding.message
                 ))
                 .with_hint(
@@ -160,7 +147,7 @@ pub fn choose_layout(
             notes,
         });
     }
-    let verdict = judge(format, captures, radar, tried)?;
+    let verdict = judge(files, radar, tried)?;
     let best = match verdict.answer {
         IqAnswer::AsRead => Some(order),
         IqAnswer::Swapped => Some(order.swapped()),
@@ -247,21 +234,16 @@ pub fn explain(order: IqOrder, verdict: &IqVerdict) -> String {
 }
 
 /// Analyses the first frames.
-fn judge(
-    format: SampleFormat,
-    captures: &[PathBuf],
-    radar: &RadarConfig,
-    layout: SampleLayout,
-) -> Result<IqVerdict> {
+fn judge(files: &SampleFiles, radar: &RadarConfig, layout: SampleLayout) -> Result<IqVerdict> {
     let shape = CubeShape::of(radar);
-    let mut frames = SampleFrames::open_raw(format, captures, shape, layout)?;
+    let mut frames = SampleFrames::open_raw(files, shape, layout)?;
     let mut cube = shape.zeros()?;
     let mut check = IqCheck::new(shape.n_samples);
     for _ in 0..JUDGED_FRAMES {
         match frames.next_frame(&mut cube) {
             Ok(Some(_)) => check.push(&cube),
             Ok(None) => break,
-            Err(e) => return Err(Error::wrap_in_file(&captures[0], e)),
+            Err(e) => return Err(Error::wrap_in_file(files.path(), e)),
         }
     }
     Ok(check.verdict())

@@ -22,7 +22,7 @@
 //! # Ok::<(), radarllm_io::Error>(())
 //! ```
 //!
-//! Reading order: [`recording`] (any recording to points), [`options`], [`radar`] (radar descriptions), [`points`]
+//! Reading order: [`recording`] (any recording to points), [`opened`] (what a capture is), [`options`], [`radar`] (radar descriptions), [`points`]
 //! (formats of points), `visualizer` (folders of TI's visualizers), [`samples`] and [`layout`] (raw samples),
 //! `npy_cubes`, [`cleaning`] (background and leakage), [`firmware`] (the signal chain of a board's own firmware),
 //! [`serial`], [`udp`], [`mod@live`] (radars while they run), [`error`].
@@ -33,6 +33,7 @@ pub mod firmware;
 pub mod layout;
 pub mod live;
 mod npy_cubes;
+pub mod opened;
 pub mod options;
 pub mod points;
 pub mod radar;
@@ -45,6 +46,7 @@ mod visualizer;
 pub use error::{Error, ErrorKind, Result};
 pub use firmware::TiFirmware;
 pub use npy_cubes::{ArrayDecoder, NpyFrames};
+pub use opened::{Opened, RecordingKind};
 pub use options::{
     CaptureFormat, CaptureOptions, CellOptions, CleaningOptions, IqChoice, LayoutOptions,
     PointOptions,
@@ -53,8 +55,6 @@ pub use radar::{
     LayoutHints, OpenedRadar, RadarSource, open_radar, open_radar_in, open_radar_text,
     read_radar_text,
 };
-pub use radarllm_formats::DetectError;
-pub use recording::{
-    ExtractedPoints, Recording, RecordingKind, SampleRecording, read_recording, recording_kind,
-};
-pub use samples::{SampleFormat, SampleFrames};
+pub use radarllm_formats::{DetectError, SampleFormat};
+pub use recording::{ExtractedPoints, Recording, SampleRecording, read_opened, read_recording};
+pub use samples::{SampleFiles, SampleFrames};

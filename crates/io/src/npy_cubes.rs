@@ -11,11 +11,6 @@ use radarllm_formats::adc::{
 
 use crate::error::{Error, Result};
 
-fn open_npy(path: &Path) -> Result<NpyStream<BufReader<File>>> {
-    let file = File::open(path).map_err(|e| Error::io(path, e))?;
-    NpyStream::open(BufReader::new(file)).map_err(|e| Error::wrap_in_file(path, e))
-}
-
 /// The numbers of an array, frame by frame, to cubes: the same for arrays in files and in memory.
 #[derive(Clone, Debug)]
 pub struct ArrayDecoder {
@@ -115,12 +110,13 @@ pub struct NpyFrames {
 }
 
 impl NpyFrames {
-    /// Opens an array whose axes are `axes`, or `frame,loop,tx,rx,sample`.
+    /// Begins to read an array whose axes are `axes`, or `frame,loop,tx,rx,sample`. `path` names the file in errors.
     ///
     /// # Errors
     /// A file that is not an npy array, or one whose shape does not fit the radar.
-    pub fn open(path: &Path, radar: &RadarConfig, axes: Option<&str>) -> Result<Self> {
-        let numbers = open_npy(path)?;
+    pub fn open(file: File, path: &Path, radar: &RadarConfig, axes: Option<&str>) -> Result<Self> {
+        let numbers = NpyStream::open(BufReader::new(file));
+        let numbers = numbers.map_err(|e| Error::wrap_in_file(path, e))?;
         let header = numbers.header();
         let code = header.fields[0].code.as_str();
         let decoder = ArrayDecoder::new(path, &header.shape, header.fortran, code, radar, axes)?;

@@ -1,7 +1,7 @@
 //! Recordings of points in any format of `radarllm-formats`: opened, assigned to a clock and rotated into level axes.
 
 use std::{
-    fs::{self, File},
+    fs,
     io::{BufReader, Read},
     path::{Path, PathBuf},
 };
@@ -13,8 +13,8 @@ use radarllm_base::{
 };
 use radarllm_files::{bounded, npy::NPY_MAGIC};
 use radarllm_formats::{
-    DetectError, Detected, Mounting, RecordingFormat, SensorPosition, UartError, detect,
-    detect::{HEAD_BYTES, detect_folder, numbered, stated_rate_hz},
+    Mounting, RecordingFormat, SensorPosition, UartError,
+    detect::{numbered, stated_rate_hz},
     recordings::{
         Axes, mmbody, read_bag, read_mars_features, read_mars_points, read_matlab_points,
         read_mmbody_frame, read_mmfi_frame, read_radhar_points,
@@ -25,13 +25,12 @@ use radarllm_formats::{
 
 use crate::{
     error::{Error, Result},
+    opened::{MAX_FILE_BYTES, Opened, RecordingKind},
     options::{PointOptions, mounting_angles},
     radar::OpenedRadar,
     serial, visualizer,
 };
 
-/// Maximum size of a file that is read at once, in bytes.
-pub(crate) const MAX_FILE_BYTES: u64 = 1 << 30;
 /// Number of bytes read from a stream at a time.
 const PIECE_BYTES: usize = 64 << 10;
 
@@ -52,56 +51,19 @@ pub struct RecordedPoints {
     pub warnings: Vec<String>,
 }
 
-/// Returns the format of a recording, as named or as detected.
-///
-/// # Errors
-/// A recording that cannot be read. The inner error describes why the format could not be detected.
-pub fn identify(
-    path: &Path,
-    named: Option<RecordingFormat>,
-) -> Result<std::result::Result<Detected, DetectError>> {
-    if let Some(format) = named {
-        let reason = "as named".into();
-        return Ok(Ok(Detected { format, reason }));
-    }
-    let info = fs::metadata(path).map_err(|e| Error::io(path, e))?;
-    if info.is_dir() {
-        let names = visualizer::file_names(&frames_folder(path))?;
-        return Ok(detect_folder(names.iter().map(String::as_str)));
-    }
-    if serial::is_port(path) {
-        let reason = "a serial port".into();
-        let format = RecordingFormat::Uart;
-        return Ok(Ok(Detected { format, reason }));
-    }
-    if !info.is_file() {
-        return Err(Error::in_file(path, "a pipe can be read only once")
-            .with_hint(option("format").text(" names its format")));
-    }
-    let mut head = Vec::new();
-    File::open(path)
-        .and_then(|file| file.take(HEAD_BYTES as u64).read_to_end(&mut head))
-        .map_err(|e| Error::io(path, e))?;
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    Ok(detect(&name, &head))
-}
-
-/// Turns an error of detection into one with the name of the file and a hint.
-pub fn detect_error(path: &Path, error: DetectError) -> Error {
-    let names = RecordingFormat::ALL.map(RecordingFormat::name).join(", ");
-    Error::wrap_in_file(path, error).with_hint(option("format").text(format!(" names it: {names}")))
-}
-
 /// Opens a recording of points whose format is known.
 ///
 /// # Errors
 /// Any error in the file or the options, with the name of the file.
 pub fn open_points(
-    path: &Path,
-    detected: &Detected,
+    mut capture: Opened,
     radar: Option<&OpenedRadar>,
     options: &PointOptions,
 ) -> Result<RecordedPoints> {
+    let path = &capture.only_path()?.to_path_buf();
+    let RecordingKind::Points(detected) = capture.kind() else {
+        return Err(Error::in_file(path, "it holds no recorded points"));
+    };
     let format = detected.format;
     let mut notes = vec![format!("format {} ({})", format.name(), detected.reason)];
     let mut warnings = Vec::new();
@@ -118,24 +80,23 @@ pub fn open_points(
     let mut is_level = false;
     let mut position = None;
     let frames = match format {
-        RecordingFormat::Uart => uart(path, options, &mut notes, &mut warnings)?,
+        RecordingFormat::Uart => uart(&mut capture, options, &mut notes, &mut warnings)?,
         RecordingFormat::RadHar => {
-            read_radhar_points(&read_text(path)?).map_err(|e| Error::wrap_in_file(path, e))?
+            read_radhar_points(&capture.text()?).map_err(|e| Error::wrap_in_file(path, e))?
         }
-        RecordingFormat::Mars => mars(path)?,
+        RecordingFormat::Mars => mars(&mut capture)?,
         RecordingFormat::Csv => {
-            read_points_csv(&read_text(path)?, axes).map_err(|e| Error::wrap_in_file(path, e))?
+            read_points_csv(&capture.text()?, axes).map_err(|e| Error::wrap_in_file(path, e))?
         }
         RecordingFormat::NpyPoints => {
-            read_points_npy(&read_whole(path)?, axes).map_err(|e| Error::wrap_in_file(path, e))?
+            read_points_npy(&capture.bytes()?, axes).map_err(|e| Error::wrap_in_file(path, e))?
         }
         RecordingFormat::Bag => {
-            let file = File::open(path).map_err(|e| Error::io(path, e))?;
-            let bag =
-                read_bag(BufReader::new(file), options.topic.as_deref(), axes).map_err(|e| {
-                    Error::wrap_in_file(path, e)
-                        .with_hint(option("topic").text(" names one of several topics with clouds"))
-                })?;
+            let file = BufReader::new(capture.take_first()?);
+            let bag = read_bag(file, options.topic.as_deref(), axes).map_err(|e| {
+                Error::wrap_in_file(path, e)
+                    .with_hint(option("topic").text(" names one of several topics with clouds"))
+            })?;
             notes.push(format!(
                 "topic {}, {} points dropped (NaN or beyond belief)",
                 bag.topic, bag.points_dropped
@@ -143,20 +104,20 @@ pub fn open_points(
             bag.frames
         }
         RecordingFormat::MmFi => {
-            folder_of_frames(path, "frame", |bytes| read_mmfi_frame(bytes, axes))?
+            folder_of_frames(&mut capture, "frame", |bytes| read_mmfi_frame(bytes, axes))?
         }
-        RecordingFormat::MmBody => folder_of_frames(path, "frame_", read_mmbody_frame)?,
+        RecordingFormat::MmBody => folder_of_frames(&mut capture, "frame_", read_mmbody_frame)?,
         RecordingFormat::Mat => {
             let recording =
-                read_matlab_points(&read_whole(path)?).map_err(|e| Error::wrap_in_file(path, e))?;
+                read_matlab_points(&capture.bytes()?).map_err(|e| Error::wrap_in_file(path, e))?;
             notes.extend(recording.notes);
             recording.frames
         }
         RecordingFormat::VisualizerBinary => {
-            visualizer::read_binary(path, options.dialect, &mut notes, &mut warnings)?
+            visualizer::read_binary(&mut capture, options.dialect, &mut notes, &mut warnings)?
         }
         RecordingFormat::VisualizerJson => {
-            let recording = visualizer::read_json(path, &mut notes)?;
+            let recording = visualizer::read_json(&mut capture, &mut notes)?;
             opened = opened.or(recording.radar);
             is_level = recording.is_level;
             position = recording.position;
@@ -376,22 +337,18 @@ fn read_whole(path: &Path) -> Result<Vec<u8>> {
     Ok(bounded::read_bytes(path, MAX_FILE_BYTES)?)
 }
 
-fn read_text(path: &Path) -> Result<String> {
-    Ok(bounded::read_text(path, MAX_FILE_BYTES)?)
-}
-
-fn mars(path: &Path) -> Result<Vec<RecordedFrame>> {
-    let bytes = read_whole(path)?;
+fn mars(capture: &mut Opened) -> Result<Vec<RecordedFrame>> {
+    let bytes = capture.bytes()?;
     let frames = if bytes.starts_with(NPY_MAGIC) {
         read_mars_features(&bytes)
     } else {
-        read_mars_points(&read_text(path)?)
+        read_mars_points(&bounded::text_of(bytes, capture.path())?)
     };
-    frames.map_err(|e| Error::wrap_in_file(path, e))
+    frames.map_err(|e| Error::wrap_in_file(capture.path(), e))
 }
 
 /// Returns the subfolder `radar/` of a sequence, or the folder itself.
-fn frames_folder(path: &Path) -> PathBuf {
+pub(crate) fn frames_folder(path: &Path) -> PathBuf {
     let inside = path.join("radar");
     if inside.is_dir() {
         inside
@@ -414,10 +371,11 @@ fn file_names(folder: &Path) -> Result<Vec<String>> {
 
 /// Returns the frames of a folder by the numbers in their names. Each file is one frame.
 fn folder_of_frames<E: std::error::Error + Send + Sync + 'static>(
-    path: &Path,
+    capture: &mut Opened,
     prefix: &str,
     read: impl Fn(&[u8]) -> std::result::Result<Vec<RadarPoint>, E>,
 ) -> Result<Vec<RecordedFrame>> {
+    let path = &capture.path().to_path_buf();
     let mut files: Vec<(u64, PathBuf)> = Vec::new();
     if path.is_dir() {
         let folder = frames_folder(path);
@@ -436,7 +394,12 @@ fn folder_of_frames<E: std::error::Error + Send + Sync + 'static>(
             )));
         }
     } else {
-        files.push((0, path.to_path_buf()));
+        let points = read(&capture.bytes()?).map_err(|e| Error::wrap_in_file(path, e))?;
+        return Ok(vec![RecordedFrame {
+            number: 0,
+            stamp_s: None,
+            points,
+        }]);
     }
     files.sort();
     if let Some(pair) = files.windows(2).find(|w| w[0].0 == w[1].0) {
@@ -463,16 +426,17 @@ fn folder_of_frames<E: std::error::Error + Send + Sync + 'static>(
 
 /// Parses a file, a pipe or a serial port while it is read.
 fn uart(
-    path: &Path,
+    capture: &mut Opened,
     options: &PointOptions,
     notes: &mut Vec<String>,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<RecordedFrame>> {
+    let path = &capture.path().to_path_buf();
     let mut source: Box<dyn Read> = if serial::is_port(path) {
         let seconds = options.listening_time_s()?;
         Box::new(serial::Port::open(path, options.baud, seconds).map_err(|e| Error::io(path, e))?)
     } else {
-        Box::new(File::open(path).map_err(|e| Error::io(path, e))?)
+        Box::new(capture.take_first()?)
     };
     let wrong =
         |e: UartError| Error::wrap_in_file(path, e).with_hint(option("dialect").text(" names it"));

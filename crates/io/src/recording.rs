@@ -6,9 +6,9 @@ use radarllm_base::{
     Clip, PointFrame, Provenance, RadarCube, Timeline,
     message::{option, text},
 };
-use radarllm_dataset::read_points;
+use radarllm_dataset::{PointsFile, read_points, read_points_from};
 use radarllm_formats::{
-    Detected, RecordingFormat,
+    SampleFormat,
     adc::{AdcStats, CubeShape, FrameIntegrity, FrameSource, IqAnswer, IqCheck},
 };
 use radarllm_radar_dsp::{Corrector, PointExtractor};
@@ -17,56 +17,15 @@ use crate::{
     cleaning,
     error::{Error, Result},
     layout::open_samples,
-    options::{CaptureFormat, CaptureOptions, DEFAULT_RADAR_HEIGHT_M, MAX_FRAMES, NEEDS_SAMPLES},
-    points::{RecordedPoints, detect_error, identify, open_points, place},
+    opened::{Opened, RecordingKind},
+    options::{CaptureOptions, DEFAULT_RADAR_HEIGHT_M, MAX_FRAMES, NEEDS_SAMPLES},
+    points::{RecordedPoints, open_points, place},
     radar::OpenedRadar,
-    samples::{SampleFormat, SampleFrames, sample_format},
-    udp,
+    samples::SampleFrames,
 };
 
 /// Every how many frames one frame is tested for the order of I and Q.
 const IQ_STEP: usize = 8;
-
-/// Content of a recording.
-#[derive(Clone, Debug, PartialEq)]
-pub enum RecordingKind {
-    /// Raw samples.
-    Samples(SampleFormat),
-    /// Points that a radar's firmware detected.
-    Points(Detected),
-    /// A points file of this project.
-    PointsFile,
-}
-
-/// Determines the content of a recording from the named format, from options that only raw samples have, or from its
-/// first bytes.
-///
-/// # Errors
-/// A recording that cannot be read, or whose format is neither named nor detected.
-pub fn recording_kind(captures: &[PathBuf], options: &CaptureOptions) -> Result<RecordingKind> {
-    let first = captures
-        .first()
-        .ok_or_else(|| Error::input("no capture is named"))?;
-    let named = options.format;
-    let holds_samples = udp::address(&first.to_string_lossy()).is_some()
-        || named.is_some_and(CaptureFormat::holds_samples)
-        || (named.is_none() && options.layout.is_given());
-    if holds_samples {
-        return sample_format(captures, named).map(RecordingKind::Samples);
-    }
-    let named = match named {
-        Some(CaptureFormat::Format(format)) => Some(format),
-        _ => None,
-    };
-    let detected = identify(first, named)?.map_err(|e| detect_error(first, e))?;
-    match detected.format {
-        RecordingFormat::Adc | RecordingFormat::Dca1000 => {
-            sample_format(captures, options.format).map(RecordingKind::Samples)
-        }
-        RecordingFormat::Points => Ok(RecordingKind::PointsFile),
-        _ => Ok(RecordingKind::Points(detected)),
-    }
-}
 
 /// A recording as points, ready for tracking or for a model.
 #[derive(Clone, Debug, PartialEq)]
@@ -86,35 +45,30 @@ pub struct Recording {
 /// # Errors
 /// Any error in the files or the options, with the name of the file and a hint.
 pub fn read_recording(captures: &[PathBuf], options: &CaptureOptions) -> Result<Recording> {
-    match recording_kind(captures, options)? {
-        RecordingKind::Samples(format) => {
-            let mut samples = SampleRecording::open(captures, format, options)?;
-            let taken = samples.extract_points(|_, _, _| Ok(()))?;
-            samples.into_recording(taken)
-        }
-        RecordingKind::Points(detected) => read_recorded_points(captures, &detected, options),
-        RecordingKind::PointsFile => read_points_file(only_path(captures)?, options),
-    }
+    read_opened(Opened::open(captures, options)?, options)
 }
 
-fn only_path(captures: &[PathBuf]) -> Result<&Path> {
-    match captures {
-        [path] => Ok(path),
-        _ => Err(Error::input(
-            "recorded points are read one capture at a time",
-        )),
-    }
-}
-
-/// Opens recorded points of a known format. Points of the empty scene are removed if the options name one.
+/// Returns the points of a capture that is opened already.
 ///
 /// # Errors
 /// Those of [`read_recording`].
-pub fn read_recorded_points(
-    captures: &[PathBuf],
-    detected: &Detected,
-    options: &CaptureOptions,
-) -> Result<Recording> {
+pub fn read_opened(opened: Opened, options: &CaptureOptions) -> Result<Recording> {
+    match opened.kind() {
+        RecordingKind::Samples(_) => {
+            let mut samples = SampleRecording::open(opened, options)?;
+            let taken = samples.extract_points(|_, _, _| Ok(()))?;
+            samples.into_recording(taken)
+        }
+        RecordingKind::Points(_) => read_recorded_points(opened, options),
+        RecordingKind::PointsFile => read_opened_points_file(opened, options),
+    }
+}
+
+/// Reads recorded points. Points of the empty scene are removed if the options name one.
+///
+/// # Errors
+/// Those of [`read_recording`].
+pub fn read_recorded_points(opened: Opened, options: &CaptureOptions) -> Result<Recording> {
     if options.processing.is_some() || options.max_frames.is_some() {
         let given = match options.processing {
             Some(_) => option("processing"),
@@ -122,7 +76,6 @@ pub fn read_recorded_points(
         };
         return Err(Error::input(given.text(format!(" {NEEDS_SAMPLES}"))));
     }
-    let path = only_path(captures)?;
     let RecordedPoints {
         mut timeline,
         radar,
@@ -130,7 +83,7 @@ pub fn read_recorded_points(
         radar_height_m,
         mut notes,
         warnings,
-    } = open_points(path, detected, options.radar.as_ref(), &options.points)?;
+    } = open_points(opened, options.radar.as_ref(), &options.points)?;
     cleaning::remove_background(&mut timeline.frames, options, &mut notes)?;
     Ok(Recording {
         clip: Clip {
@@ -154,7 +107,17 @@ pub fn read_recorded_points(
 /// # Errors
 /// Those of [`read_recording`].
 pub fn read_points_file(path: &Path, options: &CaptureOptions) -> Result<Recording> {
-    let file = read_points(path)?;
+    points_file(read_points(path)?, options)
+}
+
+/// As [`read_points_file`], of a capture that is opened already.
+fn read_opened_points_file(mut opened: Opened, options: &CaptureOptions) -> Result<Recording> {
+    opened.only_path()?;
+    let file = opened.take_first()?;
+    points_file(read_points_from(file, opened.path())?, options)
+}
+
+fn points_file(file: PointsFile, options: &CaptureOptions) -> Result<Recording> {
     let mut notes = Vec::new();
     let mut timeline = Timeline::from_frames(file.frames, file.meta.frame_rate_hz);
     timeline = place(timeline, &options.points, options.points.mounting()?)?;
@@ -207,15 +170,13 @@ pub struct SampleRecording {
 }
 
 impl SampleRecording {
-    /// Opens raw samples, determines their layout and plans the signal chain.
+    /// Takes over a capture of raw samples, determines its layout and plans the signal chain.
     ///
     /// # Errors
     /// A missing radar, a layout that cannot be determined, or files that do not fit.
-    pub fn open(
-        captures: &[PathBuf],
-        format: SampleFormat,
-        options: &CaptureOptions,
-    ) -> Result<Self> {
+    pub fn open(opened: Opened, options: &CaptureOptions) -> Result<Self> {
+        let format = opened.sample_format()?;
+        let captures = opened.captures().to_vec();
         let radar = options.radar.clone().ok_or_else(|| {
             Error::input(text("raw samples need ").option("radar"))
                 .with_hint("the radar that recorded them")
@@ -232,9 +193,9 @@ impl SampleRecording {
         let dsp = options.processing.clone().unwrap_or_default();
         let extractor =
             PointExtractor::new(&radar.config, cleaning::chain(&options.cleaning, dsp))?;
-        let frames = open_samples(format, captures, &radar, &options.layout, &mut notes)?;
+        let frames = open_samples(opened, &radar, &options.layout, &mut notes)?;
         Ok(Self {
-            captures: captures.to_vec(),
+            captures,
             format,
             health: Health::new(&radar, format),
             radar,

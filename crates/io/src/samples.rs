@@ -1,117 +1,98 @@
-//! Recordings of raw samples: detection of the file format, and frames one by one.
+//! Recordings of raw samples: their files, and frames one by one.
 
 use std::{
     fs::File,
-    io::{BufReader, Read},
-    path::PathBuf,
+    io::{BufReader, Seek},
+    path::{Path, PathBuf},
 };
 
 use radarllm_base::{RadarConfig, RadarCube, message::option};
 use radarllm_formats::{
-    RecordingFormat,
+    SampleFormat,
     adc::{
         AdcError, AdcReader, Chained, CubeShape, FrameDecoder, FrameIntegrity, FrameSource,
         SampleLayout,
     },
-    dca1000::{
-        PacketFrames, PacketSource, PcapPackets, RecordReader, TransferSummary, starts_with_record,
-    },
-    pcap,
+    dca1000::{PacketFrames, PacketSource, PcapPackets, RecordReader, TransferSummary},
 };
 
 use crate::{
     error::{Error, Result},
     npy_cubes::NpyFrames,
-    options::CaptureFormat,
+    opened::Opened,
     udp::{self, UdpPackets},
 };
 
-/// Storage format of raw samples.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SampleFormat {
-    /// A NumPy array.
-    Npy,
-    /// Sample words without packets: `adc_data.bin`.
-    Adc,
-    /// DCA1000 packets in a file, each preceded by a header of 14 bytes.
-    Records,
-    /// DCA1000 packets in a pcap or pcapng file.
-    Pcap,
-    /// DCA1000 packets from the network.
-    Udp,
+/// The files of a recording of raw samples, each opened once and read as often as needed.
+pub struct SampleFiles {
+    format: SampleFormat,
+    captures: Vec<PathBuf>,
+    /// None of packets from the network.
+    files: Vec<File>,
 }
 
-impl SampleFormat {
-    /// Name of the format for reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            SampleFormat::Npy => "npy",
-            SampleFormat::Adc => "adc",
-            SampleFormat::Records => "dca1000 records",
-            SampleFormat::Pcap => "dca1000 pcap",
-            SampleFormat::Udp => "dca1000 live",
+impl SampleFiles {
+    /// Opens the files that are not open yet.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or a capture that holds points.
+    pub fn new(mut opened: Opened) -> Result<Self> {
+        let format = opened.sample_format()?;
+        Ok(Self {
+            format,
+            files: match format {
+                SampleFormat::Udp => Vec::new(),
+                _ => opened.take_all()?,
+            },
+            captures: opened.captures().to_vec(),
+        })
+    }
+
+    /// The storage format.
+    pub fn format(&self) -> SampleFormat {
+        self.format
+    }
+
+    /// The path of the first file.
+    pub fn path(&self) -> &Path {
+        self.captures
+            .first()
+            .map_or(Path::new(""), PathBuf::as_path)
+    }
+
+    /// Size of all files, bytes.
+    pub(crate) fn n_bytes(&self) -> Result<u64> {
+        let mut n_bytes = 0_u64;
+        for (path, file) in self.captures.iter().zip(&self.files) {
+            let info = file.metadata().map_err(|e| Error::io(path, e))?;
+            n_bytes = n_bytes.saturating_add(info.len());
         }
+        Ok(n_bytes)
+    }
+
+    /// The only file, at its first byte.
+    fn one(&self) -> Result<File> {
+        let [file] = &self.files[..] else {
+            return Err(Error::input("npy arrays are read one at a time"));
+        };
+        rewound(self.path(), file)
+    }
+
+    /// All files as one stream, from the first byte. Streams of the same files share their place, so that one must be
+    /// done before the next begins.
+    fn stream(&self) -> Result<Input> {
+        let files = self.captures.iter().zip(&self.files);
+        let files = files.map(|(path, file)| rewound(path, file));
+        let files = files.collect::<Result<Vec<File>>>()?;
+        Ok(BufReader::with_capacity(1 << 18, Chained::new(files)))
     }
 }
 
-/// Returns the format of raw samples, as named or as detected from the first bytes.
-///
-/// # Errors
-/// A file that cannot be read, that does not begin like the named format, or that is in none of the known formats.
-pub fn sample_format(captures: &[PathBuf], named: Option<CaptureFormat>) -> Result<SampleFormat> {
-    let first = captures
-        .first()
-        .ok_or_else(|| Error::input("no capture is named"))?;
-    if udp::address(&first.to_string_lossy()).is_some() {
-        return Ok(SampleFormat::Udp);
-    }
-    let mut start = Vec::new();
-    File::open(first)
-        .and_then(|file| file.take(16).read_to_end(&mut start))
-        .map_err(|e| Error::io(first, e))?;
-    let found = if start.starts_with(b"\x93NUMPY") {
-        Some(SampleFormat::Npy)
-    } else if starts_with_record(&start) {
-        Some(SampleFormat::Records)
-    } else if pcap::is_magic(&start) {
-        Some(SampleFormat::Pcap)
-    } else {
-        None
-    };
-    let unlike = |format: &str| Error::in_file(first, format!("does not begin like {format}"));
-    let format_reads = |read: &'static str| option("format").text(read);
-    match (named, found) {
-        (Some(CaptureFormat::Npy), Some(SampleFormat::Npy)) => Ok(SampleFormat::Npy),
-        (Some(CaptureFormat::Npy), _) => Err(unlike("an npy file")),
-        (Some(CaptureFormat::Format(RecordingFormat::Adc)), found) => match found {
-            Some(SampleFormat::Npy) => {
-                Err(unlike("raw words, but an npy file").with_hint(format_reads(" npy reads it")))
-            }
-            Some(SampleFormat::Records) => Ok(SampleFormat::Records),
-            _ => Ok(SampleFormat::Adc),
-        },
-        (Some(CaptureFormat::Format(RecordingFormat::Dca1000)), found) => match found {
-            Some(format @ (SampleFormat::Records | SampleFormat::Pcap)) => Ok(format),
-            _ => Err(
-                unlike("packets: neither pcap nor records").with_hint(format_reads(
-                    " adc reads adc_data.bin; udp:PORT listens to the card",
-                )),
-            ),
-        },
-        (Some(other), _) => Err(Error::input(
-            option("format").text(format!(" {}: not a format of raw samples", other.name())),
-        )
-        .with_hint("adc, dca1000 and npy are")),
-        (None, Some(format)) => Ok(format),
-        (None, None) => match first.extension().and_then(|e| e.to_str()) {
-            Some("bin") => Ok(SampleFormat::Adc),
-            _ => Err(Error::in_file(
-                first,
-                "neither npy nor pcap nor records of packets, and not named .bin",
-            )
-            .with_hint(format_reads(" adc reads any file as raw words"))),
-        },
-    }
+/// The same file at its first byte.
+fn rewound(path: &Path, file: &File) -> Result<File> {
+    let mut same = file.try_clone().map_err(|e| Error::io(path, e))?;
+    same.rewind().map_err(|e| Error::io(path, e))?;
+    Ok(same)
 }
 
 /// Frames of a recording of raw samples, in their order.
@@ -131,46 +112,32 @@ pub enum SampleFrames {
 /// Several files read as one stream.
 pub type Input = BufReader<Chained<File>>;
 
-fn open_files(captures: &[PathBuf]) -> Result<Input> {
-    let mut files = Vec::new();
-    for path in captures {
-        files.push(File::open(path).map_err(|e| Error::io(path, e))?);
-    }
-    Ok(BufReader::with_capacity(1 << 18, Chained::new(files)))
-}
-
 impl SampleFrames {
-    /// Opens a NumPy array whose axes are `axes`, or `frame,loop,tx,rx,sample` if `None`.
+    /// Begins to read a NumPy array whose axes are `axes`, or `frame,loop,tx,rx,sample` if `None`.
     ///
     /// # Errors
     /// A file that cannot be read, or an array that does not fit the radar.
-    pub fn open_npy(captures: &[PathBuf], radar: &RadarConfig, axes: Option<&str>) -> Result<Self> {
-        let [path] = captures else {
-            return Err(Error::input("npy arrays are read one at a time"));
-        };
-        Ok(Self::Npy(Box::new(NpyFrames::open(path, radar, axes)?)))
+    pub fn open_npy(files: &SampleFiles, radar: &RadarConfig, axes: Option<&str>) -> Result<Self> {
+        let frames = NpyFrames::open(files.one()?, files.path(), radar, axes)?;
+        Ok(Self::Npy(Box::new(frames)))
     }
 
-    /// Opens raw words or packets with a known layout.
+    /// Begins to read raw words or packets with a known layout.
     ///
     /// # Errors
     /// A file that cannot be read, an address that cannot be bound, or a layout that does not fit the shape.
-    pub fn open_raw(
-        format: SampleFormat,
-        captures: &[PathBuf],
-        shape: CubeShape,
-        layout: SampleLayout,
-    ) -> Result<Self> {
+    pub fn open_raw(files: &SampleFiles, shape: CubeShape, layout: SampleLayout) -> Result<Self> {
         let decoder = FrameDecoder::new(shape, layout)?;
-        Ok(match format {
-            SampleFormat::Adc => Self::Adc(AdcReader::new(open_files(captures)?, decoder)),
+        let captures = &files.captures;
+        Ok(match files.format {
+            SampleFormat::Adc => Self::Adc(AdcReader::new(files.stream()?, decoder)),
             SampleFormat::Records => {
-                let records = RecordReader::new(open_files(captures)?);
+                let records = RecordReader::new(files.stream()?);
                 Self::Records(PacketFrames::new(records, decoder)?)
             }
             SampleFormat::Pcap => {
                 only_one(captures)?;
-                let packets = PcapPackets::new(open_files(captures)?)?;
+                let packets = PcapPackets::new(files.stream()?)?;
                 Self::Pcap(PacketFrames::new(packets, decoder)?)
             }
             SampleFormat::Udp => {

@@ -23,7 +23,8 @@ use radarllm_formats::{
 
 use crate::{
     error::{Error, Result},
-    points::{MAX_FILE_BYTES, counts, detect_error, problems},
+    opened::{MAX_FILE_BYTES, Opened, detect_error},
+    points::{counts, problems},
     radar::{OpenedRadar, open_radar_text},
 };
 
@@ -95,10 +96,14 @@ fn pieces(path: &Path, format: RecordingFormat) -> Result<Vec<(u64, PathBuf)>> {
 }
 
 /// Reads `replay_N.json`: one file, or all of a folder.
-pub(crate) fn read_json(path: &Path, notes: &mut Vec<String>) -> Result<Visualized> {
+pub(crate) fn read_json(capture: &mut Opened, notes: &mut Vec<String>) -> Result<Visualized> {
+    let path = &capture.path().to_path_buf();
     let mut parts = Vec::new();
     for (number, file) in pieces(path, RecordingFormat::VisualizerJson)? {
-        let text = bounded::read_text(&file, MAX_FILE_BYTES)?;
+        let text = match file == *path {
+            true => capture.text()?,
+            false => bounded::read_text(&file, MAX_FILE_BYTES)?,
+        };
         let part = read_visualizer_json(&text).map_err(|e| Error::wrap_in_file(&file, e))?;
         parts.push((number, part));
     }
@@ -139,14 +144,19 @@ pub(crate) fn read_json(path: &Path, notes: &mut Vec<String>) -> Result<Visualiz
 
 /// Reads `pHistBytes_N.bin`: one file, or all of a folder.
 pub(crate) fn read_binary(
-    path: &Path,
+    capture: &mut Opened,
     dialect: Option<Dialect>,
     notes: &mut Vec<String>,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<RecordedFrame>> {
+    let path = &capture.path().to_path_buf();
     let mut pieces_read = Vec::new();
     for (number, file) in pieces(path, RecordingFormat::VisualizerBinary)? {
-        pieces_read.push((number, bounded::read_bytes(&file, MAX_FILE_BYTES)?));
+        let bytes = match file == *path {
+            true => capture.bytes()?,
+            false => bounded::read_bytes(&file, MAX_FILE_BYTES)?,
+        };
+        pieces_read.push((number, bytes));
     }
     let recording = read_visualizer_binary(pieces_read, dialect)
         .map_err(|e| Error::wrap_in_file(path, e).with_hint(option("dialect").text(" names it")))?;

@@ -5,7 +5,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use radarllm::{Clip, Error, Recording, Result};
-use radarllm_base::{Clutter, PointFrame, Provenance};
+use radarllm_base::{Clutter, PointFrame, Provenance, SourceInfo};
 use radarllm_io::live::{LiveEvent, LiveSource};
 use radarllm_monitor::liveness::Liveness;
 use radarllm_monitor::pipeline::{Arrival, StreamInfo};
@@ -59,6 +59,17 @@ enum Kind {
     Radar(Box<dyn LiveSource>),
 }
 
+/// What is known about a source, as the pipeline takes it.
+fn stream_of(source: SourceInfo) -> StreamInfo {
+    StreamInfo {
+        frame_period_s: source.frame_period_s,
+        radar_height_m: source.radar_height_m.into(),
+        radar: source.radar,
+        provenance: source.provenance,
+        clutter: source.clutter,
+    }
+}
+
 impl Input {
     fn new(name: &str, source: StreamInfo, kind: Kind) -> Self {
         let source_period_s = source.frame_period_s;
@@ -107,23 +118,13 @@ impl Input {
     }
 
     /// A running radar.
-    ///
-    /// # Errors
-    /// A provenance that is none.
-    pub fn radar(name: &str, source: Box<dyn LiveSource>) -> Result<Self> {
+    pub fn radar(name: &str, source: Box<dyn LiveSource>) -> Self {
         let notes = source.notes().to_vec();
-        let about = source.about();
-        let stream = StreamInfo {
-            frame_period_s: about.frame_period_s,
-            radar_height_m: about.radar_height_m.into(),
-            radar: about.radar,
-            provenance: about.provenance.parse().map_err(Error::wrap)?,
-            clutter: about.clutter,
-        };
-        Ok(Self {
+        let stream = stream_of(source.about());
+        Self {
             notes,
             ..Self::new(name, stream, Kind::Radar(source))
-        })
+        }
     }
 
     /// A recording, which is replayed.
@@ -142,13 +143,7 @@ impl Input {
                 "the speed must be 0.01 to 1000 or `max`, found {times}"
             )));
         }
-        let stream = StreamInfo {
-            frame_period_s: 1.0 / clip.frame_rate_hz,
-            radar_height_m: clip.radar_height_m.into(),
-            radar: clip.radar.clone(),
-            provenance: clip.provenance.clone(),
-            clutter: clip.clutter,
-        };
+        let stream = stream_of(clip.source_info());
         let kind = Kind::Replay {
             clip,
             speed,

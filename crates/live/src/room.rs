@@ -7,7 +7,7 @@
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 
-use radarllm::{Error, Result, SimulateOptions, radar_dsp::DspOptions, radar_sim};
+use radarllm::{Error, Result, SimulateOptions, radar_sim};
 use radarllm_base::{RadarConfig, RadarPoint, seed};
 use radarllm_io::open_radar;
 use radarllm_synth::{
@@ -83,10 +83,7 @@ impl Room {
         Ok(Self {
             radar: opened.config,
             radar_name: options.radar.clone(),
-            simulation: SimulateOptions {
-                processing: DspOptions::default(),
-                ..SimulateOptions::default()
-            },
+            simulation: SimulateOptions::default(),
             options: options.clone(),
         })
     }
@@ -117,7 +114,7 @@ impl Room {
     /// Simulates until nobody receives any more.
     fn simulate(&self, sender: &SyncSender<Vec<RadarPoint>>) -> Result {
         let simulation = &self.simulation;
-        let processing = simulation.processing.clone();
+        let processing = simulation.processing.clone().unwrap_or_default();
         let mut synthesizer = Synthesizer::new(&self.radar, simulation.method, processing)?;
         let mut script = Script::new(&self.options);
         loop {

@@ -6,7 +6,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use radarllm::{Captioner, Clutter, DEFAULT_RADAR, Provenance};
-use radarllm_io::live::{LiveAbout, LiveCounts, LiveEvent, LiveSource};
+use radarllm_base::SourceInfo;
+use radarllm_io::live::{LiveCounts, LiveEvent, LiveSource};
 use radarllm_live::local_time::now_ms;
 use radarllm_live::{Input, Live, LiveOptions, Speed, http};
 use radarllm_memory::store::ActivityQuery;
@@ -164,13 +165,13 @@ impl LiveSource for Faulty {
         panic!("wanted")
     }
 
-    fn about(&self) -> LiveAbout {
-        LiveAbout {
+    fn about(&self) -> SourceInfo {
+        SourceInfo {
             frame_period_s: 0.1,
             radar: DEFAULT_RADAR.into(),
             radar_height_m: 1.0,
             clutter: Clutter::Settled,
-            provenance: Provenance::simulated("faulty", 0).to_string(),
+            provenance: Provenance::simulated("faulty", 0),
         }
     }
 
@@ -181,7 +182,7 @@ impl LiveSource for Faulty {
 
 #[test]
 fn a_panic_of_a_thread_ends_the_radar_and_reaches_the_caller() {
-    let input = Input::radar("faulty", Box::new(Faulty)).unwrap();
+    let input = Input::radar("faulty", Box::new(Faulty));
     let live = Live::start(input, Captioner::bundled().unwrap(), options(None)).unwrap();
     wait_until("the radar ends", || live.is_over());
     let stopped = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| live.stop()));

@@ -19,8 +19,8 @@ use radarllm_nn::tokenizer::{ReferenceTokenizer, pack};
 const RUNS: usize = 9;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let config =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/default/tokenizer/config.json");
+    let config = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../model-default/weights/tokenizer/config.json");
     let file: TokenizerFile = serde_json::from_str(&std::fs::read_to_string(config)?)?;
     for (name, config, n_clips) in [
         ("default model", file.model, 16),

@@ -1,13 +1,11 @@
 //! The training implementation of the networks as a backend for the captioner of `radarllm-inference`.
 
-use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use radarllm_base::PointFrame;
-use radarllm_inference::Captioner;
-use radarllm_inference::backend::{Backend, check_pair};
+use radarllm_inference::backend::{Backend, EngineBackend, check_pair};
 use radarllm_inference::checkpoint::Checkpoint;
-use radarllm_inference::lm::ensemble::member_folders;
+use radarllm_inference::lm::ensemble::Member;
 use radarllm_inference::lm::generate::{decode, draw, score};
 use radarllm_inference::lm::{
     GenerateOptions, Generated, Learned, LmError, LmFiles, Precision, Source, Vocab, Watch,
@@ -100,58 +98,43 @@ impl Backend for ReferenceBackend {
     }
 }
 
-/// Loads `dir/tokenizer` and `dir/lm`, and the further members of an ensemble, with the training implementation; see [`Captioner::load`] for the engine.
+/// Loads a member on the networks as they are trained, which compute in f32 whatever the precision. It is the
+/// [`LoadBackend`](radarllm_inference::backend::LoadBackend) of this implementation.
 ///
 /// # Errors
-/// If either is missing or damaged, or if they do not fit together.
-pub fn load_reference_captioner(dir: &Path) -> Result<Captioner, LmError> {
-    let load = |dir: &Path| {
-        let open = |part: &str| Checkpoint::open(&dir.join(part));
-        reference_captioner(&open("tokenizer")?, open("lm")?)
-    };
-    let mut captioner = load(dir)?;
-    for folder in &member_folders(dir)[1..] {
-        captioner = captioner.join(load(folder)?);
-    }
-    Ok(captioner)
+/// If a file is missing or damaged, or if the networks do not fit together.
+pub fn load_reference(member: Member, _: Precision) -> Result<Box<dyn Backend>, LmError> {
+    let lm = read_files(member.lm)?;
+    let backend = ReferenceBackend::from_checkpoints(&member.tokenizer, lm)?;
+    Ok(Box::new(backend))
 }
 
-/// As [`load_reference_captioner`], from opened checkpoints.
+/// Loads a member of any architecture: on the inference engine if the engine supports the language model, and otherwise
+/// as [`load_reference`].
 ///
 /// # Errors
-/// As [`load_reference_captioner`].
-pub fn reference_captioner(tokenizer: &Checkpoint, lm: Checkpoint) -> Result<Captioner, LmError> {
-    let backend = ReferenceBackend::from_checkpoints(tokenizer, read_files(lm)?)?;
-    Ok(Captioner::new(Box::new(backend)))
-}
-
-/// A captioner for any checkpoint. It uses the inference engine if the engine supports the language model, and
-/// otherwise the training implementation of the networks, which computes in f32.
-///
-/// # Errors
-/// As [`Captioner::from_checkpoints`]; [`LmError::NotT5`] for a decoder-only network and [`Precision::Int8`].
-pub fn captioner_from_checkpoints(
-    tokenizer: &Checkpoint,
-    lm: Checkpoint,
-    precision: Precision,
-) -> Result<Captioner, LmError> {
-    let files = read_files(lm)?;
-    if precision == Precision::F32 && !files.is_t5() {
-        let backend = ReferenceBackend::from_checkpoints(tokenizer, files)?;
-        return Ok(Captioner::new(Box::new(backend)));
+/// As [`EngineBackend::from_files`]; [`LmError::NotT5`] for a decoder-only network and [`Precision::Int8`].
+pub fn load_any(member: Member, precision: Precision) -> Result<Box<dyn Backend>, LmError> {
+    let lm = read_files(member.lm)?;
+    if precision == Precision::F32 && !lm.is_t5() {
+        let backend = ReferenceBackend::from_checkpoints(&member.tokenizer, lm)?;
+        return Ok(Box::new(backend));
     }
-    Captioner::from_files(tokenizer, files, precision)
+    let backend = EngineBackend::from_files(&member.tokenizer, lm, precision)?;
+    Ok(Box::new(backend))
 }
 
 #[cfg(test)]
 mod tests {
     use std::ops::ControlFlow;
+    use std::path::Path;
 
     use radarllm_base::{Clip, Clutter, Provenance, RadarPoint};
     use radarllm_inference::lm::captioner::{NO_PERSON, actions};
+    use radarllm_inference::lm::ensemble::open_members;
     use radarllm_inference::lm::{Abstained, DescribeOptions, Description, LmPreset, templates};
     use radarllm_inference::tokenizer::TokenizerConfig;
-    use radarllm_inference::{EngineBackend, PrepareError};
+    use radarllm_inference::{Captioner, PrepareError, PreparedClip};
 
     use super::*;
     use crate::tokenizer::network::TokenizerNet;
@@ -203,8 +186,12 @@ mod tests {
 
     fn describe(captioner: &Captioner, clip: &Clip) -> Description {
         captioner
-            .describe(clip, &DescribeOptions::default())
+            .describe(&prepared(clip), &DescribeOptions::default())
             .unwrap()
+    }
+
+    fn prepared(clip: &Clip) -> PreparedClip<'_> {
+        PreparedClip::of(clip).unwrap()
     }
 
     fn frames(n: usize, n_points: usize) -> Vec<PointFrame> {
@@ -262,7 +249,8 @@ mod tests {
     fn long_recordings_are_described_window_by_window() {
         let captioner = captioner();
         let clips = [clip(40, 20), clip(200, 20), clip(3, 20)];
-        let batch: Vec<&Clip> = clips.iter().collect();
+        let batch: Vec<PreparedClip> = clips.iter().map(prepared).collect();
+        let batch: Vec<&PreparedClip> = batch.iter().collect();
         let options = DescribeOptions::default();
         let together = captioner.describe_batch(&batch, &options).unwrap();
         assert_eq!(
@@ -292,7 +280,8 @@ mod tests {
             beam: Some(2),
             ..Default::default()
         };
-        let describe = |captioner: Captioner| captioner.describe(&clip, &options).unwrap();
+        let prepared = prepared(&clip);
+        let describe = |captioner: Captioner| captioner.describe(&prepared, &options).unwrap();
         let f32 = describe(on_engine(config.clone(), &net, Precision::F32));
         let int8 = describe(on_engine(config.clone(), &net, Precision::Int8));
         let tokenizer = ReferenceTokenizer::new(config, &net);
@@ -322,6 +311,7 @@ mod tests {
             .chain((0..100).map(|n| format!("a person {}", "walks ".repeat(n % 7))))
             .collect();
         let options = DescribeOptions::default();
+        let clip = prepared(&clip);
         let a = engine.score_texts(&clip, &texts, &options).unwrap();
         let b = training.score_texts(&clip, &texts, &options).unwrap();
         assert_eq!((a.len(), a[0].len()), (1, texts.len()));
@@ -336,10 +326,11 @@ mod tests {
     /// The model that is included in the repository, loaded from its folder by every decoder.
     #[test]
     fn folders_load_for_every_decoder() {
-        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/default");
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../model-default/weights");
         let clip = clip(60, 40);
         let f32 = Captioner::load(&dir, Precision::F32).unwrap();
-        let training = load_reference_captioner(&dir).unwrap();
+        let members = open_members(&dir).unwrap();
+        let training = Captioner::from_members(members, Precision::F32, load_reference).unwrap();
         assert_eq!(f32.n_params(), training.n_params());
         let searching = DescribeOptions {
             beam: Some(1),
@@ -349,7 +340,8 @@ mod tests {
         let (a, b) = (describe(&f32, &clip), describe(&training, &clip));
         assert_eq!(actions(&a.caption), actions(&b.caption));
         assert!((a.confidence - b.confidence).abs() < 0.1);
-        let [f32, training] = [f32, training].map(|c| c.describe(&clip, &searching).unwrap());
+        let [f32, training] =
+            [f32, training].map(|c| c.describe(&prepared(&clip), &searching).unwrap());
         assert_eq!(
             (&f32.caption, &f32.tokens),
             (&training.caption, &training.tokens)
@@ -361,15 +353,14 @@ mod tests {
     fn values_that_are_not_numbers_are_errors() {
         let mut clip = clip(20, 20);
         clip.frames[3].points[0].x_m = f32::NAN;
-        let error = captioner().describe(&clip, &DescribeOptions::default());
         let expected = PrepareError::NotFinite { frame: 3, point: 0 };
-        assert!(matches!(error, Err(LmError::Clip(e)) if e == expected));
+        assert_eq!(PreparedClip::of(&clip), Err(expected));
     }
 
     /// Clips at another rate, or full of clutter, give the same description as clips that were prepared beforehand.
     #[test]
     fn clips_are_prepared_before_they_are_described() {
-        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/default");
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../model-default/weights");
         let captioner = Captioner::load(&dir, Precision::F32).unwrap();
         let mut raw = clip(120, 40);
         raw.frame_rate_hz = 20.0;
@@ -379,23 +370,26 @@ mod tests {
                 .iter_mut()
                 .for_each(|p| p.velocity_mps = 0.0);
         }
-        let prepared = radarllm_inference::prepare_for_model(raw.clone(), &Default::default());
-        let prepared = prepared.unwrap();
-        assert!(prepared.removed_static.is_some() && prepared.resampled_from_hz.is_some());
+        let changed = radarllm_inference::prepare_for_model(raw.clone(), &Default::default());
+        let changed = changed.unwrap();
+        assert!(changed.removed_static.is_some() && changed.resampled_from_hz.is_some());
         let options = DescribeOptions::default();
-        let expected = describe(&captioner, &prepared.clip);
+        let expected = describe(&captioner, &changed.clip);
         assert_eq!(describe(&captioner, &raw), expected);
-        let together = captioner.describe_batch(&[&raw, &prepared.clip], &options);
+        let together = captioner.describe_batch(&[&prepared(&raw), &changed.clip], &options);
         assert_eq!(together.unwrap(), [expected.clone(), expected.clone()]);
-        assert_eq!(captioner.tokenize(&raw).unwrap(), expected.tokens);
+        assert_eq!(
+            captioner.tokenize(&prepared(&raw)).unwrap(),
+            expected.tokens
+        );
         raw.clutter = Clutter::Settled;
-        let kept = captioner.describe(&raw, &options).unwrap();
+        let kept = captioner.describe(&prepared(&raw), &options).unwrap();
         assert_ne!(kept.tokens, expected.tokens);
     }
 
     #[test]
     fn a_streamed_caption_is_the_caption_and_can_be_stopped() {
-        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/default");
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../model-default/weights");
         let engine = Captioner::load(&dir, Precision::F32).unwrap();
         let member = Captioner::load(&dir.join("member-2"), Precision::F32).unwrap();
         assert!(engine.n_params() > member.n_params());
@@ -407,7 +401,7 @@ mod tests {
             .iter_mut()
             .for_each(|f| f.points.clear());
         let described = engine
-            .describe(&leaves, &DescribeOptions::default())
+            .describe(&prepared(&leaves), &DescribeOptions::default())
             .unwrap();
         assert_eq!(described.windows, 2);
         for (engine, beam) in [(&engine, 1), (&member, 1), (&member, 3)] {
@@ -417,6 +411,7 @@ mod tests {
                 ..Default::default()
             };
             for clip in [&clip(60, 40), &long, &leaves, &clip(3, 3)] {
+                let clip = &prepared(clip);
                 let mut pieces = Vec::new();
                 let streamed = engine.describe_streaming(clip, &options, |piece| {
                     pieces.push(piece.to_string());

@@ -9,7 +9,7 @@
 //! |---|---|
 //! | points to codes, training implementation | [`tokenizer::network`], [`tokenizer::ReferenceTokenizer`] |
 //! | codes to words, training implementation | [`lm::RadarLm`] |
-//! | a captioner on these networks | [`ReferenceBackend`], [`load_reference_captioner`] |
+//! | a captioner on these networks | [`ReferenceBackend`], [`load_reference`], [`load_any`] |
 //! | the teacher of the radar tokenizer | [`motion_vqvae`] |
 //! | GPT-2, Qwen2, BERT, LoRA adapters | [`pretrained`] |
 //! | CPU, GPU, several GPUs | [`device`] |
@@ -27,7 +27,5 @@ pub mod precision;
 pub mod pretrained;
 pub mod tokenizer;
 
-pub use backend::{
-    ReferenceBackend, captioner_from_checkpoints, load_reference_captioner, reference_captioner,
-};
+pub use backend::{ReferenceBackend, load_any, load_reference};
 pub use burn::tensor::Device;

@@ -10,11 +10,7 @@ use pyo3::{prelude::*, types::PyDict};
 use radarllm::{
     CaptureOptions, Error, Recording, Result, SampleRecording,
     inference::PrepareOptions,
-    io::{
-        RecordingKind, SampleFormat,
-        recording::{read_points_file, read_recorded_points},
-        recording_kind, udp,
-    },
+    io::{Opened, RecordingKind, SampleFormat, read_opened, udp},
 };
 use radarllm_base::{RadarCube, message::option};
 use serde_json::json;
@@ -38,15 +34,14 @@ pub struct PyCapture(Mutex<State>);
 
 /// What a capture is doing. Work takes it out: a lock that is held without the interpreter's own could block both.
 enum State {
-    Open(Box<Opened>),
+    Open(Box<Reading>),
     Busy,
     Closed,
 }
 
-struct Opened {
-    inputs: Vec<PathBuf>,
+struct Reading {
+    capture: Opened,
     options: CaptureOptions,
-    kind: RecordingKind,
     /// Raw samples that are open.
     samples: Option<SampleRecording>,
     /// Frames that were taken from them.
@@ -55,7 +50,7 @@ struct Opened {
     notes: Vec<String>,
 }
 
-impl Opened {
+impl Reading {
     fn new(
         inputs: Vec<PathBuf>,
         mut options: CaptureOptions,
@@ -65,12 +60,11 @@ impl Opened {
             let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
             return Err(Error::io(path, missing));
         }
-        let kind = recording_kind(&inputs, &options)?;
+        let capture = Opened::open(&inputs, &options)?;
         set_chain(&mut options, chain)?;
         let mut opened = Self {
-            inputs,
+            capture,
             options,
-            kind,
             samples: None,
             n_taken: 0,
             report: serde_json::Value::Null,
@@ -82,12 +76,12 @@ impl Opened {
 
     /// Opens raw samples, at their first frame.
     fn open_samples(&mut self) -> Result {
-        let RecordingKind::Samples(format) = self.kind else {
+        let RecordingKind::Samples(format) = *self.capture.kind() else {
             return Ok(());
         };
         // Before it is opened again: a port cannot be bound twice.
         self.samples = None;
-        let samples = SampleRecording::open(&self.inputs, format, &self.options)?;
+        let samples = SampleRecording::open(self.take_capture(), &self.options)?;
         self.report = json!({ "format": format.name(), "radar": samples.radar().config.name });
         self.notes = samples.notes();
         self.samples = Some(samples);
@@ -95,8 +89,14 @@ impl Opened {
         Ok(())
     }
 
+    /// The capture for one reading; it is opened again for the next one.
+    fn take_capture(&mut self) -> Opened {
+        let again = self.capture.again();
+        std::mem::replace(&mut self.capture, again)
+    }
+
     fn is_running(&self) -> bool {
-        self.kind == RecordingKind::Samples(SampleFormat::Udp)
+        *self.capture.kind() == RecordingKind::Samples(SampleFormat::Udp)
     }
 
     fn restart(&mut self) -> Result {
@@ -133,19 +133,9 @@ impl Opened {
         let prepare = PrepareOptions {
             motion_compensate: self.options.points.motion_compensate,
         };
-        let format = match &self.kind {
-            RecordingKind::Samples(format) => *format,
-            RecordingKind::Points(detected) => {
-                let read = read_recorded_points(&self.inputs, detected, &self.options)?;
-                return Ok(self.take_points(read, prepare));
-            }
-            RecordingKind::PointsFile => {
-                let [path] = &self.inputs[..] else {
-                    return Err(Error::input("points files are read one at a time"));
-                };
-                let read = read_points_file(path, &self.options)?;
-                return Ok(self.take_points(read, prepare));
-            }
+        let RecordingKind::Samples(format) = *self.capture.kind() else {
+            let read = read_opened(self.take_capture(), &self.options)?;
+            return Ok(self.take_points(read, prepare));
         };
         self.restart()?;
         let Some(mut samples) = self.samples.take() else {
@@ -213,7 +203,7 @@ impl PyCapture {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn take(&self) -> PyResult<Box<Opened>> {
+    fn take(&self) -> PyResult<Box<Reading>> {
         let mut state = self.lock();
         match std::mem::replace(&mut *state, State::Busy) {
             State::Open(opened) => Ok(opened),
@@ -232,7 +222,7 @@ impl PyCapture {
     fn with<T: Send>(
         &self,
         py: Python<'_>,
-        work: impl FnOnce(&mut Opened, &Stop) -> Result<T> + Send,
+        work: impl FnOnce(&mut Reading, &Stop) -> Result<T> + Send,
     ) -> PyResult<T> {
         let mut opened = self.take()?;
         let outcome = work::run(py, |stop| Ok(work(&mut opened, stop)));
@@ -257,7 +247,7 @@ impl PyCapture {
         keywords: CaptureKeywords,
     ) -> PyResult<Self> {
         let options = keywords.options().map_err(errors::to_py)?;
-        let opened = work::run(py, |_| Opened::new(inputs, options, processing.as_deref()))?;
+        let opened = work::run(py, |_| Reading::new(inputs, options, processing.as_deref()))?;
         Ok(Self(Mutex::new(State::Open(Box::new(opened)))))
     }
 
@@ -351,7 +341,11 @@ impl PyCapture {
     fn __repr__(&self) -> String {
         match &*self.lock() {
             State::Open(opened) => {
-                let names = opened.inputs.iter().map(|p| p.display().to_string());
+                let names = opened
+                    .capture
+                    .captures()
+                    .iter()
+                    .map(|p| p.display().to_string());
                 format!("Capture({})", names.collect::<Vec<_>>().join(", "))
             }
             State::Busy => "Capture(in use)".into(),

@@ -5,7 +5,8 @@ use std::{path::PathBuf, sync::Arc, time::Instant};
 use numpy::PyArray1;
 use pyo3::{IntoPyObjectExt, prelude::*, types::PyDict};
 use radarllm::{
-    Captioner, Choices, DescribeOptions, Description, Error, Precision, Recording, Result, Segment,
+    Captioner, Choices, DescribeOptions, Description, Error, Model, ModelFiles, ModelOptions,
+    Precision, Recording, Result, Segment,
 };
 use rayon::prelude::*;
 
@@ -102,14 +103,16 @@ impl PyModel {
             Some(MemoryArgument::File(path)) => Some(memory::load(&path).map_err(errors::to_py)?),
         };
         work::run(py, |_| {
-            let mut captioner = match &folder {
-                None => Captioner::bundled_with(precision)?,
-                Some(folder) if !folder.exists() => {
-                    let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
-                    return Err(Error::io(folder, missing));
-                }
-                Some(folder) => Captioner::load(folder, precision)?,
+            if let Some(folder) = folder.as_deref().filter(|folder| !folder.exists()) {
+                let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
+                return Err(Error::io(folder, missing));
+            }
+            let options = ModelOptions {
+                precision,
+                ..ModelOptions::default()
             };
+            let model = Model::load(ModelFiles::of(folder.as_deref()), &options)?;
+            let mut captioner = Captioner::new(model);
             let mut notes = Vec::new();
             if let Some(names) = &choose {
                 let choices = Choices::new(names.iter().map(String::as_str))?;
@@ -130,7 +133,7 @@ impl PyModel {
         })
     }
 
-    /// Name in reports: the folder, or "default (embedded)".
+    /// Name in reports: the folder, or "default (embedded)"; with ", int8" after it for that precision.
     #[getter]
     fn name(&self) -> &str {
         self.captioner.name()
@@ -177,7 +180,8 @@ impl PyModel {
     ) -> PyResult<Bound<'py, PyAny>> {
         let tokens = self.each(py, &points, threads, |recording| {
             let clip = recording.prepared()?.clip;
-            self.captioner.model().tokenize(&clip).map_err(Error::wrap)
+            let networks = self.captioner.model().networks();
+            networks.tokenize(&clip).map_err(Error::wrap)
         })?;
         let arrays = tokens
             .into_iter()
@@ -233,7 +237,7 @@ impl Sentence {
     ) -> Result<Self> {
         let clip = recording.prepared()?.clip;
         let started = Instant::now();
-        let described = captioner.describe_with(&clip, options)?;
+        let described = captioner.describe_prepared(&clip, options)?;
         Ok(Self {
             described,
             model: captioner.name().into(),

@@ -5,8 +5,10 @@ use std::path::{Path, PathBuf};
 use pyo3::prelude::*;
 use radarllm::{
     CaptureFormat, CaptureOptions, CleaningOptions, DEFAULT_RADAR, Error, IqChoice, LayoutOptions,
-    OpenedRadar, PointOptions, Result, io::CellOptions, open_radar,
-    synth::processing::ProcessingFile,
+    OpenedRadar, PointOptions, Result,
+    io::CellOptions,
+    open_radar,
+    synth::{objects::ObjectsFile, processing::ProcessingFile},
 };
 use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
 use radarllm_formats::{Mounting, recordings::Axes, uart::Dialect};
@@ -39,6 +41,20 @@ pub fn processing(path: &Path) -> Result<ProcessingFile> {
     ProcessingFile::from_toml(&text).map_err(|e| {
         Error::wrap_in_file(path, e)
             .with_hint("docs/reference/scenes.md lists the fields of [processing]")
+    })
+}
+
+/// What stands still around a simulated target: "none", "furnished", or a file with a table `[objects]`.
+pub fn objects(name_or_file: &Path) -> Result<ObjectsFile> {
+    match name_or_file.to_str() {
+        Some("none") => return Ok(ObjectsFile::none()),
+        Some("furnished") => return Ok(ObjectsFile::furnished()),
+        _ => {}
+    }
+    let text = bounded::read_text(name_or_file, MAX_CONFIG_BYTES)?;
+    ObjectsFile::from_toml(&text).map_err(|e| {
+        Error::wrap_in_file(name_or_file, e)
+            .with_hint("docs/guides/dataset.md lists the fields of [objects]")
     })
 }
 

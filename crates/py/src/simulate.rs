@@ -5,8 +5,8 @@ use std::{path::PathBuf, sync::Mutex};
 use numpy::{Complex32, PyArray1, PyArray4, PyArrayMethods};
 use pyo3::prelude::*;
 use radarllm::{
-    Recording, SimulateOptions, SimulatedCubes, inference::PrepareOptions, simulate_cubes,
-    simulate_motion_until,
+    Recording, SimulateOptions, SimulatedCubes, TiFirmware, inference::PrepareOptions,
+    simulate_cubes, simulate_motion_until,
 };
 use radarllm_base::RadarCube;
 
@@ -20,11 +20,16 @@ use crate::{
 
 /// Simulates a motion before a radar.
 ///
-/// `input` is a built-in motion ("builtin:walk?direction=backward"; `radarllm motion list` names them) or a motion file:
-/// BVH, AMC with its ASF, AMASS npz, HumanML3D npy. The person starts `distance_m` (m) before the radar, which is
+/// `input` is a built-in motion ("builtin:walk?direction=backward"; `radarllm motion list` names them), a motion file
+/// (BVH, AMC with its ASF, AMASS npz, HumanML3D npy), or a scene file (.toml). The person starts `distance_m` (m) before the radar, which is
 /// `radar_height_m` (m) above the floor. `seed` determines the noise and the variations of a built-in motion; with
 /// `own_noise` the noise is drawn from the seed and the name of the input, as the command `radarllm simulate` does.
 /// `processing` is a TOML file with a table `[processing]`. The result does not depend on `threads`.
+///
+/// `firmware` is the signal chain of the board's own firmware, as the radar's TI .cfg sets it up: "out-of-box" or
+/// "people-tracking". `body` is a user's own SMPL-X .npz, which performs the motion instead of the built-in body.
+/// `objects` is what stands still around the person: "none", "furnished" or a TOML file with a table `[objects]`; if None,
+/// furniture before firmware that reports it and nothing otherwise.
 ///
 /// Returns `Points`; with `emit="cubes"` an iterator of raw samples, a complex64 array [loop, tx, rx, sample] for each
 /// frame, in the square root of watts.
@@ -33,7 +38,7 @@ use crate::{
 /// >>> points.radar, points.frame_rate_hz, points.source
 /// ('awr1843boost', 10.0, 'simulated:builtin:walk?direction=backward')
 #[pyfunction]
-#[pyo3(signature = (input, *, radar=None, seed=1, distance_m=3.0, radar_height_m=1.0, own_noise=false, processing=None, emit="points", threads=None))]
+#[pyo3(signature = (input, *, radar=None, seed=1, distance_m=3.0, radar_height_m=1.0, own_noise=false, processing=None, firmware=None, body=None, objects=None, emit="points", threads=None))]
 #[expect(clippy::too_many_arguments, reason = "all are keywords of Python")]
 pub fn simulate<'py>(
     py: Python<'py>,
@@ -44,10 +49,17 @@ pub fn simulate<'py>(
     radar_height_m: f32,
     own_noise: bool,
     processing: Option<PathBuf>,
+    firmware: Option<&str>,
+    body: Option<PathBuf>,
+    objects: Option<PathBuf>,
     emit: &str,
     threads: Option<usize>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let radar = options::radar_or_default(radar)?.config;
+    let radar = options::radar_or_default(radar)?;
+    let firmware = firmware.map(|name| TiFirmware::from_name(name, &radar));
+    let firmware = firmware.transpose().map_err(errors::to_py)?;
+    let radar = radar.config;
+    let objects = objects.as_deref().map(options::objects);
     for (name, value) in [
         ("distance_m", distance_m),
         ("radar_height_m", radar_height_m),
@@ -64,10 +76,13 @@ pub fn simulate<'py>(
         distance_m,
         radar_height_m,
         own_noise,
+        firmware,
+        body,
+        objects: objects.transpose().map_err(errors::to_py)?,
         ..SimulateOptions::default()
     };
     if let Some(path) = processing {
-        simulation.processing = processing_of(&path, &radar)?;
+        simulation.processing = Some(processing_of(&path, &radar)?);
     }
     match emit {
         "points" => {

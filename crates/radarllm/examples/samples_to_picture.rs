@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release -p radarllm --example samples_to_picture -- SAMPLES.npy RADAR OUT.svg`
 
-use radarllm::{CaptureOptions, Error, SampleRecording, io::SampleFormat, open_radar, render};
+use radarllm::{CaptureOptions, Error, SampleRecording, io::Opened, open_radar, render};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
@@ -13,7 +13,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         radar: Some(open_radar(radar)?),
         ..CaptureOptions::default()
     };
-    let mut recording = SampleRecording::open(&[samples.into()], SampleFormat::Npy, &options)?;
+    let mut recording =
+        SampleRecording::open(Opened::open(&[samples.into()], &options)?, &options)?;
     // The closure sees every cube of samples with its points.
     let extracted = recording.extract_points(|_, cube, frame| {
         println!("{:.1} s: {} points", cube.time_s, frame.points.len());

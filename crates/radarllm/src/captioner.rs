@@ -1,17 +1,14 @@
 //! The captioner: a clip in, a sentence out.
 
-use std::path::Path;
-
-use radarllm_base::{Clip, message::option};
-use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
-use radarllm_inference::{DescribeOptions, Description, Precision, prepare::prepared};
+use radarllm_base::Clip;
+use radarllm_inference::{DescribeOptions, Description, PreparedClip};
 use radarllm_io::{Error, Result};
 
 use radarllm_teach::{Memory, Recogniser};
 
-use crate::{Choices, RecordedConfidence, bundled, insert_taught};
+use crate::{Choices, Model, insert_taught};
 
-/// Describes clips with a trained model.
+/// Describes clips with a [`Model`], and with what its user adds: taught activities, or activities to choose among.
 ///
 /// ```
 /// let captioner = radarllm::Captioner::bundled()?;
@@ -21,81 +18,27 @@ use crate::{Choices, RecordedConfidence, bundled, insert_taught};
 /// # Ok::<(), radarllm::Error>(())
 /// ```
 pub struct Captioner {
-    model: radarllm_inference::Captioner,
-    name: String,
+    model: Model,
     recogniser: Option<Recogniser>,
     choices: Option<Choices>,
-    confidence: Option<RecordedConfidence>,
 }
 
 impl Captioner {
-    /// The model that comes with the library, with 32-bit weights.
+    /// A captioner of a model.
+    pub fn new(model: Model) -> Self {
+        Self {
+            model,
+            recogniser: None,
+            choices: None,
+        }
+    }
+
+    /// A captioner of [`Model::bundled`].
     ///
     /// # Errors
     /// If the library was built without it.
     pub fn bundled() -> Result<Self> {
-        Self::bundled_with(Precision::F32)
-    }
-
-    /// The model that comes with the library.
-    ///
-    /// # Errors
-    /// If the library was built without it.
-    pub fn bundled_with(precision: Precision) -> Result<Self> {
-        let model = Self::new(bundled::load(precision)?, bundled::NAME.into());
-        model.with_confidence_of(None)
-    }
-
-    /// A model folder made by training.
-    ///
-    /// # Errors
-    /// A folder that is incomplete or damaged.
-    pub fn load(folder: &Path, precision: Precision) -> Result<Self> {
-        let model = radarllm_inference::Captioner::load(folder, precision).map_err(|e| {
-            Error::wrap_in_file(folder, e)
-                .with_hint(option("model").text(" wants a folder made by `radarllm train all`"))
-        })?;
-        Self::new(model, folder.display().to_string()).with_confidence_of(Some(folder))
-    }
-
-    /// The captioner with the calibrated confidence of a model folder, or of the bundled model, if it has one
-    /// ([`RecordedConfidence::FILE`]).
-    ///
-    /// # Errors
-    /// A damaged file.
-    pub fn with_confidence_of(mut self, folder: Option<&Path>) -> Result<Self> {
-        let read = |folder: &Path| -> Result<Option<String>> {
-            let path = folder.join(RecordedConfidence::FILE);
-            match path.exists() {
-                true => bounded::read_text(&path, MAX_CONFIG_BYTES)
-                    .map(Some)
-                    .map_err(|e| Error::wrap_in_file(&path, e)),
-                false => Ok(None),
-            }
-        };
-        let text = match folder {
-            Some(folder) => read(folder)?,
-            None => bundled::file(RecordedConfidence::FILE)
-                .map(|bytes| String::from_utf8_lossy(bytes).into_owned()),
-        };
-        let path = folder.unwrap_or(Path::new("models/default"));
-        let parse = |text: &String| {
-            RecordedConfidence::from_toml(text)
-                .map_err(|e| Error::wrap_in_file(&path.join(RecordedConfidence::FILE), e))
-        };
-        self.confidence = text.as_ref().map(parse).transpose()?;
-        Ok(self)
-    }
-
-    /// A captioner of any backend, with its name for reports.
-    pub fn new(model: radarllm_inference::Captioner, name: String) -> Self {
-        Self {
-            model,
-            name,
-            recogniser: None,
-            choices: None,
-            confidence: None,
-        }
+        Ok(Self::new(Model::bundled()?))
     }
 
     /// The captioner with taught activities: where one is recognised, its own sentence is used.
@@ -115,13 +58,13 @@ impl Captioner {
         }
     }
 
-    /// Name of the model in reports: its folder, or `default (embedded)`.
+    /// Name of the model in reports; see [`Model::name`].
     pub fn name(&self) -> &str {
-        &self.name
+        self.model.name()
     }
 
-    /// The captioner below, which describes batches and tokenizes.
-    pub fn model(&self) -> &radarllm_inference::Captioner {
+    /// The model, whose networks also describe batches and tokenize.
+    pub fn model(&self) -> &Model {
         &self.model
     }
 
@@ -139,15 +82,28 @@ impl Captioner {
     /// # Errors
     /// As [`Self::describe`].
     pub fn describe_with(&self, clip: &Clip, options: &DescribeOptions) -> Result<Description> {
-        let clip = prepared(clip).map_err(Error::wrap)?;
-        let mut description = self.model.describe(&clip, options).map_err(Error::wrap)?;
-        match (&self.choices, &self.confidence) {
-            (Some(choices), _) => self.choose(&clip, choices, options, &mut description)?,
-            (None, Some(confidence)) => confidence.apply(&clip, &mut description),
+        let clip = PreparedClip::of(clip).map_err(Error::wrap)?;
+        self.describe_prepared(&clip, options)
+    }
+
+    /// Describes a clip that is prepared already, by [`crate::Recording::prepared`] for example.
+    ///
+    /// # Errors
+    /// What the networks refuse.
+    pub fn describe_prepared(
+        &self,
+        clip: &PreparedClip,
+        options: &DescribeOptions,
+    ) -> Result<Description> {
+        let described = self.model.networks().describe(clip, options);
+        let mut description = described.map_err(Error::wrap)?;
+        match (&self.choices, self.model.confidence()) {
+            (Some(choices), _) => self.choose(clip, choices, options, &mut description)?,
+            (None, Some(confidence)) => confidence.apply(clip, &mut description),
             (None, None) => {}
         }
         if let Some(recogniser) = &self.recogniser {
-            insert_taught(&mut description, &clip, recogniser);
+            insert_taught(&mut description, clip, recogniser);
         }
         Ok(description)
     }

@@ -2,9 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use radarllm_base::Clip;
 use radarllm_facts::{Action, parse};
-use radarllm_inference::{Chosen, DescribeOptions, Description, Segment, actions};
+use radarllm_inference::{Chosen, DescribeOptions, Description, PreparedClip, Segment, actions};
 use radarllm_io::{Error, Result};
 use radarllm_motions::people_request;
 
@@ -92,11 +91,11 @@ fn states(stated: &Action, wanted: &Action) -> bool {
 }
 
 impl Captioner {
-    /// Replaces a description by the most probable sentence of the activity that fits a prepared clip best. A description
+    /// Replaces a description by the most probable sentence of the activity that fits a clip best. A description
     /// without a person stays as it is.
     pub(crate) fn choose(
         &self,
-        clip: &Clip,
+        clip: &PreparedClip,
         choices: &Choices,
         options: &DescribeOptions,
         description: &mut Description,
@@ -106,7 +105,7 @@ impl Captioner {
         }
         let activities = &choices.activities;
         let texts: Vec<String> = activities.iter().flat_map(|(_, s)| s.clone()).collect();
-        let scored = self.model().score_texts(clip, &texts, options);
+        let scored = self.model().networks().score_texts(clip, &texts, options);
         let windows = scored.map_err(Error::wrap)?;
         // Windows overlap and err alike, so that their probabilities are averaged instead of multiplied.
         let mut probability = vec![0.0_f32; activities.len()];

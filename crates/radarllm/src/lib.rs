@@ -24,25 +24,26 @@
 //! | to do | use |
 //! |---|---|
 //! | open any recording or motion | [`open`], [`Source`], [`CaptureOptions`] |
-//! | simulate a motion for a radar | [`open_radar`], [`simulate_motion`] |
+//! | simulate a motion or a scene for a radar | [`open_radar`], [`simulate_motion`], [`simulate_cubes`], [`Simulation`] |
 //! | raw samples to points | [`SampleRecording`], [`PointExtractor`] |
 //! | draw figures and pages | [`render`] |
 //! | track people | [`Recording::track_people`], [`track_people`] |
-//! | describe a clip, or get its tokens | [`Captioner`] |
+//! | describe a clip | [`Captioner`] |
+//! | open a trained model, get tokens, scores of sentences or its card | [`Model`] |
 //! | judge a sentence by what was performed | [`Verdict`] |
 //! | teach activities by a few recordings | [`teach`], [`Captioner::with_memory`] |
 //! | score captions | [`metrics`], [`CaptionScores`] |
 //! | build data sets, on one machine or on several | [`DatasetPlan`] |
 //! | read data sets | [`dataset`] |
 //!
-//! Everything is re-exported from the crates below, which can be used alone. Only [`Captioner`] and [`Source`] are
-//! types of this crate: they join the model that comes with the library, recordings and the virtual radar. Errors are
+//! Everything is re-exported from the crates below, which can be used alone. Only [`Model`], [`Captioner`] and [`Source`]
+//! are types of this crate: they join the model that comes with the library, recordings and the virtual radar. Errors are
 //! [`Error`]s with kind, message, hint, path and source. Nothing here prints, keeps global state, parses a command line or chooses an allocator.
 
-pub mod bundled;
 mod captioner;
 mod choose;
 mod confidence;
+mod model;
 mod page;
 mod score;
 mod source;
@@ -52,9 +53,10 @@ mod verdict;
 pub use captioner::Captioner;
 pub use choose::Choices;
 pub use confidence::RecordedConfidence;
+pub use model::{Fingerprint, Model, ModelFiles, ModelOptions};
 pub use page::page_segments;
 pub use score::{CaptionScores, FactBlock};
-pub use source::{DEFAULT_RADAR, Performed, Recording, Source, open, open_parts};
+pub use source::{DEFAULT_RADAR, Recording, Source, open, open_parts};
 pub use taught::insert_taught;
 pub use verdict::Verdict;
 
@@ -68,18 +70,19 @@ pub use radarllm_dataset::{
 };
 pub use radarllm_dataset::{PointsFile, PointsMeta, read_points};
 pub use radarllm_inference::{
-    DescribeOptions, Description, Precision, PrepareOptions, Prepared, Segment, prepare_for_model,
+    DescribeOptions, Description, Precision, PrepareOptions, Prepared, PreparedClip, Segment,
+    prepare_for_model,
 };
 pub use radarllm_io::{
     CaptureFormat, CaptureOptions, CleaningOptions, Error, ErrorKind, IqChoice, LayoutOptions,
-    OpenedRadar, PointOptions, Result, SampleRecording, open_radar,
+    OpenedRadar, PointOptions, Result, SampleRecording, TiFirmware, open_radar,
 };
 pub use radarllm_radar_dsp::{DspOptions, PointExtractor};
 #[cfg(feature = "parquet")]
 pub use radarllm_synth::DatasetPlan;
 pub use radarllm_synth::{
-    MotionInput, SimulateOptions, SimulatedClip, SimulatedCubes, open_motion, simulate_cubes,
-    simulate_motion, simulate_motion_until,
+    MotionInput, Performed, SimulateOptions, SimulatedClip, SimulatedCubes, Simulation,
+    open_motion, simulate_cubes, simulate_motion, simulate_motion_until,
 };
 pub use radarllm_tracking::{PeopleOptions, Person, track_people};
 

@@ -2,21 +2,21 @@
 
 use std::path::{Path, PathBuf};
 
-use radarllm_base::{Clip, frames::Placement};
+use radarllm_base::Clip;
 use radarllm_inference::{PrepareOptions, Prepared, prepare_for_model};
 use radarllm_io::{
-    CaptureFormat, CaptureOptions, Error, OpenedRadar, RecordingKind, Result, open_radar,
-    points::identify, recording_kind,
+    CaptureFormat, CaptureOptions, DetectError, Error, Opened, OpenedRadar, RecordingKind, Result,
+    SampleFormat, open_radar, opened::detect_error,
 };
 use radarllm_synth::{
-    MotionInput, SimulateOptions, SimulatedClip, simulate::is_builtin, simulate_motion,
+    Performed, SimulateOptions, SimulatedClip, simulate::is_builtin, simulate_motion,
 };
 use radarllm_tracking::{PeopleOptions, Person, track_people};
 
 /// Radar that simulates motions, and that recorded complex npy arrays, where none is named.
 pub const DEFAULT_RADAR: &str = "awr1843boost";
-/// Extensions that only motions have.
-const MOTION_EXTENSIONS: [&str; 4] = ["bvh", "amc", "asf", "npz"];
+/// Extensions that only motions and scenes have.
+const MOTION_EXTENSIONS: [&str; 5] = ["bvh", "amc", "asf", "npz", "toml"];
 
 /// An input that is about to be opened; see [`open`].
 #[derive(Clone, Debug)]
@@ -26,7 +26,7 @@ pub struct Source {
     simulation: SimulateOptions,
 }
 
-/// Names an input: a recording of any format, a points file, a motion file or a built-in motion
+/// Names an input: a recording of any format, a points file, a motion file, a scene file or a built-in motion
 /// (`builtin:NAME?key=value`). Nothing is read until [`Source::points`].
 ///
 /// ```
@@ -99,17 +99,23 @@ impl Source {
         let prepare = PrepareOptions {
             motion_compensate: self.options.points.motion_compensate,
         };
-        if self.is_motion(first)? {
-            let radar = self.radar_or_default()?;
-            let input = first.to_string_lossy();
-            let simulated = simulate_motion(&input, &radar.config, &self.simulation)?;
-            return Ok(Recording::simulated(simulated, prepare));
+        if self.names_motion(first) {
+            return self.simulated(first, prepare);
         }
+        let opened = match Opened::identify(&self.inputs, &self.options)? {
+            // What no recording looks like may be a motion; the loader says what it expects.
+            Err(DetectError::Unknown(_)) if self.may_be_motion(first) => {
+                return self.simulated(first, prepare);
+            }
+            opened => opened.map_err(|e| detect_error(first, e))?,
+        };
         let mut options = self.options.clone();
-        if options.radar.is_none() && self.is_npy_samples(&options)? {
+        // Complex npy arrays are what `simulate` writes, so the default radar is a good first guess for them; it is
+        // checked against the array's shape.
+        if *opened.kind() == RecordingKind::Samples(SampleFormat::Npy) {
             options.radar = Some(self.radar_or_default()?);
         }
-        let recording = radarllm_io::read_recording(&self.inputs, &options)?;
+        let recording = radarllm_io::read_opened(opened, &options)?;
         Ok(Recording {
             clip: recording.clip,
             notes: recording.notes,
@@ -119,6 +125,13 @@ impl Source {
         })
     }
 
+    fn simulated(&self, input: &Path, prepare: PrepareOptions) -> Result<Recording> {
+        let radar = self.radar_or_default()?;
+        let input = input.to_string_lossy();
+        let simulated = simulate_motion(&input, &radar.config, &self.simulation)?;
+        Ok(Recording::simulated(simulated, prepare))
+    }
+
     fn radar_or_default(&self) -> Result<OpenedRadar> {
         match &self.options.radar {
             Some(radar) => Ok(radar.clone()),
@@ -126,45 +139,24 @@ impl Source {
         }
     }
 
-    /// Complex npy arrays are what `simulate` writes, so the default radar is a good first guess for them; it is
-    /// checked against the array's shape.
-    fn is_npy_samples(&self, options: &CaptureOptions) -> Result<bool> {
-        let kind = recording_kind(&self.inputs, options)?;
-        Ok(kind == RecordingKind::Samples(radarllm_io::SampleFormat::Npy))
+    /// Whether the input may be a motion: nothing says that it is a recording.
+    fn may_be_motion(&self, path: &Path) -> bool {
+        let is_address = radarllm_io::udp::address(&path.to_string_lossy()).is_some();
+        let is_recording = self.options.format.is_some() || self.options.layout.is_given();
+        !is_recording && !is_address && path.extension().is_none_or(|e| e != "parquet")
     }
 
-    /// Whether the input is a motion: by its name, or because no recording looks like it.
-    fn is_motion(&self, path: &Path) -> Result<bool> {
+    /// Whether the name alone says that the input is a motion.
+    fn names_motion(&self, path: &Path) -> bool {
         if self.options.format.is_some() || self.options.layout.is_given() {
-            return Ok(false);
+            return false;
         }
-        let name = path.to_string_lossy();
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
-        if is_builtin(&name) || MOTION_EXTENSIONS.contains(&extension.to_lowercase().as_str()) {
-            return Ok(true);
-        }
-        if radarllm_io::udp::address(&name).is_some() || extension == "parquet" {
-            return Ok(false);
-        }
-        if !path.exists() {
+        is_builtin(&path.to_string_lossy())
+            || MOTION_EXTENSIONS.contains(&extension.to_lowercase().as_str())
             // The loader of motions lists what an input may be.
-            return Ok(true);
-        }
-        // What no recording looks like may be a motion; the loader says what it expects.
-        Ok(matches!(
-            identify(path, None)?,
-            Err(radarllm_io::DetectError::Unknown(_))
-        ))
+            || self.may_be_motion(path) && !path.exists()
     }
-}
-
-/// A motion that was simulated, and where.
-#[derive(Clone, Debug)]
-pub struct Performed {
-    /// The motion and the body that performs it.
-    pub motion: MotionInput,
-    /// Where the person stands in front of the radar.
-    pub placement: Placement,
 }
 
 /// Points of an input, with everything needed to track, describe or draw them.
@@ -196,10 +188,7 @@ impl Recording {
     /// A motion that was simulated.
     pub fn simulated(simulated: SimulatedClip, prepare: PrepareOptions) -> Self {
         Self {
-            performed: Some(Performed {
-                motion: simulated.motion,
-                placement: simulated.placement,
-            }),
+            performed: simulated.performed,
             ..Self::new(simulated.clip, Vec::new(), prepare)
         }
     }
@@ -217,6 +206,6 @@ impl Recording {
     /// # Errors
     /// An option out of range, or a frame rate that cannot be resampled.
     pub fn track_people(&self, options: &PeopleOptions) -> Result<Vec<Person>> {
-        Ok(track_people(self.prepared()?.clip, options)?)
+        Ok(track_people(self.prepared()?.clip.into_clip(), options)?)
     }
 }

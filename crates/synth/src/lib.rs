@@ -24,8 +24,8 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
-//! Reading order: [`placement`] (position of the person), [`synthesizer`] (a motion to points), [`simulate`] (a motion
-//! file or a built-in motion to a clip), [`corpus`] (captioned motions), [`config`] (the data set's TOML),
+//! Reading order: [`placement`] (position of the person), [`synthesizer`] (a motion to points), [`simulate`] and
+//! [`simulation`] (a motion file, a built-in motion or a scene file to a clip or to samples), [`corpus`] (captioned motions), [`config`] (the data set's TOML),
 //! [`impairments`], [`weather`], [`processing`] and [`room`] (its tables for receiver impairments, weather, the signal
 //! chain and walls), [`record`] (one pure function `(motion, seed) -> ClipRecord`), [`build`] (a complete data set);
 //! [`mod@scene`] (scene files) with `obj` (meshes).
@@ -46,6 +46,7 @@ pub mod record;
 pub mod room;
 pub mod scene;
 pub mod simulate;
+pub mod simulation;
 pub mod synthesizer;
 pub mod weather;
 
@@ -55,4 +56,5 @@ pub use simulate::{
     MotionInfo, MotionInput, SimulateOptions, SimulatedClip, SimulatedCubes, open_motion,
     simulate_cubes, simulate_motion, simulate_motion_until,
 };
+pub use simulation::{Performed, Simulation};
 pub use synthesizer::{Method, SynthError, Synthesizer};

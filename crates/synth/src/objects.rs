@@ -47,7 +47,29 @@ impl Default for ObjectsFile {
     }
 }
 
+/// Any file that contains the table.
+#[derive(Deserialize)]
+struct WithObjects {
+    objects: ObjectsFile,
+}
+
 impl ObjectsFile {
+    /// Reads the `[objects]` table of a data set's configuration, or of a file with nothing else.
+    ///
+    /// # Errors
+    /// Invalid TOML, a missing table, or an unknown field.
+    pub fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
+        toml::from_str::<WithObjects>(text).map(|file| file.objects)
+    }
+
+    /// Nothing at all: free space.
+    pub fn none() -> Self {
+        Self {
+            n_clutter: 0,
+            ..Self::default()
+        }
+    }
+
     /// Surroundings of a living room: weak clutter and a dozen strong objects.
     pub fn furnished() -> Self {
         Self {

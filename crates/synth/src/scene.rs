@@ -216,7 +216,7 @@ impl SceneFile {
 
 /// A scene that owns its surfaces.
 pub struct OwnedScene {
-    surfaces: Vec<Box<dyn MovingSurface>>,
+    surfaces: Vec<Box<dyn MovingSurface + Send>>,
     points: Vec<PointTarget>,
     noise: Noise,
 }
@@ -259,7 +259,11 @@ impl OwnedScene {
     /// The scene in the simulator's form.
     pub fn scene(&self) -> Scene<'_> {
         Scene {
-            surfaces: self.surfaces.iter().map(AsRef::as_ref).collect(),
+            surfaces: self
+                .surfaces
+                .iter()
+                .map(|s| s.as_ref() as &dyn MovingSurface)
+                .collect(),
             points: self.points.clone(),
             noise: self.noise,
         }

@@ -1,25 +1,21 @@
-//! Simulates a motion, given as a file or a built-in motion, to a clip of points.
+//! Simulates a motion, given as a file or a built-in motion, or a scene file to a clip of points.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use radarllm_base::{
-    Clip, Clutter, Motion, PointFrame, Provenance, RadarConfig, RadarCube, frames::Placement,
-    seed::derive_seed,
+    Clip, Motion, RadarConfig, RadarCube, frames::Placement, message::option, seed::derive_seed,
 };
-use radarllm_body::{
-    loaders::load_motion_file,
-    mesh::{BodyShape, PosedBody},
-    sample::canonicalize,
-};
-use radarllm_io::{Error, ErrorKind, options::MAX_FRAMES};
+use radarllm_body::{loaders::load_motion_file, mesh::BodyShape, sample::canonicalize};
+use radarllm_io::{Error, ErrorKind, TiFirmware};
 use radarllm_radar_dsp::DspOptions;
-use radarllm_radar_sim::{Noise, Scene};
 use serde::Serialize;
 
 use crate::{
     Method, SynthError, Synthesizer,
+    objects::ObjectsFile,
     placement::{PlacementRange, draw_placement},
-    synthesizer::{builtin_shape, posed_builtin, scene_to_points_until},
+    simulation::{Performed, Simulation},
+    synthesizer::builtin_shape,
 };
 
 /// A motion, the body that performs it, and information from its file or its parameters.
@@ -163,7 +159,8 @@ fn open_builtin(input: &str, seed: u64) -> Result<MotionInput, Error> {
     })
 }
 
-/// Simulation options for a motion.
+/// Options of a simulation. Motions use all of them; a scene names its own targets, so that [`Self::distance_m`],
+/// [`Self::body`] and [`Self::own_noise`] do not concern it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SimulateOptions {
     /// Seed of the noise and of a built-in motion's small variations.
@@ -172,8 +169,15 @@ pub struct SimulateOptions {
     pub distance_m: f32,
     /// Height of the radar above the floor, m.
     pub radar_height_m: f32,
-    /// Signal processing.
-    pub processing: DspOptions,
+    /// Signal processing; the `[processing]` of a scene or the library's own chain if `None`.
+    pub processing: Option<DspOptions>,
+    /// The board's own firmware, in place of [`Self::processing`]: its signal chain, and the limits of what it reports.
+    pub firmware: Option<TiFirmware>,
+    /// A user's own SMPL-X file for the body that performs a motion; the built-in body if `None`.
+    pub body: Option<PathBuf>,
+    /// What stands still around the target, drawn with the seed of the noise. If `None`, a motion is simulated in a
+    /// furnished room before firmware that reports its surroundings, and otherwise, as every scene, in free space.
+    pub objects: Option<ObjectsFile>,
     /// The fast simulator or the direct sum.
     pub method: Method,
     /// Draw the noise with [`noise_seed`] instead of the seed itself, so that the motions of a folder differ in their
@@ -182,12 +186,18 @@ pub struct SimulateOptions {
 }
 
 impl SimulateOptions {
-    /// Seed of the noise of an input.
-    fn noise_seed(&self, input: &str) -> u64 {
+    /// Seed of the noise of a motion.
+    pub(crate) fn noise_seed(&self, input: &str) -> u64 {
         match self.own_noise {
             true => noise_seed(input, self.seed),
             false => self.seed,
         }
+    }
+
+    /// The signal chain, if it is not the target's own.
+    pub(crate) fn chain(&self) -> Option<DspOptions> {
+        let firmware = self.firmware.as_ref().map(|f| f.chain.clone());
+        firmware.or_else(|| self.processing.clone())
     }
 }
 
@@ -203,28 +213,34 @@ impl Default for SimulateOptions {
             seed: 1,
             distance_m: 3.0,
             radar_height_m: 1.0,
-            processing: DspOptions::default(),
+            processing: None,
+            firmware: None,
+            body: None,
+            objects: None,
             method: Method::Fast,
             own_noise: false,
         }
     }
 }
 
-/// A simulated clip and the performed motion.
+/// Whether an input names a scene file rather than a motion.
+pub fn is_scene(input: &str) -> bool {
+    !is_builtin(input) && Path::new(input).extension().is_some_and(|e| e == "toml")
+}
+
+/// Simulated points, and the motion that they show.
 #[derive(Clone, Debug)]
 pub struct SimulatedClip {
     /// The radar points.
     pub clip: Clip,
-    /// The motion.
-    pub motion: MotionInput,
-    /// Position and heading of the motion.
-    pub placement: Placement,
+    /// The motion and where it was performed; `None` for a scene.
+    pub performed: Option<Performed>,
 }
 
-/// Simulates a motion in front of a radar: body, virtual radar and signal chain.
+/// Simulates a motion or a scene file in front of a radar: body, virtual radar and signal chain.
 ///
 /// # Errors
-/// As [`open_motion`], or a radar that the simulator cannot serve.
+/// As [`Simulation::open`], or a radar that the simulator cannot serve.
 pub fn simulate_motion(
     input: &str,
     radar: &RadarConfig,
@@ -243,89 +259,52 @@ pub fn simulate_motion_until(
     options: &SimulateOptions,
     stop: &(dyn Fn() -> bool + Sync),
 ) -> Result<SimulatedClip, Error> {
-    let motion = open_motion(input, options.seed)?;
-    let placement = place(&motion.motion, options.distance_m, options.radar_height_m);
-    let plan = || Synthesizer::new(radar, options.method, options.processing.clone());
-    let n_frames = radar
-        .frames_in(motion.motion.duration_s())
-        .clamp(1, MAX_FRAMES);
-    let body = posed_builtin(&motion.motion, motion.shape, placement)?;
-    let scene = Scene {
-        surfaces: vec![&body],
-        points: Vec::new(),
-        noise: Noise::Thermal,
-    };
-    let seed = options.noise_seed(input);
-    let frames = scene_to_points_until(plan, &scene, n_frames, seed, stop)?;
+    let simulation = Simulation::open(input, radar, options)?;
     Ok(SimulatedClip {
-        clip: clip(frames, input, radar, options.radar_height_m, seed),
-        motion,
-        placement,
+        clip: simulation.clip(simulation.points(stop)?),
+        performed: simulation.performed().cloned(),
     })
 }
 
-/// Raw samples of a motion before a radar, one frame after the other: those from which [`simulate_motion`] makes points.
+/// Raw samples of a motion or a scene file, one frame after the other: those from which [`simulate_motion`] makes points.
 ///
 /// # Errors
-/// As [`simulate_motion`].
+/// As [`simulate_motion`]; a firmware, which reports no samples.
 pub fn simulate_cubes(
     input: &str,
     radar: &RadarConfig,
     options: &SimulateOptions,
 ) -> Result<SimulatedCubes, Error> {
-    let motion = open_motion(input, options.seed)?;
-    let placement = place(&motion.motion, options.distance_m, options.radar_height_m);
-    let n_frames = radar.frames_in(motion.motion.duration_s());
+    if options.firmware.is_some() {
+        return Err(Error::input(
+            option("firmware").text(" reports points, not samples"),
+        ));
+    }
+    let simulation = Simulation::open(input, radar, options)?;
     Ok(SimulatedCubes {
-        n_frames: n_frames.clamp(1, MAX_FRAMES),
-        body: posed_builtin(&motion.motion, motion.shape, placement)?,
-        synthesizer: Synthesizer::new(radar, options.method, options.processing.clone())?,
+        synthesizer: simulation.plan()?,
+        simulation,
         next: 0,
-        seed: options.noise_seed(input),
     })
 }
 
 /// Iterator over the frames of [`simulate_cubes`].
 pub struct SimulatedCubes {
-    body: PosedBody,
+    simulation: Simulation,
     synthesizer: Synthesizer,
-    n_frames: usize,
     next: usize,
-    seed: u64,
 }
 
 impl Iterator for SimulatedCubes {
     type Item = Result<RadarCube, Error>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        if self.next == self.n_frames {
+        if self.next == self.simulation.n_frames() {
             return None;
         }
-        let scene = Scene {
-            surfaces: vec![&self.body],
-            points: Vec::new(),
-            noise: Noise::Thermal,
-        };
-        let cube = self.synthesizer.simulate(&scene, self.next, self.seed);
+        let cube = self.simulation.cube(&mut self.synthesizer, self.next);
         self.next += 1;
         Some(cube.cloned().map_err(Error::from))
-    }
-}
-
-fn clip(
-    frames: Vec<PointFrame>,
-    input: &str,
-    radar: &RadarConfig,
-    radar_height_m: f32,
-    seed: u64,
-) -> Clip {
-    Clip {
-        frames,
-        frame_rate_hz: radar.frame_rate_hz(),
-        radar_height_m,
-        radar: radar.name.clone(),
-        provenance: Provenance::simulated(input, seed),
-        clutter: Clutter::Settled,
     }
 }
 

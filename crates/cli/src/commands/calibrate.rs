@@ -6,10 +6,9 @@ use clap::Args;
 use radarllm_base::Provenance;
 use radarllm_formats::{Calibration, adc::AdcStats, calibration::CalibratedChannel};
 use radarllm_io::{
-    CaptureFormat, CleaningOptions, SampleFormat,
+    CaptureFormat, CleaningOptions, Opened, RecordingKind, SampleFormat,
     cleaning::{corrector, each_whole_frame},
     layout::open_samples,
-    samples::sample_format,
 };
 use radarllm_radar_dsp::{CornerCalibrator, Reflector};
 use serde::Serialize;
@@ -83,7 +82,8 @@ pub fn run(args: &CalibrateArgs) -> CliResult {
     let radar = radar_file::open(&args.radar)?;
     let named = args.format.as_deref().map(CaptureFormat::from_name);
     let named = named.transpose()?;
-    let format = sample_format(&args.capture, named)?;
+    let opened = Opened::samples(&args.capture, named)?;
+    let is_array = *opened.kind() == RecordingKind::Samples(SampleFormat::Npy);
     let layout = args.layout.options();
     let mut notes = Vec::new();
     let reflector = Reflector {
@@ -98,7 +98,7 @@ pub fn run(args: &CalibrateArgs) -> CliResult {
         ..CleaningOptions::default()
     };
     let corrector = corrector(&cleaning, &radar, named, &layout, &mut notes)?;
-    let mut frames = open_samples(format, &args.capture, &radar, &layout, &mut notes)?;
+    let mut frames = open_samples(opened, &radar, &layout, &mut notes)?;
     let radar = radar.config;
     let first = &args.capture[0];
     let mut stats = AdcStats::new(radar.rx.len(), 16);
@@ -112,7 +112,7 @@ pub fn run(args: &CalibrateArgs) -> CliResult {
         notes.push(format!("{n_damaged} frames with missing bytes left out"));
     }
     // Saturation is only defined for ADC counts; the values of an array may have any scale.
-    if format != SampleFormat::Npy {
+    if !is_array {
         for (i, channel) in stats.channels().iter().enumerate() {
             if channel.saturated > SATURATED_SHARE {
                 return Err(CliError::new(format!(

@@ -19,9 +19,7 @@ use radarllm_eval::{
 
 #[cfg(feature = "eval")]
 use crate::{
-    commands::{describe, eval::recordings},
-    model_args::DecoderName,
-    recording_args::LabelledArgs,
+    commands::eval::recordings, model, model_args::DecoderName, recording_args::LabelledArgs,
 };
 use crate::{
     error::{CliError, CliResult},
@@ -233,7 +231,7 @@ fn recordings(args: &DatasetRecordingsArgs) -> CliResult {
     let all = recordings::read_recordings(&config, Role::Tuning, folder, &options)?;
     let mut clips = Vec::new();
     let sentences = if args.by_model {
-        let captioner = describe::load_decoder(args.model.as_deref(), DecoderName::F32)?;
+        let captioner = model::captioner(args.model.as_deref(), DecoderName::F32)?;
         for recording in &all {
             let description = captioner.describe(&recording.clip)?;
             let stretches =

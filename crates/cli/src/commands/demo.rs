@@ -15,6 +15,8 @@ use crate::{
         view,
     },
     error::{CliError, CliResult},
+    model,
+    model_args::DecoderName,
     output,
 };
 
@@ -74,7 +76,7 @@ fn as_text<S: Serializer>(verdict: &Verdict, serializer: S) -> Result<S::Ok, S::
 
 /// Runs the command.
 pub fn run(args: &DemoArgs) -> CliResult {
-    let captioner = describe::load_captioner(args.model.as_deref())?;
+    let captioner = model::captioner(args.model.as_deref(), DecoderName::F32)?;
     let mut rows = Vec::new();
     let motions: Vec<&str> = match args.motions.is_empty() {
         true => MOTIONS.to_vec(),
@@ -171,7 +173,8 @@ fn row(
     performed: impl Fn(f64, f64) -> String,
 ) -> CliResult<DemoRow> {
     let clip = &recording.clip;
-    let described = describe::describe(captioner, name, clip, &DescribeOptions::default())?;
+    let prepared = recording.prepared()?.clip;
+    let described = describe::describe(captioner, name, &prepared, &DescribeOptions::default())?;
     let part = |segment: &Segment| {
         let performed = performed(segment.start_s, segment.end_s);
         Part {

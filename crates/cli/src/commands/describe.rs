@@ -1,18 +1,15 @@
 //! `describe`: generates sentences from recordings, points files or motions.
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::{path::PathBuf, time::Instant};
 
 use clap::Args;
 use radarllm::{
-    Captioner, Choices, Clip, DescribeOptions, Precision, Recording, SimulateOptions, bundled,
+    Captioner, Clip, DescribeOptions, PrepareOptions, PreparedClip, Recording, SimulateOptions,
+    prepare_for_model,
 };
 use radarllm_inference::{
-    Chosen, LmError, Segment,
-    checkpoint::Checkpoint,
-    lm::{AnswerPart, Instruction, ensemble::member_folders},
+    Chosen, Segment,
+    lm::{AnswerPart, Instruction},
 };
 use radarllm_io::options::DEFAULT_RADAR_HEIGHT_M;
 use radarllm_tracking::find_people;
@@ -23,6 +20,7 @@ use crate::{
     commands::generate,
     error::{CliError, CliResult},
     memory::peak_memory_mb,
+    model,
     model_args::DecoderName,
     output,
     person_report::{GhostReport, PersonReport},
@@ -134,106 +132,6 @@ pub struct Row {
     pub person: Option<PersonReport>,
 }
 
-/// Loads a model folder, or the bundled model, for the f32 engine.
-pub fn load_captioner(model: Option<&Path>) -> CliResult<Captioner> {
-    load_decoder(model, DecoderName::F32)
-}
-
-/// Loads a model for a decoder. The captioner's name tells when it is an approximation.
-pub fn load_decoder(model: Option<&Path>, decoder: DecoderName) -> CliResult<Captioner> {
-    #[cfg(not(feature = "train"))]
-    if decoder == DecoderName::Training {
-        return Err(crate::error::needs_training("--decoder training"));
-    }
-    let (loaded, mut name) = match model {
-        None => {
-            let loaded = joined(bundled::members().into_iter().map(Ok), decoder)?;
-            (loaded, bundled::NAME.to_string())
-        }
-        Some(path) => {
-            let open = |folder: PathBuf| {
-                let open = |part: &str| Checkpoint::open(&folder.join(part));
-                Ok((open("tokenizer")?, open("lm")?))
-            };
-            let loaded = joined(member_folders(path).into_iter().map(open), decoder);
-            let loaded = loaded.map_err(|e| {
-                let hint = match e {
-                    LmError::NotT5 { .. } => {
-                        "`--decoder f32` in a build with the feature `train` runs other language models"
-                    }
-                    _ => "--model wants a folder made by `radarllm train all`",
-                };
-                CliError::new(format!("{}: {e}", path.display())).hint(hint)
-            })?;
-            (loaded, path.display().to_string())
-        }
-    };
-    if decoder == DecoderName::Int8 {
-        name += ", int8";
-    }
-    Ok(Captioner::new(loaded, name).with_confidence_of(model)?)
-}
-
-/// The members of a model, which describe together.
-fn joined(
-    members: impl Iterator<Item = Result<(Checkpoint, Checkpoint), LmError>>,
-    decoder: DecoderName,
-) -> Result<radarllm_inference::Captioner, LmError> {
-    let mut captioners = members.map(|member| {
-        let (tokenizer, lm) = member?;
-        backend(&tokenizer, lm, decoder)
-    });
-    let none = || LmError::Config {
-        field: "members",
-        problem: "none".into(),
-    };
-    let first = captioners.next().ok_or_else(none)??;
-    captioners.try_fold(first, |all, member| Ok(all.join(member?)))
-}
-
-/// A captioner on what a decoder names. The inference engine runs T5 only; a build with training runs other language
-/// models on their networks as trained.
-#[cfg(feature = "train")]
-fn backend(
-    tokenizer: &Checkpoint,
-    lm: Checkpoint,
-    decoder: DecoderName,
-) -> Result<radarllm_inference::Captioner, LmError> {
-    match decoder {
-        DecoderName::F32 => radarllm_nn::captioner_from_checkpoints(tokenizer, lm, Precision::F32),
-        DecoderName::Int8 => {
-            radarllm_inference::Captioner::from_checkpoints(tokenizer, lm, Precision::Int8)
-        }
-        DecoderName::Training => radarllm_nn::reference_captioner(tokenizer, lm),
-    }
-}
-
-/// A captioner on the inference engine.
-#[cfg(not(feature = "train"))]
-fn backend(
-    tokenizer: &Checkpoint,
-    lm: Checkpoint,
-    decoder: DecoderName,
-) -> Result<radarllm_inference::Captioner, LmError> {
-    let precision = match decoder {
-        DecoderName::Int8 => Precision::Int8,
-        DecoderName::F32 | DecoderName::Training => Precision::F32,
-    };
-    radarllm_inference::Captioner::from_checkpoints(tokenizer, lm, precision)
-}
-
-/// A captioner that chooses among activities, if any are named.
-pub fn restricted(captioner: Captioner, names: &[String]) -> CliResult<Captioner> {
-    if names.is_empty() {
-        return Ok(captioner);
-    }
-    let choices = Choices::new(names.iter().map(String::as_str))?;
-    for name in choices.unknown() {
-        eprintln!("warning: `{name}` names no action that the model learned; it is scored as text");
-    }
-    Ok(captioner.with_choices(choices))
-}
-
 fn source_of(input: &str, clip: &Clip) -> SourceReport {
     SourceReport {
         source: input.into(),
@@ -243,15 +141,15 @@ fn source_of(input: &str, clip: &Clip) -> SourceReport {
     }
 }
 
-/// Describes a prepared clip.
+/// Describes a clip.
 pub fn describe(
     captioner: &Captioner,
     input: &str,
-    clip: &Clip,
+    clip: &PreparedClip,
     options: &DescribeOptions,
 ) -> CliResult<Row> {
     let started = Instant::now();
-    let described = captioner.describe_with(clip, options)?;
+    let described = captioner.describe_prepared(clip, options)?;
     Ok(Row {
         caption: described.caption,
         reason: described.abstained.map(|why| why.to_string()),
@@ -270,7 +168,11 @@ pub fn describe(
 }
 
 /// The clip of a recording as the model expects it; what was done to it goes to stderr.
-pub fn prepared(input: &str, recording: &Recording, detail: Detail) -> CliResult<Clip> {
+pub fn prepared(
+    input: &str,
+    recording: &Recording,
+    detail: Detail,
+) -> CliResult<PreparedClip<'static>> {
     // Notes include the reasons of the warnings, with all counts.
     let (mark, lines) = match detail {
         Detail::Warnings => ("warning: ", &recording.warnings),
@@ -369,16 +271,19 @@ struct AnswerRow {
     person: Option<PersonReport>,
 }
 
-/// Follows an instruction about a prepared clip.
+/// Follows an instruction about a clip.
 fn answer(
     captioner: &Captioner,
     input: &str,
-    clip: &Clip,
+    clip: &PreparedClip,
     text: &str,
     instruction: &Instruction,
     options: &DescribeOptions,
 ) -> CliResult<AnswerRow> {
-    let answer = captioner.model().answer(clip, instruction, options);
+    let answer = captioner
+        .model()
+        .networks()
+        .answer(clip, instruction, options);
     let answer = answer.map_err(|e| generate::not_learned(captioner.name(), e))?;
     Ok(AnswerRow {
         source: source_of(input, clip),
@@ -423,11 +328,11 @@ pub fn run(args: &DescribeArgs) -> CliResult {
     let instruction = instruction
         .transpose()
         .map_err(|e| CliError::new(format!("--instruct: {e}")))?;
-    let mut captioner = load_decoder(args.model.as_deref(), args.decoder)?;
+    let mut captioner = model::captioner(args.model.as_deref(), args.decoder)?;
     if let Some(memory) = load_memory(args.memory.as_deref())? {
         captioner = captioner.with_memory(&memory);
     }
-    captioner = restricted(captioner, &args.choose)?;
+    captioner = model::restricted(captioner, &args.choose)?;
     let options = args.input.options()?;
     let simulation = SimulateOptions {
         seed: args.seed,
@@ -502,26 +407,29 @@ pub fn run(args: &DescribeArgs) -> CliResult {
 /// is the clip without points.
 fn clips_of_people(
     input: &str,
-    mut clip: Clip,
+    clip: PreparedClip<'static>,
     args: &PeopleArgs,
-) -> CliResult<Vec<(Option<PersonReport>, Clip)>> {
+) -> CliResult<Vec<(Option<PersonReport>, PreparedClip<'static>)>> {
     if !args.is_given() {
         return Ok(vec![(None, clip)]);
     }
+    let mut clip = clip.into_clip();
     let found = find_people(&mut clip, &args.options())?;
+    let prepare =
+        |clip| -> CliResult<_> { Ok(prepare_for_model(clip, &PrepareOptions::default())?.clip) };
     for ghost in &found.ghosts {
         eprintln!("{input}: {}", GhostReport::from(ghost));
     }
     if args.people.is_none() {
-        return Ok(vec![(None, clip)]);
+        return Ok(vec![(None, prepare(clip)?)]);
     }
     if found.tracks.is_empty() {
         clip.frames.iter_mut().for_each(|f| f.points.clear());
-        return Ok(vec![(None, clip)]);
+        return Ok(vec![(None, prepare(clip)?)]);
     }
     let person = |track| {
         let person = radarllm::Person::of(track, &clip);
-        (Some(PersonReport::from(&person)), person.clip)
+        Ok((Some(PersonReport::from(&person)), prepare(person.clip)?))
     };
-    Ok(found.tracks.iter().map(person).collect())
+    found.tracks.iter().map(person).collect()
 }

@@ -1,8 +1,9 @@
 //! `doctor`: reports for each feature what this machine provides and what is missing.
 
+use radarllm::Model;
 use serde::Serialize;
 
-use crate::{args::JsonFlag, commands::describe, error::CliResult, output, threads};
+use crate::{args::JsonFlag, error::CliResult, output, threads};
 
 #[derive(Serialize)]
 struct Report {
@@ -73,13 +74,13 @@ fn cpu_features() -> Vec<&'static str> {
 }
 
 fn default_model() -> Check {
-    let loaded = describe::load_captioner(None);
+    let loaded = Model::bundled();
     Check {
         feature: "default model (demo, describe, view)",
         ok: loaded.is_ok(),
         detail: match loaded {
             Ok(_) => "embedded, loads and is ready".into(),
-            Err(error) => error.cause,
+            Err(error) => error.to_string(),
         },
     }
 }

@@ -3,10 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use radarllm::{Captioner, Clip, DescribeOptions, bundled};
+use radarllm::{Captioner, Clip, DescribeOptions, PreparedClip};
 use radarllm_dataset::{Overwrite, points_file::write_clip};
 use radarllm_inference::{
-    checkpoint::Checkpoint,
     lm::{LmError, Unlearned, templates::Task},
     tokenizer::points::PointDecoder,
 };
@@ -14,10 +13,11 @@ use serde::Serialize;
 
 use crate::{
     commands::{
-        describe::{self, Row, load_decoder},
+        describe::{self, Row},
         view::write_page,
     },
     error::{CliError, CliResult},
+    model,
     model_args::DecoderName,
     output,
 };
@@ -53,9 +53,6 @@ pub struct GenerateArgs {
     pub json: bool,
 }
 
-/// Folder of the decoder of radar codes in a model.
-const POINTS: &str = "points";
-
 /// A generated recording, as scripts read it.
 #[derive(Serialize)]
 struct Generated<'a> {
@@ -89,7 +86,7 @@ pub fn run(args: &GenerateArgs) -> CliResult {
     if let Some(page) = &args.view {
         output::check_free(page, args.force)?;
     }
-    let captioner = load_decoder(args.model.as_deref(), args.decoder)?;
+    let captioner = model::captioner(args.model.as_deref(), args.decoder)?;
     let mut codes = codes(&captioner, &[&args.text], args.beam)?;
     let tokens = codes.pop().unwrap_or_default();
     if tokens.is_empty() {
@@ -100,10 +97,16 @@ pub fn run(args: &GenerateArgs) -> CliResult {
         ))
         .hint("a sentence like those that the model was trained on, or --beam 4"));
     }
-    let decoder = points_decoder(args.model.as_deref())?;
+    let decoder = captioner.model().points()?;
     let origin = origin(&args.text, captioner.name());
     let clip = decoder.decode(&tokens, args.radar_height_m, &origin)?;
-    let described = describe::describe(&captioner, &args.text, &clip, &DescribeOptions::default())?;
+    let prepared = PreparedClip::of(&clip)?;
+    let described = describe::describe(
+        &captioner,
+        &args.text,
+        &prepared,
+        &DescribeOptions::default(),
+    )?;
     write_clip(&args.out, &clip, Overwrite::Replace)?;
     if let Some(page) = &args.view {
         write_page(page, &clip, None, &described)?;
@@ -144,7 +147,7 @@ pub fn origin(text: &str, model: &str) -> String {
 
 /// Radar codes of sentences. An error says how a model learns to generate.
 pub fn codes(captioner: &Captioner, texts: &[&str], beam: usize) -> CliResult<Vec<Vec<u32>>> {
-    let codes = captioner.model().codes_of_sentences(texts, beam);
+    let codes = captioner.model().networks().codes_of_sentences(texts, beam);
     codes.map_err(|e| not_learned(captioner.name(), e))
 }
 
@@ -168,27 +171,6 @@ pub fn not_learned(model: &str, error: LmError) -> CliError {
     CliError::new(format!("model {model}: {error}")).hint(format!(
         "{teach}; --model names the folder of the trained model"
     ))
-}
-
-/// The decoder of radar codes of a model.
-pub fn points_decoder(model: Option<&Path>) -> CliResult<PointDecoder> {
-    let Some(model) = model else {
-        return Err(missing(&PathBuf::from(bundled::NAME).join(POINTS)));
-    };
-    let folder = model.join(POINTS);
-    if !folder.is_dir() {
-        return Err(missing(&folder));
-    }
-    let tokenizer = Checkpoint::open(&model.join("tokenizer"))?;
-    Ok(PointDecoder::load(&folder, &tokenizer)?)
-}
-
-fn missing(folder: &Path) -> CliError {
-    CliError::new(format!(
-        "{}: the model has no decoder of radar tokens, which makes points of them",
-        folder.display()
-    ))
-    .hint("`radarllm train points RECIPE` trains it with the recipe of the model and adds it to the model's folder")
 }
 
 /// The clip of codes, for an evaluation.

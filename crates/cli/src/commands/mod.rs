@@ -15,8 +15,6 @@ pub mod generate;
 pub mod live;
 #[cfg_attr(not(feature = "train"), allow(dead_code))]
 pub mod lm;
-#[cfg(feature = "eval")]
-pub mod model_files;
 #[cfg(feature = "train")]
 pub mod model_scores;
 pub mod motion;

@@ -6,12 +6,10 @@ use clap::Args;
 use radarllm::{Clip, Overwrite, PointsMeta, SampleRecording, write_points};
 use radarllm_base::Clutter;
 use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
-use radarllm_formats::Detected;
 use radarllm_io::{
-    CaptureOptions, RecordingKind, SampleFormat,
+    CaptureOptions, Opened, RecordingKind,
     options::{NEEDS_SAMPLES, refuse_options},
     recording::read_recorded_points,
-    recording_kind,
 };
 use radarllm_synth::processing::ProcessingFile;
 use radarllm_tracking::{People, find_people};
@@ -128,22 +126,22 @@ struct Transfer {
 /// Runs the command.
 pub fn run(args: &ProcessArgs) -> CliResult {
     let mut options = options(args)?;
-    let kind = recording_kind(&args.capture, &options)?;
-    let has_samples = matches!(kind, RecordingKind::Samples(_));
+    let opened = Opened::open(&args.capture, &options)?;
+    let has_samples = matches!(opened.kind(), RecordingKind::Samples(_));
     let plots = PictureRequest::of(args, has_samples);
     plots.check()?;
     output::check_extension(&args.out, "parquet")?;
     for path in std::iter::once(&args.out).chain(plots.paths()) {
         output::check_free(path, args.force)?;
     }
-    match kind {
-        RecordingKind::Samples(format) => {
+    match opened.kind() {
+        RecordingKind::Samples(_) => {
             if let (Some(path), Some(radar)) = (&args.processing, &options.radar) {
                 options.processing = Some(processing(path)?.resolve(&radar.config));
             }
-            process_samples(args, &options, &plots, format)
+            process_samples(args, &options, &plots, opened)
         }
-        RecordingKind::Points(detected) => process_points(args, &options, &plots, &detected),
+        RecordingKind::Points(_) => process_points(args, &options, &plots, opened),
         RecordingKind::PointsFile => Err(CliError::new(format!(
             "{}: a points file already",
             args.capture[0].display()
@@ -175,9 +173,10 @@ fn process_samples(
     args: &ProcessArgs,
     options: &CaptureOptions,
     plots: &PictureRequest,
-    format: SampleFormat,
+    opened: Opened,
 ) -> CliResult {
-    let mut samples = SampleRecording::open(&args.capture, format, options)?;
+    let mut samples = SampleRecording::open(opened, options)?;
+    let format = samples.format();
     if let Some(address) = samples.frames().listening_address() {
         eprintln!("listening at {address}");
     }
@@ -423,7 +422,7 @@ fn process_points(
     args: &ProcessArgs,
     options: &CaptureOptions,
     plots: &PictureRequest,
-    detected: &Detected,
+    opened: Opened,
 ) -> CliResult {
     if plots.adc_statistics.is_some() || plots.pictures.need_samples() {
         return Err(
@@ -432,7 +431,7 @@ fn process_points(
         );
     }
     refuse_options(&[("processing", args.processing.is_some())], NEEDS_SAMPLES)?;
-    let recording = read_recorded_points(&args.capture, detected, options)?;
+    let recording = read_recorded_points(opened, options)?;
     let mut notes = recording.notes;
     let (clip, people) = resample_and_track(args, recording.clip, &mut notes)?;
     let tracks = args.people.is_given().then_some(&people.tracks[..]);

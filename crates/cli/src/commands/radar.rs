@@ -1,12 +1,9 @@
 //! `radar list|show|lint`.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use clap::Subcommand;
-use radarllm::bundled;
+use radarllm::ModelFiles;
 use radarllm_base::{RadarConfig, radar_config::TxMultiplexing};
 use radarllm_formats::{Finding, ModelExpectations, Severity, Span};
 use radarllm_inference::{FRAME_RATE_HZ, tokenizer::encode::TokenizerFile};
@@ -165,17 +162,17 @@ fn lint(name: &str, model: Option<&Path>, json: bool) -> CliResult {
     let expected = expectations(model)?;
     let (text, findings) = match read_radar_text(name).map_err(unknown)? {
         Some(RadarSource::TiCfg(text)) => {
-            let findings = radarllm_formats::lint_ti_cfg(&text, expected.as_ref());
+            let findings = radarllm_formats::lint_ti_cfg(&text, Some(&expected));
             (text, findings)
         }
         Some(RadarSource::Toml(text)) => {
-            let findings = radarllm_formats::lint_radar_toml(&text, expected.as_ref());
+            let findings = radarllm_formats::lint_radar_toml(&text, Some(&expected));
             (text, findings)
         }
         // There is no text to quote: built-in radars have none, and exports of mmWave Studio are not edited by hand.
         _ => (
             String::new(),
-            radarllm_formats::lint(&open(name)?.config, expected.as_ref()),
+            radarllm_formats::lint(&open(name)?.config, Some(&expected)),
         ),
     };
     let count = |severity| findings.iter().filter(|f| f.severity == severity).count();
@@ -204,27 +201,18 @@ fn lint(name: &str, model: Option<&Path>, json: bool) -> CliResult {
 }
 
 /// Training data of a model folder or of the embedded model. Only the configuration is read.
-fn expectations(model: Option<&Path>) -> CliResult<Option<ModelExpectations>> {
+fn expectations(model: Option<&Path>) -> CliResult<ModelExpectations> {
     const CONFIG: &str = "tokenizer/config.json";
-    let (bytes, place) = match model {
-        Some(folder) => {
-            let path = folder.join(CONFIG);
-            let bytes = fs::read(&path).map_err(|e| {
-                CliError::io(&path, e).hint("--model wants a folder made by `radarllm train all`")
-            })?;
-            (bytes, path.display().to_string())
-        }
-        None => match bundled::file(CONFIG) {
-            Some(bytes) => (bytes.to_vec(), CONFIG.to_owned()),
-            None => return Ok(None),
-        },
-    };
-    let file: TokenizerFile =
-        serde_json::from_slice(&bytes).map_err(|e| CliError::new(format!("{place}: {e}")))?;
+    let files = ModelFiles::of(model);
+    let text = files.text(CONFIG).map_err(|e| {
+        CliError::from(e).hint("--model wants a folder made by `radarllm train all`")
+    })?;
+    let file: TokenizerFile = serde_json::from_str(&text)
+        .map_err(|e| CliError::new(format!("{}/{CONFIG}: {e}", files.name())))?;
     let names = file.training["radars"].as_array();
     let names = names.into_iter().flatten().filter_map(|n| n.as_str());
     let radars = names.filter_map(radarllm_formats::builtin_radar).collect();
-    Ok(Some(ModelExpectations {
+    Ok(ModelExpectations {
         model: match model {
             Some(folder) => format!("the model in {}", folder.display()),
             None => "the default model".into(),
@@ -232,7 +220,7 @@ fn expectations(model: Option<&Path>) -> CliResult<Option<ModelExpectations>> {
         frame_rate_hz: f64::from(FRAME_RATE_HZ),
         max_points: file.model.grouping.max_points,
         radars,
-    }))
+    })
 }
 
 /// A finding for the JSON output.

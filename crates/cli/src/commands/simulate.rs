@@ -10,26 +10,14 @@ use std::{
 };
 
 use clap::{Args, ValueEnum};
-use radarllm::{DspOptions, open_motion};
-use radarllm_base::{PointFrame, Provenance, RadarConfig, SPEED_OF_LIGHT_MPS, seed::derive_seed};
-use radarllm_body::{
-    MotionSampler,
-    mesh::{BodyModel, PosedBody, SmplxBody, clothed_skin},
-};
-use radarllm_dataset::{Overwrite, PointsMeta, write_points};
-use radarllm_files::{
-    bounded::{self, MAX_CONFIG_BYTES},
-    npy::NpyWriter,
-};
+use radarllm::{SimulateOptions, Simulation, TiFirmware};
+use radarllm_base::{PointFrame, RadarConfig};
+use radarllm_dataset::{Overwrite, write_clip};
+use radarllm_files::npy::NpyWriter;
 use radarllm_formats::Severity;
-use radarllm_io::{TiFirmware, options::MAX_FRAMES};
-use radarllm_radar_sim::{Noise, Scene};
 use radarllm_synth::{
-    Method, SynthError, Synthesizer,
-    objects::ObjectsFile,
-    scene::{OwnedScene, SceneFile},
-    simulate::{is_builtin, motion_files, noise_seed, place},
-    synthesizer::{posed_builtin, scene_to_points_in_parallel},
+    Method, Synthesizer,
+    simulate::{is_builtin, motion_files},
 };
 use rayon::prelude::*;
 use serde::Serialize;
@@ -169,6 +157,19 @@ pub fn run(args: &SimulateArgs) -> CliResult {
                 .hint("leave out --firmware or --emit adc"));
         }
     };
+    let options = SimulateOptions {
+        seed: args.seed,
+        distance_m: args.distance_m,
+        radar_height_m: args.radar_height_m,
+        firmware,
+        body: args.body.clone(),
+        method: match args.reference {
+            true => Method::Reference,
+            false => Method::Fast,
+        },
+        own_noise: true,
+        ..SimulateOptions::default()
+    };
     let radar = radar.config;
     // Radars with warnings are simulated all the same, and the warnings are printed.
     let findings = radarllm_formats::lint(&radar, None);
@@ -204,7 +205,7 @@ pub fn run(args: &SimulateArgs) -> CliResult {
     let results: Vec<CliResult<Done>> = on_threads(args.threads, || {
         jobs.par_iter()
             .map(|(input, out)| {
-                let result = simulate_one(input, out, &radar, firmware.as_ref(), args);
+                let result = simulate_one(input, out, &radar, &options, args);
                 progress.one_more();
                 result
             })
@@ -352,206 +353,84 @@ fn outputs(inputs: &[String], args: &SimulateArgs) -> CliResult<Vec<PathBuf>> {
     Ok(names)
 }
 
+/// Simulates an input and writes points or samples.
 fn simulate_one(
     input: &str,
     out: &Path,
     radar: &RadarConfig,
-    firmware: Option<&TiFirmware>,
+    options: &SimulateOptions,
     args: &SimulateArgs,
 ) -> CliResult<Done> {
-    let method = if args.reference {
-        Method::Reference
-    } else {
-        Method::Fast
-    };
-    if input.ends_with(".toml") {
-        let text = bounded::read_text(Path::new(input), MAX_CONFIG_BYTES)?;
-        let file =
-            SceneFile::from_toml(&text).map_err(|e| CliError::new(format!("{input}: {e}")))?;
-        let base = Path::new(input).parent().unwrap_or(Path::new(""));
-        let owned = OwnedScene::open(&file, base, SPEED_OF_LIGHT_MPS / radar.wavelength_m())
-            .map_err(|e| CliError::new(format!("{input}: {e}")))?;
-        let impairments = file
-            .impairments
-            .resolve()
-            .map_err(|e| CliError::new(format!("{input}: {e}")))?;
-        let radar = file.radar(radar);
-        let plan = || {
-            let chain = Synthesizer::with_simulation(
-                &radar,
-                method,
-                firmware.map_or_else(|| file.processing.resolve(&radar), |f| f.chain.clone()),
-                file.sim_options(),
-            );
-            Ok(chain?.with_impairments(impairments))
-        };
-        let scene = owned.scene();
-        let simulation = Simulation {
-            input,
-            radar: &radar,
-            firmware,
-            scene: &scene,
-            duration_s: file.duration_s,
-            seed: args.seed,
-        };
-        return simulation.write(&plan, out, args);
-    }
-    let motion = open_motion(input, args.seed)?;
-    let placement = place(&motion.motion, args.distance_m, args.radar_height_m);
-    let body = match &args.body {
-        Some(path) => {
-            let model: std::sync::Arc<dyn BodyModel> =
-                std::sync::Arc::new(SmplxBody::open(path, &[])?);
-            PosedBody::new(
-                model,
-                MotionSampler::new(&motion.motion),
-                placement,
-                clothed_skin(),
-            )
+    let simulation = Simulation::open(input, radar, options)?;
+    let mut pictures = Pictures::new(&args.pictures);
+    let draws = args.pictures.paths().next().is_some();
+    let n_points = match args.emit {
+        Emit::Points => {
+            let frames = match draws {
+                true => draw_each(&simulation, &mut pictures)?,
+                false => simulation.points(&|| false)?,
+            };
+            pictures.finish(&frames, None)?;
+            let clip = simulation.clip(frames);
+            write_clip(out, &clip, Overwrite::Replace)?;
+            clip.n_points()
         }
-        None => posed_builtin(&motion.motion, motion.shape, placement)?,
-    };
-    let scene = Scene {
-        surfaces: vec![&body],
-        points: Vec::new(),
-        noise: Noise::Thermal,
-    };
-    let seed = noise_seed(input, args.seed);
-    let objects = match firmware {
-        Some(firmware) if firmware.reports_surroundings() => {
-            let height_m = f64::from(args.radar_height_m);
-            ObjectsFile::furnished().draw(height_m, derive_seed(seed, "objects"))
-        }
-        _ => Vec::new(),
-    };
-    let plan = || {
-        let chain = firmware.map_or_else(DspOptions::default, |f| f.chain.clone());
-        let mut synthesizer = Synthesizer::new(radar, method, chain)?;
-        synthesizer.set_objects(objects.clone())?;
-        Ok(synthesizer)
-    };
-    let simulation = Simulation {
-        input,
-        radar,
-        firmware,
-        scene: &scene,
-        duration_s: motion.motion.duration_s(),
-        seed,
-    };
-    simulation.write(&plan, out, args)
-}
-
-/// A scene that is simulated to one output.
-struct Simulation<'a> {
-    /// The input as named.
-    input: &'a str,
-    radar: &'a RadarConfig,
-    firmware: Option<&'a TiFirmware>,
-    scene: &'a Scene<'a>,
-    duration_s: f64,
-    /// Seed of the noise.
-    seed: u64,
-}
-
-impl Simulation<'_> {
-    /// Simulates the scene and writes points or samples. `plan` creates the chain of one thread.
-    fn write(
-        &self,
-        plan: &(impl Fn() -> Result<Synthesizer, SynthError> + Sync),
-        out: &Path,
-        args: &SimulateArgs,
-    ) -> CliResult<Done> {
-        let n_frames = self.radar.frames_in(self.duration_s).max(1);
-        if n_frames > MAX_FRAMES {
-            return Err(CliError::new(format!(
-                "{}: {n_frames} radar frames, at most {MAX_FRAMES} are handled",
-                self.input
-            )));
-        }
-        let mut pictures = Pictures::new(&args.pictures);
-        let draws = args.pictures.paths().next().is_some();
-        let n_points = match args.emit {
-            Emit::Points => {
-                let mut frames = match draws {
-                    true => self.draw_each(&mut plan()?, n_frames, &mut pictures)?,
-                    false => scene_to_points_in_parallel(plan, self.scene, n_frames, self.seed)?,
-                };
-                if let Some(firmware) = self.firmware {
-                    frames.iter_mut().for_each(|f| firmware.limit(f));
+        Emit::Adc => {
+            let mut frames = Vec::new();
+            write_adc(&simulation, out, |synthesizer, frame_idx| {
+                if draws {
+                    frames.push(draw(synthesizer, frame_idx, &mut pictures)?);
                 }
-                pictures.finish(&frames, None)?;
-                let meta = PointsMeta {
-                    radar: self.radar.name.clone(),
-                    source: Provenance::simulated(self.input, self.seed).to_string(),
-                    seed: Some(self.seed),
-                    version: env!("CARGO_PKG_VERSION").into(),
-                    radar_height_m: Some(args.radar_height_m),
-                    frame_rate_hz: self.radar.frame_rate_hz(),
-                };
-                write_points(out, &meta, &frames, Overwrite::Replace)?;
-                frames.iter().map(|f| f.points.len()).sum()
-            }
-            Emit::Adc => {
-                let mut frames = Vec::new();
-                self.write_adc(&mut plan()?, n_frames, out, |synthesizer, frame_idx| {
-                    if draws {
-                        frames.push(draw(synthesizer, frame_idx, &mut pictures)?);
-                    }
-                    Ok(())
-                })?;
-                pictures.finish(&frames, None)?;
-                0
-            }
-        };
-        Ok(Done {
-            frames: n_frames,
-            points: n_points,
-            out: out.into(),
-        })
-    }
+                Ok(())
+            })?;
+            pictures.finish(&frames, None)?;
+            0
+        }
+    };
+    Ok(Done {
+        frames: simulation.n_frames(),
+        points: n_points,
+        out: out.into(),
+    })
+}
 
-    /// Points of all frames; plots see the samples of every frame in order.
-    fn draw_each(
-        &self,
-        synthesizer: &mut Synthesizer,
-        n_frames: usize,
-        pictures: &mut Pictures,
-    ) -> CliResult<Vec<PointFrame>> {
-        let one = |frame_idx| {
-            synthesizer.simulate(self.scene, frame_idx, self.seed)?;
-            draw(synthesizer, frame_idx, pictures)
-        };
-        (0..n_frames).map(one).collect()
-    }
+/// Points of all frames; plots see the samples of every frame in order.
+fn draw_each(simulation: &Simulation, pictures: &mut Pictures) -> CliResult<Vec<PointFrame>> {
+    let mut synthesizer = simulation.plan()?;
+    let one = |frame_idx| {
+        simulation.cube(&mut synthesizer, frame_idx)?;
+        let mut frame = draw(&mut synthesizer, frame_idx, pictures)?;
+        simulation.limit(&mut frame);
+        Ok(frame)
+    };
+    (0..simulation.n_frames()).map(one).collect()
+}
 
-    /// npy complex64 `[frame, loop, tx, rx, sample]`, written frame by frame.
-    fn write_adc(
-        &self,
-        synthesizer: &mut Synthesizer,
-        n_frames: usize,
-        out: &Path,
-        mut after_frame: impl FnMut(&mut Synthesizer, usize) -> CliResult,
-    ) -> CliResult {
-        let radar = self.radar;
-        let shape = [
-            n_frames,
-            radar.n_loops,
-            radar.tx.len(),
-            radar.rx.len(),
-            radar.n_samples,
-        ];
-        output::write_atomic_with(out, |file| {
-            let mut buffered = BufWriter::new(file);
-            let mut npy = NpyWriter::new(&mut buffered, &shape)?;
-            for frame_idx in 0..n_frames {
-                let cube = synthesizer.simulate(self.scene, frame_idx, self.seed)?;
-                npy.extend(cube.data.iter().map(|c| [c.re, c.im]))?;
-                after_frame(synthesizer, frame_idx)?;
-            }
-            npy.finish()?;
-            buffered.flush().map_err(|e| CliError::io(out, e))
-        })
-    }
+/// npy complex64 `[frame, loop, tx, rx, sample]`, written frame by frame.
+fn write_adc(
+    simulation: &Simulation,
+    out: &Path,
+    mut after_frame: impl FnMut(&mut Synthesizer, usize) -> CliResult,
+) -> CliResult {
+    let (radar, mut synthesizer) = (simulation.radar(), simulation.plan()?);
+    let shape = [
+        simulation.n_frames(),
+        radar.n_loops,
+        radar.tx.len(),
+        radar.rx.len(),
+        radar.n_samples,
+    ];
+    output::write_atomic_with(out, |file| {
+        let mut buffered = BufWriter::new(file);
+        let mut npy = NpyWriter::new(&mut buffered, &shape)?;
+        for frame_idx in 0..simulation.n_frames() {
+            let cube = simulation.cube(&mut synthesizer, frame_idx)?;
+            npy.extend(cube.data.iter().map(|c| [c.re, c.im]))?;
+            after_frame(&mut synthesizer, frame_idx)?;
+        }
+        npy.finish()?;
+        buffered.flush().map_err(|e| CliError::io(out, e))
+    })
 }
 
 /// Extracts the points of the simulated frame, and adds the frame to the plots.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use radarllm::{Clip, teach::Memory};
+use radarllm::teach::Memory;
 
 use crate::{
     commands::describe::{self, Detail},
@@ -76,7 +76,7 @@ pub fn run(args: &TeachArgs) -> CliResult {
         let recording = radarllm::open(input)
             .with_options(options.clone())
             .points()?;
-        let clip: Clip = describe::prepared(input, &recording, Detail::All)?;
+        let clip = describe::prepared(input, &recording, Detail::All)?;
         if clip.provenance.is_simulated() {
             eprintln!(
                 "warning: {input}: simulated points; recordings of your own radar teach more"

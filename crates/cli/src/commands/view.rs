@@ -15,6 +15,8 @@ use radarllm_synth::synthesizer::posed_builtin;
 use crate::{
     commands::describe::{self, Detail, Row},
     error::{CliError, CliResult},
+    model,
+    model_args::DecoderName,
     output,
     recording_args::InputArgs,
 };
@@ -82,7 +84,7 @@ pub fn run(args: &ViewArgs) -> CliResult {
         })
         .points()?;
     let clip = describe::prepared(&args.input_file, &recording, Detail::All)?;
-    let captioner = describe::load_captioner(args.model.as_deref())?;
+    let captioner = model::captioner(args.model.as_deref(), DecoderName::F32)?;
     let row = describe::describe(
         &captioner,
         &args.input_file,

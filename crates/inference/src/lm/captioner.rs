@@ -1,6 +1,5 @@
 //! The captioner: generates sentences from radar points.
 
-use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -10,20 +9,18 @@ use radarllm_base::{Clip, PointFrame};
 use radarllm_engine::{Precision, Watch, search};
 use serde::Serialize;
 
-use super::card::{Learned, LmFiles};
+use super::card::Learned;
 use super::consensus::{self, Reading, WindowReadings};
-use super::engine_lm::EngineLm;
-use super::ensemble::{Ensemble, Sentence, member_folders};
+use super::ensemble::{Ensemble, Member, Sentence, open_members};
 use super::person_gate::{median_points, points_stay_together};
 use super::templates::Task;
 use super::vocab::Vocab;
 use super::{
     Allowed, GenerateOptions, Generated, InputError, Instruction, LmError, Source, Unlearned,
 };
-use crate::backend::{Backend, EngineBackend};
-use crate::checkpoint::Checkpoint;
-use crate::prepare::{FRAME_RATE_HZ, prepared};
-use crate::tokenizer::{Encoded, FRAMES_PER_CODE, MAX_FRAMES, RadarTokenizer};
+use crate::backend::{Backend, LoadBackend, load_engine};
+use crate::prepare::{FRAME_RATE_HZ, PreparedClip};
+use crate::tokenizer::{Encoded, FRAMES_PER_CODE, MAX_FRAMES};
 
 /// The sentences of this many windows before and after a window are readings of it.
 const N_NEAR: usize = 7;
@@ -190,50 +187,35 @@ pub struct Segment {
 }
 
 impl Captioner {
-    /// Loads `dir/tokenizer` and `dir/lm` for the inference engine, and those of the further members of an ensemble; see
-    /// [`member_folders`].
+    /// Loads the model in a folder, with all members of an ensemble, for the inference engine; see [`open_members`].
     ///
     /// With [`Precision::Int8`] the weights of the language model are quantized to bytes. This is faster for large
     /// models and occasionally changes a word. The radar tokenizer is always computed in f32.
     ///
     /// # Errors
-    /// If either is missing or damaged, or they do not belong together.
+    /// If either is missing or damaged, or they do not belong together; [`LmError::NotT5`] if a language model has another
+    /// architecture.
     pub fn load(dir: &Path, precision: Precision) -> Result<Self, LmError> {
-        let open = |dir: &Path| {
-            let open = |part: &str| Checkpoint::open(&dir.join(part));
-            Self::from_checkpoints(&open("tokenizer")?, open("lm")?, precision)
+        Self::from_members(open_members(dir)?, precision, load_engine)
+    }
+
+    /// Loads the networks of every member on a backend, which [`load_engine`] or `radarllm-nn` creates. The members
+    /// describe together.
+    ///
+    /// # Errors
+    /// Those of [`Self::load`]; [`LmError::Config`] without a member.
+    pub fn from_members(
+        members: impl IntoIterator<Item = Member>,
+        precision: Precision,
+        load: LoadBackend,
+    ) -> Result<Self, LmError> {
+        let mut backends = members.into_iter().map(|member| load(member, precision));
+        let none = || LmError::Config {
+            field: "members",
+            problem: "none".into(),
         };
-        let mut captioner = open(dir)?;
-        for folder in &member_folders(dir)[1..] {
-            captioner = captioner.join(open(folder)?);
-        }
-        Ok(captioner)
-    }
-
-    /// Packs the networks of two checkpoints for the inference engine.
-    ///
-    /// # Errors
-    /// Those of [`Self::load`]; [`LmError::NotT5`] if the language model has another architecture.
-    pub fn from_checkpoints(
-        tokenizer: &Checkpoint,
-        lm: Checkpoint,
-        precision: Precision,
-    ) -> Result<Self, LmError> {
-        Self::from_files(tokenizer, LmFiles::of(lm)?, precision)
-    }
-
-    /// As [`Self::from_checkpoints`], with the files of the language model.
-    ///
-    /// # Errors
-    /// As [`Self::from_checkpoints`].
-    pub fn from_files(
-        tokenizer: &Checkpoint,
-        lm: LmFiles,
-        precision: Precision,
-    ) -> Result<Self, LmError> {
-        let tokenizer = RadarTokenizer::from_checkpoint(tokenizer)?;
-        let backend = EngineBackend::new(tokenizer, EngineLm::from_files(lm, precision)?)?;
-        Ok(Self::new(Box::new(backend)))
+        let first = Self::new(backends.next().ok_or_else(none)??);
+        backends.try_fold(first, |all, backend| Ok(all.join(Self::new(backend?))))
     }
 
     /// Creates a captioner on any backend.
@@ -263,24 +245,26 @@ impl Captioner {
 
     /// Describes a clip of any length.
     ///
-    /// The clip is prepared as in [`crate::prepare_for_model`], and copied only if a change is necessary. A clip of at
-    /// most 96 frames is described as a whole. A longer one is described in overlapping windows, whose sentences vote
+    /// A clip of at most 96 frames is described as a whole. A longer one is described in overlapping windows, whose sentences vote
     /// for what is stated about each 2 s; its caption summarises the segments.
     ///
     /// # Errors
-    /// [`LmError::Clip`] for values that are not finite and impossible frame rates.
-    pub fn describe(&self, clip: &Clip, options: &DescribeOptions) -> Result<Description, LmError> {
+    /// What the networks refuse.
+    pub fn describe(
+        &self,
+        clip: &PreparedClip,
+        options: &DescribeOptions,
+    ) -> Result<Description, LmError> {
         search::unwatched(|watch| self.describe_watched(clip, options, watch))
     }
 
     fn describe_watched(
         &self,
-        clip: &Clip,
+        clip: &PreparedClip,
         options: &DescribeOptions,
         watch: &mut Watch,
     ) -> Result<Description, LmError> {
-        let clip = prepared(clip)?;
-        let windows = Windows::of(&clip, options);
+        let windows = Windows::of(clip, options);
         let results = self.caption_windows(&windows.usable(), options, watch)?;
         self.description(&windows, &results)
     }
@@ -337,11 +321,9 @@ impl Captioner {
     /// Those of [`Self::describe`].
     pub fn describe_batch(
         &self,
-        clips: &[&Clip],
+        clips: &[&PreparedClip],
         options: &DescribeOptions,
     ) -> Result<Vec<Description>, LmError> {
-        let clips = clips.iter().map(|clip| prepared(clip));
-        let clips = clips.collect::<Result<Vec<Cow<Clip>>, _>>()?;
         let all: Vec<Windows> = clips.iter().map(|c| Windows::of(c, options)).collect();
         let usable: Vec<_> = all.iter().flat_map(Windows::usable).collect();
         let results = search::unwatched(|watch| self.caption_windows(&usable, options, watch))?;
@@ -354,13 +336,11 @@ impl Captioner {
         all.iter().map(describe).collect()
     }
 
-    /// Returns the radar tokens of all windows of a clip, one per 0.4 s. The clip is prepared as in [`Self::describe`],
-    /// but windows without a person have tokens too.
+    /// Returns the radar tokens of all windows of a clip, one per 0.4 s. Windows without a person have tokens too.
     ///
     /// # Errors
     /// Those of [`Self::describe`].
-    pub fn tokenize(&self, clip: &Clip) -> Result<Vec<u32>, LmError> {
-        let clip = prepared(clip)?;
+    pub fn tokenize(&self, clip: &PreparedClip) -> Result<Vec<u32>, LmError> {
         let windows: Vec<_> = equal_windows(&clip.frames)
             .map(|window| (window, clip.radar_height_m))
             .collect();
@@ -379,12 +359,11 @@ impl Captioner {
     /// Those of [`Self::describe`].
     pub fn describe_streaming(
         &self,
-        clip: &Clip,
+        clip: &PreparedClip,
         options: &DescribeOptions,
         mut on_text: impl FnMut(&str) -> ControlFlow<()>,
     ) -> Result<Option<Description>, LmError> {
-        let clip = prepared(clip)?;
-        let windows = Windows::of(&clip, options);
+        let windows = Windows::of(clip, options);
         let mut sent = String::new();
         let cancel = AtomicBool::new(false);
         let mut send = |upto: &str, sent: &mut String| {
@@ -448,15 +427,14 @@ impl Captioner {
     /// Those of [`Self::describe`]; [`LmError::NotLearned`] if the model was not tuned for the task.
     pub fn answer(
         &self,
-        clip: &Clip,
+        clip: &PreparedClip,
         instruction: &Instruction,
         options: &DescribeOptions,
     ) -> Result<Answer, LmError> {
         let task = instruction.task();
         self.require(task, !instruction.is_of_pretraining())?;
-        let clip = prepared(clip)?;
         let model = self.ensemble.first();
-        let times = Windows::of(&clip, options);
+        let times = Windows::of(clip, options);
         let has_person = |window: &[PointFrame]| {
             window.len() >= options.min_frames.max(1)
                 && (median_points(window) >= options.min_median_points
@@ -554,12 +532,11 @@ impl Captioner {
     /// Those of [`Self::describe`], and texts with words that the model does not know.
     pub fn score_texts(
         &self,
-        clip: &Clip,
+        clip: &PreparedClip,
         texts: &[String],
         options: &DescribeOptions,
     ) -> Result<Vec<Vec<f32>>, LmError> {
-        let clip = prepared(clip)?;
-        let windows = Windows::of(&clip, options);
+        let windows = Windows::of(clip, options);
         let encoded = self.ensemble.encode(&windows.usable())?;
         let log_probs = |radar: &Vec<Encoded>| self.ensemble.mean_log_probs(radar, texts);
         encoded.iter().map(log_probs).collect()

@@ -16,6 +16,7 @@ use super::consensus::content;
 use super::templates::EVALUATION_PROMPT;
 use super::{GenerateOptions, LmError, Vocab};
 use crate::backend::Backend;
+use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::tokenizer::{Encoded, context::context};
 
 /// Most members of an ensemble.
@@ -27,6 +28,41 @@ pub fn member_folders(dir: &Path) -> Vec<PathBuf> {
     let further = (2..=MAX_MEMBERS).map(|n| dir.join(format!("member-{n}")));
     let further = further.take_while(|folder| folder.is_dir());
     [dir.to_path_buf()].into_iter().chain(further).collect()
+}
+
+/// The checkpoints of a radar tokenizer and of a language model that belong together: a model, or a member of an
+/// ensemble.
+#[derive(Debug)]
+pub struct Member {
+    /// The radar tokenizer.
+    pub tokenizer: Checkpoint,
+    /// The language model.
+    pub lm: Checkpoint,
+}
+
+impl Member {
+    /// Folders of the two checkpoints in the folder of a member.
+    pub const PARTS: [&str; 2] = ["lm", "tokenizer"];
+
+    /// Opens `dir/tokenizer` and `dir/lm`, whose checksums are verified.
+    ///
+    /// # Errors
+    /// If either is missing or damaged.
+    pub fn open(dir: &Path) -> Result<Self, CheckpointError> {
+        Ok(Self {
+            tokenizer: Checkpoint::open(&dir.join("tokenizer"))?,
+            lm: Checkpoint::open(&dir.join("lm"))?,
+        })
+    }
+}
+
+/// Opens all members of the model in `dir`; see [`member_folders`].
+///
+/// # Errors
+/// If one is missing or damaged.
+pub fn open_members(dir: &Path) -> Result<Vec<Member>, CheckpointError> {
+    let folders = member_folders(dir);
+    folders.iter().map(|folder| Member::open(folder)).collect()
 }
 
 /// One or more models.

@@ -306,7 +306,7 @@ mod tests {
 
     #[test]
     fn the_bundled_file_is_written_as_it_was_read() {
-        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../models/default/lm/");
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../model-default/weights/lm/");
         let bytes = std::fs::read(format!("{folder}tokenizer.json")).unwrap();
         let read = WordPiece::from_json(&bytes).unwrap();
         assert_eq!(read.to_json().unwrap().as_bytes(), bytes);

@@ -6,7 +6,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use radarllm_base::{Provenance, RadarCube, message::text};
+use radarllm_base::{Provenance, RadarCube, SourceInfo, message::text};
 use radarllm_formats::{
     adc::{CubeShape, FrameDecoder, LvdsLanes, SampleLayout},
     dca1000::{FrameBuilder, TransferSummary},
@@ -14,7 +14,7 @@ use radarllm_formats::{
 use radarllm_radar_dsp::{Corrector, PointExtractor};
 
 use super::{
-    LiveAbout, LiveCounts, LiveEvent, LiveSource, LiveTimeouts,
+    LiveCounts, LiveEvent, LiveSource, LiveTimeouts,
     card::{CONTROL_PORT, Starting},
     deadline,
     output::{Clock, Output},
@@ -24,8 +24,9 @@ use crate::{
     cleaning,
     error::{Error, Result},
     layout::choose_layout,
+    opened::Opened,
     options::{CaptureOptions, DEFAULT_RADAR_HEIGHT_M, refuse_options},
-    samples::SampleFormat,
+    samples::SampleFiles,
     udp::{self, SYSTEM_BUFFER_BYTES, UdpPackets},
 };
 
@@ -55,7 +56,7 @@ pub struct Dca1000 {
     /// Addresses of the commands: the card's and ours. `None` if the card is not configured by us.
     control: Option<[SocketAddr; 2]>,
     timeouts: LiveTimeouts,
-    about: LiveAbout,
+    about: SourceInfo,
     notes: Vec<String>,
     shape: CubeShape,
     layout: SampleLayout,
@@ -130,7 +131,8 @@ impl Dca1000 {
         let config = &radar.config;
         let extractor = PointExtractor::new(config, cleaning::chain(&capture.cleaning, dsp))?;
         let inputs = std::slice::from_ref(&input);
-        let chosen = choose_layout(SampleFormat::Udp, inputs, radar, &capture.layout)?;
+        let files = SampleFiles::new(Opened::samples(inputs, None)?)?;
+        let chosen = choose_layout(&files, radar, &capture.layout)?;
         notes.extend(chosen.notes);
         let shape = CubeShape::of(config);
         let packets = bind(&input, address, card)?;
@@ -161,7 +163,7 @@ impl Dca1000 {
             card,
             control,
             timeouts,
-            about: LiveAbout {
+            about: SourceInfo {
                 frame_period_s: config.frame_period_s,
                 radar: config.name.clone(),
                 radar_height_m: capture.radar_height_m.unwrap_or(DEFAULT_RADAR_HEIGHT_M),
@@ -169,8 +171,7 @@ impl Dca1000 {
                 provenance: Provenance::Recorded {
                     format: None,
                     path: input.display().to_string(),
-                }
-                .to_string(),
+                },
             },
             input,
             notes,
@@ -353,7 +354,7 @@ impl LiveSource for Dca1000 {
         }
     }
 
-    fn about(&self) -> LiveAbout {
+    fn about(&self) -> SourceInfo {
         self.about.clone()
     }
 

@@ -49,7 +49,7 @@ pub mod ti_board;
 
 use std::time::{Duration, Instant};
 
-use radarllm_base::{Clutter, PointFrame};
+use radarllm_base::{PointFrame, SourceInfo};
 
 pub use dca1000::{Dca1000, DcaOptions};
 pub use ti_board::{TiBoard, TiBoardOptions};
@@ -81,7 +81,7 @@ pub trait LiveSource: Send {
     fn next(&mut self, timeout: Duration) -> Result<Option<LiveEvent>>;
 
     /// What is constant for all frames.
-    fn about(&self) -> LiveAbout;
+    fn about(&self) -> SourceInfo;
 
     /// What was received and dropped up to now.
     fn counts(&self) -> LiveCounts;
@@ -90,21 +90,6 @@ pub trait LiveSource: Send {
     fn notes(&self) -> &[String] {
         &[]
     }
-}
-
-/// Metadata of the frames of a source, as in a [`Clip`](radarllm_base::Clip).
-#[derive(Clone, Debug, PartialEq)]
-pub struct LiveAbout {
-    /// Time between two frames, s.
-    pub frame_period_s: f64,
-    /// Name of the radar; `unknown` if no source specifies it.
-    pub radar: String,
-    /// Height of the radar above the floor, m.
-    pub radar_height_m: f32,
-    /// Whether static clutter may still be among the points.
-    pub clutter: Clutter,
-    /// Text form of the [`Provenance`](radarllm_base::Provenance).
-    pub provenance: String,
 }
 
 /// Counts of a source since it was opened.

@@ -7,14 +7,14 @@ use std::{
     time::{Duration, Instant},
 };
 
-use radarllm_base::{Provenance, RecordedFrame, TimelineError, message::option};
+use radarllm_base::{Provenance, RecordedFrame, SourceInfo, TimelineError, message::option};
 use radarllm_formats::{
     Mounting, RecordingFormat, UartError, UartParser,
     uart::{Dialect, SubframeJoiner, UartFrame},
 };
 
 use super::{
-    LiveAbout, LiveCounts, LiveEvent, LiveSource, LiveTimeouts,
+    LiveCounts, LiveEvent, LiveSource, LiveTimeouts,
     cli::{self, CliError, Sending},
     deadline,
     output::{Clock, Output},
@@ -57,7 +57,7 @@ pub struct TiBoard {
     cli: Option<Cli>,
     baud: u32,
     timeouts: LiveTimeouts,
-    about: LiveAbout,
+    about: SourceInfo,
     notes: Vec<String>,
     /// Whether a frame waits for sub-frames until the next packet. Chirp files that can be read have none.
     waits_for_subframes: bool,
@@ -157,7 +157,7 @@ impl TiBoard {
         let position = radar.and_then(|r| r.position);
         let mounting: Mounting = mounting(points, position, &mut notes)?;
         let background = cleaning::point_background(&capture)?;
-        let about = LiveAbout {
+        let about = SourceInfo {
             frame_period_s: 1.0 / frame_rate_hz,
             radar: radar_name(RecordingFormat::Uart, radar),
             radar_height_m: capture
@@ -165,8 +165,7 @@ impl TiBoard {
                 .or(position.map(|p| p.height_m as f32))
                 .unwrap_or(DEFAULT_RADAR_HEIGHT_M),
             clutter: points.clutter(),
-            provenance: Provenance::recorded(RecordingFormat::Uart.name(), data.display())
-                .to_string(),
+            provenance: Provenance::recorded(RecordingFormat::Uart.name(), data.display()),
         };
         let port = Terminal::open(&data, points.baud).map_err(|e| Error::io(&data, e))?;
         if let Some(cli) = &cli {
@@ -453,7 +452,7 @@ impl LiveSource for TiBoard {
         Ok(event)
     }
 
-    fn about(&self) -> LiveAbout {
+    fn about(&self) -> SourceInfo {
         self.about.clone()
     }
 

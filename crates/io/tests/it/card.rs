@@ -106,7 +106,7 @@ fn packets_give_the_frames_of_the_recording() {
     let counts = card.counts();
     assert_eq!((counts.frames, counts.lost_frames), (6, 0));
     let about = card.about();
-    assert_eq!(about.provenance, "recorded:udp:127.0.0.1:0");
+    assert_eq!(about.provenance.to_string(), "recorded:udp:127.0.0.1:0");
     assert_eq!(about.radar, "small");
 }
 

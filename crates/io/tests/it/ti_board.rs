@@ -218,7 +218,7 @@ fn short_streams_are_read_when_they_end() {
     let about = board.about();
     assert_eq!(about.radar, "awr1843boost");
     assert_eq!(
-        about.provenance,
+        about.provenance.to_string(),
         format!("recorded:uart:{}", pty.path.display())
     );
     assert!((about.frame_period_s - 0.1).abs() < 1e-9);

@@ -125,7 +125,6 @@ fn run(run: &Run, database: &Path) -> Outcome {
         start_ms,
     );
     let input = Input::radar("soak", Box::new(radar))
-        .unwrap()
         .with_clock(Arc::new(move || clock_ms.load(Ordering::Relaxed)));
     let mut broker = Some(broker::Broker::start());
     let address = broker.as_ref().unwrap().address;

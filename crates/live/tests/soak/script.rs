@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
 
-use radarllm_base::{Clutter, PointFrame, Provenance, RadarPoint, seed};
-use radarllm_io::live::{LiveAbout, LiveCounts, LiveEvent, LiveSource};
+use radarllm_base::{Clutter, PointFrame, Provenance, RadarPoint, SourceInfo, seed};
+use radarllm_io::live::{LiveCounts, LiveEvent, LiveSource};
 
 use crate::motions::{self, Clip, Elsewhere, RADAR_M, RATE_HZ};
 
@@ -386,13 +386,13 @@ impl LiveSource for Radar {
         Ok(Some(LiveEvent::Frame(frame)))
     }
 
-    fn about(&self) -> LiveAbout {
-        LiveAbout {
+    fn about(&self) -> SourceInfo {
+        SourceInfo {
             frame_period_s: 1.0 / RATE_HZ,
             radar: radarllm::DEFAULT_RADAR.into(),
             radar_height_m: RADAR_M,
             clutter: Clutter::Settled,
-            provenance: Provenance::simulated("soak", 23).to_string(),
+            provenance: Provenance::simulated("soak", 23),
         }
     }
 

@@ -27,7 +27,7 @@ fn on_engine(
 
 /// The model that is included in the repository.
 fn default_model() -> RadarLm {
-    let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/default/lm");
+    let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../model-default/weights/lm");
     RadarLm::load(&dir, &Device::flex()).unwrap()
 }
 

@@ -138,7 +138,7 @@ mod tests {
     fn both() -> (WordPiece, Tokenizer) {
         let path = concat!(
             env!("CARGO_MANIFEST_DIR"),
-            "/../../models/default/lm/tokenizer.json"
+            "/../model-default/weights/lm/tokenizer.json"
         );
         let json = std::fs::read(path).unwrap();
         (

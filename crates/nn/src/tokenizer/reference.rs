@@ -320,7 +320,7 @@ mod tests {
 
     #[test]
     fn the_default_model_s_codes_are_those_of_the_network_as_trained() {
-        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../models/default/tokenizer");
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../model-default/weights/tokenizer");
         let reference = ReferenceTokenizer::load(&dir).unwrap();
         let engine = RadarTokenizer::load(&dir).unwrap();
         assert_eq!(reference.n_params(), engine.n_params());

@@ -5,6 +5,7 @@ mod noise;
 mod objects;
 mod rates;
 mod rooms;
+mod simulation;
 mod threads;
 
 use std::path::Path;

@@ -5,7 +5,7 @@ use std::{
     sync::atomic::{AtomicUsize, Ordering},
 };
 
-use radarllm_radar_dsp::PointExtractor;
+use radarllm_radar_dsp::{DspOptions, PointExtractor};
 use radarllm_synth::{
     DatasetPlan, SimulateOptions, SynthError, config::DatasetConfig, simulate::noise_seed,
     simulate_cubes, simulate_motion, simulate_motion_until,
@@ -36,7 +36,7 @@ fn cubes_are_those_of_the_points() {
     let options = SimulateOptions::default();
     let input = "builtin:clap?repetitions=2";
     let clip = simulate_motion(input, &radar, &options).unwrap().clip;
-    let mut chain = PointExtractor::new(&radar, options.processing.clone()).unwrap();
+    let mut chain = PointExtractor::new(&radar, DspOptions::default()).unwrap();
     let mut cubes = simulate_cubes(input, &radar, &options).unwrap();
     for (cube, frame) in cubes.by_ref().zip(&clip.frames[..3]) {
         assert_eq!(chain.extract(&cube.unwrap()).unwrap().points, frame.points);

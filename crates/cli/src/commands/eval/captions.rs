@@ -17,9 +17,10 @@ use radarllm_metrics::{Candidate, Reference, Scores};
 
 use super::page;
 use crate::{
-    commands::{describe, generate, model_files},
+    commands::{describe, generate},
     error::{CliError, CliResult},
     memory::peak_memory_mb,
+    model,
     model_args::{DecoderName, EncoderArgs},
     output,
 };
@@ -119,15 +120,15 @@ fn round_trip(args: &CaptionsArgs, count: usize) -> CliResult {
         beam: args.beam,
         seed: args.seed,
     };
-    let captioner = describe::load_decoder(args.model.as_deref(), args.decoder)?;
-    let name = captioner.name();
+    let model = model::open(args.model.as_deref(), args.decoder)?;
+    let name = model.name();
     // Said before anything is read: most models did not learn to generate.
-    let learned = captioner.model().require(Task::TextToRadar, false);
+    let learned = model.networks().require(Task::TextToRadar, false);
     learned.map_err(|e| generate::not_learned(name, e))?;
-    let decoder = generate::points_decoder(args.model.as_deref())?;
+    let decoder = model.points()?;
     let data = Dataset::open(&args.data)?;
     let points = |codes: &[u32], text: &str| Ok(generate::clip_of(&decoder, codes, text, name)?);
-    let (report, lines) = evaluate_round_trip(captioner.model(), name, points, &data, &options)?;
+    let (report, lines) = evaluate_round_trip(model.networks(), name, points, &data, &options)?;
     let text = round_trip::markdown(&report, &lines);
     let write =
         |name: &str, text: &str| output::write_atomic(&args.out.join(name), text.as_bytes());
@@ -161,10 +162,10 @@ pub fn evaluate_into(
     options: &EvaluationOptions,
     add: AddScores,
 ) -> CliResult<CaptionReport> {
-    let (captioner, model) = model_files::load(model, decoder)?;
+    let model = model::open(model, decoder)?;
+    let info = model::info(&model, decoder)?;
     let data = Dataset::open(data)?;
-    let (mut report, clips) =
-        evaluate_captions_with(captioner.model(), &model, &data, options, add)?;
+    let (mut report, clips) = evaluate_captions_with(model.networks(), &info, &data, options, add)?;
     report.peak_memory_mb = peak_memory_mb();
     let write = |name: &str, text: &str| output::write_atomic(&out.join(name), text.as_bytes());
     write("captions.jsonl", &json_lines(&clips)?)?;

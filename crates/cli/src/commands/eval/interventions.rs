@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use radarllm_eval::interventions::{InterventionOptions, evaluate_interventions};
 
-use crate::{commands::describe, error::CliResult, output, threads::on_threads};
+use crate::{error::CliResult, model, model_args::DecoderName, output, threads::on_threads};
 
 /// `eval interventions`.
 #[derive(Args)]
@@ -29,13 +29,13 @@ pub struct InterventionsArgs {
 
 /// Runs the command.
 pub fn run(args: &InterventionsArgs) -> CliResult {
-    let captioner = describe::load_captioner(args.model.as_deref())?;
+    let model = model::open(args.model.as_deref(), DecoderName::F32)?;
     let options = InterventionOptions {
         count: args.count,
         seed: args.seed,
     };
     let report = on_threads(args.threads, || {
-        evaluate_interventions(captioner.model(), &options)
+        evaluate_interventions(model.networks(), &options)
     })??;
     if args.json {
         return output::print_json(&report);

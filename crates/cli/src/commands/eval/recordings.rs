@@ -16,11 +16,9 @@ use radarllm_eval::{
 use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
 
 use crate::{
-    commands::{
-        describe::{self, Detail},
-        model_files,
-    },
+    commands::describe::{self, Detail},
     error::{CliError, CliResult},
+    model,
     model_args::DecoderName,
     output,
     recording_args::LabelledArgs,
@@ -89,8 +87,9 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
     let read = |role| read_recordings(&config, role, folder, &options);
     let recordings = read(role)?;
     let report = if args.proxy.is_empty() {
-        let (captioner, info) = model_files::load(args.model.as_deref(), DecoderName::F32)?;
-        let captioner = describe::restricted(captioner, &args.choose)?;
+        let captioner = model::captioner(args.model.as_deref(), DecoderName::F32)?;
+        let info = model::info(captioner.model(), DecoderName::F32)?;
+        let captioner = model::restricted(captioner, &args.choose)?;
         let name = captioner.name();
         let options = DescribeOptions {
             beam: args.beam,
@@ -215,7 +214,7 @@ pub fn read_recordings(
             .with_options(options.clone())
             .points()?;
         let clip = describe::prepared(&path.display().to_string(), &recording, Detail::All)?;
-        all.extend(parts(config, &activity, &name, clip));
+        all.extend(parts(config, &activity, &name, clip.into_clip()));
     }
     Ok(all)
 }

@@ -18,8 +18,8 @@ use radarllm_render::plot::{self, CurvePoint, LinePlot, Markers, Series};
 use radarllm_synth::config::DatasetConfig;
 
 use crate::{
-    commands::model_files,
     error::{CliError, CliResult},
+    model,
     model_args::DecoderName,
     output,
     threads::on_threads,
@@ -72,17 +72,11 @@ pub fn run(args: &RobustnessArgs) -> CliResult {
     let data_base = data_path.parent().unwrap_or(Path::new(""));
     let config = DatasetConfig::from_toml(&files::read_text(&data_path, MAX_CONFIG_BYTES)?)
         .map_err(|e| CliError::new(format!("{}: {e}", data_path.display())))?;
-    let (captioner, model) = model_files::load(args.model.as_deref(), args.decoder)?;
+    let model = model::open(args.model.as_deref(), args.decoder)?;
+    let info = model::info(&model, args.decoder)?;
     let corpora = config.open_sources(data_base)?;
-    let experiment = Experiment::new(
-        &plan,
-        &config,
-        data_base,
-        &corpora,
-        captioner.model(),
-        &model,
-    )
-    .map_err(problem)?;
+    let experiment = Experiment::new(&plan, &config, data_base, &corpora, model.networks(), &info)
+        .map_err(problem)?;
     let changes = plan
         .changes()
         .into_iter()

@@ -39,9 +39,8 @@ use radarllm_monitor::{
 };
 
 use crate::{
-    commands::describe::load_decoder,
     error::{CliError, CliResult},
-    output,
+    model, output,
     user_memory::load_memory,
 };
 
@@ -63,7 +62,7 @@ fn watch(args: &LiveArgs) -> CliResult {
     let stopping = Arc::clone(&stop);
     ctrlc::set_handler(move || stopping.store(true, Ordering::Release))
         .map_err(|e| CliError::new(format!("Ctrl-C: {e}")))?;
-    let mut captioner = load_decoder(args.model.as_deref(), args.decoder)?;
+    let mut captioner = model::captioner(args.model.as_deref(), args.decoder)?;
     if let Some(memory) = load_memory(args.memory.as_deref())? {
         captioner = captioner.with_memory(&memory);
     }
@@ -244,7 +243,7 @@ fn source(args: &LiveArgs) -> CliResult<Input> {
             args.repeats,
         )?);
     };
-    Ok(Input::radar(&name, source)?)
+    Ok(Input::radar(&name, source))
 }
 
 fn options(args: &LiveArgs) -> CliResult<LiveOptions> {

@@ -1,0 +1,383 @@
+//! A trained model: the one that comes with the library, or a folder made by training.
+
+use std::path::{Path, PathBuf};
+
+use radarllm_base::{
+    hash::Fnv1a,
+    message::{option, text},
+};
+use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
+use radarllm_inference::{
+    Captioner, LmError, LoadBackend, Precision,
+    backend::load_engine,
+    checkpoint::{Checkpoint, visit_files},
+    lm::ensemble::{Member, member_folders, open_members},
+    tokenizer::points::PointDecoder,
+};
+use radarllm_io::{Error, ErrorKind, Result};
+use radarllm_model_default as default_model;
+
+use crate::RecordedConfidence;
+
+/// Folders of the members of the bundled model.
+const BUNDLED_MEMBERS: [&str; 2] = ["", "member-2/"];
+/// Folder of the decoder of radar tokens in the folder of a model.
+const POINTS: &str = "points";
+/// The model card in the folder of a model.
+const CARD: &str = "README.md";
+
+/// How a model is computed.
+#[derive(Clone, Copy, Debug)]
+pub struct ModelOptions {
+    /// Precision of the weights of the language model.
+    pub precision: Precision,
+    /// What creates the networks of each member. [`load_engine`] is the inference engine; `radarllm-nn` has backends that
+    /// run the networks as they are trained.
+    pub backend: LoadBackend,
+}
+
+impl Default for ModelOptions {
+    /// The inference engine with 32-bit weights.
+    fn default() -> Self {
+        Self {
+            precision: Precision::F32,
+            backend: load_engine,
+        }
+    }
+}
+
+/// Where the files of a model are.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ModelFiles {
+    /// In the program: the model that comes with the library.
+    Bundled,
+    /// In a folder made by training.
+    Folder(PathBuf),
+}
+
+impl ModelFiles {
+    /// The files of a folder, or of the bundled model if none is named.
+    pub fn of(folder: Option<&Path>) -> Self {
+        folder.map_or(Self::Bundled, |folder| Self::Folder(folder.into()))
+    }
+
+    /// Name in reports: the folder, or `default (embedded)`.
+    pub fn name(&self) -> String {
+        self.path("").display().to_string()
+    }
+
+    /// Reads a configuration or another small text.
+    ///
+    /// # Errors
+    /// A file that is missing, too large or not UTF-8.
+    pub fn text(&self, file: &str) -> Result<String> {
+        let path = self.path(file);
+        match self {
+            Self::Folder(_) => Ok(bounded::read_text(&path, MAX_CONFIG_BYTES)?),
+            Self::Bundled => match default_model::file(file) {
+                Some(bytes) => Ok(String::from_utf8_lossy(bytes).into_owned()),
+                None => {
+                    let missing = "not part of the bundled model";
+                    Err(Error::in_file(&path, missing).of_kind(ErrorKind::NotFound))
+                }
+            },
+        }
+    }
+
+    /// As [`Self::text`], for a file that a model may lack.
+    fn optional_text(&self, file: &str) -> Result<Option<String>> {
+        let exists = match self {
+            Self::Folder(folder) => folder.join(file).exists(),
+            Self::Bundled => default_model::file(file).is_some(),
+        };
+        exists.then(|| self.text(file)).transpose()
+    }
+
+    /// Place of a file, for errors.
+    fn path(&self, file: &str) -> PathBuf {
+        let folder = match self {
+            Self::Folder(folder) => folder.as_path(),
+            Self::Bundled => Path::new(default_model::NAME),
+        };
+        match file {
+            "" => folder.into(),
+            file => folder.join(file),
+        }
+    }
+
+    fn members(&self) -> std::result::Result<Vec<Member>, LmError> {
+        match self {
+            Self::Folder(folder) => Ok(open_members(folder)?),
+            Self::Bundled => {
+                let member = |folder: &str| Member {
+                    tokenizer: bundled_checkpoint(&format!("{folder}tokenizer")),
+                    lm: bundled_checkpoint(&format!("{folder}lm")),
+                };
+                Ok(BUNDLED_MEMBERS.map(member).into())
+            }
+        }
+    }
+}
+
+/// A checkpoint of the bundled model. Its files are not hashed at every start; a test does.
+fn bundled_checkpoint(part: &str) -> Checkpoint {
+    let inside = |(path, bytes): &(&'static str, &'static [u8])| {
+        let name = path.strip_prefix(part)?.strip_prefix('/')?;
+        Some((name.to_string(), *bytes))
+    };
+    let named = default_model::FILES.iter().filter_map(inside);
+    Checkpoint::carried(&Path::new(default_model::NAME).join(part), named)
+}
+
+/// Size and hash of the files that a model consists of, which distinguish models of one name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Fingerprint {
+    /// Size of all files, bytes.
+    pub bytes: u64,
+    /// FNV-1a hash of names and contents.
+    pub hash: u64,
+}
+
+/// A trained model, loaded and ready: radar tokenizers and language models that describe together, how certain they are
+/// on recordings, and the files that they came from.
+///
+/// A [`Captioner`](crate::Captioner) describes with it, and adds what a user teaches or chooses.
+///
+/// ```
+/// let model = radarllm::Model::bundled()?;
+/// assert_eq!(model.name(), "default (embedded)");
+/// assert!(model.card()?.is_some_and(|card| card.starts_with("# Model card")));
+/// # Ok::<(), radarllm::Error>(())
+/// ```
+pub struct Model {
+    files: ModelFiles,
+    name: String,
+    networks: Captioner,
+    confidence: Option<RecordedConfidence>,
+}
+
+impl Model {
+    /// The model that comes with the library, on the inference engine with 32-bit weights.
+    ///
+    /// # Errors
+    /// If its files do not belong together, which a test excludes.
+    pub fn bundled() -> Result<Self> {
+        Self::load(ModelFiles::Bundled, &ModelOptions::default())
+    }
+
+    /// The model in a folder made by training, on the inference engine with 32-bit weights.
+    ///
+    /// # Errors
+    /// A folder that is incomplete or damaged.
+    pub fn open(folder: &Path) -> Result<Self> {
+        Self::load(ModelFiles::of(Some(folder)), &ModelOptions::default())
+    }
+
+    /// Loads a model.
+    ///
+    /// # Errors
+    /// Files that are missing, damaged or do not belong together, and what the backend cannot compute.
+    pub fn load(files: ModelFiles, options: &ModelOptions) -> Result<Self> {
+        let members = files.members();
+        let networks = members
+            .and_then(|all| Captioner::from_members(all, options.precision, options.backend));
+        let networks = networks.map_err(|error| match &files {
+            ModelFiles::Bundled => Error::wrap(error),
+            ModelFiles::Folder(folder) => {
+                let hint = match error {
+                    LmError::NotT5 { .. } => text(NOT_T5),
+                    _ => option("model").text(NO_MODEL),
+                };
+                Error::wrap_in_file(folder, error).with_hint(hint)
+            }
+        })?;
+        let file = RecordedConfidence::FILE;
+        let confidence = files.optional_text(file)?.map(|text| {
+            let parsed = RecordedConfidence::from_toml(&text);
+            parsed.map_err(|e| Error::wrap_in_file(&files.path(file), e))
+        });
+        let mut name = files.name();
+        if options.precision == Precision::Int8 {
+            name += ", int8";
+        }
+        Ok(Self {
+            confidence: confidence.transpose()?,
+            files,
+            name,
+            networks,
+        })
+    }
+
+    /// Name in reports: the folder, or `default (embedded)`; with `, int8` after it if the weights are rounded to bytes,
+    /// because sentences may differ.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Where the files of the model are.
+    pub fn files(&self) -> &ModelFiles {
+        &self.files
+    }
+
+    /// The networks, which describe batches, tokenize, score sentences and follow instructions.
+    pub fn networks(&self) -> &Captioner {
+        &self.networks
+    }
+
+    /// How certain the model is on recordings, if that was fitted ([`RecordedConfidence::FILE`]).
+    pub fn confidence(&self) -> Option<&RecordedConfidence> {
+        self.confidence.as_ref()
+    }
+
+    /// The decoder of radar tokens, which makes points of them. It is read at every call.
+    ///
+    /// # Errors
+    /// A model without one, or one that is damaged or belongs to other tokens.
+    pub fn points(&self) -> Result<PointDecoder> {
+        let decoder = self.files.path(POINTS);
+        let folder = match &self.files {
+            ModelFiles::Folder(folder) if decoder.is_dir() => folder,
+            _ => {
+                let missing =
+                    "the model has no decoder of radar tokens, which makes points of them";
+                return Err(Error::in_file(&decoder, missing).with_hint(
+                    "`radarllm train points RECIPE` trains it with the recipe of the model and adds it to the model's folder",
+                ));
+            }
+        };
+        let tokenizer = Checkpoint::open(&folder.join("tokenizer")).map_err(Error::wrap)?;
+        PointDecoder::load(&decoder, &tokenizer).map_err(Error::wrap)
+    }
+
+    /// The model card, in Markdown, if the model has one (`README.md`).
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn card(&self) -> Result<Option<String>> {
+        match &self.files {
+            ModelFiles::Bundled => Ok(Some(default_model::CARD.into())),
+            folder => folder.optional_text(CARD),
+        }
+    }
+
+    /// Size and hash of the files of all members. They are read at every call.
+    ///
+    /// # Errors
+    /// Files that cannot be read.
+    pub fn fingerprint(&self) -> Result<Fingerprint> {
+        let (mut bytes, mut hash) = (0, Fnv1a::new());
+        let mut add = |name: &str, content: &[u8]| {
+            bytes += content.len() as u64;
+            hash.write(name.as_bytes());
+            hash.write(content);
+        };
+        match &self.files {
+            ModelFiles::Bundled => {
+                for (name, content) in &default_model::FILES {
+                    add(name, content);
+                }
+            }
+            ModelFiles::Folder(folder) => {
+                let mut add = |path: &Path, content: &[u8]| {
+                    let name = path.strip_prefix(folder).unwrap_or(path);
+                    add(&name.to_string_lossy(), content);
+                };
+                for member in member_folders(folder) {
+                    for part in Member::PARTS {
+                        visit_files(&member.join(part), &mut add).map_err(Error::wrap)?;
+                    }
+                }
+            }
+        }
+        let hash = hash.finish();
+        Ok(Fingerprint { bytes, hash })
+    }
+}
+
+/// Hint for a folder that is no model, after the name of the option.
+const NO_MODEL: &str = " wants a folder made by `radarllm train all`";
+/// Hint for a language model that the inference engine does not run.
+const NOT_T5: &str = "a build with training runs other language models, in 32 bits";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The folder from which the bundled model is made.
+    fn weights() -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../model-default/weights")
+    }
+
+    /// Bundled files are not hashed at every start; here they are, once.
+    #[test]
+    fn checksums_of_the_bundled_files_agree() {
+        for (part, weights_file) in [
+            ("tokenizer", "model.safetensors"),
+            ("lm", "average.safetensors"),
+            ("member-2/tokenizer", "model.safetensors"),
+            ("member-2/lm", "average.safetensors"),
+        ] {
+            let written = Checkpoint::open(&weights().join(part)).unwrap();
+            let bundled = bundled_checkpoint(part);
+            assert_eq!(
+                written.bytes("config.json").unwrap(),
+                bundled.bytes("config.json").unwrap()
+            );
+            assert_eq!(
+                written.tensors(weights_file).unwrap(),
+                bundled.tensors(weights_file).unwrap()
+            );
+        }
+    }
+
+    #[test]
+    fn the_folder_of_the_bundled_model_is_the_same_model() {
+        let (bundled, folder) = (Model::bundled().unwrap(), Model::open(&weights()).unwrap());
+        assert_eq!(bundled.networks().n_params(), folder.networks().n_params());
+        assert_eq!(bundled.confidence(), folder.confidence());
+        assert!(bundled.confidence().is_some());
+        assert_eq!(bundled.card().unwrap(), folder.card().unwrap());
+        assert_eq!(folder.name(), weights().display().to_string());
+        // The folder has checksums, too.
+        assert!(folder.fingerprint().unwrap().bytes > bundled.fingerprint().unwrap().bytes);
+        let int8 = ModelOptions {
+            precision: Precision::Int8,
+            ..ModelOptions::default()
+        };
+        let int8 = Model::load(ModelFiles::Bundled, &int8).unwrap();
+        assert_eq!(int8.name(), "default (embedded), int8");
+        for model in [&bundled, &folder] {
+            let error = model.points().err().unwrap();
+            assert!(error.to_string().contains("no decoder"), "{error}");
+            assert!(error.hint.is_some());
+        }
+    }
+
+    #[test]
+    fn a_folder_without_a_model_is_named() {
+        let error = Model::open(Path::new("no-such-folder")).err().unwrap();
+        assert!(error.to_string().starts_with("no-such-folder: "), "{error}");
+        assert!(error.hint.unwrap().to_string().ends_with(NO_MODEL));
+        let error = ModelFiles::Bundled.text("lm/missing.json").unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "default (embedded)/lm/missing.json: not part of the bundled model"
+        );
+    }
+
+    #[test]
+    fn what_a_carried_checkpoint_lacks_or_has_damaged_is_named() {
+        let bytes = default_model::file("tokenizer/model.safetensors").unwrap();
+        let cut = Checkpoint::carried(
+            Path::new("here"),
+            [("model.safetensors".to_string(), &bytes[..bytes.len() - 1])],
+        );
+        let error = cut.tensors("model.safetensors").unwrap_err().to_string();
+        assert!(
+            error.contains("here/model.safetensors") && error.contains("the header lists"),
+            "{error}"
+        );
+        let error = cut.bytes("config.json").unwrap_err().to_string();
+        assert_eq!(error, "here/config.json: missing from the checkpoint");
+    }
+}

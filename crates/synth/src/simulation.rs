@@ -1,0 +1,287 @@
+//! One motion or scene in front of a radar, opened once and simulated frame by frame.
+
+use std::{path::Path, sync::Arc};
+
+use radarllm_base::{
+    Clip, Clutter, PointFrame, Provenance, RadarConfig, RadarCube, SPEED_OF_LIGHT_MPS,
+    frames::Placement, message::option, seed::derive_seed,
+};
+use radarllm_body::{
+    MotionSampler,
+    mesh::{PosedBody, SmplxBody, clothed_skin},
+};
+use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
+use radarllm_io::{Error, TiFirmware, options::MAX_FRAMES};
+use radarllm_radar_dsp::DspOptions;
+use radarllm_radar_sim::{Impairments, Noise, PointTarget, Scene, SimOptions};
+
+use crate::{
+    Method, SynthError, Synthesizer,
+    objects::ObjectsFile,
+    scene::{OwnedScene, SceneFile},
+    simulate::{MotionInput, SimulateOptions, is_scene, open_motion, place},
+    synthesizer::{posed_builtin, scene_to_points_until},
+};
+
+/// A motion that is simulated, and where.
+#[derive(Clone, Debug)]
+pub struct Performed {
+    /// The motion and the body that performs it.
+    pub motion: MotionInput,
+    /// Where the person stands in front of the radar.
+    pub placement: Placement,
+}
+
+/// A motion or a scene in front of a radar. The command, [`crate::simulate_motion`] and [`crate::simulate_cubes`]
+/// simulate through this type, so that the same input and options give the same samples everywhere.
+pub struct Simulation {
+    input: String,
+    target: Target,
+    chain: Chain,
+    firmware: Option<TiFirmware>,
+    radar_height_m: f32,
+    n_frames: usize,
+    /// Seed of the noise.
+    seed: u64,
+}
+
+/// What the radar sees.
+enum Target {
+    Person {
+        body: Box<PosedBody>,
+        performed: Box<Performed>,
+    },
+    Scene(OwnedScene),
+}
+
+/// What is needed to plan the chain of a thread.
+struct Chain {
+    radar: RadarConfig,
+    method: Method,
+    processing: DspOptions,
+    simulator: SimOptions,
+    impairments: Impairments,
+    /// What stands still around the target.
+    objects: Vec<PointTarget>,
+}
+
+impl Simulation {
+    /// Opens a motion, as [`open_motion`] does, or a scene file (`.toml`).
+    ///
+    /// # Errors
+    /// As [`open_motion`]; a scene or a body that cannot be read; more frames than are handled; a firmware together with
+    /// another signal chain.
+    pub fn open(
+        input: &str,
+        radar: &RadarConfig,
+        options: &SimulateOptions,
+    ) -> Result<Self, Error> {
+        if options.firmware.is_some() && options.processing.is_some() {
+            return Err(Error::input(
+                option("firmware")
+                    .text(" and ")
+                    .option("processing")
+                    .text(" each state a signal chain: only one is possible"),
+            ));
+        }
+        if let Some(objects) = &options.objects {
+            objects.check().map_err(Error::input)?;
+        }
+        let (target, chain, seed, duration_s) = match is_scene(input) {
+            true => scene(input, radar, options)?,
+            false => person(input, radar, options)?,
+        };
+        let n_frames = chain.radar.frames_in(duration_s).max(1);
+        if n_frames > MAX_FRAMES {
+            return Err(Error::input(format!(
+                "{input}: {n_frames} radar frames, at most {MAX_FRAMES} are handled"
+            )));
+        }
+        Ok(Self {
+            input: input.into(),
+            target,
+            chain,
+            firmware: options.firmware.clone(),
+            radar_height_m: options.radar_height_m,
+            n_frames,
+            seed,
+        })
+    }
+
+    /// Radar frames: as many as the motion or the scene lasts.
+    pub fn n_frames(&self) -> usize {
+        self.n_frames
+    }
+
+    /// Seed of the noise.
+    pub fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// The radar, with the noise figure of the scene.
+    pub fn radar(&self) -> &RadarConfig {
+        &self.chain.radar
+    }
+
+    /// The motion, if it is none of a scene.
+    pub fn performed(&self) -> Option<&Performed> {
+        match &self.target {
+            Target::Person { performed, .. } => Some(performed),
+            Target::Scene(_) => None,
+        }
+    }
+
+    /// Plans the simulator and the signal chain. Every thread needs its own.
+    ///
+    /// # Errors
+    /// A radar that either of them does not support.
+    pub fn plan(&self) -> Result<Synthesizer, SynthError> {
+        let chain = &self.chain;
+        let mut synthesizer = Synthesizer::with_simulation(
+            &chain.radar,
+            chain.method,
+            chain.processing.clone(),
+            chain.simulator.clone(),
+        )?
+        .with_impairments(chain.impairments);
+        synthesizer.set_objects(chain.objects.clone())?;
+        Ok(synthesizer)
+    }
+
+    /// Raw samples of a frame, with a chain of [`Self::plan`]; the cube is overwritten by the next call.
+    ///
+    /// # Errors
+    /// A frame that cannot be simulated.
+    pub fn cube<'a>(
+        &self,
+        chain: &'a mut Synthesizer,
+        frame_idx: usize,
+    ) -> Result<&'a RadarCube, SynthError> {
+        chain.simulate(&self.scene(), frame_idx, self.seed)
+    }
+
+    /// Points of all frames on all threads of the current pool, as the firmware reports them. `stop` is asked before every
+    /// frame and ends the work when it returns `true`.
+    ///
+    /// # Errors
+    /// A frame that cannot be simulated or processed; an error of kind [`radarllm_io::ErrorKind::Interrupted`] if it was
+    /// stopped.
+    pub fn points(&self, stop: &(dyn Fn() -> bool + Sync)) -> Result<Vec<PointFrame>, Error> {
+        let scene = self.scene();
+        let plan = || self.plan();
+        let mut frames = scene_to_points_until(plan, &scene, self.n_frames, self.seed, stop)?;
+        frames.iter_mut().for_each(|frame| self.limit(frame));
+        Ok(frames)
+    }
+
+    /// Removes the points of a frame that the firmware does not report, which [`Self::points`] has done.
+    pub fn limit(&self, frame: &mut PointFrame) {
+        if let Some(firmware) = &self.firmware {
+            firmware.limit(frame);
+        }
+    }
+
+    /// Frames of points with all that is known of them.
+    pub fn clip(&self, frames: Vec<PointFrame>) -> Clip {
+        let radar = &self.chain.radar;
+        Clip {
+            frames,
+            frame_rate_hz: radar.frame_rate_hz(),
+            radar_height_m: self.radar_height_m,
+            radar: radar.name.clone(),
+            provenance: Provenance::simulated(&self.input, self.seed),
+            clutter: match self.firmware {
+                Some(_) => Clutter::Unchecked,
+                None => Clutter::Settled,
+            },
+        }
+    }
+
+    /// What the radar sees, in the simulator's form.
+    fn scene(&self) -> Scene<'_> {
+        match &self.target {
+            Target::Person { body, .. } => Scene {
+                surfaces: vec![&**body],
+                points: Vec::new(),
+                noise: Noise::Thermal,
+            },
+            Target::Scene(scene) => scene.scene(),
+        }
+    }
+}
+
+/// Target, chain, seed of the noise and length, s.
+type Opened = (Target, Chain, u64, f64);
+
+/// A body that performs a motion.
+fn person(input: &str, radar: &RadarConfig, options: &SimulateOptions) -> Result<Opened, Error> {
+    let motion = open_motion(input, options.seed)?;
+    let placement = place(&motion.motion, options.distance_m, options.radar_height_m);
+    let body = match &options.body {
+        Some(path) => PosedBody::new(
+            Arc::new(SmplxBody::open(path, &[]).map_err(Error::wrap)?),
+            MotionSampler::new(&motion.motion),
+            placement,
+            clothed_skin(),
+        ),
+        None => posed_builtin(&motion.motion, motion.shape, placement)?,
+    };
+    let firmware = options.firmware.as_ref();
+    let furnished = match firmware.is_some_and(TiFirmware::reports_surroundings) {
+        true => Some(ObjectsFile::furnished()),
+        false => None,
+    };
+    let seed = options.noise_seed(input);
+    let chain = Chain {
+        radar: radar.clone(),
+        method: options.method,
+        processing: options.chain().unwrap_or_default(),
+        simulator: SimOptions::default(),
+        impairments: Impairments::default(),
+        objects: objects(
+            options.objects.as_ref().or(furnished.as_ref()),
+            options,
+            seed,
+        ),
+    };
+    let duration_s = motion.motion.duration_s();
+    let body = Box::new(body);
+    let performed = Box::new(Performed { motion, placement });
+    Ok((Target::Person { body, performed }, chain, seed, duration_s))
+}
+
+/// The targets of a scene file, whose noise is drawn from the seed itself.
+fn scene(input: &str, radar: &RadarConfig, options: &SimulateOptions) -> Result<Opened, Error> {
+    let path = Path::new(input);
+    let text = bounded::read_text(path, MAX_CONFIG_BYTES)?;
+    let file = SceneFile::from_toml(&text).map_err(|e| Error::wrap_in_file(path, e))?;
+    let base = path.parent().unwrap_or(Path::new(""));
+    // Not `carrier_hz`, from which it differs by rounding: the samples of scenes with walls would change in their last bit.
+    let frequency_hz = SPEED_OF_LIGHT_MPS / radar.wavelength_m();
+    let targets = OwnedScene::open(&file, base, frequency_hz);
+    let targets = targets.map_err(|e| Error::wrap_in_file(path, e))?;
+    let impairments = file.impairments.resolve();
+    let radar = file.radar(radar);
+    let chain = Chain {
+        method: options.method,
+        processing: options
+            .chain()
+            .unwrap_or_else(|| file.processing.resolve(&radar)),
+        simulator: file.sim_options(),
+        impairments: impairments.map_err(|e| Error::in_file(path, e))?,
+        objects: objects(options.objects.as_ref(), options, options.seed),
+        radar,
+    };
+    Ok((Target::Scene(targets), chain, options.seed, file.duration_s))
+}
+
+/// What stands still around the target.
+fn objects(
+    file: Option<&ObjectsFile>,
+    options: &SimulateOptions,
+    noise_seed: u64,
+) -> Vec<PointTarget> {
+    let height_m = f64::from(options.radar_height_m);
+    let drawn = file.map(|file| file.draw(height_m, derive_seed(noise_seed, "objects")));
+    drawn.unwrap_or_default()
+}
