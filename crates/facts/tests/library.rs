@@ -1,7 +1,10 @@
 //! The sentences of the motion library are understood as they were meant.
 
+use radarllm_base::hash::Fnv1a;
 use radarllm_base::seed::derive_seed;
-use radarllm_facts::{Kind, facts, parse, score::FactScores, score::compare};
+use radarllm_facts::tables::stated_actions;
+use radarllm_facts::write::Writer;
+use radarllm_facts::{Facts, Kind, facts, parse, score::FactScores, score::compare};
 use radarllm_motions::random_request;
 
 /// Sentences that state another action than the motion's own name, in the field's and the everyday sense of the words.
@@ -72,4 +75,51 @@ fn library_captions_do_not_contradict_their_motions() {
             scores.of(kind)
         );
     }
+}
+
+/// Trained weights depend on the sentences of the writer and on what the parser reads. The hashes change when words
+/// change; then the changelog has to say so.
+#[test]
+fn sentences_change_only_on_purpose() {
+    const ATTRIBUTES: [&str; 8] = [
+        "",
+        "left",
+        "hand both x3",
+        "forward slow",
+        "to_right 90deg careful",
+        "large high x1",
+        "small 120/min 6s",
+        "back_and_forth arms_out xmany fast",
+    ];
+    let writer = Writer::new();
+    let (mut n_written, mut hash) = (0, Fnv1a::new());
+    for (i, action) in stated_actions().enumerate() {
+        for (k, attributes) in ATTRIBUTES.iter().enumerate() {
+            let motion: Facts = format!("person: {action} {attributes}").parse().unwrap();
+            let seed = (100 * i + k) as u64;
+            let written = match seed % 2 {
+                0 => writer.write(&motion, seed),
+                _ => writer.write_fully(&motion, seed),
+            };
+            if let Some(written) = written {
+                n_written += 1;
+                hash.write(format!("{}\n{}\n", written.text, written.mentioned).as_bytes());
+            }
+        }
+    }
+    let mut of_library = Fnv1a::new();
+    for index in 0..300 {
+        let request = random_request(derive_seed(index, "hash"));
+        for caption in request.captions(index) {
+            of_library.write(format!("{}\n", facts(&caption)).as_bytes());
+        }
+        if let Some(written) = writer.write(&request.facts(), index) {
+            of_library.write(format!("{}\n", written.text).as_bytes());
+        }
+    }
+    let hashes = (n_written, hash.finish(), of_library.finish());
+    assert_eq!(
+        hashes,
+        (1031, 17_555_610_964_956_192_343, 10_938_613_229_402_440_643)
+    );
 }

@@ -3,6 +3,7 @@
 use glam::{Quat, Vec3};
 use proptest::prelude::*;
 use radarllm_base::Joint;
+use radarllm_base::hash::Fnv1a;
 use radarllm_base::skeleton::N_JOINTS;
 use radarllm_facts::tables::{Expected, caption_rows};
 
@@ -886,6 +887,78 @@ fn captions_test_values_that_their_motions_have() {
             assert!(fits, "{name}: {test:?}");
         }
     }
+}
+
+/// Every motion with all its words and with numbers on both sides of the limits at which its captions change.
+fn worded_requests() -> Vec<BuiltinRequest> {
+    let mut requests = Vec::new();
+    for spec in specs() {
+        let mut texts = vec![format!("{}?", spec.name)];
+        for key in spec.keys {
+            let words: Vec<&str> = match (key.kind, key.name) {
+                (KeyKind::Word { allowed, .. }, _) => allowed.to_vec(),
+                (KeyKind::Speed, _) => vec!["0.7", "1", "1.4"],
+                (_, "angle_deg") => vec!["60", "90", "120", "180", "360"],
+                (_, "radius_m") => vec!["0.5", "0.8", "1.2"],
+                (_, "distance_m") => vec!["0", "0.5", "2"],
+                (_, "amplitude") => vec!["0.8", "1", "1.2"],
+                (_, "repetitions") => vec!["1", "2", "3"],
+                _ => continue,
+            };
+            let with = |word: &&str| {
+                let pair = format!("{}={word}&", key.name);
+                texts.iter().map(|text| format!("{text}{pair}")).collect()
+            };
+            texts = words
+                .iter()
+                .flat_map(|w| -> Vec<String> { with(w) })
+                .collect();
+        }
+        let requests_of = texts.iter().filter_map(|text| {
+            let text = text.trim_end_matches(['&', '?']);
+            parse(&format!("builtin:{text}")).ok()
+        });
+        let before = requests.len();
+        requests.extend(requests_of);
+        assert!(requests.len() > before, "{}", spec.name);
+    }
+    requests
+}
+
+/// Data sets and trained weights depend on the captions. The hashes change when a motion or its words change; then the
+/// changelog has to say so.
+#[test]
+fn captions_change_only_on_purpose() {
+    let hash_of = |requests: &mut dyn Iterator<Item = (BuiltinRequest, u64)>| {
+        let mut hash = Fnv1a::new();
+        let mut n_captions = 0;
+        for (request, seed) in requests {
+            for caption in captions::captions(&request, seed) {
+                hash.write(caption.as_bytes());
+                hash.write(b"\n");
+                n_captions += 1;
+            }
+        }
+        (n_captions, hash.finish())
+    };
+    let worded = worded_requests();
+    let worded = worded
+        .iter()
+        .flat_map(|r| (0..4).map(move |seed| (r.clone(), seed)));
+    let random = (0..2000).map(|seed| (random_request(seed), seed));
+    let people = (0..500).map(|seed| (crate::people_request(seed).request, seed));
+    assert_eq!(
+        [
+            hash_of(&mut worded.into_iter()),
+            hash_of(&mut random.into_iter()),
+            hash_of(&mut people.into_iter()),
+        ],
+        [
+            (47_934, 17_432_065_512_986_280_404),
+            (7_980, 10_860_775_812_842_762_312),
+            (1_968, 12_620_535_298_377_004_133),
+        ]
+    );
 }
 
 #[test]
