@@ -35,7 +35,7 @@ use crate::commands::live::{AskArgs, LiveArgs};
     long_about,
     arg_required_else_help = true
 )]
-pub struct Cli {
+pub(crate) struct Cli {
     /// The verb.
     #[command(subcommand)]
     pub verb: Verb,
@@ -43,7 +43,7 @@ pub struct Cli {
 
 /// All verbs.
 #[derive(Subcommand)]
-pub enum Verb {
+pub(crate) enum Verb {
     /// Describe built-in motions and the recording of a simulated board with the bundled model.
     ///
     /// Example: radarllm demo
@@ -143,7 +143,7 @@ pub enum Verb {
 
 /// `--json` alone.
 #[derive(Args)]
-pub struct JsonFlag {
+pub(crate) struct JsonFlag {
     /// Print one JSON document.
     #[arg(long)]
     pub json: bool,

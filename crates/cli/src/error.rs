@@ -17,7 +17,7 @@ pub struct CliError {
 }
 
 /// Result of a command.
-pub type CliResult<T = ()> = Result<T, CliError>;
+pub(crate) type CliResult<T = ()> = Result<T, CliError>;
 
 impl CliError {
     /// An error without a hint.
@@ -105,7 +105,7 @@ pub fn needs_training(what: &str) -> CliError {
 
 /// A processor that cannot be used, after `what`.
 #[cfg(feature = "train")]
-pub fn processor_error(what: &str, error: &radarllm_nn::device::ProcessorError) -> CliError {
+pub(crate) fn processor_error(what: &str, error: &radarllm_nn::device::ProcessorError) -> CliError {
     let cause = CliError::new(format!("{what}{error}"));
     match error {
         radarllm_nn::device::ProcessorError::NotBuilt { feature, .. } => cause.hint(format!(

@@ -13,7 +13,7 @@ const INTERRUPTED: i32 = 130;
 ///
 /// # Errors
 /// If the system refuses the handler.
-pub fn stop_on_ctrl_c() -> CliResult<StopToken> {
+pub(crate) fn stop_on_ctrl_c() -> CliResult<StopToken> {
     let token = StopToken::default();
     let stop = token.clone();
     ctrlc::set_handler(move || {
@@ -28,6 +28,6 @@ pub fn stop_on_ctrl_c() -> CliResult<StopToken> {
 }
 
 /// Ends an interrupted program whose files are complete.
-pub fn exit() -> ! {
+pub(crate) fn exit() -> ! {
     process::exit(INTERRUPTED)
 }

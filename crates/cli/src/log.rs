@@ -12,7 +12,7 @@ use tracing::{
 struct Stderr;
 
 /// Starts printing events.
-pub fn to_stderr() {
+pub(crate) fn to_stderr() {
     // An error means that another subscriber is already installed.
     let _ = tracing::subscriber::set_global_default(Stderr);
 }

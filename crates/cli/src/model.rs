@@ -9,17 +9,17 @@ use radarllm_eval::ModelInfo;
 use crate::{error::CliResult, model_args::DecoderName};
 
 /// Loads a model folder, or the bundled model, for a decoder. Its name tells when it is an approximation.
-pub fn open(folder: Option<&Path>, decoder: DecoderName) -> CliResult<Model> {
+pub(crate) fn open(folder: Option<&Path>, decoder: DecoderName) -> CliResult<Model> {
     Ok(Model::load(ModelFiles::of(folder), &options(decoder)?)?)
 }
 
 /// As [`open`], ready to describe.
-pub fn captioner(folder: Option<&Path>, decoder: DecoderName) -> CliResult<Captioner> {
+pub(crate) fn captioner(folder: Option<&Path>, decoder: DecoderName) -> CliResult<Captioner> {
     Ok(Captioner::new(open(folder, decoder)?))
 }
 
 /// A captioner that chooses among activities, if any are named.
-pub fn restricted(captioner: Captioner, names: &[String]) -> CliResult<Captioner> {
+pub(crate) fn restricted(captioner: Captioner, names: &[String]) -> CliResult<Captioner> {
     if names.is_empty() {
         return Ok(captioner);
     }
@@ -32,7 +32,7 @@ pub fn restricted(captioner: Captioner, names: &[String]) -> CliResult<Captioner
 
 /// What reports repeat about a model.
 #[cfg(feature = "eval")]
-pub fn info(model: &Model, decoder: DecoderName) -> CliResult<ModelInfo> {
+pub(crate) fn info(model: &Model, decoder: DecoderName) -> CliResult<ModelInfo> {
     let files = model.fingerprint()?;
     Ok(ModelInfo {
         name: model.name().into(),

@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 
 /// Decoder of the language model.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum DecoderName {
+pub(crate) enum DecoderName {
     /// The inference engine with 32-bit weights.
     F32,
     /// The inference engine with 8-bit weights: faster for large models; sentences may differ.
@@ -17,7 +17,7 @@ pub enum DecoderName {
 
 impl DecoderName {
     /// Name in reports.
-    pub fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::F32 => "inference engine, f32",
             Self::Int8 => "inference engine, int8",
@@ -28,7 +28,7 @@ impl DecoderName {
 
 /// Sentence encoders for BERTScore and SimCSE (feature `train`).
 #[derive(Args)]
-pub struct EncoderArgs {
+pub(crate) struct EncoderArgs {
     /// BERT or RoBERTa folder (config.json, model.safetensors, tokenizer.json) for BERTScore. Protocol
     /// motiongpt weights words by idf, the others do not.
     #[arg(long, value_name = "DIR")]
@@ -52,7 +52,7 @@ pub struct EncoderArgs {
 
 impl EncoderArgs {
     /// Whether an encoder is named.
-    pub fn are_given(&self) -> bool {
+    pub(crate) fn are_given(&self) -> bool {
         self.bert_score.is_some() || self.sim_cse.is_some()
     }
 }

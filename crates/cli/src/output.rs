@@ -12,21 +12,21 @@ use serde::Serialize;
 use crate::error::{CliError, CliResult};
 
 /// Prints one JSON document.
-pub fn print_json(value: &impl Serialize) -> CliResult {
+pub(crate) fn print_json(value: &impl Serialize) -> CliResult {
     let text = serde_json::to_string_pretty(value)?;
     print_line(&text);
     Ok(())
 }
 
 /// Prints a line to stdout; a closed pipe ends the process quietly, as other tools do.
-pub fn print_line(text: &str) {
+pub(crate) fn print_line(text: &str) {
     if writeln!(std::io::stdout().lock(), "{text}").is_err() {
         std::process::exit(0);
     }
 }
 
 /// Refuses to touch an existing path without `--force`.
-pub fn check_free(path: &Path, force: bool) -> CliResult {
+pub(crate) fn check_free(path: &Path, force: bool) -> CliResult {
     if path.exists() && !force {
         return Err(CliError::new(format!("{} exists already", path.display()))
             .hint("give another --out, or --force to replace it"));
@@ -35,7 +35,7 @@ pub fn check_free(path: &Path, force: bool) -> CliResult {
 }
 
 /// Refuses a path of another extension than that of what will be written there: readers go by it.
-pub fn check_extension(path: &Path, extension: &str) -> CliResult {
+pub(crate) fn check_extension(path: &Path, extension: &str) -> CliResult {
     if path.extension().is_some_and(|e| e == extension) {
         return Ok(());
     }
@@ -47,14 +47,17 @@ pub fn check_extension(path: &Path, extension: &str) -> CliResult {
 }
 
 /// Writes a file atomically; missing parent folders are created.
-pub fn write_atomic(path: &Path, bytes: &[u8]) -> CliResult {
+pub(crate) fn write_atomic(path: &Path, bytes: &[u8]) -> CliResult {
     write_atomic_with(path, |file| {
         file.write_all(bytes).map_err(|e| CliError::io(path, e))
     })
 }
 
 /// The same for content that `write` makes piece by piece.
-pub fn write_atomic_with(path: &Path, write: impl FnOnce(&mut File) -> CliResult) -> CliResult {
+pub(crate) fn write_atomic_with(
+    path: &Path,
+    write: impl FnOnce(&mut File) -> CliResult,
+) -> CliResult {
     if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
         fs::create_dir_all(folder).map_err(|e| CliError::io(folder, e))?;
     }

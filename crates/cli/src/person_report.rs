@@ -6,7 +6,7 @@ use serde::Serialize;
 
 /// A person.
 #[derive(Clone, Debug, Serialize)]
-pub struct PersonReport {
+pub(crate) struct PersonReport {
     /// Number of the track, from 1.
     pub id: u32,
     /// Start of the first frame in which the person was seen, s.
@@ -19,7 +19,7 @@ pub struct PersonReport {
 
 impl PersonReport {
     /// Of a track through these frames.
-    pub fn of_track(track: &Track, frames: &[PointFrame]) -> Self {
+    pub(crate) fn of_track(track: &Track, frames: &[PointFrame]) -> Self {
         let (start_s, end_s) = track.span_s(frames);
         Self {
             id: track.id,
@@ -43,7 +43,7 @@ impl From<&Person> for PersonReport {
 
 /// A track that is a multipath reflection.
 #[derive(Clone, Debug, Serialize)]
-pub struct GhostReport {
+pub(crate) struct GhostReport {
     /// Number of the track.
     pub id: u32,
     /// Number of the track that it reflects.

@@ -7,7 +7,7 @@ use radarllm::OpenedRadar;
 use crate::error::{CliError, CliResult};
 
 /// Opens a radar by built-in name or file, with a hint on failure.
-pub fn open(name: &str) -> CliResult<OpenedRadar> {
+pub(crate) fn open(name: &str) -> CliResult<OpenedRadar> {
     radarllm::open_radar(name).map_err(|error| {
         if Path::new(name).is_file() {
             return CliError::new(error).hint(format!(
@@ -19,7 +19,7 @@ pub fn open(name: &str) -> CliResult<OpenedRadar> {
 }
 
 /// An error about a radar that is not a file, with a hint at the built-in ones.
-pub fn unknown(error: impl std::fmt::Display) -> CliError {
+pub(crate) fn unknown(error: impl std::fmt::Display) -> CliError {
     CliError::new(error)
         .hint("`radarllm radar list` names the built-in radars; files end in .toml, .cfg or .json")
 }

@@ -14,7 +14,7 @@ use crate::error::{CliError, CliResult};
 
 /// Layout of raw samples.
 #[derive(Args, Clone, Debug, Default)]
-pub struct LayoutArgs {
+pub(crate) struct LayoutArgs {
     /// Order of I and Q: mmWave Studio writes I first, SDK firmware with SampleSwap 1 writes Q first. `auto` takes the
     /// order that the samples themselves show, if they show it clearly.
     #[arg(long, value_enum, value_name = "ORDER")]
@@ -32,7 +32,7 @@ pub struct LayoutArgs {
 
 /// `--iq`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum IqArg {
+pub(crate) enum IqArg {
     /// I, then Q.
     IFirst,
     /// Q, then I.
@@ -43,7 +43,7 @@ pub enum IqArg {
 
 impl LayoutArgs {
     /// As the library takes them.
-    pub fn options(&self) -> LayoutOptions {
+    pub(crate) fn options(&self) -> LayoutOptions {
         LayoutOptions {
             iq: self.iq.map(|iq| match iq {
                 IqArg::IFirst => IqChoice::IFirst,
@@ -59,7 +59,7 @@ impl LayoutArgs {
 
 /// How recorded points are read, placed and accumulated.
 #[derive(Args, Clone, Debug)]
-pub struct RecordingArgs {
+pub(crate) struct RecordingArgs {
     /// Frames per second of the recording, where neither its clock nor --radar gives it.
     #[arg(long, value_name = "HZ")]
     pub frame_rate: Option<f64>,
@@ -101,7 +101,7 @@ pub struct RecordingArgs {
 
 impl RecordingArgs {
     /// As the library takes them.
-    pub fn options(&self) -> CliResult<PointOptions> {
+    pub(crate) fn options(&self) -> CliResult<PointOptions> {
         let orientation = self.orientation.as_deref().map(|name| {
             let names = Axes::ALL.map(Axes::name).join(" or ");
             Axes::from_name(name)
@@ -134,7 +134,7 @@ impl RecordingArgs {
 
 /// Background and leakage removal.
 #[derive(Args, Clone, Debug, Default)]
-pub struct CleaningArgs {
+pub(crate) struct CleaningArgs {
     /// Recording of the same scene without people, by the same radar. Of raw samples its mean is subtracted instead of
     /// each frame's own, so that a person who sits still stays visible. Of points its occupied cells are removed.
     #[arg(long, value_name = "EMPTY")]
@@ -164,7 +164,7 @@ pub struct CleaningArgs {
 
 impl CleaningArgs {
     /// As the library takes them.
-    pub fn options(&self) -> CleaningOptions {
+    pub(crate) fn options(&self) -> CleaningOptions {
         CleaningOptions {
             background: self.background.clone(),
             background_cells: CellOptions {
@@ -181,7 +181,7 @@ impl CleaningArgs {
 
 /// How to read an input that may be a recording: its radar, format and everything about it.
 #[derive(Args, Clone, Debug)]
-pub struct InputArgs {
+pub(crate) struct InputArgs {
     /// Radar that recorded the input, or that simulates a motion: a built-in name, a TI .cfg, an export of mmWave
     /// Studio (.json) or a radar .toml.
     #[arg(long)]
@@ -206,7 +206,7 @@ pub struct InputArgs {
 
 impl InputArgs {
     /// As the library takes them; the radar is opened here, once.
-    pub fn options(&self) -> CliResult<CaptureOptions> {
+    pub(crate) fn options(&self) -> CliResult<CaptureOptions> {
         let format = self.format.as_deref().map(CaptureFormat::from_name);
         Ok(CaptureOptions {
             radar: self.radar.as_deref().map(open_radar).transpose()?,
@@ -223,7 +223,7 @@ impl InputArgs {
 
 /// Tracking of people.
 #[derive(Args, Clone, Debug, Default)]
-pub struct PeopleArgs {
+pub(crate) struct PeopleArgs {
     /// Track people and process the points of each: at most this many, those with the most points, or `auto`.
     #[arg(long, value_name = "N|auto", value_parser = max_people)]
     pub people: Option<MaxPeople>,
@@ -234,7 +234,7 @@ pub struct PeopleArgs {
 
 /// `--people`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MaxPeople {
+pub(crate) enum MaxPeople {
     /// Everybody.
     Auto,
     /// At most this many.
@@ -251,12 +251,12 @@ fn max_people(text: &str) -> Result<MaxPeople, String> {
 
 impl PeopleArgs {
     /// Whether tracking is asked for.
-    pub fn is_given(&self) -> bool {
+    pub(crate) fn is_given(&self) -> bool {
         self.people.is_some() || self.drop_ghosts
     }
 
     /// As the library takes them.
-    pub fn options(&self) -> PeopleOptions {
+    pub(crate) fn options(&self) -> PeopleOptions {
         PeopleOptions {
             max_people: match self.people {
                 Some(MaxPeople::AtMost(n)) => Some(n),
@@ -270,7 +270,7 @@ impl PeopleArgs {
 
 /// Recordings of known activities, for `eval recordings` and `dataset recordings`.
 #[derive(Args)]
-pub struct LabelledArgs {
+pub(crate) struct LabelledArgs {
     /// TOML with the activities, the actions that state them, and the roles of the recordings.
     pub config: PathBuf,
     /// Folder with the recordings, or a data set where the configuration says `simulated = true`.

@@ -3,12 +3,12 @@
 use crate::error::CliResult;
 
 /// Number of threads: the requested number, or one per core.
-pub fn threads(requested: Option<usize>) -> usize {
+pub(crate) fn threads(requested: Option<usize>) -> usize {
     requested.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
 }
 
 /// Runs `work`, including everything that it runs in parallel, on the requested number of threads, or on one per core.
-pub fn on_threads<R: Send>(
+pub(crate) fn on_threads<R: Send>(
     requested: Option<usize>,
     work: impl FnOnce() -> R + Send,
 ) -> CliResult<R> {

@@ -10,7 +10,7 @@ use crate::error::{CliError, CliResult};
 ///
 /// # Errors
 /// No home folder, and none named.
-pub fn memory_path(named: Option<&Path>) -> CliResult<PathBuf> {
+pub(crate) fn memory_path(named: Option<&Path>) -> CliResult<PathBuf> {
     let from = |variable: &str| std::env::var_os(variable).filter(|v| !v.is_empty());
     if let Some(path) = named {
         return Ok(path.into());
@@ -27,7 +27,7 @@ pub fn memory_path(named: Option<&Path>) -> CliResult<PathBuf> {
 ///
 /// # Errors
 /// A named file that does not exist, or a damaged one.
-pub fn load_memory(named: Option<&Path>) -> CliResult<Option<Memory>> {
+pub(crate) fn load_memory(named: Option<&Path>) -> CliResult<Option<Memory>> {
     match (named, memory_path(named)) {
         (Some(path), _) => Ok(Some(Memory::load(path)?)),
         (None, Ok(path)) if path.exists() => Ok(Some(Memory::load(&path)?)),

@@ -61,7 +61,7 @@ pub(crate) struct Folder {
 impl Folder {
     /// Creates the directories, acquires the exclusive lock, rejects foreign content, removes leftovers and writes the
     /// plan.
-    pub fn prepare(
+    pub(crate) fn prepare(
         dir: &Path,
         own: &Identity<'_>,
         overwrite: Overwrite,
@@ -133,19 +133,19 @@ impl Folder {
     }
 
     /// Enters a prepared folder, beside other processes that build there, and checks that its plan is this one.
-    pub fn enter(dir: &Path, own: &Identity<'_>) -> Result<Self, DatasetError> {
+    pub(crate) fn enter(dir: &Path, own: &Identity<'_>) -> Result<Self, DatasetError> {
         // Another process may be preparing the folder at this moment.
         wait_for_lock(|| Self::open(dir, own, Access::Shared))
     }
 
     /// Enters a prepared folder alone.
-    pub fn enter_alone(dir: &Path, own: &Identity<'_>) -> Result<Self, DatasetError> {
+    pub(crate) fn enter_alone(dir: &Path, own: &Identity<'_>) -> Result<Self, DatasetError> {
         Self::open(dir, own, Access::Exclusive)
     }
 
     /// Prepares the folder unless that has been done. Of several processes that start at the same time, one does it,
     /// and the others wait for it.
-    pub fn prepare_once(dir: &Path, own: &Identity<'_>) -> Result<(), DatasetError> {
+    pub(crate) fn prepare_once(dir: &Path, own: &Identity<'_>) -> Result<(), DatasetError> {
         wait_for_lock(|| match is_prepared(dir) {
             true => Ok(()),
             false => Self::prepare(dir, own, Overwrite::Refuse).map(drop),
@@ -174,16 +174,16 @@ impl Folder {
         })
     }
 
-    pub fn dir(&self) -> &Path {
+    pub(crate) fn dir(&self) -> &Path {
         &self.dir
     }
 
-    pub fn config_blake3(&self) -> &str {
+    pub(crate) fn config_blake3(&self) -> &str {
         &self.config_blake3
     }
 
     /// Refuses to compute on a machine whose shards would not be those of the others.
-    pub fn check_arithmetic(&self, plan: &BuildPlan) -> Result<(), DatasetError> {
+    pub(crate) fn check_arithmetic(&self, plan: &BuildPlan) -> Result<(), DatasetError> {
         match &self.arithmetic {
             Some(found) if *found != plan.arithmetic => Err(DatasetError::Disagreement {
                 dir: self.dir.clone(),
@@ -198,12 +198,12 @@ impl Folder {
     }
 
     /// Removes temporary files of killed processes. To be called alone in the folder.
-    pub fn remove_leftovers(&self) -> Result<(), DatasetError> {
+    pub(crate) fn remove_leftovers(&self) -> Result<(), DatasetError> {
         remove_leftovers(&self.dir)
     }
 
     /// The entry of a shard that is on disk, complete and part of this plan.
-    pub fn kept_entry(
+    pub(crate) fn kept_entry(
         &self,
         plan: &BuildPlan,
         shard: &Shard,
@@ -231,7 +231,7 @@ impl Folder {
 
     /// Refuses files that bear the name of a shard and are not in `entries`: the card names shards by a pattern, so that
     /// readers would load them too.
-    pub fn check_strays(&self, entries: &[ShardEntry]) -> Result<(), DatasetError> {
+    pub(crate) fn check_strays(&self, entries: &[ShardEntry]) -> Result<(), DatasetError> {
         let data_dir = self.dir.join(DATA_DIR);
         let known: HashSet<&str> = entries.iter().map(|e| e.file.as_str()).collect();
         let fail = || DatasetError::io(&data_dir, "list");
@@ -247,7 +247,11 @@ impl Folder {
     }
 
     /// Records a shard that is complete under its name.
-    pub fn write_sidecar(&self, shard: &Shard, entry: &ShardEntry) -> Result<(), DatasetError> {
+    pub(crate) fn write_sidecar(
+        &self,
+        shard: &Shard,
+        entry: &ShardEntry,
+    ) -> Result<(), DatasetError> {
         let sidecar = Sidecar {
             config_blake3: self.config_blake3.clone(),
             shard: entry.clone(),
@@ -264,7 +268,7 @@ impl Folder {
 
 impl Shard {
     /// Path below the folder of the data set.
-    pub fn file(&self) -> String {
+    pub(crate) fn file(&self) -> String {
         format!("{DATA_DIR}/{}.parquet", self.stem)
     }
 }

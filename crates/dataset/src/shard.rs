@@ -192,7 +192,7 @@ pub(crate) struct BatchReader {
 }
 
 impl BatchReader {
-    pub fn open(path: &Path, columns: Columns) -> Result<Self, DatasetError> {
+    pub(crate) fn open(path: &Path, columns: Columns) -> Result<Self, DatasetError> {
         let (reader, _) = open_projected(path, |name| columns.has(name))?;
         Ok(Self {
             path: path.into(),
@@ -202,7 +202,7 @@ impl BatchReader {
     }
 
     /// The next batch; `None` at the end.
-    pub fn next_batch(&mut self) -> Result<Option<RecordBatch>, DatasetError> {
+    pub(crate) fn next_batch(&mut self) -> Result<Option<RecordBatch>, DatasetError> {
         let (path, reader) = (&self.path, &mut self.reader);
         let Some(batch) = guard::isolated(path, || next_batch(path, reader))? else {
             return Ok(None);

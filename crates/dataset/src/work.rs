@@ -42,7 +42,7 @@ pub(crate) struct Work<'a> {
 }
 
 impl<'a> Work<'a> {
-    pub fn new(folder: &'a Folder, plan: &'a BuildPlan, jobs: &'a [Job<'a>]) -> Self {
+    pub(crate) fn new(folder: &'a Folder, plan: &'a BuildPlan, jobs: &'a [Job<'a>]) -> Self {
         let kept = || jobs.iter().filter_map(|j| j.entry.as_ref().map(|e| (j, e)));
         let missing = jobs.iter().enumerate().filter(|(_, j)| j.entry.is_none());
         Self {
@@ -68,7 +68,7 @@ impl<'a> Work<'a> {
         }
     }
 
-    pub fn progress(&self) -> Progress {
+    pub(crate) fn progress(&self) -> Progress {
         Progress {
             n_items: self.n_items,
             n_done: self.n_done.load(Ordering::Relaxed),
@@ -80,7 +80,7 @@ impl<'a> Work<'a> {
 
     /// One worker thread. It takes items until none remains. The worker that finishes a shard's last item writes the
     /// shard.
-    pub fn run<E: std::fmt::Display>(
+    pub(crate) fn run<E: std::fmt::Display>(
         &self,
         make: &(impl Fn(&ItemId) -> Result<ClipRecord, E> + Sync),
         progress: &(impl Fn(Progress) + Sync),
@@ -170,7 +170,7 @@ impl<'a> Work<'a> {
     }
 
     /// Shards that were made, by their job.
-    pub fn into_result(self) -> Result<Vec<(usize, ShardEntry)>, DatasetError> {
+    pub(crate) fn into_result(self) -> Result<Vec<(usize, ShardEntry)>, DatasetError> {
         let error = self.error.into_inner();
         match error.unwrap_or_else(std::sync::PoisonError::into_inner) {
             Some(e) => Err(e),

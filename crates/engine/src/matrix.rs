@@ -68,7 +68,7 @@ pub(crate) struct Quantised {
 
 impl Quantised {
     /// Reserves memory for `rows` rows of `k` values, so that later products do not allocate.
-    pub fn reserve(&mut self, rows: usize, k: usize) {
+    pub(crate) fn reserve(&mut self, rows: usize, k: usize) {
         grow(&mut self.bytes, rows * k / 16, [0; 16]);
         grow(&mut self.rows, rows, (0.0, 0));
     }
@@ -99,7 +99,7 @@ impl Matrix {
     /// Packs the matrix `[k, n]` whose value at (row, column) is `value(row, column)`.
     ///
     /// In [`Precision::Int8`] each column has its own scale, which maps its largest absolute value to 127.
-    pub fn pack(
+    pub(crate) fn pack(
         k: usize,
         n: usize,
         precision: Precision,
@@ -150,12 +150,12 @@ impl Matrix {
     }
 
     /// Number of columns, including padding.
-    pub fn width(&self) -> usize {
+    pub(crate) fn width(&self) -> usize {
         self.n
     }
 
     /// Size of the packed weights in bytes.
-    pub fn bytes(&self) -> usize {
+    pub(crate) fn bytes(&self) -> usize {
         match &self.data {
             Data::F32(lines) => std::mem::size_of_val(&lines[..]),
             Data::I8(lines, scales) => {
@@ -168,7 +168,7 @@ impl Matrix {
     ///
     /// `x` is `[rows, k]` and `out` is `[rows, stride]`, both padded.
     #[allow(clippy::too_many_arguments)]
-    pub fn product(
+    pub(crate) fn product(
         &self,
         level: SimdLevel,
         pool: &mut Pool,

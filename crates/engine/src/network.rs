@@ -63,7 +63,7 @@ pub(crate) struct Cross {
 
 impl Stack {
     /// Bias of `head` for a query at `position` and the keys 0, 1, ...
-    pub fn bias(&self, head: usize, position: usize) -> &[f32] {
+    pub(crate) fn bias(&self, head: usize, position: usize) -> &[f32] {
         &self.bias[head][self.first - position..]
     }
 }

@@ -113,7 +113,7 @@ impl Shared {
 
 impl Pool {
     /// Starts `threads` threads, including the caller's. There are fewer if the system refuses to start one.
-    pub fn new(threads: usize) -> Self {
+    pub(crate) fn new(threads: usize) -> Self {
         let shared = Arc::new(Shared {
             state: Mutex::new(State {
                 body: None,
@@ -137,7 +137,7 @@ impl Pool {
     }
 
     /// Number of threads, including the caller's.
-    pub fn threads(&self) -> usize {
+    pub(crate) fn threads(&self) -> usize {
         self.workers.len() + 1
     }
 
@@ -145,7 +145,7 @@ impl Pool {
     ///
     /// # Panics
     /// If a body panics, after all parts have ended.
-    pub fn run<F: Fn(usize) + Sync>(&mut self, body: &F) {
+    pub(crate) fn run<F: Fn(usize) + Sync>(&mut self, body: &F) {
         if self.workers.is_empty() {
             return body(0);
         }
@@ -174,7 +174,12 @@ impl Pool {
     /// Splits `0..n` into one range per thread and calls `body` with the number of the thread and its range. If the
     /// work (approximately this many operations) is too small to justify waking other threads, it runs on the caller's
     /// thread alone.
-    pub fn split(&mut self, n: usize, work: usize, body: &(dyn Fn(usize, Range<usize>) + Sync)) {
+    pub(crate) fn split(
+        &mut self,
+        n: usize,
+        work: usize,
+        body: &(dyn Fn(usize, Range<usize>) + Sync),
+    ) {
         let threads = self.threads();
         if threads == 1 || work < MIN_WORK {
             return body(0, 0..n);
@@ -191,7 +196,7 @@ impl Pool {
     /// that belongs to its range, with `out.len() / n` values per item.
     ///
     /// `body` receives the range, the part of `scratch` and the part of `out`.
-    pub fn split_buffers(
+    pub(crate) fn split_buffers(
         &mut self,
         n: usize,
         work: usize,
@@ -228,7 +233,7 @@ unsafe impl Send for SharedBuffer<'_> {}
 unsafe impl Sync for SharedBuffer<'_> {}
 
 impl<'a> SharedBuffer<'a> {
-    pub fn new(buffer: &'a mut [f32]) -> Self {
+    pub(crate) fn new(buffer: &'a mut [f32]) -> Self {
         Self {
             start: buffer.as_mut_ptr(),
             len: buffer.len(),
@@ -243,7 +248,7 @@ impl<'a> SharedBuffer<'a> {
     ///
     /// # Panics
     /// If the part extends beyond the buffer.
-    pub unsafe fn piece(self, start: usize, len: usize) -> &'a mut [f32] {
+    pub(crate) unsafe fn piece(self, start: usize, len: usize) -> &'a mut [f32] {
         assert!(start <= self.len && len <= self.len - start);
         // SAFETY: the range is inside the buffer, which `'a` borrows mutably. The caller guarantees that no other code
         // has this part.

@@ -142,7 +142,7 @@ impl Shape {
 pub(crate) struct Taker(pub NamedTensors);
 
 impl Taker {
-    pub fn take(&mut self, name: &str, expected: &[usize]) -> Result<Vec<f32>, EngineError> {
+    pub(crate) fn take(&mut self, name: &str, expected: &[usize]) -> Result<Vec<f32>, EngineError> {
         let Some(tensor) = self.0.remove(name) else {
             return Err(EngineError::MissingWeight {
                 name: name.into(),
@@ -168,7 +168,7 @@ impl Taker {
     }
 
     /// Refuses weights that the network did not use.
-    pub fn finish(self) -> Result<(), EngineError> {
+    pub(crate) fn finish(self) -> Result<(), EngineError> {
         match self.0.into_keys().next() {
             Some(name) => Err(EngineError::UnknownWeight { name }),
             None => Ok(()),

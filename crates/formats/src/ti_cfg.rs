@@ -170,7 +170,7 @@ pub(crate) struct Word {
 }
 
 impl Word {
-    pub fn error(&self, problem: impl Into<String>) -> TiCfgError {
+    pub(crate) fn error(&self, problem: impl Into<String>) -> TiCfgError {
         self.refuse("syntax", problem)
     }
 
@@ -188,7 +188,7 @@ impl Word {
         }
     }
 
-    pub fn number(&self, what: &str) -> Result<f64, TiCfgError> {
+    pub(crate) fn number(&self, what: &str) -> Result<f64, TiCfgError> {
         match self.text.parse::<f64>() {
             Ok(v) if v.is_finite() => Ok(v),
             _ => Err(self.error(format!("{what} must be a number"))),
@@ -219,7 +219,7 @@ pub(crate) struct Command {
 
 impl Command {
     /// Parses a line (numbered from 1), which may contain a comment.
-    pub fn of_line(line: usize, raw: &str) -> Option<Self> {
+    pub(crate) fn of_line(line: usize, raw: &str) -> Option<Self> {
         let code = raw.split_once('%').map_or(raw, |(code, _)| code);
         let mut words = split_words(line, code);
         if words.is_empty() {
@@ -247,16 +247,21 @@ impl Command {
         }
     }
 
-    pub fn number(&self, index: usize, what: &str) -> Result<f64, TiCfgError> {
+    pub(crate) fn number(&self, index: usize, what: &str) -> Result<f64, TiCfgError> {
         self.arg(index, what)?.number(what)
     }
 
-    pub fn whole(&self, index: usize, what: &str, range: Range<u32>) -> Result<u32, TiCfgError> {
+    pub(crate) fn whole(
+        &self,
+        index: usize,
+        what: &str,
+        range: Range<u32>,
+    ) -> Result<u32, TiCfgError> {
         self.arg(index, what)?.whole(what, range)
     }
 
     /// Whether `clutterRemoval` enables it. Older files have no leading sub-frame number.
-    pub fn clutter_removal(&self) -> Result<bool, TiCfgError> {
+    pub(crate) fn clutter_removal(&self) -> Result<bool, TiCfgError> {
         let index = self.args.len().saturating_sub(1).min(1);
         Ok(self.whole(index, "enabled", 0..2)? == 1)
     }

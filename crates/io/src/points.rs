@@ -307,7 +307,7 @@ pub(crate) struct Placement {
 }
 
 impl Placement {
-    pub fn new(options: &PointOptions, mounting: Mounting) -> Result<Self> {
+    pub(crate) fn new(options: &PointOptions, mounting: Mounting) -> Result<Self> {
         Ok(Self {
             min_speed_mps: options.min_speed()?,
             n_accumulated: options.n_accumulated()?,

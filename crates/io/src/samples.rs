@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use radarllm_base::{RadarConfig, RadarCube, message::option};
+use radarllm_base::{RadarConfig, RadarCube};
 use radarllm_formats::{
     SampleFormat,
     adc::{

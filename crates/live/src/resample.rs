@@ -23,7 +23,7 @@ pub(crate) struct Resampler {
 
 impl Resampler {
     /// Frames of a slow source stay as they are.
-    pub fn new(source_period_s: f64) -> Self {
+    pub(crate) fn new(source_period_s: f64) -> Self {
         let model_hz = f64::from(FRAME_RATE_HZ);
         let is_fast = 1.0 / source_period_s > model_hz * (1.0 + RATE_TOLERANCE);
         Self {
@@ -38,13 +38,13 @@ impl Resampler {
     }
 
     /// Time between two merged frames, s.
-    pub fn period_s(&self) -> f64 {
+    pub(crate) fn period_s(&self) -> f64 {
         self.period_s
     }
 
     /// The next frame of the source. Returns the frames that are complete: none while more of the source belong to one,
     /// two if the source skipped the end of one.
-    pub fn push(&mut self, frame: PointFrame, arrival: Arrival) -> Vec<QueuedFrame> {
+    pub(crate) fn push(&mut self, frame: PointFrame, arrival: Arrival) -> Vec<QueuedFrame> {
         if self.period_s == self.source_period_s {
             return vec![QueuedFrame {
                 frame,
@@ -82,7 +82,7 @@ impl Resampler {
     }
 
     /// The last frame, when no more frames belong to it.
-    pub fn end(&mut self) -> Option<QueuedFrame> {
+    pub(crate) fn end(&mut self) -> Option<QueuedFrame> {
         let mut queued = self.open.take()?;
         queued.frame.sort_by_intensity();
         Some(queued)

@@ -19,7 +19,7 @@ pub(crate) struct Frequencies {
 
 impl Frequencies {
     /// Counts the references of an item.
-    pub fn add(&mut self, references: &[Grams]) {
+    pub(crate) fn add(&mut self, references: &[Grams]) {
         self.n_items += 1;
         let mut seen: Vec<Gram> = references
             .iter()
@@ -33,12 +33,17 @@ impl Frequencies {
     }
 
     /// Logarithm of the number of items. With one item, every weight is ln 1 = 0, and the score is 0.
-    pub fn ln_items(&self) -> f64 {
+    pub(crate) fn ln_items(&self) -> f64 {
         (self.n_items.max(1) as f64).ln()
     }
 
     /// (CIDEr-D, plain CIDEr) of an item, both x10.
-    pub fn cider(&self, candidate: &Grams, references: &[Grams], ln_items: f64) -> (f64, f64) {
+    pub(crate) fn cider(
+        &self,
+        candidate: &Grams,
+        references: &[Grams],
+        ln_items: f64,
+    ) -> (f64, f64) {
         let weigh = |grams: &Grams| Weighted::of(grams, &self.items, ln_items);
         let c = weigh(candidate);
         let (mut clipped, mut full) = (0.0, 0.0);

@@ -13,7 +13,7 @@ pub(crate) struct Vocabulary {
 }
 
 impl Vocabulary {
-    pub fn number(&mut self, word: &str) -> u32 {
+    pub(crate) fn number(&mut self, word: &str) -> u32 {
         if let Some(&n) = self.numbers.get(word) {
             return n;
         }
@@ -24,16 +24,16 @@ impl Vocabulary {
     }
 
     /// N-grams of a text that is split at white space.
-    pub fn one(&mut self, text: &str) -> Grams {
+    pub(crate) fn one(&mut self, text: &str) -> Grams {
         Grams::of(&self.numbers(crate::tokens::words(text)))
     }
 
     /// N-grams of several texts.
-    pub fn grams(&mut self, texts: &[String]) -> Vec<Grams> {
+    pub(crate) fn grams(&mut self, texts: &[String]) -> Vec<Grams> {
         texts.iter().map(|t| self.one(t)).collect()
     }
 
-    pub fn numbers<'a>(&mut self, words: impl Iterator<Item = &'a str>) -> Vec<u32> {
+    pub(crate) fn numbers<'a>(&mut self, words: impl Iterator<Item = &'a str>) -> Vec<u32> {
         words.map(|w| self.number(w)).collect()
     }
 }
@@ -48,7 +48,7 @@ pub(crate) struct Grams {
 }
 
 impl Grams {
-    pub fn of(words: &[u32]) -> Self {
+    pub(crate) fn of(words: &[u32]) -> Self {
         let counts = std::array::from_fn(|i| {
             let mut grams: Vec<Gram> = words
                 .windows(i + 1)
@@ -71,7 +71,7 @@ impl Grams {
     }
 
     /// Number of n-grams for n = i + 1.
-    pub fn total(&self, i: usize) -> u32 {
+    pub(crate) fn total(&self, i: usize) -> u32 {
         (self.len.saturating_sub(i)) as u32
     }
 }

@@ -52,7 +52,7 @@ pub(crate) struct WordNet {
 
 impl WordNet {
     /// The built-in table, which is indexed at the first call.
-    pub fn get() -> &'static WordNet {
+    pub(crate) fn get() -> &'static WordNet {
         &TABLE
     }
 
@@ -96,7 +96,7 @@ impl WordNet {
 
     /// Sorted synsets by METEOR 1.5's rule: those of the word itself and those of its base forms. Base forms are the
     /// irregular ones if there are any, and otherwise the first regular one that exists.
-    pub fn meteor_synsets(&self, word: &str) -> Vec<u32> {
+    pub(crate) fn meteor_synsets(&self, word: &str) -> Vec<u32> {
         let mut found: Vec<u32> = Vec::new();
         let mut add = |form: &str| {
             let entries = self.entries.get(form).into_iter().flatten();
@@ -138,7 +138,7 @@ impl WordNet {
 
     /// All words of all synsets of a word by nltk's rules: of its own form and of its base forms in each part of
     /// speech. Names keep their case, as in nltk.
-    pub fn nltk_synonyms(&self, word: &str) -> Vec<&'static str> {
+    pub(crate) fn nltk_synonyms(&self, word: &str) -> Vec<&'static str> {
         let word = word.to_lowercase();
         let mut found = Vec::new();
         for (part, detachments) in DETACHMENTS.into_iter().enumerate() {

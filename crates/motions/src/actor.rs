@@ -10,11 +10,11 @@ use crate::rig::{Rig, smooth};
 use crate::track::FPS;
 
 /// Height of the chair seat above the floor, m. A person who is too short for it gets a lower seat.
-pub const SEAT_M: f32 = 0.45;
+pub(crate) const SEAT_M: f32 = 0.45;
 
 /// Small personal deviations from the average adult; all are centred on zero.
 #[derive(Clone, Debug)]
-pub struct Style {
+pub(crate) struct Style {
     /// Multiplies all durations.
     pub tempo: f32,
     /// Multiplies movement amplitudes.
@@ -34,7 +34,7 @@ pub struct Style {
 }
 
 /// The rig, the style and the random stream of one rendered motion.
-pub struct Actor {
+pub(crate) struct Actor {
     /// Measured skeleton.
     pub rig: Rig,
     /// Personal deviations.
@@ -47,7 +47,7 @@ pub struct Actor {
 
 impl Actor {
     /// Creates a person of the given height; the seed determines the style.
-    pub fn new(height_m: f32, seed: u64) -> Self {
+    pub(crate) fn new(height_m: f32, seed: u64) -> Self {
         let mut dice = Dice::new(seed, "actor");
         let style = Style {
             tempo: 1.0 + 0.07 * dice.bell(),
@@ -73,7 +73,7 @@ impl Actor {
     }
 
     /// A person without personal deviations, used for planning.
-    pub fn average(height_m: f32) -> Self {
+    pub(crate) fn average(height_m: f32) -> Self {
         let mut actor = Self::new(height_m, 0);
         actor.style.tempo = 1.0;
         actor.style.size = 1.0;
@@ -82,23 +82,23 @@ impl Actor {
     }
 
     /// Scales an authored distance in metres to the size of this person.
-    pub fn m(&self, authored_m: f32) -> f32 {
+    pub(crate) fn m(&self, authored_m: f32) -> f32 {
         authored_m * self.rig.scale
     }
 
     /// Scales a duration authored at speed 1 by the speed, the person's tempo and a little jitter,
     /// s.
-    pub fn s(&mut self, authored_s: f32, speed: f32) -> f32 {
+    pub(crate) fn s(&mut self, authored_s: f32, speed: f32) -> f32 {
         authored_s * self.style.tempo * (1.0 + 0.06 * self.dice.bell()) / speed
     }
 
     /// Scales an authored amplitude by the person's size factor and a little jitter.
-    pub fn a(&mut self, authored: f32) -> f32 {
+    pub(crate) fn a(&mut self, authored: f32) -> f32 {
         authored * self.style.size * (1.0 + 0.06 * self.dice.bell())
     }
 
     /// The arm hanging at the side.
-    pub fn arm_down(&self, side: usize) -> Arm {
+    pub(crate) fn arm_down(&self, side: usize) -> Arm {
         Arm {
             // Arms hang vertically under gravity, independently of the tilt of the back.
             elevation: self.style.arm_elevation + self.stoop_tilt(),
@@ -111,12 +111,12 @@ impl Actor {
     }
 
     /// Tilt of the chest due to stooping, rad.
-    pub fn stoop_tilt(&self) -> f32 {
+    pub(crate) fn stoop_tilt(&self) -> f32 {
         0.55 * self.stoop
     }
 
     /// Relaxed standing at the origin, facing +z.
-    pub fn standing(&self) -> Control {
+    pub(crate) fn standing(&self) -> Control {
         let s = &self.style;
         let foot = |side: usize| Foot {
             at: Vec3::new(
@@ -141,12 +141,12 @@ impl Actor {
     }
 
     /// Pelvis height when seated, m. The pelvis joint is a little above the seat.
-    pub fn seated_pelvis_m(&self) -> f32 {
+    pub(crate) fn seated_pelvis_m(&self) -> f32 {
         SEAT_M.min(0.482 * self.rig.scale) + self.m(0.075)
     }
 
     /// Seated on a chair behind the standing position, with the hands on the thighs.
-    pub fn seated(&self) -> Control {
+    pub(crate) fn seated(&self) -> Control {
         let mut c = self.standing();
         c.hip = Vec3::new(
             0.0,
@@ -168,7 +168,7 @@ impl Actor {
     }
 
     /// Lying on the back behind the standing position, with the feet towards +z.
-    pub fn lying(&self) -> Control {
+    pub(crate) fn lying(&self) -> Control {
         let mut c = self.standing();
         c.hip = Vec3::new(0.0, self.m(0.105), -self.m(0.62));
         c.pitch = -FRAC_PI_2;
@@ -191,7 +191,7 @@ impl Actor {
 
     /// Adds the sway of somebody who exercises: the trunk turns, and the returned offset of the centre of mass wanders by
     /// `sway_m` at 0.3 to 0.9 Hz. The feet stay where they are.
-    pub fn add_sway(&mut self, frames: &mut [Control], sway_m: f32) -> Vec<Vec3> {
+    pub(crate) fn add_sway(&mut self, frames: &mut [Control], sway_m: f32) -> Vec<Vec3> {
         if sway_m == 0.0 {
             return vec![Vec3::ZERO; frames.len()];
         }
@@ -210,7 +210,7 @@ impl Actor {
 
     /// Adds the small steps of somebody who exercises: the whole body wanders by up to `wander_m` at 0.2 to 0.7 Hz, mostly
     /// along its facing, and the feet follow one after the other. The path is the same for all frames of free standing.
-    pub fn add_steps(&mut self, frames: &mut [Control], wander_m: f32) {
+    pub(crate) fn add_steps(&mut self, frames: &mut [Control], wander_m: f32) {
         let mut wave = |share: f32| {
             let (hz, phase) = (self.dice.range(0.2, 0.7), self.dice.range(0.0, TAU));
             move |time: f32| share * (TAU * hz * time + phase).sin()
@@ -242,7 +242,7 @@ impl Actor {
     }
 
     /// Adds breathing and slow postural sway to every frame.
-    pub fn add_idle(&self, frames: &mut [Control]) {
+    pub(crate) fn add_idle(&self, frames: &mut [Control]) {
         let gentle = |time: f32, n: usize| {
             let (hz, phase) = self.style.wave[n];
             (TAU * hz * time + phase).sin()

@@ -9,13 +9,13 @@
 use glam::{Quat, Vec3};
 
 /// Sign of x on the left (0) and right (1) sides.
-pub const SIDE_SIGN: [f32; 2] = [1.0, -1.0];
+pub(crate) const SIDE_SIGN: [f32; 2] = [1.0, -1.0];
 /// Number of scalar channels of a [`Control`].
-pub const N_CHANNELS: usize = 54;
+pub(crate) const N_CHANNELS: usize = 54;
 
 /// Controls of one foot.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Foot {
+pub(crate) struct Foot {
     /// Position of the ankle of the flat foot, projected onto the floor; y is the height of the
     /// sole above the floor, m.
     pub at: Vec3,
@@ -36,7 +36,7 @@ pub struct Foot {
 /// shoulder, in the chest's axes. Linear blending of these coordinates keeps the hand out of the
 /// shoulder.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Arm {
+pub(crate) struct Arm {
     /// Elevation, rad: -pi/2 hangs down, 0 is horizontal, pi/2 is straight up; values below -pi/2
     /// swing behind the body.
     pub elevation: f32,
@@ -61,7 +61,7 @@ pub struct Arm {
 
 /// Controls of the whole body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Control {
+pub(crate) struct Control {
     /// Pelvis position, m.
     pub hip: Vec3,
     /// Pelvis heading, rad, positive to the left.
@@ -95,7 +95,7 @@ pub struct Control {
 
 impl Control {
     /// Calls `f` on every channel, always in the same order.
-    pub fn for_each(&mut self, mut f: impl FnMut(usize, &mut f32)) {
+    pub(crate) fn for_each(&mut self, mut f: impl FnMut(usize, &mut f32)) {
         let mut n = 0;
         let mut visit = |value: &mut f32| {
             f(n, value);
@@ -155,27 +155,27 @@ impl Control {
     }
 
     /// All channels in order.
-    pub fn channels(mut self) -> [f32; N_CHANNELS] {
+    pub(crate) fn channels(mut self) -> [f32; N_CHANNELS] {
         let mut out = [0.0; N_CHANNELS];
         self.for_each(|n, value| out[n] = *value);
         out
     }
 
     /// Inverse of [`Control::channels`].
-    pub fn from_channels(channels: &[f32; N_CHANNELS]) -> Self {
+    pub(crate) fn from_channels(channels: &[f32; N_CHANNELS]) -> Self {
         let mut out = Self::default();
         out.for_each(|n, value| *value = channels[n]);
         out
     }
 
     /// Linear blend of all channels.
-    pub fn lerp(self, other: Self, weight: f32) -> Self {
+    pub(crate) fn lerp(self, other: Self, weight: f32) -> Self {
         let (a, b) = (self.channels(), other.channels());
         Self::from_channels(&std::array::from_fn(|n| a[n] + (b[n] - a[n]) * weight))
     }
 
     /// Moves the whole person over the floor: rotates by `yaw`, then translates by `shift`.
-    pub fn moved(mut self, yaw: f32, shift: Vec3) -> Self {
+    pub(crate) fn moved(mut self, yaw: f32, shift: Vec3) -> Self {
         let turn = Quat::from_rotation_y(yaw);
         self.hip = turn * self.hip + shift;
         self.yaw += yaw;
@@ -192,7 +192,7 @@ impl Control {
 
 /// Returns true for channels of the head and arms, which follow the trunk with a delay of a few
 /// frames.
-pub fn is_upper(channel: usize) -> bool {
+pub(crate) fn is_upper(channel: usize) -> bool {
     channel >= 25
 }
 

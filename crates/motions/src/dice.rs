@@ -6,36 +6,36 @@ use radarllm_base::seed::derive_seed;
 
 /// Reproducible random draws.
 #[derive(Clone, Debug)]
-pub struct Dice(SplitMix64);
+pub(crate) struct Dice(SplitMix64);
 
 impl Dice {
     /// Creates the random stream identified by `seed` and `name`.
-    pub fn new(seed: u64, name: &str) -> Self {
+    pub(crate) fn new(seed: u64, name: &str) -> Self {
         Self(SplitMix64::new(derive_seed(seed, name)))
     }
 
     /// Next 64 random bits.
-    pub fn bits(&mut self) -> u64 {
+    pub(crate) fn bits(&mut self) -> u64 {
         self.0.next_u64()
     }
 
     /// Uniform in `low..high`.
-    pub fn range(&mut self, low: f32, high: f32) -> f32 {
+    pub(crate) fn range(&mut self, low: f32, high: f32) -> f32 {
         low + (high - low) * self.0.uniform_f32()
     }
 
     /// Uniform in the logarithm, in `low..high`, both above 0.
-    pub fn log_range(&mut self, low: f32, high: f32) -> f32 {
+    pub(crate) fn log_range(&mut self, low: f32, high: f32) -> f32 {
         low * (high / low).powf(self.range(0.0, 1.0))
     }
 
     /// Bell-shaped distribution around zero, within -1..1, with a standard deviation of about 0.33.
-    pub fn bell(&mut self) -> f32 {
+    pub(crate) fn bell(&mut self) -> f32 {
         (self.range(-1.0, 1.0) + self.range(-1.0, 1.0) + self.range(-1.0, 1.0)) / 3.0
     }
 
     /// Uniform index below `n`, 0 for `n == 0`.
-    pub fn index(&mut self, n: usize) -> usize {
+    pub(crate) fn index(&mut self, n: usize) -> usize {
         if n == 0 {
             0
         } else {
@@ -44,12 +44,16 @@ impl Dice {
     }
 
     /// A uniformly chosen item of a non-empty list.
-    pub fn pick<T: Copy>(&mut self, items: &[T]) -> T {
+    pub(crate) fn pick<T: Copy>(&mut self, items: &[T]) -> T {
         items[self.index(items.len())]
     }
 
     /// An item drawn with a probability proportional to its positive weight; `None` for an empty list.
-    pub fn weighted<T: Copy>(&mut self, items: &[T], weight: impl Fn(&T) -> f32) -> Option<T> {
+    pub(crate) fn weighted<T: Copy>(
+        &mut self,
+        items: &[T],
+        weight: impl Fn(&T) -> f32,
+    ) -> Option<T> {
         let mut left = self.range(0.0, items.iter().map(&weight).sum());
         let is_drawn = |item: &&T| {
             left -= weight(item);
@@ -61,7 +65,7 @@ impl Dice {
     }
 
     /// Returns true with the given probability.
-    pub fn chance(&mut self, probability: f32) -> bool {
+    pub(crate) fn chance(&mut self, probability: f32) -> bool {
         self.range(0.0, 1.0) < probability
     }
 }

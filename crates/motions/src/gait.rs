@@ -21,7 +21,7 @@ const SETTLE_S: f32 = 0.35;
 
 /// Parameters of one continuous sequence of steps; lengths in m, angles in rad.
 #[derive(Clone, Debug)]
-pub struct Gait {
+pub(crate) struct Gait {
     /// Time between the starts of two consecutive swing phases, s.
     pub step_s: f32,
     /// Duration of one swing phase in steps: below 1 is walking, above 1 is running.
@@ -73,7 +73,7 @@ pub struct Gait {
 
 impl Gait {
     /// Ordinary walking at `speed` (1 is normal).
-    pub fn walk(actor: &mut Actor, speed: f32) -> Self {
+    pub(crate) fn walk(actor: &mut Actor, speed: f32) -> Self {
         let root = speed.sqrt();
         let size = actor.rig.scale;
         Self {
@@ -105,7 +105,7 @@ impl Gait {
 
     /// Chooses the number of steps and their timing so that covering `distance_m` takes the time
     /// given by the cruising speed and the two speed ramps.
-    pub fn plan(&mut self, distance_m: f32, cruise_mps: f32) {
+    pub(crate) fn plan(&mut self, distance_m: f32, cruise_mps: f32) {
         let ramps = 0.5 * (self.ramps[0] + self.ramps[1]);
         let extra = self.swing_steps + 0.25 - 1.0 - ramps;
         let steps = (distance_m / cruise_mps - 0.05) / self.step_s - extra;
@@ -115,7 +115,7 @@ impl Gait {
     }
 
     /// Renders the steps along `path`, which maps progress 0..1 to a position and a heading.
-    pub fn perform(&self, actor: &Actor, path: &dyn Fn(f32) -> (Vec3, f32)) -> Vec<Control> {
+    pub(crate) fn perform(&self, actor: &Actor, path: &dyn Fn(f32) -> (Vec3, f32)) -> Vec<Control> {
         let plan = Plan::new(self, actor, path);
         let n_frames = ((plan.end_s + SETTLE_S) as f64 * FPS) as usize + 1;
         (0..n_frames)
@@ -226,7 +226,7 @@ impl Gait {
 
 /// An arm whose upper arm hangs at angle `swing` (forward positive) and whose elbow is bent by
 /// `elbow`.
-pub fn swung_arm(swing: f32, elbow: f32) -> Arm {
+pub(crate) fn swung_arm(swing: f32, elbow: f32) -> Arm {
     let (upper, lower) = (0.52, 0.48);
     let up = -swing.cos() * upper - (swing + elbow).cos() * lower;
     let forward = swing.sin() * upper + (swing + elbow).sin() * lower;

@@ -14,7 +14,7 @@ use crate::control::{Arm, Control, Foot, SIDE_SIGN};
 use radarllm_body::proportions::{canonical_skeleton, rest_positions, standing_pelvis_height_m};
 
 /// Body height at which [`Rig::scale`] is 1, so that authored distances are in metres, m.
-pub const AUTHORED_HEIGHT_M: f32 = 1.75;
+pub(crate) const AUTHORED_HEIGHT_M: f32 = 1.75;
 /// Minimum height of all joints except those of the feet above the floor, m (half the thickness of
 /// a limb).
 const CLEARANCE_M: f32 = 0.035;
@@ -54,7 +54,7 @@ const MASSES: [(Joint, Joint, f32); 14] = [
 ];
 
 /// A skeleton with the derived lengths used for motion planning.
-pub struct Rig {
+pub(crate) struct Rig {
     /// Bone vectors.
     pub skeleton: Skeleton,
     /// Scale factor for authored distances.
@@ -84,7 +84,7 @@ struct TwoBone {
 
 impl Rig {
     /// Creates the rig of the canonical skeleton with the given height.
-    pub fn new(height_m: f32) -> Self {
+    pub(crate) fn new(height_m: f32) -> Self {
         let skeleton = canonical_skeleton(height_m);
         let rest = rest_positions(&skeleton);
         let pelvis_m = standing_pelvis_height_m(&skeleton);
@@ -109,14 +109,14 @@ impl Rig {
     }
 
     /// Position of the ankles along z when standing with the pelvis at z = 0, m.
-    pub fn foot_z_m(&self) -> f32 {
+    pub(crate) fn foot_z_m(&self) -> f32 {
         self.ankle_z_m
     }
 
     /// Returns the control with its pelvis balanced over the feet and clear of the floor. The
     /// second value is the distance by which the pelvis must still be lowered for the legs to reach
     /// the feet on the floor, m.
-    pub fn settle(&self, control: &Control, sway: Vec3) -> (Control, f32) {
+    pub(crate) fn settle(&self, control: &Control, sway: Vec3) -> (Control, f32) {
         let mut control = *control;
         for _ in 0..2 {
             let mut lowered = control;
@@ -154,7 +154,7 @@ impl Rig {
     }
 
     /// Joint rotations of a settled control in the stage frame; the root of the pose is the pelvis.
-    pub fn pose(&self, control: &Control) -> Pose {
+    pub(crate) fn pose(&self, control: &Control) -> Pose {
         let mut rotations = [Quat::IDENTITY; N_JOINTS];
         let root = root_turn(control);
         rotations[0] = root;
@@ -202,7 +202,7 @@ impl Rig {
     }
 
     /// Ankle position and world rotation of a foot.
-    pub fn ankle(&self, foot: &Foot) -> (Vec3, Quat) {
+    pub(crate) fn ankle(&self, foot: &Foot) -> (Vec3, Quat) {
         let flat = Quat::from_rotation_y(foot.yaw);
         let turn = flat * Quat::from_rotation_x(-foot.pitch) * Quat::from_rotation_z(foot.roll);
         let pivot = if foot.pitch >= 0.0 {
@@ -222,7 +222,7 @@ impl Rig {
 
     /// Returns the foot control whose ankle is over `ankle` (y ignored), with the lowest point of
     /// the sole on the floor.
-    pub fn foot_for_ankle(&self, ankle: Vec3, yaw: f32, pitch: f32, roll: f32) -> Foot {
+    pub(crate) fn foot_for_ankle(&self, ankle: Vec3, yaw: f32, pitch: f32, roll: f32) -> Foot {
         let mut foot = Foot {
             yaw,
             pitch,
@@ -409,12 +409,12 @@ fn soften(goal: Vec3, limb_m: f32) -> Vec3 {
 }
 
 /// Cubic smoothstep from 0 to 1 on 0..1, constant outside.
-pub fn smooth(x: f32) -> f32 {
+pub(crate) fn smooth(x: f32) -> f32 {
     let x = x.clamp(0.0, 1.0);
     x * x * (3.0 - 2.0 * x)
 }
 
 /// Wraps an angle to -pi..pi.
-pub fn wrap(angle: f32) -> f32 {
+pub(crate) fn wrap(angle: f32) -> f32 {
     angle - 2.0 * PI * (angle / (2.0 * PI)).round()
 }

@@ -9,26 +9,26 @@
 use crate::control::{Control, N_CHANNELS, is_upper};
 
 /// Frame rate of all procedural motions, Hz.
-pub const FPS: f64 = 60.0;
+pub(crate) const FPS: f64 = 60.0;
 /// Minimum time between keyframes, s: two frames.
 const MIN_STEP_S: f32 = 2.0 / FPS as f32;
 
 /// A sequence of keyframes under construction.
 #[derive(Clone, Debug)]
-pub struct Track {
+pub(crate) struct Track {
     keys: Vec<(f32, Control)>,
 }
 
 impl Track {
     /// Creates a track with this pose as the keyframe at time 0.
-    pub fn new(start: Control) -> Self {
+    pub(crate) fn new(start: Control) -> Self {
         Self {
             keys: vec![(0.0, start)],
         }
     }
 
     /// Adds a keyframe `after_s` later: the previous keyframe, modified by `edit`.
-    pub fn to(&mut self, after_s: f32, edit: impl FnOnce(&mut Control)) -> &mut Self {
+    pub(crate) fn to(&mut self, after_s: f32, edit: impl FnOnce(&mut Control)) -> &mut Self {
         let (time, mut control) = self.keys[self.keys.len() - 1];
         edit(&mut control);
         self.keys.push((time + after_s.max(MIN_STEP_S), control));
@@ -36,18 +36,18 @@ impl Track {
     }
 
     /// Holds the last pose.
-    pub fn hold(&mut self, for_s: f32) -> &mut Self {
+    pub(crate) fn hold(&mut self, for_s: f32) -> &mut Self {
         self.to(for_s, |_| {})
     }
 
     /// Time of the last keyframe, s.
-    pub fn end_s(&self) -> f32 {
+    pub(crate) fn end_s(&self) -> f32 {
         self.keys[self.keys.len() - 1].0
     }
 
     /// Samples the curves at [`FPS`]; the head and arms are delayed by `upper_lag_s` relative to
     /// the rest of the body.
-    pub fn render(&self, upper_lag_s: f32) -> Vec<Control> {
+    pub(crate) fn render(&self, upper_lag_s: f32) -> Vec<Control> {
         let n_frames = ((self.end_s() + upper_lag_s.max(0.0)) as f64 * FPS).ceil() as usize + 1;
         let slopes = self.slopes();
         let times: Vec<f32> = self.keys.iter().map(|k| k.0).collect();

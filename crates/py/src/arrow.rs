@@ -16,7 +16,7 @@ const STREAM: &CStr = c"arrow_array_stream";
 
 /// A capsule with a stream. Whoever takes the stream marks it as released, so that the capsule frees it only if nobody
 /// did.
-pub fn capsule<'py>(
+pub(crate) fn capsule<'py>(
     py: Python<'py>,
     batches: Box<dyn RecordBatchReader + Send>,
 ) -> PyResult<Bound<'py, PyCapsule>> {
@@ -24,7 +24,7 @@ pub fn capsule<'py>(
 }
 
 /// A stream of one batch, which shares its memory.
-pub fn capsule_of_batch<'py>(
+pub(crate) fn capsule_of_batch<'py>(
     py: Python<'py>,
     batch: &RecordBatch,
 ) -> PyResult<Bound<'py, PyCapsule>> {
@@ -33,7 +33,7 @@ pub fn capsule_of_batch<'py>(
 }
 
 /// Reads points from any object with `__arrow_c_stream__`. `complete` may add to the metadata of its schema.
-pub fn points_from(
+pub(crate) fn points_from(
     table: &Bound<'_, PyAny>,
     complete: impl FnOnce(&mut HashMap<String, String>) -> PyResult<()>,
 ) -> PyResult<PointsFile> {

@@ -8,6 +8,6 @@ use pyo3::prelude::*;
 /// code: 0 done, 1 the user can fix it, 2 unexpected.
 #[pyfunction]
 #[pyo3(name = "_command")]
-pub fn command(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
+pub(crate) fn command(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
     py.detach(|| radarllm_cli::run(arguments))
 }

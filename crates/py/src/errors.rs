@@ -10,7 +10,7 @@ use radarllm::{Error, ErrorKind, Message};
 use crate::keywords::keyword;
 
 /// The exception of an error: `Error`, `NotFoundError`, `ExistsError`, `Bug` or `KeyboardInterrupt`.
-pub fn to_py(error: Error) -> PyErr {
+pub(crate) fn to_py(error: Error) -> PyErr {
     Python::attach(|py| match error.kind {
         ErrorKind::Interrupted => PyKeyboardInterrupt::new_err(in_python(&error.message)),
         ErrorKind::NotFound => raised(py, "NotFoundError", error),
@@ -22,17 +22,20 @@ pub fn to_py(error: Error) -> PyErr {
 }
 
 /// An error about the arguments.
-pub fn input(message: impl std::fmt::Display) -> PyErr {
+pub(crate) fn input(message: impl std::fmt::Display) -> PyErr {
     to_py(Error::input(message.to_string()))
 }
 
 /// An error about the arguments, with a hint.
-pub fn input_with_hint(message: impl std::fmt::Display, hint: impl std::fmt::Display) -> PyErr {
+pub(crate) fn input_with_hint(
+    message: impl std::fmt::Display,
+    hint: impl std::fmt::Display,
+) -> PyErr {
     to_py(Error::input(message.to_string()).with_hint(hint.to_string()))
 }
 
 /// The exception of a panic of the library.
-pub fn bug(message: &str) -> PyErr {
+pub(crate) fn bug(message: &str) -> PyErr {
     Python::attach(|py| {
         let made = class(py, "Bug").and_then(|class| class.call1((message,)));
         made.map_or_else(|error| error, PyErr::from_value)
@@ -60,6 +63,6 @@ fn in_python(text: &Message) -> String {
 }
 
 /// An error that no input explains, for example a thread that the system refuses.
-pub fn system(error: impl std::fmt::Display) -> PyErr {
+pub(crate) fn system(error: impl std::fmt::Display) -> PyErr {
     PyRuntimeError::new_err(error.to_string())
 }

@@ -3,7 +3,7 @@
 use radarllm::{Clip, Segment, page_segments, render::page::Page};
 
 /// What is said about the points of a page.
-pub struct Said<'a> {
+pub(crate) struct Said<'a> {
     /// The sentence.
     pub caption: &'a str,
     /// The sentences with their times.
@@ -13,7 +13,7 @@ pub struct Said<'a> {
 }
 
 /// The self-contained page of a clip.
-pub fn page(clip: &Clip, said: Option<Said<'_>>) -> String {
+pub(crate) fn page(clip: &Clip, said: Option<Said<'_>>) -> String {
     let mut provenance = format!(
         "{} radar {} · source {}",
         clip.provenance.kind(),
@@ -39,7 +39,7 @@ pub fn page(clip: &Clip, said: Option<Said<'_>>) -> String {
 }
 
 /// The page inside another one, as notebooks show it. It may run its script and nothing else.
-pub fn inline(page: &str) -> String {
+pub(crate) fn inline(page: &str) -> String {
     let escaped = page.replace('&', "&amp;").replace('"', "&quot;");
     format!(
         "<iframe sandbox=\"allow-scripts\" style=\"width:100%;height:560px;border:0\" srcdoc=\"{escaped}\"></iframe>"

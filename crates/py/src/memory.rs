@@ -33,7 +33,7 @@ impl PyMemory {
 }
 
 /// Reads a memory file.
-pub fn load(path: &std::path::Path) -> Result<teach::Memory> {
+pub(crate) fn load(path: &std::path::Path) -> Result<teach::Memory> {
     if !path.exists() {
         let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
         return Err(Error::io(path, missing));

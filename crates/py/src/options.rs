@@ -16,7 +16,7 @@ use radarllm_formats::{Mounting, recordings::Axes, uart::Dialect};
 use crate::{errors, radar::RadarArgument};
 
 /// The radar of an argument, or the one that simulates where none is named.
-pub fn radar_or_default(radar: Option<RadarArgument>) -> PyResult<OpenedRadar> {
+pub(crate) fn radar_or_default(radar: Option<RadarArgument>) -> PyResult<OpenedRadar> {
     match radar {
         Some(RadarArgument(radar)) => Ok(radar),
         None => open_radar(DEFAULT_RADAR).map_err(errors::to_py),
@@ -24,7 +24,11 @@ pub fn radar_or_default(radar: Option<RadarArgument>) -> PyResult<OpenedRadar> {
 }
 
 /// Refuses a number out of range.
-pub fn check_range(name: &str, value: usize, range: std::ops::RangeInclusive<usize>) -> Result {
+pub(crate) fn check_range(
+    name: &str,
+    value: usize,
+    range: std::ops::RangeInclusive<usize>,
+) -> Result {
     match range.contains(&value) {
         true => Ok(()),
         false => Err(Error::input(format!(
@@ -36,7 +40,7 @@ pub fn check_range(name: &str, value: usize, range: std::ops::RangeInclusive<usi
 }
 
 /// The `[processing]` table of a file.
-pub fn processing(path: &Path) -> Result<ProcessingFile> {
+pub(crate) fn processing(path: &Path) -> Result<ProcessingFile> {
     let text = bounded::read_text(path, MAX_CONFIG_BYTES)?;
     ProcessingFile::from_toml(&text).map_err(|e| {
         Error::wrap_in_file(path, e)
@@ -45,7 +49,7 @@ pub fn processing(path: &Path) -> Result<ProcessingFile> {
 }
 
 /// What stands still around a simulated target: "none", "furnished", or a file with a table `[objects]`.
-pub fn objects(name_or_file: &Path) -> Result<ObjectsFile> {
+pub(crate) fn objects(name_or_file: &Path) -> Result<ObjectsFile> {
     match name_or_file.to_str() {
         Some("none") => return Ok(ObjectsFile::none()),
         Some("furnished") => return Ok(ObjectsFile::furnished()),
@@ -61,7 +65,7 @@ pub fn objects(name_or_file: &Path) -> Result<ObjectsFile> {
 /// The keywords of `open_capture`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
-pub struct CaptureKeywords {
+pub(crate) struct CaptureKeywords {
     radar: Option<RadarArgument>,
     format: Option<String>,
     iq: Option<String>,
@@ -93,7 +97,7 @@ pub struct CaptureKeywords {
 
 impl CaptureKeywords {
     /// As the library takes them.
-    pub fn options(self) -> Result<CaptureOptions> {
+    pub(crate) fn options(self) -> Result<CaptureOptions> {
         let iq = self.iq.as_deref().map(|name| match name {
             "i-first" => Ok(IqChoice::IFirst),
             "q-first" => Ok(IqChoice::QFirst),

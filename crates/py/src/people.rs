@@ -43,7 +43,7 @@ impl PyPerson {
 /// [1]
 #[pyfunction]
 #[pyo3(signature = (points, *, max_people=None, remove_ghosts=false))]
-pub fn people(
+pub(crate) fn people(
     py: Python<'_>,
     points: &Bound<'_, PyPoints>,
     max_people: Option<usize>,

@@ -26,7 +26,7 @@ use radarllm::{
 use crate::{arrow, errors, html, work};
 
 /// Columns of the points, in their order.
-pub const COLUMNS: [&str; 8] = [
+pub(crate) const COLUMNS: [&str; 8] = [
     "frame",
     "t_s",
     "x_m",
@@ -128,7 +128,7 @@ impl PyPoints {
 ///
 /// # Safety
 /// `owner` must keep `values` in place and unchanged as long as it lives.
-pub unsafe fn view<'py, T: numpy::Element>(
+pub(crate) unsafe fn view<'py, T: numpy::Element>(
     values: &[T],
     owner: Bound<'py, PyAny>,
 ) -> Bound<'py, PyArray1<T>> {
@@ -575,7 +575,7 @@ fn point_of(values: &[f32; N_VALUES]) -> RadarPoint {
 }
 
 /// The provenance that a caller states.
-pub fn provenance(
+pub(crate) fn provenance(
     synthetic: Option<bool>,
     source: Option<String>,
     seed: Option<u64>,

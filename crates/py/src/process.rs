@@ -45,7 +45,7 @@ const FRAME: &str = "frame";
 #[pyfunction]
 #[pyo3(signature = (cubes, *, radar, axes=None, processing=None, synthetic=None, source=None, seed=None, radar_height_m=1.0))]
 #[expect(clippy::too_many_arguments, reason = "all are keywords of Python")]
-pub fn process(
+pub(crate) fn process(
     cubes: &Bound<'_, PyAny>,
     radar: RadarArgument,
     axes: Option<String>,

@@ -127,7 +127,7 @@ impl PyRadar {
 }
 
 /// A radar as an argument: a `Radar`, a built-in name or a file.
-pub struct RadarArgument(pub OpenedRadar);
+pub(crate) struct RadarArgument(pub OpenedRadar);
 
 impl<'py> FromPyObject<'_, 'py> for RadarArgument {
     type Error = PyErr;

@@ -13,7 +13,10 @@ use serde::Serialize;
 use crate::{errors, work};
 
 /// A value as Python objects, with the fields in their order.
-pub fn to_python<'py>(py: Python<'py>, value: &impl Serialize) -> PyResult<Bound<'py, PyAny>> {
+pub(crate) fn to_python<'py>(
+    py: Python<'py>,
+    value: &impl Serialize,
+) -> PyResult<Bound<'py, PyAny>> {
     let text = serde_json::to_string(value).map_err(errors::system)?;
     py.import("json")?.call_method1("loads", (text,))
 }
@@ -32,7 +35,7 @@ pub fn to_python<'py>(py: Python<'py>, value: &impl Serialize) -> PyResult<Bound
 /// (1.0, ['protocol', 'tokenisation'])
 #[pyfunction]
 #[pyo3(signature = (candidates, references, *, protocol="plain", max_references=3, resamples=1000, seed=1))]
-pub fn score<'py>(
+pub(crate) fn score<'py>(
     candidates: &Bound<'py, PyAny>,
     references: &Bound<'py, PyAny>,
     protocol: &str,

@@ -40,7 +40,7 @@ use crate::{
 #[pyfunction]
 #[pyo3(signature = (input, *, radar=None, seed=1, distance_m=3.0, radar_height_m=1.0, own_noise=false, processing=None, firmware=None, body=None, objects=None, emit="points", threads=None))]
 #[expect(clippy::too_many_arguments, reason = "all are keywords of Python")]
-pub fn simulate<'py>(
+pub(crate) fn simulate<'py>(
     py: Python<'py>,
     input: PathBuf,
     radar: Option<RadarArgument>,
@@ -149,7 +149,7 @@ impl PyCubes {
 }
 
 /// A cube as an array `[loop, tx, rx, sample]`, which takes over its memory.
-pub fn array_of<'py>(
+pub(crate) fn array_of<'py>(
     py: Python<'py>,
     cube: RadarCube,
 ) -> PyResult<Bound<'py, PyArray4<Complex32>>> {

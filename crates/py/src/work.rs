@@ -28,16 +28,16 @@ const MAX_THREADS: usize = 1024;
 
 /// Set once the work is to end early.
 #[derive(Default)]
-pub struct Stop(AtomicBool);
+pub(crate) struct Stop(AtomicBool);
 
 impl Stop {
     /// Whether the work is to end.
-    pub fn is_set(&self) -> bool {
+    pub(crate) fn is_set(&self) -> bool {
         self.0.load(Ordering::Relaxed)
     }
 
     /// An error of kind [`ErrorKind::Interrupted`] if the work is to end.
-    pub fn check(&self) -> Result {
+    pub(crate) fn check(&self) -> Result {
         match self.is_set() {
             true => Err(Error::input("interrupted").of_kind(ErrorKind::Interrupted)),
             false => Ok(()),
@@ -47,7 +47,10 @@ impl Stop {
 
 /// Runs work without the interpreter's lock. A panic in it becomes `Bug`, a signal whose handler raises (Ctrl-C) stops
 /// it and raises.
-pub fn run<T: Send>(py: Python<'_>, work: impl FnOnce(&Stop) -> Result<T> + Send) -> PyResult<T> {
+pub(crate) fn run<T: Send>(
+    py: Python<'_>,
+    work: impl FnOnce(&Stop) -> Result<T> + Send,
+) -> PyResult<T> {
     let stop = Stop::default();
     let (outcome, signal) = py
         .detach(|| watched(&stop, work))
@@ -95,7 +98,7 @@ fn panic_message(panic: &(dyn Any + Send)) -> &str {
 }
 
 /// Runs work, with everything that it does in parallel, on `threads` threads, or on one for each core.
-pub fn on_threads<T: Send>(
+pub(crate) fn on_threads<T: Send>(
     threads: Option<usize>,
     work: impl FnOnce() -> Result<T> + Send,
 ) -> Result<T> {
@@ -156,6 +159,6 @@ fn pool() -> Result<&'static rayon::ThreadPool> {
 /// Panics, so that tests can see what becomes of it.
 #[pyfunction]
 #[pyo3(name = "_panic")]
-pub fn panic_for_tests(py: Python<'_>, message: String) -> PyResult<()> {
+pub(crate) fn panic_for_tests(py: Python<'_>, message: String) -> PyResult<()> {
     run(py, move |_| resume_unwind(Box::new(message)))
 }

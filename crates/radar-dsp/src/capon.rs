@@ -105,7 +105,7 @@ pub(crate) struct CaponDetector {
 
 impl CaponDetector {
     /// Plans for a valid radar.
-    pub fn new(radar: &RadarConfig, options: &CaponDetection) -> Result<Self, DspError> {
+    pub(crate) fn new(radar: &RadarConfig, options: &CaponDetection) -> Result<Self, DspError> {
         let fail = |problem: &str| {
             Err(DspError::Option {
                 field: "capon",
@@ -166,7 +166,7 @@ impl CaponDetector {
     }
 
     /// Points of the frame in `spectrum`, strongest first, at most `max_points`.
-    pub fn points(
+    pub(crate) fn points(
         &mut self,
         spectrum: &Spectrum,
         directions: &DirectionFinder,

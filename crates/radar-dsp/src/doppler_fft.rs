@@ -50,7 +50,7 @@ impl Rows {
 
 impl DopplerFft {
     /// Plans transforms of as many loops as `window` has weights.
-    pub fn new(level: SimdLevel, mean_weights: Vec<f32>, window: Vec<f32>) -> Self {
+    pub(crate) fn new(level: SimdLevel, mean_weights: Vec<f32>, window: Vec<f32>) -> Self {
         let n = window.len();
         let radices = factors(n, level);
         let rows = radices.is_none().then(|| {
@@ -79,7 +79,7 @@ impl DopplerFft {
     ///
     /// # Panics
     /// If a buffer is too short for the blocks that start in `chirps`.
-    pub fn process(
+    pub(crate) fn process(
         &mut self,
         chirps: &[Cell],
         stride: usize,

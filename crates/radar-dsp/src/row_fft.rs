@@ -93,7 +93,7 @@ struct Job<'a> {
 
 impl RowFft {
     /// Plans transforms of as many samples as `window` has weights, zero-padded to `n`.
-    pub fn new(level: SimdLevel, window: Vec<f32>, n: usize) -> Self {
+    pub(crate) fn new(level: SimdLevel, window: Vec<f32>, n: usize) -> Self {
         let m = n / LANES;
         let radices = (n.is_multiple_of(LANES * LANES) && n > 0)
             .then(|| factors(m, level))
@@ -133,7 +133,7 @@ impl RowFft {
     }
 
     /// Number of blocks of a spectrum. The last one may be padded with zeros.
-    pub fn n_blocks(&self) -> usize {
+    pub(crate) fn n_blocks(&self) -> usize {
         self.n.div_ceil(LANES)
     }
 
@@ -142,7 +142,7 @@ impl RowFft {
     ///
     /// # Panics
     /// If `samples` ends before its last row has as many samples as there are weights.
-    pub fn process(&mut self, samples: SampleRows<'_>, mut out: Blocks<'_>) {
+    pub(crate) fn process(&mut self, samples: SampleRows<'_>, mut out: Blocks<'_>) {
         let level = self.level;
         match &mut self.plan {
             Plan::Vectors {

@@ -351,7 +351,7 @@ pub(crate) struct BouncingSurfaces {
 
 impl BouncingSurfaces {
     /// Looks up the materials. `seed` determines the phases of the facets.
-    pub fn new(scene: &Scene<'_>, link: &Link, seed: u64) -> Self {
+    pub(crate) fn new(scene: &Scene<'_>, link: &Link, seed: u64) -> Self {
         let mut first = 0;
         let mut surfaces = Vec::with_capacity(scene.surfaces.len());
         for surface in &scene.surfaces {
@@ -368,7 +368,7 @@ impl BouncingSurfaces {
     }
 
     /// Finds the facets that are illuminated via mirrors for the vertices at `positions`.
-    pub fn trace(
+    pub(crate) fn trace(
         &self,
         options: &SimOptions,
         link: &Link,
@@ -395,7 +395,7 @@ impl BouncingSurfaces {
     }
 
     /// Returns the state of a bounce for the vertices at `positions`.
-    pub fn state(
+    pub(crate) fn state(
         &self,
         bounce: &Bounce,
         link: &Link,
@@ -407,7 +407,7 @@ impl BouncingSurfaces {
     }
 
     /// Returns the rough-term phasor of a facet.
-    pub fn phasor(&self, facet: u32) -> Complex32 {
+    pub(crate) fn phasor(&self, facet: u32) -> Complex32 {
         let surface = self.surface_of(facet);
         self.phases[surface].phasor(facet as usize - self.surfaces[surface].0)
     }

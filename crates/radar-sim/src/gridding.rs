@@ -71,7 +71,7 @@ impl<const N: usize> Taps<N> {
     /// Returns the taps of the cells from `floor(position) - 2` on, for a position with this `fraction` (0..=1). Also
     /// returns the number of cells to add to a channel's distance from that position.
     #[inline(always)]
-    pub fn row(&self, fraction: f32) -> (&[[f32; N]; WIDTH], f32) {
+    pub(crate) fn row(&self, fraction: f32) -> (&[[f32; N]; WIDTH], f32) {
         let rows = ROWS as f32;
         // Rounding may have made the fraction 1; NaN becomes 0.
         let row = ((fraction * rows) as usize).min(ROWS - 1);
@@ -81,7 +81,7 @@ impl<const N: usize> Taps<N> {
 
 impl Kernel {
     /// Creates a kernel for `cells_per_sample` grid cells per ADC sample.
-    pub fn new(cells_per_sample: f64) -> Self {
+    pub(crate) fn new(cells_per_sample: f64) -> Self {
         Self {
             narrow: Taps::new(cells_per_sample, NARROW_CELLS),
             wide: Taps::new(cells_per_sample, SLACK_CELLS),
@@ -89,14 +89,14 @@ impl Kernel {
     }
 
     /// Returns all taps for a source that is `fraction` cells after the start of a cell, in f32 as in the fast path.
-    pub fn taps(&self, fraction: f32) -> [f32; WIDTH] {
+    pub(crate) fn taps(&self, fraction: f32) -> [f32; WIDTH] {
         let (row, x) = self.wide.row(fraction);
         row.map(|c| c.iter().rev().fold(0.0, |sum, c| sum * x + c))
     }
 
     /// Deapodisation factors, by which the samples are multiplied after the inverse FFT of `m` cells. Sample `i` of
     /// `n_samples` is n = i - n_samples/2.
-    pub fn deapodisation(&self, n_samples: usize, m: usize) -> Vec<f32> {
+    pub(crate) fn deapodisation(&self, n_samples: usize, m: usize) -> Vec<f32> {
         (0..n_samples)
             .map(|i| {
                 let n = i as f64 - (n_samples / 2) as f64;

@@ -98,7 +98,7 @@ pub(crate) struct Grouping {
 
 impl Grouping {
     /// Groups the sources of `bands`, for a segment of `n_loops` loops and a duration of twice `half_s`.
-    pub fn group(&mut self, levels: &[Level], half_s: f64, n_loops: usize) {
+    pub(crate) fn group(&mut self, levels: &[Level], half_s: f64, n_loops: usize) {
         self.sorting.clear();
         self.sorting.extend(
             (self.bands.iter().enumerate())

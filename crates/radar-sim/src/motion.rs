@@ -40,14 +40,14 @@ pub(crate) struct Segment {
 
 impl Segment {
     /// Loops per segment for `config`.
-    pub fn loops_of(config: &RadarConfig) -> usize {
+    pub(crate) fn loops_of(config: &RadarConfig) -> usize {
         // 1 ppm of tolerance: 30 ms of loops that fit exactly must not round down.
         let fit = (LONGEST_SEGMENT_S / config.loop_period_s() * 1.000_001) as usize;
         fit.clamp(8, MAX_SEGMENT_LOOPS).min(config.n_loops)
     }
 
     /// All segments of a frame.
-    pub fn all(config: &RadarConfig) -> Vec<Self> {
+    pub(crate) fn all(config: &RadarConfig) -> Vec<Self> {
         let step = Self::loops_of(config);
         (0..config.n_loops)
             .step_by(step)
@@ -69,12 +69,12 @@ impl Segment {
     }
 
     /// Key times after the frame start, s.
-    pub fn key_times_s(&self) -> [f64; N_KEYS] {
+    pub(crate) fn key_times_s(&self) -> [f64; N_KEYS] {
         KEYS_U.map(|u| self.centre_s + self.half_s * u)
     }
 
     /// `u` of TX slot 0 of a (fractional) loop, counted from the segment's first loop.
-    pub fn unit_time(&self, first_chirp_s: f64, loop_coordinate: f64) -> f64 {
+    pub(crate) fn unit_time(&self, first_chirp_s: f64, loop_coordinate: f64) -> f64 {
         (first_chirp_s + loop_coordinate * self.loop_period_s - self.centre_s) / self.half_s
     }
 }
@@ -195,13 +195,13 @@ pub(crate) struct RangeScale {
 impl RangeScale {
     /// Phase of a path of `tau_s` at the ADC centre, turns: f_c tau - S tau^2 / 2.
     #[inline(always)]
-    pub fn turns(&self, tau_s: f64) -> f64 {
+    pub(crate) fn turns(&self, tau_s: f64) -> f64 {
         (self.centre_hz - 0.5 * self.slope_hz_per_s * tau_s) * tau_s
     }
 
     /// Polynomial of the position on the range grid, folded at u = 0, from that of the delay in s.
     #[inline(always)]
-    pub fn cells(&self, tau_s: [f64; N_KEYS]) -> [f64; N_KEYS] {
+    pub(crate) fn cells(&self, tau_s: [f64; N_KEYS]) -> [f64; N_KEYS] {
         let [a, b, c, d, e] = tau_s.map(|c| c * self.cells_per_s);
         let later = self.advance_u;
         let mut cells = [
@@ -217,12 +217,12 @@ impl RangeScale {
     }
 
     /// A source from its phase centre, relative to the array centre, at the key times.
-    pub fn source(&self, from_centre: [DVec3; N_KEYS]) -> Source {
+    pub(crate) fn source(&self, from_centre: [DVec3; N_KEYS]) -> Source {
         self.source_between(&from_centre, &from_centre)
     }
 
     /// A source with different apparent positions for transmitters and receivers. The caller sets [`Source::tx_row`].
-    pub fn source_between(&self, tx: &[DVec3; N_KEYS], rx: &[DVec3; N_KEYS]) -> Source {
+    pub(crate) fn source_between(&self, tx: &[DVec3; N_KEYS], rx: &[DVec3; N_KEYS]) -> Source {
         let tau_s: [f64; N_KEYS] =
             std::array::from_fn(|k| (tx[k].length() + rx[k].length()) / SPEED_OF_LIGHT_MPS);
         let cells = self.cells(quartic(tau_s));
@@ -260,14 +260,14 @@ impl RangeScale {
 impl Source {
     /// Apparent positions for the transmitters. `rows` are all those of the frame that differ from the receivers'.
     #[inline(always)]
-    pub fn seen_by_tx<'a>(&'a self, rows: &'a [[Vec3; N_KEYS]]) -> &'a [Vec3; N_KEYS] {
+    pub(crate) fn seen_by_tx<'a>(&'a self, rows: &'a [[Vec3; N_KEYS]]) -> &'a [Vec3; N_KEYS] {
         self.tx_row
             .and_then(|row| rows.get(row as usize))
             .unwrap_or(&self.from_centre)
     }
 
     /// Power at u = 0, W.
-    pub fn power_w(&self) -> f64 {
+    pub(crate) fn power_w(&self) -> f64 {
         let corners = self.corners.map(|c| TAU * f64::from(c[0]));
         let coherent = f64::from(self.coherent[0]) * divided_difference(corners);
         let [re, im] = self.rough_phasor.map(f64::from);
@@ -276,7 +276,7 @@ impl Source {
 
     /// Sets [`Self::change_per_u`] from the gains and an upper bound of the divided difference's derivative.
     #[inline(always)]
-    pub fn bound_change(&mut self, max_divided_slope: f32) {
+    pub(crate) fn bound_change(&mut self, max_divided_slope: f32) {
         let slope = |c: [f32; 3]| c[1].abs() + 2.0 * c[2].abs();
         self.change_per_u = self.coherent[0].abs() * max_divided_slope
             + 0.5 * slope(self.coherent)
@@ -286,13 +286,13 @@ impl Source {
     /// Upper bound of the difference between the corners' frequencies and the frequency of the parabola in `turns` for
     /// |u| <= 1, turns per unit of u.
     #[inline]
-    pub fn rest_turns_per_u(&self) -> f32 {
+    pub(crate) fn rest_turns_per_u(&self) -> f32 {
         self.corner_turns_per_u + (3.0 * self.turns[3].abs() + 4.0 * self.turns[4].abs()) as f32
     }
 
     /// Interval of grid positions for |u| <= `reach`, cells.
     #[inline]
-    pub fn cell_range(&self, reach: f32) -> (f32, f32) {
+    pub(crate) fn cell_range(&self, reach: f32) -> (f32, f32) {
         let c = &self.cells;
         let width =
             reach * (c[1].abs() + reach * (c[2].abs() + reach * (c[3].abs() + reach * c[4].abs())));

@@ -47,7 +47,7 @@ pub(crate) struct Reflection {
 }
 
 impl Reflection {
-    pub fn new(material: Material, wavelength_m: f64) -> Self {
+    pub(crate) fn new(material: Material, wavelength_m: f64) -> Self {
         let k = 2.0 * PI / wavelength_m;
         let gamma = f64::from(material.power_reflection).sqrt();
         Self {
@@ -61,14 +61,14 @@ impl Reflection {
 
     /// Amplitude reflection of a mirror at an angle of incidence, 0..=1.
     #[inline(always)]
-    pub fn mirror(&self, cos: f32) -> f32 {
+    pub(crate) fn mirror(&self, cos: f32) -> f32 {
         self.gamma * exp2_of_negative(-self.roughness * std::f32::consts::LOG2_E * cos * cos)
     }
 
     /// [`Self::gains`] for two different directions, given the cosines of incidence and exit. The coherent term and its
     /// roughness use the mean of the cosines, the rough term their geometric mean. Equal cosines give [`Self::gains`].
     #[inline(always)]
-    pub fn gains_between(&self, cos: [f32; 2], area: f32, coverage: f32) -> (f32, f32) {
+    pub(crate) fn gains_between(&self, cos: [f32; 2], area: f32, coverage: f32) -> (f32, f32) {
         let mean = 0.5 * (cos[0] + cos[1]);
         let (coherent, _) = self.gains(mean * area, area, coverage);
         (
@@ -82,7 +82,7 @@ impl Reflection {
     ///
     /// `area_cos` is `A cos(theta)`, m^2, signed; `coverage` the visible share.
     #[inline(always)]
-    pub fn gains(&self, area_cos: f32, area: f32, coverage: f32) -> (f32, f32) {
+    pub(crate) fn gains(&self, area_cos: f32, area: f32, coverage: f32) -> (f32, f32) {
         let cos = area_cos / area;
         let smooth = exp2_of_negative(-self.roughness * std::f32::consts::LOG2_E * cos * cos);
         // The coherent field is proportional to the visible area, and so is the incoherent power.
@@ -98,7 +98,7 @@ pub(crate) struct FacetPhases {
 }
 
 impl FacetPhases {
-    pub fn new(seed: u64, surface_idx: usize) -> Self {
+    pub(crate) fn new(seed: u64, surface_idx: usize) -> Self {
         // The index is written in decimal without an allocation, because this runs in every frame.
         let mut digits = [0; 20];
         let mut first = digits.len();
@@ -118,11 +118,11 @@ impl FacetPhases {
     }
 
     #[inline]
-    pub fn phase_turns(&self, facet_idx: usize) -> f32 {
+    pub(crate) fn phase_turns(&self, facet_idx: usize) -> f32 {
         (nth(self.surface_seed, facet_idx as u64) >> 40) as f32 * (1.0 / (1u64 << 24) as f32)
     }
 
-    pub fn phasor(&self, facet_idx: usize) -> Complex32 {
+    pub(crate) fn phasor(&self, facet_idx: usize) -> Complex32 {
         Complex32::from_polar(1.0, std::f32::consts::TAU * self.phase_turns(facet_idx))
     }
 }

@@ -62,7 +62,7 @@ pub(crate) struct Level {
 
 impl Level {
     /// Levels for a segment of `n_loops` loops, coarsest first. The last one supports any band.
-    pub fn all(n_loops: usize, loop_period_s: f64) -> Vec<Self> {
+    pub(crate) fn all(n_loops: usize, loop_period_s: f64) -> Vec<Self> {
         let usable = LEVELS.into_iter().filter(|&(n, _)| n_loops >= 2 * n);
         let all_nodes: Vec<Vec<f64>> = usable.clone().map(|(n, _)| nodes(n, n_loops)).collect();
         let loops: Vec<f64> = (0..n_loops).map(|l| l as f64).collect();
@@ -94,12 +94,12 @@ impl Level {
     }
 
     /// Whether the loops themselves are the nodes, so that there is no interpolation.
-    pub fn is_direct(&self) -> bool {
+    pub(crate) fn is_direct(&self) -> bool {
         self.weights.is_empty()
     }
 
     /// Number of nodes for a block of `n_loops`. Only blocks whose loops are the nodes may be shorter than the others.
-    pub fn n_nodes(&self, n_loops: usize) -> usize {
+    pub(crate) fn n_nodes(&self, n_loops: usize) -> usize {
         if self.is_direct() {
             n_loops
         } else {
@@ -108,7 +108,7 @@ impl Level {
     }
 
     /// Weights by node for the loops from `QUAD * quad` on, or for those nodes of another level.
-    pub fn weights(&self, to: Option<usize>, quad: usize) -> &[[f32; QUAD]] {
+    pub(crate) fn weights(&self, to: Option<usize>, quad: usize) -> &[[f32; QUAD]] {
         let weights = to.map_or(&self.weights, |level| &self.between[level]);
         &weights[quad * self.nodes.len()..][..self.nodes.len()]
     }

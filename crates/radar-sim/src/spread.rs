@@ -62,7 +62,7 @@ pub(crate) struct Reach {
 
 impl ChannelBlock {
     /// All channels of a radar, sixteen at a time.
-    pub fn all(config: &radarllm_base::RadarConfig, centre: glam::DVec3) -> Vec<Self> {
+    pub(crate) fn all(config: &radarllm_base::RadarConfig, centre: glam::DVec3) -> Vec<Self> {
         let n = config.tx.len() * config.rx.len();
         (0..n)
             .step_by(LANES)
@@ -120,7 +120,7 @@ impl ChannelBlock {
 
 impl Reach {
     /// Maxima over all channels of a radar.
-    pub fn of(blocks: &[ChannelBlock]) -> Self {
+    pub(crate) fn of(blocks: &[ChannelBlock]) -> Self {
         blocks.iter().fold(Self::default(), |reach, block| Self {
             reach_m: reach.reach_m.max(block.reach.reach_m),
             reach_x_m: reach.reach_x_m.max(block.reach.reach_x_m),
@@ -131,12 +131,12 @@ impl Reach {
 
     /// Upper bound of the frequency that the channels' path differences and delays add to a source, turns per unit of
     /// u. `ramp` is the change of the frequency.
-    pub fn extra_band(&self, source: &Source, ramp: f32, half_s: f32) -> f32 {
+    pub(crate) fn extra_band(&self, source: &Source, ramp: f32, half_s: f32) -> f32 {
         source.turns_per_m * self.reach_m * source.turn_rad + ramp.abs() * self.max_slot_s / half_s
     }
 
     /// Upper bound of the change of a source's wavefront curvature over the array for |u| <= 1, turns.
-    pub fn max_bend_turns(&self, source: &Source) -> f32 {
+    pub(crate) fn max_bend_turns(&self, source: &Source) -> f32 {
         // The curvature term is at most a^2 / 2r for every antenna. It changes with direction and range.
         let bend_m = 0.5 * self.reach_m * self.reach_m * source.per_m;
         // The next term, a^3 / 2 r^2, is neglected entirely.
@@ -145,7 +145,7 @@ impl Reach {
     }
 
     /// Upper bound of a channel's distance from the reference position, cells.
-    pub fn cells(&self, source: &Source, cells_per_turn: f32, half_s: f32) -> f32 {
+    pub(crate) fn cells(&self, source: &Source, cells_per_turn: f32, half_s: f32) -> f32 {
         let walk_cells = max_slope(source.cells) * self.max_slot_s / half_s;
         if source.tx_row.is_some() {
             // The directions for TX and RX differ. |p - a| - |p| <= |a| holds for each.

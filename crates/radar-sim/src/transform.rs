@@ -49,7 +49,7 @@ struct Plan {
 }
 
 impl RangeTransform {
-    pub fn new(level: SimdLevel, n_samples: usize, n_cells: usize, kernel: &Kernel) -> Self {
+    pub(crate) fn new(level: SimdLevel, n_samples: usize, n_cells: usize, kernel: &Kernel) -> Self {
         let n_blocks = n_samples.div_ceil(LANES);
         let plans = (1..=MAX_PARTS).rev();
         let plans = plans.filter(|n| n_cells.is_multiple_of(*n));

@@ -182,7 +182,7 @@ pub(crate) struct Rain {
 
 impl Rain {
     /// Returns `None` if there is no rain.
-    pub fn new(options: &SimOptions, config: &RadarConfig, link: &Link) -> Option<Self> {
+    pub(crate) fn new(options: &SimOptions, config: &RadarConfig, link: &Link) -> Option<Self> {
         let rate = options.weather.rain_mm_per_h;
         if rate <= 0.0 {
             return None;
@@ -218,7 +218,7 @@ impl Rain {
     }
 
     /// Writes the equivalent drops of the frame that starts at `time_s`.
-    pub fn draw(&self, seed: u64, time_s: f64, out: &mut Vec<PointTarget>) {
+    pub(crate) fn draw(&self, seed: u64, time_s: f64, out: &mut Vec<PointTarget>) {
         out.clear();
         let middle_s = time_s + self.middle_s;
         let n_cells = ((self.farthest_m - self.nearest_m) / self.cell_m).floor();

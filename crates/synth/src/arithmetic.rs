@@ -10,7 +10,7 @@ use radarllm_simd::{InstructionSet, SimdLevel};
 /// A name for how this machine rounds: the instructions, and a hash of values of the C library's functions.
 ///
 /// Machines with the same name are expected to compute the same bytes.
-pub fn arithmetic() -> String {
+pub(crate) fn arithmetic() -> String {
     let instructions = match SimdLevel::detect().instruction_set() {
         // They differ in byte products only, which the simulator does not use.
         InstructionSet::Avx512Vnni | InstructionSet::Avx512 => "avx512",

@@ -29,7 +29,7 @@ impl Default for LossScale {
 
 impl LossScale {
     /// The initial scale for f16.
-    pub fn start() -> Self {
+    pub(crate) fn start() -> Self {
         Self {
             factor: START,
             good: 0,
@@ -37,13 +37,13 @@ impl LossScale {
     }
 
     /// Whether the factor is adapted.
-    pub fn is_adaptive(self) -> bool {
+    pub(crate) fn is_adaptive(self) -> bool {
         self.factor > 1.0
     }
 
     /// Returns whether the gradient of an update can be used, from its norm, and adapts the factor. `None` means that
     /// the gradient overflows for every factor.
-    pub fn usable(&mut self, norm: f64) -> Option<bool> {
+    pub(crate) fn usable(&mut self, norm: f64) -> Option<bool> {
         if norm.is_finite() {
             self.good += 1;
             if self.is_adaptive() && self.good >= PATIENCE {

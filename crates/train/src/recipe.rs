@@ -500,14 +500,16 @@ mod one_or_many {
         Many(Vec<PathBuf>),
     }
 
-    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Vec<PathBuf>, D::Error> {
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(
+        from: D,
+    ) -> Result<Vec<PathBuf>, D::Error> {
         Ok(match Paths::deserialize(from)? {
             Paths::One(path) => vec![path],
             Paths::Many(paths) => paths,
         })
     }
 
-    pub fn serialize<S: Serializer>(paths: &[PathBuf], to: S) -> Result<S::Ok, S::Error> {
+    pub(super) fn serialize<S: Serializer>(paths: &[PathBuf], to: S) -> Result<S::Ok, S::Error> {
         match paths {
             [one] => one.serialize(to),
             many => many.serialize(to),

@@ -45,7 +45,7 @@ pub(crate) struct SourcePose {
 
 impl SourceMotion {
     /// Rest pose: every rotation is zero and every offset is as written in the file.
-    pub fn rest(&self) -> SourcePose {
+    pub(crate) fn rest(&self) -> SourcePose {
         let mut pose = self.blank();
         for (j, joint) in self.joints.iter().enumerate() {
             pose.positions[j] =
@@ -55,7 +55,7 @@ impl SourceMotion {
     }
 
     /// An empty pose to be filled by [`Self::forward`].
-    pub fn blank(&self) -> SourcePose {
+    pub(crate) fn blank(&self) -> SourcePose {
         SourcePose {
             positions: vec![Vec3::ZERO; self.joints.len()],
             rotations: vec![Quat::IDENTITY; self.joints.len()],
@@ -64,7 +64,7 @@ impl SourceMotion {
 
     /// Forward kinematics of `frame` for the joints marked in `needed`, which must contain the
     /// ancestors of each marked joint.
-    pub fn forward(&self, frame: usize, needed: &[bool], pose: &mut SourcePose) {
+    pub(crate) fn forward(&self, frame: usize, needed: &[bool], pose: &mut SourcePose) {
         let row = &self.values[frame * self.n_columns..(frame + 1) * self.n_columns];
         for (j, joint) in self.joints.iter().enumerate() {
             if !needed[j] {
@@ -91,12 +91,12 @@ impl SourceMotion {
     }
 
     /// True if `ancestor` is on the path from `joint` to its root, or is `joint` itself.
-    pub fn descends(&self, joint: usize, ancestor: usize) -> bool {
+    pub(crate) fn descends(&self, joint: usize, ancestor: usize) -> bool {
         self.path_to_root(joint).contains(&ancestor)
     }
 
     /// The path from `joint` through its parents to the root, including both.
-    pub fn path_to_root(&self, joint: usize) -> Vec<usize> {
+    pub(crate) fn path_to_root(&self, joint: usize) -> Vec<usize> {
         let mut path = vec![joint];
         while let Some(parent) = self.joints[path[path.len() - 1]].parent {
             path.push(parent);

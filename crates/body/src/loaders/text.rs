@@ -16,7 +16,7 @@ pub(crate) struct Words<'a> {
 }
 
 impl<'a> Words<'a> {
-    pub fn new(file: &'a str, bytes: &'a [u8]) -> Self {
+    pub(super) fn new(file: &'a str, bytes: &'a [u8]) -> Self {
         let at = if bytes.starts_with(b"\xef\xbb\xbf") {
             3
         } else {
@@ -31,12 +31,12 @@ impl<'a> Words<'a> {
     }
 
     /// Number of bytes not yet read.
-    pub fn remaining(&self) -> usize {
+    pub(super) fn remaining(&self) -> usize {
         self.bytes.len() - self.at
     }
 
     /// Next word, if any.
-    pub fn next(&mut self) -> Option<&'a [u8]> {
+    pub(super) fn next(&mut self) -> Option<&'a [u8]> {
         while let Some(byte) = self.bytes.get(self.at) {
             if !byte.is_ascii_whitespace() && *byte != 0 {
                 break;
@@ -56,7 +56,7 @@ impl<'a> Words<'a> {
     }
 
     /// Next word without consuming it.
-    pub fn peek(&mut self) -> Option<&'a [u8]> {
+    pub(super) fn peek(&mut self) -> Option<&'a [u8]> {
         let before = (self.at, self.line);
         let word = self.next();
         (self.at, self.line) = before;
@@ -64,7 +64,7 @@ impl<'a> Words<'a> {
     }
 
     /// Rest of the current line, trimmed; the line break is not consumed.
-    pub fn rest_of_line(&mut self) -> String {
+    pub(super) fn rest_of_line(&mut self) -> String {
         let start = self.at;
         while self
             .bytes
@@ -79,7 +79,7 @@ impl<'a> Words<'a> {
     }
 
     /// Next line, trimmed, or `None` at the end.
-    pub fn next_line(&mut self) -> Option<&'a [u8]> {
+    pub(super) fn next_line(&mut self) -> Option<&'a [u8]> {
         if self.at >= self.bytes.len() {
             return None;
         }
@@ -94,7 +94,7 @@ impl<'a> Words<'a> {
     }
 
     /// Consumes the next word, which must equal `word` regardless of case.
-    pub fn expect(&mut self, word: &str) -> Result<(), MotionError> {
+    pub(super) fn expect(&mut self, word: &str) -> Result<(), MotionError> {
         match self.next() {
             Some(found) if found.eq_ignore_ascii_case(word.as_bytes()) => Ok(()),
             found => Err(self.wrong(format!("`{word}`"), found)),
@@ -102,13 +102,13 @@ impl<'a> Words<'a> {
     }
 
     /// Reads the next word as a finite number within the limits.
-    pub fn number(&mut self, what: &str) -> Result<f64, MotionError> {
+    pub(super) fn number(&mut self, what: &str) -> Result<f64, MotionError> {
         let word = self.next();
         number(self.file, self.line, what, word)
     }
 
     /// Reads the next word as a count.
-    pub fn count(&mut self, what: &str) -> Result<usize, MotionError> {
+    pub(super) fn count(&mut self, what: &str) -> Result<usize, MotionError> {
         let word = self.next();
         word.and_then(|w| std::str::from_utf8(w).ok())
             .and_then(|w| w.parse().ok())
@@ -116,7 +116,7 @@ impl<'a> Words<'a> {
     }
 
     /// Creates an error at the current line.
-    pub fn wrong(&self, expected: String, found: Option<&[u8]>) -> MotionError {
+    pub(super) fn wrong(&self, expected: String, found: Option<&[u8]>) -> MotionError {
         wrong(self.file, self.line, expected, found)
     }
 }

@@ -86,7 +86,7 @@ impl Field {
     }
 
     /// An empty union that will be cut flat at y = `floor_y`, with a rim rounded over `rim_m`.
-    pub fn with_floor(floor_y: f32, rim_m: f32) -> Self {
+    pub(super) fn with_floor(floor_y: f32, rim_m: f32) -> Self {
         Self {
             primitives: Vec::new(),
             floor: Some((floor_y, rim_m)),
@@ -94,7 +94,13 @@ impl Field {
     }
 
     /// Adds an ellipsoid whose own axes are the columns of `world_from_local`.
-    pub fn ellipsoid(&mut self, center: Vec3, world_from_local: Mat3, radii: Vec3, blend_m: f32) {
+    pub(super) fn ellipsoid(
+        &mut self,
+        center: Vec3,
+        world_from_local: Mat3,
+        radii: Vec3,
+        blend_m: f32,
+    ) {
         let extent = Vec3::new(
             (world_from_local.transpose().x_axis * radii).length(),
             (world_from_local.transpose().y_axis * radii).length(),
@@ -114,7 +120,7 @@ impl Field {
 
     /// Adds a generalised cylinder: elliptical sections along local y, in order of `along`, closed
     /// by half-ellipsoid caps of the given lengths. Sections are joined by cubic curves.
-    pub fn loft(
+    pub(super) fn loft(
         &mut self,
         origin: Vec3,
         world_from_local: Mat3,
@@ -167,7 +173,7 @@ impl Field {
     }
 
     /// Approximate signed distance, m.
-    pub fn value(&self, point: Vec3) -> f32 {
+    pub(super) fn value(&self, point: Vec3) -> f32 {
         let p = Vec3::new(point.x.abs(), point.y, point.z);
         let mut value = f32::INFINITY;
         for primitive in &self.primitives {
@@ -185,7 +191,7 @@ impl Field {
     }
 
     /// Value and gradient at a point (tetrahedral differences: four evaluations for both).
-    pub fn value_and_gradient(&self, p: Vec3) -> (f32, Vec3) {
+    pub(super) fn value_and_gradient(&self, p: Vec3) -> (f32, Vec3) {
         const CORNERS: [Vec3; 4] = [
             Vec3::new(1.0, -1.0, -1.0),
             Vec3::new(-1.0, -1.0, 1.0),
@@ -202,7 +208,7 @@ impl Field {
     }
 
     /// Boxes that together contain the whole surface, including both halves.
-    pub fn boxes(&self) -> impl Iterator<Item = (Vec3, Vec3)> + '_ {
+    pub(super) fn boxes(&self) -> impl Iterator<Item = (Vec3, Vec3)> + '_ {
         self.primitives.iter().flat_map(|p| {
             let margin = Vec3::splat(p.blend_m);
             let (low, high) = (p.low - margin, p.high + margin);

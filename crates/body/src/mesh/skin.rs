@@ -17,7 +17,7 @@ struct Influence {
 
 impl Skin {
     /// Builds rows from `(bone, weight)` lists whose weights sum to one.
-    pub fn new<'a>(rows: impl Iterator<Item = &'a [(usize, f32)]>) -> Self {
+    pub(super) fn new<'a>(rows: impl Iterator<Item = &'a [(usize, f32)]>) -> Self {
         let (mut offsets, mut influences) = (vec![0], Vec::new());
         for row in rows {
             influences.extend(row.iter().map(|&(bone, weight)| Influence {
@@ -33,7 +33,7 @@ impl Skin {
     }
 
     /// The bones and weights of one vertex.
-    pub fn row(&self, vertex: usize) -> impl Iterator<Item = (usize, f32)> + '_ {
+    pub(super) fn row(&self, vertex: usize) -> impl Iterator<Item = (usize, f32)> + '_ {
         let range = self.offsets[vertex] as usize..self.offsets[vertex + 1] as usize;
         self.influences[range]
             .iter()
@@ -44,7 +44,7 @@ impl Skin {
     ///
     /// `rest` and `out` are the positions of vertices `first_vertex..`; `world_from_rest[bone]`
     /// maps rest positions to the world.
-    pub fn apply(
+    pub(super) fn apply(
         &self,
         first_vertex: usize,
         world_from_rest: &[Affine3A],

@@ -21,7 +21,7 @@ use crate::{
 
 /// `radar calibrate`.
 #[derive(Args)]
-pub struct CalibrateArgs {
+pub(crate) struct CalibrateArgs {
     /// Raw samples of a static corner reflector, in any format that `process` reads.
     #[arg(required = true)]
     pub capture: Vec<PathBuf>,
@@ -77,7 +77,7 @@ struct Report<'a> {
 }
 
 /// Runs the command.
-pub fn run(args: &CalibrateArgs) -> CliResult {
+pub(crate) fn run(args: &CalibrateArgs) -> CliResult {
     output::check_free(&args.out, args.force)?;
     let radar = radar_file::open(&args.radar)?;
     let named = args.format.as_deref().map(CaptureFormat::from_name);

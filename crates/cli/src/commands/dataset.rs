@@ -28,7 +28,7 @@ use crate::{
 
 /// `dataset ...`.
 #[derive(Subcommand)]
-pub enum DatasetVerb {
+pub(crate) enum DatasetVerb {
     /// Build a data set from motions with captions: Parquet shards. Run it again to resume.
     ///
     /// With --shard, several processes or machines that share the folder build a part each, and `dataset finish` completes
@@ -117,7 +117,7 @@ pub enum DatasetVerb {
 #[cfg(feature = "eval")]
 /// `dataset recordings`.
 #[derive(Args)]
-pub struct DatasetRecordingsArgs {
+pub(crate) struct DatasetRecordingsArgs {
     /// Recordings; their activities need the sentence `says` unless --by-model is given.
     #[command(flatten)]
     pub labelled: LabelledArgs,
@@ -144,7 +144,7 @@ pub struct DatasetRecordingsArgs {
 
 /// One of several parts of equal size, numbered from 1: `3/8`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Part {
+pub(crate) struct Part {
     /// In `1..=of`.
     pub number: usize,
     /// Number of parts.
@@ -172,7 +172,7 @@ impl std::str::FromStr for Part {
 const PROGRESS_EVERY: Duration = Duration::from_secs(5);
 
 /// Runs the command.
-pub fn run(verb: &DatasetVerb) -> CliResult {
+pub(crate) fn run(verb: &DatasetVerb) -> CliResult {
     match verb {
         DatasetVerb::Build {
             config,

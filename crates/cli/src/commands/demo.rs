@@ -22,7 +22,7 @@ use crate::{
 
 /// `demo`.
 #[derive(Args)]
-pub struct DemoArgs {
+pub(crate) struct DemoArgs {
     /// Also write points and pages into this folder.
     #[arg(long)]
     pub out: Option<PathBuf>,
@@ -75,7 +75,7 @@ fn as_text<S: Serializer>(verdict: &Verdict, serializer: S) -> Result<S::Ok, S::
 }
 
 /// Runs the command.
-pub fn run(args: &DemoArgs) -> CliResult {
+pub(crate) fn run(args: &DemoArgs) -> CliResult {
     let captioner = model::captioner(args.model.as_deref(), DecoderName::F32)?;
     let mut rows = Vec::new();
     let motions: Vec<&str> = match args.motions.is_empty() {

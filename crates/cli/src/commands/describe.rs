@@ -31,7 +31,7 @@ use crate::{
 
 /// `describe`.
 #[derive(Args)]
-pub struct DescribeArgs {
+pub(crate) struct DescribeArgs {
     /// Recordings of any format, points files, motion files or builtin:NAME?key=value.
     #[arg(required = true)]
     pub inputs: Vec<String>,
@@ -76,7 +76,7 @@ pub struct DescribeArgs {
 
 /// How much is printed about an input.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub enum Detail {
+pub(crate) enum Detail {
     /// What a user should know before trusting the result.
     Warnings,
     /// Also how the input was read, and how the result was made.
@@ -85,7 +85,7 @@ pub enum Detail {
 
 /// Where a described clip comes from, as scripts read it.
 #[derive(Clone, Debug, Serialize)]
-pub struct SourceReport {
+pub(crate) struct SourceReport {
     /// The input as named.
     pub source: String,
     /// Name of the radar.
@@ -98,7 +98,7 @@ pub struct SourceReport {
 
 /// One described input, as scripts read it.
 #[derive(Serialize)]
-pub struct Row {
+pub(crate) struct Row {
     /// The sentence, or `no person seen`.
     pub caption: String,
     /// Why there is no sentence, when there is none.
@@ -142,7 +142,7 @@ fn source_of(input: &str, clip: &Clip) -> SourceReport {
 }
 
 /// Describes a clip.
-pub fn describe(
+pub(crate) fn describe(
     captioner: &Captioner,
     input: &str,
     clip: &PreparedClip,
@@ -168,7 +168,7 @@ pub fn describe(
 }
 
 /// The clip of a recording as the model expects it; what was done to it goes to stderr.
-pub fn prepared(
+pub(crate) fn prepared(
     input: &str,
     recording: &Recording,
     detail: Detail,
@@ -189,7 +189,7 @@ pub fn prepared(
 }
 
 /// Prints a row for people: a line about the source, then the sentences.
-pub fn print_row(row: &Row, detail: Detail) {
+pub(crate) fn print_row(row: &Row, detail: Detail) {
     let who = row.person.as_ref().map_or(String::new(), |p| {
         format!(
             ", person {} from {:.1} s to {:.1} s",
@@ -241,7 +241,7 @@ fn print_segment(s: &Segment) {
 }
 
 /// Refuses a number of beams that the search does not have.
-pub fn check_beam(beam: Option<usize>) -> CliResult {
+pub(crate) fn check_beam(beam: Option<usize>) -> CliResult {
     match beam {
         None | Some(1..=64) => Ok(()),
         Some(beam) => Err(CliError::new(format!("--beam {beam}: must be in 1..=64"))),
@@ -319,7 +319,7 @@ fn print_answer(row: &AnswerRow) {
 }
 
 /// Runs the command.
-pub fn run(args: &DescribeArgs) -> CliResult {
+pub(crate) fn run(args: &DescribeArgs) -> CliResult {
     check_beam(args.beam)?;
     let instruction = args.instruct.as_deref().map(|text| {
         let parsed = Instruction::parse(text);

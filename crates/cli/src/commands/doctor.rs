@@ -23,7 +23,7 @@ struct Check {
 }
 
 /// Runs the command.
-pub fn run(args: &JsonFlag) -> CliResult {
+pub(crate) fn run(args: &JsonFlag) -> CliResult {
     let report = Report {
         version: env!("CARGO_PKG_VERSION"),
         architecture: std::env::consts::ARCH,

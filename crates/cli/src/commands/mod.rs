@@ -2,31 +2,31 @@
 
 // Builds without training list its commands all the same, and parse their arguments.
 #[cfg_attr(not(feature = "train"), allow(dead_code))]
-pub mod ablate;
-pub mod calibrate;
-pub mod dataset;
-pub mod demo;
-pub mod describe;
-pub mod doctor;
+pub(crate) mod ablate;
+pub(crate) mod calibrate;
+pub(crate) mod dataset;
+pub(crate) mod demo;
+pub(crate) mod describe;
+pub(crate) mod doctor;
 #[cfg(feature = "eval")]
-pub mod eval;
-pub mod generate;
+pub(crate) mod eval;
+pub(crate) mod generate;
 #[cfg(feature = "live")]
-pub mod live;
+pub(crate) mod live;
 #[cfg_attr(not(feature = "train"), allow(dead_code))]
-pub mod lm;
+pub(crate) mod lm;
 #[cfg(feature = "train")]
-pub mod model_scores;
-pub mod motion;
-pub mod pictures;
+pub(crate) mod model_scores;
+pub(crate) mod motion;
+pub(crate) mod pictures;
 #[cfg(feature = "eval")]
-pub mod pose_scores;
-pub mod process;
-pub mod radar;
-pub mod score;
-pub mod shell;
-pub mod simulate;
-pub mod teach;
+pub(crate) mod pose_scores;
+pub(crate) mod process;
+pub(crate) mod radar;
+pub(crate) mod score;
+pub(crate) mod shell;
+pub(crate) mod simulate;
+pub(crate) mod teach;
 #[cfg_attr(not(feature = "train"), allow(dead_code))]
-pub mod train;
-pub mod view;
+pub(crate) mod train;
+pub(crate) mod view;

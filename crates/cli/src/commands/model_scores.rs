@@ -54,7 +54,7 @@ impl SentenceEncoder for Checkpoint {
 }
 
 /// The encoders of a command, opened once.
-pub struct Encoders {
+pub(crate) struct Encoders {
     bert_score: Option<(Checkpoint, BertScoreOptions)>,
     /// With the name of the pooling.
     sim_cse: Option<(Checkpoint, String)>,
@@ -62,7 +62,7 @@ pub struct Encoders {
 
 impl Encoders {
     /// Opens what `--bert-score` and `--sim-cse` name; `None` without either.
-    pub fn open(args: &EncoderArgs) -> CliResult<Option<Self>> {
+    pub(crate) fn open(args: &EncoderArgs) -> CliResult<Option<Self>> {
         if !args.are_given() {
             return Ok(None);
         }
@@ -97,7 +97,7 @@ impl Encoders {
     }
 
     /// Adds their scores to those of the same captions.
-    pub fn add(
+    pub(crate) fn add(
         &self,
         scores: &mut Scores,
         candidates: &[Candidate],

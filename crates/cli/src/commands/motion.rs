@@ -20,7 +20,7 @@ use crate::{
 
 /// `motion ...`.
 #[derive(Subcommand)]
-pub enum MotionVerb {
+pub(crate) enum MotionVerb {
     /// Print format, length, unit and skipped data of a motion.
     Info {
         /// BVH, AMC (with its ASF), AMASS npz, HumanML3D npy, or builtin:NAME?key=value.
@@ -64,7 +64,7 @@ pub enum MotionVerb {
 const MAX_MESH_BYTES: usize = 4 << 30;
 
 /// Runs the command.
-pub fn run(verb: &MotionVerb) -> CliResult {
+pub(crate) fn run(verb: &MotionVerb) -> CliResult {
     match verb {
         MotionVerb::Info { input, json, seed } => info(input, *json, *seed),
         MotionVerb::Mesh {

@@ -18,14 +18,14 @@ use crate::{
 };
 
 /// Heading of plots in help texts.
-pub const PICTURES_HEADING: &str = "Plots to write (.svg: figure with axes and units; .png: image inside the axes only, extents in its tEXt chunks)";
+pub(crate) const PICTURES_HEADING: &str = "Plots to write (.svg: figure with axes and units; .png: image inside the axes only, extents in its tEXt chunks)";
 
 /// Plots to write.
 ///
 /// A name that ends in .svg gives a figure with axes, units and text. A name that ends in .png gives the image inside the
 /// axes alone, without text (its extents are in tEXt chunks); line plots and histograms have none.
 #[derive(Args, Clone, Debug, Default)]
-pub struct PictureArgs {
+pub(crate) struct PictureArgs {
     /// Range-Doppler map of the frame with the most movement; .svg or .png.
     #[arg(long, value_name = "F.svg", help_heading = PICTURES_HEADING)]
     pub range_doppler: Option<PathBuf>,
@@ -54,7 +54,7 @@ pub struct PictureArgs {
 
 impl PictureArgs {
     /// Paths that will be written.
-    pub fn paths(&self) -> impl Iterator<Item = &PathBuf> {
+    pub(crate) fn paths(&self) -> impl Iterator<Item = &PathBuf> {
         self.paths_and_kinds().into_iter().map(|(path, _)| path)
     }
 
@@ -78,7 +78,7 @@ impl PictureArgs {
     ///
     /// # Errors
     /// An extension other than .svg and .png, or .png for a plot that consists of vector shapes only.
-    pub fn check(&self) -> CliResult {
+    pub(crate) fn check(&self) -> CliResult {
         for (path, kind) in self.paths_and_kinds() {
             file_type(path, kind)?;
         }
@@ -86,13 +86,18 @@ impl PictureArgs {
     }
 
     /// Whether a plot is requested that needs raw samples, not only points.
-    pub fn need_samples(&self) -> bool {
+    pub(crate) fn need_samples(&self) -> bool {
         let from_points = [&self.point_cloud, &self.points_over_time, &self.tracks];
         self.paths().count() > from_points.into_iter().flatten().count()
     }
 
     /// Adds all other plots to a folder, if one is given: those of samples and of tracks only if there are any.
-    pub fn in_folder(&self, folder: Option<&Path>, has_samples: bool, has_people: bool) -> Self {
+    pub(crate) fn in_folder(
+        &self,
+        folder: Option<&Path>,
+        has_samples: bool,
+        has_people: bool,
+    ) -> Self {
         let mut all = self.clone();
         let Some(folder) = folder else {
             return all;
@@ -157,7 +162,7 @@ fn file_type(path: &Path, kind: PlotKind) -> CliResult<FileType> {
 ///
 /// # Errors
 /// An extension other than .svg.
-pub fn check_adc_statistics(path: &Path) -> CliResult {
+pub(crate) fn check_adc_statistics(path: &Path) -> CliResult {
     file_type(path, PlotKind::Vector).map(|_| ())
 }
 
@@ -188,7 +193,7 @@ const DEPTH_DB: f32 = 45.0;
 const SHOWN_RANGE_M: f64 = 1.5;
 
 /// Collects frames and plots them at the end.
-pub struct Pictures<'a> {
+pub(crate) struct Pictures<'a> {
     args: &'a PictureArgs,
     /// Maximum over frames of the sum of the speeds of the points. The maps are those of that frame.
     max_movement: f32,
@@ -201,7 +206,7 @@ pub struct Pictures<'a> {
 
 impl<'a> Pictures<'a> {
     /// Creates a collection without frames.
-    pub fn new(args: &'a PictureArgs) -> Self {
+    pub(crate) fn new(args: &'a PictureArgs) -> Self {
         Self {
             args,
             max_movement: f32::NEG_INFINITY,
@@ -213,7 +218,7 @@ impl<'a> Pictures<'a> {
     }
 
     /// Adds a frame: its cube and the points extracted from it.
-    pub fn push(
+    pub(crate) fn push(
         &mut self,
         extractor: &mut PointExtractor,
         cube: &RadarCube,
@@ -247,7 +252,7 @@ impl<'a> Pictures<'a> {
 
     /// Writes the requested plots. `frames` contain all points; `tracks` are the people among them, if people were
     /// tracked.
-    pub fn finish(self, frames: &[PointFrame], tracks: Option<&[Track]>) -> CliResult {
+    pub(crate) fn finish(self, frames: &[PointFrame], tracks: Option<&[Track]>) -> CliResult {
         let args = self.args;
         write_map(
             &args.range_doppler,
@@ -346,7 +351,7 @@ fn range_profile(profiles: &Map) -> LinePlot {
 }
 
 /// Writes a histogram of ADC values, with the statistics of each receiver.
-pub fn write_adc_statistics(path: &Path, stats: &AdcStats) -> CliResult {
+pub(crate) fn write_adc_statistics(path: &Path, stats: &AdcStats) -> CliResult {
     // Bins are half octaves of 1 + |value|, see `AdcStats::histogram`; these are their edges.
     let edges = (0..=HISTOGRAM_BINS).map(|i| {
         let half_octaves = i as f64 - 0.5 * HISTOGRAM_BINS as f64;

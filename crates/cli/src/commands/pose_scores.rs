@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// Prints the errors of one file against another.
-pub fn run(candidate: &Path, reference: &Path) -> CliResult {
+pub(crate) fn run(candidate: &Path, reference: &Path) -> CliResult {
     let [candidate, reference] = [read(candidate), read(reference)];
     output::print_json(&compare_bodies(&candidate?, &reference?).map_err(with_hint)?)
 }

@@ -26,7 +26,7 @@ use crate::{
 
 /// `process`.
 #[derive(Args)]
-pub struct ProcessArgs {
+pub(crate) struct ProcessArgs {
     /// Raw words (adc_data.bin), records or pcap of a DCA1000, npy, where several files are parts of one
     /// recording; UART stream or port, data set file or folder, ROS bag, points table. `udp:4098` or
     /// `udp:ADDRESS:PORT` listens to a capture card.
@@ -124,7 +124,7 @@ struct Transfer {
 }
 
 /// Runs the command.
-pub fn run(args: &ProcessArgs) -> CliResult {
+pub(crate) fn run(args: &ProcessArgs) -> CliResult {
     let mut options = options(args)?;
     let opened = Opened::open(&args.capture, &options)?;
     let has_samples = matches!(opened.kind(), RecordingKind::Samples(_));

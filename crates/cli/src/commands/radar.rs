@@ -20,7 +20,7 @@ use crate::{
 
 /// `radar ...`.
 #[derive(Subcommand)]
-pub enum RadarVerb {
+pub(crate) enum RadarVerb {
     /// List the built-in radars.
     List(JsonFlag),
     /// Print the derived figures of a radar.
@@ -98,7 +98,7 @@ impl From<&RadarConfig> for Figures {
 }
 
 /// Runs the command.
-pub fn run(verb: &RadarVerb) -> CliResult {
+pub(crate) fn run(verb: &RadarVerb) -> CliResult {
     match verb {
         RadarVerb::List(args) => list(args.json),
         RadarVerb::Show { radar, json } => show(&open(radar)?.config, *json),

@@ -28,7 +28,7 @@ use crate::{
 
 /// `score`.
 #[derive(Args)]
-pub struct ScoreArgs {
+pub(crate) struct ScoreArgs {
     /// Candidates, JSON Lines {"id", "text"}; with --pose the estimated body.
     #[arg(long)]
     pub candidates: PathBuf,
@@ -96,7 +96,7 @@ impl Id {
 }
 
 /// Runs the command.
-pub fn run(args: &ScoreArgs) -> CliResult {
+pub(crate) fn run(args: &ScoreArgs) -> CliResult {
     let _ = args.json;
     if args.pose {
         #[cfg(feature = "eval")]

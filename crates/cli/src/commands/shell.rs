@@ -5,7 +5,7 @@ use clap::CommandFactory;
 use crate::{args::Cli, error::CliResult, output};
 
 /// Prints the completion script of a shell.
-pub fn completions(shell: clap_complete::Shell) -> CliResult {
+pub(crate) fn completions(shell: clap_complete::Shell) -> CliResult {
     let mut script = Vec::new();
     clap_complete::generate(shell, &mut Cli::command(), "radarllm", &mut script);
     output::print_line(String::from_utf8_lossy(&script).trim_end());
@@ -13,7 +13,7 @@ pub fn completions(shell: clap_complete::Shell) -> CliResult {
 }
 
 /// Prints the manual page: the command, then every verb.
-pub fn manual() -> CliResult {
+pub(crate) fn manual() -> CliResult {
     let mut page = Vec::new();
     let mut command = Cli::command();
     command.build();

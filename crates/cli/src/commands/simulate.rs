@@ -31,7 +31,7 @@ use crate::{
 
 /// What `simulate` writes.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Emit {
+pub(crate) enum Emit {
     /// Radar points: Parquet, one row per point.
     Points,
     /// Raw samples: npy complex64 `[frame, loop, tx, rx, sample]`.
@@ -40,7 +40,7 @@ pub enum Emit {
 
 /// Whose signal chain `simulate` applies.
 #[derive(Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
-pub enum Firmware {
+pub(crate) enum Firmware {
     /// This project's chain, which removes static clutter.
     #[default]
     None,
@@ -54,7 +54,7 @@ pub enum Firmware {
 
 /// `simulate`.
 #[derive(Args)]
-pub struct SimulateArgs {
+pub(crate) struct SimulateArgs {
     /// Motion files, folders of them, builtin:NAME?key=value, or one scene .toml.
     #[arg(required = true)]
     pub inputs: Vec<String>,
@@ -146,7 +146,7 @@ struct Done {
 }
 
 /// Runs the command.
-pub fn run(args: &SimulateArgs) -> CliResult {
+pub(crate) fn run(args: &SimulateArgs) -> CliResult {
     let radar = radar_file::open(&args.radar)?;
     let firmware = match (args.firmware, args.emit) {
         (Firmware::None, _) => None,

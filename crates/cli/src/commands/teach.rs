@@ -15,7 +15,7 @@ use crate::{
 
 /// `teach`.
 #[derive(Args)]
-pub struct TeachArgs {
+pub(crate) struct TeachArgs {
     /// Name of the activity.
     #[arg(required_unless_present = "list")]
     pub name: Option<String>,
@@ -40,7 +40,7 @@ pub struct TeachArgs {
 
 /// `forget`.
 #[derive(Args)]
-pub struct ForgetArgs {
+pub(crate) struct ForgetArgs {
     /// Name of the activity.
     pub name: String,
     /// File with taught activities; the user's own if omitted.
@@ -49,7 +49,7 @@ pub struct ForgetArgs {
 }
 
 /// Runs `teach`.
-pub fn run(args: &TeachArgs) -> CliResult {
+pub(crate) fn run(args: &TeachArgs) -> CliResult {
     let path = memory_path(args.memory.as_deref())?;
     let mut memory = match path.exists() {
         true => Memory::load(&path)?,
@@ -107,7 +107,7 @@ pub fn run(args: &TeachArgs) -> CliResult {
 }
 
 /// Runs `forget`.
-pub fn forget(args: &ForgetArgs) -> CliResult {
+pub(crate) fn forget(args: &ForgetArgs) -> CliResult {
     let path = memory_path(args.memory.as_deref())?;
     let mut memory = Memory::load(&path)?;
     let forgotten = memory.forget(&args.name)?;

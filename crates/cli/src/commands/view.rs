@@ -23,7 +23,7 @@ use crate::{
 
 /// `view`.
 #[derive(Args)]
-pub struct ViewArgs {
+pub(crate) struct ViewArgs {
     /// Recording of any format, points file, motion file or builtin:NAME?key=value.
     #[arg(value_name = "INPUT")]
     pub input_file: String,
@@ -70,7 +70,7 @@ impl Kind {
 }
 
 /// Runs the command.
-pub fn run(args: &ViewArgs) -> CliResult {
+pub(crate) fn run(args: &ViewArgs) -> CliResult {
     let kind = Kind::of(&args.out)?;
     output::check_free(&args.out, args.force)?;
     let options = args.input.options()?;
@@ -118,7 +118,12 @@ fn write_timeline(path: &Path, clip: &Clip, row: &Row) -> CliResult {
 }
 
 /// Writes the page of a described clip, with the body if its motion was simulated just now.
-pub fn write_page(path: &Path, clip: &Clip, performed: Option<&Performed>, row: &Row) -> CliResult {
+pub(crate) fn write_page(
+    path: &Path,
+    clip: &Clip,
+    performed: Option<&Performed>,
+    row: &Row,
+) -> CliResult {
     let provenance = format!(
         "{} radar {} · source {} · model {} · confidence {:.2}",
         row.source.provenance, row.source.radar, row.source.source, row.model, row.confidence

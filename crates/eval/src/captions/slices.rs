@@ -13,12 +13,12 @@ const LENGTH_EDGES_S: [f64; 4] = [2.0, 4.0, 6.0, 8.0];
 const MAX_CONFUSIONS: usize = 30;
 
 /// Slices by action.
-pub fn by_action(clips: &[CaptionedClip], seed: u64) -> Result<Vec<Slice>, EvalError> {
+pub(super) fn by_action(clips: &[CaptionedClip], seed: u64) -> Result<Vec<Slice>, EvalError> {
     slices(clips, seed, String::clone, |c| Some(c.action.clone()))
 }
 
 /// Slices by length of the clip.
-pub fn by_length(clips: &[CaptionedClip], seed: u64) -> Result<Vec<Slice>, EvalError> {
+pub(super) fn by_length(clips: &[CaptionedClip], seed: u64) -> Result<Vec<Slice>, EvalError> {
     slices(
         clips,
         seed,
@@ -28,7 +28,7 @@ pub fn by_length(clips: &[CaptionedClip], seed: u64) -> Result<Vec<Slice>, EvalE
 }
 
 /// Slices by number of actions in the clip.
-pub fn by_n_actions(clips: &[CaptionedClip], seed: u64) -> Result<Vec<Slice>, EvalError> {
+pub(super) fn by_n_actions(clips: &[CaptionedClip], seed: u64) -> Result<Vec<Slice>, EvalError> {
     slices(clips, seed, |n| n.to_string(), n_actions)
 }
 
@@ -94,7 +94,7 @@ fn n_actions(clip: &CaptionedClip) -> Option<usize> {
 }
 
 /// Clips whose captions are classified as another action, most frequent first.
-pub fn confusions(clips: &[CaptionedClip]) -> Vec<Confusion> {
+pub(super) fn confusions(clips: &[CaptionedClip]) -> Vec<Confusion> {
     let mut counts: BTreeMap<(&str, Option<&str>), usize> = BTreeMap::new();
     for clip in clips.iter().filter(|c| !c.is_action_correct()) {
         let pair = (clip.action.as_str(), clip.classified_as.as_deref());

@@ -108,7 +108,7 @@ impl Columns {
     ///
     /// # Errors
     /// Names the missing or duplicate columns.
-    pub fn find<'a>(
+    pub(super) fn find<'a>(
         place: Place,
         names: impl IntoIterator<Item = &'a str> + Clone,
     ) -> Result<Self, RecordingError> {
@@ -161,7 +161,7 @@ pub(super) struct FrameBuilder {
 }
 
 impl FrameBuilder {
-    pub fn new(columns: Columns, axes: Axes) -> Self {
+    pub(super) fn new(columns: Columns, axes: Axes) -> Self {
         Self {
             columns,
             axes,
@@ -170,7 +170,7 @@ impl FrameBuilder {
     }
 
     /// Adds a row; `value` returns the number in a column of the table.
-    pub fn push(
+    pub(super) fn push(
         &mut self,
         place: Place,
         value: impl Fn(usize) -> Result<f64, RecordingError>,
@@ -238,7 +238,7 @@ impl FrameBuilder {
     }
 
     /// Returns the frames.
-    pub fn finish(self) -> Vec<RecordedFrame> {
+    pub(super) fn finish(self) -> Vec<RecordedFrame> {
         self.frames
     }
 }

@@ -87,7 +87,7 @@ pub(super) struct Walk<'a> {
 
 impl<'a> Walk<'a> {
     /// Creates an iterator over `body`, the packet without its header.
-    pub fn new(dialect: Dialect, body: &'a [u8], n_tlvs: usize) -> Self {
+    pub(super) fn new(dialect: Dialect, body: &'a [u8], n_tlvs: usize) -> Self {
         Self {
             dialect,
             body,
@@ -96,7 +96,7 @@ impl<'a> Walk<'a> {
     }
 
     /// The bytes after the TLVs returned so far. After the last one, this is padding.
-    pub fn rest(&self) -> &'a [u8] {
+    pub(super) fn rest(&self) -> &'a [u8] {
         self.body
     }
 }

@@ -118,7 +118,7 @@ pub(super) enum Kind {
 
 impl Kind {
     /// Meaning of a TLV type; `None` if the dialect does not define it.
-    pub fn of(dialect: Dialect, number: u32) -> Option<Self> {
+    pub(super) fn of(dialect: Dialect, number: u32) -> Option<Self> {
         Some(match (dialect, number) {
             (Dialect::Sdk3, 1) => Self::CartesianPoints,
             (Dialect::AreaScanner, 1) => Self::SphericalPoints,
@@ -178,12 +178,12 @@ impl Kind {
     }
 
     /// Whether the payload is a single item of fixed length.
-    pub fn is_single(self) -> bool {
+    pub(super) fn is_single(self) -> bool {
         self.layout().1 == 0
     }
 
     /// Splits a payload into units and items; `None` if its length is invalid.
-    pub fn split(self, payload: &[u8]) -> Option<(&[u8], std::slice::ChunksExact<'_, u8>)> {
+    pub(super) fn split(self, payload: &[u8]) -> Option<(&[u8], std::slice::ChunksExact<'_, u8>)> {
         let (head, item) = self.layout();
         let (units, items) = payload.split_at_checked(head)?;
         if item == 0 && !items.is_empty() || item > 0 && items.len() % item != 0 {

@@ -14,7 +14,7 @@ use crate::tokenizer::MAX_FRAMES;
 /// Length and distance of windows, frames: 6 s every 2 s, and 9.6 s every 4 s.
 pub const WINDOWS: [(usize, usize); 2] = [(60, HOP_FRAMES), (MAX_FRAMES, 2 * HOP_FRAMES)];
 /// Resolution of the segments, frames: 2 s.
-pub const HOP_FRAMES: usize = 20;
+pub(super) const HOP_FRAMES: usize = 20;
 
 /// Actions that may take less than two hops.
 const SHORT: [&str; 9] = [
@@ -50,7 +50,7 @@ pub(crate) struct Reading {
 
 impl Reading {
     /// A sentence with its probability.
-    pub fn new(text: &str, probability: f32) -> Self {
+    pub(super) fn new(text: &str, probability: f32) -> Self {
         let clauses = parse(text).into_iter().filter(|c| !c.text.is_empty());
         Self {
             clauses: clauses.collect(),

@@ -83,33 +83,36 @@ pub(crate) struct Sentence {
 }
 
 impl Ensemble {
-    pub fn new(member: Box<dyn Backend>) -> Self {
+    pub(crate) fn new(member: Box<dyn Backend>) -> Self {
         Self {
             members: vec![member],
         }
     }
 
     /// Adds the members of another ensemble after those of this one.
-    pub fn join(&mut self, other: Self) {
+    pub(crate) fn join(&mut self, other: Self) {
         self.members.extend(other.members);
     }
 
     /// Whether there is only one member.
-    pub fn is_single(&self) -> bool {
+    pub(crate) fn is_single(&self) -> bool {
         self.members.len() == 1
     }
 
     /// The member whose radar tokens are reported.
-    pub fn first(&self) -> &dyn Backend {
+    pub(crate) fn first(&self) -> &dyn Backend {
         self.members[0].as_ref()
     }
 
-    pub fn n_params(&self) -> usize {
+    pub(crate) fn n_params(&self) -> usize {
         self.members.iter().map(|m| m.n_params()).sum()
     }
 
     /// Encodes windows, each with the height of its radar: `[windows][members]`.
-    pub fn encode(&self, windows: &[(&[PointFrame], f32)]) -> Result<Vec<Vec<Encoded>>, LmError> {
+    pub(crate) fn encode(
+        &self,
+        windows: &[(&[PointFrame], f32)],
+    ) -> Result<Vec<Vec<Encoded>>, LmError> {
         let mut all: Vec<Vec<Encoded>> = vec![Vec::new(); windows.len()];
         // The same for all members.
         let is_told = |member: &dyn Backend| member.vocab().is_told_context();
@@ -130,7 +133,7 @@ impl Ensemble {
 
     /// The sentence about each encoded window. Of the sentences of several members it is the one with the highest mean
     /// log-probability of a token; only a single member reports tokens to `watch`.
-    pub fn sentences(
+    pub(crate) fn sentences(
         &self,
         windows: &[Vec<Encoded>],
         options: &GenerateOptions,
@@ -173,7 +176,7 @@ impl Ensemble {
     /// probability in each. For the same reason sides are decided before directions: "punches with the left fist" is said
     /// with "forward", "upward" and without either, "with both fists" is not. Sides are decided by probabilities and not by
     /// numbers of draws, because these are few, and odd ones would count as much as others.
-    pub fn voted(
+    pub(crate) fn voted(
         &self,
         windows: &[Vec<Encoded>],
         n: usize,
@@ -269,7 +272,7 @@ impl Ensemble {
     }
 
     /// Log-probability of each text for an encoded window, averaged over the members.
-    pub fn mean_log_probs(
+    pub(crate) fn mean_log_probs(
         &self,
         radar: &[Encoded],
         texts: &[impl AsRef<str>],
@@ -278,7 +281,7 @@ impl Ensemble {
     }
 
     /// Probability of each text among all of them for an encoded window, averaged over the members.
-    pub fn probabilities(
+    pub(crate) fn probabilities(
         &self,
         radar: &[Encoded],
         texts: &[impl AsRef<str>],

@@ -17,13 +17,13 @@ const LEAST_IN_PLACE: usize = 11;
 const SHARE_IN_PLACE: f32 = 0.7;
 
 /// Median number of points per frame.
-pub fn median_points(window: &[PointFrame]) -> usize {
+pub(super) fn median_points(window: &[PointFrame]) -> usize {
     median_upper(window.iter().map(|f| f.points.len())).unwrap_or(0)
 }
 
 /// Returns whether most points are near one place in at least a third of the seconds, or nearly all are near one place in
 /// the whole window. People appear in this way to radars whose firmware reports few points.
-pub fn points_stay_together(window: &[PointFrame]) -> bool {
+pub(super) fn points_stay_together(window: &[PointFrame]) -> bool {
     let blocks = window.chunks(BLOCK_FRAMES);
     let n_blocks = blocks.len();
     let is_together = |block: &&[PointFrame]| {

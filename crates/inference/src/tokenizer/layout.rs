@@ -89,11 +89,12 @@ const N_PATHS: usize = 3;
 const BAND: [Kind; 4] = [Kind::Offset, Kind::Offset, Kind::Offset, Kind::Speed];
 
 /// Number of layout values.
-pub const N_LAYOUT: usize = N_OFFSETS + N_PATHS + 1 + BANDS.len() * BAND.len() + HEIGHTS.len();
+pub(super) const N_LAYOUT: usize =
+    N_OFFSETS + N_PATHS + 1 + BANDS.len() * BAND.len() + HEIGHTS.len();
 /// What each layout value is. Models of earlier versions are told the first ones.
 const KINDS: [Kind; N_LAYOUT] = kinds();
 /// Number of different layout tokens.
-pub const N_LAYOUT_TOKENS: usize = first_token(N_LAYOUT);
+pub(super) const N_LAYOUT_TOKENS: usize = first_token(N_LAYOUT);
 
 const fn kinds() -> [Kind; N_LAYOUT] {
     let mut kinds = [Kind::Height; N_LAYOUT];
@@ -124,7 +125,7 @@ const fn first_token(value: usize) -> usize {
 }
 
 /// Tokens below [`N_LAYOUT_TOKENS`] of frames at ten per second, each value at its own place.
-pub fn layout(frames: &[PointFrame]) -> [usize; N_LAYOUT] {
+pub(super) fn layout(frames: &[PointFrame]) -> [usize; N_LAYOUT] {
     let values = values(frames);
     std::array::from_fn(|i| first_token(i) + KINDS[i].bin(values[i]))
 }

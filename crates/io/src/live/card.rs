@@ -52,7 +52,7 @@ pub(super) struct Starting {
 
 impl Starting {
     /// Binds the port from which commands are sent, `here`, and connects it to the card.
-    pub fn open(
+    pub(super) fn open(
         card: SocketAddr,
         here: SocketAddr,
         lanes: LvdsLanes,
@@ -71,7 +71,7 @@ impl Starting {
     }
 
     /// Goes on until `until`. Returns true once the card has accepted every command.
-    pub fn step(&mut self, until: Instant) -> io::Result<bool> {
+    pub(super) fn step(&mut self, until: Instant) -> io::Result<bool> {
         while let Some((code, name, data)) = self.commands.get(self.next) {
             let failed = |kind, what: String| io::Error::new(kind, format!("{name}: {what}"));
             let Some(deadline) = self.deadline else {

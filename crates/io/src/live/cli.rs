@@ -84,7 +84,7 @@ pub(super) struct Sending {
 }
 
 impl Sending {
-    pub fn open(
+    pub(super) fn open(
         path: &Path,
         commands: Arc<[Command]>,
         answer_time: Duration,
@@ -99,7 +99,7 @@ impl Sending {
     }
 
     /// Goes on until `until`. Returns true once the board has accepted every command.
-    pub fn step(&mut self, until: Instant) -> Result<bool, CliError> {
+    pub(super) fn step(&mut self, until: Instant) -> Result<bool, CliError> {
         let mut piece = [0; 512];
         loop {
             let Some(command) = self.commands.get(self.next) else {

@@ -34,7 +34,7 @@ impl<T> Default for Numbers<T> {
 
 impl<T> Numbers<T> {
     /// Adds a frame with the radar's number. Returns the frames that can be given out, with their numbers.
-    pub fn push(&mut self, number: u64, item: T) -> impl Iterator<Item = (u64, T)> + use<T> {
+    pub(super) fn push(&mut self, number: u64, item: T) -> impl Iterator<Item = (u64, T)> + use<T> {
         let mut out = [None, None];
         let Some((last, at)) = self.last else {
             self.last = Some((number, 0));
@@ -80,7 +80,7 @@ impl<T> Numbers<T> {
     }
 
     /// Frames stopped for `passed` frame periods. A frame that waits for confirmation is dropped.
-    pub fn interrupt(&mut self, passed: u64) {
+    pub(super) fn interrupt(&mut self, passed: u64) {
         self.unconfirmed += u64::from(self.held.take().is_some());
         self.interruption = Some(passed);
     }

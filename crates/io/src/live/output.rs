@@ -51,7 +51,7 @@ pub(super) struct Output {
 }
 
 impl Output {
-    pub fn new(clock: Clock, placing: Placing, timeouts: &LiveTimeouts) -> Self {
+    pub(super) fn new(clock: Clock, placing: Placing, timeouts: &LiveTimeouts) -> Self {
         Self {
             clock,
             placing,
@@ -71,7 +71,7 @@ impl Output {
     }
 
     /// Numbers and places a frame with the radar's number.
-    pub fn give(&mut self, number: u64, points: Vec<RadarPoint>) {
+    pub(super) fn give(&mut self, number: u64, points: Vec<RadarPoint>) {
         let now = Instant::now();
         if std::mem::take(&mut self.is_interrupted)
             && let Some(last) = self.last_frame
@@ -97,12 +97,12 @@ impl Output {
     }
 
     /// The numbers of later frames may begin anywhere.
-    pub fn interrupt(&mut self) {
+    pub(super) fn interrupt(&mut self) {
         self.is_interrupted = true;
     }
 
     /// Tells a loss, once until frames arrive again.
-    pub fn lose(&mut self, source: impl std::fmt::Display, reason: &str) {
+    pub(super) fn lose(&mut self, source: impl std::fmt::Display, reason: &str) {
         self.is_interrupted = true;
         if !std::mem::replace(&mut self.is_lost, true) {
             let reason = format!("{source}: {reason}");
@@ -110,12 +110,12 @@ impl Output {
         }
     }
 
-    pub fn is_lost(&self) -> bool {
+    pub(super) fn is_lost(&self) -> bool {
         self.is_lost
     }
 
     /// When to try again. Each time is twice as far away until a frame arrives.
-    pub fn next_try(&mut self) -> Instant {
+    pub(super) fn next_try(&mut self) -> Instant {
         let now = Instant::now();
         let [_, delay, longest] = &mut self.delays;
         let at = now.checked_add(*delay).unwrap_or(now);
@@ -123,12 +123,12 @@ impl Output {
         at
     }
 
-    pub fn next_event(&mut self) -> Option<LiveEvent> {
+    pub(super) fn next_event(&mut self) -> Option<LiveEvent> {
         self.events.pop_front()
     }
 
     /// Counts of frames, losses and reconnections; `resynchronisations` are frames whose number fitted no other.
-    pub fn counts(&self) -> LiveCounts {
+    pub(super) fn counts(&self) -> LiveCounts {
         LiveCounts {
             frames: self.frames,
             lost_frames: self.numbers.lost,

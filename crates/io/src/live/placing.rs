@@ -22,7 +22,7 @@ pub(super) struct Placing {
 }
 
 impl Placing {
-    pub fn new(
+    pub(super) fn new(
         options: &PointOptions,
         mounting: Mounting,
         frame_rate_hz: f64,
@@ -37,7 +37,7 @@ impl Placing {
     }
 
     /// Places the next frame.
-    pub fn apply(&mut self, frame: PointFrame) -> PointFrame {
+    pub(super) fn apply(&mut self, frame: PointFrame) -> PointFrame {
         let (number, time_s) = (frame.frame, frame.time_s);
         if self.recent.len() >= self.placement.n_accumulated {
             self.recent.pop_front();

@@ -1,7 +1,7 @@
 //! Words of a user to a full-text query.
 
 /// Most words of a query. A caption has fewer.
-pub const MAX_WORDS: usize = 32;
+pub(crate) const MAX_WORDS: usize = 32;
 /// Longest word of a query, bytes; longer ones are cut.
 const MAX_WORD_BYTES: usize = 64;
 

@@ -32,7 +32,7 @@ const NUMBERS: &[&str] = &[
 const ATTEMPTS: usize = 40;
 
 /// Three to five different sentences in lower case without a full stop.
-pub fn captions(request: &BuiltinRequest, seed: u64) -> Vec<String> {
+pub(crate) fn captions(request: &BuiltinRequest, seed: u64) -> Vec<String> {
     let mut dice = Dice::new(seed, "captions");
     let wanted = 3 + dice.index(3);
     let mut out: Vec<String> = Vec::with_capacity(wanted);
@@ -50,7 +50,7 @@ pub fn captions(request: &BuiltinRequest, seed: u64) -> Vec<String> {
 
 /// Attributes of a request: every key of every part with its effective value; the speed is given as
 /// a word.
-pub fn attributes(request: &BuiltinRequest) -> Vec<(String, String)> {
+pub(crate) fn attributes(request: &BuiltinRequest) -> Vec<(String, String)> {
     let alone = request.parts().count() == 1;
     let height_m = request.global.number("height_m");
     let mut out: Vec<(String, String)> = Vec::new();
@@ -210,7 +210,7 @@ fn clause(part: &Part, form: Form, height_m: f32, plain: bool, dice: &mut Dice) 
 }
 
 /// "slow", "normal" or "fast".
-pub fn speed_word(part: &Part, height_m: f32) -> &'static str {
+pub(crate) fn speed_word(part: &Part, height_m: f32) -> &'static str {
     match motions::pace(part.spec.name, &part.values, height_m) {
         s if s <= 0.8 => "slow",
         s if s >= 1.25 => "fast",

@@ -7,7 +7,7 @@ use crate::values::Values;
 
 /// How a caption expresses the number of repetitions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Counting {
+pub(super) enum Counting {
     /// The count is never stated.
     Never,
     /// "three times", always when above one.
@@ -20,7 +20,7 @@ pub enum Counting {
 }
 
 /// How captions of this motion express the count.
-pub fn counting(name: &str, v: &Values) -> Counting {
+pub(super) fn counting(name: &str, v: &Values) -> Counting {
     match name {
         "wave" | "arm_circles" | "jog_in_place" => Counting::Sometimes,
         "pace" => Counting::Never,
@@ -33,7 +33,7 @@ pub fn counting(name: &str, v: &Values) -> Counting {
 }
 
 /// Returns true if "at a slow pace" is idiomatic for this motion.
-pub fn paces(name: &str) -> bool {
+pub(super) fn paces(name: &str) -> bool {
     matches!(
         name,
         "walk"
@@ -66,7 +66,7 @@ fn holds(test: &Test, v: &Values) -> bool {
 
 /// Clauses of a motion; each states the side, direction and style where they apply. `{the}` is left to be filled, and
 /// verbs to be inflected.
-pub fn clauses(name: &str, v: &Values) -> Vec<String> {
+pub(super) fn clauses(name: &str, v: &Values) -> Vec<String> {
     let first = |is_sized: bool| {
         let tests_size = |row: &&CaptionRow| row.tests.iter().any(|t| t.key == AMPLITUDE);
         let mut rows = caption_rows(name).filter(|row| tests_size(row) == is_sized);

@@ -78,7 +78,7 @@ impl Involvement {
 }
 
 /// Waves a raised hand.
-pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     // Some move the forearm, others little more than the hand.
@@ -124,7 +124,7 @@ pub fn wave(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Raises arms and lowers them.
-pub fn raise_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn raise_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     // People raise their arms to any height, mostly above the head, and between the front and the side.
@@ -182,7 +182,7 @@ pub fn raise_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Claps in front of the chest.
-pub fn clap(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn clap(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let height = -0.18 + 0.12 * actor.dice.bell();
@@ -209,7 +209,7 @@ pub fn clap(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Punches from a boxer's guard, alternating sides when both hands are requested.
-pub fn punch(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn punch(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let style = v.word("style");
@@ -274,7 +274,7 @@ pub fn punch(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Pushes away with both palms.
-pub fn push(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn push(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let size = v.amplitude();
@@ -306,7 +306,7 @@ pub fn push(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Reaches out, grips and pulls back.
-pub fn pull(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn pull(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let mut track = Track::new(rest);
@@ -341,7 +341,7 @@ pub fn pull(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Knocks at face height.
-pub fn knock(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn knock(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let side = v.sides()[0];
@@ -363,7 +363,7 @@ pub fn knock(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Points and holds the pose.
-pub fn point(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn point(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let side = v.sides()[0];
@@ -398,7 +398,7 @@ pub fn point(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Drinks from a cup.
-pub fn drink(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn drink(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let side = v.sides()[0];
@@ -428,7 +428,7 @@ pub fn drink(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Holds a phone to the ear.
-pub fn answer_phone(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn answer_phone(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let to_ear = |c: &mut Control, side: usize| {
         reach(c, side, 1.08, -0.35, 0.44, Vec3::new(0.6, -1.0, 0.3));
         c.tilt = SIDE_SIGN[side] * 0.12;
@@ -438,7 +438,7 @@ pub fn answer_phone(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Salutes.
-pub fn salute(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn salute(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let to_brow = |c: &mut Control, side: usize| {
         reach(c, side, 0.95, -0.05, 0.55, Vec3::new(1.0, -0.3, 0.2));
         c.flex -= 0.05;
@@ -447,7 +447,7 @@ pub fn salute(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Folds the arms in front of the chest.
-pub fn cross_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn cross_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let upper = actor.dice.index(2);
     let folded = move |c: &mut Control, side: usize| {
         let above = if side == upper { 0.1 } else { 0.0 };
@@ -464,7 +464,7 @@ pub fn cross_arms(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Puts the hands on the hips.
-pub fn hands_on_hips(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn hands_on_hips(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let akimbo = |c: &mut Control, side: usize| {
         reach(c, side, -1.42, 0.3, 0.74, Vec3::new(1.0, 0.0, -0.45));
         c.arms[side].flex = -0.4;
@@ -495,7 +495,7 @@ fn hold_gesture(
 }
 
 /// Circles the straight arms beside the body.
-pub fn arm_circles(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn arm_circles(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     // In forward circles the arms rise behind the back and descend in front.

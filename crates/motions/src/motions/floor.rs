@@ -11,7 +11,7 @@ use crate::track::Track;
 use crate::values::Values;
 
 /// Sits down on a chair behind the person.
-pub fn sit_down(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn sit_down(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let (rest, seated) = (actor.standing(), actor.seated());
     let speed = v.speed();
     let lean = actor.a(0.55);
@@ -41,7 +41,7 @@ pub fn sit_down(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Stands up from a chair.
-pub fn stand_up(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn stand_up(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let (rest, seated) = (actor.standing(), actor.seated());
     let speed = v.speed();
     let lean = actor.a(0.6);
@@ -113,7 +113,7 @@ fn low_squat(actor: &Actor, rest: &Control, hand: usize) -> Control {
 }
 
 /// Lies down on the back.
-pub fn lie_down(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn lie_down(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let (rest, lying) = (actor.standing(), actor.lying());
     let speed = v.speed();
     let hand = actor.dice.index(2);
@@ -149,7 +149,7 @@ pub fn lie_down(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Gets up from lying on the back.
-pub fn get_up(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn get_up(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let (rest, lying) = (actor.standing(), actor.lying());
     let speed = v.speed();
     let hand = actor.dice.index(2);
@@ -180,7 +180,7 @@ pub fn get_up(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Falls to the floor.
-pub fn fall(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn fall(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let way = v.word("direction");
     let speed = v.speed();
     let mut track = Track::new(actor.standing());
@@ -343,7 +343,7 @@ fn fall_sideways(track: &mut Track, actor: &mut Actor, speed: f32, sign: f32) {
 }
 
 /// Crouches down, waits and rises.
-pub fn crouch(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn crouch(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let depth = (0.58 * v.amplitude()).min(0.72) * actor.style.size.clamp(0.9, 1.08);
@@ -367,7 +367,7 @@ pub fn crouch(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Kneels on one knee and rises.
-pub fn kneel(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn kneel(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let side = v.sides()[0];

@@ -6,18 +6,18 @@ use crate::track::FPS;
 use crate::values::Values;
 
 /// Quiet standing.
-pub fn stand_still(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn stand_still(v: &Values, actor: &mut Actor) -> Vec<Control> {
     vec![actor.standing(); frames_in(v.number("duration_s"))]
 }
 
 /// Quiet sitting.
-pub fn sit_still(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn sit_still(v: &Values, actor: &mut Actor) -> Vec<Control> {
     vec![actor.seated(); frames_in(v.number("duration_s"))]
 }
 
 /// Holds the last pose until `duration_s`. If the personal timing exceeds it, the motion is played
 /// slightly faster.
-pub fn fit_duration(mut frames: Vec<Control>, v: &Values) -> Vec<Control> {
+pub(super) fn fit_duration(mut frames: Vec<Control>, v: &Values) -> Vec<Control> {
     let Some(wanted_s) = v.given("duration_s") else {
         return frames;
     };

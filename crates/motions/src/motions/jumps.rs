@@ -15,7 +15,7 @@ const HIP_LEAD_S: f32 = 0.07;
 
 /// Jumps with both feet. Swinging arms make the jumps higher and longer. With still arms the jumps
 /// are low, and each rebounds from the previous one.
-pub fn jump(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn jump(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let way = towards(v.word("direction"));
     let size = v.amplitude();
@@ -119,7 +119,7 @@ pub fn jump(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Hops on one leg, in place or in a direction.
-pub fn hop(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn hop(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let side = v.sides()[0];
     let other = 1 - side;
@@ -183,7 +183,7 @@ pub fn hop(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Jumping jacks.
-pub fn jumping_jack(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn jumping_jack(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let size = v.amplitude();

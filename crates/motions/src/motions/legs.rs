@@ -9,7 +9,7 @@ use crate::track::Track;
 use crate::values::Values;
 
 /// Squats with the arms in front.
-pub fn squat(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn squat(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let depth = (0.42 * v.amplitude()).min(0.6);
@@ -49,7 +49,7 @@ pub fn squat(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Steps out with one leg, lowers the body and steps back.
-pub fn lunge(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn lunge(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let side = acting_side(v);
@@ -160,7 +160,7 @@ pub fn lunge(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Kicks with one leg.
-pub fn kick(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn kick(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let side = acting_side(v);
@@ -245,7 +245,7 @@ pub fn kick(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Raises one straight leg and lowers it, alone or with the arm of that side.
-pub fn leg_raise(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn leg_raise(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let side = v.sides()[0];
@@ -300,7 +300,7 @@ pub fn leg_raise(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Stands on the leg of `side` with the other leg lifted.
-pub fn balance(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn balance(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let stands = v.sides()[0];
@@ -339,7 +339,7 @@ pub fn balance(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Steps over a knee-high obstacle in front; the leg of `side` leads.
-pub fn step_over(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn step_over(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let lead = v.sides()[0];

@@ -12,11 +12,11 @@ use crate::rig::AUTHORED_HEIGHT_M;
 use crate::values::Values;
 
 /// Cruising speed of normal walking for a person of the authored height, m/s.
-pub const WALK_MPS: f32 = 1.2;
+pub(super) const WALK_MPS: f32 = 1.2;
 /// Cruising speed of walking backward for the same person, m/s.
-pub const BACKWARD_MPS: f32 = 0.85;
+pub(super) const BACKWARD_MPS: f32 = 0.85;
 /// Cruising speed of running for the same person, m/s: a jog.
-pub const RUN_MPS: f32 = 2.5;
+pub(super) const RUN_MPS: f32 = 2.5;
 const LIMP_MPS: f32 = 0.75;
 const MARCH_MPS: f32 = 0.8;
 const WALK_M: f32 = 2.5;
@@ -25,7 +25,7 @@ const RUN_M: f32 = 4.0;
 const OVERHEAD_S: f32 = 1.4;
 
 /// Walks forward or backward.
-pub fn walk(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn walk(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let back = v.word("direction") == "backward";
     let base = if back { BACKWARD_MPS } else { WALK_MPS } * actor.rig.scale.sqrt();
     let (distance_m, speed) = pace(v, base, WALK_M);
@@ -51,7 +51,7 @@ pub fn walk(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Runs forward.
-pub fn run(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn run(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let base = RUN_MPS * actor.rig.scale.sqrt();
     let (distance_m, speed) = pace(v, base, RUN_M);
     let mut gait = running(actor, speed, v.amplitude());
@@ -60,7 +60,7 @@ pub fn run(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Turns on the spot.
-pub fn turn(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn turn(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let angle = v.number("angle_deg").to_radians() * towards(v.word("direction")).x;
     let speed = v.speed();
     let mut gait = Gait::walk(actor, speed);
@@ -80,7 +80,7 @@ pub fn turn(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Walks around one or more full circles.
-pub fn circle(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn circle(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let sign = towards(v.word("direction")).x;
     let radius_m = v.number("radius_m");
     let turns = v.count("repetitions") as f32;
@@ -105,7 +105,7 @@ pub fn circle(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Walks back and forth: straight lines with tight turns at their ends.
-pub fn back_and_forth(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn back_and_forth(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let line_m = v.number("distance_m");
     let laps = v.count("repetitions") as f32;
     let speed = v.speed();
@@ -145,7 +145,7 @@ pub fn back_and_forth(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Walks along two straight lines with a curve between them.
-pub fn walk_turn(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn walk_turn(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let distance_m = v.number("distance_m");
     let angle = v.number("angle_deg").to_radians();
     let sign = towards(v.word("direction")).x;
@@ -181,7 +181,7 @@ pub fn walk_turn(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Steps to the side without crossing the feet.
-pub fn side_step(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn side_step(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let distance_m = v.number("distance_m");
     let way = towards(v.word("direction"));
     let speed = v.speed();
@@ -207,7 +207,7 @@ pub fn side_step(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Marches in place or forward.
-pub fn march(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn march(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let speed = v.speed();
     let size = v.amplitude();
     let mut gait = Gait::walk(actor, speed);
@@ -235,7 +235,7 @@ pub fn march(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Runs on the spot.
-pub fn jog_in_place(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn jog_in_place(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let speed = v.speed();
     let mut gait = running(actor, speed, v.amplitude());
     gait.step_s = 0.33 * actor.style.tempo / speed.sqrt();
@@ -248,7 +248,7 @@ pub fn jog_in_place(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Walks with a limp, sparing one leg.
-pub fn limp(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn limp(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let speed = v.speed();
     let mut gait = Gait::walk(actor, speed);
     let hurt = v.sides()[0];
@@ -266,7 +266,7 @@ pub fn limp(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Returns true if `duration_s` determines the distance or the number of steps.
-pub fn length_follows_duration(name: &str, v: &Values) -> bool {
+pub(super) fn length_follows_duration(name: &str, v: &Values) -> bool {
     match name {
         "walk" | "run" => true,
         "march" => v.number("distance_m") < 0.3 && !v.is_set("repetitions"),
@@ -277,7 +277,7 @@ pub fn length_follows_duration(name: &str, v: &Values) -> bool {
 }
 
 /// Returns the reason why `distance_m` cannot be covered in `duration_s`, if there is one.
-pub fn impossible_pace(name: &str, v: &Values, height_m: f32) -> Option<String> {
+pub(super) fn impossible_pace(name: &str, v: &Values, height_m: f32) -> Option<String> {
     let base = match (name, v.word("direction")) {
         ("walk", "backward") => BACKWARD_MPS,
         ("walk", _) => WALK_MPS,
@@ -327,7 +327,7 @@ fn pace(v: &Values, base_mps: f32, default_m: f32) -> (f32, f32) {
 }
 
 /// Speed multiplier that results from speed, distance_m and duration_s.
-pub fn resulting_speed(name: &str, v: &Values, height_m: f32) -> f32 {
+pub(crate) fn resulting_speed(name: &str, v: &Values, height_m: f32) -> f32 {
     let (base, natural_m) = match (name, v.word("direction")) {
         ("walk", "backward") => (BACKWARD_MPS, WALK_M),
         ("walk", _) => (WALK_MPS, WALK_M),

@@ -9,7 +9,7 @@ mod legs;
 mod locomotion;
 mod trunk;
 
-pub use locomotion::resulting_speed as pace;
+pub(crate) use locomotion::resulting_speed as pace;
 
 use glam::Vec3;
 
@@ -34,7 +34,7 @@ const ELBOW_DOWN: Vec3 = Vec3::new(0.55, -1.0, -0.1);
 const ELBOW_UP: Vec3 = Vec3::new(0.9, 0.0, 0.35);
 
 /// Renders one motion; `name` is one of [`crate::specs`].
-pub fn perform(name: &str, v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(crate) fn perform(name: &str, v: &Values, actor: &mut Actor) -> Vec<Control> {
     actor.stoop = if v.word("posture") == "stooped" {
         1.0
     } else {
@@ -96,7 +96,7 @@ pub fn perform(name: &str, v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Arms that the motion needs when it is used as an overlay.
-pub fn arms_used(name: &str, v: &Values) -> [bool; 2] {
+pub(crate) fn arms_used(name: &str, v: &Values) -> [bool; 2] {
     let named = [v.sides().contains(&0), v.sides().contains(&1)];
     // In a punch the other hand keeps the guard up.
     if name == "punch" || !v.knows("side") {
@@ -111,7 +111,7 @@ pub fn arms_used(name: &str, v: &Values) -> [bool; 2] {
 ///
 /// # Errors
 /// [`BuiltinError::Conflict`], with values that would be possible.
-pub fn check(name: &'static str, v: &Values, height_m: f32) -> Result<(), BuiltinError> {
+pub(crate) fn check(name: &'static str, v: &Values, height_m: f32) -> Result<(), BuiltinError> {
     let conflict = |reason: String| {
         Err(BuiltinError::Conflict {
             motion: name,
@@ -168,7 +168,7 @@ pub fn check(name: &'static str, v: &Values, height_m: f32) -> Result<(), Builti
 }
 
 /// Side of the acting leg, from `side` or from a sideways `direction`.
-pub fn acting_side(v: &Values) -> usize {
+pub(crate) fn acting_side(v: &Values) -> usize {
     match (v.is_set("side"), v.word("direction")) {
         (false, "left") => 0,
         (false, "right") => 1,

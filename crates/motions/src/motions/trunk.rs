@@ -9,7 +9,7 @@ use crate::track::Track;
 use crate::values::Values;
 
 /// Bends down and picks something up.
-pub fn pick_up(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn pick_up(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let knees = actor.dice.range(0.24, 0.36);
@@ -64,7 +64,7 @@ pub fn pick_up(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Throws something forward.
-pub fn throw(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn throw(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let both = v.sides().len() == 2;
@@ -164,7 +164,7 @@ pub fn throw(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Bends over to touch the toes with straight knees.
-pub fn toe_touch(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn toe_touch(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let mut track = Track::new(rest);
@@ -198,7 +198,7 @@ pub fn toe_touch(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Bows.
-pub fn bow(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn bow(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let mut track = Track::new(rest);
@@ -225,7 +225,7 @@ pub fn bow(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Stretches both arms up with the back arched, on tiptoe.
-pub fn stretch(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn stretch(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let size = v.amplitude();
@@ -259,7 +259,7 @@ pub fn stretch(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Bends to one side with the other arm over the head.
-pub fn side_bend(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn side_bend(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let sign = towards(v.word("direction")).x;
@@ -286,7 +286,7 @@ pub fn side_bend(v: &Values, actor: &mut Actor) -> Vec<Control> {
 }
 
 /// Twists alternately to both sides, beginning with `direction`.
-pub fn twist(v: &Values, actor: &mut Actor) -> Vec<Control> {
+pub(super) fn twist(v: &Values, actor: &mut Actor) -> Vec<Control> {
     let rest = actor.standing();
     let speed = v.speed();
     let first = towards(v.word("direction")).x;

@@ -128,7 +128,7 @@ impl Rows {
 }
 
 /// Moves ids to a device.
-pub fn ids_1d(ids: Vec<i32>, device: &Device) -> Tensor<1, Int> {
+pub(crate) fn ids_1d(ids: Vec<i32>, device: &Device) -> Tensor<1, Int> {
     let len = ids.len();
     Tensor::from_data(TensorData::new(ids, [len]), device)
 }

@@ -96,7 +96,7 @@ const FARTHEST: f64 = 1e3;
 impl Scale {
     /// The scale of an axis for its data, from 0 to 1 pt. Ends that are taken from the data are moved outwards by the
     /// fraction `padding` of their distance.
-    pub fn new(axis: &Axis, data: impl IntoIterator<Item = f64>, padding: f64) -> Self {
+    pub(super) fn new(axis: &Axis, data: impl IntoIterator<Item = f64>, padding: f64) -> Self {
         let kind = axis.scale;
         let given = axis.limits.map(|ends| ends.map(|v| transform(kind, v)));
         let [first, last] = match given {
@@ -113,7 +113,7 @@ impl Scale {
     }
 
     /// The same scale between other positions, pt.
-    pub fn between(self, from_pt: f64, to_pt: f64) -> Self {
+    pub(super) fn between(self, from_pt: f64, to_pt: f64) -> Self {
         Self {
             from_pt,
             to_pt,
@@ -122,13 +122,13 @@ impl Scale {
     }
 
     /// Position of a value, pt; NaN for values without a position.
-    pub fn to_pt(&self, value: f64) -> f64 {
+    pub(super) fn to_pt(&self, value: f64) -> f64 {
         self.from_pt + self.fraction(value) * (self.to_pt - self.from_pt)
     }
 
     /// Relative position of a value, 0 at the first end and 1 at the last, clamped to [`FARTHEST`] beyond them; NaN for
     /// values without a position.
-    pub fn fraction(&self, value: f64) -> f64 {
+    pub(super) fn fraction(&self, value: f64) -> f64 {
         let value = transform(self.kind, value);
         if !value.is_finite() {
             return f64::NAN;
@@ -138,23 +138,23 @@ impl Scale {
     }
 
     /// Value at a position: the inverse of [`Scale::to_pt`].
-    pub fn to_value(&self, place_pt: f64) -> f64 {
+    pub(super) fn to_value(&self, place_pt: f64) -> f64 {
         let fraction = (place_pt - self.from_pt) / (self.to_pt - self.from_pt);
         inverse(self.kind, self.first + fraction * (self.last - self.first))
     }
 
     /// Values at the two ends.
-    pub fn ends(&self) -> [f64; 2] {
+    pub(super) fn ends(&self) -> [f64; 2] {
         [self.first, self.last].map(|v| inverse(self.kind, v))
     }
 
     /// Distance between the values at the ends of a linear axis.
-    pub fn extent(&self) -> f64 {
+    pub(super) fn extent(&self) -> f64 {
         (self.last - self.first).abs()
     }
 
     /// A linear scale with the same centre and another extent.
-    pub fn with_extent(self, extent: f64) -> Self {
+    pub(super) fn with_extent(self, extent: f64) -> Self {
         let middle = 0.5 * (self.first + self.last);
         let half = 0.5 * extent * (self.last - self.first).signum();
         Self {
@@ -165,7 +165,7 @@ impl Scale {
     }
 
     /// About `max_n` ticks at most, and the power of ten by which their numbers were divided.
-    pub fn ticks(&self, max_n: usize) -> (Vec<Tick>, i32) {
+    pub(super) fn ticks(&self, max_n: usize) -> (Vec<Tick>, i32) {
         let max_n = max_n.clamp(2, 12);
         match self.kind {
             AxisScale::Linear => linear_ticks(self.first, self.last, max_n),

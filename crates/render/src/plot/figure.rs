@@ -75,7 +75,7 @@ pub(super) struct Placed {
 }
 
 impl Placed {
-    pub fn at(&self, x: f64, y: f64) -> [f64; 2] {
+    pub(super) fn at(&self, x: f64, y: f64) -> [f64; 2] {
         [self.x.to_pt(x), self.y.to_pt(y)]
     }
 }
@@ -100,7 +100,7 @@ pub(super) struct Figure<'a> {
 
 impl Figure<'_> {
     /// Draws the figure; `draw` fills the panel with the given index.
-    pub fn to_svg(&self, draw: impl Fn(&mut Svg, usize, &Placed)) -> String {
+    pub(super) fn to_svg(&self, draw: impl Fn(&mut Svg, usize, &Placed)) -> String {
         let mut svg = Svg::default();
         let (placed, mut bottom) = self.place();
         let first = placed.first().map_or(
@@ -158,7 +158,7 @@ impl Figure<'_> {
     }
 
     /// Positions of the panels.
-    pub fn placed_panels(&self) -> Vec<Placed> {
+    pub(super) fn placed_panels(&self) -> Vec<Placed> {
         self.place().0
     }
 

@@ -18,7 +18,7 @@ pub(super) struct SeriesStyle {
 const MARKER_RADIUS_PT: f64 = 1.9;
 
 impl SeriesStyle {
-    pub fn new(index: usize, width_pt: f64, has_markers: bool) -> Self {
+    pub(super) fn new(index: usize, width_pt: f64, has_markers: bool) -> Self {
         Self {
             index,
             width_pt,
@@ -26,11 +26,11 @@ impl SeriesStyle {
         }
     }
 
-    pub fn colour(&self) -> &'static str {
+    pub(super) fn colour(&self) -> &'static str {
         SERIES[self.index % SERIES.len()]
     }
 
-    pub fn stroke(&self) -> Stroke<'static> {
+    pub(super) fn stroke(&self) -> Stroke<'static> {
         Stroke {
             colour: self.colour(),
             width_pt: self.width_pt,
@@ -39,7 +39,7 @@ impl SeriesStyle {
     }
 
     /// SVG commands of a marker: a disc, square, triangle or diamond.
-    pub fn marker(&self, [x, y]: [f64; 2]) -> String {
+    pub(super) fn marker(&self, [x, y]: [f64; 2]) -> String {
         let r = MARKER_RADIUS_PT;
         let corners: &[[f64; 2]] = match self.index % 4 {
             0 => {
@@ -60,7 +60,7 @@ impl SeriesStyle {
     }
 
     /// Draws a short sample of the series for a legend, from a position to the right.
-    pub fn draw_sample(&self, svg: &mut Svg, [x, y]: [f64; 2], length_pt: f64) {
+    pub(super) fn draw_sample(&self, svg: &mut Svg, [x, y]: [f64; 2], length_pt: f64) {
         svg.path(&segment([x, y], [x + length_pt, y]), self.stroke());
         if self.has_markers {
             svg.filled_path(&self.marker([x + 0.5 * length_pt, y]), self.colour());

@@ -25,11 +25,11 @@ pub(super) struct Rect {
 }
 
 impl Rect {
-    pub fn right(&self) -> f64 {
+    pub(super) fn right(&self) -> f64 {
         self.left + self.width
     }
 
-    pub fn bottom(&self) -> f64 {
+    pub(super) fn bottom(&self) -> f64 {
         self.top + self.height
     }
 }
@@ -59,7 +59,7 @@ pub(super) struct Svg {
 
 impl Svg {
     /// Returns the SVG file with a white background.
-    pub fn finish(self, title: &str, height_pt: f64) -> String {
+    pub(super) fn finish(self, title: &str, height_pt: f64) -> String {
         let (width, height) = (coordinate(WIDTH_PT), coordinate(height_pt));
         format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}mm\" height=\"{}mm\" viewBox=\"0 0 {width} {height}\" \
@@ -73,16 +73,16 @@ impl Svg {
     }
 
     /// Text that is vertically centred at `y`: its baseline is 0.35 of its size below.
-    pub fn text(&mut self, x: f64, y: f64, size_pt: f64, anchor: Anchor, text: &str) {
+    pub(super) fn text(&mut self, x: f64, y: f64, size_pt: f64, anchor: Anchor, text: &str) {
         self.styled_text(x, y, size_pt, anchor, "", text);
     }
 
-    pub fn bold_text(&mut self, x: f64, y: f64, size_pt: f64, anchor: Anchor, text: &str) {
+    pub(super) fn bold_text(&mut self, x: f64, y: f64, size_pt: f64, anchor: Anchor, text: &str) {
         self.styled_text(x, y, size_pt, anchor, " font-weight=\"bold\"", text);
     }
 
     /// Text that is rotated to read upwards, centred at a position.
-    pub fn upward_text(&mut self, x: f64, y: f64, size_pt: f64, text: &str) {
+    pub(super) fn upward_text(&mut self, x: f64, y: f64, size_pt: f64, text: &str) {
         let turn = format!(
             " transform=\"rotate(-90 {} {})\"",
             coordinate(x),
@@ -133,7 +133,7 @@ impl Svg {
     }
 
     /// A path of SVG commands without fill.
-    pub fn path(&mut self, commands: &str, stroke: Stroke) {
+    pub(super) fn path(&mut self, commands: &str, stroke: Stroke) {
         let dashes = match stroke.dashes {
             "" => String::new(),
             dashes => format!(" stroke-dasharray=\"{dashes}\""),
@@ -146,11 +146,11 @@ impl Svg {
     }
 
     /// A filled path of SVG commands.
-    pub fn filled_path(&mut self, commands: &str, colour: &str) {
+    pub(super) fn filled_path(&mut self, commands: &str, colour: &str) {
         self.body += &format!("<path d=\"{commands}\" fill=\"{colour}\"/>\n");
     }
 
-    pub fn frame(&mut self, area: Rect, stroke: Stroke) {
+    pub(super) fn frame(&mut self, area: Rect, stroke: Stroke) {
         self.path(
             &format!(
                 "M{} {}H{}V{}H{}Z",
@@ -165,7 +165,7 @@ impl Svg {
     }
 
     /// Discs of one colour, slightly transparent.
-    pub fn discs(&mut self, centres: &[[f64; 2]], radius_pt: f64, colour: &str) {
+    pub(super) fn discs(&mut self, centres: &[[f64; 2]], radius_pt: f64, colour: &str) {
         self.body += &format!("<g fill=\"{colour}\" fill-opacity=\"{DISC_OPACITY}\">\n");
         let radius = coordinate(radius_pt);
         for [x, y] in centres {
@@ -176,7 +176,7 @@ impl Svg {
     }
 
     /// A PNG file stretched over an area, without interpolation between pixels.
-    pub fn image(&mut self, area: Rect, png: &[u8]) {
+    pub(super) fn image(&mut self, area: Rect, png: &[u8]) {
         self.body += &format!(
             "<image x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\" preserveAspectRatio=\"none\" \
              style=\"image-rendering:pixelated\" href=\"{}\"/>\n",
@@ -189,7 +189,7 @@ impl Svg {
     }
 
     /// Clips the shapes drawn by `draw` to an area. Coordinates remain those of the figure.
-    pub fn clipped(&mut self, area: Rect, draw: impl FnOnce(&mut Self)) {
+    pub(super) fn clipped(&mut self, area: Rect, draw: impl FnOnce(&mut Self)) {
         let [x, y, width, height] = [area.left, area.top, area.width, area.height].map(coordinate);
         self.body += &format!(
             "<svg x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" viewBox=\"{x} {y} {width} {height}\">\n"

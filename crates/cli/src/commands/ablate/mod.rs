@@ -8,14 +8,14 @@ use std::path::PathBuf;
 use clap::Args;
 
 #[cfg(feature = "train")]
-pub use run::run;
+pub(crate) use run::run;
 
 #[cfg(not(feature = "train"))]
 use crate::error::{CliResult, needs_training};
 
 /// `ablate`.
 #[derive(Args)]
-pub struct AblateArgs {
+pub(crate) struct AblateArgs {
     /// The grid: base recipe, seeds, tables and rows; see docs/guides/ablations.md.
     pub config: PathBuf,
     /// Number of trainings that run at the same time and share the cores.

@@ -51,7 +51,7 @@ impl Run {
 }
 
 /// Runs the command.
-pub fn run(args: &AblateArgs) -> CliResult {
+pub(crate) fn run(args: &AblateArgs) -> CliResult {
     let base = args.config.parent().unwrap_or(Path::new(""));
     let text = files::read_text(&args.config, MAX_CONFIG_BYTES)?;
     let grid = Grid::from_toml(&text).map_err(|e| {

@@ -27,7 +27,7 @@ use crate::{
 
 /// `eval captions`.
 #[derive(Args)]
-pub struct CaptionsArgs {
+pub(crate) struct CaptionsArgs {
     /// Model folder; the bundled model if omitted.
     #[arg(long)]
     pub model: Option<PathBuf>,
@@ -65,7 +65,7 @@ pub struct CaptionsArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &CaptionsArgs) -> CliResult {
+pub(crate) fn run(args: &CaptionsArgs) -> CliResult {
     if let Some(count) = args.round_trip {
         return round_trip(args, count as usize);
     }
@@ -148,13 +148,13 @@ fn round_trip(args: &CaptionsArgs, count: usize) -> CliResult {
 }
 
 /// A split by its name.
-pub fn split(name: &str) -> CliResult<Split> {
+pub(crate) fn split(name: &str) -> CliResult<Split> {
     Split::from_name(name)
         .ok_or_else(|| CliError::new(format!("--split {name}: unknown")).hint("train, val or test"))
 }
 
 /// Evaluates a model and writes captions.jsonl, report.md, report.html and report.json.
-pub fn evaluate_into(
+pub(crate) fn evaluate_into(
     out: &Path,
     model: Option<&Path>,
     decoder: DecoderName,

@@ -19,7 +19,7 @@ use crate::{
 
 /// `eval falls`.
 #[derive(Args)]
-pub struct EvalFallsArgs {
+pub(crate) struct EvalFallsArgs {
     /// TOML with radars, places, people, falls and other motions.
     pub config: PathBuf,
     /// Also count false alarms in recordings without falls: a configuration of `eval recordings` and its folder. May be
@@ -48,7 +48,7 @@ pub struct EvalFallsArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &EvalFallsArgs) -> CliResult {
+pub(super) fn run(args: &EvalFallsArgs) -> CliResult {
     let text = files::read_text(&args.config, MAX_CONFIG_BYTES)?;
     let plan = FallPlan::from_toml(&text)
         .map_err(|e| CliError::new(format!("{}: {e}", args.config.display())))?;

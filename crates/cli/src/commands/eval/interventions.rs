@@ -9,7 +9,7 @@ use crate::{error::CliResult, model, model_args::DecoderName, output, threads::o
 
 /// `eval interventions`.
 #[derive(Args)]
-pub struct InterventionsArgs {
+pub(crate) struct InterventionsArgs {
     /// Model folder; the bundled model if omitted.
     #[arg(long)]
     pub model: Option<PathBuf>,
@@ -28,7 +28,7 @@ pub struct InterventionsArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &InterventionsArgs) -> CliResult {
+pub(super) fn run(args: &InterventionsArgs) -> CliResult {
     let model = model::open(args.model.as_deref(), DecoderName::F32)?;
     let options = InterventionOptions {
         count: args.count,

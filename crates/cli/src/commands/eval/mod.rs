@@ -1,11 +1,11 @@
 //! `eval`: questions asked of a model or of the virtual radar.
 
-pub mod captions;
+pub(crate) mod captions;
 mod falls;
 mod interventions;
 mod page;
 mod realism;
-pub mod recordings;
+pub(crate) mod recordings;
 mod robustness;
 
 use std::ffi::OsString;
@@ -16,7 +16,7 @@ use crate::error::CliResult;
 
 /// `eval ...`.
 #[derive(Subcommand)]
-pub enum EvalVerb {
+pub(crate) enum EvalVerb {
     /// Captions of a split of a data set, with all metrics, intervals and baselines.
     ///
     /// Example: radarllm eval captions --data work/data --out work/report
@@ -45,7 +45,7 @@ pub enum EvalVerb {
 
 /// The verbs of `eval` under the names that they had outside it. Scripts use them.
 #[derive(Subcommand)]
-pub enum FormerVerb {
+pub(crate) enum FormerVerb {
     /// The same as `eval recordings`.
     #[command(hide = true)]
     EvalRecordings(Box<recordings::EvalRecordingsArgs>),
@@ -76,7 +76,7 @@ impl From<FormerVerb> for EvalVerb {
 }
 
 /// Runs the command.
-pub fn run(verb: &EvalVerb) -> CliResult {
+pub(crate) fn run(verb: &EvalVerb) -> CliResult {
     match verb {
         EvalVerb::Captions(args) => captions::run(args),
         EvalVerb::Recordings(args) => recordings::run(args),
@@ -88,7 +88,7 @@ pub fn run(verb: &EvalVerb) -> CliResult {
 }
 
 /// Arguments of the program in which `eval --data ...`, the former spelling of `eval captions --data ...`, is replaced.
-pub fn with_verb(args: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
+pub(crate) fn with_verb(args: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
     let mut args: Vec<OsString> = args.into_iter().collect();
     let is_flag = |arg: &OsString| arg.to_string_lossy().starts_with('-');
     let is_help = |arg: &OsString| arg == "-h" || arg == "--help";

@@ -11,7 +11,7 @@ use radarllm_render::{
 };
 
 /// The page.
-pub fn html(report: &CaptionReport, clips: &[CaptionedClip]) -> String {
+pub(super) fn html(report: &CaptionReport, clips: &[CaptionedClip]) -> String {
     let provenance: Vec<String> = clips
         .iter()
         .map(|c| c.provenance_line(&report.data, &report.model))

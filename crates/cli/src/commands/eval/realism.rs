@@ -18,7 +18,7 @@ use crate::{
 
 /// `eval realism`.
 #[derive(Args)]
-pub struct RealismArgs {
+pub(crate) struct RealismArgs {
     /// Radar, signal chain and impairments; see docs/results/realism.md.
     pub config: PathBuf,
     /// Folder of recordings: NAME.parquet with a scene file NAME.toml that describes what happened, or the MARS data set, subjectN/timesplit/{radar,kinect}_data_PART.csv.
@@ -46,7 +46,7 @@ pub struct RealismArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &RealismArgs) -> CliResult {
+pub(super) fn run(args: &RealismArgs) -> CliResult {
     for out in args.out.iter().chain(&args.calibrate) {
         output::check_free(out, args.force)?;
     }

@@ -26,7 +26,7 @@ use crate::{
 
 /// `eval recordings`.
 #[derive(Args)]
-pub struct EvalRecordingsArgs {
+pub(crate) struct EvalRecordingsArgs {
     /// Recordings.
     #[command(flatten)]
     pub labelled: LabelledArgs,
@@ -75,7 +75,7 @@ pub struct EvalRecordingsArgs {
 }
 
 /// Runs the command.
-pub fn run(args: &EvalRecordingsArgs) -> CliResult {
+pub(crate) fn run(args: &EvalRecordingsArgs) -> CliResult {
     describe::check_beam(args.beam)?;
     if let Some(out) = &args.out {
         output::check_free(out, args.force)?;
@@ -158,14 +158,14 @@ pub fn run(args: &EvalRecordingsArgs) -> CliResult {
 }
 
 /// Reads the configuration of recordings.
-pub fn read_config(path: &Path) -> CliResult<RecordingsConfig> {
+pub(crate) fn read_config(path: &Path) -> CliResult<RecordingsConfig> {
     let text = files::read_text(path, MAX_CONFIG_BYTES)?;
     RecordingsConfig::from_toml(&text)
         .map_err(|e| CliError::new(format!("{}: {e}", path.display())))
 }
 
 /// How the recordings of a configuration are read.
-pub fn capture_options(
+pub(crate) fn capture_options(
     config: &RecordingsConfig,
     args: &LabelledArgs,
 ) -> CliResult<CaptureOptions> {
@@ -181,7 +181,7 @@ pub fn capture_options(
 }
 
 /// All recordings of a role, prepared for the model.
-pub fn read_recordings(
+pub(crate) fn read_recordings(
     config: &RecordingsConfig,
     role: Role,
     folder: &Path,

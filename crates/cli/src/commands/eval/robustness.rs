@@ -27,7 +27,7 @@ use crate::{
 
 /// `eval robustness`.
 #[derive(Args)]
-pub struct RobustnessArgs {
+pub(crate) struct RobustnessArgs {
     /// Data set configuration, number of motions and conditions; see docs/guides/robustness.md.
     pub config: PathBuf,
     /// Folder for robustness.json, robustness.md, curves and finished cells, which are kept.
@@ -60,7 +60,7 @@ pub struct RobustnessArgs {
 const MAX_CELL_BYTES: u64 = 256 << 20;
 
 /// Runs the command.
-pub fn run(args: &RobustnessArgs) -> CliResult {
+pub(super) fn run(args: &RobustnessArgs) -> CliResult {
     let base = args.config.parent().unwrap_or(Path::new(""));
     let problem = |e: EvalError| {
         CliError::new(format!("{}: {e}", args.config.display()))

@@ -9,7 +9,7 @@ use crate::{model_args::DecoderName, recording_args::InputArgs};
 /// `live`.
 #[derive(Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
-pub struct LiveArgs {
+pub(crate) struct LiveArgs {
     #[command(subcommand)]
     pub verb: Option<LiveVerb>,
     /// A serial port, `udp:PORT` for a DCA1000, a recording of any format to replay, or `sim:` for a simulated room.
@@ -129,7 +129,7 @@ pub struct LiveArgs {
 
 /// What is done to the memory of `live`.
 #[derive(Subcommand)]
-pub enum LiveVerb {
+pub(crate) enum LiveVerb {
     /// Delete what was seen before a date from the database, while `live` does not run. (A file of this name is
     /// ./forget.)
     ///
@@ -139,7 +139,7 @@ pub enum LiveVerb {
 
 /// `live forget`.
 #[derive(Args)]
-pub struct LiveForgetArgs {
+pub(crate) struct LiveForgetArgs {
     /// First date that is kept, YYYY-MM-DD in local time, or `now` to delete everything.
     #[arg(long, value_name = "DATE")]
     pub before: String,
@@ -153,7 +153,7 @@ pub struct LiveForgetArgs {
 
 /// `ask`.
 #[derive(Args)]
-pub struct AskArgs {
+pub(crate) struct AskArgs {
     /// The question, such as "when did she last get up?".
     pub question: String,
     /// Database of `live`; live.db in $STATE_DIRECTORY if omitted.

@@ -44,13 +44,13 @@ use crate::{
     user_memory::load_memory,
 };
 
-pub use args::{AskArgs, LiveArgs};
+pub(crate) use args::{AskArgs, LiveArgs};
 use args::{LiveForgetArgs, LiveVerb};
 
 const DAY_MS: i64 = 86_400_000;
 
 /// Runs a radar until it ends or until Ctrl-C, or deletes from its memory.
-pub fn run(args: &LiveArgs) -> CliResult {
+pub(crate) fn run(args: &LiveArgs) -> CliResult {
     match &args.verb {
         Some(LiveVerb::Forget(args)) => forget(args),
         None => watch(args),
@@ -170,7 +170,7 @@ fn forget(args: &LiveForgetArgs) -> CliResult {
 }
 
 /// Answers a question about what was seen.
-pub fn answer(args: &AskArgs) -> CliResult {
+pub(crate) fn answer(args: &AskArgs) -> CliResult {
     let path = existing_database(args.db.as_deref())?;
     let timeline = Timeline::open(&path).map_err(CliError::new)?;
     let now_ms = now_ms();

@@ -8,14 +8,14 @@ use std::path::PathBuf;
 use clap::Subcommand;
 
 #[cfg(feature = "train")]
-pub use run::run;
+pub(crate) use run::run;
 
 #[cfg(not(feature = "train"))]
 use crate::error::{CliResult, needs_training};
 
 /// `lm ...`.
 #[derive(Subcommand)]
-pub enum LmVerb {
+pub(crate) enum LmVerb {
     /// Run a forward pass: logits, or the last hidden states of BERT and RoBERTa.
     ///
     /// Example: radarllm lm logits --weights gpt2 --ids ids.json --out logits.npy

@@ -25,7 +25,7 @@ struct Report {
 }
 
 /// Runs the command.
-pub fn run(verb: &LmVerb) -> CliResult {
+pub(crate) fn run(verb: &LmVerb) -> CliResult {
     match verb {
         LmVerb::Logits {
             weights,

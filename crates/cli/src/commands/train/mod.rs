@@ -8,14 +8,14 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 #[cfg(feature = "train")]
-pub use run::run;
+pub(crate) use run::run;
 
 #[cfg(not(feature = "train"))]
 use crate::error::{CliResult, needs_training};
 
 /// Values of the keys that a training configuration does not set.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum, Debug)]
-pub enum Preset {
+pub(crate) enum Preset {
     /// Networks for CPU cores, with this project's additions to the paper.
     Small,
     /// Sizes, losses, batches, learning rates and epochs of the paper.
@@ -24,7 +24,7 @@ pub enum Preset {
 
 /// Stages of `train`.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum, Debug)]
-pub enum Stage {
+pub(crate) enum Stage {
     /// The motion VQ-VAE that guides the tokenizer.
     Motion,
     /// The radar tokenizer.
@@ -41,7 +41,7 @@ pub enum Stage {
 
 /// `train`.
 #[derive(Args)]
-pub struct TrainArgs {
+pub(crate) struct TrainArgs {
     /// Stage.
     #[arg(value_enum)]
     pub stage: Stage,

@@ -16,7 +16,7 @@ use crate::{
 };
 
 /// Runs the command.
-pub fn run(args: &TrainArgs) -> CliResult {
+pub(crate) fn run(args: &TrainArgs) -> CliResult {
     let Some(path) = &args.config else {
         let preset = args.preset.map(preset).unwrap_or_default();
         output::print_line(&Recipe::of(preset).to_toml()?);

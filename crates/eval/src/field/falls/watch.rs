@@ -26,7 +26,7 @@ pub(super) struct WatchedRoom {
 
 impl WatchedRoom {
     /// A room without zones, watched with the default options of `live`.
-    pub fn new(radar_height_m: f32) -> Result<Self, EvalError> {
+    pub(super) fn new(radar_height_m: f32) -> Result<Self, EvalError> {
         let options = WatchOptions::default();
         let config = |e: radarllm_monitor::options::OptionError| EvalError::Config(e.to_string());
         Ok(Self {
@@ -37,7 +37,7 @@ impl WatchedRoom {
     }
 
     /// The points of the next frame.
-    pub fn push(&mut self, frame: &PointFrame) -> Heights {
+    pub(super) fn push(&mut self, frame: &PointFrame) -> Heights {
         let t_s = f64::from(self.n_frames) * FRAME_PERIOD_S;
         let seen = self.watch.push(&PointFrame {
             frame: self.n_frames,
@@ -54,7 +54,7 @@ impl WatchedRoom {
     }
 
     /// Whether a fall is suspected, but neither confirmed nor ended.
-    pub fn is_undecided(&self) -> bool {
+    pub(super) fn is_undecided(&self) -> bool {
         self.watch
             .open_falls()
             .iter()
