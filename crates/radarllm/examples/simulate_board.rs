@@ -41,7 +41,7 @@ fn main() -> Result<(), Error> {
     frames.iter_mut().for_each(|f| firmware.limit(f));
     let stream: Vec<u8> = frames.iter().flat_map(packet).collect();
     println!("{n_frames} frames, {} bytes", stream.len());
-    std::fs::write(&out, stream).map_err(|e| Error::io(out.as_ref(), &e))
+    std::fs::write(&out, stream).map_err(|e| Error::io(out.as_ref(), e))
 }
 
 /// One frame as the out-of-box demo of SDK 3 sends it: header, points (type 1), SNR and noise in 0.1 dB (type 7), and
