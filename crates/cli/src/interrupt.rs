@@ -1,5 +1,10 @@
 //! Ctrl-C during a training: the first ends it cleanly, the second at once.
 
+#![expect(
+    clippy::disallowed_methods,
+    reason = "Ctrl-C ends the program, whose files are complete"
+)]
+
 use std::process;
 
 use radarllm_train::harness::StopToken;
@@ -21,7 +26,7 @@ pub(crate) fn stop_on_ctrl_c() -> CliResult<StopToken> {
             process::exit(INTERRUPTED);
         }
         stop.stop();
-        eprintln!("stopping after the present update; Ctrl-C again ends at once");
+        note!("stopping after the present update; Ctrl-C again ends at once");
     })
     .map_err(|e| CliError::new(format!("Ctrl-C: {e}")))?;
     Ok(token)

@@ -3,6 +3,13 @@
 //! Exit codes: 0 done, 1 the user can fix it (cause and `hint:` on stderr), 2 unexpected, 130 interrupted. The allocator
 //! is absent: the binary chooses it, because the process of a Python package belongs to others too.
 
+/// Writes a line to stderr. Where nobody reads it, the work goes on.
+macro_rules! note {
+    ($($text:tt)*) => {
+        $crate::output::note(format_args!($($text)*))
+    };
+}
+
 mod args;
 mod commands;
 mod error;
@@ -71,20 +78,18 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
     match outcome {
         Ok(Ok(())) => 0,
         Ok(Err(error)) => {
-            eprintln!("error: {}", error.cause);
+            note!("error: {}", error.cause);
             if let Some(hint) = error.hint {
-                eprintln!("hint: {hint}");
+                note!("hint: {hint}");
             }
             if error.is_bug {
-                eprintln!("this is a bug of radarllm, not of your input");
+                note!("this is a bug of radarllm, not of your input");
                 return 2;
             }
             1
         }
         Err(_) => {
-            eprintln!(
-                "error: this is a bug of radarllm, not of your input; the lines above say where"
-            );
+            note!("error: this is a bug of radarllm, not of your input; the lines above say where");
             2
         }
     }

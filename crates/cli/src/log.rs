@@ -25,7 +25,7 @@ impl Subscriber for Stderr {
     fn event(&self, event: &Event<'_>) {
         let mut message = Message(String::new());
         event.record(&mut message);
-        eprintln!("{}", message.0);
+        note!("{}", message.0);
     }
 
     // Spans are not used.

@@ -25,7 +25,7 @@ pub(crate) fn restricted(captioner: Captioner, names: &[String]) -> CliResult<Ca
     }
     let choices = Choices::new(names.iter().map(String::as_str))?;
     for name in choices.unknown() {
-        eprintln!("warning: `{name}` names no action that the model learned; it is scored as text");
+        note!("warning: `{name}` names no action that the model learned; it is scored as text");
     }
     Ok(captioner.with_choices(choices))
 }

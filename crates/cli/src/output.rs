@@ -18,7 +18,16 @@ pub(crate) fn print_json(value: &impl Serialize) -> CliResult {
     Ok(())
 }
 
+/// Writes a line to stderr; the macro `note!` formats it.
+pub(crate) fn note(text: std::fmt::Arguments<'_>) {
+    let _ = writeln!(std::io::stderr().lock(), "{text}");
+}
+
 /// Prints a line to stdout; a closed pipe ends the process quietly, as other tools do.
+#[expect(
+    clippy::disallowed_methods,
+    reason = "the reader has gone, and results are written nowhere else"
+)]
 pub(crate) fn print_line(text: &str) {
     if writeln!(std::io::stdout().lock(), "{text}").is_err() {
         std::process::exit(0);

@@ -27,6 +27,11 @@
 //! `npy_cubes`, [`cleaning`] (background and leakage), [`firmware`] (the signal chain of a board's own firmware),
 //! [`serial`], [`udp`], [`mod@live`] (radars while they run), [`error`].
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "this crate opens recordings, radars, ports and sockets for the others"
+)]
+
 pub mod cleaning;
 pub mod error;
 pub mod firmware;

@@ -168,7 +168,7 @@ pub(crate) fn run(args: &CalibrateArgs) -> CliResult {
     };
     output::write_atomic(&args.out, calibration.to_toml()?.as_bytes())?;
     for note in &notes {
-        eprintln!("note: {note}");
+        note!("note: {note}");
     }
     if args.json {
         return output::print_json(&Report {

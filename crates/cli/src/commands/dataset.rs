@@ -300,7 +300,7 @@ fn build(plan: &DatasetPlan, out: &Path, options: BuildOptions, json: bool) -> C
         manifest.n_failed
     ));
     for skipped in &manifest.skipped {
-        eprintln!("left out: {}: {}", skipped.id, skipped.reason);
+        note!("left out: {}: {}", skipped.id, skipped.reason);
     }
     print_failed(&manifest.shards);
     Ok(())
@@ -395,7 +395,7 @@ fn progress_lines(started: Instant) -> impl Fn(Progress) + Sync {
         let seconds = started.elapsed().as_secs_f64();
         let left_s =
             seconds / progress.n_done.max(1) as f64 * (progress.n_items - progress.n_done) as f64;
-        eprintln!(
+        note!(
             "{} of {} clips, {} failed, {} of {} shards, {:.1} clips/s, about {:.0} min left",
             progress.n_done,
             progress.n_items,
@@ -410,7 +410,7 @@ fn progress_lines(started: Instant) -> impl Fn(Progress) + Sync {
 
 fn print_failed(shards: &[ShardEntry]) {
     for failed in shards.iter().flat_map(|s| &s.failed) {
-        eprintln!("failed: {}: {}", failed.id, failed.reason);
+        note!("failed: {}: {}", failed.id, failed.reason);
     }
 }
 

@@ -179,11 +179,11 @@ pub(crate) fn prepared(
         Detail::All => ("", &recording.notes),
     };
     for line in lines {
-        eprintln!("{mark}{input}: {line}");
+        note!("{mark}{input}: {line}");
     }
     let prepared = recording.prepared()?;
     if let Some(clutter) = prepared.removed_static {
-        eprintln!("{input}: {clutter} and are removed as clutter (--min-speed 0 keeps them)");
+        note!("{input}: {clutter} and are removed as clutter (--min-speed 0 keeps them)");
     }
     Ok(prepared.clip)
 }
@@ -418,7 +418,7 @@ fn clips_of_people(
     let prepare =
         |clip| -> CliResult<_> { Ok(prepare_for_model(clip, &PrepareOptions::default())?.clip) };
     for ghost in &found.ghosts {
-        eprintln!("{input}: {}", GhostReport::from(ghost));
+        note!("{input}: {}", GhostReport::from(ghost));
     }
     if args.people.is_none() {
         return Ok(vec![(None, prepare(clip)?)]);

@@ -178,7 +178,7 @@ fn process_samples(
     let mut samples = SampleRecording::open(opened, options)?;
     let format = samples.format();
     if let Some(address) = samples.frames().listening_address() {
-        eprintln!("listening at {address}");
+        note!("listening at {address}");
     }
     let mut pictures = Pictures::new(&plots.pictures);
     let extracted = samples
@@ -376,28 +376,35 @@ fn processing(path: &Path) -> CliResult<ProcessingFile> {
 /// Prints notes on a recording to stderr.
 fn print_notes(notes: &[String]) {
     for note in notes {
-        eprintln!("note: {note}");
+        note!("note: {note}");
     }
 }
 
 /// Prints what is missing in the samples to stderr.
 fn print_losses(report: &Report) {
     if report.damaged_frames + report.lost_frames > 0 {
-        eprintln!(
+        note!(
             "note: {} frames have missing bytes (zero in the samples), {} never came (empty in the points)",
-            report.damaged_frames, report.lost_frames
+            report.damaged_frames,
+            report.lost_frames
         );
     }
     if report.trailing_bytes > 0 {
-        eprintln!(
+        note!(
             "note: {} bytes after the last whole frame",
             report.trailing_bytes
         );
     }
     if let Some(t) = &report.transfer {
-        eprintln!(
+        note!(
             "note: {} packets, {} lost, {} out of order, {} repeated, {} too late, {} refused, {} that were none",
-            t.packets, t.lost, t.out_of_order, t.duplicates, t.late, t.refused, t.skipped
+            t.packets,
+            t.lost,
+            t.out_of_order,
+            t.duplicates,
+            t.late,
+            t.refused,
+            t.skipped
         );
     }
 }

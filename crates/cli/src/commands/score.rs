@@ -1,7 +1,6 @@
 //! `score`: caption metrics alone.
 
 use std::{
-    fs::File,
     io::{BufRead, BufReader, Read},
     path::{Path, PathBuf},
 };
@@ -9,6 +8,7 @@ use std::{
 use clap::Args;
 use flate2::read::GzDecoder;
 use radarllm::CaptionScores;
+use radarllm_files::bounded;
 use radarllm_metrics::{
     Candidate, Protocol, Reference, ScoreOptions,
     meteor::{Paraphrases, Resources},
@@ -164,7 +164,7 @@ fn read_lines<L: for<'a> Deserialize<'a>, T>(
     item: impl Fn(L) -> T,
 ) -> CliResult<Vec<T>> {
     let io = |e| CliError::io(path, e);
-    let mut file = BufReader::new(File::open(path).map_err(io)?);
+    let mut file = BufReader::new(bounded::open(path)?);
     let (mut items, mut line) = (Vec::new(), Vec::new());
     let (mut first_error, mut n_errors) = (None, 0_usize);
     for number in 1_usize.. {
@@ -216,7 +216,7 @@ fn read_meteor_data(folder: &Path) -> CliResult<Resources> {
     }
     let path = folder.join("data/paraphrase-en.gz");
     if path.exists() {
-        let file = File::open(&path).map_err(|e| CliError::io(&path, e))?;
+        let file = bounded::open(&path)?;
         let table = Paraphrases::read(BufReader::new(GzDecoder::new(file)))
             .map_err(|e| CliError::new(format!("{}: {e}", path.display())))?;
         (resources, found) = (resources.with_paraphrases(table), true);
@@ -235,8 +235,7 @@ fn read_list(path: &Path) -> CliResult<Option<String>> {
     }
     let io = |e| CliError::io(path, e);
     let mut text = String::new();
-    let n = File::open(path)
-        .map_err(io)?
+    let n = bounded::open(path)?
         .take(MAX_LIST_BYTES + 1)
         .read_to_string(&mut text)
         .map_err(io)?;

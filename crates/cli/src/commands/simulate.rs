@@ -174,7 +174,7 @@ pub(crate) fn run(args: &SimulateArgs) -> CliResult {
     // Radars with warnings are simulated all the same, and the warnings are printed.
     let findings = radarllm_formats::lint(&radar, None);
     for finding in findings.iter().filter(|f| f.severity != Severity::Note) {
-        eprintln!("note: radar {}: {}", radar.name, finding.message);
+        note!("note: radar {}: {}", radar.name, finding.message);
     }
     let inputs = expand(&args.inputs)?;
     let outs = outputs(&inputs, args)?;
@@ -248,7 +248,7 @@ pub(crate) fn run(args: &SimulateArgs) -> CliResult {
         }
     }
     for failure in &report.failed {
-        eprintln!("failed: {}: {}", failure.input, failure.error);
+        note!("failed: {}: {}", failure.input, failure.error);
     }
     match report.failed.len() {
         0 => Ok(()),
@@ -294,9 +294,10 @@ impl Progress {
             state.1 = Instant::now();
             let rate = state.0 as f64 / self.started.elapsed().as_secs_f64();
             let left_min = (self.n_jobs - state.0) as f64 / rate / 60.0;
-            eprintln!(
+            note!(
                 "{} of {} inputs, {rate:.1} inputs/s, about {left_min:.0} min left",
-                state.0, self.n_jobs
+                state.0,
+                self.n_jobs
             );
         }
     }

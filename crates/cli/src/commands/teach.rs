@@ -78,16 +78,14 @@ pub(crate) fn run(args: &TeachArgs) -> CliResult {
             .points()?;
         let clip = describe::prepared(input, &recording, Detail::All)?;
         if clip.provenance.is_simulated() {
-            eprintln!(
-                "warning: {input}: simulated points; recordings of your own radar teach more"
-            );
+            note!("warning: {input}: simulated points; recordings of your own radar teach more");
         }
         for warning in memory.teach(name, &says, &clip)? {
-            eprintln!("warning: {warning}");
+            note!("warning: {warning}");
         }
     }
     for warning in memory.contradictions() {
-        eprintln!("warning: {warning}");
+        note!("warning: {warning}");
     }
     let taught = memory.activities().iter().find(|a| a.name == name);
     let n_examples = taught.map_or(0, |a| a.examples.len());

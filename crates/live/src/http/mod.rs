@@ -155,6 +155,10 @@ impl Server {
     /// # Errors
     /// An address that is not loopback without a token, an origin or a name that is none, or an address on which one
     /// cannot listen.
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "the page's socket is opened here alone"
+    )]
     pub fn start(options: Options, sources: Sources) -> Result<Self, HttpError> {
         if options.token.is_none() && !options.address.ip().is_loopback() {
             return Err(HttpError::NoToken {

@@ -83,9 +83,9 @@ pub(crate) fn run(args: &AblateArgs) -> CliResult {
             if stop.is_stopped() {
                 return Ok(());
             }
-            eprintln!("{}: {}", stage.name(), folder.display());
+            note!("{}: {}", stage.name(), folder.display());
             if !run.recipe.run(stage, true)? {
-                eprintln!("{}: stopped early", folder.display());
+                note!("{}: stopped early", folder.display());
             }
             Ok(())
         })?;
@@ -330,7 +330,7 @@ fn table_report(grid: &Grid, table: &GridTable, rows: &[Vec<Run>]) -> CliResult<
 
 fn read_report(run: &Run) -> CliResult<serde_json::Value> {
     let path = run.report().join("report.json");
-    let bytes = fs::read(&path).map_err(|e| CliError::io(&path, e))?;
+    let bytes = files::read_bytes(&path, MAX_CONFIG_BYTES)?;
     Ok(serde_json::from_slice(&bytes)?)
 }
 

@@ -104,6 +104,6 @@ fn log_looks(args: &EvalFallsArgs, recorded: &[RecordingAlarms]) -> CliResult {
     };
     text.extend(lines);
     output::write_atomic(log, text.as_bytes())?;
-    eprintln!("logged in {}", log.display());
+    note!("logged in {}", log.display());
     Ok(())
 }

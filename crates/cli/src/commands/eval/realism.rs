@@ -85,7 +85,7 @@ fn run_with(args: &RealismArgs, config: &RealismConfig, base: &Path) -> CliResul
     }
     if let Some(out) = &args.calibrate {
         let found = calibrate(config, base, &takes, |r| {
-            eprintln!(
+            note!(
                 "round {}: {:.1} points a frame for {:.1}; recorded less simulated: range {:+.3} m, x/range \
                  {:+.3}, z/range {:+.3}; x = 0 in {:.1} % for {:.1} %",
                 r.round,

@@ -242,6 +242,6 @@ fn log_look(
         &purpose,
     );
     output::write_atomic(log, text.as_bytes())?;
-    eprintln!("logged in {}", log.display());
+    note!("logged in {}", log.display());
     Ok(())
 }

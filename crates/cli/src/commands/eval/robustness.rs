@@ -126,7 +126,7 @@ fn cells(
             let started = Instant::now();
             let cell = experiment.measure(change)?;
             output::write_atomic(path, serde_json::to_string_pretty(&cell)?.as_bytes())?;
-            eprintln!(
+            note!(
                 "{} of {}: {} ({:.0} s)",
                 number + 1,
                 changes.len(),

@@ -69,17 +69,17 @@ fn watch(args: &LiveArgs) -> CliResult {
     let options = options(args)?;
     let input = input(args)?;
     for note in input.notes() {
-        eprintln!("{}: {note}", args.inputs[0].display());
+        note!("{}: {note}", args.inputs[0].display());
     }
     let (live, messages) = Live::start_and_listen(input, captioner, options)?;
     if let Some(moved) = live.damaged_database() {
-        eprintln!(
+        note!(
             "warning: the database was damaged; it is now {}, and a new one was begun",
             moved.display()
         );
     }
     if let Some(address) = live.address() {
-        eprintln!("http://{address}/");
+        note!("http://{address}/");
     }
     let mut supervisor = Supervisor::from_environment();
     supervisor.ready();
@@ -96,22 +96,22 @@ fn watch(args: &LiveArgs) -> CliResult {
         let problem = live.broker_problem();
         if problem != broker_problem {
             match &problem {
-                Some(problem) => eprintln!("warning: the broker cannot be used: {problem}"),
-                None => eprintln!("the broker is connected again"),
+                Some(problem) => note!("warning: the broker cannot be used: {problem}"),
+                None => note!("the broker is connected again"),
             }
             broker_problem = problem;
         }
         let problem = live.memory_problem();
         if problem != memory_problem {
             match &problem {
-                Some(problem) => eprintln!("warning: {problem}; it is tried again every minute"),
-                None => eprintln!("the memory can be written again"),
+                Some(problem) => note!("warning: {problem}; it is tried again every minute"),
+                None => note!("the memory can be written again"),
             }
             memory_problem = problem;
         }
         // Once: a model that fails in every other window would fill the journal.
         if let Some(problem) = live.model_problem().filter(|_| !is_model_reported) {
-            eprintln!("warning: {problem}; /healthz and /metrics count further errors");
+            note!("warning: {problem}; /healthz and /metrics count further errors");
             is_model_reported = true;
         }
         if live.is_moving() {

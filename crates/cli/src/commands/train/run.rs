@@ -69,7 +69,7 @@ pub(crate) fn run(args: &TrainArgs) -> CliResult {
         }
     }
     if let Some(mb) = peak_memory_mb() {
-        eprintln!("peak memory {mb:.0} MB");
+        note!("peak memory {mb:.0} MB");
     }
     output::print_line(&recipe.out.display().to_string());
     Ok(())

@@ -17,11 +17,12 @@ pub mod pairs;
 pub mod replay;
 pub mod report;
 
-use std::{fs, path::Path};
+use std::path::Path;
 
 use glam::Vec3;
 use radarllm_base::{PointFrame, skeleton::N_JOINTS};
 use radarllm_body::{MotionError, loaders::MAX_FILE_BYTES};
+use radarllm_files::bounded;
 use radarllm_radar_sim::SimOptions;
 use radarllm_synth::{
     SynthError, impairments::ImpairmentsFile, processing::ProcessingFile, scene::OwnedScene,
@@ -69,16 +70,7 @@ impl RealismError {
 
 /// A text file of a recording, capped like motion files.
 fn read_text(path: &Path) -> Result<String, RealismError> {
-    let size = fs::metadata(path)
-        .map_err(|e| RealismError::io(path, &e))?
-        .len();
-    if size > MAX_FILE_BYTES {
-        return Err(RealismError::File {
-            file: path.display().to_string(),
-            problem: format!("{size} bytes, more than the {MAX_FILE_BYTES} accepted"),
-        });
-    }
-    fs::read_to_string(path).map_err(|e| RealismError::io(path, &e))
+    bounded::read_text(path, MAX_FILE_BYTES).map_err(|e| RealismError::io(path, &e.into_io()))
 }
 
 /// A piece of recording without interruption.
