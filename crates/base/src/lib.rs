@@ -35,6 +35,21 @@
 //! gaps), [`stats`] (medians and quantiles), [`options`] (numbers within limits), [`seed`], [`random`] and [`hash`]
 //! (reproducible random numbers, fingerprints), [`mod@message`] (messages that name options).
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 pub mod clip;
 pub mod cube;
 pub mod disturb;

@@ -49,7 +49,7 @@ pub struct RadarConfig {
     /// Transmitters, as many as slots in a loop; with [`TxMultiplexing::Tdm`] entry i fires in slot i.
     pub tx: Vec<Antenna>,
     /// Which transmitters fire in which slot.
-    pub firing: TxMultiplexing,
+    pub multiplexing: TxMultiplexing,
     /// Receivers.
     pub rx: Vec<Antenna>,
     /// Transmit power per antenna, dBm.
@@ -101,7 +101,7 @@ impl RadarConfig {
             n_loops: 128,
             frame_period_s: 0.1,
             tx: vec![antenna(0.0, 0.0), antenna(4.0, 0.0), antenna(2.0, 1.0)],
-            firing: TxMultiplexing::Tdm,
+            multiplexing: TxMultiplexing::Tdm,
             rx: (0..4).map(|i| antenna(f64::from(i), 0.0)).collect(),
             tx_power_dbm: 12.0,
             antenna_gain_dbi: 10.5,
@@ -128,7 +128,7 @@ impl RadarConfig {
 
     /// Factor of transmitter `tx_idx` in `slot`: 1, 0 or -1.
     pub fn tx_weight(&self, slot: usize, tx_idx: usize) -> f64 {
-        match self.firing {
+        match self.multiplexing {
             TxMultiplexing::Tdm => f64::from(u8::from(slot == tx_idx)),
             TxMultiplexing::Bpm if slot == 1 && tx_idx == 1 => -1.0,
             TxMultiplexing::Bpm => 1.0,
@@ -231,20 +231,17 @@ impl RadarConfig {
         }
         // The limits are far above any part on the market; they keep a hostile file from requesting terabytes of
         // memory.
-        for (field, value, most) in [
+        for (field, value, max) in [
             ("n_samples", self.n_samples, 8192),
             ("n_loops", self.n_loops, 4096),
             ("tx", self.tx.len(), 64),
             ("rx", self.rx.len(), 64),
         ] {
-            if value == 0 || value > most {
-                problems.push(error(
-                    field,
-                    format!("must be in 1..={most}, found {value}"),
-                ));
+            if value == 0 || value > max {
+                problems.push(error(field, format!("must be in 1..={max}, found {value}")));
             }
         }
-        if self.firing == TxMultiplexing::Bpm && self.tx.len() != 2 {
+        if self.multiplexing == TxMultiplexing::Bpm && self.tx.len() != 2 {
             let problem = format!(
                 "binary phase modulation takes two transmitters, found {}",
                 self.tx.len()
@@ -315,7 +312,7 @@ mod tests {
     #[test]
     fn phase_modulation_is_a_hadamard_code_of_two() {
         let mut radar = RadarConfig {
-            firing: TxMultiplexing::Bpm,
+            multiplexing: TxMultiplexing::Bpm,
             ..RadarConfig::awr1843boost()
         };
         assert_eq!(fields(&radar), ["firing"]);

@@ -126,8 +126,8 @@ pub fn held_cells<C: Copy + Eq + Hash>(
             }
         }
     }
-    let least = share * frames.len() as f64;
-    let held = counts.into_iter().filter(|(_, n)| *n as f64 > least);
+    let min = share * frames.len() as f64;
+    let held = counts.into_iter().filter(|(_, n)| *n as f64 > min);
     held.map(|(cell, _)| cell).collect()
 }
 

@@ -18,9 +18,9 @@ const MIN_SPEED_MPS: f32 = 0.5;
 /// Time over which the speed of the pelvis is averaged, frames: 0.5 s.
 const SPEED_FRAMES: usize = 15;
 /// Least distance of the feet along the way that makes a step, m.
-const LEAST_STEP_M: f32 = 0.1;
+const MIN_STEP_M: f32 = 0.1;
 /// Least number of steps that a gait is judged by.
-const LEAST_STEPS: usize = 4;
+const MIN_STEPS: usize = 4;
 /// Walk ratios of people, m/Hz.
 const PEOPLE: std::ops::RangeInclusive<f32> = 0.26..=0.65;
 
@@ -56,7 +56,7 @@ impl Gait {
                 continue;
             }
             let ahead_m = (frames[i][1] - frames[i][2]).dot(forward);
-            if ahead_m.abs() < LEAST_STEP_M {
+            if ahead_m.abs() < MIN_STEP_M {
                 continue;
             }
             let is_left = ahead_m > 0.0;
@@ -70,7 +70,7 @@ impl Gait {
                 None => last = Some((i, is_left)),
             }
         }
-        if steps.len() < LEAST_STEPS {
+        if steps.len() < MIN_STEPS {
             return None;
         }
         Some(Self {

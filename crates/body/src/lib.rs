@@ -37,6 +37,21 @@
 //! skeletons to SMPL-X), [`sample`] (interpolation between frames), [`features`] (HumanML3D
 //! vectors), [`gait`] (frame rates that cannot be right), [`despike`] (glitches of motion capture), [`mesh`].
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 pub mod despike;
 pub mod error;
 pub mod features;

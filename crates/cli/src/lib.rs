@@ -3,6 +3,21 @@
 //! Exit codes: 0 done, 1 the user can fix it (cause and `hint:` on stderr), 2 unexpected, 130 interrupted. The allocator
 //! is absent: the binary chooses it, because the process of a Python package belongs to others too.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 /// Writes a line to stderr. Where nobody reads it, the work goes on.
 macro_rules! note {
     ($($text:tt)*) => {

@@ -71,7 +71,7 @@ pub enum DatasetError {
         problem: String,
     },
     /// A file exceeds a limit of this reader.
-    #[error("{path}: {what} is {found}, more than the limit of {most}", path = path.display())]
+    #[error("{path}: {what} is {found}, more than the limit of {max}", path = path.display())]
     Limit {
         /// File.
         path: PathBuf,
@@ -80,7 +80,7 @@ pub enum DatasetError {
         /// Value in the file.
         found: u64,
         /// Maximum value.
-        most: u64,
+        max: u64,
     },
     /// A metadata entry or manifest field is invalid.
     #[error("{path}: `{field}`: {problem}", path = path.display())]

@@ -114,13 +114,13 @@ pub(crate) fn panic_message(panic: &(dyn std::any::Any + Send)) -> &str {
         .unwrap_or("unknown panic")
 }
 
-fn check_limit(path: &Path, what: &str, found: u64, most: u64) -> Result<(), DatasetError> {
-    if found > most {
+fn check_limit(path: &Path, what: &str, found: u64, max: u64) -> Result<(), DatasetError> {
+    if found > max {
         return Err(DatasetError::Limit {
             path: path.to_path_buf(),
             what: what.into(),
             found,
-            most,
+            max,
         });
     }
     Ok(())

@@ -45,6 +45,19 @@
 //! .shards/                           what a build needs to resume: plan, one sidecar a shard, lock
 //! ```
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
 #![allow(
     clippy::disallowed_methods,
     reason = "a data set is files of its own, whose reading and replacing is described in folder.rs"

@@ -155,19 +155,19 @@ fn is_shard_path(file: &str) -> bool {
 /// Reads a JSON file of bounded size.
 pub(crate) fn read_json<T: serde::de::DeserializeOwned>(
     path: &Path,
-    most: u64,
+    max: u64,
 ) -> Result<T, DatasetError> {
     let file = std::fs::File::open(path).map_err(DatasetError::io(path, "open"))?;
     let mut text = String::new();
-    file.take(most + 1)
+    file.take(max + 1)
         .read_to_string(&mut text)
         .map_err(DatasetError::io(path, "read"))?;
-    if text.len() as u64 > most {
+    if text.len() as u64 > max {
         return Err(DatasetError::Limit {
             path: path.into(),
             what: "file size in bytes".into(),
             found: text.len() as u64,
-            most,
+            max,
         });
     }
     serde_json::from_str(&text).map_err(|e| DatasetError::corrupt(path, e))

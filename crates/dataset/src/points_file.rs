@@ -130,7 +130,7 @@ pub fn points_from_batches(
                 path: name.into(),
                 what: "number of points".into(),
                 found,
-                most: LIMITS.rows,
+                max: LIMITS.rows,
             });
         }
         append_batch(name, &batch, n_rows, &mut frames)?;
@@ -249,12 +249,12 @@ fn check_frames(path: &Path, meta: &PointsMeta, frames: &[PointFrame]) -> Result
     {
         return field("radar_height_m", format!("is {height_m}"));
     }
-    let limit = |what: &str, found: u64, most: u64| {
+    let limit = |what: &str, found: u64, max: u64| {
         Err(DatasetError::Limit {
             path: path.to_path_buf(),
             what: what.into(),
             found,
-            most,
+            max,
         })
     };
     let mut row = 0_u64;

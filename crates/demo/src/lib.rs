@@ -4,6 +4,21 @@
 //! The files are in the folder `recording` of this crate, with a README that says how they were made. Simulating,
 //! describing and printing are absent: `main.rs` is the shortest program that does it.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 /// Motions in front of a simulated radar.
 pub const MOTIONS: [&str; 3] = [
     "builtin:walk?direction=backward",

@@ -88,6 +88,21 @@
 //! Out of scope: text and points. The inputs are tubes and token ids, the outputs are codes and token ids.
 //! `radarllm-inference` interprets them.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 mod error;
 mod matrix;
 mod network;

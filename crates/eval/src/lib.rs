@@ -51,6 +51,20 @@
 //!
 //! Deliberately absent: flags, printing, plots, the opening of recordings, and any learning framework. Nothing here writes
 //! a file. Caption metrics are in `radarllm-metrics`.
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
 #![forbid(unsafe_code)]
 
 pub mod captions;

@@ -9,6 +9,18 @@
 //! - `write`: twenty written sentences,
 //! - `attach`: human sentences that describe built-in motions.
 
+#![allow(
+    clippy::disallowed_methods,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    missing_docs,
+    unreachable_pub,
+    reason = "an example"
+)]
+
 #[path = "../tests/corpora/mod.rs"]
 mod corpora;
 

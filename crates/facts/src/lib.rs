@@ -25,6 +25,21 @@
 //! sentences), [`inflect`] (verb forms), `mirror` (left and right exchanged), [`score`] (facts beside facts), [`attach`]
 //! (whether a sentence may describe a motion).
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 pub mod action;
 pub mod attach;
 mod attributes;

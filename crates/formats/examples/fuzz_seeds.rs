@@ -1,5 +1,17 @@
 //! Writes seeds for the fuzz targets: `cargo run -p radarllm-formats --example fuzz_seeds -- fuzz/corpus`.
 
+#![allow(
+    clippy::disallowed_methods,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    missing_docs,
+    unreachable_pub,
+    reason = "an example"
+)]
+
 use std::{env, fs, path::Path};
 
 use radarllm_formats::adc::CubeShape;

@@ -4,6 +4,18 @@
 //! text. For every moving point and every lag it prints the mean distance to the nearest moving point of the
 //! frame that the point would join: with the point where it was, moved, and moved the wrong way.
 
+#![allow(
+    clippy::disallowed_methods,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    missing_docs,
+    unreachable_pub,
+    reason = "an example"
+)]
+
 use std::process::ExitCode;
 
 use radarllm_base::{RadarPoint, RecordedFrame, Timeline, timeline::moved};

@@ -67,6 +67,21 @@
 //! | recorded points | [`recordings`] (data sets, bags, visualizers, MATLAB), [`tables`] (CSV, npy), [`uart`] (what a board sends) |
 //! | an unknown file or folder | [`mod@detect`], [`folder`] |
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 pub mod adc;
 pub mod boards;
 pub mod builtin;

@@ -45,7 +45,7 @@ struct Place {
 
 #[derive(Clone, Copy, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-enum FiringName {
+enum MultiplexingName {
     Tdm,
     Bpm,
 }
@@ -69,7 +69,8 @@ struct Fields {
     azimuth_half_width_rad: Option<f64>,
     elevation_half_width_rad: Option<f64>,
     noise_figure_db: Option<f64>,
-    firing: Option<FiringName>,
+    #[serde(rename = "firing")]
+    multiplexing: Option<MultiplexingName>,
     tx: Option<Vec<Place>>,
     rx: Option<Vec<Place>>,
 }
@@ -124,13 +125,15 @@ pub(crate) fn draft(text: &str) -> Result<RadarConfig, RadarTomlError> {
         (None, _, None) => return Err(RadarTomlError::Missing("tx")),
         (_, None, None) => return Err(RadarTomlError::Missing("rx")),
     };
-    let firing = match (file.firing, &base) {
-        (Some(FiringName::Tdm), _) => TxMultiplexing::Tdm,
-        (Some(FiringName::Bpm), _) => TxMultiplexing::Bpm,
-        (None, base) => base.as_ref().map_or(TxMultiplexing::Tdm, |b| b.firing),
+    let multiplexing = match (file.multiplexing, &base) {
+        (Some(MultiplexingName::Tdm), _) => TxMultiplexing::Tdm,
+        (Some(MultiplexingName::Bpm), _) => TxMultiplexing::Bpm,
+        (None, base) => base
+            .as_ref()
+            .map_or(TxMultiplexing::Tdm, |b| b.multiplexing),
     };
     Ok(RadarConfig {
-        firing,
+        multiplexing,
         name: field!(name),
         start_hz: field!(start_hz),
         slope_hz_per_s: field!(slope_hz_per_s),
@@ -249,9 +252,9 @@ pub fn radar_to_toml(radar: &RadarConfig) -> Result<String, RadarTomlError> {
         azimuth_half_width_rad: Some(radar.azimuth_half_width_rad),
         elevation_half_width_rad: Some(radar.elevation_half_width_rad),
         noise_figure_db: Some(radar.noise_figure_db),
-        firing: Some(match radar.firing {
-            TxMultiplexing::Tdm => FiringName::Tdm,
-            TxMultiplexing::Bpm => FiringName::Bpm,
+        multiplexing: Some(match radar.multiplexing {
+            TxMultiplexing::Tdm => MultiplexingName::Tdm,
+            TxMultiplexing::Bpm => MultiplexingName::Bpm,
         }),
         tx: places(&radar.tx),
         rx: places(&radar.rx),
@@ -266,7 +269,7 @@ mod tests {
     #[test]
     fn written_radars_read_back_bit_for_bit() {
         let phase_modulated = RadarConfig {
-            firing: TxMultiplexing::Bpm,
+            multiplexing: TxMultiplexing::Bpm,
             ..crate::builtin_radar("awr1642boost").unwrap()
         };
         for radar in crate::builtin_radars().into_iter().chain([phase_modulated]) {

@@ -638,7 +638,7 @@ impl File {
             n_loops: frame.n_loops as usize,
             frame_period_s: frame.period_s,
             tx,
-            firing: match self.phase_modulation {
+            multiplexing: match self.phase_modulation {
                 Some(_) => TxMultiplexing::Bpm,
                 None => TxMultiplexing::Tdm,
             },

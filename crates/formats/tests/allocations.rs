@@ -2,6 +2,18 @@
 //!
 //! A test program of its own: it watches what the global allocator is asked for.
 
+#![allow(
+    clippy::disallowed_methods,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    missing_docs,
+    unreachable_pub,
+    reason = "a test"
+)]
+
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
@@ -66,7 +78,7 @@ fn largest(read: impl FnOnce()) -> usize {
 #[test]
 fn hostile_lengths_and_counters_cost_no_memory() {
     // Twice the window of the assembler (93 kB) and the frame, for a growing buffer.
-    const MOST: usize = 300_000;
+    const MAX: usize = 300_000;
     let stream: Vec<u8> = (0..8000_u32).map(|i| i as u8).collect();
     let sent = made::datagrams(&stream, 1456);
     let framed: Vec<Vec<u8>> = sent
@@ -99,7 +111,7 @@ fn hostile_lengths_and_counters_cost_no_memory() {
                 }
                 drain(Box::new(RecordReader::new(&records[..])));
             });
-            assert!(size < MOST, "{value:#x} at {}: {size} bytes", at * 2);
+            assert!(size < MAX, "{value:#x} at {}: {size} bytes", at * 2);
         }
     }
 
@@ -122,7 +134,7 @@ fn hostile_lengths_and_counters_cost_no_memory() {
         }
         drop(assembler.finish());
     });
-    assert!(size < MOST, "forged counters: {size} bytes");
+    assert!(size < MAX, "forged counters: {size} bytes");
 
     // A frame of 200 MiB, and a file of 8 kB.
     let shape = CubeShape {
@@ -144,7 +156,7 @@ fn hostile_lengths_and_counters_cost_no_memory() {
         assert_eq!(reader.next_frame(&mut cube).unwrap(), None);
         assert_eq!(reader.trailing_bytes(), 8000);
     });
-    assert!(size < MOST, "a frame larger than its file: {size} bytes");
+    assert!(size < MAX, "a frame larger than its file: {size} bytes");
 
     let export = include_str!("data/awr1843.mmwave.json");
     for (from, to) in [
@@ -155,20 +167,20 @@ fn hostile_lengths_and_counters_cost_no_memory() {
         assert!(export.contains(from), "{from}");
         let text = export.replace(from, to);
         let size = largest(|| assert!(StudioCapture::parse(&text, None).is_err()));
-        assert!(size < MOST, "{to}: {size} bytes");
+        assert!(size < MAX, "{to}: {size} bytes");
     }
 }
 
 /// MATLAB files whose lengths and shapes are damaged, and a variable that inflates to far more than it states.
 #[test]
 fn hostile_matlab_and_json_files_cost_no_memory() {
-    const MOST: usize = 300_000;
+    const MAX: usize = 300_000;
     for value in [u32::MAX, 0x7fff_fff8, 1 << 26] {
         for at in (124..260).step_by(2) {
             let mut file = make::mars_mat(2, false);
             file[at..at + 4].copy_from_slice(&value.to_le_bytes());
             let size = largest(|| drop(read_matlab_points(&file)));
-            assert!(size < MOST, "{value:#x} at {at}: {size} bytes");
+            assert!(size < MAX, "{value:#x} at {at}: {size} bytes");
         }
     }
     let zeros = vec![0.0; 1 << 20];
@@ -176,10 +188,10 @@ fn hostile_matlab_and_json_files_cost_no_memory() {
         let mut file = make::mat(&[(name, &[1, 64, 5], &zeros)], true);
         let size = largest(|| drop(read_matlab_points(&file)));
         // The wanted one is inflated: 4 MiB of zeros, in a buffer that doubles.
-        let most = if name == "other" { MOST } else { 9 << 20 };
-        assert!(size < most, "{name}: {size} bytes");
+        let max = if name == "other" { MAX } else { 9 << 20 };
+        assert!(size < max, "{name}: {size} bytes");
         file.truncate(file.len() / 2);
-        assert!(largest(|| drop(read_matlab_points(&file))) < most);
+        assert!(largest(|| drop(read_matlab_points(&file))) < max);
     }
     // Lists of nothing: what is refused is not kept.
     for element in ["[]", "{}", "0", "[[]]", "\"\""] {
@@ -187,7 +199,7 @@ fn hostile_matlab_and_json_files_cost_no_memory() {
         for key in ["data", "cfg", "x"] {
             let text = format!("{{\"{key}\": [{list}]}}");
             let size = largest(|| drop(read_visualizer_json(&text)));
-            assert!(size < MOST, "{key} {element}: {size} bytes");
+            assert!(size < MAX, "{key} {element}: {size} bytes");
         }
     }
 }

@@ -57,6 +57,21 @@
 //! Out of scope: the trainable networks, which use burn, are in `radarllm-nn`. That crate depends on this one and never
 //! the reverse. This crate opens no sockets and prints nothing, and only [`checkpoint`] opens files.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 pub mod backend;
 pub mod checkpoint;
 pub mod lm;

@@ -7,6 +7,18 @@
 //! cargo run --release -p radarllm-live --example four_people
 //! ```
 
+#![allow(
+    clippy::disallowed_methods,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    missing_docs,
+    unreachable_pub,
+    reason = "an example"
+)]
+
 use std::time::Duration;
 
 use radarllm::radar_sim::{Noise, Scene};
@@ -59,7 +71,7 @@ fn main() -> Result {
     let captioner = Captioner::bundled()?;
     let before_s = processor_s();
     let (live, messages) = Live::start_and_listen(input, captioner, options)?;
-    let (mut n_sentences, mut most_people) = (0, 0);
+    let (mut n_sentences, mut max_people) = (0, 0);
     while !live.is_over() {
         let Ok(message) = messages.recv_timeout(Duration::from_millis(200)) else {
             continue;
@@ -68,11 +80,11 @@ fn main() -> Result {
         n_sentences +=
             u32::from(json.contains("\"type\":\"now\"") && !json.contains("\"caption\":null"));
         if json.contains("\"type\":\"frame\"") {
-            most_people = most_people.max(json.matches("\"id\":").count());
+            max_people = max_people.max(json.matches("\"id\":").count());
         }
     }
     let used_s = processor_s() - before_s;
-    println!("{most_people} people at once, {n_sentences} sentences");
+    println!("{max_people} people at once, {n_sentences} sentences");
     println!(
         "{used_s:.1} s of a processor in {length_s:.0} s: {:.1} % of one core",
         100.0 * used_s / length_s

@@ -31,6 +31,21 @@
 //! Presence, falls and rows are in `radarllm-monitor`, the database and questions in `radarllm-memory`. Threads, the clock
 //! and network servers are here only.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 pub mod bus;
 pub mod captions;
 pub mod http;

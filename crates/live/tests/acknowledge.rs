@@ -1,5 +1,17 @@
 //! A fall that a user acknowledges ends for everybody: listeners, memory, and presence.
 
+#![allow(
+    clippy::disallowed_methods,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    missing_docs,
+    unreachable_pub,
+    reason = "a test"
+)]
+
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::sync::Arc;
@@ -150,12 +162,12 @@ fn acknowledged_after(n_frames: u32) -> (Vec<(u64, FallState)>, Vec<Event>) {
 #[test]
 fn a_suspected_fall_is_dismissed_and_a_confirmed_one_has_recovered() {
     use FallState::{Confirmed, Dismissed, Recovered, Suspected};
-    let (told, events) = acknowledged_after(100);
-    assert_eq!(told, [(1, Suspected), (1, Dismissed)]);
+    let (reported, events) = acknowledged_after(100);
+    assert_eq!(reported, [(1, Suspected), (1, Dismissed)]);
     assert_eq!(events[0].kind, EventKind::Dismissed);
     assert_eq!(events[0].data.as_ref().unwrap()["acknowledged"], true);
-    let (told, events) = acknowledged_after(300);
-    assert_eq!(told, [(1, Suspected), (1, Confirmed), (1, Recovered)]);
+    let (reported, events) = acknowledged_after(300);
+    assert_eq!(reported, [(1, Suspected), (1, Confirmed), (1, Recovered)]);
     assert_eq!(events[0].kind, EventKind::Recovered);
     assert_eq!(events[0].data.as_ref().unwrap()["acknowledged"], true);
 }

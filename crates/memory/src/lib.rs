@@ -47,6 +47,21 @@
 //! Deliberately absent: the clock, which the caller reads, threads and the network. Nobody is identified: a person is the
 //! number of a track.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 pub mod ask;
 pub mod error;
 pub mod store;

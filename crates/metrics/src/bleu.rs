@@ -67,7 +67,7 @@ impl BleuStats {
         for i in 0..4 {
             stats.guess[i] = f64::from(candidate.total(i));
             stats.guess_or_one[i] = stats.guess[i].max(1.0);
-            let mut most: Vec<u32> = vec![0; candidate.counts[i].len()];
+            let mut max: Vec<u32> = vec![0; candidate.counts[i].len()];
             for reference in references {
                 // The value of an n-gram is its position in the candidate's list.
                 let indexed: Vec<_> = candidate.counts[i]
@@ -76,13 +76,13 @@ impl BleuStats {
                     .map(|(k, &(gram, _))| (gram, k))
                     .collect();
                 intersect(&indexed, &reference.counts[i], |_, k, count| {
-                    most[k] = most[k].max(count)
+                    max[k] = max[k].max(count)
                 });
             }
             let matches = candidate.counts[i]
                 .iter()
-                .zip(most)
-                .map(|(&(_, count), most)| count.min(most));
+                .zip(max)
+                .map(|(&(_, count), max)| count.min(max));
             stats.correct[i] = f64::from(matches.sum::<u32>());
         }
         stats

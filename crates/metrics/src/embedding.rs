@@ -108,8 +108,8 @@ pub fn bert_score(
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
     let best = |a: &[f64], others: &[f64], are_padded: bool| {
         let similarities = others.chunks_exact(dimension).map(|b| dot(a, b));
-        let least = if are_padded { 0.0 } else { f64::NEG_INFINITY };
-        similarities.fold(least, f64::max)
+        let min = if are_padded { 0.0 } else { f64::NEG_INFINITY };
+        similarities.fold(min, f64::max)
     };
     let weighted = |side: &[f64], weights: &[f64], others: &[f64], are_padded: bool| {
         let total: f64 = weights.iter().sum();

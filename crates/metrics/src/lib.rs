@@ -33,6 +33,20 @@
 //! Reading order: [`mod@score`] (all metrics of a corpus), [`tokens`] and [`mod@ptb`], [`bleu`], [`rouge`], [`cider`],
 //! [`meteor`], [`self_bleu`], [`variety`], [`bootstrap`], [`embedding`]. Baselines, action accuracy and metrics that do not concern
 //! captions are in `radarllm-eval`.
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
 #![forbid(unsafe_code)]
 
 pub mod score;

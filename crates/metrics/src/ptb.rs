@@ -988,23 +988,23 @@ impl Ends {
         )
     }
 
-    fn times(&self, t: &Text, least: usize, most: usize, fits: impl Fn(char) -> bool) -> Self {
+    fn times(&self, t: &Text, min: usize, max: usize, fits: impl Fn(char) -> bool) -> Self {
         let mut out: Vec<usize> = Vec::new();
         for &i in &self.0 {
-            let n = (0..most).take_while(|k| fits(t.char(i + k))).count();
-            out.extend((least..=n).map(|k| i + k));
+            let n = (0..max).take_while(|k| fits(t.char(i + k))).count();
+            out.extend((min..=n).map(|k| i + k));
         }
         out.sort_unstable();
         out.dedup();
         Self(out)
     }
 
-    fn digits(&self, t: &Text, least: usize, most: usize) -> Self {
-        self.times(t, least, most, is_digit)
+    fn digits(&self, t: &Text, min: usize, max: usize) -> Self {
+        self.times(t, min, max, is_digit)
     }
 
-    fn digits_ascii(&self, t: &Text, least: usize, most: usize) -> Self {
-        self.times(t, least, most, |c| c.is_ascii_digit())
+    fn digits_ascii(&self, t: &Text, min: usize, max: usize) -> Self {
+        self.times(t, min, max, |c| c.is_ascii_digit())
     }
 
     /// Consumes whole runs. Shorter runs need not be tried, because no pattern here continues with a character of the

@@ -551,7 +551,7 @@ fn align<'a>(
             .filter(|id| !text_of.contains_key(id.as_str()))
             .collect(),
     )?;
-    let most = if max_references == 0 {
+    let max = if max_references == 0 {
         usize::MAX
     } else {
         max_references
@@ -559,7 +559,7 @@ fn align<'a>(
     let item = |r: &'a Reference| Item {
         id: &r.id,
         candidate: text_of.get(r.id.as_str()).copied().unwrap_or_default(),
-        references: &r.texts[..r.texts.len().min(most)],
+        references: &r.texts[..r.texts.len().min(max)],
     };
     Ok(references.iter().map(item).collect())
 }

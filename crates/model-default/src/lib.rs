@@ -4,6 +4,21 @@
 //! folder. The crate is one of its own, so that a changed weight recompiles no code and the library can be packaged with
 //! its model. It computes nothing and depends on nothing.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 /// Name of the model in reports.
 pub const NAME: &str = "default (embedded)";
 

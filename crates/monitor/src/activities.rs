@@ -785,8 +785,8 @@ mod tests {
             samples.push(i, &caption);
             let found: u32 = samples.middle(i + 1).unwrap().text.parse().unwrap();
             // Exact while all are kept, else within half a distance of two.
-            let most = if i < 64 { 0 } else { samples.stride() / 2 };
-            assert!(found.abs_diff(i / 2) <= most, "{found} of {i}");
+            let max = if i < 64 { 0 } else { samples.stride() / 2 };
+            assert!(found.abs_diff(i / 2) <= max, "{found} of {i}");
             assert!(samples.kept.len() <= MAX_SAMPLES);
         }
     }

@@ -13,6 +13,21 @@
 //! Deliberately absent: files, sockets, threads, the database and the time of day, so that a recording gives the same rows
 //! at any speed. Only [`liveness`] and the time that a sentence took are measured by the computer's clock.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 pub mod activities;
 pub mod civil;
 pub mod clock;

@@ -38,12 +38,12 @@ pub struct Packed {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PointsError {
     /// The points take more than [`MAX_BLOB_BYTES`].
-    #[error("points of {bytes} bytes, at most {most} are kept")]
+    #[error("points of {bytes} bytes, at most {max} are kept")]
     TooMany {
         /// Bytes of the blob.
         bytes: usize,
         /// Most bytes.
-        most: usize,
+        max: usize,
     },
     /// A frame with more points than 65,535.
     #[error("frame {frame} has {points} points, at most 65535 are kept")]
@@ -82,7 +82,7 @@ pub fn encode(frames: &[FramePoints]) -> Result<Packed, PointsError> {
     if bytes > MAX_BLOB_BYTES {
         return Err(PointsError::TooMany {
             bytes,
-            most: MAX_BLOB_BYTES,
+            max: MAX_BLOB_BYTES,
         });
     }
     let mut blob = Vec::with_capacity(bytes);
@@ -135,8 +135,8 @@ pub fn decode(blob: &[u8]) -> Result<Vec<FramePoints>, PointsError> {
 
 /// The bytes of the points of one frame without a header, ten a point, and the number of points that were left out
 /// because they have no such form or come after `most`.
-pub fn frame_bytes(points: &[RadarPoint], most: usize) -> (Vec<u8>, usize) {
-    let packed: Vec<[i16; 5]> = points.iter().filter_map(pack).take(most).collect();
+pub fn frame_bytes(points: &[RadarPoint], max: usize) -> (Vec<u8>, usize) {
+    let packed: Vec<[i16; 5]> = points.iter().filter_map(pack).take(max).collect();
     let bytes = packed.iter().flatten().flat_map(|v| v.to_le_bytes());
     (bytes.collect(), points.len() - packed.len())
 }

@@ -1,5 +1,17 @@
 //! Points of a room through the tracker to presence and falls.
 
+#![allow(
+    clippy::disallowed_methods,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    missing_docs,
+    unreachable_pub,
+    reason = "a test"
+)]
+
 use radarllm_base::{PointFrame, RadarPoint};
 use radarllm_monitor::clock::StreamClock;
 use radarllm_monitor::falls::FallState;

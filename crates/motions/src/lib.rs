@@ -38,6 +38,20 @@
 //! The motions are kinematic: feet and hands are planned, limbs are solved by inverse kinematics,
 //! flights are ballistic and standing is balanced. They are not recordings and do not claim to be.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
 // Sides and joints index several arrays at once; iterating over one of them would hide that.
 #![allow(clippy::needless_range_loop)]
 

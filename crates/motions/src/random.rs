@@ -222,30 +222,30 @@ fn continuous(dice: &mut Dice) -> Option<String> {
     }
     set_hold(spec, &mut own, 0.5, 1.0, dice);
     if spec.key("repetitions").is_some() {
-        let [few, most] = MANY;
-        let times = few + dice.index((most - few) as usize) as u32;
+        let [few, max] = MANY;
+        let times = few + dice.index((max - few) as usize) as u32;
         set_key(&mut own, "repetitions", &times.to_string());
     }
     let mut all = globals(dice);
     // Those who move their arms or one leg stand firmly.
-    let (share, most_m) = match spec.name {
+    let (share, max_m) = match spec.name {
         "arm_circles" | "clap" | "leg_raise" | "lunge" | "raise_arms" | "side_bend" | "wave" => {
             (0.4, 0.02)
         }
         _ => (0.7, 0.06),
     };
     if dice.chance(share) {
-        let sway_m = dice.range(0.005, most_m);
+        let sway_m = dice.range(0.005, max_m);
         all.push(("sway_m".to_owned(), format!("{sway_m:.3}")));
     }
     // Who boxes moves to and fro; others wander a little while they repeat a motion on the spot.
-    let (share, most_m) = match spec.name {
+    let (share, max_m) = match spec.name {
         "punch" => (0.8, 0.4),
         "circle" | "march" | "pace" | "run" | "walk" => (0.0, 0.0),
         _ => (0.2, 0.1),
     };
     if dice.chance(share) {
-        let wander_m = dice.range(0.02, most_m);
+        let wander_m = dice.range(0.02, max_m);
         all.push(("wander_m".to_owned(), format!("{wander_m:.3}")));
     }
     let text = format!("{}?{}", spec.name, query(&[own, all]));
@@ -551,12 +551,12 @@ fn draw(spec: &MotionSpec, key: &KeySpec, single: bool, dice: &mut Dice) -> Opti
         ("march", "repetitions", _) => Some((4 + dice.index(7)).to_string()),
         ("circle", "repetitions", _) => dice.chance(0.15).then(|| "2".to_owned()),
         (_, "repetitions", KeyKind::Count { default, .. }) => {
-            let most = if single {
+            let max = if single {
                 2 * default.max(2)
             } else {
                 default.max(2)
             } as usize;
-            Some((1 + dice.index(most)).to_string())
+            Some((1 + dice.index(max)).to_string())
         }
         ("walk", "distance_m", _) => number(dice.range(1.2, if single { 4.0 } else { 2.5 })),
         ("run", "distance_m", _) => number(dice.range(2.0, 5.0)),

@@ -280,9 +280,9 @@ impl Rig {
             // Swivel the knee outward by the minimum that clears the floor, as is done for the
             // elbows.
             let outward = line.cross(best.2 - hip).dot(lateral) * SIDE_SIGN[side];
-            let most = FRAC_PI_2.copysign(outward);
-            let clears = |share: f32| solve(share * most).2.y >= KNEE_CLEARANCE_M;
-            best = solve(least_share(clears) * most);
+            let max = FRAC_PI_2.copysign(outward);
+            let clears = |share: f32| solve(share * max).2.y >= KNEE_CLEARANCE_M;
+            best = solve(min_share(clears) * max);
         }
         let (thigh, bend, _) = best;
         let shin = thigh * Quat::from_rotation_x(bend);
@@ -337,7 +337,7 @@ impl Rig {
             let start = pole.normalize_or(across(Vec3::Y));
             let up = across(Vec3::Y) + mirror(Vec3::X) * 1e-3;
             let clears = |share: f32| solve(start.lerp(up, share)).2 >= CLEARANCE_M;
-            best = solve(start.lerp(up, least_share(clears)));
+            best = solve(start.lerp(up, min_share(clears)));
         }
         let (upper, bend, _) = best;
         pose.rotations[SHOULDERS[side] as usize] = collar.inverse() * upper;
@@ -371,7 +371,7 @@ impl TwoBone {
 }
 
 /// Minimum share of a swivel, 0..=1, that clears the floor; 1 if no share does.
-fn least_share(clears: impl Fn(f32) -> bool) -> f32 {
+fn min_share(clears: impl Fn(f32) -> bool) -> f32 {
     let (mut low, mut high) = (0.0_f32, 1.0_f32);
     for _ in 0..14 {
         let mid = 0.5 * (low + high);

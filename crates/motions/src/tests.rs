@@ -92,9 +92,9 @@ fn every_motion_is_finite_above_the_floor_continuous_and_within_joint_limits() {
                 worst.2 = worst.2.max(angle);
                 // 0.7 rad in 1/60 s are 2400 degrees/s, the speed of the elbow in an overhand throw. Arms that catch a
                 // fall at twice its speed may exceed it by a fifth.
-                let most = if text == "fall?speed=2" { 0.84 } else { 0.7 };
+                let max = if text == "fall?speed=2" { 0.84 } else { 0.7 };
                 assert!(
-                    angle < most,
+                    angle < max,
                     "{text}: {:?} turns {angle} rad in a frame",
                     Joint::ALL[j]
                 );

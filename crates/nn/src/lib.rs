@@ -18,6 +18,21 @@
 //! This crate does not contain losses, optimisers, training batches or training loops, which are in `radarllm-train`.
 //! Configuration types, the vocabulary, prompts and checkpoint files are in `radarllm-inference`.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 pub mod backend;
 pub mod device;
 pub mod lm;

@@ -116,7 +116,7 @@ impl Reading {
         if self
             .options
             .max_frames
-            .is_some_and(|most| self.n_taken >= most)
+            .is_some_and(|max| self.n_taken >= max)
         {
             return Ok(None);
         }

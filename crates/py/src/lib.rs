@@ -6,6 +6,21 @@
 //!
 //! Absent: learning frameworks, the allocator of the command, and any state but the threads of [`work`].
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 mod arrow;
 mod capture;
 mod clip_points;

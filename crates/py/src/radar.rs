@@ -103,11 +103,11 @@ impl PyRadar {
         out.set_item("frame_period_s", radar.frame_period_s)?;
         out.set_item("tx", antennas(&radar.tx))?;
         out.set_item("rx", antennas(&radar.rx))?;
-        let firing = match radar.firing {
+        let multiplexing = match radar.multiplexing {
             radarllm_base::radar_config::TxMultiplexing::Tdm => "tdm",
             radarllm_base::radar_config::TxMultiplexing::Bpm => "bpm",
         };
-        out.set_item("firing", firing)?;
+        out.set_item("firing", multiplexing)?;
         out.set_item("tx_power_dbm", radar.tx_power_dbm)?;
         out.set_item("antenna_gain_dbi", radar.antenna_gain_dbi)?;
         out.set_item("azimuth_half_width_rad", radar.azimuth_half_width_rad)?;

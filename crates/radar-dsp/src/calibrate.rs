@@ -149,7 +149,7 @@ impl CornerCalibrator {
     pub fn new(radar: &RadarConfig, reflector: Reflector) -> Result<Self, DspError> {
         radar.validate()?;
         let wrong = |field, problem: String| Err(DspError::Option { field, problem });
-        if radar.firing == TxMultiplexing::Bpm {
+        if radar.multiplexing == TxMultiplexing::Bpm {
             return wrong(
                 "firing",
                 "phase modulation mixes the transmitters: channels cannot be told apart".into(),
@@ -167,7 +167,7 @@ impl CornerCalibrator {
             return wrong(
                 "range_m",
                 format!(
-                    "{} m with a search of {} m either way: expected at least a bin of {bin_m:.3} m, all of it between \
+                    "{} m with a search of {} m either way: expected at min a bin of {bin_m:.3} m, all of it between \
                      one bin and {:.2} m",
                     reflector.range_m,
                     reflector.search_m,

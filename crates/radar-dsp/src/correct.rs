@@ -187,7 +187,7 @@ impl Corrector {
             if let Some(i) = gains.iter().position(|g| !g.finv().is_finite()) {
                 return wrong("channel_gains", format!("channel {i}: {}", gains[i]));
             }
-            if radar.firing == TxMultiplexing::Bpm {
+            if radar.multiplexing == TxMultiplexing::Bpm {
                 let problem =
                     "single channels cannot be corrected in samples in which phase modulation has mixed \
                      the transmitters"

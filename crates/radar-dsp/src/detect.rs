@@ -375,7 +375,7 @@ fn check_doppler_cfar(n_doppler: usize, cfar: &DopplerCfar) -> Result<(), DspErr
     let used = cfar.guard.saturating_add(cfar.train).saturating_mul(2);
     let problem = if cfar.train == 0 || used >= n_doppler {
         format!(
-            "needs at least one training cell a side, and fewer than {n_doppler} training and guard cells in all, \
+            "needs at min one training cell a side, and fewer than {n_doppler} training and guard cells in all, \
              found {} and {} a side",
             cfar.train, cfar.guard
         )

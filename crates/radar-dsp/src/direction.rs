@@ -65,7 +65,7 @@ impl DirectionFinder {
                 radar.tx.len(),
                 radar.n_loops,
                 // Decoding binary phase modulation already refers both transmitters to the same time.
-                options.compensate_tdm && radar.firing == TxMultiplexing::Tdm,
+                options.compensate_tdm && radar.multiplexing == TxMultiplexing::Tdm,
             ),
             array,
         }

@@ -62,6 +62,21 @@
 //!
 //! Out of scope: anything about people, files, or the origin of a cube.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 pub mod array;
 pub mod calibrate;
 pub mod capon;

@@ -382,7 +382,7 @@ fn check_finite(cube: &RadarCube, channel: usize) -> Result<(), DspError> {
 /// A target in Doppler bin k gains the phase 2 pi k / (2 n_loops) in half a loop. For frequencies within the bin, the
 /// error is up to pi / (2 n_loops), which leaves -44 dB of one transmitter in the other with 128 loops.
 fn bpm_factors(radar: &RadarConfig, options: &DspOptions) -> Vec<Complex32> {
-    if radar.firing != TxMultiplexing::Bpm {
+    if radar.multiplexing != TxMultiplexing::Bpm {
         return vec![];
     }
     let n_loops = radar.n_loops;

@@ -147,7 +147,7 @@ impl Impairments {
             );
         }
         if self.channel_phase_rad > 0.0 || self.channel_gain_db > 0.0 {
-            if config.firing == TxMultiplexing::Bpm {
+            if config.multiplexing == TxMultiplexing::Bpm {
                 return Err(SimError::Option {
                     option: "channel_phase_rad",
                     problem: "errors of single channels cannot be added to a cube in which binary \

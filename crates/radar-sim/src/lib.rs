@@ -87,6 +87,21 @@
 //!
 //! Out of scope: polarisation, diffraction, and any notion of a human.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 mod bounce;
 pub mod error;
 mod facets;

@@ -217,11 +217,11 @@ impl Simulator {
         }
         let simd = options.simd.unwrap_or_else(SimdLevel::detect);
         options.weather.validate()?;
-        let exchanged = match config.firing {
+        let exchanged = match config.multiplexing {
             TxMultiplexing::Tdm => None,
             TxMultiplexing::Bpm => {
                 let mut other = RadarConfig {
-                    firing: TxMultiplexing::Tdm,
+                    multiplexing: TxMultiplexing::Tdm,
                     ..config.clone()
                 };
                 other.tx.reverse();

@@ -2,6 +2,18 @@
 //!
 //! `cargo run --release -p radarllm --example samples_to_picture -- SAMPLES.npy RADAR OUT.svg`
 
+#![allow(
+    clippy::disallowed_methods,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    missing_docs,
+    unreachable_pub,
+    reason = "an example"
+)]
+
 use radarllm::{CaptureOptions, Error, SampleRecording, io::Opened, open_radar, render};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

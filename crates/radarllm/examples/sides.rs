@@ -3,6 +3,18 @@
 //! `cargo run --release -p radarllm --example sides -- [FIRST_SEED] [N_SEEDS]` prints the table of
 //! `docs/results/sides.md`.
 
+#![allow(
+    clippy::disallowed_methods,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    missing_docs,
+    unreachable_pub,
+    reason = "an example"
+)]
+
 use radarllm::facts::{Side, parse};
 use radarllm::{Captioner, Error, SimulateOptions, open_radar, simulate_motion};
 
@@ -65,7 +77,7 @@ fn main() -> Result<(), Error> {
     }
     println!(
         "| performed | clips | action | side | left for right | both for one | one for both | no side \
-         | confidence: right | wrong | wrong, at least {SURE} |"
+         | confidence: right | wrong | wrong, at min {SURE} |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|");
     for (name, _) in MOTIONS {

@@ -5,6 +5,18 @@
 //!
 //! `cargo run --release -p radarllm --example simulate_board -- RADAR.cfg OUT.dat`
 
+#![allow(
+    clippy::disallowed_methods,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    missing_docs,
+    unreachable_pub,
+    reason = "an example"
+)]
+
 use radarllm::radar_sim::{Noise, Scene};
 use radarllm::synth::simulate::{open_motion, place};
 use radarllm::synth::synthesizer::{posed_builtin, scene_to_points_in_parallel};

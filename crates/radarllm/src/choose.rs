@@ -158,12 +158,12 @@ impl Captioner {
 
 /// ln(mean(exp(x))).
 fn log_mean_exp(x: &[f32]) -> f32 {
-    let most = x.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-    if most == f32::NEG_INFINITY {
-        return most;
+    let max = x.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    if max == f32::NEG_INFINITY {
+        return max;
     }
-    let sum: f32 = x.iter().map(|x| (x - most).exp()).sum();
-    most + (sum / x.len() as f32).ln()
+    let sum: f32 = x.iter().map(|x| (x - max).exp()).sum();
+    max + (sum / x.len() as f32).ln()
 }
 
 #[cfg(test)]

@@ -40,6 +40,21 @@
 //! are types of this crate: they join the model that comes with the library, recordings and the virtual radar. Errors are
 //! [`Error`]s with kind, message, hint, path and source. Nothing here prints, keeps global state, parses a command line or chooses an allocator.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 mod captioner;
 mod choose;
 mod confidence;

@@ -1,5 +1,17 @@
 //! Every example runs, on inputs that the test makes itself.
 
+#![allow(
+    clippy::disallowed_methods,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    missing_docs,
+    unreachable_pub,
+    reason = "a test"
+)]
+
 use std::{
     fs,
     path::{Path, PathBuf},

@@ -1,5 +1,17 @@
 //! Prints `docs/pictures/points-person-sentence.svg`: a person, radar points and the sentence of the bundled model, all of
 //! them output of the `radarllm` command in the same target folder: `describe` and `view`.
+#![allow(
+    clippy::disallowed_methods,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    missing_docs,
+    unreachable_pub,
+    reason = "an example"
+)]
+
 use base64::prelude::{BASE64_STANDARD, Engine};
 use glam::Vec3;
 use radarllm_render::plot::{Aspect, Axis, ColourMap, ScatterPanel, ScatterPlot};

@@ -21,6 +21,21 @@
 //! assert!(svg.starts_with("<svg") && svg.contains(">Range (m)</text>"));
 //! ```
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 mod markup;
 pub mod page;
 pub mod plot;

@@ -66,6 +66,21 @@
 //!
 //! Reading order: [`SimdF32x16`], [`SimdLevel`] and [`dispatch!`], [`ByteDot`], [`fft`], [`any_length`].
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 use num_complex::Complex32;
 
 pub mod any_length;

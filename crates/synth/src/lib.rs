@@ -32,6 +32,21 @@
 //!
 //! This crate contains no models, and it never silently substitutes missing input.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 mod arithmetic;
 #[cfg(feature = "parquet")]
 pub mod build;

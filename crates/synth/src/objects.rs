@@ -83,8 +83,8 @@ impl ObjectsFile {
     /// # Errors
     /// The name of the first value that is not.
     pub fn check(&self) -> Result<(), String> {
-        let [fewest, most] = self.n_strong;
-        if fewest > most || most.max(self.n_clutter) > MAX_OBJECTS {
+        let [fewest, max] = self.n_strong;
+        if fewest > max || max.max(self.n_clutter) > MAX_OBJECTS {
             return Err(format!(
                 "[objects] n_strong: must be [fewest, most], at most {MAX_OBJECTS}, and n_clutter no more"
             ));
@@ -107,8 +107,8 @@ impl ObjectsFile {
     pub fn draw(&self, radar_height_m: f64, seed: u64) -> Vec<PointTarget> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let mut within = |[low, high]: [f64; 2]| low + (high - low) * rng.random::<f64>();
-        let [fewest, most] = self.n_strong.map(|n| n as f64);
-        let n_strong = within([fewest, most + 1.0]).floor().min(most) as usize;
+        let [fewest, max] = self.n_strong.map(|n| n as f64);
+        let n_strong = within([fewest, max + 1.0]).floor().min(max) as usize;
         let clutter_dbsm = within(self.clutter_dbsm);
         (0..self.n_clutter + n_strong)
             .map(|i| {

@@ -58,7 +58,7 @@ pub fn make_record(
     // the joints and the features.
     let motion = motion_on_body(&motion, builtin_body(shape)?.as_ref());
     let placement = draw_placement(&motion, &config.placement(), derive_seed(seed, "placement"));
-    let most_frames = synthesizer.radar().frames_in(longest_s);
+    let max_frames = synthesizer.radar().frames_in(longest_s);
     let objects = config.objects.as_ref().map(|objects| {
         let height_m = f64::from(placement.radar_height_m);
         objects.draw(height_m, derive_seed(seed, "objects"))
@@ -77,7 +77,7 @@ pub fn make_record(
         synthesizer.set_processing(dsp)?;
     }
     synthesizer.set_objects(objects.unwrap_or_default())?;
-    let frames = synthesizer.motion_to_points(&motion, shape, placement, most_frames, seed)?;
+    let frames = synthesizer.motion_to_points(&motion, shape, placement, max_frames, seed)?;
     let frames = stored_frames(frames, synthesizer.radar().frame_rate_hz(), config, rate_hz)?;
 
     let at_20_fps = resample(&motion, MOTION_FPS).map_err(|e| SynthError::Config(e.to_string()))?;

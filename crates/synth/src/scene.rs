@@ -391,13 +391,13 @@ fn target_material(target: &Target, frequency_hz: f64) -> Result<Material, Strin
             return Err(format!("loss_db must be in 0..=300, found {loss_db}"));
         }
         found.power_transmission = 10_f64.powf(-0.1 * loss_db) as f32;
-        let most = 1.0 - found.power_reflection;
-        if found.power_transmission > most {
+        let max = 1.0 - found.power_reflection;
+        if found.power_transmission > max {
             return Err(format!(
                 "loss_db: {name} reflects {:.3} of the power, so that {loss_db} dB cannot be all that \
-                 is lost; at least {:.2} dB",
+                 is lost; at min {:.2} dB",
                 found.power_reflection,
-                -10.0 * most.log10()
+                -10.0 * max.log10()
             ));
         }
     }

@@ -1,5 +1,17 @@
 //! Binary phase modulation from the simulator through the signal chain.
 
+#![allow(
+    clippy::disallowed_methods,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    missing_docs,
+    unreachable_pub,
+    reason = "a test"
+)]
+
 use glam::DVec3;
 use radarllm_base::radar_config::TxMultiplexing;
 use radarllm_base::{RadarConfig, RadarCube};
@@ -8,9 +20,9 @@ use radarllm_radar_sim::{Noise, PointTarget, Scene};
 use radarllm_synth::{Method, Synthesizer};
 
 /// TX1 and the raised TX2 of the reference board: elevation is the phase between the two.
-fn radar(firing: TxMultiplexing) -> RadarConfig {
+fn radar(multiplexing: TxMultiplexing) -> RadarConfig {
     let mut radar = RadarConfig {
-        firing,
+        multiplexing,
         ..RadarConfig::awr1843boost()
     };
     radar.tx = vec![radar.tx[0], radar.tx[2]];
@@ -90,8 +102,8 @@ fn every_virtual_channel_gains_three_decibels_over_time_division() {
             .collect::<Vec<Vec<f64>>>()
     };
     // Echo: the strongest cell without noise. Noise: the mean over all cells of an empty scene.
-    let snr_db = |firing: TxMultiplexing| -> Vec<f64> {
-        let radar = radar(firing);
+    let snr_db = |multiplexing: TxMultiplexing| -> Vec<f64> {
+        let radar = radar(multiplexing);
         let echo = spectra(&radar, &cube(&radar, &scene(vec![mover()], Noise::Off)));
         let noise = spectra(&radar, &cube(&radar, &scene(vec![], Noise::Thermal)));
         echo.iter()

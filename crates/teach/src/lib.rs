@@ -44,6 +44,21 @@
 //! Reading order: [`shape`] (a window of points to 309 numbers), [`memory`] (examples and their file), [`recogniser`] (what
 //! fits, and what does not), [`windows`] (how a recording is divided).
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 pub mod memory;
 pub mod recogniser;
 pub mod shape;

@@ -100,12 +100,12 @@ pub enum TeachError {
         seconds: f64,
     },
     /// A name or sentence that cannot be kept.
-    #[error("{what}: must have 1 to {most} characters, without line breaks")]
+    #[error("{what}: must have 1 to {max} characters, without line breaks")]
     Text {
         /// `name` or `says`.
         what: &'static str,
         /// Most characters.
-        most: usize,
+        max: usize,
     },
     /// The recording is an example of this or another activity already.
     #[error("{recording} is an example of `{activity}` already")]
@@ -393,11 +393,11 @@ impl Example {
     }
 }
 
-fn check_text(what: &'static str, text: &str, most: usize) -> Result<(), TeachError> {
+fn check_text(what: &'static str, text: &str, max: usize) -> Result<(), TeachError> {
     let n = text.chars().count();
-    match (1..=most).contains(&n) && !text.chars().any(char::is_control) {
+    match (1..=max).contains(&n) && !text.chars().any(char::is_control) {
         true => Ok(()),
-        false => Err(TeachError::Text { what, most }),
+        false => Err(TeachError::Text { what, max }),
     }
 }
 

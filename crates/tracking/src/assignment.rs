@@ -74,15 +74,15 @@ mod tests {
         if row == costs.len() {
             return 0.0;
         }
-        let mut least = f64::INFINITY;
+        let mut min = f64::INFINITY;
         for col in 0..taken.len() {
             if !taken[col] {
                 taken[col] = true;
-                least = least.min(costs[row][col] + best(costs, row + 1, taken));
+                min = min.min(costs[row][col] + best(costs, row + 1, taken));
                 taken[col] = false;
             }
         }
-        least
+        min
     }
 
     #[test]
@@ -100,10 +100,8 @@ mod tests {
             let costs: Vec<Vec<f64>> = (0..n_rows)
                 // Every other trial has few distinct values, so that ties occur. Some values are negative.
                 .map(|_| {
-                    let most = if trial % 2 == 0 { 4 } else { 1000 };
-                    (0..n_cols)
-                        .map(|_| (random() % most) as f64 - 1.5)
-                        .collect()
+                    let max = if trial % 2 == 0 { 4 } else { 1000 };
+                    (0..n_cols).map(|_| (random() % max) as f64 - 1.5).collect()
                 })
                 .collect();
             let columns = assign(&costs);

@@ -10,6 +10,21 @@
 //!
 //! Out of scope: raw samples (`radarllm-radar-dsp`), file formats (`radarllm-formats`) and models.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::print_stderr,
+        clippy::print_stdout,
+        clippy::unwrap_used,
+        missing_docs,
+        unreachable_pub,
+        reason = "tests"
+    )
+)]
+
 pub mod assignment;
 pub mod background;
 pub mod cluster;

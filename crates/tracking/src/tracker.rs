@@ -565,11 +565,11 @@ impl Live {
     }
 
     fn lives(&self, options: &TrackOptions) -> bool {
-        let most_s = match self.is_person(options) {
+        let max_s = match self.is_person(options) {
             true => options.coast_s,
             false => options.tentative_s,
         };
-        self.unseen_s <= most_s
+        self.unseen_s <= max_s
     }
 
     fn predict(&mut self, dt_s: f64, options: &TrackOptions) {

@@ -16,7 +16,7 @@ const RAREST: f64 = 0.004;
 /// Maximum share of motions in which a word occurs. More frequent words are left out because they carry no information.
 const MOST_FREQUENT: f64 = 0.8;
 /// Maximum number of words; the most frequent ones are kept.
-const MOST_WORDS: usize = 256;
+const MAX_WORDS: usize = 256;
 /// Score of a padding code.
 const HIDDEN: f32 = -1e9;
 
@@ -49,7 +49,7 @@ impl CaptionWords {
             .filter(|(_, share)| (RAREST..=MOST_FREQUENT).contains(share))
             .collect();
         kept.sort_by(|a, b| b.1.total_cmp(&a.1).then_with(|| a.0.cmp(&b.0)));
-        kept.truncate(MOST_WORDS);
+        kept.truncate(MAX_WORDS);
         let prior = kept
             .iter()
             .map(|(_, p)| (p / (1.0 - p)).ln() as f32)

@@ -71,7 +71,7 @@ impl AugmentConfig {
     /// # Errors
     /// Names the first field that is not.
     pub fn validate(&self) -> Result<(), String> {
-        for (field, value, most) in [
+        for (field, value, max) in [
             ("flip", self.flip as f32, 1.0),
             ("disturb", self.disturb as f32, 1.0),
             ("yaw_rad", self.yaw_rad, 4.0),
@@ -82,9 +82,9 @@ impl AugmentConfig {
             ("velocity_mps", self.velocity_mps, 100.0),
             ("position_m", self.position_m, 10.0),
         ] {
-            if !(0.0..=most).contains(&value) {
+            if !(0.0..=max).contains(&value) {
                 return Err(format!(
-                    "augment.{field}: must be in 0..={most}, found {value}"
+                    "augment.{field}: must be in 0..={max}, found {value}"
                 ));
             }
         }
@@ -94,9 +94,9 @@ impl AugmentConfig {
 
 /// Applies all random augmentation except the flip, which also changes the labels (see [`PointFrame::mirror`]).
 pub fn augment_points(frames: &mut [PointFrame], config: &AugmentConfig, rng: &mut ChaCha8Rng) {
-    let symmetric = |rng: &mut ChaCha8Rng, most: f32| {
-        if most > 0.0 {
-            rng.random_range(-most..=most)
+    let symmetric = |rng: &mut ChaCha8Rng, max: f32| {
+        if max > 0.0 {
+            rng.random_range(-max..=max)
         } else {
             0.0
         }

@@ -15,7 +15,7 @@ pub(crate) struct LossScale {
 /// Number of updates without an overflow after which a larger factor is tried.
 const PATIENCE: u32 = 2000;
 const START: f64 = 65_536.0;
-const MOST: f64 = 16_777_216.0;
+const MAX: f64 = 16_777_216.0;
 
 impl Default for LossScale {
     /// A constant factor of 1, which is sufficient for f32 and bf16.
@@ -48,7 +48,7 @@ impl LossScale {
             self.good += 1;
             if self.is_adaptive() && self.good >= PATIENCE {
                 *self = Self {
-                    factor: (2.0 * self.factor).min(MOST),
+                    factor: (2.0 * self.factor).min(MAX),
                     good: 0,
                 };
             }

@@ -76,7 +76,7 @@ impl PointsTrainConfig {
                 problem,
             })
         };
-        for (field, value, most) in [
+        for (field, value, max) in [
             ("batch_size", self.batch_size, 4096),
             (
                 "codes_per_clip",
@@ -85,8 +85,8 @@ impl PointsTrainConfig {
             ),
             ("targets_per_frame", self.targets_per_frame, 4096),
         ] {
-            if value == 0 || value > most {
-                return fail(field, format!("must be in 1..={most}, found {value}"));
+            if value == 0 || value > max {
+                return fail(field, format!("must be in 1..={max}, found {value}"));
             }
         }
         if !(self.count_weight >= 0.0 && self.count_weight.is_finite()) {
@@ -190,7 +190,7 @@ struct Losses {
 impl PointsStage {
     fn losses(&self, model: &PointNet, clips: &[&Clip], rng: &mut ChaCha8Rng) -> Losses {
         let shape = self.config.model.shape(self.n_codes);
-        let most = self.config.targets_per_frame;
+        let max = self.config.targets_per_frame;
         let mut rows = Vec::new();
         let mut counts = Vec::new();
         // Frames with points, their targets and which of these are no padding.
@@ -209,8 +209,8 @@ impl PointsStage {
                     counts.push(scaled_count(points.len()));
                     if !points.is_empty() {
                         frame_rows.push(n_frames);
-                        for slot in 0..most {
-                            let point = match points.len() > most {
+                        for slot in 0..max {
+                            let point = match points.len() > max {
                                 true => points[rng.random_range(0..points.len())],
                                 false => points.get(slot).copied().unwrap_or_default(),
                             };
@@ -240,9 +240,9 @@ impl PointsStage {
         if n > 0 {
             let frames = Tensor::<1, Int>::from_data(TensorData::new(frame_rows, [n]), &device);
             let points = outputs.slice([0..n_frames, 0..n_values]).select(0, frames);
-            let targets = TensorData::new(targets, [n, most, POINT_DIM]);
+            let targets = TensorData::new(targets, [n, max, POINT_DIM]);
             let targets = Tensor::<3>::from_data(targets, &device);
-            let valid = Tensor::<2>::from_data(TensorData::new(valid, [n, most]), &device);
+            let valid = Tensor::<2>::from_data(TensorData::new(valid, [n, max]), &device);
             let points = points.reshape([n, shape.points, POINT_DIM]);
             let distance = chamfer(points, targets, valid, ChamferSide::Symmetric);
             losses.chamfer = number(&distance);

@@ -509,9 +509,9 @@ impl<'a> TokenizerStage<'a> {
         shuffle(&mut chosen, rng);
         chosen.truncate(loss.tubes_per_clip * samples.len());
         let dim = self.config.model.reconstruction_dim();
-        let most = loss.targets_per_tube;
-        let mut targets = vec![0.0f32; chosen.len() * most * dim];
-        let mut valid = vec![0.0f32; chosen.len() * most];
+        let max = loss.targets_per_tube;
+        let mut targets = vec![0.0f32; chosen.len() * max * dim];
+        let mut valid = vec![0.0f32; chosen.len() * max];
         for (row, (_, clip, tube)) in chosen.iter().enumerate() {
             let grouped = match loss.reconstruct {
                 Reconstruct::Masked => samples[*clip].input().hidden(),
@@ -519,24 +519,24 @@ impl<'a> TokenizerStage<'a> {
             };
             let tube = &grouped.tubes[*tube];
             let mut points: Vec<usize> = (tube.start as usize..tube.end as usize).collect();
-            if points.len() > most {
+            if points.len() > max {
                 shuffle(&mut points, rng);
             }
-            for (slot, point) in points.iter().take(most).enumerate() {
+            for (slot, point) in points.iter().take(max).enumerate() {
                 let n = &grouped.neighbours[*point];
                 // Position in units of the radius; velocity in the scale of the network.
                 let values = [n[0], n[1], n[2], n[5]];
-                let at = (row * most + slot) * dim;
+                let at = (row * max + slot) * dim;
                 targets[at..at + dim].copy_from_slice(&values[..dim]);
-                valid[row * most + slot] = 1.0;
+                valid[row * max + slot] = 1.0;
             }
         }
         let n = chosen.len();
         let rows = indices(chosen.iter().map(|c| c.0 as i64), device);
         let points = self.config.model.reconstruction_points;
         let predicted = model.reconstruct(cells.select(0, rows), points);
-        let targets = Tensor::<3>::from_data(TensorData::new(targets, [n, most, dim]), device);
-        let valid = Tensor::<2>::from_data(TensorData::new(valid, [n, most]), device);
+        let targets = Tensor::<3>::from_data(TensorData::new(targets, [n, max, dim]), device);
+        let valid = Tensor::<2>::from_data(TensorData::new(valid, [n, max]), device);
         Some(chamfer(predicted, targets, valid, loss.chamfer))
     }
 }

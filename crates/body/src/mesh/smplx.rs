@@ -26,7 +26,7 @@ const BLOCK_VERTICES: usize = 8;
 /// of them.
 const BATCH_POSES: usize = 5;
 /// Minimum weight; smaller weights are noise of the model's optimisation.
-const LEAST_WEIGHT: f32 = 1e-6;
+const MIN_WEIGHT: f32 = 1e-6;
 
 /// A body from a model file, with a fixed shape.
 pub struct SmplxBody {
@@ -550,7 +550,7 @@ impl RawModel {
                     .iter()
                     .copied()
                     .enumerate()
-                    .filter(|(_, w)| w.abs() > LEAST_WEIGHT);
+                    .filter(|(_, w)| w.abs() > MIN_WEIGHT);
                 Ok(kept.map(|(j, w)| (j, w / sum)).collect())
             })
             .collect()

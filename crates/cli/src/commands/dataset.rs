@@ -447,9 +447,9 @@ fn validate(dir: &Path, json: bool) -> CliResult {
             output::print_line(line);
         }
         let held_out = &found.held_out;
-        if let Some([least, five, median]) = held_out.distances {
+        if let Some([min, five, median]) = held_out.distances {
             output::print_line(&format!(
-                "nearest training motion of {} held-out clips: distance {least:.4} rad at least, {five:.4} at 5 %, {median:.4} \
+                "nearest training motion of {} held-out clips: distance {min:.4} rad at min, {five:.4} at 5 %, {median:.4} \
                  median; a leak is below {}",
                 held_out.judged, held_out.leak_distance
             ));

@@ -69,7 +69,8 @@ struct Figures {
     n_rx: usize,
     n_loops: usize,
     n_samples: usize,
-    firing: &'static str,
+    #[serde(rename = "firing")]
+    multiplexing: &'static str,
     carrier_hz: f64,
     sampled_bandwidth_hz: f64,
 }
@@ -87,7 +88,7 @@ impl From<&RadarConfig> for Figures {
             n_rx: radar.rx.len(),
             n_loops: radar.n_loops,
             n_samples: radar.n_samples,
-            firing: match radar.firing {
+            multiplexing: match radar.multiplexing {
                 TxMultiplexing::Tdm => "tdm",
                 TxMultiplexing::Bpm => "bpm",
             },
@@ -153,7 +154,7 @@ fn show(radar: &RadarConfig, json: bool) -> CliResult {
     }
     output::print_line(&format!(
         "{:<36} {} TX ({}) x {} RX, {} loops, {} samples",
-        "cube", f.n_tx, f.firing, f.n_rx, f.n_loops, f.n_samples
+        "cube", f.n_tx, f.multiplexing, f.n_rx, f.n_loops, f.n_samples
     ));
     Ok(())
 }

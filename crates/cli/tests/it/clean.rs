@@ -386,16 +386,16 @@ fn what_stands_still_is_nobody_where_it_is_most_of_a_recording() {
         let report = json(&[&args[..], options].concat());
         let people = report["people"].as_array().unwrap();
         let file = read_points(Path::new(people[0]["out"].as_str().unwrap())).unwrap();
-        let most = file.frames.iter().map(|f| f.points.len()).max().unwrap();
+        let max = file.frames.iter().map(|f| f.points.len()).max().unwrap();
         let is_said = report["notes"]
             .to_string()
             .contains("excluded from tracking");
-        (people.len(), most, is_said)
+        (people.len(), max, is_said)
     };
     assert_eq!(found(&[]), (1, 5, true));
     // Kept, the shelf is a part of whoever passes.
-    let (_, most, is_said) = found(&["--min-speed", "0"]);
-    assert!(most == 15 && !is_said, "{most}");
+    let (_, max, is_said) = found(&["--min-speed", "0"]);
+    assert!(max == 15 && !is_said, "{max}");
     // A page says what `describe` says.
     let row = &json(&["describe", &taken, "--json"])[0];
     let page = room.at("page.html");
@@ -416,8 +416,8 @@ fn what_stands_still_is_nobody_where_it_is_most_of_a_recording() {
     );
     let svg = fs::read_to_string(&figure).unwrap();
     assert!(svg.starts_with("<svg") && svg.contains(row["caption"].as_str().unwrap()));
-    let told = refused(&["view", &taken, "--out", &room.at("figure.png")]);
-    assert!(told.contains("figure.png: unknown file type") && told.contains(".svg"));
+    let reported = refused(&["view", &taken, "--out", &room.at("figure.png")]);
+    assert!(reported.contains("figure.png: unknown file type") && reported.contains(".svg"));
 }
 
 #[test]

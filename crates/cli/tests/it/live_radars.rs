@@ -124,8 +124,8 @@ fn an_unplugged_board_makes_presence_unavailable_until_it_is_back() {
     hears("nothing is known", "offline", "\"occupancy\":\"OFF\"");
     wait_for("a problem on /healthz", || {
         let answer = get_all(&live, "/healthz");
-        let is_told = answer.starts_with("HTTP/1.1 503") && answer.contains("no frame arrived");
-        is_told.then_some(())
+        let is_reported = answer.starts_with("HTTP/1.1 503") && answer.contains("no frame arrived");
+        is_reported.then_some(())
     });
     let state: Value = serde_json::from_str(&get(&live, "/api/state")).unwrap();
     assert_eq!(state["health"]["source"], "lost", "{state}");
@@ -210,8 +210,8 @@ fn foreign_datagrams_are_counted_and_a_small_buffer_is_told() {
     let largest = fs::read_to_string("/proc/sys/net/core/rmem_max").unwrap();
     // Linux grants twice what is asked for.
     if largest.trim().parse::<u64>().unwrap() < (4 << 20) {
-        let is_told = |line: &String| line.contains("sysctl -w net.core.rmem_max=8388608");
-        assert!(live.lines().iter().any(is_told), "{:?}", live.lines());
+        let is_reported = |line: &String| line.contains("sysctl -w net.core.rmem_max=8388608");
+        assert!(live.lines().iter().any(is_reported), "{:?}", live.lines());
     }
 }
 
@@ -308,12 +308,12 @@ fn a_replay_says_what_describe_says_of_each_window_at_any_speed() {
     assert!(began.elapsed().as_secs_f64() > clip.duration_s() - 1.0);
     assert!(rows.len() >= 3, "{rows:?}");
     assert_eq!(rows, rows_in_time);
-    let told = |now: &[Value]| -> Vec<String> {
+    let reported = |now: &[Value]| -> Vec<String> {
         let keys = ["t_s", "person", "caption", "label", "confidence", "reason"];
         let text = |m: &Value| keys.map(|key| m[key].to_string()).join(" ");
         now.iter().map(text).collect()
     };
-    assert_eq!(told(&now), told(&now_in_time));
+    assert_eq!(reported(&now), reported(&now_in_time));
 
     let window = folder.path().join("window.parquet");
     let (mut n_compared, mut captions) = (0, Vec::new());

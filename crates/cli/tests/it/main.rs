@@ -1,5 +1,17 @@
 //! Tests of the whole command and of the repository's shape.
 
+#![allow(
+    clippy::disallowed_methods,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    missing_docs,
+    unreachable_pub,
+    reason = "a test"
+)]
+
 mod architecture;
 mod bad_input;
 mod capture;
@@ -27,6 +39,7 @@ mod verbs;
 mod visualizer;
 #[cfg(not(feature = "train"))]
 mod without_training;
+mod words;
 
 /// Boards on pseudo-terminals, and a broker, are those of the tests of their crates.
 #[cfg(target_os = "linux")]

@@ -42,7 +42,7 @@ fn what_is_taught_is_recognised_listed_and_forgotten() {
         ("shaking", "a person shakes the head", [1.9, 2.0, 2.1]),
     ] {
         let files = rates.map(|rate| recording(dir.path(), &format!("{name}_{rate}.csv"), rate));
-        let told = run(&[
+        let recognised = run(&[
             "teach",
             name,
             "--says",
@@ -53,7 +53,10 @@ fn what_is_taught_is_recognised_listed_and_forgotten() {
             "--frame-rate",
             "10",
         ]);
-        assert!(told.contains(&format!("{name}: 3 examples")), "{told}");
+        assert!(
+            recognised.contains(&format!("{name}: 3 examples")),
+            "{recognised}"
+        );
     }
     let listed = run(&["teach", "--list"]);
     assert!(

@@ -55,7 +55,7 @@ pub fn tables(report: &CaptionReport) -> Vec<Table> {
     let mut scores = Table::new(
         "Scores",
         format!(
-            "Protocol {}, at most {} references for each of {} clips. Values are multiplied by 100, except CIDEr-D; 95 % \
+            "Protocol {}, at max {} references for each of {} clips. Values are multiplied by 100, except CIDEr-D; 95 % \
              bootstrap intervals over motions. Action accuracy: the share of captions in which a naive Bayes classifier, \
              fitted on training captions, recognises the clip's action; on the references of this split it is {:.1} %. \
              Same actions: the share of captions that state exactly the actions of one of the references, in order. \
@@ -200,7 +200,7 @@ fn percent(share: Option<f64>) -> String {
 fn facts_by_kind(rows: &[FactsOfKind]) -> Table {
     let mut table = Table::new(
         "Facts by kind",
-        "Facts of the model's captions beside the references that agree with them most. A contradiction excludes what the \
+        "Facts of the model's captions beside the references that agree with them max. A contradiction excludes what the \
          reference states: left for right, once for several times.",
         &[
             "kind",

@@ -309,7 +309,7 @@ pub fn markdown(report: &RoundTripReport, lines: &[RoundTripLine]) -> String {
     let mut scores = Table::new(
         "Scores",
         format!(
-            "Protocol plain, at most {MAX_REFERENCES} captions of the motion as references. Values are multiplied by 100, \
+            "Protocol plain, at max {MAX_REFERENCES} captions of the motion as references. Values are multiplied by 100, \
              except CIDEr-D and contradictions; 95 % bootstrap intervals over motions, seed {}. Facts by the parser; \
              \"same actions\" is the share of descriptions that state exactly the actions of the sentence, in order.",
             report.seed

@@ -155,7 +155,7 @@ impl Training<'_> {
                     self.weights[label];
             }
             let impurity: f64 = sums.iter().map(|s| weighted_gini(s)).sum();
-            if best.is_none_or(|(least, ..)| impurity < least) {
+            if best.is_none_or(|(min, ..)| impurity < min) {
                 best = Some((impurity, feature, threshold));
             }
         }

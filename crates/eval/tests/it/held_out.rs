@@ -113,6 +113,6 @@ fn held_out_copies_of_training_motions_are_named_with_both_clips() {
     // Of eight held-out clips two have joints.
     let held_out = found.held_out;
     assert_eq!((held_out.judged, held_out.not_judged), (2, 6));
-    let [least, _, _] = held_out.distances.unwrap();
-    assert!(least < held_out.leak_distance);
+    let [min, _, _] = held_out.distances.unwrap();
+    assert!(min < held_out.leak_distance);
 }

@@ -46,7 +46,7 @@ fn placed(joints: &[[[f32; 3]; 22]], seed: u64) -> Vec<[[f32; 3]; 22]> {
 }
 
 /// Every coordinate off by up to `most_m`, evenly.
-fn noisy(joints: &[[[f32; 3]; 22]], most_m: f32, seed: u64) -> Vec<[[f32; 3]; 22]> {
+fn noisy(joints: &[[[f32; 3]; 22]], max_m: f32, seed: u64) -> Vec<[[f32; 3]; 22]> {
     let mut n = 0;
     let mut draw = || {
         n += 1;
@@ -54,7 +54,7 @@ fn noisy(joints: &[[[f32; 3]; 22]], most_m: f32, seed: u64) -> Vec<[[f32; 3]; 22
     };
     joints
         .iter()
-        .map(|pose| pose.map(|p| p.map(|v| v + most_m * draw())))
+        .map(|pose| pose.map(|p| p.map(|v| v + max_m * draw())))
         .collect()
 }
 
@@ -164,7 +164,7 @@ fn planted_copies_are_leaks_and_independent_motions_are_not() {
         ),
     ];
     let mut missed = Vec::new();
-    for (what, least, change) in &changes {
+    for (what, min, change) in &changes {
         let planted: Vec<MotionSketch> = train
             .iter()
             .step_by(20)
@@ -175,7 +175,7 @@ fn planted_copies_are_leaks_and_independent_motions_are_not() {
         let (n, text, distances) = quantiles(&found);
         let leaks = distances.iter().filter(|d| **d < LEAK_DISTANCE).count();
         println!("{what}: {leaks} of {n} judged are leaks: {text}");
-        if (leaks as f64) < least * n as f64 {
+        if (leaks as f64) < min * n as f64 {
             missed.push(format!("{what}: {leaks} of {n}"));
         }
     }

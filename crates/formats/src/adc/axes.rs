@@ -67,7 +67,7 @@ impl AxisOrder {
         let receivers = usize::from(has(Axis::Rx)) + usize::from(has(Axis::Virtual));
         if !has(Axis::Sample) || slots > 1 || loops > 1 || receivers > 1 {
             return Err(AdcError::Layout(format!(
-                "axes `{text}`: a cube has `sample`, at most one of `loop` and `chirp`, of `tx` and `virtual`, \
+                "axes `{text}`: a cube has `sample`, at max one of `loop` and `chirp`, of `tx` and `virtual`, \
                  and of `rx` and `virtual`"
             )));
         }

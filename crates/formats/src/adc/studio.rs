@@ -76,14 +76,14 @@ impl<'a> Node<'a> {
     }
 
     /// The entries of a list.
-    fn list(&self, name: &str, most: usize) -> Result<Vec<Node<'a>>, StudioError> {
+    fn list(&self, name: &str, max: usize) -> Result<Vec<Node<'a>>, StudioError> {
         let list = self.get(name)?;
         let values = list
             .value
             .as_array()
             .ok_or_else(|| error(&list.path, "must be a list"))?;
-        if values.is_empty() || values.len() > most {
-            let problem = format!("must have 1 to {most} entries, found {}", values.len());
+        if values.is_empty() || values.len() > max {
+            let problem = format!("must have 1 to {max} entries, found {}", values.len());
             return Err(error(&list.path, problem));
         }
         Ok(values

@@ -124,7 +124,7 @@ fn phase_modulation_takes_two_transmitters_in_two_chirps() {
     assert_eq!(cfg.slots, [1, 3]);
     let reference = radarllm_base::RadarConfig::awr1843boost();
     assert_eq!(
-        cfg.radar.firing,
+        cfg.radar.multiplexing,
         radarllm_base::radar_config::TxMultiplexing::Bpm
     );
     for (a, b) in cfg.radar.tx.iter().zip(&reference.tx[..2]) {

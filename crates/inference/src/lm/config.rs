@@ -116,9 +116,9 @@ pub enum LmPreset {
 }
 
 /// These limits are far above every published T5. They prevent a hostile file from requesting terabytes.
-const MOST_ROWS: usize = 1 << 20;
-const MOST_WIDTH: usize = 1 << 16;
-const MOST_LAYERS: usize = 128;
+const MAX_ROWS: usize = 1 << 20;
+const MAX_WIDTH: usize = 1 << 16;
+const MAX_LAYERS: usize = 128;
 
 impl LmPreset {
     /// Returns the T5 shape of this preset for a radar tokenizer of `n_codes` codes and `code_dim` features.
@@ -311,14 +311,14 @@ impl T5Config {
     /// # Errors
     /// [`LmError::Config`] names the first field out of range.
     pub fn validate(&self) -> Result<(), LmError> {
-        for (field, value, least, most) in [
-            ("vocab_size", self.vocab_size, 1, MOST_ROWS),
-            ("d_model", self.d_model, 1, MOST_WIDTH),
-            ("d_kv", self.d_kv, 1, MOST_WIDTH),
+        for (field, value, min, max) in [
+            ("vocab_size", self.vocab_size, 1, MAX_ROWS),
+            ("d_model", self.d_model, 1, MAX_WIDTH),
+            ("d_kv", self.d_kv, 1, MAX_WIDTH),
             ("n_heads", self.n_heads, 1, 1024),
-            ("d_ff", self.d_ff, 1, MOST_WIDTH),
-            ("n_encoder_layers", self.n_encoder_layers, 1, MOST_LAYERS),
-            ("n_decoder_layers", self.n_decoder_layers, 1, MOST_LAYERS),
+            ("d_ff", self.d_ff, 1, MAX_WIDTH),
+            ("n_encoder_layers", self.n_encoder_layers, 1, MAX_LAYERS),
+            ("n_decoder_layers", self.n_decoder_layers, 1, MAX_LAYERS),
             // The bidirectional half is split again into exact and logarithmic buckets.
             ("relative_buckets", self.relative_buckets, 4, 4096),
             (
@@ -328,8 +328,8 @@ impl T5Config {
                 1 << 20,
             ),
         ] {
-            if value < least || value > most {
-                let problem = format!("must be in {least}..={most}, found {value}");
+            if value < min || value > max {
+                let problem = format!("must be in {min}..={max}, found {value}");
                 return Err(LmError::Config { field, problem });
             }
         }
@@ -366,14 +366,14 @@ impl LmConfig {
     /// [`LmError::Config`] names the first field out of range.
     pub fn validate(&self) -> Result<(), LmError> {
         self.network.validate()?;
-        for (field, value, least, most) in [
-            ("max_text_vocab", self.max_text_vocab, 3, MOST_ROWS),
+        for (field, value, min, max) in [
+            ("max_text_vocab", self.max_text_vocab, 3, MAX_ROWS),
             ("n_sentinels", self.n_sentinels, 1, 1000),
-            ("n_codes", self.n_codes, 1, MOST_ROWS),
-            ("code_dim", self.code_dim, 1, MOST_WIDTH),
+            ("n_codes", self.n_codes, 1, MAX_ROWS),
+            ("code_dim", self.code_dim, 1, MAX_WIDTH),
         ] {
-            if value < least || value > most {
-                let problem = format!("must be in {least}..={most}, found {value}");
+            if value < min || value > max {
+                let problem = format!("must be in {min}..={max}, found {value}");
                 return Err(LmError::Config { field, problem });
             }
         }

@@ -115,14 +115,14 @@ impl Ensemble {
     ) -> Result<Vec<Vec<Encoded>>, LmError> {
         let mut all: Vec<Vec<Encoded>> = vec![Vec::new(); windows.len()];
         // The same for all members.
-        let is_told = |member: &dyn Backend| member.vocab().is_told_context();
-        let contexts: Vec<_> = match self.members.iter().any(|m| is_told(m.as_ref())) {
+        let has_context = |member: &dyn Backend| member.vocab().has_context();
+        let contexts: Vec<_> = match self.members.iter().any(|m| has_context(m.as_ref())) {
             true => windows.iter().map(|(frames, _)| context(frames)).collect(),
             false => Vec::new(),
         };
         for member in &self.members {
             let mut encoded = member.encode(windows)?;
-            if is_told(member.as_ref()) {
+            if has_context(member.as_ref()) {
                 let measured = encoded.iter_mut().zip(&contexts);
                 measured.for_each(|(e, context)| e.context = Some(*context));
             }
@@ -408,11 +408,11 @@ fn mean(members: &[Vec<f32>]) -> Vec<f32> {
 
 /// Probabilities of texts among each other; all the same if none of them is possible.
 fn among_each_other(log_probs: &[f32]) -> Vec<f32> {
-    let most = log_probs.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-    if most == f32::NEG_INFINITY {
+    let max = log_probs.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    if max == f32::NEG_INFINITY {
         return vec![1.0 / log_probs.len() as f32; log_probs.len()];
     }
-    let weights: Vec<f32> = log_probs.iter().map(|x| (x - most).exp()).collect();
+    let weights: Vec<f32> = log_probs.iter().map(|x| (x - max).exp()).collect();
     let sum: f32 = weights.iter().sum();
     weights.iter().map(|w| w / sum).collect()
 }

@@ -12,7 +12,7 @@ use super::templates::{Piece, Task, pieces};
 const TASKS: [Task; 3] = [Task::RadarToText, Task::RadarToLength, Task::Continuation];
 const RADAR: &str = "{radar}";
 /// Least likeness to a template, as [`likeness`] measures it: two of seven different words in common.
-const LEAST_ALIKE: f32 = 0.25;
+const MIN_ALIKE: f32 = 0.25;
 /// Maximum length, bytes. Templates have at most twelve words.
 const MAX_BYTES: usize = 500;
 
@@ -60,7 +60,7 @@ impl Instruction {
         let rated = templates.map(|(task, prompt)| (likeness(&own, &words(prompt)), task, prompt));
         // Of equally likely ones the first is taken.
         let best = rated.reduce(|best, next| if next.0 > best.0 { next } else { best });
-        let Some((likeness, task, nearest)) = best.filter(|best| best.0 >= LEAST_ALIKE) else {
+        let Some((likeness, task, nearest)) = best.filter(|best| best.0 >= MIN_ALIKE) else {
             return refused(format!(
                 "`{text}` is like none of the instructions for describing, timing or continuing a motion, for example \
                  `{}`",

@@ -8,11 +8,11 @@ const BLOCK_FRAMES: usize = 10;
 const GATE_M: f32 = 0.75;
 /// Minimum number of points near their centre per second. False alarms do not reach it: one or two per frame, spread
 /// over 6 m by 6 m, put less than one point per second in the gate.
-const LEAST_TOGETHER: usize = 5;
+const MIN_TOGETHER: usize = 5;
 
 /// Minimum number of points of a window in one place, where fewer than [`LEAST_TOGETHER`] come in a second. Firmware with
 /// a high threshold reports as few of people who exercise in place.
-const LEAST_IN_PLACE: usize = 11;
+const MIN_IN_PLACE: usize = 11;
 /// Minimum share of them near their centre. Of false alarms, about 5 % are.
 const SHARE_IN_PLACE: f32 = 0.7;
 
@@ -28,12 +28,12 @@ pub(super) fn points_stay_together(window: &[PointFrame]) -> bool {
     let n_blocks = blocks.len();
     let is_together = |block: &&[PointFrame]| {
         let (near, all) = near_centre(block);
-        near >= LEAST_TOGETHER && 2 * near >= all
+        near >= MIN_TOGETHER && 2 * near >= all
     };
     let together = blocks.filter(is_together).count();
     let (near, all) = near_centre(window);
     together > 0 && 3 * together >= n_blocks
-        || near >= LEAST_IN_PLACE && near as f32 >= SHARE_IN_PLACE * all as f32
+        || near >= MIN_IN_PLACE && near as f32 >= SHARE_IN_PLACE * all as f32
 }
 
 /// Number of points within [`GATE_M`] of their median position, and of all points.

@@ -467,8 +467,8 @@ mod tests {
                 .entry(prompt.split_whitespace().next())
                 .or_insert(0_usize) += 1;
         }
-        let most = counts.values().max().unwrap();
-        assert!(most * 8 <= prompts.len(), "{counts:?}");
+        let max = counts.values().max().unwrap();
+        assert!(max * 8 <= prompts.len(), "{counts:?}");
         assert!(counts.len() >= 30, "{} openings", counts.len());
     }
 

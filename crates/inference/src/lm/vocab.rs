@@ -418,7 +418,7 @@ impl Vocab {
     }
 
     /// Whether prompts with radar codes contain the context of the clip.
-    pub fn is_told_context(&self) -> bool {
+    pub fn has_context(&self) -> bool {
         self.layout.n_context > 0
     }
 
@@ -428,7 +428,7 @@ impl Vocab {
     /// # Errors
     /// If the model is told the context and it was not measured.
     pub fn context_ids(&self, radar: &Encoded) -> Result<Vec<u32>, LmError> {
-        if !self.is_told_context() {
+        if !self.has_context() {
             return Ok(Vec::new());
         }
         let context = radar.context.ok_or(InputError::NoContext)?;
@@ -570,14 +570,18 @@ mod tests {
         };
         let template = "what does {radar} show?";
         let plain = without.prompt(template, Some(&radar), None).unwrap();
-        let told = with.prompt(template, Some(&radar), None).unwrap();
+        let with_context = with.prompt(template, Some(&radar), None).unwrap();
         let (l, n) = (with.layout(), plain.ids.len());
         assert_eq!(l.size(), without.layout().size() + N_CONTEXT);
-        let eom = told.ids.iter().position(|id| *id == l.eom()).unwrap();
+        let eom = with_context
+            .ids
+            .iter()
+            .position(|id| *id == l.eom())
+            .unwrap();
         let context = radar.context.unwrap().map(|token| l.context(token));
-        assert_eq!(told.ids[eom + 1..][..context.len()], context);
-        assert_eq!(told.ids.len(), n + context.len());
-        assert_eq!(told.feature_positions, plain.feature_positions);
+        assert_eq!(with_context.ids[eom + 1..][..context.len()], context);
+        assert_eq!(with_context.ids.len(), n + context.len());
+        assert_eq!(with_context.feature_positions, plain.feature_positions);
         let not_measured = Encoded {
             context: None,
             ..radar.clone()

@@ -204,7 +204,7 @@ impl TokenizerConfig {
     /// Names the first invalid field.
     pub fn validate(&self) -> Result<(), String> {
         let g = &self.grouping;
-        for (field, value, most) in [
+        for (field, value, max) in [
             ("grouping.counts[0]", g.counts[0], 16),
             ("grouping.counts[1]", g.counts[1], 16),
             ("grouping.counts[2]", g.counts[2], 32),
@@ -219,8 +219,8 @@ impl TokenizerConfig {
             ("codebook_size", self.codebook_size, 65_536),
             ("reconstruction_points", self.reconstruction_points, 128),
         ] {
-            if value == 0 || value > most {
-                return Err(format!("{field}: must be in 1..={most}, found {value}"));
+            if value == 0 || value > max {
+                return Err(format!("{field}: must be in 1..={max}, found {value}"));
             }
         }
         if self.n_anchors() > 512 {
@@ -229,14 +229,14 @@ impl TokenizerConfig {
                 self.n_anchors()
             ));
         }
-        for (field, value, most) in [
+        for (field, value, max) in [
             ("guidance_dim", self.guidance_dim, 4096),
             ("caption_words", self.caption_words, 4096),
             ("pool_per_anchor", self.pool_per_anchor, 4096),
             ("motion_codes", self.motion_codes, 65_536),
         ] {
-            if value > most {
-                return Err(format!("{field}: at most {most}, found {value}"));
+            if value > max {
+                return Err(format!("{field}: at most {max}, found {value}"));
             }
         }
         if !self.width.is_multiple_of(self.heads) {

@@ -28,7 +28,7 @@ const MIN_PERIODS: f32 = 1.5;
 /// Shares of a series' power about its main rate, from which on the rate is stated as unclear and as clear.
 const SHARES: [f32; 2] = [0.45, 0.7];
 /// Series with a smaller standard deviation have no rate: logarithm of the number of points, m, m, m/s.
-const LEAST_DEVIATION: [f32; N_SERIES] = [0.1, 0.02, 0.02, 0.03];
+const MIN_DEVIATION: [f32; N_SERIES] = [0.1, 0.02, 0.02, 0.03];
 /// Tokens of a series: no rate, or a rate that is unclear or clear.
 const N_TEMPO: usize = 1 + SHARES.len() * N_RATES;
 
@@ -54,7 +54,7 @@ pub const N_CONTEXT: usize = N_WHOLE + N_LAYOUT_TOKENS;
 pub fn context(frames: &[PointFrame]) -> [u32; CONTEXT_LEN] {
     let mut tokens = [0; CONTEXT_LEN];
     for (i, values) in series(frames).iter().enumerate() {
-        let tempo = tempo(values, LEAST_DEVIATION[i]);
+        let tempo = tempo(values, MIN_DEVIATION[i]);
         tokens[i] = i * N_TEMPO + tempo;
     }
     let board = N_SERIES * N_TEMPO;
@@ -112,8 +112,8 @@ fn series(frames: &[PointFrame]) -> [Vec<f32>; N_SERIES] {
 }
 
 /// Token of the main rate of a series: 0 without one.
-fn tempo(values: &[f32], least_deviation: f32) -> usize {
-    let Some((rate_hz, share)) = main_rate_hz(values, least_deviation) else {
+fn tempo(values: &[f32], min_deviation: f32) -> usize {
+    let Some((rate_hz, share)) = main_rate_hz(values, min_deviation) else {
         return 0;
     };
     match bin(share, &SHARES) {
@@ -124,11 +124,11 @@ fn tempo(values: &[f32], least_deviation: f32) -> usize {
 
 /// The strongest rate of a series, Hz, and the share of the power about it. `None` if the series hardly changes or is too
 /// short.
-fn main_rate_hz(values: &[f32], least_deviation: f32) -> Option<(f32, f32)> {
+fn main_rate_hz(values: &[f32], min_deviation: f32) -> Option<(f32, f32)> {
     let residuals = without_trend(values);
     let n = residuals.len() as f32;
     let variance = residuals.iter().map(|v| v * v).sum::<f32>() / n.max(1.0);
-    if variance.sqrt() < least_deviation {
+    if variance.sqrt() < min_deviation {
         return None;
     }
     let seconds = n * FRAME_PERIOD_S;
@@ -181,7 +181,7 @@ fn power(values: &[f32], rate_hz: f32) -> f32 {
 /// The step of which nearly all velocities are multiples, m/s; `None` if there is none, or too few velocities.
 fn velocity_step_mps(velocities: &[f32]) -> Option<f32> {
     /// Fewest velocities other than zero.
-    const LEAST: usize = 8;
+    const MIN: usize = 8;
     /// Smallest step of a radar, m/s. Velocities that are closer are the same.
     const SMALLEST_MPS: f32 = 0.02;
     /// Largest distance from a multiple, in steps.
@@ -190,7 +190,7 @@ fn velocity_step_mps(velocities: &[f32]) -> Option<f32> {
     const SHARE: f32 = 0.9;
     let mut speeds: Vec<f32> = velocities.iter().map(|v| v.abs()).collect();
     speeds.retain(|v| *v >= SMALLEST_MPS);
-    if speeds.len() < LEAST {
+    if speeds.len() < MIN {
         return None;
     }
     speeds.sort_by(f32::total_cmp);

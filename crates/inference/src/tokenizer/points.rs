@@ -175,11 +175,11 @@ fn points_of(values: &[f32], radar_height_m: f32) -> Vec<RadarPoint> {
     let Some((log_count, points)) = values.split_last() else {
         return Vec::new();
     };
-    let n_most = points.len() / POINT_DIM;
+    let n_max = points.len() / POINT_DIM;
     let n = (log_count * COUNT_SCALE).exp_m1().round();
-    let n = (n.max(0.0) as usize).min(n_most);
+    let n = (n.max(0.0) as usize).min(n_max);
     // The points are a set in no order, all of which covers the person: evenly spaced members still do.
-    let chosen = (0..n).map(|i| i * n_most / n.max(1));
+    let chosen = (0..n).map(|i| i * n_max / n.max(1));
     chosen
         .map(|i| point_of(&points[i * POINT_DIM..][..POINT_DIM], radar_height_m))
         .collect()

@@ -12,6 +12,18 @@
 //!
 //! With `RADARLLM_SOAK_SEED=N` it is another day: other bodies in motion, places and times.
 
+#![allow(
+    clippy::disallowed_methods,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    missing_docs,
+    unreachable_pub,
+    reason = "a test"
+)]
+
 // The tests of MQTT use more of it.
 #[allow(dead_code)]
 #[path = "../../src/mqtt/tests/broker.rs"]
@@ -340,18 +352,21 @@ fn check(outcome: &Outcome) {
     assert!(figures.largest_log_bytes <= 16 << 20);
     let last_ms = memory.last_fall.last_ms.expect("a fall is remembered");
     let expected_ms = script.utc_ms(*start_ms, script.falls[script.falls.len() - 1]);
-    let told = &memory.last_fall.answer;
+    let published = &memory.last_fall.answer;
     assert!(
         (last_ms - expected_ms).abs() < 10_000,
-        "{told}: {expected_ms}"
+        "{published}: {expected_ms}"
     );
     let n_alarms = match script.falls.len() {
         2 => "The fall alarm was confirmed twice.".to_string(),
         n => format!("The fall alarm was confirmed {n} times."),
     };
-    assert!(told.contains(&n_alarms), "{told}");
-    let (told, n) = (memory.get_ups.count, script.get_ups.len() as u64);
-    assert!(told.abs_diff(n) <= 1, "told {told} risings of {n}");
+    assert!(published.contains(&n_alarms), "{published}");
+    let (published, n) = (memory.get_ups.count, script.get_ups.len() as u64);
+    assert!(
+        published.abs_diff(n) <= 1,
+        "published {published} risings of {n}"
+    );
 }
 
 #[test]

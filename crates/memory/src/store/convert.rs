@@ -62,9 +62,9 @@ fn origin(row: &Row<'_>, first: usize) -> rusqlite::Result<Origin> {
 }
 
 /// A text that is no longer than what is written. A damaged row is not copied.
-fn text(row: &Row<'_>, column: usize, most_bytes: usize) -> rusqlite::Result<String> {
+fn text(row: &Row<'_>, column: usize, max_bytes: usize) -> rusqlite::Result<String> {
     match row.get_ref(column)?.as_str() {
-        Ok(text) if text.len() <= most_bytes => Ok(text.to_string()),
+        Ok(text) if text.len() <= max_bytes => Ok(text.to_string()),
         Ok(_) => Err(wrong(column, "a text longer than any that is written")),
         Err(e) => Err(conversion(column, e)),
     }
@@ -73,11 +73,11 @@ fn text(row: &Row<'_>, column: usize, most_bytes: usize) -> rusqlite::Result<Str
 fn json<T: serde::de::DeserializeOwned>(
     row: &Row<'_>,
     column: usize,
-    most_bytes: usize,
+    max_bytes: usize,
 ) -> rusqlite::Result<Option<T>> {
     match row.get_ref(column)?.as_str_or_null() {
         Ok(None) => Ok(None),
-        Ok(Some(text)) if text.len() <= most_bytes => {
+        Ok(Some(text)) if text.len() <= max_bytes => {
             serde_json::from_str(text).map(Some).map_err(|e| {
                 rusqlite::Error::FromSqlConversionFailure(column, Type::Text, Box::new(e))
             })

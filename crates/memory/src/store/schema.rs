@@ -136,12 +136,12 @@ fn definitions(connection: &Connection) -> rusqlite::Result<Vec<Definition>> {
     definitions_at_most(connection, 1_000)
 }
 
-fn definitions_at_most(connection: &Connection, most: usize) -> rusqlite::Result<Vec<Definition>> {
+fn definitions_at_most(connection: &Connection, max: usize) -> rusqlite::Result<Vec<Definition>> {
     let mut statement = connection.prepare(
         "SELECT type, name, sql FROM sqlite_schema
          WHERE sql IS NOT NULL AND name NOT GLOB 'activity_fts_*' AND name NOT GLOB 'sqlite_*'
          ORDER BY name, type LIMIT ?1",
     )?;
     let definition = |row: &Row<'_>| Ok((row.get(0)?, row.get(1)?, row.get(2)?));
-    statement.query_map([most], definition)?.collect()
+    statement.query_map([max], definition)?.collect()
 }

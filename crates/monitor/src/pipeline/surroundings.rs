@@ -97,8 +97,8 @@ impl Surroundings {
         let points = frames.iter().flat_map(|f| &f.points);
         let n_static = points.filter(|p| self.cells.is_static(p)).count();
         let share = n_static as f64 / self.n_points.max(1) as f64;
-        let least = if self.is_removing { OFF } else { ON };
-        self.is_removing = share > least || self.cells.reports_coupling();
+        let min = if self.is_removing { OFF } else { ON };
+        self.is_removing = share > min || self.cells.reports_coupling();
     }
 }
 

@@ -287,20 +287,19 @@ pub(super) fn impossible_pace(name: &str, v: &Values, height_m: f32) -> Option<S
     let duration_s = v.given("duration_s")?;
     let (shortest, longest) = (0.4, if name == "run" { 1.7 } else { 1.8 });
     let Some(distance_m) = v.given("distance_m") else {
-        let least_s = OVERHEAD_S + 1.0;
-        return (duration_s < least_s)
-            .then(|| format!("needs duration_s of at least {least_s:.1}"));
+        let min_s = OVERHEAD_S + 1.0;
+        return (duration_s < min_s).then(|| format!("needs duration_s of at least {min_s:.1}"));
     };
     let moving_s = duration_s - OVERHEAD_S;
     if moving_s <= 0.0 || distance_m / moving_s > longest * base {
-        let least = OVERHEAD_S + distance_m / (longest * base);
+        let min = OVERHEAD_S + distance_m / (longest * base);
         return Some(format!(
-            "{distance_m} m need at least {least:.1} s, not duration_s={duration_s}"
+            "{distance_m} m need at least {min:.1} s, not duration_s={duration_s}"
         ));
     }
     (distance_m / moving_s < shortest * base).then(|| {
-        let most = OVERHEAD_S + distance_m / (shortest * base);
-        format!("{distance_m} m take at most {most:.1} s, not duration_s={duration_s}; leave out distance_m or let stand_still follow")
+        let max = OVERHEAD_S + distance_m / (shortest * base);
+        format!("{distance_m} m take at most {max:.1} s, not duration_s={duration_s}; leave out distance_m or let stand_still follow")
     })
 }
 

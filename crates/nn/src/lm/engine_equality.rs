@@ -175,7 +175,7 @@ fn logits_of_the_default_model_agree() {
     let mut session = engine.engine().session(1);
     let net = lm.net.t5().unwrap();
     let vocab = lm.config.network.vocab_size();
-    let mut most = 0.0_f32;
+    let mut max = 0.0_f32;
     for source in prompts(&lm, 30, 11) {
         let said = lm.generate(std::slice::from_ref(&source), &GenerateOptions::default());
         let mut ids = vec![PAD];
@@ -186,15 +186,15 @@ fn logits_of_the_default_model_agree() {
         session.start(&[&source], 1, ids.len()).unwrap();
         for (id, expected) in ids.iter().zip(expected.chunks_exact(vocab)) {
             let found = session.logits(&[*id], vocab);
-            most = expected
+            max = expected
                 .iter()
                 .zip(found)
                 .map(|(e, f)| (e - f).abs())
-                .fold(most, f32::max);
+                .fold(max, f32::max);
         }
     }
-    println!("largest difference of logits: {most:.1e}");
-    assert!(most < 1e-4, "{most}");
+    println!("largest difference of logits: {max:.1e}");
+    assert!(max < 1e-4, "{max}");
 }
 
 /// int8 is an approximation: its accuracy is measured here and bounded from below.

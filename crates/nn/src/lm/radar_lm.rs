@@ -670,11 +670,11 @@ mod tests {
             files.write(dir).unwrap();
         };
         write(&lm, &first);
-        let told = RadarLm::load_with_context(&first, 1, &Device::flex()).unwrap();
-        let (old, new) = (lm.vocab.layout(), told.vocab.layout());
-        assert!(!lm.vocab.is_told_context() && told.vocab.is_told_context());
+        let with_context = RadarLm::load_with_context(&first, 1, &Device::flex()).unwrap();
+        let (old, new) = (lm.vocab.layout(), with_context.vocab.layout());
+        assert!(!lm.vocab.has_context() && with_context.vocab.has_context());
         assert!(new.size() > old.size());
-        let [before, after] = [&lm, &told].map(|lm| collect_params(lm.net.t5().unwrap()));
+        let [before, after] = [&lm, &with_context].map(|lm| collect_params(lm.net.t5().unwrap()));
         for (name, tensor) in &before {
             let found = &after[name];
             assert_eq!(found.values[..tensor.values.len()], tensor.values, "{name}");
@@ -685,7 +685,7 @@ mod tests {
             }
         }
         // A model that has the rows is loaded as it is.
-        write(&told, &second);
+        write(&with_context, &second);
         let again = RadarLm::load_with_context(&second, 2, &Device::flex()).unwrap();
         let again = collect_params(again.net.t5().unwrap());
         assert!(after.iter().all(|(name, t)| again[name].values == t.values));

@@ -58,14 +58,14 @@ impl MotionVqVaeConfig {
     /// # Errors
     /// Names the first field that cannot be used.
     pub fn validate(&self) -> Result<(), String> {
-        for (field, value, most) in [
+        for (field, value, max) in [
             ("width", self.width, 2048),
             ("depth", self.depth, 8),
             ("dilation", self.dilation, 4),
             ("codebook_size", self.codebook_size, 65_536),
         ] {
-            if value == 0 || value > most {
-                return Err(format!("{field}: must be in 1..={most}, found {value}"));
+            if value == 0 || value > max {
+                return Err(format!("{field}: must be in 1..={max}, found {value}"));
             }
         }
         if self.down != 3 {

@@ -474,18 +474,18 @@ pub fn read_adapters(
 fn add_shards(
     files: &mut CheckpointFiles,
     tensors: NamedTensors,
-    most: usize,
+    max: usize,
 ) -> Result<(), CheckpointError> {
     let bytes_of = |tensor: &HostTensor| 4 * tensor.values.len();
     let total: usize = tensors.values().map(bytes_of).sum();
-    if total <= most {
+    if total <= max {
         return files.tensors(MODEL_FILE, &tensors);
     }
     let mut shards = vec![NamedTensors::new()];
     let mut filled = 0;
     for (name, tensor) in tensors {
         let bytes = bytes_of(&tensor);
-        if filled > 0 && filled + bytes > most {
+        if filled > 0 && filled + bytes > max {
             shards.push(NamedTensors::new());
             filled = 0;
         }
@@ -617,7 +617,7 @@ pub(super) mod tests {
 
     fn largest_difference(a: &[f32], b: &[f32]) -> f32 {
         assert_eq!(a.len(), b.len());
-        (a.iter().zip(b)).fold(0.0, |most, (a, b)| most.max((a - b).abs()))
+        (a.iter().zip(b)).fold(0.0, |max, (a, b)| max.max((a - b).abs()))
     }
 
     /// Tolerance: f32 rounding of sums in another order; logits are of order 10.
@@ -665,7 +665,7 @@ pub(super) mod tests {
                 let expected = &expected.values[row * length * vocab..][..length * vocab];
                 let difference = largest_difference(&found, expected);
                 assert!(difference < 1e-4, "{kind}: {difference}");
-                let size = expected.iter().fold(0.0_f32, |most, v| most.max(v.abs()));
+                let size = expected.iter().fold(0.0_f32, |max, v| max.max(v.abs()));
                 let difference = largest_difference(&found, &logits(&merged, &ids, vocab));
                 assert!(
                     difference < 1e-5 * size,
@@ -848,9 +848,9 @@ pub(super) mod tests {
         let lm = adapted("gpt2", &dir);
         // 24 positions: 13 codes, two markers, a word and the end leave room for 7.
         let source = lm.describe_prompt(&radar(13)).unwrap();
-        let run = |most| {
+        let run = |max| {
             let options = GenerateOptions {
-                max_new_tokens: most,
+                max_new_tokens: max,
                 ..GenerateOptions::default()
             };
             lm.generate(std::slice::from_ref(&source), &options)

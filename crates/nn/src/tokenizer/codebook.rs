@@ -320,9 +320,9 @@ mod tests {
         let found = nearest_codes(&x, &c, 19);
         for (x, k) in x.chunks_exact(19).zip(found) {
             let square = |c: &[f32]| x.iter().zip(c).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
-            let least = c.chunks_exact(19).map(square).fold(f32::INFINITY, f32::min);
+            let min = c.chunks_exact(19).map(square).fold(f32::INFINITY, f32::min);
             // The two formulas round differently: distances of order 10, a few ulp.
-            assert!(square(&c[k as usize * 19..][..19]) <= least + 1e-5);
+            assert!(square(&c[k as usize * 19..][..19]) <= min + 1e-5);
         }
     }
 

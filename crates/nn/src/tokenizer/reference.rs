@@ -203,7 +203,7 @@ mod tests {
     /// point, some points far away.
     fn wanderer(rng: &mut ChaCha8Rng) -> Vec<PointFrame> {
         let n_frames = rng.random_range(1..=96);
-        let most = [0, 1, 3, 20, 60][rng.random_range(0..5)];
+        let max = [0, 1, 3, 20, 60][rng.random_range(0..5)];
         let mut at = [rng.random_range(-1.5..1.5), rng.random_range(1.5..5.0)];
         let mut frame = |f: u32| {
             for x in &mut at {
@@ -211,8 +211,8 @@ mod tests {
             }
             let n_points = match rng.random_range(0..10) {
                 0 => 0,
-                1 => most.min(1),
-                _ => rng.random_range(0..=most),
+                1 => max.min(1),
+                _ => rng.random_range(0..=max),
             };
             let mut point = || {
                 let reach = if rng.random_range(0..12) == 0 {
@@ -264,9 +264,9 @@ mod tests {
             assert_eq!(e.n_points_used, f.n_points_used);
             assert_eq!(e.features.len(), f.features.len());
             assert_eq!(e.codes.len(), f.codes.len());
-            let most = e.features.iter().fold(0.0f32, |a, v| a.max(v.abs()));
+            let max = e.features.iter().fold(0.0f32, |a, v| a.max(v.abs()));
             for (e, f) in e.features.iter().zip(&f.features) {
-                worst = worst.max((e - f).abs() / most);
+                worst = worst.max((e - f).abs() / max);
             }
             let dim = reference.config.code_dim;
             let features = e.features.chunks(dim).zip(f.features.chunks(dim));
@@ -286,8 +286,8 @@ mod tests {
         }
         // Codes that are all the same would agree trivially.
         let n_occurring = occurring.len();
-        let least = reference.config.codebook_size.min(10);
-        assert!(n_occurring >= least, "only {n_occurring} codes occur");
+        let min = reference.config.codebook_size.min(10);
+        assert!(n_occurring >= min, "only {n_occurring} codes occur");
         assert!(worst < 1e-4, "{worst}, {:?}", reference.config());
         // A rate above one tie in five hundred codes would indicate a defect rather than ties.
         assert!(500 * n_ties <= n_codes.max(500), "{n_ties} of {n_codes}");

@@ -198,7 +198,7 @@ fn what_is_no_reflector_is_refused_by_name() {
     );
 
     let mut phase_modulated = RadarConfig {
-        firing: TxMultiplexing::Bpm,
+        multiplexing: TxMultiplexing::Bpm,
         ..radar.clone()
     };
     phase_modulated.tx.truncate(2);

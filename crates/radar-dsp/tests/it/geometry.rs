@@ -250,7 +250,7 @@ fn micro_doppler_follows_the_speed_over_frames() {
 /// The reference board with two of its transmitters and binary phase modulation.
 fn phase_modulated(second: usize) -> RadarConfig {
     let mut radar = RadarConfig {
-        firing: TxMultiplexing::Bpm,
+        multiplexing: TxMultiplexing::Bpm,
         ..RadarConfig::awr1843boost()
     };
     radar.tx = vec![radar.tx[0], radar.tx[second]];

@@ -260,7 +260,7 @@ fn other_radars() {
 #[test]
 fn two_transmitters_at_once() {
     let mut config = RadarConfig {
-        firing: TxMultiplexing::Bpm,
+        multiplexing: TxMultiplexing::Bpm,
         ..RadarConfig::awr1843boost()
     };
     config.tx = vec![config.tx[0], config.tx[2]];

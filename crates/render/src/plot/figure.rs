@@ -263,8 +263,8 @@ impl Figure<'_> {
 
 /// Height and scales of a panel with equal scales on both axes.
 fn equal_scales(x: &Scale, y: &Scale, width: f64) -> (f64, Scale, Scale) {
-    let [least, most] = EQUAL_HEIGHTS_PT;
-    let height = (width * (y.extent() / x.extent())).clamp(least, most);
+    let [min, max] = EQUAL_HEIGHTS_PT;
+    let height = (width * (y.extent() / x.extent())).clamp(min, max);
     let per_pt = (x.extent() / width).max(y.extent() / height);
     let widened = |scale: &Scale, pt: f64| scale.clone().with_extent(per_pt * pt);
     (height, widened(x, width), widened(y, height))

@@ -34,7 +34,7 @@ const MAX_TEXT_BYTES: u64 = 256 << 20;
 /// Shortest part of a motion, s.
 const SHORTEST_S: f64 = 1.0;
 /// Who walks or runs moves by at least this distance, m.
-const LEAST_WAY_M: f32 = 0.3;
+const MIN_WAY_M: f32 = 0.3;
 /// Standing heights of people, m.
 const HEIGHTS_M: std::ops::RangeInclusive<f32> = 1.0..=2.3;
 /// Extensions of motion files.
@@ -273,7 +273,7 @@ fn checked(folder: &Path, line: &CaptionLine) -> Result<(CorpusItem, u64), Strin
         .collect();
     let way_m = way_m(&motion);
     if let [only @ ("walk" | "run" | "pace" | "circle")] = actions[..]
-        && way_m < LEAST_WAY_M
+        && way_m < MIN_WAY_M
     {
         return Err(format!(
             "`{first}` states `{only}`, but the pelvis moves by {way_m:.2} m"

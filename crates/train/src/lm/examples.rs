@@ -61,7 +61,7 @@ const TASKS: [Task; 7] = [
 ];
 
 /// Maximum number of variants or captions of a clip that are used: they must fit their bits of an item number.
-const MOST: usize = 256;
+const MAX: usize = 256;
 
 impl Item {
     /// Packs the item into a number.
@@ -155,7 +155,7 @@ impl ExampleMaker {
             check_clip(vocab, code_dim, clip)?;
             let ids = |text: &str| vocab.text_ids(text);
             let both = |text: &String| Ok([ids(text)?, ids(&swap_sides(text))?]);
-            let of_clip = clip.captions.iter().take(MOST).map(both);
+            let of_clip = clip.captions.iter().take(MAX).map(both);
             captions.push(of_clip.collect::<Result<Vec<_>, LmError>>()?);
             lengths.push(ids(&seconds_text(clip.seconds))?);
         }
@@ -203,7 +203,7 @@ impl ExampleMaker {
     /// Reads the facts of all captions, so that [`Self::example`] can write others.
     pub fn read_facts(&mut self) {
         let both = |text: &String| [facts(text), facts(&swap_sides(text))];
-        let of_clip = |clip: &LmClip| clip.captions.iter().take(MOST).map(both).collect();
+        let of_clip = |clip: &LmClip| clip.captions.iter().take(MAX).map(both).collect();
         self.facts = self.clips.iter().map(of_clip).collect();
     }
 
@@ -310,7 +310,7 @@ impl ExampleMaker {
                 } else {
                     &clip.variants
                 };
-                let variant = rng.random_range(0..pool.len().min(MOST));
+                let variant = rng.random_range(0..pool.len().min(MAX));
                 // A single code can be neither masked nor continued.
                 if pool[variant].codes.len() < 2
                     && matches!(task, Task::RadarPrediction | Task::Continuation)

@@ -956,10 +956,10 @@ fn text_prediction_restores_sentences() {
     let share = n_text as f64 / f64::from(n_all);
     assert!((0.4..0.6).contains(&share), "{share}");
     assert!(drawn.iter().all(|n| *n > n_text / 5), "{drawn:?}");
-    let (least, most) = shares
+    let (min, max) = shares
         .iter()
         .fold((1.0_f64, 0.0_f64), |(a, b), s| (a.min(*s), b.max(*s)));
-    assert!(least < 0.3 && most > 0.7, "{least} to {most}");
+    assert!(min < 0.3 && max > 0.7, "{min} to {max}");
 }
 
 /// Sentences add words to the vocabulary and a task to the record of what was learned.

@@ -1,5 +1,17 @@
 //! Stages `motion` and `tokenizer` end to end on synthetic clips.
 
+#![allow(
+    clippy::disallowed_methods,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    missing_docs,
+    unreachable_pub,
+    reason = "a test"
+)]
+
 mod synthetic;
 
 use std::fs;

@@ -7,7 +7,6 @@
 use std::{
     collections::BTreeMap,
     fmt::Write as _,
-    fs,
     path::{Path, PathBuf},
     sync::Mutex,
 };
@@ -348,6 +347,8 @@ fn metric(report: &serde_json::Value, key: &str) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     const GRID: &str = r#"

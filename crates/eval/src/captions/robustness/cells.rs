@@ -360,13 +360,13 @@ fn tracked_person(clip: &Clip, own: &[PointFrame]) -> Result<Clip, OptionError> 
     let counted = people
         .into_iter()
         .map(|person| (own_points(&person), person));
-    let most = counted.filter(|(n, _)| *n > 0).max_by_key(|(n, _)| *n);
+    let max = counted.filter(|(n, _)| *n > 0).max_by_key(|(n, _)| *n);
     let without_points = |f: &PointFrame| PointFrame {
         points: Vec::new(),
         ..*f
     };
     let nobody = || clip.with_frames(own.iter().map(without_points).collect());
-    Ok(most.map_or_else(nobody, |(_, person)| person.clip))
+    Ok(max.map_or_else(nobody, |(_, person)| person.clip))
 }
 
 /// The unchanged points with fewer points or frames.

@@ -229,7 +229,7 @@ impl Scorer<'_> {
 /// The report as Markdown.
 pub fn markdown(report: &RobustnessReport) -> String {
     let mut text = format!(
-        "Model {}, {} motions of split `{}` of `{}`, the same in every cell, captioned by a vote. Protocol `{}`, at most {} \
+        "Model {}, {} motions of split `{}` of `{}`, the same in every cell, captioned by a vote. Protocol `{}`, at max {} \
          references; values are multiplied by 100, except CIDEr-D; 95 % bootstrap intervals over motions. Action accuracy: \
          the share of captions in which a naive Bayes classifier, fitted on training captions, recognises the clip's \
          action; on these clips' own references it is {:.0} %. \"Change\" is the difference in action accuracy to the \

@@ -236,11 +236,11 @@ fn best(
 /// half of the shorter clip or than a second overlaps, or the window hardly moves.
 fn compare(a: &[[f32; WIDTH]], b: &[[f32; WIDTH]], shift: f64, speed: f64) -> Option<(f64, usize)> {
     let shorter = (a.len() as f64).min(b.len() as f64 / speed);
-    let least = (MIN_OVERLAP as f64).max(0.5 * shorter).ceil() as usize;
+    let min = (MIN_OVERLAP as f64).max(0.5 * shorter).ceil() as usize;
     let last = (b.len() - 1) as f64;
     let first = (-shift / speed - 1e-9).ceil().max(0.0) as usize;
     let end = (((last - shift) / speed + 1e-9).floor() + 1.0).clamp(0.0, a.len() as f64) as usize;
-    let n = end.checked_sub(first).filter(|&n| n >= least)?;
+    let n = end.checked_sub(first).filter(|&n| n >= min)?;
     let (mut squares, mut upright, mut along, mut across) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
     let (mut sum, mut own) = ([0.0_f32; WIDTH], 0.0_f64);
     for (i, u) in a.iter().enumerate().take(end).skip(first) {

@@ -82,11 +82,11 @@ impl StatedTime {
             .chain(others.into_iter().map(|(name, time)| (time, name)))
             .collect();
         times.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let (most, name) = *times.first()?;
+        let (max, name) = *times.first()?;
         let second = times.get(1).map_or(0.0, |t| t.0);
         // Sums of thirds of seconds are not exact.
         let slack = 1e-6 * seconds;
-        (most + slack >= 0.5 * seconds && most > second + slack).then(|| name.to_string())
+        (max + slack >= 0.5 * seconds && max > second + slack).then(|| name.to_string())
     }
 }
 

@@ -123,8 +123,8 @@ pub(super) fn lift(frames: &mut [PointFrame], bias: f64) {
     for p in frames.iter_mut().flat_map(|f| &mut f.points) {
         let range_m = f64::from(p.range_m).max(1e-3);
         let u_x = f64::from(p.x_m) / range_m;
-        let most = (1.0 - u_x * u_x).max(0.0).sqrt();
-        let u_z = (f64::from(p.z_m) / range_m + bias).clamp(-most, most);
+        let max = (1.0 - u_x * u_x).max(0.0).sqrt();
+        let u_z = (f64::from(p.z_m) / range_m + bias).clamp(-max, max);
         p.z_m = (range_m * u_z) as f32;
         p.y_m = (range_m * (1.0 - u_x * u_x - u_z * u_z).max(0.0).sqrt()) as f32;
     }

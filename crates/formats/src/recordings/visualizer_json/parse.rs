@@ -488,10 +488,10 @@ impl<'de> Visitor<'de> for Row<'_, '_> {
             may_be_longer,
             ..
         } = self.rows;
-        let least = if *may_be_longer { "at least " } else { "" };
+        let min = if *may_be_longer { "at least " } else { "" };
         write!(
             f,
-            "{least}{n_used} numbers in row {} of `{key}` of frame {frame}",
+            "{min}{n_used} numbers in row {} of `{key}` of frame {frame}",
             self.row
         )
     }

@@ -334,8 +334,8 @@ fn sentences_come_at_most_once_a_second_and_the_last_one_comes() {
     let state = broker.state();
     let n = state.messages.iter().filter(|m| m.topic == CAPTION).count();
     // One at the beginning, one a second, and one at the end of the last second.
-    let most = 2 + began.elapsed().as_secs() as usize;
-    assert!(n <= most, "{n} of {most}");
+    let max = 2 + began.elapsed().as_secs() as usize;
+    assert!(n <= max, "{n} of {max}");
 }
 
 #[test]
