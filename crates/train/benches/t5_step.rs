@@ -1,7 +1,7 @@
 //! Time of a training step of the T5-small shape: 16 sequences of 96 in and 40 out, dropout 0.1, AdamW.
 //!
 //! `cargo bench -p radarllm-train --bench t5_step [-- steps [device [f32|bf16|f16]]]`, with `--features gpu` for
-//! graphics processors; studies/pytorch_step.py does the same in PyTorch.
+//! GPUs; studies/pytorch_step.py does the same in PyTorch.
 
 #![allow(
     clippy::disallowed_methods,

@@ -434,7 +434,7 @@ mod tests {
         }
     }
 
-    /// Runs the update for graphics processors on the CPU's tensors.
+    /// Runs the update for GPUs on the CPU's tensors.
     #[test]
     fn tensors_learn_as_loops_do() {
         let device = Device::flex().autodiff();

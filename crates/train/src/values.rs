@@ -1,5 +1,5 @@
 //! Values stored with the weights to which they belong: in host memory on the CPU, otherwise in the memory of the
-//! graphics processor. An update then copies nothing between the two.
+//! GPU. An update then copies nothing between the two.
 
 use burn::tensor::{Device, Tensor, TensorData};
 use radarllm_inference::checkpoint::HostTensor;
@@ -11,7 +11,7 @@ use radarllm_nn::device::is_cpu;
 pub(crate) enum Values {
     /// In host memory.
     Cpu(Vec<f32>),
-    /// On a graphics processor.
+    /// On a GPU.
     Gpu(Tensor<1>),
 }
 

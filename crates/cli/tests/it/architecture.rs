@@ -69,30 +69,23 @@ fn the_table_is_the_real_dependency_graph() {
     assert_eq!(edges_of_table(), edges_of_manifests());
 }
 
-/// Invariant 9: what the default build of the command can link, by manifests and the lock file. Optional
-/// dependencies of other crates count as linked, so the set is never too small.
-#[test]
-fn the_default_build_links_no_learning_framework() {
+/// What a crate of ours can link: our crates by their folders, and all others by the lock file. `is_on` decides about the
+/// optional dependencies of each of our crates; those of others count, so the set is never too small.
+fn linked(
+    start: &str,
+    is_on: impl Fn(&str, &toml::Table, &str) -> bool,
+) -> (BTreeSet<String>, BTreeSet<String>) {
     let manifest = |folder: &str| -> toml::Table {
         let path = root().join("crates").join(folder).join("Cargo.toml");
         fs::read_to_string(path).unwrap().parse().unwrap()
     };
-    let workspace: toml::Table = fs::read_to_string(root().join("Cargo.toml"))
-        .unwrap()
-        .parse()
-        .unwrap();
-    let shared = workspace["workspace"]["dependencies"].as_table().unwrap();
-    // Ours: dependencies that are not optional, and no feature but the default switches one on.
     let (mut ours, mut others) = (BTreeSet::new(), BTreeSet::new());
-    let mut open = vec![("cli".to_string(), false)];
-    while let Some((folder, train)) = open.pop() {
-        assert!(!train, "{folder} is used with training");
+    let mut open = vec![start.to_string()];
+    while let Some(folder) = open.pop() {
         if !ours.insert(folder.clone()) {
             continue;
         }
         let manifest = manifest(&folder);
-        let defaults = manifest.get("features").and_then(|f| f.get("default"));
-        assert!(defaults.is_none(), "{folder} has default features");
         let everywhere = manifest["dependencies"].as_table().unwrap().clone();
         let targets = manifest.get("target").and_then(|t| t.as_table()).cloned();
         let of_targets = targets
@@ -100,28 +93,18 @@ fn the_default_build_links_no_learning_framework() {
             .flatten()
             .flat_map(|(_, target)| target["dependencies"].as_table().cloned().unwrap());
         for (name, how) in everywhere.into_iter().chain(of_targets) {
-            if how.get("optional").and_then(|o| o.as_bool()) == Some(true) {
+            let optional = how.get("optional").and_then(|o| o.as_bool()) == Some(true);
+            if optional && !is_on(&folder, &manifest, &name) {
                 continue;
             }
-            let train = [Some(&how), shared.get(&name)]
-                .into_iter()
-                .flatten()
-                .filter_map(|how| how.get("features").and_then(|f| f.as_array()))
-                .flatten()
-                .any(|feature| feature.as_str() == Some("train"));
             match folder_of(&name) {
-                Some(own) => open.push((own.to_string(), train)),
+                Some(own) => open.push(own.to_string()),
                 None => {
                     others.insert(name);
                 }
             }
         }
     }
-    assert!(
-        ours.contains("inference") && !ours.contains("nn") && !ours.contains("train"),
-        "{ours:?}"
-    );
-    // Theirs: everything the lock file can reach from there.
     let lock: toml::Table = fs::read_to_string(root().join("Cargo.lock"))
         .unwrap()
         .parse()
@@ -135,16 +118,72 @@ fn the_default_build_links_no_learning_framework() {
         let name = package["name"].as_str().unwrap();
         edges.entry(name).or_default().extend(names);
     }
-    let mut reached: BTreeSet<&str> = BTreeSet::new();
-    let mut open: Vec<&str> = others.iter().map(String::as_str).collect();
+    let mut reached: BTreeSet<String> = BTreeSet::new();
+    let mut open: Vec<String> = others.into_iter().collect();
     while let Some(name) = open.pop() {
-        if reached.insert(name) {
-            open.extend(edges[name].iter().copied());
+        if reached.insert(name.clone()) {
+            open.extend(edges[&*name].iter().map(ToString::to_string));
         }
     }
-    assert!(reached.contains("tokenizers"), "the walk reaches something");
+    (ours, reached)
+}
+
+/// The dependencies that the default features of a manifest switch on.
+fn on_by_default(manifest: &toml::Table) -> BTreeSet<String> {
+    let features = manifest.get("features").and_then(|f| f.as_table());
+    let mut open = vec!["default".to_string()];
+    let mut on = BTreeSet::new();
+    while let Some(name) = open.pop() {
+        if let Some(dependency) = name.strip_prefix("dep:") {
+            on.insert(dependency.to_string());
+        } else if let Some(parts) = features.and_then(|f| f.get(&name)?.as_array()) {
+            open.extend(parts.iter().filter_map(|p| p.as_str()).map(Into::into));
+        }
+    }
+    on
+}
+
+/// Invariant 9.
+#[test]
+fn the_default_build_links_no_learning_framework() {
+    let (ours, reached) = linked("cli", |folder, manifest, name| {
+        folder != "cli" || on_by_default(manifest).contains(name)
+    });
+    assert!(
+        ours.contains("inference") && !ours.contains("nn") && !ours.contains("train"),
+        "{ours:?}"
+    );
+    assert!(reached.contains("parquet"), "the walk reaches something");
     let burn: Vec<_> = reached.iter().filter(|n| n.starts_with("burn")).collect();
     assert!(burn.is_empty(), "{burn:?}");
+    for name in ["tokenizers", "npyz", "png", "tar", "ruzstd"] {
+        assert!(!reached.contains(name), "{name}");
+    }
+}
+
+/// The README's first command is quick to build.
+#[test]
+fn the_demo_links_neither_a_command_line_nor_a_database_nor_a_server() {
+    let (ours, reached) = linked("demo", |_, _, _| false);
+    assert!(
+        ours.contains("inference") && ours.contains("synth"),
+        "{ours:?}"
+    );
+    for name in ["cli", "eval", "live", "memory", "monitor", "nn", "train"] {
+        assert!(!ours.contains(name), "{name}");
+    }
+    assert!(reached.contains("rustfft"), "the walk reaches something");
+    for name in [
+        "arrow-array",
+        "axum",
+        "clap",
+        "libsqlite3-sys",
+        "parquet",
+        "rumqttc",
+        "tokenizers",
+    ] {
+        assert!(!reached.contains(name), "{name}");
+    }
 }
 
 #[test]

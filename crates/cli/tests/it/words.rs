@@ -13,7 +13,7 @@ const PARTS: [(&str, &str); 4] = [
     ("least", "min"),
 ];
 /// Names that are ordinary English or those of other libraries.
-const ALLOWED: [&str; 12] = [
+const ALLOWED: [&str; 13] = [
     "AtLeast",
     "AtLeastOnce",
     "AtMost",
@@ -22,6 +22,7 @@ const ALLOWED: [&str; 12] = [
     "at_least",
     "at_most",
     "definitions_at_most",
+    "MOST_FREQUENT",
     "most_alike",
     "most_confident",
     "most_frequent",

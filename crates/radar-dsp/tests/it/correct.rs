@@ -1,4 +1,4 @@
-//! What is taken off raw samples, measured against closed forms.
+//! Corrections of raw samples, measured against closed forms.
 
 use num_complex::{Complex32, Complex64};
 use radarllm_base::{RadarConfig, RadarCube, RadarPoint};

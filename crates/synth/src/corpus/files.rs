@@ -89,7 +89,7 @@ pub struct CaptionLine {
     pub bend_deg: Option<f64>,
 }
 
-/// What is told about a source of motions.
+/// Terms of a source of motions.
 #[derive(Clone, Debug)]
 pub(super) struct Terms {
     /// Name of the corpus.
