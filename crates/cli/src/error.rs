@@ -96,7 +96,7 @@ fn flag(option: &str) -> String {
 
 /// The requested operation needs the networks in burn, which are not part of this binary.
 #[cfg(not(feature = "train"))]
-pub fn needs_training(what: &str) -> CliError {
+pub(crate) fn needs_training(what: &str) -> CliError {
     CliError::new(format!(
         "{what} needs a build with the feature `train`, which this binary lacks"
     ))

@@ -190,7 +190,6 @@ fn first_names(names: &[String]) -> String {
     text
 }
 
-#[cfg(feature = "parquet")]
 impl DatasetError {
     /// How the user can resolve the error.
     pub fn hint(&self) -> Option<Message> {
@@ -216,6 +215,7 @@ impl DatasetError {
         })
     }
 
+    #[cfg(feature = "parquet")]
     /// Shorthand for `map_err`.
     pub(crate) fn io(
         path: &std::path::Path,
@@ -229,6 +229,7 @@ impl DatasetError {
         }
     }
 
+    #[cfg(feature = "parquet")]
     /// Shorthand for an error message of a decoder.
     pub(crate) fn corrupt(path: &std::path::Path, problem: impl ToString) -> Self {
         Self::Corrupt {

@@ -47,6 +47,7 @@
     )
 )]
 
+#[cfg(feature = "parquet")]
 mod arithmetic;
 #[cfg(feature = "parquet")]
 pub mod build;

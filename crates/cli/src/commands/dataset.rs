@@ -6,7 +6,9 @@ use std::{
     time::{Duration, Instant},
 };
 
-use clap::{Args, Subcommand};
+#[cfg(feature = "eval")]
+use clap::Args;
+use clap::Subcommand;
 use radarllm::{
     DatasetPlan, Error,
     dataset::{self, BuildOptions, Dataset, Overwrite, Progress, ShardEntry},
@@ -18,13 +20,12 @@ use radarllm_eval::{
 };
 
 #[cfg(feature = "eval")]
+use crate::error::CliError;
+#[cfg(feature = "eval")]
 use crate::{
     commands::eval::recordings, model, model_args::DecoderName, recording_args::LabelledArgs,
 };
-use crate::{
-    error::{CliError, CliResult},
-    output, threads,
-};
+use crate::{error::CliResult, output, threads};
 
 /// `dataset ...`.
 #[derive(Subcommand)]

@@ -3,12 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use radarllm::{Captioner, Clip, DescribeOptions, PreparedClip};
+use radarllm::{Captioner, DescribeOptions, PreparedClip};
 use radarllm_dataset::{Overwrite, points_file::write_clip};
-use radarllm_inference::{
-    lm::{LmError, Unlearned, templates::Task},
-    tokenizer::points::PointDecoder,
-};
+use radarllm_inference::lm::{LmError, Unlearned, templates::Task};
 use serde::Serialize;
 
 use crate::{
@@ -178,12 +175,13 @@ pub(crate) fn not_learned(model: &str, error: LmError) -> CliError {
 }
 
 /// The clip of codes, for an evaluation.
+#[cfg(feature = "eval")]
 pub(crate) fn clip_of(
-    decoder: &PointDecoder,
+    decoder: &radarllm_inference::tokenizer::points::PointDecoder,
     codes: &[u32],
     text: &str,
     model: &str,
-) -> Result<Clip, LmError> {
+) -> Result<radarllm::Clip, LmError> {
     let height_m = radarllm_io::options::DEFAULT_RADAR_HEIGHT_M;
     decoder.decode(codes, height_m, &origin(text, model))
 }

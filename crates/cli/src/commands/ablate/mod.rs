@@ -31,6 +31,6 @@ pub(crate) struct AblateArgs {
 
 /// Says that this build has no training.
 #[cfg(not(feature = "train"))]
-pub fn run(_: &AblateArgs) -> CliResult {
+pub(crate) fn run(_: &AblateArgs) -> CliResult {
     Err(needs_training("`ablate`"))
 }

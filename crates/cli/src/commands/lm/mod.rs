@@ -52,6 +52,6 @@ pub(crate) enum LmVerb {
 
 /// Says that this build has no training.
 #[cfg(not(feature = "train"))]
-pub fn run(_: &LmVerb) -> CliResult {
+pub(crate) fn run(_: &LmVerb) -> CliResult {
     Err(needs_training("`lm`"))
 }

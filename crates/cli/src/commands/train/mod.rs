@@ -71,6 +71,6 @@ pub(crate) struct TrainArgs {
 
 /// Says that this build has no training.
 #[cfg(not(feature = "train"))]
-pub fn run(_: &TrainArgs) -> CliResult {
+pub(crate) fn run(_: &TrainArgs) -> CliResult {
     Err(needs_training("`train`"))
 }
