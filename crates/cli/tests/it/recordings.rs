@@ -180,7 +180,7 @@ fn notes_on_points_go_to_stderr() {
     let result = format!("{}: 3 frames at 10.00 Hz", out.display());
     assert!(stdout.starts_with(&result), "{stdout}");
     assert_eq!(stdout.lines().count(), 1, "{stdout}");
-    run(&["describe", text(&input)]);
+    run(&["describe", text(&input), "--verbose"]);
     let page = dir.path().join("p.html");
     run(&["view", text(&input), "--out", text(&page)]);
 }
