@@ -190,11 +190,10 @@ not a mount\n";
             "hf:/datasets/me/x",
             "https://h/x",
         ] {
-            let error = check_place(Path::new(address)).unwrap_err().to_string();
-            assert!(
-                error.contains(address) && error.contains("export"),
-                "{error}"
-            );
+            let error = check_place(Path::new(address)).unwrap_err();
+            assert!(error.to_string().contains(address), "{error}");
+            let hint = error.hint().unwrap().to_string();
+            assert!(hint.contains("export"), "{hint}");
         }
         // A drive letter is one letter long.
         for folder in ["data", "./a:b", "/data/x:y/z", "C:/data", "a b:/c"] {

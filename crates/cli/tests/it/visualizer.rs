@@ -190,7 +190,13 @@ fn completions_and_the_manual_name_every_verb() {
     let page = String::from_utf8(page.stdout).unwrap();
     let script = crate::command::radarllm(&["completions", "bash"]);
     let script = String::from_utf8(script.stdout).unwrap();
-    for verb in ["describe", "process", "simulate", "eval interventions", "doctor"] {
+    for verb in [
+        "describe",
+        "process",
+        "simulate",
+        "eval interventions",
+        "doctor",
+    ] {
         let heading = format!("RADARLLM {}", verb.to_uppercase());
         assert!(page.contains(&heading), "{heading}");
         assert!(verb.split(' ').all(|word| script.contains(word)), "{verb}");

@@ -195,6 +195,8 @@ impl File {
         self.version == own.version
             && self.added_tokens.is_empty()
             && self.normalizer == own.normalizer
+            && self.pre_tokenizer == own.pre_tokenizer
+            && model.r#type == own.model.r#type
             && model.unk_token == own.model.unk_token
             && model.continuing_subword_prefix == own.model.continuing_subword_prefix
             && model.max_input_chars_per_word == own.model.max_input_chars_per_word
@@ -202,8 +204,8 @@ impl File {
 }
 
 #[derive(Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "type", rename = "BertNormalizer")]
 struct BertNormalizer {
+    r#type: String,
     clean_text: bool,
     handle_chinese_chars: bool,
     strip_accents: Option<bool>,
@@ -211,12 +213,13 @@ struct BertNormalizer {
 }
 
 #[derive(Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "type", rename = "BertPreTokenizer")]
-struct BertPreTokenizer {}
+struct BertPreTokenizer {
+    r#type: String,
+}
 
 #[derive(Serialize, Deserialize)]
-#[serde(tag = "type", rename = "WordPiece")]
 struct Model {
+    r#type: String,
     unk_token: String,
     continuing_subword_prefix: String,
     max_input_chars_per_word: usize,
@@ -251,12 +254,15 @@ impl Default for File {
             padding: (),
             added_tokens: Vec::new(),
             normalizer: BertNormalizer {
+                r#type: "BertNormalizer".into(),
                 clean_text: true,
                 handle_chinese_chars: false,
                 strip_accents: Some(true),
                 lowercase: true,
             },
-            pre_tokenizer: BertPreTokenizer {},
+            pre_tokenizer: BertPreTokenizer {
+                r#type: "BertPreTokenizer".into(),
+            },
             post_processor: (),
             decoder: (),
             model: Model::default(),
@@ -267,6 +273,7 @@ impl Default for File {
 impl Default for Model {
     fn default() -> Self {
         Self {
+            r#type: "WordPiece".into(),
             unk_token: UNKNOWN_TOKEN.into(),
             continuing_subword_prefix: CONTINUES.into(),
             max_input_chars_per_word: MAX_WORD_CHARS,
