@@ -54,7 +54,7 @@ impl NpyElement for [f32; 2] {
 /// let mut writer = NpyWriter::new(&mut bytes, &[2, 2])?;
 /// writer.extend([1.0_f32, 2.0, 3.0, 4.0])?;
 /// writer.finish()?;
-/// assert_eq!(NpyArray::new(&bytes).unwrap().value(1, 0), 3.0);
+/// assert_eq!(NpyArray::new(&bytes).unwrap().value(2, 0), 3.0);
 /// # Ok::<(), std::io::Error>(())
 /// ```
 #[derive(Debug)]
