@@ -421,6 +421,8 @@ pub struct PySegment {
     actions: Vec<&'static str>,
     /// How certain the model is, 0 to 1.
     confidence: f32,
+    /// Probability of the stated sides, 0 to 1; None if there is none, for several windows and with `beam`.
+    side_confidence: Option<f32>,
     /// Name of the taught activity that was recognised; None for a sentence of the model.
     taught: Option<String>,
     /// The sentence of the model, where it was too uncertain to be the caption.
@@ -436,6 +438,7 @@ impl From<&Segment> for PySegment {
             caption: segment.caption,
             actions: segment.actions,
             confidence: segment.confidence,
+            side_confidence: segment.side_confidence,
             taught: segment.taught,
             guess: segment.guess,
         }
@@ -444,7 +447,7 @@ impl From<&Segment> for PySegment {
 
 #[pymethods]
 impl PySegment {
-    /// All fields; `taught` and `guess` only where they are not None.
+    /// All fields; `side_confidence`, `taught` and `guess` only where they are not None.
     fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let row = PyDict::new(py);
         row.set_item("start_s", self.start_s)?;
@@ -452,6 +455,9 @@ impl PySegment {
         row.set_item("caption", &self.caption)?;
         row.set_item("actions", &self.actions)?;
         row.set_item("confidence", self.confidence)?;
+        if let Some(side_confidence) = self.side_confidence {
+            row.set_item("side_confidence", side_confidence)?;
+        }
         if let Some(taught) = &self.taught {
             row.set_item("taught", taught)?;
         }
