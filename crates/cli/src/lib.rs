@@ -5,17 +5,7 @@
 
 #![cfg_attr(
     test,
-    allow(
-        clippy::disallowed_methods,
-        clippy::expect_used,
-        clippy::panic,
-        clippy::print_stderr,
-        clippy::print_stdout,
-        clippy::unwrap_used,
-        missing_docs,
-        unreachable_pub,
-        reason = "tests"
-    )
+    allow(clippy::disallowed_methods, unreachable_pub, reason = "tests")
 )]
 
 /// Writes a line to stderr. Where nobody reads it, the work goes on.

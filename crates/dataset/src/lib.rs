@@ -45,19 +45,7 @@
 //! .shards/                           what a build needs to resume: plan, one sidecar a shard, lock
 //! ```
 
-#![cfg_attr(
-    test,
-    allow(
-        clippy::expect_used,
-        clippy::panic,
-        clippy::print_stderr,
-        clippy::print_stdout,
-        clippy::unwrap_used,
-        missing_docs,
-        unreachable_pub,
-        reason = "tests"
-    )
-)]
+#![cfg_attr(test, allow(unreachable_pub, reason = "tests"))]
 #![allow(
     clippy::disallowed_methods,
     reason = "a data set is files of its own, whose reading and replacing is described in folder.rs"

@@ -28,19 +28,7 @@
 //!
 //! This crate does not interpret the content of files, and depends on no other crate of the project.
 
-#![cfg_attr(
-    test,
-    allow(
-        clippy::expect_used,
-        clippy::panic,
-        clippy::print_stderr,
-        clippy::print_stdout,
-        clippy::unwrap_used,
-        missing_docs,
-        unreachable_pub,
-        reason = "tests"
-    )
-)]
+#![cfg_attr(test, allow(unreachable_pub, reason = "tests"))]
 #![allow(
     clippy::disallowed_methods,
     reason = "this crate opens files for the others"

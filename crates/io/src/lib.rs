@@ -27,19 +27,7 @@
 //! `npy_cubes`, [`cleaning`] (background and leakage), [`firmware`] (the signal chain of a board's own firmware),
 //! [`serial`], [`udp`], [`mod@live`] (radars while they run), [`error`].
 
-#![cfg_attr(
-    test,
-    allow(
-        clippy::expect_used,
-        clippy::panic,
-        clippy::print_stderr,
-        clippy::print_stdout,
-        clippy::unwrap_used,
-        missing_docs,
-        unreachable_pub,
-        reason = "tests"
-    )
-)]
+#![cfg_attr(test, allow(unreachable_pub, reason = "tests"))]
 #![allow(
     clippy::disallowed_methods,
     reason = "this crate opens recordings, radars, ports and sockets for the others"

@@ -242,7 +242,8 @@ fn speed(baud: u32) -> Option<libc::speed_t> {
     })
 }
 
-#[cfg(all(test, target_os = "linux"))]
+#[cfg(test)]
+#[cfg(target_os = "linux")]
 mod tests {
     use std::{
         ffi::CStr,

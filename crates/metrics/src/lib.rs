@@ -35,17 +35,7 @@
 //! captions are in `radarllm-eval`.
 #![cfg_attr(
     test,
-    allow(
-        clippy::disallowed_methods,
-        clippy::expect_used,
-        clippy::panic,
-        clippy::print_stderr,
-        clippy::print_stdout,
-        clippy::unwrap_used,
-        missing_docs,
-        unreachable_pub,
-        reason = "tests"
-    )
+    allow(clippy::disallowed_methods, unreachable_pub, reason = "tests")
 )]
 #![forbid(unsafe_code)]
 
