@@ -2,17 +2,7 @@
 //!
 //! A test program of its own: it counts what the global allocator hands out.
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
-    clippy::print_stdout,
-    clippy::unwrap_used,
-    missing_docs,
-    unreachable_pub,
-    reason = "a test"
-)]
+#![allow(unreachable_pub, reason = "a test")]
 
 mod support;
 

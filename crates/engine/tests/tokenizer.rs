@@ -1,16 +1,6 @@
 //! The radar tokenizer as its callers see it, on networks drawn at random.
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
-    clippy::print_stdout,
-    clippy::unwrap_used,
-    missing_docs,
-    unreachable_pub,
-    reason = "a test"
-)]
+#![allow(clippy::unwrap_used, unreachable_pub, reason = "a test")]
 
 mod support;
 

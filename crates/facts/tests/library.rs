@@ -1,17 +1,5 @@
 //! The sentences of the motion library are understood as they were meant.
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
-    clippy::print_stdout,
-    clippy::unwrap_used,
-    missing_docs,
-    unreachable_pub,
-    reason = "a test"
-)]
-
 use radarllm_base::hash::Fnv1a;
 use radarllm_base::seed::derive_seed;
 use radarllm_facts::tables::stated_actions;

@@ -2,17 +2,7 @@
 //!
 //!     cargo bench -p radarllm-metrics --bench score_speed -- $PWD/c.jsonl $PWD/r.jsonl plain
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
-    clippy::print_stdout,
-    clippy::unwrap_used,
-    missing_docs,
-    unreachable_pub,
-    reason = "a bench"
-)]
+#![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "a bench")]
 
 use std::{error::Error, fs::File, io::BufRead, io::BufReader, time::Instant};
 

@@ -1,16 +1,6 @@
 //! Points of a room through the tracker to presence and falls.
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
-    clippy::print_stdout,
-    clippy::unwrap_used,
-    missing_docs,
-    unreachable_pub,
-    reason = "a test"
-)]
+#![allow(clippy::unwrap_used, reason = "a test")]
 
 use radarllm_base::{PointFrame, RadarPoint};
 use radarllm_monitor::clock::StreamClock;

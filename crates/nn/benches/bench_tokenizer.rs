@@ -3,17 +3,7 @@
 //!
 //! `cargo bench -p radarllm-nn --bench bench_tokenizer`
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
-    clippy::print_stdout,
-    clippy::unwrap_used,
-    missing_docs,
-    unreachable_pub,
-    reason = "a bench"
-)]
+#![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "a bench")]
 
 use std::path::Path;
 use std::time::Instant;

@@ -2,17 +2,7 @@
 //!
 //! `cargo bench -p radarllm-radar-dsp --bench bench_dsp [-- NAME]`, NAME one of its lines.
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
-    clippy::print_stdout,
-    clippy::unwrap_used,
-    missing_docs,
-    unreachable_pub,
-    reason = "a bench"
-)]
+#![allow(clippy::print_stdout, reason = "a bench")]
 
 use std::time::Instant;
 

@@ -7,17 +7,7 @@
 //!
 //! `cargo bench -p radarllm-radar-sim --bench bench_sim [-- frames [longest facet edge, m]]`
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
-    clippy::print_stdout,
-    clippy::unwrap_used,
-    missing_docs,
-    unreachable_pub,
-    reason = "a bench"
-)]
+#![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "a bench")]
 
 use std::{error::Error, sync::Arc, time::Instant};
 

@@ -2,17 +2,7 @@
 //!
 //! `cargo run --release -p radarllm --example caption_metrics`
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
-    clippy::print_stdout,
-    clippy::unwrap_used,
-    missing_docs,
-    unreachable_pub,
-    reason = "an example"
-)]
+#![allow(clippy::print_stdout, reason = "an example")]
 
 use radarllm::metrics::{Candidate, Reference, ScoreOptions, score};
 

@@ -3,17 +3,7 @@
 //!
 //! `cargo run --release -p radarllm --example describe_recording -- RECORDING [RADAR]`
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
-    clippy::print_stdout,
-    clippy::unwrap_used,
-    missing_docs,
-    unreachable_pub,
-    reason = "an example"
-)]
+#![allow(clippy::print_stdout, reason = "an example")]
 
 fn main() -> Result<(), radarllm::Error> {
     let mut args = std::env::args().skip(1);

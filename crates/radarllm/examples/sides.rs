@@ -3,17 +3,7 @@
 //! `cargo run --release -p radarllm --example sides -- [FIRST_SEED] [N_SEEDS]` prints the table of
 //! `docs/results/sides.md`.
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
-    clippy::print_stdout,
-    clippy::unwrap_used,
-    missing_docs,
-    unreachable_pub,
-    reason = "an example"
-)]
+#![allow(clippy::print_stdout, reason = "an example")]
 
 use radarllm::facts::{Side, parse};
 use radarllm::{Captioner, Error, SimulateOptions, open_radar, simulate_motion};

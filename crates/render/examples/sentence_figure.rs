@@ -2,13 +2,7 @@
 //! them output of the `radarllm` command in the same target folder: `describe` and `view`.
 #![allow(
     clippy::disallowed_methods,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
     clippy::print_stdout,
-    clippy::unwrap_used,
-    missing_docs,
-    unreachable_pub,
     reason = "an example"
 )]
 

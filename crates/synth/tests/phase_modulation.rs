@@ -1,16 +1,6 @@
 //! Binary phase modulation from the simulator through the signal chain.
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
-    clippy::print_stdout,
-    clippy::unwrap_used,
-    missing_docs,
-    unreachable_pub,
-    reason = "a test"
-)]
+#![allow(clippy::unwrap_used, reason = "a test")]
 
 use glam::DVec3;
 use radarllm_base::radar_config::TxMultiplexing;

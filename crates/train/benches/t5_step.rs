@@ -3,17 +3,7 @@
 //! `cargo bench -p radarllm-train --bench t5_step [-- steps [device [f32|bf16|f16]]]`, with `--features gpu` for
 //! GPUs; studies/pytorch_step.py does the same in PyTorch.
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
-    clippy::print_stdout,
-    clippy::unwrap_used,
-    missing_docs,
-    unreachable_pub,
-    reason = "a bench"
-)]
+#![allow(clippy::print_stdout, reason = "a bench")]
 
 use std::error::Error;
 use std::time::Instant;

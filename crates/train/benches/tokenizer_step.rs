@@ -2,17 +2,7 @@
 //!
 //! `cargo bench -p radarllm-train --bench tokenizer_step [-- batch_size [steps]]`
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
-    clippy::print_stdout,
-    clippy::unwrap_used,
-    missing_docs,
-    unreachable_pub,
-    reason = "a bench"
-)]
+#![allow(clippy::print_stdout, unreachable_pub, reason = "a bench")]
 
 #[path = "../tests/stages/synthetic.rs"]
 mod synthetic;

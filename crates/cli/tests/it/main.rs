@@ -7,7 +7,6 @@
     clippy::print_stderr,
     clippy::print_stdout,
     clippy::unwrap_used,
-    missing_docs,
     unreachable_pub,
     reason = "a test"
 )]

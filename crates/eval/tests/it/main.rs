@@ -1,16 +1,6 @@
 //! Tests of the evaluation crate.
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
-    clippy::print_stdout,
-    clippy::unwrap_used,
-    missing_docs,
-    unreachable_pub,
-    reason = "a test"
-)]
+#![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "a test")]
 
 mod action;
 mod baselines;

@@ -1,12 +1,8 @@
 //! Running radars: boards on pseudo-terminals, cards on the loopback network.
 #![allow(
     clippy::disallowed_methods,
-    clippy::expect_used,
     clippy::panic,
-    clippy::print_stderr,
-    clippy::print_stdout,
     clippy::unwrap_used,
-    missing_docs,
     unreachable_pub,
     reason = "a test"
 )]

@@ -1,13 +1,8 @@
 //! Tests of the metrics crate.
 
 #![allow(
-    clippy::disallowed_methods,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
     clippy::print_stdout,
     clippy::unwrap_used,
-    missing_docs,
     unreachable_pub,
     reason = "a test"
 )]

@@ -1,16 +1,6 @@
 //! Tests that need the virtual radar and the signal chain together.
 
-#![allow(
-    clippy::disallowed_methods,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stderr,
-    clippy::print_stdout,
-    clippy::unwrap_used,
-    missing_docs,
-    unreachable_pub,
-    reason = "a test"
-)]
+#![allow(clippy::disallowed_methods, clippy::unwrap_used, reason = "a test")]
 
 mod field_of_view;
 mod noise;
