@@ -2,6 +2,8 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use radarllm_monitor::civil::{self, Date};
+
 use super::RecordingsReport;
 use crate::falls::RecordingAlarms;
 
@@ -54,21 +56,9 @@ fn today() -> String {
     date((since.as_secs() / 86_400) as i64)
 }
 
-/// The date of a day since 1970-01-01, as `YYYY-MM-DD` (Hinnant, "chrono-Compatible Low-Level Date Algorithms",
-/// `civil_from_days`).
+/// The date of a day since 1970-01-01, as `YYYY-MM-DD`.
 fn date(days_since_1970: i64) -> String {
-    let days = days_since_1970 + 719_468;
-    let (era, day_of_era) = (days.div_euclid(146_097), days.rem_euclid(146_097));
-    let year_of_era =
-        (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted_month = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * shifted_month + 2) / 5 + 1;
-    let month = match shifted_month < 10 {
-        true => shifted_month + 3,
-        false => shifted_month - 9,
-    };
-    let year = year_of_era + era * 400 + i64::from(month <= 2);
+    let Date { year, month, day } = civil::date(days_since_1970);
     format!("{year:04}-{month:02}-{day:02}")
 }
 
