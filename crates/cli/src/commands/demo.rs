@@ -14,7 +14,7 @@ use crate::{
         describe::{self, Row},
         view,
     },
-    error::{CliError, CliResult},
+    error::CliResult,
     model,
     model_args::DecoderName,
     output,
@@ -140,8 +140,6 @@ pub(crate) fn run(args: &DemoArgs) -> CliResult {
 fn recorded() -> CliResult<Recording> {
     let folder = std::env::temp_dir().join(format!("radarllm-demo-{}", std::process::id()));
     let read = || -> CliResult<Recording> {
-        std::fs::create_dir_all(&folder)
-            .map_err(|e| CliError::new(format!("{}: {e}", folder.display())))?;
         let [stream, chirps] = [STREAM, CHIRPS].map(|(name, bytes)| (folder.join(name), bytes));
         for (path, bytes) in [&stream, &chirps] {
             output::write_atomic(path, bytes)?;
