@@ -97,36 +97,31 @@ impl WordPiece {
     pub fn encode(&self, text: &str) -> Vec<u32> {
         let mut ids = Vec::new();
         for word in words(text) {
-            self.encode_word(&word, &mut ids);
+            match self.parts(&word) {
+                Some(parts) => ids.extend(parts),
+                None => ids.push(self.unknown),
+            }
         }
         ids
     }
 
-    fn encode_word(&self, word: &str, ids: &mut Vec<u32>) {
-        let before = ids.len();
-        // Both limits keep the work small: the longest token is short, and so is a word.
-        let mut rest = word;
+    /// The longest known parts of a word from the left; `None` if one is unknown or the word too long.
+    fn parts(&self, word: &str) -> Option<Vec<u32>> {
         if word.chars().count() > MAX_WORD_CHARS {
-            ids.push(self.unknown);
-            return;
+            return None;
         }
-        while !rest.is_empty() {
-            let prefix = match rest.len() == word.len() {
-                true => "",
-                false => CONTINUES,
-            };
-            let ends = rest.char_indices().map(|(at, c)| at + c.len_utf8()).rev();
-            let longest = ends
-                .into_iter()
-                .find_map(|end| Some((end, *self.ids.get(&format!("{prefix}{}", &rest[..end]))?)));
-            let Some((end, id)) = longest else {
-                ids.truncate(before);
-                ids.push(self.unknown);
-                return;
-            };
+        let (mut ids, mut start) = (Vec::new(), 0);
+        while start < word.len() {
+            let prefix = if start == 0 { "" } else { CONTINUES };
+            let rest = &word[start..];
+            let mut ends = rest.char_indices().map(|(at, c)| at + c.len_utf8()).rev();
+            let (end, id) = ends.find_map(|end| {
+                Some((end, *self.ids.get(&format!("{prefix}{}", &rest[..end]))?))
+            })?;
             ids.push(id);
-            rest = &rest[end..];
+            start += end;
         }
+        Some(ids)
     }
 
     /// Spelling of a token.
