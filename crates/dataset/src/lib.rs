@@ -52,82 +52,19 @@
 )]
 #![forbid(unsafe_code)]
 
-pub mod record;
-
+mod error;
+#[cfg(feature = "parquet")]
+mod on_disk;
 mod points;
-#[cfg(feature = "parquet")]
-pub mod points_file;
-#[cfg(feature = "parquet")]
-pub mod shard;
+pub mod record;
+mod split;
 #[cfg(not(feature = "parquet"))]
 mod without_parquet;
 
-#[cfg(feature = "parquet")]
-pub mod builder;
-#[cfg(feature = "parquet")]
-pub mod dataset;
-#[cfg(feature = "parquet")]
-pub mod export;
-#[cfg(feature = "parquet")]
-pub mod info;
-#[cfg(feature = "parquet")]
-pub mod manifest;
-#[cfg(feature = "parquet")]
-pub mod validate;
-
-#[cfg(feature = "parquet")]
-mod atomic;
-#[cfg(feature = "parquet")]
-mod card;
-#[cfg(feature = "parquet")]
-mod check;
-mod error;
-#[cfg(feature = "parquet")]
-mod file_system;
-#[cfg(feature = "parquet")]
-mod folder;
-#[cfg(feature = "parquet")]
-mod guard;
-#[cfg(feature = "parquet")]
-mod plan;
-mod split;
-#[cfg(feature = "parquet")]
-mod work;
-
-#[cfg(feature = "parquet")]
-pub use builder::{
-    BuildOptions, BuildPlan, BuildReport, Builder, BuiltShards, ItemId, Progress, build,
-};
-#[cfg(feature = "parquet")]
-pub use check::check_record;
-#[cfg(feature = "parquet")]
-pub use dataset::{BatchIter, ClipIter, Dataset};
 pub use error::DatasetError;
 #[cfg(feature = "parquet")]
-pub use export::export;
-#[cfg(feature = "parquet")]
-pub use info::Info;
-#[cfg(feature = "parquet")]
-pub use manifest::{Manifest, ShardEntry, SourceLicence};
+pub use on_disk::*;
 pub use points::{PointsFile, PointsMeta};
-#[cfg(feature = "parquet")]
-pub use points_file::{
-    points_from_batches, points_to_batch, read_points, read_points_from, write_clip, write_points,
-};
 pub use record::{ClipRecord, FailedItem, MOTION_FEATURE_DIM, RECORDINGS, Split};
-#[cfg(feature = "parquet")]
-pub use shard::Columns;
-#[cfg(feature = "parquet")]
-pub use validate::{Problem, validate, validate_with};
 #[cfg(not(feature = "parquet"))]
 pub use without_parquet::{read_points, read_points_from};
-
-/// What to do if the output exists.
-#[cfg(feature = "parquet")]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Overwrite {
-    /// Fail with [`DatasetError::Exists`].
-    Refuse,
-    /// Replace it, atomically.
-    Replace,
-}

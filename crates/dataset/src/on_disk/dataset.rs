@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::manifest::{MANIFEST_NAME, ShardEntry, hash_file};
+use super::manifest::{MANIFEST_NAME, ShardEntry, hash_file};
 use arrow_array::RecordBatch;
 use arrow_schema::SchemaRef;
 
-use crate::shard::{self, BatchReader, ShardReader};
+use super::shard::{self, BatchReader, ShardReader};
 use crate::{ClipRecord, Columns, DatasetError, Manifest, Split, check_record};
 
 /// An opened data set. Its manifest has been read and checked; its shards have not been read yet.

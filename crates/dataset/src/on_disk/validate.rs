@@ -5,8 +5,8 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use crate::manifest::{ShardEntry, hash_file};
-use crate::shard::ShardReader;
+use super::manifest::{ShardEntry, hash_file};
+use super::shard::ShardReader;
 use crate::{ClipRecord, Columns, Dataset, DatasetError, Split, check_record};
 
 /// A problem found in a data set.
@@ -59,7 +59,7 @@ pub fn validate_with(
     let manifest = dataset.manifest();
     let mut report = |problem: String| {
         problems.push(Problem {
-            file: crate::manifest::MANIFEST_NAME.into(),
+            file: super::manifest::MANIFEST_NAME.into(),
             id: None,
             problem,
         });

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use serde::Serialize;
 
-use crate::manifest::SCHEMA_VERSION;
+use super::manifest::SCHEMA_VERSION;
 use crate::{DatasetError, FailedItem, SourceLicence, Split};
 
 /// One clip to generate.

@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::atomic::{sync_dir, write_atomic};
-use crate::file_system::{Access, check_abilities, check_place, try_lock, wait_for_lock};
-use crate::manifest::{MANIFEST_NAME, SCHEMA_VERSION, ShardEntry, hash_file, read_json};
-use crate::plan::Shard;
+use super::atomic::{sync_dir, write_atomic};
+use super::file_system::{Access, check_abilities, check_place, try_lock, wait_for_lock};
+use super::manifest::{MANIFEST_NAME, SCHEMA_VERSION, ShardEntry, hash_file, read_json};
+use super::plan::Shard;
 use crate::{BuildPlan, DatasetError, Overwrite, Split};
 
 /// Directory of the state that a build needs to resume.

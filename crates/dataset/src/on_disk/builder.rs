@@ -14,13 +14,14 @@
 
 use std::path::Path;
 
-use crate::folder::{Folder, Identity, write_json, write_text};
-use crate::manifest::{MANIFEST_NAME, SCHEMA_VERSION, ShardEntry};
-use crate::plan::Shard;
-use crate::work::{Job, Work};
-use crate::{ClipRecord, DatasetError, Manifest, Overwrite, card};
+use super::card;
+use super::folder::{Folder, Identity, write_json, write_text};
+use super::manifest::{MANIFEST_NAME, SCHEMA_VERSION, ShardEntry};
+use super::plan::Shard;
+use super::work::{Job, Work};
+use crate::{ClipRecord, DatasetError, Manifest, Overwrite};
 
-pub use crate::plan::{BuildPlan, ItemId};
+pub use super::plan::{BuildPlan, ItemId};
 
 /// How to build. These options do not change the result.
 #[derive(Clone, Copy, Debug)]

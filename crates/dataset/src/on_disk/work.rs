@@ -4,13 +4,14 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-use crate::atomic::write_atomic;
-use crate::builder::Progress;
-use crate::folder::Folder;
-use crate::manifest::{SCHEMA_VERSION, ShardEntry, hash_file};
-use crate::plan::Shard;
+use super::atomic::write_atomic;
+use super::builder::Progress;
+use super::folder::Folder;
+use super::guard;
+use super::manifest::{SCHEMA_VERSION, ShardEntry, hash_file};
+use super::plan::Shard;
 use crate::{
-    BuildPlan, ClipRecord, DatasetError, FailedItem, ItemId, Overwrite, check_record, guard, shard,
+    BuildPlan, ClipRecord, DatasetError, FailedItem, ItemId, Overwrite, check_record, shard,
 };
 
 /// Results of the items of one shard in progress, in item order.

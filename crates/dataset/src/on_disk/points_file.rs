@@ -20,8 +20,8 @@ use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 use radarllm_base::{Clip, PointFrame, RadarPoint, stats::median_upper};
 
-use crate::atomic::write_atomic;
-use crate::guard::{self, Limits};
+use super::atomic::write_atomic;
+use super::guard::{self, Limits};
 use crate::{DatasetError, Overwrite, PointsFile, PointsMeta};
 
 /// Limits of one points file. Half an hour at 10 frames/s with 1,000 points per frame is 18 M points.

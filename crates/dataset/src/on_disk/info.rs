@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
 
-use crate::shard::{ClipSummary, read_summaries};
+use super::shard::{ClipSummary, read_summaries};
 use crate::{Dataset, DatasetError, SourceLicence};
 
 /// Summary of a data set.

@@ -5,13 +5,14 @@ use std::fs::{self, File};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
-use crate::atomic::sync_dir;
-use crate::file_system::{Access, check_place, try_lock};
-use crate::folder::{
+use super::atomic::sync_dir;
+use super::card;
+use super::file_system::{Access, check_place, try_lock};
+use super::folder::{
     DATA_DIR, STATE_DIR, is_shard_name, remove_if_there, remove_matching, write_json, write_text,
 };
-use crate::manifest::MANIFEST_NAME;
-use crate::{DatasetError, Manifest, Overwrite, ShardEntry, card};
+use super::manifest::MANIFEST_NAME;
+use crate::{DatasetError, Manifest, Overwrite, ShardEntry};
 
 const CARD_NAME: &str = "README.md";
 /// In a folder whose data set is being replaced. It stays if that is interrupted, so that the folder is recognised.

@@ -37,7 +37,7 @@ use parquet::file::properties::WriterProperties;
 use radarllm_base::skeleton::N_JOINTS;
 use radarllm_base::{PointFrame, RadarPoint};
 
-use crate::guard::{self, Limits};
+use super::guard::{self, Limits};
 use crate::{ClipRecord, DatasetError, MOTION_FEATURE_DIM, Split};
 
 /// Number of clips per row group.

@@ -1,0 +1,43 @@
+//! Points files and data sets in Parquet: what the feature `parquet` adds.
+
+pub mod points_file;
+pub mod shard;
+
+pub mod builder;
+pub mod dataset;
+pub mod export;
+pub mod info;
+pub mod manifest;
+pub mod validate;
+
+mod atomic;
+mod card;
+mod check;
+mod file_system;
+mod folder;
+mod guard;
+mod plan;
+mod work;
+
+pub use builder::{
+    BuildOptions, BuildPlan, BuildReport, Builder, BuiltShards, ItemId, Progress, build,
+};
+pub use check::check_record;
+pub use dataset::{BatchIter, ClipIter, Dataset};
+pub use export::export;
+pub use info::Info;
+pub use manifest::{Manifest, ShardEntry, SourceLicence};
+pub use points_file::{
+    points_from_batches, points_to_batch, read_points, read_points_from, write_clip, write_points,
+};
+pub use shard::Columns;
+pub use validate::{Problem, validate, validate_with};
+
+/// What to do if the output exists.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Overwrite {
+    /// Fail with [`DatasetError::Exists`].
+    Refuse,
+    /// Replace it, atomically.
+    Replace,
+}
