@@ -36,7 +36,7 @@ pub use validate::{Problem, validate, validate_with};
 /// What to do if the output exists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Overwrite {
-    /// Fail with [`DatasetError::Exists`].
+    /// Fail with [`crate::DatasetError::Exists`].
     Refuse,
     /// Replace it, atomically.
     Replace,
