@@ -326,6 +326,7 @@ mod tests {
                 frame: 0,
                 time_s: 0.0,
                 points: points.collect(),
+                board: None,
             }],
             frame_rate_hz: 10.0,
             radar_height_m: 1.0,

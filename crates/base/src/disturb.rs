@@ -43,7 +43,7 @@ pub enum Pace {
 /// use radarllm_base::{PointFrame, RadarPoint, disturb::{Pace, disturb}};
 ///
 /// let point = RadarPoint { y_m: 2.0, range_m: 2.0, velocity_mps: 1.0, ..RadarPoint::default() };
-/// let frame = |i: u32| PointFrame { frame: i, time_s: f64::from(i) / 10.0, points: vec![point; 8] };
+/// let frame = |i: u32| PointFrame { frame: i, time_s: f64::from(i) / 10.0, points: vec![point; 8], board: None };
 /// let frames: Vec<PointFrame> = (0..60).map(frame).collect();
 /// let disturbed = disturb(&frames, 10.0, Pace::UpTo { max_frames: 96 }, 7);
 /// assert_eq!(disturbed, disturb(&frames, 10.0, Pace::UpTo { max_frames: 96 }, 7));
@@ -95,6 +95,7 @@ pub fn disturb(
                 frame: i as u32,
                 time_s: i as f64 / frame_rate_hz,
                 points,
+                board: None,
             }
         })
         .collect();
@@ -145,6 +146,7 @@ mod tests {
             frame: i,
             time_s: f64::from(i) / 10.0,
             points: (0..8).map(point).collect(),
+            board: None,
         };
         (0..n).map(frame).collect()
     }

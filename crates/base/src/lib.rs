@@ -30,7 +30,7 @@
 //!
 //! Reading order: [`frames`] (axes), [`skeleton`] (the 22 joints, [`Motion`]), [`surface`] (the simulator's view of the
 //! world), [`materials`] (reflectivity of materials), [`radar_config`] (description of a radar), [`cube`] (raw
-//! samples), [`points`] (input of the tokenizer), [`clip`] (points with their frame rate, radar and provenance),
+//! samples), [`points`] (input of the tokenizer), [`board`] (what firmware states beside its points), [`clip`] (points with their frame rate, radar and provenance),
 //! [`static_cells`] (what stands still), [`timeline`] (recorded frames with times), [`series`] (values with
 //! gaps), [`stats`] (medians and quantiles), [`options`] (numbers within limits), [`seed`], [`random`] and [`hash`]
 //! (reproducible random numbers, fingerprints), [`mod@message`] (messages that name options).
@@ -40,6 +40,7 @@
     allow(clippy::disallowed_methods, unreachable_pub, reason = "tests")
 )]
 
+pub mod board;
 pub mod clip;
 pub mod cube;
 pub mod disturb;
@@ -59,6 +60,7 @@ pub mod stats;
 pub mod surface;
 pub mod timeline;
 
+pub use board::{BoardReport, BoardTrack};
 pub use clip::{Clip, Clutter, Provenance, STATIC_SPEED_MPS, SourceInfo, StaticClutter};
 pub use cube::RadarCube;
 pub use message::{Message, Piece};

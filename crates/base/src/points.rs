@@ -1,5 +1,7 @@
 //! Radar points: the output of the signal chain and the input of the tokenizer.
 
+use crate::BoardReport;
+
 /// One detected point in the radar frame.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct RadarPoint {
@@ -17,6 +19,17 @@ pub struct RadarPoint {
     pub intensity_db: f32,
 }
 
+/// Points nearer to the radar than this, m, are leakage from its transmitters to its receivers: they say nothing about the
+/// room. In an empty room they are nearly all that firmware with a low threshold reports.
+pub const LEAKAGE_M: f32 = 0.3;
+
+impl RadarPoint {
+    /// Whether the point is leakage ([`LEAKAGE_M`]).
+    pub fn is_leakage(&self) -> bool {
+        self.x_m.hypot(self.y_m).hypot(self.z_m) < LEAKAGE_M
+    }
+}
+
 /// All points of one radar frame. It may be empty.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct PointFrame {
@@ -26,9 +39,21 @@ pub struct PointFrame {
     pub time_s: f64,
     /// Points, strongest first.
     pub points: Vec<RadarPoint>,
+    /// What the firmware of the board states beside the points; `None` if it states nothing.
+    pub board: Option<BoardReport>,
 }
 
 impl PointFrame {
+    /// The same frame with other points.
+    pub fn with_points(&self, points: Vec<RadarPoint>) -> Self {
+        Self {
+            frame: self.frame,
+            time_s: self.time_s,
+            points,
+            board: self.board.clone(),
+        }
+    }
+
     /// Sorts the points by decreasing intensity, the order that every points file and model expects. Points of equal
     /// intensity keep their order.
     pub fn sort_by_intensity(&mut self) {
@@ -48,6 +73,9 @@ impl PointFrame {
     pub fn mirror(&mut self) {
         for point in &mut self.points {
             point.x_m = -point.x_m;
+        }
+        if let Some(board) = &mut self.board {
+            board.mirror();
         }
     }
 }

@@ -172,6 +172,7 @@ mod tests {
                 point(-0.4 * i as f32, 0.13),
                 point(-0.4 * i as f32, 0.0),
             ],
+            board: None,
         };
         let mut frames: Vec<PointFrame> = (0..10).map(frame).collect();
         let cells = StaticCells::of(&frames);
@@ -196,6 +197,7 @@ mod tests {
                 point(-1.0, 0.0),
                 point(-1.0, if i.is_multiple_of(2) { -0.5 } else { 1.0 }),
             ],
+            board: None,
         };
         let mut frames: Vec<PointFrame> = (0..20).map(frame).collect();
         StaticCells::of(&frames).remove(&mut frames);
@@ -223,6 +225,7 @@ mod tests {
                 frame: i,
                 time_s: f64::from(i) / 10.0,
                 points: of(i),
+                board: None,
             };
             (0..n).map(frame).collect()
         };

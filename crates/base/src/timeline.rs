@@ -1,7 +1,7 @@
 //! Recorded frames with times, from time stamps or frame numbers. Frames can be resampled to another rate and
 //! accumulated over several frames.
 
-use crate::{PointFrame, RadarPoint};
+use crate::{BoardReport, PointFrame, RadarPoint};
 
 /// One frame as stored by a recorder, before it is assigned a time on the recording's clock.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,10 +12,12 @@ pub struct RecordedFrame {
     pub stamp_s: Option<f64>,
     /// Points in the recorder's order.
     pub points: Vec<RadarPoint>,
+    /// What the firmware of the board states beside the points; `None` if it states nothing.
+    pub board: Option<BoardReport>,
 }
 
-/// Maximum number of frames in a timeline: 5.5 hours at 10 frames/s.
-pub const MAX_FRAMES: u64 = 200_000;
+/// Maximum number of frames in a timeline: two days at 10 frames/s.
+pub const MAX_FRAMES: u64 = 2_000_000;
 
 /// Why frames cannot be assigned times.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -128,6 +130,7 @@ impl Timeline {
                 frame: at as u32,
                 time_s: at as f64 / frame_rate_hz,
                 points: frame.points,
+                board: frame.board,
             });
         }
         Ok(Self {
@@ -168,6 +171,7 @@ impl Timeline {
                 frame: i as u32,
                 time_s: stamp_s - start_s,
                 points: frame.points,
+                board: frame.board,
             })
             .collect();
         Ok(Self {
@@ -201,9 +205,13 @@ impl Timeline {
                     frame: out.len() as u32,
                     time_s: out.len() as f64 / frame_rate_hz,
                     points: Vec::new(),
+                    board: None,
                 });
             }
             if let Some(target) = out.last_mut() {
+                if frame.board.is_some() {
+                    target.board.clone_from(&frame.board);
+                }
                 let ahead_s = target.time_s - (frame.time_s - start_s);
                 extend(
                     &mut target.points,
@@ -244,6 +252,7 @@ impl Timeline {
                 frame: frame.frame,
                 time_s: frame.time_s,
                 points,
+                board: frame.board.clone(),
             });
         }
         Self {
@@ -299,6 +308,7 @@ mod tests {
                 velocity_mps: 1.0,
                 ..RadarPoint::default()
             }],
+            board: None,
         }
     }
 

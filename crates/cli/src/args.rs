@@ -14,6 +14,7 @@ use crate::commands::{
     radar::RadarVerb,
     score::ScoreArgs,
     simulate::SimulateArgs,
+    site::SiteArgs,
     teach::{ForgetArgs, TeachArgs},
     train::TrainArgs,
     view::ViewArgs,
@@ -81,6 +82,10 @@ pub(crate) enum Verb {
     ///
     /// Example: radarllm generate "a person walks forward and waves" --model work/model/model --out walk.parquet --view walk.html
     Generate(GenerateArgs),
+    /// Learn a site from recordings in which people walk: the tilt of the radar, and the height of a standing person.
+    ///
+    /// Example: radarllm site monday.dat tuesday.dat --radar people.cfg --out site.toml
+    Site(SiteArgs),
     /// Teach an activity of your own by about three recordings; `describe` recognises it afterwards.
     ///
     /// Example: radarllm teach wheelchair --says "a person sits down in the wheelchair" a.dat b.dat c.dat

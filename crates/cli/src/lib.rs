@@ -62,6 +62,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
         Verb::Train(args) => commands::train::run(&args),
         Verb::Describe(args) => commands::describe::run(&args),
         Verb::Generate(args) => commands::generate::run(&args),
+        Verb::Site(args) => commands::site::run(&args),
         Verb::Teach(args) => commands::teach::run(&args),
         Verb::Forget(args) => commands::teach::forget(&args),
         #[cfg(feature = "live")]

@@ -187,7 +187,7 @@ pub(crate) struct InputArgs {
     #[arg(long)]
     pub radar: Option<String>,
     /// Format of a recording: adc, dca1000 or npy for raw samples; uart, visualizer-json, visualizer-binary, radhar, mars,
-    /// mmbody, mmfi, mat, csv, npy-points or bag for points; detected if omitted.
+    /// mmbody, mmfi, mat, csv, npy-points, track-csv, windows-json or bag for points; detected if omitted.
     #[arg(long)]
     pub format: Option<String>,
     /// Sample layout of a raw capture.

@@ -20,7 +20,7 @@
 //!     frame_rate_hz: 10.0,
 //! };
 //! let point = RadarPoint { y_m: 2.0, range_m: 2.0, intensity_db: 60.0, ..RadarPoint::default() };
-//! let frames = [PointFrame { frame: 0, time_s: 0.0, points: vec![point] }];
+//! let frames = [PointFrame { frame: 0, time_s: 0.0, points: vec![point], board: None }];
 //! write_points(&path, &meta, &frames, Overwrite::Refuse)?;
 //! assert_eq!(read_points(&path)?.frames, frames);
 //! // An existing file is only replaced on request.

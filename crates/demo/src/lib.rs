@@ -18,8 +18,7 @@ pub const MOTIONS: [&str; 3] = [
 
 /// Says what the recording is.
 pub const BOARD: &str = "One minute in front of a board. The board is simulated, too: simulated-uart.dat is what the serial port of an
-AWR1843BOOST with out-of-box firmware would send. The model knows no recording of this firmware, so its
-confidence is set low.
+AWR1843BOOST with out-of-box firmware would send.
 ";
 
 /// A file of the recording: its name and its bytes.
@@ -31,6 +30,8 @@ macro_rules! file {
 
 /// The stream of the board's serial port.
 pub const STREAM: (&str, &[u8]) = file!("simulated-uart.dat");
+/// Seed of the simulated recording.
+pub const SEED: u64 = 1;
 /// The chirp configuration of the board.
 pub const CHIRPS: (&str, &[u8]) = file!("simulated-uart.cfg");
 /// What the person of the recording did: first and last second, sentence.

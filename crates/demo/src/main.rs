@@ -4,8 +4,8 @@
 
 #![expect(clippy::print_stdout, reason = "a demo prints")]
 
-use radarllm::{Captioner, Error, PeopleOptions, Verdict};
-use radarllm_demo::{BOARD, MOTIONS, performed_in};
+use radarllm::{Captioner, Error, PeopleOptions, Provenance, Verdict};
+use radarllm_demo::{BOARD, MOTIONS, SEED, performed_in};
 
 /// Where the recording lies, without the ending of its files.
 const RECORDING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/recording/simulated-uart");
@@ -31,7 +31,10 @@ fn main() -> Result<(), Error> {
         max_people: Some(1),
         ..PeopleOptions::default()
     };
-    for person in source.points()?.track_people(&one_person)? {
+    let mut recording = source.points()?;
+    // The stream does not say that its board was simulated.
+    recording.clip.provenance = Provenance::simulated("simulated-uart.dat", SEED);
+    for person in recording.track_people(&one_person)? {
         for part in captioner.describe(&person.clip)?.segments {
             println!(
                 "person {}, {:.0} to {:.0} s",

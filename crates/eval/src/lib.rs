@@ -41,6 +41,7 @@
 //! | How similar are captions and references to a sentence encoder? | [`embedding_scores`] |
 //! | [`field`]: recordings, and a radar that runs | |
 //! | Do captions of recorded radar name the activity? | [`recordings`] |
+//! | Are they right on boards that nothing was learned from? | [`boards`] |
 //! | Would a network learn it from these clips? | [`proxy`], with [`features`] and [`forest`] |
 //! | Does a running radar notice falls, and how often is it wrong? | [`falls`] |
 //! | [`data`]: data sets | |
@@ -72,7 +73,7 @@ pub use captions::{
     round_trip,
 };
 pub use data::{held_out, near_duplicates};
-pub use field::{falls, features, forest, proxy, recordings};
+pub use field::{boards, falls, features, forest, proxy, recordings};
 pub use simulator::{classifier, points, pose, pose_report, realism};
 
 pub use action::ActionClassifier;

@@ -6,7 +6,7 @@ use crate::{
     dca1000::starts_with_record,
     folder::visualizer_folder,
     pcap,
-    recordings::{bag::BAG_MAGIC, matlab, mmfi},
+    recordings::{bag::BAG_MAGIC, matlab, mmfi, track_table::is_track_table},
     tables::is_point_column,
     uart,
 };
@@ -35,6 +35,10 @@ pub enum RecordingFormat {
     Csv,
     /// Points table, npy.
     NpyPoints,
+    /// Table of a board's tracks with the points of each frame, CSV.
+    TrackCsv,
+    /// Windows of points, JSON.
+    WindowsJson,
     /// ROS 1 bag.
     Bag,
     /// Files `replay_N.json` of a TI visualizer, one or a folder of them.
@@ -49,7 +53,7 @@ pub enum RecordingFormat {
 
 impl RecordingFormat {
     /// All formats.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 16] = [
         Self::Adc,
         Self::Dca1000,
         Self::Uart,
@@ -59,6 +63,8 @@ impl RecordingFormat {
         Self::MmFi,
         Self::Csv,
         Self::NpyPoints,
+        Self::TrackCsv,
+        Self::WindowsJson,
         Self::Bag,
         Self::VisualizerJson,
         Self::VisualizerBinary,
@@ -78,6 +84,8 @@ impl RecordingFormat {
             Self::MmFi => "mmfi",
             Self::Csv => "csv",
             Self::NpyPoints => "npy-points",
+            Self::TrackCsv => "track-csv",
+            Self::WindowsJson => "windows-json",
             Self::Bag => "bag",
             Self::VisualizerJson => "visualizer-json",
             Self::VisualizerBinary => "visualizer-binary",
@@ -279,7 +287,7 @@ pub fn detect(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
     Err(DetectError::Unknown(if head.is_empty() {
         "an empty file".into()
     } else if extension == "json" {
-        "JSON without `frameData` at its beginning: no recording of a TI visualizer".into()
+        "JSON without `frameData` or `sequences` at its beginning: neither a recording of a TI visualizer nor windows of points".into()
     } else if extension == "mat" {
         "a .mat file of another version than 5: save(file, 'marsData', '-v7') writes that one"
             .into()
@@ -385,6 +393,15 @@ fn text_format(text: &str) -> Option<Detected> {
         && text.contains("\"frameData\"")
     {
         return found(RecordingFormat::VisualizerJson, "JSON with `frameData`");
+    }
+    if first.trim_start().starts_with('{') && text.contains("\"sequences\"") {
+        return found(RecordingFormat::WindowsJson, "JSON with `sequences`");
+    }
+    if is_track_table(cells.iter().copied()) {
+        return found(
+            RecordingFormat::TrackCsv,
+            "a header with `tid`, `posy` and `posz`",
+        );
     }
     if cells.iter().filter(|c| is_point_column(c)).count() >= 3 {
         return found(RecordingFormat::Csv, "a header with columns of points");

@@ -1,6 +1,6 @@
 //! Mounting of a sensor: the rotation from its own axes into the level axes of the project.
 
-use radarllm_base::PointFrame;
+use radarllm_base::{BoardTrack, PointFrame};
 
 /// Angles of a mounted sensor. With all angles zero, the sensor is level and looks along y.
 ///
@@ -27,7 +27,18 @@ impl Mounting {
         [x * cos + y * sin, y * cos - x * sin, z]
     }
 
-    /// Rotates all points. Ranges and radial velocities do not change.
+    /// Rotates a track of the firmware. Without its height, it is taken to be at the height of the sensor.
+    fn apply_to_track(&self, track: &mut BoardTrack) {
+        let [x_m, y_m] = track.place_m.map(f64::from);
+        let z_m = track.height_m.map_or(0.0, f64::from);
+        let [x_m, y_m, z_m] = self.level([x_m, y_m, z_m]).map(|v| v as f32);
+        track.place_m = [x_m, y_m];
+        track.height_m = track.height_m.map(|_| z_m);
+        let velocity_mps = self.level(track.velocity_mps.map(f64::from));
+        track.velocity_mps = velocity_mps.map(|v| v as f32);
+    }
+
+    /// Rotates all points and tracks. Ranges and radial velocities do not change.
     pub fn apply(&self, frames: &mut [PointFrame]) {
         if *self == Self::default() {
             return;
@@ -35,6 +46,12 @@ impl Mounting {
         for point in frames.iter_mut().flat_map(|f| &mut f.points) {
             let [x, y, z] = self.level([point.x_m, point.y_m, point.z_m].map(f64::from));
             (point.x_m, point.y_m, point.z_m) = (x as f32, y as f32, z as f32);
+        }
+        for board in frames.iter_mut().filter_map(|f| f.board.as_mut()) {
+            board
+                .tracks
+                .iter_mut()
+                .for_each(|track| self.apply_to_track(track));
         }
     }
 }

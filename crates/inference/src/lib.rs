@@ -24,7 +24,7 @@
 //!         velocity_mps: 1.0,
 //!         intensity_db: 30.0,
 //!     };
-//!     PointFrame { frame: i, time_s, points: (0..30).map(point).collect() }
+//!     PointFrame { frame: i, time_s, points: (0..30).map(point).collect(), board: None }
 //! };
 //! let clip = Clip {
 //!     frames: (0..80).map(frame).collect(),

@@ -116,7 +116,7 @@ pub enum PrepareError {
 /// use radarllm_base::{Clip, Clutter, PointFrame};
 /// use radarllm_inference::{PrepareOptions, prepare_for_model};
 ///
-/// let frame = |i: u32| PointFrame { frame: i, time_s: f64::from(i) / 20.0, points: Vec::new() };
+/// let frame = |i: u32| PointFrame { frame: i, time_s: f64::from(i) / 20.0, points: Vec::new(), board: None };
 /// let clip = Clip {
 ///     frames: (0..40).map(frame).collect(),
 ///     frame_rate_hz: 20.0,
@@ -222,6 +222,7 @@ mod tests {
             frame: i,
             time_s: f64::from(i) / frame_rate_hz,
             points: velocities.iter().map(point).collect(),
+            board: None,
         };
         Clip {
             frames: (0..frame_rate_hz as u32).map(frame).collect(),

@@ -17,7 +17,8 @@ use radarllm_formats::{
     detect::{numbered, stated_rate_hz},
     recordings::{
         Axes, mmbody, read_bag, read_mars_features, read_mars_points, read_matlab_points,
-        read_mmbody_frame, read_mmfi_frame, read_radhar_points,
+        read_mmbody_frame, read_mmfi_frame, read_radhar_points, read_track_table,
+        read_windows_json,
     },
     tables::{read_points_csv, read_points_npy},
     uart::{UartParser, UartReport, recorded_frames},
@@ -90,6 +91,15 @@ pub fn open_points(
         }
         RecordingFormat::NpyPoints => {
             read_points_npy(&capture.bytes()?, axes).map_err(|e| Error::wrap_in_file(path, e))?
+        }
+        RecordingFormat::TrackCsv => {
+            let table =
+                read_track_table(&capture.text()?).map_err(|e| Error::wrap_in_file(path, e))?;
+            notes.extend(table.notes);
+            table.frames
+        }
+        RecordingFormat::WindowsJson => {
+            read_windows_json(&capture.text()?).map_err(|e| Error::wrap_in_file(path, e))?
         }
         RecordingFormat::Bag => {
             let file = BufReader::new(capture.take_first()?);
@@ -399,6 +409,7 @@ fn folder_of_frames<E: std::error::Error + Send + Sync + 'static>(
             number: 0,
             stamp_s: None,
             points,
+            board: None,
         }]);
     }
     files.sort();
@@ -419,6 +430,7 @@ fn folder_of_frames<E: std::error::Error + Send + Sync + 'static>(
             number,
             stamp_s: None,
             points,
+            board: None,
         });
     }
     Ok(frames)

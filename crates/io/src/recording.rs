@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use radarllm_base::{
-    Clip, PointFrame, Provenance, RadarCube, Timeline,
+    Clip, Clutter, PointFrame, Provenance, RadarCube, Timeline,
     message::{option, text},
 };
 use radarllm_dataset::{PointsFile, read_points, read_points_from};
@@ -85,6 +85,12 @@ pub fn read_recorded_points(opened: Opened, options: &CaptureOptions) -> Result<
         warnings,
     } = open_points(opened, options.radar.as_ref(), &options.points)?;
     cleaning::remove_background(&mut timeline.frames, options, &mut notes)?;
+    let mut clutter = options.points.clutter();
+    let mut points = timeline.frames.iter().flat_map(|f| &f.points);
+    if points.all(|p| p.velocity_mps == 0.0) {
+        notes.push("no point has a speed: static points are not removed, because none is known to be static".into());
+        clutter = Clutter::Settled;
+    }
     Ok(Recording {
         clip: Clip {
             frames: timeline.frames,
@@ -95,7 +101,7 @@ pub fn read_recorded_points(opened: Opened, options: &CaptureOptions) -> Result<
                 .unwrap_or(DEFAULT_RADAR_HEIGHT_M),
             radar,
             provenance,
-            clutter: options.points.clutter(),
+            clutter,
         },
         notes,
         warnings,
@@ -304,6 +310,7 @@ impl SampleRecording {
                     frame: lost as u32,
                     time_s: time_s(lost),
                     points: Vec::new(),
+                    board: None,
                 });
             }
             extracted.n_damaged += usize::from(!integrity.is_complete());

@@ -135,7 +135,7 @@ pub(crate) fn read_json(capture: &mut Opened, notes: &mut Vec<String>) -> Result
         None => None,
     };
     Ok(Visualized {
-        frames: recording.frames.into_iter().map(|f| f.frame).collect(),
+        frames: recording.into_recorded_frames(),
         is_level,
         radar,
         position,

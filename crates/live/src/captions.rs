@@ -46,6 +46,7 @@ mod tests {
             frame: 0,
             time_s: 0.0,
             points: vec![RadarPoint::default()],
+            board: None,
         };
         let clip = Clip {
             frames: vec![frame; 60],

@@ -324,6 +324,7 @@ fn run_room(room: Room, period_s: f64, sink: &mut Sink, now_ms: &ReadTime) {
             frame: number,
             time_s: 0.0,
             points,
+            board: None,
         };
         if !sink.frame(frame, Arrival::At(now_ms())) {
             return;

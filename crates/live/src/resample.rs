@@ -58,6 +58,7 @@ impl Resampler {
         match &mut self.open {
             Some(open) if open.frame.frame == number => {
                 open.frame.points.extend(frame.points);
+                open.frame.board = frame.board.or(open.frame.board.take());
                 open.arrival = arrival;
                 open.n_merged += 1;
             }
@@ -66,6 +67,7 @@ impl Resampler {
                     frame: number,
                     time_s: f64::from(number) * self.period_s,
                     points: frame.points,
+                    board: frame.board,
                 };
                 complete.extend(self.end());
                 self.open = Some(QueuedFrame {
@@ -110,6 +112,7 @@ mod tests {
             frame: number,
             time_s: 0.0,
             points: vec![point; 2],
+            board: None,
         }
     }
 

@@ -49,6 +49,7 @@ fn frame(number: u32) -> PointFrame {
         frame: number,
         time_s: 0.0,
         points: (0..12).map(point).collect(),
+        board: None,
     }
 }
 

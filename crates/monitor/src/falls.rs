@@ -1,7 +1,7 @@
 //! Falls, by the height of a person's points. This is not a medical device.
 //!
-//! The height of a person is the 90 % quantile of the heights above the floor of the points of the last 0.3 s, of which
-//! there must be eight.
+//! The height of a person is that of the board's track, if the board tracks heights. Otherwise it is the 90 % quantile of
+//! the heights above the floor of the points of the last 0.3 s, of which there must be eight.
 //!
 //! | from | to | when |
 //! |---|---|---|
@@ -502,7 +502,9 @@ impl Body {
             self.recent.pop_front();
         }
         let all = self.recent.iter().flat_map(|(_, heights)| heights);
-        self.height_m = quantile(all.copied().collect());
+        let tracked = one.board.and_then(|track| track.height_m);
+        let tracked = tracked.map(|z_m| f64::from(z_m) - floor_m);
+        self.height_m = tracked.or_else(|| quantile(all.copied().collect()));
         if let Some(h) = self.height_m {
             self.last = Some((h, now_s));
         }

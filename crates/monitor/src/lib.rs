@@ -19,6 +19,7 @@
 )]
 
 pub mod activities;
+mod board;
 pub mod civil;
 pub mod clock;
 pub mod counters;

@@ -1,6 +1,6 @@
 //! The people of a frame, as presence and falls look at them.
 
-use radarllm_base::RadarPoint;
+use radarllm_base::{BoardTrack, RadarPoint};
 
 /// Number of a person who cannot be tracked: too few points a frame, which stay together over seconds. Tracks are numbered
 /// from 1.
@@ -15,6 +15,8 @@ pub struct PersonFrame {
     pub place_m: [f64; 2],
     /// The person's points; empty if the person is not detected in this frame.
     pub points: Vec<RadarPoint>,
+    /// The track of the board, if the board tracks people.
+    pub board: Option<BoardTrack>,
 }
 
 #[cfg(test)]
@@ -33,6 +35,7 @@ pub(crate) mod tests {
             person,
             place_m,
             points: vec![point; 8],
+            board: None,
         }
     }
 
@@ -42,6 +45,7 @@ pub(crate) mod tests {
             person,
             place_m,
             points: Vec::new(),
+            board: None,
         }
     }
 }

@@ -5,6 +5,7 @@
 use radarllm_base::PointFrame;
 use radarllm_tracking::{LiveTrack, TrackOptions, Tracker};
 
+use crate::board::BoardPeople;
 use crate::falls::{Fall, FallEvent, FallMonitor, FallOptions};
 use crate::options::OptionError;
 use crate::people::PersonFrame;
@@ -41,6 +42,10 @@ pub struct Seen {
 #[derive(Debug)]
 pub struct Watch {
     tracker: Tracker,
+    /// Instead of the tracker where the board tracks.
+    board: BoardPeople,
+    /// Largest number of a person of the tracker.
+    numbered: u32,
     presence: PresenceMonitor,
     falls: FallMonitor,
 }
@@ -54,6 +59,8 @@ impl Watch {
         let zones = &options.zones;
         Ok(Self {
             tracker: Tracker::new(options.track)?,
+            board: BoardPeople::default(),
+            numbered: 0,
             presence: PresenceMonitor::new(options.presence, zones.clone())?,
             falls: FallMonitor::new(options.falls, radar_height_m, zones.clone())?,
         })
@@ -62,13 +69,25 @@ impl Watch {
     /// The next frame, without static points of the room.
     pub fn push(&mut self, frame: &PointFrame) -> Seen {
         let t_s = frame.time_s;
-        let tracks = self.tracker.push(frame);
+        let tracks = match &frame.board {
+            Some(report) => self.board.push(frame, report, self.numbered),
+            None => self.tracker.push(frame),
+        };
+        let stated = frame.board.iter().flat_map(|report| &report.tracks);
         let person = |track: &LiveTrack| PersonFrame {
             person: track.id,
             place_m: track.place_m,
             points: track.points_of(frame),
+            board: stated
+                .clone()
+                .find(|board| board.place_m.map(f64::from) == track.place_m)
+                .copied(),
         };
         let people: Vec<PersonFrame> = tracks.iter().map(person).collect();
+        if frame.board.is_none() {
+            let newest = tracks.iter().map(|track| track.id).max();
+            self.numbered = self.numbered.max(newest.unwrap_or(0));
+        }
         // Who lies on the floor is hardly detected, but is there.
         for fall in self.falls.open() {
             self.presence.hold(t_s, fall.person);

@@ -75,6 +75,7 @@ fn watch(kinds: &[ZoneKind]) -> (Changes<Presence>, Changes<FallState>) {
             frame: n,
             time_s: tick.t_s,
             points: points(n as f32 / 10.0),
+            board: None,
         };
         let seen = watch.push(&frame);
         let at_s = tick.t_s.round() as i64;

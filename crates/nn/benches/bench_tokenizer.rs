@@ -94,6 +94,7 @@ fn clips(n: usize) -> Vec<Vec<PointFrame>> {
             frame: f as u32,
             time_s: f as f64 * 0.1,
             points: (0..40).map(|_| point()).collect(),
+            board: None,
         }
     };
     (0..n)

@@ -212,6 +212,7 @@ mod tests {
                 frame: f as u32,
                 time_s: f as f64 * 0.1,
                 points: (0..n_points).map(|i| point(f, i)).collect(),
+                board: None,
             })
             .collect()
     }

@@ -198,6 +198,7 @@ impl PyPoints {
                 frame: index as u32,
                 time_s: index as f64 / frame_rate_hz,
                 points,
+                board: None,
             };
             frame.sort_by_intensity();
             out.push(frame);
@@ -525,6 +526,7 @@ impl PyPoints {
             frame,
             time_s,
             points: rows[ends[0]..ends[1]].iter().map(point_of).collect(),
+            board: None,
         });
         let source: String = field(state, "source")?;
         let Ok(parsed) = source.parse::<Provenance>();

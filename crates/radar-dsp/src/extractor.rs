@@ -105,6 +105,7 @@ impl PointExtractor {
                     self.radar.velocity_resolution_mps(),
                     self.options.max_points,
                 ),
+                board: None,
             });
         }
         let n_loops = self.spectrum.n_doppler();
@@ -146,6 +147,7 @@ impl PointExtractor {
             frame,
             time_s: cube.time_s,
             points,
+            board: None,
         })
     }
 

@@ -4,9 +4,14 @@ use radarllm_base::Clip;
 use radarllm_inference::{DescribeOptions, Description, PreparedClip};
 use radarllm_io::{Error, Result};
 
+use radarllm_measure::Site;
 use radarllm_teach::{Memory, Recogniser};
 
-use crate::{Choices, Model, insert_taught};
+use crate::{
+    Choices, Model, insert_taught,
+    measured::{self, Measured},
+    taught::insert,
+};
 
 /// Describes clips with a [`Model`], and with what its user adds: taught activities, or activities to choose among.
 ///
@@ -21,6 +26,8 @@ pub struct Captioner {
     model: Model,
     recogniser: Option<Recogniser>,
     choices: Option<Choices>,
+    site: Option<Site>,
+    measures: bool,
 }
 
 impl Captioner {
@@ -30,6 +37,8 @@ impl Captioner {
             model,
             recogniser: None,
             choices: None,
+            site: None,
+            measures: true,
         }
     }
 
@@ -54,6 +63,23 @@ impl Captioner {
     pub fn with_choices(self, choices: Choices) -> Self {
         Self {
             choices: Some(choices),
+            ..self
+        }
+    }
+
+    /// The captioner with what is known of a site. With `None`, the site is learned from each recording in which somebody
+    /// walks.
+    #[must_use]
+    pub fn with_site(self, site: Option<Site>) -> Self {
+        Self { site, ..self }
+    }
+
+    /// The captioner that states the sentences of the model on every board, also on those of which it learned nothing and
+    /// where it is nearly always wrong. For comparisons.
+    #[must_use]
+    pub fn without_measuring(self) -> Self {
+        Self {
+            measures: false,
             ..self
         }
     }
@@ -95,12 +121,37 @@ impl Captioner {
         clip: &PreparedClip,
         options: &DescribeOptions,
     ) -> Result<Description> {
-        let described = self.model.networks().describe(clip, options);
-        let mut description = described.map_err(Error::wrap)?;
-        match (&self.choices, self.model.confidence()) {
-            (Some(choices), _) => self.choose(clip, choices, options, &mut description)?,
-            (None, Some(confidence)) => confidence.apply(clip, &mut description),
-            (None, None) => {}
+        let confidence = self.model.confidence();
+        let is_known = !self.measures || confidence.is_none_or(|confidence| confidence.knows(clip));
+        if let Some(site) = &self.site
+            && !is_known
+            && site.radar != clip.radar
+        {
+            return Err(Error::input(format!(
+                "the site was learned of the radar `{}`, and this is a recording of `{}`",
+                site.radar, clip.radar
+            )));
+        }
+        // What is measured holds for every board; the actions of the model hold for those that it learned.
+        let measured =
+            (!is_known && self.choices.is_none()).then(|| Measured::of(clip, self.site.as_ref()));
+        let mut description = match &measured {
+            Some(Measured::States(states)) => measured::description(clip, states),
+            _ => {
+                let described = self.model.networks().describe(clip, options);
+                described.map_err(Error::wrap)?
+            }
+        };
+        match (&self.choices, confidence, measured) {
+            (Some(choices), ..) => self.choose(clip, choices, options, &mut description)?,
+            (None, _, Some(Measured::States(_))) => {}
+            (None, Some(confidence), falls) => {
+                confidence.apply(clip, is_known, &mut description);
+                if let Some(Measured::Falls(falls)) = falls {
+                    insert(&mut description, falls);
+                }
+            }
+            (None, None, _) => {}
         }
         if let Some(recogniser) = &self.recogniser {
             insert_taught(&mut description, clip, recogniser);

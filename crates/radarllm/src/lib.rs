@@ -48,9 +48,11 @@
 mod captioner;
 mod choose;
 mod confidence;
+mod measured;
 mod model;
 mod page;
 mod score;
+mod site_file;
 mod source;
 mod taught;
 mod verdict;
@@ -61,6 +63,7 @@ pub use confidence::RecordedConfidence;
 pub use model::{Fingerprint, Model, ModelFiles, ModelOptions};
 pub use page::page_segments;
 pub use score::{CaptionScores, FactBlock};
+pub use site_file::{read_site, site_to_toml};
 pub use source::{DEFAULT_RADAR, Recording, Source, open, open_parts};
 pub use taught::insert_taught;
 pub use verdict::Verdict;
@@ -82,6 +85,7 @@ pub use radarllm_io::{
     CaptureFormat, CaptureOptions, CleaningOptions, Error, ErrorKind, IqChoice, LayoutOptions,
     OpenedRadar, PointOptions, Result, SampleRecording, TiFirmware, open_radar,
 };
+pub use radarllm_measure::{Site, SiteError};
 pub use radarllm_radar_dsp::{DspOptions, PointExtractor};
 #[cfg(feature = "parquet")]
 pub use radarllm_synth::DatasetPlan;
@@ -95,6 +99,7 @@ pub use radarllm_dataset as dataset;
 pub use radarllm_facts as facts;
 pub use radarllm_inference as inference;
 pub use radarllm_io as io;
+pub use radarllm_measure as measure;
 pub use radarllm_metrics as metrics;
 pub use radarllm_radar_dsp as radar_dsp;
 pub use radarllm_radar_sim as radar_sim;

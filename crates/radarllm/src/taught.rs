@@ -2,7 +2,7 @@
 
 use radarllm_base::Clip;
 use radarllm_inference::{Description, Segment};
-use radarllm_teach::Recogniser;
+use radarllm_teach::{Recognised, Recogniser};
 
 /// What is left of a segment beside a taught one is kept if it is at least this long, s.
 const MIN_REST_S: f64 = 1.0;
@@ -10,27 +10,32 @@ const MIN_REST_S: f64 = 1.0;
 /// Replaces what the description of a clip says about the times in which taught activities are recognised. The clip is
 /// prepared for the model.
 pub fn insert_taught(description: &mut Description, clip: &Clip, recogniser: &Recogniser) {
-    let recognised = recogniser.recognise(clip);
-    if recognised.is_empty() {
+    let recognised = recogniser.recognise(clip).into_iter();
+    let segment = |part: Recognised| Segment {
+        start_s: part.start_s,
+        end_s: part.end_s,
+        actions: radarllm_inference::actions(&part.says),
+        caption: part.says,
+        confidence: part.fit,
+        side_confidence: None,
+        taught: Some(part.name),
+        guess: None,
+    };
+    insert(description, recognised.map(segment).collect());
+}
+
+/// Puts segments in the place of what the description says about their times.
+pub(crate) fn insert(description: &mut Description, inserted: Vec<Segment>) {
+    if inserted.is_empty() {
         return;
     }
     let mut segments = std::mem::take(&mut description.segments);
-    for part in recognised {
-        let (start_s, end_s) = (part.start_s, part.end_s);
+    for part in inserted {
         segments = segments
             .into_iter()
-            .flat_map(|s| without(s, start_s, end_s))
+            .flat_map(|s| without(s, part.start_s, part.end_s))
             .collect();
-        segments.push(Segment {
-            start_s,
-            end_s,
-            actions: radarllm_inference::actions(&part.says),
-            caption: part.says,
-            confidence: part.fit,
-            side_confidence: None,
-            taught: Some(part.name),
-            guess: None,
-        });
+        segments.push(part);
     }
     segments.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
     description.set_segments(segments);

@@ -15,7 +15,7 @@
 //!         let time_s = i as f32 / 10.0;
 //!         let z_m = 0.3 * (6.283 * rate_hz * time_s).sin();
 //!         let point = RadarPoint { y_m: 2.0, z_m, range_m: 2.0, ..RadarPoint::default() };
-//!         PointFrame { frame: i, time_s: time_s.into(), points: vec![point; 5] }
+//!         PointFrame { frame: i, time_s: time_s.into(), points: vec![point; 5], board: None }
 //!     };
 //!     Clip {
 //!         frames: (0..120).map(frame).collect(),

@@ -422,6 +422,7 @@ mod tests {
                 };
                 4
             ],
+            board: None,
         };
         Clip {
             frames: (0..100).map(frame).collect(),

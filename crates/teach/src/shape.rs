@@ -315,6 +315,7 @@ mod tests {
                 frame: i,
                 time_s,
                 points: (0..3 + i % 8).map(point).collect(),
+                board: None,
             }
         };
         Clip {

@@ -105,6 +105,7 @@ mod tests {
                     frame: i,
                     time_s: f64::from(i) / 10.0,
                     points: vec![RadarPoint::default()],
+                    board: None,
                 })
                 .collect(),
             frame_rate_hz: 10.0,

@@ -100,6 +100,7 @@ mod tests {
             frame: i as u32,
             time_s: 0.1 * i as f64,
             points: points.to_vec(),
+            board: None,
         };
         points.iter().enumerate().map(frame).collect()
     }

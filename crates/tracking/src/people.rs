@@ -102,9 +102,8 @@ fn track_moving(
     let without: Vec<PointFrame> = frames
         .iter()
         .zip(&moving)
-        .map(|(frame, kept)| PointFrame {
-            points: kept.iter().map(|i| frame.points[*i as usize]).collect(),
-            ..*frame
+        .map(|(frame, kept)| {
+            frame.with_points(kept.iter().map(|i| frame.points[*i as usize]).collect())
         })
         .collect();
     let mut tracks = track(&without, options)?;
@@ -166,13 +165,7 @@ impl Track {
 
     /// Returns all frames with only the points of this track.
     pub fn only_points(&self, frames: &[PointFrame]) -> Vec<PointFrame> {
-        let mut only: Vec<PointFrame> = frames
-            .iter()
-            .map(|f| PointFrame {
-                points: Vec::new(),
-                ..*f
-            })
-            .collect();
+        let mut only: Vec<PointFrame> = frames.iter().map(|f| f.with_points(Vec::new())).collect();
         for (at, points) in self.frames.iter().zip(self.points(frames)) {
             only[at.frame].points = points.points;
         }
@@ -230,6 +223,7 @@ mod tests {
                 frame: i,
                 time_s: f64::from(i) / 10.0,
                 points: [wall, wall, person].concat(),
+                board: None,
             }
         };
         let mut clip = Clip {

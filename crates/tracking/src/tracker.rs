@@ -142,6 +142,7 @@ impl Track {
                         .iter()
                         .filter_map(|i| frame.points.get(*i as usize).copied())
                         .collect(),
+                    board: None,
                 })
             })
             .collect()

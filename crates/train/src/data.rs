@@ -190,6 +190,7 @@ mod tests {
                 frame: f,
                 time_s: 0.0,
                 points: (0..10).map(point).collect(),
+                board: None,
             })
             .collect()
     }

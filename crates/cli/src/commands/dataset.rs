@@ -232,7 +232,9 @@ fn recordings(args: &DatasetRecordingsArgs) -> CliResult {
     let all = recordings::read_recordings(&config, Role::Tuning, folder, &options)?;
     let mut clips = Vec::new();
     let sentences = if args.by_model {
+        // The sentences of the model are asked for, also on boards that it does not know.
         let captioner = model::captioner(args.model.as_deref(), DecoderName::F32)?;
+        let captioner = captioner.without_measuring();
         for recording in &all {
             let description = captioner.describe(&recording.clip)?;
             let stretches =

@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 use radarllm::{
-    Captioner, DescribeOptions, PeopleOptions, Recording, Segment, SimulateOptions, Verdict,
+    Captioner, DescribeOptions, PeopleOptions, Provenance, Recording, Segment, SimulateOptions,
+    Verdict,
 };
-use radarllm_demo::{BOARD, CHIRPS, MOTIONS, STREAM, performed_in};
+use radarllm_demo::{BOARD, CHIRPS, MOTIONS, SEED, STREAM, performed_in};
 use serde::{Serialize, Serializer};
 
 use crate::{
@@ -151,6 +152,8 @@ fn recorded() -> CliResult<Recording> {
     // What is left in the folder of temporary files does no harm.
     let _ = std::fs::remove_dir_all(&folder);
     let mut recording = recording?;
+    // The stream does not say that its board was simulated.
+    recording.clip.provenance = Provenance::simulated(STREAM.0, SEED);
     let one_person = PeopleOptions {
         max_people: Some(1),
         ..PeopleOptions::default()

@@ -54,6 +54,10 @@ pub(crate) struct DescribeArgs {
     /// continuation, in words like those of instruction tuning. The model must have been tuned.
     #[arg(long, value_name = "TEXT", conflicts_with_all = ["choose", "memory"])]
     pub instruct: Option<String>,
+    /// File of the site, by `radarllm site`: tilt of the radar and height of a standing person. Learned from each recording in
+    /// which somebody walks if omitted.
+    #[arg(long, value_name = "FILE")]
+    pub site: Option<PathBuf>,
     /// How to read the inputs.
     #[command(flatten)]
     pub input: InputArgs,
@@ -332,7 +336,8 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
     if let Some(memory) = load_memory(args.memory.as_deref())? {
         captioner = captioner.with_memory(&memory);
     }
-    captioner = model::restricted(captioner, &args.choose)?;
+    let site = args.site.as_deref().map(radarllm::read_site).transpose()?;
+    captioner = model::restricted(captioner.with_site(site), &args.choose)?;
     let options = args.input.options()?;
     let simulation = SimulateOptions {
         seed: args.seed,

@@ -26,6 +26,7 @@ pub(crate) mod radar;
 pub(crate) mod score;
 pub(crate) mod shell;
 pub(crate) mod simulate;
+pub(crate) mod site;
 pub(crate) mod teach;
 #[cfg_attr(not(feature = "train"), allow(dead_code))]
 pub(crate) mod train;

@@ -119,8 +119,7 @@ fn demo_describes_motions_and_the_recording_of_a_simulated_board() {
         assert_eq!(row["parts"][0]["verdict"], "right", "{row}");
         assert!(row["model"].as_str().is_some());
     }
-    // What the program reads says `recorded`; the demo says what it is.
-    assert_eq!(board["provenance"], "recorded");
+    assert_eq!(board["provenance"], "simulated");
     assert_eq!(board["simulated_board"], true);
     assert_eq!(board["source"], "simulated-uart.dat");
     let parts = board["parts"].as_array().unwrap();

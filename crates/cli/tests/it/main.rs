@@ -13,6 +13,7 @@
 
 mod architecture;
 mod bad_input;
+mod boards;
 mod capture;
 mod chain;
 mod clean;

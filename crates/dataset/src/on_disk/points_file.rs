@@ -427,6 +427,7 @@ fn append_batch(
                 frame,
                 time_s,
                 points: Vec::new(),
+                board: None,
             }),
         }
         let mut v = [0.0_f32; 6];
@@ -627,6 +628,7 @@ fn complete(
                     frame,
                     time_s: nominal_s.min(upper_s).max(latest_s),
                     points: Vec::new(),
+                    board: None,
                 }
             }
         };

@@ -684,6 +684,7 @@ fn clips_of(
                 frame,
                 time_s,
                 points: points.collect(),
+                board: None,
             });
         }
         let counted: usize = clip_frames.iter().map(|f| f.points.len()).sum();

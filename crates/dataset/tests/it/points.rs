@@ -87,6 +87,7 @@ fn writing_refuses_nan_disorder_and_overwriting() {
                 ..point
             },
         ],
+        board: None,
     };
     let error = write_points(
         &path,

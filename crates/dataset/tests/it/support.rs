@@ -51,6 +51,7 @@ pub fn frames(draw: &mut Draw, n: u64) -> Vec<PointFrame> {
                     intensity_db: -60.0 + 20.0 * draw.f32(),
                 })
                 .collect(),
+            board: None,
         })
         .collect()
 }

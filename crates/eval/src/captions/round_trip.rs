@@ -219,6 +219,7 @@ fn without_points(recorded: &Clip) -> Clip {
         frame: i,
         time_s: f64::from(i) / f64::from(FRAME_RATE_HZ),
         points: Vec::new(),
+        board: None,
     };
     Clip {
         frames: (0..FRAMES_PER_CODE as u32).map(frame).collect(),

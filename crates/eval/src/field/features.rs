@@ -129,6 +129,7 @@ mod tests {
                 frame: i as u32,
                 time_s,
                 points: vec![point; 5],
+                board: None,
             }
         };
         Clip {

@@ -23,6 +23,7 @@ fn frames(n: u64) -> Vec<PointFrame> {
                     }
                 })
                 .collect(),
+            board: None,
         })
         .collect()
 }
@@ -54,6 +55,7 @@ fn a_walk_away_shows_in_displacement_and_velocity() {
                 frame,
                 time_s,
                 points: vec![point],
+                board: None,
             }
         })
         .collect();

@@ -50,6 +50,7 @@ fn record(folder: &Path, truth: &RealismConfig) -> Vec<Take> {
                 frame,
                 time_s: f64::from(frame) * 0.1,
                 points: Vec::new(),
+                board: None,
             })
             .collect();
         let meta = PointsMeta {

@@ -438,6 +438,7 @@ fn cloud(at: u64, message: &[u8], axes: Axes) -> Result<(RecordedFrame, u64), Re
         number: 0,
         stamp_s: Some(stamp_s),
         points,
+        board: None,
     };
     Ok((frame, dropped))
 }

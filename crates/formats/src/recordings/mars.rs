@@ -68,6 +68,7 @@ pub fn read_mars_points(text: &str) -> Result<Vec<RecordedFrame>, RecordingError
                 number,
                 stamp_s: None,
                 points: vec![point],
+                board: None,
             }),
         }
     }
@@ -114,6 +115,7 @@ pub fn read_mars_features(bytes: &[u8]) -> Result<Vec<RecordedFrame>, RecordingE
             number: frame as u64,
             stamp_s: None,
             points,
+            board: None,
         });
     }
     Ok(frames)

@@ -173,6 +173,7 @@ pub fn read_matlab_points(bytes: &[u8]) -> Result<MatlabRecording, RecordingErro
             number: frame as u64,
             stamp_s: None,
             points,
+            board: None,
         });
     }
     if let Some(frame) = first_damaged {

@@ -10,8 +10,10 @@ pub mod mmbody;
 pub mod mmfi;
 mod pieces;
 pub mod radhar;
+pub mod track_table;
 pub mod visualizer_binary;
 pub mod visualizer_json;
+pub mod windows_json;
 
 use radarllm_base::RadarPoint;
 pub(crate) use radarllm_base::RecordedFrame;
@@ -24,11 +26,13 @@ pub use mmbody::{read_mmbody_calibration, read_mmbody_frame};
 pub use mmfi::read_mmfi_frame;
 pub use pieces::PiecesError;
 pub use radhar::read_radhar_points;
+pub use track_table::{TrackTable, read_track_table};
 pub use visualizer_binary::{VisualizerBinary, VisualizerBinaryError, read_visualizer_binary};
 pub use visualizer_json::{
     VisualizerCounts, VisualizerFrame, VisualizerPart, VisualizerRecording, join_parts,
     read_visualizer_json,
 };
+pub use windows_json::read_windows_json;
 
 /// Maximum coordinate accepted, m: indoor radars report less.
 pub(crate) const MAX_COORDINATE_M: f64 = 1e3;

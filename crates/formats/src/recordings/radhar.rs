@@ -120,6 +120,7 @@ fn finish(
                 .secs
                 .map(|s| s + record.nsecs.unwrap_or_default() * 1e-9),
             points: vec![point],
+            board: None,
         }),
     }
     Ok(())

@@ -122,6 +122,14 @@ impl Columns {
                 places.push((column, unit, i));
             }
         }
+        // TI's example script writes the firmware's integers: 0.1 dB.
+        if names.clone().into_iter().any(|n| n.trim() == "DetObj#") {
+            for (column, unit, _) in &mut places {
+                if *column == Column::Intensity && *unit == Unit::Scale(1.0) {
+                    *unit = Unit::Scale(0.1);
+                }
+            }
+        }
         let has = |column| places.iter().any(|(c, ..)| *c == column);
         let mut missing: Vec<&str> = [
             (Column::X, "x"),
@@ -231,6 +239,7 @@ impl FrameBuilder {
                     number: number.unwrap_or(next),
                     stamp_s,
                     points: vec![point],
+                    board: None,
                 });
             }
         }

@@ -123,6 +123,14 @@ mod tests {
         );
     }
 
+    /// TI's example script for the out-of-box demo writes SNR and noise as the firmware sends them.
+    #[test]
+    fn tables_with_detobj_have_tenths_of_decibels() {
+        let text = "frame,DetObj#,x,y,z,v,snr,noise\n0,0,0,3,-0.8,0.1,150,700\n";
+        let frames = read_points_csv(text, Axes::RightForwardUp).unwrap();
+        assert_eq!(frames[0].points[0].intensity_db, 15.0);
+    }
+
     #[test]
     fn missing_columns_are_named() {
         let error = read_points_csv("frame,x,y\n", Axes::RightForwardUp).unwrap_err();

@@ -18,7 +18,7 @@ mod tlv;
 
 use std::collections::BTreeMap;
 
-use radarllm_base::{RadarPoint, RecordedFrame};
+use radarllm_base::{BoardReport, RadarPoint, RecordedFrame};
 
 pub use dialect::Dialect;
 pub use guess::{Evidence, GUESS_PACKETS, Guess};
@@ -399,6 +399,8 @@ pub fn recorded_frames(frames: Vec<UartFrame>) -> Vec<RecordedFrame> {
 pub struct SubframeJoiner {
     /// The frame that the next packet may still extend.
     open: Option<RecordedFrame>,
+    /// Whether a packet had tracks or presence.
+    reports: bool,
 }
 
 impl SubframeJoiner {
@@ -408,16 +410,24 @@ impl SubframeJoiner {
             return None;
         }
         let number = u64::from(frame.number);
+        self.reports |= !frame.targets.is_empty() || frame.presence.is_some();
+        // Firmware that tracks leaves the block out when it tracks nobody.
+        let board = self.reports.then(|| BoardReport {
+            tracks: frame.targets.iter().map(Target::track).collect(),
+            is_present: frame.presence.map(|zones| zones != 0),
+        });
         let points = frame.points.into_iter().chain(frame.static_points);
         match &mut self.open {
             Some(open) if open.number == number && frame.subframe > 0 => {
                 open.points.extend(points);
+                open.board = board.or(open.board.take());
                 None
             }
             open => open.replace(RecordedFrame {
                 number,
                 stamp_s: None,
                 points: points.collect(),
+                board,
             }),
         }
     }

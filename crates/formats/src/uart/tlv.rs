@@ -1,6 +1,6 @@
 //! Contents of the TLVs.
 
-use radarllm_base::RadarPoint;
+use radarllm_base::{BoardTrack, RadarPoint};
 
 use super::{Dialect, UartReport};
 
@@ -18,6 +18,20 @@ pub struct Target {
     pub velocity_mps: [f32; 3],
     /// Acceleration, m/s^2.
     pub acceleration_mps2: [f32; 3],
+}
+
+impl Target {
+    /// The track in the types of the project, in the axes of the sensor.
+    pub fn track(&self) -> BoardTrack {
+        let [x_m, y_m, z_m] = self.position_m;
+        BoardTrack {
+            id: self.id,
+            place_m: [x_m, y_m],
+            // Firmware that tracks in a plane sends 0.
+            height_m: (z_m != 0.0).then_some(z_m),
+            velocity_mps: self.velocity_mps,
+        }
+    }
 }
 
 /// Vertical extent of a tracked object.

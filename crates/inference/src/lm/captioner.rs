@@ -86,6 +86,8 @@ pub enum Abstained {
         /// Median required.
         min: usize,
     },
+    /// The board tracks people, and tracked nobody.
+    NobodyTracked,
 }
 
 impl std::fmt::Display for Abstained {
@@ -94,6 +96,7 @@ impl std::fmt::Display for Abstained {
             Self::TooFewFrames { found, min } => {
                 write!(f, "{found} frames, at least {min} are needed")
             }
+            Self::NobodyTracked => f.write_str("the board tracks nobody"),
             Self::TooFewPoints { median, min } => {
                 write!(
                     f,
@@ -712,7 +715,8 @@ impl Description {
         let length_s = |s: &Segment| (s.end_s - s.start_s) as f32;
         let total_s: f32 = segments.iter().map(length_s).sum();
         let weighted = segments.iter().map(|s| s.confidence * length_s(s));
-        self.confidence = weighted.sum::<f32>() / total_s.max(f32::MIN_POSITIVE);
+        // The sum of nothing is -0.
+        self.confidence = (weighted.sum::<f32>() + 0.0) / total_s.max(f32::MIN_POSITIVE);
         if !segments.is_empty() {
             self.caption = summary(&segments);
             self.abstained = None;

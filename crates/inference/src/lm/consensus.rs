@@ -6,6 +6,8 @@
 //! window votes for the clauses of its readings that cover the hop, with their probabilities as weights. The segments are the most probable sequence of clauses, in which
 //! every change has a price, so that a change must be seen in several windows (Viterbi algorithm).
 
+use std::collections::BTreeMap;
+
 use radarllm_facts::{Clause, parse};
 
 use super::captioner::Segment;
@@ -129,8 +131,13 @@ fn votes(hop: usize, n_frames: usize, windows: &[WindowReadings]) -> Hop<'_> {
         votes: Vec::new(),
         n_windows: 0,
     };
-    for window in windows {
-        if !(window.start..window.end).contains(&middle) {
+    // The windows are in order of their starts, and none is longer than the longest.
+    let longest = WINDOWS.map(|(length, _)| length).into_iter().max();
+    let first = (middle + 1).saturating_sub(longest.unwrap_or_default());
+    let from = windows.partition_point(|w| w.start < first);
+    let to = windows.partition_point(|w| w.start <= middle);
+    for window in &windows[from..to] {
+        if window.end <= middle {
             continue;
         }
         let stating = window.readings.iter().filter(|r| !r.clauses.is_empty());
@@ -195,11 +202,15 @@ fn segment(content: &Clause, hops: &[Hop], [start_s, end_s]: [f64; 2]) -> Segmen
         let votes = hops.iter().flat_map(|h| &h.votes);
         votes.filter(|(clause, _)| same(clause, content))
     };
-    let weight = |text: &str| -> f32 {
-        let equal = own().filter(|(clause, _)| clause.text == text);
-        equal.map(|(_, weight)| weight).sum()
-    };
-    let best = own().max_by(|a, b| weight(&a.0.text).total_cmp(&weight(&b.0.text)));
+    let mut weights: BTreeMap<&str, f32> = BTreeMap::new();
+    for (clause, weight) in own() {
+        *weights.entry(&clause.text).or_default() += weight;
+    }
+    let weight = |clause: &Clause| weights.get(clause.text.as_str()).copied();
+    let best = own().max_by(|a, b| {
+        let (a, b) = (weight(a.0), weight(b.0));
+        a.unwrap_or_default().total_cmp(&b.unwrap_or_default())
+    });
     let clause = best.map_or(content, |(clause, _)| clause);
     let confidence = |hop: &Hop| hop.support(content) / hop.n_windows.max(1) as f32;
     Segment {

@@ -24,8 +24,8 @@ pub mod vocab;
 pub mod word_piece;
 
 pub use captioner::{
-    Abstained, Answer, AnswerPart, Captioner, Chosen, DescribeOptions, Description, Segment,
-    actions,
+    Abstained, Answer, AnswerPart, Captioner, Chosen, DescribeOptions, Description, NO_PERSON,
+    Segment, actions,
 };
 pub use card::{Learned, LmCard, LmFiles};
 pub use config::{Backbone, FeedForward, LmConfig, LmPreset, NetworkConfig, T5Config};

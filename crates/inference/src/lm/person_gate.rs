@@ -16,9 +16,10 @@ const MIN_IN_PLACE: usize = 11;
 /// Minimum share of them near their centre. Of false alarms, about 5 % are.
 const SHARE_IN_PLACE: f32 = 0.7;
 
-/// Median number of points per frame.
+/// Median number of points per frame, without leakage.
 pub(super) fn median_points(window: &[PointFrame]) -> usize {
-    median_upper(window.iter().map(|f| f.points.len())).unwrap_or(0)
+    let n_points = |f: &PointFrame| f.points.iter().filter(|p| !p.is_leakage()).count();
+    median_upper(window.iter().map(n_points)).unwrap_or(0)
 }
 
 /// Returns whether most points are near one place in at least a third of the seconds, or nearly all are near one place in
@@ -38,7 +39,8 @@ pub(super) fn points_stay_together(window: &[PointFrame]) -> bool {
 
 /// Number of points within [`GATE_M`] of their median position, and of all points.
 fn near_centre(frames: &[PointFrame]) -> (usize, usize) {
-    let points = || frames.iter().flat_map(|f| &f.points);
+    let all = || frames.iter().flat_map(|f| &f.points);
+    let points = || all().filter(|p| !p.is_leakage());
     let (Some(x_m), Some(y_m)) = (
         median_upper(points().map(|p| p.x_m)),
         median_upper(points().map(|p| p.y_m)),
@@ -61,6 +63,7 @@ mod tests {
                 frame: i as u32,
                 time_s: i as f64 / 10.0,
                 points: points(i),
+                board: None,
             })
             .collect()
     }

@@ -153,6 +153,7 @@ impl PointDecoder {
             frame: index as u32,
             time_s: index as f64 / f64::from(FRAME_RATE_HZ),
             points: points_of(values, radar_height_m),
+            board: None,
         };
         Ok(Clip {
             frames: per_frame.enumerate().map(frame).collect(),

@@ -17,7 +17,7 @@ use super::{
     LiveCounts, LiveEvent, LiveSource, LiveTimeouts,
     card::{CONTROL_PORT, Starting},
     deadline,
-    output::{Clock, Output},
+    output::{Clock, FrameContent, Output},
     placing::Placing,
 };
 use crate::{
@@ -334,7 +334,11 @@ impl Dca1000 {
         while let Some(integrity) = self.builder.next_ready(&mut self.cube)? {
             self.corrector.apply(&mut self.cube)?;
             let frame = self.extractor.extract(&self.cube)?;
-            self.output.give(integrity.frame, frame.points);
+            let content = FrameContent {
+                points: frame.points,
+                board: None,
+            };
+            self.output.give(integrity.frame, content);
         }
         Ok(())
     }

@@ -5,7 +5,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use radarllm_base::{PointFrame, RadarPoint};
+use radarllm_base::{BoardReport, PointFrame, RadarPoint};
 
 use super::{LiveCounts, LiveEvent, LiveTimeouts, numbers::Numbers, placing::Placing};
 
@@ -34,11 +34,18 @@ impl Clock {
     }
 }
 
+/// Points of a frame, and what the firmware states beside them.
+#[derive(Default)]
+pub(super) struct FrameContent {
+    pub points: Vec<RadarPoint>,
+    pub board: Option<BoardReport>,
+}
+
 /// Events of a source, and whether its radar is lost.
 pub(super) struct Output {
     clock: Clock,
     placing: Placing,
-    numbers: Numbers<Vec<RadarPoint>>,
+    numbers: Numbers<FrameContent>,
     events: VecDeque<LiveEvent>,
     is_lost: bool,
     /// The stream was interrupted since the last frame.
@@ -71,7 +78,7 @@ impl Output {
     }
 
     /// Numbers and places a frame with the radar's number.
-    pub(super) fn give(&mut self, number: u64, points: Vec<RadarPoint>) {
+    pub(super) fn give(&mut self, number: u64, content: FrameContent) {
         let now = Instant::now();
         if std::mem::take(&mut self.is_interrupted)
             && let Some(last) = self.last_frame
@@ -80,7 +87,7 @@ impl Output {
             self.numbers.interrupt(self.clock.periods_in(passed));
         }
         self.last_frame = Some(now);
-        for (at, points) in self.numbers.push(number, points) {
+        for (at, content) in self.numbers.push(number, content) {
             if std::mem::take(&mut self.is_lost) {
                 self.reconnects += 1;
                 self.events.push_back(LiveEvent::Back);
@@ -90,7 +97,8 @@ impl Output {
             let frame = self.placing.apply(PointFrame {
                 frame: u32::try_from(at).unwrap_or(u32::MAX),
                 time_s: self.clock.time_s(at),
-                points,
+                points: content.points,
+                board: content.board,
             });
             self.events.push_back(LiveEvent::Frame(frame));
         }

@@ -53,6 +53,7 @@ impl Placing {
                 frame: number,
                 time_s,
                 points: Vec::new(),
+                board: None,
             });
         if let Some(background) = &self.background {
             background.remove(std::slice::from_mut(&mut placed));

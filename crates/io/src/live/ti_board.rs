@@ -17,7 +17,7 @@ use super::{
     LiveCounts, LiveEvent, LiveSource, LiveTimeouts,
     cli::{self, CliError, Sending},
     deadline,
-    output::{Clock, Output},
+    output::{Clock, FrameContent, Output},
     placing::Placing,
 };
 use crate::{
@@ -432,7 +432,11 @@ impl TiBoard {
 
     fn give(&mut self, frame: RecordedFrame) {
         self.last_number = Some(frame.number);
-        self.output.give(frame.number, frame.points);
+        let content = FrameContent {
+            points: frame.points,
+            board: frame.board,
+        };
+        self.output.give(frame.number, content);
     }
 }
 

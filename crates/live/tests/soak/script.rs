@@ -381,6 +381,7 @@ impl LiveSource for Radar {
             frame: self.next,
             time_s: f64::from(self.next) / RATE_HZ,
             points: script.points(self.next),
+            board: None,
         };
         self.next += 1;
         Ok(Some(LiveEvent::Frame(frame)))

@@ -112,6 +112,7 @@ mod tests {
             frame: number,
             time_s: 7.0 + f64::from(number) / 10.0,
             points: points.to_vec(),
+            board: None,
         }
     }
 

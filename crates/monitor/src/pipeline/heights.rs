@@ -158,6 +158,7 @@ mod tests {
                 frame: n,
                 time_s: 100.0 + f64::from(n) / 10.0,
                 points: points(height_m),
+                board: None,
             })
             .collect();
         Heights::of(&frames, RADAR_M)
@@ -199,6 +200,7 @@ mod tests {
             frame: n,
             time_s: f64::from(n) / 10.0,
             points: vec![RadarPoint::default(); 10],
+            board: None,
         };
         let flat = Heights::of(&(0..60).map(frame).collect::<Vec<_>>(), RADAR_M);
         assert!(flat.permit("fall") && flat.permit("stand_up") && !flat.show("fall"));

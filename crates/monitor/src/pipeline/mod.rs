@@ -3,6 +3,7 @@
 //! | step | by |
 //! |---|---|
 //! | time of the frame | [`StreamClock`] |
+//! | leakage of the transmitters is removed | [`radarllm_base::points::LEAKAGE_M`] |
 //! | points of the empty room are removed, if it is learnt first | [`empty`] |
 //! | static points of the room are removed | [`surroundings`] |
 //! | people are tracked; presence, falls | [`Watch`] |
@@ -240,6 +241,7 @@ impl Pipeline {
             time_s: tick.t_s,
             ..frame
         };
+        frame.points.retain(|p| !p.is_leakage());
         self.empty.clean(&mut frame);
         if self.surroundings.clean(&mut frame) {
             self.windows.remove(|p| self.surroundings.is_static(p));

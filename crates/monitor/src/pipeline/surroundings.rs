@@ -120,6 +120,7 @@ mod tests {
             frame: n,
             time_s: f64::from(n) / 10.0,
             points,
+            board: None,
         }
     }
 

@@ -78,6 +78,7 @@ fn frame(n: u32) -> PointFrame {
         frame: n,
         time_s: 0.0,
         points: points(n),
+        board: None,
     }
 }
 

@@ -6,7 +6,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use radarllm_base::{PointFrame, RadarPoint, stats::median_upper};
+use radarllm_base::{BoardReport, PointFrame, RadarPoint, stats::median_upper};
 
 use crate::options::{OptionError, within};
 use crate::people::{PersonFrame, UNTRACKED};
@@ -140,6 +140,10 @@ impl Windows {
                 frame: frame.frame,
                 time_s: frame.time_s,
                 points: person.points.clone(),
+                board: person.board.map(|track| BoardReport {
+                    tracks: vec![track],
+                    is_present: None,
+                }),
             };
             keep(&mut track.frames, own, oldest_s);
             self.is_settled |= self.options.min_tracked_s - ROUNDING_S <= length_s(&track.frames);
@@ -282,6 +286,7 @@ mod tests {
             frame: n,
             time_s: f64::from(n) / 10.0,
             points: vec![RadarPoint::default(); 5],
+            board: None,
         }
     }
 
@@ -290,6 +295,7 @@ mod tests {
             person,
             place_m: [0.5, 2.0],
             points: vec![RadarPoint::default(); n_points],
+            board: None,
         }
     }
 

@@ -167,6 +167,7 @@ mod tests {
                 frame: f as u32,
                 time_s: f as f64 * 0.1,
                 points: points.collect(),
+                board: None,
             }
         };
         (0..n_frames).map(frame).collect()
@@ -238,6 +239,7 @@ mod tests {
                 frame: f,
                 time_s: f64::from(f) * 0.1,
                 points: (0..n_points).map(|_| point()).collect(),
+                board: None,
             }
         };
         (0..n_frames).map(&mut frame).collect()

@@ -80,6 +80,7 @@ fn scene() -> impl Strategy<Value = Vec<PointFrame>> {
                         frame: i,
                         time_s,
                         points,
+                        board: None,
                     }
                 })
                 .collect()
@@ -151,6 +152,7 @@ fn appearances(n: u32, at: impl Fn(u32) -> Vec<[f32; 2]>) -> Vec<PointFrame> {
             frame: i,
             time_s: f64::from(i) / 10.0,
             points: at(i).into_iter().flat_map(points).collect(),
+            board: None,
         })
         .collect()
 }
@@ -237,6 +239,7 @@ fn a_day_of_frames_does_not_grow_the_tracker() {
             frame: i,
             time_s: f64::from(i) / 10.0,
             points: frame[0].points.clone(),
+            board: None,
         });
         assert!(people.len() <= 1);
         let half = usize::from(i >= 432_000);

@@ -92,6 +92,7 @@ fn one_leaves_and_another_comes_in() {
                 Some(i) => second[i].points.clone(),
                 None => Vec::new(),
             },
+            board: None,
         });
     }
     let found = tracks(&frames);
@@ -130,6 +131,7 @@ fn appearances(n: u32, rate_hz: f64, at: impl Fn(u32) -> Vec<[f32; 2]>) -> Vec<P
             frame: i,
             time_s: f64::from(i) / rate_hz,
             points: at(i).into_iter().flat_map(points).collect(),
+            board: None,
         })
         .collect()
 }
@@ -219,6 +221,7 @@ fn clutter_and_noise_are_nobody() {
                 frame: i,
                 time_s: 0.1 * f64::from(i),
                 points,
+                board: None,
             }
         })
         .collect();

@@ -32,6 +32,7 @@ fn clip(seed: usize, n_frames: usize, n_points: usize) -> ClipRecord {
             frame: f as u32,
             time_s: f64::from(t),
             points: points.collect(),
+            board: None,
         }
     };
     let feature = |f: usize, d: usize| {

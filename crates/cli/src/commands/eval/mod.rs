@@ -1,5 +1,6 @@
 //! `eval`: questions asked of a model or of the virtual radar.
 
+mod boards;
 pub(crate) mod captions;
 mod falls;
 mod interventions;
@@ -25,6 +26,11 @@ pub(crate) enum EvalVerb {
     ///
     /// Example: radarllm eval recordings configs/eval/recorded-radhar.toml --recordings radhar
     Recordings(Box<recordings::EvalRecordingsArgs>),
+    /// Recordings of several boards in turn: presence, postures, falls and activities, with the mean over the boards that
+    /// nothing was learned from.
+    ///
+    /// Example: radarllm eval boards configs/eval/boards.toml --data recordings
+    Boards(boards::EvalBoardsArgs),
     /// Simulate falls and what looks like falls: how many does a running radar notice, and how often is it wrong?
     ///
     /// Example: radarllm eval falls configs/eval/falls.toml --recordings configs/eval/recorded-radhar.toml radhar
@@ -80,6 +86,7 @@ pub(crate) fn run(verb: &EvalVerb) -> CliResult {
     match verb {
         EvalVerb::Captions(args) => captions::run(args),
         EvalVerb::Recordings(args) => recordings::run(args),
+        EvalVerb::Boards(args) => boards::run(args),
         EvalVerb::Falls(args) => falls::run(args),
         EvalVerb::Interventions(args) => interventions::run(args),
         EvalVerb::Robustness(args) => robustness::run(args),

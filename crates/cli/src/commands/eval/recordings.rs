@@ -10,7 +10,7 @@ use radarllm_eval::{
     recordings::{
         LOOKS_HEAD, LabelledRecording, RecordingsConfig, RecordingsReport, Role, TeachOptions,
         evaluate_recordings, evaluate_taught, labelled_clips, labelled_files, look, markdown,
-        parts,
+        parts, runs,
     },
 };
 use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
@@ -213,8 +213,19 @@ pub(crate) fn read_recordings(
         let recording = radarllm::open(&path)
             .with_options(options.clone())
             .points()?;
-        let clip = describe::prepared(&path.display().to_string(), &recording, Detail::All)?;
-        all.extend(parts(config, &activity, &name, clip.into_clip()));
+        let mut runs = runs(recording.clip.clone(), config.cut_at_gap_s);
+        runs.retain(|clip| clip.duration_s() >= config.min_s);
+        let several = runs.len() > 1;
+        for (i, clip) in runs.into_iter().enumerate() {
+            let name = match several {
+                true => format!("{name} run {}", i + 1),
+                false => name.clone(),
+            };
+            let mut run = recording.clone();
+            run.clip = clip;
+            let clip = describe::prepared(&path.display().to_string(), &run, Detail::All)?;
+            all.extend(parts(config, &activity, &name, clip.into_clip()));
+        }
     }
     Ok(all)
 }

@@ -48,6 +48,9 @@ pub(crate) struct LiveArgs {
     /// File with taught activities; the user's own if omitted and there is one.
     #[arg(long, value_name = "FILE")]
     pub memory: Option<PathBuf>,
+    /// File of the site, by `radarllm site`: tilt of the radar and height of a standing person.
+    #[arg(long, value_name = "FILE")]
+    pub site: Option<PathBuf>,
     /// How to read the input.
     #[command(flatten)]
     pub input: InputArgs,

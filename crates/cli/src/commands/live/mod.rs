@@ -66,6 +66,8 @@ fn watch(args: &LiveArgs) -> CliResult {
     if let Some(memory) = load_memory(args.memory.as_deref())? {
         captioner = captioner.with_memory(&memory);
     }
+    let site = args.site.as_deref().map(radarllm::read_site).transpose()?;
+    captioner = captioner.with_site(site);
     let options = options(args)?;
     let input = input(args)?;
     for note in input.notes() {

@@ -361,10 +361,7 @@ fn tracked_person(clip: &Clip, own: &[PointFrame]) -> Result<Clip, OptionError> 
         .into_iter()
         .map(|person| (own_points(&person), person));
     let max = counted.filter(|(n, _)| *n > 0).max_by_key(|(n, _)| *n);
-    let without_points = |f: &PointFrame| PointFrame {
-        points: Vec::new(),
-        ..*f
-    };
+    let without_points = |f: &PointFrame| f.with_points(Vec::new());
     let nobody = || clip.with_frames(own.iter().map(without_points).collect());
     Ok(max.map_or_else(nobody, |(_, person)| person.clip))
 }
@@ -462,6 +459,7 @@ mod tests {
                 frame,
                 time_s: f64::from(frame) * 0.1,
                 points: [3.0, 9.0, 1.0, 7.0].map(point).to_vec(),
+                board: None,
             })
             .collect();
         let two = change_points(&frames, &Change::AtMostPoints(2), 1);
@@ -500,6 +498,7 @@ mod tests {
                     frame: i,
                     time_s: f64::from(i) / 10.0,
                     points: (0..3).map(point).collect(),
+                    board: None,
                 }
             };
             (0..60).map(frame).collect()

@@ -127,6 +127,7 @@ mod tests {
                     ..RadarPoint::default()
                 })
                 .collect(),
+            board: None,
         };
         LabelledRecording {
             name: format!("{activity} {seconds}"),

@@ -43,6 +43,7 @@ impl WatchedRoom {
             frame: self.n_frames,
             time_s: t_s,
             points: frame.points.clone(),
+            board: None,
         });
         self.n_frames += 1;
         self.events.extend(seen.falls);

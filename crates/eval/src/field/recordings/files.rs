@@ -80,6 +80,25 @@ pub fn labelled_clips(
     Ok(labelled.into_values().collect())
 }
 
+/// The recordings that follow each other in one: it is cut where no frame came for longer than `gap_s`, and each part begins
+/// at 0 s.
+pub fn runs(clip: Clip, gap_s: Option<f64>) -> Vec<Clip> {
+    let Some(gap_s) = gap_s else {
+        return vec![clip];
+    };
+    let is_gap = |a: &PointFrame, b: &PointFrame| b.time_s - a.time_s <= gap_s;
+    let run = |frames: &[PointFrame]| {
+        let start = &frames[0];
+        let shifted = |frame: &PointFrame| PointFrame {
+            frame: frame.frame - start.frame,
+            time_s: frame.time_s - start.time_s,
+            ..frame.clone()
+        };
+        clip.with_frames(frames.iter().map(shifted).collect())
+    };
+    clip.frames.chunk_by(is_gap).map(run).collect()
+}
+
 /// Cuts a prepared recording into parts of equal length, as the configuration says.
 pub fn parts(
     config: &RecordingsConfig,

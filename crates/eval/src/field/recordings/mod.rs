@@ -21,8 +21,8 @@ use radarllm_inference::{Description, Segment};
 use serde::{Deserialize, Serialize};
 
 use crate::EvalError;
-use calibration::Calibration;
-pub use files::{labelled_clips, labelled_files, parts};
+pub use calibration::Calibration;
+pub use files::{labelled_clips, labelled_files, parts, runs};
 pub use looks::{LOOKS_HEAD, look, look_for_falls};
 pub use report::markdown;
 use strict::StatedTime;
@@ -40,6 +40,11 @@ pub struct RecordingsConfig {
     pub simulated: bool,
     /// Cut recordings into parts of this length, s; a shorter rest is left out. Not cut if omitted.
     pub part_s: Option<f64>,
+    /// Recordings in which no frame came for longer than this, s, are several ones, which follow each other in a file.
+    pub cut_at_gap_s: Option<f64>,
+    /// Parts that are shorter than this, s, after cutting are fragments and left out.
+    #[serde(default)]
+    pub min_s: f64,
     /// Roles of the recordings.
     pub roles: Roles,
     /// The activities.
@@ -100,11 +105,27 @@ pub struct Activity {
     /// whether a recording is described right, but are counted beside that.
     #[serde(default)]
     pub sides: BTreeMap<ActivitySide, Vec<String>>,
+    /// When a recording is described right.
+    #[serde(default)]
+    pub judged: Judged,
     /// The sentence by which the activity is taught, where it is.
     pub says: Option<String>,
     /// The sentence about recordings of a side, instead of `says`, in data sets of recordings.
     #[serde(default)]
     pub says_of_side: BTreeMap<ActivitySide, String>,
+}
+
+/// When a recording of an activity is described right.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Judged {
+    /// The activity is stated for most of the time ([`strict`]).
+    #[default]
+    Mostly,
+    /// The activity is an event, such as a fall: it is stated at all.
+    Event,
+    /// The activity is not stated at all: what happens is not known, but that is not it.
+    Never,
 }
 
 /// A side of the body or of a direction.
@@ -162,6 +183,19 @@ impl RecordingsConfig {
             }
         }
         Ok(config)
+    }
+
+    /// A configuration of activities alone.
+    pub fn of_activities(activity: Vec<Activity>) -> Self {
+        Self {
+            radar_height_m: 1.0,
+            simulated: false,
+            part_s: None,
+            cut_at_gap_s: None,
+            min_s: 0.0,
+            roles: Roles { tuning: Vec::new() },
+            activity,
+        }
     }
 
     /// The activity of a recording, by its path below the folder of recordings with `/` between names.
@@ -235,6 +269,8 @@ pub struct RecordingRow {
     pub stated: Option<String>,
     /// Whether that is the recorded activity.
     pub right: bool,
+    /// When it is right.
+    pub judged: Judged,
     /// Whether the side is right, too, if the activity has one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub side_right: Option<bool>,
@@ -372,7 +408,7 @@ fn described(
     )
 }
 
-fn row(
+pub(crate) fn row(
     config: &RecordingsConfig,
     name: &str,
     activity: &str,
@@ -381,13 +417,17 @@ fn row(
     abstained: bool,
 ) -> RecordingRow {
     let own = config.activity.iter().find(|a| a.name == activity);
+    let judged = own.map_or(Judged::Mostly, |a| a.judged);
     let side = own.and_then(|a| Some((a, config.side_of(a, name)?)));
     let mut whole = StatedTime::default();
     let segments = segments.iter().map(|segment| {
         whole.add(&segment.caption, segment.end_s - segment.start_s);
         let mut alone = StatedTime::default();
         alone.add(segment.guess.as_ref().unwrap_or(&segment.caption), 1.0);
-        let is_own = alone.stated(&config.activity, 1.0).as_deref() == Some(activity);
+        let is_own = match judged {
+            Judged::Mostly => alone.stated(&config.activity, 1.0).as_deref() == Some(activity),
+            Judged::Event | Judged::Never => own.is_some_and(|a| alone.of(a) > 0.0),
+        };
         SegmentRow {
             start_s: segment.start_s,
             end_s: segment.end_s,
@@ -396,12 +436,20 @@ fn row(
             confidence: segment.confidence,
             taught: segment.taught.clone(),
             guess: segment.guess.clone(),
-            right: is_own && side.is_none_or(|(a, side)| alone.has_side(a, side)),
+            right: match judged {
+                Judged::Never => !is_own,
+                _ => is_own && side.is_none_or(|(a, side)| alone.has_side(a, side)),
+            },
         }
     });
     let segments = segments.collect();
     let stated = whole.stated(&config.activity, seconds);
-    let right = stated.as_deref() == Some(activity);
+    let is_stated = own.is_some_and(|a| whole.of(a) > 0.0);
+    let right = match judged {
+        Judged::Mostly => stated.as_deref() == Some(activity),
+        Judged::Event => is_stated,
+        Judged::Never => !is_stated,
+    };
     RecordingRow {
         recording: name.into(),
         activity: activity.into(),
@@ -411,6 +459,7 @@ fn row(
         own_share: own.map_or(0.0, |a| whole.of(a) / seconds.max(f64::MIN_POSITIVE)),
         side_right: side.map(|(a, side)| right && whole.has_side(a, side)),
         right,
+        judged,
         stated,
     }
 }

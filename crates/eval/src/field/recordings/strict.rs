@@ -8,7 +8,7 @@
 //! use radarllm_eval::recordings::{Activity, strict::StatedTime};
 //!
 //! let walk = Activity { name: "walk".into(), actions: vec!["walk".into()], files: None, sides: Default::default(), says: None,
-//!     says_of_side: Default::default() };
+//!     judged: Default::default(),     says_of_side: Default::default() };
 //! let mut time = StatedTime::default();
 //! time.add("a person walks forward", 6.0);
 //! time.add("a person bows, then walks", 4.0);
@@ -138,6 +138,7 @@ mod tests {
                 files: None,
                 sides: BTreeMap::new(),
                 says: None,
+                judged: crate::recordings::Judged::Mostly,
                 says_of_side: BTreeMap::new(),
             })
             .into()
@@ -192,6 +193,7 @@ mod tests {
             files: None,
             sides: BTreeMap::new(),
             says: None,
+            judged: crate::recordings::Judged::Mostly,
             says_of_side: BTreeMap::new(),
         });
         for (sentence, expected) in [
@@ -217,6 +219,7 @@ mod tests {
             files: None,
             sides: BTreeMap::new(),
             says: None,
+            judged: crate::recordings::Judged::Mostly,
             says_of_side: BTreeMap::new(),
         };
         for (sentence, expected) in [

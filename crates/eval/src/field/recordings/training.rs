@@ -228,6 +228,7 @@ mod tests {
                 x_m: 1.0,
                 ..Default::default()
             }],
+            board: None,
         };
         LabelledRecording {
             name: name.into(),

@@ -144,6 +144,7 @@ fn read_recordings(folder: &Path, class: usize) -> Result<Vec<Clip>, RealismErro
                 frame: i as u32,
                 time_s: frame.stamp_s.unwrap_or_default(),
                 points: frame.points,
+                board: None,
             })
             .collect();
         clips.push(Clip {

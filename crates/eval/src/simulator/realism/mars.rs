@@ -147,5 +147,6 @@ fn push(take: &mut Run, steps: u64, points: Vec<RadarPoint>, joints: [Vec3; N_JO
         frame,
         time_s: f64::from(frame) / FRAMES_PER_S,
         points,
+        board: None,
     });
 }

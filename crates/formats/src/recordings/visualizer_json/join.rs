@@ -144,31 +144,67 @@ fn level_last(frames: &mut [VisualizerFrame], position: &SensorPosition) -> bool
         return false;
     };
     let recent = &before[before.len().saturating_sub(N_COMPARED)..];
-    let known = median_z(recent.iter().flat_map(|f| &f.frame.points));
     let mounting = position.mounting();
-    let level: Vec<RadarPoint> = (last.frame.points.iter())
-        .map(|p| {
-            moved(p, |xyz| {
-                let [x, y, z] = mounting.level(xyz);
-                [x, y, z + position.height_m]
-            })
-        })
-        .collect();
-    let (Some(known), Some(stored), Some(levelled)) =
-        (known, median_z(&last.frame.points), median_z(&level))
-    else {
-        return false;
+    let raised = |xyz: [f64; 3]| {
+        let [x, y, z] = mounting.level(xyz);
+        [x, y, z + position.height_m]
     };
-    // Half of the height is the margin, because people move far less between two frames.
-    let is_raw = (levelled - known).abs() + 0.5 * position.height_m.abs() < (stored - known).abs();
+    // Tracks decide where there are any: they are there without points, and move less.
+    let by_tracks = is_raw(
+        median_z(recent.iter().flat_map(|f| &f.tracks).map(|t| t.position_m)),
+        median_z(last.tracks.iter().map(|t| t.position_m)),
+        median_z(
+            last.tracks
+                .iter()
+                .map(|t| as_f32(raised(t.position_m.map(f64::from)))),
+        ),
+        position,
+    );
+    let of_point = |p: &RadarPoint| [p.x_m, p.y_m, p.z_m];
+    let by_points = || {
+        is_raw(
+            median_z(recent.iter().flat_map(|f| &f.frame.points).map(of_point)),
+            median_z(last.frame.points.iter().map(of_point)),
+            median_z(
+                last.frame
+                    .points
+                    .iter()
+                    .map(|p| as_f32(raised(of_point(p).map(f64::from)))),
+            ),
+            position,
+        )
+    };
+    let is_raw = by_tracks.or_else(by_points).unwrap_or(false);
     if is_raw {
-        last.frame.points = level;
+        for point in &mut last.frame.points {
+            *point = moved(point, raised);
+        }
+        for track in &mut last.tracks {
+            track.position_m = as_f32(raised(track.position_m.map(f64::from)));
+            track.velocity_mps = as_f32(mounting.level(track.velocity_mps.map(f64::from)));
+        }
     }
     is_raw
 }
 
-fn median_z<'a>(points: impl IntoIterator<Item = &'a RadarPoint>) -> Option<f64> {
-    median_upper(points.into_iter().map(|p| p.z_m)).map(f64::from)
+fn as_f32(xyz: [f64; 3]) -> [f32; 3] {
+    xyz.map(|v| v as f32)
+}
+
+/// Whether stored heights agree worse with those known before than the raised ones; `None` if one is not known.
+fn is_raw(
+    known: Option<f64>,
+    stored: Option<f64>,
+    raised: Option<f64>,
+    position: &SensorPosition,
+) -> Option<bool> {
+    let (known, stored, raised) = (known?, stored?, raised?);
+    // Half of the height is the margin, because people move far less between two frames.
+    Some((raised - known).abs() + 0.5 * position.height_m.abs() < (stored - known).abs())
+}
+
+fn median_z(positions: impl Iterator<Item = [f32; 3]>) -> Option<f64> {
+    median_upper(positions.map(|p| p[2])).map(f64::from)
 }
 
 impl VisualizerCounts {

@@ -18,7 +18,7 @@
 mod join;
 mod parse;
 
-use radarllm_base::RadarPoint;
+use radarllm_base::{BoardReport, RadarPoint};
 
 pub use join::join_parts;
 
@@ -107,6 +107,20 @@ pub struct VisualizerRecording {
 }
 
 impl VisualizerRecording {
+    /// The frames with the tracks of the firmware, if it tracked anybody in the recording. Frames without a track then say
+    /// that nobody is tracked.
+    pub fn into_recorded_frames(self) -> Vec<RecordedFrame> {
+        let tracks = self.frames.iter().any(|f| !f.tracks.is_empty());
+        let recorded = |frame: VisualizerFrame| RecordedFrame {
+            board: tracks.then(|| BoardReport {
+                tracks: frame.tracks.iter().map(Target::track).collect(),
+                is_present: None,
+            }),
+            ..frame.frame
+        };
+        self.frames.into_iter().map(recorded).collect()
+    }
+
     /// Moves the origin of level points to the radar, which is `height_m` above the floor. Does nothing if
     /// [`Self::z_above_floor`] is false.
     pub fn lower(&mut self, height_m: f64) {
@@ -117,6 +131,10 @@ impl VisualizerRecording {
         for frame in &mut self.frames {
             for p in &mut frame.frame.points {
                 *p = moved(p, |[x, y, z]| [x, y, z - height_m]);
+            }
+            // The visualizer moves its tracks as it moves the points.
+            for track in &mut frame.tracks {
+                track.position_m[2] -= height_m as f32;
             }
         }
     }

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::fmt;
 
-use radarllm_base::{RadarPoint, timeline::MAX_FRAMES};
+use radarllm_base::RadarPoint;
 use serde::de::{self, DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor};
 
 use super::{VisualizerCounts, VisualizerFrame, VisualizerPart};
@@ -12,6 +12,8 @@ use crate::recordings::{
 };
 use crate::uart::{Target, TargetHeight};
 
+/// Most frames of a file; the visualizer writes 100.
+const MAX_FRAMES: usize = 200_000;
 /// Number of values in a row of `pointCloud`.
 const POINT_NUMBERS: usize = 7;
 /// Number of values in a row of `trackData` that are used; more may follow.
@@ -150,7 +152,7 @@ impl<'de> Visitor<'de> for FramesSeed<'_> {
             if let Some(frame) = entry.finish() {
                 frames.push(frame);
             }
-            if frames.len() as u64 > MAX_FRAMES {
+            if frames.len() > MAX_FRAMES {
                 let problem = format!("more frames, expected at most {MAX_FRAMES} in `data`");
                 return Err(de::Error::custom(problem));
             }
@@ -196,6 +198,7 @@ impl<'a> Entry<'a> {
                 number,
                 stamp_s: self.stamp_s,
                 points: self.points,
+                board: None,
             },
             tracks: self.tracks,
             heights: self.heights,

@@ -1,0 +1,237 @@
+//! Falls: fast downward, and low afterwards.
+//!
+//! Where the board tracks heights, a fall is a downward speed that sitting down does not reach, after which the track is
+//! lower than that of anybody who sits. Where it does not, the heights of the points stand for it: the middle of all points
+//! of a second falls by more than a seat is deep.
+
+use radarllm_base::{PointFrame, RadarPoint, stats::quantile_nearest};
+
+use crate::{
+    Site,
+    people::{Sample, TrackedPerson},
+};
+
+/// Downward speed of a fall, m/s, as the mean over a time, s. Who sits down or lies down stays below 0.9 m/s.
+const FALLING_MPS: f32 = 0.9;
+const SPEED_S: f64 = 0.3;
+/// Height below a standing person after a fall, m, and the time in which it is reached, s.
+const FALLEN_M: f32 = 1.0;
+const LANDING_S: f64 = 1.0;
+/// Height below a standing person, m, of somebody who was up before a fall, and the time before it, s. Who lies already does
+/// not fall.
+const UP_M: f32 = 0.8;
+const BEFORE_S: f64 = 1.5;
+/// Two falls of one person are at least this far apart, s.
+const APART_S: f64 = 3.0;
+
+/// Points of a second before and after, with time between them, s; the fall of their middle, m; points needed in each.
+const POOL_S: f64 = 1.0;
+const POOL_GAP_S: f64 = 0.3;
+const POOL_FALL_M: f32 = 0.7;
+const POOL_POINTS: usize = 4;
+
+/// A fall.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fall {
+    /// When the person was falling, s.
+    pub t_s: f64,
+    /// Where, m: right of the radar, away from the radar.
+    pub place_m: [f32; 2],
+    /// How sure it is, 0..=1.
+    pub probability: f32,
+}
+
+/// How sure a value beyond a limit is: of the falls that two boards show at the limits, about seven of ten are falls, and
+/// nearly all of those that are half beyond them.
+fn beyond(value: f32, limit: f32) -> f32 {
+    (0.7 + 0.56 * (value / limit - 1.0)).clamp(0.0, 0.98)
+}
+
+/// The falls of a person whom the board tracks in height.
+pub fn falls_of(person: &TrackedPerson, site: &Site) -> Vec<Fall> {
+    let mut falls: Vec<Fall> = Vec::new();
+    for at in &person.samples {
+        let recent = person.between(at.t_s - SPEED_S + 1e-6, at.t_s);
+        let speeds: Vec<f32> = recent.iter().filter_map(|s| s.upward_mps).collect();
+        if speeds.is_empty() {
+            continue;
+        }
+        let down_mps = -speeds.iter().sum::<f32>() / speeds.len() as f32;
+        if down_mps < FALLING_MPS {
+            continue;
+        }
+        let before = person.between(at.t_s - BEFORE_S, at.t_s).iter();
+        let highest_m = before.filter_map(|s| s.height_m).fold(f32::MIN, f32::max);
+        if site.standing_m - highest_m > UP_M {
+            continue;
+        }
+        let landing = person.between(at.t_s, at.t_s + LANDING_S);
+        let last = &landing[landing.len().saturating_sub(3)..];
+        let Some(height_m) = quantile_nearest(last.iter().filter_map(|s| s.height_m), 0.5) else {
+            continue;
+        };
+        let below_m = site.standing_m - height_m;
+        if below_m < FALLEN_M || has_risen(person, at.t_s, site) {
+            continue;
+        }
+        push(
+            &mut falls,
+            Fall {
+                t_s: at.t_s,
+                place_m: at.place_m,
+                probability: beyond(down_mps, FALLING_MPS).min(beyond(below_m, FALLEN_M)),
+            },
+        );
+    }
+    falls
+}
+
+/// Whether a person is up again in the second after the landing: then the track went down alone.
+fn has_risen(person: &TrackedPerson, t_s: f64, site: &Site) -> bool {
+    /// Part of the height of a fall below which somebody has risen.
+    const RISEN: f32 = 0.8;
+    let after = person.between(t_s + LANDING_S, t_s + 2.0 * LANDING_S);
+    let height = quantile_nearest(after.iter().filter_map(|s| s.height_m), 0.5);
+    after.len() >= 5 && height.is_some_and(|z_m| site.standing_m - z_m < RISEN * FALLEN_M)
+}
+
+/// Whether a person walks after a time: who has fallen does not go on.
+pub(crate) fn walks_on(person: &TrackedPerson, fall: &Fall) -> bool {
+    /// From one to three seconds after the fall, m.
+    const WALKS_M: f32 = 0.6;
+    let after = person.between(fall.t_s + 1.0, fall.t_s + 3.0);
+    after.first().zip(after.last()).is_some_and(|(a, b)| {
+        (a.place_m[0] - b.place_m[0]).hypot(a.place_m[1] - b.place_m[1]) >= WALKS_M
+    })
+}
+
+/// Adds a fall; of several that are one, the surest stays.
+fn push(falls: &mut Vec<Fall>, fall: Fall) {
+    match falls.last_mut() {
+        Some(last) if fall.t_s - last.t_s < APART_S => {
+            if fall.probability > last.probability {
+                last.probability = fall.probability;
+            }
+        }
+        _ => falls.push(fall),
+    }
+}
+
+/// The falls that the points of one person show, for boards that do not track heights.
+pub fn falls_of_points(frames: &[PointFrame]) -> Vec<Fall> {
+    let times: Vec<f64> = frames.iter().map(|f| f.time_s).collect();
+    // Heights and places of all points between two times.
+    let pool = |from_s: f64, to_s: f64| {
+        let (first, last) = (
+            times.partition_point(|t| *t < from_s),
+            times.partition_point(|t| *t <= to_s),
+        );
+        let points = frames[first..last.max(first)]
+            .iter()
+            .flat_map(|f| &f.points);
+        let seen = points.filter(|p| !p.is_leakage());
+        seen.copied().collect::<Vec<RadarPoint>>()
+    };
+    let middle = |points: &[RadarPoint]| {
+        (points.len() >= POOL_POINTS)
+            .then(|| quantile_nearest(points.iter().map(|p| p.z_m), 0.5))
+            .flatten()
+    };
+    let mut falls = Vec::new();
+    for t_s in times.iter().copied() {
+        let before = pool(t_s - POOL_GAP_S - POOL_S, t_s - POOL_GAP_S);
+        let after = pool(t_s, t_s + POOL_S);
+        let (Some(before_m), Some(after_m)) = (middle(&before), middle(&after)) else {
+            continue;
+        };
+        let fallen_m = before_m - after_m;
+        if fallen_m < POOL_FALL_M {
+            continue;
+        }
+        let place = |axis: fn(&RadarPoint) -> f32| {
+            quantile_nearest(after.iter().map(axis), 0.5).unwrap_or_default()
+        };
+        push(
+            &mut falls,
+            Fall {
+                t_s,
+                place_m: [place(|p| p.x_m), place(|p| p.y_m)],
+                probability: beyond(fallen_m, POOL_FALL_M),
+            },
+        );
+    }
+    falls
+}
+
+/// Whether a sample is in the time of a fall: from a second before to a second after.
+pub(crate) fn is_within(fall: &Fall, sample: &Sample) -> bool {
+    (sample.t_s - fall.t_s).abs() <= 1.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::people::{tests::frames, tracked_people};
+
+    fn found(at: impl Fn(f64) -> Option<[f32; 3]>) -> Vec<Fall> {
+        let people = tracked_people(&frames(20.0, at), None).unwrap();
+        falls_of(&people[0], &Site::unlearned("board", 1.5))
+    }
+
+    /// Height and speed of somebody who goes from one height to another within a time, from second 8 on.
+    fn down(from_m: f32, to_m: f32, seconds: f32) -> impl Fn(f64) -> Option<[f32; 3]> {
+        move |t| {
+            let share = ((t as f32 - 8.0) / seconds).clamp(0.0, 1.0);
+            let is_moving = share > 0.0 && share < 1.0;
+            let speed_mps = if is_moving {
+                (to_m - from_m) / seconds
+            } else {
+                0.0
+            };
+            Some([2.5, from_m + share * (to_m - from_m), speed_mps])
+        }
+    }
+
+    #[test]
+    fn a_fall_is_fast_and_ends_low() {
+        let falls = found(down(0.1, -1.2, 0.8));
+        assert_eq!(falls.len(), 1);
+        assert!((8.0..9.0).contains(&falls[0].t_s) && falls[0].probability > 0.5);
+        // Sitting down fast, lying down slowly, and a jump of the track that comes back.
+        assert_eq!(found(down(0.1, -0.5, 0.5)), []);
+        assert_eq!(found(down(0.1, -1.2, 2.5)), []);
+        let glitch = |t: f64| match t {
+            t if (8.0..9.2).contains(&t) => Some([2.5, -1.2, -2.0]),
+            _ => Some([2.5, 0.1, 0.0]),
+        };
+        assert_eq!(found(glitch), []);
+    }
+
+    #[test]
+    fn points_that_sink_by_more_than_a_seat_are_a_fall() {
+        let recording = |to_m: f32, near_m: f32| -> Vec<PointFrame> {
+            let frame = |i: u32| {
+                let z_m = if i < 40 { 0.0 } else { to_m };
+                let point = RadarPoint {
+                    y_m: near_m,
+                    z_m: z_m * near_m / 2.0,
+                    range_m: near_m,
+                    ..RadarPoint::default()
+                };
+                PointFrame {
+                    frame: i,
+                    time_s: f64::from(i) / 10.0,
+                    points: vec![point; 2],
+                    ..PointFrame::default()
+                }
+            };
+            (0..80).map(frame).collect()
+        };
+        let falls = falls_of_points(&recording(-1.1, 2.0));
+        assert_eq!(falls.len(), 1);
+        assert!((falls[0].t_s - 4.0).abs() < 1.1, "{falls:?}");
+        assert_eq!(falls_of_points(&recording(-0.5, 2.0)), []);
+        // Leakage before the antennas is nobody.
+        assert_eq!(falls_of_points(&recording(-1.1, 0.1)), []);
+    }
+}

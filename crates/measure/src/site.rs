@@ -1,0 +1,233 @@
+//! What a site reveals about the mounting of its radar while people walk: the error of the tilt, and the height at which
+//! the board tracks a standing person.
+//!
+//! People walk everywhere with one height. A height that falls with distance is therefore an error of the tilt, and the
+//! upper end of the heights, corrected for it, is that of an upright person. No label is needed.
+
+use radarllm_base::{PointFrame, stats::quantile_nearest};
+
+use crate::people::{TrackedPerson, tracked_people};
+
+/// Height above the floor at which a standing person is tracked where nothing was learned, m: the middle of adults' heads.
+pub const STANDING_M: f32 = 1.65;
+
+/// Length of a stretch of walking, s, and the distance in it from which on somebody walks, m.
+const STRETCH_S: f64 = 1.0;
+const STRETCH_M: f32 = 0.4;
+/// Stretches that an estimate needs.
+const MIN_STRETCHES: usize = 30;
+/// Distances from the radar between which the tilt can be estimated must span this much, m.
+const MIN_SPAN_M: f32 = 1.0;
+/// Width of the cells of distance, m, and the stretches that one needs.
+const CELL_M: f32 = 0.5;
+const MIN_IN_CELL: usize = 5;
+/// Maximum error of a tilt, rad: 25 degrees. More is no error of a mounting.
+const MAX_TILT_RAD: f32 = 0.4363;
+/// Share of the stretches that are lower than an upright person: people who sit down, get up or bend walk, too.
+const UPRIGHT: f32 = 0.9;
+
+/// The mounting of a radar, as the people who walked before it show it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Site {
+    /// Name of the radar.
+    pub radar: String,
+    /// Tilt to be added to the stated one, rad; positive when the radar looks farther down.
+    pub tilt_rad: f32,
+    /// Height at which a standing person is tracked, m above the radar, in level axes.
+    pub standing_m: f32,
+    /// Time in which somebody walked, s.
+    pub walking_s: f32,
+}
+
+/// Why nothing can be said about a site.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SiteError {
+    /// The board does not track, or not in height.
+    #[error("the board states no tracks with heights")]
+    NoHeights,
+    /// Nobody walked for long enough.
+    #[error("somebody walked for {found_s:.0} s; {needed_s:.0} s are needed")]
+    TooLittleWalking {
+        /// Time in which somebody walked, s.
+        found_s: f32,
+        /// Time that is needed, s.
+        needed_s: f32,
+    },
+}
+
+/// A stretch of walking: distance along the boresight and height above the radar, m.
+type Stretch = [f32; 2];
+
+impl Site {
+    /// What a radar with a stated height above the floor shows where nothing was learned.
+    pub fn unlearned(radar: &str, radar_height_m: f32) -> Self {
+        Self {
+            radar: radar.into(),
+            tilt_rad: 0.0,
+            standing_m: STANDING_M - radar_height_m,
+            walking_s: 0.0,
+        }
+    }
+
+    /// Learns a site from the tracks of people who walk. Where they do not walk to and fro, the tilt stays as stated.
+    ///
+    /// # Errors
+    /// [`SiteError`]: no heights, or nobody walked for 30 s.
+    pub fn learn(radar: &str, frames: &[PointFrame]) -> Result<Self, SiteError> {
+        let people = tracked_people(frames, None).unwrap_or_default();
+        let heights = |p: &TrackedPerson| p.samples.iter().any(|s| s.height_m.is_some());
+        if !people.iter().any(heights) {
+            return Err(SiteError::NoHeights);
+        }
+        let stretches: Vec<Stretch> = people.iter().flat_map(walking).collect();
+        // A new stretch begins after a third of one.
+        let walking_s = stretches.len() as f32 * STRETCH_S as f32 / 3.0;
+        if stretches.len() < MIN_STRETCHES {
+            return Err(SiteError::TooLittleWalking {
+                found_s: walking_s,
+                needed_s: MIN_STRETCHES as f32 * STRETCH_S as f32 / 3.0,
+            });
+        }
+        let site = Self {
+            radar: radar.into(),
+            tilt_rad: slope(&stretches).map_or(0.0, |slope| {
+                (-slope).atan().clamp(-MAX_TILT_RAD, MAX_TILT_RAD)
+            }),
+            standing_m: 0.0,
+            walking_s,
+        };
+        let heights = stretches.iter().map(|stretch| site.level(*stretch)[1]);
+        let standing_m = quantile_nearest(heights, UPRIGHT).unwrap_or_default();
+        Ok(Self { standing_m, ..site })
+    }
+
+    /// Turns distance along the boresight and height, m, by the tilt.
+    pub fn level(&self, [y_m, z_m]: [f32; 2]) -> [f32; 2] {
+        let (sin, cos) = self.tilt_rad.sin_cos();
+        [y_m * cos - z_m * sin, z_m * cos + y_m * sin]
+    }
+
+    /// Height of the radar above the floor, m, if a standing person is tracked at [`STANDING_M`].
+    pub fn radar_height_m(&self) -> f32 {
+        STANDING_M - self.standing_m
+    }
+}
+
+/// The stretches in which a person walked.
+fn walking(person: &TrackedPerson) -> Vec<Stretch> {
+    let mut stretches = Vec::new();
+    let mut t_s = person.start_s();
+    while t_s + STRETCH_S <= person.end_s() {
+        let samples = person.between(t_s, t_s + STRETCH_S);
+        t_s += STRETCH_S / 3.0;
+        let (Some(first), Some(last)) = (samples.first(), samples.last()) else {
+            continue;
+        };
+        let [x_m, y_m] = first.place_m;
+        let path_m = (last.place_m[0] - x_m).hypot(last.place_m[1] - y_m);
+        let is_whole = last.t_s - first.t_s > 0.8 * STRETCH_S;
+        let height = quantile_nearest(samples.iter().filter_map(|s| s.height_m), 0.5);
+        let y_m = quantile_nearest(samples.iter().map(|s| s.place_m[1]), 0.5);
+        if let (true, true, Some(height_m), Some(y_m)) =
+            (path_m >= STRETCH_M, is_whole, height, y_m)
+        {
+            stretches.push([y_m, height_m]);
+        }
+    }
+    stretches
+}
+
+/// Change of the median height with distance; `None` if people walked at one distance only.
+fn slope(stretches: &[Stretch]) -> Option<f32> {
+    let share = |share| quantile_nearest(stretches.iter().map(|s| s[0]), share);
+    if share(0.95)? - share(0.05)? < MIN_SPAN_M {
+        return None;
+    }
+    let cell_of = |stretch: &Stretch| (stretch[0] / CELL_M).floor() as i64;
+    let mut cells: Vec<i64> = stretches.iter().map(cell_of).collect();
+    cells.sort_unstable();
+    cells.dedup();
+    // Each cell counts as often as somebody walked there: a median of many stretches is surer than one of few.
+    let mut points: Vec<[f32; 3]> = Vec::new();
+    for cell in cells {
+        let inside = || stretches.iter().filter(|s| cell_of(s) == cell);
+        let n = inside().count();
+        if n < MIN_IN_CELL {
+            continue;
+        }
+        let y_m = quantile_nearest(inside().map(|s| s[0]), 0.5)?;
+        let z_m = quantile_nearest(inside().map(|s| s[1]), 0.5)?;
+        points.push([y_m, z_m, n as f32]);
+    }
+    let n: f32 = points.iter().map(|p| p[2]).sum();
+    let mean = |axis: usize| points.iter().map(|p| p[2] * p[axis]).sum::<f32>() / n;
+    let (mean_y_m, mean_z_m) = (mean(0), mean(1));
+    let product = |of: &dyn Fn(&[f32; 3]) -> f32| points.iter().map(|p| p[2] * of(p)).sum::<f32>();
+    let spread = product(&|p| (p[0] - mean_y_m).powi(2));
+    (points.len() >= 2 && spread > 0.0)
+        .then(|| product(&|p| (p[0] - mean_y_m) * (p[1] - mean_z_m)) / spread)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::people::tests::frames;
+
+    /// Walks between 1 and 4 m at 0.8 m/s; `tilt` is what the mounting states too little.
+    fn walker(tilt_rad: f32) -> Vec<PointFrame> {
+        let (sin, cos) = tilt_rad.sin_cos();
+        frames(120.0, |t| {
+            let phase = (t as f32 * 0.8).rem_euclid(6.0);
+            let y_m = if phase < 3.0 {
+                1.0 + phase
+            } else {
+                7.0 - phase
+            };
+            let z_m = -0.3;
+            Some([y_m * cos + z_m * sin, z_m * cos - y_m * sin, 0.0])
+        })
+    }
+
+    #[test]
+    fn tilt_and_standing_height_follow_from_a_walk() {
+        for degrees in [-10.0_f32, 0.0, 12.0] {
+            let site = Site::learn("board", &walker(degrees.to_radians())).unwrap();
+            assert!(
+                (site.tilt_rad.to_degrees() - degrees).abs() < 1.0,
+                "{site:?}"
+            );
+            assert!((site.standing_m + 0.3).abs() < 0.05, "{site:?}");
+            assert!((site.radar_height_m() - 1.95).abs() < 0.05, "{site:?}");
+        }
+    }
+
+    #[test]
+    fn who_does_not_walk_reveals_nothing() {
+        let still = frames(600.0, |_| Some([2.0, 0.3, 0.0]));
+        let error = Site::learn("board", &still).unwrap_err();
+        assert_eq!(
+            error,
+            SiteError::TooLittleWalking {
+                found_s: 0.0,
+                needed_s: 10.0
+            }
+        );
+        let nobody = frames(600.0, |_| None);
+        assert_eq!(
+            Site::learn("board", &nobody).unwrap_err(),
+            SiteError::NoHeights
+        );
+        // Along a circle around the radar the distance does not change: the tilt stays as stated.
+        let mut circle = frames(60.0, |_| Some([2.0, 0.1, 0.0]));
+        for frame in &mut circle {
+            let angle = frame.time_s as f32 * 0.4;
+            for track in frame.board.iter_mut().flat_map(|b| &mut b.tracks) {
+                track.place_m = [2.0 * angle.sin(), 3.0 + 0.1 * angle.cos()];
+            }
+        }
+        let site = Site::learn("board", &circle).unwrap();
+        assert_eq!(site.tilt_rad, 0.0);
+        assert!((site.standing_m - 0.1).abs() < 1e-6);
+    }
+}

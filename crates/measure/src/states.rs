@@ -1,0 +1,298 @@
+//! What people do, second by second, and joined to states with a beginning and an end.
+
+use radarllm_base::{PointFrame, stats::quantile_nearest};
+
+use crate::{
+    Site,
+    falls::{Fall, falls_of, falls_of_points, is_within, walks_on},
+    people::{Sample, TrackedPerson, tracked_people},
+    posture::{Posture, PostureProbabilities},
+};
+
+/// Distance between places that are two seconds apart, m, from which on somebody walks. Tracks of people who stay tremble by
+/// less than half of it.
+const WALKING_M: f32 = 0.3;
+/// Share of the seconds around one in which somebody walks, from which on the person walks in it: who turns back stands for
+/// a moment.
+const WALKING: f32 = 0.5;
+/// Seconds before and after in which walking counts as well, and postures: heights of still people drift within seconds.
+const WALKING_NEIGHBOURS: usize = 2;
+const POSTURE_NEIGHBOURS: usize = 4;
+/// States that are shorter, s, belong to the state before; falls are never joined to others.
+const MIN_STATE_S: f64 = 2.0;
+
+/// Shorter tracks, s, are nobody.
+const MIN_TRACKED_S: f64 = 1.5;
+
+/// What a person does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Activity {
+    /// Walks.
+    Walks,
+    /// Stays in one place in a posture.
+    Stays(Posture),
+    /// Stays in one place; the board does not state heights.
+    StaysSomehow,
+    /// Falls.
+    Falls,
+}
+
+/// What a person does from one time to another.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State {
+    /// Number of the board's track.
+    pub track: u32,
+    /// Beginning, s.
+    pub start_s: f64,
+    /// End, s.
+    pub end_s: f64,
+    /// What the person does.
+    pub activity: Activity,
+    /// Probability of it, 0..=1.
+    pub probability: f32,
+    /// Places at the beginning and at the end, m: right of the radar, away from the radar.
+    pub places_m: [[f32; 2]; 2],
+}
+
+impl State {
+    /// Distances from the radar at the beginning and at the end, m.
+    pub fn distances_m(&self) -> [f32; 2] {
+        self.places_m.map(|[x_m, y_m]| x_m.hypot(y_m))
+    }
+}
+
+/// What the people whom the board tracks do, ordered by their beginnings; `None` if the frames have no report of a board.
+pub fn measure(frames: &[PointFrame], site: &Site) -> Option<Vec<State>> {
+    let people = tracked_people(frames, Some(site))?;
+    let falls = falls_of_points(frames);
+    let span_s = |times: [Option<f64>; 2]| match times {
+        [Some(first_s), Some(last_s)] => last_s - first_s,
+        _ => 0.0,
+    };
+    let whole_s = span_s([frames.first(), frames.last()].map(|f| f.map(|f| f.time_s)));
+    // A track that flickers is nobody, unless the recording is as short.
+    let is_somebody =
+        |p: &&TrackedPerson| p.end_s() - p.start_s() >= MIN_TRACKED_S.min(0.5 * whole_s);
+    let mut states: Vec<State> = (people.iter())
+        .filter(is_somebody)
+        .flat_map(|p| states_of(p, site, &falls))
+        .collect();
+    states.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
+    Some(states)
+}
+
+/// A second of a person.
+struct Second {
+    is_walking: bool,
+    posture: Option<PostureProbabilities>,
+    is_falling: bool,
+    places_m: [[f32; 2]; 2],
+    start_s: f64,
+    end_s: f64,
+}
+
+/// What a person does. Where the board tracks in a plane, the falls are those that the points show.
+pub fn states_of(person: &TrackedPerson, site: &Site, falls_in_points: &[Fall]) -> Vec<State> {
+    let is_flat = person.samples.iter().all(|s| s.height_m.is_none());
+    let falls = match is_flat {
+        // One person at a time: the points are those of the room.
+        true => {
+            let falls = falls_in_points.iter().copied();
+            falls.filter(|fall| !walks_on(person, fall)).collect()
+        }
+        false => falls_of(person, site),
+    };
+    let seconds = seconds_of(person, site, &falls);
+    let mut states: Vec<State> = Vec::new();
+    for (i, second) in seconds.iter().enumerate() {
+        let (activity, probability) = activity_of(&seconds, i, &falls);
+        match states.last_mut() {
+            Some(last) if last.activity == activity => {
+                let share = (second.end_s - second.start_s) / (second.end_s - last.start_s);
+                last.probability += share as f32 * (probability - last.probability);
+                last.end_s = second.end_s;
+                last.places_m[1] = second.places_m[1];
+            }
+            _ => states.push(State {
+                track: person.track,
+                start_s: second.start_s,
+                end_s: second.end_s,
+                activity,
+                probability,
+                places_m: second.places_m,
+            }),
+        }
+    }
+    joined(states)
+}
+
+fn seconds_of(person: &TrackedPerson, site: &Site, falls: &[Fall]) -> Vec<Second> {
+    let mut seconds = Vec::new();
+    let mut t_s = person.start_s();
+    while t_s < person.end_s() || seconds.is_empty() {
+        let samples = person.between(t_s, t_s + 1.0);
+        let start_s = t_s;
+        t_s += 1.0;
+        let (Some(first), Some(last)) = (samples.first(), samples.last()) else {
+            continue;
+        };
+        // The places of a second before and after, so that a still person whose track trembles does not walk.
+        let wide = person.between(start_s - 0.5, start_s + 1.5);
+        let path_m = wide.first().zip(wide.last()).map_or(0.0, |(a, b)| {
+            let speed = (a.place_m[0] - b.place_m[0]).hypot(a.place_m[1] - b.place_m[1]);
+            let seconds = (b.t_s - a.t_s).max(0.5) as f32;
+            speed * 2.0 / seconds
+        });
+        let height = quantile_nearest(samples.iter().filter_map(|s| s.height_m), 0.5);
+        seconds.push(Second {
+            is_walking: path_m >= WALKING_M,
+            posture: height.map(|height_m| PostureProbabilities::of(site.standing_m - height_m)),
+            is_falling: falls
+                .iter()
+                .any(|fall| samples.iter().any(|s: &Sample| is_within(fall, s))),
+            places_m: [first.place_m, last.place_m],
+            start_s,
+            end_s: (start_s + 1.0).min(person.end_s().max(start_s)),
+        });
+    }
+    seconds
+}
+
+/// What a person does in a second, with its probability.
+fn activity_of(seconds: &[Second], at: usize, falls: &[Fall]) -> (Activity, f32) {
+    let second = &seconds[at];
+    if second.is_falling {
+        let middle_s = 0.5 * (second.start_s + second.end_s);
+        let distance = |fall: &Fall| (fall.t_s - middle_s).abs();
+        let nearest = falls
+            .iter()
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)));
+        return (Activity::Falls, nearest.map_or(0.5, |f| f.probability));
+    }
+    let around = |n: usize| &seconds[at.saturating_sub(n)..(at + n + 1).min(seconds.len())];
+    let near = around(WALKING_NEIGHBOURS);
+    let n_walking = near.iter().filter(|s| s.is_walking).count() as f32;
+    let walking = n_walking / near.len() as f32;
+    if walking >= WALKING {
+        return (Activity::Walks, walking);
+    }
+    // Heights of somebody who walks or falls say nothing of the posture before and after.
+    let still = around(POSTURE_NEIGHBOURS)
+        .iter()
+        .filter(|s| !s.is_walking && !s.is_falling);
+    let known: Vec<PostureProbabilities> = still.filter_map(|s| s.posture).collect();
+    let known = match known.is_empty() {
+        true => second.posture.into_iter().collect(),
+        false => known,
+    };
+    if known.is_empty() {
+        return (Activity::StaysSomehow, 1.0 - walking);
+    }
+    let mean = |of: fn(&PostureProbabilities) -> f32| {
+        known.iter().map(of).sum::<f32>() / known.len() as f32
+    };
+    let posture = PostureProbabilities {
+        standing: mean(|p| p.standing),
+        sitting: mean(|p| p.sitting),
+        lying: mean(|p| p.lying),
+    };
+    let (best, probability) = posture.best();
+    (Activity::Stays(best), probability)
+}
+
+/// Joins states that are too short to the state before, or the first to the one after.
+fn joined(states: Vec<State>) -> Vec<State> {
+    let mut out: Vec<State> = Vec::new();
+    for mut state in states {
+        let is_short =
+            |s: &State| s.end_s - s.start_s < MIN_STATE_S && s.activity != Activity::Falls;
+        match out.last_mut() {
+            Some(last) if last.activity == state.activity => {
+                last.end_s = state.end_s;
+                last.places_m[1] = state.places_m[1];
+            }
+            Some(last) if is_short(&state) && last.activity != Activity::Falls => {
+                last.end_s = state.end_s;
+                last.places_m[1] = state.places_m[1];
+            }
+            Some(last) if is_short(last) => {
+                state.start_s = last.start_s;
+                state.places_m[0] = last.places_m[0];
+                *last = state;
+            }
+            _ => out.push(state),
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::people::tests::frames;
+
+    fn activities(at: impl Fn(f64) -> Option<[f32; 3]>, seconds: f64) -> Vec<(Activity, i32, i32)> {
+        let site = Site::unlearned("board", 1.5);
+        let states = measure(&frames(seconds, at), &site).unwrap();
+        let row = |s: &State| (s.activity, s.start_s.round() as i32, s.end_s.round() as i32);
+        states.iter().map(row).collect()
+    }
+
+    #[test]
+    fn somebody_walks_sits_down_and_leaves() {
+        let at = |t: f64| match t {
+            t if t < 6.0 => Some([5.0 - 0.5 * t as f32, 0.1, 0.0]),
+            t if t < 20.0 => Some([2.0, -0.4, 0.0]),
+            _ => None,
+        };
+        let found = activities(at, 30.0);
+        let [
+            (Activity::Walks, 0, a),
+            (Activity::Stays(Posture::Sitting), b, 20),
+        ] = found[..]
+        else {
+            panic!("{found:?}")
+        };
+        assert!(a == b && (5..=7).contains(&a), "{found:?}");
+    }
+
+    #[test]
+    fn somebody_falls_and_lies() {
+        let at = |t: f64| match t {
+            t if t < 8.0 => Some([2.0, 0.1, 0.0]),
+            t if t < 9.0 => Some([2.0, 0.1 - 1.4 * (t - 8.0) as f32, -1.4]),
+            _ => Some([2.0, -1.3, 0.0]),
+        };
+        let found = activities(at, 20.0);
+        let kinds: Vec<Activity> = found.iter().map(|s| s.0).collect();
+        assert_eq!(
+            kinds,
+            [
+                Activity::Stays(Posture::Standing),
+                Activity::Falls,
+                Activity::Stays(Posture::Lying)
+            ],
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn nobody_is_no_state_and_a_plane_has_no_posture() {
+        assert_eq!(activities(|_| None, 60.0), []);
+        let mut flat = frames(10.0, |_| Some([2.0, 0.0, 0.0]));
+        for track in flat
+            .iter_mut()
+            .flat_map(|f| &mut f.board)
+            .flat_map(|b| &mut b.tracks)
+        {
+            track.height_m = None;
+        }
+        let states = measure(&flat, &Site::unlearned("board", 1.0)).unwrap();
+        assert_eq!(states.len(), 1);
+        assert_eq!(states[0].activity, Activity::StaysSomehow);
+        assert_eq!(
+            measure(&[PointFrame::default()], &Site::unlearned("board", 1.0)),
+            None
+        );
+    }
+}

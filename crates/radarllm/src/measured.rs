@@ -1,0 +1,173 @@
+//! Descriptions by what is measured: places, heights and speeds of the board's own tracks.
+
+use radarllm_base::{Clip, PointFrame};
+use radarllm_inference::{
+    Description, Segment,
+    lm::{Abstained, NO_PERSON},
+};
+use radarllm_measure::{Activity, Site, State, falls::falls_of_points, measure, sentence};
+
+/// Time that a fall in the points takes, s, before and after the moment at which it is found.
+const FALL_S: f64 = 1.0;
+
+/// What is measured of a recording.
+pub(crate) enum Measured {
+    /// The board tracks people: what they do, in order of time.
+    States(Vec<State>),
+    /// The board states points alone: the falls that they show.
+    Falls(Vec<Segment>),
+}
+
+impl Measured {
+    /// Measures a clip. The site is learned from the clip where none is known and somebody walks in it.
+    pub(crate) fn of(clip: &Clip, site: Option<&Site>) -> Self {
+        let learned = || {
+            Site::learn(&clip.radar, &clip.frames)
+                .unwrap_or_else(|_| Site::unlearned(&clip.radar, clip.radar_height_m))
+        };
+        let site = site.cloned().unwrap_or_else(learned);
+        match measure(&clip.frames, &site) {
+            Some(states) => Self::States(states),
+            None => Self::Falls(falls_in_points(&clip.frames)),
+        }
+    }
+}
+
+/// A description of nothing but what is measured: a sentence for each state of the person who is tracked longest at its
+/// time. Where nobody is tracked, nothing is stated.
+pub(crate) fn description(clip: &Clip, states: &[State]) -> Description {
+    let mut description = Description {
+        caption: NO_PERSON.into(),
+        confidence: 0.0,
+        tokens: Vec::new(),
+        seconds: clip.duration_s() as f32,
+        windows: 0,
+        segments: Vec::new(),
+        choices: Vec::new(),
+        abstained: Some(Abstained::NobodyTracked),
+    };
+    description.set_segments(segments(states));
+    description
+}
+
+/// The sentences of states. Where several people are tracked at once, the state that began first is stated, but a fall of
+/// anybody before all else.
+fn segments(states: &[State]) -> Vec<Segment> {
+    let mut segments: Vec<Segment> = Vec::new();
+    let is_fall = |state: &&State| state.activity == Activity::Falls;
+    let (falls, others): (Vec<&State>, Vec<&State>) = states.iter().partition(is_fall);
+    let mut taken: Vec<[f64; 2]> = Vec::new();
+    for state in falls.into_iter().chain(others) {
+        for [start_s, end_s] in rest_of([state.start_s, state.end_s], &taken) {
+            let caption = sentence(state);
+            segments.push(Segment {
+                start_s,
+                end_s,
+                actions: radarllm_inference::actions(&caption),
+                caption,
+                confidence: state.probability,
+                side_confidence: None,
+                taught: None,
+                guess: None,
+            });
+            taken.push([start_s, end_s]);
+        }
+        // Times before this state are complete, but for falls: they stay.
+        taken.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        join(&mut taken);
+    }
+    segments.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
+    segments
+}
+
+/// What is left of a time beside others, which are in order and apart.
+fn rest_of([start_s, end_s]: [f64; 2], taken: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    /// Shorter rests, s, are not stated.
+    const MIN_REST_S: f64 = 0.5;
+    let mut rest = Vec::new();
+    let mut from_s = start_s;
+    let first = taken.partition_point(|t| t[1] <= start_s);
+    for [a, b] in taken[first..].iter().take_while(|t| t[0] < end_s) {
+        rest.push([from_s, *a]);
+        from_s = *b;
+    }
+    rest.push([from_s, end_s]);
+    let is_whole = rest.len() == 1;
+    rest.retain(|[a, b]| b - a >= MIN_REST_S || is_whole);
+    rest
+}
+
+/// Joins times in order that touch.
+fn join(times: &mut Vec<[f64; 2]>) {
+    times.dedup_by(|next, before| {
+        let touches = next[0] <= before[1];
+        if touches {
+            before[1] = before[1].max(next[1]);
+        }
+        touches
+    });
+}
+
+/// The falls that points alone show.
+fn falls_in_points(frames: &[PointFrame]) -> Vec<Segment> {
+    let end_s = frames.last().map_or(0.0, |f| f.time_s);
+    let start_s = frames.first().map_or(0.0, |f| f.time_s);
+    let segment = |fall: radarllm_measure::falls::Fall| {
+        let [x_m, y_m] = fall.place_m;
+        let caption = format!("a person falls {:.1} m away", x_m.hypot(y_m));
+        Segment {
+            start_s: (fall.t_s - FALL_S).max(start_s),
+            end_s: (fall.t_s + FALL_S).min(end_s),
+            actions: radarllm_inference::actions(&caption),
+            caption,
+            confidence: fall.probability,
+            side_confidence: None,
+            taught: None,
+            guess: None,
+        }
+    };
+    falls_of_points(frames).into_iter().map(segment).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use radarllm_measure::Posture;
+
+    use super::*;
+
+    fn state(activity: Activity, start_s: f64, end_s: f64) -> State {
+        State {
+            track: 0,
+            start_s,
+            end_s,
+            activity,
+            probability: 0.9,
+            places_m: [[0.0, 2.0]; 2],
+        }
+    }
+
+    #[test]
+    fn every_time_has_one_sentence_and_a_fall_comes_first() {
+        let stands = Activity::Stays(Posture::Standing);
+        let sits = Activity::Stays(Posture::Sitting);
+        let states = [
+            state(stands, 0.0, 10.0),
+            state(sits, 4.0, 20.0),
+            state(Activity::Falls, 12.0, 14.0),
+        ];
+        let found: Vec<(String, f64, f64)> = segments(&states)
+            .into_iter()
+            .map(|s| (s.actions.join(" "), s.start_s, s.end_s))
+            .collect();
+        let row = |action: &str, start_s, end_s| (action.to_string(), start_s, end_s);
+        assert_eq!(
+            found,
+            [
+                row("stand_still", 0.0, 10.0),
+                row("sit_still", 10.0, 12.0),
+                row("fall", 12.0, 14.0),
+                row("sit_still", 14.0, 20.0)
+            ]
+        );
+    }
+}
