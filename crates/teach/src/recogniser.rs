@@ -9,7 +9,7 @@
 //!
 //! An activity is recognised only if the distance is not much larger than that of examples to the others of their own
 //! activity, and the less so, the nearer a second activity is: the distance is multiplied by its ratio to the distance of
-//! the second activity. Without this limit a memory of two activities would recognise one of them in everything. The limit
+//! the second activity. Examples that are held out raise the limit where the examples are few and short. Without this limit a memory of two activities would recognise one of them in everything. The limit
 //! is common to all activities, because three examples do not determine one for each.
 //!
 //! The constants were chosen on half A of RadHAR and subjects 1 and 2 of MARS (docs/results/teaching.md), by teaching all
@@ -33,6 +33,11 @@ const LIMIT: f64 = 6.0;
 /// An activity is recognised up to this multiple of the largest distance of its examples to their nearest ones, in the
 /// mean of all activities.
 const MARGIN: f64 = 5.6;
+
+/// Examples with at most as many windows in the mean are short. The covariance of a few short examples contains each of
+/// them, so that their distances to each other are far smaller than those of any other recording. The limit is then that of
+/// examples that were held out: the distance of each to its own activity as the others teach it.
+const SHORT_WINDOWS: usize = 3;
 
 /// A part of a recording in which a taught activity is recognised.
 #[derive(Clone, Debug, PartialEq)]
@@ -77,6 +82,34 @@ struct Nearest<'a> {
 impl Recogniser {
     /// Prepares a memory; `None` if it is empty.
     pub fn new(memory: &Memory) -> Option<Self> {
+        let mut recogniser = Self::of_examples(memory)?;
+        let examples = || memory.activities().iter().flat_map(|a| &a.examples);
+        let n_windows: usize = examples().map(|e| e.windows.len()).sum();
+        if n_windows <= SHORT_WINDOWS * examples().count() {
+            recogniser.limit = recogniser.limit.max(Self::held_out_distance(memory));
+        }
+        Some(recogniser)
+    }
+
+    /// Distance of an example to its own activity, as the other examples teach it: the largest one of each activity, in the
+    /// mean of the activities that have two examples or more. Examples that resemble another activity more do not count.
+    fn held_out_distance(memory: &Memory) -> f64 {
+        let mut largest: Vec<f64> = Vec::new();
+        for taught in memory.activities().iter().filter(|a| a.examples.len() > 1) {
+            let distance_of = |i: usize| {
+                let others = Self::of_examples(&memory.without_example(&taught.name, i))?;
+                let mean = others.mean_of(&taught.examples[i].windows);
+                let nearest = others.nearest(&mean)?;
+                (nearest.known.name == taught.name).then_some(nearest.distance)
+            };
+            let distances = (0..taught.examples.len()).filter_map(distance_of);
+            largest.extend(distances.reduce(f64::max));
+        }
+        largest.iter().sum::<f64>() / largest.len().max(1) as f64
+    }
+
+    /// The recogniser with the limit that follows from the distances of the examples to each other.
+    fn of_examples(memory: &Memory) -> Option<Self> {
         let taught = memory.activities();
         let all: Vec<&Vec<f32>> = taught
             .iter()
@@ -250,7 +283,7 @@ impl Memory {
                     continue;
                 }
                 let without = self.without_example(&taught.name, i);
-                let Some(recogniser) = Recogniser::new(&without) else {
+                let Some(recogniser) = Recogniser::of_examples(&without) else {
                     continue;
                 };
                 let mean = recogniser.mean_of(&example.windows);
@@ -370,4 +403,72 @@ fn cholesky(matrix: &[f64]) -> Vec<f64> {
         }
     }
     lower
+}
+
+#[cfg(test)]
+mod tests {
+    use radarllm_base::{Clutter, PointFrame, RadarPoint};
+
+    use super::*;
+
+    /// Two seconds and a half of somebody who goes up and down, or to and fro, with scattered points.
+    fn short(goes_up: bool, seed: u32) -> Clip {
+        let mut state = seed.wrapping_mul(2_654_435_761).wrapping_add(1);
+        let mut noise = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 24) as f32 - 0.5
+        };
+        let mut frame = |i: u32| {
+            let wave = (i as f32 * 0.5 + 0.3 * seed as f32).sin();
+            let [x, z] = if goes_up { [0.0, wave] } else { [wave, 0.0] };
+            let point = |_| RadarPoint {
+                x_m: 0.4 * x + 0.4 * noise(),
+                y_m: 2.0 + 0.4 * noise(),
+                z_m: 0.4 * z + 0.4 * noise(),
+                range_m: 2.0 + 0.4 * noise(),
+                velocity_mps: noise(),
+                intensity_db: 10.0,
+            };
+            PointFrame {
+                frame: i,
+                time_s: f64::from(i) / 10.0,
+                points: (0..6).map(point).collect(),
+                board: None,
+            }
+        };
+        Clip {
+            frames: (0..24).map(&mut frame).collect(),
+            frame_rate_hz: 10.0,
+            radar_height_m: 1.0,
+            radar: "iwr6843isk".into(),
+            provenance: "recorded:csv:room.csv".parse().unwrap(),
+            clutter: Clutter::Settled,
+        }
+    }
+
+    #[test]
+    fn a_few_short_examples_are_recognised_again() {
+        let mut memory = Memory::default();
+        for seed in 0..3 {
+            memory
+                .teach("up", "a person squats", &short(true, seed))
+                .unwrap();
+            memory
+                .teach("across", "a person waves", &short(false, seed))
+                .unwrap();
+        }
+        let recogniser = Recogniser::new(&memory).unwrap();
+        let by_examples = Recogniser::of_examples(&memory).unwrap();
+        assert!(recogniser.limit > by_examples.limit);
+        let mut n_right = 0;
+        for seed in 10..20 {
+            for (goes_up, name) in [(true, "up"), (false, "across")] {
+                let found = recogniser.recognise(&short(goes_up, seed));
+                assert!(found.iter().all(|part| part.name == name), "{found:?}");
+                n_right += found.len();
+                assert!(by_examples.recognise(&short(goes_up, seed)).is_empty());
+            }
+        }
+        assert!(n_right >= 10, "{n_right} of 20");
+    }
 }
