@@ -5,7 +5,7 @@ use std::{path::PathBuf, time::Instant};
 use clap::Args;
 use radarllm::{
     Captioner, Clip, DescribeOptions, PrepareOptions, PreparedClip, Recording, SimulateOptions,
-    prepare_for_model,
+    Site, SiteError, prepare_for_model,
 };
 use radarllm_inference::{
     Chosen, Segment,
@@ -192,6 +192,24 @@ pub(crate) fn prepared(
     Ok(prepared.clip)
 }
 
+/// Why postures of a recording in which a board tracks people are less sure, if they are.
+fn doubt_about_site(clip: &Clip) -> Option<String> {
+    clip.frames
+        .iter()
+        .any(|f| f.board.is_some())
+        .then_some(())?;
+    match Site::learn(&clip.radar, &clip.frames) {
+        Ok(_) => None,
+        Err(SiteError::NoHeights) => {
+            Some("the board tracks no heights: postures are not told".into())
+        }
+        Err(error) => Some(format!(
+            "{error} to learn the site: postures are told by the stated height and tilt of the radar \
+             (`radarllm site` learns them from other recordings)"
+        )),
+    }
+}
+
 /// Prints a row for people: a line about the source, then the sentences.
 pub(crate) fn print_row(row: &Row, detail: Detail) {
     let who = row.person.as_ref().map_or(String::new(), |p| {
@@ -357,6 +375,11 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
             .with_options(options.clone())
             .with_simulation(simulation.clone())
             .points()?;
+        if args.site.is_none()
+            && let Some(doubt) = doubt_about_site(&recording.clip)
+        {
+            note!("warning: {input}: {doubt}");
+        }
         let clip = prepared(input, &recording, detail)?;
         clips_of_people(input, clip, &args.people)
     };

@@ -146,6 +146,12 @@ fn a_site_is_learned_once_and_belongs_to_its_radar() {
         "--json",
     ]);
     assert_eq!(said[0]["segments"][0]["actions"][0], "sit_still", "{said}");
+    let alone = radarllm(&["describe", &sit, "--frame-rate", "10"]);
+    let warning = String::from_utf8(alone.stderr).unwrap();
+    assert!(
+        warning.contains("walked for 0 s; 10 s are needed to learn the site"),
+        "{warning}"
+    );
     let error = refused(&["site", &sit, "--frame-rate", "10"]);
     assert!(
         error.contains("cannot be learned: somebody walked for 0 s; 10 s are needed"),
