@@ -45,6 +45,7 @@
     allow(clippy::disallowed_methods, unreachable_pub, reason = "tests")
 )]
 
+mod board_people;
 mod captioner;
 mod choose;
 mod confidence;
@@ -57,6 +58,7 @@ mod source;
 mod taught;
 mod verdict;
 
+pub use board_people::board_people;
 pub use captioner::Captioner;
 pub use choose::Choices;
 pub use confidence::RecordedConfidence;

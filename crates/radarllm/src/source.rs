@@ -13,6 +13,8 @@ use radarllm_synth::{
 };
 use radarllm_tracking::{PeopleOptions, Person, track_people};
 
+use crate::board_people;
+
 /// Radar that simulates motions, and that recorded complex npy arrays, where none is named.
 pub const DEFAULT_RADAR: &str = "awr1843boost";
 /// Extensions that only motions and scenes have.
@@ -201,11 +203,16 @@ impl Recording {
         prepare_for_model(self.clip.clone(), &self.prepare).map_err(Error::wrap)
     }
 
-    /// Tracks people and returns the clip of each, prepared for the model; empty if nobody is seen.
+    /// Tracks people and returns the clip of each, prepared for the model; empty if nobody is seen. Where the board tracks
+    /// people, its tracks count.
     ///
     /// # Errors
     /// An option out of range, or a frame rate that cannot be resampled.
     pub fn track_people(&self, options: &PeopleOptions) -> Result<Vec<Person>> {
-        Ok(track_people(self.prepared()?.clip.into_clip(), options)?)
+        let clip = self.prepared()?.clip.into_clip();
+        match board_people(&clip, options) {
+            Some(people) => Ok(people),
+            None => Ok(track_people(clip, options)?),
+        }
     }
 }

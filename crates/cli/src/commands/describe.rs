@@ -4,8 +4,8 @@ use std::{path::PathBuf, time::Instant};
 
 use clap::Args;
 use radarllm::{
-    Captioner, Clip, DescribeOptions, PrepareOptions, PreparedClip, Recording, SimulateOptions,
-    Site, SiteError, prepare_for_model,
+    Captioner, Clip, DescribeOptions, Person, PrepareOptions, PreparedClip, Recording,
+    SimulateOptions, Site, SiteError, board_people, prepare_for_model,
 };
 use radarllm_inference::{
     Chosen, Segment,
@@ -442,6 +442,22 @@ fn clips_of_people(
         return Ok(vec![(None, clip)]);
     }
     let mut clip = clip.into_clip();
+    if args.people.is_some()
+        && let Some(people) = board_people(&clip, &args.options())
+    {
+        let prepared = |person: Person| -> CliResult<_> {
+            let report = PersonReport::from(&person);
+            let clip = prepare_for_model(person.clip, &PrepareOptions::default())?.clip;
+            Ok((Some(report), clip))
+        };
+        return match people.is_empty() {
+            true => Ok(vec![(
+                None,
+                prepare_for_model(clip, &PrepareOptions::default())?.clip,
+            )]),
+            false => people.into_iter().map(prepared).collect(),
+        };
+    }
     let found = find_people(&mut clip, &args.options())?;
     let prepare =
         |clip| -> CliResult<_> { Ok(prepare_for_model(clip, &PrepareOptions::default())?.clip) };

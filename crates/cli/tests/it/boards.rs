@@ -146,6 +146,20 @@ fn a_site_is_learned_once_and_belongs_to_its_radar() {
         "--json",
     ]);
     assert_eq!(said[0]["segments"][0]["actions"][0], "sit_still", "{said}");
+    let people = json(&[
+        "describe",
+        &sit,
+        "--frame-rate",
+        "10",
+        "--people",
+        "auto",
+        "--json",
+    ]);
+    assert_eq!(people[0]["person"]["id"], 1, "{people}");
+    assert!(
+        people[0]["caption"].as_str().unwrap().contains(" m away"),
+        "{people}"
+    );
     let alone = radarllm(&["describe", &sit, "--frame-rate", "10"]);
     let warning = String::from_utf8(alone.stderr).unwrap();
     assert!(
