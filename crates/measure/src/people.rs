@@ -11,6 +11,9 @@ const MAX_GAP_S: f64 = 2.0;
 /// A track that is farther away in the next frame, m, is another person.
 const MAX_JUMP_M: f32 = 2.0;
 
+/// Shorter tracks, s, are nobody.
+pub const MIN_TRACKED_S: f64 = 1.5;
+
 /// A person at one moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
@@ -22,13 +25,6 @@ pub struct Sample {
     pub height_m: Option<f32>,
     /// Velocity upward, m/s; `None` without a height.
     pub upward_mps: Option<f32>,
-}
-
-impl Sample {
-    /// Horizontal distance from the radar, m.
-    pub fn distance_m(&self) -> f32 {
-        self.place_m[0].hypot(self.place_m[1])
-    }
 }
 
 /// A person whom the board tracked, from the first to the last frame.
@@ -49,6 +45,11 @@ impl TrackedPerson {
     /// Time of the last sample, s.
     pub fn end_s(&self) -> f64 {
         self.samples.last().map_or(0.0, |s| s.t_s)
+    }
+
+    /// Time from the first sample to the last, s.
+    pub fn length_s(&self) -> f64 {
+        self.end_s() - self.start_s()
     }
 
     /// The samples of a time.

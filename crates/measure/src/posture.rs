@@ -59,15 +59,6 @@ impl PostureProbabilities {
             .iter()
             .fold(first, |best, one| if one.1 > best.1 { *one } else { best })
     }
-
-    /// The probability of a posture.
-    pub fn probability(&self, posture: Posture) -> f32 {
-        match posture {
-            Posture::Standing => self.standing,
-            Posture::Sitting => self.sitting,
-            Posture::Lying => self.lying,
-        }
-    }
 }
 
 /// Distribution function of the standard normal distribution, by the logistic approximation of Bowling et al. (2009), whose

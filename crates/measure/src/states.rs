@@ -5,7 +5,7 @@ use radarllm_base::{PointFrame, stats::quantile_nearest};
 use crate::{
     Site,
     falls::{Fall, falls_of, falls_of_points, is_within, walks_on},
-    people::{Sample, TrackedPerson, tracked_people},
+    people::{MIN_TRACKED_S, Sample, TrackedPerson, tracked_people},
     posture::{Posture, PostureProbabilities},
 };
 
@@ -20,9 +20,6 @@ const WALKING_NEIGHBOURS: usize = 2;
 const POSTURE_NEIGHBOURS: usize = 4;
 /// States that are shorter, s, belong to the state before; falls are never joined to others.
 const MIN_STATE_S: f64 = 2.0;
-
-/// Shorter tracks, s, are nobody.
-const MIN_TRACKED_S: f64 = 1.5;
 
 /// What a person does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,15 +61,18 @@ impl State {
 /// What the people whom the board tracks do, ordered by their beginnings; `None` if the frames have no report of a board.
 pub fn measure(frames: &[PointFrame], site: &Site) -> Option<Vec<State>> {
     let people = tracked_people(frames, Some(site))?;
-    let falls = falls_of_points(frames);
+    // Only who is tracked in a plane has the falls of the points.
+    let falls = match people.iter().any(is_flat) {
+        true => falls_of_points(frames),
+        false => Vec::new(),
+    };
     let span_s = |times: [Option<f64>; 2]| match times {
         [Some(first_s), Some(last_s)] => last_s - first_s,
         _ => 0.0,
     };
     let whole_s = span_s([frames.first(), frames.last()].map(|f| f.map(|f| f.time_s)));
     // A track that flickers is nobody, unless the recording is as short.
-    let is_somebody =
-        |p: &&TrackedPerson| p.end_s() - p.start_s() >= MIN_TRACKED_S.min(0.5 * whole_s);
+    let is_somebody = |p: &&TrackedPerson| p.length_s() >= MIN_TRACKED_S.min(0.5 * whole_s);
     let mut states: Vec<State> = (people.iter())
         .filter(is_somebody)
         .flat_map(|p| states_of(p, site, &falls))
@@ -91,10 +91,14 @@ struct Second {
     end_s: f64,
 }
 
+/// Whether a person is tracked in a plane.
+fn is_flat(person: &TrackedPerson) -> bool {
+    person.samples.iter().all(|s| s.height_m.is_none())
+}
+
 /// What a person does. Where the board tracks in a plane, the falls are those that the points show.
 pub fn states_of(person: &TrackedPerson, site: &Site, falls_in_points: &[Fall]) -> Vec<State> {
-    let is_flat = person.samples.iter().all(|s| s.height_m.is_none());
-    let falls = match is_flat {
+    let falls = match is_flat(person) {
         // One person at a time: the points are those of the room.
         true => {
             let falls = falls_in_points.iter().copied();

@@ -1,13 +1,14 @@
 //! The people whom a board tracks, each with a clip of their own.
 
 use radarllm_base::{BoardReport, Clip, PointFrame};
-use radarllm_measure::{TrackedPerson, tracked_people};
+use radarllm_measure::{
+    TrackedPerson,
+    people::{MIN_TRACKED_S, tracked_people},
+};
 use radarllm_tracking::{PeopleOptions, Person};
 
 /// Points within this distance of a track on the floor, m, are the person's.
 const BODY_M: f32 = 1.0;
-/// Shorter tracks, s, are nobody.
-const MIN_TRACKED_S: f64 = 1.5;
 
 /// The people of a clip in which a board tracks people, in the order in which they were first seen; `None` if no frame has
 /// a report of a board. Of more than [`PeopleOptions::max_people`], those who were tracked for longest are kept.
@@ -15,10 +16,9 @@ const MIN_TRACKED_S: f64 = 1.5;
 /// Each clip has the track of one person and the points near it. People who are nearer to each other share points.
 pub fn board_people(clip: &Clip, options: &PeopleOptions) -> Option<Vec<Person>> {
     let mut people = tracked_people(&clip.frames, None)?;
-    let length_s = |p: &TrackedPerson| p.end_s() - p.start_s();
-    people.retain(|p| length_s(p) >= MIN_TRACKED_S);
+    people.retain(|p| p.length_s() >= MIN_TRACKED_S);
     if let Some(n) = options.max_people {
-        people.sort_by(|a, b| length_s(b).total_cmp(&length_s(a)));
+        people.sort_by(|a, b| b.length_s().total_cmp(&a.length_s()));
         people.truncate(n);
         people.sort_by(|a, b| a.start_s().total_cmp(&b.start_s()));
     }
