@@ -330,6 +330,8 @@ def check_elements(checks, tab):
     n = tab.value("[...document.querySelectorAll('[data-simulated]')].filter(e => e.checkVisibility()).length")
     checks.so("SIMULATED is visible in the head, beside the sentence and above the timeline", n >= 3, n)
     checks.so("the name of the radar is shown", tab.text("#name") == "lounge")
+    cards = tab.value("Math.max(...[...document.querySelectorAll('.panel')].map(card => [...card.querySelectorAll('.simulated')].filter(e => e.checkVisibility()).length))")
+    checks.so("no card says it twice", cards == 1, cards)
     checks.comes("points are counted", lambda: tab.value(
         "+(document.getElementById('points').innerText.match(/^(\\d+) points/) || [0, 0])[1]"), 20)
     checks.comes("points are drawn", lambda: tab.value(COLOURED_PIXELS), 20)
@@ -349,6 +351,12 @@ def check_timeline(checks, tab):
         return
     n_rows = lambda: tab.value("document.querySelectorAll('#rows li').length")
     submit = "document.getElementById('range').requestSubmit()"
+    checks.comes("the day is drawn as lanes", lambda: tab.value("[...document.querySelectorAll('#lanes .lane > .dim')].map(e => e.innerText).join(', ')"), 20)
+    checks.comes("somebody is there in a lane", lambda: tab.value("document.querySelectorAll('#lanes .present').length"), 60)
+    checks.so("the lanes are told to those who do not see them", "somebody there for" in tab.value("document.getElementById('lanes').getAttribute('aria-label')"))
+    checks.comes("what is done is in a lane", lambda: tab.value("document.querySelectorAll('#lanes .walk, #lanes .other, #lanes .stand_still, #lanes .sit_still, #lanes .lie_still').length"), 60)
+    tab.value("document.querySelector('#lanes .bars i').click()")
+    checks.so("a click on a lane finds its row", tab.value("document.querySelectorAll('#rows .found').length") == 1)
     word = next(w for w in row.lower().split() if w.isalpha() and len(w) > 3 and w not in ("person", "simulated"))
     tab.value(f"document.getElementById('words').value = {json.dumps(word)}; {submit}")
     found = lambda: [t.lower() for t in tab.text("#rows li .what").split("\n") if t]
@@ -415,7 +423,7 @@ def check_accessibility(checks, tab):
     for _ in range(40):
         tab.key("Tab", 9)
         reached.add(tab.value("document.activeElement.id"))
-    wanted = {"scene", "question", "from", "to", "person", "action", "words", "today", "forget", "day-before", "day-after"}
+    wanted = {"scene", "view", "question", "from", "to", "person", "action", "words", "today", "forget", "day-before", "day-after"}
     checks.so("the tabulator reaches everything", wanted <= reached, ", ".join(sorted(wanted - reached)))
     tab.value("document.getElementById('scene').focus()")
     picture = "document.getElementById('scene').toDataURL().length + ':' + document.getElementById('scene').toDataURL().slice(-400)"
@@ -423,6 +431,9 @@ def check_accessibility(checks, tab):
     for _ in range(5):
         tab.key("ArrowRight", 39)
     checks.comes("arrow keys turn the room", lambda: tab.value(picture) != before, 5)
+    checks.so("the room can be seen from above again", tab.text("#view") == "Show from above", tab.text("#view"))
+    tab.value("document.getElementById('view').click()")
+    checks.so("and from the side", tab.text("#view") == "Show from the side", tab.text("#view"))
 
 
 def check_fall(checks, tab, other, live, pictures):

@@ -38,10 +38,10 @@ pub(super) struct HistoryParameters {
     before: Option<String>,
 }
 
-/// Parameters of `DELETE /api/history`.
+/// Parameters of `DELETE /api/history` and of `GET /api/lanes`, milliseconds since 1970 in UTC.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct ForgetParameters {
+pub(super) struct RangeParameters {
     from: i64,
     to: i64,
 }
@@ -141,6 +141,16 @@ pub(super) async fn history(
     .map(|history| json(StatusCode::OK, &history))
 }
 
+/// A range of time as lanes.
+pub(super) async fn lanes(
+    app: &Arc<App>,
+    RangeParameters { from, to }: RangeParameters,
+) -> Result<Answer, Refused> {
+    blocking(app, move |app| app.memory.read(|t| t.lanes(from, to)))
+        .await
+        .map(|lanes| json(StatusCode::OK, &lanes))
+}
+
 /// The answer to a question in English.
 pub(super) async fn ask(app: &Arc<App>, parameters: AskParameters) -> Result<Answer, Refused> {
     blocking(app, move |app| {
@@ -177,11 +187,8 @@ pub(super) async fn points(app: &Arc<App>, id: &str) -> Result<Answer, Refused> 
 }
 
 /// Forgets a range of time, in the memory and in what new listeners get.
-pub(super) async fn forget(
-    app: &Arc<App>,
-    parameters: ForgetParameters,
-) -> Result<Answer, Refused> {
-    let ForgetParameters { from, to } = parameters;
+pub(super) async fn forget(app: &Arc<App>, parameters: RangeParameters) -> Result<Answer, Refused> {
+    let RangeParameters { from, to } = parameters;
     if from >= to {
         let why = "`to`: expected a time after `from`";
         return Err(Refused::new(StatusCode::BAD_REQUEST, why));

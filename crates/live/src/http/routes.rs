@@ -17,13 +17,14 @@ use tokio::time::timeout;
 
 use super::answer::{Answer, Refused, either, json, text};
 use super::guard::Guard;
-use super::history::{self, AskParameters, ForgetParameters, HistoryParameters, Memory};
+use super::history::{self, AskParameters, HistoryParameters, Memory, RangeParameters};
 use super::{MAX_BODY_BYTES, MAX_LISTENERS, MAX_READING, Sources, events};
 use crate::mqtt::Status;
 
 const PAGE: &str = include_str!("../page/live.html");
 const SCRIPT: &str = concat!(
     include_str!("../page/scene.js"),
+    include_str!("../page/lanes.js"),
     include_str!("../page/timeline.js"),
     include_str!("../page/live.js"),
 );
@@ -117,6 +118,7 @@ pub(super) fn router(app: Arc<App>) -> Router {
         .route("/api/live", get(live))
         .route("/api/state", get(state))
         .route("/api/history", get(read_history).delete(forget))
+        .route("/api/lanes", get(read_lanes))
         .route("/api/ask", get(ask))
         .route("/api/activity/{id}/points", get(points))
         .route("/api/falls/{id}/acknowledge", post(acknowledge))
@@ -191,7 +193,14 @@ async fn read_history(State(app): Shared, asked: Asked<HistoryParameters>) -> An
     }
 }
 
-async fn forget(State(app): Shared, asked: Asked<ForgetParameters>) -> Answer {
+async fn read_lanes(State(app): Shared, asked: Asked<RangeParameters>) -> Answer {
+    match parameters(asked) {
+        Ok(asked) => either(history::lanes(&app, asked).await),
+        Err(refused) => refused.answer(),
+    }
+}
+
+async fn forget(State(app): Shared, asked: Asked<RangeParameters>) -> Answer {
     match parameters(asked) {
         Ok(asked) => either(history::forget(&app, asked).await),
         Err(refused) => refused.answer(),

@@ -5,7 +5,7 @@ const NOW_MS = 15000; // A sentence that is not renewed is not the newest one fo
 // The token came with the address; the cookie has it now.
 if (location.search) history.replaceState(null, "", location.pathname);
 
-const scene = makeScene(byId("scene"));
+const scene = makeScene(byId("scene"), byId("view"));
 const timeline = makeTimeline();
 const falls = new Map(), sentences = new Map();
 let hello = null, lastFrameAt = 0, isLinked = false, presence = null, health = null, shownFall = null;
@@ -22,7 +22,7 @@ function meet(message) {
   for (const now of message.now) hearNow(now);
   presence = message.presence; health = message.health;
   showNow(); showPresence(); showHealth(); showAlarm();
-  timeline.restart(message.rows);
+  timeline.restart(message.rows, synthetic);
 }
 
 function hearFrame({ t_s, points, people, left_out }) {
@@ -56,7 +56,6 @@ function showNow() {
     const said = element("p", "said", now.caption || NOTHING[now.label] || words(now.label));
     const notes = [who(now.person), now.caption ? words(now.label) : now.reason, percent(now.confidence), now.window_s ? `last ${now.window_s.toFixed(1)} s` : "", "provisional"];
     const note = element("p", "small dim", notes.filter(Boolean).join(" \u00b7 "));
-    if (now.synthetic) note.append(" ", simulated());
     return element("div", "", said, note);
   });
   byId("now").replaceChildren(...(blocks.length ? blocks : [element("p", "dim", "No sentence at present.")]));
@@ -127,7 +126,7 @@ const hear = {
   frame: hearFrame,
   now: message => { hearNow(message); showNow(); },
   activity: message => timeline.add(message),
-  presence: message => { presence = message; showPresence(); },
+  presence: message => { presence = message; showPresence(); timeline.refreshSoon(); },
   fall: message => { hearFall(message, Date.parse(message.utc)); showAlarm(); timeline.refreshSoon(); },
   health: message => { health = message; showHealth(); showPresence(); },
   lag: message => { byId("points").textContent = `This page was too slow for ${message.dropped} frames.`; },

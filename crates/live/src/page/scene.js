@@ -1,7 +1,9 @@
 "use strict";
 
 const TRAIL_S = 2; // Points stay for this long.
-const PATH_S = 10; // Paths of people stay for this long.
+const PATH_S = 300; // Paths of people stay for this long.
+const PATH_STEP_S = 0.5; // Places of a path are this far apart.
+const ABOVE = { yaw: 0, pitch: 1.5 }, SIDE = { yaw: 0.5, pitch: 0.42 };
 const POINT_NUMBERS = 5;
 const FULL_VELOCITY_MPS = 2; // The colour does not change any more above this speed.
 
@@ -17,9 +19,9 @@ function decodePoints(text) {
 }
 
 // Draws a room on a canvas. It is drawn when something changes, and at most once for each frame of the screen.
-function makeScene(canvas) {
-  const camera = { yaw: 0.5, pitch: 0.42, distance: 9 };
-  let about = { radar_height_m: 1, zones: [], synthetic: false }, frames = [], colours = {}, isAsked = false;
+function makeScene(canvas, button) {
+  const camera = { ...ABOVE, distance: 7.5 };
+  let about = { radar_height_m: 1, zones: [], synthetic: false }, frames = [], paths = new Map(), colours = {}, isAsked = false;
 
   function readColours() {
     const style = getComputedStyle(document.documentElement);
@@ -50,6 +52,11 @@ function makeScene(canvas) {
     for (let i = -3; i <= 3; i++) line(g, [project(i, 0, floor), project(i, 6, floor)]);
     for (let i = 0; i <= 6; i++) line(g, [project(-3, i, floor), project(3, i, floor)]);
     g.font = `${Math.round(12 * (window.devicePixelRatio || 1))}px system-ui, sans-serif`;
+    g.fillStyle = colours.dim;
+    for (let i = 2; i <= 6; i += 2) {
+      const [x, y, depth] = project(3, i, floor);
+      if (depth > 0.2) g.fillText(`${i} m`, x + 6, y + 4);
+    }
     for (const zone of about.zones) {
       const corners = zone.polygon_m.map(([x, y]) => project(x, y, floor));
       if (corners.length < 3) continue;
@@ -82,13 +89,33 @@ function makeScene(canvas) {
     g.globalAlpha = 1;
   }
 
+  // Where people were, also those who have left: the older, the fainter.
+  function drawPaths(g, project, floor, newest) {
+    g.strokeStyle = colours.ink; g.lineWidth = 2;
+    for (const path of paths.values()) {
+      for (let i = 1; i < path.length; i++) {
+        g.globalAlpha = 0.05 + 0.5 * Math.max(0, 1 - (newest.t_s - path[i].t_s) / PATH_S);
+        line(g, [path[i - 1], path[i]].map(p => project(p.x_m, p.y_m, floor)));
+      }
+    }
+    g.globalAlpha = 1;
+  }
+
+  function addToPaths({ t_s, people }) {
+    for (const { id, x_m, y_m } of people) {
+      if (!paths.has(id)) paths.set(id, []);
+      const path = paths.get(id), last = path[path.length - 1];
+      if (!last || t_s - last.t_s >= PATH_STEP_S) path.push({ t_s, x_m, y_m });
+    }
+    for (const [id, path] of paths) {
+      while (path.length && t_s - path[0].t_s > PATH_S) path.shift();
+      if (!path.length) paths.delete(id);
+    }
+  }
+
   function drawPeople(g, project, floor, newest) {
     g.strokeStyle = g.fillStyle = colours.ink; g.lineWidth = 2;
     for (const person of newest.people) {
-      const path = frames.filter(f => newest.t_s - f.t_s <= PATH_S).flatMap(f => f.people.filter(p => p.id === person.id));
-      g.globalAlpha = 0.5;
-      if (path.length > 1) line(g, path.map(p => project(p.x_m, p.y_m, floor)));
-      g.globalAlpha = 1;
       const ring = [];
       for (let i = 0; i <= 24; i++) ring.push(project(person.x_m + 0.3 * Math.cos(i * Math.PI / 12), person.y_m + 0.3 * Math.sin(i * Math.PI / 12), floor));
       line(g, ring);
@@ -107,7 +134,7 @@ function makeScene(canvas) {
     g.clearRect(0, 0, w, h);
     drawRoom(g, project, floor);
     const newest = frames[frames.length - 1];
-    if (newest) { drawPoints(g, project, w, newest.t_s); drawPeople(g, project, floor, newest); }
+    if (newest) { drawPaths(g, project, floor, newest); drawPoints(g, project, w, newest.t_s); drawPeople(g, project, floor, newest); }
     if (about.synthetic) {
       const text = "SIMULATED";
       g.font = `bold ${Math.round(15 * scale)}px system-ui, sans-serif`;
@@ -117,9 +144,12 @@ function makeScene(canvas) {
   }
 
   function ask() { if (!isAsked) { isAsked = true; requestAnimationFrame(draw); } }
-  function turn(yaw, pitch) { camera.yaw += yaw; camera.pitch = Math.max(-0.2, Math.min(1.5, camera.pitch + pitch)); ask(); }
+  const isAbove = () => camera.pitch === ABOVE.pitch && camera.yaw === ABOVE.yaw;
+  function tellView() { button.textContent = isAbove() ? "Show from the side" : "Show from above"; ask(); }
+  function turn(yaw, pitch) { camera.yaw += yaw; camera.pitch = Math.max(-0.2, Math.min(1.5, camera.pitch + pitch)); tellView(); }
   function zoom(factor) { camera.distance = Math.max(2, Math.min(20, camera.distance * factor)); ask(); }
 
+  button.addEventListener("click", () => { Object.assign(camera, isAbove() ? SIDE : ABOVE); tellView(); });
   canvas.addEventListener("pointermove", e => { if (e.buttons) turn(-e.movementX * 0.008, e.pointerType === "touch" ? 0 : e.movementY * 0.008); });
   canvas.addEventListener("wheel", e => { e.preventDefault(); zoom(Math.exp(e.deltaY * 0.001)); }, { passive: false });
   canvas.addEventListener("keydown", e => {
@@ -131,12 +161,13 @@ function makeScene(canvas) {
   readColours();
   return {
     describe(next) { about = next; ask(); },
-    clear() { frames = []; ask(); },
+    clear() { frames = []; paths.clear(); ask(); },
     add(frame) {
       // A stream that begins anew has smaller times.
-      if (frames.length && frame.t_s < frames[frames.length - 1].t_s) frames = [];
+      if (frames.length && frame.t_s < frames[frames.length - 1].t_s) { frames = []; paths.clear(); }
       frames.push(frame);
-      while (frames.length > 600 || frame.t_s - frames[0].t_s > PATH_S) frames.shift();
+      while (frames.length > 600 || frame.t_s - frames[0].t_s > TRAIL_S) frames.shift();
+      addToPaths(frame);
       ask();
     },
   };

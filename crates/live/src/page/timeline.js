@@ -34,7 +34,8 @@ async function askServer(path, parameters, method = "GET") {
 // The timeline: rows by their key, the newest first.
 function makeTimeline() {
   const list = byId("rows"), rows = new Map();
-  let isLive = true, isFirst = true, next = null, asked = 0, refresh = 0;
+  const lanes = makeLanes(byId("lanes"), showTime);
+  let isLive = true, isFirst = true, isSimulated = false, next = null, asked = 0, refresh = 0;
 
   const keyOf = row => row.kind ? `event ${row.id}` : `activity ${row.id}`;
   const timeOf = row => row.kind ? row.at_ms : row.start_ms;
@@ -49,7 +50,8 @@ function makeTimeline() {
     const time = element("time", "", clockText(timeOf(row)));
     time.dateTime = new Date(timeOf(row)).toISOString();
     const what = element("span", !row.kind ? "what" : ["suspected", "confirmed"].includes(row.kind) ? "what event fall" : "what event", row.kind ? eventText(row) : row.caption || words(row.action));
-    if (row.origin.synthetic) what.append(" ", simulated());
+    // What is simulated on a page of a radar that is not; otherwise the card says so.
+    if (row.origin.synthetic && !isSimulated) what.append(" ", simulated());
     const seconds = row.kind ? "" : `${Math.max(1, Math.round((row.end_ms - row.start_ms) / 1000))} s`;
     const sure = row.confidence == null ? "" : `${Math.round(100 * row.confidence)} %`;
     const notes = [who(row.person), seconds, sure].filter(Boolean).join(" \u00b7 ");
@@ -99,12 +101,21 @@ function makeTimeline() {
       if (!before) { clear(); isLive = filter.to === "" && filter.person === "" && !filter.action && !filter.q; }
       page.rows.forEach(put); page.events.forEach(put);
       next = page.next; bound(Boolean(before)); tell();
+      if (!before) lanes.load(filter.from, filter.to);
     } catch (error) {
       if (mine !== asked) return;
       // Without a database the rows of the last hour are what there is.
       if (error.status === 404) { isLive = true; tell(); byId("found").textContent += ", of the last hour: no memory is kept"; }
       else byId("found").textContent = `The timeline cannot be shown: ${error.message}.`;
     }
+  }
+
+  // The row at a time, or the last one before it.
+  function showTime(ms) {
+    const li = [...list.children].find(li => +li.dataset.ms <= ms + 500) || list.lastElementChild;
+    if (!li) return;
+    for (const marked of list.querySelectorAll(".found")) marked.classList.remove("found");
+    li.classList.add("found"); li.scrollIntoView({ block: "nearest" });
   }
 
   function localText(date) {
@@ -142,13 +153,14 @@ function makeTimeline() {
     if (!question) return;
     try {
       const reply = await askServer("/api/ask", { q: question });
-      answer.replaceChildren(reply.answer, ...(reply.synthetic ? [" ", simulated()] : []));
+      answer.replaceChildren(reply.answer, ...(reply.synthetic && !isSimulated ? [" ", simulated()] : []));
     } catch (error) { answer.textContent = `No answer: ${error.message}.`; }
   });
 
   return {
     // Rows of a new connection, without those that were forgotten meanwhile.
-    restart(newRows) {
+    restart(newRows, synthetic) {
+      isSimulated = synthetic;
       if (isLive) { clear(); newRows.forEach(put); bound(false); tell(); }
       if (isFirst) { isFirst = false; showToday(); } else load();
     },

@@ -12,6 +12,7 @@
 mod convert;
 mod cursor;
 mod filter;
+pub mod lanes;
 pub mod limits;
 pub mod maintain;
 mod open;

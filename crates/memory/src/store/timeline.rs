@@ -349,7 +349,7 @@ impl Timeline {
         self.select("read activities", &sql, filter, limit, convert::activity)
     }
 
-    fn select<T>(
+    pub(super) fn select<T>(
         &self,
         operation: &'static str,
         sql: &str,

@@ -114,6 +114,10 @@ fn wrong_parameters_are_refused_with_their_name() {
         "/api/history?before=x",
         "/api/history?from=1&from=2",
         "/api/history?person=99999999999",
+        "/api/lanes",
+        "/api/lanes?from=1",
+        "/api/lanes?from=2&to=1",
+        "/api/lanes?from=1&to=9000000000000",
         "/api/ask",
         "/api/ask?question=x",
         "/api/history?q=%ff%fe&before=",
@@ -134,6 +138,27 @@ fn wrong_parameters_are_refused_with_their_name() {
     ] {
         assert_eq!(fixture.ask("DELETE", target, "").status, 400, "{target}");
     }
+}
+
+#[test]
+fn a_range_is_told_as_lanes() {
+    let folder = tempfile::tempdir().unwrap();
+    let fixture = remembering(folder.path());
+    let from = NOW_MS - 3_600_000;
+    let lanes = fixture
+        .get(&format!("/api/lanes?from={from}&to={NOW_MS}"))
+        .json();
+    let actions = lanes["actions"].as_array().unwrap();
+    let names: Vec<&str> = actions
+        .iter()
+        .map(|a| a["action"].as_str().unwrap())
+        .collect();
+    assert_eq!(names, ["walk", "sit_down", "stand_up"]);
+    assert_eq!(actions[0]["start_ms"], NOW_MS - 50 * 60_000);
+    assert_eq!(actions[0]["end_ms"], NOW_MS - 50 * 60_000 + 4_000);
+    assert_eq!(lanes["falls"][0]["is_confirmed"], true);
+    assert_eq!(lanes["presence"].as_array().map(Vec::len), Some(0));
+    assert_eq!(lanes["synthetic"], true);
 }
 
 #[test]

@@ -94,6 +94,74 @@ fn queries_select_by_time_person_action_and_words() {
 }
 
 #[test]
+fn a_range_is_told_as_lanes() {
+    use crate::store::lanes::{ActionStretch, FallAt, Stretch};
+
+    let (_dir, mut store) = new_store();
+    let at = |minutes: i64| NOW_MS + minutes * MINUTE_MS;
+    let rows = [
+        // Nearer to each other than a thousandth of the range, and not.
+        activity(at(10), at(20) - 2, "walk", "a person walks"),
+        activity(at(20), at(30), "walk", "a person walks"),
+        activity(at(31), at(32), "walk", "a person walks"),
+        activity(at(20), at(40), "sit_still", "a person sits"),
+        // Before the range begins, and after it ends.
+        activity(at(-10), at(2), "lie_still", "a person lies"),
+        activity(at(95), at(200), "stand_still", "a person stands still"),
+        activity(at(101), at(102), "wave", "a person waves"),
+    ];
+    add(&mut store, &rows);
+    let events = [
+        event(at(-20), EventKind::Present),
+        event(at(40), EventKind::Absent),
+        event(at(41), EventKind::SourceLost),
+        event(at(43), EventKind::SourceBack),
+        event(at(90), EventKind::Present),
+        event(at(91), EventKind::Suspected),
+        event(at(92), EventKind::Confirmed),
+        event(at(120), EventKind::Absent),
+    ];
+    let write = |b: &Batch<'_>| {
+        let written = events.iter().map(|e| b.insert_event(e, &origin()));
+        written.collect::<Result<Vec<i64>, _>>()
+    };
+    store.write(write).unwrap();
+    let lanes = store.timeline().lanes(at(0), at(100)).unwrap();
+    let stretch = |from: i64, to: i64| Stretch {
+        start_ms: at(from),
+        end_ms: at(to),
+    };
+    assert_eq!(lanes.presence, [stretch(0, 40), stretch(90, 100)]);
+    assert_eq!(lanes.silence, [stretch(41, 43)]);
+    let action = |name: &str, from, to| ActionStretch {
+        action: name.into(),
+        stretch: stretch(from, to),
+    };
+    assert_eq!(
+        lanes.actions,
+        [
+            action("lie_still", 0, 2),
+            action("walk", 10, 30),
+            action("sit_still", 20, 40),
+            action("walk", 31, 32),
+            action("stand_still", 95, 100),
+        ]
+    );
+    let fall = |minutes, is_confirmed| FallAt {
+        at_ms: at(minutes),
+        is_confirmed,
+    };
+    assert_eq!(lanes.falls, [fall(91, false), fall(92, true)]);
+    assert!(!lanes.synthetic);
+    for [from, to] in [[0, 0], [1, 0], [0, 33 * 24 * 60]] {
+        let refused = store.timeline().lanes(at(from), at(to));
+        assert!(matches!(refused, Err(StoreError::Invalid { .. })));
+    }
+    let extremes = store.timeline().lanes(i64::MIN, i64::MAX);
+    assert!(matches!(extremes, Err(StoreError::Invalid { .. })));
+}
+
+#[test]
 fn events_select_by_kind_time_and_person() {
     let (_dir, mut store) = new_store();
     let events = [
