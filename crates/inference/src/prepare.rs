@@ -7,7 +7,7 @@
 
 use std::{borrow::Cow, ops::Deref};
 
-use radarllm_base::{Clip, Clutter, PointFrame, StaticClutter, TimelineError};
+use radarllm_base::{Clip, Clutter, PointFrame, RadarPoint, StaticClutter, TimelineError};
 
 /// Radar frames per second that the model was trained on.
 pub const FRAME_RATE_HZ: f32 = 10.0;
@@ -30,7 +30,10 @@ pub struct PrepareOptions {
 ///
 /// It is a copy only where a change was necessary.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PreparedClip<'a>(Cow<'a, Clip>);
+pub struct PreparedClip<'a> {
+    clip: Cow<'a, Clip>,
+    moving: Option<Box<Clip>>,
+}
 
 impl<'a> PreparedClip<'a> {
     /// Prepares a clip without motion compensation; see [`prepare_for_model`].
@@ -43,12 +46,29 @@ impl<'a> PreparedClip<'a> {
             return Ok(prepared.clip);
         }
         check(clip)?;
-        Ok(Self(Cow::Borrowed(clip)))
+        Ok(Self {
+            clip: Cow::Borrowed(clip),
+            moving: None,
+        })
+    }
+
+    /// The clip with every point that has a speed, however slow it is.
+    ///
+    /// Static clutter is judged by the places and the majority of a recording, so that of two recordings of the same
+    /// activity one may lose the slow points of the person and the other not. Recordings that are compared with each other
+    /// need the same points of both.
+    pub fn moving(&self) -> &Clip {
+        self.moving.as_deref().unwrap_or(&self.clip)
     }
 
     /// The clip, copied if it is somebody else's.
     pub fn into_clip(self) -> Clip {
-        self.0.into_owned()
+        self.clip.into_owned()
+    }
+
+    /// The clip, and that of [`Self::moving`] if it is another one.
+    pub fn into_clip_and_moving(self) -> (Clip, Option<Clip>) {
+        (self.clip.into_owned(), self.moving.map(|moving| *moving))
     }
 }
 
@@ -56,7 +76,7 @@ impl Deref for PreparedClip<'_> {
     type Target = Clip;
 
     fn deref(&self) -> &Clip {
-        &self.0
+        &self.clip
     }
 }
 
@@ -139,6 +159,7 @@ pub fn prepare_for_model(
 ) -> Result<Prepared, PrepareError> {
     check(&clip)?;
     let mut removed_static = None;
+    let mut moving = with_speed(&clip);
     if removes_static(&clip) {
         removed_static = clip.remove_static_clutter();
     }
@@ -146,10 +167,16 @@ pub fn prepare_for_model(
     let mut resampled_from_hz = None;
     if is_other_rate(clip.frame_rate_hz) {
         resampled_from_hz = Some(clip.frame_rate_hz);
-        clip = clip.resample(f64::from(FRAME_RATE_HZ), options.motion_compensate)?;
+        let resample =
+            |clip: Clip| clip.resample(f64::from(FRAME_RATE_HZ), options.motion_compensate);
+        clip = resample(clip)?;
+        moving = moving.map(resample).transpose()?;
     }
     Ok(Prepared {
-        clip: PreparedClip(Cow::Owned(clip)),
+        clip: PreparedClip {
+            clip: Cow::Owned(clip),
+            moving: moving.map(Box::new),
+        },
         removed_static,
         resampled_from_hz,
     })
@@ -157,7 +184,25 @@ pub fn prepare_for_model(
 
 /// Whether [`prepare_for_model`] would change the frames of the clip.
 fn needs_preparation(clip: &Clip) -> bool {
-    is_other_rate(clip.frame_rate_hz) || (removes_static(clip) && clip.static_clutter().is_some())
+    is_other_rate(clip.frame_rate_hz)
+        || (removes_static(clip) && clip.static_clutter().is_some())
+        || with_speed(clip).is_some()
+}
+
+/// The clip without the points whose speed is exactly zero; `None` if that is the clip that the model reads.
+fn with_speed(clip: &Clip) -> Option<Clip> {
+    let points = || clip.frames.iter().flat_map(|f| &f.points);
+    let is_moving = |p: &RadarPoint| p.velocity_mps != 0.0;
+    let loses_slow_points = || !points().all(is_moving) || clip.static_clutter().is_some();
+    if !removes_static(clip) || !points().any(is_moving) || !loses_slow_points() {
+        return None;
+    }
+    let mut moving = clip.clone();
+    moving.clutter = Clutter::Settled;
+    for frame in &mut moving.frames {
+        frame.points.retain(is_moving);
+    }
+    Some(moving)
 }
 
 fn removes_static(clip: &Clip) -> bool {
@@ -206,7 +251,7 @@ fn position_not_finite(frame: &PointFrame) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
-    use radarllm_base::{Provenance, RadarPoint};
+    use radarllm_base::Provenance;
 
     use super::*;
 
@@ -273,6 +318,30 @@ mod tests {
     }
 
     #[test]
+    fn slow_points_are_kept_beside_what_the_model_reads() {
+        for rate_hz in [10.0, 15.0] {
+            let clip = recorded(rate_hz, &[0.0, 0.0, 0.01, 0.8]);
+            let prepared = PreparedClip::of(&clip).unwrap();
+            let n_frames = prepared.frames.len();
+            assert_eq!(prepared.n_points(), rate_hz as usize);
+            assert_eq!(prepared.moving().n_points(), 2 * rate_hz as usize);
+            assert_eq!(prepared.moving().frames.len(), n_frames);
+        }
+        // Of what is hardly ever static nothing is removed for the model.
+        let clip = recorded(10.0, &[0.0, 0.3, 0.8]);
+        let prepared = PreparedClip::of(&clip).unwrap();
+        assert_eq!(
+            (prepared.n_points(), prepared.moving().n_points()),
+            (30, 20)
+        );
+        // Points without any speed, and points whose clutter is settled, are all there is.
+        for clip in [recorded(10.0, &[0.0]), settled(recorded(10.0, &[0.0, 0.8]))] {
+            let prepared = PreparedClip::of(&clip).unwrap();
+            assert_eq!(prepared.moving(), &*prepared);
+        }
+    }
+
+    #[test]
     fn other_frame_rates_are_resampled_and_near_ones_read_as_they_are() {
         for (rate_hz, n_frames) in [(9.6, 9), (10.0, 10), (10.4, 10)] {
             let prepared = prepare(recorded(rate_hz, &[0.8]));
@@ -317,7 +386,7 @@ mod tests {
                 (twice.removed_static, twice.resampled_from_hz),
                 (None, None)
             );
-            assert_eq!(twice.clip, once.clip);
+            assert_eq!(*twice.clip, *once.clip);
         }
     }
 
@@ -325,11 +394,14 @@ mod tests {
     fn nothing_is_copied_when_nothing_changes() {
         let good = recorded(10.0, &[0.8]);
         assert!(matches!(
-            PreparedClip::of(&good).unwrap().0,
+            PreparedClip::of(&good).unwrap().clip,
             Cow::Borrowed(_)
         ));
         let fast = recorded(20.0, &[0.8]);
-        assert!(matches!(PreparedClip::of(&fast).unwrap().0, Cow::Owned(_)));
+        assert!(matches!(
+            PreparedClip::of(&fast).unwrap().clip,
+            Cow::Owned(_)
+        ));
     }
 
     #[test]

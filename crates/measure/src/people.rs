@@ -27,10 +27,21 @@ pub struct Sample {
     pub upward_mps: Option<f32>,
 }
 
-/// A person whom the board tracked, from the first to the last frame.
+/// Who tracks a person.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tracker {
+    /// The firmware of the board, by echoes that it does not report.
+    Board,
+    /// This program, by the points that the board reports.
+    Points,
+}
+
+/// A person who was tracked, from the first to the last frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrackedPerson {
-    /// Number of the board's track.
+    /// Who tracks.
+    pub tracker: Tracker,
+    /// Number of the track.
     pub track: u32,
     /// In order of time.
     pub samples: Vec<Sample>,
@@ -100,6 +111,7 @@ pub fn tracked_people(frames: &[PointFrame], site: Option<&Site>) -> Option<Vec<
                 None => {
                     open.insert(track.id, people.len());
                     people.push(TrackedPerson {
+                        tracker: Tracker::Board,
                         track: track.id,
                         samples: vec![sample],
                     });

@@ -5,13 +5,16 @@ use radarllm_base::{PointFrame, stats::quantile_nearest};
 use crate::{
     Site,
     falls::{Fall, falls_of, falls_of_points, is_within, walks_on},
-    people::{MIN_TRACKED_S, Sample, TrackedPerson, tracked_people},
+    people::{MIN_TRACKED_S, Sample, TrackedPerson, Tracker, tracked_people},
     posture::{Posture, PostureProbabilities},
 };
 
-/// Distance between places that are two seconds apart, m, from which on somebody walks. Tracks of people who stay tremble by
-/// less than half of it.
+/// Distance between places that are two seconds apart, m, from which on somebody walks. The board's tracks of people who
+/// stay tremble by less than half of it; those of points jump between parts of the body.
 const WALKING_M: f32 = 0.3;
+const WALKING_BY_POINTS_M: f32 = 0.8;
+/// Share of the time in which points show walking in which the board's tracks show it as well: docs/results/boards.md.
+const SURE_BY_POINTS: f32 = 0.86;
 /// Share of the seconds around one in which somebody walks, from which on the person walks in it: who turns back stands for
 /// a moment.
 const WALKING: f32 = 0.5;
@@ -109,7 +112,10 @@ pub fn states_of(person: &TrackedPerson, site: &Site, falls_in_points: &[Fall]) 
     let seconds = seconds_of(person, site, &falls);
     let mut states: Vec<State> = Vec::new();
     for (i, second) in seconds.iter().enumerate() {
-        let (activity, probability) = activity_of(&seconds, i, &falls);
+        let (activity, mut probability) = activity_of(&seconds, i, &falls);
+        if person.tracker == Tracker::Points && activity == Activity::Walks {
+            probability *= SURE_BY_POINTS;
+        }
         match states.last_mut() {
             Some(last) if last.activity == activity => {
                 let share = (second.end_s - second.start_s) / (second.end_s - last.start_s);
@@ -131,6 +137,10 @@ pub fn states_of(person: &TrackedPerson, site: &Site, falls_in_points: &[Fall]) 
 }
 
 fn seconds_of(person: &TrackedPerson, site: &Site, falls: &[Fall]) -> Vec<Second> {
+    let walking_m = match person.tracker {
+        Tracker::Board => WALKING_M,
+        Tracker::Points => WALKING_BY_POINTS_M,
+    };
     let mut seconds = Vec::new();
     let mut t_s = person.start_s();
     while t_s < person.end_s() || seconds.is_empty() {
@@ -149,7 +159,7 @@ fn seconds_of(person: &TrackedPerson, site: &Site, falls: &[Fall]) -> Vec<Second
         });
         let height = quantile_nearest(samples.iter().filter_map(|s| s.height_m), 0.5);
         seconds.push(Second {
-            is_walking: path_m >= WALKING_M,
+            is_walking: path_m >= walking_m,
             posture: height.map(|height_m| PostureProbabilities::of(site.standing_m - height_m)),
             is_falling: falls
                 .iter()
@@ -278,6 +288,32 @@ mod tests {
             ],
             "{found:?}"
         );
+    }
+
+    /// Tracks of points jump between parts of the body, so that they walk only from a longer way on.
+    #[test]
+    fn the_same_way_is_walking_for_the_board_and_trembling_for_points() {
+        let walks = |tracker: Tracker, speed_mps: f32| {
+            let sample = |i: u16| Sample {
+                t_s: f64::from(i) / 10.0,
+                place_m: [0.0, 2.0 + speed_mps * f32::from(i) / 10.0],
+                height_m: None,
+                upward_mps: None,
+            };
+            let person = TrackedPerson {
+                tracker,
+                track: 1,
+                samples: (0..60).map(sample).collect(),
+            };
+            let states = states_of(&person, &Site::unlearned("board", 1.0), &[]);
+            states.iter().all(|s| s.activity == Activity::Walks)
+        };
+        for (speed_mps, board, points) in
+            [(0.1, false, false), (0.25, true, false), (0.5, true, true)]
+        {
+            assert_eq!(walks(Tracker::Board, speed_mps), board, "{speed_mps}");
+            assert_eq!(walks(Tracker::Points, speed_mps), points, "{speed_mps}");
+        }
     }
 
     #[test]

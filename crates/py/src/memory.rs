@@ -79,7 +79,9 @@ impl PyMemory {
         let mut memory = self.copy();
         let (memory, warnings) = work::run(py, |_| {
             let clip = recording.prepared()?.clip;
-            let taught = memory.teach(name, &says, &clip).map_err(Error::wrap)?;
+            let taught = memory
+                .teach(name, &says, clip.moving())
+                .map_err(Error::wrap)?;
             let all = taught.iter().map(ToString::to_string);
             let warnings: Vec<String> = all
                 .chain(memory.contradictions().iter().map(ToString::to_string))

@@ -145,16 +145,16 @@ impl Captioner {
         match (&self.choices, confidence, measured) {
             (Some(choices), ..) => self.choose(clip, choices, options, &mut description)?,
             (None, _, Some(Measured::States(_))) => {}
-            (None, Some(confidence), falls) => {
+            (None, Some(confidence), in_points) => {
                 confidence.apply(clip, is_known, &mut description);
-                if let Some(Measured::Falls(falls)) = falls {
-                    insert(&mut description, falls);
+                if let Some(Measured::InPoints(segments)) = in_points {
+                    insert(&mut description, segments);
                 }
             }
             (None, None, _) => {}
         }
         if let Some(recogniser) = &self.recogniser {
-            insert_taught(&mut description, clip, recogniser);
+            insert_taught(&mut description, clip.moving(), recogniser);
         }
         Ok(description)
     }

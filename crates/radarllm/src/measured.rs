@@ -5,7 +5,15 @@ use radarllm_inference::{
     Description, Segment,
     lm::{Abstained, NO_PERSON},
 };
-use radarllm_measure::{Activity, Site, State, falls::falls_of_points, measure, sentence};
+use radarllm_measure::{
+    Activity, Site, State, TrackedPerson,
+    falls::falls_of_points,
+    measure,
+    people::{MIN_TRACKED_S, Sample, Tracker},
+    sentence,
+    states::states_of,
+};
+use radarllm_tracking::{TrackOptions, track};
 
 /// Time that a fall in the points takes, s, before and after the moment at which it is found.
 const FALL_S: f64 = 1.0;
@@ -14,8 +22,8 @@ const FALL_S: f64 = 1.0;
 pub(crate) enum Measured {
     /// The board tracks people: what they do, in order of time.
     States(Vec<State>),
-    /// The board states points alone: the falls that they show.
-    Falls(Vec<Segment>),
+    /// The board states points alone: where people walk and fall in them, in order of time, falls last.
+    InPoints(Vec<Segment>),
 }
 
 impl Measured {
@@ -28,7 +36,11 @@ impl Measured {
         let site = site.cloned().unwrap_or_else(learned);
         match measure(&clip.frames, &site) {
             Some(states) => Self::States(states),
-            None => Self::Falls(falls_in_points(&clip.frames)),
+            None => {
+                let mut segments = walks_in_points(clip);
+                segments.extend(falls_in_points(&clip.frames));
+                Self::InPoints(segments)
+            }
         }
     }
 }
@@ -108,6 +120,34 @@ fn join(times: &mut Vec<[f64; 2]>) {
     });
 }
 
+/// Where people walk who are tracked by their points.
+fn walks_in_points(clip: &Clip) -> Vec<Segment> {
+    let Ok(tracks) = track(&clip.frames, &TrackOptions::default()) else {
+        return Vec::new();
+    };
+    let person = |track: &radarllm_tracking::Track| TrackedPerson {
+        tracker: Tracker::Points,
+        track: track.id,
+        samples: (track.frames.iter())
+            .map(|at| Sample {
+                t_s: clip.frames[at.frame].time_s,
+                place_m: at.place_m.map(|v| v as f32),
+                height_m: None,
+                upward_mps: None,
+            })
+            .collect(),
+    };
+    let people = tracks.iter().map(person);
+    let site = Site::unlearned(&clip.radar, clip.radar_height_m);
+    let mut states: Vec<State> = people
+        .filter(|p| p.length_s() >= MIN_TRACKED_S)
+        .flat_map(|p| states_of(&p, &site, &[]))
+        .filter(|state| state.activity == Activity::Walks)
+        .collect();
+    states.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
+    segments(&states)
+}
+
 /// The falls that points alone show.
 fn falls_in_points(frames: &[PointFrame]) -> Vec<Segment> {
     let end_s = frames.last().map_or(0.0, |f| f.time_s);
@@ -131,9 +171,58 @@ fn falls_in_points(frames: &[PointFrame]) -> Vec<Segment> {
 
 #[cfg(test)]
 mod tests {
+    use radarllm_base::{Clutter, RadarPoint};
     use radarllm_measure::Posture;
 
     use super::*;
+
+    /// Points of a body that walks away for three seconds and then moves in its place.
+    #[test]
+    fn walking_is_measured_in_points() {
+        let frame = |i: u32| {
+            let t_s = i as f32 / 10.0;
+            let walks = t_s < 3.0;
+            let y_m = 2.0 + t_s.min(3.0);
+            let part = |k: u32| {
+                let [x_m, dy_m] = [0.1 * (k % 3) as f32 - 0.1, 0.1 * (k / 3) as f32 - 0.1];
+                RadarPoint {
+                    x_m,
+                    y_m: y_m + dy_m,
+                    z_m: 0.1 * k as f32 - 0.4,
+                    range_m: y_m + dy_m,
+                    velocity_mps: if walks { 1.0 } else { 0.3 * (3.0 * t_s).sin() },
+                    intensity_db: 15.0,
+                }
+            };
+            PointFrame {
+                frame: i,
+                time_s: f64::from(i) / 10.0,
+                points: (0..9).map(part).collect(),
+                board: None,
+            }
+        };
+        let clip = Clip {
+            frames: (0..100).map(frame).collect(),
+            frame_rate_hz: 10.0,
+            radar_height_m: 1.0,
+            radar: "board".into(),
+            provenance: "recorded:csv:x".parse().unwrap(),
+            clutter: Clutter::Settled,
+        };
+        let found = walks_in_points(&clip);
+        let [walk] = &found[..] else {
+            panic!("{found:?}")
+        };
+        assert_eq!(walk.actions, ["walk"]);
+        assert!(
+            walk.caption
+                .starts_with("a person walks away from the radar")
+        );
+        assert!(
+            walk.start_s < 1.0 && (2.0..5.0).contains(&walk.end_s),
+            "{walk:?}"
+        );
+    }
 
     fn state(activity: Activity, start_s: f64, end_s: f64) -> State {
         State {

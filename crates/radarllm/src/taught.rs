@@ -7,8 +7,14 @@ use radarllm_teach::{Recognised, Recogniser};
 /// What is left of a segment beside a taught one is kept if it is at least this long, s.
 const MIN_REST_S: f64 = 1.0;
 
+/// Actions that are measured where the board tracks people. Of two of them at most one is so at a time.
+const MEASURED: [&str; 5] = ["stand_still", "sit_still", "lie_still", "walk", "fall"];
+
 /// Replaces what the description of a clip says about the times in which taught activities are recognised. The clip is
-/// prepared for the model.
+/// that of [`crate::PreparedClip::moving`].
+///
+/// Where the description is of what is measured, a taught activity that contradicts it is not told: heights of tracks tell
+/// sitting from falling better than a few examples do.
 pub fn insert_taught(description: &mut Description, clip: &Clip, recogniser: &Recogniser) {
     let recognised = recogniser.recognise(clip).into_iter();
     let segment = |part: Recognised| Segment {
@@ -21,7 +27,31 @@ pub fn insert_taught(description: &mut Description, clip: &Clip, recogniser: &Re
         taught: Some(part.name),
         guess: None,
     };
-    insert(description, recognised.map(segment).collect());
+    let mut parts: Vec<Segment> = recognised.map(segment).collect();
+    // The model reads windows.
+    if description.windows == 0 {
+        parts.retain(|part| !contradicts(part, &description.segments));
+    }
+    insert(description, parts);
+}
+
+/// Whether measured actions other than that of a taught activity take at least half of its time.
+fn contradicts(part: &Segment, measured: &[Segment]) -> bool {
+    let of = |segment: &Segment| {
+        segment
+            .actions
+            .iter()
+            .copied()
+            .find(|a| MEASURED.contains(a))
+    };
+    let Some(action) = of(part) else {
+        return false;
+    };
+    let others = measured
+        .iter()
+        .filter(|s| of(s).is_some_and(|a| a != action));
+    let overlap_s = |s: &Segment| (s.end_s.min(part.end_s) - s.start_s.max(part.start_s)).max(0.0);
+    others.map(overlap_s).sum::<f64>() >= 0.5 * (part.end_s - part.start_s)
 }
 
 /// Puts segments in the place of what the description says about their times.
@@ -71,6 +101,26 @@ mod tests {
             side_confidence: None,
             taught: None,
             guess: None,
+        }
+    }
+
+    #[test]
+    fn what_is_measured_is_not_contradicted() {
+        let of = |actions: &[&'static str], start_s, end_s| Segment {
+            actions: actions.to_vec(),
+            ..segment(start_s, end_s)
+        };
+        let measured = [of(&["sit_still"], 0.0, 6.0), of(&["walk"], 6.0, 10.0)];
+        for (actions, start_s, end_s, expected) in [
+            (&["fall"][..], 1.0, 3.0, true),
+            (&["sit_still"], 1.0, 3.0, false),
+            (&["sit_still"], 5.0, 7.5, true),
+            (&["walk"], 5.0, 8.0, false),
+            (&["squat"], 1.0, 3.0, false),
+            (&["fall"], 11.0, 12.0, false),
+        ] {
+            let part = of(actions, start_s, end_s);
+            assert_eq!(contradicts(&part, &measured), expected, "{part:?}");
         }
     }
 

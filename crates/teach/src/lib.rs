@@ -41,7 +41,7 @@
 //! # Ok::<(), radarllm_teach::TeachError>(())
 //! ```
 //!
-//! Reading order: [`shape`] (a window of points to 309 numbers), [`memory`] (examples and their file), [`recogniser`] (what
+//! Reading order: [`shape`] (a window of points to 349 numbers), [`memory`] (examples and their file), [`recogniser`] (what
 //! fits, and what does not), [`windows`] (how a recording is divided).
 
 #![cfg_attr(

@@ -14,7 +14,7 @@ use crate::shape::{N_FEATURES, windows};
 /// The `format` of every memory file.
 const FORMAT: &str = "radarllm memory";
 /// Version of the file and of the features in it.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 /// Largest memory file, bytes: some thousand examples.
 const MAX_BYTES: u64 = 64 << 20;
 /// Most windows of one example; of a longer recording these are taken at equal distances.
@@ -201,7 +201,8 @@ impl Memory {
         &self.activities
     }
 
-    /// Adds a prepared clip as an example of an activity.
+    /// Adds a clip as an example of an activity: at the model's frame rate, with every point that has a speed
+    /// (`PreparedClip::moving` of `radarllm-inference`), as the clips in which it is to be recognised.
     ///
     /// # Errors
     /// Too few points, a text that cannot be kept, or a recording that is an example already. The memory is unchanged
@@ -459,10 +460,10 @@ mod tests {
         for (damaged, expected) in [
             (text[..text.len() / 2].to_string(), "EOF"),
             (text.replace("radarllm memory", "other"), "format `other`"),
-            (text.replace("\"version\":3", "\"version\":9"), "version 9"),
+            (text.replace("\"version\":4", "\"version\":9"), "version 9"),
             (
                 text.replace("\"windows\":[[", "\"windows\":[[1.0],["),
-                "windows of 309",
+                "windows of 349",
             ),
             (text.replace("\"says\"", "\"sais\""), "sais"),
             ("[]".into(), "expected struct"),

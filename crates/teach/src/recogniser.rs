@@ -4,24 +4,28 @@
 //! less than a single window. The distance of a mean to an activity is the Mahalanobis distance to its nearest example.
 //! The covariance is that of windows within activities, of the movements as they are and to the other side (which side
 //! moves differs within an activity like the person does), pooled over all activities and shrunk towards a multiple of the
-//! identity, because a few recordings do not determine 309 x 309 numbers (regularised discriminant analysis, Friedman,
+//! identity, because a few recordings do not determine all its numbers (regularised discriminant analysis, Friedman,
 //! JASA 1989).
 //!
 //! An activity is recognised only if the distance is not much larger than that of examples to the others of their own
 //! activity, and the less so, the nearer a second activity is: the distance is multiplied by its ratio to the distance of
-//! the second activity. Examples that are held out raise the limit where the examples are few and short. Without this limit a memory of two activities would recognise one of them in everything. The limit
+//! the second activity. Without this limit a memory of two activities would recognise one of them in everything. The limit
 //! is common to all activities, because three examples do not determine one for each.
 //!
-//! The constants were chosen on half A of RadHAR and subjects 1 and 2 of MARS (docs/results/teaching.md), by teaching all
-//! activities but one and counting what was recognised in its recordings and in those of the others, and by teaching with
-//! one person and counting what was recognised in the recordings of the other.
+//! Examples of a few seconds show single events, like a fall or a squat. They are compared otherwise: with windows of their
+//! own length instead of running means, also by the course of the event, and up to the distance at which examples that are
+//! held out are recognised.
+//!
+//! The constants for long examples were chosen on half A of RadHAR and subjects 1 and 2 of MARS (docs/results/teaching.md),
+//! by teaching all activities but one and counting what was recognised in its recordings and in those of the others, and by
+//! teaching with one person and counting what was recognised in the recordings of the other.
 
 use radarllm_base::Clip;
 
 use crate::{
     memory::{Memory, Warning},
-    shape::{N_FEATURES, mirrored, windows},
-    windows::Window,
+    shape::{N_COURSE, N_FEATURES, divided, mirrored},
+    windows::{Division, Window},
 };
 
 /// Windows of a running mean.
@@ -38,6 +42,12 @@ const MARGIN: f64 = 5.6;
 /// them, so that their distances to each other are far smaller than those of any other recording. The limit is then that of
 /// examples that were held out: the distance of each to its own activity as the others teach it.
 const SHORT_WINDOWS: usize = 3;
+/// Weight of the features of the course for short examples. Long ones are compared without them.
+const COURSE_WEIGHT: f64 = 2.0;
+/// Shortest window of a single event, s.
+const MIN_EVENT_S: f64 = 0.5;
+/// Windows of a single event begin at this share of their length after each other.
+const EVENT_HOP: f64 = 1.0 / 6.0;
 
 /// A part of a recording in which a taught activity is recognised.
 #[derive(Clone, Debug, PartialEq)]
@@ -58,8 +68,11 @@ pub struct Recognised {
 pub struct Recogniser {
     mean: Vec<f64>,
     scale: Vec<f64>,
-    /// Lower triangle of the Cholesky factor of the shrunk covariance, `[N_FEATURES][N_FEATURES]`.
+    /// Lower triangle of the Cholesky factor of the shrunk covariance, `[features][features]`.
     factor: Vec<f64>,
+    division: Division,
+    /// Whether the examples are single events.
+    is_short: bool,
     activities: Vec<Known>,
     /// Largest distance at which an activity is recognised.
     limit: f64,
@@ -83,9 +96,7 @@ impl Recogniser {
     /// Prepares a memory; `None` if it is empty.
     pub fn new(memory: &Memory) -> Option<Self> {
         let mut recogniser = Self::of_examples(memory)?;
-        let examples = || memory.activities().iter().flat_map(|a| &a.examples);
-        let n_windows: usize = examples().map(|e| e.windows.len()).sum();
-        if n_windows <= SHORT_WINDOWS * examples().count() {
+        if recogniser.is_short {
             recogniser.limit = recogniser.limit.max(Self::held_out_distance(memory));
         }
         Some(recogniser)
@@ -119,27 +130,49 @@ impl Recogniser {
         if all.is_empty() {
             return None;
         }
-        let (mean, scale) = standardisation(&all);
+        let mut seconds: Vec<f64> = taught
+            .iter()
+            .flat_map(|a| &a.examples)
+            .map(|e| e.seconds)
+            .collect();
+        let is_short = all.len() <= SHORT_WINDOWS * seconds.len();
+        let mut division = Division::default();
+        if is_short {
+            let middle = seconds.len() / 2;
+            let (_, median_s, _) = seconds.select_nth_unstable_by(middle, f64::total_cmp);
+            division.length_s = median_s.clamp(MIN_EVENT_S, division.length_s);
+            division.hop_s = (EVENT_HOP * division.length_s).min(division.hop_s);
+        }
+        let n_features = if is_short {
+            N_FEATURES
+        } else {
+            N_FEATURES - N_COURSE
+        };
+        let (mean, scale) = standardisation(&all, n_features);
         let standardised = |w: &[f32]| standardise(w, &mean, &scale);
         let other_side = |w: &Vec<f32>| standardise(&mirrored(w), &mean, &scale);
-        let mut covariance = vec![0.0; N_FEATURES * N_FEATURES];
+        let mut covariance = vec![0.0; n_features * n_features];
         for activity in taught {
             let windows = || activity.examples.iter().map(|e| e.windows.iter());
             add_scatter(
                 &mut covariance,
                 windows().map(|w| w.map(|w| standardised(w)).collect()),
             );
-            add_scatter(
-                &mut covariance,
-                windows().map(|w| w.map(other_side).collect()),
-            );
+            if !is_short {
+                add_scatter(
+                    &mut covariance,
+                    windows().map(|w| w.map(other_side).collect()),
+                );
+            }
         }
-        let n = 2 * all.len();
+        let n = all.len() * if is_short { 1 } else { 2 };
         covariance.iter_mut().for_each(|v| *v /= n as f64);
         let mut recogniser = Self {
-            factor: cholesky(&shrunk(covariance)),
+            factor: cholesky(&shrunk(covariance, n_features), n_features),
             mean,
             scale,
+            division,
+            is_short,
             activities: Vec::new(),
             limit: 0.0,
         };
@@ -177,7 +210,15 @@ impl Recogniser {
 
     /// Parts of a prepared clip in which taught activities are recognised, in order of time.
     pub fn recognise(&self, clip: &Clip) -> Vec<Recognised> {
-        let windows = windows(clip);
+        let windows = divided(clip, self.division);
+        match self.is_short {
+            true => self.events(&windows),
+            false => self.activities(&windows),
+        }
+    }
+
+    /// Parts in which running means of windows are recognised.
+    fn activities(&self, windows: &[Window]) -> Vec<Recognised> {
         let features: Vec<Option<Vec<f64>>> = windows
             .iter()
             .map(|w| {
@@ -186,7 +227,7 @@ impl Recogniser {
                     .map(|f| standardise(f, &self.mean, &self.scale))
             })
             .collect();
-        let mut parts: Vec<Recognised> = Vec::new();
+        let mut parts = Vec::new();
         for i in 0..windows.len() {
             let first = i.saturating_sub(N_MEAN / 2);
             let last = (i + N_MEAN / 2).min(windows.len() - 1);
@@ -195,29 +236,48 @@ impl Recogniser {
                 continue;
             }
             let mean = self.whitened(&mean_of(around.into_iter().cloned()));
-            let Some(Nearest { known, distance }) = self.nearest(&mean) else {
-                continue;
-            };
-            if distance > self.limit {
-                continue;
-            }
-            let fit = (1.0 - distance / self.limit.max(f64::MIN_POSITIVE)) as f32;
-            let (start_s, end_s) = share_of_time(&windows, i);
-            match parts.last_mut() {
-                Some(part) if part.name == known.name && (start_s - part.end_s).abs() < 1e-6 => {
-                    part.end_s = end_s;
-                    part.fit = part.fit.max(fit);
-                }
-                _ => parts.push(Recognised {
-                    start_s,
-                    end_s,
-                    name: known.name.clone(),
-                    says: known.says.clone(),
-                    fit,
-                }),
+            let (start_s, end_s) = share_of_time(windows, i);
+            if let Some(part) = self.recognised(&mean, start_s, end_s) {
+                append(&mut parts, part);
             }
         }
         parts
+    }
+
+    /// Single windows that are recognised: of those that overlap, the one that fits best.
+    fn events(&self, windows: &[Window]) -> Vec<Recognised> {
+        let of = |window: &Window| {
+            let features = window.features.clone()?;
+            self.recognised(&self.mean_of(&[features]), window.start_s, window.end_s)
+        };
+        let mut found: Vec<Recognised> = windows.iter().filter_map(of).collect();
+        found.sort_by(|a, b| b.fit.total_cmp(&a.fit));
+        let mut apart: Vec<Recognised> = Vec::new();
+        for part in found {
+            let overlaps =
+                |other: &Recognised| part.start_s < other.end_s && other.start_s < part.end_s;
+            if !apart.iter().any(overlaps) {
+                apart.push(part);
+            }
+        }
+        apart.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
+        let mut parts = Vec::new();
+        for part in apart {
+            append(&mut parts, part);
+        }
+        parts
+    }
+
+    /// The activity nearest to a whitened mean, if it is near enough.
+    fn recognised(&self, mean: &[f64], start_s: f64, end_s: f64) -> Option<Recognised> {
+        let Nearest { known, distance } = self.nearest(mean)?;
+        (distance <= self.limit).then(|| Recognised {
+            start_s,
+            end_s,
+            name: known.name.clone(),
+            says: known.says.clone(),
+            fit: (1.0 - distance / self.limit.max(f64::MIN_POSITIVE)) as f32,
+        })
     }
 
     /// The nearest activity of a whitened mean of windows.
@@ -244,9 +304,10 @@ impl Recogniser {
 
     /// Standardised features such that distances are Mahalanobis distances: L^-1 x by forward substitution.
     fn whitened(&self, x: &[f64]) -> Vec<f64> {
-        let mut solved = vec![0.0; N_FEATURES];
-        for i in 0..N_FEATURES {
-            let row = &self.factor[i * N_FEATURES..][..=i];
+        let n = self.mean.len();
+        let mut solved = vec![0.0; n];
+        for i in 0..n {
+            let row = &self.factor[i * n..][..=i];
             let known: f64 = row[..i].iter().zip(&solved).map(|(l, x)| l * x).sum();
             solved[i] = (x[i] - known) / row[i];
         }
@@ -302,6 +363,17 @@ impl Memory {
     }
 }
 
+/// Appends a part, or prolongs the last one if it is of the same activity and ends where this one begins.
+fn append(parts: &mut Vec<Recognised>, part: Recognised) {
+    match parts.last_mut() {
+        Some(last) if last.name == part.name && (part.start_s - last.end_s).abs() < 1e-6 => {
+            last.end_s = part.end_s;
+            last.fit = last.fit.max(part.fit);
+        }
+        _ => parts.push(part),
+    }
+}
+
 /// The part of the time that belongs to a window: around its middle, up to the middles of its neighbours; the first and
 /// the last window also have the ends of the recording.
 fn share_of_time(windows: &[Window], i: usize) -> (f64, f64) {
@@ -318,13 +390,13 @@ fn share_of_time(windows: &[Window], i: usize) -> (f64, f64) {
     (start_s, end_s)
 }
 
-/// Mean and standard deviation of every feature; constant features have the deviation 1.
-fn standardisation(windows: &[&Vec<f32>]) -> (Vec<f64>, Vec<f64>) {
+/// Mean and standard deviation of the first features; constant features have the deviation 1.
+fn standardisation(windows: &[&Vec<f32>], n_features: usize) -> (Vec<f64>, Vec<f64>) {
     let n = windows.len() as f64;
-    let mean: Vec<f64> = (0..N_FEATURES)
+    let mean: Vec<f64> = (0..n_features)
         .map(|k| windows.iter().map(|w| f64::from(w[k])).sum::<f64>() / n)
         .collect();
-    let scale = (0..N_FEATURES)
+    let scale = (0..n_features)
         .map(|k| {
             let squares = windows.iter().map(|w| (f64::from(w[k]) - mean[k]).powi(2));
             let deviation = (squares.sum::<f64>() / n).sqrt();
@@ -334,17 +406,24 @@ fn standardisation(windows: &[&Vec<f32>]) -> (Vec<f64>, Vec<f64>) {
     (mean, scale)
 }
 
+/// The standardised features of a window, of which there are as many as means.
 fn standardise(window: &[f32], mean: &[f64], scale: &[f64]) -> Vec<f64> {
     let values = window.iter().zip(mean).zip(scale);
-    values
+    let mut standardised: Vec<f64> = values
         .map(|((v, m), s)| ((f64::from(*v) - m) / s).clamp(-LIMIT, LIMIT))
-        .collect()
+        .collect();
+    for value in standardised.iter_mut().skip(N_FEATURES - N_COURSE) {
+        *value *= COURSE_WEIGHT;
+    }
+    standardised
 }
 
+/// Mean of rows of one length; empty without rows.
 fn mean_of(rows: impl Iterator<Item = Vec<f64>>) -> Vec<f64> {
-    let mut sum = vec![0.0; N_FEATURES];
+    let mut sum: Vec<f64> = Vec::new();
     let mut n = 0.0;
     for row in rows {
+        sum.resize(row.len(), 0.0);
         sum.iter_mut().zip(row).for_each(|(s, v)| *s += v);
         n += 1.0;
     }
@@ -365,7 +444,7 @@ fn add_scatter(matrix: &mut [f64], examples: impl Iterator<Item = Vec<Vec<f64>>>
     for window in examples.iter().flatten() {
         let centred: Vec<f64> = window.iter().zip(&mean).map(|(v, m)| v - m).collect();
         for (i, a) in centred.iter().enumerate() {
-            let row = &mut matrix[i * N_FEATURES..][..=i];
+            let row = &mut matrix[i * centred.len()..][..=i];
             row.iter_mut()
                 .zip(&centred)
                 .for_each(|(out, b)| *out += a * b);
@@ -373,32 +452,29 @@ fn add_scatter(matrix: &mut [f64], examples: impl Iterator<Item = Vec<Vec<f64>>>
     }
 }
 
-/// The lower triangle of a covariance, shrunk towards its mean variance times the identity. It is positive definite.
-fn shrunk(mut covariance: Vec<f64>) -> Vec<f64> {
-    let trace: f64 = (0..N_FEATURES)
-        .map(|i| covariance[i * N_FEATURES + i])
-        .sum();
+/// The lower triangle of a covariance of `n` features, shrunk towards its mean variance times the identity. It is positive
+/// definite.
+fn shrunk(mut covariance: Vec<f64>, n: usize) -> Vec<f64> {
+    let trace: f64 = (0..n).map(|i| covariance[i * n + i]).sum();
     // A single window has no variance.
-    let variance = (trace / N_FEATURES as f64).max(1e-3);
+    let variance = (trace / n as f64).max(1e-3);
     covariance.iter_mut().for_each(|v| *v *= 1.0 - SHRINKAGE);
-    for i in 0..N_FEATURES {
-        covariance[i * N_FEATURES + i] += SHRINKAGE * variance;
+    for i in 0..n {
+        covariance[i * n + i] += SHRINKAGE * variance;
     }
     covariance
 }
 
-/// Lower triangle L of a positive definite matrix L L^T.
-fn cholesky(matrix: &[f64]) -> Vec<f64> {
-    let mut lower = vec![0.0; N_FEATURES * N_FEATURES];
-    for i in 0..N_FEATURES {
+/// Lower triangle L of a positive definite `n` x `n` matrix L L^T.
+fn cholesky(matrix: &[f64], n: usize) -> Vec<f64> {
+    let mut lower = vec![0.0; n * n];
+    for i in 0..n {
         for j in 0..=i {
-            let known: f64 = (0..j)
-                .map(|k| lower[i * N_FEATURES + k] * lower[j * N_FEATURES + k])
-                .sum();
-            let rest = matrix[i * N_FEATURES + j] - known;
-            lower[i * N_FEATURES + j] = match i == j {
+            let known: f64 = (0..j).map(|k| lower[i * n + k] * lower[j * n + k]).sum();
+            let rest = matrix[i * n + j] - known;
+            lower[i * n + j] = match i == j {
                 true => rest.max(1e-12).sqrt(),
-                false => rest / lower[j * N_FEATURES + j],
+                false => rest / lower[j * n + j],
             };
         }
     }

@@ -1,7 +1,7 @@
 //! Features by which taught activities are compared: the shape of the movement, as independent as possible of the person
 //! and the place.
 //!
-//! Places are relative to the window's median, so that the distance from the radar does not matter. Five groups of
+//! Places are relative to the window's median, so that the distance from the radar does not matter. Six groups of
 //! features:
 //!
 //! - where the points lie: square roots of the shares of points in cells of lateral place and height, of lateral place
@@ -10,7 +10,9 @@
 //!   have no scale: large and small people, wide and narrow movements have the same;
 //! - how far they move: logarithms of spreads and of steps, distances of the outer deciles from the median, extents;
 //! - how fast the movement repeats: square roots of the shares of power in eight bands;
-//! - how high the points are above the floor: their deciles, which tell lying from standing.
+//! - how high the points are above the floor: their deciles, which tell lying from standing;
+//! - the course of a single event: number, range, spread, height and velocity of the points in each third of the window, and
+//!   when most of them come. In a window of something that goes on, the thirds are alike or depend on where it was cut.
 //!
 //! The series are the number of points of a step of 0.1 s, and of the points of three steps: median, 5 % and 95 %
 //! quantile of lateral place and of height, median of range, mean velocity, 95 % quantile of range.
@@ -20,7 +22,7 @@
 use radarllm_base::stats::quantile_linear;
 use radarllm_base::{Clip, PointFrame, RadarPoint, series::interpolated};
 
-use crate::windows::{N_TRANSFORM, STEP_S, Window, power_spectrum, steps, windows_with};
+use crate::windows::{Division, N_TRANSFORM, STEP_S, Window, power_spectrum, steps, windows_with};
 
 /// Edges of the cells of lateral place, m from the median.
 const LATERAL_M: [f32; 8] = [-0.75, -0.5, -0.3, -0.12, 0.12, 0.3, 0.5, 0.75];
@@ -45,8 +47,16 @@ const N_BANDS: usize = 8;
 const BANDS_HZ: [f64; 2] = [0.15, 3.2];
 /// Number of deciles of height.
 const N_DECILES: usize = 9;
+/// Parts of the course.
+const N_PARTS: usize = 3;
+/// Features of a part, and of all parts together.
+const N_OF_PART: usize = 10;
+const N_OVERALL: usize = 10;
+/// Features of the course, which are the last ones.
+pub(crate) const N_COURSE: usize = N_PARTS * N_OF_PART + N_OVERALL;
 /// Number of features of a window.
-pub const N_FEATURES: usize = N_CELLS + 2 * N_PAIRS + N_AMPLITUDES + N_SERIES * N_BANDS + N_DECILES;
+pub const N_FEATURES: usize =
+    N_CELLS + 2 * N_PAIRS + N_AMPLITUDES + N_SERIES * N_BANDS + N_DECILES + N_COURSE;
 /// Series of the movement to the other side, with their signs.
 const OTHER_SIDE: [(usize, f64); N_SERIES] = [
     (0, 1.0),
@@ -63,8 +73,13 @@ const OTHER_SIDE: [(usize, f64); N_SERIES] = [
 
 /// The windows of a clip with their [`N_FEATURES`] features, in order.
 pub fn windows(clip: &Clip) -> Vec<Window> {
+    divided(clip, Division::default())
+}
+
+/// The same for another division into windows.
+pub fn divided(clip: &Clip, division: Division) -> Vec<Window> {
     let height_m = clip.radar_height_m;
-    windows_with(clip, |frames, start_s, length_s| {
+    windows_with(clip, division, |frames, start_s, length_s| {
         features(frames, start_s, length_s, height_m)
     })
 }
@@ -85,6 +100,7 @@ fn features(frames: &[PointFrame], start_s: f64, length_s: f64, radar_height_m: 
     let heights = points.iter().map(|p| f64::from(p.z_m + radar_height_m));
     let heights = sorted(heights.collect());
     out.extend((1..=N_DECILES).map(|i| quantile(&heights, i as f64 / 10.0)));
+    out.extend(course(&steps, &points));
     out.into_iter().map(|v| v as f32).collect()
 }
 
@@ -202,6 +218,68 @@ fn rhythm(series: &[Vec<f64>]) -> Vec<f64> {
         bands.map(|b| (b / total).sqrt())
     };
     series.iter().flat_map(of_series).collect()
+}
+
+/// The [`N_COURSE`] features of the course: those of each third, then spread and extent of all points, and the largest number
+/// of points, for how long there are at least half as many, and how many there are at the end and at the beginning.
+fn course(steps: &[Vec<&RadarPoint>], all: &[&RadarPoint]) -> Vec<f64> {
+    let of = |points: &[&RadarPoint], value: fn(&RadarPoint) -> f32| -> Vec<f64> {
+        sorted(points.iter().map(|p| f64::from(value(p))).collect())
+    };
+    let deviation = |values: &[f64]| mean_and_deviation(values).1;
+    let range_m = quantile(&of(all, |p| p.range_m), 0.5);
+    let height_m = quantile(&of(all, |p| p.z_m), 0.5);
+    let mut out = Vec::with_capacity(N_COURSE);
+    let n = steps.len();
+    for part in 0..N_PARTS {
+        // One step of the neighbours belongs to a part as well.
+        let first = (part * n / N_PARTS).saturating_sub(1);
+        let last = ((part + 1) * n / N_PARTS + 1).min(n);
+        let own: Vec<&RadarPoint> = steps[first..last].iter().flatten().copied().collect();
+        out.push((own.len() as f64 / (last - first) as f64 + 0.3).ln());
+        let points = if own.len() > 2 { &own[..] } else { all };
+        let range = of(points, |p| p.range_m);
+        let height = of(points, |p| p.z_m);
+        let velocity = of(points, |p| p.velocity_mps);
+        let speed: f64 = velocity.iter().map(|v| v.abs()).sum();
+        out.extend([
+            quantile(&range, 0.5) - range_m,
+            deviation(&range),
+            deviation(&of(points, |p| p.x_m)),
+            deviation(&height),
+            quantile(&height, 0.1) - height_m,
+            quantile(&height, 0.5) - height_m,
+            quantile(&height, 0.9) - height_m,
+            mean_and_deviation(&velocity).0,
+            speed / points.len().max(1) as f64,
+        ]);
+    }
+    for values in [
+        of(all, |p| p.range_m),
+        of(all, |p| p.x_m),
+        of(all, |p| p.z_m),
+    ] {
+        out.push(deviation(&values));
+        out.push(quantile(&values, 0.95) - quantile(&values, 0.05));
+    }
+    // Numbers of points over half a second.
+    let smooth: Vec<f64> = (0..n)
+        .map(|i| {
+            let around = &steps[i.saturating_sub(2)..(i + 3).min(n)];
+            around.iter().map(|step| step.len() as f64).sum::<f64>() / 5.0
+        })
+        .collect();
+    let largest = smooth.iter().copied().fold(0.0, f64::max);
+    let share = smooth.iter().filter(|n| **n > 0.5 * largest).count() as f64 / n as f64;
+    let of_end = |values: &[f64]| mean_and_deviation(values).0 + 0.3;
+    let n_end = n.min(5);
+    out.extend([
+        (largest + 0.3).ln(),
+        share,
+        (of_end(&smooth[n - n_end..]) / (largest + 0.3)).ln(),
+        (of_end(&smooth[..n_end]) / (largest + 0.3)).ln(),
+    ]);
+    out
 }
 
 /// Features of the same movement to the other side.
@@ -356,12 +434,17 @@ mod tests {
             range_m: p.range_m + 1.0,
             ..*p
         });
-        let (shape, heights) = here.split_at(N_FEATURES - N_DECILES);
-        let (other_shape, other_heights) = elsewhere.split_at(N_FEATURES - N_DECILES);
+        let parts = |features: &[f32]| {
+            let (shape, rest) = features.split_at(N_FEATURES - N_COURSE - N_DECILES);
+            let (heights, course) = rest.split_at(N_DECILES);
+            ([shape, course].concat(), heights.to_vec())
+        };
+        let (shape, heights) = parts(&here);
+        let (other_shape, other_heights) = parts(&elsewhere);
         let same = |(a, b): (&f32, &f32)| (a - b).abs() < 0.05;
-        assert!(shape.iter().zip(other_shape).all(same));
+        assert!(shape.iter().zip(&other_shape).all(same));
         let lower = |(a, b): (&f32, &f32)| (a - b - 0.25).abs() < 1e-4;
-        assert!(heights.iter().zip(other_heights).all(lower));
+        assert!(heights.iter().zip(&other_heights).all(lower));
     }
 
     #[test]

@@ -24,10 +24,29 @@ pub struct Window {
     pub features: Option<Vec<f32>>,
 }
 
+/// How a recording is divided into windows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Division {
+    /// Length of a window, s. A shorter recording is one window.
+    pub length_s: f64,
+    /// Distance of two windows, s.
+    pub hop_s: f64,
+}
+
+impl Default for Division {
+    fn default() -> Self {
+        Self {
+            length_s: WINDOW_S,
+            hop_s: HOP_S,
+        }
+    }
+}
+
 /// The windows of a clip, in order. `features` has the frames, the start and the length of a window, s; a window with
 /// fewer than [`MIN_POINTS`] points has none.
 pub fn windows_with(
     clip: &Clip,
+    division: Division,
     features: impl Fn(&[PointFrame], f64, f64) -> Vec<f32>,
 ) -> Vec<Window> {
     let Some(first) = clip.frames.first() else {
@@ -35,10 +54,10 @@ pub fn windows_with(
     };
     let start_s = first.time_s;
     let seconds = clip.duration_s();
-    let length_s = WINDOW_S.min(seconds);
-    let n_windows = ((seconds - length_s) / HOP_S + 1e-6).floor() as usize + 1;
+    let length_s = division.length_s.min(seconds);
+    let n_windows = ((seconds - length_s) / division.hop_s + 1e-6).floor() as usize + 1;
     let one = |i: usize| {
-        let window_start_s = start_s + i as f64 * HOP_S;
+        let window_start_s = start_s + i as f64 * division.hop_s;
         // Frames are in order of time.
         let at = |t: f64| {
             let before = |f: &PointFrame| f.time_s - window_start_s < t - 1e-6;
@@ -115,11 +134,13 @@ mod tests {
             clutter: Clutter::Settled,
         };
         for (seconds, n) in [(4.0, 1), (6.7, 1), (7.6, 1), (7.7, 2), (20.0, 14)] {
-            let all = windows_with(&clip(seconds), |frames, _, _| vec![frames.len() as f32]);
+            let all = windows_with(&clip(seconds), Division::default(), |frames, _, _| {
+                vec![frames.len() as f32]
+            });
             assert_eq!(all.len(), n, "{seconds}");
             assert!(all.iter().all(|w| w.end_s <= seconds + 1e-6));
             assert!(all.iter().all(|w| w.features.is_some()));
         }
-        assert!(windows_with(&clip(0.0), |_, _, _| Vec::new()).is_empty());
+        assert!(windows_with(&clip(0.0), Division::default(), |_, _, _| Vec::new()).is_empty());
     }
 }

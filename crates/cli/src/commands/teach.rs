@@ -80,7 +80,7 @@ pub(crate) fn run(args: &TeachArgs) -> CliResult {
         if clip.provenance.is_simulated() {
             note!("warning: {input}: simulated points; recordings of your own radar teach more");
         }
-        for warning in memory.teach(name, &says, &clip)? {
+        for warning in memory.teach(name, &says, clip.moving())? {
             note!("warning: {warning}");
         }
     }

@@ -8,7 +8,9 @@
 
 use radarllm_base::stats::{median_upper, quantile_linear};
 use radarllm_base::{Clip, PointFrame, RadarPoint, series::interpolated};
-use radarllm_teach::windows::{N_TRANSFORM, STEP_S, Window, power_spectrum, steps, windows_with};
+use radarllm_teach::windows::{
+    Division, N_TRANSFORM, STEP_S, Window, power_spectrum, steps, windows_with,
+};
 
 /// Points with a larger radial speed count as fast, m/s.
 pub const FAST_MPS: f32 = 0.7;
@@ -22,7 +24,7 @@ pub const N_FEATURES: usize = N_SERIES * N_PER_SERIES;
 /// The windows of a clip with their [`N_FEATURES`] features, in order.
 pub fn windows(clip: &Clip) -> Vec<Window> {
     let height_m = clip.radar_height_m;
-    windows_with(clip, |frames, start_s, length_s| {
+    windows_with(clip, Division::default(), |frames, start_s, length_s| {
         features(frames, start_s, length_s, height_m)
     })
 }

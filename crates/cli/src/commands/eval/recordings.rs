@@ -224,7 +224,7 @@ pub(crate) fn read_recordings(
             let mut run = recording.clone();
             run.clip = clip;
             let clip = describe::prepared(&path.display().to_string(), &run, Detail::All)?;
-            all.extend(parts(config, &activity, &name, clip.into_clip()));
+            all.extend(parts(config, &activity, &name, clip));
         }
     }
     Ok(all)

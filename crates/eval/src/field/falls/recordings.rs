@@ -140,6 +140,7 @@ mod tests {
                 provenance: Provenance::recorded("csv", "x.csv"),
                 clutter: Clutter::Settled,
             },
+            moving: None,
         }
     }
 

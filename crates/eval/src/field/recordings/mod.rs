@@ -247,6 +247,15 @@ pub struct LabelledRecording {
     pub activity: String,
     /// The points, prepared for the model.
     pub clip: Clip,
+    /// The points by which activities are taught (`PreparedClip::moving` of `radarllm-inference`), if they are others.
+    pub moving: Option<Clip>,
+}
+
+impl LabelledRecording {
+    /// The points by which activities are taught and recognised.
+    pub fn moving(&self) -> &Clip {
+        self.moving.as_ref().unwrap_or(&self.clip)
+    }
 }
 
 /// A recording and what was stated about it.
@@ -396,6 +405,7 @@ fn described(
         name,
         activity,
         clip,
+        moving: _,
     } = recording;
     let abstained = description.abstained.is_some();
     row(

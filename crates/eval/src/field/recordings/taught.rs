@@ -42,7 +42,7 @@ pub struct TaughtReport {
 /// Then each activity in turn is left out of the teaching, and its recordings are evaluated.
 ///
 /// `describe` describes a clip without a memory, once for each recording; `recognise` replaces what a description says
-/// about the times in which a taught activity is recognised. Also returns the report of the last draw in which all
+/// about the times in which a taught activity is recognised in [`LabelledRecording::moving`]. Also returns the report of the last draw in which all
 /// activities were taught.
 ///
 /// # Errors
@@ -80,7 +80,7 @@ pub fn evaluate_taught<E: From<EvalError>>(
             let rows = evaluated.map(|(recording, description)| {
                 let mut description = description.clone();
                 if let Some(recogniser) = &recogniser {
-                    recognise(&mut description, &recording.clip, recogniser);
+                    recognise(&mut description, recording.moving(), recogniser);
                 }
                 described(config, recording, &description)
             });
@@ -125,8 +125,10 @@ fn memory<'a>(
         let mut n = 0;
         for recording in drawn {
             // A recording with too few points is refused by `teach`, and a user takes another one.
-            let taught =
-                n < n_examples && memory.teach(&activity.name, says, &recording.clip).is_ok();
+            let taught = n < n_examples
+                && memory
+                    .teach(&activity.name, says, recording.moving())
+                    .is_ok();
             if taught {
                 names.push(recording.name.as_str());
                 n += 1;

@@ -241,6 +241,7 @@ mod tests {
                 provenance: Provenance::recorded("csv", name),
                 clutter: Clutter::Settled,
             },
+            moving: None,
         }
     }
 
