@@ -27,9 +27,10 @@ enum Kind {
     Room,
     Ignore,
     Door,
+    Bed,
 }
 
-/// Reads zones: `[[zone]]` with `name`, `kind` (`room`, `ignore` or `door`) and `polygon_m` (corners to the right of the
+/// Reads zones: `[[zone]]` with `name`, `kind` (`room`, `ignore`, `door` or `bed`) and `polygon_m` (corners to the right of the
 /// radar and away from it, m).
 ///
 /// ```
@@ -49,6 +50,7 @@ pub fn parse(path: &Path, text: &str) -> Result<Zones> {
             Kind::Room => ZoneKind::Room,
             Kind::Ignore => ZoneKind::Ignore,
             Kind::Door => ZoneKind::Door,
+            Kind::Bed => ZoneKind::Bed,
         },
         polygon_m: entry.polygon_m,
     };
@@ -61,5 +63,6 @@ pub(crate) fn kind_name(kind: ZoneKind) -> &'static str {
         ZoneKind::Room => "room",
         ZoneKind::Ignore => "ignore",
         ZoneKind::Door => "door",
+        ZoneKind::Bed => "bed",
     }
 }

@@ -278,8 +278,12 @@ impl FallMonitor {
                     places.any(|(place_m, _)| is_near(*place_m, one.place_m))
                 };
                 let body = self.bodies.entry(one.person);
-                body.or_insert_with(|| Body::new(one.place_m, was_acknowledged()))
-                    .see(now_s, one, floor_m);
+                let body = body.or_insert_with(|| Body::new(one.place_m, was_acknowledged()));
+                body.see(now_s, one, floor_m);
+                // Whoever goes down in a bed has not fallen.
+                if self.zones.is_bed(one.place_m) {
+                    body.high_s = None;
+                }
             } else if let Some(body) = self.bodies.get_mut(&one.person) {
                 // Whoever disappears into an ignored place, such as a bed, has not fallen.
                 body.high_s = None;
@@ -306,6 +310,7 @@ impl FallMonitor {
             && !is_over(at_s, self.now_s, LABEL_AGE_S)
             && is_rested
             && !body.must_rise
+            && !self.zones.is_bed(body.place_m)
             && !self.is_open(person);
         let place_m = body.place_m;
         counts.then(|| self.begin(person, place_m))
@@ -675,14 +680,29 @@ mod tests {
         assert_eq!(scene.frames(&[], 10).len(), 1);
         assert!(scene.monitor.acknowledge(1));
         assert!(scene.frames(&[], 10).is_empty());
-        // Into an ignored place.
-        let bed = rectangle(ZoneKind::Ignore, [-0.5, 2.5], [0.5, 3.5]);
-        let mut scene = Scene::with(vec![bed]);
-        scene.at(1.25, 10);
-        scene.frames(&[], 3);
-        scene.at(0.625, 2);
-        scene.frames(&[person(1, [0.0, 3.0], -0.375)], 5);
-        assert!(scene.frames(&[], 100).is_empty());
+        // Into an ignored place, or into bed.
+        for kind in [ZoneKind::Ignore, ZoneKind::Bed] {
+            let bed = rectangle(kind, [-0.5, 2.5], [0.5, 3.5]);
+            let mut scene = Scene::with(vec![bed]);
+            scene.at(1.25, 10);
+            scene.frames(&[], 3);
+            scene.at(0.625, 2);
+            scene.frames(&[person(1, [0.0, 3.0], -0.375)], 5);
+            assert!(scene.frames(&[], 100).is_empty(), "{kind:?}");
+        }
+    }
+
+    /// The same fall beside a bed, in it, and as the model's word in it.
+    #[test]
+    fn going_down_in_bed_is_no_fall() {
+        for (zone_m, is_fall) in [([1.0, 2.0], true), ([-0.5, 0.5], false)] {
+            let bed = rectangle(ZoneKind::Bed, [zone_m[0], 1.0], [zone_m[1], 3.0]);
+            let mut scene = Scene::with(vec![bed]);
+            scene.at(1.25, 10);
+            scene.frames(&[], 3);
+            assert_eq!(!scene.at(0.25, 10).is_empty(), is_fall, "{zone_m:?}");
+            assert_eq!(scene.monitor.label(1, FALL), None);
+        }
     }
 
     #[test]

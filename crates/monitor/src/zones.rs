@@ -23,6 +23,8 @@ pub enum ZoneKind {
     Ignore,
     /// People leave here. People count here, too.
     Door,
+    /// People lie here, as in a bed or on a sofa: they count, and going down is no fall.
+    Bed,
 }
 
 /// A zone.
@@ -108,12 +110,20 @@ impl Zones {
             return false;
         }
         let has_room = self.0.iter().any(|z| z.kind == ZoneKind::Room);
-        !has_room || self.is_in(ZoneKind::Room, place_m) || self.is_in(ZoneKind::Door, place_m)
+        !has_room
+            || [ZoneKind::Room, ZoneKind::Door, ZoneKind::Bed]
+                .into_iter()
+                .any(|kind| self.is_in(kind, place_m))
     }
 
     /// Whether a place is in a door.
     pub fn is_door(&self, place_m: [f64; 2]) -> bool {
         self.is_in(ZoneKind::Door, place_m)
+    }
+
+    /// Whether people lie at a place without having fallen.
+    pub fn is_bed(&self, place_m: [f64; 2]) -> bool {
+        self.is_in(ZoneKind::Bed, place_m)
     }
 
     fn is_in(&self, kind: ZoneKind, place_m: [f64; 2]) -> bool {
@@ -224,9 +234,12 @@ pub(crate) mod tests {
             rectangle(ZoneKind::Room, [-2.0, 0.0], [2.0, 5.0]),
             rectangle(ZoneKind::Door, [2.0, 2.0], [2.5, 3.0]),
             rectangle(ZoneKind::Ignore, [-2.0, 4.0], [-1.0, 5.0]),
+            rectangle(ZoneKind::Bed, [-4.0, 0.0], [-2.0, 2.0]),
         ])
         .unwrap();
+        assert!(zones.is_bed([-3.0, 1.0]) && !zones.is_bed([0.0, 1.0]));
         for (place, counts) in [
+            ([-3.0, 1.0], true),
             ([0.0, 2.0], true),
             ([2.2, 2.5], true),
             ([-1.5, 4.5], false),

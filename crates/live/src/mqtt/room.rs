@@ -280,10 +280,10 @@ impl Room {
     }
 
     /// The newest sentence of the person whose activity is published, with its provenance. Without one the members about
-    /// it are null, so that no old sentence stays with the broker.
+    /// it are null, so that no old sentence stays with the broker, and none of a room in which nobody is.
     pub(super) fn caption(&self, now: Instant) -> String {
         let origin = &self.about.origin;
-        let chosen = self.chosen(now);
+        let chosen = self.chosen(now).filter(|_| self.is_occupied());
         let what = chosen.map(|one| &one.what);
         let to_ms = chosen.and_then(|one| utc_ms(&one.utc));
         let from_ms = to_ms.zip(what).map(|(to_ms, now)| {
@@ -491,6 +491,7 @@ mod tests {
         );
         room.now(Some(1), "walk");
         assert_eq!(room.activity(), "nobody");
+        assert_eq!(room.caption()["caption"], Value::Null);
         room.present(PresenceState::Present, 2);
         assert_eq!(room.activity(), "walk");
         room.now(Some(1), "juggle");
@@ -616,6 +617,7 @@ mod tests {
     #[test]
     fn what_is_forgotten_is_not_published_again() {
         let mut room = listener(true);
+        room.present(PresenceState::Present, 1);
         room.now(Some(1), "walk");
         assert_eq!(room.caption()["person"], 1);
         room.bus.forget(STAMP.utc_ms, STAMP.utc_ms + 1);
