@@ -8,7 +8,9 @@ use radarllm_measure::Site;
 use radarllm_teach::{Memory, Recogniser};
 
 use crate::{
-    Choices, Model, insert_taught,
+    Choices, Model,
+    gaps::describe_between_gaps,
+    insert_taught,
     measured::{self, Measured},
     taught::insert,
 };
@@ -137,10 +139,7 @@ impl Captioner {
             (!is_known && self.choices.is_none()).then(|| Measured::of(clip, self.site.as_ref()));
         let mut description = match &measured {
             Some(Measured::States(states)) => measured::description(clip, states),
-            _ => {
-                let described = self.model.networks().describe(clip, options);
-                described.map_err(Error::wrap)?
-            }
+            _ => describe_between_gaps(self.model.networks(), clip, options)?,
         };
         match (&self.choices, confidence, measured) {
             (Some(choices), ..) => self.choose(clip, choices, options, &mut description)?,

@@ -15,6 +15,8 @@ use radarllm_measure::{
 };
 use radarllm_tracking::{TrackOptions, track};
 
+use crate::gaps::follows;
+
 /// Time that a fall in the points takes, s, before and after the moment at which it is found.
 const FALL_S: f64 = 1.0;
 
@@ -122,22 +124,8 @@ fn join(times: &mut Vec<[f64; 2]>) {
 
 /// Where people walk who are tracked by their points.
 fn walks_in_points(clip: &Clip) -> Vec<Segment> {
-    let Ok(tracks) = track(&clip.frames, &TrackOptions::default()) else {
-        return Vec::new();
-    };
-    let person = |track: &radarllm_tracking::Track| TrackedPerson {
-        tracker: Tracker::Points,
-        track: track.id,
-        samples: (track.frames.iter())
-            .map(|at| Sample {
-                t_s: clip.frames[at.frame].time_s,
-                place_m: at.place_m.map(|v| v as f32),
-                height_m: None,
-                upward_mps: None,
-            })
-            .collect(),
-    };
-    let people = tracks.iter().map(person);
+    // Nobody is followed through a time without frames.
+    let people = clip.frames.chunk_by(follows).flat_map(people_in_points);
     let site = Site::unlearned(&clip.radar, clip.radar_height_m);
     let mut states: Vec<State> = people
         .filter(|p| p.length_s() >= MIN_TRACKED_S)
@@ -146,6 +134,24 @@ fn walks_in_points(clip: &Clip) -> Vec<Segment> {
         .collect();
     states.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
     segments(&states)
+}
+
+/// The people whom the tracker of this program sees in points.
+fn people_in_points(frames: &[PointFrame]) -> Vec<TrackedPerson> {
+    let tracks = track(frames, &TrackOptions::default()).unwrap_or_default();
+    let person = |track: &radarllm_tracking::Track| TrackedPerson {
+        tracker: Tracker::Points,
+        track: track.id,
+        samples: (track.frames.iter())
+            .map(|at| Sample {
+                t_s: frames[at.frame].time_s,
+                place_m: at.place_m.map(|v| v as f32),
+                height_m: None,
+                upward_mps: None,
+            })
+            .collect(),
+    };
+    tracks.iter().map(person).collect()
 }
 
 /// The falls that points alone show.

@@ -313,6 +313,13 @@ impl Memory {
             .map_err(|e| io(std::io::Error::other(e)))
     }
 
+    /// The activities whose examples are short, or the others.
+    pub(crate) fn of_length(&self, is_short: bool) -> Self {
+        let mut part = self.clone();
+        part.activities.retain(|a| a.is_short() == is_short);
+        part
+    }
+
     /// The memory without one example of an activity.
     pub(crate) fn without_example(&self, name: &str, index: usize) -> Self {
         let mut rest = self.clone();
@@ -352,6 +359,17 @@ impl Memory {
             }
         }
         Ok(())
+    }
+}
+
+/// Examples with at most as many windows in the mean are short: they show single events.
+const SHORT_WINDOWS: usize = 3;
+
+impl Taught {
+    /// Whether the examples are of a few seconds.
+    pub(crate) fn is_short(&self) -> bool {
+        let n_windows: usize = self.examples.iter().map(|e| e.windows.len()).sum();
+        n_windows <= SHORT_WINDOWS * self.examples.len()
     }
 }
 

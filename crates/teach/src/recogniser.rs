@@ -23,7 +23,7 @@
 use radarllm_base::Clip;
 
 use crate::{
-    memory::{Memory, Warning},
+    memory::{Memory, Taught, Warning},
     shape::{N_COURSE, N_FEATURES, divided, mirrored},
     windows::{Division, Window},
 };
@@ -38,10 +38,6 @@ const LIMIT: f64 = 6.0;
 /// mean of all activities.
 const MARGIN: f64 = 5.6;
 
-/// Examples with at most as many windows in the mean are short. The covariance of a few short examples contains each of
-/// them, so that their distances to each other are far smaller than those of any other recording. The limit is then that of
-/// examples that were held out: the distance of each to its own activity as the others teach it.
-const SHORT_WINDOWS: usize = 3;
 /// Weight of the features of the course for short examples. Long ones are compared without them.
 const COURSE_WEIGHT: f64 = 2.0;
 /// Shortest window of a single event, s.
@@ -66,6 +62,12 @@ pub struct Recognised {
 
 /// Compares recordings with the examples of a memory.
 pub struct Recogniser {
+    /// Of activities that go on, then of single events.
+    comparisons: Vec<Comparison>,
+}
+
+/// Compares recordings with examples that are all long or all short.
+struct Comparison {
     mean: Vec<f64>,
     scale: Vec<f64>,
     /// Lower triangle of the Cholesky factor of the shrunk covariance, `[features][features]`.
@@ -95,11 +97,37 @@ struct Nearest<'a> {
 impl Recogniser {
     /// Prepares a memory; `None` if it is empty.
     pub fn new(memory: &Memory) -> Option<Self> {
-        let mut recogniser = Self::of_examples(memory)?;
-        if recogniser.is_short {
-            recogniser.limit = recogniser.limit.max(Self::held_out_distance(memory));
+        let of_length = |is_short| Comparison::new(&memory.of_length(is_short));
+        let comparisons: Vec<Comparison> =
+            [false, true].into_iter().filter_map(of_length).collect();
+        (!comparisons.is_empty()).then_some(Self { comparisons })
+    }
+
+    /// Parts of a clip in which taught activities are recognised, in order of time. An event interrupts what goes on.
+    pub fn recognise(&self, clip: &Clip) -> Vec<Recognised> {
+        let mut parts: Vec<Recognised> = Vec::new();
+        for comparison in &self.comparisons {
+            let found = comparison.recognise(clip);
+            for part in &found {
+                parts = parts.into_iter().flat_map(|p| beside(p, part)).collect();
+            }
+            parts.extend(found);
         }
-        Some(recogniser)
+        parts.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
+        parts
+    }
+}
+
+impl Comparison {
+    /// Prepares examples. The covariance of a few short examples contains each of them, so that their distances to each
+    /// other are far smaller than those of any other recording. Their limit is that of examples that were held out: the
+    /// distance of each to its own activity as the others teach it.
+    fn new(memory: &Memory) -> Option<Self> {
+        let mut comparison = Self::of_examples(memory)?;
+        if comparison.is_short {
+            comparison.limit = comparison.limit.max(Self::held_out_distance(memory));
+        }
+        Some(comparison)
     }
 
     /// Distance of an example to its own activity, as the other examples teach it: the largest one of each activity, in the
@@ -119,7 +147,7 @@ impl Recogniser {
         largest.iter().sum::<f64>() / largest.len().max(1) as f64
     }
 
-    /// The recogniser with the limit that follows from the distances of the examples to each other.
+    /// The comparison with the limit that follows from the distances of the examples to each other.
     fn of_examples(memory: &Memory) -> Option<Self> {
         let taught = memory.activities();
         let all: Vec<&Vec<f32>> = taught
@@ -135,7 +163,7 @@ impl Recogniser {
             .flat_map(|a| &a.examples)
             .map(|e| e.seconds)
             .collect();
-        let is_short = all.len() <= SHORT_WINDOWS * seconds.len();
+        let is_short = taught.iter().all(Taught::is_short);
         let mut division = Division::default();
         if is_short {
             let middle = seconds.len() / 2;
@@ -167,7 +195,7 @@ impl Recogniser {
         }
         let n = all.len() * if is_short { 1 } else { 2 };
         covariance.iter_mut().for_each(|v| *v /= n as f64);
-        let mut recogniser = Self {
+        let mut comparison = Self {
             factor: cholesky(&shrunk(covariance, n_features), n_features),
             mean,
             scale,
@@ -182,11 +210,11 @@ impl Recogniser {
             examples: a
                 .examples
                 .iter()
-                .map(|e| recogniser.mean_of(&e.windows))
+                .map(|e| comparison.mean_of(&e.windows))
                 .collect(),
         });
-        recogniser.activities = known.collect();
-        let spreads: Vec<f64> = recogniser
+        comparison.activities = known.collect();
+        let spreads: Vec<f64> = comparison
             .activities
             .iter()
             .filter_map(Known::spread)
@@ -194,22 +222,22 @@ impl Recogniser {
         // Single examples have no spread of their own: that of their windows stands for it.
         let of_windows = || {
             let distance = |w: &&Vec<f32>| {
-                recogniser
-                    .nearest(&recogniser.mean_of(&[(*w).clone()]))
+                comparison
+                    .nearest(&comparison.mean_of(&[(*w).clone()]))
                     .map_or(0.0, |n| n.distance)
             };
             all.iter().map(distance).sum::<f64>() / all.len() as f64
         };
-        recogniser.limit = MARGIN
+        comparison.limit = MARGIN
             * match spreads.is_empty() {
                 true => of_windows(),
                 false => spreads.iter().sum::<f64>() / spreads.len() as f64,
             };
-        Some(recogniser)
+        Some(comparison)
     }
 
-    /// Parts of a prepared clip in which taught activities are recognised, in order of time.
-    pub fn recognise(&self, clip: &Clip) -> Vec<Recognised> {
+    /// Parts of a clip in which the activities are recognised, in order of time.
+    fn recognise(&self, clip: &Clip) -> Vec<Recognised> {
         let windows = divided(clip, self.division);
         match self.is_short {
             true => self.events(&windows),
@@ -343,12 +371,14 @@ impl Memory {
                 if taught.examples.len() < 2 {
                     continue;
                 }
-                let without = self.without_example(&taught.name, i);
-                let Some(recogniser) = Recogniser::of_examples(&without) else {
+                let without = self
+                    .of_length(taught.is_short())
+                    .without_example(&taught.name, i);
+                let Some(comparison) = Comparison::of_examples(&without) else {
                     continue;
                 };
-                let mean = recogniser.mean_of(&example.windows);
-                if let Some(nearest) = recogniser.nearest(&mean)
+                let mean = comparison.mean_of(&example.windows);
+                if let Some(nearest) = comparison.nearest(&mean)
                     && nearest.known.name != taught.name
                 {
                     found.push(Warning::Contradiction {
@@ -372,6 +402,22 @@ fn append(parts: &mut Vec<Recognised>, part: Recognised) {
         }
         _ => parts.push(part),
     }
+}
+
+/// What is left of a part beside another one.
+fn beside(part: Recognised, other: &Recognised) -> Vec<Recognised> {
+    if other.end_s <= part.start_s || part.end_s <= other.start_s {
+        return vec![part];
+    }
+    let rest = [(part.start_s, other.start_s), (other.end_s, part.end_s)];
+    rest.into_iter()
+        .filter(|(start_s, end_s)| start_s < end_s)
+        .map(|(start_s, end_s)| Recognised {
+            start_s,
+            end_s,
+            ..part.clone()
+        })
+        .collect()
 }
 
 /// The part of the time that belongs to a window: around its middle, up to the middles of its neighbours; the first and
@@ -483,24 +529,24 @@ fn cholesky(matrix: &[f64], n: usize) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use radarllm_base::{Clutter, PointFrame, RadarPoint};
+    use radarllm_base::{Clutter, PointFrame, RadarPoint, seed::derive_seed};
 
     use super::*;
 
     /// Two seconds and a half of somebody who goes up and down, or to and fro, with scattered points.
     fn short(goes_up: bool, seed: u32) -> Clip {
-        let mut state = seed.wrapping_mul(2_654_435_761).wrapping_add(1);
+        let mut state = (derive_seed(seed.into(), "points") >> 32) as u32;
         let mut noise = || {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             (state >> 8) as f32 / (1 << 24) as f32 - 0.5
         };
         let mut frame = |i: u32| {
-            let wave = (i as f32 * 0.5 + 0.3 * seed as f32).sin();
+            let wave = (i as f32 * 0.5 + 0.3 * (seed % 3) as f32).sin();
             let [x, z] = if goes_up { [0.0, wave] } else { [wave, 0.0] };
             let point = |_| RadarPoint {
-                x_m: 0.4 * x + 0.4 * noise(),
+                x_m: 0.4 * x + 0.2 * noise(),
                 y_m: 2.0 + 0.4 * noise(),
-                z_m: 0.4 * z + 0.4 * noise(),
+                z_m: 0.4 * z + 0.2 * noise(),
                 range_m: 2.0 + 0.4 * noise(),
                 velocity_mps: noise(),
                 intensity_db: 10.0,
@@ -534,8 +580,8 @@ mod tests {
                 .unwrap();
         }
         let recogniser = Recogniser::new(&memory).unwrap();
-        let by_examples = Recogniser::of_examples(&memory).unwrap();
-        assert!(recogniser.limit > by_examples.limit);
+        let by_examples = Comparison::of_examples(&memory).unwrap();
+        assert!(recogniser.comparisons[0].limit > by_examples.limit);
         let mut n_right = 0;
         for seed in 10..20 {
             for (goes_up, name) in [(true, "up"), (false, "across")] {
@@ -546,5 +592,60 @@ mod tests {
             }
         }
         assert!(n_right >= 10, "{n_right} of 20");
+    }
+
+    /// Somebody who rocks for a long time, with an event of two seconds and a half in it.
+    #[test]
+    fn events_are_recognised_within_what_goes_on() {
+        let rocking = |rate_hz: f32, seconds: u32| {
+            let frame = |i: u32| {
+                let z_m = 0.3 * (std::f32::consts::TAU * rate_hz * i as f32 / 10.0).sin();
+                let point = RadarPoint {
+                    y_m: 2.0,
+                    z_m,
+                    range_m: 2.0,
+                    ..RadarPoint::default()
+                };
+                PointFrame {
+                    points: vec![point; 5],
+                    ..PointFrame::default()
+                }
+            };
+            (0..10 * seconds).map(frame).collect::<Vec<PointFrame>>()
+        };
+        let mut memory = Memory::default();
+        for (seed, rate_hz) in [(0, 0.48), (1, 0.5), (2, 0.52)] {
+            for (name, rate_hz) in [("rocking", rate_hz), ("shaking", 4.0 * rate_hz)] {
+                let long = joined(rocking(rate_hz, 12));
+                memory.teach(name, "a person rocks", &long).unwrap();
+            }
+            for (name, goes_up) in [("up", true), ("across", false)] {
+                let short = short(goes_up, seed);
+                memory.teach(name, "a person squats", &short).unwrap();
+            }
+        }
+        let recogniser = Recogniser::new(&memory).unwrap();
+        assert_eq!(recogniser.comparisons.len(), 2);
+        let mut frames = rocking(0.51, 40);
+        frames.extend(short(true, 1).frames);
+        frames.extend(rocking(0.51, 40));
+        let found = recogniser.recognise(&joined(frames));
+        let names: Vec<&str> = found.iter().map(|part| part.name.as_str()).collect();
+        assert_eq!(names, ["rocking", "up", "rocking"], "{found:?}");
+        assert!((found[1].start_s - 40.0).abs() < 0.6, "{found:?}");
+        assert!(
+            found
+                .windows(2)
+                .all(|pair| pair[0].end_s <= pair[1].start_s)
+        );
+    }
+
+    /// Frames as one recording at 10 frames/s.
+    fn joined(mut frames: Vec<PointFrame>) -> Clip {
+        for (i, frame) in frames.iter_mut().enumerate() {
+            frame.frame = i as u32;
+            frame.time_s = i as f64 / 10.0;
+        }
+        short(true, 0).with_frames(frames)
     }
 }

@@ -189,6 +189,16 @@ pub(crate) fn prepared(
     if let Some(clutter) = prepared.removed_static {
         note!("{input}: {clutter} and are removed as clutter (--min-speed 0 keeps them)");
     }
+    let gaps = radarllm::gaps(&prepared.clip);
+    if let Some([from_s, to_s]) = gaps.first() {
+        let others = match gaps.len() {
+            1 => String::new(),
+            n => format!(", and {} more times of more than 2 s", n - 1),
+        };
+        note!(
+            "{mark}{input}: no frames from {from_s:.1} s to {to_s:.1} s{others}; nothing is said of them"
+        );
+    }
     Ok(prepared.clip)
 }
 
