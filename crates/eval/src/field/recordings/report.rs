@@ -23,8 +23,8 @@ pub fn markdown(report: &RecordingsReport, beam: Option<usize>, config: &str) ->
     });
     let mut page = format!(
         "Model {}, {}, configuration {config}, radar {} m above the floor, {role}. **{} of {} recordings ({:.1} %) \
-         are described right.** A recording is described right if its sentences state the activity at least half of the \
-         time and no other action as long.{with_side}\n\n{}\n\
+         are described right.** A recording is described right if its sentences state the activity for half of the \
+         time or longer, and no other action as long.{with_side}\n\n{}\n\
          Recordings (row) by what their sentences state (column):\n\n{}\n\
          False falls: {} in {:.2} h of recordings without a fall ({}).\n",
         report.model,
