@@ -58,7 +58,7 @@ function makeLanes(box, choose) {
       element("p", "small dim", ...key, element("span", "key walk", "walks or runs"), element("span", "key other", "another activity"), element("span", "key fall", "fall")));
     const present_min = Math.round(presence.reduce((sum, s) => sum + s.end_ms - Math.max(s.start_ms, range.from), 0) / 60000);
     const n_falls = falls.filter(f => f.is_confirmed).length;
-    box.setAttribute("aria-label", `From ${clock(range.from)} to ${clock(range.to)}: somebody there for ${present_min} min, ${n_falls} ${n_falls === 1 ? "fall" : "falls"} confirmed.`);
+    box.ariaLabel = `From ${clock(range.from)} to ${clock(range.to)}: somebody there for ${present_min} min, ${n_falls} ${n_falls === 1 ? "fall" : "falls"} confirmed.`;
     box.hidden = false;
   }
 

@@ -326,6 +326,7 @@ fn sentences_come_at_most_once_a_second_and_the_last_one_comes() {
     let (broker, bus) = (Broker::start(), bus());
     let _publisher = Publisher::start(options(&broker), Arc::clone(&bus)).unwrap();
     wait_for_member(&broker, CAPTION, "caption", Value::Null);
+    publish(&bus, presence(1));
     let began = Instant::now();
     for i in 0..50 {
         publish(&bus, now(&format!("sentence {i}"), "walk"));
