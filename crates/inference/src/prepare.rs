@@ -184,25 +184,35 @@ pub fn prepare_for_model(
 
 /// Whether [`prepare_for_model`] would change the frames of the clip.
 fn needs_preparation(clip: &Clip) -> bool {
-    is_other_rate(clip.frame_rate_hz)
-        || (removes_static(clip) && clip.static_clutter().is_some())
-        || with_speed(clip).is_some()
+    is_other_rate(clip.frame_rate_hz) || is_parted(clip)
 }
 
-/// The clip without the points whose speed is exactly zero; `None` if that is the clip that the model reads.
-fn with_speed(clip: &Clip) -> Option<Clip> {
+fn is_moving(point: &RadarPoint) -> bool {
+    point.velocity_mps != 0.0
+}
+
+/// Whether the points that the model reads differ from those of [`PreparedClip::moving`] or from all points.
+fn is_parted(clip: &Clip) -> bool {
     let points = || clip.frames.iter().flat_map(|f| &f.points);
-    let is_moving = |p: &RadarPoint| p.velocity_mps != 0.0;
-    let loses_slow_points = || !points().all(is_moving) || clip.static_clutter().is_some();
-    if !removes_static(clip) || !points().any(is_moving) || !loses_slow_points() {
+    let has_both = || points().any(is_moving) && !points().all(is_moving);
+    removes_static(clip) && (has_both() || clip.static_clutter().is_some())
+}
+
+/// The clip without the points whose speed is exactly zero; `None` if that is the clip that the model reads, or if no point
+/// has a speed.
+fn with_speed(clip: &Clip) -> Option<Clip> {
+    let mut points = clip.frames.iter().flat_map(|f| &f.points);
+    if !is_parted(clip) || !points.any(is_moving) {
         return None;
     }
-    let mut moving = clip.clone();
-    moving.clutter = Clutter::Settled;
-    for frame in &mut moving.frames {
-        frame.points.retain(is_moving);
-    }
-    Some(moving)
+    let frame = |frame: &PointFrame| {
+        let points = frame.points.iter().filter(|p| is_moving(p));
+        frame.with_points(points.copied().collect())
+    };
+    Some(Clip {
+        clutter: Clutter::Settled,
+        ..clip.with_frames(clip.frames.iter().map(frame).collect())
+    })
 }
 
 fn removes_static(clip: &Clip) -> bool {

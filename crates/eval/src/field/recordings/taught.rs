@@ -42,8 +42,8 @@ pub struct TaughtReport {
 /// Then each activity in turn is left out of the teaching, and its recordings are evaluated.
 ///
 /// `describe` describes a clip without a memory, once for each recording; `recognise` replaces what a description says
-/// about the times in which a taught activity is recognised in [`LabelledRecording::moving`]. Also returns the report of the last draw in which all
-/// activities were taught.
+/// about the times in which a taught activity is recognised in [`LabelledRecording::moving`]. Also returns the report of the
+/// last draw in which all activities were taught.
 ///
 /// # Errors
 /// An activity without a sentence, no draws, simulated points, or an error of `describe`.
