@@ -3,7 +3,7 @@
 use crate::{
     action::{Action, Facts, Subject},
     attributes,
-    lexicon::{MAX_GAP, idioms, patterns},
+    lexicon::{idioms, stating},
     words::{Word, words},
 };
 
@@ -230,18 +230,16 @@ fn clause(text: &str) -> Clause {
         // First and last word of each action, and its name.
         let mut found: Vec<(usize, usize, &'static str)> = Vec::new();
         let mut used = vec![false; words.len()];
-        for idiom in idioms() {
-            while let Some(at) = find(&texts, &used, idiom) {
+        for idiom in idioms().candidates(&texts) {
+            while let Some(at) = idiom.find(&texts, &used) {
                 at.iter().for_each(|i| used[*i] = true);
             }
         }
-        for pattern in patterns() {
-            let wanted = match pattern.words.strip_prefix('?') {
-                Some(_) if !found.is_empty() => continue,
-                Some(wanted) => wanted,
-                None => pattern.words,
-            };
-            while let Some(at) = find(&texts, &used, wanted) {
+        for pattern in stating().candidates(&texts) {
+            if pattern.only_alone && !found.is_empty() {
+                continue;
+            }
+            while let Some(at) = pattern.find(&texts, &used) {
                 at.iter().for_each(|i| used[*i] = true);
                 let end = at.last().copied().unwrap_or_default();
                 found.push((at[0], end, pattern.action));
@@ -347,36 +345,6 @@ impl Clause {
             false => format!("a person {predicate}"),
         }
     }
-}
-
-/// Positions of the words of a pattern among the unused words of a clause.
-fn find(words: &[&str], used: &[bool], pattern: &str) -> Option<Vec<usize>> {
-    let pattern: Vec<&str> = pattern.split(' ').collect();
-    (0..words.len()).find_map(|start| {
-        let mut at = Vec::with_capacity(pattern.len());
-        let mut next = start..start + 1;
-        for word in &pattern {
-            let (word, adjacent) = match word.strip_prefix('+') {
-                Some(word) => (word, true),
-                None => (*word, false),
-            };
-            if adjacent {
-                next.end = next.end.min(next.start + 1);
-            }
-            let end = next.end.min(words.len());
-            let found = (next.start..end).find(|i| !used[*i] && matches(words[*i], word))?;
-            at.push(found);
-            next = found + 1..found + 2 + MAX_GAP;
-        }
-        Some(at)
-    })
-}
-
-fn matches(word: &str, alternatives: &str) -> bool {
-    alternatives.split('|').any(|a| match a.strip_suffix('*') {
-        Some(start) => word.starts_with(start),
-        None => word == a,
-    })
 }
 
 #[cfg(test)]
