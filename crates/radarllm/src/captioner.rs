@@ -139,7 +139,13 @@ impl Captioner {
             (!is_known && self.choices.is_none()).then(|| Measured::of(clip, self.site.as_ref()));
         let mut description = match &measured {
             Some(Measured::States(states)) => measured::description(clip, states),
-            _ => describe_between_gaps(self.model.networks(), clip, options)?,
+            _ => {
+                let options = DescribeOptions {
+                    only_guesses: options.only_guesses || measured.is_some(),
+                    ..*options
+                };
+                describe_between_gaps(self.model.networks(), clip, &options)?
+            }
         };
         match (&self.choices, confidence, measured) {
             (Some(choices), ..) => self.choose(clip, choices, options, &mut description)?,

@@ -153,11 +153,8 @@ impl RecordedConfidence {
                 segment.guess = Some(guess);
             }
             match stated.last_mut() {
-                Some(last)
-                    if last.guess.is_some()
-                        && last.caption == segment.caption
-                        && last.end_s == segment.start_s =>
-                {
+                Some(last) if let Some(caption) = of_both(&clip.frames, last, &segment) => {
+                    last.caption = caption;
                     // The guess of the longer part stands for both.
                     let (first_s, second_s) =
                         (last.end_s - last.start_s, segment.end_s - segment.start_s);
@@ -175,11 +172,34 @@ impl RecordedConfidence {
     }
 }
 
+/// The sentence about the points of two guesses, one after the other, if they are of one thing: what is seen of each is the
+/// same, or one is too short to show more than somebody, and both together show what the other does.
+fn of_both(frames: &[PointFrame], first: &Segment, second: &Segment) -> Option<String> {
+    let are_guesses = first.guess.is_some() && second.guess.is_some();
+    if !are_guesses || first.end_s != second.start_s {
+        return None;
+    }
+    let stronger = match (first.caption.as_str(), second.caption.as_str()) {
+        (a, b) if a == b || b == SOMEBODY => a,
+        (SOMEBODY, b) => b,
+        _ => return None,
+    };
+    // What was done more than a minute before says little of now.
+    let start_s = first.start_s.max(first.end_s - 60.0);
+    let is_shown =
+        first.caption == second.caption || visible(frames, start_s, second.end_s) == stronger;
+    is_shown.then(|| stronger.into())
+}
+
+/// What is said of somebody who is seen for too short a time to say more.
+const SOMEBODY: &str = "a person is there";
+
 /// What the points of a time show of any motion.
 fn visible(frames: &[PointFrame], start_s: f64, end_s: f64) -> &'static str {
-    let inside = |f: &&PointFrame| (start_s..end_s).contains(&f.time_s);
+    let begins = |t_s: f64| frames.partition_point(|frame| frame.time_s < t_s);
+    let (first, end) = (begins(start_s), begins(end_s));
     let mut seconds: Vec<Vec<[f32; 2]>> = Vec::new();
-    for frame in frames.iter().filter(inside) {
+    for frame in frames.get(first..end).unwrap_or_default() {
         let second = (frame.time_s - start_s) as usize;
         while seconds.len() <= second {
             seconds.push(Vec::new());
@@ -198,7 +218,7 @@ fn visible(frames: &[PointFrame], start_s: f64, end_s: f64) -> &'static str {
     };
     match extent(0).hypot(extent(1)) > ABOUT_M {
         // Of a shorter time it cannot be said where somebody goes.
-        _ if places.len() < MIN_PLACES => "a person is there",
+        _ if places.len() < MIN_PLACES => SOMEBODY,
         true => "a person moves about",
         false => "a person moves on the spot",
     }
@@ -301,6 +321,24 @@ mod tests {
             description.segments[0].guess.as_deref(),
             Some("a person squats 0")
         );
+    }
+
+    #[test]
+    fn a_time_too_short_to_say_where_somebody_moves_joins_what_is_around_it() {
+        let confidence = RecordedConfidence::from_toml(FILE).unwrap();
+        let mut description = described(&[0.3; 3]);
+        for (segment, [start_s, end_s]) in
+            (description.segments.iter_mut()).zip([[0.0, 4.0], [4.0, 5.0], [5.0, 10.0]])
+        {
+            (segment.start_s, segment.end_s) = (start_s, end_s);
+        }
+        confidence.apply(&clip(0.0, "recorded:uart:x"), false, &mut description);
+        let [all] = &description.segments[..] else {
+            panic!("{description:?}")
+        };
+        assert_eq!(all.caption, "a person moves on the spot");
+        assert_eq!((all.start_s, all.end_s), (0.0, 10.0));
+        assert_eq!(all.guess.as_deref(), Some("a person squats 2"));
     }
 
     #[test]

@@ -5,25 +5,31 @@ use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use radarllm_base::{Clip, PointFrame};
+use radarllm_base::PointFrame;
 use radarllm_engine::{Precision, Watch, search};
 use serde::Serialize;
 
 use super::card::Learned;
-use super::consensus::{self, Reading, WindowReadings};
+use super::consensus::WindowReadings;
 use super::ensemble::{Ensemble, Member, Sentence, open_members};
 use super::person_gate::{median_points, points_stay_together};
 use super::templates::Task;
 use super::vocab::Vocab;
+use super::windows::{Captions, Plan, Span, WindowCaption, Windows, time_s};
 use super::{
     Allowed, GenerateOptions, Generated, InputError, Instruction, LmError, Source, Unlearned,
 };
 use crate::backend::{Backend, LoadBackend, load_engine};
-use crate::prepare::{FRAME_RATE_HZ, PreparedClip};
+use crate::prepare::PreparedClip;
 use crate::tokenizer::{Encoded, FRAMES_PER_CODE, MAX_FRAMES};
 
 /// The sentences of this many windows before and after a window are readings of it.
 const N_NEAR: usize = 7;
+/// Windows that begin more than this number of frames before or after a window are not near it.
+const NEAR_FRAMES: usize = 600;
+
+/// Windows that the networks read at once. More of them would only take more memory.
+const BATCH_WINDOWS: usize = 64;
 
 /// Sentences that each model of an ensemble draws for a window, to vote for what is stated.
 pub const N_DRAWS: usize = 16;
@@ -47,6 +53,9 @@ pub struct DescribeOptions {
     pub min_median_points: usize,
     /// Clips with fewer frames are too short to describe.
     pub min_frames: usize,
+    /// Whether the sentences are guesses about a board that the model did not learn. A long recording is then described in no
+    /// more windows than show when somebody is there.
+    pub only_guesses: bool,
 }
 
 impl Default for DescribeOptions {
@@ -55,6 +64,7 @@ impl Default for DescribeOptions {
             beam: None,
             min_median_points: 8,
             min_frames: 8,
+            only_guesses: false,
         }
     }
 }
@@ -249,7 +259,8 @@ impl Captioner {
     /// Describes a clip of any length.
     ///
     /// A clip of at most 96 frames is described as a whole. A longer one is described in overlapping windows, whose sentences vote
-    /// for what is stated about each 2 s; its caption summarises the segments.
+    /// for what is stated about each 2 s; its caption summarises the segments. A clip of more than two minutes is described in
+    /// few windows where all of them say the same.
     ///
     /// # Errors
     /// What the networks refuse.
@@ -258,64 +269,63 @@ impl Captioner {
         clip: &PreparedClip,
         options: &DescribeOptions,
     ) -> Result<Description, LmError> {
-        search::unwatched(|watch| self.describe_watched(clip, options, watch))
+        let windows = Windows::of(clip, options);
+        search::unwatched(|watch| self.described(&windows, options, watch))
     }
 
-    fn describe_watched(
+    /// Describes the windows of a clip, and combines their captions.
+    fn described(
         &self,
-        clip: &PreparedClip,
+        windows: &Windows,
         options: &DescribeOptions,
         watch: &mut Watch,
     ) -> Result<Description, LmError> {
-        let windows = Windows::of(clip, options);
-        let results = self.caption_windows(&windows.usable(), options, watch)?;
-        self.description(&windows, &results)
-    }
-
-    /// Combines the captions of the windows of a clip.
-    fn description(
-        &self,
-        windows: &Windows,
-        results: &[WindowCaption],
-    ) -> Result<Description, LmError> {
-        let readings = match windows.is_whole() {
-            true => Vec::new(),
-            false => self.readings(windows, results)?,
-        };
-        Ok(windows.describe(results, &readings))
-    }
-
-    /// The readings of every window: its sentence, and the clauses of all sentences of the windows near it, with the
-    /// probabilities that the model gives them.
-    fn readings(
-        &self,
-        windows: &Windows,
-        results: &[WindowCaption],
-    ) -> Result<Vec<WindowReadings>, LmError> {
-        let clauses_of = |result: &WindowCaption| -> Vec<String> {
-            let clauses = radarllm_facts::parse(&result.sentence.text);
-            let stating = clauses.iter().filter(|c| !c.text.is_empty());
-            stating.map(|c| c.sentence()).collect()
-        };
-        let clauses: Vec<Vec<String>> = results.iter().map(clauses_of).collect();
-        let mut all = Vec::with_capacity(results.len());
-        for (i, (result, &(start, end))) in results.iter().zip(&windows.spans).enumerate() {
-            let near = i.saturating_sub(N_NEAR)..(i + N_NEAR + 1).min(results.len());
-            let texts: BTreeSet<&String> = clauses[near]
-                .iter()
-                .flatten()
-                .chain([&result.sentence.text])
-                .collect();
-            let texts: Vec<&String> = texts.into_iter().collect();
-            let probabilities = self.ensemble.probabilities(&result.radar, &texts)?;
-            let readings = texts.iter().zip(probabilities);
-            all.push(WindowReadings {
-                start,
-                end,
-                readings: readings.map(|(text, p)| Reading::new(text, p)).collect(),
-            });
+        if windows.is_whole() {
+            let results = self.caption_windows(windows, windows.spans(), options, watch)?;
+            return Ok(windows.describe(results, &[]));
         }
-        Ok(all)
+        let mut captions = Captions::default();
+        let mut plan = Plan::new(windows, options);
+        while let Some(spans) = plan.next(&captions.all) {
+            for spans in spans.chunks(BATCH_WINDOWS) {
+                captions.add(self.caption_windows(windows, spans, options, watch)?);
+            }
+            self.read(&mut captions, plan.complete_before())?;
+        }
+        self.read(&mut captions, usize::MAX)?;
+        Ok(windows.describe(captions.all, &captions.readings))
+    }
+
+    /// Adds the readings of the windows that begin long enough before `complete_before` that all windows near them are
+    /// described: its sentence, and the clauses of all sentences of the windows near it, with the probabilities that the model
+    /// gives them. What the networks read of these windows is not needed any more.
+    fn read(&self, captions: &mut Captions, complete_before: usize) -> Result<(), LmError> {
+        let Captions {
+            all,
+            readings,
+            sentences,
+        } = captions;
+        let is_ready = |w: &WindowCaption| w.span.0.saturating_add(NEAR_FRAMES) < complete_before;
+        let n_ready = all.partition_point(is_ready);
+        for i in readings.len()..n_ready {
+            let near = i.saturating_sub(N_NEAR)..(i + N_NEAR + 1).min(all.len());
+            let is_near = |w: &&WindowCaption| w.span.0.abs_diff(all[i].span.0) <= NEAR_FRAMES;
+            let clauses = all[near].iter().filter(is_near).flat_map(|w| &w.clauses);
+            let own = &all[i].sentence.text;
+            let texts: BTreeSet<&String> = clauses.chain([own]).collect();
+            let texts: Vec<&String> = texts.into_iter().collect();
+            let probabilities = self.ensemble.probabilities(&all[i].radar, &texts)?;
+            let of_window = texts.iter().zip(probabilities);
+            readings.push(WindowReadings {
+                start: all[i].span.0,
+                end: all[i].span.1,
+                readings: of_window
+                    .map(|(text, p)| sentences.reading(text, p))
+                    .collect(),
+            });
+            all[i].radar = Vec::new();
+        }
+        Ok(())
     }
 
     /// Describes many clips in one batch, which is faster than one by one. Clips are independent of one another.
@@ -328,15 +338,28 @@ impl Captioner {
         options: &DescribeOptions,
     ) -> Result<Vec<Description>, LmError> {
         let all: Vec<Windows> = clips.iter().map(|c| Windows::of(c, options)).collect();
-        let usable: Vec<_> = all.iter().flat_map(Windows::usable).collect();
-        let results = search::unwatched(|watch| self.caption_windows(&usable, options, watch))?;
-        let mut rest = results.as_slice();
-        let describe = |windows: &Windows| {
-            let (own, others) = rest.split_at(windows.spans.len());
-            rest = others;
-            self.description(windows, own)
-        };
-        all.iter().map(describe).collect()
+        let whole = || all.iter().filter(|windows| windows.is_whole());
+        let usable: Vec<_> = whole()
+            .flat_map(|windows| windows.frames_of(windows.spans()))
+            .collect();
+        search::unwatched(|watch| {
+            let mut results = Vec::with_capacity(usable.len());
+            for batch in usable.chunks(BATCH_WINDOWS) {
+                results.extend(self.caption_frames(batch, options, watch)?);
+            }
+            let mut results = results.into_iter();
+            let mut describe = |windows: &Windows| match windows.is_whole() {
+                true => {
+                    let spans = windows.spans().iter().zip(results.by_ref());
+                    let own = spans.map(|(span, (radar, sentence))| {
+                        WindowCaption::new(*span, radar, sentence)
+                    });
+                    Ok(windows.describe(own.collect(), &[]))
+                }
+                false => self.described(windows, options, watch),
+            };
+            all.iter().map(&mut describe).collect()
+        })
     }
 
     /// Returns the radar tokens of all windows of a clip, one per 0.4 s. Windows without a person have tokens too.
@@ -382,7 +405,7 @@ impl Captioner {
             }
         };
         let mut ids = Vec::new();
-        let results = {
+        let described = {
             let mut watch = Watch {
                 on_token: &mut |_, id| {
                     if windows.is_whole() {
@@ -393,13 +416,12 @@ impl Captioner {
                 },
                 cancel: &cancel,
             };
-            self.caption_windows(&windows.usable(), options, &mut watch)
+            self.described(&windows, options, &mut watch)
         };
-        let results = match results {
+        let description = match described {
             Err(e) if e.is_cancelled() => return Ok(None),
-            results => results?,
+            described => described?,
         };
-        let description = self.description(&windows, &results)?;
         send(&description.caption, &mut sent);
         Ok((!cancel.load(Ordering::Relaxed)).then_some(description))
     }
@@ -437,7 +459,6 @@ impl Captioner {
         let task = instruction.task();
         self.require(task, !instruction.is_of_pretraining())?;
         let model = self.ensemble.first();
-        let times = Windows::of(clip, options);
         let has_person = |window: &[PointFrame]| {
             window.len() >= options.min_frames.max(1)
                 && (median_points(window) >= options.min_median_points
@@ -471,8 +492,8 @@ impl Captioner {
         for window in windows {
             let end = start + window.len();
             let mut part = AnswerPart {
-                start_s: times.time_s(start),
-                end_s: times.time_s(end),
+                start_s: time_s(clip, start),
+                end_s: time_s(clip, end),
                 text: NO_PERSON.into(),
                 codes: Vec::new(),
                 confidence: 0.0,
@@ -540,28 +561,44 @@ impl Captioner {
         options: &DescribeOptions,
     ) -> Result<Vec<Vec<f32>>, LmError> {
         let windows = Windows::of(clip, options);
-        let encoded = self.ensemble.encode(&windows.usable())?;
-        let log_probs = |radar: &Vec<Encoded>| self.ensemble.mean_log_probs(radar, texts);
-        encoded.iter().map(log_probs).collect()
+        let mut all = Vec::with_capacity(windows.spans().len());
+        for spans in windows.spans().chunks(BATCH_WINDOWS) {
+            for radar in self.ensemble.encode(&windows.frames_of(spans))? {
+                all.push(self.ensemble.mean_log_probs(&radar, texts)?);
+            }
+        }
+        Ok(all)
     }
 
-    /// Describes each window.
+    /// Describes windows of a clip.
     fn caption_windows(
+        &self,
+        windows: &Windows,
+        spans: &[Span],
+        options: &DescribeOptions,
+        watch: &mut Watch,
+    ) -> Result<Vec<WindowCaption>, LmError> {
+        let captions = self.caption_frames(&windows.frames_of(spans), options, watch)?;
+        let captions = spans.iter().zip(captions);
+        Ok(captions
+            .map(|(span, (radar, sentence))| WindowCaption::new(*span, radar, sentence))
+            .collect())
+    }
+
+    /// The codes of each window by each member, and its sentence.
+    fn caption_frames(
         &self,
         windows: &[(&[PointFrame], f32)],
         options: &DescribeOptions,
         watch: &mut Watch,
-    ) -> Result<Vec<WindowCaption>, LmError> {
+    ) -> Result<Vec<(Vec<Encoded>, Sentence)>, LmError> {
         let encoded = self.ensemble.encode(windows)?;
         let (ensemble, generating) = (&self.ensemble, options.generate());
         let sentences = match options.beam {
             Some(_) => ensemble.sentences(&encoded, &generating, watch)?,
             None => ensemble.voted(&encoded, N_DRAWS, &generating, watch.cancel)?,
         };
-        let captions = encoded.into_iter().zip(sentences);
-        Ok(captions
-            .map(|(radar, sentence)| WindowCaption { radar, sentence })
-            .collect())
+        Ok(encoded.into_iter().zip(sentences).collect())
     }
 }
 
@@ -574,139 +611,6 @@ fn codes_of(vocab: &Vocab, ids: &[u32]) -> Vec<u32> {
 /// Returns the text of unfinished tokens without its last word, which may still grow.
 fn without_last_word(text: &str) -> &str {
     text.rsplit_once(' ').map_or("", |(before, _)| before)
-}
-
-/// What the networks made of one window.
-struct WindowCaption {
-    /// Codes and features by each member of the ensemble.
-    radar: Vec<Encoded>,
-    sentence: Sentence,
-}
-
-impl WindowCaption {
-    /// Codes by the first member.
-    fn codes(&self) -> &[u32] {
-        self.radar.first().map_or(&[], |radar| &radar.codes)
-    }
-}
-
-/// The windows of a prepared clip that may show a person.
-struct Windows<'a> {
-    clip: &'a Clip,
-    /// First frame of each window, and the frame after its last one.
-    spans: Vec<(usize, usize)>,
-    abstained: Option<Abstained>,
-}
-
-impl<'a> Windows<'a> {
-    /// Cuts a prepared clip: a clip of at most [`MAX_FRAMES`] is one window, a longer one has overlapping windows.
-    fn of(clip: &'a Clip, options: &DescribeOptions) -> Self {
-        let (found, min) = (clip.frames.len(), options.min_frames.max(1));
-        let mut windows = Self {
-            clip,
-            spans: Vec::new(),
-            abstained: None,
-        };
-        if found < min {
-            windows.abstained = Some(Abstained::TooFewFrames { found, min });
-            return windows;
-        }
-        let min = options.min_median_points;
-        let mut best = 0;
-        let all: Vec<(usize, usize)> = match windows.is_whole() {
-            true => vec![(0, found)],
-            false => consensus::windows(found),
-        };
-        for (start, end) in all {
-            let frames = &clip.frames[start..end];
-            let median = median_points(frames);
-            best = best.max(median);
-            if median >= min || points_stay_together(frames) {
-                windows.spans.push((start, end));
-            }
-        }
-        if windows.spans.is_empty() {
-            windows.abstained = Some(Abstained::TooFewPoints { median: best, min });
-        }
-        windows
-    }
-
-    /// Whether the clip is described as a whole, so that the sentence of its window is its caption.
-    fn is_whole(&self) -> bool {
-        self.clip.frames.len() <= MAX_FRAMES
-    }
-
-    /// Frames of each window, with the height of the radar.
-    fn usable(&self) -> Vec<(&'a [PointFrame], f32)> {
-        let window = |&(start, end)| (&self.clip.frames[start..end], self.clip.radar_height_m);
-        self.spans.iter().map(window).collect()
-    }
-
-    /// Combines the captions of the windows. A clip that is described as a whole needs no readings.
-    fn describe(&self, results: &[WindowCaption], readings: &[WindowReadings]) -> Description {
-        let n_frames = self.clip.frames.len();
-        let mut description = Description {
-            caption: NO_PERSON.into(),
-            confidence: 0.0,
-            tokens: Vec::new(),
-            seconds: n_frames as f32 / FRAME_RATE_HZ,
-            windows: self.spans.len(),
-            segments: Vec::new(),
-            choices: Vec::new(),
-            abstained: self.abstained,
-        };
-        if self.abstained.is_some() {
-            return description;
-        }
-        description.tokens = self.tokens(results);
-        if let [only] = results
-            && self.is_whole()
-        {
-            let Sentence {
-                text,
-                confidence,
-                side_confidence,
-            } = &only.sentence;
-            description.caption.clone_from(text);
-            description.confidence = *confidence;
-            description.segments.push(Segment {
-                start_s: self.time_s(0),
-                end_s: self.time_s(n_frames),
-                caption: text.clone(),
-                actions: actions(text),
-                confidence: *confidence,
-                side_confidence: *side_confidence,
-                taught: None,
-                guess: None,
-            });
-            return description;
-        }
-        let segments = consensus::segments(readings, n_frames, |i| self.time_s(i));
-        description.set_segments(segments);
-        description
-    }
-
-    /// Time at which a frame begins; the frame after the last one begins when that ends.
-    fn time_s(&self, frame: usize) -> f64 {
-        let frames = &self.clip.frames;
-        match frames.get(frame) {
-            Some(frame) => frame.time_s,
-            None => frames.last().map_or(0.0, |f| f.time_s) + 1.0 / self.clip.frame_rate_hz,
-        }
-    }
-
-    /// Codes of the windows, one per 0.4 s: where windows overlap, those of the later one.
-    fn tokens(&self, results: &[WindowCaption]) -> Vec<u32> {
-        let mut tokens = Vec::new();
-        for (i, (span, result)) in self.spans.iter().zip(results).enumerate() {
-            let own = match self.spans.get(i + 1) {
-                Some(next) => (next.0.min(span.1) - span.0).div_ceil(FRAMES_PER_CODE),
-                None => result.codes().len(),
-            };
-            tokens.extend(result.codes().iter().take(own));
-        }
-        tokens
-    }
 }
 
 impl Description {

@@ -6,7 +6,10 @@
 //! window votes for the clauses of its readings that cover the hop, with their probabilities as weights. The segments are the most probable sequence of clauses, in which
 //! every change has a price, so that a change must be seen in several windows (Viterbi algorithm).
 
-use std::collections::BTreeMap;
+use std::{
+    collections::{BTreeMap, HashMap},
+    sync::Arc,
+};
 
 use radarllm_facts::{Clause, parse};
 
@@ -45,17 +48,49 @@ pub(crate) struct WindowReadings {
 #[derive(Clone, Debug)]
 pub(crate) struct Reading {
     /// Its clauses; a sentence without any states nothing.
-    pub clauses: Vec<Clause>,
+    pub clauses: Arc<[Stated]>,
     /// Probability among the readings of the window.
     pub probability: f32,
 }
 
-impl Reading {
-    /// A sentence with its probability.
-    pub(super) fn new(text: &str, probability: f32) -> Self {
+/// A clause with the number of its content: clauses with the same actions have one number.
+#[derive(Clone, Debug)]
+pub(crate) struct Stated {
+    pub clause: Clause,
+    content: usize,
+}
+
+/// The sentences of a recording, each parsed once.
+#[derive(Debug, Default)]
+pub(super) struct Sentences {
+    parsed: HashMap<String, Arc<[Stated]>>,
+    contents: HashMap<(Vec<&'static str>, Option<String>), usize>,
+}
+
+impl Sentences {
+    /// The clauses of a sentence that state something.
+    pub(super) fn clauses(&mut self, text: &str) -> Arc<[Stated]> {
+        if let Some(clauses) = self.parsed.get(text) {
+            return Arc::clone(clauses);
+        }
         let clauses = parse(text).into_iter().filter(|c| !c.text.is_empty());
-        Self {
-            clauses: clauses.collect(),
+        let clauses: Arc<[Stated]> = clauses
+            .map(|clause| {
+                let (names, words) = content(&clause);
+                let key = (names, words.map(String::from));
+                let next = self.contents.len();
+                let content = *self.contents.entry(key).or_insert(next);
+                Stated { clause, content }
+            })
+            .collect();
+        self.parsed.insert(text.into(), Arc::clone(&clauses));
+        clauses
+    }
+
+    /// A sentence with its probability.
+    pub(super) fn reading(&mut self, text: &str, probability: f32) -> Reading {
+        Reading {
+            clauses: self.clauses(text),
             probability,
         }
     }
@@ -77,21 +112,27 @@ pub(crate) fn windows(n_frames: usize) -> Vec<(usize, usize)> {
 /// The votes for a hop.
 struct Hop<'a> {
     /// Clauses with their weights, of every reading of every window that covers the hop.
-    votes: Vec<(&'a Clause, f32)>,
+    votes: Vec<(&'a Stated, f32)>,
     n_windows: usize,
 }
 
 impl Hop<'_> {
-    /// Sum of the weights for the content of a clause.
-    fn support(&self, clause: &Clause) -> f32 {
-        let agreeing = self.votes.iter().filter(|(other, _)| same(clause, other));
+    /// Sum of the weights for a content.
+    fn support(&self, content: usize) -> f32 {
+        let agreeing = self
+            .votes
+            .iter()
+            .filter(|(other, _)| other.content == content);
         agreeing.map(|(_, weight)| weight).sum()
     }
 
-    /// Logarithm of the share of the votes for the content of a clause.
-    fn log_share(&self, clause: &Clause) -> f32 {
-        let all: f32 = self.votes.iter().map(|(_, weight)| weight).sum();
-        (self.support(clause) / all.max(f32::MIN_POSITIVE) + FLOOR).ln()
+    /// Sum of the weights for every content that has votes.
+    fn supports(&self) -> BTreeMap<usize, f32> {
+        let mut supports = BTreeMap::new();
+        for (stated, weight) in &self.votes {
+            *supports.entry(stated.content).or_default() += weight;
+        }
+        supports
     }
 }
 
@@ -110,7 +151,7 @@ pub(crate) fn segments(
         if !described[0].votes.is_empty() {
             let mut start = 0;
             let sequence = most_probable(described);
-            for run in sequence.chunk_by(|a, b| same(a, b)) {
+            for run in sequence.chunk_by(|a, b| a.content == b.content) {
                 let hops = &described[start..start + run.len()];
                 let (from, to) = (first + start, first + start + run.len());
                 let span_s = [from, to].map(|hop| time_s((hop * HOP_FRAMES).min(n_frames)));
@@ -155,41 +196,81 @@ fn votes(hop: usize, n_frames: usize, windows: &[WindowReadings]) -> Hop<'_> {
     hop
 }
 
+/// Where the most probable sequence up to a hop comes from.
+#[derive(Clone, Copy)]
+enum Origin {
+    /// The same content.
+    Same,
+    /// The best content with an action of [`SHORT`].
+    Short,
+    /// The best other content.
+    Long,
+}
+
 /// The sequence of clauses with the largest sum of log-shares, less the price of changes. All hops have votes.
-fn most_probable<'a>(hops: &[Hop<'a>]) -> Vec<&'a Clause> {
-    let mut contents: Vec<&Clause> = Vec::new();
-    for (clause, _) in hops.iter().flat_map(|h| &h.votes) {
-        if !contents.iter().any(|c| same(c, clause)) {
-            contents.push(clause);
-        }
+fn most_probable<'a>(hops: &[Hop<'a>]) -> Vec<&'a Stated> {
+    // The contents in the order in which they occur, and their places in it.
+    let mut contents: Vec<&Stated> = Vec::new();
+    let mut places: HashMap<usize, usize> = HashMap::new();
+    for (stated, _) in hops.iter().flat_map(|h| &h.votes) {
+        places.entry(stated.content).or_insert_with(|| {
+            contents.push(stated);
+            contents.len() - 1
+        });
     }
-    let price = |from: usize, to: usize| match from == to {
-        true => 0.0,
-        false if is_short(contents[from]) || is_short(contents[to]) => SHORT_CHANGE,
-        false => CHANGE,
+    let is_short: Vec<bool> = contents.iter().map(|c| is_short(&c.clause)).collect();
+    let all = 0..contents.len();
+    let log_shares = |hop: &Hop| -> Vec<f32> {
+        let total: f32 = hop.votes.iter().map(|(_, weight)| weight).sum();
+        let log_share = |support: f32| (support / total.max(f32::MIN_POSITIVE) + FLOOR).ln();
+        let mut shares = vec![log_share(0.0); contents.len()];
+        for (content, support) in hop.supports() {
+            shares[places[&content]] = log_share(support);
+        }
+        shares
     };
-    let mut score: Vec<f32> = contents.iter().map(|c| hops[0].log_share(c)).collect();
-    // Content of the hop before, for each content of a hop.
-    let mut before: Vec<Vec<usize>> = Vec::new();
+    let mut score = log_shares(&hops[0]);
+    // For each hop after the first: the best short and the best other content of the hop before, and where each of its
+    // contents comes from.
+    let mut before: Vec<([Option<usize>; 2], Vec<Origin>)> = Vec::new();
     for hop in &hops[1..] {
-        let from: Vec<usize> = (0..contents.len())
+        // Every change to a content has the same price from all contents of one kind, so that only the best of each kind counts.
+        let best = |short: bool| {
+            let of_kind = all.clone().filter(|i| is_short[*i] == short);
+            of_kind.max_by(|a, b| score[*a].total_cmp(&score[*b]))
+        };
+        let (short, long) = (best(true), best(false));
+        let came: Vec<(Origin, f32)> = (all.clone())
             .map(|to| {
-                let value = |from: &usize| score[*from] - price(*from, to);
-                let all = 0..contents.len();
-                all.max_by(|a, b| value(a).total_cmp(&value(b)))
-                    .unwrap_or(to)
+                let change = if is_short[to] { SHORT_CHANGE } else { CHANGE };
+                let same = (to, Origin::Same, score[to]);
+                let short = short.map(|i| (i, Origin::Short, score[i] - SHORT_CHANGE));
+                let long = long.map(|i| (i, Origin::Long, score[i] - change));
+                let possible = [Some(same), short, long].into_iter().flatten();
+                let best = possible.max_by(|a, b| a.2.total_cmp(&b.2).then(a.0.cmp(&b.0)));
+                best.map_or((Origin::Same, score[to]), |(_, from, value)| (from, value))
             })
             .collect();
-        score = (0..contents.len())
-            .map(|to| score[from[to]] - price(from[to], to) + hop.log_share(contents[to]))
+        let shares = log_shares(hop).into_iter();
+        score = came
+            .iter()
+            .zip(shares)
+            .map(|((_, v), share)| v + share)
             .collect();
-        before.push(from);
+        before.push((
+            [short, long],
+            came.into_iter().map(|(from, _)| from).collect(),
+        ));
     }
-    let best = (0..contents.len()).max_by(|a, b| score[*a].total_cmp(&score[*b]));
+    let best = all.max_by(|a, b| score[*a].total_cmp(&score[*b]));
     let mut at = best.unwrap_or_default();
     let mut sequence = vec![contents[at]];
-    for from in before.iter().rev() {
-        at = from[at];
+    for ([short, long], from) in before.iter().rev() {
+        at = match from[at] {
+            Origin::Same => at,
+            Origin::Short => short.unwrap_or(at),
+            Origin::Long => long.unwrap_or(at),
+        };
         sequence.push(contents[at]);
     }
     sequence.reverse();
@@ -197,22 +278,22 @@ fn most_probable<'a>(hops: &[Hop<'a>]) -> Vec<&'a Clause> {
 }
 
 /// The segment of hops with one content: of the clauses with this content, that with the most votes.
-fn segment(content: &Clause, hops: &[Hop], [start_s, end_s]: [f64; 2]) -> Segment {
+fn segment(stated: &Stated, hops: &[Hop], [start_s, end_s]: [f64; 2]) -> Segment {
     let own = || {
         let votes = hops.iter().flat_map(|h| &h.votes);
-        votes.filter(|(clause, _)| same(clause, content))
+        votes.filter(|(other, _)| other.content == stated.content)
     };
     let mut weights: BTreeMap<&str, f32> = BTreeMap::new();
-    for (clause, weight) in own() {
-        *weights.entry(&clause.text).or_default() += weight;
+    for (other, weight) in own() {
+        *weights.entry(&other.clause.text).or_default() += weight;
     }
-    let weight = |clause: &Clause| weights.get(clause.text.as_str()).copied();
+    let weight = |stated: &Stated| weights.get(stated.clause.text.as_str()).copied();
     let best = own().max_by(|a, b| {
         let (a, b) = (weight(a.0), weight(b.0));
         a.unwrap_or_default().total_cmp(&b.unwrap_or_default())
     });
-    let clause = best.map_or(content, |(clause, _)| clause);
-    let confidence = |hop: &Hop| hop.support(content) / hop.n_windows.max(1) as f32;
+    let clause = &best.map_or(stated, |(stated, _)| stated).clause;
+    let confidence = |hop: &Hop| hop.support(stated.content) / hop.n_windows.max(1) as f32;
     Segment {
         start_s,
         end_s,
@@ -233,11 +314,6 @@ fn is_short(clause: &Clause) -> bool {
     clause.actions.iter().any(|a| SHORT.contains(&a.name))
 }
 
-/// Whether two clauses have the same actions. Clauses without a known action are the same only if their words are.
-fn same(a: &Clause, b: &Clause) -> bool {
-    content(a) == content(b)
-}
-
 /// The names of a clause's actions in alphabetical order, and the words of a clause without a known action.
 pub(super) fn content(clause: &Clause) -> (Vec<&'static str>, Option<&str>) {
     let mut names: Vec<&str> = clause.actions.iter().map(|a| a.name).collect();
@@ -251,10 +327,11 @@ mod tests {
     use super::*;
 
     fn windows_of(sentences: &[&str]) -> Vec<WindowReadings> {
+        let mut known = Sentences::default();
         let sentence = |(i, text): (usize, &&str)| WindowReadings {
             start: i * HOP_FRAMES,
             end: i * HOP_FRAMES + WINDOWS[0].0,
-            readings: vec![Reading::new(text, 1.0)],
+            readings: vec![known.reading(text, 1.0)],
         };
         sentences.iter().enumerate().map(sentence).collect()
     }

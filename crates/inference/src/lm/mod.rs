@@ -21,6 +21,7 @@ mod person_gate;
 pub mod qwen2_config;
 pub mod templates;
 pub mod vocab;
+mod windows;
 pub mod word_piece;
 
 pub use captioner::{
