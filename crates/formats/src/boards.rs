@@ -12,7 +12,7 @@ use radarllm_base::radar_config::Antenna;
 /// The x reported by TI's firmware does point to the radar's right. In MARS (An and Ogras, 2021; IWR1443, people facing
 /// the radar), the mean x of points faster than 0.5 m/s follows the Kinect's moving wrist, with the left wrist at +x,
 /// with a correlation of 0.85 (subject 1) and 0.75 (subject 3).
-const X_PER_ELEMENT: f64 = 1.0;
+pub(crate) const X_PER_ELEMENT: f64 = 1.0;
 
 /// A board with known antenna positions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,6 +33,104 @@ pub enum Board {
     Awr2243Cascade,
     /// IWRL6432's small reference design: two transmitters, three receivers.
     Iwrl6432,
+}
+
+/// Maximum length of the name of a platform that is quoted, characters.
+const MAX_NAME: usize = 40;
+/// Words after the name of a device that name the board.
+const BOARD_WORDS: [&str; 5] = ["isk", "ods", "aop", "boost", "evm"];
+
+/// Device or board that a name of TI stands for, such as `xWR68xx_AOP`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Platform {
+    /// A single board.
+    Board(Board),
+    /// A device on several boards with different antennas, which the name does not distinguish.
+    Family {
+        /// The name as written.
+        name: String,
+        /// The most common of its boards.
+        assumed: Board,
+    },
+    /// A device or board whose antenna positions are not known to this project.
+    UnknownAntennas {
+        /// The name as written.
+        name: String,
+    },
+}
+
+impl Platform {
+    /// Reads the name of a device or board: `xWR` (also `AWR`, `IWR`), the device, and the board or package, which may be
+    /// separated by `_` or `-`. Case is ignored. `None` if it is no such name.
+    ///
+    /// The AWR1843AOP, whose antennas TI's SDK 3.5 does not list beside those of the IWR6843AOP, counts as unknown.
+    ///
+    /// ```
+    /// use radarllm_formats::{Board, boards::Platform};
+    ///
+    /// assert_eq!(Platform::from_name("xWR68xx_AOP"), Some(Platform::Board(Board::Xwr6843Aop)));
+    /// assert!(matches!(Platform::from_name("xWR68xx"), Some(Platform::Family { .. })));
+    /// assert!(matches!(Platform::from_name("xWR18xx_AOP"), Some(Platform::UnknownAntennas { .. })));
+    /// ```
+    pub fn from_name(name: &str) -> Option<Self> {
+        let mut words = name.split_whitespace();
+        let mut written: String = words
+            .next()?
+            .chars()
+            .take_while(|c| c.is_ascii_alphanumeric() || "_-+".contains(*c))
+            .take(MAX_NAME)
+            .collect();
+        // The board may be a word of its own.
+        for word in words
+            .take(2)
+            .take_while(|w| BOARD_WORDS.contains(&w.to_ascii_lowercase().as_str()))
+        {
+            written = format!("{written}_{word}");
+        }
+        let lower = written.to_ascii_lowercase();
+        let device = ["xwr", "awr", "iwr"]
+            .iter()
+            .find_map(|prefix| lower.strip_prefix(prefix))?;
+        // Low-power devices have an L before their number.
+        let digits = device.strip_prefix('l').unwrap_or(device);
+        let number = digits.get(..4)?;
+        let is_number = number.starts_with(|c: char| c.is_ascii_digit())
+            && number.chars().all(|c| c.is_ascii_digit() || c == 'x');
+        if !is_number {
+            return None;
+        }
+        let suffix: String = digits[4..]
+            .chars()
+            .filter(|c| c.is_ascii_alphanumeric() || *c == '+')
+            .collect();
+        // The evaluation module of a board is the board.
+        let suffix = suffix.strip_suffix("evm").unwrap_or(&suffix);
+        let is_low_power = digits.len() < device.len();
+        let board = match (is_low_power, number, suffix) {
+            (false, "14xx" | "1443", "" | "boost") => Board::Xwr1443Boost,
+            (false, "16xx" | "1642", "" | "boost") => Board::Xwr1642Boost,
+            (false, "18xx" | "1843", "" | "boost") => Board::Xwr1843Boost,
+            (false, "68xx" | "6843" | "64xx" | "6443", "") => {
+                return Some(Self::Family {
+                    name: written,
+                    assumed: Board::Xwr6843Isk,
+                });
+            }
+            (false, "68xx" | "6843" | "64xx" | "6443", "isk") => Board::Xwr6843Isk,
+            (false, "68xx" | "6843" | "64xx" | "6443", "ods" | "iskods") => Board::Xwr6843IskOds,
+            (false, "68xx" | "6843" | "64xx" | "6443", "aop") => Board::Xwr6843Aop,
+            _ => return Some(Self::UnknownAntennas { name: written }),
+        };
+        Some(Self::Board(board))
+    }
+
+    /// Reads the name that TI's visualizer gives to a chirp file, such as `xwr68xx_AOP_profile_2021_02_03T04_05_06_789.cfg`.
+    /// `None` if the name has another form.
+    pub fn from_file_name(name: &str) -> Option<Self> {
+        let lower = name.to_ascii_lowercase();
+        let (platform, _) = lower.split_once("_profile")?;
+        Self::from_name(name.get(..platform.len())?)
+    }
 }
 
 /// Column (azimuth) and row (downwards) of an antenna, in half wavelengths.
@@ -265,6 +363,82 @@ mod tests {
                 let z = f64::from(rows[i]) * half_m + z0;
                 assert!((t.z_m + r.z_m - z).abs() < 1e-12, "{board:?} z of {i}");
             }
+        }
+    }
+
+    #[test]
+    fn platforms_are_told_apart_by_their_whole_names() {
+        let of = |name| Platform::from_name(name);
+        for (name, board) in [
+            ("xWR14xx", Board::Xwr1443Boost),
+            ("xWR16xx", Board::Xwr1642Boost),
+            ("xWR18xx", Board::Xwr1843Boost),
+            ("AWR1843BOOST", Board::Xwr1843Boost),
+            ("xWR68xx_ISK", Board::Xwr6843Isk),
+            ("xWR68xx_ODS", Board::Xwr6843IskOds),
+            ("IWR6843ISK-ODS", Board::Xwr6843IskOds),
+            ("xWR68xx_AOP ", Board::Xwr6843Aop),
+            ("IWR6843AOPEVM", Board::Xwr6843Aop),
+            ("xwr64xx_aop", Board::Xwr6843Aop),
+            ("IWR6843 AOP EVM", Board::Xwr6843Aop),
+            ("xWR18xx (on a tripod)", Board::Xwr1843Boost),
+        ] {
+            assert_eq!(of(name), Some(Platform::Board(board)), "{name}");
+        }
+        for name in ["xWR68xx", "xWR64xx", "xWR6443", "IWR6843"] {
+            let expected = Platform::Family {
+                name: name.into(),
+                assumed: Board::Xwr6843Isk,
+            };
+            assert_eq!(of(name), Some(expected));
+        }
+        for name in [
+            "xWR18xx_AOP",
+            "xWR16xx_ODS",
+            "xWR2944",
+            "xWR2x44P",
+            "xWRL6432",
+            "xWRL1432",
+            "xWRL6844",
+            "xWR68xx_XYZ",
+        ] {
+            assert_eq!(
+                of(name),
+                Some(Platform::UnknownAntennas { name: name.into() })
+            );
+        }
+        for name in [
+            "",
+            "xWR",
+            "xWR18",
+            "xWRabcd",
+            "AOP",
+            "xWR\u{b5}\u{b5}\u{b5}",
+        ] {
+            assert_eq!(of(name), None, "{name}");
+        }
+        let long = format!("xWR6843{}", "9".repeat(1000));
+        assert!(matches!(of(&long), Some(Platform::UnknownAntennas { name }) if name.len() == 40));
+    }
+
+    #[test]
+    fn names_of_files_of_the_visualizer_state_the_platform() {
+        let of = Platform::from_file_name;
+        assert_eq!(
+            of("xwr68xx_AOP_profile_2021_02_03T04_05_06_789.cfg"),
+            Some(Platform::Board(Board::Xwr6843Aop))
+        );
+        assert!(matches!(
+            of("xwr68xx_profile_3d.cfg"),
+            Some(Platform::Family { .. })
+        ));
+        for name in [
+            "AOP_6m_default.cfg",
+            "profile_2d.cfg",
+            "xwr68xx_AOP.cfg",
+            "\u{130}_profile",
+        ] {
+            assert_eq!(of(name), None, "{name}");
         }
     }
 
