@@ -65,7 +65,7 @@ pub struct RadarConfig {
 }
 
 /// Why a radar configuration is impossible.
-#[derive(Debug, thiserror::Error, PartialEq)]
+#[derive(Clone, Debug, thiserror::Error, PartialEq)]
 #[error("radar `{radar}`: {field}: {problem}")]
 pub struct RadarConfigError {
     /// Name of the radar.

@@ -61,7 +61,7 @@
 //!
 //! | to parse | modules |
 //! |---|---|
-//! | a radar | [`ti_cfg`] (chirp files of TI's SDK), [`ti_detection`] (their on-chip detection), [`radar_toml`] (the project's format), [`builtin`] (by name), [`boards`] (places of antennas), [`mod@lint`] (errors and warnings), [`span`] (places in files) |
+//! | a radar | [`ti_cfg`] (chirp files of TI's SDKs), [`point_radar`] (what points need of one), [`ti_detection`] (their on-chip detection), [`radar_toml`] (the project's format), [`builtin`] (by name), [`boards`] (places of antennas), [`mod@lint`] (errors and warnings), [`span`] (places in files) |
 //! | how it is mounted and calibrated | [`sensor_position`], [`mounting`] (into the project's axes), [`calibration`] (channel gains) |
 //! | raw samples | [`adc`], [`dca1000`] and [`pcap`] (packets) |
 //! | recorded points | [`recordings`] (data sets, bags, visualizers, MATLAB), [`tables`] (CSV, npy), [`uart`] (what a board sends) |
@@ -80,8 +80,10 @@ pub mod dca1000;
 pub mod detect;
 pub mod folder;
 pub mod lint;
+mod low_power;
 pub mod mounting;
 pub mod pcap;
+pub mod point_radar;
 pub mod radar_toml;
 pub mod recordings;
 pub mod sensor_position;
@@ -99,12 +101,15 @@ pub use builtin::{BUILTIN_NAMES, NameError, builtin_radar, builtin_radars, find_
 pub use calibration::{CalibratedChannel, Calibration, CalibrationError};
 pub use detect::{DetectError, Detected, RecordingFormat, SampleFormat, detect};
 pub use folder::{CfgChoice, VisualizerFolder, choose_cfg, visualizer_folder};
-pub use lint::{Finding, ModelExpectations, Severity, lint, lint_radar_toml, lint_ti_cfg};
+pub use lint::{
+    Finding, ModelExpectations, Severity, lint, lint_radar_toml, lint_ti_cfg, lint_ti_cfg_named,
+};
 pub use mounting::Mounting;
+pub use point_radar::{ChirpDialect, PointRadar};
 pub use radar_toml::{RadarTomlError, radar_from_toml, radar_to_toml};
 pub use recordings::{RecordingError, read_mars_points, read_radhar_points};
 pub use sensor_position::SensorPosition;
 pub use span::Span;
-pub use ti_cfg::{TiCfg, TiCfgError, radar_from_ti_cfg};
+pub use ti_cfg::{BoardEvidence, TiCfg, TiCfgError, radar_from_ti_cfg};
 pub use ti_detection::{TiDetection, TiPeopleDetection};
 pub use uart::{UartError, UartParser, UartReport};

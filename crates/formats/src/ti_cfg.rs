@@ -4,8 +4,18 @@
 //! `chirpCfg`, `frameCfg`, `dfeDataOutputMode`, `bpmCfg`, `clutterRemoval`, `lvdsStreamCfg`,
 //! `compRangeBiasAndRxChanPhase`, `antGeometry0/1`, `antPhaseRot`. All other commands configure on-chip detection and
 //! are listed in [`TiCfg::unused`]. `guiMonitor` is read in addition, because it determines the load of the serial
-//! port. [`crate::SensorPosition`] reads `sensorPosition`, [`crate::TiDetection`] the detection. Argument order: SDK 3 user guide, "Configuration (.cfg) File
-//! Format".
+//! port. [`crate::SensorPosition`] reads `sensorPosition`, [`crate::TiDetection`] the detection. Argument order: SDK 3 user
+//! guide, "Configuration (.cfg) File Format".
+//!
+//! Not every file describes a cube. [`TiCfg::read`] recognises the dialect first and gives what points need
+//! ([`PointRadar`]) of every one of them:
+//!
+//! | dialect | frame period | cube |
+//! |---|---|---|
+//! | SDK 1 to 3 | `frameCfg` | if all chirps are equal but for their transmitter |
+//! | advanced frames (`advFrameCfg`, `subFrameCfg`) | sum of the sub-frames | none |
+//! | MCU+ SDK (xWR2944): eight values in `frameCfg`, the fifth is the number of samples | the sixth value | none |
+//! | low-power SDK (`chirpComnCfg`, `chirpTimingCfg`) | fifth value of `frameCfg` | none: samples are real |
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -13,13 +23,42 @@ use std::ops::Range;
 use radarllm_base::RadarConfig;
 use radarllm_base::radar_config::{RadarConfigError, TxMultiplexing};
 
-use crate::boards::Board;
+use crate::boards::{Board, Platform};
+use crate::low_power;
+use crate::point_radar::{ChirpDialect, PointRadar, Sampling};
+use crate::sensor_position::SensorPosition;
 use crate::span::{Places, Span};
 
 /// Maximum length of a quotation in an error, characters.
 const MAX_QUOTE: usize = 40;
 /// Maximum number of chirps of a device.
 const MAX_CHIRPS: u32 = 512;
+/// Maximum number of sub-frames of an advanced frame.
+const MAX_SUBFRAMES: u32 = 4;
+
+/// How the board of a chirp file was found.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum BoardEvidence {
+    /// The caller named it.
+    Stated,
+    /// `antGeometry0` and `antGeometry1` are those of the board.
+    Geometry,
+    /// A line `% Platform:` names the board.
+    Platform,
+    /// The name of the file names the board, which is a weaker sign.
+    FileName,
+    /// Guess: this name in a line `% Platform:` or in the name of the file stands for several boards.
+    Family(String),
+    /// Guess by the band and the enabled transmitters.
+    Guess,
+}
+
+impl BoardEvidence {
+    /// Whether the antennas may be those of another board.
+    pub fn is_guess(&self) -> bool {
+        matches!(self, Self::Family(_) | Self::Guess)
+    }
+}
 
 /// Content of a chirp file.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,8 +67,8 @@ pub struct TiCfg {
     pub radar: RadarConfig,
     /// The board whose antennas were assumed.
     pub board: Board,
-    /// Whether the board is a guess because neither a `% Platform:` line nor `antGeometry` lines identify it.
-    pub board_guessed: bool,
+    /// How the board was found.
+    pub board_evidence: BoardEvidence,
     /// Transmitter (from 1) of every slot. With binary phase modulation, both transmitters, of which the inverted one
     /// is last.
     pub slots: Vec<u8>,
@@ -78,12 +117,20 @@ pub struct GuiMonitor {
 pub struct TiCfgReading {
     /// The content, if the file has no errors.
     pub cfg: Option<TiCfg>,
-    /// All errors; empty if and only if `cfg` is present.
+    /// All errors and reasons why there is no cube; empty if and only if `cfg` is present. Files without a cube that a
+    /// device accepts have only reasons ([`TiCfgError::is_unsupported`]).
     pub errors: Vec<TiCfgError>,
+    /// The dialect.
+    pub dialect: ChirpDialect,
+    /// What recorded points need, if the frame period could be read and is possible.
+    pub points: Option<PointRadar>,
+    /// For files of the low-power SDK of a device with known antennas: a radar with the same range and Doppler bins, to
+    /// be simulated. Recorded samples of such a device are real and do not fit it.
+    pub equivalent: Option<RadarConfig>,
     /// The radar as written, which may be impossible, if profile and frame could be read; `tx` may be empty.
     pub draft: Option<RadarConfig>,
-    /// As in [`TiCfg`]; false if no board was determined.
-    pub board_guessed: bool,
+    /// As in [`TiCfg`]; `None` if no board was determined.
+    pub board_evidence: Option<BoardEvidence>,
     /// As in [`TiCfg`].
     pub lvds_samples: Option<bool>,
     /// As in [`TiCfg`].
@@ -94,14 +141,14 @@ pub struct TiCfgReading {
 }
 
 /// Reason why a chirp file is refused.
-#[derive(Debug, thiserror::Error, PartialEq)]
+#[derive(Clone, Debug, thiserror::Error, PartialEq)]
 #[non_exhaustive]
 pub enum TiCfgError {
     /// An argument or command is wrong.
     #[error("line {line}, columns {start} to {end}: `{text}`: {problem}", start = columns.start, end = columns.end)]
     Line {
-        /// Kind of error in kebab case: `syntax`, `unsupported`, `tx-mask`, `undefined-chirp`, `undefined-profile` or
-        /// `antenna-geometry`.
+        /// Kind of error in kebab case: `syntax`, `unsupported`, `unknown-antennas`, `tx-mask`, `undefined-chirp`,
+        /// `undefined-profile`, `undefined-subframe` or `antenna-geometry`.
         rule: &'static str,
         /// Line, from 1.
         line: usize,
@@ -120,6 +167,16 @@ pub enum TiCfgError {
     Radar(#[from] RadarConfigError),
 }
 
+impl TiCfgError {
+    /// Whether a device accepts what is refused here, so that it is a reason why there is no cube and no mistake.
+    pub fn is_unsupported(&self) -> bool {
+        matches!(
+            self,
+            Self::Line { rule, .. } if ["unsupported", "unknown-antennas"].contains(rule)
+        )
+    }
+}
+
 /// Reads only the radar of a chirp file; [`TiCfg::parse`] reads the complete content.
 ///
 /// # Errors
@@ -133,12 +190,12 @@ impl TiCfg {
     ///
     /// `board` specifies the board. With `None`, it is determined from the `antGeometry` lines or from `% Platform:`.
     /// Without these, it is guessed: 60 GHz is the 6843 ISK; at 77 GHz, a `channelCfg` with only TX1 and TX2 enabled is
-    /// the 1642 board, anything else the 1843 board.
+    /// the 1642 board, anything else the 1843 board. A platform whose antennas are unknown is never taken for another.
     ///
     /// # Errors
-    /// [`TiCfgError::Line`] for input that is unreadable or that a [`RadarConfig`] cannot express (advanced frames,
-    /// continuous wave, real samples, two simultaneous transmitters without `bpmCfg`, chirps that differ);
-    /// [`TiCfgError::Missing`]; [`TiCfgError::Radar`] for impossible timing.
+    /// [`TiCfgError::Line`] for input that is unreadable or that a [`RadarConfig`] cannot express (other dialects,
+    /// continuous wave, real samples, two simultaneous transmitters without `bpmCfg`, chirps that differ, unknown
+    /// antennas); [`TiCfgError::Missing`]; [`TiCfgError::Radar`] for impossible timing.
     pub fn parse(text: &str, board: Option<Board>) -> Result<Self, TiCfgError> {
         let reading = Self::read(text, board);
         match (reading.errors.into_iter().next(), reading.cfg) {
@@ -149,7 +206,30 @@ impl TiCfg {
 
     /// Reads a chirp file and continues after errors, to report all of them; otherwise as [`Self::parse`].
     pub fn read(text: &str, board: Option<Board>) -> TiCfgReading {
-        let mut file = File::default();
+        Self::read_with(text, board, None)
+    }
+
+    /// As [`Self::read`], for a file whose name may name the board, as the names that TI's visualizer gives do
+    /// ([`Platform::from_file_name`]).
+    pub fn read_named(file_name: &str, text: &str) -> TiCfgReading {
+        Self::read_with(text, None, Some(file_name))
+    }
+
+    fn read_with(text: &str, board: Option<Board>, file_name: Option<&str>) -> TiCfgReading {
+        let named = file_name.and_then(Platform::from_file_name);
+        let stated = text
+            .lines()
+            .filter_map(|line| platform_of_comment(line.split_once('%')?.1))
+            .next_back();
+        let position = SensorPosition::from_ti_cfg(text);
+        let platform = low_power::platform_name(stated.as_ref().or(named.as_ref()));
+        if let Some(found) = low_power::read(text, platform) {
+            return found.into_reading(position);
+        }
+        let mut file = File {
+            file_name: named,
+            ..File::default()
+        };
         let mut errors = Vec::new();
         for (i, raw) in text.lines().enumerate() {
             if let Err((name, error)) = file.read_line(i + 1, raw) {
@@ -157,7 +237,51 @@ impl TiCfg {
                 errors.push(error);
             }
         }
-        file.finish(board, errors)
+        let mut reading = file.finish(board, errors);
+        reading.set_position(position);
+        reading
+    }
+}
+
+impl TiCfgReading {
+    /// Adds the mounting. Points are not read with a mounting that is malformed.
+    fn set_position(&mut self, position: Result<Option<SensorPosition>, TiCfgError>) {
+        match position {
+            Ok(position) => {
+                if let Some(points) = &mut self.points {
+                    points.position = position;
+                }
+            }
+            Err(error) => {
+                (self.cfg, self.points, self.equivalent) = (None, None, None);
+                self.errors.push(error);
+            }
+        }
+    }
+}
+
+impl low_power::LowPowerReading {
+    fn into_reading(self, position: Result<Option<SensorPosition>, TiCfgError>) -> TiCfgReading {
+        let mut reading = TiCfgReading {
+            cfg: None,
+            errors: self.errors,
+            dialect: ChirpDialect::LowPower,
+            points: self.points,
+            draft: None,
+            board_evidence: self
+                .equivalent
+                .is_some()
+                .then_some(match self.antennas_assumed {
+                    true => BoardEvidence::Guess,
+                    false => BoardEvidence::Geometry,
+                }),
+            equivalent: self.equivalent,
+            lvds_samples: None,
+            gui_monitor: None,
+            places: self.places,
+        };
+        reading.set_position(position);
+        reading
     }
 }
 
@@ -174,7 +298,7 @@ impl Word {
         self.refuse("syntax", problem)
     }
 
-    fn refuse(&self, rule: &'static str, problem: impl Into<String>) -> TiCfgError {
+    pub(crate) fn refuse(&self, rule: &'static str, problem: impl Into<String>) -> TiCfgError {
         let mut text: String = self.text.chars().take(MAX_QUOTE).collect();
         if text.len() < self.text.len() {
             text.push('…');
@@ -192,6 +316,22 @@ impl Word {
         match self.text.parse::<f64>() {
             Ok(v) if v.is_finite() => Ok(v),
             _ => Err(self.error(format!("{what} must be a number"))),
+        }
+    }
+
+    /// Parses a mask, which may be hexadecimal.
+    fn mask(&self, what: &str, range: Range<u32>) -> Result<u32, TiCfgError> {
+        let digits = self.text.strip_prefix("0x");
+        let Some(digits) = digits.or_else(|| self.text.strip_prefix("0X")) else {
+            return self.whole(what, range);
+        };
+        match u32::from_str_radix(digits, 16) {
+            Ok(v) if range.contains(&v) => Ok(v),
+            _ => Err(self.error(format!(
+                "{what} must be from {:#x} to {:#x}",
+                range.start,
+                range.end - 1
+            ))),
         }
     }
 
@@ -238,7 +378,7 @@ impl Command {
     }
 
     /// Returns the position of argument `index`, or that of the command's name if the argument is missing.
-    fn span(&self, index: usize, what: &str) -> Span {
+    pub(crate) fn span(&self, index: usize, what: &str) -> Span {
         let word = self.args.get(index).unwrap_or(&self.name);
         Span {
             line: word.line,
@@ -260,6 +400,24 @@ impl Command {
         self.arg(index, what)?.whole(what, range)
     }
 
+    pub(crate) fn mask(
+        &self,
+        index: usize,
+        what: &str,
+        range: Range<u32>,
+    ) -> Result<u32, TiCfgError> {
+        self.arg(index, what)?.mask(what, range)
+    }
+
+    /// A number above zero.
+    pub(crate) fn positive(&self, index: usize, what: &str) -> Result<f64, TiCfgError> {
+        let value = self.number(index, what)?;
+        match value > 0.0 {
+            true => Ok(value),
+            false => Err(self.args[index].error(format!("{what}, must be positive"))),
+        }
+    }
+
     /// Whether `clutterRemoval` enables it. Older files have no leading sub-frame number.
     pub(crate) fn clutter_removal(&self) -> Result<bool, TiCfgError> {
         let index = self.args.len().saturating_sub(1).min(1);
@@ -278,6 +436,21 @@ struct Profile {
     n_samples: usize,
     sample_rate_hz: f64,
     command: Command,
+}
+
+impl Profile {
+    /// Everything that determines the samples.
+    fn figures(&self) -> ([f64; 6], u32, usize) {
+        let timing = [
+            self.start_hz,
+            self.idle_s,
+            self.adc_start_s,
+            self.ramp_end_s,
+            self.slope_hz_per_s,
+            self.sample_rate_hz,
+        ];
+        (timing, self.backoff_code, self.n_samples)
+    }
 }
 
 /// Arguments of `profileCfg` that become fields of the radar: index, field, description.
@@ -307,7 +480,18 @@ struct Frame {
     n_loops: u32,
     n_frames: u32,
     period_s: f64,
+    /// Position of the period among the arguments.
+    period_index: usize,
     command: Command,
+}
+
+/// `subFrameCfg`: one kind of chirps within an advanced frame.
+struct SubFrame {
+    first: u32,
+    n_chirps: u32,
+    n_loops: u32,
+    period_s: f64,
+    word: Word,
 }
 
 /// An enabled `bpmCfg`: the chirp with both transmitters in phase, and the chirp with the second one inverted. In which
@@ -320,14 +504,23 @@ struct PhaseModulation {
 
 #[derive(Default)]
 struct File {
-    platform: Option<Board>,
-    rx_mask: Option<u32>,
-    tx_mask: Option<u32>,
+    platform: Option<(Platform, Word)>,
+    /// Platform that the name of the file states.
+    file_name: Option<Platform>,
+    /// `dfeDataOutputMode 3`.
+    advanced_mode: Option<Word>,
+    /// `advFrameCfg` and the number of sub-frames that it states.
+    advanced: Option<(Word, u32)>,
+    subframes: BTreeMap<u32, SubFrame>,
+    rx_mask: Option<(u32, Word)>,
+    tx_mask: Option<(u32, Word)>,
     profiles: BTreeMap<u32, Profile>,
     chirps: BTreeMap<u32, Chirp>,
     frame: Option<Frame>,
     phase_modulation: Option<PhaseModulation>,
     geometry: [Option<(Word, Vec<f64>)>; 2],
+    /// Whether `adcCfg` or `adcbufCfg` asks for real samples.
+    is_real: Option<bool>,
     q_first: Option<bool>,
     clutter: Option<bool>,
     lvds: Option<bool>,
@@ -343,9 +536,16 @@ struct File {
 impl File {
     /// Reads a line. An error is returned with the name of the command that is missing because of it.
     fn read_line(&mut self, line: usize, raw: &str) -> Result<(), (String, TiCfgError)> {
-        let comment = raw.split_once('%').map_or("", |(_, comment)| comment);
-        if let Some(board) = platform_board(comment) {
-            self.platform = Some(board);
+        if let Some((code, comment)) = raw.split_once('%')
+            && let Some(platform) = platform_of_comment(comment)
+        {
+            let start = code.chars().count() + 1;
+            let word = Word {
+                line,
+                columns: start..start + 1 + comment.chars().count(),
+                text: comment.trim().into(),
+            };
+            self.platform = Some((platform, word));
         }
         let Some(command) = Command::of_line(line, raw) else {
             return Ok(());
@@ -365,27 +565,46 @@ impl File {
             "flushCfg" => {
                 let unused = std::mem::take(&mut self.unused);
                 *self = File {
-                    platform: self.platform,
+                    platform: self.platform.take(),
+                    file_name: self.file_name.take(),
                     unused,
                     ..File::default()
                 };
             }
             "dfeDataOutputMode" => {
-                if command.whole(0, "mode", 0..5)? != 1 {
-                    return Err(command.args[0].refuse(
-                        "unsupported",
-                        "only mode 1 (frames of chirps) has a cube; 2 is continuous, 3 are advanced frames",
-                    ));
+                self.advanced_mode = None;
+                match command.whole(0, "mode", 0..5)? {
+                    1 => {}
+                    3 => self.advanced_mode = command.args.into_iter().next(),
+                    _ => {
+                        return Err(command.args[0].refuse(
+                            "unsupported",
+                            "only mode 1 (frames of chirps) has a cube; 2 is continuous, 3 are advanced frames",
+                        ));
+                    }
                 }
             }
-            "advFrameCfg" | "subFrameCfg" => {
-                return Err(command
-                    .name
-                    .refuse("unsupported", "advanced frames have no single cube shape"));
+            "advFrameCfg" => {
+                let n = command.whole(0, "sub-frames", 1..MAX_SUBFRAMES + 1)?;
+                self.advanced = Some((command.name, n));
+            }
+            "subFrameCfg" => {
+                let subframe = SubFrame {
+                    first: command.whole(2, "first chirp", 0..MAX_CHIRPS)?,
+                    n_chirps: command.whole(3, "chirps", 1..MAX_CHIRPS + 1)?,
+                    n_loops: command.whole(4, "loops", 1..65_536)?,
+                    period_s: command.positive(9, "sub-frame period, ms")? * 1e-3,
+                    word: command.args[0].clone(),
+                };
+                let index = command.whole(0, "sub-frame", 0..MAX_SUBFRAMES)?;
+                self.subframes.insert(index, subframe);
             }
             "channelCfg" => {
-                self.rx_mask = Some(command.whole(0, "receiver mask", 1..16)?);
-                self.tx_mask = Some(command.whole(1, "transmitter mask", 1..8)?);
+                // The devices of SDK 1 to 3 have four receivers and three transmitters; others are named later.
+                let rx_mask = command.mask(0, "receiver mask", 1..1 << 16)?;
+                let tx_mask = command.mask(1, "transmitter mask", 1..1 << 16)?;
+                self.rx_mask = Some((rx_mask, command.args[0].clone()));
+                self.tx_mask = Some((tx_mask, command.args[1].clone()));
                 self.place(&command, "rx", 0, "receiver mask");
                 self.place(&command, "tx", 1, "transmitter mask");
                 if let Some(word) = command.args.get(2)
@@ -397,6 +616,7 @@ impl File {
             "adcCfg" => {
                 command.whole(0, "ADC bits", 0..3)?;
                 let format = command.whole(1, "output format", 0..4)?;
+                self.is_real = Some(format != 1 && format != 2);
                 if format != 1 && format != 2 {
                     let problem = "samples must be complex (1 or 2), these are real";
                     return Err(command.args[1].refuse("unsupported", problem));
@@ -406,12 +626,21 @@ impl File {
             "profileCfg" => self.read_profile(command)?,
             "chirpCfg" => self.read_chirps(&command)?,
             "frameCfg" => {
+                // The MCU+ SDK has a value more than SDK 3, the number of samples before the period; the trigger behind
+                // the period is 1 or 2 in both. Words of comments do not count.
+                let is_number = |word: &&Word| word.text.parse::<f64>().is_ok();
+                let n_values = command.args.iter().take_while(is_number).count();
+                let is_trigger = |index| command.whole(index, "trigger", 1..3).is_ok();
+                let has_samples = n_values == 8 && is_trigger(6) && !is_trigger(5);
+                let period_index = if has_samples { 5 } else { 4 };
+                let max_loops = if has_samples { 65_536 } else { 256 };
                 self.frame = Some(Frame {
                     first: command.whole(0, "first chirp", 0..MAX_CHIRPS)?,
                     last: command.whole(1, "last chirp", 0..MAX_CHIRPS)?,
-                    n_loops: command.whole(2, "loops", 1..256)?,
+                    n_loops: command.whole(2, "loops", 1..max_loops)?,
                     n_frames: command.whole(3, "frames", 0..65_536)?,
-                    period_s: command.number(4, "frame period, ms")? * 1e-3,
+                    period_s: command.number(period_index, "frame period, ms")? * 1e-3,
+                    period_index,
                     command,
                 });
             }
@@ -495,6 +724,7 @@ impl File {
         // SDK 2 and later have five arguments that start with the sub-frame; SDK 1 has four.
         let first = usize::from(command.args.len() >= 5);
         if command.whole(first, "output format", 0..2)? != 0 {
+            self.is_real = Some(true);
             let problem = "samples must be complex (0), these are real";
             return Err(command.args[first].refuse("unsupported", problem));
         }
@@ -534,7 +764,7 @@ impl File {
                 c.number(5, "idle variation, us")? * 1e-6,
                 c.number(6, "ADC start variation, us")? * 1e-6,
             ],
-            tx_mask: c.whole(7, "transmitter mask", 0..8)?,
+            tx_mask: c.mask(7, "transmitter mask", 0..256)?,
             mask_word: c.arg(7, "transmitter mask")?.clone(),
         };
         for index in first..=last {
@@ -543,31 +773,255 @@ impl File {
         Ok(())
     }
 
+    fn dialect(&self) -> ChirpDialect {
+        let is_mcu_plus = |name: &str| {
+            let name = name.to_ascii_lowercase();
+            ["2944", "2x44"].iter().any(|part| name.contains(part))
+        };
+        let platform = self.platform.as_ref().map(|(platform, _)| platform);
+        let platform = platform.or(self.file_name.as_ref());
+        if self.advanced_mode.is_some() || self.advanced.is_some() {
+            return ChirpDialect::AdvancedFrames;
+        }
+        match (platform, &self.frame) {
+            (_, Some(frame)) if frame.period_index == 5 => ChirpDialect::McuPlus,
+            (Some(Platform::UnknownAntennas { name }), _) if is_mcu_plus(name) => {
+                ChirpDialect::McuPlus
+            }
+            _ => ChirpDialect::Sdk,
+        }
+    }
+
     fn finish(mut self, board: Option<Board>, errors: Vec<TiCfgError>) -> TiCfgReading {
         let mut reading = TiCfgReading {
             cfg: None,
             errors,
+            dialect: self.dialect(),
+            points: None,
+            equivalent: None,
             draft: None,
-            board_guessed: false,
+            board_evidence: None,
             lvds_samples: self.lvds,
             gui_monitor: self.gui_monitor,
             places: std::mem::take(&mut self.places),
         };
+        let is_advanced = reading.dialect == ChirpDialect::AdvancedFrames;
         let missing = [
             ("channelCfg", self.rx_mask.is_none()),
             ("profileCfg", self.profiles.is_empty()),
-            ("frameCfg", self.frame.is_none()),
+            ("frameCfg", self.frame.is_none() && !is_advanced),
         ];
         for (name, is_missing) in missing {
             if is_missing && !self.broken.contains(name) {
                 reading.errors.push(TiCfgError::Missing(name));
             }
         }
-        let (Some(rx_mask), Some(tx_mask), Some(frame)) =
-            (self.rx_mask, self.tx_mask, self.frame.as_ref())
-        else {
-            return reading;
+        let found = match (&self.frame, is_advanced) {
+            (_, true) => self.advanced_points(board, &mut reading.errors),
+            (Some(frame), false) => self.frame_points(frame, reading.dialect, board),
+            (None, false) => return reading,
         };
+        let impossible = match found {
+            Ok(points) => {
+                reading.points = points;
+                None
+            }
+            Err(error) => Some(error),
+        };
+        if !is_advanced {
+            self.finish_frames(board, &mut reading);
+        }
+        // A radar with an impossible frame period has been reported as such.
+        let is_reported =
+            |e: &TiCfgError| matches!(e, TiCfgError::Radar(e) if e.field == "frame_period_s");
+        if let Some(error) = impossible
+            && !reading.errors.iter().any(is_reported)
+        {
+            reading.cfg = None;
+            reading.errors.push(error);
+        }
+        reading
+    }
+
+    /// Name of the board or device for points, which do not need its antennas.
+    fn device_name(&self, stated: Option<Board>) -> String {
+        let start_hz = self.profiles.values().next().map(|p| p.start_hz);
+        let tx_mask = self.tx_mask.as_ref().map_or(0, |(mask, _)| *mask);
+        let platform = self.platform.as_ref().map(|(platform, _)| platform);
+        match (platform.or(self.file_name.as_ref()), self.dialect()) {
+            (Some(Platform::UnknownAntennas { name }), _) => name.clone(),
+            (_, ChirpDialect::McuPlus) => "xwr2944".into(),
+            _ if self.has_other_masks() => "unknown".into(),
+            _ => match self.board(stated, start_hz.unwrap_or(0.0), tx_mask) {
+                Ok((board, _)) if start_hz.is_some() => board.name().into(),
+                _ => "unknown".into(),
+            },
+        }
+    }
+
+    /// Whether the masks enable antennas that no device of SDK 1 to 3 has.
+    fn has_other_masks(&self) -> bool {
+        self.rx_mask.as_ref().is_some_and(|(mask, _)| *mask > 15)
+            || self.tx_mask.as_ref().is_some_and(|(mask, _)| *mask > 7)
+    }
+
+    /// The ramp of a chirp and the time that the chirp takes, s.
+    fn ramp(&self, chirp: &Chirp) -> Option<(Sampling, f64)> {
+        let profile = self.profiles.get(&chirp.profile)?;
+        let [start_hz, slope_hz_per_s, idle_s, adc_start_s] = chirp.variation;
+        let is_real = self
+            .is_real
+            .unwrap_or(self.dialect() == ChirpDialect::McuPlus);
+        let sampling = Sampling {
+            start_hz: profile.start_hz + start_hz,
+            slope_hz_per_s: profile.slope_hz_per_s + slope_hz_per_s,
+            adc_start_s: profile.adc_start_s + adc_start_s,
+            n_samples: profile.n_samples as u32,
+            sample_rate_hz: profile.sample_rate_hz,
+            is_real,
+        };
+        Some((sampling, profile.idle_s + idle_s + profile.ramp_end_s))
+    }
+
+    /// The ramp that the chirps from `first` to `last` share, if they do, and the time that they take together, s.
+    /// `None` if one of them is not defined.
+    fn loop_of(&self, first: u32, last: u32) -> Option<(Option<Sampling>, f64)> {
+        let ramps: Option<Vec<_>> = (first..=last)
+            .map(|index| self.ramp(self.chirps.get(&index)?))
+            .collect();
+        let ramps = ramps.filter(|ramps| !ramps.is_empty())?;
+        let (shared, _) = ramps[0];
+        let is_shared = ramps.iter().all(|(sampling, _)| *sampling == shared);
+        let duration_s = ramps.iter().map(|(_, s)| s).sum();
+        Some((is_shared.then_some(shared), duration_s))
+    }
+
+    /// What points need of a file with a `frameCfg`.
+    fn frame_points(
+        &self,
+        frame: &Frame,
+        dialect: ChirpDialect,
+        board: Option<Board>,
+    ) -> Result<Option<PointRadar>, TiCfgError> {
+        let word = frame.command.args.get(frame.period_index);
+        let word = word.unwrap_or(&frame.command.name);
+        let mut points = PointRadar::new(self.device_name(board), dialect, frame.period_s)
+            .map_err(|problem| word.error(problem))?;
+        let Some((sampling, loop_s)) = self.loop_of(frame.first, frame.last) else {
+            return Ok(Some(points));
+        };
+        check_duration(word, loop_s * f64::from(frame.n_loops), frame.period_s)?;
+        if let Some(sampling) = sampling {
+            points.set_range(&sampling);
+            // The transmitters of the MCU+ SDK share Doppler bins, so that loops do not determine the velocity.
+            if dialect == ChirpDialect::Sdk {
+                points.set_velocity(loop_s, frame.n_loops);
+            }
+        }
+        Ok(Some(points))
+    }
+
+    /// What points need of a file with advanced frames. Adds why there is no cube.
+    fn advanced_points(
+        &self,
+        board: Option<Board>,
+        errors: &mut Vec<TiCfgError>,
+    ) -> Result<Option<PointRadar>, TiCfgError> {
+        let Some((word, n)) = &self.advanced else {
+            if let Some(mode) = &self.advanced_mode {
+                errors.push(mode.refuse(
+                    "unsupported",
+                    "mode 3 is that of advanced frames, whose sub-frames have no single cube; mode 1 has one",
+                ));
+            }
+            if !self.broken.contains("frameCfg") {
+                errors.push(TiCfgError::Missing("advFrameCfg"));
+            }
+            return Ok(None);
+        };
+        errors.push(word.refuse(
+            "unsupported",
+            "these are advanced frames, whose sub-frames have no single cube: points can be read, raw samples cannot",
+        ));
+        let mut period_s = 0.0;
+        let mut figures = Vec::new();
+        for index in 0..*n {
+            let Some(subframe) = self.subframes.get(&index) else {
+                // An unreadable line has been reported.
+                if !self.broken.contains("frameCfg") {
+                    let problem = format!("{n} sub-frames are stated, but no subFrameCfg {index}");
+                    return Err(word.refuse("undefined-subframe", problem));
+                }
+                return Ok(None);
+            };
+            period_s += subframe.period_s;
+            let last = subframe.first + subframe.n_chirps - 1;
+            let Some((sampling, loop_s)) = self.loop_of(subframe.first, last) else {
+                let problem = format!(
+                    "chirps {} to {last} are used, but not all of them are defined",
+                    subframe.first
+                );
+                errors.push(subframe.word.refuse("undefined-chirp", problem));
+                continue;
+            };
+            let active_s = loop_s * f64::from(subframe.n_loops);
+            check_duration(&subframe.word, active_s, subframe.period_s)?;
+            figures.push((sampling, loop_s, subframe.n_loops));
+        }
+        if let Some((index, subframe)) = self.subframes.range(*n..).next() {
+            let problem = format!("sub-frame {index} is defined, but advFrameCfg states {n}");
+            return Err(subframe.word.refuse("undefined-subframe", problem));
+        }
+        let name = self.device_name(board);
+        let mut points = PointRadar::new(name, ChirpDialect::AdvancedFrames, period_s)
+            .map_err(|problem| word.error(problem))?;
+        // Sub-frames with different figures have none in common.
+        if let Some((sampling, loop_s, n_loops)) = figures.first()
+            && figures.len() == *n as usize
+            && let Some(sampling) = sampling
+        {
+            if figures.iter().all(|f| f.0.as_ref() == Some(sampling)) {
+                points.set_range(sampling);
+            }
+            if figures.iter().all(|f| (f.1, f.2) == (*loop_s, *n_loops)) {
+                points.set_velocity(*loop_s, *n_loops);
+            }
+        }
+        Ok(Some(points))
+    }
+
+    /// Adds the cube of a file with a `frameCfg`, or why there is none.
+    fn finish_frames(self, board: Option<Board>, reading: &mut TiCfgReading) {
+        let (Some((rx_mask, rx_word)), Some((tx_mask, tx_word)), Some(frame)) =
+            (&self.rx_mask, &self.tx_mask, self.frame.as_ref())
+        else {
+            return;
+        };
+        let (rx_mask, tx_mask) = (*rx_mask, *tx_mask);
+        if reading.dialect == ChirpDialect::McuPlus {
+            let word = frame.command.args.get(4).unwrap_or(&frame.command.name);
+            let reason = word.refuse(
+                "unsupported",
+                "this is a chirp file of the MCU+ SDK (xWR2944), whose antennas are not known: points can be read, raw \
+                 samples cannot",
+            );
+            reading.errors.insert(0, reason);
+            return;
+        }
+        if self.has_other_masks() {
+            let (word, mask) = match rx_mask > 15 {
+                true => (rx_word, rx_mask),
+                false => (tx_word, tx_mask),
+            };
+            reading.errors.push(word.refuse(
+                "unknown-antennas",
+                format!(
+                    "the mask {mask} is of a device with more antennas than the three transmitters and four receivers of \
+                     SDK 1 to 3, which are not known: points can be read, raw samples cannot"
+                ),
+            ));
+            return;
+        }
         let n_errors = reading.errors.len();
         let (slots, common) = self.slots(frame, tx_mask, &mut reading.errors);
         // Without a usable chirp, the first profile provides the chirp parameters.
@@ -576,7 +1030,7 @@ impl File {
             None => self.profiles.values().next(),
         };
         let Some(profile) = profile else {
-            return reading;
+            return;
         };
         for (index, field, what) in PROFILE_FIELDS {
             let span = profile.command.span(index, what);
@@ -591,14 +1045,14 @@ impl File {
                 .insert(field, frame.command.span(index, what));
         }
 
-        let (board, board_guessed) = match self.board(board, profile.start_hz, tx_mask) {
+        let (board, evidence) = match self.board(board, profile.start_hz, tx_mask) {
             Ok(found) => found,
             Err(error) => {
                 reading.errors.push(error);
-                return reading;
+                return;
             }
         };
-        reading.board_guessed = board_guessed;
+        reading.board_evidence = Some(evidence.clone());
         let figures = board.figures();
         let mut tx = Vec::with_capacity(slots.len());
         for (slot, word) in &slots {
@@ -663,7 +1117,7 @@ impl File {
             reading.cfg = Some(TiCfg {
                 radar,
                 board,
-                board_guessed,
+                board_evidence: evidence,
                 slots: slots.iter().map(|s| s.0).collect(),
                 receivers,
                 n_frames: frame.n_frames,
@@ -676,7 +1130,18 @@ impl File {
                 unused: self.unused,
             });
         }
-        reading
+    }
+
+    /// Whether two chirps differ in no more than their transmitter and in the number of an equal profile.
+    fn are_alike(&self, a: &Chirp, b: &Chirp) -> bool {
+        let profiles = || {
+            Some((
+                self.profiles.get(&a.profile)?,
+                self.profiles.get(&b.profile)?,
+            ))
+        };
+        let equal_profiles = || profiles().is_some_and(|(a, b)| a.figures() == b.figures());
+        a.variation == b.variation && (a.profile == b.profile || equal_profiles())
     }
 
     /// Transmitter of every slot with the argument that specifies it, and the first of these chirps. Slots are the
@@ -700,6 +1165,17 @@ impl File {
             let problem = format!("chirp {index} is used, but no chirpCfg defines it");
             errors.push(end.refuse("undefined-chirp", problem));
         }
+        if let Some(bpm) = &self.phase_modulation
+            && (frame.first, frame.last) != (bpm.in_phase, bpm.inverted)
+        {
+            let problem = format!(
+                "binary phase modulation takes a frame of its two chirps, {} and {}, and no others; this frame has chirps {} \
+                 to {}: points can be read, raw samples cannot",
+                bpm.in_phase, bpm.inverted, frame.first, frame.last
+            );
+            errors.push(bpm.command.name.refuse("unsupported", problem));
+            return (slots, self.chirps.get(&frame.first));
+        }
         for (index, chirp) in self.chirps.range(frame.first..=frame.last.max(frame.first)) {
             if !self.profiles.contains_key(&chirp.profile) && !self.broken.contains("profileCfg") {
                 let problem = format!("profile {} is not defined", chirp.profile);
@@ -707,7 +1183,7 @@ impl File {
                 push_once(errors, error);
             }
             if let Some(other) = common
-                && (other.profile != chirp.profile || other.variation != chirp.variation)
+                && !self.are_alike(other, chirp)
             {
                 let problem =
                     format!("chirp {index} differs from the others in more than its transmitter");
@@ -748,15 +1224,6 @@ impl File {
             };
             slots.push((transmitter as u8 + 1, chirp.mask_word.clone()));
         }
-        if let Some(bpm) = &self.phase_modulation
-            && (frame.first, frame.last) != (bpm.in_phase, bpm.inverted)
-        {
-            let problem = format!(
-                "binary phase modulation takes a frame of its two chirps, {} and {}, and no others",
-                bpm.in_phase, bpm.inverted
-            );
-            errors.push(bpm.command.name.refuse("unsupported", problem));
-        }
         (slots, common)
     }
 
@@ -765,33 +1232,90 @@ impl File {
         stated: Option<Board>,
         start_hz: f64,
         tx_mask: u32,
-    ) -> Result<(Board, bool), TiCfgError> {
+    ) -> Result<(Board, BoardEvidence), TiCfgError> {
         if let Some(board) = stated {
-            return Ok((board, false));
+            return Ok((board, BoardEvidence::Stated));
         }
+        let is_60_ghz = start_hz < 70e9;
         if let [Some((word, columns)), Some((_, rows))] = &self.geometry {
-            let boards = [Board::Xwr6843Isk, Board::Xwr6843IskOds, Board::Xwr6843Aop];
-            return match boards.into_iter().find(|b| has_geometry(*b, columns, rows)) {
-                Some(board) => Ok((board, false)),
+            // Boards with equal antennas are told apart by the platform.
+            let named = match &self.platform {
+                Some((Platform::Board(board), _)) => Some(*board),
+                _ => None,
+            };
+            let mut boards = named
+                .into_iter()
+                .chain(Board::ALL.into_iter().rev())
+                .filter(|b| b.is_60_ghz() == is_60_ghz);
+            return match boards.find(|b| has_geometry(*b, columns, rows)) {
+                Some(board) => Ok((board, BoardEvidence::Geometry)),
                 None => Err(word.refuse(
                     "antenna-geometry",
                     "this antenna geometry is of no known board",
                 )),
             };
         }
-        let is_60_ghz = start_hz < 70e9;
-        if let Some(board) = self.platform
-            && board.is_60_ghz() == is_60_ghz
-        {
-            // At 60 GHz, the board is a guess: `xWR68xx` comprises three antenna layouts.
-            return Ok((board, is_60_ghz));
+        let unknown = |word: &Word, name: &str| {
+            word.refuse(
+                "unknown-antennas",
+                format!(
+                    "the antennas of {name} are not known: points can be read, raw samples cannot"
+                ),
+            )
+        };
+        let fits = |board: Board| board.is_60_ghz() == is_60_ghz;
+        let by_file_name = self.file_name.as_ref();
+        match &self.platform {
+            Some((Platform::Board(board), _)) if fits(*board) => {
+                return Ok((*board, BoardEvidence::Platform));
+            }
+            Some((Platform::UnknownAntennas { name }, word)) => return Err(unknown(word, name)),
+            Some((Platform::Family { name, assumed }, _)) if fits(*assumed) => {
+                return Ok(match by_file_name {
+                    Some(Platform::Board(board)) if fits(*board) => {
+                        (*board, BoardEvidence::FileName)
+                    }
+                    _ => (*assumed, BoardEvidence::Family(name.clone())),
+                });
+            }
+            _ => {}
+        }
+        match by_file_name {
+            Some(Platform::Board(board)) if fits(*board) => {
+                return Ok((*board, BoardEvidence::FileName));
+            }
+            Some(Platform::UnknownAntennas { name }) => {
+                return Err(match &self.rx_mask {
+                    Some((_, word)) => {
+                        unknown(word, &format!("{name}, which the file is named after,"))
+                    }
+                    None => TiCfgError::Missing("channelCfg"),
+                });
+            }
+            Some(Platform::Family { name, assumed }) if fits(*assumed) => {
+                return Ok((*assumed, BoardEvidence::Family(name.clone())));
+            }
+            _ => {}
         }
         let guess = match (is_60_ghz, tx_mask) {
             (true, _) => Board::Xwr6843Isk,
             (false, 3) => Board::Xwr1642Boost,
             (false, _) => Board::Xwr1843Boost,
         };
-        Ok((guess, true))
+        Ok((guess, BoardEvidence::Guess))
+    }
+}
+
+/// Refuses chirps that take longer than their frame or sub-frame, s.
+fn check_duration(word: &Word, active_s: f64, period_s: f64) -> Result<(), TiCfgError> {
+    // The tolerance covers the rounding of microseconds.
+    match active_s <= period_s * (1.0 + 1e-9) {
+        true => Ok(()),
+        false => Err(word.error(format!(
+            "chirps take {:.2} ms but the frame lasts {:.2} ms",
+            active_s * 1e3,
+            period_s * 1e3
+        ))),
     }
 }
 
@@ -818,8 +1342,9 @@ fn has_geometry(board: Board, columns: &[f64], rows: &[f64]) -> bool {
     if columns.len() != all.len() || rows.len() != all.len() {
         return false;
     }
-    // Half a wavelength at 62 GHz is 2.4 mm; a tenth of it is a sufficient tolerance to distinguish all layouts.
-    let half_m = 0.5 * radarllm_base::SPEED_OF_LIGHT_MPS / 62e9;
+    // Half a wavelength is 2.4 or 1.9 mm; a tenth of it is a sufficient tolerance to distinguish all layouts.
+    let half_m =
+        0.5 * radarllm_base::SPEED_OF_LIGHT_MPS / if board.is_60_ghz() { 62e9 } else { 77e9 };
     (0..all.len()).all(|i| {
         let x = ((columns[0] - columns[i]) * half_m).abs() - (all[i].0 - all[0].0).abs();
         let z = (rows[i] - rows[0]) * half_m - (all[i].1 - all[0].1);
@@ -827,17 +1352,9 @@ fn has_geometry(board: Board, columns: &[f64], rows: &[f64]) -> bool {
     })
 }
 
-/// Parses the board from a comment such as ` Platform:xWR18xx`.
-fn platform_board(comment: &str) -> Option<Board> {
-    let (_, value) = comment.split_once("Platform:")?;
-    let value = value.trim().to_ascii_lowercase();
-    match value.get(..7)? {
-        "xwr14xx" => Some(Board::Xwr1443Boost),
-        "xwr16xx" => Some(Board::Xwr1642Boost),
-        "xwr18xx" => Some(Board::Xwr1843Boost),
-        "xwr68xx" => Some(Board::Xwr6843Isk),
-        _ => None,
-    }
+/// Parses the platform from a comment such as ` Platform:xWR18xx`.
+fn platform_of_comment(comment: &str) -> Option<Platform> {
+    Platform::from_name(comment.split_once("Platform:")?.1)
 }
 
 fn number_list(command: &Command) -> Result<(Word, Vec<f64>), TiCfgError> {

@@ -228,7 +228,7 @@ impl StudioCapture {
         Ok(Self {
             radar: cfg.radar,
             board: cfg.board,
-            board_guessed: cfg.board_guessed,
+            board_guessed: cfg.board_evidence.is_guess(),
             layout,
             adc_bits: [12, 14, 16][(bits as usize).min(2)],
             n_frames: cfg.n_frames,

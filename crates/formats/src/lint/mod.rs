@@ -7,8 +7,8 @@
 //! | rule | severity | meaning |
 //! |---|---|---|
 //! | `syntax`, `missing-command`, `missing-field`, `unknown-base` | error | the file cannot be read |
-//! | `unsupported` | error | the file is readable, but no [`RadarConfig`] can express it |
-//! | `tx-mask`, `undefined-chirp`, `undefined-profile`, `antenna-geometry` | error | chirps or antennas that do not exist |
+//! | `unsupported`, `unknown-antennas` | warning if points can be read and the file does not enable raw samples, else error | the file is readable, but no [`RadarConfig`] can express it |
+//! | `tx-mask`, `undefined-chirp`, `undefined-profile`, `undefined-subframe`, `antenna-geometry` | error | chirps or antennas that do not exist |
 //! | `adc-window`, `frame-period`, `radar-value` | error | an impossible radar |
 //! | `band` | error for a known board, else warning | the ramp leaves the band of the part |
 //! | `adc-rate` | error for a known board, else warning | the sample rate exceeds that of the part |
@@ -18,6 +18,7 @@
 //! | `duty-cycle`, `idle-time`, `adc-start` | warning | unsuitable chirp timing |
 //! | `range-resolution`, `range-ambiguity`, `velocity-resolution`, `velocity-ambiguity`, `single-loop`, `frame-rate`, `no-azimuth`, `no-elevation` | warning | insufficient for describing people |
 //! | `model-frame-rate`, `model-velocity`, `model-velocity-resolution`, `model-range-resolution`, `model-array` | warning | different from all radars in the training data of the model |
+//! | `dialect` | note | the dialect of the file, if it is not that of SDK 1 to 3 with simple frames |
 //! | `board-guessed`, `model-radar` | note | an assumption, or a comparison that was not possible |
 
 pub mod budgets;
@@ -30,9 +31,10 @@ use radarllm_base::RadarConfig;
 use radarllm_base::radar_config::RadarConfigError;
 
 use crate::boards::Board;
+use crate::point_radar::ChirpDialect;
 use crate::radar_toml::{self, RadarTomlError};
 use crate::span::{Places, Span};
-use crate::ti_cfg::{GuiMonitor, TiCfg, TiCfgError};
+use crate::ti_cfg::{BoardEvidence, GuiMonitor, TiCfg, TiCfgError, TiCfgReading};
 pub use model::ModelExpectations;
 
 /// Severity of a finding, worst first.
@@ -76,7 +78,7 @@ struct Subject<'a> {
     radar: &'a RadarConfig,
     /// The board, if known or guessed.
     board: Option<Board>,
-    board_guessed: bool,
+    board_evidence: Option<BoardEvidence>,
     /// Whether raw samples are sent over LVDS; `None` if the description does not determine it.
     lvds_samples: Option<bool>,
     gui_monitor: Option<GuiMonitor>,
@@ -87,7 +89,7 @@ impl<'a> Subject<'a> {
         Self {
             radar,
             board: Board::ALL.into_iter().find(|b| b.name() == radar.name),
-            board_guessed: false,
+            board_evidence: None,
             lvds_samples: None,
             gui_monitor: None,
         }
@@ -95,7 +97,8 @@ impl<'a> Subject<'a> {
 
     /// Severity of exceeding a limit of the part. If the board is a guess, the guess may be wrong.
     fn part_severity(&self) -> Severity {
-        if self.board_guessed || self.board.is_none() {
+        let is_guess = self.board_evidence.as_ref();
+        if is_guess.is_some_and(BoardEvidence::is_guess) || self.board.is_none() {
             Severity::Warning
         } else {
             Severity::Error
@@ -146,12 +149,8 @@ impl Report {
     /// Applies the rules on the chirp to any radar with numbers, and the other rules only if there are no findings yet.
     fn inspect(&mut self, subject: &Subject, model: Option<&ModelExpectations>) {
         let possible = self.findings.is_empty();
-        if subject.board_guessed {
-            let message = format!(
-                "no `% Platform:` line for a single board and no antGeometry lines: {} is assumed",
-                subject.radar.name
-            );
-            self.add(Severity::Note, "board-guessed", "name", message);
+        if let Some(evidence) = &subject.board_evidence {
+            self.explain_board(evidence, &subject.radar.name);
         }
         rules::chirp(self, subject);
         if possible {
@@ -163,6 +162,24 @@ impl Report {
                 model::compare(self, subject.radar, model);
             }
         }
+    }
+
+    /// Says how the board was found, unless the file itself names it.
+    fn explain_board(&mut self, evidence: &BoardEvidence, board: &str) {
+        let message = match evidence {
+            BoardEvidence::Stated | BoardEvidence::Geometry | BoardEvidence::Platform => return,
+            BoardEvidence::FileName => {
+                format!("the name of the file names the board, the file itself does not: {board}")
+            }
+            BoardEvidence::Family(name) => format!(
+                "{name} stands for boards with different antennas (ISK, ODS, AOP), and there are no antGeometry lines: \
+                 {board} is assumed"
+            ),
+            BoardEvidence::Guess => format!(
+                "no `% Platform:` line of this band and no antGeometry lines: {board} is assumed"
+            ),
+        };
+        self.add(Severity::Note, "board-guessed", "name", message);
     }
 
     /// Sorts findings by position in the file. Findings without a position are last, the most severe first.
@@ -187,14 +204,51 @@ pub fn lint(radar: &RadarConfig, model: Option<&ModelExpectations>) -> Vec<Findi
     report.sorted()
 }
 
-/// Findings about a chirp file of TI's SDK, with positions and in the order of the file.
+/// Findings about a chirp file of one of TI's SDKs, with positions and in the order of the file.
 pub fn lint_ti_cfg(text: &str, model: Option<&ModelExpectations>) -> Vec<Finding> {
-    let reading = TiCfg::read(text, None);
+    lint_reading(TiCfg::read(text, None), text, model)
+}
+
+/// As [`lint_ti_cfg`], for a file whose name may name the board ([`TiCfg::read_named`]).
+pub fn lint_ti_cfg_named(
+    file_name: &str,
+    text: &str,
+    model: Option<&ModelExpectations>,
+) -> Vec<Finding> {
+    lint_reading(TiCfg::read_named(file_name, text), text, model)
+}
+
+fn lint_reading(
+    reading: TiCfgReading,
+    text: &str,
+    model: Option<&ModelExpectations>,
+) -> Vec<Finding> {
+    let reason_severity = match (&reading.points, reading.lvds_samples) {
+        (None, _) | (_, Some(true)) => Severity::Error,
+        (Some(_), _) => Severity::Warning,
+    };
     let mut report = Report {
         places: reading.places,
         findings: Vec::new(),
     };
+    let has_reasons = !reading.errors.is_empty();
+    let is_sound = reading.errors.iter().all(TiCfgError::is_unsupported);
+    if reading.dialect != ChirpDialect::Sdk {
+        let message = match &reading.points {
+            Some(points) => format!(
+                "a chirp file of the {}, {:.2} frames/s",
+                reading.dialect,
+                points.frame_rate_hz()
+            ),
+            None => format!("a chirp file of the {}", reading.dialect),
+        };
+        report.add(Severity::Note, "dialect", "frame_period_s", message);
+    }
     for error in reading.errors {
+        let severity = match error.is_unsupported() {
+            true => reason_severity,
+            false => Severity::Error,
+        };
         match error {
             TiCfgError::Radar(problem) => report.impossible(problem),
             TiCfgError::Missing(command) => {
@@ -213,7 +267,7 @@ pub fn lint_ti_cfg(text: &str, model: Option<&ModelExpectations>) -> Vec<Finding
                 report.findings.push(Finding {
                     field: command.clone(),
                     rule,
-                    severity: Severity::Error,
+                    severity,
                     message: format!("`{quoted}`: {problem}"),
                     span: Some(Span {
                         line,
@@ -226,12 +280,23 @@ pub fn lint_ti_cfg(text: &str, model: Option<&ModelExpectations>) -> Vec<Finding
     }
     if let Some(radar) = &reading.draft {
         let subject = Subject {
-            board_guessed: reading.board_guessed,
+            board_evidence: reading.board_evidence,
             lvds_samples: reading.lvds_samples,
             gui_monitor: reading.gui_monitor,
             ..Subject::of(radar)
         };
         report.inspect(&subject, model);
+        if let Some(points) = reading.points.filter(|_| has_reasons && is_sound) {
+            rules::points(&mut report, &points, rules::slow_part(radar));
+        }
+    } else if let Some(points) = reading.points.filter(|_| is_sound) {
+        rules::points(&mut report, &points, "ramp_end_s");
+        if let (Some(radar), Some(model)) = (&reading.equivalent, model) {
+            model::compare(&mut report, radar, model);
+        }
+        if let (Some(_), Some(evidence)) = (&reading.equivalent, &reading.board_evidence) {
+            report.explain_board(evidence, &points.name);
+        }
     }
     report.sorted()
 }

@@ -4,6 +4,7 @@ use radarllm_base::RadarConfig;
 
 use super::{Report, Severity, Subject};
 use crate::boards::Board;
+use crate::point_radar::PointRadar;
 
 /// Bands of the supported parts, Hz.
 const BANDS_HZ: [(f64, f64); 2] = [(57e9, 64e9), (76e9, 81e9)];
@@ -140,39 +141,16 @@ pub(super) fn scene(report: &mut Report, radar: &RadarConfig) {
         let message = format!("transmitting {:.0} % of the time", duty * 100.0);
         warn("duty-cycle", "frame_period_s", message);
     }
-    if radar.range_resolution_m() > BODY_RANGE_BIN_M {
-        let m = radar.range_resolution_m();
-        let message = format!("range bins of {m:.3} m: a body covers few of them");
-        warn("range-resolution", "n_samples", message);
-    }
-    if radar.max_range_m() < ROOM_M {
-        let message = format!(
-            "ranges end at {:.2} m, and farther targets fold back",
-            radar.max_range_m()
-        );
-        warn("range-ambiguity", "sample_rate_hz", message);
-    }
+    let mut seen = PointRadar::from(radar);
     if radar.n_loops < 2 {
         let message = "a single loop: no velocity, and static clutter cannot be removed";
         warn("single-loop", "n_loops", message.into());
-    } else {
-        if radar.max_velocity_mps() < BODY_SPEED_MPS {
-            let v = radar.max_velocity_mps();
-            let message = format!(
-                "speeds beyond {v:.2} m/s fold to the other sign; limbs reach {BODY_SPEED_MPS} m/s"
-            );
-            warn("velocity-ambiguity", slow_part(radar), message);
-        }
-        if radar.velocity_resolution_mps() > BODY_VELOCITY_BIN_MPS {
-            let v = radar.velocity_resolution_mps();
-            let message = format!("velocity bins of {v:.2} m/s merge limbs and torso");
-            warn("velocity-resolution", "n_loops", message);
-        }
+        (seen.max_velocity_mps, seen.velocity_resolution_mps) = (None, None);
     }
-    if radar.frame_rate_hz() < MIN_FRAME_RATE_HZ {
-        let message = format!("{:.1} frames/s miss quick movements", radar.frame_rate_hz());
-        warn("frame-rate", "frame_period_s", message);
-    }
+    points(report, &seen, slow_part(radar));
+    let mut warn = |rule, place, message: String| {
+        report.add(Severity::Warning, rule, place, message);
+    };
     let [width_m, height_m] = aperture_m(radar);
     // Antennas of a board are farther apart than a tenth of a millimetre.
     if width_m < 1e-4 {
@@ -182,6 +160,37 @@ pub(super) fn scene(report: &mut Report, radar: &RadarConfig) {
     if height_m < 1e-4 {
         let message = "all virtual antennas share one height: points get z = 0";
         warn("no-elevation", "tx", message.into());
+    }
+}
+
+/// Requirements of a scene with people on recorded points, as far as the figures are known. `slow_part` is the part of a
+/// chirp that should be shortened to increase the maximum velocity.
+pub(super) fn points(report: &mut Report, radar: &PointRadar, slow_part: &'static str) {
+    let mut warn = |rule, place, message: String| {
+        report.add(Severity::Warning, rule, place, message);
+    };
+    if let Some(m) = radar.range_resolution_m.filter(|m| *m > BODY_RANGE_BIN_M) {
+        let message = format!("range bins of {m:.3} m: a body covers few of them");
+        warn("range-resolution", "n_samples", message);
+    }
+    if let Some(m) = radar.max_range_m.filter(|m| *m < ROOM_M) {
+        let message = format!("ranges end at {m:.2} m, and farther targets fold back");
+        warn("range-ambiguity", "sample_rate_hz", message);
+    }
+    if let Some(v) = radar.max_velocity_mps.filter(|v| *v < BODY_SPEED_MPS) {
+        let message = format!(
+            "speeds beyond {v:.2} m/s fold to the other sign; limbs reach {BODY_SPEED_MPS} m/s"
+        );
+        warn("velocity-ambiguity", slow_part, message);
+    }
+    let bin_mps = radar.velocity_resolution_mps;
+    if let Some(v) = bin_mps.filter(|v| *v > BODY_VELOCITY_BIN_MPS) {
+        let message = format!("velocity bins of {v:.2} m/s merge limbs and torso");
+        warn("velocity-resolution", "n_loops", message);
+    }
+    if radar.frame_rate_hz() < MIN_FRAME_RATE_HZ {
+        let message = format!("{:.1} frames/s miss quick movements", radar.frame_rate_hz());
+        warn("frame-rate", "frame_period_s", message);
     }
 }
 

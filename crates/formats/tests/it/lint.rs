@@ -62,7 +62,12 @@ fn every_rule_on_a_file_points_at_the_value_to_blame() {
             &[("missing-command", Error, 0, 0, 0)],
         ),
         (
+            // Points can be read. A file that enables raw samples asks for more.
             &[("adcCfg 2 1", "adcCfg 2 0")],
+            &[("unsupported", Warning, 4, 10, 1)],
+        ),
+        (
+            &[("adcCfg 2 1", "adcCfg 2 0"), ("-1 0 0 0", "-1 0 1 0")],
             &[("unsupported", Error, 4, 10, 1)],
         ),
         (
@@ -78,8 +83,8 @@ fn every_rule_on_a_file_points_at_the_value_to_blame() {
             // A chirp that differs is named as well: it is the first that is taken for right.
             &[
                 ("undefined-profile", Error, 7, 14, 1),
-                ("unsupported", Error, 8, 24, 1),
-                ("unsupported", Error, 9, 24, 1),
+                ("unsupported", Warning, 8, 24, 1),
+                ("unsupported", Warning, 9, 24, 1),
             ],
         ),
         (

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use radarllm_formats::{Board, SensorPosition, TiCfg};
+use radarllm_formats::{Board, BoardEvidence, SensorPosition, TiCfg};
 
 pub fn shared() -> Option<PathBuf> {
     let path = std::env::var_os("RADARLLM_SHARED").map_or_else(
@@ -283,7 +283,7 @@ fn people_counting_files_state_board_and_power() {
     ] {
         let path = shared.join(format!("data/ti-mmwave-toolbox/cfg/{file}.cfg"));
         let cfg = TiCfg::parse(&std::fs::read_to_string(path).unwrap(), None).unwrap();
-        assert!(!cfg.board_guessed, "{file}");
+        assert_eq!(cfg.board_evidence, BoardEvidence::Geometry, "{file}");
         assert_eq!(
             (cfg.board, cfg.radar.tx_power_dbm),
             (board, power_dbm),

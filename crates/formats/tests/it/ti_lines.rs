@@ -1,6 +1,6 @@
 //! Single lines of chirp files: comments, subsets of chirps, and everything that is refused.
 
-use radarllm_formats::{Board, TiCfg, TiCfgError};
+use radarllm_formats::{Board, BoardEvidence, TiCfg, TiCfgError};
 
 const GOOD: &str = "% Platform:xWR18xx
 dfeDataOutputMode 1
@@ -47,8 +47,8 @@ fn the_reference_chirp_gives_the_reference_radar() {
     let expected = radarllm_base::RadarConfig::awr1843boost();
     assert_eq!(cfg.slots, [1, 3, 2]);
     assert_eq!(
-        (&cfg.radar.name, cfg.board, cfg.board_guessed),
-        (&expected.name, Board::Xwr1843Boost, false)
+        (&cfg.radar.name, cfg.board, cfg.board_evidence),
+        (&expected.name, Board::Xwr1843Boost, BoardEvidence::Platform)
     );
     for (a, b) in [
         (cfg.radar.carrier_hz(), expected.carrier_hz()),
@@ -149,7 +149,10 @@ fn phase_modulation_takes_two_transmitters_in_two_chirps() {
 fn boards_can_be_stated() {
     let text = GOOD.replace("frameCfg 0 2", "frameCfg 0 0");
     let cfg = TiCfg::parse(&text, Some(Board::Xwr1642Boost)).unwrap();
-    assert_eq!((cfg.board, cfg.board_guessed), (Board::Xwr1642Boost, false));
+    assert_eq!(
+        (cfg.board, cfg.board_evidence),
+        (Board::Xwr1642Boost, BoardEvidence::Stated)
+    );
     assert!(
         TiCfg::parse(GOOD, Some(Board::Xwr1642Boost))
             .unwrap_err()
@@ -195,9 +198,9 @@ fn what_cannot_be_a_cube_is_refused_with_its_place() {
     refused_at(
         "guiMonitor -1 1 1 0 0 0 1",
         "bpmCfg -1 1 0 1",
-        7,
-        24,
-        "two transmitters",
+        11,
+        1,
+        "no others",
     );
     refused_at(
         "guiMonitor -1 1 1 0 0 0 1",
