@@ -9,8 +9,8 @@ use radarllm_base::{RadarConfig, SPEED_OF_LIGHT_MPS};
 
 use crate::SensorPosition;
 
-/// Shortest and longest frame period that is believed, s. TI's longest is minutes, of devices that sleep between frames.
-const FRAME_PERIODS_S: [f64; 2] = [1e-3, 3600.0];
+/// Shortest and longest frame period that is believed, s: a single chirp, and a day of a device that sleeps in between.
+const FRAME_PERIODS_S: [f64; 2] = [1e-5, 86_400.0];
 
 /// Dialect of a chirp file, by the commands that define its frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,7 +65,7 @@ impl PointRadar {
     /// A radar of which only the frame period is known, s.
     ///
     /// # Errors
-    /// A period that is not from a millisecond to an hour.
+    /// A period that is not from ten microseconds to a day.
     pub(crate) fn new(
         name: String,
         dialect: ChirpDialect,

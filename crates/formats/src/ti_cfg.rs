@@ -432,6 +432,8 @@ struct Profile {
     ramp_end_s: f64,
     /// Back-off of the transmitters, one byte of dB each, with TX1 in the lowest byte.
     backoff_code: u32,
+    /// Phase shift of the transmitters, in the same bytes.
+    phase_code: u32,
     slope_hz_per_s: f64,
     n_samples: usize,
     sample_rate_hz: f64,
@@ -440,7 +442,7 @@ struct Profile {
 
 impl Profile {
     /// Everything that determines the samples.
-    fn figures(&self) -> ([f64; 6], u32, usize) {
+    fn figures(&self) -> ([f64; 6], [u32; 2], usize) {
         let timing = [
             self.start_hz,
             self.idle_s,
@@ -449,7 +451,8 @@ impl Profile {
             self.slope_hz_per_s,
             self.sample_rate_hz,
         ];
-        (timing, self.backoff_code, self.n_samples)
+        let codes = [self.backoff_code, self.phase_code];
+        (timing, codes, self.n_samples)
     }
 }
 
@@ -740,6 +743,7 @@ impl File {
             adc_start_s: c.number(3, "ADC start, us")? * 1e-6,
             ramp_end_s: c.number(4, "ramp end, us")? * 1e-6,
             backoff_code: c.whole(5, "power back-off", 0..1 << 24)?,
+            phase_code: c.whole(6, "phase shift", 0..1 << 24)?,
             slope_hz_per_s: c.number(7, "slope, MHz/us")? * 1e12,
             n_samples: c.whole(9, "samples", 1..8193)? as usize,
             sample_rate_hz: c.number(10, "sample rate, ksps")? * 1e3,

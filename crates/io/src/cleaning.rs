@@ -50,7 +50,7 @@ pub fn corrector(
             let wrong = |e| Error::wrap_in_file(path, e).with_hint(hint);
             let text = bounded::read_text(path, MAX_CONFIG_BYTES)?;
             let calibration = Calibration::from_toml(&text).map_err(wrong)?;
-            calibration.gains(&radar.config).map_err(wrong)?
+            calibration.gains(radar.config()?).map_err(wrong)?
         }
         None => Vec::new(),
     };
@@ -60,7 +60,7 @@ pub fn corrector(
         leakage_m: options.remove_leakage_m,
         channel_gains,
     };
-    Ok(Corrector::new(&radar.config, corrections)?)
+    Ok(Corrector::new(radar.config()?, corrections)?)
 }
 
 /// Returns the signal chain after these corrections. A subtracted background replaces the removal of the mean of each
@@ -146,17 +146,13 @@ fn mean_background(
     let mut remarks = Vec::new();
     let mut frames = open_samples(opened, radar, layout, &mut remarks)?;
     notes.extend(remarks.into_iter().map(|n| format!("background: {n}")));
-    let mut room = EmptyRoom::new(&radar.config);
-    let n_damaged = each_whole_frame(
-        &mut frames,
-        path,
-        &radar.config,
-        |cube| Ok(room.push(cube)?),
-    )?;
+    let config = radar.config()?;
+    let mut room = EmptyRoom::new(config);
+    let n_damaged = each_whole_frame(&mut frames, path, config, |cube| Ok(room.push(cube)?))?;
     let background = room.finish().ok_or_else(|| {
         Error::in_file(
             path,
-            format!("not one whole frame of radar `{}`", radar.config.name),
+            format!("not one whole frame of radar `{}`", config.name),
         )
     })?;
     let n_frames = background.n_frames;

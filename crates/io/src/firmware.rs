@@ -70,7 +70,7 @@ impl TiFirmware {
                 "`cfarCfg` is modelled as the demo's own files state it: along range without wrapping around (cyclic mode 0), along Doppler with wrapping around (cyclic mode 1) and the mean of both sides (averaging mode 0)",
             ));
         }
-        let mut chain = DspOptions::ti_demo(radar.config.n_samples);
+        let mut chain = DspOptions::ti_demo(radar.config()?.n_samples);
         chain.detector = Detector::LogCfar {
             guard: range.guard,
             train: range.train,
@@ -135,7 +135,7 @@ impl TiFirmware {
             clutter: ClutterFilter::Mean,
             range_window: Window::Hann,
             doppler_window: Window::Hann,
-            range_fft_len: Some(radar.config.n_samples.next_power_of_two()),
+            range_fft_len: Some(radar.config()?.n_samples.next_power_of_two()),
             compensate_tdm: false,
             correct_range_doppler_coupling: false,
             capon: Some(CaponDetection {

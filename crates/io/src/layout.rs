@@ -51,7 +51,7 @@ pub fn open_samples(
 ) -> Result<SampleFrames> {
     let files = SampleFiles::new(opened)?;
     if files.format() == SampleFormat::Npy {
-        return SampleFrames::open_npy(&files, &radar.config, options.axes.as_deref());
+        return SampleFrames::open_npy(&files, radar.config()?, options.axes.as_deref());
     }
     let chosen = choose_layout(&files, radar, options)?;
     notes.extend(chosen.notes);
@@ -65,7 +65,7 @@ pub fn open_samples(
     if files.format() != SampleFormat::Udp {
         notes.extend(log_notes(files.path())?);
     }
-    SampleFrames::open_raw(&files, CubeShape::of(&radar.config), chosen.layout)
+    SampleFrames::open_raw(&files, CubeShape::of(radar.sample_config()?), chosen.layout)
 }
 
 /// Determines the layout of a raw capture before the capture is processed.
@@ -81,7 +81,7 @@ pub fn choose_layout(
     options: &LayoutOptions,
 ) -> Result<ChosenLayout> {
     let format = files.format();
-    let radar = &opened.config;
+    let radar = opened.sample_config()?;
     let studio = opened.hints.layout;
     let lanes = lanes(
         radar,

@@ -148,13 +148,18 @@ pub fn open_points(
     }
     if opened.is_none() && from_firmware {
         let n_notes = notes.len();
-        opened = visualizer::radar_beside(path, &mut notes)?;
+        let has_stamps = frames.iter().all(|f| f.stamp_s.is_some());
+        let is_needed = options.frame_rate_hz.is_none() && !has_stamps;
+        opened = visualizer::radar_beside(path, is_needed, &mut notes)?;
         if opened.is_none() {
             warnings.extend_from_slice(&notes[n_notes..]);
         }
     }
     let radar = opened.as_ref();
-    let position = position.or_else(|| radar?.position);
+    if let Some(radar) = radar {
+        explain_reasons(radar, &mut notes, &mut warnings);
+    }
+    let position = position.or_else(|| radar?.points.position);
     let timeline = timeline(path, format, frames, radar, options)?;
     let mounting = match is_level {
         true if options.mounting()? != Mounting::default() => {
@@ -201,6 +206,24 @@ pub fn open_points(
     })
 }
 
+/// Says why a chirp file has no cube, which points do not need. Mistakes in it are warnings.
+pub(crate) fn explain_reasons(
+    radar: &OpenedRadar,
+    notes: &mut Vec<String>,
+    warnings: &mut Vec<String>,
+) {
+    let reasons = radar.reasons();
+    let mistake = reasons.iter().find(|e| !e.is_unsupported());
+    let Some(reason) = mistake.or(reasons.first()) else {
+        return;
+    };
+    let note = format!("the chirp file gives frame rate and mounting, and no cube: {reason}");
+    if mistake.is_some() {
+        warnings.push(note.clone());
+    }
+    notes.push(note);
+}
+
 fn axes(format: RecordingFormat, options: &PointOptions) -> Result<Axes> {
     if let Some(axes) = options.orientation {
         return Ok(axes);
@@ -223,7 +246,7 @@ fn axes(format: RecordingFormat, options: &PointOptions) -> Result<Axes> {
 /// The radar of a data set, or the one named by the caller.
 pub(crate) fn radar_name(format: RecordingFormat, radar: Option<&OpenedRadar>) -> String {
     if let Some(radar) = radar {
-        return radar.config.name.clone();
+        return radar.points.name.clone();
     }
     match format {
         RecordingFormat::RadHar | RecordingFormat::Mars => "iwr1443",
@@ -246,7 +269,7 @@ fn timeline(
     let frame_rate_hz = match (options.frame_rate_hz, radar) {
         (Some(frame_rate_hz), _) => Some(frame_rate_hz),
         (None, _) if has_clock => None,
-        (None, Some(radar)) => Some(radar.config.frame_rate_hz()),
+        (None, Some(radar)) => Some(radar.points.frame_rate_hz()),
         (None, None) => stated_rate_hz(format),
     };
     let timeline = Timeline::new(frames, frame_rate_hz).map_err(|e| {

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use radarllm_base::{
-    Clip, Clutter, PointFrame, Provenance, RadarCube, Timeline,
+    Clip, Clutter, PointFrame, Provenance, RadarConfig, RadarCube, Timeline,
     message::{option, text},
 };
 use radarllm_dataset::{PointsFile, read_points, read_points_from};
@@ -167,6 +167,7 @@ pub struct SampleRecording {
     captures: Vec<PathBuf>,
     format: SampleFormat,
     radar: OpenedRadar,
+    config: RadarConfig,
     frames: SampleFrames,
     corrector: Corrector,
     extractor: PointExtractor,
@@ -188,6 +189,11 @@ impl SampleRecording {
                 .with_hint("the radar that recorded them")
         })?;
         options.points.check_for_samples()?;
+        // Arrays are what `simulate` writes; their shape is checked.
+        let config = match format {
+            SampleFormat::Npy => radar.config()?.clone(),
+            _ => radar.sample_config()?.clone(),
+        };
         let mut notes = Vec::new();
         let corrector = cleaning::corrector(
             &options.cleaning,
@@ -197,14 +203,14 @@ impl SampleRecording {
             &mut notes,
         )?;
         let dsp = options.processing.clone().unwrap_or_default();
-        let extractor =
-            PointExtractor::new(&radar.config, cleaning::chain(&options.cleaning, dsp))?;
+        let extractor = PointExtractor::new(&config, cleaning::chain(&options.cleaning, dsp))?;
         let frames = open_samples(opened, &radar, &options.layout, &mut notes)?;
         Ok(Self {
             captures,
             format,
-            health: Health::new(&radar, format),
+            health: Health::new(&config, format),
             radar,
+            config,
             frames,
             corrector,
             extractor,
@@ -246,7 +252,7 @@ impl SampleRecording {
         let Some(integrity) = self.read_frame(cube)? else {
             return Ok(None);
         };
-        cube.time_s = integrity.frame as f64 * self.radar.config.frame_period_s;
+        cube.time_s = integrity.frame as f64 * self.config.frame_period_s;
         self.corrector.apply(cube)?;
         Ok(Some(integrity.frame))
     }
@@ -262,7 +268,7 @@ impl SampleRecording {
     /// # Errors
     /// A radar whose frames are empty or too large.
     pub fn new_cube(&self) -> Result<RadarCube> {
-        Ok(CubeShape::of(&self.radar.config).zeros()?)
+        Ok(CubeShape::of(&self.config).zeros()?)
     }
 
     /// Extracts the points of all frames, or of [`CaptureOptions::max_frames`]. `each` is called with every corrected
@@ -290,7 +296,7 @@ impl SampleRecording {
         {
             return Err(too_many(npy.n_frames()));
         }
-        let frame_period_s = self.radar.config.frame_period_s;
+        let frame_period_s = self.config.frame_period_s;
         let time_s = |index: usize| index as f64 * frame_period_s;
         let mut cube = self.new_cube()?;
         let mut extracted = ExtractedPoints::default();
@@ -356,7 +362,7 @@ impl SampleRecording {
     /// # Errors
     /// No complete frame, or options that cannot be applied.
     pub fn into_recording(self, extracted: ExtractedPoints) -> Result<Recording> {
-        let radar = &self.radar.config;
+        let radar = &self.config;
         if extracted.frames.is_empty() {
             return Err(Error::in_file(
                 &self.captures[0],
@@ -410,11 +416,11 @@ struct Health {
 }
 
 impl Health {
-    fn new(radar: &OpenedRadar, format: SampleFormat) -> Self {
+    fn new(radar: &RadarConfig, format: SampleFormat) -> Self {
         Self {
             n_frames: 0,
-            iq: IqCheck::new(radar.config.n_samples),
-            stats: AdcStats::new(radar.config.rx.len(), 16),
+            iq: IqCheck::new(radar.n_samples),
+            stats: AdcStats::new(radar.rx.len(), 16),
             are_counts: format != SampleFormat::Npy,
         }
     }

@@ -170,8 +170,12 @@ pub(crate) fn read_binary(
 }
 
 /// Finds the chirp file of a recording: the only one in its folder, or else the only one in the parent folder. If there
-/// are several, none is chosen and a note is added.
-pub(crate) fn radar_beside(path: &Path, notes: &mut Vec<String>) -> Result<Option<OpenedRadar>> {
+/// are several, none is chosen and a note is added. One that cannot be read is an error if it is needed, or else a note.
+pub(crate) fn radar_beside(
+    path: &Path,
+    is_needed: bool,
+    notes: &mut Vec<String>,
+) -> Result<Option<OpenedRadar>> {
     let folder = match path.is_dir() {
         true => path.to_path_buf(),
         false => match path.parent() {
@@ -211,14 +215,25 @@ pub(crate) fn radar_beside(path: &Path, notes: &mut Vec<String>) -> Result<Optio
         }
         CfgChoice::One { name, is_in_parent } => {
             let file = place(is_in_parent).join(name);
-            let cfg = bounded::read_text(&file, bounded::MAX_CONFIG_BYTES)?;
-            let radar = open_radar_text(&file, &cfg).map_err(|e| {
-                e.with_hint(
-                    text("this chirp file lies beside the recording; ")
-                        .option("radar")
-                        .text(" names another one"),
-                )
-            })?;
+            let cfg = bounded::read_text(&file, bounded::MAX_CONFIG_BYTES).map_err(Error::from);
+            let radar = match cfg.and_then(|cfg| open_radar_text(&file, &cfg)) {
+                Ok(radar) => radar,
+                Err(error) if is_needed => {
+                    return Err(error.with_hint(
+                        text("this chirp file lies beside the recording; ")
+                            .option("radar")
+                            .text(" names another one, ")
+                            .option("frame_rate")
+                            .text(" HZ does without it"),
+                    ));
+                }
+                Err(error) => {
+                    notes.push(format!(
+                        "the chirp file beside the recording is not used: {error}"
+                    ));
+                    return Ok(None);
+                }
+            };
             notes.push(format!("radar by {}, beside the recording", file.display()));
             Ok(Some(radar))
         }

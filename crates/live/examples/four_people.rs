@@ -85,7 +85,7 @@ fn main() -> Result {
 
 /// The four people, simulated together: who stands before another one hides that one.
 fn scene() -> Result<Clip> {
-    let radar = radarllm_io::open_radar(DEFAULT_RADAR)?.config;
+    let radar = radarllm_io::open_radar(DEFAULT_RADAR)?.into_config()?;
     let mut bodies = Vec::new();
     for (i, (request, position_m, heading_rad)) in PEOPLE.into_iter().enumerate() {
         let input = open_motion(request, i as u64)?;

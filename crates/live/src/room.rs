@@ -81,7 +81,7 @@ impl Room {
         }
         let opened = open_radar(&options.radar)?;
         Ok(Self {
-            radar: opened.config,
+            radar: opened.into_config()?,
             radar_name: options.radar.clone(),
             simulation: SimulateOptions::default(),
             options: options.clone(),
@@ -247,7 +247,10 @@ mod tests {
             seed: seed::derive_seed(1, "room/0"),
             ..SimulateOptions::default()
         };
-        let radar = open_radar(radarllm::DEFAULT_RADAR).unwrap().config;
+        let radar = open_radar(radarllm::DEFAULT_RADAR)
+            .unwrap()
+            .into_config()
+            .unwrap();
         let input = format!("builtin:{}", SCENES[0]);
         let clip = radarllm_synth::simulate_motion(&input, &radar, &options)
             .unwrap()

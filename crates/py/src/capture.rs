@@ -82,7 +82,7 @@ impl Reading {
         // Before it is opened again: a port cannot be bound twice.
         self.samples = None;
         let samples = SampleRecording::open(self.take_capture(), &self.options)?;
-        self.report = json!({ "format": format.name(), "radar": samples.radar().config.name });
+        self.report = json!({ "format": format.name(), "radar": samples.radar().points.name });
         self.notes = samples.notes();
         self.samples = Some(samples);
         self.n_taken = 0;
@@ -194,7 +194,7 @@ fn set_chain(options: &mut CaptureOptions, chain: Option<&Path>) -> Result {
             option("processing").text(" needs ").option("radar"),
         ));
     };
-    options.processing = Some(processing(path)?.resolve(&radar.config));
+    options.processing = Some(processing(path)?.resolve(radar.config()?));
     Ok(())
 }
 

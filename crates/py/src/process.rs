@@ -68,7 +68,7 @@ pub(crate) fn process(
         )));
     }
     let provenance = provenance(synthetic, source, seed)?;
-    let radar = radar.0.config;
+    let radar = radar.0.into_config().map_err(errors::to_py)?;
     let dsp = match processing {
         Some(path) => read_processing(&path)
             .map_err(errors::to_py)?

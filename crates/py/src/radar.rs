@@ -10,7 +10,8 @@ use crate::errors;
 /// A radar: its chirps, antennas and frame rate.
 ///
 /// `Radar("awr1843boost")` is a built-in radar (`radarllm radar list` names them); `Radar("profile.cfg")` reads TI's chirp
-/// configuration, a `.json` of mmWave Studio or a `.toml` of this project.
+/// configuration, a `.json` of mmWave Studio or a `.toml` of this project. A chirp configuration that describes no cube is
+/// an error here; points are read with the name of its file.
 ///
 /// >>> radar = Radar("awr1843boost")
 /// >>> radar.frame_rate_hz
@@ -20,11 +21,12 @@ use crate::errors;
 #[pyclass(frozen, name = "Radar", module = "radarllm")]
 pub struct PyRadar {
     pub opened: OpenedRadar,
+    config: RadarConfig,
 }
 
 impl PyRadar {
     fn config(&self) -> &RadarConfig {
-        &self.opened.config
+        &self.config
     }
 }
 
@@ -33,7 +35,8 @@ impl PyRadar {
     #[new]
     fn new(name_or_file: PathBuf) -> PyResult<Self> {
         let opened = open_radar(&name_or_file.to_string_lossy()).map_err(errors::to_py)?;
-        Ok(Self { opened })
+        let config = opened.config().map_err(errors::to_py)?.clone();
+        Ok(Self { opened, config })
     }
 
     /// Name in reports.

@@ -58,7 +58,7 @@ pub(crate) fn simulate<'py>(
     let radar = options::radar_or_default(radar)?;
     let firmware = firmware.map(|name| TiFirmware::from_name(name, &radar));
     let firmware = firmware.transpose().map_err(errors::to_py)?;
-    let radar = radar.config;
+    let radar = radar.into_config().map_err(errors::to_py)?;
     let objects = objects.as_deref().map(options::objects);
     for (name, value) in [
         ("distance_m", distance_m),

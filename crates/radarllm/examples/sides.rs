@@ -40,7 +40,7 @@ fn main() -> Result<(), Error> {
         None => Ok(default),
     };
     let (first, n) = (number(1)?, number(50)?);
-    let radar = open_radar(radarllm::DEFAULT_RADAR)?.config;
+    let radar = open_radar(radarllm::DEFAULT_RADAR)?.into_config()?;
     let captioner = Captioner::bundled()?;
     let mut rows = Vec::new();
     for seed in first..first + n {

@@ -41,8 +41,9 @@ fn main() -> Result<(), Error> {
         points: Vec::new(),
         noise: Noise::Thermal,
     };
-    let n_frames = radar.config.frames_in(motion.motion.duration_s());
-    let plan = || Synthesizer::new(&radar.config, Method::Fast, firmware.chain.clone());
+    let config = radar.config()?;
+    let n_frames = config.frames_in(motion.motion.duration_s());
+    let plan = || Synthesizer::new(config, Method::Fast, firmware.chain.clone());
     let mut frames = scene_to_points_in_parallel(plan, &scene, n_frames, SEED)?;
     frames.iter_mut().for_each(|f| firmware.limit(f));
     let stream: Vec<u8> = frames.iter().flat_map(packet).collect();

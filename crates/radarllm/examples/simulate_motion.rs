@@ -9,7 +9,7 @@ use radarllm::{Overwrite, SimulateOptions, open_radar, simulate_motion, write_cl
 fn main() -> Result<(), radarllm::Error> {
     let out = std::env::args().nth(1).unwrap_or("points.parquet".into());
     // A built-in radar with half the chirp slope: half the range resolution and twice the maximum range.
-    let mut radar = open_radar("awr1843boost")?.config;
+    let mut radar = open_radar("awr1843boost")?.into_config()?;
     radar.name = "half-slope".into();
     radar.slope_hz_per_s /= 2.0;
     println!(

@@ -130,7 +130,7 @@ impl Source {
     fn simulated(&self, input: &Path, prepare: PrepareOptions) -> Result<Recording> {
         let radar = self.radar_or_default()?;
         let input = input.to_string_lossy();
-        let simulated = simulate_motion(&input, &radar.config, &self.simulation)?;
+        let simulated = simulate_motion(&input, radar.config()?, &self.simulation)?;
         Ok(Recording::simulated(simulated, prepare))
     }
 

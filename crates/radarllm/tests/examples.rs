@@ -57,7 +57,10 @@ fn simulated_points_are_tracked_and_described() {
 /// Samples as npy complex64 `[frame, loop, tx, rx, sample]`: a person who walks, two frames.
 fn raw_samples(path: &Path) {
     use radarllm::synth::{Method, Synthesizer, simulate::place, synthesizer::posed_builtin};
-    let radar = radarllm::open_radar("iwr6843isk").unwrap().config;
+    let radar = radarllm::open_radar("iwr6843isk")
+        .unwrap()
+        .into_config()
+        .unwrap();
     let walk = radarllm::open_motion("builtin:walk", 1).unwrap();
     let placement = place(&walk.motion, 3.0, 1.0);
     let body = posed_builtin(&walk.motion, walk.shape, placement).unwrap();

@@ -67,13 +67,13 @@ fn captures(folder: &Path) -> Vec<(PathBuf, CaptureOptions)> {
     fs::write(&csv, table).unwrap();
 
     let options = SimulateOptions::default();
-    let clip = simulate_motion(input, &radar.config, &options)
+    let clip = simulate_motion(input, radar.config().unwrap(), &options)
         .unwrap()
         .clip;
     let parquet = folder.join("points.parquet");
     write_clip(&parquet, &clip, Overwrite::Refuse).unwrap();
 
-    let cubes = simulate_cubes(input, &radar.config, &options).unwrap();
+    let cubes = simulate_cubes(input, radar.config().unwrap(), &options).unwrap();
     let cubes: Vec<_> = cubes.take(2).map(Result::unwrap).collect();
     let [a, b, c, d] = [
         cubes[0].n_loops,

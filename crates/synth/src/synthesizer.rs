@@ -57,7 +57,7 @@ pub enum SynthError {
 /// # Errors
 /// As [`radarllm_io::open_radar`].
 pub fn open_radar(name: &str, base: &Path) -> Result<RadarConfig, SynthError> {
-    Ok(radarllm_io::open_radar_in(name, base)?.config)
+    Ok(radarllm_io::open_radar_in(name, base)?.into_config()?)
 }
 
 /// The built-in body of a shape. It is generated once and kept, because polygonising takes a large fraction of one

@@ -92,14 +92,14 @@ pub(crate) fn run(args: &CalibrateArgs) -> CliResult {
         elevation_rad: args.elevation_deg.to_radians(),
         search_m: args.search_m,
     };
-    let mut calibrator = CornerCalibrator::new(&radar.config, reflector)?;
+    let mut calibrator = CornerCalibrator::new(radar.sample_config()?, reflector)?;
     let cleaning = CleaningOptions {
         background: args.background.clone(),
         ..CleaningOptions::default()
     };
     let corrector = corrector(&cleaning, &radar, named, &layout, &mut notes)?;
     let mut frames = open_samples(opened, &radar, &layout, &mut notes)?;
-    let radar = radar.config;
+    let radar = radar.into_config()?;
     let first = &args.capture[0];
     let mut stats = AdcStats::new(radar.rx.len(), 16);
     let n_damaged = each_whole_frame(&mut frames, first, &radar, |cube| {

@@ -137,7 +137,7 @@ pub(crate) fn run(args: &ProcessArgs) -> CliResult {
     match opened.kind() {
         RecordingKind::Samples(_) => {
             if let (Some(path), Some(radar)) = (&args.processing, &options.radar) {
-                options.processing = Some(processing(path)?.resolve(&radar.config));
+                options.processing = Some(processing(path)?.resolve(radar.config()?));
             }
             process_samples(args, &options, &plots, opened)
         }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Subcommand;
-use radarllm::ModelFiles;
+use radarllm::{ModelFiles, OpenedRadar};
 use radarllm_base::{RadarConfig, radar_config::TxMultiplexing};
 use radarllm_formats::{Finding, ModelExpectations, Severity, Span};
 use radarllm_inference::{FRAME_RATE_HZ, tokenizer::encode::TokenizerFile};
@@ -23,7 +23,7 @@ use crate::{
 pub(crate) enum RadarVerb {
     /// List the built-in radars.
     List(JsonFlag),
-    /// Print the derived figures of a radar.
+    /// Print the derived figures of a radar. Of a chirp file without a cube, print what points need and why there is none.
     Show {
         /// Radar: a built-in name, a TI .cfg or a radar .toml.
         radar: String,
@@ -102,7 +102,7 @@ impl From<&RadarConfig> for Figures {
 pub(crate) fn run(verb: &RadarVerb) -> CliResult {
     match verb {
         RadarVerb::List(args) => list(args.json),
-        RadarVerb::Show { radar, json } => show(&open(radar)?.config, *json),
+        RadarVerb::Show { radar, json } => show(radar, &open(radar)?, *json),
         RadarVerb::Lint { radar, model, json } => lint(radar, model.as_deref(), *json),
         RadarVerb::Calibrate(args) => calibrate::run(args),
     }
@@ -132,8 +132,110 @@ fn list(json: bool) -> CliResult {
     Ok(())
 }
 
-fn show(radar: &RadarConfig, json: bool) -> CliResult {
-    let f = Figures::from(radar);
+/// What is known of a chirp file without a cube, for the JSON output.
+#[derive(Serialize)]
+struct PointFigures<'a> {
+    name: &'a str,
+    dialect: Option<String>,
+    frame_rate_hz: f64,
+    range_resolution_m: Option<f64>,
+    max_range_m: Option<f64>,
+    velocity_resolution_mps: Option<f64>,
+    max_velocity_mps: Option<f64>,
+    carrier_hz: Option<f64>,
+    sampled_bandwidth_hz: Option<f64>,
+    radar_height_m: Option<f64>,
+    tilt_deg: Option<f64>,
+    yaw_deg: Option<f64>,
+    /// A radar with the same bins that is simulated.
+    simulated: Option<Figures>,
+    /// Why there is no cube.
+    no_cube: Vec<String>,
+}
+
+impl<'a> PointFigures<'a> {
+    fn of(radar: &'a OpenedRadar) -> Self {
+        let points = &radar.points;
+        let position = points.position;
+        Self {
+            name: &points.name,
+            dialect: points.dialect.map(|d| d.to_string()),
+            frame_rate_hz: points.frame_rate_hz(),
+            range_resolution_m: points.range_resolution_m,
+            max_range_m: points.max_range_m,
+            velocity_resolution_mps: points.velocity_resolution_mps,
+            max_velocity_mps: points.max_velocity_mps,
+            carrier_hz: points.carrier_hz,
+            sampled_bandwidth_hz: points.sampled_bandwidth_hz,
+            radar_height_m: position.map(|p| p.height_m),
+            tilt_deg: position.map(|p| p.elevation_tilt_rad.to_degrees()),
+            yaw_deg: position.map(|p| p.azimuth_tilt_rad.to_degrees()),
+            simulated: radar.config().ok().map(Figures::from),
+            no_cube: radar.reasons().iter().map(ToString::to_string).collect(),
+        }
+    }
+}
+
+/// Prints what points need. A mistake in the file is an error in the end.
+fn show_points(name: &str, radar: &OpenedRadar, json: bool) -> CliResult {
+    let f = PointFigures::of(radar);
+    if json {
+        output::print_json(&f)?;
+    } else {
+        let printable = |text: &str| -> String { text.chars().map(printable).collect() };
+        let row = |name: &str, value: &str| {
+            output::print_line(&format!("{name:<36} {}", printable(value)));
+        };
+        row("device or board", f.name);
+        row("dialect", f.dialect.as_deref().unwrap_or("not known"));
+        let hz = |value: Option<f64>| value.map(|v| v / 1e9);
+        for (name, value, unit) in [
+            ("range resolution", f.range_resolution_m, "m"),
+            ("maximum range", f.max_range_m, "m"),
+            ("velocity resolution", f.velocity_resolution_mps, "m/s"),
+            ("maximum velocity", f.max_velocity_mps, "m/s, either way"),
+            ("frame rate", Some(f.frame_rate_hz), "frames/s"),
+            (
+                "carrier (centre of the ADC window)",
+                hz(f.carrier_hz),
+                "GHz",
+            ),
+            ("sampled bandwidth", hz(f.sampled_bandwidth_hz), "GHz"),
+            ("radar height", f.radar_height_m, "m"),
+            ("tilt", f.tilt_deg, "degrees"),
+            ("yaw", f.yaw_deg, "degrees"),
+        ] {
+            match value {
+                Some(value) => row(name, &format!("{value:.4} {unit}")),
+                None => row(name, "not known"),
+            }
+        }
+        if let Some(s) = &f.simulated {
+            row(
+                "simulated with the same bins as",
+                &format!(
+                    "{} TX ({}) x {} RX, {} loops, {} complex samples",
+                    s.n_tx, s.multiplexing, s.n_rx, s.n_loops, s.n_samples
+                ),
+            );
+        }
+        for reason in &f.no_cube {
+            row("no cube", reason);
+        }
+    }
+    match radar.reasons().iter().find(|e| !e.is_unsupported()) {
+        None => Ok(()),
+        Some(mistake) => Err(CliError::new(format!("{name}: {mistake}")).hint(format!(
+            "`radarllm radar lint {name}` shows the place in the file"
+        ))),
+    }
+}
+
+fn show(name: &str, radar: &OpenedRadar, json: bool) -> CliResult {
+    let Ok(config) = radar.sample_config() else {
+        return show_points(name, radar, json);
+    };
+    let f = Figures::from(config);
     if json {
         return output::print_json(&f);
     }
@@ -163,7 +265,9 @@ fn lint(name: &str, model: Option<&Path>, json: bool) -> CliResult {
     let expected = expectations(model)?;
     let (text, findings) = match read_radar_text(name).map_err(unknown)? {
         Some(RadarSource::TiCfg(text)) => {
-            let findings = radarllm_formats::lint_ti_cfg(&text, Some(&expected));
+            let file = Path::new(name).file_name().unwrap_or_default();
+            let file = file.to_string_lossy();
+            let findings = radarllm_formats::lint_ti_cfg_named(&file, &text, Some(&expected));
             (text, findings)
         }
         Some(RadarSource::Toml(text)) => {
@@ -173,7 +277,7 @@ fn lint(name: &str, model: Option<&Path>, json: bool) -> CliResult {
         // There is no text to quote: built-in radars have none, and exports of mmWave Studio are not edited by hand.
         _ => (
             String::new(),
-            radarllm_formats::lint(&open(name)?.config, Some(&expected)),
+            radarllm_formats::lint(open(name)?.config()?, Some(&expected)),
         ),
     };
     let count = |severity| findings.iter().filter(|f| f.severity == severity).count();

@@ -170,7 +170,7 @@ pub(crate) fn run(args: &SimulateArgs) -> CliResult {
         own_noise: true,
         ..SimulateOptions::default()
     };
-    let radar = radar.config;
+    let radar = radar.into_config()?;
     // Radars with warnings are simulated all the same, and the warnings are printed.
     let findings = radarllm_formats::lint(&radar, None);
     for finding in findings.iter().filter(|f| f.severity != Severity::Note) {

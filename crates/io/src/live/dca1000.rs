@@ -113,6 +113,7 @@ impl Dca1000 {
             Error::input(text("raw samples need ").option("radar"))
                 .with_hint("the radar that sends them")
         })?;
+        let config = radar.sample_config()?;
         let points = &capture.points;
         points.check_for_samples()?;
         refuse_options(
@@ -128,7 +129,6 @@ impl Dca1000 {
             &mut notes,
         )?;
         let dsp = capture.processing.clone().unwrap_or_default();
-        let config = &radar.config;
         let extractor = PointExtractor::new(config, cleaning::chain(&capture.cleaning, dsp))?;
         let inputs = std::slice::from_ref(&input);
         let files = SampleFiles::new(Opened::samples(inputs, None)?)?;

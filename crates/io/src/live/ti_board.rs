@@ -9,7 +9,7 @@ use std::{
 
 use radarllm_base::{Provenance, RecordedFrame, SourceInfo, TimelineError, message::option};
 use radarllm_formats::{
-    Mounting, RecordingFormat, UartError, UartParser,
+    ChirpDialect, Mounting, RecordingFormat, UartError, UartParser,
     uart::{Dialect, SubframeJoiner, UartFrame},
 };
 
@@ -26,7 +26,7 @@ use crate::{
     options::{
         CaptureFormat, CaptureOptions, DEFAULT_RADAR_HEIGHT_M, NEEDS_SAMPLES, refuse_options,
     },
-    points::{mounting, radar_name},
+    points::{explain_reasons, mounting, radar_name},
     radar::RadarSource,
     serial::Terminal,
 };
@@ -59,7 +59,7 @@ pub struct TiBoard {
     timeouts: LiveTimeouts,
     about: SourceInfo,
     notes: Vec<String>,
-    /// Whether a frame waits for sub-frames until the next packet. Chirp files that can be read have none.
+    /// Whether a frame waits for sub-frames until the next packet. Only chirp files with advanced frames have some.
     waits_for_subframes: bool,
 
     link: Link,
@@ -127,7 +127,7 @@ impl TiBoard {
         let radar = capture.radar.as_ref();
         let frame_rate_hz = points
             .frame_rate_hz
-            .or_else(|| radar.map(|r| r.config.frame_rate_hz()))
+            .or_else(|| radar.map(|r| r.points.frame_rate_hz()))
             .ok_or_else(|| {
                 Error::wrap_in_file(&data, TimelineError::NoRate).with_hint(
                     option("frame_rate")
@@ -153,8 +153,13 @@ impl TiBoard {
             }),
             None => None,
         };
+        let dialect = radar.and_then(|r| r.points.dialect);
+        let may_have_subframes = cfg.is_none() || dialect == Some(ChirpDialect::AdvancedFrames);
         let mut notes = Vec::new();
-        let position = radar.and_then(|r| r.position);
+        if let Some(radar) = radar {
+            explain_reasons(radar, &mut notes, &mut Vec::new());
+        }
+        let position = radar.and_then(|r| r.points.position);
         let mounting: Mounting = mounting(points, position, &mut notes)?;
         let background = cleaning::point_background(&capture)?;
         let about = SourceInfo {
@@ -183,7 +188,7 @@ impl TiBoard {
             timeouts,
             about,
             notes,
-            waits_for_subframes: cfg.is_none(),
+            waits_for_subframes: may_have_subframes,
             link: Link::Open { data: port },
             joiner: SubframeJoiner::default(),
             last_number: None,

@@ -55,7 +55,7 @@ fn capture() -> CaptureOptions {
 
 /// Packets of `n` frames with an echo that comes nearer.
 fn datagrams(n: usize) -> Vec<Vec<u8>> {
-    let shape = CubeShape::of(&capture().radar.unwrap().config);
+    let shape = CubeShape::of(capture().radar.unwrap().config().unwrap());
     let words = (0..n).flat_map(|i| {
         let cube = made::echo(shape, 12.0 - i as f64 / 2.0, 20.0, i as u64);
         made::words(&cube, two(I_FIRST))

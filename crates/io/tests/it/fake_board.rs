@@ -195,7 +195,7 @@ fn run(
         if !cli.write(answer.as_bytes(), is_over) {
             return;
         }
-        if command == "sensorStart" && answer.contains("Done") {
+        if command.starts_with("sensorStart") && answer.contains("Done") {
             for n in 0..behaviour.n_packets {
                 let number = behaviour.first_number + n;
                 let packet = make_uart::packet(Dialect::Sdk3, number, &(behaviour.content)(n));

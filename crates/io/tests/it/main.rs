@@ -9,6 +9,7 @@
 #![cfg(target_os = "linux")]
 
 mod card;
+mod chirp_files;
 mod events;
 mod fake_board;
 #[allow(dead_code)]

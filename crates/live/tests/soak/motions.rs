@@ -133,7 +133,10 @@ fn lowest_s(motion: &Motion) -> f64 {
 
 /// The radar of the soak.
 pub fn radar() -> RadarConfig {
-    let radar = radarllm_io::open_radar(DEFAULT_RADAR).unwrap().config;
+    let radar = radarllm_io::open_radar(DEFAULT_RADAR)
+        .unwrap()
+        .into_config()
+        .unwrap();
     assert_eq!(radar.frame_rate_hz(), RATE_HZ);
     radar
 }

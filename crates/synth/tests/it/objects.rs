@@ -6,7 +6,10 @@ use radarllm_synth::{Method, Synthesizer, objects::ObjectsFile};
 
 #[test]
 fn static_objects_give_the_points_that_they_give_in_the_scene() {
-    let radar = radarllm_io::open_radar("iwr6843isk").unwrap().config;
+    let radar = radarllm_io::open_radar("iwr6843isk")
+        .unwrap()
+        .into_config()
+        .unwrap();
     let dsp = DspOptions {
         clutter: ClutterFilter::Off,
         ..DspOptions::default()

@@ -25,7 +25,7 @@ fn a_scene_is_simulated_by_the_same_call() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.toml");
     fs::write(&path, SCENE).unwrap();
-    let radar = open_radar("awr1843boost").unwrap().config;
+    let radar = open_radar("awr1843boost").unwrap().into_config().unwrap();
     let options = SimulateOptions {
         seed: 7,
         ..SimulateOptions::default()
@@ -68,9 +68,13 @@ fn firmware_that_reports_its_surroundings_is_simulated_among_objects() {
             objects,
             ..SimulateOptions::default()
         };
-        simulate_motion("builtin:wave?repetitions=1", &radar.config, &options)
-            .unwrap()
-            .clip
+        simulate_motion(
+            "builtin:wave?repetitions=1",
+            radar.config().unwrap(),
+            &options,
+        )
+        .unwrap()
+        .clip
     };
     let (room, alone) = (simulate(None), simulate(Some(ObjectsFile::none())));
     assert_eq!(room, simulate(Some(ObjectsFile::furnished())));
@@ -87,7 +91,7 @@ fn options_that_exclude_one_another_are_refused() {
         ..SimulateOptions::default()
     };
     let input = "builtin:clap";
-    let error = simulate_cubes(input, &radar.config, &options)
+    let error = simulate_cubes(input, radar.config().unwrap(), &options)
         .err()
         .unwrap();
     assert!(error.to_string().contains("points, not samples"), "{error}");
@@ -95,7 +99,7 @@ fn options_that_exclude_one_another_are_refused() {
         processing: Some(DspOptions::default()),
         ..options
     };
-    let error = simulate_motion(input, &radar.config, &both).unwrap_err();
+    let error = simulate_motion(input, radar.config().unwrap(), &both).unwrap_err();
     assert!(error.to_string().contains("signal chain"), "{error}");
     let error = TiFirmware::from_name("mine", &radar).unwrap_err();
     assert!(
@@ -107,6 +111,6 @@ fn options_that_exclude_one_another_are_refused() {
         body: Some("no-such-body.npz".into()),
         ..SimulateOptions::default()
     };
-    let error = simulate_motion(input, &radar.config, &body).unwrap_err();
+    let error = simulate_motion(input, radar.config().unwrap(), &body).unwrap_err();
     assert!(error.to_string().contains("no-such-body.npz"), "{error}");
 }

@@ -13,7 +13,10 @@ use radarllm_synth::{
 
 #[test]
 fn one_motion_gives_the_same_points_on_any_number_of_threads() {
-    let radar = radarllm_io::open_radar("iwr6843isk").unwrap().config;
+    let radar = radarllm_io::open_radar("iwr6843isk")
+        .unwrap()
+        .into_config()
+        .unwrap();
     let clip = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
@@ -32,7 +35,10 @@ fn one_motion_gives_the_same_points_on_any_number_of_threads() {
 
 #[test]
 fn cubes_are_those_of_the_points() {
-    let radar = radarllm_io::open_radar("iwr6843isk").unwrap().config;
+    let radar = radarllm_io::open_radar("iwr6843isk")
+        .unwrap()
+        .into_config()
+        .unwrap();
     let options = SimulateOptions::default();
     let input = "builtin:clap?repetitions=2";
     let clip = simulate_motion(input, &radar, &options).unwrap().clip;
@@ -46,7 +52,10 @@ fn cubes_are_those_of_the_points() {
 
 #[test]
 fn motions_have_noise_of_their_own_if_asked_for() {
-    let radar = radarllm_io::open_radar("iwr6843isk").unwrap().config;
+    let radar = radarllm_io::open_radar("iwr6843isk")
+        .unwrap()
+        .into_config()
+        .unwrap();
     let input = "builtin:clap?repetitions=2";
     let options = SimulateOptions {
         own_noise: true,
@@ -63,7 +72,10 @@ fn motions_have_noise_of_their_own_if_asked_for() {
 
 #[test]
 fn a_stopped_simulation_is_an_interruption() {
-    let radar = radarllm_io::open_radar("iwr6843isk").unwrap().config;
+    let radar = radarllm_io::open_radar("iwr6843isk")
+        .unwrap()
+        .into_config()
+        .unwrap();
     let n_asked = AtomicUsize::new(0);
     let stop = || n_asked.fetch_add(1, Ordering::Relaxed) >= 2;
     let options = SimulateOptions::default();

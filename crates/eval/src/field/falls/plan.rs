@@ -260,7 +260,7 @@ impl FallPlan {
         }
         let config = RadarConfig {
             frame_period_s: FRAME_PERIOD_S,
-            ..opened.config
+            ..opened.into_config()?
         };
         let problem = |e| EvalError::Config(format!("radar `{name}` at 10 frames/s: {e}"));
         config.validate().map_err(problem)?;
