@@ -14,7 +14,7 @@
 //! |---|---|---|
 //! | SDK 1 to 3 | `frameCfg` | if all chirps are equal but for their transmitter |
 //! | advanced frames (`advFrameCfg`, `subFrameCfg`) | sum of the sub-frames | none |
-//! | MCU+ SDK (xWR2944): eight values in `frameCfg`, the fifth is the number of samples | the sixth value | none |
+//! | MCU+ SDK (xWR2944): eight or nine values in `frameCfg`, the fifth is the number of samples | the sixth value | none |
 //! | low-power SDK (`chirpComnCfg`, `chirpTimingCfg`) | fifth value of `frameCfg` | none: samples are real |
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -629,12 +629,12 @@ impl File {
             "profileCfg" => self.read_profile(command)?,
             "chirpCfg" => self.read_chirps(&command)?,
             "frameCfg" => {
-                // The MCU+ SDK has a value more than SDK 3, the number of samples before the period; the trigger behind
-                // the period is 1 or 2 in both. Words of comments do not count.
+                // The MCU+ SDK has the number of samples before the period, and one or two values more than SDK 3; the
+                // trigger behind the period is 1 or 2 in both. Words of comments do not count.
                 let is_number = |word: &&Word| word.text.parse::<f64>().is_ok();
                 let n_values = command.args.iter().take_while(is_number).count();
                 let is_trigger = |index| command.whole(index, "trigger", 1..3).is_ok();
-                let has_samples = n_values == 8 && is_trigger(6) && !is_trigger(5);
+                let has_samples = n_values >= 8 && is_trigger(6) && !is_trigger(5);
                 let period_index = if has_samples { 5 } else { 4 };
                 let max_loops = if has_samples { 65_536 } else { 256 };
                 self.frame = Some(Frame {
@@ -1169,8 +1169,9 @@ impl File {
             let problem = format!("chirp {index} is used, but no chirpCfg defines it");
             errors.push(end.refuse("undefined-chirp", problem));
         }
+        let is_pair = frame.last == frame.first + 1;
         if let Some(bpm) = &self.phase_modulation
-            && (frame.first, frame.last) != (bpm.in_phase, bpm.inverted)
+            && !(is_pair && (frame.first, frame.last) == (bpm.in_phase, bpm.inverted))
         {
             let problem = format!(
                 "binary phase modulation takes a frame of its two chirps, {} and {}, and no others; this frame has chirps {} \

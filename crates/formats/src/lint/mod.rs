@@ -294,8 +294,12 @@ fn lint_reading(
         if let (Some(radar), Some(model)) = (&reading.equivalent, model) {
             model::compare(&mut report, radar, model);
         }
-        if let (Some(_), Some(evidence)) = (&reading.equivalent, &reading.board_evidence) {
-            report.explain_board(evidence, &points.name);
+        if reading.board_evidence == Some(BoardEvidence::Guess) {
+            let message = format!(
+                "no antGeometryCfg of six virtual antennas: a simulation has those of the built-in {}",
+                points.name
+            );
+            report.add(Severity::Note, "board-guessed", "name", message);
         }
     }
     report.sorted()

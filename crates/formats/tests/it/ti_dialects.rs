@@ -220,6 +220,16 @@ fn static_retention_gives_the_frame_rate_and_the_true_reason() {
         "{reason}"
     );
     assert!(reason.contains("1 and 2, and no others"), "{reason}");
+    // The chirp of time division between the two others.
+    let between = RETENTION
+        .replace("bpmCfg -1 1 1 2", "bpmCfg -1 1 0 2")
+        .replace("chirpCfg 0 0 0 0 0 0 0 1", "chirpCfg 0 0 0 0 0 0 0 5")
+        .replace(
+            "chirpCfg 1 2 0 0 0 0 0 6",
+            "chirpCfg 1 1 0 0 0 0 0 2\nchirpCfg 2 2 0 0 0 0 0 5",
+        );
+    assert_eq!(points(&between).frame_rate_hz(), 20.0);
+    assert!(self::reason(&between).contains("0 and 2, and no others"));
 }
 
 #[test]
@@ -273,6 +283,8 @@ fn frame_cfg_of_the_mcu_plus_sdk_has_the_samples_before_the_period() {
     let tdm = SIMPLE.replace("frameCfg 0 1 32 0 80 1 0", "frameCfg 0 1 32 0 128 80 1 0");
     assert_eq!(points(&tdm).frame_rate_hz(), 12.5);
     assert!(reason(&tdm).contains("MCU+"));
+    let nine = tdm.replace("80 1 0", "80 1 0 0");
+    assert_eq!(points(&nine).frame_rate_hz(), 12.5);
     // More loops than SDK 3 has.
     assert_eq!(
         points(&tdm.replace("1 32 0 128", "1 400 0 128")).frame_rate_hz(),
