@@ -32,7 +32,7 @@
 //! world), [`materials`] (reflectivity of materials), [`radar_config`] (description of a radar), [`cube`] (raw
 //! samples), [`points`] (input of the tokenizer), [`board`] (what firmware states beside its points), [`clip`] (points with their frame rate, radar and provenance),
 //! [`static_cells`] (what stands still), [`timeline`] (recorded frames with times), [`series`] (values with
-//! gaps), [`stats`] (medians and quantiles), [`options`] (numbers within limits), [`seed`], [`random`] and [`hash`]
+//! gaps), [`civil`] (dates and times of day), [`stats`] (medians and quantiles), [`options`] (numbers within limits), [`seed`], [`random`] and [`hash`]
 //! (reproducible random numbers, fingerprints), [`mod@message`] (messages that name options).
 
 #![cfg_attr(
@@ -41,6 +41,7 @@
 )]
 
 pub mod board;
+pub mod civil;
 pub mod clip;
 pub mod cube;
 pub mod disturb;

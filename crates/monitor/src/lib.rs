@@ -7,8 +7,7 @@
 //! Reading order: [`pipeline`] (one frame in, messages and records out), [`queue`] (frames before it); [`clock`] (frames to
 //! times), [`people`] and [`zones`] (what enters), [`presence`], [`falls`] and [`watch`] (both behind the tracker),
 //! [`activities`] (windows to labels and rows), [`options`]; [`rows`] (activities and events), [`messages`] (what listeners
-//! receive), [`points`] (points as bytes), [`counters`], [`liveness`] (whether frames arrive and the pipeline moves),
-//! [`civil`] (dates).
+//! receive), [`points`] (points as bytes), [`counters`], [`liveness`] (whether frames arrive and the pipeline moves).
 //!
 //! Deliberately absent: files, sockets, threads, the database and the time of day, so that a recording gives the same rows
 //! at any speed. Only [`liveness`] and the time that a sentence took are measured by the computer's clock.
@@ -20,7 +19,6 @@
 
 pub mod activities;
 mod board;
-pub mod civil;
 pub mod clock;
 pub mod counters;
 pub mod falls;

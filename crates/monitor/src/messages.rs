@@ -7,9 +7,9 @@ use base64::prelude::{BASE64_STANDARD, Engine};
 use radarllm_base::RadarPoint;
 use serde::{Deserialize, Serialize};
 
-use crate::civil::{self, DAY_MS};
 use crate::points::frame_bytes;
 use crate::rows::{ActivityRow, Origin};
+use radarllm_base::civil::utc_text;
 
 /// Version of the format. It changes when a member changes its meaning or disappears.
 pub const VERSION: u32 = 1;
@@ -296,15 +296,6 @@ impl<T> At<T> {
             what,
         }
     }
-}
-
-/// A time in UTC as `2026-11-23T17:38:12.345Z`.
-pub fn utc_text(ms: i64) -> String {
-    let date = civil::date_text(ms.div_euclid(DAY_MS));
-    let ms_of_day = ms.rem_euclid(DAY_MS);
-    let (s, ms) = (ms_of_day / 1_000, ms_of_day % 1_000);
-    let (hour, minute, second) = (s / 3_600, s / 60 % 60, s % 60);
-    format!("{date}T{hour:02}:{minute:02}:{second:02}.{ms:03}Z")
 }
 
 #[cfg(test)]

@@ -3,10 +3,10 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 
-use radarllm_monitor::civil::{DAY_MS, Date, day};
+use radarllm_base::civil::{DAY_MS, Date, day, utc_text};
 use radarllm_monitor::messages::{
     About, At, Body, Fall, FallState, Health, Hello, Message, Now, Presence, PresenceState,
-    SourceState, utc_text,
+    SourceState,
 };
 use serde::Deserialize;
 use serde_json::json;

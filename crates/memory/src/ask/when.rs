@@ -1,6 +1,6 @@
 //! Phrases of time.
 
-use radarllm_monitor::civil::{self, DAY_MS, Date, HOUR_MS, MINUTE_MS, WEEKDAYS};
+use radarllm_base::civil::{self, DAY_MS, Date, HOUR_MS, MINUTE_MS, WEEKDAYS};
 use serde::{Deserialize, Serialize};
 
 use super::words::at;

@@ -75,7 +75,7 @@ pub(super) fn is_time_word(word: &str) -> bool {
         "twice", "thrice", "per", "every", "each", "then", "while", "earlier", "later", "recently", "january",
         "february", "april", "may", "june", "july", "august", "september", "october", "november", "december",
     ];
-    let is_weekday = radarllm_monitor::civil::WEEKDAYS.iter().any(|day| {
+    let is_weekday = radarllm_base::civil::WEEKDAYS.iter().any(|day| {
         word.strip_suffix('s')
             .unwrap_or(word)
             .eq_ignore_ascii_case(day)

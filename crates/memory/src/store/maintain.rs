@@ -1,6 +1,6 @@
 //! Keeping the memory small, and forgetting.
 
-use radarllm_monitor::civil::DAY_MS;
+use radarllm_base::civil::DAY_MS;
 use rusqlite::{ToSql, TransactionBehavior, params};
 use serde::Serialize;
 

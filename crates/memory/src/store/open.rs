@@ -6,7 +6,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use radarllm_monitor::civil;
+use radarllm_base::civil;
 use radarllm_monitor::points::MAX_BLOB_BYTES;
 use rusqlite::config::DbConfig;
 use rusqlite::limits::Limit;

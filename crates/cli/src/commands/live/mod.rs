@@ -11,6 +11,7 @@ use std::{
     time::Duration,
 };
 
+use radarllm_base::civil::{midnight_ms, utc_ms};
 use radarllm_files::bounded::{self, MAX_CONFIG_BYTES};
 use radarllm_io::{
     live::{Dca1000, DcaOptions, LiveSource, TiBoard, TiBoardOptions},
@@ -31,7 +32,6 @@ use radarllm_memory::{
     store::{Deleted, Retention},
 };
 use radarllm_monitor::{
-    civil::{midnight_ms, utc_ms},
     falls::FallOptions,
     pipeline::{PipelineOptions, windows::WindowOptions},
     presence::PresenceOptions,

@@ -2,7 +2,7 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use radarllm_monitor::civil::{self, Date};
+use radarllm_base::civil::{self, Date};
 
 use super::RecordingsReport;
 use crate::falls::RecordingAlarms;

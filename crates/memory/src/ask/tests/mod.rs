@@ -1,7 +1,7 @@
 //! Questions and their meaning, and answers from a memory.
 
 use proptest::prelude::*;
-use radarllm_monitor::civil::{self, DAY_MS, HOUR_MS, MINUTE_MS};
+use radarllm_base::civil::{self, DAY_MS, HOUR_MS, MINUTE_MS};
 use radarllm_monitor::rows::{Activity, Origin};
 
 use super::words::split;

@@ -111,6 +111,15 @@ pub fn date_text(days_since_1970: i64) -> String {
     format!("{year:04}-{month:02}-{day:02}")
 }
 
+/// A time in UTC as `2026-11-23T17:38:12.345Z`.
+pub fn utc_text(ms: i64) -> String {
+    let date = date_text(ms.div_euclid(DAY_MS));
+    let ms_of_day = ms.rem_euclid(DAY_MS);
+    let (s, ms) = (ms_of_day / 1_000, ms_of_day % 1_000);
+    let (hour, minute, second) = (s / 3_600, s / 60 % 60, s % 60);
+    format!("{date}T{hour:02}:{minute:02}:{second:02}.{ms:03}Z")
+}
+
 /// A time in UTC as `20261120T143005Z`, for file names.
 pub fn compact_utc(ms: i64) -> String {
     let Date { year, month, day } = date(ms.div_euclid(DAY_MS));
@@ -201,6 +210,13 @@ mod tests {
         ] {
             assert_eq!(midnight_ms(none), None, "{none}");
         }
+    }
+
+    #[test]
+    fn moments_are_written_in_utc() {
+        let ms = 20_780 * DAY_MS + 63_492_345;
+        assert_eq!(utc_text(ms), "2026-11-23T17:38:12.345Z");
+        assert_eq!(utc_text(0), "1970-01-01T00:00:00.000Z");
     }
 
     #[test]
