@@ -24,6 +24,7 @@ def open_capture(
     orientation: str | None = None,
     dialect: str | None = None,
     topic: str | None = None,
+    run: int | None = None,
     baud: int = 921_600,
     seconds: float | None = None,
     tilt_deg: float = 0.0,
@@ -59,6 +60,7 @@ def open_capture(
     :param orientation: axes of recorded points, "right-forward-up" or "forward-left-up"
     :param dialect: UART dialect, detected if None
     :param topic: topic of a ROS bag with several
+    :param run: one of several runs of a visualizer in one folder, counted from 1 for the oldest
     :param baud: baud rate of a serial port
     :param seconds: time to record from a serial port, s
     :param tilt_deg: angle of the radar's boresight below the horizon, degrees
@@ -90,6 +92,7 @@ def open_capture(
         "orientation": orientation,
         "dialect": dialect,
         "topic": topic,
+        "run": run,
         "baud": baud,
         "seconds": seconds,
         "tilt_deg": tilt_deg,

@@ -72,6 +72,9 @@ pub(crate) struct RecordingArgs {
     /// Topic of a ROS bag that has point clouds on several.
     #[arg(long)]
     pub topic: Option<String>,
+    /// Which of several runs of a visualizer in one folder is read, counted from 1 for the oldest.
+    #[arg(long, value_name = "N")]
+    pub run: Option<usize>,
     /// Baud rate of a serial port (/dev/tty...).
     #[arg(long, default_value_t = 921_600)]
     pub baud: u32,
@@ -118,6 +121,7 @@ impl RecordingArgs {
             orientation: orientation.transpose()?,
             dialect: dialect.transpose()?,
             topic: self.topic.clone(),
+            run: self.run,
             baud: self.baud,
             seconds: self.seconds,
             mounting: Mounting {

@@ -136,6 +136,8 @@ pub struct PointOptions {
     pub dialect: Option<Dialect>,
     /// Topic of a ROS bag that has point clouds on several topics.
     pub topic: Option<String>,
+    /// Which of several runs of a visualizer in one folder is read, counted from 1 for the oldest.
+    pub run: Option<usize>,
     /// Baud rate of a serial port.
     pub baud: u32,
     /// Time to record from a serial port, in s.
@@ -158,6 +160,7 @@ impl Default for PointOptions {
             orientation: None,
             dialect: None,
             topic: None,
+            run: None,
             baud: 921_600,
             seconds: None,
             mounting: Mounting::default(),
@@ -186,6 +189,7 @@ impl PointOptions {
                 ("orientation", self.orientation.is_some()),
                 ("dialect", self.dialect.is_some()),
                 ("topic", self.topic.is_some()),
+                ("run", self.run.is_some()),
                 ("seconds", self.seconds.is_some()),
             ],
             "is for recorded points; the capture holds raw samples, whose clock and axes are the radar's",
@@ -218,6 +222,14 @@ impl PointOptions {
             (
                 "topic",
                 self.topic.is_some() && !has(&[RecordingFormat::Bag]),
+            ),
+            (
+                "run",
+                self.run.is_some()
+                    && !has(&[
+                        RecordingFormat::VisualizerJson,
+                        RecordingFormat::VisualizerBinary,
+                    ]),
             ),
         ];
         refuse_options(

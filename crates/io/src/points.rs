@@ -124,10 +124,12 @@ pub fn open_points(
             recording.frames
         }
         RecordingFormat::VisualizerBinary => {
-            visualizer::read_binary(&mut capture, options.dialect, &mut notes, &mut warnings)?
+            let (dialect, run) = (options.dialect, options.run);
+            visualizer::read_binary(&mut capture, dialect, run, &mut notes, &mut warnings)?
         }
         RecordingFormat::VisualizerJson => {
-            let recording = visualizer::read_json(&mut capture, &mut notes)?;
+            let recording =
+                visualizer::read_json(&mut capture, options.run, &mut notes, &mut warnings)?;
             opened = opened.or(recording.radar);
             is_level = recording.is_level;
             position = recording.position;

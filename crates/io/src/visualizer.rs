@@ -14,8 +14,8 @@ use radarllm_formats::{
     CfgChoice, RecordingFormat, SensorPosition, choose_cfg,
     detect::numbered,
     recordings::{
-        join_parts, read_visualizer_binary, read_visualizer_json, visualizer_binary,
-        visualizer_json,
+        PiecesError, VisualizerBinaryError, join_run, read_visualizer_binary_run,
+        read_visualizer_json, visualizer_binary, visualizer_json,
     },
     uart::{Dialect, recorded_frames},
     visualizer_folder,
@@ -95,8 +95,26 @@ fn pieces(path: &Path, format: RecordingFormat) -> Result<Vec<(u64, PathBuf)>> {
     Ok(folder.files.into_iter().map(piece).collect())
 }
 
-/// Reads `replay_N.json`: one file, or all of a folder.
-pub(crate) fn read_json(capture: &mut Opened, notes: &mut Vec<String>) -> Result<Visualized> {
+/// The error of pieces that cannot be joined, with a hint if one of several runs can be chosen.
+fn pieces_error(path: &Path, error: PiecesError) -> Error {
+    let has_runs = matches!(error, PiecesError::SeveralRuns { .. });
+    let error = Error::wrap_in_file(path, error);
+    match has_runs {
+        true => error.with_hint(
+            option("run")
+                .text(" N reads one of them; or move the pieces of each into a folder of its own"),
+        ),
+        false => error,
+    }
+}
+
+/// Reads `replay_N.json`: one file, or all of a folder, or those of one of several runs in it.
+pub(crate) fn read_json(
+    capture: &mut Opened,
+    run: Option<usize>,
+    notes: &mut Vec<String>,
+    warnings: &mut Vec<String>,
+) -> Result<Visualized> {
     let path = &capture.path().to_path_buf();
     let mut parts = Vec::new();
     for (number, file) in pieces(path, RecordingFormat::VisualizerJson)? {
@@ -107,8 +125,10 @@ pub(crate) fn read_json(capture: &mut Opened, notes: &mut Vec<String>) -> Result
         let part = read_visualizer_json(&text).map_err(|e| Error::wrap_in_file(&file, e))?;
         parts.push((number, part));
     }
-    let mut recording = join_parts(parts).map_err(|e| Error::wrap_in_file(path, e))?;
+    let mut recording = join_run(parts, run).map_err(|e| pieces_error(path, e))?;
     notes.append(&mut recording.notes);
+    notes.extend_from_slice(&recording.warnings);
+    warnings.append(&mut recording.warnings);
     let is_level = recording.z_above_floor;
     let position = recording.sensor_position;
     match position {
@@ -146,6 +166,7 @@ pub(crate) fn read_json(capture: &mut Opened, notes: &mut Vec<String>) -> Result
 pub(crate) fn read_binary(
     capture: &mut Opened,
     dialect: Option<Dialect>,
+    run: Option<usize>,
     notes: &mut Vec<String>,
     warnings: &mut Vec<String>,
 ) -> Result<Vec<RecordedFrame>> {
@@ -158,8 +179,10 @@ pub(crate) fn read_binary(
         };
         pieces_read.push((number, bytes));
     }
-    let recording = read_visualizer_binary(pieces_read, dialect)
-        .map_err(|e| Error::wrap_in_file(path, e).with_hint(option("dialect").text(" names it")))?;
+    let recording = read_visualizer_binary_run(pieces_read, dialect, run).map_err(|e| match e {
+        VisualizerBinaryError::Pieces(e) => pieces_error(path, e),
+        e => Error::wrap_in_file(path, e).with_hint(option("dialect").text(" names it")),
+    })?;
     if let Some(guess) = recording.guess {
         notes.push(format!("dialect {guess}"));
     }

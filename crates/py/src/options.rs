@@ -76,6 +76,7 @@ pub(crate) struct CaptureKeywords {
     orientation: Option<String>,
     dialect: Option<String>,
     topic: Option<String>,
+    run: Option<usize>,
     baud: u32,
     seconds: Option<f64>,
     tilt_deg: f64,
@@ -132,6 +133,7 @@ impl CaptureKeywords {
                 orientation: orientation.transpose()?,
                 dialect: dialect.transpose()?,
                 topic: self.topic,
+                run: self.run,
                 baud: self.baud,
                 seconds: self.seconds,
                 mounting: Mounting {

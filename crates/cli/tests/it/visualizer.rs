@@ -112,6 +112,34 @@ fn files_of_several_recordings_are_refused() {
     json(&["describe", text(&inside), "--json"]);
 }
 
+/// A later, shorter run overwrote the first piece of an earlier one.
+#[test]
+fn pieces_of_several_runs_need_a_choice() {
+    let folder = tempfile::tempdir().unwrap();
+    let later = replay(0, 60, WALL_CFG).replace("\"timestamp\": 17", "\"timestamp\": 18");
+    fs::write(folder.path().join("replay_1.json"), later).unwrap();
+    fs::write(
+        folder.path().join("replay_2.json"),
+        replay(60, 80, WALL_CFG),
+    )
+    .unwrap();
+    let error = refused(&["describe", text(folder.path())]);
+    for part in ["run 1: replay_2.json", "run 2: replay_1.json", "--run N"] {
+        assert!(error.contains(part), "{part}: {error}");
+    }
+    let out = folder.path().join("points.parquet");
+    let args = [
+        "process",
+        text(folder.path()),
+        "--out",
+        text(&out),
+        "--json",
+    ];
+    let report = json(&[&args[..], &["--run", "1"]].concat());
+    assert_eq!(report["frames"], 80, "{report}");
+    json(&["describe", text(folder.path()), "--run", "2", "--json"]);
+}
+
 #[test]
 fn damaged_files_of_a_visualizer_are_named_with_their_place() {
     let folder = tempfile::tempdir().unwrap();

@@ -24,13 +24,15 @@ pub use mars::{read_mars_features, read_mars_points};
 pub use matlab::{MatArray, MatlabRecording, read_mat_array, read_matlab_points};
 pub use mmbody::{read_mmbody_calibration, read_mmbody_frame};
 pub use mmfi::read_mmfi_frame;
-pub use pieces::PiecesError;
+pub use pieces::{PiecesError, Run};
 pub use radhar::read_radhar_points;
 pub use track_table::{TrackTable, read_track_table};
-pub use visualizer_binary::{VisualizerBinary, VisualizerBinaryError, read_visualizer_binary};
+pub use visualizer_binary::{
+    VisualizerBinary, VisualizerBinaryError, read_visualizer_binary, read_visualizer_binary_run,
+};
 pub use visualizer_json::{
-    VisualizerCounts, VisualizerFrame, VisualizerPart, VisualizerRecording, join_parts,
-    read_visualizer_json,
+    SnrUnit, VisualizerCounts, VisualizerFrame, VisualizerPart, VisualizerRecording, join_parts,
+    join_run, read_visualizer_json,
 };
 pub use windows_json::read_windows_json;
 
@@ -111,18 +113,19 @@ pub struct RecordingError {
 
 impl RecordingError {
     pub(crate) fn new(at: Place, expected: impl Into<String>, found: &str) -> Self {
-        // Untrusted text must not reach a terminal unchanged: it is shortened and its control characters are removed.
-        let found: String = found
-            .chars()
-            .take(40)
-            .map(|c| if c.is_control() { '?' } else { c })
-            .collect();
         Self {
             at,
             expected: expected.into(),
-            found: format!("`{found}`"),
+            found: format!("`{}`", excerpt(found)),
         }
     }
+}
+
+/// Text of a file for a message. Untrusted text must not reach a terminal unchanged: it is shortened and its control
+/// characters are removed.
+fn excerpt(text: &str) -> String {
+    let printable = |c: char| if c.is_control() { '?' } else { c };
+    text.chars().take(40).map(printable).collect()
 }
 
 impl From<NpyError> for RecordingError {

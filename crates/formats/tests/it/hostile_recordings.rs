@@ -5,9 +5,10 @@ use radarllm_base::{RecordedFrame, Timeline};
 use radarllm_formats::{
     detect,
     recordings::{
-        Axes, join_parts, read_bag, read_mars_features, read_mars_points, read_mat_array,
+        Axes, join_parts, join_run, read_bag, read_mars_features, read_mars_points, read_mat_array,
         read_matlab_points, read_mmbody_calibration, read_mmbody_frame, read_mmfi_frame,
-        read_radhar_points, read_visualizer_binary, read_visualizer_json,
+        read_radhar_points, read_visualizer_binary, read_visualizer_binary_run,
+        read_visualizer_json,
     },
     tables::{read_points_csv, read_points_npy},
 };
@@ -47,12 +48,20 @@ fn read_all(bytes: &[u8]) {
     }
     if let Ok(part) = read_visualizer_json(&text) {
         let again = part.clone();
+        let mut halves = (part.clone(), part.clone());
+        halves.1.frames = halves.0.frames.split_off(part.frames.len() / 2);
+        for run in [None, Some(1), Some(2)] {
+            let halves = vec![(1, halves.1.clone()), (2, halves.0.clone())];
+            let n_frames = join_run(halves, run).map_or(0, |r| r.frames.len());
+            assert!(n_frames <= part.frames.len());
+        }
         let mut recording = join_parts(vec![(2, part), (1, again)]).unwrap();
         recording.lower(2.0);
         sane(recording.frames.into_iter().map(|f| f.frame).collect());
     }
     let (first, second) = bytes.split_at(bytes.len() / 3);
     let _ = read_visualizer_binary(vec![(7, second), (2, first)], None);
+    let _ = read_visualizer_binary_run(vec![(2, second), (7, first)], None, Some(1));
     for name in [
         "x.bin",
         "x.npy",

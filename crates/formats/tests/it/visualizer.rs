@@ -3,8 +3,8 @@
 use radarllm_formats::{
     SensorPosition,
     recordings::{
-        PiecesError, VisualizerBinaryError, VisualizerPart, join_parts, read_visualizer_binary,
-        read_visualizer_json,
+        PiecesError, VisualizerBinaryError, VisualizerPart, join_parts, join_run,
+        read_visualizer_binary, read_visualizer_binary_run, read_visualizer_json,
     },
     uart::{Dialect, UartError, recorded_frames},
 };
@@ -177,6 +177,7 @@ fn what_is_not_finite_or_out_of_range_is_dropped_and_counted() {
     assert_eq!(
         notes,
         [
+            "1 points are zero in every number (the visualizer did not parse them) and are dropped",
             "2 tracks or heights are not finite or out of range and dropped",
             "points dropped: 2 not finite, 2 out of range; the first in row 0 of `pointCloud` of frame 1"
         ]
@@ -430,14 +431,24 @@ fn height_and_tilt_are_those_of_the_chirp_file() {
     recording.lower(position.height_m);
     assert_eq!(recording.frames[0].frame.points[0].z_m, -0.75);
 
-    // The out-of-box demo leaves points in the sensor's axes.
+    // Demos without a view in three dimensions leave points in the sensor's axes; all others level them.
     let text = replay(1, 3);
     let join = |text: String| join_parts(vec![(1, part(&text))]).unwrap();
-    let sensor = join(text.replace(TRACKING, OUT_OF_BOX));
+    let sensor = join(text.replace(TRACKING, "Intruder Detection"));
     assert!(!sensor.z_above_floor && sensor.sensor_position == Some(position));
-    // Without a height in the chirp file the visualizer raises nothing.
-    assert!(!join(text.replace("sensorPosition 2 0 15", "sensorPosition 0 0 15")).z_above_floor);
-    assert!(!join(text.replace("sensorPosition 2 0 15", "")).z_above_floor);
+    for demo in [
+        OUT_OF_BOX,
+        "Long Range People Detection",
+        "3D People Tracking 6844",
+    ] {
+        let shown = join(text.replace(TRACKING, demo));
+        assert!(shown.z_above_floor, "{demo}");
+        assert!(!shown.warnings.iter().any(|w| w.contains("not known")));
+    }
+    // Without a height and a tilt in the chirp file, the visualizer raises and turns nothing; without a height it turns.
+    let with = |line: &str| join(text.replace("sensorPosition 2 0 15", line)).z_above_floor;
+    assert!(with("sensorPosition 0 0 15") && with("sensorPosition 0 10 0"));
+    assert!(!with("sensorPosition 0 0 0") && !with(""));
     // Without the chirp file it is not known by how much.
     let unknown = join(text.replace("\"cfg\": ", "\"other\": "));
     assert!(unknown.z_above_floor && unknown.sensor_position.is_none());
@@ -452,6 +463,278 @@ fn height_and_tilt_are_those_of_the_chirp_file() {
         broken.notes[0].starts_with("`cfg`: line 12"),
         "{:?}",
         broken.notes
+    );
+}
+
+/// What the visualizer stores for people tracking on the xWRL6844: two clouds a frame, turned and raised.
+#[test]
+fn points_of_slow_motion_are_read_and_lowered_with_the_others() {
+    let position = SensorPosition::from_ti_cfg(WALL_CFG).unwrap().unwrap();
+    let shown = |p| {
+        let [x, y, z] = position.mounting().level(p);
+        [x, y, z + 2.0]
+    };
+    let row = |[x, y, z]: [f64; 3], motion: u8| {
+        let [x, y, z] = shown([x, y, z]);
+        format!("[{x}, {y}, {z}, 0.1, 100, {motion}, 255]")
+    };
+    let (major, minor) = ([0.5, 3.0, 0.25], [-0.5, 2.0, -0.5]);
+    let entry = replay_frame(1, &row(major, 0)).replace(
+        "\"numDetectedPoints\"",
+        &format!(
+            "\"pointCloudMinor\": [{}, [0, 0, 2, 0, 0, 0, 255]], \"numDetectedPoints\"",
+            row(minor, 1)
+        ),
+    );
+    let text = replay_of("3D People Tracking 6844", "xWRL6844", &[entry]);
+    let mut recording = join_parts(vec![(1, part(&text))]).unwrap();
+    assert_eq!(
+        recording.notes,
+        [
+            "1 points are zero in every number (the visualizer did not parse them) and are dropped",
+            "1 points are of slow motion (`pointCloudMinor`) and kept with the others"
+        ]
+    );
+    assert!(recording.warnings.is_empty(), "{:?}", recording.warnings);
+    recording.lower(2.0);
+    let points = &recording.frames[0].frame.points;
+    assert_eq!(points.len(), 2);
+    for (p, sensor) in points.iter().zip([major, minor]) {
+        let [x, y, z] = position.mounting().level(sensor);
+        for (a, b) in [(p.x_m, x), (p.y_m, y), (p.z_m, z)] {
+            assert!((f64::from(a) - b).abs() < 1e-6, "{p:?}");
+        }
+        // A ratio of 100.
+        assert_eq!(p.intensity_db, 20.0);
+    }
+}
+
+#[test]
+fn demos_that_are_not_known_are_named_with_what_is_assumed() {
+    let join = |demo: &str, rows: &str| {
+        let entries = [replay_frame(1, rows), replay_frame(2, "")];
+        join_parts(vec![(1, part(&replay_of(demo, "xWR6843", &entries)))]).unwrap()
+    };
+    let db = |recording: &radarllm_formats::recordings::VisualizerRecording| {
+        recording.frames[0].frame.points[0].intensity_db
+    };
+    // No noise: compressed points, whose SNR is a ratio.
+    let ratio = join("People of Tomorrow", "[1, 2, 3, 0.5, 100, 0, 255]");
+    assert_eq!(
+        ratio.warnings,
+        [
+            "the demo `People of Tomorrow` is not known: its points are taken as turned and raised by the visualizer \
+          (sensorPosition: 2 m high), and the SNR as a ratio, because no noise is stored beside it"
+        ]
+    );
+    assert!(ratio.z_above_floor);
+    assert_eq!(db(&ratio), 20.0);
+    let decibels = join("People of Tomorrow", "[1, 2, 3, 0.5, 30, 5, 255]");
+    assert!(decibels.warnings[0].ends_with("the SNR as dB, because noise is stored beside it"));
+    assert_eq!(db(&decibels), 30.0);
+    let high = join("People of Tomorrow", "[1, 2, 3, 0.5, 1000, 5, 255]");
+    assert!(high.warnings[0].ends_with("a ratio, because its median would be too high for dB"));
+    assert_eq!(db(&high), 30.0);
+    // The unit is decided for the whole recording.
+    let text = |rows: &str, n| replay_of("New", "xWR6843", &[replay_frame(n, rows)]);
+    let parts = vec![
+        (1, part(&text("[1, 2, 3, 0.5, 20, 0, 255]", 1))),
+        (2, part(&text("[1, 2, 3, 0.5, 20, 4, 255]", 2))),
+    ];
+    let joined = join_parts(parts).unwrap();
+    assert!(
+        joined
+            .frames
+            .iter()
+            .all(|f| f.frame.points[0].intensity_db == 20.0)
+    );
+    // Neither a demo nor a chirp file.
+    let text = text("[1, 2, 3, 0.5, 100, 0, 255]", 1);
+    let nothing = text
+        .replace("\"demo\"", "\"d\"")
+        .replace("\"cfg\"", "\"c\"");
+    let joined = join_parts(vec![(1, part(&nothing))]).unwrap();
+    assert!(!joined.z_above_floor);
+    assert!(
+        joined.warnings[0].starts_with(
+            "the files name no demo: its points are taken as in the axes of the sensor"
+        ),
+        "{:?}",
+        joined.warnings
+    );
+    // A name from a file must not reach a terminal unchanged.
+    let hostile = join(&format!("\\u001b[31m{}", "x".repeat(500)), "");
+    assert!(hostile.warnings[0].len() < 300 && !hostile.warnings[0].contains('\u{1b}'));
+    // Demos with side information have dB, and without it a ratio.
+    let by_noise = |noise| {
+        let rows = format!("[1, 2, 3, 0.5, 40, {noise}, 255]");
+        let joined = join("Small Obstacle Detection", &rows);
+        assert!(joined.warnings.is_empty());
+        db(&joined)
+    };
+    assert_eq!(by_noise(7), 40.0);
+    assert!((by_noise(0) - 16.020_6).abs() < 1e-4);
+}
+
+#[test]
+fn what_cannot_be_used_is_never_nothing_seen() {
+    let join = |entries: &[String]| {
+        join_parts(vec![(1, part(&replay_of(OUT_OF_BOX, "xWR6843", entries)))]).unwrap()
+    };
+    let zero = "[0, 0, 0, 0, 0, 0, 255], [NaN, 1, 1, 0, 9, 1, 255], [9e9, 1, 1, 0, 9, 1, 255]";
+    let warnings = join(&[replay_frame(1, zero)]).warnings;
+    assert!(
+        warnings[0].starts_with("none of the 3 points in the files can be used"),
+        "{warnings:?}"
+    );
+    assert!(join(&[replay_frame(1, "")]).warnings.is_empty());
+    let other =
+        replay_frame(1, "").replace("\"numDetected", "\"pointCloudFar\": [[1]], \"numDetected");
+    assert_eq!(
+        join(&[other]).warnings,
+        ["`pointCloudFar` are not read: they are not known"]
+    );
+    // More dB than any radar reports.
+    let warnings = join(&[replay_frame(1, "[1, 2, 3, 0.5, 170, 5, 255]")]).warnings;
+    assert!(warnings[0].contains("a median of 170 dB"), "{warnings:?}");
+}
+
+/// A file whose stamps are shifted by `shift_s` against those of the other files.
+fn run_file(first: u32, n: u32, shift_s: f64) -> VisualizerPart {
+    let mut part = part(&replay(first, n));
+    for frame in &mut part.frames {
+        frame.frame.stamp_s = frame.frame.stamp_s.map(|s| s + shift_s);
+    }
+    part
+}
+
+#[test]
+fn files_of_several_runs_are_told_apart_by_their_clock() {
+    // A run of 12 frames, then one of 8 into the same folder, then one of 4.
+    let files = || {
+        vec![
+            (3, run_file(9, 4, 0.0)),
+            (2, run_file(5, 4, 500.0)),
+            (1, run_file(1, 4, 2000.0)),
+        ]
+    };
+    let error = join_parts(files()).unwrap_err();
+    let PiecesError::SeveralRuns { runs, .. } = &error else {
+        panic!("{error}");
+    };
+    let described: Vec<_> = runs
+        .iter()
+        .map(|run| (run.first_piece.as_str(), run.n_frames, run.frame_numbers))
+        .collect();
+    assert_eq!(
+        described,
+        [
+            ("replay_3.json", 4, Some((9, 12))),
+            ("replay_2.json", 4, Some((5, 8))),
+            ("replay_1.json", 4, Some((1, 4))),
+        ]
+    );
+    let text = error.to_string();
+    for part in [
+        // 1500 s, and 55 ms from one frame to the next.
+        "the time stamps fall back by 1499.9 s from replay_1.json to replay_2.json",
+        "run 1: replay_3.json, 4 frames numbered 9 to 12, 2023-11-14T22:13:20.496Z to 2023-11-14T22:13:20.661Z",
+        "run 3: replay_1.json",
+    ] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    for (run, first, stamp_s) in [(1, 9, 0.495), (2, 5, 500.275), (3, 1, 2000.055)] {
+        let recording = join_run(files(), Some(run)).unwrap();
+        let frame = &recording.frames[0].frame;
+        assert_eq!((recording.frames.len(), frame.number), (4, first));
+        let stamp = frame.stamp_s.unwrap() - 1_700_000_000.000_5;
+        assert!((stamp - stamp_s).abs() < 1e-6, "{stamp}");
+        assert!(
+            recording.notes[0].starts_with(&format!("run {run} of 3: replay_")),
+            "{:?}",
+            recording.notes
+        );
+    }
+    for none in [0, 4] {
+        let error = join_run(files(), Some(none)).unwrap_err();
+        assert!(matches!(error, PiecesError::NoSuchRun { .. }), "{error}");
+    }
+}
+
+#[test]
+fn runs_may_have_other_chirp_files_and_no_clock() {
+    // The newer run has another chirp file: the files of each agree among themselves.
+    let mut newer = run_file(1, 4, 90.0);
+    newer.cfg = newer.cfg.map(|cfg| cfg.replace("55.00", "100.00"));
+    let files = || vec![(1, newer.clone()), (2, run_file(5, 4, 0.0))];
+    let error = join_parts(files()).unwrap_err();
+    assert!(matches!(error, PiecesError::SeveralRuns { .. }), "{error}");
+    let cfg = join_run(files(), Some(2)).unwrap().cfg.unwrap();
+    assert!(cfg.contains("100.00"));
+    // Without stamps, the frame numbers of a piece must not be smaller than those before it.
+    let silent = |first, n| {
+        let mut part = run_file(first, n, 0.0);
+        part.frames.iter_mut().for_each(|f| f.frame.stamp_s = None);
+        part
+    };
+    let error = join_parts(vec![(1, silent(101, 4)), (2, silent(5, 4))]).unwrap_err();
+    let text = error.to_string();
+    assert!(
+        text.contains(
+            "the frame numbers fall back from 104 to 5 from replay_1.json to replay_2.json"
+        ) && text.contains("run 1: replay_2.json, 4 frames numbered 5 to 8; run 2: replay_1.json"),
+        "{text}"
+    );
+    assert_eq!(
+        join_parts(vec![(1, silent(1, 4)), (2, silent(5, 4))])
+            .unwrap()
+            .frames
+            .len(),
+        8
+    );
+    // A file without frames, a small step of the clock and a board that was restarted are no new run.
+    let empty = VisualizerPart {
+        frames: Vec::new(),
+        ..run_file(1, 1, 0.0)
+    };
+    let files = vec![
+        (1, run_file(101, 15, 0.0)),
+        (2, empty),
+        (3, run_file(116, 15, -0.5)),
+        (4, run_file(1, 4, 300.0)),
+    ];
+    let joined = join_parts(files).unwrap();
+    assert_eq!(joined.frames.len(), 34);
+    assert!(joined.warnings.is_empty(), "{:?}", joined.warnings);
+    // Files that hold all frames before them, of two runs.
+    let files = || {
+        vec![
+            (1, run_file(1, 3, 700.0)),
+            (2, run_file(1, 6, 0.0)),
+            (3, run_file(1, 9, 0.0)),
+        ]
+    };
+    let PiecesError::SeveralRuns { runs, .. } = join_parts(files()).unwrap_err() else {
+        panic!("one run");
+    };
+    assert_eq!((runs[0].n_frames, runs[1].n_frames), (9, 3));
+    assert_eq!(join_run(files(), Some(1)).unwrap().frames.len(), 9);
+}
+
+#[test]
+fn a_clock_that_falls_back_within_a_file_is_named() {
+    let mut file = run_file(1, 8, 0.0);
+    for frame in &mut file.frames[5..] {
+        frame.frame.stamp_s = frame.frame.stamp_s.map(|s| s - 60.0);
+    }
+    let joined = join_parts(vec![(1, file)]).unwrap();
+    assert_eq!(joined.frames.len(), 8);
+    assert_eq!(
+        joined.warnings,
+        [
+            "the clock of the time stamps falls back 1 times within the files, first by 59.9 s after frame 5: the frames \
+          are used in the order of the files"
+        ]
     );
 }
 
@@ -522,6 +805,110 @@ fn pieces_of_a_stream_are_joined_by_number() {
         ["missing pieces of the recording: pHistBytes_5.bin"]
     );
     assert!(read.report.packets < 30);
+}
+
+/// Packets with these frame numbers, whose cycle counter is at `start` in frame 0 and counts 200 MHz at 20 frames/s.
+fn clocked(numbers: std::ops::Range<u32>, start: u32) -> Vec<u8> {
+    /// Place of the cycle counter in the header of the SDK.
+    const CYCLES_AT: usize = 24;
+    let point = one_point(Dialect::Sdk3);
+    numbers
+        .flat_map(|n| {
+            let mut bytes = packet(Dialect::Sdk3, n, &point);
+            // Frames are processed within a few milliseconds of each other.
+            let jitter = n % 7 * 200_000;
+            let cycles = start
+                .wrapping_add(n.wrapping_mul(10_000_000))
+                .wrapping_add(jitter);
+            bytes[CYCLES_AT..CYCLES_AT + 4].copy_from_slice(&cycles.to_le_bytes());
+            bytes
+        })
+        .collect()
+}
+
+#[test]
+fn pieces_of_several_runs_are_told_apart_by_the_clock_of_the_board() {
+    // Frame numbers go on from piece to piece: only the cycle counter shows that a later run overwrote piece 1.
+    let pieces = || {
+        vec![
+            (1, clocked(1..101, 3_000_000_000)),
+            (2, clocked(101..201, 77)),
+            (3, clocked(201..301, 77)),
+        ]
+    };
+    for dialect in [None, Some(Dialect::Sdk3)] {
+        let error = read_visualizer_binary(pieces(), dialect)
+            .unwrap_err()
+            .to_string();
+        assert_eq!(
+            error,
+            "the pieces are of 2 runs (the board's clock does not go on from frame 100 to frame 101 from \
+             pHistBytes_1.bin to pHistBytes_2.bin): run 1: pHistBytes_2.bin to pHistBytes_3.bin, 200 frames numbered 101 \
+             to 300; run 2: pHistBytes_1.bin, 100 frames numbered 1 to 100"
+        );
+        let older = read_visualizer_binary_run(pieces(), dialect, Some(1)).unwrap();
+        let numbers: Vec<u32> = older.frames.iter().map(|f| f.number).collect();
+        assert_eq!(numbers, (101..301).collect::<Vec<u32>>());
+        assert_eq!(
+            (older.report.packets, older.report.trailing_bytes),
+            (200, 0)
+        );
+        assert!(older.notes[0].starts_with("run 1 of 2: pHistBytes_2.bin to"));
+        let newer = read_visualizer_binary_run(pieces(), dialect, Some(2)).unwrap();
+        assert_eq!((newer.frames.len(), newer.report.packets), (100, 100));
+        let error = read_visualizer_binary_run(pieces(), dialect, Some(3)).unwrap_err();
+        assert!(matches!(
+            error,
+            VisualizerBinaryError::Pieces(PiecesError::NoSuchRun { .. })
+        ));
+    }
+    // One run: the counter wraps, frames are lost at the boundary, a packet is cut by it, pieces are missing.
+    let mut whole = clocked(1..101, 4_200_000_000);
+    let mut rest = clocked(103..201, 4_200_000_000);
+    let cut = rest.len() / 98 / 2;
+    whole.extend(rest.drain(..cut));
+    let far = clocked(801..901, 4_200_000_000);
+    let one = vec![(1, whole), (2, rest), (9, far)];
+    let read = read_visualizer_binary(one.clone(), None).unwrap();
+    assert_eq!(read.frames.len(), 298);
+    assert_eq!(
+        read.notes,
+        ["missing pieces of the recording: pHistBytes_3.bin to pHistBytes_8.bin"]
+    );
+    assert_eq!(
+        read_visualizer_binary_run(one, None, Some(1)).unwrap(),
+        read
+    );
+}
+
+#[test]
+fn pieces_of_several_runs_are_told_apart_by_their_numbers() {
+    let point = one_point(Dialect::Sdk3);
+    let packets = |numbers: std::ops::Range<u32>| -> Vec<u8> {
+        numbers
+            .flat_map(|n| packet(Dialect::Sdk3, n, &point))
+            .collect()
+    };
+    let pieces = vec![(1, packets(200..230)), (2, packets(31..61))];
+    let error = read_visualizer_binary(pieces.clone(), None)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("the frame numbers fall back from 229 to 31 from pHistBytes_1.bin"),
+        "{error}"
+    );
+    let older = read_visualizer_binary_run(pieces, None, Some(1)).unwrap();
+    assert_eq!(older.frames[0].number, 31);
+    // A counter that is not steady proves nothing, and neither does one that is always 0.
+    let mut first = packets(1..31);
+    let second = packets(31..61);
+    let len = first.len() / 30;
+    for (i, packet) in first.chunks_exact_mut(len).enumerate() {
+        let cycles = (i as u32).wrapping_mul(2_654_435_761);
+        packet[24..28].copy_from_slice(&cycles.to_le_bytes());
+    }
+    let read = read_visualizer_binary(vec![(1, first), (2, second)], None).unwrap();
+    assert_eq!(read.frames.len(), 60);
 }
 
 #[test]

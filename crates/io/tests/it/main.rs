@@ -1,4 +1,4 @@
-//! Running radars: boards on pseudo-terminals, cards on the loopback network.
+//! Running radars: boards on pseudo-terminals, cards on the loopback network; folders of recordings.
 #![allow(
     clippy::disallowed_methods,
     clippy::panic,
@@ -18,3 +18,4 @@ mod made;
 #[path = "../../../formats/tests/it/make_uart.rs"]
 mod make_uart;
 mod ti_board;
+mod visualizer;

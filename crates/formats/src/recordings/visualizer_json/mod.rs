@@ -7,36 +7,32 @@
 //! | key of `frameData` | rows |
 //! |---|---|
 //! | `pointCloud` | x, y, z, velocity, SNR, noise, track |
+//! | `pointCloudMinor` | the same, of slow motion (people tracking on the xWRL6844) |
 //! | `trackData` | id, position, velocity and acceleration (x, y, z each), then more |
 //! | `heightData` | id, top, bottom |
 //!
 //! x points right, y away from the radar, z up, m; the velocity is positive when receding. The SNR is a linear ratio in
-//! the demos that send compressed points (people tracking on xWR6843 and xWR1843), as in [`crate::uart`], and in dB in
-//! the others. Python writes numbers that are not finite as `NaN` and `Infinity`, which are not valid JSON. Such points
+//! the demos that send compressed points, as in [`crate::uart`], and in dB in the others; `demos.rs` has the table. Python writes numbers that are not finite as `NaN` and `Infinity`, which are not valid JSON. Such points
 //! are dropped and counted, as in a UART stream.
 
+mod demos;
 mod join;
 mod parse;
 
+use std::collections::BTreeSet;
+
 use radarllm_base::{BoardReport, RadarPoint};
 
-pub use join::join_parts;
+pub use demos::SnrUnit;
+pub use join::{join_parts, join_run};
 
 use super::{MAX_INTENSITY_DB, RecordedFrame, RecordingError, point};
 use crate::sensor_position::SensorPosition;
 use crate::uart::{Target, TargetHeight};
+use demos::Demo;
 
 /// Prefix of the file names, which is followed by the number and `.json`.
 pub const PREFIX: &str = "replay_";
-
-/// Demos that send compressed points with a linear SNR, on devices other than the low-power ones.
-const LINEAR_SNR_DEMOS: [&str; 5] = [
-    "3D People Tracking",
-    "Vital Signs with People Tracking",
-    "Long Range People Detection",
-    "Mobile Tracker",
-    "Small Obstacle Detection",
-];
 
 /// One frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -58,6 +54,8 @@ pub struct VisualizerCounts {
     pub frames_without_number: u64,
     /// Points that consist of zeros. The visualizer allocates more points than it parses.
     pub points_empty: u64,
+    /// Points of slow motion that were kept (`pointCloudMinor`).
+    pub points_minor: u64,
     /// Points dropped because of NaN or infinity.
     pub points_not_finite: u64,
     /// Points dropped because they are farther than 1 km, faster than 1 km/s or stronger than 1000 dB.
@@ -68,6 +66,8 @@ pub struct VisualizerCounts {
     pub tracks_dropped: u64,
     /// Position of the first point that is not finite or out of range.
     pub first_dropped: Option<String>,
+    /// Keys of `frameData` whose names begin with `pointCloud` and that are not read, the first few of them.
+    pub unread_clouds: BTreeSet<String>,
 }
 
 /// Content of one file.
@@ -81,6 +81,11 @@ pub struct VisualizerPart {
     pub device: Option<String>,
     /// Frames in the order of the file.
     pub frames: Vec<VisualizerFrame>,
+    /// Unit of the SNR in the file, from which the intensities in dB were computed. `None` if the demo and the device do
+    /// not tell it: the intensities are then the numbers of the file, until [`join_parts`] has looked at all files.
+    pub snr_unit: Option<SnrUnit>,
+    /// Whether a point of `pointCloud` has a noise other than 0 beside its SNR.
+    pub has_noise: bool,
     /// Counts of dropped or doubtful data.
     pub counts: VisualizerCounts,
 }
@@ -104,6 +109,9 @@ pub struct VisualizerRecording {
     pub frames: Vec<VisualizerFrame>,
     /// Notes for the user: missing files, dropped frames and points, doubts.
     pub notes: Vec<String>,
+    /// What a user should know before trusting the points, a sentence each: assumptions about a demo that is not known, a
+    /// clock that falls back, points of which none can be used.
+    pub warnings: Vec<String>,
 }
 
 impl VisualizerRecording {
@@ -148,28 +156,26 @@ impl VisualizerRecording {
 /// The message names the frame (from 0) and the key.
 pub fn read_visualizer_json(text: &str) -> Result<VisualizerPart, RecordingError> {
     let mut part = parse::part(text)?;
-    part.finish_points();
+    let demo = part.demo.as_deref().and_then(Demo::named);
+    if let Some(unit) = demo.and_then(|demo| demo.snr_unit(part.device.as_deref())) {
+        part.finish_points(unit);
+    }
     Ok(part)
 }
 
 impl VisualizerPart {
     /// Converts the SNR of all points to dB. This is done after parsing because it depends on the demo and the device,
     /// which may follow the frames in the file.
-    fn finish_points(&mut self) {
-        let is_low_power = |device: &str| device.to_ascii_uppercase().contains("WRL");
-        let is_linear = self
-            .demo
-            .as_deref()
-            .is_some_and(|d| LINEAR_SNR_DEMOS.contains(&d))
-            && !self.device.as_deref().is_some_and(is_low_power);
+    fn finish_points(&mut self, unit: SnrUnit) {
+        self.snr_unit = Some(unit);
         let counts = &mut self.counts;
         for frame in &mut self.frames {
             frame.frame.points.retain_mut(|point| {
                 let stored = point.intensity_db;
-                point.intensity_db = match is_linear {
-                    true if stored > 0.0 => 10.0 * stored.log10(),
-                    true => 0.0,
-                    false => stored,
+                point.intensity_db = match unit {
+                    SnrUnit::Ratio if stored > 0.0 => 10.0 * stored.log10(),
+                    SnrUnit::Ratio => 0.0,
+                    SnrUnit::Decibels => stored,
                 };
                 if point.intensity_db.abs() > MAX_INTENSITY_DB as f32 {
                     counts.points_out_of_range += 1;

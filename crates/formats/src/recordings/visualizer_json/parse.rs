@@ -8,14 +8,18 @@ use serde::de::{self, DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor
 
 use super::{VisualizerCounts, VisualizerFrame, VisualizerPart};
 use crate::recordings::{
-    MAX_COORDINATE_M, MAX_VELOCITY_MPS, Place, RecordedFrame, RecordingError, point,
+    MAX_COORDINATE_M, MAX_VELOCITY_MPS, Place, RecordedFrame, RecordingError, excerpt, point,
 };
 use crate::uart::{Target, TargetHeight};
 
 /// Most frames of a file; the visualizer writes 100.
 const MAX_FRAMES: usize = 200_000;
-/// Number of values in a row of `pointCloud`.
+/// Maximum number of unknown point clouds whose keys are kept for a note.
+const MAX_UNREAD_CLOUDS: usize = 8;
+/// Number of values in a row of `pointCloud` and of `pointCloudMinor`.
 const POINT_NUMBERS: usize = 7;
+/// Place of the noise in such a row.
+const NOISE_AT: usize = 5;
 /// Number of values in a row of `trackData` that are used; more may follow.
 const TRACK_NUMBERS: usize = 10;
 /// Number of values in a row of `heightData`.
@@ -140,12 +144,18 @@ impl<'de> Visitor<'de> for FramesSeed<'_> {
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut entries: A) -> Result<(), A::Error> {
-        let VisualizerPart { frames, counts, .. } = self.part;
+        let VisualizerPart {
+            frames,
+            counts,
+            has_noise,
+            ..
+        } = self.part;
         // If a key occurs twice, the last one is used, as in Python.
         frames.clear();
         *counts = VisualizerCounts::default();
+        *has_noise = false;
         for index in 0.. {
-            let mut entry = Entry::new(index, counts);
+            let mut entry = Entry::new(index, counts, has_noise);
             if entries.next_element_seed(&mut entry)?.is_none() {
                 return Ok(());
             }
@@ -165,34 +175,39 @@ impl<'de> Visitor<'de> for FramesSeed<'_> {
 struct Entry<'a> {
     index: usize,
     counts: &'a mut VisualizerCounts,
+    has_noise: &'a mut bool,
     has_error: bool,
     number: Option<u64>,
     stamp_s: Option<f64>,
     points: Vec<RadarPoint>,
+    points_minor: Vec<RadarPoint>,
     tracks: Vec<Target>,
     heights: Vec<TargetHeight>,
 }
 
 impl<'a> Entry<'a> {
-    fn new(index: usize, counts: &'a mut VisualizerCounts) -> Self {
+    fn new(index: usize, counts: &'a mut VisualizerCounts, has_noise: &'a mut bool) -> Self {
         Self {
             index,
             counts,
+            has_noise,
             has_error: false,
             number: None,
             stamp_s: None,
             points: Vec::new(),
+            points_minor: Vec::new(),
             tracks: Vec::new(),
             heights: Vec::new(),
         }
     }
 
-    fn finish(self) -> Option<VisualizerFrame> {
+    fn finish(mut self) -> Option<VisualizerFrame> {
         self.counts.frames_with_error += u64::from(self.has_error);
         let Some(number) = self.number else {
             self.counts.frames_without_number += 1;
             return None;
         };
+        self.points.append(&mut self.points_minor);
         Some(VisualizerFrame {
             frame: RecordedFrame {
                 number,
@@ -243,18 +258,9 @@ impl<'a> Entry<'a> {
                     let number = self.number(&mut map, "frameNum", true, MAX_NUMBER)?;
                     self.number = number.map(|n| n as u64);
                 }
-                "pointCloud" => {
-                    self.points.clear();
-                    let seed = Rows {
-                        key: "pointCloud",
-                        frame: self.index,
-                        n_used: POINT_NUMBERS,
-                        may_be_longer: false,
-                        take: &mut |row, values| {
-                            take_point(&mut self.points, self.counts, self.index, row, values)
-                        },
-                    };
-                    map.next_value_seed(seed)?;
+                "pointCloud" => self.points = self.read_points(&mut map, "pointCloud")?,
+                "pointCloudMinor" => {
+                    self.points_minor = self.read_points(&mut map, "pointCloudMinor")?;
                 }
                 "trackData" => {
                     self.tracks.clear();
@@ -284,18 +290,50 @@ impl<'a> Entry<'a> {
                     };
                     map.next_value_seed(seed)?;
                 }
-                _ => drop(map.next_value::<IgnoredAny>()?),
+                _ => {
+                    let unread = &mut self.counts.unread_clouds;
+                    if key.starts_with("pointCloud") && unread.len() < MAX_UNREAD_CLOUDS {
+                        unread.insert(excerpt(&key));
+                    }
+                    map.next_value::<IgnoredAny>()?;
+                }
             }
         }
         Ok(())
     }
+
+    /// The points of an array of rows.
+    fn read_points<'de, A: MapAccess<'de>>(
+        &mut self,
+        map: &mut A,
+        key: &'static str,
+    ) -> Result<Vec<RadarPoint>, A::Error> {
+        let mut points = Vec::new();
+        map.next_value_seed(Rows {
+            key,
+            frame: self.index,
+            n_used: POINT_NUMBERS,
+            may_be_longer: false,
+            take: &mut |row, values| {
+                take_point(&mut points, self.counts, key, self.index, row, values);
+                // The visualizer marks points of slow motion by a 1 in the place of the noise.
+                let noise = values.get(NOISE_AT).filter(|noise| noise.is_finite());
+                *self.has_noise |= key == "pointCloud" && noise.is_some_and(|noise| *noise != 0.0);
+            },
+        })?;
+        if key == "pointCloudMinor" {
+            self.counts.points_minor += points.len() as u64;
+        }
+        Ok(points)
+    }
 }
 
-/// Adds a row of `pointCloud`, or drops and counts it by the same rules as in a UART stream. The intensity is the SNR
+/// Adds a row of points, or drops and counts it by the same rules as in a UART stream. The intensity is the SNR
 /// as stored in the file.
 fn take_point(
     points: &mut Vec<RadarPoint>,
     counts: &mut VisualizerCounts,
+    key: &str,
     frame: usize,
     row: usize,
     values: &[f64],
@@ -322,7 +360,7 @@ fn take_point(
     }
     counts
         .first_dropped
-        .get_or_insert_with(|| format!("row {row} of `pointCloud` of frame {frame}"));
+        .get_or_insert_with(|| format!("row {row} of `{key}` of frame {frame}"));
 }
 
 /// The number of a track. The firmware counts tracks from 0.
