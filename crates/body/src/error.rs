@@ -68,6 +68,21 @@ pub enum MotionError {
         /// The number.
         value: f64,
     },
+    /// The joints are not those of a person, or have names that are not known.
+    #[error(
+        "{file}: no person recognised by the names of its {n_joints} joints: {found}; expected hips and knees with a head or \
+         with shoulders and elbows, of both sides, as in LeftUpLeg, LeftLeg, Head, LeftArm, LeftForeArm. The joints are {names}"
+    )]
+    NoPerson {
+        /// File.
+        file: String,
+        /// Number of joints.
+        n_joints: usize,
+        /// The joints that were recognised.
+        found: String,
+        /// Names of the first joints.
+        names: String,
+    },
     /// An AMC file has no ASF skeleton file beside it.
     #[error("{file}: an AMC file needs its ASF skeleton beside it (looked for {looked_for})")]
     MissingSkeleton {

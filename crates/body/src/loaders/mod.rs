@@ -190,6 +190,9 @@ pub fn load_motion(path: &Path, bytes: &[u8]) -> Result<LoadedMotion, MotionErro
     if extension == "asf" || starts(b":version") {
         return unknown("an ASF file holds a skeleton without motion: give the AMC file".into());
     }
+    if let Some(reason) = other_format(bytes, &extension) {
+        return unknown(reason.into());
+    }
     if bytes.len() >= 2 && bytes[0] == 0x80 && bytes[1] <= 5 {
         return unknown("a Python pickle, which is never executed: save the arrays as npz".into());
     }
@@ -197,6 +200,38 @@ pub fn load_motion(path: &Path, bytes: &[u8]) -> Result<LoadedMotion, MotionErro
         "it starts with {}",
         excerpt(&String::from_utf8_lossy(&bytes[..bytes.len().min(60)]))
     ))
+}
+
+/// What a file in a format that is not read has to be converted to; `None` for an unknown one.
+///
+/// C3D files hold the places of markers on the skin. Which joint moves how follows from the marker set and the measures of
+/// the person, which the program of the cameras knows; a reader of the markers alone would not give a motion.
+fn other_format(bytes: &[u8], extension: &str) -> Option<&'static str> {
+    // The first byte of a C3D file is the number of the block with its parameters, the second one its mark.
+    let is_c3d = matches!(bytes, [1..=31, 0x50, ..]) || extension == "c3d";
+    let known = [
+        (
+            is_c3d,
+            "a C3D file, which holds the places of markers and no skeleton: solve a skeleton in the program that recorded \
+             them (Nexus, Motive, Qualisys Track Manager) or with SOMA and MoSh++, and save it as BVH, ASF with AMC, or AMASS npz",
+        ),
+        (
+            bytes.starts_with(b"Kaydara FBX Binary") || extension == "fbx",
+            "an FBX file: import it into Blender and export the skeleton as BVH",
+        ),
+        (
+            bytes.starts_with(b"glTF") || ["gltf", "glb", "vrm"].contains(&extension),
+            "a glTF or VRM file: import it into Blender and export the skeleton as BVH",
+        ),
+        (
+            bytes.starts_with(b"Vocaloid Motion Data"),
+            "a VMD file, which holds no skeleton: import it with its model into Blender and export the skeleton as BVH",
+        ),
+    ];
+    known
+        .into_iter()
+        .find(|(is_it, _)| *is_it)
+        .map(|(_, reason)| reason)
 }
 
 /// Reads an ASF skeleton and an AMC motion of this skeleton.

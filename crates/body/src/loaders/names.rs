@@ -4,6 +4,8 @@
 //! neck, collars and spine are identified by their position between those, because their names
 //! (`Hip`, `Spine1`, `Shoulder`) have different meanings in different rigs.
 
+use std::collections::BTreeMap;
+
 use super::source::SourceMotion;
 use radarllm_base::Joint;
 use radarllm_base::skeleton::N_JOINTS;
@@ -18,9 +20,11 @@ enum Side {
     Middle,
 }
 
-/// Words before the bone's own name that carry no information.
-const PREFIXES: [&str; 12] = [
+/// Words before the bone's own name that carry no information. Others are recognised because nearly all joints share them.
+const PREFIXES: [&str; 13] = [
     "cc",
+    // VRM: `J_Bip_L_UpperLeg`.
+    "j",
     "mixamorig",
     "bip01",
     "bip001",
@@ -32,6 +36,20 @@ const PREFIXES: [&str; 12] = [
     "rig",
     "def",
     "avg",
+];
+
+/// Words after the bone's own name that carry no information: the kind of the joint, and parts of a limb that deforms.
+const SUFFIXES: [&str; 7] = ["jnt", "bone", "bn", "bind", "bend", "stretch", "skin"];
+
+/// Words of joints in the middle of the body: `J_Bip_C_Hips` (VRM), `head.x` (Auto-Rig Pro), `Root_M` (AdvancedSkeleton).
+const MIDDLE: [&str; 3] = ["c", "x", "m"];
+
+/// Words of sides.
+const SIDES: [(&str, Side); 4] = [
+    ("l", Side::Left),
+    ("left", Side::Left),
+    ("r", Side::Right),
+    ("right", Side::Right),
 ];
 
 /// Names of limb joints in order of preference. If a rig has two of them, the later one has another
@@ -47,14 +65,14 @@ const FOOT: &[&str] = &[
     "toes",
     "ball",
     "toe0",
-    "toebasesharebone",
+    "toebaseshare",
     "foot",
 ];
 const SHOULDER: &[&str] = &[
-    "upperarm", "uparm", "humerus", "armupper", "arm", "shoulder", "shldr",
+    "upperarm", "uparm", "humerus", "armupper", "uarm", "arm", "shoulder", "shldr",
 ];
 const ELBOW: &[&str] = &[
-    "elbow", "forearm", "lowerarm", "lowarm", "radius", "armlower",
+    "elbow", "forearm", "lowerarm", "lowarm", "radius", "armlower", "farm",
 ];
 const WRIST: &[&str] = &["wrist", "hand"];
 const HEAD: &[&str] = &["head", "skull"];
@@ -63,7 +81,7 @@ const PELVIS: &[&str] = &["hips", "pelvis", "hip", "root"];
 /// Maps a source skeleton. `lengths` are the distances of joints from their parents in the rest
 /// pose or the first frame. They are used to skip joints that coincide with their parent.
 pub(crate) fn map_joints(source: &SourceMotion, lengths: &[f32]) -> JointMap {
-    let named: Vec<(Side, String)> = source.joints.iter().map(|j| split_name(&j.name)).collect();
+    let named = split_names(source.joints.iter().map(|j| j.name.as_str()));
     let find =
         |side: Side, words: &[&str], below: Option<usize>, not: Option<usize>| -> Option<usize> {
             words.iter().find_map(|word| {
@@ -201,8 +219,42 @@ fn common_ancestor(source: &SourceMotion, joints: &[usize]) -> Option<usize> {
         .find(|&a| others.iter().all(|&j| source.descends(j, a)))
 }
 
-/// Side and bare lower-case word of a joint name: `CC_Base_L_Upperarm` gives (left, `upperarm`).
-fn split_name(name: &str) -> (Side, String) {
+/// [`split_name`] of all joints of a skeleton, without the words with which nearly all of its names begin or end
+/// (`Robot_LeftArm`, `ValveBiped.Bip01_L_Thigh`, `left_arm_joint`).
+fn split_names<'a>(names: impl Iterator<Item = &'a str>) -> Vec<(Side, String)> {
+    let mut words: Vec<Vec<String>> = names.map(words_of).collect();
+    while let Some(shared) = shared_word(&words, <[String]>::first) {
+        for words in &mut words {
+            if words.len() > 1 && words.first() == Some(&shared) {
+                words.remove(0);
+            }
+        }
+    }
+    while let Some(shared) = shared_word(&words, <[String]>::last) {
+        for words in &mut words {
+            if words.len() > 1 && words.last() == Some(&shared) {
+                words.pop();
+            }
+        }
+    }
+    words.into_iter().map(split_name).collect()
+}
+
+/// The word at one end of nearly all names, of those that have several words, unless it is a side.
+fn shared_word(names: &[Vec<String>], end: fn(&[String]) -> Option<&String>) -> Option<String> {
+    let several = names.iter().filter(|words| words.len() > 1);
+    let mut counts: BTreeMap<&String, usize> = BTreeMap::new();
+    for word in several.filter_map(|words| end(words)) {
+        *counts.entry(word).or_default() += 1;
+    }
+    let (word, n) = counts.into_iter().max_by_key(|(_, n)| *n)?;
+    let is_side = SIDES.iter().any(|(side, _)| side == word);
+    // The root often has another name.
+    (!is_side && n > 1 && 5 * n >= 4 * names.len()).then(|| word.clone())
+}
+
+/// Words of a joint name in lower case, without its name space: `mixamorig:RightUpLeg` gives `right`, `up`, `leg`.
+fn words_of(name: &str) -> Vec<String> {
     let name = name.rsplit([':', '|']).next().unwrap_or(name);
     let mut words: Vec<String> = Vec::new();
     let chars: Vec<char> = name.chars().collect();
@@ -221,6 +273,11 @@ fn split_name(name: &str) -> (Side, String) {
     if !word.is_empty() {
         words.push(word);
     }
+    words
+}
+
+/// Side and bare lower-case word of the words of a joint name: `CC_Base_L_Upperarm` gives (left, `upperarm`).
+fn split_name(mut words: Vec<String>) -> (Side, String) {
     while words.len() > 1 && PREFIXES.contains(&words[0].as_str()) {
         let dropped = words.remove(0);
         if dropped == "cc" && words.len() > 1 && words[0] == "base" {
@@ -228,15 +285,22 @@ fn split_name(name: &str) -> (Side, String) {
         }
     }
     let mut side = Side::Middle;
-    words.retain(|w| {
-        let found = match w.as_str() {
-            "l" | "left" => Side::Left,
-            "r" | "right" => Side::Right,
-            _ => return true,
-        };
-        side = found;
-        false
+    words.retain(|w| match SIDES.iter().find(|(word, _)| word == w) {
+        Some((_, found)) => {
+            side = *found;
+            false
+        }
+        None => true,
     });
+    if side == Side::Middle && words.len() > 1 {
+        let is_middle = |w: &String| MIDDLE.contains(&w.as_str());
+        if let Some(at) = words.iter().position(is_middle) {
+            words.remove(at);
+        }
+    }
+    while words.len() > 1 && words.last().is_some_and(|w| SUFFIXES.contains(&w.as_str())) {
+        words.pop();
+    }
     let mut base = words.concat();
     if side == Side::Middle {
         // Names such as `lfemur` of ASF and `leftupleg` of rigs without capitals.
@@ -288,7 +352,199 @@ mod tests {
             ("lowerneck", Side::Middle, "lowerneck"),
             ("root", Side::Middle, "root"),
         ] {
-            assert_eq!(split_name(name), (side, word.to_owned()), "{name}");
+            assert_eq!(
+                split_name(words_of(name)),
+                (side, word.to_owned()),
+                "{name}"
+            );
         }
+    }
+
+    /// Names of pelvis, left and right upper leg, lower leg, foot, head, upper arm, lower arm and hand.
+    fn assert_understood(program: &str, names: [&str; 14]) {
+        let words = split_names(names.into_iter());
+        let find = |side: Side, wanted: &[&str]| {
+            let is_it = |(s, w): &&(Side, String)| *s == side && wanted.contains(&w.as_str());
+            words.iter().filter(is_it).count()
+        };
+        assert_eq!(find(Side::Middle, PELVIS), 1, "{program}: {words:?}");
+        assert_eq!(find(Side::Middle, HEAD), 1, "{program}: {words:?}");
+        for side in [Side::Left, Side::Right] {
+            for wanted in [HIP, KNEE, ANKLE, SHOULDER, ELBOW, WRIST] {
+                assert_ne!(find(side, wanted), 0, "{program} {wanted:?}: {words:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn names_of_whole_skeletons_are_understood() {
+        /// Names from a pattern of each program, in which `@` is the side.
+        fn both(pelvis: &str, head: &str, limbs: [&str; 6], sides: [&str; 2]) -> [String; 14] {
+            let mut names = vec![pelvis.to_owned(), head.to_owned()];
+            for side in sides {
+                names.extend(limbs.map(|limb| limb.replace('@', side)));
+            }
+            names.try_into().unwrap()
+        }
+        for (program, pelvis, head, limbs, sides) in [
+            (
+                "VRM",
+                "J_Bip_C_Hips",
+                "J_Bip_C_Head",
+                [
+                    "J_Bip_@_UpperLeg",
+                    "J_Bip_@_LowerLeg",
+                    "J_Bip_@_Foot",
+                    "J_Bip_@_UpperArm",
+                    "J_Bip_@_LowerArm",
+                    "J_Bip_@_Hand",
+                ],
+                ["L", "R"],
+            ),
+            (
+                "Unreal",
+                "pelvis",
+                "head",
+                [
+                    "thigh_@",
+                    "calf_@",
+                    "foot_@",
+                    "upperarm_@",
+                    "lowerarm_@",
+                    "hand_@",
+                ],
+                ["l", "r"],
+            ),
+            (
+                "Auto-Rig Pro",
+                "root.x",
+                "head.x",
+                [
+                    "thigh_stretch.@",
+                    "leg_stretch.@",
+                    "foot.@",
+                    "arm_stretch.@",
+                    "forearm_stretch.@",
+                    "hand.@",
+                ],
+                ["l", "r"],
+            ),
+            (
+                "Daz Genesis 8",
+                "hip",
+                "head",
+                [
+                    "@ThighBend",
+                    "@Shin",
+                    "@Foot",
+                    "@ShldrBend",
+                    "@ForearmBend",
+                    "@Hand",
+                ],
+                ["l", "r"],
+            ),
+            (
+                "AdvancedSkeleton",
+                "Root_M",
+                "Head_M",
+                [
+                    "Hip_@",
+                    "Knee_@",
+                    "Ankle_@",
+                    "Shoulder_@",
+                    "Elbow_@",
+                    "Wrist_@",
+                ],
+                ["L", "R"],
+            ),
+            (
+                "Motive",
+                "Skeleton_Hip",
+                "Skeleton_Head",
+                [
+                    "Skeleton_@Thigh",
+                    "Skeleton_@Shin",
+                    "Skeleton_@Foot",
+                    "Skeleton_@UArm",
+                    "Skeleton_@FArm",
+                    "Skeleton_@Hand",
+                ],
+                ["L", "R"],
+            ),
+            (
+                "Source",
+                "ValveBiped.Bip01_Pelvis",
+                "ValveBiped.Bip01_Head",
+                [
+                    "ValveBiped.Bip01_@_Thigh",
+                    "ValveBiped.Bip01_@_Calf",
+                    "ValveBiped.Bip01_@_Foot",
+                    "ValveBiped.Bip01_@_UpperArm",
+                    "ValveBiped.Bip01_@_Forearm",
+                    "ValveBiped.Bip01_@_Hand",
+                ],
+                ["L", "R"],
+            ),
+            (
+                "Perception Neuron",
+                "Robot_Hips",
+                "Robot_Head",
+                [
+                    "Robot_@UpLeg",
+                    "Robot_@Leg",
+                    "Robot_@Foot",
+                    "Robot_@Arm",
+                    "Robot_@ForeArm",
+                    "Robot_@Hand",
+                ],
+                ["Left", "Right"],
+            ),
+            (
+                "joints of Maya",
+                "hero_pelvis_jnt",
+                "hero_head_jnt",
+                [
+                    "hero_@_hip_jnt",
+                    "hero_@_knee_jnt",
+                    "hero_@_ankle_jnt",
+                    "hero_@_shoulder_jnt",
+                    "hero_@_elbow_jnt",
+                    "hero_@_wrist_jnt",
+                ],
+                ["L", "R"],
+            ),
+        ] {
+            let names = both(pelvis, head, limbs, sides);
+            assert_understood(program, std::array::from_fn(|i| names[i].as_str()));
+        }
+    }
+
+    #[test]
+    fn only_words_that_nearly_all_names_share_are_dropped() {
+        let names = ["LeftArm", "LeftHand", "LeftLeg", "LeftFoot"];
+        assert_eq!(
+            split_names(names.into_iter())[0],
+            (Side::Left, "arm".into())
+        );
+        let names = ["left_arm_joint", "left_hip_joint", "head_joint"];
+        assert_eq!(
+            split_names(names.into_iter())[1],
+            (Side::Left, "hip".into())
+        );
+        let names = ["hand_index", "hand_thumb", "foot_toe"];
+        assert_eq!(
+            split_names(names.into_iter())[0],
+            (Side::Middle, "handindex".into())
+        );
+        // One joint shares its words with nobody.
+        assert_eq!(
+            split_names(["upper_leg"].into_iter())[0],
+            (Side::Middle, "upperleg".into())
+        );
+        assert!(split_names(std::iter::empty()).is_empty());
+        assert_eq!(
+            split_names([""].into_iter()),
+            [(Side::Middle, String::new())]
+        );
     }
 }

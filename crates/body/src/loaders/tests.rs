@@ -512,6 +512,148 @@ fn amass_rotations_arrive_unchanged() {
     assert!(loaded.warnings.iter().any(|w| w.contains("male")));
 }
 
+/// The same rotations in every form in which people store them.
+#[test]
+fn archives_with_the_root_and_the_body_apart_give_the_same_motion() {
+    let motion = sample_motion();
+    let n = motion.len();
+    let axis_angles = |joints: std::ops::Range<usize>| -> Vec<f64> {
+        let of_frame = |pose: &Pose| -> Vec<f64> {
+            let rotations = &pose.rotations[joints.clone()];
+            let axes = rotations.iter().map(|q| q.to_scaled_axis().to_array());
+            axes.flatten().map(f64::from).collect()
+        };
+        motion.poses.iter().flat_map(of_frame).collect()
+    };
+    // Values of hands after those of the body in each frame.
+    let with_hands = |body: &[f64], n_body: usize, n_hands: usize| -> Vec<f64> {
+        let rows = body.chunks_exact(n_body);
+        rows.flat_map(|row| [row, &vec![0.2; n_hands]].concat())
+            .collect()
+    };
+    let (root, body, both) = (axis_angles(0..1), axis_angles(1..22), axis_angles(0..22));
+    let trans = || {
+        let values: Vec<f64> = (motion.poses.iter())
+            .flat_map(|p| p.root_in_world.to_array().map(f64::from))
+            .collect();
+        npy(&[n, 3], &values)
+    };
+    let rate = || npy(&[], &[30.0]);
+    let hands = npy(&[n, 90], &vec![0.1; 90 * n]);
+    /// Number of joints in the file, and its members.
+    type Form = (usize, Vec<(&'static str, Vec<u8>)>);
+    let forms: Vec<Form> = vec![
+        (
+            22,
+            vec![
+                ("root_orient", npy(&[n, 3], &root)),
+                ("pose_body", npy(&[n, 63], &body)),
+                ("pose_hand", hands),
+                ("trans", trans()),
+                ("fps", rate()),
+            ],
+        ),
+        (
+            24,
+            vec![
+                ("global_orient", npy(&[n, 1, 3], &root)),
+                ("body_pose", npy(&[n, 69], &with_hands(&body, 63, 6))),
+                ("transl", trans()),
+                ("mocap_frame_rate", rate()),
+            ],
+        ),
+        (
+            22,
+            vec![
+                ("root_orient", npy(&[n, 3], &root)),
+                ("pose_body", npy(&[n, 21, 3], &body)),
+                ("trans", trans()),
+                ("fps", rate()),
+            ],
+        ),
+        (
+            52,
+            vec![
+                ("poses", npy(&[n, 52, 3], &with_hands(&both, 66, 90))),
+                ("trans", trans()),
+                ("fps", rate()),
+            ],
+        ),
+        (
+            22,
+            vec![
+                ("poses", npy(&[n, 22, 3], &both)),
+                ("trans", trans()),
+                ("fps", rate()),
+            ],
+        ),
+    ];
+    for (n_joints, members) in forms {
+        let loaded = load_motion(Path::new("a.npz"), &npz(&members)).unwrap();
+        assert_eq!((loaded.n_source_joints, loaded.fps), (n_joints, 30.0));
+        assert_eq!(loaded.frames, n);
+        for (a, b) in loaded.motion.poses.iter().zip(&motion.poses) {
+            for (p, q) in a.rotations.iter().zip(&b.rotations) {
+                assert!(p.angle_between(*q) < 2e-3);
+            }
+            assert!((a.root_in_world - b.root_in_world).truncate().length() < 1e-6);
+        }
+    }
+}
+
+#[test]
+fn archives_without_a_pose_list_what_they_have() {
+    let error = |members: &[(&str, Vec<u8>)]| {
+        load_motion(Path::new("a.npz"), &npz(members))
+            .unwrap_err()
+            .to_string()
+    };
+    let rows = |shape: &[usize]| npy(shape, &vec![0.1; shape.iter().product()]);
+    let text = error(&[
+        ("trans", rows(&[6, 3])),
+        ("joints", rows(&[6, 22, 3])),
+        ("contacts", rows(&[6, 22])),
+        ("labels", npy_bytes("|O", &[1], b"\x80\x04K\x01.")),
+        ("pose_body", rows(&[6, 63])),
+    ]);
+    for part in [
+        "poses, or root_orient or global_orient with pose_body or body_pose",
+        "`joints`",
+        "`contacts`",
+        "`labels (pickled objects",
+        "`pose_body`",
+        "`trans`",
+    ] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    // Members of other shapes are named with the shape that is expected.
+    for (root, body, part) in [
+        (&[6, 3][..], &[6, 21, 3, 3][..], "pose_body"),
+        (&[6, 3], &[6, 60], "or (frames, 21, 3)"),
+        (&[5, 3], &[6, 63], "5 frames as in root_orient"),
+        (&[6, 6], &[6, 63], "the rotation of the root alone"),
+        (&[0, 3], &[0, 63], "root_orient"),
+        (&[3], &[63], "root_orient"),
+    ] {
+        let text = error(&[
+            ("root_orient", rows(root)),
+            ("pose_body", rows(body)),
+            ("trans", rows(&[6, 3])),
+            ("fps", npy(&[], &[30.0])),
+        ]);
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    let text = error(&[
+        ("poses", rows(&[6, 22, 3])),
+        ("translation", rows(&[6, 3])),
+        ("fps", npy(&[], &[30.0])),
+    ]);
+    assert!(
+        text.contains("trans or transl") && text.contains("`translation`"),
+        "{text}"
+    );
+}
+
 #[test]
 fn bad_amass_archives_are_refused_by_member() {
     let motion = sample_motion();
@@ -839,17 +981,84 @@ fn cmu_asf_amc_keeps_its_joint_positions_and_faces_forward() {
 }
 
 #[test]
-fn synthetic_bvh_without_a_body_loads_with_a_warning() {
-    let Some(path) = shared("fairmotion-tests/sinusoidal.bvh") else {
-        return;
+fn formats_that_are_not_read_say_what_to_convert_them_to() {
+    for (name, bytes, parts) in [
+        ("a.c3d", &[2, 0x50, 0, 0][..], ["C3D", "save it as BVH"]),
+        ("walk", &[2, 0x50, 0, 0], ["C3D", "markers"]),
+        ("a.fbx", b"Kaydara FBX Binary  \0", ["FBX", "Blender"]),
+        ("a.glb", b"glTF\x02\0\0\0", ["glTF", "BVH"]),
+        ("a.vmd", b"Vocaloid Motion Data 0002", ["VMD", "BVH"]),
+    ] {
+        let error = load_motion(Path::new(name), bytes).unwrap_err().to_string();
+        for part in parts {
+            assert!(error.contains(part), "{part}: {error}");
+        }
+    }
+}
+
+#[test]
+fn skeletons_that_are_not_recognised_are_refused_with_their_names() {
+    if let Some(path) = shared("fairmotion-tests/sinusoidal.bvh") {
+        let error = load_motion_file(&path).unwrap_err().to_string();
+        assert!(error.contains("no person recognised"), "{error}");
+    }
+    let renamed = |n_known: usize| {
+        let mut text = person_bvh(3, false);
+        for (i, (name, ..)) in PERSON.iter().enumerate().skip(n_known) {
+            for kind in ["ROOT", "JOINT"] {
+                text = text.replace(&format!("{kind} {name}\n"), &format!("{kind} Knochen{i}\n"));
+            }
+        }
+        load_motion(Path::new("a.bvh"), text.as_bytes())
+            .unwrap_err()
+            .to_string()
     };
-    let loaded = load_motion_file(&path).unwrap();
-    assert_eq!(
-        (loaded.frames, loaded.fps, loaded.n_source_joints),
-        (120, 60.0, 4)
+    let error = renamed(0);
+    for part in [
+        "by the names of its 18 joints: none of them is known",
+        "The joints are `Knochen0`, `Knochen1`",
+    ] {
+        assert!(error.contains(part), "{part}: {error}");
+    }
+    // Both legs, without a head and arms.
+    let error = renamed(9);
+    assert!(error.contains("known are only left_hip"), "{error}");
+}
+
+/// The person with the names of VRM moves as with those of MotionBuilder.
+#[test]
+fn names_of_vrm_give_the_same_motion() {
+    let mut text = person_bvh(6, false);
+    for (name, vrm) in [
+        ("Hips", "C_Hips"),
+        ("LeftUpLeg", "L_UpperLeg"),
+        ("LeftLeg", "L_LowerLeg"),
+        ("LeftFoot", "L_Foot"),
+        ("LeftToeBase", "L_ToeBase"),
+        ("RightUpLeg", "R_UpperLeg"),
+        ("RightLeg", "R_LowerLeg"),
+        ("RightFoot", "R_Foot"),
+        ("RightToeBase", "R_ToeBase"),
+        ("Spine", "C_Spine"),
+        ("Spine1", "C_Chest"),
+        ("Head", "C_Head"),
+        ("LeftArm", "L_UpperArm"),
+        ("LeftForeArm", "L_LowerArm"),
+        ("LeftHand", "L_Hand"),
+        ("RightArm", "R_UpperArm"),
+        ("RightForeArm", "R_LowerArm"),
+        ("RightHand", "R_Hand"),
+    ] {
+        for kind in ["ROOT", "JOINT"] {
+            let (old, new) = (format!("{kind} {name}\n"), format!("{kind} J_Bip_{vrm}\n"));
+            text = text.replace(&old, &new);
+        }
+    }
+    let (vrm, plain) = (
+        load_text("a.bvh", &text),
+        load_text("a.bvh", &person_bvh(6, false)),
     );
-    assert!(loaded.warnings[0].contains("no human skeleton"));
-    assert_eq!(loaded.skipped.len(), 3);
+    assert_eq!(vrm.motion, plain.motion);
 }
 
 /// Features of a recorded walk against the published mean and deviation of HumanML3D.

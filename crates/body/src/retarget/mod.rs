@@ -12,7 +12,7 @@
 mod calibrate;
 mod units;
 
-use crate::error::MotionError;
+use crate::error::{MotionError, excerpt};
 use crate::ik::{bone_child, rest_of, rotations_from_positions, shortest};
 use crate::loaders::names::{JointMap, map_joints};
 use crate::loaders::source::{SourceMotion, SourcePose};
@@ -107,12 +107,7 @@ pub(crate) fn retarget(
     };
     let skipped = unused_joints(source, &map);
     if !probe.is_person() {
-        warnings.push(format!(
-            "no human skeleton recognised among {} joints ({}): only the root's travel is used, on an average body in the T-pose",
-            source.joints.len(),
-            source.joints.iter().take(4).map(|j| j.name.as_str()).collect::<Vec<_>>().join(", "),
-        ));
-        return root_only(file, probe, known_unit, skipped, warnings);
+        return Err(no_person(file, source, &map));
     }
 
     let frames = spread(source.n_frames, N_PROBES);
@@ -518,50 +513,34 @@ fn unused_joints(source: &SourceMotion, map: &JointMap) -> Vec<String> {
         .collect()
 }
 
-/// Root translation of a skeleton that is not a person.
-fn root_only(
-    file: &str,
-    probe: Probe,
-    known_unit: Option<(f64, String)>,
-    skipped: Vec<String>,
-    mut warnings: Vec<String>,
-) -> Result<Retargeted, MotionError> {
-    let (metres_per_unit, unit) = known_unit.unwrap_or((1.0, "unknown".into()));
-    if unit == "unknown" {
-        warnings.push("the unit cannot be told without a body: metres are assumed".into());
-    }
-    let upright = world_from_rest_facing_radar();
-    let root = probe.map[0].unwrap_or(0);
-    let mut needed = vec![false; probe.source.joints.len()];
-    for joint in probe.source.path_to_root(root) {
-        needed[joint] = true;
-    }
-    let mut pose = probe.source.blank();
-    let poses = (0..probe.source.n_frames)
-        .map(|frame| {
-            probe.source.forward(frame, &needed, &mut pose);
-            let mut rotations = [Quat::IDENTITY; N_JOINTS];
-            rotations[0] = (upright * pose.rotations[root]).normalize();
-            Pose {
-                root_in_world: upright * pose.positions[root] * metres_per_unit as f32,
-                rotations,
-            }
-        })
+/// The error of a skeleton that is not recognised. Only the travel of its root would be known, and a figure that glides in
+/// one pose is no motion of a person.
+fn no_person(file: &str, source: &SourceMotion, map: &JointMap) -> MotionError {
+    /// Maximum number of names in the message.
+    const MAX_NAMES: usize = 24;
+    // The pelvis is the root where nothing else is known.
+    let joints = Joint::ALL.into_iter().skip(1);
+    let found: Vec<&str> = joints
+        .filter(|joint| map[*joint as usize].is_some())
+        .map(Joint::name)
         .collect();
-    let mut motion = Motion {
-        fps: probe.source.fps,
-        skeleton: canonical_skeleton(DEFAULT_HEIGHT_M),
-        poses,
-    };
-    check_finite(file, &motion)?;
-    ground(&mut motion);
-    Ok(Retargeted {
-        motion,
-        unit,
-        metres_per_unit,
-        skipped,
-        warnings,
-    })
+    let names: Vec<String> = (source.joints.iter())
+        .take(MAX_NAMES)
+        .map(|joint| excerpt(&joint.name))
+        .collect();
+    let n_more = source.joints.len() - names.len();
+    MotionError::NoPerson {
+        file: file.into(),
+        n_joints: source.joints.len(),
+        found: match found.is_empty() {
+            true => "none of them is known".into(),
+            false => format!("known are only {}", found.join(", ")),
+        },
+        names: match n_more {
+            0 => names.join(", "),
+            n => format!("{} and {n} more", names.join(", ")),
+        },
+    }
 }
 
 /// Rejects motions with numbers that are not finite or are outside any recording space.
