@@ -182,7 +182,7 @@ pub struct Scores {
     /// Origin of the encoder's weights, and the method.
     #[serde(default)]
     pub sim_cse_rules: Option<String>,
-    /// Why a value is null, by field name.
+    /// Why a value is null, by field name; and of one item, why CIDEr is 0.
     pub reason: BTreeMap<String, String>,
     /// 95 % intervals, by field name.
     pub ci95: BTreeMap<String, Interval>,
@@ -377,6 +377,16 @@ pub fn score_with(
     if self_bleu.is_none() {
         ci95.remove("self_bleu");
         reason.insert("self_bleu".into(), "needs at least two candidates".into());
+    }
+    if items.len() == 1 {
+        // As in coco-caption: the weight of an n-gram is the logarithm of items per item that has it, here ln 1.
+        for field in ["cider", "cider_d"] {
+            reason.insert(
+                field.into(),
+                "0 by definition: with one item, every n-gram is in all items and has no weight; score two or more"
+                    .into(),
+            );
+        }
     }
     let (matchers, meteor_rules) = if is_motiongpt {
         (

@@ -194,6 +194,38 @@ fn json_has_the_contracted_fields_and_reasons() {
     assert_eq!(json["protocol"], "plain");
 }
 
+/// The weight of an n-gram that is in all items is ln 1: a perfect caption of a single item has a CIDEr of 0.
+#[test]
+fn a_single_item_has_no_cider_and_says_why() {
+    let text = "a person walks forward and sits down";
+    let of = |n: usize| {
+        let ids: Vec<String> = (0..n).map(|i| i.to_string()).collect();
+        let texts: Vec<String> = (0..n).map(|i| format!("{text} {i}")).collect();
+        let pairs = || ids.iter().zip(&texts);
+        let c: Vec<Candidate> = pairs()
+            .map(|(id, text)| Candidate {
+                id: id.clone(),
+                text: text.clone(),
+            })
+            .collect();
+        let r: Vec<Reference> = pairs()
+            .map(|(id, text)| Reference {
+                id: id.clone(),
+                texts: vec![text.clone()],
+            })
+            .collect();
+        score(&c, &r, &ScoreOptions::default()).unwrap()
+    };
+    let one = of(1);
+    assert_eq!((one.cider, one.cider_d), (0.0, 0.0));
+    for field in ["cider", "cider_d"] {
+        assert!(one.reason[field].starts_with("0 by definition"), "{field}");
+    }
+    let two = of(2);
+    assert!((two.cider_d - 10.0).abs() < 1e-9);
+    assert!(!two.reason.contains_key("cider") && !two.reason.contains_key("cider_d"));
+}
+
 #[test]
 fn results_do_not_depend_on_the_order_of_candidates_and_repeat() {
     let texts: Vec<(String, String)> = (0..1500)
