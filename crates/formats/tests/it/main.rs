@@ -25,4 +25,5 @@ mod ti_dialects;
 mod ti_files;
 mod ti_lines;
 mod uart;
+mod uart_kinds;
 mod visualizer;
