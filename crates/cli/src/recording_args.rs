@@ -66,7 +66,8 @@ pub(crate) struct RecordingArgs {
     /// Axes of the recording: right-forward-up or forward-left-up (ROS).
     #[arg(long)]
     pub orientation: Option<String>,
-    /// UART dialect: sdk3, area-scanner, people-3d, people-2d, people-2d-compact; detected if omitted.
+    /// UART dialect: sdk3, sdk2, sdk1, area-scanner, people-3d, people-2d, people-2d-compact, overhead-3d, people-6844;
+    /// detected if omitted.
     #[arg(long)]
     pub dialect: Option<String>,
     /// Topic of a ROS bag that has point clouds on several.

@@ -21,7 +21,7 @@ use radarllm_formats::{
         read_windows_json,
     },
     tables::{read_points_csv, read_points_npy},
-    uart::{UartParser, UartReport, recorded_frames},
+    uart::{Guess, SubframeJoiner, UartParser, UartReport},
 };
 
 use crate::{
@@ -80,8 +80,13 @@ pub fn open_points(
     let mut opened = radar.cloned();
     let mut is_level = false;
     let mut position = None;
-    let frames = match format {
-        RecordingFormat::Uart => uart(&mut capture, options, &mut notes, &mut warnings)?,
+    let mut has_doppler_bins = false;
+    let mut frames = match format {
+        RecordingFormat::Uart => {
+            let stream = uart(&mut capture, options, &mut notes, &mut warnings)?;
+            has_doppler_bins = stream.has_doppler_bins;
+            stream.frames
+        }
         RecordingFormat::RadHar => {
             read_radhar_points(&capture.text()?).map_err(|e| Error::wrap_in_file(path, e))?
         }
@@ -160,6 +165,10 @@ pub fn open_points(
     let radar = opened.as_ref();
     if let Some(radar) = radar {
         explain_reasons(radar, &mut notes, &mut warnings);
+    }
+    if has_doppler_bins {
+        let step_mps = radar.and_then(|r| r.points.velocity_resolution_mps);
+        warnings.extend(scale_doppler_bins(&mut frames, step_mps));
     }
     let position = position.or_else(|| radar?.points.position);
     let timeline = timeline(path, format, frames, radar, options)?;
@@ -461,13 +470,21 @@ fn folder_of_frames<E: std::error::Error + Send + Sync + 'static>(
     Ok(frames)
 }
 
-/// Parses a file, a pipe or a serial port while it is read.
+/// What a UART stream contains.
+struct UartStream {
+    frames: Vec<RecordedFrame>,
+    /// The velocities are numbers of Doppler bins.
+    has_doppler_bins: bool,
+}
+
+/// Parses a file, a pipe or a serial port while it is read. Packets become frames at once, so that a long stream needs
+/// memory for its points alone.
 fn uart(
     capture: &mut Opened,
     options: &PointOptions,
     notes: &mut Vec<String>,
     warnings: &mut Vec<String>,
-) -> Result<Vec<RecordedFrame>> {
+) -> Result<UartStream> {
     let path = &capture.path().to_path_buf();
     let mut source: Box<dyn Read> = if serial::is_port(path) {
         let seconds = options.listening_time_s()?;
@@ -477,7 +494,9 @@ fn uart(
     };
     let wrong =
         |e: UartError| Error::wrap_in_file(path, e).with_hint(option("dialect").text(" names it"));
-    let mut parser = UartParser::new(options.dialect);
+    // The velocity of a Doppler bin is that of the radar, which is opened later.
+    let mut parser = UartParser::new(options.dialect).with_doppler_step(1.0);
+    let mut joiner = SubframeJoiner::default();
     let mut frames = Vec::new();
     let mut piece = vec![0; PIECE_BYTES];
     loop {
@@ -487,39 +506,118 @@ fn uart(
             Err(e) if e.kind() == std::io::ErrorKind::Interrupted => continue,
             Err(e) => return Err(Error::io(path, e)),
         };
-        frames.extend(parser.push(&piece[..n]).map_err(wrong)?);
+        let packets = parser.push(&piece[..n]).map_err(wrong)?;
+        frames.extend(packets.into_iter().filter_map(|p| joiner.push(p)));
         if frames.len() as u64 > MAX_FRAMES {
             return Err(Error::wrap(TimelineError::TooLong(frames.len() as u64)));
         }
     }
     let (last, report, guess) = parser.finish().map_err(wrong)?;
-    frames.extend(last);
+    frames.extend(last.into_iter().filter_map(|p| joiner.push(p)));
+    frames.extend(joiner.finish());
+    check_stream(path, &report, guess.as_ref(), &frames, notes, warnings)?;
+    Ok(UartStream {
+        frames,
+        has_doppler_bins: report.points_of_doppler_bins > 0,
+    })
+}
+
+/// Adds what a user should know of a stream of packets.
+///
+/// # Errors
+/// A stream in which objects were detected and nothing of them can be read: it would look like an empty room.
+pub(crate) fn check_stream(
+    path: &Path,
+    report: &UartReport,
+    guess: Option<&Guess>,
+    frames: &[RecordedFrame],
+    notes: &mut Vec<String>,
+    warnings: &mut Vec<String>,
+) -> Result {
     if let Some(guess) = guess {
         notes.push(format!("dialect {guess}"));
     }
-    notes.push(counts(&report));
-    warnings.extend(problems(&report));
-    Ok(recorded_frames(frames))
+    notes.push(counts(report));
+    warnings.extend(problems(report));
+    if let Some(guess) = guess.filter(|guess| guess.is_assumed) {
+        warnings.push(format!(
+            "no packet shows the dialect of the stream: {}, the usual one, is assumed",
+            guess.dialect.name()
+        ));
+    }
+    let Some(reason) = report.no_points_because() else {
+        return Ok(());
+    };
+    if frames.iter().any(|f| f.board.is_some()) {
+        // The board states where somebody is.
+        warnings.push(reason);
+        return Ok(());
+    }
+    Err(Error::in_file(path, reason).with_hint(
+        text("the demo must send points in a format that is known; ")
+            .option("dialect")
+            .text(" names another dialect"),
+    ))
+}
+
+/// Turns Doppler bins into velocities, or into 0 with a warning if the velocity of a bin is not known.
+fn scale_doppler_bins(frames: &mut [RecordedFrame], step_mps: Option<f64>) -> Option<String> {
+    let step_mps = step_mps.filter(|step| step.is_finite());
+    for point in frames.iter_mut().flat_map(|f| &mut f.points) {
+        // The sum turns -0 into 0.
+        point.velocity_mps = point.velocity_mps * step_mps.unwrap_or(0.0) as f32 + 0.0;
+    }
+    step_mps.is_none().then(|| {
+        "the demo sends Doppler bins instead of speeds: without a chirp file (`radar`) no point has a speed".into()
+    })
 }
 
 /// What a stream lacks, in the words of a user; nothing if it is whole.
 pub(crate) fn problems(r: &UartReport) -> Vec<String> {
-    let damaged = r.short_packets + r.bad_headers + r.bad_checksums;
+    let damaged = r.short_packets - r.short_packets_used + r.bad_headers + r.bad_checksums;
     let unusable = r.points_not_finite + r.points_out_of_range;
+    let misread = r.is_misread().then(|| {
+        format!(
+            "the dialect is probably another one: {} blocks of data are of wrong length or impossible, {} are not",
+            r.tlvs_wrong_length + r.tlvs_impossible,
+            r.tlvs
+        )
+    });
     let lines = [
         (damaged, "packets are damaged"),
+        (
+            r.unclear_packets,
+            "packets were skipped, because their dialect was not clear",
+        ),
         (r.lost_frames, "frames were lost"),
         (r.tlvs_wrong_length, "blocks of data have a wrong length"),
+        (
+            r.tlvs_impossible,
+            "blocks of data have impossible values and were left out",
+        ),
+        (
+            r.count_mismatches,
+            "packets have not as many points as their headers count and were left out",
+        ),
+        (
+            r.counts_never_right,
+            "headers count another number of objects than there are points",
+        ),
         (unusable, "points are impossible and were left out"),
     ];
     let lines = lines.into_iter().filter(|(n, _)| *n > 0);
-    lines.map(|(n, what)| format!("{n} {what}")).collect()
+    let lines = lines.map(|(n, what)| format!("{n} {what}"));
+    misread.into_iter().chain(lines).collect()
 }
 
 pub(crate) fn counts(r: &UartReport) -> String {
-    format!(
+    let with = |numbers: Option<String>| match numbers {
+        Some(numbers) => format!(": {numbers}"),
+        None => String::new(),
+    };
+    let mut text = format!(
         "UART: {} bytes = {} in packets + {} skipped + {} at the end; {} packets, {} cut short, {} bad headers, \
-         {} bad checksums; {} lost frames, {} restarts; TLVs {} used, {} not used, {} unknown, {} of wrong length; \
+         {} bad checksums; {} lost frames, {} restarts; TLVs {} used, {} not used{}, {} unknown{}, {} of wrong length; \
          points {} kept ({} without SNR), {} not finite, {} out of range; {} frames without points",
         r.bytes,
         r.packet_bytes,
@@ -533,12 +631,29 @@ pub(crate) fn counts(r: &UartReport) -> String {
         r.restarts,
         r.tlvs,
         r.tlvs_unused,
+        with(r.unused_tlvs()),
         r.tlvs_unknown,
+        with(r.unknown_tlvs()),
         r.tlvs_wrong_length,
         r.points,
         r.points_without_snr,
         r.points_not_finite,
         r.points_out_of_range,
         r.frames_without_points
-    )
+    );
+    for (n, what) in [
+        (r.short_packets_used, "packets cut short and used"),
+        (r.unclear_packets, "packets of unclear dialect"),
+        (r.tlvs_impossible, "TLVs with impossible values"),
+        (r.tlvs_uncertain, "TLVs after a loss"),
+        (
+            r.count_mismatches,
+            "packets with another number of points than counted",
+        ),
+    ] {
+        if n > 0 {
+            text += &format!("; {n} {what}");
+        }
+    }
+    text
 }

@@ -24,7 +24,7 @@ use radarllm_formats::{
 use crate::{
     error::{Error, Result},
     opened::{MAX_FILE_BYTES, Opened, detect_error},
-    points::{counts, problems},
+    points::check_stream,
     radar::{OpenedRadar, open_radar_text},
 };
 
@@ -183,13 +183,11 @@ pub(crate) fn read_binary(
         VisualizerBinaryError::Pieces(e) => pieces_error(path, e),
         e => Error::wrap_in_file(path, e).with_hint(option("dialect").text(" names it")),
     })?;
-    if let Some(guess) = recording.guess {
-        notes.push(format!("dialect {guess}"));
-    }
-    notes.push(counts(&recording.report));
-    warnings.extend(problems(&recording.report));
+    let (report, guess) = (recording.report, recording.guess);
+    let frames = recorded_frames(recording.frames);
+    check_stream(path, &report, guess.as_ref(), &frames, notes, warnings)?;
     notes.extend(recording.notes);
-    Ok(recorded_frames(recording.frames))
+    Ok(frames)
 }
 
 /// Finds the chirp file of a recording: the only one in its folder, or else the only one in the parent folder. If there

@@ -359,6 +359,7 @@ fn run_radar(
         ] {
             counter.raise_to(n);
         }
+        metrics.source_problem.set(source.problem());
         let is_wanted = match event {
             None => continue,
             Some(LiveEvent::End) => return Ok(()),

@@ -18,6 +18,8 @@ pub struct Metrics {
     pub store_failures: Counter,
     /// Why the store cannot be written at present.
     pub store_problem: Problem,
+    /// Why what arrives from the radar tells nothing at present.
+    pub source_problem: Problem,
     /// Connections that were opened again after the radar was silent.
     pub reconnects: Counter,
     /// Datagrams of other senders than the capture card, or that are no packets of one.

@@ -232,6 +232,11 @@ impl Live {
         self.metrics.monitor.model_problem.get()
     }
 
+    /// Why what arrives from the radar tells nothing, if it does not.
+    pub fn source_problem(&self) -> Option<String> {
+        self.metrics.source_problem.get()
+    }
+
     /// Whether the pipeline moves. A silent radar does not stop it; a supervisor should start a program anew that has
     /// stopped.
     pub fn is_moving(&self) -> bool {

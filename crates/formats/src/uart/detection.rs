@@ -34,7 +34,7 @@ pub(super) struct Detection {
     begun: Option<usize>,
     /// Bytes of the buffer that were searched for magics.
     searched: usize,
-    /// Packets without content, which were returned already.
+    /// Packets that were returned already: without content, or with one that several dialects read alike.
     quiet: QuietPackets,
 }
 
@@ -125,7 +125,7 @@ impl UartParser {
             if let Some(dialect) = quiet {
                 self.detection.quiet.add(packet);
                 if self.detection.spans.is_empty() {
-                    taken = self.take_quiet(dialect, span, taken, &buffer, end, frames);
+                    taken = self.take_span(dialect, span, taken, &buffer, end, frames);
                     continue;
                 }
             }
@@ -142,16 +142,26 @@ impl UartParser {
             if n_content < stage && n_spans < PACKETS_PER_CONTENT * stage && !is_full {
                 continue;
             }
-            match decide(&self.detection.packets(&buffer), false) {
+            let packets = self.detection.packets(&buffer);
+            match decide(&packets, false) {
                 Ok(guess) => {
                     self.dialect = Some(guess.dialect);
                     self.guess = Some(guess);
                 }
                 Err(evidence) => {
+                    // Packets that tied dialects read alike need not wait for those that they read differently.
+                    let alike = decide(&packets, true).ok().map(|guess| guess.dialect);
+                    if let Some(dialect) = alike {
+                        taken =
+                            self.give_out(n_content, Some(dialect), taken, &buffer, end, frames);
+                        self.detection.stage = GUESS_PACKETS;
+                        continue;
+                    }
                     self.detection.unclear = Some(evidence);
                     self.detection.stage = (2 * stage).min(MAX_GUESS_PACKETS);
                     if is_full || stage >= MAX_GUESS_PACKETS {
-                        taken = self.give_up(n_content.div_ceil(2), taken, &buffer, end, frames);
+                        let n = n_content.div_ceil(2);
+                        taken = self.give_out(n, None, taken, &buffer, end, frames);
                     }
                 }
             }
@@ -172,8 +182,8 @@ impl UartParser {
         }
     }
 
-    /// Returns a packet without content, with the bytes before it skipped. Returns where the next bytes begin.
-    fn take_quiet(
+    /// Reads a packet as one of a dialect and skips the bytes before and behind it. Returns where the next bytes begin.
+    fn take_span(
         &mut self,
         dialect: Dialect,
         span: Span,
@@ -200,10 +210,12 @@ impl UartParser {
         next
     }
 
-    /// Skips the first `n` packets with content, so that the buffer remains small.
-    fn give_up(
+    /// Removes the first `n` packets with content, and those without content before and behind them. They are read as
+    /// packets of a dialect, or skipped without one.
+    fn give_out(
         &mut self,
         n: usize,
+        dialect: Option<Dialect>,
         mut taken: usize,
         buffer: &[u8],
         end: StreamEnd,
@@ -211,17 +223,25 @@ impl UartParser {
     ) -> usize {
         let n_left = self.detection.n_content - n;
         while let Some(span) = self.detection.spans.front().copied() {
-            let quiet = match span.has_content {
-                true if self.detection.n_content == n_left => break,
-                true => None,
-                false => span.packet(buffer).quiet_dialect(),
-            };
+            if span.has_content && self.detection.n_content == n_left {
+                break;
+            }
             self.detection.spans.pop_front();
-            taken = match quiet {
-                Some(dialect) => self.take_quiet(dialect, span, taken, buffer, end, frames),
+            let packet = span.packet(buffer);
+            let dialect = match span.has_content {
+                true => dialect,
+                false => packet.quiet_dialect(),
+            };
+            if span.has_content {
+                self.detection.n_content -= 1;
+                match dialect {
+                    Some(_) => self.detection.quiet.add(packet),
+                    None => self.report.unclear_packets += 1,
+                }
+            }
+            taken = match dialect {
+                Some(dialect) => self.take_span(dialect, span, taken, buffer, end, frames),
                 None => {
-                    self.report.unclear_packets += 1;
-                    self.detection.n_content -= 1;
                     self.skip(span.end - taken);
                     span.end
                 }

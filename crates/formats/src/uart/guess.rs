@@ -11,10 +11,13 @@ use super::{
 pub const GUESS_PACKETS: usize = 8;
 /// Minimum lead over the second-best dialect, as a fraction of the best score.
 const MIN_LEAD: f32 = 0.05;
+/// A lead that is enough, whatever fraction it is: two packets in which half of the TLVs fit one dialect alone. In a
+/// stream of hundreds of packets that two dialects read alike, few are different.
+const ENOUGH_LEAD: f32 = 1.5;
 /// Minimum mean score per packet: a plausible header and at least one known TLV type.
 const MIN_SCORE: f32 = 1.25;
 /// Minimum share of known TLVs if the TLVs of most packets do not end with the packet.
-const MIN_KNOWN: f32 = 0.3;
+const MIN_KNOWN: f32 = 0.2;
 /// Score of a version or platform of the header that belongs to the dialect. It decides between dialects that read the
 /// same content, and not against content.
 const HEADER_WORDS: f32 = 0.5;
@@ -32,8 +35,8 @@ pub struct Evidence {
     pub lengths: usize,
     /// Packets whose TLVs end at the end of the packet, apart from padding.
     pub walks: usize,
-    /// Mean fraction of known TLVs. A known type counts half; the other half requires a valid length and content. A
-    /// content that is impossible counts -1.
+    /// Mean fraction of known TLVs. A known type counts half if nothing shows that its content is another one, and a
+    /// possible content counts 1, an impossible one -1.
     pub known: f32,
     /// Sum over packets: 1 for the header, 0.5 for its version and platform, 2 each for the checksum, the length and the
     /// end of the TLVs, and 2 times the fraction of known TLVs.
@@ -181,7 +184,7 @@ impl QuietPackets {
         }
         let evidence = self.evidence.iter().map(|e| e.over(self.n)).collect();
         let ranked = Ranked::new(evidence);
-        let is_assumed = !ranked.leads();
+        let is_assumed = !ranked.leads(1);
         Ok(ranked.into_guess(self.n, is_assumed))
     }
 }
@@ -204,7 +207,7 @@ pub(super) fn decide(spans: &[Packet], is_end: bool) -> Result<Guess, Vec<Eviden
     if !is_explained {
         return Err(ranked.evidence);
     }
-    if ranked.leads() {
+    if ranked.leads(1) {
         return Ok(ranked.into_guess(spans.len(), false));
     }
     let read = |dialect| -> Vec<Option<Content>> {
@@ -249,14 +252,16 @@ impl Ranked {
         }
     }
 
-    fn leads(&self) -> bool {
-        self.lead(1) >= MIN_LEAD
+    /// Whether the best one is clearly better than another one.
+    fn leads(&self, other: usize) -> bool {
+        let scores = [0, other].map(|i| self.evidence[i].score);
+        self.lead(other) >= MIN_LEAD || scores[0] - scores[1] >= ENOUGH_LEAD
     }
 
     /// Number of dialects, the best one among them, that it does not lead.
     fn n_tied(&self) -> usize {
         (1..self.evidence.len())
-            .find(|i| self.lead(*i) >= MIN_LEAD)
+            .find(|i| self.leads(*i))
             .unwrap_or(self.evidence.len())
     }
 
@@ -371,7 +376,6 @@ fn look(dialect: Dialect, head: &Header, bytes: &[u8]) -> Look {
             continue;
         };
         let Some((units, items)) = kind.split(payload) else {
-            known += 0.5;
             n_impossible += 1;
             continue;
         };

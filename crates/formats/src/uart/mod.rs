@@ -179,9 +179,11 @@ impl UartReport {
         Some(text)
     }
 
-    /// Whether more TLVs have a wrong length or impossible values than are used: the dialect is another one.
+    /// Whether more TLVs have a wrong length or impossible values than are used, and not by single damages: the dialect is
+    /// another one.
     pub fn is_misread(&self) -> bool {
-        self.tlvs_wrong_length + self.tlvs_impossible > self.tlvs
+        let n_bad = self.tlvs_wrong_length + self.tlvs_impossible;
+        n_bad > self.tlvs && 10 * n_bad > self.packets
     }
 
     /// The unknown TLV types with their counts; `None` if there are none.

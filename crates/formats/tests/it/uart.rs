@@ -207,7 +207,7 @@ fn no_packet_and_no_clear_dialect_are_errors() {
     // A header that every dialect without checksum can read, and bytes that are TLVs of none.
     let strange = [
         MAGIC.to_vec(),
-        words(&[0, 128, 0, 1, 0, 0, 2, 0xABAB_ABAB, 2]),
+        words(&[0, 128, 0, 1, 0, 0, 2, 0xABAB_ABAB, 0xABAB_ABAB]),
         vec![0xAB; 84],
     ]
     .concat();

@@ -741,3 +741,49 @@ fn truncation_and_damage_of_every_new_layout_is_survived() {
         }
     }
 }
+
+/// Dialects that read the same from the first packets: nothing waits, and the first difference decides.
+#[test]
+fn packets_that_dialects_read_alike_are_returned_at_once() {
+    let targets = || [words(&[3]), floats(&[0.5; 16])].concat();
+    let alike = vec![vec![(7, targets()), (8, vec![])]; 100];
+    let dialect = Dialect::PeopleCounting2dCompact;
+    let bytes = numbered(dialect, alike.clone());
+    let mut parser = UartParser::new(None);
+    let frames = parser.push(&bytes).unwrap();
+    assert!(frames.len() > 80, "{}", frames.len());
+    assert!(frames.iter().all(|f| f.targets.len() == 1));
+    assert_eq!((parser.dialect(), parser.unclear()), (None, None));
+    let (_, _, guess) = read(&bytes);
+    assert!(
+        guess.is_assumed && guess.dialect == Dialect::PeopleCounting2d,
+        "{guess}"
+    );
+    let contents = alike.into_iter().chain(vec![one_point(dialect); 20]);
+    let (frames, report, guess) = read(&numbered(dialect, contents));
+    assert_eq!(guess.dialect, dialect, "{guess}");
+    assert_eq!(
+        (frames.len(), report.points, report.lost_frames),
+        (120, 20, 0)
+    );
+
+    // TLVs that are not known, in packets whose version says nothing.
+    let unknown = |n| {
+        let mut bytes = packet(Dialect::Sdk3, n, &[(4242, vec![1; 96])]);
+        bytes[8..12].fill(0);
+        bytes
+    };
+    let mut bytes: Vec<u8> = (0..200).flat_map(unknown).collect();
+    let (frames, report, guess) = read(&bytes);
+    assert!(
+        guess.is_assumed && guess.dialect == Dialect::Sdk3,
+        "{guess}"
+    );
+    assert_eq!((frames.len(), report.tlvs_unknown), (200, 200));
+    for n in 200..220 {
+        bytes.extend(packet(Dialect::Sdk2, n, &one_point(Dialect::Sdk2)));
+    }
+    let (frames, report, guess) = read(&bytes);
+    assert_eq!((guess.dialect, guess.is_assumed), (Dialect::Sdk2, false));
+    assert_eq!((frames.len(), report.points), (220, 20));
+}

@@ -77,7 +77,7 @@ pub trait LiveSource: Send {
     /// Waits at most `timeout` for the next event. `Ok(None)` if nothing happened.
     ///
     /// # Errors
-    /// What waiting cannot repair, for example a stream whose dialect is not clear.
+    /// What waiting cannot repair. Nothing that a radar sends or does not send is such an error.
     fn next(&mut self, timeout: Duration) -> Result<Option<LiveEvent>>;
 
     /// What is constant for all frames.
@@ -85,6 +85,12 @@ pub trait LiveSource: Send {
 
     /// What was received and dropped up to now.
     fn counts(&self) -> LiveCounts;
+
+    /// Why what arrives at present tells nothing about the scene, for the user: a dialect that is not clear, points in
+    /// blocks of data that are not known. It may end with later data.
+    fn problem(&self) -> Option<String> {
+        None
+    }
 
     /// Notes for the user: mounting angles, layout, a buffer of the system that is too small.
     fn notes(&self) -> &[String] {

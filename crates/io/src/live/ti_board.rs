@@ -9,7 +9,7 @@ use std::{
 
 use radarllm_base::{Provenance, RecordedFrame, SourceInfo, TimelineError, message::option};
 use radarllm_formats::{
-    ChirpDialect, Mounting, RecordingFormat, UartError, UartParser,
+    ChirpDialect, Mounting, RecordingFormat, UartParser,
     uart::{Dialect, SubframeJoiner, UartFrame},
 };
 
@@ -36,6 +36,9 @@ const PIECE_BYTES: usize = 16 << 10;
 
 /// Time between two calls of the caller that counts as silence of the board. During a longer one, nobody listened.
 const MAX_PAUSE: Duration = Duration::from_secs(1);
+
+/// Packets without points after which it is asked whether they mean anything.
+const N_SUSPICIOUS_PACKETS: u64 = 50;
 
 /// Options of a [`TiBoard`].
 #[derive(Clone, Debug, Default)]
@@ -66,6 +69,10 @@ pub struct TiBoard {
     parser: UartParser,
     /// Dialect of the stream, which does not change when the board is lost.
     dialect: Option<Dialect>,
+    /// Velocity of a Doppler bin, m/s, if the chirp is known.
+    doppler_step_mps: Option<f32>,
+    /// See [`LiveSource::problem`].
+    problem: Option<String>,
     joiner: SubframeJoiner,
     /// The radar's number of the frame that was given out last.
     last_number: Option<u64>,
@@ -177,12 +184,15 @@ impl TiBoard {
             send_whole(cli, &port, &timeouts)?;
         }
         let placing = Placing::new(points, mounting, frame_rate_hz, background)?;
+        let doppler_step_mps = radar.map(|r| r.config.velocity_resolution_mps() as f32);
         let now = Instant::now();
         Ok(Self {
             output: Output::new(Clock::RateHz(frame_rate_hz), placing, &timeouts),
             baud: points.baud,
             dialect: points.dialect,
-            parser: UartParser::new(points.dialect),
+            parser: parser(points.dialect, doppler_step_mps),
+            doppler_step_mps,
+            problem: None,
             data,
             cli,
             timeouts,
@@ -213,14 +223,13 @@ impl TiBoard {
     }
 
     /// Does what is due, waiting until `until` at most.
-    fn step(&mut self, until: Instant) -> Result {
+    fn step(&mut self, until: Instant) {
         let reopen_at = Instant::now();
         match std::mem::replace(&mut self.link, Link::Closed { reopen_at }) {
             Link::Closed { reopen_at } => self.step_closed(reopen_at, until),
             Link::Sending { data, sending } => self.step_sending(data, sending, until),
-            Link::Open { data } => self.step_open(data, until)?,
+            Link::Open { data } => self.step_open(data, until),
         }
-        Ok(())
     }
 
     fn step_closed(&mut self, reopen_at: Instant, until: Instant) {
@@ -267,7 +276,7 @@ impl TiBoard {
         }
     }
 
-    fn step_open(&mut self, mut data: Terminal, until: Instant) -> Result {
+    fn step_open(&mut self, mut data: Terminal, until: Instant) {
         let until = [self.close_at(), self.send_again_at(), self.lost_at()]
             .into_iter()
             .flatten()
@@ -278,7 +287,7 @@ impl TiBoard {
                 Ok(0) => self.lose("the port is gone"),
                 Ok(n) => {
                     self.link = Link::Open { data };
-                    self.read_bytes(n)?;
+                    self.read_bytes(n);
                 }
                 Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
                     self.link = Link::Open { data };
@@ -288,12 +297,11 @@ impl TiBoard {
             Ok(false) => self.link = Link::Open { data },
             Err(e) if e.kind() == ErrorKind::Interrupted => {
                 self.link = Link::Open { data };
-                return Ok(());
+                return;
             }
             Err(e) => self.lose(&e.to_string()),
         }
         self.act_on_silence();
-        Ok(())
     }
 
     /// When an open port without packets is closed and opened again.
@@ -362,7 +370,8 @@ impl TiBoard {
 
     /// Ends the present stream. Frames that waited for more bytes are given out.
     fn end_stream(&mut self) {
-        let parser = std::mem::replace(&mut self.parser, UartParser::new(None));
+        let next = parser(self.dialect, self.doppler_step_mps);
+        let parser = std::mem::replace(&mut self.parser, next);
         let n_searches = parser.report().resynchronisations;
         // Bytes that do not show their dialect are no frames. The few packets of a short stream do not determine the
         // dialect of the next one.
@@ -373,7 +382,6 @@ impl TiBoard {
             }
             Err(_) => self.earlier_searches += n_searches,
         }
-        self.parser = UartParser::new(self.dialect);
         if let Some(frame) = self.joiner.finish() {
             self.give(frame);
         }
@@ -382,35 +390,52 @@ impl TiBoard {
     }
 
     /// Parses the first `n` bytes of the piece.
-    fn read_bytes(&mut self, n: usize) -> Result {
+    fn read_bytes(&mut self, n: usize) {
         let n_begun = self.parser.n_begun();
-        match self.parser.push(&self.piece[..n]) {
-            Ok(packets) => {
-                // Without a known dialect, packets are not yet complete.
-                if packets.is_empty() && self.parser.n_begun() == n_begun {
-                    self.unread_bytes += n as u64;
-                } else {
-                    let now = Instant::now();
-                    (self.last_packet, self.silent_since) = (now, now);
-                    self.was_sent_again = false;
-                    self.unread_bytes = 0;
-                }
-                if let (Some(guess), None) = (self.parser.guess(), self.dialect) {
-                    self.dialect = Some(guess.dialect);
-                    self.notes.push(format!("dialect {guess}"));
-                }
-                self.receive(packets);
-            }
-            Err(UartError::NoPacket(_)) => {
-                self.unread_bytes += n as u64;
-                self.lose(&self.silence());
-            }
+        let packets = match self.parser.push(&self.piece[..n]) {
+            Ok(packets) => packets,
+            // Later bytes may be read.
             Err(error) => {
-                return Err(Error::wrap_in_file(&self.data, error)
-                    .with_hint(option("dialect").text(" names it")));
+                self.problem = Some(format!("{}: {error}", self.data.display()));
+                self.end_stream();
+                return;
             }
+        };
+        // Without a known dialect, packets are not yet complete.
+        if packets.is_empty() && self.parser.n_begun() == n_begun {
+            self.unread_bytes += n as u64;
+        } else {
+            let now = Instant::now();
+            (self.last_packet, self.silent_since) = (now, now);
+            self.was_sent_again = false;
+            self.unread_bytes = 0;
         }
-        Ok(())
+        if let (Some(guess), None) = (self.parser.guess(), self.dialect) {
+            self.dialect = Some(guess.dialect);
+            self.notes.push(format!("dialect {guess}"));
+        }
+        self.look_for_problems();
+        self.receive(packets);
+    }
+
+    /// Whether packets arrive that tell nothing.
+    fn look_for_problems(&mut self) {
+        let report = self.parser.report();
+        let n_packets = report.packets + report.short_packets + report.unclear_packets;
+        let is_telling = report.points > 0 && report.points_of_doppler_bins == 0;
+        let problem = if let Some(error) = self.parser.unclear() {
+            Some(error.to_string())
+        } else if is_telling || n_packets < N_SUSPICIOUS_PACKETS {
+            None
+        } else if report.points_of_doppler_bins > 0 {
+            let is_lacking = self.doppler_step_mps.is_none();
+            is_lacking.then(|| {
+                "the demo sends Doppler bins instead of speeds, which need the chirp file".into()
+            })
+        } else {
+            report.no_points_because()
+        };
+        self.problem = problem.map(|problem| format!("{}: {problem}", self.data.display()));
     }
 
     /// Joins packets to frames.
@@ -451,7 +476,7 @@ impl LiveSource for TiBoard {
         self.leave_out_pause();
         let mut event = self.output.next_event();
         while event.is_none() {
-            self.step(until)?;
+            self.step(until);
             event = self.output.next_event();
             if Instant::now() >= until {
                 break;
@@ -478,6 +503,14 @@ impl LiveSource for TiBoard {
     fn notes(&self) -> &[String] {
         &self.notes
     }
+
+    fn problem(&self) -> Option<String> {
+        self.problem.clone()
+    }
+}
+
+fn parser(dialect: Option<Dialect>, doppler_step_mps: Option<f32>) -> UartParser {
+    UartParser::new(dialect).with_doppler_step(doppler_step_mps.unwrap_or(0.0))
 }
 
 /// Refuses options that packets of a board do not use. Otherwise they would be ignored silently.

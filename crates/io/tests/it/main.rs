@@ -18,4 +18,5 @@ mod made;
 #[path = "../../../formats/tests/it/make_uart.rs"]
 mod make_uart;
 mod ti_board;
+mod uart_streams;
 mod visualizer;

@@ -86,7 +86,7 @@ fn watch(args: &LiveArgs) -> CliResult {
     let mut supervisor = Supervisor::from_environment();
     supervisor.ready();
     let (mut broker_problem, mut memory_problem) = (None, None);
-    let mut is_model_reported = false;
+    let (mut is_model_reported, mut is_source_reported) = (false, false);
     while !stop.load(Ordering::Acquire) {
         match messages.recv_timeout(Duration::from_millis(200)) {
             Ok(_) if args.quiet => {}
@@ -115,6 +115,11 @@ fn watch(args: &LiveArgs) -> CliResult {
         if let Some(problem) = live.model_problem().filter(|_| !is_model_reported) {
             note!("warning: {problem}; /healthz and /metrics count further errors");
             is_model_reported = true;
+        }
+        // Once: nothing is lost meanwhile, and what is not known today is not known tomorrow.
+        if let Some(problem) = live.source_problem().filter(|_| !is_source_reported) {
+            note!("warning: {problem}; the radar is listened to further");
+            is_source_reported = true;
         }
         if live.is_moving() {
             supervisor.alive();
