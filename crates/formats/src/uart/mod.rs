@@ -142,7 +142,7 @@ pub struct UartReport {
     pub targets_dropped: u64,
     /// Complete packets without points.
     pub frames_without_points: u64,
-    /// Frame numbers that are missing between packets.
+    /// Frame numbers that are missing between packets that are used.
     pub lost_frames: u64,
     /// Decreases of the frame number: the device was restarted.
     pub restarts: u64,
@@ -445,10 +445,13 @@ impl UartParser {
             false => self.report.packets += 1,
         }
         match frame.complete {
-            true => self.is_synchronised = true,
+            true => {
+                self.is_synchronised = true;
+                self.count_number(head.number);
+            }
+            // Its number may be damaged, too.
             false => self.count_search(),
         }
-        self.count_number(head.number);
         frames.push(frame);
         Some(packet.len())
     }

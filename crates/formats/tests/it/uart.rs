@@ -11,8 +11,18 @@ use crate::{
 };
 
 fn read(dialect: Option<Dialect>, bytes: &[u8]) -> Result<(Vec<UartFrame>, UartReport), UartError> {
+    read_pieces(dialect, [bytes])
+}
+
+fn read_pieces<'a>(
+    dialect: Option<Dialect>,
+    pieces: impl IntoIterator<Item = &'a [u8]>,
+) -> Result<(Vec<UartFrame>, UartReport), UartError> {
     let mut parser = UartParser::new(dialect);
-    let mut frames = parser.push(bytes)?;
+    let mut frames = Vec::new();
+    for piece in pieces {
+        frames.extend(parser.push(piece)?);
+    }
     let (last, report, _) = parser.finish()?;
     frames.extend(last);
     Ok((frames, report))
@@ -344,8 +354,10 @@ proptest! {
         let (frames, report) = read(Some(dialect), &bytes).unwrap();
         adds_up(&report);
         prop_assert_eq!(frames.len() as u64, report.packets + report.short_packets);
-        prop_assert!(frames.iter().flat_map(|f| &f.points).all(|p| p.range_m.is_finite() && p.intensity_db.is_finite()));
-        let _ = read(None, &bytes);
+        prop_assert!(frames.iter().flat_map(|f| &f.points).all(|p| p.range_m <= 300.0 && p.intensity_db.is_finite()));
+        let halves = bytes.split_at(bytes.len() / 2);
+        prop_assert_eq!(read_pieces(Some(dialect), [halves.0, halves.1]), Ok((frames, report)));
+        prop_assert_eq!(read_pieces(None, [halves.0, halves.1]), read(None, &bytes));
     }
 
     #[test]
@@ -355,9 +367,13 @@ proptest! {
                 place.copy_from_slice(&MAGIC);
             }
         }
-        let (_, report) = read(Some(Dialect::ALL[which]), &bytes).unwrap();
-        adds_up(&report);
-        let _ = read(None, &bytes);
+        for dialect in [Some(Dialect::ALL[which]), None] {
+            let whole = read(dialect, &bytes);
+            prop_assert_eq!(&read_pieces(dialect, bytes.chunks(100)), &whole);
+            if let Ok((_, report)) = whole {
+                adds_up(&report);
+            }
+        }
     }
 }
 
