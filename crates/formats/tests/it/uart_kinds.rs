@@ -430,6 +430,69 @@ fn points_that_are_not_as_many_as_the_header_counts_are_not_believed() {
     assert_eq!((report.points, report.counts_never_right), (40, 10));
 }
 
+/// A packet of SDK 3 that is not padded, as some labs send it.
+fn unpadded(number: u32, n_objects: u32, tlvs: &[(u32, Vec<u8>)]) -> Vec<u8> {
+    let mut bytes = packet_of(Dialect::Sdk3, number, [n_objects, 0], tlvs);
+    let n_content = 40
+        + tlvs
+            .iter()
+            .map(|(_, payload)| 8 + payload.len())
+            .sum::<usize>();
+    bytes.truncate(n_content);
+    bytes[12..16].copy_from_slice(&(n_content as u32).to_le_bytes());
+    bytes
+}
+
+/// 3D people tracking with vital signs: packets without padding, whose last blocks are short.
+#[test]
+fn packets_without_padding_are_read_with_and_without_losses() {
+    let mut points = spherical_compact(10.0, 30.0);
+    points.extend([20, 40, 50, 0, 208, 7, 232, 3].repeat(7));
+    let target = [words(&[3]), floats(&[0.5; 27])].concat();
+    let tlvs = [
+        (1020, points),
+        (1010, target),
+        (1011, vec![3, 3, 3, 3, 255, 255, 0, 0]),
+        (1021, words(&[1])),
+        (1040, vec![0; 136]),
+    ];
+    let bytes: Vec<u8> = (0..20).flat_map(|n| unpadded(n, 8, &tlvs)).collect();
+    let (frames, report, guess) = read(&bytes);
+    assert_eq!(guess.dialect, Dialect::Sdk3, "{guess}");
+    assert_eq!(
+        (report.points, report.tlvs, report.tlvs_unused),
+        (160, 80, 20)
+    );
+    let (points, targets) = (frames[0].points.clone(), frames[0].targets.clone());
+    let length = unpadded(0, 8, &tlvs).len();
+    for n_lost in [1, 3, 8] {
+        for place in 8..=length - n_lost {
+            let packets = (0..10).map(|n| {
+                let mut packet = unpadded(n, 8, &tlvs);
+                if n == 4 {
+                    packet.drain(place..place + n_lost);
+                }
+                packet
+            });
+            let mut parser = UartParser::new(Some(Dialect::Sdk3));
+            let mut frames = parser.push(&packets.collect::<Vec<_>>().concat()).unwrap();
+            frames.extend(parser.finish().unwrap().0);
+            let good: Vec<&UartFrame> = frames.iter().filter(|f| f.complete).collect();
+            let n_good = good.iter().filter(|f| f.number != 4).count();
+            assert_eq!(n_good, 9, "{n_lost} bytes lost at {place}");
+            for frame in good {
+                assert_eq!(frame.points, points, "{n_lost} bytes lost at {place}");
+                let is_right = frame.targets.is_empty() || frame.targets == targets;
+                assert!(
+                    is_right,
+                    "{n_lost} bytes lost at {place}: {:?}",
+                    frame.targets
+                );
+            }
+        }
+    }
+}
+
 /// What people lose on a serial line: `n` bytes at a place of every tenth packet.
 #[test]
 fn a_packet_that_lacks_bytes_does_not_destroy_the_next_one() {

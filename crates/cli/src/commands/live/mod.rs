@@ -118,7 +118,7 @@ fn watch(args: &LiveArgs) -> CliResult {
         }
         // Once: nothing is lost meanwhile, and what is not known today is not known tomorrow.
         if let Some(problem) = live.source_problem().filter(|_| !is_source_reported) {
-            note!("warning: {problem}; the radar is listened to further");
+            note!("warning: {problem}; live goes on");
             is_source_reported = true;
         }
         if live.is_moving() {
