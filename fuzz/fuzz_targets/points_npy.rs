@@ -9,7 +9,7 @@ use radarllm_formats::{
 };
 
 fuzz_target!(|bytes: &[u8]| {
-    let _ = read_points_npy(bytes, Axes::RightForwardUp);
+    let _ = read_points_npy(bytes, Axes::RightForwardUp, None);
     let _ = read_mmbody_frame(bytes);
     let _ = read_mmfi_frame(bytes, Axes::RightForwardUp);
     let _ = detect("frame_1.npy", bytes);

@@ -23,7 +23,9 @@ fn main() -> io::Result<()> {
     for compression in ["none", "bz2", "lz4"] {
         write("bag", &format!("clouds-{compression}"), &make::bag(compression))?;
     }
-    write("points_csv", "table", make::CSV.as_bytes())?;
+    for (name, table) in make::TABLES {
+        write("points_csv", name, table.as_bytes())?;
+    }
     write("radhar", "record", make::RADHAR.as_bytes())?;
     write("mars", "table", make::MARS.as_bytes())?;
     write("calib", "matrix", make::CALIBRATION.as_bytes())?;

@@ -25,6 +25,7 @@ def open_capture(
     dialect: str | None = None,
     topic: str | None = None,
     run: int | None = None,
+    columns: str | None = None,
     baud: int = 921_600,
     seconds: float | None = None,
     tilt_deg: float = 0.0,
@@ -61,6 +62,8 @@ def open_capture(
     :param dialect: UART dialect, detected if None
     :param topic: topic of a ROS bag with several
     :param run: one of several runs of a visualizer in one folder, counted from 1 for the oldest
+    :param columns: names of the columns of a table without a header, or with one that is not known, as in
+        "frame,-,x,y,z,velocity,snr"; "-" or "_" skips a column
     :param baud: baud rate of a serial port
     :param seconds: time to record from a serial port, s
     :param tilt_deg: angle of the radar's boresight below the horizon, degrees
@@ -93,6 +96,7 @@ def open_capture(
         "dialect": dialect,
         "topic": topic,
         "run": run,
+        "columns": columns,
         "baud": baud,
         "seconds": seconds,
         "tilt_deg": tilt_deg,

@@ -76,6 +76,10 @@ pub(crate) struct RecordingArgs {
     /// Which of several runs of a visualizer in one folder is read, counted from 1 for the oldest.
     #[arg(long, value_name = "N")]
     pub run: Option<usize>,
+    /// Columns of a table without a header, or with one that is not known, in their order: frame, t_s, x, y, z, range,
+    /// azimuth, elevation, velocity, snr, also with units as in x_mm or t_ms; - or _ skips a column.
+    #[arg(long, value_name = "A,B,...", allow_hyphen_values = true)]
+    pub columns: Option<String>,
     /// Baud rate of a serial port (/dev/tty...).
     #[arg(long, default_value_t = 921_600)]
     pub baud: u32,
@@ -123,6 +127,7 @@ impl RecordingArgs {
             dialect: dialect.transpose()?,
             topic: self.topic.clone(),
             run: self.run,
+            columns: self.columns.clone(),
             baud: self.baud,
             seconds: self.seconds,
             mounting: Mounting {

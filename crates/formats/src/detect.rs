@@ -6,8 +6,8 @@ use crate::{
     dca1000::starts_with_record,
     folder::visualizer_folder,
     pcap,
-    recordings::{bag::BAG_MAGIC, matlab, mmfi, track_table::is_track_table},
-    tables::is_point_column,
+    recordings::{bag::BAG_MAGIC, listed, matlab, mmfi, printable, track_table::is_track_table},
+    tables::{self, is_point_column},
     uart,
 };
 
@@ -181,6 +181,16 @@ pub enum DetectError {
     /// A known format that is not supported.
     #[error("{0}")]
     Refused(String),
+    /// A table of which too few columns are known, or one without a header.
+    #[error("{}", unknown_table(.first_row, .missing, *.has_header))]
+    UnknownTable {
+        /// The cells of the first row.
+        first_row: Vec<String>,
+        /// Columns that a table of points needs and this one lacks.
+        missing: Vec<&'static str>,
+        /// Whether the first row names the columns.
+        has_header: bool,
+    },
     /// The format is unknown.
     #[error("no known capture format ({0})")]
     Unknown(String),
@@ -189,6 +199,15 @@ pub enum DetectError {
 fn list(formats: &[RecordingFormat]) -> String {
     let names: Vec<&str> = formats.iter().map(|f| f.name()).collect();
     names.join(", ")
+}
+
+fn unknown_table(first_row: &[String], missing: &[&str], has_header: bool) -> String {
+    let cells: Vec<&str> = first_row.iter().map(String::as_str).collect();
+    let (n, listed, missing) = (cells.len(), listed(&cells), missing.join(", "));
+    match has_header {
+        true => format!("a table without the columns {missing}; it has {n}: {listed}"),
+        false => format!("a table without a header: its first row has {n} cells, {listed}"),
+    }
 }
 
 fn sure(format: RecordingFormat, reason: impl Into<String>) -> Result<Detected, DetectError> {
@@ -260,10 +279,19 @@ pub fn detect(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
             reason: format!("it starts with 80 {protocol:02x}, pickle protocol {protocol}"),
         });
     }
-    if let Ok(text) = std::str::from_utf8(trim_cut_character(head))
-        && let Some(detected) = text_format(text)
-    {
-        return Ok(detected);
+    if let Ok(text) = std::str::from_utf8(trim_cut_character(head)) {
+        if let Some(detected) = text_format(text) {
+            return Ok(detected);
+        }
+        let first = tables::first_row(text);
+        if ["csv", "tsv"].contains(&extension) && !first.cells.is_empty() {
+            let has_header = !first.is_of_numbers();
+            return Err(DetectError::UnknownTable {
+                missing: tables::missing(first.cells.iter().map(String::as_str)),
+                first_row: first.cells.iter().map(|c| printable(c)).collect(),
+                has_header,
+            });
+        }
     }
     if numbered(&lower, "frame").is_some() && extension == "bin" && head.len().is_multiple_of(40) {
         return sure(RecordingFormat::MmFi, "named frame*.bin, rows of 40 bytes");
@@ -376,11 +404,8 @@ fn text_format(text: &str) -> Option<Detected> {
             "records of `header:` and `point_id:`",
         );
     }
-    let cells: Vec<&str> = first
-        .trim_start_matches('\u{feff}')
-        .split([',', ';', '\t'])
-        .map(str::trim)
-        .collect();
+    let row = tables::first_row(text);
+    let cells: Vec<&str> = row.cells.iter().map(|c| c.trim()).collect();
     if cells.contains(&"Frame #") && cells.contains(&"Doppler") {
         return found(
             RecordingFormat::Mars,

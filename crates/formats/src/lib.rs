@@ -52,7 +52,7 @@
 //! use radarllm_formats::{recordings::Axes, tables::read_points_csv};
 //!
 //! let table = "frame,t_s,x,y,z,velocity,intensity\n0,0.0,0.5,2.0,0.0,0.25,20\n1,0.1,0.5,2.1,0.0,0.25,20\n";
-//! let frames = read_points_csv(table, Axes::RightForwardUp)?;
+//! let frames = read_points_csv(table, Axes::RightForwardUp, None)?.frames;
 //! assert_eq!((frames.len(), frames[1].stamp_s), (2, Some(0.1)));
 //! # Ok::<(), radarllm_formats::RecordingError>(())
 //! ```

@@ -6,8 +6,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use radarllm_base::message::option;
-use radarllm_files::bounded;
+use radarllm_base::{Message, message::option};
+use radarllm_files::{bounded, npy::NPY_MAGIC};
 use radarllm_formats::{
     DetectError, Detected, RecordingFormat, SampleFormat, detect,
     detect::{HEAD_BYTES, detect_folder},
@@ -77,7 +77,8 @@ impl Opened {
             Some(CaptureFormat::Format(format)) => Some(format),
             _ => None,
         };
-        let (detected, file) = match identify(path, named_points)? {
+        let has_columns = options.points.columns.is_some();
+        let (detected, file) = match identify(path, named_points, has_columns)? {
             Ok(found) => found,
             Err(error) => return Ok(Err(error)),
         };
@@ -213,10 +214,11 @@ fn first(captures: &[PathBuf]) -> Result<&Path> {
     }
 }
 
-/// The format of a recording, as named or as detected.
+/// The format of a recording, as named or as detected. A file of which the caller names the columns is a table.
 fn identify(
     path: &Path,
     named: Option<RecordingFormat>,
+    has_columns: bool,
 ) -> Result<std::result::Result<Identified, DetectError>> {
     if let Some(format) = named {
         let reason = "as named".into();
@@ -243,14 +245,32 @@ fn identify(
         .take(HEAD_BYTES as u64)
         .read_to_end(&mut head)
         .map_err(|e| Error::io(path, e))?;
+    if has_columns {
+        let format = match head.starts_with(NPY_MAGIC) {
+            true => RecordingFormat::NpyPoints,
+            false => RecordingFormat::Csv,
+        };
+        let reason = "its columns are named".into();
+        return Ok(Ok((Detected { format, reason }, Some(file))));
+    }
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     Ok(detect(&name, &head).map(|detected| (detected, Some(file))))
 }
 
 /// Turns an error of detection into one with the name of the file and a hint.
 pub fn detect_error(path: &Path, error: DetectError) -> Error {
+    if matches!(error, DetectError::UnknownTable { .. }) {
+        return Error::wrap_in_file(path, error).with_hint(columns_hint());
+    }
     let names = RecordingFormat::ALL.map(RecordingFormat::name).join(", ");
     Error::wrap_in_file(path, error).with_hint(option("format").text(format!(" names it: {names}")))
+}
+
+/// How a table whose columns are not known is read.
+pub(crate) fn columns_hint() -> Message {
+    option("columns").text(
+        " names them in their order, for example frame,x,y,z,velocity,snr with - for a column to skip",
+    )
 }
 
 /// The format of raw samples that begin with `start`.

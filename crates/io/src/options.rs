@@ -138,6 +138,9 @@ pub struct PointOptions {
     pub topic: Option<String>,
     /// Which of several runs of a visualizer in one folder is read, counted from 1 for the oldest.
     pub run: Option<usize>,
+    /// Names of the columns of a table, in order, as in `frame,-,x,y,z,velocity,snr`; `-` or `_` skips a column. They
+    /// replace the names of its header, if it has one. A file is read as a table if they are given.
+    pub columns: Option<String>,
     /// Baud rate of a serial port.
     pub baud: u32,
     /// Time to record from a serial port, in s.
@@ -161,6 +164,7 @@ impl Default for PointOptions {
             dialect: None,
             topic: None,
             run: None,
+            columns: None,
             baud: 921_600,
             seconds: None,
             mounting: Mounting::default(),
@@ -190,6 +194,7 @@ impl PointOptions {
                 ("dialect", self.dialect.is_some()),
                 ("topic", self.topic.is_some()),
                 ("run", self.run.is_some()),
+                ("columns", self.columns.is_some()),
                 ("seconds", self.seconds.is_some()),
             ],
             "is for recorded points; the capture holds raw samples, whose clock and axes are the radar's",
@@ -230,6 +235,10 @@ impl PointOptions {
                         RecordingFormat::VisualizerJson,
                         RecordingFormat::VisualizerBinary,
                     ]),
+            ),
+            (
+                "columns",
+                self.columns.is_some() && !has(&[RecordingFormat::Csv, RecordingFormat::NpyPoints]),
             ),
         ];
         refuse_options(

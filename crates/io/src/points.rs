@@ -20,13 +20,13 @@ use radarllm_formats::{
         read_mmbody_frame, read_mmfi_frame, read_radhar_points, read_track_table,
         read_windows_json,
     },
-    tables::{read_points_csv, read_points_npy},
+    tables::{PointsTable, read_points_csv, read_points_npy},
     uart::{Guess, SubframeJoiner, UartParser, UartReport},
 };
 
 use crate::{
     error::{Error, Result},
-    opened::{MAX_FILE_BYTES, Opened, RecordingKind},
+    opened::{MAX_FILE_BYTES, Opened, RecordingKind, columns_hint},
     options::{PointOptions, mounting_angles},
     radar::OpenedRadar,
     serial, visualizer,
@@ -91,11 +91,22 @@ pub fn open_points(
             read_radhar_points(&capture.text()?).map_err(|e| Error::wrap_in_file(path, e))?
         }
         RecordingFormat::Mars => mars(&mut capture)?,
-        RecordingFormat::Csv => {
-            read_points_csv(&capture.text()?, axes).map_err(|e| Error::wrap_in_file(path, e))?
-        }
-        RecordingFormat::NpyPoints => {
-            read_points_npy(&capture.bytes()?, axes).map_err(|e| Error::wrap_in_file(path, e))?
+        RecordingFormat::Csv | RecordingFormat::NpyPoints => {
+            let columns = options.columns.as_deref();
+            let table = match format {
+                RecordingFormat::Csv => read_points_csv(&capture.text()?, axes, columns),
+                _ => read_points_npy(&capture.bytes()?, axes, columns),
+            };
+            let table =
+                table.map_err(|e| Error::wrap_in_file(path, e).with_hint(columns_hint()))?;
+            table_frames(
+                path,
+                table,
+                options,
+                opened.as_ref(),
+                &mut notes,
+                &mut warnings,
+            )?
         }
         RecordingFormat::TrackCsv => {
             let table =
@@ -233,6 +244,72 @@ pub(crate) fn explain_reasons(
         warnings.push(note.clone());
     }
     notes.push(note);
+}
+
+/// The frames of a table, with what it says about its clock.
+fn table_frames(
+    path: &Path,
+    table: PointsTable,
+    options: &PointOptions,
+    radar: Option<&OpenedRadar>,
+    notes: &mut Vec<String>,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<RecordedFrame>> {
+    notes.extend(table.notes);
+    warnings.extend(table.warnings);
+    if let Some(error) = table.clock_error {
+        if options.frame_rate_hz.is_none() && radar.is_none() {
+            return Err(Error::wrap_in_file(path, error).with_hint(
+                columns_hint()
+                    .text("; ")
+                    .option("frame_rate")
+                    .text(" HZ gives the frames their times by their numbers"),
+            ));
+        }
+        let text = format!("the times of the table are not used: {error}");
+        notes.push(text.clone());
+        warnings.push(text);
+    }
+    let has_clock = table.frames.iter().all(|f| f.stamp_s.is_some());
+    if has_clock && options.frame_rate_hz.is_none() && table.number_restarts > 0 {
+        notes.push(format!(
+            "frame numbers went back {} times: the clock gives the times",
+            table.number_restarts
+        ));
+    }
+    if let Some(frame_rate_hz) = options.frame_rate_hz
+        && let Some(text) = contradiction(&table.frames, frame_rate_hz)
+    {
+        notes.push(text.clone());
+        warnings.push(text);
+    }
+    Ok(table.frames)
+}
+
+/// What the clock of a recording says against the frame rate that the caller names: more than a tenth and a second less or
+/// more from the first to the last frame.
+fn contradiction(frames: &[RecordedFrame], frame_rate_hz: f64) -> Option<String> {
+    let by_number = Timeline::new(
+        frames
+            .iter()
+            .map(|f| RecordedFrame {
+                points: Vec::new(),
+                board: None,
+                ..*f
+            })
+            .collect(),
+        Some(frame_rate_hz),
+    );
+    let number_s = by_number.ok()?.frames.last()?.time_s;
+    let (first, last) = (frames.first()?.stamp_s?, frames.last()?.stamp_s?);
+    let clock_s = last - first;
+    if (clock_s - number_s).abs() <= (0.1 * number_s).max(1.0) {
+        return None;
+    }
+    Some(format!(
+        "the clock of the recording has {clock_s:.1} s from the first to the last frame, the frame numbers at \
+         {frame_rate_hz} Hz have {number_s:.1} s, which are used"
+    ))
 }
 
 fn axes(format: RecordingFormat, options: &PointOptions) -> Result<Axes> {

@@ -77,6 +77,7 @@ pub(crate) struct CaptureKeywords {
     dialect: Option<String>,
     topic: Option<String>,
     run: Option<usize>,
+    columns: Option<String>,
     baud: u32,
     seconds: Option<f64>,
     tilt_deg: f64,
@@ -134,6 +135,7 @@ impl CaptureKeywords {
                 dialect: dialect.transpose()?,
                 topic: self.topic,
                 run: self.run,
+                columns: self.columns,
                 baud: self.baud,
                 seconds: self.seconds,
                 mounting: Mounting {

@@ -256,6 +256,8 @@ fn what_cannot_be_told_or_read_is_refused() {
     fs::write(at("capture.bin"), [7; 64]).unwrap();
     fs::write(at("adc_data.bin"), [7; 64]).unwrap();
     fs::write(at("short.csv"), "frame,x,y\n").unwrap();
+    fs::write(at("numbers.csv"), "1,0.5,2,0,0.1,15\n").unwrap();
+    fs::write(at("words.csv"), "nr,right,ahead\n1,2,3\n").unwrap();
     fs::write(at("old.bag"), "#ROSBAG V1.2\n").unwrap();
     fs::write(at("cut.bag"), "#ROSBAG V2.0\n\u{1}").unwrap();
     fs::create_dir(at("mmwave")).unwrap();
@@ -281,6 +283,19 @@ fn what_cannot_be_told_or_read_is_refused() {
         ("capture.bin", &[], "dca1000"),
         ("adc_data.bin", &[], "--radar"),
         ("short.csv", &["--frame-rate", "10"], "velocity"),
+        ("short.csv", &[], "--columns names them"),
+        ("numbers.csv", &[], "--columns names them"),
+        ("words.csv", &[], "without the columns x, y, z, velocity"),
+        (
+            "numbers.csv",
+            &["--columns", "frame,x,y,z,v,rate", "--frame-rate", "10"],
+            "found `rate`",
+        ),
+        (
+            "uart.dat",
+            &["--format", "uart", "--columns", "x,y,z"],
+            "--columns has no meaning",
+        ),
         ("old.bag", &[], "rosbag fix"),
         ("cut.bag", &[], "byte 13"),
         ("mmwave", &[], "--orientation"),

@@ -111,21 +111,48 @@ pub struct RecordingError {
     pub found: String,
 }
 
+/// Names of a foreign file that a message lists.
+const MAX_LISTED: usize = 30;
+
 impl RecordingError {
     pub(crate) fn new(at: Place, expected: impl Into<String>, found: &str) -> Self {
         Self {
             at,
             expected: expected.into(),
-            found: format!("`{}`", excerpt(found)),
+            found: format!("`{}`", printable(found)),
+        }
+    }
+
+    /// An error about names of which some are missing: those that are there are listed.
+    pub(crate) fn listing(at: Place, expected: impl Into<String>, names: &[&str]) -> Self {
+        Self {
+            at,
+            expected: expected.into(),
+            found: listed(names),
         }
     }
 }
 
-/// Text of a file for a message. Untrusted text must not reach a terminal unchanged: it is shortened and its control
-/// characters are removed.
-fn excerpt(text: &str) -> String {
-    let printable = |c: char| if c.is_control() { '?' } else { c };
-    text.chars().take(40).map(printable).collect()
+/// Untrusted text must not reach a terminal unchanged: it is shortened and its control characters are removed.
+pub(crate) fn printable(text: &str) -> String {
+    text.trim()
+        .chars()
+        .take(40)
+        .map(|c| if c.is_control() { '?' } else { c })
+        .collect()
+}
+
+/// The names of columns, fields or topics of a foreign file, for messages.
+pub(crate) fn listed(names: &[&str]) -> String {
+    if names.is_empty() {
+        return "none".into();
+    }
+    let shown = names.iter().take(MAX_LISTED);
+    let mut list: Vec<String> = shown.map(|name| format!("`{}`", printable(name))).collect();
+    if names.len() > MAX_LISTED {
+        list.push(format!("{} more", names.len() - MAX_LISTED));
+    }
+    list.join(", ")
 }
 
 impl From<NpyError> for RecordingError {

@@ -13,7 +13,7 @@ use radarllm_formats::{
     tables::{read_points_csv, read_points_npy},
 };
 
-use crate::make::{CALIBRATION, CSV, MARS, RADHAR, mars_mat, npy, seeds};
+use crate::make::{CALIBRATION, CSV, MARS, RADHAR, TABLES, mars_mat, npy, seeds};
 
 /// Everything that reads bytes, on the same bytes. Points can only come from bytes that are there.
 fn read_all(bytes: &[u8]) {
@@ -33,11 +33,17 @@ fn read_all(bytes: &[u8]) {
             let _ = line.accumulate(3, true);
         }
     };
-    let _ = read_points_csv(&text, axes).map(sane);
+    for columns in [
+        None,
+        Some("frame,t,x,y,z,v,snr"),
+        Some("-,t,range,azimuth,elevation,v,-"),
+    ] {
+        let _ = read_points_csv(&text, axes, columns).map(|table| sane(table.frames));
+        let _ = read_points_npy(bytes, axes, columns).map(|table| sane(table.frames));
+    }
     let _ = read_mars_points(&text).map(sane);
     let _ = read_radhar_points(&text).map(sane);
     let _ = read_mmbody_calibration(&text);
-    let _ = read_points_npy(bytes, axes).map(sane);
     let _ = read_mars_features(bytes).map(sane);
     let _ = read_mmbody_frame(bytes).map(|points| assert!(points.len() <= 128));
     let _ = read_mmfi_frame(bytes, axes);
@@ -80,14 +86,15 @@ fn read_all(bytes: &[u8]) {
 fn seeds_are_read_by_their_reader() {
     let axes = Axes::RightForwardUp;
     let s = seeds();
-    assert_eq!(read_points_csv(CSV, axes).unwrap().len(), 2);
+    assert_eq!(read_points_csv(CSV, axes, None).unwrap().frames.len(), 2);
     assert_eq!(read_mars_points(MARS).unwrap().len(), 1);
     assert_eq!(read_radhar_points(RADHAR).unwrap().len(), 1);
     assert_eq!(read_mmbody_calibration(CALIBRATION).unwrap().len(), 1);
     assert_eq!(
-        read_points_npy(&s[4], axes).unwrap(),
-        read_points_csv(CSV, axes)
+        read_points_npy(&s[4], axes, None).unwrap().frames,
+        read_points_csv(CSV, axes, None)
             .unwrap()
+            .frames
             .into_iter()
             .map(|f| RecordedFrame {
                 stamp_s: f.stamp_s.map(|t| f64::from(t as f32)),
@@ -95,7 +102,7 @@ fn seeds_are_read_by_their_reader() {
             })
             .collect::<Vec<_>>()
     );
-    assert_eq!(read_points_npy(&s[5], axes).unwrap().len(), 2);
+    assert_eq!(read_points_npy(&s[5], axes, None).unwrap().frames.len(), 2);
     let features = read_mars_features(&s[6]).unwrap();
     assert_eq!((features.len(), features[0].points.len()), (1, 64));
     assert_eq!(read_mmbody_frame(&s[7]).unwrap().len(), 2);
@@ -113,7 +120,8 @@ fn seeds_are_read_by_their_reader() {
 
 #[test]
 fn truncations_at_every_byte() {
-    for seed in seeds() {
+    let tables = TABLES.map(|(_, table)| table.as_bytes().to_vec());
+    for seed in seeds().into_iter().chain(tables) {
         for end in 0..seed.len() {
             read_all(&seed[..end]);
         }
@@ -132,7 +140,7 @@ fn arrays_that_lie_about_their_size_are_refused() {
     ] {
         let bytes = npy("'<f4'", shape, &[0.0; 3]);
         assert!(
-            read_points_npy(&bytes, Axes::RightForwardUp).is_err(),
+            read_points_npy(&bytes, Axes::RightForwardUp, None).is_err(),
             "{shape}"
         );
         assert!(read_mmbody_frame(&bytes).is_err(), "{shape}");
@@ -157,6 +165,16 @@ proptest! {
     #[test]
     fn damage_anywhere(which in 0_usize..13, changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..12)) {
         let mut bytes = seeds().swap_remove(which);
+        for (at, value) in changes {
+            let n = bytes.len();
+            bytes[at.index(n)] = value;
+        }
+        read_all(&bytes);
+    }
+
+    #[test]
+    fn damaged_tables(which in 0..TABLES.len(), changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6)) {
+        let mut bytes = TABLES[which].1.as_bytes().to_vec();
         for (at, value) in changes {
             let n = bytes.len();
             bytes[at.index(n)] = value;

@@ -21,6 +21,7 @@ mod make;
 mod matlab;
 mod shared_data;
 mod studio;
+mod tables;
 mod ti_dialects;
 mod ti_files;
 mod ti_lines;

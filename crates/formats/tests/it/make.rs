@@ -162,6 +162,35 @@ pub fn bag(compression: &str) -> Vec<u8> {
 
 pub const CSV: &str =
     "frame,t_s,x,y,z,velocity,intensity\n0,0,0.5,2,0,0.25,20\n1,0.1,0.5,2,0,0.25,20\n";
+/// Tables of every kind for the fuzz target, by name.
+pub const TABLES: [(&str, &str); 8] = [
+    ("table", CSV),
+    (
+        "quoted",
+        "\"frame\",\"note\",\"x\",\"y\",\"z\",\"v\",\"snr\"\r\n\"0\",\"a, \"\"b\"\"\nc\",\"1\",\"2\",\"0\",\"0.1\",\"15\"\r\n",
+    ),
+    (
+        "milliseconds",
+        "timestamp,x,y,z,v,snr\n100,1,2,0,0.1,15\n200,1,2,0,0.1,NaN\n300,,,,,\n",
+    ),
+    (
+        "dates",
+        "timestamp,x,y,z,v,snr\n2024-12-16 10:00:00.100000,1,2,0,0.1,15\n2024-12-16 10:00:00.2+01:00,1,2,0,0.1,15\n",
+    ),
+    (
+        "spherical",
+        "frame,t,range,azimuth,elevation,doppler\n7,23:59:59.95,2,-30,10,0.5\n1,00:00:00.05,2,30,-10,0.5\n",
+    ),
+    (
+        "decimal-commas",
+        "frame;x;y;z;velocity;snr\n1;0,5;2;-0,25;0,125;15\n",
+    ),
+    (
+        "tenths",
+        "frame,DetObj#,x,y,z,v,snr,noise\n0,0,1,2,0,0.1,150,700\n",
+    ),
+    ("without-header", "1,0.0,3.0,-0.8,0.1,15,1734343200100\n"),
+];
 pub const MARS: &str = "Frame #,# Obj,X,Y,Z,Doppler,Intensity,Abs Time\n7,1,0.5,2,-1,0.356,10,1\n";
 pub const RADHAR: &str =
     "point_id: 0\nx: 1\ny: -0.5\nz: 0.25\nvelocity: 0.6\nintensity: 30.5\n---\n";

@@ -1,4 +1,4 @@
-//! Running radars: boards on pseudo-terminals, cards on the loopback network; folders of recordings.
+//! Running radars: boards on pseudo-terminals, cards on the loopback network. Recordings: folders and tables.
 #![allow(
     clippy::disallowed_methods,
     clippy::panic,
@@ -17,6 +17,7 @@ mod fake_board;
 mod made;
 #[path = "../../../formats/tests/it/make_uart.rs"]
 mod make_uart;
+mod tables;
 mod ti_board;
 mod uart_streams;
 mod visualizer;

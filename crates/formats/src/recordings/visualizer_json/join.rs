@@ -7,7 +7,7 @@ use super::{
     PREFIX, SnrUnit, VisualizerCounts, VisualizerFrame, VisualizerPart, VisualizerRecording, moved,
 };
 use crate::mounting::Mounting;
-use crate::recordings::excerpt;
+use crate::recordings::printable;
 use crate::recordings::pieces::{Pieces, PiecesError, Run, Runs, gaps, left_over, ordered};
 use crate::sensor_position::SensorPosition;
 
@@ -307,7 +307,7 @@ fn assumptions(
     snr: &SnrReading,
 ) -> String {
     let demo = match demo {
-        Some(name) => format!("the demo `{}` is not known", excerpt(name)),
+        Some(name) => format!("the demo `{}` is not known", printable(name)),
         None => "the files name no demo".into(),
     };
     let axes = match position {

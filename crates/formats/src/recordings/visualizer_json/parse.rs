@@ -8,7 +8,7 @@ use serde::de::{self, DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor
 
 use super::{VisualizerCounts, VisualizerFrame, VisualizerPart};
 use crate::recordings::{
-    MAX_COORDINATE_M, MAX_VELOCITY_MPS, Place, RecordedFrame, RecordingError, excerpt, point,
+    MAX_COORDINATE_M, MAX_VELOCITY_MPS, Place, RecordedFrame, RecordingError, printable, point,
 };
 use crate::uart::{Target, TargetHeight};
 
@@ -293,7 +293,7 @@ impl<'a> Entry<'a> {
                 _ => {
                     let unread = &mut self.counts.unread_clouds;
                     if key.starts_with("pointCloud") && unread.len() < MAX_UNREAD_CLOUDS {
-                        unread.insert(excerpt(&key));
+                        unread.insert(printable(&key));
                     }
                     map.next_value::<IgnoredAny>()?;
                 }
