@@ -16,9 +16,9 @@ use radarllm_formats::{
     Mounting, RecordingFormat, SensorPosition, UartError,
     detect::{numbered, stated_rate_hz},
     recordings::{
-        Axes, mmbody, read_bag, read_mars_features, read_mars_points, read_matlab_points,
-        read_mmbody_frame, read_mmfi_frame, read_radhar_points, read_track_table,
-        read_windows_json,
+        Axes, Bag, BagError, mmbody, read_bag, read_mars_features, read_mars_points,
+        read_matlab_points, read_mmbody_frame, read_mmfi_frame, read_radhar_points,
+        read_track_table, read_windows_json,
     },
     tables::{PointsTable, read_points_csv, read_points_npy},
     uart::{Guess, SubframeJoiner, UartParser, UartReport},
@@ -119,15 +119,8 @@ pub fn open_points(
         }
         RecordingFormat::Bag => {
             let file = BufReader::new(capture.take_first()?);
-            let bag = read_bag(file, options.topic.as_deref(), axes).map_err(|e| {
-                Error::wrap_in_file(path, e)
-                    .with_hint(option("topic").text(" names one of several topics with clouds"))
-            })?;
-            notes.push(format!(
-                "topic {}, {} points dropped (NaN or beyond belief)",
-                bag.topic, bag.points_dropped
-            ));
-            bag.frames
+            let bag = read_bag(file, options.topic.as_deref(), axes);
+            bag_frames(path, bag, options, &mut notes, &mut warnings)?
         }
         RecordingFormat::MmFi => {
             folder_of_frames(&mut capture, "frame", |bytes| read_mmfi_frame(bytes, axes))?
@@ -284,6 +277,42 @@ fn table_frames(
         warnings.push(text);
     }
     Ok(table.frames)
+}
+
+/// The frames of a bag, with what it says about them.
+fn bag_frames(
+    path: &Path,
+    bag: std::result::Result<Bag, BagError>,
+    options: &PointOptions,
+    notes: &mut Vec<String>,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<RecordedFrame>> {
+    let bag = bag.map_err(|e| {
+        let choices = e.choices.join(", ");
+        let error = Error::wrap_in_file(path, e);
+        match choices.is_empty() {
+            true => error,
+            false => error.with_hint(option("topic").text(format!(" names one of {choices}"))),
+        }
+    })?;
+    notes.push(format!(
+        "topic {}, {} points dropped (NaN or beyond belief)",
+        bag.topic, bag.points_dropped
+    ));
+    if bag.points_without_intensity > 0 {
+        notes.push(format!(
+            "the messages have no intensity: {} points have 0 dB",
+            bag.points_without_intensity
+        ));
+    }
+    notes.extend(bag.notes);
+    if let Some(frame_rate_hz) = options.frame_rate_hz
+        && let Some(text) = contradiction(&bag.frames, frame_rate_hz)
+    {
+        notes.push(text.clone());
+        warnings.push(text);
+    }
+    Ok(bag.frames)
 }
 
 /// What the clock of a recording says against the frame rate that the caller names: more than a tenth and a second less or

@@ -10,6 +10,7 @@ pub mod mmbody;
 pub mod mmfi;
 mod pieces;
 pub mod radhar;
+pub mod ros;
 pub mod track_table;
 pub mod visualizer_binary;
 pub mod visualizer_json;
@@ -19,13 +20,14 @@ use radarllm_base::RadarPoint;
 pub(crate) use radarllm_base::RecordedFrame;
 use radarllm_files::npy::NpyError;
 
-pub use bag::{Bag, read_bag};
+pub use bag::read_bag;
 pub use mars::{read_mars_features, read_mars_points};
 pub use matlab::{MatArray, MatlabRecording, read_mat_array, read_matlab_points};
 pub use mmbody::{read_mmbody_calibration, read_mmbody_frame};
 pub use mmfi::read_mmfi_frame;
 pub use pieces::{PiecesError, Run};
 pub use radhar::read_radhar_points;
+pub use ros::{Bag, BagError, RosEncoding, RosMessages};
 pub use track_table::{TrackTable, read_track_table};
 pub use visualizer_binary::{
     VisualizerBinary, VisualizerBinaryError, read_visualizer_binary, read_visualizer_binary_run,
@@ -148,7 +150,12 @@ pub(crate) fn listed(names: &[&str]) -> String {
         return "none".into();
     }
     let shown = names.iter().take(MAX_LISTED);
-    let mut list: Vec<String> = shown.map(|name| format!("`{}`", printable(name))).collect();
+    // A topic with its type is longer than a name.
+    let halves = |name: &&str| match name.split_once(' ') {
+        Some((name, kind)) => format!("`{} {}`", printable(name), printable(kind)),
+        None => format!("`{}`", printable(name)),
+    };
+    let mut list: Vec<String> = shown.map(halves).collect();
     if names.len() > MAX_LISTED {
         list.push(format!("{} more", names.len() - MAX_LISTED));
     }

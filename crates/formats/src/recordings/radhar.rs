@@ -6,6 +6,8 @@
 //! set states that y points right. This reader follows the driver: x = -y and y = x. The recordings themselves do not
 //! decide between the two.
 
+use radarllm_base::RadarPoint;
+
 use super::{
     MAX_COORDINATE_M, MAX_VELOCITY_MPS, Place, RecordedFrame, RecordingError, number, point,
 };
@@ -112,18 +114,30 @@ fn finish(
     }
     let [forward, left, up, velocity_mps, intensity_db] = values;
     let point = point([-left, forward, up], velocity_mps, intensity_db);
+    let stamp_s = record
+        .secs
+        .map(|s| s + record.nsecs.unwrap_or_default() * 1e-9);
+    add_point(frames, point_id, stamp_s, Some(point));
+    Ok(())
+}
+
+/// Adds a message of the driver, which sends one for each point: point 0 starts a frame. A point that cannot be used is
+/// `None`.
+pub(super) fn add_point(
+    frames: &mut Vec<RecordedFrame>,
+    point_id: u64,
+    stamp_s: Option<f64>,
+    point: Option<RadarPoint>,
+) {
     match frames.last_mut() {
-        Some(frame) if point_id != 0 => frame.points.push(point),
+        Some(frame) if point_id != 0 => frame.points.extend(point),
         _ => frames.push(RecordedFrame {
             number: frames.len() as u64,
-            stamp_s: record
-                .secs
-                .map(|s| s + record.nsecs.unwrap_or_default() * 1e-9),
-            points: vec![point],
+            stamp_s,
+            points: point.into_iter().collect(),
             board: None,
         }),
     }
-    Ok(())
 }
 
 #[cfg(test)]

@@ -62,6 +62,13 @@ pub(crate) struct Meaning {
 /// Columns of tables without column names, in order.
 pub const PLAIN_COLUMNS: [&str; 7] = ["frame", "t_s", "x", "y", "z", "velocity", "intensity"];
 
+impl Meaning {
+    /// The place of the word among those of its quantity: words with smaller numbers are more usual.
+    pub(crate) fn rank(self) -> usize {
+        self.rank
+    }
+}
+
 type Units = &'static [(&'static str, Unit)];
 
 const NO_UNITS: Units = &[];

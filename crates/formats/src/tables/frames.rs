@@ -118,7 +118,9 @@ impl FrameBuilder {
         let angles = self.columns.get(Column::Azimuth);
         let position_m = match angles {
             None => self.axes.to_project([a, b, c]),
-            Some(angle) if angle.meaning.states_unit => position(self.axes, [a, b, c]),
+            Some(angle) if angle.meaning.states_unit => self
+                .axes
+                .to_project(angles_to_position(self.axes, [a, b, c])),
             Some(_) => {
                 self.spherical.push([a, b, c]);
                 [0.0; 3]
@@ -257,7 +259,8 @@ impl FrameBuilder {
         for (p, [range_m, azimuth, elevation]) in points.zip(&self.spherical) {
             let spherical = [*range_m, azimuth * factor, elevation * factor];
             *p = point(
-                position(self.axes, spherical),
+                self.axes
+                    .to_project(angles_to_position(self.axes, spherical)),
                 p.velocity_mps.into(),
                 p.intensity_db.into(),
             );
@@ -347,16 +350,19 @@ impl FrameBuilder {
     }
 }
 
-/// Position of a range, an azimuth and an elevation in the axes of the table, as in those of the project. The azimuth
-/// grows from the boresight to the second axis of the ground: to the right, or to the left in ROS.
-fn position(axes: Axes, [range_m, azimuth_rad, elevation_rad]: [f64; 3]) -> [f64; 3] {
+/// Position of a range, an azimuth and an elevation in the axes of a recording. The azimuth grows from the boresight to the
+/// second axis of the ground: to the right, or to the left in ROS.
+pub(crate) fn angles_to_position(
+    axes: Axes,
+    [range_m, azimuth_rad, elevation_rad]: [f64; 3],
+) -> [f64; 3] {
     let flat_m = range_m * elevation_rad.cos();
     let (side_m, forward_m) = (flat_m * azimuth_rad.sin(), flat_m * azimuth_rad.cos());
     let up_m = range_m * elevation_rad.sin();
-    axes.to_project(match axes {
+    match axes {
         Axes::RightForwardUp => [side_m, forward_m, up_m],
         Axes::ForwardLeftUp => [forward_m, side_m, up_m],
-    })
+    }
 }
 
 /// Checks that all times of a table are written in one way.

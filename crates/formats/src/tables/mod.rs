@@ -14,9 +14,12 @@ mod frames;
 
 use std::cell::Cell as Shared;
 
+use columns::Columns;
 pub use columns::PLAIN_COLUMNS;
-use columns::{Column, Columns};
-pub(crate) use columns::{is_point_column, meaning, missing};
+pub(crate) use columns::{
+    Column, Meaning, Unit, is_point_column, meaning, missing, missing_of_point,
+};
+pub(crate) use frames::angles_to_position;
 use frames::{Cell, FrameBuilder};
 use radarllm_files::npy::NpyArray;
 

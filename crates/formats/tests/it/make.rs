@@ -50,11 +50,16 @@ pub struct Cloud<'a> {
 
 impl Cloud<'_> {
     pub fn message(&self, id: u32, secs: u32) -> Vec<u8> {
+        message_record(id, [0; 2], &self.ros1([secs, 500_000_000]))
+    }
+
+    /// The message of ROS 1 with a stamp of seconds and nanoseconds.
+    pub fn ros1(&self, stamp: [u32; 2]) -> Vec<u8> {
         let mut m = Vec::new();
         let word = |m: &mut Vec<u8>, v: u32| m.extend(v.to_le_bytes());
         word(&mut m, 0);
-        word(&mut m, secs);
-        word(&mut m, 500_000_000);
+        word(&mut m, stamp[0]);
+        word(&mut m, stamp[1]);
         m.extend(block(b"radar"));
         let row_step = self.width * self.point_step + self.row_padding;
         word(&mut m, self.data.len() as u32 / row_step.max(1));
@@ -71,11 +76,29 @@ impl Cloud<'_> {
         word(&mut m, row_step);
         m.extend(block(&self.data));
         m.push(1);
-        record(
-            &[("op", &[2]), ("conn", &id.to_le_bytes()), ("time", &[0; 8])],
-            &m,
-        )
+        m
     }
+}
+
+/// A message in a bag of ROS 1 that was recorded at a time of seconds and nanoseconds.
+pub fn message_record(id: u32, time: [u32; 2], message: &[u8]) -> Vec<u8> {
+    let time: Vec<u8> = time.into_iter().flat_map(u32::to_le_bytes).collect();
+    record(
+        &[("op", &[2]), ("conn", &id.to_le_bytes()), ("time", &time)],
+        message,
+    )
+}
+
+/// A message `RadarScan` of TI's driver in ROS 1: a point with x, y, z, velocity and intensity.
+pub fn radar_scan(stamp: [u32; 2], point_id: u16, [x, y, z, v, snr]: [f32; 5]) -> Vec<u8> {
+    let mut m = 9_u32.to_le_bytes().to_vec();
+    m.extend(stamp.into_iter().flat_map(u32::to_le_bytes));
+    m.extend(block(b"base_radar_link"));
+    m.extend(point_id.to_le_bytes());
+    m.extend([x, y, z, 1.5, v].into_iter().flat_map(f32::to_le_bytes));
+    m.extend(7_u16.to_le_bytes());
+    m.extend([0.5, snr].into_iter().flat_map(f32::to_le_bytes));
+    m
 }
 
 pub const FIELDS: [(&str, u32, u8); 5] = [
