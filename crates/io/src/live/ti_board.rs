@@ -184,7 +184,9 @@ impl TiBoard {
             send_whole(cli, &port, &timeouts)?;
         }
         let placing = Placing::new(points, mounting, frame_rate_hz, background)?;
-        let doppler_step_mps = radar.map(|r| r.config.velocity_resolution_mps() as f32);
+        let doppler_step_mps = radar
+            .and_then(|r| r.points.velocity_resolution_mps)
+            .map(|v| v as f32);
         let now = Instant::now();
         Ok(Self {
             output: Output::new(Clock::RateHz(frame_rate_hz), placing, &timeouts),
