@@ -45,7 +45,7 @@ pub enum RecordingFormat {
     VisualizerJson,
     /// A folder of `pHistBytes_N.bin` of a TI visualizer; one such file is [`Self::Uart`].
     VisualizerBinary,
-    /// MATLAB v5 file with MARS-like points.
+    /// MATLAB v5 or v7.3 file with points of MARS or of MARS-like recorders.
     Mat,
     /// This project's points file.
     Points,
@@ -246,7 +246,10 @@ pub fn detect(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
     if head.starts_with(matlab::MAT_73_MAGIC)
         || extension == "mat" && head.starts_with(matlab::HDF5_MAGIC)
     {
-        return Err(DetectError::Refused(matlab::MAT_73_ADVICE.into()));
+        return match cfg!(feature = "hdf5") {
+            true => sure(RecordingFormat::Mat, "a MATLAB v7.3 file"),
+            false => Err(DetectError::Refused(matlab::MAT_73_ADVICE.into())),
+        };
     }
     let packets = match SampleFormat::of_start(head) {
         Some(SampleFormat::Records) => Some("the numbers before a capture card's first packet"),
@@ -317,7 +320,7 @@ pub fn detect(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
     } else if extension == "json" {
         "JSON without `frameData` or `sequences` at its beginning: neither a recording of a TI visualizer nor windows of points".into()
     } else if extension == "mat" {
-        "a .mat file of another version than 5: save(file, 'marsData', '-v7') writes that one"
+        "a .mat file of another version than 5 and 7.3: save(file, 'marsData', '-v7') writes the first"
             .into()
     } else {
         "neither its first bytes nor its name identify a format".into()
@@ -593,15 +596,21 @@ mod tests {
             Err(DetectError::Unknown(_))
         ));
         assert!(matches!(detect("x", b""), Err(DetectError::Unknown(_))));
+        let old_bag = detect("x.bag", b"#ROSBAG V1.2\n");
+        assert!(matches!(old_bag, Err(DetectError::Refused(_))));
         for (name, head) in [
-            ("x.bag", &b"#ROSBAG V1.2\n"[..]),
-            ("x", b"MATLAB 7.3 MAT-file, Platform"),
+            ("x", &b"MATLAB 7.3 MAT-file, Platform"[..]),
             ("x.mat", b"\x89HDF\r\n\x1a\n"),
         ] {
-            assert!(
-                matches!(detect(name, head), Err(DetectError::Refused(_))),
-                "{name}"
-            );
+            match detect(name, head) {
+                Ok(found) if cfg!(feature = "hdf5") => {
+                    assert_eq!(found.format, RecordingFormat::Mat)
+                }
+                Err(DetectError::Refused(text)) if !cfg!(feature = "hdf5") => {
+                    assert!(text.contains("'-v7'") && text.contains("savemat"), "{text}");
+                }
+                other => panic!("{name}: {other:?}"),
+            }
         }
         let other = detect("replay_1.json", b"{\"score\": 7}").unwrap_err();
         assert!(other.to_string().contains("without `frameData`"), "{other}");

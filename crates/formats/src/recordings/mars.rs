@@ -76,7 +76,7 @@ pub fn read_mars_points(text: &str) -> Result<Vec<RecordedFrame>, RecordingError
 }
 
 /// Peak value in dB. A peak of zero is treated as one, the smallest step of the firmware.
-fn peak_db(peak: f64) -> f64 {
+pub(super) fn peak_db(peak: f64) -> f64 {
     20.0 * peak.max(1.0).log10()
 }
 

@@ -1,15 +1,18 @@
-//! Numeric arrays of MATLAB v5 files, and recordings of MARS-like points in them.
+//! Numeric arrays of MATLAB files, and recordings of MARS and of MARS-like recorders in them.
 //!
 //! A file consists of a header of 128 bytes and elements, each of which has a tag (type, length) and data. A variable
 //! is an element `miMATRIX` that contains further elements; it is often compressed as a zlib stream (`miCOMPRESSED`).
 //! Variables that are not numeric (cells, structures, text, sparse arrays) are skipped; only their names are read.
-//! Version 7.3 is HDF5 and is refused. Source: MathWorks, MAT-File Format, level 5.
+//! Source: MathWorks, MAT-File Format, level 5.
+//!
+//! Version 7.3 is HDF5 with a header of MATLAB. Its variables are the data sets of the root group, with the dimensions in
+//! reverse order. It is read with the feature `hdf5` of this crate and refused without it.
 
 use std::io::Read;
 
 use flate2::read::ZlibDecoder;
 
-use super::{Axes, Place, RecordedFrame, RecordingError, checked_point};
+use super::{Axes, Place, RecordedFrame, RecordingError, checked_point, mars::peak_db};
 
 /// Start of a version 5 file.
 pub const MAT_MAGIC: &[u8] = b"MATLAB 5.0 MAT-file";
@@ -17,13 +20,19 @@ pub const MAT_MAGIC: &[u8] = b"MATLAB 5.0 MAT-file";
 pub const MAT_73_MAGIC: &[u8] = b"MATLAB 7.3 MAT-file";
 /// Start of an HDF5 file without MATLAB's header.
 pub const HDF5_MAGIC: &[u8] = b"\x89HDF\r\n";
-/// Error text for version 7.3, with a workaround.
-pub const MAT_73_ADVICE: &str = "a MATLAB v7.3 file (HDF5), which is not read: save it again with save(file, 'marsData', '-v7')";
+/// Error text for version 7.3 without the feature `hdf5`, with the lines that convert a file.
+pub const MAT_73_ADVICE: &str = "a MATLAB v7.3 file (HDF5), which this build does not read. MATLAB converts it: s = \
+    load('FILE.mat'); save('FILE-v7.mat', '-struct', 's', '-v7'). So does Python: scipy.io.savemat('FILE-v7.mat', {k: v[()].T \
+    for k, v in h5py.File('FILE.mat').items() if isinstance(v, h5py.Dataset)})";
 /// Frame rate of recordings made like those of MARS.
 pub const FRAME_RATE_HZ: f64 = 10.0;
 
 /// Name of the variable that contains the points.
 const VARIABLE: &str = "marsData";
+/// Name of the variable in the files of MARS itself.
+const MARS_VARIABLE: &str = "radar_data_cropped";
+/// Number of columns of [`MARS_VARIABLE`]: frame, points of the frame, x, y, z, velocity, peak, time.
+const MARS_COLUMNS: usize = 8;
 /// Smaller non-zero magnitudes are implausible, because the resolution of a radar is of the order of a millimetre.
 /// About half of the numbers that are read at a wrong offset are smaller.
 const MIN_MAGNITUDE: f64 = 1e-15;
@@ -70,9 +79,13 @@ pub struct MatArray {
 /// Reads a real numeric array by its name.
 ///
 /// # Errors
-/// [`RecordingError`] with the byte offset: not a version 5 file, a damaged or truncated element, an array that is not
-/// real and numeric, or no variable of this name (the message lists the existing ones).
+/// [`RecordingError`] with the byte offset: neither a version 5 nor a version 7.3 file, a damaged or truncated element, an
+/// array that is not real and numeric, or no variable of this name (the message lists the existing ones).
 pub fn read_mat_array(bytes: &[u8], name: &str) -> Result<MatArray, RecordingError> {
+    #[cfg(feature = "hdf5")]
+    if bytes.starts_with(MAT_73_MAGIC) || bytes.starts_with(HDF5_MAGIC) {
+        return hdf5::read_array(bytes, name);
+    }
     let is_big_endian = is_big_endian(bytes)?;
     let mut names = Vec::new();
     let mut file = Elements {
@@ -134,10 +147,19 @@ pub struct MatlabRecording {
 /// offset. The first row with a value that is not finite, out of range, or non-zero but implausibly small therefore
 /// ends the points of its frame. Dropped rows are counted.
 ///
+/// Without such a variable, one named `radar_data_cropped` is read as in the files of MARS: of shape (points, 8), with the
+/// columns of [`super::read_mars_points`] and frames of equal numbers.
+///
 /// # Errors
-/// As [`read_mat_array`]; also for another shape.
+/// As [`read_mat_array`]; also for another shape, and for a value of MARS out of range.
 pub fn read_matlab_points(bytes: &[u8]) -> Result<MatlabRecording, RecordingError> {
-    let array = read_mat_array(bytes, VARIABLE)?;
+    let array = match read_mat_array(bytes, VARIABLE) {
+        Ok(array) => array,
+        Err(error) => match read_mat_array(bytes, MARS_VARIABLE) {
+            Ok(array) => return mars_recording(&array),
+            Err(_) => return Err(error),
+        },
+    };
     let &[n_frames, FRAME_POINTS, POINT_VALUES] = array.shape.as_slice() else {
         return Err(RecordingError::new(
             Place::Byte(0),
@@ -183,6 +205,100 @@ pub fn read_matlab_points(bytes: &[u8]) -> Result<MatlabRecording, RecordingErro
         ));
     }
     Ok(recording)
+}
+
+/// The points of MARS in a matrix of [`MARS_COLUMNS`] columns.
+fn mars_recording(array: &MatArray) -> Result<MatlabRecording, RecordingError> {
+    let &[n_points, MARS_COLUMNS] = array.shape.as_slice() else {
+        return Err(RecordingError::new(
+            Place::Byte(0),
+            format!("`{MARS_VARIABLE}` of shape (points, {MARS_COLUMNS})"),
+            &format!("{:?}", array.shape),
+        ));
+    };
+    let mut frames: Vec<RecordedFrame> = Vec::new();
+    for row in 0..n_points {
+        let value = |column: usize| array.values[row + n_points * column];
+        let frame = value(0);
+        // Whole numbers up to 2^53 are exact.
+        if !(0.0..=9e15).contains(&frame) || frame.fract() != 0.0 {
+            let (place, found) = (Place::Row(row), frame.to_string());
+            return Err(RecordingError::new(place, "a frame number", &found));
+        }
+        let [x, y, z, velocity_mps, peak] = std::array::from_fn(|k| value(k + 2));
+        let values = [x, y, z, velocity_mps, peak_db(peak)];
+        let point = checked_point(Place::Row(row), Axes::RightForwardUp, values)?;
+        let number = frame as u64;
+        match frames.last_mut() {
+            Some(last) if last.number == number => last.points.push(point),
+            _ => frames.push(RecordedFrame {
+                number,
+                stamp_s: None,
+                points: vec![point],
+                board: None,
+            }),
+        }
+    }
+    Ok(MatlabRecording {
+        frames,
+        ..MatlabRecording::default()
+    })
+}
+
+/// Variables of version 7.3.
+#[cfg(feature = "hdf5")]
+mod hdf5 {
+    use hdf5_pure::File;
+
+    use super::{MAX_DIMENSIONS, MAX_INFLATED_BYTES, MAX_VARIABLES, MatArray};
+    use crate::recordings::{Place, RecordingError};
+
+    fn error(expected: impl Into<String>, found: &str) -> RecordingError {
+        RecordingError::new(Place::Byte(0), expected, found)
+    }
+
+    /// A real numeric array by its name.
+    pub(super) fn read_array(bytes: &[u8], name: &str) -> Result<MatArray, RecordingError> {
+        let damaged = |e: hdf5_pure::Error| {
+            let expected = "a whole MATLAB v7.3 file (HDF5)";
+            error(expected, &e.to_string())
+        };
+        let file = File::from_bytes(bytes.to_vec()).map_err(damaged)?;
+        let names = file.root().datasets().map_err(damaged)?;
+        if names.len() > MAX_VARIABLES {
+            let expected = format!("at most {MAX_VARIABLES} variables");
+            return Err(error(expected, &names.len().to_string()));
+        }
+        if !names.iter().any(|n| n == name) {
+            return Err(error(format!("a variable `{name}`"), &names.join(", ")));
+        }
+        let data = file.dataset(name).map_err(damaged)?;
+        let dimensions = data.shape().map_err(damaged)?;
+        let size = |n: usize, d: &u64| n.checked_mul(usize::try_from(*d).ok()?);
+        let n_values = dimensions.iter().try_fold(1_usize, size);
+        let max_values = (MAX_INFLATED_BYTES / size_of::<f64>() as u64) as usize;
+        let n_values = n_values.filter(|n| *n <= max_values && dimensions.len() <= MAX_DIMENSIONS);
+        let Some(n_values) = n_values else {
+            let expected = format!(
+                "`{name}` of at most {max_values} values in at most {MAX_DIMENSIONS} dimensions"
+            );
+            return Err(error(expected, &format!("{dimensions:?}")));
+        };
+        let not_numeric = |e: hdf5_pure::Error| {
+            error(
+                format!("`{name}` as a whole array of real numbers"),
+                &e.to_string(),
+            )
+        };
+        let values = data.read_f64().map_err(not_numeric)?;
+        if values.len() != n_values {
+            let expected = format!("{n_values} values of `{name}`");
+            return Err(error(expected, &values.len().to_string()));
+        }
+        // MATLAB counts dimensions from the fastest one, HDF5 from the slowest.
+        let shape = dimensions.iter().rev().map(|d| *d as usize).collect();
+        Ok(MatArray { shape, values })
+    }
 }
 
 /// Checks the header. Returns true if the file is big-endian.
@@ -608,7 +724,11 @@ mod tests {
         hdf5.resize(600, 0);
         for bytes in [hdf5, b"\x89HDF\r\n\x1a\n".to_vec()] {
             let error = read_matlab_points(&bytes).unwrap_err();
-            assert!(error.to_string().contains("'-v7'"), "{error}");
+            let way_out = match cfg!(feature = "hdf5") {
+                true => "a whole MATLAB v7.3 file",
+                false => "'-v7'",
+            };
+            assert!(error.to_string().contains(way_out), "{error}");
         }
         for bytes in [&b""[..], b"MATLAB", &[0; 128], &[b' '; 200]] {
             assert!(read_matlab_points(bytes).is_err());

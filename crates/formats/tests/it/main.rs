@@ -19,6 +19,8 @@ mod lint;
 mod made;
 mod make;
 mod matlab;
+#[cfg(feature = "hdf5")]
+mod matlab73;
 mod shared_data;
 mod studio;
 mod tables;
