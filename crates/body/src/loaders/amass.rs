@@ -131,8 +131,8 @@ impl Members<'_> {
         let n_frames = shape.first().copied().unwrap_or(0);
         if n_frames == 0 || n_values < 3 * n_joints || n_frames > super::bvh::MAX_FRAMES {
             let expected = format!(
-                "axis-angle rotations of {n_joints} or more joints, of shape (frames, {}) or (frames, {n_joints}, 3), in at \
-                 most {} frames",
+                "axis-angle rotations of {n_joints} or more joints, of shape (frames, {}) or (frames, {n_joints}, 3), \
+                 in up to {} frames",
                 3 * n_joints,
                 super::bvh::MAX_FRAMES
             );

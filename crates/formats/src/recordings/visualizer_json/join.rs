@@ -7,8 +7,8 @@ use super::{
     PREFIX, SnrUnit, VisualizerCounts, VisualizerFrame, VisualizerPart, VisualizerRecording, moved,
 };
 use crate::mounting::Mounting;
-use crate::recordings::printable;
 use crate::recordings::pieces::{Pieces, PiecesError, Run, Runs, gaps, left_over, ordered};
+use crate::recordings::printable;
 use crate::sensor_position::SensorPosition;
 
 /// Steps of the computer's clock that are smaller than this do not begin a new run, s: time services set clocks back by

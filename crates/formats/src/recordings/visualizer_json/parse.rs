@@ -8,7 +8,7 @@ use serde::de::{self, DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor
 
 use super::{VisualizerCounts, VisualizerFrame, VisualizerPart};
 use crate::recordings::{
-    MAX_COORDINATE_M, MAX_VELOCITY_MPS, Place, RecordedFrame, RecordingError, printable, point,
+    MAX_COORDINATE_M, MAX_VELOCITY_MPS, Place, RecordedFrame, RecordingError, point, printable,
 };
 use crate::uart::{Target, TargetHeight};
 
