@@ -43,6 +43,9 @@ const VALUE_COLUMNS: [&str; 6] = [
 ];
 /// Rows decoded at a time.
 const BATCH_ROWS: usize = 8192;
+/// Rows encoded at a time: a multiple of the 1,024 rows after which the writer of Parquet files decides about pages, so that
+/// the bytes of a file do not depend on it.
+const WRITTEN_ROWS: usize = 64 << 10;
 
 /// Writes a clip as a points file, atomically.
 ///
@@ -78,12 +81,16 @@ pub fn write_points(
         .set_key_value_metadata(Some(metadata))
         .build();
 
-    let batch = points_batch(frames).map_err(|e| DatasetError::corrupt(path, e))?;
     write_atomic(path, overwrite, |file| {
         let corrupt = |e: parquet::errors::ParquetError| DatasetError::corrupt(path, e);
         let mut writer =
-            ArrowWriter::try_new(file, batch.schema(), Some(properties)).map_err(corrupt)?;
-        writer.write(&batch).map_err(corrupt)?;
+            ArrowWriter::try_new(file, points_schema(), Some(properties)).map_err(corrupt)?;
+        let mut rows = rows(frames).peekable();
+        while rows.peek().is_some() {
+            let batch = points_batch(rows.by_ref().take(WRITTEN_ROWS));
+            let batch = batch.map_err(|e| DatasetError::corrupt(path, e))?;
+            writer.write(&batch).map_err(corrupt)?;
+        }
         writer.close().map_err(corrupt)?;
         Ok(())
     })
@@ -101,7 +108,7 @@ pub fn points_to_batch(
     let name = Path::new("points");
     check_frames(name, meta, frames)?;
     let corrupt = |e: arrow_schema::ArrowError| DatasetError::corrupt(name, e);
-    let batch = points_batch(frames).map_err(corrupt)?;
+    let batch = points_batch(rows(frames)).map_err(corrupt)?;
     let metadata: HashMap<String, String> = metadata_of(meta, frames)
         .into_iter()
         .map(|(key, value)| (key.to_string(), value))
@@ -351,29 +358,43 @@ fn parse_missing(text: &str, n_frames: u64) -> Option<Vec<(u64, u64)>> {
     Some(ranges)
 }
 
-fn points_batch(frames: &[PointFrame]) -> Result<RecordBatch, arrow_schema::ArrowError> {
-    let rows = || {
-        frames
-            .iter()
-            .flat_map(|f| f.points.iter().map(move |p| (f, p)))
-    };
+/// The points of frames, each with its frame.
+fn rows(frames: &[PointFrame]) -> impl Iterator<Item = (&PointFrame, &RadarPoint)> {
+    frames
+        .iter()
+        .flat_map(|f| f.points.iter().map(move |p| (f, p)))
+}
+
+fn points_schema() -> Arc<Schema> {
     let mut fields = vec![
         Field::new("frame", DataType::UInt32, false),
         Field::new("t_s", DataType::Float64, false),
     ];
-    let mut columns: Vec<ArrayRef> = vec![
-        Arc::new(UInt32Array::from_iter_values(rows().map(|(f, _)| f.frame))),
-        Arc::new(Float64Array::from_iter_values(
-            rows().map(|(f, _)| f.time_s),
-        )),
-    ];
-    for (i, name) in VALUE_COLUMNS.into_iter().enumerate() {
-        fields.push(Field::new(name, DataType::Float32, false));
-        columns.push(Arc::new(Float32Array::from_iter_values(
-            rows().map(|(_, p)| fields_of(p)[i]),
-        )));
+    let values = VALUE_COLUMNS.into_iter();
+    fields.extend(values.map(|name| Field::new(name, DataType::Float32, false)));
+    Arc::new(Schema::new(fields))
+}
+
+fn points_batch<'a>(
+    rows: impl Iterator<Item = (&'a PointFrame, &'a RadarPoint)>,
+) -> Result<RecordBatch, arrow_schema::ArrowError> {
+    let (mut frames, mut times_s) = (Vec::new(), Vec::new());
+    let mut values: [Vec<f32>; VALUE_COLUMNS.len()] = Default::default();
+    for (frame, point) in rows {
+        frames.push(frame.frame);
+        times_s.push(frame.time_s);
+        for (column, value) in values.iter_mut().zip(fields_of(point)) {
+            column.push(value);
+        }
     }
-    RecordBatch::try_new(Arc::new(Schema::new(fields)), columns)
+    let mut columns: Vec<ArrayRef> = vec![
+        Arc::new(UInt32Array::from(frames)),
+        Arc::new(Float64Array::from(times_s)),
+    ];
+    for column in values {
+        columns.push(Arc::new(Float32Array::from(column)));
+    }
+    RecordBatch::try_new(points_schema(), columns)
 }
 
 fn append_batch(

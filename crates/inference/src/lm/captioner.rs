@@ -345,7 +345,7 @@ impl Captioner {
         search::unwatched(|watch| {
             let mut results = Vec::with_capacity(usable.len());
             for batch in usable.chunks(BATCH_WINDOWS) {
-                results.extend(self.caption_frames(batch, options, watch)?);
+                results.extend(self.caption_frames(batch, N_DRAWS, options, watch)?);
             }
             let mut results = results.into_iter();
             let mut describe = |windows: &Windows| match windows.is_whole() {
@@ -578,7 +578,12 @@ impl Captioner {
         options: &DescribeOptions,
         watch: &mut Watch,
     ) -> Result<Vec<WindowCaption>, LmError> {
-        let captions = self.caption_frames(&windows.frames_of(spans), options, watch)?;
+        // A guess about a part of a long recording needs no exact probability.
+        let n_draws = match options.only_guesses && windows.is_long() {
+            true => N_DRAWS / 2,
+            false => N_DRAWS,
+        };
+        let captions = self.caption_frames(&windows.frames_of(spans), n_draws, options, watch)?;
         let captions = spans.iter().zip(captions);
         Ok(captions
             .map(|(span, (radar, sentence))| WindowCaption::new(*span, radar, sentence))
@@ -589,6 +594,7 @@ impl Captioner {
     fn caption_frames(
         &self,
         windows: &[(&[PointFrame], f32)],
+        n_draws: usize,
         options: &DescribeOptions,
         watch: &mut Watch,
     ) -> Result<Vec<(Vec<Encoded>, Sentence)>, LmError> {
@@ -596,7 +602,7 @@ impl Captioner {
         let (ensemble, generating) = (&self.ensemble, options.generate());
         let sentences = match options.beam {
             Some(_) => ensemble.sentences(&encoded, &generating, watch)?,
-            None => ensemble.voted(&encoded, N_DRAWS, &generating, watch.cancel)?,
+            None => ensemble.voted(&encoded, n_draws, &generating, watch.cancel)?,
         };
         Ok(encoded.into_iter().zip(sentences).collect())
     }

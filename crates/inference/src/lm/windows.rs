@@ -17,8 +17,8 @@ pub(super) type Span = (usize, usize);
 
 /// Recordings of more frames are long: two minutes.
 const LONG_FRAMES: usize = 1200;
-/// Distance of the coarse windows of long recordings, frames.
-const COARSE_FRAMES: usize = 80;
+/// Distance of the coarse windows of long recordings, frames: that of every second window of their length.
+const COARSE_FRAMES: usize = 2 * consensus::WINDOWS[1].1;
 /// Coarse windows that are described before the windows between them.
 const COARSE_WINDOWS: usize = 64;
 /// Sentences of coarse windows with less confidence do not settle what is between them.
@@ -118,6 +118,11 @@ impl<'a> Windows<'a> {
     /// Whether the clip is described as a whole, so that the sentence of its window is its caption.
     pub(super) fn is_whole(&self) -> bool {
         self.clip.frames.len() <= MAX_FRAMES
+    }
+
+    /// Whether the clip is described in more windows only where they are needed.
+    pub(super) fn is_long(&self) -> bool {
+        self.clip.frames.len() > LONG_FRAMES
     }
 
     /// The windows, in order.
@@ -220,7 +225,7 @@ impl<'a, 'b> Plan<'a, 'b> {
     pub(super) fn new(windows: &'b Windows<'a>, options: &DescribeOptions) -> Self {
         let n_frames = windows.clip.frames.len();
         let last = n_frames.saturating_sub(MAX_FRAMES);
-        let coarse = match n_frames > LONG_FRAMES {
+        let coarse = match windows.is_long() {
             true => (0..last).step_by(COARSE_FRAMES).chain([last]).collect(),
             false => Vec::new(),
         };
