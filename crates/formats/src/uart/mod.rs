@@ -21,8 +21,9 @@ pub mod guess;
 mod packet;
 mod tlv;
 
-use std::{collections::BTreeMap, fmt::Write as _};
+use std::{collections::BTreeMap, fmt::Write as _, sync::LazyLock};
 
+use memchr::memmem::Finder;
 use radarllm_base::{BoardReport, RadarPoint, RecordedFrame};
 
 use detection::Detection;
@@ -726,5 +727,7 @@ impl SubframeJoiner {
 
 /// Place of the first magic.
 fn find_magic(bytes: &[u8]) -> Option<usize> {
-    memchr::memmem::find(bytes, &MAGIC)
+    // To prepare the search takes about as long as to search a small packet.
+    static FINDER: LazyLock<Finder> = LazyLock::new(|| Finder::new(&MAGIC));
+    FINDER.find(bytes)
 }
