@@ -654,7 +654,8 @@ pub(crate) fn check_stream(
     let Some(reason) = report.no_points_because() else {
         return Ok(());
     };
-    if frames.iter().any(|f| f.board.is_some()) {
+    let mut reports = frames.iter().flat_map(|f| &f.board);
+    if reports.any(|report| !report.tracks.is_empty()) {
         // The board states where somebody is.
         warnings.push(reason);
         return Ok(());

@@ -75,6 +75,8 @@ pub struct UartFrame {
     pub indices: Vec<u8>,
     /// Presence flags.
     pub presence: Option<u32>,
+    /// Zones in which the low-power demo detects somebody, one bit each (type 315). It does so without tracking.
+    pub occupied_zones: Option<u32>,
 }
 
 /// Counts of the data that were read and dropped.
@@ -621,6 +623,7 @@ impl UartParser {
             frame.heights = std::mem::take(&mut content.heights);
             frame.indices = std::mem::take(&mut content.indices);
             frame.presence = content.presence;
+            frame.occupied_zones = content.occupied_zones;
         }
         self.content = content;
         frame

@@ -106,6 +106,7 @@ pub(super) struct Content {
     pub heights: Vec<TargetHeight>,
     pub indices: Vec<u8>,
     pub presence: Option<u32>,
+    pub occupied_zones: Option<u32>,
 }
 
 impl Content {
@@ -124,6 +125,7 @@ impl Content {
             heights,
             indices,
             presence,
+            occupied_zones,
         } = self;
         points.clear();
         *n_minor = 0;
@@ -131,7 +133,8 @@ impl Content {
         static_points.clear();
         static_side_info.clear();
         range_profile.clear();
-        (*stats, *temperatures, *presence) = (None, None, None);
+        (*stats, *temperatures) = (None, None);
+        (*presence, *occupied_zones) = (None, None);
         targets.clear();
         heights.clear();
         indices.clear();
@@ -141,6 +144,7 @@ impl Content {
     pub(super) fn has_scene(&self) -> bool {
         !(self.points.is_empty() && self.static_points.is_empty() && self.targets.is_empty())
             || self.presence.is_some()
+            || self.occupied_zones.is_some()
     }
 
     /// Whether there are as many points as the header counts, or the header counts none.
@@ -766,7 +770,7 @@ fn decode_items(
                 .flat_map(|four| [0, 2, 4, 6].map(|shift| four >> shift & 3))
                 .take(usize::from(units[0]).min(32));
             let flags = zones.enumerate().filter(|(_, state)| *state != 0);
-            content.presence = Some(flags.fold(0, |all, (zone, _)| all | 1 << zone));
+            content.occupied_zones = Some(flags.fold(0, |all, (zone, _)| all | 1 << zone));
         }
         Kind::Unused => {}
     }

@@ -716,8 +716,18 @@ fn the_low_power_demo_is_read_with_presence_and_targets() {
     assert!((xs[0] - 1.0).abs() < 1e-6 && (xs[1] + 0.4).abs() < 1e-6);
     assert_eq!((xs.len(), f.targets[0].id), (2, 3));
     assert_eq!(
-        (f.indices.as_slice(), f.presence),
+        (f.indices.as_slice(), f.occupied_zones),
         (&[3, 255][..], Some(0b11010))
+    );
+    // Zones are no tracks: the frame does not say that nobody is tracked.
+    let presence_alone = [(301, tlvs[0].1.clone()), tlvs[4].clone()];
+    let bytes: Vec<u8> = (0..10)
+        .flat_map(|n| packet_of(Dialect::Sdk3, n, [2, 0], &presence_alone))
+        .collect();
+    assert!(
+        recorded_frames(read(&bytes).0)
+            .iter()
+            .all(|f| f.board.is_none())
     );
     assert_eq!(
         (report.tlvs, report.tlvs_unused, report.tlvs_unknown),
