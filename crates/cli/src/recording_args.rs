@@ -70,7 +70,7 @@ pub(crate) struct RecordingArgs {
     /// detected if omitted.
     #[arg(long)]
     pub dialect: Option<String>,
-    /// Topic of a ROS bag that has point clouds on several.
+    /// Topic of a ROS bag that has points on several.
     #[arg(long)]
     pub topic: Option<String>,
     /// Which of several runs of a visualizer in one folder is read, counted from 1 for the oldest.
@@ -197,7 +197,7 @@ pub(crate) struct InputArgs {
     #[arg(long)]
     pub radar: Option<String>,
     /// Format of a recording: adc, dca1000 or npy for raw samples; uart, visualizer-json, visualizer-binary, radhar, mars,
-    /// mmbody, mmfi, mat, csv, npy-points, track-csv, windows-json or bag for points; detected if omitted.
+    /// mmbody, mmfi, mat, csv, npy-points, track-csv, windows-json, bag or ros2-bag for points; detected if omitted.
     #[arg(long)]
     pub format: Option<String>,
     /// Sample layout of a raw capture.
@@ -289,7 +289,7 @@ pub(crate) struct LabelledArgs {
     /// Radar that recorded them: a built-in name, a TI .cfg or a radar .toml.
     #[arg(long)]
     pub radar: Option<String>,
-    /// uart, radhar, mars, mmbody, mmfi, csv, npy-points or bag; detected if omitted.
+    /// uart, radhar, mars, mmbody, mmfi, csv, npy-points, bag or ros2-bag; detected if omitted.
     #[arg(long)]
     pub format: Option<String>,
     /// Recorded points.

@@ -4,12 +4,19 @@ use radarllm_files::npy::{NPY_MAGIC, NpyHeader, read_npy_header};
 
 use crate::{
     dca1000::starts_with_record,
-    folder::visualizer_folder,
+    folder::{ros2_bag_folder, visualizer_folder},
     pcap,
     recordings::{bag::BAG_MAGIC, listed, matlab, mmfi, printable, track_table::is_track_table},
     tables::{self, is_point_column},
     uart,
 };
+
+/// Magic bytes at the start of an SQLite database.
+const SQLITE_MAGIC: &[u8; 16] = b"SQLite format 3\0";
+/// Magic bytes at the start of an MCAP file.
+const MCAP_MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
+const PACKED_BAG_ADVICE: &str =
+    "a file of a ROS 2 bag that is compressed as a whole: `zstd -d FILE` unpacks it";
 
 /// Number of bytes at the start of a file that detection uses.
 pub const HEAD_BYTES: usize = 64 << 10;
@@ -41,6 +48,8 @@ pub enum RecordingFormat {
     WindowsJson,
     /// ROS 1 bag.
     Bag,
+    /// ROS 2 bag: SQLite or MCAP, a file or a folder of them.
+    Ros2Bag,
     /// Files `replay_N.json` of a TI visualizer, one or a folder of them.
     VisualizerJson,
     /// A folder of `pHistBytes_N.bin` of a TI visualizer; one such file is [`Self::Uart`].
@@ -53,7 +62,7 @@ pub enum RecordingFormat {
 
 impl RecordingFormat {
     /// All formats.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::Adc,
         Self::Dca1000,
         Self::Uart,
@@ -66,6 +75,7 @@ impl RecordingFormat {
         Self::TrackCsv,
         Self::WindowsJson,
         Self::Bag,
+        Self::Ros2Bag,
         Self::VisualizerJson,
         Self::VisualizerBinary,
         Self::Mat,
@@ -87,6 +97,7 @@ impl RecordingFormat {
             Self::TrackCsv => "track-csv",
             Self::WindowsJson => "windows-json",
             Self::Bag => "bag",
+            Self::Ros2Bag => "ros2-bag",
             Self::VisualizerJson => "visualizer-json",
             Self::VisualizerBinary => "visualizer-binary",
             Self::Mat => "mat",
@@ -176,7 +187,7 @@ pub enum DetectError {
         reason: String,
     },
     /// A folder with several recordings.
-    #[error("several recordings: {}; name one of these folders", .0.join(", "))]
+    #[error("several recordings: {}; name one of them", .0.join(", "))]
     SeveralRecordings(Vec<String>),
     /// A known format that is not supported.
     #[error("{0}")]
@@ -233,6 +244,15 @@ pub fn detect(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
                 "a ROS bag of another version than 2.0: `rosbag fix` converts it".into(),
             ))
         };
+    }
+    if head.starts_with(SQLITE_MAGIC) {
+        return sure(RecordingFormat::Ros2Bag, "an SQLite database");
+    }
+    if head.starts_with(MCAP_MAGIC) {
+        return sure(RecordingFormat::Ros2Bag, "an MCAP file");
+    }
+    if is_packed_bag(&lower) {
+        return Err(DetectError::Refused(PACKED_BAG_ADVICE.into()));
     }
     if head.starts_with(b"PAR1") {
         return sure(RecordingFormat::Points, "PAR1, a Parquet file");
@@ -327,6 +347,12 @@ pub fn detect(name: &str, head: &[u8]) -> Result<Detected, DetectError> {
     }))
 }
 
+/// Whether `ros2 bag` compressed a file of this name as a whole.
+fn is_packed_bag(name: &str) -> bool {
+    let ends = [".db3.zstd", ".mcap.zstd"];
+    ends.iter().any(|end| name.to_lowercase().ends_with(end))
+}
+
 /// Detects the format of a folder from the names of its files and of those in its subfolders, with `/` between folder
 /// and file: see [`visualizer_folder`].
 ///
@@ -337,6 +363,10 @@ pub fn detect_folder<'a>(
 ) -> Result<Detected, DetectError> {
     let names: Vec<&str> = names.into_iter().collect();
     let visualizer = visualizer_folder(&names, None)?;
+    let ros2 = ros2_bag_folder(&names)?;
+    if ros2.is_none() && names.iter().any(|name| is_packed_bag(name)) {
+        return Err(DetectError::Refused(PACKED_BAG_ADVICE.into()));
+    }
     let (mut mmfi, mut npy) = (0, 0);
     for name in names {
         let name = name.to_lowercase();
@@ -346,6 +376,19 @@ pub fn detect_folder<'a>(
         } else if (is_npy || name.ends_with(".bin")) && numbered(&name, "frame").is_some() {
             mmfi += 1;
         }
+    }
+    if let Some(files) = ros2 {
+        if visualizer.is_none() && mmfi + npy == 0 {
+            let reason = format!("{} files of a ROS 2 bag", files.len());
+            return sure(RecordingFormat::Ros2Bag, reason);
+        }
+        return Err(DetectError::Ambiguous {
+            reason: "files of a ROS 2 bag beside others".into(),
+            choices: vec![
+                RecordingFormat::Ros2Bag,
+                visualizer.map_or(RecordingFormat::MmFi, |v| v.format),
+            ],
+        });
     }
     if let Some(folder) = visualizer {
         if mmfi + npy == 0 {
@@ -361,7 +404,8 @@ pub fn detect_folder<'a>(
     }
     match (mmfi, npy) {
         (0, 0) => Err(DetectError::Unknown(
-            "a folder without replay_N.json, pHistBytes_N.bin, frame*.bin or frame_N.npy".into(),
+            "a folder without replay_N.json, pHistBytes_N.bin, *.db3, *.mcap, frame*.bin or frame_N.npy"
+                .into(),
         )),
         (n, 0) => sure(
             RecordingFormat::MmFi,
@@ -579,6 +623,26 @@ mod tests {
         for format in RecordingFormat::ALL {
             assert_eq!(RecordingFormat::from_name(format.name()), Some(format));
         }
+    }
+
+    #[test]
+    fn bags_of_ros_2_are_known_by_their_files() {
+        let of = |name: &str, head: &[u8]| detect(name, head).map(|d| d.format);
+        for (name, head) in [
+            ("walk_0.db3", &b"SQLite format 3\0\x10"[..]),
+            ("any", b"\x89MCAP0\r\n\x01"),
+        ] {
+            assert_eq!(of(name, head), Ok(RecordingFormat::Ros2Bag), "{name}");
+        }
+        let folder = detect_folder(["walk/metadata.yaml", "walk/walk_0.db3"]).unwrap();
+        assert_eq!(folder.format, RecordingFormat::Ros2Bag);
+        let packed = detect_folder(["walk_0.db3.zstd", "metadata.yaml"]).unwrap_err();
+        assert_eq!(Err(packed), of("walk_0.db3.zstd", b"\x28\xb5\x2f\xfd"));
+        let error = detect_folder(["walk_0.mcap", "replay_1.json"]).unwrap_err();
+        assert!(
+            error.to_string().contains("ros2-bag, visualizer-json"),
+            "{error}"
+        );
     }
 
     #[test]

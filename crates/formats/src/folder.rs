@@ -213,6 +213,73 @@ pub fn choose_cfg<'a>(
     }
 }
 
+/// The extension of a file of a ROS 2 bag, and its name without that and without the number that `ros2 bag` appends.
+fn bag_file(name: &str) -> Option<(&str, &str)> {
+    let (stem, extension) = name.rsplit_once('.')?;
+    if !["db3", "mcap"]
+        .iter()
+        .any(|e| extension.eq_ignore_ascii_case(e))
+    {
+        return None;
+    }
+    let without_number = stem.trim_end_matches(|c: char| c.is_ascii_digit());
+    let stem = match without_number.strip_suffix('_') {
+        Some(without) if without_number.len() < stem.len() => without,
+        _ => stem,
+    };
+    Some((extension, stem))
+}
+
+/// Finds the files of a ROS 2 bag by the names of the files in a folder and its subfolders, with `/` between folder and file.
+/// They lie in one folder and differ in their numbers alone, unless a `metadata.yaml` beside them says that they are one bag.
+/// `None` if there is none.
+///
+/// ```
+/// let names = ["walk/metadata.yaml", "walk/walk_0.mcap", "walk/walk_1.mcap"];
+/// let files = radarllm_formats::folder::ros2_bag_folder(&names)?;
+/// assert_eq!(files, Some(vec!["walk/walk_0.mcap".to_owned(), "walk/walk_1.mcap".to_owned()]));
+/// # Ok::<(), radarllm_formats::DetectError>(())
+/// ```
+///
+/// # Errors
+/// [`DetectError::SeveralRecordings`] for files of several bags.
+pub fn ros2_bag_folder(names: &[&str]) -> Result<Option<Vec<String>>, DetectError> {
+    let folder_of = |name: &str| {
+        name.rsplit_once('/')
+            .map_or(String::new(), |(f, _)| f.into())
+    };
+    let mut bags: BTreeMap<String, Vec<&str>> = BTreeMap::new();
+    for &name in names {
+        if bag_file(name).is_some() {
+            bags.entry(folder_of(name)).or_default().push(name);
+        }
+    }
+    let mut bags: Vec<(String, Vec<&str>)> = bags.into_iter().collect();
+    let Some((folder, mut files)) = bags.pop() else {
+        return Ok(None);
+    };
+    files.sort_unstable();
+    if !bags.is_empty() {
+        let mut folders: Vec<String> = bags.into_iter().map(|(folder, _)| folder).collect();
+        folders.push(folder);
+        for folder in &mut folders {
+            if folder.is_empty() {
+                *folder = ".".into();
+            }
+        }
+        return Err(DetectError::SeveralRecordings(folders));
+    }
+    let is_one = names
+        .iter()
+        .any(|n| folder_of(n) == folder && n.ends_with("metadata.yaml"));
+    let first = files.first().copied().and_then(bag_file);
+    if !is_one && files.iter().any(|name| bag_file(name) != first) {
+        let files = files.into_iter().map(str::to_owned).collect();
+        return Err(DetectError::SeveralRecordings(files));
+    }
+    Ok(Some(files.into_iter().map(str::to_owned).collect()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -274,7 +341,7 @@ mod tests {
         ];
         assert_eq!(
             error(&two),
-            "several recordings: squat (1 files replay_N.json), walk (2 files replay_N.json); name one of these folders"
+            "several recordings: squat (1 files replay_N.json), walk (2 files replay_N.json); name one of them"
         );
         let nested = error(&["replay_1.json", "binData/t/replay_1.json"]);
         assert!(
@@ -339,5 +406,43 @@ mod tests {
                 is_in_parent: true
             }
         );
+    }
+
+    #[test]
+    fn the_files_of_a_ros2_bag_differ_in_their_numbers() {
+        let of = |names: &[&str]| ros2_bag_folder(names).map_err(|e| e.to_string());
+        assert_eq!(of(&["a.cfg", "frame_1.npy"]), Ok(None));
+        assert_eq!(
+            of(&["a_0.db3", "a_1.db3", "a.txt"]).unwrap().unwrap().len(),
+            2
+        );
+        assert_eq!(of(&["bag/only.mcap"]).unwrap().unwrap(), ["bag/only.mcap"]);
+        assert_eq!(
+            of(&["a_0.db3", "b_0.db3", "metadata.yaml"])
+                .unwrap()
+                .unwrap()
+                .len(),
+            2
+        );
+        for (names, expected) in [
+            (
+                ["a_0.db3", "b_0.db3"],
+                "several recordings: a_0.db3, b_0.db3; name one of them",
+            ),
+            (
+                ["a_0.db3", "a_0.mcap"],
+                "several recordings: a_0.db3, a_0.mcap; name one of them",
+            ),
+            (
+                ["x/a_0.db3", "y/a_1.db3"],
+                "several recordings: x, y; name one of them",
+            ),
+            (
+                ["a_0.db3", "y/a_1.db3"],
+                "several recordings: ., y; name one of them",
+            ),
+        ] {
+            assert_eq!(of(&names), Err(expected.into()));
+        }
     }
 }

@@ -23,7 +23,7 @@
 //! ```
 //!
 //! Reading order: [`recording`] (any recording to points), [`opened`] (what a capture is), [`options`], [`radar`] (radar descriptions), [`points`]
-//! (formats of points), `visualizer` (folders of TI's visualizers), [`samples`] and [`layout`] (raw samples),
+//! (formats of points), `visualizer` (folders of TI's visualizers), `ros2` (ROS 2 bags, feature `ros2`), [`samples`] and [`layout`] (raw samples),
 //! `npy_cubes`, [`cleaning`] (background and leakage), [`firmware`] (the signal chain of a board's own firmware),
 //! [`serial`], [`udp`], [`mod@live`] (radars while they run), [`error`].
 
@@ -44,6 +44,7 @@ pub mod options;
 pub mod points;
 pub mod radar;
 pub mod recording;
+mod ros2;
 pub mod samples;
 pub mod serial;
 pub mod udp;

@@ -207,6 +207,7 @@ impl PointOptions {
             RecordingFormat::Csv,
             RecordingFormat::NpyPoints,
             RecordingFormat::Bag,
+            RecordingFormat::Ros2Bag,
             RecordingFormat::MmFi,
         ];
         let has = |formats: &[RecordingFormat]| formats.contains(&format);
@@ -226,7 +227,7 @@ impl PointOptions {
             ),
             (
                 "topic",
-                self.topic.is_some() && !has(&[RecordingFormat::Bag]),
+                self.topic.is_some() && !has(&[RecordingFormat::Bag, RecordingFormat::Ros2Bag]),
             ),
             (
                 "run",

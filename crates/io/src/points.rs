@@ -29,7 +29,7 @@ use crate::{
     opened::{MAX_FILE_BYTES, Opened, RecordingKind, columns_hint},
     options::{PointOptions, mounting_angles},
     radar::OpenedRadar,
-    serial, visualizer,
+    ros2, serial, visualizer,
 };
 
 /// Number of bytes read from a stream at a time.
@@ -120,6 +120,11 @@ pub fn open_points(
         RecordingFormat::Bag => {
             let file = BufReader::new(capture.take_first()?);
             let bag = read_bag(file, options.topic.as_deref(), axes);
+            bag_frames(path, bag, options, &mut notes, &mut warnings)?
+        }
+        RecordingFormat::Ros2Bag => {
+            let bag = ros2::read(&mut capture, options.topic.as_deref(), axes, &mut warnings)?;
+            notes.extend_from_slice(&warnings);
             bag_frames(path, bag, options, &mut notes, &mut warnings)?
         }
         RecordingFormat::MmFi => {
@@ -355,7 +360,7 @@ fn axes(format: RecordingFormat, options: &PointOptions) -> Result<Axes> {
         .with_hint(
             option("orientation").text(format!(" {}", Axes::ALL.map(Axes::name).join(" or "))),
         )),
-        RecordingFormat::Bag => Ok(Axes::ForwardLeftUp),
+        RecordingFormat::Bag | RecordingFormat::Ros2Bag => Ok(Axes::ForwardLeftUp),
         _ => Ok(Axes::RightForwardUp),
     }
 }

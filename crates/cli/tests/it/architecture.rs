@@ -156,7 +156,7 @@ fn the_default_build_links_no_learning_framework() {
     assert!(reached.contains("parquet"), "the walk reaches something");
     let burn: Vec<_> = reached.iter().filter(|n| n.starts_with("burn")).collect();
     assert!(burn.is_empty(), "{burn:?}");
-    for name in ["tokenizers", "npyz", "png", "tar", "ruzstd"] {
+    for name in ["tokenizers", "npyz", "png", "tar"] {
         assert!(!reached.contains(name), "{name}");
     }
 }
@@ -177,6 +177,7 @@ fn the_demo_links_neither_a_command_line_nor_a_database_nor_a_server() {
         "arrow-array",
         "axum",
         "libsqlite3-sys",
+        "mcap",
         "parquet",
         "rumqttc",
         "tokenizers",

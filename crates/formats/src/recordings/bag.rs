@@ -8,13 +8,13 @@ use std::io::Read;
 
 use super::{
     Axes, Place, RecordingError,
-    ros::{Bag, BagError, RosEncoding, RosMessages},
+    ros::{Bag, BagError, MAX_CHUNK_BYTES, RosEncoding, RosMessages, unpack},
 };
 
 /// Magic bytes at the start of a bag.
 pub const BAG_MAGIC: &[u8; 13] = b"#ROSBAG V2.0\n";
 /// Maximum length of a record, bytes; chunks are usually 768 KiB.
-const MAX_RECORD_BYTES: u32 = 256 << 20;
+const MAX_RECORD_BYTES: u32 = MAX_CHUNK_BYTES as u32;
 /// Reads the points of a topic. If no topic is given, the bag must have only one topic with points, or with clouds.
 ///
 /// # Errors
@@ -75,26 +75,6 @@ fn read_block(reader: &mut impl Read, at: u64) -> Result<Option<Vec<u8>>, Record
         return Err(wrong(at, format!("{length} bytes"), &found));
     }
     Ok(Some(block))
-}
-
-/// Decompresses a chunk, which must have `size` bytes. Surplus bytes are not decompressed.
-fn unpack(at: u64, decoder: impl Read, size: u32) -> Result<Vec<u8>, RecordingError> {
-    if size > MAX_RECORD_BYTES {
-        let expected = format!("a chunk of at most {MAX_RECORD_BYTES} bytes");
-        return Err(wrong(at, expected, &size.to_string()));
-    }
-    let mut chunk = Vec::new();
-    let read = decoder.take(u64::from(size) + 1).read_to_end(&mut chunk);
-    read.map_err(|e| wrong(at, "a whole compressed chunk", &e.to_string()))?;
-    if chunk.len() == size as usize {
-        return Ok(chunk);
-    }
-    let found = match chunk.len() > size as usize {
-        true => "more".to_owned(),
-        false => chunk.len().to_string(),
-    };
-    let expected = format!("a chunk that unpacks to {size} bytes, as its header says");
-    Err(wrong(at, expected, &found))
 }
 
 type Record = (Vec<u8>, Vec<u8>);
@@ -165,12 +145,16 @@ fn read_into(
             let chunk = match compression {
                 b"none" => data,
                 b"bz2" => {
-                    unpacked = unpack(at, bzip2::read::BzDecoder::new(data), size()?)?;
+                    unpacked = unpack(
+                        Place::Byte(at),
+                        bzip2::read::BzDecoder::new(data),
+                        size()?.into(),
+                    )?;
                     &unpacked
                 }
                 b"lz4" => {
                     let decoder = lz4_flex::frame::FrameDecoder::new(data);
-                    unpacked = unpack(at, decoder, size()?)?;
+                    unpacked = unpack(Place::Byte(at), decoder, size()?.into())?;
                     &unpacked
                 }
                 other => {

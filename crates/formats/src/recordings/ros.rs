@@ -6,7 +6,7 @@
 //! ([`crate::tables`]), in any case. `power` is in dB here, as drivers send it, and angles are in rad. Clouds without an
 //! intensity have 0 dB.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, io::Read};
 
 use super::{
     Axes, MAX_COORDINATE_M, MAX_INTENSITY_DB, MAX_VELOCITY_MPS, Place, RecordedFrame,
@@ -14,8 +14,33 @@ use super::{
 };
 use crate::tables::{Column, Meaning, Unit, angles_to_position, meaning, missing_of_point};
 
+/// Maximum length of a chunk, a record or a message of a bag, packed or unpacked, bytes; chunks are usually 768 KiB to 4 MiB.
+pub const MAX_CHUNK_BYTES: u64 = 256 << 20;
 /// Maximum number of topics of a bag.
 const MAX_TOPICS: usize = 4096;
+
+/// Decompresses a chunk, which must have `size` bytes. Surplus bytes are not decompressed.
+///
+/// # Errors
+/// A size beyond [`MAX_CHUNK_BYTES`], damage, or another size.
+pub fn unpack(at: Place, decoder: impl Read, size: u64) -> Result<Vec<u8>, RecordingError> {
+    let wrong = |expected: String, found: &str| Err(RecordingError::new(at, expected, found));
+    if size > MAX_CHUNK_BYTES {
+        let expected = format!("a chunk of at most {MAX_CHUNK_BYTES} bytes");
+        return wrong(expected, &size.to_string());
+    }
+    let mut chunk = Vec::new();
+    if let Err(e) = decoder.take(size + 1).read_to_end(&mut chunk) {
+        return wrong("a whole compressed chunk".into(), &e.to_string());
+    }
+    let found = match chunk.len() as u64 {
+        n if n == size => return Ok(chunk),
+        n if n > size => "more".to_owned(),
+        n => n.to_string(),
+    };
+    let expected = format!("a chunk that unpacks to {size} bytes, as its header says");
+    wrong(expected, &found)
+}
 
 /// How the messages of a topic are encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -141,6 +166,7 @@ impl RosMessages {
             _ if encoding.is_none() => Payload::Other,
             ("sensor_msgs", "PointCloud2") => Payload::Cloud,
             (package, "RadarScan") if package.starts_with("ti_mmwave") => {
+                let definition = definition.filter(|text| !text.trim().is_empty());
                 let fields = definition.map_or_else(|| Ok(scan_fields()), scan_fields_of);
                 Payload::Scan(fields.unwrap_or_else(|line| {
                     error = Some(RecordingError::new(at, "a known type in RadarScan", &line));

@@ -18,9 +18,11 @@ mod hostile_recordings;
 mod lint;
 mod made;
 mod make;
+mod make_ros2;
 mod matlab;
 #[cfg(feature = "hdf5")]
 mod matlab73;
+mod ros2;
 mod shared_data;
 mod studio;
 mod tables;
