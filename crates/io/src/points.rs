@@ -20,7 +20,7 @@ use radarllm_formats::{
         read_matlab_points, read_mmbody_frame, read_mmfi_frame, read_radhar_points,
         read_track_table, read_windows_json,
     },
-    tables::{PointsTable, read_points_csv, read_points_npy},
+    tables::{PointsTable, read_points_csv, read_points_npy, unlikely_snr},
     uart::{Guess, SubframeJoiner, UartParser, UartReport},
 };
 
@@ -112,6 +112,7 @@ pub fn open_points(
             let table =
                 read_track_table(&capture.text()?).map_err(|e| Error::wrap_in_file(path, e))?;
             notes.extend(table.notes);
+            doubt_snr(&table.frames, "snrN", &mut notes, &mut warnings);
             table.frames
         }
         RecordingFormat::WindowsJson => {
@@ -284,6 +285,19 @@ fn table_frames(
     Ok(table.frames)
 }
 
+/// Says where intensities cannot be dB.
+fn doubt_snr(
+    frames: &[RecordedFrame],
+    name: &str,
+    notes: &mut Vec<String>,
+    warnings: &mut Vec<String>,
+) {
+    if let Some(text) = unlikely_snr(frames, name) {
+        notes.push(text.clone());
+        warnings.push(text);
+    }
+}
+
 /// The frames of a bag, with what it says about them.
 fn bag_frames(
     path: &Path,
@@ -311,6 +325,7 @@ fn bag_frames(
         ));
     }
     notes.extend(bag.notes);
+    doubt_snr(&bag.frames, "intensity", notes, warnings);
     if let Some(frame_rate_hz) = options.frame_rate_hz
         && let Some(text) = contradiction(&bag.frames, frame_rate_hz)
     {

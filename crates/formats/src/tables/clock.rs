@@ -1,6 +1,10 @@
 //! The times of a table: written as dates, or as numbers whose unit their size and their steps show.
 
-use radarllm_base::{RecordedFrame, stats::median_upper};
+use radarllm_base::{
+    RecordedFrame,
+    civil::{self, DAY_MS, Date},
+    stats::median_upper,
+};
 
 use crate::recordings::{Place, RecordingError};
 
@@ -16,7 +20,7 @@ const UNITS: [(&str, f64); 4] = [
     ("microseconds", 1e-6),
     ("nanoseconds", 1e-9),
 ];
-const DAY_S: f64 = 86_400.0;
+const DAY_S: f64 = DAY_MS as f64 / 1e3;
 
 /// A time in a cell.
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -39,17 +43,6 @@ impl CellTime {
     pub(super) fn is_like(self, other: Self) -> bool {
         std::mem::discriminant(&self) == std::mem::discriminant(&other)
     }
-}
-
-/// Days from 1970-01-01 to a date of the Gregorian calendar, which begins its years in March here, so that the leap day
-/// is the last one.
-fn days_since_1970(year: i64, month: i64, day: i64) -> i64 {
-    let year = if month <= 2 { year - 1 } else { year };
-    let month_from_march = (month + 9) % 12;
-    // 153 days in every five months from March on; 719,468 days from 0000-03-01 to 1970-01-01.
-    let day_of_year = (153 * month_from_march + 2) / 5 + day - 1;
-    365 * year + year.div_euclid(4) - year.div_euclid(100) + year.div_euclid(400) + day_of_year
-        - 719_468
 }
 
 /// Reads digits of a text from front to back.
@@ -142,10 +135,7 @@ fn date(d: &mut Digits) -> Option<(f64, bool)> {
     }
     let day = d.number(2, 31)?;
     d.any(b"Tt _")?;
-    if month == 0 || day == 0 {
-        return None;
-    }
-    let days = days_since_1970(year, month, day);
+    let days = civil::day(Date { year, month, day })?;
     Some((days as f64 * DAY_S, separator.is_none()))
 }
 
@@ -277,6 +267,7 @@ mod tests {
             "2024",
             "2024-12-16",
             "2024-13-16 10:00:00",
+            "2023-02-29 10:00:00",
             "2024-12-16 10:61:00",
             "2024-12/16 10:00:00",
             "2024-12-16 10:00:00 later",

@@ -297,10 +297,7 @@ impl FrameBuilder {
                 p.intensity_db = (f64::from(p.intensity_db) / 10.0) as f32;
             }
         } else if median_db > MAX_SNR_DB {
-            table.warn(format!(
-                "the median of `{name}` is {median_db:.0} dB, which no radar's SNR is: its unit is another one. Names such \
-                 as `snr_tenths`, `snr_linear` and `amplitude` state it"
-            ));
+            table.warn(unlikely(name, median_db));
         }
     }
 
@@ -348,6 +345,20 @@ impl FrameBuilder {
             ));
         }
     }
+}
+
+fn unlikely(name: &str, median_db: f32) -> String {
+    format!(
+        "the median of `{name}` is {median_db:.0} dB, which no radar's SNR is: its unit is another one. Names such as \
+         `snr_tenths`, `snr_linear` and `amplitude` state it"
+    )
+}
+
+/// A warning about intensities in dB whose median is beyond that of any radar's SNR; `name` is what the recording calls them.
+pub fn unlikely_snr(frames: &[RecordedFrame], name: &str) -> Option<String> {
+    let points = frames.iter().flat_map(|f| &f.points);
+    let median_db = median_upper(points.map(|p| p.intensity_db))?;
+    (median_db > MAX_SNR_DB).then(|| unlikely(name, median_db))
 }
 
 /// Position of a range, an azimuth and an elevation in the axes of a recording. The azimuth grows from the boresight to the

@@ -20,6 +20,7 @@ pub(crate) use columns::{
     Column, Meaning, Unit, is_point_column, meaning, missing, missing_of_point,
 };
 pub(crate) use frames::angles_to_position;
+pub use frames::unlikely_snr;
 use frames::{Cell, FrameBuilder};
 use radarllm_files::npy::NpyArray;
 

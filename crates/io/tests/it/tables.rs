@@ -155,3 +155,25 @@ fn columns_make_a_table_of_any_file() {
         );
     }
 }
+
+/// Tables of tracks and bags have intensities, too.
+#[test]
+fn an_impossible_snr_is_a_warning_in_tables_of_tracks() {
+    let rows = |snr: f64| {
+        let mut text = String::from(
+            "frame,tid,posx,posy,posz,velx,vely,velz,pointx0,pointy0,pointz0,doppler0,snr0\n",
+        );
+        for n in 0..20 {
+            text += &format!("{n},1,0,2,0,0,0,0,0.5,2,0,0.1,{snr}\n");
+        }
+        text
+    };
+    let recording = read("log.csv", &rows(15.0), with_rate(10.0)).unwrap();
+    assert_eq!(recording.warnings, [""; 0]);
+    let recording = read("log.csv", &rows(150.0), with_rate(10.0)).unwrap();
+    assert!(
+        recording.warnings[0].contains("the median of `snrN` is 150 dB"),
+        "{:?}",
+        recording.warnings
+    );
+}
