@@ -5,6 +5,9 @@
 #[allow(dead_code)]
 #[path = "../../crates/formats/tests/it/make.rs"]
 mod make;
+#[allow(dead_code)]
+#[path = "../../crates/formats/tests/it/make_ros2.rs"]
+mod make_ros2;
 
 use std::{fs, io, path::Path};
 
@@ -21,8 +24,52 @@ fn main() -> io::Result<()> {
         write("uart", dialect.name(), &make::stream(dialect, 10))?;
     }
     for compression in ["none", "bz2", "lz4"] {
-        write("bag", &format!("clouds-{compression}"), &make::bag(compression))?;
+        write(
+            "bag",
+            &format!("clouds-{compression}"),
+            &make::bag(compression),
+        )?;
     }
+    for (name, big_endian) in [("little", false), ("big", true)] {
+        let cloud = make_ros2::cloud(
+            [1, 2],
+            &make_ros2::FIELDS,
+            &make_ros2::points(3),
+            big_endian,
+        );
+        write(
+            "ros2_messages",
+            &format!("cloud-{name}"),
+            &[&[0], &cloud[..]].concat(),
+        )?;
+        let scan = make_ros2::scan([1, 2], 0, [1.0, 2.0, 0.5, -0.25, 20.0], big_endian);
+        write(
+            "ros2_messages",
+            &format!("scan-{name}"),
+            &[&[1], &scan[..]].concat(),
+        )?;
+    }
+    let topics = [("/radar", "sensor_msgs/msg/PointCloud2", "cdr")];
+    let message = |n: u32| {
+        let cloud = make_ros2::cloud([1, n], &make_ros2::FIELDS, &make_ros2::points(n), false);
+        (0, u64::from(n), cloud)
+    };
+    let messages: Vec<make_ros2::Message> = (1..4).map(message).collect();
+    let chunk = |plain: Vec<u8>| {
+        let size = (plain.len() as u64).to_le_bytes();
+        let head = [&[0; 16], &size[..], &[0; 4], &make_ros2::text(""), &size];
+        make_ros2::record(6, &[&head.concat(), &plain[..]].concat())
+    };
+    write(
+        "ros2_bag",
+        "plain",
+        &make_ros2::mcap(&topics, &messages, |plain| plain),
+    )?;
+    write(
+        "ros2_bag",
+        "chunk",
+        &make_ros2::mcap(&topics, &messages, chunk),
+    )?;
     for (name, table) in make::TABLES {
         write("points_csv", name, table.as_bytes())?;
     }

@@ -276,7 +276,7 @@ impl RosMessages {
         let whole = |t: &&&Topic| t.error.is_none() && !t.frames.is_empty();
         let mut candidates: Vec<&Topic> = asked.iter().filter(whole).copied().collect();
         let is_cloud = |t: &&Topic| matches!(t.payload, Payload::Cloud);
-        if candidates.iter().any(|t| is_cloud(&t)) {
+        if candidates.iter().any(is_cloud) {
             candidates.retain(is_cloud);
         }
         let chosen = match candidates[..] {

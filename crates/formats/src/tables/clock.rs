@@ -154,8 +154,17 @@ pub(super) fn median_step(times: impl Iterator<Item = f64>) -> Option<f64> {
     median_upper(steps)
 }
 
-/// The unit of a clock whose name states none: its name and factor; `None` where the times have no steps and no size that
-/// could tell.
+/// The unit of a clock.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(super) struct ClockUnit {
+    pub(super) name: &'static str,
+    /// Seconds in one of it.
+    pub(super) factor: f64,
+    /// The median step between frames, in this unit; `None` if the times do not grow.
+    pub(super) step: Option<f64>,
+}
+
+/// The unit of a clock whose name states none; `None` where the times have no steps and no size that could tell.
 ///
 /// # Errors
 /// The median step and what it would be, if it is no step of frames in any unit, or if it contradicts the size.
@@ -163,31 +172,30 @@ pub(super) fn unit_of(
     place: Place,
     name: &str,
     times: impl Iterator<Item = f64> + Clone,
-) -> Result<Option<(&'static str, f64, Option<f64>)>, RecordingError> {
+) -> Result<Option<ClockUnit>, RecordingError> {
+    let unit = |(name, factor), step| Ok(Some(ClockUnit { name, factor, step }));
     let first = times.clone().next();
     let by_size = UNITS
         .into_iter()
         .find(|(_, factor)| first.is_some_and(|first| UNIX_S.contains(&(first * factor))));
     let Some(step) = median_step(times) else {
-        return Ok(by_size.map(|(unit, factor)| (unit, factor, None)));
+        return by_size.map_or(Ok(None), |found| unit(found, None));
     };
     let is_step = |factor: f64| {
         // A step of 1 ms in a sum of seconds is 0.99999 ms.
         let step_s = step * factor;
         FRAME_STEPS_S.contains(&(step_s * (1.0 + 1e-6))) || FRAME_STEPS_S.contains(&step_s)
     };
-    if let Some((unit, factor)) = by_size
-        && is_step(factor)
+    if let Some(found) = by_size
+        && is_step(found.1)
     {
-        return Ok(Some((unit, factor, Some(step))));
+        return unit(found, Some(step));
     }
     let by_step = UNITS.into_iter().find(|(_, factor)| is_step(*factor));
     match (by_step, by_size) {
         // What the size says would be hours between two frames: the size is that of a counter.
-        (Some((unit, factor)), Some((_, other))) if step * other > 3600.0 => {
-            Ok(Some((unit, factor, Some(step))))
-        }
-        (Some((unit, factor)), None) => Ok(Some((unit, factor, Some(step)))),
+        (Some(found), Some((_, other))) if step * other > 3600.0 => unit(found, Some(step)),
+        (Some(found), None) => unit(found, Some(step)),
         (by_step, by_size) => {
             let says = |found: Option<(&str, f64)>, what: &str| {
                 found.map(|(unit, _)| format!("; their {what} that of {unit}"))
@@ -285,7 +293,7 @@ mod tests {
     fn the_unit_follows_from_steps_and_size() {
         let of = |start: f64, step: f64| {
             let times = (0..20).map(move |n| start + f64::from(n / 2) * step);
-            unit_of(Place::Line(1), "t", times).map(|u| u.map(|(name, ..)| name))
+            unit_of(Place::Line(1), "t", times).map(|u| u.map(|u| u.name))
         };
         for (start, step, unit) in [
             (0.0, 0.1, "seconds"),

@@ -316,16 +316,17 @@ impl FrameBuilder {
             }
         } else if matches!(clock, CellTime::Number(_)) {
             match clock::unit_of(place, name, times) {
-                Ok(Some((unit, factor, step))) => {
-                    if factor != 1.0 {
-                        let step = step.map(|s| format!(" (median step {s})"));
+                Ok(Some(unit)) => {
+                    if unit.factor != 1.0 {
+                        let step = unit.step.map(|s| format!(" (median step {s})"));
                         table.notes.push(format!(
-                            "the times in `{name}` are {unit}{}",
+                            "the times in `{name}` are {}{}",
+                            unit.name,
                             step.unwrap_or_default()
                         ));
                     }
                     for frame in &mut self.frames {
-                        frame.stamp_s = frame.stamp_s.map(|t| t * factor);
+                        frame.stamp_s = frame.stamp_s.map(|t| t * unit.factor);
                     }
                 }
                 Ok(None) => {}

@@ -18,6 +18,7 @@ mod hostile_recordings;
 mod lint;
 mod made;
 mod make;
+#[allow(dead_code)]
 mod make_ros2;
 mod matlab;
 #[cfg(feature = "hdf5")]

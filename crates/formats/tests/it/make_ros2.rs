@@ -110,3 +110,50 @@ pub fn points(n: u32) -> Vec<Vec<f64>> {
         vec![2.0, 0.5 + n / 16.0, -0.75, 15.5, -1.0],
     ]
 }
+
+/// A topic: its name, the type of its messages and their encoding.
+pub type Topic<'a> = (&'a str, &'a str, &'a str);
+
+/// A message: the place of its topic, the time at which it was recorded, ns, and its bytes.
+pub type Message = (usize, u64, Vec<u8>);
+
+/// A record of an MCAP file.
+pub fn record(opcode: u8, body: &[u8]) -> Vec<u8> {
+    [&[opcode], &(body.len() as u64).to_le_bytes()[..], body].concat()
+}
+
+/// A string of an MCAP file.
+pub fn text(text: &str) -> Vec<u8> {
+    [&(text.len() as u32).to_le_bytes(), text.as_bytes()].concat()
+}
+
+/// An MCAP file. `pack` makes chunks of the records of four messages each, or leaves them as they are.
+pub fn mcap(
+    topics: &[Topic<'_>],
+    messages: &[Message],
+    pack: impl Fn(Vec<u8>) -> Vec<u8>,
+) -> Vec<u8> {
+    let mut file = b"\x89MCAP0\r\n".to_vec();
+    file.extend(record(1, &[text("ros2"), text("test")].concat()));
+    let mut declared = Vec::new();
+    for (n, (name, kind, encoding)) in topics.iter().enumerate() {
+        let id = (n as u16 + 1).to_le_bytes();
+        let schema = [&id[..], &text(kind), &text("ros2msg"), &text("")].concat();
+        declared.extend(record(3, &schema));
+        let channel = [&id[..], &id, &text(name), &text(encoding), &[0; 4]].concat();
+        declared.extend(record(4, &channel));
+    }
+    let message = |(topic, time, data): &Message| {
+        let id = (*topic as u16 + 1).to_le_bytes();
+        let times = [time.to_le_bytes(), time.to_le_bytes()].concat();
+        record(5, &[&id[..], &[0; 4], &times, data].concat())
+    };
+    for messages in messages.chunks(4) {
+        let records: Vec<u8> = messages.iter().flat_map(message).collect();
+        file.extend(pack([&declared[..], &records].concat()));
+    }
+    file.extend(record(0x0F, &[0; 4]));
+    file.extend(record(2, &[0; 20]));
+    file.extend(b"\x89MCAP0\r\n");
+    file
+}

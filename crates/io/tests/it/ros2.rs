@@ -27,14 +27,11 @@ mod with_feature {
     use radarllm_io::{CaptureOptions, Error, PointOptions, Recording, read_recording};
     use rusqlite::Connection;
 
-    use crate::make_ros2::{FIELDS, cloud, points, scan};
+    use crate::make_ros2::{self, FIELDS, Message, Topic, cloud, points, record, scan, text};
 
     const CLOUD: &str = "sensor_msgs/msg/PointCloud2";
     const N_FRAMES: u32 = 8;
     const START_NS: u64 = 1_734_343_200_000_000_000;
-
-    /// A message: its topic's place, the time at which it was recorded, and its bytes.
-    type Message = (usize, u64, Vec<u8>);
 
     fn time_ns(n: u32) -> u64 {
         START_NS + 250_000_000 * u64::from(n)
@@ -57,10 +54,10 @@ mod with_feature {
             .collect()
     }
 
-    const ONE_TOPIC: [(&str, &str, &str); 1] = [("/radar", CLOUD, "cdr")];
+    const ONE_TOPIC: [Topic<'_>; 1] = [("/radar", CLOUD, "cdr")];
 
     /// The database that `ros2 bag record` writes, as far as it is read.
-    fn write_db3(path: &Path, topics: &[(&str, &str, &str)], messages: &[Message]) {
+    fn write_db3(path: &Path, topics: &[Topic<'_>], messages: &[Message]) {
         let db = Connection::open(path).unwrap();
         db.execute_batch(
             "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,
@@ -84,14 +81,6 @@ mod with_feature {
             )
             .unwrap();
         }
-    }
-
-    fn record(opcode: u8, body: &[u8]) -> Vec<u8> {
-        [&[opcode], &(body.len() as u64).to_le_bytes()[..], body].concat()
-    }
-
-    fn text(text: &str) -> Vec<u8> {
-        [&(text.len() as u32).to_le_bytes(), text.as_bytes()].concat()
     }
 
     fn chunk_of(compression: &str, size: u64, crc: u32, data: &[u8]) -> Vec<u8> {
@@ -123,43 +112,16 @@ mod with_feature {
     }
 
     /// An MCAP file with a chunk for every four messages, or without chunks.
-    fn mcap(
-        topics: &[(&str, &str, &str)],
-        messages: &[Message],
-        compression: Option<&str>,
-    ) -> Vec<u8> {
-        let mut file = b"\x89MCAP0\r\n".to_vec();
-        file.extend(record(1, &[text("ros2"), text("test")].concat()));
-        let mut declared = Vec::new();
-        for (n, (name, kind, encoding)) in topics.iter().enumerate() {
-            let id = (n as u16 + 1).to_le_bytes();
-            let schema = [&id[..], &text(kind), &text("ros2msg"), &text("")].concat();
-            declared.extend(record(3, &schema));
-            let channel = [&id[..], &id, &text(name), &text(encoding), &[0; 4]].concat();
-            declared.extend(record(4, &channel));
-        }
-        let message = |(topic, time, data): &Message| {
-            let id = (*topic as u16 + 1).to_le_bytes();
-            let times = [time.to_le_bytes(), time.to_le_bytes()].concat();
-            record(5, &[&id[..], &[0; 4], &times, data].concat())
-        };
-        for messages in messages.chunks(4) {
-            let records: Vec<u8> = messages.iter().flat_map(message).collect();
-            let plain = [&declared[..], &records].concat();
-            file.extend(match compression {
-                None => plain,
-                Some(name) => chunk_of(
-                    name,
-                    plain.len() as u64,
-                    crc32fast::hash(&plain),
-                    &pack(name, &plain),
-                ),
-            });
-        }
-        file.extend(record(0x0F, &[0; 4]));
-        file.extend(record(2, &[0; 20]));
-        file.extend(b"\x89MCAP0\r\n");
-        file
+    fn mcap(topics: &[Topic<'_>], messages: &[Message], compression: Option<&str>) -> Vec<u8> {
+        make_ros2::mcap(topics, messages, |plain| match compression {
+            None => plain,
+            Some(name) => chunk_of(
+                name,
+                plain.len() as u64,
+                crc32fast::hash(&plain),
+                &pack(name, &plain),
+            ),
+        })
     }
 
     fn read_with(path: &Path, points: PointOptions) -> Result<Recording, Error> {
