@@ -25,6 +25,16 @@ def test_cubes_come_one_by_one(files, cubes):
         np.testing.assert_array_equal(next(iter(capture)), cubes[0])
 
 
+def test_columns_of_a_table_without_a_header(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("".join(f"{n},a,0.5,2.0,0.25,-0.125,15,{100 * n}\n" for n in range(10)))
+    with pytest.raises(rl.Error, match="a table without a header"):
+        rl.open_capture(path).points()
+    points = rl.open_capture(path, columns="frame,-,x,y,z,velocity,snr,timestamp").points()
+    assert len(points) == 10 and points.n_points == 10
+    assert points.frame_rate_hz == pytest.approx(10.0)
+
+
 def test_max_frames_ends_early(files):
     path, keywords, _ = files["npy"]
     with rl.open_capture(path, max_frames=2, **keywords) as capture:

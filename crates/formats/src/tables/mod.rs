@@ -108,8 +108,8 @@ pub(crate) fn first_row(text: &str) -> FirstRow {
             *n += usize::from(!is_quoted && byte == *separator);
         }
     }
-    let most = counts.iter().rev().max_by_key(|(_, n)| *n);
-    let separator = separator.or(most.map(|(s, _)| *s)).unwrap_or(b',');
+    let usual = counts.iter().rev().max_by_key(|(_, n)| *n);
+    let separator = separator.or(usual.map(|(s, _)| *s)).unwrap_or(b',');
     let mut record = csv::StringRecord::new();
     let _ = rows(&text.as_bytes()[start..], separator).read_record(&mut record);
     FirstRow {
