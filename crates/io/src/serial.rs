@@ -51,6 +51,14 @@ impl Terminal {
     ///
     /// # Errors
     /// Always.
+    pub fn set_baud(&self, _baud: u32) -> io::Result<()> {
+        Err(io::ErrorKind::Unsupported.into())
+    }
+
+    /// Never called, because no terminal can be opened.
+    ///
+    /// # Errors
+    /// Always.
     pub fn discard_input(&self) -> io::Result<()> {
         Err(io::ErrorKind::Unsupported.into())
     }
@@ -79,10 +87,9 @@ impl Terminal {
     /// A device that is not a terminal, an unsupported baud rate, or an error of the system.
     pub fn open(path: &Path, baud: u32) -> io::Result<Self> {
         use std::os::{fd::AsRawFd as _, unix::fs::OpenOptionsExt as _};
-        let speed = speed(baud).ok_or_else(|| {
-            let problem = format!("no baud rate {baud}: 9600 to 3000000 in the usual steps");
-            io::Error::new(io::ErrorKind::InvalidInput, problem)
-        })?;
+        if !is_supported(baud) {
+            return Err(unsupported(baud));
+        }
         // The port does not become the controlling terminal of this process, and nothing waits for a carrier.
         let file = std::fs::OpenOptions::new()
             .read(true)
@@ -101,11 +108,11 @@ impl Terminal {
         // With a minimum of one byte, a read of 0 bytes means that the device is gone, and never that it is silent.
         settings.c_cc[libc::VMIN] = 1;
         settings.c_cc[libc::VTIME] = 0;
-        // SAFETY: `settings` is an initialised termios and `speed` one of the system's constants.
-        check(unsafe { libc::cfsetspeed(&mut settings, speed) })?;
         // SAFETY: `fd` is open and `settings` is initialised.
         check(unsafe { libc::tcsetattr(fd, libc::TCSANOW, &settings) })?;
-        Ok(Self { file })
+        let terminal = Self { file };
+        terminal.set_baud(baud)?;
+        Ok(terminal)
     }
 
     /// Waits at most `timeout` for bytes. Returns true if there is something to read: bytes, an end or an error. False
@@ -129,6 +136,41 @@ impl Terminal {
         let millis = libc::c_int::try_from(millis).unwrap_or(libc::c_int::MAX);
         // SAFETY: `request` is one initialised pollfd and outlives the call.
         Ok(check(unsafe { libc::poll(&raw mut request, 1, millis) })? > 0)
+    }
+
+    /// Changes the baud rate of the device, also for others that have it open.
+    ///
+    /// # Errors
+    /// An unsupported baud rate, or an error of the system.
+    pub fn set_baud(&self, baud: u32) -> io::Result<()> {
+        use std::os::fd::AsRawFd as _;
+        let fd = self.file.as_raw_fd();
+        if let Some(speed) = speed(baud) {
+            // SAFETY: termios is plain data for which all zeros is a valid value; tcgetattr fills it.
+            let mut settings: libc::termios = unsafe { std::mem::zeroed() };
+            // SAFETY: `fd` is open and `settings` outlives the call.
+            check(unsafe { libc::tcgetattr(fd, &mut settings) })?;
+            settings.c_cflag &= !INPUT_SPEED;
+            // SAFETY: `settings` is an initialised termios and `speed` one of the system's constants.
+            check(unsafe { libc::cfsetspeed(&mut settings, speed) })?;
+            // SAFETY: `fd` is open and `settings` is initialised.
+            check(unsafe { libc::tcsetattr(fd, libc::TCSANOW, &settings) })?;
+            return Ok(());
+        }
+        if !RATES_WITHOUT_NAME.contains(&baud) {
+            return Err(unsupported(baud));
+        }
+        // SAFETY: termios2 is plain data for which all zeros is a valid value; the call fills it.
+        let mut settings: libc::termios2 = unsafe { std::mem::zeroed() };
+        // SAFETY: `fd` is open and `settings` outlives the call.
+        check(unsafe { libc::ioctl(fd, libc::TCGETS2, &raw mut settings) })?;
+        settings.c_cflag &= !(libc::CBAUD | INPUT_SPEED);
+        settings.c_cflag |= libc::BOTHER;
+        settings.c_ispeed = baud;
+        settings.c_ospeed = baud;
+        // SAFETY: `fd` is open and `settings` is initialised.
+        check(unsafe { libc::ioctl(fd, libc::TCSETS2, &raw const settings) })?;
+        Ok(())
     }
 
     /// Discards the bytes that were received and not yet read.
@@ -223,6 +265,25 @@ fn check(result: libc::c_int) -> io::Result<libc::c_int> {
     Ok(result)
 }
 
+/// Baud rates of TI's boards for which the system has no constant.
+#[cfg(target_os = "linux")]
+const RATES_WITHOUT_NAME: [u32; 3] = [625_000, 1_250_000, 3_125_000];
+
+/// The flags of another speed for received bytes than for sent ones. All zeros mean the same speed.
+#[cfg(target_os = "linux")]
+const INPUT_SPEED: libc::tcflag_t = libc::CBAUD << 16;
+
+#[cfg(target_os = "linux")]
+fn is_supported(baud: u32) -> bool {
+    speed(baud).is_some() || RATES_WITHOUT_NAME.contains(&baud)
+}
+
+#[cfg(target_os = "linux")]
+fn unsupported(baud: u32) -> io::Error {
+    let problem = format!("no baud rate {baud}: 9600 to 3125000 in the usual steps");
+    io::Error::new(io::ErrorKind::InvalidInput, problem)
+}
+
 #[cfg(target_os = "linux")]
 fn speed(baud: u32) -> Option<libc::speed_t> {
     Some(match baud {
@@ -296,6 +357,32 @@ mod tests {
         }
         assert_eq!(found, sent);
         assert_eq!(port.read(&mut piece).unwrap(), 0);
+    }
+
+    #[test]
+    fn a_port_is_set_to_rates_with_and_without_a_name() {
+        let (_board, path) = pseudo_terminal();
+        let port = Terminal::open(&path, 115_200).unwrap();
+        let rates = || {
+            // SAFETY: termios2 is plain data for which all zeros is a valid value; the call fills it.
+            let mut settings: libc::termios2 = unsafe { std::mem::zeroed() };
+            // SAFETY: the descriptor is open and `settings` outlives the call.
+            let result =
+                unsafe { libc::ioctl(port.file.as_raw_fd(), libc::TCGETS2, &raw mut settings) };
+            check(result).unwrap();
+            (settings.c_ispeed, settings.c_ospeed)
+        };
+        assert_eq!(rates(), (115_200, 115_200));
+        for baud in [1_250_000, 115_200, 3_125_000, 921_600, 625_000] {
+            port.set_baud(baud).unwrap();
+            assert_eq!(rates(), (baud, baud));
+        }
+        for baud in [0, 12_345, 1_250_001, u32::MAX] {
+            assert!(port.set_baud(baud).is_err(), "{baud}");
+        }
+        assert_eq!(rates(), (625_000, 625_000));
+        drop(Terminal::open(&path, 1_250_000).unwrap());
+        assert_eq!(rates(), (1_250_000, 1_250_000));
     }
 
     #[test]

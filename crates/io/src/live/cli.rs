@@ -16,6 +16,8 @@ const BAUD: u32 = 115_200;
 const MAX_ANSWER_BYTES: usize = 8 << 10;
 /// Maximum number of characters of an answer in a message.
 const MAX_WORDS: usize = 200;
+/// Time that a board takes to change its baud rate after it has accepted the command.
+const BAUD_CHANGE: Duration = Duration::from_millis(100);
 /// How long the rest of an error's text is awaited.
 const REST_OF_ERROR: Duration = Duration::from_millis(100);
 
@@ -123,6 +125,11 @@ impl Sending {
             let verdict = Verdict::of(answer, &command.text);
             match verdict {
                 Verdict::Done => {
+                    if let Some(baud) = new_baud(&command.text) {
+                        std::thread::sleep(BAUD_CHANGE);
+                        let changed = self.port.set_baud(baud);
+                        changed.map_err(|e| refused(command, &e.to_string()))?;
+                    }
                     self.open = None;
                     self.next += 1;
                     continue;
@@ -165,6 +172,16 @@ impl Sending {
             }
         }
     }
+}
+
+/// The baud rate that a command gives to the port. The low-power SDK has such a command, because its command line and
+/// its packets share one port.
+fn new_baud(command: &str) -> Option<u32> {
+    let mut words = command.split_whitespace();
+    if words.next() != Some("baudRate") {
+        return None;
+    }
+    words.next()?.parse().ok()
 }
 
 fn refused(command: &Command, words: &str) -> CliError {
@@ -239,6 +256,21 @@ mod tests {
             text: text.into(),
         };
         assert_eq!(found, [command(3, "sensorStop"), command(4, "flushCfg")]);
+    }
+
+    #[test]
+    fn only_the_command_of_the_baud_rate_changes_it() {
+        assert_eq!(new_baud("baudRate 1250000"), Some(1_250_000));
+        assert_eq!(new_baud("baudRate\t115200  1"), Some(115_200));
+        for other in [
+            "",
+            "baudRate",
+            "baudRate -1",
+            "baudRate 1e6",
+            "baudRates 1250000",
+        ] {
+            assert_eq!(new_baud(other), None, "{other:?}");
+        }
     }
 
     #[test]

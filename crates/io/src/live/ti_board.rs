@@ -153,14 +153,14 @@ impl TiBoard {
             RadarSource::TiCfg(text) => Some(text.as_str()),
             _ => None,
         });
+        let dialect = radar.and_then(|r| r.points.dialect);
         let cli = match cli {
             Some(path) => Some(Cli {
-                commands: commands_for(&path, &data, cfg)?,
+                commands: commands_for(&path, &data, cfg, dialect)?,
                 path,
             }),
             None => None,
         };
-        let dialect = radar.and_then(|r| r.points.dialect);
         let may_have_subframes = cfg.is_none() || dialect == Some(ChirpDialect::AdvancedFrames);
         let mut notes = Vec::new();
         if let Some(radar) = radar {
@@ -539,8 +539,14 @@ fn check_options(capture: &CaptureOptions) -> Result {
 }
 
 /// The commands of the chirp file for the command line at `path`.
-fn commands_for(path: &Path, data: &Path, cfg: Option<&str>) -> Result<Arc<[cli::Command]>> {
-    if path == data {
+fn commands_for(
+    path: &Path,
+    data: &Path,
+    cfg: Option<&str>,
+    dialect: Option<ChirpDialect>,
+) -> Result<Arc<[cli::Command]>> {
+    // A board of the low-power SDK has one port for both.
+    if path == data && cfg.is_some() && dialect != Some(ChirpDialect::LowPower) {
         return Err(Error::in_file(path, "both the data port and the CLI port"));
     }
     let Some(cfg) = cfg else {

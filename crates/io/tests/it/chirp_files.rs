@@ -1,6 +1,11 @@
 //! Chirp files without a cube beside recordings, named by options and sent to boards.
 
-use std::{fs, path::Path, path::PathBuf};
+use std::{
+    fs,
+    os::fd::AsRawFd as _,
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
 use radarllm_formats::{ChirpDialect, RecordingFormat, uart::Dialect};
 use radarllm_io::{
@@ -244,4 +249,69 @@ fn boards_are_started_with_files_of_any_dialect() {
         let expected: Vec<&str> = cfg.lines().collect();
         assert_eq!(sent, expected);
     }
+}
+
+/// Baud rates of received and sent bytes of a port.
+fn rates(port: &Path) -> (u32, u32) {
+    let port = fs::File::open(port).unwrap();
+    // SAFETY: termios2 is plain data for which all zeros is a valid value; the call fills it.
+    let mut settings: libc::termios2 = unsafe { std::mem::zeroed() };
+    // SAFETY: the descriptor is open and `settings` outlives the call.
+    let result = unsafe { libc::ioctl(port.as_raw_fd(), libc::TCGETS2, &raw mut settings) };
+    assert_eq!(result, 0);
+    (settings.c_ispeed, settings.c_ospeed)
+}
+
+#[test]
+fn low_power_boards_have_one_port_whose_rate_the_file_changes() {
+    let open = |cfg: &str, data: &Path, cli: &Path| {
+        TiBoard::open(TiBoardOptions {
+            data: data.into(),
+            cli: Some(cli.into()),
+            capture: CaptureOptions {
+                radar: Some(open_radar_text(Path::new("board.cfg"), cfg).unwrap()),
+                ..CaptureOptions::default()
+            },
+            ..TiBoardOptions::default()
+        })
+    };
+    let behaviour = || Behaviour {
+        pause: Duration::from_millis(20),
+        ..Behaviour::default()
+    };
+    for (command, rate) in [
+        ("", 115_200),
+        ("baudRate 1250000\n", 1_250_000),
+        ("baudRate 921600\n", 921_600),
+    ] {
+        let cfg = LOW_POWER.replace("sensorStart 0", &format!("{command}sensorStart 0"));
+        let fake = FakeBoard::with_one_port(behaviour());
+        let mut board = open(&cfg, &fake.data, &fake.cli).unwrap();
+        // The first packets may have arrived with the answer to the start.
+        let numbers: Vec<u32> = (0..10).map(|_| frame(&mut board).frame).collect();
+        assert!(numbers.windows(2).all(|w| w[1] == w[0] + 1), "{numbers:?}");
+        assert_eq!(rates(&fake.data), (rate, rate));
+        let n_commands = 7 + usize::from(!command.is_empty());
+        assert_eq!(fake.commands().len(), n_commands);
+        assert!((board.about().frame_period_s - 0.125).abs() < 1e-9);
+    }
+    // A rate that the system does not have is named with its line.
+    let cfg = LOW_POWER.replace("sensorStart 0", "baudRate 12345\nsensorStart 0");
+    let fake = FakeBoard::with_one_port(behaviour());
+    let error = open(&cfg, &fake.data, &fake.cli).err().unwrap().to_string();
+    assert!(
+        error.contains("line 7 of the chirp file, `baudRate 12345`: no baud rate 12345"),
+        "{error}"
+    );
+    // Other boards have two ports.
+    let fake = FakeBoard::with_one_port(behaviour());
+    let error = open(ADVANCED, &fake.data, &fake.cli)
+        .err()
+        .unwrap()
+        .to_string();
+    assert!(
+        error.contains("both the data port and the CLI port"),
+        "{error}"
+    );
+    assert!(fake.commands().is_empty());
 }

@@ -1,4 +1,4 @@
-//! A board on two pseudo-terminals. Nothing here waits longer than [`PATIENCE`].
+//! A board on one or two pseudo-terminals. Nothing here waits longer than [`PATIENCE`].
 
 use std::{
     ffi::CStr,
@@ -124,11 +124,19 @@ pub struct FakeBoard {
 
 impl FakeBoard {
     pub fn new(behaviour: Behaviour) -> Self {
-        let (data, cli) = (Pty::new(), Pty::new());
+        Self::on(Some(Pty::new()), Pty::new(), behaviour)
+    }
+
+    /// A board that sends its packets and answers its command line on one port.
+    pub fn with_one_port(behaviour: Behaviour) -> Self {
+        Self::on(None, Pty::new(), behaviour)
+    }
+
+    fn on(data: Option<Pty>, cli: Pty, behaviour: Behaviour) -> Self {
         let is_over = Arc::new(AtomicBool::new(false));
         let commands = Arc::new(Mutex::new(Vec::new()));
         Self {
-            data: data.path.clone(),
+            data: data.as_ref().unwrap_or(&cli).path.clone(),
             cli: cli.path.clone(),
             commands: Arc::clone(&commands),
             is_over: Arc::clone(&is_over),
@@ -164,7 +172,7 @@ impl Drop for FakeBoard {
 }
 
 fn run(
-    mut data: Pty,
+    mut data: Option<Pty>,
     mut cli: Pty,
     behaviour: &Behaviour,
     commands: &Mutex<Vec<String>>,
@@ -199,7 +207,7 @@ fn run(
             for n in 0..behaviour.n_packets {
                 let number = behaviour.first_number + n;
                 let packet = make_uart::packet(Dialect::Sdk3, number, &(behaviour.content)(n));
-                if !data.write(&packet, is_over) {
+                if !data.as_mut().unwrap_or(&mut cli).write(&packet, is_over) {
                     return;
                 }
                 thread::sleep(behaviour.pause);

@@ -15,7 +15,8 @@ pub(crate) struct LiveArgs {
     /// A serial port, `udp:PORT` for a DCA1000, a recording of any format to replay, or `sim:` for a simulated room.
     #[arg(required = true)]
     pub inputs: Vec<PathBuf>,
-    /// Serial port of the board's command line: the .cfg of --radar is sent there.
+    /// Serial port of the board's command line: the .cfg of --radar is sent there. Low-power boards have one
+    /// port for both.
     #[arg(long, value_name = "PORT")]
     pub cli_port: Option<PathBuf>,
     /// Address of the DCA1000, which is configured and started.
