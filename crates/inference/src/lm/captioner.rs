@@ -25,6 +25,8 @@ use crate::tokenizer::{Encoded, FRAMES_PER_CODE, MAX_FRAMES};
 
 /// The sentences of this many windows before and after a window are readings of it.
 const N_NEAR: usize = 7;
+/// The same for guesses about a long recording, whose windows lie further apart.
+const N_NEAR_GUESSES: usize = 3;
 /// Windows that begin more than this number of frames before or after a window are not near it.
 const NEAR_FRAMES: usize = 600;
 
@@ -284,22 +286,31 @@ impl Captioner {
             let results = self.caption_windows(windows, windows.spans(), options, watch)?;
             return Ok(windows.describe(results, &[]));
         }
+        let n_near = match options.only_guesses && windows.is_long() {
+            true => N_NEAR_GUESSES,
+            false => N_NEAR,
+        };
         let mut captions = Captions::default();
         let mut plan = Plan::new(windows, options);
         while let Some(spans) = plan.next(&captions.all) {
             for spans in spans.chunks(BATCH_WINDOWS) {
                 captions.add(self.caption_windows(windows, spans, options, watch)?);
             }
-            self.read(&mut captions, plan.complete_before())?;
+            self.read(&mut captions, n_near, plan.complete_before())?;
         }
-        self.read(&mut captions, usize::MAX)?;
+        self.read(&mut captions, n_near, usize::MAX)?;
         Ok(windows.describe(captions.all, &captions.readings))
     }
 
     /// Adds the readings of the windows that begin long enough before `complete_before` that all windows near them are
-    /// described: its sentence, and the clauses of all sentences of the windows near it, with the probabilities that the model
-    /// gives them. What the networks read of these windows is not needed any more.
-    fn read(&self, captions: &mut Captions, complete_before: usize) -> Result<(), LmError> {
+    /// described: its sentence, and the clauses of all sentences of the `n_near` windows on either side, with the probabilities
+    /// that the model gives them. What the networks read of these windows is not needed any more.
+    fn read(
+        &self,
+        captions: &mut Captions,
+        n_near: usize,
+        complete_before: usize,
+    ) -> Result<(), LmError> {
         let Captions {
             all,
             readings,
@@ -308,7 +319,7 @@ impl Captioner {
         let is_ready = |w: &WindowCaption| w.span.0.saturating_add(NEAR_FRAMES) < complete_before;
         let n_ready = all.partition_point(is_ready);
         for i in readings.len()..n_ready {
-            let near = i.saturating_sub(N_NEAR)..(i + N_NEAR + 1).min(all.len());
+            let near = i.saturating_sub(n_near)..(i + n_near + 1).min(all.len());
             let is_near = |w: &&WindowCaption| w.span.0.abs_diff(all[i].span.0) <= NEAR_FRAMES;
             let clauses = all[near].iter().filter(is_near).flat_map(|w| &w.clauses);
             let own = &all[i].sentence.text;
