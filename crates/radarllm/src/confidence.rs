@@ -338,7 +338,7 @@ mod tests {
         };
         assert_eq!(all.caption, "a person moves on the spot");
         assert_eq!((all.start_s, all.end_s), (0.0, 10.0));
-        assert_eq!(all.guess.as_deref(), Some("a person squats 2"));
+        assert_eq!(all.guess.as_deref(), Some("a person squats 0"));
     }
 
     #[test]

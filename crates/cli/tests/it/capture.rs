@@ -284,7 +284,6 @@ fn points_of_samples_are_placed_joined_and_chosen_as_recorded_points_are() {
         ("--frame-rate", "20"),
         ("--dialect", "sdk3"),
         ("--topic", "/points"),
-        ("--columns", "x,y,z"),
         ("--seconds", "3"),
     ] {
         let error = refused(&[&args[..], &[option, value]].concat());

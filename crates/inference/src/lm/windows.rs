@@ -245,10 +245,23 @@ impl<'a, 'b> Plan<'a, 'b> {
             return std::mem::take(&mut self.is_first).then(|| self.windows.spans.clone());
         }
         if self.complete + 1 < self.described {
-            let described = &self.coarse[self.complete..self.described];
-            let pairs = described.windows(2);
-            let between = pairs.flat_map(|pair| self.between(pair[0], pair[1], captions));
-            let mut spans: Vec<Span> = between.collect();
+            let pairs: Vec<&[usize]> = self.coarse[self.complete..self.described]
+                .windows(2)
+                .collect();
+            let settled: Vec<bool> = (pairs.iter())
+                .map(|pair| self.is_settled(pair[0], pair[1], captions))
+                .collect();
+            let mut spans: Vec<Span> = Vec::new();
+            for (i, pair) in pairs.iter().enumerate() {
+                // Beside a change, more windows show when it happens.
+                let near = match self.only_guesses {
+                    true => i..i + 1,
+                    false => i.saturating_sub(1)..(i + 2).min(pairs.len()),
+                };
+                if !settled[near].iter().all(|is_settled| *is_settled) {
+                    spans.extend(self.others(pair[0], pair[1]));
+                }
+            }
             self.complete = self.described - 1;
             if self.described == self.coarse.len() {
                 spans.extend(self.others(self.coarse[self.complete], usize::MAX));
@@ -270,8 +283,8 @@ impl<'a, 'b> Plan<'a, 'b> {
         self.coarse.get(self.complete).copied().unwrap_or(0)
     }
 
-    /// The windows that begin after a coarse window and before the next one; none if both settle what they say.
-    fn between(&self, first: usize, second: usize, captions: &[WindowCaption]) -> Vec<Span> {
+    /// Whether a coarse window and the next one settle what is between them.
+    fn is_settled(&self, first: usize, second: usize, captions: &[WindowCaption]) -> bool {
         let caption = |start: usize| {
             let span = coarse_span(start);
             let at = captions.binary_search_by_key(&span, |caption| caption.span);
@@ -280,13 +293,9 @@ impl<'a, 'b> Plan<'a, 'b> {
         let empty = &self.windows.empty;
         let from = empty.partition_point(|start| *start < first);
         let shows_nobody = empty.get(from).is_some_and(|start| *start <= second);
-        let is_settled = match (caption(first), caption(second)) {
+        match (caption(first), caption(second)) {
             (Some(a), Some(b)) => !shows_nobody && (self.only_guesses || agree(a, b)),
             _ => false,
-        };
-        match is_settled {
-            true => Vec::new(),
-            false => self.others(first, second),
         }
     }
 
