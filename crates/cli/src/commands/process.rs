@@ -416,6 +416,9 @@ struct RecordedReport {
     frame_rate_hz: f64,
     radar: String,
     source: String,
+    /// What should be known before the points are trusted, and is not among the notes.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    warnings: Vec<String>,
     notes: Vec<String>,
     out: String,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -439,7 +442,8 @@ fn process_points(
     }
     refuse_options(&[("processing", args.processing.is_some())], NEEDS_SAMPLES)?;
     let recording = read_recorded_points(opened, options)?;
-    let mut notes = recording.notes;
+    let (mut notes, mut warnings) = (recording.notes, recording.warnings);
+    warnings.retain(|warning| !notes.contains(warning));
     let (clip, people) = resample_and_track(args, recording.clip, &mut notes)?;
     let tracks = args.people.is_given().then_some(&people.tracks[..]);
     Pictures::new(&plots.pictures).finish(&clip.frames, tracks)?;
@@ -450,11 +454,15 @@ fn process_points(
         frame_rate_hz: clip.frame_rate_hz,
         source: clip.provenance.to_string(),
         radar: clip.radar,
+        warnings,
         notes,
         out: args.out.display().to_string(),
         people: files,
         ghosts: people.ghosts.iter().map(GhostReport::from).collect(),
     };
+    for warning in &report.warnings {
+        note!("warning: {warning}");
+    }
     print_notes(&report.notes);
     if args.json {
         return output::print_json(&report);

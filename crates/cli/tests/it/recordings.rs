@@ -207,6 +207,7 @@ fn options_of_place_and_time_do_what_they_say() {
     let (report, plain) = run(&[]);
     let numbers: Vec<u32> = plain.frames.iter().map(|f| f.frame).collect();
     assert_eq!(numbers, [0, 1, 3], "the lost frame is absent");
+    assert_eq!(report["warnings"][0], "1 frames were lost");
     let p = plain.frames[0].points[0];
     assert_eq!(
         [p.x_m, p.y_m, p.z_m, p.velocity_mps],
