@@ -2,7 +2,7 @@ const POSTURES = { stand_still: "stands", sit_still: "sits", lie_still: "lies" }
 const WALKING = ["walk", "circle", "pace", "run"];
 const LANES_MS = 30000; // The lanes of a range that goes on are drawn anew after this time.
 const HOUR_MS = 3600000;
-const TICKS = 6; // Most times below the lanes.
+const TICKS = 4; // Most times below the lanes: a time of twelve hours takes a fifth of a phone's lane.
 
 // A range of time as lanes: presence, posture, activity, falls. `choose` is told the time of what is clicked.
 function makeLanes(box, choose) {
@@ -29,9 +29,10 @@ function makeLanes(box, choose) {
     for (let at = Math.ceil((range.from - zone_ms) / step) * step + zone_ms; at < range.to; at += step) {
       const text = step < 24 * HOUR_MS ? clock(at) : new Date(at).toLocaleDateString([], { month: "2-digit", day: "2-digit" });
       const tick = element("span", "tick number", text);
-      tick.style.left = `${100 * (at - range.from) / (range.to - range.from)}%`;
+      const share = (at - range.from) / (range.to - range.from);
+      tick.style.left = `${100 * share}%`;
       // Not over the edge of the screen.
-      if (at - range.from < 0.9 * (range.to - range.from)) made.push(tick);
+      if (share < 0.77) made.push(tick);
     }
     return element("div", "lane", element("span"), element("div", "ticks", ...made));
   }
