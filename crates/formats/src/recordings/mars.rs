@@ -10,6 +10,7 @@ use super::{
     Axes, MAX_COORDINATE_M, MAX_VELOCITY_MPS, Place, RecordedFrame, RecordingError, checked_point,
     number, point,
 };
+use radarllm_base::RadarPoint;
 use radarllm_files::npy::NpyArray;
 
 /// Columns that are used, by their names in the header.
@@ -62,17 +63,22 @@ pub fn read_mars_points(text: &str) -> Result<Vec<RecordedFrame>, RecordingError
         let intensity_db = peak_db(value(5, 1e12)?);
         let point = point(position_m, value(4, MAX_VELOCITY_MPS)?, intensity_db);
         let number = frame as u64;
-        match frames.last_mut() {
-            Some(last) if last.number == number => last.points.push(point),
-            _ => frames.push(RecordedFrame {
-                number,
-                stamp_s: None,
-                points: vec![point],
-                board: None,
-            }),
-        }
+        push_point(&mut frames, number, point);
     }
     Ok(frames)
+}
+
+/// Adds the point of a row to the last frame if that has the row's number, or begins a frame.
+pub(super) fn push_point(frames: &mut Vec<RecordedFrame>, number: u64, point: RadarPoint) {
+    match frames.last_mut() {
+        Some(last) if last.number == number => last.points.push(point),
+        _ => frames.push(RecordedFrame {
+            number,
+            stamp_s: None,
+            points: vec![point],
+            board: None,
+        }),
+    }
 }
 
 /// Peak value in dB. A peak of zero is treated as one, the smallest step of the firmware.

@@ -12,7 +12,10 @@ use std::io::Read;
 
 use flate2::read::ZlibDecoder;
 
-use super::{Axes, Place, RecordedFrame, RecordingError, checked_point, mars::peak_db};
+use super::{
+    Axes, Place, RecordedFrame, RecordingError, checked_point,
+    mars::{peak_db, push_point},
+};
 
 /// Start of a version 5 file.
 pub const MAT_MAGIC: &[u8] = b"MATLAB 5.0 MAT-file";
@@ -228,16 +231,7 @@ fn mars_recording(array: &MatArray) -> Result<MatlabRecording, RecordingError> {
         let [x, y, z, velocity_mps, peak] = std::array::from_fn(|k| value(k + 2));
         let values = [x, y, z, velocity_mps, peak_db(peak)];
         let point = checked_point(Place::Row(row), Axes::RightForwardUp, values)?;
-        let number = frame as u64;
-        match frames.last_mut() {
-            Some(last) if last.number == number => last.points.push(point),
-            _ => frames.push(RecordedFrame {
-                number,
-                stamp_s: None,
-                points: vec![point],
-                board: None,
-            }),
-        }
+        push_point(&mut frames, frame as u64, point);
     }
     Ok(MatlabRecording {
         frames,

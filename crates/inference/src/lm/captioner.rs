@@ -286,7 +286,7 @@ impl Captioner {
             let results = self.caption_windows(windows, windows.spans(), options, watch)?;
             return Ok(windows.describe(results, &[]));
         }
-        let n_near = match options.only_guesses && windows.is_long() {
+        let n_near = match windows.is_guessed(options) {
             true => N_NEAR_GUESSES,
             false => N_NEAR,
         };
@@ -589,8 +589,7 @@ impl Captioner {
         options: &DescribeOptions,
         watch: &mut Watch,
     ) -> Result<Vec<WindowCaption>, LmError> {
-        // A guess about a part of a long recording needs no exact probability.
-        let n_draws = match options.only_guesses && windows.is_long() {
+        let n_draws = match windows.is_guessed(options) {
             true => N_DRAWS / 2,
             false => N_DRAWS,
         };

@@ -125,6 +125,11 @@ impl<'a> Windows<'a> {
         self.clip.frames.len() > LONG_FRAMES
     }
 
+    /// Whether its sentences are guesses about a long recording, which need no exact probabilities.
+    pub(super) fn is_guessed(&self, options: &DescribeOptions) -> bool {
+        options.only_guesses && self.is_long()
+    }
+
     /// The windows, in order.
     pub(super) fn spans(&self) -> &[Span] {
         &self.spans
