@@ -51,7 +51,7 @@ def described(run):
     """Describe an input by the command and return its row."""
 
     def described(*args: object) -> dict:
-        (row,) = json.loads(run("describe", *args, "--json"))
+        row = json.loads(run("describe", *args, "--json"))
         return row
 
     return described

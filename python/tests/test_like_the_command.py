@@ -108,7 +108,8 @@ def test_recordings(name, files, run, described, model, tmp_path):
 def test_people(run, model, files, walk, tmp_path):
     path = tmp_path / "walk.parquet"
     walk.write(path)
-    rows = json.loads(run("describe", path, "--people", "auto", "--json"))
+    lines = run("describe", path, "--people", "auto", "--json").splitlines()
+    rows = [json.loads(line) for line in lines]
     found = rl.people(rl.Points.read(path))
     assert [row["person"]["id"] for row in rows] == [person.id for person in found] == [1]
     for row, person in zip(rows, found):
@@ -119,7 +120,7 @@ def test_people(run, model, files, walk, tmp_path):
 
 def test_choices_and_memory(run, model, tmp_path):
     motion = "builtin:squat"
-    row = json.loads(run("describe", motion, "--choose", "boxing,squats,walking", "--json"))[0]
+    row = json.loads(run("describe", motion, "--choose", "boxing,squats,walking", "--json"))
     sentence = rl.Model(choose=["boxing", "squats", "walking"]).describe(rl.simulate(motion))
     assert rounded(sentence.to_dict()["choices"]) == rounded(row["choices"])
     assert sentence.choices[0][0] == "squats"
@@ -134,7 +135,7 @@ def test_choices_and_memory(run, model, tmp_path):
         run("teach", "wheelchair", "--says", says, points, "--memory", theirs)
     memory.save(ours)
     assert ours.read_bytes() == theirs.read_bytes()
-    row = json.loads(run("describe", points, "--memory", theirs, "--json"))[0]
+    row = json.loads(run("describe", points, "--memory", theirs, "--json"))
     for taught in (memory, ours):
         sentence = rl.Model(memory=taught).describe(rl.Points.read(points))
         assert rounded(without_time(sentence.to_dict())) == rounded(without_time(row))

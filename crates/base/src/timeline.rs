@@ -55,6 +55,43 @@ pub struct Timeline {
     pub frame_rate_hz: f64,
     /// Number of times that the frame number decreased (a restarted device). The later frames are appended.
     pub restarts: u64,
+    /// Number of frames whose number contradicted both neighbours and was replaced by one between them: a damaged header.
+    pub mended_numbers: u64,
+}
+
+/// Largest step between the neighbours of a damaged frame number: 5 s at 10 frames/s.
+const MAX_MENDED_STEP: u64 = 50;
+/// Largest step from the first number of a recording and to its last one, which have one neighbour: a minute at 10 frames/s.
+const MAX_END_STEP: u64 = 600;
+
+/// Replaces numbers that contradict both neighbours, where these two follow each other: one flipped bit would otherwise make
+/// a recording hours long, or reorder it. Returns how many.
+fn mend_numbers(numbers: &mut [u64]) -> u64 {
+    let mut n_mended = 0;
+    for i in 1..numbers.len().saturating_sub(1) {
+        let (before, next) = (numbers[i - 1], numbers[i + 1]);
+        let has_room = next
+            .checked_sub(before)
+            .is_some_and(|step| (2..=MAX_MENDED_STEP).contains(&step));
+        if has_room && !(before..=next).contains(&numbers[i]) {
+            numbers[i] = before + 1;
+            n_mended += 1;
+        }
+    }
+    let is_far = |from: u64, to: u64| to.checked_sub(from).is_some_and(|step| step > MAX_END_STEP);
+    if let [first, next, ..] = numbers
+        && is_far(*first, *next)
+    {
+        *first = *next - 1;
+        n_mended += 1;
+    }
+    if let [.., before, last] = numbers
+        && is_far(*before, *last)
+    {
+        *last = *before + 1;
+        n_mended += 1;
+    }
+    n_mended
 }
 
 /// Estimates the frame rate from the steps between time stamps, s. If half of the other steps are similar to the median
@@ -86,6 +123,7 @@ impl Timeline {
             frames,
             frame_rate_hz,
             restarts: 0,
+            mended_numbers: 0,
         }
     }
 
@@ -108,13 +146,15 @@ impl Timeline {
 
     fn by_number(frames: Vec<RecordedFrame>, frame_rate_hz: f64) -> Result<Self, TimelineError> {
         check_frame_rate(frame_rate_hz)?;
+        let mut numbers: Vec<u64> = frames.iter().map(|frame| frame.number).collect();
+        let mended_numbers = mend_numbers(&mut numbers);
         let mut out: Vec<PointFrame> = Vec::with_capacity(frames.len());
         let mut restarts = 0;
         let mut last: Option<(u64, u64)> = None;
-        for frame in frames {
+        for (frame, own) in frames.into_iter().zip(numbers) {
             let at = match last {
                 None => 0,
-                Some((number, at)) => match frame.number.checked_sub(number) {
+                Some((number, at)) => match own.checked_sub(number) {
                     Some(step) if step > 0 => at.saturating_add(step),
                     _ => {
                         restarts += 1;
@@ -125,7 +165,7 @@ impl Timeline {
             if at >= MAX_FRAMES {
                 return Err(TimelineError::TooLong(at));
             }
-            last = Some((frame.number, at));
+            last = Some((own, at));
             out.push(PointFrame {
                 frame: at as u32,
                 time_s: at as f64 / frame_rate_hz,
@@ -137,6 +177,7 @@ impl Timeline {
             frames: out,
             frame_rate_hz,
             restarts,
+            mended_numbers,
         })
     }
 
@@ -178,6 +219,7 @@ impl Timeline {
             frames,
             frame_rate_hz,
             restarts: 0,
+            mended_numbers: 0,
         })
     }
 
@@ -225,6 +267,7 @@ impl Timeline {
             frames: out,
             frame_rate_hz,
             restarts: self.restarts,
+            mended_numbers: self.mended_numbers,
         })
     }
 
@@ -259,6 +302,7 @@ impl Timeline {
             frames,
             frame_rate_hz: self.frame_rate_hz,
             restarts: self.restarts,
+            mended_numbers: self.mended_numbers,
         }
     }
 }
@@ -323,11 +367,51 @@ mod tests {
             Timeline::new(frames, None).unwrap_err(),
             TimelineError::NoRate
         );
-        let far = vec![frame(0, None, 1.0), frame(u64::MAX, None, 1.0)];
+        let far = [0, 1, u64::MAX - 1, u64::MAX]
+            .map(|n| frame(n, None, 1.0))
+            .to_vec();
         assert!(matches!(
             Timeline::new(far, Some(10.0)),
             Err(TimelineError::TooLong(_))
         ));
+    }
+
+    /// Every bit of every number, one at a time: no frame is lost, none changes its place in the order, and a recording does
+    /// not become longer than a lost last frame makes it.
+    #[test]
+    fn a_flipped_bit_of_a_number_neither_moves_a_frame_nor_makes_the_recording_longer() {
+        let whole: Vec<u64> = (1_000..1_040).filter(|n| n % 7 != 3).collect();
+        for at in 0..whole.len() {
+            for bit in 0..32 {
+                let mut numbers = whole.clone();
+                numbers[at] ^= 1 << bit;
+                let frames: Vec<_> = numbers
+                    .iter()
+                    .enumerate()
+                    .map(|(i, n)| frame(*n, None, i as f32))
+                    .collect();
+                let line = Timeline::new(frames, Some(10.0)).unwrap();
+                let order: Vec<f32> = line.frames.iter().map(|f| f.points[0].y_m).collect();
+                assert!(
+                    order.is_sorted() && order.len() == whole.len(),
+                    "{at} {bit}"
+                );
+                // The first and the last number have one neighbour.
+                let is_end = at == 0 || at == whole.len() - 1;
+                let last_s = 3.9
+                    + if is_end {
+                        MAX_END_STEP as f64 / 10.0
+                    } else {
+                        0.0
+                    };
+                let length_s = line.frames.last().unwrap().time_s;
+                assert!(length_s <= last_s + 1e-9, "{at} {bit}: {length_s} s");
+                assert!(line.frames.is_sorted_by(|a, b| a.frame < b.frame));
+            }
+        }
+        // Sub-frames repeat a number, also about a lost frame.
+        let frames = [5, 5, 7, 7].map(|n| frame(n, None, 1.0)).to_vec();
+        assert_eq!(Timeline::new(frames, Some(10.0)).unwrap().mended_numbers, 0);
     }
 
     #[test]

@@ -33,7 +33,7 @@ mod recording_args;
 mod threads;
 mod user_memory;
 
-use std::{ffi::OsString, panic};
+use std::{ffi::OsString, io::ErrorKind, panic};
 
 use args::{Cli, Verb};
 use clap::Parser;
@@ -45,9 +45,15 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
     let cli = match Cli::try_parse_from(args) {
         Ok(cli) => cli,
         Err(error) => {
-            let _ = error.print();
+            let printed = error.print();
             // clap's own exit code for a usage error is 2. Here the code 1 denotes errors that the user can fix.
-            return u8::from(error.use_stderr());
+            return match printed {
+                Err(problem) if !error.use_stderr() && problem.kind() != ErrorKind::BrokenPipe => {
+                    note!("error: {}", output::stdout_error(&problem).cause);
+                    1
+                }
+                _ => u8::from(error.use_stderr()),
+            };
         }
     };
     #[cfg(feature = "train")]

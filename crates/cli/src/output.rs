@@ -2,7 +2,7 @@
 
 use std::{
     fs::{self, File},
-    io::Write,
+    io::{self, ErrorKind, Write},
     path::Path,
 };
 
@@ -18,20 +18,52 @@ pub(crate) fn print_json(value: &impl Serialize) -> CliResult {
     Ok(())
 }
 
+/// Prints a JSON document on a line of its own.
+pub(crate) fn print_json_line(value: &impl Serialize) -> CliResult {
+    print_line(&serde_json::to_string(value)?);
+    Ok(())
+}
+
 /// Writes a line to stderr; the macro `note!` formats it.
 pub(crate) fn note(text: std::fmt::Arguments<'_>) {
     let _ = writeln!(std::io::stderr().lock(), "{text}");
 }
 
-/// Prints a line to stdout; a closed pipe ends the process quietly, as other tools do.
+/// Prints a line to stdout. A closed pipe ends the process quietly, as other tools do; a line that cannot be written for
+/// another reason, such as a full disk, ends it with an error, because nobody has the result.
 #[expect(
     clippy::disallowed_methods,
-    reason = "the reader has gone, and results are written nowhere else"
+    reason = "results are written nowhere else, so that there is nothing left to do"
 )]
 pub(crate) fn print_line(text: &str) {
-    if writeln!(std::io::stdout().lock(), "{text}").is_err() {
-        std::process::exit(0);
+    match try_print_line(text) {
+        Ok(true) => {}
+        Ok(false) => std::process::exit(0),
+        Err(error) => {
+            note!("error: {}", error.cause);
+            std::process::exit(1);
+        }
     }
+}
+
+/// As [`print_line`], for programs that have something to put in order before they end. Returns whether there is still a
+/// reader.
+///
+/// # Errors
+/// A line that cannot be written although its reader is there.
+pub(crate) fn try_print_line(text: &str) -> CliResult<bool> {
+    let mut stdout = std::io::stdout().lock();
+    let written = writeln!(stdout, "{text}").and_then(|()| stdout.flush());
+    match written {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
+        Err(error) => Err(stdout_error(&error)),
+    }
+}
+
+/// The error for standard output that cannot be written.
+pub(crate) fn stdout_error(error: &io::Error) -> CliError {
+    CliError::new(format!("standard output cannot be written: {error}"))
 }
 
 /// Refuses to touch an existing path without `--force`.

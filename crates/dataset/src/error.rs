@@ -231,6 +231,27 @@ impl DatasetError {
 
     #[cfg(feature = "parquet")]
     /// Shorthand for an error message of a decoder.
+    /// The reason why Parquet could not be written: an error of the operating system, such as a full disk, or data that have
+    /// no form in Parquet.
+    #[cfg(feature = "parquet")]
+    pub(crate) fn of_writing(path: &std::path::Path, error: parquet::errors::ParquetError) -> Self {
+        use parquet::errors::ParquetError;
+        match error {
+            ParquetError::External(cause) if cause.is::<std::io::Error>() => {
+                let source = cause.downcast().map_or_else(
+                    |cause| std::io::Error::other(cause.to_string()),
+                    |source: Box<std::io::Error>| *source,
+                );
+                Self::Io {
+                    path: path.to_path_buf(),
+                    operation: "write",
+                    source,
+                }
+            }
+            error => Self::corrupt(path, error),
+        }
+    }
+
     pub(crate) fn corrupt(path: &std::path::Path, problem: impl ToString) -> Self {
         Self::Corrupt {
             path: path.to_path_buf(),

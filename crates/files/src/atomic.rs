@@ -11,6 +11,7 @@ use std::fs::{self, File};
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// What to do with an existing file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,6 +75,7 @@ pub fn write_with<E>(
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     };
+    remove_leftovers(folder, name);
     let temporary = folder.join(temporary_name(name));
     let result = (|| {
         let mut file = File::create_new(&temporary).map_err(fail(&temporary, "create"))?;
@@ -133,6 +135,47 @@ pub fn temporary_name(name: &OsStr) -> OsString {
     let random = RandomState::new().build_hasher().finish();
     let process = std::process::id();
     format!(".{name}.{}.{process}.{random:016x}.tmp", host_name()).into()
+}
+
+/// Removes what killed runs of this machine left of a file: temporaries of processes that do not exist any more and wrote
+/// nothing for a while. Best effort, and only where the system tells which processes exist.
+fn remove_leftovers(folder: &Path, name: &OsStr) {
+    // Long enough for a process of another container with the same name and folder to write its next piece.
+    const SILENCE: Duration = Duration::from_secs(600);
+    // Of a folder with many files only the first ones are looked at, because this is done at every write.
+    const MAX_LISTED: usize = 1_000;
+    let processes = Path::new("/proc");
+    let own = processes.join(std::process::id().to_string());
+    let (true, Ok(entries)) = (own.exists(), fs::read_dir(folder)) else {
+        return;
+    };
+    // `.NAME.HOST.` is what temporaries of one file and machine have in common.
+    let pattern = temporary_name(name);
+    let pattern = pattern.to_string_lossy();
+    let Some(common) = pattern.rsplitn(4, '.').nth(3) else {
+        return;
+    };
+    for entry in entries.flatten().take(MAX_LISTED) {
+        let file = entry.file_name();
+        let file = file.to_string_lossy();
+        let rest = file
+            .strip_suffix(".tmp")
+            .and_then(|rest| rest.strip_prefix(common))
+            .and_then(|rest| rest.strip_prefix('.'));
+        let Some((process, random)) = rest.and_then(|rest| rest.split_once('.')) else {
+            continue;
+        };
+        let is_ours = process.parse::<u32>().is_ok()
+            && random.len() == 16
+            && random.chars().all(|c| c.is_ascii_hexdigit());
+        let is_silent = entry
+            .metadata()
+            .and_then(|found| found.modified())
+            .is_ok_and(|at| at.elapsed().is_ok_and(|passed| passed > SILENCE));
+        if is_ours && is_silent && !processes.join(process).exists() {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
 }
 
 /// Name of this machine or container, of at most 24 letters, digits and hyphens.
@@ -209,6 +252,38 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         write_bytes(&dir.path().join(&long), Existing::Refuse, b"x").unwrap();
         assert_eq!(names(dir.path()), [long]);
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn leftovers_of_processes_that_ended_are_removed() {
+        let dir = tempfile::tempdir().unwrap();
+        let host = host_name();
+        let (own, random) = (std::process::id(), "0123456789abcdef");
+        // No process has this number: the largest one is 2^22.
+        let dead = 1 << 23;
+        let old = std::time::SystemTime::now() - Duration::from_secs(3_600);
+        let make = |name: String, is_old: bool| {
+            let file = File::create(dir.path().join(&name)).unwrap();
+            if is_old {
+                file.set_modified(old).unwrap();
+            }
+            name
+        };
+        let gone = make(format!(".a.bin.{host}.{dead}.{random}.tmp"), true);
+        let mut kept = vec![
+            make(format!(".a.bin.{host}.{dead}.{random}1.tmp"), true),
+            make(format!(".a.bin.{host}.{own}.{random}.tmp"), true),
+            make(format!(".a.bin.other.{dead}.{random}.tmp"), true),
+            make(format!(".b.bin.{host}.{dead}.{random}.tmp"), true),
+            make(format!(".a.bin.{host}.{dead}.fedcba9876543210.tmp"), false),
+            "a.bin".into(),
+        ];
+        write_bytes(&dir.path().join("a.bin"), Existing::Replace, b"x").unwrap();
+        let mut found = names(dir.path());
+        found.sort();
+        kept.sort();
+        assert_eq!(found, kept, "{gone}");
     }
 
     #[test]

@@ -71,11 +71,25 @@ pub fn open(path: &Path) -> Result<File, ReadError> {
 /// # Errors
 /// [`ReadError::Io`] and [`ReadError::TooLarge`].
 pub fn read_bytes(path: &Path, max_bytes: u64) -> Result<Vec<u8>, ReadError> {
-    let file = File::open(path).map_err(|source| ReadError::Io {
+    let io = |source| ReadError::Io {
         path: path.into(),
         source,
-    })?;
-    read_bytes_from(file, path, max_bytes)
+    };
+    let file = File::open(path).map_err(io)?;
+    let found = file.metadata().map_err(io)?;
+    // A regular file has a size, so that one that is too large is refused before it is read, and the bytes of any other one
+    // are never copied from a smaller buffer to a larger one. A file that grows meanwhile is bounded as a device is.
+    if !found.is_file() {
+        return read_bytes_from(file, path, max_bytes);
+    }
+    if found.len() > max_bytes {
+        return Err(ReadError::TooLarge {
+            path: path.into(),
+            max_bytes,
+        });
+    }
+    let capacity = usize::try_from(found.len()).unwrap_or(usize::MAX);
+    read_into(Vec::with_capacity(capacity), file, path, max_bytes)
 }
 
 /// As [`read_bytes`], from a file that is open; `path` names it in errors.
@@ -83,7 +97,15 @@ pub fn read_bytes(path: &Path, max_bytes: u64) -> Result<Vec<u8>, ReadError> {
 /// # Errors
 /// [`ReadError::Io`] and [`ReadError::TooLarge`].
 pub fn read_bytes_from(file: impl Read, path: &Path, max_bytes: u64) -> Result<Vec<u8>, ReadError> {
-    let mut bytes = Vec::new();
+    read_into(Vec::new(), file, path, max_bytes)
+}
+
+fn read_into(
+    mut bytes: Vec<u8>,
+    file: impl Read,
+    path: &Path,
+    max_bytes: u64,
+) -> Result<Vec<u8>, ReadError> {
     file.take(max_bytes.saturating_add(1))
         .read_to_end(&mut bytes)
         .map_err(|source| ReadError::Io {

@@ -23,7 +23,7 @@
 //! # }
 //! ```
 //!
-//! Reading order: [`bounded`], [`atomic`], [`npy`] (arrays in memory, as streams and in archives), [`literal`] (the
+//! Reading order: [`bounded`], [`atomic`], [`lock`] (files that several processes change), [`npy`] (arrays in memory, as streams and in archives), [`literal`] (the
 //! Python literals of npy headers and calibration files).
 //!
 //! This crate does not interpret the content of files, and depends on no other crate of the project.
@@ -38,4 +38,5 @@
 pub mod atomic;
 pub mod bounded;
 pub mod literal;
+pub mod lock;
 pub mod npy;

@@ -202,6 +202,14 @@ pub fn open_points(
         }
     };
     let timeline = place(timeline, options, mounting)?;
+    if timeline.mended_numbers > 0 {
+        let mended = format!(
+            "{} frame numbers fit neither the frame before nor the one after: damaged, and replaced by a number between",
+            timeline.mended_numbers
+        );
+        warnings.push(mended.clone());
+        notes.push(mended);
+    }
     if timeline.restarts > 0 {
         let restarts = format!(
             "frame numbers went back {} times: the frames follow on",

@@ -30,6 +30,12 @@ const QUEUE: usize = 1_024;
 const MAX_WAITING_EVENTS: usize = 1_024;
 /// Time between two attempts to write after a failure.
 const RETRY: Duration = Duration::from_secs(60);
+/// The same after the database was deleted or replaced, when a new one can be begun.
+const REOPEN: Duration = Duration::from_secs(2);
+/// For how long the system's clock must have gone like a clock before rows are deleted by its time alone.
+const STEADY: Duration = Duration::from_secs(3_600);
+/// A difference between the system's clock and a steady one that is a step of the former, ms.
+const STEP_MS: i64 = 10_000;
 /// Time between two prunings.
 const PRUNE: Duration = Duration::from_secs(3_600);
 /// How often the thread looks whether something is to be done.
@@ -67,6 +73,9 @@ impl StoreWriter {
         metrics: Arc<Metrics>,
         broker: Option<Status>,
     ) -> std::io::Result<Self> {
+        // A memory that cannot be read is found when it is written.
+        let newest = |store: &Store| store.timeline().newest_ms().ok().flatten();
+        let newest_ms = store.as_ref().and_then(newest);
         let store = store.map(|store| Arc::new(Mutex::new(store)));
         let (sender, receiver) = sync_channel(QUEUE);
         let waiting = Arc::<Mutex<VecDeque<Event>>>::default();
@@ -80,7 +89,9 @@ impl StoreWriter {
             waiting: Arc::clone(&waiting),
             failed: None,
             retry: RETRY,
+            is_replaced: false,
             pruned: None,
+            clock: Clock::new(newest_ms),
         };
         let thread = std::thread::Builder::new()
             .name("radarllm-store".into())
@@ -158,7 +169,55 @@ struct Writer {
     failed: Option<Instant>,
     /// Time between two attempts to write after a failure.
     retry: Duration,
+    /// Whether the database was deleted or replaced, and no other one could be opened since.
+    is_replaced: bool,
     pruned: Option<Instant>,
+    clock: Clock,
+}
+
+/// The system's clock beside a steady one.
+struct Clock {
+    /// When the memory was opened.
+    opened: Instant,
+    /// The newest row at that time.
+    newest_ms: Option<i64>,
+    /// When both clocks were last read.
+    last: (Instant, i64),
+    /// Since when both go alike.
+    steady_since: Instant,
+}
+
+impl Clock {
+    fn new(newest_ms: Option<i64>) -> Self {
+        let now = Instant::now();
+        Self {
+            opened: now,
+            newest_ms,
+            last: (now, now_ms()),
+            steady_since: now,
+        }
+    }
+
+    /// The time by which rows are old: the system's, or, while it is not known to be right, at most that of the newest row
+    /// that was there and the time since. A clock that is years ahead after a start would let everything be too old.
+    fn age_ms(&mut self, now: Instant, now_ms: i64) -> i64 {
+        let between = |from: Instant| millis(now.saturating_duration_since(from));
+        let expected_ms = self.last.1.saturating_add(between(self.last.0));
+        if now_ms.saturating_sub(expected_ms).abs() > STEP_MS {
+            self.steady_since = now;
+        }
+        self.last = (now, now_ms);
+        match self.newest_ms {
+            Some(newest_ms) if now.saturating_duration_since(self.steady_since) < STEADY => {
+                now_ms.min(newest_ms.saturating_add(between(self.opened)))
+            }
+            _ => now_ms,
+        }
+    }
+}
+
+fn millis(time: Duration) -> i64 {
+    i64::try_from(time.as_millis()).unwrap_or(i64::MAX)
 }
 
 impl Writer {
@@ -207,8 +266,24 @@ impl Writer {
         let Some(store) = self.store.clone() else {
             return false;
         };
-        if self.failed.is_some_and(|at| at.elapsed() < self.retry) {
+        let retry = match self.is_replaced {
+            true => self.retry.min(REOPEN),
+            false => self.retry,
+        };
+        if self.failed.is_some_and(|at| at.elapsed() < retry) {
             return false;
+        }
+        if self.is_replaced {
+            // Numbers of rows in the database that is lost mean nothing in the new one.
+            self.known.clear();
+            let reopened = lock(&store).reopen();
+            if let Err(error) = reopened {
+                self.fail(&error);
+                return false;
+            }
+            self.is_replaced = false;
+            self.failed = None;
+            self.metrics.store_problem.set(None);
         }
         let origin = &self.origin;
         let mut waiting = lock(&self.waiting);
@@ -252,6 +327,7 @@ impl Writer {
     /// Remembers that the database cannot be written.
     fn fail(&mut self, error: &StoreError) {
         self.failed = Some(Instant::now());
+        self.is_replaced |= matches!(error, StoreError::Replaced { .. });
         let problem = format!("the memory cannot be written: {error}");
         self.metrics.store_problem.set(Some(problem));
     }
@@ -319,7 +395,8 @@ impl Writer {
     }
 
     fn prune(&mut self) {
-        let Some(store) = &self.store else {
+        let age_ms = self.clock.age_ms(Instant::now(), now_ms());
+        let Some(store) = self.store.as_ref().filter(|_| !self.is_replaced) else {
             return;
         };
         if self.pruned.is_some_and(|at| at.elapsed() < PRUNE) {
@@ -327,7 +404,7 @@ impl Writer {
         }
         self.pruned = Some(Instant::now());
         let mut store = lock(store);
-        let pruned = store.prune(now_ms(), &self.retention);
+        let pruned = store.prune(age_ms, &self.retention);
         if pruned.and_then(|_| store.checkpoint()).is_err() {
             self.metrics.store_failures.add(1);
         }
@@ -495,7 +572,9 @@ mod tests {
             waiting: Arc::default(),
             failed: None,
             retry: Duration::from_millis(50),
+            is_replaced: false,
             pruned: None,
+            clock: Clock::new(None),
         };
         (writer, reader)
     }
@@ -614,6 +693,80 @@ mod tests {
             },
             |_| other.get().unwrap().execute_batch("ROLLBACK").unwrap(),
         );
+    }
+
+    /// Deleted, moved away with its folder, and replaced: it is told, and what comes afterwards is kept.
+    #[test]
+    fn a_database_that_is_deleted_or_replaced_is_noticed_and_begun_anew() {
+        for replace in [
+            (|path: &Path| std::fs::remove_file(path).unwrap()) as fn(&Path),
+            |path| std::fs::remove_dir_all(path.parent().unwrap()).unwrap(),
+            |path| {
+                let other = path.with_extension("other");
+                drop(open(&other).unwrap());
+                std::fs::rename(&other, path).unwrap();
+            },
+        ] {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("sub/live.db");
+            std::fs::create_dir(path.parent().unwrap()).unwrap();
+            let (mut writer, _reader) = writer(&path);
+            writer.write(records(&[row(1, 4, "a person walks")]));
+            assert_eq!(writer.metrics.store_problem.get(), None);
+            replace(&path);
+            writer.write(records(&[row(1, 5, "a person walks")]));
+            let problem = writer.metrics.store_problem.get().unwrap();
+            assert!(
+                problem.ends_with("was deleted or replaced while it was open"),
+                "{problem}"
+            );
+            assert_eq!(writer.metrics.store_failures.get(), 1);
+            std::thread::sleep(Duration::from_millis(60));
+            if !path.parent().unwrap().exists() {
+                writer.write(records(&[row(1, 6, "a person walks")]));
+                let problem = writer.metrics.store_problem.get().unwrap();
+                assert!(problem.contains("live.db.lock: cannot create"), "{problem}");
+                std::fs::create_dir(path.parent().unwrap()).unwrap();
+                std::thread::sleep(Duration::from_millis(60));
+            }
+            writer.write(records(&[row(1, 9, "a person walks")]));
+            assert_eq!(writer.metrics.store_problem.get(), None);
+            let timeline = Timeline::open(&path).unwrap();
+            let page = timeline.activities(&ActivityQuery::default(), None, 10);
+            let ends: Vec<i64> = page
+                .unwrap()
+                .rows
+                .iter()
+                .map(|r| r.activity.end_ms)
+                .collect();
+            assert_eq!(ends, [START_MS + 9_000]);
+        }
+    }
+
+    #[test]
+    fn a_clock_that_is_ahead_is_not_believed_before_it_was_steady() {
+        let start = Instant::now();
+        let (day_ms, s) = (86_400_000, Duration::from_secs);
+        let mut clock = Clock {
+            opened: start,
+            newest_ms: Some(1_000),
+            last: (start, 400 * day_ms),
+            steady_since: start,
+        };
+        let ahead = |clock: &mut Clock, after: u64, days: i64| {
+            let after_ms = i64::try_from(after).unwrap() * 1_000;
+            clock.age_ms(start + s(after), days * day_ms + after_ms)
+        };
+        assert_eq!(ahead(&mut clock, 5, 400), 6_000);
+        // Corrected by the network, then a step by hand.
+        assert_eq!(ahead(&mut clock, 60, 0), 60_000);
+        assert_eq!(ahead(&mut clock, 3_500, 40), 3_501_000);
+        assert_eq!(ahead(&mut clock, 7_000, 40), 7_001_000);
+        // An hour after the last step.
+        assert_eq!(ahead(&mut clock, 7_101, 40), 40 * day_ms + 7_101_000);
+        // An empty memory has nothing to lose.
+        clock.newest_ms = None;
+        assert_eq!(ahead(&mut clock, 7_102, 80), 80 * day_ms + 7_102_000);
     }
 
     #[test]

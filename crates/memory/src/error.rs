@@ -52,6 +52,12 @@ pub enum StoreError {
         /// What SQLite or the reader found.
         problem: String,
     },
+    /// The file that is open is not the one of this name any more: what would be written to it is lost.
+    #[error("{path}: the database was deleted or replaced while it was open", path = path.display())]
+    Replaced {
+        /// Database.
+        path: PathBuf,
+    },
     /// The disk is full.
     #[error("{path}: the disk is full", path = path.display())]
     Full {

@@ -6,6 +6,7 @@ use radarllm_base::Clip;
 use radarllm_files::{
     atomic::{self, Existing},
     bounded,
+    lock::Lock,
 };
 use serde::{Deserialize, Serialize};
 
@@ -296,7 +297,30 @@ impl Memory {
         Ok(memory)
     }
 
-    /// Writes the memory. The file is replaced as a whole or not at all.
+    /// Reads a memory file, or begins an empty memory if there is none; changes it; and writes it. Other processes that
+    /// change the file this way wait meanwhile, so that nobody's examples are lost. Nothing is written if `change` fails.
+    ///
+    /// # Errors
+    /// Those of [`Self::load`], of [`Self::save`] and of `change`, and a file that cannot be locked.
+    pub fn update<T, E: From<TeachError>>(
+        path: &Path,
+        change: impl FnOnce(&mut Self) -> Result<T, E>,
+    ) -> Result<T, E> {
+        let _lock = Lock::wait(path).map_err(|(path, source)| TeachError::Io {
+            path: path.display().to_string(),
+            source,
+        })?;
+        let mut memory = match path.exists() {
+            true => Self::load(path)?,
+            false => Self::default(),
+        };
+        let changed = change(&mut memory)?;
+        memory.save(path)?;
+        Ok(changed)
+    }
+
+    /// Writes the memory. The file is replaced as a whole or not at all. What another process wrote since it was read is
+    /// replaced too: [`Self::update`] keeps it.
     ///
     /// # Errors
     /// A file that cannot be written.

@@ -25,7 +25,7 @@ use crate::{
     output,
     person_report::{GhostReport, PersonReport},
     recording_args::{InputArgs, PeopleArgs},
-    threads::on_threads,
+    threads::{on_threads, threads},
     user_memory::load_memory,
 };
 
@@ -73,10 +73,13 @@ pub(crate) struct DescribeArgs {
     /// Print also how the input was read, byte by byte, and how the sentences were made.
     #[arg(short, long)]
     pub verbose: bool,
-    /// Print one JSON document.
+    /// Print a JSON document for each described input or person, on a line of its own (JSON lines).
     #[arg(long)]
     pub json: bool,
 }
+
+/// Inputs per thread that are described before their results are printed.
+const INPUTS_PER_THREAD: usize = 4;
 
 /// How much is printed about an input.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -403,17 +406,13 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
                 })
                 .collect()
         };
-        let answered: Vec<CliResult<Vec<AnswerRow>>> =
-            on_threads(args.threads, || args.inputs.par_iter().map(one).collect())?;
-        let mut rows = Vec::new();
-        for answered in answered {
-            rows.extend(answered?);
-        }
-        if args.json {
-            return output::print_json(&rows);
-        }
-        rows.iter().for_each(print_answer);
-        return Ok(());
+        return in_order(args, one, |row| match args.json {
+            true => output::print_json_line(row),
+            false => {
+                print_answer(row);
+                Ok(())
+            }
+        });
     }
     let one = |input: &String| -> CliResult<Vec<Row>> {
         clips_of(input)?
@@ -424,21 +423,51 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
             })
             .collect()
     };
-    let described: Vec<CliResult<Vec<Row>>> =
-        on_threads(args.threads, || args.inputs.par_iter().map(one).collect())?;
-    let mut rows = Vec::new();
-    for row in described {
-        for row in row? {
-            if !args.json {
-                print_row(&row, detail);
+    in_order(args, one, |row| match args.json {
+        true => output::print_json_line(row),
+        false => {
+            print_row(row, detail);
+            Ok(())
+        }
+    })
+}
+
+/// Describes the inputs on several threads, and prints the results in the order of the inputs, soon after they are there. An
+/// input that cannot be described is named and does not stop the others.
+fn in_order<Row: Send>(
+    args: &DescribeArgs,
+    describe: impl Fn(&String) -> CliResult<Vec<Row>> + Sync,
+    print: impl Fn(&Row) -> CliResult,
+) -> CliResult {
+    let block = INPUTS_PER_THREAD * threads(args.threads);
+    let mut failed = Vec::new();
+    for inputs in args.inputs.chunks(block) {
+        let described: Vec<CliResult<Vec<Row>>> =
+            on_threads(args.threads, || inputs.par_iter().map(&describe).collect())?;
+        for described in described {
+            match described {
+                Ok(rows) => rows.iter().try_for_each(&print)?,
+                Err(error) => failed.push(error),
             }
-            rows.push(row);
         }
     }
-    if args.json {
-        return output::print_json(&rows);
+    let n_failed = failed.len();
+    let Some(last) = failed.pop() else {
+        return Ok(());
+    };
+    if args.inputs.len() == 1 || last.is_bug {
+        return Err(last);
     }
-    Ok(())
+    for error in failed.into_iter().chain([last]) {
+        note!("error: {}", error.cause);
+        if let Some(hint) = error.hint {
+            note!("hint: {hint}");
+        }
+    }
+    Err(CliError::new(format!(
+        "{n_failed} of {} inputs could not be described",
+        args.inputs.len()
+    )))
 }
 
 /// The clips to describe: one for each person with `--people`, otherwise the clip itself. If no person is detected, it

@@ -51,7 +51,7 @@ pub(crate) struct ForgetArgs {
 /// Runs `teach`.
 pub(crate) fn run(args: &TeachArgs) -> CliResult {
     let path = memory_path(args.memory.as_deref())?;
-    let mut memory = match path.exists() {
+    let memory = match path.exists() {
         true => Memory::load(&path)?,
         false => Memory::default(),
     };
@@ -72,6 +72,8 @@ pub(crate) fn run(args: &TeachArgs) -> CliResult {
         }
     };
     let options = args.input.options()?;
+    // Recordings are read before the memory is locked, because that can take a while.
+    let mut clips = Vec::new();
     for input in &args.recordings {
         let recording = radarllm::open(input)
             .with_options(options.clone())
@@ -80,16 +82,21 @@ pub(crate) fn run(args: &TeachArgs) -> CliResult {
         if clip.provenance.is_simulated() {
             note!("warning: {input}: simulated points; recordings of your own radar teach more");
         }
-        for warning in memory.teach(name, &says, clip.moving())? {
-            note!("warning: {warning}");
-        }
+        clips.push(clip);
     }
+    let memory = Memory::update(&path, |memory| -> CliResult<Memory> {
+        for clip in &clips {
+            for warning in memory.teach(name, &says, clip.moving())? {
+                note!("warning: {warning}");
+            }
+        }
+        Ok(memory.clone())
+    })?;
     for warning in memory.contradictions() {
         note!("warning: {warning}");
     }
     let taught = memory.activities().iter().find(|a| a.name == name);
     let n_examples = taught.map_or(0, |a| a.examples.len());
-    memory.save(&path)?;
     if args.json {
         return list(&path, &memory, true);
     }
@@ -107,9 +114,13 @@ pub(crate) fn run(args: &TeachArgs) -> CliResult {
 /// Runs `forget`.
 pub(crate) fn forget(args: &ForgetArgs) -> CliResult {
     let path = memory_path(args.memory.as_deref())?;
-    let mut memory = Memory::load(&path)?;
-    let forgotten = memory.forget(&args.name)?;
-    memory.save(&path)?;
+    if !path.exists() {
+        // Says which file is missing; forgetting begins none.
+        Memory::load(&path)?;
+    }
+    let forgotten = Memory::update(&path, |memory| -> CliResult<_> {
+        Ok(memory.forget(&args.name)?)
+    })?;
     output::print_line(&format!(
         "{}: {} examples forgotten, {}",
         forgotten.name,

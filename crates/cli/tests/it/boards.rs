@@ -2,7 +2,7 @@
 
 use std::{fmt::Write, fs, path::Path};
 
-use crate::command::{json, radarllm, refused};
+use crate::command::{json, json_lines, radarllm, refused};
 
 /// A table at 10 frames/s: distance, height above the radar and upward speed of the track at each second.
 fn table(path: &Path, seconds: u32, at: impl Fn(f64) -> Option<[f64; 3]>) {
@@ -136,7 +136,7 @@ fn a_site_is_learned_once_and_belongs_to_its_radar() {
     let value = |key: &str| learned[key].as_f64().unwrap();
     assert!((value("tilt_deg") - 10.0).abs() < 1.0, "{learned}");
     assert!((value("standing_m") - 0.2).abs() < 0.05, "{learned}");
-    let said = json(&[
+    let said = json_lines(&[
         "describe",
         &sit,
         "--frame-rate",
@@ -146,7 +146,7 @@ fn a_site_is_learned_once_and_belongs_to_its_radar() {
         "--json",
     ]);
     assert_eq!(said[0]["segments"][0]["actions"][0], "sit_still", "{said}");
-    let people = json(&[
+    let people = json_lines(&[
         "describe",
         &sit,
         "--frame-rate",

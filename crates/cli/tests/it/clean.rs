@@ -6,7 +6,7 @@ use radarllm_base::{RadarConfig, RadarPoint};
 use radarllm_dataset::read_points;
 use radarllm_formats::radar_to_toml;
 
-use crate::command::{json, radarllm, refused};
+use crate::command::{json, json_lines, radarllm, refused};
 
 fn text(path: &Path) -> &str {
     path.to_str().unwrap()
@@ -343,7 +343,7 @@ fn people_get_points_and_sentences_of_their_own() {
     }
     assert!(refused(&args).contains("exists already"));
 
-    let rows = json(&["describe", &taken, "--people", "auto", "--json"]);
+    let rows = json_lines(&["describe", &taken, "--people", "auto", "--json"]);
     let rows = rows.as_array().unwrap();
     assert_eq!(rows.len(), 2, "{rows:?}");
     for (i, row) in rows.iter().enumerate() {
@@ -351,10 +351,10 @@ fn people_get_points_and_sentences_of_their_own() {
         assert_eq!(row["person"]["start_s"], 0.0);
         assert!((row["person"]["end_s"].as_f64().unwrap() - 4.9).abs() < 1e-6);
     }
-    let one = json(&["describe", &taken, "--people", "1", "--json"]);
+    let one = json_lines(&["describe", &taken, "--people", "1", "--json"]);
     assert_eq!(one.as_array().unwrap().len(), 1);
     // A lamp is nobody.
-    let nobody = json(&["describe", &empty, "--people", "auto", "--json"]);
+    let nobody = json_lines(&["describe", &empty, "--people", "auto", "--json"]);
     assert_eq!(nobody[0]["caption"], "no person seen", "{nobody}");
     assert!(nobody[0].get("person").is_none());
     assert!(refused(&["describe", &empty, "--people", "0"]).contains("1 to 100, or auto"));
@@ -397,7 +397,7 @@ fn what_stands_still_is_nobody_where_it_is_most_of_a_recording() {
     let (_, max, is_said) = found(&["--min-speed", "0"]);
     assert!(max == 15 && !is_said, "{max}");
     // A page says what `describe` says.
-    let row = &json(&["describe", &taken, "--json"])[0];
+    let row = &json_lines(&["describe", &taken, "--json"])[0];
     let page = room.at("page.html");
     let viewed = radarllm(&["view", &taken, "--out", &page]);
     let noted = String::from_utf8_lossy(&viewed.stderr);

@@ -22,6 +22,22 @@ pub fn json(args: &[&str]) -> serde_json::Value {
     serde_json::from_slice(&output.stdout).expect("one JSON document on stdout")
 }
 
+/// Runs it, insists on exit code 0 and parses every line of stdout as a JSON document.
+pub fn json_lines(args: &[&str]) -> serde_json::Value {
+    let output = radarllm(args);
+    assert!(
+        output.status.success(),
+        "{args:?} ended with {:?}: {}",
+        output.status.code(),
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let text = String::from_utf8(output.stdout).expect("UTF-8 on stdout");
+    let documents = text.lines().map(serde_json::from_str::<serde_json::Value>);
+    documents
+        .collect::<Result<_, _>>()
+        .expect("JSON lines on stdout")
+}
+
 /// Runs it, insists on exit code 1 and an `error:` line, and returns stderr.
 pub fn refused(args: &[&str]) -> String {
     let output = radarllm(args);

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::command::{json, radarllm, refused};
+use crate::command::{json, json_lines, radarllm, refused};
 
 /// Columns of a points file: x, y, z, range, velocity, intensity.
 fn points(path: &std::path::Path) -> Vec<radarllm_base::PointFrame> {
@@ -185,7 +185,7 @@ fn an_empty_room_is_said_so() {
         "{}",
         String::from_utf8_lossy(&done.stderr)
     );
-    let described = json(&["describe", out.to_str().unwrap(), "--json"]);
+    let described = json_lines(&["describe", out.to_str().unwrap(), "--json"]);
     assert_eq!(described[0]["caption"], "no person seen");
 }
 
@@ -193,7 +193,8 @@ fn an_empty_room_is_said_so() {
 #[test]
 fn a_faster_radar_is_described_too() {
     let motion = "builtin:clap?repetitions=2";
-    let row = |radar: &str| json(&["describe", motion, "--radar", radar, "--json"])[0].clone();
+    let row =
+        |radar: &str| json_lines(&["describe", motion, "--radar", radar, "--json"])[0].clone();
     let (slow, fast) = (row("awr1843boost"), row("iwr6843isk"));
     assert_eq!(fast["radar"], "iwr6843isk");
     let seconds = |row: &serde_json::Value| row["clip_seconds"].as_f64().unwrap();

@@ -99,8 +99,21 @@ impl Scratch {
         fs::write(path, bytes).unwrap();
     }
 
-    /// Runs the program and parses what it prints.
+    /// Runs the program and parses the document that it prints.
     fn json(&self, args: &[&str]) -> Value {
+        serde_json::from_str(&self.printed(args)).expect("one JSON document on stdout")
+    }
+
+    /// Runs the program and parses the lines that it prints.
+    fn json_lines(&self, args: &[&str]) -> Value {
+        let printed = self.printed(args);
+        let lines = printed.lines().map(serde_json::from_str::<Value>);
+        lines
+            .collect::<Result<_, _>>()
+            .expect("JSON lines on stdout")
+    }
+
+    fn printed(&self, args: &[&str]) -> String {
         let output = Command::new(env!("CARGO_BIN_EXE_radarllm"))
             .args(args)
             .arg("--json")
@@ -113,7 +126,7 @@ impl Scratch {
             output.status.code(),
             String::from_utf8_lossy(&output.stderr)
         );
-        serde_json::from_slice(&output.stdout).expect("one JSON document on stdout")
+        String::from_utf8(output.stdout).expect("UTF-8 on stdout")
     }
 
     /// Counts and hash of the content of a points file.
@@ -170,7 +183,7 @@ impl Scratch {
     }
 
     fn describe(&self, args: &[&str]) -> Value {
-        let rows = self.json(&[&["describe"], args].concat());
+        let rows = self.json_lines(&[&["describe"], args].concat());
         let row = |row: &Value| {
             let mut kept = chosen(
                 row,

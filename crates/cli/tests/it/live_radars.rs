@@ -14,7 +14,7 @@ use serde_json::Value;
 
 use crate::{
     broker::Broker,
-    command::{json, radarllm, refused},
+    command::{json, json_lines, radarllm, refused},
     fake_board::{Behaviour, FakeBoard},
     live_outside::{Program, get, get_all, wait_for},
     made, make_uart,
@@ -330,7 +330,7 @@ fn a_replay_says_what_describe_says_of_each_window_at_any_speed() {
             ..clip.clone()
         };
         radarllm_dataset::write_clip(&window, &cut, radarllm_dataset::Overwrite::Replace).unwrap();
-        let described = json(&["describe", text(&window), "--json"]);
+        let described = json_lines(&["describe", text(&window), "--json"]);
         let described = &described[0];
         assert_eq!(described["caption"], caption, "{start_s} s to {end_s} s");
         let difference =

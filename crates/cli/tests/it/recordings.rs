@@ -4,7 +4,7 @@ use std::{fs, path::Path};
 
 use radarllm_dataset::read_points;
 
-use crate::command::{json, radarllm, refused};
+use crate::command::{json, json_lines, radarllm, refused};
 
 const CSV: &str =
     "frame,x,y,z,velocity,intensity\n0,0.5,2,0,0.25,10\n0,0.5,3,0,0.25,20\n2,0.5,2,0,0.25,20\n";
@@ -142,7 +142,7 @@ fn every_format_becomes_a_points_file_that_says_recorded() {
         assert!((file.meta.frame_rate_hz - rate_hz).abs() < 1e-6, "{name}");
         assert_eq!(file.frames[0].points.len(), points, "{name}");
         // The same file through the shared function of `describe` and `view`.
-        let rows = json(&[&["describe", text(&input), "--json"], options].concat());
+        let rows = json_lines(&[&["describe", text(&input), "--json"], options].concat());
         assert_eq!(rows[0]["synthetic"], false, "{name}");
         let page = at("page.html");
         let page_args = [

@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-use crate::command::{json, radarllm, refused};
+use crate::command::{json, json_lines, radarllm, refused};
 
 /// A CSV recording of 12 s: points whose height goes up and down at a rate, in Hz.
 fn recording(folder: &Path, name: &str, rate_hz: f64) -> String {
@@ -66,7 +66,7 @@ fn what_is_taught_is_recognised_listed_and_forgotten() {
 
     let new = recording(dir.path(), "new.csv", 0.51);
     let describe = |input: &str| {
-        json(&[
+        json_lines(&[
             "describe",
             input,
             "--frame-rate",
@@ -144,4 +144,58 @@ fn what_cannot_be_taught_leaves_the_file_as_it_was() {
     fs::write(&memory, "{").unwrap();
     let error = refused(&["describe", &good, "--frame-rate", "10", "--memory", path]);
     assert!(error.contains("memory.json"), "{error}");
+}
+
+/// Each run reads the memory, adds its activity and writes it; none of them loses what another one added.
+#[test]
+fn six_who_teach_at_once_lose_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let memory = dir.path().join("memory.json");
+    let memory = memory.to_str().unwrap();
+    let names = ["one", "two", "three", "four", "five", "six"];
+    let files: Vec<String> = (1..=6)
+        .map(|n| recording(dir.path(), &format!("{n}.csv"), 0.4 * f64::from(n)))
+        .collect();
+    std::thread::scope(|scope| {
+        for (name, file) in names.iter().zip(&files) {
+            scope.spawn(move || {
+                let out = radarllm(&[
+                    "teach",
+                    name,
+                    "--says",
+                    "a person does something",
+                    file,
+                    "--frame-rate",
+                    "10",
+                    "--memory",
+                    memory,
+                ]);
+                assert!(out.status.success());
+            });
+        }
+    });
+    let listed = json(&["teach", "--list", "--memory", memory, "--json"]).to_string();
+    for name in names {
+        assert!(
+            listed.contains(&format!("\"{name}\"")),
+            "{name} in {listed}"
+        );
+    }
+    let forget = |name: &str| {
+        assert!(
+            radarllm(&["forget", name, "--memory", memory])
+                .status
+                .success()
+        )
+    };
+    std::thread::scope(|scope| {
+        for name in &names[..5] {
+            scope.spawn(move || forget(name));
+        }
+    });
+    let listed = json(&["teach", "--list", "--memory", memory, "--json"]).to_string();
+    assert!(
+        listed.contains("\"six\"") && !listed.contains("\"five\""),
+        "{listed}"
+    );
 }

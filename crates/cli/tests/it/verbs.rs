@@ -76,3 +76,74 @@ fn a_description_is_a_line_about_the_source_and_the_sentence() {
         "{detailed}"
     );
 }
+
+/// Inputs that cannot be described stop no other one, and every result is a line.
+#[test]
+fn an_input_that_fails_stops_no_other() {
+    let inputs = ["builtin:walk", "builtin:moonwalk", "builtin:clap"];
+    let output = radarllm(&[&["describe", "--json"], &inputs[..]].concat());
+    assert_eq!(output.status.code(), Some(1));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let rows: Vec<serde_json::Value> = text
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    let sources: Vec<_> = rows
+        .iter()
+        .map(|row| row["source"].as_str().unwrap())
+        .collect();
+    assert_eq!(sources, ["builtin:walk", "builtin:clap"]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(errors.contains("moonwalk"), "{errors}");
+    assert!(
+        errors.contains("1 of 3 inputs could not be described"),
+        "{errors}"
+    );
+}
+
+/// A device that is full and nothing else.
+#[cfg(target_os = "linux")]
+#[test]
+fn results_that_cannot_be_written_are_an_error() {
+    use std::process::{Command, Stdio};
+
+    let folder = tempfile::tempdir().unwrap();
+    let memory = folder.path().join("memory.json");
+    let memory = memory.to_str().unwrap();
+    let calls: [&[&str]; 11] = [
+        &["describe", "builtin:walk", "--json"],
+        &["describe", "builtin:walk"],
+        &["radar", "list"],
+        &["doctor"],
+        &["man"],
+        &["completions", "bash"],
+        &["--help"],
+        &["--version"],
+        &["teach", "--list", "--memory", memory],
+        &["live", "sim:", "--no-http", "--json"],
+        &["live", "sim:", "--no-http"],
+    ];
+    for args in calls {
+        let full = std::fs::OpenOptions::new().write(true).open("/dev/full");
+        let output = Command::new(env!("CARGO_BIN_EXE_radarllm"))
+            .args(args)
+            .stdout(Stdio::from(full.unwrap()))
+            .stderr(Stdio::piped())
+            .output()
+            .unwrap();
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{args:?}: {errors}");
+        assert!(
+            errors.contains("standard output cannot be written"),
+            "{args:?}: {errors}"
+        );
+    }
+    // A reader that has gone is no error.
+    let mut child = Command::new(env!("CARGO_BIN_EXE_radarllm"))
+        .args(["man"])
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+}

@@ -8,7 +8,7 @@ use std::{
 use radarllm_dataset::read_points;
 
 use crate::{
-    command::{json, refused},
+    command::{json, json_lines, refused},
     recordings::packet,
 };
 
@@ -77,7 +77,7 @@ fn a_visualizer_folder_is_one_recording() {
     // The visualizer measured z from the floor; points files measure it from the radar.
     let z: Vec<f32> = file.frames[0].points.iter().map(|p| p.z_m).collect();
     assert!(z.iter().all(|z| (-1.51..-0.39).contains(z)), "{z:?}");
-    let described = json(&["describe", text(folder.path()), "--json"]);
+    let described = json_lines(&["describe", text(folder.path()), "--json"]);
     assert_eq!(described[0]["provenance"], "recorded", "{described}");
     assert_ne!(described[0]["caption"], "no person seen", "{described}");
     // The levelled points cannot be turned once more.
@@ -109,7 +109,7 @@ fn files_of_several_recordings_are_refused() {
         "{error}"
     );
     // One of the folders is a recording.
-    json(&["describe", text(&inside), "--json"]);
+    json_lines(&["describe", text(&inside), "--json"]);
 }
 
 /// A later, shorter run overwrote the first piece of an earlier one.
@@ -137,7 +137,7 @@ fn pieces_of_several_runs_need_a_choice() {
     ];
     let report = json(&[&args[..], &["--run", "1"]].concat());
     assert_eq!(report["frames"], 80, "{report}");
-    json(&["describe", text(folder.path()), "--run", "2", "--json"]);
+    json_lines(&["describe", text(folder.path()), "--run", "2", "--json"]);
 }
 
 #[test]

@@ -82,7 +82,7 @@ pub fn write_points(
         .build();
 
     write_atomic(path, overwrite, |file| {
-        let corrupt = |e: parquet::errors::ParquetError| DatasetError::corrupt(path, e);
+        let corrupt = |e: parquet::errors::ParquetError| DatasetError::of_writing(path, e);
         let mut writer =
             ArrowWriter::try_new(file, points_schema(), Some(properties)).map_err(corrupt)?;
         let mut rows = rows(frames).peekable();

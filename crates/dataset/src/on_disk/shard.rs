@@ -89,7 +89,7 @@ pub(crate) fn write_shard(
     records: &[ClipRecord],
     metadata: Vec<(String, String)>,
 ) -> Result<(), DatasetError> {
-    let corrupt = |e: parquet::errors::ParquetError| DatasetError::corrupt(path, e);
+    let corrupt = |e: parquet::errors::ParquetError| DatasetError::of_writing(path, e);
     let metadata = metadata
         .into_iter()
         .map(|(key, value)| KeyValue::new(key, value))

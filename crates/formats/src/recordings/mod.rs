@@ -207,11 +207,20 @@ fn checked_point(
             return Err(RecordingError::new(at, expected, &value.to_string()));
         }
     }
+    if !is_in_range([x, y, z]) {
+        let expected = format!("a point within {MAX_COORDINATE_M} m of the radar");
+        return Err(RecordingError::new(at, expected, &format!("{x}, {y}, {z}")));
+    }
     Ok(point(
         axes.to_project([x, y, z]),
         velocity_mps,
         intensity_db,
     ))
+}
+
+/// Whether a point is as near as any point of a recording: its range counts, not each coordinate by itself.
+pub(crate) fn is_in_range([x, y, z]: [f64; 3]) -> bool {
+    x.hypot(y).hypot(z) <= MAX_COORDINATE_M
 }
 
 pub(crate) fn point(position_m: [f64; 3], velocity_mps: f64, intensity_db: f64) -> RadarPoint {

@@ -9,8 +9,8 @@
 use std::{collections::BTreeMap, io::Read};
 
 use super::{
-    Axes, MAX_COORDINATE_M, MAX_INTENSITY_DB, MAX_VELOCITY_MPS, Place, RecordedFrame,
-    RecordingError, listed, point, printable, radhar,
+    Axes, MAX_INTENSITY_DB, MAX_VELOCITY_MPS, Place, RecordedFrame, RecordingError, is_in_range,
+    listed, point, printable, radhar,
 };
 use crate::tables::{Column, Meaning, Unit, angles_to_position, meaning, missing_of_point};
 
@@ -408,7 +408,7 @@ fn within_limits(
     axes: Axes,
     [x, y, z, velocity_mps, intensity_db]: [f64; 5],
 ) -> Option<radarllm_base::RadarPoint> {
-    let is_plausible = [x, y, z].iter().all(|v| v.abs() <= MAX_COORDINATE_M)
+    let is_plausible = is_in_range([x, y, z])
         && velocity_mps.abs() <= MAX_VELOCITY_MPS
         && intensity_db.abs() <= MAX_INTENSITY_DB;
     is_plausible.then(|| point(axes.to_project([x, y, z]), velocity_mps, intensity_db))

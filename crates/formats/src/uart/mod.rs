@@ -41,6 +41,8 @@ pub const MAX_PACKET_BYTES: usize = 256 << 10;
 pub const MAX_TLVS: usize = 64;
 /// Maximum number of TLV types that are counted individually.
 const MAX_LISTED_NUMBERS: usize = 32;
+/// Largest step between two frame numbers that needs no confirmation: 5 s at 10 frames/s.
+const NEAR_NUMBERS: u32 = 50;
 /// Largest type that is taken for one. Bytes of a payload that are read as a type are nearly always larger.
 const MAX_TLV_NUMBER: u32 = 16_384;
 
@@ -253,6 +255,8 @@ pub struct UartParser {
     /// What was read of a packet; its memory is used again.
     content: Content,
     last_number: Option<u32>,
+    /// A number that the next one confirms or not.
+    doubtful_number: Option<u32>,
     /// Bytes that the last packet lacked.
     last_missing: Option<usize>,
     /// Packets with as many points as the header counts, and with another number.
@@ -275,6 +279,7 @@ impl UartParser {
             detection: Detection::default(),
             content: Content::default(),
             last_number: None,
+            doubtful_number: None,
             last_missing: None,
             count_agreements: 0,
             count_differences: 0,
@@ -351,6 +356,9 @@ impl UartParser {
             }
         }
         self.drain(StreamEnd::Reached, &mut frames);
+        if let Some(number) = self.doubtful_number.take() {
+            self.accept_number(number);
+        }
         self.report.trailing_bytes = self.buffer.len() as u64;
         Ok((frames, self.report, self.guess))
     }
@@ -527,7 +535,29 @@ impl UartParser {
         self.is_synchronised = false;
     }
 
+    /// Counts lost frames and restarts. A number that is far from the last one is counted when the next number confirms it;
+    /// if that follows the last one instead, the number in between was damaged.
     fn count_number(&mut self, number: u32) {
+        let step_from = |last: Option<u32>| last.and_then(|last| number.checked_sub(last));
+        if let Some(doubtful) = self.doubtful_number.take() {
+            let follows_last = step_from(self.last_number).is_some_and(|step| step <= NEAR_NUMBERS);
+            if follows_last {
+                // The damaged frame is there, so that it is not one of those between.
+                let step = step_from(self.last_number).unwrap_or_default();
+                self.report.lost_frames += u64::from(step.saturating_sub(2));
+                self.last_number = Some(number);
+                return;
+            }
+            self.accept_number(doubtful);
+        }
+        let is_near = step_from(self.last_number).is_some_and(|step| step <= NEAR_NUMBERS);
+        match self.last_number.is_none() || is_near {
+            true => self.accept_number(number),
+            false => self.doubtful_number = Some(number),
+        }
+    }
+
+    fn accept_number(&mut self, number: u32) {
         if let Some(last) = self.last_number {
             match number.checked_sub(last) {
                 // A repeated number is another sub-frame.

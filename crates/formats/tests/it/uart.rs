@@ -415,3 +415,32 @@ fn searches_are_counted_alike_for_pieces_of_any_size() {
         );
     }
 }
+
+/// A flipped bit in a number is neither a restart nor a loss of thousands of frames; a real jump is.
+#[test]
+fn a_damaged_number_is_no_lost_frame_and_no_restart() {
+    const NUMBER_AT: usize = 20;
+    let whole = stream(Dialect::Sdk3, 9);
+    let length = whole.len() / 9;
+    for bit in 0..32 {
+        let mut bytes = whole.clone();
+        bytes[4 * length + NUMBER_AT + bit / 8] ^= 1 << (bit % 8);
+        let (frames, report) = read(Some(Dialect::Sdk3), &bytes).unwrap();
+        assert_eq!(frames.len(), 9);
+        // Bits below this one leave a number that is near enough to be believed.
+        if bit > 5 {
+            assert_eq!((report.lost_frames, report.restarts), (0, 0), "bit {bit}");
+        }
+    }
+    let gap = [
+        &whole[..4 * length],
+        &packet(Dialect::Sdk3, 5_000, &[])[..],
+        &packet(Dialect::Sdk3, 5_001, &[]),
+    ]
+    .concat();
+    let (_, report) = read(Some(Dialect::Sdk3), &gap).unwrap();
+    assert_eq!((report.lost_frames, report.restarts), (4_896, 0));
+    let last = [&whole[..4 * length], &packet(Dialect::Sdk3, 5, &[])[..]].concat();
+    let (_, report) = read(Some(Dialect::Sdk3), &last).unwrap();
+    assert_eq!((report.lost_frames, report.restarts), (0, 1));
+}

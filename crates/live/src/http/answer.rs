@@ -48,6 +48,7 @@ impl From<StoreError> for Refused {
                 Self::new(StatusCode::INSUFFICIENT_STORAGE, "the disk is full")
             }
             StoreError::Io { .. }
+            | StoreError::Replaced { .. }
             | StoreError::Newer { .. }
             | StoreError::Unusable { .. }
             | StoreError::Damaged { .. }

@@ -1,5 +1,6 @@
 //! Connections: how many, how long, how much.
 
+use std::convert::Infallible;
 use std::io;
 use std::net::TcpListener;
 use std::pin::Pin;
@@ -8,19 +9,21 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 
 use axum::Router;
+use hyper::Request;
+use hyper::body::Incoming;
 use hyper::server::conn::http1;
+use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::TcpStream;
-use tokio::sync::{Semaphore, watch};
+use tokio::sync::{mpsc, watch};
 use tokio::time::{Instant, Sleep, sleep, timeout};
 
+use super::places::{Place, Places};
 use super::routes::{self, App};
-use super::{MAX_CONNECTIONS, STOP_TIME, stopped};
+use super::{MAX_CONNECTIONS, MAX_STRANGERS, STOP_TIME, stopped};
 
-/// What is sent instead of an answer when there are too many connections.
-const TOO_MANY: &[u8] = b"HTTP/1.1 503 Service Unavailable\r\nContent-Length: 0\r\nConnection: close\r\nRetry-After: 5\r\n\r\n";
 /// Longest head of a request, bytes. A page of a browser sends less than 2 kB.
 const MAX_HEAD_BYTES: usize = 16 << 10;
 /// Most headers of a request.
@@ -34,52 +37,60 @@ pub(super) async fn accept(listener: TcpListener, app: Arc<App>, stopping: watch
         return;
     };
     let (router, patience) = (routes::router(Arc::clone(&app)), app.patience);
-    let permits = Arc::new(Semaphore::new(MAX_CONNECTIONS));
+    let places = Places::new(MAX_CONNECTIONS, MAX_STRANGERS);
+    let (open, mut all_closed) = mpsc::channel::<Infallible>(1);
     loop {
         let accepted = tokio::select! {
             accepted = listener.accept() => accepted,
             _ = stopped(stopping.clone()) => break,
         };
-        let Ok((stream, _)) = accepted else {
+        let Ok((stream, address)) = accepted else {
             sleep(ACCEPT_PAUSE).await;
             continue;
         };
-        let Ok(permit) = Arc::clone(&permits).try_acquire_owned() else {
+        let (place, someone_left) = places.enter(address.ip());
+        if someone_left {
             app.sources.metrics.connections_refused.add(1);
-            // A courtesy; the connection is closed in any case.
-            let _ = stream.try_write(TOO_MANY);
-            continue;
-        };
-        let (router, stopping) = (router.clone(), stopping.clone());
+        }
+        let (router, stopping, open) = (router.clone(), stopping.clone(), open.clone());
         tokio::spawn(async move {
-            serve(stream, router, patience, stopping).await;
-            drop(permit);
+            serve(stream, router, Arc::new(place), patience, stopping).await;
+            drop(open);
         });
     }
-    // Connections hold the permits; all of them are free when the last one is closed.
-    let all = u32::try_from(MAX_CONNECTIONS).unwrap_or(u32::MAX);
-    let _ = timeout(STOP_TIME, permits.acquire_many(all)).await;
+    // Every connection holds a sender, and nothing is ever sent.
+    drop(open);
+    let _ = timeout(STOP_TIME, all_closed.recv()).await;
 }
 
 async fn serve(
     stream: TcpStream,
     router: Router,
+    place: Arc<Place>,
     patience: Duration,
     stopping: watch::Receiver<bool>,
 ) {
     // Messages are small and should not wait for each other. Without it they arrive later, but they arrive.
     let _ = stream.set_nodelay(true);
     let io = TokioIo::new(Impatient::new(stream, patience));
+    let router = TowerToHyperService::new(router);
+    let asker = Arc::clone(&place);
+    // Requests know the place of their connection.
+    let service = service_fn(move |mut request: Request<Incoming>| {
+        request.extensions_mut().insert(Arc::clone(&asker));
+        router.call(request)
+    });
     let connection = http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(patience)
         .max_buf_size(MAX_HEAD_BYTES)
         .max_headers(MAX_HEADERS)
-        .serve_connection(io, TowerToHyperService::new(router));
+        .serve_connection(io, service);
     let mut connection = std::pin::pin!(connection);
     // What goes wrong on a connection concerns its client alone, and it is gone.
     tokio::select! {
         _ = connection.as_mut() => {}
+        () = place.must_leave() => {}
         _ = stopped(stopping) => {
             connection.as_mut().graceful_shutdown();
             let _ = connection.await;

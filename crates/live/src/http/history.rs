@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use axum::http::StatusCode;
 use base64::prelude::{BASE64_STANDARD, Engine};
 use radarllm_memory::StoreError;
+use radarllm_memory::store::timeline::MAX_PAGE;
 use radarllm_memory::store::{ActivityQuery, Cursor, EventQuery, PointsOf, Timeline};
 use radarllm_monitor::points::frame_bytes;
 use radarllm_monitor::rows::{ActivityRow, EventRow};
@@ -75,7 +76,8 @@ impl Memory {
     fn read<T>(&self, work: impl FnOnce(&Timeline) -> Result<T, StoreError>) -> Result<T, Refused> {
         let path = self.path.as_deref().ok_or_else(no_memory)?;
         let mut open = self.timeline.lock().unwrap_or_else(PoisonError::into_inner);
-        let timeline = match open.take() {
+        // A database that was deleted or replaced is opened anew.
+        let timeline = match open.take().filter(Timeline::is_in_place) {
             Some(timeline) => timeline,
             None => Timeline::open(path)?,
         };
@@ -95,7 +97,7 @@ pub(super) async fn history(
     let before = parameters.before.as_deref().map(str::parse::<Cursor>);
     let before = before.transpose()?;
     let limit = parameters.limit.unwrap_or(DEFAULT_ROWS);
-    if limit == 0 {
+    if limit == 0 || limit > MAX_PAGE {
         let why = "`limit`: expected 1 to 500";
         return Err(Refused::new(StatusCode::BAD_REQUEST, why));
     }

@@ -25,6 +25,7 @@ mod error;
 mod events;
 mod guard;
 mod history;
+mod places;
 mod routes;
 mod token;
 
@@ -54,8 +55,10 @@ use routes::App;
 pub const PORT: u16 = 8_741;
 /// Most listeners to the live messages.
 pub const MAX_LISTENERS: usize = 32;
-/// Most connections at once.
+/// Most connections at once of which a request was admitted.
 pub const MAX_CONNECTIONS: usize = 128;
+/// Most other connections at once; of more, the oldest ones are closed.
+pub const MAX_STRANGERS: usize = 64;
 /// Longest body of a request, bytes.
 pub const MAX_BODY_BYTES: usize = 16 << 10;
 /// Threads that read the memory.

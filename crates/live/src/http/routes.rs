@@ -7,8 +7,9 @@ use axum::Router;
 use axum::body::{Body, to_bytes};
 use axum::extract::rejection::QueryRejection;
 use axum::extract::{Path, Query, State};
-use axum::http::header::CONTENT_LENGTH;
-use axum::http::{HeaderMap, Request, StatusCode};
+use axum::http::header::{CONNECTION, CONTENT_LENGTH};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, HeaderValue, Request, StatusCode};
 use axum::middleware::{self, Next};
 use axum::routing::{get, post};
 use serde_json::json;
@@ -18,6 +19,7 @@ use tokio::time::timeout;
 use super::answer::{Answer, Refused, either, json, text};
 use super::guard::Guard;
 use super::history::{self, AskParameters, HistoryParameters, Memory, RangeParameters};
+use super::places::Place;
 use super::{MAX_BODY_BYTES, MAX_LISTENERS, MAX_READING, Sources, events};
 use crate::mqtt::Status;
 
@@ -138,6 +140,10 @@ pub(super) fn router(app: Arc<App>) -> Router {
 async fn check(State(app): Shared, request: Request<Body>, next: Next) -> Answer {
     let (head, body) = request.into_parts();
     let refusal = match app.guard.admit(&head) {
+        Ok(_) if !has_place(&head) => {
+            let why = "too many connections are open; try again";
+            Refused::new(StatusCode::SERVICE_UNAVAILABLE, why)
+        }
         Ok(admitted) => match drain(&head.headers, body, app.patience).await {
             Ok(()) => {
                 let request = Request::from_parts(head, Body::empty());
@@ -152,8 +158,17 @@ async fn check(State(app): Shared, request: Request<Body>, next: Next) -> Answer
     };
     let mut answer = refusal.answer();
     app.guard.seal(None, &mut answer);
+    // Who is refused does not keep the connection.
+    let close = HeaderValue::from_static("close");
+    answer.headers_mut().insert(CONNECTION, close);
     app.sources.metrics.responded(answer.status().as_u16());
     answer
+}
+
+/// Takes a place for a connection of which a request is admitted. Requests that came in another way need none.
+fn has_place(head: &Parts) -> bool {
+    let place = head.extensions.get::<Arc<Place>>();
+    place.is_none_or(|place| place.admit())
 }
 
 /// Reads a body to its end.

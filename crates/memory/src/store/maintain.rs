@@ -109,7 +109,7 @@ impl Store {
     ///
     /// # Errors
     /// [`StoreError::Invalid`] for an empty range, [`StoreError::LogInUse`] if a reader prevents the log from being
-    /// emptied, or a database that cannot be written. The call can then be repeated.
+    /// emptied, [`StoreError::Replaced`], or a database that cannot be written. The call can then be repeated.
     pub fn forget(&mut self, from_ms: Option<i64>, to_ms: i64) -> Result<Deleted, StoreError> {
         let from_ms = from_ms.unwrap_or(i64::MIN);
         if from_ms >= to_ms {
@@ -118,6 +118,10 @@ impl Store {
                 "a time after `from_ms`",
                 to_ms,
             ));
+        }
+        if !self.timeline.is_in_place() {
+            let path = self.timeline.path.clone();
+            return Err(StoreError::Replaced { path });
         }
         let mut delete = |sql, n_rows: i64| self.delete_all(sql, &[&from_ms, &to_ms, &n_rows]);
         let deleted = Deleted {

@@ -26,7 +26,7 @@ pub mod write;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-use rusqlite::TransactionBehavior;
+use rusqlite::{Connection, TransactionBehavior};
 
 pub use cursor::Cursor;
 pub use maintain::{Checkpoint, Deleted, Retention};
@@ -40,7 +40,7 @@ use crate::error::StoreError;
 pub struct Store {
     timeline: Timeline,
     /// Dropped last: another store may open only after the connection is closed.
-    _lock: File,
+    lock: File,
 }
 
 /// A store that was opened.
@@ -84,12 +84,29 @@ impl Store {
             }
             Err(e) => return Err(e),
         };
-        let timeline = Timeline { connection, path };
         let store = Self {
-            timeline,
-            _lock: lock,
+            timeline: Timeline::of(connection, path),
+            lock,
         };
         Ok(Opened { store, set_aside })
+    }
+
+    /// Opens the database of the path again, or creates it: what somebody deleted or replaced stays lost, and what comes is
+    /// kept. Until this succeeds, writing fails with [`StoreError::Replaced`].
+    ///
+    /// # Errors
+    /// As [`Self::open`], and [`StoreError::Damaged`].
+    pub fn reopen(&mut self) -> Result<(), StoreError> {
+        let path = self.timeline.path.clone();
+        let sql = |e| StoreError::of(&path, "open", e);
+        // The old connection is closed first: when it closes, SQLite removes the write-ahead log of the path.
+        let nowhere = Connection::open_in_memory().map_err(sql)?;
+        self.timeline = Timeline::nowhere(nowhere, path.clone());
+        if !open::holds(&self.lock, &path) {
+            self.lock = open::lock(&path)?;
+        }
+        self.timeline = Timeline::of(open::writer(&path)?, path);
+        Ok(())
     }
 
     /// The memory for reading, through the connection of this store.
@@ -111,12 +128,15 @@ impl Store {
     /// Writes in one transaction. If `work` fails, nothing of it is kept.
     ///
     /// # Errors
-    /// The error of `work`, or a database that cannot be written.
+    /// The error of `work`, a database that cannot be written, or [`StoreError::Replaced`].
     pub fn write<T>(
         &mut self,
         work: impl FnOnce(&Batch<'_>) -> Result<T, StoreError>,
     ) -> Result<T, StoreError> {
         let path = self.timeline.path.as_path();
+        if !self.timeline.is_in_place() {
+            return Err(StoreError::Replaced { path: path.into() });
+        }
         let error = |e| StoreError::of(path, "write", e);
         let transaction = self
             .timeline

@@ -22,6 +22,42 @@ const LOG_BYTES: u32 = 8 << 20;
 /// Most damaged files of one second that are kept apart by a number.
 const MAX_SAME_NAME: u32 = 99;
 
+/// What distinguishes a file from another one that has its name later.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct FileId {
+    device: u64,
+    inode: u64,
+}
+
+impl FileId {
+    /// The file of a path; `None` if there is none.
+    pub(super) fn of(path: &Path) -> Option<Self> {
+        fs::metadata(path).ok().map(|found| Self::from(&found))
+    }
+}
+
+#[cfg(unix)]
+impl From<&fs::Metadata> for FileId {
+    fn from(found: &fs::Metadata) -> Self {
+        use std::os::unix::fs::MetadataExt;
+        Self {
+            device: found.dev(),
+            inode: found.ino(),
+        }
+    }
+}
+
+/// Other systems refuse to delete a file that is open; only its absence is seen there.
+#[cfg(not(unix))]
+impl From<&fs::Metadata> for FileId {
+    fn from(_: &fs::Metadata) -> Self {
+        Self {
+            device: 0,
+            inode: 0,
+        }
+    }
+}
+
 /// A path with something appended to its file name.
 pub(super) fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     let mut name = OsString::from(path);
@@ -59,6 +95,12 @@ pub(super) fn lock(path: &Path) -> Result<File, StoreError> {
         Err(TryLockError::WouldBlock) => Err(StoreError::Locked { path: path.into() }),
         Err(TryLockError::Error(source)) => Err(io("lock")(source)),
     }
+}
+
+/// Whether `lock` is still the lock of a database: if its file was deleted, another process can take a new one.
+pub(super) fn holds(lock: &File, path: &Path) -> bool {
+    let held = lock.metadata().ok().map(|found| FileId::from(&found));
+    held.is_some() && held == FileId::of(&with_suffix(path, ".lock"))
 }
 
 /// Opens the database for writing, or creates it.

@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::convert;
 use super::cursor::Cursor;
 use super::filter::Filter;
-use super::open;
+use super::open::{self, FileId};
 use crate::error::StoreError;
 
 /// Most rows of a page.
@@ -118,6 +118,8 @@ pub(crate) enum Order {
 pub struct Timeline {
     pub(super) connection: Connection,
     pub(super) path: PathBuf,
+    /// The file that is open; `None` if there is none.
+    file: Option<FileId>,
 }
 
 impl Timeline {
@@ -128,7 +130,32 @@ impl Timeline {
     pub fn open(path: &Path) -> Result<Self, StoreError> {
         let path = open::absolute(path)?;
         let connection = open::reader(&path)?;
-        Ok(Self { connection, path })
+        Ok(Self::of(connection, path))
+    }
+
+    /// The memory through a connection to the database of this path, which was opened just now.
+    pub(super) fn of(connection: Connection, path: PathBuf) -> Self {
+        let file = FileId::of(&path);
+        Self {
+            connection,
+            path,
+            file,
+        }
+    }
+
+    /// A memory of which no file is open.
+    pub(super) fn nowhere(connection: Connection, path: PathBuf) -> Self {
+        Self {
+            connection,
+            path,
+            file: None,
+        }
+    }
+
+    /// Whether the database is still the file of its path. It is not if somebody deleted or replaced it; SQLite would go on
+    /// with the file that has no name any more.
+    pub fn is_in_place(&self) -> bool {
+        self.file.is_some() && self.file == FileId::of(&self.path)
     }
 
     /// The activities of a query, newest first by their beginning, at most `limit` (and at most [`MAX_PAGE`]), from the
@@ -258,6 +285,19 @@ impl Timeline {
             .prepare_cached(&sql)
             .and_then(|mut s| s.query_row(params_from_iter(values), tally))
             .map_err(|e| self.error("count activities", e))
+    }
+
+    /// The end of the newest activity or the time of the newest event, milliseconds since 1970 in UTC, or `None` if the memory
+    /// is empty.
+    ///
+    /// # Errors
+    /// A database that cannot be read.
+    pub fn newest_ms(&self) -> Result<Option<i64>, StoreError> {
+        let sql = "SELECT max(ms) FROM (SELECT max(end_ms) AS ms FROM activity
+                   UNION ALL SELECT max(at_ms) FROM event)";
+        self.connection
+            .query_row(sql, [], |row| row.get(0))
+            .map_err(|e| self.error("read the newest time", e))
     }
 
     /// The time of the oldest activity or event, milliseconds since 1970 in UTC, or `None` if the memory is empty.

@@ -85,12 +85,22 @@ fn watch(args: &LiveArgs) -> CliResult {
     }
     let mut supervisor = Supervisor::from_environment();
     supervisor.ready();
+    let mut unprinted = None;
     let (mut broker_problem, mut memory_problem) = (None, None);
     let (mut is_model_reported, mut is_source_reported) = (false, false);
     while !stop.load(Ordering::Acquire) {
         match messages.recv_timeout(Duration::from_millis(200)) {
             Ok(_) if args.quiet => {}
-            Ok(message) => print(&message.json, args.json),
+            Ok(message) => match print(&message.json, args.json) {
+                Ok(true) => {}
+                // The reader of the sentences has gone, as with any other command.
+                Ok(false) => break,
+                // A supervisor starts the program anew, and meanwhile knows that it stopped.
+                Err(error) => {
+                    unprinted = Some(error);
+                    break;
+                }
+            },
             Err(Silence::Closed) => break,
             Err(Silence::Timeout) if live.is_over() => break,
             Err(Silence::Timeout) => {}
@@ -126,7 +136,8 @@ fn watch(args: &LiveArgs) -> CliResult {
         }
     }
     supervisor.stopping();
-    Ok(live.stop()?)
+    live.stop()?;
+    unprinted.map_or(Ok(()), Err)
 }
 
 /// Deletes what was seen before a date.
@@ -332,16 +343,16 @@ fn existing_database(named: Option<&Path>) -> CliResult<PathBuf> {
     })
 }
 
-/// Prints a message: sentences and falls, or everything but points as JSON.
-fn print(json: &str, as_json: bool) {
+/// Prints a message: sentences and falls, or everything but points as JSON. Returns whether there is still a reader.
+fn print(json: &str, as_json: bool) -> CliResult<bool> {
     let message: serde_json::Value = serde_json::from_str(json).unwrap_or_default();
     let text = |key: &str| message[key].as_str().unwrap_or_default().to_owned();
     let kind = text("type");
     if as_json {
-        if kind != "frame" {
-            output::print_line(json);
-        }
-        return;
+        return match kind.as_str() {
+            "frame" => Ok(true),
+            _ => output::try_print_line(json),
+        };
     }
     let simulated = match message["synthetic"].as_bool() {
         Some(true) => "SIMULATED ",
@@ -351,18 +362,18 @@ fn print(json: &str, as_json: bool) {
     match (kind.as_str(), message["caption"].as_str()) {
         ("now", Some(caption)) => {
             let confidence = message["confidence"].as_f64().unwrap_or_default();
-            output::print_line(&format!(
+            output::try_print_line(&format!(
                 "{utc} {simulated}person {person}: {caption} ({confidence:.2})"
-            ));
+            ))
         }
         ("fall", _) => {
             let state = text("state");
-            output::print_line(&format!("{utc} {simulated}person {person}: fall {state}"));
+            output::try_print_line(&format!("{utc} {simulated}person {person}: fall {state}"))
         }
         ("presence", _) => {
             let state = text("state");
-            output::print_line(&format!("{utc} {simulated}room: {state}"));
+            output::try_print_line(&format!("{utc} {simulated}room: {state}"))
         }
-        _ => {}
+        _ => Ok(true),
     }
 }

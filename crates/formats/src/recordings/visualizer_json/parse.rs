@@ -8,7 +8,8 @@ use serde::de::{self, DeserializeSeed, IgnoredAny, MapAccess, SeqAccess, Visitor
 
 use super::{VisualizerCounts, VisualizerFrame, VisualizerPart};
 use crate::recordings::{
-    MAX_COORDINATE_M, MAX_VELOCITY_MPS, Place, RecordedFrame, RecordingError, point, printable,
+    MAX_COORDINATE_M, MAX_VELOCITY_MPS, Place, RecordedFrame, RecordingError, is_in_range, point,
+    printable,
 };
 use crate::uart::{Target, TargetHeight};
 
@@ -347,7 +348,7 @@ fn take_point(
         return;
     }
     let is_finite = [x, y, z, velocity_mps, snr].iter().all(|v| v.is_finite());
-    let is_near = [x, y, z].iter().all(|v| v.abs() <= MAX_COORDINATE_M)
+    let is_near = is_in_range([x, y, z])
         && velocity_mps.abs() <= MAX_VELOCITY_MPS
         && snr.abs() <= f64::from(f32::MAX);
     if is_finite && is_near {
