@@ -5,12 +5,47 @@ use std::path::Path;
 use radarllm::{Captioner, Choices, Model, ModelFiles, ModelOptions, Precision};
 #[cfg(feature = "eval")]
 use radarllm_eval::ModelInfo;
+#[cfg(feature = "eval")]
+use radarllm_inference::lm::{RadarCut, vocab::TextKind};
 
 use crate::{error::CliResult, model_args::DecoderName};
 
 /// Loads a model folder, or the bundled model, for a decoder. Its name tells when it is an approximation.
 pub(crate) fn open(folder: Option<&Path>, decoder: DecoderName) -> CliResult<Model> {
     Ok(Model::load(ModelFiles::of(folder), &options(decoder)?)?)
+}
+
+/// The model with each way from the radar into its language model cut, to measure what travels on it; none if the language
+/// model is a decoder alone, for which this is not implemented.
+#[cfg(feature = "eval")]
+pub(crate) fn open_cut(model: &Model, decoder: DecoderName) -> CliResult<Vec<CutModel>> {
+    if model.networks().vocab().layout().kind == TextKind::Decoder {
+        return Ok(Vec::new());
+    }
+    let cuts = [
+        RadarCut::AllButTokens,
+        RadarCut::Tokens,
+        RadarCut::TokenMeaning,
+    ];
+    cuts.into_iter()
+        .map(|cut| {
+            let options = ModelOptions {
+                cut: Some(cut),
+                ..options(decoder)?
+            };
+            let model = Model::load(model.files().clone(), &options)?;
+            Ok(CutModel { cut, model })
+        })
+        .collect()
+}
+
+/// A model of which a way from the radar is cut.
+#[cfg(feature = "eval")]
+pub(crate) struct CutModel {
+    /// What is cut.
+    pub cut: RadarCut,
+    /// The rest.
+    pub model: Model,
 }
 
 /// As [`open`], ready to describe.
@@ -51,7 +86,11 @@ fn options(decoder: DecoderName) -> CliResult<ModelOptions> {
         DecoderName::Int8 => (Precision::Int8, radarllm_nn::load_any),
         DecoderName::Training => (Precision::F32, radarllm_nn::load_reference),
     };
-    Ok(ModelOptions { precision, backend })
+    Ok(ModelOptions {
+        precision,
+        backend,
+        ..ModelOptions::default()
+    })
 }
 
 /// How a decoder computes.

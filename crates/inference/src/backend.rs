@@ -106,7 +106,10 @@ pub type LoadBackend = fn(Member, Precision) -> Result<Box<dyn Backend>, LmError
 /// If a file is missing or damaged, or they do not belong together; [`LmError::NotT5`] if the language model has another
 /// architecture.
 pub fn load_engine(member: Member, precision: Precision) -> Result<Box<dyn Backend>, LmError> {
-    let lm = LmFiles::of(member.lm)?;
+    let lm = LmFiles {
+        cut: member.cut,
+        ..LmFiles::of(member.lm)?
+    };
     let backend = EngineBackend::from_files(&member.tokenizer, lm, precision)?;
     Ok(Box::new(backend))
 }

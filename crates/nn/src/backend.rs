@@ -104,7 +104,10 @@ impl Backend for ReferenceBackend {
 /// # Errors
 /// If a file is missing or damaged, or if the networks do not fit together.
 pub fn load_reference(member: Member, _: Precision) -> Result<Box<dyn Backend>, LmError> {
-    let lm = read_files(member.lm)?;
+    let lm = LmFiles {
+        cut: member.cut,
+        ..read_files(member.lm)?
+    };
     let backend = ReferenceBackend::from_checkpoints(&member.tokenizer, lm)?;
     Ok(Box::new(backend))
 }
@@ -115,7 +118,10 @@ pub fn load_reference(member: Member, _: Precision) -> Result<Box<dyn Backend>, 
 /// # Errors
 /// As [`EngineBackend::from_files`]; [`LmError::NotT5`] for a decoder-only network and [`Precision::Int8`].
 pub fn load_any(member: Member, precision: Precision) -> Result<Box<dyn Backend>, LmError> {
-    let lm = read_files(member.lm)?;
+    let lm = LmFiles {
+        cut: member.cut,
+        ..read_files(member.lm)?
+    };
     if precision == Precision::F32 && !lm.is_t5() {
         let backend = ReferenceBackend::from_checkpoints(&member.tokenizer, lm)?;
         return Ok(Box::new(backend));

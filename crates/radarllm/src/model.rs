@@ -11,7 +11,10 @@ use radarllm_inference::{
     Captioner, LmError, LoadBackend, Precision,
     backend::load_engine,
     checkpoint::{Checkpoint, visit_files},
-    lm::ensemble::{Member, member_folders, open_members},
+    lm::{
+        RadarCut,
+        ensemble::{Member, member_folders, open_members},
+    },
     tokenizer::points::PointDecoder,
 };
 use radarllm_io::{Error, ErrorKind, Result};
@@ -34,6 +37,8 @@ pub struct ModelOptions {
     /// What creates the networks of each member. [`load_engine`] is the inference engine; `radarllm-nn` has backends that
     /// run the networks as they are trained.
     pub backend: LoadBackend,
+    /// What is cut between radar and language model, to measure what it is worth; nothing in models that describe.
+    pub cut: Option<RadarCut>,
 }
 
 impl Default for ModelOptions {
@@ -42,6 +47,7 @@ impl Default for ModelOptions {
         Self {
             precision: Precision::F32,
             backend: load_engine,
+            cut: None,
         }
     }
 }
@@ -112,6 +118,7 @@ impl ModelFiles {
                 let member = |folder: &str| Member {
                     tokenizer: bundled_checkpoint(&format!("{folder}tokenizer")),
                     lm: bundled_checkpoint(&format!("{folder}lm")),
+                    cut: None,
                 };
                 Ok(BUNDLED_MEMBERS.map(member).into())
             }
@@ -179,8 +186,13 @@ impl Model {
     /// Files that are missing, damaged or do not belong together, and what the backend cannot compute.
     pub fn load(files: ModelFiles, options: &ModelOptions) -> Result<Self> {
         let members = files.members();
-        let networks = members
-            .and_then(|all| Captioner::from_members(all, options.precision, options.backend));
+        let networks = members.and_then(|all| {
+            let cut = |member| Member {
+                cut: options.cut,
+                ..member
+            };
+            Captioner::from_members(all.into_iter().map(cut), options.precision, options.backend)
+        });
         let networks = networks.map_err(|error| match &files {
             ModelFiles::Bundled => Error::wrap(error),
             ModelFiles::Folder(folder) => {

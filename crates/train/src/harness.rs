@@ -214,6 +214,20 @@ pub struct Outcome<M> {
     pub checkpoint: PathBuf,
 }
 
+impl<M> Outcome<M> {
+    /// The same outcome with a part of its network.
+    pub fn map<N>(self, part: impl FnOnce(M) -> N) -> Outcome<N> {
+        Outcome {
+            model: part(self.model),
+            ending: self.ending,
+            steps: self.steps,
+            seconds: self.seconds,
+            best_score: self.best_score,
+            checkpoint: self.checkpoint,
+        }
+    }
+}
+
 /// Device for decoding and for data preparation during training.
 pub fn cpu_device() -> Device {
     Device::flex()

@@ -182,7 +182,7 @@ impl Recipe {
                 motion: MotionTrainConfig::paper(),
                 tokenizer: TokenizerTrainConfig::paper(),
                 pretrain: LmTrainConfig::paper(),
-                instruct: LmTrainConfig::paper().for_instruction(),
+                instruct: LmTrainConfig::paper_instruction(),
                 ..Self::default()
             },
         }
@@ -366,10 +366,9 @@ impl Recipe {
                 match &self.start {
                     Some(start) => {
                         let (dir, device) = (start.join("lm"), harness::cpu_device());
+                        let seed = recipe.pretrain.run.seed;
                         let lm = match recipe.pretrain.context {
-                            true => {
-                                RadarLm::load_with_context(&dir, recipe.pretrain.run.seed, &device)?
-                            }
+                            true => RadarLm::load_with_context(&dir, seed, &device)?,
                             false => RadarLm::load(&dir, &device)?,
                         };
                         pretrain_further(&recipe.pretrain, lm, &train, &val, &out, resume)?
@@ -718,6 +717,13 @@ mod tests {
             .to_string();
         assert!(slip.contains("bach") && slip.contains('3'), "{slip}");
         assert_eq!("paper".parse(), Ok(Preset::Paper));
+        // Section "Implementation" of the paper: 3.5e-4, and 2e-4 for both stages of the language model.
+        let rates = [
+            recipe.tokenizer.run.learning_rate,
+            recipe.pretrain.run.learning_rate,
+            recipe.instruct.run.learning_rate,
+        ];
+        assert_eq!(rates, [3.5e-4, 2e-4, 2e-4]);
         assert!("big".parse::<Preset>().is_err());
     }
 

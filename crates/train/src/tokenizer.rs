@@ -1,7 +1,8 @@
 //! Stage `tokenizer`: trains the radar tokenizer (Aggregate VQ-VAE).
 //!
-//! Loss = reconstruction of masked anchors' points + motion guidance + caption words + motion codes + commitment.
-//! [`TokenizerTrainConfig::paper`] gives the exact form of the paper, which has neither caption words nor motion codes.
+//! Loss = reconstruction of masked anchors' points + motion guidance + caption words + captions + motion codes + spread +
+//! commitment. [`TokenizerTrainConfig::paper`] gives the exact form of the paper, which has neither words, captions
+//! nor motion codes.
 //! Every departure from the paper is a separate field.
 
 use std::{
@@ -9,17 +10,21 @@ use std::{
     path::Path,
 };
 
+use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use radarllm_base::{
     PointFrame,
     disturb::{Pace, disturb},
+    seed::derive_seed,
 };
 use radarllm_dataset::record::ClipRecord;
-use radarllm_inference::checkpoint::NamedTensors;
+use radarllm_inference::checkpoint::{Checkpoint, CheckpointFiles, MODEL_FILE, NamedTensors};
 use radarllm_inference::tokenizer::encode::{TOKENIZER_KIND, TokenizerFile};
 use radarllm_inference::tokenizer::grouping::{Grouped, MaskedClip, group, group_masked};
 use radarllm_inference::tokenizer::{FRAMES_PER_CODE, MAX_FRAMES, TokenizerConfig};
+use radarllm_nn::lm::{RadarT5, TrainingPass};
 use radarllm_nn::motion_vqvae::{MOTION_DIM, MotionTeacher, mirror_motion_features};
+use radarllm_nn::params::{collect_params, load_model, load_params};
 use radarllm_nn::tokenizer::batch::{ClipBatch, ClipInput};
 use radarllm_nn::tokenizer::codebook::{EmaCodebook, code_usage, nearest_codes};
 use radarllm_nn::tokenizer::network::TokenizerNet;
@@ -29,12 +34,17 @@ use rayon::prelude::*;
 
 use crate::caption_words::CaptionWords;
 use crate::chamfer::chamfer;
+use crate::code_captions::CodeCaptions;
 use crate::data::{augment_points, plan_batches, shuffle};
 use crate::harness::{self, Outcome, Stage, StepInfo, StepLoss, TrainError, Validation};
 use crate::lm::loss::cross_entropy;
 pub use crate::tokenizer_config::{
-    CodebookUpdate, GuidanceOn, Hides, Reconstruct, TokenizerLossConfig, TokenizerTrainConfig,
+    CodeGradient, CodebookUpdate, GuidanceOn, Hides, Lookup, Reconstruct, TokenizerLossConfig,
+    TokenizerTrainConfig,
 };
+
+/// Weights of the network that writes captions from codes, in checkpoints of this stage.
+const CAPTIONER_FILE: &str = "captioner.safetensors";
 
 /// Trains the tokenizer and writes checkpoints to `out_dir`.
 ///
@@ -69,7 +79,23 @@ pub fn train(
         words = Some(counted).filter(|w| !w.is_empty());
     }
     config.validate()?;
-    let mut stage = TokenizerStage::new(config.clone(), train, val, teacher, words)?;
+    let mut code_captions = None;
+    if config.loss.captions_weight > 0.0 {
+        let captions = train.iter().flat_map(|clip| &clip.captions);
+        let captions = captions.map(String::as_str);
+        let mirror = config.augment.flip > 0.0;
+        code_captions = Some(CodeCaptions::learn(
+            captions,
+            mirror,
+            config.model.code_dim,
+        )?);
+    }
+    let targets = TargetKinds {
+        teacher: teacher.filter(|_| config.loss.needs_teacher()),
+        words,
+        captions: code_captions,
+    };
+    let mut stage = TokenizerStage::new(config.clone(), train, val, targets)?;
     tracing::info!(
         "tokenizer: {} training clips ({} with motion guidance), {} for validation, {} caption words",
         stage.train.len(),
@@ -81,12 +107,32 @@ pub fn train(
         stage.val.len(),
         config.model.caption_words,
     );
+    let seed = derive_seed(config.run.seed, "tokenizer/captioner");
     let model = harness::seeded_network(&config.run, "tokenizer/init", |device| {
-        TokenizerNet::new(&config.model, device)
+        let captions = stage.captions.as_ref();
+        Networks {
+            tokenizer: TokenizerNet::new(&config.model, device),
+            captioner: captions.and_then(|captions| captions.network(seed, device)),
+        }
     })?;
     let outcome = harness::run(&mut stage, model, &config.run, out_dir, resume)?;
     harness::require_codebook("tokenizer", &stage.codebook, outcome.ending)?;
-    Ok(outcome)
+    Ok(outcome.map(|networks| networks.tokenizer))
+}
+
+/// What this stage trains.
+#[derive(Module, Debug)]
+struct Networks {
+    tokenizer: TokenizerNet,
+    /// Writes captions from codes; none if [`TokenizerLossConfig::captions_weight`] is 0.
+    captioner: Option<RadarT5>,
+}
+
+/// What the targets of clips are made with.
+struct TargetKinds<'t> {
+    teacher: Option<&'t MotionTeacher>,
+    words: Option<CaptionWords>,
+    captions: Option<CodeCaptions>,
 }
 
 struct Clip<'a> {
@@ -108,6 +154,8 @@ struct Supervision {
     motion_codes: Vec<u32>,
     /// Target of every caption word; empty if no words are predicted.
     words: Vec<f32>,
+    /// Tokens of the captions; empty if none are written. The first one is the target.
+    captions: Vec<Vec<u32>>,
 }
 
 impl Supervision {
@@ -117,7 +165,13 @@ impl Supervision {
             guide: self.guide.get(first * width..).unwrap_or_default().to_vec(),
             motion_codes: self.motion_codes.get(first..).unwrap_or_default().to_vec(),
             words: self.words.clone(),
+            captions: self.captions.clone(),
         }
+    }
+
+    /// Tokens of the caption to write; none without captions.
+    fn caption(&self) -> &[u32] {
+        self.captions.first().map_or(&[], Vec::as_slice)
     }
 }
 
@@ -163,6 +217,7 @@ struct TokenizerStage<'a> {
     /// Names of the radars of the training clips.
     radars: BTreeSet<&'a str>,
     words: Option<CaptionWords>,
+    captions: Option<CodeCaptions>,
     codebook: EmaCodebook,
     /// Codebook inputs and assigned codes since the last update.
     seen: (Vec<f32>, Vec<u32>),
@@ -180,26 +235,29 @@ impl<'a> TokenizerStage<'a> {
         config: TokenizerTrainConfig,
         train: &'a [ClipRecord],
         val: &'a [ClipRecord],
-        teacher: Option<&MotionTeacher>,
-        words: Option<CaptionWords>,
+        targets: TargetKinds,
     ) -> Result<Self, TrainError> {
-        let teacher = teacher.filter(|_| config.loss.needs_teacher());
         let flips = config.augment.flip > 0.0;
         let radars = train.iter().map(|c| c.radar.as_str()).collect();
-        let mut train = clips(&config.model, train, teacher, words.as_ref(), flips)?;
-        let mut val = clips(&config.model, val, teacher, words.as_ref(), false)?;
+        let mut train = clips(&config.model, train, &targets, flips)?;
+        let mut val = clips(&config.model, val, &targets, false)?;
         if train.is_empty() {
             return Err(TrainError::NoData("no training clip"));
         }
         standardise_guides(&mut train, &mut val, config.model.guidance_dim);
         val.truncate(config.validate_clips);
-        let codebook = EmaCodebook::new(config.model.codebook_size, config.model.code_dim);
+        let (n_codes, dim) = (config.model.codebook_size, config.model.code_dim);
+        let codebook = match config.loss.lookup {
+            Lookup::Distance => EmaCodebook::new(n_codes, dim),
+            Lookup::Cosine => EmaCodebook::of_unit_length(n_codes, dim),
+        };
         Ok(Self {
             config,
             train,
             val,
             radars,
-            words,
+            words: targets.words,
+            captions: targets.captions,
             codebook,
             seen: Default::default(),
         })
@@ -222,7 +280,11 @@ impl<'a> TokenizerStage<'a> {
         }
         augment_points(&mut frames, &self.config.augment, rng);
         let targets = if flip { &clip.mirrored } else { &clip.targets };
-        let targets = targets.after_codes(first_code, self.config.model.guidance_dim);
+        let mut targets = targets.after_codes(first_code, self.config.model.guidance_dim);
+        if targets.captions.len() > 1 {
+            let chosen = rng.random_range(0..targets.captions.len());
+            targets.captions.swap(0, chosen);
+        }
         self.masked_draft(clip, frames, targets, rng)
     }
 
@@ -272,7 +334,14 @@ impl<'a> TokenizerStage<'a> {
         drafts.into_par_iter().map(sample).collect()
     }
 
-    fn losses(&self, model: &TokenizerNet, samples: &[Sample], rng: &mut ChaCha8Rng) -> Losses {
+    fn losses(
+        &self,
+        networks: &Networks,
+        samples: &[Sample],
+        rng: &mut ChaCha8Rng,
+        training: bool,
+    ) -> Losses {
+        let model = &networks.tokenizer;
         let inputs: Vec<ClipInput> = samples.iter().map(Sample::input).collect();
         let batch = ClipBatch::new(&self.config.model, &inputs);
         let device = model.codebook.val().device();
@@ -282,9 +351,19 @@ impl<'a> TokenizerStage<'a> {
         let mut parts = Vec::new();
 
         let rows = batch.code_rows();
-        let z = output
+        let mut z = output
             .features
             .select(0, indices(rows.iter().map(|r| *r as i64), &device));
+        // A zero term keeps `total` on the autodiff graph even if all other terms are disabled.
+        let mut total = z.clone().mean() * 0.0;
+        if loss.lookup == Lookup::Cosine {
+            z = unit_rows(z);
+        }
+        if loss.spread_weight > 0.0 {
+            let spread = spread(z.clone());
+            parts.push(("spread", number(&spread)));
+            total = total + spread * loss.spread_weight;
+        }
         let inputs: Vec<f32> = z
             .clone()
             .without_autodiff()
@@ -293,8 +372,6 @@ impl<'a> TokenizerStage<'a> {
             .unwrap_or_default();
         let mut codes = Vec::new();
         let mut quantized = None;
-        // A zero term keeps `total` on the autodiff graph even if all other terms are disabled.
-        let mut total = z.clone().mean() * 0.0;
         if self.codebook.is_initialised() {
             let nearest = self.nearest(model, &inputs, &z, &device, &mut codes);
             let commit = (z.clone() - nearest.clone().detach()).square().mean();
@@ -306,8 +383,23 @@ impl<'a> TokenizerStage<'a> {
                 total = total + book * loss.commit_weight;
             }
             if self.config.model.quantize {
-                // Straight-through estimator: the value is that of the code, the gradient is that of the feature.
-                quantized = Some(z.clone() + (nearest - z.clone()).detach());
+                quantized = Some(match loss.code_gradient {
+                    // Straight-through estimator: the value is that of the code, the gradient is that of the feature.
+                    CodeGradient::Copy => z.clone() + (nearest - z.clone()).detach(),
+                    CodeGradient::Rotate => rotated(z.clone(), nearest),
+                });
+            }
+        }
+        if let (Some(captions), Some(net), Some(codes)) =
+            (&self.captions, &networks.captioner, &quantized)
+        {
+            let n_codes: Vec<usize> = samples.iter().map(|s| s.grouped.n_codes).collect();
+            let targets: Vec<&[u32]> = samples.iter().map(|s| s.targets.caption()).collect();
+            let mut pass = training.then(|| TrainingPass::new(rng.random(), Default::default()));
+            let written = captions.loss(net, codes.clone(), &n_codes, &targets, pass.as_mut());
+            if let Some(written) = written {
+                parts.push(("captions", number(&written)));
+                total = total + written * loss.captions_weight;
             }
         }
         // Supervision applies to the features before quantization or, with half the weight each, to the features and
@@ -542,7 +634,7 @@ impl<'a> TokenizerStage<'a> {
 }
 
 impl Stage for TokenizerStage<'_> {
-    type Model = TokenizerNet;
+    type Model = Networks;
 
     fn name(&self) -> &'static str {
         "tokenizer"
@@ -566,7 +658,7 @@ impl Stage for TokenizerStage<'_> {
 
     fn loss(
         &mut self,
-        model: &TokenizerNet,
+        model: &Networks,
         batch: &[usize],
         info: StepInfo,
     ) -> Result<StepLoss, TrainError> {
@@ -574,7 +666,7 @@ impl Stage for TokenizerStage<'_> {
         let clips = batch.iter().map(|i| &self.train[*i]);
         let drafts = clips.map(|clip| self.draw(clip, &mut rng)).collect();
         let samples = self.samples(drafts)?;
-        let mut losses = self.losses(model, &samples, &mut rng);
+        let mut losses = self.losses(model, &samples, &mut rng, true);
         let usage = code_usage(&losses.codes, self.config.model.codebook_size);
         losses.parts.push(("batch_perplexity", usage.perplexity));
         self.seen.0.extend(losses.inputs);
@@ -585,11 +677,7 @@ impl Stage for TokenizerStage<'_> {
         })
     }
 
-    fn after_step(
-        &mut self,
-        mut model: TokenizerNet,
-        info: StepInfo,
-    ) -> Result<TokenizerNet, TrainError> {
+    fn after_step(&mut self, mut model: Networks, info: StepInfo) -> Result<Networks, TrainError> {
         let (inputs, codes) = std::mem::take(&mut self.seen);
         let gradient = self.config.loss.codebook_update == CodebookUpdate::Gradient;
         let was_initialised = self.codebook.is_initialised();
@@ -600,7 +688,7 @@ impl Stage for TokenizerStage<'_> {
             .update(&inputs, &codes, &self.config.codebook, info.seed);
         let (k, dim) = (self.config.model.codebook_size, self.config.model.code_dim);
         let data = TensorData::new(self.codebook.codes().to_vec(), [k, dim]);
-        model.codebook = model.codebook.map(|old| {
+        model.tokenizer.codebook = model.tokenizer.codebook.map(|old| {
             let tensor = Tensor::from_data(data, &old.device());
             if gradient {
                 tensor.require_grad()
@@ -611,7 +699,7 @@ impl Stage for TokenizerStage<'_> {
         Ok(model)
     }
 
-    fn validate(&mut self, model: &TokenizerNet) -> Result<Validation, TrainError> {
+    fn validate(&mut self, model: &Networks) -> Result<Validation, TrainError> {
         // The masks and targets are the same in every validation, so that scores are comparable.
         let mut rng = ChaCha8Rng::seed_from_u64(self.config.run.seed);
         let mut codes = Vec::new();
@@ -625,11 +713,11 @@ impl Stage for TokenizerStage<'_> {
             });
             let mut samples = self.samples(drafts.collect())?;
             let n = samples.len() as f64;
-            let masked = self.losses(model, &samples, &mut rng);
+            let masked = self.losses(model, &samples, &mut rng, false);
             let mut parts = masked.parts;
             // Codes and guidance as in inference, without masks.
             samples.iter_mut().for_each(Sample::unmask);
-            let plain = self.losses(model, &samples, &mut rng);
+            let plain = self.losses(model, &samples, &mut rng, false);
             parts.retain(|(name, _)| *name == "reconstruction");
             parts.extend(
                 plain
@@ -662,6 +750,7 @@ impl Stage for TokenizerStage<'_> {
                 + loss.words_weight * codes_or_features("words_codes", "words")
                 + loss.sides_weight * codes_or_features("sides_codes", "sides")
                 + loss.motion_codes_weight * codes_or_features("motion_code_codes", "motion_code")
+                + loss.captions_weight * value("captions")
                 + 0.1 * loss.reconstruction_weight * value("reconstruction")
                 + loss.commit_weight * value("commit")
         } else {
@@ -688,6 +777,30 @@ impl Stage for TokenizerStage<'_> {
             }),
         };
         serde_json::to_value(file).unwrap_or_default()
+    }
+
+    // Inference reads the tokenizer; the network that writes captions is in a file of its own.
+    fn add_weights(&self, model: &Networks, files: &mut CheckpointFiles) -> Result<(), TrainError> {
+        files.tensors(MODEL_FILE, &collect_params(&model.tokenizer))?;
+        if let Some(captioner) = &model.captioner {
+            files.tensors(CAPTIONER_FILE, &collect_params(captioner))?;
+        }
+        Ok(())
+    }
+
+    fn load_weights(
+        &self,
+        model: Networks,
+        checkpoint: &Checkpoint,
+    ) -> Result<Networks, TrainError> {
+        let file = checkpoint.dir().join(CAPTIONER_FILE);
+        let captioner = model
+            .captioner
+            .map(|net| load_params(net, checkpoint.tensors(CAPTIONER_FILE)?, &file));
+        Ok(Networks {
+            tokenizer: load_model(checkpoint, model.tokenizer)?,
+            captioner: captioner.transpose()?,
+        })
     }
 
     fn state(&self) -> NamedTensors {
@@ -726,7 +839,40 @@ fn supervised_features(
         .collect()
 }
 
-fn indices(rows: impl Iterator<Item = i64>, device: &Device) -> Tensor<1, Int> {
+/// Rows of length 1; rows of zeros stay as they are.
+fn unit_rows(rows: Tensor<2>) -> Tensor<2> {
+    let length = (rows.clone().square().sum_dim(1) + 1e-12).sqrt();
+    rows / length
+}
+
+/// Logarithm of the mean of exp(-2 d^2) over all pairs of rows, where d is their distance: low if unit vectors are spread
+/// over the sphere.
+fn spread(rows: Tensor<2>) -> Tensor<1> {
+    let n = rows.dims()[0] as f64;
+    // The distance of unit vectors: d^2 = 2 - 2 cos.
+    let cosines = rows.clone().matmul(rows.transpose());
+    // Every row is at distance 0 from itself.
+    let pairs = ((cosines - 1.0) * 4.0).exp().sum() - n;
+    (pairs / (n * (n - 1.0)).max(1.0) + 1e-6).log()
+}
+
+/// Codes as a rotation and scaling of their features. Rotation and scale are constants on the autodiff graph, so that a
+/// gradient keeps its angle to the code when it reaches the feature.
+fn rotated(features: Tensor<2>, codes: Tensor<2>) -> Tensor<2> {
+    let length = |rows: &Tensor<2>| (rows.clone().square().sum_dim(1) + 1e-12).sqrt();
+    let from = features.clone().detach();
+    let codes = codes.detach();
+    let scale = length(&codes) / length(&from);
+    let (from, to) = (unit_rows(from), unit_rows(codes));
+    // The product of two reflections: along `between`, and along `to`.
+    let between = unit_rows(from.clone() + to.clone());
+    let along = |axis: &Tensor<2>| (features.clone() * axis.clone()).sum_dim(1);
+    let turned =
+        features.clone() - between.clone() * along(&between) * 2.0 + to * along(&from) * 2.0;
+    turned * scale
+}
+
+pub(crate) fn indices(rows: impl Iterator<Item = i64>, device: &Device) -> Tensor<1, Int> {
     let rows: Vec<i64> = rows.collect();
     let n = rows.len();
     Tensor::from_data(TensorData::new(rows, [n]), device)
@@ -735,8 +881,7 @@ fn indices(rows: impl Iterator<Item = i64>, device: &Device) -> Tensor<1, Int> {
 fn clips<'a>(
     model: &TokenizerConfig,
     records: &'a [ClipRecord],
-    teacher: Option<&MotionTeacher>,
-    words: Option<&CaptionWords>,
+    kinds: &TargetKinds,
     mirror: bool,
 ) -> Result<Vec<Clip<'a>>, TrainError> {
     let mut out = Vec::new();
@@ -746,9 +891,9 @@ fn clips<'a>(
         let [targets, mirrored] = match known.get(record.motion_id.as_str()) {
             Some(both) => both.clone(),
             None => {
-                let plain = targets_of(model, record, teacher, words, false)?;
+                let plain = targets_of(model, record, kinds, false)?;
                 let mirrored = match mirror {
-                    true => targets_of(model, record, teacher, words, true)?,
+                    true => targets_of(model, record, kinds, true)?,
                     false => Supervision::default(),
                 };
                 let both = [plain, mirrored];
@@ -771,14 +916,19 @@ fn clips<'a>(
 fn targets_of(
     model: &TokenizerConfig,
     record: &ClipRecord,
-    teacher: Option<&MotionTeacher>,
-    words: Option<&CaptionWords>,
+    kinds: &TargetKinds,
     mirrored: bool,
 ) -> Result<Supervision, TrainError> {
+    let words = kinds.words.as_ref();
     let mut targets = Supervision {
         words: words.map_or_else(Vec::new, |w| w.targets(&record.captions, mirrored)),
         ..Supervision::default()
     };
+    if let Some(captions) = &kinds.captions {
+        let ids = |caption: &String| captions.target(caption, mirrored);
+        targets.captions = record.captions.iter().map(ids).collect::<Result<_, _>>()?;
+    }
+    let teacher = kinds.teacher;
     let Some(teacher) = teacher.filter(|_| record.motion_features.len() >= MOTION_DIM) else {
         return Ok(targets);
     };
@@ -833,5 +983,63 @@ fn standardise_guides<'a>(train: &mut [Clip<'a>], val: &mut [Clip<'a>], width: u
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rows(values: &[[f32; 3]], device: &Device) -> Tensor<2> {
+        let data = TensorData::new(values.as_flattened().to_vec(), [values.len(), 3]);
+        Tensor::from_data(data, device)
+    }
+
+    fn values(tensor: Tensor<2>) -> Vec<f32> {
+        tensor
+            .without_autodiff()
+            .into_data()
+            .try_into_vec()
+            .unwrap()
+    }
+
+    /// The value is that of the code. A gradient keeps its length, times the ratio of the lengths, and its angle to the code
+    /// becomes its angle to the feature.
+    #[test]
+    fn codes_are_rotated_features_and_gradients_turn_with_them() {
+        let device = Device::flex().autodiff();
+        let features = rows(&[[0.3, -0.4, 1.2], [2.0, 0.0, 0.1]], &device).require_grad();
+        let codes = rows(&[[1.0, 0.5, 0.2], [0.0, 0.6, 0.8]], &device);
+        let gradients = rows(&[[0.2, 0.7, -0.4], [1.0, 0.0, 0.0]], &device);
+        let turned = rotated(features.clone(), codes.clone());
+        for (found, expected) in values(turned.clone()).iter().zip(values(codes.clone())) {
+            assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+        }
+        let loss = (turned * gradients.clone()).sum();
+        let reached = features.grad(&loss.backward()).unwrap();
+        let (reached, given) = (values(reached), values(gradients));
+        let (features, codes) = (values(features), values(codes));
+        for i in 0..2 {
+            let row = |all: &[f32]| [all[3 * i], all[3 * i + 1], all[3 * i + 2]];
+            let dot = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
+            let length = |a: [f32; 3]| dot(a, a).sqrt();
+            let [feature, code, given, reached] =
+                [&features, &codes, &given, &reached].map(|all| row(all));
+            let ratio = length(code) / length(feature);
+            assert!((length(reached) - ratio * length(given)).abs() < 1e-4);
+            let cosine = |a, b| dot(a, b) / length(a) / length(b);
+            assert!((cosine(reached, feature) - cosine(given, code)).abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn features_that_are_spread_cost_less() {
+        let device = Device::flex();
+        let cost = |rows: Tensor<2>| spread(rows).into_scalar::<f32>();
+        let apart = rows(&[[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], &device);
+        // exp(-2 d^2) of the only pair, at distance 2.
+        assert!((cost(apart) - (f64::exp(-8.0) + 1e-6).ln() as f32).abs() < 1e-3);
+        let together = rows(&[[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]], &device);
+        assert!(cost(together).abs() < 1e-3);
     }
 }

@@ -31,6 +31,30 @@ pub enum CodebookUpdate {
     Gradient,
 }
 
+/// How a feature finds its code.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Lookup {
+    /// The nearest code (paper).
+    #[default]
+    Distance,
+    /// The code of the largest cosine: features and codes have unit length (Yu et al., Vector-quantized Image Modeling with
+    /// Improved VQGAN, ICLR 2022). Use it with a `model.code_dim` of 8 to 32.
+    Cosine,
+}
+
+/// How the gradient of a code reaches the feature that it replaces.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CodeGradient {
+    /// Copied (straight-through estimator; paper).
+    #[default]
+    Copy,
+    /// Turned and scaled by the map that takes the feature to its code, so that features on different sides of a code are
+    /// moved in different directions (Fifty et al., Restructuring Vector Quantization with the Rotation Trick, ICLR 2025).
+    Rotate,
+}
+
 /// Features that are supervised by the motion teacher and by the caption words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -71,10 +95,33 @@ pub struct TokenizerLossConfig {
     pub sides_weight: f64,
     /// Weight of the cross-entropy of the motion teacher's code for each radar code; 0 disables it (paper).
     pub motion_codes_weight: f64,
+    /// Weight of the captions that a small language model writes from the codes alone, and whose cross-entropy reaches the
+    /// tokenizer through the codes ([`crate::code_captions`]); 0 disables it (paper).
+    #[serde(skip_serializing_if = "is_zero")]
+    pub captions_weight: f64,
+    /// Weight of the term that spreads the features of a batch over the unit sphere, so that they need many codes (the
+    /// uniformity of Wang and Isola, Understanding Contrastive Representation Learning, ICML 2020); 0 disables it (paper).
+    /// Only with `lookup = "cosine"`.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub spread_weight: f64,
     /// Weight of the commitment loss.
     pub commit_weight: f64,
+    /// How a feature finds its code.
+    #[serde(skip_serializing_if = "is_default")]
+    pub lookup: Lookup,
+    /// How the gradient of a code reaches its feature.
+    #[serde(skip_serializing_if = "is_default")]
+    pub code_gradient: CodeGradient,
     /// Update rule of the codebook.
     pub codebook_update: CodebookUpdate,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 impl Default for TokenizerLossConfig {
@@ -93,7 +140,11 @@ impl Default for TokenizerLossConfig {
             words_weight: 0.05,
             sides_weight: 0.0,
             motion_codes_weight: 0.0,
+            captions_weight: 0.0,
+            spread_weight: 0.0,
             commit_weight: 0.02,
+            lookup: Lookup::default(),
+            code_gradient: CodeGradient::default(),
             codebook_update: CodebookUpdate::MovingAverage,
         }
     }
@@ -194,6 +245,8 @@ impl TokenizerTrainConfig {
             ("loss.words_weight", loss.words_weight),
             ("loss.sides_weight", loss.sides_weight),
             ("loss.motion_codes_weight", loss.motion_codes_weight),
+            ("loss.captions_weight", loss.captions_weight),
+            ("loss.spread_weight", loss.spread_weight),
             ("loss.commit_weight", loss.commit_weight),
         ] {
             if !(value.is_finite() && value >= 0.0) {
@@ -212,6 +265,18 @@ impl TokenizerTrainConfig {
         if loss.reconstruct == Reconstruct::Masked && loss.mask_ratio * loss.masked_clips == 0.0 {
             let problem = "`masked` reconstructs nothing without masking; use `all` or `nothing`";
             return fail("loss.reconstruct", problem.into());
+        }
+        if !self.model.quantize && loss.captions_weight > 0.0 {
+            let problem = "captions are written from codes, and `model.quantize` is false";
+            return fail("loss.captions_weight", problem.into());
+        }
+        if loss.lookup == Lookup::Cosine && loss.codebook_update == CodebookUpdate::Gradient {
+            let problem = "`cosine` needs a codebook that is updated by moving averages";
+            return fail("loss.lookup", problem.into());
+        }
+        if loss.lookup != Lookup::Cosine && loss.spread_weight > 0.0 {
+            let problem = "needs features of unit length, which `loss.lookup = \"cosine\"` makes";
+            return fail("loss.spread_weight", problem.into());
         }
         let config = |field: &str, problem| TrainError::Config {
             field: field.into(),

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::command::{json, radarllm};
+use crate::command::{json, json_lines, radarllm};
 
 #[test]
 fn radar_lint_points_into_the_file_and_fails_on_errors() {
@@ -253,7 +253,9 @@ fn every_stage_trains_resumes_and_is_evaluated() {
         .iter()
         .map(|s| s["name"].as_str().unwrap())
         .collect();
-    assert_eq!(names, ["model", "shuffled", "majority", "nearest"]);
+    let cut = ["tokens_only", "without_tokens", "permuted_tokens"];
+    let names_of_all = [&["model"][..], &cut, &["shuffled", "majority", "nearest"]].concat();
+    assert_eq!(names, names_of_all);
     assert_eq!(
         fs::read_to_string(path("report/captions.jsonl"))
             .unwrap()
@@ -284,7 +286,7 @@ fn every_stage_trains_resumes_and_is_evaluated() {
     done(&["train", "pretrain", &path("alone.toml")]);
     done(&["train", "instruct", &path("alone.toml")]);
     let alone = path("alone/model");
-    let rows = json(&["describe", "builtin:clap", "--model", &alone, "--json"]);
+    let rows = json_lines(&["describe", "builtin:clap", "--model", &alone, "--json"]);
     assert_eq!(rows[0]["model"].as_str(), Some(alone.as_str()));
     assert!(rows[0]["confidence"].as_f64().unwrap() > 0.0);
     let (data, report) = (path("data"), path("report-alone"));
@@ -335,7 +337,7 @@ fn uses_what_was_tuned(model: &str, path: &dyn Fn(&str) -> String) {
     assert_eq!(card["learned"]["tuned"].as_array().unwrap().len(), 5);
 
     let ask = |text: &str| {
-        json(&[
+        json_lines(&[
             "describe",
             "builtin:walk",
             "--model",
@@ -378,7 +380,7 @@ fn uses_what_was_tuned(model: &str, path: &dyn Fn(&str) -> String) {
     assert!(crate::command::refused(&arguments).contains("exists already"));
     assert!(fs::read_to_string(&page).unwrap().contains(text));
     // The file says where its points come from, and is described as any other.
-    let rows = json(&["describe", &points, "--model", model, "--json"]);
+    let rows = json_lines(&["describe", &points, "--model", model, "--json"]);
     assert_eq!(rows[0]["provenance"], "simulated");
     assert_eq!(rows[0]["caption"], generated["described"]["caption"]);
     let nothing = [

@@ -21,7 +21,11 @@ use std::{collections::BTreeSet, time::Instant};
 
 use radarllm_base::{Clip, Clutter, PointFrame, Provenance};
 use radarllm_dataset::{ClipRecord, Columns, Dataset, RECORDINGS, Split};
-use radarllm_inference::{Captioner, Description, FRAME_RATE_HZ};
+use radarllm_inference::{
+    Captioner, Description, FRAME_RATE_HZ,
+    lm::RadarCut,
+    tokenizer::usage::{CodeUsage, code_usage},
+};
 use radarllm_metrics::{
     Candidate, Reference, ScoreOptions, Scores, bootstrap::units_of_ids, rouge::rouge_l, score,
     tokens,
@@ -62,7 +66,7 @@ impl Default for EvaluationOptions {
 /// The model or a baseline on the split.
 #[derive(Clone, Debug, Serialize)]
 pub struct System {
-    /// `model`, `shuffled`, `majority` or `nearest`.
+    /// `model`, `tokens_only`, `without_tokens`, `permuted_tokens`, `shuffled`, `majority` or `nearest`.
     pub name: &'static str,
     /// What it is, in words.
     pub what: &'static str,
@@ -144,6 +148,8 @@ pub struct CaptionReport {
     pub by_novelty: Vec<facts::NoveltySlice>,
     /// Most frequent first.
     pub confusions: Vec<Confusion>,
+    /// Use of the radar tokens in all clips, those of the first member of an ensemble.
+    pub codes: CodeUsage,
     /// Parameters of the model.
     pub parameters: usize,
     /// Size of the model's files, bytes.
@@ -223,19 +229,21 @@ pub fn evaluate_captions(
     data: &Dataset,
     options: &EvaluationOptions,
 ) -> Result<(CaptionReport, Vec<CaptionedClip>), EvalError> {
-    evaluate_captions_with(captioner, model, data, options, &|_, _, _| Ok(()))
+    evaluate_captions_with(captioner, &[], model, data, options, &|_, _, _| Ok(()))
 }
 
 /// Adds scores of the same captions that need more than the captions, such as those of a sentence encoder.
 pub type AddScores<'a> =
     &'a dyn Fn(&mut Scores, &[Candidate], &[Reference]) -> Result<(), EvalError>;
 
-/// As [`evaluate_captions`], with further scores of every system.
+/// As [`evaluate_captions`], with the model whose ways from the radar are cut as further systems, and with further scores of
+/// every system.
 ///
 /// # Errors
 /// As [`evaluate_captions`], and those of `add`.
 pub fn evaluate_captions_with(
     captioner: &Captioner,
+    cut: &[(RadarCut, &Captioner)],
     model: &ModelInfo,
     data: &Dataset,
     options: &EvaluationOptions,
@@ -274,6 +282,14 @@ pub fn evaluate_captions_with(
     let started = Instant::now();
     let described = caption_clips(captioner, &clips.iter().collect::<Vec<_>>(), beam)?;
     let seconds = started.elapsed().as_secs_f64();
+    let cut = cut
+        .iter()
+        .map(|(cut, captioner)| {
+            let described = caption_clips(captioner, &clips.iter().collect::<Vec<_>>(), beam)?;
+            let texts: Vec<String> = described.into_iter().map(|d| d.caption).collect();
+            Ok((*cut, texts))
+        })
+        .collect::<Result<Vec<_>, EvalError>>()?;
     let n_frames: usize = clips.iter().map(|c| c.frames.len()).sum();
     let mut n_tokens = 0;
     for description in &described {
@@ -306,8 +322,13 @@ pub fn evaluate_captions_with(
     let shuffled: Vec<&str> = order.iter().map(|&i| texts[i]).collect();
     let nearest: Vec<&str> = captioned.iter().map(|c| c.nearest.as_str()).collect();
     let scorer = Scorer::new(&captioned, &classifier, seed, add);
-    let systems = vec![
-        scorer.system("model", "the model on its own radar", &texts)?,
+    let mut systems = vec![scorer.system("model", "the model on its own radar", &texts)?];
+    for (cut, texts) in &cut {
+        let (name, what) = of_cut(*cut);
+        let texts: Vec<&str> = texts.iter().map(String::as_str).collect();
+        systems.push(scorer.system(name, what, &texts)?);
+    }
+    systems.extend([
         scorer.system(
             "shuffled",
             "baseline: the model on another clip's radar",
@@ -323,7 +344,7 @@ pub fn evaluate_captions_with(
             "baseline: a caption of the nearest training clip",
             &nearest,
         )?,
-    ];
+    ]);
     let references: Vec<(&str, &str)> = captioned
         .iter()
         .flat_map(|c| c.references.iter().map(|r| (r.as_str(), c.action.as_str())))
@@ -351,6 +372,13 @@ pub fn evaluate_captions_with(
         facts: facts::by_kind(&captioned),
         by_novelty: facts::by_novelty(&captioned, &train_captions, seed)?,
         confusions: slices::confusions(&captioned),
+        codes: code_usage(
+            &captioned
+                .iter()
+                .flat_map(|c| c.description.tokens.iter().copied())
+                .collect::<Vec<_>>(),
+            captioner.vocab().layout().n_codes as usize,
+        ),
         parameters: captioner.n_params(),
         model_bytes: model.bytes,
         seconds,
@@ -360,6 +388,24 @@ pub fn evaluate_captions_with(
         peak_memory_mb: None,
     };
     Ok((report, captioned))
+}
+
+/// Name and description of the model with a way from the radar cut.
+fn of_cut(cut: RadarCut) -> (&'static str, &'static str) {
+    match cut {
+        RadarCut::AllButTokens => (
+            "tokens_only",
+            "the model with its radar tokens alone: no features, no context",
+        ),
+        RadarCut::Tokens => (
+            "without_tokens",
+            "the model without its radar tokens: all have their mean embedding",
+        ),
+        RadarCut::TokenMeaning => (
+            "permuted_tokens",
+            "the model with radar tokens of another meaning: embeddings permuted",
+        ),
+    }
 }
 
 /// Scores captions of the same clips by different systems.

@@ -28,6 +28,11 @@ pub fn summary(report: &CaptionReport) -> Vec<String> {
             report.captions_per_s, report.radar_frames_per_s, report.tokens_per_s
         ),
     ];
+    lines.push(format!(
+        "Radar tokens of these clips: {:.0} % of the codebook in use, perplexity {:.0}.",
+        report.codes.used * 100.0,
+        report.codes.perplexity
+    ));
     if let Some(mb) = report.peak_memory_mb {
         lines.push(format!("Peak memory {mb:.0} MB."));
     }

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::LmError;
 use super::config::LmConfig;
+use super::cut::RadarCut;
 use super::templates::Task;
 use super::vocab::{Layout, ReadPretrainedText, Vocab};
 use crate::checkpoint::{CONFIG_FILE, Checkpoint, CheckpointError, MODEL_FILE, NamedTensors};
@@ -84,6 +85,8 @@ pub struct LmFiles {
     pub vocab: Vocab,
     /// The files.
     pub checkpoint: Checkpoint,
+    /// What is cut in the weights of a T5, to measure what it is worth.
+    pub cut: Option<RadarCut>,
 }
 
 impl LmFiles {
@@ -122,6 +125,7 @@ impl LmFiles {
             card,
             vocab,
             checkpoint,
+            cut: None,
         })
     }
 
@@ -141,6 +145,10 @@ impl LmFiles {
             MODEL_FILE
         };
         let path = self.checkpoint.dir().join(name);
-        Ok((self.checkpoint.tensors(name)?, path))
+        let mut weights = self.checkpoint.tensors(name)?;
+        if let Some(cut) = self.cut {
+            cut.apply(&mut weights, &self.card, &path)?;
+        }
+        Ok((weights, path))
     }
 }

@@ -13,6 +13,7 @@ use radarllm_engine::{Source, Watch};
 use radarllm_facts::{Action, Direction, Side};
 
 use super::consensus::content;
+use super::cut::RadarCut;
 use super::templates::EVALUATION_PROMPT;
 use super::{GenerateOptions, LmError, Vocab};
 use crate::backend::Backend;
@@ -38,6 +39,8 @@ pub struct Member {
     pub tokenizer: Checkpoint,
     /// The language model.
     pub lm: Checkpoint,
+    /// What is cut between radar and language model, to measure what it is worth.
+    pub cut: Option<RadarCut>,
 }
 
 impl Member {
@@ -52,6 +55,7 @@ impl Member {
         Ok(Self {
             tokenizer: Checkpoint::open(&dir.join("tokenizer"))?,
             lm: Checkpoint::open(&dir.join("lm"))?,
+            cut: None,
         })
     }
 }

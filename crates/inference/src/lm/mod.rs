@@ -2,7 +2,7 @@
 //!
 //! Reading order: [`config`] (shapes and presets), [`position`] (relative position buckets), [`vocab`] (ids),
 //! [`templates`] (prompts), [`card`] (a model on disk), [`generate`] (decoding options), [`engine_lm`] (codes to words
-//! on packed weights), [`ensemble`] (several models together), `person_gate` (whether a person is present), `consensus` (sentences of overlapping windows to segments), [`captioner`]
+//! on packed weights), [`cut`] (models with a way from the radar cut), [`ensemble`] (several models together), `person_gate` (whether a person is present), `consensus` (sentences of overlapping windows to segments), [`captioner`]
 //! (points to sentences).
 //!
 //! Out of scope: the trainable networks are in `radarllm-nn`, losses and schedules in `radarllm-train`.
@@ -11,6 +11,7 @@ pub mod captioner;
 pub mod card;
 pub mod config;
 mod consensus;
+pub mod cut;
 pub mod engine_lm;
 pub mod ensemble;
 mod error;
@@ -31,6 +32,7 @@ pub use captioner::{
 pub use card::{Learned, LmCard, LmFiles};
 pub use config::{Backbone, FeedForward, LmConfig, LmPreset, NetworkConfig, T5Config};
 pub use consensus::WINDOWS;
+pub use cut::RadarCut;
 pub use engine_lm::EngineLm;
 pub use error::{InputError, LmError, Unlearned};
 pub use generate::{Allowed, GenerateOptions, Generated};

@@ -319,6 +319,13 @@ impl Vocab {
         self
     }
 
+    /// The vocabulary without context tokens.
+    #[must_use]
+    pub fn without_context(mut self) -> Self {
+        self.layout.n_context = 0;
+        self
+    }
+
     /// Layout of the token ids.
     pub fn layout(&self) -> &Layout {
         &self.layout

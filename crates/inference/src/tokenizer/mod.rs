@@ -16,6 +16,7 @@ pub mod encode;
 pub mod grouping;
 mod layout;
 pub mod points;
+pub mod usage;
 
 pub use config::{FRAMES_PER_CODE, MAX_FRAMES, TokenizerConfig};
 pub use encode::{EncodeError, Encoded, RadarTokenizer};

@@ -10,8 +10,7 @@ use rand::{RngExt, SeedableRng};
 use serde::Deserialize;
 
 use super::hf;
-use super::t5::RadarT5;
-use super::t5::T5;
+use super::t5::{RadarT5, T5};
 use super::text::{extend_decoder, extend_pretrained, read_files};
 use crate::params::{collect_params, load_model, load_params};
 use crate::pretrained::decoder::{DecoderOnlyNet, RadarDecoder};
@@ -262,6 +261,71 @@ impl RadarLm {
         let (mut tensors, path) = files.t5_weights()?;
         let names = ["t5.shared", "t5.head"];
         add_rows(&mut tensors, names, rows, d_model, seed);
+        Ok(Self {
+            net: RadarNet::T5(load_net(&files.card.lm, tensors, device, &path)?),
+            vocab: files.vocab,
+            config: files.card.lm,
+            adapters: None,
+            learned: files.card.learned,
+        })
+    }
+
+    /// Opens a checkpoint of a T5 as a model that reads radar tokens alone, without bypass and context.
+    ///
+    /// What the bypass makes of a code's vector is added to the embedding of the code, so that a token says what the feature
+    /// of its code said. `codebook` is `[n_codes, code_dim]`, that of the tokenizer with which the model was trained.
+    ///
+    /// # Errors
+    /// As [`Self::load`]; a pretrained decoder, a model without bypass, or a codebook of another shape.
+    pub fn load_tokens_only(
+        dir: &Path,
+        codebook: &HostTensor,
+        device: &Device,
+    ) -> Result<Self, LmError> {
+        let mut files = read_files(Checkpoint::open(dir)?)?;
+        files.card.lm.require_engine_shape()?;
+        let expected = [files.card.lm.n_codes, files.card.lm.code_dim];
+        if codebook.shape != expected {
+            let found = &codebook.shape;
+            let problem =
+                format!("the codebook of the tokenizer is {found:?}, expected {expected:?}");
+            return Err(LmError::Config {
+                field: "n_codes",
+                problem,
+            });
+        }
+        let (mut tensors, path) = files.t5_weights()?;
+        let Some(bypass) = tensors.remove("bypass") else {
+            return Err(LmError::Config {
+                field: "bypass",
+                problem: "the model has none: it reads its radar tokens alone already".into(),
+            });
+        };
+        files.vocab = files.vocab.without_context();
+        files.card.vocab = files.vocab.layout().clone();
+        let (n_rows, width) = (files.vocab.layout().size(), files.card.lm.network.width());
+        files.card.lm.network.set_vocab_size(n_rows);
+        files.card.lm.bypass = false;
+        for name in ["t5.shared", "t5.head"] {
+            if let Some(rows) = tensors.get_mut(name) {
+                rows.shape[0] = n_rows;
+                rows.values.truncate(n_rows * width);
+            }
+        }
+        let first = files.vocab.layout().code(0) as usize * width;
+        let rows = tensors.get_mut("t5.shared");
+        if let Some(rows) = rows.and_then(|shared| shared.values.get_mut(first..)) {
+            let codes = codebook.values.chunks_exact(expected[1]);
+            for (row, code) in rows.chunks_exact_mut(width).zip(codes) {
+                // Features have unit mean square where they enter the bypass.
+                let power = code.iter().map(|v| v * v).sum::<f32>() / code.len() as f32;
+                let scale = (power + 1e-6).sqrt().recip();
+                for (value, weights) in code.iter().zip(bypass.values.chunks_exact(width)) {
+                    let both = row.iter_mut().zip(weights);
+                    both.for_each(|(out, weight)| *out += scale * value * weight);
+                }
+            }
+        }
         Ok(Self {
             net: RadarNet::T5(load_net(&files.card.lm, tensors, device, &path)?),
             vocab: files.vocab,
@@ -689,6 +753,81 @@ mod tests {
         let again = RadarLm::load_with_context(&second, 2, &Device::flex()).unwrap();
         let again = collect_params(again.net.t5().unwrap());
         assert!(after.iter().all(|(name, t)| again[name].values == t.values));
+        std::fs::remove_dir_all(&dir).unwrap();
+    }
+
+    /// With features that are the vectors of the codes, a model with bypass reads what the one with tokens alone reads.
+    #[test]
+    fn tokens_alone_say_what_the_vectors_of_their_codes_said() {
+        let device = Device::flex();
+        let lm = small();
+        let dir = std::env::temp_dir().join(format!("radarllm-lm-tokens-{}", std::process::id()));
+        std::fs::create_dir_all(&dir).unwrap();
+        let folder = dir.join("model");
+        let mut files = CheckpointFiles::default();
+        lm.add_to(&mut files).unwrap();
+        files.write(&folder).unwrap();
+        // A model with context loses its rows.
+        let with_context = RadarLm::load_with_context(&folder, 1, &device).unwrap();
+        let mut files = CheckpointFiles::default();
+        with_context.add_to(&mut files).unwrap();
+        files.write(&dir.join("context")).unwrap();
+        let codebook = HostTensor {
+            shape: vec![8, 4],
+            values: (0..32).map(|i| ((i * 7 % 11) as f32 - 5.0) * 0.3).collect(),
+        };
+        let codes = vec![3, 0, 7, 7, 5];
+        let vectors = codes
+            .iter()
+            .flat_map(|k| &codebook.values[4 * *k as usize..][..4]);
+        let features = vectors.copied().collect();
+        let radar = Encoded {
+            codes,
+            features,
+            ..Encoded::default()
+        };
+        let logits = |lm: &RadarLm| -> Vec<f32> {
+            let net = lm.net.t5().unwrap();
+            let source = lm.describe_prompt(&radar).unwrap();
+            let batch = crate::lm::SourceBatch::new(&[&source], lm.config.code_dim, &device);
+            let states = net.forward(&batch, &[0, 30, 31], 3, None);
+            let n_rows = lm.config.network.vocab_size();
+            let logits = net.t5.logits(states, n_rows, Default::default());
+            logits.into_data().try_into_vec().unwrap()
+        };
+        let expected = logits(&lm);
+        for name in ["model", "context"] {
+            let alone = RadarLm::load_tokens_only(&dir.join(name), &codebook, &device).unwrap();
+            assert!(!alone.config.bypass && !alone.vocab.has_context());
+            assert_eq!(alone.vocab.layout(), lm.vocab.layout());
+            // Rows of the output are tied to the embeddings, so that those of the codes change: words are compared.
+            let n_rows = lm.config.network.vocab_size();
+            let n_words = lm.vocab.layout().n_text as usize;
+            let words = |all: &[f32]| -> Vec<f32> {
+                let rows = all.chunks_exact(n_rows);
+                rows.flat_map(|row| &row[..n_words]).copied().collect()
+            };
+            for (found, expected) in words(&logits(&alone)).iter().zip(words(&expected)) {
+                assert!((found - expected).abs() < 1e-3, "{found} {expected}");
+            }
+        }
+        let other = HostTensor {
+            shape: vec![4, 8],
+            ..codebook.clone()
+        };
+        let refused = |dir: &Path, codebook: &HostTensor| {
+            let opened = RadarLm::load_tokens_only(dir, codebook, &device);
+            opened.err().unwrap().to_string()
+        };
+        let error = refused(&folder, &other);
+        assert!(error.contains("[4, 8], expected [8, 4]"), "{error}");
+        let alone = RadarLm::load_tokens_only(&folder, &codebook, &device).unwrap();
+        alone.save(&dir.join("alone")).unwrap();
+        let error = refused(&dir.join("alone"), &codebook);
+        assert!(
+            error.contains("reads its radar tokens alone already"),
+            "{error}"
+        );
         std::fs::remove_dir_all(&dir).unwrap();
     }
 

@@ -206,6 +206,30 @@ pub(crate) fn features_tensor(
 }
 
 impl SourceBatch {
+    /// Sequences of vectors, which may be on the autodiff graph: every position has the id `id`, and its vector, scaled to
+    /// unit mean square, is the feature that the bypass adds.
+    ///
+    /// # Shapes
+    /// - `lengths`: length of each sequence; at least one sequence
+    /// - `vectors`: `[sum of lengths, code_dim]`, sequence by sequence
+    pub fn of_vectors(id: u32, lengths: &[usize], vectors: Tensor<2>) -> Self {
+        let device = vectors.device();
+        let ids = |n: &usize| Source {
+            ids: vec![id; *n],
+            ..Source::default()
+        };
+        let sources: Vec<Source> = lengths.iter().map(ids).collect();
+        let mut batch = Self::new(&sources.iter().collect::<Vec<_>>(), 1, &device);
+        let rows = lengths
+            .iter()
+            .enumerate()
+            .flat_map(|(i, n)| (0..*n).map(move |at| (i, at)))
+            .map(|(i, at)| (i * batch.length + at) as i32);
+        let power = vectors.clone().square().mean_dim(1) + 1e-6;
+        batch.features = Some((ids_1d(rows.collect(), &device), vectors / power.sqrt()));
+        batch
+    }
+
     /// Rows of ids without features, with padding at any position.
     fn from_rows(rows: &Rows, device: &Device) -> Self {
         let [batch, length] = rows.shape;

@@ -65,6 +65,12 @@ struct PeftConfig {
     use_dora: bool,
     #[serde(default)]
     use_rslora: bool,
+    /// Scales of single modules.
+    #[serde(default, skip_serializing_if = "serde_json::Map::is_empty")]
+    alpha_pattern: serde_json::Map<String, serde_json::Value>,
+    /// Ranks of single modules.
+    #[serde(default, skip_serializing_if = "serde_json::Map::is_empty")]
+    rank_pattern: serde_json::Map<String, serde_json::Value>,
 }
 
 /// A pretrained decoder.
@@ -292,6 +298,8 @@ impl RadarDecoder {
                     inference_mode: true,
                     use_dora: false,
                     use_rslora: false,
+                    alpha_pattern: Default::default(),
+                    rank_pattern: Default::default(),
                 };
                 files.json(ADAPTER_CONFIG_FILE, &config)?;
             }
@@ -442,6 +450,17 @@ pub fn read_adapters(
             peft.bias
         ));
     }
+    for (field, pattern) in [
+        ("alpha_pattern", &peft.alpha_pattern),
+        ("rank_pattern", &peft.rank_pattern),
+    ] {
+        if !pattern.is_empty() {
+            return fail(format!(
+                "{field}: expected none, found one for {:?}; adapters here have one rank and one scale",
+                pattern.keys().collect::<Vec<_>>()
+            ));
+        }
+    }
     let config = LoraConfig {
         rank: peft.r,
         alpha: peft.lora_alpha,
@@ -450,7 +469,12 @@ pub fn read_adapters(
     config.validate()?;
     let base = decoder(&peft.base_model_name_or_path)?;
     let expected = base.decoder.target_modules();
-    if peft.target_modules != expected {
+    // PEFT writes the modules of a set, in any order.
+    let is_expected = peft.target_modules.len() == expected.len()
+        && expected
+            .iter()
+            .all(|module| peft.target_modules.iter().any(|found| found == module));
+    if !is_expected {
         return fail(format!(
             "target_modules: expected {expected:?}, found {:?}",
             peft.target_modules
@@ -816,6 +840,11 @@ pub(super) mod tests {
         assert!(found.contains("[8, 16], expected [4, 16]"), "{found}");
         assert!(problem(&|_, c| c["r"] = (1_u64 << 40).into()).contains("lora.rank"));
         assert!(problem(&|_, c| c["use_dora"] = true.into()).contains("DoRA"));
+        for field in ["alpha_pattern", "rank_pattern"] {
+            let pattern = serde_json::json!({ "h.0.attn.c_attn": 4 });
+            assert!(problem(&|_, c| c[field] = pattern.clone()).contains(field));
+            assert_eq!(problem(&|_, c| c[field] = serde_json::json!({})), "");
+        }
         assert!(problem(&|_, c| c["target_modules"] = ["c_fc"].into()).contains("c_fc"));
         let mut files = CheckpointFiles::default();
         lm.add_to(&mut files).unwrap();

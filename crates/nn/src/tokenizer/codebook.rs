@@ -6,6 +6,7 @@ use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
 
 use radarllm_inference::checkpoint::{HostTensor, NamedTensors};
+pub use radarllm_inference::tokenizer::usage::{CodeUsage, code_usage};
 
 /// Settings of the codebook updates.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -99,6 +100,18 @@ pub struct EmaCodebook {
     /// Updates since the initialisation, or since the start before it.
     n_updates: u64,
     initialised: bool,
+    /// Whether codes have unit length, as their inputs do.
+    unit_length: bool,
+}
+
+/// Scales every row of `dim` values to length 1. A row of zeros stays as it is.
+fn normalise_rows(rows: &mut [f32], dim: usize) {
+    for row in rows.chunks_exact_mut(dim.max(1)) {
+        let length = row.iter().map(|v| v * v).sum::<f32>().sqrt();
+        if length > 0.0 {
+            row.iter_mut().for_each(|v| *v /= length);
+        }
+    }
 }
 
 impl EmaCodebook {
@@ -113,6 +126,16 @@ impl EmaCodebook {
             waiting: Vec::new(),
             n_updates: 0,
             initialised: false,
+            unit_length: false,
+        }
+    }
+
+    /// A codebook for inputs of unit length, whose codes have unit length too (spherical k-means). The code nearest to such
+    /// an input is that of the largest cosine, and it is also the code nearest to any positive multiple of the input.
+    pub fn of_unit_length(n_codes: usize, dim: usize) -> Self {
+        Self {
+            unit_length: true,
+            ..Self::new(n_codes, dim)
         }
     }
 
@@ -174,6 +197,13 @@ impl EmaCodebook {
                 }
             }
         }
+        self.normalise();
+    }
+
+    fn normalise(&mut self) {
+        if self.unit_length {
+            normalise_rows(&mut self.codes, self.dim);
+        }
     }
 
     /// k-means from a random sample of the gathered inputs.
@@ -208,6 +238,7 @@ impl EmaCodebook {
                     }
                 }
             }
+            self.normalise();
         }
         // Every code starts with the usage to which the moving average would converge.
         let share = inputs_per_update.max(1) as f32 / n as f32;
@@ -274,37 +305,6 @@ impl EmaCodebook {
     }
 }
 
-/// Statistics of the distribution of codes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CodeUsage {
-    /// Share of the codebook that occurs, 0..=1.
-    pub used: f64,
-    /// Exponential of the entropy: the number of equally frequent codes with the same entropy.
-    pub perplexity: f64,
-}
-
-/// Usage and perplexity of `codes` over a codebook of `n_codes`.
-pub fn code_usage(codes: &[u32], n_codes: usize) -> CodeUsage {
-    let mut counts = vec![0usize; n_codes];
-    for &code in codes {
-        if let Some(count) = counts.get_mut(code as usize) {
-            *count += 1;
-        }
-    }
-    let total = codes.len().max(1) as f64;
-    let entropy: f64 = counts
-        .iter()
-        .filter(|c| **c > 0)
-        .map(|c| *c as f64 / total)
-        .map(|p| -p * p.ln())
-        .sum();
-    let used = counts.iter().filter(|c| **c > 0).count() as f64 / n_codes.max(1) as f64;
-    CodeUsage {
-        used,
-        perplexity: entropy.exp(),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -360,6 +360,34 @@ mod tests {
                 .any(|k| (k[0] - c[0]).hypot(k[1] - c[1]) < 0.1);
             assert!(near, "{c:?} in {:?}", book.codes());
         }
+    }
+
+    /// Inputs on the unit circle: codes stay on it, and the nearest code is that of the nearest angle for inputs of any length.
+    #[test]
+    fn codes_of_unit_length_are_looked_up_by_their_angle() {
+        let config = CodebookConfig {
+            init_after: 0,
+            ..Default::default()
+        };
+        let mut book = EmaCodebook::of_unit_length(6, 2);
+        let angles = cloud(64 * 40, 1, 7);
+        for (step, angles) in angles.chunks_exact(64).enumerate() {
+            let inputs: Vec<f32> = (angles.iter().map(|a| a * std::f32::consts::PI))
+                .flat_map(|a| [a.cos(), a.sin()])
+                .collect();
+            let codes = match book.is_initialised() {
+                true => nearest_codes(&inputs, book.codes(), 2),
+                false => vec![],
+            };
+            book.update(&inputs, &codes, &config, step as u64);
+        }
+        for code in book.codes().chunks_exact(2) {
+            assert!((code[0].hypot(code[1]) - 1.0).abs() < 1e-5, "{code:?}");
+        }
+        let input = [0.6, -0.8];
+        let codes = [0.01, 1.0, 300.0]
+            .map(|scale| nearest_codes(&input.map(|v| v * scale), book.codes(), 2)[0]);
+        assert!(codes.iter().all(|code| *code == codes[0]), "{codes:?}");
     }
 
     /// Early in training, features move away from the values with which the codebook was initialised.

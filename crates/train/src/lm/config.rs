@@ -221,8 +221,17 @@ impl LmTrainConfig {
         }
     }
 
+    /// Settings for instruction tuning as stated in the paper: the learning rate of pretraining, for a third of its epochs.
+    pub fn paper_instruction() -> Self {
+        let paper = Self::paper();
+        let learning_rate = paper.run.learning_rate;
+        let mut tuning = paper.for_instruction();
+        tuning.run.learning_rate = learning_rate;
+        tuning
+    }
+
     /// Returns the same settings for instruction tuning: half of the examples are of the main task, the learning rate
-    /// is halved (1e-4 after 2e-4 in the paper), and the number of epochs is a third.
+    /// is halved, and the number of epochs is a third.
     pub fn for_instruction(mut self) -> Self {
         self.sampling = TaskWeights {
             radar_to_text: 4.0,

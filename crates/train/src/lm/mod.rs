@@ -20,4 +20,5 @@ mod tests;
 
 pub use clip::LmClip;
 pub use config::{LmTrainConfig, TaskWeights};
+pub(crate) use stage::target_states;
 pub use stage::{LmOutcome, instruct, pretrain, pretrain_further};

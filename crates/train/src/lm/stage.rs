@@ -319,7 +319,8 @@ impl LmStage {
                 let sources: Vec<&Source> = examples.iter().map(|e| &e.source).collect();
                 let batch = SourceBatch::new(&sources, code_dim, &net.device());
                 let encoded = net.encode(&batch, training.as_deref_mut());
-                let states = target_states(net, &encoded, examples, training.as_deref_mut());
+                let targets: Vec<&[u32]> = examples.iter().map(|e| e.target.as_slice()).collect();
+                let states = target_states(net, &encoded, &targets, training.as_deref_mut());
                 if self.config.contrastive_weight > 0.0 {
                     contrast = self.contrast(net, &encoded, examples, training);
                 }
@@ -385,20 +386,20 @@ impl LmStage {
     }
 }
 
-/// Decoder states of the target tokens of all examples, concatenated.
-fn target_states(
+/// Decoder states of the tokens of all targets, each of at least one, concatenated.
+pub(crate) fn target_states(
     net: &RadarT5,
     encoded: &EncoderOutput,
-    examples: &[Example],
+    targets: &[&[u32]],
     training: Option<&mut TrainingPass>,
 ) -> Tensor<2> {
-    let length = examples.iter().map(|e| e.target.len()).max().unwrap_or(1);
-    let mut decoder = vec![PAD; examples.len() * length];
+    let length = targets.iter().map(|t| t.len()).max().unwrap_or(1);
+    let mut decoder = vec![PAD; targets.len() * length];
     let mut rows = Vec::new();
-    for (i, example) in examples.iter().enumerate() {
-        let n = example.target.len();
+    for (i, target) in targets.iter().enumerate() {
+        let n = target.len();
         // The decoder input is the target shifted by one, after the start token.
-        decoder[i * length + 1..i * length + n].copy_from_slice(&example.target[..n - 1]);
+        decoder[i * length + 1..i * length + n].copy_from_slice(&target[..n - 1]);
         rows.extend((i * length..i * length + n).map(|r| r as i32));
     }
     let states = net.decode(encoded, &decoder, length, training);

@@ -27,7 +27,8 @@ use radarllm_train::motion::{self, MotionTrainConfig};
 use radarllm_train::points::{self, PointsTrainConfig};
 use radarllm_train::recipe::{Preset, Recipe};
 use radarllm_train::tokenizer::{
-    self, CodebookUpdate, GuidanceOn, Reconstruct, TokenizerLossConfig, TokenizerTrainConfig,
+    self, CodeGradient, CodebookUpdate, GuidanceOn, Lookup, Reconstruct, TokenizerLossConfig,
+    TokenizerTrainConfig,
 };
 
 fn scratch(name: &str) -> PathBuf {
@@ -359,9 +360,20 @@ fn resumed_runs_equal_uninterrupted_ones_bit_for_bit() {
 /// Stopped while it runs, at whatever update that is, before or after the codebook exists.
 #[test]
 fn stopped_runs_resume_to_the_weights_of_uninterrupted_ones() {
-    let dir = scratch("stop");
-    let clips = synthetic::clips(5, 12, 10);
+    resumes("stop", tiny_tokenizer(60));
+    // With a second network, which writes captions from codes of unit length.
     let mut config = tiny_tokenizer(60);
+    config.model.code_dim = 8;
+    config.loss.lookup = Lookup::Cosine;
+    config.loss.code_gradient = CodeGradient::Rotate;
+    config.loss.spread_weight = 0.2;
+    config.loss.captions_weight = 1.0;
+    resumes("stop-captions", config);
+}
+
+fn resumes(name: &str, mut config: TokenizerTrainConfig) {
+    let dir = scratch(name);
+    let clips = synthetic::clips(5, 12, 10);
     config.codebook.init_after = 4;
     config.run.checkpoint_every_steps = 1000;
     // Validations of their own beside the epochs' must not change where the run goes.

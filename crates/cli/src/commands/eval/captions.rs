@@ -165,7 +165,10 @@ pub(crate) fn evaluate_into(
     let model = model::open(model, decoder)?;
     let info = model::info(&model, decoder)?;
     let data = Dataset::open(data)?;
-    let (mut report, clips) = evaluate_captions_with(model.networks(), &info, &data, options, add)?;
+    let cut = model::open_cut(&model, decoder)?;
+    let cut: Vec<_> = cut.iter().map(|c| (c.cut, c.model.networks())).collect();
+    let (mut report, clips) =
+        evaluate_captions_with(model.networks(), &cut, &info, &data, options, add)?;
     report.peak_memory_mb = peak_memory_mb();
     let write = |name: &str, text: &str| output::write_atomic(&out.join(name), text.as_bytes());
     write("captions.jsonl", &json_lines(&clips)?)?;

@@ -37,6 +37,19 @@ pub(crate) enum LmVerb {
         #[arg(long)]
         json: bool,
     },
+    /// Make a model read its radar tokens alone: what the features beside them say becomes part of the tokens' embeddings.
+    ///
+    /// Nothing is trained; a training goes on from the result if a recipe names it as `start`.
+    ///
+    /// Example: radarllm lm tokens --model models/own --out work/tokens
+    Tokens {
+        /// Folder of the model, with `tokenizer` and `lm`; of an ensemble, each member has a folder of its own.
+        #[arg(long)]
+        model: PathBuf,
+        /// New folder.
+        #[arg(long)]
+        out: PathBuf,
+    },
     /// Merge the adapters of a trained GPT-2 or Qwen2 into its weights, for programs without adapter support.
     ///
     /// Example: radarllm lm merge --model work/model/model/lm --out merged

@@ -3,9 +3,11 @@
 use std::path::Path;
 
 use radarllm_files::{bounded as files, npy::NpyWriter};
+use radarllm_inference::lm::ensemble::member_folders;
 use radarllm_nn::Device;
 use radarllm_nn::lm::RadarLm;
 use radarllm_nn::pretrained::{ModelInput, Pretrained};
+use radarllm_train::tokens_only::tokens_only;
 use serde::Serialize;
 
 use super::LmVerb;
@@ -34,8 +36,25 @@ pub(crate) fn run(verb: &LmVerb) -> CliResult {
             force,
             json,
         } => logits(weights, ids, out, *force, *json),
+        LmVerb::Tokens { model, out } => tokens(model, out),
         LmVerb::Merge { model, out } => merge(model, out),
     }
+}
+
+fn tokens(model: &Path, out: &Path) -> CliResult {
+    // Saving replaces a folder as a whole, so the content of an existing folder would be lost.
+    output::check_free(out, false)?;
+    for (member, n) in member_folders(model).iter().zip(1..) {
+        let out = match n {
+            1 => out.to_path_buf(),
+            n => out.join(format!("member-{n}")),
+        };
+        tokens_only(member, &out).map_err(|e| {
+            CliError::new(e).hint("--model wants a folder with `tokenizer` and `lm`")
+        })?;
+    }
+    output::print_line(&out.display().to_string());
+    Ok(())
 }
 
 fn merge(model: &Path, out: &Path) -> CliResult {
