@@ -6,7 +6,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 use axum::http::StatusCode;
 use base64::prelude::{BASE64_STANDARD, Engine};
 use radarllm_memory::StoreError;
-use radarllm_memory::store::timeline::MAX_PAGE;
 use radarllm_memory::store::{ActivityQuery, Cursor, EventQuery, PointsOf, Timeline};
 use radarllm_monitor::points::frame_bytes;
 use radarllm_monitor::rows::{ActivityRow, EventRow};
@@ -97,8 +96,8 @@ pub(super) async fn history(
     let before = parameters.before.as_deref().map(str::parse::<Cursor>);
     let before = before.transpose()?;
     let limit = parameters.limit.unwrap_or(DEFAULT_ROWS);
-    if limit == 0 || limit > MAX_PAGE {
-        let why = "`limit`: expected 1 to 500";
+    if limit == 0 {
+        let why = "`limit`: expected 1 or more; a page has up to 500 rows";
         return Err(Refused::new(StatusCode::BAD_REQUEST, why));
     }
     let actions = parameters.action.unwrap_or_default();

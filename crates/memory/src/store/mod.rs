@@ -34,11 +34,14 @@ pub use timeline::{ActivityQuery, EventQuery, Page, PointsOf, Tally, Timeline};
 pub use write::Batch;
 
 use crate::error::StoreError;
+use open::FileId;
 
 /// The memory, open for writing. Only one can be open for a database.
 #[derive(Debug)]
 pub struct Store {
     timeline: Timeline,
+    /// The write-ahead log; `None` before the first row was written.
+    log: Option<FileId>,
     /// Dropped last: another store may open only after the connection is closed.
     lock: File,
 }
@@ -86,6 +89,7 @@ impl Store {
         };
         let store = Self {
             timeline: Timeline::of(connection, path),
+            log: None,
             lock,
         };
         Ok(Opened { store, set_aside })
@@ -99,9 +103,13 @@ impl Store {
     pub fn reopen(&mut self) -> Result<(), StoreError> {
         let path = self.timeline.path.clone();
         let sql = |e| StoreError::of(&path, "open", e);
-        // The old connection is closed first: when it closes, SQLite removes the write-ahead log of the path.
+        // The old connection is closed first. SQLite leaves its log where it is, because the database is not there any more;
+        // beside another database, it would be taken for the log of that one.
         let nowhere = Connection::open_in_memory().map_err(sql)?;
         self.timeline = Timeline::nowhere(nowhere, path.clone());
+        if let Some(log) = self.log.take() {
+            open::remove_log(&path, log)?;
+        }
         if !open::holds(&self.lock, &path) {
             self.lock = open::lock(&path)?;
         }
@@ -146,6 +154,9 @@ impl Store {
         let batch = Batch { transaction, path };
         let result = work(&batch)?;
         batch.transaction.commit().map_err(error)?;
+        if self.log.is_none() {
+            self.log = open::log_of(&self.timeline.path);
+        }
         Ok(result)
     }
 }

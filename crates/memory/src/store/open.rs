@@ -97,6 +97,31 @@ pub(super) fn lock(path: &Path) -> Result<File, StoreError> {
     }
 }
 
+/// The write-ahead log of a database, if there is one.
+pub(super) fn log_of(path: &Path) -> Option<FileId> {
+    FileId::of(&with_suffix(path, "-wal"))
+}
+
+/// Removes the write-ahead log of a database that is gone, with its index, unless another file has its name meanwhile.
+pub(super) fn remove_log(path: &Path, log: FileId) -> Result<(), StoreError> {
+    if log_of(path) != Some(log) {
+        return Ok(());
+    }
+    for file in ["-wal", "-shm"].map(|suffix| with_suffix(path, suffix)) {
+        match fs::remove_file(&file) {
+            Err(source) if source.kind() != io::ErrorKind::NotFound => {
+                return Err(StoreError::Io {
+                    path: file,
+                    operation: "remove",
+                    source,
+                });
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
 /// Whether `lock` is still the lock of a database: if its file was deleted, another process can take a new one.
 pub(super) fn holds(lock: &File, path: &Path) -> bool {
     let held = lock.metadata().ok().map(|found| FileId::from(&found));
