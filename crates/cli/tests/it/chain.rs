@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::command::{json, json_lines, radarllm};
+use crate::command::{json, radarllm};
 
 #[test]
 fn radar_lint_points_into_the_file_and_fails_on_errors() {
@@ -286,7 +286,8 @@ fn every_stage_trains_resumes_and_is_evaluated() {
     done(&["train", "pretrain", &path("alone.toml")]);
     done(&["train", "instruct", &path("alone.toml")]);
     let alone = path("alone/model");
-    let rows = json_lines(&["describe", "builtin:clap", "--model", &alone, "--json"]);
+    let rows =
+        crate::command::json_lines(&["describe", "builtin:clap", "--model", &alone, "--json"]);
     assert_eq!(rows[0]["model"].as_str(), Some(alone.as_str()));
     assert!(rows[0]["confidence"].as_f64().unwrap() > 0.0);
     let (data, report) = (path("data"), path("report-alone"));
@@ -337,7 +338,7 @@ fn uses_what_was_tuned(model: &str, path: &dyn Fn(&str) -> String) {
     assert_eq!(card["learned"]["tuned"].as_array().unwrap().len(), 5);
 
     let ask = |text: &str| {
-        json_lines(&[
+        crate::command::json_lines(&[
             "describe",
             "builtin:walk",
             "--model",
@@ -380,7 +381,7 @@ fn uses_what_was_tuned(model: &str, path: &dyn Fn(&str) -> String) {
     assert!(crate::command::refused(&arguments).contains("exists already"));
     assert!(fs::read_to_string(&page).unwrap().contains(text));
     // The file says where its points come from, and is described as any other.
-    let rows = json_lines(&["describe", &points, "--model", model, "--json"]);
+    let rows = crate::command::json_lines(&["describe", &points, "--model", model, "--json"]);
     assert_eq!(rows[0]["provenance"], "simulated");
     assert_eq!(rows[0]["caption"], generated["described"]["caption"]);
     let nothing = [
