@@ -229,8 +229,6 @@ impl DatasetError {
         }
     }
 
-    #[cfg(feature = "parquet")]
-    /// Shorthand for an error message of a decoder.
     /// The reason why Parquet could not be written: an error of the operating system, such as a full disk, or data that have
     /// no form in Parquet.
     #[cfg(feature = "parquet")]
@@ -252,6 +250,8 @@ impl DatasetError {
         }
     }
 
+    /// Shorthand for an error message of a decoder.
+    #[cfg(feature = "parquet")]
     pub(crate) fn corrupt(path: &std::path::Path, problem: impl ToString) -> Self {
         Self::Corrupt {
             path: path.to_path_buf(),
