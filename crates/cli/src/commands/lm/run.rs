@@ -49,9 +49,7 @@ fn tokens(model: &Path, out: &Path) -> CliResult {
             1 => out.to_path_buf(),
             n => out.join(format!("member-{n}")),
         };
-        tokens_only(member, &out).map_err(|e| {
-            CliError::new(e).hint("--model wants a folder with `tokenizer` and `lm`")
-        })?;
+        tokens_only(member, &out).map_err(CliError::new)?;
     }
     output::print_line(&out.display().to_string());
     Ok(())
