@@ -35,6 +35,14 @@ impl CliError {
         self
     }
 
+    /// Writes cause and hint to stderr.
+    pub(crate) fn report(&self) {
+        note!("error: {}", self.cause);
+        if let Some(hint) = &self.hint {
+            note!("hint: {hint}");
+        }
+    }
+
     /// An I/O error on a file.
     pub fn io(path: &Path, error: std::io::Error) -> Self {
         Self::new(format!("{}: {error}", path.display()))

@@ -49,7 +49,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
             // clap's own exit code for a usage error is 2. Here the code 1 denotes errors that the user can fix.
             return match printed {
                 Err(problem) if !error.use_stderr() && problem.kind() != ErrorKind::BrokenPipe => {
-                    note!("error: {}", output::stdout_error(&problem).cause);
+                    output::stdout_error(&problem).report();
                     1
                 }
                 _ => u8::from(error.use_stderr()),
@@ -90,10 +90,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> u8 {
     match outcome {
         Ok(Ok(())) => 0,
         Ok(Err(error)) => {
-            note!("error: {}", error.cause);
-            if let Some(hint) = error.hint {
-                note!("hint: {hint}");
-            }
+            error.report();
             if error.is_bug {
                 note!("this is a bug of radarllm, not of your input");
                 return 2;

@@ -40,7 +40,7 @@ pub(crate) fn print_line(text: &str) {
         Ok(true) => {}
         Ok(false) => std::process::exit(0),
         Err(error) => {
-            note!("error: {}", error.cause);
+            error.report();
             std::process::exit(1);
         }
     }

@@ -437,37 +437,37 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
 fn in_order<Row: Send>(
     args: &DescribeArgs,
     describe: impl Fn(&String) -> CliResult<Vec<Row>> + Sync,
-    print: impl Fn(&Row) -> CliResult,
+    print: impl Fn(&Row) -> CliResult + Sync,
 ) -> CliResult {
     let block = INPUTS_PER_THREAD * threads(args.threads);
-    let mut failed = Vec::new();
-    for inputs in args.inputs.chunks(block) {
-        let described: Vec<CliResult<Vec<Row>>> =
-            on_threads(args.threads, || inputs.par_iter().map(&describe).collect())?;
-        for described in described {
-            match described {
-                Ok(rows) => rows.iter().try_for_each(&print)?,
-                Err(error) => failed.push(error),
+    let mut failed = on_threads(args.threads, || -> CliResult<Vec<CliError>> {
+        let mut failed = Vec::new();
+        for inputs in args.inputs.chunks(block) {
+            let described: Vec<_> = inputs.par_iter().map(&describe).collect();
+            for described in described {
+                match described {
+                    Ok(rows) => rows.iter().try_for_each(&print)?,
+                    Err(error) => failed.push(error),
+                }
             }
         }
+        Ok(failed)
+    })??;
+    if args.inputs.len() == 1 {
+        return failed.pop().map_or(Ok(()), Err);
     }
-    let n_failed = failed.len();
-    let Some(last) = failed.pop() else {
+    if failed.is_empty() {
         return Ok(());
-    };
-    if args.inputs.len() == 1 || last.is_bug {
-        return Err(last);
     }
-    for error in failed.into_iter().chain([last]) {
-        note!("error: {}", error.cause);
-        if let Some(hint) = error.hint {
-            note!("hint: {hint}");
-        }
-    }
-    Err(CliError::new(format!(
-        "{n_failed} of {} inputs could not be described",
-        args.inputs.len()
-    )))
+    failed.iter().for_each(CliError::report);
+    Err(CliError {
+        is_bug: failed.iter().any(|error| error.is_bug),
+        ..CliError::new(format!(
+            "{} of {} inputs could not be described",
+            failed.len(),
+            args.inputs.len()
+        ))
+    })
 }
 
 /// The clips to describe: one for each person with `--people`, otherwise the clip itself. If no person is detected, it

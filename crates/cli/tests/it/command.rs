@@ -10,8 +10,8 @@ pub fn radarllm(args: &[&str]) -> Output {
         .expect("the binary runs")
 }
 
-/// Runs it, insists on exit code 0 and parses stdout as one JSON document.
-pub fn json(args: &[&str]) -> serde_json::Value {
+/// Runs it, insists on exit code 0 and returns stdout.
+fn succeeded(args: &[&str]) -> String {
     let output = radarllm(args);
     assert!(
         output.status.success(),
@@ -19,19 +19,17 @@ pub fn json(args: &[&str]) -> serde_json::Value {
         output.status.code(),
         String::from_utf8_lossy(&output.stderr)
     );
-    serde_json::from_slice(&output.stdout).expect("one JSON document on stdout")
+    String::from_utf8(output.stdout).expect("UTF-8 on stdout")
+}
+
+/// Runs it, insists on exit code 0 and parses stdout as one JSON document.
+pub fn json(args: &[&str]) -> serde_json::Value {
+    serde_json::from_str(&succeeded(args)).expect("one JSON document on stdout")
 }
 
 /// Runs it, insists on exit code 0 and parses every line of stdout as a JSON document.
 pub fn json_lines(args: &[&str]) -> serde_json::Value {
-    let output = radarllm(args);
-    assert!(
-        output.status.success(),
-        "{args:?} ended with {:?}: {}",
-        output.status.code(),
-        String::from_utf8_lossy(&output.stderr)
-    );
-    let text = String::from_utf8(output.stdout).expect("UTF-8 on stdout");
+    let text = succeeded(args);
     let documents = text.lines().map(serde_json::from_str::<serde_json::Value>);
     documents
         .collect::<Result<_, _>>()

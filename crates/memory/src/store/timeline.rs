@@ -295,9 +295,7 @@ impl Timeline {
     pub fn newest_ms(&self) -> Result<Option<i64>, StoreError> {
         let sql = "SELECT max(ms) FROM (SELECT max(end_ms) AS ms FROM activity
                    UNION ALL SELECT max(at_ms) FROM event)";
-        self.connection
-            .query_row(sql, [], |row| row.get(0))
-            .map_err(|e| self.error("read the newest time", e))
+        self.time_ms("read the newest time", sql)
     }
 
     /// The time of the oldest activity or event, milliseconds since 1970 in UTC, or `None` if the memory is empty.
@@ -307,9 +305,13 @@ impl Timeline {
     pub fn oldest_ms(&self) -> Result<Option<i64>, StoreError> {
         let sql = "SELECT min(ms) FROM (SELECT min(start_ms) AS ms FROM activity
                    UNION ALL SELECT min(at_ms) FROM event)";
-        self.connection
-            .query_row(sql, [], |row| row.get(0))
-            .map_err(|e| self.error("read the oldest time", e))
+        self.time_ms("read the oldest time", sql)
+    }
+
+    /// The time that a query without parameters selects.
+    fn time_ms(&self, operation: &'static str, sql: &str) -> Result<Option<i64>, StoreError> {
+        let selected = self.connection.query_row(sql, [], |row| row.get(0));
+        selected.map_err(|e| self.error(operation, e))
     }
 
     /// Lets all queries until the guard is dropped see one state of the memory. To be held briefly: the write-ahead log
