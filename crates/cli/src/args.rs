@@ -24,6 +24,8 @@ use crate::commands::{
 use crate::commands::eval::{EvalVerb, FormerVerb};
 #[cfg(feature = "live")]
 use crate::commands::live::{AskArgs, LiveArgs};
+#[cfg(feature = "eval")]
+use crate::commands::reproduce::ReproduceVerb;
 
 /// Turns millimetre-wave radar into language.
 ///
@@ -127,6 +129,12 @@ pub(crate) enum Verb {
     ///
     /// Example: radarllm ablate configs/train/mocap-ablation.toml
     Ablate(AblateArgs),
+    #[cfg(feature = "eval")]
+    /// Build, train and evaluate what the tables of a paper show, on one page.
+    ///
+    /// Example: radarllm reproduce paper --scale small --out work/paper
+    #[command(subcommand)]
+    Reproduce(ReproduceVerb),
     /// Run pretrained language models: T5, GPT-2, Qwen2, BERT, RoBERTa.
     #[command(subcommand)]
     Lm(LmVerb),

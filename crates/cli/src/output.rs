@@ -18,6 +18,16 @@ pub(crate) fn print_json(value: &impl Serialize) -> CliResult {
     Ok(())
 }
 
+/// Values as JSON, one on each line.
+pub(crate) fn json_lines(values: impl IntoIterator<Item = impl Serialize>) -> CliResult<String> {
+    let mut lines = String::new();
+    for value in values {
+        lines += &serde_json::to_string(&value)?;
+        lines.push('\n');
+    }
+    Ok(lines)
+}
+
 /// Prints a JSON document on a line of its own.
 pub(crate) fn print_json_line(value: &impl Serialize) -> CliResult {
     print_line(&serde_json::to_string(value)?);

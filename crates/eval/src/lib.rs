@@ -36,6 +36,7 @@
 //! | How good are the captions of a data set's split? | [`mod@captions`] itself |
 //! | Do they stay right under noise, distance, rain? | [`robustness`] |
 //! | Does a caption follow its cause? | [`interventions`] |
+//! | Does it answer questions in words that no training had? | [`instructions`] |
 //! | Which part of the model contributes how much? | [`ablation`] |
 //! | Does a model describe what it generated from a sentence? | [`mod@round_trip`] |
 //! | How similar are captions and references to a sentence encoder? | [`embedding_scores`] |
@@ -69,8 +70,8 @@ mod error;
 mod table;
 
 pub use captions::{
-    ablation, action, baselines, descriptor, embedding_scores, interventions, robustness,
-    round_trip,
+    ablation, action, baselines, descriptor, embedding_scores, instructions, interventions,
+    robustness, round_trip,
 };
 pub use data::{held_out, near_duplicates};
 pub use field::{boards, falls, features, forest, proxy, recordings};

@@ -56,6 +56,40 @@ pub fn agrees(sentence: &Facts, motion: &Facts) -> Result<(), Disagreement> {
     Ok(())
 }
 
+/// Whether a motion does what a claim states, perhaps among other things: the actions of the claim in their order, each with its
+/// attributes. `None` if the facts of the motion do not decide it, because they do not state an attribute that the claim
+/// states, and for a claim without an action.
+///
+/// ```
+/// use radarllm_facts::{attach::holds, facts};
+///
+/// let motion = facts("a person walks forward, then waves with the left hand");
+/// assert_eq!(holds(&facts("a person waves"), &motion), Some(true));
+/// assert_eq!(holds(&facts("a person waves with the right hand"), &motion), Some(false));
+/// assert_eq!(holds(&facts("a person waves twice"), &motion), None);
+/// assert_eq!(holds(&facts("a person sits down"), &motion), Some(false));
+/// ```
+pub fn holds(claim: &Facts, motion: &Facts) -> Option<bool> {
+    let mut said = claim.actions().peekable();
+    said.peek()?;
+    let all: Vec<&Action> = motion.actions().collect();
+    let (mut at, mut is_open) = (0, false);
+    for said in said {
+        let same = |done: &Action| is_same_action(said.name, done.name);
+        let agrees = |done: &Action| same(done) && attributes_agree(said, done).is_ok();
+        if let Some(next) = all[at..].iter().position(|done| agrees(done)) {
+            at += next + 1;
+            continue;
+        }
+        let may_be = |done: &&Action| same(done) && contradictions(said, done).is_empty();
+        if !all.iter().copied().any(|done| may_be(&done)) {
+            return Some(false);
+        }
+        is_open = true;
+    }
+    (!is_open).then_some(true)
+}
+
 fn attributes_agree(said: &Action, done: &Action) -> Result<(), Kind> {
     let known = done.attributes();
     for (kind, word) in said.attributes() {

@@ -184,7 +184,7 @@ pub fn number(word: &str) -> Option<u16> {
 }
 
 /// The word of a number, or its figures.
-pub(crate) fn number_word(number: u16) -> String {
+pub fn number_word(number: u16) -> String {
     NUMBERS
         .get(usize::from(number))
         .map_or_else(|| number.to_string(), |word| (*word).to_string())

@@ -3,7 +3,7 @@
 //! | file | holds | needed for |
 //! |---|---|---|
 //! | `config.json` | architecture and configuration | inference |
-//! | `model.safetensors` | weights, `module.path.weight` names, f32 | inference |
+//! | `model.safetensors` | weights, `module.path.weight` names, f32, or bytes with a scale for each row | inference |
 //! | `train_state.json`, `optimizer.safetensors`, ... | step, moments, code statistics | resuming |
 //! | `checksums.json` | size and BLAKE3 of every other file | opening |
 //!
@@ -103,7 +103,7 @@ pub enum CheckpointError {
         message: String,
     },
     /// The element type is not supported.
-    #[error("{path}: tensor `{tensor}`: type {found}, expected F32, F16 or BF16")]
+    #[error("{path}: tensor `{tensor}`: type {found}, expected F32, F16, BF16 or I8")]
     Dtype {
         /// File.
         path: PathBuf,
@@ -234,6 +234,21 @@ impl CheckpointFiles {
     /// If the shape of an array does not match its number of values.
     pub fn tensors(&mut self, file: &str, tensors: &NamedTensors) -> Result<(), CheckpointError> {
         let bytes = encode_safetensors(Path::new(file), tensors)?;
+        self.bytes(file, bytes);
+        Ok(())
+    }
+
+    /// Adds named arrays as a safetensors file of a quarter of the size: matrices as signed bytes with a scale for each row,
+    /// `NAME.scale`, which rounds a value by at most 1/254 of the largest of its row; everything else as f32.
+    ///
+    /// # Errors
+    /// If the shape of an array does not match its number of values.
+    pub fn tensors_as_bytes(
+        &mut self,
+        file: &str,
+        tensors: &NamedTensors,
+    ) -> Result<(), CheckpointError> {
+        let bytes = encode_as_bytes(Path::new(file), tensors)?;
         self.bytes(file, bytes);
         Ok(())
     }
@@ -414,6 +429,14 @@ impl Checkpoint {
         }
     }
 
+    /// Names of the files, without that of the checksums.
+    pub fn names(&self) -> Vec<&str> {
+        match &self.files {
+            Files::Directory(names) => names.iter().map(String::as_str).collect(),
+            Files::Carried(files) => files.keys().map(String::as_str).collect(),
+        }
+    }
+
     fn path(&self, file: &str) -> Result<PathBuf, CheckpointError> {
         let path = self.dir.join(file);
         if self.has(file) {
@@ -525,26 +548,64 @@ fn parse_json<T: DeserializeOwned>(path: &Path, bytes: &[u8]) -> Result<T, Check
     })
 }
 
+/// Type, shape and bytes of an array of a file.
+type Stored = (Dtype, Vec<usize>, Vec<u8>);
+
 fn encode_safetensors(path: &Path, tensors: &NamedTensors) -> Result<Vec<u8>, CheckpointError> {
+    let stored = tensors.iter().map(|(name, tensor)| {
+        let stored = as_floats(&tensor.shape, &tensor.values);
+        (name.clone(), stored)
+    });
+    encode(path, stored.collect())
+}
+
+fn encode_as_bytes(path: &Path, tensors: &NamedTensors) -> Result<Vec<u8>, CheckpointError> {
+    let mut stored = BTreeMap::new();
+    for (name, tensor) in tensors {
+        let [n_rows, width] = tensor.shape[..] else {
+            stored.insert(name.clone(), as_floats(&tensor.shape, &tensor.values));
+            continue;
+        };
+        let (mut bytes, mut scales) = (Vec::with_capacity(tensor.values.len()), Vec::new());
+        for row in tensor.values.chunks(width.max(1)) {
+            let largest = row.iter().fold(0.0_f32, |largest, v| largest.max(v.abs()));
+            let scale = largest / f32::from(i8::MAX);
+            let byte = |v: &f32| (v / scale.max(f32::MIN_POSITIVE)).round() as i8;
+            bytes.extend(row.iter().map(|v| byte(v).cast_unsigned()));
+            scales.push(scale);
+        }
+        stored.insert(name.clone(), (Dtype::I8, tensor.shape.clone(), bytes));
+        stored.insert(scale_of(name), as_floats(&[n_rows], &scales));
+    }
+    encode(path, stored)
+}
+
+/// Name of the scales of the rows of an array that is stored as bytes.
+fn scale_of(name: &str) -> String {
+    format!("{name}.scale")
+}
+
+fn as_floats(shape: &[usize], values: &[f32]) -> Stored {
+    let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+    (Dtype::F32, shape.to_vec(), bytes)
+}
+
+fn encode(path: &Path, stored: BTreeMap<String, Stored>) -> Result<Vec<u8>, CheckpointError> {
     let fail = |message: String| CheckpointError::Safetensors {
         path: path.into(),
         message,
     };
-    let mut data = BTreeMap::new();
-    for (name, tensor) in tensors {
-        let bytes: Vec<u8> = tensor.values.iter().flat_map(|v| v.to_le_bytes()).collect();
-        data.insert(name, (tensor.shape.clone(), bytes));
-    }
     let mut views = BTreeMap::new();
-    for (name, (shape, bytes)) in &data {
-        let view = TensorView::new(Dtype::F32, shape.clone(), bytes)
+    for (name, (dtype, shape, bytes)) in &stored {
+        let view = TensorView::new(*dtype, shape.clone(), bytes)
             .map_err(|e| fail(format!("tensor `{name}`: {e}")))?;
         views.insert(name.as_str(), view);
     }
     safetensors::serialize(views, None).map_err(|e| fail(e.to_string()))
 }
 
-/// Reads a safetensors file of F32, F16 or BF16 arrays, widened to f32.
+/// Reads a safetensors file of F32, F16 or BF16 arrays, widened to f32, and of bytes with scales
+/// ([`CheckpointFiles::tensors_as_bytes`]).
 ///
 /// # Errors
 /// If the file is malformed, contains another element type, or a value is NaN or infinite.
@@ -608,10 +669,11 @@ fn arrays_of(
         )));
     }
     let mut tensors = NamedTensors::new();
+    let mut in_bytes = Vec::new();
     for (name, info) in metadata.tensors() {
         if matches!(
             info.dtype,
-            Dtype::BOOL | Dtype::U8 | Dtype::I32 | Dtype::I64
+            Dtype::BOOL | Dtype::U8 | Dtype::I8 | Dtype::I32 | Dtype::I64
         ) && skip_integers
         {
             continue;
@@ -627,10 +689,43 @@ fn arrays_of(
                 index,
             });
         }
+        if info.dtype == Dtype::I8 {
+            in_bytes.push(name.clone());
+        }
         let shape = info.shape.clone();
         tensors.insert(name, HostTensor { shape, values });
     }
+    for name in in_bytes {
+        scale_rows(path, &mut tensors, &name)?;
+    }
     Ok(tensors)
+}
+
+/// Multiplies the rows of an array that was stored as bytes by their scales, which are taken out of the arrays.
+fn scale_rows(path: &Path, tensors: &mut NamedTensors, name: &str) -> Result<(), CheckpointError> {
+    let scales = tensors.remove(&scale_of(name));
+    let Some(tensor) = tensors.get_mut(name) else {
+        return Ok(());
+    };
+    let expected = tensor.shape.get(..1).unwrap_or_default().to_vec();
+    let scales = scales.ok_or_else(|| CheckpointError::MissingTensor {
+        path: path.into(),
+        tensor: scale_of(name),
+        expected: expected.clone(),
+    })?;
+    if scales.shape != expected {
+        return Err(CheckpointError::Shape {
+            path: path.into(),
+            tensor: scale_of(name),
+            expected,
+            found: scales.shape,
+        });
+    }
+    let width = (tensor.values.len() / scales.values.len().max(1)).max(1);
+    for (row, scale) in tensor.values.chunks_mut(width).zip(&scales.values) {
+        row.iter_mut().for_each(|v| *v *= scale);
+    }
+    Ok(())
 }
 
 /// Reads floats from `n_bytes` bytes of a file, and widens them to f32 in blocks.
@@ -644,6 +739,7 @@ fn read_values(
     let width = match dtype {
         Dtype::F32 => 4,
         Dtype::BF16 | Dtype::F16 => 2,
+        Dtype::I8 => 1,
         other => {
             return Err(CheckpointError::Dtype {
                 path: path.into(),
@@ -662,6 +758,7 @@ fn read_values(
         let (fours, twos) = (piece.as_chunks().0.iter(), piece.as_chunks().0.iter());
         match dtype {
             Dtype::F32 => values.extend(fours.map(|b| f32::from_le_bytes(*b))),
+            Dtype::I8 => values.extend(piece.iter().map(|b| f32::from(b.cast_signed()))),
             Dtype::BF16 => values.extend(twos.map(|b| bf16::from_le_bytes(*b).to_f32())),
             _ => values.extend(twos.map(|b| f16::from_le_bytes(*b).to_f32())),
         }
@@ -708,6 +805,59 @@ mod tests {
         files().write(&root.join("c")).unwrap();
         let checkpoint = Checkpoint::open(&root.join("c")).unwrap();
         assert_eq!(checkpoint.tensors(MODEL_FILE).unwrap(), weights());
+        fs::remove_dir_all(root).unwrap();
+    }
+
+    #[test]
+    fn weights_as_bytes_are_off_by_half_a_step_of_their_row() {
+        let root = scratch("bytes");
+        let mut files = CheckpointFiles::default();
+        let mut weights = weights();
+        let zeros = HostTensor {
+            shape: vec![2, 2],
+            values: vec![0.0; 4],
+        };
+        weights.insert("zeros".into(), zeros);
+        files.tensors_as_bytes(MODEL_FILE, &weights).unwrap();
+        files.write(&root.join("c")).unwrap();
+        let read = Checkpoint::open(&root.join("c")).unwrap();
+        let read = read.tensors(MODEL_FILE).unwrap();
+        assert_eq!(read.keys().collect::<Vec<_>>(), ["bias", "weight", "zeros"]);
+        assert_eq!(read["bias"], weights["bias"]);
+        assert_eq!(read["zeros"], weights["zeros"]);
+        let rows = read["weight"]
+            .values
+            .chunks(2)
+            .zip(weights["weight"].values.chunks(2));
+        for (row, exact) in rows {
+            let largest = exact.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
+            for (v, exact) in row.iter().zip(exact) {
+                assert!((v - exact).abs() <= largest / 254.0 * 1.001, "{v} {exact}");
+            }
+        }
+        // What was read is written as the same bytes again.
+        let mut again = CheckpointFiles::default();
+        again.tensors_as_bytes(MODEL_FILE, &read).unwrap();
+        assert_eq!(again.files, files.files);
+        fs::remove_dir_all(root).unwrap();
+    }
+
+    #[test]
+    fn bytes_without_fitting_scales_are_errors() {
+        let root = scratch("scales");
+        let path = root.join("x.safetensors");
+        let bytes = |n| (Dtype::I8, vec![n, 2], vec![3; 2 * n]);
+        let mut stored = BTreeMap::from([("w".to_string(), bytes(2))]);
+        fs::write(&path, encode(&path, stored.clone()).unwrap()).unwrap();
+        let error = read_safetensors(&path).unwrap_err().to_string();
+        assert!(
+            error.contains("`w.scale` of shape [2] is missing"),
+            "{error}"
+        );
+        stored.insert("w.scale".into(), as_floats(&[3], &[1.0; 3]));
+        fs::write(&path, encode(&path, stored).unwrap()).unwrap();
+        let error = read_safetensors(&path).unwrap_err().to_string();
+        assert!(error.contains("shape [3], expected [2]"), "{error}");
         fs::remove_dir_all(root).unwrap();
     }
 

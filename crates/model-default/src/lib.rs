@@ -1,47 +1,104 @@
-//! The default model: the files of `weights/`, embedded in the program.
+//! The bundled models, embedded in the program: the files of `weights/` and of `tokens/`.
 //!
 //! Nothing enters and bytes leave, by their path in the folder of the model. `radarllm` reads them as it reads a model
 //! folder. The crate is one of its own, so that a changed weight recompiles no code and the library can be packaged with
-//! its model. It computes nothing and depends on nothing.
+//! its models. It computes nothing and depends on nothing.
+//!
+//! | model | what its sentences are made of | what it learned |
+//! |---|---|---|
+//! | [`FEATURES`], the default | radar tokens, the features beside them and the context, by an ensemble of two | radar to text |
+//! | [`TOKENS`] | radar tokens alone, as in the published method | radar to text, text to radar, radar prediction, instructions |
 
 #![cfg_attr(
     test,
     allow(clippy::disallowed_methods, unreachable_pub, reason = "tests")
 )]
 
-/// Name of the model in reports.
-pub const NAME: &str = "default (embedded)";
+/// A model that comes with the library.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Bundled {
+    /// Name in reports.
+    pub name: &'static str,
+    /// What it was trained on, what it can do and what it cannot, in Markdown.
+    pub card: &'static str,
+    /// The files that inference reads, by their path in the model's folder. Of a language model's sets of weights, only the
+    /// one that its `config.json` names is here.
+    pub files: &'static [(&'static str, &'static [u8])],
+    /// Folders of its members in the folder of the model.
+    pub members: &'static [&'static str],
+}
 
-/// The model card: what the model was trained on, what it can do and what it cannot.
-pub const CARD: &str = include_str!("../weights/README.md");
-
-/// A file of `weights/`.
+/// A file by its path in the model's folder and its place in this crate.
 macro_rules! model_file {
-    ($path:literal) => {
-        ($path, include_bytes!(concat!("../weights/", $path)))
+    ($path:literal, $place:literal) => {
+        ($path, include_bytes!(concat!("../", $place)))
     };
 }
 
-/// The files that inference reads, by their path in the model's folder. Of a language model's sets of weights, only the
-/// one that its `config.json` names is here.
-pub static FILES: [(&str, &[u8]); 11] = [
-    model_file!("confidence.toml"),
-    model_file!("lm/average.safetensors"),
-    model_file!("lm/config.json"),
-    model_file!("lm/tokenizer.json"),
-    model_file!("tokenizer/config.json"),
-    model_file!("tokenizer/model.safetensors"),
-    model_file!("member-2/lm/average.safetensors"),
-    model_file!("member-2/lm/config.json"),
-    model_file!("member-2/lm/tokenizer.json"),
-    model_file!("member-2/tokenizer/config.json"),
-    model_file!("member-2/tokenizer/model.safetensors"),
-];
+/// The default model.
+pub static FEATURES: Bundled = Bundled {
+    name: "default (embedded)",
+    card: include_str!("../weights/README.md"),
+    files: &[
+        model_file!("confidence.toml", "weights/confidence.toml"),
+        model_file!("lm/average.safetensors", "weights/lm/average.safetensors"),
+        model_file!("lm/config.json", "weights/lm/config.json"),
+        model_file!("lm/tokenizer.json", "weights/lm/tokenizer.json"),
+        model_file!("tokenizer/config.json", "weights/tokenizer/config.json"),
+        model_file!(
+            "tokenizer/model.safetensors",
+            "weights/tokenizer/model.safetensors"
+        ),
+        model_file!(
+            "member-2/lm/average.safetensors",
+            "weights/member-2/lm/average.safetensors"
+        ),
+        model_file!("member-2/lm/config.json", "weights/member-2/lm/config.json"),
+        model_file!(
+            "member-2/lm/tokenizer.json",
+            "weights/member-2/lm/tokenizer.json"
+        ),
+        model_file!(
+            "member-2/tokenizer/config.json",
+            "weights/member-2/tokenizer/config.json"
+        ),
+        model_file!(
+            "member-2/tokenizer/model.safetensors",
+            "weights/member-2/tokenizer/model.safetensors"
+        ),
+    ],
+    members: &["", "member-2/"],
+};
 
-/// A file by its path in the model's folder.
-pub fn file(path: &str) -> Option<&'static [u8]> {
-    let found = FILES.iter().find(|(name, _)| *name == path);
-    found.map(|(_, bytes)| *bytes)
+/// The model that reads its radar tokens alone. Its tokenizer is that of the first member of [`FEATURES`].
+pub static TOKENS: Bundled = Bundled {
+    name: "tokens (embedded)",
+    card: include_str!("../tokens/README.md"),
+    files: &[
+        model_file!("confidence.toml", "weights/confidence.toml"),
+        model_file!("lm/average.safetensors", "tokens/lm/average.safetensors"),
+        model_file!("lm/config.json", "tokens/lm/config.json"),
+        model_file!("lm/tokenizer.json", "weights/lm/tokenizer.json"),
+        model_file!("points/config.json", "tokens/points/config.json"),
+        model_file!(
+            "points/model.safetensors",
+            "tokens/points/model.safetensors"
+        ),
+        model_file!("tokenizer/config.json", "weights/tokenizer/config.json"),
+        model_file!(
+            "tokenizer/model.safetensors",
+            "weights/tokenizer/model.safetensors"
+        ),
+    ],
+    members: &[""],
+};
+
+impl Bundled {
+    /// A file by its path in the model's folder.
+    pub fn file(&self, path: &str) -> Option<&'static [u8]> {
+        let found = self.files.iter().find(|(name, _)| *name == path);
+        found.map(|(_, bytes)| *bytes)
+    }
 }
 
 #[cfg(test)]
@@ -50,12 +107,32 @@ mod tests {
 
     #[test]
     fn the_weights_are_those_that_the_configuration_names() {
-        for lm in ["lm", "member-2/lm"] {
-            let config = file(&format!("{lm}/config.json")).unwrap();
-            let config = String::from_utf8(config.to_vec()).unwrap();
-            assert!(config.contains(r#""weights": "average.safetensors""#));
+        for model in [&FEATURES, &TOKENS] {
+            for member in model.members {
+                let config = model.file(&format!("{member}lm/config.json")).unwrap();
+                let config = String::from_utf8(config.to_vec()).unwrap();
+                assert!(config.contains(r#""weights": "average.safetensors""#));
+            }
+            assert!(model.file("lm/model.safetensors").is_none());
+            assert!(model.card.starts_with("# "));
         }
-        assert!(file("lm/model.safetensors").is_none());
-        assert!(CARD.starts_with("# "));
+    }
+
+    /// What crates.io accepts of a package, and what a clone may bring.
+    #[test]
+    fn both_models_are_small() {
+        let mut places: Vec<(*const u8, usize)> = [&FEATURES, &TOKENS]
+            .into_iter()
+            .flat_map(|model| {
+                model
+                    .files
+                    .iter()
+                    .map(|(_, bytes)| (bytes.as_ptr(), bytes.len()))
+            })
+            .collect();
+        places.sort_unstable();
+        places.dedup();
+        let bytes: usize = places.iter().map(|(_, n)| n).sum();
+        assert!(bytes < 12_000_000, "{bytes} bytes");
     }
 }

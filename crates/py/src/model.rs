@@ -22,7 +22,8 @@ use crate::{
 /// Most beams, as in the command.
 const MAX_BEAM: usize = 64;
 
-/// A model that describes points: the one in this package, or a folder made by `radarllm train all`.
+/// A model that describes points: one in this package, "features" (the default) or "tokens", which reads radar tokens alone, or
+/// a folder made by `radarllm train all`.
 ///
 /// `precision` is "f32" or "int8" (faster for large models, changes a word now and then). `choose` names activities; the
 /// model then says which of them fits best, with the probabilities of all. `memory` is a `Memory`, or its file.
@@ -103,7 +104,10 @@ impl PyModel {
             Some(MemoryArgument::File(path)) => Some(memory::load(&path).map_err(errors::to_py)?),
         };
         work::run(py, |_| {
-            if let Some(folder) = folder.as_deref().filter(|folder| !folder.exists()) {
+            let files = ModelFiles::of(folder.as_deref());
+            if let ModelFiles::Folder(folder) = &files
+                && !folder.exists()
+            {
                 let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
                 return Err(Error::io(folder, missing));
             }
@@ -111,7 +115,7 @@ impl PyModel {
                 precision,
                 ..ModelOptions::default()
             };
-            let model = Model::load(ModelFiles::of(folder.as_deref()), &options)?;
+            let model = Model::load(files, &options)?;
             let mut captioner = Captioner::new(model);
             let mut notes = Vec::new();
             if let Some(names) = &choose {

@@ -64,7 +64,7 @@ pub use captioner::Captioner;
 pub use choose::Choices;
 pub use confidence::RecordedConfidence;
 pub use gaps::gaps;
-pub use model::{Fingerprint, Model, ModelFiles, ModelOptions};
+pub use model::{BundledModel, Fingerprint, Model, ModelFiles, ModelOptions};
 pub use page::page_segments;
 pub use score::{CaptionScores, FactBlock};
 pub use site_file::{read_site, site_to_toml};

@@ -18,12 +18,10 @@ use radarllm_inference::{
     tokenizer::points::PointDecoder,
 };
 use radarllm_io::{Error, ErrorKind, Result};
-use radarllm_model_default as default_model;
+use radarllm_model_default::{self as bundled, Bundled};
 
 use crate::RecordedConfidence;
 
-/// Folders of the members of the bundled model.
-const BUNDLED_MEMBERS: [&str; 2] = ["", "member-2/"];
 /// Folder of the decoder of radar tokens in the folder of a model.
 const POINTS: &str = "points";
 /// The model card in the folder of a model.
@@ -52,19 +50,57 @@ impl Default for ModelOptions {
     }
 }
 
+/// A model that comes with the library.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BundledModel {
+    /// The default: an ensemble of two that reads radar tokens, the features beside them and the context. It describes.
+    #[default]
+    Features,
+    /// It reads its radar tokens alone, as in the published method. It describes, follows instructions, and generates radar.
+    Tokens,
+}
+
+impl BundledModel {
+    /// All bundled models.
+    pub const ALL: [Self; 2] = [Self::Features, Self::Tokens];
+
+    /// The name by which a user chooses it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Features => "features",
+            Self::Tokens => "tokens",
+        }
+    }
+
+    fn files(self) -> &'static Bundled {
+        match self {
+            Self::Features => &bundled::FEATURES,
+            Self::Tokens => &bundled::TOKENS,
+        }
+    }
+}
+
 /// Where the files of a model are.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ModelFiles {
-    /// In the program: the model that comes with the library.
-    Bundled,
+    /// In the program.
+    Bundled(BundledModel),
     /// In a folder made by training.
     Folder(PathBuf),
 }
 
 impl ModelFiles {
-    /// The files of a folder, or of the bundled model if none is named.
-    pub fn of(folder: Option<&Path>) -> Self {
-        folder.map_or(Self::Bundled, |folder| Self::Folder(folder.into()))
+    /// The files of the bundled model of that name or of a folder; of the default model if none is named. A folder that has the
+    /// name of a bundled model is named with its path: `./tokens`.
+    pub fn of(model: Option<&Path>) -> Self {
+        let Some(model) = model else {
+            return Self::Bundled(BundledModel::default());
+        };
+        let mut all = BundledModel::ALL.into_iter();
+        match all.find(|bundled| model.as_os_str() == bundled.name()) {
+            Some(bundled) => Self::Bundled(bundled),
+            None => Self::Folder(model.into()),
+        }
     }
 
     /// Name in reports: the folder, or `default (embedded)`.
@@ -80,7 +116,7 @@ impl ModelFiles {
         let path = self.path(file);
         match self {
             Self::Folder(_) => Ok(bounded::read_text(&path, MAX_CONFIG_BYTES)?),
-            Self::Bundled => match default_model::file(file) {
+            Self::Bundled(model) => match model.files().file(file) {
                 Some(bytes) => Ok(String::from_utf8_lossy(bytes).into_owned()),
                 None => {
                     let missing = "not part of the bundled model";
@@ -94,7 +130,7 @@ impl ModelFiles {
     fn optional_text(&self, file: &str) -> Result<Option<String>> {
         let exists = match self {
             Self::Folder(folder) => folder.join(file).exists(),
-            Self::Bundled => default_model::file(file).is_some(),
+            Self::Bundled(model) => model.files().file(file).is_some(),
         };
         exists.then(|| self.text(file)).transpose()
     }
@@ -103,7 +139,7 @@ impl ModelFiles {
     fn path(&self, file: &str) -> PathBuf {
         let folder = match self {
             Self::Folder(folder) => folder.as_path(),
-            Self::Bundled => Path::new(default_model::NAME),
+            Self::Bundled(model) => Path::new(model.files().name),
         };
         match file {
             "" => folder.into(),
@@ -114,26 +150,27 @@ impl ModelFiles {
     fn members(&self) -> std::result::Result<Vec<Member>, LmError> {
         match self {
             Self::Folder(folder) => Ok(open_members(folder)?),
-            Self::Bundled => {
-                let member = |folder: &str| Member {
-                    tokenizer: bundled_checkpoint(&format!("{folder}tokenizer")),
-                    lm: bundled_checkpoint(&format!("{folder}lm")),
+            Self::Bundled(model) => {
+                let member = |folder: &&str| Member {
+                    tokenizer: bundled_checkpoint(*model, &format!("{folder}tokenizer")),
+                    lm: bundled_checkpoint(*model, &format!("{folder}lm")),
                     cut: None,
                 };
-                Ok(BUNDLED_MEMBERS.map(member).into())
+                Ok(model.files().members.iter().map(member).collect())
             }
         }
     }
 }
 
-/// A checkpoint of the bundled model. Its files are not hashed at every start; a test does.
-fn bundled_checkpoint(part: &str) -> Checkpoint {
+/// A checkpoint of a bundled model. Its files are not hashed at every start; a test does.
+fn bundled_checkpoint(model: BundledModel, part: &str) -> Checkpoint {
+    let model = model.files();
     let inside = |(path, bytes): &(&'static str, &'static [u8])| {
         let name = path.strip_prefix(part)?.strip_prefix('/')?;
         Some((name.to_string(), *bytes))
     };
-    let named = default_model::FILES.iter().filter_map(inside);
-    Checkpoint::carried(&Path::new(default_model::NAME).join(part), named)
+    let named = model.files.iter().filter_map(inside);
+    Checkpoint::carried(&Path::new(model.name).join(part), named)
 }
 
 /// Size and hash of the files that a model consists of, which distinguish models of one name.
@@ -169,7 +206,7 @@ impl Model {
     /// # Errors
     /// If its files do not belong together, which a test excludes.
     pub fn bundled() -> Result<Self> {
-        Self::load(ModelFiles::Bundled, &ModelOptions::default())
+        Self::load(ModelFiles::of(None), &ModelOptions::default())
     }
 
     /// The model in a folder made by training, on the inference engine with 32-bit weights.
@@ -194,7 +231,7 @@ impl Model {
             Captioner::from_members(all.into_iter().map(cut), options.precision, options.backend)
         });
         let networks = networks.map_err(|error| match &files {
-            ModelFiles::Bundled => Error::wrap(error),
+            ModelFiles::Bundled(_) => Error::wrap(error),
             ModelFiles::Folder(folder) => {
                 let hint = match error {
                     LmError::NotT5 { .. } => text(NOT_T5),
@@ -246,19 +283,26 @@ impl Model {
     /// # Errors
     /// A model without one, or one that is damaged or belongs to other tokens.
     pub fn points(&self) -> Result<PointDecoder> {
-        let decoder = self.files.path(POINTS);
-        let folder = match &self.files {
-            ModelFiles::Folder(folder) if decoder.is_dir() => folder,
-            _ => {
-                let missing =
-                    "the model has no decoder of radar tokens, which makes points of them";
-                return Err(Error::in_file(&decoder, missing).with_hint(
-                    "`radarllm train points RECIPE` trains it with the recipe of the model and adds it to the model's folder",
-                ));
+        let place = self.files.path(POINTS);
+        let found = match &self.files {
+            ModelFiles::Bundled(model) => {
+                let decoder = bundled_checkpoint(*model, POINTS);
+                let tokenizer = bundled_checkpoint(*model, "tokenizer");
+                (!decoder.names().is_empty()).then_some((decoder, tokenizer))
             }
+            ModelFiles::Folder(folder) if place.is_dir() => {
+                let open = |part| Checkpoint::open(&folder.join(part)).map_err(Error::wrap);
+                Some((open(POINTS)?, open("tokenizer")?))
+            }
+            ModelFiles::Folder(_) => None,
         };
-        let tokenizer = Checkpoint::open(&folder.join("tokenizer")).map_err(Error::wrap)?;
-        PointDecoder::load(&decoder, &tokenizer).map_err(Error::wrap)
+        let Some((decoder, tokenizer)) = found else {
+            let missing = "the model has no decoder of radar tokens, which makes points of them";
+            return Err(Error::in_file(&place, missing).with_hint(
+                "`radarllm train points RECIPE` trains it with the recipe of the model and adds it to the model's folder",
+            ));
+        };
+        PointDecoder::of(&decoder, &tokenizer).map_err(Error::wrap)
     }
 
     /// The model card, in Markdown, if the model has one (`README.md`).
@@ -267,7 +311,7 @@ impl Model {
     /// A file that cannot be read.
     pub fn card(&self) -> Result<Option<String>> {
         match &self.files {
-            ModelFiles::Bundled => Ok(Some(default_model::CARD.into())),
+            ModelFiles::Bundled(model) => Ok(Some(model.files().card.into())),
             folder => folder.optional_text(CARD),
         }
     }
@@ -284,8 +328,8 @@ impl Model {
             hash.write(content);
         };
         match &self.files {
-            ModelFiles::Bundled => {
-                for (name, content) in &default_model::FILES {
+            ModelFiles::Bundled(model) => {
+                for (name, content) in model.files().files {
                     add(name, content);
                 }
             }
@@ -330,7 +374,7 @@ mod tests {
             ("member-2/lm", "average.safetensors"),
         ] {
             let written = Checkpoint::open(&weights().join(part)).unwrap();
-            let bundled = bundled_checkpoint(part);
+            let bundled = bundled_checkpoint(BundledModel::Features, part);
             assert_eq!(
                 written.bytes("config.json").unwrap(),
                 bundled.bytes("config.json").unwrap()
@@ -356,7 +400,7 @@ mod tests {
             precision: Precision::Int8,
             ..ModelOptions::default()
         };
-        let int8 = Model::load(ModelFiles::Bundled, &int8).unwrap();
+        let int8 = Model::load(ModelFiles::of(None), &int8).unwrap();
         assert_eq!(int8.name(), "default (embedded), int8");
         for model in [&bundled, &folder] {
             let error = model.points().err().unwrap();
@@ -366,11 +410,62 @@ mod tests {
     }
 
     #[test]
+    fn bundled_models_are_chosen_by_name_and_folders_by_path() {
+        for (name, expected) in [
+            (None, ModelFiles::Bundled(BundledModel::Features)),
+            (
+                Some("features"),
+                ModelFiles::Bundled(BundledModel::Features),
+            ),
+            (Some("tokens"), ModelFiles::Bundled(BundledModel::Tokens)),
+            (Some("./tokens"), ModelFiles::Folder("./tokens".into())),
+            (
+                Some("work/tokens"),
+                ModelFiles::Folder("work/tokens".into()),
+            ),
+        ] {
+            assert_eq!(ModelFiles::of(name.map(Path::new)), expected);
+        }
+    }
+
+    /// The model of the published method: three tasks and instructions, and nothing but tokens.
+    #[test]
+    fn the_model_tokens_reads_tokens_alone_and_learned_all_tasks() {
+        use radarllm_inference::lm::templates::Task;
+
+        let model = Model::load(
+            ModelFiles::of(Some(Path::new("tokens"))),
+            &ModelOptions::default(),
+        );
+        let model = model.unwrap();
+        assert_eq!(model.name(), "tokens (embedded)");
+        let networks = model.networks();
+        assert_eq!(networks.vocab().layout().n_context, 0);
+        for (task, tuned) in [
+            (Task::RadarToText, true),
+            (Task::TextToRadar, true),
+            (Task::RadarPrediction, false),
+            (Task::Question, true),
+        ] {
+            networks.require(task, tuned).unwrap();
+        }
+        let codes = networks
+            .codes_of_sentences(&["a person walks forward"], 1)
+            .unwrap();
+        let clip = model
+            .points()
+            .unwrap()
+            .decode(&codes[0], 1.0, "a test")
+            .unwrap();
+        assert_eq!(clip.frames.len(), 4 * codes[0].len());
+    }
+
+    #[test]
     fn a_folder_without_a_model_is_named() {
         let error = Model::open(Path::new("no-such-folder")).err().unwrap();
         assert!(error.to_string().starts_with("no-such-folder: "), "{error}");
         assert!(error.hint.unwrap().to_string().ends_with(NO_MODEL));
-        let error = ModelFiles::Bundled.text("lm/missing.json").unwrap_err();
+        let error = ModelFiles::of(None).text("lm/missing.json").unwrap_err();
         assert_eq!(
             error.to_string(),
             "default (embedded)/lm/missing.json: not part of the bundled model"
@@ -379,7 +474,9 @@ mod tests {
 
     #[test]
     fn what_a_carried_checkpoint_lacks_or_has_damaged_is_named() {
-        let bytes = default_model::file("tokenizer/model.safetensors").unwrap();
+        let bytes = bundled::FEATURES
+            .file("tokenizer/model.safetensors")
+            .unwrap();
         let cut = Checkpoint::carried(
             Path::new("here"),
             [("model.safetensors".to_string(), &bytes[..bytes.len() - 1])],

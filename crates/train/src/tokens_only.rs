@@ -6,10 +6,9 @@
 
 use std::path::Path;
 
-use radarllm_inference::checkpoint::{CONFIG_FILE, CheckpointFiles, HostTensor, MODEL_FILE};
+use radarllm_inference::checkpoint::{CheckpointFiles, HostTensor, MODEL_FILE};
 use radarllm_inference::lm::ensemble::Member;
 use radarllm_inference::tokenizer::RadarTokenizer;
-use radarllm_inference::tokenizer::encode::TokenizerFile;
 use radarllm_nn::lm::RadarLm;
 
 use crate::harness::{TrainError, cpu_device};
@@ -29,10 +28,11 @@ pub fn tokens_only(dir: &Path, out: &Path) -> Result<(), TrainError> {
         values: Vec::new(),
     });
     let lm = RadarLm::load_tokens_only(&dir.join("lm"), &codebook, &cpu_device())?;
+    // Byte for byte, so that a decoder of its tokens fits both.
     let mut files = CheckpointFiles::default();
-    weights.insert("codebook".into(), codebook);
-    files.json(CONFIG_FILE, &TokenizerFile::read(&member.tokenizer)?)?;
-    files.tensors(MODEL_FILE, &weights)?;
+    for name in member.tokenizer.names() {
+        files.bytes(name, member.tokenizer.bytes(name)?);
+    }
     files.write(&out.join("tokenizer"))?;
     lm.save(&out.join("lm"))?;
     Ok(())

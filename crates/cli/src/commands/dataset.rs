@@ -129,7 +129,7 @@ pub(crate) struct DatasetRecordingsArgs {
     /// labels.
     #[arg(long)]
     pub by_model: bool,
-    /// Model folder; the bundled model if omitted.
+    /// Model folder, or a bundled model: `features` (the default) or `tokens`.
     #[arg(long, requires = "by_model")]
     pub model: Option<PathBuf>,
     /// Sentences of the model with less confidence are left out, 0 to 1.
@@ -280,7 +280,13 @@ fn overwrite(force: bool) -> Overwrite {
     }
 }
 
-fn build(plan: &DatasetPlan, out: &Path, options: BuildOptions, json: bool) -> CliResult {
+/// Builds what is missing of a data set, and prints what there is.
+pub(crate) fn build(
+    plan: &DatasetPlan,
+    out: &Path,
+    options: BuildOptions,
+    json: bool,
+) -> CliResult {
     let started = Instant::now();
     let report = plan.build(out, options, progress_lines(started), &|| false)?;
     let manifest = &report.manifest;

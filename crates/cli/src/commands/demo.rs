@@ -30,7 +30,7 @@ pub(crate) struct DemoArgs {
     /// Motions to show instead of the default motions and the recording.
     #[arg(value_name = "BUILTIN")]
     pub motions: Vec<String>,
-    /// Model folder; the bundled model if omitted.
+    /// Model folder, or a bundled model: `features` (the default) or `tokens`.
     #[arg(long)]
     pub model: Option<PathBuf>,
     /// Seed of placement, motion variations and noise.

@@ -1,11 +1,14 @@
 //! `describe`: generates sentences from recordings, points files or motions.
 
-use std::{path::PathBuf, time::Instant};
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 use clap::Args;
 use radarllm::{
-    Captioner, Clip, DescribeOptions, Person, PrepareOptions, PreparedClip, Recording,
-    SimulateOptions, Site, SiteError, board_people, prepare_for_model,
+    BundledModel, Captioner, Clip, DescribeOptions, Person, PrepareOptions, PreparedClip,
+    Recording, SimulateOptions, Site, SiteError, board_people, prepare_for_model,
 };
 use radarllm_inference::{
     Chosen, Segment,
@@ -35,7 +38,7 @@ pub(crate) struct DescribeArgs {
     /// Recordings of any format, points files, motion files or builtin:NAME?key=value.
     #[arg(required = true)]
     pub inputs: Vec<String>,
-    /// Model folder; the bundled model if omitted.
+    /// Model folder, or a bundled model: `features` (the default) or `tokens`.
     #[arg(long)]
     pub model: Option<PathBuf>,
     /// Decoder of the language model.
@@ -50,8 +53,9 @@ pub(crate) struct DescribeArgs {
     /// Choose among these activities instead of describing freely: "boxing,squats,walking".
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub choose: Vec<String>,
-    /// Follow this instruction instead of describing: a question or request about the motion, its length or its
-    /// continuation, in words like those of instruction tuning. The model must have been tuned.
+    /// Follow this instruction instead of describing: a question about the motion ("which way does she go?", "did he fall?"),
+    /// or a request for its description, length or continuation. The model is the bundled `tokens` unless --model names another
+    /// that was tuned.
     #[arg(long, value_name = "TEXT", conflicts_with_all = ["choose", "memory"])]
     pub instruct: Option<String>,
     /// File of the site, by `radarllm site`: tilt of the radar and height of a standing person. Learned from each recording in
@@ -363,7 +367,13 @@ pub(crate) fn run(args: &DescribeArgs) -> CliResult {
     let instruction = instruction
         .transpose()
         .map_err(|e| CliError::new(format!("--instruct: {e}")))?;
-    let mut captioner = model::captioner(args.model.as_deref(), args.decoder)?;
+    // Of the bundled models only one follows instructions.
+    let named = args.model.as_deref();
+    let model = match instruction {
+        Some(_) => named.or(Some(Path::new(BundledModel::Tokens.name()))),
+        None => named,
+    };
+    let mut captioner = model::captioner(model, args.decoder)?;
     if let Some(memory) = load_memory(args.memory.as_deref())? {
         captioner = captioner.with_memory(&memory);
     }

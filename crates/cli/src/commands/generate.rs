@@ -30,9 +30,9 @@ pub(crate) struct GenerateArgs {
     /// Also write a page with the points and what the model says of them, HTML.
     #[arg(long, value_name = "PAGE.html")]
     pub view: Option<PathBuf>,
-    /// Model folder. The bundled model did not learn to generate.
-    #[arg(long)]
-    pub model: Option<PathBuf>,
+    /// Model folder, or a bundled model, of which only `tokens` learned to generate.
+    #[arg(long, default_value = "tokens")]
+    pub model: PathBuf,
     /// Decoder of the language model.
     #[arg(long, value_enum, default_value = "f32")]
     pub decoder: DecoderName,
@@ -83,7 +83,7 @@ pub(crate) fn run(args: &GenerateArgs) -> CliResult {
     if let Some(page) = &args.view {
         output::check_free(page, args.force)?;
     }
-    let captioner = model::captioner(args.model.as_deref(), args.decoder)?;
+    let captioner = model::captioner(Some(&args.model), args.decoder)?;
     let mut codes = codes(&captioner, &[&args.text], args.beam)?;
     let tokens = codes.pop().unwrap_or_default();
     if tokens.is_empty() {

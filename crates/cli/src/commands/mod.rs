@@ -23,6 +23,9 @@ pub(crate) mod pictures;
 pub(crate) mod pose_scores;
 pub(crate) mod process;
 pub(crate) mod radar;
+#[cfg(feature = "eval")]
+#[cfg_attr(not(feature = "train"), allow(dead_code))]
+pub(crate) mod reproduce;
 pub(crate) mod score;
 pub(crate) mod shell;
 pub(crate) mod simulate;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Subcommand;
-use radarllm::{ModelFiles, OpenedRadar};
+use radarllm::{BundledModel, ModelFiles, OpenedRadar};
 use radarllm_base::{RadarConfig, radar_config::TxMultiplexing};
 use radarllm_formats::{Finding, ModelExpectations, Severity, Span};
 use radarllm_inference::{FRAME_RATE_HZ, tokenizer::encode::TokenizerFile};
@@ -40,7 +40,7 @@ pub(crate) enum RadarVerb {
     Lint {
         /// Radar: a built-in name, a TI .cfg or a radar .toml.
         radar: String,
-        /// Model folder to compare with; the bundled model if omitted.
+        /// Model folder to compare with, or a bundled model: `features` (the default) or `tokens`.
         #[arg(long)]
         model: Option<PathBuf>,
         /// Print one JSON document.
@@ -318,9 +318,10 @@ fn expectations(model: Option<&Path>) -> CliResult<ModelExpectations> {
     let names = names.into_iter().flatten().filter_map(|n| n.as_str());
     let radars = names.filter_map(radarllm_formats::builtin_radar).collect();
     Ok(ModelExpectations {
-        model: match model {
-            Some(folder) => format!("the model in {}", folder.display()),
-            None => "the default model".into(),
+        model: match &files {
+            ModelFiles::Folder(folder) => format!("the model in {}", folder.display()),
+            ModelFiles::Bundled(BundledModel::Features) => "the default model".into(),
+            ModelFiles::Bundled(bundled) => format!("the bundled model `{}`", bundled.name()),
         },
         frame_rate_hz: f64::from(FRAME_RATE_HZ),
         max_points: file.model.grouping.max_points,

@@ -30,7 +30,7 @@ pub(crate) struct ViewArgs {
     /// Output: a page with the points in motion (.html), or a figure of the points over time with the sentences (.svg).
     #[arg(long)]
     pub out: PathBuf,
-    /// Model folder; the bundled model if omitted.
+    /// Model folder, or a bundled model: `features` (the default) or `tokens`.
     #[arg(long)]
     pub model: Option<PathBuf>,
     /// How to read the input.

@@ -335,7 +335,7 @@ fn uses_what_was_tuned(model: &str, path: &dyn Fn(&str) -> String) {
     let card: serde_json::Value =
         serde_json::from_slice(&fs::read(format!("{model}/lm/config.json")).unwrap()).unwrap();
     assert_eq!(card["learned"]["pretrained"].as_array().unwrap().len(), 3);
-    assert_eq!(card["learned"]["tuned"].as_array().unwrap().len(), 5);
+    assert_eq!(card["learned"]["tuned"].as_array().unwrap().len(), 6);
 
     let ask = |text: &str| {
         crate::command::json_lines(&[
@@ -348,7 +348,9 @@ fn uses_what_was_tuned(model: &str, path: &dyn Fn(&str) -> String) {
             "--json",
         ])
     };
-    let rows = ask("Where does the person go?");
+    let rows = ask("Which way is she heading?");
+    assert_eq!(rows[0]["task"], "question");
+    let rows = ask("Tell us what you saw.");
     assert_eq!(rows[0]["task"], "radar_to_text");
     assert!(rows[0]["likeness"].as_f64().unwrap() < 1.0);
     assert!(rows[0]["answers"][0]["text"].is_string(), "{rows}");
@@ -443,23 +445,24 @@ fn uses_what_was_tuned(model: &str, path: &dyn Fn(&str) -> String) {
     fs::rename(&aside, &decoder).unwrap();
 }
 
-/// The bundled model learned radar to text alone, and says so instead of generating nonsense.
+/// The default model learned radar to text alone, and says so instead of generating nonsense.
 #[test]
-fn the_bundled_model_refuses_what_it_did_not_learn() {
+fn the_default_model_refuses_what_it_did_not_learn() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("walk.parquet");
-    let problem =
-        crate::command::refused(&["generate", "a person walks", "--out", out.to_str().unwrap()]);
+    let generate = ["generate", "a person walks", "--out", out.to_str().unwrap()];
+    let problem = crate::command::refused(&[&generate[..], &["--model", "features"]].concat());
     for part in ["did not learn text_to_radar", "hint:", "[points]"] {
         assert!(problem.contains(part), "{problem}");
     }
     assert!(!out.exists());
-    let problem = crate::command::refused(&[
+    let ask = [
         "describe",
         "builtin:walk",
         "--instruct",
-        "Where does the person go?",
-    ]);
+        "Tell us what you saw.",
+    ];
+    let problem = crate::command::refused(&[&ask[..], &["--model", "features"]].concat());
     for part in [
         "did not learn radar_to_text in other words",
         "it was not tuned on instructions of this task",
@@ -467,6 +470,41 @@ fn the_bundled_model_refuses_what_it_did_not_learn() {
     ] {
         assert!(problem.contains(part), "{problem}");
     }
+}
+
+/// The bundled model `tokens` is the one for instructions and generation, without being named.
+#[test]
+fn the_bundled_model_of_tokens_answers_and_generates() {
+    let answer = |text: &str| {
+        let rows = crate::command::json_lines(&[
+            "describe",
+            "builtin:walk?direction=backward",
+            "--instruct",
+            text,
+            "--json",
+        ]);
+        assert_eq!(rows[0]["model"], "tokens (embedded)");
+        rows[0]["answers"][0]["text"].as_str().unwrap().to_string()
+    };
+    assert_eq!(answer("Which way is she heading?"), "backward");
+    assert_eq!(answer("Did she walk?"), "yes");
+    assert_eq!(answer("Did somebody sit down there?"), "no");
+    let problem =
+        crate::command::refused(&["describe", "builtin:walk", "--instruct", "Who is it?"]);
+    assert!(problem.contains("not who it is"), "{problem}");
+
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("walk.parquet");
+    let generated = crate::command::json(&[
+        "generate",
+        "a person walks forward",
+        "--out",
+        out.to_str().unwrap(),
+        "--json",
+    ]);
+    assert_eq!(generated["model"], "tokens (embedded)");
+    assert!(generated["points"].as_u64().unwrap() > 500, "{generated}");
+    assert!(out.is_file());
 }
 
 /// Ctrl-C in a training that runs: it ends by itself with exit code 130, and resumed it ends where it would have ended.

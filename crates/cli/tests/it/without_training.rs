@@ -10,6 +10,10 @@ fn missing_verbs_are_listed_and_say_how_to_get_them() {
         ("train", &["train", "all", "model.toml"][..]),
         ("ablate", &["ablate", "grid.toml"]),
         (
+            "reproduce",
+            &["reproduce", "paper", "--scale", "small", "--out", "o"],
+        ),
+        (
             "lm",
             &["lm", "logits", "--weights", "w", "--ids", "i", "--out", "o"],
         ),

@@ -67,6 +67,9 @@ pub struct GridRow {
     /// Changes to the common recipe: dotted key to value.
     #[serde(default)]
     pub set: Table,
+    /// Dotted keys of the common recipe that this row leaves at their defaults.
+    #[serde(default)]
+    pub unset: Vec<String>,
     /// False leaves instruction tuning out.
     #[serde(default = "yes")]
     pub instruct: bool,

@@ -11,6 +11,7 @@ pub mod descriptor;
 pub mod embedding_scores;
 pub mod examples;
 pub mod facts;
+pub mod instructions;
 pub mod interventions;
 pub mod report;
 pub mod robustness;

@@ -7,12 +7,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use radarllm_base::PointFrame;
 use radarllm_engine::{Precision, Watch, search};
+use radarllm_facts::{Facts, facts};
 use serde::Serialize;
 
 use super::card::Learned;
 use super::consensus::WindowReadings;
 use super::ensemble::{Ensemble, Member, Sentence, open_members};
 use super::person_gate::{median_points, points_stay_together};
+use super::questions::{NOT_STATED, YES, holds};
 use super::templates::Task;
 use super::vocab::Vocab;
 use super::windows::{Captions, Plan, Span, WindowCaption, Windows, time_s};
@@ -20,7 +22,7 @@ use super::{
     Allowed, GenerateOptions, Generated, InputError, Instruction, LmError, Source, Unlearned,
 };
 use crate::backend::{Backend, LoadBackend, load_engine};
-use crate::prepare::PreparedClip;
+use crate::prepare::{FRAME_RATE_HZ, PreparedClip};
 use crate::tokenizer::{Encoded, FRAMES_PER_CODE, MAX_FRAMES};
 
 /// The sentences of this many windows before and after a window are readings of it.
@@ -35,6 +37,9 @@ const BATCH_WINDOWS: usize = 64;
 
 /// Sentences that each model of an ensemble draws for a window, to vote for what is stated.
 pub const N_DRAWS: usize = 16;
+
+/// The answer to a question of which the model says that it is not stated by such motions.
+pub const NO_ANSWER: &str = "the radar tokens do not say";
 
 /// The caption of a clip that shows no person.
 pub const NO_PERSON: &str = "no person seen";
@@ -481,45 +486,90 @@ impl Captioner {
             .filter(|window| has_person(window))
             .map(|window| (*window, clip.radar_height_m))
             .collect();
-        let prompts: Vec<Source> = model
-            .encode(&seen)?
+        let answers = match (task, instruction.claim()) {
+            (_, Some(claim)) => self.checked(&seen, claim, options)?,
+            (Task::RadarToLength, _) => lengths(&model.encode(&seen)?),
+            _ => self.generated_answers(&seen, instruction, options)?,
+        };
+        let mut answers = answers.into_iter();
+        let (mut parts, mut start) = (Vec::with_capacity(windows.len()), 0);
+        for window in windows {
+            let end = start + window.len();
+            let answer = match has_person(window) {
+                true => answers.next().unwrap_or_default(),
+                false => OwnAnswer {
+                    text: NO_PERSON.into(),
+                    ..OwnAnswer::default()
+                },
+            };
+            parts.push(AnswerPart {
+                start_s: time_s(clip, start),
+                end_s: time_s(clip, end),
+                text: answer.text,
+                codes: answer.codes,
+                confidence: answer.confidence,
+            });
+            start = end;
+        }
+        Ok(Answer { task, parts })
+    }
+
+    /// What the first member generates for an instruction about windows.
+    fn generated_answers(
+        &self,
+        windows: &[(&[PointFrame], f32)],
+        instruction: &Instruction,
+        options: &DescribeOptions,
+    ) -> Result<Vec<OwnAnswer>, LmError> {
+        let model = self.ensemble.first();
+        let vocab = model.vocab();
+        let encoded = model.encode(windows)?;
+        let prompts = encoded
             .iter()
-            .map(|radar| {
-                model
-                    .vocab()
-                    .prompt(instruction.prompt(), Some(radar), None)
-            })
-            .collect::<Result<_, _>>()?;
+            .map(|radar| vocab.prompt(instruction.prompt(), Some(radar), None));
+        let prompts = prompts.collect::<Result<Vec<Source>, _>>()?;
         let generating = GenerateOptions {
-            allowed: match task {
+            allowed: match instruction.task() {
                 Task::Continuation => Allowed::Radar,
                 _ => Allowed::Text,
             },
             ..options.generate()
         };
         let generated = search::unwatched(|watch| model.generate(&prompts, &generating, watch))?;
-        let mut generated = generated.into_iter();
-        let (mut parts, mut start) = (Vec::with_capacity(windows.len()), 0);
-        for window in windows {
-            let end = start + window.len();
-            let mut part = AnswerPart {
-                start_s: time_s(clip, start),
-                end_s: time_s(clip, end),
-                text: NO_PERSON.into(),
-                codes: Vec::new(),
-                confidence: 0.0,
-            };
-            if has_person(window)
-                && let Some(generated) = generated.next()
-            {
-                part.text = model.vocab().text(&generated.ids);
-                part.codes = codes_of(model.vocab(), &generated.ids);
-                part.confidence = generated.confidence;
+        let asks = instruction.question().is_some();
+        let answer = |generated: Generated| {
+            let text = vocab.text(&generated.ids);
+            OwnAnswer {
+                text: match asks && text == NOT_STATED {
+                    true => NO_ANSWER.into(),
+                    false => text,
+                },
+                codes: codes_of(vocab, &generated.ids),
+                confidence: generated.confidence,
             }
-            parts.push(part);
-            start = end;
-        }
-        Ok(Answer { task, parts })
+        };
+        Ok(generated.into_iter().map(answer).collect())
+    }
+
+    /// Whether a claim holds of windows, by the sentences that the model says about them.
+    fn checked(
+        &self,
+        windows: &[(&[PointFrame], f32)],
+        claim: &Facts,
+        options: &DescribeOptions,
+    ) -> Result<Vec<OwnAnswer>, LmError> {
+        let described =
+            search::unwatched(|watch| self.caption_frames(windows, N_DRAWS, options, watch))?;
+        let answer = |(_, sentence): (Vec<Encoded>, Sentence)| OwnAnswer {
+            text: match holds(claim, &[facts(&sentence.text)]) {
+                Some(true) => YES.into(),
+                Some(false) => NOT_STATED.into(),
+                None => NO_ANSWER.into(),
+            },
+            confidence: sentence.confidence,
+            ..OwnAnswer::default()
+        };
+        Ok(described.into_iter().map(answer).collect())
     }
 
     /// Generates the radar codes of sentences: what a radar would see if they were true, one code per 0.4 s. The codes
@@ -616,6 +666,25 @@ impl Captioner {
         };
         Ok(encoded.into_iter().zip(sentences).collect())
     }
+}
+
+/// The answer about a window.
+#[derive(Default)]
+struct OwnAnswer {
+    text: String,
+    codes: Vec<u32>,
+    confidence: f32,
+}
+
+/// Lengths of windows: every radar token stands for as many frames.
+fn lengths(encoded: &[Encoded]) -> Vec<OwnAnswer> {
+    let length_s = |radar: &Encoded| (radar.codes.len() * FRAMES_PER_CODE) as f32 / FRAME_RATE_HZ;
+    let answer = |radar: &Encoded| OwnAnswer {
+        text: format!("{:.1} seconds", length_s(radar)),
+        confidence: 1.0,
+        ..OwnAnswer::default()
+    };
+    encoded.iter().map(answer).collect()
 }
 
 /// The radar codes among token ids.

@@ -1,17 +1,60 @@
 //! Instructions in a user's own words.
 //!
-//! Instruction tuning asks for each task in the words of many templates. An instruction in other words reaches the model as
-//! it is; the task, and so the kind of the answer, is that of the template whose words are most alike.
+//! Instruction tuning asks for each task in the words of many templates. An instruction in other words asks for what the template
+//! asks whose words are most alike, and the model gets that template: small models do not follow words that they were not tuned
+//! on (docs/results/instructions.md). Only an instruction that places the radar codes itself reaches the model as it is. A
+//! question whether somebody does something ("is she sitting down?") becomes a claim of what the lexicon reads in it.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::LazyLock;
+
+use radarllm_facts::{Facts, facts, write::Writer};
 
 use super::InputError;
+use super::questions::{CLAIM, Question, question_of};
 use super::templates::{Piece, Task, pieces};
 
 /// Tasks whose prompts contain radar codes and that instruction tuning teaches.
-const TASKS: [Task; 3] = [Task::RadarToText, Task::RadarToLength, Task::Continuation];
+const TASKS: [Task; 4] = [
+    Task::RadarToText,
+    Task::RadarToLength,
+    Task::Continuation,
+    Task::Question,
+];
+/// First words of a question that is answered by yes or no.
+const AUXILIARIES: [&str; 8] = ["is", "are", "was", "were", "does", "do", "did", "has"];
+/// Words that every question may hold, whatever it asks.
+const FUNCTION_WORDS: [&str; 27] = [
+    "the", "a", "an", "of", "in", "is", "was", "were", "are", "did", "does", "do", "it", "this",
+    "that", "person", "you", "me", "to", "she", "he", "they", "someone", "somebody", "be", "been",
+    "will",
+];
+/// Words about what radar tokens do not hold: they are relative to the person, and see neither identity nor surface.
+const NOT_HELD: [&str; 21] = [
+    "who",
+    "whose",
+    "age",
+    "old",
+    "young",
+    "tall",
+    "gender",
+    "sex",
+    "colour",
+    "color",
+    "wear",
+    "wears",
+    "wearing",
+    "clothes",
+    "face",
+    "heart",
+    "breathing",
+    "metres",
+    "meters",
+    "distance",
+    "room",
+];
 const RADAR: &str = "{radar}";
-/// Least likeness to a template, as [`likeness`] measures it: two of seven different words in common.
+/// Minimum likeness to a template, as [`likeness`] measures it.
 const MIN_ALIKE: f32 = 0.25;
 /// Maximum length, bytes. Templates have at most twelve words.
 const MAX_BYTES: usize = 500;
@@ -21,12 +64,15 @@ const MAX_BYTES: usize = 500;
 pub struct Instruction {
     prompt: String,
     task: Task,
+    question: Option<Question>,
+    claim: Option<Facts>,
     nearest: &'static str,
     likeness: f32,
 }
 
 impl Instruction {
-    /// Reads an instruction. The radar codes take the place of `{radar}`, or follow the words.
+    /// Reads an instruction. The radar codes take the place of `{radar}`; without it, the words are those of the most similar
+    /// template.
     ///
     /// # Errors
     /// If the text has no words, is very long, has other placeholders, or is like no template.
@@ -54,26 +100,51 @@ impl Instruction {
         if own.is_empty() {
             return refused("it has no words".into());
         }
+        // "Name the motion" asks for something else than "what is her name".
+        let asks_name = own.contains("name") && !text.trim().to_lowercase().starts_with("name");
+        let mut not_held = NOT_HELD.iter().filter(|word| own.contains(**word));
+        if let Some(word) = not_held.next().or(asks_name.then_some(&"name")) {
+            return refused(format!(
+                "`{word}`: radar tokens hold how a person moves, not who it is or where in the room; ask what the person does, \
+                 which way, with which side, how often, how fast, how long or in which order"
+            ));
+        }
+        if n_radar == 0
+            && let Some((claim, stated)) = claim_of(text)
+        {
+            let nearest = Question::Claim.prompts()[0];
+            return Ok(Self {
+                prompt: nearest.replace(CLAIM, &claim),
+                task: Task::Question,
+                question: Some(Question::Claim),
+                claim: Some(stated),
+                nearest,
+                likeness: likeness(&own, &words(&claim)),
+            });
+        }
         let templates = TASKS
             .into_iter()
-            .flat_map(|task| task.prompts().iter().map(move |prompt| (task, *prompt)));
+            .flat_map(|task| task.prompts().iter().map(move |prompt| (task, *prompt)))
+            .filter(|(_, prompt)| !prompt.contains(CLAIM));
         let rated = templates.map(|(task, prompt)| (likeness(&own, &words(prompt)), task, prompt));
         // Of equally likely ones the first is taken.
         let best = rated.reduce(|best, next| if next.0 > best.0 { next } else { best });
         let Some((likeness, task, nearest)) = best.filter(|best| best.0 >= MIN_ALIKE) else {
             return refused(format!(
-                "`{text}` is like none of the instructions for describing, timing or continuing a motion, for example \
-                 `{}`",
+                "`{text}` is like none of the instructions for describing, timing, continuing or asking about a motion, for \
+                 example `{}`",
                 Task::RadarToText.prompts()[17]
             ));
         };
         let prompt = match n_radar {
-            0 => format!("{} {RADAR}", text.trim()),
+            0 => nearest.to_string(),
             _ => text.trim().to_string(),
         };
         Ok(Self {
             prompt,
             task,
+            question: question_of(nearest).filter(|_| task == Task::Question),
+            claim: None,
             nearest,
             likeness,
         })
@@ -87,6 +158,16 @@ impl Instruction {
     /// Task that is asked for.
     pub fn task(&self) -> Task {
         self.task
+    }
+
+    /// Question that is asked, if it is one about a single fact.
+    pub fn question(&self) -> Option<Question> {
+        self.question
+    }
+
+    /// What is claimed, if the question is whether something is so.
+    pub fn claim(&self) -> Option<&Facts> {
+        self.claim.as_ref()
     }
 
     /// The most similar template.
@@ -105,16 +186,54 @@ impl Instruction {
     }
 }
 
+/// The claim of a question that is answered by yes or no, as a sentence and as facts: "did she fall?" asks whether "a person
+/// falls".
+fn claim_of(text: &str) -> Option<(String, Facts)> {
+    let lower = text.trim().to_lowercase();
+    let (first, _) = lower.split_once(' ')?;
+    // "Is it slow or fast?" asks which.
+    if !AUXILIARIES.contains(&first) || lower.contains(" or ") {
+        return None;
+    }
+    let stated = facts(&lower);
+    stated.actions().next()?;
+    let claim = Writer::new().write_fully(&stated, 0)?.text;
+    Some((claim, stated))
+}
+
 fn words(text: &str) -> BTreeSet<String> {
-    let text = text.replace(RADAR, " ").to_lowercase();
+    let text = text.replace(RADAR, " ").replace(CLAIM, " ").to_lowercase();
     let words = text.split(|c: char| !c.is_alphanumeric());
     words.filter(|w| !w.is_empty()).map(String::from).collect()
 }
 
-/// Number of common words in relation to the mean number of different words (Dice's coefficient).
+/// Common words in relation to the mean of all different words (Dice's coefficient), where words that say little weigh little:
+/// those of many templates and [`FUNCTION_WORDS`].
 fn likeness(a: &BTreeSet<String>, b: &BTreeSet<String>) -> f32 {
-    let n_common = a.intersection(b).count();
-    2.0 * n_common as f32 / (a.len() + b.len()).max(1) as f32
+    let weight = |word: &String| {
+        let n_prompts = n_prompts().get(word).copied().unwrap_or(1);
+        match FUNCTION_WORDS.contains(&word.as_str()) {
+            true => 0.1,
+            false => 1.0 / (n_prompts as f32).sqrt(),
+        }
+    };
+    let sum = |words: &BTreeSet<String>| words.iter().map(weight).sum::<f32>();
+    let common: f32 = a.intersection(b).map(weight).sum();
+    2.0 * common / (sum(a) + sum(b)).max(f32::MIN_POSITIVE)
+}
+
+/// In how many templates each word occurs.
+fn n_prompts() -> &'static BTreeMap<String, usize> {
+    static COUNTS: LazyLock<BTreeMap<String, usize>> = LazyLock::new(|| {
+        let mut counts = BTreeMap::new();
+        for prompt in TASKS.iter().flat_map(|task| task.prompts()) {
+            for word in words(prompt) {
+                *counts.entry(word).or_default() += 1;
+            }
+        }
+        counts
+    });
+    &COUNTS
 }
 
 #[cfg(test)]
@@ -124,7 +243,11 @@ mod tests {
     #[test]
     fn instructions_get_the_task_that_they_ask_for() {
         for (text, task) in [
-            ("Where does the person go?", Task::RadarToText),
+            ("Which way does she go?", Task::Question),
+            ("With which hand?", Task::Question),
+            ("How many times did he do it?", Task::Question),
+            ("How fast is the person?", Task::Question),
+            ("What did she do first?", Task::Question),
             ("What is she doing?", Task::RadarToText),
             ("Describe the movement, please", Task::RadarToText),
             ("How long does the recording last?", Task::RadarToLength),
@@ -139,14 +262,50 @@ mod tests {
                 "{text}: {}",
                 instruction.nearest()
             );
-            assert_eq!(instruction.prompt(), format!("{text} {{radar}}"));
+            assert_eq!(instruction.prompt(), instruction.nearest());
+            let own = Instruction::parse(&format!("{text} {{radar}}")).unwrap();
+            assert_eq!(own.prompt(), format!("{text} {{radar}}"));
+        }
+    }
+
+    #[test]
+    fn yes_or_no_asks_for_a_claim() {
+        for (text, claim) in [
+            ("Did she fall?", "fall"),
+            ("Is somebody sitting down?", "sit_down"),
+            ("does the person wave with the left hand", "wave hand left"),
+            ("Are they walking backwards?", "walk backward"),
+        ] {
+            let instruction = Instruction::parse(text).unwrap();
+            assert_eq!(instruction.question(), Some(Question::Claim), "{text}");
+            let asked = facts(instruction.prompt()).to_string();
+            assert!(asked.ends_with(claim), "{text}: {asked}");
+        }
+        for text in ["Is it slow or fast?", "Is it the left or the right side?"] {
+            let instruction = Instruction::parse(text).unwrap();
+            assert_eq!(instruction.task(), Task::Question, "{text}");
+            assert_ne!(instruction.question(), Some(Question::Claim), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_tokens_do_not_hold_is_refused() {
+        for text in [
+            "Who is it?",
+            "What is the person wearing?",
+            "Where in the room does the person stand?",
+            "How old is the person?",
+            "Was macht die Person?",
+            "\u{4eba}\u{5728}\u{505a}\u{4ec0}\u{4e48}",
+        ] {
+            assert!(Instruction::parse(text).is_err(), "{text}");
         }
     }
 
     #[test]
     fn every_template_is_its_own_nearest() {
         for task in TASKS {
-            for prompt in task.prompts() {
+            for prompt in task.prompts().iter().filter(|p| !p.contains(CLAIM)) {
                 let instruction = Instruction::parse(prompt).unwrap();
                 assert_eq!(instruction.likeness(), 1.0, "{prompt}");
                 assert_eq!(instruction.prompt(), *prompt);

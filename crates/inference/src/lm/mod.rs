@@ -19,6 +19,7 @@ pub mod generate;
 pub mod gpt2_config;
 pub mod instruction;
 mod person_gate;
+pub mod questions;
 pub mod qwen2_config;
 pub mod templates;
 pub mod vocab;

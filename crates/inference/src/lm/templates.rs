@@ -1,10 +1,12 @@
 //! Prompts of the language model, worded by this project.
 //!
 //! A template is a prompt and an answer with the placeholders `{radar}` (codes between `/som` and `/eom` in a prompt),
-//! `{caption}`, `{seconds}` and, for continuation, `{rest}`. Prompts are short, because every word takes time in the
+//! `{caption}`, `{seconds}`, for continuation `{rest}`, and for questions `{claim}` and `{answer}`. Prompts are short, because every word takes time in the
 //! encoder. Captions are not quoted, because the model would learn to generate the quotation marks.
 
 use serde::{Deserialize, Serialize};
+
+use super::questions;
 
 /// The sub-tasks of pretraining and instruction tuning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -20,6 +22,8 @@ pub enum Task {
     RadarToLength,
     /// Continue a motion.
     Continuation,
+    /// Answer a question about a motion ([`super::questions`]).
+    Question,
     /// Restore masked spans of codes (pretraining only).
     RadarPrediction,
     /// Restore masked spans of a sentence (pretraining only, with sentences that have no motion).
@@ -32,12 +36,13 @@ pub const EVALUATION_PROMPT: &str = "describe {radar}";
 
 impl Task {
     /// Tasks of instruction tuning.
-    pub const INSTRUCTION: [Task; 5] = [
+    pub const INSTRUCTION: [Task; 6] = [
         Task::RadarToText,
         Task::TextToRadar,
         Task::TextToLength,
         Task::RadarToLength,
         Task::Continuation,
+        Task::Question,
     ];
     /// Tasks of pretraining.
     pub const PRETRAINING: [Task; 4] = [
@@ -55,6 +60,7 @@ impl Task {
             Task::TextToLength => "text_to_length",
             Task::RadarToLength => "radar_to_length",
             Task::Continuation => "continuation",
+            Task::Question => "question",
             Task::RadarPrediction => "radar_prediction",
             Task::TextPrediction => "text_prediction",
         }
@@ -75,6 +81,7 @@ impl Task {
             Task::TextToRadar => "{radar}",
             Task::TextToLength | Task::RadarToLength => "{seconds} seconds",
             Task::Continuation => "{rest}",
+            Task::Question => "{answer}",
             Task::RadarPrediction | Task::TextPrediction => "{spans}",
         }
     }
@@ -87,6 +94,7 @@ impl Task {
             Task::TextToLength => TEXT_TO_LENGTH,
             Task::RadarToLength => RADAR_TO_LENGTH,
             Task::Continuation => CONTINUATION,
+            Task::Question => questions::prompts(),
             Task::RadarPrediction => RADAR_PREDICTION,
             Task::TextPrediction => TEXT_PREDICTION,
         }
@@ -98,7 +106,8 @@ pub fn all_text() -> impl Iterator<Item = &'static str> {
     let tasks = [Task::RadarPrediction, Task::TextPrediction]
         .into_iter()
         .chain(Task::INSTRUCTION);
-    tasks.flat_map(|task| task.prompts().iter().copied().chain([task.answer()]))
+    let templates = tasks.flat_map(|task| task.prompts().iter().copied().chain([task.answer()]));
+    templates.chain([questions::YES, questions::NOT_STATED])
 }
 
 /// A piece of a template.
@@ -429,10 +438,10 @@ mod tests {
                 "{task:?}: a prompt appears twice"
             );
             for prompt in task.prompts() {
-                let found: Vec<_> = pieces(prompt)
-                    .into_iter()
-                    .filter(|p| matches!(p, Piece::Placeholder(_)))
-                    .collect();
+                let mut found = pieces(prompt);
+                found.retain(|p| {
+                    matches!(p, Piece::Placeholder(_)) && *p != Piece::Placeholder(questions::CLAIM)
+                });
                 assert_eq!(
                     found,
                     [Piece::Placeholder(task.prompt_placeholder())],

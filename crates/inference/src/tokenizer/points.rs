@@ -105,7 +105,15 @@ impl PointDecoder {
     /// # Errors
     /// If it is missing, damaged, not a decoder, or belongs to another tokenizer.
     pub fn load(dir: &Path, tokenizer: &Checkpoint) -> Result<Self, CheckpointError> {
-        let checkpoint = Checkpoint::open(dir)?;
+        Self::of(&Checkpoint::open(dir)?, tokenizer)
+    }
+
+    /// As [`Self::load`], of an opened checkpoint.
+    ///
+    /// # Errors
+    /// If it is damaged, not a decoder, or belongs to another tokenizer.
+    pub fn of(checkpoint: &Checkpoint, tokenizer: &Checkpoint) -> Result<Self, CheckpointError> {
+        let dir = checkpoint.dir();
         let path = dir.join(CONFIG_FILE);
         let file: PointsFile = checkpoint.config(
             POINTS_KIND,

@@ -28,6 +28,9 @@ pub struct TaskWeights {
     pub radar_to_length: f64,
     /// The remaining codes of a motion from its first ones; instruction tuning only.
     pub continuation: f64,
+    /// Answers to questions about a motion ([`radarllm_inference::lm::questions`]); instruction tuning only.
+    #[serde(skip_serializing_if = "is_one")]
+    pub question: f64,
     /// Span masking on [`LmTrainConfig::sentences`]; pretraining only, and only if there are any.
     #[serde(skip_serializing_if = "is_one")]
     pub text_prediction: f64,
@@ -42,6 +45,7 @@ impl Default for TaskWeights {
             text_to_length: 1.0,
             radar_to_length: 1.0,
             continuation: 1.0,
+            question: 1.0,
             text_prediction: 1.0,
         }
     }
@@ -57,6 +61,7 @@ impl TaskWeights {
             Task::TextToLength => self.text_to_length,
             Task::RadarToLength => self.radar_to_length,
             Task::Continuation => self.continuation,
+            Task::Question => self.question,
             Task::TextPrediction => self.text_prediction,
         }
     }
@@ -105,6 +110,10 @@ pub struct LmTrainConfig {
     /// with a sentence on each line ([`super::sentences`]). Pretraining only.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub sentences: Vec<PathBuf>,
+    /// Probability that an example of instruction tuning has the first prompt of its task, which is that of pretraining and
+    /// of `describe`, and not one of all.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub first_prompt: f64,
     /// Relative sampling frequency of each task.
     pub sampling: TaskWeights,
     /// Factor on the loss of each task (the paper's lambdas).
@@ -170,6 +179,7 @@ impl LmTrainConfig {
             captions_per_motion: 0,
             rewrite_captions: 0.0,
             sentences: Vec::new(),
+            first_prompt: 0.0,
             sampling: TaskWeights::default(),
             lambda: TaskWeights::default(),
             label_smoothing: 0.1,
@@ -313,8 +323,13 @@ impl LmTrainConfig {
                 return fail(field, "must be in 0..1");
             }
         }
-        if !(0.0..=1.0).contains(&self.rewrite_captions) {
-            return fail("rewrite_captions", "must be in 0..=1");
+        for (field, probability) in [
+            ("rewrite_captions", self.rewrite_captions),
+            ("first_prompt", self.first_prompt),
+        ] {
+            if !(0.0..=1.0).contains(&probability) {
+                return fail(field, "must be in 0..=1");
+            }
         }
         if !(self.mask_share > 0.0 && self.mask_share < 1.0) {
             return fail("mask_share", "must be above 0 and below 1");

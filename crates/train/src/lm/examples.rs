@@ -1,11 +1,12 @@
 //! Builds token sequences from clips and tasks.
 
 use rand::rngs::ChaCha8Rng;
-use rand::seq::SliceRandom;
+use rand::seq::{IndexedRandom, SliceRandom};
 use rand::{RngExt, SeedableRng};
 
 use radarllm_base::random::normal_polar_f32;
-use radarllm_facts::{Facts, facts, swap_sides, write::Writer};
+use radarllm_facts::{Facts, facts, parse, swap_sides, write::Writer};
+use radarllm_inference::lm::questions::{self, CLAIM, NOT_STATED, Question, YES};
 use radarllm_inference::lm::templates::{Piece, Task, pieces};
 use radarllm_inference::lm::{InputError, LmError, Source, Vocab};
 use radarllm_inference::tokenizer::Encoded;
@@ -50,7 +51,7 @@ pub struct Item {
     pub prompt: usize,
 }
 
-const TASKS: [Task; 7] = [
+const TASKS: [Task; 8] = [
     Task::RadarToText,
     Task::TextToRadar,
     Task::TextToLength,
@@ -58,6 +59,7 @@ const TASKS: [Task; 7] = [
     Task::Continuation,
     Task::RadarPrediction,
     Task::TextPrediction,
+    Task::Question,
 ];
 
 /// Maximum number of variants or captions of a clip that are used: they must fit their bits of an item number.
@@ -111,10 +113,50 @@ pub struct Example {
     pub task: Task,
 }
 
-/// Token ids of a prompt before and after its placeholder.
+/// Token ids of a prompt before and after its placeholder, which is that of the radar in a prompt with two.
 struct Prompt {
     before: Vec<u32>,
     after: Vec<u32>,
+    /// Where a claim stands in `before` or, with the first number 1, in `after`.
+    claim: Option<(usize, usize)>,
+    question: Option<Question>,
+}
+
+/// What is known of a clip, to answer questions.
+struct Known {
+    /// What each caption states.
+    facts: Vec<Facts>,
+    /// Ids of the answer to each question of [`Question::ALL`]; `None` if no caption states one.
+    answers: Vec<Option<Vec<u32>>>,
+    /// Sentences about the whole clip and about a part of it, with what they state.
+    claims: Vec<(Vec<u32>, Facts)>,
+}
+
+impl Known {
+    fn new(vocab: &Vocab, captions: &[String]) -> Result<Self, LmError> {
+        let answer = |question: Question| {
+            let answer = question.answer(captions.iter().map(String::as_str));
+            answer.map(|text| vocab.text_ids(&text)).transpose()
+        };
+        let answers = Question::ALL.into_iter().map(answer);
+        let mut claims = Vec::new();
+        for caption in captions {
+            let clauses = parse(caption);
+            let parts = clauses.iter().filter(|_| clauses.len() > 1);
+            let parts = parts.map(|clause| clause.sentence());
+            for text in parts.chain([caption.clone()]) {
+                let stated = facts(&text);
+                if stated.actions().next().is_some() {
+                    claims.push((vocab.text_ids(&text)?, stated));
+                }
+            }
+        }
+        Ok(Self {
+            facts: captions.iter().map(|caption| facts(caption)).collect(),
+            answers: answers.collect::<Result<_, _>>()?,
+            claims,
+        })
+    }
 }
 
 /// Clips with everything that does not change between epochs precomputed.
@@ -132,6 +174,10 @@ pub struct ExampleMaker {
     /// Per clip and caption: its facts and those of its mirror image; empty if captions are used as they are.
     facts: Vec<Vec<[Facts; 2]>>,
     writer: Writer,
+    /// Per clip: what is known of it and of its mirror image; empty without the task of questions.
+    known: Vec<[Known; 2]>,
+    /// Ids of [`YES`] and of [`NOT_STATED`].
+    yes_no: [Vec<u32>; 2],
 }
 
 fn seconds_text(seconds: f32) -> String {
@@ -164,8 +210,13 @@ impl ExampleMaker {
             let mut of_task = Vec::new();
             for prompt in task.prompts() {
                 let (mut before, mut after, mut seen) = (Vec::new(), Vec::new(), false);
+                let mut claim = None;
                 for piece in pieces(prompt) {
                     match piece {
+                        Piece::Placeholder(CLAIM) => {
+                            let side: &Vec<u32> = if seen { &after } else { &before };
+                            claim = Some((usize::from(seen), side.len()));
+                        }
                         Piece::Placeholder(_) => seen = true,
                         Piece::Words(words) => {
                             let side = if seen { &mut after } else { &mut before };
@@ -173,7 +224,12 @@ impl ExampleMaker {
                         }
                     }
                 }
-                of_task.push(Prompt { before, after });
+                of_task.push(Prompt {
+                    before,
+                    after,
+                    claim,
+                    question: questions::question_of(prompt),
+                });
             }
             prompts.push(of_task);
         }
@@ -186,7 +242,74 @@ impl ExampleMaker {
             sentences: Vec::new(),
             facts: Vec::new(),
             writer: Writer::new(),
+            known: Vec::new(),
+            yes_no: [vocab.text_ids(YES)?, vocab.text_ids(NOT_STATED)?],
         })
+    }
+
+    /// Reads what the captions answer, for [`Task::Question`].
+    ///
+    /// # Errors
+    /// If an answer cannot be encoded.
+    pub fn read_answers(&mut self, vocab: &Vocab) -> Result<(), LmError> {
+        let both = |clip: &LmClip| {
+            let captions: Vec<String> = clip.captions.iter().take(MAX).cloned().collect();
+            let mirrored: Vec<String> = captions.iter().map(|text| swap_sides(text)).collect();
+            Ok([Known::new(vocab, &captions)?, Known::new(vocab, &mirrored)?])
+        };
+        self.known = self
+            .clips
+            .iter()
+            .map(both)
+            .collect::<Result<_, LmError>>()?;
+        Ok(())
+    }
+
+    /// The prompt of a question, preferably of one that the captions answer.
+    fn draw_question(&self, clip: usize, flip: usize, rng: &mut ChaCha8Rng) -> usize {
+        /// Draws at the most. Few captions state a count or a speed, and the answer would nearly always be that it is not
+        /// stated.
+        const DRAWS: usize = 3;
+        let prompts = self.prompts_of(Task::Question);
+        let mut drawn = 0;
+        for _ in 0..DRAWS {
+            drawn = rng.random_range(0..prompts.len());
+            let asked = prompts[drawn].question.unwrap_or(Question::Claim);
+            let is_answered = self.known[clip][flip].answers[asked as usize].is_some();
+            if is_answered || asked == Question::Claim {
+                break;
+            }
+        }
+        drawn
+    }
+
+    /// A claim and whether it holds of a clip: one of its own, or another clip's that the captions refute. `None` if none was
+    /// found.
+    fn claim(&self, item: &Item, rng: &mut ChaCha8Rng) -> Option<(&[u32], bool)> {
+        /// Clips that are asked for a claim that does not hold.
+        const ATTEMPTS: usize = 20;
+        let flip = usize::from(item.flipped);
+        let own = &self.known[item.clip][flip];
+        if rng.random::<bool>() {
+            let (ids, _) = own.claims.choose(rng)?;
+            return Some((ids, true));
+        }
+        // Half of the wrong claims are those of the mirror image, if the side decides.
+        let mirrored = &self.known[item.clip][1 - flip].claims;
+        let from_mirror = rng.random::<bool>();
+        for attempt in 0..ATTEMPTS {
+            let claims = match from_mirror && attempt < 4 {
+                true => mirrored,
+                false => &self.known[rng.random_range(0..self.known.len())][flip].claims,
+            };
+            let Some((ids, facts)) = claims.choose(rng) else {
+                continue;
+            };
+            if questions::holds(facts, &own.facts) == Some(false) {
+                return Some((ids, false));
+            }
+        }
+        None
     }
 
     /// Adds sentences without motions, for text prediction.
@@ -271,6 +394,10 @@ impl ExampleMaker {
             Task::TextPrediction if self.sentences.is_empty() => 0.0,
             task => config.sampling.of(*task),
         };
+        let share = |task: &Task| match task {
+            Task::Question if self.known.is_empty() => 0.0,
+            task => share(task),
+        };
         let shares: Vec<f64> = tasks.iter().map(share).collect();
         let total: f64 = shares.iter().sum();
         let mut items = Vec::new();
@@ -319,6 +446,14 @@ impl ExampleMaker {
                 }
                 let prompt = match self.kind {
                     LmStageKind::Pretrain => 0,
+                    LmStageKind::Instruct if task == Task::Question => {
+                        self.draw_question(i, usize::from(flipped), rng)
+                    }
+                    LmStageKind::Instruct
+                        if config.first_prompt > 0.0 && rng.random_bool(config.first_prompt) =>
+                    {
+                        0
+                    }
                     LmStageKind::Instruct => rng.random_range(0..task.prompts().len()),
                 };
                 let caption = (first + k) % n_captions;
@@ -364,7 +499,7 @@ impl ExampleMaker {
             Task::RadarToText | Task::TextPrediction => (text, words + codes),
             Task::TextToRadar => (codes, words + text),
             Task::TextToLength => (4, words + text),
-            Task::RadarToLength => (4, words + codes),
+            Task::RadarToLength | Task::Question => (4, words + codes),
             Task::Continuation => (codes / 2, words + codes / 2),
             Task::RadarPrediction => (codes / 4, words + codes),
         }
@@ -430,7 +565,17 @@ impl ExampleMaker {
             .unwrap_or(&self.captions[item.clip][item.caption][usize::from(item.flipped)]);
         let mut source = Source::default();
         let mut target = Vec::new();
-        source.ids.extend(&prompt.before);
+        // A clip without a claim is asked whether it shows nothing that can be said.
+        let claim = prompt.claim.and_then(|_| self.claim(item, rng));
+        let words = |side: usize, ids: &[u32]| -> Vec<u32> {
+            match (prompt.claim, claim) {
+                (Some((own, at)), Some((claim, _))) if own == side => {
+                    [&ids[..at], claim, &ids[at..]].concat()
+                }
+                _ => ids.to_vec(),
+            }
+        };
+        source.ids.extend(words(0, &prompt.before));
         // Adds one code with its feature, possibly augmented.
         let push = |source: &mut Source, i: usize, rng: &mut ChaCha8Rng| {
             if config.drop_code > 0.0 && rng.random_bool(config.drop_code) {
@@ -476,6 +621,18 @@ impl ExampleMaker {
                 };
                 target.extend(answer);
             }
+            Task::Question => {
+                source.ids.push(layout.som());
+                (0..codes.len()).for_each(|i| push(&mut source, i, rng));
+                end_radar(&mut source, rng);
+                let answers = &self.known[item.clip][usize::from(item.flipped)].answers;
+                let asked = prompt.question.unwrap_or(Question::Claim) as usize;
+                let answer = match claim {
+                    Some((_, true)) => Some(&self.yes_no[0]),
+                    _ => answers[asked].as_ref(),
+                };
+                target.extend(answer.unwrap_or(&self.yes_no[1]));
+            }
             Task::TextToRadar => {
                 source.ids.extend(caption);
                 target.extend(&codes);
@@ -514,7 +671,7 @@ impl ExampleMaker {
             // Has no clip and is made above.
             Task::TextPrediction => {}
         }
-        source.ids.extend(&prompt.after);
+        source.ids.extend(words(1, &prompt.after));
         source.ids.push(layout.end);
         target.push(layout.end);
         Ok(Example {

@@ -249,7 +249,14 @@ impl LmStage {
     ) -> Result<(Self, RadarNet), TrainError> {
         let maker =
             |clips: &[LmClip]| ExampleMaker::new(&lm.vocab, lm.config.code_dim, clips, kind);
-        let (mut train, val) = (maker(clips)?, maker(val)?);
+        let (mut train, mut val) = (maker(clips)?, maker(val)?);
+        if config
+            .trained_tasks(kind)
+            .any(|task| task == Task::Question)
+        {
+            train.read_answers(&lm.vocab)?;
+            val.read_answers(&lm.vocab)?;
+        }
         if config.rewrite_captions > 0.0 {
             train.read_facts();
         }

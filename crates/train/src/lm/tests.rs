@@ -4,8 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use burn::module::Module;
+use radarllm_facts::{facts, swap_sides};
 use radarllm_inference::checkpoint::{Checkpoint, HostTensor, MODEL_FILE, NamedTensors};
 use radarllm_inference::lm::Source;
+use radarllm_inference::lm::questions::{NOT_STATED, Question, YES, holds, question_of};
 use radarllm_inference::lm::templates::{EVALUATION_PROMPT, Task, all_text};
 use radarllm_inference::lm::vocab::EOS;
 use radarllm_inference::lm::{Backbone, FeedForward, GenerateOptions, LmPreset, Vocab};
@@ -275,10 +277,72 @@ fn a_model_records_the_tasks_that_it_learned() {
         Task::TextToRadar,
         Task::TextToLength,
         Task::RadarToLength,
+        Task::Question,
     ];
     assert_eq!(record.tuned, BTreeSet::from(tuned));
     assert!(record.knows(Task::TextToRadar) && !record.knows(Task::Continuation));
     std::fs::remove_dir_all(dir).unwrap();
+}
+
+#[test]
+fn questions_have_the_answers_of_the_captions() {
+    let mut clips = toy_clips(3, N_CODES, CODE_DIM);
+    let captions = [
+        "a person slowly walks backward, then waves three times with the left hand",
+        "a person jumps",
+        "a person sits down",
+    ];
+    for (clip, caption) in clips.iter_mut().zip(captions) {
+        clip.captions = vec![caption.into()];
+    }
+    let vocab = vocab(&clips);
+    let mut maker = ExampleMaker::new(&vocab, CODE_DIM, &clips, LmStageKind::Instruct).unwrap();
+    maker.read_answers(&vocab).unwrap();
+    let config = exact_config(bare_loop(1));
+    let n_text = vocab.layout().n_text;
+    let words = |ids: &[u32]| {
+        let text: Vec<u32> = ids.iter().copied().filter(|id| *id < n_text).collect();
+        vocab.text(&text)
+    };
+    let rng = &mut ChaCha8Rng::seed_from_u64(5);
+    let mut claims = [0; 2];
+    for (prompt, template) in Task::Question.prompts().iter().enumerate() {
+        let asked = question_of(template).unwrap();
+        for (clip, caption) in captions.iter().enumerate() {
+            for flipped in [false, true] {
+                let item = Item {
+                    clip,
+                    task: Task::Question,
+                    variant: 0,
+                    flipped,
+                    caption: 0,
+                    prompt,
+                };
+                let example = maker.example(&vocab, &config, &item, rng).unwrap();
+                let answer = words(&example.target);
+                let caption = match flipped {
+                    true => swap_sides(caption),
+                    false => (*caption).to_string(),
+                };
+                if asked == Question::Claim {
+                    let claim = facts(&words(&example.source.ids));
+                    let is_true = holds(&claim, &[facts(&caption)]);
+                    assert_eq!(is_true, Some(answer == YES), "{claim}: {answer}");
+                    claims[usize::from(answer == YES)] += 1;
+                } else {
+                    let expected = asked.answer([caption.as_str()]);
+                    assert_eq!(
+                        answer,
+                        expected.as_deref().unwrap_or(NOT_STATED),
+                        "{template}"
+                    );
+                }
+            }
+        }
+    }
+    assert!(claims.iter().all(|n| *n > 10), "{claims:?}");
+    let drawn = maker.draw_epoch(&config, 1);
+    assert_eq!(drawn, maker.draw_epoch(&config, 1));
 }
 
 #[test]

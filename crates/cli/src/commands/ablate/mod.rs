@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 #[cfg(feature = "train")]
-pub(crate) use run::run;
+pub(crate) use run::{PlannedGrid, run};
 
 #[cfg(not(feature = "train"))]
 use crate::error::{CliResult, needs_training};

@@ -33,10 +33,11 @@ use crate::{
 };
 
 /// One training of one row.
-struct Run {
-    recipe: Recipe,
+pub(crate) struct Run {
+    /// What is trained.
+    pub recipe: Recipe,
     /// Data set for evaluation: the first of those that the recipe trains on.
-    data: PathBuf,
+    pub data: PathBuf,
     /// Stages in order.
     stages: Vec<RecipeStage>,
     /// All inputs of the result.
@@ -44,98 +45,143 @@ struct Run {
 }
 
 impl Run {
-    fn report(&self) -> PathBuf {
+    /// Folder of the report on its captions.
+    pub(crate) fn report(&self) -> PathBuf {
         self.recipe.out.join("report")
     }
+
+    /// Puts the results of the stages into the folder that inference opens.
+    pub(crate) fn assemble(&self) -> CliResult {
+        let last = *self.stages.last().unwrap_or(&RecipeStage::Instruct);
+        Ok(self.recipe.assemble(last)?)
+    }
+}
+
+/// A grid with the trainings that it needs.
+pub(crate) struct PlannedGrid {
+    grid: Grid,
+    /// `[table][row][seed]`.
+    runs: Vec<Vec<Vec<Run>>>,
+    stop: StopToken,
 }
 
 /// Runs the command.
 pub(crate) fn run(args: &AblateArgs) -> CliResult {
-    let base = args.config.parent().unwrap_or(Path::new(""));
-    let text = files::read_text(&args.config, MAX_CONFIG_BYTES)?;
-    let grid = Grid::from_toml(&text).map_err(|e| {
-        CliError::new(format!("{}: {e}", args.config.display()))
-            .hint("see docs/guides/ablations.md")
-    })?;
-    let mut plan = plan(&grid, base)?;
-    let stop = interrupt::stop_on_ctrl_c()?;
-    for run in plan.iter_mut().flatten().flatten() {
-        run.recipe.stop = stop.clone();
-    }
-    let unique: BTreeMap<&str, &Run> = plan
-        .iter()
-        .flatten()
-        .flatten()
-        .map(|run| (run.id.as_str(), run))
-        .collect();
+    let planned = PlannedGrid::open(&args.config, |_| ())?;
     if args.plan {
-        return print_plan(&unique);
+        return planned.print_plan();
     }
-    for stage in RecipeStage::ALL {
-        // One job per folder: rows that share a stage train it once.
-        let jobs: BTreeMap<PathBuf, &Run> = unique
-            .values()
-            .filter(|run| run.stages.contains(&stage) && !run.recipe.is_finished(stage))
-            .map(|run| (run.recipe.stage_dir(stage), *run))
-            .collect();
-        side_by_side(args.jobs, jobs.into_iter().collect(), |(folder, run)| {
-            if stop.is_stopped() {
-                return Ok(());
-            }
-            note!("{}: {}", stage.name(), folder.display());
-            if !run.recipe.run(stage, true)? {
-                note!("{}: stopped early", folder.display());
-            }
-            Ok(())
-        })?;
-        end_if_stopped(&stop);
-    }
-    let options = EvaluationOptions {
-        split: captions::split(&grid.split)?,
-        // Greedy, so that rows of different dates are decided alike.
-        beam: Some(1),
-        ..EvaluationOptions::default()
-    };
-    let missing: Vec<&Run> = unique
-        .values()
-        .filter(|run| !run.report().join("report.json").is_file())
-        .copied()
-        .collect();
-    side_by_side(args.jobs, missing, |run| {
-        if stop.is_stopped() {
-            return Ok(());
-        }
-        let last = *run.stages.last().unwrap_or(&RecipeStage::Instruct);
-        run.recipe.assemble(last)?;
-        captions::evaluate_into(
-            &run.report(),
-            Some(&run.recipe.model_dir()),
-            DecoderName::F32,
-            &run.data,
-            &options,
-            &|_, _, _| Ok(()),
-        )
-        .map(|_| ())
-    })?;
-    end_if_stopped(&stop);
-    let tables = grid
-        .tables
-        .iter()
-        .zip(&plan)
-        .map(|(table, rows)| table_report(&grid, table, rows))
-        .collect::<CliResult<Vec<_>>>()?;
-    let markdown = markdown(&grid, &tables)?;
-    let out = base.join(&grid.out);
-    output::write_atomic(
-        &out.join("ablation.json"),
-        serde_json::to_string_pretty(&tables)?.as_bytes(),
-    )?;
-    output::write_atomic(&out.join("ablation.md"), markdown.as_bytes())?;
+    let (tables, markdown) = planned.run(args.jobs)?;
     if args.json {
         return output::print_json(&tables);
     }
     output::print_line(markdown.trim_end());
     Ok(())
+}
+
+impl PlannedGrid {
+    /// Reads a grid, which `change` may change, and plans its trainings.
+    pub(crate) fn open(path: &Path, change: impl FnOnce(&mut Grid)) -> CliResult<Self> {
+        let base = path.parent().unwrap_or(Path::new(""));
+        let text = files::read_text(path, MAX_CONFIG_BYTES)?;
+        let mut grid = Grid::from_toml(&text).map_err(|e| {
+            CliError::new(format!("{}: {e}", path.display())).hint("see docs/guides/ablations.md")
+        })?;
+        change(&mut grid);
+        grid.out = base.join(&grid.out);
+        let mut runs = plan(&grid, base)?;
+        let stop = interrupt::stop_on_ctrl_c()?;
+        for run in runs.iter_mut().flatten().flatten() {
+            run.recipe.stop = stop.clone();
+        }
+        Ok(Self { grid, runs, stop })
+    }
+
+    /// The runs without those that stand in several tables, by all inputs of their results.
+    fn unique(&self) -> BTreeMap<&str, &Run> {
+        let all = self.runs.iter().flatten().flatten();
+        all.map(|run| (run.id.as_str(), run)).collect()
+    }
+
+    /// Prints finished and missing stages.
+    pub(crate) fn print_plan(&self) -> CliResult {
+        print_plan(&self.unique())
+    }
+
+    /// The first row of the first table with the first seed: the model that the others change.
+    pub(crate) fn whole(&self) -> CliResult<&Run> {
+        let first = self.runs.iter().flatten().flatten().next();
+        first.ok_or_else(|| CliError::new("the grid has no row"))
+    }
+
+    /// Trains and evaluates what is missing, and writes `ablation.json` and `ablation.md`.
+    pub(crate) fn run(&self, jobs: usize) -> CliResult<(Vec<TableReport>, String)> {
+        let (unique, stop) = (self.unique(), &self.stop);
+        for stage in RecipeStage::ALL {
+            // One job per folder: rows that share a stage train it once.
+            let jobs_of_stage: BTreeMap<PathBuf, &Run> = unique
+                .values()
+                .filter(|run| run.stages.contains(&stage) && !run.recipe.is_finished(stage))
+                .map(|run| (run.recipe.stage_dir(stage), *run))
+                .collect();
+            side_by_side(
+                jobs,
+                jobs_of_stage.into_iter().collect(),
+                |(folder, run)| {
+                    if stop.is_stopped() {
+                        return Ok(());
+                    }
+                    note!("{}: {}", stage.name(), folder.display());
+                    if !run.recipe.run(stage, true)? {
+                        note!("{}: stopped early", folder.display());
+                    }
+                    Ok(())
+                },
+            )?;
+            end_if_stopped(stop);
+        }
+        let options = EvaluationOptions {
+            split: captions::split(&self.grid.split)?,
+            // Greedy, so that rows of different dates are decided alike.
+            beam: Some(1),
+            ..EvaluationOptions::default()
+        };
+        let missing: Vec<&Run> = unique
+            .values()
+            .filter(|run| !run.report().join("report.json").is_file())
+            .copied()
+            .collect();
+        side_by_side(jobs, missing, |run| {
+            if stop.is_stopped() {
+                return Ok(());
+            }
+            run.assemble()?;
+            captions::evaluate_into(
+                &run.report(),
+                Some(&run.recipe.model_dir()),
+                DecoderName::F32,
+                &run.data,
+                &options,
+                &|_, _, _| Ok(()),
+            )
+            .map(|_| ())
+        })?;
+        end_if_stopped(stop);
+        let tables = self
+            .grid
+            .tables
+            .iter()
+            .zip(&self.runs)
+            .map(|(table, rows)| table_report(&self.grid, table, rows))
+            .collect::<CliResult<Vec<_>>>()?;
+        let markdown = markdown(&self.grid, &tables)?;
+        output::write_atomic(
+            &self.grid.out.join("ablation.json"),
+            serde_json::to_string_pretty(&tables)?.as_bytes(),
+        )?;
+        output::write_atomic(&self.grid.out.join("ablation.md"), markdown.as_bytes())?;
+        Ok((tables, markdown))
+    }
 }
 
 /// Ends the program after Ctrl-C.
@@ -182,6 +228,9 @@ fn plan_run(
     out: &Path,
 ) -> CliResult<Run> {
     let mut changed = recipe.clone();
+    for key in &row.unset {
+        unset(&mut changed, key)?;
+    }
     for (key, value) in grid.common.iter().chain(&row.set) {
         set(&mut changed, key, value.clone())?;
     }
@@ -238,6 +287,23 @@ fn plan_run(
         stages,
         id,
     })
+}
+
+/// Removes a dotted key.
+fn unset(table: &mut Table, key: &str) -> CliResult {
+    let found = match key.split_once('.') {
+        None => table.remove(key).is_some(),
+        Some((first, rest)) => match table.get_mut(first).and_then(Value::as_table_mut) {
+            Some(inner) => return unset(inner, rest),
+            None => false,
+        },
+    };
+    match found {
+        true => Ok(()),
+        false => Err(CliError::new(format!(
+            "unset: the recipe has no key `{key}`"
+        ))),
+    }
 }
 
 /// Sets a dotted key; missing parent tables are created.
@@ -377,11 +443,16 @@ instruct = false
 [[table.row]]
 name = "one task"
 set = { "pretrain.sampling.text_to_radar" = 0.0 }
+unset = ["pretrain.flip"]
 "#;
 
     fn planned() -> Vec<Vec<Run>> {
         let dir = tempfile::tempdir().unwrap();
-        fs::write(dir.path().join("model.toml"), "data = \"data\"\n").unwrap();
+        fs::write(
+            dir.path().join("model.toml"),
+            "data = \"data\"\n[pretrain]\nflip = false\n",
+        )
+        .unwrap();
         let grid = Grid::from_toml(GRID).unwrap();
         plan(&grid, dir.path()).unwrap().remove(0)
     }
@@ -396,6 +467,8 @@ set = { "pretrain.sampling.text_to_radar" = 0.0 }
         assert!(same(2, Tokenizer) && same(2, Pretrain));
         assert_eq!(rows[2][0].stages, [Motion, Tokenizer, Pretrain]);
         assert!(same(3, Tokenizer) && !same(3, Pretrain) && !same(3, Instruct));
+        let flips = [0, 3].map(|row| rows[row][0].recipe.pretrain.flip);
+        assert_eq!(flips, [false, true]);
         // Runs with different seeds share no stage, and every model has its own folder.
         assert!(folder(0, 0, Motion) != folder(0, 1, Motion));
         let mut outs: Vec<_> = rows.iter().flatten().map(|r| &r.recipe.out).collect();

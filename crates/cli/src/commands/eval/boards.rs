@@ -35,7 +35,7 @@ pub(crate) struct EvalBoardsArgs {
     /// does not know.
     #[arg(long)]
     pub without_measuring: bool,
-    /// Model folder; the bundled model if omitted.
+    /// Model folder, or a bundled model: `features` (the default) or `tokens`.
     #[arg(long)]
     pub model: Option<PathBuf>,
     /// Also write the report to this Markdown file.

@@ -10,7 +10,7 @@ use radarllm_eval::{
         AddScores, CaptionReport, CaptionedClip, EvaluationOptions, evaluate_captions_with,
         report::markdown,
     },
-    round_trip::{self, RoundTripOptions, evaluate_round_trip},
+    round_trip::{self, RoundTripLine, RoundTripOptions, RoundTripReport, evaluate_round_trip},
 };
 use radarllm_inference::lm::templates::Task;
 use radarllm_metrics::{Candidate, Reference, Scores};
@@ -28,7 +28,7 @@ use crate::{
 /// `eval captions`.
 #[derive(Args)]
 pub(crate) struct CaptionsArgs {
-    /// Model folder; the bundled model if omitted.
+    /// Model folder, or a bundled model: `features` (the default) or `tokens`.
     #[arg(long)]
     pub model: Option<PathBuf>,
     /// Data set folder.
@@ -110,7 +110,7 @@ fn adder(args: &EncoderArgs, seed: u64) -> CliResult<Adder> {
     Ok(Box::new(|_, _, _| Ok(())))
 }
 
-/// Generates radar from captions, describes it, and writes round-trip.jsonl, round-trip.md and round-trip.json.
+/// Generates radar from captions and describes it.
 fn round_trip(args: &CaptionsArgs, count: usize) -> CliResult {
     output::check_free(&args.out.join("round-trip.json"), args.force)?;
     describe::check_beam(args.beam)?;
@@ -120,31 +120,42 @@ fn round_trip(args: &CaptionsArgs, count: usize) -> CliResult {
         beam: args.beam,
         seed: args.seed,
     };
-    let model = model::open(args.model.as_deref(), args.decoder)?;
+    let (report, lines) = round_trip_into(
+        &args.out,
+        args.model.as_deref(),
+        args.decoder,
+        &args.data,
+        &options,
+    )?;
+    if args.json {
+        return output::print_json(&report);
+    }
+    output::print_line(round_trip::markdown(&report, &lines).trim_end());
+    Ok(())
+}
+
+/// Evaluates round trips of a model and writes round-trip.jsonl, round-trip.md and round-trip.json.
+pub(crate) fn round_trip_into(
+    out: &Path,
+    model: Option<&Path>,
+    decoder: DecoderName,
+    data: &Path,
+    options: &RoundTripOptions,
+) -> CliResult<(RoundTripReport, Vec<RoundTripLine>)> {
+    let model = model::open(model, decoder)?;
     let name = model.name();
     // Said before anything is read: most models did not learn to generate.
     let learned = model.networks().require(Task::TextToRadar, false);
     learned.map_err(|e| generate::not_learned(name, e))?;
     let decoder = model.points()?;
-    let data = Dataset::open(&args.data)?;
+    let data = Dataset::open(data)?;
     let points = |codes: &[u32], text: &str| Ok(generate::clip_of(&decoder, codes, text, name)?);
-    let (report, lines) = evaluate_round_trip(model.networks(), name, points, &data, &options)?;
-    let text = round_trip::markdown(&report, &lines);
-    let write =
-        |name: &str, text: &str| output::write_atomic(&args.out.join(name), text.as_bytes());
-    let mut json_lines = String::new();
-    for line in &lines {
-        json_lines += &serde_json::to_string(line)?;
-        json_lines.push('\n');
-    }
-    write("round-trip.jsonl", &json_lines)?;
-    write("round-trip.md", &text)?;
+    let (report, lines) = evaluate_round_trip(model.networks(), name, points, &data, options)?;
+    let write = |name: &str, text: &str| output::write_atomic(&out.join(name), text.as_bytes());
+    write("round-trip.jsonl", &output::json_lines(&lines)?)?;
+    write("round-trip.md", &round_trip::markdown(&report, &lines))?;
     write("round-trip.json", &serde_json::to_string_pretty(&report)?)?;
-    if args.json {
-        return output::print_json(&report);
-    }
-    output::print_line(text.trim_end());
-    Ok(())
+    Ok((report, lines))
 }
 
 /// A split by its name.
@@ -171,18 +182,10 @@ pub(crate) fn evaluate_into(
         evaluate_captions_with(model.networks(), &cut, &info, &data, options, add)?;
     report.peak_memory_mb = peak_memory_mb();
     let write = |name: &str, text: &str| output::write_atomic(&out.join(name), text.as_bytes());
-    write("captions.jsonl", &json_lines(&clips)?)?;
+    let lines = output::json_lines(clips.iter().map(CaptionedClip::line))?;
+    write("captions.jsonl", &lines)?;
     write("report.md", &markdown(&report))?;
     write("report.html", &page::html(&report, &clips))?;
     write("report.json", &serde_json::to_string_pretty(&report)?)?;
     Ok(report)
-}
-
-fn json_lines(clips: &[CaptionedClip]) -> CliResult<String> {
-    let mut lines = String::new();
-    for clip in clips {
-        lines += &serde_json::to_string(&clip.line())?;
-        lines.push('\n');
-    }
-    Ok(lines)
 }

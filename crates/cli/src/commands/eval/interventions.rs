@@ -10,7 +10,7 @@ use crate::{error::CliResult, model, model_args::DecoderName, output, threads::o
 /// `eval interventions`.
 #[derive(Args)]
 pub(crate) struct InterventionsArgs {
-    /// Model folder; the bundled model if omitted.
+    /// Model folder, or a bundled model: `features` (the default) or `tokens`.
     #[arg(long)]
     pub model: Option<PathBuf>,
     /// Number of interventions: side, direction and action take turns.

@@ -3,6 +3,7 @@
 mod boards;
 pub(crate) mod captions;
 mod falls;
+pub(crate) mod instructions;
 mod interventions;
 mod page;
 mod realism;
@@ -39,6 +40,10 @@ pub(crate) enum EvalVerb {
     ///
     /// Example: radarllm eval interventions --count 120
     Interventions(interventions::InterventionsArgs),
+    /// Ask about the clips of a split, in words that no training had: which way, which side, how often, what first?
+    ///
+    /// Example: radarllm eval instructions configs/eval/instructions.toml --data work/data --out work/report
+    Instructions(instructions::InstructionsArgs),
     /// Captions of the same motions under noise, distance, rain and other conditions, as tables and curves.
     ///
     /// Example: radarllm eval robustness configs/eval/robustness.toml --out robustness
@@ -89,6 +94,7 @@ pub(crate) fn run(verb: &EvalVerb) -> CliResult {
         EvalVerb::Boards(args) => boards::run(args),
         EvalVerb::Falls(args) => falls::run(args),
         EvalVerb::Interventions(args) => interventions::run(args),
+        EvalVerb::Instructions(args) => instructions::run(args),
         EvalVerb::Robustness(args) => robustness::run(args),
         EvalVerb::Realism(args) => realism::run(args),
     }

@@ -57,7 +57,7 @@ pub(crate) struct EvalRecordingsArgs {
     /// Choose among these activities instead of describing freely: "boxing,squats,walking".
     #[arg(long, value_name = "LIST", value_delimiter = ',', conflicts_with_all = ["teach", "proxy"])]
     pub choose: Vec<String>,
-    /// Model folder; the bundled model if omitted.
+    /// Model folder, or a bundled model: `features` (the default) or `tokens`.
     #[arg(long)]
     pub model: Option<PathBuf>,
     /// Search for the most probable sentence with N beams (1 is greedy) instead of a vote among drawn sentences.

@@ -33,7 +33,7 @@ pub(crate) struct RobustnessArgs {
     /// Folder for robustness.json, robustness.md, curves and finished cells, which are kept.
     #[arg(long)]
     pub out: PathBuf,
-    /// Model folder; the bundled model if omitted.
+    /// Model folder, or a bundled model: `features` (the default) or `tokens`.
     #[arg(long)]
     pub model: Option<PathBuf>,
     /// Decoder of the language model.

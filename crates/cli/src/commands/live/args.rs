@@ -40,7 +40,7 @@ pub(crate) struct LiveArgs {
     /// Name of this radar, for topics and titles: a-z, 0-9 and _.
     #[arg(long, default_value = "radar")]
     pub name: String,
-    /// Model folder; the bundled model if omitted.
+    /// Model folder, or a bundled model: `features` (the default) or `tokens`.
     #[arg(long)]
     pub model: Option<PathBuf>,
     /// Decoder of the language model.

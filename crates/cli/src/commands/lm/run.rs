@@ -1,9 +1,16 @@
 //! `lm`: computes the logits of a checkpoint in Hugging Face's layout, and merges adapters into weights.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use radarllm_files::{bounded as files, npy::NpyWriter};
-use radarllm_inference::lm::ensemble::member_folders;
+use radarllm_inference::{
+    checkpoint::{CONFIG_FILE, Checkpoint, CheckpointFiles, MODEL_FILE},
+    lm::{
+        LmFiles,
+        card::TEXT_TOKENIZER_FILE,
+        ensemble::{Member, member_folders},
+    },
+};
 use radarllm_nn::Device;
 use radarllm_nn::lm::RadarLm;
 use radarllm_nn::pretrained::{ModelInput, Pretrained};
@@ -16,6 +23,8 @@ use crate::{
     output,
 };
 
+/// Files of a language model that inference reads, besides its weights.
+const KEPT: [&str; 2] = [CONFIG_FILE, TEXT_TOKENIZER_FILE];
 /// Maximum size of a file of ids, bytes.
 const MAX_IDS_BYTES: u64 = 256 << 20;
 
@@ -37,6 +46,7 @@ pub(crate) fn run(verb: &LmVerb) -> CliResult {
             json,
         } => logits(weights, ids, out, *force, *json),
         LmVerb::Tokens { model, out } => tokens(model, out),
+        LmVerb::Pack { model, out } => pack(model, out),
         LmVerb::Merge { model, out } => merge(model, out),
     }
 }
@@ -44,12 +54,53 @@ pub(crate) fn run(verb: &LmVerb) -> CliResult {
 fn tokens(model: &Path, out: &Path) -> CliResult {
     // Saving replaces a folder as a whole, so the content of an existing folder would be lost.
     output::check_free(out, false)?;
-    for (member, n) in member_folders(model).iter().zip(1..) {
-        let out = match n {
-            1 => out.to_path_buf(),
-            n => out.join(format!("member-{n}")),
-        };
-        tokens_only(member, &out).map_err(CliError::new)?;
+    for (member, out) in members(model, out) {
+        tokens_only(&member, &out).map_err(CliError::new)?;
+    }
+    output::print_line(&out.display().to_string());
+    Ok(())
+}
+
+/// Folders of the members of a model, and of those of a new one.
+fn members(model: &Path, out: &Path) -> impl Iterator<Item = (PathBuf, PathBuf)> {
+    let out = out.to_path_buf();
+    member_folders(model)
+        .into_iter()
+        .zip(1..)
+        .map(move |(member, n)| match n {
+            1 => (member, out.clone()),
+            n => (member, out.join(format!("member-{n}"))),
+        })
+}
+
+fn pack(model: &Path, out: &Path) -> CliResult {
+    output::check_free(out, false)?;
+    for (member, out) in members(model, out) {
+        // The decoder of radar tokens is no part of a member, because describing does without.
+        for part in Member::PARTS.into_iter().chain(["points"]) {
+            let folder = member.join(part);
+            if !folder.is_dir() {
+                continue;
+            }
+            let checkpoint = Checkpoint::open(&folder)?;
+            let weights: Option<String> = match part {
+                "lm" => Some(LmFiles::of(Checkpoint::open(&folder)?)?.card.weights),
+                "points" => Some(MODEL_FILE.to_string()),
+                _ => None,
+            };
+            let mut files = CheckpointFiles::default();
+            for name in checkpoint.names() {
+                match &weights {
+                    Some(weights) if weights == name => {
+                        files.tensors_as_bytes(name, &checkpoint.tensors(name)?)?;
+                    }
+                    // The other set of weights, and what only training reads.
+                    Some(_) if !KEPT.contains(&name) => {}
+                    _ => files.bytes(name, checkpoint.bytes(name)?),
+                }
+            }
+            files.write(&out.join(part))?;
+        }
     }
     output::print_line(&out.display().to_string());
     Ok(())
