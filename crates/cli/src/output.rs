@@ -19,6 +19,7 @@ pub(crate) fn print_json(value: &impl Serialize) -> CliResult {
 }
 
 /// Values as JSON, one on each line.
+#[cfg(feature = "eval")]
 pub(crate) fn json_lines(values: impl IntoIterator<Item = impl Serialize>) -> CliResult<String> {
     let mut lines = String::new();
     for value in values {
