@@ -169,14 +169,16 @@ fn every_stage_trains_resumes_and_is_evaluated() {
         max_steps = 8
         [pretrain]
         batch = 8
+        sampling = { text_to_radar = 3.0 }
         [pretrain.loop]
         epochs = 0
-        max_steps = 60
+        max_steps = 120
         [instruct]
         batch = 8
+        sampling = { text_to_radar = 4.0 }
         [instruct.loop]
         epochs = 0
-        max_steps = 5
+        max_steps = 10
         [points]
         model = { points = 16, width = 8, hidden = 32 }
         [points.loop]

@@ -415,13 +415,13 @@ pub fn markdown(report: &InstructionReport) -> String {
     );
     let percent = |e: Option<Estimate>| e.map_or("-".into(), |e| e.to_text(100.0, 1));
     for row in &report.rows {
-        let most = row.most_frequent;
+        let share = row.most_frequent;
         table.rows.push(vec![
             row.question.clone(),
             row.stated.to_string(),
             percent(row.right),
             percent(row.by_sentence),
-            most.map_or("-".into(), |share| format!("{:.1}", 100.0 * share)),
+            share.map_or("-".into(), |share| format!("{:.1}", 100.0 * share)),
             row.not_stated.to_string(),
             row.said_so.to_string(),
         ]);

@@ -294,6 +294,7 @@ fn questions_have_the_answers_of_the_captions() {
     ];
     for (clip, caption) in clips.iter_mut().zip(captions) {
         clip.captions = vec![caption.into()];
+        clip.flipped = clip.variants.clone();
     }
     let vocab = vocab(&clips);
     let mut maker = ExampleMaker::new(&vocab, CODE_DIM, &clips, LmStageKind::Instruct).unwrap();

@@ -487,7 +487,8 @@ unset = ["pretrain.flip"]
     fn rows_learn_all_data_sets_and_are_evaluated_on_the_first() {
         let of = |data: &str| {
             let dir = tempfile::tempdir().unwrap();
-            fs::write(dir.path().join("model.toml"), format!("data = {data}\n")).unwrap();
+            let recipe = format!("data = {data}\n[pretrain]\nflip = false\n");
+            fs::write(dir.path().join("model.toml"), recipe).unwrap();
             let grid = Grid::from_toml(GRID).unwrap();
             let run = plan(&grid, dir.path())
                 .unwrap()
