@@ -21,8 +21,135 @@ const TASKS: [Task; 4] = [
     Task::Continuation,
     Task::Question,
 ];
-/// First words of a question that is answered by yes or no.
+/// What a cue asks for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Asked {
+    Length,
+    Fact(Question),
+}
+
+impl Asked {
+    fn task(self) -> Task {
+        match self {
+            Self::Length => Task::RadarToLength,
+            Self::Fact(_) => Task::Question,
+        }
+    }
+
+    fn prompts(self) -> &'static [&'static str] {
+        match self {
+            Self::Length => Task::RadarToLength.prompts(),
+            Self::Fact(question) => question.prompts(),
+        }
+    }
+}
+
+/// Words of questions that are not answered by yes or no.
+const QUESTION_WORDS: [&str; 8] = [
+    "what", "which", "how", "where", "when", "why", "who", "whose",
+];
+/// Words of questions that are answered by yes or no.
 const AUXILIARIES: [&str; 8] = ["is", "are", "was", "were", "does", "do", "did", "has"];
+/// Words that tell what a question asks, in the order in which they decide: "how long did the last one take" asks for a length.
+/// An entry of several words stands for all of them together.
+const CUES: [(Asked, &[&str]); 7] = [
+    (
+        Asked::Length,
+        &[
+            "how long",
+            "long last",
+            "duration",
+            "length",
+            "seconds",
+            "how much time",
+            "total time",
+        ],
+    ),
+    (
+        Asked::Fact(Question::Count),
+        &[
+            "how many",
+            "how often",
+            "number times",
+            "once several",
+            "repetitions",
+            "repetition",
+            "reps",
+            "repeated",
+            "count",
+        ],
+    ),
+    (
+        Asked::Fact(Question::Tempo),
+        &[
+            "fast", "slow", "slowly", "quick", "quickly", "speed", "pace", "tempo", "hurry",
+            "rushing",
+        ],
+    ),
+    (
+        Asked::Fact(Question::Side),
+        &[
+            "which hand",
+            "which arm",
+            "which leg",
+            "which foot",
+            "which side",
+            "which limb",
+            "left hand",
+            "right hand",
+            "left arm",
+            "right arm",
+            "left leg",
+            "right leg",
+            "left right both",
+            "one both",
+            "hand left",
+            "side body",
+        ],
+    ),
+    (
+        Asked::Fact(Question::Direction),
+        &[
+            "direction",
+            "which way",
+            "what way",
+            "forward backward",
+            "forwards backwards",
+            "heading",
+            "headed",
+            "clockwise",
+            "facing towards",
+        ],
+    ),
+    (
+        Asked::Fact(Question::First),
+        &[
+            "first",
+            "begin",
+            "began",
+            "start",
+            "started",
+            "beginning",
+            "initially",
+            "initial",
+            "before anything",
+        ],
+    ),
+    (
+        Asked::Fact(Question::Last),
+        &[
+            "last",
+            "end",
+            "ended",
+            "finish",
+            "finished",
+            "final",
+            "finally",
+            "ending",
+            "afterwards everything",
+        ],
+    ),
+];
 /// Words that every question may hold, whatever it asks.
 const FUNCTION_WORDS: [&str; 27] = [
     "the", "a", "an", "of", "in", "is", "was", "were", "are", "did", "does", "do", "it", "this",
@@ -30,7 +157,7 @@ const FUNCTION_WORDS: [&str; 27] = [
     "will",
 ];
 /// Words about what radar tokens do not hold: they are relative to the person, and see neither identity nor surface.
-const NOT_HELD: [&str; 21] = [
+const NOT_HELD: &[&str] = &[
     "who",
     "whose",
     "age",
@@ -45,6 +172,10 @@ const NOT_HELD: [&str; 21] = [
     "wears",
     "wearing",
     "clothes",
+    "shirt",
+    "shoes",
+    "glasses",
+    "hair",
     "face",
     "heart",
     "breathing",
@@ -52,6 +183,24 @@ const NOT_HELD: [&str; 21] = [
     "meters",
     "distance",
     "room",
+    "kitchen",
+    "bathroom",
+    "bedroom",
+    "house",
+    "sad",
+    "angry",
+    "mood",
+    "feel",
+    "feeling",
+    "thinking",
+    "why",
+    "yesterday",
+    "tomorrow",
+    "week",
+    "weather",
+    "recipe",
+    "medicine",
+    "tablets",
 ];
 const RADAR: &str = "{radar}";
 /// Minimum likeness to a template, as [`likeness`] measures it.
@@ -129,7 +278,18 @@ impl Instruction {
         let rated = templates.map(|(task, prompt)| (likeness(&own, &words(prompt)), task, prompt));
         // Of equally likely ones the first is taken.
         let best = rated.reduce(|best, next| if next.0 > best.0 { next } else { best });
-        let Some((likeness, task, nearest)) = best.filter(|best| best.0 >= MIN_ALIKE) else {
+        // The words of a template ask for what it asks.
+        let cue = cue_of(&own).filter(|_| best.is_none_or(|best| best.0 < 1.0));
+        let best = match cue {
+            Some(cue) => {
+                let prompts = cue.prompts().iter();
+                let rated =
+                    prompts.map(|prompt| (likeness(&own, &words(prompt)), cue.task(), *prompt));
+                rated.reduce(|best, next| if next.0 > best.0 { next } else { best })
+            }
+            None => best.filter(|best| best.0 >= MIN_ALIKE),
+        };
+        let Some((likeness, task, nearest)) = best else {
             return refused(format!(
                 "`{text}` is like none of the instructions for describing, timing, continuing or asking about a motion, for \
                  example `{}`",
@@ -189,16 +349,29 @@ impl Instruction {
 /// The claim of a question that is answered by yes or no, as a sentence and as facts: "did she fall?" asks whether "a person
 /// falls".
 fn claim_of(text: &str) -> Option<(String, Facts)> {
-    let lower = text.trim().to_lowercase();
-    let (first, _) = lower.split_once(' ')?;
+    let lower = text.trim().to_lowercase().replace("yes or no", " ");
     // "Is it slow or fast?" asks which.
-    if !AUXILIARIES.contains(&first) || lower.contains(" or ") {
+    if lower.contains(" or ") {
+        return None;
+    }
+    let own = words(&lower);
+    let has = |list: &[&str]| list.iter().any(|word| own.contains(*word));
+    if has(&QUESTION_WORDS) || !(has(&AUXILIARIES) || has(&["whether", "true"])) {
         return None;
     }
     let stated = facts(&lower);
     stated.actions().next()?;
     let claim = Writer::new().write_fully(&stated, 0)?.text;
     Some((claim, stated))
+}
+
+/// What the words of an instruction tell that it asks for.
+fn cue_of(own: &BTreeSet<String>) -> Option<Asked> {
+    let holds = |cue: &&str| cue.split(' ').all(|word| own.contains(word));
+    let found = CUES
+        .iter()
+        .find(|(_, cues)| cues.iter().any(|cue| holds(&cue)));
+    found.map(|(asked, _)| *asked)
 }
 
 fn words(text: &str) -> BTreeSet<String> {
