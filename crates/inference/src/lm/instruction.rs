@@ -368,9 +368,7 @@ fn claim_of(text: &str) -> Option<(String, Facts)> {
 /// What the words of an instruction tell that it asks for.
 fn cue_of(own: &BTreeSet<String>) -> Option<Asked> {
     let holds = |cue: &&str| cue.split(' ').all(|word| own.contains(word));
-    let found = CUES
-        .iter()
-        .find(|(_, cues)| cues.iter().any(|cue| holds(&cue)));
+    let found = CUES.iter().find(|(_, cues)| cues.iter().any(holds));
     found.map(|(asked, _)| *asked)
 }
 
