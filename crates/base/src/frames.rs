@@ -41,8 +41,13 @@ impl Default for Placement {
 impl Placement {
     /// Maps a point from the motion's world frame into the radar frame, m.
     pub fn radar_from_world(&self, world: Vec3) -> Vec3 {
-        let turned = Quat::from_rotation_z(self.heading_rad) * world;
+        let turned = self.radar_from_world_rotation() * world;
         turned + Vec3::new(self.position_m[0], self.position_m[1], -self.radar_height_m)
+    }
+
+    /// Rotation from the motion's world frame into the radar frame.
+    pub fn radar_from_world_rotation(&self) -> Quat {
+        Quat::from_rotation_z(self.heading_rad)
     }
 }
 

@@ -51,6 +51,12 @@ pub struct ClipRecord {
     pub joints: Vec<[[f32; 3]; 22]>,
     /// HumanML3D features, `[motion frame][263]` flattened; empty when unknown.
     pub motion_features: Vec<f32>,
+    /// Rotations of the 22 joints, `[motion frame][joint]`: the first two columns of the rotation matrix, x of the first
+    /// column first. The pelvis is turned from the axes of the body at rest to those of the radar, every other joint
+    /// relative to its parent. Empty when unknown, as in data sets of version 1.
+    pub rotations6d: Vec<[[f32; 6]; 22]>,
+    /// Standing height of the body, m; 0 when unknown.
+    pub body_height_m: f32,
 }
 
 /// An item that could not be generated.

@@ -1,6 +1,9 @@
 //! A pure function from (corpus item, variant, seed) to a [`ClipRecord`].
 
-use radarllm_base::{Motion, PointFrame, StaticCells, Timeline, seed::derive_seed};
+use glam::{Mat3, Quat};
+use radarllm_base::{
+    Motion, PointFrame, Pose, StaticCells, Timeline, seed::derive_seed, skeleton::N_JOINTS,
+};
 use radarllm_body::{
     features::humanml3d_features,
     mesh::{BodyModel, BodyShape, Build, pose_on_body},
@@ -81,6 +84,12 @@ pub fn make_record(
     let frames = stored_frames(frames, synthesizer.radar().frame_rate_hz(), config, rate_hz)?;
 
     let at_20_fps = resample(&motion, MOTION_FPS).map_err(|e| SynthError::Config(e.to_string()))?;
+    let radar_from_world = placement.radar_from_world_rotation();
+    let rotations6d = at_20_fps
+        .poses
+        .iter()
+        .map(|pose| rotations6d(pose, radar_from_world))
+        .collect();
     let joints = at_20_fps
         .joints_in_world()
         .iter()
@@ -101,6 +110,21 @@ pub fn make_record(
         motion_fps: MOTION_FPS as f32,
         joints,
         motion_features: humanml3d_features(&motion),
+        rotations6d,
+        body_height_m: shape.height_m,
+    })
+}
+
+/// The first two columns of every joint's rotation matrix, that of the pelvis in the axes of the radar.
+fn rotations6d(pose: &Pose, radar_from_world: Quat) -> [[f32; 6]; N_JOINTS] {
+    std::array::from_fn(|joint| {
+        let rotation = match joint {
+            0 => radar_from_world * pose.rotations[0],
+            _ => pose.rotations[joint],
+        };
+        let matrix = Mat3::from_quat(rotation);
+        let (x, y) = (matrix.x_axis, matrix.y_axis);
+        [x.x, x.y, x.z, y.x, y.y, y.z]
     })
 }
 

@@ -780,6 +780,8 @@ mod tests {
             motion_fps: 20.0,
             joints: Vec::new(),
             motion_features: Vec::new(),
+            rotations6d: Vec::new(),
+            body_height_m: 0.0,
         };
         let walks = "a person walks.";
         let mut two = vec![clip(0, "a", walks), clip(1, "b", walks)];

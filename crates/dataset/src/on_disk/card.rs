@@ -52,7 +52,9 @@ pub(crate) fn dataset_card(manifest: &Manifest) -> String {
          `points`: per radar frame a list of `[x, y, z, range, velocity, intensity]` in m, m/s and dB; \
          x right, y away from the radar, z up, radar at the origin, velocity positive when receding. \
          `frame_number`, `frame_time_s`: of each radar frame. `joints`: 22 SMPL-X body joints in m, same axes, \
-         at `motion_fps`. `motion_features`: 263 HumanML3D values per motion frame. `captions`: reference \
+         at `motion_fps`. `motion_features`: 263 HumanML3D values per motion frame. `rotations6d`: the first two columns of the 22 \
+         joints' rotation matrices, the pelvis in the axes of the radar, others relative to their parents. \
+         `body_height_m`: standing height. `captions`: reference \
          sentences. All clips of a `group` are in one split.\n\n\
          ## Sources and licences\n\n\
          The column `source` of a clip names its source. The licence is that of the motions and sentences; the radar \

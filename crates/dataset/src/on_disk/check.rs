@@ -1,5 +1,7 @@
 //! The conditions that every stored clip satisfies.
 
+use radarllm_base::skeleton::N_JOINTS;
+
 use crate::{ClipRecord, DatasetError, MOTION_FEATURE_DIM};
 
 /// Maximum length of an id, name or label, bytes.
@@ -93,6 +95,20 @@ fn find_problem(record: &ClipRecord) -> Option<String> {
         .position(|pose| !is_finite(pose.as_flattened()))
     {
         return Some(format!("joints of motion frame {i} are not finite"));
+    }
+    let n_poses = record.rotations6d.len();
+    if n_poses > 0 && n_poses != record.joints.len() {
+        return Some(format!(
+            "rotations6d has {n_poses} motion frames, joints has {}",
+            record.joints.len()
+        ));
+    }
+    let is_turned = |pose: &[[f32; 6]; N_JOINTS]| !is_finite(pose.as_flattened());
+    if let Some(i) = record.rotations6d.iter().position(is_turned) {
+        return Some(format!("rotations of motion frame {i} are not finite"));
+    }
+    if !(record.body_height_m.is_finite() && record.body_height_m >= 0.0) {
+        return Some(format!("body_height_m is {}", record.body_height_m));
     }
     if !record
         .motion_features

@@ -16,6 +16,7 @@ use parquet::arrow::arrow_reader::{
 };
 use parquet::basic::{Compression, Type};
 use parquet::file::metadata::ColumnChunkMetaData;
+use parquet::schema::types::SchemaDescriptor;
 
 use crate::DatasetError;
 
@@ -39,13 +40,13 @@ const MAX_PAGE_HEADER_BYTES: u64 = 1 << 20;
 /// Maximum size of the text that one column chunk can expand to through its dictionary, bytes.
 const MAX_DICTIONARY_EXPANSION_BYTES: u64 = 1 << 30;
 
-/// Opens `path` and checks every size in it. With `schema`, the file's columns must match it.
-/// Without it, Arrow types follow from the Parquet types alone. A stored Arrow schema is ignored, which leaves
+/// Opens `path` and checks every size in it. The file's columns must match what `schema` gives for them.
+/// If it gives none, Arrow types follow from the Parquet types alone. A stored Arrow schema is ignored, which leaves
 /// one parser fewer for hostile bytes.
 pub(crate) fn open(
     path: &Path,
     limits: Limits,
-    schema: Option<SchemaRef>,
+    schema: impl FnOnce(&SchemaDescriptor) -> Option<SchemaRef>,
 ) -> Result<ParquetRecordBatchReaderBuilder<File>, DatasetError> {
     let file = File::open(path).map_err(DatasetError::io(path, "open"))?;
     open_file(path, file, limits, schema)
@@ -56,7 +57,7 @@ pub(crate) fn open_file(
     path: &Path,
     mut file: File,
     limits: Limits,
-    schema: Option<SchemaRef>,
+    schema: impl FnOnce(&SchemaDescriptor) -> Option<SchemaRef>,
 ) -> Result<ParquetRecordBatchReaderBuilder<File>, DatasetError> {
     let info = file.metadata().map_err(DatasetError::io(path, "open"))?;
     if !info.is_file() {
@@ -66,12 +67,17 @@ pub(crate) fn open_file(
     check_limit(path, "file size in bytes", file_bytes, limits.file_bytes)?;
     check_footer(path, &mut file, file_bytes)?;
 
-    let mut options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
-    if let Some(schema) = schema {
-        options = options.with_schema(schema);
-    }
+    let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
     let metadata = isolated(path, || {
-        ArrowReaderMetadata::load(&file, options).map_err(|e| DatasetError::corrupt(path, e))
+        let corrupt = |e| DatasetError::corrupt(path, e);
+        let found = ArrowReaderMetadata::load(&file, options.clone()).map_err(corrupt)?;
+        match schema(found.parquet_schema()) {
+            None => Ok(found),
+            Some(schema) => {
+                let options = options.with_schema(schema);
+                ArrowReaderMetadata::try_new(found.metadata().clone(), options).map_err(corrupt)
+            }
+        }
     })?;
 
     let mut rows = 0_u64;

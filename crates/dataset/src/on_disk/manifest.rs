@@ -7,8 +7,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::{DatasetError, FailedItem, Split};
 
-/// Version of the directory layout, the columns and this file.
-pub const SCHEMA_VERSION: u32 = 1;
+/// Version of the directory layout, the columns and this file, as this program writes them. Version 2 added the columns
+/// `rotations6d` and `body_height_m`.
+pub const SCHEMA_VERSION: u32 = 2;
+/// Oldest version that this program reads.
+pub const OLDEST_SCHEMA_VERSION: u32 = 1;
 /// File name in the data set directory.
 pub const MANIFEST_NAME: &str = "manifest.json";
 /// Maximum size of a manifest, bytes. A million clips need about 50 MB.
@@ -58,7 +61,7 @@ pub struct ShardEntry {
 /// The whole file. Written last: a directory with a manifest is complete.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
-    /// [`SCHEMA_VERSION`].
+    /// [`OLDEST_SCHEMA_VERSION`] to [`SCHEMA_VERSION`].
     pub schema_version: u32,
     /// Name of the data set.
     pub name: String,
@@ -101,11 +104,11 @@ impl Manifest {
             field: field.into(),
             problem,
         };
-        if manifest.schema_version != SCHEMA_VERSION {
+        if !(OLDEST_SCHEMA_VERSION..=SCHEMA_VERSION).contains(&manifest.schema_version) {
             return Err(bad(
                 "schema_version",
                 format!(
-                    "{} is not {SCHEMA_VERSION}, the one this program reads",
+                    "{} is not in {OLDEST_SCHEMA_VERSION}..={SCHEMA_VERSION}, which this program reads",
                     manifest.schema_version
                 ),
             ));

@@ -163,7 +163,7 @@ pub fn read_points(path: &Path) -> Result<PointsFile, DatasetError> {
 /// # Errors
 /// As [`read_points`].
 pub fn read_points_from(file: File, path: &Path) -> Result<PointsFile, DatasetError> {
-    let builder = guard::open_file(path, file, LIMITS, None)?;
+    let builder = guard::open_file(path, file, LIMITS, |_| None)?;
     let metadata: HashMap<String, String> = builder
         .metadata()
         .file_metadata()

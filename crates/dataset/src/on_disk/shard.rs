@@ -12,6 +12,10 @@
 //! | `motion_fps` | f32 | rate of the next two |
 //! | `joints` | list of f32\[22\]\[3\] | m, radar frame |
 //! | `motion_features` | list of f32\[263\] | HumanML3D |
+//! | `rotations6d` | list of f32\[22\]\[6\] | see [`ClipRecord::rotations6d`]; since version 2 |
+//! | `body_height_m` | f32 | m; since version 2 |
+//!
+//! Shards of version 1 lack the last two columns; readers return them as unknown.
 //!
 //! The columns are plain nested lists with fixed-size inner lists, which Hugging Face `datasets` reads without a
 //! schema of its own. Row groups are small ([`ROW_GROUP_CLIPS`]) so that a reader holds few clips.
@@ -40,6 +44,10 @@ use radarllm_base::{PointFrame, RadarPoint};
 use super::guard::{self, Limits};
 use crate::{ClipRecord, DatasetError, MOTION_FEATURE_DIM, Split};
 
+/// Column of [`ClipRecord::rotations6d`].
+const ROTATIONS: &str = "rotations6d";
+/// Column of [`ClipRecord::body_height_m`].
+const BODY_HEIGHT: &str = "body_height_m";
 /// Number of clips per row group.
 pub const ROW_GROUP_CLIPS: usize = 32;
 /// Limits of one shard.
@@ -54,7 +62,8 @@ const LIMITS: Limits = Limits {
 pub enum Columns {
     /// All columns.
     All,
-    /// All columns except `joints` and `motion_features`, which are returned empty. This is several times faster.
+    /// All columns except `joints`, `motion_features` and `rotations6d`, which are returned empty. This is several times
+    /// faster.
     Points,
 }
 
@@ -99,7 +108,7 @@ pub(crate) fn write_shard(
         .set_compression(Compression::SNAPPY)
         .set_key_value_metadata(Some(metadata));
     // Measured values rarely repeat: a dictionary would be built, found useless and dropped.
-    for column in ["points", "joints", "motion_features"] {
+    for column in ["points", "joints", "motion_features", ROTATIONS] {
         let leaf = leaf_path(column);
         properties = properties.set_column_dictionary_enabled(leaf, false);
     }
@@ -130,7 +139,7 @@ impl Columns {
     fn has(self, name: &str) -> bool {
         match self {
             Self::All => true,
-            Self::Points => !["joints", "motion_features"].contains(&name),
+            Self::Points => !["joints", "motion_features", ROTATIONS].contains(&name),
         }
     }
 }
@@ -214,6 +223,7 @@ impl BatchReader {
             .iter()
             .map(|field| {
                 let column = batch.column_by_name(field.name()).cloned();
+                let column = column.or_else(|| unknown_column(field.name(), batch.num_rows()));
                 column.ok_or_else(|| {
                     DatasetError::corrupt(path, format!("no column `{}`", field.name()))
                 })
@@ -309,9 +319,70 @@ pub(crate) fn schema(columns: Columns) -> SchemaRef {
             "motion_features",
             list(fixed(DataType::Float32, MOTION_FEATURE_DIM as i32)),
         ),
+        field(
+            ROTATIONS,
+            list(fixed(fixed(DataType::Float32, 6), N_JOINTS as i32)),
+        ),
+        field(BODY_HEIGHT, DataType::Float32),
     ];
     fields.retain(|field| columns.has(field.name()));
     Arc::new(Schema::new(fields))
+}
+
+/// The columns of a shard with the columns `has`: those of version 2, or those of version 1 if it lacks the new ones.
+fn schema_of_file(has: impl Fn(&str) -> bool) -> SchemaRef {
+    let all = schema(Columns::All);
+    let is_there = |field: &&FieldRef| !is_new(field.name()) || has(field.name());
+    let fields: Vec<FieldRef> = all.fields().iter().filter(is_there).cloned().collect();
+    Arc::new(Schema::new(fields))
+}
+
+/// Whether shards of version 1 lack a column.
+fn is_new(name: &str) -> bool {
+    [ROTATIONS, BODY_HEIGHT].contains(&name)
+}
+
+/// A column that shards of version 1 lack, as unknown for `n` clips; `None` for other columns.
+fn unknown_column(name: &str, n: usize) -> Option<ArrayRef> {
+    match name {
+        ROTATIONS => {
+            let mut rotations = rotations_builder();
+            (0..n).for_each(|_| rotations.append(true));
+            Some(Arc::new(rotations.finish()))
+        }
+        BODY_HEIGHT => Some(Arc::new(Float32Array::from(vec![0.0; n]))),
+        _ => None,
+    }
+}
+
+/// Builder of a `list of f32[N_JOINTS][width]`.
+type PoseBuilder = ListBuilder<FixedSizeListBuilder<FixedSizeListBuilder<Float32Builder>>>;
+
+fn pose_builder(width: i32) -> PoseBuilder {
+    let joint = FixedSizeListBuilder::new(Float32Builder::new(), width)
+        .with_field(element(DataType::Float32));
+    let pose = FixedSizeListBuilder::new(joint, N_JOINTS as i32)
+        .with_field(element(fixed(DataType::Float32, width)));
+    ListBuilder::new(pose).with_field(element(fixed(
+        fixed(DataType::Float32, width),
+        N_JOINTS as i32,
+    )))
+}
+
+fn rotations_builder() -> PoseBuilder {
+    pose_builder(6)
+}
+
+/// Appends the poses of one clip.
+fn append_poses<const N: usize>(column: &mut PoseBuilder, poses: &[[[f32; N]; N_JOINTS]]) {
+    for pose in poses {
+        for joint in pose {
+            column.values().values().values().append_slice(joint);
+            column.values().values().append(true);
+        }
+        column.values().append(true);
+    }
+    column.append(true);
 }
 
 /// Parquet path of a nested column's only leaf.
@@ -340,12 +411,7 @@ fn batch_of(clips: &[ClipRecord]) -> Result<RecordBatch, arrow_schema::ArrowErro
         FixedSizeListBuilder::new(Float32Builder::new(), 6).with_field(element(DataType::Float32));
     let frame = ListBuilder::new(point).with_field(element(fixed(DataType::Float32, 6)));
     let mut points = ListBuilder::new(frame).with_field(element(list(fixed(DataType::Float32, 6))));
-    let position =
-        FixedSizeListBuilder::new(Float32Builder::new(), 3).with_field(element(DataType::Float32));
-    let pose = FixedSizeListBuilder::new(position, N_JOINTS as i32)
-        .with_field(element(fixed(DataType::Float32, 3)));
-    let mut joints = ListBuilder::new(pose)
-        .with_field(element(fixed(fixed(DataType::Float32, 3), N_JOINTS as i32)));
+    let (mut joints, mut rotations) = (pose_builder(3), rotations_builder());
     let dim = MOTION_FEATURE_DIM as i32;
     let vector = FixedSizeListBuilder::new(Float32Builder::new(), dim)
         .with_field(element(DataType::Float32));
@@ -377,14 +443,8 @@ fn batch_of(clips: &[ClipRecord]) -> Result<RecordBatch, arrow_schema::ArrowErro
         frame_number.append(true);
         frame_time_s.append(true);
         points.append(true);
-        for pose in &clip.joints {
-            for position in pose {
-                joints.values().values().values().append_slice(position);
-                joints.values().values().append(true);
-            }
-            joints.values().append(true);
-        }
-        joints.append(true);
+        append_poses(&mut joints, &clip.joints);
+        append_poses(&mut rotations, &clip.rotations6d);
         for vector in clip.motion_features.chunks_exact(MOTION_FEATURE_DIM) {
             features.values().values().append_slice(vector);
             features.values().append(true);
@@ -420,6 +480,10 @@ fn batch_of(clips: &[ClipRecord]) -> Result<RecordBatch, arrow_schema::ArrowErro
             )),
             Arc::new(joints.finish()),
             Arc::new(features.finish()),
+            Arc::new(rotations.finish()),
+            Arc::new(Float32Array::from_iter_values(
+                clips.iter().map(|c| c.body_height_m),
+            )),
         ],
     )
 }
@@ -428,7 +492,16 @@ fn open_projected(
     path: &Path,
     wanted: impl Fn(&str) -> bool,
 ) -> Result<(ParquetRecordBatchReader, u64), DatasetError> {
-    let builder = guard::open(path, LIMITS, Some(schema(Columns::All)))?;
+    let builder = guard::open(path, LIMITS, |found| {
+        let has = |name: &str| {
+            found
+                .root_schema()
+                .get_fields()
+                .iter()
+                .any(|f| f.name() == name)
+        };
+        Some(schema_of_file(has))
+    })?;
     let n_rows = builder.metadata().file_metadata().num_rows().max(0) as u64;
     let reader = guard::isolated(path, || {
         let columns = (0..)
@@ -635,6 +708,16 @@ fn clips_of(
     } else {
         None
     };
+    // Shards of version 1 have neither of the next two.
+    let has = |name: &str| batch.column_by_name(name).is_some();
+    let rotations = match has(ROTATIONS) {
+        true => Some(access.blocks(ROTATIONS, 2)?),
+        false => None,
+    };
+    let body_height_m = match has(BODY_HEIGHT) {
+        true => Some(access.f32(BODY_HEIGHT)?),
+        false => None,
+    };
 
     let mut clips = Vec::with_capacity(batch.num_rows());
     for row in 0..batch.num_rows() {
@@ -694,14 +777,6 @@ fn clips_of(
                 format!("{} but the clip has {counted} points", n_points[row]),
             ));
         }
-        let clip_joints = joints.map_or_else(Vec::new, |(lists, values)| {
-            let block = range_of(lists, row);
-            let width = N_JOINTS * 3;
-            let poses = values[block.start * width..block.end * width].chunks_exact(width);
-            poses
-                .map(|v| std::array::from_fn(|j| std::array::from_fn(|axis| v[j * 3 + axis])))
-                .collect()
-        });
         let motion_features = features.map_or_else(Vec::new, |(lists, values)| {
             let block = range_of(lists, row);
             values[block.start * MOTION_FEATURE_DIM..block.end * MOTION_FEATURE_DIM].to_vec()
@@ -719,11 +794,25 @@ fn clips_of(
             seed: seed[row],
             frames: clip_frames,
             motion_fps: motion_fps[row],
-            joints: clip_joints,
+            joints: joints.map_or_else(Vec::new, |column| poses_of(column, row)),
             motion_features,
+            rotations6d: rotations.map_or_else(Vec::new, |column| poses_of(column, row)),
+            body_height_m: body_height_m.map_or(0.0, |values| values[row]),
         });
     }
     Ok(clips)
+}
+
+/// Poses of one clip, `[frame][joint][N]`.
+fn poses_of<const N: usize>(
+    (lists, values): (&ListArray, &[f32]),
+    row: usize,
+) -> Vec<[[f32; N]; N_JOINTS]> {
+    let (block, width) = (range_of(lists, row), N_JOINTS * N);
+    let poses = values[block.start * width..block.end * width].chunks_exact(width);
+    poses
+        .map(|v| std::array::from_fn(|j| std::array::from_fn(|i| v[j * N + i])))
+        .collect()
 }
 
 fn summaries_of(

@@ -34,6 +34,8 @@ fn what_was_built_is_read_back_exactly_and_is_valid() {
                 (&full.frames, &full.captions)
             );
             assert!(light.joints.is_empty() && light.motion_features.is_empty());
+            assert!(light.rotations6d.is_empty());
+            assert_eq!(light.body_height_m, full.body_height_m);
         }
         assert_eq!(light.len(), expected.len());
         let rows: usize = dataset

@@ -83,6 +83,10 @@ pub fn clip(item: &ItemId) -> ClipRecord {
         motion_features: (0..n_poses as usize * MOTION_FEATURE_DIM)
             .map(|_| draw.f32())
             .collect(),
+        rotations6d: (0..n_poses)
+            .map(|_| std::array::from_fn(|_| std::array::from_fn(|_| draw.f32())))
+            .collect(),
+        body_height_m: draw.f32().abs(),
     }
 }
 

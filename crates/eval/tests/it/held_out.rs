@@ -57,6 +57,8 @@ fn clip(item: &ItemId, joints: Vec<[[f32; 3]; 22]>) -> ClipRecord {
         motion_fps: 20.0,
         joints,
         motion_features: Vec::new(),
+        rotations6d: Vec::new(),
+        body_height_m: 0.0,
     }
 }
 

@@ -57,5 +57,7 @@ fn clip(seed: usize, n_frames: usize, n_points: usize) -> ClipRecord {
         motion_fps: 20.0,
         joints: Vec::new(),
         motion_features,
+        rotations6d: Vec::new(),
+        body_height_m: 0.0,
     }
 }

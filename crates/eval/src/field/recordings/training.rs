@@ -133,6 +133,8 @@ fn record(
         motion_fps: 20.0,
         joints: Vec::new(),
         motion_features: Vec::new(),
+        rotations6d: Vec::new(),
+        body_height_m: 0.0,
     }
 }
 
