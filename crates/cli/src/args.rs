@@ -21,6 +21,8 @@ use crate::commands::{
 };
 
 #[cfg(feature = "eval")]
+use crate::commands::baselines::BaselinesVerb;
+#[cfg(feature = "eval")]
 use crate::commands::eval::{EvalVerb, FormerVerb};
 #[cfg(feature = "live")]
 use crate::commands::live::{AskArgs, LiveArgs};
@@ -129,6 +131,12 @@ pub(crate) enum Verb {
     ///
     /// Example: radarllm ablate configs/train/mocap-ablation.toml
     Ablate(AblateArgs),
+    #[cfg(feature = "eval")]
+    /// Compare with other systems: estimated motions and language models, video language models, classifiers, floors.
+    ///
+    /// Example: radarllm baselines run configs/eval/baselines.toml
+    #[command(subcommand)]
+    Baselines(BaselinesVerb),
     #[cfg(feature = "eval")]
     /// Build, train and evaluate what the tables of a paper show, on one page.
     ///

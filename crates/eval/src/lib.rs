@@ -38,6 +38,7 @@
 //! | Does a caption follow its cause? | [`interventions`] |
 //! | Does it answer questions in words that no training had? | [`instructions`] |
 //! | Which part of the model contributes how much? | [`ablation`] |
+//! | Which system describes the same clips best? | [`comparison`] |
 //! | Does a model describe what it generated from a sentence? | [`mod@round_trip`] |
 //! | How similar are captions and references to a sentence encoder? | [`embedding_scores`] |
 //! | [`field`]: recordings, and a radar that runs | |
@@ -49,7 +50,7 @@
 //! | Are test motions in the training split? | [`held_out`], [`near_duplicates`] |
 //! | [`simulator`]: the virtual radar and the body | |
 //! | How similar are simulated and recorded points? | [`realism`], [`points`], [`classifier`] |
-//! | How far is an estimated body from the true one? | [`pose_report`], [`mod@pose`] |
+//! | How far is an estimated body from the true one? | [`pose_report`], [`pose_table`], [`mod@pose`] |
 //!
 //! Deliberately absent: flags, printing, plots, the opening of recordings, and any learning framework. Nothing here writes
 //! a file. Caption metrics are in `radarllm-metrics`.
@@ -70,12 +71,12 @@ mod error;
 mod table;
 
 pub use captions::{
-    ablation, action, baselines, descriptor, embedding_scores, instructions, interventions,
-    robustness, round_trip,
+    ablation, action, baselines, comparison, descriptor, embedding_scores, instructions,
+    interventions, robustness, round_trip,
 };
 pub use data::{held_out, near_duplicates};
 pub use field::{boards, falls, features, forest, proxy, recordings};
-pub use simulator::{classifier, points, pose, pose_report, realism};
+pub use simulator::{classifier, points, pose, pose_report, pose_table, realism};
 
 pub use action::ActionClassifier;
 pub use captioner::ModelInfo;

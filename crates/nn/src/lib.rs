@@ -28,6 +28,7 @@ pub mod device;
 pub mod lm;
 pub mod motion_vqvae;
 pub mod params;
+pub mod pose;
 pub mod precision;
 pub mod pretrained;
 pub mod tokenizer;

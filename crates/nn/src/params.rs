@@ -24,6 +24,15 @@ pub fn collect_params<M: Module>(model: &M) -> NamedTensors {
     collect_some_params(model, &|_| true)
 }
 
+/// Number of float parameters of a module.
+pub fn n_params<M: Module>(model: &M) -> usize {
+    let shapes = param_shapes(model);
+    shapes
+        .values()
+        .map(|shape| shape.iter().product::<usize>())
+        .sum()
+}
+
 /// The float parameters of a module whose paths satisfy `wanted`; the others are not copied.
 pub fn collect_some_params<M: Module>(model: &M, wanted: &dyn Fn(&str) -> bool) -> NamedTensors {
     struct Collect<'a> {

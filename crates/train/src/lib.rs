@@ -28,8 +28,8 @@
 //!
 //! The crate prints nothing. Progress is reported as events of the crate `tracing`, whose messages are complete lines.
 //!
-//! Reading order: [`harness`] (training loop), [`adamw`] (optimiser), [`data`] (batches and augmentation), [`motion`]
-//! [`tokenizer`] and [`points`] (stages), [`lm`] (language-model stages).
+//! Reading order: [`harness`] (training loop), [`adamw`] (optimiser), [`data`] (batches and augmentation), [`motion`],
+//! [`tokenizer`], [`points`] and [`pose`] (stages), [`lm`] (language-model stages), [`motion_codes`] (motions instead of radar).
 
 #![cfg_attr(
     test,
@@ -50,7 +50,9 @@ mod log;
 mod loop_config;
 mod loss_scale;
 pub mod motion;
+pub mod motion_codes;
 pub mod points;
+pub mod pose;
 pub mod recipe;
 mod stop;
 pub mod tokenizer;

@@ -1,6 +1,7 @@
 //! All stages of the training of a model, in order, configured by one TOML file.
 //!
-//! `motion -> tokenizer -> pretrain -> instruct`, and optionally `points` after the tokenizer. Each stage reads the
+//! `motion -> tokenizer -> pretrain -> instruct`, and optionally `points` after the tokenizer. A comparison system that
+//! describes motions (`pretrain.codes`) has `motion -> pose -> pretrain -> instruct` instead. Each stage reads the
 //! results of earlier stages from the output folder of the recipe. The last stage writes `model/` (`tokenizer/` and
 //! `lm/`), the folder that [`radarllm_inference::lm::Captioner::load`] opens.
 
@@ -24,14 +25,16 @@ use radarllm_inference::{
         points::tokenizer_hash,
     },
 };
-use radarllm_nn::{device::Processors, lm::RadarLm};
+use radarllm_nn::{device::Processors, lm::RadarLm, pose::PoseEstimator};
 use serde::{Deserialize, Serialize};
 
 use crate::{
     harness::{self, Ending, StopToken, TrainError},
-    lm::{LmClip, LmTrainConfig, instruct, pretrain, pretrain_further},
+    lm::{CodeSource, LmClip, LmTrainConfig, instruct, pretrain, pretrain_further},
     motion::{self, MotionTrainConfig},
+    motion_codes::{MotionOf, half_of, motion_clips},
     points::{self, PointsTrainConfig},
+    pose::{self, PoseTrainConfig},
     tokenizer::{self, TokenizerTrainConfig},
 };
 
@@ -48,6 +51,12 @@ pub enum RecipeStage {
     Instruct,
     /// The decoder of radar codes, which only generation needs.
     Points,
+    /// The pose network, of comparison systems.
+    Pose,
+    /// The pose network trained on the motions of one half, which estimates those of the other half.
+    PoseFirstHalf,
+    /// As [`Self::PoseFirstHalf`], with the halves exchanged.
+    PoseSecondHalf,
 }
 
 impl RecipeStage {
@@ -55,6 +64,18 @@ impl RecipeStage {
     pub const ALL: [Self; 4] = [
         Self::Motion,
         Self::Tokenizer,
+        Self::Pretrain,
+        Self::Instruct,
+    ];
+
+    /// All stages in an order in which each follows those that it depends on.
+    pub const IN_ORDER: [Self; 8] = [
+        Self::Motion,
+        Self::Pose,
+        Self::PoseFirstHalf,
+        Self::PoseSecondHalf,
+        Self::Tokenizer,
+        Self::Points,
         Self::Pretrain,
         Self::Instruct,
     ];
@@ -72,6 +93,9 @@ impl RecipeStage {
             Self::Pretrain => "pretrain",
             Self::Instruct => "instruct",
             Self::Points => "points",
+            Self::Pose => "pose",
+            Self::PoseFirstHalf => "pose_first_half",
+            Self::PoseSecondHalf => "pose_second_half",
         }
     }
 }
@@ -142,6 +166,9 @@ pub struct Recipe {
     /// is absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub points: Option<PointsTrainConfig>,
+    /// Settings of the pose network of comparison systems; none is trained if the table is absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pose: Option<PoseTrainConfig>,
     /// Stops a stage early; see [`StopToken`].
     #[serde(skip)]
     pub stop: StopToken,
@@ -166,6 +193,7 @@ impl Default for Recipe {
             pretrain: LmTrainConfig::small(),
             instruct: LmTrainConfig::small().for_instruction(),
             points: None,
+            pose: None,
             stop: StopToken::default(),
             stage_folders: BTreeMap::new(),
         }
@@ -225,10 +253,31 @@ impl Recipe {
         if let Some(points) = &recipe.points {
             points.validate()?;
         }
+        if let Some(pose) = &recipe.pose {
+            pose.validate()?;
+        }
+        let problem = match recipe.pretrain.codes {
+            CodeSource::Radar => None,
+            _ if recipe.start.is_some() => {
+                Some("of motions are no choice for a model that is trained further")
+            }
+            CodeSource::EstimatedMotion if recipe.pose.is_none() => {
+                Some("of estimated motions need a table [pose]")
+            }
+            _ => None,
+        };
+        if let Some(problem) = problem {
+            return Err(TrainError::Config {
+                field: "pretrain.codes".into(),
+                problem: problem.into(),
+            });
+        }
         // Instruction tuning continues with the network from pretraining.
         let tuned = &recipe.instruct;
         for (field, is_set) in [
             ("bypass", tuned.bypass.is_some()),
+            ("codes", !tuned.codes.is_radar()),
+            ("projected", tuned.projected),
             ("tie_embeddings", tuned.tie_embeddings.is_some()),
             ("dropout", tuned.dropout.is_some()),
             ("from", tuned.hf_folder.is_some()),
@@ -283,15 +332,27 @@ impl Recipe {
         elsewhere.map_or_else(|| self.out.join(stage.name()), PathBuf::clone)
     }
 
-    /// The stages of this recipe, in order: without motion and tokenizer if it goes on with a model, and with the decoder
-    /// of radar codes, which needs the tokenizer only, if that is configured.
+    /// The stages of this recipe, in order: without motion and tokenizer if it goes on with a model, without tokenizer if the
+    /// codes are those of motions, and with the decoder of radar codes, which needs the tokenizer only, and the pose network
+    /// if these are configured.
     pub fn stages(&self) -> Vec<RecipeStage> {
+        let codes = self.pretrain.codes;
+        if !codes.is_radar() {
+            let mut stages = vec![RecipeStage::Motion];
+            stages.extend(self.pose.as_ref().map(|_| RecipeStage::Pose));
+            if codes == CodeSource::EstimatedMotion {
+                stages.extend([RecipeStage::PoseFirstHalf, RecipeStage::PoseSecondHalf]);
+            }
+            stages.extend([RecipeStage::Pretrain, RecipeStage::Instruct]);
+            return stages;
+        }
         let has = |stage: &RecipeStage| self.start.is_none() || !stage.shapes_tokenizer();
         let mut stages: Vec<_> = RecipeStage::ALL.into_iter().filter(has).collect();
         if self.points.is_some() {
             let after = stages.iter().filter(|stage| stage.shapes_tokenizer());
             stages.insert(after.count(), RecipeStage::Points);
         }
+        stages.extend(self.pose.as_ref().map(|_| RecipeStage::Pose));
         stages
     }
 
@@ -313,12 +374,14 @@ impl Recipe {
         let out = self.stage_dir(stage);
         let mut recipe = self.clone();
         let mut points = recipe.points.take().unwrap_or_default();
+        let mut pose = recipe.pose.take().unwrap_or_default();
         for run in [
             &mut recipe.motion.run,
             &mut recipe.tokenizer.run,
             &mut recipe.pretrain.run,
             &mut recipe.instruct.run,
             &mut points.run,
+            &mut pose.run,
         ] {
             run.processors = self.device.clone();
             run.stop = self.stop.clone();
@@ -362,7 +425,7 @@ impl Recipe {
                 .ending
             }
             RecipeStage::Pretrain => {
-                let (tokenizer, train, val) = self.lm_data(self.pretrain.flip)?;
+                let (n_codes, train, val) = self.lm_data(self.pretrain.flip)?;
                 match &self.start {
                     Some(start) => {
                         let (dir, device) = (start.join("lm"), harness::cpu_device());
@@ -373,10 +436,7 @@ impl Recipe {
                         };
                         pretrain_further(&recipe.pretrain, lm, &train, &val, &out, resume)?
                     }
-                    None => {
-                        let n_codes = tokenizer.config().codebook_size;
-                        pretrain(&recipe.pretrain, n_codes, &train, &val, &out, resume)?
-                    }
+                    None => pretrain(&recipe.pretrain, n_codes, &train, &val, &out, resume)?,
                 }
                 .ending
             }
@@ -403,6 +463,19 @@ impl Recipe {
                 }
                 ending
             }
+            RecipeStage::Pose | RecipeStage::PoseFirstHalf | RecipeStage::PoseSecondHalf => {
+                let mut train = self.clips(Split::Train, Columns::All)?;
+                let half = match stage {
+                    RecipeStage::PoseFirstHalf => Some(0),
+                    RecipeStage::PoseSecondHalf => Some(1),
+                    _ => None,
+                };
+                if let Some(half) = half {
+                    train.retain(|clip| half_of(&clip.motion_id) == half);
+                }
+                let val = self.clips(Split::Val, Columns::All)?;
+                pose::train(&pose, &self.data_names()?, &train, &val, &out, resume)?.ending
+            }
         };
         Ok(ending != Ending::Stopped)
     }
@@ -412,7 +485,11 @@ impl Recipe {
     /// # Errors
     /// If a stage is missing or files cannot be copied.
     pub fn assemble(&self, lm: RecipeStage) -> Result<(), TrainError> {
-        for (stage, name) in [(RecipeStage::Tokenizer, "tokenizer"), (lm, "lm")] {
+        let codes = match self.pretrain.codes.is_radar() {
+            true => (RecipeStage::Tokenizer, "tokenizer"),
+            false => (RecipeStage::Motion, "motion"),
+        };
+        for (stage, name) in [codes, (lm, "lm")] {
             copy_files(&self.result(stage)?, &self.model_dir().join(name))?;
         }
         // A decoder of earlier codes would not fit this tokenizer.
@@ -430,7 +507,10 @@ impl Recipe {
     }
 
     /// Checkpoint of a finished stage: the best one by validation, or the last one.
-    fn result(&self, stage: RecipeStage) -> Result<PathBuf, TrainError> {
+    ///
+    /// # Errors
+    /// If the stage has written none.
+    pub fn result(&self, stage: RecipeStage) -> Result<PathBuf, TrainError> {
         if let (Some(start), RecipeStage::Tokenizer) = (&self.start, stage) {
             return Ok(start.join("tokenizer"));
         }
@@ -460,17 +540,50 @@ impl Recipe {
         Ok(clips)
     }
 
-    fn lm_data(
-        &self,
-        flip: bool,
-    ) -> Result<(RadarTokenizer, Vec<LmClip>, Vec<LmClip>), TrainError> {
+    /// Names of the data sets.
+    fn data_names(&self) -> Result<Vec<String>, TrainError> {
+        let name = |dir: &PathBuf| Ok(Dataset::open(dir)?.manifest().name.clone());
+        self.data.iter().map(name).collect()
+    }
+
+    /// The number of codes, and the training and validation clips of the language model.
+    fn lm_data(&self, flip: bool) -> Result<(usize, Vec<LmClip>, Vec<LmClip>), TrainError> {
+        let codes = self.pretrain.codes;
+        if !codes.is_radar() {
+            let teacher = motion::load_teacher(&self.result(RecipeStage::Motion)?)?;
+            let estimator = |stage| Ok::<_, TrainError>(PoseEstimator::load(&self.result(stage)?)?);
+            let (train, val) = match codes {
+                CodeSource::EstimatedMotion => {
+                    let whole = estimator(RecipeStage::Pose)?;
+                    let first = estimator(RecipeStage::PoseFirstHalf)?;
+                    let second = estimator(RecipeStage::PoseSecondHalf)?;
+                    // Each half by the network that has not seen it, as the whole network has not seen the test split.
+                    let train = self.clips(Split::Train, Columns::Points)?;
+                    let crossed = MotionOf::Estimated([&second, &first]);
+                    let train = motion_clips(&teacher, &train, &crossed, flip)?;
+                    let val = self.clips(Split::Val, Columns::Points)?;
+                    let of_val = MotionOf::Estimated([&whole, &whole]);
+                    (train, motion_clips(&teacher, &val, &of_val, false)?)
+                }
+                _ => {
+                    let train = self.clips(Split::Train, Columns::All)?;
+                    let train = motion_clips(&teacher, &train, &MotionOf::Truth, flip)?;
+                    let val = self.clips(Split::Val, Columns::All)?;
+                    (
+                        train,
+                        motion_clips(&teacher, &val, &MotionOf::Truth, false)?,
+                    )
+                }
+            };
+            return Ok((teacher.n_codes(), train, val));
+        }
         let dir = self.result(RecipeStage::Tokenizer)?;
         let tokenizer = RadarTokenizer::load(&dir)?;
         let clips = self.clips(Split::Train, Columns::Points)?;
         let train = lm_clips(&tokenizer, &clips, flip, self.disturbed_copies)?;
         let clips = self.clips(Split::Val, Columns::Points)?;
         let val = lm_clips(&tokenizer, &clips, false, 0)?;
-        Ok((tokenizer, train, val))
+        Ok((tokenizer.config().codebook_size, train, val))
     }
 }
 

@@ -315,6 +315,14 @@ pub(crate) fn build(
     Ok(())
 }
 
+/// Builds what is missing of a data set, with notes alone.
+#[cfg(feature = "train")]
+pub(crate) fn build_quietly(plan: &DatasetPlan, out: &Path, options: BuildOptions) -> CliResult {
+    let report = plan.build(out, options, progress_lines(Instant::now()), &|| false)?;
+    note!("{}: {} clips", out.display(), report.manifest.n_clips);
+    Ok(())
+}
+
 /// Builds the shards of one part, in a folder that whichever process comes first prepares.
 fn build_part(
     plan: &DatasetPlan,

@@ -3,6 +3,9 @@
 // Builds without training list its commands all the same, and parse their arguments.
 #[cfg_attr(not(feature = "train"), allow(dead_code))]
 pub(crate) mod ablate;
+#[cfg(feature = "eval")]
+#[cfg_attr(not(feature = "train"), allow(dead_code))]
+pub(crate) mod baselines;
 pub(crate) mod calibrate;
 pub(crate) mod dataset;
 pub(crate) mod demo;
@@ -33,4 +36,6 @@ pub(crate) mod site;
 pub(crate) mod teach;
 #[cfg_attr(not(feature = "train"), allow(dead_code))]
 pub(crate) mod train;
+#[cfg(feature = "train")]
+pub(crate) mod trainings;
 pub(crate) mod view;

@@ -12,7 +12,7 @@ use toml::Table;
 use crate::EvalError;
 
 /// Metrics a table may show: key in the reports of `eval`, heading, factor in print.
-const METRICS: [(&str, &str, f64); 9] = [
+pub(crate) const METRICS: [(&str, &str, f64); 9] = [
     ("rouge_1", "ROUGE-1", 100.0),
     ("rouge_l", "ROUGE-L", 100.0),
     ("bleu_1", "BLEU-1", 100.0),

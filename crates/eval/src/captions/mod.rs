@@ -7,6 +7,7 @@
 pub mod ablation;
 pub mod action;
 pub mod baselines;
+pub mod comparison;
 pub mod descriptor;
 pub mod embedding_scores;
 pub mod examples;
@@ -322,7 +323,15 @@ pub fn evaluate_captions_with(
         .ok_or_else(|| EvalError::Empty("a single clip cannot be shuffled".into()))?;
     let shuffled: Vec<&str> = order.iter().map(|&i| texts[i]).collect();
     let nearest: Vec<&str> = captioned.iter().map(|c| c.nearest.as_str()).collect();
-    let scorer = Scorer::new(&captioned, &classifier, seed, add);
+    let items: Vec<Item> = captioned
+        .iter()
+        .map(|c| Item {
+            id: &c.id,
+            action: &c.action,
+            references: &c.references,
+        })
+        .collect();
+    let scorer = Scorer::new(&items, &classifier, seed, add);
     let mut systems = vec![scorer.system("model", "the model on its own radar", &texts)?];
     for (cut, texts) in &cut {
         let (name, what) = of_cut(*cut);
@@ -409,9 +418,26 @@ fn of_cut(cut: RadarCut) -> (&'static str, &'static str) {
     }
 }
 
+/// A clip as scores see it.
+pub(crate) struct Item<'a> {
+    id: &'a str,
+    action: &'a str,
+    references: &'a [String],
+}
+
+impl<'a> Item<'a> {
+    fn of_record(record: &'a ClipRecord) -> Self {
+        Self {
+            id: &record.id,
+            action: &record.action,
+            references: &record.captions,
+        }
+    }
+}
+
 /// Scores captions of the same clips by different systems.
 struct Scorer<'a> {
-    clips: &'a [CaptionedClip],
+    clips: &'a [Item<'a>],
     classifier: &'a ActionClassifier,
     references: Vec<Reference>,
     units: Vec<usize>,
@@ -419,22 +445,30 @@ struct Scorer<'a> {
     add: AddScores<'a>,
 }
 
+/// Scores of the captions of a system.
+struct Measures {
+    scores: Scores,
+    facts: facts::FactCounts,
+    action_accuracy: Estimate,
+    same_actions: Estimate,
+}
+
 impl<'a> Scorer<'a> {
     fn new(
-        clips: &'a [CaptionedClip],
+        clips: &'a [Item<'a>],
         classifier: &'a ActionClassifier,
         seed: u64,
         add: AddScores<'a>,
     ) -> Self {
         let references = clips.iter().map(|c| Reference {
-            id: c.id.clone(),
-            texts: c.references.clone(),
+            id: c.id.into(),
+            texts: c.references.to_vec(),
         });
         Self {
             clips,
             classifier,
             references: references.collect(),
-            units: units_of_ids(clips.iter().map(|c| c.id.as_str())),
+            units: units_of_ids(clips.iter().map(|c| c.id)),
             seed,
             add,
         }
@@ -446,19 +480,31 @@ impl<'a> Scorer<'a> {
         what: &'static str,
         texts: &[&str],
     ) -> Result<System, EvalError> {
+        let measures = self.measures(texts)?;
+        Ok(System {
+            name,
+            what,
+            scores: measures.scores,
+            facts: measures.facts,
+            action_accuracy: measures.action_accuracy,
+            same_actions: measures.same_actions,
+        })
+    }
+
+    fn measures(&self, texts: &[&str]) -> Result<Measures, EvalError> {
         let pairs = || self.clips.iter().zip(texts);
         let candidates: Vec<Candidate> = pairs()
             .map(|(c, text)| Candidate {
-                id: c.id.clone(),
+                id: c.id.into(),
                 text: (*text).into(),
             })
             .collect();
         let correct: Vec<f64> = pairs()
-            .map(|(c, text)| self.classifier.classify(text) == Some(&c.action))
+            .map(|(c, text)| self.classifier.classify(text) == Some(c.action))
             .map(|correct| f64::from(u8::from(correct)))
             .collect();
         let same: Vec<f64> = pairs()
-            .map(|(c, text)| facts::same_actions(text, &c.references))
+            .map(|(c, text)| facts::same_actions(text, c.references))
             .collect();
         let options = ScoreOptions {
             seed: self.seed,
@@ -467,15 +513,36 @@ impl<'a> Scorer<'a> {
         };
         let mut scores = score(&candidates, &self.references, &options)?;
         (self.add)(&mut scores, &candidates, &self.references)?;
-        Ok(System {
-            name,
-            what,
+        Ok(Measures {
             scores,
-            facts: facts::FactCounts::of(pairs().map(|(c, text)| (*text, counted(&c.references)))),
+            facts: facts::FactCounts::of(pairs().map(|(c, text)| (*text, counted(c.references)))),
             action_accuracy: mean(&correct, &self.units, self.seed)?,
             same_actions: mean(&same, &self.units, self.seed)?,
         })
     }
+}
+
+/// Captions of clips by a model, with `beam` as in [`DescribeOptions::beam`](radarllm_inference::DescribeOptions::beam).
+///
+/// # Errors
+/// A clip that the model refuses.
+pub fn captions_of(
+    captioner: &Captioner,
+    records: &[ClipRecord],
+    beam: Option<usize>,
+) -> Result<Vec<String>, EvalError> {
+    let frame_rate_hz = f64::from(FRAME_RATE_HZ);
+    let clip = |record: &ClipRecord| take_clip(&mut record.clone(), frame_rate_hz);
+    let clips: Vec<Clip> = records.iter().map(clip).collect();
+    let described = caption_clips(captioner, &clips.iter().collect::<Vec<_>>(), beam)?;
+    Ok(described.into_iter().map(|d| d.caption).collect())
+}
+
+/// The first clip of every motion.
+pub fn one_of_each_motion(mut clips: Vec<ClipRecord>) -> Vec<ClipRecord> {
+    let mut seen = BTreeSet::new();
+    clips.retain(|c| seen.insert(c.motion_id.clone()));
+    clips
 }
 
 fn mean(values: &[f64], units: &[usize], seed: u64) -> Result<Estimate, EvalError> {
@@ -499,14 +566,13 @@ fn best_rouge_l(candidate: &str, references: &[String]) -> f64 {
 
 /// A split without what evaluation does not need; one variant of each motion, but for training.
 pub(crate) fn read(data: &Dataset, split: Split) -> Result<Vec<ClipRecord>, EvalError> {
-    let mut clips: Vec<ClipRecord> = data
+    let clips: Vec<ClipRecord> = data
         .iter_split(split, Columns::Points)
         .collect::<Result<_, _>>()?;
-    if split != Split::Train {
-        let mut seen = BTreeSet::new();
-        clips.retain(|c| seen.insert(c.motion_id.clone()));
-    }
-    Ok(clips)
+    Ok(match split {
+        Split::Train => clips,
+        _ => one_of_each_motion(clips),
+    })
 }
 
 /// Moves the points out of a data set's clip. Clips of data sets are simulated.
@@ -537,7 +603,10 @@ fn captions_with_actions(clips: &[ClipRecord]) -> Vec<(&str, &str)> {
 
 /// The first caption of the training clip with the nearest descriptor, for each clip: its frames and the height of its
 /// radar.
-pub(crate) fn nearest_captions<'a>(
+///
+/// # Errors
+/// No training clips, or points that are not finite.
+pub fn nearest_captions<'a>(
     train: &[ClipRecord],
     clips: impl Iterator<Item = (&'a [PointFrame], f32)>,
 ) -> Result<Vec<String>, EvalError> {

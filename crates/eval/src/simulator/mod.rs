@@ -4,4 +4,5 @@ pub mod classifier;
 pub mod points;
 pub mod pose;
 pub mod pose_report;
+pub mod pose_table;
 pub mod realism;

@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::LmError;
 use super::gpt2_config::Gpt2Config;
 use super::qwen2_config::Qwen2Config;
+use super::{LmError, Source};
 
 /// Variant of the feed-forward network of a T5 block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -95,6 +95,23 @@ pub struct LmConfig {
     pub code_dim: usize,
     /// Adds the projected continuous feature to the code embedding (off in the paper).
     pub bypass: bool,
+    /// Every code of a prompt is read as one mark with its projected feature, so that the feature alone tells codes apart
+    /// ([`Self::project`]). Only the networks in burn run such a model.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub projected: bool,
+}
+
+impl LmConfig {
+    /// Replaces the codes of a prompt by one mark if the model reads projected features alone; `mark` is the id of a code.
+    pub fn project(&self, source: &mut Source, mark: u32) {
+        if self.projected {
+            for &position in &source.feature_positions {
+                if let Some(id) = source.ids.get_mut(position as usize) {
+                    *id = mark;
+                }
+            }
+        }
+    }
 }
 
 /// Named shapes.
@@ -178,6 +195,7 @@ impl LmPreset {
             n_codes,
             code_dim,
             bypass,
+            projected: false,
         }
     }
 }
@@ -223,6 +241,7 @@ impl Backbone {
             n_codes,
             code_dim,
             bypass: is_tiny,
+            projected: false,
         })
     }
 

@@ -12,10 +12,10 @@ use super::vocab::Vocab;
 use crate::checkpoint::{Checkpoint, CheckpointError, NamedTensors};
 
 impl LmConfig {
-    /// Shape of the network in the form that the engine uses; `None` for a decoder-only network, which the engine does
-    /// not support.
+    /// Shape of the network in the form that the engine uses; `None` for a decoder-only network and for a model of projected
+    /// codes, which the engine does not support.
     pub fn engine_shape(&self) -> Option<Shape> {
-        let c = self.t5()?;
+        let c = self.t5().filter(|_| !self.projected)?;
         Some(Shape {
             vocab_size: c.vocab_size,
             d_model: c.d_model,

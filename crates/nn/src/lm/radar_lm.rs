@@ -164,6 +164,7 @@ impl RadarLm {
             n_codes,
             code_dim,
             bypass,
+            projected: false,
         };
         config.validate()?;
         decoder.extend(vocab.layout().size() - n_rows, seed);
@@ -215,6 +216,7 @@ impl RadarLm {
             n_codes,
             code_dim,
             bypass,
+            projected: false,
             network: NetworkConfig::T5(t5.clone()),
         };
         config.validate()?;
@@ -468,7 +470,9 @@ impl RadarLm {
     /// # Errors
     /// If a code is outside the codebook or the features do not fit the codes.
     pub fn describe_prompt(&self, radar: &Encoded) -> Result<Source, LmError> {
-        let source = self.vocab.prompt(EVALUATION_PROMPT, Some(radar), None)?;
+        let mut source = self.vocab.prompt(EVALUATION_PROMPT, Some(radar), None)?;
+        self.config
+            .project(&mut source, self.vocab.layout().code(0));
         self.check(&source)?;
         Ok(source)
     }

@@ -13,7 +13,7 @@
 use super::MOTION_DIM;
 
 /// Joint that corresponds to joint i after mirroring, SMPL order.
-const MIRRORED: [usize; 22] = [
+pub const MIRRORED: [usize; 22] = [
     0, 2, 1, 3, 5, 4, 6, 8, 7, 9, 11, 10, 12, 14, 13, 15, 17, 16, 19, 18, 21, 20,
 ];
 

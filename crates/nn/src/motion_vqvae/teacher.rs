@@ -182,6 +182,24 @@ impl MotionTeacher {
         nearest_codes(features, &self.codebook, self.config.width)
     }
 
+    /// Vectors of codes, `[code][width]` flattened.
+    pub fn vectors(&self, codes: &[u32]) -> Vec<f32> {
+        let width = self.config.width;
+        let vector = |code: &u32| &self.codebook[*code as usize * width..][..width];
+        codes.iter().flat_map(vector).copied().collect()
+    }
+
+    /// Number of parameters of the encoder and the codebook.
+    pub fn n_encoder_params(&self) -> usize {
+        let shapes = crate::params::param_shapes(&self.net);
+        let encoder = shapes
+            .iter()
+            .filter(|(path, _)| !path.starts_with("decode") && !path.starts_with("doubles"));
+        encoder
+            .map(|(_, shape)| shape.iter().product::<usize>())
+            .sum()
+    }
+
     /// Number of codes.
     pub fn n_codes(&self) -> usize {
         self.config.codebook_size

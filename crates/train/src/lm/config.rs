@@ -67,6 +67,27 @@ impl TaskWeights {
     }
 }
 
+/// What the codes of the language model are codes of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CodeSource {
+    /// The radar tokenizer's, of the points of a clip.
+    #[default]
+    Radar,
+    /// The motion VQ-VAE's, of the true motion of a clip.
+    Motion,
+    /// The motion VQ-VAE's, of the motion that a pose network estimates from the points. Each training clip is estimated by a
+    /// network that was trained on the other half of the motions.
+    EstimatedMotion,
+}
+
+impl CodeSource {
+    /// Whether these are the codes of the radar tokenizer.
+    pub fn is_radar(&self) -> bool {
+        *self == Self::Radar
+    }
+}
+
 /// Settings of pretraining or instruction tuning.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -78,6 +99,12 @@ pub struct LmTrainConfig {
     pub preset: LmPreset,
     /// Overrides whether the network has a continuous bypass, which the preset defines.
     pub bypass: Option<bool>,
+    /// What the codes are codes of; instruction tuning goes on with those of pretraining.
+    #[serde(skip_serializing_if = "CodeSource::is_radar")]
+    pub codes: CodeSource,
+    /// Codes in prompts are read as their projected vectors alone; their ids are only written. It needs `bypass`. T5 only.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub projected: bool,
     /// The network is told the context of a clip ([`radarllm_inference::tokenizer::context`]). A T5 that was trained
     /// without gets new rows for it.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
@@ -168,6 +195,8 @@ impl LmTrainConfig {
             backbone: Backbone::T5,
             preset: LmPreset::Small,
             bypass: None,
+            codes: CodeSource::Radar,
+            projected: false,
             context: false,
             tie_embeddings: None,
             dropout: None,
@@ -268,6 +297,7 @@ impl LmTrainConfig {
     pub fn lm_config(&self, n_codes: usize, code_dim: usize) -> Result<LmConfig, LmError> {
         let mut config = self.backbone.config(self.preset, n_codes, code_dim)?;
         config.bypass = self.bypass.unwrap_or(config.bypass);
+        config.projected = self.projected;
         if let (Some(tie), NetworkConfig::T5(t5)) = (self.tie_embeddings, &mut config.network) {
             t5.tie_embeddings = tie;
         }
@@ -302,6 +332,15 @@ impl LmTrainConfig {
             && (self.backbone != Backbone::T5 || self.hf_folder.is_some())
         {
             return fail("tie_embeddings", "is a choice for a new t5 only");
+        }
+        if self.projected && (self.backbone != Backbone::T5 || self.bypass != Some(true)) {
+            return fail("projected", "needs backbone = \"t5\" and bypass = true");
+        }
+        if !self.codes.is_radar() && (self.context || self.hf_folder.is_some()) {
+            return fail(
+                "codes",
+                "of motions have no context and train a new network",
+            );
         }
         if self.context && self.hf_folder.is_some() {
             return fail("context", "is no choice for a pretrained network");

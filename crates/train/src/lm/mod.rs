@@ -19,6 +19,6 @@ pub mod stage;
 mod tests;
 
 pub use clip::LmClip;
-pub use config::{LmTrainConfig, TaskWeights};
+pub use config::{CodeSource, LmTrainConfig, TaskWeights};
 pub(crate) use stage::target_states;
 pub use stage::{LmOutcome, instruct, pretrain, pretrain_further};

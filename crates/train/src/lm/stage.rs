@@ -465,6 +465,7 @@ impl Stage for LmStage {
                     .example(&self.lm.vocab, &self.config, &item, rng)?,
             );
         }
+        self.project(&mut examples);
         let mut training = TrainingPass::new(info.seed ^ 0x6472_6f70, self.config.precision);
         let smoothing = self.config.label_smoothing;
         let losses = self.losses(model, &examples, smoothing, Some(&mut training))?;
@@ -544,10 +545,11 @@ impl Stage for LmStage {
         let (mut sum, mut n_tokens) = (0.0, 0);
         let mut contrasts = Vec::new();
         for batch in self.val.batches(items, self.config.batch.max(32), 0) {
-            let examples = batch
+            let mut examples = batch
                 .iter()
                 .map(|item| self.val.example(&self.lm.vocab, &plain_config, item, rng))
                 .collect::<Result<Vec<_>, _>>()?;
+            self.project(&mut examples);
             let n: usize = examples.iter().map(|e| e.target.len()).sum();
             let losses = self.losses(&net, &examples, 0.0, None)?;
             let contrast = losses.contrast.map(|c| c.into_scalar::<f32>());
@@ -610,6 +612,14 @@ impl Stage for LmStage {
 }
 
 impl LmStage {
+    /// Makes the prompts of examples those of a model that reads projected codes alone, if this is one.
+    fn project(&self, examples: &mut [Example]) {
+        let mark = self.lm.vocab.layout().code(0);
+        for example in examples {
+            self.lm.config.project(&mut example.source, mark);
+        }
+    }
+
     /// The network with the moving average of its weights, if there is one.
     fn averaged(&self, net: &RadarNet) -> RadarNet {
         match &self.average {

@@ -1,61 +1,29 @@
 //! `ablate`: trains and evaluates a grid of modified recipes. This module contains the training. The crate `eval`,
 //! which needs no learning framework, creates the tables.
-//!
-//! The folder of a stage is named by all inputs of its result. Rows that agree up to a stage therefore share it, and a
-//! grid that is restarted continues where it stopped.
 
 use std::{
     collections::BTreeMap,
-    fmt::Write as _,
-    path::{Path, PathBuf},
-    sync::Mutex,
+    path::Path,
 };
 
-use radarllm_base::hash::fnv_1a;
 use radarllm_eval::{
-    ablation::{Grid, GridRow, GridTable, TableReport, markdown},
+    ablation::{Grid, GridTable, TableReport, markdown},
     captions::EvaluationOptions,
 };
 use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
-use radarllm_train::{
-    harness::StopToken,
-    recipe::{Recipe, RecipeStage},
-};
-use toml::{Table, Value};
+use radarllm_train::{harness::StopToken, recipe::RecipeStage};
 
 use super::AblateArgs;
 use crate::{
-    commands::eval::captions,
+    commands::{
+        eval::captions,
+        trainings::{self, Change, Run, end_if_stopped, plan_run, side_by_side, train_all},
+    },
     error::{CliError, CliResult},
     interrupt,
     model_args::DecoderName,
-    output, threads,
+    output,
 };
-
-/// One training of one row.
-pub(crate) struct Run {
-    /// What is trained.
-    pub recipe: Recipe,
-    /// Data set for evaluation: the first of those that the recipe trains on.
-    pub data: PathBuf,
-    /// Stages in order.
-    stages: Vec<RecipeStage>,
-    /// All inputs of the result.
-    id: String,
-}
-
-impl Run {
-    /// Folder of the report on its captions.
-    pub(crate) fn report(&self) -> PathBuf {
-        self.recipe.out.join("report")
-    }
-
-    /// Puts the results of the stages into the folder that inference opens.
-    pub(crate) fn assemble(&self) -> CliResult {
-        let last = *self.stages.last().unwrap_or(&RecipeStage::Instruct);
-        Ok(self.recipe.assemble(last)?)
-    }
-}
 
 /// A grid with the trainings that it needs.
 pub(crate) struct PlannedGrid {
@@ -105,7 +73,7 @@ impl PlannedGrid {
 
     /// Prints finished and missing stages.
     pub(crate) fn print_plan(&self) -> CliResult {
-        print_plan(&self.unique())
+        trainings::print_plan(&self.unique())
     }
 
     /// The first row of the first table with the first seed: the model that the others change.
@@ -117,29 +85,7 @@ impl PlannedGrid {
     /// Trains and evaluates what is missing, and writes `ablation.json` and `ablation.md`.
     pub(crate) fn run(&self, jobs: usize) -> CliResult<(Vec<TableReport>, String)> {
         let (unique, stop) = (self.unique(), &self.stop);
-        for stage in RecipeStage::ALL {
-            // One job per folder: rows that share a stage train it once.
-            let jobs_of_stage: BTreeMap<PathBuf, &Run> = unique
-                .values()
-                .filter(|run| run.stages.contains(&stage) && !run.recipe.is_finished(stage))
-                .map(|run| (run.recipe.stage_dir(stage), *run))
-                .collect();
-            side_by_side(
-                jobs,
-                jobs_of_stage.into_iter().collect(),
-                |(folder, run)| {
-                    if stop.is_stopped() {
-                        return Ok(());
-                    }
-                    note!("{}: {}", stage.name(), folder.display());
-                    if !run.recipe.run(stage, true)? {
-                        note!("{}: stopped early", folder.display());
-                    }
-                    Ok(())
-                },
-            )?;
-            end_if_stopped(stop);
-        }
+        train_all(&unique, jobs, stop)?;
         let options = EvaluationOptions {
             split: captions::split(&self.grid.split)?,
             // Greedy, so that rows of different dates are decided alike.
@@ -184,21 +130,10 @@ impl PlannedGrid {
     }
 }
 
-/// Ends the program after Ctrl-C.
-fn end_if_stopped(stop: &StopToken) {
-    if stop.is_stopped() {
-        output::print_line("stopped early; the same command continues from here");
-        interrupt::exit();
-    }
-}
-
 /// Expands the grid into runs: `[table][row][seed]`.
 fn plan(grid: &Grid, base: &Path) -> CliResult<Vec<Vec<Vec<Run>>>> {
     let path = base.join(&grid.base);
-    let text = files::read_text(&path, MAX_CONFIG_BYTES)?;
-    let recipe: Table = text
-        .parse()
-        .map_err(|e| CliError::new(format!("{}: {e}", path.display())))?;
+    let recipe = trainings::read_recipe(&path)?;
     let recipe_base = path.parent().unwrap_or(Path::new(""));
     let out = base.join(&grid.out);
     let rows_of = |table: &GridTable| -> CliResult<Vec<Vec<Run>>> {
@@ -209,7 +144,17 @@ fn plan(grid: &Grid, base: &Path) -> CliResult<Vec<Vec<Vec<Run>>>> {
                 grid.seeds
                     .iter()
                     .map(|&seed| {
-                        plan_run(grid, row, seed, &recipe, recipe_base, &out)
+                        let mut stages = RecipeStage::ALL.to_vec();
+                        if !row.instruct {
+                            stages.pop();
+                        }
+                        let change = Change {
+                            set: grid.common.iter().chain(&row.set).collect(),
+                            unset: &row.unset,
+                            seed,
+                            stages,
+                        };
+                        plan_run(&change, &recipe, recipe_base, &out)
                             .map_err(|e| CliError::new(format!("row `{}`: {}", row.name, e.cause)))
                     })
                     .collect()
@@ -217,170 +162,6 @@ fn plan(grid: &Grid, base: &Path) -> CliResult<Vec<Vec<Vec<Run>>>> {
             .collect()
     };
     grid.tables.iter().map(rows_of).collect()
-}
-
-fn plan_run(
-    grid: &Grid,
-    row: &GridRow,
-    seed: u64,
-    recipe: &Table,
-    recipe_base: &Path,
-    out: &Path,
-) -> CliResult<Run> {
-    let mut changed = recipe.clone();
-    for key in &row.unset {
-        unset(&mut changed, key)?;
-    }
-    for (key, value) in grid.common.iter().chain(&row.set) {
-        set(&mut changed, key, value.clone())?;
-    }
-    for stage in RecipeStage::ALL {
-        let seed = i64::try_from(seed)?;
-        set(
-            &mut changed,
-            &format!("{}.loop.seed", stage.name()),
-            Value::Integer(seed),
-        )?;
-    }
-    let mut recipe = Recipe::from_toml(&toml::to_string(&changed)?, recipe_base)?;
-    let mut stages = RecipeStage::ALL.to_vec();
-    if !row.instruct {
-        stages.pop();
-    }
-    // The name is derived from the recipe with all defaults, so that it changes when a default changes.
-    let printed: Table = recipe.to_toml()?.parse()?;
-    let all: Vec<String> = recipe
-        .data
-        .iter()
-        .map(|data| data.display().to_string())
-        .collect();
-    let mut depends_on = format!(
-        "{}, simulations of a motion: {}",
-        all.join(", "),
-        recipe.simulations_per_motion
-    );
-    let mut id = String::new();
-    for &stage in &stages {
-        let part = printed.get(stage.name()).map(ToString::to_string);
-        write!(
-            depends_on,
-            "\n[{}] {}",
-            stage.name(),
-            part.unwrap_or_default()
-        )?;
-        id = format!(
-            "{}-{seed}-{:016x}",
-            stage.name(),
-            fnv_1a(depends_on.as_bytes())
-        );
-        recipe.stage_folders.insert(stage.name(), out.join(&id));
-    }
-    recipe.out = out.join(format!("model-{id}"));
-    let data = recipe
-        .data
-        .first()
-        .cloned()
-        .ok_or_else(|| CliError::new("data: names no data set"))?;
-    Ok(Run {
-        recipe,
-        data,
-        stages,
-        id,
-    })
-}
-
-/// Removes a dotted key.
-fn unset(table: &mut Table, key: &str) -> CliResult {
-    let found = match key.split_once('.') {
-        None => table.remove(key).is_some(),
-        Some((first, rest)) => match table.get_mut(first).and_then(Value::as_table_mut) {
-            Some(inner) => return unset(inner, rest),
-            None => false,
-        },
-    };
-    match found {
-        true => Ok(()),
-        false => Err(CliError::new(format!(
-            "unset: the recipe has no key `{key}`"
-        ))),
-    }
-}
-
-/// Sets a dotted key; missing parent tables are created.
-fn set(table: &mut Table, key: &str, value: Value) -> CliResult {
-    match key.split_once('.') {
-        None => {
-            table.insert(key.into(), value);
-            Ok(())
-        }
-        Some((first, rest)) => {
-            let inner = table
-                .entry(first)
-                .or_insert_with(|| Value::Table(Table::new()));
-            match inner.as_table_mut() {
-                Some(inner) => set(inner, rest, value),
-                None => Err(CliError::new(format!("{key}: `{first}` is no table"))),
-            }
-        }
-    }
-}
-
-/// Runs `jobs`, `n` at a time, and divides the cores equally among them. After the first error, no further job is
-/// started.
-fn side_by_side<J: Send>(
-    n: usize,
-    jobs: Vec<J>,
-    work: impl Fn(J) -> CliResult + Sync,
-) -> CliResult {
-    let n = n.max(1);
-    let threads_each = (threads::threads(None) / n).max(1);
-    let queue = Mutex::new((jobs.into_iter(), None));
-    std::thread::scope(|scope| {
-        for _ in 0..n {
-            scope.spawn(|| {
-                loop {
-                    let job = {
-                        let mut queue = queue.lock().unwrap_or_else(|e| e.into_inner());
-                        if queue.1.is_some() {
-                            return;
-                        }
-                        queue.0.next()
-                    };
-                    let Some(job) = job else { return };
-                    let result = threads::on_threads(Some(threads_each), || work(job));
-                    if let Err(error) = result.and_then(|result| result) {
-                        let mut queue = queue.lock().unwrap_or_else(|e| e.into_inner());
-                        queue.1.get_or_insert(error);
-                    }
-                }
-            });
-        }
-    });
-    match queue.into_inner().unwrap_or_else(|e| e.into_inner()).1 {
-        None => Ok(()),
-        Some(error) => Err(error),
-    }
-}
-
-fn print_plan(unique: &BTreeMap<&str, &Run>) -> CliResult {
-    let mut stages = BTreeMap::new();
-    for run in unique.values() {
-        for &stage in &run.stages {
-            let folder = run.recipe.stage_dir(stage);
-            stages.insert(folder, run.recipe.is_finished(stage));
-        }
-    }
-    for (folder, finished) in &stages {
-        let state = if *finished { "done " } else { "to do" };
-        output::print_line(&format!("{state}  {}", folder.display()));
-    }
-    let done = stages.values().filter(|done| **done).count();
-    output::print_line(&format!(
-        "{} models; {} stages, {done} done",
-        unique.len(),
-        stages.len()
-    ));
-    Ok(())
 }
 
 fn table_report(grid: &Grid, table: &GridTable, rows: &[Vec<Run>]) -> CliResult<TableReport> {

@@ -92,10 +92,11 @@ pub(crate) fn run(args: &CaptionsArgs) -> CliResult {
 }
 
 /// Further scores of captions.
-type Adder = Box<dyn Fn(&mut Scores, &[Candidate], &[Reference]) -> Result<(), EvalError>>;
+pub(crate) type Adder =
+    Box<dyn Fn(&mut Scores, &[Candidate], &[Reference]) -> Result<(), EvalError>>;
 
 /// What the named sentence encoders add to the scores of captions; nothing without any.
-fn adder(args: &EncoderArgs, seed: u64) -> CliResult<Adder> {
+pub(crate) fn adder(args: &EncoderArgs, seed: u64) -> CliResult<Adder> {
     #[cfg(feature = "train")]
     if let Some(encoders) = crate::commands::model_scores::Encoders::open(args)? {
         return Ok(Box::new(move |scores, candidates, references| {

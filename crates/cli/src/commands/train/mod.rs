@@ -35,7 +35,9 @@ pub(crate) enum Stage {
     Instruct,
     /// The decoder of radar codes, which `radarllm generate` needs.
     Points,
-    /// Every stage in order; `points` only if the configuration has a table [points].
+    /// The estimator of body pose from points (mmMesh's network), for comparison systems.
+    Pose,
+    /// Every stage in order; `points` and `pose` only if the configuration has tables [points] and [pose].
     All,
 }
 

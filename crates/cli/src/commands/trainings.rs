@@ -1,0 +1,263 @@
+//! Trainings of changed recipes that share their stages, for `ablate`, `reproduce` and `baselines`.
+//!
+//! The folder of a stage is named by all inputs of its result. Trainings that agree up to a stage therefore share it, and
+//! what is restarted continues where it stopped.
+
+use std::{
+    collections::BTreeMap,
+    fmt::Write as _,
+    path::{Path, PathBuf},
+    sync::Mutex,
+};
+
+use radarllm_base::hash::fnv_1a;
+use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
+use radarllm_train::{
+    harness::StopToken,
+    recipe::{Recipe, RecipeStage},
+};
+use toml::{Table, Value};
+
+use crate::{
+    error::{CliError, CliResult},
+    interrupt, output, threads,
+};
+
+/// One training.
+pub(crate) struct Run {
+    /// What is trained.
+    pub recipe: Recipe,
+    /// Data set for evaluation: the first of those that the recipe trains on.
+    pub data: PathBuf,
+    /// Stages in order.
+    pub stages: Vec<RecipeStage>,
+    /// All inputs of the result.
+    pub id: String,
+}
+
+impl Run {
+    /// Folder of the report on its captions.
+    pub(crate) fn report(&self) -> PathBuf {
+        self.recipe.out.join("report")
+    }
+
+    /// Puts the results of the stages into the folder that inference opens.
+    pub(crate) fn assemble(&self) -> CliResult {
+        let last = *self.stages.last().unwrap_or(&RecipeStage::Instruct);
+        Ok(self.recipe.assemble(last)?)
+    }
+}
+
+/// How a training differs from a base recipe.
+pub(crate) struct Change<'a> {
+    /// Dotted keys with their values; a later one replaces an earlier one.
+    pub set: Vec<(&'a String, &'a Value)>,
+    /// Dotted keys that are left at their defaults.
+    pub unset: &'a [String],
+    /// Seed of all stages.
+    pub seed: u64,
+    /// The stages, in order; by default all of a model that describes.
+    pub stages: Vec<RecipeStage>,
+}
+
+/// Reads a recipe as a table of keys.
+pub(crate) fn read_recipe(path: &Path) -> CliResult<Table> {
+    let text = files::read_text(path, MAX_CONFIG_BYTES)?;
+    text.parse()
+        .map_err(|e| CliError::new(format!("{}: {e}", path.display())))
+}
+
+/// The training of a changed recipe, whose paths are relative to `recipe_base`, with its folders in `out`.
+pub(crate) fn plan_run(
+    change: &Change,
+    recipe: &Table,
+    recipe_base: &Path,
+    out: &Path,
+) -> CliResult<Run> {
+    let mut changed = recipe.clone();
+    for key in change.unset {
+        unset(&mut changed, key)?;
+    }
+    for (key, value) in &change.set {
+        set(&mut changed, key, (*value).clone())?;
+    }
+    let seed = change.seed;
+    let configured = RecipeStage::ALL.map(RecipeStage::name);
+    let pose = changed.contains_key("pose").then_some("pose");
+    for table in configured.into_iter().chain(pose) {
+        let seed = Value::Integer(i64::try_from(seed)?);
+        set(&mut changed, &format!("{table}.loop.seed"), seed)?;
+    }
+    let mut recipe = Recipe::from_toml(&toml::to_string(&changed)?, recipe_base)?;
+    let stages = change.stages.clone();
+    // The name is derived from the recipe with all defaults, so that it changes when a default changes.
+    let printed: Table = recipe.to_toml()?.parse()?;
+    let all: Vec<String> = recipe
+        .data
+        .iter()
+        .map(|data| data.display().to_string())
+        .collect();
+    let mut depends_on = format!(
+        "{}, simulations of a motion: {}",
+        all.join(", "),
+        recipe.simulations_per_motion
+    );
+    let mut id = String::new();
+    for &stage in &stages {
+        let part = printed.get(stage.name()).map(ToString::to_string);
+        write!(
+            depends_on,
+            "\n[{}] {}",
+            stage.name(),
+            part.unwrap_or_default()
+        )?;
+        id = format!(
+            "{}-{seed}-{:016x}",
+            stage.name(),
+            fnv_1a(depends_on.as_bytes())
+        );
+        recipe.stage_folders.insert(stage.name(), out.join(&id));
+    }
+    recipe.out = out.join(format!("model-{id}"));
+    let data = recipe
+        .data
+        .first()
+        .cloned()
+        .ok_or_else(|| CliError::new("data: names no data set"))?;
+    Ok(Run {
+        recipe,
+        data,
+        stages,
+        id,
+    })
+}
+
+/// Removes a dotted key.
+fn unset(table: &mut Table, key: &str) -> CliResult {
+    let found = match key.split_once('.') {
+        None => table.remove(key).is_some(),
+        Some((first, rest)) => match table.get_mut(first).and_then(Value::as_table_mut) {
+            Some(inner) => return unset(inner, rest),
+            None => false,
+        },
+    };
+    match found {
+        true => Ok(()),
+        false => Err(CliError::new(format!(
+            "unset: the recipe has no key `{key}`"
+        ))),
+    }
+}
+
+/// Sets a dotted key; missing parent tables are created.
+fn set(table: &mut Table, key: &str, value: Value) -> CliResult {
+    match key.split_once('.') {
+        None => {
+            table.insert(key.into(), value);
+            Ok(())
+        }
+        Some((first, rest)) => {
+            let inner = table
+                .entry(first)
+                .or_insert_with(|| Value::Table(Table::new()));
+            match inner.as_table_mut() {
+                Some(inner) => set(inner, rest, value),
+                None => Err(CliError::new(format!("{key}: `{first}` is no table"))),
+            }
+        }
+    }
+}
+
+/// Trains all stages that are missing, `jobs` at the same time.
+pub(crate) fn train_all(unique: &BTreeMap<&str, &Run>, jobs: usize, stop: &StopToken) -> CliResult {
+    for stage in RecipeStage::IN_ORDER {
+        // One job per folder: rows that share a stage train it once.
+        let jobs_of_stage: BTreeMap<PathBuf, &Run> = unique
+            .values()
+            .filter(|run| run.stages.contains(&stage) && !run.recipe.is_finished(stage))
+            .map(|run| (run.recipe.stage_dir(stage), *run))
+            .collect();
+        side_by_side(
+            jobs,
+            jobs_of_stage.into_iter().collect(),
+            |(folder, run)| {
+                if stop.is_stopped() {
+                    return Ok(());
+                }
+                note!("{}: {}", stage.name(), folder.display());
+                if !run.recipe.run(stage, true)? {
+                    note!("{}: stopped early", folder.display());
+                }
+                Ok(())
+            },
+        )?;
+        end_if_stopped(stop);
+    }
+    Ok(())
+}
+
+/// Ends the program after Ctrl-C.
+pub(crate) fn end_if_stopped(stop: &StopToken) {
+    if stop.is_stopped() {
+        output::print_line("stopped early; the same command continues from here");
+        interrupt::exit();
+    }
+}
+
+/// Runs `jobs`, `n` at a time, and divides the cores equally among them. After the first error, no further job is
+/// started.
+pub(crate) fn side_by_side<J: Send>(
+    n: usize,
+    jobs: Vec<J>,
+    work: impl Fn(J) -> CliResult + Sync,
+) -> CliResult {
+    let n = n.max(1);
+    let threads_each = (threads::threads(None) / n).max(1);
+    let queue = Mutex::new((jobs.into_iter(), None));
+    std::thread::scope(|scope| {
+        for _ in 0..n {
+            scope.spawn(|| {
+                loop {
+                    let job = {
+                        let mut queue = queue.lock().unwrap_or_else(|e| e.into_inner());
+                        if queue.1.is_some() {
+                            return;
+                        }
+                        queue.0.next()
+                    };
+                    let Some(job) = job else { return };
+                    let result = threads::on_threads(Some(threads_each), || work(job));
+                    if let Err(error) = result.and_then(|result| result) {
+                        let mut queue = queue.lock().unwrap_or_else(|e| e.into_inner());
+                        queue.1.get_or_insert(error);
+                    }
+                }
+            });
+        }
+    });
+    match queue.into_inner().unwrap_or_else(|e| e.into_inner()).1 {
+        None => Ok(()),
+        Some(error) => Err(error),
+    }
+}
+
+pub(crate) fn print_plan(unique: &BTreeMap<&str, &Run>) -> CliResult {
+    let mut stages = BTreeMap::new();
+    for run in unique.values() {
+        for &stage in &run.stages {
+            let folder = run.recipe.stage_dir(stage);
+            stages.insert(folder, run.recipe.is_finished(stage));
+        }
+    }
+    for (folder, finished) in &stages {
+        let state = if *finished { "done " } else { "to do" };
+        output::print_line(&format!("{state}  {}", folder.display()));
+    }
+    let done = stages.values().filter(|done| **done).count();
+    output::print_line(&format!(
+        "{} models; {} stages, {done} done",
+        unique.len(),
+        stages.len()
+    ));
+    Ok(())
+}
