@@ -44,6 +44,7 @@
 //! | [`field`]: recordings, and a radar that runs | |
 //! | Do captions of recorded radar name the activity? | [`recordings`] |
 //! | Are they right on boards that nothing was learned from? | [`boards`] |
+//! | What do supervised classifiers reach on RadHAR, without the leak between windows? | [`radhar`] |
 //! | Would a network learn it from these clips? | [`proxy`], with [`features`] and [`forest`] |
 //! | Does a running radar notice falls, and how often is it wrong? | [`falls`] |
 //! | [`data`]: data sets | |
@@ -71,11 +72,11 @@ mod error;
 mod table;
 
 pub use captions::{
-    ablation, action, baselines, comparison, descriptor, embedding_scores, instructions,
+    ablation, action, baselines, comparison, descriptor, embedding_scores, floors, instructions,
     interventions, robustness, round_trip,
 };
 pub use data::{held_out, near_duplicates};
-pub use field::{boards, falls, features, forest, proxy, recordings};
+pub use field::{boards, falls, features, forest, proxy, radhar, recordings};
 pub use simulator::{classifier, points, pose, pose_report, pose_table, realism};
 
 pub use action::ActionClassifier;

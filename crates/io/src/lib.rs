@@ -25,7 +25,7 @@
 //! Reading order: [`recording`] (any recording to points), [`opened`] (what a capture is), [`options`], [`radar`] (radar descriptions), [`points`]
 //! (formats of points), `visualizer` (folders of TI's visualizers), `ros2` (ROS 2 bags, feature `ros2`), [`samples`] and [`layout`] (raw samples),
 //! `npy_cubes`, [`cleaning`] (background and leakage), [`firmware`] (the signal chain of a board's own firmware),
-//! [`serial`], [`udp`], [`mod@live`] (radars while they run), [`error`].
+//! [`serial`], [`udp`], [`http`] (a client), [`mod@live`] (radars while they run), [`error`].
 
 #![cfg_attr(test, allow(unreachable_pub, reason = "tests"))]
 #![allow(
@@ -36,6 +36,7 @@
 pub mod cleaning;
 pub mod error;
 pub mod firmware;
+pub mod http;
 pub mod layout;
 pub mod live;
 mod npy_cubes;

@@ -26,6 +26,8 @@
     allow(clippy::disallowed_methods, unreachable_pub, reason = "tests")
 )]
 
+#[cfg(feature = "video")]
+pub mod avi;
 mod markup;
 pub mod page;
 pub mod plot;

@@ -29,7 +29,8 @@
 //! The crate prints nothing. Progress is reported as events of the crate `tracing`, whose messages are complete lines.
 //!
 //! Reading order: [`harness`] (training loop), [`adamw`] (optimiser), [`data`] (batches and augmentation), [`motion`],
-//! [`tokenizer`], [`points`] and [`pose`] (stages), [`lm`] (language-model stages), [`motion_codes`] (motions instead of radar).
+//! [`tokenizer`], [`points`] and [`pose`] (stages), [`lm`] (language-model stages), [`motion_codes`] and [`pictures`] (what comparison
+//! systems read instead of radar codes).
 
 #![cfg_attr(
     test,
@@ -51,6 +52,7 @@ mod loop_config;
 mod loss_scale;
 pub mod motion;
 pub mod motion_codes;
+pub mod pictures;
 pub mod points;
 pub mod pose;
 pub mod recipe;

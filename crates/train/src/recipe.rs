@@ -33,6 +33,7 @@ use crate::{
     lm::{CodeSource, LmClip, LmTrainConfig, instruct, pretrain, pretrain_further},
     motion::{self, MotionTrainConfig},
     motion_codes::{MotionOf, half_of, motion_clips},
+    pictures::picture_clips,
     points::{self, PointsTrainConfig},
     pose::{self, PoseTrainConfig},
     tokenizer::{self, TokenizerTrainConfig},
@@ -68,16 +69,17 @@ impl RecipeStage {
         Self::Instruct,
     ];
 
-    /// All stages in an order in which each follows those that it depends on.
-    pub const IN_ORDER: [Self; 8] = [
-        Self::Motion,
-        Self::Pose,
-        Self::PoseFirstHalf,
-        Self::PoseSecondHalf,
-        Self::Tokenizer,
-        Self::Points,
-        Self::Pretrain,
-        Self::Instruct,
+    /// All stages in groups: each stage depends on those of earlier groups alone.
+    pub const GROUPS: [&[Self]; 4] = [
+        &[Self::Motion],
+        &[
+            Self::Pose,
+            Self::PoseFirstHalf,
+            Self::PoseSecondHalf,
+            Self::Tokenizer,
+        ],
+        &[Self::Points, Self::Pretrain],
+        &[Self::Instruct],
     ];
 
     /// Whether the tokenizer of the model depends on this stage.
@@ -337,6 +339,9 @@ impl Recipe {
     /// if these are configured.
     pub fn stages(&self) -> Vec<RecipeStage> {
         let codes = self.pretrain.codes;
+        if codes == CodeSource::Pictures {
+            return vec![RecipeStage::Pretrain, RecipeStage::Instruct];
+        }
         if !codes.is_radar() {
             let mut stages = vec![RecipeStage::Motion];
             stages.extend(self.pose.as_ref().map(|_| RecipeStage::Pose));
@@ -485,11 +490,14 @@ impl Recipe {
     /// # Errors
     /// If a stage is missing or files cannot be copied.
     pub fn assemble(&self, lm: RecipeStage) -> Result<(), TrainError> {
-        let codes = match self.pretrain.codes.is_radar() {
-            true => (RecipeStage::Tokenizer, "tokenizer"),
-            false => (RecipeStage::Motion, "motion"),
+        let codes = match self.pretrain.codes {
+            CodeSource::Radar => Some((RecipeStage::Tokenizer, "tokenizer")),
+            CodeSource::Motion | CodeSource::EstimatedMotion => {
+                Some((RecipeStage::Motion, "motion"))
+            }
+            CodeSource::Pictures => None,
         };
-        for (stage, name) in [codes, (lm, "lm")] {
+        for (stage, name) in codes.into_iter().chain([(lm, "lm")]) {
             copy_files(&self.result(stage)?, &self.model_dir().join(name))?;
         }
         // A decoder of earlier codes would not fit this tokenizer.
@@ -549,6 +557,11 @@ impl Recipe {
     /// The number of codes, and the training and validation clips of the language model.
     fn lm_data(&self, flip: bool) -> Result<(usize, Vec<LmClip>, Vec<LmClip>), TrainError> {
         let codes = self.pretrain.codes;
+        if codes == CodeSource::Pictures {
+            let train = self.clips(Split::Train, Columns::Points)?;
+            let val = self.clips(Split::Val, Columns::Points)?;
+            return Ok((1, picture_clips(&train, flip), picture_clips(&val, false)));
+        }
         if !codes.is_radar() {
             let teacher = motion::load_teacher(&self.result(RecipeStage::Motion)?)?;
             let estimator = |stage| Ok::<_, TrainError>(PoseEstimator::load(&self.result(stage)?)?);

@@ -170,17 +170,18 @@ fn set(table: &mut Table, key: &str, value: Value) -> CliResult {
 
 /// Trains all stages that are missing, `jobs` at the same time.
 pub(crate) fn train_all(unique: &BTreeMap<&str, &Run>, jobs: usize, stop: &StopToken) -> CliResult {
-    for stage in RecipeStage::IN_ORDER {
+    for group in RecipeStage::GROUPS {
         // One job per folder: rows that share a stage train it once.
-        let jobs_of_stage: BTreeMap<PathBuf, &Run> = unique
-            .values()
-            .filter(|run| run.stages.contains(&stage) && !run.recipe.is_finished(stage))
-            .map(|run| (run.recipe.stage_dir(stage), *run))
+        let jobs_of_group: BTreeMap<PathBuf, (RecipeStage, &Run)> = group
+            .iter()
+            .flat_map(|stage| unique.values().map(|run| (*stage, *run)))
+            .filter(|(stage, run)| run.stages.contains(stage) && !run.recipe.is_finished(*stage))
+            .map(|(stage, run)| (run.recipe.stage_dir(stage), (stage, run)))
             .collect();
         side_by_side(
             jobs,
-            jobs_of_stage.into_iter().collect(),
-            |(folder, run)| {
+            jobs_of_group.into_iter().collect(),
+            |(folder, (stage, run))| {
                 if stop.is_stopped() {
                     return Ok(());
                 }

@@ -13,6 +13,8 @@
 
 mod architecture;
 mod bad_input;
+#[cfg(feature = "train")]
+mod baselines;
 mod boards;
 mod capture;
 mod chain;
@@ -36,6 +38,7 @@ mod robustness;
 mod score;
 mod teach;
 mod verbs;
+mod video_models;
 mod visualizer;
 #[cfg(not(feature = "train"))]
 mod without_training;

@@ -842,3 +842,62 @@ fn summaries_of(
         })
         .collect())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn clip() -> ClipRecord {
+        ClipRecord {
+            id: "walk-1#0".into(),
+            motion_id: "walk-1".into(),
+            group: "walk-1".into(),
+            split: Split::Train,
+            action: "walk".into(),
+            captions: vec!["a person walks".into()],
+            source: "procedural".into(),
+            radar: "awr1843boost".into(),
+            radar_height_m: 1.0,
+            seed: 3,
+            frames: Vec::new(),
+            motion_fps: 20.0,
+            joints: vec![[[1.0, 2.0, 3.0]; N_JOINTS]; 2],
+            motion_features: vec![0.5; MOTION_FEATURE_DIM],
+            rotations6d: vec![[[1.0, 0.0, 0.0, 0.0, 1.0, 0.0]; N_JOINTS]; 2],
+            body_height_m: 1.7,
+        }
+    }
+
+    /// Shards of version 1 have neither rotations nor heights, and are read with both unknown.
+    #[test]
+    fn shards_of_version_1_are_read() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("old.parquet");
+        let batch = batch_of(&[clip()]).unwrap();
+        let old: Vec<usize> = (0..batch.num_columns())
+            .filter(|i| !is_new(batch.schema().field(*i).name()))
+            .collect();
+        let batch = batch.project(&old).unwrap();
+        assert_eq!(batch.num_columns(), schema(Columns::All).fields().len() - 2);
+        let file = File::create(&path).unwrap();
+        let mut writer = ArrowWriter::try_new(file, batch.schema(), None).unwrap();
+        writer.write(&batch).unwrap();
+        writer.close().unwrap();
+
+        let read: Vec<ClipRecord> = ShardReader::open(&path, Columns::All)
+            .unwrap()
+            .map(Result::unwrap)
+            .collect();
+        let expected = ClipRecord {
+            rotations6d: Vec::new(),
+            body_height_m: 0.0,
+            ..clip()
+        };
+        assert_eq!(read, [expected]);
+        // Batches have the columns of today, so that data sets of both versions can be joined.
+        let mut batches = BatchReader::open(&path, Columns::All).unwrap();
+        let batch = batches.next_batch().unwrap().unwrap();
+        assert_eq!(batch.schema(), schema(Columns::All));
+        assert_eq!(read_summaries(&path).unwrap().len(), 1);
+    }
+}

@@ -74,6 +74,8 @@ pub enum RowKind {
     EstimatedMotion,
     /// The same language model on the true motion: what a perfect pose would give.
     TrueMotion,
+    /// A language model on pictures of range, velocity and azimuth over time (`pretrain.codes = "pictures"`).
+    Pictures,
     /// The captions of the first row, each for another clip.
     Shuffled,
     /// The most frequent training caption.
@@ -86,8 +88,12 @@ pub enum RowKind {
     DtwMedoid,
     /// A classifier of actions, and the medoid caption of the action.
     Classifier,
-    /// Facts measured by rules, and a writer of sentences; no network.
+    /// Facts measured by rules, and a writer of sentences; nothing is learned.
     Facts,
+    /// Facts recognised by forests, and a writer of sentences; no network.
+    ForestFacts,
+    /// Actions recognised window by window, what rules measure of them, and a writer of sentences.
+    WindowFacts,
     /// Captions made elsewhere, by `radarllm baselines answers`.
     Answers,
     /// A system that cannot be run.
@@ -97,7 +103,10 @@ pub enum RowKind {
 impl RowKind {
     /// Whether the row needs a training.
     pub fn is_trained(self) -> bool {
-        matches!(self, Self::Radar | Self::EstimatedMotion | Self::TrueMotion)
+        matches!(
+            self,
+            Self::Radar | Self::EstimatedMotion | Self::TrueMotion | Self::Pictures
+        )
     }
 
     /// What reads what, in words.
@@ -106,11 +115,14 @@ impl RowKind {
             Self::Radar => "radar codes to text",
             Self::EstimatedMotion => "estimated motion to text",
             Self::TrueMotion => "true motion to text (ceiling)",
+            Self::Pictures => "radar pictures to text",
             Self::Shuffled | Self::Majority | Self::Nearest | Self::Dtw | Self::DtwMedoid => {
                 "floor"
             }
             Self::Classifier => "label to sentence",
-            Self::Facts => "measured facts to sentence",
+            Self::Facts => "facts by rules to sentence",
+            Self::ForestFacts => "facts by forests to sentence",
+            Self::WindowFacts => "facts of windows to sentence",
             Self::Answers => "video to text",
             Self::NotRun => "-",
         }
@@ -156,7 +168,8 @@ impl ComparisonConfig {
             if row.kind == RowKind::Answers && row.captions.is_none() {
                 return fail("kind = \"answers\" needs `captions`".into());
             }
-            if !row.kind.is_trained() && !(row.set.is_empty() && row.unset.is_empty()) {
+            let changes = !row.set.is_empty() || !row.unset.is_empty();
+            if changes && !row.kind.is_trained() {
                 return fail("`set` and `unset` change a training, and this kind has none".into());
             }
             let reported = row.reported.keys().chain(row.reported_real.keys());
@@ -249,6 +262,8 @@ pub struct RowScores {
     pub action_accuracy: Estimate,
     /// Share of captions with exactly the actions of one of the references, in order.
     pub same_actions: Estimate,
+    /// [`r_precision`] of the captions at 1, 2 and 3.
+    pub r_precision: Option<[f64; 3]>,
     /// Difference of ROUGE-L to the first row.
     pub rouge_l_difference: Option<Difference>,
     /// Difference of action accuracy to the first row.
@@ -293,6 +308,8 @@ pub struct ComparisonReport {
     pub seed: u64,
     /// Action accuracy of the references themselves.
     pub action_accuracy_on_references: f64,
+    /// [`r_precision`] of the first references, and which model embedded.
+    pub r_precision_on_references: Option<([f64; 3], String)>,
     /// Rows, in the order of the configuration.
     pub rows: Vec<RowReport>,
 }
@@ -305,6 +322,59 @@ pub struct Compared<'a> {
     pub clips: &'a [ClipRecord],
     /// Training clips.
     pub train: &'a [ClipRecord],
+    /// Embeddings by a model of motions and sentences.
+    pub embedded: Option<Embedded>,
+}
+
+/// True motions and captions, embedded by a model that was trained to bring the motion and the captions of a clip together.
+#[derive(Clone, Debug)]
+pub struct Embedded {
+    /// Which model.
+    pub by: String,
+    /// True motions, `[clip][width]`.
+    pub motions: Vec<Vec<f32>>,
+    /// The first references, `[clip][width]`.
+    pub references: Vec<Vec<f32>>,
+    /// The captions of each row, `[clip][width]`; none of a row without captions.
+    pub rows: Vec<Option<Vec<Vec<f32>>>>,
+}
+
+/// Captions among which the one of a motion has to be found, as in Guo et al. (CVPR 2022).
+const POOL: usize = 32;
+
+/// R-precision: the share of motions whose own text is among the nearest 1, 2 and 3 of a pool of [`POOL`] texts, that is its
+/// own and those of other motions, drawn by `seed`. Nearest is by cosine; equal texts of others count as wrong. `None` for
+/// fewer than two motions.
+///
+/// # Shapes
+/// - `motions`, `texts`: `[clip][width]`, in one order
+pub fn r_precision(motions: &[Vec<f32>], texts: &[Vec<f32>], seed: u64) -> Option<[f64; 3]> {
+    let n = motions.len().min(texts.len());
+    if n < 2 {
+        return None;
+    }
+    let cosine = |a: &[f32], b: &[f32]| {
+        let dot =
+            |a: &[f32], b: &[f32]| -> f64 { a.iter().zip(b).map(|(x, y)| f64::from(x * y)).sum() };
+        dot(a, b) / (dot(a, a) * dot(b, b)).sqrt().max(1e-12)
+    };
+    let mut rng = SplitMix64::new(seed);
+    let mut hits = [0.0; 3];
+    for (own, motion) in motions.iter().enumerate().take(n) {
+        let mut others: Vec<usize> = (0..n).filter(|i| *i != own).collect();
+        let size = (POOL - 1).min(others.len());
+        for i in 0..size {
+            let j = i + rng.below(others.len() - i);
+            others.swap(i, j);
+        }
+        let score = cosine(motion, &texts[own]);
+        let is_before = |i: &&usize| cosine(motion, &texts[**i]) >= score;
+        let before = others[..size].iter().filter(is_before).count();
+        for (k, hit) in hits.iter_mut().enumerate() {
+            *hit += f64::from(u8::from(before <= k));
+        }
+    }
+    Some(hits.map(|h| h / n as f64))
 }
 
 /// Scores the captions of all rows.
@@ -363,6 +433,10 @@ pub fn compare(
                     scores: measures.scores,
                     action_accuracy: measures.action_accuracy,
                     same_actions: measures.same_actions,
+                    r_precision: compared.embedded.as_ref().and_then(|embedded| {
+                        let own = embedded.rows.get(rows.len())?.as_ref()?;
+                        r_precision(&embedded.motions, own, config.seed)
+                    }),
                 };
                 first.get_or_insert(own);
                 Some(result)
@@ -390,6 +464,10 @@ pub fn compare(
         max_references: MAX_REFERENCES,
         seed: config.seed,
         action_accuracy_on_references: classifier.accuracy(&references).unwrap_or(f64::NAN),
+        r_precision_on_references: compared.embedded.as_ref().and_then(|embedded| {
+            let found = r_precision(&embedded.motions, &embedded.references, config.seed)?;
+            Some((found, embedded.by.clone()))
+        }),
         rows,
     })
 }
@@ -432,18 +510,19 @@ pub fn markdown(report: &ComparisonReport) -> String {
             " SimCSE |"
         };
     }
+    let retrieves = report.r_precision_on_references.is_some();
+    if retrieves {
+        text += " R@1 | R@3 |";
+    }
     text += " parameters | training, min | clips/s |\n|---|";
-    text += &"---|".repeat(12 + encoders.len());
+    let n_columns = 12 + encoders.len() + 2 * usize::from(retrieves);
+    text += &"---|".repeat(n_columns);
     text.push('\n');
     for row in &report.rows {
         let _ = write!(text, "| {} | {} |", row.name, row.kind.about());
         let Some(result) = &row.result else {
             let reason = row.not_run.as_deref().unwrap_or_default();
-            let _ = writeln!(
-                text,
-                " not run: {reason} |{}",
-                " |".repeat(10 + encoders.len())
-            );
+            let _ = writeln!(text, " not run: {reason} |{}", " |".repeat(n_columns - 2));
             continue;
         };
         let mut cells = vec![
@@ -455,6 +534,13 @@ pub fn markdown(report: &ComparisonReport) -> String {
         ];
         cells.extend(Estimate::cells(&result.scores, &metrics));
         cells.extend(Estimate::cells(&result.scores, &encoders));
+        if retrieves {
+            let at = |k: usize| match result.r_precision {
+                Some(found) => format!("{:.1}", found[k] * 100.0),
+                None => "-".into(),
+            };
+            cells.extend([at(0), at(2)]);
+        }
         let cost = row.cost;
         cells.push(cost.parameters.map_or("-".into(), |n| n.to_string()));
         cells.push(
@@ -467,6 +553,15 @@ pub fn markdown(report: &ComparisonReport) -> String {
     if encoders.is_empty() {
         text += "\nBERTScore and SimCSE were not computed: they need the weights of a sentence encoder \
                  (`--bert-score`, `--sim-cse`).\n";
+    }
+    if let Some(([first, _, third], by)) = &report.r_precision_on_references {
+        let _ = writeln!(
+            text,
+            "\nR@1, R@3: R-precision, the share of true motions whose caption is the nearest, or among the nearest three, of \
+             {POOL} captions of different motions, by the encoder of the row `{by}`; the references reach {:.1} and {:.1} %.",
+            first * 100.0,
+            third * 100.0
+        );
     }
     text += "\n## Differences to the first row, paired over the same motions\n\n\
              | system | same actions | p | action accuracy | p | ROUGE-L | p |\n|---|---|---|---|---|---|---|\n";
@@ -582,6 +677,21 @@ reason = "needs a GPU"
         assert!(
             error("kind = \"not_run\"", "kind = \"facts\"\nset = { a = 1 }").contains("training")
         );
+    }
+
+    #[test]
+    fn r_precision_counts_texts_that_are_nearer_than_the_own_one() {
+        // Each motion has an axis of its own.
+        let axis =
+            |i: usize| -> Vec<f32> { (0..40).map(|k| f32::from(u8::from(k == i))).collect() };
+        let motions: Vec<Vec<f32>> = (0..40).map(axis).collect();
+        assert_eq!(r_precision(&motions, &motions, 1), Some([1.0; 3]));
+        // The text of the next motion: the own one is at 90 degrees, as are all but one.
+        let others: Vec<Vec<f32>> = (0..40).map(|i| axis((i + 1) % 40)).collect();
+        assert_eq!(r_precision(&motions, &others, 1), Some([0.0; 3]));
+        // A constant caption cannot be told from the others.
+        assert_eq!(r_precision(&motions, &vec![axis(0); 40], 1), Some([0.0; 3]));
+        assert_eq!(r_precision(&motions[..1], &motions[..1], 1), None);
     }
 
     #[test]

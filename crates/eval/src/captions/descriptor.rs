@@ -13,6 +13,9 @@ const N_VELOCITIES: usize = VELOCITY_EDGES_MPS.len() + 1;
 /// Histogram, 5 weighted means (range, x, height, velocity, speed), 4 spreads, log point count.
 const PART_DIM: usize = N_HEIGHTS * N_VELOCITIES + 5 + 4 + 1;
 
+/// Numbers of a step of [`steps`].
+pub const STEP_DIM: usize = PART_DIM;
+
 /// Length of [`descriptor`]'s result.
 pub const DESCRIPTOR_DIM: usize = N_PARTS * PART_DIM + 1 + 4;
 
@@ -41,10 +44,7 @@ pub fn descriptor(frames: &[PointFrame], radar_height_m: f32) -> Vec<f32> {
     };
 
     let mut parts: Vec<Part> = (0..N_PARTS).map(|_| Part::default()).collect();
-    let strongest_db = frames
-        .iter()
-        .flat_map(|f| f.points.iter().map(|p| p.intensity_db))
-        .fold(f32::NEG_INFINITY, f32::max);
+    let strongest_db = strongest_db(frames);
     for frame in frames {
         let phase = if duration_s > 0.0 {
             (frame.time_s - start_s) / duration_s
@@ -52,13 +52,7 @@ pub fn descriptor(frames: &[PointFrame], radar_height_m: f32) -> Vec<f32> {
             0.0
         };
         let part = &mut parts[((phase * N_PARTS as f64) as usize).min(N_PARTS - 1)];
-        part.n_frames += 1;
-        for p in &frame.points {
-            // 60 dB below the strongest weighs a thousandth; weaker points still count a little.
-            let weight = 10_f64.powf(f64::from((p.intensity_db - strongest_db).max(-60.0)) / 20.0);
-            let height_m = p.z_m + radar_height_m;
-            part.add(weight, [p.x_m, p.y_m, height_m, p.range_m, p.velocity_mps]);
-        }
+        part.add_frame(frame, radar_height_m, strongest_db);
     }
     for part in &parts {
         part.write(&mut out);
@@ -76,6 +70,32 @@ pub fn descriptor(frames: &[PointFrame], radar_height_m: f32) -> Vec<f32> {
     out
 }
 
+/// The [`STEP_DIM`] numbers of [`descriptor`] for every `frames_per_step` frames, the last of which may be fewer.
+pub fn steps(
+    frames: &[PointFrame],
+    radar_height_m: f32,
+    frames_per_step: usize,
+) -> Vec<[f32; STEP_DIM]> {
+    let strongest_db = strongest_db(frames);
+    let of_step = |step: &[PointFrame]| {
+        let mut part = Part::default();
+        for frame in step {
+            part.add_frame(frame, radar_height_m, strongest_db);
+        }
+        let mut numbers = Vec::with_capacity(STEP_DIM);
+        part.write(&mut numbers);
+        std::array::from_fn(|i| numbers.get(i).copied().unwrap_or_default())
+    };
+    frames.chunks(frames_per_step.max(1)).map(of_step).collect()
+}
+
+fn strongest_db(frames: &[PointFrame]) -> f32 {
+    let all = frames
+        .iter()
+        .flat_map(|f| f.points.iter().map(|p| p.intensity_db));
+    all.fold(f32::NEG_INFINITY, f32::max)
+}
+
 /// Sums over one part: x, y, height, range, velocity, each weighted.
 #[derive(Default)]
 struct Part {
@@ -89,6 +109,16 @@ struct Part {
 }
 
 impl Part {
+    fn add_frame(&mut self, frame: &PointFrame, radar_height_m: f32, strongest_db: f32) {
+        self.n_frames += 1;
+        for p in &frame.points {
+            // 60 dB below the strongest weighs a thousandth; weaker points still count a little.
+            let weight = 10_f64.powf(f64::from((p.intensity_db - strongest_db).max(-60.0)) / 20.0);
+            let height_m = p.z_m + radar_height_m;
+            self.add(weight, [p.x_m, p.y_m, height_m, p.range_m, p.velocity_mps]);
+        }
+    }
+
     fn add(&mut self, weight: f64, values: [f32; 5]) {
         self.n_points += 1;
         let bin = |edges: &[f32], v: f32| edges.iter().filter(|&&edge| v > edge).count();

@@ -12,6 +12,7 @@ pub mod descriptor;
 pub mod embedding_scores;
 pub mod examples;
 pub mod facts;
+pub mod floors;
 pub mod instructions;
 pub mod interventions;
 pub mod report;

@@ -23,8 +23,13 @@ pub const N_FEATURES: usize = N_SERIES * N_PER_SERIES;
 
 /// The windows of a clip with their [`N_FEATURES`] features, in order.
 pub fn windows(clip: &Clip) -> Vec<Window> {
+    windows_of(clip, Division::default())
+}
+
+/// The same for windows of another length or distance.
+pub fn windows_of(clip: &Clip, division: Division) -> Vec<Window> {
     let height_m = clip.radar_height_m;
-    windows_with(clip, Division::default(), |frames, start_s, length_s| {
+    windows_with(clip, division, |frames, start_s, length_s| {
         features(frames, start_s, length_s, height_m)
     })
 }

@@ -5,4 +5,5 @@ pub mod falls;
 pub mod features;
 pub mod forest;
 pub mod proxy;
+pub mod radhar;
 pub mod recordings;

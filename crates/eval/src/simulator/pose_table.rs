@@ -3,7 +3,10 @@
 //! Definitions as in [`super::pose`]; nothing is aligned first. The floors are the mean pose of the training motions at the
 //! true place, and the motion of the training clip whose points are nearest by [`descriptor`], at the true place too.
 
-use std::{collections::BTreeMap, fmt::Write as _};
+use std::{
+    collections::{BTreeMap, btree_map::Entry},
+    fmt::Write as _,
+};
 
 use glam::{Mat3, Quat, Vec3};
 use radarllm_base::{Motion, Pose, skeleton::N_JOINTS};
@@ -18,7 +21,7 @@ use super::pose::{mean_distance_cm, mean_rotation_angle_deg};
 use crate::{Estimate, EvalError, baselines::NearestNeighbour, descriptor::descriptor};
 
 /// Longest edge of the mesh on which vertices are compared, m.
-const EDGE_M: f32 = 0.08;
+const EDGE_M: f32 = 0.05;
 
 /// Errors of one system.
 #[derive(Clone, Debug, Serialize)]
@@ -170,18 +173,18 @@ struct Bodies(BTreeMap<u32, BuiltinBody>);
 impl Bodies {
     fn of(&mut self, height_m: f32) -> Result<&BuiltinBody, EvalError> {
         let key = (height_m * 1000.0).round() as u32;
-        if !self.0.contains_key(&key) {
-            let shape = BodyShape {
-                height_m,
-                facet_edge_m: EDGE_M,
-                ..BodyShape::default()
-            };
-            let body = BuiltinBody::new(&shape).map_err(|e| EvalError::Config(e.to_string()))?;
-            self.0.insert(key, body);
+        match self.0.entry(key) {
+            Entry::Occupied(known) => Ok(known.into_mut()),
+            Entry::Vacant(free) => {
+                let shape = BodyShape {
+                    height_m,
+                    facet_edge_m: EDGE_M,
+                    ..BodyShape::default()
+                };
+                let body = BuiltinBody::new(&shape);
+                Ok(free.insert(body.map_err(|e| EvalError::Config(e.to_string()))?))
+            }
         }
-        self.0
-            .get(&key)
-            .ok_or_else(|| EvalError::Config(format!("no body of {height_m} m")))
     }
 }
 
@@ -305,7 +308,7 @@ fn mean_rotations(motions: &[Motion]) -> [Quat; N_JOINTS] {
     let mut sums = [Quat::from_xyzw(0.0, 0.0, 0.0, 0.0); N_JOINTS];
     for pose in motions.iter().flat_map(|m| &m.poses) {
         for (sum, q) in sums.iter_mut().zip(pose.rotations) {
-            *sum = *sum + if sum.dot(q) < 0.0 { -q } else { q };
+            *sum += if sum.dot(q) < 0.0 { -q } else { q };
         }
     }
     sums.map(|sum| match sum.length() > 0.0 {

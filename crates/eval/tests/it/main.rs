@@ -7,4 +7,5 @@ mod baselines;
 mod descriptor;
 mod held_out;
 mod near_duplicates;
+mod radhar;
 mod realism;

@@ -22,6 +22,9 @@ pub struct PoseConfig {
     pub neighbours: usize,
     /// The horizontal translation is relative to the place that the global branch finds, instead of absolute (published).
     pub relative_translation: bool,
+    /// Horizontal coordinates are relative to the median of the points about a frame, instead of the radar (published), so
+    /// that the network need not learn every place of a room.
+    pub centred: bool,
 }
 
 impl Default for PoseConfig {
@@ -37,6 +40,7 @@ impl PoseConfig {
             width: 1,
             neighbours: 8,
             relative_translation: false,
+            centred: false,
         }
     }
 

@@ -95,7 +95,7 @@ impl PoseEstimator {
         let [x, y, _] = out.rotations.columns.map(|c| host(c.into_data()));
         let joints = host(out.joints.into_data());
         let heights = host(out.log_height.into_data());
-        let log_height = median_upper(heights.into_iter()).unwrap_or(0.0);
+        let log_height = median_upper(heights).unwrap_or(0.0);
         let poses = (0..frames.len()).map(|frame| {
             let rotation = |joint: usize| {
                 let at = 3 * (frame * N_JOINTS + joint);

@@ -16,6 +16,8 @@ pub mod estimator;
 pub mod kinematics;
 mod layers;
 pub mod network;
+#[cfg(test)]
+mod reference;
 
 pub use config::{POSE_KIND, PoseConfig, PoseFile};
 pub use estimator::{PoseError, PoseEstimator};

@@ -5,6 +5,7 @@ use burn::nn::{Linear, LinearConfig};
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use radarllm_base::skeleton::N_JOINTS;
+use radarllm_base::stats::median_upper;
 
 use super::config::{POINT_INPUTS, PoseConfig, REFERENCE_HEIGHT_M};
 use super::kinematics::Rotations;
@@ -73,6 +74,8 @@ pub struct PoseNet {
     neighbours: usize,
     #[module(skip)]
     relative_translation: bool,
+    #[module(skip)]
+    centred: bool,
 }
 
 /// Anchors per window of the three convolutions.
@@ -118,11 +121,41 @@ impl PoseNet {
             head: linear(128 * w, n_outputs),
             neighbours: config.neighbours,
             relative_translation: config.relative_translation,
+            centred: config.centred,
         }
     }
 
     /// Applies the network; with `pass`, as a step of training.
-    pub fn forward(&self, batch: &PoseBatch, mut pass: Option<&mut PosePass>) -> PoseOutput {
+    pub fn forward(&self, batch: &PoseBatch, pass: Option<&mut PosePass>) -> PoseOutput {
+        if !self.centred {
+            return self.forward_as_given(batch, pass);
+        }
+        let centres = centres(batch);
+        let mut moved = batch.clone();
+        let (points, exists) = (&mut moved.points, &moved.exists);
+        for (index, point) in points.chunks_exact_mut(POINT_INPUTS).enumerate() {
+            let centre = centres[index / batch.n_points];
+            if exists[index] > 0.0 {
+                point[0] -= centre[0];
+                point[1] -= centre[1];
+            }
+        }
+        let out = self.forward_as_given(&moved, pass);
+        let device = out.place.device();
+        let n = centres.len();
+        let flat: Vec<f32> = centres.iter().flatten().copied().collect();
+        let centres = Tensor::<2>::from_data(TensorData::new(flat, [n, 2]), &device);
+        let zero = Tensor::<2>::zeros([n, 1], &device);
+        let shift = Tensor::cat(vec![centres.clone(), zero], 1).reshape([n, 1, 3]);
+        PoseOutput {
+            joints: out.joints + shift,
+            place: out.place + centres,
+            ..out
+        }
+    }
+
+    /// The published forward pass, in the coordinates of `batch`.
+    fn forward_as_given(&self, batch: &PoseBatch, mut pass: Option<&mut PosePass>) -> PoseOutput {
         let device = self.head.weight.val().device();
         let (n, frames, points) = (batch.n_clips, batch.n_frames, batch.n_points);
         let n_frames = n * frames;
@@ -276,6 +309,36 @@ pub fn is_learned(path: &str) -> bool {
     !path.contains("running_")
 }
 
+/// Frames on either side whose points count for the centre of a frame.
+const CENTRE_FRAMES: usize = 3;
+
+/// Median x and y of the points about every frame, m; where there are none, those of the nearest frame that has some.
+fn centres(batch: &PoseBatch) -> Vec<[f32; 2]> {
+    let mut all = Vec::with_capacity(batch.n_clips * batch.n_frames);
+    for clip in 0..batch.n_clips {
+        let of_frame = |frame: usize| -> Option<[f32; 2]> {
+            let first = frame.saturating_sub(CENTRE_FRAMES);
+            let last = (frame + CENTRE_FRAMES + 1).min(batch.n_frames);
+            let from = (clip * batch.n_frames + first) * batch.n_points;
+            let to = (clip * batch.n_frames + last) * batch.n_points;
+            let rows = || (from..to).filter(|row| batch.exists[*row] > 0.0);
+            let median = |axis: usize| {
+                median_upper(rows().map(|row| batch.points[row * POINT_INPUTS + axis]))
+            };
+            Some([median(0)?, median(1)?])
+        };
+        let known: Vec<Option<[f32; 2]>> = (0..batch.n_frames).map(of_frame).collect();
+        for frame in 0..batch.n_frames {
+            let away = |k: &usize| k.abs_diff(frame);
+            let nearest = (0..batch.n_frames)
+                .filter(|k| known[*k].is_some())
+                .min_by_key(away);
+            all.push(nearest.and_then(|k| known[k]).unwrap_or_default());
+        }
+    }
+    all
+}
+
 /// Anchors about the origin, the height slowest: x, y, height, m.
 fn grid() -> Vec<[f32; 3]> {
     let side = |i: usize| (i as f32 - 1.0) * GRID_STEP_M;
@@ -405,6 +468,30 @@ mod tests {
         device.seed(3);
         let net = PoseNet::new(&PoseConfig::paper(), &device);
         assert!(joints(&net, &batch(2, 0, 4)).iter().all(|v| v.is_finite()));
+    }
+
+    /// Where the person is in the room changes nothing but the place.
+    #[test]
+    fn a_centred_network_moves_with_the_points() {
+        let device = Device::flex();
+        device.seed(3);
+        let config = PoseConfig {
+            centred: true,
+            ..PoseConfig::paper()
+        };
+        let net = PoseNet::new(&config, &device);
+        let here = batch(3, 5, 2);
+        let mut there = here.clone();
+        for point in there.points.chunks_exact_mut(POINT_INPUTS) {
+            point[0] += 0.5;
+            point[1] -= 0.25;
+        }
+        let (a, b) = (joints(&net, &here), joints(&net, &there));
+        for (p, q) in a.chunks_exact(3).zip(b.chunks_exact(3)) {
+            assert!((q[0] - p[0] - 0.5).abs() < 1e-4, "{p:?} {q:?}");
+            assert!((q[1] - p[1] + 0.25).abs() < 1e-4, "{p:?} {q:?}");
+            assert!((q[2] - p[2]).abs() < 1e-4, "{p:?} {q:?}");
+        }
     }
 
     #[test]

@@ -79,6 +79,9 @@ pub enum CodeSource {
     /// The motion VQ-VAE's, of the motion that a pose network estimates from the points. Each training clip is estimated by a
     /// network that was trained on the other half of the motions.
     EstimatedMotion,
+    /// None: pictures of range, velocity and azimuth over time are features of codes that are all alike
+    /// ([`crate::pictures`]).
+    Pictures,
 }
 
 impl CodeSource {
@@ -335,6 +338,18 @@ impl LmTrainConfig {
         }
         if self.projected && (self.backbone != Backbone::T5 || self.bypass != Some(true)) {
             return fail("projected", "needs backbone = \"t5\" and bypass = true");
+        }
+        if self.codes == CodeSource::Pictures {
+            let of_codes = [
+                self.sampling.text_to_radar,
+                self.sampling.radar_prediction,
+                self.sampling.continuation,
+            ];
+            if !self.projected || of_codes != [0.0; 3] {
+                let problem = "= \"pictures\" needs projected = true, and no task that writes codes: text_to_radar, \
+                               radar_prediction and continuation are 0 in `sampling`";
+                return fail("codes", problem);
+            }
         }
         if !self.codes.is_radar() && (self.context || self.hf_folder.is_some()) {
             return fail(

@@ -5,7 +5,7 @@
 //! similar length.
 //!
 //! Reading order: [`clip`] (data), [`corrupt`] (span masking), [`sentences`] (text without motions),
-//! [`examples`] (tasks to token sequences), [`loss`], [`contrast`] (contrastive loss of codes and captions), [`stage`] (the two stages).
+//! [`examples`] (tasks to token sequences), [`loss`], [`contrast`] (contrastive loss of codes and captions), [`retrieval`] (embeddings learned by it), [`stage`] (the two stages).
 
 pub mod clip;
 pub mod config;
@@ -13,6 +13,7 @@ pub mod contrast;
 pub mod corrupt;
 pub mod examples;
 pub mod loss;
+pub mod retrieval;
 pub mod sentences;
 pub mod stage;
 #[cfg(test)]

@@ -7,6 +7,7 @@
     reason = "a test"
 )]
 
+mod pose;
 mod synthetic;
 
 use std::fs;

@@ -1,10 +1,7 @@
 //! `ablate`: trains and evaluates a grid of modified recipes. This module contains the training. The crate `eval`,
 //! which needs no learning framework, creates the tables.
 
-use std::{
-    collections::BTreeMap,
-    path::Path,
-};
+use std::{collections::BTreeMap, path::Path};
 
 use radarllm_eval::{
     ablation::{Grid, GridTable, TableReport, markdown},
@@ -194,7 +191,7 @@ fn metric(report: &serde_json::Value, key: &str) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
-    use std::fs;
+    use std::{fs, path::PathBuf};
 
     use super::*;
 

@@ -5,15 +5,20 @@ use std::{path::Path, time::Instant};
 use radarllm_dataset::ClipRecord;
 use radarllm_eval::{
     captions::{captions_of, nearest_captions},
-    comparison::{Cost, RowCaptions, RowKind},
+    comparison::{Cost, Embedded, RowCaptions, RowKind},
+    floors,
 };
 use radarllm_files::bounded::{self as files, MAX_CONFIG_BYTES};
-use radarllm_inference::lm::GenerateOptions;
-use radarllm_nn::{lm::RadarLm, params::n_params, pose::PoseEstimator};
+use radarllm_inference::{lm::GenerateOptions, tokenizer::Encoded};
+use radarllm_nn::{
+    lm::RadarLm, motion_vqvae::MotionTeacher, params::n_params, pose::PoseEstimator,
+};
 use radarllm_train::{
     harness::cpu_device,
+    lm::retrieval::{embed_codes, embed_texts},
     motion,
     motion_codes::{estimated_features, motion_codes},
+    pictures::pictures,
     recipe::RecipeStage,
 };
 
@@ -58,55 +63,126 @@ pub(super) fn of_radar(run: &Run, clips: &[ClipRecord]) -> CliResult<RowCaptions
     })
 }
 
-/// Captions of a model on codes of motions: of the true ones, or of those that `pose` estimates from the points.
-pub(super) fn of_motion(
-    run: &Run,
-    pose: Option<&Run>,
-    clips: &[ClipRecord],
-) -> CliResult<RowCaptions> {
+/// What a language model without radar codes reads.
+#[derive(Clone, Copy)]
+pub(super) enum Read<'a> {
+    /// Codes of the motion that the pose network of a training estimates from the points.
+    EstimatedMotion(&'a Run),
+    /// Codes of the true motion.
+    TrueMotion,
+    /// Pictures of range, velocity and azimuth over time.
+    Pictures,
+}
+
+/// Encodes what a language model reads of a clip.
+struct Reader {
+    /// Of motions.
+    teacher: Option<MotionTeacher>,
+    estimator: Option<PoseEstimator>,
+}
+
+impl Reader {
+    fn open(run: &Run, read: Read) -> CliResult<Self> {
+        let teacher = match read {
+            Read::Pictures => None,
+            _ => Some(motion::load_teacher(
+                &run.recipe.result(RecipeStage::Motion)?,
+            )?),
+        };
+        let estimator = match read {
+            Read::EstimatedMotion(pose) => Some(PoseEstimator::load(
+                &pose.recipe.result(RecipeStage::Pose)?,
+            )?),
+            _ => None,
+        };
+        Ok(Self { teacher, estimator })
+    }
+
+    fn encode(&self, clip: &ClipRecord) -> Result<Encoded, String> {
+        let Some(teacher) = &self.teacher else {
+            return Ok(pictures(&clip.frames));
+        };
+        match &self.estimator {
+            Some(estimator) => motion_codes(teacher, &estimated_features(estimator, clip)?),
+            None => motion_codes(teacher, &clip.motion_features),
+        }
+    }
+
+    fn n_params(&self) -> usize {
+        let of_teacher = self
+            .teacher
+            .as_ref()
+            .map_or(0, MotionTeacher::n_encoder_params);
+        of_teacher + self.estimator.as_ref().map_or(0, PoseEstimator::n_params)
+    }
+}
+
+/// Captions of a language model that reads something else than radar codes.
+pub(super) fn of_codes(run: &Run, read: Read, clips: &[ClipRecord]) -> CliResult<RowCaptions> {
     let last = *run.stages.last().unwrap_or(&RecipeStage::Instruct);
     let lm = RadarLm::load(&run.recipe.result(last)?, &cpu_device())?;
-    let teacher = motion::load_teacher(&run.recipe.result(RecipeStage::Motion)?)?;
-    let estimator = match pose {
-        Some(pose) => Some(PoseEstimator::load(
-            &pose.recipe.result(RecipeStage::Pose)?,
-        )?),
-        None => None,
-    };
+    let reader = Reader::open(run, read)?;
     let started = Instant::now();
     let mut texts = Vec::with_capacity(clips.len());
     for batch in clips.chunks(BATCH) {
         let mut prompts = Vec::with_capacity(batch.len());
         for clip in batch {
-            let problem = |e: String| CliError::new(format!("clip {}: {e}", clip.id));
-            let estimated;
-            let features = match &estimator {
-                Some(estimator) => {
-                    estimated = estimated_features(estimator, clip).map_err(problem)?;
-                    &estimated
-                }
-                None => &clip.motion_features,
-            };
-            let codes = motion_codes(&teacher, features).map_err(problem)?;
+            let codes = reader.encode(clip);
+            let codes = codes.map_err(|e| CliError::new(format!("clip {}: {e}", clip.id)))?;
             prompts.push(lm.describe_prompt(&codes)?);
         }
         let written = lm.generate(&prompts, &GenerateOptions::default())?;
         texts.extend(written.iter().map(|w| lm.vocab.text(&w.ids)));
     }
-    let mut stages = run.stages.clone();
-    let mut minutes = training_minutes(run, &stages)?;
-    if let Some(pose) = pose.filter(|_| !stages.contains(&RecipeStage::Pose)) {
-        stages = vec![RecipeStage::Pose];
-        minutes += training_minutes(pose, &stages)?;
+    let clips_per_s = clips.len() as f64 / started.elapsed().as_secs_f64();
+    let mut minutes = training_minutes(run, &run.stages)?;
+    if let Read::EstimatedMotion(pose) = read
+        && !run.stages.contains(&RecipeStage::Pose)
+    {
+        minutes += training_minutes(pose, &[RecipeStage::Pose])?;
     }
-    let of_pose = estimator.as_ref().map_or(0, PoseEstimator::n_params);
     Ok(RowCaptions {
         texts: Ok(texts),
         cost: Cost {
-            parameters: Some(n_params(&lm.net) + teacher.n_encoder_params() + of_pose),
+            parameters: Some(n_params(&lm.net) + reader.n_params()),
             training_minutes: Some(minutes),
-            clips_per_s: Some(clips.len() as f64 / started.elapsed().as_secs_f64()),
+            clips_per_s: Some(clips_per_s),
         },
+    })
+}
+
+/// True motions and the captions of all rows, embedded by the encoder of a language model on true motions.
+pub(super) fn embedded(
+    name: &str,
+    run: &Run,
+    clips: &[ClipRecord],
+    rows: &[RowCaptions],
+) -> CliResult<Embedded> {
+    let last = *run.stages.last().unwrap_or(&RecipeStage::Instruct);
+    let lm = RadarLm::load(&run.recipe.result(last)?, &cpu_device())?;
+    let reader = Reader::open(run, Read::TrueMotion)?;
+    let codes = clips
+        .iter()
+        .map(|clip| {
+            let problem = |e: String| CliError::new(format!("clip {}: {e}", clip.id));
+            reader.encode(clip).map_err(problem)
+        })
+        .collect::<CliResult<Vec<_>>>()?;
+    let references: Vec<&str> = clips
+        .iter()
+        .map(|clip| clip.captions.first().map_or("", String::as_str))
+        .collect();
+    let of_row = |row: &RowCaptions| -> CliResult<Option<Vec<Vec<f32>>>> {
+        match &row.texts {
+            Ok(texts) => Ok(Some(embed_texts(&lm, texts)?)),
+            Err(_) => Ok(None),
+        }
+    };
+    Ok(Embedded {
+        by: name.into(),
+        motions: embed_codes(&lm, &codes)?,
+        references: embed_texts(&lm, &references)?,
+        rows: rows.iter().map(of_row).collect::<CliResult<_>>()?,
     })
 }
 
@@ -137,6 +213,12 @@ pub(super) fn of_floor(
                 .map(|r| (r.frames.as_slice(), r.radar_height_m));
             nearest_captions(train, clips)?
         }
+        RowKind::Dtw => floors::warped_captions(train, clips, 1)?,
+        RowKind::DtwMedoid => floors::warped_captions(train, clips, 5)?,
+        RowKind::Classifier => floors::classified_captions(train, clips, seed)?.0,
+        RowKind::Facts => floors::measured_captions(clips, seed),
+        RowKind::WindowFacts => floors::window_facts_captions(train, clips, seed)?,
+        RowKind::ForestFacts => floors::forest_facts_captions(train, clips, seed)?,
         other => return Err(CliError::new(format!("{other:?}: not a floor"))),
     };
     let needs_no_points = matches!(kind, RowKind::Shuffled | RowKind::Majority);

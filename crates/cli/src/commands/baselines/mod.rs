@@ -1,14 +1,24 @@
 //! `baselines`: comparison systems and floors beside our model, on the same clips. Builds without training have its arguments
 //! alone.
 
+mod answers;
 #[cfg(feature = "train")]
 mod captions;
+mod endpoint;
+mod estimated;
+mod prompts;
+mod radhar;
+mod render;
 #[cfg(feature = "train")]
 mod run;
 
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
+
+use answers::AnswersArgs;
+use radhar::RadharArgs;
+use render::RenderArgs;
 
 #[cfg(not(feature = "train"))]
 use crate::error::needs_training;
@@ -23,6 +33,18 @@ pub(crate) enum BaselinesVerb {
     ///
     /// Example: radarllm baselines run configs/eval/baselines.toml
     Run(RunArgs),
+    /// Render the estimated or the true bodies of a split as videos, with prompts for video language models elsewhere.
+    ///
+    /// Example: radarllm baselines render work/data --true --out renders
+    Render(RenderArgs),
+    /// Train supervised classifiers on RadHAR's recordings for tuning, and test them by recording, by session and by window.
+    ///
+    /// Example: radarllm baselines radhar configs/eval/baselines-radhar.toml --recordings radhar
+    Radhar(RadharArgs),
+    /// Turn the answers of a video language model into the captions of a row.
+    ///
+    /// Example: radarllm baselines answers renders answers.jsonl --as Video-LLaVA-7B@984e65b --data work/data --out work/baselines
+    Answers(AnswersArgs),
 }
 
 /// `baselines run`.
@@ -54,5 +76,8 @@ pub(crate) fn run(verb: &BaselinesVerb) -> CliResult {
         BaselinesVerb::Run(args) => run::run(args),
         #[cfg(not(feature = "train"))]
         BaselinesVerb::Run(_) => Err(needs_training("`baselines run`")),
+        BaselinesVerb::Render(args) => render::run(args),
+        BaselinesVerb::Radhar(args) => radhar::run(args),
+        BaselinesVerb::Answers(args) => answers::run(args),
     }
 }

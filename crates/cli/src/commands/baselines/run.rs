@@ -3,6 +3,7 @@
 //! | name | contents |
 //! |---|---|
 //! | `captions/ROW.jsonl` | `{"id", "text"}` of every clip, as `radarllm score` reads it |
+//! | `references.jsonl` | `{"id", "texts"}` of every clip |
 //! | `captions/ROW.json` | inputs of these captions and their cost; written after them |
 //! | `pose.json` | errors of the estimated bodies |
 //! | `table.json`, `table.md` | the comparison |
@@ -17,8 +18,8 @@ use radarllm_dataset::{BuildOptions, ClipRecord, Columns, Dataset, Overwrite, Sp
 use radarllm_eval::{
     captions::one_of_each_motion,
     comparison::{
-        Compared, ComparisonConfig, ComparisonReport, ComparisonRow, Cost, RowCaptions, RowKind,
-        compare, markdown,
+        Compared, ComparisonConfig, ComparisonReport, ComparisonRow, Cost, Embedded, RowCaptions,
+        RowKind, compare, markdown,
     },
     pose_table::{self, pose_table},
 };
@@ -29,7 +30,10 @@ use radarllm_train::{lm::CodeSource, recipe::RecipeStage};
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-use super::{RunArgs, captions};
+use super::{
+    RunArgs,
+    captions::{self, Read},
+};
 use crate::{
     commands::{
         dataset,
@@ -48,6 +52,13 @@ const MAX_CAPTIONS_BYTES: u64 = 64 << 20;
 pub(super) struct Line {
     pub id: String,
     pub text: String,
+}
+
+/// The references of a clip.
+#[derive(Serialize)]
+struct ReferenceLine<'a> {
+    id: &'a str,
+    texts: &'a [String],
 }
 
 /// `captions/ROW.json`.
@@ -107,6 +118,12 @@ pub(super) fn run(args: &RunArgs) -> CliResult {
             config.split
         )));
     }
+    let references = clips.iter().map(|clip| ReferenceLine {
+        id: &clip.id,
+        texts: &clip.captions,
+    });
+    let references = output::json_lines(references)?;
+    output::write_atomic(&config.out.join("references.jsonl"), references.as_bytes())?;
     let about_data = format!(
         "{} {} {}",
         data.manifest().config_blake3,
@@ -131,6 +148,7 @@ pub(super) fn run(args: &RunArgs) -> CliResult {
         data: &data.manifest().name,
         clips: &clips,
         train: &train,
+        embedded: planned.embedded(&config, &clips, &all)?,
     };
     let adding = adder(&args.encoders, config.seed)?;
     let report = compare(&config, &compared, &all, adding.as_ref())?;
@@ -308,8 +326,11 @@ impl Planned {
         }
         let found = match (row.kind, run) {
             (RowKind::Radar, Some(run)) => captions::of_radar(run, clips)?,
-            (RowKind::TrueMotion | RowKind::EstimatedMotion, Some(run)) => {
-                captions::of_motion(run, pose, clips)?
+            (RowKind::TrueMotion, Some(run)) => captions::of_codes(run, Read::TrueMotion, clips)?,
+            (RowKind::Pictures, Some(run)) => captions::of_codes(run, Read::Pictures, clips)?,
+            (RowKind::EstimatedMotion, Some(run)) => {
+                let pose = pose.ok_or_else(|| CliError::new("no pose network was planned"))?;
+                captions::of_codes(run, Read::EstimatedMotion(pose), clips)?
             }
             (kind, _) => captions::of_floor(kind, clips, train, ours, config.seed)?,
         };
@@ -329,6 +350,25 @@ impl Planned {
             output::write_atomic(&head_path, serde_json::to_string_pretty(&head)?.as_bytes())?;
         }
         Ok(found)
+    }
+
+    /// Motions and captions, embedded by the first language model on true motions that read tokens; none without one.
+    fn embedded(
+        &self,
+        config: &ComparisonConfig,
+        clips: &[ClipRecord],
+        captions: &[RowCaptions],
+    ) -> CliResult<Option<Embedded>> {
+        let is_judge = |(row, run): &(&ComparisonRow, &Run)| {
+            let lm = &run.recipe.pretrain;
+            row.kind == RowKind::TrueMotion && !lm.projected && lm.contrastive_weight > 0.0
+        };
+        let rows = config.rows.iter().zip(&self.runs);
+        let mut trained = rows.filter_map(|(row, run)| Some((row, run.as_ref()?)));
+        match trained.find(is_judge) {
+            None => Ok(None),
+            Some((row, run)) => captions::embedded(&row.name, run, clips, captions).map(Some),
+        }
     }
 
     /// The errors of the estimated bodies as Markdown; `pose.json` is written.
@@ -380,6 +420,10 @@ fn plan_row(
     use RecipeStage::{Instruct, Motion, Pose, PoseFirstHalf, PoseSecondHalf, Pretrain, Tokenizer};
     let run = with(&[Motion, Pretrain, Instruct])?;
     match (row.kind, run.recipe.pretrain.codes) {
+        (RowKind::Pictures, CodeSource::Pictures) => with(&[Pretrain, Instruct]),
+        (RowKind::Pictures, _) | (_, CodeSource::Pictures) => Err(CliError::new(
+            "kind = \"pictures\" and `pretrain.codes` = \"pictures\" go together",
+        )),
         (RowKind::Radar, CodeSource::Radar) => with(&[Motion, Tokenizer, Pretrain, Instruct]),
         (RowKind::Radar, _) => Err(CliError::new(
             "kind = \"radar\" reads radar codes, and `pretrain.codes` are those of motions",

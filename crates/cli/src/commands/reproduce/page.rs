@@ -88,9 +88,10 @@ pub(super) fn of(parts: &Parts) -> String {
     text += &round_trip(parts.round_trip);
     text += &instructions::markdown(parts.instructions).replacen("# ", "\n## ", 1);
     text += "\n## Not run\n\n\
-             - The comparison systems of the paper: mmMesh with MotionGPT or AvatarGPT, and video language models.\n\
+             - The comparison systems of the paper: `radarllm baselines run` trains systems of their kind on the same clips; \
+             the video language models need their weights and a GPU.\n\
              - The paper's own recordings, which are not public.\n\
-             - Errors of estimated bodies (the paper's table of pose estimation).\n";
+             - Errors of estimated bodies (the paper's table of pose estimation): `radarllm baselines run` measures them.\n";
     text
 }
 
