@@ -111,9 +111,9 @@ fn a_changed_byte_is_noticed_and_nothing_is_copied() {
         ("data/train-00001-", "data/train-00000-", "is listed twice"),
         ("\"bytes\": ", "\"bytes\": 1", "train-00000-of-"),
         (
-            "\"schema_version\": 1",
             "\"schema_version\": 2",
-            "2 is not 1",
+            "\"schema_version\": 3",
+            "3 is not in 1..=2",
         ),
         ("{", "", "manifest.json"),
     ] {

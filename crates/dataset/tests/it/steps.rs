@@ -284,7 +284,7 @@ fn folders_of_earlier_versions_of_the_program_are_resumed() {
         .trim_end_matches(',');
     std::fs::write(
         &path,
-        format!("{{\n  \"schema_version\": 1,\n  \"name\": \"test\",\n{hash}\n}}\n"),
+        format!("{{\n  \"schema_version\": 2,\n  \"name\": \"test\",\n{hash}\n}}\n"),
     )
     .unwrap();
     let again = build(dir.path(), &plan, options(1), make, |_| {}).unwrap();

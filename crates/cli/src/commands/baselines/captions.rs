@@ -44,7 +44,17 @@ pub(super) fn training_minutes(run: &Run, stages: &[RecipeStage]) -> CliResult<f
         };
         seconds += text.lines().rev().find_map(of_line).unwrap_or(0.0);
     }
-    Ok(seconds / 60.0)
+    Ok(three_digits(seconds / 60.0))
+}
+
+/// Clips for each second since `started`.
+fn per_second(clips: usize, started: Instant) -> f64 {
+    three_digits(clips as f64 / started.elapsed().as_secs_f64())
+}
+
+/// Rounded to three digits after the point, so that a value read from a file is the one that was written.
+fn three_digits(value: f64) -> f64 {
+    (value * 1000.0).round() / 1000.0
 }
 
 /// Captions of a model on radar codes.
@@ -58,7 +68,7 @@ pub(super) fn of_radar(run: &Run, clips: &[ClipRecord]) -> CliResult<RowCaptions
         cost: Cost {
             parameters: Some(model.networks().n_params()),
             training_minutes: Some(training_minutes(run, &run.stages)?),
-            clips_per_s: Some(clips.len() as f64 / started.elapsed().as_secs_f64()),
+            clips_per_s: Some(per_second(clips.len(), started)),
         },
     })
 }
@@ -134,12 +144,12 @@ pub(super) fn of_codes(run: &Run, read: Read, clips: &[ClipRecord]) -> CliResult
         let written = lm.generate(&prompts, &GenerateOptions::default())?;
         texts.extend(written.iter().map(|w| lm.vocab.text(&w.ids)));
     }
-    let clips_per_s = clips.len() as f64 / started.elapsed().as_secs_f64();
+    let clips_per_s = per_second(clips.len(), started);
     let mut minutes = training_minutes(run, &run.stages)?;
     if let Read::EstimatedMotion(pose) = read
         && !run.stages.contains(&RecipeStage::Pose)
     {
-        minutes += training_minutes(pose, &[RecipeStage::Pose])?;
+        minutes = three_digits(minutes + training_minutes(pose, &[RecipeStage::Pose])?);
     }
     Ok(RowCaptions {
         texts: Ok(texts),
@@ -222,7 +232,7 @@ pub(super) fn of_floor(
         other => return Err(CliError::new(format!("{other:?}: not a floor"))),
     };
     let needs_no_points = matches!(kind, RowKind::Shuffled | RowKind::Majority);
-    let clips_per_s = clips.len() as f64 / started.elapsed().as_secs_f64();
+    let clips_per_s = per_second(clips.len(), started);
     Ok(RowCaptions {
         texts: Ok(texts),
         cost: Cost {
