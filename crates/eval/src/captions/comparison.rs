@@ -342,7 +342,7 @@ pub struct Embedded {
 /// Captions among which the one of a motion has to be found, as in Guo et al. (CVPR 2022).
 const POOL: usize = 32;
 
-/// R-precision: the share of motions whose own text is among the nearest 1, 2 and 3 of a pool of [`POOL`] texts, that is its
+/// R-precision: the share of motions whose own text is among the nearest 1, 2 and 3 of a pool of 32 texts, that is its
 /// own and those of other motions, drawn by `seed`. Nearest is by cosine; equal texts of others count as wrong. `None` for
 /// fewer than two motions.
 ///
