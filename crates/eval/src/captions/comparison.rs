@@ -18,7 +18,7 @@ use crate::{ActionClassifier, Estimate, EvalError, ablation::METRICS, interval::
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ComparisonConfig {
-    /// Recipe that every trained row changes, relative to this file. Its table [pose] configures the pose network.
+    /// Recipe that every trained row changes, relative to this file. Its table `pose` configures the pose network.
     pub base: PathBuf,
     /// Configuration of the data set, relative to this file; built if the folder `data` of the recipe does not exist.
     pub data: Option<PathBuf>,

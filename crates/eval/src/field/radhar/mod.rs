@@ -1,7 +1,7 @@
 //! What does supervision give on RadHAR's recordings, and how much of it is a leak?
 //!
 //! RadHAR (Singh et al., mmNets 2019) reports classifiers of overlapping windows. Here the recordings for tuning are
-//! divided by recording, by session and, as a demonstration of the leak, by window ([`folds`]), and classifiers of voxels
+//! divided by recording, by session and, as a demonstration of the leak, by window ([`mod@folds`]), and classifiers of voxels
 //! ([`voxels`], [`pca`], [`svm`], [`mlp`]) and of the project's own window features are trained and tested on the same folds.
 //! Judged recordings are not read.
 
