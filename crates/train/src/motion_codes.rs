@@ -1,7 +1,5 @@
 //! Motions as codes of the motion VQ-VAE, from which the language model of a comparison system learns instead of radar codes.
 
-use std::collections::BTreeMap;
-
 use radarllm_base::seed::derive_seed;
 use radarllm_body::features::humanml3d_features;
 use radarllm_dataset::record::ClipRecord;
@@ -10,7 +8,7 @@ use radarllm_nn::motion_vqvae::{FRAMES_PER_FEATURE, MotionTeacher, mirror_motion
 use radarllm_nn::pose::PoseEstimator;
 
 use crate::harness::TrainError;
-use crate::lm::LmClip;
+use crate::lm::{LmClip, Motions};
 
 /// Codes of a motion, given as HumanML3D features, with the vectors of these codes as features.
 ///
@@ -68,7 +66,7 @@ pub(crate) fn motion_clips(
     motion: &MotionOf,
     flip: bool,
 ) -> Result<Vec<LmClip>, TrainError> {
-    let mut by_motion: BTreeMap<&str, LmClip> = BTreeMap::new();
+    let mut motions = Motions::default();
     for clip in clips {
         let problem = |problem: String| TrainError::clip(&clip.id, problem);
         let mut features = match motion {
@@ -79,20 +77,15 @@ pub(crate) fn motion_clips(
             }
         };
         let encoded = motion_codes(teacher, &features).map_err(problem)?;
-        let entry = by_motion.entry(&clip.motion_id).or_insert_with(|| LmClip {
-            id: clip.motion_id.clone(),
-            action: clip.action.clone(),
-            captions: clip.captions.clone(),
-            variants: Vec::new(),
-            flipped: Vec::new(),
-            seconds: (encoded.codes.len() * FRAMES_PER_FEATURE) as f32 / clip.motion_fps,
-        });
-        entry.variants.push(encoded);
-        if flip {
-            mirror_motion_features(&mut features);
-            let mirrored = motion_codes(teacher, &features).map_err(problem)?;
-            entry.flipped.push(mirrored);
-        }
+        let seconds = (encoded.codes.len() * FRAMES_PER_FEATURE) as f32 / clip.motion_fps;
+        let mirrored = match flip {
+            true => {
+                mirror_motion_features(&mut features);
+                Some(motion_codes(teacher, &features).map_err(problem)?)
+            }
+            false => None,
+        };
+        motions.add(clip, seconds, encoded, mirrored);
     }
-    Ok(by_motion.into_values().collect())
+    Ok(motions.into_clips())
 }

@@ -4,13 +4,11 @@
 //! one vector, and the encoder of the language model is the transformer. The pictures are made of points, because data sets
 //! hold points; those of mmExpert are made of samples.
 
-use std::collections::BTreeMap;
-
 use radarllm_base::PointFrame;
 use radarllm_dataset::record::ClipRecord;
 use radarllm_inference::tokenizer::{Encoded, FRAMES_PER_CODE, MAX_FRAMES};
 
-use crate::lm::LmClip;
+use crate::lm::{LmClip, Motions};
 
 /// Bins and extent of an axis.
 struct Axis {
@@ -86,25 +84,18 @@ pub fn pictures(frames: &[PointFrame]) -> Encoded {
 
 /// Pictures of clips, the variants of a motion together; with `flip` also of their mirror images.
 pub(crate) fn picture_clips(clips: &[ClipRecord], flip: bool) -> Vec<LmClip> {
-    let mut by_motion: BTreeMap<&str, LmClip> = BTreeMap::new();
+    let mut motions = Motions::default();
     for clip in clips.iter().filter(|clip| !clip.frames.is_empty()) {
         let encoded = pictures(&clip.frames);
-        let entry = by_motion.entry(&clip.motion_id).or_insert_with(|| LmClip {
-            id: clip.motion_id.clone(),
-            action: clip.action.clone(),
-            captions: clip.captions.clone(),
-            variants: Vec::new(),
-            flipped: Vec::new(),
-            seconds: (encoded.codes.len() * FRAMES_PER_CODE) as f32 / 10.0,
+        let seconds = (encoded.codes.len() * FRAMES_PER_CODE) as f32 / 10.0;
+        let mirrored = flip.then(|| {
+            let mut frames = clip.frames.clone();
+            frames.iter_mut().for_each(PointFrame::mirror);
+            pictures(&frames)
         });
-        entry.variants.push(encoded);
-        if flip {
-            let mut mirrored = clip.frames.clone();
-            mirrored.iter_mut().for_each(PointFrame::mirror);
-            entry.flipped.push(pictures(&mirrored));
-        }
+        motions.add(clip, seconds, encoded, mirrored);
     }
-    by_motion.into_values().collect()
+    motions.into_clips()
 }
 
 #[cfg(test)]

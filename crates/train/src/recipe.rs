@@ -30,7 +30,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     harness::{self, Ending, StopToken, TrainError},
-    lm::{CodeSource, LmClip, LmTrainConfig, instruct, pretrain, pretrain_further},
+    lm::{CodeSource, LmClip, LmTrainConfig, Motions, instruct, pretrain, pretrain_further},
     motion::{self, MotionTrainConfig},
     motion_codes::{MotionOf, half_of, motion_clips},
     pictures::picture_clips,
@@ -728,7 +728,7 @@ pub fn lm_clips(
         }
         Ok::<_, TrainError>(encoded)
     };
-    let mut by_motion: BTreeMap<&str, LmClip> = BTreeMap::new();
+    let mut motions = Motions::default();
     for copy in 0..=disturbed_copies {
         let encoded = encode(copy, false)?;
         let mirrored = if flip {
@@ -737,19 +737,11 @@ pub fn lm_clips(
             Vec::new()
         };
         for (index, (clip, codes)) in clips.iter().zip(encoded).enumerate() {
-            let entry = by_motion.entry(&clip.motion_id).or_insert_with(|| LmClip {
-                id: clip.motion_id.clone(),
-                action: clip.action.clone(),
-                captions: clip.captions.clone(),
-                variants: Vec::new(),
-                flipped: Vec::new(),
-                seconds: (codes.codes.len() * FRAMES_PER_CODE) as f32 / 10.0,
-            });
-            entry.variants.push(codes);
-            entry.flipped.extend(mirrored.get(index).cloned());
+            let seconds = (codes.codes.len() * FRAMES_PER_CODE) as f32 / 10.0;
+            motions.add(clip, seconds, codes, mirrored.get(index).cloned());
         }
     }
-    Ok(by_motion.into_values().collect())
+    Ok(motions.into_clips())
 }
 
 /// A disturbed copy of a clip. A clip of which nothing would be left stays as it is.

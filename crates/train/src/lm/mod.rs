@@ -20,6 +20,7 @@ pub mod stage;
 mod tests;
 
 pub use clip::LmClip;
+pub(crate) use clip::Motions;
 pub use config::{CodeSource, LmTrainConfig, TaskWeights};
 pub(crate) use stage::target_states;
 pub use stage::{LmOutcome, instruct, pretrain, pretrain_further};

@@ -5,11 +5,8 @@ use std::collections::BTreeMap;
 use radarllm_dataset::ClipRecord;
 use radarllm_facts::{Action, Direction, Facts, Side, Subject, facts, lexicon, write::Writer};
 
-use super::{
-    classifier::{N_TREES, likeliest},
-    rules::measured,
-};
-use crate::{EvalError, descriptor::descriptor, forest::Forest};
+use super::{classes::Classes, rules::measured};
+use crate::{EvalError, descriptor::descriptor};
 
 /// For each clip, a sentence written from facts that rules measure: the way of the points over the floor, the height of
 /// their top, and where fast points are. A person is taken to face the radar. Nothing is learned here; the thresholds of
@@ -49,30 +46,24 @@ pub fn forest_facts_captions(
     seed: u64,
 ) -> Result<Vec<String>, EvalError> {
     let of = |clip: &ClipRecord| descriptor(&clip.frames, clip.radar_height_m);
-    let stated: Vec<(Vec<f32>, Facts)> = train
+    let (rows, stated): (Vec<Vec<f32>>, Vec<Facts>) = train
         .iter()
         .filter_map(|clip| {
             let facts = facts(clip.captions.first()?);
             facts.actions().next()?;
             Some((of(clip), facts))
         })
-        .collect();
-    let orders = Classes::fit(stated.iter().map(|(row, facts)| (row, order(facts))), seed)?;
-    let sides = Classes::fit(
-        stated
-            .iter()
-            .map(|(row, facts)| (row, value(facts, |a| a.side.map(Side::word)))),
-        seed,
-    )?;
-    let directions = Classes::fit(
-        stated
-            .iter()
-            .map(|(row, facts)| (row, value(facts, |a| a.direction.map(Direction::word)))),
-        seed,
-    )?;
+        .unzip();
+    let classes = |name: &dyn Fn(&Facts) -> String| {
+        let names: Vec<String> = stated.iter().map(name).collect();
+        Classes::fit(&rows, &names, seed)
+    };
+    let orders = classes(&order)?;
+    let sides = classes(&|facts| value(facts, |a| a.side.map(Side::word)))?;
+    let directions = classes(&|facts| value(facts, |a| a.direction.map(Direction::word)))?;
     // How often the actions of an order have a side or a direction.
     let mut habits: BTreeMap<String, (usize, Vec<[usize; 2]>)> = BTreeMap::new();
-    for (_, facts) in &stated {
+    for facts in &stated {
         let n = facts.actions().count();
         let (count, of_actions) = habits.entry(order(facts)).or_insert((0, vec![[0; 2]; n]));
         *count += 1;
@@ -89,15 +80,7 @@ pub fn forest_facts_captions(
             let found = orders.recognise(&row, |_| true);
             let mut facts = Facts {
                 subject: Some(Subject::Person),
-                stretches: found
-                    .split(';')
-                    .map(|s| {
-                        s.split('+')
-                            .filter_map(lexicon::name)
-                            .map(Action::named)
-                            .collect()
-                    })
-                    .collect(),
+                stretches: found.split(';').map(actions_of).collect(),
             };
             let (count, of_actions) = habits.get(found).cloned().unwrap_or_default();
             for (action, habit) in facts.stretches.iter_mut().flatten().zip(of_actions) {
@@ -120,58 +103,24 @@ const NONE: &str = "-";
 
 /// The names of all actions in order: `walk;turn+wave`.
 fn order(facts: &Facts) -> String {
-    let stretch =
-        |actions: &Vec<Action>| actions.iter().map(|a| a.name).collect::<Vec<_>>().join("+");
-    facts
-        .stretches
-        .iter()
-        .map(stretch)
-        .collect::<Vec<_>>()
-        .join(";")
+    let stretches = facts.stretches.iter().map(|s| label(s));
+    stretches.collect::<Vec<_>>().join(";")
+}
+
+/// Names of the actions of a stretch: `turn+wave`.
+pub(super) fn label(actions: &[Action]) -> String {
+    actions.iter().map(|a| a.name).collect::<Vec<_>>().join("+")
+}
+
+/// The actions of a [`label`].
+pub(super) fn actions_of(label: &str) -> Vec<Action> {
+    let names = label.split('+').filter_map(lexicon::name);
+    names.map(Action::named).collect()
 }
 
 /// The first value of a kind that facts state.
 fn value(facts: &Facts, of: impl Fn(&Action) -> Option<&'static str>) -> String {
     facts.actions().find_map(of).unwrap_or(NONE).into()
-}
-
-/// A forest with the names of its classes.
-struct Classes {
-    names: Vec<String>,
-    forest: Forest,
-}
-
-impl Classes {
-    fn fit<'a>(
-        pairs: impl Iterator<Item = (&'a Vec<f32>, String)>,
-        seed: u64,
-    ) -> Result<Self, EvalError> {
-        let (rows, of_rows): (Vec<Vec<f32>>, Vec<String>) =
-            pairs.map(|(row, name)| (row.clone(), name)).unzip();
-        let mut names = of_rows.clone();
-        names.sort();
-        names.dedup();
-        let labels: Vec<usize> = of_rows
-            .iter()
-            .filter_map(|name| names.binary_search(name).ok())
-            .collect();
-        let forest = Forest::fit(&rows, &labels, names.len(), N_TREES, seed)
-            .ok_or_else(|| EvalError::Empty("no training caption states an action".into()))?;
-        Ok(Self { names, forest })
-    }
-
-    /// The likeliest class among those that are `allowed`.
-    fn recognise(&self, row: &[f32], allowed: impl Fn(&str) -> bool) -> &str {
-        let mut probabilities = self.forest.probabilities(row);
-        for (p, name) in probabilities.iter_mut().zip(&self.names) {
-            if !allowed(name) {
-                *p = -1.0;
-            }
-        }
-        self.names
-            .get(likeliest(&probabilities))
-            .map_or("", String::as_str)
-    }
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 //!
 //! All of them learn from training clips alone.
 
+mod classes;
 mod classifier;
 mod facts;
 mod retrieval;

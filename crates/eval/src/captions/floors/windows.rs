@@ -3,17 +3,17 @@
 
 use radarllm_base::PointFrame;
 use radarllm_dataset::ClipRecord;
-use radarllm_facts::{Action, Facts, Subject, facts, lexicon, write::Writer};
+use radarllm_facts::{Facts, Subject, facts, write::Writer};
 
 use super::{
-    classifier::{N_TREES, likeliest},
-    facts::write,
+    classes::Classes,
+    classifier::likeliest,
+    facts::{actions_of, label, write},
     rules::measured,
 };
 use crate::{
     EvalError,
     descriptor::{STEP_DIM, steps},
-    forest::Forest,
 };
 
 /// Radar frames of a window: 1.6 s.
@@ -56,33 +56,20 @@ pub fn window_facts_captions(
             }
         }
     }
-    let mut names = of_rows.clone();
-    names.sort();
-    names.dedup();
-    let labels: Vec<usize> = of_rows
-        .iter()
-        .filter_map(|name| names.binary_search(name).ok())
-        .collect();
-    let forest = Forest::fit(&rows, &labels, names.len(), N_TREES, seed)
-        .ok_or_else(|| EvalError::Empty("no training caption states an action".into()))?;
+    let classes = Classes::fit(&rows, &of_rows, seed)?;
     let writer = Writer::new();
     let text = |clip: &ClipRecord| {
         let windows = windows(&clip.frames, clip.radar_height_m);
         let probabilities: Vec<Vec<f32>> = windows
             .iter()
-            .map(|row| forest.probabilities(row))
+            .map(|row| classes.probabilities(row))
             .collect();
         let mut found = Facts {
             subject: Some(Subject::Person),
             stretches: likeliest_order(&probabilities)
                 .into_iter()
-                .filter_map(|class| names.get(class))
-                .map(|name| {
-                    name.split('+')
-                        .filter_map(lexicon::name)
-                        .map(Action::named)
-                        .collect()
-                })
+                .filter_map(|class| classes.name(class))
+                .map(actions_of)
                 .collect(),
         };
         let measured = measured(&clip.frames, clip.radar_height_m);
@@ -94,11 +81,6 @@ pub fn window_facts_captions(
         write(&writer, &found, seed)
     };
     Ok(clips.iter().map(text).collect())
-}
-
-/// Names of the actions of a stretch.
-fn label(actions: &[Action]) -> String {
-    actions.iter().map(|a| a.name).collect::<Vec<_>>().join("+")
 }
 
 /// A row for each window: the numbers of its four steps, [`steps`], one step after the other. Steps after the end of a
