@@ -555,35 +555,38 @@ fn two_processors_learn_what_two_batches_an_update_teach() {
     std::fs::remove_dir_all(dir).unwrap();
 }
 
+/// Rounding grows with every update: over six seeds the losses of half precision were within 0.05 % of those of single
+/// precision after 10 updates and within 0.55 % after 40, with either sign, and which seed is how far away depends on the
+/// processor's kernels. So most of the check is early, where the tolerance can be narrow.
 #[test]
 fn half_precision_learns_nearly_what_single_does() {
     let clips = toy_clips(8, N_CODES, CODE_DIM);
     let dir = scratch("precision");
     for backbone in [Backbone::T5, Backbone::Gpt2] {
-        let learned = |precision: ProductPrecision| {
-            let config = LmTrainConfig {
-                precision,
-                run: LoopConfig {
-                    learning_rate: 3e-3,
-                    ..bare_loop(40)
-                },
-                ..decoder_config(backbone, LoopConfig::default())
+        for (updates, tolerance) in [(10, 0.002), (40, 0.02)] {
+            let learned = |precision: ProductPrecision| {
+                let config = LmTrainConfig {
+                    precision,
+                    run: LoopConfig {
+                        learning_rate: 3e-3,
+                        ..bare_loop(updates)
+                    },
+                    ..decoder_config(backbone, LoopConfig::default())
+                };
+                let name = format!("{backbone:?}-{precision:?}-{updates}");
+                trained(&config, &clips, &dir.join(name))
             };
-            let name = format!("{backbone:?}-{precision:?}");
-            trained(&config, &clips, &dir.join(name))
-        };
-        let (weights, nats) = learned(ProductPrecision::F32);
-        for (precision, tolerance) in [
-            (ProductPrecision::Bf16, 0.01),
-            (ProductPrecision::F16, 0.002),
-        ] {
-            let (half_weights, half_nats) = learned(precision);
-            println!("{backbone:?} {precision:?}: {half_nats} nats for {nats}");
-            assert!(half_weights != weights, "{backbone:?} {precision:?}");
-            assert!(
-                (half_nats / nats - 1.0).abs() < tolerance,
-                "{backbone:?} {precision:?}: {half_nats} nats for {nats}"
-            );
+            let (weights, nats) = learned(ProductPrecision::F32);
+            for precision in [ProductPrecision::Bf16, ProductPrecision::F16] {
+                let (half_weights, half_nats) = learned(precision);
+                let run = format!("{backbone:?} {precision:?}, {updates} updates");
+                println!("{run}: {half_nats} nats for {nats}");
+                assert!(half_weights != weights, "{run}");
+                assert!(
+                    (half_nats / nats - 1.0).abs() < tolerance,
+                    "{run}: {half_nats} nats for {nats}"
+                );
+            }
         }
     }
     std::fs::remove_dir_all(dir).unwrap();
