@@ -147,6 +147,28 @@ def test_choices_and_memory(run, model, tmp_path):
         memory.teach("wheelchair", rl.Points.read(points))
 
 
+def test_a_memory_that_another_program_changed_is_kept(run, tmp_path):
+    says = "a person sits down in the wheelchair"
+    path, points = tmp_path / "memory.json", tmp_path / "points.parquet"
+    rl.simulate("builtin:sit_down").write(points)
+    first = rl.Memory()
+    first.teach("wheelchair", rl.Points.read(points), says=says)
+    first.save(path)
+    ours = rl.Memory(path)
+    run("teach", "squats", "--says", "a person squats", "builtin:squat", "--memory", path)
+    for memory in (first, ours):
+        memory.teach("bows", rl.simulate("builtin:bow"), says="a person bows")
+        with pytest.raises(rl.Error, match="another program changed this memory"):
+            memory.save(path)
+    assert [a["name"] for a in rl.Memory(path).activities] == ["wheelchair", "squats"]
+    again = rl.Memory(path)
+    again.teach("bows", rl.simulate("builtin:bow"), says="a person bows")
+    again.save(path)
+    again.forget("bows")
+    again.save(path)
+    assert [a["name"] for a in rl.Memory(path).activities] == ["wheelchair", "squats"]
+
+
 @pytest.mark.parametrize("protocol", ["plain", "nlg-eval", "coco", "motiongpt"])
 def test_scores(protocol, run, tmp_path):
     candidates = ["a person walks forward slowly", "a person waves", "a person kicks with the left leg"]

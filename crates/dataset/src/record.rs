@@ -59,6 +59,33 @@ pub struct ClipRecord {
     pub body_height_m: f32,
 }
 
+/// A clip without the rotations of its motion.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "no rotations of its motion: data sets of version 1 of the layout lack them and have to be built anew"
+)]
+pub struct NoRotations;
+
+impl ClipRecord {
+    /// [`Self::rotations6d`] where it is known, one entry for each of [`Self::joints`].
+    ///
+    /// # Errors
+    /// [`NoRotations`], also if the height of the body is unknown.
+    pub fn known_rotations(&self) -> Result<&[[[f32; 6]; 22]], NoRotations> {
+        let n = self.rotations6d.len();
+        match n > 0 && n == self.joints.len() && self.body_height_m > 0.0 {
+            true => Ok(&self.rotations6d),
+            false => Err(NoRotations),
+        }
+    }
+
+    /// Index of the frame of the motion that is nearest to a time, at most its last one.
+    pub fn motion_frame_at(&self, time_s: f64) -> usize {
+        let nearest = (time_s * f64::from(self.motion_fps)).round().max(0.0) as usize;
+        nearest.min(self.joints.len().saturating_sub(1))
+    }
+}
+
 /// An item that could not be generated.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FailedItem {

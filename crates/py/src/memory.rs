@@ -1,7 +1,7 @@
 //! `Memory`: taught activities.
 
 use std::{
-    path::PathBuf,
+    path::{Path, PathBuf},
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
@@ -20,11 +20,15 @@ use crate::{errors, points::PyPoints, score::to_python, work};
 /// >>> memory.activities[0]["name"]
 /// 'wheelchair'
 #[pyclass(frozen, name = "Memory", module = "radarllm")]
-pub struct PyMemory(Mutex<teach::Memory>);
+pub struct PyMemory {
+    memory: Mutex<teach::Memory>,
+    /// The file that this memory was read from or written to last, and what it held.
+    file: Mutex<Option<(PathBuf, teach::Memory)>>,
+}
 
 impl PyMemory {
     fn lock(&self) -> MutexGuard<'_, teach::Memory> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.memory.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub fn copy(&self) -> teach::Memory {
@@ -33,7 +37,7 @@ impl PyMemory {
 }
 
 /// Reads a memory file.
-pub(crate) fn load(path: &std::path::Path) -> Result<teach::Memory> {
+pub(crate) fn load(path: &Path) -> Result<teach::Memory> {
     if !path.exists() {
         let missing = std::io::Error::from(std::io::ErrorKind::NotFound);
         return Err(Error::io(path, missing));
@@ -46,11 +50,15 @@ impl PyMemory {
     #[new]
     #[pyo3(signature = (path=None))]
     fn new(path: Option<PathBuf>) -> PyResult<Self> {
-        let memory = match path {
-            Some(path) => load(&path).map_err(errors::to_py)?,
-            None => teach::Memory::default(),
+        let file = match path {
+            Some(path) => Some((path.clone(), load(&path).map_err(errors::to_py)?)),
+            None => None,
         };
-        Ok(Self(Mutex::new(memory)))
+        let memory = file.as_ref().map(|(_, memory)| memory.clone());
+        Ok(Self {
+            memory: Mutex::new(memory.unwrap_or_default()),
+            file: Mutex::new(file),
+        })
     }
 
     /// Adds points as an example of the activity `name`. `says` is its sentence; it may be left out of further examples.
@@ -105,9 +113,21 @@ impl PyMemory {
         to_python(py, &memory.overview())
     }
 
-    /// Writes the memory; the file is replaced as a whole or not at all.
-    fn save(&self, path: PathBuf) -> PyResult<()> {
-        self.copy().save(&path).map_err(errors::input)
+    /// Writes the memory; the file is replaced as a whole or not at all. The file that the memory was read from is not replaced
+    /// if another program has changed it since.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        let memory = self.copy();
+        // Another process may hold the lock of the file.
+        work::run(py, |_| {
+            let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+            let saved = match file.as_ref() {
+                Some((own, read)) if *own == path => memory.save_over(&path, read),
+                _ => memory.save(&path),
+            };
+            saved.map_err(Error::wrap)?;
+            *file = Some((path, memory));
+            Ok(())
+        })
     }
 
     fn __repr__(&self) -> String {

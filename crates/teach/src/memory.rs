@@ -116,6 +116,15 @@ pub enum TeachError {
         /// The activity that has it.
         activity: String,
     },
+    /// Another process wrote the file since it was read.
+    #[error(
+        "{path}: another program changed this memory since it was read; read it again and teach once more, or write another \
+         file"
+    )]
+    Changed {
+        /// The file.
+        path: String,
+    },
     /// No activity of this name.
     #[error("nothing named `{name}` was taught{}", list_of(.known))]
     Unknown {
@@ -319,8 +328,26 @@ impl Memory {
         Ok(changed)
     }
 
+    /// Writes the memory over the file that `read` was read from, if no other process has changed it since, so that
+    /// nobody's examples are lost.
+    ///
+    /// # Errors
+    /// [`TeachError::Changed`]; those of [`Self::save`], and a file that cannot be locked or read.
+    pub fn save_over(&self, path: &Path, read: &Self) -> Result<(), TeachError> {
+        let _lock = Lock::wait(path).map_err(|(path, source)| TeachError::Io {
+            path: path.display().to_string(),
+            source,
+        })?;
+        if path.exists() && Self::load(path)? != *read {
+            return Err(TeachError::Changed {
+                path: path.display().to_string(),
+            });
+        }
+        self.save(path)
+    }
+
     /// Writes the memory. The file is replaced as a whole or not at all. What another process wrote since it was read is
-    /// replaced too: [`Self::update`] keeps it.
+    /// replaced too: [`Self::update`] keeps it, and [`Self::save_over`] refuses.
     ///
     /// # Errors
     /// A file that cannot be written.
@@ -492,6 +519,23 @@ mod tests {
         let path = dir.path().join("new/memory.json");
         taught().save(&path).unwrap();
         assert_eq!(Memory::load(&path).unwrap(), taught());
+    }
+
+    #[test]
+    fn a_file_that_another_process_changed_is_not_replaced() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("memory.json");
+        let read = taught();
+        read.save_over(&path, &Memory::default()).unwrap(); // There is no file yet.
+        let mut ours = read.clone();
+        ours.forget("sit").unwrap();
+        Memory::default().save(&path).unwrap();
+        let error = ours.save_over(&path, &read).unwrap_err();
+        assert!(matches!(error, TeachError::Changed { .. }), "{error}");
+        assert_eq!(Memory::load(&path).unwrap(), Memory::default());
+        read.save(&path).unwrap();
+        ours.save_over(&path, &read).unwrap();
+        assert_eq!(Memory::load(&path).unwrap(), ours);
     }
 
     #[test]

@@ -174,23 +174,18 @@ struct Target {
 }
 
 fn clip(record: &ClipRecord) -> Result<Clip, TrainError> {
-    let n = record.rotations6d.len();
-    if n == 0 || n != record.joints.len() || record.body_height_m <= 0.0 {
-        let problem = "no rotations of its motion: data sets of version 1 of the layout lack them and have to be built anew";
-        return Err(TrainError::clip(&record.id, problem));
-    }
+    let rotations = record
+        .known_rotations()
+        .map_err(|e| TrainError::clip(&record.id, e.to_string()))?;
     let frames = clip_inputs(&record.frames, record.radar_height_m)
         .map_err(|e| TrainError::clip(&record.id, e.to_string()))?;
     let log_height = (record.body_height_m / REFERENCE_HEIGHT_M).ln();
     let poses = record.frames.iter().map(|frame| {
-        let at = (frame.time_s * f64::from(record.motion_fps))
-            .round()
-            .max(0.0) as usize;
-        let at = at.min(n - 1);
+        let at = record.motion_frame_at(frame.time_s);
         let above_floor = |[x, y, z]: [f32; 3]| [x, y, z + record.radar_height_m];
         Target {
             joints: record.joints[at].map(above_floor),
-            rotations6d: record.rotations6d[at],
+            rotations6d: rotations[at],
             log_height,
         }
     });

@@ -102,8 +102,18 @@ pub(crate) fn plan_run(
         all.join(", "),
         recipe.simulations_per_motion
     );
+    if let Some(start) = &recipe.start {
+        write!(depends_on, ", start: {}", start.display())?;
+    }
     let mut id = String::new();
     for &stage in &stages {
+        if stage == RecipeStage::Pretrain && recipe.disturbed_copies > 0 {
+            write!(
+                depends_on,
+                ", disturbed copies: {}",
+                recipe.disturbed_copies
+            )?;
+        }
         let part = printed.get(stage.name()).map(ToString::to_string);
         write!(
             depends_on,
@@ -261,4 +271,49 @@ pub(crate) fn print_plan(unique: &BTreeMap<&str, &Run>) -> CliResult {
         stages.len()
     ));
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Folders of the stages of a recipe with changed values.
+    fn folders(set: &[(&str, Value)]) -> BTreeMap<&'static str, PathBuf> {
+        let set: Vec<(String, Value)> = (set.iter())
+            .map(|(key, value)| ((*key).into(), value.clone()))
+            .collect();
+        let change = Change {
+            set: set.iter().map(|(key, value)| (key, value)).collect(),
+            unset: &[],
+            seed: 1,
+            stages: RecipeStage::ALL.to_vec(),
+        };
+        let recipe = "data = \"data\"\nout = \"out\"".parse().unwrap();
+        let run = plan_run(&change, &recipe, Path::new("base"), Path::new("out")).unwrap();
+        run.recipe.stage_folders
+    }
+
+    #[test]
+    fn a_stage_has_a_folder_of_its_own_for_everything_that_it_depends_on() {
+        let plain = folders(&[]);
+        let count = |set| {
+            let changed = folders(set);
+            assert_eq!(changed.len(), 4);
+            plain
+                .iter()
+                .filter(|(name, dir)| changed[*name] != **dir)
+                .count()
+        };
+        assert_eq!(count(&[]), 0);
+        // Of motion, tokenizer, pretraining and instruction tuning:
+        let one = || Value::Integer(1);
+        assert_eq!(count(&[("simulations_per_motion", one())]), 4);
+        assert_eq!(count(&[("data", "other".into())]), 4);
+        assert_eq!(count(&[("start", "other".into())]), 4);
+        assert_eq!(count(&[("tokenizer.loop.max_steps", one())]), 3);
+        assert_eq!(count(&[("disturbed_copies", one())]), 2);
+        assert_eq!(count(&[("pretrain.loop.max_steps", one())]), 2);
+        assert_eq!(count(&[("instruct.loop.max_steps", one())]), 1);
+        assert_eq!(count(&[("out", "other".into())]), 0);
+    }
 }

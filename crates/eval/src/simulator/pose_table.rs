@@ -13,6 +13,7 @@ use radarllm_base::{Motion, Pose, skeleton::N_JOINTS};
 use radarllm_body::{
     canonical_skeleton,
     mesh::{BodyModel, BodyShape, BuiltinBody},
+    proportions::standing_height_m,
 };
 use radarllm_dataset::ClipRecord;
 use serde::Serialize;
@@ -60,19 +61,13 @@ pub struct PoseTable {
 /// # Errors
 /// A clip without rotations.
 pub fn true_motion(record: &ClipRecord) -> Result<Motion, EvalError> {
-    let n = record.rotations6d.len();
-    if n == 0 || n != record.joints.len() || record.body_height_m <= 0.0 {
-        return Err(EvalError::Config(format!(
-            "clip {}: no rotations of its motion; data sets of version 1 of the layout lack them and have to be built anew",
-            record.id
-        )));
-    }
-    let poses = record.frames.iter().map(|frame| {
-        let at = (frame.time_s * f64::from(record.motion_fps))
-            .round()
-            .max(0.0) as usize;
-        pose_at(record, at.min(n - 1))
-    });
+    record
+        .known_rotations()
+        .map_err(|e| EvalError::Config(format!("clip {}: {e}", record.id)))?;
+    let poses = record
+        .frames
+        .iter()
+        .map(|frame| pose_at(record, record.motion_frame_at(frame.time_s)));
     Ok(Motion {
         fps: 10.0,
         skeleton: canonical_skeleton(record.body_height_m),
@@ -267,23 +262,10 @@ fn clip_errors(body: &BuiltinBody, truth: &Motion, motion: &Motion) -> Result<[f
         roots.map(|p| p.as_dvec3().to_array()).collect()
     };
     let mut buffer = vec![Vec3::ZERO; body.n_vertices()];
-    let rest_height = |motion: &Motion| {
-        motion
-            .skeleton
-            .offsets
-            .iter()
-            .map(|o| o.length())
-            .sum::<f32>()
-    };
-    let own = body
-        .skeleton()
-        .offsets
-        .iter()
-        .map(|o| o.length())
-        .sum::<f32>();
+    let own = standing_height_m(body.skeleton());
     // A skeleton that grows with the height carries a mesh that does so too, about the pelvis.
     let mut vertices = |motion: &Motion| -> Vec<[f64; 3]> {
-        let scale = rest_height(motion) / own;
+        let scale = standing_height_m(&motion.skeleton) / own;
         let mut all = Vec::with_capacity(motion.poses.len() * buffer.len());
         for pose in &motion.poses {
             body.pose_into(pose, &mut buffer);

@@ -11,6 +11,7 @@ use radarllm_base::{Motion, Pose};
 use radarllm_body::{
     canonical_skeleton,
     mesh::{BodyModel, BodyShape, BuiltinBody},
+    proportions::standing_height_m,
     sample::resample,
 };
 use radarllm_dataset::{ClipRecord, Columns, Dataset};
@@ -182,10 +183,7 @@ fn estimated_poses(model: &Path, data: &str, clips: &[ClipRecord]) -> CliResult<
         .iter()
         .zip(clips)
         .map(|(motion, clip)| {
-            let length = |offsets: &[Vec3]| offsets.iter().map(|o| o.length()).sum::<f32>();
-            // The skeleton is that of the built-in body, scaled by the height.
-            let unit = length(&canonical_skeleton(1.0).offsets);
-            let height_m = length(&motion.skeleton.offsets) / unit;
+            let height_m = standing_height_m(&motion.skeleton);
             posed(clip, motion, height_m.clamp(HEIGHTS_M[0], HEIGHTS_M[1]))
         })
         .collect()
@@ -193,20 +191,16 @@ fn estimated_poses(model: &Path, data: &str, clips: &[ClipRecord]) -> CliResult<
 
 /// The true body of a clip.
 fn true_poses(clip: &ClipRecord) -> CliResult<PosedClip> {
-    let n = clip.rotations6d.len();
-    if n == 0 || n != clip.joints.len() || clip.body_height_m <= 0.0 {
-        let problem = format!(
-            "clip `{}`: its data set was built before rotations of the joints were stored",
-            clip.id
-        );
-        return Err(
-            CliError::new(problem).hint("build the data set again: `radarllm dataset build`")
-        );
-    }
+    let rotations = clip.known_rotations().map_err(|e| {
+        CliError::new(format!("clip `{}`: {e}", clip.id))
+            .hint("build the data set again: `radarllm dataset build`")
+    })?;
     let motion = Motion {
         fps: clip.motion_fps.into(),
         skeleton: canonical_skeleton(clip.body_height_m),
-        poses: (0..n).map(|frame| pose_at(clip, frame)).collect(),
+        poses: (0..rotations.len())
+            .map(|frame| pose_at(clip, frame))
+            .collect(),
     };
     posed(clip, &motion, clip.body_height_m)
 }
