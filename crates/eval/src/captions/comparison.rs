@@ -33,7 +33,7 @@ pub struct ComparisonConfig {
     /// Changes to the base recipe for all rows: dotted key to value.
     #[serde(default)]
     pub common: Table,
-    /// Rows; the first one, with which the others are compared, is a model on radar codes.
+    /// Rows; the first one, with which the others are compared, is a model on radar: `radar` or `model`.
     #[serde(rename = "row")]
     pub rows: Vec<ComparisonRow>,
 }
@@ -52,6 +52,8 @@ pub struct ComparisonRow {
     /// Dotted keys of the common recipe that this row leaves at their defaults.
     #[serde(default)]
     pub unset: Vec<String>,
+    /// For `model`: its folder, relative to the file of the comparison, or the name of a bundled model.
+    pub model: Option<PathBuf>,
     /// For `answers`: the captions, written by `radarllm baselines answers`, relative to the file of the comparison.
     pub captions: Option<PathBuf>,
     /// For `answers` and `not_run`: why there are no captions.
@@ -70,6 +72,9 @@ pub struct ComparisonRow {
 pub enum RowKind {
     /// A language model on codes of the radar tokenizer.
     Radar,
+    /// A finished model, which describes by a vote of drawn sentences, as `radarllm describe` does. What it learned is its own
+    /// affair.
+    Model,
     /// A language model on codes of motions (`pretrain.codes`), on the motion that the pose network estimates from the points.
     EstimatedMotion,
     /// The same language model on the true motion: what a perfect pose would give.
@@ -113,6 +118,7 @@ impl RowKind {
     pub fn about(self) -> &'static str {
         match self {
             Self::Radar => "radar codes to text",
+            Self::Model => "radar to text, by a vote",
             Self::EstimatedMotion => "estimated motion to text",
             Self::TrueMotion => "true motion to text (ceiling)",
             Self::Pictures => "radar pictures to text",
@@ -149,9 +155,11 @@ impl ComparisonConfig {
     }
 
     fn check(&self) -> Result<(), String> {
-        if self.rows.first().map(|row| row.kind) != Some(RowKind::Radar) {
+        let first = self.rows.first().map(|row| row.kind);
+        if !matches!(first, Some(RowKind::Radar | RowKind::Model)) {
             return Err(
-                "the first row must have kind = \"radar\": the others are compared with it".into(),
+                "the first row must have kind = \"radar\" or \"model\": the others are compared with it"
+                    .into(),
             );
         }
         for (index, row) in self.rows.iter().enumerate() {
@@ -164,6 +172,9 @@ impl ComparisonConfig {
             }
             if row.kind == RowKind::NotRun && row.reason.is_none() {
                 return fail("kind = \"not_run\" needs a `reason`".into());
+            }
+            if (row.kind == RowKind::Model) != row.model.is_some() {
+                return fail("kind = \"model\" and `model` need each other".into());
             }
             if row.kind == RowKind::Answers && row.captions.is_none() {
                 return fail("kind = \"answers\" needs `captions`".into());
@@ -487,7 +498,7 @@ const REPORTED: [&str; 7] = [
 pub fn markdown(report: &ComparisonReport) -> String {
     let mut text = format!(
         "# Systems beside each other on `{}`, split `{}`\n\n{} clips, {} training clips; protocol `plain`, at most {} references \
-         a clip, greedy decoding; values x100 except CIDEr-D, 95 % bootstrap intervals over motions. Action accuracy: a naive \
+         a clip, greedy decoding, but votes of finished models; values x100 except CIDEr-D, 95 % bootstrap intervals over motions. Action accuracy: a naive \
          Bayes classifier fitted on training captions recognises the clip's action ({:.1} % on the references). Same actions: \
          the caption states exactly the actions of one of the references, in order. Training minutes and clips a second are of \
          the machine that ran it.\n\n## Scores\n\n",
@@ -674,6 +685,10 @@ reason = "needs a GPU"
         assert!(error("rouge_1", "rouge_2").contains("rouge_2"));
         assert!(error("two stages", "ours").contains("twice"));
         assert!(error("\"not_run\"\n", "\"answers\"\n").contains("captions"));
+        assert!(error("kind = \"radar\"", "kind = \"model\"").contains("`model`"));
+        assert!(
+            error("kind = \"radar\"", "kind = \"radar\"\nmodel = \"features\"").contains("`model`")
+        );
         assert!(
             error("kind = \"not_run\"", "kind = \"facts\"\nset = { a = 1 }").contains("training")
         );

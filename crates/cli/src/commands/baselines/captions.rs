@@ -2,6 +2,7 @@
 
 use std::{path::Path, time::Instant};
 
+use radarllm::Model;
 use radarllm_dataset::ClipRecord;
 use radarllm_eval::{
     captions::{captions_of, nearest_captions},
@@ -68,6 +69,20 @@ pub(super) fn of_radar(run: &Run, clips: &[ClipRecord]) -> CliResult<RowCaptions
         cost: Cost {
             parameters: Some(model.networks().n_params()),
             training_minutes: Some(training_minutes(run, &run.stages)?),
+            clips_per_s: Some(per_second(clips.len(), started)),
+        },
+    })
+}
+
+/// Captions of a finished model, by a vote.
+pub(super) fn of_model(model: &Model, clips: &[ClipRecord]) -> CliResult<RowCaptions> {
+    let started = Instant::now();
+    let texts = captions_of(model.networks(), clips, None)?;
+    Ok(RowCaptions {
+        texts: Ok(texts),
+        cost: Cost {
+            parameters: Some(model.networks().n_params()),
+            training_minutes: None,
             clips_per_s: Some(per_second(clips.len(), started)),
         },
     })

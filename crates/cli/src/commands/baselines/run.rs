@@ -41,7 +41,9 @@ use crate::{
         trainings::{self, Change, Run, end_if_stopped, plan_run, train_all},
     },
     error::{CliError, CliResult},
-    interrupt, output, threads,
+    interrupt, model,
+    model_args::DecoderName,
+    output, threads,
 };
 
 /// Most bytes of a file of captions.
@@ -225,8 +227,19 @@ impl Planned {
                 Some(run)
             }
         };
-        let first = runs.iter().flatten().next();
-        let data = first.map(|run| run.data.clone()).unwrap_or_default();
+        let data = match runs.iter().flatten().next() {
+            Some(run) => run.data.clone(),
+            // Nothing is trained.
+            None => {
+                let change = Change {
+                    set: config.common.iter().collect(),
+                    unset: &[],
+                    seed: config.seed,
+                    stages: Vec::new(),
+                };
+                plan_run(&change, &recipe, recipe_base, &config.out)?.data
+            }
+        };
         if let Some(other) = runs.iter().flatten().find(|run| run.data != data) {
             return Err(CliError::new(format!(
                 "rows on the data sets {} and {}: all rows of a table describe the same clips",
@@ -310,6 +323,16 @@ impl Planned {
         for run in run.into_iter().chain(pose) {
             inputs += &format!(" {}", run.id);
         }
+        let model = match &row.model {
+            None => None,
+            Some(model) => {
+                let folder = base.join(model);
+                let folder = if folder.is_dir() { &folder } else { model };
+                let model = model::open(Some(folder), DecoderName::F32)?;
+                inputs += &format!(" {}", model.fingerprint()?.hash);
+                Some(model)
+            }
+        };
         if row.kind == RowKind::Shuffled {
             inputs += &format!(" {:016x}", fnv_1a(ours.join("\n").as_bytes()));
         }
@@ -324,15 +347,18 @@ impl Planned {
                 cost: head.cost,
             });
         }
-        let found = match (row.kind, run) {
-            (RowKind::Radar, Some(run)) => captions::of_radar(run, clips)?,
-            (RowKind::TrueMotion, Some(run)) => captions::of_codes(run, Read::TrueMotion, clips)?,
-            (RowKind::Pictures, Some(run)) => captions::of_codes(run, Read::Pictures, clips)?,
-            (RowKind::EstimatedMotion, Some(run)) => {
+        let found = match (row.kind, run, &model) {
+            (_, _, Some(model)) => captions::of_model(model, clips)?,
+            (RowKind::Radar, Some(run), _) => captions::of_radar(run, clips)?,
+            (RowKind::TrueMotion, Some(run), _) => {
+                captions::of_codes(run, Read::TrueMotion, clips)?
+            }
+            (RowKind::Pictures, Some(run), _) => captions::of_codes(run, Read::Pictures, clips)?,
+            (RowKind::EstimatedMotion, Some(run), _) => {
                 let pose = pose.ok_or_else(|| CliError::new("no pose network was planned"))?;
                 captions::of_codes(run, Read::EstimatedMotion(pose), clips)?
             }
-            (kind, _) => captions::of_floor(kind, clips, train, ours, config.seed)?,
+            (kind, ..) => captions::of_floor(kind, clips, train, ours, config.seed)?,
         };
         if let Ok(texts) = &found.texts {
             let lines = clips.iter().zip(texts).map(|(clip, text)| Line {
