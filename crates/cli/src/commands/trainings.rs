@@ -296,7 +296,7 @@ mod tests {
     #[test]
     fn a_stage_has_a_folder_of_its_own_for_everything_that_it_depends_on() {
         let plain = folders(&[]);
-        let count = |set| {
+        let count = |set: &[(&str, Value)]| {
             let changed = folders(set);
             assert_eq!(changed.len(), 4);
             plain
