@@ -94,10 +94,7 @@ pub static TOKENS: Bundled = Bundled {
             "member-2/lm/average.safetensors",
             "tokens/member-2/lm/average.safetensors"
         ),
-        model_file!(
-            "member-2/lm/config.json",
-            "tokens/member-2/lm/config.json"
-        ),
+        model_file!("member-2/lm/config.json", "tokens/member-2/lm/config.json"),
         model_file!(
             "member-2/lm/tokenizer.json",
             "weights/member-2/lm/tokenizer.json"

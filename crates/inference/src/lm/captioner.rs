@@ -462,7 +462,8 @@ impl Captioner {
     }
 
     /// Follows an instruction about a clip. A clip longer than [`MAX_FRAMES`] has one answer for each of its windows,
-    /// which have about equal lengths. Of an ensemble, the first member answers.
+    /// which have about equal lengths. Of an ensemble, the first member answers, except for questions about sides, which
+    /// the sentence of all members answers better.
     ///
     /// # Errors
     /// Those of [`Self::describe`]; [`LmError::NotLearned`] if the model was not tuned for the task.
@@ -486,9 +487,13 @@ impl Captioner {
             .filter(|window| has_person(window))
             .map(|window| (*window, clip.radar_height_m))
             .collect();
+        let by_sentence = instruction.question().filter(|q| q.is_of_all_members());
         let answers = match (task, instruction.claim()) {
             (_, Some(claim)) => self.checked(&seen, claim, options)?,
             (Task::RadarToLength, _) => lengths(&model.encode(&seen)?),
+            _ if !self.ensemble.is_single() && by_sentence.is_some() => {
+                self.stated_or_generated(&seen, instruction, options)?
+            }
             _ => self.generated_answers(&seen, instruction, options)?,
         };
         let mut answers = answers.into_iter();
@@ -512,6 +517,36 @@ impl Captioner {
             start = end;
         }
         Ok(Answer { task, parts })
+    }
+
+    /// What the sentences of all members answer to a question about windows; where a sentence has no answer, what the first
+    /// member generates.
+    fn stated_or_generated(
+        &self,
+        windows: &[(&[PointFrame], f32)],
+        instruction: &Instruction,
+        options: &DescribeOptions,
+    ) -> Result<Vec<OwnAnswer>, LmError> {
+        let described =
+            search::unwatched(|watch| self.caption_frames(windows, N_DRAWS, options, watch))?;
+        let stated = |(_, sentence): &(Vec<Encoded>, Sentence)| {
+            let text = instruction.question()?.answer([sentence.text.as_str()])?;
+            Some(OwnAnswer {
+                text,
+                confidence: sentence.confidence * sentence.side_confidence.unwrap_or(1.0),
+                ..OwnAnswer::default()
+            })
+        };
+        let stated: Vec<Option<OwnAnswer>> = described.iter().map(stated).collect();
+        let open = windows.iter().zip(&stated).filter(|(_, s)| s.is_none());
+        let open: Vec<_> = open.map(|(window, _)| *window).collect();
+        let mut generated = self
+            .generated_answers(&open, instruction, options)?
+            .into_iter();
+        let answers = stated.into_iter();
+        Ok(answers
+            .map(|answer| answer.or_else(|| generated.next()).unwrap_or_default())
+            .collect())
     }
 
     /// What the first member generates for an instruction about windows.
