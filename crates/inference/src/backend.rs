@@ -107,7 +107,7 @@ pub type LoadBackend = fn(Member, Precision) -> Result<Box<dyn Backend>, LmError
 /// architecture.
 pub fn load_engine(member: Member, precision: Precision) -> Result<Box<dyn Backend>, LmError> {
     let lm = LmFiles {
-        cut: member.cut,
+        cut: member.weights_cut()?,
         ..LmFiles::of(member.lm)?
     };
     let backend = EngineBackend::from_files(&member.tokenizer, lm, precision)?;

@@ -105,7 +105,7 @@ impl Backend for ReferenceBackend {
 /// If a file is missing or damaged, or if the networks do not fit together.
 pub fn load_reference(member: Member, _: Precision) -> Result<Box<dyn Backend>, LmError> {
     let lm = LmFiles {
-        cut: member.cut,
+        cut: member.weights_cut()?,
         ..read_files(member.lm)?
     };
     let backend = ReferenceBackend::from_checkpoints(&member.tokenizer, lm)?;
@@ -119,7 +119,7 @@ pub fn load_reference(member: Member, _: Precision) -> Result<Box<dyn Backend>, 
 /// As [`EngineBackend::from_files`]; [`LmError::NotT5`] for a decoder-only network and [`Precision::Int8`].
 pub fn load_any(member: Member, precision: Precision) -> Result<Box<dyn Backend>, LmError> {
     let lm = LmFiles {
-        cut: member.cut,
+        cut: member.weights_cut()?,
         ..read_files(member.lm)?
     };
     if precision == Precision::F32 && !lm.is_t5() {

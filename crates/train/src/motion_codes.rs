@@ -20,8 +20,7 @@ pub fn motion_codes(teacher: &MotionTeacher, features: &[f32]) -> Result<Encoded
     Ok(Encoded {
         features: teacher.vectors(&codes),
         codes,
-        n_points_used: 0,
-        context: None,
+        ..Encoded::default()
     })
 }
 

@@ -77,8 +77,7 @@ pub fn pictures(frames: &[PointFrame]) -> Encoded {
     Encoded {
         codes: vec![0; features.len() / PICTURE_DIM],
         features,
-        n_points_used: 0,
-        context: None,
+        ..Encoded::default()
     }
 }
 

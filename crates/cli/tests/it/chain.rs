@@ -267,6 +267,7 @@ fn every_stage_trains_resumes_and_is_evaluated() {
     );
 
     uses_what_was_tuned(&model, &path);
+    reads_two_codes_a_step(&model, &path);
 
     // A decoder alone on the same tokenizer.
     fs::create_dir(path("alone")).unwrap();
@@ -333,6 +334,83 @@ fn every_stage_trains_resumes_and_is_evaluated() {
 
 /// Instructions, generation and round trips with a model that learned all tasks, if briefly.
 #[cfg(feature = "train")]
+/// A second codebook, fitted to the training clips: what the model says depends on codes alone.
+fn reads_two_codes_a_step(model: &str, path: &dyn Fn(&str) -> String) {
+    let (data, two) = (path("data"), path("two"));
+    let tokens = |model: &str, n_codes: &str, out: &str| {
+        let verb = [
+            "lm",
+            "tokens",
+            "--model",
+            model,
+            "--residual-codes",
+            n_codes,
+        ];
+        [&verb[..], &["--data", &data, "--out", out]]
+            .concat()
+            .into_iter()
+            .map(String::from)
+            .collect::<Vec<_>>()
+    };
+    let run =
+        |arguments: &[String]| radarllm(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    let refused = |arguments: &[String]| {
+        crate::command::refused(&arguments.iter().map(String::as_str).collect::<Vec<_>>())
+    };
+    let output = run(&tokens(model, "4", &two));
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let config = fs::read(format!("{two}/tokenizer/config.json")).unwrap();
+    let config: serde_json::Value = serde_json::from_slice(&config).unwrap();
+    assert_eq!(config["model"]["residual_codes"], 4);
+    // Everything that the model reads is its tokens: cutting the rest changes no score.
+    let report = path("report-two");
+    let evaluated = ["eval", "--model", &two, "--data", &data, "--out", &report];
+    assert!(radarllm(&evaluated).status.success());
+    let report = fs::read(path("report-two/report.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+    let scores = |name: &str| {
+        let systems = report["systems"].as_array().unwrap();
+        systems.iter().find(|s| s["name"] == name).unwrap()["scores"].clone()
+    };
+    assert_eq!(scores("model"), scores("tokens_only"));
+    assert!(
+        scores("model")["bleu_1"].as_f64().unwrap() > 0.0,
+        "{report}"
+    );
+    // Neither a second codebook of a second one, nor one of more codes than steps.
+    let problem = refused(&tokens(&two, "4", &path("three")));
+    assert!(
+        problem.contains("has a second codebook already"),
+        "{problem}"
+    );
+    let problem = refused(&tokens(model, "60000", &path("three")));
+    assert!(
+        problem.contains("60000 codes need as many steps"),
+        "{problem}"
+    );
+    assert!(!fs::exists(path("three")).unwrap());
+    // A second codebook that is missing, and one of another size.
+    let checksums = format!("{two}/tokenizer/checksums.json");
+    let listed = fs::read_to_string(&checksums).unwrap();
+    let mut without: serde_json::Value = serde_json::from_str(&listed).unwrap();
+    forget(&mut without, "residual.safetensors");
+    fs::write(&checksums, without.to_string()).unwrap();
+    let problem = crate::command::refused(&["describe", "builtin:clap", "--model", &two]);
+    assert!(problem.contains("residual.safetensors"), "{problem}");
+}
+
+/// Removes a key wherever it is.
+fn forget(value: &mut serde_json::Value, key: &str) {
+    if let Some(object) = value.as_object_mut() {
+        object.remove(key);
+        object.values_mut().for_each(|value| forget(value, key));
+    }
+}
+
 fn uses_what_was_tuned(model: &str, path: &dyn Fn(&str) -> String) {
     let card: serde_json::Value =
         serde_json::from_slice(&fs::read(format!("{model}/lm/config.json")).unwrap()).unwrap();

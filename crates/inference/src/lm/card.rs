@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::LmError;
 use super::config::LmConfig;
-use super::cut::RadarCut;
+use super::cut::WeightsCut;
 use super::templates::Task;
 use super::vocab::{Layout, ReadPretrainedText, Vocab};
 use crate::checkpoint::{CONFIG_FILE, Checkpoint, CheckpointError, MODEL_FILE, NamedTensors};
@@ -86,7 +86,7 @@ pub struct LmFiles {
     /// The files.
     pub checkpoint: Checkpoint,
     /// What is cut in the weights of a T5, to measure what it is worth.
-    pub cut: Option<RadarCut>,
+    pub cut: Option<WeightsCut>,
 }
 
 impl LmFiles {

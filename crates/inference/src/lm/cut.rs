@@ -25,7 +25,16 @@ pub enum RadarCut {
     TokenMeaning,
 }
 
-impl RadarCut {
+/// What is cut in the weights of the language model of a member.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WeightsCut {
+    /// The way that is cut.
+    pub cut: RadarCut,
+    /// Whether codes enter the bypass ([`crate::tokenizer::residual`]), which then belongs to the tokens.
+    pub bypass_has_codes: bool,
+}
+
+impl WeightsCut {
     /// Cuts a way in the weights of a T5, which come from `file`. A model without bypass or context has nothing to cut there.
     ///
     /// # Errors
@@ -39,14 +48,23 @@ impl RadarCut {
         let (vocab, width) = (&card.vocab, card.lm.network.width().max(1));
         let codes = vocab.code(0) as usize..vocab.som() as usize;
         let context = vocab.context(0) as usize..vocab.size();
-        if self == Self::AllButTokens
-            && let Some(bypass) = weights.get_mut(BYPASS)
-        {
-            bypass.values.fill(0.0);
+        if let Some(bypass) = weights.get_mut(BYPASS) {
+            match (self.cut, self.bypass_has_codes) {
+                (RadarCut::AllButTokens, false) | (RadarCut::Tokens, true) => {
+                    bypass.values.fill(0.0);
+                }
+                // No value of a vector keeps its own weights.
+                (RadarCut::TokenMeaning, true) => {
+                    let n_rows = bypass.values.len() / width;
+                    bypass.values.rotate_left(n_rows / 2 * width);
+                }
+                (RadarCut::AllButTokens, true)
+                | (RadarCut::Tokens | RadarCut::TokenMeaning, false) => {}
+            }
         }
-        let wanted = match self {
-            Self::AllButTokens => context,
-            Self::Tokens | Self::TokenMeaning => codes,
+        let wanted = match self.cut {
+            RadarCut::AllButTokens => context,
+            RadarCut::Tokens | RadarCut::TokenMeaning => codes,
         };
         let embedding = weights.get_mut(EMBEDDING);
         let rows = embedding.and_then(|embedding| {
@@ -61,9 +79,9 @@ impl RadarCut {
             });
         };
         let n_rows = rows.len() / width;
-        match self {
-            Self::AllButTokens => rows.fill(0.0),
-            Self::Tokens => {
+        match self.cut {
+            RadarCut::AllButTokens => rows.fill(0.0),
+            RadarCut::Tokens => {
                 let mut mean = vec![0.0; width];
                 for row in rows.chunks_exact(width) {
                     mean.iter_mut()
@@ -74,7 +92,7 @@ impl RadarCut {
                 rows.for_each(|row| row.copy_from_slice(&mean));
             }
             // Half of the codebook further: no code keeps its own embedding.
-            Self::TokenMeaning => rows.rotate_left(n_rows / 2 * width),
+            RadarCut::TokenMeaning => rows.rotate_left(n_rows / 2 * width),
         }
         Ok(())
     }
@@ -110,7 +128,7 @@ mod tests {
         }
     }
 
-    fn cut(cut: RadarCut) -> (Vec<f32>, Vec<f32>) {
+    fn cut(cut: RadarCut, bypass_has_codes: bool) -> (Vec<f32>, Vec<f32>) {
         let card = card();
         let width = card.lm.network.width();
         let shared = HostTensor {
@@ -119,9 +137,13 @@ mod tests {
         };
         let bypass = HostTensor {
             shape: vec![3, width],
-            values: vec![1.0; 3 * width],
+            values: (1..4).flat_map(|row| vec![row as f32; width]).collect(),
         };
         let mut weights = NamedTensors::from([(EMBEDDING.into(), shared), (BYPASS.into(), bypass)]);
+        let cut = WeightsCut {
+            cut,
+            bypass_has_codes,
+        };
         cut.apply(&mut weights, &card, Path::new("model")).unwrap();
         let firsts = |name: &str| weights[name].values.chunks(width).map(|r| r[0]).collect();
         (firsts(EMBEDDING), firsts(BYPASS))
@@ -131,16 +153,45 @@ mod tests {
     fn each_cut_changes_its_rows_alone() {
         let other = [0.0, 1.0, 2.0, 3.0, 4.0];
         let ends = [9.0, 10.0];
-        let whole = [1.0; 3];
         let all =
             |codes: [f32; 4], context: [f32; 2]| [&other[..], &codes, &ends, &context].concat();
         let codes = [5.0, 6.0, 7.0, 8.0];
         let context = [11.0, 12.0];
-        let found = cut(RadarCut::AllButTokens);
-        assert_eq!(found, (all(codes, [0.0; 2]), vec![0.0; 3]));
-        let found = cut(RadarCut::Tokens);
-        assert_eq!(found, (all([6.5; 4], context), whole.to_vec()));
-        let found = cut(RadarCut::TokenMeaning);
-        assert_eq!(found, (all([7.0, 8.0, 5.0, 6.0], context), whole.to_vec()));
+        let bypass = vec![1.0, 2.0, 3.0];
+        for (what, has_codes, embeddings, of_bypass) in [
+            (
+                RadarCut::AllButTokens,
+                false,
+                all(codes, [0.0; 2]),
+                vec![0.0; 3],
+            ),
+            (
+                RadarCut::AllButTokens,
+                true,
+                all(codes, [0.0; 2]),
+                bypass.clone(),
+            ),
+            (
+                RadarCut::Tokens,
+                false,
+                all([6.5; 4], context),
+                bypass.clone(),
+            ),
+            (RadarCut::Tokens, true, all([6.5; 4], context), vec![0.0; 3]),
+            (
+                RadarCut::TokenMeaning,
+                false,
+                all([7.0, 8.0, 5.0, 6.0], context),
+                bypass.clone(),
+            ),
+            (
+                RadarCut::TokenMeaning,
+                true,
+                all([7.0, 8.0, 5.0, 6.0], context),
+                vec![2.0, 3.0, 1.0],
+            ),
+        ] {
+            assert_eq!(cut(what, has_codes), (embeddings, of_bypass), "{what:?}");
+        }
     }
 }

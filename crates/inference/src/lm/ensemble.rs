@@ -13,12 +13,12 @@ use radarllm_engine::{Source, Watch};
 use radarllm_facts::{Action, Direction, Side};
 
 use super::consensus::content;
-use super::cut::RadarCut;
+use super::cut::{RadarCut, WeightsCut};
 use super::templates::EVALUATION_PROMPT;
 use super::{GenerateOptions, LmError, Vocab};
 use crate::backend::Backend;
 use crate::checkpoint::{Checkpoint, CheckpointError};
-use crate::tokenizer::{Encoded, context::context};
+use crate::tokenizer::{Encoded, context::context, encode::TokenizerFile};
 
 /// Most members of an ensemble.
 const MAX_MEMBERS: usize = 8;
@@ -57,6 +57,21 @@ impl Member {
             lm: Checkpoint::open(&dir.join("lm"))?,
             cut: None,
         })
+    }
+
+    /// What is cut in the weights of the language model.
+    ///
+    /// # Errors
+    /// If something is cut and the configuration of the tokenizer, which decides what enters the bypass, cannot be read.
+    pub fn weights_cut(&self) -> Result<Option<WeightsCut>, CheckpointError> {
+        let Some(cut) = self.cut else {
+            return Ok(None);
+        };
+        let tokenizer = TokenizerFile::read(&self.tokenizer)?;
+        Ok(Some(WeightsCut {
+            cut,
+            bypass_has_codes: tokenizer.model.residual_codes > 0,
+        }))
     }
 }
 

@@ -33,7 +33,7 @@ pub use captioner::{
 pub use card::{Learned, LmCard, LmFiles};
 pub use config::{Backbone, FeedForward, LmConfig, LmPreset, NetworkConfig, T5Config};
 pub use consensus::WINDOWS;
-pub use cut::RadarCut;
+pub use cut::{RadarCut, WeightsCut};
 pub use engine_lm::EngineLm;
 pub use error::{InputError, LmError, Unlearned};
 pub use generate::{Allowed, GenerateOptions, Generated};

@@ -77,6 +77,11 @@ pub struct TokenizerConfig {
     pub code_dim: usize,
     /// Number of codes K.
     pub codebook_size: usize,
+    /// Number of codes of a second codebook, which is fitted to what the first one leaves of the features
+    /// ([`super::residual`]). With it, a step has two codes, and the sum of their vectors takes the place of the feature. 0:
+    /// one code, as in the paper.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub residual_codes: usize,
     /// If false, features are passed on without quantization (ablation). Codes are still assigned.
     pub quantize: bool,
     /// Points predicted per masked tube.
@@ -90,6 +95,10 @@ pub struct TokenizerConfig {
     /// Number of codes of the motion teacher, one of which is predicted in training (not in the paper). 0 disables this
     /// task.
     pub motion_codes: usize,
+}
+
+fn is_zero(value: &usize) -> bool {
+    *value == 0
 }
 
 /// Maximum length of a clip, radar frames.
@@ -139,6 +148,7 @@ impl TokenizerConfig {
             tube_statistics: true,
             code_dim: 128,
             codebook_size: 512,
+            residual_codes: 0,
             quantize: true,
             reconstruction_points: 8,
             reconstruct_velocity: true,
@@ -170,6 +180,7 @@ impl TokenizerConfig {
             tube_statistics: false,
             code_dim: 512,
             codebook_size: 512,
+            residual_codes: 0,
             quantize: true,
             reconstruction_points: 16,
             reconstruct_velocity: false,
@@ -234,6 +245,7 @@ impl TokenizerConfig {
             ("caption_words", self.caption_words, 4096),
             ("pool_per_anchor", self.pool_per_anchor, 4096),
             ("motion_codes", self.motion_codes, 65_536),
+            ("residual_codes", self.residual_codes, 65_536),
         ] {
             if value > max {
                 return Err(format!("{field}: at most {max}, found {value}"));

@@ -11,6 +11,7 @@ use super::config::{MAX_STEPS, TokenizerConfig};
 use super::context::CONTEXT_LEN;
 use super::doppler_profile::PROFILE_DIM;
 use super::grouping::{Grouped, GroupingError, group};
+use super::residual::TwoCodebooks;
 use crate::checkpoint::{CONFIG_FILE, Checkpoint, CheckpointError, MODEL_FILE, NamedTensors};
 
 /// `kind` in a tokenizer's `config.json`.
@@ -34,7 +35,10 @@ pub struct TokenizerFile {
 pub struct Encoded {
     /// One code per four frames (0.4 s). The last code may cover fewer.
     pub codes: Vec<u32>,
-    /// Features before quantization, `[n_codes][code_dim]` flattened.
+    /// Second codes of the steps ([`super::residual`]); empty if the tokenizer has one codebook.
+    pub residual_codes: Vec<u32>,
+    /// Features before quantization, `[n_codes][code_dim]` flattened. Of a tokenizer with two codebooks, the sums of the
+    /// vectors of both codes.
     pub features: Vec<f32>,
     /// Number of points within the radius of an anchor.
     pub n_points_used: usize,
@@ -70,6 +74,8 @@ pub enum EncodeError {
 pub struct RadarTokenizer {
     config: TokenizerConfig,
     network: engine::Tokenizer,
+    /// If each step has a second code.
+    codebooks: Option<TwoCodebooks>,
     n_params: usize,
 }
 
@@ -129,10 +135,15 @@ impl RadarTokenizer {
     pub fn from_checkpoint(checkpoint: &Checkpoint) -> Result<Self, CheckpointError> {
         let file = TokenizerFile::read(checkpoint)?;
         let weights = checkpoint.tensors(MODEL_FILE)?;
-        Self::from_weights(file.model, weights, &checkpoint.dir().join(MODEL_FILE))
+        let codebooks = TwoCodebooks::read(checkpoint, &file.model)?;
+        let mut tokenizer =
+            Self::from_weights(file.model, weights, &checkpoint.dir().join(MODEL_FILE))?;
+        tokenizer.n_params += codebooks.as_ref().map_or(0, TwoCodebooks::n_params);
+        tokenizer.codebooks = codebooks;
+        Ok(tokenizer)
     }
 
-    /// Packs the weights of a network. Errors contain `file`.
+    /// Packs the weights of a network with one codebook. Errors contain `file`.
     ///
     /// # Errors
     /// If a weight is missing, unknown or of another shape.
@@ -168,6 +179,7 @@ impl RadarTokenizer {
         Ok(Self {
             config,
             network,
+            codebooks: None,
             n_params,
         })
     }
@@ -228,11 +240,18 @@ impl RadarTokenizer {
             EngineError::Output { index } => EncodeError::NotFinite { clip: index },
             other => EncodeError::Engine(other),
         })?;
-        let encoded = |(codes, clip): (Codes, &&Grouped)| Encoded {
-            codes: codes.codes,
-            features: codes.features,
-            n_points_used: clip.n_points_used,
-            context: None,
+        let encoded = |(codes, clip): (Codes, &&Grouped)| {
+            let mut encoded = Encoded {
+                codes: codes.codes,
+                residual_codes: Vec::new(),
+                features: codes.features,
+                n_points_used: clip.n_points_used,
+                context: None,
+            };
+            if let Some(codebooks) = &self.codebooks {
+                codebooks.quantise(&mut encoded);
+            }
+            encoded
         };
         Ok(out.into_iter().zip(clips).map(encoded).collect())
     }

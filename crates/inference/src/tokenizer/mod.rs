@@ -6,7 +6,7 @@
 //! ```
 //!
 //! Reading order: [`config`] (sizes), [`centre`], [`grouping`], [`doppler_profile`] and [`context`] (plain arithmetic on points),
-//! [`encode`] (a trained network on the engine), [`points`] (codes back to points). The trainable network is in `radarllm-nn`.
+//! [`encode`] (a trained network on the engine), [`residual`] (a second code for each step), [`points`] (codes back to points). The trainable network is in `radarllm-nn`.
 
 pub mod centre;
 pub mod config;
@@ -15,7 +15,9 @@ pub mod doppler_profile;
 pub mod encode;
 pub mod grouping;
 mod layout;
+pub mod nearest;
 pub mod points;
+pub mod residual;
 pub mod usage;
 
 pub use config::{FRAMES_PER_CODE, MAX_FRAMES, TokenizerConfig};

@@ -272,16 +272,19 @@ impl RadarLm {
         })
     }
 
-    /// Opens a checkpoint of a T5 as a model that reads radar tokens alone, without bypass and context.
+    /// Opens a checkpoint of a T5 as a model that reads radar tokens alone, without context.
     ///
-    /// What the bypass makes of a code's vector is added to the embedding of the code, so that a token says what the feature
-    /// of its code said. `codebook` is `[n_codes, code_dim]`, that of the tokenizer with which the model was trained.
+    /// With one code a step, it has no bypass: what the bypass makes of a code's vector is added to the embedding of the code,
+    /// so that a token says what the feature of its code said. `codebook` is `[n_codes, code_dim]`, that of the tokenizer with
+    /// which the model was trained. With two codes a step (`has_residual_codes`), the bypass stays, because what enters it is
+    /// the sum of the vectors of both codes.
     ///
     /// # Errors
     /// As [`Self::load`]; a pretrained decoder, a model without bypass, or a codebook of another shape.
     pub fn load_tokens_only(
         dir: &Path,
         codebook: &HostTensor,
+        has_residual_codes: bool,
         device: &Device,
     ) -> Result<Self, LmError> {
         let mut files = read_files(Checkpoint::open(dir)?)?;
@@ -297,7 +300,7 @@ impl RadarLm {
             });
         }
         let (mut tensors, path) = files.t5_weights()?;
-        let Some(bypass) = tensors.remove("bypass") else {
+        let Some(bypass) = tensors.get("bypass").cloned() else {
             return Err(LmError::Config {
                 field: "bypass",
                 problem: "the model has none: it reads its radar tokens alone already".into(),
@@ -307,15 +310,18 @@ impl RadarLm {
         files.card.vocab = files.vocab.layout().clone();
         let (n_rows, width) = (files.vocab.layout().size(), files.card.lm.network.width());
         files.card.lm.network.set_vocab_size(n_rows);
-        files.card.lm.bypass = false;
         for name in ["t5.shared", "t5.head"] {
             if let Some(rows) = tensors.get_mut(name) {
                 rows.shape[0] = n_rows;
                 rows.values.truncate(n_rows * width);
             }
         }
+        if !has_residual_codes {
+            files.card.lm.bypass = false;
+            tensors.remove("bypass");
+        }
         let first = files.vocab.layout().code(0) as usize * width;
-        let rows = tensors.get_mut("t5.shared");
+        let rows = tensors.get_mut("t5.shared").filter(|_| !has_residual_codes);
         if let Some(rows) = rows.and_then(|shared| shared.values.get_mut(first..)) {
             let codes = codebook.values.chunks_exact(expected[1]);
             for (row, code) in rows.chunks_exact_mut(width).zip(codes) {
@@ -801,7 +807,8 @@ mod tests {
         };
         let expected = logits(&lm);
         for name in ["model", "context"] {
-            let alone = RadarLm::load_tokens_only(&dir.join(name), &codebook, &device).unwrap();
+            let alone =
+                RadarLm::load_tokens_only(&dir.join(name), &codebook, false, &device).unwrap();
             assert!(!alone.config.bypass && !alone.vocab.has_context());
             assert_eq!(alone.vocab.layout(), lm.vocab.layout());
             // Rows of the output are tied to the embeddings, so that those of the codes change: words are compared.
@@ -815,17 +822,21 @@ mod tests {
                 assert!((found - expected).abs() < 1e-3, "{found} {expected}");
             }
         }
+        // The vectors of both codes enter the bypass, so that weights and words stay as they are.
+        let two = RadarLm::load_tokens_only(&folder, &codebook, true, &device).unwrap();
+        assert!(two.config.bypass && !two.vocab.has_context());
+        assert_eq!(logits(&two), expected);
         let other = HostTensor {
             shape: vec![4, 8],
             ..codebook.clone()
         };
         let refused = |dir: &Path, codebook: &HostTensor| {
-            let opened = RadarLm::load_tokens_only(dir, codebook, &device);
+            let opened = RadarLm::load_tokens_only(dir, codebook, false, &device);
             opened.err().unwrap().to_string()
         };
         let error = refused(&folder, &other);
         assert!(error.contains("[4, 8], expected [8, 4]"), "{error}");
-        let alone = RadarLm::load_tokens_only(&folder, &codebook, &device).unwrap();
+        let alone = RadarLm::load_tokens_only(&folder, &codebook, false, &device).unwrap();
         alone.save(&dir.join("alone")).unwrap();
         let error = refused(&dir.join("alone"), &codebook);
         assert!(

@@ -6,6 +6,7 @@ use rand::{RngExt, SeedableRng};
 use serde::{Deserialize, Serialize};
 
 use radarllm_inference::checkpoint::{HostTensor, NamedTensors};
+pub use radarllm_inference::tokenizer::nearest::nearest_codes;
 pub use radarllm_inference::tokenizer::usage::{CodeUsage, code_usage};
 
 /// Settings of the codebook updates.
@@ -37,51 +38,6 @@ impl Default for CodebookConfig {
             init_rounds: 5,
         }
     }
-}
-
-/// Index of the nearest code (L2) of every row of `inputs`; both are `[n][dim]` flattened.
-pub fn nearest_codes(inputs: &[f32], codebook: &[f32], dim: usize) -> Vec<u32> {
-    if dim == 0 || codebook.is_empty() {
-        return Vec::new();
-    }
-    // |x - c|^2 = |x|^2 - 2 x.c + |c|^2; |x|^2 does not change the position of the minimum.
-    let squares: Vec<f32> = codebook
-        .chunks_exact(dim)
-        .map(|c| c.iter().map(|v| v * v).sum())
-        .collect();
-    // Eight inputs at a time share one pass over the codebook, which is larger than the cache.
-    let mut codes = Vec::with_capacity(inputs.len() / dim);
-    for block in inputs.chunks(8 * dim) {
-        let mut best = [(f32::INFINITY, 0u32); 8];
-        for (k, (code, square)) in codebook.chunks_exact(dim).zip(&squares).enumerate() {
-            for (x, best) in block.chunks_exact(dim).zip(best.iter_mut()) {
-                let distance = square - 2.0 * dot(x, code);
-                if distance < best.0 {
-                    *best = (distance, k as u32);
-                }
-            }
-        }
-        codes.extend(best.iter().take(block.len() / dim).map(|b| b.1));
-    }
-    codes
-}
-
-/// Sixteen partial sums let the compiler keep vectors in registers.
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let mut sums = [0.0f32; 16];
-    let (a_blocks, b_blocks) = (a.chunks_exact(16), b.chunks_exact(16));
-    let rest: f32 = a_blocks
-        .remainder()
-        .iter()
-        .zip(b_blocks.remainder())
-        .map(|(x, y)| x * y)
-        .sum();
-    for (x, y) in a_blocks.zip(b_blocks) {
-        for i in 0..16 {
-            sums[i] += x[i] * y[i];
-        }
-    }
-    sums.iter().sum::<f32>() + rest
 }
 
 /// A codebook that is updated by moving averages of its inputs.
@@ -312,18 +268,6 @@ mod tests {
     fn cloud(n: usize, dim: usize, seed: u64) -> Vec<f32> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         (0..n * dim).map(|_| rng.random_range(-1.0..1.0)).collect()
-    }
-
-    #[test]
-    fn nearest_is_the_nearest() {
-        let (x, c) = (cloud(37, 19, 1), cloud(11, 19, 2));
-        let found = nearest_codes(&x, &c, 19);
-        for (x, k) in x.chunks_exact(19).zip(found) {
-            let square = |c: &[f32]| x.iter().zip(c).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
-            let min = c.chunks_exact(19).map(square).fold(f32::INFINITY, f32::min);
-            // The two formulas round differently: distances of order 10, a few ulp.
-            assert!(square(&c[k as usize * 19..][..19]) <= min + 1e-5);
-        }
     }
 
     #[test]

@@ -16,6 +16,7 @@ use radarllm_inference::tokenizer::RadarTokenizer;
 use radarllm_inference::tokenizer::config::TokenizerConfig;
 use radarllm_inference::tokenizer::encode::{EncodeError, Encoded, TokenizerFile, group_all};
 use radarllm_inference::tokenizer::grouping::Grouped;
+use radarllm_inference::tokenizer::residual::TwoCodebooks;
 
 /// Number of clips encoded at once.
 const BATCH: usize = 16;
@@ -25,6 +26,8 @@ pub struct ReferenceTokenizer {
     config: TokenizerConfig,
     net: TokenizerNet,
     codebook: Vec<f32>,
+    /// If each step has a second code.
+    codebooks: Option<TwoCodebooks>,
 }
 
 impl ReferenceTokenizer {
@@ -43,7 +46,11 @@ impl ReferenceTokenizer {
     pub fn from_checkpoint(checkpoint: &Checkpoint) -> Result<Self, CheckpointError> {
         let file = TokenizerFile::read(checkpoint)?;
         let net = load_model(checkpoint, TokenizerNet::new(&file.model, &Device::flex()))?;
-        Ok(Self::new(file.model, &net))
+        let codebooks = TwoCodebooks::read(checkpoint, &file.model)?;
+        Ok(Self {
+            codebooks,
+            ..Self::new(file.model, &net)
+        })
     }
 
     /// Wraps a network that is already in memory.
@@ -59,6 +66,7 @@ impl ReferenceTokenizer {
             config,
             net,
             codebook,
+            codebooks: None,
         }
     }
 
@@ -109,12 +117,16 @@ impl ReferenceTokenizer {
                 }
                 let codes = nearest_codes(&own, &self.codebook, dim);
                 let n_points_used = grouped.clip.n_points_used;
-                out[clip] = Some(Encoded {
+                let mut encoded = Encoded {
                     codes,
                     features: own,
                     n_points_used,
-                    context: None,
-                });
+                    ..Encoded::default()
+                };
+                if let Some(codebooks) = &self.codebooks {
+                    codebooks.quantise(&mut encoded);
+                }
+                out[clip] = Some(encoded);
             }
         }
         Ok(out.into_iter().flatten().collect())

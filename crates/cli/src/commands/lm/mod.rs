@@ -46,6 +46,12 @@ pub(crate) enum LmVerb {
         /// Folder of the model, with `tokenizer` and `lm`; of an ensemble, each member has a folder of its own.
         #[arg(long)]
         model: PathBuf,
+        /// Give each step a second code of this many, which is fitted to what the first code leaves of the features of --data.
+        #[arg(long, requires = "data")]
+        residual_codes: Option<usize>,
+        /// Data set whose training clips the second codes are fitted to; several may be given.
+        #[arg(long, requires = "residual_codes")]
+        data: Vec<PathBuf>,
         /// New folder.
         #[arg(long)]
         out: PathBuf,

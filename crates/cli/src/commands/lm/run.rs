@@ -14,7 +14,7 @@ use radarllm_inference::{
 use radarllm_nn::Device;
 use radarllm_nn::lm::RadarLm;
 use radarllm_nn::pretrained::{ModelInput, Pretrained};
-use radarllm_train::tokens_only::tokens_only;
+use radarllm_train::tokens_only::{ResidualCodes, tokens_only};
 use serde::Serialize;
 
 use super::LmVerb;
@@ -45,17 +45,25 @@ pub(crate) fn run(verb: &LmVerb) -> CliResult {
             force,
             json,
         } => logits(weights, ids, out, *force, *json),
-        LmVerb::Tokens { model, out } => tokens(model, out),
+        LmVerb::Tokens {
+            model,
+            residual_codes,
+            data,
+            out,
+        } => {
+            let residual_codes = residual_codes.map(|n_codes| ResidualCodes { n_codes, data });
+            tokens(model, residual_codes, out)
+        }
         LmVerb::Pack { model, out } => pack(model, out),
         LmVerb::Merge { model, out } => merge(model, out),
     }
 }
 
-fn tokens(model: &Path, out: &Path) -> CliResult {
+fn tokens(model: &Path, residual_codes: Option<ResidualCodes>, out: &Path) -> CliResult {
     // Saving replaces a folder as a whole, so the content of an existing folder would be lost.
     output::check_free(out, false)?;
     for (member, out) in members(model, out) {
-        tokens_only(&member, &out).map_err(CliError::new)?;
+        tokens_only(&member, residual_codes, &out).map_err(CliError::new)?;
     }
     output::print_line(&out.display().to_string());
     Ok(())
