@@ -230,6 +230,14 @@ impl TokenizerTrainConfig {
                 format!("must be in 1..=4096, found {}", self.batch_size),
             );
         }
+        if self.model.residual_codes > 0 {
+            return fail(
+                "model.residual_codes",
+                "a second codebook is fitted to a trained tokenizer: `radarllm lm tokens \
+                 --residual-codes`"
+                    .into(),
+            );
+        }
         let loss = &self.loss;
         for (field, value) in [
             ("loss.mask_ratio", loss.mask_ratio),
@@ -284,5 +292,20 @@ impl TokenizerTrainConfig {
         };
         self.model.validate().map_err(|p| config("model", p))?;
         self.augment.validate().map_err(|p| config("augment", p))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_training_makes_one_codebook() {
+        let mut config = TokenizerTrainConfig::default();
+        config.validate().unwrap();
+        config.model.residual_codes = 512;
+        let error = config.validate().unwrap_err().to_string();
+        assert!(error.contains("model.residual_codes"), "{error}");
+        assert!(error.contains("--residual-codes"), "{error}");
     }
 }
