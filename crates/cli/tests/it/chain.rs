@@ -404,6 +404,7 @@ fn reads_two_codes_a_step(model: &str, path: &dyn Fn(&str) -> String) {
 }
 
 /// Removes a key wherever it is.
+#[cfg(feature = "train")]
 fn forget(value: &mut serde_json::Value, key: &str) {
     if let Some(object) = value.as_object_mut() {
         object.remove(key);
@@ -411,6 +412,7 @@ fn forget(value: &mut serde_json::Value, key: &str) {
     }
 }
 
+#[cfg(feature = "train")]
 fn uses_what_was_tuned(model: &str, path: &dyn Fn(&str) -> String) {
     let card: serde_json::Value =
         serde_json::from_slice(&fs::read(format!("{model}/lm/config.json")).unwrap()).unwrap();
