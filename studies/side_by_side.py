@@ -1,6 +1,7 @@
-"""Raw samples to points by RadarLLM and by xwr, timed and compared with a known target.
+"""Raw samples to points by RadarLLM, xwr and OpenRadar, timed and compared with a known target.
 
-    pip install dist/radarllm-*.whl xwr==0.5.1
+    pip install dist/radarllm-*.whl xwr==0.5.1 numpy==1.26.4 scipy==1.13.1 scikit-learn==1.5.2
+    pip install --no-deps openradar==1.0.1
     python studies/side_by_side.py
 
 docs/results/side-by-side.md has what it prints. The programs between the marks are what is counted there.
@@ -12,7 +13,9 @@ import tempfile
 import time
 from pathlib import Path
 
+import mmwave.dsp as dsp
 import numpy as np
+from mmwave.dataloader import DCA1000
 from xwr.rsp.numpy import CACFAR, AWR1843Boost, PointCloud
 
 import radarllm as rl
@@ -43,6 +46,29 @@ def xwr(capture: Path) -> list[np.ndarray]:
         cube = np.abs(process(frame[None]))
         dense = locate(cube, detect(cube).mask)
         found.append(dense.points[dense.mask])
+    return found
+
+
+def openradar(capture: Path) -> list[np.ndarray]:
+    """x right, y away, z up of the points of each frame."""
+    words = np.fromfile(capture, "<i2").reshape(-1, 128 * 3 * 4 * 512)
+    # 2.5 octaves of amplitude, 15 dB, summed over twelve antennas.
+    cfar = {"guard_len": 4, "noise_len": 16, "l_bound": 12 * 2.5}
+    found = []
+    for frame in words:
+        chirps = DCA1000.organize(frame, 128 * 3, 4, 256)
+        ranges = dsp.range_processing(chirps, window_type_1d=dsp.utils.Window.HANNING)
+        # The antennas of TX1, TX3 and TX2 in this order: the azimuth row, then the elevated one.
+        power, antennas = dsp.doppler_processing(
+            ranges, num_tx_antennas=3, clutter_removal_enabled=True, window_type_2d=dsp.utils.Window.HANNING
+        )
+        along_doppler, _ = np.apply_along_axis(dsp.ca_, 1, power, **cfar).swapaxes(0, 1)
+        along_range, _ = np.apply_along_axis(dsp.ca_, 0, power, **cfar)
+        range_bins, doppler_bins = np.nonzero((power > along_doppler) & (power > along_range))
+        # `add_doppler_compensation` cannot be called: see findings/openradar-doppler-compensation.sh.
+        x, y, z = dsp.naive_xyz(antennas[range_bins, :, doppler_bins].T)
+        real = np.isfinite(y)
+        found.append((np.stack([x, y, z], axis=-1) * range_bins[:, None] * RANGE_M)[real])
     return found
 
 
@@ -101,9 +127,14 @@ def errors(folder: Path) -> None:
         # Their axes: away from the radar, to the left, up. Whichever side their antennas count from is allowed.
         sides = [np.linalg.norm(found[:, :3] - [where[1], side * where[0], where[2]], axis=1) for side in (-1, 1)]
         theirs = min(sides, key=np.min)
+        # Whichever side and height their antennas count from is allowed.
+        (found,) = openradar(capture)
+        places = [[side * where[0], where[1], height * where[2]] for side in (-1, 1) for height in (-1, 1)]
+        other = min((np.linalg.norm(found - place, axis=1) for place in places), key=np.min)
         print(
             f"  {speed_mps} m/s: RadarLLM {mine.min():.3f} m, {np.median(mine):.3f} m of {len(mine)};"
-            f" xwr {theirs.min():.3f} m, {np.median(theirs):.3f} m of {len(theirs)}"
+            f" xwr {theirs.min():.3f} m, {np.median(theirs):.3f} m of {len(theirs)};"
+            f" OpenRadar {other.min():.3f} m, {np.median(other):.3f} m of {len(other)}"
         )
 
 
@@ -111,7 +142,7 @@ def times(folder: Path) -> None:
     capture = folder / "walk.bin"
     cubes = rl.simulate("builtin:walk", radar=RADAR, emit="cubes")
     write_words(capture, [cube for _, cube in zip(range(N_FRAMES), cubes)])
-    for name, program in (("RadarLLM", ours), ("xwr", xwr)):
+    for name, program in (("RadarLLM", ours), ("xwr", xwr), ("OpenRadar", openradar)):
         program(capture)
         seconds = []
         for _ in range(3):

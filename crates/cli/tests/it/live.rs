@@ -79,6 +79,33 @@ fn a_recording_is_told_while_it_runs_and_remembered() {
 }
 
 #[test]
+fn secrets_that_every_user_may_read_are_warned_of() {
+    use std::os::unix::fs::PermissionsExt;
+
+    let dir = tempfile::tempdir().unwrap();
+    let secret = dir.path().join("secret");
+    std::fs::write(&secret, "0123456789abcdef").unwrap();
+    for (mode, warned) in [(0o600, false), (0o640, false), (0o644, true)] {
+        std::fs::set_permissions(&secret, std::fs::Permissions::from_mode(mode)).unwrap();
+        let ran = radarllm(&[
+            "live",
+            "builtin:squat",
+            "--speed",
+            "max",
+            "--quiet",
+            "--http",
+            "127.0.0.1:0",
+            "--token-file",
+            secret.to_str().unwrap(),
+        ]);
+        assert!(ran.status.success(), "{ran:?}");
+        let printed = String::from_utf8(ran.stderr).unwrap();
+        let warning = format!("may read the secret (mode {mode:04o})");
+        assert_eq!(printed.contains(&warning), warned, "{mode:o}: {printed}");
+    }
+}
+
+#[test]
 fn what_cannot_run_is_refused() {
     let live = |more: &[&str]| refused(&[&["live", "sim:"], more].concat());
     assert!(live(&["--http", "0.0.0.0:0"]).contains("token"));

@@ -264,9 +264,27 @@ fn source(args: &LiveArgs) -> CliResult<Input> {
     Ok(Input::radar(&name, source))
 }
 
+/// Text of a file with a secret. Warns if every user of the computer may read it.
+fn read_secret(path: &Path) -> CliResult<String> {
+    let secret = bounded::read_text(path, MAX_CONFIG_BYTES)?;
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        let mode = path.metadata().map_or(0, |file| file.permissions().mode());
+        if mode & 0o004 != 0 {
+            let path = path.display();
+            note!(
+                "warning: {path}: every user of this computer may read the secret (mode {:04o}); \
+                 `chmod 600 {path}` keeps it to its owner",
+                mode & 0o7777
+            );
+        }
+    }
+    Ok(secret)
+}
+
 fn options(args: &LiveArgs) -> CliResult<LiveOptions> {
-    let read = |path| bounded::read_text(path, MAX_CONFIG_BYTES);
-    let token = |path| Token::new(&read(path)?).map_err(CliError::new);
+    let token = |path| Token::new(&read_secret(path)?).map_err(CliError::new);
     let page = http::Options {
         token: args.token_file.as_deref().map(token).transpose()?,
         allow_hosts: args.allow_host.clone(),
@@ -277,7 +295,7 @@ fn options(args: &LiveArgs) -> CliResult<LiveOptions> {
         Some(url) => Some(mqtt::Options {
             user: args.mqtt_user.clone(),
             password: match &args.mqtt_password_file {
-                Some(path) => Some(Password::new(&read(path)?)),
+                Some(path) => Some(Password::new(&read_secret(path)?)),
                 None => None,
             },
             discovery_prefix: args.discovery_prefix.clone(),
