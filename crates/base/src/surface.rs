@@ -41,6 +41,11 @@ pub trait MovingSurface: Sync {
             self.positions_at(time_s, out);
         }
     }
+    /// Whether the vertices are in the same places at all times. What the simulator computes of such surfaces is kept from
+    /// frame to frame.
+    fn is_still(&self) -> bool {
+        false
+    }
     /// One material for the whole surface.
     fn material(&self) -> Material;
 }

@@ -2,7 +2,8 @@
 //! scattering, noise, FFTs, clutter, detection, angles, 128 points.
 //!
 //! The built-in body walks towards the radar. First one thread, then one thread a core, each with a
-//! chain of its own; then loops of four frames by the direct sum, for its time and for what the fast path is off. Times are of one
+//! chain of its own; then loops of four frames by the direct sum, for its time and for what the fast path is off; then the same
+//! walk in a room with reflections, whose walls stand still or are computed in every frame. Times are of one
 //! run on whatever else the machine does: the best frame and the processor time are less sensitive to neighbours.
 //!
 //! `cargo bench -p radarllm-radar-sim --bench bench_sim [-- frames [longest facet edge, m]]`
@@ -11,7 +12,7 @@
 
 use std::{error::Error, sync::Arc, time::Instant};
 
-use radarllm_base::{RadarConfig, frames::Placement};
+use radarllm_base::{MovingSurface, RadarConfig, frames::Placement};
 use radarllm_body::{
     MotionSampler,
     mesh::{BodyModel, BodyShape, BuiltinBody, PosedBody, clothed_skin},
@@ -151,9 +152,66 @@ fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
         errors_db.iter().copied().fold(f64::NEG_INFINITY, f64::max),
         errors_db.iter().sum::<f64>() / errors_db.len() as f64,
     );
+    for max_bounces in [1, 3] {
+        in_a_room(&config, &body, max_bounces)?;
+    }
     println!(
         "peak memory: {} MB",
         peak_rss_mb().map_or("unknown".into(), |m| m.to_string())
+    );
+    Ok(())
+}
+
+/// Prints the time of a frame of the walk in a room, and of one whose walls have a speed of 1e-12 m/s, so that they are at the
+/// same places but computed in every frame.
+fn in_a_room(
+    config: &RadarConfig,
+    body: &PosedBody,
+    max_bounces: usize,
+) -> Result<(), Box<dyn Error + Send + Sync>> {
+    let still = radarllm_synth::room::RoomFile::default().walls(config.carrier_hz())?;
+    let mut moving = still.clone();
+    for wall in &mut moving {
+        wall.velocity_mps = glam::DVec3::splat(1e-12);
+    }
+    let mut frame_s = [f64::INFINITY; 2];
+    let mut first_s = 0.0;
+    for (walls, fastest_s) in [&still, &moving].into_iter().zip(&mut frame_s) {
+        let scene = Scene {
+            surfaces: (walls.iter().map(|w| w as &dyn MovingSurface))
+                .chain([body as &dyn MovingSurface])
+                .collect(),
+            points: vec![],
+            noise: Noise::Thermal,
+        };
+        let options = SimOptions {
+            max_bounces,
+            ..SimOptions::default()
+        };
+        let mut simulator = Simulator::new(config, options)?;
+        let mut cube = simulator.new_cube();
+        for i in 0..6 {
+            let clock = Instant::now();
+            let stats = simulator.simulate_frame(&scene, i, 1.0, 1, &mut cube)?;
+            let s = clock.elapsed().as_secs_f64();
+            if i == 0 && std::ptr::eq(walls, &still) {
+                first_s = s;
+                println!(
+                    "room: {} facets, {} paths over several surfaces",
+                    stats.n_facets, stats.n_bounces
+                );
+            } else {
+                *fastest_s = fastest_s.min(s);
+            }
+        }
+    }
+    println!(
+        "room, up to {max_bounces} surfaces on a path: {:.1} ms a frame, the first {:.1} ms; {:.1} ms if the walls are computed \
+         in every frame, {:.1} times",
+        1e3 * frame_s[0],
+        1e3 * first_s,
+        1e3 * frame_s[1],
+        frame_s[1] / frame_s[0],
     );
     Ok(())
 }

@@ -9,6 +9,9 @@
 //! with the mean of the cosines of incidence and exit, and by its rough term. A rough facet also scatters along two
 //! more paths: directly from the transmitter and back over the mirrors, and over the mirrors both ways. The rays that
 //! end at the last facet do not include these. Polarisation is not modelled.
+//!
+//! In a room nearly all paths are among walls and furniture. They are traced once ([`StillPaths`]); in a frame, only the
+//! rays that a moving surface interrupts are traced again ([`BouncingSurfaces::trace_changes`]).
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -56,13 +59,23 @@ pub(crate) struct Bounce {
     mirrors: [u32; MAX_MIRRORS],
     /// The scattering facet.
     pub facet: u32,
-    /// Illuminated area divided by the facet's area.
-    pub share: f32,
-    /// Amplitude factor of the screens along the path.
-    passed: f32,
     /// The legs that go over the mirrors.
     pub legs: Legs,
+    now: Illuminated,
+    /// What is taken away of the field, because it is among what the surfaces that stand still return without the others.
+    kept: Illuminated,
 }
+
+/// How much of a facet is illuminated along one path.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Illuminated {
+    /// Illuminated area divided by the facet's area.
+    share: f32,
+    /// Amplitude factor of the screens along the path.
+    passed: f32,
+}
+
+const ALL_LEGS: [Legs; 3] = [Legs::Out, Legs::Back, Legs::Both];
 
 /// The state of a bounce at one instant.
 #[derive(Clone, Copy, Debug)]
@@ -115,12 +128,12 @@ impl TraceJob<'_> {
         (cross / length.max(1e-20), length)
     }
 
-    /// Bounding box of the possible mirrors in x/r and z/r: lower and upper bounds.
-    fn box_of_mirrors(&self) -> Option<([f32; 2], [f32; 2])> {
+    /// Bounding box of the possible mirrors in x/r and z/r, or of those of some surfaces: lower and upper bounds.
+    fn box_of_mirrors(&self, of: Option<&[bool]>) -> Option<([f32; 2], [f32; 2])> {
         let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
         for (i, (first, reflection)) in self.surfaces.iter().enumerate() {
             // At grazing incidence even a rough surface is a mirror, so that only Gamma is decisive here.
-            if reflection.mirror(0.0) < MIN_GAIN {
+            if reflection.mirror(0.0) < MIN_GAIN || of.is_some_and(|of| !of[i]) {
                 continue;
             }
             let end = self
@@ -143,75 +156,311 @@ impl TraceJob<'_> {
         (low[0] <= high[0]).then_some((low, high))
     }
 
-    /// Returns all bounces in an order that depends only on the scene.
-    fn trace(&self) -> Vec<Bounce> {
-        let Some((low, high)) = self.box_of_mirrors() else {
-            return Vec::new();
-        };
-        let tracer = Tracer::new(self);
+    /// The rays of the grid over the mirrors' bounding box: direction from the array, and solid angle.
+    fn grid(&self, (low, high): ([f32; 2], [f32; 2])) -> impl Iterator<Item = (Vec3, f32)> {
         let n = self.rays;
         let cell: [f32; 2] = std::array::from_fn(|i| (high[i] - low[i]).max(1e-6) / n as f32);
-        let mut lit: BTreeMap<([u32; MAX_MIRRORS], u32), Lit> = BTreeMap::new();
-        let mut planes = HashMap::new();
-        for row in 0..n {
-            for column in 0..n {
-                let u = low[0] + (column as f32 + 0.5) * cell[0];
-                let w = low[1] + (row as f32 + 0.5) * cell[1];
-                let y2 = 1.0 - u * u - w * w;
-                // 87 degrees off boresight, as in the raster.
-                if y2 < 0.0025 {
-                    continue;
-                }
+        (0..n * n).filter_map(move |i| {
+            let (row, column) = (i / n, i % n);
+            let u = low[0] + (column as f32 + 0.5) * cell[0];
+            let w = low[1] + (row as f32 + 0.5) * cell[1];
+            let y2 = 1.0 - u * u - w * w;
+            // 87 degrees off boresight, as in the raster.
+            (y2 >= 0.0025).then(|| {
                 let direction = Vec3::new(u, y2.sqrt(), w);
-                let solid_angle = cell[0] * cell[1] / direction.y;
-                tracer.follow(
-                    Shot::new(self.centre, direction),
-                    solid_angle,
-                    &mut planes,
-                    &mut lit,
-                );
+                (direction, cell[0] * cell[1] / direction.y)
+            })
+        })
+    }
+
+    /// Returns all bounces in an order that depends only on the scene.
+    fn trace(&self) -> Vec<Bounce> {
+        let Some(bounds) = self.box_of_mirrors(None) else {
+            return Vec::new();
+        };
+        let mesh = Mesh::new(self, 0..self.triangles.len() as u32);
+        let tracer = Tracer {
+            job: self,
+            meshes: &[&mesh],
+            known_planes: None,
+        };
+        let mut lit = Illumination::new();
+        let mut planes = Planes::new();
+        let mut ray = RayPaths::default();
+        for (direction, solid_angle) in self.grid(bounds) {
+            tracer.follow_ray(direction, solid_angle, &mut planes, &mut ray);
+            for hit in &ray.hits {
+                lit.entry(hit.key).or_default().add(hit, 1);
             }
         }
         let mut out = Vec::new();
-        for ((mirrors, facet), Lit { share, passed }) in lit {
-            let seen = self.coverage[facet as usize];
-            // One leg over the mirrors, one leg direct.
-            let over_mirrors = passed / share;
-            let direct = self.transmission.amplitude(facet as usize).sqrt();
-            let mut push = |legs, share| {
-                let passed = match legs {
-                    Legs::Out | Legs::Back => over_mirrors * direct,
-                    Legs::Both => over_mirrors * over_mirrors,
-                };
-                out.push(Bounce {
-                    mirrors,
-                    facet,
-                    share,
-                    passed,
-                    legs,
-                });
-            };
-            if seen > 0.0 {
-                push(Legs::Out, share * seen);
-            }
-            if self.reflection(facet).rough > 0.0 {
-                if seen > 0.0 {
-                    push(Legs::Back, share * seen);
-                }
-                push(Legs::Both, share);
-            }
+        for (key, lit) in lit {
+            self.push_bounces(key, lit, &mut out);
         }
         out
     }
+
+    /// How a facet is illuminated via a chain of mirrors, with the legs of [`ALL_LEGS`].
+    fn illuminated(&self, facet: u32, lit: Lit) -> [Illuminated; ALL_LEGS.len()] {
+        if lit.n_rays == 0 {
+            return Default::default();
+        }
+        let seen = self.coverage[facet as usize];
+        // One leg over the mirrors, one leg direct.
+        let (share, over_mirrors) = (lit.share as f32, (lit.passed / lit.share) as f32);
+        let direct = self.transmission.amplitude(facet as usize).sqrt();
+        let is_rough = self.reflection(facet).rough > 0.0;
+        ALL_LEGS.map(|legs| {
+            let (share, passed) = match legs {
+                Legs::Out | Legs::Back => (share * seen, over_mirrors * direct),
+                Legs::Both => (share, over_mirrors * over_mirrors),
+            };
+            if share > 0.0 && (is_rough || legs == Legs::Out) {
+                Illuminated { share, passed }
+            } else {
+                Illuminated::default()
+            }
+        })
+    }
+
+    /// Appends the bounces of a facet that is illuminated via a chain of mirrors.
+    fn push_bounces(&self, (mirrors, facet): Key, lit: Lit, out: &mut Vec<Bounce>) {
+        let pairs = ALL_LEGS.into_iter().zip(self.illuminated(facet, lit));
+        out.extend(
+            pairs
+                .filter(|(_, now)| now.share > 0.0)
+                .map(|(legs, now)| Bounce {
+                    mirrors,
+                    facet,
+                    legs,
+                    now,
+                    kept: Illuminated::default(),
+                }),
+        );
+    }
+
+    /// Traces the surfaces of `still` alone. `None` if the bounding box of their mirrors does not contain every mirror that
+    /// may come, or if the paths would take too much memory.
+    fn trace_still(&self, still: &[bool]) -> Option<StillPaths> {
+        let (low, high) = self.box_of_mirrors(Some(still))?;
+        if low != [-1.0; 2] || high != [1.0; 2] || self.rays > MAX_KEPT_RAYS {
+            return None;
+        }
+        let mesh = Mesh::new(self, self.facets_of(still, true));
+        let tracer = Tracer {
+            job: self,
+            meshes: &[&mesh],
+            known_planes: None,
+        };
+        let mut lit = Illumination::new();
+        let mut planes = Planes::new();
+        let mut ray = RayPaths::default();
+        let mut rays = Vec::new();
+        let (mut legs, mut hits) = (Vec::new(), Vec::new());
+        for (direction, solid_angle) in self.grid((low, high)) {
+            tracer.follow_ray(direction, solid_angle, &mut planes, &mut ray);
+            for hit in &ray.hits {
+                lit.entry(hit.key).or_default().add(hit, 1);
+            }
+            legs.append(&mut ray.legs);
+            hits.append(&mut ray.hits);
+            rays.push(KeptRay {
+                direction,
+                solid_angle,
+                legs_end: legs.len(),
+                hits_end: hits.len(),
+            });
+        }
+        Some(StillPaths {
+            mesh,
+            rays,
+            legs,
+            hits,
+            lit: lit.into_iter().collect(),
+            planes,
+        })
+    }
+
+    /// Facets of the surfaces that stand still, or of the others.
+    fn facets_of(&self, still: &[bool], which: bool) -> impl Iterator<Item = u32> {
+        let ends = self.surfaces.iter().skip(1).map(|s| s.0);
+        let ends = ends.chain([self.triangles.len()]);
+        let surfaces = self.surfaces.iter().zip(ends).zip(still);
+        surfaces
+            .filter(move |(_, still)| **still == which)
+            .flat_map(|((surface, end), _)| surface.0 as u32..end as u32)
+    }
+
+    /// See [`BouncingSurfaces::trace_changes`].
+    fn trace_changes(&self, still: &[bool], base: &StillBase<'_>) -> Changes {
+        let paths = base.paths;
+        let moving = Mesh::new(self, self.facets_of(still, false));
+        let tracer = Tracer {
+            job: self,
+            meshes: &[&paths.mesh, &moving],
+            known_planes: Some(&paths.planes),
+        };
+        let mut changes = Illumination::new();
+        let mut planes = Planes::new();
+        let mut ray = RayPaths::default();
+        let (mut first_leg, mut first_hit) = (0, 0);
+        for kept in &paths.rays {
+            let legs = &paths.legs[first_leg..kept.legs_end];
+            let hits = &paths.hits[first_hit..kept.hits_end];
+            (first_leg, first_hit) = (kept.legs_end, kept.hits_end);
+            if !legs.iter().any(|leg| moving.interrupts(leg)) {
+                continue;
+            }
+            for hit in hits {
+                changes.entry(hit.key).or_default().add(hit, -1);
+            }
+            tracer.follow_ray(kept.direction, kept.solid_angle, &mut planes, &mut ray);
+            for hit in &ray.hits {
+                changes.entry(hit.key).or_default().add(hit, 1);
+            }
+        }
+        let was = TraceJob {
+            coverage: base.coverage,
+            transmission: base.transmission,
+            ..*self
+        };
+        let mut of_still = Vec::new();
+        let mut n_bounces = base.n_bounces;
+        for &(key, lit) in &paths.lit {
+            let (mirrors, facet) = key;
+            let change = changes.remove(&key);
+            let at = facet as usize;
+            if change.is_none()
+                && self.coverage[at] == base.coverage[at]
+                && self.transmission.amplitude(at) == base.transmission.amplitude(at)
+            {
+                continue;
+            }
+            let now = self.illuminated(facet, lit.changed_by(change.unwrap_or_default()));
+            let kept = was.illuminated(facet, lit);
+            for ((legs, now), kept) in ALL_LEGS.into_iter().zip(now).zip(kept) {
+                n_bounces += usize::from(now.share > 0.0);
+                n_bounces -= usize::from(kept.share > 0.0);
+                if now != kept {
+                    of_still.push(Bounce {
+                        mirrors,
+                        facet,
+                        legs,
+                        now,
+                        kept,
+                    });
+                }
+            }
+        }
+        // What remains goes over a surface that does not stand still.
+        let mut moving = Vec::new();
+        for (key, lit) in changes {
+            if lit.n_rays > 0 {
+                self.push_bounces(key, lit, &mut moving);
+            }
+        }
+        Changes {
+            n_bounces: n_bounces + moving.len(),
+            of_still,
+            moving,
+        }
+    }
 }
 
-/// Illumination of a facet by the rays via one chain of mirrors.
+/// What the surfaces that do not stand still change.
+pub(crate) struct Changes {
+    /// Differences of the bounces among the surfaces that stand still.
+    pub of_still: Vec<Bounce>,
+    /// Bounces over other surfaces.
+    pub moving: Vec<Bounce>,
+    /// Number of bounces of the whole scene.
+    pub n_bounces: usize,
+}
+
+/// Maximum number of rays along each side of the grid whose paths are kept, which bounds the memory: 50 MB in a room.
+const MAX_KEPT_RAYS: usize = 512;
+
+/// Chain of mirrors and illuminated facet.
+type Key = ([u32; MAX_MIRRORS], u32);
+/// Sorted, so that the order of the bounces depends only on the scene.
+type Illumination = BTreeMap<Key, Lit>;
+/// First facet found on each plane.
+type Planes = HashMap<PlaneKey, u32>;
+
+/// Everything that the rays of the grid meet among the surfaces that stand still.
+pub(crate) struct StillPaths {
+    mesh: Mesh,
+    rays: Vec<KeptRay>,
+    legs: Vec<Leg>,
+    hits: Vec<Hit>,
+    /// Sum of `hits`, in order.
+    lit: Vec<(Key, Lit)>,
+    planes: Planes,
+}
+
+/// A ray of the grid; its legs and hits end where those of the next one begin.
+struct KeptRay {
+    direction: Vec3,
+    solid_angle: f32,
+    legs_end: usize,
+    hits_end: usize,
+}
+
+/// The surfaces that stand still as they are without the others.
+pub(crate) struct StillBase<'a> {
+    pub paths: &'a StillPaths,
+    pub n_bounces: usize,
+    pub coverage: &'a [f32],
+    pub transmission: &'a ScreenTransmission,
+}
+
+/// What one ray of the grid meets, in all its branches.
+#[derive(Default)]
+struct RayPaths {
+    legs: Vec<Leg>,
+    hits: Vec<Hit>,
+}
+
+/// A straight part of a ray.
+struct Leg {
+    origin: Vec3,
+    direction: Vec3,
+    /// Infinite if it meets nothing.
+    length_m: f32,
+}
+
+/// A facet that a ray illuminates via mirrors.
+struct Hit {
+    key: Key,
+    share: f32,
+    passed: f32,
+}
+
+/// Illumination of a facet by the rays via one chain of mirrors. In f64, so that rays can be taken away again.
 #[derive(Clone, Copy, Default)]
 struct Lit {
     /// Illuminated area divided by the facet's area.
-    share: f32,
+    share: f64,
     /// The same, weighted with the amplitude that the screens transmit.
-    passed: f32,
+    passed: f64,
+    n_rays: i32,
+}
+
+impl Lit {
+    fn add(&mut self, hit: &Hit, sign: i32) {
+        let share = f64::from(sign) * f64::from(hit.share);
+        self.share += share;
+        self.passed += share * f64::from(hit.passed);
+        self.n_rays += sign;
+    }
+
+    fn changed_by(self, change: Self) -> Self {
+        Self {
+            share: self.share + change.share,
+            passed: self.passed + change.passed,
+            n_rays: self.n_rays + change.n_rays,
+        }
+    }
 }
 
 /// A ray during tracing.
@@ -245,36 +494,52 @@ impl Shot {
 /// Quantised normal and offset in units of [`SAME_PLANE`], and the surface index.
 type PlaneKey = ([i32; 4], usize);
 
-struct Tracer<'a> {
-    job: &'a TraceJob<'a>,
+/// Facets in a hierarchy of boxes.
+struct Mesh {
     bvh: Bvh2,
     triangles: Vec<Triangle>,
+    /// Facet of each triangle.
+    facets: Vec<u32>,
+    low: Vec3,
+    high: Vec3,
 }
 
-impl<'a> Tracer<'a> {
-    fn new(job: &'a TraceJob<'a>) -> Self {
-        let triangles: Vec<Triangle> = (0..job.triangles.len() as u32)
-            .map(|facet| {
-                let [v0, v1, v2] = job.corners(facet).map(Vec3A::from);
+impl Mesh {
+    fn new(job: &TraceJob<'_>, facets: impl Iterator<Item = u32>) -> Self {
+        let facets: Vec<u32> = facets.collect();
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        let triangles: Vec<Triangle> = facets
+            .iter()
+            .map(|&facet| {
+                let corners = job.corners(facet);
+                for corner in corners {
+                    (low, high) = (low.min(corner), high.max(corner));
+                }
+                let [v0, v1, v2] = corners.map(Vec3A::from);
                 Triangle { v0, v1, v2 }
             })
             .collect();
         let mut time = std::time::Duration::default();
         let bvh = build_bvh2(&triangles, BvhBuildParams::fast_build(), &mut time);
         Self {
-            job,
             bvh,
             triangles,
+            facets,
+            low,
+            high,
         }
     }
 
-    /// Nearest facet that faces the ray, and its distance, m.
-    fn nearest(&self, origin: Vec3, direction: Vec3) -> Option<(u32, f32)> {
-        let ray = Ray::new(origin.into(), direction.into(), CLEARANCE_M, f32::INFINITY);
+    /// Nearest facet that faces the ray within `limit_m`, and its distance, m.
+    fn nearest(&self, origin: Vec3, direction: Vec3, limit_m: f32) -> Option<(u32, f32)> {
+        if self.triangles.is_empty() {
+            return None;
+        }
+        let ray = Ray::new(origin.into(), direction.into(), CLEARANCE_M, limit_m);
         let mut hit = RayHit::none();
-        let facet_of = |i: usize| self.bvh.primitive_indices[i];
+        let triangle_of = |i: usize| self.bvh.primitive_indices[i] as usize;
         self.bvh.ray_traverse(ray, &mut hit, |ray, i| {
-            let triangle = &self.triangles[facet_of(i) as usize];
+            let triangle = &self.triangles[triangle_of(i)];
             let cross = (triangle.v1 - triangle.v0).cross(triangle.v2 - triangle.v0);
             // Surfaces are one-sided: from the inside they are transparent, as in the raster.
             if cross.dot(ray.direction) >= 0.0 {
@@ -283,23 +548,74 @@ impl<'a> Tracer<'a> {
             let t = triangle.intersect(ray);
             if t > CLEARANCE_M { t } else { f32::INFINITY }
         });
-        hit.t
-            .is_finite()
-            .then(|| (facet_of(hit.primitive_id as usize), hit.t))
+        (hit.t < limit_m).then(|| (self.facets[triangle_of(hit.primitive_id as usize)], hit.t))
     }
 
-    /// Follows one ray and accumulates the illumination after its first mirror. At a screen the ray splits into a
-    /// transmitted and a reflected one.
-    fn follow(
+    /// Whether a facet faces the leg before its end.
+    fn interrupts(&self, leg: &Leg) -> bool {
+        // Most legs miss the box of all facets.
+        let divisor = |x: f32| if x.abs() < 1e-12 { 1e-12 } else { x };
+        let inverse = Vec3::from_array(leg.direction.to_array().map(divisor)).recip();
+        let (a, b) = (
+            (self.low - leg.origin) * inverse,
+            (self.high - leg.origin) * inverse,
+        );
+        let enters = a.min(b).max_element().max(0.0);
+        let leaves = a.max(b).min_element().min(leg.length_m);
+        enters <= leaves
+            && self
+                .nearest(leg.origin, leg.direction, leg.length_m)
+                .is_some()
+    }
+}
+
+struct Tracer<'a> {
+    job: &'a TraceJob<'a>,
+    meshes: &'a [&'a Mesh],
+    /// Planes that were found before.
+    known_planes: Option<&'a Planes>,
+}
+
+impl Tracer<'_> {
+    /// Nearest facet that faces the ray, and its distance, m.
+    fn nearest(&self, origin: Vec3, direction: Vec3) -> Option<(u32, f32)> {
+        let mut found = None;
+        let mut limit_m = f32::INFINITY;
+        for mesh in self.meshes {
+            if let Some(hit) = mesh.nearest(origin, direction, limit_m) {
+                limit_m = hit.1;
+                found = Some(hit);
+            }
+        }
+        found
+    }
+
+    /// Follows one ray of the grid into `paths`, which is overwritten.
+    fn follow_ray(
         &self,
-        mut shot: Shot,
+        direction: Vec3,
         solid_angle: f32,
-        planes: &mut HashMap<PlaneKey, u32>,
-        lit: &mut BTreeMap<([u32; MAX_MIRRORS], u32), Lit>,
+        planes: &mut Planes,
+        paths: &mut RayPaths,
     ) {
+        paths.legs.clear();
+        paths.hits.clear();
+        let shot = Shot::new(self.job.centre, direction);
+        self.follow(shot, solid_angle, planes, paths);
+    }
+
+    /// Follows one ray and collects the illumination after its first mirror. At a screen the ray splits into a
+    /// transmitted and a reflected one.
+    fn follow(&self, mut shot: Shot, solid_angle: f32, planes: &mut Planes, paths: &mut RayPaths) {
         let job = self.job;
         while shot.n_mirrors < job.max_bounces.min(MAX_MIRRORS + 1) {
-            let Some((facet, t)) = self.nearest(shot.origin, shot.direction) else {
+            let found = self.nearest(shot.origin, shot.direction);
+            paths.legs.push(Leg {
+                origin: shot.origin,
+                direction: shot.direction,
+                length_m: found.map_or(f32::INFINITY, |(_, t)| t),
+            });
+            let Some((facet, t)) = found else {
                 return;
             };
             shot.length_m += t;
@@ -310,10 +626,11 @@ impl<'a> Tracer<'a> {
             }
             if shot.n_mirrors > 0 {
                 let footprint_m2 = solid_angle * shot.length_m * shot.length_m / cos;
-                let share = footprint_m2 / (0.5 * twice_area);
-                let sum = lit.entry((shot.mirrors, facet)).or_default();
-                sum.share += share;
-                sum.passed += share * shot.passed;
+                paths.hits.push(Hit {
+                    key: (shot.mirrors, facet),
+                    share: footprint_m2 / (0.5 * twice_area),
+                    passed: shot.passed,
+                });
             }
             shot.origin += shot.direction * t;
             let reflection = job.reflection(facet);
@@ -324,7 +641,7 @@ impl<'a> Tracer<'a> {
                 reflected.mirrors[shot.n_mirrors] = self.plane_of(facet, normal, planes);
                 reflected.n_mirrors += 1;
                 reflected.direction = (shot.direction + 2.0 * cos * normal).normalize();
-                self.follow(reflected, solid_angle, planes, lit);
+                self.follow(reflected, solid_angle, planes, paths);
             }
             shot.passed *= reflection.passes;
             if shot.passed < MIN_GAIN {
@@ -334,12 +651,26 @@ impl<'a> Tracer<'a> {
     }
 
     /// Returns the first facet found on this facet's plane, so that tessellation does not split a mirror.
-    fn plane_of(&self, facet: u32, normal: Vec3, planes: &mut HashMap<PlaneKey, u32>) -> u32 {
+    fn plane_of(&self, facet: u32, normal: Vec3, planes: &mut Planes) -> u32 {
         let offset = normal.dot(self.job.corners(facet)[0]);
         let key = [normal.x, normal.y, normal.z, offset].map(|v| (v / SAME_PLANE).round() as i32);
         let surface = self.job.surfaces.partition_point(|s| s.0 <= facet as usize);
-        *planes.entry((key, surface)).or_insert(facet)
+        let key = (key, surface);
+        let known = self.known_planes.and_then(|known| known.get(&key));
+        known
+            .copied()
+            .unwrap_or_else(|| *planes.entry(key).or_insert(facet))
     }
+}
+
+/// A scene at one instant, and what the array sees of it directly.
+#[derive(Clone, Copy)]
+pub(crate) struct Seen<'a> {
+    /// Vertices relative to the radar's origin, m.
+    pub positions: &'a [Vec3],
+    pub triangles: &'a [[u32; 3]],
+    pub coverage: &'a [f32],
+    pub transmission: &'a ScreenTransmission,
 }
 
 /// The surfaces of a scene, prepared for bounces.
@@ -368,26 +699,51 @@ impl BouncingSurfaces {
     }
 
     /// Finds the facets that are illuminated via mirrors for the vertices at `positions`.
-    pub(crate) fn trace(
+    pub(crate) fn trace(&self, options: &SimOptions, link: &Link, seen: Seen<'_>) -> Vec<Bounce> {
+        self.job(options, link, seen).trace()
+    }
+
+    /// Keeps the paths among the surfaces of `still`, which stand still. `None` if they do not surround the array, or if
+    /// that would take too much memory; see [`Self::trace`].
+    pub(crate) fn trace_still(
         &self,
         options: &SimOptions,
         link: &Link,
-        positions: &[Vec3],
-        triangles: &[[u32; 3]],
-        coverage: &[f32],
-        transmission: &ScreenTransmission,
-    ) -> Vec<Bounce> {
+        seen: Seen<'_>,
+        still: &[bool],
+    ) -> Option<(StillPaths, Vec<Bounce>)> {
+        let job = self.job(options, link, seen);
+        let paths = job.trace_still(still)?;
+        let mut bounces = Vec::new();
+        for &(key, lit) in &paths.lit {
+            job.push_bounces(key, lit, &mut bounces);
+        }
+        Some((paths, bounces))
+    }
+
+    /// The bounces that the surfaces that do not stand still add to those of `base` and take away from them.
+    pub(crate) fn trace_changes(
+        &self,
+        options: &SimOptions,
+        link: &Link,
+        seen: Seen<'_>,
+        still: &[bool],
+        base: &StillBase<'_>,
+    ) -> Changes {
+        self.job(options, link, seen).trace_changes(still, base)
+    }
+
+    fn job<'a>(&'a self, options: &SimOptions, link: &Link, seen: Seen<'a>) -> TraceJob<'a> {
         TraceJob {
-            positions,
-            triangles,
+            positions: seen.positions,
+            triangles: seen.triangles,
             surfaces: &self.surfaces,
-            coverage,
-            transmission,
+            coverage: seen.coverage,
+            transmission: seen.transmission,
             centre: link.array_centre_m.as_vec3(),
             max_bounces: options.max_bounces,
             rays: options.bounce_rays,
         }
-        .trace()
     }
 
     fn surface_of(&self, facet: u32) -> usize {
@@ -491,9 +847,14 @@ impl Bounce {
         // Each leg contributes the square root of the two-way amplitude at its own apparent position.
         let amplitude =
             (link.amplitude(seen_by_tx.as_vec3()) * link.amplitude(seen_by_rx.as_vec3())).sqrt()
-                * mirrors_gain
-                * self.passed;
-        let (coherent, rough) = reflection(self.facet).gains_between(cos, area as f32, self.share);
+                * mirrors_gain;
+        let reflection = reflection(self.facet);
+        let gains = |of: Illuminated| {
+            let (coherent, rough) = reflection.gains_between(cos, area as f32, of.share);
+            (coherent * of.passed, rough * of.passed)
+        };
+        let (now, kept) = (gains(self.now), gains(self.kept));
+        let (coherent, rough) = (now.0 - kept.0, now.1 - kept.1);
         BounceState {
             seen_by_tx,
             seen_by_rx,

@@ -81,7 +81,7 @@
 //!
 //! Reading order: [`scene`], [`link`] (radar equation), [`scatter`] (scattering by one triangle), [`visibility`]
 //! (tested by [`rays`]), [`simulator`] (the pipeline and its optimisations). Its stages follow: `motion` and `facets`
-//! (polynomials over a segment), `bounce` (paths over several surfaces), `slow_time` (Doppler groups), `gridding` and
+//! (polynomials over a segment), `bounce` (paths over several surfaces), `still` (surfaces that stand still), `slow_time` (Doppler groups), `gridding` and
 //! `spread` (range grid), `transform` (range FFT), [`weather`], [`noise`], and [`impairments`] (effects of real
 //! receivers, applied to a finished cube).
 //!
@@ -109,6 +109,7 @@ pub mod shapes;
 pub mod simulator;
 mod slow_time;
 mod spread;
+mod still;
 mod transform;
 pub mod visibility;
 pub mod weather;

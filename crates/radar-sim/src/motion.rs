@@ -55,6 +55,11 @@ impl Segment {
             .collect()
     }
 
+    /// The first loop of a frame alone.
+    pub(crate) fn of_one_loop(config: &RadarConfig) -> Self {
+        Self::new(config, 0, 1)
+    }
+
     fn new(config: &RadarConfig, first_loop: usize, n_loops: usize) -> Self {
         let first_s = chirp_time_s(config, first_loop, 0);
         let last_s = chirp_time_s(config, first_loop + n_loops - 1, config.tx.len() - 1);

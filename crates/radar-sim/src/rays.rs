@@ -36,7 +36,7 @@ pub fn coverage_by_rays(
     let is_seen = |[a, b, c]: [Vec3; 3]| {
         (b - a).cross(c - a).dot(a) < 0.0 && [a, b, c].iter().all(|p| p.y > 0.05 * p.length())
     };
-    let opposite: Vec<u32> = (0..triangles.len() as u32)
+    let opposite: Vec<u32> = (surfaces.iter().flat_map(|surface| surface.facets.clone()))
         .filter(|&i| is_seen(corners[i as usize]))
         .collect();
     if opposite.is_empty() {

@@ -11,7 +11,7 @@ use glam::{DVec3, Vec3};
 use num_complex::Complex64;
 use radarllm_base::{RadarConfig, RadarCube, SPEED_OF_LIGHT_MPS};
 
-use crate::bounce::BouncingSurfaces;
+use crate::bounce::{BouncingSurfaces, Seen};
 use crate::error::SimError;
 use crate::facets::facet_gains;
 use crate::link::Link;
@@ -96,14 +96,15 @@ pub fn simulate_loops(
         let surfaces = BouncingSurfaces::new(scene, &link, seed);
         let bounces = match options.max_bounces {
             0 | 1 => Vec::new(),
-            _ => surfaces.trace(
-                options,
-                &link,
-                &positions,
-                &triangles,
-                &coverage,
-                &transmission,
-            ),
+            _ => {
+                let seen = Seen {
+                    positions: &positions,
+                    triangles: &triangles,
+                    coverage: &coverage,
+                    transmission: &transmission,
+                };
+                surfaces.trace(options, &link, seen)
+            }
         };
         for loop_idx in from..to {
             for slot in 0..config.tx.len() {

@@ -202,8 +202,19 @@ impl Scene<'_> {
             let mine = first..first + shape.n_vertices();
             first = mine.end;
             let mut parts = out.each_mut().map(|out| &mut out[mine.clone()]);
-            shape.positions_at_times(&times_s, &mut parts);
-            for (part, time_s) in parts.iter().zip(times_s) {
+            let mut n_different = N;
+            if shape.is_still()
+                && let Some((one, others)) = parts.split_first_mut()
+            {
+                shape.positions_at(times_s[0], one);
+                for other in others {
+                    other.copy_from_slice(one);
+                }
+                n_different = 1;
+            } else {
+                shape.positions_at_times(&times_s, &mut parts);
+            }
+            for (part, time_s) in parts.iter().zip(times_s).take(n_different) {
                 check_positions(surface, part, time_s, array_centre, min_range_m)?;
             }
         }

@@ -231,6 +231,16 @@ impl MovingSurface for RigidSurface {
         }
     }
 
+    fn is_still(&self) -> bool {
+        [
+            self.velocity_mps,
+            self.acceleration_mps2,
+            self.angular_velocity,
+        ]
+        .iter()
+        .all(|v| *v == DVec3::ZERO)
+    }
+
     fn material(&self) -> Material {
         self.material
     }

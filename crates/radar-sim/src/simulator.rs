@@ -7,14 +7,18 @@
 //! 4. spread the groups on range grids and interpolate these to the loops (`spread`);
 //! 5. compute one inverse FFT per chirp and receiver, and add noise (`transform`).
 //!
+//! Surfaces that stand still are computed once and added to every loop (`still.rs`).
+//!
 //! Compared with [`crate::reference`], the error is more than 60 dB below the cube's peak.
 
+use std::ops::Range;
 use std::time::Instant;
 
 use glam::Vec3;
+use num_complex::Complex32;
 use radarllm_base::{RadarConfig, RadarCube, radar_config::TxMultiplexing, seed::derive_seed};
 
-use crate::bounce::{BouncingSurfaces, MAX_MIRRORS};
+use crate::bounce::{Bounce, BouncingSurfaces, MAX_MIRRORS, Seen};
 use crate::error::SimError;
 use crate::facets::{FacetJob, facet_sources};
 use crate::gridding::{Kernel, grid_cells};
@@ -28,10 +32,11 @@ use crate::scatter::{FacetPhases, Reflection};
 use crate::scene::{Noise, PointTarget, Scene};
 use crate::slow_time::Level;
 use crate::spread::{ChannelBlock, Reach, SpreadJob, spread};
-use crate::transform::{RangeTransform, TransformJob, transform};
+use crate::still::{Still, StillKey};
+use crate::transform::{RangeTransform, TransformJob, sample_cells, transform};
 use crate::visibility::{DepthRaster, Sampling, ScreenTransmission, SurfaceRange, View};
 use crate::weather::{Rain, Weather};
-use radarllm_simd::{Cell, SimdLevel};
+use radarllm_simd::{Cell, LANES, SimdLevel};
 
 /// Simulation options that are independent of the radar.
 #[derive(Clone, Debug, PartialEq)]
@@ -81,9 +86,9 @@ pub struct FrameStats {
     pub n_coarse: usize,
     /// Paths over two and more surfaces, over all segments.
     pub n_bounces: usize,
-    /// Doppler groups over all segments.
+    /// Doppler groups over all segments, of what moves and of the changes of what stands still.
     pub n_groups: usize,
-    /// Facet evaluations in slow time over all segments. A direct method needs 384 per facet with the reference radar.
+    /// Facet evaluations in slow time of the same. A direct method needs 384 per facet with the reference radar.
     pub n_nodes: usize,
     /// Mean |signal|^2 per sample, W.
     pub signal_power_w: f64,
@@ -106,6 +111,16 @@ pub struct StageSeconds {
     pub spread: f64,
     /// FFTs and noise.
     pub transform: f64,
+}
+
+impl StageSeconds {
+    fn add(&mut self, more: &Self) {
+        self.positions += more.positions;
+        self.visibility += more.visibility;
+        self.sources += more.sources;
+        self.spread += more.spread;
+        self.transform += more.transform;
+    }
 }
 
 /// A simulator planned for a radar. Create one per thread and call it for every frame.
@@ -137,8 +152,10 @@ pub struct Simulator {
     simd: SimdLevel,
     scale: RangeScale,
     segments: Vec<Segment>,
-    /// Levels of all segments except the last, and of the last, which may be shorter.
-    levels: [Vec<Level>; 2],
+    /// A single loop, for what stands still.
+    one_loop: Segment,
+    /// Levels of all segments except the last, of the last, which may be shorter, and of `one_loop`.
+    levels: [Vec<Level>; 3],
     kernel: Kernel,
     channels: Vec<ChannelBlock>,
     reach: Reach,
@@ -146,8 +163,36 @@ pub struct Simulator {
     rain: Option<Rain>,
     range_transform: RangeTransform,
     work: Workspace,
+    /// What the surfaces of the last frame that stand still return.
+    still: Option<Still>,
     /// For binary phase modulation: a simulator with exchanged transmitters, and its cube.
     exchanged: Option<Box<(Simulator, RadarCube)>>,
+}
+
+/// Index of the levels of a single loop in [`Simulator::levels`].
+const ONE_LOOP: usize = 2;
+
+/// Output of [`Simulator::write_samples`].
+struct Samples<'a> {
+    /// Cells that the groups use.
+    first_cell: i32,
+    n_cells: usize,
+    /// Samples of every block of channels that are added to every loop.
+    constant: Option<&'a [Vec<Cell>]>,
+    /// State of the noise generator and rms of the noise.
+    noise: Option<(&'a mut [[u32; 16]; 4], f32)>,
+    /// `[loop][channel][sample]`.
+    samples: &'a mut [Complex32],
+    /// Receives the sum of |signal|^2, noise not included.
+    energy: &'a mut f64,
+}
+
+/// Paths over several surfaces in a segment.
+struct Bounces {
+    surfaces: BouncingSurfaces,
+    /// What the others change of the paths among surfaces that stand still.
+    still_changes: Vec<Bounce>,
+    moving: Vec<Bounce>,
 }
 
 /// Buffers that keep their capacity from frame to frame.
@@ -171,6 +216,23 @@ struct Workspace {
 }
 
 impl Workspace {
+    /// Lists the visible facets of a surface, counted from its first.
+    fn choose_visible(&mut self, facets: Range<usize>) {
+        let coverage = &self.coverage[facets];
+        self.visible.clear();
+        let visible = (0..coverage.len()).filter(|&i| coverage[i] > 0.0);
+        self.visible.extend(visible.map(|i| i as u32));
+    }
+
+    fn seen(&self) -> Seen<'_> {
+        Seen {
+            positions: &self.keys[N_KEYS / 2],
+            triangles: &self.triangles,
+            coverage: &self.coverage,
+            transmission: &self.transmission,
+        }
+    }
+
     /// Amplitude below which an error of any source of the segment is acceptable: such errors add up like noise 70 dB
     /// below the sources' sum.
     fn negligible(&self) -> f32 {
@@ -235,7 +297,9 @@ impl Simulator {
         let kernel = Kernel::new(n_cells as f64 / config.n_samples as f64);
         let channels = ChannelBlock::all(config, link.array_centre_m);
         let segments = Segment::all(config);
-        let loop_counts = [segments.first(), segments.last()].map(|s| s.map_or(1, |s| s.n_loops));
+        let one_loop = Segment::of_one_loop(config);
+        let loop_counts = [segments.first(), segments.last(), Some(&one_loop)]
+            .map(|s| s.map_or(1, |s| s.n_loops));
         Ok(Self {
             scale: RangeScale {
                 centre_hz: link.centre_hz,
@@ -246,6 +310,7 @@ impl Simulator {
                 advance_u: 0.0,
             },
             segments,
+            one_loop,
             levels: loop_counts.map(|n| Level::all(n, config.loop_period_s())),
             reach: Reach::of(&channels),
             channels,
@@ -258,6 +323,7 @@ impl Simulator {
             options,
             config: config.clone(),
             work: Workspace::default(),
+            still: None,
             exchanged,
         })
     }
@@ -373,7 +439,9 @@ impl Simulator {
         if let Some(rain) = &self.rain {
             rain.draw(seed, time_s, &mut self.work.drops);
         }
+        let loop_len = cube.n_tx * cube.n_rx * cube.n_samples;
         let mut energy = 0.0;
+        let mut still = None;
         for i in 0..self.segments.len() {
             let segment = self.segments[i];
             let clock = Instant::now();
@@ -385,6 +453,9 @@ impl Simulator {
             )?;
             stats.seconds.positions += clock.elapsed().as_secs_f64();
 
+            if i == 0 {
+                still = self.still_surfaces(scene, seed, &mut stats.seconds)?;
+            }
             let clock = Instant::now();
             self.raster.coverage(
                 View {
@@ -399,66 +470,38 @@ impl Simulator {
             stats.seconds.visibility += clock.elapsed().as_secs_f64();
 
             let clock = Instant::now();
-            self.scale.advance_u =
-                self.scale.centre_hz / (self.scale.slope_hz_per_s * segment.half_s);
-            self.prepare_sources(scene, &segment, time_s, seed, i == 0, &mut stats)?;
-            let is_last = usize::from(i + 1 == self.segments.len());
-            let (first_cell, n_cells) = self.group_sources(&segment, is_last, &mut stats);
+            let count = i == 0;
+            let bounces = self.trace_bounces(scene, seed, still.as_ref(), &mut stats);
+            stats.seconds.sources += clock.elapsed().as_secs_f64();
+            let constant = still.as_ref().map(|still| {
+                self.still_samples(scene, seed, still, bounces.as_ref(), count, &mut stats)
+            });
+
+            let clock = Instant::now();
+            self.set_unit_of_time(&segment);
+            self.clear_sources();
+            self.add_moving_surfaces(scene, seed, still.as_ref(), count, &mut stats);
+            if let Some(bounces) = &bounces {
+                self.add_bounces(&bounces.surfaces, &bounces.moving, false);
+            }
+            self.add_points(scene, &segment, time_s)?;
+            self.check_speeds()?;
+            let levels = usize::from(i + 1 == self.segments.len());
+            let (first_cell, n_cells) = self.group_sources(&segment, levels, &mut stats);
             stats.seconds.sources += clock.elapsed().as_secs_f64();
 
-            let first_chirp_s = chirp_time_s(&self.config, segment.first_loop, 0);
-            let u_first = segment.unit_time(first_chirp_s, 0.0);
-            let u_per_loop = segment.unit_time(first_chirp_s, 1.0) - u_first;
-            let n_channels = self.config.tx.len() * self.config.rx.len();
-            let loop_len = n_channels * self.config.n_samples;
             let from = segment.first_loop * loop_len;
-            let samples = &mut cube.data[from..from + segment.n_loops * loop_len];
-            for channels in &self.channels {
-                let clock = Instant::now();
-                spread(
-                    self.simd,
-                    SpreadJob {
-                        sources: &self.work.sources,
-                        negligible: self.work.negligible(),
-                        tx_rows: &self.work.tx_rows,
-                        order: &self.work.grouping.order,
-                        groups: &self.work.grouping.groups,
-                        families: &self.work.grouping.families,
-                        levels: &self.levels[is_last],
-                        channels,
-                        kernel: &self.kernel,
-                        cells_per_turn: (self.scale.cells_per_s / self.scale.centre_hz) as f32,
-                        half_s: segment.half_s,
-                        u_first,
-                        u_per_loop,
-                        n_loops: segment.n_loops,
-                        grid: &mut self.work.group_grid,
-                        family_grid: &mut self.work.family_grid,
-                        out: &mut self.work.grid,
-                        first_cell,
-                        n_cells,
-                    },
-                );
-                stats.seconds.spread += clock.elapsed().as_secs_f64();
-
-                let clock = Instant::now();
-                transform(
-                    self.simd,
-                    TransformJob {
-                        transform: &mut self.range_transform,
-                        channels,
-                        grid: &self.work.grid,
-                        first_cell,
-                        n_cells,
-                        out: samples,
-                        n_channels,
-                        noise: thermal_rms.map(|rms| (&mut noise.state, rms)),
-                        energy: &mut energy,
-                    },
-                );
-                stats.seconds.transform += clock.elapsed().as_secs_f64();
-            }
+            let out = Samples {
+                first_cell,
+                n_cells,
+                constant: constant.as_deref(),
+                noise: thermal_rms.map(|rms| (&mut noise.state, rms)),
+                samples: &mut cube.data[from..from + segment.n_loops * loop_len],
+                energy: &mut energy,
+            };
+            self.write_samples(&segment, levels, out, &mut stats.seconds);
         }
+        self.still = still;
         stats.signal_power_w = energy / cube.data.len() as f64;
         stats.noise_power_w = match scene.noise {
             Noise::Thermal => self.link.noise_w,
@@ -474,71 +517,308 @@ impl Simulator {
         Ok(stats)
     }
 
-    /// Fills `work.sources` from the key positions and coverage.
-    fn prepare_sources(
+    /// Takes what is kept of the surfaces that stand still, or computes it if they are others than in the last frame. `None` if
+    /// there are none.
+    fn still_surfaces(
         &mut self,
         scene: &Scene<'_>,
-        segment: &Segment,
-        time_s: f64,
         seed: u64,
-        count: bool,
-        stats: &mut FrameStats,
-    ) -> Result<(), SimError> {
-        let work = &mut self.work;
-        let centre = self.link.array_centre_m;
-        let half_bin_m = 0.5 * self.config.range_resolution_m();
-        work.sources.clear();
-        work.power_w = 0.0;
-        work.tx_rows.clear();
+        seconds: &mut StageSeconds,
+    ) -> Result<Option<Still>, SimError> {
+        let positions = &self.work.keys[N_KEYS / 2];
+        let triangles = &self.work.triangles;
+        if let Some(still) = self.still.take()
+            && still.key.is_of(scene, triangles, positions, seed)
+        {
+            return Ok(Some(still));
+        }
+        let Some(key) = StillKey::new(scene, triangles, positions, seed) else {
+            return Ok(None);
+        };
+        let clock = Instant::now();
+        let flags = key.flags();
+        let surfaces: Vec<_> = (self.work.surface_ranges.iter().zip(&flags))
+            .filter(|(_, still)| **still)
+            .map(|(surface, _)| surface.clone())
+            .collect();
+        self.raster.coverage(
+            View {
+                positions,
+                triangles,
+                surfaces: &surfaces,
+                centre: self.link.array_centre_m.as_vec3(),
+            },
+            &mut self.work.coverage,
+            &mut self.work.transmission,
+        );
+        seconds.visibility += clock.elapsed().as_secs_f64();
+
+        let clock = Instant::now();
+        let one_loop = self.one_loop;
+        self.set_unit_of_time(&one_loop);
+        self.clear_sources();
+        let mut stats = FrameStats::default();
         let mut first = 0;
         for (surface_idx, surface) in scene.surfaces.iter().enumerate() {
-            let reflection = Reflection::new(surface.material(), self.link.wavelength_m);
-            let phases = FacetPhases::new(seed, surface_idx);
+            let n_facets = surface.triangles().len();
+            if flags[surface_idx] {
+                self.work.choose_visible(first..first + n_facets);
+                stats.n_coarse += self.add_facets(scene, seed, surface_idx, first, None);
+            }
+            first += n_facets;
+        }
+        let mut paths = None;
+        if self.options.max_bounces > 1 {
+            let surfaces = BouncingSurfaces::new(scene, &self.link, seed);
+            let seen = self.work.seen();
+            let traced = surfaces.trace_still(&self.options, &self.link, seen, &flags);
+            if let Some((kept, bounces)) = traced {
+                self.add_bounces(&surfaces, &bounces, true);
+                stats.n_bounces = bounces.len();
+                paths = Some(kept);
+            }
+        }
+        seconds.sources += clock.elapsed().as_secs_f64();
+        let samples = self.one_loop_samples(&mut stats);
+        seconds.add(&stats.seconds);
+        Ok(Some(Still {
+            key,
+            flags,
+            coverage: self.work.coverage.clone(),
+            transmission: self.work.transmission.clone(),
+            paths,
+            n_bounces: stats.n_bounces,
+            n_coarse: stats.n_coarse,
+            samples,
+        }))
+    }
+
+    /// Samples of the surfaces that stand still with what the others change of them, of every block of channels.
+    fn still_samples(
+        &mut self,
+        scene: &Scene<'_>,
+        seed: u64,
+        still: &Still,
+        bounces: Option<&Bounces>,
+        count: bool,
+        stats: &mut FrameStats,
+    ) -> Vec<Vec<Cell>> {
+        let clock = Instant::now();
+        let one_loop = self.one_loop;
+        self.set_unit_of_time(&one_loop);
+        self.clear_sources();
+        let (mut n_coarse, mut n_less_coarse) = (still.n_coarse, 0);
+        let mut first = 0;
+        for (surface_idx, surface) in scene.surfaces.iter().enumerate() {
             let mine = first..first + surface.triangles().len();
-            let triangles = &work.triangles[mine.clone()];
-            let coverage = &work.coverage[mine];
-            work.visible.clear();
-            for (facet, &share) in coverage.iter().enumerate() {
-                if share > 0.0 {
-                    work.visible.push(facet as u32);
+            if still.flags[surface_idx] {
+                for taken in [Some(still), None] {
+                    let work = &mut self.work;
+                    let changed = still.changed(&work.coverage, &work.transmission, mine.clone());
+                    let coverage = taken.map_or(&work.coverage, |still| &still.coverage);
+                    work.visible.clear();
+                    work.visible
+                        .extend(changed.filter(|&i| coverage[first + i as usize] > 0.0));
+                    let n = self.add_facets(scene, seed, surface_idx, first, taken);
+                    match taken {
+                        Some(_) => n_less_coarse += n,
+                        None => n_coarse += n,
+                    }
                 }
             }
-            let mut n_coarse = 0;
-            facet_sources(
+            first = mine.end;
+        }
+        if count {
+            stats.n_coarse += n_coarse - n_less_coarse;
+        }
+        if let Some(bounces) = bounces {
+            self.add_bounces(&bounces.surfaces, &bounces.still_changes, true);
+        }
+        stats.seconds.sources += clock.elapsed().as_secs_f64();
+        let mut samples = still.samples.clone();
+        if !self.work.sources.is_empty() {
+            let changes = self.one_loop_samples(stats);
+            for (sum, change) in samples.iter_mut().flatten().zip(changes.iter().flatten()) {
+                for lane in 0..LANES {
+                    sum.re[lane] += change.re[lane];
+                    sum.im[lane] += change.im[lane];
+                }
+            }
+        }
+        samples
+    }
+
+    /// Samples of one loop of the sources, of every block of channels.
+    fn one_loop_samples(&mut self, stats: &mut FrameStats) -> Vec<Vec<Cell>> {
+        let clock = Instant::now();
+        let segment = self.one_loop;
+        let (first_cell, n_cells) = self.group_sources(&segment, ONE_LOOP, stats);
+        stats.seconds.sources += clock.elapsed().as_secs_f64();
+        let n_samples = self.config.n_samples;
+        let n_channels = self.config.tx.len() * self.config.rx.len();
+        let mut samples = vec![Complex32::ZERO; n_channels * n_samples];
+        let out = Samples {
+            first_cell,
+            n_cells,
+            constant: None,
+            noise: None,
+            samples: &mut samples,
+            energy: &mut 0.0,
+        };
+        self.write_samples(&segment, ONE_LOOP, out, &mut stats.seconds);
+        let of_block = |block: &ChannelBlock| {
+            let rows = block.first * n_samples..(block.first + block.len) * n_samples;
+            sample_cells(&samples[rows], n_samples)
+        };
+        self.channels.iter().map(of_block).collect()
+    }
+
+    fn set_unit_of_time(&mut self, segment: &Segment) {
+        self.scale.advance_u = self.scale.centre_hz / (self.scale.slope_hz_per_s * segment.half_s);
+    }
+
+    /// Writes the samples of a segment from its groups of sources.
+    fn write_samples(
+        &mut self,
+        segment: &Segment,
+        levels: usize,
+        mut out: Samples<'_>,
+        seconds: &mut StageSeconds,
+    ) {
+        let first_chirp_s = chirp_time_s(&self.config, segment.first_loop, 0);
+        let u_first = segment.unit_time(first_chirp_s, 0.0);
+        let u_per_loop = segment.unit_time(first_chirp_s, 1.0) - u_first;
+        let n_channels = self.config.tx.len() * self.config.rx.len();
+        for (block, channels) in self.channels.iter().enumerate() {
+            let clock = Instant::now();
+            spread(
                 self.simd,
-                FacetJob {
-                    link: &self.link,
-                    scale: &self.scale,
-                    reflection: &reflection,
-                    phases: &phases,
-                    keys: &work.keys,
-                    triangles,
-                    coverage,
-                    transmission: &work.transmission,
-                    first_facet: first,
-                    visible: &work.visible,
-                    out: &mut work.sources,
-                    coarse_m: half_bin_m,
-                    n_coarse: &mut n_coarse,
-                    power_w: &mut work.power_w,
+                SpreadJob {
+                    sources: &self.work.sources,
+                    negligible: self.work.negligible(),
+                    tx_rows: &self.work.tx_rows,
+                    order: &self.work.grouping.order,
+                    groups: &self.work.grouping.groups,
+                    families: &self.work.grouping.families,
+                    levels: &self.levels[levels],
+                    channels,
+                    kernel: &self.kernel,
+                    cells_per_turn: (self.scale.cells_per_s / self.scale.centre_hz) as f32,
+                    half_s: segment.half_s,
+                    u_first,
+                    u_per_loop,
+                    n_loops: segment.n_loops,
+                    grid: &mut self.work.group_grid,
+                    family_grid: &mut self.work.family_grid,
+                    out: &mut self.work.grid,
+                    first_cell: out.first_cell,
+                    n_cells: out.n_cells,
                 },
             );
+            seconds.spread += clock.elapsed().as_secs_f64();
+
+            let clock = Instant::now();
+            transform(
+                self.simd,
+                TransformJob {
+                    transform: &mut self.range_transform,
+                    channels,
+                    grid: &self.work.grid,
+                    first_cell: out.first_cell,
+                    n_cells: out.n_cells,
+                    constant: out.constant.map(|blocks| &blocks[block][..]),
+                    out: out.samples,
+                    n_channels,
+                    noise: out.noise.as_mut().map(|(state, rms)| (&mut **state, *rms)),
+                    energy: out.energy,
+                },
+            );
+            seconds.transform += clock.elapsed().as_secs_f64();
+        }
+    }
+
+    fn clear_sources(&mut self) {
+        self.work.sources.clear();
+        self.work.power_w = 0.0;
+        self.work.tx_rows.clear();
+    }
+
+    /// Traces the paths over several surfaces. `None` if they are not simulated.
+    fn trace_bounces(
+        &self,
+        scene: &Scene<'_>,
+        seed: u64,
+        still: Option<&Still>,
+        stats: &mut FrameStats,
+    ) -> Option<Bounces> {
+        if self.options.max_bounces < 2 || scene.surfaces.is_empty() {
+            return None;
+        }
+        let surfaces = BouncingSurfaces::new(scene, &self.link, seed);
+        let (options, link, seen) = (&self.options, &self.link, self.work.seen());
+        let (still_changes, moving) = match still.and_then(|still| Some((still, still.base()?))) {
+            Some((still, base)) => {
+                let changes = surfaces.trace_changes(options, link, seen, &still.flags, &base);
+                stats.n_bounces += changes.n_bounces;
+                (changes.of_still, changes.moving)
+            }
+            None => {
+                let bounces = surfaces.trace(options, link, seen);
+                stats.n_bounces += bounces.len();
+                (Vec::new(), bounces)
+            }
+        };
+        Some(Bounces {
+            surfaces,
+            still_changes,
+            moving,
+        })
+    }
+
+    /// Appends the visible facets of the surfaces that do not stand still.
+    fn add_moving_surfaces(
+        &mut self,
+        scene: &Scene<'_>,
+        seed: u64,
+        still: Option<&Still>,
+        count: bool,
+        stats: &mut FrameStats,
+    ) {
+        let mut first = 0;
+        for (surface_idx, surface) in scene.surfaces.iter().enumerate() {
+            let mine = first..first + surface.triangles().len();
+            if still.is_none_or(|still| !still.flags[surface_idx]) {
+                self.work.choose_visible(mine.clone());
+                let n_coarse = self.add_facets(scene, seed, surface_idx, first, None);
+                stats.n_coarse += if count { n_coarse } else { 0 };
+            }
             if count {
-                stats.n_visible += work.visible.len();
-                stats.n_coarse += n_coarse;
+                let work = &self.work;
                 let middle = &work.keys[N_KEYS / 2];
-                for (&[a, b, c], &share) in triangles.iter().zip(coverage) {
+                let coverage = &work.coverage[mine.clone()];
+                for (&[a, b, c], &share) in work.triangles[mine.clone()].iter().zip(coverage) {
                     // A visible facet has an area, so that only the others need the check.
-                    if share == 0.0 {
+                    if share > 0.0 {
+                        stats.n_visible += 1;
+                    } else {
                         let a = middle[a as usize];
                         let normal = (middle[b as usize] - a).cross(middle[c as usize] - a);
                         stats.n_degenerate += usize::from(normal == Vec3::ZERO);
                     }
                 }
             }
-            first += surface.triangles().len();
+            first = mine.end;
         }
-        stats.n_bounces += self.add_bounces(scene, seed);
+    }
+
+    /// Appends point targets and drops of rain.
+    fn add_points(
+        &mut self,
+        scene: &Scene<'_>,
+        segment: &Segment,
+        time_s: f64,
+    ) -> Result<(), SimError> {
+        let centre = self.link.array_centre_m;
         let work = &mut self.work;
         for (index, point) in scene.points.iter().chain(&work.drops).enumerate() {
             let key_times_s = segment.key_times_s().map(|t| time_s + t);
@@ -563,9 +843,14 @@ impl Simulator {
             work.power_w += source.power_w();
             work.sources.push(source);
         }
+        Ok(())
+    }
+
+    /// Refuses sources whose range changes too fast.
+    fn check_speeds(&self) -> Result<(), SimError> {
         // A range change of half the unambiguous range within a frame is treated as a jump, not as motion.
         let limit_cells = 0.5 * self.scale.n_cells as f32;
-        for source in &work.sources {
+        for source in &self.work.sources {
             let (low, high) = source.cell_range(2.0);
             let change = high - low;
             // NaN counts as too fast.
@@ -580,25 +865,64 @@ impl Simulator {
         Ok(())
     }
 
-    /// Adds the paths over several surfaces; returns their number.
-    fn add_bounces(&mut self, scene: &Scene<'_>, seed: u64) -> usize {
-        if self.options.max_bounces < 2 || scene.surfaces.is_empty() {
-            return 0;
-        }
+    /// Appends the facets of a surface that `work.visible` lists; returns how many of them are too coarse. With `taken`, they
+    /// are appended as they are kept there, with negative amplitude.
+    fn add_facets(
+        &mut self,
+        scene: &Scene<'_>,
+        seed: u64,
+        surface_idx: usize,
+        first: usize,
+        taken: Option<&Still>,
+    ) -> usize {
         let work = &mut self.work;
-        let surfaces = BouncingSurfaces::new(scene, &self.link, seed);
-        let bounces = surfaces.trace(
-            &self.options,
-            &self.link,
-            &work.keys[N_KEYS / 2],
-            &work.triangles,
-            &work.coverage,
-            &work.transmission,
+        let surface = &scene.surfaces[surface_idx];
+        let mine = first..first + surface.triangles().len();
+        let (coverage, transmission) = match taken {
+            Some(still) => (&still.coverage, &still.transmission),
+            None => (&work.coverage, &work.transmission),
+        };
+        let n_before = work.sources.len();
+        let mut n_coarse = 0;
+        facet_sources(
+            self.simd,
+            FacetJob {
+                link: &self.link,
+                scale: &self.scale,
+                reflection: &Reflection::new(surface.material(), self.link.wavelength_m),
+                phases: &FacetPhases::new(seed, surface_idx),
+                keys: &work.keys,
+                triangles: &work.triangles[mine.clone()],
+                coverage: &coverage[mine],
+                transmission,
+                first_facet: first,
+                visible: &work.visible,
+                out: &mut work.sources,
+                coarse_m: 0.5 * self.config.range_resolution_m(),
+                n_coarse: &mut n_coarse,
+                power_w: &mut work.power_w,
+            },
         );
-        for bounce in &bounces {
-            let states = std::array::from_fn::<_, N_KEYS, _>(|key| {
-                surfaces.state(bounce, &self.link, &work.keys[key], &work.triangles)
-            });
+        if taken.is_some() {
+            for source in &mut work.sources[n_before..] {
+                source.coherent = source.coherent.map(|c| -c);
+                source.rough = source.rough.map(|c| -c);
+            }
+        }
+        n_coarse
+    }
+
+    /// Appends paths over several surfaces, which may all stand still.
+    fn add_bounces(&mut self, surfaces: &BouncingSurfaces, bounces: &[Bounce], are_still: bool) {
+        let work = &mut self.work;
+        for bounce in bounces {
+            let at =
+                |key: usize| surfaces.state(bounce, &self.link, &work.keys[key], &work.triangles);
+            let states: [_; N_KEYS] = if are_still {
+                [at(0); N_KEYS]
+            } else {
+                std::array::from_fn(at)
+            };
             let (tx, rx) = (states.map(|s| s.seen_by_tx), states.map(|s| s.seen_by_rx));
             let mut source = self.scale.source_between(&tx, &rx);
             source.tx_row = Some(work.tx_rows.len() as u32);
@@ -621,18 +945,17 @@ impl Simulator {
             work.power_w += source.power_w();
             work.sources.push(source);
         }
-        bounces.len()
     }
 
     /// Assigns the sources to Doppler groups. Returns the first cell and the number of cells that they use.
     fn group_sources(
         &mut self,
         segment: &Segment,
-        is_last: usize,
+        levels: usize,
         stats: &mut FrameStats,
     ) -> (i32, usize) {
         let work = &mut self.work;
-        let levels = &self.levels[is_last];
+        let levels = &self.levels[levels];
         // Over the sweep, the frequency of a source varies by up to half the relative bandwidth (range migration).
         let sweep = (0.5 * self.config.sampled_bandwidth_hz() / self.link.centre_hz) as f32;
         let half_s = segment.half_s as f32;

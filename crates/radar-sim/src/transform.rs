@@ -102,6 +102,23 @@ fn inverse_root(index: usize, len: usize) -> [f32; 2] {
     [cos, -sin]
 }
 
+/// Rows of samples as cells of sixteen, `[row][sample / 16]`; the last one of a row is filled up with zeros.
+pub(crate) fn sample_cells(samples: &[Complex32], n_samples: usize) -> Vec<Cell> {
+    let blocks = samples
+        .chunks_exact(n_samples)
+        .flat_map(|row| row.chunks(LANES));
+    blocks
+        .map(|block| {
+            let part =
+                |of: fn(&Complex32) -> f32| std::array::from_fn(|i| block.get(i).map_or(0.0, of));
+            Cell {
+                re: part(|z| z.re),
+                im: part(|z| z.im),
+            }
+        })
+        .collect()
+}
+
 /// Input and output of one pass.
 pub(crate) struct TransformJob<'a> {
     pub transform: &'a mut RangeTransform,
@@ -110,6 +127,8 @@ pub(crate) struct TransformJob<'a> {
     pub grid: &'a [Cell],
     pub first_cell: i32,
     pub n_cells: usize,
+    /// Samples that are added to those of every loop, `[lane][sample / 16]`; see [`sample_cells`].
+    pub constant: Option<&'a [Cell]>,
     /// Samples of the segment's loops, `[loop][channel][sample]`.
     pub out: &'a mut [Complex32],
     pub n_channels: usize,
@@ -168,7 +187,8 @@ fn transform_body<L: SimdF32x16>(mut job: TransformJob<'_>) {
             let out = &mut spectrum[s * part_cells..(s + 1) * part_cells];
             all_cell_passes(*level, &plan.passes, part, out, spare);
         }
-        *job.energy += to_rows::<L>(spectrum, &plan.places, deapodisation, len, rows);
+        let constant = job.constant;
+        *job.energy += to_rows::<L>(spectrum, &plan.places, deapodisation, constant, len, rows);
         for (samples, row) in samples
             .chunks_exact_mut(n_samples)
             .zip(rows.chunks_exact(deapodisation.len()))
@@ -198,12 +218,13 @@ fn fill_part<L: SimdF32x16>(part: &mut [Cell], first: usize, cells: &[Cell], tur
     }
 }
 
-/// Writes the samples of the first `len` lanes row by row, and returns the sum of their squares.
+/// Writes the samples of the first `len` lanes row by row, with the constant ones added, and returns the sum of their squares.
 #[inline(always)]
 fn to_rows<L: SimdF32x16>(
     spectrum: &[Cell],
     places: &[[usize; LANES]],
     deapodisation: &[[f32; LANES]],
+    constant: Option<&[Cell]>,
     len: usize,
     rows: &mut [Cell],
 ) -> f64 {
@@ -221,7 +242,12 @@ fn to_rows<L: SimdF32x16>(
         L::transpose(&mut im);
         let factors = L::load(factors);
         for lane in 0..len {
-            let (re, im) = (re[lane].mul(factors), im[lane].mul(factors));
+            let (mut re, mut im) = (re[lane].mul(factors), im[lane].mul(factors));
+            if let Some(constant) = constant {
+                let more = &constant[lane * n_blocks + block];
+                re = re.add(L::load(&more.re));
+                im = im.add(L::load(&more.im));
+            }
             energy = re.fma(re, im.fma(im, energy));
             C { re, im }.store(&mut rows[lane * n_blocks + block]);
         }
@@ -289,6 +315,10 @@ mod tests {
                     im: std::array::from_fn(|lane| random(32 * i + lane + 16)),
                 })
                 .collect();
+            let more: Vec<Complex32> = (0..n_channels * n_samples)
+                .map(|i| Complex32::new(random(5 * i), random(5 * i + 2)))
+                .collect();
+            let constant = sample_cells(&more, n_samples);
             for level in SimdLevel::available() {
                 let mut plan = RangeTransform::new(level, n_samples, m, &kernel);
                 let mut out = vec![Complex32::ONE; n_loops * n_channels * n_samples];
@@ -299,6 +329,7 @@ mod tests {
                     grid: &grid,
                     first_cell,
                     n_cells: n_used,
+                    constant: (n_used == 21).then_some(&constant[..]),
                     out: &mut out,
                     n_channels,
                     noise: None,
@@ -320,8 +351,13 @@ mod tests {
                         im += x * sin + y * cos;
                     }
                     let factor = f64::from(factors[sample]);
-                    let error = (f64::from(found.re) - factor * re)
-                        .hypot(f64::from(found.im) - factor * im);
+                    let more = if n_used == 21 {
+                        more[lane * n_samples + sample]
+                    } else {
+                        Complex32::ZERO
+                    };
+                    let error = (f64::from(found.re - more.re) - factor * re)
+                        .hypot(f64::from(found.im - more.im) - factor * im);
                     // Sums of up to 130 numbers of about 0.4, in f32. The factors are below 3.
                     assert!(error < 1e-5, "{level:?} {n_samples} {i}: {error}");
                     sum += f64::from(found.norm_sqr());

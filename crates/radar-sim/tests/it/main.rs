@@ -10,5 +10,6 @@ mod fast_against_reference;
 mod input;
 mod reproducibility;
 mod screens;
+mod still;
 mod visibility;
 mod weather;
