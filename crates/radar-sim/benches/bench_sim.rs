@@ -6,7 +6,7 @@
 //! walk in a room with reflections, whose walls stand still or are computed in every frame. Times are of one
 //! run on whatever else the machine does: the best frame and the processor time are less sensitive to neighbours.
 //!
-//! `cargo bench -p radarllm-radar-sim --bench bench_sim [-- frames [longest facet edge, m]]`
+//! `cargo bench -p radarllm-radar-sim --bench bench_sim [-- frames, at least 20 [longest facet edge, m]]`
 
 #![allow(clippy::disallowed_methods, clippy::print_stdout, reason = "a bench")]
 
@@ -58,7 +58,8 @@ impl Run {
 
 fn main() -> Result<(), Box<dyn Error + Send + Sync>> {
     let mut args = std::env::args().skip(1).filter(|a| a != "--bench");
-    let n_frames: usize = args.next().map_or(Ok(200), |a| a.parse())?;
+    let n_frames = args.next().map_or(Ok(200), |a| a.parse::<usize>())?;
+    let n_frames = n_frames.max(N_PHASES);
     let facet_edge_m: f32 = args.next().map_or(Ok(0.02), |a| a.parse())?;
     let config = RadarConfig::awr1843boost();
     let shape = BodyShape {

@@ -43,7 +43,7 @@ const SAME_PLANE: f32 = 1e-4;
 
 /// The legs of the path that go over the mirrors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Legs {
+enum Legs {
     /// Transmitter leg over the mirrors, receiver leg direct. Coherent and rough terms.
     Out,
     /// Transmitter leg direct, receiver leg over the mirrors. Rough term only.
@@ -52,18 +52,16 @@ pub(crate) enum Legs {
     Both,
 }
 
-/// A facet that is illuminated via mirrors.
+/// A facet that is illuminated via mirrors, with the paths of [`ALL_LEGS`].
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bounce {
     /// Facets whose planes act as mirrors, starting at the array. Entries after the last mirror are [`NO_FACET`].
     mirrors: [u32; MAX_MIRRORS],
     /// The scattering facet.
     pub facet: u32,
-    /// The legs that go over the mirrors.
-    pub legs: Legs,
-    now: Illuminated,
+    now: [Illuminated; ALL_LEGS.len()],
     /// What is taken away of the field, because it is among what the surfaces that stand still return without the others.
-    kept: Illuminated,
+    kept: [Illuminated; ALL_LEGS.len()],
 }
 
 /// How much of a facet is illuminated along one path.
@@ -75,9 +73,10 @@ struct Illuminated {
     passed: f32,
 }
 
+/// The paths of a bounce, in order.
 const ALL_LEGS: [Legs; 3] = [Legs::Out, Legs::Back, Legs::Both];
 
-/// The state of a bounce at one instant.
+/// The state of one path of a bounce at one instant.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BounceState {
     /// Apparent position of the scattering point for the transmitters, relative to the array centre, m.
@@ -181,23 +180,20 @@ impl TraceJob<'_> {
         let mesh = Mesh::new(self, 0..self.triangles.len() as u32);
         let tracer = Tracer {
             job: self,
-            meshes: &[&mesh],
-            known_planes: None,
+            mesh: &mesh,
+            still: None,
         };
         let mut lit = Illumination::new();
         let mut planes = Planes::new();
         let mut ray = RayPaths::default();
-        for (direction, solid_angle) in self.grid(bounds) {
-            tracer.follow_ray(direction, solid_angle, &mut planes, &mut ray);
+        for grid_ray in self.grid(bounds) {
+            tracer.follow_ray(grid_ray, &[], &mut planes, &mut ray);
             for hit in &ray.hits {
                 lit.entry(hit.key).or_default().add(hit, 1);
             }
         }
-        let mut out = Vec::new();
-        for (key, lit) in lit {
-            self.push_bounces(key, lit, &mut out);
-        }
-        out
+        let bounces = lit.into_iter().map(|(key, lit)| self.bounce(key, lit));
+        bounces.filter(Bounce::has_paths).collect()
     }
 
     /// How a facet is illuminated via a chain of mirrors, with the legs of [`ALL_LEGS`].
@@ -223,20 +219,14 @@ impl TraceJob<'_> {
         })
     }
 
-    /// Appends the bounces of a facet that is illuminated via a chain of mirrors.
-    fn push_bounces(&self, (mirrors, facet): Key, lit: Lit, out: &mut Vec<Bounce>) {
-        let pairs = ALL_LEGS.into_iter().zip(self.illuminated(facet, lit));
-        out.extend(
-            pairs
-                .filter(|(_, now)| now.share > 0.0)
-                .map(|(legs, now)| Bounce {
-                    mirrors,
-                    facet,
-                    legs,
-                    now,
-                    kept: Illuminated::default(),
-                }),
-        );
+    /// The bounce of a facet that is illuminated via a chain of mirrors.
+    fn bounce(&self, (mirrors, facet): Key, lit: Lit) -> Bounce {
+        Bounce {
+            mirrors,
+            facet,
+            now: self.illuminated(facet, lit),
+            kept: Default::default(),
+        }
     }
 
     /// Traces the surfaces of `still` alone. `None` if the bounding box of their mirrors does not contain every mirror that
@@ -249,8 +239,8 @@ impl TraceJob<'_> {
         let mesh = Mesh::new(self, self.facets_of(still, true));
         let tracer = Tracer {
             job: self,
-            meshes: &[&mesh],
-            known_planes: None,
+            mesh: &mesh,
+            still: None,
         };
         let mut lit = Illumination::new();
         let mut planes = Planes::new();
@@ -258,7 +248,7 @@ impl TraceJob<'_> {
         let mut rays = Vec::new();
         let (mut legs, mut hits) = (Vec::new(), Vec::new());
         for (direction, solid_angle) in self.grid((low, high)) {
-            tracer.follow_ray(direction, solid_angle, &mut planes, &mut ray);
+            tracer.follow_ray((direction, solid_angle), &[], &mut planes, &mut ray);
             for hit in &ray.hits {
                 lit.entry(hit.key).or_default().add(hit, 1);
             }
@@ -297,8 +287,8 @@ impl TraceJob<'_> {
         let moving = Mesh::new(self, self.facets_of(still, false));
         let tracer = Tracer {
             job: self,
-            meshes: &[&paths.mesh, &moving],
-            known_planes: Some(&paths.planes),
+            mesh: &moving,
+            still: Some(paths),
         };
         let mut changes = Illumination::new();
         let mut planes = Planes::new();
@@ -314,7 +304,8 @@ impl TraceJob<'_> {
             for hit in hits {
                 changes.entry(hit.key).or_default().add(hit, -1);
             }
-            tracer.follow_ray(kept.direction, kept.solid_angle, &mut planes, &mut ray);
+            let grid_ray = (kept.direction, kept.solid_angle);
+            tracer.follow_ray(grid_ray, legs, &mut planes, &mut ray);
             for hit in &ray.hits {
                 changes.entry(hit.key).or_default().add(hit, 1);
             }
@@ -336,35 +327,40 @@ impl TraceJob<'_> {
             {
                 continue;
             }
-            let now = self.illuminated(facet, lit.changed_by(change.unwrap_or_default()));
-            let kept = was.illuminated(facet, lit);
-            for ((legs, now), kept) in ALL_LEGS.into_iter().zip(now).zip(kept) {
-                n_bounces += usize::from(now.share > 0.0);
-                n_bounces -= usize::from(kept.share > 0.0);
-                if now != kept {
-                    of_still.push(Bounce {
-                        mirrors,
-                        facet,
-                        legs,
-                        now,
-                        kept,
-                    });
-                }
+            let bounce = Bounce {
+                mirrors,
+                facet,
+                now: self.illuminated(facet, lit.changed_by(change.unwrap_or_default())),
+                kept: was.illuminated(facet, lit),
+            };
+            n_bounces += count(&bounce.now);
+            n_bounces -= count(&bounce.kept);
+            if bounce.has_paths() {
+                of_still.push(bounce);
             }
         }
         // What remains goes over a surface that does not stand still.
-        let mut moving = Vec::new();
-        for (key, lit) in changes {
-            if lit.n_rays > 0 {
-                self.push_bounces(key, lit, &mut moving);
-            }
-        }
+        let moving: Vec<Bounce> = (changes.into_iter())
+            .filter(|(_, lit)| lit.n_rays > 0)
+            .map(|(key, lit)| self.bounce(key, lit))
+            .filter(Bounce::has_paths)
+            .collect();
         Changes {
-            n_bounces: n_bounces + moving.len(),
+            n_bounces: n_bounces + n_paths(&moving),
             of_still,
             moving,
         }
     }
+}
+
+/// Number of paths of bounces.
+pub(crate) fn n_paths(bounces: &[Bounce]) -> usize {
+    bounces.iter().map(|bounce| count(&bounce.now)).sum()
+}
+
+/// Number of illuminated paths.
+fn count(illuminated: &[Illuminated]) -> usize {
+    illuminated.iter().filter(|i| i.share > 0.0).count()
 }
 
 /// What the surfaces that do not stand still change.
@@ -373,7 +369,7 @@ pub(crate) struct Changes {
     pub of_still: Vec<Bounce>,
     /// Bounces over other surfaces.
     pub moving: Vec<Bounce>,
-    /// Number of bounces of the whole scene.
+    /// Number of paths of the whole scene.
     pub n_bounces: usize,
 }
 
@@ -427,6 +423,8 @@ struct Leg {
     direction: Vec3,
     /// Infinite if it meets nothing.
     length_m: f32,
+    /// The facet that it meets.
+    facet: u32,
 }
 
 /// A facet that a ray illuminates via mirrors.
@@ -531,24 +529,37 @@ impl Mesh {
     }
 
     /// Nearest facet that faces the ray within `limit_m`, and its distance, m.
-    fn nearest(&self, origin: Vec3, direction: Vec3, limit_m: f32) -> Option<(u32, f32)> {
+    fn nearest(&self, shot: &Shot, limit_m: f32) -> Option<(u32, f32)> {
         if self.triangles.is_empty() {
             return None;
         }
-        let ray = Ray::new(origin.into(), direction.into(), CLEARANCE_M, limit_m);
+        let (origin, direction) = (shot.origin.into(), shot.direction.into());
+        let ray = Ray::new(origin, direction, CLEARANCE_M, limit_m);
         let mut hit = RayHit::none();
-        let triangle_of = |i: usize| self.bvh.primitive_indices[i] as usize;
-        self.bvh.ray_traverse(ray, &mut hit, |ray, i| {
-            let triangle = &self.triangles[triangle_of(i)];
-            let cross = (triangle.v1 - triangle.v0).cross(triangle.v2 - triangle.v0);
-            // Surfaces are one-sided: from the inside they are transparent, as in the raster.
-            if cross.dot(ray.direction) >= 0.0 {
-                return f32::INFINITY;
-            }
-            let t = triangle.intersect(ray);
-            if t > CLEARANCE_M { t } else { f32::INFINITY }
-        });
-        (hit.t < limit_m).then(|| (self.facets[triangle_of(hit.primitive_id as usize)], hit.t))
+        self.bvh
+            .ray_traverse(ray, &mut hit, |ray, i| self.distance_m(ray, i));
+        (hit.t < limit_m).then(|| {
+            (
+                self.facets[self.triangle_of(hit.primitive_id as usize)],
+                hit.t,
+            )
+        })
+    }
+
+    fn triangle_of(&self, primitive: usize) -> usize {
+        self.bvh.primitive_indices[primitive] as usize
+    }
+
+    /// Distance of a primitive of the hierarchy along the ray, m; infinite if the ray does not meet its front.
+    fn distance_m(&self, ray: &Ray, primitive: usize) -> f32 {
+        let triangle = &self.triangles[self.triangle_of(primitive)];
+        let cross = (triangle.v1 - triangle.v0).cross(triangle.v2 - triangle.v0);
+        // Surfaces are one-sided: from the inside they are transparent, as in the raster.
+        if cross.dot(ray.direction) >= 0.0 {
+            return f32::INFINITY;
+        }
+        let t = triangle.intersect(ray);
+        if t > CLEARANCE_M { t } else { f32::INFINITY }
     }
 
     /// Whether a facet faces the leg before its end.
@@ -562,58 +573,69 @@ impl Mesh {
         );
         let enters = a.min(b).max_element().max(0.0);
         let leaves = a.max(b).min_element().min(leg.length_m);
-        enters <= leaves
-            && self
-                .nearest(leg.origin, leg.direction, leg.length_m)
-                .is_some()
+        if enters > leaves {
+            return false;
+        }
+        let (origin, direction) = (leg.origin.into(), leg.direction.into());
+        let ray = Ray::new(origin, direction, CLEARANCE_M, leg.length_m);
+        !self
+            .bvh
+            .ray_traverse_miss(ray, |ray, i| self.distance_m(ray, i))
     }
 }
 
 struct Tracer<'a> {
     job: &'a TraceJob<'a>,
-    meshes: &'a [&'a Mesh],
-    /// Planes that were found before.
-    known_planes: Option<&'a Planes>,
+    mesh: &'a Mesh,
+    /// What is known of the other surfaces, which stand still.
+    still: Option<&'a StillPaths>,
 }
 
 impl Tracer<'_> {
-    /// Nearest facet that faces the ray, and its distance, m.
-    fn nearest(&self, origin: Vec3, direction: Vec3) -> Option<(u32, f32)> {
-        let mut found = None;
-        let mut limit_m = f32::INFINITY;
-        for mesh in self.meshes {
-            if let Some(hit) = mesh.nearest(origin, direction, limit_m) {
-                limit_m = hit.1;
-                found = Some(hit);
-            }
-        }
-        found
+    /// Nearest facet that faces the ray, and its distance, m. `known` are legs among the surfaces that stand still.
+    fn nearest(&self, shot: &Shot, known: &[Leg]) -> Option<(u32, f32)> {
+        let same = |leg: &&Leg| leg.origin == shot.origin && leg.direction == shot.direction;
+        let found = match (known.iter().find(same), self.still) {
+            (Some(leg), _) => (leg.facet != NO_FACET).then_some((leg.facet, leg.length_m)),
+            (None, Some(still)) => still.mesh.nearest(shot, f32::INFINITY),
+            (None, None) => None,
+        };
+        let limit_m = found.map_or(f32::INFINITY, |(_, t)| t);
+        self.mesh.nearest(shot, limit_m).or(found)
     }
 
     /// Follows one ray of the grid into `paths`, which is overwritten.
     fn follow_ray(
         &self,
-        direction: Vec3,
-        solid_angle: f32,
+        (direction, solid_angle): (Vec3, f32),
+        known: &[Leg],
         planes: &mut Planes,
         paths: &mut RayPaths,
     ) {
         paths.legs.clear();
         paths.hits.clear();
         let shot = Shot::new(self.job.centre, direction);
-        self.follow(shot, solid_angle, planes, paths);
+        self.follow(shot, solid_angle, known, planes, paths);
     }
 
     /// Follows one ray and collects the illumination after its first mirror. At a screen the ray splits into a
     /// transmitted and a reflected one.
-    fn follow(&self, mut shot: Shot, solid_angle: f32, planes: &mut Planes, paths: &mut RayPaths) {
+    fn follow(
+        &self,
+        mut shot: Shot,
+        solid_angle: f32,
+        known: &[Leg],
+        planes: &mut Planes,
+        paths: &mut RayPaths,
+    ) {
         let job = self.job;
         while shot.n_mirrors < job.max_bounces.min(MAX_MIRRORS + 1) {
-            let found = self.nearest(shot.origin, shot.direction);
+            let found = self.nearest(&shot, known);
             paths.legs.push(Leg {
                 origin: shot.origin,
                 direction: shot.direction,
                 length_m: found.map_or(f32::INFINITY, |(_, t)| t),
+                facet: found.map_or(NO_FACET, |(facet, _)| facet),
             });
             let Some((facet, t)) = found else {
                 return;
@@ -641,7 +663,7 @@ impl Tracer<'_> {
                 reflected.mirrors[shot.n_mirrors] = self.plane_of(facet, normal, planes);
                 reflected.n_mirrors += 1;
                 reflected.direction = (shot.direction + 2.0 * cos * normal).normalize();
-                self.follow(reflected, solid_angle, planes, paths);
+                self.follow(reflected, solid_angle, known, planes, paths);
             }
             shot.passed *= reflection.passes;
             if shot.passed < MIN_GAIN {
@@ -656,7 +678,7 @@ impl Tracer<'_> {
         let key = [normal.x, normal.y, normal.z, offset].map(|v| (v / SAME_PLANE).round() as i32);
         let surface = self.job.surfaces.partition_point(|s| s.0 <= facet as usize);
         let key = (key, surface);
-        let known = self.known_planes.and_then(|known| known.get(&key));
+        let known = self.still.and_then(|still| still.planes.get(&key));
         known
             .copied()
             .unwrap_or_else(|| *planes.entry(key).or_insert(facet))
@@ -714,10 +736,8 @@ impl BouncingSurfaces {
     ) -> Option<(StillPaths, Vec<Bounce>)> {
         let job = self.job(options, link, seen);
         let paths = job.trace_still(still)?;
-        let mut bounces = Vec::new();
-        for &(key, lit) in &paths.lit {
-            job.push_bounces(key, lit, &mut bounces);
-        }
+        let bounces = paths.lit.iter().map(|&(key, lit)| job.bounce(key, lit));
+        let bounces = bounces.filter(Bounce::has_paths).collect();
         Some((paths, bounces))
     }
 
@@ -750,14 +770,14 @@ impl BouncingSurfaces {
         self.surfaces.partition_point(|s| s.0 <= facet as usize) - 1
     }
 
-    /// Returns the state of a bounce for the vertices at `positions`.
-    pub(crate) fn state(
+    /// Returns the states of the paths of a bounce for the vertices at `positions`.
+    pub(crate) fn states(
         &self,
         bounce: &Bounce,
         link: &Link,
         positions: &[Vec3],
         triangles: &[[u32; 3]],
-    ) -> BounceState {
+    ) -> [BounceState; ALL_LEGS.len()] {
         let reflection = |facet| self.surfaces[self.surface_of(facet)].1;
         bounce.at(link, positions, triangles, reflection)
     }
@@ -783,14 +803,23 @@ impl Plane {
 }
 
 impl Bounce {
-    /// Returns the path for the vertices at `positions`.
+    /// Indices of the paths that differ from what is kept.
+    pub(crate) fn paths(&self) -> impl Iterator<Item = usize> {
+        (0..ALL_LEGS.len()).filter(|&path| self.now[path] != self.kept[path])
+    }
+
+    fn has_paths(&self) -> bool {
+        self.now != self.kept
+    }
+
+    /// Returns the paths for the vertices at `positions`.
     fn at(
         &self,
         link: &Link,
         positions: &[Vec3],
         triangles: &[[u32; 3]],
         reflection: impl Fn(u32) -> Reflection,
-    ) -> BounceState {
+    ) -> [BounceState; ALL_LEGS.len()] {
         let corners_of = |facet: u32| {
             triangles[facet as usize]
                 .map(|i| positions[i as usize].as_dvec3() - link.array_centre_m)
@@ -829,41 +858,47 @@ impl Bounce {
         let cos_mirrored = (-normal.dot(direction)).max(0.0) as f32;
         let cos_direct = (-normal.dot(middle.normalize_or_zero())).max(0.0) as f32;
 
-        let (seen_by_tx, seen_by_rx, cos, mirrors_gain) = match self.legs {
-            Legs::Out => (mirrored, middle, [cos_mirrored, cos_direct], over_mirrors),
-            Legs::Back => (middle, mirrored, [cos_direct, cos_mirrored], over_mirrors),
-            Legs::Both => (
-                mirrored,
-                mirrored,
-                [cos_mirrored; 2],
-                over_mirrors * over_mirrors,
-            ),
-        };
-        let path_m = |p: DVec3| match self.legs {
-            Legs::Out | Legs::Back => image(p).length() + p.length(),
-            Legs::Both => 2.0 * image(p).length(),
-        };
-        let path_middle_m = path_m(middle);
         // Each leg contributes the square root of the two-way amplitude at its own apparent position.
-        let amplitude =
-            (link.amplitude(seen_by_tx.as_vec3()) * link.amplitude(seen_by_rx.as_vec3())).sqrt()
-                * mirrors_gain;
+        let [via_mirrors, direct] = [mirrored, middle].map(|p| link.amplitude(p.as_vec3()).sqrt());
+        let via_mirrors = via_mirrors * over_mirrors;
+        let middle_m = [mirrored.length(), middle.length()];
+        let corners_m =
+            corners.map(|p| [image(p).length() - middle_m[0], p.length() - middle_m[1]]);
         let reflection = reflection(self.facet);
-        let gains = |of: Illuminated| {
-            let (coherent, rough) = reflection.gains_between(cos, area as f32, of.share);
-            (coherent * of.passed, rough * of.passed)
-        };
-        let (now, kept) = (gains(self.now), gains(self.kept));
-        let (coherent, rough) = (now.0 - kept.0, now.1 - kept.1);
-        BounceState {
-            seen_by_tx,
-            seen_by_rx,
-            corner_path_m: corners.map(|p| path_m(p) - path_middle_m),
-            coherent: match self.legs {
-                Legs::Out => coherent * amplitude,
-                Legs::Back | Legs::Both => 0.0,
-            },
-            rough: rough * amplitude,
-        }
+        std::array::from_fn(|path| {
+            let legs = ALL_LEGS[path];
+            let (seen_by_tx, seen_by_rx, cos, amplitude) = match legs {
+                Legs::Out => {
+                    let cos = [cos_mirrored, cos_direct];
+                    (mirrored, middle, cos, via_mirrors * direct)
+                }
+                Legs::Back => {
+                    let cos = [cos_direct, cos_mirrored];
+                    (middle, mirrored, cos, via_mirrors * direct)
+                }
+                Legs::Both => {
+                    let cos = [cos_mirrored; 2];
+                    (mirrored, mirrored, cos, via_mirrors * via_mirrors)
+                }
+            };
+            let gains = |of: Illuminated| {
+                let (coherent, rough) = reflection.gains_between(cos, area as f32, of.share);
+                (coherent * of.passed, rough * of.passed)
+            };
+            let (now, kept) = (gains(self.now[path]), gains(self.kept[path]));
+            BounceState {
+                seen_by_tx,
+                seen_by_rx,
+                corner_path_m: corners_m.map(|[via, direct]| match legs {
+                    Legs::Out | Legs::Back => via + direct,
+                    Legs::Both => 2.0 * via,
+                }),
+                coherent: match legs {
+                    Legs::Out => (now.0 - kept.0) * amplitude,
+                    Legs::Back | Legs::Both => 0.0,
+                },
+                rough: (now.1 - kept.1) * amplitude,
+            }
+        })
     }
 }

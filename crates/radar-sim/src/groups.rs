@@ -18,6 +18,9 @@ const SIDE: f32 = 0.2;
 /// near the quartiles over the facets of a walking body.
 const RESTS: [f32; 3] = [0.15, 0.35, 0.7];
 
+/// Length of the range zones into which paths over several surfaces are divided, cells.
+const ZONE_CELLS: f32 = 20.0;
+
 /// Costs in cycles: of a source at a node; of a grid cell in a loop for each node; and of a grid cell in a loop
 /// regardless of the nodes. They were measured with bench_sim on Zen 4 with and without each part. They only select
 /// among groupings, all of which have the accuracy of their levels.
@@ -69,6 +72,8 @@ pub(crate) struct Band {
     pub rest: f32,
     /// Range of the cells that it may write, for all channels and |u| <= 1.
     pub cells: [f32; 2],
+    /// Whether it is a path over several surfaces. Such paths end far beyond the surfaces that are seen directly.
+    pub is_bounce: bool,
 }
 
 impl Band {
@@ -77,10 +82,14 @@ impl Band {
     /// its group.
     fn place(&self) -> u32 {
         // The bins saturate far beyond the speeds of radar targets. Saturation costs nodes, not accuracy.
-        let bin = |x: f32| ((x * (1.0 / SIDE)).floor() as i32 + (1 << 14)).clamp(0, 0x7fff);
+        let bin = |x: f32| ((x * (1.0 / SIDE)).floor() as i32 + (1 << 12)).clamp(0, 0x1fff);
         let square = spaced(bin(self.frequency) as u32) << 1 | spaced(bin(self.ramp) as u32);
         let class = RESTS.iter().filter(|&&rest| self.rest > rest).count() as u32;
-        square >> 6 << 8 | class << 6 | square & 0x3f
+        let zone = match self.is_bounce {
+            true => 1 + (self.cells[0] / ZONE_CELLS).clamp(0.0, 14.0) as u32,
+            false => 0,
+        };
+        zone << 28 | square >> 6 << 8 | class << 6 | square & 0x3f
     }
 }
 
@@ -347,6 +356,12 @@ mod tests {
         grouping.bands = (0..500)
             .map(|i| {
                 let at = [-3.0, 0.4, 60.0][i % 3];
+                // Some of them are paths over several surfaces, in several zones.
+                let ghost = if i % 5 == 0 {
+                    300.0 * random(i, 4)
+                } else {
+                    0.0
+                };
                 Band {
                     frequency: at + 2.0 * random(i, 0),
                     ramp: 0.5 * at * random(i, 1),
@@ -355,7 +370,8 @@ mod tests {
                     } else {
                         0.2 * random(i, 2)
                     },
-                    cells: [40.0 + 10.0 * random(i, 3), 53.0],
+                    cells: [40.0 + 10.0 * random(i, 3), 53.0].map(|c| c + ghost),
+                    is_bounce: ghost > 0.0,
                 }
             })
             .collect();
@@ -397,6 +413,15 @@ mod tests {
         }
         assert_eq!(next, 500);
         assert!(seen.iter().all(|&n| n == 1));
+        // Paths over several surfaces do not widen the grids of what is seen directly.
+        let is_direct = |g: &&Group| {
+            let mut own = grouping.order[g.first..g.end].iter();
+            own.all(|&i| !grouping.bands[i as usize].is_bounce)
+        };
+        let in_direct_groups: usize = (grouping.groups.iter().filter(is_direct))
+            .map(|g| g.end - g.first)
+            .sum();
+        assert!(in_direct_groups > 380, "{in_direct_groups} of 400");
         // Merging pays: there are fewer groups than squares, and fewer families than groups but more than two.
         let (n_groups, n_families) = (grouping.groups.len(), families.len());
         assert!(

@@ -114,18 +114,23 @@ pub fn simulate_loops(
                     let mut found = scatterers(&link, scene, seed, &positions, &triangles, seen);
                     let points = scene.points.iter().chain(&drops);
                     found.extend(points.map(|point| point_scatterer(&link, point, now_s)));
-                    found.extend(bounces.iter().map(|bounce| {
-                        let state = surfaces.state(bounce, &link, &positions, &triangles);
-                        let phases_rad = state.corner_path_m.map(|p| TAU / link.wavelength_m * p);
+                    for bounce in &bounces {
+                        let states = surfaces.states(bounce, &link, &positions, &triangles);
                         let phasor = surfaces.phasor(bounce.facet);
                         let phasor = Complex64::new(f64::from(phasor.re), f64::from(phasor.im));
-                        Scatterer {
-                            seen_by_tx: state.seen_by_tx + link.array_centre_m,
-                            seen_by_rx: state.seen_by_rx + link.array_centre_m,
-                            amplitude: f64::from(state.coherent) * divided_difference(phases_rad)
-                                + f64::from(state.rough) * phasor,
-                        }
-                    }));
+                        found.extend(bounce.paths().map(|path| {
+                            let state = states[path];
+                            let phases_rad =
+                                state.corner_path_m.map(|p| TAU / link.wavelength_m * p);
+                            Scatterer {
+                                seen_by_tx: state.seen_by_tx + link.array_centre_m,
+                                seen_by_rx: state.seen_by_rx + link.array_centre_m,
+                                amplitude: f64::from(state.coherent)
+                                    * divided_difference(phases_rad)
+                                    + f64::from(state.rough) * phasor,
+                            }
+                        }));
+                    }
                     Ok(found)
                 };
                 let now_s = time_s + chirp_time_s(config, loop_idx, slot);

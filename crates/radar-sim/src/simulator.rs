@@ -18,7 +18,7 @@ use glam::Vec3;
 use num_complex::Complex32;
 use radarllm_base::{RadarConfig, RadarCube, radar_config::TxMultiplexing, seed::derive_seed};
 
-use crate::bounce::{Bounce, BouncingSurfaces, MAX_MIRRORS, Seen};
+use crate::bounce::{Bounce, BouncingSurfaces, MAX_MIRRORS, Seen, n_paths};
 use crate::error::SimError;
 use crate::facets::{FacetJob, facet_sources};
 use crate::gridding::{Kernel, grid_cells};
@@ -574,7 +574,7 @@ impl Simulator {
             let traced = surfaces.trace_still(&self.options, &self.link, seen, &flags);
             if let Some((kept, bounces)) = traced {
                 self.add_bounces(&surfaces, &bounces, true);
-                stats.n_bounces = bounces.len();
+                stats.n_bounces = n_paths(&bounces);
                 paths = Some(kept);
             }
         }
@@ -764,7 +764,7 @@ impl Simulator {
             }
             None => {
                 let bounces = surfaces.trace(options, link, seen);
-                stats.n_bounces += bounces.len();
+                stats.n_bounces += n_paths(&bounces);
                 (Vec::new(), bounces)
             }
         };
@@ -917,33 +917,36 @@ impl Simulator {
         let work = &mut self.work;
         for bounce in bounces {
             let at =
-                |key: usize| surfaces.state(bounce, &self.link, &work.keys[key], &work.triangles);
-            let states: [_; N_KEYS] = if are_still {
+                |key: usize| surfaces.states(bounce, &self.link, &work.keys[key], &work.triangles);
+            let keys: [_; N_KEYS] = if are_still {
                 [at(0); N_KEYS]
             } else {
                 std::array::from_fn(at)
             };
-            let (tx, rx) = (states.map(|s| s.seen_by_tx), states.map(|s| s.seen_by_rx));
-            let mut source = self.scale.source_between(&tx, &rx);
-            source.tx_row = Some(work.tx_rows.len() as u32);
-            work.tx_rows.push(tx.map(|p| p.as_vec3()));
-            source.corners = std::array::from_fn(|corner| {
-                let turns = states.map(|s| s.corner_path_m[corner] / self.link.wavelength_m);
-                quartic(turns).map(|c| c as f32)
-            });
-            source.corner_turns_per_u = source
-                .corners
-                .map(max_slope)
-                .into_iter()
-                .fold(0.0, f32::max);
-            source.coherent = parabola([0, 2, 4].map(|key| states[key].coherent));
-            source.rough = parabola([0, 2, 4].map(|key| states[key].rough));
-            let phasor = surfaces.phasor(bounce.facet);
-            source.rough_phasor = [phasor.re, phasor.im];
-            // The divided difference is at most 1/2.
-            source.bound_change(std::f32::consts::PI * source.corner_turns_per_u);
-            work.power_w += source.power_w();
-            work.sources.push(source);
+            for path in bounce.paths() {
+                let states = keys.map(|paths| paths[path]);
+                let (tx, rx) = (states.map(|s| s.seen_by_tx), states.map(|s| s.seen_by_rx));
+                let mut source = self.scale.source_between(&tx, &rx);
+                source.tx_row = Some(work.tx_rows.len() as u32);
+                work.tx_rows.push(tx.map(|p| p.as_vec3()));
+                source.corners = std::array::from_fn(|corner| {
+                    let turns = states.map(|s| s.corner_path_m[corner] / self.link.wavelength_m);
+                    quartic(turns).map(|c| c as f32)
+                });
+                source.corner_turns_per_u = source
+                    .corners
+                    .map(max_slope)
+                    .into_iter()
+                    .fold(0.0, f32::max);
+                source.coherent = parabola([0, 2, 4].map(|key| states[key].coherent));
+                source.rough = parabola([0, 2, 4].map(|key| states[key].rough));
+                let phasor = surfaces.phasor(bounce.facet);
+                source.rough_phasor = [phasor.re, phasor.im];
+                // The divided difference is at most 1/2.
+                source.bound_change(std::f32::consts::PI * source.corner_turns_per_u);
+                work.power_w += source.power_w();
+                work.sources.push(source);
+            }
         }
     }
 
@@ -965,7 +968,9 @@ impl Simulator {
             let (frequency, ramp) = (source.turns[1] as f32, 2.0 * source.turns[2] as f32);
             let own = source.rest_turns_per_u();
             let of_channels = self.reach.extra_band(source, ramp, half_s);
-            let reach = self.reach.cells(source, cells_per_turn, half_s);
+            let reach = self
+                .reach
+                .cells(source, &work.tx_rows, cells_per_turn, half_s);
             source.reach_cells = reach;
             source.is_flat =
                 source.tx_row.is_none() && self.reach.max_bend_turns(source) < MAX_BEND_TURNS;
@@ -975,6 +980,7 @@ impl Simulator {
                 ramp,
                 rest: own + of_channels + sweep * (frequency.abs() + ramp.abs() + own),
                 cells: [low - reach, high + reach],
+                is_bounce: source.tx_row.is_some(),
             });
         }
         work.grouping.group(levels, segment.half_s, segment.n_loops);

@@ -56,6 +56,9 @@ pub(crate) struct Reach {
     /// Maximum sum of a channel's TX and RX offsets along x and along z, m.
     reach_x_m: f32,
     reach_z_m: f32,
+    /// Maximum TX offset and maximum RX offset along x and along z, m.
+    tx_m: [f32; 2],
+    rx_m: [f32; 2],
     /// Maximum slot delay, s.
     max_slot_s: f32,
 }
@@ -93,6 +96,9 @@ impl ChannelBlock {
                         .fold(0.0, f32::max)
                 };
                 let (reach_x_m, reach_z_m) = (max_sum(&tx_x, &rx_x), max_sum(&tx_z, &rx_z));
+                let none = [0.0; LANES];
+                let tx_m = [&tx_x, &tx_z].map(|tx| max_sum(tx, &none));
+                let rx_m = [&rx_x, &rx_z].map(|rx| max_sum(&none, rx));
                 let max_slot_s = slot_s.iter().copied().fold(0.0, f32::max);
                 let slot_share = slot_s.map(|s: f32| s / max_slot_s.max(f32::MIN_POSITIVE));
                 Self {
@@ -110,6 +116,8 @@ impl ChannelBlock {
                         reach_m,
                         reach_x_m,
                         reach_z_m,
+                        tx_m,
+                        rx_m,
                         max_slot_s,
                     },
                 }
@@ -125,6 +133,8 @@ impl Reach {
             reach_m: reach.reach_m.max(block.reach.reach_m),
             reach_x_m: reach.reach_x_m.max(block.reach.reach_x_m),
             reach_z_m: reach.reach_z_m.max(block.reach.reach_z_m),
+            tx_m: std::array::from_fn(|i| reach.tx_m[i].max(block.reach.tx_m[i])),
+            rx_m: std::array::from_fn(|i| reach.rx_m[i].max(block.reach.rx_m[i])),
             max_slot_s: reach.max_slot_s.max(block.reach.max_slot_s),
         })
     }
@@ -145,17 +155,28 @@ impl Reach {
     }
 
     /// Upper bound of a channel's distance from the reference position, cells.
-    pub(crate) fn cells(&self, source: &Source, cells_per_turn: f32, half_s: f32) -> f32 {
-        let walk_cells = max_slope(source.cells) * self.max_slot_s / half_s;
-        if source.tx_row.is_some() {
-            // The directions for TX and RX differ. |p - a| - |p| <= |a| holds for each.
-            return source.turns_per_m * self.reach_m * cells_per_turn + walk_cells;
-        }
+    pub(crate) fn cells(
+        &self,
+        source: &Source,
+        tx_rows: &[[Vec3; N_KEYS]],
+        cells_per_turn: f32,
+        half_s: f32,
+    ) -> f32 {
         // |p - a| - |p| is within |n.a| + 2 a^2 / r, where n is the direction at u = 0, plus the effect of its change.
         let [[x, ..], [z, ..]] = source.direction;
-        let path_m = self.reach_x_m * x.abs()
-            + self.reach_z_m * z.abs()
-            + self.reach_m * (source.turn_rad + 2.0 * self.reach_m * source.per_m);
+        let (along_m, per_m) = if source.tx_row.is_some() {
+            let tx = source.seen_by_tx(tx_rows)[N_KEYS / 2];
+            let tx_per_m = tx.length_recip();
+            let along =
+                |reach_m: [f32; 2], x: f32, z: f32| reach_m[0] * x.abs() + reach_m[1] * z.abs();
+            let of_tx = along(self.tx_m, tx.x * tx_per_m, tx.z * tx_per_m);
+            (of_tx + along(self.rx_m, x, z), source.per_m.max(tx_per_m))
+        } else {
+            let along_m = self.reach_x_m * x.abs() + self.reach_z_m * z.abs();
+            (along_m, source.per_m)
+        };
+        let path_m = along_m + self.reach_m * (source.turn_rad + 2.0 * self.reach_m * per_m);
+        let walk_cells = max_slope(source.cells) * self.max_slot_s / half_s;
         source.turns_per_m * path_m * cells_per_turn + walk_cells
     }
 }
@@ -391,7 +412,7 @@ fn spread_group<L: SimdF32x16>(
                 source.reach_cells
             } else {
                 // The source's own bound holds for all channels of the array. The bound for this block can be smaller.
-                channels.reach.cells(source, scale, half_s)
+                channels.reach.cells(source, job.tx_rows, scale, half_s)
             };
         }
         let (phasors, cells) = (&phasors[..n_sources * n_nodes], &cells[..n_sources]);
@@ -660,26 +681,18 @@ fn bent_turns<L: SimdF32x16>(
     let (tx_square, rx_square) = (L::load(&channels.tx_square), L::load(&channels.rx_square));
     let scale = L::splat(source.turns_per_m);
     let mut v = [L::splat(0.0); N_KEYS];
-    for (v, &p) in v.iter_mut().zip(&source.from_centre) {
-        let r2 = p.length_squared();
-        let r = r2.sqrt();
-        *v = if r > 40.0 * channels.reach.reach_m {
-            path_difference_far(p, r, tx_x, tx_z, tx_square)
-                .add(path_difference_far(p, r, rx_x, rx_z, rx_square))
+    let places = source.seen_by_tx(tx_rows).iter().zip(&source.from_centre);
+    for (v, (&p, &q)) in v.iter_mut().zip(places) {
+        let (p2, q2) = (p.length_squared(), q.length_squared());
+        let (p_m, q_m) = (p2.sqrt(), q2.sqrt());
+        *v = if p_m.min(q_m) > 40.0 * channels.reach.reach_m {
+            path_difference_far(p, p_m, tx_x, tx_z, tx_square)
+                .add(path_difference_far(q, q_m, rx_x, rx_z, rx_square))
         } else {
-            path_difference(p, r2, r, tx_x, tx_z, tx_square)
-                .add(path_difference(p, r2, r, rx_x, rx_z, rx_square))
+            path_difference(p, p2, p_m, tx_x, tx_z, tx_square)
+                .add(path_difference(q, q2, q_m, rx_x, rx_z, rx_square))
         }
         .mul(scale);
-    }
-    if source.tx_row.is_some() {
-        let places = source.seen_by_tx(tx_rows).iter().zip(&source.from_centre);
-        for (v, (&p, &q)) in v.iter_mut().zip(places) {
-            let (p2, q2) = (p.length_squared(), q.length_squared());
-            *v = path_difference(p, p2, p2.sqrt(), tx_x, tx_z, tx_square)
-                .add(path_difference(q, q2, q2.sqrt(), rx_x, rx_z, rx_square))
-                .mul(scale);
-        }
     }
     quartic_lanes(v)
 }
