@@ -571,6 +571,10 @@ fn the_bundled_model_of_tokens_answers_and_generates() {
     assert_eq!(answer("Which way is she heading?"), "backward");
     assert_eq!(answer("Did she walk?"), "yes");
     assert_eq!(answer("Did somebody sit down there?"), "no");
+    // A request for a description is answered by the sentence of both members.
+    let walk = "builtin:walk?direction=backward";
+    let described = crate::command::json_lines(&["describe", walk, "--model", "tokens", "--json"]);
+    assert_eq!(answer("Tell us what you saw."), described[0]["caption"]);
     let problem =
         crate::command::refused(&["describe", "builtin:walk", "--instruct", "Who is it?"]);
     assert!(problem.contains("not who it is"), "{problem}");

@@ -462,8 +462,8 @@ impl Captioner {
     }
 
     /// Follows an instruction about a clip. A clip longer than [`MAX_FRAMES`] has one answer for each of its windows,
-    /// which have about equal lengths. Of an ensemble, the first member answers, except for questions about sides, which
-    /// the sentence of all members answers better.
+    /// which have about equal lengths. Of an ensemble, the first member answers, except for descriptions and for questions
+    /// that the sentence of all members answers better.
     ///
     /// # Errors
     /// Those of [`Self::describe`]; [`LmError::NotLearned`] if the model was not tuned for the task.
@@ -487,11 +487,15 @@ impl Captioner {
             .filter(|window| has_person(window))
             .map(|window| (*window, clip.radar_height_m))
             .collect();
-        let by_sentence = instruction.question().filter(|q| q.is_of_all_members());
+        let is_of_all_members = match instruction.question() {
+            Some(question) => question.is_of_all_members(),
+            // In the user's own words, a request reaches the first member.
+            None => task == Task::RadarToText && instruction.prompt() == instruction.nearest(),
+        };
         let answers = match (task, instruction.claim()) {
             (_, Some(claim)) => self.checked(&seen, claim, options)?,
             (Task::RadarToLength, _) => lengths(&model.encode(&seen)?),
-            _ if !self.ensemble.is_single() && by_sentence.is_some() => {
+            _ if !self.ensemble.is_single() && is_of_all_members => {
                 self.stated_or_generated(&seen, instruction, options)?
             }
             _ => self.generated_answers(&seen, instruction, options)?,
@@ -519,8 +523,8 @@ impl Captioner {
         Ok(Answer { task, parts })
     }
 
-    /// What the sentences of all members answer to a question about windows; where a sentence has no answer, what the first
-    /// member generates.
+    /// The sentences of all members about windows, or what they answer to a question; where a sentence has no answer, what
+    /// the first member generates.
     fn stated_or_generated(
         &self,
         windows: &[(&[PointFrame], f32)],
@@ -530,7 +534,10 @@ impl Captioner {
         let described =
             search::unwatched(|watch| self.caption_frames(windows, N_DRAWS, options, watch))?;
         let stated = |(_, sentence): &(Vec<Encoded>, Sentence)| {
-            let text = instruction.question()?.answer([sentence.text.as_str()])?;
+            let text = match instruction.question() {
+                Some(question) => question.answer([sentence.text.as_str()])?,
+                None => sentence.text.clone(),
+            };
             Some(OwnAnswer {
                 text,
                 confidence: sentence.confidence * sentence.side_confidence.unwrap_or(1.0),
