@@ -172,15 +172,17 @@ impl TraceJob<'_> {
         })
     }
 
-    /// Returns all bounces in an order that depends only on the scene.
-    fn trace(&self) -> Vec<Bounce> {
-        let Some(bounds) = self.box_of_mirrors(None) else {
-            return Vec::new();
-        };
-        let mesh = Mesh::new(self, 0..self.triangles.len() as u32);
+    /// Illumination of the facets of `mesh` by all rays of the grid, and the planes of its mirrors. `each` is called with every
+    /// ray and what it meets.
+    fn illumination(
+        &self,
+        mesh: &Mesh,
+        bounds: ([f32; 2], [f32; 2]),
+        mut each: impl FnMut((Vec3, f32), &mut RayPaths),
+    ) -> (Illumination, Planes) {
         let tracer = Tracer {
             job: self,
-            mesh: &mesh,
+            mesh,
             still: None,
         };
         let mut lit = Illumination::new();
@@ -191,7 +193,18 @@ impl TraceJob<'_> {
             for hit in &ray.hits {
                 lit.entry(hit.key).or_default().add(hit, 1);
             }
+            each(grid_ray, &mut ray);
         }
+        (lit, planes)
+    }
+
+    /// Returns all bounces in an order that depends only on the scene.
+    fn trace(&self) -> Vec<Bounce> {
+        let Some(bounds) = self.box_of_mirrors(None) else {
+            return Vec::new();
+        };
+        let mesh = Mesh::new(self, 0..self.triangles.len() as u32);
+        let (lit, _) = self.illumination(&mesh, bounds, |_, _| ());
         let bounces = lit.into_iter().map(|(key, lit)| self.bounce(key, lit));
         bounces.filter(Bounce::has_paths).collect()
     }
@@ -237,30 +250,22 @@ impl TraceJob<'_> {
             return None;
         }
         let mesh = Mesh::new(self, self.facets_of(still, true));
-        let tracer = Tracer {
-            job: self,
-            mesh: &mesh,
-            still: None,
-        };
-        let mut lit = Illumination::new();
-        let mut planes = Planes::new();
-        let mut ray = RayPaths::default();
         let mut rays = Vec::new();
         let (mut legs, mut hits) = (Vec::new(), Vec::new());
-        for (direction, solid_angle) in self.grid((low, high)) {
-            tracer.follow_ray((direction, solid_angle), &[], &mut planes, &mut ray);
-            for hit in &ray.hits {
-                lit.entry(hit.key).or_default().add(hit, 1);
-            }
-            legs.append(&mut ray.legs);
-            hits.append(&mut ray.hits);
-            rays.push(KeptRay {
-                direction,
-                solid_angle,
-                legs_end: legs.len(),
-                hits_end: hits.len(),
-            });
-        }
+        let (lit, planes) = self.illumination(
+            &mesh,
+            (low, high),
+            |(direction, solid_angle), ray: &mut RayPaths| {
+                legs.append(&mut ray.legs);
+                hits.append(&mut ray.hits);
+                rays.push(KeptRay {
+                    direction,
+                    solid_angle,
+                    legs_end: legs.len(),
+                    hits_end: hits.len(),
+                });
+            },
+        );
         Some(StillPaths {
             mesh,
             rays,

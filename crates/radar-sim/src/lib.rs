@@ -81,9 +81,9 @@
 //!
 //! Reading order: [`scene`], [`link`] (radar equation), [`scatter`] (scattering by one triangle), [`visibility`]
 //! (tested by [`rays`]), [`simulator`] (the pipeline and its optimisations). Its stages follow: `motion` and `facets`
-//! (polynomials over a segment), `bounce` (paths over several surfaces), `still` (surfaces that stand still), `slow_time` (Doppler groups), `gridding` and
-//! `spread` (range grid), `transform` (range FFT), [`weather`], [`noise`], and [`impairments`] (effects of real
-//! receivers, applied to a finished cube).
+//! (polynomials over a segment), `bounce` (paths over several surfaces), `still` (surfaces that stand still), `slow_time`
+//! (Doppler groups), `gridding` and `spread` (range grid), `transform` (range FFT), [`weather`], [`noise`], and
+//! [`impairments`] (effects of real receivers, applied to a finished cube).
 //!
 //! Out of scope: polarisation, diffraction, and any notion of a human.
 

@@ -217,11 +217,17 @@ struct Workspace {
 
 impl Workspace {
     /// Lists the visible facets of a surface, counted from its first.
-    fn choose_visible(&mut self, facets: Range<usize>) {
-        let coverage = &self.coverage[facets];
+    fn choose_visible(&mut self, surface_idx: usize) {
+        let coverage = &self.coverage[self.facets(surface_idx)];
         self.visible.clear();
         let visible = (0..coverage.len()).filter(|&i| coverage[i] > 0.0);
         self.visible.extend(visible.map(|i| i as u32));
+    }
+
+    /// Facets of a surface.
+    fn facets(&self, surface_idx: usize) -> Range<usize> {
+        let facets = &self.surface_ranges[surface_idx].facets;
+        facets.start as usize..facets.end as usize
     }
 
     fn seen(&self) -> Seen<'_> {
@@ -536,8 +542,7 @@ impl Simulator {
             return Ok(None);
         };
         let clock = Instant::now();
-        let flags = key.flags();
-        let surfaces: Vec<_> = (self.work.surface_ranges.iter().zip(&flags))
+        let surfaces: Vec<_> = (self.work.surface_ranges.iter().zip(&key.still))
             .filter(|(_, still)| **still)
             .map(|(surface, _)| surface.clone())
             .collect();
@@ -558,20 +563,15 @@ impl Simulator {
         self.set_unit_of_time(&one_loop);
         self.clear_sources();
         let mut stats = FrameStats::default();
-        let mut first = 0;
-        for (surface_idx, surface) in scene.surfaces.iter().enumerate() {
-            let n_facets = surface.triangles().len();
-            if flags[surface_idx] {
-                self.work.choose_visible(first..first + n_facets);
-                stats.n_coarse += self.add_facets(scene, seed, surface_idx, first, None);
-            }
-            first += n_facets;
+        for (surface_idx, _) in key.still.iter().enumerate().filter(|(_, still)| **still) {
+            self.work.choose_visible(surface_idx);
+            stats.n_coarse += self.add_facets(scene, seed, surface_idx, None);
         }
         let mut paths = None;
         if self.options.max_bounces > 1 {
             let surfaces = BouncingSurfaces::new(scene, &self.link, seed);
             let seen = self.work.seen();
-            let traced = surfaces.trace_still(&self.options, &self.link, seen, &flags);
+            let traced = surfaces.trace_still(&self.options, &self.link, seen, &key.still);
             if let Some((kept, bounces)) = traced {
                 self.add_bounces(&surfaces, &bounces, true);
                 stats.n_bounces = n_paths(&bounces);
@@ -583,7 +583,6 @@ impl Simulator {
         seconds.add(&stats.seconds);
         Ok(Some(Still {
             key,
-            flags,
             coverage: self.work.coverage.clone(),
             transmission: self.work.transmission.clone(),
             paths,
@@ -608,25 +607,22 @@ impl Simulator {
         self.set_unit_of_time(&one_loop);
         self.clear_sources();
         let (mut n_coarse, mut n_less_coarse) = (still.n_coarse, 0);
-        let mut first = 0;
-        for (surface_idx, surface) in scene.surfaces.iter().enumerate() {
-            let mine = first..first + surface.triangles().len();
-            if still.flags[surface_idx] {
-                for taken in [Some(still), None] {
-                    let work = &mut self.work;
-                    let changed = still.changed(&work.coverage, &work.transmission, mine.clone());
-                    let coverage = taken.map_or(&work.coverage, |still| &still.coverage);
-                    work.visible.clear();
-                    work.visible
-                        .extend(changed.filter(|&i| coverage[first + i as usize] > 0.0));
-                    let n = self.add_facets(scene, seed, surface_idx, first, taken);
-                    match taken {
-                        Some(_) => n_less_coarse += n,
-                        None => n_coarse += n,
-                    }
+        let all_still = still.key.still.iter().enumerate();
+        for (surface_idx, _) in all_still.filter(|(_, still)| **still) {
+            let mine = self.work.facets(surface_idx);
+            for taken in [Some(still), None] {
+                let work = &mut self.work;
+                let changed = still.changed(&work.coverage, &work.transmission, mine.clone());
+                let coverage = taken.map_or(&work.coverage, |still| &still.coverage);
+                work.visible.clear();
+                work.visible
+                    .extend(changed.filter(|&i| coverage[mine.start + i as usize] > 0.0));
+                let n = self.add_facets(scene, seed, surface_idx, taken);
+                match taken {
+                    Some(_) => n_less_coarse += n,
+                    None => n_coarse += n,
                 }
             }
-            first = mine.end;
         }
         if count {
             stats.n_coarse += n_coarse - n_less_coarse;
@@ -758,7 +754,7 @@ impl Simulator {
         let (options, link, seen) = (&self.options, &self.link, self.work.seen());
         let (still_changes, moving) = match still.and_then(|still| Some((still, still.base()?))) {
             Some((still, base)) => {
-                let changes = surfaces.trace_changes(options, link, seen, &still.flags, &base);
+                let changes = surfaces.trace_changes(options, link, seen, &still.key.still, &base);
                 stats.n_bounces += changes.n_bounces;
                 (changes.of_still, changes.moving)
             }
@@ -784,12 +780,11 @@ impl Simulator {
         count: bool,
         stats: &mut FrameStats,
     ) {
-        let mut first = 0;
-        for (surface_idx, surface) in scene.surfaces.iter().enumerate() {
-            let mine = first..first + surface.triangles().len();
-            if still.is_none_or(|still| !still.flags[surface_idx]) {
-                self.work.choose_visible(mine.clone());
-                let n_coarse = self.add_facets(scene, seed, surface_idx, first, None);
+        for surface_idx in 0..scene.surfaces.len() {
+            let mine = self.work.facets(surface_idx);
+            if still.is_none_or(|still| !still.key.still[surface_idx]) {
+                self.work.choose_visible(surface_idx);
+                let n_coarse = self.add_facets(scene, seed, surface_idx, None);
                 stats.n_coarse += if count { n_coarse } else { 0 };
             }
             if count {
@@ -807,7 +802,6 @@ impl Simulator {
                     }
                 }
             }
-            first = mine.end;
         }
     }
 
@@ -872,12 +866,11 @@ impl Simulator {
         scene: &Scene<'_>,
         seed: u64,
         surface_idx: usize,
-        first: usize,
         taken: Option<&Still>,
     ) -> usize {
         let work = &mut self.work;
         let surface = &scene.surfaces[surface_idx];
-        let mine = first..first + surface.triangles().len();
+        let mine = work.facets(surface_idx);
         let (coverage, transmission) = match taken {
             Some(still) => (&still.coverage, &still.transmission),
             None => (&work.coverage, &work.transmission),
@@ -893,9 +886,9 @@ impl Simulator {
                 phases: &FacetPhases::new(seed, surface_idx),
                 keys: &work.keys,
                 triangles: &work.triangles[mine.clone()],
-                coverage: &coverage[mine],
+                coverage: &coverage[mine.clone()],
                 transmission,
-                first_facet: first,
+                first_facet: mine.start,
                 visible: &work.visible,
                 out: &mut work.sources,
                 coarse_m: 0.5 * self.config.range_resolution_m(),

@@ -22,8 +22,10 @@ use crate::visibility::ScreenTransmission;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct StillKey {
     seed: u64,
-    /// Of every surface: whether it stands still, its number of vertices, and its material.
-    surfaces: Vec<(bool, usize, Material)>,
+    /// Which surfaces stand still.
+    pub still: Vec<bool>,
+    /// Of every surface: its number of vertices, and its material.
+    surfaces: Vec<(usize, Material)>,
     /// Of all surfaces.
     triangles: Vec<[u32; 3]>,
     /// Of the surfaces that stand still.
@@ -43,9 +45,8 @@ impl StillKey {
             let surfaces = scene.surfaces.iter();
             let mut key = Self {
                 seed,
-                surfaces: surfaces
-                    .map(|s| (s.is_still(), s.n_vertices(), s.material()))
-                    .collect(),
+                still: surfaces.clone().map(|s| s.is_still()).collect(),
+                surfaces: surfaces.map(|s| (s.n_vertices(), s.material())).collect(),
                 triangles: triangles.to_vec(),
                 positions: Vec::new(),
             };
@@ -66,8 +67,8 @@ impl StillKey {
     ) -> bool {
         let surfaces = scene.surfaces.iter();
         if self.seed != seed
-            || !(surfaces.map(|s| (s.is_still(), s.n_vertices(), s.material())))
-                .eq(self.surfaces.iter().copied())
+            || !(surfaces.clone().map(|s| s.is_still())).eq(self.still.iter().copied())
+            || !(surfaces.map(|s| (s.n_vertices(), s.material()))).eq(self.surfaces.iter().copied())
             || self.triangles != triangles
         {
             return false;
@@ -80,15 +81,10 @@ impl StillKey {
         })
     }
 
-    /// Which surfaces stand still.
-    pub(crate) fn flags(&self) -> Vec<bool> {
-        self.surfaces.iter().map(|s| s.0).collect()
-    }
-
     fn still_parts<'a>(&self, positions: &'a [Vec3]) -> Vec<&'a [Vec3]> {
         let mut first = 0;
         let mut parts = Vec::new();
-        for &(still, n_vertices, _) in &self.surfaces {
+        for (&(n_vertices, _), &still) in self.surfaces.iter().zip(&self.still) {
             if still {
                 parts.push(&positions[first..first + n_vertices]);
             }
@@ -101,8 +97,6 @@ impl StillKey {
 /// What is kept of the surfaces that stand still. Facets and vertices are numbered as in the whole scene.
 pub(crate) struct Still {
     pub key: StillKey,
-    /// Which surfaces stand still.
-    pub flags: Vec<bool>,
     /// Visible share of every facet without the moving surfaces; 0 for theirs.
     pub coverage: Vec<f32>,
     pub transmission: ScreenTransmission,

@@ -523,6 +523,20 @@ impl Captioner {
         Ok(Answer { task, parts })
     }
 
+    /// The sentences that all members together say about windows.
+    fn said(
+        &self,
+        windows: &[(&[PointFrame], f32)],
+        options: &DescribeOptions,
+    ) -> Result<Vec<Sentence>, LmError> {
+        let described =
+            search::unwatched(|watch| self.caption_frames(windows, N_DRAWS, options, watch))?;
+        Ok(described
+            .into_iter()
+            .map(|(_, sentence)| sentence)
+            .collect())
+    }
+
     /// The sentences of all members about windows, or what they answer to a question; where a sentence has no answer, what
     /// the first member generates.
     fn stated_or_generated(
@@ -531,12 +545,10 @@ impl Captioner {
         instruction: &Instruction,
         options: &DescribeOptions,
     ) -> Result<Vec<OwnAnswer>, LmError> {
-        let described =
-            search::unwatched(|watch| self.caption_frames(windows, N_DRAWS, options, watch))?;
-        let stated = |(_, sentence): &(Vec<Encoded>, Sentence)| {
+        let stated = |sentence: Sentence| {
             let text = match instruction.question() {
                 Some(question) => question.answer([sentence.text.as_str()])?,
-                None => sentence.text.clone(),
+                None => sentence.text,
             };
             Some(OwnAnswer {
                 text,
@@ -544,7 +556,8 @@ impl Captioner {
                 ..OwnAnswer::default()
             })
         };
-        let stated: Vec<Option<OwnAnswer>> = described.iter().map(stated).collect();
+        let sentences = self.said(windows, options)?.into_iter();
+        let stated: Vec<Option<OwnAnswer>> = sentences.map(stated).collect();
         let open = windows.iter().zip(&stated).filter(|(_, s)| s.is_none());
         let open: Vec<_> = open.map(|(window, _)| *window).collect();
         let mut generated = self
@@ -600,9 +613,7 @@ impl Captioner {
         claim: &Facts,
         options: &DescribeOptions,
     ) -> Result<Vec<OwnAnswer>, LmError> {
-        let described =
-            search::unwatched(|watch| self.caption_frames(windows, N_DRAWS, options, watch))?;
-        let answer = |(_, sentence): (Vec<Encoded>, Sentence)| OwnAnswer {
+        let answer = |sentence: Sentence| OwnAnswer {
             text: match holds(claim, &[facts(&sentence.text)]) {
                 Some(true) => YES.into(),
                 Some(false) => NOT_STATED.into(),
@@ -611,7 +622,11 @@ impl Captioner {
             confidence: sentence.confidence,
             ..OwnAnswer::default()
         };
-        Ok(described.into_iter().map(answer).collect())
+        Ok(self
+            .said(windows, options)?
+            .into_iter()
+            .map(answer)
+            .collect())
     }
 
     /// Generates the radar codes of sentences: what a radar would see if they were true, one code per 0.4 s. The codes
